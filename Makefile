@@ -1,0 +1,42 @@
+# The two commands of the README, each from a bare checkout: make reproduce, make test.
+PYTHON ?= python3
+VENV := .venv
+BIN := $(VENV)/bin
+PIP := $(BIN)/python -m pip --disable-pip-version-check install --quiet --constraint constraints.txt
+
+.PHONY: reproduce test baseline clean help
+
+help:
+	@echo "make reproduce   reproduce the TRMM calibration; tables and figures under results/reproduction"
+	@echo "make test        ruff, mypy, import-linter and pytest"
+	@echo "make baseline    recompute results/baseline and show what moved"
+	@echo "make clean       remove the virtual environment and the caches"
+
+reproduce: $(VENV)/run.stamp
+	$(BIN)/gyrocal reproduce
+
+test: $(VENV)/dev.stamp
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/mypy
+	$(BIN)/lint-imports
+	$(BIN)/pytest -n 2
+
+baseline: $(VENV)/run.stamp
+	$(BIN)/gyrocal baseline --write
+
+$(BIN)/python:
+	$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11) and "Python 3.11 or newer is needed; set PYTHON=...")'
+	$(PYTHON) -m venv $(VENV)
+
+$(VENV)/run.stamp: pyproject.toml constraints.txt | $(BIN)/python
+	$(PIP) --editable .
+	@touch $@
+
+$(VENV)/dev.stamp: pyproject.toml constraints.txt | $(BIN)/python
+	$(PIP) --editable '.[dev]'
+	@touch $@ $(VENV)/run.stamp
+
+clean:
+	rm -rf $(VENV) .pytest_cache .mypy_cache .ruff_cache .import_linter_cache .hypothesis
+	find gyrocal simulator studies tests -name __pycache__ -type d -exec rm -rf {} +

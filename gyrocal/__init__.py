@@ -1,0 +1,59 @@
+"""In-flight gyro calibration: the Davenport scheme in transition-matrix form.
+
+Papers
+------
+N : G. A. Natanson, "A Transition Matrix Approach to the Davenport Gyro Calibration Scheme", 1998.
+R : B. Robertson et al., "On-Orbit Performance of the TRMM Mission Mode", 1999.
+
+Conventions, everywhere in this project
+---------------------------------------
+Frames
+    An attitude matrix A maps inertial components to body components; the LVLH frame has z to nadir, y against the orbit
+    normal, x completing it (along the velocity of a circular orbit). x, y, z are also called roll, pitch, yaw.
+Quaternions
+    Inertial to body, scalar last, A(q) as in Wertz. scipy's `Rotation` is active: A(q) = Rotation.from_quat(q).inv().
+Rates
+    ω is the body's rate against inertial space in body axes, dA/dt = −[ω×] A, so A(t+Δt) = exp(−[ω×]Δt) A(t).
+    Gyro equation, R (7): ω = G ω_raw + b; rows of G are body axes, columns gyros. +x forward flies at ω_y = −1 RPO.
+Residual
+    exp([θ×]) = A_obs A_propᵀ, N (16), and θ ≈ Θ Δx with Δx = x_adj − x_true: the correction is −Δx.
+    N (29) as printed has the opposite sign; the linear form here has that of N (16).
+Units
+    SI and radians inside; degrees, deg/s and the like only at the edges (files, tables, figures), with the unit in the name.
+    ARW is a root PSD: a sample's rate noise is arw / sqrt(sample_s).
+Symbols
+    G, b (bias), ω (omega), ψ (psi), R, Θ (Theta, the upper three rows of Φ̃), F, W, u, P, C as in N. V is the joint covariance
+    of residuals that correlate.
+"""
+
+from gyrocal.davenport import CalibrationResult, RecursiveCalibrator, calibrate, residual_table
+from gyrocal.errors import GyrocalError, InputError, UnobservableError
+from gyrocal.observability import Observability
+from gyrocal.parameters import NAMES, GyroParameters, select
+from gyrocal.propagation import Arcs, StreamingPropagation, propagate, psi_matrix
+from gyrocal.recording import Attitudes, GyroStream, Interval, Orbit, Recording, load, save
+
+__all__ = [
+    "NAMES",
+    "Arcs",
+    "Attitudes",
+    "CalibrationResult",
+    "GyroParameters",
+    "GyroStream",
+    "GyrocalError",
+    "InputError",
+    "Interval",
+    "Observability",
+    "Orbit",
+    "Recording",
+    "RecursiveCalibrator",
+    "StreamingPropagation",
+    "UnobservableError",
+    "calibrate",
+    "load",
+    "propagate",
+    "psi_matrix",
+    "residual_table",
+    "save",
+    "select",
+]

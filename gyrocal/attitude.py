@@ -1,0 +1,58 @@
+"""Attitude algebra over scipy's `Rotation`, in the papers' convention.
+
+A(q) maps inertial components to body components (passive), q scalar last. scipy's `Rotation` is active, so A(q) is the
+*inverse* of ``Rotation.from_quat(q)``. With a body rate ω, dA/dt = −[ω×] A, hence a constant rate over Δt gives
+A(t + Δt) = exp(−[ω×]Δt) A(t).
+
+The attitude residual is N (16), exp([θ×]) = A_obs A_propᵀ. N (29) as printed has the opposite sign: with [a×]b = a × b,
+½ [δA₂₃ − δA₃₂, …] = −θ to first order. Both forms here carry the sign of N (16).
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+Array = NDArray[np.float64]
+
+
+def cross_matrix(v: Array) -> Array:
+    """[v×] with [v×] u = v × u; v (..., 3) → (..., 3, 3)."""
+    v = np.asarray(v, dtype=float)
+    out = np.zeros((*v.shape[:-1], 3, 3))
+    out[..., 0, 1], out[..., 0, 2] = -v[..., 2], v[..., 1]
+    out[..., 1, 0], out[..., 1, 2] = v[..., 2], -v[..., 0]
+    out[..., 2, 0], out[..., 2, 1] = -v[..., 1], v[..., 0]
+    return out
+
+
+def matrix_from_quaternion(q: Array) -> Array:
+    """A(q) of the papers, inertial to body; q (..., 4), scalar last → (..., 3, 3)."""
+    return np.asarray(np.swapaxes(Rotation.from_quat(q).as_matrix(), -1, -2))
+
+
+def quaternion_from_matrix(A: Array) -> Array:
+    """Inverse of `matrix_from_quaternion`, with a non-negative scalar part."""
+    return np.asarray(Rotation.from_matrix(np.swapaxes(A, -1, -2)).as_quat(canonical=True))
+
+
+def rotation_matrix(theta: Array) -> Array:
+    """exp([θ×]), θ (..., 3) rad → (..., 3, 3)."""
+    return np.asarray(Rotation.from_rotvec(theta).as_matrix())
+
+
+def residual(A_obs: Array, A_prop: Array) -> Array:
+    """Attitude residual θ of N (16), the full rotation vector, rad; (..., 3, 3) twice → (..., 3)."""
+    return np.asarray(Rotation.from_matrix(A_obs @ np.swapaxes(A_prop, -1, -2)).as_rotvec())
+
+
+def residual_linear(A_obs: Array, A_prop: Array) -> Array:
+    """Attitude residual by the linear form N (29), in the sign of N (16), rad; exact to third order in θ."""
+    delta = A_obs @ np.swapaxes(A_prop, -1, -2)
+    return 0.5 * np.stack(
+        [
+            delta[..., 2, 1] - delta[..., 1, 2],
+            delta[..., 0, 2] - delta[..., 2, 0],
+            delta[..., 1, 0] - delta[..., 0, 1],
+        ],
+        axis=-1,
+    )

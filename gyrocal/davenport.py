@@ -1,0 +1,467 @@
+"""The Davenport gyro calibration in the recursive form of N section IV.
+
+The state error Δx = x_adj − x_true moves the residual of a maneuver, exp([θ×]) = A_obs A_propᵀ (N 16), by θ = Θ Δx, with
+δω = ω_adj − ω_true = F Δx. Maneuver by maneuver,
+
+    u ← u + Θᵀ C⁻¹ θ,    W ← W + Θᵀ C⁻¹ Θ                                                        N (31), (32)
+    Δx = P u,  P = W⁻¹,    x ← x − Δx                                                                  N (33)
+
+With an a-priori covariance P₀ about x₀, W starts at P₀⁻¹ and u at P₀⁻¹ (x − x₀), so that further iterations do not count
+the prior twice. N (29) as printed has the opposite sign of N (16); see `gyrocal.attitude`. A sign slip here diverges: the
+tests recover known parameters from noise-free data.
+
+`RecursiveCalibrator` takes samples and forgets them. `calibrate` does a whole recording with the compiled pass, iterates, and
+accepts series of reference attitudes, whose residuals correlate within an interval: then C is the joint covariance of a
+group of residuals, see `gyrocal.covariance`.
+"""
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import scipy.linalg
+import scipy.stats
+from numpy.typing import NDArray
+
+from gyrocal import attitude
+from gyrocal.covariance import CovarianceModel, chained, residual_covariance
+from gyrocal.errors import InputError, UnobservableError
+from gyrocal.observability import PLAUSIBLE_RANGE, Observability, observability
+from gyrocal.parameters import AXES, NAMES, GyroParameters, select
+from gyrocal.propagation import Propagation, Psi, StreamingPropagation, propagate
+from gyrocal.recording import Recording
+from gyrocal.sampling import Measurements, Resampling, measurements
+
+Array = NDArray[np.float64]
+
+LARGEST_RESIDUAL = np.deg2rad(30.0)  # far outside what one linearisation can correct; wrong units look like this
+ROTATION_NAMES = ("roll", "pitch", "yaw")
+
+
+class Accumulation:
+    """u and W of N (31)–(32), and the solution (33), for the solved-for parameters.
+
+    Parameters are scaled by their plausible range inside, since W spans twelve decades in units of G and rad/s.
+
+    Parameters
+    ----------
+    names : the solved-for parameters
+    apriori_covariance : (p, p) P₀, G dimensionless and b in rad/s, or None
+    apriori_error : (p,) x − x₀, zero at the first iteration
+    """
+
+    def __init__(self, names: tuple[str, ...], apriori_covariance: Array | None = None, apriori_error: Array | None = None):
+        self.columns = [NAMES.index(name) for name in names]
+        self._scale = PLAUSIBLE_RANGE[self.columns]
+        p = len(names)
+        self.W: Array = np.zeros((p, p))
+        self.u: Array = np.zeros(p)
+        if apriori_covariance is not None:
+            self.W = np.asarray(np.linalg.inv(apriori_covariance / np.outer(self._scale, self._scale)))
+            self.u = self.W @ ((np.zeros(p) if apriori_error is None else apriori_error) / self._scale)
+
+    def add(self, Theta: Array, C: Array, theta: Array) -> None:
+        """Add residuals theta (r,) with sensitivity Theta (r, 12) and covariance C (r, r)."""
+        factor = np.linalg.cholesky(C)
+        H = scipy.linalg.solve_triangular(factor, Theta[:, self.columns] * self._scale, lower=True)
+        z = scipy.linalg.solve_triangular(factor, theta, lower=True)
+        self.W += H.T @ H
+        self.u += H.T @ z
+
+    def solve(self) -> tuple[Array, Array]:
+        """Δx (p,) and P (p, p)."""
+        P = np.asarray(np.linalg.inv(self.W) * np.outer(self._scale, self._scale))
+        return np.asarray(self._scale * np.linalg.solve(self.W, self.u)), P
+
+
+class RecursiveCalibrator:
+    """One pass of N section IV, sample by sample, in constant memory: one residual a maneuver.
+
+    Parameters
+    ----------
+    parameters : what the rates are adjusted with
+    arw : rad/sqrt(s); adds ARW² T to each maneuver's C, zero for the paper's
+    solve_for : see `gyrocal.parameters.select`
+    psi : "full" or "linear"
+    apriori_covariance : (p, p) or None
+    """
+
+    def __init__(
+        self,
+        parameters: GyroParameters,
+        arw: float = 0.0,
+        solve_for: str | Iterable[str] = "all",
+        psi: Psi = "full",
+        apriori_covariance: Array | None = None,
+    ):
+        self.parameters = parameters
+        self.names = select(solve_for)
+        self._arw, self._psi = arw, psi
+        self._sums = Accumulation(self.names, apriori_covariance)
+
+    def start(self, A_obs: Array, sigma: Array) -> None:
+        """Begin a maneuver at the observed attitude A_obs (3, 3), with 1-sigma (3,) rad per body axis."""
+        self._A, self._C = np.array(A_obs), np.diag(np.square(sigma))
+        self._pass = StreamingPropagation(self.parameters.G, self.parameters.bias, psi=self._psi)
+
+    def sample(self, raw: Array, dt: float) -> None:
+        """Propagate over one gyro sample, raw (3,) rad/s over dt seconds."""
+        self._pass.update(raw, dt)
+
+    def finish(self, A_obs: Array, sigma: Array) -> Array:
+        """End the maneuver at the observed attitude; returns the residual θ (3,) of N (16), rad."""
+        R = self._pass.R
+        theta = attitude.residual(A_obs, R @ self._A)
+        C = np.diag(np.square(sigma)) + R @ self._C @ R.T + self._arw**2 * self._pass.t * np.eye(3)
+        self._sums.add(self._pass.Theta, C, theta)
+        return theta
+
+    def solve(self) -> tuple[GyroParameters, Array]:
+        """Corrected parameters and their covariance (p, p) after the last maneuver, N (33)."""
+        correction, P = self._sums.solve()
+        x = self.parameters.vector
+        x[self._sums.columns] -= correction
+        return GyroParameters.from_vector(x), P
+
+
+@dataclass(frozen=True)
+class CalibrationResult:
+    """What a calibration found.
+
+    Attributes
+    ----------
+    recording : title of the recording
+    parameters : calibrated G and b
+    initial : G and b the calibration started from
+    solved_for : names of the estimated parameters, in the order of the covariance's non-zero rows
+    covariance : (12, 12) in the order of `NAMES`, zero for held parameters; G dimensionless, b rad/s
+    covariance_model : "full", "references only", or "given" for a C per interval
+    psi : "full" or "linear"
+    corrections : the change of (G, b) made by each iteration
+    converged : the last correction was within the tolerance
+    residuals : a row per interval and reference time: interval, t_s, then before/after roll, pitch, yaw by the full rotation
+        vector (N 16) and by the linear form (N 29), in degrees
+    history : (m, 3) residuals θ of N (16), rad, at the start and after each iteration
+    observability : singular values and combinations not found
+    chi2, dof : weighted square sum of the residuals after, and its degrees of freedom
+    """
+
+    recording: str
+    parameters: GyroParameters
+    initial: GyroParameters
+    solved_for: tuple[str, ...]
+    covariance: Array
+    covariance_model: str
+    psi: Psi
+    corrections: tuple[GyroParameters, ...]
+    converged: bool
+    residuals: pd.DataFrame
+    history: tuple[Array, ...]
+    observability: Observability
+    chi2: float
+    dof: int
+
+    @property
+    def G(self) -> Array:
+        """(3, 3) calibrated G."""
+        return self.parameters.G
+
+    @property
+    def bias(self) -> Array:
+        """(3,) calibrated b, rad/s."""
+        return self.parameters.bias
+
+    @property
+    def sigma(self) -> Array:
+        """(12,) formal 1-sigma in the order of `NAMES`; zero for held parameters."""
+        return np.asarray(np.sqrt(np.diag(self.covariance)))
+
+    @property
+    def p_value(self) -> float:
+        """Probability of a larger chi2 if the noise is as stated; NaN without degrees of freedom."""
+        return float(scipy.stats.chi2.sf(self.chi2, self.dof)) if self.dof > 0 else float("nan")
+
+    def summary(self) -> pd.DataFrame:
+        """A row per parameter: initial, calibrated, correction and sigma; biases in deg/s, G dimensionless."""
+        unit = np.array([1.0] * 9 + [np.rad2deg(1.0)] * 3)
+        initial, final = self.initial.vector * unit, self.parameters.vector * unit
+        return pd.DataFrame(
+            {
+                "parameter": NAMES,
+                "unit": ["1"] * 9 + ["deg/s"] * 3,
+                "initial": initial,
+                "calibrated": final,
+                "correction": final - initial,
+                "sigma": self.sigma * unit,
+                "solved": [name in self.solved_for for name in NAMES],
+            }
+        )
+
+    def to_json(self) -> dict[str, Any]:
+        """The result as plain values, degrees and deg/s."""
+        unit = np.array([1.0] * 9 + [np.rad2deg(1.0)] * 3)
+        sigma = self.sigma * unit
+        rows = [
+            {
+                "interval": row["interval"],
+                "t_s": row["t_s"],
+                "before_deg": [row[f"before_{name}_deg"] for name in ROTATION_NAMES],
+                "after_deg": [row[f"after_{name}_deg"] for name in ROTATION_NAMES],
+            }
+            for row in self.residuals.to_dict("records")
+        ]
+        return {
+            "format": 1,
+            "recording": self.recording,
+            "psi": self.psi,
+            "iterations": len(self.corrections),
+            "converged": self.converged,
+            "G": self.G.tolist(),
+            "bias_deg_s": np.rad2deg(self.bias).tolist(),
+            "sigma_G": sigma[:9].reshape(3, 3).tolist(),
+            "sigma_bias_deg_s": sigma[9:].tolist(),
+            "parameters": list(self.solved_for),
+            "covariance": (self.covariance * np.outer(unit, unit)).tolist(),
+            "covariance_model": self.covariance_model,
+            "corrections": [{"G": c.G.tolist(), "bias_deg_s": np.rad2deg(c.bias).tolist()} for c in self.corrections],
+            "residuals": rows,
+            "unobservable": list(self.observability.unobservable),
+            "condition": self.observability.condition if np.isfinite(self.observability.condition) else None,
+            "chi2": self.chi2,
+            "degrees_of_freedom": self.dof,
+            "gyros": self.parameters.table().to_dict("records"),
+        }
+
+
+def calibrate(
+    recording: Recording,
+    *,
+    initial: GyroParameters | None = None,
+    solve_for: str | Iterable[str] = "all",
+    psi: Psi = "full",
+    iterations: int | None = None,
+    max_iterations: int = 10,
+    tolerance_G: float = 1e-9,
+    tolerance_bias: float = 1e-12,
+    apriori_covariance: Array | None = None,
+    covariance_model: CovarianceModel = "full",
+    interval_covariance: Array | None = None,
+    step_s: float | None = None,
+    resampling: Resampling = "skip",
+    max_gap_s: float | None = None,
+) -> CalibrationResult:
+    """Calibrate the gyro of a recording.
+
+    Parameters
+    ----------
+    recording : gyro stream, reference attitudes (ends only, or a series), intervals
+    initial : parameters to start from; the recording's a-priori ones by default
+    solve_for : parameters to estimate, the rest is held; see `gyrocal.parameters.select`
+    psi : "full" N (11), or "linear" for Davenport's conventional form
+    iterations : exactly so many; None iterates to the tolerance
+    max_iterations : bound on the iterations to tolerance
+    tolerance_G, tolerance_bias : largest last correction of an element of G and of b (rad/s)
+    apriori_covariance : (p, p) of the solved-for parameters about `initial`; G dimensionless, b rad/s
+    covariance_model : "full" with gyro noise and shared references, or "references only", the paper's C
+    interval_covariance : (intervals, 3, 3) C of each interval's residuals, rad², instead of a model
+    step_s, resampling, max_gap_s : see `gyrocal.sampling.measurements`
+
+    Returns
+    -------
+    CalibrationResult
+
+    Raises
+    ------
+    UnobservableError
+        The data leave a combination free and no a-priori covariance is given.
+    InputError
+        The recording or an argument cannot be used.
+    """
+    names = select(solve_for)
+    p = len(names)
+    if iterations is not None and iterations < 1:
+        raise InputError(f"iterations must be at least 1, not {iterations}")
+    if apriori_covariance is not None:
+        apriori_covariance = _checked_covariance(apriori_covariance, p, "the a-priori covariance")
+    problem = _Problem(
+        recording,
+        measurements(recording, step_s, resampling, max_gap_s),
+        psi,
+        covariance_model,
+        _checked_interval_covariance(interval_covariance, len(recording.intervals)),
+    )
+    start = initial or GyroParameters(recording.gyro.apriori_G, recording.gyro.apriori_bias)
+    x, columns = start.vector, [NAMES.index(name) for name in names]
+    corrections: list[GyroParameters] = []
+    history: list[Array] = []
+    converged = False
+    first = state = problem.state(start)
+    judged = observability(state.whitened(columns), names)
+    if judged.unobservable and apriori_covariance is None:
+        raise UnobservableError(_unobservable_message(recording, judged.unobservable), judged.unobservable)
+    for _ in range(iterations or max_iterations):
+        sums = Accumulation(names, apriori_covariance, (x - start.vector)[columns])
+        for rows, C in state.groups:
+            sums.add(state.Theta[rows].reshape(-1, 12), C, state.theta[rows].ravel())
+        step = np.zeros(12)
+        step[columns], P = sums.solve()
+        x = x - step
+        corrections.append(GyroParameters.from_vector(-step))
+        history.append(state.theta)
+        state = problem.state(GyroParameters.from_vector(x))
+        converged = bool(np.abs(step[:9]).max() <= tolerance_G and np.abs(step[9:]).max() <= tolerance_bias)
+        if converged and iterations is None:
+            break
+    covariance = np.zeros((12, 12))
+    covariance[np.ix_(columns, columns)] = P
+    return CalibrationResult(
+        recording=recording.title,
+        parameters=GyroParameters.from_vector(x),
+        initial=start,
+        solved_for=names,
+        covariance=covariance,
+        covariance_model="given" if interval_covariance is not None else covariance_model,
+        psi=psi,
+        corrections=tuple(corrections),
+        converged=converged,
+        residuals=_residual_table(recording, problem.measurements, first, state),
+        history=(*history, state.theta),
+        observability=judged,
+        chi2=state.chi2,
+        dof=3 * len(state.theta) - (p if apriori_covariance is None else 0),
+    )
+
+
+def residual_table(
+    recording: Recording,
+    parameters: GyroParameters,
+    *,
+    psi: Psi = "full",
+    step_s: float | None = None,
+    resampling: Resampling = "skip",
+) -> pd.DataFrame:
+    """Residuals under given parameters, nothing estimated; columns as in `CalibrationResult.residuals`, "before" only."""
+    problem = _Problem(recording, measurements(recording, step_s, resampling), psi, "full", None)
+    state = problem.state(parameters)
+    table = _residual_table(recording, problem.measurements, state, state)
+    return table[[column for column in table.columns if not column.startswith("after")]]
+
+
+@dataclass(frozen=True)
+class _State:
+    """Residuals and sensitivities at one set of parameters; groups pair rows with their joint covariance."""
+
+    theta: Array
+    theta_linear: Array
+    Theta: Array
+    groups: list[tuple[NDArray[np.intp], Array]]
+
+    def whitened(self, columns: list[int]) -> Array:
+        """(3m, p) V^(-1/2) Θ."""
+        parts = [
+            scipy.linalg.solve_triangular(np.linalg.cholesky(C), self.Theta[rows].reshape(-1, 12)[:, columns], lower=True)
+            for rows, C in self.groups
+        ]
+        return np.vstack(parts)
+
+    @property
+    def chi2(self) -> float:
+        """Σ θᵀ V⁻¹ θ."""
+        return float(sum(self.theta[rows].ravel() @ np.linalg.solve(C, self.theta[rows].ravel()) for rows, C in self.groups))
+
+
+class _Problem:
+    """A recording prepared for evaluation at any parameters."""
+
+    def __init__(
+        self,
+        recording: Recording,
+        prepared: Measurements,
+        psi: Psi,
+        model: CovarianceModel,
+        interval_covariance: Array | None,
+    ):
+        self.measurements = prepared
+        self._psi, self._model, self._given = psi, model, interval_covariance
+        self._A = attitude.matrix_from_quaternion(recording.attitudes.quaternions)
+        self._sigma = recording.attitudes.sigma
+        self._arw = recording.gyro.arw * np.sqrt(prepared.noise_gain)
+        arc, ends = np.unique(prepared.arcs.arc, return_index=True)
+        last = np.append(ends[1:], len(prepared.row)) - 1
+        self._groups = [
+            np.flatnonzero(np.isin(prepared.arcs.arc, arc[group]))
+            for group in chained(prepared.start[ends], prepared.row[last])
+        ]
+
+    def state(self, parameters: GyroParameters) -> _State:
+        """Residuals, sensitivities and covariances at these parameters."""
+        prepared = self.measurements
+        propagation = propagate(prepared.arcs, parameters.G, parameters.bias, self._psi)
+        A_obs, A_prop = self._A[prepared.row], propagation.R @ self._A[prepared.start]
+        theta = attitude.residual(A_obs, A_prop)
+        largest = np.linalg.norm(theta, axis=1).max()
+        if largest > LARGEST_RESIDUAL:
+            raise InputError(
+                f"an attitude residual of {np.rad2deg(largest):.1f} deg is too large to linearise; "
+                "are the rates in deg/s, the quaternions scalar last and inertial to body, and the a-priori G and bias right?"
+            )
+        return _State(
+            theta=theta,
+            theta_linear=attitude.residual_linear(A_obs, A_prop),
+            Theta=propagation.Theta,
+            groups=[(rows, self._covariance(propagation, rows)) for rows in self._groups],
+        )
+
+    def _covariance(self, propagation: Propagation, rows: NDArray[np.intp]) -> Array:
+        prepared = self.measurements
+        if self._given is not None:
+            return scipy.linalg.block_diag(*self._given[prepared.arcs.arc[rows]])
+        return residual_covariance(
+            propagation.R[rows],
+            prepared.arcs.arc[rows],
+            prepared.start[rows],
+            prepared.row[rows],
+            prepared.elapsed_s[rows],
+            self._sigma,
+            self._arw,
+            self._model,
+        )
+
+
+def _checked_covariance(value: Array, size: int, what: str) -> Array:
+    value = np.array(value, dtype=float)
+    if value.shape != (size, size):
+        raise InputError(f"{what} must be {size}×{size}, not {'×'.join(map(str, value.shape))}")
+    if not np.isfinite(value).all() or not np.allclose(value, value.T) or np.linalg.eigvalsh(value)[0] <= 0:
+        raise InputError(f"{what} must be symmetric and positive definite")
+    return value
+
+
+def _checked_interval_covariance(value: Array | None, intervals: int) -> Array | None:
+    if value is None:
+        return None
+    if np.shape(value) != (intervals, 3, 3):
+        raise InputError(f"interval_covariance must be {intervals}×3×3, a C for each interval")
+    return np.array([_checked_covariance(C, 3, f"C of interval {k}") for k, C in enumerate(value)])
+
+
+def _unobservable_message(recording: Recording, combinations: tuple[str, ...]) -> str:
+    intervals = len(recording.intervals)
+    return (
+        f"{len(combinations)} parameter combination(s) cannot be found from {intervals} interval(s): "
+        f"{'; '.join(combinations)}; add maneuvers with other rates, hold parameters, or give an a-priori covariance"
+    )
+
+
+def _residual_table(recording: Recording, prepared: Measurements, before: _State, after: _State) -> pd.DataFrame:
+    columns: dict[str, Any] = {
+        "interval": [recording.intervals[k].name for k in prepared.arcs.arc],
+        "t_s": recording.attitudes.t_s[prepared.row],
+    }
+    for label, state in (("before", before), ("after", after)):
+        for form, values in (("", state.theta), ("linear_", state.theta_linear)):
+            for k in range(len(AXES)):
+                columns[f"{label}_{form}{ROTATION_NAMES[k]}_deg"] = np.rad2deg(values[:, k])
+    return pd.DataFrame(columns)

@@ -1,0 +1,82 @@
+"""Which parameter combinations the data determine, from the SVD of the whitened sensitivity.
+
+Rows of H are whitened by the residuals' covariance, columns scaled by a plausible range of each parameter: 0.01 for elements
+of G (10 000 ppm, 0.6 deg) and 10 deg/h for biases. A singular value is then the plausible range over the sigma the data
+alone would give that combination. Below one the data say less than nothing new, and the combination counts as not found.
+Counting only exact zeros would not do: noise in the rates makes every Θ of full rank, also where the motion never changes.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.linalg
+from numpy.typing import NDArray
+
+from gyrocal.parameters import NAMES
+
+Array = NDArray[np.float64]
+
+PLAUSIBLE_RANGE = np.array([0.01] * 9 + [np.deg2rad(10 / 3600)] * 3)
+ROUNDING = 1e-11  # singular values this far below the largest are rounding, however small the stated noise
+
+
+@dataclass(frozen=True)
+class Observability:
+    """Singular values of the scaled, whitened sensitivity and what they leave free.
+
+    Attributes
+    ----------
+    singular_values : (p,) plausible range over sigma, descending; zeros where there are fewer residuals than parameters
+    unobservable : names of the combinations not found, empty if none
+    """
+
+    singular_values: Array
+    unobservable: tuple[str, ...]
+
+    @property
+    def condition(self) -> float:
+        """Largest over smallest singular value; infinite where a combination has none."""
+        low = self.singular_values[-1]
+        return float(self.singular_values[0] / low) if low > 0 else float("inf")
+
+
+def observability(whitened: Array, names: tuple[str, ...]) -> Observability:
+    """Judge a whitened sensitivity.
+
+    Parameters
+    ----------
+    whitened : (rows, p) V^(-1/2) Θ, columns in the order of names, per unit of G and per rad/s of b
+    names : the solved-for parameters
+    """
+    p = len(names)
+    scale = PLAUSIBLE_RANGE[[NAMES.index(name) for name in names]]
+    rows = np.zeros((max(0, p - len(whitened)), p))
+    _, values, directions = np.linalg.svd(np.vstack([whitened * scale, rows]), full_matrices=False)
+    free = (values < 1.0) | (values < ROUNDING * values[0])
+    return Observability(values, _name_combinations(directions[free], scale, names))
+
+
+def _name_combinations(directions: Array, scale: Array, names: tuple[str, ...]) -> tuple[str, ...]:
+    """Free directions (k, p) as texts, in a basis as sparse as pivoting makes it."""
+    if len(directions) == 0:
+        return ()
+    _, _, pivots = scipy.linalg.qr(directions, pivoting=True, mode="economic")
+    basis = np.linalg.solve(directions[:, pivots[: len(directions)]], directions)
+    order = np.argsort(pivots[: len(directions)])
+    return tuple(_name_combination(basis[k], scale, names) for k in order)
+
+
+def _name_combination(direction: Array, scale: Array, names: tuple[str, ...]) -> str:
+    """One direction as "G_yy - 0.0656 deg/s b_y": what may be added to the parameters without the data noticing."""
+    keep = np.flatnonzero(np.abs(direction) > 0.01 * np.abs(direction).max())
+    physical = direction * scale
+    elements = [k for k in keep if names[k].startswith("G")]
+    biases = [k for k in keep if names[k].startswith("b")]
+    lead = max(elements or biases, key=lambda k: abs(physical[k]))
+    physical = physical / physical[lead]
+    terms = [(physical[k], f"{abs(physical[k]):.3g} {names[k]}") for k in elements]
+    unit = np.rad2deg(1.0) if elements else 1.0
+    label = " deg/s" if elements else ""
+    terms += [(physical[k], f"{abs(physical[k]) * unit:.3g}{label} {names[k]}") for k in biases]
+    text = "".join(f" {'-' if value < 0 else '+'} {term}" for value, term in terms)
+    return text.removeprefix(" + ").strip()

@@ -1,0 +1,140 @@
+"""Gyro parameters: G and b, or bias, scale factor and two misalignments per gyro.
+
+R (7): ω = G ω_raw + b, rows of G are body axes, columns gyros. The per-gyro form is that of N Table 3: the scale factor of
+gyro i is G[i, i], its misalignment relative to body axis j is G[i, j] in radians, its bias b[i]. So gyro i owns row i, and
+one gyro can be calibrated alone (N section II, the SOHO case). The two forms are one-to-one.
+
+R (7) also writes G = M S with M a matrix of unit columns (the directions of the gyro axes' images in the body) and S the
+diagonal of their lengths; `misalignment_and_scale` gives that factorisation.
+"""
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from gyrocal.errors import InputError
+
+Array = NDArray[np.float64]
+
+AXES = ("x", "y", "z")
+NAMES = tuple(f"G_{i}{j}" for i in AXES for j in AXES) + tuple(f"b_{i}" for i in AXES)
+SCALE_FACTORS = tuple(f"G_{i}{i}" for i in AXES)
+MISALIGNMENTS = tuple(f"G_{i}{j}" for i in AXES for j in AXES if i != j)
+BIASES = tuple(f"b_{i}" for i in AXES)
+GROUPS = {
+    "all": NAMES,
+    "bias": BIASES,
+    "scale": SCALE_FACTORS,
+    "misalignment": MISALIGNMENTS,
+    **{f"gyro_{i}": (*(f"G_{i}{j}" for j in AXES), f"b_{i}") for i in AXES},
+}
+
+
+@dataclass(frozen=True)
+class GyroParameters:
+    """Calibration of a three-axis gyro, ω = G ω_raw + b.
+
+    Attributes
+    ----------
+    G : (3, 3) dimensionless
+    bias : (3,) b, rad/s
+    """
+
+    G: Array
+    bias: Array
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "G", np.array(self.G, dtype=float))
+        object.__setattr__(self, "bias", np.array(self.bias, dtype=float))
+        if self.G.shape != (3, 3) or self.bias.shape != (3,):
+            raise InputError(f"G must be 3×3 and the bias of length 3, not {self.G.shape} and {self.bias.shape}")
+        if not (np.isfinite(self.G).all() and np.isfinite(self.bias).all()):
+            raise InputError("G and the bias must be finite")
+
+    @classmethod
+    def from_vector(cls, x: Array) -> "GyroParameters":
+        """From (12,) in the order of `NAMES`."""
+        return cls(np.reshape(x[:9], (3, 3)), np.asarray(x[9:]))
+
+    @property
+    def vector(self) -> Array:
+        """(12,) in the order of `NAMES`; G dimensionless, b in rad/s."""
+        return np.concatenate([self.G.ravel(), self.bias])
+
+    @classmethod
+    def from_gyros(cls, bias: Array, scale_factor: Array, misalignment: Array) -> "GyroParameters":
+        """From the per-gyro form.
+
+        Parameters
+        ----------
+        bias : (3,) rad/s
+        scale_factor : (3,)
+        misalignment : (3, 3) rad, [i, j] of gyro i relative to body axis j; its diagonal is not used
+        """
+        G = np.array(misalignment, dtype=float)
+        np.fill_diagonal(G, scale_factor)
+        return cls(G, bias)
+
+    @property
+    def scale_factor(self) -> Array:
+        """(3,) scale factor of each gyro, the diagonal of G."""
+        return np.diag(self.G).copy()
+
+    @property
+    def misalignment(self) -> Array:
+        """(3, 3) rad, [i, j] of gyro i relative to body axis j, zero on the diagonal."""
+        return np.asarray(self.G - np.diag(np.diag(self.G)))
+
+    def misalignment_and_scale(self) -> tuple[Array, Array]:
+        """M (3, 3) of unit columns and the diagonal of S (3,) with G = M S, R (7)."""
+        scale = np.linalg.norm(self.G, axis=0)
+        return np.asarray(self.G / scale), np.asarray(scale)
+
+    def rates(self, raw: Array) -> Array:
+        """Adjusted rates G ω_raw + b of (n, 3) raw ones, rad/s."""
+        return np.asarray(raw @ self.G.T + self.bias)
+
+    def raw(self, rates: Array) -> Array:
+        """Raw rates G⁻¹(ω − b) of (n, 3) body rates, rad/s."""
+        return np.asarray(np.linalg.solve(self.G, (np.asarray(rates) - self.bias).T).T)
+
+    def table(self) -> pd.DataFrame:
+        """N Table 3's form: a row a gyro; degrees and deg/s."""
+        misalignment = np.rad2deg(self.misalignment)
+        return pd.DataFrame(
+            {
+                "gyro": AXES,
+                "bias_deg_s": np.rad2deg(self.bias),
+                "scale_factor": self.scale_factor,
+                **{f"misalignment_{j}_deg": misalignment[:, k] for k, j in enumerate(AXES)},
+            }
+        )
+
+
+def select(names: str | Iterable[str]) -> tuple[str, ...]:
+    """Parameter names to solve for, in the order of `NAMES`.
+
+    Parameters
+    ----------
+    names : names or groups ("all", "bias", "scale", "misalignment", "gyro_x", "gyro_y", "gyro_z"), as a sequence or
+        separated by commas; a leading "-" takes out what follows, "all,-misalignment" is all but the misalignments
+
+    Raises
+    ------
+    InputError
+        An unknown name, or nothing left.
+    """
+    parts = [part.strip() for part in names.split(",")] if isinstance(names, str) else list(names)
+    chosen: set[str] = set()
+    for part in parts:
+        key = part.removeprefix("-")
+        members = set(GROUPS.get(key, (key,)))
+        if not members <= set(NAMES):
+            raise InputError(f"unknown parameter {key!r}; known: {', '.join((*GROUPS, *NAMES))}")
+        chosen = chosen - members if part.startswith("-") else chosen | members
+    if not chosen:
+        raise InputError("no parameter is left to solve for")
+    return tuple(name for name in NAMES if name in chosen)

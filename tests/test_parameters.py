@@ -1,0 +1,59 @@
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+
+from gyrocal import NAMES, GyroParameters, InputError, select
+from tests.builders import TRUTH
+
+SMALL = arrays(float, (3, 3), elements=st.floats(-0.05, 0.05))
+
+
+@given(SMALL, arrays(float, 3, elements=st.floats(-1e-3, 1e-3)))
+def test_both_forms_are_one_to_one(delta, bias):
+    parameters = GyroParameters(np.eye(3) + delta, bias)
+    back = GyroParameters.from_gyros(parameters.bias, parameters.scale_factor, parameters.misalignment)
+    np.testing.assert_array_equal(back.vector, parameters.vector)
+    np.testing.assert_array_equal(GyroParameters.from_vector(parameters.vector).vector, parameters.vector)
+    M, S = parameters.misalignment_and_scale()
+    np.testing.assert_allclose(M @ np.diag(S), parameters.G, atol=1e-15)
+    np.testing.assert_allclose(np.linalg.norm(M, axis=0), 1, atol=1e-15)
+
+
+def test_table_has_the_flights_calibrated_values():
+    # N Table 3 at 0.5 s and R eq. (9) are the same calibration.
+    table = TRUTH.table()
+    np.testing.assert_allclose(table["scale_factor"], [1.00044, 1.00053, 1.00088], atol=5e-6)
+    np.testing.assert_allclose(table["misalignment_x_deg"], [0, 0.044, 0.054], atol=5.1e-4)
+    np.testing.assert_allclose(table["misalignment_y_deg"], [-0.058, 0, 0.096], atol=5.1e-4)
+    np.testing.assert_allclose(table["misalignment_z_deg"], [0.039, -0.124, 0], atol=5.1e-4)
+    np.testing.assert_allclose(table["bias_deg_s"], [-1.55e-4, 1.98e-4, 0.78e-4], atol=5.1e-7)
+
+
+def test_raw_inverts_rates():
+    raw = np.random.default_rng(1).normal(size=(5, 3))
+    np.testing.assert_allclose(TRUTH.raw(TRUTH.rates(raw)), raw, atol=1e-14)
+
+
+@pytest.mark.parametrize(
+    ("text", "count"),
+    [("all", 12), ("bias", 3), ("scale,bias", 6), ("all,-misalignment", 6), ("gyro_y", 4), ("G_xy,b_z", 2)],
+)
+def test_subsets(text, count):
+    names = select(text)
+    assert len(names) == count
+    assert list(names) == [name for name in NAMES if name in names]
+
+
+@pytest.mark.parametrize("bad", ["G_xw", "bias,-bias", "", "gyro"])
+def test_unknown_or_empty_subset_is_refused(bad):
+    with pytest.raises(InputError):
+        select(bad)
+
+
+def test_bad_shapes_are_refused():
+    with pytest.raises(InputError, match="3×3"):
+        GyroParameters(np.eye(2), np.zeros(3))
+    with pytest.raises(InputError, match="finite"):
+        GyroParameters(np.eye(3), [0, 0, np.nan])

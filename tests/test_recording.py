@@ -1,0 +1,162 @@
+"""Round trip of a recording, and one clear line for each kind of bad input."""
+
+import dataclasses
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from gyrocal import InputError, calibrate, load, save
+from gyrocal.recording import toml_value
+from tests.builders import piecewise_recording
+
+PLAN = ((((0.001, 0, 0), 60.0),), (((0, 0.002, 0), 60.0),))
+
+
+@pytest.fixture
+def folder(tmp_path):
+    save(piecewise_recording(PLAN), tmp_path / "rec")
+    return tmp_path / "rec"
+
+
+def test_round_trip(folder):
+    original, back = piecewise_recording(PLAN), load(folder)
+    np.testing.assert_array_equal(back.gyro.t_s, original.gyro.t_s)
+    np.testing.assert_allclose(back.gyro.rates, original.gyro.rates, rtol=4e-16, atol=0)
+    np.testing.assert_array_equal(back.attitudes.quaternions, original.attitudes.quaternions)
+    np.testing.assert_allclose(back.attitudes.sigma, original.attitudes.sigma, rtol=4e-16)
+    assert back.intervals == original.intervals
+    assert (back.title, back.epoch, back.time_scale, back.orbit) == (original.title, original.epoch, "UTC", None)
+
+
+def test_csv_is_accepted(folder):
+    for name in ("gyro", "attitude"):
+        pd.read_parquet(folder / f"{name}.parquet").to_csv(folder / f"{name}.csv", index=False)
+        (folder / f"{name}.parquet").unlink()
+    np.testing.assert_allclose(load(folder).gyro.rates, piecewise_recording(PLAN).gyro.rates, rtol=1e-15)
+
+
+def test_optional_tables_are_kept(folder):
+    recording = dataclasses.replace(load(folder), tables={"housekeeping": pd.DataFrame({"t_s": [0.0], "gyro_temperature_c": [20.0]})})
+    save(recording, folder)
+    pd.testing.assert_frame_equal(load(folder).tables["housekeeping"], recording.tables["housekeeping"])
+
+
+def test_a_new_save_does_not_leave_an_old_table_behind(folder):
+    recording = load(folder)
+    save(dataclasses.replace(recording, tables={"housekeeping": pd.DataFrame({"t_s": [0.0]})}), folder)
+    save(recording, folder)
+    assert not load(folder).tables
+
+
+def test_toml_values():
+    assert toml_value('a "b" \\ c') == '"a \\"b\\" \\\\ c"'
+    assert toml_value([1, 2.5, True]) == "[1, 2.5, true]"
+    with pytest.raises(TypeError):
+        toml_value(None)
+
+
+def edit_table(name, change):
+    def apply(folder):
+        frame = pd.read_parquet(folder / f"{name}.parquet")
+        change(frame).to_parquet(folder / f"{name}.parquet", index=False)
+
+    return apply
+
+
+def edit_header(old, new):
+    def apply(folder):
+        text = (folder / "recording.toml").read_text()
+        assert old in text
+        (folder / "recording.toml").write_text(text.replace(old, new))
+
+    return apply
+
+
+def set_value(row, column, value):
+    def change(frame):
+        frame.loc[row, column] = value
+        return frame
+
+    return change
+
+
+BAD_INPUT = {
+    "missing column": (edit_table("gyro", lambda f: f.drop(columns="rate_y_deg_s")), "rate_y_deg_s is missing"),
+    "wrong unit": (
+        edit_table("gyro", lambda f: f.rename(columns={"rate_x_deg_s": "rate_x_rad_s"})),
+        "rate_x_deg_s is missing; found rate_x_rad_s",
+    ),
+    "NaN rate": (edit_table("gyro", set_value(7, "rate_z_deg_s", np.nan)), "rate_z_deg_s, row 7: not a finite"),
+    "NaN attitude": (edit_table("attitude", set_value(2, "q3", np.nan)), "q3, row 2: not a finite"),
+    "text": (edit_table("attitude", lambda f: f.assign(q1="a")), "q1 holds text"),
+    "non-unit quaternion": (edit_table("attitude", set_value(1, "q4", 2.0)), "row 1 has norm"),
+    "zero sigma": (edit_table("attitude", set_value(1, "sigma_y_deg", 0.0)), "sigma in row 1"),
+    "time backwards": (edit_table("gyro", set_value(9, "t_s", 1.0)), "backwards or repeats at row 9"),
+    "repeated time": (edit_table("gyro", set_value(9, "t_s", 4.0)), "backwards or repeats at row 9"),
+    "time backwards in attitude": (edit_table("attitude", set_value(1, "t_s", -1.0)), "backwards or repeats at row 1"),
+    "too close samples": (edit_header("sample_s = 0.5", "sample_s = 5.0"), "is sample_s right"),
+    "overlapping intervals": (edit_header("start_s = 360.0", "start_s = 50.0"), "m1 and m2 overlap"),
+    "interval backwards": (edit_header("stop_s = 60.0", "stop_s = -1.0"), "not after start_s"),
+    "reference outside its interval": (edit_header("stop_s = 420.0", "stop_s = 400.0"), "m2: 1 reference attitude"),
+    "reference outside every interval": (
+        edit_table("attitude", lambda f: pd.concat([f, f.tail(1).assign(t_s=900.0)])),
+        "row 4: reference at t_s = 900.0 lies outside every interval",
+    ),
+    "unknown key": (edit_header('kind = "rate"', 'kind = "rate"\nfilter = 3'), "gyro.filter: Extra inputs"),
+    "wrong unit of a key": (edit_header("arw_deg_per_sqrt_s", "arw_deg_per_sqrt_h"), "gyro.arw_deg_per_sqrt_s: Field required"),
+    "NaN in the header": (edit_header("sample_s = 0.5", "sample_s = nan"), "gyro.sample_s"),
+    "text for a number": (edit_header("sample_s = 0.5", 'sample_s = "0.5"'), "gyro.sample_s"),
+    "singular G": (
+        edit_header("apriori_G = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]", "apriori_G = [[1.0, 0.0, 0.0], [1.0, 0.0, 0.0]"),
+        "must be invertible",
+    ),
+    "wrong format": (edit_header("format = 1", "format = 2"), "format"),
+    "bad epoch": (edit_header("2000-01-01T00:00:00Z", "yesterday"), "epoch"),
+    "not TOML": (edit_header("[gyro]", "[gyro"), "not a TOML file"),
+    "no recording.toml": (lambda folder: (folder / "recording.toml").unlink(), "no such file"),
+    "no gyro": (lambda folder: (folder / "gyro.parquet").unlink(), "neither gyro.parquet nor gyro.csv"),
+    "no rows": (edit_table("gyro", lambda f: f.head(0)), "no rows"),
+    "empty file": (lambda folder: (folder / "gyro.parquet").write_bytes(b""), "cannot be read"),
+    "empty CSV": (
+        lambda folder: ((folder / "gyro.parquet").unlink(), (folder / "gyro.csv").write_text("")),
+        "the file is empty",
+    ),
+    "repeated interval name": (edit_header('name = "m2"', 'name = "m1"'), "more than once"),
+    "gyro gap": (edit_table("gyro", lambda f: f.drop(index=range(10, 20))), "m1: no gyro samples between 5.0 s and 10.0 s"),
+    "gyro ends early": (edit_table("gyro", lambda f: f.head(-9)), "m2: no gyro samples between"),
+    "one interval only": (
+        lambda folder: (
+            edit_table("attitude", lambda f: f.head(2))(folder),
+            edit_header(
+                (folder / "recording.toml").read_text().split("\n\n")[-1],
+                "",
+            )(folder),
+        ),
+        "cannot be found from 1 interval",
+    ),
+    "rates in rad/s": (
+        edit_table("gyro", lambda f: f.assign(rate_y_deg_s=f.rate_y_deg_s + 2.0)),
+        "too large to linearise; are the rates in deg/s",
+    ),
+}
+
+
+@pytest.mark.parametrize("kind", BAD_INPUT)
+def test_bad_input_ends_in_one_line_and_status_2(kind, folder, run_cli):
+    damage, text = BAD_INPUT[kind]
+    damage(folder)
+    result = run_cli("calibrate", str(folder))
+    assert result.exit_code == 2
+    assert result.stdout == ""
+    assert result.stderr.count("\n") == 1
+    assert result.stderr.startswith("gyrocal: ")
+    assert text in result.stderr
+    with pytest.raises(Exception, match=r".") as caught:  # the library raises the same message
+        calibrate(load(folder))
+    assert str(caught.value) in result.stderr
+
+
+def test_missing_folder(tmp_path):
+    with pytest.raises(InputError, match="not a folder"):
+        load(tmp_path / "nothing")
