@@ -1,0 +1,1 @@
+"""Parameterised studies, the flight's published values, the paper's tables and the command line."""

@@ -4,7 +4,16 @@ import numpy as np
 import pytest
 from scipy.optimize import least_squares
 
-from gyrocal import NAMES, GyroParameters, InputError, RecursiveCalibrator, UnobservableError, attitude, calibrate, residual_table
+from gyrocal import (
+    NAMES,
+    GyroParameters,
+    InputError,
+    RecursiveCalibrator,
+    UnobservableError,
+    attitude,
+    calibrate,
+    residual_table,
+)
 from gyrocal.propagation import propagate
 from gyrocal.sampling import measurements
 from tests.builders import PLAN, RPO, TRUTH, piecewise_recording
@@ -87,7 +96,9 @@ def test_converged_solution_minimises_the_nonlinear_residual():
         R = propagate(prepared.arcs, parameters[:9].reshape(3, 3), parameters[9:]).R
         return attitude.residual(A[prepared.row], R @ A[prepared.start]).ravel() / weight
 
-    oracle = PRELAUNCH.vector + scale * least_squares(residuals, np.zeros(12), jac="3-point", xtol=1e-15, ftol=1e-15, gtol=1e-15).x
+    oracle = (
+        PRELAUNCH.vector + scale * least_squares(residuals, np.zeros(12), jac="3-point", xtol=1e-15, ftol=1e-15, gtol=1e-15).x
+    )
     C = np.tile(np.eye(3) * weight**2, (6, 1, 1))
     result = calibrate(recording, initial=PRELAUNCH, interval_covariance=C)
     assert result.covariance_model == "given"

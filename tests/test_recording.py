@@ -37,7 +37,9 @@ def test_csv_is_accepted(folder):
 
 
 def test_optional_tables_are_kept(folder):
-    recording = dataclasses.replace(load(folder), tables={"housekeeping": pd.DataFrame({"t_s": [0.0], "gyro_temperature_c": [20.0]})})
+    recording = dataclasses.replace(
+        load(folder), tables={"housekeeping": pd.DataFrame({"t_s": [0.0], "gyro_temperature_c": [20.0]})}
+    )
     save(recording, folder)
     pd.testing.assert_frame_equal(load(folder).tables["housekeeping"], recording.tables["housekeeping"])
 

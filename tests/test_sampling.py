@@ -38,7 +38,9 @@ def test_coarse_steps(resampling):
     # 20 samples make 5 steps; 14 make 3 and a half one.
     np.testing.assert_allclose(prepared.arcs.dt, [2, 2, 2, 2, 2, 2, 2, 2, 1])
     first = np.array([0, 4, 8, 12, 16, 20, 24, 28, 32], dtype=float)
-    np.testing.assert_array_equal(prepared.arcs.raw[:, 0], first if resampling == "skip" else first + np.array([1.5] * 8 + [0.5]))
+    np.testing.assert_array_equal(
+        prepared.arcs.raw[:, 0], first if resampling == "skip" else first + np.array([1.5] * 8 + [0.5])
+    )
     assert prepared.noise_gain == (4.0 if resampling == "skip" else 1.0)
 
 

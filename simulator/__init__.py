@@ -1,0 +1,21 @@
+"""The truth: simulated recordings of gyro calibration maneuvers.
+
+A scenario (orbit, maneuvers, true gyro parameters, noise) becomes a recording in three steps: an analytic body rate per
+interval (`simulator.maneuvers`), its integration to a true attitude (`simulator.truth`), and what gyro and attitude
+sensors show of it (`simulator.gyro`, `simulator.reference`). The package integrates the truth by its own, finer means and
+takes nothing of the calibrator but the recording format.
+
+Conventions are those of `gyrocal`: attitude matrices are passive and map inertial to body components, A' = −[ω×]A,
+quaternions are scalar last. Radians and SI inside; scenario files are in degrees, with the unit in each name.
+
+    >>> import simulator
+    >>> recording = simulator.simulate(simulator.load("trmm"), seed=1)
+    >>> recording.gyro.rates.shape
+    (47790, 3)
+"""
+
+from simulator.scenario import Scenario, load, names, override
+from simulator.simulate import Motion, motion, observe, simulate
+from simulator.streams import generator
+
+__all__ = ["Motion", "Scenario", "generator", "load", "motion", "names", "observe", "override", "simulate"]

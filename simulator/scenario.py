@@ -1,0 +1,388 @@
+"""Scenarios: what to simulate, as a validated TOML document.
+
+A scenario is in degrees and seconds, with the unit in each name; the objects it is turned into are in radians. Times of
+slews and holds count from their interval's start. A file may name a ``base`` and give only what differs: tables are merged,
+arrays (such as the list of intervals) are replaced whole.
+
+    >>> from simulator.scenario import load, override
+    >>> scenario = override(load("trmm"), {"gyro.arw_deg_per_sqrt_s": 1e-4, "interval.1.slew.0.start_s": 200.0})
+    >>> scenario.gyro.arw_deg_per_sqrt_s
+    0.0001
+"""
+
+import os
+from collections.abc import Mapping
+from datetime import datetime
+from importlib import resources
+from itertools import pairwise
+from math import radians
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import numpy as np
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, ValidationInfo, field_validator
+
+from gyrocal.errors import InputError
+from gyrocal.recording import read_toml, validation_message
+from simulator.maneuvers import MODE_YAW, Hold, Profile, Slew, Sway
+from simulator.orbit import CircularOrbit
+
+# Strict mode would refuse TOML's lists for tuples; what is in them stays strict.
+Vector = Annotated[tuple[float, float, float], Field(strict=False)]
+Matrix = Annotated[tuple[Vector, Vector, Vector], Field(strict=False)]
+
+TOUCH_TOLERANCE = 1e-6  # s; intervals closer than this touch
+JOIN_TOLERANCE = 1e-8  # attitude matrix elements of two intervals that touch
+SMALLEST_DETERMINANT = 1e-3  # of a G that counts as invertible
+
+
+class _Model(BaseModel):
+    model_config = ConfigDict(extra="forbid", frozen=True, strict=True, allow_inf_nan=False)
+
+
+class OrbitSection(_Model):
+    """Circular orbit."""
+
+    altitude_km: float = Field(gt=100)
+    inclination_deg: float = Field(ge=0, le=180)
+    raan_deg: float = 0.0
+    argument_of_latitude_deg: float = 0.0
+    j2: bool = False
+
+    def circular_orbit(self) -> CircularOrbit:
+        """The orbit in metres and radians."""
+        return CircularOrbit(
+            altitude=1e3 * self.altitude_km,
+            inclination=radians(self.inclination_deg),
+            node=radians(self.raan_deg),
+            latitude_argument=radians(self.argument_of_latitude_deg),
+            j2=self.j2,
+        )
+
+
+class GyroSection(_Model):
+    """True and a-priori gyro parameters, sampling and noise.
+
+    ``reading`` is what a sample shows: the mean rate over it, or the rate at its start.
+    """
+
+    sample_s: float = Field(gt=0)
+    reading: Literal["mean", "point"] = "mean"
+    arw_deg_per_sqrt_s: float = Field(ge=0)
+    true_G: Matrix
+    true_bias_deg_s: Vector
+    apriori_G: Matrix
+    apriori_bias_deg_s: Vector
+
+    @field_validator("true_G", "apriori_G")
+    @classmethod
+    def _invertible(cls, value: Matrix) -> Matrix:
+        if abs(np.linalg.det(np.array(value))) < SMALLEST_DETERMINANT:
+            raise ValueError("must be invertible")
+        return value
+
+
+class ReferenceSection(_Model):
+    """When reference attitudes are taken, and their standard deviation about each body axis."""
+
+    at: Literal["ends", "series"] = "ends"
+    every_s: float | None = Field(default=None, gt=0, validate_default=True)
+    sigma_deg: Vector
+
+    @field_validator("every_s")
+    @classmethod
+    def _given_for_a_series(cls, value: float | None, info: ValidationInfo) -> float | None:
+        if info.data.get("at") == "series" and value is None:
+            raise ValueError('is required with at = "series"')
+        return value
+
+    @field_validator("sigma_deg")
+    @classmethod
+    def _positive(cls, value: Vector) -> Vector:
+        if min(value) <= 0:
+            raise ValueError("must be positive")
+        return value
+
+
+class ControlMotionSection(_Model):
+    """Sinusoidal attitude motion about each body axis; the phases hold at the epoch."""
+
+    amplitude_deg: Vector
+    period_s: Vector
+    phase_deg: Vector = (0.0, 0.0, 0.0)
+
+    @field_validator("period_s")
+    @classmethod
+    def _positive(cls, value: Vector) -> Vector:
+        if min(value) <= 0:
+            raise ValueError("must be positive")
+        return value
+
+    def sway(self) -> Sway:
+        """The motion in radians."""
+        return Sway(np.deg2rad(self.amplitude_deg), np.array(self.period_s), np.deg2rad(self.phase_deg))
+
+
+class SlewSection(_Model):
+    """A turn about a body axis."""
+
+    axis: Vector
+    angle_deg: float
+    start_s: float = Field(ge=0)
+    duration_s: float = Field(gt=0)
+    ramp_fraction: float = Field(default=0.5, gt=0, le=0.5)
+
+    @field_validator("axis")
+    @classmethod
+    def _not_zero(cls, value: Vector) -> Vector:
+        if not np.linalg.norm(value) > 0:
+            raise ValueError("must not be zero")
+        return value
+
+    def slew(self) -> Slew:
+        """The slew in radians, its axis normalised."""
+        axis = np.array(self.axis) / np.linalg.norm(self.axis)
+        return Slew(axis, radians(self.angle_deg), self.start_s, self.duration_s, self.ramp_fraction)
+
+
+class HoldSection(_Model):
+    """An inertial hold, its two transitions included."""
+
+    start_s: float = Field(ge=0)
+    stop_s: float
+    transition_s: float = Field(gt=0)
+    offset_deg: Vector = (0.0, 0.0, 0.0)
+
+    @field_validator("transition_s")
+    @classmethod
+    def _fits(cls, value: float, info: ValidationInfo) -> float:
+        if {"start_s", "stop_s"} <= info.data.keys() and 2 * value > info.data["stop_s"] - info.data["start_s"]:
+            raise ValueError("two transitions do not fit between start_s and stop_s")
+        return value
+
+    def inertial_hold(self) -> Hold:
+        """The hold in radians."""
+        return Hold(self.start_s, self.stop_s, self.transition_s, np.deg2rad(self.offset_deg))
+
+
+class IntervalSection(_Model):
+    """One calibration interval; ``mode`` is the body axis along the velocity at its start."""
+
+    name: str = Field(min_length=1)
+    activity: str
+    start_s: float
+    stop_s: float
+    mode: Literal["+x", "-x", "+y", "-y"]
+    slew: Annotated[tuple[SlewSection, ...], Field(strict=False)] = ()
+    hold: HoldSection | None = None
+
+    @field_validator("stop_s")
+    @classmethod
+    def _after_start(cls, value: float, info: ValidationInfo) -> float:
+        if "start_s" in info.data and not value > info.data["start_s"]:
+            raise ValueError("must be after start_s")
+        return value
+
+    @field_validator("slew")
+    @classmethod
+    def _slews_fit(cls, value: tuple[SlewSection, ...], info: ValidationInfo) -> tuple[SlewSection, ...]:
+        length = info.data.get("stop_s", np.inf) - info.data.get("start_s", 0.0)
+        spans = [(slew.start_s, slew.start_s + slew.duration_s) for slew in value]
+        faults = [
+            f"slew {k} ends at {stop:g} s, after the interval's {length:g} s"
+            for k, (_, stop) in enumerate(spans)
+            if stop > length
+        ]
+        faults += [
+            f"slew {k + 1} starts at {second[0]:g} s, before slew {k} ends at {first[1]:g} s"
+            for k, (first, second) in enumerate(pairwise(spans))
+            if second[0] < first[1]
+        ]
+        if faults:
+            raise ValueError(", ".join(faults))
+        return value
+
+    @field_validator("hold")
+    @classmethod
+    def _hold_fits(cls, value: HoldSection | None, info: ValidationInfo) -> HoldSection | None:
+        if value is None:
+            return value
+        length = info.data.get("stop_s", np.inf) - info.data.get("start_s", 0.0)
+        faults = [f"ends at {value.stop_s:g} s, after the interval's {length:g} s"] if value.stop_s > length else []
+        faults += [
+            f"overlaps slew {k}"
+            for k, slew in enumerate(info.data.get("slew", ()))
+            if slew.start_s < value.stop_s and slew.start_s + slew.duration_s > value.start_s
+        ]
+        if faults:
+            raise ValueError(", ".join(faults))
+        return value
+
+    def profile(self, orbit: CircularOrbit, sway: Sway | None = None) -> Profile:
+        """The interval's motion in radians."""
+        slews = tuple(section.slew() for section in self.slew)
+        hold = self.hold.inertial_hold() if self.hold else None
+        return Profile(orbit, self.start_s, self.stop_s, MODE_YAW[self.mode], slews, hold, sway)
+
+
+class Scenario(_Model):
+    """Everything a simulation needs but the random numbers."""
+
+    title: str
+    epoch: str
+    time_scale: str = "UTC"
+    orbit: OrbitSection
+    gyro: GyroSection
+    reference: ReferenceSection
+    control_motion: ControlMotionSection | None = None
+    interval: Annotated[tuple[IntervalSection, ...], Field(strict=False, min_length=1)]
+
+    @field_validator("epoch")
+    @classmethod
+    def _iso(cls, value: str) -> str:
+        datetime.fromisoformat(value)
+        return value
+
+    @field_validator("interval")
+    @classmethod
+    def _intervals_fit(cls, value: tuple[IntervalSection, ...], info: ValidationInfo) -> tuple[IntervalSection, ...]:
+        names = [interval.name for interval in value]
+        repeated = sorted({name for name in names if names.count(name) > 1})
+        faults = [f"name {name} is used more than once" for name in repeated]
+        for first, second in pairwise(value):
+            gap = second.start_s - first.stop_s
+            if gap < -TOUCH_TOLERANCE:
+                faults.append(f"{second.name} starts before {first.name} stops; intervals must be in time order")
+            elif gap <= TOUCH_TOLERANCE and {"orbit", "gyro"} <= info.data.keys():
+                orbit = info.data["orbit"].circular_orbit()
+                faults += _joining_faults(first, second, orbit, info.data["gyro"].sample_s)
+        if faults:
+            raise ValueError(", ".join(faults))
+        return value
+
+
+def _joining_faults(first: IntervalSection, second: IntervalSection, orbit: CircularOrbit, sample_s: float) -> list[str]:
+    """What keeps the attitude or the samples from running on where two intervals touch."""
+    faults = []
+    samples = (first.stop_s - first.start_s) / sample_s
+    if abs(samples - round(samples)) * sample_s > TOUCH_TOLERANCE:
+        faults.append(f"{second.name} touches {first.name}, which is not a whole number of samples long")
+    before, after = first.profile(orbit), second.profile(orbit)
+    end = before.tracking_attitude(np.array([before.stop_s - before.start_s]))
+    if np.abs(end - after.tracking_attitude(np.zeros(1))).max() > JOIN_TOLERANCE:
+        faults.append(f"{second.name} touches {first.name} but starts in another attitude than the one it ends in")
+    return faults
+
+
+def names() -> tuple[str, ...]:
+    """Names of the built-in scenarios."""
+    folder = resources.files("simulator") / "scenarios"
+    return tuple(sorted(entry.name[:-5] for entry in folder.iterdir() if entry.name.endswith(".toml")))
+
+
+def load(name_or_path: str | os.PathLike[str]) -> Scenario:
+    """Load a scenario by its built-in name or from a TOML file.
+
+    Raises
+    ------
+    InputError
+        There is no such scenario, or one line with every fault of it by its path in the document.
+    """
+    return _validated(_document(os.fspath(name_or_path), Path(), ()), os.fspath(name_or_path))
+
+
+def override(scenario: Scenario, values: Mapping[str, object]) -> Scenario:
+    """A scenario with some values replaced, validated again as a whole.
+
+    Parameters
+    ----------
+    scenario : the one to start from, left as it is
+    values : by dotted path, list items by their index, e.g. ``{"interval.1.slew.0.start_s": 200.0}``
+
+    Raises
+    ------
+    InputError
+        A path leads nowhere, or the result is not a valid scenario.
+    """
+    document = _lists(scenario.model_dump(exclude_none=True))
+    for path, value in values.items():
+        _assign(document, path, value)
+    return _validated(document, "override")
+
+
+def profiles(scenario: Scenario) -> tuple[Profile, ...]:
+    """The motion of each interval, in radians."""
+    orbit = scenario.orbit.circular_orbit()
+    sway = scenario.control_motion.sway() if scenario.control_motion else None
+    return tuple(interval.profile(orbit, sway) for interval in scenario.interval)
+
+
+def _validated(document: dict[str, Any], source: str) -> Scenario:
+    try:
+        return Scenario.model_validate(document)
+    except ValidationError as error:
+        raise InputError(f"{source}: {validation_message(error)}") from None
+
+
+def _document(name: str, folder: Path, inside: tuple[str, ...]) -> dict[str, Any]:
+    """A scenario's document with its bases merged in.
+
+    Parameters
+    ----------
+    name : built-in name, or path relative to the folder
+    folder : where the file that asks for it lies
+    inside : the scenarios on the way here, each by its identity
+    """
+    path = folder / name
+    identity = name if name in names() else str(path.resolve())
+    if identity in inside:
+        raise InputError(f"{name}: scenario bases form a circle: {' -> '.join((*inside, identity))}")
+    if name in names():
+        with resources.as_file(resources.files("simulator") / "scenarios" / f"{name}.toml") as builtin:
+            document = read_toml(builtin)
+    elif path.is_file():
+        document = read_toml(path)
+    else:
+        raise InputError(f"{name}: neither a file nor a built-in scenario; built in are {', '.join(names())}")
+    base = document.pop("base", None)
+    if base is None:
+        return document
+    if not isinstance(base, str):
+        raise InputError(f"{name}: base must be the name or path of a scenario")
+    return _merged(_document(base, path.parent, (*inside, identity)), document)
+
+
+def _merged(base: dict[str, Any], changes: dict[str, Any]) -> dict[str, Any]:
+    out = dict(base)
+    for key, value in changes.items():
+        both_tables = isinstance(value, dict) and isinstance(base.get(key), dict)
+        out[key] = _merged(base[key], value) if both_tables else value
+    return out
+
+
+def _lists(value: Any) -> Any:
+    """The document with lists in place of tuples, so that items can be replaced."""
+    if isinstance(value, dict):
+        return {key: _lists(item) for key, item in value.items()}
+    return [_lists(item) for item in value] if isinstance(value, tuple) else value
+
+
+def _assign(document: dict[str, Any], path: str, value: object) -> None:
+    """Set one value; a key that no section knows is left to the validation to refuse."""
+    *parents, last = path.split(".")
+    place: Any = document
+    for key in parents:
+        place = place.setdefault(key, {}) if isinstance(place, dict) else _item(place, key, path)
+    if isinstance(place, dict):
+        place[last] = value
+    else:
+        _item(place, last, path)
+        place[int(last)] = value
+
+
+def _item(place: Any, key: str, path: str) -> Any:
+    if not isinstance(place, list):
+        raise InputError(f"{path}: there is no such value; {key} would be inside a single value")
+    if not key.isdecimal() or int(key) >= len(place):
+        raise InputError(f"{path}: {key} is not the index of one of {len(place)} items, counted from 0")
+    return place[int(key)]

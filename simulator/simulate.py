@@ -1,0 +1,172 @@
+"""From a scenario to a recording.
+
+The noise-free motion is the costly part and the same for every case of a Monte Carlo study; `motion` computes it once and
+`observe` turns it into as many recordings as wanted.
+
+Samples lie inside the intervals only, at t_k = start + k Δt < stop. If the interval is not a whole number of samples long
+the last sample is cut at its stop: it shows the mean over what is left, with the noise of that duration.
+"""
+
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gyrocal.recording import Attitudes, GyroStream, Interval, Orbit, Recording
+from simulator.gyro import raw_rates, white_noise
+from simulator.maneuvers import Profile, trajectory
+from simulator.reference import TIME_TOLERANCE, measured, reference_times
+from simulator.scenario import Scenario, profiles
+from simulator.streams import generator
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Motion:
+    """Noise-free truth of a scenario.
+
+    Attributes
+    ----------
+    t_s : (n,) sample starts, s since the epoch
+    duration_s : (n,) sample durations, s
+    rates : (n, 3) true body rates, rad/s: mean over each sample, or at its start if the scenario reads points
+    intervals : one slice of the samples per interval
+    reference_t_s : (m,) times of the reference attitudes, s since the epoch
+    quaternions : (m, 4) true attitudes then, inertial to body, scalar last
+    """
+
+    t_s: Array
+    duration_s: Array
+    rates: Array
+    intervals: tuple[slice, ...]
+    reference_t_s: Array
+    quaternions: Array
+
+
+@dataclass(frozen=True)
+class _Part:
+    """Motion of one interval, named as in `Motion`."""
+
+    t_s: Array
+    duration_s: Array
+    rates: Array
+    reference_t_s: Array
+    quaternions: Array
+
+
+def motion(scenario: Scenario, substeps: int = 1) -> Motion:
+    """Noise-free truth of a scenario.
+
+    Parameters
+    ----------
+    scenario : what to simulate
+    substeps : integration steps per gyro sample; one is enough, more only show that it is
+    """
+    every = scenario.reference.every_s if scenario.reference.at == "series" else None
+    point = scenario.gyro.reading == "point"
+    parts = [_part(profile, scenario.gyro.sample_s, every, point, substeps) for profile in profiles(scenario)]
+    ends = np.cumsum([0] + [part.t_s.size for part in parts])
+    reference_t_s = np.concatenate([part.reference_t_s for part in parts])
+    quaternions = np.concatenate([part.quaternions for part in parts])
+    # Where two intervals touch, the reference at the end of the first serves both.
+    kept = np.diff(reference_t_s, prepend=-np.inf) > TIME_TOLERANCE
+    return Motion(
+        t_s=np.concatenate([part.t_s for part in parts]),
+        duration_s=np.concatenate([part.duration_s for part in parts]),
+        rates=np.concatenate([part.rates for part in parts]),
+        intervals=tuple(slice(int(a), int(b)) for a, b in pairwise(ends)),
+        reference_t_s=reference_t_s[kept],
+        quaternions=quaternions[kept],
+    )
+
+
+def sample_edges(length: float, sample_s: float) -> Array:
+    """Local starts of an interval's samples and the end of the last, s; (n + 1,)."""
+    count = int(np.ceil(length / sample_s - TIME_TOLERANCE))
+    return np.append(sample_s * np.arange(count), length)
+
+
+def _part(profile: Profile, sample_s: float, every: float | None, point: bool, substeps: int) -> _Part:
+    length = profile.stop_s - profile.start_s
+    edges = sample_edges(length, sample_s)
+    reference_tau = reference_times(profile, every)
+    knots = profile.knots[(profile.knots > 0) & (profile.knots < length)]
+    grid = np.unique(np.concatenate([edges, reference_tau, knots]))
+    path = trajectory(profile, grid, substeps)
+    duration = np.diff(edges)
+    angles = np.add.reduceat(path.angles, np.searchsorted(grid, edges[:-1]), axis=0)
+    return _Part(
+        t_s=profile.start_s + edges[:-1],
+        duration_s=duration,
+        rates=profile.rate(edges[:-1]) if point else angles / duration[:, None],
+        reference_t_s=profile.start_s + reference_tau,
+        quaternions=path.quaternions[np.searchsorted(grid, reference_tau)],
+    )
+
+
+def observe(
+    scenario: Scenario,
+    motion: Motion,
+    *,
+    gyro_rng: np.random.Generator | None,
+    reference_rng: np.random.Generator | None,
+    G: Array | None = None,
+    bias: Array | None = None,
+) -> Recording:
+    """One recording of a motion.
+
+    Parameters
+    ----------
+    scenario : what was simulated
+    motion : its noise-free truth
+    gyro_rng, reference_rng : sources of the gyro's and the references' noise; None for none
+    G : (3, 3) true G in place of the scenario's
+    bias : (3,) true bias in place of the scenario's, rad/s
+    """
+    gyro = scenario.gyro
+    arw = float(np.deg2rad(gyro.arw_deg_per_sqrt_s))
+    sigma = np.deg2rad(scenario.reference.sigma_deg)
+    true_G = np.array(gyro.true_G) if G is None else G
+    true_bias = np.deg2rad(gyro.true_bias_deg_s) if bias is None else bias
+    rates = raw_rates(motion.rates, true_G, true_bias)
+    if gyro_rng is not None:
+        rates = rates + white_noise(gyro_rng, arw, motion.duration_s)
+    quaternions = motion.quaternions
+    if reference_rng is not None:
+        quaternions = measured(reference_rng, quaternions, sigma)
+    return Recording(
+        title=scenario.title,
+        epoch=scenario.epoch,
+        time_scale=scenario.time_scale,
+        gyro=GyroStream(
+            t_s=motion.t_s,
+            rates=rates,
+            sample_s=gyro.sample_s,
+            arw=arw,
+            apriori_G=np.array(gyro.apriori_G),
+            apriori_bias=np.deg2rad(gyro.apriori_bias_deg_s),
+        ),
+        attitudes=Attitudes(motion.reference_t_s, quaternions, np.tile(sigma, (len(quaternions), 1))),
+        intervals=tuple(Interval(i.name, i.activity, i.start_s, i.stop_s) for i in scenario.interval),
+        orbit=Orbit(scenario.orbit.circular_orbit().period, scenario.orbit.altitude_km, scenario.orbit.inclination_deg),
+    )
+
+
+def simulate(scenario: Scenario, seed: int = 0, case: int = 0, noise: bool = True) -> Recording:
+    """Simulate a recording of a scenario.
+
+    Parameters
+    ----------
+    scenario : what to simulate
+    seed : entropy of the random streams
+    case : number of the case within a study; cases with the same seed are independent
+    noise : whether gyro and references are noisy
+    """
+    return observe(
+        scenario,
+        motion(scenario),
+        gyro_rng=generator(seed, case, "gyro_noise") if noise else None,
+        reference_rng=generator(seed, case, "reference_noise") if noise else None,
+    )

@@ -1,0 +1,30 @@
+"""Named random streams: what a case draws depends on the study's entropy, the case and the stream's name, nothing else.
+
+A stream is the child ``(case, *name)`` of ``SeedSequence(entropy)``. Children do not depend on the order in which they are
+asked for nor on which others exist, so a case is the same alone, in parallel or resumed, and a new stream leaves every
+other as it was. Entropies are hashed, not added to: neighbouring ones share nothing.
+"""
+
+import numpy as np
+
+MAX_CASE = 2**32  # a larger number takes two words of the spawn key, and could meet another case's name there
+
+
+def generator(entropy: int, case: int, name: str) -> np.random.Generator:
+    """Random generator of one named stream of one case.
+
+    Parameters
+    ----------
+    entropy : seed of the study, a non-negative integer
+    case : number of the case, 0 ≤ case < 2³²
+    name : what the stream is used for, e.g. "gyro_noise"
+
+    Raises
+    ------
+    ValueError
+        The entropy is negative or the case is out of range.
+    """
+    if not 0 <= case < MAX_CASE:
+        raise ValueError(f"case must be in [0, 2**32), not {case}")
+    sequence = np.random.SeedSequence(entropy, spawn_key=(case, *name.encode()))
+    return np.random.Generator(np.random.SFC64(sequence))

@@ -1,0 +1,233 @@
+"""The command line: ``gyrocal reproduce | calibrate | simulate | baseline | study``.
+
+Tables go to standard output, progress and errors to standard error. Bad input ends in one line and exit status 2.
+"""
+
+import os
+import sys
+import tomllib
+from pathlib import Path
+from typing import Any
+
+import click
+import numpy as np
+from rich.console import Console
+
+from gyrocal import GyrocalError, InputError, calibrate, load, save, select
+from gyrocal.recording import toml_value
+from simulator import scenario as scenarios
+from simulator.simulate import simulate
+from studies import baseline, figures, psi_sweep, render, reproduce
+from studies.manifest import manifest, write_json
+
+
+class _Group(click.Group):
+    """Turns the project's errors into one line and exit status 2."""
+
+    def invoke(self, ctx: click.Context) -> Any:
+        try:
+            return super().invoke(ctx)
+        except GyrocalError as error:
+            click.echo(f"gyrocal: {' '.join(str(error).split())}", err=True)
+            ctx.exit(2)
+        except OSError as error:
+            click.echo(f"gyrocal: {error.filename or 'file'}: {error.strerror or error}", err=True)
+            ctx.exit(2)
+
+
+def _console() -> Console:
+    # Without a terminal there is no width to fold tables to: wide enough for the widest.
+    return Console(width=None if sys.stdout.isatty() else 200, soft_wrap=not sys.stdout.isatty())
+
+
+@click.group(cls=_Group, context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100})
+@click.version_option(package_name="gyrocal")
+def main() -> None:
+    """In-flight gyro calibration: simulate it, run it, validate it."""
+
+
+@main.command("reproduce")
+@click.option(
+    "--out", type=click.Path(path_type=Path), default=reproduce.DEFAULT_FOLDER, show_default=True, help="Folder to write."
+)
+@click.option("--cases", type=click.IntRange(2), default=200, show_default=True, help="Seeds of the Monte Carlo.")
+@click.option("--jobs", type=click.IntRange(1), default=None, help="Worker processes; the CPU count by default.")
+@click.option("--entropy", type=click.IntRange(0), default=1998, show_default=True, help="Root of all random streams.")
+@click.option("--json", "as_json", type=click.Path(path_type=Path), help="Also write the summary here.")
+def reproduce_command(out: Path, cases: int, jobs: int | None, entropy: int, as_json: Path | None) -> None:
+    """Reproduce the TRMM calibration: Tables 2-5 and Figures 1-3 beside the flight's values.
+
+    \b
+    Example:
+      gyrocal reproduce --cases 50 --out /tmp/trmm
+    """
+    summary = reproduce.run(out, cases, jobs or os.cpu_count() or 1, entropy, _console())
+    if as_json:
+        write_json(as_json, summary)
+
+
+@main.command("simulate")
+@click.argument("scenario")
+@click.argument("out", type=click.Path(path_type=Path, file_okay=False))
+@click.option("--seed", type=click.IntRange(0), default=0, show_default=True, help="Root of the random streams.")
+@click.option("--case", type=click.IntRange(0), default=0, show_default=True, help="Case number under that seed.")
+@click.option("--noise-free", is_flag=True, help="Neither gyro nor reference noise.")
+@click.option("--set", "changes", multiple=True, metavar="PATH=VALUE", help="Override a value of the scenario; repeatable.")
+def simulate_command(scenario: str, out: Path, seed: int, case: int, noise_free: bool, changes: tuple[str, ...]) -> None:
+    """Simulate SCENARIO (a built-in name or a TOML file) and write the recording to the folder OUT.
+
+    \b
+    Examples:
+      gyrocal simulate trmm /tmp/rec
+      gyrocal simulate trmm_series /tmp/rec --seed 7 --set gyro.arw_deg_per_sqrt_s=1e-4 --set interval.1.slew.0.start_s=120
+    """
+    chosen = scenarios.load(scenario)
+    if changes:
+        chosen = scenarios.override(chosen, dict(_assignment(change) for change in changes))
+    recording = simulate(chosen, seed=seed, case=case, noise=not noise_free)
+    save(recording, out)
+    click.echo(
+        f"{out}: {len(recording.intervals)} intervals, {recording.gyro.t_s.size} gyro samples, "
+        f"{recording.attitudes.t_s.size} reference attitudes"
+    )
+
+
+@main.command("calibrate")
+@click.argument("recording", type=click.Path(path_type=Path))
+@click.option("--json", "as_json", type=click.Path(path_type=Path), help="Write the result as JSON to this file.")
+@click.option(
+    "--psi", type=click.Choice(["full", "linear"]), default="full", show_default=True, help="Error sensitivity, N (11)."
+)
+@click.option("--iterations", type=click.IntRange(1), default=None, help="Exactly so many; to the tolerance by default.")
+@click.option("--solve-for", default="all", show_default=True, help="Parameters, e.g. 'bias', 'gyro_x', 'all,-misalignment'.")
+@click.option("--step", "step_s", type=float, default=None, help="Propagation step in s, a multiple of the sample.")
+@click.option(
+    "--resampling", type=click.Choice(["skip", "average"]), default="average", show_default=True, help="How a step is made."
+)
+@click.option(
+    "--covariance",
+    "covariance_model",
+    type=click.Choice(["full", "references only"]),
+    default="full",
+    show_default=True,
+    help="With gyro noise and shared references, or the paper's C.",
+)
+@click.option("--prior-sigma-g", type=float, default=None, help="A-priori 1-sigma of each element of G.")
+@click.option("--prior-sigma-bias", type=float, default=None, help="A-priori 1-sigma of each bias, deg/s.")
+@click.option("--max-gap", "max_gap_s", type=float, default=None, help="Hold the last rate over gaps up to so many s.")
+def calibrate_command(
+    recording: Path,
+    as_json: Path | None,
+    prior_sigma_g: float | None,
+    prior_sigma_bias: float | None,
+    solve_for: str,
+    **options: Any,
+) -> None:
+    """Calibrate the gyro of RECORDING, a folder with recording.toml, gyro and attitude tables.
+
+    \b
+    Example:
+      gyrocal simulate trmm /tmp/rec && gyrocal calibrate /tmp/rec --json /tmp/result.json
+    """
+    prior = _prior(select(solve_for), prior_sigma_g, prior_sigma_bias)
+    result = calibrate(load(recording), solve_for=solve_for, apriori_covariance=prior, **options)
+    console = _console()
+    how = "converged" if result.converged else "not converged" if options["iterations"] is None else "as asked"
+    count = len(result.corrections)
+    title = f"{result.recording}: {count} iteration(s), {how}; ψ {result.psi}; {result.covariance_model} covariance"
+    render.terminal(console, title, result.summary(), _fit_note(result.chi2, result.dof, result.p_value))
+    shown = ["interval", "t_s"] + [f"{when}_{axis}_deg" for when in ("before", "after") for axis in ("roll", "pitch", "yaw")]
+    render.terminal(
+        console, "Residuals at the end of each interval", result.residuals[shown].groupby("interval", sort=False).tail(1)
+    )
+    for combination in result.observability.unobservable:
+        console.print(f"Not found from the data, held by the prior: {combination}", highlight=False)
+    if as_json:
+        write_json(as_json, result.to_json())
+
+
+@main.command("baseline")
+@click.option("--write", "regenerate", is_flag=True, help="Replace the stored baseline.")
+@click.option(
+    "--file", "path", type=click.Path(path_type=Path), default=None, help="The baseline; results/baseline/recovered.csv."
+)
+def baseline_command(regenerate: bool, path: Path | None) -> None:
+    """Recompute the baseline of recovered parameters and show what moved; exit status 1 if something did.
+
+    \b
+    Example:
+      gyrocal baseline --write
+    """
+    path = path or baseline.default_path()
+    new = baseline.recovered()
+    if path.exists():
+        table = baseline.moved(baseline.read(path), new)
+        if table.empty:
+            click.echo(f"{path}: nothing moved by more than {baseline.RTOL:g} of itself")
+        else:
+            render.terminal(
+                _console(), f"{len(table)} values moved by more than {baseline.RTOL:g} of themselves", table.head(40)
+            )
+    elif not regenerate:
+        raise InputError(f"{path}: no baseline there; run in the project's folder, or write one with --write")
+    if regenerate:
+        baseline.write(new, path)
+        click.echo(f"{path}: written")
+    elif not table.empty:
+        raise SystemExit(1)
+
+
+@main.group("study")
+def study_group() -> None:
+    """Parameterised studies, each with its own table and figure."""
+
+
+@study_group.command("psi")
+@click.option("--scenario", default="trmm", show_default=True, help="Built-in name or TOML file.")
+@click.option(
+    "--out", type=click.Path(path_type=Path), default=Path("results") / "psi", show_default=True, help="Folder to write."
+)
+def psi_command(scenario: str, out: Path) -> None:
+    """Where linear ψ stops being good enough: slew rate × step size, noise-free.
+
+    \b
+    Example:
+      gyrocal study psi --out /tmp/psi
+    """
+    table = psi_sweep.run(scenarios.load(scenario))
+    out.mkdir(parents=True, exist_ok=True)
+    table.to_csv(out / "psi_sweep.csv", index=False, float_format="%.9g")
+    figures.psi_figure(table, psi_sweep.GOOD_ENOUGH, out / "psi_sweep.svg")
+    write_json(out / "manifest.json", manifest("gyrocal study psi", {"scenario": scenario}, out, 0.0))
+    render.terminal(_console(), "Linear against full ψ", table)
+
+
+def _assignment(text: str) -> tuple[str, Any]:
+    path, separator, value = text.partition("=")
+    if not separator or not path:
+        raise InputError(f"--set {text}: give it as PATH=VALUE, e.g. gyro.arw_deg_per_sqrt_s=1e-4")
+    try:
+        return path, tomllib.loads(f"value = {value}")["value"]
+    except tomllib.TOMLDecodeError:
+        return path, tomllib.loads(f"value = {toml_value(value)}")["value"]  # a bare word is text
+
+
+def _prior(names: tuple[str, ...], sigma_G: float | None, sigma_bias: float | None) -> np.ndarray | None:
+    if sigma_G is None and sigma_bias is None:
+        return None
+    if sigma_G is None or sigma_bias is None:
+        raise InputError("give both --prior-sigma-g and --prior-sigma-bias, or neither")
+    if not (sigma_G > 0 and sigma_bias > 0):
+        raise InputError("--prior-sigma-g and --prior-sigma-bias must be positive")
+    return np.diag([(sigma_G if name.startswith("G") else np.deg2rad(sigma_bias)) ** 2 for name in names])
+
+
+def _fit_note(chi2: float, dof: int, p_value: float) -> str:
+    if dof <= 0:
+        return "No degrees of freedom are left: the residuals after say nothing about the fit."
+    note = f"Residuals after: χ² = {chi2:.1f} with {dof} degrees of freedom, p = {p_value:.2g}."
+    if p_value < 0.01:
+        note += " They are larger than the stated noise allows: do not trust the sigmas, look for an unmodelled effect."
+    elif p_value > 0.99:
+        note += " They are smaller than the stated noise: the stated noise is too large, or the recording is noise-free."
+    return note

@@ -1,0 +1,84 @@
+"""The flight's published values, typed from the papers: N Tables 1–5 and R eq. (9). Degrees and deg/s, as printed.
+
+Some printed values contradict each other; what is used here and why:
+
+- N Table 4's "RMS" is sqrt(Σx²)/n, not sqrt(Σx²/n); see `paper_rms`.
+- N Table 5's first-iteration bias corrections are those of Δt = 1 s, its G corrections those of G⁻¹ at Δt = 0.5 s.
+- N Table 2, calibrated, 2 s, interval 3, yaw −0.042 does not fit Table 4's mean; +0.042 would. It is kept as printed.
+- N Table 3 at 0.5 s and R eq. (9) are the same calibration; R eq. (9) has more digits.
+"""
+
+from functools import cache
+from importlib import resources
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from gyrocal import GyroParameters
+
+Array = NDArray[np.float64]
+
+STEPS = (0.5, 1.0, 2.0)
+ROTATIONS = ("roll", "pitch", "yaw")
+_ROTATION_COLUMNS = [f"{name}_deg" for name in ROTATIONS]
+
+
+@cache
+def table(name: str) -> pd.DataFrame:
+    """One table as it is on file: table1_intervals, table2_residuals, …, g_matrix. Treat it as read-only."""
+    with resources.files("studies").joinpath("data", "flight", f"{name}.csv").open("rb") as file:
+        return pd.read_csv(file)
+
+
+def residuals(phase: str, step_s: float = 0.5) -> Array:
+    """N Table 2, (6, 3) deg; phase "prelaunch" or "calibrated"."""
+    rows = table("table2_residuals").query("phase == @phase and step_s == @step_s")
+    return rows[_ROTATION_COLUMNS].to_numpy()
+
+
+def parameters(phase: str, step_s: float | None = None) -> GyroParameters:
+    """N Table 3; phase "prelaunch" (no step) or "calibrated"."""
+    rows = table("table3_parameters").query("phase == @phase")
+    if step_s is not None:
+        rows = rows.query("step_s == @step_s")
+    misalignment = np.deg2rad(rows[[f"misalignment_{axis}_deg" for axis in "xyz"]].to_numpy())
+    bias = np.deg2rad(rows["bias_deg_s"].to_numpy())
+    return GyroParameters.from_gyros(bias, rows["scale_factor"].to_numpy(), misalignment)
+
+
+def calibration() -> GyroParameters:
+    """R eq. (9)."""
+    rows = table("g_matrix")
+    return GyroParameters(rows[["g_x", "g_y", "g_z"]].to_numpy(), np.deg2rad(rows["bias_deg_s"].to_numpy()))
+
+
+def statistics(phase: str, step_s: float, statistic: str) -> Array:
+    """N Table 4, (3,) deg; statistic "mean" or "rms"."""
+    rows = table("table4_statistics").query("phase == @phase and step_s == @step_s and statistic == @statistic")
+    return rows[_ROTATION_COLUMNS].to_numpy()[0]
+
+
+def corrections(iteration: int) -> tuple[Array, Array]:
+    """N Table 5: corrections to G⁻¹ (3, 3) and to the bias (3,) deg/s, as printed."""
+    rows = table("table5_corrections").query("iteration == @iteration")
+    values = rows[["x_gyro", "y_gyro", "z_gyro"]].to_numpy()
+    is_bias = (rows["quantity"] == "bias_deg_s").to_numpy()
+    return values[~is_bias], values[is_bias][0]
+
+
+def durations() -> Array:
+    """Length of the six intervals of N Table 1, s."""
+    rows = table("table1_intervals")
+    length = pd.to_datetime(rows["stop_utc"]) - pd.to_datetime(rows["start_utc"])
+    return np.asarray(length.dt.total_seconds(), dtype=float)
+
+
+def paper_rms(values: Array) -> Array:
+    """N Table 4's "RMS", sqrt(Σx²)/n along the first axis: smaller than the RMS by sqrt(n)."""
+    return np.asarray(np.sqrt(np.sum(np.square(values), axis=0)) / len(values))
+
+
+def rms(values: Array) -> Array:
+    """sqrt(Σx²/n) along the first axis."""
+    return np.asarray(np.sqrt(np.mean(np.square(values), axis=0)))

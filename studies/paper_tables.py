@@ -1,0 +1,339 @@
+"""Monte Carlo of the TRMM calibration in the form of N Tables 2–5.
+
+A case draws gyro and reference noise for the scenario's six intervals and calibrates from the pre-launch parameters, two
+iterations, for each step size made by skipping samples (as N did) and by averaging them, with ψ full and linear. Its row
+holds the residuals and parameters after each iteration; the tables are distributions over the rows.
+
+Case i draws from streams that depend on the entropy, i and the stream's name alone, so a row is the same whoever computes it.
+"""
+
+from collections.abc import Callable
+from functools import lru_cache
+from typing import Literal
+
+import joblib
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+from pydantic import BaseModel, ConfigDict, Field
+
+from gyrocal import NAMES, GyroParameters, calibrate
+from gyrocal.covariance import CovarianceModel
+from gyrocal.propagation import Psi
+from gyrocal.sampling import Resampling
+from simulator.scenario import Scenario
+from simulator.simulate import Motion, motion, observe
+from simulator.streams import generator
+from studies import flight, statistics
+
+Array = NDArray[np.float64]
+
+CHUNK = 8  # cases handed to a worker at a time
+RESIDUAL_CELLS = [
+    f"{phase}_{k}_{axis}" for phase in ("before", "first", "second") for k in range(1, 7) for axis in flight.ROTATIONS
+]
+ITERATION_CELLS = [f"{label}_{name}" for label in ("first", "second") for name in NAMES]
+SIGMA_CELLS = [f"sigma_{name}" for name in NAMES]
+PARAMETER_UNIT = np.array([1.0] * 9 + [np.rad2deg(1.0)] * 3)  # G dimensionless, b in deg/s
+PARAMETER_UNIT_NAMES = ["1"] * 9 + ["deg/s"] * 3
+
+
+class PaperTablesConfig(BaseModel):
+    """What the study runs.
+
+    Attributes
+    ----------
+    scenario : the scenario, with any overrides already in it
+    cases : number of seeds
+    entropy : root of all random streams
+    steps_s : step sizes
+    """
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    scenario: Scenario
+    cases: int = Field(default=200, gt=1)
+    entropy: int = Field(default=1998, ge=0)
+    steps_s: tuple[float, ...] = flight.STEPS
+
+    def variants(self) -> list[tuple[float, Resampling, Psi, CovarianceModel]]:
+        """Every way a case is calibrated; the sample itself is neither skipped nor averaged."""
+        sample = self.scenario.gyro.sample_s
+        ways: list[tuple[float, Resampling]] = [(step, "skip") for step in self.steps_s]
+        ways += [(step, "average") for step in self.steps_s if step > sample]
+        psis: tuple[Psi, ...] = ("full", "linear")
+        out: list[tuple[float, Resampling, Psi, CovarianceModel]] = [(*way, psi, "full") for way in ways for psi in psis]
+        # The paper's own covariance, as a control: it must be seen to fail where gyro noise matters.
+        return [*out, (min(self.steps_s), "skip", "full", "references only")]
+
+
+@lru_cache(maxsize=4)
+def _motion(scenario: str) -> Motion:
+    return motion(Scenario.model_validate_json(scenario))
+
+
+def run_case(config: PaperTablesConfig, case: int) -> pd.DataFrame:
+    """One case: a row for each variant. Angles in degrees, G dimensionless, b in deg/s."""
+    recording = observe(
+        config.scenario,
+        _motion(config.scenario.model_dump_json()),
+        gyro_rng=generator(config.entropy, case, "gyro_noise"),
+        reference_rng=generator(config.entropy, case, "reference_noise"),
+    )
+    truth = np.concatenate([np.ravel(config.scenario.gyro.true_G), np.deg2rad(config.scenario.gyro.true_bias_deg_s)])
+    rows = []
+    for step, resampling, psi, model in config.variants():
+        result = calibrate(recording, iterations=2, psi=psi, step_s=step, resampling=resampling, covariance_model=model)
+        first = result.initial.vector + result.corrections[0].vector
+        second = result.parameters.vector
+        nees = statistics.nees((second - truth)[None], result.covariance[None])[0]
+        values = np.concatenate(
+            [
+                np.rad2deg(result.history).ravel(),
+                first * PARAMETER_UNIT,
+                second * PARAMETER_UNIT,
+                result.sigma * PARAMETER_UNIT,
+                [nees, result.chi2],
+            ]
+        )
+        cells = dict(zip([*RESIDUAL_CELLS, *ITERATION_CELLS, *SIGMA_CELLS, "nees", "chi2"], values, strict=True))
+        rows.append({"case": case, "step_s": step, "resampling": resampling, "psi": psi, "covariance": model, **cells})
+    return pd.DataFrame(rows)
+
+
+def _run_chunk(config: PaperTablesConfig, cases: range) -> list[pd.DataFrame]:
+    return [run_case(config, case) for case in cases]
+
+
+def run(
+    config: PaperTablesConfig,
+    jobs: int = 1,
+    backend: Literal["loky", "threading", "sequential"] = "loky",
+    progress: Callable[[int], None] = lambda count: None,
+) -> pd.DataFrame:
+    """All cases; progress is told how many have ended. The order of the rows and their bits do not depend on jobs."""
+    chunks = [range(first, min(first + CHUNK, config.cases)) for first in range(0, config.cases, CHUNK)]
+    parallel = joblib.Parallel(n_jobs=jobs, backend=backend, return_as="generator")
+    frames: list[pd.DataFrame] = []
+    for part in parallel(joblib.delayed(_run_chunk)(config, chunk) for chunk in chunks):
+        frames += part
+        progress(len(part))
+    return pd.concat(frames, ignore_index=True)
+
+
+def choose(
+    rows: pd.DataFrame, step_s: float, resampling: Resampling = "skip", psi: Psi = "full", covariance: CovarianceModel = "full"
+) -> pd.DataFrame:
+    """Rows of one variant, in the order of the cases. Full steps are under "skip"."""
+    if resampling == "average" and step_s == rows["step_s"].min():
+        resampling = "skip"
+    chosen = rows.query("step_s == @step_s and resampling == @resampling and psi == @psi and covariance == @covariance")
+    return chosen.sort_values("case")
+
+
+def variants(rows: pd.DataFrame) -> pd.DataFrame:
+    """The variants with the honest covariance, a row each."""
+    honest = rows[rows["covariance"] == "full"]
+    return honest[["psi", "resampling", "step_s"]].drop_duplicates().reset_index(drop=True)
+
+
+def _over_variants(rows: pd.DataFrame, build: Callable[[pd.DataFrame, float, bool], pd.DataFrame]) -> pd.DataFrame:
+    """Stack build(rows of the variant, step, whether the flight's column is of the same kind) over the variants."""
+    parts = []
+    for variant in variants(rows).to_dict("records"):
+        step, resampling = variant["step_s"], variant["resampling"]
+        part = build(choose(rows, step, resampling, variant["psi"]), step, resampling == "skip" and step in flight.STEPS)
+        for position, name in enumerate(("psi", "resampling", "step_s")):
+            part.insert(position, name, variant[name])
+        parts.append(part)
+    return pd.concat(parts, ignore_index=True)
+
+
+PHASES = {"prelaunch": "before", "calibrated": "first", "second iteration": "second"}
+
+
+def table2(rows: pd.DataFrame) -> pd.DataFrame:
+    """N Table 2: residuals before and after calibration, and after a second iteration, deg."""
+
+    def build(chosen: pd.DataFrame, step: float, flown: bool) -> pd.DataFrame:
+        parts = []
+        for phase, label in PHASES.items():
+            known = flown and phase != "second iteration"
+            samples = chosen[[f"{label}_{k}_{axis}" for k in range(1, 7) for axis in flight.ROTATIONS]].to_numpy()
+            part = statistics.distribution(samples, flight.residuals(phase, step).ravel() if known else None)
+            part.insert(0, "phase", phase)
+            part.insert(1, "interval", np.repeat(np.arange(1, 7), 3))
+            part.insert(2, "axis", list(flight.ROTATIONS) * 6)
+            parts.append(part)
+        return pd.concat(parts)
+
+    return _over_variants(rows, build)
+
+
+def _gyro_form(vectors: Array) -> tuple[list[tuple[str, str]], Array]:
+    """Cells of N Table 3 and their values from (n, 12) of G and b in deg/s."""
+    G, bias = vectors[:, :9].reshape(-1, 3, 3), vectors[:, 9:]
+    cells, columns = [], []
+    for i, gyro in enumerate("xyz"):
+        cells += [("bias_deg_s", gyro), ("scale_factor", gyro)]
+        columns += [bias[:, i], G[:, i, i]]
+        for j, axis in enumerate("xyz"):
+            if i != j:
+                cells.append((f"misalignment_{axis}_deg", gyro))
+                columns.append(np.rad2deg(G[:, i, j]))
+    return cells, np.stack(columns, axis=1)
+
+
+def table3(rows: pd.DataFrame) -> pd.DataFrame:
+    """N Table 3: bias, scale factor and misalignments per gyro after the first iteration."""
+
+    def build(chosen: pd.DataFrame, step: float, flown: bool) -> pd.DataFrame:
+        cells, samples = _gyro_form(chosen[[f"first_{name}" for name in NAMES]].to_numpy())
+        published = _gyro_form(flight.parameters("calibrated", step).vector[None] * PARAMETER_UNIT)[1][0] if flown else None
+        part = statistics.distribution(samples, published)
+        part.insert(0, "quantity", [quantity for quantity, _ in cells])
+        part.insert(1, "gyro", [gyro for _, gyro in cells])
+        return part
+
+    return _over_variants(rows, build)
+
+
+TABLE4 = {
+    "mean": lambda x: x.mean(axis=1),
+    "paper_rms": lambda x: flight.paper_rms(x.transpose(1, 0, 2)),
+    "rms": lambda x: flight.rms(x.transpose(1, 0, 2)),
+}
+
+
+def table4(rows: pd.DataFrame) -> pd.DataFrame:
+    """N Table 4: mean and the paper's "RMS", sqrt(Σx²)/6, over the intervals, with the true RMS beside it, deg."""
+
+    def build(chosen: pd.DataFrame, step: float, flown: bool) -> pd.DataFrame:
+        parts = []
+        for phase in ("prelaunch", "calibrated"):
+            label = PHASES[phase]
+            samples = chosen[[f"{label}_{k}_{axis}" for k in range(1, 7) for axis in flight.ROTATIONS]].to_numpy()
+            cube = samples.reshape(-1, 6, 3)
+            for statistic, compute in TABLE4.items():
+                published = None
+                if flown:
+                    # The paper has no true RMS; it follows from N Table 2.
+                    published = (
+                        flight.rms(flight.residuals(phase, step))
+                        if statistic == "rms"
+                        else flight.statistics(phase, step, statistic.removeprefix("paper_"))
+                    )
+                part = statistics.distribution(compute(cube), published)
+                part.insert(0, "phase", phase)
+                part.insert(1, "statistic", statistic)
+                part.insert(2, "axis", list(flight.ROTATIONS))
+                parts.append(part)
+        return pd.concat(parts)
+
+    return _over_variants(rows, build)
+
+
+def table5(rows: pd.DataFrame) -> pd.DataFrame:
+    """N Table 5: corrections to b and, as the paper's numbers are, to G⁻¹, by the first and the second iteration.
+
+    The flight's first-iteration bias corrections are those of Δt = 1 s and its G corrections those of 0.5 s; each is set
+    beside its own step. The second iteration's stand beside 0.5 s.
+    """
+    start = flight.parameters("prelaunch").vector * PARAMETER_UNIT
+
+    def build(chosen: pd.DataFrame, step: float, flown: bool) -> pd.DataFrame:
+        iterates = [np.tile(start, (len(chosen), 1))]
+        iterates += [chosen[[f"{label}_{name}" for name in NAMES]].to_numpy() for label in ("first", "second")]
+        inverse = [np.linalg.inv(x[:, :9].reshape(-1, 3, 3)) for x in iterates]
+        parts = []
+        for iteration in (1, 2):
+            G_flight, bias_flight = flight.corrections(iteration)
+            bias = iterates[iteration][:, 9:] - iterates[iteration - 1][:, 9:]
+            bias_step = flight.STEPS[1] if iteration == 1 else flight.STEPS[0]
+            part = statistics.distribution(bias, bias_flight if flown and step == bias_step else None)
+            part.insert(0, "iteration", iteration)
+            part.insert(1, "quantity", "bias_deg_s")
+            part.insert(2, "row", "")
+            part.insert(3, "gyro", list("xyz"))
+            parts.append(part)
+            G = (inverse[iteration] - inverse[iteration - 1]).reshape(-1, 9)
+            part = statistics.distribution(G, G_flight.ravel() if flown and step == flight.STEPS[0] else None)
+            part.insert(0, "iteration", iteration)
+            part.insert(1, "quantity", "G_inverse")
+            part.insert(2, "row", np.repeat(list("xyz"), 3))
+            part.insert(3, "gyro", list("xyz") * 3)
+            parts.append(part)
+        return pd.concat(parts)
+
+    return _over_variants(rows, build)
+
+
+def errors_and_sigmas(rows: pd.DataFrame, truth: GyroParameters) -> tuple[Array, Array]:
+    """Recovered (second iteration) minus injected, and formal sigma, (n, 12), of rows of one variant; b in deg/s."""
+    errors = rows[[f"second_{name}" for name in NAMES]].to_numpy() - truth.vector * PARAMETER_UNIT
+    return errors, rows[SIGMA_CELLS].to_numpy()
+
+
+def accuracy(rows: pd.DataFrame, truth: GyroParameters) -> pd.DataFrame:
+    """Recovered minus injected for every variant: bias, spread, formal sigma, coverage with binomial intervals."""
+
+    def build(chosen: pd.DataFrame, step: float, flown: bool) -> pd.DataFrame:
+        errors, sigmas = errors_and_sigmas(chosen, truth)
+        return statistics.accuracy_table(errors, sigmas, NAMES, PARAMETER_UNIT_NAMES)
+
+    return _over_variants(rows, build)
+
+
+def consistency(rows: pd.DataFrame, truth: GyroParameters) -> pd.DataFrame:
+    """Mean NEES with its 99 % bounds and pooled coverage, a row per variant and covariance model."""
+    out = []
+    keys = ["psi", "resampling", "step_s", "covariance"]
+    for key, chosen in rows.groupby(keys, sort=False):
+        check = statistics.nees_check(chosen["nees"].to_numpy(), len(NAMES))
+        errors, sigmas = errors_and_sigmas(chosen, truth)
+        row = dict(zip(keys, key, strict=True)) | {
+            "nees": check.value,
+            "nees_lower": check.lower,
+            "nees_upper": check.upper,
+            "nees_inside": check.inside,
+        }
+        for level in statistics.LEVELS:
+            inside, total = statistics.coverage(errors, sigmas, level)
+            row[f"coverage_{level}"] = inside / total
+        out.append(row)
+    return pd.DataFrame(out)
+
+
+def psi_difference(rows: pd.DataFrame) -> pd.DataFrame:
+    """Largest difference over the cases between full and linear ψ, a row per step and iteration."""
+    out = []
+    for step, resampling in rows[["step_s", "resampling"]].drop_duplicates().itertuples(index=False):
+        full, linear = (choose(rows, step, resampling, psi) for psi in ("full", "linear"))
+        for label in ("first", "second"):
+            names = [f"{label}_{name}" for name in NAMES]
+            difference = np.abs(full[names].to_numpy() - linear[names].to_numpy()).max(axis=0)
+            out.append(
+                {
+                    "step_s": step,
+                    "resampling": resampling,
+                    "iteration": label,
+                    "G": difference[:9].max(),
+                    "bias_deg_s": difference[9:].max(),
+                }
+            )
+    return pd.DataFrame(out)
+
+
+def second_iteration(rows: pd.DataFrame) -> pd.DataFrame:
+    """Largest and median size of the second iteration's corrections over the cases, a row per variant."""
+
+    def build(chosen: pd.DataFrame, step: float, flown: bool) -> pd.DataFrame:
+        change = np.abs(
+            chosen[[f"second_{name}" for name in NAMES]].to_numpy() - chosen[[f"first_{name}" for name in NAMES]].to_numpy()
+        )
+        sizes = {"G": change[:, :9].max(axis=1), "bias_deg_s": change[:, 9:].max(axis=1)}
+        return pd.DataFrame(
+            [{f"{name}_{how}": op(x) for name, x in sizes.items() for how, op in (("max", np.max), ("median", np.median))}]
+        )
+
+    return _over_variants(rows, build)

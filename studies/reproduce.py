@@ -1,0 +1,265 @@
+"""Reproduce the TRMM gyro calibration: the main job.
+
+In order: the flight's published numbers against prediction (signs, timings, noise); the Monte Carlo of N Tables 2–5; accuracy
+and consistency of the estimates; N Figures 1–3; everything as CSV, Markdown and SVG with a manifest and ``summary.json``.
+"""
+
+import time
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from rich.console import Console
+
+from gyrocal import NAMES, GyroParameters
+from simulator import scenario as scenarios
+from simulator.scenario import Scenario
+from studies import figures, flight, flight_gap, paper_tables, psi_sweep, render, statistics
+from studies.console import progress
+from studies.manifest import manifest, write_json
+
+DEFAULT_FOLDER = Path("results") / "reproduction"
+LAYOUTS = {  # rows of the paper's layout, and digits
+    "table2": (["phase", "interval", "axis"], 3),
+    "table3": (["quantity", "gyro"], 5),
+    "table4": (["phase", "statistic", "axis"], 4),
+    "table5": (["iteration", "quantity", "row", "gyro"], 3),
+}
+TITLES = {
+    "table2": "N Table 2: residuals (deg)",
+    "table3": "N Table 3: calibration parameters after the first iteration",
+    "table4": "N Table 4: mean and RMS over the intervals (deg)",
+    "table5": "N Table 5: corrections to b and G⁻¹",
+}
+CELL_NOTE = (
+    "flight | mean ± standard deviation over the seeds | share of seeds below the flight's value; ψ full, samples skipped"
+)
+
+
+@dataclass
+class Products:
+    """Tables by name, and the summary they give."""
+
+    tables: dict[str, pd.DataFrame] = field(default_factory=dict)
+    titles: dict[str, str] = field(default_factory=dict)
+    summary: dict[str, Any] = field(default_factory=dict)
+
+    def add(self, name: str, title: str, table: pd.DataFrame) -> pd.DataFrame:
+        """Keep a table."""
+        self.tables[name], self.titles[name] = table, title
+        return table
+
+
+def run(
+    folder: Path = DEFAULT_FOLDER, cases: int = 200, jobs: int = 1, entropy: int = 1998, console: Console | None = None
+) -> dict[str, Any]:
+    """Do the whole reproduction and return the summary.
+
+    Parameters
+    ----------
+    folder : where everything is written
+    cases : seeds of the Monte Carlo
+    jobs : worker processes; the results do not depend on it
+    entropy : root of the random streams
+    console : for tables; None prints nothing
+    """
+    started = time.monotonic()
+    out = console or Console(quiet=True)
+    config = paper_tables.PaperTablesConfig(scenario=scenarios.load("trmm"), cases=cases, entropy=entropy)
+    folder.mkdir(parents=True, exist_ok=True)
+    products = Products()
+    flight_part(config.scenario, products, out)
+    rows = monte_carlo_part(config, products, jobs, out)
+    psi_part(config.scenario, products, out)
+    write(folder, config, products, rows)
+    config_values = config.model_dump(mode="json")
+    write_json(folder / "summary.json", products.summary)
+    write_json(folder / "manifest.json", manifest("gyrocal reproduce", config_values, folder, time.monotonic() - started))
+    out.print(f"Written to {folder} in {time.monotonic() - started:.0f} s.", highlight=False)
+    return products.summary
+
+
+def flight_part(scenario: Scenario, products: Products, out: Console) -> None:
+    """The flight's numbers: prediction, signs, timings, noise."""
+    with progress(out, "flight gap", 7) as advance:
+        comparison = products.add(
+            "flight_gap", "Pre-launch residuals at 0.5 s: flown and predicted", flight_gap.comparison(scenario)
+        )
+        advance(1)
+        sign = products.add("residual_sign", "Sign of the residual", flight_gap.residual_sign(scenario))
+        scan = products.add("timing_scan", "Gap over guesses of the common timings", flight_gap.timing_scan(scenario))
+        advance(1)
+        common = flight_gap.fit_common(scenario)
+        advance(1)
+        each = flight_gap.fit_each(scenario)
+        advance(2)
+        rate = products.add("minus_y_rate", "Interval 4: rate about x", flight_gap.minus_y_rate_test(scenario))
+        advance(1)
+        yaw = products.add("yaw_directions", "Intervals 2 and 6: direction of the yaw", flight_gap.yaw_direction_test(scenario))
+        advance(1)
+    noise = flight_gap.noise_from_steps()
+    published = flight_gap.gap_rms(flight_gap.predict(scenario))
+    gaps = gap_table(scenario, common, each)
+    products.add("flight_gap_by_interval", "Gap by interval (deg RMS), without and with fitted timings", gaps)
+    products.add("fitted_timings", "Fitted timings", fitted_table(scenario, common, each))
+    best = rate.sort_values("fitted_gap_rms_deg").iloc[0]
+    products.summary |= {
+        "flight_gap_rms_deg": {
+            "published": published,
+            "fitted": common.gap_rms_deg,
+            "fitted_values": common.count,
+            "fitted_each_maneuver": each.gap_rms_deg,
+            "fitted_each_maneuver_values": each.count,
+            "scan_min": float(scan["gap_rms_deg"].min()),
+            "scan_max": float(scan["gap_rms_deg"].max()),
+            "floor": flight_gap.floor_rms(),
+            "flight_rms": float(flight.rms(flight.residuals("prelaunch").ravel())),
+        },
+        "flight_noise": noise,
+        "minus_y_rate_rpo": {
+            "favoured": int(best["rate_rpo"]),
+            "gap_rms_deg": {str(int(r["rate_rpo"])): float(r["gap_rms_deg"]) for _, r in rate.iterrows()},
+            "fitted_gap_rms_deg": {str(int(r["rate_rpo"])): float(r["fitted_gap_rms_deg"]) for _, r in rate.iterrows()},
+        },
+        "yaw_direction_deg": {
+            str(k): int(rows.sort_values("fitted_gap_rms_deg").iloc[0]["yaw_deg"]) for k, rows in yaw.groupby("interval")
+        },
+        "residual_sign_gap_rms_deg": {
+            "N (16)": float(sign["gap_rms_deg"][0]),
+            "N (29) as printed": float(sign["gap_rms_deg"][1]),
+        },
+    }
+    render.terminal(out, products.titles["flight_gap"], comparison)
+    render.terminal(out, products.titles["flight_gap_by_interval"], gaps, gap_note(products.summary))
+    render.terminal(out, products.titles["minus_y_rate"], rate)
+    render.terminal(out, products.titles["yaw_directions"], yaw)
+
+
+def gap_note(summary: dict[str, Any]) -> str:
+    """What the gap means, in words."""
+    gap, noise = summary["flight_gap_rms_deg"], summary["flight_noise"]
+    return (
+        f"Floor: with the true timings the gap would be the flight's residual after calibration. Guesses of the common timings "
+        f"give {gap['scan_min']:.4f} to {gap['scan_max']:.4f} deg. The spread between the flight's step sizes says "
+        f"{noise['residual_rms_deg']:.4f} deg RMS of the residuals is gyro noise, ARW {noise['arw_deg_per_sqrt_s']:.2e} deg/√s."
+    )
+
+
+def gap_table(scenario: Scenario, common: flight_gap.TimingFit, each: flight_gap.TimingFit) -> pd.DataFrame:
+    """Gap RMS of each interval and of all, for the scenario's timings and both fits, and the floor."""
+    columns = {
+        "as published": flight_gap.predict(scenario),
+        f"{common.count} common timings fitted": flight_gap.predict(common.scenario),
+        f"{each.count} timings fitted": flight_gap.predict(each.scenario),
+    }
+    flown = flight.residuals("prelaunch")
+    differences = {name: flown - predicted for name, predicted in columns.items()}
+    differences["floor"] = flight.residuals("calibrated")
+    table = pd.DataFrame({"interval": [*(str(k + 1) for k in range(len(flown))), "all"]})
+    table["flight"] = [*flight.rms(flown.T), float(flight.rms(flown.ravel()))]
+    for name, difference in differences.items():
+        table[name] = [*flight.rms(difference.T), float(flight.rms(difference.ravel()))]
+    return table
+
+
+def fitted_table(scenario: Scenario, common: flight_gap.TimingFit, each: flight_gap.TimingFit) -> pd.DataFrame:
+    """Fitted values beside those of the scenario."""
+    guess = vars(flight_gap.timing_of(scenario))
+    rows = [
+        {"fit": "common", "timing": name, "scenario": guess[name], "fitted": value, "degrees_of_freedom": common.dof}
+        for name, value in common.timings.items()
+    ]
+    for path, value in each.timings.items():
+        _, k, *rest = path.split(".")
+        section = scenario.interval[int(k)]
+        there = section.hold if rest[0] == "hold" else section.slew[int(rest[1])]
+        rows.append(
+            {
+                "fit": "each maneuver",
+                "timing": f"{section.name} {' '.join(rest)}",
+                "scenario": getattr(there, rest[-1]),
+                "fitted": value,
+                "degrees_of_freedom": each.dof,
+            }
+        )
+    return pd.DataFrame(rows)
+
+
+def monte_carlo_part(config: paper_tables.PaperTablesConfig, products: Products, jobs: int, out: Console) -> pd.DataFrame:
+    """The paper's tables, and how right and how honest the estimates are."""
+    with progress(out, "calibrating", config.cases) as advance:
+        rows = paper_tables.run(config, jobs=jobs, progress=advance)
+    truth = GyroParameters(np.array(config.scenario.gyro.true_G), np.deg2rad(config.scenario.gyro.true_bias_deg_s))
+    for name, title in TITLES.items():
+        table = products.add(name, title, getattr(paper_tables, name)(rows))
+        layout, digits = LAYOUTS[name]
+        render.terminal(out, title, render.paper_layout(table, layout, digits), CELL_NOTE)
+    accuracy = products.add("accuracy", "Recovered minus injected", paper_tables.accuracy(rows, truth))
+    consistency = products.add("consistency", "Consistency of the claimed covariance", paper_tables.consistency(rows, truth))
+    psi = products.add("psi_difference", "Largest difference between full and linear ψ", paper_tables.psi_difference(rows))
+    second = products.add("second_iteration", "Size of the second iteration's corrections", paper_tables.second_iteration(rows))
+    finest = config.scenario.gyro.sample_s
+    headline = accuracy.query("psi == 'full' and step_s == @finest").drop(columns=["psi", "resampling", "step_s"])
+    short = headline[[c for c in headline.columns if not c.endswith(("_low", "_high"))]]
+    render.terminal(out, f"{products.titles['accuracy']}, ψ full, Δt = {finest:g} s", short)
+    render.terminal(out, products.titles["consistency"], consistency)
+    render.terminal(out, products.titles["second_iteration"], second)
+    render.terminal(out, products.titles["psi_difference"], psi)
+    chosen = paper_tables.choose(rows, finest)
+    errors, sigmas = paper_tables.errors_and_sigmas(chosen, truth)
+    check = statistics.nees_check(chosen["nees"].to_numpy(), len(NAMES))
+    paper = statistics.nees_check(
+        paper_tables.choose(rows, finest, covariance="references only")["nees"].to_numpy(), len(NAMES)
+    )
+    counts = {level: statistics.coverage(errors, sigmas, level) for level in statistics.LEVELS}
+    at_finest = second.query("psi == 'full' and step_s == @finest").iloc[0]
+    psi_finest = psi.query("step_s == @finest")
+    products.summary |= {
+        "cases": config.cases,
+        "entropy": config.entropy,
+        "second_iteration_max": {"G": float(at_finest["G_max"]), "bias_deg_s": float(at_finest["bias_deg_s_max"])},
+        "second_iteration_median": {"G": float(at_finest["G_median"]), "bias_deg_s": float(at_finest["bias_deg_s_median"])},
+        "psi_difference_max": {name: float(psi_finest[name].max()) for name in ("G", "bias_deg_s")},
+        "coverage": {level: inside / total for level, (inside, total) in counts.items()},
+        "nees": {"value": check.value, "bounds": [check.lower, check.upper], "dof": check.dof, "inside": check.inside},
+        "nees_references_only": {"value": paper.value, "bounds": [paper.lower, paper.upper], "inside": paper.inside},
+        "bias_in_standard_errors_max": float(np.abs(headline["bias_in_standard_errors"]).max()),
+    }
+    return rows
+
+
+def psi_part(scenario: Scenario, products: Products, out: Console) -> None:
+    """Where linear ψ stops being good enough."""
+    with progress(out, "psi sweep", 1) as advance:
+        products.add("psi_sweep", "Linear against full ψ over slew rate and step, noise-free", psi_sweep.run(scenario))
+        advance(1)
+
+
+def write(folder: Path, config: paper_tables.PaperTablesConfig, products: Products, rows: pd.DataFrame) -> None:
+    """Tables as CSV, one Markdown page, the rows as Parquet, the figures."""
+    rows.to_parquet(folder / "cases.parquet", index=False)
+    sections = [
+        "# Reproduction of the TRMM gyro calibration",
+        "",
+        f"{config.cases} seeds, entropy {config.entropy}. Cells: {CELL_NOTE}.",
+        "",
+    ]
+    for name, table in products.tables.items():
+        table.to_csv(folder / f"{name}.csv", index=False, float_format="%.9g")
+        layout = LAYOUTS.get(name)
+        shown = render.paper_layout(table, *layout) if layout else table
+        text = render.markdown(products.titles[name], shown)
+        (folder / f"{name}.md").write_text(text, encoding="utf-8")
+        sections.append(text)
+    (folder / "tables.md").write_text("\n".join(sections), encoding="utf-8")
+    figures.natanson_figures(config.scenario, folder)
+    table2 = products.tables["table2"].query(
+        "psi == 'full' and resampling == 'skip' and step_s == 0.5 and phase == 'prelaunch'"
+    )
+    figures.flight_gap_figure(products.tables["flight_gap"], table2.reset_index(drop=True), folder / "flight_gap.svg")
+    truth = GyroParameters(np.array(config.scenario.gyro.true_G), np.deg2rad(config.scenario.gyro.true_bias_deg_s))
+    chosen = paper_tables.choose(rows, config.scenario.gyro.sample_s)
+    figures.error_figure(*paper_tables.errors_and_sigmas(chosen, truth), list(NAMES), folder / "errors.svg")
+    figures.psi_figure(products.tables["psi_sweep"], psi_sweep.GOOD_ENOUGH, folder / "psi_sweep.svg")

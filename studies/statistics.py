@@ -1,0 +1,120 @@
+"""Statistics of estimates against a known truth: bias, spread, coverage, NEES, and where a value falls in a sample.
+
+NEES, the normalised estimation error squared eᵀP⁻¹e, is χ² with p degrees of freedom if the covariance P is honest; the sum
+over n cases is χ² with np. Coverage counts |e| ≤ kσ; its interval is Wilson's.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import pandas as pd
+import scipy.stats
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+LEVELS = {"68": 0.682689492137, "95": 0.954499736104, "99.7": 0.997300203937}  # 1, 2 and 3 sigma of a Gaussian
+
+
+@dataclass(frozen=True)
+class Nees:
+    """Mean NEES over the cases, its two-sided bounds, and whether it is inside."""
+
+    value: float
+    lower: float
+    upper: float
+    dof: int
+    cases: int
+
+    @property
+    def inside(self) -> bool:
+        """Whether the mean lies within its bounds."""
+        return self.lower <= self.value <= self.upper
+
+
+def nees(errors: Array, covariances: Array) -> Array:
+    """eᵀP⁻¹e of each case; errors (n, p), covariances (n, p, p), scaled inside so that mixed units do no harm."""
+    scale = np.sqrt(np.einsum("nii->ni", covariances))
+    normalised = errors / scale
+    correlation = covariances / (scale[:, :, None] * scale[:, None, :])
+    return np.einsum("ni,ni->n", normalised, np.linalg.solve(correlation, normalised[..., None])[..., 0])
+
+
+def nees_check(values: Array, dof: int, confidence: float = 0.99) -> Nees:
+    """Mean NEES of n cases against its χ² bounds at the given confidence."""
+    n = len(values)
+    tail = (1 - confidence) / 2
+    lower, upper = scipy.stats.chi2.ppf([tail, 1 - tail], n * dof) / n
+    return Nees(float(np.mean(values)), float(lower), float(upper), dof, n)
+
+
+def coverage(errors: Array, sigmas: Array, level: str) -> tuple[int, int]:
+    """How many |e| are within the level's k sigma, and of how many."""
+    k = scipy.stats.norm.ppf(0.5 + LEVELS[level] / 2)
+    inside = np.abs(errors) <= k * sigmas
+    return int(inside.sum()), int(inside.size)
+
+
+def binomial_interval(successes: int, trials: int, confidence: float = 0.95) -> tuple[float, float]:
+    """Wilson's interval of a proportion."""
+    interval = scipy.stats.binomtest(successes, trials).proportion_ci(confidence, method="wilson")
+    return float(interval.low), float(interval.high)
+
+
+def accuracy_table(errors: Array, sigmas: Array, names: Sequence[str], units: Sequence[str]) -> pd.DataFrame:
+    """Bias, spread, formal sigma and coverage of each parameter over the cases.
+
+    Parameters
+    ----------
+    errors, sigmas : (n, p) recovered minus injected, and formal sigma, in the named units
+    """
+    n = len(errors)
+    spread = errors.std(axis=0, ddof=1)
+    table = pd.DataFrame(
+        {
+            "parameter": names,
+            "unit": units,
+            "bias": errors.mean(axis=0),
+            "standard_error": spread / np.sqrt(n),
+            "bias_in_standard_errors": errors.mean(axis=0) / (spread / np.sqrt(n)),
+            "spread": spread,
+            "formal_sigma": np.sqrt(np.mean(sigmas**2, axis=0)),
+        }
+    )
+    table["spread_over_formal"] = table["spread"] / table["formal_sigma"]
+    for level in LEVELS:
+        counts = [coverage(errors[:, j], sigmas[:, j], level) for j in range(errors.shape[1])]
+        table[f"coverage_{level}"] = [inside / total for inside, total in counts]
+        limits = np.array([binomial_interval(*count) for count in counts])
+        table[f"coverage_{level}_low"], table[f"coverage_{level}_high"] = limits[:, 0], limits[:, 1]
+    return table
+
+
+def distribution(samples: Array, flight: Array | None = None) -> pd.DataFrame:
+    """Mean, standard deviation, 5–95 % range of each column, and where the flight's value falls.
+
+    Parameters
+    ----------
+    samples : (n, cells)
+    flight : (cells,) or None
+
+    Returns
+    -------
+    A row a cell; flight_percentile is the share of samples below the flight's value, in percent, with ties counted half.
+    """
+    table = pd.DataFrame(
+        {
+            "mean": samples.mean(axis=0),
+            "std": samples.std(axis=0, ddof=1),
+            "p05": np.quantile(samples, 0.05, axis=0),
+            "p95": np.quantile(samples, 0.95, axis=0),
+        }
+    )
+    if flight is None:
+        table["flight"], table["flight_percentile"] = np.nan, np.nan
+        return table
+    table["flight"] = flight
+    below = (samples < flight).mean(axis=0) + 0.5 * (samples == flight).mean(axis=0)
+    table["flight_percentile"] = 100 * below
+    return table

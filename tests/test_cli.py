@@ -1,0 +1,114 @@
+"""The commands as a user types them."""
+
+import json
+
+import numpy as np
+import pytest
+
+import gyrocal
+from gyrocal import NAMES, load
+from studies import reproduce
+
+
+@pytest.mark.parametrize(
+    "command", [(), ("reproduce",), ("simulate",), ("calibrate",), ("baseline",), ("study",), ("study", "psi")]
+)
+def test_help(run_cli, command):
+    result = run_cli(*command, "--help")
+    assert result.exit_code == 0
+    if len(command) == 1 and command != ("study",):
+        assert "Example" in result.stdout
+
+
+def test_simulate_then_calibrate(run_cli, tmp_path):
+    made = run_cli("simulate", "trmm", str(tmp_path / "rec"), "--seed", "4")
+    assert made.exit_code == 0
+    assert "6 intervals, 47790 gyro samples, 12 reference attitudes" in made.stdout
+    result = run_cli("calibrate", str(tmp_path / "rec"), "--json", str(tmp_path / "result.json"))
+    assert result.exit_code == 0
+    assert "χ² =" in result.stdout
+    document = json.loads((tmp_path / "result.json").read_text())
+    assert document["converged"]
+    assert document["covariance_model"] == "full"
+    assert document["unobservable"] == []
+    truth = np.array(gyrocal.load(tmp_path / "rec").gyro.apriori_G)
+    assert np.abs(np.array(document["G"]) - truth).max() > 1e-4
+    assert document["parameters"] == list(NAMES)
+
+
+def test_simulation_is_repeatable_and_seeds_differ(run_cli, tmp_path):
+    for name, seed in (("a", "1"), ("b", "1"), ("c", "2")):
+        assert run_cli("simulate", "trmm", str(tmp_path / name), "--seed", seed).exit_code == 0
+    a, b, c = (load(tmp_path / name).gyro.rates for name in "abc")
+    np.testing.assert_array_equal(a, b)
+    assert (a != c).all()
+
+
+def test_overrides(run_cli, tmp_path):
+    arguments = ["--set", "gyro.arw_deg_per_sqrt_s=1e-5", "--set", "reference.at=series", "--set", "reference.every_s=500"]
+    assert run_cli("simulate", "trmm", str(tmp_path / "rec"), "--noise-free", *arguments).exit_code == 0
+    recording = load(tmp_path / "rec")
+    assert recording.gyro.arw == pytest.approx(np.deg2rad(1e-5))
+    assert recording.attitudes.t_s.size > 12
+
+
+def test_priors_on_the_command_line(run_cli, tmp_path):
+    run_cli("simulate", "trmm", str(tmp_path / "rec"))
+    result = run_cli("calibrate", str(tmp_path / "rec"), "--prior-sigma-g", "1e-3", "--prior-sigma-bias", "1e-3")
+    assert result.exit_code == 0
+
+
+@pytest.mark.parametrize(
+    ("arguments", "text"),
+    [
+        (("simulate", "tram", "OUT"), "tram"),
+        (("simulate", "trmm", "OUT", "--set", "gyro.arw=1"), "gyro.arw"),
+        (("simulate", "trmm", "OUT", "--set", "gyro.sample_s"), "PATH=VALUE"),
+        (("simulate", "trmm", "OUT", "--set", "gyro.sample_s=-1"), "gyro.sample_s"),
+        (("simulate", "trmm", "OUT", "--set", "gyro.sample_s=fast"), "gyro.sample_s"),
+        (("calibrate", "nothing"), "not a folder"),
+        (("calibrate", "REC", "--step", "0.7"), "multiple"),
+        (("calibrate", "REC", "--solve-for", "G_ab"), "unknown parameter"),
+        (("calibrate", "REC", "--prior-sigma-g", "1e-3"), "both"),
+        (("calibrate", "REC", "--json", "no/such/folder/x.json"), "No such file"),
+        (("study", "psi", "--scenario", "nothing"), "nothing"),
+        (("baseline", "--file", "nowhere.csv"), "no baseline"),
+    ],
+)
+def test_bad_arguments_end_in_one_line_and_status_2(run_cli, tmp_path, monkeypatch, arguments, text):
+    monkeypatch.chdir(tmp_path)
+    if "REC" in arguments:
+        run_cli("simulate", "trmm", "REC")
+    result = run_cli(*arguments)
+    assert result.exit_code == 2
+    assert result.stderr.count("\n") == 1
+    assert text in result.stderr
+    assert not (tmp_path / "OUT").exists()
+
+
+def test_study_psi_writes_its_table_and_figure(run_cli, tmp_path):
+    assert run_cli("study", "psi", "--out", str(tmp_path / "psi")).exit_code == 0
+    assert {path.name for path in (tmp_path / "psi").iterdir()} == {"psi_sweep.csv", "psi_sweep.svg", "manifest.json"}
+
+
+def test_reproduce_writes_everything_and_repeats_itself(run_cli, tmp_path):
+    result = run_cli("reproduce", "--cases", "4", "--jobs", "1", "--out", str(tmp_path / "a"))
+    assert result.exit_code == 0, result.stderr
+    summary = json.loads((tmp_path / "a" / "summary.json").read_text())
+    assert {"published", "fitted"} <= set(summary["flight_gap_rms_deg"])
+    assert summary["flight_gap_rms_deg"]["fitted"] < summary["flight_gap_rms_deg"]["published"] <= 0.022
+    assert summary["minus_y_rate_rpo"]["favoured"] == -1
+    assert {"G", "bias_deg_s"} == set(summary["second_iteration_max"]) == set(summary["psi_difference_max"])
+    assert set(summary["coverage"]) == {"68", "95", "99.7"}
+    assert {"value", "bounds"} <= set(summary["nees"])
+    manifest = json.loads((tmp_path / "a" / "manifest.json").read_text())
+    expected = {f"table{k}.{kind}" for k in (2, 3, 4, 5) for kind in ("csv", "md")}
+    expected |= {"figure1_yaw_maneuvers.svg", "figure2_minus_y_forward.svg", "figure3_inertial_hold.svg", "summary.json"}
+    assert expected <= set(manifest["files"])
+    for title in reproduce.TITLES.values():
+        assert title in result.stdout
+    again = run_cli("reproduce", "--cases", "4", "--jobs", "1", "--out", str(tmp_path / "b"))
+    assert again.exit_code == 0
+    other = json.loads((tmp_path / "b" / "manifest.json").read_text())
+    # Figures, tables and numbers are the same to the bit.
+    assert manifest["files"] == other["files"]

@@ -1,0 +1,92 @@
+"""The Monte Carlo of the paper's tables: unbiased, honest, the same however it is run, and its tables are right."""
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from gyrocal import NAMES, GyroParameters
+from simulator import scenario as scenarios
+from studies import flight, paper_tables, statistics
+
+CASES = 200
+
+
+@pytest.fixture(scope="module")
+def config():
+    scenario = scenarios.override(scenarios.load("trmm"), {"gyro.arw_deg_per_sqrt_s": 2.5e-4})
+    return paper_tables.PaperTablesConfig(scenario=scenario, cases=CASES, steps_s=(0.5,))
+
+
+@pytest.fixture(scope="module")
+def truth(config):
+    return GyroParameters(np.array(config.scenario.gyro.true_G), np.deg2rad(config.scenario.gyro.true_bias_deg_s))
+
+
+@pytest.fixture(scope="module")
+def rows(config):
+    return paper_tables.run(config, backend="sequential")
+
+
+def test_mean_error_is_zero_within_four_standard_errors(rows, truth):
+    errors, _ = paper_tables.errors_and_sigmas(paper_tables.choose(rows, 0.5), truth)
+    assert errors.shape == (CASES, 12)
+    z = errors.mean(axis=0) / (errors.std(axis=0, ddof=1) / np.sqrt(CASES))
+    assert np.abs(z).max() < 4
+
+
+def test_honest_covariance_is_consistent_and_the_papers_is_not(rows, truth):
+    honest = statistics.nees_check(paper_tables.choose(rows, 0.5)["nees"].to_numpy(), len(NAMES))
+    assert honest.inside
+    paper = statistics.nees_check(paper_tables.choose(rows, 0.5, covariance="references only")["nees"].to_numpy(), len(NAMES))
+    assert paper.value > 2 * paper.upper
+
+
+def test_coverage_is_what_the_sigmas_claim(rows, truth):
+    errors, sigmas = paper_tables.errors_and_sigmas(paper_tables.choose(rows, 0.5), truth)
+    for level, share in statistics.LEVELS.items():
+        inside, total = statistics.coverage(errors, sigmas, level)
+        # Twelve correlated parameters: count the cases, not the numbers, for the sampling error; 4 sigma.
+        assert abs(inside / total - share) < 4 * np.sqrt(share * (1 - share) / CASES)
+
+
+def test_second_iteration_and_linear_psi_are_small(rows):
+    second = paper_tables.second_iteration(rows).query("psi == 'full'").iloc[0]
+    assert 1e-6 < second["G_median"] < 1e-5  # N Table 5: up to 4e-6
+    psi = paper_tables.psi_difference(rows)
+    assert psi["G"].max() < 1e-5
+
+
+def test_a_row_is_the_same_alone_serial_and_parallel(config):
+    small = config.model_copy(update={"cases": 10})
+    serial = paper_tables.run(small, backend="sequential")
+    pd.testing.assert_frame_equal(serial, paper_tables.run(small, jobs=2), check_exact=True)
+    pd.testing.assert_frame_equal(serial, paper_tables.run(small, jobs=2, backend="threading"), check_exact=True)
+    alone = paper_tables.run_case(small, 7)
+    pd.testing.assert_frame_equal(alone, serial[serial["case"] == 7].reset_index(drop=True), check_exact=True)
+
+
+def test_more_cases_do_not_change_the_first(config, rows):
+    few = paper_tables.run(config.model_copy(update={"cases": 3}), backend="sequential")
+    pd.testing.assert_frame_equal(few, rows.head(len(few)), check_exact=True)
+
+
+def test_tables_hold_what_their_rows_say(rows):
+    table2 = (
+        paper_tables.table2(rows).query("psi == 'full' and phase == 'prelaunch' and interval == 3 and axis == 'pitch'").iloc[0]
+    )
+    samples = paper_tables.choose(rows, 0.5)["before_3_pitch"]
+    assert table2["mean"] == samples.mean()
+    assert table2["flight"] == -0.433
+    assert table2["flight_percentile"] == 100 * (samples < -0.433).mean()
+    table4 = paper_tables.table4(rows).query("psi == 'full' and phase == 'calibrated' and axis == 'yaw'").set_index("statistic")
+    assert table4.loc["rms", "mean"] == pytest.approx(np.sqrt(6) * table4.loc["paper_rms", "mean"])
+    assert table4.loc["paper_rms", "flight"] == 0.0043
+    table3 = paper_tables.table3(rows).query("psi == 'full' and gyro == 'z' and quantity == 'misalignment_y_deg'").iloc[0]
+    assert table3["mean"] == pytest.approx(np.rad2deg(paper_tables.choose(rows, 0.5)["first_G_zy"].mean()))
+    assert table3["flight"] == pytest.approx(0.096)
+    table5 = paper_tables.table5(rows).query("psi == 'full' and iteration == 1 and quantity == 'G_inverse'")
+    expected = np.linalg.inv(flight.calibration().G) - np.linalg.inv(flight.parameters("prelaunch").G)
+    # The mean correction of G⁻¹ is the injected one; 5 standard errors.
+    error = (table5["mean"].to_numpy() - expected.ravel()) / (table5["std"].to_numpy() / np.sqrt(CASES))
+    assert np.abs(error).max() < 5
+    assert table5["flight"].tolist() == flight.corrections(1)[0].ravel().tolist()
