@@ -45,7 +45,7 @@ def _body_rates(axes: Axes, scenario: Scenario, truth: Motion, k: int, which: st
     start = pd.Timestamp(scenario.epoch) + pd.Timedelta(seconds=interval.start_s)
     axes.set_title(f"{interval.name}: {interval.activity}, from {start:%Y-%m-%d %H:%M} UTC", loc="left", fontsize=9)
     axes.set_ylabel("body rate (deg/s)")
-    axes.legend(loc="upper right", ncols=len(which))
+    axes.legend(loc="lower right", bbox_to_anchor=(1, 1), ncols=len(which), borderaxespad=0.2)
     axes.margins(x=0)
 
 
@@ -89,6 +89,7 @@ def flight_gap_figure(comparison: pd.DataFrame, distribution: pd.DataFrame, path
             axes.axhline(0, color="0.4", linewidth=0.8)
             axes.set_title(str(name), loc="left")
             axes.set_xticks(x)
+            axes.set_xlim(0.5, len(x) + 0.5)
             axes.set_xlabel("calibration interval")
         panels[0].set_ylabel("residual before calibration (deg)")
         panels[-1].legend(loc="lower right", fontsize=8)
