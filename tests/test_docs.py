@@ -34,7 +34,7 @@ def test_numbers_the_readme_quotes_are_those_committed():
         f"{summary['bias_in_standard_errors_max']:.1f} standard errors",
         f"NEES {summary['nees']['value']:.1f} in [{summary['nees']['bounds'][0]:.1f}, {summary['nees']['bounds'][1]:.1f}]",
         f"NEES {summary['nees_references_only']['value']:.1f}",
-        f"{100 * summary['coverage']['68']:.0f} / {100 * summary['coverage']['95']:.0f} / {100 * summary['coverage']['99.7']:.2f} %",
+        "{:.0f} / {:.0f} / {:.2f} %".format(*(100 * summary["coverage"][level] for level in ("68", "95", "99.7"))),
         f"gap is {summary['flight_gap_rms_deg']['published']:.3f} deg RMS",
         f"own RMS is {summary['flight_gap_rms_deg']['flight_rms']:.3f} deg",
         f"left is {summary['flight_gap_rms_deg']['floor']:.3f} deg",
