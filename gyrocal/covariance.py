@@ -10,22 +10,27 @@ so that for two outputs a, b of one interval
     cov(θ_a, θ_b) = δ_ab diag(σ_a²) + R_a diag(σ_0²) R_bᵀ + ARW² min(t_a, t_b) R_a R_bᵀ.
 
 The start attitude is shared by all outputs of an interval, and one reference attitude may end an interval and start the
-next; both make residuals correlate, and both follow from writing every residual in terms of the references it uses. The
-noise is taken along the body axes: G ≈ I, its departure from I changes the noise by |G − I| of itself.
+next, cov = −diag(σ²) R_bᵀ; both make residuals correlate. The noise is taken along the body axes: G ≈ I, its departure from I
+changes the noise by |G − I| of itself.
 
 "references only" is the paper's C in N (31)–(32): each residual by itself, both ends' reference errors and no gyro noise.
 """
 
 from typing import Literal
 
+import numba
 import numpy as np
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
+Indices = NDArray[np.intp]
 CovarianceModel = Literal["full", "references only"]
 
+FULL, REFERENCES_ONLY, GIVEN = 0, 1, 2
+MODEL_CODES = {"full": FULL, "references only": REFERENCES_ONLY, "given": GIVEN}
 
-def chained(first_rows: NDArray[np.intp], last_rows: NDArray[np.intp]) -> list[list[int]]:
+
+def chained(first_rows: Indices, last_rows: Indices) -> list[list[int]]:
     """Groups of intervals whose residuals correlate because one ends at the reference attitude the next starts from.
 
     Parameters
@@ -44,17 +49,19 @@ def chained(first_rows: NDArray[np.intp], last_rows: NDArray[np.intp]) -> list[l
     return groups
 
 
+@numba.njit(cache=True, nogil=True)
 def residual_covariance(
     R: Array,
-    interval: NDArray[np.intp],
-    start: NDArray[np.intp],
-    row: NDArray[np.intp],
+    interval: Indices,
+    start: Indices,
+    row: Indices,
     elapsed_s: Array,
     sigma: Array,
     arw: float,
-    model: CovarianceModel = "full",
-) -> Array:
-    """Covariance V of m residuals.
+    model: int,
+    given: Array,
+) -> Array:  # pragma: no cover - compiled
+    """Covariance V (3m, 3m) of m residuals.
 
     Parameters
     ----------
@@ -64,37 +71,33 @@ def residual_covariance(
     elapsed_s : (m,) s since the start
     sigma : (all references, 3) 1-sigma per body axis, rad
     arw : root PSD of the integrated rate's noise, rad/sqrt(s); for skipped samples, of what is left of it
-    model : "full", or "references only" for the paper's C
-
-    Returns
-    -------
-    (3m, 3m)
+    model : FULL, REFERENCES_ONLY, or GIVEN for a C of each interval
+    given : (intervals, 3, 3) those C, rad²; not used otherwise
     """
     m = len(row)
-    V = np.zeros((m, 3, m, 3))
-    diagonal = np.arange(m)
-    V[diagonal, :, diagonal, :] += np.eye(3) * sigma[row][:, None, :] ** 2
-    # Rotated start error of every residual, scaled: U_a U_bᵀ is its covariance wherever a and b share the start.
-    U = R * sigma[start][:, None, :]
-    if model == "references only":
-        V[diagonal, :, diagonal, :] += U @ U.transpose(0, 2, 1)
-        return V.reshape(3 * m, 3 * m)
-    shared = start[:, None] == start[None, :]
-    V += _outer(U) * shared[:, None, :, None]
-    together = interval[:, None] == interval[None, :]
-    variance = arw**2 * np.minimum(elapsed_s[:, None], elapsed_s[None, :]) * together
-    V += _outer(R) * variance[:, None, :, None]
-    # e_j of one residual is e_0 of another where an interval ends at the reference the next one starts from.
-    a, b = np.nonzero(row[:, None] == start[None, :])
-    for i, j in zip(a, b, strict=True):
-        cross = -np.diag(sigma[row[i]] ** 2) @ R[j].T
-        V[i, :, j, :] += cross
-        V[j, :, i, :] += cross.T
-    return V.reshape(3 * m, 3 * m)
-
-
-def _outer(M: Array) -> Array:
-    """M_a M_bᵀ of every pair, (m, 3, 3) → (m, 3, m, 3)."""
-    m = len(M)
-    flat = M.reshape(3 * m, 3)
-    return (flat @ flat.T).reshape(m, 3, m, 3)
+    V = np.zeros((3 * m, 3 * m))
+    for a in range(m):
+        for b in range(a + 1):
+            if a != b and model != FULL:
+                continue
+            noise = arw * arw * min(elapsed_s[a], elapsed_s[b]) if model == FULL and interval[a] == interval[b] else 0.0
+            for i in range(3):
+                for j in range(3):
+                    value = 0.0
+                    if model == GIVEN:
+                        value = given[interval[a], i, j]
+                    else:
+                        if a == b and i == j:
+                            value += sigma[row[a], i] ** 2
+                        shared = start[a] == start[b]
+                        for k in range(3):
+                            error = sigma[start[a], k] ** 2 if shared else 0.0
+                            value += R[a, i, k] * (error + noise) * R[b, j, k]
+                        # e_j of one residual is e_0 of another where an interval ends at the reference the next starts from.
+                        if model == FULL and row[a] == start[b]:
+                            value -= sigma[row[a], i] ** 2 * R[b, j, i]
+                        if model == FULL and row[b] == start[a]:
+                            value -= R[a, i, j] * sigma[row[b], j] ** 2
+                    V[3 * a + i, 3 * b + j] = value
+                    V[3 * b + j, 3 * a + i] = value
+    return V

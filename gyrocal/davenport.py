@@ -25,18 +25,18 @@ import scipy.linalg
 import scipy.stats
 from numpy.typing import NDArray
 
-from gyrocal import attitude
-from gyrocal.covariance import CovarianceModel, chained, residual_covariance
+from gyrocal import accumulation, attitude
+from gyrocal.covariance import CovarianceModel
 from gyrocal.errors import InputError, UnobservableError
 from gyrocal.observability import PLAUSIBLE_RANGE, Observability, observability
 from gyrocal.parameters import AXES, NAMES, GyroParameters, select
-from gyrocal.propagation import Propagation, Psi, StreamingPropagation, propagate
+from gyrocal.problem import Problem, State
+from gyrocal.propagation import Psi, StreamingPropagation
 from gyrocal.recording import Recording
 from gyrocal.sampling import Measurements, Resampling, measurements
 
 Array = NDArray[np.float64]
 
-LARGEST_RESIDUAL = np.deg2rad(30.0)  # far outside what one linearisation can correct; wrong units look like this
 ROTATION_NAMES = ("roll", "pitch", "yaw")
 
 
@@ -54,26 +54,24 @@ class Accumulation:
 
     def __init__(self, names: tuple[str, ...], apriori_covariance: Array | None = None, apriori_error: Array | None = None):
         self.columns = [NAMES.index(name) for name in names]
-        self._scale = PLAUSIBLE_RANGE[self.columns]
+        self.scale = PLAUSIBLE_RANGE[self.columns]
         p = len(names)
         self.W: Array = np.zeros((p, p))
         self.u: Array = np.zeros(p)
         if apriori_covariance is not None:
-            self.W = np.asarray(np.linalg.inv(apriori_covariance / np.outer(self._scale, self._scale)))
-            self.u = self.W @ ((np.zeros(p) if apriori_error is None else apriori_error) / self._scale)
+            self.W = np.asarray(np.linalg.inv(apriori_covariance / np.outer(self.scale, self.scale)))
+            self.u = self.W @ ((np.zeros(p) if apriori_error is None else apriori_error) / self.scale)
 
-    def add(self, Theta: Array, C: Array, theta: Array) -> None:
-        """Add residuals theta (r,) with sensitivity Theta (r, 12) and covariance C (r, r)."""
-        factor = np.linalg.cholesky(C)
-        H = scipy.linalg.solve_triangular(factor, Theta[:, self.columns] * self._scale, lower=True)
-        z = scipy.linalg.solve_triangular(factor, theta, lower=True)
-        self.W += H.T @ H
-        self.u += H.T @ z
+    def add(self, H: Array, z: Array) -> None:
+        """Add whitened residuals z (r,) with whitened, scaled sensitivity H (r, p)."""
+        W, u = accumulation.accumulate(H, z)
+        self.W += W
+        self.u += u
 
     def solve(self) -> tuple[Array, Array]:
         """Δx (p,) and P (p, p)."""
-        P = np.asarray(np.linalg.inv(self.W) * np.outer(self._scale, self._scale))
-        return np.asarray(self._scale * np.linalg.solve(self.W, self.u)), P
+        P = np.asarray(np.linalg.inv(self.W) * np.outer(self.scale, self.scale))
+        return np.asarray(self.scale * np.linalg.solve(self.W, self.u)), P
 
 
 class RecursiveCalibrator:
@@ -115,7 +113,9 @@ class RecursiveCalibrator:
         R = self._pass.R
         theta = attitude.residual(A_obs, R @ self._A)
         C = np.diag(np.square(sigma)) + R @ self._C @ R.T + self._arw**2 * self._pass.t * np.eye(3)
-        self._sums.add(self._pass.Theta, C, theta)
+        Theta = self._pass.Theta[:, self._sums.columns] * self._sums.scale
+        white = accumulation.whiten(C, np.column_stack([Theta, theta]))
+        self._sums.add(white[:, :-1], white[:, -1])
         return theta
 
     def solve(self) -> tuple[GyroParameters, Array]:
@@ -285,26 +285,21 @@ def calibrate(
         raise InputError(f"iterations must be at least 1, not {iterations}")
     if apriori_covariance is not None:
         apriori_covariance = _checked_covariance(apriori_covariance, p, "the a-priori covariance")
-    problem = _Problem(
-        recording,
-        measurements(recording, step_s, resampling, max_gap_s),
-        psi,
-        covariance_model,
-        _checked_interval_covariance(interval_covariance, len(recording.intervals)),
-    )
+    given = _checked_interval_covariance(interval_covariance, len(recording.intervals))
+    prepared = measurements(recording, step_s, resampling, max_gap_s)
+    problem = Problem.of(recording, prepared, names, psi, covariance_model, given)
     start = initial or GyroParameters(recording.gyro.apriori_G, recording.gyro.apriori_bias)
-    x, columns = start.vector, [NAMES.index(name) for name in names]
+    x, columns = start.vector, problem.columns
     corrections: list[GyroParameters] = []
     history: list[Array] = []
     converged = False
     first = state = problem.state(start)
-    judged = observability(state.whitened(columns), names)
+    judged = observability(state.H, names)
     if judged.unobservable and apriori_covariance is None:
         raise UnobservableError(_unobservable_message(recording, judged.unobservable), judged.unobservable)
     for _ in range(iterations or max_iterations):
         sums = Accumulation(names, apriori_covariance, (x - start.vector)[columns])
-        for rows, C in state.groups:
-            sums.add(state.Theta[rows].reshape(-1, 12), C, state.theta[rows].ravel())
+        sums.add(state.H, state.z)
         step = np.zeros(12)
         step[columns], P = sums.solve()
         x = x - step
@@ -326,7 +321,7 @@ def calibrate(
         psi=psi,
         corrections=tuple(corrections),
         converged=converged,
-        residuals=_residual_table(recording, problem.measurements, first, state),
+        residuals=_residual_table(recording, prepared, first, state),
         history=(*history, state.theta),
         observability=judged,
         chi2=state.chi2,
@@ -343,91 +338,10 @@ def residual_table(
     resampling: Resampling = "skip",
 ) -> pd.DataFrame:
     """Residuals under given parameters, nothing estimated; columns as in `CalibrationResult.residuals`, "before" only."""
-    problem = _Problem(recording, measurements(recording, step_s, resampling), psi, "full", None)
-    state = problem.state(parameters)
-    table = _residual_table(recording, problem.measurements, state, state)
+    prepared = measurements(recording, step_s, resampling)
+    state = Problem.of(recording, prepared, psi=psi).state(parameters)
+    table = _residual_table(recording, prepared, state, state)
     return table[[column for column in table.columns if not column.startswith("after")]]
-
-
-@dataclass(frozen=True)
-class _State:
-    """Residuals and sensitivities at one set of parameters; groups pair rows with their joint covariance."""
-
-    theta: Array
-    theta_linear: Array
-    Theta: Array
-    groups: list[tuple[NDArray[np.intp], Array]]
-
-    def whitened(self, columns: list[int]) -> Array:
-        """(3m, p) V^(-1/2) Θ."""
-        parts = [
-            scipy.linalg.solve_triangular(np.linalg.cholesky(C), self.Theta[rows].reshape(-1, 12)[:, columns], lower=True)
-            for rows, C in self.groups
-        ]
-        return np.vstack(parts)
-
-    @property
-    def chi2(self) -> float:
-        """Σ θᵀ V⁻¹ θ."""
-        return float(sum(self.theta[rows].ravel() @ np.linalg.solve(C, self.theta[rows].ravel()) for rows, C in self.groups))
-
-
-class _Problem:
-    """A recording prepared for evaluation at any parameters."""
-
-    def __init__(
-        self,
-        recording: Recording,
-        prepared: Measurements,
-        psi: Psi,
-        model: CovarianceModel,
-        interval_covariance: Array | None,
-    ):
-        self.measurements = prepared
-        self._psi, self._model, self._given = psi, model, interval_covariance
-        self._A = attitude.matrix_from_quaternion(recording.attitudes.quaternions)
-        self._sigma = recording.attitudes.sigma
-        self._arw = recording.gyro.arw * np.sqrt(prepared.noise_gain)
-        arc, ends = np.unique(prepared.arcs.arc, return_index=True)
-        last = np.append(ends[1:], len(prepared.row)) - 1
-        self._groups = [
-            np.flatnonzero(np.isin(prepared.arcs.arc, arc[group]))
-            for group in chained(prepared.start[ends], prepared.row[last])
-        ]
-
-    def state(self, parameters: GyroParameters) -> _State:
-        """Residuals, sensitivities and covariances at these parameters."""
-        prepared = self.measurements
-        propagation = propagate(prepared.arcs, parameters.G, parameters.bias, self._psi)
-        A_obs, A_prop = self._A[prepared.row], propagation.R @ self._A[prepared.start]
-        theta = attitude.residual(A_obs, A_prop)
-        largest = np.linalg.norm(theta, axis=1).max()
-        if largest > LARGEST_RESIDUAL:
-            raise InputError(
-                f"an attitude residual of {np.rad2deg(largest):.1f} deg is too large to linearise; "
-                "are the rates in deg/s, the quaternions scalar last and inertial to body, and the a-priori G and bias right?"
-            )
-        return _State(
-            theta=theta,
-            theta_linear=attitude.residual_linear(A_obs, A_prop),
-            Theta=propagation.Theta,
-            groups=[(rows, self._covariance(propagation, rows)) for rows in self._groups],
-        )
-
-    def _covariance(self, propagation: Propagation, rows: NDArray[np.intp]) -> Array:
-        prepared = self.measurements
-        if self._given is not None:
-            return scipy.linalg.block_diag(*self._given[prepared.arcs.arc[rows]])
-        return residual_covariance(
-            propagation.R[rows],
-            prepared.arcs.arc[rows],
-            prepared.start[rows],
-            prepared.row[rows],
-            prepared.elapsed_s[rows],
-            self._sigma,
-            self._arw,
-            self._model,
-        )
 
 
 def _checked_covariance(value: Array, size: int, what: str) -> Array:
@@ -455,7 +369,7 @@ def _unobservable_message(recording: Recording, combinations: tuple[str, ...]) -
     )
 
 
-def _residual_table(recording: Recording, prepared: Measurements, before: _State, after: _State) -> pd.DataFrame:
+def _residual_table(recording: Recording, prepared: Measurements, before: State, after: State) -> pd.DataFrame:
     columns: dict[str, Any] = {
         "interval": [recording.intervals[k].name for k in prepared.arcs.arc],
         "t_s": recording.attitudes.t_s[prepared.row],

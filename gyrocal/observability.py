@@ -45,13 +45,13 @@ def observability(whitened: Array, names: tuple[str, ...]) -> Observability:
 
     Parameters
     ----------
-    whitened : (rows, p) V^(-1/2) Θ, columns in the order of names, per unit of G and per rad/s of b
+    whitened : (rows, p) V^(-1/2) Θ D, columns in the order of names, each times its parameter's plausible range
     names : the solved-for parameters
     """
     p = len(names)
     scale = PLAUSIBLE_RANGE[[NAMES.index(name) for name in names]]
     rows = np.zeros((max(0, p - len(whitened)), p))
-    _, values, directions = np.linalg.svd(np.vstack([whitened * scale, rows]), full_matrices=False)
+    _, values, directions = np.linalg.svd(np.vstack([whitened, rows]), full_matrices=False)
     free = (values < 1.0) | (values < ROUNDING * values[0])
     return Observability(values, _name_combinations(directions[free], scale, names))
 

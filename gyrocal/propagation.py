@@ -28,7 +28,7 @@ of one vector loop and are joined afterwards; a step of zero duration changes no
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from math import sqrt
 from typing import Literal
@@ -41,11 +41,13 @@ from gyrocal.attitude import cross_matrix, rotation_matrix
 
 Array = NDArray[np.float64]
 Psi = Literal["full", "linear"]
-Pieces = tuple[NDArray[np.intp], NDArray[np.intp]]
+Indices = NDArray[np.intp]
+Pieces = tuple[Indices, Indices]
 Columns = Callable[[Array, Array, float], Array]
 
 LANES = 32
 TILE = 4
+BLOCK = 8
 GROUP = 4  # regressors carried by one pass
 
 SERIES_LIMIT = 0.1  # rad; below it the series of c and d are exact to rounding, above it the closed forms are
@@ -132,35 +134,76 @@ class Arcs:
 
     Attributes
     ----------
-    raw : (n, 3) raw rate of each step, rad/s; the arcs one after another
-    dt : (n,) duration of each step, s
-    sample : (n,) index of the gyro sample behind each step
+    rates : (samples, 3) raw rates of the gyro stream, rad/s
+    dt : (n,) duration of each step, s; the arcs one after another
+    sample : (n,) first gyro sample behind each step
     first : (m,) first step of the stretch that leads to output j; an arc's first output starts where the arc starts
     last : (m,) one past the last step of that stretch
     arc : (m,) number of the arc output j belongs to, ascending
+    count : (n,) samples averaged in each step, from its first one on; one by default
+    span_s : (samples,) time each sample stands for, its weight in such a mean
     """
 
-    raw: Array
+    rates: Array
     dt: Array
-    sample: NDArray[np.intp]
-    first: NDArray[np.intp]
-    last: NDArray[np.intp]
-    arc: NDArray[np.intp]
+    sample: Indices
+    first: Indices
+    last: Indices
+    arc: Indices
+    count: Indices | None = None
+    span_s: Array | None = None
+
+    @cached_property
+    def raw(self) -> Array:
+        """(n, 3) raw rate of each step, rad/s."""
+        return _gather(*self._source)
+
+    @cached_property
+    def _source(self) -> tuple[Array, Indices, Indices, Array]:
+        count = np.ones_like(self.sample) if self.count is None else self.count
+        span_s = np.ones(len(self.rates)) if self.span_s is None else self.span_s
+        return np.ascontiguousarray(self.rates), self.sample, count, span_s
 
     @cached_property
     def pieces(self) -> Pieces:
         """Start and length of the pieces that run as lanes."""
-        return _cut(self)
+        return cut(self.first, self.last)
 
     @cached_property
+    def ends(self) -> Indices:
+        """One past the last step of each piece."""
+        return self.pieces[0] + self.pieces[1]
+
+    @cached_property
+    def _packed(self) -> tuple[Array, float]:
+        # Kept, since every iteration and every ψ uses it again.
+        averaged = self.count is not None and self.count.max() > 1
+        source = (self.raw, np.arange(len(self.dt))) if averaged else self._source[:2]
+        increments, largest = pack_increments(*source, self.dt, *self.pieces)
+        return increments, float(largest)
+
+    @property
     def increments(self) -> Array:
-        """[ω_raw Δt, Δt] of every step, packed for the lanes; kept, since every iteration and every ψ uses it again."""
-        return _pack_increments(self.raw, self.dt, *self.pieces)
+        """[ω_raw Δt, Δt] of every step, packed for the lanes."""
+        return self._packed[0]
 
-    @cached_property
+    @property
     def largest_increment(self) -> float:
         """Largest |ω_raw Δt| of a step, rad."""
-        return float(np.sqrt(np.max(np.einsum("ij,ij->i", self.raw, self.raw) * self.dt**2)))
+        return self._packed[1]
+
+    def with_rates(self, rates: Array) -> "Arcs":
+        """The same steps over another stream of raw rates, (samples, 3) rad/s."""
+        new = replace(self, rates=rates)
+        for name in ("pieces", "ends"):  # they do not depend on the rates
+            new.__dict__[name] = getattr(self, name)
+        new.__dict__["_source"] = (np.ascontiguousarray(rates), *self._source[1:])
+        return new
+
+    def beyond_series(self, G: Array, bias: Array) -> bool:
+        """Whether a step may turn too far for the series: |G h + b Δt| ≤ ‖G‖ |h| + |b| Δt of the largest step."""
+        bound = np.linalg.norm(G, 2) * self.largest_increment + np.linalg.norm(bias) * self.dt.max()
+        return bool(bound >= SERIES_LIMIT)
 
 
 @dataclass(frozen=True)
@@ -200,59 +243,110 @@ def propagate(arcs: Arcs, G: Array, bias: Array, psi: Psi = "full", regressors: 
     Propagation
         S holds 4 + q regressors.
     """
-    increments, pieces = arcs.increments, arcs.pieces
     G, bias = np.ascontiguousarray(G, dtype=float), np.ascontiguousarray(bias, dtype=float)
-    # |G h + b Δt| ≤ ‖G‖ |h| + |b| Δt: one look at the largest step spares the loop a branch per step.
-    bound = np.linalg.norm(G, 2) * arcs.largest_increment + np.linalg.norm(bias) * arcs.dt.max()
-    options = (G, bias, psi == "linear", bool(bound >= SERIES_LIMIT))
-    P, S = _run(increments, increments, *options)
+    options = (arcs.ends, arcs.last, arcs.arc, G, bias, psi == "linear", arcs.beyond_series(G, bias))
+    R, S = propagate_packed(arcs.increments, arcs.increments, *options)
+    if regressors is None:
+        return Propagation(R, S)
+    weights = np.asarray(regressors, dtype=float) * arcs.dt[:, None]
+    count = weights.shape[1]
+    weights = np.pad(weights, ((0, 0), (0, -count % GROUP)))
     sums = [S]
-    if regressors is not None:
-        weights = np.asarray(regressors, dtype=float) * arcs.dt[:, None]
-        count = weights.shape[1]
-        weights = np.pad(weights, ((0, 0), (0, -count % GROUP)))
-        for q in range(0, weights.shape[1], GROUP):
-            group = np.ascontiguousarray(weights[:, q : q + GROUP])
-            sums.append(_run(increments, _pack(group, *pieces), *options)[1])
-    return _join(arcs, pieces, P, sums, 0 if regressors is None else np.shape(regressors)[1])
-
-
-def _cut(arcs: Arcs) -> Pieces:
-    """Start and length of pieces that fill the lanes evenly and end at every output."""
-    target = max(1, -(-len(arcs.dt) // LANES))
-    starts, lengths = [], []
-    for first, last in zip(arcs.first, arcs.last, strict=True):
-        count = max(1, round((last - first) / target))
-        edges = first + (last - first) * np.arange(count + 1) // count
-        starts.append(edges[:-1])
-        lengths.append(np.diff(edges))
-    return np.concatenate(starts), np.concatenate(lengths)
+    for q in range(0, weights.shape[1], GROUP):
+        packed = pack(np.ascontiguousarray(weights[:, q : q + GROUP]), *arcs.pieces)
+        sums.append(propagate_packed(arcs.increments, packed, *options)[1])
+    return Propagation(R, np.concatenate(sums, axis=1)[:, : GROUP + count])
 
 
 @numba.njit(cache=True, nogil=True)
-def _pack_increments(
-    raw: Array, dt: Array, starts: NDArray[np.intp], lengths: NDArray[np.intp]
-) -> Array:  # pragma: no cover - compiled
-    """[ω_raw Δt, Δt] of each step laid out as `_pack` does."""
-    batches = (len(starts) + LANES - 1) // LANES
-    depth = lengths.max()
-    out = np.zeros((batches, depth, 4, LANES))
-    for piece in range(len(starts)):
-        batch, lane = piece // LANES, piece % LANES
-        for k in range(lengths[piece]):
-            step = starts[piece] + k
-            for q in range(3):
-                out[batch, k, q, lane] = raw[step, q] * dt[step]
-            out[batch, k, 3, lane] = dt[step]
+def cut(first: Indices, last: Indices) -> tuple[Indices, Indices]:  # pragma: no cover - compiled
+    """Start and length of pieces that end at every output and fill whole batches of lanes with little padding.
+
+    The work is batches times the longest piece; for one batch more than the outputs need, and for the fewest, the shortest
+    possible longest piece is found by bisection.
+    """
+    fewest = (len(first) + LANES - 1) // LANES
+    longest = (last - first).max()
+    best, work = longest, fewest * longest
+    for batches in (fewest, fewest + 1):
+        low, high = 0, longest  # low: too short; high: fits
+        while high - low > 1:
+            middle = (low + high) // 2
+            if np.sum((last - first + middle - 1) // middle) <= batches * LANES:
+                high = middle
+            else:
+                low = middle
+        if batches * high < work:
+            best, work = high, batches * high
+    counts = np.maximum((last - first + best - 1) // best, 1)
+    starts, lengths = np.empty(counts.sum(), dtype=np.intp), np.empty(counts.sum(), dtype=np.intp)
+    piece = 0
+    for j in range(len(first)):
+        length = last[j] - first[j]
+        for k in range(counts[j]):
+            low, high = length * k // counts[j], length * (k + 1) // counts[j]
+            starts[piece], lengths[piece] = first[j] + low, high - low
+            piece += 1
+    return starts, lengths
+
+
+@numba.njit(cache=True, nogil=True)
+def _gather(rates: Array, sample: Indices, count: Indices, span_s: Array) -> Array:  # pragma: no cover - compiled
+    """Raw rate of every step, (n, 3): the mean of its samples, each by the time it stands for."""
+    out = np.empty((len(sample), 3))
+    for step in range(len(sample)):
+        first = sample[step]
+        if count[step] == 1:
+            out[step, 0], out[step, 1], out[step, 2] = rates[first, 0], rates[first, 1], rates[first, 2]
+            continue
+        x, y, z, total = 0.0, 0.0, 0.0, 0.0
+        for j in range(first, first + count[step]):
+            span = span_s[j]
+            total += span
+            x += span * rates[j, 0]
+            y += span * rates[j, 1]
+            z += span * rates[j, 2]
+        out[step, 0], out[step, 1], out[step, 2] = x / total, y / total, z / total
     return out
 
 
 @numba.njit(cache=True, nogil=True)
-def _pack(values: Array, starts: NDArray[np.intp], lengths: NDArray[np.intp]) -> Array:  # pragma: no cover - compiled
-    """Rows of (n, 4) `values` laid out as (batch, step, 4, lane); steps a short piece lacks are zero."""
-    batches = (len(starts) + LANES - 1) // LANES
+def pack_increments(
+    rates: Array, sample: Indices, dt: Array, starts: Indices, lengths: Indices
+) -> tuple[Array, float]:  # pragma: no cover - compiled
+    """[ω_raw Δt, Δt] of each step laid out as (batch, step, 4, lane), zero where a piece is short; and the largest |ω_raw Δt|.
+
+    Step k's rate is that of its sample. Done in blocks that stay in the first-level cache, along each lane within one.
+    """
+    pieces = len(starts)
     depth = lengths.max()
-    out = np.zeros((batches, depth, 4, LANES))
+    out = np.empty(((pieces + LANES - 1) // LANES, depth, 4, LANES))
+    largest = 0.0
+    for batch in range(out.shape[0]):
+        for low in range(0, depth, BLOCK):
+            for lane in range(LANES):
+                piece = batch * LANES + lane
+                filled = min(max(lengths[piece] - low, 0), BLOCK) if piece < pieces else 0
+                for k in range(filled):
+                    step = starts[piece] + low + k
+                    h = dt[step]
+                    x, y, z = rates[sample[step], 0] * h, rates[sample[step], 1] * h, rates[sample[step], 2] * h
+                    out[batch, low + k, 0, lane] = x
+                    out[batch, low + k, 1, lane] = y
+                    out[batch, low + k, 2, lane] = z
+                    out[batch, low + k, 3, lane] = h
+                    largest = max(largest, x * x + y * y + z * z)
+                for k in range(low + filled, min(low + BLOCK, depth)):
+                    for q in range(4):
+                        out[batch, k, q, lane] = 0.0
+    return out, sqrt(largest)
+
+
+@numba.njit(cache=True, nogil=True)
+def pack(values: Array, starts: Indices, lengths: Indices) -> Array:  # pragma: no cover - compiled
+    """Rows of (n, 4) `values` laid out as `pack_increments` does."""
+    batches = (len(starts) + LANES - 1) // LANES
+    out = np.zeros((batches, lengths.max(), 4, LANES))
     for piece in range(len(starts)):
         batch, lane = piece // LANES, piece % LANES
         for k in range(lengths[piece]):
@@ -261,13 +355,55 @@ def _pack(values: Array, starts: NDArray[np.intp], lengths: NDArray[np.intp]) ->
     return out
 
 
-def _run(increments: Array, weights: Array, G: Array, bias: Array, linear: bool, beyond_series: bool) -> tuple[Array, Array]:
-    """Run every batch of lanes; P (pieces, 3, 3) and S (pieces, 4, 3, 3) in each piece's own start frame."""
+@numba.njit(cache=True, nogil=True)
+def propagate_packed(
+    increments: Array,
+    weights: Array,
+    ends: Indices,
+    last: Indices,
+    arc: Indices,
+    G: Array,
+    bias: Array,
+    linear: bool,
+    beyond_series: bool,
+) -> tuple[Array, Array]:  # pragma: no cover - compiled
+    """R (m, 3, 3) and S (m, 4, 3, 3) at every output: run the lanes, then chain the pieces.
+
+    Parameters
+    ----------
+    increments, weights : packed [ω_raw Δt, Δt] and [h Δt] of four regressors
+    ends : one past the last step of each piece
+    last, arc : of the outputs, as in `Arcs`
+    """
     out = np.empty((len(increments), 45, LANES))
     for batch in range(len(increments)):
         _lanes(increments[batch], weights[batch], G, bias, linear, beyond_series, out[batch])
-    flat = out.transpose(0, 2, 1).reshape(-1, 45)
-    return np.ascontiguousarray(flat[:, :9]).reshape(-1, 3, 3), flat[:, 9:].reshape(-1, GROUP, 3, 3)
+    R_out, S_out = np.empty((len(arc), 3, 3)), np.empty((len(arc), GROUP, 3, 3))
+    P, P_new, S = np.eye(3), np.empty((3, 3)), np.zeros((GROUP, 3, 3))
+    piece = 0
+    for output in range(len(arc)):
+        if output == 0 or arc[output] != arc[output - 1]:
+            P[:] = np.eye(3)
+            S[:] = 0.0
+        reached = False
+        while not reached:
+            batch, lane = piece // LANES, piece % LANES
+            for i in range(3):
+                for j in range(3):
+                    P_new[i, j] = 0.0
+                    for k in range(3):
+                        P_new[i, j] += P[i, k] * out[batch, 3 * k + j, lane]
+                        for q in range(GROUP):
+                            S[q, i, j] += P[i, k] * out[batch, 9 + 9 * q + 3 * k + j, lane]
+            P[:] = P_new
+            reached = ends[piece] == last[output]
+            piece += 1
+        for i in range(3):
+            for j in range(3):
+                R_out[output, i, j] = P[j, i]
+                for q in range(GROUP):
+                    S_out[output, q, i, j] = P[0, i] * S[q, 0, j] + P[1, i] * S[q, 1, j] + P[2, i] * S[q, 2, j]
+    return R_out, S_out
 
 
 @numba.njit(cache=True, nogil=True, fastmath={"contract"})
@@ -356,44 +492,3 @@ def _closed_coefficients(f: float) -> tuple[float, float]:  # pragma: no cover -
     phi = sqrt(f)
     half = np.sin(phi / 2) / phi
     return 2 * half * half, (phi - np.sin(phi)) / (f * phi)
-
-
-def _join(arcs: Arcs, pieces: Pieces, P: Array, sums: list[Array], extra: int) -> Propagation:
-    """Chain the pieces along each arc: P ← P P_l, S ← S + P S_l; at an output R = Pᵀ and Θ = Pᵀ S."""
-    S = np.concatenate(sums, axis=1)[:, : GROUP + extra]
-    ends = pieces[0] + pieces[1]
-    R_out, S_out = np.empty((len(arcs.arc), 3, 3)), np.empty((len(arcs.arc), S.shape[1], 3, 3))
-    _chain(P, np.ascontiguousarray(S), ends, arcs.last, arcs.arc, R_out, S_out)
-    return Propagation(R_out, S_out)
-
-
-@numba.njit(cache=True, nogil=True)
-def _chain(
-    P: Array,
-    S: Array,
-    ends: NDArray[np.intp],
-    last: NDArray[np.intp],
-    arc: NDArray[np.intp],
-    R_out: Array,
-    S_out: Array,
-) -> None:  # pragma: no cover - compiled
-    piece = 0
-    regressors = S.shape[1]
-    P_sum = np.eye(3)
-    S_sum = np.zeros((regressors, 3, 3))
-    R = np.eye(3)
-    for output in range(len(arc)):
-        if output == 0 or arc[output] != arc[output - 1]:
-            P_sum[:] = np.eye(3)
-            S_sum[:] = 0.0
-        while True:
-            for q in range(regressors):
-                S_sum[q] += P_sum @ S[piece, q]
-            P_sum = P_sum @ P[piece]
-            piece += 1
-            if ends[piece - 1] == last[output]:
-                break
-        R[:] = P_sum.T
-        R_out[output] = R
-        for q in range(regressors):
-            S_out[output, q] = R @ S_sum[q]

@@ -9,7 +9,7 @@ in a step of f samples, so the integrated rate noise has f times the variance; a
 """
 
 from dataclasses import dataclass
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,7 +19,10 @@ from gyrocal.propagation import Arcs
 from gyrocal.recording import GyroStream, Interval, Recording, reference_rows
 
 Array = NDArray[np.float64]
+Indices = NDArray[np.intp]
 Resampling = Literal["skip", "average"]
+
+TAG_ROUNDING = 1e-6  # of a sample
 
 
 @dataclass(frozen=True)
@@ -36,8 +39,8 @@ class Measurements:
     """
 
     arcs: Arcs
-    start: NDArray[np.intp]
-    row: NDArray[np.intp]
+    start: Indices
+    row: Indices
     elapsed_s: Array
     noise_gain: float
 
@@ -67,43 +70,41 @@ def measurements(
     if step_s is not None and (factor < 1 or abs(step_s - factor * gyro.sample_s) > 1e-9 * gyro.sample_s):
         raise InputError(f"step {step_s:g} s is not a whole multiple of the gyro sample, {gyro.sample_s:g} s")
     limit = 1.5 * gyro.sample_s if max_gap_s is None else max_gap_s
-    raw, dt, sample, first, last, arc, start, row, elapsed = ([] for _ in range(9))
+    span_s = np.zeros(gyro.t_s.size)
+    parts: list[tuple[NDArray[Any], ...]] = []
     offset = 0
     for number, interval in enumerate(recording.intervals):
         rows = reference_rows(recording.attitudes.t_s, interval)
         times = recording.attitudes.t_s[rows]
-        rates, steps, index, ends = _interval_steps(gyro, interval, times, factor, resampling, limit)
-        raw.append(rates)
-        dt.append(steps)
-        sample.append(index)
-        first.append(offset + ends[:-1])
-        last.append(offset + ends[1:])
-        arc.append(np.full(rows.size - 1, number))
-        start.append(np.full(rows.size - 1, rows[0]))
-        row.append(rows[1:])
-        elapsed.append(times[1:] - times[0])
-        offset += len(steps)
-    arcs = Arcs(*(np.concatenate(part) for part in (raw, dt, sample, first, last, arc)))
+        low, tags = _covering_samples(gyro, interval, times, limit)
+        span_s[low : low + len(tags) - 1] = np.diff(tags)
+        dt, group, ends = _cut_at(np.append(tags[:-1:factor], tags[-1]), times)
+        sample = low + factor * group
+        count = np.minimum(factor, low + len(tags) - 1 - sample) if resampling == "average" else np.ones_like(sample)
+        outputs = np.full(rows.size - 1, number)
+        first, last = offset + ends[:-1], offset + ends[1:]
+        parts.append((dt, sample, count, first, last, outputs, np.full_like(outputs, rows[0]), rows[1:], times[1:] - times[0]))
+        offset += len(dt)
+    dt, sample, count, first, last, arc, start, row, elapsed = (np.concatenate(part) for part in zip(*parts, strict=True))
     return Measurements(
-        arcs=arcs,
-        start=np.concatenate(start),
-        row=np.concatenate(row),
-        elapsed_s=np.concatenate(elapsed),
+        arcs=Arcs(gyro.rates, dt, sample, first, last, arc, count, span_s),
+        start=start,
+        row=row,
+        elapsed_s=elapsed,
         noise_gain=float(factor) if resampling == "skip" else 1.0,
     )
 
 
-def _interval_steps(
-    gyro: GyroStream, interval: Interval, times: Array, factor: int, resampling: Resampling, max_gap_s: float
-) -> tuple[Array, Array, NDArray[np.intp], NDArray[np.intp]]:
-    """Raw rates, durations and sample indices of the steps between times[0] and times[-1], and the step counts at times."""
+def _covering_samples(gyro: GyroStream, interval: Interval, times: Array, max_gap_s: float) -> tuple[int, Array]:
+    """First sample used between times[0] and times[-1], and the tags of all used with the end of the last."""
     t = gyro.t_s
-    # The sample that holds times[0] is the last to start at or before it; 1e-6 of a sample is rounding of the tags.
-    low = int(np.searchsorted(t, times[0] + 1e-6 * gyro.sample_s, side="right")) - 1
-    high = int(np.searchsorted(t, times[-1] - 1e-6 * gyro.sample_s, side="left"))
+    # The sample that holds times[0] is the last to start at or before it.
+    low = int(np.searchsorted(t, times[0] + TAG_ROUNDING * gyro.sample_s, side="right")) - 1
+    high = int(np.searchsorted(t, times[-1] - TAG_ROUNDING * gyro.sample_s, side="left"))
     if low < 0 or times[0] - t[low] > max_gap_s or low >= high:
         raise InputError(f"interval {interval.name}: no gyro sample covers its first reference attitude at {times[0]} s")
-    tags = np.append(t[low:high], min(t[high] if high < t.size else np.inf, max(times[-1], t[high - 1] + gyro.sample_s)))
+    following = t[high] if high < t.size else np.inf
+    tags = np.append(t[low:high], min(following, max(times[-1], t[high - 1] + gyro.sample_s)))
     gaps = np.flatnonzero(np.diff(tags) > max_gap_s)
     if gaps.size:
         k = gaps[0]
@@ -111,23 +112,19 @@ def _interval_steps(
             f"interval {interval.name}: no gyro samples between {tags[k] + gyro.sample_s} s and {tags[k + 1]} s "
             f"({gaps.size} such gap(s)); split the interval there, or allow holding the last rate with max_gap_s"
         )
-    edges = np.append(tags[:-1:factor], tags[-1])
-    rates = gyro.rates[low:high:factor]
-    if resampling == "average" and factor > 1:
-        starts = np.arange(0, high - low, factor)
-        spans = np.diff(tags)
-        weighted = np.add.reduceat(gyro.rates[low:high] * spans[:, None], starts, axis=0)
-        rates = weighted / np.add.reduceat(spans, starts)[:, None]
-    return _cut_at(edges, rates, low + factor * np.arange(len(rates)), times)
+    return low, tags
 
 
-def _cut_at(
-    edges: Array, rates: Array, index: NDArray[np.intp], times: Array
-) -> tuple[Array, Array, NDArray[np.intp], NDArray[np.intp]]:
-    """Cut held rates at the wanted times; edges within a microsecond of one of them are that time."""
+def _cut_at(edges: Array, times: Array) -> tuple[Array, Indices, Indices]:
+    """Cut stretches of held rate at the wanted times; edges within a microsecond of one of them are that time.
+
+    Returns
+    -------
+    Durations of the steps, the stretch each belongs to, and the step counts at the wanted times.
+    """
     inside = edges[(edges > times[0]) & (edges < times[-1])]
     nearest = np.clip(np.searchsorted(times, inside), 1, len(times) - 1)
     apart = np.minimum(np.abs(inside - times[nearest - 1]), np.abs(inside - times[nearest]))
     cuts = np.union1d(inside[apart > 1e-6], times)
-    holder = np.clip(np.searchsorted(edges, 0.5 * (cuts[:-1] + cuts[1:]), side="right") - 1, 0, len(rates) - 1)
-    return rates[holder], np.diff(cuts), index[holder], np.searchsorted(cuts, times)
+    stretch = np.clip(np.searchsorted(edges, 0.5 * (cuts[:-1] + cuts[1:]), side="right") - 1, 0, len(edges) - 2)
+    return np.diff(cuts), stretch, np.searchsorted(cuts, times)

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gyrocal.recording import Attitudes, GyroStream, Interval, Orbit, Recording
-from simulator.gyro import raw_rates, white_noise
+from simulator.gyro import raw_rates, with_white_noise
 from simulator.maneuvers import Profile, trajectory
 from simulator.reference import TIME_TOLERANCE, measured, reference_times
 from simulator.scenario import Scenario, profiles
@@ -106,6 +106,39 @@ def _part(profile: Profile, sample_s: float, every: float | None, point: bool, s
     )
 
 
+def noise_free_rates(scenario: Scenario, motion: Motion, G: Array | None = None, bias: Array | None = None) -> Array:
+    """What the uncalibrated gyro would show without noise, (n, 3) rad/s; G and bias as for `observe`."""
+    true_G = np.array(scenario.gyro.true_G) if G is None else G
+    true_bias = np.deg2rad(scenario.gyro.true_bias_deg_s) if bias is None else bias
+    return raw_rates(motion.rates, true_G, true_bias)
+
+
+def realise(
+    scenario: Scenario,
+    motion: Motion,
+    rates: Array,
+    gyro_rng: np.random.Generator | None,
+    reference_rng: np.random.Generator | None,
+) -> tuple[Array, Array]:
+    """One case's noise on noise-free rates and on the motion's attitudes.
+
+    Parameters
+    ----------
+    rates : (n, 3) as made by `noise_free_rates`, rad/s
+    others : as for `observe`
+
+    Returns
+    -------
+    Raw rates (n, 3), rad/s, and reference quaternions (m, 4).
+    """
+    if gyro_rng is not None:
+        rates = with_white_noise(gyro_rng, rates, float(np.deg2rad(scenario.gyro.arw_deg_per_sqrt_s)), motion.duration_s)
+    quaternions = motion.quaternions
+    if reference_rng is not None:
+        quaternions = measured(reference_rng, quaternions, np.deg2rad(scenario.reference.sigma_deg))
+    return rates, quaternions
+
+
 def observe(
     scenario: Scenario,
     motion: Motion,
@@ -126,16 +159,8 @@ def observe(
     bias : (3,) true bias in place of the scenario's, rad/s
     """
     gyro = scenario.gyro
-    arw = float(np.deg2rad(gyro.arw_deg_per_sqrt_s))
+    rates, quaternions = realise(scenario, motion, noise_free_rates(scenario, motion, G, bias), gyro_rng, reference_rng)
     sigma = np.deg2rad(scenario.reference.sigma_deg)
-    true_G = np.array(gyro.true_G) if G is None else G
-    true_bias = np.deg2rad(gyro.true_bias_deg_s) if bias is None else bias
-    rates = raw_rates(motion.rates, true_G, true_bias)
-    if gyro_rng is not None:
-        rates = rates + white_noise(gyro_rng, arw, motion.duration_s)
-    quaternions = motion.quaternions
-    if reference_rng is not None:
-        quaternions = measured(reference_rng, quaternions, sigma)
     return Recording(
         title=scenario.title,
         epoch=scenario.epoch,
@@ -144,7 +169,7 @@ def observe(
             t_s=motion.t_s,
             rates=rates,
             sample_s=gyro.sample_s,
-            arw=arw,
+            arw=float(np.deg2rad(gyro.arw_deg_per_sqrt_s)),
             apriori_G=np.array(gyro.apriori_G),
             apriori_bias=np.deg2rad(gyro.apriori_bias_deg_s),
         ),

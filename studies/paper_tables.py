@@ -8,6 +8,7 @@ Case i draws from streams that depend on the entropy, i and the stream's name al
 """
 
 from collections.abc import Callable
+from dataclasses import dataclass
 from functools import lru_cache
 from typing import Literal
 
@@ -17,12 +18,13 @@ import pandas as pd
 from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field
 
-from gyrocal import NAMES, GyroParameters, calibrate
+from gyrocal import NAMES, GyroParameters, attitude
 from gyrocal.covariance import CovarianceModel
+from gyrocal.problem import Problem
 from gyrocal.propagation import Psi
-from gyrocal.sampling import Resampling
+from gyrocal.sampling import Resampling, measurements
 from simulator.scenario import Scenario
-from simulator.simulate import Motion, motion, observe
+from simulator.simulate import Motion, motion, noise_free_rates, observe, realise
 from simulator.streams import generator
 from studies import flight, statistics
 
@@ -34,6 +36,7 @@ RESIDUAL_CELLS = [
 ]
 ITERATION_CELLS = [f"{label}_{name}" for label in ("first", "second") for name in NAMES]
 SIGMA_CELLS = [f"sigma_{name}" for name in NAMES]
+CELLS = [*RESIDUAL_CELLS, *ITERATION_CELLS, *SIGMA_CELLS, "nees", "chi2"]
 PARAMETER_UNIT = np.array([1.0] * 9 + [np.rad2deg(1.0)] * 3)  # G dimensionless, b in deg/s
 PARAMETER_UNIT_NAMES = ["1"] * 9 + ["deg/s"] * 3
 
@@ -67,42 +70,77 @@ class PaperTablesConfig(BaseModel):
         return [*out, (min(self.steps_s), "skip", "full", "references only")]
 
 
-@lru_cache(maxsize=4)
-def _motion(scenario: str) -> Motion:
-    return motion(Scenario.model_validate_json(scenario))
+@dataclass(frozen=True)
+class _Prepared:
+    """What all cases of a configuration share."""
+
+    scenario: Scenario
+    motion: Motion
+    rates: Array
+    truth: Array
+    initial: Array
+    problems: dict[tuple[float, Resampling, CovarianceModel], Problem]
+
+
+@lru_cache(maxsize=2)
+def _prepared(config: str) -> _Prepared:
+    """Prepared once a process, not once a case; keyed by JSON since a configuration may arrive as another object."""
+    parsed = PaperTablesConfig.model_validate_json(config)
+    scenario = parsed.scenario
+    path = motion(scenario)
+    plain = observe(scenario, path, gyro_rng=None, reference_rng=None)
+    problems = {}
+    for step, resampling, _, model in parsed.variants():
+        prepared = measurements(plain, step, resampling)
+        problems[step, resampling, model] = Problem.of(plain, prepared, model=model)
+    true_bias = np.deg2rad(scenario.gyro.true_bias_deg_s)
+    return _Prepared(
+        scenario=scenario,
+        motion=path,
+        rates=noise_free_rates(scenario, path),
+        truth=np.concatenate([np.ravel(scenario.gyro.true_G), true_bias]),
+        initial=GyroParameters(plain.gyro.apriori_G, plain.gyro.apriori_bias).vector,
+        problems=problems,
+    )
+
+
+def case_values(config: PaperTablesConfig, case: int) -> Array:
+    """One case as numbers, (variants, cells): angles in degrees, G dimensionless, b in deg/s."""
+    shared = _prepared(config.model_dump_json())
+    noise = (generator(config.entropy, case, name) for name in ("gyro_noise", "reference_noise"))
+    rates, quaternions = realise(shared.scenario, shared.motion, shared.rates, *noise)
+    A = attitude.matrix_from_quaternion(quaternions)
+    problems = {key: problem.with_case(rates, A) for key, problem in shared.problems.items()}
+    variants = config.variants()
+    values = np.empty((len(variants), len(CELLS)))
+    for row, (step, resampling, psi, model) in zip(values, variants, strict=True):
+        result = problems[step, resampling, model].iterate(shared.initial, 2, psi)
+        error = result.x[2] - shared.truth
+        row[:54] = np.rad2deg(result.theta).ravel()
+        row[54:66] = result.x[1] * PARAMETER_UNIT
+        row[66:78] = result.x[2] * PARAMETER_UNIT
+        row[78:90] = np.sqrt(np.diag(result.P)) * PARAMETER_UNIT
+        row[90:] = statistics.nees(error[None], result.P[None])[0], result.chi2
+    return values
 
 
 def run_case(config: PaperTablesConfig, case: int) -> pd.DataFrame:
-    """One case: a row for each variant. Angles in degrees, G dimensionless, b in deg/s."""
-    recording = observe(
-        config.scenario,
-        _motion(config.scenario.model_dump_json()),
-        gyro_rng=generator(config.entropy, case, "gyro_noise"),
-        reference_rng=generator(config.entropy, case, "reference_noise"),
-    )
-    truth = np.concatenate([np.ravel(config.scenario.gyro.true_G), np.deg2rad(config.scenario.gyro.true_bias_deg_s)])
-    rows = []
-    for step, resampling, psi, model in config.variants():
-        result = calibrate(recording, iterations=2, psi=psi, step_s=step, resampling=resampling, covariance_model=model)
-        first = result.initial.vector + result.corrections[0].vector
-        second = result.parameters.vector
-        nees = statistics.nees((second - truth)[None], result.covariance[None])[0]
-        values = np.concatenate(
-            [
-                np.rad2deg(result.history).ravel(),
-                first * PARAMETER_UNIT,
-                second * PARAMETER_UNIT,
-                result.sigma * PARAMETER_UNIT,
-                [nees, result.chi2],
-            ]
-        )
-        cells = dict(zip([*RESIDUAL_CELLS, *ITERATION_CELLS, *SIGMA_CELLS, "nees", "chi2"], values, strict=True))
-        rows.append({"case": case, "step_s": step, "resampling": resampling, "psi": psi, "covariance": model, **cells})
-    return pd.DataFrame(rows)
+    """One case: a row for each variant; cells as in `case_values`."""
+    return _frame(config, range(case, case + 1), case_values(config, case))
 
 
-def _run_chunk(config: PaperTablesConfig, cases: range) -> list[pd.DataFrame]:
-    return [run_case(config, case) for case in cases]
+def _frame(config: PaperTablesConfig, cases: range, values: Array) -> pd.DataFrame:
+    """Rows of some cases from their stacked values."""
+    frame = pd.DataFrame(values, columns=CELLS)
+    variants = config.variants()
+    for position, name in enumerate(("step_s", "resampling", "psi", "covariance")):
+        frame.insert(position, name, [variant[position] for variant in variants] * len(cases))
+    frame.insert(0, "case", np.repeat(np.arange(cases.start, cases.stop), len(variants)))
+    return frame
+
+
+def _run_chunk(config: PaperTablesConfig, cases: range) -> pd.DataFrame:
+    return _frame(config, cases, np.concatenate([case_values(config, case) for case in cases]))
 
 
 def run(
@@ -116,8 +154,8 @@ def run(
     parallel = joblib.Parallel(n_jobs=jobs, backend=backend, return_as="generator")
     frames: list[pd.DataFrame] = []
     for part in parallel(joblib.delayed(_run_chunk)(config, chunk) for chunk in chunks):
-        frames += part
-        progress(len(part))
+        frames.append(part)
+        progress(part["case"].nunique())
     return pd.concat(frames, ignore_index=True)
 
 

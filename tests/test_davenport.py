@@ -10,10 +10,12 @@ from gyrocal import (
     InputError,
     RecursiveCalibrator,
     UnobservableError,
+    accumulation,
     attitude,
     calibrate,
     residual_table,
 )
+from gyrocal.problem import Problem
 from gyrocal.propagation import propagate
 from gyrocal.sampling import measurements
 from tests.builders import PLAN, RPO, TRUTH, piecewise_recording
@@ -56,7 +58,7 @@ def test_one_iteration_leaves_the_quadratic_term_and_the_second_removes_it(ends)
 
 
 def test_a_wrong_sign_of_the_residual_would_diverge(ends, monkeypatch):
-    monkeypatch.setattr(attitude, "residual", lambda A_obs, A_prop, right=attitude.residual: -right(A_obs, A_prop))
+    monkeypatch.setattr(accumulation, "residuals", lambda *arguments, right=accumulation.residuals: -right(*arguments))
     result = calibrate(ends, iterations=3)
     assert np.abs(result.G - TRUTH.G).max() > 4 * np.abs(np.eye(3) - TRUTH.G).max()
 
@@ -224,3 +226,37 @@ def test_json_has_the_documented_keys(ends):
     assert np.shape(document["covariance"]) == (12, 12)
     assert len(document["residuals"]) == 6
     assert np.rad2deg(1) ** 2 * 1e-30 < document["covariance"][11][11] < 1e-8
+
+
+def test_compiled_iterations_are_those_of_calibrate():
+    recording = piecewise_recording(arw=np.deg2rad(2e-4), rng=np.random.default_rng(7), sample_s=2.0, series_s=300.0)
+    for psi in ("full", "linear"):
+        prepared = measurements(recording)
+        result = calibrate(recording, initial=PRELAUNCH, iterations=2, psi=psi)
+        compiled = Problem.of(recording, prepared).iterate(PRELAUNCH.vector, 2, psi)
+        np.testing.assert_allclose(compiled.x[-1][:9], result.parameters.vector[:9], rtol=0, atol=1e-13)
+        np.testing.assert_allclose(compiled.x[-1][9:], result.bias, rtol=0, atol=1e-16)
+        np.testing.assert_allclose(compiled.theta, result.history, rtol=0, atol=1e-13)
+        np.testing.assert_allclose(compiled.P, result.covariance, rtol=1e-9)
+        assert compiled.chi2 == pytest.approx(result.chi2, rel=1e-9)
+
+
+def test_a_prepared_problem_takes_another_cases_data():
+    first, second = (
+        piecewise_recording(arw=np.deg2rad(2e-4), rng=np.random.default_rng(seed), sample_s=2.0) for seed in (1, 2)
+    )
+    prepared = Problem.of(first, measurements(first, 4.0, "average"))
+    A = attitude.matrix_from_quaternion(second.attitudes.quaternions)
+    moved = prepared.with_case(second.gyro.rates, A).iterate(PRELAUNCH.vector, 2)
+    expected = calibrate(second, initial=PRELAUNCH, iterations=2, step_s=4.0, resampling="average")
+    np.testing.assert_allclose(moved.x[-1], expected.parameters.vector, rtol=0, atol=1e-13)
+    np.testing.assert_array_equal(prepared.measurements.arcs.raw, measurements(first, 4.0, "average").arcs.raw)
+
+
+@pytest.mark.parametrize("size", [0.0, 1e-12, 1e-6, 0.1, 2.0, 3.0])
+def test_compiled_residual_is_the_rotation_vector(size):
+    theta = size * np.array([0.6, -0.64, 0.48])
+    A, R = attitude.rotation_matrix(np.array([0.4, -1.0, 0.3])), attitude.rotation_matrix(np.array([-0.2, 0.1, 2.0]))
+    A_obs = attitude.rotation_matrix(theta) @ R @ A
+    np.testing.assert_allclose(accumulation.residuals(R[None], A[None], A_obs[None])[0], theta, atol=1e-14)
+    np.testing.assert_allclose(attitude.residual(A_obs, R @ A), theta, atol=1e-14)

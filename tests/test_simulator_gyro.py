@@ -1,9 +1,13 @@
 import numpy as np
 import pytest
 
-from simulator.gyro import raw_rates, white_noise
+from simulator.gyro import raw_rates, with_white_noise
 
 ARW = 3.5e-6
+
+
+def white_noise(rng, arw, duration):
+    return with_white_noise(rng, np.zeros((len(duration), 3)), arw, duration)
 
 
 def test_raw_rates_solve_the_gyro_equation():
@@ -37,3 +41,10 @@ def test_a_shorter_sample_is_noisier():
     ratio = noise[50_000:].std() / noise[:50_000].std()
     # Relative sd of a ratio of two standard deviations of 150 000 draws each: 1/sqrt(150 000); 5 sigma.
     assert ratio == pytest.approx(2.0, rel=5 / np.sqrt(150_000))
+
+
+def test_compiled_noise_is_numpys_to_the_bit():
+    rates = np.random.default_rng(5).normal(size=(1000, 3))
+    duration = np.linspace(0.1, 2.0, 1000)
+    plain = rates + np.random.default_rng(6).standard_normal((1000, 3)) * (ARW / np.sqrt(duration))[:, None]
+    np.testing.assert_array_equal(with_white_noise(np.random.default_rng(6), rates, ARW, duration), plain)
