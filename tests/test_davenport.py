@@ -253,7 +253,7 @@ def test_a_prepared_problem_takes_another_cases_data():
     np.testing.assert_array_equal(prepared.measurements.arcs.raw, measurements(first, 4.0, "average").arcs.raw)
 
 
-@pytest.mark.parametrize("size", [0.0, 1e-12, 1e-6, 0.1, 2.0, 3.0])
+@pytest.mark.parametrize("size", [0.0, 1e-12, 0.99e-9, 1.01e-9, 1e-6, 0.1, 2.0, 3.0])
 def test_compiled_residual_is_the_rotation_vector(size):
     theta = size * np.array([0.6, -0.64, 0.48])
     A, R = attitude.rotation_matrix(np.array([0.4, -1.0, 0.3])), attitude.rotation_matrix(np.array([-0.2, 0.1, 2.0]))

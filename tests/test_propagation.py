@@ -76,6 +76,18 @@ def test_compiled_pass_equals_the_streaming_recursion(psi, size):
     assert size < 0.1 or np.linalg.norm(raw * 0.5, axis=1).max() > SERIES_LIMIT
 
 
+@pytest.mark.parametrize("side", [1 - 1e-9, 1 + 1e-9])
+def test_compiled_pass_is_right_on_both_sides_of_the_series_limit(side):
+    raw = np.tile(np.array([0.36, -0.48, 0.8]) * SERIES_LIMIT * side / 0.5, (90, 1))
+    dt = np.full(90, 0.5)
+    result = propagate(arcs_of(raw, dt, [[90]]), np.eye(3), np.zeros(3))
+    expected = StreamingPropagation(np.eye(3), np.zeros(3))
+    for rate in raw:
+        expected.update(rate, 0.5)
+    np.testing.assert_allclose(result.R[0], expected.R, atol=1e-13)
+    np.testing.assert_allclose(result.Theta[0], expected.Theta, atol=1e-11)
+
+
 @pytest.mark.parametrize("n", [1, 2, LANES - 1, LANES, LANES + 1, 3 * LANES + 5])
 def test_every_length_fills_the_lanes_rightly(n):
     raw, dt = stream(n)
