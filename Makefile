@@ -9,7 +9,7 @@ PIP := $(BIN)/python -m pip --disable-pip-version-check install --quiet --constr
 help:
 	@echo "make reproduce   reproduce the TRMM calibration; tables and figures under results/reproduction"
 	@echo "make test        ruff, mypy, import-linter and pytest"
-	@echo "make baseline    recompute results/baseline and show what moved"
+	@echo "make baseline    show what moved against results/baseline, and replace it"
 	@echo "make clean       remove the virtual environment and the caches"
 
 reproduce: $(VENV)/run.stamp

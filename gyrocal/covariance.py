@@ -31,21 +31,19 @@ MODEL_CODES = {"full": FULL, "references only": REFERENCES_ONLY, "given": GIVEN}
 
 
 def chained(first_rows: Indices, last_rows: Indices) -> list[list[int]]:
-    """Groups of intervals whose residuals correlate because one ends at the reference attitude the next starts from.
+    """Groups of intervals whose residuals correlate because they share a reference attitude, as intervals that touch do.
 
     Parameters
     ----------
-    first_rows, last_rows : reference rows at the start and end of each interval
+    first_rows, last_rows : reference rows at the start and end of each interval, which uses all from one to the other
     """
     groups: list[list[int]] = []
-    ending: dict[int, list[int]] = {}
+    reached = -1
     for interval in np.argsort(first_rows, kind="stable"):
-        group = ending.get(int(first_rows[interval]))
-        if group is None:
-            group = []
-            groups.append(group)
-        group.append(int(interval))
-        ending[int(last_rows[interval])] = group
+        if not groups or first_rows[interval] > reached:
+            groups.append([])
+        groups[-1].append(int(interval))
+        reached = max(reached, int(last_rows[interval]))
     return groups
 
 
@@ -87,7 +85,7 @@ def residual_covariance(
                     if model == GIVEN:
                         value = given[interval[a], i, j]
                     else:
-                        if a == b and i == j:
+                        if row[a] == row[b] and i == j:
                             value += sigma[row[a], i] ** 2
                         shared = start[a] == start[b]
                         for k in range(3):

@@ -15,8 +15,9 @@ accepts series of reference attitudes, whose residuals correlate within an inter
 group of residuals, see `gyrocal.covariance`.
 """
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
+from importlib import metadata
 from typing import Any
 
 import numpy as np
@@ -28,7 +29,7 @@ from numpy.typing import NDArray
 from gyrocal import accumulation, attitude
 from gyrocal.covariance import CovarianceModel
 from gyrocal.errors import InputError, UnobservableError
-from gyrocal.observability import PLAUSIBLE_RANGE, Observability, observability
+from gyrocal.observability import PLAUSIBLE_BIAS, PLAUSIBLE_G, PLAUSIBLE_RANGE, Observability, observability
 from gyrocal.parameters import AXES, NAMES, GyroParameters, select
 from gyrocal.problem import Problem, State
 from gyrocal.propagation import Psi, StreamingPropagation
@@ -36,6 +37,7 @@ from gyrocal.recording import Recording
 from gyrocal.sampling import Measurements, Resampling, measurements
 
 Array = NDArray[np.float64]
+Indices = NDArray[np.intp]
 
 ROTATION_NAMES = ("roll", "pitch", "yaw")
 
@@ -142,10 +144,11 @@ class CalibrationResult:
     corrections : the change of (G, b) made by each iteration
     converged : the last correction was within the tolerance
     residuals : a row per interval and reference time: interval, t_s, then before/after roll, pitch, yaw by the full rotation
-        vector (N 16) and by the linear form (N 29), in degrees
+        vector (N 16) and by the linear form (N 29), and sigma, what the covariance model expects of each, in degrees
     history : (m, 3) residuals θ of N (16), rad, at the start and after each iteration
     observability : singular values and combinations not found
-    chi2, dof : weighted square sum of the residuals after, and its degrees of freedom
+    options : what it was asked with (step_s, resampling, max_gap_s, held_s, prior sigmas by parameter), for the record
+    chi2, dof : weighted square sum of the residuals after, with a prior's own term, and its degrees of freedom
     """
 
     recording: str
@@ -162,6 +165,7 @@ class CalibrationResult:
     observability: Observability
     chi2: float
     dof: int
+    options: Mapping[str, Any]
 
     @property
     def G(self) -> Array:
@@ -231,6 +235,10 @@ class CalibrationResult:
             "condition": self.observability.condition if np.isfinite(self.observability.condition) else None,
             "chi2": self.chi2,
             "degrees_of_freedom": self.dof,
+            "p_value": self.p_value if self.dof > 0 else None,
+            "initial": {"G": self.initial.G.tolist(), "bias_deg_s": np.rad2deg(self.initial.bias).tolist()},
+            "options": dict(self.options),
+            "version": metadata.version("gyrocal"),
             "gyros": self.parameters.table().to_dict("records"),
         }
 
@@ -249,8 +257,10 @@ def calibrate(
     covariance_model: CovarianceModel = "full",
     interval_covariance: Array | None = None,
     step_s: float | None = None,
-    resampling: Resampling = "skip",
+    resampling: Resampling = "average",
     max_gap_s: float | None = None,
+    plausible_G: float = PLAUSIBLE_G,
+    plausible_bias: float = PLAUSIBLE_BIAS,
 ) -> CalibrationResult:
     """Calibrate the gyro of a recording.
 
@@ -267,6 +277,8 @@ def calibrate(
     covariance_model : "full" with gyro noise and shared references, or "references only", the paper's C
     interval_covariance : (intervals, 3, 3) C of each interval's residuals, rad², instead of a model
     step_s, resampling, max_gap_s : see `gyrocal.sampling.measurements`
+    plausible_G, plausible_bias : how far elements of G and of b (rad/s) may plausibly be off; a combination the data do not
+        determine better than that counts as not found
 
     Returns
     -------
@@ -281,23 +293,30 @@ def calibrate(
     """
     names = select(solve_for)
     p = len(names)
-    if iterations is not None and iterations < 1:
-        raise InputError(f"iterations must be at least 1, not {iterations}")
+    limit = max_iterations if iterations is None else iterations
+    if limit < 1:
+        raise InputError(f"at least one iteration is needed, not {limit}")
     if apriori_covariance is not None:
         apriori_covariance = _checked_covariance(apriori_covariance, p, "the a-priori covariance")
     given = _checked_interval_covariance(interval_covariance, len(recording.intervals))
     prepared = measurements(recording, step_s, resampling, max_gap_s)
     problem = Problem.of(recording, prepared, names, psi, covariance_model, given)
+    plausible = np.where(problem.columns < 9, plausible_G, plausible_bias)
+    if not (np.isfinite(plausible).all() and (plausible > 0).all()):
+        raise InputError("plausible_G and plausible_bias must be positive and finite")
     start = initial or GyroParameters(recording.gyro.apriori_G, recording.gyro.apriori_bias)
     x, columns = start.vector, problem.columns
     corrections: list[GyroParameters] = []
     history: list[Array] = []
     converged = False
     first = state = problem.state(start)
-    judged = observability(state.H, names)
+    judged = observability(state.H / problem.scale, plausible, names)
     if judged.unobservable and apriori_covariance is None:
-        raise UnobservableError(_unobservable_message(recording, judged.unobservable), judged.unobservable)
-    for _ in range(iterations or max_iterations):
+        raise UnobservableError(
+            _unobservable_message(recording, len(state.theta), judged.unobservable, plausible, problem.columns),
+            judged.unobservable,
+        )
+    for _ in range(limit):
         sums = Accumulation(names, apriori_covariance, (x - start.vector)[columns])
         sums.add(state.H, state.z)
         step = np.zeros(12)
@@ -324,8 +343,18 @@ def calibrate(
         residuals=_residual_table(recording, prepared, first, state),
         history=(*history, state.theta),
         observability=judged,
-        chi2=state.chi2,
+        chi2=state.chi2 + _prior_chi2(x - start.vector, columns, apriori_covariance),
+        # A prior adds p equations and the solution takes p away.
         dof=3 * len(state.theta) - (p if apriori_covariance is None else 0),
+        options={
+            "step_s": step_s or recording.gyro.sample_s,
+            "resampling": resampling,
+            "max_gap_s": max_gap_s,
+            "held_s": prepared.held_s,
+            "prior_sigma": None
+            if apriori_covariance is None
+            else dict(zip(names, np.sqrt(np.diag(apriori_covariance)).tolist(), strict=True)),
+        },
     )
 
 
@@ -335,10 +364,11 @@ def residual_table(
     *,
     psi: Psi = "full",
     step_s: float | None = None,
-    resampling: Resampling = "skip",
+    resampling: Resampling = "average",
+    max_gap_s: float | None = None,
 ) -> pd.DataFrame:
     """Residuals under given parameters, nothing estimated; columns as in `CalibrationResult.residuals`, "before" only."""
-    prepared = measurements(recording, step_s, resampling)
+    prepared = measurements(recording, step_s, resampling, max_gap_s)
     state = Problem.of(recording, prepared, psi=psi).state(parameters)
     table = _residual_table(recording, prepared, state, state)
     return table[[column for column in table.columns if not column.startswith("after")]]
@@ -361,11 +391,27 @@ def _checked_interval_covariance(value: Array | None, intervals: int) -> Array |
     return np.array([_checked_covariance(C, 3, f"C of interval {k}") for k, C in enumerate(value)])
 
 
-def _unobservable_message(recording: Recording, combinations: tuple[str, ...]) -> str:
+def _prior_chi2(change: Array, columns: Indices, apriori_covariance: Array | None) -> float:
+    """(x − x₀)ᵀ P₀⁻¹ (x − x₀), zero without a prior."""
+    if apriori_covariance is None:
+        return 0.0
+    return float(change[columns] @ np.linalg.solve(apriori_covariance, change[columns]))
+
+
+def _unobservable_message(
+    recording: Recording, references: int, combinations: tuple[str, ...], plausible: Array, columns: Indices
+) -> str:
+    """One line; references is the number of residual vectors, plausible and columns are those of the solved-for parameters."""
     intervals = len(recording.intervals)
+    equations = 3 * references
+    lead = f"{equations} equations for {len(plausible)} parameters: " if equations < len(plausible) else ""
+    biases = columns >= 9
+    ranges = {f"{value:g} in G" for value in plausible[~biases]}
+    ranges |= {f"{np.rad2deg(value) * 3600:.3g} deg/h in b" for value in plausible[biases]}
     return (
-        f"{len(combinations)} parameter combination(s) cannot be found from {intervals} interval(s): "
-        f"{'; '.join(combinations)}; add maneuvers with other rates, hold parameters, or give an a-priori covariance"
+        f"{lead}{len(combinations)} parameter combination(s) cannot be found from {intervals} interval(s) "
+        f"with the stated noise to within their plausible range ({', '.join(sorted(ranges))}): {'; '.join(combinations)}; "
+        "add maneuvers with other rates, hold parameters that are known better, or give an a-priori covariance"
     )
 
 
@@ -378,4 +424,6 @@ def _residual_table(recording: Recording, prepared: Measurements, before: State,
         for form, values in (("", state.theta), ("linear_", state.theta_linear)):
             for k in range(len(AXES)):
                 columns[f"{label}_{form}{ROTATION_NAMES[k]}_deg"] = np.rad2deg(values[:, k])
+    for k in range(len(AXES)):
+        columns[f"sigma_{ROTATION_NAMES[k]}_deg"] = np.rad2deg(after.sigma[:, k])
     return pd.DataFrame(columns)

@@ -1,8 +1,8 @@
 """Which parameter combinations the data determine, from the SVD of the whitened sensitivity.
 
-Rows of H are whitened by the residuals' covariance, columns scaled by a plausible range of each parameter: 0.01 for elements
-of G (10 000 ppm, 0.6 deg) and 10 deg/h for biases. A singular value is then the plausible range over the sigma the data
-alone would give that combination. Below one the data say less than nothing new, and the combination counts as not found.
+Rows of H are whitened by the residuals' covariance, columns scaled by a plausible range of each parameter: by default 0.01
+for elements of G (10 000 ppm, 0.6 deg) and 10 deg/h for biases. A singular value is then the plausible range over the sigma
+the data alone would give that combination. Below one the data say nothing new, and the combination counts as not found.
 Counting only exact zeros would not do: noise in the rates makes every Θ of full rank, also where the motion never changes.
 """
 
@@ -12,11 +12,11 @@ import numpy as np
 import scipy.linalg
 from numpy.typing import NDArray
 
-from gyrocal.parameters import NAMES
-
 Array = NDArray[np.float64]
 
-PLAUSIBLE_RANGE = np.array([0.01] * 9 + [np.deg2rad(10 / 3600)] * 3)
+PLAUSIBLE_G = 0.01
+PLAUSIBLE_BIAS = float(np.deg2rad(10 / 3600))
+PLAUSIBLE_RANGE = np.array([PLAUSIBLE_G] * 9 + [PLAUSIBLE_BIAS] * 3)
 ROUNDING = 1e-11  # singular values this far below the largest are rounding, however small the stated noise
 
 
@@ -40,20 +40,20 @@ class Observability:
         return float(self.singular_values[0] / low) if low > 0 else float("inf")
 
 
-def observability(whitened: Array, names: tuple[str, ...]) -> Observability:
+def observability(whitened: Array, plausible: Array, names: tuple[str, ...]) -> Observability:
     """Judge a whitened sensitivity.
 
     Parameters
     ----------
-    whitened : (rows, p) V^(-1/2) Θ D, columns in the order of names, each times its parameter's plausible range
+    whitened : (rows, p) V^(-1/2) Θ, columns in the order of names, per unit of G and per rad/s of b
+    plausible : (p,) plausible range of each parameter
     names : the solved-for parameters
     """
     p = len(names)
-    scale = PLAUSIBLE_RANGE[[NAMES.index(name) for name in names]]
     rows = np.zeros((max(0, p - len(whitened)), p))
-    _, values, directions = np.linalg.svd(np.vstack([whitened, rows]), full_matrices=False)
+    _, values, directions = np.linalg.svd(np.vstack([whitened * plausible, rows]), full_matrices=False)
     free = (values < 1.0) | (values < ROUNDING * values[0])
-    return Observability(values, _name_combinations(directions[free], scale, names))
+    return Observability(values, _name_combinations(directions[free], plausible, names))
 
 
 def _name_combinations(directions: Array, scale: Array, names: tuple[str, ...]) -> tuple[str, ...]:

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gyrocal import accumulation, attitude
-from gyrocal.covariance import GIVEN, MODEL_CODES, CovarianceModel, chained
+from gyrocal.covariance import MODEL_CODES, CovarianceModel, chained, residual_covariance
 from gyrocal.errors import InputError
 from gyrocal.observability import PLAUSIBLE_RANGE
 from gyrocal.parameters import NAMES, GyroParameters
@@ -33,11 +33,13 @@ class State:
     Attributes
     ----------
     theta, theta_linear : (m, 3) residuals by the full rotation vector N (16) and by the linear form N (29), rad
+    sigma : (m, 3) 1-sigma of each residual under the covariance model, rad
     H, z : (3m, p) and (3m,) whitened scaled sensitivity and residuals, group by group
     """
 
     theta: Array
     theta_linear: Array
+    sigma: Array
     H: Array
     z: Array
 
@@ -146,20 +148,30 @@ class Problem:
             A residual is too large to be corrected by linearisation.
         """
         prepared = self.measurements
-        propagation = propagate(prepared.arcs, parameters.G, parameters.bias, self.psi)
+        with np.errstate(over="ignore", invalid="ignore"):
+            propagation = propagate(prepared.arcs, parameters.G, parameters.bias, self.psi)
         A_start, A_obs = self.A[prepared.start], self.A[prepared.row]
         theta = accumulation.residuals(propagation.R, A_start, A_obs)
-        largest = np.linalg.norm(theta, axis=1).max()
+        largest = np.linalg.norm(theta, axis=1).max() if np.isfinite(propagation.R).all() else np.inf
         if not largest <= LARGEST_RESIDUAL:
             raise InputError(
                 f"an attitude residual of {np.rad2deg(largest):.1f} deg is too large to linearise; "
-                "are the rates in deg/s, the quaternions scalar last and inertial to body, and the a-priori G and bias right?"
+                "are the rates in deg/s, the quaternions scalar last and inertial to body, the a-priori G and bias right, "
+                "and is the step or a held gap not too long?"
             )
         Theta = accumulation.sensitivity(propagation.S, self.columns, self.scale)
         start, row, elapsed_s, sigma = self._references
         options = (*self.groups, prepared.arcs.arc, start, row, elapsed_s, sigma, *self._covariance)
         H, z = accumulation.whitened(theta, Theta, propagation.R, *options)
-        return State(theta, attitude.residual_linear(A_obs, propagation.R @ A_start), H, z)
+        alone = [self._alone(propagation.R, k) for k in range(len(theta))]
+        return State(theta, attitude.residual_linear(A_obs, propagation.R @ A_start), np.sqrt(np.array(alone)), H, z)
+
+    def _alone(self, R: Array, k: int) -> Array:
+        """(3,) variance of residual k by itself, rad²."""
+        start, row, elapsed_s, sigma = self._references
+        one = slice(k, k + 1)
+        arc = self.measurements.arcs.arc[one]
+        return np.diag(residual_covariance(R[one], arc, start[one], row[one], elapsed_s[one], sigma, *self._covariance))
 
     def iterate(self, x: Array, iterations: int, psi: Psi | None = None) -> Iterates:
         """A fixed number of iterations without a prior, compiled from end to end.
@@ -196,6 +208,3 @@ class Problem:
         for name in ("columns", "scale", "groups", "_covariance", "_references"):
             new.__dict__[name] = getattr(self, name)
         return new
-
-
-__all__ = ["GIVEN", "Iterates", "Problem", "State"]

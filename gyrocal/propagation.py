@@ -136,12 +136,12 @@ class Arcs:
     ----------
     rates : (samples, 3) raw rates of the gyro stream, rad/s
     dt : (n,) duration of each step, s; the arcs one after another
-    sample : (n,) first gyro sample behind each step
+    sample : (n,) gyro sample whose rate a step holds; where steps average, (fine steps,) that of each step they are made of
     first : (m,) first step of the stretch that leads to output j; an arc's first output starts where the arc starts
     last : (m,) one past the last step of that stretch
     arc : (m,) number of the arc output j belongs to, ascending
-    count : (n,) samples averaged in each step, from its first one on; one by default
-    span_s : (samples,) time each sample stands for, its weight in such a mean
+    fine : (n + 1,) where steps average: the first fine step of each, and the number of all; None if they do not
+    fine_dt : (fine steps,) their durations, s
     """
 
     rates: Array
@@ -150,19 +150,15 @@ class Arcs:
     first: Indices
     last: Indices
     arc: Indices
-    count: Indices | None = None
-    span_s: Array | None = None
+    fine: Indices | None = None
+    fine_dt: Array | None = None
 
     @cached_property
     def raw(self) -> Array:
         """(n, 3) raw rate of each step, rad/s."""
-        return _gather(*self._source)
-
-    @cached_property
-    def _source(self) -> tuple[Array, Indices, Indices, Array]:
-        count = np.ones_like(self.sample) if self.count is None else self.count
-        span_s = np.ones(len(self.rates)) if self.span_s is None else self.span_s
-        return np.ascontiguousarray(self.rates), self.sample, count, span_s
+        if self.fine is None or self.fine_dt is None:
+            return np.asarray(self.rates[self.sample])
+        return np.asarray(_averages(np.ascontiguousarray(self.rates), self.sample, self.fine, self.fine_dt))
 
     @cached_property
     def pieces(self) -> Pieces:
@@ -177,8 +173,8 @@ class Arcs:
     @cached_property
     def _packed(self) -> tuple[Array, float]:
         # Kept, since every iteration and every ψ uses it again.
-        averaged = self.count is not None and self.count.max() > 1
-        source = (self.raw, np.arange(len(self.dt))) if averaged else self._source[:2]
+        direct = self.fine is None
+        source = (np.ascontiguousarray(self.rates), self.sample) if direct else (self.raw, np.arange(len(self.dt)))
         increments, largest = pack_increments(*source, self.dt, *self.pieces)
         return increments, float(largest)
 
@@ -197,7 +193,6 @@ class Arcs:
         new = replace(self, rates=rates)
         for name in ("pieces", "ends"):  # they do not depend on the rates
             new.__dict__[name] = getattr(self, name)
-        new.__dict__["_source"] = (np.ascontiguousarray(rates), *self._source[1:])
         return new
 
     def beyond_series(self, G: Array, bias: Array) -> bool:
@@ -291,21 +286,17 @@ def cut(first: Indices, last: Indices) -> tuple[Indices, Indices]:  # pragma: no
 
 
 @numba.njit(cache=True, nogil=True)
-def _gather(rates: Array, sample: Indices, count: Indices, span_s: Array) -> Array:  # pragma: no cover - compiled
-    """Raw rate of every step, (n, 3): the mean of its samples, each by the time it stands for."""
-    out = np.empty((len(sample), 3))
-    for step in range(len(sample)):
-        first = sample[step]
-        if count[step] == 1:
-            out[step, 0], out[step, 1], out[step, 2] = rates[first, 0], rates[first, 1], rates[first, 2]
-            continue
+def _averages(rates: Array, sample: Indices, fine: Indices, fine_dt: Array) -> Array:  # pragma: no cover - compiled
+    """Raw rate of every step, (n, 3): the mean over its fine steps, each by its duration."""
+    out = np.empty((len(fine) - 1, 3))
+    for step in range(len(out)):
         x, y, z, total = 0.0, 0.0, 0.0, 0.0
-        for j in range(first, first + count[step]):
-            span = span_s[j]
+        for j in range(fine[step], fine[step + 1]):
+            span = fine_dt[j]
             total += span
-            x += span * rates[j, 0]
-            y += span * rates[j, 1]
-            z += span * rates[j, 2]
+            x += span * rates[sample[j], 0]
+            y += span * rates[sample[j], 1]
+            z += span * rates[sample[j], 2]
         out[step, 0], out[step, 1], out[step, 2] = x / total, y / total, z / total
     return out
 

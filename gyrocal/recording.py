@@ -5,6 +5,7 @@ tables. Files are in degrees, objects in radians. The gyro sample k is the mean 
 uncalibrated gyro shows it. Simulated and real data share the format, and nothing in it says which it is.
 """
 
+import json
 import os
 import tomllib
 from collections.abc import Iterable, Mapping
@@ -12,7 +13,7 @@ from dataclasses import dataclass, field
 from datetime import datetime
 from itertools import pairwise
 from pathlib import Path
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
 import numpy as np
 import pandas as pd
@@ -30,6 +31,8 @@ SIGMA_COLUMNS = ("sigma_x_deg", "sigma_y_deg", "sigma_z_deg")
 OPTIONAL_TABLES = ("housekeeping", "sun_sensor", "earth_sensor")
 NORM_TOLERANCE = 1e-6  # |q| - 1 of a quaternion written with 7 digits
 TIME_TOLERANCE_S = 1e-6  # rounding of a time tag some years after the epoch
+LARGEST_RATE = float(np.deg2rad(1e5))  # no gyro measures more
+SIGMA_RANGE = (float(np.deg2rad(1e-9)), float(np.deg2rad(180.0)))  # nothing outside is the sigma of an attitude
 
 
 @dataclass(frozen=True)
@@ -116,9 +119,9 @@ class _Model(BaseModel):
 class _GyroHeader(_Model):
     sample_s: float = Field(gt=0)
     kind: Literal["rate"]
-    arw_deg_per_sqrt_s: float = Field(ge=0)
-    apriori_G: list[list[float]]
-    apriori_bias_deg_s: list[float] = Field(min_length=3, max_length=3)
+    arw_deg_per_sqrt_s: float = Field(ge=0, le=1e3)
+    apriori_G: list[list[Annotated[float, Field(ge=-100, le=100)]]]
+    apriori_bias_deg_s: list[Annotated[float, Field(ge=-1e5, le=1e5)]] = Field(min_length=3, max_length=3)
 
     @field_validator("apriori_G")
     @classmethod
@@ -178,7 +181,9 @@ def read_toml(path: Path) -> dict[str, Any]:
         return tomllib.loads(path.read_text(encoding="utf-8"))
     except FileNotFoundError:
         raise InputError(f"{path}: no such file") from None
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as fault:
+    except OSError as fault:
+        raise InputError(f"{path}: cannot be read: {fault.strerror}") from None
+    except (ValueError, RecursionError) as fault:  # TOML and UTF-8 errors are ValueErrors, as are endless integers
         raise InputError(f"{path}: not a TOML file: {fault}") from None
 
 
@@ -252,9 +257,10 @@ def save(recording: Recording, folder: str | os.PathLike[str]) -> None:
         ),
         **recording.tables,
     }
-    for name in OPTIONAL_TABLES:
+    for name in ("gyro", "attitude", *OPTIONAL_TABLES):
         if name not in frames:  # of a recording that was here before
             (folder / f"{name}.parquet").unlink(missing_ok=True)
+        (folder / f"{name}.csv").unlink(missing_ok=True)
     for name, frame in frames.items():
         part = folder / f"{name}.parquet.tmp"
         frame.to_parquet(part, index=False)
@@ -269,7 +275,7 @@ def toml_value(value: object) -> str:
     if isinstance(value, bool):
         return "true" if value else "false"
     if isinstance(value, str):
-        return '"' + value.replace("\\", "\\\\").replace('"', '\\"').replace("\n", "\\n") + '"'
+        return json.dumps(value, ensure_ascii=True).replace("\x7f", "\\u007f")  # a JSON string is a TOML basic string
     if isinstance(value, int):
         return str(value)
     if isinstance(value, float):
@@ -325,10 +331,10 @@ def _header_text(recording: Recording) -> str:
 
 
 def _find_table(folder: Path, name: str) -> Path | None:
-    for suffix in (".parquet", ".csv"):
-        if (folder / (name + suffix)).exists():
-            return folder / (name + suffix)
-    return None
+    found = [folder / (name + suffix) for suffix in (".parquet", ".csv") if (folder / (name + suffix)).exists()]
+    if len(found) > 1:
+        raise InputError(f"{folder}: both {name}.parquet and {name}.csv are there; keep the one that is meant")
+    return found[0] if found else None
 
 
 def _read_table(folder: Path, name: str, required: tuple[str, ...]) -> tuple[str, pd.DataFrame]:
@@ -336,7 +342,7 @@ def _read_table(folder: Path, name: str, required: tuple[str, ...]) -> tuple[str
     if path is None:
         raise InputError(f"{folder}: neither {name}.parquet nor {name}.csv is there")
     try:
-        frame = pd.read_parquet(path) if path.suffix == ".parquet" else pd.read_csv(path)
+        frame = pd.read_parquet(path) if path.suffix == ".parquet" else pd.read_csv(path, index_col=False)
     except pd.errors.EmptyDataError:
         raise InputError(f"{path}: the file is empty") from None
     except Exception as fault:  # pyarrow and pandas raise a zoo of types for a damaged file
@@ -345,14 +351,18 @@ def _read_table(folder: Path, name: str, required: tuple[str, ...]) -> tuple[str
     if missing:
         hint = ""
         close = [str(c) for c in frame.columns if any(str(c).startswith(m.rsplit("_deg", 1)[0]) for m in missing)]
-        if close:
+        if len(frame.columns) == 1:
+            hint = "; is the separator a comma?"
+        elif close:
             hint = f"; found {', '.join(close)}: convert to the unit in the required name"
+        else:
+            hint = f"; found {', '.join(map(str, frame.columns))}"
         raise InputError(f"{path}: column {', '.join(missing)} is missing{hint}")
     if frame.empty:
         raise InputError(f"{path}: no rows")
     for column in required:
-        if not pd.api.types.is_numeric_dtype(frame[column]):
-            raise InputError(f"{path}: column {column} holds text, not numbers")
+        if not pd.api.types.is_numeric_dtype(frame[column]) or pd.api.types.is_bool_dtype(frame[column]):
+            raise InputError(f"{path}: column {column} holds {frame[column].dtype}, not numbers")
         bad = np.flatnonzero(~np.isfinite(frame[column].to_numpy(dtype=float)))
         if bad.size:
             raise InputError(
@@ -386,12 +396,19 @@ def _check_gyro(gyro: GyroStream) -> None:
         raise InputError("gyro: rates must be finite numbers, three a sample")
     if not gyro.sample_s > 0:
         raise InputError("gyro: sample_s must be positive")
-    close = np.flatnonzero(np.diff(gyro.t_s) < 0.5 * gyro.sample_s)
+    fast = np.flatnonzero(np.abs(gyro.rates).max(axis=1) > LARGEST_RATE)
+    if fast.size:
+        raise InputError(f"gyro: the rate in row {fast[0]} is beyond {np.rad2deg(LARGEST_RATE):g} deg/s; is the unit right?")
+    spacing = np.diff(gyro.t_s)
+    if spacing.size and abs(np.median(spacing) - gyro.sample_s) > 0.01 * gyro.sample_s:
+        raise InputError(
+            f"gyro: samples are {np.median(spacing):.6g} s apart, but sample_s is {gyro.sample_s:g}; is sample_s right?"
+        )
+    close = np.flatnonzero(spacing < 0.5 * gyro.sample_s)
     if close.size:
         row = close[0] + 1
         raise InputError(
-            f"gyro: rows {row - 1} and {row} are {gyro.t_s[row] - gyro.t_s[row - 1]:.6g} s apart, "
-            f"less than half of sample_s = {gyro.sample_s:g} s; is sample_s right?"
+            f"gyro: rows {row - 1} and {row} are only {spacing[row - 1]:.6g} s apart; sample_s is {gyro.sample_s:g}"
         )
 
 
@@ -406,9 +423,10 @@ def _check_attitudes(attitudes: Attitudes) -> None:
         raise InputError(
             f"attitude: quaternion in row {bad[0]} has norm {norms[bad[0]]:.9g}, not 1 ({bad.size} such); normalise them"
         )
-    bad = np.flatnonzero(~(attitudes.sigma > 0).all(axis=1))
+    bad = np.flatnonzero(~((attitudes.sigma >= SIGMA_RANGE[0]) & (attitudes.sigma <= SIGMA_RANGE[1])).all(axis=1))
     if bad.size:
-        raise InputError(f"attitude: sigma in row {bad[0]} is not positive")
+        low, high = np.rad2deg(SIGMA_RANGE)
+        raise InputError(f"attitude: sigma in row {bad[0]} is not within {low:g} and {high:g} deg")
 
 
 def _check_intervals(intervals: tuple[Interval, ...]) -> None:

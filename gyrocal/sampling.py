@@ -3,12 +3,14 @@
 An arc starts at the interval's first reference attitude and has an output at each later one, also where that falls inside a
 gyro sample: the sample is then cut in two steps of the same rate.
 
-A coarser step of f samples can be made in two ways, both counted from the interval's first sample: *skip* holds the first of
-every f samples over the whole step, as N section V did, *average* uses their mean. Skipping leaves the noise of one sample
-in a step of f samples, so the integrated rate noise has f times the variance; averaging leaves it as it was.
+A coarser step of f samples can be made in two ways, both counted afresh from every reference attitude, so that no step reaches
+across one: *skip* holds the first of every f samples over the whole step, as N section V did, *average* uses their mean.
+Skipping leaves the noise of one sample in a step of f samples, so the integrated rate noise has f times the variance;
+averaging leaves it as it was.
 """
 
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Any, Literal
 
 import numpy as np
@@ -36,6 +38,7 @@ class Measurements:
     row : (m,) row of the reference attitude output j is compared with
     elapsed_s : (m,) time between the two
     noise_gain : variance of the integrated gyro noise relative to that of the full stream
+    held_s : time of missing samples over which the last one is held
     """
 
     arcs: Arcs
@@ -43,12 +46,13 @@ class Measurements:
     row: Indices
     elapsed_s: Array
     noise_gain: float
+    held_s: float
 
 
 def measurements(
     recording: Recording,
     step_s: float | None = None,
-    resampling: Resampling = "skip",
+    resampling: Resampling = "average",
     max_gap_s: float | None = None,
 ) -> Measurements:
     """Arcs and references of a recording.
@@ -58,7 +62,7 @@ def measurements(
     recording : the recording
     step_s : propagation step, a whole multiple of the sample; the sample itself by default
     resampling : how a coarser step is made
-    max_gap_s : longest stretch without a new sample that the last one may be held over; 1.5 samples by default
+    max_gap_s : longest time of missing samples that the last one may be held over; half a sample by default
 
     Raises
     ------
@@ -66,33 +70,66 @@ def measurements(
         The gyro stream does not cover an interval, has a gap in it, or step_s is not a multiple of the sample.
     """
     gyro = recording.gyro
-    factor = 1 if step_s is None else round(step_s / gyro.sample_s)
-    if step_s is not None and (factor < 1 or abs(step_s - factor * gyro.sample_s) > 1e-9 * gyro.sample_s):
-        raise InputError(f"step {step_s:g} s is not a whole multiple of the gyro sample, {gyro.sample_s:g} s")
-    limit = 1.5 * gyro.sample_s if max_gap_s is None else max_gap_s
-    span_s = np.zeros(gyro.t_s.size)
+    factor = _factor(step_s, gyro.sample_s)
+    if max_gap_s is not None and not 0 <= max_gap_s < np.inf:
+        raise InputError(f"the longest gap must be a finite time of zero or more seconds, not {max_gap_s:g}")
+    limit = gyro.sample_s + max(0.5 * gyro.sample_s, max_gap_s or 0.0)
     parts: list[tuple[NDArray[Any], ...]] = []
-    offset = 0
+    steps = fine_steps = 0
+    held_s = 0.0
     for number, interval in enumerate(recording.intervals):
         rows = reference_rows(recording.attitudes.t_s, interval)
         times = recording.attitudes.t_s[rows]
         low, tags = _covering_samples(gyro, interval, times, limit)
-        span_s[low : low + len(tags) - 1] = np.diff(tags)
-        dt, group, ends = _cut_at(np.append(tags[:-1:factor], tags[-1]), times)
-        sample = low + factor * group
-        count = np.minimum(factor, low + len(tags) - 1 - sample) if resampling == "average" else np.ones_like(sample)
-        outputs = np.full(rows.size - 1, number)
-        first, last = offset + ends[:-1], offset + ends[1:]
-        parts.append((dt, sample, count, first, last, outputs, np.full_like(outputs, rows[0]), rows[1:], times[1:] - times[0]))
-        offset += len(dt)
-    dt, sample, count, first, last, arc, start, row, elapsed = (np.concatenate(part) for part in zip(*parts, strict=True))
+        fine_dt, stretch, ends = _cut_at(tags, times)
+        fine, outputs = _grouped(ends, factor)
+        dt = np.add.reduceat(fine_dt, fine)
+        arc = np.full(rows.size - 1, number)
+        ends_of = (steps + outputs[:-1], steps + outputs[1:])
+        parts.append(
+            (
+                fine_dt,
+                low + stretch,
+                dt,
+                fine_steps + fine,
+                *ends_of,
+                arc,
+                np.full_like(arc, rows[0]),
+                rows[1:],
+                times[1:] - times[0],
+            )
+        )
+        held_s += float(np.sum(np.diff(tags)[np.diff(tags) > 1.5 * gyro.sample_s] - gyro.sample_s))
+        steps += len(dt)
+        fine_steps += len(fine_dt)
+    fine_dt, sample, dt, fine, first, last, arc, start, row, elapsed = (np.concatenate(p) for p in zip(*parts, strict=True))
+    averaged = resampling == "average" and factor > 1
     return Measurements(
-        arcs=Arcs(gyro.rates, dt, sample, first, last, arc, count, span_s),
+        arcs=Arcs(gyro.rates, dt, sample, first, last, arc, np.append(fine, fine_steps), fine_dt)
+        if averaged
+        else Arcs(gyro.rates, dt, sample[fine], first, last, arc),
         start=start,
         row=row,
         elapsed_s=elapsed,
         noise_gain=float(factor) if resampling == "skip" else 1.0,
+        held_s=held_s,
     )
+
+
+def _factor(step_s: float | None, sample_s: float) -> int:
+    """Samples in a step."""
+    if step_s is None:
+        return 1
+    ratio = step_s / sample_s
+    if not (np.isfinite(ratio) and 1 <= round(ratio) <= 10**6 and abs(ratio - round(ratio)) < 1e-9 * ratio):
+        raise InputError(f"step {step_s:g} s is not a whole multiple of the gyro sample, {sample_s:g} s")
+    return round(ratio)
+
+
+def _grouped(ends: Indices, factor: int) -> tuple[Indices, Indices]:
+    """First fine step of every step of `factor` fine ones, counted afresh from each of `ends`; and those ends in steps."""
+    firsts = [np.arange(low, high, factor) for low, high in pairwise(ends)]
+    return np.concatenate(firsts), np.concatenate([[0], np.cumsum([len(part) for part in firsts])])
 
 
 def _covering_samples(gyro: GyroStream, interval: Interval, times: Array, max_gap_s: float) -> tuple[int, Array]:
@@ -102,7 +139,10 @@ def _covering_samples(gyro: GyroStream, interval: Interval, times: Array, max_ga
     low = int(np.searchsorted(t, times[0] + TAG_ROUNDING * gyro.sample_s, side="right")) - 1
     high = int(np.searchsorted(t, times[-1] - TAG_ROUNDING * gyro.sample_s, side="left"))
     if low < 0 or times[0] - t[low] > max_gap_s or low >= high:
-        raise InputError(f"interval {interval.name}: no gyro sample covers its first reference attitude at {times[0]} s")
+        raise InputError(
+            f"interval {interval.name}: no gyro sample covers its first reference attitude at {times[0]} s; "
+            f"the gyro stream runs from {t[0]} s to {t[-1] + gyro.sample_s} s"
+        )
     following = t[high] if high < t.size else np.inf
     tags = np.append(t[low:high], min(following, max(times[-1], t[high - 1] + gyro.sample_s)))
     gaps = np.flatnonzero(np.diff(tags) > max_gap_s)
@@ -110,7 +150,8 @@ def _covering_samples(gyro: GyroStream, interval: Interval, times: Array, max_ga
         k = gaps[0]
         raise InputError(
             f"interval {interval.name}: no gyro samples between {tags[k] + gyro.sample_s} s and {tags[k + 1]} s "
-            f"({gaps.size} such gap(s)); split the interval there, or allow holding the last rate with max_gap_s"
+            f"({gaps.size} such gap(s), the longest {np.diff(tags).max() - gyro.sample_s:g} s); split the interval there, "
+            "or allow holding the last rate so long (max_gap_s, --max-gap)"
         )
     return low, tags
 

@@ -33,6 +33,7 @@ Matrix = Annotated[tuple[Vector, Vector, Vector], Field(strict=False)]
 
 TOUCH_TOLERANCE = 1e-6  # s; intervals closer than this touch
 JOIN_TOLERANCE = 1e-8  # attitude matrix elements of two intervals that touch
+MOST_SAMPLES = 2e7
 SMALLEST_DETERMINANT = 1e-3  # of a G that counts as invertible
 
 
@@ -43,7 +44,7 @@ class _Model(BaseModel):
 class OrbitSection(_Model):
     """Circular orbit."""
 
-    altitude_km: float = Field(gt=100)
+    altitude_km: float = Field(gt=100, le=1e6)
     inclination_deg: float = Field(ge=0, le=180)
     raan_deg: float = 0.0
     argument_of_latitude_deg: float = 0.0
@@ -66,9 +67,9 @@ class GyroSection(_Model):
     ``reading`` is what a sample shows: the mean rate over it, or the rate at its start.
     """
 
-    sample_s: float = Field(gt=0)
+    sample_s: float = Field(ge=1e-3, le=1e4)
     reading: Literal["mean", "point"] = "mean"
-    arw_deg_per_sqrt_s: float = Field(ge=0)
+    arw_deg_per_sqrt_s: float = Field(ge=0, le=1e3)
     true_G: Matrix
     true_bias_deg_s: Vector
     apriori_G: Matrix
@@ -86,7 +87,7 @@ class ReferenceSection(_Model):
     """When reference attitudes are taken, and their standard deviation about each body axis."""
 
     at: Literal["ends", "series"] = "ends"
-    every_s: float | None = Field(default=None, gt=0, validate_default=True)
+    every_s: float | None = Field(default=None, ge=1e-3, validate_default=True)
     sigma_deg: Vector
 
     @field_validator("every_s")
@@ -127,7 +128,7 @@ class SlewSection(_Model):
     """A turn about a body axis."""
 
     axis: Vector
-    angle_deg: float
+    angle_deg: float = Field(ge=-3600, le=3600)
     start_s: float = Field(ge=0)
     duration_s: float = Field(gt=0)
     ramp_fraction: float = Field(default=0.5, gt=0, le=0.5)
@@ -135,8 +136,8 @@ class SlewSection(_Model):
     @field_validator("axis")
     @classmethod
     def _not_zero(cls, value: Vector) -> Vector:
-        if not np.linalg.norm(value) > 0:
-            raise ValueError("must not be zero")
+        if not 1e-6 < np.linalg.norm(value) < 1e6:
+            raise ValueError("must have a length between 1e-6 and 1e6; it is normalised")
         return value
 
     def slew(self) -> Slew:
@@ -245,6 +246,15 @@ class Scenario(_Model):
 
     @field_validator("interval")
     @classmethod
+    def _not_endless(cls, value: tuple[IntervalSection, ...], info: ValidationInfo) -> tuple[IntervalSection, ...]:
+        if "gyro" in info.data:
+            samples = sum(section.stop_s - section.start_s for section in value) / info.data["gyro"].sample_s
+            if samples > MOST_SAMPLES:
+                raise ValueError(f"{samples:.3g} gyro samples are more than the {MOST_SAMPLES:.0e} that fit in memory")
+        return value
+
+    @field_validator("interval")
+    @classmethod
     def _intervals_fit(cls, value: tuple[IntervalSection, ...], info: ValidationInfo) -> tuple[IntervalSection, ...]:
         names = [interval.name for interval in value]
         repeated = sorted({name for name in names if names.count(name) > 1})
@@ -278,6 +288,13 @@ def names() -> tuple[str, ...]:
     """Names of the built-in scenarios."""
     folder = resources.files("simulator") / "scenarios"
     return tuple(sorted(entry.name[:-5] for entry in folder.iterdir() if entry.name.endswith(".toml")))
+
+
+def text(name: str) -> str:
+    """TOML of a built-in scenario, as it is on file."""
+    if name not in names():
+        raise InputError(f"{name}: no built-in scenario; there are {', '.join(names())}")
+    return resources.files("simulator").joinpath("scenarios", f"{name}.toml").read_text(encoding="utf-8")
 
 
 def load(name_or_path: str | os.PathLike[str]) -> Scenario:

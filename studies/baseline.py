@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from gyrocal import NAMES
+from gyrocal import NAMES, InputError
 from simulator import scenario
 from studies import paper_tables
 
@@ -66,7 +66,13 @@ def moved(old: pd.DataFrame, new: pd.DataFrame) -> pd.DataFrame:
 
 def read(path: Path) -> pd.DataFrame:
     """Read a stored baseline."""
-    return pd.read_csv(path)
+    try:
+        table = pd.read_csv(path)
+    except (ValueError, UnicodeDecodeError) as fault:  # pandas' parser errors are ValueErrors
+        raise InputError(f"{path}: not a baseline: {' '.join(str(fault).split())}") from None
+    if not set(KEYS) <= set(table.columns):
+        raise InputError(f"{path}: not a baseline: columns {', '.join(KEYS)} are needed")
+    return table
 
 
 def write(table: pd.DataFrame, path: Path) -> None:

@@ -1,10 +1,12 @@
-"""The command line: ``gyrocal reproduce | calibrate | simulate | baseline | study``.
+"""The command line: ``gyrocal reproduce | calibrate | simulate | scenarios | baseline | study``.
 
 Tables go to standard output, progress and errors to standard error. Bad input ends in one line and exit status 2.
 """
 
+import json
 import os
 import sys
+import time
 import tomllib
 from pathlib import Path
 from typing import Any
@@ -13,12 +15,15 @@ import click
 import numpy as np
 from rich.console import Console
 
-from gyrocal import GyrocalError, InputError, calibrate, load, save, select
+from gyrocal import GyrocalError, GyroParameters, InputError, calibrate, load, save, select
+from gyrocal.observability import PLAUSIBLE_G
 from gyrocal.recording import toml_value
 from simulator import scenario as scenarios
 from simulator.simulate import simulate
-from studies import baseline, figures, psi_sweep, render, reproduce
+from studies import baseline, calibration_report, figures, psi_sweep, render, reproduce
 from studies.manifest import manifest, write_json
+
+PATH = click.Path(path_type=Path)
 
 
 class _Group(click.Group):
@@ -44,6 +49,9 @@ def _console() -> Console:
 @click.version_option(package_name="gyrocal")
 def main() -> None:
     """In-flight gyro calibration: simulate it, run it, validate it."""
+    for stream in (sys.stdout, sys.stderr):
+        if hasattr(stream, "reconfigure"):  # a terminal that cannot show ψ shows ? instead of a traceback
+            stream.reconfigure(errors="replace")
 
 
 @main.command("reproduce")
@@ -61,31 +69,62 @@ def reproduce_command(out: Path, cases: int, jobs: int | None, entropy: int, as_
     Example:
       gyrocal reproduce --cases 50 --out /tmp/trmm
     """
+    _check_writable(as_json)
     summary = reproduce.run(out, cases, jobs or os.cpu_count() or 1, entropy, _console())
     if as_json:
         write_json(as_json, summary)
+
+
+@main.command("scenarios")
+@click.argument("name", required=False)
+def scenarios_command(name: str | None) -> None:
+    """List the built-in scenarios, or print one as TOML, to be copied and changed.
+
+    \b
+    Example:
+      gyrocal scenarios trmm > mine.toml
+    """
+    click.echo(scenarios.text(name) if name else "\n".join(scenarios.names()))
 
 
 @main.command("simulate")
 @click.argument("scenario")
 @click.argument("out", type=click.Path(path_type=Path, file_okay=False))
 @click.option("--seed", type=click.IntRange(0), default=0, show_default=True, help="Root of the random streams.")
-@click.option("--case", type=click.IntRange(0), default=0, show_default=True, help="Case number under that seed.")
+@click.option("--case", type=click.IntRange(0, 2**32 - 1), default=0, show_default=True, help="Case number under that seed.")
 @click.option("--noise-free", is_flag=True, help="Neither gyro nor reference noise.")
 @click.option("--set", "changes", multiple=True, metavar="PATH=VALUE", help="Override a value of the scenario; repeatable.")
-def simulate_command(scenario: str, out: Path, seed: int, case: int, noise_free: bool, changes: tuple[str, ...]) -> None:
+@click.option("--truth", type=PATH, help="Also write the injected G and bias as JSON to this file.")
+@click.option("--force", is_flag=True, help="Replace a recording that is in OUT already.")
+def simulate_command(
+    scenario: str,
+    out: Path,
+    seed: int,
+    case: int,
+    noise_free: bool,
+    changes: tuple[str, ...],
+    truth: Path | None,
+    force: bool,
+) -> None:
     """Simulate SCENARIO (a built-in name or a TOML file) and write the recording to the folder OUT.
+
+    Lists in a path count from zero: interval.1 is the second interval.
 
     \b
     Examples:
-      gyrocal simulate trmm /tmp/rec
+      gyrocal simulate trmm /tmp/rec --truth /tmp/truth.json
       gyrocal simulate trmm_series /tmp/rec --seed 7 --set gyro.arw_deg_per_sqrt_s=1e-4 --set interval.1.slew.0.start_s=120
     """
+    if (out / "recording.toml").exists() and not force:
+        raise InputError(f"{out}: a recording is there already; choose another folder, or replace it with --force")
     chosen = scenarios.load(scenario)
     if changes:
         chosen = scenarios.override(chosen, dict(_assignment(change) for change in changes))
+    _check_writable(truth)
     recording = simulate(chosen, seed=seed, case=case, noise=not noise_free)
     save(recording, out)
+    if truth:
+        write_json(truth, {"G": chosen.gyro.true_G, "bias_deg_s": chosen.gyro.true_bias_deg_s})
     click.echo(
         f"{out}: {len(recording.intervals)} intervals, {recording.gyro.t_s.size} gyro samples, "
         f"{recording.attitudes.t_s.size} reference attitudes"
@@ -93,33 +132,47 @@ def simulate_command(scenario: str, out: Path, seed: int, case: int, noise_free:
 
 
 @main.command("calibrate")
-@click.argument("recording", type=click.Path(path_type=Path))
-@click.option("--json", "as_json", type=click.Path(path_type=Path), help="Write the result as JSON to this file.")
+@click.argument("recording", type=PATH)
+@click.option("--json", "as_json", type=PATH, help="Write the result as JSON to this file.")
+@click.option("--truth", type=PATH, help="Injected G and bias_deg_s as JSON: show the errors.")
 @click.option(
     "--psi", type=click.Choice(["full", "linear"]), default="full", show_default=True, help="Error sensitivity, N (11)."
 )
 @click.option("--iterations", type=click.IntRange(1), default=None, help="Exactly so many; to the tolerance by default.")
-@click.option("--solve-for", default="all", show_default=True, help="Parameters, e.g. 'bias', 'gyro_x', 'all,-misalignment'.")
+@click.option(
+    "--solve-for",
+    default="all",
+    show_default=True,
+    help="Parameters (G_xx … b_z) or groups (all, bias, scale, misalignment, gyro_x: row x of G with b_x), comma separated; "
+    "'-' takes out: 'all,-misalignment'.",
+)
 @click.option("--step", "step_s", type=float, default=None, help="Propagation step in s, a multiple of the sample.")
 @click.option(
     "--resampling", type=click.Choice(["skip", "average"]), default="average", show_default=True, help="How a step is made."
 )
 @click.option(
     "--covariance",
-    "covariance_model",
-    type=click.Choice(["full", "references only"]),
+    type=click.Choice(["full", "references-only"]),
     default="full",
     show_default=True,
     help="With gyro noise and shared references, or the paper's C.",
 )
 @click.option("--prior-sigma-g", type=float, default=None, help="A-priori 1-sigma of each element of G.")
 @click.option("--prior-sigma-bias", type=float, default=None, help="A-priori 1-sigma of each bias, deg/s.")
-@click.option("--max-gap", "max_gap_s", type=float, default=None, help="Hold the last rate over gaps up to so many s.")
+@click.option("--plausible-g", type=float, default=PLAUSIBLE_G, show_default=True, help="How far G may plausibly be off.")
+@click.option("--plausible-bias", type=float, default=10.0, show_default=True, help="How far b may plausibly be off, deg/h.")
+@click.option(
+    "--max-gap", "max_gap_s", type=float, default=None, help="Hold the last rate over up to so many s of missing samples."
+)
 def calibrate_command(
     recording: Path,
     as_json: Path | None,
+    truth: Path | None,
+    covariance: str,
     prior_sigma_g: float | None,
     prior_sigma_bias: float | None,
+    plausible_g: float,
+    plausible_bias: float,
     solve_for: str,
     **options: Any,
 ) -> None:
@@ -127,21 +180,21 @@ def calibrate_command(
 
     \b
     Example:
-      gyrocal simulate trmm /tmp/rec && gyrocal calibrate /tmp/rec --json /tmp/result.json
+      gyrocal simulate trmm /tmp/rec --truth /tmp/truth.json
+      gyrocal calibrate /tmp/rec --truth /tmp/truth.json --json /tmp/result.json
     """
-    prior = _prior(select(solve_for), prior_sigma_g, prior_sigma_bias)
-    result = calibrate(load(recording), solve_for=solve_for, apriori_covariance=prior, **options)
-    console = _console()
-    how = "converged" if result.converged else "not converged" if options["iterations"] is None else "as asked"
-    count = len(result.corrections)
-    title = f"{result.recording}: {count} iteration(s), {how}; ψ {result.psi}; {result.covariance_model} covariance"
-    render.terminal(console, title, result.summary(), _fit_note(result.chi2, result.dof, result.p_value))
-    shown = ["interval", "t_s"] + [f"{when}_{axis}_deg" for when in ("before", "after") for axis in ("roll", "pitch", "yaw")]
-    render.terminal(
-        console, "Residuals at the end of each interval", result.residuals[shown].groupby("interval", sort=False).tail(1)
+    _check_writable(as_json)
+    known = _read_truth(truth) if truth else None
+    result = calibrate(
+        load(recording),
+        solve_for=solve_for,
+        apriori_covariance=_prior(select(solve_for), prior_sigma_g, prior_sigma_bias),
+        covariance_model="full" if covariance == "full" else "references only",
+        plausible_G=plausible_g,
+        plausible_bias=float(np.deg2rad(plausible_bias / 3600)),
+        **options,
     )
-    for combination in result.observability.unobservable:
-        console.print(f"Not found from the data, held by the prior: {combination}", highlight=False)
+    calibration_report.show(_console(), result, options["iterations"] is None, known)
     if as_json:
         write_json(as_json, result.to_json())
 
@@ -194,11 +247,15 @@ def psi_command(scenario: str, out: Path) -> None:
     Example:
       gyrocal study psi --out /tmp/psi
     """
-    table = psi_sweep.run(scenarios.load(scenario))
+    started = time.monotonic()
+    chosen = scenarios.load(scenario)
+    table = psi_sweep.run(chosen)
     out.mkdir(parents=True, exist_ok=True)
     table.to_csv(out / "psi_sweep.csv", index=False, float_format="%.9g")
     figures.psi_figure(table, psi_sweep.GOOD_ENOUGH, out / "psi_sweep.svg")
-    write_json(out / "manifest.json", manifest("gyrocal study psi", {"scenario": scenario}, out, 0.0))
+    write_json(
+        out / "manifest.json", manifest("gyrocal study psi", chosen.model_dump(mode="json"), out, time.monotonic() - started)
+    )
     render.terminal(_console(), "Linear against full ψ", table)
 
 
@@ -217,17 +274,24 @@ def _prior(names: tuple[str, ...], sigma_G: float | None, sigma_bias: float | No
         return None
     if sigma_G is None or sigma_bias is None:
         raise InputError("give both --prior-sigma-g and --prior-sigma-bias, or neither")
-    if not (sigma_G > 0 and sigma_bias > 0):
-        raise InputError("--prior-sigma-g and --prior-sigma-bias must be positive")
+    if not (1e-15 < sigma_G < 1e6 and 1e-15 < sigma_bias < 1e6):
+        raise InputError("--prior-sigma-g and --prior-sigma-bias must be positive and below 1e6")
     return np.diag([(sigma_G if name.startswith("G") else np.deg2rad(sigma_bias)) ** 2 for name in names])
 
 
-def _fit_note(chi2: float, dof: int, p_value: float) -> str:
-    if dof <= 0:
-        return "No degrees of freedom are left: the residuals after say nothing about the fit."
-    note = f"Residuals after: χ² = {chi2:.1f} with {dof} degrees of freedom, p = {p_value:.2g}."
-    if p_value < 0.01:
-        note += " They are larger than the stated noise allows: do not trust the sigmas, look for an unmodelled effect."
-    elif p_value > 0.99:
-        note += " They are smaller than the stated noise: the stated noise is too large, or the recording is noise-free."
-    return note
+def _check_writable(path: Path | None) -> None:
+    """Say before the work, not after it, that a file cannot be written."""
+    if path is None:
+        return
+    if path.is_dir():
+        raise InputError(f"{path}: is a folder; give the name of a file")
+    if not path.parent.is_dir():
+        raise InputError(f"{path}: no folder {path.parent}")
+
+
+def _read_truth(path: Path) -> GyroParameters:
+    try:
+        document = json.loads(path.read_text(encoding="utf-8"))
+        return GyroParameters(np.array(document["G"], dtype=float), np.deg2rad(np.array(document["bias_deg_s"], dtype=float)))
+    except (KeyError, TypeError, ValueError) as fault:
+        raise InputError(f"{path}: not a truth file with G and bias_deg_s: {fault}") from None

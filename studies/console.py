@@ -11,8 +11,12 @@ LINE_EVERY_S = 60.0
 
 
 @contextmanager
-def progress(console: Console, label: str, total: int) -> Iterator[Callable[[int], None]]:
-    """Show progress on stderr's terminal as a bar, elsewhere as a line a minute; yields a function that takes the advance."""
+def progress(label: str, total: int, quiet: bool = False) -> Iterator[Callable[[int], None]]:
+    """Show progress on standard error, as a bar on a terminal, elsewhere as a line a minute.
+
+    Yields a function that is told how many more are done.
+    """
+    console = Console(stderr=True, quiet=quiet)
     if console.is_terminal:
         columns = (
             TextColumn("{task.description}"),

@@ -11,7 +11,7 @@ between the columns of N Table 2 are independent, with variances a²T and 2a²T,
 walk a without knowing anything else.
 """
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 
 import numpy as np
@@ -141,7 +141,11 @@ def with_yaw_directions(scenario: Scenario, second: int, sixth: int) -> Scenario
 
 
 def minus_y_rate_test(scenario: Scenario) -> pd.DataFrame:
-    """Gap of interval 4 for either sign of its rate, with the scenario's timings and with its own fitted to that sign."""
+    """Gap of interval 4 for either sign of its rate, with the scenario's timings and with its own fitted to that sign.
+
+    The fitted gap of the favoured sign says little, three timings being fitted to three numbers; that of the other says that
+    no timing that can be flown saves it.
+    """
     rows = []
     for sign in (-1, 1):
         candidate = with_minus_y_rate(scenario, sign)
@@ -201,12 +205,14 @@ class TimingFit:
     ----------
     scenario : with the fitted timings
     timings : fitted values by name
+    at_bound : names of those that stopped at a bound
     gap_rms_deg : what is left
     dof : numbers less fitted values
     """
 
     scenario: Scenario
     timings: Mapping[str, float]
+    at_bound: tuple[str, ...]
     gap_rms_deg: float
     dof: int
 
@@ -216,53 +222,122 @@ class TimingFit:
         return len(self.timings)
 
 
+# What can be flown: slews from 0.1 to 0.6 deg/s on average, and a stay in -y forward of "about one hour".
 BOUNDS = {"delay_s": (0.0, 300.0), "slew_rate_deg_s": (0.15, 0.6), "ramp_fraction": (0.02, 0.5), "stay_s": (3000.0, 4000.0)}
+MEAN_RATES_DEG_S = (0.1, 0.6)
+TRANSITION_BOUNDS_S = (10.0, 600.0)
+UNFLYABLE = 1.0  # deg, what timings that do not fit into their interval cost
+STARTS = (0.2, 0.5, 0.8)  # of the way through the bounds, beside the scenario's own timings
+
+
+@dataclass(frozen=True)
+class _Free:
+    """Free timings: their names, where to start, (n, 2) bounds, and the overrides that set them."""
+
+    names: tuple[str, ...]
+    start: Array
+    bounds: Array
+    changes: Callable[[Array], dict[str, float]]
+
+    def at_bound(self, x: Array) -> tuple[str, ...]:
+        """Names of those within a thousandth of their range of a bound."""
+        near = np.min(np.abs(x[:, None] - self.bounds), axis=1) < 1e-3 * np.ptp(self.bounds, axis=1)
+        return tuple(name for name, stopped in zip(self.names, near, strict=True) if stopped)
 
 
 def fit_common(scenario: Scenario) -> TimingFit:
     """Fit the four timings common to all maneuvers."""
-    coarse = _coarse(scenario)
-    names = [field.name for field in fields(Timing)]
-    start = np.array([getattr(timing_of(scenario), name) for name in names])
-    best = _minimise(
-        lambda x: _gap_or_none(coarse, Timing(*map(float, x)).overrides(coarse)), start, [BOUNDS[name] for name in names]
+    base = timing_of(scenario)
+    names = tuple(field.name for field in fields(Timing))
+    free = _Free(
+        names=names,
+        start=np.array([getattr(base, name) for name in names]),
+        bounds=np.array([BOUNDS[name] for name in names]),
+        changes=lambda x: Timing(*map(float, x)).overrides(scenario),
     )
-    fitted = override(scenario, Timing(*map(float, best)).overrides(scenario))
-    return TimingFit(fitted, dict(zip(names, map(float, best), strict=True)), gap_rms(predict(fitted)), 18 - len(names))
+    return _fitted(scenario, [(free, _minimise(scenario, free, sorted((*YAW_INTERVALS, MINUS_Y))))])  # the others hold no slew
 
 
 def fit_each(scenario: Scenario) -> TimingFit:
-    """Fit the timings of each maneuver by itself: start and duration of every slew and of the hold's transitions.
+    """Fit the timings of each maneuver by itself, nine values for the twelve numbers of four intervals.
 
-    Ten values for the twelve numbers of four intervals: shows how far timing alone can go, and fits noise as well.
+    It shows how far timing alone can go, and fits noise as well: an interval's three numbers leave one degree of freedom, or
+    none, and a timing that stops at its bound has been asked for more than it can give.
     """
-    values: dict[str, float] = {}
+    parts = []
     for k in (*YAW_INTERVALS, MINUS_Y, HOLD):
-        alone = fit_interval(scenario, k)
-        changed = _interval_timing(alone, k)
-        values |= changed
-        scenario = override(scenario, changed)
-    return TimingFit(scenario, values, gap_rms(predict(scenario)), 18 - len(values))
+        free = _free_timings(scenario, k)
+        parts.append((free, _minimise(scenario, free, [k])))
+    return _fitted(scenario, parts)
 
 
 def fit_interval(scenario: Scenario, k: int) -> Scenario:
-    """Fit the timings of interval k alone, within the interval."""
+    """The scenario with the timings of interval k fitted to its three numbers, within what can be flown."""
+    free = _free_timings(scenario, k)
+    return override(scenario, free.changes(_minimise(scenario, free, [k])))
+
+
+def _free_timings(scenario: Scenario, k: int) -> _Free:
+    """Free timings of one interval: of its slews, which last equally long, or of its hold."""
+    interval, path = scenario.interval[k], f"interval.{k}"
+    if interval.hold:
+        return _Free(
+            names=(f"{interval.name} hold start_s", f"{interval.name} hold transition_s"),
+            start=np.array([interval.hold.start_s, interval.hold.transition_s]),
+            bounds=np.array([(0.0, 300.0), TRANSITION_BOUNDS_S]),
+            changes=lambda x: {f"{path}.hold.start_s": float(x[0]), f"{path}.hold.transition_s": float(x[1])},
+        )
+    slews = interval.slew
+    slowest, fastest = (abs(slews[0].angle_deg) / rate for rate in MEAN_RATES_DEG_S)
+    names = [f"{interval.name} slew start_s", f"{interval.name} slew duration_s"]
+    start, bounds = [slews[0].start_s, slews[0].duration_s], [BOUNDS["delay_s"], (fastest, slowest)]
+    if len(slews) > 1:
+        names.append(f"{interval.name} stay_s")
+        start.append(slews[1].start_s - slews[0].start_s)
+        bounds.append(BOUNDS["stay_s"])
+
+    def changes(x: Array) -> dict[str, float]:
+        out = {f"{path}.slew.{j}.duration_s": float(x[1]) for j in range(len(slews))}
+        return out | {f"{path}.slew.{j}.start_s": float(x[0] + (x[2] if j else 0.0)) for j in range(len(slews))}
+
+    return _Free(tuple(names), np.array(start), np.array(bounds), changes)
+
+
+def _fitted(scenario: Scenario, parts: list[tuple[_Free, Array]]) -> TimingFit:
+    timings: dict[str, float] = {}
+    at_bound: tuple[str, ...] = ()
+    for free, x in parts:
+        scenario = override(scenario, free.changes(x))
+        timings |= dict(zip(free.names, map(float, x), strict=True))
+        at_bound += free.at_bound(x)
+    return TimingFit(scenario, timings, at_bound, gap_rms(predict(scenario)), 18 - len(timings))
+
+
+def _minimise(scenario: Scenario, free: _Free, intervals: Sequence[int]) -> Array:
+    """Nelder–Mead on the gap of some intervals from several starts; timings that cannot be flown count as a degree."""
     coarse = _coarse(scenario)
-    alone = coarse.model_copy(update={"interval": (coarse.interval[k],)})
-    target = flight.residuals("prelaunch")[k]
-    names = list(_interval_timing(scenario, k))
-    start = np.array(list(_interval_timing(scenario, k).values()))
-    length = scenario.interval[k].stop_s - scenario.interval[k].start_s
+    flown = flight.residuals("prelaunch")[list(intervals)]
+    low, high = free.bounds.T
 
-    def gap(x: Array) -> float | None:
-        changes = {name.replace(f"interval.{k}.", "interval.0."): float(value) for name, value in zip(names, x, strict=True)}
+    def cost(y: Array) -> float:
         try:
-            return float(flight.rms(predict(override(alone, changes))[0] - target))
+            changed = override(coarse, free.changes(low + y * (high - low)))
+            some = changed.model_copy(update={"interval": tuple(changed.interval[k] for k in intervals)})
+            return float(flight.rms((predict(some) - flown).ravel()))
         except InputError:
-            return None
+            return UNFLYABLE
 
-    best = _minimise(gap, start, [(0.0, length)] * len(names))
-    return override(scenario, dict(zip(names, map(float, best), strict=True)))
+    count = len(free.names)
+    # Between bounds, the scenario's own timings first; then along the box's diagonal, for a valley elsewhere.
+    starts = [np.clip((free.start - low) / (high - low), 0, 1), *(np.full(count, share) for share in STARTS)]
+    options = {"xatol": 1e-4, "fatol": 1e-6, "maxfev": 60 * count}
+    best = min(
+        (minimize(cost, y, method="Nelder-Mead", bounds=[(0, 1)] * count, options=options) for y in starts),
+        key=lambda found: found.fun,
+    )
+    if best.fun >= UNFLYABLE:
+        raise InputError(f"no timing of {', '.join(free.names)} that can be flown was found")
+    return np.asarray(low + np.clip(best.x, 0, 1) * (high - low))
 
 
 def noise_from_steps() -> dict[str, float]:
@@ -293,38 +368,8 @@ def _coarse(scenario: Scenario) -> Scenario:
     return override(scenario, {"gyro.sample_s": COARSE_SAMPLE_S})
 
 
-def _interval_timing(scenario: Scenario, k: int) -> dict[str, float]:
-    """Free timings of an interval by their paths."""
-    interval = scenario.interval[k]
-    out = {}
-    for j, slew in enumerate(interval.slew):
-        out[f"interval.{k}.slew.{j}.start_s"] = slew.start_s
-        out[f"interval.{k}.slew.{j}.duration_s"] = slew.duration_s
-    if interval.hold:
-        out[f"interval.{k}.hold.start_s"] = interval.hold.start_s
-        out[f"interval.{k}.hold.transition_s"] = interval.hold.transition_s
-    return out
-
-
 def _gap_or_none(scenario: Scenario, changes: Mapping[str, float]) -> float | None:
     try:
         return gap_rms(predict(override(scenario, changes)))
     except InputError:  # slews that do not fit into their interval
         return None
-
-
-def _minimise(gap: Callable[[Array], float | None], start: Array, bounds: list[tuple[float, float]]) -> Array:
-    """Nelder–Mead from the start, restarted once; timings that cannot be flown count as a gap of one degree."""
-    scale = np.maximum(0.1 * np.abs(start), 1e-3)
-    low, high = (np.array(side) / scale for side in zip(*bounds, strict=True))
-
-    def cost(y: Array) -> float:
-        value = gap(y * scale)
-        return 1.0 if value is None else value
-
-    y = start / scale
-    for _ in range(2):
-        simplex = np.clip(np.vstack([y, y + np.where(y + 1 < high, 1, -1) * np.eye(len(y))]), low, high)
-        options = {"initial_simplex": simplex, "xatol": 1e-3, "fatol": 1e-6, "maxfev": 150}
-        y = minimize(cost, y, method="Nelder-Mead", bounds=list(zip(low, high, strict=True)), options=options).x
-    return np.asarray(y * scale)

@@ -274,8 +274,9 @@ def table4(rows: pd.DataFrame) -> pd.DataFrame:
 def table5(rows: pd.DataFrame) -> pd.DataFrame:
     """N Table 5: corrections to b and, as the paper's numbers are, to G⁻¹, by the first and the second iteration.
 
-    The flight's first-iteration bias corrections are those of Δt = 1 s and its G corrections those of 0.5 s; each is set
-    beside its own step. The second iteration's stand beside 0.5 s.
+    The flight's first-iteration bias corrections are those of Δt = 1 s and its G corrections those of 0.5 s and of G⁻¹; each is
+    set beside its own. Of the second iteration it is not known whether they are of G⁻¹ or of G: they stand beside both, at
+    0.5 s. Cell by cell they agree with neither; only their size is that of the simulated ones.
     """
     start = flight.parameters("prelaunch").vector * PARAMETER_UNIT
 
@@ -294,13 +295,16 @@ def table5(rows: pd.DataFrame) -> pd.DataFrame:
             part.insert(2, "row", "")
             part.insert(3, "gyro", list("xyz"))
             parts.append(part)
-            G = (inverse[iteration] - inverse[iteration - 1]).reshape(-1, 9)
-            part = statistics.distribution(G, G_flight.ravel() if flown and step == flight.STEPS[0] else None)
-            part.insert(0, "iteration", iteration)
-            part.insert(1, "quantity", "G_inverse")
-            part.insert(2, "row", np.repeat(list("xyz"), 3))
-            part.insert(3, "gyro", list("xyz") * 3)
-            parts.append(part)
+            changes = {"G_inverse": (inverse[iteration] - inverse[iteration - 1]).reshape(-1, 9)}
+            if iteration == 2:
+                changes["G"] = (iterates[2] - iterates[1])[:, :9]
+            for quantity, change in changes.items():
+                part = statistics.distribution(change, G_flight.ravel() if flown and step == flight.STEPS[0] else None)
+                part.insert(0, "iteration", iteration)
+                part.insert(1, "quantity", quantity)
+                part.insert(2, "row", np.repeat(list("xyz"), 3))
+                part.insert(3, "gyro", list("xyz") * 3)
+                parts.append(part)
         return pd.concat(parts)
 
     return _over_variants(rows, build)

@@ -1,24 +1,38 @@
 """Tables for people: the paper's layout as text cells, for the terminal and for Markdown."""
 
 from collections.abc import Sequence
+from math import floor, inf, log10
 
 import pandas as pd
 from rich.console import Console
+from rich.markup import escape
 from rich.table import Table
 
 NO_VALUE = "–"
 
 
-def number(value: float, digits: int = 3) -> str:
-    """A number in few characters: fixed where that is short, else with an exponent."""
+def number(value: float, digits: int | None = None) -> str:
+    """A number with so many decimals; without a count in few characters, with an exponent where that is shorter."""
     if pd.isna(value):
         return NO_VALUE
-    if value == 0 or 1e-3 <= abs(value) < 1e4:
+    if digits is not None:
         return f"{value:.{digits}f}"
+    if value == 0 or 1e-2 <= abs(value) < 1e5:
+        return f"{value:.5g}"
     return f"{value:.2e}"
 
 
-def cell(row: pd.Series, digits: int) -> str:
+def to_sigma(value: float, sigma: float) -> str:
+    """A value to two digits of its sigma."""
+    return f"{value:.{min(max(1 - floor(log10(sigma)), 0), 12)}f}" if 0 < sigma < inf else plain(value, sigma)
+
+
+def plain(value: float, _: float) -> str:
+    """A value whose sigma says nothing about its digits."""
+    return f"{value:.9g}"
+
+
+def cell(row: pd.Series, digits: int | None) -> str:
     """Mean ± standard deviation and, where it flew, the flight's value and its percentile."""
     text = f"{number(row['mean'], digits)} ± {number(row['std'], digits)}"
     if pd.isna(row["flight"]):
@@ -27,7 +41,7 @@ def cell(row: pd.Series, digits: int) -> str:
 
 
 def paper_layout(
-    table: pd.DataFrame, rows: Sequence[str], digits: int = 3, psi: str = "full", resampling: str = "skip"
+    table: pd.DataFrame, rows: Sequence[str], digits: int | None = 3, psi: str = "full", resampling: str = "skip"
 ) -> pd.DataFrame:
     """One column a step size, one row a cell of the paper's table.
 
@@ -47,18 +61,20 @@ def _text(value: object) -> str:
     if isinstance(value, bool):
         return "yes" if value else "no"
     if isinstance(value, float):
-        return number(value, 4)
+        return number(value)
     return str(value)
 
 
 def terminal(console: Console, title: str, table: pd.DataFrame, note: str = "") -> None:
     """Print a table."""
-    out = Table(title=title, caption=note or None, title_justify="left", caption_justify="left", header_style="bold")
+    out = Table(
+        title=escape(title), caption=escape(note) or None, title_justify="left", caption_justify="left", header_style="bold"
+    )
     for column in table.columns:
         numeric = pd.api.types.is_numeric_dtype(table[column])
         out.add_column(str(column), justify="right" if numeric else "left", no_wrap=True)
     for row in table.itertuples(index=False):
-        out.add_row(*(_text(value) for value in row))
+        out.add_row(*(escape(_text(value)) for value in row))
     console.print(out)
 
 
@@ -68,6 +84,6 @@ def markdown(title: str, table: pd.DataFrame, note: str = "") -> str:
     lines = [f"## {title}", ""] + ([note, ""] if note else [])
     lines += ["| " + " | ".join(header) + " |", "|" + "---|" * len(header)]
     for row in table.itertuples(index=False):
-        # A cell's own bars would end it.
-        lines.append("| " + " | ".join(_text(value).replace(" | ", " ; ") for value in row) + " |")
+        # A cell's own bars would end it, unless escaped.
+        lines.append("| " + " | ".join(_text(value).replace("|", "\\|") for value in row) + " |")
     return "\n".join([*lines, ""])

@@ -21,11 +21,11 @@ from studies.console import progress
 from studies.manifest import manifest, write_json
 
 DEFAULT_FOLDER = Path("results") / "reproduction"
-LAYOUTS = {  # rows of the paper's layout, and digits
+LAYOUTS: dict[str, tuple[list[str], int | None]] = {  # rows of the paper's layout, and decimals
     "table2": (["phase", "interval", "axis"], 3),
-    "table3": (["quantity", "gyro"], 5),
+    "table3": (["quantity", "gyro"], 6),
     "table4": (["phase", "statistic", "axis"], 4),
-    "table5": (["iteration", "quantity", "row", "gyro"], 3),
+    "table5": (["iteration", "quantity", "row", "gyro"], None),
 }
 TITLES = {
     "table2": "N Table 2: residuals (deg)",
@@ -34,8 +34,17 @@ TITLES = {
     "table5": "N Table 5: corrections to b and G⁻¹",
 }
 CELL_NOTE = (
-    "flight | mean ± standard deviation over the seeds | share of seeds below the flight's value; ψ full, samples skipped"
+    "Cells: the flight's value | mean ± standard deviation over seeds | share of seeds below the flight's. "
+    "Where nothing flew: mean ± standard deviation. ψ full, samples skipped; the CSV has the other variants and 5-95 % ranges."
 )
+WORDS = """
+*Predicted* is the noise-free simulation with R eq. (9) as truth, processed with the pre-launch parameters of N Table 3; the
+*gap* is flown minus predicted. Nothing in it is fitted, but the slews' timings are not published: they are assumed (60 s after the
+interval's start, 0.25 deg/s, about an hour in -y forward, one orbit in inertial hold), and the *timing scan* shows the gap for
+other assumptions. The *floor* is the flight's residual after its calibration, what the gap would be with the true timings.
+*NEES* is the normalised estimation error squared; its mean must be the number of parameters, 12, and its bounds are 99 %.
+N is Natanson (1998), R is Robertson et al. (1999).
+"""
 
 
 @dataclass
@@ -77,13 +86,14 @@ def run(
     config_values = config.model_dump(mode="json")
     write_json(folder / "summary.json", products.summary)
     write_json(folder / "manifest.json", manifest("gyrocal reproduce", config_values, folder, time.monotonic() - started))
+    render.terminal(out, "Summary", summary_table(products.summary))
     out.print(f"Written to {folder} in {time.monotonic() - started:.0f} s.", highlight=False)
     return products.summary
 
 
 def flight_part(scenario: Scenario, products: Products, out: Console) -> None:
     """The flight's numbers: prediction, signs, timings, noise."""
-    with progress(out, "flight gap", 7) as advance:
+    with progress("flight gap", 7, out.quiet) as advance:
         comparison = products.add(
             "flight_gap", "Pre-launch residuals at 0.5 s: flown and predicted", flight_gap.comparison(scenario)
         )
@@ -103,8 +113,8 @@ def flight_part(scenario: Scenario, products: Products, out: Console) -> None:
     published = flight_gap.gap_rms(flight_gap.predict(scenario))
     gaps = gap_table(scenario, common, each)
     products.add("flight_gap_by_interval", "Gap by interval (deg RMS), without and with fitted timings", gaps)
-    products.add("fitted_timings", "Fitted timings", fitted_table(scenario, common, each))
-    best = rate.sort_values("fitted_gap_rms_deg").iloc[0]
+    products.add("fitted_timings", "Fitted timings", fitted_table(common, each))
+    best = rate.sort_values("gap_rms_deg").iloc[0]
     products.summary |= {
         "flight_gap_rms_deg": {
             "published": published,
@@ -124,7 +134,7 @@ def flight_part(scenario: Scenario, products: Products, out: Console) -> None:
             "fitted_gap_rms_deg": {str(int(r["rate_rpo"])): float(r["fitted_gap_rms_deg"]) for _, r in rate.iterrows()},
         },
         "yaw_direction_deg": {
-            str(k): int(rows.sort_values("fitted_gap_rms_deg").iloc[0]["yaw_deg"]) for k, rows in yaw.groupby("interval")
+            str(k): int(rows.sort_values("gap_rms_deg").iloc[0]["yaw_deg"]) for k, rows in yaw.groupby("interval")
         },
         "residual_sign_gap_rms_deg": {
             "N (16)": float(sign["gap_rms_deg"][0]),
@@ -143,14 +153,15 @@ def gap_note(summary: dict[str, Any]) -> str:
     return (
         f"Floor: with the true timings the gap would be the flight's residual after calibration. Guesses of the common timings "
         f"give {gap['scan_min']:.4f} to {gap['scan_max']:.4f} deg. The spread between the flight's step sizes says "
-        f"{noise['residual_rms_deg']:.4f} deg RMS of the residuals is gyro noise, ARW {noise['arw_deg_per_sqrt_s']:.2e} deg/√s."
+        f"gyro noise is {noise['residual_rms_deg']:.4f} deg RMS in a residual (ARW {noise['arw_deg_per_sqrt_s']:.2e} deg/√s), "
+        f"of which a calibration of 12 parameters to 18 numbers leaves {noise['residual_rms_deg'] * np.sqrt(6 / 18):.4f} deg."
     )
 
 
 def gap_table(scenario: Scenario, common: flight_gap.TimingFit, each: flight_gap.TimingFit) -> pd.DataFrame:
     """Gap RMS of each interval and of all, for the scenario's timings and both fits, and the floor."""
     columns = {
-        "as published": flight_gap.predict(scenario),
+        "timings assumed": flight_gap.predict(scenario),
         f"{common.count} common timings fitted": flight_gap.predict(common.scenario),
         f"{each.count} timings fitted": flight_gap.predict(each.scenario),
     }
@@ -164,32 +175,42 @@ def gap_table(scenario: Scenario, common: flight_gap.TimingFit, each: flight_gap
     return table
 
 
-def fitted_table(scenario: Scenario, common: flight_gap.TimingFit, each: flight_gap.TimingFit) -> pd.DataFrame:
-    """Fitted values beside those of the scenario."""
-    guess = vars(flight_gap.timing_of(scenario))
-    rows = [
-        {"fit": "common", "timing": name, "scenario": guess[name], "fitted": value, "degrees_of_freedom": common.dof}
-        for name, value in common.timings.items()
-    ]
-    for path, value in each.timings.items():
-        _, k, *rest = path.split(".")
-        section = scenario.interval[int(k)]
-        there = section.hold if rest[0] == "hold" else section.slew[int(rest[1])]
-        rows.append(
-            {
-                "fit": "each maneuver",
-                "timing": f"{section.name} {' '.join(rest)}",
-                "scenario": getattr(there, rest[-1]),
-                "fitted": value,
-                "degrees_of_freedom": each.dof,
-            }
-        )
-    return pd.DataFrame(rows)
+def fitted_table(common: flight_gap.TimingFit, each: flight_gap.TimingFit) -> pd.DataFrame:
+    """Fitted timings, and whether they stopped at the bound of what can be flown."""
+    return pd.DataFrame(
+        [
+            {"fit": name, "timing": timing, "fitted": value, "at_bound": timing in fit.at_bound, "degrees_of_freedom": fit.dof}
+            for name, fit in (("common", common), ("each maneuver", each))
+            for timing, value in fit.timings.items()
+        ]
+    )
+
+
+def summary_table(summary: dict[str, Any]) -> pd.DataFrame:
+    """The questions a reader comes with, and the answers of this run."""
+    gap, nees, rate = summary["flight_gap_rms_deg"], summary["nees"], summary["minus_y_rate_rpo"]
+    paper, shares = summary["nees_references_only"], summary["coverage"]
+    inside = f"NEES {nees['value']:.1f} in [{nees['bounds'][0]:.1f}, {nees['bounds'][1]:.1f}]"
+    rows = {
+        "Is the flight predicted, timings assumed?": f"gap {gap['published']:.4f} deg RMS of {gap['flight_rms']:.3f}; "
+        f"{gap['scan_min']:.4f} to {gap['scan_max']:.4f} over other assumptions; floor {gap['floor']:.4f}",
+        "And with four common timings fitted?": f"gap {gap['fitted']:.4f} deg RMS",
+        "Rate about x in -y forward?": f"{rate['favoured']:+d} RPO: gap {rate['gap_rms_deg']['-1']:.3f} deg against "
+        f"{rate['gap_rms_deg']['1']:.3f} ({rate['fitted_gap_rms_deg']['1']:.3f} with any timing that can be flown)",
+        "Are the estimates unbiased?": f"largest of 12 means {summary['bias_in_standard_errors_max']:.1f} standard errors "
+        f"({'yes' if summary['bias_in_standard_errors_max'] < 4 else 'NO'}: below 4)",
+        "Are the claimed sigmas honest?": f"{'yes' if nees['inside'] else 'NO'}: {inside}; "
+        f"{100 * shares['68']:.1f} / {100 * shares['95']:.1f} / {100 * shares['99.7']:.2f} % within 1 / 2 / 3 sigma",
+        "And the paper's, without gyro noise?": f"{'yes' if paper['inside'] else 'no'}: NEES {paper['value']:.1f}",
+        "Does one iteration do?": f"the second changes G by {summary['second_iteration_median']['G']:.1e} (median)",
+        "Does linear ψ do?": f"at TRMM's rates it differs by {summary['psi_difference_max']['G']:.1e} in G",
+    }
+    return pd.DataFrame({"question": rows.keys(), "answer": rows.values()})
 
 
 def monte_carlo_part(config: paper_tables.PaperTablesConfig, products: Products, jobs: int, out: Console) -> pd.DataFrame:
     """The paper's tables, and how right and how honest the estimates are."""
-    with progress(out, "calibrating", config.cases) as advance:
+    with progress("calibrating", config.cases, out.quiet) as advance:
         rows = paper_tables.run(config, jobs=jobs, progress=advance)
     truth = GyroParameters(np.array(config.scenario.gyro.true_G), np.deg2rad(config.scenario.gyro.true_bias_deg_s))
     for name, title in TITLES.items():
@@ -232,7 +253,7 @@ def monte_carlo_part(config: paper_tables.PaperTablesConfig, products: Products,
 
 def psi_part(scenario: Scenario, products: Products, out: Console) -> None:
     """Where linear ψ stops being good enough."""
-    with progress(out, "psi sweep", 1) as advance:
+    with progress("psi sweep", 1, out.quiet) as advance:
         products.add("psi_sweep", "Linear against full ψ over slew rate and step, noise-free", psi_sweep.run(scenario))
         advance(1)
 
@@ -243,14 +264,17 @@ def write(folder: Path, config: paper_tables.PaperTablesConfig, products: Produc
     sections = [
         "# Reproduction of the TRMM gyro calibration",
         "",
-        f"{config.cases} seeds, entropy {config.entropy}. Cells: {CELL_NOTE}.",
+        f"{config.cases} seeds, entropy {config.entropy}; `gyrocal reproduce` makes this page.",
+        "",
+        render.markdown("Summary", summary_table(products.summary), WORDS.strip()),
+        gap_note(products.summary),
         "",
     ]
     for name, table in products.tables.items():
         table.to_csv(folder / f"{name}.csv", index=False, float_format="%.9g")
         layout = LAYOUTS.get(name)
         shown = render.paper_layout(table, *layout) if layout else table
-        text = render.markdown(products.titles[name], shown)
+        text = render.markdown(products.titles[name], shown, CELL_NOTE if layout else "")
         (folder / f"{name}.md").write_text(text, encoding="utf-8")
         sections.append(text)
     (folder / "tables.md").write_text("\n".join(sections), encoding="utf-8")

@@ -3,20 +3,22 @@
 import json
 
 import numpy as np
+import pandas as pd
 import pytest
 
 import gyrocal
 from gyrocal import NAMES, load
+from simulator import scenario as scenarios
 from studies import reproduce
 
 
 @pytest.mark.parametrize(
-    "command", [(), ("reproduce",), ("simulate",), ("calibrate",), ("baseline",), ("study",), ("study", "psi")]
+    "command", [(), ("reproduce",), ("simulate",), ("calibrate",), ("scenarios",), ("baseline",), ("study",), ("study", "psi")]
 )
 def test_help(run_cli, command):
     result = run_cli(*command, "--help")
     assert result.exit_code == 0
-    if len(command) == 1 and command != ("study",):
+    if command not in ((), ("study",)):
         assert "Example" in result.stdout
 
 
@@ -34,6 +36,54 @@ def test_simulate_then_calibrate(run_cli, tmp_path):
     truth = np.array(gyrocal.load(tmp_path / "rec").gyro.apriori_G)
     assert np.abs(np.array(document["G"]) - truth).max() > 1e-4
     assert document["parameters"] == list(NAMES)
+
+
+def test_known_truth_is_shown_as_errors(run_cli, tmp_path):
+    truth, rec = str(tmp_path / "truth.json"), str(tmp_path / "rec")
+    assert run_cli("simulate", "trmm", rec, "--truth", truth).exit_code == 0
+    shown = run_cli("calibrate", rec, "--truth", truth)
+    assert shown.exit_code == 0
+    assert "error in sigma" in shown.stdout
+    errors = np.array(json.loads((tmp_path / "truth.json").read_text())["G"])
+    np.testing.assert_allclose(errors, scenarios.load("trmm").gyro.true_G)
+
+
+def test_remarks_name_what_was_chosen(run_cli, tmp_path):
+    rec = str(tmp_path / "rec")
+    run_cli("simulate", "trmm", rec)
+    assert "They fit the stated noise" in run_cli("calibrate", rec).stdout
+    held = run_cli("calibrate", rec, "--solve-for", "gyro_x").stdout
+    assert "wrong values of the held parameters" in held
+    assert "take the held parameters as exact" in held
+    assert (
+        "a prior that is too tight" in run_cli("calibrate", rec, "--prior-sigma-g", "1e-5", "--prior-sigma-bias", "1e-6").stdout
+    )
+
+
+def test_largest_residual_is_named(run_cli, tmp_path):
+    rec = tmp_path / "rec"
+    run_cli("simulate", "trmm_series", str(rec))
+    frame = pd.read_parquet(rec / "attitude.parquet")
+    angle = np.deg2rad(0.2) / 2
+    turned = frame.loc[20, ["q1", "q2", "q3", "q4"]].to_numpy()
+    x, y, z, w = turned
+    frame.loc[20, ["q1", "q2", "q3", "q4"]] = np.array([x + angle * w, y + angle * z, z - angle * y, w - angle * x])
+    frame.loc[20, ["q1", "q2", "q3", "q4"]] /= np.linalg.norm(frame.loc[20, ["q1", "q2", "q3", "q4"]].to_numpy(dtype=float))
+    frame.to_parquet(rec / "attitude.parquet", index=False)
+    assert "roll of m1 at t = 1200.0 s" in run_cli("calibrate", str(rec)).stdout
+
+
+def test_scenarios_are_listed_and_printed(run_cli, tmp_path):
+    assert run_cli("scenarios").stdout.split() == list(scenarios.names())
+    (tmp_path / "mine.toml").write_text(run_cli("scenarios", "trmm").stdout)
+    assert scenarios.load(tmp_path / "mine.toml") == scenarios.load("trmm")
+
+
+def test_markup_in_names_is_text(run_cli, tmp_path):
+    run_cli("simulate", "trmm", str(tmp_path / "rec"), "--set", 'title="see [/b] note"')
+    result = run_cli("calibrate", str(tmp_path / "rec"))
+    assert result.exit_code == 0
+    assert "see [/b] note" in result.stdout
 
 
 def test_simulation_is_repeatable_and_seeds_differ(run_cli, tmp_path):
@@ -70,14 +120,31 @@ def test_priors_on_the_command_line(run_cli, tmp_path):
         (("calibrate", "REC", "--step", "0.7"), "multiple"),
         (("calibrate", "REC", "--solve-for", "G_ab"), "unknown parameter"),
         (("calibrate", "REC", "--prior-sigma-g", "1e-3"), "both"),
-        (("calibrate", "REC", "--json", "no/such/folder/x.json"), "No such file"),
+        (("calibrate", "REC", "--json", "no/such/folder/x.json"), "no folder no/such/folder"),
+        (("calibrate", "REC", "--json", "REC"), "is a folder"),
+        (("reproduce", "--json", "no/such/x.json"), "no folder no/such"),
+        (("calibrate", "REC", "--step", "nan"), "multiple"),
+        (("calibrate", "REC", "--step", "1e300"), "multiple"),
+        (("calibrate", "REC", "--max-gap", "nan"), "longest gap"),
+        (("calibrate", "REC", "--max-gap", "-1"), "longest gap"),
+        (("calibrate", "REC", "--prior-sigma-g", "1e200", "--prior-sigma-bias", "1"), "below 1e6"),
+        (("calibrate", "REC", "--plausible-g", "0"), "plausible"),
+        (("calibrate", "REC", "--truth", "REC/recording.toml"), "not a truth file"),
+        (("simulate", "trmm", "REC"), "--force"),
+        (("simulate", "trmm", "OUT", "--set", "gyro.sample_s=1e-9"), "gyro.sample_s"),
+        (("simulate", "trmm", "OUT", "--set", "reference.every_s=1e-9"), "reference.every_s"),
+        (("simulate", "trmm", "OUT", "--set", "orbit.altitude_km=1e300"), "orbit.altitude_km"),
+        (("simulate", "trmm", "OUT", "--set", "interval.0.stop_s=1e9"), "interval"),
+        (("scenarios", "nothing"), "no built-in scenario"),
+        (("baseline", "--file", "REC/gyro.parquet"), "not a baseline"),
+        (("baseline", "--file", "REC/recording.toml"), "not a baseline"),
         (("study", "psi", "--scenario", "nothing"), "nothing"),
         (("baseline", "--file", "nowhere.csv"), "no baseline"),
     ],
 )
 def test_bad_arguments_end_in_one_line_and_status_2(run_cli, tmp_path, monkeypatch, arguments, text):
     monkeypatch.chdir(tmp_path)
-    if "REC" in arguments:
+    if any(argument.startswith("REC") for argument in arguments):
         run_cli("simulate", "trmm", "REC")
     result = run_cli(*arguments)
     assert result.exit_code == 2

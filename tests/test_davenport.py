@@ -187,7 +187,7 @@ def test_skipping_and_averaging_steps():
     recording = piecewise_recording(arw=np.deg2rad(3e-4), rng=np.random.default_rng(6))
     fine = calibrate(recording, resampling="average")
     averaged = calibrate(recording, step_s=2.0, resampling="average")
-    skipped = calibrate(recording, step_s=2.0)
+    skipped = calibrate(recording, step_s=2.0, resampling="skip")
     # Means keep the integral, so the answer hardly moves; skipping throws noise averaging away and its sigma says so.
     assert np.abs((averaged.G - fine.G) / fine.sigma[:9].reshape(3, 3)).max() < 0.05
     assert (skipped.sigma > 1.2 * fine.sigma).all()
@@ -203,7 +203,11 @@ def test_wild_residuals_are_refused():
 @pytest.mark.parametrize(
     ("kwargs", "text"),
     [
-        ({"iterations": 0}, "iterations"),
+        ({"iterations": 0}, "at least one iteration"),
+        ({"iterations": None, "max_iterations": 0}, "at least one iteration"),
+        ({"plausible_G": 0.0}, "plausible_G"),
+        ({"max_gap_s": np.nan}, "longest gap"),
+        ({"step_s": np.inf}, "multiple"),
         ({"step_s": 0.7}, "multiple"),
         ({"apriori_covariance": np.eye(3)}, "12×12"),
         ({"apriori_covariance": -np.eye(12)}, "positive definite"),
@@ -260,3 +264,37 @@ def test_compiled_residual_is_the_rotation_vector(size):
     A_obs = attitude.rotation_matrix(theta) @ R @ A
     np.testing.assert_allclose(accumulation.residuals(R[None], A[None], A_obs[None])[0], theta, atol=1e-14)
     np.testing.assert_allclose(attitude.residual(A_obs, R @ A), theta, atol=1e-14)
+
+
+def test_chi2_with_a_prior_has_the_degrees_of_freedom_it_claims():
+    """60 good recordings: the mean of χ² is its degrees of freedom, with a prior as without; 5 standard errors."""
+    prior = np.diag([1e-3**2] * 9 + [np.deg2rad(1e-4) ** 2] * 3)
+    rng = np.random.default_rng(9)
+    drawn = {None: [], "prior": []}
+    dofs = {}
+    for seed in range(60):
+        recording = piecewise_recording(arw=np.deg2rad(2e-4), rng=np.random.default_rng(seed), sample_s=10.0, series_s=300.0)
+        initial = GyroParameters.from_vector(TRUTH.vector + rng.normal(size=12) * np.sqrt(np.diag(prior)))
+        for key, covariance in ((None, None), ("prior", prior)):
+            result = calibrate(recording, initial=initial, apriori_covariance=covariance)
+            drawn[key].append(result.chi2)
+            dofs[key] = result.dof
+    assert dofs["prior"] == dofs[None] + 12
+    for key, values in drawn.items():
+        assert np.mean(values) == pytest.approx(dofs[key], abs=5 * np.sqrt(2 * dofs[key] / 60))
+
+
+def test_residual_sigma_is_that_of_the_covariance():
+    recording = piecewise_recording(arw=np.deg2rad(2e-4), sigma_deg=0.01)
+    result = calibrate(recording, initial=TRUTH)
+    T = np.array([interval.stop_s - interval.start_s for interval in recording.intervals])
+    expected = np.sqrt(2 * 0.01**2 + 2e-4**2 * T)  # both ends and the gyro; isotropic, so rotations do not matter
+    np.testing.assert_allclose(result.residuals["sigma_pitch_deg"], expected, rtol=1e-9)
+
+
+def test_plausible_range_decides_what_counts_as_found():
+    recording = piecewise_recording(PLAN[1:2], sigma_deg=1.0)
+    with pytest.raises(UnobservableError, match="9 deg/h in b") as caught:
+        calibrate(recording, solve_for="bias", plausible_bias=np.deg2rad(9 / 3600))
+    assert len(caught.value.combinations) >= 1
+    assert calibrate(recording, solve_for="bias", plausible_bias=np.deg2rad(100 / 3600)).observability.unobservable == ()

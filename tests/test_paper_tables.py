@@ -3,6 +3,7 @@
 import numpy as np
 import pandas as pd
 import pytest
+import scipy.stats
 
 from gyrocal import NAMES, GyroParameters
 from simulator import scenario as scenarios
@@ -41,12 +42,19 @@ def test_honest_covariance_is_consistent_and_the_papers_is_not(rows, truth):
     assert paper.value > 2 * paper.upper
 
 
-def test_coverage_is_what_the_sigmas_claim(rows, truth):
-    errors, sigmas = paper_tables.errors_and_sigmas(paper_tables.choose(rows, 0.5), truth)
-    for level, share in statistics.LEVELS.items():
-        inside, total = statistics.coverage(errors, sigmas, level)
-        # Twelve correlated parameters: count the cases, not the numbers, for the sampling error; 4 sigma.
-        assert abs(inside / total - share) < 4 * np.sqrt(share * (1 - share) / CASES)
+@pytest.mark.parametrize(("covariance", "honest"), [("full", True), ("references only", False)])
+def test_coverage_is_what_the_sigmas_claim(rows, truth, covariance, honest):
+    errors, sigmas = paper_tables.errors_and_sigmas(paper_tables.choose(rows, 0.5, covariance=covariance), truth)
+    for level in ("68", "95"):
+        share = statistics.LEVELS[level]
+        k = scipy.stats.norm.ppf(0.5 + share / 2)
+        # The twelve of a case correlate: the case is the unit, its own share the sample; 4 standard errors of their mean.
+        per_case = (np.abs(errors) <= k * sigmas).mean(axis=1)
+        deviation = abs(per_case.mean() - share) / (per_case.std(ddof=1) / np.sqrt(CASES))
+        assert (deviation < 4) == honest
+    # Spread over formal sigma, a ratio with a relative sampling error of 1/sqrt(2 CASES); 4 sigma.
+    ratio = errors.std(axis=0, ddof=1) / np.sqrt((sigmas**2).mean(axis=0))
+    assert (np.abs(ratio - 1).max() < 4 / np.sqrt(2 * CASES)) == honest
 
 
 def test_second_iteration_and_linear_psi_are_small(rows):

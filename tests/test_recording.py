@@ -8,6 +8,8 @@ import pytest
 
 from gyrocal import InputError, calibrate, load, save
 from gyrocal.recording import toml_value
+from simulator import scenario as scenarios
+from simulator import simulate
 from tests.builders import piecewise_recording
 
 PLAN = ((((0.001, 0, 0), 60.0),), (((0, 0.002, 0), 60.0),))
@@ -91,13 +93,31 @@ BAD_INPUT = {
     ),
     "NaN rate": (edit_table("gyro", set_value(7, "rate_z_deg_s", np.nan)), "rate_z_deg_s, row 7: not a finite"),
     "NaN attitude": (edit_table("attitude", set_value(2, "q3", np.nan)), "q3, row 2: not a finite"),
-    "text": (edit_table("attitude", lambda f: f.assign(q1="a")), "q1 holds text"),
+    "text": (edit_table("attitude", lambda f: f.assign(q1="a")), "q1 holds str, not numbers"),
     "non-unit quaternion": (edit_table("attitude", set_value(1, "q4", 2.0)), "row 1 has norm"),
-    "zero sigma": (edit_table("attitude", set_value(1, "sigma_y_deg", 0.0)), "sigma in row 1"),
+    "zero sigma": (edit_table("attitude", set_value(1, "sigma_y_deg", 0.0)), "sigma in row 1 is not within"),
     "time backwards": (edit_table("gyro", set_value(9, "t_s", 1.0)), "backwards or repeats at row 9"),
     "repeated time": (edit_table("gyro", set_value(9, "t_s", 4.0)), "backwards or repeats at row 9"),
     "time backwards in attitude": (edit_table("attitude", set_value(1, "t_s", -1.0)), "backwards or repeats at row 1"),
-    "too close samples": (edit_header("sample_s = 0.5", "sample_s = 5.0"), "is sample_s right"),
+    "wrong sample_s": (edit_header("sample_s = 0.5", "sample_s = 0.6"), "is sample_s right"),
+    "too close samples": (edit_table("gyro", set_value(5, "t_s", 2.1)), "rows 4 and 5 are only"),
+    "huge rate": (edit_table("gyro", set_value(5, "rate_x_deg_s", 1e100)), "beyond 100000 deg/s"),
+    "huge sigma": (edit_table("attitude", set_value(1, "sigma_x_deg", 1e200)), "sigma in row 1 is not within"),
+    "boolean sigma": (edit_table("attitude", lambda f: f.assign(sigma_x_deg=True)), "holds bool, not numbers"),
+    "huge G": (edit_header("apriori_G = [[1.0", "apriori_G = [[1e200"), "apriori_G"),
+    "huge bias": (edit_header("apriori_bias_deg_s = [0.0", "apriori_bias_deg_s = [1e300"), "apriori_bias_deg_s"),
+    "nested without end": (lambda folder: (folder / "recording.toml").write_text("a = " + "[" * 5000), "not a TOML file"),
+    "two tables": (
+        lambda folder: (folder / "gyro.csv").write_text("t_s\n"),
+        "both gyro.parquet and gyro.csv are there",
+    ),
+    "other separator": (
+        lambda folder: (
+            pd.read_parquet(folder / "gyro.parquet").to_csv(folder / "gyro.csv", sep=";", index=False),
+            (folder / "gyro.parquet").unlink(),
+        ),
+        "is the separator a comma?",
+    ),
     "overlapping intervals": (edit_header("start_s = 360.0", "start_s = 50.0"), "m1 and m2 overlap"),
     "interval backwards": (edit_header("stop_s = 60.0", "stop_s = -1.0"), "not after start_s"),
     "reference outside its interval": (edit_header("stop_s = 420.0", "stop_s = 400.0"), "m2: 1 reference attitude"),
@@ -137,7 +157,7 @@ BAD_INPUT = {
         ),
         "cannot be found from 1 interval",
     ),
-    "rates in rad/s": (
+    "rates off by 2 deg/s": (
         edit_table("gyro", lambda f: f.assign(rate_y_deg_s=f.rate_y_deg_s + 2.0)),
         "too large to linearise; are the rates in deg/s",
     ),
@@ -157,6 +177,19 @@ def test_bad_input_ends_in_one_line_and_status_2(kind, folder, run_cli):
     with pytest.raises(Exception, match=r".") as caught:  # the library raises the same message
         calibrate(load(folder))
     assert str(caught.value) in result.stderr
+
+
+def test_rates_in_radians_under_the_name_of_degrees_are_noticed():
+    recording = simulate(scenarios.load("trmm"), noise=False)
+    gyro = dataclasses.replace(recording.gyro, rates=np.deg2rad(recording.gyro.rates))
+    with pytest.raises(InputError, match="are the rates in deg/s"):
+        calibrate(dataclasses.replace(recording, gyro=gyro))
+
+
+def test_any_title_survives_the_disk(tmp_path):
+    title = 'a "quoted" [/b] title\x01\x7f\r\n with ψ'
+    save(dataclasses.replace(piecewise_recording(PLAN), title=title), tmp_path)
+    assert load(tmp_path).title == title
 
 
 def test_missing_folder(tmp_path):

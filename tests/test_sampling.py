@@ -50,7 +50,10 @@ def test_gap_is_an_error_unless_holding_is_allowed():
     holed = with_gyro(recording, t_s=recording.gyro.t_s[keep], rates=recording.gyro.rates[keep])
     with pytest.raises(InputError, match=r"m1: no gyro samples between 2.5 s and 3.5 s"):
         measurements(holed)
-    held = measurements(holed, max_gap_s=2.0)
+    with pytest.raises(InputError, match="the longest 1 s"):
+        measurements(holed, max_gap_s=0.9)
+    held = measurements(holed, max_gap_s=1.0)
+    assert held.held_s == pytest.approx(1.0)
     assert held.arcs.dt[:18].sum() == pytest.approx(10.0)
     assert held.arcs.dt.max() == pytest.approx(1.5)
 
@@ -63,3 +66,27 @@ def test_missing_start_or_end_is_an_error():
     short = with_gyro(recording, t_s=recording.gyro.t_s[:-4], rates=recording.gyro.rates[:-4])
     with pytest.raises(InputError, match="m2: no gyro samples between"):
         measurements(short)
+
+
+def test_no_step_reaches_across_a_reference():
+    """A mean over samples on both sides of a reference would let the rate after it into the residual before it."""
+    recording = piecewise_recording(((((0.0, 0.0, 0.0), 7.0), ((0.2, 0.0, 0.0), 9.0)),), series_s=3.5)
+    for resampling in ("skip", "average"):
+        prepared = measurements(recording, 2.0, resampling)
+        arcs = prepared.arcs
+        starts = np.concatenate([[0.0], np.cumsum(arcs.dt)[:-1]])
+        before, after = arcs.raw[starts < 7.0 - 1e-9], arcs.raw[starts >= 7.0 - 1e-9]
+        assert np.ptp(before, axis=0).max() < 1e-15
+        assert np.ptp(after, axis=0).max() < 1e-15
+        np.testing.assert_allclose(np.add.reduceat(arcs.dt, arcs.first), np.diff([0, 3.5, 7, 10.5, 14]))
+
+
+def test_average_weighs_a_cut_sample_by_what_is_used_of_it():
+    recording = piecewise_recording(((((0.01, 0, 0), 10.0),),), series_s=3.3)
+    ramp = with_gyro(recording, rates=np.arange(20.0)[:, None] * np.ones(3))
+    prepared = measurements(ramp, 1.0, "average")
+    # The last step before 3.3 s: sample 6 over [3.0, 3.3); the first after it: 0.2 s of sample 6 and 0.5 s of sample 7.
+    step = prepared.arcs.last[0]
+    assert prepared.arcs.raw[step - 1, 0] == pytest.approx(6.0)
+    assert prepared.arcs.dt[step - 1] == pytest.approx(0.3)
+    assert prepared.arcs.raw[step, 0] == pytest.approx((0.2 * 6 + 0.5 * 7) / 0.7)
