@@ -4,12 +4,13 @@ VENV := .venv
 BIN := $(VENV)/bin
 PIP := $(BIN)/python -m pip --disable-pip-version-check install --quiet --constraint constraints.txt
 
-.PHONY: reproduce test baseline clean help
+.PHONY: reproduce test bench baseline clean help
 
 help:
 	@echo "make reproduce   reproduce the TRMM calibration; tables and figures under results/reproduction"
 	@echo "make test        ruff, mypy, import-linter and pytest"
 	@echo "make baseline    show what moved against results/baseline, and replace it"
+	@echo "make bench       measure the kernel against C, a textbook loop, gtsam and scipy; results/benchmarks"
 	@echo "make clean       remove the virtual environment and the caches"
 
 reproduce: $(VENV)/run.stamp
@@ -21,6 +22,9 @@ test: $(VENV)/dev.stamp
 	$(BIN)/mypy
 	$(BIN)/lint-imports
 	$(BIN)/pytest -n 2
+
+bench: $(VENV)/dev.stamp
+	$(BIN)/python -m benchmarks
 
 baseline: $(VENV)/run.stamp
 	$(BIN)/gyrocal baseline --write
@@ -39,4 +43,4 @@ $(VENV)/dev.stamp: pyproject.toml constraints.txt | $(BIN)/python
 
 clean:
 	rm -rf $(VENV) .pytest_cache .mypy_cache .ruff_cache .import_linter_cache .hypothesis
-	find gyrocal simulator studies tests -name __pycache__ -type d -exec rm -rf {} +
+	find gyrocal simulator studies benchmarks tests -name __pycache__ -type d -exec rm -rf {} +

@@ -23,7 +23,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 import scipy.linalg
-import scipy.stats
+import scipy.special
 from numpy.typing import NDArray
 
 from gyrocal import accumulation, attitude
@@ -185,7 +185,7 @@ class CalibrationResult:
     @property
     def p_value(self) -> float:
         """Probability of a larger chi2 if the noise is as stated; NaN without degrees of freedom."""
-        return float(scipy.stats.chi2.sf(self.chi2, self.dof)) if self.dof > 0 else float("nan")
+        return float(scipy.special.chdtrc(self.dof, self.chi2)) if self.dof > 0 else float("nan")
 
     def summary(self) -> pd.DataFrame:
         """A row per parameter: initial, calibrated, correction and sigma; biases in deg/s, G dimensionless."""

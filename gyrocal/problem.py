@@ -200,9 +200,12 @@ class Problem:
         )
         return Iterates(*values)
 
-    def with_case(self, rates: Array, A: Array) -> "Problem":
-        """The same problem with another case's gyro rates (samples, 3) rad/s and observed attitudes (references, 3, 3)."""
-        moved = replace(self.measurements, arcs=self.measurements.arcs.with_rates(rates))
+    def with_case(self, rates: Array, A: Array, workspace: Array | None = None) -> "Problem":
+        """The same problem with another case's gyro rates (samples, 3) rad/s and observed attitudes (references, 3, 3).
+
+        A workspace (see `gyrocal.propagation.Arcs`) makes the new problem valid only until the next case is packed into it.
+        """
+        moved = replace(self.measurements, arcs=self.measurements.arcs.with_rates(rates, workspace))
         new = replace(self, measurements=moved, A=A)
         # What does not depend on the case is handed on.
         for name in ("columns", "scale", "groups", "_covariance", "_references"):

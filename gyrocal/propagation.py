@@ -46,8 +46,9 @@ Pieces = tuple[Indices, Indices]
 Columns = Callable[[Array, Array, float], Array]
 
 LANES = 32
-TILE = 4
-BLOCK = 8
+TILE = 2
+BLOCK = 32
+CACHE_LINE = 8  # doubles
 GROUP = 4  # regressors carried by one pass
 
 SERIES_LIMIT = 0.1  # rad; below it the series of c and d are exact to rounding, above it the closed forms are
@@ -142,6 +143,8 @@ class Arcs:
     arc : (m,) number of the arc output j belongs to, ascending
     fine : (n + 1,) where steps average: the first fine step of each, and the number of all; None if they do not
     fine_dt : (fine steps,) their durations, s
+    workspace : array of the shape of the packed steps to pack them into, overwritten by whoever packs into it next; None for
+        a new one
     """
 
     rates: Array
@@ -152,6 +155,7 @@ class Arcs:
     arc: Indices
     fine: Indices | None = None
     fine_dt: Array | None = None
+    workspace: Array | None = None
 
     @cached_property
     def raw(self) -> Array:
@@ -175,8 +179,9 @@ class Arcs:
         # Kept, since every iteration and every ψ uses it again.
         direct = self.fine is None
         source = (np.ascontiguousarray(self.rates), self.sample) if direct else (self.raw, np.arange(len(self.dt)))
-        increments, largest = pack_increments(*source, self.dt, *self.pieces)
-        return increments, float(largest)
+        # numpy's allocation, not numba's: it asks for huge pages, and a fault for every 4 KiB costs as much as the packing.
+        increments = np.empty(packed_shape(self.pieces)) if self.workspace is None else self.workspace
+        return increments, float(pack_increments(*source, self.dt, *self.pieces, increments))
 
     @property
     def increments(self) -> Array:
@@ -188,9 +193,9 @@ class Arcs:
         """Largest |ω_raw Δt| of a step, rad."""
         return self._packed[1]
 
-    def with_rates(self, rates: Array) -> "Arcs":
-        """The same steps over another stream of raw rates, (samples, 3) rad/s."""
-        new = replace(self, rates=rates)
+    def with_rates(self, rates: Array, workspace: Array | None = None) -> "Arcs":
+        """The same steps over another stream of raw rates, (samples, 3) rad/s, packed into the workspace if there is one."""
+        new = replace(self, rates=rates, workspace=workspace)
         for name in ("pieces", "ends"):  # they do not depend on the rates
             new.__dict__[name] = getattr(self, name)
         return new
@@ -301,17 +306,21 @@ def _averages(rates: Array, sample: Indices, fine: Indices, fine_dt: Array) -> A
     return out
 
 
+def packed_shape(pieces: Pieces) -> tuple[int, int, int, int]:
+    """Shape of packed increments: batches, steps in whole tiles, 4, lanes."""
+    return -(-len(pieces[0]) // LANES), -(-int(pieces[1].max()) // TILE) * TILE, 4, LANES
+
+
 @numba.njit(cache=True, nogil=True)
 def pack_increments(
-    rates: Array, sample: Indices, dt: Array, starts: Indices, lengths: Indices
-) -> tuple[Array, float]:  # pragma: no cover - compiled
-    """[ω_raw Δt, Δt] of each step laid out as (batch, step, 4, lane), zero where a piece is short; and the largest |ω_raw Δt|.
+    rates: Array, sample: Indices, dt: Array, starts: Indices, lengths: Indices, out: Array
+) -> float:  # pragma: no cover - compiled
+    """[ω_raw Δt, Δt] of each step into out (batch, step, 4, lane), zero where a piece is short; returns the largest |ω_raw Δt|.
 
     Step k's rate is that of its sample. Done in blocks that stay in the first-level cache, along each lane within one.
     """
     pieces = len(starts)
-    depth = lengths.max()
-    out = np.empty(((pieces + LANES - 1) // LANES, depth, 4, LANES))
+    depth = out.shape[1]
     largest = 0.0
     for batch in range(out.shape[0]):
         for low in range(0, depth, BLOCK):
@@ -330,14 +339,13 @@ def pack_increments(
                 for k in range(low + filled, min(low + BLOCK, depth)):
                     for q in range(4):
                         out[batch, k, q, lane] = 0.0
-    return out, sqrt(largest)
+    return sqrt(largest)
 
 
 @numba.njit(cache=True, nogil=True)
 def pack(values: Array, starts: Indices, lengths: Indices) -> Array:  # pragma: no cover - compiled
     """Rows of (n, 4) `values` laid out as `pack_increments` does."""
-    batches = (len(starts) + LANES - 1) // LANES
-    out = np.zeros((batches, lengths.max(), 4, LANES))
+    out = np.zeros(((len(starts) + LANES - 1) // LANES, (lengths.max() + TILE - 1) // TILE * TILE, 4, LANES))
     for piece in range(len(starts)):
         batch, lane = piece // LANES, piece % LANES
         for k in range(lengths[piece]):
@@ -403,20 +411,21 @@ def _lanes(
 ) -> None:  # pragma: no cover - compiled
     """One batch: (steps, 4, lanes) of [ω_raw Δt, Δt] and of [h Δt] → out (45, lanes) = P (9), then S of four regressors (36).
 
-    The workspace is local with literal sizes: passed in, the compiler stops vectorising over the lanes.
+    The workspace is local with literal sizes: passed in, the compiler stops vectorising over the lanes. Its
+    lanes start on a cache line, which numba's arrays do only by chance: loads that straddle two cost a third of the speed.
     """
     steps = increments.shape[0]
     # Channels of a tile: φ (0–2), E (3–11).
-    tile = np.empty((TILE, 12, LANES))
+    tile = np.empty((TILE, 12, LANES + CACHE_LINE))
+    u = _to_cache_line(tile)
     # Row i of P (0–2), then row i of S for each regressor (3–14).
-    state = np.zeros((3, 15, LANES))
+    state = np.zeros((3, 15, LANES + CACHE_LINE))
+    v = _to_cache_line(state)
     for i in range(3):
         for lane in range(LANES):
-            state[i, i, lane] = 1.0
-    first = 0
-    while first < steps:
-        size = min(TILE, steps - first)
-        for t in range(size):
+            state[i, i, v + lane] = 1.0
+    for first in range(0, steps, TILE):  # packing pads to whole tiles
+        for t in range(TILE):
             k = first + t
             for lane in range(LANES):
                 h0, h1, h2 = increments[k, 0, lane], increments[k, 1, lane], increments[k, 2, lane]
@@ -427,39 +436,56 @@ def _lanes(
                 f = x * x + y * y + z * z
                 c = C0 + f * (C1 + f * (C2 + f * (C3 + f * C4)))
                 d = D0 + f * (D1 + f * (D2 + f * (D3 + f * D4)))
-                _sensitivity(tile, t, lane, x, y, z, c, d)
+                _sensitivity(tile, t, u + lane, x, y, z, c, d)
             if beyond_series:
                 for lane in range(LANES):
-                    x, y, z = tile[t, 0, lane], tile[t, 1, lane], tile[t, 2, lane]
+                    x, y, z = tile[t, 0, u + lane], tile[t, 1, u + lane], tile[t, 2, u + lane]
                     f = x * x + y * y + z * z
                     if f >= SERIES_LIMIT * SERIES_LIMIT:
                         c, d = _closed_coefficients(f)
-                        _sensitivity(tile, t, lane, x, y, z, c, d)
+                        _sensitivity(tile, t, u + lane, x, y, z, c, d)
         for i in range(3):
-            for t in range(size):
-                k = first + t
-                for lane in range(LANES):
-                    px, py, pz = state[i, 0, lane], state[i, 1, lane], state[i, 2, lane]
-                    mx = px * tile[t, 3, lane] + py * tile[t, 6, lane] + pz * tile[t, 9, lane]
-                    my = px * tile[t, 4, lane] + py * tile[t, 7, lane] + pz * tile[t, 10, lane]
-                    mz = px * tile[t, 5, lane] + py * tile[t, 8, lane] + pz * tile[t, 11, lane]
-                    x, y, z = tile[t, 0, lane], tile[t, 1, lane], tile[t, 2, lane]
+            # A row of P and of S stays in registers over the tile. That needs the loop over t unrolled before the one over the
+            # lanes is vectorised: beyond TILE = 4 the compiler no longer does, and it costs 6×.
+            for lane in range(LANES):
+                px, py, pz = state[i, 0, v + lane], state[i, 1, v + lane], state[i, 2, v + lane]
+                s00, s01, s02 = state[i, 3, v + lane], state[i, 4, v + lane], state[i, 5, v + lane]
+                s10, s11, s12 = state[i, 6, v + lane], state[i, 7, v + lane], state[i, 8, v + lane]
+                s20, s21, s22 = state[i, 9, v + lane], state[i, 10, v + lane], state[i, 11, v + lane]
+                s30, s31, s32 = state[i, 12, v + lane], state[i, 13, v + lane], state[i, 14, v + lane]
+                for t in range(TILE):
+                    mx = px * tile[t, 3, u + lane] + py * tile[t, 6, u + lane] + pz * tile[t, 9, u + lane]
+                    my = px * tile[t, 4, u + lane] + py * tile[t, 7, u + lane] + pz * tile[t, 10, u + lane]
+                    mz = px * tile[t, 5, u + lane] + py * tile[t, 8, u + lane] + pz * tile[t, 11, u + lane]
+                    x, y, z = tile[t, 0, u + lane], tile[t, 1, u + lane], tile[t, 2, u + lane]
                     px, py, pz = px + my * z - mz * y, py + mz * x - mx * z, pz + mx * y - my * x
-                    state[i, 0, lane], state[i, 1, lane], state[i, 2, lane] = px, py, pz
                     if linear:  # ψ = I Δt: M_k = P_k
                         mx, my, mz = px, py, pz
-                    for q in range(4):
-                        h = weights[k, q, lane]
-                        state[i, 3 + 3 * q, lane] += h * mx
-                        state[i, 4 + 3 * q, lane] += h * my
-                        state[i, 5 + 3 * q, lane] += h * mz
-        first += TILE
+                    h = weights[first + t, 0, lane]
+                    s00, s01, s02 = s00 + h * mx, s01 + h * my, s02 + h * mz
+                    h = weights[first + t, 1, lane]
+                    s10, s11, s12 = s10 + h * mx, s11 + h * my, s12 + h * mz
+                    h = weights[first + t, 2, lane]
+                    s20, s21, s22 = s20 + h * mx, s21 + h * my, s22 + h * mz
+                    h = weights[first + t, 3, lane]
+                    s30, s31, s32 = s30 + h * mx, s31 + h * my, s32 + h * mz
+                state[i, 0, v + lane], state[i, 1, v + lane], state[i, 2, v + lane] = px, py, pz
+                state[i, 3, v + lane], state[i, 4, v + lane], state[i, 5, v + lane] = s00, s01, s02
+                state[i, 6, v + lane], state[i, 7, v + lane], state[i, 8, v + lane] = s10, s11, s12
+                state[i, 9, v + lane], state[i, 10, v + lane], state[i, 11, v + lane] = s20, s21, s22
+                state[i, 12, v + lane], state[i, 13, v + lane], state[i, 14, v + lane] = s30, s31, s32
     for i in range(3):
         for j in range(3):
             for lane in range(LANES):
-                out[3 * i + j, lane] = state[i, j, lane]
+                out[3 * i + j, lane] = state[i, j, v + lane]
                 for q in range(4):
-                    out[9 + 9 * q + 3 * i + j, lane] = state[i, 3 + 3 * q + j, lane]
+                    out[9 + 9 * q + 3 * i + j, lane] = state[i, 3 + 3 * q + j, v + lane]
+
+
+@numba.njit(inline="always")
+def _to_cache_line(values: Array) -> int:  # pragma: no cover - compiled
+    """Doubles from the start of an array to the next cache line, 0 to 7."""
+    return (-values.ctypes.data >> 3) & (CACHE_LINE - 1)
 
 
 @numba.njit(inline="always")

@@ -119,12 +119,15 @@ def realise(
     rates: Array,
     gyro_rng: np.random.Generator | None,
     reference_rng: np.random.Generator | None,
+    *,
+    out: Array | None = None,
 ) -> tuple[Array, Array]:
     """One case's noise on noise-free rates and on the motion's attitudes.
 
     Parameters
     ----------
     rates : (n, 3) as made by `noise_free_rates`, rad/s
+    out : (n, 3) array the noisy rates are written to; a new one by default
     others : as for `observe`
 
     Returns
@@ -132,7 +135,7 @@ def realise(
     Raw rates (n, 3), rad/s, and reference quaternions (m, 4).
     """
     if gyro_rng is not None:
-        rates = with_white_noise(gyro_rng, rates, float(np.deg2rad(scenario.gyro.arw_deg_per_sqrt_s)), motion.duration_s)
+        rates = with_white_noise(gyro_rng, rates, float(np.deg2rad(scenario.gyro.arw_deg_per_sqrt_s)), motion.duration_s, out)
     quaternions = motion.quaternions
     if reference_rng is not None:
         quaternions = measured(reference_rng, quaternions, np.deg2rad(scenario.reference.sigma_deg))

@@ -6,13 +6,13 @@ Tables go to standard output, progress and errors to standard error. Bad input e
 import json
 import os
 import sys
-import time
 import tomllib
 from pathlib import Path
 from typing import Any
 
 import click
 import numpy as np
+import pandas as pd
 from rich.console import Console
 
 from gyrocal import GyrocalError, GyroParameters, InputError, calibrate, load, save, select
@@ -20,8 +20,8 @@ from gyrocal.observability import PLAUSIBLE_G
 from gyrocal.recording import toml_value
 from simulator import scenario as scenarios
 from simulator.simulate import simulate
-from studies import baseline, calibration_report, figures, psi_sweep, render, reproduce
-from studies.manifest import manifest, write_json
+from studies import baseline, calibration_report, catalogue, engine, render, reproduce
+from studies.manifest import write_json
 
 PATH = click.Path(path_type=Path)
 
@@ -230,33 +230,73 @@ def baseline_command(regenerate: bool, path: Path | None) -> None:
         raise SystemExit(1)
 
 
-@main.group("study")
-def study_group() -> None:
-    """Parameterised studies, each with its own table and figure."""
-
-
-@study_group.command("psi")
-@click.option("--scenario", default="trmm", show_default=True, help="Built-in name or TOML file.")
+@main.command("study")
+@click.argument("name", required=False)
 @click.option(
-    "--out", type=click.Path(path_type=Path), default=Path("results") / "psi", show_default=True, help="Folder to write."
+    "--out", type=PATH, default=None, help="Folder to write; results/studies/NAME by default. An unfinished study resumes."
 )
-def psi_command(scenario: str, out: Path) -> None:
-    """Where linear ψ stops being good enough: slew rate × step size, noise-free.
+@click.option("--config", type=PATH, default=None, help="Settings as TOML.")
+@click.option("--set", "changes", multiple=True, metavar="KEY=VALUE", help="One setting by its dotted path; repeatable.")
+@click.option("--cases", type=click.IntRange(1), default=None, help="Number of cases; the study's own by default.")
+@click.option("--entropy", type=click.IntRange(0), default=None, help="Root of all random streams.")
+@click.option("--backend", type=click.Choice(["serial", "threads", "loky", "dask"]), default="loky", show_default=True)
+@click.option("--jobs", type=click.IntRange(1), default=None, help="Workers; the CPU count by default.")
+@click.option("--scheduler", default=None, help="Address of a dask scheduler, with --backend dask.")
+@click.option("--rerun", "again", type=click.IntRange(0), default=None, help="Repeat this one case and keep its recording.")
+@click.option("--keep", multiple=True, type=click.IntRange(0), help="Keep the recording of this case; repeatable.")
+@click.option("--retry-failed", is_flag=True, help="Run failed cases of an earlier run again.")
+@click.option("--json", "as_json", type=PATH, help="Write findings and counts as JSON to this file.")
+def study_command(
+    name: str | None,
+    out: Path | None,
+    config: Path | None,
+    changes: tuple[str, ...],
+    cases: int | None,
+    entropy: int | None,
+    again: int | None,
+    as_json: Path | None,
+    **options: Any,
+) -> None:
+    """Run the study NAME; without a name, list the studies.
+
+    Rows do not depend on backend or jobs. Ctrl-C stops cleanly, and the same command goes on where it stopped.
 
     \b
-    Example:
-      gyrocal study psi --out /tmp/psi
+    Examples:
+      gyrocal study
+      gyrocal study noise --cases 50 --out /tmp/noise
+      gyrocal study paper --cases 1000 --set overrides.gyro.arw_deg_per_sqrt_s=1e-4
+      gyrocal study paper --rerun 17
     """
-    started = time.monotonic()
-    chosen = scenarios.load(scenario)
-    table = psi_sweep.run(chosen)
-    out.mkdir(parents=True, exist_ok=True)
-    table.to_csv(out / "psi_sweep.csv", index=False, float_format="%.9g")
-    figures.psi_figure(table, psi_sweep.GOOD_ENOUGH, out / "psi_sweep.svg")
-    write_json(
-        out / "manifest.json", manifest("gyrocal study psi", chosen.model_dump(mode="json"), out, time.monotonic() - started)
-    )
-    render.terminal(_console(), "Linear against full ψ", table)
+    if name is None:
+        table = pd.DataFrame([{"study": key, "what": catalogue.entry(key).summary} for key in catalogue.MODULES])
+        render.terminal(_console(), "Studies", table)
+        return
+    _check_writable(as_json)
+    folder = out or Path("results") / "studies" / name
+    settings = dict(_assignment(change) for change in changes)
+    settings |= {key: value for key, value in (("cases", cases), ("entropy", entropy)) if value is not None}
+    if again is not None:
+        _show_rerun(catalogue.rerun(name, folder, settings, again, config), folder)
+        return
+    console = _console()
+    outcome = catalogue.run(name, folder, settings, console, config, catalogue.Where(**options))
+    console.print(outcome.summary(), highlight=False, markup=False)
+    for message, count in outcome.warnings.items():
+        click.echo(f"gyrocal: warning, {count} times: {message}", err=True)
+    if as_json:
+        failures = {str(case): error for case, error in outcome.failures.items()}
+        write_json(as_json, {"study": name, "folder": str(folder), "cases": outcome.cases, "failures": failures})
+
+
+def _show_rerun(result: engine.Rerun, folder: Path) -> None:
+    render.terminal(_console(), "Rows of the case", result.rows.T.reset_index().astype(str))
+    if result.traceback:
+        click.echo(result.traceback, err=True)
+    if result.recording:
+        click.echo(f"Its recording is in {result.recording}")
+    if result.same is not None:
+        click.echo(f"The rows are {'those' if result.same else 'NOT those'} of the study in {folder}, bit for bit.")
 
 
 def _assignment(text: str) -> tuple[str, Any]:

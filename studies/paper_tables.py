@@ -4,33 +4,33 @@ A case draws gyro and reference noise for the scenario's six intervals and calib
 iterations, for each step size made by skipping samples (as N did) and by averaging them, with ψ full and linear. Its row
 holds the residuals and parameters after each iteration; the tables are distributions over the rows.
 
-Case i draws from streams that depend on the entropy, i and the stream's name alone, so a row is the same whoever computes it.
+`STUDY` is what the engine runs.
 """
 
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Literal
 
-import joblib
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
-from pydantic import BaseModel, ConfigDict, Field
 
-from gyrocal import NAMES, GyroParameters, attitude
+from gyrocal import NAMES, GyroParameters, Recording, attitude
 from gyrocal.covariance import CovarianceModel
 from gyrocal.problem import Problem
-from gyrocal.propagation import Psi
+from gyrocal.propagation import Psi, packed_shape
 from gyrocal.sampling import Resampling, measurements
 from simulator.scenario import Scenario
-from simulator.simulate import Motion, motion, noise_free_rates, observe, realise
-from simulator.streams import generator
+from simulator.simulate import Motion, noise_free_rates, observe, realise
 from studies import flight, statistics
+from studies.report import Entry, Report
+from studies.study import Streams, Study, StudyConfig, base_scenario, case_motion, dispersed
+from studies.workspace import workspace
 
 Array = NDArray[np.float64]
 
-CHUNK = 8  # cases handed to a worker at a time
+Variant = tuple[float, Resampling, Psi, CovarianceModel]
+KEYS = ("step_s", "resampling", "psi", "covariance")
 RESIDUAL_CELLS = [
     f"{phase}_{k}_{axis}" for phase in ("before", "first", "second") for k in range(1, 7) for axis in flight.ROTATIONS
 ]
@@ -41,79 +41,80 @@ PARAMETER_UNIT = np.array([1.0] * 9 + [np.rad2deg(1.0)] * 3)  # G dimensionless,
 PARAMETER_UNIT_NAMES = ["1"] * 9 + ["deg/s"] * 3
 
 
-class PaperTablesConfig(BaseModel):
+class PaperTablesConfig(StudyConfig):
     """What the study runs.
 
     Attributes
     ----------
-    scenario : the scenario, with any overrides already in it
-    cases : number of seeds
-    entropy : root of all random streams
     steps_s : step sizes
     """
 
-    model_config = ConfigDict(extra="forbid", frozen=True)
-
-    scenario: Scenario
-    cases: int = Field(default=200, gt=1)
-    entropy: int = Field(default=1998, ge=0)
     steps_s: tuple[float, ...] = flight.STEPS
 
-    def variants(self) -> list[tuple[float, Resampling, Psi, CovarianceModel]]:
+    def variants(self, sample_s: float) -> list[Variant]:
         """Every way a case is calibrated; the sample itself is neither skipped nor averaged."""
-        sample = self.scenario.gyro.sample_s
         ways: list[tuple[float, Resampling]] = [(step, "skip") for step in self.steps_s]
-        ways += [(step, "average") for step in self.steps_s if step > sample]
+        ways += [(step, "average") for step in self.steps_s if step > sample_s]
         psis: tuple[Psi, ...] = ("full", "linear")
-        out: list[tuple[float, Resampling, Psi, CovarianceModel]] = [(*way, psi, "full") for way in ways for psi in psis]
+        out: list[Variant] = [(*way, psi, "full") for way in ways for psi in psis]
         # The paper's own covariance, as a control: it must be seen to fail where gyro noise matters.
         return [*out, (min(self.steps_s), "skip", "full", "references only")]
 
 
 @dataclass(frozen=True)
 class _Prepared:
-    """What all cases of a configuration share."""
+    """What cases with the same scenario share."""
 
-    scenario: Scenario
     motion: Motion
     rates: Array
     truth: Array
     initial: Array
+    variants: list[Variant]
     problems: dict[tuple[float, Resampling, CovarianceModel], Problem]
 
 
-@lru_cache(maxsize=2)
-def _prepared(config: str) -> _Prepared:
-    """Prepared once a process, not once a case; keyed by JSON since a configuration may arrive as another object."""
-    parsed = PaperTablesConfig.model_validate_json(config)
-    scenario = parsed.scenario
-    path = motion(scenario)
+def _prepare(config: PaperTablesConfig, scenario: Scenario) -> _Prepared:
+    path = case_motion(scenario)
     plain = observe(scenario, path, gyro_rng=None, reference_rng=None)
+    variants = config.variants(scenario.gyro.sample_s)
     problems = {}
-    for step, resampling, _, model in parsed.variants():
-        prepared = measurements(plain, step, resampling)
-        problems[step, resampling, model] = Problem.of(plain, prepared, model=model)
-    true_bias = np.deg2rad(scenario.gyro.true_bias_deg_s)
+    for step, resampling, _, model in variants:
+        problems[step, resampling, model] = Problem.of(plain, measurements(plain, step, resampling), model=model)
     return _Prepared(
-        scenario=scenario,
         motion=path,
         rates=noise_free_rates(scenario, path),
-        truth=np.concatenate([np.ravel(scenario.gyro.true_G), true_bias]),
+        truth=np.concatenate([np.ravel(scenario.gyro.true_G), np.deg2rad(scenario.gyro.true_bias_deg_s)]),
         initial=GyroParameters(plain.gyro.apriori_G, plain.gyro.apriori_bias).vector,
+        variants=variants,
         problems=problems,
     )
 
 
-def case_values(config: PaperTablesConfig, case: int) -> Array:
-    """One case as numbers, (variants, cells): angles in degrees, G dimensionless, b in deg/s."""
-    shared = _prepared(config.model_dump_json())
-    noise = (generator(config.entropy, case, name) for name in ("gyro_noise", "reference_noise"))
-    rates, quaternions = realise(shared.scenario, shared.motion, shared.rates, *noise)
+@lru_cache(maxsize=2)
+def _shared(config: str) -> tuple[Scenario, _Prepared]:
+    """Scenario and preparation of a study without dispersions, made once a process."""
+    parsed = PaperTablesConfig.model_validate_json(config)
+    scenario = base_scenario(parsed)
+    return scenario, _prepare(parsed, scenario)
+
+
+def case_values(config: PaperTablesConfig, case: int, streams: Streams) -> tuple[list[Variant], Array]:
+    """One case as numbers, a row a variant of `CELLS`: angles in degrees, G dimensionless, b in deg/s."""
+    if config.dispersions:
+        scenario = dispersed(config, case)
+        shared = _prepare(config, scenario)
+    else:
+        scenario, shared = _shared(config.model_dump_json())
+    gyro_rng, reference_rng = (streams.generator(name) for name in ("gyro_noise", "reference_noise"))
+    noisy = workspace("rates", shared.rates.shape)
+    rates, quaternions = realise(scenario, shared.motion, shared.rates, gyro_rng, reference_rng, out=noisy)
     A = attitude.matrix_from_quaternion(quaternions)
-    problems = {key: problem.with_case(rates, A) for key, problem in shared.problems.items()}
-    variants = config.variants()
-    values = np.empty((len(variants), len(CELLS)))
-    for row, (step, resampling, psi, model) in zip(values, variants, strict=True):
+    problems = {
+        key: problem.with_case(rates, A, workspace(key, packed_shape(problem.measurements.arcs.pieces)))
+        for key, problem in shared.problems.items()
+    }
+    values = np.empty((len(shared.variants), len(CELLS)))
+    for row, (step, resampling, psi, model) in zip(values, shared.variants, strict=True):
         result = problems[step, resampling, model].iterate(shared.initial, 2, psi)
         error = result.x[2] - shared.truth
         row[:54] = np.rad2deg(result.theta).ravel()
@@ -121,42 +122,36 @@ def case_values(config: PaperTablesConfig, case: int) -> Array:
         row[66:78] = result.x[2] * PARAMETER_UNIT
         row[78:90] = np.sqrt(np.diag(result.P)) * PARAMETER_UNIT
         row[90:] = statistics.nees(error[None], result.P[None])[0], result.chi2
-    return values
+    return shared.variants, values
 
 
-def run_case(config: PaperTablesConfig, case: int) -> pd.DataFrame:
-    """One case: a row for each variant; cells as in `case_values`."""
-    return _frame(config, range(case, case + 1), case_values(config, case))
+def case(config: PaperTablesConfig, number: int, streams: Streams) -> list[dict[str, object]]:
+    """One case: a row for each variant."""
+    variants, values = case_values(config, number, streams)
+    return [
+        dict(zip(KEYS, variant, strict=True)) | dict(zip(CELLS, row, strict=True))
+        for variant, row in zip(variants, values.tolist(), strict=True)
+    ]
 
 
-def _frame(config: PaperTablesConfig, cases: range, values: Array) -> pd.DataFrame:
-    """Rows of some cases from their stacked values."""
-    frame = pd.DataFrame(values, columns=CELLS)
-    variants = config.variants()
-    for position, name in enumerate(("step_s", "resampling", "psi", "covariance")):
-        frame.insert(position, name, [variant[position] for variant in variants] * len(cases))
-    frame.insert(0, "case", np.repeat(np.arange(cases.start, cases.stop), len(variants)))
-    return frame
+def run_case(config: PaperTablesConfig, number: int) -> pd.DataFrame:
+    """One case outside the engine, a row for each variant."""
+    rows = case(config, number, Streams(config.entropy, number))
+    return pd.DataFrame([{"case": number, **row} for row in rows])
 
 
-def _run_chunk(config: PaperTablesConfig, cases: range) -> pd.DataFrame:
-    return _frame(config, cases, np.concatenate([case_values(config, case) for case in cases]))
+def recording(config: PaperTablesConfig, number: int, streams: Streams) -> Recording:
+    """The recording a case works on."""
+    scenario = dispersed(config, number)
+    return observe(
+        scenario,
+        case_motion(scenario),
+        gyro_rng=streams.generator("gyro_noise"),
+        reference_rng=streams.generator("reference_noise"),
+    )
 
 
-def run(
-    config: PaperTablesConfig,
-    jobs: int = 1,
-    backend: Literal["loky", "threading", "sequential"] = "loky",
-    progress: Callable[[int], None] = lambda count: None,
-) -> pd.DataFrame:
-    """All cases; progress is told how many have ended. The order of the rows and their bits do not depend on jobs."""
-    chunks = [range(first, min(first + CHUNK, config.cases)) for first in range(0, config.cases, CHUNK)]
-    parallel = joblib.Parallel(n_jobs=jobs, backend=backend, return_as="generator")
-    frames: list[pd.DataFrame] = []
-    for part in parallel(joblib.delayed(_run_chunk)(config, chunk) for chunk in chunks):
-        frames.append(part)
-        progress(part["case"].nunique())
-    return pd.concat(frames, ignore_index=True)
+STUDY = Study("studies.paper_tables:STUDY", PaperTablesConfig, case, recording)
 
 
 def choose(
@@ -379,3 +374,30 @@ def second_iteration(rows: pd.DataFrame) -> pd.DataFrame:
         )
 
     return _over_variants(rows, build)
+
+
+def report(config: PaperTablesConfig, rows: pd.DataFrame) -> Report:
+    """The paper's tables, with the consistency of the estimates; accuracy only where the truth is the same in every case."""
+    tables = {
+        "N Table 2: residuals (deg)": table2(rows),
+        "N Table 3: parameters after the first iteration": table3(rows),
+        "N Table 4: mean and RMS over the intervals (deg)": table4(rows),
+        "N Table 5: corrections to b and G⁻¹": table5(rows),
+        "Second iteration's corrections": second_iteration(rows),
+        "Largest difference of full and linear ψ": psi_difference(rows),
+    }
+    main = choose(rows, min(config.steps_s))
+    check = statistics.nees_check(main["nees"].to_numpy(), len(NAMES))
+    findings = [
+        f"NEES with the honest covariance, ψ full, at {min(config.steps_s):g} s: {check.value:.2f}, "
+        f"{'inside' if check.inside else 'OUTSIDE'} [{check.lower:.2f}, {check.upper:.2f}] (99 %)"
+    ]
+    if not any(path.startswith("gyro.true") for path in config.dispersions):
+        gyro = base_scenario(config).gyro
+        truth = GyroParameters(np.array(gyro.true_G), np.deg2rad(gyro.true_bias_deg_s))
+        tables["Recovered minus injected"] = accuracy(rows, truth)
+        tables["Consistency of the claimed covariance"] = consistency(rows, truth)
+    return Report(tuple(findings), tables)
+
+
+ENTRY = Entry(STUDY, "N Tables 2-5 over seeds, step sizes, both ψ and two iterations", report)

@@ -4,8 +4,10 @@ In order: the flight's published numbers against prediction (signs, timings, noi
 and consistency of the estimates; N Figures 1–3; everything as CSV, Markdown and SVG with a manifest and ``summary.json``.
 """
 
+import tempfile
 import time
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -13,12 +15,13 @@ import numpy as np
 import pandas as pd
 from rich.console import Console
 
-from gyrocal import NAMES, GyroParameters
-from simulator import scenario as scenarios
+from gyrocal import NAMES, GyrocalError, GyroParameters
 from simulator.scenario import Scenario
-from studies import figures, flight, flight_gap, paper_tables, psi_sweep, render, statistics
+from studies import engine, figures, flight, flight_gap, paper_tables, psi, render, statistics
+from studies.backends import Name
 from studies.console import progress
 from studies.manifest import manifest, write_json
+from studies.study import base_scenario, resolved
 
 DEFAULT_FOLDER = Path("results") / "reproduction"
 LAYOUTS: dict[str, tuple[list[str], int | None]] = {  # rows of the paper's layout, and decimals
@@ -39,9 +42,9 @@ CELL_NOTE = (
 )
 WORDS = """
 *Predicted* is the noise-free simulation with R eq. (9) as truth, processed with the pre-launch parameters of N Table 3; the
-*gap* is flown minus predicted. Nothing in it is fitted, but the slews' timings are not published: they are assumed (60 s after the
-interval's start, 0.25 deg/s, about an hour in -y forward, one orbit in inertial hold), and the *timing scan* shows the gap for
-other assumptions. The *floor* is the flight's residual after its calibration, what the gap would be with the true timings.
+*gap* is flown minus predicted. Nothing in it is fitted, but the slews' timings are not published: they are assumed (60 s after
+the interval's start, 0.25 deg/s, about an hour in -y forward, one orbit in inertial hold), and the *timing scan* shows the gap
+for other assumptions. The *floor* is the flight's residual after its calibration, what the gap would be with the true timings.
 *NEES* is the normalised estimation error squared; its mean must be the number of parameters, 12, and its bounds are 99 %.
 N is Natanson (1998), R is Robertson et al. (1999).
 """
@@ -76,14 +79,15 @@ def run(
     """
     started = time.monotonic()
     out = console or Console(quiet=True)
-    config = paper_tables.PaperTablesConfig(scenario=scenarios.load("trmm"), cases=cases, entropy=entropy)
+    config = paper_tables.PaperTablesConfig(cases=cases, entropy=entropy)
+    scenario = base_scenario(config)
     folder.mkdir(parents=True, exist_ok=True)
     products = Products()
-    flight_part(config.scenario, products, out)
-    rows = monte_carlo_part(config, products, jobs, out)
-    psi_part(config.scenario, products, out)
-    write(folder, config, products, rows)
-    config_values = config.model_dump(mode="json")
+    flight_part(scenario, products, out)
+    rows = monte_carlo_part(config, scenario, products, jobs, out)
+    psi_part(scenario, products, out)
+    write(folder, config, scenario, products, rows)
+    config_values = resolved(config).model_dump(mode="json")
     write_json(folder / "summary.json", products.summary)
     write_json(folder / "manifest.json", manifest("gyrocal reproduce", config_values, folder, time.monotonic() - started))
     render.terminal(out, "Summary", summary_table(products.summary))
@@ -208,26 +212,34 @@ def summary_table(summary: dict[str, Any]) -> pd.DataFrame:
     return pd.DataFrame({"question": rows.keys(), "answer": rows.values()})
 
 
-def monte_carlo_part(config: paper_tables.PaperTablesConfig, products: Products, jobs: int, out: Console) -> pd.DataFrame:
+def monte_carlo_part(
+    config: paper_tables.PaperTablesConfig, scenario: Scenario, products: Products, jobs: int, out: Console
+) -> pd.DataFrame:
     """The paper's tables, and how right and how honest the estimates are."""
-    with progress("calibrating", config.cases, out.quiet) as advance:
-        rows = paper_tables.run(config, jobs=jobs, progress=advance)
-    truth = GyroParameters(np.array(config.scenario.gyro.true_G), np.deg2rad(config.scenario.gyro.true_bias_deg_s))
+    with tempfile.TemporaryDirectory() as folder:
+        display = partial(progress, quiet=out.quiet)
+        backend: Name = "loky" if jobs > 1 else "serial"
+        outcome = engine.run(paper_tables.STUDY, config, Path(folder), backend=backend, jobs=jobs, progress=display)
+        rows = outcome.load()
+    if outcome.failures:
+        number, error = next(iter(outcome.failures.items()))
+        raise GyrocalError(f"{len(outcome.failures)} of {config.cases} cases failed, the first one case {number}: {error}")
+    truth = true_parameters(scenario)
     for name, title in TITLES.items():
         table = products.add(name, title, getattr(paper_tables, name)(rows))
         layout, digits = LAYOUTS[name]
         render.terminal(out, title, render.paper_layout(table, layout, digits), CELL_NOTE)
     accuracy = products.add("accuracy", "Recovered minus injected", paper_tables.accuracy(rows, truth))
     consistency = products.add("consistency", "Consistency of the claimed covariance", paper_tables.consistency(rows, truth))
-    psi = products.add("psi_difference", "Largest difference between full and linear ψ", paper_tables.psi_difference(rows))
+    between = products.add("psi_difference", "Largest difference between full and linear ψ", paper_tables.psi_difference(rows))
     second = products.add("second_iteration", "Size of the second iteration's corrections", paper_tables.second_iteration(rows))
-    finest = config.scenario.gyro.sample_s
+    finest = scenario.gyro.sample_s
     headline = accuracy.query("psi == 'full' and step_s == @finest").drop(columns=["psi", "resampling", "step_s"])
     short = headline[[c for c in headline.columns if not c.endswith(("_low", "_high"))]]
     render.terminal(out, f"{products.titles['accuracy']}, ψ full, Δt = {finest:g} s", short)
     render.terminal(out, products.titles["consistency"], consistency)
     render.terminal(out, products.titles["second_iteration"], second)
-    render.terminal(out, products.titles["psi_difference"], psi)
+    render.terminal(out, products.titles["psi_difference"], between)
     chosen = paper_tables.choose(rows, finest)
     errors, sigmas = paper_tables.errors_and_sigmas(chosen, truth)
     check = statistics.nees_check(chosen["nees"].to_numpy(), len(NAMES))
@@ -236,7 +248,7 @@ def monte_carlo_part(config: paper_tables.PaperTablesConfig, products: Products,
     )
     counts = {level: statistics.coverage(errors, sigmas, level) for level in statistics.LEVELS}
     at_finest = second.query("psi == 'full' and step_s == @finest").iloc[0]
-    psi_finest = psi.query("step_s == @finest")
+    psi_finest = between.query("step_s == @finest")
     products.summary |= {
         "cases": config.cases,
         "entropy": config.entropy,
@@ -254,11 +266,18 @@ def monte_carlo_part(config: paper_tables.PaperTablesConfig, products: Products,
 def psi_part(scenario: Scenario, products: Products, out: Console) -> None:
     """Where linear ψ stops being good enough."""
     with progress("psi sweep", 1, out.quiet) as advance:
-        products.add("psi_sweep", "Linear against full ψ over slew rate and step, noise-free", psi_sweep.run(scenario))
+        products.add("psi_sweep", "Linear against full ψ over slew rate and step, noise-free", psi.run(scenario))
         advance(1)
 
 
-def write(folder: Path, config: paper_tables.PaperTablesConfig, products: Products, rows: pd.DataFrame) -> None:
+def true_parameters(scenario: Scenario) -> GyroParameters:
+    """G and b a scenario injects."""
+    return GyroParameters(np.array(scenario.gyro.true_G), np.deg2rad(scenario.gyro.true_bias_deg_s))
+
+
+def write(
+    folder: Path, config: paper_tables.PaperTablesConfig, scenario: Scenario, products: Products, rows: pd.DataFrame
+) -> None:
     """Tables as CSV, one Markdown page, the rows as Parquet, the figures."""
     rows.to_parquet(folder / "cases.parquet", index=False)
     sections = [
@@ -278,12 +297,12 @@ def write(folder: Path, config: paper_tables.PaperTablesConfig, products: Produc
         (folder / f"{name}.md").write_text(text, encoding="utf-8")
         sections.append(text)
     (folder / "tables.md").write_text("\n".join(sections), encoding="utf-8")
-    figures.natanson_figures(config.scenario, folder)
+    figures.natanson_figures(scenario, folder)
     table2 = products.tables["table2"].query(
         "psi == 'full' and resampling == 'skip' and step_s == 0.5 and phase == 'prelaunch'"
     )
     figures.flight_gap_figure(products.tables["flight_gap"], table2.reset_index(drop=True), folder / "flight_gap.svg")
-    truth = GyroParameters(np.array(config.scenario.gyro.true_G), np.deg2rad(config.scenario.gyro.true_bias_deg_s))
-    chosen = paper_tables.choose(rows, config.scenario.gyro.sample_s)
-    figures.error_figure(*paper_tables.errors_and_sigmas(chosen, truth), list(NAMES), folder / "errors.svg")
-    figures.psi_figure(products.tables["psi_sweep"], psi_sweep.GOOD_ENOUGH, folder / "psi_sweep.svg")
+    chosen = paper_tables.choose(rows, scenario.gyro.sample_s)
+    errors, sigmas = paper_tables.errors_and_sigmas(chosen, true_parameters(scenario))
+    figures.error_figure(errors, sigmas, list(NAMES), folder / "errors.svg")
+    figures.psi_figure(products.tables["psi_sweep"], psi.GOOD_ENOUGH, folder / "psi_sweep.svg")

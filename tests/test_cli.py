@@ -9,16 +9,16 @@ import pytest
 import gyrocal
 from gyrocal import NAMES, load
 from simulator import scenario as scenarios
-from studies import reproduce
+from studies import catalogue, reproduce
 
 
 @pytest.mark.parametrize(
-    "command", [(), ("reproduce",), ("simulate",), ("calibrate",), ("scenarios",), ("baseline",), ("study",), ("study", "psi")]
+    "command", [(), ("reproduce",), ("simulate",), ("calibrate",), ("scenarios",), ("baseline",), ("study",)]
 )
 def test_help(run_cli, command):
     result = run_cli(*command, "--help")
     assert result.exit_code == 0
-    if command not in ((), ("study",)):
+    if command:
         assert "Example" in result.stdout
 
 
@@ -138,7 +138,10 @@ def test_priors_on_the_command_line(run_cli, tmp_path):
         (("scenarios", "nothing"), "no built-in scenario"),
         (("baseline", "--file", "REC/gyro.parquet"), "not a baseline"),
         (("baseline", "--file", "REC/recording.toml"), "not a baseline"),
-        (("study", "psi", "--scenario", "nothing"), "nothing"),
+        (("study", "nothing"), "no such study"),
+        (("study", "paper", "--set", "scenario=nothing"), "nothing"),
+        (("study", "paper", "--set", "case=3"), "no such setting"),
+        (("study", "paper", "--cases", "5", "--rerun", "7"), "cases 0 to 4"),
         (("baseline", "--file", "nowhere.csv"), "no baseline"),
     ],
 )
@@ -153,9 +156,24 @@ def test_bad_arguments_end_in_one_line_and_status_2(run_cli, tmp_path, monkeypat
     assert not (tmp_path / "OUT").exists()
 
 
-def test_study_psi_writes_its_table_and_figure(run_cli, tmp_path):
-    assert run_cli("study", "psi", "--out", str(tmp_path / "psi")).exit_code == 0
-    assert {path.name for path in (tmp_path / "psi").iterdir()} == {"psi_sweep.csv", "psi_sweep.svg", "manifest.json"}
+def test_study_runs_resumes_and_reruns(run_cli, tmp_path):
+    arguments = ["study", "paper", "--cases", "3", "--set", "steps_s=[0.5]", "--out", str(tmp_path / "paper")]
+    first = run_cli(*arguments, "--backend", "serial", "--json", str(tmp_path / "paper.json"))
+    assert first.exit_code == 0, first.stderr
+    assert "3 cases, none failed" in first.stdout
+    assert json.loads((tmp_path / "paper.json").read_text())["failures"] == {}
+    assert {"manifest.json", "table.parquet", "report.md", "table1.csv"} <= {p.name for p in (tmp_path / "paper").iterdir()}
+    assert "3 of them from an earlier run" in run_cli(*arguments, "--backend", "serial").stdout
+    again = run_cli(*arguments, "--rerun", "2")
+    assert "bit for bit" in again.stdout
+    assert "NOT" not in again.stdout
+    assert load(tmp_path / "paper" / "cases" / "case-000002").gyro.t_s.size == 47790
+
+
+def test_studies_are_listed(run_cli):
+    listed = run_cli("study").stdout
+    for name in catalogue.MODULES:
+        assert name in listed
 
 
 def test_reproduce_writes_everything_and_repeats_itself(run_cli, tmp_path):

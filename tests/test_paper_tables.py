@@ -7,25 +7,27 @@ import scipy.stats
 
 from gyrocal import NAMES, GyroParameters
 from simulator import scenario as scenarios
-from studies import flight, paper_tables, statistics
+from studies import engine, flight, paper_tables, statistics
 
 CASES = 200
 
 
 @pytest.fixture(scope="module")
 def config():
-    scenario = scenarios.override(scenarios.load("trmm"), {"gyro.arw_deg_per_sqrt_s": 2.5e-4})
-    return paper_tables.PaperTablesConfig(scenario=scenario, cases=CASES, steps_s=(0.5,))
+    return paper_tables.PaperTablesConfig(
+        cases=CASES, steps_s=(0.5,), overrides={"gyro.arw_deg_per_sqrt_s": 2.5e-4}, scenario=scenarios.load("trmm")
+    )
 
 
 @pytest.fixture(scope="module")
 def truth(config):
-    return GyroParameters(np.array(config.scenario.gyro.true_G), np.deg2rad(config.scenario.gyro.true_bias_deg_s))
+    gyro = config.scenario.gyro
+    return GyroParameters(np.array(gyro.true_G), np.deg2rad(gyro.true_bias_deg_s))
 
 
 @pytest.fixture(scope="module")
 def rows(config):
-    return paper_tables.run(config, backend="sequential")
+    return pd.concat([paper_tables.run_case(config, number) for number in range(CASES)], ignore_index=True)
 
 
 def test_mean_error_is_zero_within_four_standard_errors(rows, truth):
@@ -64,18 +66,23 @@ def test_second_iteration_and_linear_psi_are_small(rows):
     assert psi["G"].max() < 1e-5
 
 
-def test_a_row_is_the_same_alone_serial_and_parallel(config):
+def test_a_row_is_the_same_alone_serial_and_parallel(config, rows, tmp_path):
     small = config.model_copy(update={"cases": 10})
-    serial = paper_tables.run(small, backend="sequential")
-    pd.testing.assert_frame_equal(serial, paper_tables.run(small, jobs=2), check_exact=True)
-    pd.testing.assert_frame_equal(serial, paper_tables.run(small, jobs=2, backend="threading"), check_exact=True)
-    alone = paper_tables.run_case(small, 7)
-    pd.testing.assert_frame_equal(alone, serial[serial["case"] == 7].reset_index(drop=True), check_exact=True)
+    serial = engine.run(paper_tables.STUDY, small, tmp_path / "serial", backend="serial").load()
+    parallel = engine.run(paper_tables.STUDY, small, tmp_path / "loky", backend="loky", jobs=2, chunk=3).load()
+    pd.testing.assert_frame_equal(serial, parallel, check_exact=True)
+    # More cases do not change the first ones, and the engine adds nothing but the error column.
+    pd.testing.assert_frame_equal(serial.drop(columns="error"), rows.head(len(serial)), check_exact=True)
 
 
-def test_more_cases_do_not_change_the_first(config, rows):
-    few = paper_tables.run(config.model_copy(update={"cases": 3}), backend="sequential")
-    pd.testing.assert_frame_equal(few, rows.head(len(few)), check_exact=True)
+def test_dispersions_reach_the_calibration(config):
+    plain = paper_tables.run_case(config, 3)
+    spread = {"gyro.true_G.0.1": {"kind": "uniform", "low": 1e-3, "high": 1.1e-3, "mode": "offset"}}
+    changed = paper_tables.PaperTablesConfig.model_validate(config.model_dump() | {"dispersions": spread}, strict=False)
+    moved = paper_tables.run_case(changed, 3)
+    shift = moved["second_G_xy"] - plain["second_G_xy"]
+    assert ((shift > 0.99e-3) & (shift < 1.11e-3)).all()
+    assert np.abs(moved["second_G_yy"] - plain["second_G_yy"]).max() < 1e-5
 
 
 def test_tables_hold_what_their_rows_say(rows):

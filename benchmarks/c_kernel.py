@@ -1,0 +1,164 @@
+"""The C kernel: compiled there and then, laid out in its own way, called through ctypes.
+
+Which vector width, how many vectors side by side, how many steps to a tile and which loop is the outer one is best differs
+from machine to machine: all are compiled and tried, and the fastest counts. GCC's -mprefer-vector-width has no say, since
+the vectors are written out; WIDTH 8 and 4 are what it would choose between.
+"""
+
+import ctypes
+import os
+import shutil
+import subprocess
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass
+from itertools import product
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gyrocal import Arcs, GyroParameters
+from gyrocal.propagation import SERIES_LIMIT, Propagation
+
+Array = NDArray[np.float64]
+
+SOURCE = Path(__file__).with_name("kernel.c")
+FLAGS = ("-O3", "-march=native", "-ffast-math", "-shared", "-fPIC", "-Wno-psabi")
+PAGE = 4096
+SUMS = 45  # P (9) and S of four regressors (36)
+
+
+@dataclass(frozen=True)
+class Variant:
+    """One way to compile the kernel; the names are the source's macros."""
+
+    width: int
+    vectors: int
+    tile: int
+    rows_inside: int
+
+    @property
+    def lanes(self) -> int:
+        """Pieces of the stream that run side by side."""
+        return self.width * self.vectors
+
+    def defines(self) -> list[str]:
+        """Compiler options."""
+        return [f"-D{name.upper()}={value}" for name, value in asdict(self).items()]
+
+
+VARIANTS = tuple(
+    Variant(width, lanes // width, tile, rows_inside)
+    for width, lanes, tile, rows_inside in product((8, 4), (32, 16), (2, 4), (0, 1))
+)
+QUICK_VARIANTS = (Variant(8, 4, 2, 0), Variant(4, 8, 4, 0))
+
+
+@dataclass(frozen=True)
+class Packed:
+    """A stream in the kernel's layout.
+
+    Attributes
+    ----------
+    increments : (steps, 4, lanes) of [ω_raw Δt, Δt], zero where a piece is short
+    pieces : (outputs,) lanes that lead to each output
+    """
+
+    increments: Array
+    pieces: NDArray[np.int_]
+
+
+def compiler() -> str | None:
+    """The C compiler, $CC or cc; None without one."""
+    return shutil.which(os.environ.get("CC") or "cc")
+
+
+def compiler_version() -> str | None:
+    """First line of what the compiler says of itself."""
+    path = compiler()
+    if path is None:
+        return None
+    said = subprocess.run([path, "--version"], capture_output=True, text=True, check=True).stdout
+    return said.splitlines()[0]
+
+
+def build(variants: Sequence[Variant], folder: Path) -> dict[Variant, ctypes.CDLL]:
+    """Compile and load the variants.
+
+    Raises
+    ------
+    RuntimeError
+        There is no compiler, or it failed; with the last thing it said.
+    """
+    path = compiler()
+    if path is None:
+        raise RuntimeError("no C compiler: neither $CC nor cc is there")
+    libraries = {}
+    for number, variant in enumerate(variants):
+        library = folder / f"kernel{number}.so"
+        command = [path, *FLAGS, *variant.defines(), str(SOURCE), "-o", str(library)]
+        done = subprocess.run(command, capture_output=True, text=True, check=False)
+        if done.returncode:
+            said = (done.stderr.strip().splitlines() or ["nothing said"])[-1]
+            raise RuntimeError(f"the C compiler failed: {said.replace(str(SOURCE), SOURCE.name)}")
+        libraries[variant] = ctypes.CDLL(str(library))
+    return libraries
+
+
+def pack(arcs: Arcs, lanes: int) -> Packed:
+    """Cut the outputs' stretches into pieces for one batch of lanes, as even as can be, and lay their increments out."""
+    lengths = arcs.last - arcs.first
+    low, high = 0, int(lengths.max())  # low: too short for the lanes; high: fits
+    while high - low > 1:
+        middle = (low + high) // 2
+        low, high = (low, middle) if np.sum(-(-lengths // middle)) <= lanes else (middle, high)
+    pieces = -(-lengths // high)
+    edges = [
+        first + length * np.arange(count + 1) // count for first, length, count in zip(arcs.first, lengths, pieces, strict=True)
+    ]
+    starts, ends = np.concatenate([e[:-1] for e in edges]), np.concatenate([e[1:] for e in edges])
+    if len(starts) > lanes:
+        raise ValueError(f"{len(lengths)} outputs need more than {lanes} lanes")
+    increments = _page_aligned((int((ends - starts).max()), 4, lanes))
+    for lane, (start, end) in enumerate(zip(starts, ends, strict=True)):
+        dt = arcs.dt[start:end]
+        increments[: end - start, :3, lane] = arcs.raw[start:end] * dt[:, None]
+        increments[: end - start, 3, lane] = dt
+    return Packed(increments, np.ascontiguousarray(pieces, dtype=np.int_))
+
+
+def _page_aligned(shape: tuple[int, ...]) -> Array:
+    # numpy starts a large array 16 bytes into a page, where every load of a full vector straddles two cache lines.
+    size = int(np.prod(shape))
+    memory = np.zeros(size + PAGE // 8)
+    offset = -memory.ctypes.data % PAGE // 8
+    return memory[offset : offset + size].reshape(shape)
+
+
+def prepared(library: ctypes.CDLL, packed: Packed, parameters: GyroParameters) -> Callable[[], Propagation]:
+    """A call of the kernel with nothing left to do but its work.
+
+    Raises
+    ------
+    ValueError
+        A step turns too far for the series.
+    """
+    increments, pieces = packed.increments, packed.pieces
+    G, bias = np.ascontiguousarray(parameters.G), np.ascontiguousarray(parameters.bias)
+    turned = np.einsum("ij,tjl->til", G, increments[:, :3]) + bias[:, None] * increments[:, 3:]
+    if np.linalg.norm(turned, axis=1).max() >= SERIES_LIMIT:
+        raise ValueError("a step turns too far for the series of the C kernel")
+    work = np.empty((SUMS, increments.shape[2]))
+    R, S = np.empty((len(pieces), 3, 3)), np.empty((len(pieces), 4, 3, 3))
+    result = Propagation(R, S)
+    pointer, number = ctypes.c_void_p, ctypes.c_long
+    arrays = [array.ctypes.data_as(pointer) for array in (increments, G, bias, pieces, work, R, S)]
+    arguments = (arrays[0], number(1), number(len(increments)), *arrays[1:4], number(len(pieces)), *arrays[4:])
+    library.propagate.restype = None
+
+    def call() -> Propagation:
+        library.propagate(*arguments)
+        return result
+
+    # data_as keeps its array alive, so that the call may outlive this frame.
+    return call

@@ -1,0 +1,52 @@
+"""What the measurements are to reach, and whether they did."""
+
+from dataclasses import dataclass
+from typing import Any
+
+
+@dataclass(frozen=True)
+class Goal:
+    """A bound on one number; `most` tells an upper bound from a lower one."""
+
+    limit: float
+    most: bool = True
+
+    def met(self, value: float) -> bool:
+        """Whether the value keeps to it."""
+        return value <= self.limit if self.most else value >= self.limit
+
+    def __str__(self) -> str:
+        return f"{'≤' if self.most else '≥'} {self.limit:g}"
+
+
+GOALS = {
+    "kernel_vs_c_48k": Goal(1.2),
+    "kernel_vs_c_4800k": Goal(1.6),
+    "textbook_vs_kernel": Goal(4000, most=False),
+    "gtsam_vs_kernel": Goal(200, most=False),
+    "lanes_vs_rows": Goal(3, most=False),
+    "cpu_ms_per_case": Goal(1.0),
+    "peak_rss_mb_100": Goal(250),
+    "peak_rss_mb_10000": Goal(250),
+    "peak_rss_10000_over_100": Goal(1.02),  # flat
+    "cached_start_s": Goal(1.5),
+}
+
+
+def judged(document: dict[str, Any]) -> dict[str, dict[str, Any]]:
+    """Every number with a goal, and the ratios without: value, goal, and met; null where not measured or without a goal."""
+    peaks = document["peak_rss_mb"]
+    flat = peaks["10000"] / peaks["100"] if peaks["10000"] and peaks["100"] else None
+    values = {
+        **document["ratios"],
+        "cpu_ms_per_case": document["cpu_ms_per_case"],
+        **{f"peak_rss_mb_{count}": value for count, value in peaks.items()},
+        "peak_rss_10000_over_100": flat,
+        "cached_start_s": next(row["process_s"] for row in document["growth"]["cases"] if row["cases"] == 1),
+    }
+    return {name: _judged(value, GOALS.get(name)) for name, value in values.items()}
+
+
+def _judged(value: float | None, goal: Goal | None) -> dict[str, Any]:
+    met = None if goal is None or value is None else goal.met(value)
+    return {"value": value, "goal": None if goal is None else str(goal), "met": met}

@@ -1,0 +1,222 @@
+"""All measurements of one run, as a document; see `goals` for what is wanted of them."""
+
+import contextlib
+import ctypes
+import json
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Any
+
+from benchmarks import c_kernel, oracle, references
+from benchmarks.goals import judged
+from benchmarks.machine import machine
+from benchmarks.streams import Flight, disagreement, run_packed
+from benchmarks.timing import Candidate, interleaved
+from studies.manifest import commit
+
+Libraries = dict[c_kernel.Variant, ctypes.CDLL]
+Say = Callable[[str], None]
+
+METHOD = (
+    "One thread. The candidates of a comparison take turns, one untimed and one timed call each a round, and the least time of "
+    "each is kept; a ratio is between two such times. The project's kernel and the C kernel start from increments already "
+    "packed, each in its own layout, and end with R and the sums of every interval; packing is timed apart. Processor time a "
+    "case is the least mean over a block of 1000 cases; every count of cases runs in a fresh process."
+)
+AGREEMENT = 1e-12  # relative, of any candidate with the project's kernel at 48 000 samples
+LONG_AGREEMENT = 1e-10  # at ten and a hundred times as many steps their rounding adds up
+FAULTS = 50  # a case; more means that arrays go back to the system and are mapped anew for every case
+KEPT = 6  # C variants that stay in after the first comparison
+
+
+@dataclass(frozen=True)
+class Effort:
+    """How much of everything is done.
+
+    Attributes
+    ----------
+    sizes : factor on the number of samples → rounds of kernel and C
+    scouting : rounds of the first comparison of the C variants
+    variants : C variants to compile
+    slow : rounds of gtsam, scipy, least squares
+    cases : numbers of Monte Carlo cases
+    """
+
+    sizes: dict[int, int] = field(default_factory=lambda: {1: 400, 10: 60, 100: 12})
+    scouting: int = 30
+    variants: tuple[c_kernel.Variant, ...] = c_kernel.VARIANTS
+    slow: int = 10
+    cases: tuple[int, ...] = (1, 10, 100, 1000, 10_000)
+
+
+QUICK = Effort({1: 20}, 3, c_kernel.QUICK_VARIANTS, 2, (1, 100))
+LEFT_OUT = "left out by --quick"
+
+
+def run(quick: bool = False, say: Say = lambda text: None) -> dict[str, Any]:
+    """Measure everything.
+
+    Parameters
+    ----------
+    quick : only what shows that everything works; what is left out is null
+    say : told what is being done
+    """
+    effort = QUICK if quick else Effort()
+    flight = Flight.trmm()
+    reasons: dict[str, str] = {}
+    with _libraries(effort.variants, reasons) as libraries:
+        say("the kernel against C")
+        kept = _scouted(libraries, flight, effort.scouting)
+        growth = [_growth(flight, finer, rounds, kept) for finer, rounds in effort.sizes.items()]
+    say("the kernel against a textbook loop, gtsam and scipy")
+    others, checks = _others(flight, effort, reasons)
+    say("least squares against the calibrator")
+    solvers, checks["least_squares_G"] = _solvers(flight, effort.slow)
+    say("Monte Carlo cases")
+    cases = [_cases(count) for count in effort.cases]
+    document = _document(growth, others | solvers, cases, reasons)
+    return {
+        "command": "python -m benchmarks" + (" --quick" if quick else ""),
+        "commit": commit(),
+        "method": METHOD,
+        "machine": machine(),
+        **document,
+        "agreement": checks,
+        "goals": judged(document),
+        "reasons": reasons,
+    }
+
+
+@contextlib.contextmanager
+def _libraries(variants: tuple[c_kernel.Variant, ...], reasons: dict[str, str]) -> Iterator[Libraries]:
+    with tempfile.TemporaryDirectory() as folder:
+        try:
+            libraries = c_kernel.build(variants, Path(folder))
+        except RuntimeError as error:
+            reasons.update(dict.fromkeys(("kernel_vs_c_48k", "kernel_vs_c_4800k"), str(error)))
+            libraries = {}
+        yield libraries
+
+
+def _scouted(libraries: Libraries, flight: Flight, rounds: int) -> Libraries:
+    """The variants that are fastest in a first comparison."""
+    if not libraries:
+        return libraries
+    arcs, parameters = flight.arcs(), flight.initial
+    packed = {lanes: c_kernel.pack(arcs, lanes) for lanes in {variant.lanes for variant in libraries}}
+    calls = {variant: c_kernel.prepared(library, packed[variant.lanes], parameters) for variant, library in libraries.items()}
+    ms = interleaved({repr(variant): Candidate(call, rounds) for variant, call in calls.items()})
+    return {variant: libraries[variant] for variant in sorted(libraries, key=lambda v: ms[repr(v)])[:KEPT]}
+
+
+def _growth(flight: Flight, finer: int, rounds: int, libraries: Libraries) -> dict[str, Any]:
+    """Kernel, packing and the fastest C at so many times the samples."""
+    arcs, parameters = flight.arcs(finer), flight.initial
+    if arcs.beyond_series(parameters.G, parameters.bias):
+        raise ValueError("the steps are too long for the series both kernels are compared with")
+    expected = run_packed(arcs, parameters)
+    packed = {lanes: c_kernel.pack(arcs, lanes) for lanes in {variant.lanes for variant in libraries}}
+    calls = {variant: c_kernel.prepared(library, packed[variant.lanes], parameters) for variant, library in libraries.items()}
+    apart = max((disagreement(call(), expected) for call in calls.values()), default=None)
+    _check(f"C at {len(arcs.dt)} samples", apart, AGREEMENT if finer == 1 else LONG_AGREEMENT)
+    candidates = {repr(variant): Candidate(call, rounds) for variant, call in calls.items()}
+    candidates["kernel"] = Candidate(lambda: run_packed(arcs, parameters), rounds)
+    candidates["packing"] = Candidate(lambda: arcs.with_rates(arcs.rates).increments, max(rounds // 2, 1))
+    ms = interleaved(candidates)
+    best = min(calls, key=lambda variant: ms[repr(variant)], default=None)
+    c_ms = None if best is None else ms[repr(best)]
+    return {
+        "samples": len(arcs.dt),
+        "kernel_ms": ms["kernel"],
+        "c_ms": c_ms,
+        "kernel_vs_c": None if c_ms is None else ms["kernel"] / c_ms,
+        "packing_ms": ms["packing"],
+        "c_variant": None if best is None else asdict(best),
+        "c_disagreement": apart,
+    }
+
+
+def _others(flight: Flight, effort: Effort, reasons: dict[str, str]) -> tuple[dict[str, float], dict[str, float]]:
+    """Times (ms) of the kernel and of the other ways over the same samples, and how far they are apart."""
+    arcs, parameters = flight.arcs(), flight.initial
+    expected = run_packed(arcs, parameters)
+    kept: list[tuple[Any, Any]] = []  # the textbook loop is too slow to run again for its result
+    apart = {}
+    candidates = {
+        "kernel": Candidate(lambda: run_packed(arcs, parameters), 10 * effort.slow),
+        "rows": Candidate(lambda: references.rows(arcs, parameters), 5 * effort.slow),
+        "scipy_rotation": Candidate(lambda: references.scipy_rotation(arcs, parameters), effort.slow),
+        "textbook": Candidate(lambda: kept.append(references.textbook(arcs, parameters)), 1),
+    }
+    apart["rows"] = disagreement(references.rows(arcs, parameters), expected)
+    apart["scipy_rotation"] = float(abs(references.scipy_rotation(arcs, parameters) - expected.R).max())
+    try:
+        integrate = references.gtsam_rotation(arcs, parameters)
+        apart["gtsam"] = float(abs(integrate() - expected.R).max())
+        candidates["gtsam"] = Candidate(integrate, effort.slow)
+    except ImportError:
+        reasons["gtsam_vs_kernel"] = "gtsam is not installed"
+    ms = interleaved(candidates)
+    R, Theta = kept[0]
+    largest = abs(expected.Theta).max(axis=(0, 1))
+    apart["textbook"] = float(max(abs(R - expected.R).max(), (abs(Theta - expected.Theta) / largest).max()))
+    for name, value in apart.items():
+        _check(name, value, AGREEMENT)
+    return ms, apart
+
+
+def _check(name: str, apart: float | None, limit: float) -> None:
+    if apart is not None and not apart < limit:
+        raise AssertionError(f"{name} differs from the project's kernel by {apart:.1e}, more than {limit:g}")
+
+
+def _solvers(flight: Flight, rounds: int) -> tuple[dict[str, float], float]:
+    solvers = oracle.solvers(flight)
+    difference = oracle.agreement({name: solve() for name, solve in solvers.items()})
+    return interleaved({name: Candidate(solve, rounds) for name, solve in solvers.items()}), difference
+
+
+def _cases(count: int) -> dict[str, Any]:
+    """So many cases in a fresh process, with the time from its start to its end."""
+    start = time.perf_counter()
+    command = [sys.executable, "-m", "benchmarks.cases", str(count)]
+    done = subprocess.run(command, cwd=Path(__file__).parents[1], capture_output=True, text=True, check=True)
+    result: dict[str, Any] = json.loads(done.stdout)
+    return {**result, "process_s": time.perf_counter() - start}
+
+
+def _document(
+    growth: list[dict[str, Any]], ms: dict[str, float], cases: list[dict[str, Any]], reasons: dict[str, str]
+) -> dict[str, Any]:
+    """The numbers under the names they are asked for by."""
+    against_c = [row["kernel_vs_c"] for row in growth] + [None] * (3 - len(growth))
+    by_count = {row["cases"]: row for row in cases}
+    counted = max((row for row in cases if row["cases"] >= 100), key=lambda row: row["cases"])
+    ratios = {
+        "kernel_vs_c_48k": against_c[0],
+        "kernel_vs_c_4800k": against_c[2],
+        "textbook_vs_kernel": ms["textbook"] / ms["kernel"],
+        "gtsam_vs_kernel": ms["gtsam"] / ms["kernel"] if "gtsam" in ms else None,
+        "least_squares_vs_davenport": ms["least_squares"] / ms["davenport"],
+        "lanes_vs_rows": ms["rows"] / ms["kernel"],
+    }
+    peaks = {str(count): by_count[count]["peak_rss_mb"] if count in by_count else None for count in (100, 10_000)}
+    if counted["page_faults_per_case"] > FAULTS:
+        reasons["cpu_ms_per_case"] = (
+            f"{counted['page_faults_per_case']:.0f} page faults a case: the allocator gives the case's arrays back each time"
+        )
+    for name, value in {**ratios, **{f"peak_rss_mb_{count}": value for count, value in peaks.items()}}.items():
+        if value is None:
+            reasons.setdefault(name, LEFT_OUT)
+    return {
+        "ratios": ratios,
+        "cpu_ms_per_case": counted["cpu_ms_per_case_least"] or counted["cpu_ms_per_case_mean"],
+        "peak_rss_mb": peaks,
+        "growth": {"samples": growth, "cases": cases},
+        "absolute_ms": ms,
+    }

@@ -1,0 +1,79 @@
+"""What is propagated: the TRMM scenario's six intervals, with noise, at its own sampling and finer."""
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gyrocal import Arcs, GyroParameters, Recording
+from gyrocal.problem import Problem
+from gyrocal.propagation import Propagation, propagate_packed
+from gyrocal.sampling import measurements
+from simulator import scenario as scenarios
+from simulator.scenario import Scenario
+from simulator.simulate import Motion, motion, noise_free_rates, observe
+from simulator.streams import generator
+
+Array = NDArray[np.float64]
+
+ENTROPY = 1998
+
+
+@dataclass(frozen=True)
+class Flight:
+    """The scenario with all that its cases share; reference attitudes at the intervals' ends only."""
+
+    scenario: Scenario
+    motion: Motion
+
+    @classmethod
+    def trmm(cls) -> "Flight":
+        """The built-in TRMM scenario."""
+        scenario = scenarios.load("trmm")
+        return cls(scenario, motion(scenario))
+
+    @cached_property
+    def rates(self) -> Array:
+        """(n, 3) noise-free raw rates, rad/s."""
+        return noise_free_rates(self.scenario, self.motion)
+
+    @cached_property
+    def recording(self) -> Recording:
+        """Case 0, with noise."""
+        gyro, reference = (generator(ENTROPY, 0, name) for name in ("gyro_noise", "reference_noise"))
+        return observe(self.scenario, self.motion, gyro_rng=gyro, reference_rng=reference)
+
+    @cached_property
+    def initial(self) -> GyroParameters:
+        """What a calibration starts from."""
+        return GyroParameters(self.recording.gyro.apriori_G, self.recording.gyro.apriori_bias)
+
+    @cached_property
+    def problem(self) -> Problem:
+        """Case 0, prepared."""
+        return Problem.of(self.recording, measurements(self.recording))
+
+    def arcs(self, finer: int = 1) -> Arcs:
+        """The steps of case 0, each cut into so many equal ones: the same motion from `finer` times as many samples."""
+        arcs = self.problem.measurements.arcs
+        return Arcs(
+            rates=np.repeat(arcs.raw, finer, axis=0),
+            dt=np.repeat(arcs.dt / finer, finer),
+            sample=np.arange(len(arcs.dt) * finer),
+            first=arcs.first * finer,
+            last=arcs.last * finer,
+            arc=arcs.arc,
+        )
+
+
+def run_packed(arcs: Arcs, parameters: GyroParameters) -> Propagation:
+    """The project's kernel on increments that are packed already (they are kept once asked for)."""
+    options = (arcs.ends, arcs.last, arcs.arc, parameters.G, parameters.bias, False, False)
+    return Propagation(*propagate_packed(arcs.increments, arcs.increments, *options))
+
+
+def disagreement(result: Propagation, expected: Propagation) -> float:
+    """Largest difference in R, and in the sums of any regressor, relative to the largest of its kind."""
+    sums = np.abs(result.S - expected.S).max(axis=(0, 2, 3)) / np.abs(expected.S).max(axis=(0, 2, 3))
+    return float(max(np.abs(result.R - expected.R).max(), sums.max()))

@@ -1,0 +1,194 @@
+"""Dispersions: which values of a scenario differ from case to case, and how.
+
+A dispersion names a scenario value by its dotted path and a distribution. The number drawn takes the value's place
+(``mode = "absolute"``), is added to it (``"offset"``) or multiplies it (``"factor"``)::
+
+    [dispersions."gyro.true_G.0.0"]
+    kind = "normal"
+    sigma = 5e-4
+    mode = "offset"
+
+Every sampler yields one number u of (0, 1) per case and path, and the distribution's quantile function turns it into the
+draw. Each path has its own one-dimensional sequence, so that one more dispersion changes none of the others:
+
+- ``random``: u from the case's stream "dispersions/<path>".
+- ``lhs``: Latin hypercube. A hypercube of d dimensions is d independent stratified permutations of the cases, and each path
+  has its own. The only sampler whose rows depend on the number of cases.
+- ``sobol``: dimension k of a Sobol sequence for the k-th path declared, each with its own scrambling. Two entropies scramble
+  the same sequence: their estimates are independent, but case i of the one is not independent of case i of the other.
+"""
+
+from collections.abc import Iterable, Iterator, Mapping
+from functools import lru_cache
+from itertools import repeat
+from typing import Annotated, Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import BaseModel, ConfigDict, Field, ValidationInfo, field_validator
+from scipy.special import ndtri
+
+from gyrocal.errors import InputError
+from simulator.scenario import Scenario, override
+from simulator.streams import generator
+
+Array = NDArray[np.float64]
+Sampler = Literal["random", "lhs", "sobol"]
+
+SMALLEST_U = 2.0**-54  # half a unit of a random double: keeps the quantiles finite
+SOBOL_BITS = 32  # as many cases as there are case numbers
+SOBOL_BLOCK = 1024  # rows made at a time; a power of two, as the sequence wants
+
+
+class _Distribution(BaseModel):
+    model_config = ConfigDict(extra="forbid", frozen=True, strict=True, allow_inf_nan=False)
+
+    mode: Literal["absolute", "offset", "factor"] = "absolute"
+
+    def applied(self, draw: float, value: float) -> float:
+        """What the scenario's value becomes."""
+        return draw if self.mode == "absolute" else value + draw if self.mode == "offset" else value * draw
+
+
+class Normal(_Distribution):
+    """Normal distribution."""
+
+    kind: Literal["normal"]
+    mean: float = 0.0
+    sigma: float = Field(gt=0)
+
+    def quantile(self, u: float) -> float:
+        """The draw of which a share u of all draws lies below."""
+        return float(self.mean + self.sigma * ndtri(u))
+
+
+class _Range(_Distribution):
+    low: float
+    high: float
+
+    @field_validator("high")
+    @classmethod
+    def _above_low(cls, value: float, info: ValidationInfo) -> float:
+        if "low" in info.data and not value > info.data["low"]:
+            raise ValueError("must be above low")
+        return value
+
+
+class Uniform(_Range):
+    """Uniform distribution."""
+
+    kind: Literal["uniform"]
+
+    def quantile(self, u: float) -> float:
+        """The draw of which a share u of all draws lies below."""
+        return self.low + (self.high - self.low) * u
+
+
+class LogUniform(_Range):
+    """Uniform in the logarithm."""
+
+    kind: Literal["loguniform"]
+    low: float = Field(gt=0)
+
+    def quantile(self, u: float) -> float:
+        """The draw of which a share u of all draws lies below."""
+        return float(np.exp(np.log(self.low) + (np.log(self.high) - np.log(self.low)) * u))
+
+
+Dispersion = Annotated[Normal | Uniform | LogUniform, Field(discriminator="kind")]
+
+
+def uniforms(paths: tuple[str, ...], sampler: Sampler, *, entropy: int, case: int, cases: int) -> Iterator[float]:
+    """One number of (0, 1) for each path, in the order of the paths."""
+    for dimension, path in enumerate(paths):
+        if sampler == "random":
+            u = float(generator(entropy, case, f"dispersions/{path}").random())
+        elif sampler == "lhs":
+            u = float(_hypercube(entropy, path, cases)[case])
+        else:
+            block, row = divmod(case, SOBOL_BLOCK)
+            u = float(_sobol(entropy, path, dimension, block)[row])
+        yield max(u, SMALLEST_U)
+
+
+@lru_cache(maxsize=64)
+def _hypercube(entropy: int, path: str, cases: int) -> Array:
+    """(cases,) the path's column of the Latin hypercube: one number in each of so many equal strata."""
+    from scipy.stats import qmc  # only here: it costs every process 30 MB
+
+    rng = generator(entropy, 0, f"dispersions lhs/{path}")
+    return np.asarray(qmc.LatinHypercube(d=1, rng=rng).random(cases)[:, 0])
+
+
+@lru_cache(maxsize=64)
+def _sobol(entropy: int, path: str, dimension: int, block: int) -> Array:
+    """(SOBOL_BLOCK,) rows of one dimension of the Sobol sequence, scrambled from the path's own stream."""
+    from scipy.stats import qmc  # only here: it costs every process 30 MB
+
+    rng = generator(entropy, 0, f"dispersions sobol/{path}")
+    engine = qmc.Sobol(d=dimension + 1, scramble=True, bits=SOBOL_BITS, rng=rng)
+    if block:
+        engine.fast_forward(block * SOBOL_BLOCK)
+    # The scrambled points are multiples of 2^-32 with 0 among them: their cells' middles are not.
+    return np.asarray(engine.random(SOBOL_BLOCK)[:, dimension]) + 0.5 ** (SOBOL_BITS + 1)
+
+
+def scenario_value(scenario: Scenario, path: str) -> float:
+    """The number at a dotted path of a scenario.
+
+    Raises
+    ------
+    InputError
+        There is none.
+    """
+    place: Any = scenario
+    for key in path.split("."):
+        if isinstance(place, BaseModel) and key in type(place).model_fields:
+            place = getattr(place, key)
+        elif isinstance(place, tuple) and key.isdecimal() and int(key) < len(place):
+            place = place[int(key)]
+        else:
+            raise InputError(f"dispersions: {path}: the scenario has no such value; there is no {key!r}")
+    if isinstance(place, bool) or not isinstance(place, int | float):
+        raise InputError(f"dispersions: {path}: only a number can be dispersed, and this is {place!r:.60}")
+    return float(place)
+
+
+def check(dispersions: Mapping[str, Dispersion], scenario: Scenario) -> None:
+    """Refuse dispersions that could not act on the scenario.
+
+    Raises
+    ------
+    InputError
+        A path leads to no number, a factor has a zero to multiply, or the scenario is invalid with every draw at its median.
+    """
+    for path, dispersion in dispersions.items():
+        if dispersion.mode == "factor" and scenario_value(scenario, path) == 0:
+            raise InputError(f'dispersions: {path}: a factor leaves its value, 0, as it is; use mode = "offset"')
+    override(scenario, at_shares(dispersions, scenario, repeat(0.5)))
+
+
+def values(
+    dispersions: Mapping[str, Dispersion], scenario: Scenario, sampler: Sampler, *, entropy: int, case: int, cases: int
+) -> dict[str, float]:
+    """What the dispersed values of a scenario are in one case, by path.
+
+    Parameters
+    ----------
+    dispersions : distribution by path
+    scenario : the scenario before the draws
+    sampler : how the space of the draws is covered
+    entropy : seed of the study
+    case : number of the case, 0 ≤ case < cases
+    cases : number of cases of the study
+    """
+    shares = uniforms(tuple(dispersions), sampler, entropy=entropy, case=case, cases=cases)
+    return at_shares(dispersions, scenario, shares)
+
+
+def at_shares(dispersions: Mapping[str, Dispersion], scenario: Scenario, shares: Iterable[float]) -> dict[str, float]:
+    """What the dispersed values become, each at a share of its distribution, in the order of the dispersions."""
+    return {
+        path: dispersion.applied(dispersion.quantile(share), scenario_value(scenario, path))
+        for (path, dispersion), share in zip(dispersions.items(), shares, strict=False)
+    }

@@ -1,0 +1,237 @@
+"""Parts: the rows of a study on disk, a Parquet file per chunk of cases.
+
+A part is written under another name and then renamed, so that it is there whole or not at all, and is found by its number,
+never by looking what files there are. Its metadata say which cases of which configuration it holds, and its pages carry
+checksums: when a study is resumed, a damaged part is seen, set aside and computed again. Nothing is forced to the disk
+(fsync), which would cost more than a chunk: a part lost in a power failure is a damaged part.
+
+The table is streamed from the parts, one at a time. It holds the rows in the order of the cases, in row groups of a fixed
+size, so that its bytes do not depend on how the cases were cut into parts.
+"""
+
+import json
+import os
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+import pyarrow as pa
+import pyarrow.compute as pc
+import pyarrow.parquet as pq
+
+from gyrocal.errors import GyrocalError, InputError
+
+ROW_GROUP = 8192  # rows of the table's row groups
+LARGEST_CHUNK = 64  # cases
+CHUNKS = 128  # that a study has at least, if it has so many cases
+METADATA = b"gyrocal"
+FAILED = ("case", "error")
+
+
+class StorageError(InputError):
+    """The folder of a study cannot be written; what was finished before is safe."""
+
+
+@dataclass(frozen=True)
+class PartInfo:
+    """What a part says about itself.
+
+    Attributes
+    ----------
+    failures : error of each failed case
+    cpu_s : CPU time of its cases
+    """
+
+    failures: dict[int, str]
+    cpu_s: float
+
+
+def default_chunk(cases: int) -> int:
+    """Cases of a chunk: it must depend on the study alone, or a resumed study would not find its parts."""
+    return min(LARGEST_CHUNK, -(-cases // CHUNKS))
+
+
+def encode(rows: Sequence[Mapping[str, Any]], config_sha256: str, cases: range, cpu_s: float) -> bytes:
+    """A part as the bytes of a Parquet file; a column is there for every name that a row has, in order of appearance."""
+    names = dict.fromkeys(name for row in rows for name in row)
+    columns = {name: _array([row.get(name) for row in rows]) for name in names}
+    return _bytes(pa.table(columns), config_sha256, cases, cpu_s)
+
+
+def decode(part: bytes) -> pa.Table:
+    """The rows of an encoded part."""
+    return pq.ParquetFile(pa.BufferReader(part)).read()
+
+
+def joined(tables: Sequence[pa.Table], config_sha256: str, cases: range, cpu_s: float) -> bytes:
+    """One part from the rows of several."""
+    return _bytes(pa.concat_tables(tables, promote_options="permissive"), config_sha256, cases, cpu_s)
+
+
+def _array(values: list[Any]) -> pa.Array:
+    if any(isinstance(value, float) for value in values):
+        return pa.array([None if value is None else float(value) for value in values], pa.float64())
+    return pa.array(values)
+
+
+def _bytes(table: pa.Table, config_sha256: str, cases: range, cpu_s: float) -> bytes:
+    about = {"config_sha256": config_sha256, "first": cases.start, "stop": cases.stop, "cpu_s": cpu_s}
+    sink = pa.BufferOutputStream()
+    pq.write_table(table.replace_schema_metadata({METADATA: json.dumps(about)}), sink, write_page_checksum=True)
+    return bytes(sink.getvalue())
+
+
+@contextmanager
+def storage(folder: Path) -> Iterator[None]:
+    """Turn what the file system refuses into a `StorageError`."""
+    try:
+        yield
+    except GyrocalError:
+        raise
+    except OSError as error:
+        raise StorageError(f"{folder}: {error.strerror or error}") from error
+
+
+def write_atomic(path: Path, data: bytes) -> None:
+    """Write a file so that it is there whole or not at all; raises `StorageError`, and then leaves nothing behind."""
+    temporary = path.with_name(path.name + ".tmp")
+    with storage(path.parent):
+        try:
+            path.parent.mkdir(parents=True, exist_ok=True)
+            temporary.write_bytes(data)
+            os.replace(temporary, path)
+        except BaseException:
+            temporary.unlink(missing_ok=True)
+            raise
+
+
+@dataclass(frozen=True)
+class Parts:
+    """The parts of a study.
+
+    Attributes
+    ----------
+    folder : of the study
+    cases : number of cases
+    chunk : cases in a part
+    config_sha256 : hash of the configuration
+    """
+
+    folder: Path
+    cases: int
+    chunk: int
+    config_sha256: str
+
+    def __len__(self) -> int:
+        return -(-self.cases // self.chunk)
+
+    def range(self, index: int) -> range:
+        """The cases of a part."""
+        return range(index * self.chunk, min((index + 1) * self.chunk, self.cases))
+
+    def path(self, index: int) -> Path:
+        """The file of a part."""
+        return self.folder / "parts" / f"part-{index:06d}.parquet"
+
+    def remove_temporary(self) -> None:
+        """Remove what a killed run left half written."""
+        for path in (*(self.folder / "parts").glob("part-*.tmp"), self.folder / "table.parquet.tmp"):
+            path.unlink(missing_ok=True)
+
+    def inspect(self, index: int) -> PartInfo | str | None:
+        """What a part on disk says about itself; text saying what is wrong with it, or None if it is not there.
+
+        Raises
+        ------
+        InputError
+            It is of another configuration.
+        """
+        path = self.path(index)
+        if not path.exists():
+            return None
+        try:
+            with pq.ParquetFile(path, page_checksum_verification=True) as file:
+                about = json.loads((file.schema_arrow.metadata or {})[METADATA])
+                table = file.read()
+            numbers, errors = (table.column(name).to_pylist() for name in FAILED)
+        except (OSError, pa.ArrowException, KeyError, ValueError) as error:
+            return " ".join(str(error).split()) or type(error).__name__
+        if about["config_sha256"] != self.config_sha256:
+            raise InputError(f"{path}: belongs to a study with another configuration; choose another folder")
+        expected = self.range(index)
+        if sorted(set(numbers)) != list(expected):
+            return f"it does not hold the cases {expected.start} to {expected.stop - 1}"
+        failures = {number: error for number, error in zip(numbers, errors, strict=True) if error}
+        return PartInfo(failures, about["cpu_s"])
+
+    def rows_of(self, case: int) -> pd.DataFrame | None:
+        """The rows of one case; None if they are not there or damaged."""
+        if not isinstance(self.inspect(case // self.chunk), PartInfo):
+            return None
+        table = decode(self.path(case // self.chunk).read_bytes())
+        return table.filter(pc.field("case") == case).to_pandas()
+
+    def set_aside(self, index: int) -> Path:
+        """Rename a damaged part; returns its new path."""
+        path = self.path(index)
+        aside = path.with_suffix(".corrupt")
+        with storage(self.folder):
+            os.replace(path, aside)
+        return aside
+
+    def write_table(self, path: Path) -> None:
+        """Write the table of all parts, reading them one at a time.
+
+        Raises
+        ------
+        GyrocalError
+            A column does not hold the same kind of value in all parts.
+        StorageError
+            The table cannot be written; none is left behind, or the one that was there before.
+        """
+        temporary = path.with_name(path.name + ".tmp")
+        with storage(self.folder):
+            schema = self._schema()
+            try:
+                with pq.ParquetWriter(temporary, schema, write_page_checksum=True) as writer:
+                    for table in _regrouped(self._tables(schema), schema):
+                        writer.write_table(table, row_group_size=ROW_GROUP)
+                os.replace(temporary, path)
+            except BaseException:
+                temporary.unlink(missing_ok=True)
+                raise
+
+    def _schema(self) -> pa.Schema:
+        """Columns of the table: those of the parts, in order of appearance."""
+        schema = pa.schema([])
+        for index in range(len(self)):
+            part = pq.read_schema(self.path(index)).remove_metadata()
+            if part != schema:
+                try:
+                    schema = pa.unify_schemas([schema, part], promote_options="permissive")
+                except pa.ArrowException as error:
+                    raise GyrocalError(
+                        f"{self.path(index)}: a column is of another kind than in earlier parts: {error}"
+                    ) from None
+        return schema
+
+    def _tables(self, schema: pa.Schema) -> Iterator[pa.Table]:
+        for index in range(len(self)):
+            with pq.ParquetFile(self.path(index), page_checksum_verification=True) as file:
+                table = file.read().replace_schema_metadata(None)
+            yield pa.concat_tables([schema.empty_table(), table], promote_options="permissive")
+
+
+def _regrouped(tables: Iterable[pa.Table], schema: pa.Schema) -> Iterator[pa.Table]:
+    """The same rows in tables of ROW_GROUP rows each but the last."""
+    held = schema.empty_table()
+    for table in tables:
+        held = pa.concat_tables([held, table])
+        while held.num_rows >= ROW_GROUP:
+            yield held.slice(0, ROW_GROUP).combine_chunks()
+            held = held.slice(ROW_GROUP)
+    if held.num_rows:
+        yield held.combine_chunks()
