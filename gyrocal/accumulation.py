@@ -153,6 +153,7 @@ def iterate(
     arw: float,
     model: int,
     given: Array,
+    look_back: bool,
 ) -> tuple[Array, Array, Array, float]:  # pragma: no cover - compiled
     """A fixed number of iterations without a prior, in one call: what a Monte Carlo case needs.
 
@@ -164,11 +165,12 @@ def iterate(
     packed : increments, ends, last, arc as in `gyrocal.propagation.propagate_packed`
     groups : group_rows and group_ends as in `whitened`
     references : start, row, elapsed_s, sigma
+    look_back : whether to propagate once more for the residuals after the last iteration
 
     Returns
     -------
-    x (iterations + 1, 12) at the start and after each iteration; θ (iterations + 1, m, 3) there; P (p, p) of the last
-    iteration; Σ θᵀ V⁻¹ θ after it.
+    x (iterations + 1, 12) at the start and after each iteration; θ (iterations + 1, m, 3) there, NaN at the last without
+    looking back; P (p, p) of the last iteration; Σ θᵀ V⁻¹ θ after it, NaN likewise.
     """
     increments, ends, last, arc = packed
     start, row, elapsed_s, sigma = references
@@ -179,6 +181,10 @@ def iterate(
     xs[0] = x
     chi2 = 0.0
     for n in range(iterations + 1):
+        if n == iterations and not look_back:
+            thetas[n] = np.nan
+            chi2 = np.nan
+            break
         G, bias = xs[n, :9].copy().reshape(3, 3), xs[n, 9:].copy()
         R, S = propagate_packed(increments, increments, ends, last, arc, G, bias, linear, beyond_series)
         thetas[n] = residuals(R, A_start, A_obs)

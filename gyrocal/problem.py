@@ -173,7 +173,7 @@ class Problem:
         arc = self.measurements.arcs.arc[one]
         return np.diag(residual_covariance(R[one], arc, start[one], row[one], elapsed_s[one], sigma, *self._covariance))
 
-    def iterate(self, x: Array, iterations: int, psi: Psi | None = None) -> Iterates:
+    def iterate(self, x: Array, iterations: int, psi: Psi | None = None, look_back: bool = True) -> Iterates:
         """A fixed number of iterations without a prior, compiled from end to end.
 
         Parameters
@@ -181,6 +181,7 @@ class Problem:
         x : (12,) parameters to start from
         iterations : how many
         psi : in place of the problem's
+        look_back : whether to propagate once more for the residuals after the last iteration; NaN without
         """
         arcs = self.measurements.arcs
         x = np.ascontiguousarray(x, dtype=float)
@@ -197,6 +198,7 @@ class Problem:
             self.groups,
             self._references,
             *self._covariance,
+            look_back,
         )
         return Iterates(*values)
 

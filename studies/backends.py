@@ -20,6 +20,7 @@ from collections.abc import Callable, Collection, Iterable, Iterator
 from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
 from functools import partial
 from itertools import islice
+from multiprocessing import resource_tracker
 from typing import Any, Literal, Protocol, TypeVar
 
 import joblib
@@ -180,6 +181,8 @@ class _Loky:
         self.jobs = jobs
         self.run = run
         self.single: Any = None
+        # Started together with the first worker, this helper would (in Python 3.11) let Ctrl-C through to it.
+        resource_tracker.ensure_running()
 
     def _pool(self) -> Any:
         return get_reusable_executor(max_workers=self.jobs, timeout=IDLE_S, initializer=_start_worker)

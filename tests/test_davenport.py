@@ -245,6 +245,17 @@ def test_compiled_iterations_are_those_of_calibrate():
         assert compiled.chi2 == pytest.approx(result.chi2, rel=1e-9)
 
 
+def test_not_looking_back_changes_nothing_but_what_is_looked_at():
+    recording = piecewise_recording(arw=np.deg2rad(2e-4), rng=np.random.default_rng(7), sample_s=2.0)
+    problem = Problem.of(recording, measurements(recording))
+    full, short = (problem.iterate(PRELAUNCH.vector, 1, look_back=look) for look in (True, False))
+    np.testing.assert_array_equal(full.x, short.x)
+    np.testing.assert_array_equal(full.P, short.P)
+    np.testing.assert_array_equal(full.theta[0], short.theta[0])
+    assert np.isnan(short.theta[1]).all()
+    assert np.isnan(short.chi2)
+
+
 def test_a_prepared_problem_takes_another_cases_data():
     first, second = (
         piecewise_recording(arw=np.deg2rad(2e-4), rng=np.random.default_rng(seed), sample_s=2.0) for seed in (1, 2)
