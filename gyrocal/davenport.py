@@ -15,13 +15,14 @@ accepts series of reference attitudes, whose residuals correlate within an inter
 group of residuals, see `gyrocal.covariance`.
 """
 
+from __future__ import annotations
+
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from importlib import metadata
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import pandas as pd
 import scipy.linalg
 import scipy.special
 from numpy.typing import NDArray
@@ -35,6 +36,9 @@ from gyrocal.problem import Problem, State
 from gyrocal.propagation import Psi, StreamingPropagation
 from gyrocal.recording import Recording
 from gyrocal.sampling import Measurements, Resampling, measurements
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
@@ -189,6 +193,8 @@ class CalibrationResult:
 
     def summary(self) -> pd.DataFrame:
         """A row per parameter: initial, calibrated, correction and sigma; biases in deg/s, G dimensionless."""
+        import pandas as pd  # late: 65 MiB that a Monte Carlo worker does without
+
         unit = np.array([1.0] * 9 + [np.rad2deg(1.0)] * 3)
         initial, final = self.initial.vector * unit, self.parameters.vector * unit
         return pd.DataFrame(
@@ -416,6 +422,8 @@ def _unobservable_message(
 
 
 def _residual_table(recording: Recording, prepared: Measurements, before: State, after: State) -> pd.DataFrame:
+    import pandas as pd  # late: 65 MiB that a Monte Carlo worker does without
+
     columns: dict[str, Any] = {
         "interval": [recording.intervals[k].name for k in prepared.arcs.arc],
         "t_s": recording.attitudes.t_s[prepared.row],

@@ -8,14 +8,19 @@ R (7) also writes G = M S with M a matrix of unit columns (the directions of the
 diagonal of their lengths; `misalignment_and_scale` gives that factorisation.
 """
 
+from __future__ import annotations
+
 from collections.abc import Iterable
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
-import pandas as pd
 from numpy.typing import NDArray
 
 from gyrocal.errors import InputError
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 Array = NDArray[np.float64]
 
@@ -55,7 +60,7 @@ class GyroParameters:
             raise InputError("G and the bias must be finite")
 
     @classmethod
-    def from_vector(cls, x: Array) -> "GyroParameters":
+    def from_vector(cls, x: Array) -> GyroParameters:
         """From (12,) in the order of `NAMES`."""
         return cls(np.reshape(x[:9], (3, 3)), np.asarray(x[9:]))
 
@@ -65,7 +70,7 @@ class GyroParameters:
         return np.concatenate([self.G.ravel(), self.bias])
 
     @classmethod
-    def from_gyros(cls, bias: Array, scale_factor: Array, misalignment: Array) -> "GyroParameters":
+    def from_gyros(cls, bias: Array, scale_factor: Array, misalignment: Array) -> GyroParameters:
         """From the per-gyro form.
 
         Parameters
@@ -103,6 +108,8 @@ class GyroParameters:
 
     def table(self) -> pd.DataFrame:
         """N Table 3's form: a row a gyro; degrees and deg/s."""
+        import pandas as pd  # late: 65 MiB that a Monte Carlo worker does without
+
         misalignment = np.rad2deg(self.misalignment)
         return pd.DataFrame(
             {

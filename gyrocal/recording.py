@@ -5,6 +5,8 @@ tables. Files are in degrees, objects in radians. The gyro sample k is the mean 
 uncalibrated gyro shows it. Simulated and real data share the format, and nothing in it says which it is.
 """
 
+from __future__ import annotations
+
 import json
 import os
 import tomllib
@@ -13,14 +15,16 @@ from dataclasses import dataclass, field
 from datetime import datetime
 from itertools import pairwise
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import numpy as np
-import pandas as pd
 from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator
 
 from gyrocal.errors import InputError
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 Array = NDArray[np.float64]
 
@@ -246,6 +250,8 @@ def load(folder: str | os.PathLike[str]) -> Recording:
 
 def save(recording: Recording, folder: str | os.PathLike[str]) -> None:
     """Write a recording; the folder is made, and an existing recording in it is replaced file by file, each atomically."""
+    import pandas as pd  # late: 65 MiB that a Monte Carlo worker does without
+
     folder = Path(folder)
     folder.mkdir(parents=True, exist_ok=True)
     gyro, attitudes = recording.gyro, recording.attitudes
@@ -338,6 +344,8 @@ def _find_table(folder: Path, name: str) -> Path | None:
 
 
 def _read_table(folder: Path, name: str, required: tuple[str, ...]) -> tuple[str, pd.DataFrame]:
+    import pandas as pd  # late: 65 MiB that a Monte Carlo worker does without
+
     path = _find_table(folder, name)
     if path is None:
         raise InputError(f"{folder}: neither {name}.parquet nor {name}.csv is there")
