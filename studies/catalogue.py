@@ -91,7 +91,7 @@ def run(
     made = chosen.report(settings, good)
     report.write(made, f"Study {name}: {chosen.summary}", folder)
     for title, table in made.tables.items():
-        render.terminal(console, title, table)
+        render.terminal(console, title, made.shown.get(title, table))
     for finding in made.findings:
         console.print(f"- {finding}", highlight=False, markup=False)
     return outcome

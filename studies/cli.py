@@ -32,6 +32,9 @@ class _Group(click.Group):
     def invoke(self, ctx: click.Context) -> Any:
         try:
             return super().invoke(ctx)
+        except engine.Interrupted as stop:
+            click.echo(f"gyrocal: {stop}", err=True)
+            ctx.exit(130)
         except GyrocalError as error:
             click.echo(f"gyrocal: {' '.join(str(error).split())}", err=True)
             ctx.exit(2)

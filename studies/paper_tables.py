@@ -22,7 +22,7 @@ from gyrocal.propagation import Psi, packed_shape
 from gyrocal.sampling import Resampling, measurements
 from simulator.scenario import Scenario
 from simulator.simulate import Motion, noise_free_rates, observe, realise
-from studies import flight, statistics
+from studies import flight, render, statistics
 from studies.report import Entry, Report
 from studies.study import Streams, Study, StudyConfig, base_scenario, case_motion, dispersed
 from studies.workspace import workspace
@@ -30,6 +30,12 @@ from studies.workspace import workspace
 Array = NDArray[np.float64]
 
 Variant = tuple[float, Resampling, Psi, CovarianceModel]
+LAYOUTS: dict[str, tuple[list[str], int | None]] = {  # rows of the paper's layout, and decimals
+    "table2": (["phase", "interval", "axis"], 3),
+    "table3": (["quantity", "gyro"], 6),
+    "table4": (["phase", "statistic", "axis"], 4),
+    "table5": (["iteration", "quantity", "row", "gyro"], None),
+}
 KEYS = ("step_s", "resampling", "psi", "covariance")
 RESIDUAL_CELLS = [
     f"{phase}_{k}_{axis}" for phase in ("before", "first", "second") for k in range(1, 7) for axis in flight.ROTATIONS
@@ -47,18 +53,23 @@ class PaperTablesConfig(StudyConfig):
     Attributes
     ----------
     steps_s : step sizes
+    resamplings : how steps longer than the sample are made
+    control : whether to calibrate with the paper's covariance too, at the smallest step
     """
 
     steps_s: tuple[float, ...] = flight.STEPS
+    resamplings: tuple[Resampling, ...] = ("skip", "average")
+    control: bool = True
 
     def variants(self, sample_s: float) -> list[Variant]:
         """Every way a case is calibrated; the sample itself is neither skipped nor averaged."""
-        ways: list[tuple[float, Resampling]] = [(step, "skip") for step in self.steps_s]
-        ways += [(step, "average") for step in self.steps_s if step > sample_s]
+        ways: list[tuple[float, Resampling]] = [
+            (step, how) for how in self.resamplings for step in self.steps_s if step > sample_s or how == self.resamplings[0]
+        ]
         psis: tuple[Psi, ...] = ("full", "linear")
         out: list[Variant] = [(*way, psi, "full") for way in ways for psi in psis]
         # The paper's own covariance, as a control: it must be seen to fail where gyro noise matters.
-        return [*out, (min(self.steps_s), "skip", "full", "references only")]
+        return [*out, (min(self.steps_s), self.resamplings[0], "full", "references only")] if self.control else out
 
 
 @dataclass(frozen=True)
@@ -157,11 +168,9 @@ STUDY = Study("studies.paper_tables:STUDY", PaperTablesConfig, case, recording)
 def choose(
     rows: pd.DataFrame, step_s: float, resampling: Resampling = "skip", psi: Psi = "full", covariance: CovarianceModel = "full"
 ) -> pd.DataFrame:
-    """Rows of one variant, in the order of the cases. Full steps are under "skip"."""
-    if resampling == "average" and step_s == rows["step_s"].min():
-        resampling = "skip"
-    chosen = rows.query("step_s == @step_s and resampling == @resampling and psi == @psi and covariance == @covariance")
-    return chosen.sort_values("case")
+    """Rows of one variant, in the order of the cases; at the smallest step there is only one way of resampling."""
+    way = "" if step_s == rows["step_s"].min() else " and resampling == @resampling"
+    return rows.query(f"step_s == @step_s and psi == @psi and covariance == @covariance{way}").sort_values("case")
 
 
 def variants(rows: pd.DataFrame) -> pd.DataFrame:
@@ -386,6 +395,11 @@ def report(config: PaperTablesConfig, rows: pd.DataFrame) -> Report:
         "Second iteration's corrections": second_iteration(rows),
         "Largest difference of full and linear ψ": psi_difference(rows),
     }
+    shown = {
+        title: render.paper_layout(tables[title], *layout)
+        for title, layout in zip(list(tables)[:4], LAYOUTS.values(), strict=True)
+        if "skip" in config.resamplings
+    }
     main = choose(rows, min(config.steps_s))
     check = statistics.nees_check(main["nees"].to_numpy(), len(NAMES))
     findings = [
@@ -397,7 +411,7 @@ def report(config: PaperTablesConfig, rows: pd.DataFrame) -> Report:
         truth = GyroParameters(np.array(gyro.true_G), np.deg2rad(gyro.true_bias_deg_s))
         tables["Recovered minus injected"] = accuracy(rows, truth)
         tables["Consistency of the claimed covariance"] = consistency(rows, truth)
-    return Report(tuple(findings), tables)
+    return Report(tuple(findings), tables, shown=shown)
 
 
 ENTRY = Entry(STUDY, "N Tables 2-5 over seeds, step sizes, both ψ and two iterations", report)

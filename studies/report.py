@@ -22,11 +22,13 @@ class Report:
     findings : sentences that answer the study's question, with their numbers; first in everything shown
     tables : aggregates by title; each is shown and written
     figures : what draws a figure to a path, by file name without ending
+    shown : by title, the form of a table for people where the table itself is long
     """
 
     findings: tuple[str, ...]
     tables: Mapping[str, pd.DataFrame]
     figures: Mapping[str, Draw] = field(default_factory=dict)
+    shown: Mapping[str, pd.DataFrame] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -50,7 +52,7 @@ def write(report: Report, title: str, folder: Path) -> None:
     lines = [f"# {title}", "", *(f"- {finding}" for finding in report.findings), ""]
     for number, (name, table) in enumerate(report.tables.items(), start=1):
         table.to_csv(folder / f"table{number}.csv", index=False, float_format="%.9g")
-        lines.append(render.markdown(name, table))
+        lines.append(render.markdown(name, report.shown.get(name, table)))
     for name, draw in report.figures.items():
         draw(folder / f"{name}.svg")
         lines += [f"![{name}]({name}.svg)", ""]

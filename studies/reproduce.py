@@ -24,12 +24,6 @@ from studies.manifest import manifest, write_json
 from studies.study import base_scenario, resolved
 
 DEFAULT_FOLDER = Path("results") / "reproduction"
-LAYOUTS: dict[str, tuple[list[str], int | None]] = {  # rows of the paper's layout, and decimals
-    "table2": (["phase", "interval", "axis"], 3),
-    "table3": (["quantity", "gyro"], 6),
-    "table4": (["phase", "statistic", "axis"], 4),
-    "table5": (["iteration", "quantity", "row", "gyro"], None),
-}
 TITLES = {
     "table2": "N Table 2: residuals (deg)",
     "table3": "N Table 3: calibration parameters after the first iteration",
@@ -227,7 +221,7 @@ def monte_carlo_part(
     truth = true_parameters(scenario)
     for name, title in TITLES.items():
         table = products.add(name, title, getattr(paper_tables, name)(rows))
-        layout, digits = LAYOUTS[name]
+        layout, digits = paper_tables.LAYOUTS[name]
         render.terminal(out, title, render.paper_layout(table, layout, digits), CELL_NOTE)
     accuracy = products.add("accuracy", "Recovered minus injected", paper_tables.accuracy(rows, truth))
     consistency = products.add("consistency", "Consistency of the claimed covariance", paper_tables.consistency(rows, truth))
@@ -291,7 +285,7 @@ def write(
     ]
     for name, table in products.tables.items():
         table.to_csv(folder / f"{name}.csv", index=False, float_format="%.9g")
-        layout = LAYOUTS.get(name)
+        layout = paper_tables.LAYOUTS.get(name)
         shown = render.paper_layout(table, *layout) if layout else table
         text = render.markdown(products.titles[name], shown, CELL_NOTE if layout else "")
         (folder / f"{name}.md").write_text(text, encoding="utf-8")

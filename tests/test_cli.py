@@ -9,7 +9,7 @@ import pytest
 import gyrocal
 from gyrocal import NAMES, load
 from simulator import scenario as scenarios
-from studies import catalogue, reproduce
+from studies import catalogue, engine, reproduce
 
 
 @pytest.mark.parametrize(
@@ -168,6 +168,17 @@ def test_study_runs_resumes_and_reruns(run_cli, tmp_path):
     assert "bit for bit" in again.stdout
     assert "NOT" not in again.stdout
     assert load(tmp_path / "paper" / "cases" / "case-000002").gyro.t_s.size == 47790
+
+
+def test_ctrl_c_has_its_own_status(run_cli, monkeypatch, tmp_path):
+    def interrupted(*arguments, **options):
+        raise engine.Interrupted("interrupted; 3 of 9 cases are done; the same command resumes")
+
+    monkeypatch.setattr(engine, "run", interrupted)
+    result = run_cli("study", "paper", "--out", str(tmp_path))
+    assert result.exit_code == 130
+    assert result.stderr.count("\n") == 1
+    assert "resumes" in result.stderr
 
 
 def test_studies_are_listed(run_cli):

@@ -105,3 +105,17 @@ def test_tables_hold_what_their_rows_say(rows):
     error = (table5["mean"].to_numpy() - expected.ravel()) / (table5["std"].to_numpy() / np.sqrt(CASES))
     assert np.abs(error).max() < 5
     assert table5["flight"].tolist() == flight.corrections(1)[0].ravel().tolist()
+
+
+def test_resampling_and_control_are_settings(config):
+    short = paper_tables.PaperTablesConfig(cases=2, steps_s=(0.5, 1.0), resamplings=("average",), control=False)
+    rows = pd.concat([paper_tables.run_case(short, number) for number in range(2)], ignore_index=True)
+    assert set(rows["resampling"]) == {"average"}
+    assert set(rows["covariance"]) == {"full"}
+    assert len(rows) == 2 * 2 * 2
+    made = paper_tables.report(short, rows)
+    assert "NEES" in made.findings[0]
+    alone = paper_tables.run_case(paper_tables.PaperTablesConfig(cases=2, steps_s=(0.5,)), 1)
+    full = alone.query("covariance == 'full' and psi == 'full'")["second_G_xy"].iloc[0]
+    # At the sample itself nothing is skipped nor averaged.
+    assert rows.query("case == 1 and step_s == 0.5 and psi == 'full'")["second_G_xy"].iloc[0] == full
