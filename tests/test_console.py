@@ -1,0 +1,25 @@
+import io
+
+from rich.console import Console
+
+from studies import console
+
+
+def test_a_bar_on_a_terminal(monkeypatch):
+    written = io.StringIO()
+    monkeypatch.setattr(console, "Console", lambda **options: Console(file=written, force_terminal=True, width=120))
+    with console.progress("cases", 3) as advance:
+        for _ in range(3):
+            advance(1)
+    assert "3/3" in written.getvalue()
+
+
+def test_a_line_a_minute_elsewhere(monkeypatch):
+    written = io.StringIO()
+    clock = iter([0.0, 30.0, 61.0, 90.0])
+    monkeypatch.setattr(console, "Console", lambda **options: Console(file=written, force_terminal=False, width=120))
+    monkeypatch.setattr(console.time, "monotonic", lambda: next(clock))
+    with console.progress("cases", 100) as advance:
+        for _ in range(3):
+            advance(10)
+    assert written.getvalue().splitlines() == ["cases: 20/100, 0.3/s, 244 s left"]
