@@ -20,7 +20,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 from pydantic import field_validator
 
-from gyrocal import GyroParameters, Recording, attitude
+from gyrocal import GyroParameters, attitude
 from gyrocal.problem import Problem
 from gyrocal.propagation import Psi
 from gyrocal.sampling import measurements
@@ -30,7 +30,7 @@ from studies import flight
 from studies.figures import STYLE, save
 from studies.psi import crossing, order
 from studies.report import Entry, Report
-from studies.study import Streams, Study, StudyConfig, base_scenario, case_motion, dispersed
+from studies.study import Streams, Study, StudyConfig, base_scenario, case_motion, dispersed, observed
 
 Array = NDArray[np.float64]
 
@@ -153,18 +153,7 @@ def _iterated(config: IterationsConfig, problem: Problem, truth: Array, error: A
     return row
 
 
-def recording(config: IterationsConfig, number: int, streams: Streams) -> Recording:
-    """The noisy recording a case works on."""
-    scenario = dispersed(config, number)
-    return observe(
-        scenario,
-        case_motion(scenario),
-        gyro_rng=streams.generator("gyro_noise"),
-        reference_rng=streams.generator("reference_noise"),
-    )
-
-
-STUDY = Study("studies.iterations:STUDY", IterationsConfig, case, recording)
+STUDY = Study("studies.iterations:STUDY", IterationsConfig, case, observed)
 
 
 def _left(rows: pd.DataFrame, k: int) -> pd.Series:

@@ -15,7 +15,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from gyrocal import NAMES, GyroParameters, Recording, attitude
+from gyrocal import NAMES, GyroParameters, attitude
 from gyrocal.covariance import CovarianceModel
 from gyrocal.problem import Problem
 from gyrocal.propagation import Psi, packed_shape
@@ -24,7 +24,7 @@ from simulator.scenario import Scenario
 from simulator.simulate import Motion, noise_free_rates, observe, realise
 from studies import flight, render, statistics
 from studies.report import Entry, Report
-from studies.study import Streams, Study, StudyConfig, base_scenario, case_motion, dispersed
+from studies.study import Streams, Study, StudyConfig, base_scenario, case_motion, dispersed, observed
 from studies.workspace import workspace
 
 Array = NDArray[np.float64]
@@ -151,18 +151,7 @@ def run_case(config: PaperTablesConfig, number: int) -> pd.DataFrame:
     return pd.DataFrame([{"case": number, **row} for row in rows])
 
 
-def recording(config: PaperTablesConfig, number: int, streams: Streams) -> Recording:
-    """The recording a case works on."""
-    scenario = dispersed(config, number)
-    return observe(
-        scenario,
-        case_motion(scenario),
-        gyro_rng=streams.generator("gyro_noise"),
-        reference_rng=streams.generator("reference_noise"),
-    )
-
-
-STUDY = Study("studies.paper_tables:STUDY", PaperTablesConfig, case, recording)
+STUDY = Study("studies.paper_tables:STUDY", PaperTablesConfig, case, observed)
 
 
 def choose(

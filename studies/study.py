@@ -4,16 +4,10 @@
         step_s: float = 0.5
 
     def case(config: NoiseConfig, case: int, streams: Streams) -> dict[str, float]:
-        scenario = dispersed(config, case)
-        recording = observe(
-            scenario,
-            case_motion(scenario),
-            gyro_rng=streams.generator("gyro_noise"),
-            reference_rng=streams.generator("reference_noise"),
-        )
+        recording = observed(config, case, streams)
         return {"chi2": calibrate(recording, step_s=config.step_s).chi2}
 
-    STUDY = Study("studies.noise:STUDY", NoiseConfig, case)
+    STUDY = Study("studies.noise:STUDY", NoiseConfig, case, observed)
 
 The name says where a worker finds the study, so that a worker needs nothing but the name, the configuration as JSON and a
 range of case numbers. A case may draw from its streams only: then its row depends on the configuration and its number alone.
@@ -39,7 +33,7 @@ from gyrocal.errors import InputError
 from gyrocal.recording import Recording, read_toml, validation_message
 from simulator import scenario as scenarios
 from simulator.scenario import Scenario
-from simulator.simulate import Motion, motion
+from simulator.simulate import Motion, motion, observe
 from simulator.streams import MAX_CASE, generator
 from studies import dispersions
 from studies.dispersions import Dispersion, Sampler
@@ -289,3 +283,14 @@ def case_motion(scenario: Scenario) -> Motion:
 @lru_cache(maxsize=2)
 def _motion(scenario: Scenario) -> Motion:
     return motion(scenario)
+
+
+def observed(config: StudyConfig, case: int, streams: Streams) -> Recording:
+    """The recording of one case: its scenario, dispersions applied, with noise from its own two streams."""
+    scenario = dispersed(config, case)
+    return observe(
+        scenario,
+        case_motion(scenario),
+        gyro_rng=streams.generator("gyro_noise"),
+        reference_rng=streams.generator("reference_noise"),
+    )

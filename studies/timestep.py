@@ -26,7 +26,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 from pydantic import field_validator
 
-from gyrocal import NAMES, GyroParameters, Recording, attitude
+from gyrocal import NAMES, GyroParameters, attitude
 from gyrocal.problem import Iterates, Problem
 from gyrocal.sampling import Resampling, measurements
 from simulator.scenario import Scenario
@@ -36,7 +36,7 @@ from studies.figures import STYLE, save
 from studies.paper_tables import PARAMETER_UNIT, PARAMETER_UNIT_NAMES
 from studies.psi import crossing, order, span
 from studies.report import Entry, Report
-from studies.study import Streams, Study, StudyConfig, base_scenario, case_motion, dispersed
+from studies.study import Streams, Study, StudyConfig, base_scenario, case_motion, dispersed, observed
 
 Array = NDArray[np.float64]
 Way = tuple[float, Resampling]
@@ -160,18 +160,7 @@ def step_arw(difference: Array, T_s: Array, samples: float) -> float:
     return float(np.rad2deg(np.sqrt(np.mean(difference**2 / (samples * T_s)))))
 
 
-def recording(config: TimestepConfig, number: int, streams: Streams) -> Recording:
-    """The recording a case works on."""
-    scenario = dispersed(config, number)
-    return observe(
-        scenario,
-        case_motion(scenario),
-        gyro_rng=streams.generator("gyro_noise"),
-        reference_rng=streams.generator("reference_noise"),
-    )
-
-
-STUDY = Study("studies.timestep:STUDY", TimestepConfig, case, recording)
+STUDY = Study("studies.timestep:STUDY", TimestepConfig, case, observed)
 
 
 def choose(rows: pd.DataFrame, step_s: float, resampling: str) -> pd.DataFrame:

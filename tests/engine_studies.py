@@ -9,9 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from gyrocal.recording import Recording
-from simulator.simulate import observe
-from studies.study import Streams, Study, StudyConfig, case_motion, dispersed
+from studies.study import Streams, Study, StudyConfig, observed
 
 
 class DrawsConfig(StudyConfig):
@@ -63,18 +61,8 @@ def steps_case(config: DrawsConfig, case: int, streams: Streams) -> list[dict[st
     return [{"step_s": step, "draw": streams.generator(f"noise/{step}").standard_normal()} for step in config.steps_s]
 
 
-def recorded(config: StudyConfig, case: int, streams: Streams) -> Recording:
-    scenario = dispersed(config, case)
-    return observe(
-        scenario,
-        case_motion(scenario),
-        gyro_rng=streams.generator("gyro_noise"),
-        reference_rng=streams.generator("reference_noise"),
-    )
-
-
 def recording_case(config: StudyConfig, case: int, streams: Streams) -> dict[str, float]:
-    recording = recorded(config, case, streams)
+    recording = observed(config, case, streams)
     return {"rates": float(recording.gyro.rates.sum()), "quaternions": float(recording.attitudes.quaternions.sum())}
 
 
@@ -113,5 +101,5 @@ def odd_case(config: OddConfig, case: int, streams: Streams) -> object:
 
 DRAWS = Study("tests.engine_studies:DRAWS", DrawsConfig, draws_case)
 STEPS = Study("tests.engine_studies:STEPS", DrawsConfig, steps_case)
-RECORDED = Study("tests.engine_studies:RECORDED", StudyConfig, recording_case, recorded)
+RECORDED = Study("tests.engine_studies:RECORDED", StudyConfig, recording_case, observed)
 ODD = Study("tests.engine_studies:ODD", OddConfig, odd_case)
