@@ -39,6 +39,14 @@ def test_every_c_variant_agrees_with_the_kernel(arcs, tmp_path):
 
 
 @needs_compiler
+def test_loading_the_c_kernel_leaves_the_process_arithmetic_alone(tmp_path):
+    c_kernel.build(c_kernel.QUICK_VARIANTS[:1], tmp_path)
+    smallest = np.array([np.finfo(float).smallest_subnormal])
+    assert (smallest / 1 * np.array([1.0]) > 0).all()
+    assert (np.array([np.finfo(float).tiny]) / 4 > 0).all()
+
+
+@needs_compiler
 def test_c_kernel_refuses_steps_beyond_its_series(arcs, tmp_path):
     library = c_kernel.build(c_kernel.QUICK_VARIANTS[:1], tmp_path).popitem()[1]
     far = GyroParameters(np.eye(3) * 100, np.zeros(3))

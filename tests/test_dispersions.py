@@ -9,7 +9,7 @@ from simulator.scenario import Scenario, load, override
 from simulator.simulate import motion
 from studies.dispersions import Dispersion, scenario_value, uniforms
 from studies.study import Streams, StudyConfig, case_motion, dispersed, dispersed_values, resolved
-from tests.engine_studies import recorded
+from tests.engine_studies import observed
 
 NORMAL = {"kind": "normal", "sigma": 1e-3, "mode": "offset"}
 
@@ -84,7 +84,7 @@ def test_one_more_dispersion_changes_no_other(sampler):
     for case in range(4):
         alone, beside = dispersed_values(one, case), dispersed_values(two, case)
         assert beside["gyro.true_G.0.0"] == alone["gyro.true_G.0.0"]
-        a, b = recorded(one, case, Streams(1998, case)), recorded(two, case, Streams(1998, case))
+        a, b = observed(one, case, Streams(1998, case)), observed(two, case, Streams(1998, case))
         np.testing.assert_array_equal(a.attitudes.quaternions, b.attitudes.quaternions)
 
 
@@ -162,7 +162,7 @@ def test_a_dispersion_moves_what_it_should_and_only_that(short, path):
         drawn = dispersed_values(moving, case)[path]
         assert scenario_value(dispersed(moving, case), path) == drawn != scenario_value(short, path)
         assert override(dispersed(moving, case), {path: scenario_value(short, path)}) == short
-        before, after = (contents(recorded(which, case, Streams(1998, case))) for which in (still, moving))
+        before, after = (contents(observed(which, case, Streams(1998, case))) for which in (still, moving))
         assert {name for name in before if differs(before[name], after[name])} == moved
     assert dispersed_values(moving, 0) != dispersed_values(moving, 1)
 
@@ -173,7 +173,7 @@ def test_a_factor_on_the_bias_scales_the_recorded_rates(short):
     unit = {f"gyro.true_G.{i}.{j}": float(i == j) for i in range(3) for j in range(3)}
     shift = {"kind": "uniform", "low": 0.01, "high": 0.02, "mode": "offset"}
     still, moving = (config(which, scenario=short, overrides=unit) for which in ({}, {path: shift}))
-    change = recorded(moving, 1, Streams(1998, 1)).gyro.rates - recorded(still, 1, Streams(1998, 1)).gyro.rates
+    change = observed(moving, 1, Streams(1998, 1)).gyro.rates - observed(still, 1, Streams(1998, 1)).gyro.rates
     offset = np.deg2rad(dispersed_values(moving, 1)[path] - scenario_value(short, path))
     np.testing.assert_allclose(change, np.tile([0.0, -offset, 0.0], (len(change), 1)), rtol=0, atol=1e-15)
 
