@@ -40,6 +40,7 @@ def progress(label: str, total: int, quiet: bool = False) -> Iterator[Callable[[
             TextColumn("{task.description}"),
             BarColumn(),
             MofNCompleteColumn(),
+            _Rate(),
             TimeElapsedColumn(),
             TimeRemainingColumn(),
         )

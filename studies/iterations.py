@@ -28,8 +28,8 @@ from simulator.scenario import Scenario
 from simulator.simulate import Motion, noise_free_rates, observe, realise
 from studies import flight
 from studies.figures import STYLE, save
-from studies.psi import crossing, order
 from studies.report import Entry, Report
+from studies.statistics import crossing, order
 from studies.study import Streams, Study, StudyConfig, base_scenario, case_motion, dispersed, observed
 
 Array = NDArray[np.float64]

@@ -19,7 +19,6 @@ import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from numpy.typing import ArrayLike
 from pydantic import field_validator, model_validator
 
 from gyrocal import CalibrationResult, InputError, calibrate
@@ -28,6 +27,7 @@ from simulator.scenario import Scenario, override
 from simulator.simulate import motion, observe
 from studies.figures import STYLE, save
 from studies.report import Entry, Report
+from studies.statistics import crossing, order, span
 from studies.study import Streams, Study, StudyConfig, base_scenario
 
 RATES_DEG_S = (0.1, 0.25, 0.5, 1.0, 2.0, 5.0)
@@ -179,24 +179,6 @@ def recording(config: PsiConfig, number: int, streams: Streams) -> Recording:
 STUDY = Study("studies.psi:STUDY", PsiConfig, case, recording)
 
 
-def order(x: ArrayLike, y: ArrayLike) -> float:
-    """Slope of log y over log x by least squares: the n of y ∝ xⁿ; NaN from fewer than two points above zero."""
-    x, y = np.asarray(x, dtype=float), np.asarray(y, dtype=float)
-    good = (x > 0) & (y > 0)
-    return float(np.polyfit(np.log(x[good]), np.log(y[good]), 1)[0]) if good.sum() > 1 else float("nan")
-
-
-def crossing(x: ArrayLike, y: ArrayLike, level: float) -> float:
-    """Where y first rises through the level, interpolated in log x and log y; NaN if it does not between first and last x."""
-    x, y = np.asarray(x, dtype=float), np.asarray(y, dtype=float)
-    above = np.flatnonzero((y[:-1] < level) & (y[1:] >= level))
-    if above.size == 0:
-        return float("nan")
-    k = above[0]
-    share = np.log(level / y[k]) / np.log(y[k + 1] / y[k])
-    return float(x[k] * (x[k + 1] / x[k]) ** share)
-
-
 def limits(rows: pd.DataFrame) -> pd.DataFrame:
     """A row per slew angle and step: the slew rate, and the angle per step, at which each ψ exceeds `GOOD_ENOUGH` in G.
 
@@ -242,16 +224,6 @@ def rate_orders(rows: pd.DataFrame) -> pd.DataFrame:
             slope = order([low[0], high[0]], [low[1], high[1]])
             out.append({"slew_angle_deg": angle, "from_deg_s": low[0], "to_deg_s": high[0], "G_difference": slope})
     return pd.DataFrame(out, columns=["slew_angle_deg", "from_deg_s", "to_deg_s", "G_difference"])
-
-
-def span(values: ArrayLike, digits: int = 2) -> str:
-    """Smallest to largest of the values that are not NaN."""
-    finite = np.asarray(values, dtype=float)
-    finite = finite[np.isfinite(finite)]
-    if finite.size == 0:
-        return "nothing"
-    low, high = (f"{value:.{digits}g}" for value in (finite.min(), finite.max()))
-    return low if low == high else f"{low} to {high}"
 
 
 def _findings(rows: pd.DataFrame) -> list[str]:

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 import pandas as pd
 import scipy.special
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 Array = NDArray[np.float64]
 
@@ -120,3 +120,31 @@ def distribution(samples: Array, flight: Array | None = None) -> pd.DataFrame:
     below = (samples < flight).mean(axis=0) + 0.5 * (samples == flight).mean(axis=0)
     table["flight_percentile"] = 100 * below
     return table
+
+
+def order(x: ArrayLike, y: ArrayLike) -> float:
+    """Slope of log y over log x by least squares: the n of y ∝ xⁿ; NaN from fewer than two points above zero."""
+    x, y = np.asarray(x, dtype=float), np.asarray(y, dtype=float)
+    good = (x > 0) & (y > 0)
+    return float(np.polyfit(np.log(x[good]), np.log(y[good]), 1)[0]) if good.sum() > 1 else float("nan")
+
+
+def crossing(x: ArrayLike, y: ArrayLike, level: float) -> float:
+    """Where y first rises through the level, interpolated in log x and log y; NaN if it does not between first and last x."""
+    x, y = np.asarray(x, dtype=float), np.asarray(y, dtype=float)
+    above = np.flatnonzero((y[:-1] < level) & (y[1:] >= level))
+    if above.size == 0:
+        return float("nan")
+    k = above[0]
+    share = np.log(level / y[k]) / np.log(y[k + 1] / y[k])
+    return float(x[k] * (x[k + 1] / x[k]) ** share)
+
+
+def span(values: ArrayLike, digits: int = 2) -> str:
+    """Smallest to largest of the values that are not NaN."""
+    finite = np.asarray(values, dtype=float)
+    finite = finite[np.isfinite(finite)]
+    if finite.size == 0:
+        return "nothing"
+    low, high = (f"{value:.{digits}g}" for value in (finite.min(), finite.max()))
+    return low if low == high else f"{low} to {high}"

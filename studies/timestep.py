@@ -34,8 +34,8 @@ from simulator.simulate import Motion, noise_free_rates, observe, realise
 from studies import flight, flight_gap, statistics
 from studies.figures import STYLE, save
 from studies.paper_tables import PARAMETER_UNIT, PARAMETER_UNIT_NAMES
-from studies.psi import crossing, order, span
 from studies.report import Entry, Report
+from studies.statistics import crossing, order, span
 from studies.study import Streams, Study, StudyConfig, base_scenario, case_motion, dispersed, observed
 
 Array = NDArray[np.float64]

@@ -1,4 +1,6 @@
 import io
+import re
+from itertools import count
 
 from rich.console import Console
 
@@ -7,11 +9,14 @@ from studies import console
 
 def test_a_bar_on_a_terminal(monkeypatch):
     written = io.StringIO()
-    monkeypatch.setattr(console, "Console", lambda **options: Console(file=written, force_terminal=True, width=120))
+    clock = count(0.0, 0.5)
+    terminal = Console(file=written, force_terminal=True, width=120, get_time=lambda: next(clock))
+    monkeypatch.setattr(console, "Console", lambda **options: terminal)
     with console.progress("cases", 3) as advance:
         for _ in range(3):
             advance(1)
     assert "3/3" in written.getvalue()
+    assert re.search(r"\d\.\d/s", written.getvalue())
 
 
 def test_a_line_a_minute_elsewhere(monkeypatch):

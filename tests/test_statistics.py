@@ -62,3 +62,15 @@ def test_accuracy_table_finds_a_bias(cases):
     table = statistics.accuracy_table(errors + [0, 0.5, 0] * sigma, sigma, list("abc"), ["1"] * 3)
     significant = table["bias_in_standard_errors"].abs() > 4
     assert significant.tolist() == [False, True, False]
+
+
+def test_orders_and_crossings_of_known_curves():
+    x = np.array([0.5, 1.0, 2.0, 4.0])
+    assert statistics.order(x, 3 * x**1.7) == pytest.approx(1.7)
+    assert statistics.crossing(x, 3 * x**2, 3 * 1.3**2) == pytest.approx(1.3)
+    assert statistics.crossing(x, x, 4.0) == 4.0
+    assert np.isnan(statistics.crossing(x, x, 5.0))
+    assert np.isnan(statistics.crossing(x, x, 0.1))
+    assert np.isnan(statistics.order([1.0], [2.0]))
+    assert statistics.span([1.0, np.nan, 2.0]) == "1 to 2"
+    assert statistics.span([np.nan]) == "nothing"

@@ -73,18 +73,6 @@ def test_limits_are_where_the_difference_crosses(rows):
     assert psi.point(TRMM, float(2 * limit["linear_rate_deg_s"]), 0.5)["G_difference"] > 1.5 * psi.GOOD_ENOUGH
 
 
-def test_orders_and_crossings_of_known_curves():
-    x = np.array([0.5, 1.0, 2.0, 4.0])
-    assert psi.order(x, 3 * x**1.7) == pytest.approx(1.7)
-    assert psi.crossing(x, 3 * x**2, 3 * 1.3**2) == pytest.approx(1.3)
-    assert psi.crossing(x, x, 4.0) == 4.0
-    assert np.isnan(psi.crossing(x, x, 5.0))
-    assert np.isnan(psi.crossing(x, x, 0.1))
-    assert np.isnan(psi.order([1.0], [2.0]))
-    assert psi.span([1.0, np.nan, 2.0]) == "1 to 2"
-    assert psi.span([np.nan]) == "nothing"
-
-
 def test_slews_keep_their_angle_and_fit():
     flown = psi.with_slew_rate(TRMM, 0.1)
     for before, after in zip(TRMM.interval, flown.interval, strict=True):
