@@ -5,15 +5,22 @@ The noise-free motion is the costly part and the same for every case of a Monte 
 
 Samples lie inside the intervals only, at t_k = start + k Δt < stop. If the interval is not a whole number of samples long
 the last sample is cut at its stop: it shows the mean over what is left, with the noise of that duration.
+
+Effects (`simulator.effects`) act on top of that; without any, the recording is that of the baseline M0, bit for bit.
 """
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
 
 from gyrocal.recording import Attitudes, GyroStream, Interval, Orbit, Recording
+from simulator.effects import Setting, Stream, references_of
+from simulator.effects.chain import activated, readings, referenced
+from simulator.effects.housekeeping import gyro_temperature
+from simulator.effects.recorded import housekeeping_at
 from simulator.gyro import raw_rates, with_white_noise
 from simulator.maneuvers import Profile, trajectory
 from simulator.reference import TIME_TOLERANCE, measured, reference_times
@@ -150,6 +157,9 @@ def observe(
     reference_rng: np.random.Generator | None,
     G: Array | None = None,
     bias: Array | None = None,
+    effects: Sequence[Setting] = (),
+    seed: int = 0,
+    case: int = 0,
 ) -> Recording:
     """One recording of a motion.
 
@@ -160,7 +170,21 @@ def observe(
     gyro_rng, reference_rng : sources of the gyro's and the references' noise; None for none
     G : (3, 3) true G in place of the scenario's
     bias : (3,) true bias in place of the scenario's, rad/s
+    effects : what M0 does not know; they act whether or not there is noise
+    seed, case : of the effects' own random streams
     """
+    if effects:
+        plain = observe(scenario, motion, gyro_rng=None, reference_rng=None, G=G, bias=bias)
+        return disturbed(
+            _with_housekeeping(plain, effects, seed, case),
+            motion,
+            effects,
+            gyro_rng,
+            reference_rng,
+            seed,
+            case,
+            point=scenario.gyro.reading == "point",
+        )
     gyro = scenario.gyro
     rates, quaternions = realise(scenario, motion, noise_free_rates(scenario, motion, G, bias), gyro_rng, reference_rng)
     sigma = np.deg2rad(scenario.reference.sigma_deg)
@@ -182,7 +206,58 @@ def observe(
     )
 
 
-def simulate(scenario: Scenario, seed: int = 0, case: int = 0, noise: bool = True) -> Recording:
+def disturbed(
+    plain: Recording,
+    motion: Motion,
+    effects: Sequence[Setting],
+    gyro_rng: np.random.Generator | None,
+    reference_rng: np.random.Generator | None,
+    seed: int,
+    case: int,
+    point: bool = False,
+) -> Recording:
+    """A noise-free recording with effects and noise.
+
+    Parameters
+    ----------
+    plain : noise-free rates and true attitudes, with the stated noise, the housekeeping and all else
+    motion : what it is a recording of
+    point : whether a sample shows the rate at its start
+    others : as for `observe`
+    """
+    active = activated(effects, seed, case)
+    t_s = motion.t_s if point else motion.t_s + 0.5 * motion.duration_s
+    stream = Stream(
+        t_s=t_s,
+        duration_s=motion.duration_s,
+        rates=motion.rates,
+        raw=plain.gyro.rates,
+        intervals=motion.intervals,
+        orbit_period_s=plain.orbit.period_s if plain.orbit else float("nan"),
+        span_s=(min(i.start_s for i in plain.intervals), max(i.stop_s for i in plain.intervals)),
+        housekeeping=housekeeping_at(plain, t_s),
+    )
+    return replace(
+        plain,
+        gyro=replace(plain.gyro, rates=readings(stream, active, plain.gyro.arw, gyro_rng)),
+        attitudes=replace(
+            plain.attitudes, quaternions=referenced(references_of(plain), active, plain.attitudes.sigma, reference_rng)
+        ),
+    )
+
+
+def _with_housekeeping(plain: Recording, effects: Sequence[Setting], seed: int, case: int) -> Recording:
+    """With a gyro temperature, if an effect asks for one."""
+    if plain.orbit is None or all(setting.effect != "bias_temperature" for setting in effects):
+        return plain
+    spans = [(interval.start_s, interval.stop_s) for interval in plain.intervals]
+    table = gyro_temperature(generator(seed, case, "housekeeping"), spans, plain.orbit.period_s)
+    return replace(plain, tables={**plain.tables, "housekeeping": table})
+
+
+def simulate(
+    scenario: Scenario, seed: int = 0, case: int = 0, noise: bool = True, effects: Sequence[Setting] = ()
+) -> Recording:
     """Simulate a recording of a scenario.
 
     Parameters
@@ -190,11 +265,15 @@ def simulate(scenario: Scenario, seed: int = 0, case: int = 0, noise: bool = Tru
     scenario : what to simulate
     seed : entropy of the random streams
     case : number of the case within a study; cases with the same seed are independent
-    noise : whether gyro and references are noisy
+    noise : whether gyro and references have their white noise
+    effects : what M0 does not know, see `simulator.effects.parse`
     """
     return observe(
         scenario,
         motion(scenario),
         gyro_rng=generator(seed, case, "gyro_noise") if noise else None,
         reference_rng=generator(seed, case, "reference_noise") if noise else None,
+        effects=effects,
+        seed=seed,
+        case=case,
     )

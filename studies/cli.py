@@ -1,4 +1,4 @@
-"""The command line: ``gyrocal reproduce | calibrate | simulate | scenarios | baseline | study``.
+"""The command line: ``gyrocal reproduce | calibrate | simulate | effects | import | scenarios | baseline | study``.
 
 Tables go to standard output, progress and errors to standard error. Bad input ends in one line and exit status 2.
 """
@@ -19,8 +19,11 @@ from gyrocal import GyrocalError, GyroParameters, InputError, calibrate, load, s
 from gyrocal.observability import PLAUSIBLE_G
 from gyrocal.recording import toml_value
 from simulator import scenario as scenarios
+from simulator.effects import EFFECTS, described
+from simulator.effects import parse as parse_effect
+from simulator.replay import replay
 from simulator.simulate import simulate
-from studies import baseline, calibration_report, catalogue, engine, render, reproduce
+from studies import baseline, calibration_report, catalogue, cli_import, engine, render, reproduce
 from studies.manifest import write_json
 
 PATH = click.Path(path_type=Path)
@@ -97,7 +100,14 @@ def scenarios_command(name: str | None) -> None:
 @click.option("--case", type=click.IntRange(0, 2**32 - 1), default=0, show_default=True, help="Case number under that seed.")
 @click.option("--noise-free", is_flag=True, help="Neither gyro nor reference noise.")
 @click.option("--set", "changes", multiple=True, metavar="PATH=VALUE", help="Override a value of the scenario; repeatable.")
-@click.option("--truth", type=PATH, help="Also write the injected G and bias as JSON to this file.")
+@click.option(
+    "--effect",
+    "effects",
+    multiple=True,
+    metavar="NAME:AXIS=SIZE[,KEY=VALUE…]",
+    help="Something that the baseline does not do, see 'gyrocal effects'; repeatable.",
+)
+@click.option("--truth", type=PATH, help="Also write the injected G, bias and effects as JSON to this file.")
 @click.option("--force", is_flag=True, help="Replace a recording that is in OUT already.")
 def simulate_command(
     scenario: str,
@@ -106,6 +116,7 @@ def simulate_command(
     case: int,
     noise_free: bool,
     changes: tuple[str, ...],
+    effects: tuple[str, ...],
     truth: Path | None,
     force: bool,
 ) -> None:
@@ -113,25 +124,72 @@ def simulate_command(
 
     Lists in a path count from zero: interval.1 is the second interval.
 
+    SCENARIO may also be the folder of a recording. It is calibrated, and its motion simulated again with that calibration as
+    truth: same sample tags, reference times, noise as stated and housekeeping.
+
     \b
     Examples:
       gyrocal simulate trmm /tmp/rec --truth /tmp/truth.json
+      gyrocal simulate trmm /tmp/gap --effect bias_orbital:y=0.2 --effect g_matrix_step:z=1300,toward=y,time_s=15000
+      gyrocal simulate /tmp/rec /tmp/again --effect time_offset=0.5
       gyrocal simulate trmm_series /tmp/rec --seed 7 --set gyro.arw_deg_per_sqrt_s=1e-4 --set interval.1.slew.0.start_s=120
     """
     if (out / "recording.toml").exists() and not force:
         raise InputError(f"{out}: a recording is there already; choose another folder, or replace it with --force")
-    chosen = scenarios.load(scenario)
-    if changes:
-        chosen = scenarios.override(chosen, dict(_assignment(change) for change in changes))
+    settings = [parse_effect(text) for text in effects]
     _check_writable(truth)
-    recording = simulate(chosen, seed=seed, case=case, noise=not noise_free)
+    noise = not noise_free
+    if (Path(scenario) / "recording.toml").exists() and scenario not in scenarios.names():
+        if changes:
+            raise InputError(f"--set {changes[0]}: a recording has no scenario to change; only --effect acts on a replay")
+        original = load(scenario)
+        fitted = calibrate(original).parameters
+        recording = replay(original, fitted.G, fitted.bias, settings, seed=seed, case=case, noise=noise)
+        G, bias_deg_s = fitted.G.tolist(), np.rad2deg(fitted.bias).tolist()
+    else:
+        chosen = scenarios.load(scenario)
+        if changes:
+            chosen = scenarios.override(chosen, dict(_assignment(change) for change in changes))
+        recording = simulate(chosen, seed=seed, case=case, noise=noise, effects=settings)
+        G, bias_deg_s = chosen.gyro.true_G, chosen.gyro.true_bias_deg_s
     save(recording, out)
     if truth:
-        write_json(truth, {"G": chosen.gyro.true_G, "bias_deg_s": chosen.gyro.true_bias_deg_s})
+        write_json(truth, {"G": G, "bias_deg_s": bias_deg_s, "effects": [described(setting) for setting in settings]})
     click.echo(
         f"{out}: {len(recording.intervals)} intervals, {recording.gyro.t_s.size} gyro samples, "
         f"{recording.attitudes.t_s.size} reference attitudes"
     )
+
+
+main.add_command(cli_import.import_group)
+
+
+@main.command("effects")
+@click.option("--json", "as_json", type=PATH, help="Write the list as JSON to this file.")
+def effects_command(as_json: Path | None) -> None:
+    """List what a gyro or a reference can do beyond the baseline; a positive size makes the gyro read high.
+
+    \b
+    Example:
+      gyrocal effects
+    """
+    _check_writable(as_json)
+    rows = [
+        {
+            "effect": effect.name,
+            "unit": effect.unit,
+            "axis": ("x, y, z or all" if effect.axis_optional else "x, y, z") if effect.axes else "",
+            "parameters": ", ".join(
+                f"{one.name}{'' if one.default is None else f'={one.default}'}" for one in effect.parameters
+            ),
+            "plausible": f"{effect.prior[0]:g} to {effect.prior[1]:g}",
+            "what": effect.summary,
+        }
+        for effect in EFFECTS.values()
+    ]
+    render.terminal(_console(), "Effects", pd.DataFrame(rows))
+    if as_json:
+        write_json(as_json, {"effects": rows})
 
 
 @main.command("calibrate")

@@ -1,0 +1,28 @@
+"""Bias that grows linearly over the mission: raw += size · (t − t₀), t₀ the start of the recording.
+
+Ageing of the gyro's electronics and, in a gas bearing, of its fill. Table 1 of IEEE Std 952-1997 calls it rate ramp; over
+days it is slow enough to be a line.
+"""
+
+from collections.abc import Mapping
+
+from simulator.effects.base import Array, Effect, Stream, Value
+from simulator.effects.common import DAY, DEG_H, on_axis
+
+
+class BiasDrift(Effect):
+    """See the module."""
+
+    def columns(self, stream: Stream, axis: str | None, parameters: Mapping[str, Value]) -> Array:
+        """Days since the start, as deg/h."""
+        return on_axis((stream.t_s - stream.span_s[0]) / DAY * DEG_H, axis)
+
+
+EFFECT = BiasDrift(
+    name="bias_drift",
+    summary="bias grows linearly over mission time",
+    unit="deg/h per day",
+    acts_on="rates",
+    kind="columns",
+    prior=(2e-4, 1.0),
+)

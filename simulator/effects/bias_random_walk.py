@@ -1,0 +1,42 @@
+"""Rate random walk: the bias adds up white noise, Var[b(t) − b(0)] = K² t with K = size in deg/h/√h; b(0) = 0.
+
+IEEE Std 952, annex C: spectrum K²/(2πf)², Allan deviation K √(τ/3). A sample shows the walk's value at its middle. Within an
+interval it runs in true time; over the gaps between intervals nothing is known, and ``gaps`` says what is assumed: the walk
+holds still there (hold), goes on (grow), or each interval starts at zero again (reset).
+"""
+
+import numpy as np
+
+from simulator.effects.base import Array, Effect, Parameter, Setting, Stream
+from simulator.effects.common import DEG_H, HOUR, index, run_time
+
+GAPS = ("hold", "grow", "reset")
+
+
+class BiasRandomWalk(Effect):
+    """See the module."""
+
+    def wander(self, rng: np.random.Generator, stream: Stream, setting: Setting) -> Array:
+        """The walk on its axis."""
+        gaps = str(setting.parameters["gaps"])
+        t = run_time(stream, "grow" if gaps == "grow" else "hold")
+        step = np.diff(t, prepend=t[0] - 0.5 * stream.duration_s[0])
+        walk = np.cumsum(rng.standard_normal(len(t)) * np.sqrt(step))
+        if gaps == "reset":
+            for part in stream.intervals:
+                walk[part] -= walk[part.start]
+        out = np.zeros((len(t), 3))
+        out[:, index(setting.axis)] = setting.size * DEG_H / np.sqrt(HOUR) * walk
+        return out
+
+
+EFFECT = BiasRandomWalk(
+    name="bias_random_walk",
+    summary="rate random walk of the bias",
+    unit="deg/h/√h",
+    acts_on="noise",
+    kind="covariance",
+    prior=(5e-3, 20.0),
+    bounds=(0.0, 1e9),
+    parameters=(Parameter("gaps", "", "hold", "over the gaps between intervals", choices=GAPS),),
+)

@@ -1,0 +1,50 @@
+"""Bias that follows a housekeeping temperature: raw += size · (T − mean T), the mean over the recording's samples.
+
+The linear term of a gyro's thermal model; the constant one is the bias itself. T is what the housekeeping shows, linear
+between its rows. The column may be named; else one whose name ends in temperature_c is taken, the gyro's before others.
+"""
+
+from collections.abc import Mapping
+
+from gyrocal.errors import InputError
+from simulator.effects.base import Array, Effect, Parameter, Stream, Value
+from simulator.effects.common import DEG_H, on_axis
+
+SUFFIX = "temperature_c"
+
+
+def temperature_column(names: Mapping[str, object], wanted: str = "") -> str:
+    """Name of the column to follow.
+
+    Raises
+    ------
+    InputError
+        There is none.
+    """
+    fitting = [name for name in names if (name == wanted if wanted else name.endswith(SUFFIX))]
+    if not fitting:
+        there = ", ".join(names) or "no housekeeping"
+        raise InputError(f"bias_temperature: no housekeeping column {wanted or '…' + SUFFIX}; there is {there}")
+    return min(fitting, key=lambda name: "gyro" not in name)
+
+
+class BiasTemperature(Effect):
+    """See the module."""
+
+    def columns(self, stream: Stream, axis: str | None, parameters: Mapping[str, Value]) -> Array:
+        """T − mean T, as deg/h."""
+        name = temperature_column(stream.housekeeping, str(parameters.get("column", "")))
+        temperature = stream.housekeeping[name]
+        return on_axis((temperature - temperature.mean()) * DEG_H, axis)
+
+
+EFFECT = BiasTemperature(
+    name="bias_temperature",
+    summary="bias follows a housekeeping temperature",
+    unit="deg/h per K",
+    acts_on="rates",
+    kind="columns",
+    prior=(1e-3, 10.0),
+    parameters=(Parameter("column", "", "", "housekeeping column; the gyro's temperature if empty", choices=("*",)),),
+    housekeeping=SUFFIX,
+)

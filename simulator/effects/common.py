@@ -1,0 +1,111 @@
+"""Small pieces that several effects share."""
+
+from collections.abc import Mapping
+from itertools import pairwise
+from typing import Literal
+
+import numba
+import numpy as np
+from numpy.typing import NDArray
+
+from gyrocal.errors import InputError
+from simulator.effects.base import AXES, Parameter, Setting, Stream, Value
+
+Array = NDArray[np.float64]
+
+DEG = float(np.deg2rad(1.0))  # rad
+DEG_H = DEG / 3600  # rad/s
+PPM = 1e-6
+DAY = 86400.0
+HOUR = 3600.0
+HOLE = 0.5  # of a sample: a longer pause between two samples separates them
+
+TIME = Parameter("time_s", "s", None, "time of the step since the epoch", -1e12, 1e12)
+PHASE = Parameter("phase_deg", "deg", 0.0, "phase at the epoch", -360.0, 360.0)
+
+
+def number(parameters: Mapping[str, Value], name: str) -> float:
+    """A parameter that is a number."""
+    return float(parameters[name])
+
+
+def index(axis: str | None) -> int:
+    """0, 1 or 2 of an axis that must be given."""
+    if axis not in AXES:
+        raise InputError(f"axis {axis}: must be one of x, y, z")
+    return AXES.index(axis)
+
+
+def chosen(axis: str | None) -> list[int]:
+    """Indices of an optional axis: all if it is not given."""
+    return [0, 1, 2] if axis is None else [index(axis)]
+
+
+def on_axis(values: Array, axis: str | None) -> Array:
+    """Time functions (n,) or (n, k) put on one axis, (n, 3, k)."""
+    values = values.reshape(len(values), -1)
+    out = np.zeros((len(values), 3, values.shape[1]))
+    out[:, index(axis)] = values
+    return out
+
+
+def share_after(stream: Stream, time_s: float) -> Array:
+    """Share of each sample that is after a time, (n,): the mean of H(t − time_s) over the sample."""
+    return np.asarray(np.clip((stream.t_s + 0.5 * stream.duration_s - time_s) / stream.duration_s, 0.0, 1.0))
+
+
+def harmonic(t_s: Array, period_s: float) -> Array:
+    """sin and cos of 2π t/period, (n, 2); with amplitudes (size cos φ, size sin φ) they add up to size sin(2π t/period + φ)."""
+    angle = 2 * np.pi / period_s * t_s
+    return np.column_stack([np.sin(angle), np.cos(angle)])
+
+
+def phase_amplitudes(setting: Setting) -> Array:
+    """(size cos φ, size sin φ)."""
+    phase = np.deg2rad(number(setting.parameters, "phase_deg"))
+    return setting.size * np.array([np.cos(phase), np.sin(phase)])
+
+
+def from_phase_amplitudes(amplitudes: Array) -> tuple[float, dict[str, Value]]:
+    """Size ≥ 0 and phase, the reverse of `phase_amplitudes`."""
+    return float(np.hypot(*amplitudes)), {"phase_deg": float(np.rad2deg(np.arctan2(amplitudes[1], amplitudes[0])))}
+
+
+def run_time(stream: Stream, gaps: Literal["hold", "grow"]) -> Array:
+    """Time at the middle of each sample, s: of sampling only ("hold"), or with the gaps between ("grow"); (n,)."""
+    if gaps == "grow":
+        return stream.t_s
+    return np.asarray(np.cumsum(stream.duration_s) - 0.5 * stream.duration_s)
+
+
+def runs(stream: Stream) -> list[slice]:
+    """Stretches of samples that follow one another without a hole, none longer than an interval."""
+    end = stream.t_s + 0.5 * stream.duration_s
+    begin = stream.t_s - 0.5 * stream.duration_s
+    out = []
+    for part in stream.intervals:
+        holes = np.flatnonzero(begin[part][1:] - end[part][:-1] > HOLE * stream.duration_s[part][:-1]) + 1
+        edges = [part.start, *(part.start + holes), part.stop]
+        out += [slice(int(a), int(b)) for a, b in pairwise(edges) if b > a]
+    return out
+
+
+def gauss_markov(rng: np.random.Generator, t_s: Array, time_constant_s: float) -> Array:
+    """First-order Gauss–Markov process of unit variance at increasing times, exact whatever their spacing; (n,)."""
+    if len(t_s) == 0:
+        return np.empty(0)
+    draws = rng.standard_normal(len(t_s))
+    lag = np.diff(t_s) / time_constant_s
+    drive = np.append(draws[0], draws[1:] * np.sqrt(-np.expm1(-2 * lag)))
+    return recursion(np.append(0.0, np.exp(-lag)), drive)
+
+
+@numba.njit(cache=True, nogil=True)
+def recursion(decay: Array, drive: Array) -> Array:  # pragma: no cover - compiled
+    """x_k = decay_k x_{k−1} + drive_k from x_{−1} = 0, (n,)."""
+    out = np.empty_like(drive)
+    value = 0.0
+    for k in range(len(drive)):
+        value = decay[k] * value + drive[k]
+        out[k] = value
+    return out

@@ -1,0 +1,31 @@
+"""An element of the gyro matrix that steps at one time: raw_axis += size · 10⁻⁶ ω_toward H(t − time_s).
+
+With toward = axis the scale factor jumps; else the gyro's input axis tilts towards another one, as after a thermal shock or
+a shift of the mount. A sample that the step falls into shows its mean.
+"""
+
+from collections.abc import Mapping
+
+from simulator.effects.base import AXES, Array, Effect, Parameter, Stream, Value
+from simulator.effects.common import PPM, TIME, index, number, on_axis, share_after
+
+
+class GMatrixStep(Effect):
+    """See the module."""
+
+    def columns(self, stream: Stream, axis: str | None, parameters: Mapping[str, Value]) -> Array:
+        """10⁻⁶ ω_toward H(t − time_s)."""
+        omega = stream.rates[:, index(str(parameters["toward"]))]
+        return on_axis(PPM * omega * share_after(stream, number(parameters, "time_s")), axis)
+
+
+EFFECT = GMatrixStep(
+    name="g_matrix_step",
+    summary="an element G[axis, toward] steps at one time",
+    unit="ppm",
+    acts_on="rates",
+    kind="columns",
+    prior=(20.0, 5e4),
+    bounds=(-1e6, 1e6),
+    parameters=(TIME, Parameter("toward", "", None, "body axis whose rate is picked up", choices=AXES)),
+)

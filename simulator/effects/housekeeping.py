@@ -1,0 +1,44 @@
+"""A gyro temperature for scenarios, which have no housekeeping of their own.
+
+    T(t) = 20 °C + 1.5 K sin(n t + 40°) + 0.05 K/day · (t − t₀) + 0.02 K noise
+
+with n the orbit rate, t since the epoch and t₀ the first interval's start: the Sun once an orbit, a slow warming, and the
+noise of a thermistor. Rows are 10 s apart through each interval. What the recording shows is what the bias follows.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from simulator.effects.base import Array
+from simulator.effects.common import DAY
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+COLUMN = "gyro_temperature_c"
+SPACING_S = 10.0
+MEAN_C, ORBITAL_K, PHASE, DRIFT_K_DAY, NOISE_K = 20.0, 1.5, float(np.deg2rad(40.0)), 0.05, 0.02
+
+
+def gyro_temperature(rng: np.random.Generator, spans: list[tuple[float, float]], period_s: float) -> pd.DataFrame:
+    """Housekeeping table with t_s and gyro_temperature_c.
+
+    Parameters
+    ----------
+    rng : source of the noise
+    spans : start and stop of each interval, s since the epoch
+    period_s : of the orbit
+    """
+    import pandas as pd  # late: 65 MiB that a Monte Carlo worker does without
+
+    t_s = np.unique(np.concatenate([_times(start, stop) for start, stop in spans]))
+    drift = DRIFT_K_DAY * (t_s - spans[0][0]) / DAY
+    temperature = MEAN_C + ORBITAL_K * np.sin(2 * np.pi / period_s * t_s + PHASE) + drift
+    return pd.DataFrame({"t_s": t_s, COLUMN: temperature + NOISE_K * rng.standard_normal(t_s.size)})
+
+
+def _times(start: float, stop: float) -> Array:
+    return np.append(np.arange(start, stop, SPACING_S), stop)

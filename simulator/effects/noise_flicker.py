@@ -1,0 +1,43 @@
+"""Bias instability, 1/f noise of the rate: two-sided spectrum S(f) = B²/(2π f) with B = size, one-sided twice that.
+
+IEEE Std 952, annex C: the Allan variance is 4 ∫ S(f) sin⁴(πfτ)/(πfτ)² df = 2 ln 2 B²/π whatever τ, so that the floor of the
+Allan deviation is 0.664 B. Made as a sum of first-order Gauss–Markov processes an octave apart. One of variance v and time
+constant τ has the two-sided spectrum 2 v τ/(1 + (2πfτ)²); summed over all octaves, ∫ dτ/(τ ln 2), that is v/(2 f ln 2),
+hence v = B² ln 2/π. The time constants go from one sample to the whole recording (its gaps included, since the noise runs on
+in true time), so that 1/f holds over all that can be seen. Source of the idea: van der Ziel, Physica 16 (1950) 359.
+"""
+
+import numpy as np
+
+from simulator.effects.base import Array, Effect, Setting, Stream
+from simulator.effects.common import DEG_H, gauss_markov, index
+
+FLOOR = float(np.sqrt(2 * np.log(2) / np.pi))  # of the Allan deviation, per B
+
+
+def time_constants(stream: Stream) -> Array:
+    """Octaves from one sample to the whole recording, s."""
+    shortest, longest = float(np.median(stream.duration_s)), float(stream.t_s[-1] - stream.t_s[0])
+    return np.asarray(shortest * 2.0 ** np.arange(max(1, int(np.ceil(np.log2(max(longest / shortest, 1.0)))) + 1)))
+
+
+class NoiseFlicker(Effect):
+    """See the module."""
+
+    def wander(self, rng: np.random.Generator, stream: Stream, setting: Setting) -> Array:
+        """The noise on its axis."""
+        total = sum((gauss_markov(rng, stream.t_s, tau) for tau in time_constants(stream)), np.zeros(len(stream.t_s)))
+        out = np.zeros((len(stream.t_s), 3))
+        out[:, index(setting.axis)] = setting.size * DEG_H * np.sqrt(np.log(2) / np.pi) * total
+        return out
+
+
+EFFECT = NoiseFlicker(
+    name="noise_flicker",
+    summary="bias instability, 1/f noise of the rate",
+    unit="deg/h",
+    acts_on="noise",
+    kind="covariance",
+    prior=(5e-3, 20.0),
+    bounds=(0.0, 1e9),
+)

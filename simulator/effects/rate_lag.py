@@ -1,0 +1,62 @@
+"""First-order lag of the gyro's output: τ y' = x − y, with y the reading, x the noise-free rate and τ = size.
+
+Between two edges of the samples x is a quadratic (`simulator.effects.timing`), for which the solution is exact:
+
+    y = y_p + (y₀ − y_p(0)) e^{−u/τ},    y_p = x − τ x' + τ² x''
+
+and since y = x − τ y', a sample shows mean(x) − τ [y(Δ) − y(0)]/Δ. Each interval starts in steady state, y = x. For small τ
+this is the delay by τ, hence the column −dω_raw/dt; by attitude alone the two cannot be told apart.
+"""
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from simulator.effects.base import Array, Effect, Setting, Stream, Value
+from simulator.effects.common import recursion, runs
+from simulator.effects.timing import cumulative_angle, delay_columns
+
+
+def lagged(rates: Array, duration_s: Array, tau: float) -> Array:
+    """Mean lagged rates of a run of samples, (n, 3) rad/s."""
+    a, b, c, _ = cumulative_angle(rates, duration_s).c  # Θ = a u³ + b u² + c u + …
+    u = duration_s[:, None]
+    before = c[0]
+    first = c - tau * 2 * b + tau**2 * 6 * a
+    last = 3 * a * u**2 + 2 * b * u + c - tau * (6 * a * u + 2 * b) + tau**2 * 6 * a
+    decay = np.exp(-duration_s / tau)
+    out = np.empty_like(rates)
+    for axis in range(3):
+        # The output at the edges obeys y_{k+1} = decay_k y_k + last_k − decay_k first_k.
+        drive = np.append(before[axis], last[:, axis] - decay * first[:, axis])
+        y = recursion(np.append(0.0, decay), drive)
+        out[:, axis] = rates[:, axis] - tau * np.diff(y) / duration_s
+    return out
+
+
+class RateLag(Effect):
+    """See the module."""
+
+    def columns(self, stream: Stream, axis: str | None, parameters: Mapping[str, Value]) -> Array:
+        """−dω_raw/dt."""
+        return delay_columns(stream)
+
+    def retimed(self, raw: Array, stream: Stream, setting: Setting) -> Array:
+        """The lagged reading."""
+        out = raw.copy()
+        if setting.size > 0:
+            for part in runs(stream):
+                out[part] = lagged(raw[part], stream.duration_s[part], setting.size)
+        return out
+
+
+EFFECT = RateLag(
+    name="rate_lag",
+    summary="first-order lag of the gyro output",
+    unit="s",
+    acts_on="timing",
+    kind="columns",
+    prior=(5e-3, 10.0),
+    bounds=(0.0, 1e4),
+    axes=(),
+)

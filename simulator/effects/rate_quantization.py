@@ -1,0 +1,32 @@
+"""Output rounded to a step: samples become the nearest multiple of size, noise included.
+
+The least significant bit of the converter or of telemetry. Without an axis it acts on all three.
+"""
+
+import numpy as np
+
+from simulator.effects.base import Array, Effect, Setting, Stream
+from simulator.effects.common import DEG, chosen
+
+
+class RateQuantization(Effect):
+    """See the module."""
+
+    def apply(self, rng: np.random.Generator, samples: Array, stream: Stream, setting: Setting) -> Array:
+        """Nearest multiples of the step."""
+        axes = chosen(setting.axis)
+        out = samples.copy()
+        out[:, axes] = np.round(samples[:, axes] / (setting.size * DEG)) * (setting.size * DEG)
+        return out
+
+
+EFFECT = RateQuantization(
+    name="rate_quantization",
+    summary="output rounded to a step",
+    unit="deg/s",
+    acts_on="samples",
+    kind="stream",
+    prior=(1e-6, 1.0),
+    bounds=(1e-12, 1e5),
+    axis_optional=True,
+)

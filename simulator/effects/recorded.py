@@ -1,0 +1,160 @@
+"""A recording as the effects see it: its samples, its references, and which axis flies forward.
+
+Sample tags, durations and intervals are those of the recording; a sample belongs to the interval that it starts in. The
+noise-free rates are not known, the smoothed adjusted ones G ω_raw + b stand in for them.
+"""
+
+import re
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import median_filter
+
+from gyrocal.recording import Interval, Recording, reference_rows
+from simulator.effects.base import Array, References, Stream
+from simulator.effects.common import runs
+from simulator.effects.smoothing import noise_level, smoothed
+from simulator.gyro import raw_rates
+
+SMOOTH_S = 20.0  # s; a tenth and less of the shortest slew, and 13 times less noise at two samples a second
+TIME_TOLERANCE = 1e-6  # s
+MEDIAN = 11  # samples, against outliers
+
+_ONE = re.compile(r"([+-][xyz])\s+forward", re.IGNORECASE)
+_TURN = re.compile(r"([+-][xyz])\s+to\s+([+-][xyz])", re.IGNORECASE)
+
+
+def interval_slices(recording: Recording) -> tuple[slice, ...]:
+    """The samples that start in each interval."""
+    t_s, half = recording.gyro.t_s, 0.5 * recording.gyro.sample_s
+    edges = []
+    for interval in recording.intervals:
+        low, high = np.searchsorted(t_s, [interval.start_s - half, interval.stop_s - TIME_TOLERANCE])
+        edges.append((int(low), int(high)))
+    ordered = sorted(range(len(edges)), key=lambda k: recording.intervals[k].start_s)
+    for first, second in pairwise(ordered):
+        edges[second] = (max(edges[second][0], edges[first][1]), edges[second][1])
+    return tuple(slice(low, max(low, high)) for low, high in edges)
+
+
+def durations(recording: Recording) -> Array:
+    """Duration of each sample, s: the stated one, cut where its interval stops; (n,)."""
+    gyro = recording.gyro
+    out = np.full(len(gyro.t_s), gyro.sample_s)
+    for part, interval in zip(interval_slices(recording), recording.intervals, strict=True):
+        out[part] = np.minimum(out[part], interval.stop_s - gyro.t_s[part])
+    return out
+
+
+def smoothed_rates(recording: Recording, G: Array, bias: Array, smooth_s: float = SMOOTH_S) -> Array:
+    """Adjusted rates G ω_raw + b of a recording without their noise, (n, 3) rad/s; outside the intervals as they are."""
+    gyro = recording.gyro
+    adjusted = gyro.rates @ G.T + bias
+    empty = np.empty((len(gyro.t_s), 3))
+    duration = durations(recording)
+    stream = _stream(recording, gyro.t_s + 0.5 * duration, duration, adjusted, empty)
+    sigma = gyro.arw / np.sqrt(gyro.sample_s)
+    out = adjusted.copy()
+    for part in runs(stream):
+        out[part] = smoothed(adjusted[part], gyro.sample_s, smooth_s, noise_level(adjusted[part], sigma))
+    return out
+
+
+def stream_of(recording: Recording, G: Array, bias: Array, smooth_s: float = SMOOTH_S) -> Stream:
+    """The samples of a recording as an effect on rates sees them.
+
+    Parameters
+    ----------
+    recording : any recording
+    G, bias : (3, 3), (3,) rad/s: its calibration
+    smooth_s : longest window of the smoothing, s; 0 for none
+    """
+    rates = smoothed_rates(recording, G, bias, smooth_s)
+    duration = durations(recording)
+    return _stream(recording, recording.gyro.t_s + 0.5 * duration, duration, rates, raw_rates(rates, G, bias))
+
+
+def references_of(recording: Recording) -> References:
+    """The reference attitudes of a recording as an effect on them sees them, row by row."""
+    attitudes = recording.attitudes
+    return References(
+        t_s=attitudes.t_s,
+        quaternions=attitudes.quaternions,
+        interval=_interval_of(recording),
+        forward=forward_axes(recording),
+        orbit_period_s=_period(recording),
+    )
+
+
+def forward_axes(recording: Recording) -> NDArray[np.str_]:
+    """The body axis along the velocity at each reference, from the intervals' activity; (m,), "" where it does not say.
+
+    "+x forward" is +x throughout. In "+x to -x yaw" it is +x before and -x after the slew, whose middle is that of the time
+    for which the yaw rate is above half its largest, or of the largest hole between references if there are no samples.
+    """
+    out = np.full(len(recording.attitudes.t_s), "", dtype="<U2")
+    owner = _interval_of(recording)
+    for number, (interval, part) in enumerate(zip(recording.intervals, interval_slices(recording), strict=True)):
+        rows = np.flatnonzero(owner == number)
+        turn, one = _TURN.search(interval.activity), _ONE.search(interval.activity)
+        if turn:
+            times = recording.attitudes.t_s[rows]
+            after = times > _slew_time(recording, part, interval)
+            out[rows] = np.where(after, turn[2].lower(), turn[1].lower())
+        elif one:
+            out[rows] = one[1].lower()
+    return out
+
+
+def _slew_time(recording: Recording, part: slice, interval: Interval) -> float:
+    t_s = recording.gyro.t_s[part]
+    if t_s.size:
+        yaw = np.abs(median_filter(recording.gyro.rates[part, 2], size=MEDIAN, mode="nearest"))
+        fast = t_s[yaw > 0.5 * yaw.max()]
+        if fast.size:
+            return float(0.5 * (fast[0] + fast[-1]))
+    times = recording.attitudes.t_s[reference_rows(recording.attitudes.t_s, interval)]
+    hole = int(np.argmax(np.diff(times)))
+    return float(0.5 * (times[hole] + times[hole + 1]))
+
+
+def _interval_of(recording: Recording) -> NDArray[np.intp]:
+    """Index of the interval each reference belongs to; one that two intervals share belongs to the first."""
+    out = np.full(len(recording.attitudes.t_s), -1, dtype=np.intp)
+    for number, interval in enumerate(recording.intervals):
+        rows = reference_rows(recording.attitudes.t_s, interval)
+        out[rows[out[rows] < 0]] = number
+    return out
+
+
+def _period(recording: Recording) -> float:
+    return float("nan") if recording.orbit is None else recording.orbit.period_s
+
+
+def _stream(recording: Recording, t_s: Array, duration: Array, rates: Array, raw: Array) -> Stream:
+    return Stream(
+        t_s=t_s,
+        duration_s=duration,
+        rates=rates,
+        raw=raw,
+        intervals=interval_slices(recording),
+        orbit_period_s=_period(recording),
+        span_s=(min(i.start_s for i in recording.intervals), max(i.stop_s for i in recording.intervals)),
+        housekeeping=housekeeping_at(recording, t_s),
+    )
+
+
+def housekeeping_at(recording: Recording, t_s: Array) -> dict[str, Array]:
+    """Numeric housekeeping columns at some times, linear between their rows, missing values left out; (n,) each."""
+    table = recording.tables.get("housekeeping")
+    out: dict[str, Array] = {}
+    if table is None:
+        return out
+    for name in table.columns:
+        if name != "t_s" and table[name].dtype.kind in "biuf":
+            values = table[name].to_numpy(dtype=float)
+            good = np.isfinite(values)
+            if good.any():
+                out[str(name)] = np.interp(t_s, table["t_s"].to_numpy(dtype=float)[good], values[good])
+    return out

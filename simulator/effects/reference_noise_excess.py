@@ -1,0 +1,31 @@
+"""Reference noise other than stated: the white reference errors times size; the recording goes on stating its sigma.
+
+The same draws are scaled, so that all else stays as it was. Without an axis it acts on all three.
+"""
+
+import numpy as np
+
+from simulator.effects.base import Array, Effect, Setting
+from simulator.effects.common import chosen
+
+
+class ReferenceNoiseExcess(Effect):
+    """See the module."""
+
+    def noise_factor(self, setting: Setting) -> Array:
+        """Size on its axes, 1 elsewhere."""
+        factor = np.ones(3)
+        factor[chosen(setting.axis)] = setting.size
+        return factor
+
+
+EFFECT = ReferenceNoiseExcess(
+    name="reference_noise_excess",
+    summary="reference noise is other than stated",
+    unit="factor",
+    acts_on="references",
+    kind="covariance",
+    prior=(0.1, 30.0),
+    bounds=(0.0, 1e3),
+    axis_optional=True,
+)

@@ -1,0 +1,31 @@
+"""Scale factor that differs with the sign of the rate: raw_i += size · 10⁻⁶ |ω_i|.
+
+Positive turns read high and negative ones low by the same share, the rest of it is scale factor proper. IEEE Std 528 calls
+it scale-factor asymmetry; it is what differs between the two halves of a rebalance loop.
+"""
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from simulator.effects.base import Array, Effect, Stream, Value
+from simulator.effects.common import PPM, index, on_axis
+
+
+class ScaleAsymmetry(Effect):
+    """See the module."""
+
+    def columns(self, stream: Stream, axis: str | None, parameters: Mapping[str, Value]) -> Array:
+        """10⁻⁶ |ω_i|."""
+        return on_axis(PPM * np.abs(stream.rates[:, index(axis)]), axis)
+
+
+EFFECT = ScaleAsymmetry(
+    name="scale_asymmetry",
+    summary="scale factor differs with the sign of the rate",
+    unit="ppm",
+    acts_on="rates",
+    kind="columns",
+    prior=(10.0, 5e4),
+    bounds=(-1e6, 1e6),
+)

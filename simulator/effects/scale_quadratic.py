@@ -1,0 +1,32 @@
+"""Scale factor that grows with the rate, an odd non-linearity: raw_i += size · 10⁻⁶ ω_i |ω_i|, one of the ω in deg/s.
+
+Loss of torquer gain at high rates and the like; the even part of a quadratic is scale asymmetry's neighbour, the odd part
+reads high in both senses of rotation.
+"""
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from simulator.effects.base import Array, Effect, Stream, Value
+from simulator.effects.common import PPM, index, on_axis
+
+
+class ScaleQuadratic(Effect):
+    """See the module."""
+
+    def columns(self, stream: Stream, axis: str | None, parameters: Mapping[str, Value]) -> Array:
+        """10⁻⁶ ω_i |ω_i|."""
+        omega = stream.rates[:, index(axis)]
+        return on_axis(PPM * omega * np.abs(np.rad2deg(omega)), axis)
+
+
+EFFECT = ScaleQuadratic(
+    name="scale_quadratic",
+    summary="scale factor grows with the rate, odd non-linearity",
+    unit="ppm per deg/s",
+    acts_on="rates",
+    kind="columns",
+    prior=(50.0, 1e6),
+    bounds=(-1e8, 1e8),
+)

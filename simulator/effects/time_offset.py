@@ -1,0 +1,42 @@
+"""Gyro time tags that are late against the references' clock: raw(t) = raw_true(t − size).
+
+The sample tagged t was measured at t − size. To first order the reading changes by −size · dω_raw/dt, the column; the
+simulator shifts the cumulative angle itself, see `simulator.effects.timing`.
+"""
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from simulator.effects.base import Array, Effect, Setting, Stream, Value
+from simulator.effects.common import runs
+from simulator.effects.timing import continued, cumulative_angle, delay_columns, edges
+
+
+class TimeOffset(Effect):
+    """See the module."""
+
+    def columns(self, stream: Stream, axis: str | None, parameters: Mapping[str, Value]) -> Array:
+        """−dω_raw/dt."""
+        return delay_columns(stream)
+
+    def retimed(self, raw: Array, stream: Stream, setting: Setting) -> Array:
+        """Means over [t − size, t − size + Δ) of the reading."""
+        out = raw.copy()
+        for part in runs(stream):
+            duration = stream.duration_s[part]
+            shifted = continued(cumulative_angle(raw[part], duration), edges(duration) - setting.size)
+            out[part] = np.diff(shifted, axis=0) / duration[:, None]
+        return out
+
+
+EFFECT = TimeOffset(
+    name="time_offset",
+    summary="gyro tags late (+) against the reference clock",
+    unit="s",
+    acts_on="timing",
+    kind="columns",
+    prior=(5e-3, 10.0),
+    bounds=(-3600.0, 3600.0),
+    axes=(),
+)

@@ -1,0 +1,43 @@
+"""The noise-free reading as a function of time, for effects on its timing.
+
+Samples are means, so their sums are the exact cumulative angle Θ at the samples' edges. A cubic spline through Θ (not-a-knot)
+is the reading between; before the first edge and after the last it goes on at constant rate (intervals start and end in
+constant-rate modes). The derivative of a sample's mean is then that of the
+spline's slope, [Θ'(t + Δ) − Θ'(t)]/Δ.
+"""
+
+import numpy as np
+from scipy.interpolate import CubicSpline
+
+from simulator.effects.base import Array, Stream
+from simulator.effects.common import runs
+
+FEWEST = 3  # samples that fix a cubic by themselves; with less, the first and the last mean rate are the slopes
+
+
+def edges(duration_s: Array) -> Array:
+    """Time of the samples' edges from the first, s; (n,) → (n + 1,)."""
+    return np.append(0.0, np.cumsum(duration_s))
+
+
+def cumulative_angle(rates: Array, duration_s: Array) -> CubicSpline:
+    """Θ as a spline over `edges`, (n, 3) rad/s and (n,) s."""
+    angle = np.vstack([np.zeros(3), np.cumsum(rates * duration_s[:, None], axis=0)])
+    few = len(rates) < FEWEST
+    return CubicSpline(edges(duration_s), angle, bc_type=((1, rates[0]), (1, rates[-1])) if few else "not-a-knot")
+
+
+def continued(spline: CubicSpline, t: Array) -> Array:
+    """Θ(t) with constant rate outside of the spline's range; (n,) → (n, 3)."""
+    inside = np.clip(t, spline.x[0], spline.x[-1])
+    return np.asarray(spline(inside) + (t - inside)[:, None] * spline(inside, 1))
+
+
+def delay_columns(stream: Stream) -> Array:
+    """Change of the raw reading per second of a short delay, −dω_raw/dt, on all axes; (n, 3, 1) rad/s per s."""
+    out = np.zeros((len(stream.t_s), 3, 1))
+    for part in runs(stream):
+        duration = stream.duration_s[part]
+        slope = cumulative_angle(stream.raw[part], duration)(edges(duration), 1)
+        out[part, :, 0] = -np.diff(slope, axis=0) / duration[:, None]
+    return out

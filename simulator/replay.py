@@ -1,0 +1,172 @@
+"""Simulate any existing recording again: its motion is recovered, and M0 or effects are simulated on it.
+
+The motion is that of the adjusted rates G ω_raw + b, smoothed so that their noise does not enter twice
+(`simulator.effects.smoothing`), integrated from each interval's first reference attitude by the simulator's own means, and
+led near the other references. What they are off by, ζ_k in inertial axes, is followed by the x_k that minimise
+
+    Σ |ζ_k − x_k|²/σ_k² + Σ |x_{k+1} − x_k|²/(q Δt_k)
+
+with q = ARW²: where M0 holds these are the most likely attitude errors of the smoothed gyro (Rauch, Tung and Striebel, AIAA
+Journal 3 (1965) 1445), and if they miss the references by more than their sigma q is raised until they do not. x is linear
+between references; its slope is added to the rates, and the result is integrated again. The motion so found is the truth of
+the replay: true G and b, rates and attitudes agree with each other to rounding.
+
+A replay has the recording's sample tags, reference times, sigmas, ARW and tables, but other draws of the noise. A sample is
+taken as constant in rate; holes between samples are bridged by the mean of their neighbours.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.linalg import solveh_banded
+
+from gyrocal.recording import Recording, reference_rows
+from simulator.effects import Setting
+from simulator.effects.recorded import SMOOTH_S, durations, interval_slices, smoothed_rates
+from simulator.gyro import raw_rates
+from simulator.rotation import matrix, perturbed, separation
+from simulator.simulate import Array, Motion, disturbed
+from simulator.streams import generator
+from simulator.truth import accumulate
+
+PASSES = 2  # the correction is linear in the error; what is left after one pass is its square
+NEAR = 1.5  # mean square distance to the references, in sigma, that is near
+LOOSER = 10.0  # factor on q where they are missed
+MOST_LOOSE = 10  # times
+EXACT = 1e-9  # rad; of an attitude that another interval has settled
+
+
+def replay(
+    recording: Recording,
+    G: Array,
+    bias: Array,
+    effects: Sequence[Setting] = (),
+    seed: int = 0,
+    case: int = 0,
+    noise: bool = True,
+    motion: Motion | None = None,
+) -> Recording:
+    """Simulate a recording again.
+
+    Parameters
+    ----------
+    recording : what to repeat
+    G, bias : (3, 3), (3,) rad/s: true gyro parameters of the replay, usually the recording's calibration
+    effects : what M0 does not know
+    seed, case : of the random streams
+    noise : whether gyro and references have their white noise
+    motion : of `replayed`, if it is at hand; the costly part, and the same for every case
+    """
+    path = replayed(recording, G, bias) if motion is None else motion
+    plain = replace(
+        recording,
+        gyro=replace(recording.gyro, rates=raw_rates(path.rates, G, bias)),
+        attitudes=replace(recording.attitudes, quaternions=path.quaternions),
+    )
+    gyro_rng = generator(seed, case, "gyro_noise") if noise else None
+    reference_rng = generator(seed, case, "reference_noise") if noise else None
+    return disturbed(plain, path, effects, gyro_rng, reference_rng, seed, case)
+
+
+def replayed(recording: Recording, G: Array, bias: Array, smooth_s: float = SMOOTH_S) -> Motion:
+    """The motion of a recording, as of a scenario.
+
+    Parameters
+    ----------
+    recording : any recording
+    G, bias : (3, 3), (3,) rad/s: its calibration
+    smooth_s : longest window of the smoothing, s; 0 for none
+    """
+    rates = smoothed_rates(recording, G, bias, smooth_s)
+    duration = durations(recording)
+    quaternions = recording.attitudes.quaternions.copy()
+    slices = interval_slices(recording)
+    sigma = np.sqrt((recording.attitudes.sigma**2).mean(axis=1))
+    for part, interval in sorted(zip(slices, recording.intervals, strict=True), key=lambda pair: pair[1].start_s):
+        rows = reference_rows(recording.attitudes.t_s, interval)
+        if part.stop > part.start:
+            references = _References(recording.attitudes.t_s[rows], quaternions[rows], sigma[rows])
+            samples = _Samples(recording.gyro.t_s[part], duration[part], recording.gyro.arw)
+            rates[part], quaternions[rows] = _led(samples, rates[part], references)
+            sigma[rows[-1]] = EXACT  # where the next interval starts at the same reference, the attitude is that
+    return Motion(
+        t_s=recording.gyro.t_s,
+        duration_s=duration,
+        rates=rates,
+        intervals=slices,
+        reference_t_s=recording.attitudes.t_s,
+        quaternions=quaternions,
+    )
+
+
+@dataclass(frozen=True)
+class _Samples:
+    """Starts and durations of an interval's samples, (n,) s, and the angle random walk, rad/√s."""
+
+    begin: Array
+    duration: Array
+    arw: float
+
+
+@dataclass(frozen=True)
+class _References:
+    """Times (m,), observed attitudes (m, 4) and standard deviations (m,) rad of an interval's references."""
+
+    t_s: Array
+    quaternions: Array
+    sigma: Array
+
+
+def _led(samples: _Samples, rates: Array, references: _References) -> tuple[Array, Array]:
+    """Rates of one interval led near its references, (n, 3), and the attitudes then, (m, 4)."""
+    start = references.quaternions[0]
+    t_ref = references.t_s
+    for _ in range(PASSES):
+        path, grid = _path(samples, rates, t_ref[0], start, t_ref)
+        here = path[np.searchsorted(grid, t_ref)]
+        off = _inertial(here, separation(here, references.quaternions))
+        x = _followed(off, references.sigma, np.diff(t_ref), samples.arw)
+        start = perturbed(start[None], (matrix(start) @ x[0])[None])[0]
+        slope = np.diff(x, axis=0) / np.diff(t_ref)[:, None]
+        gap = np.clip(np.searchsorted(t_ref, samples.begin + 0.5 * samples.duration) - 1, 0, len(slope) - 1)
+        at_sample = matrix(path[np.searchsorted(grid, samples.begin)])
+        # exp([e×]) A with e = A x turns with the body rate ω − A dx/dt.
+        rates = rates - np.einsum("nij,nj->ni", at_sample, slope[gap])
+    path, grid = _path(samples, rates, t_ref[0], start, t_ref)
+    return rates, path[np.searchsorted(grid, t_ref)]
+
+
+def _path(samples: _Samples, rates: Array, first_s: float, first: Array, marks: Array) -> tuple[Array, Array]:
+    """Attitudes (k, 4) at a grid of times (k,) with all samples' edges and the marks; the one at first_s is given."""
+    begin = samples.begin
+    end = np.minimum(begin + samples.duration, np.append(begin[1:], np.inf))
+    grid = np.unique(np.concatenate([begin, end, marks]))
+    middle = 0.5 * (grid[1:] + grid[:-1])
+    of = np.clip(np.searchsorted(begin, middle, side="right") - 1, 0, len(begin) - 1)
+    after = np.minimum(of + 1, len(begin) - 1)
+    hole = (middle > end[of])[:, None]
+    angles = np.where(hole, 0.5 * (rates[of] + rates[after]), rates[of]) * np.diff(grid)[:, None]
+    ahead = int(np.searchsorted(grid, first_s))
+    if ahead > 0:  # samples that start before the first reference: back from it
+        first = accumulate(first, -angles[:ahead][::-1])[-1]
+    return accumulate(np.ascontiguousarray(first), angles), grid
+
+
+def _inertial(quaternions: Array, errors: Array) -> Array:
+    """Body-axis errors in inertial axes, Aᵀ e."""
+    return np.asarray(np.einsum("nji,nj->ni", matrix(quaternions), errors))
+
+
+def _followed(off: Array, sigma: Array, dt: Array, arw: float) -> Array:
+    """Smoothed attitude errors x_k, (m, 3); see the module."""
+    weight = 1 / sigma**2
+    q = max(arw, 1e-12) ** 2
+    for _ in range(MOST_LOOSE):
+        tie = 1 / (q * dt)
+        diagonal = weight + np.append(tie, 0.0) + np.append(0.0, tie)
+        x = solveh_banded(np.vstack([np.append(0.0, -tie), diagonal]), weight[:, None] * off)
+        if np.mean(((off - x) / sigma[:, None]) ** 2) < NEAR:
+            break
+        q *= LOOSER
+    return np.asarray(x)
