@@ -43,4 +43,4 @@ $(VENV)/dev.stamp: pyproject.toml constraints.txt | $(BIN)/python
 
 clean:
 	rm -rf $(VENV) .pytest_cache .mypy_cache .ruff_cache .import_linter_cache .hypothesis
-	find gyrocal simulator studies benchmarks tests -name __pycache__ -type d -exec rm -rf {} +
+	find gyrocal simulator diagnosis studies benchmarks tests -name __pycache__ -type d -exec rm -rf {} +

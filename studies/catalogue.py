@@ -25,6 +25,8 @@ MODULES = {
     "observability": "studies.maneuvers_needed",
     "noise": "studies.noise",
     "estimators": "studies.estimators",
+    "blind": "studies.blind",
+    "flight": "studies.flight_diagnosis",
 }
 
 
@@ -72,6 +74,10 @@ def run(
     console : for the report
     """
     chosen, where = entry(name), where or Where()
+    if name == "blind":  # three processes of its own
+        from studies import blind
+
+        return blind.run(folder, changes, console, config, where.jobs)
     settings = load_config(chosen.study, config, changes)
     outcome = engine.run(
         chosen.study,

@@ -1,4 +1,4 @@
-"""The command line: ``gyrocal reproduce | calibrate | simulate | effects | import | scenarios | baseline | study``.
+"""The command line: ``gyrocal reproduce | calibrate | diagnose | plan | simulate | effects | import | study | …``.
 
 Tables go to standard output, progress and errors to standard error. Bad input ends in one line and exit status 2.
 """
@@ -23,7 +23,7 @@ from simulator.effects import EFFECTS, described
 from simulator.effects import parse as parse_effect
 from simulator.replay import replay
 from simulator.simulate import simulate
-from studies import baseline, calibration_report, catalogue, cli_import, engine, render, reproduce
+from studies import baseline, calibration_report, catalogue, cli_diagnose, cli_import, cli_plan, engine, render, reproduce
 from studies.manifest import write_json
 
 PATH = click.Path(path_type=Path)
@@ -162,6 +162,8 @@ def simulate_command(
 
 
 main.add_command(cli_import.import_group)
+main.add_command(cli_diagnose.diagnose_command)
+main.add_command(cli_plan.plan_command)
 
 
 @main.command("effects")

@@ -1,8 +1,8 @@
 """The measuring chain with effects in it, from noise-free rates and true attitudes to what is recorded.
 
 Rates: columns (bias, scale factor …) → random bias (walk, flicker) → timing (lag, then late tags) → dead zone → white noise
-(times its excess) → vibration → spikes → saturation → quantization → stale telemetry. References: the sum of white noise
-(times its excess), columns and correlated errors, e, turns the true attitude to exp([e×]) A.
+(times its excess) → vibration → spikes → saturation → quantization or truncation → stale telemetry. References: the sum of
+white noise (times its excess), columns and correlated errors, e, turns the true attitude to exp([e×]) A.
 
 Each effect draws from a stream of its own, named after its label, so that adding one leaves the draws of all else as they
 were. Of two with the same label, such as two steps on one axis, the second has "#2" after its name.
@@ -23,7 +23,7 @@ from simulator.streams import generator
 
 TIMING = ("rate_lag", "time_offset")
 BEFORE_NOISE = ("rate_deadzone",)
-AFTER_NOISE = ("vibration", "spikes", "rate_saturation", "rate_quantization", "stale_samples")
+AFTER_NOISE = ("vibration", "spikes", "rate_saturation", "rate_quantization", "rate_truncation", "stale_samples")
 
 
 @dataclass(frozen=True)

@@ -27,6 +27,6 @@ EFFECT = ScaleQuadratic(
     unit="ppm per deg/s",
     acts_on="rates",
     kind="columns",
-    prior=(50.0, 1e6),
+    prior=(50.0, 3e5),
     bounds=(-1e8, 1e8),
 )

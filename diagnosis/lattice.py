@@ -1,0 +1,120 @@
+"""Readings on a lattice: its step, whether they were rounded or cut toward zero, and slow rates with that undone.
+
+A reading x + n of noise n ~ N(0, σ²) on a lattice of step q has the mean
+
+    rounded  f(x) = q Σ_k Φ((x − (k + ½) q)/σ) over k ≥ 0, less q Σ_k Φ((−x − (k + ½) q)/σ)
+    cut      f(x) = q Σ_k Φ((x − k q)/σ) over k ≥ 1, less q Σ_k Φ((−x − k q)/σ)
+
+With noise above q/3 rounding hardly matters; below it f is a staircase. Cutting takes half a step off every rate that is
+larger than one, whatever the noise. Means over a minute are inverted through f; where the rate moves, half a step is given
+back to every reading but zero. What remains is the lattice's own noise, q²/12 a sample where the noise spreads it, and worse
+on a stair.
+"""
+
+from __future__ import annotations
+
+from typing import Literal
+
+import numpy as np
+import scipy.ndimage
+import scipy.stats
+from numpy.typing import NDArray
+from scipy.special import ndtr
+
+Array = NDArray[np.float64]
+Kind = Literal["rounded", "cut"]
+
+MEAN_S = 60.0  # s, of the means that are inverted
+REACH = 10  # steps on either side of zero in which f is tabulated
+LEAST_SLOPE = 0.15  # of f, below which nothing more can be said of the rate
+HIDDEN = 0.3  # slope of f below which a reading hides the rate
+SPREAD = 0.45  # noise over step, above which rounding does nothing to a mean
+FEWEST = 12  # readings near zero in a sweep that can tell cut from rounded
+ODDS = 3.0  # log odds that do
+
+
+def lattice_step(x: Array) -> float:
+    """Step of the lattice all values lie on, 0 if there is none; (n,)."""
+    values = np.unique(x)
+    if values.size < 3 or values.size > 0.7 * x.size:
+        return 0.0
+    gaps = np.diff(values)
+    gaps = gaps[gaps > 1e-9 * max(float(np.abs(values).max()), 1e-30)]
+    if not gaps.size:
+        return 0.0
+    step = float(np.median(gaps[gaps < 1.5 * gaps.min()]))
+    order = np.argsort(np.abs(values))
+    for share in (0.01, 0.1, 1.0):
+        chosen = values[order[: max(3, int(share * values.size))]]
+        counts = np.round(chosen / step)
+        if np.any(counts):
+            step = float(counts @ chosen / (counts @ counts))
+    return step if np.abs(values / step - np.round(values / step)).max() < 0.02 else 0.0
+
+
+def sweep_odds(x: Array, step: float) -> float:
+    """log odds of cut against rounded readings from how many are zero while the rate sweeps through it.
+
+    Of the three bins about zero that of zero holds a third if readings are rounded, and half if they are cut.
+    """
+    counts = np.round(x / step)
+    sweeping = (np.abs(counts - np.roll(counts, 8)) > 12) & (np.abs(np.roll(counts, -8) - counts) > 12)
+    near = int((sweeping & (np.abs(counts) <= 1)).sum())
+    zero = int((sweeping & (counts == 0)).sum())
+    if near < FEWEST:
+        return 0.0
+    return float(scipy.stats.binom.logpmf(zero, near, 1 / 2) - scipy.stats.binom.logpmf(zero, near, 1 / 3))
+
+
+def mean_reading(x: Array, step: float, sigma: float, kind: Kind) -> Array:
+    """f(x): mean reading at true readings x with noise sigma, within `REACH` steps of zero."""
+    shift = 0.5 if kind == "rounded" else 1.0
+    out = np.zeros_like(x)
+    for k in range(REACH + 8):
+        edge = (k + shift) * step
+        out += ndtr((x - edge) / sigma) - ndtr((-x - edge) / sigma)
+    return out * step
+
+
+def undone(x: Array, sample_s: float, step: float, sigma: float, kind: Kind) -> tuple[Array, Array, Array]:
+    """Readings with the lattice undone as far as their slow part goes.
+
+    Parameters
+    ----------
+    x : (n,) readings of one interval, rad/s
+    sample_s : s
+    step, sigma : of the lattice and of the noise before it, rad/s
+    kind : how readings were put on it
+
+    Returns
+    -------
+    The readings, what to multiply their noise density with, and what to add to it, rad²/s; (n,) each.
+    """
+    count = min(max(20, round(MEAN_S / sample_s)), x.size)
+    mean = scipy.ndimage.uniform_filter1d(x, count, mode="nearest")
+    moving = np.abs(np.gradient(mean)) * count > step
+    if kind == "rounded" and sigma > SPREAD * step:
+        return x, np.ones_like(x), np.zeros_like(x)
+    # Away from zero the stairs are all alike, and cut readings are rounded ones half a step nearer to zero.
+    stair = np.linspace(-0.5, 0.5, 401) * step
+    level = np.round(mean / step) * step
+    true, slope = _inverted(mean - level, stair, mean_reading(stair, step, max(sigma, 1e-3 * step), "rounded"))
+    true = true + level
+    if kind == "cut":
+        near = np.abs(mean) < (REACH - 2) * step
+        grid = np.linspace(-REACH, REACH, 4001) * step
+        low, low_slope = _inverted(mean, grid, mean_reading(grid, step, max(sigma, 1e-3 * step), "cut"))
+        true = np.where(near, low, true + 0.5 * step * np.sign(mean))
+        slope = np.where(near, low_slope, slope)
+    half = 0.5 * step * np.sign(np.round(x / step)) if kind == "cut" else np.zeros_like(x)
+    factor = np.where(moving, 1.0, 1.0 / np.clip(slope, LEAST_SLOPE, 1.0) ** 2)
+    # On a flat stair the rate may be anywhere in between, and stay there for a while.
+    hidden = np.where(~moving & (slope < HIDDEN), (0.3 * step) ** 2 * MEAN_S, 0.0)
+    return x + np.where(moving, half, true - mean), factor, hidden
+
+
+def _inverted(mean: Array, grid: Array, curve: Array) -> tuple[Array, Array]:
+    """True readings whose mean is given, and the slope of the mean there."""
+    rising = np.maximum.accumulate(curve + 1e-9 * (grid - grid[0]))
+    true = np.interp(mean, rising, grid)
+    return true, np.interp(true, grid, np.gradient(curve, grid))

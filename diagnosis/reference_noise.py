@@ -1,0 +1,95 @@
+"""Whether the references' white noise is what is stated, from second differences of the residuals of a series.
+
+Second differences of three references at even spacing Δt leave nothing of slow errors, whatever their cause. Under M0 their
+variance about body axis i is 6 σ_i² + 2 ARW² Δt; neighbouring ones correlate by (−4/6, 1/6), so that the variance of the
+mean square of n of them is (2/n)(1 + 2 (16 + 1)/36) of its square.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.stats
+from numpy.typing import NDArray
+
+from diagnosis.model import Model
+
+Array = NDArray[np.float64]
+
+CORRELATED = 1 + 2 * 17 / 36
+FEWEST = 40  # second differences of an axis, below which nothing is said
+LEVEL = 1e-4  # p below which the references' noise is not as stated
+
+
+@dataclass(frozen=True)
+class ReferenceNoise:
+    """Actual over stated noise of the references.
+
+    Attributes
+    ----------
+    factor, sigma : (3,) by body axis; NaN where there are too few
+    p_value : that all three are one
+    axis : the one axis that departs, or None for all
+    """
+
+    factor: Array
+    sigma: Array
+    p_value: float
+    axis: int | None
+
+    @property
+    def departs(self) -> bool:
+        """Whether the noise is not as stated."""
+        return self.p_value < LEVEL
+
+    @property
+    def factors(self) -> Array:
+        """(3,) what to multiply the stated sigma with."""
+        if not self.departs:
+            return np.ones(3)
+        if self.axis is None:
+            weight = 1 / self.sigma**2
+            return np.full(3, float(np.sum(self.factor * weight) / np.sum(weight)))
+        out = np.ones(3)
+        out[self.axis] = self.factor[self.axis]
+        return out
+
+
+def reference_noise(model: Model) -> ReferenceNoise | None:
+    """Test of the references' noise; None without a series of references."""
+    references = model.references
+    sums, expected_walk, expected_sigma, count = np.zeros(3), 0.0, np.zeros(3), 0
+    sigma = model.recording.attitudes.sigma[model.reference_rows]
+    arw = model.recording.gyro.arw
+    for number, block in enumerate(model.blocks):
+        rows = np.flatnonzero(model.interval_of_reference == number)
+        t = references.t_s[rows]
+        # ζ of neighbours differ by the references' errors; turned back to the body axes of the middle one.
+        zeta = model.zeta[block.rows].reshape(-1, 3)
+        for k in range(1, rows.size - 1):
+            before, after = t[k] - t[k - 1], t[k + 1] - t[k]
+            if abs(before - after) > 0.01 * before or before > 2.5 * float(np.median(np.diff(t))):
+                continue
+            second = zeta[k + 1] - 2 * zeta[k] + zeta[k - 1]
+            body = model.at_reference[rows[k]].T @ second
+            # The body turns between references; where it turns far, axes mix and σ differs between them.
+            sums += body**2
+            turned = [model.at_reference[rows[k]].T @ model.at_reference[rows[j]] for j in (k - 1, k, k + 1)]
+            for weight, turn, j in zip((1, 4, 1), turned, (k - 1, k, k + 1), strict=True):
+                expected_sigma += weight * (turn**2) @ sigma[rows[j]] ** 2
+            expected_walk += 2 * arw**2 * before
+            count += 1
+    if count < FEWEST or not (expected_sigma > 0).all():
+        return None
+    relative = np.sqrt(2 * CORRELATED / count)
+    variance = (sums - expected_walk) / expected_sigma
+    factor = np.sqrt(np.maximum(variance, 1e-4))
+    error = 0.5 * relative * (sums / expected_sigma) / factor
+    z = (sums / (expected_sigma + expected_walk) - 1) / relative
+    chi2 = float(np.sum(z**2))
+    p_all = float(scipy.stats.chi2.sf(chi2, 3))
+    odd = int(np.argmax(np.abs(z)))
+    others = float(chi2 - z[odd] ** 2)
+    axis = odd if scipy.stats.chi2.sf(others, 2) > 0.01 and z[odd] ** 2 > 12 else None
+    return ReferenceNoise(factor, error, max(p_all, 1e-300), axis)

@@ -1,0 +1,215 @@
+"""What a diagnosis says, and the tables its figures are drawn from."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any, Literal
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+Verdict = Literal["none", "named", "group", "unknown", "not identifiable"]
+
+
+@dataclass(frozen=True)
+class Finding:
+    """One place where the recording departs from the baseline.
+
+    Attributes
+    ----------
+    signal : "attitude" or "gyro stream"
+    interval, axis : where; None for all of them
+    window_s : since the interval's start, s
+    statistic, value, p_value : the test; p already corrected for the number of tests
+    text : a sentence for people
+    """
+
+    signal: str
+    interval: str | None
+    axis: str | None
+    window_s: tuple[float, float] | None
+    statistic: str
+    value: float
+    p_value: float
+    text: str
+
+
+@dataclass(frozen=True)
+class Cause:
+    """An effect of the best explanation.
+
+    Attributes
+    ----------
+    effect, axis : which, and about which body axis
+    size, unit, sigma : how large
+    parameters : its other numbers, such as phase_deg or time_s
+    probability : that this effect (and axis) is at work
+    group : what could stand in its place, as effect:axis, itself included, the likeliest first
+    group_probability : that one of the group is at work
+    """
+
+    effect: str
+    axis: str | None
+    size: float
+    unit: str
+    sigma: float
+    parameters: dict[str, float | str]
+    probability: float
+    group: tuple[str, ...]
+    group_probability: float
+
+    @property
+    def label(self) -> str:
+        """effect:axis."""
+        return self.effect if self.axis is None else f"{self.effect}:{self.axis}"
+
+
+@dataclass(frozen=True)
+class Closure:
+    """How far the gap shrinks on data that chose and fitted nothing.
+
+    Attributes
+    ----------
+    measure, split : what is compared and how the data were parted
+    before, after, floor : the measure under M0, with the causes in, and what M0 has on data of its own making
+    closed : 1 − (after − floor)/(before − floor)
+    interval_90 : its 90 % interval
+    by_interval : columns interval, before, after, floor
+    """
+
+    measure: str
+    split: str
+    before: float
+    after: float
+    floor: float
+    closed: float
+    interval_90: tuple[float, float]
+    by_interval: pd.DataFrame
+
+    def to_json(self) -> dict[str, Any]:
+        """As in the documented format."""
+        return {
+            "measure": self.measure,
+            "split": self.split,
+            "before": self.before,
+            "after": self.after,
+            "floor": self.floor,
+            "closed": self.closed,
+            "interval_90": list(self.interval_90),
+        }
+
+
+@dataclass(frozen=True)
+class Details:
+    """Tables for figures; angles in degrees, body axes x, y, z in columns.
+
+    Attributes
+    ----------
+    residuals : interval, t_s, before_x…z, band_x…z (one sigma under M0, after its own fit), after_x…z
+    statistics : interval, axis, phase, statistic, value, dof, p_value — the map
+    regressors : cause, interval, axis, t_s, regressor_deg (what the cause does at the size found), residual_deg (what M0
+        leaves, with the other causes taken out)
+    explanations : effects (joined by " + "), probability, log_evidence, unlisted
+    stream : statistic, axis, value, expected, p_value, text
+    """
+
+    residuals: pd.DataFrame
+    statistics: pd.DataFrame
+    regressors: pd.DataFrame
+    explanations: pd.DataFrame
+    stream: pd.DataFrame
+
+
+@dataclass(frozen=True)
+class Diagnosis:
+    """The whole answer; `to_json` is the documented format.
+
+    Attributes
+    ----------
+    recording : title
+    verdict : none, named, group, unknown, not identifiable
+    present, p_value, false_alarm_rate : the gap; p of the whole, and the rate of false alarms the threshold stands for
+    where : findings, the strongest first
+    causes : one for each effect of the best explanation
+    alternatives : (effects, probability) of the next best explanations
+    unknown_probability : that something not on the list is at work
+    closure : None without a named cause or where it could not be measured
+    G, bias, sigma_G, sigma_bias : calibration with the causes in, bias in rad/s
+    baseline_G, baseline_bias : calibration under M0
+    notes : limits of this recording, in sentences
+    runtime_s : time taken
+    details : tables for the figures
+    """
+
+    recording: str
+    verdict: Verdict
+    present: bool
+    p_value: float
+    false_alarm_rate: float
+    where: tuple[Finding, ...]
+    causes: tuple[Cause, ...]
+    alternatives: tuple[tuple[tuple[str, ...], float], ...]
+    unknown_probability: float
+    closure: Closure | None
+    G: Array
+    bias: Array
+    sigma_G: Array
+    sigma_bias: Array
+    baseline_G: Array
+    baseline_bias: Array
+    notes: tuple[str, ...]
+    runtime_s: float
+    details: Details = field(repr=False)
+
+    def to_json(self) -> dict[str, Any]:
+        """The result as one object, format 1."""
+        return {
+            "format": 1,
+            "recording": self.recording,
+            "verdict": self.verdict,
+            "gap": {"present": self.present, "p_value": self.p_value, "false_alarm_rate": self.false_alarm_rate},
+            "where": [
+                {
+                    "signal": finding.signal,
+                    "interval": finding.interval,
+                    "axis": finding.axis,
+                    "window_s": None if finding.window_s is None else list(finding.window_s),
+                    "statistic": finding.statistic,
+                    "value": finding.value,
+                    "p_value": finding.p_value,
+                    "text": finding.text,
+                }
+                for finding in self.where
+            ],
+            "causes": [
+                {
+                    "effect": cause.effect,
+                    "axis": cause.axis,
+                    "size": cause.size,
+                    "unit": cause.unit,
+                    "sigma": cause.sigma,
+                    "parameters": cause.parameters,
+                    "probability": cause.probability,
+                    "group": list(cause.group),
+                    "group_probability": cause.group_probability,
+                }
+                for cause in self.causes
+            ],
+            "alternatives": [
+                {"effects": list(effects), "probability": probability} for effects, probability in self.alternatives
+            ],
+            "unknown_probability": self.unknown_probability,
+            "closure": None if self.closure is None else self.closure.to_json(),
+            "calibration": {
+                "G": self.G.tolist(),
+                "bias_deg_s": np.rad2deg(self.bias).tolist(),
+                "sigma_G": self.sigma_G.tolist(),
+                "sigma_bias_deg_s": np.rad2deg(self.sigma_bias).tolist(),
+                "baseline_G": self.baseline_G.tolist(),
+                "baseline_bias_deg_s": np.rad2deg(self.baseline_bias).tolist(),
+            },
+            "notes": list(self.notes),
+            "runtime_s": self.runtime_s,
+        }

@@ -1,0 +1,187 @@
+"""Diagnoses made by hand, one of each verdict, with tables of the size a real recording gives."""
+
+import numpy as np
+import pandas as pd
+
+from diagnosis.result import Cause, Closure, Details, Diagnosis, Finding
+
+AXES = "xyz"
+INTERVALS = [f"m{k + 1}" for k in range(6)]
+LENGTH_S, GAP_S, EVERY_S = 4500.0, 900.0, 60.0
+DEG_H = np.deg2rad(1 / 3600)
+ORBITAL = Cause("bias_orbital", "z", 0.11, "deg/h", 0.006, {"phase_deg": 57.0}, 0.983, ("bias_orbital:z",), 0.983)
+STEP = Cause("g_matrix_step", "z", -1310.0, "ppm", 42.0, {"time_s": 15000.0, "toward": "y"}, 0.998, ("g_matrix_step:z",), 0.998)
+LATE = Cause("time_offset", None, 0.52, "s", 0.02, {}, 0.55, ("time_offset", "rate_lag"), 0.991)
+ROUNDED = Cause("rate_quantization", None, 2.7777e-4, "deg/s", 3e-10, {}, 1.0, ("rate_quantization",), 1.0)
+
+
+def residuals(causes, series_s=EVERY_S, seed=1):
+    rng = np.random.default_rng(seed)
+    tables = []
+    for k, name in enumerate(INTERVALS):
+        t = k * (LENGTH_S + GAP_S) + np.arange(0.0, LENGTH_S + 1, series_s)
+        band = np.repeat((0.004 + 2e-6 * (t - t[0]))[:, None], 3, axis=1)
+        after = band * rng.standard_normal((t.size, 3))
+        signal = np.zeros_like(after)
+        if causes:
+            signal[:, 2] = 0.03 * (np.sin(2 * np.pi * t / 5492 + 1) - np.sin(2 * np.pi * t[0] / 5492 + 1))
+        columns = {"interval": name, "t_s": t}
+        for kind, values in (("before", after + signal), ("band", band), ("after", after)):
+            columns |= {f"{kind}_{axis}": values[:, j] for j, axis in enumerate(AXES)}
+        tables.append(pd.DataFrame(columns))
+    return pd.concat(tables, ignore_index=True)
+
+
+def statistics(strong, seed=2):
+    rng = np.random.default_rng(seed)
+    rows = []
+    for name in INTERVALS:
+        for axis in AXES:
+            for phase in ("start", "slew", "hold", "end"):
+                if phase == "slew" and name in ("m1", "m3"):
+                    continue
+                p = float(rng.uniform())
+                if strong and axis == "z" and phase in ("hold", "end"):
+                    p *= 10.0 ** -rng.uniform(3, 40)
+                rows.append((name, axis, phase, "chi2", 8.0, 7, p, 0.0, 400.0))
+    columns = ["interval", "axis", "phase", "statistic", "value", "dof", "p_value", "start_s", "stop_s"]
+    return pd.DataFrame.from_records(rows, columns=columns)
+
+
+def regressors(causes, table):
+    parts = []
+    for cause in causes:
+        for axis in AXES:
+            regressor = table[f"before_{axis}"] - table[f"after_{axis}"]
+            parts.append(
+                pd.DataFrame(
+                    {
+                        "cause": cause.label,
+                        "interval": table["interval"],
+                        "axis": axis,
+                        "t_s": table["t_s"],
+                        "regressor_deg": regressor,
+                        "residual_deg": table[f"before_{axis}"],
+                    }
+                )
+            )
+    columns = ["cause", "interval", "axis", "t_s", "regressor_deg", "residual_deg"]
+    return pd.concat(parts, ignore_index=True) if parts else pd.DataFrame(columns=columns)
+
+
+def explanations(rows):
+    return pd.DataFrame.from_records(rows, columns=["effects", "probability", "log_evidence", "unlisted"])
+
+
+def stream(rounded=False):
+    rows = []
+    for axis in AXES:
+        p = 1e-300 if rounded else 1.0
+        step = 2.7777e-4 if rounded else 0.0
+        text = f"samples lie on a lattice of {step:.4g} deg/s" if rounded else "no lattice"
+        rows.append(("lattice", axis, step, 0.0, p, text))
+        rows.append(("noise_level", axis, 1.003, 1.0, 0.31, "white noise is 1.003 times what is stated"))
+        rows.append(("outliers", axis, 0.0, 0.0, 1.0, "0 of 41234 quiet samples are off by more than 6 noise sigmas"))
+    rows.append(("repeats", None, 0.0, 0.0, 1.0, "no sample repeats the one before"))
+    return pd.DataFrame.from_records(rows, columns=["statistic", "axis", "value", "expected", "p_value", "text"])
+
+
+def closure_of(closed=0.97):
+    table = pd.DataFrame({"interval": INTERVALS, "before": [2.0, 2.9, 2.2, 3.4, 2.6, 2.1]})
+    return Closure(
+        "held-out whitened mean square", "leave-one-interval-out", 2.53, 1.13, 1.09, closed, (0.9, 1.05),
+        table.assign(after=[1.1, 1.2, 1.05, 1.3, 1.1, 1.05], floor=[1.0, 1.1, 1.05, 1.2, 1.1, 1.1]),
+    )  # fmt: skip
+
+
+SPAN = (450.0, 4050.0)
+FINDINGS = (
+    Finding("attitude", "m4", "z", SPAN, "chi2", 310.2, 1e-40, "m4, hold, axis z: χ² 310 of 61, 450 to 4050 s after its start"),
+    Finding("attitude", "m2", "z", SPAN, "chi2", 180.0, 3e-9, "m2, hold, axis z: χ² 180 of 61, 450 to 4050 s after its start"),
+)
+
+
+def _made(verdict, causes=(), alternatives=(), unknown=0.004, closure=None, rows=(), moved=False, rounded=False, **changes):
+    table = residuals(causes or verdict in ("unknown", "not identifiable"))
+    baseline_G = np.eye(3) + 1e-3 * np.array([[0.4, -1.0, 0.7], [0.8, 0.5, -2.2], [0.9, 1.7, 0.9]])
+    baseline_bias = np.deg2rad([-1.5e-4, 2.0e-4, 7.8e-5])
+    if verdict in ("unknown", "not identifiable"):
+        table[[f"after_{axis}" for axis in AXES]] = table[[f"before_{axis}" for axis in AXES]].to_numpy()
+    gap = verdict != "none"
+    values = {
+        "recording": "p07",
+        "verdict": verdict,
+        "present": gap,
+        "p_value": 1e-12 if gap else 0.43,
+        "false_alarm_rate": 0.01,
+        "where": FINDINGS if gap else (),
+        "causes": tuple(causes),
+        "alternatives": tuple(alternatives),
+        "unknown_probability": unknown,
+        "closure": closure,
+        "G": baseline_G + (1e-6 * np.array([[3.0, -40.0, 5.0], [60.0, 2.0, 9.0], [1.0, 4.0, 120.0]]) if moved else 0.0),
+        "bias": baseline_bias + (DEG_H * np.array([0.001, -0.002, 0.08]) if moved else 0.0),
+        "sigma_G": np.full((3, 3), 2.1e-5),
+        "sigma_bias": DEG_H * np.array([0.011, 0.012, 0.009]),
+        "baseline_G": baseline_G,
+        "baseline_bias": baseline_bias,
+        "notes": ("No housekeeping: bias_temperature cannot be tested.",),
+        "runtime_s": 8.1,
+        "details": Details(
+            table, statistics(gap), regressors(() if rounded else causes, table), explanations(rows), stream(rounded)
+        ),
+    }
+    return Diagnosis(**(values | changes))
+
+
+def none():
+    return _made("none", unknown=0.0)
+
+
+def named():
+    rows = [("bias_orbital:z", 0.983, 612.3, False), ("reference_orbital:z", 0.01, 607.8, False)]
+    rows.append(("bias of another period:z", 0.004, 606.0, True))
+    return _made("named", [ORBITAL], [(("reference_orbital:z",), 0.01)], closure=closure_of(), rows=rows, moved=True)
+
+
+def pair():
+    rows = [("bias_orbital:z + g_matrix_step:z", 0.97, 905.1, False), ("bias_orbital:z", 0.001, 612.3, False)]
+    alternatives = [(("bias_orbital:z", "scale_asymmetry:z"), 0.012), (("bias_orbital:z", "bias of another period:z"), 0.006)]
+    return _made("named", [ORBITAL, STEP], alternatives, closure=closure_of(0.93), rows=rows, moved=True)
+
+
+def group():
+    rows = [("time_offset", 0.55, 88.0, False), ("rate_lag", 0.441, 87.8, False)]
+    rows.append(("follows an angular acceleration:z", 0.006, 83.0, True))
+    return _made("group", [LATE], [(("rate_lag",), 0.441)], closure=closure_of(0.99), rows=rows, moved=True)
+
+
+def unknown():
+    rows = [("bias of another period:z", 0.8, 300.0, True), ("references follow a rate:x + bias_orbital:z", 0.16, 298.0, True)]
+    rows.append(("bias_orbital:z", 0.03, 290.0, False))
+    alternatives = [(("references follow a rate:x", "bias_orbital:z"), 0.16), (("bias_orbital:z",), 0.03)]
+    return _made("unknown", alternatives=alternatives, unknown=0.97, rows=rows)
+
+
+def not_identifiable():
+    rows = [(f"{name}:{axis}", 0.08, 12.0, False) for name in ("bias_step", "bias_drift", "g_matrix_step") for axis in AXES]
+    notes = ("References only at the ends of the intervals: what happens inside them cannot be told.",)
+    return _made("not identifiable", alternatives=[(("bias_step:x",), 0.08)], unknown=0.2, rows=rows, notes=notes)
+
+
+def stream_effect():
+    rows = [("rate_quantization", 1.0, float("inf"), False)]
+    text = "samples lie on a lattice of 0.0002778 deg/s"
+    finding = Finding("gyro stream", None, "x", None, "lattice", 2.7777e-4, 1e-300, text)
+    return _made("named", [ROUNDED], unknown=0.0, rows=rows, rounded=True, where=(finding,), p_value=0.0)
+
+
+CASES = {
+    "none": none,
+    "named": named,
+    "pair": pair,
+    "group": group,
+    "unknown": unknown,
+    "not identifiable": not_identifiable,
+    "stream": stream_effect,
+}
