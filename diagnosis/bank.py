@@ -20,8 +20,9 @@ AXES = "xyz"
 UNLISTED_SHARE = 0.2  # prior of all rivals together
 LONGEST_STEP_GAP = 300.0  # s between the times a step is tried at, before refinement
 MOST_STEPS = 14  # times a step is tried at inside an interval
+MOST_ODDS = 4.0  # what the samples may say for a dead zone that is not certain from them
+LIKELIHOOD = {"rate_lag": 0.75}  # prior of an effect beside that of the others: late tags are commoner than a slow gyro
 SPLIT_TIMES = 0.5  # prior of a step in a gap between intervals
-ALSO = {"rate_lag": "time_offset"}  # to first order the same columns
 
 
 @dataclass(frozen=True)
@@ -129,7 +130,7 @@ def _assembled(model: Model, entries: list[_Entry]) -> Bank:
             options.append(Option(start, part.shape[1], float(np.log(weight)), parameters))
             columns.append(part)
             start += part.shape[1]
-        prior = float(np.log(family / axes[entry.effect]))
+        prior = float(np.log(LIKELIHOOD.get(entry.effect, 1.0) * family / axes[entry.effect]))
         candidates.append(
             Candidate(entry.effect, entry.axis, entry.listed, prior, tuple(options), scales, entry.unit, entry.log_odds)
         )
@@ -161,7 +162,9 @@ def _dead_zone(model: Model, one: DeadStretches) -> _Entry:
         "_alive": float(np.rad2deg(one.alive)),
     }
     columns = [model.whitened(missing(model, one))]
-    return _Entry(effect.name, AXES[one.axis], True, columns, [known], np.ones(1), effect.prior, effect.unit, one.log_odds)
+    return _Entry(
+        effect.name, AXES[one.axis], True, columns, [known], np.ones(1), effect.prior, effect.unit, min(one.log_odds, MOST_ODDS)
+    )
 
 
 def available(model: Model, effect: Effect) -> bool:

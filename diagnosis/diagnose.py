@@ -9,6 +9,7 @@ from dataclasses import replace
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
+from threadpoolctl import threadpool_limits
 
 from diagnosis import where
 from diagnosis.bank import Bank, build, with_fine_steps
@@ -19,7 +20,7 @@ from diagnosis.result import Cause, Closure, Details, Diagnosis, Finding, Verdic
 from diagnosis.search import Member, Search, total
 from diagnosis.sizes import Fitted, calibrated, fit
 from diagnosis.stream import StreamCause, StreamReport
-from diagnosis.which import Attribution, attribute
+from diagnosis.which import NAMED, Attribution, Slot, attribute
 from gyrocal.errors import InputError
 from gyrocal.recording import Recording
 from simulator.effects import EFFECTS
@@ -56,6 +57,12 @@ def diagnose(
     InputError
         The recording cannot be used, or the library names an effect there is not.
     """
+    # The matrices are small: threads of the linear algebra would wait for one another more than they work.
+    with threadpool_limits(1, user_api="blas"):
+        return _diagnosed(recording, progress, seed, library)
+
+
+def _diagnosed(recording: Recording, progress: Progress | None, seed: int, library: Sequence[str] | None) -> Diagnosis:
     began = time.perf_counter()
     tell = progress or (lambda text, share: None)
     allowed = set(EFFECTS) if library is None else set(library)
@@ -79,10 +86,14 @@ def diagnose(
     tell("sizes and closure", 0.8)
     members = tuple(slot.member for slot in attribution.slots) if attribution is not None else ()
     fitted = fit(model, bank, model.y, members) if members else []
+    if attribution is not None and (turned := _without_leads(bank, attribution, fitted)) is not attribution:
+        attribution = turned
+        members = tuple(slot.member for slot in attribution.slots)
     if attribution is not None and not _plausible(bank, members, fitted):
         attribution, members, fitted = replace(attribution, verdict="unknown", slots=(), unknown=1.0), (), []
     change, covariance = calibrated(model, fitted)
     closed = _closure(model, bank, members)
+    named_streams = [cause for cause in named_streams if not _is_correlation(prepared, cause, bank, members)]
     return _assembled(
         recording, prepared, bank, attribution, members, fitted, named_streams, unnamed_streams, p_attitude, closed,
         change, covariance, began,
@@ -112,6 +123,25 @@ def _plausible(bank: Bank, members: tuple[Member, ...], fitted: list[Fitted]) ->
     large = any(abs(one.size) > LARGEST * effect.prior[1] for effect, one in zip(effects, fitted, strict=True))
     leads = any(effect.name == "rate_lag" and one.size < -3 * one.sigma for effect, one in zip(effects, fitted, strict=True))
     return not large and not leads
+
+
+def _without_leads(bank: Bank, attribution: Attribution, fitted: list[Fitted]) -> Attribution:
+    """A reading cannot lead what it shows: a negative lag is an offset of the tags, which has the same column."""
+    offset = bank.find("time_offset")
+    slots = []
+    for slot, one in zip(attribution.slots, fitted, strict=True):
+        own = {bank.candidates[slot.member.candidate].effect, *(label for label, _ in slot.group)}
+        if one.size < 0 and offset is not None and own >= {"rate_lag", "time_offset"}:
+            group = tuple((label, p) for label, p in slot.group if label not in ("rate_lag", "time_offset"))
+            together = min(1.0, sum(p for label, p in slot.group if label in ("rate_lag", "time_offset")))
+            member = Member(offset, 0, min(slot.member.scale, bank.candidates[offset].scales.size - 1))
+            slots.append(Slot(member, together, (("time_offset", together), *group)))
+        else:
+            slots.append(slot)
+    if tuple(slots) == attribution.slots:
+        return attribution
+    sure = all(slot.probability >= NAMED for slot in slots)
+    return replace(attribution, slots=tuple(slots), verdict="named" if sure else attribution.verdict)
 
 
 def _closure(model: Model, bank: Bank, members: tuple[Member, ...]) -> Closure | None:
@@ -220,7 +250,7 @@ def _assembled(
         sigma_bias=sigma[9:],
         baseline_G=model.G,
         baseline_bias=model.bias,
-        notes=prepared.notes,
+        notes=(*_likely(bank, attribution), *prepared.notes),
         runtime_s=time.perf_counter() - began,
         details=_details(prepared, bank, attribution, fitted, members, table),
     )
@@ -232,6 +262,18 @@ def _stream_cause(cause: StreamCause) -> Cause:
     return Cause(
         cause.effect, cause.axis, cause.size, cause.unit, cause.sigma, cause.parameters, probability, (label,), probability
     )
+
+
+def _is_correlation(prepared: Prepared, cause: StreamCause, bank: Bank, members: tuple[Member, ...]) -> bool:
+    """Whether noise of the references beyond the stated is the correlated error that is named about the same axis.
+
+    Second differences of an error with a short time constant are those of noise.
+    """
+    axes = {bank.candidates[m.candidate].axis for m in members if bank.candidates[m.candidate].effect == "reference_correlated"}
+    noise = prepared.reference_noise
+    if cause.effect != "reference_noise_excess" or noise is None or not axes:
+        return False
+    return cause.axis in axes or (cause.axis is None and "xyz"[int(np.argmax(noise.factor))] in axes)
 
 
 def _certain(prepared: Prepared) -> list[StreamCause]:
@@ -272,6 +314,22 @@ def _stream_finding(report: StreamReport, cause: StreamCause) -> Finding:
     tests = tests or [t for t in report.tests if t.effect == "rate_quantization"]
     test = min(tests, key=lambda t: t.p_value)
     return Finding("gyro stream", None, cause.axis, None, test.statistic, test.value, test.p_value, test.text)
+
+
+def _likely(bank: Bank, attribution: Attribution | None) -> tuple[str, ...]:
+    """Of an unknown gap: effects that nearly every explanation holds, though none of them is the whole story."""
+    if attribution is None or attribution.verdict != "unknown":
+        return ()
+    shares: dict[str, float] = {}
+    for labels, probability, _, _ in attribution.ranked:
+        for label in labels:
+            shares[label] = shares.get(label, 0.0) + probability
+    listed = {candidate.label for candidate in bank.candidates if candidate.listed}
+    return tuple(
+        f"Whatever else is at work, {label} is part of explanations with a total probability of {share:.2f}"
+        for label, share in sorted(shares.items(), key=lambda pair: -pair[1])
+        if label in listed and share >= NAMED
+    )
 
 
 def _alternatives(attribution: Attribution | None) -> tuple[tuple[tuple[str, ...], float], ...]:

@@ -24,7 +24,7 @@ SETTLED = 1e-3  # sigmas
 CLEARLY = 12.0  # of χ², by which the attitude decides how readings came onto a lattice
 STRONG = 14.0  # log odds of the samples from which a dead zone can be certain
 UNSHOWN_S = 60.0  # s for which a rate inside a dead zone may stay the same
-FELT = 3.0  # log evidence of the attitude that rates are missing
+FELT = 8.0  # log evidence of the attitude that rates are missing
 UNSEEN = 0.5  # of its plausible range: a parameter less certain than that is not observed
 
 
@@ -91,7 +91,7 @@ def prepare(recording: Recording) -> Prepared:
         noise = reference_noise(model)
         dead = tuple(one for one in dead if one.axis not in {zone.stretches.axis for zone in zones})
     # What a gyro does not show between two references looks like noise of theirs about its axis.
-    blind = {zone.stretches.axis for zone in zones} | set(np.flatnonzero(report.hidden).tolist())
+    blind = {zone.stretches.axis for zone in zones} | set(np.flatnonzero(report.hidden | report.lattice).tolist())
     if noise is not None and (noise.axis in blind or len(blind) == 3):
         noise = None
     if noise is not None and noise.departs:

@@ -18,6 +18,8 @@ from diagnosis.model import Model
 Array = NDArray[np.float64]
 
 CORRELATED = 1 + 2 * 17 / 36
+TRIM = 3.0  # robust sigmas beyond which a difference does not count
+TRIMMED = 0.9733  # variance of a normal variable cut there
 FEWEST = 40  # second differences of an axis, below which nothing is said
 LEVEL = 1e-4  # p below which the references' noise is not as stated
 
@@ -59,7 +61,7 @@ class ReferenceNoise:
 def reference_noise(model: Model) -> ReferenceNoise | None:
     """Test of the references' noise; None without a series of references."""
     references = model.references
-    sums, expected_walk, expected_sigma, count = np.zeros(3), 0.0, np.zeros(3), 0
+    differences, variances, walks = [], [], []
     sigma = model.recording.attitudes.sigma[model.reference_rows]
     arw = model.recording.gyro.arw
     for number, block in enumerate(model.blocks):
@@ -71,17 +73,24 @@ def reference_noise(model: Model) -> ReferenceNoise | None:
             before, after = t[k] - t[k - 1], t[k + 1] - t[k]
             if abs(before - after) > 0.01 * before or before > 2.5 * float(np.median(np.diff(t))):
                 continue
-            second = zeta[k + 1] - 2 * zeta[k] + zeta[k - 1]
-            body = model.at_reference[rows[k]].T @ second
+            A = model.at_reference[rows[k]].T
+            differences.append(A @ (zeta[k + 1] - 2 * zeta[k] + zeta[k - 1]))
             # The body turns between references; where it turns far, axes mix and σ differs between them.
-            sums += body**2
-            turned = [model.at_reference[rows[k]].T @ model.at_reference[rows[j]] for j in (k - 1, k, k + 1)]
-            for weight, turn, j in zip((1, 4, 1), turned, (k - 1, k, k + 1), strict=True):
-                expected_sigma += weight * (turn**2) @ sigma[rows[j]] ** 2
-            expected_walk += 2 * arw**2 * before
-            count += 1
-    if count < FEWEST or not (expected_sigma > 0).all():
+            variance = np.zeros(3)
+            for weight, j in ((1, k - 1), (4, k), (1, k + 1)):
+                variance += weight * ((A @ model.at_reference[rows[j]]) ** 2) @ sigma[rows[j]] ** 2
+            variances.append(variance)
+            walks.append(2 * arw**2 * before)
+    count = len(differences)
+    if count < FEWEST or not (np.array(variances) > 0).all():
         return None
+    second, stated, walk = np.array(differences), np.array(variances), np.array(walks)[:, None]
+    z = second / np.sqrt(stated + walk)
+    # Single large differences, as beside a slew with wrong time tags, are not noise.
+    limit = TRIM * np.median(np.abs(z), axis=0) / 0.6745
+    kept = np.abs(z) < limit
+    sums = np.sum(np.where(kept, second**2, 0.0), axis=0) / TRIMMED
+    expected_sigma, expected_walk = np.sum(np.where(kept, stated, 0.0), axis=0), np.sum(np.where(kept, walk, 0.0), axis=0)
     relative = np.sqrt(2 * CORRELATED / count)
     variance = (sums - expected_walk) / expected_sigma
     factor = np.sqrt(np.maximum(variance, 1e-4))

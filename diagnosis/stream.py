@@ -37,6 +37,9 @@ LOWEST_LINE = 0.04  # Hz: below it, lines are the body's own motion
 LINE_P = 1e-8  # of a line to be a vibration: the level around it is itself estimated
 OUTLIER = 6.0  # noise sigmas; one sample in 5e8 under M0
 FEWEST_CLIPPED = 5
+CHANCE_SAMPLES = 101  # over which the chance of a repeat on a lattice is taken
+RARE = 0.01  # chance of a repeat on all axes below which a repeat tells something
+FEWEST_TELLING = 500  # such samples, below which nothing is said
 SMOOTH_S = 20.0  # s, longest window of the smoothing
 
 
@@ -90,6 +93,7 @@ class StreamReport:
     smooth : (n, 3) repaired raw rates without their noise: what effects follow, since a regressor with the noise of the
         residuals in it would explain that noise
     hidden : (3,) whether a coarse lattice hides the gyro's slow motion for long
+    lattice : (3,) whether readings lie on one that is coarser than the noise
     undecided : readings lie on a lattice, and the samples do not say whether rounded or cut
     """
 
@@ -104,6 +108,7 @@ class StreamReport:
     smooth: Array = field(default_factory=lambda: np.empty((0, 3)))
     undecided: bool = False
     hidden: Mask = field(default_factory=lambda: np.zeros(3, dtype=bool))
+    lattice: Mask = field(default_factory=lambda: np.zeros(3, dtype=bool))
 
 
 def examine(recording: Recording, lattice: Kind | None = None) -> StreamReport:
@@ -121,9 +126,10 @@ def examine(recording: Recording, lattice: Kind | None = None) -> StreamReport:
     used = inside(recording)
     steps = np.array([lattice_step(gyro.rates[used, axis]) for axis in range(3)])
     coarse = steps > COARSE * sigma
-    odds = np.array([sweep_odds(gyro.rates[used, k], steps[k]) if coarse[k] else 0.0 for k in range(3)])
+    odds = _cut_odds(gyro.rates[used], steps, coarse)
     report.undecided = bool(coarse.any()) and lattice is None and float(np.abs(odds).max()) < ODDS
     cut = coarse & (odds > ODDS if lattice is None else lattice == "cut")
+    report.lattice = steps > sigma
     _quantization(report, steps, coarse, cut)
     _stale(report, recording, used, coarse)
     _saturation(report, recording, used, coarse, steps)
@@ -132,7 +138,7 @@ def examine(recording: Recording, lattice: Kind | None = None) -> StreamReport:
         quiet = used & _quiet(report.rates, local)
         _spikes(report, recording, quiet, local, coarse)
         _lines(report, recording, quiet)
-        _noise(report, recording, quiet, sigma, steps, coarse)
+        _noise(report, recording, quiet, sigma, steps, coarse, cut)
         report.noise = sigma * report.noise_factor
         _zero_mass(report, recording, used, coarse)
         _off_the_lattice(report, recording, steps, coarse, cut, sigma)
@@ -145,6 +151,13 @@ def _smooth(rates: Array, recording: Recording, sigma: float) -> Array:
     for part in interval_slices(recording):
         out[part] = smoothed(rates[part], recording.gyro.sample_s, SMOOTH_S, noise_level(rates[part], sigma))
     return out
+
+
+def _cut_odds(rates: Array, steps: Array, coarse: Mask) -> Array:
+    """(3,) log odds of cut against rounded readings; axes with one step have one converter, and count together."""
+    odds = np.array([sweep_odds(rates[:, k], steps[k]) if coarse[k] else 0.0 for k in range(3)])
+    alike = coarse & (np.abs(steps - np.median(steps[coarse])) < 0.01 * np.median(steps[coarse])) if coarse.any() else coarse
+    return np.where(alike, odds[alike].sum(), odds)
 
 
 def inside(recording: Recording) -> Mask:
@@ -198,54 +211,35 @@ def _stale(report: StreamReport, recording: Recording, used: Mask, coarse: Mask)
     equal[1:] = rates[1:] == rates[:-1]
     clipped = np.abs(rates) >= np.abs(rates[used]).max(axis=0) * (1 - 1e-12)
     joint = equal.all(axis=1) & follows & ~clipped.any(axis=1)
-    n = int(follows.sum())
-    marginal = equal[follows].mean(axis=0)
-    count = int(joint.sum())
     if coarse.any():
-        # With s the stale share, joint = s + (1 − s) Π m_i, m_i = (r_i − s)/(1 − s) on lattice axes, 0 on the others.
-        share = _stale_share(count / n, np.where(coarse, marginal, 0.0), ~coarse)
-        chance = float(np.prod(np.where(coarse, marginal, 0.0))) if coarse.all() else 0.0
-        # Motion makes equalities cluster: the chance level itself is only known to a few per cent.
-        error = np.sqrt(max(chance, 1 / n) / n) + 0.05 * chance
-        p = float(scipy.stats.norm.sf((count / n - chance) / error)) if chance else (IMPOSSIBLE if count >= 3 else 1.0)
-        p = max(p, IMPOSSIBLE)
-        if coarse.all():
-            share = share if p < EVENT_P else 0.0
+        # On a lattice, readings repeat by chance where the rate is steady: only where that is rare can repeats be told.
+        local = scipy.ndimage.uniform_filter1d(equal.astype(float), CHANCE_SAMPLES, axis=0, mode="nearest")
+        chance = np.prod(np.where(coarse, local, 0.0), axis=1)
+        telling = follows & (chance < RARE)
+        expected = float(chance[telling].sum())
     else:
-        share, p = count / n, IMPOSSIBLE if count >= 3 else 1.0
+        telling, expected = follows, 0.0
+    joint &= telling
+    n, count = int(telling.sum()), int(joint.sum())
+    if n < FEWEST_TELLING:
+        return
+    p = 1.0
+    if count >= 3:
+        p = max(float(scipy.stats.poisson.sf(count - 1, expected)), IMPOSSIBLE) if expected > 0 else IMPOSSIBLE
     report.tests.append(
         StreamTest(
-            "repeated_share", None, count / n, 0.0 if not coarse.all() else chance, p, "stale_samples",
+            "repeated_share", None, count / n, expected / n, p, "stale_samples",
             f"{count} of {n} samples repeat the one before on all axes",
         )
     )  # fmt: skip
-    if p >= EVENT_P or share <= 0:
+    if p >= EVENT_P:
         return
     lengths = np.array([high - low for low, high in _runs(joint)])
     # A run is at least one sample long, and about geometric.
     spread = float(np.sqrt(max(lengths.mean() * (lengths.mean() - 1), 0.05) / lengths.size))
-    report.causes.append(
-        StreamCause(
-            "stale_samples", None, float(lengths.mean()), "samples", spread, {"fraction": float(share)}, p
-        )
-    )  # fmt: skip
-    if not coarse.all():
-        _fill(report, recording, joint)
-
-
-def _stale_share(joint: float, marginal: Array, never: Mask) -> float:
-    """Share of stale samples from the joint and the single rates of repetition."""
-    if never.any():
-        return joint
-    low, high = 0.0, float(min(joint, *marginal))
-    for _ in range(60):
-        middle = 0.5 * (low + high)
-        chance = np.prod((marginal - middle) / (1 - middle))
-        if middle + (1 - middle) * chance < joint:
-            low = middle
-        else:
-            high = middle
-    return low
+    parameters: dict[str, float | str] = {"fraction": (count - expected) / n}
+    report.causes.append(StreamCause("stale_samples", None, float(lengths.mean()), "samples", spread, parameters, p))
+    _fill(report, recording, joint)
 
 
 def _fill(report: StreamReport, recording: Recording, bad: Mask) -> None:
@@ -297,13 +291,16 @@ def _zero_mass(report: StreamReport, recording: Recording, used: Mask, coarse: M
     for axis in np.flatnonzero(~coarse):
         x = recording.gyro.rates[used, axis]
         count = int(np.sum(x == 0.0))
-        p = IMPOSSIBLE if count >= 3 else 1.0
+        other = np.sort(np.abs(x[x != 0.0]))
+        # Zeros beside readings that are as good as zero leave no zone.
+        wide = other.size > 30 and other[:3].mean() > 0.01 * float(report.noise[axis])
+        p = IMPOSSIBLE if count >= 3 and wide else 1.0
         report.tests.append(
             StreamTest("zero_samples", AXES[axis], count, 0.0, p, "rate_deadzone", f"{count} samples read exactly zero")
         )
         if p < EVENT_P:
-            smallest = float(np.rad2deg(np.sort(np.abs(x[x != 0]))[:3].mean()))
-            spacing = float(np.rad2deg(np.sort(np.abs(x[x != 0]))[3:30].mean())) - smallest
+            smallest = float(np.rad2deg(other[:3].mean()))
+            spacing = float(np.rad2deg(other[3:30].mean())) - smallest
             report.causes.append(
                 StreamCause("rate_deadzone", AXES[axis], smallest, "deg/s", max(spacing, 1e-3 * smallest), {}, IMPOSSIBLE)
             )
@@ -404,7 +401,9 @@ def report_step(coarse: Mask, axis: int, recording: Recording) -> float:
     return lattice_step(recording.gyro.rates[inside(recording), axis]) if coarse[axis] else 0.0
 
 
-def _noise(report: StreamReport, recording: Recording, quiet: Mask, sigma: float, steps: Array, coarse: Mask) -> None:
+def _noise(
+    report: StreamReport, recording: Recording, quiet: Mask, sigma: float, steps: Array, coarse: Mask, cut: Mask
+) -> None:
     """Level and colour of the white noise, from first and second differences."""
     pair = quiet & _consecutive(recording, quiet) & ~scipy.ndimage.binary_dilation(report.filled, iterations=2)
     triple = pair & np.roll(pair, 1)
@@ -432,8 +431,8 @@ def _noise(report: StreamReport, recording: Recording, quiet: Mask, sigma: float
         colours[axis] = variance2 / max(variance1, 1e-300) - 1
         z = excess / (relative * expected / sigma**2)
         p = max(float(2 * scipy.stats.norm.sf(abs(z))), IMPOSSIBLE)
-        # Quantisation of a few noise sigmas is not uniform noise: its level is known to a few per cent only.
-        if coarse[axis] and abs(factors[axis] - 1) < 0.1:
+        # Rounding to a few noise sigmas is not uniform noise, and cutting is not at all near zero.
+        if coarse[axis] and (abs(factors[axis] - 1) < 0.1 or cut[axis]):
             p = 1.0
         report.tests.append(
             StreamTest(
@@ -495,7 +494,8 @@ def _lines(report: StreamReport, recording: Recording, quiet: Mask) -> None:
                 f"strongest line at {frequency:.4f} Hz, {np.rad2deg(amplitude):.3g} deg/s",
             )
         )  # fmt: skip
-        if p < LINE_P:
+        # Rounding a slow motion makes lines of its own.
+        if p < LINE_P and not report.lattice[axis]:
             report.causes.append(_tone(report, recording, axis, frequency, stretches, p))
 
 

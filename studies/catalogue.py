@@ -27,6 +27,7 @@ MODULES = {
     "estimators": "studies.estimators",
     "blind": "studies.blind",
     "flight": "studies.flight_diagnosis",
+    "real": "studies.real_gyro",
 }
 
 
