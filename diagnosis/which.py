@@ -1,7 +1,8 @@
 """Which cause: probabilities of sets of effects, and what may be said of them.
 
 A cause is *named* if its probability is at least 0.95. Where several listed effects share it, they are a *group*. If something
-that is on no list explains the data about as well, or together with what is on it, the answer is *unknown*.
+that is on no list explains the data about as well, or together with what is on it, the answer is *unknown*. A random process
+can imitate most things, so that it takes less doubt not to name one.
 """
 
 from __future__ import annotations
@@ -14,9 +15,11 @@ import numpy as np
 from diagnosis.bank import Bank
 from diagnosis.result import Verdict
 from diagnosis.search import Explanation, Member, total
+from simulator.effects import EFFECTS
 
 NAMED = 0.95
 UNKNOWN = 0.4  # probability of something unlisted from which on nothing is named
+UNKNOWN_BESIDE_RANDOM = 0.12  # the same where a random process is the answer, which can imitate most things
 GROUP_SHARE = 0.02  # of a slot's probability, below which an effect is not offered in place of another
 LARGEST_GROUP = 4
 
@@ -69,6 +72,8 @@ def attribute(bank: Bank, explanations: list[Explanation]) -> Attribution:
     if not candidates or unknown > UNKNOWN:
         return Attribution("unknown", explanations[0], (), unknown, ranked)
     best = _best(candidates, probability)
+    if unknown > UNKNOWN_BESIDE_RANDOM and any(_is_random(bank, member) for member in best.members):
+        return Attribution("unknown", explanations[0], (), unknown, ranked)
     slots = tuple(_slot(bank, best, member, probability) for member in best.members)
     sure = all(slot.probability >= NAMED for slot in slots)
     if sure:
@@ -77,6 +82,11 @@ def attribute(bank: Bank, explanations: list[Explanation]) -> Attribution:
     if max(len(slot.group) for slot in slots) > LARGEST_GROUP:
         slots = tuple(Slot(slot.member, slot.probability, slot.group[:LARGEST_GROUP]) for slot in slots)
     return Attribution("group", best, slots, unknown, ranked)
+
+
+def _is_random(bank: Bank, member: Member) -> bool:
+    effect = EFFECTS.get(bank.candidates[member.candidate].effect)
+    return effect is not None and effect.kind == "covariance"
 
 
 def _best(candidates: list[Explanation], probability: dict[frozenset[int], float]) -> Explanation:

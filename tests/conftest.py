@@ -1,7 +1,15 @@
 import pytest
 from click.testing import CliRunner
+from threadpoolctl import threadpool_limits
 
 from studies.cli import main
+
+
+@pytest.fixture(scope="session", autouse=True)
+def _one_thread_of_blas():
+    """Tests run side by side on few cores: threads of the linear algebra would only wait for one another."""
+    with threadpool_limits(1, user_api="blas"):
+        yield
 
 
 @pytest.fixture

@@ -13,7 +13,20 @@ from studies import catalogue, engine, reproduce
 
 
 @pytest.mark.parametrize(
-    "command", [(), ("reproduce",), ("simulate",), ("calibrate",), ("scenarios",), ("baseline",), ("study",)]
+    "command",
+    [
+        (),
+        ("reproduce",),
+        ("simulate",),
+        ("calibrate",),
+        ("diagnose",),
+        ("plan",),
+        ("effects",),
+        ("import", "broad"),
+        ("scenarios",),
+        ("baseline",),
+        ("study",),
+    ],
 )
 def test_help(run_cli, command):
     result = run_cli(*command, "--help")

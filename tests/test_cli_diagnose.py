@@ -14,11 +14,6 @@ from studies.cli import main
 from tests.diagnosis_cases import CASES
 
 
-@pytest.fixture(autouse=True)
-def registered():
-    main.add_command(cli_diagnose.diagnose_command)
-
-
 @pytest.fixture
 def asked(monkeypatch):
     """What diagnose was called with; it answers with the case that is set."""

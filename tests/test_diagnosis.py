@@ -102,6 +102,23 @@ def test_an_effect_is_named_with_its_size_and_closes_the_gap(plan, text, label, 
     assert error @ error < before @ before
 
 
+def test_a_lag_cannot_lead(plan):
+    """Tags that are early have the column of a lag with the wrong sign: only the offset is left."""
+    answer = diagnose(simulate(plan, seed=20, effects=[parse("time_offset=-0.8")]))
+    (cause,) = answer.causes
+    assert cause.group == ("time_offset",)
+    assert abs(cause.size + 0.8) < 3.5 * cause.sigma
+    late = diagnose(simulate(plan, seed=20, effects=[parse("time_offset=0.8")]))
+    assert set(late.causes[0].group) == {"time_offset", "rate_lag"}
+    assert late.verdict == "group"
+
+
+def test_a_correlated_reference_error_is_not_noise_as_well(plan):
+    """With a short time constant its second differences look like noise."""
+    answer = diagnose(simulate(plan, seed=27, effects=[parse("reference_correlated:x=0.012,time_constant_s=200")]))
+    assert [cause.label for cause in answer.causes] == ["reference_correlated:x"]
+
+
 def test_an_effect_left_out_of_the_library_is_unknown(plan):
     recording = simulate(plan, seed=16, effects=[parse("reference_horizon:x=0.03")])
     from simulator.effects import EFFECTS

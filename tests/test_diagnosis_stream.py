@@ -113,6 +113,12 @@ def test_a_slow_rate_comes_back_from_the_lattice(kind, level):
     assert (factor >= 1).all()
 
 
+def test_repeats_by_chance_on_a_coarse_lattice_are_none(plan, truth):
+    """Steady rates on steps five times the noise repeat most of the time, without any telemetry fault."""
+    causes = stream.examine(_recording(plan, truth, 6, "rate_quantization=1e-3")).causes
+    assert [cause.effect for cause in causes] == ["rate_quantization"]
+
+
 def test_lattice_step_and_its_kind():
     rng = np.random.default_rng(8)
     x = np.cumsum(rng.standard_normal(5000)) * 4

@@ -6,6 +6,7 @@ import re
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 
 import gyrocal
 import simulator.scenario
@@ -62,3 +63,18 @@ def test_readme_holds_the_committed_summary():
     assert f"The gap is {gap['published']:.3f} deg RMS" in text
     assert f"own RMS is {gap['flight_rms']:.3f} deg" in text
     assert f"itself left {gap['floor']:.3f} deg" in text
+
+
+def test_readme_holds_the_committed_blind_check():
+    text = (ROOT / "README.md").read_text()
+    table = pd.read_csv(ROOT / "results" / "studies" / "blind" / "table1.csv")
+    assert len(table) > 6
+    for row in table.itertuples(index=False):
+        assert f"| {row.criterion} | {row.asked} | {blind_value(row)} |" in text
+
+
+def blind_value(row):
+    """A rate with its count, or a plain ratio."""
+    if row.criterion.startswith(("closure", "stated")):
+        return f"{row.value:.2f}"
+    return f"{100 * row.value:.1f} % ({row.hits:.0f} of {row.of:.0f}; {100 * row.low:.1f} to {100 * row.high:.1f} %)"
