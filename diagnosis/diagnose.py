@@ -31,6 +31,7 @@ Progress = Callable[[str, float], None]
 FALSE_ALARMS = 0.005  # of the attitude test
 DRAWS = 400  # of M0 for the null distribution
 SHOWN_EXPLANATIONS = 12
+WORTH_KEEPING = 1e-6  # an explanation of less probability is left out of the details
 HARMONICS_HZ = 0.25  # below it, lines of an axis with a dead zone are taken for the zone's
 LEAST_WEIGHT = 0.005  # of an explanation in the prediction of a fold
 LARGEST = 2.0  # times what is plausible: a larger size is no answer
@@ -381,7 +382,7 @@ def _details(
                 )
             )
     columns = ["cause", "interval", "axis", "t_s", "regressor_deg", "residual_deg"]
-    ranked = attribution.ranked[:SHOWN_EXPLANATIONS] if attribution is not None else ()
+    ranked = [one for one in attribution.ranked if one[1] >= WORTH_KEEPING] if attribution is not None else []
     explanations = pd.DataFrame.from_records(
         [(" + ".join(labels), p, evidence, unlisted) for labels, p, evidence, unlisted in ranked],
         columns=["effects", "probability", "log_evidence", "unlisted"],

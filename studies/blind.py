@@ -115,7 +115,7 @@ def recording(config: BlindConfig, number: int, streams: Streams) -> Recording:
 def case(config: BlindConfig, number: int, streams: Streams) -> dict[str, Any]:
     """One case in one process, to look into it (``--rerun``); what counts is `run`."""
     drawn = draw(config.spec(), number)
-    found = diagnose(drawn.recording(), seed=DIAGNOSIS_SEED, library=drawn.library).to_json()
+    found = diagnose(drawn.recording(), seed=DIAGNOSIS_SEED, library=drawn.nameable).to_json()
     row = case_row(drawn.answer, {"diagnosis": found, "error": ""})
     return {key: value for key, value in row.items() if key not in ("case", "error", *LISTS)}
 

@@ -406,7 +406,7 @@ def predicted(
 
 
 def timing_probability(diagnosis: Diagnosis) -> float:
-    """Probability that the gyro is late in one way or the other, over all explanations shown, unlisted ones included."""
+    """Probability that the gyro is late in one way or the other, over all explanations, unlisted ones included."""
     table = diagnosis.details.explanations
     own = [any(label in TIMING for label in effects.split(" + ")) for effects in table["effects"]]
     return float(table["probability"].to_numpy()[own].sum()) if len(table) else 0.0

@@ -163,12 +163,12 @@ def test_the_two_of_a_pair_are_not_alike() -> None:
             assert one["snr"] is None or one["separate_snr"] > 0.59 * one["snr"]
 
 
-def test_withheld_effects_are_not_in_the_library() -> None:
+def test_withheld_effects_cannot_be_named() -> None:
     for case in (0, 1, 2, 3):
         drawn = draw(spec(withhold=2), case)
-        assert drawn.library is not None
+        assert drawn.nameable is not None
         assert drawn.settings[0].effect == list(EFFECTS)[case // 2]
-        assert set(EFFECTS) - set(drawn.library) == {drawn.settings[0].effect}
+        assert set(EFFECTS) - set(drawn.nameable) == {drawn.settings[0].effect}
 
 
 def test_there_are_enough_unlisted_effects_and_none_is_listed() -> None:

@@ -171,13 +171,13 @@ class Invention:
 
 @dataclass(frozen=True)
 class Drawn:
-    """A case: the world it is in, its effects, its answer (a JSON object) and the library of its diagnosis (None for all)."""
+    """A case: the world it is in, its effects, its answer (a JSON object) and the effects its diagnosis may name (None for all)."""
 
     world: World
     settings: tuple[Setting, ...]
     invention: Invention | None
     answer: dict[str, Any]
-    library: tuple[str, ...] | None
+    nameable: tuple[str, ...] | None
 
     def recording(self) -> Recording:
         """What the diagnosis sees."""
@@ -232,8 +232,8 @@ def draw(spec: Spec, case: int) -> Drawn:
     limits = {"two": spec.pair_snr, "withheld": spec.withheld_snr}.get(kind, spec.snr)
     settings, responses = _placed_together(rng, world, names, limits)
     answer["effects"] = [_described(one, response, responses) for one, response in zip(settings, responses, strict=True)]
-    library = tuple(name for name in EFFECTS if name not in names) if kind == "withheld" else None
-    return Drawn(world, settings, None, answer, library)
+    nameable = tuple(name for name in EFFECTS if name not in names) if kind == "withheld" else None
+    return Drawn(world, settings, None, answer, nameable)
 
 
 def _world(spec: Spec, case: int, temperature: bool) -> World:

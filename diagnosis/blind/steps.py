@@ -74,7 +74,7 @@ def make(folder: Path, spec: Spec, jobs: int = 1, told: Told = lambda done: None
         "format": 1,
         "seal": "SHA-256 of salt, line feed, answer as JSON with sorted keys and without blanks",
         "seals": {case: seal.seal(one["answer"], one["salt"]) for case, one in answers.items()},
-        "library": {case: one["library"] for case, one in answers.items()},
+        "nameable": {case: one["nameable"] for case, one in answers.items()},
     }
     _write(folder / "seals.json", json.dumps(published, indent=1))
     return folder / "seals.json"
@@ -85,7 +85,7 @@ def make_case(folder: Path, case: int) -> None:
     spec = Spec.model_validate_json((folder / "sealed" / "spec.json").read_text())
     drawn = draw(spec, case)
     save(drawn.recording(), _recording(folder, case))
-    one = {"answer": drawn.answer, "salt": seal.new_salt(), "library": drawn.library}
+    one = {"answer": drawn.answer, "salt": seal.new_salt(), "nameable": drawn.nameable}
     _sealed(folder, case).parent.mkdir(parents=True, exist_ok=True)
     _write(_sealed(folder, case), json.dumps(one))
 
@@ -113,10 +113,10 @@ def diagnose_all(folder: Path, jobs: int = 1, told: Told = lambda done: None) ->
 def diagnose_case(folder: Path, case: int) -> None:
     """Diagnose one recording; a failure is a result too."""
     published = (folder / "seals.json").read_bytes()
-    library = json.loads(published)["library"][str(case)]
+    nameable = json.loads(published)["nameable"][str(case)]
     result: dict[str, Any] = {"case": case, "seals_sha256": hashlib.sha256(published).hexdigest(), "error": ""}
     try:
-        found = diagnose(load(_recording(folder, case)), seed=DIAGNOSIS_SEED, library=library).to_json()
+        found = diagnose(load(_recording(folder, case)), seed=DIAGNOSIS_SEED, library=nameable).to_json()
         found["where"] = found["where"][:SHOWN_FINDINGS]
         result["diagnosis"] = found
     except Exception as error:
