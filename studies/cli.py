@@ -13,7 +13,6 @@ from typing import Any
 import click
 import numpy as np
 import pandas as pd
-from rich.console import Console
 
 from gyrocal import GyrocalError, GyroParameters, InputError, calibrate, load, save, select
 from gyrocal.observability import PLAUSIBLE_G
@@ -24,6 +23,7 @@ from simulator.effects import parse as parse_effect
 from simulator.replay import replay
 from simulator.simulate import simulate
 from studies import baseline, calibration_report, catalogue, cli_diagnose, cli_import, cli_plan, engine, render, reproduce
+from studies.console import check_writable, console
 from studies.manifest import write_json
 
 PATH = click.Path(path_type=Path)
@@ -44,11 +44,6 @@ class _Group(click.Group):
         except OSError as error:
             click.echo(f"gyrocal: {error.filename or 'file'}: {error.strerror or error}", err=True)
             ctx.exit(2)
-
-
-def _console() -> Console:
-    # Without a terminal there is no width to fold tables to: wide enough for the widest.
-    return Console(width=None if sys.stdout.isatty() else 200, soft_wrap=not sys.stdout.isatty())
 
 
 @click.group(cls=_Group, context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100})
@@ -75,8 +70,8 @@ def reproduce_command(out: Path, cases: int, jobs: int | None, entropy: int, as_
     Example:
       gyrocal reproduce --cases 50 --out /tmp/trmm
     """
-    _check_writable(as_json)
-    summary = reproduce.run(out, cases, jobs or os.cpu_count() or 1, entropy, _console())
+    check_writable(as_json)
+    summary = reproduce.run(out, cases, jobs or os.cpu_count() or 1, entropy, console())
     if as_json:
         write_json(as_json, summary)
 
@@ -137,7 +132,7 @@ def simulate_command(
     if (out / "recording.toml").exists() and not force:
         raise InputError(f"{out}: a recording is there already; choose another folder, or replace it with --force")
     settings = [parse_effect(text) for text in effects]
-    _check_writable(truth)
+    check_writable(truth)
     noise = not noise_free
     if (Path(scenario) / "recording.toml").exists() and scenario not in scenarios.names():
         if changes:
@@ -175,7 +170,7 @@ def effects_command(as_json: Path | None) -> None:
     Example:
       gyrocal effects
     """
-    _check_writable(as_json)
+    check_writable(as_json)
     rows = [
         {
             "effect": effect.name,
@@ -189,7 +184,7 @@ def effects_command(as_json: Path | None) -> None:
         }
         for effect in EFFECTS.values()
     ]
-    render.terminal(_console(), "Effects", pd.DataFrame(rows))
+    render.terminal(console(), "Effects", pd.DataFrame(rows))
     if as_json:
         write_json(as_json, {"effects": rows})
 
@@ -246,7 +241,7 @@ def calibrate_command(
       gyrocal simulate trmm /tmp/rec --truth /tmp/truth.json
       gyrocal calibrate /tmp/rec --truth /tmp/truth.json --json /tmp/result.json
     """
-    _check_writable(as_json)
+    check_writable(as_json)
     known = _read_truth(truth) if truth else None
     result = calibrate(
         load(recording),
@@ -257,7 +252,7 @@ def calibrate_command(
         plausible_bias=float(np.deg2rad(plausible_bias / 3600)),
         **options,
     )
-    calibration_report.show(_console(), result, options["iterations"] is None, known)
+    calibration_report.show(console(), result, options["iterations"] is None, known)
     if as_json:
         write_json(as_json, result.to_json())
 
@@ -282,7 +277,7 @@ def baseline_command(regenerate: bool, path: Path | None) -> None:
             click.echo(f"{path}: nothing moved by more than {baseline.RTOL:g} of itself")
         else:
             render.terminal(
-                _console(), f"{len(table)} values moved by more than {baseline.RTOL:g} of themselves", table.head(40)
+                console(), f"{len(table)} values moved by more than {baseline.RTOL:g} of themselves", table.head(40)
             )
     elif not regenerate:
         raise InputError(f"{path}: no baseline there; run in the project's folder, or write one with --write")
@@ -333,18 +328,18 @@ def study_command(
     """
     if name is None:
         table = pd.DataFrame([{"study": key, "what": catalogue.entry(key).summary} for key in catalogue.MODULES])
-        render.terminal(_console(), "Studies", table)
+        render.terminal(console(), "Studies", table)
         return
-    _check_writable(as_json)
+    check_writable(as_json)
     folder = out or Path("results") / "studies" / name
     settings = dict(_assignment(change) for change in changes)
     settings |= {key: value for key, value in (("cases", cases), ("entropy", entropy)) if value is not None}
     if again is not None:
         _show_rerun(catalogue.rerun(name, folder, settings, again, config), folder)
         return
-    console = _console()
-    outcome = catalogue.run(name, folder, settings, console, config, catalogue.Where(**options))
-    console.print(outcome.summary(), highlight=False, markup=False)
+    terminal = console()
+    outcome = catalogue.run(name, folder, settings, terminal, config, catalogue.Where(**options))
+    terminal.print(outcome.summary(), highlight=False, markup=False)
     for message, count in outcome.warnings.items():
         click.echo(f"gyrocal: warning, {count} times: {message}", err=True)
     if as_json:
@@ -353,7 +348,7 @@ def study_command(
 
 
 def _show_rerun(result: engine.Rerun, folder: Path) -> None:
-    render.terminal(_console(), "Rows of the case", result.rows.T.reset_index().astype(str))
+    render.terminal(console(), "Rows of the case", result.rows.T.reset_index().astype(str))
     if result.traceback:
         click.echo(result.traceback, err=True)
     if result.recording:
@@ -380,16 +375,6 @@ def _prior(names: tuple[str, ...], sigma_G: float | None, sigma_bias: float | No
     if not (1e-15 < sigma_G < 1e6 and 1e-15 < sigma_bias < 1e6):
         raise InputError("--prior-sigma-g and --prior-sigma-bias must be positive and below 1e6")
     return np.diag([(sigma_G if name.startswith("G") else np.deg2rad(sigma_bias)) ** 2 for name in names])
-
-
-def _check_writable(path: Path | None) -> None:
-    """Say before the work, not after it, that a file cannot be written."""
-    if path is None:
-        return
-    if path.is_dir():
-        raise InputError(f"{path}: is a folder; give the name of a file")
-    if not path.parent.is_dir():
-        raise InputError(f"{path}: no folder {path.parent}")
 
 
 def _read_truth(path: Path) -> GyroParameters:

@@ -2,8 +2,6 @@
 
 import json
 import math
-import os
-import sys
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
@@ -19,7 +17,7 @@ from diagnosis.diagnose import diagnose
 from gyrocal import InputError, load
 from simulator.effects import EFFECTS
 from studies import diagnosis_report, diagnosis_summary
-from studies.console import LINE_EVERY_S
+from studies.console import LINE_EVERY_S, check_writable, console
 from studies.manifest import write_json
 
 PATH = click.Path(path_type=Path)
@@ -51,7 +49,7 @@ def diagnose_command(recording: Path, as_json: Path | None, report: Path | None,
     library = _library(without)
     files = [path for path in (as_json, report) if path is not None and path != STDOUT]
     for path in files:
-        _check_writable(path)
+        check_writable(path)
     if len({path.resolve() for path in files}) < len(files):
         raise InputError(f"{report}: --json and --report need files of their own")
     if report == STDOUT:
@@ -62,7 +60,7 @@ def diagnose_command(recording: Path, as_json: Path | None, report: Path | None,
     if as_json == STDOUT:
         click.echo(json.dumps(plain(result.to_json()), indent=2, ensure_ascii=False, allow_nan=False))
     else:
-        diagnosis_summary.show(_console(), result)
+        diagnosis_summary.show(console(), result)
     if as_json and as_json != STDOUT:
         write_json(as_json, plain(result.to_json()))
     if report:
@@ -90,28 +88,13 @@ def _library(without: Sequence[str]) -> list[str] | None:
     return [name for name in EFFECTS if name not in without] if without else None
 
 
-def _check_writable(path: Path) -> None:
-    """Say before the work, not after it, that a file cannot be written."""
-    if path.is_dir():
-        raise InputError(f"{path}: is a folder; give the name of a file")
-    if not path.parent.is_dir():
-        raise InputError(f"{path}: no folder {path.parent}")
-    if not os.access(path.parent, os.W_OK) or (path.exists() and not os.access(path, os.W_OK)):
-        raise InputError(f"{path}: cannot be written")
-
-
-def _console() -> Console:
-    terminal = sys.stdout.isatty()
-    return Console(width=None if terminal else 200, soft_wrap=not terminal)
-
-
 @contextmanager
 def _stages() -> Iterator[Callable[[str, float], None]]:
     """Progress by stages on standard error: a bar on a terminal, elsewhere a line a minute."""
-    console = Console(stderr=True)
-    if console.is_terminal:
+    output = Console(stderr=True)
+    if output.is_terminal:
         columns = (TextColumn("{task.description}", markup=False), BarColumn(), TaskProgressColumn(), TimeElapsedColumn())
-        with Progress(*columns, console=console, transient=True) as bar:
+        with Progress(*columns, console=output, transient=True) as bar:
             task = bar.add_task("", total=1.0)
             yield lambda text, share: bar.update(task, description=text, completed=share)
         return
@@ -121,6 +104,6 @@ def _stages() -> Iterator[Callable[[str, float], None]]:
         nonlocal last
         if time.monotonic() - last >= LINE_EVERY_S:
             last = time.monotonic()
-            console.print(f"diagnose: {text}, {100 * share:.0f} % done", highlight=False, markup=False)
+            output.print(f"diagnose: {text}, {100 * share:.0f} % done", highlight=False, markup=False)
 
     yield tell

@@ -1,13 +1,12 @@
 """The command group ``gyrocal import``: recordings from other formats."""
 
-import sys
 from pathlib import Path
 
 import click
-from rich.console import Console
 
 from gyrocal import InputError, save
 from studies import broad, render
+from studies.console import console
 
 PATH = click.Path(path_type=Path)
 
@@ -47,9 +46,7 @@ def broad_command(file: Path, out: Path, intervals: str, spacing_s: float, force
         raise InputError(f"{out}: a recording is there already; choose another folder, or replace it with --force")
     imported = broad.to_recording(broad.read(file), _intervals(intervals), spacing_s)
     save(imported.recording, out)
-    terminal = sys.stdout.isatty()
-    console = Console(width=None if terminal else 200, soft_wrap=not terminal)
-    render.terminal(console, str(out), imported.summary())
+    render.terminal(console(), str(out), imported.summary())
     click.echo(broad.ATTRIBUTION)
 
 

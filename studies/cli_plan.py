@@ -1,8 +1,6 @@
 """The command ``gyrocal plan``: what a maneuver plan will show of each effect, before it is flown."""
 
 import json
-import os
-import sys
 from collections.abc import Sequence
 from contextlib import nullcontext
 from pathlib import Path
@@ -19,6 +17,7 @@ from simulator import scenario as scenarios
 from simulator.effects import EFFECTS
 from studies import plan_report
 from studies.cli_diagnose import plain
+from studies.console import check_writable, console
 from studies.manifest import write_json
 
 PATH = click.Path(path_type=Path)
@@ -67,7 +66,7 @@ def plan_command(
     for name in effects:
         if name not in EFFECTS:
             raise InputError(f"--effect {name}: no such effect; there are {', '.join(EFFECTS)}")
-    _check_writable(as_json)
+    check_writable(None if as_json == STDOUT else as_json)
     chosen = scenarios.load(scenario)
     extras = {} if no_extras else dict(maneuvers(chosen))
     extras |= _read_extras(chosen, files)
@@ -75,8 +74,7 @@ def plan_command(
     if as_json == STDOUT:
         click.echo(json.dumps(plain(found.to_json()), indent=2, ensure_ascii=False, allow_nan=False))
         return
-    terminal = sys.stdout.isatty()
-    plan_report.show(Console(width=None if terminal else 200, soft_wrap=not terminal), found)
+    plan_report.show(console(), found)
     if as_json:
         write_json(as_json, plain(found.to_json()))
 
@@ -85,9 +83,9 @@ def _run(
     chosen: scenarios.Scenario, effects: Sequence[str], extras: dict[str, list[dict[str, Any]]], named: bool, seed: int
 ) -> Any:
     """The plan, with a bar on standard error if that is a terminal and a line for each stage if not."""
-    console = Console(stderr=True)
+    output = Console(stderr=True)
     columns = (TextColumn("{task.description}", markup=False), BarColumn(), TaskProgressColumn(), TimeElapsedColumn())
-    bar = Progress(*columns, console=console, transient=True) if console.is_terminal else None
+    bar = Progress(*columns, console=output, transient=True) if output.is_terminal else None
     with bar or nullcontext():
         task = bar.add_task("", total=1.0) if bar else None
         told = ""
@@ -98,7 +96,7 @@ def _run(
                 bar.update(task, description=text, completed=share)
             elif text.split(":")[0] != told:
                 told = text.split(":")[0]
-                console.print(f"plan: {told}, {100 * share:.0f} % done", highlight=False, markup=False)
+                output.print(f"plan: {told}, {100 * share:.0f} % done", highlight=False, markup=False)
 
         return plan(chosen, effects=effects or None, extras=extras, named=named, progress=tell, seed=seed)
 
@@ -120,15 +118,3 @@ def _read_extras(chosen: scenarios.Scenario, files: Sequence[Path]) -> dict[str,
             raise InputError(f"{path}: {str(error).removeprefix('override: ')}") from None
         out[str(document.get("title", path.stem))] = sections
     return out
-
-
-def _check_writable(path: Path | None) -> None:
-    """Say before the work, not after it, that the file cannot be written."""
-    if path is None or path == STDOUT:
-        return
-    if path.is_dir():
-        raise InputError(f"{path}: is a folder; give the name of a file")
-    if not path.parent.is_dir():
-        raise InputError(f"{path}: no folder {path.parent}")
-    if not os.access(path.parent, os.W_OK) or (path.exists() and not os.access(path, os.W_OK)):
-        raise InputError(f"{path}: cannot be written")

@@ -1,8 +1,15 @@
-"""Terminal output: the console, progress with rate and time left, and one line a minute where there is no terminal."""
+"""The terminal and the files a command writes.
 
+The console for tables; progress with rate and time left, and one line a minute where there is no terminal; whether a file
+can be written.
+"""
+
+import os
+import sys
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from pathlib import Path
 
 from rich.console import Console
 from rich.progress import (
@@ -17,7 +24,34 @@ from rich.progress import (
 )
 from rich.text import Text
 
+from gyrocal import InputError
+
 LINE_EVERY_S = 60.0
+WIDTH = 200  # without a terminal there is none to fold tables to: wide enough for the widest
+
+
+def console() -> Console:
+    """Standard output, for tables."""
+    terminal = sys.stdout.isatty()
+    return Console(width=None if terminal else WIDTH, soft_wrap=not terminal)
+
+
+def check_writable(path: Path | None) -> None:
+    """Say before the work, not after it, that a file cannot be written; None is no file.
+
+    Raises
+    ------
+    InputError
+        It is a folder, in a folder that does not exist, or without permission.
+    """
+    if path is None:
+        return
+    if path.is_dir():
+        raise InputError(f"{path}: is a folder; give the name of a file")
+    if not path.parent.is_dir():
+        raise InputError(f"{path}: no folder {path.parent}")
+    if not os.access(path.parent, os.W_OK) or (path.exists() and not os.access(path, os.W_OK)):
+        raise InputError(f"{path}: cannot be written")
 
 
 class _Rate(ProgressColumn):
@@ -34,8 +68,8 @@ def progress(label: str, total: int, quiet: bool = False) -> Iterator[Callable[[
 
     Yields a function that is told how many more are done.
     """
-    console = Console(stderr=True, quiet=quiet)
-    if console.is_terminal:
+    output = Console(stderr=True, quiet=quiet)
+    if output.is_terminal:
         columns = (
             TextColumn("{task.description}"),
             BarColumn(),
@@ -44,7 +78,7 @@ def progress(label: str, total: int, quiet: bool = False) -> Iterator[Callable[[
             TimeElapsedColumn(),
             TimeRemainingColumn(),
         )
-        with Progress(*columns, console=console, transient=True) as bar:
+        with Progress(*columns, console=output, transient=True) as bar:
             task = bar.add_task(label, total=total)
             yield lambda count: bar.advance(task, count)
         return
@@ -58,6 +92,6 @@ def progress(label: str, total: int, quiet: bool = False) -> Iterator[Callable[[
         if now - last >= LINE_EVERY_S:
             last = now
             rate = done / (now - start)
-            console.print(f"{label}: {done}/{total}, {rate:.1f}/s, {(total - done) / rate:.0f} s left", highlight=False)
+            output.print(f"{label}: {done}/{total}, {rate:.1f}/s, {(total - done) / rate:.0f} s left", highlight=False)
 
     yield advance

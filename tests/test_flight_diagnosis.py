@@ -11,6 +11,7 @@ from simulator.simulate import motion, observe
 from simulator.streams import generator
 from studies import engine, flight, flight_gap
 from studies import flight_diagnosis as fd
+from studies.flight_diagnosis import baselines, draws, families, numbers, simulated_tables, table, timings
 from studies.study import load_config
 
 PRESENT = fd.present()
@@ -32,12 +33,12 @@ def end_to_end(seed):
     def cells(parameters):
         return residual_table(recording, parameters)[[f"before_{name}_deg" for name in flight.ROTATIONS]].to_numpy()
 
-    published = fd.rounded(GyroParameters(result.G, result.bias).vector, fd.PUBLISHED_DIGITS)
+    published = table.rounded(GyroParameters(result.G, result.bias).vector, table.PUBLISHED_DIGITS)
     before, after = cells(initial), cells(result.parameters)
     # Of no concern here: columns at the coarser steps, with the noise they should have.
     gyro = PRESENT.variances()[1][:, None] * np.array([1.0, 2.0])[:, None, None]
     coarser = before + np.cumsum(generator(11, seed, "steps").normal(size=(2, 6, 3)) * np.sqrt(gyro), axis=0)
-    return fd.Table(*(fd.rounded(values, fd.CELL_DEG) for values in (before, after, coarser)), published)
+    return fd.Table(*(table.rounded(values, table.CELL_DEG) for values in (before, after, coarser)), published)
 
 
 def test_difference_of_the_residuals_is_free_of_noise():
@@ -61,9 +62,9 @@ def test_predictions_are_those_of_the_flight_gap():
 
 @pytest.mark.parametrize(("k", "sign"), [(1, 1), (5, -1), (3, -1), (4, 1)])
 def test_interpolation_is_the_simulator(k, sign):
-    u = np.random.default_rng(k).random((25, len(fd.NODES[k])))
-    theta, Theta = fd.outcomes([fd.TIMINGS[k].section(row, sign) for row in fd.TIMINGS[k].values(u)])
-    found = fd.surrogate(k, sign)(u)
+    u = np.random.default_rng(k).random((25, len(timings.NODES[k])))
+    theta, Theta = table.outcomes([timings.TIMINGS[k].section(row, sign) for row in timings.TIMINGS[k].values(u)])
+    found = timings.surrogate(k, sign)(u)
     assert np.ptp(theta, axis=0).max() > 0.03  # timings matter
     np.testing.assert_allclose(found[:, :3], theta, atol=3e-4)
     np.testing.assert_allclose(found[:, 3:], Theta.reshape(-1, 36), atol=0.01 * np.abs(Theta).max())
@@ -71,13 +72,13 @@ def test_interpolation_is_the_simulator(k, sign):
 
 def test_common_timings_are_those_of_the_scenario():
     timing = flight_gap.timing_of(PRESENT.scenario)
-    bounds = fd.COMMON
+    bounds = timings.COMMON
     u = np.array([[timing.delay_s / 300, np.log(0.25 / 0.15) / np.log(4), (0.1 - 0.02) / 0.48, 0.6]])
     assert bounds["stay_s"] == (3000.0, 4000.0)
-    good, points = fd.common_points(u)
+    good, points = timings.common_points(u)
     assert good.all()
     for k, point in points.items():
-        section = fd.TIMINGS[k].section(fd.TIMINGS[k].values(point)[0], fd._sign(PRESENT.scenario.interval[k]))
+        section = timings.TIMINGS[k].section(timings.TIMINGS[k].values(point)[0], table.sign_of(PRESENT.scenario.interval[k]))
         for made, wanted in zip(section.slew, PRESENT.scenario.interval[k].slew, strict=True):
             assert made.start_s == pytest.approx(wanted.start_s, abs=1e-6)
             assert made.duration_s == pytest.approx(wanted.duration_s)
@@ -87,34 +88,34 @@ def test_common_timings_are_those_of_the_scenario():
 def test_evidence_is_the_integral_over_the_prior():
     """Against the plain mean over every point of the prior, all eighteen numbers correlated."""
     case = fd.prepare(table_of("nothing", 1), PRESENT)
-    draws = fd.own_draws(case, 1)
-    sampled = fd._evidence(case, fd.residuals_of(case, draws), draws.log_weight)
-    _, values = fd.cloud(1, 1)
+    drawn = draws.own_draws(case, 1)
+    sampled = families.evidence(case, draws.residuals_of(case, drawn), drawn.log_weight)
+    _, values = timings.cloud(1, 1)
     d = np.tile(case.d, (len(values), 1))
-    d[:, 3:6] = case.target[3:6] - fd._shifted(values, case.shift)
-    direct = logsumexp(fd._log_normal(d, case.covariance)) - np.log(len(d))
+    d[:, 3:6] = case.target[3:6] - timings.shifted(values, case.shift)
+    direct = logsumexp(numbers.log_normal(d, case.covariance)) - np.log(len(d))
     assert sampled == pytest.approx(direct, abs=0.15)
     # A timing that changes nothing costs evidence: the assumed ones are right here.
-    assert sampled < fd._evidence(case, case.d[None]) - 1
+    assert sampled < families.evidence(case, case.d[None]) - 1
 
 
 def test_evidence_of_two_intervals_is_the_double_integral():
     case = fd.prepare(table_of("nothing", 2), PRESENT)
-    both = fd.joined([fd.own_draws(case, 1), fd.own_draws(case, 5)])
-    sampled = fd._evidence(case, fd.residuals_of(case, both), both.log_weight)
+    both = draws.joined([draws.own_draws(case, 1), draws.own_draws(case, 5)])
+    sampled = families.evidence(case, draws.residuals_of(case, both), both.log_weight)
     # Directly: points of either cloud that matter at all, every pair of them.
     keep = {}
     for k, sign in ((1, 1), (5, -1)):
-        predictions = fd._shifted(fd.cloud(k, sign)[1], case.shift)
+        predictions = timings.shifted(timings.cloud(k, sign)[1], case.shift)
         rows = slice(3 * k, 3 * k + 3)
-        near = fd._log_normal(case.target[rows] - predictions, 2 * case.covariance[rows, rows])
+        near = numbers.log_normal(case.target[rows] - predictions, 2 * case.covariance[rows, rows])
         keep[k] = predictions[near > near.max() - 12]
     first, second = (np.arange(len(keep[k])) for k in (1, 5))
     pairs = np.stack(np.meshgrid(first, second, indexing="ij"), axis=-1).reshape(-1, 2)
     d = np.tile(case.d, (len(pairs), 1))
     d[:, 3:6] = case.target[3:6] - keep[1][pairs[:, 0]]
     d[:, 15:18] = case.target[15:18] - keep[5][pairs[:, 1]]
-    direct = logsumexp(fd._log_normal(d, case.covariance)) - np.log(fd.CLOUD[1] * fd.CLOUD[5])
+    direct = logsumexp(numbers.log_normal(d, case.covariance)) - np.log(timings.CLOUD[1] * timings.CLOUD[5])
     assert sampled == pytest.approx(direct, abs=0.3)
 
 
@@ -200,8 +201,8 @@ def test_judgement_needs_a_sure_cause():
 
 
 def test_study_runs_by_itself_and_reports(tmp_path, monkeypatch):
-    monkeypatch.setattr(fd, "trials", lambda: [TRIALS[PRESENT.name], TRIALS["rate of 4 at +1 RPO"]])
-    monkeypatch.setattr(fd, "KINDS", {kind: fd.KINDS[kind] for kind in ("nothing", "rate sign", "noise x3")})
+    monkeypatch.setattr(baselines, "trials", lambda: [TRIALS[PRESENT.name], TRIALS["rate of 4 at +1 RPO"]])
+    monkeypatch.setattr(simulated_tables, "KINDS", {kind: fd.KINDS[kind] for kind in ("nothing", "rate sign", "noise x3")})
     fd.flight_diagnoses.cache_clear()
     config = load_config(fd.STUDY, changes={"nothing": 3, "each": 1, "cases": 5})
     results = fd.run(tmp_path, config)

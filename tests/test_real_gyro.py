@@ -6,8 +6,9 @@ import pytest
 from threadpoolctl import threadpool_limits
 
 from gyrocal import InputError
-from studies import broad, real_gyro, real_gyro_report, report
+from studies import broad, real_gyro, report
 from studies.real_gyro import RealConfig
+from studies.real_gyro import report as real_report
 from studies.study import Streams, load_config
 from tests.test_broad import BIAS, REAL, SAMPLE_S, trial_frame, write
 
@@ -92,7 +93,7 @@ def test_one_trial_is_parted_by_its_motions(folder):
 
 def test_report_is_written_with_licence(rows, tmp_path):
     tone = {"kind": "tone", "unit": "T", "trial": "01", "name": "vibration:x", "frequency": 11.0, "coherence": 0.4, "gain": 0.9}
-    made = real_gyro_report.report(pd.concat([rows, pd.DataFrame([{**tone, "count": 100.0}])], ignore_index=True))
+    made = real_report.report(pd.concat([rows, pd.DataFrame([{**tone, "count": 100.0}])], ignore_index=True))
     assert any("motion of the board" in finding for finding in made.findings)
     report.write(made, "real", tmp_path)
     text = (tmp_path / "report.md").read_text()

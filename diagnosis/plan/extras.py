@@ -1,0 +1,149 @@
+"""Extra maneuvers: intervals after the scenario's end, and what each would help.
+
+The SNR that the statistic needs hardly depends on the plan, so the smallest visible size goes as 1/‖x‖, and for a random
+effect, whose mean square counts twice, as (tr K²)^(−1/4).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from diagnosis.bank import AXES, step_times
+from diagnosis.model import Model
+from diagnosis.plan.columns import GONE, RandomColumns, Signature, linear_model, median_index, random_columns, signatures
+from diagnosis.plan.result import Extra, Pair, Visible, ordered
+from diagnosis.plan.separability import pairs
+from diagnosis.plan.visibility import START_SNR
+from simulator.effects import EFFECTS
+from simulator.scenario import Scenario, override
+
+GAP_ORBITS = 1.0  # between the scenario's end and an extra maneuver
+DAY = 86400.0
+
+
+def appended(scenario: Scenario, sections: Sequence[Mapping[str, Any]]) -> Scenario:
+    """The scenario with intervals after its end, whose start_s and stop_s count from there.
+
+    Raises
+    ------
+    InputError
+        They are no valid intervals.
+    """
+    end = scenario.interval[-1].stop_s
+    intervals = [_plain(one.model_dump(exclude_none=True)) for one in scenario.interval]
+    for section in sections:
+        moved = dict(section)
+        for name in ("start_s", "stop_s"):
+            if isinstance(moved.get(name), int | float):
+                moved[name] = float(moved[name]) + end
+        intervals.append(moved)
+    return override(scenario, {"interval": intervals})
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {key: _plain(item) for key, item in value.items()}
+    return [_plain(item) for item in value] if isinstance(value, list | tuple) else value
+
+
+def maneuvers(scenario: Scenario) -> dict[str, list[dict[str, Any]]]:
+    """The built-in extra maneuvers, an orbit after the scenario's end; times count from its end."""
+    orbit = float(scenario.orbit.circular_orbit().period)
+    orbit = round(orbit / scenario.gyro.sample_s) * scenario.gyro.sample_s
+    start = GAP_ORBITS * orbit
+
+    def one(activity: str, mode: str, length: float, **more: Any) -> list[dict[str, Any]]:
+        name = _free("extra", {interval.name for interval in scenario.interval})
+        return [{"name": name, "activity": activity, "start_s": start, "stop_s": start + length, "mode": mode, **more}]
+
+    out = {
+        "+x forward, one orbit (-1 RPO about y)": one("+x forward", "+x", orbit),
+        "-x forward, one orbit (+1 RPO about y)": one("-x forward", "-x", orbit),
+        "+y forward, one orbit": one("+y forward", "+y", orbit),
+        "pitch turn, one orbit (-2 RPO about y)": one("pitch turn", "+x", orbit, slew=[_slew("y", -360, 60, orbit - 120)]),
+        "inertial hold, one orbit": one(
+            "inertial hold", "+x", orbit, hold={"start_s": 6.0, "stop_s": orbit - 6.0, "transition_s": 31.0}
+        ),
+        "yaw +180 deg": one("yaw slew", "+x", 1000.0, slew=[_slew("z", 180, 60, 800)]),
+        "yaw -180 deg": one("yaw slew", "-x", 1000.0, slew=[_slew("z", -180, 60, 800)]),
+    }
+    for name, axis in (("roll", "x"), ("pitch", "y")):
+        there_and_back = [_slew(axis, 60, 60, 280), _slew(axis, -60, 640, 280)]
+        out[f"{name} +60 deg and back"] = one(f"{name} slews", "+x", 1000.0, slew=there_and_back)
+    shift = 30 * DAY
+    repeat = []
+    taken = {interval.name for interval in scenario.interval}
+    for interval in scenario.interval:
+        section = _plain(interval.model_dump(exclude_none=True))
+        moved = shift - scenario.interval[0].start_s
+        section |= {"start_s": section["start_s"] + moved, "stop_s": section["stop_s"] + moved}
+        section["name"] = _free(f"{section['name']}b", taken)
+        taken.add(section["name"])
+        repeat.append(section)
+    out["the whole plan again, a month later"] = repeat
+    return out
+
+
+def _slew(axis: str, angle: float, start: float, duration: float) -> dict[str, Any]:
+    along = [float(axis == name) for name in AXES]
+    return {
+        "axis": along,
+        "angle_deg": float(angle),
+        "start_s": float(start),
+        "duration_s": float(duration),
+        "ramp_fraction": 0.1,
+    }
+
+
+def _free(name: str, taken: set[str]) -> str:
+    while name in taken:
+        name += "b"
+    return name
+
+
+def helped_by(
+    name: str,
+    scenario: Scenario,
+    extended: Scenario,
+    model: Model,
+    every: Sequence[Signature],
+    random: Sequence[RandomColumns],
+    seen: Sequence[Visible],
+    found: Sequence[Pair],
+) -> Extra:
+    """What the extended scenario brings: sizes, pairs told apart, and effects gained over those seen and found without it."""
+    longer = linear_model(extended)
+    names = sorted({one.effect for one in every} | {one.effect for one in random})
+    # The same steps as without it: the extra intervals come after all of them.
+    after = {one.label: one for one in signatures(longer, names, step_times(model))}
+    noisy = {one.label: one for one in random_columns(longer, names)}
+    before = {one.label: one for one in seen}
+    ratio: dict[str, float] = {}
+    for signature in every:
+        # The simulated temperature of another span is another one.
+        if EFFECTS[signature.effect].housekeeping is None and signature.share.max() > GONE:
+            quotients = signature.norms / np.maximum(after[signature.label].norms, 1e-300)
+            ratio[signature.label] = float(quotients[median_index(quotients, signature.weights)])
+    ratio |= {one.label: one.strength / noisy[one.label].strength for one in random if one.strength > 0}
+    gained = [
+        signature.label
+        for signature in every
+        if before[signature.label].verdict != "visible"
+        and after[signature.label].extremes[1] * EFFECTS[signature.effect].prior[1] >= START_SNR
+        and after[signature.label].share.max() > GONE
+    ]
+    now = [replace(one, size=one.size * ratio.get(one.label, 1.0), best=one.best * ratio.get(one.label, 1.0)) for one in seen]
+    left = {ordered(one.effect, one.other) for one in pairs(list(after.values()), list(noisy.values()), now)}
+    were = {ordered(one.effect, one.other) for one in found}
+    by_effect: dict[str, list[float]] = {}
+    for label, value in ratio.items():
+        if before[label].verdict == "visible":
+            by_effect.setdefault(before[label].effect, []).append(value)
+    hours = sum(one.stop_s - one.start_s for one in extended.interval[len(scenario.interval) :]) / 3600
+    median = float(np.median([np.median(values) for values in by_effect.values()])) if by_effect else 1.0
+    shown = {label: value for label, value in ratio.items() if before[label].verdict == "visible" or label in gained}
+    return Extra(name, hours, median, shown, tuple(sorted(were - left)), len(were), tuple(gained))

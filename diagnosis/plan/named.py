@@ -1,0 +1,68 @@
+"""Smallest named size: checked on draws, by the search and the attribution that the diagnosis itself runs."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from diagnosis.plan.columns import RandomColumns, Signature
+from diagnosis.plan.result import POWER, Progress, Visible
+from diagnosis.plan.visibility import PowerOf
+from diagnosis.search import Search
+from diagnosis.which import attribute
+
+Array = NDArray[np.float64]
+
+NAMED_FACTORS = (1.0, 1.25, 1.6, 2.0, 2.5, 3.2, 4.0, 6.0, 10.0)  # of the visible size
+NAMED_DRAWS = 12
+
+
+def named_sizes(
+    seen: list[Visible], every: Sequence[Signature], random: Sequence[RandomColumns], power: PowerOf, tell: Progress
+) -> list[Visible]:
+    """The same answers, those seen in the attitude with their smallest named sizes."""
+    rng = np.random.default_rng(power.rng.integers(2**63))
+    drawn = {one.label: np.repeat(one.typical()[:, None], NAMED_DRAWS, axis=1) for one in every}
+    drawn |= {one.label: one.X @ rng.standard_normal((one.X.shape[1], NAMED_DRAWS)) for one in random}
+    out = []
+    for number, one in enumerate(seen):
+        tell(f"smallest named size: {one.label}", 0.55 + 0.15 * number / len(seen))
+        if one.label in drawn and one.verdict == "visible" and np.isfinite(one.size):
+            one = replace(one, named=named_size(one, drawn[one.label], power))
+        out.append(one)
+    return out
+
+
+def named_size(one: Visible, x: Array, power: PowerOf) -> float:
+    """Smallest multiple of the visible size at which nine draws of ten name the effect and nothing else.
+
+    Parameters
+    ----------
+    one : the effect
+    x : (N, d) drawn signatures of unit size
+
+    Returns
+    -------
+    Infinite if ten times the visible size is not enough.
+    """
+    label = one.effect if one.axis is None else f"{one.effect}:{one.axis}"
+
+    def enough(factor: float) -> bool:
+        missed = 0
+        for k in range(x.shape[1]):
+            search = Search(power.bank, power.noise[:, k] + factor * one.size * x[:, k])
+            answer = attribute(power.bank, search.explanations())
+            right = answer.verdict == "named" and [slot.group[0][0] for slot in answer.slots] == [label]
+            missed += not right
+            if missed > (1 - POWER) * x.shape[1]:
+                return False
+        return True
+
+    low, high = 0, len(NAMED_FACTORS)  # the first that is enough lies in [low, high]
+    while low < high:
+        middle = (low + high) // 2
+        low, high = (low, middle) if enough(NAMED_FACTORS[middle]) else (middle + 1, high)
+    return NAMED_FACTORS[low] * one.size if low < len(NAMED_FACTORS) else float("inf")

@@ -1,0 +1,119 @@
+"""The plan as a whole: every part in turn, with progress and notes."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from diagnosis.bank import AXES, build
+from diagnosis.model import Model
+from diagnosis.plan.columns import linear_model, random_columns, signatures
+from diagnosis.plan.extras import appended, helped_by, maneuvers
+from diagnosis.plan.named import named_sizes
+from diagnosis.plan.result import Plan, Progress
+from diagnosis.plan.samples import samples_seen
+from diagnosis.plan.separability import pairs
+from diagnosis.plan.visibility import START_SNR, PowerOf, columns_seen, random_seen, unavailable
+from gyrocal.errors import InputError
+from gyrocal.observability import PLAUSIBLE_RANGE
+from simulator.effects import EFFECTS
+from simulator.scenario import Scenario
+
+
+def plan(
+    scenario: Scenario,
+    *,
+    effects: Sequence[str] | None = None,
+    extras: Mapping[str, Sequence[Mapping[str, Any]]] | None = None,
+    named: bool = False,
+    progress: Progress | None = None,
+    seed: int = 0,
+) -> Plan:
+    """What a scenario will show.
+
+    Parameters
+    ----------
+    scenario : the maneuver plan, with the gyro's and the references' noise
+    effects : names of those to look at; all by default
+    extras : extra maneuvers by name, each a list of interval sections; those of `maneuvers` by default, none if empty
+    named : also look for the size at which an effect is named, which takes ten seconds and more for each
+    progress : called with a text and the share done
+    seed : of the draws
+
+    Raises
+    ------
+    InputError
+        There is no such effect, or an extra maneuver is no valid continuation of the scenario.
+    """
+    began = time.perf_counter()
+    tell = progress or (lambda text, share: None)
+    names = _chosen(effects)
+    longer = {name: appended(scenario, parts) for name, parts in (maneuvers(scenario) if extras is None else extras).items()}
+    tell("linear model", 0.0)
+    model = linear_model(scenario)
+    every = signatures(model, names)
+    tell("candidates", 0.05)
+    power = PowerOf(model, build(model), seed)
+    tell("smallest visible sizes", 0.15)
+    seen = list(columns_seen(every, power, tell))
+    random = random_columns(model, names)
+    seen += list(random_seen(random, power))
+    snr = np.array([one.snr for one in seen if np.isfinite(one.snr)])
+    seen += samples_seen(scenario, model, names, float(np.median(snr)) if snr.size else START_SNR)
+    seen += unavailable(model, names, random)
+    if named:
+        tell("smallest named sizes", 0.55)
+        seen = named_sizes(seen, every, random, power, tell)
+    tell("pairs", 0.7)
+    found = pairs(every, random, seen)
+    helped = []
+    for number, (name, extended) in enumerate(longer.items()):
+        tell(f"extra: {name}", 0.7 + 0.3 * number / len(longer))
+        helped.append(helped_by(name, scenario, extended, model, every, random, seen, found))
+    order = {name: number for number, name in enumerate(EFFECTS)}
+    return Plan(
+        scenario=scenario.title,
+        threshold=power.threshold,
+        degrees_of_freedom=model.degrees_of_freedom,
+        effects=tuple(sorted(seen, key=lambda one: (order[one.effect], one.label))),
+        pairs=tuple(found),
+        extras=tuple(sorted(helped, key=lambda one: (one.ratio, -len(one.resolved)))),
+        notes=_notes(scenario, model),
+        runtime_s=time.perf_counter() - began,
+    )
+
+
+def _chosen(effects: Sequence[str] | None) -> list[str]:
+    for name in effects or ():
+        if name not in EFFECTS:
+            raise InputError(f"{name}: no such effect; there are {', '.join(EFFECTS)}")
+    return [name for name in EFFECTS if not effects or name in effects]
+
+
+def _notes(scenario: Scenario, model: Model) -> tuple[str, ...]:
+    notes = []
+    if scenario.reference.at == "ends":
+        notes.append(
+            f"References only at the ends of {len(model.blocks)} intervals: {model.degrees_of_freedom} degrees of freedom are "
+            "left beside the calibration; what happens inside an interval shows only by its sum, and few effects can be told "
+            "from one another"
+        )
+    starts = np.linalg.qr(model.starts)[0]
+    columns = (model.calibration - starts @ (starts.T @ model.calibration)) * PLAUSIBLE_RANGE
+    sigma = np.sqrt(np.diag(np.linalg.inv(columns.T @ columns + 1e-2 * np.eye(12))))
+    parameters = [f"G_{a}{b}" for a in AXES for b in AXES] + [f"b_{a}" for a in AXES]
+    unseen = [name for name, value in zip(parameters, sigma, strict=True) if value > 0.5]
+    if unseen:
+        notes.append(f"Not observed by these motions: {', '.join(unseen)}; effects that act like them cannot be seen either")
+    notes += [
+        "Not identifiable from any recording: a constant offset of all references, the same as a turn of G and the start "
+        "attitudes; constant errors of G and b, which are calibrated away",
+        "bias_temperature is as with the simulator's own gyro temperature; a recording without housekeeping shows it only as "
+        "something unknown",
+    ]
+    if scenario.control_motion is not None:
+        notes.append("Thresholds in the samples take the control motion for quiet; with a strong one fewer samples count")
+    return tuple(notes)

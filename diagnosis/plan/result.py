@@ -1,0 +1,152 @@
+"""What a plan says: smallest visible sizes, inseparable pairs, extra maneuvers, and all of it as JSON or tables."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import pandas as pd
+
+from diagnosis.diagnose import FALSE_ALARMS
+
+Progress = Callable[[str, float], None]
+
+POWER = 0.9
+Verdict = Literal["visible", "implausible", "not identifiable", "not available"]
+
+
+@dataclass(frozen=True)
+class Visible:
+    """Smallest visible size of one effect.
+
+    Attributes
+    ----------
+    effect, axis, label, unit : which
+    verdict : whether it can be seen at a plausible size
+    size : seen with probability 0.9 at a typical phase and time; infinite if never
+    best, worst : at the best and the worst phase and time
+    snr : a‖x‖ at which that is so; NaN for random effects and those seen in the samples
+    plausible : range of its size
+    seen_in : "attitude" or "samples"
+    named : smallest size at which it is also named; NaN if not asked for, infinite if none was found
+    text : condition or reason
+    """
+
+    effect: str
+    axis: str | None
+    label: str
+    unit: str
+    verdict: Verdict
+    size: float
+    best: float
+    worst: float
+    snr: float
+    plausible: tuple[float, float]
+    seen_in: Literal["attitude", "samples"]
+    named: float = float("nan")
+    text: str = ""
+
+
+@dataclass(frozen=True)
+class Pair:
+    """An effect that another one imitates.
+
+    Attributes
+    ----------
+    effect, other : labels; `effect` is at work and `other` imitates it
+    share : ρ², NaN for random effects
+    snr : that tells them apart; infinite if nothing does, NaN for random effects
+    size : of `effect` that tells them apart, in its unit
+    """
+
+    effect: str
+    other: str
+    share: float
+    snr: float
+    size: float
+
+
+@dataclass(frozen=True)
+class Extra:
+    """What an extra maneuver brings.
+
+    Attributes
+    ----------
+    name : of the maneuver
+    hours : it takes
+    ratio : smallest visible size with it over that without, median over the effects of
+        the median over their axes
+    by_effect : the same by label, of effects that are visible with it
+    resolved : pairs that it makes separable, of `pairs`
+    pairs : inseparable pairs before
+    gained : effects that become visible at a plausible size
+    """
+
+    name: str
+    hours: float
+    ratio: float
+    by_effect: dict[str, float]
+    resolved: tuple[tuple[str, str], ...]
+    pairs: int
+    gained: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class Plan:
+    """Everything a plan says."""
+
+    scenario: str
+    threshold: float
+    degrees_of_freedom: int
+    effects: tuple[Visible, ...]
+    pairs: tuple[Pair, ...]
+    extras: tuple[Extra, ...]
+    notes: tuple[str, ...]
+    runtime_s: float
+
+    def unordered(self) -> set[tuple[str, str]]:
+        """The inseparable pairs, each once."""
+        return {ordered(pair.effect, pair.other) for pair in self.pairs}
+
+    def to_json(self) -> dict[str, Any]:
+        """Document of `gyrocal plan --json`, format 1."""
+        return {
+            "format": 1,
+            "scenario": self.scenario,
+            "power": POWER,
+            "false_alarm_rate": FALSE_ALARMS,
+            "threshold": self.threshold,
+            "degrees_of_freedom": self.degrees_of_freedom,
+            "effects": [{**vars(one), "plausible": list(one.plausible)} for one in self.effects],
+            "pairs": [dict(vars(one)) for one in self.pairs],
+            "extras": [{**vars(one), "resolved": [list(pair) for pair in one.resolved]} for one in self.extras],
+            "notes": list(self.notes),
+            "runtime_s": self.runtime_s,
+        }
+
+
+def ordered(one: str, other: str) -> tuple[str, str]:
+    """A pair of labels in one order, whichever imitates which."""
+    return (one, other) if one < other else (other, one)
+
+
+def tables(found: Plan) -> dict[str, pd.DataFrame]:
+    """The plan as tables: effects, pairs, extras."""
+    effects = pd.DataFrame([vars(one) for one in found.effects])
+    together = pd.DataFrame([vars(one) for one in found.pairs], columns=["effect", "other", "share", "snr", "size"])
+    extras = pd.DataFrame(
+        [
+            {
+                "maneuver": one.name, "hours": one.hours, "ratio": one.ratio, "resolved": len(one.resolved), "pairs": one.pairs,
+                "gained": ", ".join(one.gained), "helps most": ", ".join(_most(one)),
+            }
+            for one in found.extras
+        ]
+    )  # fmt: skip
+    return {"effects": effects, "pairs": together, "extras": extras}
+
+
+def _most(one: Extra, count: int = 3) -> list[str]:
+    best = sorted(one.by_effect.items(), key=lambda item: item[1])[:count]
+    return [f"{label} ×{value:.2f}" for label, value in best if value < 0.99]

@@ -1,0 +1,120 @@
+"""Inseparable pairs: which effect imitates which, and from what signal-to-noise ratio on they are told apart.
+
+If A is at work with signature x, B imitates the part P_B x, ρ² = ‖P_B x‖²/‖x‖². The log evidence of A over B then is about
+½ a²‖x‖² (1 − ρ²), with Occam factors that grow only with log a left out (Kay, Fundamentals of Statistical Signal Processing
+II, section 7.7, for the noncentrality). A probability of 0.95 takes log odds of ln 19, hence a signal-to-noise ratio of
+
+    SNR = a‖x‖ = sqrt(2 ln 19 / (1 − ρ²))
+
+Two random effects are told apart by the Kullback–Leibler divergence of their covariances, I + s² K_A against the I + r² K_B
+closest to it, which is the expected log likelihood ratio; s is that for which it is ln 19.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from diagnosis.plan.columns import GONE, RandomColumns, Signature, median_index
+from diagnosis.plan.result import Pair, Visible
+from diagnosis.plan.visibility import START_SNR
+from simulator.effects import EFFECTS
+
+Array = NDArray[np.float64]
+
+SURE = float(np.log(19.0))  # log odds of a probability of 0.95
+LIMIT_SNR = 20.0  # needed to tell a pair apart, from which on it counts as inseparable
+EXACT = 1e-7  # of 1 − ρ²: the same columns
+
+
+def shares(every: Sequence[Signature]) -> tuple[Array, Array]:
+    """ρ² of each effect (row) by each other (column), and the size of the other that does it per unit of the first.
+
+    Over the options of the other the best imitation counts, over those of the effect itself the median.
+    """
+    count = len(every)
+    bases = [_basis(one) for one in every]
+    Q = np.hstack([basis.reshape(len(basis), -1) for basis in bases])
+    parts = np.cumsum([0] + [one.X.shape[1] * one.X.shape[2] for one in every])
+    rho, ratio = np.zeros((count, count)), np.zeros((count, count))
+    for i, one in enumerate(every):
+        power = np.sum(one.X**2, axis=(0, 2))  # (o,)
+        products = np.sum((Q.T @ one.X.reshape(len(one.X), -1)).reshape(Q.shape[1], *one.X.shape[1:]) ** 2, axis=2)
+        for j, other in enumerate(every):
+            options, k = other.X.shape[1:]
+            by = products[parts[j] : parts[j + 1]].reshape(options, k, -1).sum(axis=1)  # (options, o)
+            best = by.argmax(axis=0)
+            imitated = by[best, np.arange(power.size)]
+            share = np.minimum(imitated / np.maximum(power, 1e-300), 1.0)
+            middle = median_index(share, one.weights)
+            rho[i, j] = share[middle]
+            ratio[i, j] = np.sqrt(imitated[middle] / one.X.shape[2]) / max(other.norms[best[middle]], 1e-300)
+    return rho, ratio
+
+
+def _basis(one: Signature) -> Array:
+    """(N, o, k) orthonormal basis of each option; zero where the option cannot be seen."""
+    U, s, _ = np.linalg.svd(one.X.transpose(1, 0, 2), full_matrices=False)
+    kept = (s > 1e-9 * max(float(s.max()), 1e-300)) & (one.share > GONE)[:, None]
+    return np.asarray((U * kept[:, None, :]).transpose(1, 0, 2))
+
+
+def separating_snr(share: Array) -> Array:
+    """SNR that gives log odds of ln 19 where a share ρ² can be imitated."""
+    left = 1 - np.asarray(share)
+    return np.where(left > EXACT, np.sqrt(2 * SURE / np.maximum(left, EXACT)), np.inf)
+
+
+def pairs(every: Sequence[Signature], random: Sequence[RandomColumns], seen: Sequence[Visible]) -> list[Pair]:
+    """Pairs of visible effects that take more than an SNR of `LIMIT_SNR` to tell apart, the worst first.
+
+    An imitation that takes an implausible size of the other does not count. Random effects are compared with one another;
+    a pair of them counts if it takes as much more than the visible size as `LIMIT_SNR` is more than the usual SNR.
+    """
+    known = {one.label: one for one in seen if one.verdict == "visible"}
+    some = [one for one in every if one.label in known]
+    out = []
+    if some:
+        rho, ratio = shares(some)
+        snr = separating_snr(rho)
+        for i, j in np.argwhere(snr > LIMIT_SNR):
+            if i == j:
+                continue
+            one = known[some[i].label]
+            if ratio[i, j] * one.best > EFFECTS[some[j].effect].prior[1]:
+                continue
+            size = float(snr[i, j]) / float(some[i].norms[some[i].middle])
+            out.append(Pair(one.label, some[j].label, float(rho[i, j]), float(snr[i, j]), size))
+    noisy = [one for one in random if one.label in known]
+    for first in noisy:
+        for second in noisy:
+            if first.label != second.label:
+                size = telling_size(first, second, known[first.label].size)
+                if size > LIMIT_SNR / START_SNR * known[first.label].size:
+                    out.append(Pair(first.label, second.label, float("nan"), float("nan"), size))
+    return sorted(out, key=lambda pair: (-np.nan_to_num(pair.snr, nan=0.0), pair.effect, pair.other))
+
+
+def telling_size(one: RandomColumns, other: RandomColumns, start: float) -> float:
+    """Size of a random effect at which another differs by a divergence of ln 19 at its best size.
+
+    With orthogonal columns X of squared lengths d and unit directions Q, S = I + r² X Xᵀ has S⁻¹ = I − Q g Qᵀ with
+    g = r² d/(1 + r² d), so that the divergence
+
+        ½ [tr(S_B⁻¹ S_A) − N + ln|S_B| − ln|S_A|]
+
+    takes only the squared products of the directions of both.
+    """
+    d_A, d_B = np.sum(one.X**2, axis=0), np.sum(other.X**2, axis=0)
+    cross = ((other.X / np.sqrt(np.maximum(d_B, 1e-300))).T @ one.X) ** 2  # (r_B, r_A)
+    sizes = start * np.geomspace(0.3, 30.0, 41)
+    gain = np.geomspace(1e-3, 1e5, 120)[:, None] / max(float(d_B.max()), 1e-300) * d_B  # (q, r_B): r² d
+    g = gain / (1 + gain)
+    squared = sizes**2
+    mixed = squared[:, None] * (d_A.sum() - g @ cross.sum(axis=1)) - g.sum(axis=1)  # (s, q)
+    log_A = np.log1p(squared[:, None] * d_A).sum(axis=1)
+    divergence = 0.5 * (mixed + np.log1p(gain).sum(axis=1) - log_A[:, None]).min(axis=1)
+    enough = np.flatnonzero(divergence >= SURE)
+    return float(sizes[enough[0]]) if enough.size else float("inf")

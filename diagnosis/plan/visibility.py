@@ -1,0 +1,164 @@
+"""Smallest visible size of each effect that shows in the attitude.
+
+The diagnosis calls a gap when its statistic T, the evidence averaged over the whole bank of candidates
+(`Search.null_statistic`), passes the point that M0 passes with probability `FALSE_ALARMS`. T is a log of a sum of
+exponentials of convex quadratics in the observations y, and even in y; so {T ≤ threshold} is a convex set symmetric about 0,
+and by Anderson's theorem (Proc. AMS 6, 1955, 170–176) the probability to leave it never falls as y = a x + n moves out along
+a fixed signature x, nor as a random x is scaled up. The size at which 90 % of draws leave it therefore exists and is unique.
+It is found with T itself on common draws of n, so that the price of looking everywhere is in it: no chi-square is assumed.
+
+Where an effect has a time, the size is that at the median one, and at the phase of mean power; `best` and `worst` are for the
+largest and the smallest ‖x‖ among all, at the same a‖x‖, which hardly depends on them. A random effect is drawn from its
+covariance.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from diagnosis.bank import Bank, available
+from diagnosis.diagnose import DRAWS, FALSE_ALARMS
+from diagnosis.model import Model
+from diagnosis.plan.columns import GONE, RANDOM, RandomColumns, Signature
+from diagnosis.plan.result import POWER, Progress, Verdict, Visible
+from diagnosis.search import Search
+from simulator.effects import EFFECTS, Effect
+
+Array = NDArray[np.float64]
+
+NULL_DRAWS = 2000  # of M0, for the threshold
+POWER_DRAWS = 200  # of each effect; their 10 % point is good to 2 % of a size
+NEAR = 0.1  # of the statistic: a size is good to 0.3 % then
+MOST_STEPS = 14  # of the solution for a size
+START_SNR = 6.5
+FAR = 1e4  # times the plausible size: what takes more than that is rounding
+
+
+class PowerOf:
+    """The statistic of the diagnosis on draws.
+
+    Parameters
+    ----------
+    model : the linear model
+    bank : its candidates
+    seed : of the draws
+    """
+
+    def __init__(self, model: Model, bank: Bank, seed: int = 0):
+        self.bank = bank
+        self.search = Search(bank, np.zeros(model.size))
+        self.rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=tuple(b"diagnosis_plan")))
+        null = np.concatenate(
+            [self.search.null_statistic(bank.X.T @ self._noise(model, DRAWS)) for _ in range(NULL_DRAWS // DRAWS)]
+        )
+        # Beyond ln(draws + 1) the diagnosis goes by the bound P(B ≥ c) ≤ 1/c.
+        self.threshold = float(min(np.quantile(null, 1 - FALSE_ALARMS), np.log(1 + DRAWS)))
+        self.noise = self._noise(model, POWER_DRAWS)
+        self._correlation = bank.X.T @ self.noise
+
+    def _noise(self, model: Model, count: int) -> Array:
+        return model.projected(self.rng.standard_normal((model.size, count)))
+
+    def excess(self, moved: Array, amplitude: float) -> float:
+        """The statistic that nine draws in ten pass, less the threshold; moved is (p, 1) or (p, d), Xᵀx."""
+        values = self.search.null_statistic(self._correlation + amplitude * moved)
+        return float(np.quantile(values, 1 - POWER)) - self.threshold
+
+    def size(self, x: Array, start: float) -> float:
+        """Amplitude of a signature, (N,) or (N, d) for each draw, that is seen in nine draws of ten; infinite if none is.
+
+        A secant in log amplitude from `start`; the statistic grows about as the square of the amplitude.
+        """
+        moved = self.bank.X.T @ x.reshape(len(x), -1)
+        here, value = start, self.excess(moved, start)
+        low, high = 0.0, np.inf
+        slope = 25.0
+        for _ in range(MOST_STEPS):
+            if abs(value) < NEAR:
+                return here
+            low, high = (max(low, here), high) if value < 0 else (low, min(high, here))
+            there = here * float(np.exp(np.clip(-value / slope, -0.9, 0.9)))
+            if not low < there < high:
+                there = float(np.sqrt(low * high)) if np.isfinite(high) and low > 0 else (2 * low if low > 0 else 0.5 * high)
+            new = self.excess(moved, there)
+            slope = max((new - value) / np.log(there / here), 1.0)
+            here, value = there, new
+        return here if abs(value) < 1.0 else float("inf")
+
+
+def columns_seen(every: Sequence[Signature], power: PowerOf, tell: Progress) -> Iterator[Visible]:
+    """Smallest visible sizes of effects that are sums of columns."""
+    for number, one in enumerate(every):
+        tell("smallest visible sizes", 0.15 + 0.35 * number / len(every))
+        yield visible(one, power)
+
+
+def visible(one: Signature, power: PowerOf) -> Visible:
+    """Smallest visible size of an effect that is a sum of columns."""
+    effect = EFFECTS[one.effect]
+    smallest, largest = one.extremes
+    reason = "acts like a change of G, b or start attitudes"
+    row = row_of(effect, "not identifiable", np.inf, reason, "attitude", one.axis)
+    row = replace(row, label=one.label)
+    if one.share.max() < GONE or FAR * effect.prior[1] * largest < START_SNR:
+        return row
+    x = one.typical()
+    norm = float(np.linalg.norm(x))
+    snr = START_SNR
+    if norm > 0:
+        snr = power.size(x / norm, START_SNR)
+    size, best = snr / max(norm, 1e-300), snr / largest
+    worst = snr / smallest if smallest > GONE * largest else np.inf
+    row = replace(row, size=size, best=best, worst=worst, snr=snr, verdict="visible", text="")
+    if best > effect.prior[1]:
+        return replace(row, verdict="implausible", text=f"plausible only up to {effect.prior[1]:g} {effect.unit}")
+    if size > effect.prior[1]:
+        return replace(row, text="hidden at most times")
+    return replace(row, text="hidden at worst") if worst > effect.prior[1] else row
+
+
+def random_seen(random: Sequence[RandomColumns], power: PowerOf) -> Iterator[Visible]:
+    """Smallest visible sizes of random effects."""
+    for one in random:
+        effect = EFFECTS[one.effect]
+        # In terms of its strength a random effect needs about the square root of the number of ways it can be.
+        x = one.X @ power.rng.standard_normal((one.X.shape[1], POWER_DRAWS))
+        size = power.size(x, 4.0 / one.strength) if one.strength > 0 else np.inf
+        verdict: Verdict = "visible" if size <= effect.prior[1] else "implausible"
+        text = ", ".join(f"{name} {value:.4g}" if isinstance(value, float) else value for name, value in one.parameters.items())
+        if verdict != "visible":
+            text = f"plausible only up to {effect.prior[1]:g} {effect.unit}"
+        yield Visible(
+            one.effect, one.axis, one.label, effect.unit, verdict, size, size, size, float("nan"), effect.prior, "attitude",
+            text=text,
+        )  # fmt: skip
+
+
+def unavailable(model: Model, names: Sequence[str], random: Sequence[RandomColumns]) -> list[Visible]:
+    """Effects whose columns this scenario has no motion or reference for."""
+    out = []
+    for name in names:
+        effect = EFFECTS[name]
+        if effect.kind == "columns" and not available(model, effect):
+            text = "needs a table or a flight direction that the scenario does not have"
+            if name == "reference_mode_offset":
+                text = "needs references in both +x and -x forward"
+            out.append(row_of(effect, "not available", np.inf, text, "attitude"))
+    lacking = set(RANDOM) & set(names) - {one.effect for one in random}
+    return out + [
+        row_of(EFFECTS[name], "not available", np.inf, "needs a series of references", "attitude") for name in lacking
+    ]
+
+
+def row_of(
+    effect: Effect, verdict: Verdict, size: float, text: str, seen_in: Literal["attitude", "samples"], axis: str | None = None
+) -> Visible:
+    """An answer of one size for every time and phase."""
+    label = effect.name if axis is None else f"{effect.name}:{axis}"
+    nan = float("nan")
+    return Visible(effect.name, axis, label, effect.unit, verdict, size, size, size, nan, effect.prior, seen_in, text=text)
