@@ -13,9 +13,10 @@ and under a dead zone of half width d the likelihoods
     p₀(m) = N(m; μ, s² + σ²)
     p_d(m) = P(|r| < d) N(m; 0, σ²) + N(m; μ, s² + σ²) P(|r| > d | m)
 
-averaged over μ, s and d. Means that follow one another are not independent, so this ratio is tempered. Both count in favour
-of this cause only where the attitude shows that rates are missing, since a gyro may happen to have no bias. The columns are a
-constant missing rate in each of the slow stretches.
+averaged over μ, s and d, and over a motion that sways, r = μ + √2 s cos φ, whose φ is summed over a grid. Means that follow
+one another are not independent, so this ratio is tempered. Both count in favour of this cause only where the attitude shows
+that rates are missing, since a gyro may happen to have no bias. The columns are a constant missing rate in each of the slow
+stretches.
 """
 
 from __future__ import annotations
@@ -26,7 +27,7 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 from scipy.special import logsumexp, ndtr
-from scipy.stats import multivariate_normal
+from scipy.stats import multivariate_normal, norm
 
 from diagnosis.model import Model
 from gyrocal.recording import Recording
@@ -45,6 +46,8 @@ LEAK = 0.2  # of the usual raw rate: what misalignments leak of the body's rate
 DIFFERENCE = 0.4  # usual size of the differences between stretches beside what they have in common
 STILL_S = 200.0  # s of a stretch whose mean is tested against zero
 TRIED = 30  # half widths
+NARROWEST = 3.5  # of them, in sigmas of a mean: within a narrower one noise and motion look alike
+PHASES = 24  # of a swaying motion
 BIN = 0.3  # of the means, in sigmas
 REACH = 2.5  # half widths: stretches whose mean reading is beyond miss nothing
 
@@ -121,7 +124,7 @@ def half_width(one: DeadStretches, common: float, differences: Array, sigma: Arr
 
 
 def _of_axis(recording: Recording, x: Array, noise: float, axis: int) -> DeadStretches | None:
-    zones = np.geomspace(1.5, 1.5 * SLOW, TRIED)
+    zones = np.geomspace(NARROWEST, 1.5 * SLOW, TRIED)
     stretches, sigma = _slow(recording, x, noise, WINDOW_S)
     if not stretches:
         return None
@@ -214,9 +217,15 @@ def _table(zones: tuple[float, ...]) -> tuple[Array, list[Array]]:
     plain = -0.5 * ((m - mu) ** 2 / total + np.log(2 * np.pi * total))
     middle, width = (mu + m * s**2) / total, np.sqrt(s**2 / total)
     zero = -0.5 * (m**2 + np.log(2 * np.pi))
+    r = mu + np.sqrt(2) * s * np.cos(np.linspace(0, np.pi, PHASES, endpoint=False) + np.pi / (2 * PHASES))
+    each = norm.pdf(m[..., None], r[:, None]) / PHASES
+    swaying = np.log(np.maximum(each.sum(axis=2), 1e-300))
     both = []
     for d in zones:
         inside = ndtr((d - mu) / s) - ndtr((-d - mu) / s)
         outside = 1 - (ndtr((d - middle) / width) - ndtr((-d - middle) / width))
-        both.append(np.logaddexp(np.log(np.maximum(inside, 1e-300)) + zero, plain + np.log(np.maximum(outside, 1e-300))))
-    return plain, both
+        one = np.logaddexp(np.log(np.maximum(inside, 1e-300)) + zero, plain + np.log(np.maximum(outside, 1e-300)))
+        out = (np.abs(r) >= d).astype(float)
+        seen = np.einsum("ijk,ik->ij", each, out) + (1 - out.mean(axis=1))[:, None] * np.exp(zero)
+        both.append(np.vstack([one, np.log(np.maximum(seen, 1e-300))]))
+    return np.vstack([plain, swaying]), both

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -22,9 +23,11 @@ Array = NDArray[np.float64]
 ITERATIONS = 10
 SETTLED = 1e-3  # sigmas
 CLEARLY = 12.0  # of χ², by which the attitude decides how readings came onto a lattice
-STRONG = 14.0  # log odds of the samples from which a dead zone can be certain
+LIKELY = 6.0  # log odds of the samples from which a dead zone is certain if the attitude shows that rates are missing
+PLAIN = 20.0  # the same, if the attitude only shows that something is wrong
+MISFIT = 5.0  # sigmas of χ² that show it
 UNSHOWN_S = 60.0  # s for which a rate inside a dead zone may stay the same
-FELT = 8.0  # log evidence of the attitude that rates are missing
+FELT = 12.0  # log evidence of the attitude that rates are missing
 UNSEEN = 0.5  # of its plausible range: a parameter less certain than that is not observed
 
 
@@ -80,16 +83,16 @@ def prepare(recording: Recording) -> Prepared:
         if _misfit(other) < _misfit(first) - CLEARLY:
             report, first = cut, other
     model, sigma, pieces = first
-    noise = reference_noise(model)
     dead = () if any(cause.effect == "rate_deadzone" for cause in report.causes) else _dead(recording, report)
+    noise = _reference_noise(model, report, dead)
     zones = [zone for one in dead if (zone := _zone(model, one)) is not None]
     if zones:
         _forget_motion(report, zones)
         model, sigma = _calibrated(recording, report, pieces, recording.attitudes.sigma)
         free = np.hstack([missing(model, zone.stretches) for zone in zones])
         model = replace(model, free=free)
-        noise = reference_noise(model)
         dead = tuple(one for one in dead if one.axis not in {zone.stretches.axis for zone in zones})
+        noise = _reference_noise(model, report, [zone.stretches for zone in zones])
     # What a gyro does not show between two references looks like noise of theirs about its axis.
     blind = {zone.stretches.axis for zone in zones} | set(np.flatnonzero(report.hidden | report.lattice).tolist())
     if noise is not None and (noise.axis in blind or len(blind) == 3):
@@ -101,16 +104,26 @@ def prepare(recording: Recording) -> Prepared:
     return Prepared(model, report, sigma, noise, dead, tuple(zones), _notes(recording, pieces, sigma))
 
 
+def _reference_noise(model: Model, report: StreamReport, dead: Iterable[DeadStretches]) -> ReferenceNoise | None:
+    """The test of the references' noise beside what the samples show of the gyros."""
+    nothing = np.zeros(len(report.rates), dtype=bool)
+    return reference_noise(
+        model, np.median(report.density, axis=0), np.any([nothing, *(one.stretch >= 0 for one in dead)], axis=0)
+    )
+
+
 def _zone(model: Model, one: DeadStretches) -> DeadZone | None:
     """A dead zone that samples and attitude show together; None if they do not."""
-    if one.log_odds < STRONG:
+    if one.log_odds < LIKELY:
         return None
     X = model.prepared(missing(model, one))
     scales = scales_of(float(np.linalg.norm(X, axis=0).max()), EFFECTS["rate_deadzone"].prior)
     if not scales.size:
         return None
     evidence = averaged(log_bayes((X.T @ X)[None], (X.T @ model.y)[None], scales), np.zeros(1))
-    if evidence < FELT:
+    # Slow motion about zero is swallowed as well, and leaves no mean that would be missing.
+    wrong = float(model.y @ model.y) - model.y.size > MISFIT * np.sqrt(2.0 * model.y.size)
+    if evidence < FELT and not (one.log_odds > PLAIN and wrong):
         return None
     scale = 1.0 / np.maximum(np.linalg.norm(X, axis=0), 1e-300)
     inverse = np.linalg.pinv((X * scale).T @ (X * scale), rcond=1e-10, hermitian=True)

@@ -1,8 +1,8 @@
 """Whether the references' white noise is what is stated, from second differences of the residuals of a series.
 
 Second differences of three references at even spacing Δt leave nothing of slow errors, whatever their cause. Under M0 their
-variance about body axis i is 6 σ_i² + 2 ARW² Δt; neighbouring ones correlate by (−4/6, 1/6), so that the variance of the
-mean square of n of them is (2/n)(1 + 2 (16 + 1)/36) of its square.
+variance about body axis i is 6 σ_i² + 2 d_i Δt, d_i the noise density of gyro i as the samples show it; neighbouring ones
+correlate by (−4/6, 1/6), so that the variance of the mean square of n of them is (2/n)(1 + 2 (16 + 1)/36) of its square.
 """
 
 from __future__ import annotations
@@ -58,12 +58,20 @@ class ReferenceNoise:
         return out
 
 
-def reference_noise(model: Model) -> ReferenceNoise | None:
-    """Test of the references' noise; None without a series of references."""
+def reference_noise(model: Model, density: Array, dead: Array) -> ReferenceNoise | None:
+    """Test of the references' noise; None without a series of references.
+
+    Parameters
+    ----------
+    model : linearised about the calibration
+    density : (3,) noise density of the gyros, rad²/s
+    dead : (n,) samples in which a gyro may show nothing; what it then misses would pass for noise of the references
+    """
+    missed = np.concatenate([[0], np.cumsum(dead)])
     references = model.references
     differences, variances, walks = [], [], []
     sigma = model.recording.attitudes.sigma[model.reference_rows]
-    arw = model.recording.gyro.arw
+    gyro_s = model.recording.gyro.t_s
     for number, block in enumerate(model.blocks):
         rows = np.flatnonzero(model.interval_of_reference == number)
         t = references.t_s[rows]
@@ -73,6 +81,9 @@ def reference_noise(model: Model) -> ReferenceNoise | None:
             before, after = t[k] - t[k - 1], t[k + 1] - t[k]
             if abs(before - after) > 0.01 * before or before > 2.5 * float(np.median(np.diff(t))):
                 continue
+            first, last = np.searchsorted(gyro_s, [t[k - 1], t[k + 1]])
+            if missed[last] > missed[first]:
+                continue
             A = model.at_reference[rows[k]].T
             differences.append(A @ (zeta[k + 1] - 2 * zeta[k] + zeta[k - 1]))
             # The body turns between references; where it turns far, axes mix and σ differs between them.
@@ -80,11 +91,11 @@ def reference_noise(model: Model) -> ReferenceNoise | None:
             for weight, j in ((1, k - 1), (4, k), (1, k + 1)):
                 variance += weight * ((A @ model.at_reference[rows[j]]) ** 2) @ sigma[rows[j]] ** 2
             variances.append(variance)
-            walks.append(2 * arw**2 * before)
+            walks.append(2 * density * before)
     count = len(differences)
     if count < FEWEST or not (np.array(variances) > 0).all():
         return None
-    second, stated, walk = np.array(differences), np.array(variances), np.array(walks)[:, None]
+    second, stated, walk = np.array(differences), np.array(variances), np.array(walks)
     z = second / np.sqrt(stated + walk)
     # Single large differences, as beside a slew with wrong time tags, are not noise.
     limit = TRIM * np.median(np.abs(z), axis=0) / 0.6745

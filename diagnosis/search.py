@@ -23,6 +23,8 @@ LARGEST_SET = 3
 BEAM = (10, 6)
 ANOTHER = 0.1  # prior that one more effect is at work, given that some are
 SWEEPS = 2
+EXCHANGED = 4  # times the best set is tried with others in the place of its members
+EXCHANGED_FOR = 4  # others worth settling
 ENOUGH = 24  # columns of a random process to see whether it is worth a closer look
 SMALL = 4  # columns of a group that is handled together with others of its size
 
@@ -222,7 +224,28 @@ class Search:
             found.update({explanation.key: explanation for explanation in level})
             if not level or level[0].log_posterior < top - 6:
                 break
+        if depth > 1:
+            self._exchange(found)
         return sorted(found.values(), key=lambda explanation: -explanation.log_posterior)
+
+    def _exchange(self, found: dict[frozenset[int], Explanation]) -> None:
+        """Take each member of the best set out, and put others in its place; a beam may never get there."""
+        tried: set[frozenset[int]] = set()
+        for _ in range(EXCHANGED):
+            best = max(found.values(), key=lambda explanation: explanation.log_posterior)
+            for member in best.members if len(best.members) > 1 else ():
+                others = tuple(one for one in best.members if one != member)
+                key = frozenset(one.candidate for one in others)
+                if key in tried:
+                    continue
+                tried.add(key)
+                parent = self.settled(others)
+                found.setdefault(parent.key, parent)
+                for child in self._children(parent, EXCHANGED_FOR):
+                    if child.key not in found:
+                        found[child.key] = self.settled(child.members)
+            if best is max(found.values(), key=lambda explanation: explanation.log_posterior):
+                break
 
     def _beam(self, level: list[Explanation], width: int) -> list[Explanation]:
         """The best, and the best of each listed effect after that, so that no kind crowds out the others."""

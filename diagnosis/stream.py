@@ -35,6 +35,7 @@ COARSE = 0.05  # a lattice finer than this share of the noise is the number form
 EVENT_P = 1e-5  # p below which an event test names its effect
 LOWEST_LINE = 0.04  # Hz: below it, lines are the body's own motion
 LINE_P = 1e-8  # of a line to be a vibration: the level around it is itself estimated
+CLEAR_TONE = 5.0  # sigmas of its amplitude over all stretches, for a line to be a tone
 OUTLIER = 6.0  # noise sigmas; one sample in 5e8 under M0
 FEWEST_CLIPPED = 5
 CHANCE_SAMPLES = 101  # over which the chance of a repeat on a lattice is taken
@@ -256,11 +257,14 @@ def _fill(report: StreamReport, recording: Recording, bad: Mask) -> None:
 
 def _saturation(report: StreamReport, recording: Recording, used: Mask, coarse: Mask, steps: Array) -> None:
     rates = recording.gyro.rates
+    # A largest reading that telemetry repeats stands still on all axes; of a clipped gyro the others go on.
+    held = np.zeros(len(rates), dtype=bool)
+    held[1:] = (rates[1:] == rates[:-1]).all(axis=1)
     for axis in range(3):
         x = rates[used, axis]
         largest = float(np.abs(x).max())
         at = np.abs(x) >= largest * (1 - 1e-12)
-        count = int(at.sum())
+        count = int((at & ~held[used]).sum())
         # On a lattice coarser than the noise any steady rate stands still: nothing can be said.
         hidden = bool(coarse[axis]) and steps[axis] > 2.0 * recording.gyro.arw / np.sqrt(recording.gyro.sample_s)
         found = count >= FEWEST_CLIPPED and not hidden and (not coarse[axis] or _is_plateau(at))
@@ -405,7 +409,11 @@ def _noise(
     report: StreamReport, recording: Recording, quiet: Mask, sigma: float, steps: Array, coarse: Mask, cut: Mask
 ) -> None:
     """Level and colour of the white noise, from first and second differences."""
-    pair = quiet & _consecutive(recording, quiet) & ~scipy.ndimage.binary_dilation(report.filled, iterations=2)
+    # Tones are known, and taken out, in the long quiet stretches only.
+    still = np.zeros(quiet.size, dtype=bool)
+    for low, high in _stretches(quiet & _consecutive(recording, quiet)):
+        still[low:high] = True
+    pair = still & _consecutive(recording, still) & ~scipy.ndimage.binary_dilation(report.filled, iterations=2)
     triple = pair & np.roll(pair, 1)
     n = int(triple.sum())
     if n < 200:
@@ -496,7 +504,9 @@ def _lines(report: StreamReport, recording: Recording, quiet: Mask) -> None:
         )  # fmt: skip
         # Rounding a slow motion makes lines of its own.
         if p < LINE_P and not report.lattice[axis]:
-            report.causes.append(_tone(report, recording, axis, frequency, stretches, p))
+            tone = _tone(report, recording, axis, frequency, stretches, p)
+            if tone is not None:
+                report.causes.append(tone)
 
 
 def _runs(mask: Mask) -> list[tuple[int, int]]:
@@ -535,8 +545,11 @@ def _strongest(x: Array, sample_s: float) -> tuple[float, float, float, int]:
 
 def _tone(
     report: StreamReport, recording: Recording, axis: int, frequency: float, stretches: list[tuple[int, int]], p: float
-) -> StreamCause:
-    """Amplitude and frequency of a tone by least squares, stretch by stretch, each with its own phase."""
+) -> StreamCause | None:
+    """Amplitude and frequency of a tone by least squares, stretch by stretch, each with its own phase.
+
+    The strongest of many lines in one stretch may be chance; a tone is there in all of them. None if it is not.
+    """
     sample = recording.gyro.sample_s
     longest = max(stretches, key=lambda stretch: stretch[1] - stretch[0])
     span = (longest[1] - longest[0]) * sample
@@ -545,7 +558,7 @@ def _tone(
     t = recording.gyro.t_s[slice(*longest)]
     powers = [abs(np.exp(-2j * np.pi * f * t) @ x) for f in trial]
     f = float(trial[int(np.argmax(powers))])
-    squares, samples, noise = 0.0, 0, 0.0
+    squares, samples, noise, left_over = 0.0, 0, 0.0, report.rates[:, axis].copy()
     for low, high in stretches:
         angle = 2 * np.pi * f * recording.gyro.t_s[low:high]
         waves = np.column_stack([np.cos(angle), np.sin(angle)])
@@ -553,13 +566,16 @@ def _tone(
         level = scipy.signal.detrend(y)
         fitted = np.linalg.lstsq(waves, level, rcond=None)[0]
         # What is left is what the other tests look at.
-        report.rates[low:high, axis] = y - waves @ fitted
+        left_over[low:high] = y - waves @ fitted
         left = float(np.mean((level - waves @ fitted) ** 2))
         squares += (float(fitted @ fitted) - 4 * left / y.size) * y.size
         noise += left * y.size
         samples += y.size
     size = float(np.sqrt(max(squares / samples, 0.0)))
     error = float(np.sqrt(2 * noise / samples / samples))
+    if size < CLEAR_TONE * error:
+        return None
+    report.rates[:, axis] = left_over
     return StreamCause(
         "vibration", AXES[axis], float(np.rad2deg(size)), "deg/s", float(np.rad2deg(error)), {"apparent_hz": f}, p
     )

@@ -19,7 +19,7 @@ from simulator.effects import EFFECTS
 
 NAMED = 0.95
 UNKNOWN = 0.4  # probability of something unlisted from which on nothing is named
-UNKNOWN_BESIDE_RANDOM = 0.12  # the same where a random process is the answer, which can imitate most things
+UNKNOWN_BESIDE_RANDOM = 0.25  # the same where a random process is the answer, which can imitate most things
 GROUP_SHARE = 0.02  # of a slot's probability, below which an effect is not offered in place of another
 LARGEST_GROUP = 4
 

@@ -42,6 +42,13 @@ def _member(bank, y, label):
     return Member(bank.find(label), score.option, score.scale)
 
 
+def _strong(bank, label, snr):
+    """Response of the middle option of a candidate, of a given signal-to-noise ratio."""
+    options = bank.candidates[bank.find(label)].options
+    X = bank.X[:, options[len(options) // 2].columns][:, 0]
+    return snr * X / np.linalg.norm(X)
+
+
 @pytest.mark.parametrize(("stated", "axis"), [((1, 1, 1), None), ((1.5, 1.5, 1.5), None), ((1, 1.6, 1), 1)])
 def test_reference_noise(plan, stated, axis):
     recording = simulate(plan, seed=22)
@@ -57,6 +64,25 @@ def test_reference_noise_is_blind_to_slow_errors(plan):
     """Second differences leave a drifting bias and a slow reference error out."""
     for text in ("bias_orbital:y=1.0", "reference_orbital:x=0.05", "bias_random_walk:z=1.0"):
         assert not prepare(simulate(plan, seed=23, effects=[parse(text)])).reference_noise.departs
+
+
+def test_a_noisy_gyro_is_no_noise_of_the_references(plan):
+    for seed in (1, 2, 3):
+        found = prepare(simulate(plan, seed=seed, effects=[parse("noise_excess:y=3")])).reference_noise
+        assert found is not None
+        assert not found.departs
+
+
+def test_a_small_dead_zone_is_no_noise_of_the_references(plan):
+    prepared = prepare(simulate(plan, seed=4, effects=[parse("rate_deadzone:z=9e-4")]))
+    assert [zone.stretches.axis for zone in prepared.zones] == [2]
+    assert prepared.reference_noise is None or not prepared.reference_noise.departs
+
+
+def test_the_search_gets_to_a_pair_that_random_rivals_hide(prepared, bank):
+    pair = [_strong(bank, "bias_drift:y", 35.0), _strong(bank, "g_matrix_step:x", 35.0)]
+    found = Search(bank, sum(pair)).explanations()
+    assert set(bank.candidates[k].label for k in found[0].key) == {"bias_drift:y", "g_matrix_step:x"}
 
 
 def test_dead_zone_reads_zero_and_m0_does_not(plan):

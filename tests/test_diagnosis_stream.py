@@ -1,5 +1,7 @@
 """Stream tests: each finds its effect with its size, and nothing in M0."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -49,6 +51,7 @@ def test_m0_shows_nothing(plan, truth):
         ("spikes=0.004,fraction=0.001", "spikes", None, 0.004, None),
         ("spikes:x=0.004,fraction=0.001", "spikes", "x", 0.004, None),
         ("vibration:y=1e-4,apparent_hz=0.31", "vibration", "y", 1e-4, None),
+        ("vibration:y=4e-4,apparent_hz=0.706", "vibration", "y", 4e-4, None),
         ("noise_excess=1.3", "noise_excess", None, 1.3, None),
         ("noise_excess:z=1.2", "noise_excess", "z", 1.2, None),
         ("noise_excess=0.8", "noise_excess", None, 0.8, None),
@@ -127,3 +130,26 @@ def test_lattice_step_and_its_kind():
     sweep = 300 * np.sin(np.arange(40_000) / 50)
     assert sweep_odds(np.round(sweep), 1.0) < -3
     assert sweep_odds(np.trunc(sweep), 1.0) > 3
+
+
+def test_a_line_in_one_stretch_only_is_no_tone(plan, truth):
+    recording = _recording(plan, truth, 3)
+    t = recording.gyro.t_s[2000:2400]
+    for everywhere in (True, False):
+        rates = recording.gyro.rates.copy()
+        part = slice(None) if everywhere else slice(2000, 2400)
+        rates[part, 2] += np.deg2rad(1.5e-4) * np.sin(2 * np.pi * 0.31 * (recording.gyro.t_s if everywhere else t))
+        report = stream.examine(replace(recording, gyro=replace(recording.gyro, rates=rates)))
+        assert [cause.effect for cause in report.causes] == (["vibration"] if everywhere else [])
+
+
+def test_a_repeated_largest_reading_is_not_clipped(plan, truth):
+    recording = _recording(plan, truth, 4, "stale_samples=3,fraction=0.01")
+    rates = recording.gyro.rates.copy()
+    top = int(np.argmax(np.abs(rates[:, 1])))
+    rates[top : top + 9] = rates[top]
+    report = stream.examine(replace(recording, gyro=replace(recording.gyro, rates=rates)))
+    assert [cause.effect for cause in report.causes] == ["stale_samples"]
+    rates[top : top + 9, 0] += np.deg2rad(1e-5) * np.arange(9)  # the other axes go on: that is a clipped one
+    report = stream.examine(replace(recording, gyro=replace(recording.gyro, rates=rates)))
+    assert [cause.effect for cause in report.causes] == ["stale_samples", "rate_saturation"]

@@ -171,7 +171,7 @@ class Invention:
 
 @dataclass(frozen=True)
 class Drawn:
-    """A case: the world it is in, its effects, its answer (a JSON object) and the effects its diagnosis may name (None for all)."""
+    """A case: the world it is in, its effects, its answer (a JSON object), what its diagnosis may name (None: all)."""
 
     world: World
     settings: tuple[Setting, ...]
