@@ -238,7 +238,10 @@ def _steps(model: Model, effect: Effect) -> Iterator[_Entry]:
 
 
 def with_fine_steps(model: Model, bank: Bank, candidate: int, option: int, count: int = 48) -> Bank:
-    """The bank with more times for a step, close together around the one it is tried at."""
+    """The bank with more times for a step, close together around the one it is tried at.
+
+    They take over the prior of the times between which they lie; a gap between intervals keeps its own.
+    """
     entry = bank.candidates[candidate]
     parameters = entry.options[option].parameters
     if "time_s" not in parameters:
@@ -246,19 +249,29 @@ def with_fine_steps(model: Model, bank: Bank, candidate: int, option: int, count
     same = [o for o in entry.options if o.parameters.get("toward") == parameters.get("toward")]
     times = sorted(float(o.parameters["time_s"]) for o in same)
     place = times.index(float(parameters["time_s"]))
-    trial = np.linspace(times[max(place - 2, 0)], times[min(place + 2, len(times) - 1)], count)
+    low, high = times[max(place - 2, 0)], times[min(place + 2, len(times) - 1)]
+    trial = np.linspace(low, high, count)
     firsts = np.unique(np.searchsorted(model.t_s, trial))
     firsts = firsts[(firsts > 0) & (firsts < model.t_s.size)]
     fixed = {key: value for key, value in parameters.items() if key == "toward"}
     on = EFFECTS[entry.effect].columns(model.stream, entry.axis, {**fixed, "time_s": float(model.t_s[0]) - 1.0})[:, :, 0]
     W = model.whitened(model.reading_steps(on, firsts))
     start = bank.W.shape[1]
-    weight = float(np.log(sum(np.exp(o.log_weight) for o in same) / (2 * firsts.size)))
+    inside = [o for o in same if low <= float(o.parameters["time_s"]) <= high and not _in_a_gap(model, o)]
+    if not inside or not firsts.size:
+        return bank
+    weight = float(np.log(sum(np.exp(o.log_weight) for o in inside) / (2 * firsts.size)))
     fine = tuple(Option(start + k, 1, weight, {**fixed, "time_s": float(model.t_s[first])}) for k, first in enumerate(firsts))
-    coarse = tuple(replace(o, log_weight=o.log_weight - np.log(2)) if o in same else o for o in entry.options)
+    coarse = tuple(replace(o, log_weight=o.log_weight - np.log(2)) if o in inside else o for o in entry.options)
     candidates = list(bank.candidates)
     candidates[candidate] = replace(entry, options=coarse + fine)
     return Bank(np.hstack([bank.W, W]), np.hstack([bank.X, model.projected(W)]), tuple(candidates))
+
+
+def _in_a_gap(model: Model, option: Option) -> bool:
+    """Whether a step is tried between two intervals."""
+    time_s = float(option.parameters["time_s"])
+    return not any(model.t_s[block.steps.start] <= time_s <= model.t_s[block.steps.stop - 1] for block in model.blocks)
 
 
 def _unlisted(model: Model) -> Iterator[_Entry]:

@@ -164,7 +164,8 @@ def _closure(model: Model, bank: Bank, members: tuple[Member, ...]) -> Closure |
         found = fold.explanations(depth=len(members))
         top = total(found)
         weights = [float(np.exp(one.log_posterior - top)) for one in found]
-        return [(w, one.members) for w, one in zip(weights, found, strict=True) if w > LEAST_WEIGHT]
+        likely = [(w, one.members) for w, one in zip(weights, found, strict=True) if w > LEAST_WEIGHT]
+        return [(w * share, at) for w, members in likely for share, at in fold.over_times(members)]
 
     return closure(model, listed, choose, random)
 

@@ -7,7 +7,7 @@ the discrete parameters). The search keeps a beam of sets, since the best single
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import scipy.linalg
@@ -26,6 +26,7 @@ SWEEPS = 2
 EXCHANGED = 4  # times the best set is tried with others in the place of its members
 EXCHANGED_FOR = 4  # others worth settling
 ENOUGH = 24  # columns of a random process to see whether it is worth a closer look
+LEAST_CHANCE = 0.02  # of the likeliest time, below which a time of a step is left out
 SMALL = 4  # columns of a group that is handled together with others of its size
 
 
@@ -120,7 +121,8 @@ class Search:
         entry = self.bank.candidates[candidate]
         weights = np.array([option.log_weight for option in entry.options])
         table = self.tables(candidate, given, most)
-        option, scale = np.unravel_index(int(np.argmax(table)), table.shape)
+        # Of times that explain the data alike, the one with more prior: a gap between intervals rather than one moment.
+        option, scale = np.unravel_index(int(np.argmax(table + weights[:, None])), table.shape)
         return Score(averaged(table, weights), float(table[option, scale]), int(option), int(scale))
 
     def null_statistic(self, correlation: Array) -> Array:
@@ -190,6 +192,22 @@ class Search:
             if sweep and not moved:
                 break
         return self._explanation(members, best + float(occam.sum()))
+
+    def over_times(self, members: tuple[Member, ...]) -> list[tuple[float, tuple[Member, ...]]]:
+        """A set at each of the times its steps may have happened at, with the probabilities of those; they sum to one."""
+        sets = [(1.0, members)]
+        for place, member in enumerate(members):
+            entry = self.bank.candidates[member.candidate]
+            if "time_s" not in entry.options[member.option].parameters:
+                continue
+            weights = np.array([option.log_weight for option in entry.options])
+            table = self.tables(member.candidate, self.given(members[:place] + members[place + 1 :])) + weights[:, None]
+            chance = np.exp(logsumexp(table, axis=1) - logsumexp(table))
+            likely = np.flatnonzero(chance > LEAST_CHANCE * chance.max())
+            at = [replace(member, option=int(k), scale=int(np.argmax(table[k]))) for k in likely]
+            share = chance[likely] / chance[likely].sum()
+            sets = [(w * s, (*m[:place], new, *m[place + 1 :])) for w, m in sets for s, new in zip(share, at, strict=True)]
+        return sets
 
     def _explanation(self, members: tuple[Member, ...], log_evidence: float) -> Explanation:
         entries = [self.bank.candidates[member.candidate] for member in members]
