@@ -1,0 +1,95 @@
+"""The Mission Mode loop, compiled and as plain Python: ``python -m benchmarks.mission_loop`` prints what they take as JSON.
+
+Both are the same functions, run by numba and, in a process of its own with NUMBA_DISABLE_JIT, by the interpreter: what
+compilation brings, and a check of it, since both must fly the same. They take turns, and the least time of each is kept.
+"""
+
+import json
+import os
+import subprocess
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+import click
+
+from simulator.mission_config import MissionConfig, period_tables
+from simulator.mission_mode import MissionRun, simulate_mission
+
+SEED = 1997
+AGREEMENT_DEG = 1e-9  # of any telemetered angle; rounding differs between the two
+DAY = 86400.0
+GOAL_S = 60.0  # for 30 simulated days
+
+
+def fly(seconds: float) -> tuple[float, MissionRun]:
+    """Wall time, s, and a run of the calibrated configuration with telemetry once a minute."""
+    config = MissionConfig(tables=period_tables()["postcalibration"])
+    start = time.perf_counter()
+    run = simulate_mission(config, seconds=seconds, seed=SEED)
+    return time.perf_counter() - start, run
+
+
+def plain(seconds: float) -> tuple[float, list[list[float]]]:
+    """Wall time, s, and telemetry of the same run by the interpreter."""
+    command = [sys.executable, "-m", "benchmarks.mission_loop", "--as-plain", str(seconds)]
+    environment = {**os.environ, "NUMBA_DISABLE_JIT": "1"}
+    folder = Path(__file__).parents[1]
+    done = subprocess.run(command, cwd=folder, env=environment, capture_output=True, text=True, check=True)
+    document = json.loads(done.stdout)
+    return document["wall_s"], document["telemetry"]
+
+
+def run(days: float = 30.0, plain_seconds: float = 6000.0, rounds: int = 3) -> dict[str, Any]:
+    """Measure both.
+
+    Parameters
+    ----------
+    days : length of the long compiled run
+    plain_seconds : length of the runs that are compared; a run's 4 ms of tables and preparation are in it
+    rounds : turns of the comparison
+
+    Raises
+    ------
+    AssertionError
+        The two do not fly the same.
+    """
+    fly(1.0)  # compiles, or loads what was compiled
+    compiled_s, plain_s = float("inf"), float("inf")
+    for _ in range(rounds):
+        took, slow = plain(plain_seconds)
+        plain_s = min(plain_s, took)
+        took, fast = fly(plain_seconds)
+        compiled_s = min(compiled_s, took)
+    apart = float(abs(fast.telemetry.to_numpy() - slow).max())
+    if not apart < AGREEMENT_DEG:
+        raise AssertionError(f"compiled and plain run differ by {apart:.1e} deg")
+    long_s, _ = fly(days * DAY)
+    return {
+        "compiled_simulated_s_per_s": days * DAY / long_s,
+        "plain_simulated_s_per_s": plain_seconds / plain_s,
+        "plain_vs_compiled": plain_s / compiled_s,
+        "difference_deg": apart,
+        "days": days,
+        "wall_s": long_s,
+        "wall_s_30_days": long_s * 30.0 / days,
+        "goal_s_30_days": GOAL_S,
+        "met": long_s * 30.0 / days < GOAL_S,
+    }
+
+
+@click.command(context_settings={"help_option_names": ["-h", "--help"]})
+@click.option("--days", default=30.0, show_default=True, help="Length of the long run.")
+@click.option("--as-plain", type=float, hidden=True, help="Fly so many seconds and print time and telemetry.")
+def main(days: float, as_plain: float | None) -> None:
+    """Simulated seconds per second of the Mission Mode loop, compiled and plain, in one run."""
+    if as_plain is None:
+        click.echo(json.dumps(run(days), indent=2))
+        return
+    took, flown = fly(as_plain)
+    click.echo(json.dumps({"wall_s": took, "telemetry": flown.telemetry.to_numpy().tolist()}))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,79 @@
+"""Attitude determination of Mission Mode's on-board computer, R Figures 4 and 5.
+
+The estimate is the error ε of the body against the commanded frame C, small angles about the body axes: A = exp(−[ε×]) C. While
+the frame turns by φ_c and the gyro says the body turned by φ, in one control cycle,
+
+    ε ← exp(−[φ_c×]) ε + φ − φ_c                                                                                    (1)
+
+which for −n about y is the coupling of roll and yaw by the orbit's rate, ε_x' = n ε_z, ε_z' = −n ε_x. Roll and pitch are then
+replaced by the Earth sensor's. Yaw is (1) alone, with the Earth sensor's roll in it, until the Sun crosses the body's XY
+plane, expected from the ephemeris. There the sun sensor's vector, formed by R (5), (4) and (1), is compared with the expected
+one in the commanded frame: a body turned by ε_z sees the Sun's azimuth smaller by ε_z, and roll and pitch do not matter where
+the Sun is in the plane. The difference Δ of measured and propagated yaw is the yaw update, and
+
+    b_z ← b_z + Δ / (t − t_last)                                                                                    (2)
+
+is the bias with which the gyro would have shown the yaw change between the two measurements: R's "new gyro bias, based on
+spacecraft attitude motion assumed to be equal to the difference between the two DSS yaw measurements". If the two sensors
+differ by d, so that measurements are in error by ±d/2 in turn, the first update is ∓d, and by (2) the gyro is given a drift d
+from one update to the next. The sign of d turns, the drift has the wrong sense, and from the second one on updates are ±2d.
+"""
+
+import math
+
+import numba
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+
+@numba.njit(cache=True, nogil=True)
+def propagate_error(error: Array, turned: Array, moved: Array) -> None:  # pragma: no cover - compiled
+    """Equation (1) in place, to second order in the frame's turn.
+
+    Parameters
+    ----------
+    error : (3,) ε, rad; brought up to date
+    turned : (3,) φ by the gyro, rad
+    moved : (3,) φ_c, rad
+    """
+    x, y, z = error[0], error[1], error[2]
+    a, b, c = moved[0], moved[1], moved[2]
+    f_x, f_y, f_z = b * z - c * y, c * x - a * z, a * y - b * x
+    error[0] = x - f_x + 0.5 * (b * f_z - c * f_y) + turned[0] - a
+    error[1] = y - f_y + 0.5 * (c * f_x - a * f_z) + turned[1] - b
+    error[2] = z - f_z + 0.5 * (a * f_y - b * f_x) + turned[2] - c
+
+
+@numba.njit(cache=True, nogil=True)
+def head_angle(count: float, k: Array) -> float:  # pragma: no cover - compiled
+    """Angle of a head's count by R (5) with coefficients k (9,), rad."""
+    bracket = k[0] + k[1] * count + k[2] * math.sin(k[3] * count + k[4]) + k[5] * math.sin(k[6] * count + k[7])
+    return math.atan(bracket) + k[8]
+
+
+@numba.njit(cache=True, nogil=True)
+def sun_azimuth(n_alpha: float, n_beta: float, a: Array, b: Array, alignment: Array) -> float:  # pragma: no cover - compiled
+    """Azimuth of the Sun about body z, from x toward y, by R (5), (4) and (1).
+
+    Parameters
+    ----------
+    n_alpha, n_beta : counts
+    a, b : (9,) coefficients
+    alignment : (3, 3) N M
+
+    Returns
+    -------
+    rad; (4)'s normalisation does not change it and is left out
+    """
+    tan_alpha, tan_beta = math.tan(head_angle(n_alpha, a)), math.tan(head_angle(n_beta, b))
+    x = alignment[0, 0] * tan_alpha + alignment[0, 1] * tan_beta + alignment[0, 2]
+    y = alignment[1, 0] * tan_alpha + alignment[1, 1] * tan_beta + alignment[1, 2]
+    return math.atan2(y, x)
+
+
+@numba.njit(cache=True, nogil=True)
+def half_turn(angle: float) -> float:  # pragma: no cover - compiled
+    """An angle brought to −π ≤ angle < π, rad."""
+    return (angle + math.pi) % (2.0 * math.pi) - math.pi
