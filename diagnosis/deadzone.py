@@ -48,6 +48,7 @@ STILL_S = 200.0  # s of a stretch whose mean is tested against zero
 TRIED = 30  # half widths
 NARROWEST = 3.5  # of them, in sigmas of a mean: within a narrower one noise and motion look alike
 PHASES = 24  # of a swaying motion
+SPREADS = 20  # of the motion: fewer, and none fits, so that a turning point at zero looks like a zone
 BIN = 0.3  # of the means, in sigmas
 REACH = 2.5  # half widths: stretches whose mean reading is beyond miss nothing
 
@@ -212,7 +213,7 @@ def _log_ratios(m: Array, zones: Array) -> Array:
 def _table(zones: tuple[float, ...]) -> tuple[Array, list[Array]]:
     """Log likelihoods of a mean in each bin, under M0 (μ and s, bins) and under each zone; the same for every recording."""
     m = np.arange(-SLOW + BIN / 2, SLOW, BIN)[None, :]
-    mu, s = (grid.ravel()[:, None] for grid in np.meshgrid(np.linspace(-SLOW, SLOW, 97), np.geomspace(0.3, SLOW / 2, 8)))
+    mu, s = (grid.ravel()[:, None] for grid in np.meshgrid(np.linspace(-SLOW, SLOW, 97), np.geomspace(0.3, SLOW / 2, SPREADS)))
     total = s**2 + 1
     plain = -0.5 * ((m - mu) ** 2 / total + np.log(2 * np.pi * total))
     middle, width = (mu + m * s**2) / total, np.sqrt(s**2 / total)

@@ -20,6 +20,7 @@ from diagnosis.result import Cause, Closure, Details, Diagnosis, Finding, Verdic
 from diagnosis.search import Member, Search, total
 from diagnosis.sizes import Fitted, calibrated, fit
 from diagnosis.stream import StreamCause, StreamReport
+from diagnosis.unshown import is_of_the_zone, without_unshown
 from diagnosis.which import NAMED, Attribution, Slot, attribute
 from gyrocal.errors import InputError
 from gyrocal.recording import Recording
@@ -32,7 +33,8 @@ FALSE_ALARMS = 0.005  # of the attitude test
 DRAWS = 400  # of M0 for the null distribution
 SHOWN_EXPLANATIONS = 12
 WORTH_KEEPING = 1e-6  # an explanation of less probability is left out of the details
-HARMONICS_HZ = 0.25  # below it, lines of an axis with a dead zone are taken for the zone's
+SURE = 0.5  # probability that only unshown motion is at work, from which on nothing else is said of the attitude
+MOST_CERTAIN = 0.985  # of a cause: about as often are the surest statements of blind checks right
 LEAST_WEIGHT = 0.005  # of an explanation in the prediction of a fold
 LARGEST = 2.0  # times what is plausible: a larger size is no answer
 
@@ -81,9 +83,11 @@ def _diagnosed(recording: Recording, progress: Progress | None, seed: int, libra
     named_streams = [cause for cause in seen if cause.effect in allowed]
     unnamed_streams = [cause for cause in seen if cause.effect not in allowed]
     tell("explanations", 0.5)
-    attribution = attribute(bank, search.explanations()) if p_attitude < FALSE_ALARMS else None
-    if attribution is not None and _only_on(attribution, {"xyz"[zone.stretches.axis] for zone in prepared.zones}):
-        attribution = None  # what a gyro with a dead zone does not show of the motion
+    attribution = (
+        _attributed(bank, search, {"xyz"[zone.stretches.axis] for zone in prepared.zones})
+        if p_attitude < FALSE_ALARMS
+        else None
+    )
     tell("sizes and closure", 0.8)
     members = tuple(slot.member for slot in attribution.slots) if attribution is not None else ()
     fitted = fit(model, bank, model.y, members) if members else []
@@ -112,10 +116,10 @@ def attitude_p_value(model: Model, search: Search, seed: int) -> float:
     return max(min(simulated, bound) if bound < 1 / (1 + DRAWS) else simulated, 1e-300)
 
 
-def _only_on(attribution: Attribution, axes: Set[str]) -> bool:
-    """Whether what is not explained is all about some axes."""
-    labels = attribution.ranked[0][0]
-    return attribution.verdict == "unknown" and all(label.rpartition(":")[2] in axes for label in labels)
+def _attributed(bank: Bank, search: Search, unshown: Set[str]) -> Attribution | None:
+    """The causes of a gap in the attitude; None if it is what gyros with a dead zone do not show of the motion."""
+    explanations, nothing = without_unshown(bank, search.explanations(), unshown)
+    return attribute(bank, explanations) if nothing < SURE else None
 
 
 def _plausible(bank: Bank, members: tuple[Member, ...], fitted: list[Fitted]) -> bool:
@@ -211,7 +215,8 @@ def _assembled(
             causes.append(
                 Cause(
                     entry.effect, entry.axis, numbers.size, entry.unit, numbers.sigma, numbers.parameters,
-                    slot.probability, tuple(label for label, _ in slot.group), min(1.0, sum(p for _, p in slot.group)),
+                    min(MOST_CERTAIN, slot.probability), tuple(label for label, _ in slot.group),
+                    min(MOST_CERTAIN, sum(p for _, p in slot.group)),
                 )
             )  # fmt: skip
     unknown = attribution.unknown if attribution is not None else 0.0
@@ -260,7 +265,7 @@ def _assembled(
 
 def _stream_cause(cause: StreamCause) -> Cause:
     label = cause.effect if cause.axis is None else f"{cause.effect}:{cause.axis}"
-    probability = 1.0 - max(min(cause.p_value * 1e3, 0.04), 1e-6)
+    probability = min(MOST_CERTAIN, 1.0 - min(cause.p_value * 1e3, 0.04))
     return Cause(
         cause.effect, cause.axis, cause.size, cause.unit, cause.sigma, cause.parameters, probability, (label,), probability
     )
@@ -280,12 +285,13 @@ def _is_correlation(prepared: Prepared, cause: StreamCause, bank: Bank, members:
 
 def _certain(prepared: Prepared) -> list[StreamCause]:
     """What samples and reference noise show by themselves."""
-    zones = {"xyz"[zone.stretches.axis] for zone in prepared.zones}
+    zones = {"xyz"[zone.stretches.axis]: zone for zone in prepared.zones}
+    gyro = prepared.model.recording.gyro
+    noise = float(np.rad2deg(gyro.arw / np.sqrt(gyro.sample_s)))
     found = [
         cause
         for cause in prepared.stream.causes
-        # The edges of a dead zone make harmonics of the body's slow motion.
-        if not (cause.effect == "vibration" and cause.axis in zones and float(cause.parameters["apparent_hz"]) < HARMONICS_HZ)
+        if cause.axis not in zones or not is_of_the_zone(cause, zones[cause.axis].size, noise)
     ]
     for zone in prepared.zones:
         p = float(np.exp(-min(zone.log_odds, 600.0)))

@@ -25,6 +25,7 @@ ANOTHER = 0.1  # prior that one more effect is at work, given that some are
 SWEEPS = 2
 EXCHANGED = 4  # times the best set is tried with others in the place of its members
 EXCHANGED_FOR = 4  # others worth settling
+THINNED = 4  # of the best sets, each of whose members may turn out to have been a way to another
 ENOUGH = 24  # columns of a random process to see whether it is worth a closer look
 LEAST_CHANCE = 0.02  # of the likeliest time, below which a time of a step is left out
 SMALL = 4  # columns of a group that is handled together with others of its size
@@ -247,9 +248,12 @@ class Search:
         return sorted(found.values(), key=lambda explanation: -explanation.log_posterior)
 
     def _exchange(self, found: dict[frozenset[int], Explanation]) -> None:
-        """Take each member of the best set out, and put others in its place; a beam may never get there."""
+        """Take each member of the best sets out, and put others in its place in the best; a beam may never get there."""
         tried: set[frozenset[int]] = set()
         for _ in range(EXCHANGED):
+            ranked = sorted(found.values(), key=lambda explanation: -explanation.log_posterior)
+            for other in ranked[1:THINNED]:
+                self._thin(other, found)
             best = max(found.values(), key=lambda explanation: explanation.log_posterior)
             for member in best.members if len(best.members) > 1 else ():
                 others = tuple(one for one in best.members if one != member)
@@ -264,6 +268,14 @@ class Search:
                         found[child.key] = self.settled(child.members)
             if best is max(found.values(), key=lambda explanation: explanation.log_posterior):
                 break
+
+    def _thin(self, explanation: Explanation, found: dict[frozenset[int], Explanation]) -> None:
+        """Every set with one member fewer."""
+        for member in explanation.members if len(explanation.members) > 1 else ():
+            others = tuple(one for one in explanation.members if one != member)
+            key = frozenset(one.candidate for one in others)
+            if key not in found:
+                found[key] = self.settled(others)
 
     def _beam(self, level: list[Explanation], width: int) -> list[Explanation]:
         """The best, and the best of each listed effect after that, so that no kind crowds out the others."""
