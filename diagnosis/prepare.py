@@ -13,6 +13,7 @@ from diagnosis.evidence import averaged, log_bayes, scales_of
 from diagnosis.model import Model, linearised
 from diagnosis.reference_noise import ReferenceNoise, reference_noise
 from diagnosis.stream import StreamReport, examine
+from diagnosis.unshown import HARMONICS_HZ
 from gyrocal.errors import InputError
 from gyrocal.observability import PLAUSIBLE_RANGE
 from gyrocal.recording import Interval, Recording, reference_rows
@@ -24,7 +25,7 @@ ITERATIONS = 10
 SETTLED = 1e-3  # sigmas
 CLEARLY = 12.0  # of χ², by which the attitude decides how readings came onto a lattice
 LIKELY = 6.0  # log odds of the samples from which a dead zone is certain if the attitude shows that rates are missing
-PLAIN = 20.0  # the same, if the attitude only shows that something is wrong
+PLAIN = 20.0  # the same, if the attitude only shows that something is wrong, or the samples have harmonics of slow motion
 MISFIT = 5.0  # sigmas of χ² that show it
 UNSHOWN_S = 60.0  # s for which a rate inside a dead zone may stay the same
 FELT = 12.0  # log evidence of the attitude that rates are missing
@@ -85,7 +86,7 @@ def prepare(recording: Recording) -> Prepared:
     model, sigma, pieces = first
     dead = () if any(cause.effect == "rate_deadzone" for cause in report.causes) else _dead(recording, report)
     noise = _reference_noise(model, report, dead)
-    zones = [zone for one in dead if (zone := _zone(model, one)) is not None]
+    zones = [zone for one in dead if (zone := _zone(model, one, _has_harmonics(report, one.axis))) is not None]
     if zones:
         _forget_motion(report, zones)
         model, sigma = _calibrated(recording, report, pieces, recording.attitudes.sigma)
@@ -112,8 +113,14 @@ def _reference_noise(model: Model, report: StreamReport, dead: Iterable[DeadStre
     )
 
 
-def _zone(model: Model, one: DeadStretches) -> DeadZone | None:
-    """A dead zone that samples and attitude show together; None if they do not."""
+def _has_harmonics(report: StreamReport, axis: int) -> bool:
+    """Whether a gyro shows a line just above the body's own motion, as the edges of a dead zone make."""
+    lines = [cause for cause in report.causes if cause.effect == "vibration" and cause.axis == "xyz"[axis]]
+    return any(float(line.parameters["apparent_hz"]) < HARMONICS_HZ for line in lines)
+
+
+def _zone(model: Model, one: DeadStretches, harmonics: bool) -> DeadZone | None:
+    """A dead zone that samples and attitude, or the samples in two ways, show together; None if they do not."""
     if one.log_odds < LIKELY:
         return None
     X = model.prepared(missing(model, one))
@@ -123,7 +130,7 @@ def _zone(model: Model, one: DeadStretches) -> DeadZone | None:
     evidence = averaged(log_bayes((X.T @ X)[None], (X.T @ model.y)[None], scales), np.zeros(1))
     # Slow motion about zero is swallowed as well, and leaves no mean that would be missing.
     wrong = float(model.y @ model.y) - model.y.size > MISFIT * np.sqrt(2.0 * model.y.size)
-    if evidence < FELT and not (one.log_odds > PLAIN and wrong):
+    if evidence < FELT and not (one.log_odds > PLAIN and (wrong or harmonics)):
         return None
     scale = 1.0 / np.maximum(np.linalg.norm(X, axis=0), 1e-300)
     inverse = np.linalg.pinv((X * scale).T @ (X * scale), rcond=1e-10, hermitian=True)

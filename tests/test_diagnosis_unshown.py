@@ -10,6 +10,7 @@ from diagnosis.search import Explanation, Search
 from diagnosis.stream import StreamCause
 from diagnosis.unshown import is_of_the_zone, without_unshown
 from simulator import scenario
+from simulator.effects import parse
 from simulator.simulate import simulate
 
 ZONES = np.geomspace(NARROWEST, 1.5 * SLOW, TRIED)
@@ -76,3 +77,13 @@ def test_noise_and_lines_that_edges_of_a_zone_make():
         tone = StreamCause("vibration", "z", 1e-4, "deg/s", 1e-5, {"apparent_hz": frequency}, 1e-12)
         assert is_of_the_zone(tone, half_width=0.5, noise=1.0) == expected
     assert not is_of_the_zone(StreamCause("spikes", "z", 1e-2, "deg/s", 1e-3, {}, 1e-12), half_width=0.5, noise=1.0)
+
+
+def test_edges_of_a_zone_are_no_vibration_and_a_vibration_is_no_zone():
+    """A slow line about an axis whose readings pile up at zero speaks for a zone; a tone by itself does not."""
+    changes = {"gyro.arw_deg_per_sqrt_s": 1.5e-4, "reference.sigma_deg": (0.005, 0.005, 0.008)}
+    plan = scenario.override(scenario.load("trmm_series"), changes)
+    for seed, (text, zones) in enumerate(
+        (("rate_deadzone:z=6e-4", [2]), ("vibration:y=5e-4,apparent_hz=0.05", []), ("vibration:z=6e-4,apparent_hz=0.06", []))
+    ):
+        assert [zone.stretches.axis for zone in prepare(simulate(plan, seed=seed, effects=[parse(text)])).zones] == zones
