@@ -18,6 +18,8 @@ from diagnosis.model import Model
 from diagnosis.prepare import Prepared, prepare
 from diagnosis.result import Cause, Closure, Details, Diagnosis, Finding, Verdict
 from diagnosis.search import Member, Search, total
+from diagnosis.sensors import diagnose as diagnose_sensors
+from diagnosis.sensors.merge import merged
 from diagnosis.sizes import Fitted, calibrated, fit
 from diagnosis.stream import StreamCause, StreamReport
 from diagnosis.unshown import is_of_the_zone, without_unshown
@@ -25,6 +27,7 @@ from diagnosis.which import NAMED, Attribution, Slot, attribute
 from gyrocal.errors import InputError
 from gyrocal.recording import Recording
 from simulator.effects import EFFECTS
+from simulator.sensor_effects import ALL_EFFECTS
 
 Array = NDArray[np.float64]
 Progress = Callable[[str, float], None]
@@ -50,7 +53,7 @@ def diagnose(
 
     Parameters
     ----------
-    recording : gyro stream and reference attitudes
+    recording : gyro stream and reference attitudes; raw tables of the sensors, if there are any, are diagnosed too
     progress : called with a text and the share done
     seed : of the null distribution
     library : names of the effects that may be named; all by default
@@ -62,15 +65,26 @@ def diagnose(
     """
     # The matrices are small: threads of the linear algebra would wait for one another more than they work.
     with threadpool_limits(1, user_api="blas"):
-        return _diagnosed(recording, progress, seed, library)
+        found = _diagnosed(recording, progress, seed, library)
+        return found if recording.sensors is None else _with_sensors(found, recording, seed, library)
+
+
+def _with_sensors(found: Diagnosis, recording: Recording, seed: int, library: Sequence[str] | None) -> Diagnosis:
+    began = time.perf_counter()
+    try:
+        sensors = diagnose_sensors(recording, seed=seed, library=library)
+    except InputError as error:
+        return replace(found, notes=(*found.notes, f"The raw sensor tables were not looked at: {error}"))
+    return replace(merged(found, sensors), runtime_s=found.runtime_s + time.perf_counter() - began)
 
 
 def _diagnosed(recording: Recording, progress: Progress | None, seed: int, library: Sequence[str] | None) -> Diagnosis:
     began = time.perf_counter()
     tell = progress or (lambda text, share: None)
-    allowed = set(EFFECTS) if library is None else set(library)
-    if not allowed <= set(EFFECTS):
-        raise InputError(f"no such effect: {', '.join(sorted(allowed - set(EFFECTS)))}; there are {', '.join(EFFECTS)}")
+    chosen = set(EFFECTS) if library is None else set(library)
+    if not chosen <= set(ALL_EFFECTS):
+        raise InputError(f"no such effect: {', '.join(sorted(chosen - set(ALL_EFFECTS)))}; there are {', '.join(ALL_EFFECTS)}")
+    allowed = chosen & set(EFFECTS)
     tell("gyro stream", 0.0)
     prepared = prepare(recording)
     model = prepared.model

@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
+
+if TYPE_CHECKING:
+    from diagnosis.sensors.result import SensorDiagnosis
 
 Array = NDArray[np.float64]
 Verdict = Literal["none", "named", "group", "unknown", "not identifiable"]
@@ -141,6 +144,7 @@ class Diagnosis:
     notes : limits of this recording, in sentences
     runtime_s : time taken
     details : tables for the figures
+    sensors : what the raw sensor tables say, where there are any; its causes are among those above
     """
 
     recording: str
@@ -162,6 +166,7 @@ class Diagnosis:
     notes: tuple[str, ...]
     runtime_s: float
     details: Details = field(repr=False)
+    sensors: SensorDiagnosis | None = None
 
     def to_json(self) -> dict[str, Any]:
         """The result as one object, format 1."""
@@ -212,4 +217,5 @@ class Diagnosis:
             },
             "notes": list(self.notes),
             "runtime_s": self.runtime_s,
+            **({} if self.sensors is None else {"sensors": self.sensors.to_json()}),
         }

@@ -21,7 +21,9 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator
 
+from gyrocal import sensor_tables
 from gyrocal.errors import InputError
+from gyrocal.sensor_tables import SensorTables
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -32,7 +34,7 @@ FORMAT = 1
 RATE_COLUMNS = ("rate_x_deg_s", "rate_y_deg_s", "rate_z_deg_s")
 QUATERNION_COLUMNS = ("q1", "q2", "q3", "q4")
 SIGMA_COLUMNS = ("sigma_x_deg", "sigma_y_deg", "sigma_z_deg")
-OPTIONAL_TABLES = ("housekeeping", "sun_sensor", "earth_sensor")
+OPTIONAL_TABLES = ("housekeeping", *sensor_tables.NAMES)
 NORM_TOLERANCE = 1e-6  # |q| - 1 of a quaternion written with 7 digits
 TIME_TOLERANCE_S = 1e-6  # rounding of a time tag some years after the epoch
 LARGEST_RATE = float(np.deg2rad(1e5))  # no gyro measures more
@@ -108,6 +110,7 @@ class Recording:
     orbit: Orbit | None = None
     time_scale: str = "UTC"
     tables: Mapping[str, pd.DataFrame] = field(default_factory=dict)
+    sensors: SensorTables | None = None
 
     def __post_init__(self) -> None:
         _check_gyro(self.gyro)
@@ -227,6 +230,7 @@ def load(folder: str | os.PathLike[str]) -> Recording:
         quaternions=_columns(attitude, QUATERNION_COLUMNS),
         sigma=np.deg2rad(_columns(attitude, SIGMA_COLUMNS)),
     )
+    sensors = _sensors(folder, tables)
     # Checked here first so that the message can name the file.
     for name, check in ((gyro_name, lambda: _check_gyro(stream)), (attitude_name, lambda: _check_attitudes(attitudes))):
         try:
@@ -242,7 +246,8 @@ def load(folder: str | os.PathLike[str]) -> Recording:
             attitudes=attitudes,
             intervals=tuple(Interval(i.name, i.activity, i.start_s, i.stop_s) for i in header.interval),
             orbit=Orbit(**header.orbit.model_dump()) if header.orbit else None,
-            tables=tables,
+            tables={name: table for name, table in tables.items() if name not in sensor_tables.known(tables)},
+            sensors=sensors,
         )
     except InputError as error:
         raise InputError(f"{folder}: {error}") from None
@@ -262,6 +267,7 @@ def save(recording: Recording, folder: str | os.PathLike[str]) -> None:
             columns=["t_s", *QUATERNION_COLUMNS, *SIGMA_COLUMNS],
         ),
         **recording.tables,
+        **(sensor_tables.frames(recording.sensors) if recording.sensors is not None else {}),
     }
     for name in ("gyro", "attitude", *OPTIONAL_TABLES):
         if name not in frames:  # of a recording that was here before
@@ -377,6 +383,13 @@ def _read_table(folder: Path, name: str, required: tuple[str, ...]) -> tuple[str
                 f"{path}: column {column}, row {bad[0]}: not a finite number ({bad.size} such); drop or repair these rows"
             )
     return path.name, frame
+
+
+def _sensors(folder: Path, tables: Mapping[str, pd.DataFrame]) -> SensorTables | None:
+    try:
+        return sensor_tables.read(tables)
+    except InputError as error:
+        raise InputError(f"{folder}: {error}") from None
 
 
 def _column(frame: pd.DataFrame, name: str) -> Array:

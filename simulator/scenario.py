@@ -105,6 +105,14 @@ class ReferenceSection(_Model):
         return value
 
 
+class SensorsSection(_Model):
+    """Raw measurements of the nominal sun and Earth sensors; noise is white, 1-sigma of each angle."""
+
+    every_s: float = Field(ge=1e-3, le=1e5)
+    sun_noise_deg: float = Field(default=0.005, ge=0, le=10)
+    earth_noise_deg: float = Field(default=0.02, ge=0, le=10)
+
+
 class ControlMotionSection(_Model):
     """Sinusoidal attitude motion about each body axis; the phases hold at the epoch."""
 
@@ -236,6 +244,7 @@ class Scenario(_Model):
     gyro: GyroSection
     reference: ReferenceSection
     control_motion: ControlMotionSection | None = None
+    sensors: SensorsSection | None = None
     interval: Annotated[tuple[IntervalSection, ...], Field(strict=False, min_length=1)]
 
     @field_validator("epoch")

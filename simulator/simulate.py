@@ -10,7 +10,7 @@ Effects (`simulator.effects`) act on top of that; without any, the recording is 
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from itertools import pairwise
 
 import numpy as np
@@ -25,6 +25,8 @@ from simulator.gyro import raw_rates, with_white_noise
 from simulator.maneuvers import Profile, trajectory
 from simulator.reference import TIME_TOLERANCE, measured, reference_times
 from simulator.scenario import Scenario, profiles
+from simulator.sensor_effects import SENSOR_EFFECTS
+from simulator.sensor_record import sensed
 from simulator.streams import generator
 
 Array = NDArray[np.float64]
@@ -42,6 +44,8 @@ class Motion:
     intervals : one slice of the samples per interval
     reference_t_s : (m,) times of the reference attitudes, s since the epoch
     quaternions : (m, 4) true attitudes then, inertial to body, scalar last
+    sensor_t_s, sensor_quaternions : the same at the tags of the raw sensors
+    sensor_intervals : one slice of these tags per interval
     """
 
     t_s: Array
@@ -50,6 +54,9 @@ class Motion:
     intervals: tuple[slice, ...]
     reference_t_s: Array
     quaternions: Array
+    sensor_t_s: Array = field(default_factory=lambda: np.zeros(0))
+    sensor_quaternions: Array = field(default_factory=lambda: np.zeros((0, 4)))
+    sensor_intervals: tuple[slice, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -61,6 +68,8 @@ class _Part:
     rates: Array
     reference_t_s: Array
     quaternions: Array
+    sensor_t_s: Array
+    sensor_quaternions: Array
 
 
 def motion(scenario: Scenario, substeps: int = 1) -> Motion:
@@ -73,8 +82,10 @@ def motion(scenario: Scenario, substeps: int = 1) -> Motion:
     """
     every = scenario.reference.every_s if scenario.reference.at == "series" else None
     point = scenario.gyro.reading == "point"
-    parts = [_part(profile, scenario.gyro.sample_s, every, point, substeps) for profile in profiles(scenario)]
+    tagged = scenario.sensors.every_s if scenario.sensors else None
+    parts = [_part(profile, scenario.gyro.sample_s, every, point, substeps, tagged) for profile in profiles(scenario)]
     ends = np.cumsum([0] + [part.t_s.size for part in parts])
+    tags = np.cumsum([0] + [part.sensor_t_s.size for part in parts])
     reference_t_s = np.concatenate([part.reference_t_s for part in parts])
     quaternions = np.concatenate([part.quaternions for part in parts])
     # Where two intervals touch, the reference at the end of the first serves both.
@@ -86,6 +97,9 @@ def motion(scenario: Scenario, substeps: int = 1) -> Motion:
         intervals=tuple(slice(int(a), int(b)) for a, b in pairwise(ends)),
         reference_t_s=reference_t_s[kept],
         quaternions=quaternions[kept],
+        sensor_t_s=np.concatenate([part.sensor_t_s for part in parts]),
+        sensor_quaternions=np.concatenate([part.sensor_quaternions for part in parts]),
+        sensor_intervals=tuple(slice(int(a), int(b)) for a, b in pairwise(tags)),
     )
 
 
@@ -95,12 +109,17 @@ def sample_edges(length: float, sample_s: float) -> Array:
     return np.append(sample_s * np.arange(count), length)
 
 
-def _part(profile: Profile, sample_s: float, every: float | None, point: bool, substeps: int) -> _Part:
+def _part(
+    profile: Profile, sample_s: float, every: float | None, point: bool, substeps: int, tagged: float | None = None
+) -> _Part:
     length = profile.stop_s - profile.start_s
     edges = sample_edges(length, sample_s)
     reference_tau = reference_times(profile, every)
     knots = profile.knots[(profile.knots > 0) & (profile.knots < length)]
-    grid = np.unique(np.concatenate([edges, reference_tau, knots]))
+    # Up to the last before the end, so that intervals that touch share no tag.
+    count = int(np.ceil(length / tagged - TIME_TOLERANCE)) if tagged else 0
+    sensor_tau = np.asarray(np.arange(count) * (tagged or 0.0), dtype=float)
+    grid = np.unique(np.concatenate([edges, reference_tau, knots, sensor_tau]))
     path = trajectory(profile, grid, substeps)
     duration = np.diff(edges)
     angles = np.add.reduceat(path.angles, np.searchsorted(grid, edges[:-1]), axis=0)
@@ -110,6 +129,8 @@ def _part(profile: Profile, sample_s: float, every: float | None, point: bool, s
         rates=profile.rate(edges[:-1]) if point else angles / duration[:, None],
         reference_t_s=profile.start_s + reference_tau,
         quaternions=path.quaternions[np.searchsorted(grid, reference_tau)],
+        sensor_t_s=profile.start_s + sensor_tau,
+        sensor_quaternions=path.quaternions[np.searchsorted(grid, sensor_tau)],
     )
 
 
@@ -266,14 +287,22 @@ def simulate(
     seed : entropy of the random streams
     case : number of the case within a study; cases with the same seed are independent
     noise : whether gyro and references have their white noise
-    effects : what M0 does not know, see `simulator.effects.parse`
+    effects : what M0 does not know, see `simulator.sensor_effects.parse`
+
+    Raises
+    ------
+    InputError
+        An effect on the sensors in a scenario without.
     """
-    return observe(
+    truth = motion(scenario)
+    on_sensors = [setting for setting in effects if setting.effect in SENSOR_EFFECTS]
+    recording = observe(
         scenario,
-        motion(scenario),
+        truth,
         gyro_rng=generator(seed, case, "gyro_noise") if noise else None,
         reference_rng=generator(seed, case, "reference_noise") if noise else None,
-        effects=effects,
+        effects=[setting for setting in effects if setting.effect not in SENSOR_EFFECTS],
         seed=seed,
         case=case,
     )
+    return replace(recording, sensors=sensed(scenario, truth, on_sensors, seed, case, noise))

@@ -15,7 +15,7 @@ from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, T
 
 from diagnosis.diagnose import diagnose
 from gyrocal import InputError, load
-from simulator.effects import EFFECTS
+from simulator.sensor_effects import ALL_EFFECTS
 from studies import diagnosis_report, diagnosis_summary
 from studies.console import LINE_EVERY_S, check_writable, console
 from studies.manifest import write_json
@@ -38,7 +38,7 @@ def diagnose_command(recording: Path, as_json: Path | None, report: Path | None,
     """Say whether RECORDING departs from the baseline simulator, where, by which effect, and how far that closes the gap.
 
     The baseline has a constant G and b, white gyro noise and white reference noise, both as stated. The exit status is 0
-    whatever the answer. See docs/diagnosis.md.
+    whatever the answer. Raw tables of sun and Earth sensors with an ephemeris are diagnosed too. See docs/diagnosis.md.
 
     \b
     Examples:
@@ -83,9 +83,9 @@ def plain(value: Any) -> Any:
 def _library(without: Sequence[str]) -> list[str] | None:
     """Effects that may be named; None for all."""
     for name in without:
-        if name not in EFFECTS:
-            raise InputError(f"--without {name}: no such effect; there are {', '.join(EFFECTS)}")
-    return [name for name in EFFECTS if name not in without] if without else None
+        if name not in ALL_EFFECTS:
+            raise InputError(f"--without {name}: no such effect; there are {', '.join(ALL_EFFECTS)}")
+    return [name for name in ALL_EFFECTS if name not in without] if without else None
 
 
 @contextmanager

@@ -5,6 +5,7 @@ from __future__ import annotations
 import base64
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from functools import partial
 from html import escape
 from pathlib import Path
 
@@ -13,9 +14,10 @@ import pandas as pd
 from matplotlib.figure import Figure
 
 from diagnosis.result import Cause, Diagnosis
+from simulator.sensor_effects import SENSOR_EFFECTS
 from studies import diagnosis_figures as figures
 from studies import diagnosis_words as words
-from studies import render
+from studies import render, sensor_figures, sensor_words
 
 MOST_FINDINGS = 8
 MOST_STREAM_TESTS = 40
@@ -72,6 +74,7 @@ def page(diagnosis: Diagnosis) -> str:
     """The whole page; the same diagnosis gives the same bytes."""
     title = escape(f"Diagnosis of {diagnosis.recording}")
     evidence = [_where(diagnosis), _explanations(diagnosis), _stream(diagnosis)]
+    evidence.insert(1, _sensors(diagnosis))
     consequence = [_closure(diagnosis), _calibration(diagnosis)]
     body = consequence + evidence if diagnosis.causes else evidence + consequence
     parts = [_answer(diagnosis), _causes(diagnosis), *body, _limits(diagnosis), _glossary(diagnosis)]
@@ -102,6 +105,8 @@ def _causes(diagnosis: Diagnosis) -> str:
         out += [f"<h3><code>{escape(cause.label)}</code></h3>", _p(words.meaning(cause.effect)), _cause_table(cause, diagnosis)]
         if cause.label in set(diagnosis.details.regressors["cause"]):
             out.append(_shown(_regressor_picture(diagnosis, cause)))
+        elif cause.effect in SENSOR_EFFECTS:
+            out.append(_p("It is seen in the raw tables of the sensors; see there."))
         else:
             out.append(_p("It is seen in the samples themselves; see the gyro stream below."))
     return "".join(out)
@@ -210,6 +215,30 @@ def _where_pictures(diagnosis: Diagnosis) -> Iterator[Picture]:
             f"Orange: what is left of each reference attitude after the baseline's own fit{after}. In the grey band is what "
             f"the baseline allows.{subset}",
         )
+
+
+def _sensors(diagnosis: Diagnosis) -> str:
+    sensors = diagnosis.sensors
+    if sensors is None:
+        return ""
+    out = [_h2("Sun and Earth sensors"), *(_p(sentence) for sentence in sensor_words.sentences(diagnosis))]
+    titles = {"before_deg": "nominal sensors", "after_deg": "with the causes"}
+    if not sensors.causes:
+        titles.pop("after_deg")
+    for name in ("DSS-1", "DSS-2"):
+        own = sensors.residuals[sensors.residuals["sensor"] == name]
+        if own.empty:
+            continue
+        rms = [f"{np.sqrt(np.nanmean(own[key] ** 2)):.3g} deg RMS, {title}" for key, title in titles.items()]
+        picture = Picture(
+            f"sensor-{name.lower()}",
+            partial(sensor_figures.sun_residual_figure, sensors.residuals, name, titles),
+            f"Residuals of {name} over the Sun's two angles: {'; '.join(rms)}.",
+            "Measured minus predicted by each stretch's own attitude and gyro bias; noise and the gyro's random walk leave a "
+            "band about zero, the same everywhere in the field of view.",
+        )
+        out.append(_shown(picture))
+    return "".join(out)
 
 
 def _explanations(diagnosis: Diagnosis) -> str:

@@ -9,7 +9,7 @@ from rich.console import Console
 
 from diagnosis.result import Cause, Diagnosis
 from studies import diagnosis_words as words
-from studies import render
+from studies import render, sensor_words
 
 MOST_FINDINGS = 4
 MOST_ALTERNATIVES = 4
@@ -41,6 +41,7 @@ def lines(diagnosis: Diagnosis) -> list[str]:
         ("Cause" if len(diagnosis.causes) == 1 else "Causes", _causes(diagnosis)),
         ("Other explanations", _alternatives(diagnosis)),
         ("How far the gap closes", iter([_closure(diagnosis)])),
+        ("Raw tables of sun and Earth sensors", _sensors(diagnosis)),
         ("What becomes of the calibration", iter([words.calibration_change(diagnosis)])),
     ):
         body = [f"  {line}" for line in part]
@@ -80,6 +81,10 @@ def _alternatives(diagnosis: Diagnosis) -> Iterator[str]:
         yield f"- {words.together(effects)}: {words.percent(probability)}"
     if diagnosis.verdict != "none":
         yield f"- anything that is not on the list: {words.percent(diagnosis.unknown_probability)}"
+
+
+def _sensors(diagnosis: Diagnosis) -> Iterator[str]:
+    yield from (f"- {sentence}" for sentence in sensor_words.sentences(diagnosis))
 
 
 def _closure(diagnosis: Diagnosis) -> str:

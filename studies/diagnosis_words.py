@@ -10,7 +10,7 @@ import pandas as pd
 
 from diagnosis.result import Cause, Closure, Diagnosis
 from gyrocal import NAMES
-from simulator.effects import EFFECTS
+from simulator.sensor_effects import ALL_EFFECTS as EFFECTS
 from studies import render
 
 MEANING = {
@@ -37,6 +37,13 @@ MEANING = {
     "reference_orbital": "The reference attitude errs sinusoidally once an orbit.",
     "reference_horizon": "The reference attitude errs sinusoidally twice an orbit, as Earth sensors do over an oblate Earth.",
     "reference_correlated": "Errors of the reference attitude last for a while instead of being new each time.",
+    "dss_head": "The two heads of a sun sensor are not at right angles, which no misalignment of all of it can stand for; the "
+    "number is that of the sensor.",
+    "dss_misalignment": "DSS-2 is turned against DSS-1.",
+    "esa_bias": "The quadrants of the Earth sensor read constantly high or low.",
+    "esa_s_filter": "A quadrant of the Earth sensor errs for a while after the Sun was in it, as its S filter starts wrong.",
+    "esa_sun_intrusion": "The Sun in a quadrant of the Earth sensor is not excluded and pulls its angle down.",
+    "esa_nadir": "The penetration angles miss part of the Earth's flattening, as if they pointed to geocentric nadir.",
     "reference_noise_excess": "The white noise of the reference attitudes is not as stated; 1 would be as stated.",
 }
 UNLISTED = "Not on the list of effects; the words say how it behaves, not what it is."

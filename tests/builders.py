@@ -73,3 +73,8 @@ def piecewise_recording(
         attitudes=Attitudes(np.asarray(t_ref), quaternions, sigma),
         intervals=tuple(intervals),
     )
+
+
+def mean_bounds(size, cases, z=4.0):
+    """Bounds of the mean of `cases` χ² values with `size` degrees of freedom."""
+    return size - z * np.sqrt(2 * size / cases), size + z * np.sqrt(2 * size / cases)

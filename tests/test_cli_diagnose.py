@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from gyrocal import InputError
-from simulator.effects import EFFECTS
+from simulator.sensor_effects import ALL_EFFECTS
 from studies import cli_diagnose
 from studies.cli import main
 from tests.diagnosis_cases import CASES
@@ -77,7 +77,7 @@ def test_effects_are_taken_off_the_list(run_cli, asked, rec):
     assert run_cli("diagnose", rec).exit_code == 0
     assert asked["library"] is None
     assert run_cli("diagnose", rec, "--without", "spikes", "--without", "rate_lag", "--seed", "5").exit_code == 0
-    assert set(asked["library"]) == set(EFFECTS) - {"spikes", "rate_lag"}
+    assert set(asked["library"]) == set(ALL_EFFECTS) - {"spikes", "rate_lag"}
     assert asked["seed"] == 5
 
 
@@ -148,4 +148,4 @@ def test_documented_format_is_the_result():
     (block,) = re.findall(r"```json\n(.*?)```", text, flags=re.DOTALL)
     assert _keys(json.loads(block)) == _keys(CASES["named"]().to_json())
     rows = dict(re.findall(r"^\| `(\w+)` \| [^|]* \| ([^|]*) \|.*\|$", text, flags=re.MULTILINE))
-    assert set(rows) >= set(EFFECTS)
+    assert set(rows) >= set(ALL_EFFECTS)

@@ -11,7 +11,7 @@ import pandas as pd
 import pytest
 from rich.console import Console
 
-from simulator.effects import EFFECTS
+from simulator.sensor_effects import ALL_EFFECTS
 from studies import diagnosis_figures, diagnosis_report, diagnosis_summary
 from studies import diagnosis_words as words
 from tests.diagnosis_cases import CASES, regressors, residuals
@@ -187,8 +187,8 @@ def test_parameters_in_words(parameters, text):
 
 
 def test_every_effect_has_a_meaning():
-    assert set(words.MEANING) <= set(EFFECTS)
-    assert all(words.meaning(f"{name}:x") for name in EFFECTS)
+    assert set(words.MEANING) <= set(ALL_EFFECTS)
+    assert all(words.meaning(f"{name}:x") for name in ALL_EFFECTS)
     assert words.meaning("bias of another period:z") == words.UNLISTED
 
 

@@ -14,6 +14,7 @@ from simulator.effects import EFFECTS, parse
 from simulator.effects.smoothing import noise_level, smoothed
 from simulator.replay import replay, replayed
 from simulator.rotation import separation
+from simulator.sensor_effects import ALL_EFFECTS
 from simulator.truth import accumulate
 
 SERIES = simulator.load("trmm_series")
@@ -181,8 +182,8 @@ def test_replay_on_the_command_line(run_cli, tmp_path):
 def test_effects_are_listed(run_cli, tmp_path):
     result = run_cli("effects", "--json", str(tmp_path / "effects.json"))
     assert result.exit_code == 0
-    assert all(name in result.stdout for name in EFFECTS)
-    assert [row["effect"] for row in json.loads((tmp_path / "effects.json").read_text())["effects"]] == list(EFFECTS)
+    assert all(name in result.stdout for name in ALL_EFFECTS)
+    assert [row["effect"] for row in json.loads((tmp_path / "effects.json").read_text())["effects"]] == list(ALL_EFFECTS)
     assert "Example" in run_cli("effects", "--help").stdout
 
 

@@ -73,7 +73,7 @@ def test_bases_in_a_circle(tmp_path: Path):
 
 
 def test_unknown_scenario_lists_the_built_in_ones():
-    with pytest.raises(InputError, match=r"trmn: .*trmm, trmm_series"):
+    with pytest.raises(InputError, match=r"trmn: .*trmm, trmm_months, trmm_series"):
         load("trmn")
 
 

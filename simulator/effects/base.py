@@ -123,7 +123,7 @@ class Effect:
     ----------
     name, summary, unit : for people; the unit is that of the size
     acts_on : "rates" (noise-free), "timing" (of the noise-free rates), "noise" (random errors of the rates), "samples"
-        (what is put out), "references"
+        (what is put out), "references", "sensors" (`simulator.sensor_effects`)
     kind : how a diagnosis sees it: linear columns, only a covariance, or the samples themselves
     prior : plausible range of the absolute size, log-uniform
     bounds : of a size that can be simulated, inclusive
@@ -136,7 +136,7 @@ class Effect:
     name: str
     summary: str
     unit: str
-    acts_on: Literal["rates", "timing", "samples", "noise", "references"]
+    acts_on: Literal["rates", "timing", "samples", "noise", "references", "sensors"]
     kind: Literal["columns", "covariance", "stream"]
     prior: tuple[float, float]
     bounds: tuple[float, float] = (-1e9, 1e9)

@@ -68,7 +68,13 @@ _MODULES = (
 EFFECTS: dict[str, Effect] = {module.EFFECT.name: module.EFFECT for module in _MODULES}
 
 
-def setting(name: str, axis: str | None, size: float, parameters: Mapping[str, Value] | None = None) -> Setting:
+def setting(
+    name: str,
+    axis: str | None,
+    size: float,
+    parameters: Mapping[str, Value] | None = None,
+    known_effects: Mapping[str, Effect] = EFFECTS,
+) -> Setting:
     """A validated setting, defaults filled in.
 
     Raises
@@ -76,7 +82,7 @@ def setting(name: str, axis: str | None, size: float, parameters: Mapping[str, V
     InputError
         One line: unknown effect, axis or parameter, or a value that is not finite or out of bounds.
     """
-    effect = _effect(name)
+    effect = _effect(name, known_effects)
     given = dict(parameters or {})
     unknown = [key for key in given if key not in {parameter.name for parameter in effect.parameters}]
     if unknown:
@@ -87,7 +93,7 @@ def setting(name: str, axis: str | None, size: float, parameters: Mapping[str, V
     return Setting(name, _axis(effect, axis), _within(name, "size", size, low, high, effect.unit), values)
 
 
-def parse(text: str) -> Setting:
+def parse(text: str, known_effects: Mapping[str, Effect] = EFFECTS) -> Setting:
     """A setting from text such as "bias_orbital:y=0.2,phase_deg=30".
 
     Raises
@@ -100,7 +106,7 @@ def parse(text: str) -> Setting:
     name, colon, axis = (part.strip() for part in label.partition(":"))
     if not name:
         raise InputError(f"effect '{text}': give it as NAME:AXIS=SIZE, e.g. bias_drift:z=0.01")
-    effect = _effect(name)
+    effect = _effect(name, known_effects)
     if not separator or not size:
         raise InputError(f"{text}: give its size in {effect.unit}, as {_usage(effect)}")
     parameters: dict[str, Value] = {}
@@ -111,25 +117,25 @@ def parse(text: str) -> Setting:
         if key in parameters:
             raise InputError(f"{name}: parameter {key} is given twice")
         parameters[key] = value
-    return setting(name, axis if colon else None, _number(name, "size", size), parameters)
+    return setting(name, axis if colon else None, _number(name, "size", size), parameters, known_effects)
 
 
-def described(chosen: Setting) -> dict[str, object]:
+def described(chosen: Setting, known_effects: Mapping[str, Effect] = EFFECTS) -> dict[str, object]:
     """A setting for a JSON file, with its unit."""
     return {
         "effect": chosen.effect,
         "axis": chosen.axis,
         "size": chosen.size,
-        "unit": EFFECTS[chosen.effect].unit,
+        "unit": known_effects[chosen.effect].unit,
         "parameters": dict(chosen.parameters),
     }
 
 
-def _effect(name: str) -> Effect:
-    if name in EFFECTS:
-        return EFFECTS[name]
-    near = difflib.get_close_matches(name, EFFECTS, n=3)
-    hint = f"did you mean {' or '.join(near)}?" if near else f"there are {', '.join(EFFECTS)}"
+def _effect(name: str, known_effects: Mapping[str, Effect]) -> Effect:
+    if name in known_effects:
+        return known_effects[name]
+    near = difflib.get_close_matches(name, known_effects, n=3)
+    hint = f"did you mean {' or '.join(near)}?" if near else f"there are {', '.join(known_effects)}"
     raise InputError(f"{name}: no such effect; {hint}")
 
 
@@ -147,7 +153,8 @@ def _axis(effect: Effect, axis: str | None) -> str | None:
     if axis is None:
         if effect.axis_optional:
             return None
-        raise InputError(f"{effect.name}: which axis? write {_usage(effect)} with x, y or z")
+        words = f"{', '.join(effect.axes[:-1])} or {effect.axes[-1]}"
+        raise InputError(f"{effect.name}: which axis? write {_usage(effect)} with {words}")
     if axis not in effect.axes:
         raise InputError(f"{effect.name}: axis '{axis}' must be one of {', '.join(effect.axes)}")
     return axis

@@ -1,0 +1,34 @@
+"""One answer of two: what gyro and reference attitudes say, and what the raw sensor tables say."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from diagnosis.result import Diagnosis, Verdict
+from diagnosis.sensors.result import SensorDiagnosis
+
+# What is left unexplained on either side counts for the whole.
+WEIGHT: dict[Verdict, int] = {"none": 0, "named": 1, "group": 2, "not identifiable": 3, "unknown": 4}
+
+
+def merged(attitude: Diagnosis, sensors: SensorDiagnosis) -> Diagnosis:
+    """The result of both: a gap where either has one, the causes of both, the worse of two verdicts.
+
+    Alternatives and closure are those of the gyro and the references if they show a gap, else those of the sensors.
+    """
+    verdict = max((attitude.verdict, sensors.verdict), key=lambda one: WEIGHT[one])
+    leading = sensors if sensors.present and not attitude.present else attitude
+    return replace(
+        attitude,
+        verdict=verdict,
+        present=attitude.present or sensors.present,
+        p_value=min(1.0, 2 * min(attitude.p_value, sensors.p_value)),
+        false_alarm_rate=attitude.false_alarm_rate + sensors.false_alarm_rate,
+        where=(*attitude.where, *sensors.where),
+        causes=(*attitude.causes, *sensors.causes),
+        alternatives=leading.alternatives,
+        unknown_probability=max(attitude.unknown_probability, sensors.unknown_probability),
+        closure=leading.closure,
+        notes=(*sensors.notes, *attitude.notes),
+        sensors=sensors,
+    )

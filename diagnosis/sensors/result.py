@@ -1,0 +1,64 @@
+"""What a diagnosis of the sensors says."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any
+
+import pandas as pd
+
+from diagnosis.result import Cause, Closure, Finding, Verdict
+from diagnosis.sensors.rejected import Rejected
+
+
+@dataclass(frozen=True)
+class SensorDiagnosis:
+    """The answer of the raw sensor tables; the parts that `diagnosis.result.Diagnosis` has too mean the same there.
+
+    Attributes
+    ----------
+    verdict : none, named, group or unknown
+    present, p_value, false_alarm_rate : the gap
+    mean_square : of M0's residuals in sigmas, per degree of freedom; one if M0 is true
+    dof : degrees of freedom
+    where : one finding for each sensor that departs
+    causes : one for each effect of the best explanation
+    alternatives : (effects, probability) of the next best
+    unknown_probability : that something not on the list is at work
+    closure : on days left out; None without a named cause
+    rejected : what else an alignment calibration would say, tested beside the causes
+    notes : limits, in sentences
+    residuals : sensor, angle, interval, t_s, alpha_deg, beta_deg, before_deg, after_deg — the latter two are residuals under
+        M0 and with the causes taken out; alpha and beta are NaN for the Earth sensor, and so is an angle not used
+    explanations : effects (joined by " + "), probability, log_evidence, unlisted
+    """
+
+    verdict: Verdict
+    present: bool
+    p_value: float
+    false_alarm_rate: float
+    mean_square: float
+    dof: int
+    where: tuple[Finding, ...]
+    causes: tuple[Cause, ...]
+    alternatives: tuple[tuple[tuple[str, ...], float], ...]
+    unknown_probability: float
+    closure: Closure | None
+    rejected: tuple[Rejected, ...]
+    notes: tuple[str, ...]
+    residuals: pd.DataFrame = field(repr=False)
+    explanations: pd.DataFrame = field(repr=False)
+
+    def to_json(self) -> dict[str, Any]:
+        """What the merged result does not say; its causes and findings are among the others there."""
+        return {
+            "verdict": self.verdict,
+            "gap": {"present": self.present, "p_value": self.p_value, "false_alarm_rate": self.false_alarm_rate},
+            "mean_square": self.mean_square,
+            "degrees_of_freedom": self.dof,
+            "causes": [cause.label for cause in self.causes],
+            "unknown_probability": self.unknown_probability,
+            "closure": None if self.closure is None else self.closure.to_json(),
+            "rejected": [one.to_json() for one in self.rejected],
+            "notes": list(self.notes),
+        }

@@ -1,0 +1,312 @@
+"""Constant-rate stretches of a recording with their sensor measurements, fitted under M0.
+
+M0 at the level of the sensors: the nominal models (`gyrocal.sun_sensor.trmm_sun_sensors`, `gyrocal.earth_sensor` without
+biases), white noise of the stated sigma, and a gyro of constant bias and white noise. While the rate is constant an error of G
+acts as a bias, R (8), so each stretch has an epoch attitude and a bias of its own, six numbers. What they leave is
+
+    z = H γ_n + c δb + Σ_e X_e a_e + noise,    γ_n = γ_0 + walk of the gyro up to node n
+
+with X_e the derivative of an effect's error by its amplitudes, each row divided by its sigma (`gyrocal.least_squares`).
+
+Gram matrices are all that is kept. With γ_n free but for the walk's increments, their information is Λ = Jᵀ J + Σ 1/q² D Dᵀ, a
+band (J spreads the rows H to their nodes), and for any columns M = [c, X, z]
+
+    Mᵀ V⁻¹ M  with the epoch attitude taken out  =  Mᵀ M − (JᵀM)ᵀ Λ⁻¹ (JᵀM)
+
+exactly, V being the covariance of noise and walk; a Schur complement takes out the bias.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+import scipy.linalg
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from gyrocal.attitude import rotation_matrix
+from gyrocal.batch_observability import check_observable
+from gyrocal.earth_sensor import EarthModel, EarthSensor
+from gyrocal.errors import InputError, UnobservableError
+from gyrocal.least_squares import Plain, Rows
+from gyrocal.recording import GyroStream, Interval, Recording, reference_rows
+from gyrocal.sensor_tables import SensorTables
+from gyrocal.sensors import SensorSeries
+from gyrocal.stretch import Estimate, Stretch, columns, linearise, measured_times, stretch
+from gyrocal.sun_sensor import SunSensor, trmm_sun_sensors
+from simulator.sensor_effects import Sightings
+
+Array = NDArray[np.float64]
+
+STEADY = float(np.deg2rad(0.01))  # rad/s; a mean rate over a minute that departs by more is no constant rate
+STEADY_S = 60.0
+MOST_ITERATIONS = 12
+CONVERGED = 1e-4  # last correction in sigmas
+LEAST_ARW = float(np.deg2rad(2e-6))  # rad/√s; a smaller one would only cost digits
+LEAST_TIMES = 12  # measurements of a stretch worth its six unknowns
+
+
+@dataclass(frozen=True)
+class Span:
+    """One stretch and its measurements.
+
+    Attributes
+    ----------
+    name : of the interval
+    number : its place among the stretches
+    start : (3, 3) attitude at the first measurement, roughly
+    gyro : samples of the stretch
+    series : of the sensors that saw something; the sun sensors first
+    numbers : number of the sun sensor of each series, 0 for the Earth sensor
+    sightings : what the sensors look at; angles and attitudes are those of M0's fit once there is one
+    """
+
+    name: str
+    number: int
+    start: Array
+    gyro: GyroStream
+    series: tuple[SensorSeries, ...]
+    numbers: tuple[int, ...]
+    sightings: Sightings
+
+    def vector(self, sun: Array, earth: Array) -> Array:
+        """Errors (n, 2, …) and (m, 4, …) of both kinds as rows (r, …), each divided by its sigma."""
+        parts = []
+        for series, number in zip(self.series, self.numbers, strict=True):
+            values = earth if number == 0 else sun[self.sightings.sun_sensor == number]
+            parts.append((values.T / series.sigma.T).T[series.used] if values.ndim == 2 else _scaled(values, series))
+        return np.concatenate(parts)
+
+
+def _scaled(values: Array, series: SensorSeries) -> Array:
+    return np.asarray((values / series.sigma[..., None])[series.used])
+
+
+@dataclass(frozen=True)
+class Fitted:
+    """A stretch fitted under M0.
+
+    Attributes
+    ----------
+    span : with the sightings of the fit
+    rows : measurements, linearised at the fit
+    path : nodes of the gyro
+    S : (N, 3, 3) bias columns carried back to the first node, of `Stretch.carried`
+    residuals : of each series (n, m), measured minus predicted of a plain batch, rad; they hold the gyro's walk
+    """
+
+    span: Span
+    rows: Rows
+    path: Stretch
+    S: Array
+    residuals: tuple[Array, ...]
+
+    @cached_property
+    def _factor(self) -> Array:
+        return _band(self.rows, self.path.q)
+
+    def gram(self, X: Array) -> tuple[Array, int]:
+        """Products of X (r, p) and the residuals with all that M0 leaves free taken out.
+
+        Returns
+        -------
+        (p + 1, p + 1) the residuals last, and the degrees of freedom
+        """
+        rows, count = self.rows, len(self.path.t)
+        scale = 1 / np.sqrt(np.sum(rows.parameters**2, axis=0))
+        M = np.column_stack([rows.parameters * scale, X, rows.z])
+        spread = np.zeros((count, 3, M.shape[1]))
+        np.add.at(spread, rows.node, rows.attitude[:, :, None] * M[:, None, :])
+        flat = spread.reshape(3 * count, -1)
+        solved = scipy.linalg.cho_solve_banded((self._factor, True), flat, check_finite=False)
+        inner = M.T @ M - flat.T @ solved
+        bias, cross = inner[:3, :3], inner[:3, 3:]
+        out = inner[3:, 3:] - cross.T @ np.linalg.solve(bias, cross)
+        return np.asarray((out + out.T) / 2), len(rows.z) - 6
+
+
+def _band(rows: Rows, q: Array) -> Array:
+    """Cholesky factor of Λ, in scipy's lower band form."""
+    count = len(q) + 1
+    weight = 1 / q**2
+    diagonal = np.zeros((count, 3, 3))
+    np.add.at(diagonal, rows.node, rows.attitude[:, :, None] * rows.attitude[:, None, :])
+    diagonal += (np.append(weight, 0) + np.insert(weight, 0, 0))[:, None, None] * np.eye(3)
+    band = np.zeros((4, count, 3))
+    for offset in range(3):
+        for i in range(3 - offset):
+            band[offset, :, i] = diagonal[:, i + offset, i]
+    band[3, :-1] = -weight[:, None]
+    return np.asarray(scipy.linalg.cholesky_banded(band.reshape(4, -1), lower=True, check_finite=False))
+
+
+def spans(recording: Recording) -> tuple[list[Span], list[str]]:
+    """Stretches of a recording that can be used, and what is said of the others.
+
+    Raises
+    ------
+    InputError
+        There are no raw tables with an ephemeris, or no stretch can be used.
+    """
+    tables = recording.sensors
+    if tables is None or (tables.sun is None and tables.earth is None):
+        raise InputError("the recording has no raw sensor tables")
+    if tables.ephemeris is None:
+        raise InputError("the raw sensor tables need an ephemeris table: where the spacecraft is and the Sun stands")
+    found: list[Span] = []
+    turning, few = [], []
+    for interval in recording.intervals:
+        span = _span(recording, tables, interval, len(found))
+        if not _steady(recording.gyro, interval):
+            turning.append(interval.name)
+        elif span is None:
+            few.append(interval.name)
+        else:
+            found.append(span)
+    notes = []
+    if turning:
+        notes.append(f"Sensor tables are used at constant rate only, not in {_some(turning)}")
+    if few:
+        notes.append(f"Too few sensor measurements, or none of a sun or of the Earth sensor, in {_some(few)}")
+    if not found:
+        raise InputError(f"no stretch of the recording can be used for the sensors; {'; '.join(notes)}")
+    return found, notes
+
+
+def _some(names: list[str]) -> str:
+    return ", ".join(names[:5]) + (f" and {len(names) - 5} more" if len(names) > 5 else "")
+
+
+def _steady(gyro: GyroStream, interval: Interval) -> bool:
+    own = (gyro.t_s >= interval.start_s) & (gyro.t_s < interval.stop_s)
+    rates, length = gyro.rates[own], max(1, round(STEADY_S / gyro.sample_s))
+    if len(rates) < 2 * length:
+        return False
+    means = rates[: len(rates) // length * length].reshape(-1, length, 3).mean(axis=1)
+    return bool(np.abs(means - means.mean(axis=0)).max() < STEADY)
+
+
+def _span(recording: Recording, tables: SensorTables, interval: Interval, number: int) -> Span | None:
+    assert tables.ephemeris is not None
+    low, high = interval.start_s, interval.stop_s
+    series, numbers = [], []
+    sun_sensor, sun_angles = [np.zeros(0, dtype=np.int64)], [np.zeros((0, 2))]
+    for sensor_number, sensor in enumerate(trmm_sun_sensors(), start=1):
+        t, counts = tables.sun.of(sensor_number) if tables.sun is not None else (np.zeros(0), np.zeros((0, 2)))
+        own = (t >= low) & (t <= high)
+        if not own.any():
+            continue
+        made = sensor.series(t[own], counts[own], tables.ephemeris.sun[tables.ephemeris.rows(t[own])])
+        if not made.used.any():
+            continue
+        made = replace(made, sigma=_sun_sigma(sensor, counts[own], made.sigma))
+        series.append(made)
+        numbers.append(sensor_number)
+        sun_sensor.append(np.full(made.t.size, sensor_number))
+        sun_angles.append(made.y)
+    if not series or tables.earth is None:
+        return None
+    own = (tables.earth.t_s >= low) & (tables.earth.t_s <= high)
+    t, used = tables.earth.t_s[own], tables.earth.used[own]
+    if t.size < LEAST_TIMES or not used.any():
+        return None
+    place = tables.ephemeris.rows(t)
+    earth = EarthSensor(np.zeros(4))
+    position, sun = tables.ephemeris.position[place], tables.ephemeris.sun[place]
+    angles = np.where(used, tables.earth.angles[own], np.nan)
+    series.append(SensorSeries(EarthModel(earth, position), t, angles, np.where(used, earth.sigma, np.inf)))
+    numbers.append(0)
+    rows = reference_rows(recording.attitudes.t_s, interval)
+    start = Rotation.from_quat(recording.attitudes.quaternions[rows[0]]).inv().as_matrix()
+    gyro = recording.gyro
+    kept = (gyro.t_s > low - 1.5 * gyro.sample_s) & (gyro.t_s < high)
+    first = float(measured_times(series).min())
+    gyro = replace(gyro, t_s=gyro.t_s[kept], rates=gyro.rates[kept], arw=max(gyro.arw, LEAST_ARW))
+    if first - float(recording.attitudes.t_s[rows[0]]) > 1e-6:
+        carried = stretch(gyro, np.array([recording.attitudes.t_s[rows[0]], first]), gyro.apriori_G)
+        start = carried.carried(gyro.apriori_bias)[0][-1] @ start
+    sightings = Sightings(
+        sun_sensor=np.concatenate(sun_sensor),
+        sun_angles=np.concatenate(sun_angles),
+        t_s=t,
+        stretch=np.full(t.size, number, dtype=np.intp),
+        A=np.tile(start, (t.size, 1, 1)),
+        position=position,
+        sun=sun,
+        used=used,
+    )
+    return Span(interval.name, number, start, gyro, tuple(series), tuple(numbers), sightings)
+
+
+def _sun_sigma(sensor: SunSensor, counts: Array, sigma: Array) -> Array:
+    """Sigmas (n, 2) with the quantisation of each count; a count is worth most at the boresight, for which the sensor's is."""
+    steps = (sensor.angles(counts + 0.5) - sensor.angles(counts - 0.5)) ** 2
+    boresight = np.full((1, 2), float(2**13))
+    largest = (sensor.angles(boresight + 0.5) - sensor.angles(boresight - 0.5)) ** 2
+    return np.asarray(np.where(np.isfinite(sigma), np.sqrt(sensor.sigma**2 + (steps - largest) / 12), sigma))
+
+
+def fit(span: Span, sun_error: Array | None = None, earth_error: Array | None = None) -> Fitted:
+    """Epoch attitude and bias of a stretch under M0.
+
+    Parameters
+    ----------
+    span : the stretch
+    sun_error, earth_error : (n, 2), (m, 4) what is taken off the measurements beforehand, rad
+
+    Raises
+    ------
+    UnobservableError, InputError
+        The stretch does not determine both, or the fit does not converge.
+    """
+    series = span.series
+    if sun_error is not None and earth_error is not None:
+        own = [earth_error if number == 0 else sun_error[span.sightings.sun_sensor == number] for number in span.numbers]
+        series = tuple(replace(one, y=one.y - error) for one, error in zip(series, own, strict=True))
+    path = stretch(span.gyro, measured_times(series), span.gyro.apriori_G)
+    solved = columns(series, {})
+    estimate = Estimate(np.tile(span.start, (len(path.t), 1, 1)), span.gyro.apriori_bias, tuple(one.model for one in series))
+    for iteration in range(MOST_ITERATIONS):
+        state = linearise(path, series, estimate, solved)
+        if not np.isfinite(state.rows.z).all():
+            break
+        if iteration == 0:
+            check_observable(state.rows, span.start, ())
+        gamma, delta, length = Plain(state.rows, len(path.t)).step()
+        estimate = replace(estimate, C=rotation_matrix(gamma) @ estimate.C, bias=estimate.bias + delta)
+        if length < CONVERGED:
+            state = linearise(path, series, estimate, solved)
+            A = state.R @ estimate.C
+            return Fitted(_looking(span, series, path, A), state.rows, path, state.S, state.residuals)
+    raise InputError(f"{span.name}: the sensors' measurements do not fit the nominal models at all")
+
+
+def _looking(span: Span, series: tuple[SensorSeries, ...], path: Stretch, A: Array) -> Span:
+    """The stretch with the sightings of a fit."""
+    angles = [
+        one.model.predict(A[path.node(one.t)] if one.used.all() else A[_nearest(path, one.t)], np.arange(one.t.size))
+        for one, number in zip(series, span.numbers, strict=True)
+        if number > 0
+    ]
+    nodes = _nearest(path, span.sightings.t_s)
+    return replace(span, sightings=replace(span.sightings, sun_angles=np.concatenate(angles), A=A[nodes]))
+
+
+def _nearest(path: Stretch, t: Array) -> NDArray[np.intp]:
+    """Nodes at some times; the next one where a time is none, since nothing was to be used then."""
+    return np.minimum(path.node(t), len(path.t) - 1)
+
+
+def fitted_all(usable: list[Span]) -> tuple[list[Fitted], list[str]]:
+    """Fits of all stretches, and what is said of those that cannot be fitted."""
+    done, notes = [], []
+    for span in usable:
+        try:
+            done.append(fit(span))
+        except (UnobservableError, InputError) as error:
+            notes.append(f"{span.name} is left out of the sensors' diagnosis: {error}")
+    if not done:
+        raise InputError(f"no stretch can be fitted under the nominal sensors; {notes[0]}")
+    return done, notes

@@ -1,0 +1,222 @@
+"""Raw tables of the attitude sensors in a recording: counts, penetration angles, and where spacecraft and Sun are.
+
+sun_sensor
+    t_s, sensor (1, 2, …), count_alpha, count_beta; a row only where the Sun is in view
+earth_sensor
+    t_s, penetration_1_deg … penetration_4_deg, used_1 … used_4 (true or false)
+ephemeris
+    t_s, position_x_m, position_y_m, position_z_m from the Earth's centre, sun_x, sun_y, sun_z a unit vector; inertial
+
+An orbit's period, altitude and inclination say neither where the spacecraft is nor where the Sun stands; the ephemeris does,
+and has a row for every tag of the two others. A sun_sensor or earth_sensor table with none of these columns but t_s is of some
+other kind and left as it is.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gyrocal.errors import InputError
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+Array = NDArray[np.float64]
+
+NAMES = ("sun_sensor", "earth_sensor", "ephemeris")
+COUNTS = ("count_alpha", "count_beta")
+PENETRATIONS = tuple(f"penetration_{i}_deg" for i in range(1, 5))
+USED = tuple(f"used_{i}" for i in range(1, 5))
+POSITION = ("position_x_m", "position_y_m", "position_z_m")
+SUN = ("sun_x", "sun_y", "sun_z")
+SAME_TIME_S = 1e-6
+UNIT = 1e-5  # |s| − 1 of a direction written with six digits
+NEAREST_M = 6.3e6  # no orbit is nearer to the Earth's centre
+
+
+@dataclass(frozen=True)
+class SunCounts:
+    """Counts of sun sensors.
+
+    Attributes
+    ----------
+    t_s : (n,) s since the epoch, not decreasing
+    sensor : (n,) 1, 2, …
+    counts : (n, 2) of the α and the β head
+    """
+
+    t_s: Array
+    sensor: NDArray[np.int64]
+    counts: Array
+
+    def of(self, number: int) -> tuple[Array, Array]:
+        """Times (k,) and counts (k, 2) of one sensor."""
+        own = self.sensor == number
+        return self.t_s[own], self.counts[own]
+
+
+@dataclass(frozen=True)
+class PenetrationAngles:
+    """Angles of an Earth sensor's four quadrants.
+
+    Attributes
+    ----------
+    t_s : (n,) s since the epoch, increasing
+    angles : (n, 4) rad; of any value where not used
+    used : (n, 4)
+    """
+
+    t_s: Array
+    angles: Array
+    used: NDArray[np.bool_]
+
+
+@dataclass(frozen=True)
+class Ephemeris:
+    """Where the spacecraft is and the Sun stands.
+
+    Attributes
+    ----------
+    t_s : (n,) s since the epoch, increasing
+    position : (n, 3) from the Earth's centre, inertial, m
+    sun : (n, 3) unit vectors, inertial
+    """
+
+    t_s: Array
+    position: Array
+    sun: Array
+
+    def rows(self, t_s: Array) -> NDArray[np.intp]:
+        """Rows of some times, each of which is there."""
+        return np.searchsorted(self.t_s, t_s - SAME_TIME_S)
+
+
+@dataclass(frozen=True)
+class SensorTables:
+    """The raw tables of a recording's attitude sensors; None for one that is not there.
+
+    Raises
+    ------
+    InputError
+        A sensor has a tag that the ephemeris lacks.
+    """
+
+    sun: SunCounts | None = None
+    earth: PenetrationAngles | None = None
+    ephemeris: Ephemeris | None = None
+
+    def __post_init__(self) -> None:
+        if self.ephemeris is None:
+            return
+        for name, table in (("sun_sensor", self.sun), ("earth_sensor", self.earth)):
+            if table is None:
+                continue
+            rows = np.minimum(self.ephemeris.rows(table.t_s), len(self.ephemeris.t_s) - 1)
+            lost = np.flatnonzero(np.abs(self.ephemeris.t_s[rows] - table.t_s) > SAME_TIME_S)
+            if lost.size:
+                raise InputError(f"ephemeris: no row at t_s = {table.t_s[lost[0]]} of {name} ({lost.size} such)")
+
+
+def known(frames: Mapping[str, pd.DataFrame]) -> tuple[str, ...]:
+    """Names of the tables that `read` understands, or that try to be so."""
+    own = {"sun_sensor": ("sensor", *COUNTS), "earth_sensor": (*PENETRATIONS, *USED), "ephemeris": ("t_s", *POSITION, *SUN)}
+    return tuple(name for name in NAMES if name in frames and set(own[name]) & set(frames[name].columns))
+
+
+def read(frames: Mapping[str, pd.DataFrame]) -> SensorTables | None:
+    """The sensors' tables among those of a recording; None if there is none of them.
+
+    Raises
+    ------
+    InputError
+        One line that begins with the table's name.
+    """
+    names = known(frames)
+    if not names:
+        return None
+    sun = _sun(frames["sun_sensor"]) if "sun_sensor" in names else None
+    earth = _earth(frames["earth_sensor"]) if "earth_sensor" in names else None
+    return SensorTables(sun, earth, _ephemeris(frames["ephemeris"]) if "ephemeris" in names else None)
+
+
+def frames(tables: SensorTables) -> dict[str, pd.DataFrame]:
+    """The tables as they are on file."""
+    import pandas as pd  # late: 65 MiB that a Monte Carlo worker does without
+
+    out = {}
+    if tables.sun is not None:
+        sun = tables.sun
+        counts = {name: sun.counts[:, k].astype(np.int64) for k, name in enumerate(COUNTS)}
+        out["sun_sensor"] = pd.DataFrame({"t_s": sun.t_s, "sensor": sun.sensor, **counts})
+    if tables.earth is not None:
+        angles = np.rad2deg(tables.earth.angles)
+        columns: dict[str, NDArray[np.generic]] = {"t_s": tables.earth.t_s}
+        columns |= {name: angles[:, k] for k, name in enumerate(PENETRATIONS)}
+        columns |= {name: tables.earth.used[:, k] for k, name in enumerate(USED)}
+        out["earth_sensor"] = pd.DataFrame(columns)
+    if tables.ephemeris is not None:
+        values = np.column_stack([tables.ephemeris.t_s, tables.ephemeris.position, tables.ephemeris.sun])
+        out["ephemeris"] = pd.DataFrame(values, columns=["t_s", *POSITION, *SUN])
+    return out
+
+
+def _sun(frame: pd.DataFrame) -> SunCounts:
+    t_s = _numbers(frame, "sun_sensor", ("t_s",))[:, 0]
+    sensor, counts = _numbers(frame, "sun_sensor", ("sensor",))[:, 0], _numbers(frame, "sun_sensor", COUNTS)
+    for name, values in (("sensor", sensor), ("count_alpha", counts[:, 0]), ("count_beta", counts[:, 1])):
+        _refuse("sun_sensor", values != np.round(values), f"{name} is not a whole number")
+    _refuse("sun_sensor", sensor < 1, "sensors are numbered from 1")
+    _refuse("sun_sensor", np.diff(t_s, prepend=-np.inf) < 0, "time goes backwards")
+    for number in np.unique(sensor):
+        own = np.flatnonzero(sensor == number)
+        again = np.zeros(t_s.size, dtype=bool)
+        again[own] = np.diff(t_s[own], prepend=-np.inf) <= 0
+        _refuse("sun_sensor", again, f"sensor {number:g} has two rows of one time")
+    return SunCounts(t_s, sensor.astype(np.int64), counts)
+
+
+def _earth(frame: pd.DataFrame) -> PenetrationAngles:
+    name = "earth_sensor"
+    t_s = _numbers(frame, name, ("t_s",))[:, 0]
+    used = _numbers(frame, name, USED)
+    _refuse(name, ((used != 0) & (used != 1)).any(axis=1), "used_1 … used_4 must be true or false")
+    flags = used == 1
+    angles = np.deg2rad(_numbers(frame, name, PENETRATIONS, finite=False))
+    _refuse(name, (flags & ~np.isfinite(angles)).any(axis=1), "a penetration angle that is used is not a finite number")
+    _refuse(name, (flags & (np.abs(angles) > np.pi / 2)).any(axis=1), "a penetration angle is beyond 90 deg")
+    _refuse(name, np.diff(t_s, prepend=-np.inf) <= 0, "time goes backwards or repeats")
+    return PenetrationAngles(t_s, angles, flags)
+
+
+def _ephemeris(frame: pd.DataFrame) -> Ephemeris:
+    name = "ephemeris"
+    t_s = _numbers(frame, name, ("t_s",))[:, 0]
+    position, sun = _numbers(frame, name, POSITION), _numbers(frame, name, SUN)
+    _refuse(name, np.diff(t_s, prepend=-np.inf) <= 0, "time goes backwards or repeats")
+    below = np.linalg.norm(position, axis=1) < NEAREST_M
+    _refuse(name, below, f"the position is within {NEAREST_M / 1e3:g} km of the Earth's centre; is the unit metres?")
+    _refuse(name, np.abs(np.linalg.norm(sun, axis=1) - 1) > UNIT, "sun_x, sun_y, sun_z are not a unit vector")
+    return Ephemeris(t_s, position, sun)
+
+
+def _numbers(frame: pd.DataFrame, name: str, columns: tuple[str, ...], finite: bool = True) -> Array:
+    missing = [column for column in columns if column not in frame.columns]
+    if missing:
+        raise InputError(f"{name}: column {', '.join(missing)} is missing; found {', '.join(map(str, frame.columns))}")
+    try:
+        values = frame[list(columns)].to_numpy(dtype=np.float64)
+    except (TypeError, ValueError):
+        raise InputError(f"{name}: {', '.join(columns)} must hold numbers") from None
+    if finite:
+        _refuse(name, ~np.isfinite(values).all(axis=1), f"{' or '.join(columns)} is not a finite number")
+    return np.asarray(values)
+
+
+def _refuse(name: str, bad: NDArray[np.bool_], what: str) -> None:
+    if bad.any():
+        raise InputError(f"{name}: row {int(np.argmax(bad))}: {what} ({int(bad.sum())} such)")

@@ -1,0 +1,28 @@
+"""Effects on the attitude sensors, one per file: what sun and Earth sensors do and their nominal models do not.
+
+A registry of its own beside `simulator.effects`, since they need raw sensor tables (a scenario with [sensors]). `parse` and
+`described` know the effects of both.
+"""
+
+from simulator.effects import EFFECTS, Effect, Setting
+from simulator.effects import described as described_among
+from simulator.effects import parse as parse_among
+from simulator.sensor_effects import dss_head, dss_misalignment, esa_bias, esa_nadir, esa_s_filter, esa_sun_intrusion
+from simulator.sensor_effects.base import SensorEffect, Sightings
+
+_MODULES = (dss_head, dss_misalignment, esa_bias, esa_s_filter, esa_sun_intrusion, esa_nadir)
+SENSOR_EFFECTS: dict[str, SensorEffect] = {module.EFFECT.name: module.EFFECT for module in _MODULES}
+ALL_EFFECTS: dict[str, Effect] = {**EFFECTS, **SENSOR_EFFECTS}
+
+
+def parse(text: str) -> Setting:
+    """A setting of any effect from text, e.g. "dss_head:2=0.28"; see `simulator.effects.parse`."""
+    return parse_among(text, ALL_EFFECTS)
+
+
+def described(chosen: Setting) -> dict[str, object]:
+    """A setting of any effect for a JSON file, with its unit."""
+    return described_among(chosen, ALL_EFFECTS)
+
+
+__all__ = ["ALL_EFFECTS", "SENSOR_EFFECTS", "SensorEffect", "Setting", "Sightings", "described", "parse"]
