@@ -7,7 +7,7 @@ PIP := $(BIN)/python -m pip --disable-pip-version-check install --quiet --constr
 .PHONY: reproduce test bench baseline clean help
 
 help:
-	@echo "make reproduce   reproduce the TRMM calibration; tables and figures under results/reproduction"
+	@echo "make reproduce   reproduce both papers beside TRMM's flight; tables and figures in results/reproduction and results/mission"
 	@echo "make test        ruff, mypy, import-linter and pytest"
 	@echo "make baseline    show what moved against results/baseline, and replace it"
 	@echo "make bench       measure the kernel against C, a textbook loop, gtsam and scipy; results/benchmarks"

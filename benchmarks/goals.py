@@ -30,6 +30,7 @@ GOALS = {
     "peak_rss_mb_10000": Goal(250),
     "peak_rss_10000_over_100": Goal(1.02),  # flat
     "cached_start_s": Goal(1.5),
+    "mission_30_days_s": Goal(60),
 }
 
 
@@ -43,6 +44,7 @@ def judged(document: dict[str, Any]) -> dict[str, dict[str, Any]]:
         **{f"peak_rss_mb_{count}": value for count, value in peaks.items()},
         "peak_rss_10000_over_100": flat,
         "cached_start_s": next(row["process_s"] for row in document["growth"]["cases"] if row["cases"] == 1),
+        "mission_30_days_s": document["mission_loop"]["wall_s_30_days"],
     }
     return {name: _judged(value, GOALS.get(name)) for name, value in values.items()}
 

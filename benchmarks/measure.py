@@ -12,7 +12,7 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
-from benchmarks import c_kernel, oracle, references
+from benchmarks import c_kernel, mission_loop, oracle, references
 from benchmarks.goals import judged
 from benchmarks.machine import machine
 from benchmarks.streams import Flight, disagreement, run_packed
@@ -26,7 +26,8 @@ METHOD = (
     "One thread. The candidates of a comparison take turns, one untimed and one timed call each a round, and the least time of "
     "each is kept; a ratio is between two such times. The project's kernel and the C kernel start from increments already "
     "packed, each in its own layout, and end with R and the sums of every interval; packing is timed apart. Processor time a "
-    "case is the least mean over a block of 1000 cases; every count of cases runs in a fresh process."
+    "case is the least mean over a block of 1000 cases; every count of cases runs in a fresh process. The long run of "
+    "Mission Mode is flown once, compiled before; as plain Python it runs in a process of its own, in turn with the compiled."
 )
 AGREEMENT = 1e-12  # relative, of any candidate with the project's kernel at 48 000 samples
 LONG_AGREEMENT = 1e-10  # at ten and a hundred times as many steps their rounding adds up
@@ -45,6 +46,7 @@ class Effort:
     variants : C variants to compile
     slow : rounds of gtsam, scipy, least squares
     cases : numbers of Monte Carlo cases
+    mission : days of Mission Mode, seconds of it compiled and plain in turn, rounds
     """
 
     sizes: dict[int, int] = field(default_factory=lambda: {1: 400, 10: 60, 100: 12})
@@ -52,9 +54,10 @@ class Effort:
     variants: tuple[c_kernel.Variant, ...] = c_kernel.VARIANTS
     slow: int = 10
     cases: tuple[int, ...] = (1, 10, 100, 1000, 10_000)
+    mission: tuple[float, float, int] = (30.0, 6000.0, 3)
 
 
-QUICK = Effort({1: 20}, 3, c_kernel.QUICK_VARIANTS, 2, (1, 100))
+QUICK = Effort({1: 20}, 3, c_kernel.QUICK_VARIANTS, 2, (1, 100), (1.0, 120.0, 1))
 LEFT_OUT = "left out by --quick"
 
 
@@ -79,7 +82,9 @@ def run(quick: bool = False, say: Say = lambda text: None) -> dict[str, Any]:
     solvers, checks["least_squares_G"] = _solvers(flight, effort.slow)
     say("Monte Carlo cases")
     cases = [_cases(count) for count in effort.cases]
-    document = _document(growth, others | solvers, cases, reasons)
+    say("the Mission Mode loop")
+    mission = mission_loop.run(*effort.mission)
+    document = _document(growth, others | solvers, cases, mission, reasons)
     return {
         "command": "python -m benchmarks" + (" --quick" if quick else ""),
         "commit": commit(),
@@ -191,7 +196,11 @@ def _cases(count: int) -> dict[str, Any]:
 
 
 def _document(
-    growth: list[dict[str, Any]], ms: dict[str, float], cases: list[dict[str, Any]], reasons: dict[str, str]
+    growth: list[dict[str, Any]],
+    ms: dict[str, float],
+    cases: list[dict[str, Any]],
+    mission: dict[str, Any],
+    reasons: dict[str, str],
 ) -> dict[str, Any]:
     """The numbers under the names they are asked for by."""
     against_c = [row["kernel_vs_c"] for row in growth] + [None] * (3 - len(growth))
@@ -204,6 +213,7 @@ def _document(
         "gtsam_vs_kernel": ms["gtsam"] / ms["kernel"] if "gtsam" in ms else None,
         "least_squares_vs_davenport": ms["least_squares"] / ms["davenport"],
         "lanes_vs_rows": ms["rows"] / ms["kernel"],
+        "mission_plain_vs_compiled": mission["plain_vs_compiled"],
     }
     peaks = {str(count): by_count[count]["peak_rss_mb"] if count in by_count else None for count in (100, 10_000)}
     if counted["page_faults_per_case"] > FAULTS:
@@ -217,6 +227,7 @@ def _document(
         "ratios": ratios,
         "cpu_ms_per_case": counted["cpu_ms_per_case_least"] or counted["cpu_ms_per_case_mean"],
         "peak_rss_mb": peaks,
+        "mission_loop": mission,
         "growth": {"samples": growth, "cases": cases},
         "absolute_ms": ms,
     }

@@ -60,6 +60,12 @@ def show(document: dict[str, Any], console: Console) -> None:
     _show_growth(document, console)
     times = ", ".join(f"{name} {value:.4g}" for name, value in document["absolute_ms"].items())
     console.print(f"For information, ms at {document['growth']['samples'][0]['samples']} samples: {times}", highlight=False)
+    loop = document["mission_loop"]
+    console.print(
+        f"Mission Mode, simulated s per s: compiled {loop['compiled_simulated_s_per_s']:.4g} over {loop['days']:g} days, plain "
+        f"{loop['plain_simulated_s_per_s']:.4g}; they differ by {loop['difference_deg']:.1e} deg",
+        highlight=False,
+    )
     for name, reason in document["reasons"].items():
         console.print(f"{name}: {reason}", highlight=False)
     cpu = document["machine"]

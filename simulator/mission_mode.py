@@ -12,6 +12,7 @@ end of a yaw maneuver, with everything constant in between. Errors are those of 
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -46,6 +47,7 @@ Array = NDArray[np.float64]
 SUN_STEP = 600.0  # s; the Sun is interpolated linearly between, in error by less than 1e-8 rad
 AXES = ("roll", "pitch", "yaw")
 SECONDS_PER_HOUR = 3600.0
+SLEW_NUMBERS = (*(f"pointing_{axis}_deg" for axis in AXES), *(f"targeting_{axis}_deg" for axis in AXES), "bias_yaw_deg_h")
 
 
 @dataclass(frozen=True)
@@ -80,6 +82,7 @@ def simulate_mission(
     seconds: float | None = None,
     seed: int = 0,
     telemetry_every: int | None = 120,
+    progress: Callable[[int], None] | None = None,
 ) -> MissionRun:
     """Fly a run from its epoch.
 
@@ -89,6 +92,7 @@ def simulate_mission(
     days, seconds : how long; one of them
     seed : of the noise; one seed gives one run, and uploads do not change what is drawn
     telemetry_every : cycles from one row of telemetry to the next; None for no telemetry
+    progress : told after each whole day flown that it is one more; changes nothing else
 
     Raises
     ------
@@ -107,7 +111,7 @@ def simulate_mission(
         raise ValueError("a yaw maneuver starts within another one, or they are not in order")
     every = telemetry_every or cycles + 1
     telemetry = np.full((0 if telemetry_every is None else -(-cycles // every), len(TELEMETRY)), np.nan)
-    return _Flight(config, cycles, seed).fly(every, telemetry)
+    return _Flight(config, cycles, seed).fly(every, telemetry, progress)
 
 
 def flight_schedule(config: MissionConfig, days: float, mounting: Mounting = "solved", published: bool = True) -> MissionConfig:
@@ -150,17 +154,19 @@ class _Flight:
         self.forward = config.forward
         self.state = _initial(config)
 
-    def fly(self, every: int, telemetry: Array) -> MissionRun:
+    def fly(self, every: int, telemetry: Array, progress: Callable[[int], None] | None) -> MissionRun:
         """All of it."""
         slew, count, k, bias = self._resting(), 0, 0, 0.0
         slews: list[dict[str, float | str]] = []
-        for at, what in [*self._events(), (self.cycles, None)]:
+        for at, what in [*self._events(progress is not None), (self.cycles, None)]:
             sensors = _sensors(self.config, self.tables)
             tables = _tables(self.config, self.tables)
             outputs = every, telemetry, self.updates, count, self.orbits
             count = fly(self.rng, k, at, self.plant, sensors, tables, slew, self.state, *outputs)
             k = at
-            if isinstance(what, OnBoardTables):
+            if what == "day" and progress is not None:
+                progress(1)
+            elif isinstance(what, OnBoardTables):
                 self.tables = what
                 if what.bias is not None:
                     self.state.bias[:] = what.bias
@@ -174,7 +180,7 @@ class _Flight:
                 slew = self._resting()
         return self._result(telemetry, count, slews)
 
-    def _events(self) -> list[tuple[int, OnBoardTables | YawManeuver | str]]:
+    def _events(self, daily: bool) -> list[tuple[int, OnBoardTables | YawManeuver | str]]:
         """Cycle before which each event takes place, in order; a maneuver that the run does not see the end of is left out."""
         events: list[tuple[int, OnBoardTables | YawManeuver | str]] = [
             (int(np.ceil(at / self.cycle)), tables) for at, tables in self.config.uploads
@@ -185,6 +191,8 @@ class _Flight:
             stop = int(np.floor((maneuver.start_s + maneuver.duration_s) / self.cycle)) + 1
             if stop <= self.cycles:
                 events += [(start, maneuver), (stop, "end")]
+        day = round(DAY / self.cycle)
+        events += [(k, "day") for k in range(day, self.cycles, day) if daily]
         return sorted(((max(at, 0), what) for at, what in events if at < self.cycles), key=lambda event: event[0])
 
     def _resting(self) -> Slew:
@@ -208,7 +216,12 @@ class _Flight:
         rows[angles] = np.rad2deg(rows[angles])
         rows["bias_yaw"] = np.rad2deg(rows["bias_yaw"]) * SECONDS_PER_HOUR
         rows = rows.rename(columns={**{name: f"{name}_deg" for name in angles}, "bias_yaw": "bias_yaw_deg_h"})
-        return MissionRun(rows, self._update_table(count), pd.DataFrame(slews), self._orbit_table())
+        return MissionRun(
+            rows,
+            self._update_table(count),
+            pd.DataFrame(slews, columns=["start_s", "stop_s", "forward", *SLEW_NUMBERS]),
+            self._orbit_table(),
+        )
 
     def _update_table(self, count: int) -> pd.DataFrame:
         raw = pd.DataFrame(self.updates[:count], columns=list(UPDATES))

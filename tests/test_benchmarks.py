@@ -91,6 +91,7 @@ def test_goals_are_judged_both_ways():
         "cpu_ms_per_case": 2.0,
         "peak_rss_mb": {"100": 200.0, "10000": 210.0},
         "growth": {"cases": [{"cases": 1, "process_s": 1.0}]},
+        "mission_loop": {"wall_s_30_days": 61.0},
     }
     met = {name: row["met"] for name, row in judged(document).items()}
     assert met["kernel_vs_c_48k"] is None
@@ -98,6 +99,7 @@ def test_goals_are_judged_both_ways():
     assert met["cpu_ms_per_case"] is False
     assert met["peak_rss_mb_10000"] is True
     assert met["peak_rss_10000_over_100"] is False
+    assert met["mission_30_days_s"] is False
 
 
 def test_quick_run_writes_every_key_and_nothing_of_the_machine(tmp_path):
@@ -115,6 +117,7 @@ def test_quick_run_writes_every_key_and_nothing_of_the_machine(tmp_path):
         "textbook_vs_kernel",
         "gtsam_vs_kernel",
         "least_squares_vs_davenport",
+        "mission_plain_vs_compiled",
     } <= set(ratios)
     for name, value in ratios.items():
         assert value is None or value > 0

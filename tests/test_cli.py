@@ -21,6 +21,7 @@ from studies import catalogue, engine, reproduce
         ("calibrate",),
         ("diagnose",),
         ("plan",),
+        ("mission",),
         ("effects",),
         ("import", "broad"),
         ("scenarios",),
@@ -201,7 +202,7 @@ def test_studies_are_listed(run_cli):
 
 
 def test_reproduce_writes_everything_and_repeats_itself(run_cli, tmp_path):
-    result = run_cli("reproduce", "--cases", "4", "--jobs", "1", "--out", str(tmp_path / "a"))
+    result = run_cli("reproduce", "--paper", "natanson", "--cases", "4", "--jobs", "1", "--out", str(tmp_path / "a"))
     assert result.exit_code == 0, result.stderr
     summary = json.loads((tmp_path / "a" / "summary.json").read_text())
     assert {"published", "fitted"} <= set(summary["flight_gap_rms_deg"])
@@ -216,7 +217,7 @@ def test_reproduce_writes_everything_and_repeats_itself(run_cli, tmp_path):
     assert expected <= set(manifest["files"])
     for title in reproduce.TITLES.values():
         assert title in result.stdout
-    again = run_cli("reproduce", "--cases", "4", "--jobs", "1", "--out", str(tmp_path / "b"))
+    again = run_cli("reproduce", "--paper", "natanson", "--cases", "4", "--jobs", "1", "--out", str(tmp_path / "b"))
     assert again.exit_code == 0
     other = json.loads((tmp_path / "b" / "manifest.json").read_text())
     # Figures, tables and numbers are the same to the bit.
