@@ -26,34 +26,76 @@ Symbols
     of residuals that correlate.
 """
 
+from gyrocal.alignment import AlignmentResult
+from gyrocal.alignment import in_two_steps as align_in_two_steps
+from gyrocal.alignment import together as align_together
 from gyrocal.davenport import CalibrationResult, RecursiveCalibrator, calibrate, residual_table
+from gyrocal.earth_sensor import EarthModel, EarthSensor
 from gyrocal.errors import GyrocalError, InputError, UnobservableError
+from gyrocal.filter_run import FilterRun
+from gyrocal.filter_run import run as run_filter
+from gyrocal.full_filter import FullFilterResult, Leg
+from gyrocal.full_filter import run_legs as run_full_filter
+from gyrocal.mekf import KalmanFilter
 from gyrocal.observability import Observability
+from gyrocal.onboard import Maneuver, OnBoardCalibrator
+from gyrocal.onboard import replay as run_on_board
 from gyrocal.parameters import NAMES, GyroParameters, select
 from gyrocal.propagation import Arcs, StreamingPropagation, propagate, psi_matrix
 from gyrocal.recording import Attitudes, GyroStream, Interval, Orbit, Recording, load, save
+from gyrocal.reference import BatchResult, batch
+from gyrocal.reference_covariance import interval_covariance, reference_attitudes, residual_covariance
+from gyrocal.sensors import SensorModel, SensorSeries
+from gyrocal.smoother import Smoothed, smooth
+from gyrocal.sun_sensor import SunModel, SunSensor, trmm_sun_sensors
 
 __all__ = [
     "NAMES",
+    "AlignmentResult",
     "Arcs",
     "Attitudes",
+    "BatchResult",
     "CalibrationResult",
+    "EarthModel",
+    "EarthSensor",
+    "FilterRun",
+    "FullFilterResult",
     "GyroParameters",
     "GyroStream",
     "GyrocalError",
     "InputError",
     "Interval",
+    "KalmanFilter",
+    "Leg",
+    "Maneuver",
     "Observability",
+    "OnBoardCalibrator",
     "Orbit",
     "Recording",
     "RecursiveCalibrator",
+    "SensorModel",
+    "SensorSeries",
+    "Smoothed",
     "StreamingPropagation",
+    "SunModel",
+    "SunSensor",
     "UnobservableError",
+    "align_in_two_steps",
+    "align_together",
+    "batch",
     "calibrate",
+    "interval_covariance",
     "load",
     "propagate",
     "psi_matrix",
+    "reference_attitudes",
+    "residual_covariance",
     "residual_table",
+    "run_filter",
+    "run_full_filter",
+    "run_on_board",
     "save",
     "select",
+    "smooth",
+    "trmm_sun_sensors",
 ]

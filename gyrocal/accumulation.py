@@ -102,7 +102,7 @@ def whitened(
     ----------
     theta, Theta : (m, 3) residuals and (3m, p) scaled sensitivity
     group_rows : (m,) residuals, group by group
-    group_ends : one past the last entry of each group in group_rows
+    group_ends : one past the last entry of each group in group_rows; with one V of all residuals there is one group
     others : as in `gyrocal.covariance.residual_covariance`
     """
     p = Theta.shape[1]

@@ -14,6 +14,9 @@ next, cov = −diag(σ²) R_bᵀ; both make residuals correlate. The noise is ta
 changes the noise by |G − I| of itself.
 
 "references only" is the paper's C in N (31)–(32): each residual by itself, both ends' reference errors and no gyro noise.
+
+References from a batch over the gyro's own samples correlate in other ways, and `gyrocal.reference_covariance` gives what
+their residuals then have: a C of each interval by itself, or one V of all residuals.
 """
 
 from typing import Literal
@@ -26,8 +29,8 @@ Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
 CovarianceModel = Literal["full", "references only"]
 
-FULL, REFERENCES_ONLY, GIVEN = 0, 1, 2
-MODEL_CODES = {"full": FULL, "references only": REFERENCES_ONLY, "given": GIVEN}
+FULL, REFERENCES_ONLY, GIVEN, JOINT = 0, 1, 2, 3
+MODEL_CODES = {"full": FULL, "references only": REFERENCES_ONLY, "given": GIVEN}  # "given" is JOINT where one V is
 
 
 def chained(first_rows: Indices, last_rows: Indices) -> list[list[int]]:
@@ -69,14 +72,14 @@ def residual_covariance(
     elapsed_s : (m,) s since the start
     sigma : (all references, 3) 1-sigma per body axis, rad
     arw : root PSD of the integrated rate's noise, rad/sqrt(s); for skipped samples, of what is left of it
-    model : FULL, REFERENCES_ONLY, or GIVEN for a C of each interval
-    given : (intervals, 3, 3) those C, rad²; not used otherwise
+    model : FULL, REFERENCES_ONLY, GIVEN for a C of each interval, or JOINT for one V of these very residuals
+    given : (intervals, 3, 3) those C, or (1, 3m, 3m) V, rad²; not used otherwise
     """
     m = len(row)
     V = np.zeros((3 * m, 3 * m))
     for a in range(m):
         for b in range(a + 1):
-            if a != b and model != FULL:
+            if a != b and model != FULL and model != JOINT:
                 continue
             noise = arw * arw * min(elapsed_s[a], elapsed_s[b]) if model == FULL and interval[a] == interval[b] else 0.0
             for i in range(3):
@@ -84,6 +87,8 @@ def residual_covariance(
                     value = 0.0
                     if model == GIVEN:
                         value = given[interval[a], i, j]
+                    elif model == JOINT:
+                        value = given[0, 3 * a + i, 3 * b + j]
                     else:
                         if row[a] == row[b] and i == j:
                             value += sigma[row[a], i] ** 2

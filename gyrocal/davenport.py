@@ -43,6 +43,7 @@ Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
 
 ROTATION_NAMES = ("roll", "pitch", "yaw")
+SINGULAR = 1e-14  # eigenvalue of a correlation matrix that is rounding
 
 
 class Accumulation:
@@ -142,7 +143,7 @@ class CalibrationResult:
     initial : G and b the calibration started from
     solved_for : names of the estimated parameters, in the order of the covariance's non-zero rows
     covariance : (12, 12) in the order of `NAMES`, zero for held parameters; G dimensionless, b rad/s
-    covariance_model : "full", "references only", or "given" for a C per interval
+    covariance_model : "full", "references only", or "given" for a C per interval or one V of all residuals
     psi : "full" or "linear"
     corrections : the change of (G, b) made by each iteration
     converged : the last correction was within the tolerance
@@ -261,6 +262,7 @@ def calibrate(
     apriori_covariance: Array | None = None,
     covariance_model: CovarianceModel = "full",
     interval_covariance: Array | None = None,
+    residual_covariance: Array | None = None,
     step_s: float | None = None,
     resampling: Resampling = "average",
     max_gap_s: float | None = None,
@@ -281,6 +283,8 @@ def calibrate(
     apriori_covariance : (p, p) of the solved-for parameters about `initial`; G dimensionless, b rad/s
     covariance_model : "full" with gyro noise and shared references, or "references only", the paper's C
     interval_covariance : (intervals, 3, 3) C of each interval's residuals, rad², instead of a model
+    residual_covariance : (3m, 3m) V of all m residuals together, rad², interval by interval in the order of time, instead;
+        see `gyrocal.reference_covariance`
     step_s, resampling, max_gap_s : see `gyrocal.sampling.measurements`
     plausible_G, plausible_bias : how far elements of G and of b (rad/s) may plausibly be off; a combination the data do not
         determine better than that counts as not found
@@ -303,9 +307,12 @@ def calibrate(
         raise InputError(f"at least one iteration is needed, not {limit}")
     if apriori_covariance is not None:
         apriori_covariance = _checked_covariance(apriori_covariance, p, "the a-priori covariance")
+    if interval_covariance is not None and residual_covariance is not None:
+        raise InputError("give interval_covariance or residual_covariance, not both")
     given = _checked_interval_covariance(interval_covariance, len(recording.intervals))
     prepared = measurements(recording, step_s, resampling, max_gap_s)
-    problem = Problem.of(recording, prepared, names, psi, covariance_model, given)
+    joint = _checked_residual_covariance(residual_covariance, len(prepared.row))
+    problem = Problem.of(recording, prepared, names, psi, covariance_model, given, joint)
     plausible = np.where(problem.columns < 9, plausible_G, plausible_bias)
     if not (np.isfinite(plausible).all() and (plausible > 0).all()):
         raise InputError("plausible_G and plausible_bias must be positive and finite")
@@ -341,7 +348,7 @@ def calibrate(
         initial=start,
         solved_for=names,
         covariance=covariance,
-        covariance_model="given" if interval_covariance is not None else covariance_model,
+        covariance_model=problem.model,
         psi=psi,
         corrections=tuple(corrections),
         converged=converged,
@@ -383,9 +390,13 @@ def _checked_covariance(value: Array, size: int, what: str) -> Array:
     value = np.array(value, dtype=float)
     if value.shape != (size, size):
         raise InputError(f"{what} must be {size}×{size}, not {'×'.join(map(str, value.shape))}")
-    if not np.isfinite(value).all() or not np.allclose(value, value.T) or np.linalg.eigvalsh(value)[0] <= 0:
-        raise InputError(f"{what} must be symmetric and positive definite")
-    return value
+    variance = np.diag(value)
+    if np.isfinite(value).all() and (variance > 0).all():
+        # Correlations: of variances in rad², an absolute tolerance would take anything for symmetric.
+        scaled = value / np.sqrt(np.outer(variance, variance))
+        if np.allclose(scaled, scaled.T, rtol=0, atol=1e-6) and np.linalg.eigvalsh(scaled)[0] > SINGULAR:
+            return value
+    raise InputError(f"{what} must be symmetric and positive definite")
 
 
 def _checked_interval_covariance(value: Array | None, intervals: int) -> Array | None:
@@ -394,6 +405,13 @@ def _checked_interval_covariance(value: Array | None, intervals: int) -> Array |
     if np.shape(value) != (intervals, 3, 3):
         raise InputError(f"interval_covariance must be {intervals}×3×3, a C for each interval")
     return np.array([_checked_covariance(C, 3, f"C of interval {k}") for k, C in enumerate(value)])
+
+
+def _checked_residual_covariance(value: Array | None, residuals: int) -> Array | None:
+    if value is None:
+        return None
+    size = 3 * residuals
+    return _checked_covariance(value, size, f"residual_covariance, three rows for each of {residuals} residuals,")
 
 
 def _prior_chi2(change: Array, columns: Indices, apriori_covariance: Array | None) -> float:

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gyrocal import accumulation, attitude
-from gyrocal.covariance import MODEL_CODES, CovarianceModel, chained, residual_covariance
+from gyrocal.covariance import JOINT, MODEL_CODES, CovarianceModel, chained, residual_covariance
 from gyrocal.errors import InputError
 from gyrocal.observability import PLAUSIBLE_RANGE
 from gyrocal.parameters import NAMES, GyroParameters
@@ -81,6 +81,7 @@ class Problem:
     psi : "full" or "linear"
     model : covariance model, or "given"
     given : (intervals, 3, 3) C of each interval's residuals, with "given"
+    joint : (3m, 3m) V of all residuals, with "given", in place of `given`
     """
 
     measurements: Measurements
@@ -91,6 +92,7 @@ class Problem:
     psi: Psi = "full"
     model: str = "full"
     given: Array | None = None
+    joint: Array | None = None
 
     @classmethod
     def of(
@@ -101,11 +103,12 @@ class Problem:
         psi: Psi = "full",
         model: CovarianceModel = "full",
         given: Array | None = None,
+        joint: Array | None = None,
     ) -> "Problem":
         """Prepare a recording."""
         A = attitude.matrix_from_quaternion(recording.attitudes.quaternions)
-        code = model if given is None else "given"
-        return cls(measurements, A, recording.attitudes.sigma, recording.gyro.arw, names, psi, code, given)
+        code = model if given is None and joint is None else "given"
+        return cls(measurements, A, recording.attitudes.sigma, recording.gyro.arw, names, psi, code, given, joint)
 
     @cached_property
     def columns(self) -> Indices:
@@ -121,6 +124,8 @@ class Problem:
     def groups(self) -> tuple[Indices, Indices]:
         """Residuals group by group, and one past the end of each group, of those that correlate."""
         prepared = self.measurements
+        if self.joint is not None:
+            return np.arange(len(prepared.row)), np.array([len(prepared.row)])
         arcs, firsts = np.unique(prepared.arcs.arc, return_index=True)
         lasts = np.append(firsts[1:], len(prepared.row)) - 1
         members = [
@@ -131,8 +136,11 @@ class Problem:
 
     @cached_property
     def _covariance(self) -> tuple[float, int, Array]:
+        arw = self.arw * float(np.sqrt(self.measurements.noise_gain))
+        if self.joint is not None:
+            return arw, JOINT, np.ascontiguousarray(self.joint)[None]
         given = np.zeros((0, 3, 3)) if self.given is None else np.ascontiguousarray(self.given)
-        return self.arw * float(np.sqrt(self.measurements.noise_gain)), MODEL_CODES[self.model], given
+        return arw, MODEL_CODES[self.model], given
 
     @cached_property
     def _references(self) -> tuple[Indices, Indices, Array, Array]:
@@ -168,6 +176,8 @@ class Problem:
 
     def _alone(self, R: Array, k: int) -> Array:
         """(3,) variance of residual k by itself, rad²."""
+        if self.joint is not None:
+            return np.diag(self.joint)[3 * k : 3 * k + 3]
         start, row, elapsed_s, sigma = self._references
         one = slice(k, k + 1)
         arc = self.measurements.arcs.arc[one]

@@ -80,8 +80,8 @@ def measurements(
     for number, interval in enumerate(recording.intervals):
         rows = reference_rows(recording.attitudes.t_s, interval)
         times = recording.attitudes.t_s[rows]
-        low, tags = _covering_samples(gyro, interval, times, limit)
-        fine_dt, stretch, ends = _cut_at(tags, times)
+        low, tags = covering_samples(gyro, interval, times, limit)
+        fine_dt, stretch, ends = cut_at(tags, times)
         fine, outputs = _grouped(ends, factor)
         dt = np.add.reduceat(fine_dt, fine)
         arc = np.full(rows.size - 1, number)
@@ -132,8 +132,25 @@ def _grouped(ends: Indices, factor: int) -> tuple[Indices, Indices]:
     return np.concatenate(firsts), np.concatenate([[0], np.cumsum([len(part) for part in firsts])])
 
 
-def _covering_samples(gyro: GyroStream, interval: Interval, times: Array, max_gap_s: float) -> tuple[int, Array]:
-    """First sample used between times[0] and times[-1], and the tags of all used with the end of the last."""
+def covering_samples(gyro: GyroStream, interval: Interval, times: Array, max_gap_s: float) -> tuple[int, Array]:
+    """Gyro samples that hold between the first and the last of some times.
+
+    Parameters
+    ----------
+    gyro : the stream
+    interval : whose name an error is to tell
+    times : (n,) ascending, s
+    max_gap_s : longest time from a tag to the next
+
+    Returns
+    -------
+    The first sample used, and the tags of all used with the end of the last.
+
+    Raises
+    ------
+    InputError
+        They do not cover the times, or have a gap.
+    """
     t = gyro.t_s
     # The sample that holds times[0] is the last to start at or before it.
     low = int(np.searchsorted(t, times[0] + TAG_ROUNDING * gyro.sample_s, side="right")) - 1
@@ -156,8 +173,13 @@ def _covering_samples(gyro: GyroStream, interval: Interval, times: Array, max_ga
     return low, tags
 
 
-def _cut_at(edges: Array, times: Array) -> tuple[Array, Indices, Indices]:
+def cut_at(edges: Array, times: Array) -> tuple[Array, Indices, Indices]:
     """Cut stretches of held rate at the wanted times; edges within a microsecond of one of them are that time.
+
+    Parameters
+    ----------
+    edges : (k + 1,) start of each stretch and the end of the last, ascending, s
+    times : (n,) ascending, the first and the last within the edges, s
 
     Returns
     -------

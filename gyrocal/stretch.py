@@ -15,7 +15,7 @@ from gyrocal.errors import InputError
 from gyrocal.least_squares import Rows
 from gyrocal.propagation import Arcs, propagate
 from gyrocal.recording import GyroStream, Interval
-from gyrocal.sampling import _covering_samples, _cut_at
+from gyrocal.sampling import covering_samples, cut_at
 from gyrocal.sensors import SensorModel, SensorSeries
 
 Array = NDArray[np.float64]
@@ -73,8 +73,8 @@ def stretch(gyro: GyroStream, times: Array, G: Array, max_gap_s: float | None = 
     if t.size < 2:
         raise InputError("a batch needs measurements at two different times at least, or a bias has no effect")
     limit = gyro.sample_s + max(0.5 * gyro.sample_s, max_gap_s or 0.0)
-    low, tags = _covering_samples(gyro, Interval("of the batch", "", t[0], t[-1]), t, limit)
-    dt, held, ends = _cut_at(tags, t)
+    low, tags = covering_samples(gyro, Interval("of the batch", "", t[0], t[-1]), t, limit)
+    dt, held, ends = cut_at(tags, t)
     arcs = Arcs(gyro.rates, dt, low + held, ends[:-1], ends[1:], np.zeros(t.size - 1, dtype=np.intp))
     return Stretch(t, arcs, np.asarray(G, dtype=float), gyro.arw * np.sqrt(np.diff(t)))
 

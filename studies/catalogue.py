@@ -25,9 +25,13 @@ MODULES = {
     "observability": "studies.maneuvers_needed",
     "noise": "studies.noise",
     "estimators": "studies.estimators",
+    "alignment": "studies.alignment",
+    "references": "studies.references",
+    "onboard": "studies.onboard",
     "blind": "studies.blind",
     "flight": "studies.flight_diagnosis",
     "real": "studies.real_gyro",
+    "heads": "studies.sensor_story",
 }
 
 

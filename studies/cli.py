@@ -1,10 +1,9 @@
-"""The command line: ``gyrocal reproduce | calibrate | diagnose | plan | simulate | effects | import | study | …``.
+"""The command line: ``gyrocal reproduce | calibrate | diagnose | plan | simulate | mission | effects | import | study | …``.
 
 Tables go to standard output, progress and errors to standard error. Bad input ends in one line and exit status 2.
 """
 
 import json
-import os
 import sys
 import tomllib
 from pathlib import Path
@@ -18,11 +17,23 @@ from gyrocal import GyrocalError, GyroParameters, InputError, calibrate, load, s
 from gyrocal.observability import PLAUSIBLE_G
 from gyrocal.recording import toml_value
 from simulator import scenario as scenarios
-from simulator.effects import EFFECTS, described
-from simulator.effects import parse as parse_effect
+from simulator.effects import Effect
 from simulator.replay import replay
+from simulator.sensor_effects import ALL_EFFECTS, SENSOR_EFFECTS, described
+from simulator.sensor_effects import parse as parse_effect
 from simulator.simulate import simulate
-from studies import baseline, calibration_report, catalogue, cli_diagnose, cli_import, cli_plan, engine, render, reproduce
+from studies import (
+    baseline,
+    calibration_report,
+    catalogue,
+    cli_diagnose,
+    cli_import,
+    cli_mission,
+    cli_plan,
+    cli_reproduce,
+    engine,
+    render,
+)
 from studies.console import check_writable, console
 from studies.manifest import write_json
 
@@ -53,27 +64,6 @@ def main() -> None:
     for stream in (sys.stdout, sys.stderr):
         if hasattr(stream, "reconfigure"):  # a terminal that cannot show ψ shows ? instead of a traceback
             stream.reconfigure(errors="replace")
-
-
-@main.command("reproduce")
-@click.option(
-    "--out", type=click.Path(path_type=Path), default=reproduce.DEFAULT_FOLDER, show_default=True, help="Folder to write."
-)
-@click.option("--cases", type=click.IntRange(2), default=200, show_default=True, help="Seeds of the Monte Carlo.")
-@click.option("--jobs", type=click.IntRange(1), default=None, help="Worker processes; the CPU count by default.")
-@click.option("--entropy", type=click.IntRange(0), default=1998, show_default=True, help="Root of all random streams.")
-@click.option("--json", "as_json", type=click.Path(path_type=Path), help="Also write the summary here.")
-def reproduce_command(out: Path, cases: int, jobs: int | None, entropy: int, as_json: Path | None) -> None:
-    """Reproduce the TRMM calibration: Tables 2-5 and Figures 1-3 beside the flight's values.
-
-    \b
-    Example:
-      gyrocal reproduce --cases 50 --out /tmp/trmm
-    """
-    check_writable(as_json)
-    summary = reproduce.run(out, cases, jobs or os.cpu_count() or 1, entropy, console())
-    if as_json:
-        write_json(as_json, summary)
 
 
 @main.command("scenarios")
@@ -127,6 +117,7 @@ def simulate_command(
       gyrocal simulate trmm /tmp/rec --truth /tmp/truth.json
       gyrocal simulate trmm /tmp/gap --effect bias_orbital:y=0.2 --effect g_matrix_step:z=1300,toward=y,time_s=15000
       gyrocal simulate /tmp/rec /tmp/again --effect time_offset=0.5
+      gyrocal simulate trmm_months /tmp/months --effect dss_head:2=0.28
       gyrocal simulate trmm_series /tmp/rec --seed 7 --set gyro.arw_deg_per_sqrt_s=1e-4 --set interval.1.slew.0.start_s=120
     """
     if (out / "recording.toml").exists() and not force:
@@ -137,6 +128,9 @@ def simulate_command(
     if (Path(scenario) / "recording.toml").exists() and scenario not in scenarios.names():
         if changes:
             raise InputError(f"--set {changes[0]}: a recording has no scenario to change; only --effect acts on a replay")
+        on_sensors = [one.effect for one in settings if one.effect in SENSOR_EFFECTS]
+        if on_sensors:
+            raise InputError(f"{on_sensors[0]}: acts on raw sensor tables, which a replay keeps as they are; give a scenario")
         original = load(scenario)
         fitted = calibrate(original).parameters
         recording = replay(original, fitted.G, fitted.bias, settings, seed=seed, case=case, noise=noise)
@@ -159,12 +153,22 @@ def simulate_command(
 main.add_command(cli_import.import_group)
 main.add_command(cli_diagnose.diagnose_command)
 main.add_command(cli_plan.plan_command)
+main.add_command(cli_mission.mission_command)
+main.add_command(cli_reproduce.reproduce_command)
+
+
+def _parameters(effect: Effect) -> str:
+    """An effect's parameters with their defaults; of many, the names."""
+    few = len(effect.parameters) <= 2
+    return ", ".join(f"{one.name}={one.default}" if few and one.default is not None else one.name for one in effect.parameters)
 
 
 @main.command("effects")
 @click.option("--json", "as_json", type=PATH, help="Write the list as JSON to this file.")
 def effects_command(as_json: Path | None) -> None:
-    """List what a gyro or a reference can do beyond the baseline; a positive size makes the gyro read high.
+    """List what a gyro, a reference or an attitude sensor can do beyond the baseline; a positive size makes the gyro read high.
+
+    Those of the sensors (dss_…, esa_…) need a scenario with [sensors], such as trmm_months.
 
     \b
     Example:
@@ -175,14 +179,12 @@ def effects_command(as_json: Path | None) -> None:
         {
             "effect": effect.name,
             "unit": effect.unit,
-            "axis": ("x, y, z or all" if effect.axis_optional else "x, y, z") if effect.axes else "",
-            "parameters": ", ".join(
-                f"{one.name}{'' if one.default is None else f'={one.default}'}" for one in effect.parameters
-            ),
+            "axis": ", ".join(effect.axes) + (" or all" if effect.axis_optional else ""),
+            "parameters": _parameters(effect),
             "plausible": f"{effect.prior[0]:g} to {effect.prior[1]:g}",
             "what": effect.summary,
         }
-        for effect in EFFECTS.values()
+        for effect in ALL_EFFECTS.values()
     ]
     render.terminal(console(), "Effects", pd.DataFrame(rows))
     if as_json:

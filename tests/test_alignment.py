@@ -1,89 +1,40 @@
 """Both algorithms of R's alignment find what was injected, agree once repeated, and show what they cannot represent."""
 
-from dataclasses import dataclass
-
 import numpy as np
 import pytest
 import scipy.stats
-from scipy.spatial.transform import Rotation
 
 from gyrocal import InputError, UnobservableError
 from gyrocal.alignment import in_two_steps, together
 from gyrocal.attitude import rotation_matrix
-from gyrocal.earth_sensor import TRMM_BIASES, EarthModel, EarthSensor
+from gyrocal.earth_sensor import TRMM_BIASES
 from gyrocal.sensors import SensorSeries
 from gyrocal.sun_sensor import trmm_sun_sensors
 from simulator import sun_sensor as truth
-from simulator.horizon import Horizon, orbit_position, penetration
-from simulator.orbit import lvlh_attitude
 from simulator.streams import generator
-from tests.attitude_sensors import ARW, ORBIT, flight, measured, nadir, sensor
+from studies.attitude_cases import (
+    ANGLES,
+    M_DSS2,
+    M_TRUE,
+    alignment_error,
+    alignment_orbit,
+    direction_sensor,
+    measured,
+    nadir,
+)
 
-# R (3), and the rotation nearest to it.
-M_DSS2 = 1e-3 * np.array([[999.996, -1.98736, -1.99437], [1.99280, 999.994, 2.72920], [1.98893, -2.73316, 999.994]])
-M_TRUE = Rotation.from_matrix(M_DSS2).as_matrix()
-ANGLES = Rotation.from_matrix(M_TRUE).as_rotvec()
 INJECTED = np.concatenate([ANGLES, TRMM_BIASES])
-SQUARE = (np.zeros(3), np.zeros(3))  # β heads at right angles
 CASES = 60
-
-
-@dataclass(frozen=True)
-class Orbit:
-    """One orbit +x forward with the Sun 25° on the −Y side; measurements every 30 s."""
-
-    motion: object
-    t: np.ndarray
-    A: np.ndarray
-    sun: np.ndarray
-    position: np.ndarray
-    angles: np.ndarray  # (n, 4) true penetration angles without biases
-
-    def series(self, rng=None, M=M_TRUE, biases=TRMM_BIASES, heads=SQUARE):
-        """DSS-1, DSS-2 and ESA as an estimator gets them, with nominal models; counts are whole numbers even without noise."""
-        out = []
-        for true, nominal in zip(
-            truth.trmm_sun_sensors(misalignments=(np.eye(3), M), heads=heads), trmm_sun_sensors(), strict=True
-        ):
-            counts, visible = truth.observe(rng, true, self.A, self.sun)
-            out.append(nominal.series(self.t, counts, self.sun, visible))
-        esa = EarthSensor(np.zeros(4))
-        noise = 0 if rng is None else esa.sigma * rng.standard_normal(self.angles.shape)
-        model = EarthModel(esa, self.position)
-        out.append(SensorSeries(model, self.t, self.angles + biases + noise, np.full(self.angles.shape, esa.sigma)))
-        return out
-
-    def exact(self):
-        """The same without noise and without counting, by the models themselves."""
-        out = []
-        rows = np.arange(self.t.size)
-        for one, change in zip(self.series(), (np.zeros(3), ANGLES, TRMM_BIASES), strict=True):
-            y = one.model.corrected(change).predict(self.A, rows)
-            out.append(SensorSeries(one.model, self.t, y, one.sigma))
-        return out
-
-
-def orbit(arw=ARW):
-    motion = flight(arw=arw)
-    t = np.arange(0, 5490.0, 30.0)
-    A = motion.at(t)
-    toward = lvlh_attitude(ORBIT, np.zeros(1))[0].T @ np.array([np.cos(0.436), -np.sin(0.436), 0.0])
-    horizon, position = Horizon(), orbit_position(ORBIT, t)
-    angles = np.array(
-        [[penetration(A[k], position[k], q, *horizon.semi_axes, horizon.nominal) for q in range(4)] for k in range(t.size)]
-    )
-    return Orbit(motion, t, A, np.tile(toward, (t.size, 1)), position, angles)
 
 
 @pytest.fixture(scope="module")
 def world():
-    return orbit()
+    return alignment_orbit()
 
 
 def error_of(result, M=M_TRUE, biases=TRMM_BIASES):
     """True minus estimate of DSS-2's angles and ESA's biases."""
-    turn = Rotation.from_matrix(M @ result.misalignment["DSS-2"].T).as_rotvec()
-    return np.concatenate([turn, biases - result.penetration_biases["ESA"]])
+    return alignment_error(result.misalignment["DSS-2"], result.penetration_biases["ESA"], M, biases)
 
 
 def nees(error, covariance):
@@ -225,8 +176,8 @@ def test_a_rotation_of_all_sensors_is_what_is_not_observable(world):
 def test_direction_sensors_turn_together_exactly(world):
     """With sensors of directions alone nothing tells a common turn: the loss is the same, the alignments are all turned."""
     motion, t = world.motion, world.t
-    sun = [sensor(name, np.tile(world.sun[0], (t.size, 1))) for name in ("ahead", "behind")]
-    star = sensor("star", np.tile([0.6, 0.0, 0.8], (t.size, 1)))
+    sun = [direction_sensor(name, np.tile(world.sun[0], (t.size, 1))) for name in ("ahead", "behind")]
+    star = direction_sensor("star", np.tile([0.6, 0.0, 0.8], (t.size, 1)))
     rng = generator(54, 0, "directions")
     gyro = motion.gyro(rng)
     truths = (sun[0], sun[1].corrected(ANGLES), star.corrected(-ANGLES))
@@ -234,7 +185,7 @@ def test_direction_sensors_turn_together_exactly(world):
     turn = rotation_matrix(np.array([0.003, -0.002, 0.001]))
     found = []
     for M in (np.eye(3), turn):
-        nominal = [sensor(model.name, model.directions, M=M) for model in truths]
+        nominal = [direction_sensor(model.name, model.directions, M=M) for model in truths]
         given = [SensorSeries(model, t, one.y, one.sigma) for model, one in zip(nominal, series, strict=True)]
         found.append(together(given, gyro, world.A[0], "ahead"))
         assert found[-1].unobservable == tuple(f"a rotation of all sensors together about body {axis}" for axis in "xyz")
@@ -248,8 +199,8 @@ def test_direction_sensors_turn_together_exactly(world):
 def test_a_sensor_that_always_sees_one_direction_in_the_body_is_named(world):
     """Nadir stays in the body's z: its sensor may be turned about it. A wrong bias to start from hides that at first."""
     motion, t = world.motion, world.t
-    sun = sensor("sun", np.tile(world.sun[0], (t.size, 1)))
-    earth = sensor("earth", nadir(t))
+    sun = direction_sensor("sun", np.tile(world.sun[0], (t.size, 1)))
+    earth = direction_sensor("earth", nadir(t))
     series = [measured(motion, model, t, 1e-4, rng=generator(54, 0, "nadir")) for model in (sun, earth)]
     with pytest.raises(UnobservableError) as caught:
         together(series, motion.gyro(), world.A[0], "sun")

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
+from scipy.spatial.transform import Rotation
 
 import gyrocal
 import simulator.scenario
@@ -44,6 +45,19 @@ def test_recording_example_makes_a_recording(tmp_path):
     result = gyrocal.calibrate(gyrocal.load(tmp_path), solve_for="bias", plausible_bias=1.0)
     # The example's rates and attitudes agree, in sign and convention: nothing is left to correct.
     np.testing.assert_allclose(result.bias, 0, atol=1e-12)
+
+
+def test_references_example_finds_its_alignment(capsys):
+    (block,) = re.findall(r"```python\n(.*?)```", (ROOT / "docs" / "references.md").read_text(), flags=re.DOTALL)
+    namespace = {}
+    exec(compile(block, "references.md", "exec"), namespace)
+    found, turn = namespace["found"], namespace["turn"]
+    M = Rotation.from_matrix(found.misalignment["DSS-2"])
+    error = (Rotation.from_rotvec(turn) * M.inv()).as_rotvec()
+    assert (np.abs(error) < 4 * found.sigma[:3]).all()
+    assert (np.abs(error) < 0.2 * np.abs(turn)).all()
+    assert 1e-4 < namespace["result"].p_value < 1 - 1e-4
+    assert capsys.readouterr().out.count("a rotation of all sensors together") == 3
 
 
 def test_scenario_example_is_a_scenario(tmp_path):

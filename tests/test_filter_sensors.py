@@ -16,8 +16,8 @@ from simulator import earth_sensor as true_earth
 from simulator import sun_sensor as true_sun
 from simulator.sensor_suite import positions
 from simulator.sun import DAY, eclipse, julian_date, sun_vector
-from tests.builders import TRUTH
-from tests.filter_cases import ARW, ORBIT, Z, fly, mean_bounds, parameters_near, stream
+from studies.filter_cases import ARW, ORBIT, Z, fly, parameters_near, stream
+from tests.builders import TRUTH, mean_bounds
 
 EPOCH = "1997-12-13T09:45:00Z"
 START = np.repeat([np.deg2rad(0.5), np.deg2rad(1e-3)], 3)

@@ -1,6 +1,6 @@
 """The filter of all twelve: the Davenport solution where both hold, and what it does with sensors that do not fit."""
 
-from functools import cache
+from dataclasses import dataclass
 
 import numpy as np
 import pytest
@@ -8,19 +8,33 @@ import pytest
 from gyrocal import InputError, attitude, calibrate
 from gyrocal.full_filter import Leg, change_chi2, run_legs, starting_covariance
 from gyrocal.mekf import KalmanFilter, nees
-from gyrocal.onboard import OnBoardCalibrator, replay
 from gyrocal.sensors import SensorSeries
-from tests.builders import TRUTH, piecewise_recording
-from tests.filter_cases import ARW, AttitudeModel, fly, mean_bounds, parameters_near, stream, vectors
-from tests.test_onboard import SENSOR, SLEWS, SPANS
+from studies.filter_cases import ARW, fly, full_and_separate, parameters_near, prior, stream, vectors
+from tests.builders import TRUTH, mean_bounds, piecewise_recording
 
-PRIOR_G, PRIOR_B = 1e-3, float(np.deg2rad(1e-4))
-START_SIGMA = float(np.deg2rad(0.5))
 OFFSET = np.deg2rad(0.04)
 
 
-def prior(sigma_G=PRIOR_G, sigma_b=PRIOR_B):
-    return np.diag(np.repeat([sigma_G, sigma_b], [9, 3]) ** 2)
+@dataclass(frozen=True)
+class AttitudeModel:
+    """Compares the attitude with measured ones A_obs (n, 3, 3); the measurement to go with it is zero."""
+
+    A_obs: np.ndarray
+    name: str = "attitudes"
+    size: int = 3
+    parameters: tuple[str, ...] = ()
+
+    def predict(self, A, rows):
+        return attitude.residual(A, self.A_obs[rows])
+
+    def jacobian(self, A, rows):
+        return np.tile(np.eye(3), (len(A), 1, 1))
+
+    def partials(self, A, rows):
+        return np.zeros((len(A), 3, 0))
+
+    def corrected(self, change):
+        return self
 
 
 def error_nees(x, P):
@@ -63,42 +77,11 @@ def test_linearised_once_it_misses_what_an_iteration_finds():
     assert rms_full > 1.5 * rms_ground
 
 
-@cache
-def timeline():
-    return fly(SLEWS, 14400.0, sample_s=2.0)
-
-
-def legs_of_timeline():
-    """Maneuvers, and the modes between them."""
-    legs, present = [], 0.0
-    for number, (start, stop) in enumerate(SPANS):
-        if start > present:
-            legs.append(Leg("mode", present, start))
-        legs.append(Leg(f"m{number + 1}", start, stop))
-        present = stop
-    return legs
-
-
-def both(seed, offset_sigma=0.0, reference_sigma=0.0):
-    """The full filter, and filter and calibrator side by side, on one pass with a random alignment error of the Sun sensor."""
-    flight, rng = timeline(), np.random.default_rng([32, seed])
-    apriori = parameters_near(rng, PRIOR_G, PRIOR_B)
-    offset = offset_sigma * rng.standard_normal(3)
-    gyro, series = stream(flight, rng), vectors(flight, rng, sigma=SENSOR, sun_offset=offset)
-    A = attitude.rotation_matrix(-START_SIGMA * rng.standard_normal(3)) @ flight.A[0]
-    estimator = KalmanFilter(A, apriori, starting_covariance(START_SIGMA, prior()), ARW, names="all")
-    full = run_legs(estimator, gyro, [series], legs_of_timeline())
-    alone = KalmanFilter(A, apriori, starting_covariance(START_SIGMA, np.eye(3) * np.deg2rad(1e-3) ** 2), ARW)
-    side = OnBoardCalibrator(alone, apriori, apriori_covariance=prior(), reference_sigma=np.full(3, reference_sigma))
-    replay(side, gyro, [series], 0.0, SPANS)
-    return full, side.solve()
-
-
-def study(cases, **options):
+def study(cases, offset_sigma=0.0, reference_sigma=0.0):
     """Means over seeds: NEES of both, innovations and changes per degree of freedom, mean square of G."""
     rows = []
     for seed in range(cases):
-        full, (separate, P) = both(seed, **options)
+        full, ((separate, P),) = full_and_separate(np.random.default_rng([32, seed]), offset_sigma, (reference_sigma,))
         rows.append(
             {
                 "full": error_nees(full.parameters.vector, full.covariance),

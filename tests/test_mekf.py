@@ -10,8 +10,8 @@ from gyrocal import GyroParameters, InputError, attitude
 from gyrocal.filter_run import run
 from gyrocal.mekf import KalmanFilter, nees, state_errors
 from gyrocal.sensors import SensorSeries
-from tests.builders import TRUTH
-from tests.filter_cases import ARW, NOISE, VectorModel, Y, Z, fly, mean_bounds, stream, vectors
+from studies.filter_cases import ARW, NOISE, VectorModel, Y, Z, fly, stream, vectors
+from tests.builders import TRUTH, mean_bounds
 
 SIGMA = np.repeat([np.deg2rad(0.5), np.deg2rad(1e-3)], 3)
 P0 = np.diag(SIGMA**2)

@@ -1,79 +1,44 @@
 """The on-board form: against the ground batch and the recursion, its covariance over seeds, its memory."""
 
 import dataclasses
-import gc
 import pickle
-import tracemalloc
-from functools import cache
 
 import numpy as np
 import pytest
 
-from gyrocal import GyroParameters, InputError, RecursiveCalibrator, StreamingPropagation, attitude, calibrate
+from gyrocal import GyroParameters, InputError, RecursiveCalibrator, StreamingPropagation, calibrate
 from gyrocal.mekf import KalmanFilter, nees
 from gyrocal.onboard import OnBoardCalibrator, recorded, replay
-from tests.builders import RPO, TRUTH
-from tests.filter_cases import ARW, VectorModel, X, Y, Z, fly, mean_bounds, parameters_near, stream, vectors
-
-SENSOR = np.deg2rad(0.05)
-STEP = 2.0  # s
-SLEWS = (
-    (Z, 180.0, 3000.0, 700.0),
-    (Z, -90.0, 6300.0, 350.0),
-    (Z, 90.0, 8200.0, 350.0),
-    (Y, -60.0, 9700.0, 500.0),
-    (X, 40.0, 11000.0, 300.0),
-    (X, -40.0, 11800.0, 300.0),
-    (Z, -180.0, 13000.0, 700.0),
+from studies.filter_cases import (
+    ARW,
+    OPENINGS,
+    SENSOR,
+    SPANS,
+    START,
+    STEP,
+    fly,
+    independent_covariance,
+    maneuver_timeline,
+    on_board_case,
+    parameters_near,
+    solved_with,
+    stream,
+    vectors,
 )
-SPANS = (
-    (700.0, 2700.0),
-    (2800.0, 4200.0),
-    (4400.0, 6100.0),
-    (6200.0, 9000.0),
-    (9500.0, 10700.0),
-    (10900.0, 11500.0),
-    (11700.0, 12500.0),
-    (12800.0, 14200.0),
-)
-START = np.repeat([np.deg2rad(0.5), np.deg2rad(1e-3)], 3)
-OPENING = np.diag(np.repeat([np.deg2rad(0.5), np.deg2rad(5e-4)], 3) ** 2)
-OPENINGS = {start + duration: OPENING for _, _, start, duration in SLEWS}
-
-
-@cache
-def timeline():
-    return fly(SLEWS, 14400.0, sample_s=STEP)
+from studies.onboard import SteadyFlight
+from tests.builders import TRUTH, mean_bounds
 
 
 def calibrated(seed, openings=None, start=None, **options):
-    """A-priori parameters, calibrator, maneuvers and gyro stream of one case, from errors of 1e-3 in G or from given ones."""
-    flight, rng = timeline(), np.random.default_rng([21, seed])
-    near = parameters_near(rng, 1e-3, np.deg2rad(1e-4))
-    apriori = start or near
-    gyro, series = stream(flight, rng, apriori=apriori), vectors(flight, rng, sigma=SENSOR)
-    off = rng.standard_normal(6) * START
-    A = attitude.rotation_matrix(-off[:3]) @ flight.A[0]
-    estimator = KalmanFilter(A, GyroParameters(apriori.G, TRUTH.bias + off[3:]), np.diag(START**2), ARW)
-    onboard = OnBoardCalibrator(estimator, apriori, **options)
-    return apriori, onboard, replay(onboard, gyro, [series], 0.0, SPANS, openings), gyro
-
-
-def independent(one):
-    """C with the ends and the gyro's noise taken for independent."""
-    return one.P_end + one.R @ one.P_start @ one.R.T + ARW**2 * one.elapsed_s * np.eye(3)
+    """A-priori parameters, calibrator, maneuvers and gyro stream of one case."""
+    case = on_board_case(np.random.default_rng([21, seed]), openings, start, **options)
+    return case.apriori, case.onboard, case.maneuvers, case.gyro
 
 
 def batch_nees(apriori, maneuvers, covariances):
     """NEES of the parameters from these maneuvers with other C."""
-    scale = np.repeat([1e-3, 1e-6], [9, 3])
-    W, u = np.zeros((12, 12)), np.zeros(12)
-    for one, C in zip(maneuvers, covariances, strict=True):
-        H = one.Theta * scale
-        W += H.T @ np.linalg.solve(C, H)
-        u += H.T @ np.linalg.solve(C, one.residual)
-    error = (apriori.vector - TRUTH.vector) / scale - np.linalg.solve(W, u)
-    return error @ W @ error
+    x, P = solved_with(apriori, maneuvers, covariances)
+    return nees((x - TRUTH.vector)[None], P[None])[0]
 
 
 @pytest.mark.parametrize("prior", [False, True])
@@ -109,7 +74,7 @@ def outcome(cases, openings=None, **options):
     for seed in range(cases):
         apriori, onboard, maneuvers, _ = calibrated(seed, openings, **options)
         found, P = onboard.solve()
-        by_independence = [independent(one) for one in maneuvers]
+        by_independence = [independent_covariance(one) for one in maneuvers]
         own = nees((found.vector - TRUTH.vector)[None], P[None])[0]
         solved.append((own, batch_nees(apriori, maneuvers, by_independence)))
         for one, C in zip(maneuvers, by_independence, strict=True):
@@ -162,7 +127,7 @@ def test_one_pass_linearises_once():
 
 def test_the_references_depend_on_the_parameters_as_stated():
     """θ = Θ Δx with S in Θ, by finite differences in G without noise; without S it does not hold."""
-    flight = timeline()
+    flight = maneuver_timeline()
     gyro, series = stream(flight), vectors(flight, sigma=SENSOR)
     step = 1e-4 * np.random.default_rng(2).standard_normal((3, 3))
 
@@ -184,7 +149,7 @@ def test_the_references_depend_on_the_parameters_as_stated():
 
 def test_nothing_is_learnt_from_a_maneuver_without_measurements():
     """Then the end is the start, carried by the same samples: θ tells the filter's own bias and nothing else."""
-    flight, rng = timeline(), np.random.default_rng(3)
+    flight, rng = maneuver_timeline(), np.random.default_rng(3)
     apriori = parameters_near(rng, 1e-3, np.deg2rad(1e-4))
     gyro = stream(flight, rng)
     estimator = KalmanFilter(flight.A[0], GyroParameters(apriori.G, TRUTH.bias), np.diag(START**2), ARW)
@@ -214,42 +179,6 @@ def test_reference_errors_are_added_at_both_ends():
     for one, other in zip(plain, stated, strict=True):
         D = np.diag(sigma**2)
         np.testing.assert_allclose(other.C - one.C, D + one.R @ D @ one.R.T, atol=1e-18)
-
-
-class SteadyFlight:
-    """Samples and measurements made one by one: a constant rate past two fixed directions."""
-
-    def __init__(self):
-        self.rng = np.random.default_rng(0)
-        self.rate = np.array([0.0, -RPO, 0.0])
-        self.raw = np.linalg.solve(TRUTH.G, self.rate - TRUTH.bias)
-        self.step = attitude.rotation_matrix(-self.rate * 0.5)
-        self.model = VectorModel((np.array([[1.0, 0.0, 0.0]]), np.array([[0.0, 0.6, 0.8]])))
-
-    def run(self, samples, keep=False):
-        """The calibrator after so many samples, and the most memory that it and its passing inputs took; bytes."""
-        estimator = KalmanFilter(np.eye(3), TRUTH, np.diag(START**2), ARW)
-        onboard = OnBoardCalibrator(estimator, TRUTH)
-        kept = []
-        A, row, sigma = np.eye(3), np.array([0]), np.full(6, SENSOR)
-        gc.collect()
-        tracemalloc.start()
-        for k in range(samples):
-            if k % 200 == 50:
-                onboard.start()
-            if k % 200 == 150:
-                onboard.finish()
-            raw = self.raw + 1e-7 * self.rng.standard_normal(3)
-            onboard.sample(raw, 0.5)
-            if keep:
-                kept.append(raw)
-            A = self.step @ A
-            if k % 20 == 0:
-                y = self.model.predict(A[None], row)[0] + SENSOR * self.rng.standard_normal(6)
-                onboard.measurement(self.model, 0, y, sigma)
-        peak = tracemalloc.get_traced_memory()[1]
-        tracemalloc.stop()
-        return onboard, peak
 
 
 def test_memory_does_not_depend_on_the_number_of_samples():

@@ -9,7 +9,7 @@ from gyrocal.attitude import residual, rotation_matrix
 from gyrocal.reference import batch
 from gyrocal.stretch import Columns, Estimate, columns, linearise, measured_times, stretch
 from simulator.streams import generator
-from tests.attitude_sensors import SUN, TRUE_BIAS, flight, measured, nadir, sensor
+from studies.attitude_cases import SUN, TRUE_BIAS, direction_sensor, flight, measured, nadir
 from tests.builders import TRUE_G
 
 SIGMA = 1e-3
@@ -29,8 +29,8 @@ def sensors(motion, rng=None, low=0.0, high=5490.0, every_s=30.0):
     t = np.arange(low, high, every_s)
     visible = np.abs((motion.at(t) @ SUN)[:, 0]) > 0.6
     return [
-        measured(motion, sensor("sun", np.tile(SUN, (t.size, 1))), t, SIGMA, visible, rng),
-        measured(motion, sensor("earth", nadir(t)), t, SIGMA, rng=rng),
+        measured(motion, direction_sensor("sun", np.tile(SUN, (t.size, 1))), t, SIGMA, visible, rng),
+        measured(motion, direction_sensor("earth", nadir(t)), t, SIGMA, rng=rng),
     ]
 
 

@@ -5,10 +5,9 @@ import pytest
 import scipy.linalg
 import scipy.stats
 
-from gyrocal import GyroStream, InputError, Interval, Recording, calibrate
+from gyrocal import GyroParameters, InputError, Interval, Recording, calibrate
 from gyrocal.attitude import matrix_from_quaternion, residual, rotation_matrix
 from gyrocal.propagation import propagate
-from gyrocal.reference import batch
 from gyrocal.reference_covariance import (
     correlated_intervals,
     interval_covariance,
@@ -17,20 +16,17 @@ from gyrocal.reference_covariance import (
 )
 from gyrocal.sampling import measurements
 from simulator.streams import generator
-from tests.attitude_sensors import ARW, RPO, TRUE_BIAS, star_series, timeline
+from studies.attitude_cases import ARW, TRUE_BIAS, star_batch, timeline
+from studies.reference_cases import BACKWARD, EPOCH, FORWARD, SIGMA, SLEW, apart, chain
 from tests.builders import TRUE_G
 
-SIGMA = 5e-4
-SLEW = np.deg2rad(0.3)
-TRUE = np.concatenate([TRUE_G.ravel(), TRUE_BIAS])
-EPOCH = "2000-01-01T00:00:00Z"
-FORWARD, BACKWARD, SIDEWAYS, STILL = (0, -RPO, 0), (0, RPO, 0), (RPO, 0, 0), (0, 0, 0)
+TRUTH = GyroParameters(TRUE_G, TRUE_BIAS)
+TRUE = TRUTH.vector
 
 
 def references(motion, gyro, low, high, times, rng, weighting="plain", every_s=30.0):
     """A batch between two times, with attitudes wanted at some."""
-    series = star_series(motion, low, high, every_s, SIGMA, rng)
-    return batch(series, gyro, motion.at(low), epoch_s=low, times=times, weighting=weighting)
+    return star_batch(motion, gyro, low, high, times, rng, SIGMA, weighting, every_s)
 
 
 def solved(recording, V, iterations=4):
@@ -120,41 +116,17 @@ def test_references_come_in_the_order_of_time_and_once():
 
 @pytest.fixture(scope="module")
 def separate():
-    """NEES of a calibration from intervals apart, with the intervals' C and with references taken as independent.
-
-    Four stretches at constant rate, both ends of each extrapolated by the gyro from one batch in its middle third; four slews
-    between batches before and after.
-    """
-    flights = []
-    for k, rate in enumerate((FORWARD, BACKWARD, SIDEWAYS, STILL)):
-        flights.append(([(rate, 1800.0)], [(600, 1200, (0, 1800))], (0, 1800), 4000.0 * k))
-    slews = ((FORWARD, (0, 0, SLEW), BACKWARD), (BACKWARD, (SLEW, 0, 0), STILL))
-    slews += ((FORWARD, (0, SLEW, 0), STILL), (SIDEWAYS, (0, 0, -SLEW), FORWARD))
-    for k, (before, slew, after) in enumerate(slews):
-        parts = [(before, 900.0), (slew, 600.0), (after, 900.0)]
-        flights.append((parts, [(0, 900, (900,)), (1500, 2400, (1500,))], (900, 1500), 16000.0 + 4000.0 * k))
-    motions = [
-        timeline(parts, TRUE_G, start_s=start_s, start=rotation_matrix(np.array([0.1, 0.2 * k, 0.3])))
-        for k, (parts, _, _, start_s) in enumerate(flights)
-    ]
-    intervals = tuple(Interval(f"m{k}", "", at + low, at + high) for k, (_, _, (low, high), at) in enumerate(flights))
+    """NEES of a calibration from intervals apart, with the intervals' C and with references taken as independent."""
+    setup = apart(TRUTH)
     out = {"given": [], "independent": []}
     for case in range(100):
-        rng = generator(53, case, "separate")
-        gyros = [motion.gyro(rng) for motion in motions]
-        batches = [
-            references(motion, gyro, at + low, at + high, [at + t for t in times], rng)
-            for motion, gyro, (_, spans, _, at) in zip(motions, gyros, flights, strict=True)
-            for low, high, times in spans
-        ]
-        stream = GyroStream(np.concatenate([g.t_s for g in gyros]), np.concatenate([g.rates for g in gyros]), 2.0, ARW)
-        recording = Recording("separate", EPOCH, stream, reference_attitudes(batches), intervals)
-        C = interval_covariance(batches, intervals, ARW)
+        recording, batches = setup.draw(generator(53, case, "separate"))
+        C = interval_covariance(batches, setup.intervals, ARW)
         for name, options in (("given", {"interval_covariance": C}), ("independent", {})):
             result = calibrate(recording, **options)
             error = TRUE - result.parameters.vector
             out[name].append((nees(error, result.covariance), nees(error[9:], result.covariance[9:, 9:])))
-    assert correlated_intervals(batches, intervals, ARW) < 1e-12
+    assert correlated_intervals(batches, setup.intervals, ARW) < 1e-12
     return {name: np.array(values).T for name, values in out.items()}
 
 
@@ -173,35 +145,59 @@ def test_without_the_shared_bias_it_is_not(separate):
 
 def test_stretches_between_slews_need_the_covariance_between_intervals():
     """A chain: each stretch ends one slew and starts the next, and is an interval itself; blocks alone waste and misstate."""
-    rates = (FORWARD, BACKWARD, FORWARD, SIDEWAYS, BACKWARD, STILL, FORWARD)
-    slews = ((0, 0, SLEW), (0, 0, -SLEW), (SLEW, 0, 0), (0, SLEW, 0), (0, -SLEW, 0), (-SLEW, 0, 0))
-    parts, intervals, spans, clock = [], [], [], 0.0
-    for k, rate in enumerate(rates):
-        for name, part in ((f"stretch {k}", (rate, 900.0)), (f"slew {k}", (slews[k], 600.0) if k < len(slews) else None)):
-            if part is None:
-                continue
-            parts.append(part)
-            intervals.append(Interval(name, "", clock, clock + part[1]))
-            clock += part[1]
-        spans.append((intervals[2 * k].start_s, intervals[2 * k].stop_s))
-    arw = 0.2 * ARW
-    motion = timeline(parts, TRUE_G, arw=arw)
-    whole, blocks, sigmas = [], [], []
+    setup = chain(TRUTH)
+    values, sigmas, dof = {"whole": [], "blocks": [], "independent": []}, [], set()
     for case in range(100):
-        rng = generator(53, case, "chain")
-        gyro = motion.gyro(rng)
-        batches = [references(motion, gyro, low, high, (low, high), rng) for low, high in spans]
-        recording = Recording("chain", EPOCH, gyro, reference_attitudes(batches), tuple(intervals))
-        V = residual_covariance(batches, intervals, arw)
-        x, P = solved(recording, V)
-        whole.append(nees(TRUE - x, P))
-        C = interval_covariance(batches, intervals, arw)
-        result = calibrate(recording, interval_covariance=C)
-        blocks.append(nees(TRUE - result.parameters.vector, result.covariance))
-        sigmas.append(result.sigma / np.sqrt(np.diag(P)))
-    apart, P_apart = solved(recording, scipy.linalg.block_diag(*C))
-    np.testing.assert_allclose(apart, result.parameters.vector, rtol=0, atol=1e-4 * np.sqrt(np.diag(P_apart)).max())
-    assert correlated_intervals(batches, intervals, arw) > 0.5
-    assert inside(whole, 12)
-    assert not inside(blocks, 12)
+        recording, batches = setup.draw(generator(53, case, "chain"))
+        V = residual_covariance(batches, setup.intervals, setup.arw)
+        C = interval_covariance(batches, setup.intervals, setup.arw)
+        found = {
+            "whole": calibrate(recording, residual_covariance=V),
+            "blocks": calibrate(recording, interval_covariance=C),
+            "independent": calibrate(recording),
+        }
+        for name, result in found.items():
+            values[name].append(nees(TRUE - result.parameters.vector, result.covariance))
+        sigmas.append(found["blocks"].sigma / found["whole"].sigma)
+        dof.add(found["whole"].dof)
+    assert correlated_intervals(batches, setup.intervals, setup.arw) > 0.5
+    assert inside(values["whole"], 12)
+    assert not inside(values["blocks"], 12)
+    assert not inside(values["independent"], 12)
     assert np.mean(sigmas) > 1.3
+    assert dof == {3 * len(setup.intervals) - 12}
+    # The iteration written out, about the same covariance; and the covariance of the blocks, given as one, is the blocks'.
+    whole, x, P = found["whole"], *solved(recording, V)
+    np.testing.assert_allclose(whole.parameters.vector / whole.sigma, x / whole.sigma, rtol=0, atol=1e-3)
+    np.testing.assert_allclose(
+        whole.covariance / np.outer(whole.sigma, whole.sigma), P / np.outer(whole.sigma, whole.sigma), atol=1e-6
+    )
+    together = calibrate(recording, residual_covariance=scipy.linalg.block_diag(*C))
+    np.testing.assert_allclose(together.parameters.vector, found["blocks"].parameters.vector, rtol=1e-12)
+    np.testing.assert_allclose(together.covariance, found["blocks"].covariance, rtol=1e-6, atol=1e-30)
+    assert together.chi2 == pytest.approx(found["blocks"].chi2, rel=1e-9)
+    assert whole.covariance_model == together.covariance_model == "given"
+    stated = np.deg2rad(whole.residuals[[f"sigma_{axis}_deg" for axis in ("roll", "pitch", "yaw")]].to_numpy())
+    np.testing.assert_allclose(stated.ravel() ** 2, np.diag(V), rtol=1e-12)
+
+
+def test_a_covariance_of_all_residuals_is_checked():
+    setup = chain(TRUTH)
+    recording, batches = setup.draw(generator(53, 0, "chain"))
+    V = residual_covariance(batches, setup.intervals, setup.arw)
+    lopsided, negative, singular, unknown = V.copy(), V.copy(), V.copy(), V.copy()
+    lopsided[0, 4] += 0.1 * np.sqrt(V[0, 0] * V[4, 4])
+    negative[3, 3] = -V[3, 3]
+    singular[:3], singular[:, :3] = singular[3:6], singular[:, 3:6]
+    unknown[2, 2] = np.nan
+    for match, value in (
+        ("13 residuals, must be 39×39, not 36×36", V[:36, :36]),
+        ("must be 39×39, not 39", V[0]),
+        *(("13 residuals, must be symmetric and positive definite", one) for one in (lopsided, negative, singular, unknown)),
+    ):
+        with pytest.raises(InputError, match=match) as caught:
+            calibrate(recording, residual_covariance=value)
+        assert "\n" not in str(caught.value)
+    C = interval_covariance(batches, setup.intervals, setup.arw)
+    with pytest.raises(InputError, match="not both"):
+        calibrate(recording, residual_covariance=V, interval_covariance=C)

@@ -10,8 +10,8 @@ from gyrocal.filter_run import run
 from gyrocal.mekf import KalmanFilter, nees, state_errors
 from gyrocal.reference import batch
 from gyrocal.smoother import smooth
-from tests.builders import TRUTH
-from tests.filter_cases import ARW, Z, fly, mean_bounds, stream, vectors
+from studies.filter_cases import ARW, Z, fly, stream, vectors
+from tests.builders import TRUTH, mean_bounds
 
 SIGMA = np.repeat([np.deg2rad(0.5), np.deg2rad(1e-3)], 3)
 TIMES = np.array([100.0, 900.0, 1500.0])
