@@ -8,7 +8,7 @@ true, which is the floor. For *after*, each fold finds explanations and fits the
 they predict, weighted by their probabilities, out of the rows left out, and is measured in the same metric, so that an effect
 cannot win by claiming more noise.
 
-Two splits: *stretches*, where a twelfth of each interval is left out at a time, so that training sees every motion; and whole
+Two splits: *stretches*, where an eighth of each interval is left out at a time, so that training sees every motion; and whole
 intervals, which asks more: an effect that shows in one interval only cannot be learnt from the others, whatever it is.
 
 Where the cause is a random process there is nothing to predict but how far the residuals scatter; there the measure is
@@ -35,11 +35,11 @@ Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 Chooser = Callable[[Search], Sequence[tuple[float, Sequence[Member]]]]
 
-PARTS = 12  # of an interval
+PARTS = 8  # of an interval
 TINY = 1e-6
 START = 0.02  # rad, prior of a start attitude
 BROAD = 10.0  # plausible ranges, prior of G and b
-STRETCHES = "leave-one-stretch-out, a twelfth of each interval at a time"
+STRETCHES = "leave-one-stretch-out, an eighth of each interval at a time"
 INTERVALS = "leave-one-interval-out"
 
 
@@ -71,14 +71,14 @@ class Fold:
 
 
 def masks(model: Model, intervals: bool) -> list[Mask]:
-    """Rows that each fold leaves out: whole intervals, or a twelfth of each."""
+    """Rows that each fold leaves out: whole intervals, or an eighth of each."""
     owner = np.concatenate([np.full(block.references.size, block.interval) for block in model.blocks])
     parts = owner if intervals else np.concatenate(_stretches(model))
     return [np.repeat(parts == part, 3) for part in np.unique(parts)]
 
 
 def _stretches(model: Model) -> list[NDArray[np.intp]]:
-    """Fold of each reference: which twelfth of its interval, counted from another one in each interval.
+    """Fold of each reference: which eighth of its interval, counted from another one in each interval.
 
     Sorted by length, so that two intervals of one kind, such as two slews, do not leave the same part out together.
     """
@@ -163,11 +163,12 @@ def _one(model: Model, fold: Fold, bank: Bank, columns: Array, choose: Chooser, 
     log = 2 * np.log(np.diag(fold.left)) if random else np.zeros(before.size)
     if not weighted:
         return np.column_stack([before**2 + log, before**2 + log, 1 + log])
-    after = before.copy()
+    predicted = np.zeros(len(columns))
     for weight, members in weighted:
         places, scale = _places(bank, members)
         amplitudes, _ = _amplitudes(X[:, places] * scale, y)
-        after -= weight * (fold.error(columns[:, places] * scale) @ amplitudes)
+        predicted += columns[:, places] @ (weight * scale * amplitudes)
+    after = before - fold.error(predicted)
     if not random:
         return np.column_stack([before**2, after**2, np.ones(before.size)])
     # The scatter that the likeliest explanation claims.

@@ -84,7 +84,8 @@ def log_bayes(gram: Array, correlation: Array, scales: Array) -> Array:
     -------
     (o, s), or (o, s, d)
     """
-    values, vectors = np.linalg.eigh(gram)
+    # Most groups are of one column, which needs no decomposition.
+    values, vectors = np.linalg.eigh(gram) if gram.shape[1] > 1 else (gram[:, :, 0], np.ones_like(gram))
     values = np.maximum(values, 0.0)
     single = correlation.ndim == 2
     along = np.matmul(vectors.transpose(0, 2, 1), correlation[..., None] if single else correlation) ** 2  # (o, k, d)
