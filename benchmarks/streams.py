@@ -11,8 +11,9 @@ from gyrocal.problem import Problem
 from gyrocal.propagation import Propagation, propagate_packed
 from gyrocal.sampling import measurements
 from simulator import scenario as scenarios
+from simulator.motion import Motion
 from simulator.scenario import Scenario
-from simulator.simulate import Motion, motion, noise_free_rates, observe
+from simulator.simulate import motion, noise_free_rates, observe
 from simulator.streams import generator
 
 Array = NDArray[np.float64]

@@ -26,8 +26,8 @@ import scipy.linalg
 from numpy.typing import NDArray
 
 from diagnosis.bank import Bank
+from diagnosis.cause import Closure
 from diagnosis.model import Model
-from diagnosis.result import Closure
 from diagnosis.search import Member, Search
 from gyrocal.observability import PLAUSIBLE_RANGE
 

@@ -13,10 +13,11 @@ from threadpoolctl import threadpool_limits
 
 from diagnosis import where
 from diagnosis.bank import Bank, build, with_fine_steps
+from diagnosis.cause import Cause, Closure, Finding, Verdict
 from diagnosis.closure import closure
 from diagnosis.model import Model
 from diagnosis.prepare import Prepared, prepare
-from diagnosis.result import Cause, Closure, Details, Diagnosis, Finding, Verdict
+from diagnosis.result import Details, Diagnosis
 from diagnosis.search import Member, Search, total
 from diagnosis.sensors import diagnose as diagnose_sensors
 from diagnosis.sensors.merge import merged

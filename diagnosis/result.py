@@ -3,105 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, Literal
+from typing import Any
 
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-if TYPE_CHECKING:
-    from diagnosis.sensors.result import SensorDiagnosis
+from diagnosis.cause import Cause, Closure, Finding, Verdict
+from diagnosis.sensors.result import SensorDiagnosis
 
 Array = NDArray[np.float64]
-Verdict = Literal["none", "named", "group", "unknown", "not identifiable"]
-
-
-@dataclass(frozen=True)
-class Finding:
-    """One place where the recording departs from the baseline.
-
-    Attributes
-    ----------
-    signal : "attitude" or "gyro stream"
-    interval, axis : where; None for all of them
-    window_s : since the interval's start, s
-    statistic, value, p_value : the test; p already corrected for the number of tests
-    text : a sentence for people
-    """
-
-    signal: str
-    interval: str | None
-    axis: str | None
-    window_s: tuple[float, float] | None
-    statistic: str
-    value: float
-    p_value: float
-    text: str
-
-
-@dataclass(frozen=True)
-class Cause:
-    """An effect of the best explanation.
-
-    Attributes
-    ----------
-    effect, axis : which, and about which body axis
-    size, unit, sigma : how large
-    parameters : its other numbers, such as phase_deg or time_s
-    probability : that this effect (and axis) is at work
-    group : what could stand in its place, as effect:axis, itself included, the likeliest first
-    group_probability : that one of the group is at work
-    """
-
-    effect: str
-    axis: str | None
-    size: float
-    unit: str
-    sigma: float
-    parameters: dict[str, float | str]
-    probability: float
-    group: tuple[str, ...]
-    group_probability: float
-
-    @property
-    def label(self) -> str:
-        """effect:axis."""
-        return self.effect if self.axis is None else f"{self.effect}:{self.axis}"
-
-
-@dataclass(frozen=True)
-class Closure:
-    """How far the gap shrinks on data that chose and fitted nothing.
-
-    Attributes
-    ----------
-    measure, split : what is compared and how the data were parted
-    before, after, floor : the measure under M0, with the causes in, and what M0 has on data of its own making
-    closed : 1 − (after − floor)/(before − floor)
-    interval_90 : its 90 % interval
-    by_interval : columns interval, before, after, floor
-    """
-
-    measure: str
-    split: str
-    before: float
-    after: float
-    floor: float
-    closed: float
-    interval_90: tuple[float, float]
-    by_interval: pd.DataFrame
-
-    def to_json(self) -> dict[str, Any]:
-        """As in the documented format."""
-        return {
-            "measure": self.measure,
-            "split": self.split,
-            "before": self.before,
-            "after": self.after,
-            "floor": self.floor,
-            "closed": self.closed,
-            "interval_90": list(self.interval_90),
-        }
 
 
 @dataclass(frozen=True)

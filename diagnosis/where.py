@@ -15,8 +15,8 @@ import pandas as pd
 import scipy.stats
 from numpy.typing import NDArray
 
+from diagnosis.cause import Finding
 from diagnosis.model import Model
-from diagnosis.result import Finding
 
 Array = NDArray[np.float64]
 

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from diagnosis.bank import Bank
-from diagnosis.result import Verdict
+from diagnosis.cause import Verdict
 from diagnosis.search import Explanation, Member, total
 from simulator.effects import EFFECTS
 

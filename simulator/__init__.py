@@ -14,8 +14,9 @@ quaternions are scalar last. Radians and SI inside; scenario files are in degree
     (47790, 3)
 """
 
+from simulator.motion import Motion
 from simulator.scenario import Scenario, load, names, override
-from simulator.simulate import Motion, motion, observe, simulate
+from simulator.simulate import motion, observe, simulate
 from simulator.streams import generator
 
 __all__ = ["Motion", "Scenario", "generator", "load", "motion", "names", "observe", "override", "simulate"]

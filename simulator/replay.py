@@ -25,8 +25,9 @@ from gyrocal.recording import Recording, reference_rows
 from simulator.effects import Setting
 from simulator.effects.recorded import SMOOTH_S, durations, interval_slices, smoothed_rates
 from simulator.gyro import raw_rates
+from simulator.motion import Array, Motion
 from simulator.rotation import matrix, perturbed, separation
-from simulator.simulate import Array, Motion, disturbed
+from simulator.simulate import disturbed
 from simulator.streams import generator
 from simulator.truth import accumulate
 

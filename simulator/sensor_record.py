@@ -9,7 +9,6 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from math import radians
-from typing import TYPE_CHECKING
 
 import numpy as np
 import pandas as pd
@@ -20,6 +19,7 @@ from gyrocal.sensor_tables import SensorTables, read
 from simulator.earth_sensor import TrueEarthSensor
 from simulator.effects.base import Setting
 from simulator.horizon import Horizon
+from simulator.motion import Motion
 from simulator.rotation import matrix
 from simulator.scenario import Scenario
 from simulator.sensor_effects import SENSOR_EFFECTS
@@ -27,9 +27,6 @@ from simulator.sensor_suite import SensorSuite, earth_table, positions, sun_tabl
 from simulator.streams import generator
 from simulator.sun import DAY, julian_date, sun_vector
 from simulator.sun_sensor import trmm_sun_sensors
-
-if TYPE_CHECKING:
-    from simulator.simulate import Motion
 
 Array = NDArray[np.float64]
 

@@ -10,7 +10,7 @@ Effects (`simulator.effects`) act on top of that; without any, the recording is 
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
@@ -23,6 +23,7 @@ from simulator.effects.housekeeping import gyro_temperature
 from simulator.effects.recorded import housekeeping_at
 from simulator.gyro import raw_rates, with_white_noise
 from simulator.maneuvers import Profile, trajectory
+from simulator.motion import Motion
 from simulator.reference import TIME_TOLERANCE, measured, reference_times
 from simulator.scenario import Scenario, profiles
 from simulator.sensor_effects import SENSOR_EFFECTS
@@ -30,33 +31,6 @@ from simulator.sensor_record import sensed
 from simulator.streams import generator
 
 Array = NDArray[np.float64]
-
-
-@dataclass(frozen=True)
-class Motion:
-    """Noise-free truth of a scenario.
-
-    Attributes
-    ----------
-    t_s : (n,) sample starts, s since the epoch
-    duration_s : (n,) sample durations, s
-    rates : (n, 3) true body rates, rad/s: mean over each sample, or at its start if the scenario reads points
-    intervals : one slice of the samples per interval
-    reference_t_s : (m,) times of the reference attitudes, s since the epoch
-    quaternions : (m, 4) true attitudes then, inertial to body, scalar last
-    sensor_t_s, sensor_quaternions : the same at the tags of the raw sensors
-    sensor_intervals : one slice of these tags per interval
-    """
-
-    t_s: Array
-    duration_s: Array
-    rates: Array
-    intervals: tuple[slice, ...]
-    reference_t_s: Array
-    quaternions: Array
-    sensor_t_s: Array = field(default_factory=lambda: np.zeros(0))
-    sensor_quaternions: Array = field(default_factory=lambda: np.zeros((0, 4)))
-    sensor_intervals: tuple[slice, ...] = ()
 
 
 @dataclass(frozen=True)

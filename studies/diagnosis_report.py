@@ -13,7 +13,8 @@ import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
 
-from diagnosis.result import Cause, Diagnosis
+from diagnosis.cause import Cause
+from diagnosis.result import Diagnosis
 from simulator.sensor_effects import SENSOR_EFFECTS
 from studies import diagnosis_figures as figures
 from studies import diagnosis_words as words

@@ -7,7 +7,8 @@ from collections.abc import Iterator
 
 from rich.console import Console
 
-from diagnosis.result import Cause, Diagnosis
+from diagnosis.cause import Cause
+from diagnosis.result import Diagnosis
 from studies import diagnosis_words as words
 from studies import render, sensor_words
 

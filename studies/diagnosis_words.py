@@ -8,7 +8,8 @@ from collections.abc import Sequence
 import numpy as np
 import pandas as pd
 
-from diagnosis.result import Cause, Closure, Diagnosis
+from diagnosis.cause import Cause, Closure
+from diagnosis.result import Diagnosis
 from gyrocal import NAMES
 from simulator.sensor_effects import ALL_EFFECTS as EFFECTS
 from studies import render

@@ -9,8 +9,9 @@ import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from simulator.motion import Motion
 from simulator.scenario import Scenario
-from simulator.simulate import Motion, motion
+from simulator.simulate import motion
 
 STYLE: dict[Any, Any] = {
     "svg.hashsalt": "gyrocal",

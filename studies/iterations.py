@@ -24,8 +24,9 @@ from gyrocal import GyroParameters, attitude
 from gyrocal.problem import Problem
 from gyrocal.propagation import Psi
 from gyrocal.sampling import measurements
+from simulator.motion import Motion
 from simulator.scenario import Scenario
-from simulator.simulate import Motion, noise_free_rates, observe, realise
+from simulator.simulate import noise_free_rates, observe, realise
 from studies import flight
 from studies.figures import STYLE, save
 from studies.report import Entry, Report

@@ -33,8 +33,9 @@ from gyrocal.parameters import BIASES, MISALIGNMENTS, SCALE_FACTORS
 from gyrocal.problem import Problem
 from gyrocal.propagation import propagate
 from gyrocal.sampling import measurements
+from simulator.motion import Motion
 from simulator.scenario import override
-from simulator.simulate import Motion, motion, noise_free_rates, observe, realise
+from simulator.simulate import motion, noise_free_rates, observe, realise
 from studies import figures, flight_gap
 from studies.report import Entry, Report
 from studies.study import Streams, Study, StudyConfig, base_scenario

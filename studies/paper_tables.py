@@ -20,8 +20,9 @@ from gyrocal.covariance import CovarianceModel
 from gyrocal.problem import Problem
 from gyrocal.propagation import Psi, packed_shape
 from gyrocal.sampling import Resampling, measurements
+from simulator.motion import Motion
 from simulator.scenario import Scenario
-from simulator.simulate import Motion, noise_free_rates, observe, realise
+from simulator.simulate import noise_free_rates, observe, realise
 from studies import flight, render, statistics
 from studies.report import Entry, Report
 from studies.study import Streams, Study, StudyConfig, base_scenario, case_motion, dispersed, observed

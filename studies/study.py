@@ -32,8 +32,9 @@ from pydantic import BaseModel, ConfigDict, ValidationError, field_validator
 from gyrocal.errors import InputError
 from gyrocal.recording import Recording, read_toml, validation_message
 from simulator import scenario as scenarios
+from simulator.motion import Motion
 from simulator.scenario import Scenario
-from simulator.simulate import Motion, motion, observe
+from simulator.simulate import motion, observe
 from simulator.streams import MAX_CASE, generator
 from studies import dispersions
 from studies.dispersions import Dispersion, Sampler

@@ -29,8 +29,9 @@ from pydantic import field_validator
 from gyrocal import NAMES, GyroParameters, attitude
 from gyrocal.problem import Iterates, Problem
 from gyrocal.sampling import Resampling, measurements
+from simulator.motion import Motion
 from simulator.scenario import Scenario
-from simulator.simulate import Motion, noise_free_rates, observe, realise
+from simulator.simulate import noise_free_rates, observe, realise
 from studies import flight, flight_gap, statistics
 from studies.figures import STYLE, save
 from studies.paper_tables import PARAMETER_UNIT, PARAMETER_UNIT_NAMES

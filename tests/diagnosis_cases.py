@@ -3,7 +3,8 @@
 import numpy as np
 import pandas as pd
 
-from diagnosis.result import Cause, Closure, Details, Diagnosis, Finding
+from diagnosis.cause import Cause, Closure, Finding
+from diagnosis.result import Details, Diagnosis
 
 AXES = "xyz"
 INTERVALS = [f"m{k + 1}" for k in range(6)]

@@ -25,9 +25,10 @@ from gyrocal.recording import Recording
 from simulator.effects import EFFECTS, References, Setting, Stream, references_of, setting
 from simulator.effects.base import Value
 from simulator.effects.housekeeping import gyro_temperature
+from simulator.motion import Motion
 from simulator.rotation import perturbed
 from simulator.scenario import Scenario
-from simulator.simulate import Motion, disturbed, motion, observe
+from simulator.simulate import disturbed, motion, observe
 from simulator.streams import generator
 
 Array = NDArray[np.float64]

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from scipy.special import chdtrc
 
 from diagnosis.bank import Bank
-from diagnosis.result import Cause, Closure, Finding, Verdict
+from diagnosis.cause import Cause, Closure, Finding, Verdict
 from diagnosis.search import Search
 from diagnosis.sensors.candidates import GYRO, Held, held_error
 from diagnosis.sensors.reduced import Reduced, bank, reduce

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from diagnosis.result import Diagnosis, Verdict
+from diagnosis.cause import Verdict
+from diagnosis.result import Diagnosis
 from diagnosis.sensors.result import SensorDiagnosis
 
 # What is left unexplained on either side counts for the whole.

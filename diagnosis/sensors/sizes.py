@@ -10,7 +10,7 @@ import pandas as pd
 import scipy.linalg
 from numpy.typing import NDArray
 
-from diagnosis.result import Closure
+from diagnosis.cause import Closure
 from diagnosis.search import Explanation, Member, total
 from diagnosis.sensors.candidates import Group, Held
 from diagnosis.sensors.reduced import Reduced, bank
