@@ -29,6 +29,7 @@ from numpy.typing import NDArray
 from scipy.special import logsumexp, ndtr
 from scipy.stats import multivariate_normal, norm
 
+from diagnosis.filling import runs
 from diagnosis.model import Model
 from gyrocal.recording import Recording
 
@@ -161,15 +162,10 @@ def _slow(recording: Recording, x: Array, noise: float, window_s: float) -> tupl
     for interval in recording.intervals:
         low, high = np.searchsorted(t, [interval.start_s - 1e-6, interval.stop_s - 1e-6])
         windows = x[low:high][: (high - low) // count * count].reshape(-1, count).mean(axis=1)
-        for a, b in _runs(np.abs(windows) < SLOW * sigma):
+        for a, b in runs(np.abs(windows) < SLOW * sigma):
             if (b - a) * window_s >= SHORTEST_S:
                 stretches.append((int(low) + a * count, int(low) + b * count, windows[a:b] / sigma))
     return stretches, sigma
-
-
-def _runs(mask: NDArray[np.bool_]) -> list[tuple[int, int]]:
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], mask, [False]]).astype(int)))
-    return [(int(a), int(b)) for a, b in zip(edges[::2], edges[1::2], strict=True)]
 
 
 def _still(

@@ -33,8 +33,8 @@ from simulator.sensor_effects import ALL_EFFECTS
 Array = NDArray[np.float64]
 Progress = Callable[[str, float], None]
 
-FALSE_ALARMS = 0.005  # of the attitude test
-DRAWS = 400  # of M0 for the null distribution
+FALSE_ALARMS = 0.002  # of the attitude test
+DRAWS = 1000  # of M0 for the null distribution
 SHOWN_EXPLANATIONS = 12
 WORTH_KEEPING = 1e-6  # an explanation of less probability is left out of the details
 SURE = 0.5  # probability that only unshown motion is at work, from which on nothing else is said of the attitude

@@ -15,10 +15,13 @@ from dataclasses import dataclass, field
 import numpy as np
 import scipy.ndimage
 import scipy.signal
+import scipy.special
 import scipy.stats
 from numpy.typing import NDArray
 
+from diagnosis.filling import filled, runs
 from diagnosis.lattice import ODDS, Kind, lattice_step, sweep_odds, undone
+from diagnosis.repeats import IMPOSSIBLE, repeats
 from gyrocal.recording import Recording
 from simulator.effects.recorded import interval_slices
 from simulator.effects.smoothing import noise_level, smoothed
@@ -27,7 +30,6 @@ Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
 AXES = "xyz"
-IMPOSSIBLE = 1e-300  # p of what M0 cannot do
 HALF = 20  # samples on either side of one in the test for quiet
 MOVING = 20.0  # sigmas of that change that count as visible; a slew's are hundreds, those of a vibration a few
 PARABOLA = 9  # samples of the local parabola
@@ -38,9 +40,8 @@ LINE_P = 1e-8  # of a line to be a vibration: the level around it is itself esti
 CLEAR_TONE = 5.0  # sigmas of its amplitude over all stretches, for a line to be a tone
 OUTLIER = 6.0  # noise sigmas; one sample in 5e8 under M0
 FEWEST_CLIPPED = 5
-CHANCE_SAMPLES = 101  # over which the chance of a repeat on a lattice is taken
-RARE = 0.01  # chance of a repeat on all axes below which a repeat tells something
-FEWEST_TELLING = 500  # such samples, below which nothing is said
+FEWEST_PLATEAU = 20  # samples of a clipped stretch on a lattice
+PLATEAU_P = 1e-8  # chance of a steady rate to stand still that long
 SMOOTH_S = 20.0  # s, longest window of the smoothing
 
 
@@ -133,7 +134,7 @@ def examine(recording: Recording, lattice: Kind | None = None) -> StreamReport:
     report.lattice = steps > sigma
     _quantization(report, steps, coarse, cut)
     _stale(report, recording, used, coarse)
-    _saturation(report, recording, used, coarse, steps)
+    _saturation(report, recording, used, coarse, steps, sigma)
     if sigma > 0:
         local = _local_noise(report.rates, sigma, coarse, steps)
         quiet = used & _quiet(report.rates, local)
@@ -206,56 +207,35 @@ def _consecutive(recording: Recording, used: Mask) -> Mask:
 
 def _stale(report: StreamReport, recording: Recording, used: Mask, coarse: Mask) -> None:
     """Samples that repeat the one before on all axes at once, beyond what a coarse lattice makes."""
-    follows = _consecutive(recording, used)
     rates = recording.gyro.rates
     equal = np.zeros(rates.shape, dtype=bool)
     equal[1:] = rates[1:] == rates[:-1]
-    clipped = np.abs(rates) >= np.abs(rates[used]).max(axis=0) * (1 - 1e-12)
-    joint = equal.all(axis=1) & follows & ~clipped.any(axis=1)
-    if coarse.any():
-        # On a lattice, readings repeat by chance where the rate is steady: only where that is rare can repeats be told.
-        local = scipy.ndimage.uniform_filter1d(equal.astype(float), CHANCE_SAMPLES, axis=0, mode="nearest")
-        chance = np.prod(np.where(coarse, local, 0.0), axis=1)
-        telling = follows & (chance < RARE)
-        expected = float(chance[telling].sum())
-    else:
-        telling, expected = follows, 0.0
-    joint &= telling
-    n, count = int(telling.sum()), int(joint.sum())
-    if n < FEWEST_TELLING:
+    clipped = (np.abs(rates) >= np.abs(rates[used]).max(axis=0) * (1 - 1e-12)).any(axis=1)
+    found = repeats(equal, _consecutive(recording, used) & ~clipped, coarse, EVENT_P)
+    if found is None:
         return
-    p = 1.0
-    if count >= 3:
-        p = max(float(scipy.stats.poisson.sf(count - 1, expected)), IMPOSSIBLE) if expected > 0 else IMPOSSIBLE
     report.tests.append(
         StreamTest(
-            "repeated_share", None, count / n, expected / n, p, "stale_samples",
-            f"{count} of {n} samples repeat the one before on all axes",
+            "repeated_share", None, found.count / found.samples, found.expected / found.samples, found.p_value,
+            "stale_samples", f"{found.count} of {found.samples} samples repeat the one before on all axes",
         )
     )  # fmt: skip
-    if p >= EVENT_P:
+    if found.p_value >= EVENT_P:
         return
-    lengths = np.array([high - low for low, high in _runs(joint)])
-    # A run is at least one sample long, and about geometric.
-    spread = float(np.sqrt(max(lengths.mean() * (lengths.mean() - 1), 0.05) / lengths.size))
-    parameters: dict[str, float | str] = {"fraction": (count - expected) / n}
-    report.causes.append(StreamCause("stale_samples", None, float(lengths.mean()), "samples", spread, parameters, p))
-    _fill(report, recording, joint)
+    parameters: dict[str, float | str] = {"fraction": found.fraction}
+    report.causes.append(StreamCause("stale_samples", None, found.size, "samples", found.sigma, parameters, found.p_value))
+    _fill(report, recording, found.mask)
 
 
 def _fill(report: StreamReport, recording: Recording, bad: Mask) -> None:
-    """Put the line between the neighbours in place of bad samples; what they integrate to is then uncertain."""
-    t = recording.gyro.t_s
-    good = ~bad
-    for axis in range(3):
-        report.rates[bad, axis] = np.interp(t[bad], t[good], report.rates[good, axis])
-    # A sample that was never read has the noise of none and the error of a guess: that of its neighbours, correlated.
-    near = scipy.ndimage.binary_dilation(bad, iterations=1)
-    report.density[near] *= 2.0
+    """Bridge bad samples; what they integrate to is then uncertain."""
+    gyro = recording.gyro
+    report.rates, factor, density = filled(gyro.t_s, report.rates, bad, gyro.sample_s)
+    report.density = report.density * factor[:, None] + density
     report.filled |= bad
 
 
-def _saturation(report: StreamReport, recording: Recording, used: Mask, coarse: Mask, steps: Array) -> None:
+def _saturation(report: StreamReport, recording: Recording, used: Mask, coarse: Mask, steps: Array, sigma: float) -> None:
     rates = recording.gyro.rates
     # A largest reading that telemetry repeats stands still on all axes; of a clipped gyro the others go on.
     held = np.zeros(len(rates), dtype=bool)
@@ -265,9 +245,9 @@ def _saturation(report: StreamReport, recording: Recording, used: Mask, coarse: 
         largest = float(np.abs(x).max())
         at = np.abs(x) >= largest * (1 - 1e-12)
         count = int((at & ~held[used]).sum())
-        # On a lattice coarser than the noise any steady rate stands still: nothing can be said.
-        hidden = bool(coarse[axis]) and steps[axis] > 2.0 * recording.gyro.arw / np.sqrt(recording.gyro.sample_s)
-        found = count >= FEWEST_CLIPPED and not hidden and (not coarse[axis] or _is_plateau(at))
+        found = count >= FEWEST_CLIPPED and (
+            not coarse[axis] or _is_plateau(at, float(steps[axis]) / sigma if sigma else np.inf)
+        )
         report.tests.append(
             StreamTest(
                 "clipped_samples", AXES[axis], count, 1.0, IMPOSSIBLE if found else 1.0, "rate_saturation",
@@ -282,12 +262,15 @@ def _saturation(report: StreamReport, recording: Recording, used: Mask, coarse: 
         report.clipped |= clipped
 
 
-def _is_plateau(at: Mask) -> bool:
-    """Whether the largest values stand in one solid block, as no noisy reading on a lattice does."""
-    places = np.flatnonzero(at)
-    runs = np.split(places, np.flatnonzero(np.diff(places) > 1) + 1)
-    longest = max(runs, key=len)
-    return len(longest) >= 20
+def _is_plateau(at: Mask, step: float) -> bool:
+    """Whether the largest values stand in one solid block, as a noisy reading on a lattice of so many sigmas cannot.
+
+    A reading stays on its lattice point at best with the probability that noise is less than half a step.
+    """
+    longest = max(high - low for low, high in runs(at))
+    stays = float(scipy.special.erf(0.5 * step / np.sqrt(2)))
+    chance = np.log(at.size) + longest * np.log(stays) if stays < 1 else 0.0
+    return longest >= FEWEST_PLATEAU and chance < np.log(PLATEAU_P)
 
 
 def _zero_mass(report: StreamReport, recording: Recording, used: Mask, coarse: Mask) -> None:
@@ -510,15 +493,9 @@ def _lines(report: StreamReport, recording: Recording, quiet: Mask) -> None:
                 report.causes.append(tone)
 
 
-def _runs(mask: Mask) -> list[tuple[int, int]]:
-    """Unbroken runs as slices."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], mask, [False]]).astype(int)))
-    return [(int(a), int(b)) for a, b in zip(edges[::2], edges[1::2], strict=True)]
-
-
 def _stretches(mask: Mask) -> list[tuple[int, int]]:
     """Unbroken runs of at least 256 samples, as slices."""
-    return [(low, high) for low, high in _runs(mask) if high - low >= 256]
+    return [(low, high) for low, high in runs(mask) if high - low >= 256]
 
 
 def _strongest(x: Array, sample_s: float) -> tuple[float, float, float, int]:

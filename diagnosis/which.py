@@ -58,7 +58,7 @@ def attribute(bank: Bank, explanations: list[Explanation]) -> Attribution:
     norm = total(explanations)
     probability = {explanation.key: float(np.exp(explanation.log_posterior - norm)) for explanation in explanations}
     listed = [all(bank.candidates[k].listed for k in explanation.key) for explanation in explanations]
-    unknown = 1.0 - sum(probability[e.key] for e, own in zip(explanations, listed, strict=True) if own)
+    unknown = sum(probability[e.key] for e, own in zip(explanations, listed, strict=True) if not own)
     ranked = tuple(
         (
             tuple(bank.candidates[member.candidate].label for member in explanation.members),

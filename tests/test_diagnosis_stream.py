@@ -153,3 +153,28 @@ def test_a_repeated_largest_reading_is_not_clipped(plan, truth):
     rates[top : top + 9, 0] += np.deg2rad(1e-5) * np.arange(9)  # the other axes go on: that is a clipped one
     report = stream.examine(replace(recording, gyro=replace(recording.gyro, rates=rates)))
     assert [cause.effect for cause in report.causes] == ["stale_samples", "rate_saturation"]
+
+
+def test_repeats_among_those_of_a_lattice(plan, truth):
+    """Where a lattice repeats readings in steady parts, faults of the telemetry add to what the axes have in common."""
+    recording = _recording(plan, truth, 7, "rate_quantization=3e-4", "stale_samples=2.5,fraction=0.03")
+    cause = next(cause for cause in stream.examine(recording).causes if cause.effect == "stale_samples")
+    assert abs(cause.size - 2.5) < 3 * cause.sigma < 2.5
+    assert cause.parameters["fraction"] == pytest.approx(0.03, rel=0.3)
+
+
+@pytest.mark.parametrize("step", ["1e-4", "2e-4", "4e-4", "7e-4"])
+def test_no_repeats_on_a_lattice_without_faults(plan, truth, step):
+    for seed in (1, 2, 3):
+        causes = stream.examine(_recording(plan, truth, seed, f"rate_quantization={step}")).causes
+        assert [cause.effect for cause in causes] == ["rate_quantization"]
+
+
+def test_a_clipped_rate_on_a_coarse_lattice(plan, truth):
+    """A steady reading stands still on a lattice of a few sigmas for a while, not through a slew."""
+    found = stream.examine(_recording(plan, truth, 8, "rate_quantization=5e-4", "rate_saturation:z=0.15"))
+    assert [(cause.effect, cause.axis) for cause in found.causes] == [("rate_quantization", None), ("rate_saturation", "z")]
+    assert stream._is_plateau(np.ones(200, dtype=bool), step=2.5)
+    assert not stream._is_plateau(np.ones(200, dtype=bool), step=8.0)
+    assert not stream._is_plateau(np.ones(50, dtype=bool), step=2.5)
+    assert not stream._is_plateau(np.ones(10_000, dtype=bool), step=np.inf)
