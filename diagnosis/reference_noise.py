@@ -21,7 +21,8 @@ CORRELATED = 1 + 2 * 17 / 36
 TRIM = 3.0  # robust sigmas beyond which a difference does not count
 TRIMMED = 0.9733  # variance of a normal variable cut there
 FEWEST = 40  # second differences of an axis, below which nothing is said
-LEVEL = 1e-4  # p below which the references' noise is not as stated
+TRIMMING = 1.1  # times the variance of a mean square whose limit was estimated
+LEVEL = 1e-5  # p below which the references' noise is not as stated
 
 
 @dataclass(frozen=True)
@@ -102,11 +103,13 @@ def reference_noise(model: Model, density: Array, dead: Array) -> ReferenceNoise
     kept = np.abs(z) < limit
     sums = np.sum(np.where(kept, second**2, 0.0), axis=0) / TRIMMED
     expected_sigma, expected_walk = np.sum(np.where(kept, stated, 0.0), axis=0), np.sum(np.where(kept, walk, 0.0), axis=0)
-    relative = np.sqrt(2 * CORRELATED / count)
+    relative = np.sqrt(2 * CORRELATED * TRIMMING / count)
     variance = (sums - expected_walk) / expected_sigma
     factor = np.sqrt(np.maximum(variance, 1e-4))
     error = 0.5 * relative * (sums / expected_sigma) / factor
-    z = (sums / (expected_sigma + expected_walk) - 1) / relative
+    # A sum of squares has a long upper tail; its cube root is normal (Wilson & Hilferty, 1931).
+    spread = relative**2 / 9
+    z = (np.cbrt(sums / (expected_sigma + expected_walk)) - (1 - spread)) / np.sqrt(spread)
     chi2 = float(np.sum(z**2))
     p_all = float(scipy.stats.chi2.sf(chi2, 3))
     odd = int(np.argmax(np.abs(z)))

@@ -8,7 +8,7 @@ once with about the product of these chances nearby. Two ways of telling a fault
   some samples, which leaves each axis as it is and takes away what they share. Faults show on all axes, so that among the other
   samples repeats on an axis have the share e_a = (c_a − C)/(1 − C), of chance alone, C = ∏ c_a, which gives C and how many
   repeats are faults. A fault is followed by another with the probability r = 1 − 1/size, for runs of mean length size; it or
-  the sample before it may lie beside a repeat by chance, so that two in a row exceed chance by r + 2 (1 − r) C of what one does.
+  the sample before it may lie beside a repeat by chance, so that two in a row exceed chance by r + 2 (1 − r) C of one alone.
 """
 
 from __future__ import annotations
