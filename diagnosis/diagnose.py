@@ -38,7 +38,7 @@ DRAWS = 1000  # of M0 for the null distribution
 SHOWN_EXPLANATIONS = 12
 WORTH_KEEPING = 1e-6  # an explanation of less probability is left out of the details
 SURE = 0.5  # probability that only unshown motion is at work, from which on nothing else is said of the attitude
-MOST_CERTAIN = 0.985  # of a cause: about as often are the surest statements of blind checks right
+MOST_CERTAIN = 0.96  # of a cause: of 573 statements surer than that in four blind runs 548 were right
 LEAST_WEIGHT = 0.005  # of an explanation in the prediction of a fold
 LARGEST = 2.0  # times what is plausible: a larger size is no answer
 
