@@ -240,14 +240,12 @@ def _assembled(
         verdict = "none"
     elif attribution is not None and attribution.verdict == "unknown":
         verdict = "unknown"
-    elif unnamed and not causes:
+    elif unnamed:  # also beside a cause, which it may have imitated
         verdict, unknown = "unknown", 1.0
     elif attribution is not None:
         verdict = attribution.verdict
     else:
         verdict = "named"
-    if unnamed:
-        unknown = 1.0
     table = where.statistics(model, model.y)
     found: list[Finding] = [_stream_finding(prepared.stream, cause) for cause in [*streams, *unnamed]]
     if p_attitude < FALSE_ALARMS:

@@ -14,7 +14,7 @@ from diagnosis.prepare import prepare
 from diagnosis.search import Search
 from gyrocal import InputError, load
 from simulator import scenario
-from simulator.effects import parse
+from simulator.effects import EFFECTS, parse
 from simulator.simulate import simulate
 
 PRACTICE = Path(__file__).parents[2] / "shared" / "practice"
@@ -122,12 +122,19 @@ def test_a_correlated_reference_error_is_not_noise_as_well(plan):
 
 def test_an_effect_left_out_of_the_library_is_unknown(plan):
     recording = simulate(plan, seed=16, effects=[parse("reference_horizon:x=0.03")])
-    from simulator.effects import EFFECTS
-
     answer = diagnose(recording, library=[name for name in EFFECTS if name != "reference_horizon"])
     assert answer.verdict == "unknown"
     assert answer.unknown_probability > 0.5
     assert answer.causes == ()
+
+
+def test_samples_that_show_an_unlisted_effect_leave_nothing_named(plan):
+    """Whatever the attitude seems to say beside it: it may be an imitation of what has no name."""
+    recording = simulate(plan, seed=9, effects=[parse("rate_saturation:z=0.2"), parse("bias_orbital:x=0.3")])
+    answer = diagnose(recording, library=[name for name in EFFECTS if name != "rate_saturation"])
+    assert answer.verdict == "unknown"
+    assert answer.unknown_probability == 1.0
+    assert [cause.label for cause in answer.causes] == ["bias_orbital:x"]
 
 
 def test_ends_only_says_how_little_it_can_tell():
