@@ -28,6 +28,7 @@ Mask = NDArray[np.bool_]
 IMPOSSIBLE = 1e-300  # p of what M0 cannot do
 CHANCE_SAMPLES = 301  # over which the chance of a repeat on a lattice is taken
 RARE = 0.01  # chance of a repeat on all axes below which a repeat tells something
+NEARLY = 5.0  # times that chance, up to which a run that was found goes on
 FEWEST_TELLING = 500  # such samples, below which nothing is said
 SHIFTS = tuple(k for n in range(3, 43, 2) for k in (n, -n))  # samples; enough to be past a run
 EXCESS = 7.0  # sigmas of the excess over shifted axes
@@ -72,13 +73,13 @@ def repeats(equal: Mask, follows: Mask, coarse: Mask, event_p: float) -> Repeats
     coarse : (3,) axes on a lattice
     event_p : p-value below which repeats are a finding
     """
-    telling, expected = follows, 0.0
+    telling, near, expected = follows, follows, 0.0
     if coarse.any():
         # On a lattice, readings repeat by chance where the rate is steady: only where that is rare can each be told.
         # Repeats of all axes count here as well, or places with few of the others would be chosen.
         local = _share(equal)
         chance = np.prod(np.where(coarse, local, 0.0), axis=1)
-        telling = follows & (chance < RARE)
+        telling, near = follows & (chance < RARE), follows & (chance < NEARLY * RARE)
         expected = float(chance[telling].sum())
     joint = equal.all(axis=1) & telling
     n, count = int(telling.sum()), int(joint.sum())
@@ -86,16 +87,18 @@ def repeats(equal: Mask, follows: Mask, coarse: Mask, event_p: float) -> Repeats
     if n >= FEWEST_TELLING and count >= 3:
         p = max(float(scipy.stats.poisson.sf(count - 1, expected)), IMPOSSIBLE) if expected > 0 else IMPOSSIBLE
     if p < event_p:
-        # A run may go on where chance passes the limit.
-        whole = [(low, high) for low, high in runs(equal.all(axis=1) & follows) if joint[low:high].any()]
+        # A run raises the chance that is found near it, and may so pass the limit itself.
+        whole = [(low, high) for low, high in runs(equal.all(axis=1) & near) if joint[low:high].any()]
         mask = np.zeros(len(joint), dtype=bool)
         for low, high in whole:
             mask[low:high] = True
-        faulty = max(len(whole) - expected, 1.0)
-        size = max((int(mask.sum()) - expected) / faulty, 1.0)
+        # Faults themselves raise the chance above, which makes the test careful and would make runs too long.
+        alone = float(_chance(equal)[telling].sum()) if coarse.all() else expected
+        faulty = max(len(whole) - alone, 1.0)
+        size = max((int(mask.sum()) - alone) / faulty, 1.0)
         # A run is at least one sample long, and about geometric; how many are of chance is uncertain as well.
-        spread = float(np.hypot(np.sqrt(max(size * (size - 1), 0.05) / faulty), size * np.sqrt(2 * expected) / faulty))
-        return Repeats(count, n, expected, p, size, spread, mask)
+        spread = float(np.hypot(np.sqrt(max(size * (size - 1), 0.05) / faulty), size * np.sqrt(2 * alone) / faulty))
+        return Repeats(count, n, alone, p, size, spread, mask)
     together = _together(equal, follows, joint) if coarse.all() else None
     if together is not None and together.p_value < event_p:
         return together

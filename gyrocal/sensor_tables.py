@@ -170,7 +170,7 @@ def _sun(frame: pd.DataFrame) -> SunCounts:
     sensor, counts = _numbers(frame, "sun_sensor", ("sensor",))[:, 0], _numbers(frame, "sun_sensor", COUNTS)
     for name, values in (("sensor", sensor), ("count_alpha", counts[:, 0]), ("count_beta", counts[:, 1])):
         _refuse("sun_sensor", values != np.round(values), f"{name} is not a whole number")
-    _refuse("sun_sensor", sensor < 1, "sensors are numbered from 1")
+    _refuse("sun_sensor", (sensor < 1) | (sensor > 2), "sensors are numbered 1 and 2")
     _refuse("sun_sensor", np.diff(t_s, prepend=-np.inf) < 0, "time goes backwards")
     for number in np.unique(sensor):
         own = np.flatnonzero(sensor == number)

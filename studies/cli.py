@@ -158,9 +158,12 @@ main.add_command(cli_reproduce.reproduce_command)
 
 
 def _parameters(effect: Effect) -> str:
-    """An effect's parameters with their defaults; of many, the names."""
-    few = len(effect.parameters) <= 2
-    return ", ".join(f"{one.name}={one.default}" if few and one.default is not None else one.name for one in effect.parameters)
+    """An effect's parameters with their defaults, or that they have one; without "=" those that must be given."""
+    shown = [one.name if one.default is None else f"{one.name}={one.default}" for one in effect.parameters]
+    if len(shown) <= 2:
+        return ", ".join(shown)
+    names = [one.name if one.default is None else f"{one.name}=…" for one in effect.parameters]
+    return ", ".join(names) if len(names) <= 3 else f"{names[0]} to {names[-1]}"
 
 
 @main.command("effects")
@@ -168,7 +171,8 @@ def _parameters(effect: Effect) -> str:
 def effects_command(as_json: Path | None) -> None:
     """List what a gyro, a reference or an attitude sensor can do beyond the baseline; a positive size makes the gyro read high.
 
-    Those of the sensors (dss_…, esa_…) need a scenario with [sensors], such as trmm_months.
+    A parameter without "=" must be given. Effects of the sensors (dss_…, esa_…) need a scenario with [sensors], such as
+    trmm_months; where they have several angles, the size is their norm and the angles say the direction.
 
     \b
     Example:

@@ -35,9 +35,7 @@ MOST_ROWS = 20_000_000  # of telemetry, 2 GB
 @click.option(
     "--tables",
     type=click.Choice(["flight", *PERIODS]),
-    default="flight",
-    show_default=True,
-    help="On board: as in the flight, uploaded on R's days, or those of one of R's periods throughout.",
+    help="On board: as in the flight, uploaded on R's days (the default), or those of one of R's periods throughout.",
 )
 @click.option("--calibrated", is_flag=True, help="The same as --tables postcalibration.")
 @click.option(
@@ -56,7 +54,7 @@ def mission_command(
     out: Path,
     days: float,
     seed: int,
-    tables: str,
+    tables: str | None,
     calibrated: bool,
     mounting: Mounting,
     every_s: float,
@@ -65,27 +63,29 @@ def mission_command(
 ) -> None:
     """Fly TRMM's Mission Mode from launch and write telemetry, yaw updates, slews and orbits as Parquet to the folder OUT.
 
-    It turns by 180° whenever the Sun crosses the orbit plane, as the flight did. A day takes about half a second.
+    It turns by 180° whenever the Sun crosses the orbit plane, as the flight did. A day takes about half a
+    second, the first run twenty more for compilation.
 
     \b
     Examples:
       gyrocal mission /tmp/mission --days 30
       gyrocal mission /tmp/day --days 1 --calibrated --every 10 --json /tmp/day.json
     """
-    if calibrated and tables not in ("flight", "postcalibration"):
+    if calibrated and tables not in (None, "postcalibration"):
         raise InputError(f"--calibrated and --tables {tables} exclude each other")
+    tables = "postcalibration" if calibrated else tables or "flight"
     every = _cycles(days, every_s)
     if not force and any((out / f"{name}.parquet").exists() for name in TABLES):
         raise InputError(f"{out}: tables of a run are there already; choose another folder, or replace them with --force")
     check_writable(None if as_json == STDOUT else as_json)
     out.mkdir(parents=True, exist_ok=True)
-    config = _config(days, "postcalibration" if calibrated else tables, mounting)
+    config = _config(days, tables, mounting)
     with progress("mission, simulated days", math.ceil(days) - 1, quiet=days <= 1) as advance:
         run = simulate_mission(config, days=days, seed=seed, telemetry_every=every, progress=advance)
     for name in TABLES:
         getattr(run, name).to_parquet(out / f"{name}.parquet", index=False)
     stretches = summary(run, config, days)
-    document = {"days": days, "seed": seed, "tables": "postcalibration" if calibrated else tables, "mounting": mounting}
+    document = {"days": days, "seed": seed, "tables": tables, "mounting": mounting}
     document |= {"stretches": stretches.to_dict("records"), "slews": run.slews.to_dict("records")}
     if as_json == STDOUT:
         click.echo(json.dumps(plain(document), indent=2, ensure_ascii=False, allow_nan=False))

@@ -9,6 +9,8 @@ from studies.statistics import nees_check
 
 CONFIDENCE = 0.999  # of each line of a table: a dozen honest lines pass together with 99 %
 
+ENOUGH = 50  # cases of a line, below which its bounds let most things pass
+
 HONEST, TOO_SURE, TOO_CAUTIOUS = "consistent", "over-confident", "under-confident"
 
 
@@ -54,7 +56,9 @@ def score(*tables: pd.DataFrame) -> str:
             wrong.append(", ".join(str(value) for value in row))
     total = sum(int((table["expected"] != "").sum()) for table in tables)
     text = f"{total - len(wrong)} of {total} lines were judged as they must be"
-    return f"{text}; not: {'; '.join(wrong)}." if wrong else f"{text}."
+    cases = min((int(table["cases"].min()) for table in tables if "cases" in table and len(table)), default=ENOUGH)
+    few = f" {cases} cases are too few to notice much." if cases < ENOUGH else ""
+    return (f"{text}; not: {'; '.join(wrong)}." if wrong else f"{text}.") + few
 
 
 def nees_distribution(axes: Axes, values: ArrayLike, dof: int, colour: str, label: str, style: str = "-") -> None:

@@ -85,7 +85,7 @@ def broken(column, row, value):
     ("name", "change", "message"),
     [
         ("sun_sensor", lambda t: t.drop(columns="count_beta"), "sun_sensor: column count_beta is missing"),
-        ("sun_sensor", broken("sensor", 4, 0), "sun_sensor: row 4: sensors are numbered from 1"),
+        ("sun_sensor", broken("sensor", 4, 0), "sun_sensor: row 4: sensors are numbered 1 and 2"),
         ("sun_sensor", lambda t: t.assign(count_alpha=t["count_alpha"] + 0.5), "count_alpha is not a whole number"),
         ("sun_sensor", lambda t: t.iloc[::-1], "sun_sensor: row 1: time goes backwards"),
         (

@@ -305,7 +305,7 @@ def test_tables_that_cannot_be_used_are_one_line():
     tables = recording.sensors
     for sensors, message in (
         (None, "no raw sensor tables"),
-        (SensorTables(tables.sun, tables.earth), "need an ephemeris"),
+        (SensorTables(tables.sun, tables.earth), "no ephemeris table"),
         (replace(tables, earth=None), "no stretch of the recording can be used"),
         (replace(tables, sun=replace(tables.sun, counts=tables.sun.counts[:, ::-1] * 0)), "no stretch"),
     ):

@@ -195,3 +195,15 @@ def test_the_sun_stays_where_the_sensors_can_see_it():
     for section in few.interval:
         for table in (tables.sun, tables.earth):
             assert ((table.t_s >= section.start_s) & (table.t_s < section.stop_s)).sum() > 50
+
+
+def test_the_setting_of_several_angles_holds_those_that_act():
+    """The text has a norm and a direction; what is written as the truth are the angles."""
+    setting = parse("dss_head:2=0.56")
+    angles = [setting.parameters[name] for name in ("e1_deg", "e2_deg", "e3_deg")]
+    assert np.linalg.norm(angles) == pytest.approx(0.56)
+    assert angles[0] / angles[2] == pytest.approx(0.206 / 0.182)
+    turned = parse("dss_head:2=-0.1,e1_deg=3,e2_deg=0,e3_deg=0")
+    assert (turned.size, turned.parameters["e1_deg"]) == pytest.approx((0.1, -0.1))
+    with pytest.raises(InputError, match="all zero"):
+        parse("dss_head:2=0.28,e1_deg=0,e2_deg=0,e3_deg=0")

@@ -94,7 +94,7 @@ def test_tables_without_an_ephemeris_are_passed_over_and_said_so(rec, of_the_att
     tables = SensorTables(recording.sensors.sun, recording.sensors.earth)
     found = diagnose(replace(recording, sensors=tables))
     assert found.sensors is None
-    assert any("were not looked at: the raw sensor tables need an ephemeris" in note for note in found.notes)
+    assert any("were not looked at: there is no ephemeris table" in note for note in found.notes)
 
 
 @pytest.mark.parametrize(

@@ -154,7 +154,7 @@ def spans(recording: Recording) -> tuple[list[Span], list[str]]:
     if tables is None or (tables.sun is None and tables.earth is None):
         raise InputError("the recording has no raw sensor tables")
     if tables.ephemeris is None:
-        raise InputError("the raw sensor tables need an ephemeris table: where the spacecraft is and the Sun stands")
+        raise InputError("there is no ephemeris table, which says where the spacecraft is and the Sun stands")
     found: list[Span] = []
     turning, few = [], []
     for interval in recording.intervals:
