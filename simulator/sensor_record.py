@@ -11,7 +11,6 @@ from dataclasses import replace
 from math import radians
 
 import numpy as np
-import pandas as pd
 from numpy.typing import NDArray
 
 from gyrocal.errors import InputError
@@ -67,6 +66,8 @@ def sensed(
         if effects:
             raise InputError(f"{effects[0].effect}: acts on raw sensor tables; the scenario needs a [sensors] section")
         return None
+    import pandas as pd  # late: 65 MiB that a Monte Carlo worker does without
+
     section, orbit = scenario.sensors, scenario.orbit.circular_orbit()
     suite = nominal_suite(radians(section.sun_noise_deg) * noise, radians(section.earth_noise_deg) * noise)
     suite = change(suite) if change else suite

@@ -4,10 +4,12 @@ The Sun is that of the epoch and the tags (`simulator.sun`). A sun sensor has a 
 the Earth's shadow; no row means nothing was seen. The Earth sensor has a row for every tag.
 """
 
+from __future__ import annotations
+
 from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
 
 import numpy as np
-import pandas as pd
 from numpy.typing import NDArray
 
 from simulator import earth_sensor, sun_sensor
@@ -15,6 +17,9 @@ from simulator.earth_sensor import TrueEarthSensor
 from simulator.orbit import CircularOrbit, lvlh_attitude
 from simulator.sun import DAY, eclipse, julian_date, sun_vector
 from simulator.sun_sensor import TrueSunSensor, trmm_sun_sensors
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 Array = NDArray[np.float64]
 
@@ -57,6 +62,8 @@ def sun_table(
     DataFrame
         t_s, sensor (1, 2, …), count_alpha, count_beta; in the order of t_s, then sensor.
     """
+    import pandas as pd  # late: 65 MiB that a Monte Carlo worker does without
+
     lit = ~eclipse(position, sun)
     parts = []
     for number, sensor in enumerate(sensors, start=1):
@@ -80,6 +87,8 @@ def earth_table(
         t_s, penetration_1_deg … penetration_4_deg, used_1 … used_4 in the order of the quadrants of
         `simulator.earth_sensor`. The angle of a quadrant that is not used means nothing.
     """
+    import pandas as pd  # late: 65 MiB that a Monte Carlo worker does without
+
     angles, used = earth_sensor.observe(rng, sensor, t, A, position, sun)
     columns: dict[str, NDArray[np.generic]] = {"t_s": t}
     columns |= {f"penetration_{i + 1}_deg": np.rad2deg(angles[:, i]) for i in range(angles.shape[1])}
