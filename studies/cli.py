@@ -309,7 +309,7 @@ def baseline_command(regenerate: bool, path: Path | None) -> None:
 @click.option("--rerun", "again", type=click.IntRange(0), default=None, help="Repeat this one case and keep its recording.")
 @click.option("--keep", multiple=True, type=click.IntRange(0), help="Keep the recording of this case; repeatable.")
 @click.option("--retry-failed", is_flag=True, help="Run failed cases of an earlier run again.")
-@click.option("--json", "as_json", type=PATH, help="Write findings and counts as JSON to this file.")
+@click.option("--json", "as_json", type=PATH, help="Write counts and failures as JSON; what was found is in the report.")
 def study_command(
     name: str | None,
     out: Path | None,
