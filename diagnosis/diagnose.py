@@ -22,7 +22,7 @@ from diagnosis.search import Member, Search, total
 from diagnosis.sensors import diagnose as diagnose_sensors
 from diagnosis.sensors.merge import merged
 from diagnosis.sizes import Fitted, calibrated, fit
-from diagnosis.stream import StreamCause, StreamReport
+from diagnosis.stream_report import StreamCause, StreamReport
 from diagnosis.unshown import is_of_the_zone, without_unshown
 from diagnosis.which import NAMED, Attribution, Slot, attribute
 from gyrocal.errors import InputError

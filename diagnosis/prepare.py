@@ -12,7 +12,8 @@ from diagnosis.deadzone import DeadStretches, dead_stretches, half_width, missin
 from diagnosis.evidence import averaged, log_bayes, scales_of
 from diagnosis.model import Model, linearised
 from diagnosis.reference_noise import ReferenceNoise, reference_noise
-from diagnosis.stream import StreamReport, examine
+from diagnosis.stream import examine
+from diagnosis.stream_report import StreamReport
 from diagnosis.unshown import HARMONICS_HZ
 from gyrocal.errors import InputError
 from gyrocal.observability import PLAUSIBLE_RANGE

@@ -14,7 +14,7 @@ from scipy.special import logsumexp
 
 from diagnosis.bank import Bank
 from diagnosis.search import Explanation, Member
-from diagnosis.stream import StreamCause
+from diagnosis.stream_report import StreamCause
 from simulator.effects import EFFECTS
 
 HARMONICS_HZ = 0.25  # below it, lines of an axis with a dead zone are taken for the zone's

@@ -6,7 +6,9 @@ import numpy as np
 import pytest
 
 from diagnosis import stream
+from diagnosis.clipping import _is_plateau
 from diagnosis.lattice import lattice_step, mean_reading, sweep_odds, undone
+from diagnosis.stream_report import EVENT_P
 from simulator import scenario
 from simulator.effects import parse
 from simulator.simulate import motion, observe
@@ -62,7 +64,7 @@ def test_each_effect_is_found_alone_with_its_size(plan, truth, text, effect, axi
         (cause,) = stream.examine(_recording(plan, truth, seed, text)).causes
         assert (cause.effect, cause.axis) == (effect, axis)
         assert abs(cause.size - size) < 4 * (cause.sigma if sigma is None else sigma)
-        assert cause.p_value < stream.EVENT_P
+        assert cause.p_value < EVENT_P
 
 
 def test_other_numbers_of_an_effect(plan, truth):
@@ -174,7 +176,7 @@ def test_a_clipped_rate_on_a_coarse_lattice(plan, truth):
     """A steady reading stands still on a lattice of a few sigmas for a while, not through a slew."""
     found = stream.examine(_recording(plan, truth, 8, "rate_quantization=5e-4", "rate_saturation:z=0.15"))
     assert [(cause.effect, cause.axis) for cause in found.causes] == [("rate_quantization", None), ("rate_saturation", "z")]
-    assert stream._is_plateau(np.ones(200, dtype=bool), step=2.5)
-    assert not stream._is_plateau(np.ones(200, dtype=bool), step=8.0)
-    assert not stream._is_plateau(np.ones(50, dtype=bool), step=2.5)
-    assert not stream._is_plateau(np.ones(10_000, dtype=bool), step=np.inf)
+    assert _is_plateau(np.ones(200, dtype=bool), step=2.5)
+    assert not _is_plateau(np.ones(200, dtype=bool), step=8.0)
+    assert not _is_plateau(np.ones(50, dtype=bool), step=2.5)
+    assert not _is_plateau(np.ones(10_000, dtype=bool), step=np.inf)

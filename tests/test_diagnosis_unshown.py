@@ -7,7 +7,7 @@ from diagnosis.bank import build
 from diagnosis.deadzone import NARROWEST, SLOW, TRIED, _log_ratios
 from diagnosis.prepare import prepare
 from diagnosis.search import Explanation, Search
-from diagnosis.stream import StreamCause
+from diagnosis.stream_report import StreamCause
 from diagnosis.unshown import is_of_the_zone, without_unshown
 from simulator import scenario
 from simulator.effects import parse

@@ -10,7 +10,7 @@ from collections.abc import Sequence
 import numpy as np
 import scipy.stats
 
-from diagnosis import reference_noise, stream
+from diagnosis import clipping, outliers, reference_noise, sample_noise, stream, stream_report, tones
 from diagnosis.bank import AXES
 from diagnosis.model import Model
 from diagnosis.plan.result import POWER, Visible
@@ -24,7 +24,9 @@ def quiet_samples(scenario: Scenario) -> tuple[int, int]:
     total, longest = 0, 0
     for profile in profiles(scenario):
         edges = [0.0, *(t for span in sorted(profile.moving) for t in span), profile.stop_s - profile.start_s]
-        counts = [int((b - a) / scenario.gyro.sample_s) - 2 * stream.HALF for a, b in zip(edges[::2], edges[1::2], strict=True)]
+        counts = [
+            int((b - a) / scenario.gyro.sample_s) - 2 * sample_noise.HALF for a, b in zip(edges[::2], edges[1::2], strict=True)
+        ]
         total += sum(max(count, 0) for count in counts)
         longest = max([longest, *counts])
     return total, longest
@@ -57,7 +59,7 @@ def _noise_factor(scenario: Scenario) -> list[Visible]:
     if n < 200 or scenario.gyro.arw_deg_per_sqrt_s == 0:
         return [row_of(effect, "not identifiable", np.inf, "needs 200 quiet samples of a gyro with stated noise", "samples")]
     relative = np.sqrt(2 / n * reference_noise.CORRELATED)
-    level, spread = scipy.stats.norm.isf(stream.EVENT_P / 2) * relative, scipy.stats.norm.ppf(POWER) * relative
+    level, spread = scipy.stats.norm.isf(stream_report.EVENT_P / 2) * relative, scipy.stats.norm.ppf(POWER) * relative
     size = float(np.sqrt((1 + level) / (1 - spread))) if spread < 1 else np.inf
     low = float(np.sqrt(max(1 - level, 0.0) / (1 + spread)))
     return [row_of(effect, "visible", size, f"any one axis; or a factor below {low:.3f}", "samples")]
@@ -102,7 +104,7 @@ def _saturation(model: Model) -> list[Visible]:
     """Limits that at least five samples exceed."""
     out = []
     for axis in range(3):
-        largest = np.sort(np.abs(model.recording.gyro.rates[:, axis]))[-stream.FEWEST_CLIPPED]
+        largest = np.sort(np.abs(model.recording.gyro.rates[:, axis]))[-clipping.FEWEST_CLIPPED]
         limit = float(np.rad2deg(largest))
         out.append(row_of(EFFECTS["rate_saturation"], "visible", limit, "limits up to this are seen", "samples", AXES[axis]))
     return out
@@ -116,9 +118,9 @@ def _vibration(scenario: Scenario) -> list[Visible]:
     effect, n, sigma = EFFECTS["vibration"], quiet_samples(scenario)[1], _sample_sigma(scenario)
     if n < 256 or sigma == 0:
         return [row_of(effect, "not identifiable", np.inf, "needs 256 quiet samples in a row, and noise", "samples")]
-    needed = noncentrality(2 * np.log(n / 2 / stream.LINE_P), 2)
+    needed = noncentrality(2 * np.log(n / 2 / tones.LINE_P), 2)
     size = float(sigma * np.sqrt(3 * needed / n))
-    text = f"above {stream.LOWEST_LINE:g} Hz; up to 1.2 times that between frequency bins"
+    text = f"above {tones.LOWEST_LINE:g} Hz; up to 1.2 times that between frequency bins"
     return [row_of(effect, "visible", size, text, "samples")]
 
 
@@ -136,7 +138,7 @@ def _spikes(scenario: Scenario) -> list[Visible]:
     effect, n, sigma = EFFECTS["spikes"], quiet_samples(scenario)[0], _sample_sigma(scenario)
     fraction = next(float(one.default or 0.0) for one in effect.parameters if one.name == "fraction")
     # P(no more than one of a Poisson number) = 0.1 at 3.89.
-    needed, limit = 3.89, stream.OUTLIER * sigma * np.sqrt(1 + np.pi / 14)
+    needed, limit = 3.89, outliers.OUTLIER * sigma * np.sqrt(1 + np.pi / 14)
     if 3 * n * fraction <= needed:
         return [row_of(effect, "implausible", np.inf, f"too few samples for a share of {fraction:g}", "samples")]
     size = float(limit / np.log(3 * n * fraction / needed))
@@ -160,7 +162,7 @@ def _reference_factor(scenario: Scenario) -> list[Visible]:
         text = "needs a longer series of references"
         return [row_of(effect, "not identifiable", np.inf, text, "samples")]
     needed = float(np.sqrt(noncentrality(scipy.stats.chi2.isf(reference_noise.LEVEL, 3), 3)))
-    relative = np.sqrt(2 * reference_noise.CORRELATED / count)
+    relative = np.sqrt(2 * reference_noise.CORRELATED * reference_noise.TRIMMING / count)
     out = []
     for axis, sigma in enumerate(scenario.reference.sigma_deg):
         walk = 2 * scenario.gyro.arw_deg_per_sqrt_s**2 * every

@@ -221,7 +221,7 @@ def _identifiable(model: Reduced, found: Sequence[Sized]) -> tuple[str, ...]:
     """What an orthogonal misalignment of the same sensor takes of a head's angles."""
     if not any(one.effect == "dss_head" and one.axis == "2" for one in found):
         return ()
-    if "dss_misalignment" not in model.library:
+    if "dss_misalignment" not in model.nameable:
         return ()
     shares = absorbed(model, "dss_head:2", ["dss_misalignment"])
     text = ", ".join(f"{100 * share:.0f} % of e{k}" for k, share in enumerate(shares, start=1))

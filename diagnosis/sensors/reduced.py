@@ -52,13 +52,13 @@ class Reduced:
     ----------
     parts : the stretches
     groups : whose the columns are
-    library : effects that may be named
+    nameable : effects that may be named
     sources : columns that shifts and drifts of a sensor are made of, by its name; none without rivals
     """
 
     parts: tuple[Part, ...]
     groups: tuple[Group, ...]
-    library: tuple[str, ...]
+    nameable: tuple[str, ...]
     sources: Mapping[str, NDArray[np.intp]]
 
     @property

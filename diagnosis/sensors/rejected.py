@@ -56,7 +56,7 @@ def orthogonal(
     found : its effects
     """
     heads = [one.label for one in found if one.effect == "dss_head"]
-    if not heads or not set(ORTHOGONAL) <= set(model.library):
+    if not heads or not set(ORTHOGONAL) <= set(model.nameable):
         return None
     labels = tuple(dict.fromkeys([*(one.label for one in found if one.label not in heads), *ORTHOGONAL]))
     other = search.of(labels)
