@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gyrocal import Arcs, GyroParameters
-from gyrocal.propagation import SERIES_LIMIT, Propagation
+from gyrocal.calibration.propagation import SERIES_LIMIT, Propagation
 
 Array = NDArray[np.float64]
 

@@ -16,10 +16,10 @@ from numpy.typing import NDArray
 
 from benchmarks.streams import ENTROPY, Flight
 from gyrocal import attitude
-from gyrocal.propagation import packed_shape
+from gyrocal.calibration.propagation import packed_shape
 from simulator.simulate import realise
 from simulator.streams import generator
-from studies.workspace import workspace
+from studies.montecarlo.workspace import workspace
 
 Array = NDArray[np.float64]
 

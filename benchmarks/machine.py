@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from benchmarks.c_kernel import compiler_version
-from studies.manifest import PACKAGES
+from studies.montecarlo.manifest import PACKAGES
 
 OPTIONAL = ("gtsam",)
 

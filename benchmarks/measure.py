@@ -17,7 +17,7 @@ from benchmarks.goals import judged
 from benchmarks.machine import machine
 from benchmarks.streams import Flight, disagreement, run_packed
 from benchmarks.timing import Candidate, interleaved
-from studies.manifest import commit
+from studies.montecarlo.manifest import commit
 
 Libraries = dict[c_kernel.Variant, ctypes.CDLL]
 Say = Callable[[str], None]

@@ -14,8 +14,8 @@ from typing import Any
 
 import click
 
-from simulator.mission_config import MissionConfig, period_tables
-from simulator.mission_mode import MissionRun, simulate_mission
+from simulator.mission_mode.config import MissionConfig, period_tables
+from simulator.mission_mode.flight import MissionRun, simulate_mission
 
 SEED = 1997
 AGREEMENT_DEG = 1e-9  # of any telemetered angle; rounding differs between the two

@@ -8,8 +8,9 @@ from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
 from benchmarks.streams import Flight, run_packed
-from gyrocal import GyroParameters, accumulation, calibrate
-from gyrocal.problem import Problem
+from gyrocal import GyroParameters, calibrate
+from gyrocal.calibration import normal_equations as accumulation
+from gyrocal.calibration.problem import Problem
 
 Array = NDArray[np.float64]
 

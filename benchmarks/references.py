@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from gyrocal import Arcs, GyroParameters
-from gyrocal.propagation import Propagation
+from gyrocal.calibration.propagation import Propagation
 
 Array = NDArray[np.float64]
 

@@ -9,8 +9,8 @@ from matplotlib.figure import Figure
 from rich.console import Console
 from rich.table import Table
 
-from studies import figures
-from studies.manifest import write_json
+from studies.montecarlo.manifest import write_json
+from studies.natanson import figures
 
 VERDICT = {True: "met", False: "not met", None: "–"}
 

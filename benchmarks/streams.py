@@ -7,14 +7,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gyrocal import Arcs, GyroParameters, Recording
-from gyrocal.problem import Problem
-from gyrocal.propagation import Propagation, propagate_packed
-from gyrocal.sampling import measurements
+from gyrocal.calibration.problem import Problem
+from gyrocal.calibration.propagation import Propagation, propagate_packed
+from gyrocal.calibration.sampling import measurements
 from simulator import scenario as scenarios
-from simulator.motion import Motion
 from simulator.scenario import Scenario
 from simulator.simulate import motion, noise_free_rates, observe
 from simulator.streams import generator
+from simulator.truth.motion import Motion
 
 Array = NDArray[np.float64]
 

@@ -11,24 +11,24 @@ import pandas as pd
 from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
-from diagnosis import where
-from diagnosis.bank import Bank, build, with_fine_steps
-from diagnosis.cause import Cause, Closure, Finding, Verdict
-from diagnosis.closure import closure
-from diagnosis.model import Model
-from diagnosis.prepare import Prepared, prepare
+from diagnosis.answer import Cause, Closure, Finding, Verdict
+from diagnosis.detectors.report import StreamCause, StreamReport
+from diagnosis.inference import localization as where
+from diagnosis.inference.amplitudes import Fitted, calibrated, fit
+from diagnosis.inference.attribution import NAMED, Attribution, Slot, attribute
+from diagnosis.inference.candidates import Bank, build, with_fine_steps
+from diagnosis.inference.closure import closure
+from diagnosis.inference.search import Member, Search, total
+from diagnosis.inference.unshown import is_of_the_zone, without_unshown
+from diagnosis.model.prepare import Prepared, prepare
+from diagnosis.model.recording import Model
 from diagnosis.result import Details, Diagnosis
-from diagnosis.search import Member, Search, total
 from diagnosis.sensors import diagnose as diagnose_sensors
 from diagnosis.sensors.merge import merged
-from diagnosis.sizes import Fitted, calibrated, fit
-from diagnosis.stream_report import StreamCause, StreamReport
-from diagnosis.unshown import is_of_the_zone, without_unshown
-from diagnosis.which import NAMED, Attribution, Slot, attribute
 from gyrocal.errors import InputError
 from gyrocal.recording import Recording
 from simulator.effects import EFFECTS
-from simulator.sensor_effects import ALL_EFFECTS
+from simulator.effects.sensor import ALL_EFFECTS
 
 Array = NDArray[np.float64]
 Progress = Callable[[str, float], None]

@@ -9,7 +9,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from diagnosis.cause import Cause, Closure, Finding, Verdict
+from diagnosis.answer import Cause, Closure, Finding, Verdict
 from diagnosis.sensors.result import SensorDiagnosis
 
 Array = NDArray[np.float64]

@@ -26,63 +26,28 @@ Symbols
     of residuals that correlate.
 """
 
-from importlib import import_module
-from typing import TYPE_CHECKING
-
-from gyrocal.davenport import CalibrationResult, RecursiveCalibrator, calibrate, residual_table
+from gyrocal.calibration.davenport import CalibrationResult, RecursiveCalibrator, calibrate, residual_table
+from gyrocal.calibration.observability import Observability
+from gyrocal.calibration.parameters import NAMES, GyroParameters, select
+from gyrocal.calibration.propagation import Arcs, StreamingPropagation, propagate, psi_matrix
 from gyrocal.errors import GyrocalError, InputError, UnobservableError
-from gyrocal.observability import Observability
-from gyrocal.parameters import NAMES, GyroParameters, select
-from gyrocal.propagation import Arcs, StreamingPropagation, propagate, psi_matrix
+from gyrocal.estimation.batch import BatchResult, batch
+from gyrocal.estimation.filter_run import FilterRun
+from gyrocal.estimation.filter_run import run as run_filter
+from gyrocal.estimation.full_filter import FullFilterResult, Leg
+from gyrocal.estimation.full_filter import run_legs as run_full_filter
+from gyrocal.estimation.mekf import KalmanFilter
+from gyrocal.estimation.onboard import Maneuver, OnBoardCalibrator
+from gyrocal.estimation.onboard import replay as run_on_board
+from gyrocal.estimation.reference_covariance import interval_covariance, reference_attitudes, residual_covariance
+from gyrocal.estimation.smoother import Smoothed, smooth
 from gyrocal.recording import Attitudes, GyroStream, Interval, Orbit, Recording, load, save
-
-if TYPE_CHECKING:
-    from gyrocal.alignment import AlignmentResult
-    from gyrocal.alignment import in_two_steps as align_in_two_steps
-    from gyrocal.alignment import together as align_together
-    from gyrocal.earth_sensor import EarthModel, EarthSensor
-    from gyrocal.filter_run import FilterRun
-    from gyrocal.filter_run import run as run_filter
-    from gyrocal.full_filter import FullFilterResult, Leg
-    from gyrocal.full_filter import run_legs as run_full_filter
-    from gyrocal.mekf import KalmanFilter
-    from gyrocal.onboard import Maneuver, OnBoardCalibrator
-    from gyrocal.onboard import replay as run_on_board
-    from gyrocal.reference import BatchResult, batch
-    from gyrocal.reference_covariance import interval_covariance, reference_attitudes, residual_covariance
-    from gyrocal.sensors import SensorModel, SensorSeries
-    from gyrocal.smoother import Smoothed, smooth
-    from gyrocal.sun_sensor import SunModel, SunSensor, trmm_sun_sensors
-
-# Name here, module and name there: loaded when asked for, since a worker that only calibrates needs none of them.
-_ELSEWHERE = {
-    "AlignmentResult": ("alignment", "AlignmentResult"),
-    "align_in_two_steps": ("alignment", "in_two_steps"),
-    "align_together": ("alignment", "together"),
-    "EarthModel": ("earth_sensor", "EarthModel"),
-    "EarthSensor": ("earth_sensor", "EarthSensor"),
-    "FilterRun": ("filter_run", "FilterRun"),
-    "run_filter": ("filter_run", "run"),
-    "FullFilterResult": ("full_filter", "FullFilterResult"),
-    "Leg": ("full_filter", "Leg"),
-    "run_full_filter": ("full_filter", "run_legs"),
-    "KalmanFilter": ("mekf", "KalmanFilter"),
-    "Maneuver": ("onboard", "Maneuver"),
-    "OnBoardCalibrator": ("onboard", "OnBoardCalibrator"),
-    "run_on_board": ("onboard", "replay"),
-    "BatchResult": ("reference", "BatchResult"),
-    "batch": ("reference", "batch"),
-    "interval_covariance": ("reference_covariance", "interval_covariance"),
-    "reference_attitudes": ("reference_covariance", "reference_attitudes"),
-    "residual_covariance": ("reference_covariance", "residual_covariance"),
-    "SensorModel": ("sensors", "SensorModel"),
-    "SensorSeries": ("sensors", "SensorSeries"),
-    "Smoothed": ("smoother", "Smoothed"),
-    "smooth": ("smoother", "smooth"),
-    "SunModel": ("sun_sensor", "SunModel"),
-    "SunSensor": ("sun_sensor", "SunSensor"),
-    "trmm_sun_sensors": ("sun_sensor", "trmm_sun_sensors"),
-}
+from gyrocal.sensors.alignment import AlignmentResult
+from gyrocal.sensors.alignment import in_two_steps as align_in_two_steps
+from gyrocal.sensors.alignment import together as align_together
+from gyrocal.sensors.earth import EarthModel, EarthSensor
+from gyrocal.sensors.series import SensorModel, SensorSeries
+from gyrocal.sensors.sun import SunModel, SunSensor, trmm_sun_sensors
 
 __all__ = [
     "NAMES",
@@ -134,16 +99,3 @@ __all__ = [
     "smooth",
     "trmm_sun_sensors",
 ]
-
-
-def __getattr__(name: str) -> object:
-    if name not in _ELSEWHERE:
-        raise AttributeError(f"module 'gyrocal' has no attribute '{name}'")
-    module, there = _ELSEWHERE[name]
-    found = getattr(import_module(f"gyrocal.{module}"), there)
-    globals()[name] = found
-    return found
-
-
-def __dir__() -> list[str]:
-    return sorted({*globals(), *__all__})

@@ -24,12 +24,12 @@ from scipy.linalg import solveh_banded
 from gyrocal.recording import Recording, reference_rows
 from simulator.effects import Setting
 from simulator.effects.recorded import SMOOTH_S, durations, interval_slices, smoothed_rates
-from simulator.gyro import raw_rates
-from simulator.motion import Array, Motion
-from simulator.rotation import matrix, perturbed, separation
+from simulator.sensors.gyro import raw_rates
 from simulator.simulate import disturbed
 from simulator.streams import generator
-from simulator.truth import accumulate
+from simulator.truth.integration import accumulate
+from simulator.truth.motion import Array, Motion
+from simulator.truth.rotation import matrix, perturbed, separation
 
 PASSES = 2  # the correction is linear in the error; what is left after one pass is its square
 NEAR = 1.5  # mean square distance to the references, in sigma, that is near

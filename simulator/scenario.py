@@ -24,8 +24,8 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, ValidationIn
 
 from gyrocal.errors import InputError
 from gyrocal.recording import read_toml, validation_message
-from simulator.maneuvers import MODE_YAW, Hold, Profile, Slew, Sway
-from simulator.orbit import CircularOrbit
+from simulator.truth.maneuvers import MODE_YAW, Hold, Profile, Slew, Sway
+from simulator.truth.orbit import CircularOrbit
 
 # Strict mode would refuse TOML's lists for tuples; what is in them stays strict.
 Vector = Annotated[tuple[float, float, float], Field(strict=False)]

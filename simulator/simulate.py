@@ -21,14 +21,14 @@ from simulator.effects import Setting, Stream, references_of
 from simulator.effects.chain import activated, readings, referenced
 from simulator.effects.housekeeping import gyro_temperature
 from simulator.effects.recorded import housekeeping_at
-from simulator.gyro import raw_rates, with_white_noise
-from simulator.maneuvers import Profile, trajectory
-from simulator.motion import Motion
-from simulator.reference import TIME_TOLERANCE, measured, reference_times
+from simulator.effects.sensor import SENSOR_EFFECTS
 from simulator.scenario import Scenario, profiles
-from simulator.sensor_effects import SENSOR_EFFECTS
-from simulator.sensor_record import sensed
+from simulator.sensors.gyro import raw_rates, with_white_noise
+from simulator.sensors.record import sensed
+from simulator.sensors.reference import TIME_TOLERANCE, measured, reference_times
 from simulator.streams import generator
+from simulator.truth.maneuvers import Profile, trajectory
+from simulator.truth.motion import Motion
 
 Array = NDArray[np.float64]
 
@@ -261,7 +261,7 @@ def simulate(
     seed : entropy of the random streams
     case : number of the case within a study; cases with the same seed are independent
     noise : whether gyro and references have their white noise
-    effects : what M0 does not know, see `simulator.sensor_effects.parse`
+    effects : what M0 does not know, see `simulator.effects.sensor.parse`
 
     Raises
     ------

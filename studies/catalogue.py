@@ -10,28 +10,30 @@ from typing import Any
 from rich.console import Console
 
 from gyrocal import InputError
-from studies import engine, render, report
-from studies.backends import Name
-from studies.console import progress
-from studies.report import Entry
-from studies.study import load_config
+from studies.montecarlo import engine
+from studies.montecarlo.backends import Name
+from studies.montecarlo.study import load_config
+from studies.report import entry as report
+from studies.report import render
+from studies.report.console import progress
+from studies.report.entry import Entry
 
 MODULES = {
-    "paper": "studies.paper_tables",
-    "psi": "studies.psi",
-    "iterations": "studies.iterations",
-    "timestep": "studies.timestep",
-    "consistency": "studies.consistency",
-    "observability": "studies.maneuvers_needed",
-    "noise": "studies.noise",
-    "estimators": "studies.estimators",
-    "alignment": "studies.alignment",
-    "references": "studies.references",
-    "onboard": "studies.onboard",
-    "blind": "studies.blind",
-    "flight": "studies.flight_diagnosis",
-    "real": "studies.real_gyro",
-    "heads": "studies.sensor_story",
+    "paper": "studies.natanson.paper_tables",
+    "psi": "studies.calibration.psi",
+    "iterations": "studies.calibration.iterations",
+    "timestep": "studies.calibration.timestep",
+    "consistency": "studies.calibration.consistency",
+    "observability": "studies.calibration.maneuvers_needed",
+    "noise": "studies.calibration.noise",
+    "estimators": "studies.calibration.estimators",
+    "alignment": "studies.estimation.alignment",
+    "references": "studies.estimation.references",
+    "onboard": "studies.estimation.onboard",
+    "blind": "studies.validation.blind",
+    "flight": "studies.natanson.flight_diagnosis",
+    "real": "studies.validation.real_gyro",
+    "heads": "studies.robertson.heads",
 }
 
 
@@ -80,7 +82,7 @@ def run(
     """
     chosen, where = entry(name), where or Where()
     if name == "blind":  # three processes of its own
-        from studies import blind
+        from studies.validation import blind
 
         return blind.run(folder, changes, console, config, where.jobs)
     settings = load_config(chosen.study, config, changes)

@@ -2,7 +2,7 @@ import pytest
 from click.testing import CliRunner
 from threadpoolctl import threadpool_limits
 
-from studies.cli import main
+from studies.cli.main import main
 
 
 @pytest.fixture(scope="session", autouse=True)

@@ -3,7 +3,7 @@
 import numpy as np
 import pandas as pd
 
-from diagnosis.cause import Cause, Closure, Finding
+from diagnosis.answer import Cause, Closure, Finding
 from diagnosis.result import Details, Diagnosis
 
 AXES = "xyz"

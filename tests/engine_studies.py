@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from studies.study import Streams, Study, StudyConfig, observed
+from studies.montecarlo.study import Streams, Study, StudyConfig, observed
 
 
 class DrawsConfig(StudyConfig):

@@ -3,7 +3,6 @@
 import doctest
 import json
 import re
-from pathlib import Path
 
 import numpy as np
 import pandas as pd
@@ -11,9 +10,8 @@ from scipy.spatial.transform import Rotation
 
 import gyrocal
 import simulator.scenario
-from studies import reproduce
-
-ROOT = Path(__file__).parents[1]
+from studies.natanson import reproduce
+from tests import ROOT
 
 
 def test_readme_examples(capsys):

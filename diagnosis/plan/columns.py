@@ -1,7 +1,7 @@
 """Signatures: what each effect does to the whitened and projected observations, per unit of its size.
 
-x is the whitened column of the effect with G, b and the start attitudes projected out (`diagnosis.model`), linearised at the
-scenario's true G and b. A random effect is a covariance instead, X Xᵀ.
+x is the whitened column of the effect with G, b and the start attitudes projected out (`diagnosis.model.recording`),
+linearised at the scenario's true G and b. A random effect is a covariance instead, X Xᵀ.
 """
 
 from __future__ import annotations
@@ -12,9 +12,9 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from diagnosis import random_effects
-from diagnosis.bank import AXES, available, columns_of, step_times
-from diagnosis.model import Model, linearised
+from diagnosis.inference.candidates import AXES, available, columns_of, step_times
+from diagnosis.model import processes as random_effects
+from diagnosis.model.recording import Model, linearised
 from simulator.effects import EFFECTS, Effect, setting
 from simulator.scenario import Scenario
 from simulator.simulate import simulate

@@ -8,11 +8,11 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from diagnosis.inference.attribution import attribute
+from diagnosis.inference.search import Search
 from diagnosis.plan.columns import RandomColumns, Signature
 from diagnosis.plan.result import POWER, Progress, Visible
 from diagnosis.plan.visibility import PowerOf
-from diagnosis.search import Search
-from diagnosis.which import attribute
 
 Array = NDArray[np.float64]
 

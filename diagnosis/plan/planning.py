@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from diagnosis.bank import AXES, build
-from diagnosis.model import Model
+from diagnosis.inference.candidates import AXES, build
+from diagnosis.model.recording import Model
 from diagnosis.plan.columns import linear_model, random_columns, signatures
 from diagnosis.plan.extras import appended, helped_by, maneuvers
 from diagnosis.plan.named import named_sizes
@@ -17,8 +17,8 @@ from diagnosis.plan.result import Plan, Progress
 from diagnosis.plan.samples import samples_seen
 from diagnosis.plan.separability import pairs
 from diagnosis.plan.visibility import START_SNR, PowerOf, columns_seen, random_seen, unavailable
+from gyrocal.calibration.observability import PLAUSIBLE_RANGE
 from gyrocal.errors import InputError
-from gyrocal.observability import PLAUSIBLE_RANGE
 from simulator.effects import EFFECTS
 from simulator.scenario import Scenario
 

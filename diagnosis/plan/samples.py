@@ -1,6 +1,6 @@
 """Effects seen in the samples: their smallest visible sizes follow from the thresholds of the stream and noise tests.
 
-Those are in `diagnosis.stream` and `diagnosis.reference_noise`.
+Those are in `diagnosis.detectors.samples` and `diagnosis.detectors.reference_noise`.
 """
 
 from __future__ import annotations
@@ -10,9 +10,12 @@ from collections.abc import Sequence
 import numpy as np
 import scipy.stats
 
-from diagnosis import clipping, outliers, reference_noise, sample_noise, stream, stream_report, tones
-from diagnosis.bank import AXES
-from diagnosis.model import Model
+from diagnosis.detectors import clipping, outliers, reference_noise, sample_noise
+from diagnosis.detectors import report as stream_report
+from diagnosis.detectors import samples as stream
+from diagnosis.detectors import spectral_lines as tones
+from diagnosis.inference.candidates import AXES
+from diagnosis.model.recording import Model
 from diagnosis.plan.result import POWER, Visible
 from diagnosis.plan.visibility import row_of
 from simulator.effects import EFFECTS

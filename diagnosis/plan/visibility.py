@@ -21,12 +21,12 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from diagnosis.bank import Bank, available
 from diagnosis.diagnose import DRAWS, FALSE_ALARMS
-from diagnosis.model import Model
+from diagnosis.inference.candidates import Bank, available
+from diagnosis.inference.search import Search
+from diagnosis.model.recording import Model
 from diagnosis.plan.columns import GONE, RANDOM, RandomColumns, Signature
 from diagnosis.plan.result import POWER, Progress, Verdict, Visible
-from diagnosis.search import Search
 from simulator.effects import EFFECTS, Effect
 
 Array = NDArray[np.float64]

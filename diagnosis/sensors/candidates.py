@@ -22,8 +22,8 @@ from numpy.typing import NDArray
 
 from diagnosis.sensors.spans import Fitted
 from simulator.effects.base import Value
-from simulator.horizon import AZIMUTHS, Horizon
-from simulator.sensor_effects import SENSOR_EFFECTS, SensorEffect, Sightings
+from simulator.effects.sensor import SENSOR_EFFECTS, SensorEffect, Sightings
+from simulator.sensors.horizon import AZIMUTHS, Horizon
 
 Array = NDArray[np.float64]
 

@@ -15,9 +15,10 @@ import pandas as pd
 from numpy.typing import NDArray
 from scipy.special import chdtrc
 
-from diagnosis.bank import Bank
-from diagnosis.cause import Cause, Closure, Finding, Verdict
-from diagnosis.search import Search
+from diagnosis.answer import Cause, Closure, Finding, Verdict
+from diagnosis.inference.attribution import Attribution, attribute
+from diagnosis.inference.candidates import Bank
+from diagnosis.inference.search import Search
 from diagnosis.sensors.candidates import GYRO, Held, held_error
 from diagnosis.sensors.reduced import Reduced, bank, reduce
 from diagnosis.sensors.refine import refined, widened
@@ -26,10 +27,9 @@ from diagnosis.sensors.result import SensorDiagnosis
 from diagnosis.sensors.search import LARGEST_SET, SensorSearch
 from diagnosis.sensors.sizes import Sized, absorbed, closure, sized
 from diagnosis.sensors.spans import Fitted, fit, fitted_all, spans
-from diagnosis.which import Attribution, attribute
 from gyrocal.errors import InputError
 from gyrocal.recording import Recording
-from simulator.sensor_effects import SENSOR_EFFECTS
+from simulator.effects.sensor import SENSOR_EFFECTS
 
 Array = NDArray[np.float64]
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from diagnosis.cause import Verdict
+from diagnosis.answer import Verdict
 from diagnosis.result import Diagnosis
 from diagnosis.sensors.result import SensorDiagnosis
 

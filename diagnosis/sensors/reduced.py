@@ -1,7 +1,7 @@
 """From fitted stretches to one small linear model: products of all columns, by stretch and summed.
 
-The search of `diagnosis.search` needs inner products only. From the summed Gram matrix of [X, y] = Q diag(λ) Qᵀ, the rows
-diag(√λ) Qᵀ have the same products as the thousands of rows they stand for.
+The search of `diagnosis.inference.search` needs inner products only. From the summed Gram matrix of [X, y] = Q diag(λ) Qᵀ, the
+rows diag(√λ) Qᵀ have the same products as the thousands of rows they stand for.
 """
 
 from __future__ import annotations
@@ -12,11 +12,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from diagnosis.bank import Bank, Candidate
-from diagnosis.evidence import Option, scales_of
+from diagnosis.inference.candidates import Bank, Candidate
+from diagnosis.inference.evidence import Option, scales_of
 from diagnosis.sensors.candidates import Group, Held, listed_columns, listed_groups, rival_columns, rival_groups
 from diagnosis.sensors.spans import Fitted
-from simulator.sensor_effects import SENSOR_EFFECTS
+from simulator.effects.sensor import SENSOR_EFFECTS
 
 Array = NDArray[np.float64]
 

@@ -12,7 +12,7 @@ from typing import Any
 
 from scipy.special import chdtrc
 
-from diagnosis.search import Explanation
+from diagnosis.inference.search import Explanation
 from diagnosis.sensors.reduced import Reduced
 from diagnosis.sensors.search import LARGEST_SET, SensorSearch
 from diagnosis.sensors.sizes import Sized, closure

@@ -7,7 +7,7 @@ from typing import Any
 
 import pandas as pd
 
-from diagnosis.cause import Cause, Closure, Finding, Verdict
+from diagnosis.answer import Cause, Closure, Finding, Verdict
 from diagnosis.sensors.rejected import Rejected
 
 

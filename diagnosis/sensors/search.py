@@ -2,13 +2,13 @@
 
 Sensors are mounted and calibrated one by one, and several of them may be off at a time: R's were four effects, both sensors'
 heads, the misalignment and the Earth sensor's biases. Sets are therefore larger than those of the gyro's effects. The evidence
-of a set is that of `diagnosis.search.Search`; what differs is how sets are found: a beam over the listed effects, and then the
-rivals, alone and beside the best of the listed sets.
+of a set is that of `diagnosis.inference.search.Search`; what differs is how sets are found: a beam over the listed effects,
+and then the rivals, alone and beside the best of the listed sets.
 """
 
 from __future__ import annotations
 
-from diagnosis.search import Explanation, Member, Search
+from diagnosis.inference.search import Explanation, Member, Search
 
 LARGEST_SET = 5
 BEAM = 6

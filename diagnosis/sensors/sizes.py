@@ -10,13 +10,13 @@ import pandas as pd
 import scipy.linalg
 from numpy.typing import NDArray
 
-from diagnosis.cause import Closure
-from diagnosis.search import Explanation, Member, total
+from diagnosis.answer import Closure
+from diagnosis.inference.search import Explanation, Member, total
 from diagnosis.sensors.candidates import Group, Held
 from diagnosis.sensors.reduced import Reduced, bank
 from diagnosis.sensors.search import SensorSearch
 from simulator.effects.base import Value
-from simulator.sensor_effects import SENSOR_EFFECTS
+from simulator.effects.sensor import SENSOR_EFFECTS
 
 Array = NDArray[np.float64]
 

@@ -1,12 +1,13 @@
 """Constant-rate stretches of a recording with their sensor measurements, fitted under M0.
 
-M0 at the level of the sensors: the nominal models (`gyrocal.sun_sensor.trmm_sun_sensors`, `gyrocal.earth_sensor` without
+M0 at the level of the sensors: the nominal models (`gyrocal.sensors.sun.trmm_sun_sensors`, `gyrocal.sensors.earth` without
 biases), white noise of the stated sigma, and a gyro of constant bias and white noise. While the rate is constant an error of G
 acts as a bias, R (8), so each stretch has an epoch attitude and a bias of its own, six numbers. What they leave is
 
     z = H γ_n + c δb + Σ_e X_e a_e + noise,    γ_n = γ_0 + walk of the gyro up to node n
 
-with X_e the derivative of an effect's error by its amplitudes, each row divided by its sigma (`gyrocal.least_squares`).
+with X_e the derivative of an effect's error by its amplitudes, each row divided by its sigma
+(`gyrocal.estimation.least_squares`).
 
 Gram matrices are all that is kept. With γ_n free but for the walk's increments, their information is Λ = Jᵀ J + Σ 1/q² D Dᵀ, a
 band (J spreads the rows H to their nodes), and for any columns M = [c, X, z]
@@ -27,16 +28,16 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from gyrocal.attitude import rotation_matrix
-from gyrocal.batch_observability import check_observable
-from gyrocal.earth_sensor import EarthModel, EarthSensor
 from gyrocal.errors import InputError, UnobservableError
-from gyrocal.least_squares import Plain, Rows
+from gyrocal.estimation.arc import Estimate, Stretch, columns, linearise, measured_times, stretch
+from gyrocal.estimation.batch_observability import check_observable
+from gyrocal.estimation.least_squares import Plain, Rows
 from gyrocal.recording import GyroStream, Interval, Recording, reference_rows
-from gyrocal.sensor_tables import SensorTables
-from gyrocal.sensors import SensorSeries
-from gyrocal.stretch import Estimate, Stretch, columns, linearise, measured_times, stretch
-from gyrocal.sun_sensor import SunSensor, trmm_sun_sensors
-from simulator.sensor_effects import Sightings
+from gyrocal.recording.sensor_tables import SensorTables
+from gyrocal.sensors.earth import EarthModel, EarthSensor
+from gyrocal.sensors.series import SensorSeries
+from gyrocal.sensors.sun import SunSensor, trmm_sun_sensors
+from simulator.effects.sensor import Sightings
 
 Array = NDArray[np.float64]
 

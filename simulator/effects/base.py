@@ -123,7 +123,7 @@ class Effect:
     ----------
     name, summary, unit : for people; the unit is that of the size
     acts_on : "rates" (noise-free), "timing" (of the noise-free rates), "noise" (random errors of the rates), "samples"
-        (what is put out), "references", "sensors" (`simulator.sensor_effects`)
+        (what is put out), "references", "sensors" (`simulator.effects.sensor`)
     kind : how a diagnosis sees it: linear columns, only a covariance, or the samples themselves
     prior : plausible range of the absolute size, log-uniform
     bounds : of a size that can be simulated, inclusive

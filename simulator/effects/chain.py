@@ -17,9 +17,9 @@ import numpy as np
 from gyrocal.errors import InputError
 from simulator.effects.base import Array, Effect, References, Setting, Stream
 from simulator.effects.registry import EFFECTS
-from simulator.gyro import with_white_noise
-from simulator.rotation import perturbed
+from simulator.sensors.gyro import with_white_noise
 from simulator.streams import generator
+from simulator.truth.rotation import perturbed
 
 TIMING = ("rate_lag", "time_offset")
 BEFORE_NOISE = ("rate_deadzone",)

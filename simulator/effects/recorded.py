@@ -15,7 +15,7 @@ from gyrocal.recording import Interval, Recording, reference_rows
 from simulator.effects.base import Array, References, Stream
 from simulator.effects.common import runs
 from simulator.effects.smoothing import noise_level, smoothed
-from simulator.gyro import raw_rates
+from simulator.sensors.gyro import raw_rates
 
 SMOOTH_S = 20.0  # s; a tenth and less of the shortest slew, and 13 times less noise at two samples a second
 TIME_TOLERANCE = 1e-6  # s

@@ -10,7 +10,8 @@ import math
 from collections.abc import Mapping
 
 from gyrocal.errors import InputError
-from simulator.effects import (
+from simulator.effects.base import Effect, Parameter, Setting, Value
+from simulator.effects.gyro import (
     bias_drift,
     bias_orbital,
     bias_random_walk,
@@ -24,11 +25,6 @@ from simulator.effects import (
     rate_quantization,
     rate_saturation,
     rate_truncation,
-    reference_correlated,
-    reference_horizon,
-    reference_mode_offset,
-    reference_noise_excess,
-    reference_orbital,
     scale_asymmetry,
     scale_quadratic,
     spikes,
@@ -36,7 +32,13 @@ from simulator.effects import (
     time_offset,
     vibration,
 )
-from simulator.effects.base import Effect, Parameter, Setting, Value
+from simulator.effects.reference import (
+    reference_correlated,
+    reference_horizon,
+    reference_mode_offset,
+    reference_noise_excess,
+    reference_orbital,
+)
 
 # In the order of the vocabulary.
 _MODULES = (

@@ -1,0 +1,1 @@
+"""Tests of the gyro samples and of the reference noise, one per file."""

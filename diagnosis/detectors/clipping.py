@@ -1,0 +1,58 @@
+"""Readings that stand at their largest: a gyro that is clipped, and not a steady rate on a lattice."""
+
+from __future__ import annotations
+
+import numpy as np
+import scipy.special
+from numpy.typing import NDArray
+
+from diagnosis.detectors.gap_interpolation import runs
+from diagnosis.detectors.report import AXES, StreamCause, StreamReport, StreamTest
+from diagnosis.detectors.stale_samples import IMPOSSIBLE
+from gyrocal.recording import Recording
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+FEWEST_CLIPPED = 5
+FEWEST_PLATEAU = 20  # samples of a clipped stretch on a lattice
+PLATEAU_P = 1e-8  # chance of a steady rate to stand still that long
+
+
+def saturation(report: StreamReport, recording: Recording, used: Mask, coarse: Mask, steps: Array, sigma: float) -> None:
+    """Gyros whose largest reading stands still where no lattice makes it."""
+    rates = recording.gyro.rates
+    # A largest reading that telemetry repeats stands still on all axes; of a clipped gyro the others go on.
+    held = np.zeros(len(rates), dtype=bool)
+    held[1:] = (rates[1:] == rates[:-1]).all(axis=1)
+    for axis in range(3):
+        x = rates[used, axis]
+        largest = float(np.abs(x).max())
+        at = np.abs(x) >= largest * (1 - 1e-12)
+        count = int((at & ~held[used]).sum())
+        found = count >= FEWEST_CLIPPED and (
+            not coarse[axis] or _is_plateau(at, float(steps[axis]) / sigma if sigma else np.inf)
+        )
+        report.tests.append(
+            StreamTest(
+                "clipped_samples", AXES[axis], count, 1.0, IMPOSSIBLE if found else 1.0, "rate_saturation",
+                f"{count} samples read exactly the largest rate, {np.rad2deg(largest):.4g} deg/s",
+            )
+        )  # fmt: skip
+        if not found:
+            continue
+        size = float(np.rad2deg(largest))
+        report.causes.append(StreamCause("rate_saturation", AXES[axis], size, "deg/s", 1e-6 * size, {}, IMPOSSIBLE))
+        clipped = used & (np.abs(rates[:, axis]) >= largest * (1 - 1e-12))
+        report.clipped |= clipped
+
+
+def _is_plateau(at: Mask, step: float) -> bool:
+    """Whether the largest values stand in one solid block, as a noisy reading on a lattice of so many sigmas cannot.
+
+    A reading stays on its lattice point at best with the probability that noise is less than half a step.
+    """
+    longest = max(high - low for low, high in runs(at))
+    stays = float(scipy.special.erf(0.5 * step / np.sqrt(2)))
+    chance = np.log(at.size) + longest * np.log(stays) if stays < 1 else 0.0
+    return longest >= FEWEST_PLATEAU and chance < np.log(PLATEAU_P)

@@ -1,0 +1,93 @@
+"""Single samples far outside of their neighbours."""
+
+from __future__ import annotations
+
+import numpy as np
+import scipy.ndimage
+import scipy.signal
+import scipy.stats
+from numpy.typing import NDArray
+
+from diagnosis.detectors.report import AXES, EVENT_P, StreamCause, StreamReport, StreamTest, consecutive, inside
+from diagnosis.detectors.stale_samples import IMPOSSIBLE
+from gyrocal.recording import Recording
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+PARABOLA = 9  # samples of the local parabola
+OUTLIER = 6.0  # noise sigmas; one sample in 5e8 under M0
+
+
+def spikes(report: StreamReport, recording: Recording, quiet: Mask, noise: Array, steps: Array) -> None:
+    """Single samples far outside, and the tails of all."""
+    follows = quiet & consecutive(recording, quiet) & np.roll(consecutive(recording, quiet), -1)
+    counts, sizes, places, limits = [], [], [], []
+    n = max(int(follows.sum()), 1)
+    for axis in range(3):
+        x = report.rates[:, axis]
+        level = scipy.ndimage.median_filter(x, 7, mode="nearest")
+        scale = noise[axis]
+        deviation = x - level
+        spread = float(np.median(np.abs(deviation[follows]))) / 0.6745 if follows.any() else scale
+        limit = OUTLIER * max(spread, scale) + steps[axis]
+        bad = follows & (np.abs(deviation) > limit)
+        # A repeated or slow event is no spike: both neighbours must be back.
+        neighbours = np.maximum(np.abs(np.roll(deviation, 1)), np.abs(np.roll(deviation, -1)))
+        isolated = bad & (neighbours < 0.5 * np.abs(deviation))
+        limits.append(limit)
+        counts.append(int(isolated.sum()))
+        sizes.append(np.abs(deviation[isolated]))
+        places.append(isolated)
+    expected = 2 * scipy.stats.norm.sf(OUTLIER) * 1.2
+    for axis in range(3):
+        p = max(float(scipy.stats.poisson.sf(counts[axis] - 1, n * expected)), IMPOSSIBLE)
+        report.tests.append(
+            StreamTest(
+                "outliers", AXES[axis], counts[axis], n * expected, p if counts[axis] else 1.0, "spikes",
+                f"{counts[axis]} of {n} quiet samples are off by more than {OUTLIER:g} noise sigmas",
+            )
+        )  # fmt: skip
+    total = sum(counts)
+    p = max(float(scipy.stats.poisson.sf(total - 1, 3 * n * expected)), IMPOSSIBLE) if total else 1.0
+    if p >= EVENT_P or total < 2:
+        return
+    strongest = int(np.argmax(counts))
+    # Three of three on one axis are 27 times likelier there than on all.
+    alone = counts[strongest] >= 0.95 * total and total >= 3
+    together = np.concatenate(sizes)
+    beyond = together - min(limits)
+    axes = 1 if alone else 3
+    fraction = total / (axes * n)
+    if total > 5 and beyond.std() > 0.5 * beyond.mean():
+        # Outliers of all sizes: what exceeds a limit has, for exponential ones, the mean of all; the others are hidden.
+        seen = float(beyond.mean())
+        fraction *= float(np.exp(min(min(limits) / seen, 5.0)))
+        error = seen * np.sqrt(1 / total + 0.1**2)
+    else:
+        seen = float(together.mean())
+        error = float(np.hypot(together.std(), noise.mean()) / np.sqrt(total))
+    report.causes.append(
+        StreamCause(
+            "spikes", AXES[strongest] if alone else None, float(np.rad2deg(seen)), "deg/s", float(np.rad2deg(error)),
+            {"fraction": float(fraction)}, p,
+        )
+    )  # fmt: skip
+    # Outside the quiet parts a spike must stand out of the motion as well before it is taken out.
+    t = recording.gyro.t_s
+    for axis in range(3):
+        x = report.rates[:, axis]
+        deviation = x - scipy.ndimage.median_filter(x, 7, mode="nearest")
+        jump = np.abs(deviation) > max(0.4 * seen, 8 * noise[axis])
+        bad = places[axis] | (jump & inside(recording) & ~quiet & (np.abs(_highpass(x)) > 8 * noise[axis]))
+        good = ~bad
+        report.rates[bad, axis] = np.interp(t[bad], t[good], x[good])
+        report.filled |= bad
+
+
+def _highpass(x: Array) -> Array:
+    """Reading minus the local parabola through its neighbours but not itself, scaled to the noise of a sample."""
+    kernel = scipy.signal.savgol_coeffs(PARABOLA, 2)
+    own = kernel[PARABOLA // 2]
+    residual = x - scipy.ndimage.convolve1d(x, kernel, axis=0, mode="nearest")
+    return np.asarray(residual / np.sqrt(1 - own))

@@ -1,0 +1,118 @@
+"""Whether the references' white noise is what is stated, from second differences of the residuals of a series.
+
+Second differences of three references at even spacing Δt leave nothing of slow errors, whatever their cause. Under M0 their
+variance about body axis i is 6 σ_i² + 2 d_i Δt, d_i the noise density of gyro i as the samples show it; neighbouring ones
+correlate by (−4/6, 1/6), so that the variance of the mean square of n of them is (2/n)(1 + 2 (16 + 1)/36) of its square.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.stats
+from numpy.typing import NDArray
+
+from diagnosis.model.recording import Model
+
+Array = NDArray[np.float64]
+
+CORRELATED = 1 + 2 * 17 / 36
+TRIM = 3.0  # robust sigmas beyond which a difference does not count
+TRIMMED = 0.9733  # variance of a normal variable cut there
+FEWEST = 40  # second differences of an axis, below which nothing is said
+TRIMMING = 1.1  # times the variance of a mean square whose limit was estimated
+LEVEL = 1e-5  # p below which the references' noise is not as stated
+
+
+@dataclass(frozen=True)
+class ReferenceNoise:
+    """Actual over stated noise of the references.
+
+    Attributes
+    ----------
+    factor, sigma : (3,) by body axis; NaN where there are too few
+    p_value : that all three are one
+    axis : the one axis that departs, or None for all
+    """
+
+    factor: Array
+    sigma: Array
+    p_value: float
+    axis: int | None
+
+    @property
+    def departs(self) -> bool:
+        """Whether the noise is not as stated."""
+        return self.p_value < LEVEL
+
+    @property
+    def factors(self) -> Array:
+        """(3,) what to multiply the stated sigma with."""
+        if not self.departs:
+            return np.ones(3)
+        if self.axis is None:
+            weight = 1 / self.sigma**2
+            return np.full(3, float(np.sum(self.factor * weight) / np.sum(weight)))
+        out = np.ones(3)
+        out[self.axis] = self.factor[self.axis]
+        return out
+
+
+def reference_noise(model: Model, density: Array, dead: Array) -> ReferenceNoise | None:
+    """Test of the references' noise; None without a series of references.
+
+    Parameters
+    ----------
+    model : linearised about the calibration
+    density : (3,) noise density of the gyros, rad²/s
+    dead : (n,) samples in which a gyro may show nothing; what it then misses would pass for noise of the references
+    """
+    missed = np.concatenate([[0], np.cumsum(dead)])
+    references = model.references
+    differences, variances, walks = [], [], []
+    sigma = model.recording.attitudes.sigma[model.reference_rows]
+    gyro_s = model.recording.gyro.t_s
+    for number, block in enumerate(model.blocks):
+        rows = np.flatnonzero(model.interval_of_reference == number)
+        t = references.t_s[rows]
+        # ζ of neighbours differ by the references' errors; turned back to the body axes of the middle one.
+        zeta = model.zeta[block.rows].reshape(-1, 3)
+        for k in range(1, rows.size - 1):
+            before, after = t[k] - t[k - 1], t[k + 1] - t[k]
+            if abs(before - after) > 0.01 * before or before > 2.5 * float(np.median(np.diff(t))):
+                continue
+            first, last = np.searchsorted(gyro_s, [t[k - 1], t[k + 1]])
+            if missed[last] > missed[first]:
+                continue
+            A = model.at_reference[rows[k]].T
+            differences.append(A @ (zeta[k + 1] - 2 * zeta[k] + zeta[k - 1]))
+            # The body turns between references; where it turns far, axes mix and σ differs between them.
+            variance = np.zeros(3)
+            for weight, j in ((1, k - 1), (4, k), (1, k + 1)):
+                variance += weight * ((A @ model.at_reference[rows[j]]) ** 2) @ sigma[rows[j]] ** 2
+            variances.append(variance)
+            walks.append(2 * density * before)
+    count = len(differences)
+    if count < FEWEST or not (np.array(variances) > 0).all():
+        return None
+    second, stated, walk = np.array(differences), np.array(variances), np.array(walks)
+    z = second / np.sqrt(stated + walk)
+    # Single large differences, as beside a slew with wrong time tags, are not noise.
+    limit = TRIM * np.median(np.abs(z), axis=0) / 0.6745
+    kept = np.abs(z) < limit
+    sums = np.sum(np.where(kept, second**2, 0.0), axis=0) / TRIMMED
+    expected_sigma, expected_walk = np.sum(np.where(kept, stated, 0.0), axis=0), np.sum(np.where(kept, walk, 0.0), axis=0)
+    relative = np.sqrt(2 * CORRELATED * TRIMMING / count)
+    variance = (sums - expected_walk) / expected_sigma
+    factor = np.sqrt(np.maximum(variance, 1e-4))
+    error = 0.5 * relative * (sums / expected_sigma) / factor
+    # A sum of squares has a long upper tail; its cube root is normal (Wilson & Hilferty, 1931).
+    spread = relative**2 / 9
+    z = (np.cbrt(sums / (expected_sigma + expected_walk)) - (1 - spread)) / np.sqrt(spread)
+    chi2 = float(np.sum(z**2))
+    p_all = float(scipy.stats.chi2.sf(chi2, 3))
+    odd = int(np.argmax(np.abs(z)))
+    others = float(chi2 - z[odd] ** 2)
+    axis = odd if scipy.stats.chi2.sf(others, 2) > 0.01 and z[odd] ** 2 > 12 else None
+    return ReferenceNoise(factor, error, max(p_all, 1e-300), axis)

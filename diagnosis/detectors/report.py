@@ -1,0 +1,108 @@
+"""What the tests of the samples write into, and what they ask of a recording."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from diagnosis.detectors.gap_interpolation import runs
+from gyrocal.recording import Recording
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+AXES = "xyz"
+EVENT_P = 1e-5  # p below which an event test names its effect
+
+
+@dataclass(frozen=True)
+class StreamTest:
+    """One statistic.
+
+    Attributes
+    ----------
+    statistic, axis : which
+    value, expected : what was found, and what M0 gives
+    p_value : under M0, not corrected
+    effect : the effect it speaks for, or None
+    text : a sentence
+    """
+
+    statistic: str
+    axis: str | None
+    value: float
+    expected: float
+    p_value: float
+    effect: str | None
+    text: str
+
+
+@dataclass(frozen=True)
+class StreamCause:
+    """An effect seen in the samples."""
+
+    effect: str
+    axis: str | None
+    size: float
+    unit: str
+    sigma: float
+    parameters: dict[str, float | str]
+    p_value: float
+
+
+@dataclass
+class StreamReport:
+    """What the samples show, and the stream with it repaired as far as that goes.
+
+    Attributes
+    ----------
+    tests, causes : all statistics, and the effects they establish
+    rates : (n, 3) repaired raw rates, rad/s
+    density : (n, 3) noise density of each repaired sample, rad²/s
+    clipped, filled : (n,) samples that do not show the rate, and those that something was put in place of
+    noise_factor : (3,) actual white noise relative to the stated one
+    noise : (3,) noise of a sample as it shows, rad/s
+    smooth : (n, 3) repaired raw rates without their noise: what effects follow, since a regressor with the noise of the
+        residuals in it would explain that noise
+    hidden : (3,) whether a coarse lattice hides the gyro's slow motion for long
+    lattice : (3,) whether readings lie on one that is coarser than the noise
+    undecided : readings lie on a lattice, and the samples do not say whether rounded or cut
+    """
+
+    tests: list[StreamTest]
+    causes: list[StreamCause]
+    rates: Array
+    density: Array
+    clipped: Mask
+    filled: Mask
+    noise_factor: Array = field(default_factory=lambda: np.ones(3))
+    noise: Array = field(default_factory=lambda: np.zeros(3))
+    smooth: Array = field(default_factory=lambda: np.empty((0, 3)))
+    undecided: bool = False
+    hidden: Mask = field(default_factory=lambda: np.zeros(3, dtype=bool))
+    lattice: Mask = field(default_factory=lambda: np.zeros(3, dtype=bool))
+
+
+def inside(recording: Recording) -> Mask:
+    """Samples that belong to an interval."""
+    t = recording.gyro.t_s
+    out = np.zeros(t.size, dtype=bool)
+    for interval in recording.intervals:
+        low, high = np.searchsorted(t, [interval.start_s - 1e-6, interval.stop_s - 1e-6])
+        out[low:high] = True
+    return out
+
+
+def consecutive(recording: Recording, used: Mask) -> Mask:
+    """Samples that directly follow another of the same interval."""
+    t = recording.gyro.t_s
+    out = np.zeros(t.size, dtype=bool)
+    out[1:] = (np.diff(t) < 1.5 * recording.gyro.sample_s) & used[1:] & used[:-1]
+    return out
+
+
+def stretches(mask: Mask) -> list[tuple[int, int]]:
+    """Unbroken runs of at least 256 samples, as slices."""
+    return [(low, high) for low, high in runs(mask) if high - low >= 256]

@@ -1,0 +1,171 @@
+"""Tests that see every gyro sample: lattice, repeats, clipping, outliers, noise level and colour, lines.
+
+They come before the attitude tests, since one clipped or repeated stretch spoils those. Under M0 a reading is a smooth motion
+plus white noise with σ = ARW/√Δt and is never exactly the same twice. The motion is taken out by a local parabola; only
+*quiet* samples count, where the mean does not change visibly over twenty samples on either side.
+
+Every test states its p-value under M0; the ones that need an exact coincidence of floating-point numbers (lattice, repeats,
+clipping) cannot happen at all under M0 and are given the smallest p.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from diagnosis.detectors.clipping import saturation
+from diagnosis.detectors.gap_interpolation import filled
+from diagnosis.detectors.lattice import ODDS, Kind, lattice_step, sweep_odds, undone
+from diagnosis.detectors.outliers import spikes
+from diagnosis.detectors.report import AXES, EVENT_P, StreamCause, StreamReport, StreamTest, consecutive, inside
+from diagnosis.detectors.sample_noise import local_noise, noise, quiet
+from diagnosis.detectors.spectral_lines import lines
+from diagnosis.detectors.stale_samples import IMPOSSIBLE, repeats
+from gyrocal.recording import Recording
+from simulator.effects.recorded import interval_slices
+from simulator.effects.smoothing import noise_level, smoothed
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+COARSE = 0.05  # a lattice finer than this share of the noise is the number format, not the gyro
+SMOOTH_S = 20.0  # s, longest window of the smoothing
+
+
+def examine(recording: Recording, lattice: Kind | None = None) -> StreamReport:
+    """All stream tests of a recording, and its repaired stream.
+
+    Parameters
+    ----------
+    recording : what was recorded
+    lattice : how readings on a lattice came there; by default as a sweep through zero shows, rounded if there is none
+    """
+    gyro = recording.gyro
+    sigma = gyro.arw / np.sqrt(gyro.sample_s)
+    none = np.zeros(gyro.t_s.size, dtype=bool)
+    report = StreamReport([], [], gyro.rates.copy(), np.full(gyro.rates.shape, gyro.arw**2), none, none.copy())
+    used = inside(recording)
+    steps = np.array([lattice_step(gyro.rates[used, axis]) for axis in range(3)])
+    coarse = steps > COARSE * sigma
+    odds = _cut_odds(gyro.rates[used], steps, coarse)
+    report.undecided = bool(coarse.any()) and lattice is None and float(np.abs(odds).max()) < ODDS
+    cut = coarse & (odds > ODDS if lattice is None else lattice == "cut")
+    report.lattice = steps > sigma
+    _quantization(report, steps, coarse, cut)
+    _stale(report, recording, used, coarse)
+    saturation(report, recording, used, coarse, steps, sigma)
+    if sigma > 0:
+        local = local_noise(report.rates, sigma, coarse, steps)
+        still = used & quiet(report.rates, local)
+        spikes(report, recording, still, local, np.where(coarse, steps, 0.0))
+        lines(report, recording, still)
+        noise(report, recording, still, sigma, steps, coarse, cut)
+        report.noise = sigma * report.noise_factor
+        _zero_mass(report, recording, used, coarse)
+        _off_the_lattice(report, recording, steps, coarse, cut, sigma)
+    report.smooth = _smooth(report.rates, recording, sigma)
+    return report
+
+
+def _smooth(rates: Array, recording: Recording, sigma: float) -> Array:
+    out = rates.copy()
+    for part in interval_slices(recording):
+        out[part] = smoothed(rates[part], recording.gyro.sample_s, SMOOTH_S, noise_level(rates[part], sigma))
+    return out
+
+
+def _cut_odds(rates: Array, steps: Array, coarse: Mask) -> Array:
+    """(3,) log odds of cut against rounded readings; axes with one step have one converter, and count together."""
+    odds = np.array([sweep_odds(rates[:, k], steps[k]) if coarse[k] else 0.0 for k in range(3)])
+    alike = coarse & (np.abs(steps - np.median(steps[coarse])) < 0.01 * np.median(steps[coarse])) if coarse.any() else coarse
+    return np.where(alike, odds[alike].sum(), odds)
+
+
+def _quantization(report: StreamReport, steps: Array, coarse: Mask, cut: Mask) -> None:
+    for axis in range(3):
+        found = bool(coarse[axis])
+        p = IMPOSSIBLE if found else 1.0
+        text = (
+            f"all readings are multiples of {np.rad2deg(steps[axis]):.4g} deg/s"
+            if found
+            else "readings lie on no lattice that matters beside the noise"
+        )
+        report.tests.append(
+            StreamTest("lattice_step", AXES[axis], float(np.rad2deg(steps[axis])), 0.0, p, "rate_quantization", text)
+        )
+    if not coarse.any():
+        return
+    for effect, axes in (("rate_quantization", coarse & ~cut), ("rate_truncation", coarse & cut)):
+        if not axes.any():
+            continue
+        found_steps = steps[axes]
+        common = bool(axes.all()) and np.ptp(found_steps) < 0.01 * found_steps.mean()
+        groups = [(None, float(found_steps.mean()))] if common else [(AXES[k], float(steps[k])) for k in np.flatnonzero(axes)]
+        for axis_name, step in groups:
+            size = float(np.rad2deg(step))
+            report.causes.append(StreamCause(effect, axis_name, size, "deg/s", 1e-6 * size, {}, IMPOSSIBLE))
+
+
+def _stale(report: StreamReport, recording: Recording, used: Mask, coarse: Mask) -> None:
+    """Samples that repeat the one before on all axes at once, beyond what a coarse lattice makes."""
+    rates = recording.gyro.rates
+    equal = np.zeros(rates.shape, dtype=bool)
+    equal[1:] = rates[1:] == rates[:-1]
+    clipped = (np.abs(rates) >= np.abs(rates[used]).max(axis=0) * (1 - 1e-12)).any(axis=1)
+    found = repeats(equal, consecutive(recording, used) & ~clipped, coarse, EVENT_P)
+    if found is None:
+        return
+    report.tests.append(
+        StreamTest(
+            "repeated_share", None, found.count / found.samples, found.expected / found.samples, found.p_value,
+            "stale_samples", f"{found.count} of {found.samples} samples repeat the one before on all axes",
+        )
+    )  # fmt: skip
+    if found.p_value >= EVENT_P:
+        return
+    parameters: dict[str, float | str] = {"fraction": found.fraction}
+    report.causes.append(StreamCause("stale_samples", None, found.size, "samples", found.sigma, parameters, found.p_value))
+    _fill(report, recording, found.mask)
+
+
+def _fill(report: StreamReport, recording: Recording, bad: Mask) -> None:
+    """Bridge bad samples; what they integrate to is then uncertain."""
+    gyro = recording.gyro
+    report.rates, factor, density = filled(gyro.t_s, report.rates, bad, gyro.sample_s)
+    report.density = report.density * factor[:, None] + density
+    report.filled |= bad
+
+
+def _zero_mass(report: StreamReport, recording: Recording, used: Mask, coarse: Mask) -> None:
+    """Samples that read exactly zero on no lattice: a dead zone behind the noise."""
+    for axis in np.flatnonzero(~coarse):
+        x = recording.gyro.rates[used, axis]
+        count = int(np.sum(x == 0.0))
+        other = np.sort(np.abs(x[x != 0.0]))
+        # Zeros beside readings that are as good as zero leave no zone.
+        wide = other.size > 30 and other[:3].mean() > 0.01 * float(report.noise[axis])
+        p = IMPOSSIBLE if count >= 3 and wide else 1.0
+        report.tests.append(
+            StreamTest("zero_samples", AXES[axis], count, 0.0, p, "rate_deadzone", f"{count} samples read exactly zero")
+        )
+        if p < EVENT_P:
+            smallest = float(np.rad2deg(other[:3].mean()))
+            spacing = float(np.rad2deg(other[3:30].mean())) - smallest
+            report.causes.append(
+                StreamCause("rate_deadzone", AXES[axis], smallest, "deg/s", max(spacing, 1e-3 * smallest), {}, IMPOSSIBLE)
+            )
+
+
+def _off_the_lattice(report: StreamReport, recording: Recording, steps: Array, coarse: Mask, cut: Mask, sigma: float) -> None:
+    """Undo what the lattice does to slow rates, and account for the noise it makes."""
+    t = recording.gyro.t_s
+    for axis in np.flatnonzero(coarse):
+        q = float(steps[axis])
+        report.density[:, axis] += q**2 / 12 * recording.gyro.sample_s
+        kind: Kind = "cut" if cut[axis] else "rounded"
+        for interval in recording.intervals:
+            low, high = np.searchsorted(t, [interval.start_s - 1e-6, interval.stop_s - 1e-6])
+            x, factor, hidden = undone(report.rates[low:high, axis], recording.gyro.sample_s, q, sigma, kind)
+            report.rates[low:high, axis] = x
+            report.density[low:high, axis] = report.density[low:high, axis] * factor + hidden
+            report.hidden[axis] |= bool(np.mean(hidden > 0) > 0.1)

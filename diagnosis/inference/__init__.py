@@ -1,0 +1,1 @@
+"""Inference on a linear model: candidates, evidence, search, attribution, amplitudes, closure."""

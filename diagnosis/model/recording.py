@@ -1,0 +1,408 @@
+"""The one linear model of a recording: attitude errors in inertial axes, their exact covariance, and columns of any effect.
+
+An interval is propagated from its first reference attitude with the calibrated rates ω_adj = G ω_raw + b. Residuals
+exp([θ_k×]) = A_obs A_prop,kᵀ, N (16), are turned back to inertial axes, ζ_k = −A_prop,kᵀ θ_k. If the true rate is
+ω = ω_adj + δω, then A_true = exp(−[·×]) … A_prop and, to first order,
+
+    ζ_k = φ + ∫₀^{t_k} Aᵀ(t) δω(t) dt − A_kᵀ ν_k + g(t_k)
+
+with φ the interval's start attitude error, ν_k the error of reference k in body axes (A_obs = exp([ν×]) A_true) and g the
+integrated gyro noise, whose covariance ARW² min(t_a, t_b) I does not depend on the axes since it is isotropic. In inertial
+axes the integral is a plain running sum, so that every column, and every step of it at any time, comes from one cumulative
+sum; a reading that is high by r has δω = −G r. The first reference is one of the observations (ζ = 0) and φ is free.
+
+What M0 leaves free (φ of every interval, G, b) is projected out: the whitened observations y then are N(0, I) on the
+complement of those columns if M0 is true, and an effect adds its projected column. Nothing else is needed for tests,
+evidence, sizes and predictions. Source: Kay, Fundamentals of Statistical Signal Processing II, section 7.7 (the linear
+model with nuisance parameters); the propagation itself is checked against `gyrocal.propagate` in the tests.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from itertools import pairwise
+
+import numpy as np
+import scipy.linalg
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from gyrocal.calibration.sampling import Measurements, measurements
+from gyrocal.recording import Attitudes, Interval, Recording, reference_rows
+from simulator.effects import References, Stream, forward_axes
+from simulator.truth.integration import accumulate
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.intp]
+
+MOST_CELLS = 480  # cells of a recording; random effects cost the cube of it
+RANK = 1e-9  # relative size below which a column of the nuisance parameters is none
+
+
+@dataclass(frozen=True)
+class Block:
+    """One interval: its steps, the references in it and their observations.
+
+    Attributes
+    ----------
+    interval : index of the recording's interval it is, or is a part of
+    steps : its steps among all
+    rows : its observations among all, three for each reference
+    references : (m,) rows of the reference attitudes
+    ends : (m,) steps of the interval done at each reference, the first is 0
+    elapsed_s : (m,) time since the first reference
+    whitener : (3m, 3m) lower Cholesky factor of the observations' covariance
+    """
+
+    interval: int
+    steps: slice
+    rows: slice
+    references: Indices
+    ends: Indices
+    elapsed_s: Array
+    whitener: Array
+
+
+@dataclass(frozen=True)
+class Cells:
+    """Stretches between references and inside long gaps of them, over which a random rate error is taken as constant.
+
+    Attributes
+    ----------
+    interval : (c,) index of the interval
+    first, last : (c,) its steps among all, the last excluded
+    t_s : (c,) time of its middle, s since the epoch
+    run_s : (c,) sampled time up to its middle, gaps between the intervals left out
+    duration_s : (c,)
+    """
+
+    interval: Indices
+    first: Indices
+    last: Indices
+    t_s: Array
+    run_s: Array
+    duration_s: Array
+
+
+@dataclass(frozen=True)
+class Model:
+    """A recording linearised about a calibration.
+
+    Attributes
+    ----------
+    recording : what was recorded
+    G, bias : (3, 3), (3,) rad/s: the parameters it is linearised about
+    t_s, dt : (n,) middle and length of each step, s
+    raw, rates : (n, 3) raw and calibrated rates, smoothed if there is a smoothed stream, rad/s
+    to_inertial : (n, 3, 3) Aᵀ in the middle of each step
+    at_reference : (m, 3, 3) Aᵀ at each reference of each block, as propagated
+    blocks : the intervals
+    zeta : (N,) observations, rad
+    free : (N, f) observations of what is known to be unknown, beside the calibration, such as rates a dead zone swallowed
+    """
+
+    recording: Recording
+    G: Array
+    bias: Array
+    t_s: Array
+    dt: Array
+    raw: Array
+    rates: Array
+    to_inertial: Array
+    at_reference: Array
+    blocks: tuple[Block, ...]
+    zeta: Array
+    free: Array
+
+    @property
+    def size(self) -> int:
+        """Number of observations."""
+        return self.zeta.size
+
+    @cached_property
+    def reference_rows(self) -> Indices:
+        """(m,) rows of the reference attitudes, block by block."""
+        return np.concatenate([block.references for block in self.blocks])
+
+    @cached_property
+    def interval_of_reference(self) -> Indices:
+        """(m,) index of the block of each reference."""
+        return np.repeat(np.arange(len(self.blocks)), [block.references.size for block in self.blocks])
+
+    @cached_property
+    def stream(self) -> Stream:
+        """The steps as the effects see them."""
+        orbit = self.recording.orbit
+        table = self.recording.tables.get("housekeeping")
+        housekeeping = {}
+        if table is not None:
+            tags = table["t_s"].to_numpy(float)
+            housekeeping = {
+                str(name): np.interp(self.t_s, tags, table[name].to_numpy(float)) for name in table.columns if name != "t_s"
+            }
+        return Stream(
+            t_s=self.t_s,
+            duration_s=self.dt,
+            rates=self.rates,
+            raw=self.raw,
+            intervals=tuple(block.steps for block in self.blocks),
+            orbit_period_s=orbit.period_s if orbit is not None else float("nan"),
+            span_s=(self.recording.intervals[0].start_s, self.recording.intervals[-1].stop_s),
+            housekeeping=housekeeping,
+        )
+
+    @cached_property
+    def references(self) -> References:
+        """The references as the effects see them, block by block."""
+        rows = self.reference_rows
+        attitudes = self.recording.attitudes
+        orbit = self.recording.orbit
+        return References(
+            t_s=attitudes.t_s[rows],
+            quaternions=attitudes.quaternions[rows],
+            interval=self.interval_of_reference,
+            forward=forward_axes(self.recording)[rows],
+            orbit_period_s=orbit.period_s if orbit is not None else float("nan"),
+        )
+
+    # ---- columns ---------------------------------------------------------------------------------------------------------
+
+    def reading(self, high: Array) -> Array:
+        """Observations, per unit, of a reading that is too high.
+
+        Parameters
+        ----------
+        high : (n, 3, k) what is added to the raw rates, rad/s
+
+        Returns
+        -------
+        (N, k), not yet whitened
+        """
+        return self.rate_error(-np.einsum("ij,njk->nik", self.G, high))
+
+    def rate_error(self, error: Array) -> Array:
+        """Observations of an error δω of the calibrated rates, (n, 3, k) rad/s → (N, k)."""
+        return self._at_references(np.matmul(self.to_inertial, error) * self.dt[:, None, None])
+
+    def reading_steps(self, high: Array, starts: Indices) -> Array:
+        """As `reading` for one reading switched on at each of several steps: (n, 3), (s,) → (N, s)."""
+        turned = np.einsum("nij,nj->ni", self.to_inertial, -(high @ self.G.T)) * self.dt[:, None]
+        out = np.empty((self.size, starts.size))
+        for block in self.blocks:
+            total = np.vstack([np.zeros(3), np.cumsum(turned[block.steps], axis=0)])
+            begin = np.clip(starts - block.steps.start, 0, len(total) - 1)
+            # Before its start the step has added nothing, after it the sum since then.
+            late = np.maximum(block.ends[:, None], begin[None, :])
+            out[block.rows] = np.moveaxis(total[late] - total[begin][None], 1, 2).reshape(-1, starts.size)
+        return out
+
+    def reference_error(self, error: Array) -> Array:
+        """Observations of errors of the references in body axes, (m, 3, k) rad → (N, k)."""
+        return -np.matmul(self.at_reference, error).reshape(self.size, -1)
+
+    def _at_references(self, increments: Array) -> Array:
+        out = np.empty((self.size, increments.shape[2]))
+        for block in self.blocks:
+            ends = block.ends
+            parts = np.add.reduceat(increments[block.steps], ends[:-1], axis=0)
+            total = np.cumsum(parts, axis=0)
+            out[block.rows] = np.concatenate([np.zeros((1, *total.shape[1:])), total]).reshape(3 * ends.size, -1)
+        return out
+
+    # ---- whitening and projection ----------------------------------------------------------------------------------------
+
+    def whitened(self, columns: Array) -> Array:
+        """L⁻¹ of the columns, (N,) or (N, k)."""
+        out = np.empty_like(columns)
+        for block in self.blocks:
+            out[block.rows] = scipy.linalg.solve_triangular(block.whitener, columns[block.rows], lower=True, check_finite=False)
+        return out
+
+    @cached_property
+    def calibration(self) -> Array:
+        """(N, 12) whitened columns of what G_xx, G_xy, …, G_zz, b_x, b_y, b_z lack: δω = δG ω_raw + δb."""
+        count = len(self.t_s)
+        error = np.zeros((count, 3, 12))
+        for axis in range(3):
+            error[:, axis, 3 * axis : 3 * axis + 3] = self.raw
+            error[:, axis, 9 + axis] = 1.0
+        return self.whitened(self.rate_error(error))
+
+    @cached_property
+    def starts(self) -> Array:
+        """(N, 3 blocks) whitened columns of the start attitude errors φ."""
+        out = np.zeros((self.size, 3 * len(self.blocks)))
+        for number, block in enumerate(self.blocks):
+            out[block.rows, 3 * number : 3 * number + 3] = np.tile(np.eye(3), (block.references.size, 1))
+        return self.whitened(out)
+
+    @cached_property
+    def nuisance(self) -> Array:
+        """(N, q) orthonormal basis of what M0 leaves free."""
+        columns = np.hstack([self.starts, self.calibration, self.whitened(self.free)])
+        columns = columns / np.maximum(np.linalg.norm(columns, axis=0), 1e-300)
+        U, s, _ = np.linalg.svd(columns, full_matrices=False)
+        return np.asarray(U[:, s > RANK * s[0]])
+
+    def projected(self, columns: Array) -> Array:
+        """Whitened columns with the nuisance parameters' part taken out."""
+        return columns - self.nuisance @ (self.nuisance.T @ columns)
+
+    def prepared(self, columns: Array) -> Array:
+        """Whitened and projected."""
+        return self.projected(self.whitened(columns))
+
+    @cached_property
+    def y(self) -> Array:
+        """(N,) whitened and projected observations: N(0, I) on the complement of the nuisance parameters under M0."""
+        return self.prepared(self.zeta)
+
+    @property
+    def degrees_of_freedom(self) -> int:
+        """Observations less the parameters M0 leaves free."""
+        return self.size - self.nuisance.shape[1]
+
+    # ---- cells -----------------------------------------------------------------------------------------------------------
+
+    @cached_property
+    def cells(self) -> Cells:
+        """Cells that end at every reference."""
+        total = float(self.dt.sum())
+        length = total / MOST_CELLS * 1.35  # gaps between references leave short ones
+        parts: list[tuple[int, int, int]] = []
+        for number, block in enumerate(self.blocks):
+            for low, high in zip(block.ends[:-1], block.ends[1:], strict=True):
+                duration = float(self.dt[block.steps][low:high].sum())
+                count = min(max(1, round(duration / length)), int(high - low))
+                edges = np.linspace(low, high, count + 1).round().astype(int) + block.steps.start
+                parts += [(number, int(a), int(b)) for a, b in pairwise(edges)]
+        interval, first, last = (np.array(values) for values in zip(*parts, strict=True))
+        lengths: Array = np.add.reduceat(self.dt, first)
+        run = np.cumsum(lengths) - 0.5 * lengths
+        return Cells(interval, first, last, 0.5 * (self.t_s[first] + self.t_s[last - 1]), run, lengths)
+
+    @cached_property
+    def cell_columns(self) -> Array:
+        """(3, N, c) whitened observations of a unit rate error about each body axis in each cell."""
+        turned = np.add.reduceat(self.to_inertial * self.dt[:, None, None], self.cells.first, axis=0)  # (c, inertial, body)
+        count = len(turned)
+        out = np.zeros((3, self.size, count))
+        for number, block in enumerate(self.blocks):
+            inside = np.flatnonzero(self.cells.interval == number)
+            done = self.cells.last[inside][None, :] - block.steps.start <= block.ends[:, None]  # (m, cells inside)
+            for axis in range(3):
+                part = done[:, None, :] * turned[inside, :, axis].T[None]
+                out[axis][np.ix_(np.arange(block.rows.start, block.rows.stop), inside)] = part.reshape(-1, inside.size)
+        return np.stack([self.whitened(part) for part in out])
+
+    @cached_property
+    def reference_columns(self) -> Array:
+        """(3, N, m) whitened observations of a unit error of each reference about each body axis."""
+        count = len(self.at_reference)
+        out = np.zeros((3, self.size, count))
+        rows = 3 * np.arange(count)[:, None] + np.arange(3)
+        for axis in range(3):
+            out[axis][rows, np.arange(count)[:, None]] = -self.at_reference[:, :, axis]
+        return np.stack([self.whitened(part) for part in out])
+
+
+def linearised(
+    recording: Recording,
+    G: Array,
+    bias: Array,
+    rates: Array | None = None,
+    smooth: Array | None = None,
+    density: Array | None = None,
+    pieces: Sequence[Interval] | None = None,
+    sigma: Array | None = None,
+) -> Model:
+    """The linear model of a recording.
+
+    Parameters
+    ----------
+    recording : gyro stream and reference attitudes
+    G, bias : (3, 3), (3,) rad/s: the parameters to linearise about, usually calibrated under M0
+    rates : (samples, 3) raw rates in place of the recording's own, such as repaired ones
+    smooth : (samples, 3) the same without noise, for the columns; a column that holds the noise of the residuals explains it
+    density : (samples, 3) noise density of the raw rates in place of the stated ARW², rad²/s
+    pieces : intervals to propagate over in place of the recording's own, such as its parts between clipped stretches
+    sigma : (references, 3) sigma of the references in place of the stated one, rad
+    """
+    parts, row_of = _measured(recording, pieces)
+    stream = recording.gyro.rates if rates is None else rates
+    raw = (stream if smooth is None else smooth)[parts.arcs.sample]
+    dt = parts.arcs.dt
+    adjusted = stream[parts.arcs.sample] @ G.T + bias
+    tags = recording.gyro.t_s[parts.arcs.sample]
+    attitudes = recording.attitudes
+    noise = None if density is None else density[parts.arcs.sample]
+    sigmas = attitudes.sigma if sigma is None else sigma
+    blocks: list[Block] = []
+    turned, at_reference, zeta, middle = [], [], [], []
+    row = 0
+    for number in range(int(parts.arcs.arc[-1]) + 1):
+        outputs = np.flatnonzero(parts.arcs.arc == number)
+        low, high = int(parts.arcs.first[outputs[0]]), int(parts.arcs.last[outputs[-1]])
+        references = row_of[np.append(parts.start[outputs[0]], parts.row[outputs])]
+        ends = np.append(0, parts.arcs.last[outputs] - low)
+        angles = adjusted[low:high] * dt[low:high, None]
+        path = Rotation.from_quat(accumulate(attitudes.quaternions[references[0]], angles))
+        turned.append((path[:-1] * Rotation.from_rotvec(0.5 * angles)).as_matrix())
+        propagated = path[ends]
+        theta = (Rotation.from_quat(attitudes.quaternions[references]).inv() * propagated).as_rotvec()
+        zeta.append(-propagated.apply(theta).ravel())
+        A_T = propagated.as_matrix()
+        at_reference.append(A_T)
+        elapsed = np.append(0.0, parts.elapsed_s[outputs])
+        # The steps of an interval follow one another without a hole.
+        middle.append(
+            tags[low] + _offset(tags[low], attitudes.t_s[references[0]]) + np.cumsum(dt[low:high]) - 0.5 * dt[low:high]
+        )
+        rows = slice(row, row + 3 * references.size)
+        if noise is None:
+            walk = recording.gyro.arw**2 * elapsed[:, None, None] * np.eye(3)
+        else:
+            walk = _walk(turned[-1] @ G, noise[low:high], dt[low:high], ends)
+        covariance = _covariance(A_T, sigmas[references], walk)
+        whitener = np.asarray(np.linalg.cholesky(covariance))
+        middle_time = 0.5 * (attitudes.t_s[references[0]] + attitudes.t_s[references[-1]])
+        interval = next(k for k, own in enumerate(recording.intervals) if own.start_s <= middle_time <= own.stop_s)
+        blocks.append(Block(interval, slice(low, high), rows, references, ends, elapsed, whitener))
+        row = rows.stop
+    return Model(
+        recording, G, bias, np.concatenate(middle), dt, raw, raw @ G.T + bias, np.concatenate(turned),
+        np.concatenate(at_reference), tuple(blocks), np.concatenate(zeta), np.empty((row, 0)),
+    )  # fmt: skip
+
+
+def _measured(recording: Recording, pieces: Sequence[Interval] | None) -> tuple[Measurements, Indices]:
+    """The arcs of some pieces, and the recording's row of each reference they count."""
+    attitudes = recording.attitudes
+    if pieces is None:
+        return measurements(recording), np.arange(attitudes.t_s.size)
+    rows = np.unique(np.concatenate([reference_rows(attitudes.t_s, piece) for piece in pieces]))
+    kept = Attitudes(attitudes.t_s[rows], attitudes.quaternions[rows], attitudes.sigma[rows])
+    return measurements(replace(recording, intervals=tuple(pieces), attitudes=kept)), rows
+
+
+def _offset(tag: float, first: float) -> float:
+    """From the tag of the first sample to the first reference, where the first step begins."""
+    return first - tag
+
+
+def _walk(turned: Array, density: Array, dt: Array, ends: Indices) -> Array:
+    """(m, 3, 3) covariance of the integrated gyro noise at each reference, density (n, 3) in rad²/s."""
+    rate = np.matmul(turned * (density * dt[:, None])[:, None, :], turned.transpose(0, 2, 1))
+    total = np.cumsum(np.add.reduceat(rate, ends[:-1], axis=0), axis=0)
+    return np.concatenate([np.zeros((1, 3, 3)), total])
+
+
+def _covariance(A_T: Array, sigma: Array, walk: Array) -> Array:
+    """(3m, 3m) covariance of an interval's observations: the walk up to the earlier of two, and the references' noise."""
+    count = len(walk)
+    V = np.array(walk[np.minimum.outer(np.arange(count), np.arange(count))])  # (m, m, 3, 3)
+    diagonal = np.arange(count)
+    V[diagonal, diagonal] += np.einsum("mij,mj,mkj->mik", A_T, sigma**2, A_T)
+    return np.asarray(V.transpose(0, 2, 1, 3).reshape(3 * count, 3 * count))

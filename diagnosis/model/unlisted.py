@@ -1,0 +1,241 @@
+"""Discrepancies that are no effect of the list: the rivals called "unknown".
+
+A cause may be named only if it explains the data better than anything that behaves alike but is something else. The rivals
+are therefore broad: rate errors that follow the rate in other ways (products, cubes, cross axes), that run with the time
+since an interval's start, with mission time or with any period, that are locked to the orbit's harmonics, that differ from
+interval to interval, plain random ones at several time scales, and the same on the side of the references. Narrow rivals let
+an unlisted effect pass as its nearest listed neighbour.
+
+Each family gives columns per unit amplitude; amplitudes are taken in terms of what the recording can show, since nothing is
+known of them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from itertools import combinations_with_replacement, pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+from diagnosis.model.recording import Model
+
+Array = NDArray[np.float64]
+
+AXES = "xyz"
+DAY = 86400.0
+WARM_UP = (200.0, 600.0, 1800.0)  # s
+PERIODS = 28  # of the scan for any period
+
+
+@dataclass(frozen=True)
+class Family:
+    """A kind of discrepancy.
+
+    Attributes
+    ----------
+    name : what it is, in words
+    axis : body axis it acts about
+    columns : per option, (N, k) whitened columns of unit size
+    """
+
+    name: str
+    axis: str
+    columns: list[Array]
+
+
+@dataclass(frozen=True)
+class Bins:
+    """Short stretches over which smooth regressors are taken as constant."""
+
+    turned: Array  # (n, 3, 3) Aᵀ dt summed
+    t_s: Array
+    rates: Array  # (n, 3)
+    acceleration: Array  # (n, 3)
+    since_s: Array  # since the interval's start
+    interval: NDArray[np.intp]
+    ends: list[NDArray[np.intp]]  # of each block: bins done at each reference
+
+
+def binned(model: Model, bin_s: float) -> Bins:
+    """Stretches of about `bin_s` that end at every reference."""
+    first: list[NDArray[np.intp]] = []
+    ends: list[NDArray[np.intp]] = []
+    interval = []
+    step = max(1, round(bin_s / float(np.median(model.dt))))
+    count = 0
+    for number, block in enumerate(model.blocks):
+        inner = np.union1d(np.arange(0, block.steps.stop - block.steps.start, step), block.ends[:-1])
+        first.append(inner + block.steps.start)
+        ends.append(np.append(np.searchsorted(inner, block.ends[:-1]), inner.size) + 0)
+        interval.append(np.full(inner.size, number))
+        count += inner.size
+    starts = np.concatenate(first)
+    dt = np.add.reduceat(model.dt, starts)
+    mean = np.add.reduceat(model.rates * model.dt[:, None], starts, axis=0) / dt[:, None]
+    t = np.add.reduceat(model.t_s * model.dt, starts) / dt
+    belongs = np.concatenate(interval)
+    begin = np.array([model.t_s[block.steps.start] for block in model.blocks])
+    acceleration = np.empty_like(mean)
+    for number in range(len(model.blocks)):
+        inside = belongs == number
+        acceleration[inside] = np.gradient(mean[inside], t[inside], axis=0) if inside.sum() > 1 else 0.0
+    return Bins(
+        turned=np.add.reduceat(model.to_inertial * model.dt[:, None, None], starts, axis=0),
+        t_s=t,
+        rates=mean,
+        acceleration=acceleration,
+        since_s=t - begin[belongs],
+        interval=belongs,
+        ends=ends,
+    )
+
+
+def _observed(model: Model, bins: Bins, axis: int, values: Array) -> Array:
+    """(N, k) whitened columns of rate errors about one axis, (bins, k)."""
+    moved = bins.turned[:, :, axis, None] * values[:, None, :]
+    out = np.empty((model.size, values.shape[1]))
+    for number, block in enumerate(model.blocks):
+        inside = moved[bins.interval == number]
+        total = np.concatenate([np.zeros((1, *inside.shape[1:])), np.cumsum(inside, axis=0)])
+        out[block.rows] = total[bins.ends[number]].reshape(-1, values.shape[1])
+    return model.whitened(out)
+
+
+def _unit(values: Array) -> Array:
+    """Columns scaled to a root mean square of one, so that amplitudes compare."""
+    size = np.sqrt(np.mean(values**2, axis=0))
+    return values / np.where(size > 0, size, 1.0)
+
+
+def families(model: Model, bin_s: float = 8.0) -> Iterator[Family]:
+    """All families with a few columns; the random ones are in `diagnosis.model.processes`."""
+    bins = binned(model, bin_s)
+    yield from _rate_following(model, bins)
+    yield from _in_time(model, bins)
+    yield from _on_references(model)
+
+
+def _several(model: Model, bins: Bins, name: str, options: list[Array]) -> Iterator[Family]:
+    """One family for each axis from options (bins, k) that do not depend on the axis."""
+    widths = np.cumsum([0] + [option.shape[1] for option in options])
+    together = _unit(np.hstack(options))
+    for axis in range(3):
+        columns = _observed(model, bins, axis, together)
+        yield Family(name, AXES[axis], [columns[:, a:b] for a, b in pairwise(widths)])
+
+
+def _rate_following(model: Model, bins: Bins) -> Iterator[Family]:
+    w, a = bins.rates, bins.acceleration
+    speed = np.abs(w)
+    products = [w[:, [i]] * w[:, [j]] for i, j in combinations_with_replacement(range(3), 2)]
+    yield from _several(model, bins, "follows a product of rates", products)
+    for axis in range(3):
+        others = [k for k in range(3) if k != axis]
+        across = np.column_stack([speed[:, others], (w * speed)[:, others], np.linalg.norm(w, axis=1)])
+        columns = _observed(model, bins, axis, _unit(across))
+        yield Family("follows the size of another axis' rate", AXES[axis], [columns[:, [k]] for k in range(columns.shape[1])])
+    yield from _several(model, bins, "follows the cube of a rate", [w[:, [k]] ** 3 for k in range(3)])
+    for axis in range(3):
+        columns = _observed(model, bins, axis, _unit(a))
+        # The three axes together are a time offset or a lag; one of them alone is neither.
+        yield Family("follows an angular acceleration", AXES[axis], [columns[:, [k]] for k in range(3)])
+    mission = (bins.t_s - bins.t_s.mean())[:, None] / DAY
+    yield from _several(model, bins, "scale factor or misalignment drifts", [mission * w[:, [k]] for k in range(3)])
+    warm = np.exp(-bins.since_s / 1000.0)[:, None]
+    yield from _several(model, bins, "scale factor or misalignment settles after a start", [warm * w[:, [k]] for k in range(3)])
+    orbit = model.stream.orbit_period_s
+    if np.isfinite(orbit):
+        angle = 2 * np.pi / orbit * bins.t_s
+        wave = np.column_stack([np.sin(angle), np.cos(angle)])
+        yield from _several(model, bins, "scale factor or misalignment at orbit rate", [wave * w[:, [k]] for k in range(3)])
+
+
+def _in_time(model: Model, bins: Bins) -> Iterator[Family]:
+    since, t = bins.since_s[:, None], bins.t_s[:, None]
+    trend = [np.exp(-since / tau) for tau in WARM_UP] + [since]
+    yield from _several(model, bins, "bias runs with the time since an interval's start", trend)
+    own = []
+    for values in trend[1:]:
+        each = np.zeros((len(values), len(model.blocks)))
+        each[np.arange(len(values)), bins.interval] = values[:, 0]
+        own.append(each)
+    yield from _several(model, bins, "bias runs in each interval in its own way", own)
+    span = t - t.min()
+    length = max(float(span.max()), 1.0)
+    mission = [(span / length) ** 2, *(np.exp(-span / (length * f)) for f in (0.02, 0.1, 0.3))]
+    yield from _several(model, bins, "bias changes with mission time, not linearly", mission)
+    longest = max(float(block.elapsed_s[-1]) for block in model.blocks)
+    shortest = max(4.0 * float(np.median(np.diff(model.recording.attitudes.t_s))), longest / 60)
+    orbit = model.stream.orbit_period_s
+    if np.isfinite(orbit):
+        waves = [_wave(t, orbit / k) for k in (2, 3, 4)]
+        yield from _several(model, bins, "bias at a harmonic of the orbit rate", waves)
+    if longest > 2 * shortest:
+        waves = [_wave(t, period) for period in np.geomspace(shortest, 2.5 * longest, PERIODS)]
+        yield from _several(model, bins, "bias of another period", waves)
+        waves = [_wave(since, period) for period in np.geomspace(shortest, 2.5 * longest, PERIODS // 2)]
+        yield from _several(model, bins, "bias of a period counted from each interval's start", waves)
+
+
+def _wave(t: Array, period: float) -> Array:
+    angle = 2 * np.pi / period * t
+    return np.hstack([np.sin(angle), np.cos(angle)])
+
+
+def _on_references(model: Model) -> Iterator[Family]:
+    references = model.references
+    t = references.t_s[:, None]
+    begin = np.array([model.t_s[block.steps.start] for block in model.blocks])
+    since = t - begin[model.interval_of_reference][:, None]
+    orbit = model.stream.orbit_period_s
+    longest = max(float(block.elapsed_s[-1]) for block in model.blocks)
+    shortest = max(4.0 * float(np.median(np.diff(model.recording.attitudes.t_s))), longest / 60)
+    w = np.concatenate([model.rates[_step_at(model, number)] for number in range(len(model.blocks))])
+    groups: list[tuple[str, list[Array]]] = [
+        ("references run with the time since an interval's start", [since, *(np.exp(-since / tau) for tau in WARM_UP[1:])]),
+        ("references drift with mission time", [t - t.mean()]),
+        ("references follow a rate", [w[:, [k]] for k in range(3)] + [np.abs(w[:, [k]]) for k in range(3)]),
+        ("references differ between flight directions", _directions(references.forward)),
+        ("references step at a time", _steps(model, t)),
+    ]
+    if np.isfinite(orbit):
+        groups.append(("references at a higher harmonic of the orbit rate", [_wave(t, orbit / k) for k in (3, 4, 6)]))
+    if longest > 2 * shortest:
+        groups.append(
+            ("references of another period", [_wave(t, period) for period in np.geomspace(shortest, 2.5 * longest, PERIODS)])
+        )
+    for name, options in groups:
+        if not options:
+            continue
+        widths = np.cumsum([0] + [option.shape[1] for option in options])
+        together = _unit(np.hstack(options))
+        for axis in range(3):
+            error = np.zeros((len(t), 3, together.shape[1]))
+            error[:, axis] = together
+            columns = model.whitened(model.reference_error(error))
+            yield Family(name, AXES[axis], [columns[:, a:b] for a, b in pairwise(widths)])
+
+
+def _step_at(model: Model, number: int) -> NDArray[np.intp]:
+    """Step in progress at each reference of a block."""
+    block = model.blocks[number]
+    return np.minimum(block.ends + block.steps.start, block.steps.stop - 1)
+
+
+def _directions(forward: NDArray[np.str_]) -> list[Array]:
+    """Indicator of each flight direction but those a listed effect covers."""
+    return [(forward == name)[:, None].astype(float) for name in sorted(set(forward)) if name not in ("-x", "+x")]
+
+
+def _steps(model: Model, t: Array) -> list[Array]:
+    """Steps of the references inside each interval; between intervals they cannot be seen."""
+    times = np.concatenate(
+        [np.linspace(t[block_rows][0, 0], t[block_rows][-1, 0], 7)[1:-1] for block_rows in _rows_of_blocks(model)]
+    )
+    return [(t > time).astype(float) for time in times]
+
+
+def _rows_of_blocks(model: Model) -> list[NDArray[np.intp]]:
+    return [np.flatnonzero(model.interval_of_reference == number) for number in range(len(model.blocks))]

@@ -1,0 +1,1 @@
+"""The Davenport gyro calibration: propagation, covariance of the residuals, normal equations, solution, observability."""

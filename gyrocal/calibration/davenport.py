@@ -1,0 +1,455 @@
+"""The Davenport gyro calibration in the recursive form of N section IV.
+
+The state error Δx = x_adj − x_true moves the residual of a maneuver, exp([θ×]) = A_obs A_propᵀ (N 16), by θ = Θ Δx, with
+δω = ω_adj − ω_true = F Δx. Maneuver by maneuver,
+
+    u ← u + Θᵀ C⁻¹ θ,    W ← W + Θᵀ C⁻¹ Θ                                                        N (31), (32)
+    Δx = P u,  P = W⁻¹,    x ← x − Δx                                                                  N (33)
+
+With an a-priori covariance P₀ about x₀, W starts at P₀⁻¹ and u at P₀⁻¹ (x − x₀), so that further iterations do not count
+the prior twice. N (29) as printed has the opposite sign of N (16); see `gyrocal.attitude`. A sign slip here diverges: the
+tests recover known parameters from noise-free data.
+
+`RecursiveCalibrator` takes samples and forgets them. `calibrate` does a whole recording with the compiled pass, iterates, and
+accepts series of reference attitudes, whose residuals correlate within an interval: then C is the joint covariance of a
+group of residuals, see `gyrocal.calibration.covariance`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from importlib import metadata
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import scipy.special
+from numpy.typing import NDArray
+
+from gyrocal import attitude
+from gyrocal.calibration import normal_equations as accumulation
+from gyrocal.calibration.covariance import CovarianceModel
+from gyrocal.calibration.observability import PLAUSIBLE_BIAS, PLAUSIBLE_G, PLAUSIBLE_RANGE, Observability, observability
+from gyrocal.calibration.parameters import AXES, NAMES, GyroParameters, select
+from gyrocal.calibration.problem import Problem, State
+from gyrocal.calibration.propagation import Psi, StreamingPropagation
+from gyrocal.calibration.sampling import Measurements, Resampling, measurements
+from gyrocal.errors import InputError, UnobservableError
+from gyrocal.recording import Recording
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.intp]
+
+ROTATION_NAMES = ("roll", "pitch", "yaw")
+SINGULAR = 1e-14  # eigenvalue of a correlation matrix that is rounding
+
+
+class Accumulation:
+    """u and W of N (31)–(32), and the solution (33), for the solved-for parameters.
+
+    Parameters are scaled by their plausible range inside, since W spans twelve decades in units of G and rad/s.
+
+    Parameters
+    ----------
+    names : the solved-for parameters
+    apriori_covariance : (p, p) P₀, G dimensionless and b in rad/s, or None
+    apriori_error : (p,) x − x₀, zero at the first iteration
+    """
+
+    def __init__(self, names: tuple[str, ...], apriori_covariance: Array | None = None, apriori_error: Array | None = None):
+        self.columns = [NAMES.index(name) for name in names]
+        self.scale = PLAUSIBLE_RANGE[self.columns]
+        p = len(names)
+        self.W: Array = np.zeros((p, p))
+        self.u: Array = np.zeros(p)
+        if apriori_covariance is not None:
+            self.W = np.asarray(np.linalg.inv(apriori_covariance / np.outer(self.scale, self.scale)))
+            self.u = self.W @ ((np.zeros(p) if apriori_error is None else apriori_error) / self.scale)
+
+    def add(self, H: Array, z: Array) -> None:
+        """Add whitened residuals z (r,) with whitened, scaled sensitivity H (r, p)."""
+        W, u = accumulation.accumulate(H, z)
+        self.W += W
+        self.u += u
+
+    def solve(self) -> tuple[Array, Array]:
+        """Δx (p,) and P (p, p)."""
+        P = np.asarray(np.linalg.inv(self.W) * np.outer(self.scale, self.scale))
+        return np.asarray(self.scale * np.linalg.solve(self.W, self.u)), P
+
+
+class RecursiveCalibrator:
+    """One pass of N section IV, sample by sample, in constant memory: one residual a maneuver.
+
+    Parameters
+    ----------
+    parameters : what the rates are adjusted with
+    arw : rad/sqrt(s); adds ARW² T to each maneuver's C, zero for the paper's
+    solve_for : see `gyrocal.calibration.parameters.select`
+    psi : "full" or "linear"
+    apriori_covariance : (p, p) or None
+    """
+
+    def __init__(
+        self,
+        parameters: GyroParameters,
+        arw: float = 0.0,
+        solve_for: str | Iterable[str] = "all",
+        psi: Psi = "full",
+        apriori_covariance: Array | None = None,
+    ):
+        self.parameters = parameters
+        self.names = select(solve_for)
+        self._arw, self._psi = arw, psi
+        self._sums = Accumulation(self.names, apriori_covariance)
+
+    def start(self, A_obs: Array, sigma: Array) -> None:
+        """Begin a maneuver at the observed attitude A_obs (3, 3), with 1-sigma (3,) rad per body axis."""
+        self._A, self._C = np.array(A_obs), np.diag(np.square(sigma))
+        self._pass = StreamingPropagation(self.parameters.G, self.parameters.bias, psi=self._psi)
+
+    def sample(self, raw: Array, dt: float) -> None:
+        """Propagate over one gyro sample, raw (3,) rad/s over dt seconds."""
+        self._pass.update(raw, dt)
+
+    def finish(self, A_obs: Array, sigma: Array) -> Array:
+        """End the maneuver at the observed attitude; returns the residual θ (3,) of N (16), rad."""
+        R = self._pass.R
+        theta = attitude.residual(A_obs, R @ self._A)
+        C = np.diag(np.square(sigma)) + R @ self._C @ R.T + self._arw**2 * self._pass.t * np.eye(3)
+        Theta = self._pass.Theta[:, self._sums.columns] * self._sums.scale
+        white = accumulation.whiten(C, np.column_stack([Theta, theta]))
+        self._sums.add(white[:, :-1], white[:, -1])
+        return theta
+
+    def solve(self) -> tuple[GyroParameters, Array]:
+        """Corrected parameters and their covariance (p, p) after the last maneuver, N (33)."""
+        correction, P = self._sums.solve()
+        x = self.parameters.vector
+        x[self._sums.columns] -= correction
+        return GyroParameters.from_vector(x), P
+
+
+@dataclass(frozen=True)
+class CalibrationResult:
+    """What a calibration found.
+
+    Attributes
+    ----------
+    recording : title of the recording
+    parameters : calibrated G and b
+    initial : G and b the calibration started from
+    solved_for : names of the estimated parameters, in the order of the covariance's non-zero rows
+    covariance : (12, 12) in the order of `NAMES`, zero for held parameters; G dimensionless, b rad/s
+    covariance_model : "full", "references only", or "given" for a C per interval or one V of all residuals
+    psi : "full" or "linear"
+    corrections : the change of (G, b) made by each iteration
+    converged : the last correction was within the tolerance
+    residuals : a row per interval and reference time: interval, t_s, then before/after roll, pitch, yaw by the full rotation
+        vector (N 16) and by the linear form (N 29), and sigma, what the covariance model expects of each, in degrees
+    history : (m, 3) residuals θ of N (16), rad, at the start and after each iteration
+    observability : singular values and combinations not found
+    options : what it was asked with (step_s, resampling, max_gap_s, held_s, prior sigmas by parameter), for the record
+    chi2, dof : weighted square sum of the residuals after, with a prior's own term, and its degrees of freedom
+    """
+
+    recording: str
+    parameters: GyroParameters
+    initial: GyroParameters
+    solved_for: tuple[str, ...]
+    covariance: Array
+    covariance_model: str
+    psi: Psi
+    corrections: tuple[GyroParameters, ...]
+    converged: bool
+    residuals: pd.DataFrame
+    history: tuple[Array, ...]
+    observability: Observability
+    chi2: float
+    dof: int
+    options: Mapping[str, Any]
+
+    @property
+    def G(self) -> Array:
+        """(3, 3) calibrated G."""
+        return self.parameters.G
+
+    @property
+    def bias(self) -> Array:
+        """(3,) calibrated b, rad/s."""
+        return self.parameters.bias
+
+    @property
+    def sigma(self) -> Array:
+        """(12,) formal 1-sigma in the order of `NAMES`; zero for held parameters."""
+        return np.asarray(np.sqrt(np.diag(self.covariance)))
+
+    @property
+    def p_value(self) -> float:
+        """Probability of a larger chi2 if the noise is as stated; NaN without degrees of freedom."""
+        return float(scipy.special.chdtrc(self.dof, self.chi2)) if self.dof > 0 else float("nan")
+
+    def summary(self) -> pd.DataFrame:
+        """A row per parameter: initial, calibrated, correction and sigma; biases in deg/s, G dimensionless."""
+        import pandas as pd  # late: 65 MiB that a Monte Carlo worker does without
+
+        unit = np.array([1.0] * 9 + [np.rad2deg(1.0)] * 3)
+        initial, final = self.initial.vector * unit, self.parameters.vector * unit
+        return pd.DataFrame(
+            {
+                "parameter": NAMES,
+                "unit": ["1"] * 9 + ["deg/s"] * 3,
+                "initial": initial,
+                "calibrated": final,
+                "correction": final - initial,
+                "sigma": self.sigma * unit,
+                "solved": [name in self.solved_for for name in NAMES],
+            }
+        )
+
+    def to_json(self) -> dict[str, Any]:
+        """The result as plain values, degrees and deg/s."""
+        unit = np.array([1.0] * 9 + [np.rad2deg(1.0)] * 3)
+        sigma = self.sigma * unit
+        rows = [
+            {
+                "interval": row["interval"],
+                "t_s": row["t_s"],
+                "before_deg": [row[f"before_{name}_deg"] for name in ROTATION_NAMES],
+                "after_deg": [row[f"after_{name}_deg"] for name in ROTATION_NAMES],
+            }
+            for row in self.residuals.to_dict("records")
+        ]
+        return {
+            "format": 1,
+            "recording": self.recording,
+            "psi": self.psi,
+            "iterations": len(self.corrections),
+            "converged": self.converged,
+            "G": self.G.tolist(),
+            "bias_deg_s": np.rad2deg(self.bias).tolist(),
+            "sigma_G": sigma[:9].reshape(3, 3).tolist(),
+            "sigma_bias_deg_s": sigma[9:].tolist(),
+            "parameters": list(self.solved_for),
+            "covariance": (self.covariance * np.outer(unit, unit)).tolist(),
+            "covariance_model": self.covariance_model,
+            "corrections": [{"G": c.G.tolist(), "bias_deg_s": np.rad2deg(c.bias).tolist()} for c in self.corrections],
+            "residuals": rows,
+            "unobservable": list(self.observability.unobservable),
+            "condition": self.observability.condition if np.isfinite(self.observability.condition) else None,
+            "chi2": self.chi2,
+            "degrees_of_freedom": self.dof,
+            "p_value": self.p_value if self.dof > 0 else None,
+            "initial": {"G": self.initial.G.tolist(), "bias_deg_s": np.rad2deg(self.initial.bias).tolist()},
+            "options": dict(self.options),
+            "version": metadata.version("gyrocal"),
+            "gyros": self.parameters.table().to_dict("records"),
+        }
+
+
+def calibrate(
+    recording: Recording,
+    *,
+    initial: GyroParameters | None = None,
+    solve_for: str | Iterable[str] = "all",
+    psi: Psi = "full",
+    iterations: int | None = None,
+    max_iterations: int = 10,
+    tolerance_G: float = 1e-9,
+    tolerance_bias: float = 1e-12,
+    apriori_covariance: Array | None = None,
+    covariance_model: CovarianceModel = "full",
+    interval_covariance: Array | None = None,
+    residual_covariance: Array | None = None,
+    step_s: float | None = None,
+    resampling: Resampling = "average",
+    max_gap_s: float | None = None,
+    plausible_G: float = PLAUSIBLE_G,
+    plausible_bias: float = PLAUSIBLE_BIAS,
+) -> CalibrationResult:
+    """Calibrate the gyro of a recording.
+
+    Parameters
+    ----------
+    recording : gyro stream, reference attitudes (ends only, or a series), intervals
+    initial : parameters to start from; the recording's a-priori ones by default
+    solve_for : parameters to estimate, the rest is held; see `gyrocal.calibration.parameters.select`
+    psi : "full" N (11), or "linear" for Davenport's conventional form
+    iterations : exactly so many; None iterates to the tolerance
+    max_iterations : bound on the iterations to tolerance
+    tolerance_G, tolerance_bias : largest last correction of an element of G and of b (rad/s)
+    apriori_covariance : (p, p) of the solved-for parameters about `initial`; G dimensionless, b rad/s
+    covariance_model : "full" with gyro noise and shared references, or "references only", the paper's C
+    interval_covariance : (intervals, 3, 3) C of each interval's residuals, rad², instead of a model
+    residual_covariance : (3m, 3m) V of all m residuals together, rad², interval by interval in the order of time, instead;
+        see `gyrocal.estimation.reference_covariance`
+    step_s, resampling, max_gap_s : see `gyrocal.calibration.sampling.measurements`
+    plausible_G, plausible_bias : how far elements of G and of b (rad/s) may plausibly be off; a combination the data do not
+        determine better than that counts as not found
+
+    Returns
+    -------
+    CalibrationResult
+
+    Raises
+    ------
+    UnobservableError
+        The data leave a combination free and no a-priori covariance is given.
+    InputError
+        The recording or an argument cannot be used.
+    """
+    names = select(solve_for)
+    p = len(names)
+    limit = max_iterations if iterations is None else iterations
+    if limit < 1:
+        raise InputError(f"at least one iteration is needed, not {limit}")
+    if apriori_covariance is not None:
+        apriori_covariance = _checked_covariance(apriori_covariance, p, "the a-priori covariance")
+    if interval_covariance is not None and residual_covariance is not None:
+        raise InputError("give interval_covariance or residual_covariance, not both")
+    given = _checked_interval_covariance(interval_covariance, len(recording.intervals))
+    prepared = measurements(recording, step_s, resampling, max_gap_s)
+    joint = _checked_residual_covariance(residual_covariance, len(prepared.row))
+    problem = Problem.of(recording, prepared, names, psi, covariance_model, given, joint)
+    plausible = np.where(problem.columns < 9, plausible_G, plausible_bias)
+    if not (np.isfinite(plausible).all() and (plausible > 0).all()):
+        raise InputError("plausible_G and plausible_bias must be positive and finite")
+    start = initial or GyroParameters(recording.gyro.apriori_G, recording.gyro.apriori_bias)
+    x, columns = start.vector, problem.columns
+    corrections: list[GyroParameters] = []
+    history: list[Array] = []
+    converged = False
+    first = state = problem.state(start)
+    judged = observability(state.H / problem.scale, plausible, names)
+    if judged.unobservable and apriori_covariance is None:
+        raise UnobservableError(
+            _unobservable_message(recording, len(state.theta), judged.unobservable, plausible, problem.columns),
+            judged.unobservable,
+        )
+    for _ in range(limit):
+        sums = Accumulation(names, apriori_covariance, (x - start.vector)[columns])
+        sums.add(state.H, state.z)
+        step = np.zeros(12)
+        step[columns], P = sums.solve()
+        x = x - step
+        corrections.append(GyroParameters.from_vector(-step))
+        history.append(state.theta)
+        state = problem.state(GyroParameters.from_vector(x))
+        converged = bool(np.abs(step[:9]).max() <= tolerance_G and np.abs(step[9:]).max() <= tolerance_bias)
+        if converged and iterations is None:
+            break
+    covariance = np.zeros((12, 12))
+    covariance[np.ix_(columns, columns)] = P
+    return CalibrationResult(
+        recording=recording.title,
+        parameters=GyroParameters.from_vector(x),
+        initial=start,
+        solved_for=names,
+        covariance=covariance,
+        covariance_model=problem.model,
+        psi=psi,
+        corrections=tuple(corrections),
+        converged=converged,
+        residuals=_residual_table(recording, prepared, first, state),
+        history=(*history, state.theta),
+        observability=judged,
+        chi2=state.chi2 + _prior_chi2(x - start.vector, columns, apriori_covariance),
+        # A prior adds p equations and the solution takes p away.
+        dof=3 * len(state.theta) - (p if apriori_covariance is None else 0),
+        options={
+            "step_s": step_s or recording.gyro.sample_s,
+            "resampling": resampling,
+            "max_gap_s": max_gap_s,
+            "held_s": prepared.held_s,
+            "prior_sigma": None
+            if apriori_covariance is None
+            else dict(zip(names, np.sqrt(np.diag(apriori_covariance)).tolist(), strict=True)),
+        },
+    )
+
+
+def residual_table(
+    recording: Recording,
+    parameters: GyroParameters,
+    *,
+    psi: Psi = "full",
+    step_s: float | None = None,
+    resampling: Resampling = "average",
+    max_gap_s: float | None = None,
+) -> pd.DataFrame:
+    """Residuals under given parameters, nothing estimated; columns as in `CalibrationResult.residuals`, "before" only."""
+    prepared = measurements(recording, step_s, resampling, max_gap_s)
+    state = Problem.of(recording, prepared, psi=psi).state(parameters)
+    table = _residual_table(recording, prepared, state, state)
+    return table[[column for column in table.columns if not column.startswith("after")]]
+
+
+def _checked_covariance(value: Array, size: int, what: str) -> Array:
+    value = np.array(value, dtype=float)
+    if value.shape != (size, size):
+        raise InputError(f"{what} must be {size}×{size}, not {'×'.join(map(str, value.shape))}")
+    variance = np.diag(value)
+    if np.isfinite(value).all() and (variance > 0).all():
+        # Correlations: of variances in rad², an absolute tolerance would take anything for symmetric.
+        scaled = value / np.sqrt(np.outer(variance, variance))
+        if np.allclose(scaled, scaled.T, rtol=0, atol=1e-6) and np.linalg.eigvalsh(scaled)[0] > SINGULAR:
+            return value
+    raise InputError(f"{what} must be symmetric and positive definite")
+
+
+def _checked_interval_covariance(value: Array | None, intervals: int) -> Array | None:
+    if value is None:
+        return None
+    if np.shape(value) != (intervals, 3, 3):
+        raise InputError(f"interval_covariance must be {intervals}×3×3, a C for each interval")
+    return np.array([_checked_covariance(C, 3, f"C of interval {k}") for k, C in enumerate(value)])
+
+
+def _checked_residual_covariance(value: Array | None, residuals: int) -> Array | None:
+    if value is None:
+        return None
+    size = 3 * residuals
+    return _checked_covariance(value, size, f"residual_covariance, three rows for each of {residuals} residuals,")
+
+
+def _prior_chi2(change: Array, columns: Indices, apriori_covariance: Array | None) -> float:
+    """(x − x₀)ᵀ P₀⁻¹ (x − x₀), zero without a prior."""
+    if apriori_covariance is None:
+        return 0.0
+    return float(change[columns] @ np.linalg.solve(apriori_covariance, change[columns]))
+
+
+def _unobservable_message(
+    recording: Recording, references: int, combinations: tuple[str, ...], plausible: Array, columns: Indices
+) -> str:
+    """One line; references is the number of residual vectors, plausible and columns are those of the solved-for parameters."""
+    intervals = len(recording.intervals)
+    equations = 3 * references
+    lead = f"{equations} equations for {len(plausible)} parameters: " if equations < len(plausible) else ""
+    biases = columns >= 9
+    ranges = {f"{value:g} in G" for value in plausible[~biases]}
+    ranges |= {f"{np.rad2deg(value) * 3600:.3g} deg/h in b" for value in plausible[biases]}
+    return (
+        f"{lead}{len(combinations)} parameter combination(s) cannot be found from {intervals} interval(s) "
+        f"with the stated noise to within their plausible range ({', '.join(sorted(ranges))}): {'; '.join(combinations)}; "
+        "add maneuvers with other rates, hold parameters that are known better, or give an a-priori covariance"
+    )
+
+
+def _residual_table(recording: Recording, prepared: Measurements, before: State, after: State) -> pd.DataFrame:
+    import pandas as pd  # late: 65 MiB that a Monte Carlo worker does without
+
+    columns: dict[str, Any] = {
+        "interval": [recording.intervals[k].name for k in prepared.arcs.arc],
+        "t_s": recording.attitudes.t_s[prepared.row],
+    }
+    for label, state in (("before", before), ("after", after)):
+        for form, values in (("", state.theta), ("linear_", state.theta_linear)):
+            for k in range(len(AXES)):
+                columns[f"{label}_{form}{ROTATION_NAMES[k]}_deg"] = np.rad2deg(values[:, k])
+    for k in range(len(AXES)):
+        columns[f"sigma_{ROTATION_NAMES[k]}_deg"] = np.rad2deg(after.sigma[:, k])
+    return pd.DataFrame(columns)

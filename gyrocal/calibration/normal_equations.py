@@ -1,0 +1,219 @@
+"""The compiled core of a calibration: residuals, their whitening, u and W, and the iteration.
+
+Maneuver by maneuver, or group by group where residuals correlate, with V = L Lᵀ the covariance of the group's residuals,
+
+    H = L⁻¹ Θ D,  z = L⁻¹ θ,    W ← W + Hᵀ H,  u ← u + Hᵀ z                                    N (31), (32)
+    Δx = D W⁻¹ u,    P = D W⁻¹ D                                                                      N (33)
+
+D scales the parameters by their plausible range, since W spans twelve decades in units of G and rad/s. Everything here works
+on arrays of one prepared `Problem` (see `gyrocal.calibration.problem`) and holds no state.
+"""
+
+from math import atan2, sqrt
+
+import numba
+import numpy as np
+from numpy.typing import NDArray
+
+from gyrocal.calibration.covariance import residual_covariance
+from gyrocal.calibration.propagation import propagate_packed
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.intp]
+
+SMALL_SINE = 1e-9  # below it a rotation vector is its sine to rounding
+
+
+@numba.njit(cache=True, nogil=True)
+def residuals(R: Array, A_start: Array, A_obs: Array) -> Array:  # pragma: no cover - compiled
+    """θ (m, 3) of N (16), exp([θ×]) = A_obs (R A_start)ᵀ; the full rotation vector, below half a turn."""
+    m = len(R)
+    theta = np.empty((m, 3))
+    prop, delta = np.empty((3, 3)), np.empty((3, 3))
+    for a in range(m):
+        for i in range(3):
+            for j in range(3):
+                prop[i, j] = 0.0
+                for k in range(3):
+                    prop[i, j] += R[a, i, k] * A_start[a, k, j]
+        for i in range(3):
+            for j in range(3):
+                delta[i, j] = 0.0
+                for k in range(3):
+                    delta[i, j] += A_obs[a, i, k] * prop[j, k]
+        x, y, z = delta[2, 1] - delta[1, 2], delta[0, 2] - delta[2, 0], delta[1, 0] - delta[0, 1]
+        sine = 0.5 * sqrt(x * x + y * y + z * z)
+        cosine = 0.5 * (delta[0, 0] + delta[1, 1] + delta[2, 2] - 1)
+        stretch = 0.5 * (atan2(sine, cosine) / sine if sine > SMALL_SINE else 1.0)
+        theta[a, 0], theta[a, 1], theta[a, 2] = stretch * x, stretch * y, stretch * z
+    return theta
+
+
+@numba.njit(cache=True, nogil=True)
+def whiten(V: Array, values: Array) -> Array:  # pragma: no cover - compiled
+    """L⁻¹ values with V = L Lᵀ; values (r, c)."""
+    L = np.linalg.cholesky(V)
+    out = values.copy()
+    rows, columns = out.shape
+    for i in range(rows):
+        for j in range(i):
+            factor = L[i, j]
+            if factor != 0.0:
+                for c in range(columns):
+                    out[i, c] -= factor * out[j, c]
+        for c in range(columns):
+            out[i, c] /= L[i, i]
+    return out
+
+
+@numba.njit(cache=True, nogil=True)
+def sensitivity(S: Array, columns: Indices, scale: Array) -> Array:  # pragma: no cover - compiled
+    """Θ D (3m, p) from the regressor sums S (m, 4, 3, 3); column k of the twelve is G[k // 3, k % 3], or b[k − 9]."""
+    m, p = len(S), len(columns)
+    out = np.empty((3 * m, p))
+    for a in range(m):
+        for c in range(p):
+            k = columns[c]
+            q, axis = (k % 3, k // 3) if k < 9 else (3, k - 9)
+            for i in range(3):
+                out[3 * a + i, c] = S[a, q, i, axis] * scale[c]
+    return out
+
+
+@numba.njit(cache=True, nogil=True)
+def whitened(
+    theta: Array,
+    Theta: Array,
+    R: Array,
+    group_rows: Indices,
+    group_ends: Indices,
+    interval: Indices,
+    start: Indices,
+    row: Indices,
+    elapsed_s: Array,
+    sigma: Array,
+    arw: float,
+    model: int,
+    given: Array,
+) -> tuple[Array, Array]:  # pragma: no cover - compiled
+    """H (3m, p) and z (3m,) of all groups, one group after another.
+
+    Parameters
+    ----------
+    theta, Theta : (m, 3) residuals and (3m, p) scaled sensitivity
+    group_rows : (m,) residuals, group by group
+    group_ends : one past the last entry of each group in group_rows; with one V of all residuals there is one group
+    others : as in `gyrocal.calibration.covariance.residual_covariance`
+    """
+    p = Theta.shape[1]
+    out = np.empty((3 * len(theta), p + 1))
+    low = 0
+    for high in group_ends:
+        rows = group_rows[low:high]
+        V = residual_covariance(R[rows], interval[rows], start[rows], row[rows], elapsed_s[rows], sigma, arw, model, given)
+        values = np.empty((3 * len(rows), p + 1))
+        for a in range(len(rows)):
+            for i in range(3):
+                values[3 * a + i, :p] = Theta[3 * rows[a] + i]
+                values[3 * a + i, p] = theta[rows[a], i]
+        out[3 * low : 3 * high] = whiten(V, values)
+        low = high
+    return out[:, :p], out[:, p].copy()
+
+
+@numba.njit(cache=True, nogil=True)
+def accumulate(H: Array, z: Array) -> tuple[Array, Array]:  # pragma: no cover - compiled
+    """W = Hᵀ H and u = Hᵀ z, N (31)–(32)."""
+    rows, p = H.shape
+    W, u = np.zeros((p, p)), np.zeros(p)
+    for r in range(rows):
+        for i in range(p):
+            u[i] += H[r, i] * z[r]
+            for j in range(i + 1):
+                W[i, j] += H[r, i] * H[r, j]
+    for i in range(p):
+        for j in range(i):
+            W[j, i] = W[i, j]
+    return W, u
+
+
+@numba.njit(cache=True, nogil=True)
+def iterate(
+    iterations: int,
+    x: Array,
+    columns: Indices,
+    scale: Array,
+    packed: tuple[Array, Indices, Indices, Indices],
+    linear: bool,
+    beyond_series: bool,
+    A_start: Array,
+    A_obs: Array,
+    groups: tuple[Indices, Indices],
+    references: tuple[Indices, Indices, Array, Array],
+    arw: float,
+    model: int,
+    given: Array,
+    look_back: bool,
+) -> tuple[Array, Array, Array, float]:  # pragma: no cover - compiled
+    """A fixed number of iterations without a prior, in one call: what a Monte Carlo case needs.
+
+    Parameters
+    ----------
+    iterations : how many
+    x : (12,) parameters to start from
+    columns, scale : (p,) solved-for parameters and their scale
+    packed : increments, ends, last, arc as in `gyrocal.calibration.propagation.propagate_packed`
+    groups : group_rows and group_ends as in `whitened`
+    references : start, row, elapsed_s, sigma
+    look_back : whether to propagate once more for the residuals after the last iteration
+
+    Returns
+    -------
+    x (iterations + 1, 12) at the start and after each iteration; θ (iterations + 1, m, 3) there, NaN at the last without
+    looking back; P (p, p) of the last iteration; Σ θᵀ V⁻¹ θ after it, NaN likewise.
+    """
+    increments, ends, last, arc = packed
+    start, row, elapsed_s, sigma = references
+    p = len(columns)
+    xs = np.empty((iterations + 1, 12))
+    thetas = np.empty((iterations + 1, len(arc), 3))
+    P = np.empty((p, p))
+    xs[0] = x
+    chi2 = 0.0
+    for n in range(iterations + 1):
+        if n == iterations and not look_back:
+            thetas[n] = np.nan
+            chi2 = np.nan
+            break
+        G, bias = xs[n, :9].copy().reshape(3, 3), xs[n, 9:].copy()
+        R, S = propagate_packed(increments, increments, ends, last, arc, G, bias, linear, beyond_series)
+        thetas[n] = residuals(R, A_start, A_obs)
+        H, z = whitened(
+            thetas[n],
+            sensitivity(S, columns, scale),
+            R,
+            groups[0],
+            groups[1],
+            arc,
+            start,
+            row,
+            elapsed_s,
+            sigma,
+            arw,
+            model,
+            given,
+        )
+        if n == iterations:
+            for value in z:
+                chi2 += value * value
+            break
+        W, u = accumulate(H, z)
+        inverse = np.linalg.inv(W)
+        xs[n + 1] = xs[n]
+        for i in range(p):
+            step = 0.0
+            for j in range(p):
+                step += inverse[i, j] * u[j]
+                P[i, j] = inverse[i, j] * scale[i] * scale[j]
+            xs[n + 1, columns[i]] -= scale[i] * step
+    return xs, thetas, P, chi2

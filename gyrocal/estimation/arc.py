@@ -1,0 +1,220 @@
+"""A stretch of gyro data through the times of measurements, and measurements linearised along it.
+
+The nodes are the times at which something is measured or wanted; times within a microsecond are one. The gyro, with G held
+and the present bias, gives R_n and S_n = R_nᵀ Θ_n of the bias columns from the first node to every other. The attitude is
+A_n = R_n C_n with C_n the estimate carried back to the first node; without a walk all C_n are one matrix.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gyrocal.calibration.propagation import Arcs, propagate
+from gyrocal.calibration.sampling import covering_samples, cut_at
+from gyrocal.errors import InputError
+from gyrocal.estimation.least_squares import Rows
+from gyrocal.recording import GyroStream, Interval
+from gyrocal.sensors.series import SensorModel, SensorSeries
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.intp]
+
+SAME_TIME_S = 1e-6
+
+
+@dataclass(frozen=True)
+class Stretch:
+    """Gyro steps through all nodes.
+
+    Attributes
+    ----------
+    t : (N,) nodes, s
+    arcs : one arc from the first node, an output at each other
+    G : (3, 3) held
+    q : (N − 1,) sigma per axis of what the rates' white noise adds to the angle between a node and the next, rad
+    """
+
+    t: Array
+    arcs: Arcs
+    G: Array
+    q: Array
+
+    def carried(self, bias: Array) -> tuple[Array, Array]:
+        """R_n and S_n, (N, 3, 3) each, under a bias (3,) rad/s."""
+        passed = propagate(self.arcs, self.G, bias)
+        R = np.concatenate([np.eye(3)[None], passed.R])
+        Theta = np.concatenate([np.zeros((1, 3, 3)), passed.S[:, 3]])
+        return R, np.asarray(R.swapaxes(1, 2) @ Theta)
+
+    def node(self, t: Array) -> Indices:
+        """Nodes of times that are among them."""
+        return np.searchsorted(self.t, np.asarray(t) - SAME_TIME_S)
+
+
+def stretch(gyro: GyroStream, times: Array, G: Array, max_gap_s: float | None = None) -> Stretch:
+    """The stretch through some times.
+
+    Parameters
+    ----------
+    gyro : stream that covers them
+    times : (any,) s, in any order
+    G : (3, 3)
+    max_gap_s : longest time of missing samples that the last one may be held over; half a sample by default
+
+    Raises
+    ------
+    InputError
+        All times are one, or the stream does not cover them or has a gap.
+    """
+    ordered = np.sort(np.asarray(times, dtype=float))
+    t = ordered[np.diff(ordered, prepend=-np.inf) > SAME_TIME_S]
+    if t.size < 2:
+        raise InputError("a batch needs measurements at two different times at least, or a bias has no effect")
+    limit = gyro.sample_s + max(0.5 * gyro.sample_s, max_gap_s or 0.0)
+    low, tags = covering_samples(gyro, Interval("of the batch", "", t[0], t[-1]), t, limit)
+    dt, held, ends = cut_at(tags, t)
+    arcs = Arcs(gyro.rates, dt, low + held, ends[:-1], ends[1:], np.zeros(t.size - 1, dtype=np.intp))
+    return Stretch(t, arcs, np.asarray(G, dtype=float), gyro.arw * np.sqrt(np.diff(t)))
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """The state of a batch.
+
+    Attributes
+    ----------
+    C : (N, 3, 3) attitude at each node, carried back to the first
+    bias : (3,) rad/s
+    models : sensor models with their present parameters
+    """
+
+    C: Array
+    bias: Array
+    models: tuple[SensorModel, ...]
+
+
+@dataclass(frozen=True)
+class Columns:
+    """Which sensor parameters are solved for, after the three of the bias.
+
+    Attributes
+    ----------
+    names : (q,) "sensor parameter"
+    sensor : (q,) series each belongs to
+    parameter : (q,) its place among the model's
+    """
+
+    names: tuple[str, ...]
+    sensor: Indices
+    parameter: Indices
+
+    def of(self, sensor: int) -> tuple[Indices, Indices]:
+        """Columns of one series, and their places among its model's parameters."""
+        mine = np.flatnonzero(self.sensor == sensor)
+        return mine, self.parameter[mine]
+
+    def corrected(self, models: Sequence[SensorModel], change: Array) -> tuple[SensorModel, ...]:
+        """Models with the solved-for parameters moved by change (q,)."""
+        out = list(models)
+        for k in np.unique(self.sensor):
+            mine, places = self.of(int(k))
+            moved = np.zeros(len(out[k].parameters))
+            moved[places] = change[mine]
+            out[k] = out[k].corrected(moved)
+        return tuple(out)
+
+
+def columns(series: Sequence[SensorSeries], free: Mapping[str, Sequence[str]]) -> Columns:
+    """Columns of the freed parameters.
+
+    Parameters
+    ----------
+    series : of sensors with different names
+    free : names of solved-for parameters by name of sensor
+
+    Raises
+    ------
+    InputError
+        Two sensors of one name, or an unknown sensor or parameter.
+    """
+    names = [one.model.name for one in series]
+    if len(set(names)) < len(names):
+        raise InputError(f"two series have a sensor of one name; sensors: {', '.join(names)}")
+    chosen: list[tuple[str, int, int]] = []
+    for sensor, wanted in free.items():
+        if sensor not in names:
+            raise InputError(f"no measurements of sensor {sensor!r}; sensors: {', '.join(names)}")
+        k = names.index(sensor)
+        known = series[k].model.parameters
+        for parameter in wanted:
+            if parameter not in known:
+                raise InputError(f"{sensor} has no parameter {parameter!r}; known: {', '.join(known) or 'none'}")
+            chosen.append((f"{sensor} {parameter}", k, known.index(parameter)))
+    return Columns(
+        tuple(name for name, _, _ in chosen),
+        np.array([k for _, k, _ in chosen], dtype=np.intp),
+        np.array([place for _, _, place in chosen], dtype=np.intp),
+    )
+
+
+@dataclass(frozen=True)
+class Linearised:
+    """Measurements along the stretch, linearised about an estimate.
+
+    Attributes
+    ----------
+    rows : all used numbers, series by series
+    residuals : (n, m) of each series, in its own unit; NaN where a number is not used
+    R, S : (N, 3, 3) as in `Stretch.carried`
+    """
+
+    rows: Rows
+    residuals: tuple[Array, ...]
+    R: Array
+    S: Array
+
+
+def linearise(path: Stretch, series: Sequence[SensorSeries], estimate: Estimate, solved: Columns) -> Linearised:
+    """Residuals and sensitivities at an estimate, each divided by its sigma."""
+    R, S = path.carried(estimate.bias)
+    A = R @ estimate.C
+    q = len(solved.names)
+    parts: list[Rows] = []
+    residuals = []
+    for k, one in enumerate(series):
+        model = estimate.models[k]
+        used = one.used
+        row = np.flatnonzero(used.any(axis=1))
+        node = path.node(one.t[row])
+        error = np.full(one.y.shape, np.nan)
+        error[row] = np.where(used[row], one.y[row] - model.predict(A[node], row), np.nan)
+        residuals.append(error)
+        H = model.jacobian(A[node], row) @ R[node]
+        c = np.zeros((*H.shape[:2], 3 + q))
+        c[:, :, :3] = -H @ S[node]
+        mine, places = solved.of(k)
+        if mine.size:
+            c[:, :, 3 + mine] = model.partials(A[node], row)[:, :, places]
+        keep = used[row]
+        sigma = one.sigma[row][keep]
+        parts.append(
+            Rows(
+                np.broadcast_to(node[:, None], keep.shape)[keep],
+                H[keep] / sigma[:, None],
+                c[keep] / sigma[:, None],
+                error[row][keep] / sigma,
+            )
+        )
+    return Linearised(joined(parts), tuple(residuals), R, S)
+
+
+def joined(parts: Sequence[Rows]) -> Rows:
+    """Rows one after another."""
+    return Rows(*(np.concatenate([getattr(part, name) for part in parts]) for name in Rows.__dataclass_fields__))
+
+
+def measured_times(series: Sequence[SensorSeries]) -> Array:
+    """Times at which a number is to be used, s, series by series."""
+    return np.concatenate([one.t[one.used.any(axis=1)] for one in series] or [np.zeros(0)])

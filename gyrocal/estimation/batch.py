@@ -1,0 +1,312 @@
+"""Reference attitudes by batch least squares: epoch attitude and gyro bias from any sensors and the gyro.
+
+R takes its reference attitudes from a batch over an orbit or a stretch of constant rate: the gyro, with G held, carries one
+epoch attitude to every measurement, and attitude and bias are found that fit all measurements best. While the rate is
+constant an error of G acts as a bias, R (8), and the attitude does not suffer. The linear algebra is in
+`gyrocal.estimation.least_squares`, the nodes in `gyrocal.estimation.arc`; here Gauss and Newton's iteration is run to
+convergence, and the errors of what was found are carried to the wanted times.
+
+Two weightings:
+
+"plain"
+    Each measurement by its own sigma and no noise of the gyro: the batch of the flight. The attitude at a wanted time is that
+    of the epoch, carried by the gyro.
+"exact"
+    The angle random walk weighted as it correlates the residuals, the best linear estimate. The attitude at a wanted time is
+    smoothed. With a Kalman filter that is run back and forth it shares the answer.
+
+Two covariances of the plain estimate: "full" adds what the gyro's noise does to it, "measurements only" is (Xᵀ X)⁻¹, the formal
+one, far too small once the gyro noise gathered over the batch is comparable with the attitude error.
+
+Errors are true minus estimate: exp([θ×]) = A_true A_estᵀ in body axes at the time of the attitude.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+import scipy.linalg
+import scipy.special
+from numpy.typing import NDArray
+
+from gyrocal.attitude import residual, rotation_matrix
+from gyrocal.errors import InputError
+from gyrocal.estimation.arc import Columns, Estimate, Linearised, Stretch, columns, joined, linearise, measured_times, stretch
+from gyrocal.estimation.batch_observability import check_observable
+from gyrocal.estimation.least_squares import Exact, Influence, Plain, Rows
+from gyrocal.recording import GyroStream
+from gyrocal.sensors.series import SensorModel, SensorSeries
+
+Array = NDArray[np.float64]
+Weighting = Literal["exact", "plain"]
+BatchCovariance = Literal["full", "measurements only"]
+
+# The band's condition is 4 N² over the square of the walk in sigmas: below, rounding costs more than plain weights do.
+NEGLIGIBLE_WALK = 1e-3  # in sigmas of all measurements together, times the root of the number of nodes
+
+
+@dataclass(frozen=True)
+class Errors:
+    """Errors of J numbers a batch found, by their sources.
+
+    Attributes
+    ----------
+    measurements : (J, J) covariance by the measurements' noise, and by a prior's error
+    t_s : (N,) nodes of the batch, s
+    walk : (N − 1, J, 3) error per rad that the gyro's noise adds between a node and the next, in inertial axes
+    arw : rad/sqrt(s)
+    """
+
+    measurements: Array
+    t_s: Array
+    walk: Array
+    arw: float
+
+    @property
+    def covariance(self) -> Array:
+        """(J, J) of all together."""
+        weighted = self.walk * (self.arw * np.sqrt(np.diff(self.t_s)))[:, None, None]
+        flat = weighted.transpose(1, 0, 2).reshape(len(self.measurements), -1)
+        return np.asarray(self.measurements + flat @ flat.T)
+
+
+@dataclass(frozen=True)
+class BatchResult:
+    """What a batch found.
+
+    Attributes
+    ----------
+    epoch_s : time of `attitude`
+    attitude : (3, 3) inertial to body at the epoch
+    bias : (3,) rad/s
+    models : the sensor models, with the parameters found
+    names : (q,) solved-for sensor parameters, "sensor parameter"
+    covariance : (6 + q, 6 + q) of attitude at the epoch (rad, body axes), bias (rad/s) and sensor parameters
+    t_s : (k,) wanted times
+    attitudes : (k, 3, 3) there
+    joint : (6 + q + 3k, 6 + q + 3k) covariance of all of the above, the attitudes last
+    errors : the same by source
+    residuals : of each series (n, m), measured minus predicted; NaN where not used
+    chi2, dof : weighted square sum and degrees of freedom; with "plain" weights chi2 is not that of χ² where the gyro is noisy
+    iterations : how many it took
+    weighting : "exact" or "plain"
+    covariance_model : "full" or "measurements only"
+    """
+
+    epoch_s: float
+    attitude: Array
+    bias: Array
+    models: tuple[SensorModel, ...]
+    names: tuple[str, ...]
+    covariance: Array
+    t_s: Array
+    attitudes: Array
+    joint: Array
+    errors: Errors
+    residuals: tuple[Array, ...]
+    chi2: float
+    dof: int
+    iterations: int
+    weighting: Weighting
+    covariance_model: BatchCovariance
+
+    @property
+    def attitude_covariance(self) -> Array:
+        """(3k, 3k) of the attitudes at the wanted times, which correlate through epoch, bias and gyro noise; rad²."""
+        return self.joint[len(self.covariance) :, len(self.covariance) :]
+
+    @property
+    def attitude_sigma(self) -> Array:
+        """(k, 3) of each wanted attitude by itself, rad."""
+        return np.asarray(np.sqrt(np.diag(self.attitude_covariance)).reshape(-1, 3))
+
+    @property
+    def p_value(self) -> float:
+        """Probability of a larger chi2 if the noise is as stated; NaN without degrees of freedom."""
+        return float(scipy.special.chdtrc(self.dof, self.chi2)) if self.dof > 0 else float("nan")
+
+
+def batch(
+    series: Sequence[SensorSeries],
+    gyro: GyroStream,
+    start: Array,
+    *,
+    epoch_s: float | None = None,
+    times: Sequence[float] | Array = (),
+    bias_sigma: Array | None = None,
+    free: Mapping[str, Sequence[str]] | None = None,
+    weighting: Weighting = "exact",
+    covariance_model: BatchCovariance = "full",
+    max_iterations: int = 20,
+    tolerance: float = 1e-6,
+    max_gap_s: float | None = None,
+) -> BatchResult:
+    """Epoch attitude and gyro bias, and sensor parameters if asked, from a stretch of measurements.
+
+    Parameters
+    ----------
+    series : measurements of each sensor
+    gyro : raw rates; its a-priori G is held, its a-priori bias is started from
+    start : (3, 3) attitude at the epoch, within some degrees
+    epoch_s : s; the first measurement by default
+    times : (k,) s at which attitudes are wanted, before, among or after the measurements
+    bias_sigma : (3,) rad/s of the a-priori bias, to take it as a measurement; None not to
+    free : names of sensor parameters to solve for, by name of the sensor
+    weighting, covariance_model : see the module
+    max_iterations, tolerance : of Gauss and Newton's iteration; the last correction in sigmas
+    max_gap_s : longest time of missing gyro samples that the last one may be held over
+
+    Raises
+    ------
+    UnobservableError
+        The measurements leave an attitude or another combination free; its direction is named.
+    InputError
+        Too few measurements, a gyro stream that does not cover them, or no convergence.
+    """
+    if weighting == "exact" and covariance_model != "full":
+        raise InputError("exact weighting takes the gyro noise in; its covariance is the full one")
+    if np.shape(start) != (3, 3) or not np.allclose(start @ np.transpose(start), np.eye(3), atol=1e-6):
+        raise InputError("the start attitude must be a rotation matrix, 3×3, inertial to body")
+    solved = columns(series, free or {})
+    measured = measured_times(series)
+    if not measured.size:
+        raise InputError("a batch needs measurements; there are none to be used")
+    epoch = float(measured.min()) if epoch_s is None else float(epoch_s)
+    path = stretch(gyro, np.concatenate([measured, [epoch], np.asarray(times, dtype=float)]), gyro.apriori_G, max_gap_s)
+    R, _ = path.carried(gyro.apriori_bias)
+    C = np.tile(R[path.node(np.array([epoch]))[0]].T @ start, (len(path.t), 1, 1))
+    first = Estimate(C, np.array(gyro.apriori_bias), tuple(one.model for one in series))
+    prior = _prior(first.bias, bias_sigma, len(solved.names))
+    estimate, iterations = _iterate(path, series, first, solved, prior, weighting, max_iterations, tolerance)
+    return _result(
+        path, series, estimate, solved, prior, epoch, np.asarray(times, float), weighting, covariance_model, iterations
+    )
+
+
+@dataclass(frozen=True)
+class _Prior:
+    """A-priori bias as three measurements; none if sigma is None."""
+
+    bias: Array
+    sigma: Array | None
+    q: int
+
+    def added(self, rows: Rows, bias: Array) -> Rows:
+        if self.sigma is None:
+            return rows
+        weight = np.diag(1 / self.sigma)
+        c = np.hstack([weight, np.zeros((3, self.q))])
+        return joined([rows, Rows(np.zeros(3, dtype=np.intp), np.zeros((3, 3)), c, weight @ (self.bias - bias))])
+
+
+def _prior(bias: Array, sigma: Array | None, q: int) -> _Prior:
+    if sigma is None:
+        return _Prior(bias, None, q)
+    sigma = np.asarray(sigma, dtype=float)
+    if sigma.shape != (3,) or not (np.isfinite(sigma).all() and (sigma > 0).all()):
+        raise InputError("bias_sigma must be three positive finite rates, rad/s")
+    return _Prior(bias, sigma, q)
+
+
+def solver(path: Stretch, rows: Rows, C: Array, weighting: Weighting) -> Plain | Exact:
+    """The factorised system of a weighting; where the walk is negligible, plain is as good as exact, and better conditioned."""
+    walk = np.sqrt(np.sum(path.q**2)) * np.linalg.norm(rows.attitude)
+    if weighting == "plain" or walk < NEGLIGIBLE_WALK * np.sqrt(len(path.t)):
+        return Plain(rows, len(path.t))
+    return Exact(rows, path.q, residual(C[1:], C[:-1]))
+
+
+def _iterate(
+    path: Stretch,
+    series: Sequence[SensorSeries],
+    estimate: Estimate,
+    solved: Columns,
+    prior: _Prior,
+    weighting: Weighting,
+    max_iterations: int,
+    tolerance: float,
+) -> tuple[Estimate, int]:
+    """Gauss and Newton's iteration to convergence."""
+    for iteration in range(1, max_iterations + 1):
+        state = linearise(path, series, estimate, solved)
+        rows = prior.added(state.rows, estimate.bias)
+        if not (np.isfinite(rows.z).all() and np.isfinite(rows.plain).all()):
+            break
+        # Every time: a wrong start or bias can make a direction look determined that is not.
+        check_observable(rows, estimate.C[0], solved.names)
+        gamma, delta, length = solver(path, rows, estimate.C, weighting).step()
+        estimate = moved(estimate, gamma, delta, solved)
+        if length <= tolerance:
+            return estimate, iteration
+    raise InputError(
+        f"the batch did not converge within {max_iterations} iterations; is the start attitude within some degrees, "
+        "are the rates in rad/s and the a-priori bias right, or do the sensors hardly determine the attitude?"
+    )
+
+
+def moved(estimate: Estimate, gamma: Array, delta: Array, solved: Columns) -> Estimate:
+    """The estimate with corrections γ (N, 3) and δ (3 + q,) made."""
+    return Estimate(
+        rotation_matrix(gamma) @ estimate.C,
+        estimate.bias + delta[:3],
+        solved.corrected(estimate.models, delta[3:]),
+    )
+
+
+def _result(
+    path: Stretch,
+    series: Sequence[SensorSeries],
+    estimate: Estimate,
+    solved: Columns,
+    prior: _Prior,
+    epoch: float,
+    times: Array,
+    weighting: Weighting,
+    covariance_model: BatchCovariance,
+    iterations: int,
+) -> BatchResult:
+    state = linearise(path, series, estimate, solved)
+    rows = prior.added(state.rows, estimate.bias)
+    system = solver(path, rows, estimate.C, weighting)
+    nodes = path.node(np.concatenate([[epoch], times]))
+    errors = _errors(path, state, system.influence(nodes, state.S[nodes]), estimate.C[0], nodes, len(solved.names))
+    if covariance_model == "measurements only":
+        errors = replace(errors, walk=np.zeros_like(errors.walk))
+    joint = errors.covariance
+    size = 6 + len(solved.names)
+    A = state.R[nodes] @ estimate.C[nodes]
+    # The increments are as many measurements as unknowns.
+    chi2 = rows.chi2 + (system.walk_chi2 if isinstance(system, Exact) else 0.0)
+    return BatchResult(
+        epoch_s=epoch,
+        attitude=A[0],
+        bias=estimate.bias,
+        models=estimate.models,
+        names=solved.names,
+        covariance=joint[:size, :size],
+        t_s=times,
+        attitudes=A[1:],
+        joint=joint,
+        errors=errors,
+        residuals=state.residuals,
+        chi2=chi2,
+        dof=len(rows.z) - size,
+        iterations=iterations,
+        weighting=weighting,
+        covariance_model=covariance_model,
+    )
+
+
+def _errors(path: Stretch, state: Linearised, influence: Influence, C: Array, nodes: NDArray[np.intp], q: int) -> Errors:
+    """Errors of epoch attitude, bias, sensor parameters, wanted attitudes, in this order; attitudes in body axes there."""
+    p = 3 + q
+    turn = scipy.linalg.block_diag(np.eye(p), *state.R[nodes])
+    order = np.concatenate([np.arange(p, p + 3), np.arange(p), np.arange(p + 3, len(turn))])
+    by_measurement = (turn @ influence.measurements)[order]
+    # The increments are in the axes of the first node; C turns inertial components into these.
+    walk = (turn @ influence.walk)[:, order] @ C
+    arw = float(path.q[0] / np.sqrt(path.t[1] - path.t[0]))
+    return Errors(by_measurement @ by_measurement.T, path.t, walk, arw)

@@ -1,0 +1,186 @@
+"""Multiplicative extended Kalman filter: attitude and gyro bias, or any of the twelve gyro parameters.
+
+The gyro replaces a dynamics model: its samples, adjusted with the present parameters, propagate the attitude, and sensor
+measurements correct attitude and parameters. State, transition, noise and correction are those of
+`gyrocal.estimation.error_state`. By default the solved-for parameters are the three biases and G is fixed, as N section VI has
+it; `gyrocal.estimation.full_filter` takes all twelve.
+
+`KalmanFilter` takes a sample or a measurement and forgets it. `gyrocal.estimation.filter_run` does a recorded stream and
+series of measurements, `gyrocal.estimation.smoother` goes back over it.
+
+A gate rejects a measurement whose normalised innovation squared, zᵀ S⁻¹ z, a good one would exceed with the stated
+probability. It takes P for honest: a filter whose attitude is wrong by more than it knows rejects everything, and what a
+gate keeps out is no longer Gaussian. It is off by default.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.special
+from numpy.typing import NDArray
+
+from gyrocal import attitude
+from gyrocal.calibration.parameters import BIASES, NAMES, GyroParameters, select
+from gyrocal.errors import InputError
+from gyrocal.estimation.error_state import Indices, gain, joseph, process_noise, propagate_covariance, transition, turn
+from gyrocal.sensors.series import SensorModel
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Innovation:
+    """One measurement as the filter met it.
+
+    Attributes
+    ----------
+    residual : (m,) y − h(A), of the numbers used
+    S : (m, m) its covariance as the filter has it
+    nis : zᵀ S⁻¹ z, χ² with m degrees of freedom in a consistent filter
+    accepted : whether it was within the gate and has been used
+    H : (m, 3) sensitivity to the attitude error
+    K : (n, m) gain, zero if it was not accepted
+    used : (model's size,) which of the sensor's numbers those are
+    """
+
+    residual: Array
+    S: Array
+    nis: float
+    accepted: bool
+    H: Array
+    K: Array
+    used: NDArray[np.bool_]
+
+
+class KalmanFilter:
+    """The filter, one sample or one measurement at a time, in constant memory.
+
+    Parameters
+    ----------
+    A : (3, 3) attitude to start from
+    parameters : G and b to start from
+    covariance : (3 + p, 3 + p) of the errors of A and of the solved-for parameters; rad, G dimensionless, rad/s
+    arw : rad/√s
+    rate_random_walk : of the biases, rad/s^1.5
+    names : solved-for parameters, see `gyrocal.calibration.parameters.select`
+    gate : probability of rejecting a good measurement; None uses all
+
+    Attributes
+    ----------
+    A : (3, 3) present attitude, inertial to body
+    x : (12,) present G and b in the order of `NAMES`
+    P : (3 + p, 3 + p) present covariance
+    rejected : number of measurements that the gate kept out
+
+    Raises
+    ------
+    InputError
+        The covariance does not fit, or a bias walks that is not solved for.
+    """
+
+    def __init__(
+        self,
+        A: Array,
+        parameters: GyroParameters,
+        covariance: Array,
+        arw: float,
+        rate_random_walk: float = 0.0,
+        names: str | Iterable[str] = "bias",
+        gate: float | None = None,
+    ):
+        self.names = select(names)
+        if rate_random_walk > 0 and self.names[-3:] != BIASES:
+            raise InputError("a bias that walks must be solved for: with a rate random walk the filter needs all three")
+        if gate is not None and not 0 < gate < 1:
+            raise InputError(f"the gate must be a probability between 0 and 1, not {gate:g}")
+        self.columns: Indices = np.array([NAMES.index(name) for name in self.names])
+        self.arw, self.rate_random_walk, self.gate = float(arw), float(rate_random_walk), gate
+        self.x = parameters.vector
+        self.rejected = 0
+        self._R, self._B = np.empty((3, 3)), np.empty((3, len(self.names)))
+        self.P = np.empty((0, 0))
+        self.restart(A, covariance)
+
+    @property
+    def parameters(self) -> GyroParameters:
+        """Present G and b."""
+        return GyroParameters.from_vector(self.x)
+
+    def restart(self, A: Array, covariance: Array) -> None:
+        """Take another attitude A (3, 3) and covariance, as after a gap; the parameters stay as they are."""
+        n = 3 + len(self.names)
+        P = np.array(covariance, dtype=float)
+        if P.shape != (n, n) or not np.isfinite(P).all() or not np.allclose(P, P.T):
+            raise InputError(f"the covariance of attitude and {n - 3} parameters must be symmetric and {n}×{n}, not {P.shape}")
+        self.A, self.P = np.array(A, dtype=float), P
+
+    def open(self, covariance: Array) -> None:
+        """Add to the covariance what has come in from outside of the model, as errors of G in a maneuver; (n, n)."""
+        self.P = self.P + covariance
+
+    def step(self, raw: Array, dt: float) -> tuple[Array, Array]:
+        """Propagate over one gyro sample, raw (3,) rad/s held for dt seconds.
+
+        Returns
+        -------
+        R (3, 3) and ψF (3, p) of the step; overwritten by the next.
+        """
+        angle = transition(self.x, np.asarray(raw, dtype=float), float(dt), self.columns, self._R, self._B)
+        noise = process_noise(angle, float(dt), self.arw, self.rate_random_walk)
+        propagate_covariance(self.P, self._R, self._B, *noise)
+        turn(self.A, self._R)
+        return self._R, self._B
+
+    def update(self, model: SensorModel, row: int, y: Array, sigma: Array) -> Innovation | None:
+        """Correct with one measurement.
+
+        Parameters
+        ----------
+        model : the sensor
+        row : row of its series
+        y, sigma : (m,) measurement and 1-sigma, infinite where a number is not to be used
+
+        Returns
+        -------
+        The innovation, or None if no number was to be used, or the sensor should see nothing at this attitude.
+        """
+        if not np.isfinite(sigma).any():
+            return None
+        rows = np.array([row])
+        expected = model.predict(self.A[None], rows)[0]
+        used = np.isfinite(sigma) & np.isfinite(expected)
+        if not used.any():
+            return None
+        z = (y - expected)[used]
+        H, sigma = np.ascontiguousarray(model.jacobian(self.A[None], rows)[0][used]), np.ascontiguousarray(sigma[used])
+        K, S, nis = gain(self.P, H, sigma, z)
+        if self.gate is not None and nis > scipy.special.chdtri(len(z), self.gate):
+            self.rejected += 1
+            return Innovation(z, S, nis, False, H, np.zeros_like(K), used)
+        joseph(self.P, K, H, sigma)
+        self.correct(K @ z)
+        return Innovation(z, S, nis, True, H, K, used)
+
+    def correct(self, state: Array) -> None:
+        """Move the estimate by an estimated state (n,): A ← exp([θ×]) A, x ← x − Δx."""
+        A = attitude.rotation_matrix(state[:3]) @ self.A
+        self.A = np.asarray(0.5 * A @ (3 * np.eye(3) - A.T @ A))  # a Newton step to the nearest orthogonal matrix
+        self.x[self.columns] -= state[3:]
+
+
+def state_errors(A: Array, x: Array, names: tuple[str, ...], A_true: Array, truth: GyroParameters) -> Array:
+    """(k, n) states s = (θ, Δx) that estimates A (k, 3, 3) and x (k, 12) have against the truth, A_true (k, 3, 3)."""
+    columns = [NAMES.index(name) for name in names]
+    theta = attitude.residual(A_true, A)
+    return np.concatenate([theta, (np.asarray(x) - truth.vector)[..., columns]], axis=-1)
+
+
+def nees(errors: Array, covariance: Array) -> Array:
+    """(k,) normalised estimation error squared sᵀ P⁻¹ s of errors (k, n) with covariance (k, n, n); χ² with n if consistent."""
+    scale = np.sqrt(np.einsum("...ii->...i", covariance))  # parameters and attitude differ by many decades
+    scaled = covariance / (scale[..., :, None] * scale[..., None, :])
+    white = errors / scale
+    return np.asarray(np.sum(white * np.linalg.solve(scaled, white[..., None])[..., 0], axis=-1))

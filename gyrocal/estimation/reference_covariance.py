@@ -1,0 +1,143 @@
+"""Batch attitudes as references of the calibrator, with what they share: bias, epoch, and the gyro's own noise.
+
+Let ψ = Aᵀθ be the error of a reference attitude in inertial axes, A_true = A exp([ψ×]) to first order for the estimate A, and
+w(t) what the noise of the rates has added by t. The residual of an interval from the reference s to the reference e is, beside
+Θ Δx of N (21),
+
+    A_e (−ψ_e + ψ_s + w(t_e) − w(t_s))
+
+The batches give ψ as a linear map of independent noises (`gyrocal.estimation.batch.Errors`), so that the covariance V of all
+residuals follows with every correlation:
+
+* Two references of one batch share its epoch and bias. Where both ends of an interval come from one plain batch over the same
+  gyro data, the gyro noise cancels altogether, and the residual is a measurement of the bias: V = ΔS P_b ΔSᵀ.
+* A batch that overlaps an interval has used the gyro noise the interval is propagated with.
+* Intervals that take references from one batch correlate with each other.
+
+`interval_covariance` is the blocks of V on its diagonal, as `gyrocal.calibrate` takes them. It is honest where no two
+intervals take references from one batch. Where they do, as with stretches that end one maneuver and start the next, the blocks
+between them matter, and a calibration needs all of V.
+"""
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gyrocal.attitude import quaternion_from_matrix
+from gyrocal.errors import InputError
+from gyrocal.estimation.batch import BatchResult
+from gyrocal.recording import Attitudes, Interval, reference_rows
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.intp]
+
+
+def reference_attitudes(batches: Sequence[BatchResult]) -> Attitudes:
+    """The wanted attitudes of all batches in the order of time; sigma is that of each by itself.
+
+    Raises
+    ------
+    InputError
+        None is there, or two are of one time.
+    """
+    t, A, _, _ = _gathered(batches)
+    sigma = np.concatenate([one.attitude_sigma for one in batches])[_order(batches)]
+    return Attitudes(t, quaternion_from_matrix(A), sigma)
+
+
+def residual_covariance(batches: Sequence[BatchResult], intervals: Sequence[Interval], arw: float) -> Array:
+    """Covariance V (3m, 3m) of the calibrator's m residuals, rad², interval by interval.
+
+    Parameters
+    ----------
+    batches : of different measurements; their wanted times are the references
+    intervals : each with two or more of these times within
+    arw : of the gyro, rad/sqrt(s)
+    """
+    t, A, batch_of, number = _gathered(batches)
+    start, end = _ends(t, intervals)
+    edges = np.unique(np.concatenate([t, *(one.errors.t_s for one in batches)]))
+    middle, length = 0.5 * (edges[1:] + edges[:-1]), np.diff(edges)
+    walk = np.zeros((3 * len(end), len(middle), 3))
+    V = np.zeros((3 * len(end), 3 * len(end)))
+    for b, one in enumerate(batches):
+        weights = np.zeros((3 * len(end), len(one.joint)))  # residuals by errors of the batch
+        for j in range(len(end)):
+            for row, sign in ((end[j], -1.0), (start[j], 1.0)):
+                if batch_of[row] == b:
+                    first = len(one.covariance) + 3 * number[row]
+                    weights[3 * j : 3 * j + 3, first : first + 3] += sign * A[end[j]] @ A[row].T
+        V += weights @ one.errors.measurements @ weights.T
+        inside = (middle > one.errors.t_s[0]) & (middle < one.errors.t_s[-1])
+        piece = np.searchsorted(one.errors.t_s, middle[inside]) - 1
+        walk[:, inside] += (weights @ one.errors.walk).transpose(1, 0, 2)[:, piece]
+    for j in range(len(end)):
+        during = (middle > t[start[j]]) & (middle < t[end[j]])
+        walk[3 * j : 3 * j + 3, during] += A[end[j]][:, None, :]
+    flat = (walk * (arw * np.sqrt(length))[:, None]).reshape(len(V), -1)
+    return np.asarray(V + flat @ flat.T)
+
+
+def interval_covariance(batches: Sequence[BatchResult], intervals: Sequence[Interval], arw: float) -> Array:
+    """C (intervals, 3, 3) of each interval's residual, rad², for `gyrocal.calibrate`; see the module for when it is enough.
+
+    Raises
+    ------
+    InputError
+        An interval has another number of references than two, its ends.
+    """
+    t, _, _, _ = _gathered(batches)
+    for interval in intervals:
+        count = reference_rows(t, interval).size
+        if count != 2:
+            raise InputError(f"interval {interval.name} has {count} references; a C of its own needs one at each end")
+    V = residual_covariance(batches, intervals, arw)
+    return np.stack([V[k : k + 3, k : k + 3] for k in range(0, len(V), 3)])
+
+
+def correlated_intervals(batches: Sequence[BatchResult], intervals: Sequence[Interval], arw: float) -> float:
+    """Largest canonical correlation between two residuals, 0 to 1; unless it is small, `interval_covariance` is not enough."""
+    V = residual_covariance(batches, intervals, arw)
+    m = len(V) // 3
+    inverse = [np.linalg.inv(np.linalg.cholesky(V[3 * j : 3 * j + 3, 3 * j : 3 * j + 3])) for j in range(m)]
+    pairs = [
+        np.linalg.norm(inverse[a] @ V[3 * a : 3 * a + 3, 3 * b : 3 * b + 3] @ inverse[b].T, 2)
+        for a in range(m)
+        for b in range(a)
+    ]
+    return float(max(pairs, default=0.0))
+
+
+def _order(batches: Sequence[BatchResult]) -> Indices:
+    if not batches or not sum(one.t_s.size for one in batches):
+        raise InputError("no batch has an attitude at a wanted time")
+    t = np.concatenate([one.t_s for one in batches])
+    order = np.argsort(t, kind="stable")
+    same = np.flatnonzero(np.diff(t[order]) <= 0)
+    if same.size:
+        raise InputError(f"two references are of one time, {t[order][same[0]]:g} s; want it of one batch only")
+    return order
+
+
+def _gathered(batches: Sequence[BatchResult]) -> tuple[Array, Array, Indices, Indices]:
+    """Times, attitudes, batch and number within it of all references, in the order of time."""
+    order = _order(batches)
+    t = np.concatenate([one.t_s for one in batches])[order]
+    A = np.concatenate([one.attitudes for one in batches])[order]
+    batch_of = np.repeat(np.arange(len(batches)), [one.t_s.size for one in batches])[order]
+    number = np.concatenate([np.arange(one.t_s.size) for one in batches])[order]
+    return t, A, batch_of, number
+
+
+def _ends(t: Array, intervals: Sequence[Interval]) -> tuple[Indices, Indices]:
+    """Start and end reference of each residual."""
+    start: list[int] = []
+    end: list[int] = []
+    for interval in intervals:
+        rows = reference_rows(t, interval)
+        if rows.size < 2:
+            raise InputError(f"interval {interval.name}: {rows.size} reference(s); at least two are needed")
+        start += [int(rows[0])] * (rows.size - 1)
+        end += [int(row) for row in rows[1:]]
+    return np.array(start), np.array(end)

@@ -1,0 +1,29 @@
+"""A recording: gyro stream, reference attitudes and raw sensor tables; loaded, validated and saved."""
+
+from gyrocal.recording.format import (
+    Attitudes,
+    GyroStream,
+    Interval,
+    Orbit,
+    Recording,
+    load,
+    read_toml,
+    reference_rows,
+    save,
+    toml_value,
+    validation_message,
+)
+
+__all__ = [
+    "Attitudes",
+    "GyroStream",
+    "Interval",
+    "Orbit",
+    "Recording",
+    "load",
+    "read_toml",
+    "reference_rows",
+    "save",
+    "toml_value",
+    "validation_message",
+]

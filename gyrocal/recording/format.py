@@ -1,0 +1,493 @@
+"""A recording: a gyro stream, reference attitudes and calibration intervals; load, validate, save.
+
+On disk a recording is one folder: ``recording.toml``, ``gyro.parquet`` (or ``.csv``), ``attitude.parquet`` and optional
+tables. Files are in degrees, objects in radians. The gyro sample k is the mean body rate over [t_k, t_k + sample_s) as the
+uncalibrated gyro shows it. Simulated and real data share the format, and nothing in it says which it is.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import tomllib
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
+from datetime import datetime
+from itertools import pairwise
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator
+
+from gyrocal.errors import InputError
+from gyrocal.recording import sensor_tables
+from gyrocal.recording.sensor_tables import SensorTables
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+Array = NDArray[np.float64]
+
+FORMAT = 1
+RATE_COLUMNS = ("rate_x_deg_s", "rate_y_deg_s", "rate_z_deg_s")
+QUATERNION_COLUMNS = ("q1", "q2", "q3", "q4")
+SIGMA_COLUMNS = ("sigma_x_deg", "sigma_y_deg", "sigma_z_deg")
+OPTIONAL_TABLES = ("housekeeping", *sensor_tables.NAMES)
+NORM_TOLERANCE = 1e-6  # |q| - 1 of a quaternion written with 7 digits
+TIME_TOLERANCE_S = 1e-6  # rounding of a time tag some years after the epoch
+LARGEST_RATE = float(np.deg2rad(1e5))  # no gyro measures more
+SIGMA_RANGE = (float(np.deg2rad(1e-9)), float(np.deg2rad(180.0)))  # nothing outside is the sigma of an attitude
+
+
+@dataclass(frozen=True)
+class Interval:
+    """One calibration interval; starts and ends in a constant-rate mode."""
+
+    name: str
+    activity: str
+    start_s: float
+    stop_s: float
+
+
+@dataclass(frozen=True)
+class GyroStream:
+    """Raw gyro samples and what is known of the gyro beforehand.
+
+    Attributes
+    ----------
+    t_s : (n,) sample start times, s since the epoch, strictly increasing
+    rates : (n, 3) raw rates, rad/s
+    sample_s : duration of one sample, s
+    arw : angle random walk, rad/sqrt(s); the noise of one sample's rate is arw / sqrt(sample_s)
+    apriori_G : (3, 3) rows are body axes, columns gyros
+    apriori_bias : (3,) rad/s
+    """
+
+    t_s: Array
+    rates: Array
+    sample_s: float
+    arw: float
+    apriori_G: Array = field(default_factory=lambda: np.eye(3))
+    apriori_bias: Array = field(default_factory=lambda: np.zeros(3))
+
+
+@dataclass(frozen=True)
+class Attitudes:
+    """Reference attitudes.
+
+    Attributes
+    ----------
+    t_s : (m,) s since the epoch, strictly increasing
+    quaternions : (m, 4) inertial to body, scalar last
+    sigma : (m, 3) 1-sigma per body axis, rad
+    """
+
+    t_s: Array
+    quaternions: Array
+    sigma: Array
+
+
+@dataclass(frozen=True)
+class Orbit:
+    """Orbit of the recording, as far as it is known."""
+
+    period_s: float
+    altitude_km: float
+    inclination_deg: float
+
+
+@dataclass(frozen=True)
+class Recording:
+    """Everything the calibrator gets to see."""
+
+    title: str
+    epoch: str
+    gyro: GyroStream
+    attitudes: Attitudes
+    intervals: tuple[Interval, ...]
+    orbit: Orbit | None = None
+    time_scale: str = "UTC"
+    tables: Mapping[str, pd.DataFrame] = field(default_factory=dict)
+    sensors: SensorTables | None = None
+
+    def __post_init__(self) -> None:
+        _check_gyro(self.gyro)
+        _check_attitudes(self.attitudes)
+        _check_intervals(self.intervals)
+        _check_references(self.attitudes.t_s, self.intervals)
+
+
+class _Model(BaseModel):
+    model_config = ConfigDict(extra="forbid", frozen=True, strict=True, allow_inf_nan=False)
+
+
+class _GyroHeader(_Model):
+    sample_s: float = Field(gt=0)
+    kind: Literal["rate"]
+    arw_deg_per_sqrt_s: float = Field(ge=0, le=1e3)
+    apriori_G: list[list[Annotated[float, Field(ge=-100, le=100)]]]
+    apriori_bias_deg_s: list[Annotated[float, Field(ge=-1e5, le=1e5)]] = Field(min_length=3, max_length=3)
+
+    @field_validator("apriori_G")
+    @classmethod
+    def _three_by_three(cls, value: list[list[float]]) -> list[list[float]]:
+        if len(value) != 3 or any(len(row) != 3 for row in value):
+            raise ValueError("must be 3 rows of 3 numbers")
+        if abs(np.linalg.det(np.array(value))) < 1e-3:
+            raise ValueError("must be invertible")
+        return value
+
+
+class _AttitudeHeader(_Model):
+    maps: Literal["inertial to body"]
+    quaternion: Literal["scalar last"]
+
+
+class _OrbitHeader(_Model):
+    period_s: float = Field(gt=0)
+    altitude_km: float
+    inclination_deg: float
+
+
+class _IntervalHeader(_Model):
+    name: str = Field(min_length=1)
+    activity: str
+    start_s: float
+    stop_s: float
+
+
+class _Header(_Model):
+    format: Literal[1]
+    title: str
+    epoch: str
+    time_scale: str
+    gyro: _GyroHeader
+    attitude: _AttitudeHeader
+    orbit: _OrbitHeader | None = None
+    interval: list[_IntervalHeader] = Field(min_length=1)
+
+    @field_validator("epoch")
+    @classmethod
+    def _iso(cls, value: str) -> str:
+        datetime.fromisoformat(value)
+        return value
+
+
+def validation_message(error: ValidationError) -> str:
+    """All faults of a validated document in one line, each by its path."""
+    return "; ".join(
+        f"{'.'.join(str(part) for part in fault['loc']) or 'document'}: {fault['msg']}" for fault in error.errors()
+    )
+
+
+def read_toml(path: Path) -> dict[str, Any]:
+    """Read a TOML file; every failure is an `InputError` that names the file."""
+    try:
+        return tomllib.loads(path.read_text(encoding="utf-8"))
+    except FileNotFoundError:
+        raise InputError(f"{path}: no such file") from None
+    except OSError as fault:
+        raise InputError(f"{path}: cannot be read: {fault.strerror}") from None
+    except (ValueError, RecursionError) as fault:  # TOML and UTF-8 errors are ValueErrors, as are endless integers
+        raise InputError(f"{path}: not a TOML file: {fault}") from None
+
+
+def load(folder: str | os.PathLike[str]) -> Recording:
+    """Load and validate a recording.
+
+    Parameters
+    ----------
+    folder : path of the recording's folder
+
+    Raises
+    ------
+    InputError
+        One line saying which file, where in it, and what is wrong.
+    """
+    folder = Path(folder)
+    if not folder.is_dir():
+        raise InputError(f"{folder}: not a folder; a recording is a folder with recording.toml in it")
+    path = folder / "recording.toml"
+    try:
+        header = _Header.model_validate(read_toml(path))
+    except ValidationError as error:
+        raise InputError(f"{path}: {validation_message(error)}") from None
+    gyro_name, gyro = _read_table(folder, "gyro", ("t_s", *RATE_COLUMNS))
+    attitude_name, attitude = _read_table(folder, "attitude", ("t_s", *QUATERNION_COLUMNS, *SIGMA_COLUMNS))
+    tables = {name: _read_table(folder, name, ("t_s",))[1] for name in OPTIONAL_TABLES if _find_table(folder, name)}
+    stream = GyroStream(
+        t_s=_column(gyro, "t_s"),
+        rates=np.deg2rad(_columns(gyro, RATE_COLUMNS)),
+        sample_s=header.gyro.sample_s,
+        arw=float(np.deg2rad(header.gyro.arw_deg_per_sqrt_s)),
+        apriori_G=np.array(header.gyro.apriori_G),
+        apriori_bias=np.deg2rad(header.gyro.apriori_bias_deg_s),
+    )
+    attitudes = Attitudes(
+        t_s=_column(attitude, "t_s"),
+        quaternions=_columns(attitude, QUATERNION_COLUMNS),
+        sigma=np.deg2rad(_columns(attitude, SIGMA_COLUMNS)),
+    )
+    sensors = _sensors(folder, tables)
+    # Checked here first so that the message can name the file.
+    for name, check in ((gyro_name, lambda: _check_gyro(stream)), (attitude_name, lambda: _check_attitudes(attitudes))):
+        try:
+            check()
+        except InputError as error:
+            raise InputError(f"{folder / name}: {error}") from None
+    try:
+        return Recording(
+            title=header.title,
+            epoch=header.epoch,
+            time_scale=header.time_scale,
+            gyro=stream,
+            attitudes=attitudes,
+            intervals=tuple(Interval(i.name, i.activity, i.start_s, i.stop_s) for i in header.interval),
+            orbit=Orbit(**header.orbit.model_dump()) if header.orbit else None,
+            tables={name: table for name, table in tables.items() if name not in sensor_tables.known(tables)},
+            sensors=sensors,
+        )
+    except InputError as error:
+        raise InputError(f"{folder}: {error}") from None
+
+
+def save(recording: Recording, folder: str | os.PathLike[str]) -> None:
+    """Write a recording; the folder is made, and an existing recording in it is replaced file by file, each atomically."""
+    import pandas as pd  # late: 65 MiB that a Monte Carlo worker does without
+
+    folder = Path(folder)
+    folder.mkdir(parents=True, exist_ok=True)
+    gyro, attitudes = recording.gyro, recording.attitudes
+    frames = {
+        "gyro": pd.DataFrame(np.column_stack([gyro.t_s, np.rad2deg(gyro.rates)]), columns=["t_s", *RATE_COLUMNS]),
+        "attitude": pd.DataFrame(
+            np.column_stack([attitudes.t_s, attitudes.quaternions, np.rad2deg(attitudes.sigma)]),
+            columns=["t_s", *QUATERNION_COLUMNS, *SIGMA_COLUMNS],
+        ),
+        **recording.tables,
+        **(sensor_tables.frames(recording.sensors) if recording.sensors is not None else {}),
+    }
+    for name in ("gyro", "attitude", *OPTIONAL_TABLES):
+        if name not in frames:  # of a recording that was here before
+            (folder / f"{name}.parquet").unlink(missing_ok=True)
+        (folder / f"{name}.csv").unlink(missing_ok=True)
+    for name, frame in frames.items():
+        part = folder / f"{name}.parquet.tmp"
+        frame.to_parquet(part, index=False)
+        os.replace(part, folder / f"{name}.parquet")
+    part = folder / "recording.toml.tmp"
+    part.write_text(_header_text(recording), encoding="utf-8")
+    os.replace(part, folder / "recording.toml")
+
+
+def toml_value(value: object) -> str:
+    """One TOML value; floats with all their digits, so that what is read is what was written."""
+    if isinstance(value, bool):
+        return "true" if value else "false"
+    if isinstance(value, str):
+        return json.dumps(value, ensure_ascii=True).replace("\x7f", "\\u007f")  # a JSON string is a TOML basic string
+    if isinstance(value, int):
+        return str(value)
+    if isinstance(value, float):
+        return repr(float(value))
+    if isinstance(value, Iterable):
+        return "[" + ", ".join(toml_value(item) for item in value) + "]"
+    raise TypeError(f"no TOML form for {value!r}")
+
+
+def _header_text(recording: Recording) -> str:
+    gyro = recording.gyro
+    sections: list[tuple[str, dict[str, object]]] = [
+        (
+            "",
+            {
+                "format": FORMAT,
+                "title": recording.title,
+                "epoch": recording.epoch,
+                "time_scale": recording.time_scale,
+            },
+        ),
+        (
+            "[gyro]",
+            {
+                "sample_s": float(gyro.sample_s),
+                "kind": "rate",
+                "arw_deg_per_sqrt_s": float(np.rad2deg(gyro.arw)),
+                "apriori_G": gyro.apriori_G.tolist(),
+                "apriori_bias_deg_s": np.rad2deg(gyro.apriori_bias).tolist(),
+            },
+        ),
+        ("[attitude]", {"maps": "inertial to body", "quaternion": "scalar last"}),
+    ]
+    if recording.orbit:
+        sections.append(("[orbit]", {name: float(value) for name, value in vars(recording.orbit).items()}))
+    for interval in recording.intervals:
+        sections.append(
+            (
+                "[[interval]]",
+                {
+                    "name": interval.name,
+                    "activity": interval.activity,
+                    "start_s": float(interval.start_s),
+                    "stop_s": float(interval.stop_s),
+                },
+            )
+        )
+    blocks = []
+    for title, entries in sections:
+        lines = [title] if title else []
+        blocks.append("\n".join(lines + [f"{key} = {toml_value(value)}" for key, value in entries.items()]))
+    return "\n\n".join(blocks) + "\n"
+
+
+def _find_table(folder: Path, name: str) -> Path | None:
+    found = [folder / (name + suffix) for suffix in (".parquet", ".csv") if (folder / (name + suffix)).exists()]
+    if len(found) > 1:
+        raise InputError(f"{folder}: both {name}.parquet and {name}.csv are there; keep the one that is meant")
+    return found[0] if found else None
+
+
+def _read_table(folder: Path, name: str, required: tuple[str, ...]) -> tuple[str, pd.DataFrame]:
+    import pandas as pd  # late: 65 MiB that a Monte Carlo worker does without
+
+    path = _find_table(folder, name)
+    if path is None:
+        raise InputError(f"{folder}: neither {name}.parquet nor {name}.csv is there")
+    try:
+        frame = pd.read_parquet(path) if path.suffix == ".parquet" else pd.read_csv(path, index_col=False)
+    except pd.errors.EmptyDataError:
+        raise InputError(f"{path}: the file is empty") from None
+    except Exception as fault:  # pyarrow and pandas raise a zoo of types for a damaged file
+        raise InputError(f"{path}: cannot be read: {' '.join(str(fault).split())}") from None
+    missing = [column for column in required if column not in frame.columns]
+    if missing:
+        hint = ""
+        close = [str(c) for c in frame.columns if any(str(c).startswith(m.rsplit("_deg", 1)[0]) for m in missing)]
+        if len(frame.columns) == 1:
+            hint = "; is the separator a comma?"
+        elif close:
+            hint = f"; found {', '.join(close)}: convert to the unit in the required name"
+        else:
+            hint = f"; found {', '.join(map(str, frame.columns))}"
+        raise InputError(f"{path}: column {', '.join(missing)} is missing{hint}")
+    if frame.empty:
+        raise InputError(f"{path}: no rows")
+    for column in required:
+        if not pd.api.types.is_numeric_dtype(frame[column]) or pd.api.types.is_bool_dtype(frame[column]):
+            raise InputError(f"{path}: column {column} holds {frame[column].dtype}, not numbers")
+        bad = np.flatnonzero(~np.isfinite(frame[column].to_numpy(dtype=float)))
+        if bad.size:
+            raise InputError(
+                f"{path}: column {column}, row {bad[0]}: not a finite number ({bad.size} such); drop or repair these rows"
+            )
+    return path.name, frame
+
+
+def _sensors(folder: Path, tables: Mapping[str, pd.DataFrame]) -> SensorTables | None:
+    try:
+        return sensor_tables.read(tables)
+    except InputError as error:
+        raise InputError(f"{folder}: {error}") from None
+
+
+def _column(frame: pd.DataFrame, name: str) -> Array:
+    return frame[name].to_numpy(dtype=np.float64)
+
+
+def _columns(frame: pd.DataFrame, names: tuple[str, ...]) -> Array:
+    return np.ascontiguousarray(frame[list(names)].to_numpy(dtype=np.float64))
+
+
+def _check_times(t_s: Array, what: str) -> None:
+    if t_s.ndim != 1 or t_s.size == 0:
+        raise InputError(f"{what}: no rows")
+    if not np.isfinite(t_s).all():
+        raise InputError(f"{what}: t_s row {np.flatnonzero(~np.isfinite(t_s))[0]} is not a finite number")
+    back = np.flatnonzero(np.diff(t_s) <= 0)
+    if back.size:
+        row = back[0] + 1
+        raise InputError(f"{what}: time goes backwards or repeats at row {row} (t_s {t_s[row - 1]} then {t_s[row]})")
+
+
+def _check_gyro(gyro: GyroStream) -> None:
+    _check_times(gyro.t_s, "gyro")
+    if gyro.rates.shape != (gyro.t_s.size, 3) or not np.isfinite(gyro.rates).all():
+        raise InputError("gyro: rates must be finite numbers, three a sample")
+    if not gyro.sample_s > 0:
+        raise InputError("gyro: sample_s must be positive")
+    fast = np.flatnonzero(np.abs(gyro.rates).max(axis=1) > LARGEST_RATE)
+    if fast.size:
+        raise InputError(f"gyro: the rate in row {fast[0]} is beyond {np.rad2deg(LARGEST_RATE):g} deg/s; is the unit right?")
+    spacing = np.diff(gyro.t_s)
+    if spacing.size and abs(np.median(spacing) - gyro.sample_s) > 0.01 * gyro.sample_s:
+        raise InputError(
+            f"gyro: samples are {np.median(spacing):.6g} s apart, but sample_s is {gyro.sample_s:g}; is sample_s right?"
+        )
+    close = np.flatnonzero(spacing < 0.5 * gyro.sample_s)
+    if close.size:
+        row = close[0] + 1
+        raise InputError(
+            f"gyro: rows {row - 1} and {row} are only {spacing[row - 1]:.6g} s apart; sample_s is {gyro.sample_s:g}"
+        )
+
+
+def _check_attitudes(attitudes: Attitudes) -> None:
+    _check_times(attitudes.t_s, "attitude")
+    count = attitudes.t_s.size
+    if attitudes.quaternions.shape != (count, 4) or attitudes.sigma.shape != (count, 3):
+        raise InputError("attitude: four quaternion elements and three sigmas a row are needed")
+    norms = np.linalg.norm(attitudes.quaternions, axis=1)
+    bad = np.flatnonzero(~(np.abs(norms - 1) <= NORM_TOLERANCE))
+    if bad.size:
+        raise InputError(
+            f"attitude: quaternion in row {bad[0]} has norm {norms[bad[0]]:.9g}, not 1 ({bad.size} such); normalise them"
+        )
+    bad = np.flatnonzero(~((attitudes.sigma >= SIGMA_RANGE[0]) & (attitudes.sigma <= SIGMA_RANGE[1])).all(axis=1))
+    if bad.size:
+        low, high = np.rad2deg(SIGMA_RANGE)
+        raise InputError(f"attitude: sigma in row {bad[0]} is not within {low:g} and {high:g} deg")
+
+
+def _check_intervals(intervals: tuple[Interval, ...]) -> None:
+    if not intervals:
+        raise InputError("no [[interval]] is given")
+    names = [interval.name for interval in intervals]
+    repeated = sorted({name for name in names if names.count(name) > 1})
+    if repeated:
+        raise InputError(f"interval name {', '.join(repeated)} is used more than once")
+    for interval in intervals:
+        if not interval.stop_s > interval.start_s:
+            raise InputError(f"interval {interval.name}: stop_s {interval.stop_s} is not after start_s {interval.start_s}")
+    ordered = sorted(intervals, key=lambda interval: interval.start_s)
+    for first, second in pairwise(ordered):
+        if second.start_s < first.stop_s - TIME_TOLERANCE_S:
+            raise InputError(
+                f"intervals {first.name} and {second.name} overlap: "
+                f"{second.name} starts at {second.start_s} s, before {first.name} stops at {first.stop_s} s"
+            )
+
+
+def reference_rows(t_s: Array, interval: Interval) -> NDArray[np.intp]:
+    """Indices of the reference attitudes inside an interval, both ends included."""
+    inside = (t_s >= interval.start_s - TIME_TOLERANCE_S) & (t_s <= interval.stop_s + TIME_TOLERANCE_S)
+    return np.flatnonzero(inside)
+
+
+def _check_references(t_s: Array, intervals: tuple[Interval, ...]) -> None:
+    used = np.zeros(t_s.size, dtype=bool)
+    for interval in intervals:
+        rows = reference_rows(t_s, interval)
+        used[rows] = True
+        if rows.size < 2:
+            raise InputError(
+                f"interval {interval.name}: {rows.size} reference attitude(s) inside "
+                f"[{interval.start_s}, {interval.stop_s}] s; at least two are needed, the first one to start from"
+            )
+    if not used.all():
+        row = np.flatnonzero(~used)[0]
+        raise InputError(
+            f"attitude row {row}: reference at t_s = {t_s[row]} lies outside every interval; "
+            "widen the interval it belongs to or drop it"
+        )

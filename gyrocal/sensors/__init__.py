@@ -1,0 +1,1 @@
+"""Attitude sensors as an estimator sees them: expected measurements, sensitivities, alignment."""

@@ -1,0 +1,1 @@
+"""Effects of the gyro, its timing and its telemetry, one per file."""

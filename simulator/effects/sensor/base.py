@@ -1,0 +1,99 @@
+"""What an effect on the attitude sensors is: what it does to the sensors as built, and to what they show.
+
+M0 at the level of the sensors has the nominal sun and Earth sensors with white noise. An effect changes the sensors of a
+simulation (`SensorEffect.fitted`), and says what that adds to the angles which the nominal ones would show
+(`SensorEffect.error`), exactly and per amplitude, so that a diagnosis gets its columns as derivatives of it. Both are written
+apart from each other where the sensors' own code can tell the first.
+
+Sizes are in the unit of the effect, errors in radians; an error is what the sensor shows beyond M0.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from simulator.effects.base import Effect, Parameter, Setting, Value
+from simulator.sensors.suite import SensorSuite
+
+Array = NDArray[np.float64]
+DEG = float(np.deg2rad(1.0))
+
+
+@dataclass(frozen=True)
+class Sightings:
+    """What the sensors look at, as well as it is known.
+
+    Attributes
+    ----------
+    sun_sensor : (n,) number of the sun sensor of each of its measurements, 1, 2, …
+    sun_angles : (n, 2) α and β of M0, rad
+    t_s : (m,) times of the Earth sensor's measurements
+    stretch : (m,) number of the stretch each belongs to; in time order
+    A : (m, 3, 3) attitudes then
+    position : (m, 3) from the Earth's centre, inertial, m
+    sun : (m, 3) unit vectors, inertial
+    used : (m, 4) quadrants used
+    """
+
+    sun_sensor: NDArray[np.int64]
+    sun_angles: Array
+    t_s: Array
+    stretch: NDArray[np.intp]
+    A: Array
+    position: Array
+    sun: Array
+    used: NDArray[np.bool_]
+
+    @property
+    def nothing(self) -> tuple[Array, Array]:
+        """Errors (n, 2) and (m, 4) that are zero."""
+        return np.zeros(self.sun_angles.shape), np.zeros(self.used.shape)
+
+
+@dataclass(frozen=True)
+class SensorEffect(Effect):
+    """An effect on the sensors.
+
+    Attributes
+    ----------
+    options : values of its other parameters that a diagnosis tries
+    count : number of its linear amplitudes
+    refined : those of the other parameters that are positive numbers, to be found between the options
+    """
+
+    options: tuple[Mapping[str, Value], ...] = ({},)
+    count: int = 1
+    refined: tuple[str, ...] = ()
+
+    def fitted(self, suite: SensorSuite, setting: Setting) -> SensorSuite:
+        """The sensors with the effect."""
+        raise NotImplementedError
+
+    def error(
+        self, sightings: Sightings, axis: str | None, amplitudes: Array, parameters: Mapping[str, Value]
+    ) -> tuple[Array, Array]:
+        """Errors of the sun sensors' angles (n, 2) and the penetration angles (m, 4), rad; amplitudes (count,)."""
+        raise NotImplementedError
+
+
+@dataclass(frozen=True)
+class VectorEffect(SensorEffect):
+    """An effect of several angles: its size is their norm, its parameters say the direction and may have any length."""
+
+    def amplitudes(self, setting: Setting) -> Array:
+        """The angles, in degrees."""
+        direction = np.array([float(setting.parameters[one.name]) for one in self.parameters])
+        length = np.linalg.norm(direction)
+        return np.asarray(setting.size * direction / length) if length > 0 else np.zeros(direction.size)
+
+    def from_amplitudes(self, amplitudes: Array) -> tuple[float, dict[str, Value]]:
+        """The norm, and the angles."""
+        named = {one.name: float(value) for one, value in zip(self.parameters, amplitudes, strict=True)}
+        return float(np.linalg.norm(amplitudes)), dict(named)
+
+
+def angle(name: str, default: float, summary: str) -> Parameter:
+    """A parameter of a `VectorEffect`."""
+    return Parameter(name, "deg", default, summary)

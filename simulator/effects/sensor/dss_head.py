@@ -1,0 +1,64 @@
+"""Heads of a sun sensor that are not at right angles: the β head is turned by a 2-3-1 Euler sequence (e₁, e₂, e₃).
+
+R found both sensors' heads so mounted after launch. With a = tan α, b = tan β, to first order (`simulator.sensors.sun`)
+
+    δ tan β = −e₁ a b − e₂ a + e₃ (1 + b²),    δα = 0
+
+A misalignment m of the whole sensor does the same to β with m = (e₃, e₁, e₂), but also turns the α head:
+δ tan α = m_x a b − m_y (1 + a²) + m_z b. An orthogonal matrix can therefore not take a head's angles, and least squares divides
+them: where both angles are as noisy and the Sun comes from everywhere, about half of each goes into the matrix and as much is
+left in β as is brought into α. Only e₃ along a = 0, where the yaw is updated, is taken in full.
+
+The size is the norm of the three angles; the default direction is that of the flight's DSS-2.
+"""
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+import numpy as np
+
+from simulator.effects.base import Setting, Value
+from simulator.effects.sensor.base import DEG, Array, Sightings, VectorEffect, angle
+from simulator.sensors.suite import SensorSuite
+
+
+class DssHead(VectorEffect):
+    """See the module."""
+
+    def fitted(self, suite: SensorSuite, setting: Setting) -> SensorSuite:
+        """With the head of one sensor turned."""
+        sensors = list(suite.sun_sensors)
+        place = int(str(setting.axis)) - 1
+        sensors[place] = replace(sensors[place], head=sensors[place].head + DEG * self.amplitudes(setting))
+        return replace(suite, sun_sensors=tuple(sensors))
+
+    def error(
+        self, sightings: Sightings, axis: str | None, amplitudes: Array, parameters: Mapping[str, Value]
+    ) -> tuple[Array, Array]:
+        """Of β; exact."""
+        sun, earth = sightings.nothing
+        own = sightings.sun_sensor == int(str(axis))
+        a, b = np.tan(sightings.sun_angles[own].T)
+        e1, e2, e3 = DEG * amplitudes
+        p = np.cos(e2) * b - np.sin(e2) * (a * np.cos(e1) - np.sin(e1))
+        q = a * np.sin(e1) + np.cos(e1)
+        sun[own, 1] = e3 + np.arctan2(p, q) - sightings.sun_angles[own, 1]
+        return sun, earth
+
+
+EFFECT = DssHead(
+    name="dss_head",
+    summary="the heads of a sun sensor are not at right angles",
+    unit="deg",
+    acts_on="sensors",
+    kind="columns",
+    prior=(3e-3, 2.0),
+    bounds=(-5.0, 5.0),
+    axes=("1", "2"),
+    parameters=(
+        angle("e1_deg", 0.206, "first Euler angle, about y; only the direction of the three counts"),
+        angle("e2_deg", 0.061, "second, about z"),
+        angle("e3_deg", 0.182, "third, about x"),
+    ),
+    count=3,
+)

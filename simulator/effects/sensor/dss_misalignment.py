@@ -1,0 +1,58 @@
+"""DSS-2 turned against DSS-1: O = Mᵀ O_nominal with M = exp([m×]), the true sensor frame to the nominal one as in R (1).
+
+DSS-1 is the reference, as in R: turning all sensors together is an attitude error. m is about the axes of the nominal sensor
+frame; the default direction is that of R (3).
+"""
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from simulator.effects.base import Setting, Value
+from simulator.effects.sensor.base import DEG, Array, Sightings, VectorEffect, angle
+from simulator.sensors.suite import SensorSuite
+
+SENSOR = 2
+
+
+class DssMisalignment(VectorEffect):
+    """See the module."""
+
+    def fitted(self, suite: SensorSuite, setting: Setting) -> SensorSuite:
+        """With DSS-2 turned."""
+        sensors = list(suite.sun_sensors)
+        turn = Rotation.from_rotvec(DEG * self.amplitudes(setting)).as_matrix()
+        sensors[SENSOR - 1] = replace(sensors[SENSOR - 1], alignment=sensors[SENSOR - 1].alignment @ turn)
+        return replace(suite, sun_sensors=tuple(sensors))
+
+    def error(
+        self, sightings: Sightings, axis: str | None, amplitudes: Array, parameters: Mapping[str, Value]
+    ) -> tuple[Array, Array]:
+        """Of both angles; exact."""
+        sun, earth = sightings.nothing
+        own = sightings.sun_sensor == SENSOR
+        angles = sightings.sun_angles[own]
+        nominal = np.column_stack([np.tan(angles), np.ones(len(angles))])
+        seen = Rotation.from_rotvec(DEG * amplitudes).inv().apply(nominal)
+        sun[own] = np.arctan2(seen[:, :2], seen[:, 2:]) - angles
+        return sun, earth
+
+
+EFFECT = DssMisalignment(
+    name="dss_misalignment",
+    summary="DSS-2 is turned against DSS-1",
+    unit="deg",
+    acts_on="sensors",
+    kind="columns",
+    prior=(3e-3, 2.0),
+    bounds=(-5.0, 5.0),
+    axes=(),
+    parameters=(
+        angle("m_x_deg", -0.1565, "about the sensor's x; only the direction of the three counts"),
+        angle("m_y_deg", -0.1141, "about y"),
+        angle("m_z_deg", 0.1140, "about z"),
+    ),
+    count=3,
+)

@@ -1,0 +1,48 @@
+"""Penetration-angle biases of the Earth sensor, one for each quadrant.
+
+Two of the four combinations, the differences of opposite quadrants, are a roll and a pitch of the Earth sensor against the sun
+sensors. The sum is a change of the horizon's height, and y₁ − y₂ + y₃ − y₄ of its shape; both are seen by the Earth sensor
+alone. The default direction is R's, in the order printed there (`gyrocal.sensors.earth.TRMM_BIASES` on what that order is).
+"""
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+from simulator.effects.base import Setting, Value
+from simulator.effects.sensor.base import DEG, Array, Sightings, VectorEffect, angle
+from simulator.sensors.suite import SensorSuite
+
+
+class EsaBias(VectorEffect):
+    """See the module."""
+
+    def fitted(self, suite: SensorSuite, setting: Setting) -> SensorSuite:
+        """With the biases added."""
+        assert suite.earth is not None
+        return replace(suite, earth=replace(suite.earth, biases=suite.earth.biases + DEG * self.amplitudes(setting)))
+
+    def error(
+        self, sightings: Sightings, axis: str | None, amplitudes: Array, parameters: Mapping[str, Value]
+    ) -> tuple[Array, Array]:
+        """The biases themselves."""
+        sun, earth = sightings.nothing
+        return sun, earth + DEG * amplitudes
+
+
+EFFECT = EsaBias(
+    name="esa_bias",
+    summary="penetration-angle biases of the Earth sensor's quadrants",
+    unit="deg",
+    acts_on="sensors",
+    kind="columns",
+    prior=(3e-3, 2.0),
+    bounds=(-3.0, 3.0),
+    axes=(),
+    parameters=(
+        angle("bias_1_deg", -0.1574, "of the first quadrant; only the direction of the four counts"),
+        angle("bias_2_deg", 0.04635, "of the second"),
+        angle("bias_3_deg", -0.09414, "of the third"),
+        angle("bias_4_deg", -0.05382, "of the fourth"),
+    ),
+    count=4,
+)

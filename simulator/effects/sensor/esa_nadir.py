@@ -1,0 +1,91 @@
+"""Penetration angles that refer to another nadir than the model's: part of the Earth's flattening is missing in them.
+
+The model of M0 takes the oblate horizon. Where the angles come from a source that has taken the oblateness out already, or from
+a processing for a sphere, geocentric nadir and not the near geodetic one is what they point to: the sensor seems to see an
+ellipsoid of flattening f (1 − size). A size of 1 is a sphere of the equatorial radius, of −1 twice the flattening.
+
+What that adds is found here by another way than that of `simulator.sensors.horizon`. The lines of sight e that touch an
+ellipsoid |D x| = 1 from r form the cone eᵀ C e = 0, C = (D² r)(D² r)ᵀ − (rᵀ D² r − 1) D². In the scan plane of a quadrant,
+spanned by the body's z and s, e = z cos η + s sin η, so that with α = zᵀ C z, β = sᵀ C z, γ = sᵀ C s
+
+    (α + γ) + (α − γ) cos 2η + 2 β sin 2η = 0,    2η = ψ ± arccos(−(α + γ)/ρ),    ρ e^{iψ} = (α − γ) + 2 i β
+
+of which the limb is the root nearest to the nominal angle.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from simulator.effects.base import Setting, Value
+from simulator.effects.sensor.base import Array, SensorEffect, Sightings
+from simulator.sensors.horizon import AZIMUTHS, Horizon
+from simulator.sensors.suite import SensorSuite
+
+
+@dataclass(frozen=True)
+class FlattenedHorizon(Horizon):
+    """A horizon with another flattening.
+
+    Attributes
+    ----------
+    missing : part of the flattening that is missing
+    """
+
+    missing: float = 0.0
+
+    @property
+    def semi_axes(self) -> tuple[float, float]:
+        """Equatorial and polar semi-axis, m."""
+        a, c = super().semi_axes
+        return a, c + self.missing * (a - c)
+
+
+class EsaNadir(SensorEffect):
+    """See the module."""
+
+    def fitted(self, suite: SensorSuite, setting: Setting) -> SensorSuite:
+        """With the other horizon."""
+        assert suite.earth is not None
+        seen = suite.earth.horizon
+        horizon = FlattenedHorizon(co2_height=seen.co2_height, altitude=seen.altitude, missing=setting.size)
+        return replace(suite, earth=replace(suite.earth, horizon=horizon))
+
+    def error(
+        self, sightings: Sightings, axis: str | None, amplitudes: Array, parameters: Mapping[str, Value]
+    ) -> tuple[Array, Array]:
+        """Angle of the one horizon minus that of the other."""
+        sun, _ = sightings.nothing
+        seen = Horizon()
+        changed = FlattenedHorizon(missing=float(amplitudes[0]))
+        return sun, _limbs(sightings, *changed.semi_axes, seen.nominal) - _limbs(sightings, *seen.semi_axes, seen.nominal)
+
+
+def _limbs(sightings: Sightings, a: float, c: float, nominal: float) -> Array:
+    """η (m, 4) of the quadrants' limbs, rad."""
+    squares = 1 / np.array([a, a, c]) ** 2
+    scaled = sightings.position * squares
+    beyond = (sightings.position * scaled).sum(axis=1) - 1
+    cone = scaled[:, :, None] * scaled[:, None, :] - beyond[:, None, None] * np.diag(squares)
+    in_body = sightings.A @ cone @ np.swapaxes(sightings.A, 1, 2)
+    sides = np.stack([np.cos(AZIMUTHS), np.sin(AZIMUTHS), np.zeros(4)])
+    alpha, beta = in_body[:, 2, 2, None], in_body[:, 2] @ sides
+    gamma = np.einsum("iq,mij,jq->mq", sides, in_body, sides)
+    middle = np.arctan2(2 * beta, alpha - gamma)
+    half = np.arccos(-(alpha + gamma) / np.hypot(alpha - gamma, 2 * beta))
+    roots = np.stack([(middle + half) / 2, (middle - half) / 2])
+    roots = nominal + (roots - nominal + np.pi / 2) % np.pi - np.pi / 2  # lines, not rays
+    return np.asarray(np.where(np.abs(roots[0] - nominal) < np.abs(roots[1] - nominal), *roots))
+
+
+EFFECT = EsaNadir(
+    name="esa_nadir",
+    summary="part of the Earth's flattening is missing in the penetration angles",
+    unit="flattenings",
+    acts_on="sensors",
+    kind="columns",
+    prior=(0.01, 2.0),
+    bounds=(-5.0, 5.0),
+    axes=(),
+)

@@ -1,0 +1,56 @@
+"""The filter of the Earth sensor's S detector starts from a wrong value when a quadrant returns after the Sun (R, figure 8).
+
+While the Sun is predicted in a quadrant, the quadrant is not used and its S not filtered. With the time t₀ of the last such
+sample, the quadrant's angle is in error by size · exp(−(t − t₀)/τ) after it. The size is 3 w (o − S_f) of the wrong start S_f
+(`simulator.sensors.earth`).
+"""
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+import numpy as np
+
+from simulator.effects.base import Parameter, Setting, Value
+from simulator.effects.sensor.base import DEG, Array, SensorEffect, Sightings
+from simulator.sensors.suite import SensorSuite
+
+TIME_CONSTANT = Parameter("time_constant_s", "s", 60.0, "of the filter", lower=1.0, upper=1e4)
+
+
+class EsaSFilter(SensorEffect):
+    """See the module."""
+
+    def fitted(self, suite: SensorSuite, setting: Setting) -> SensorSuite:
+        """With the filter that starts from a wrong value."""
+        assert suite.earth is not None
+        start = suite.earth.offset - DEG * setting.size / (3 * suite.earth.width)
+        constant = float(setting.parameters["time_constant_s"])
+        return replace(suite, earth=replace(suite.earth, s_filter="restarted", s_restart=start, s_time_constant=constant))
+
+    def error(
+        self, sightings: Sightings, axis: str | None, amplitudes: Array, parameters: Mapping[str, Value]
+    ) -> tuple[Array, Array]:
+        """What is left of the wrong start, in each quadrant."""
+        sun, earth = sightings.nothing
+        constant = float(parameters["time_constant_s"])
+        for number in np.unique(sightings.stretch):
+            rows = np.flatnonzero(sightings.stretch == number)
+            t, used = sightings.t_s[rows, None], sightings.used[rows]
+            lost = np.maximum.accumulate(np.where(used, -np.inf, t), axis=0)  # when it was last not used
+            earth[rows] = np.where(used, np.exp(-(t - lost) / constant), 0.0)
+        return sun, DEG * amplitudes[0] * earth
+
+
+EFFECT = EsaSFilter(
+    name="esa_s_filter",
+    summary="the S filter starts from a wrong value when a quadrant returns",
+    unit="deg",
+    acts_on="sensors",
+    kind="columns",
+    prior=(0.01, 5.0),
+    bounds=(-10.0, 10.0),
+    axes=(),
+    parameters=(TIME_CONSTANT,),
+    options=tuple({"time_constant_s": value} for value in (15.0, 30.0, 60.0, 120.0, 240.0)),
+    refined=("time_constant_s",),
+)

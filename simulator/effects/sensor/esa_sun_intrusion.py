@@ -1,0 +1,95 @@
+"""The Sun in a quadrant of the Earth sensor that is not excluded: S rises, and the angle falls with it.
+
+The filtered S takes up the Sun's radiance while it is in the field and gives it back after, so that the error of the angle is
+−size · L with L the filter's answer to one inside the field and zero outside. The field is a cone about the quadrant's nominal
+limb, and the Sun must not be behind the Earth, which it is where the line of sight passes the centre of a unit sphere by less
+than 1, lengths in units of the Earth's semi-axes. With u_k whether a quadrant is used and g_k the filter's gain
+
+    L_k = (1 − u_k g_k) L_{k−1} + u_k g_k inside_k
+
+with g = 1 at the first of a stretch, as the filter of `simulator.sensors.earth` has it.
+"""
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+import numba
+import numpy as np
+
+from simulator.effects.base import Parameter, Setting, Value
+from simulator.effects.sensor.base import DEG, Array, SensorEffect, Sightings
+from simulator.effects.sensor.esa_s_filter import TIME_CONSTANT
+from simulator.sensors.horizon import AZIMUTHS, POLAR_RADIUS, Horizon
+from simulator.sensors.suite import SensorSuite
+from simulator.truth.orbit import EARTH_RADIUS
+
+
+class EsaSunIntrusion(SensorEffect):
+    """See the module."""
+
+    def fitted(self, suite: SensorSuite, setting: Setting) -> SensorSuite:
+        """With the Sun's radiance, and nothing predicted."""
+        assert suite.earth is not None
+        field = DEG * float(setting.parameters["field_deg"])
+        return replace(
+            suite,
+            earth=replace(
+                suite.earth,
+                sun_radiance=DEG * setting.size / (3 * suite.earth.width),
+                sun_field=field,
+                sun_margin=-field,
+                s_time_constant=float(setting.parameters["time_constant_s"]),
+            ),
+        )
+
+    def error(
+        self, sightings: Sightings, axis: str | None, amplitudes: Array, parameters: Mapping[str, Value]
+    ) -> tuple[Array, Array]:
+        """What the filtered S takes off each quadrant."""
+        sun, _ = sightings.nothing
+        inside = _inside(sightings, np.cos(DEG * float(parameters["field_deg"])))
+        step = np.diff(sightings.t_s, prepend=sightings.t_s[:1])
+        first = np.diff(sightings.stretch, prepend=-1) != 0
+        gain = np.where(first, 1.0, -np.expm1(-step / float(parameters["time_constant_s"])))
+        taken = np.where(sightings.used | first[:, None], gain[:, None], 0.0)
+        return sun, -DEG * amplitudes[0] * _recurrence(1 - taken, taken * inside)
+
+
+@numba.njit(cache=True, nogil=True)
+def _recurrence(kept: Array, added: Array) -> Array:  # pragma: no cover - compiled
+    """x_k = kept_k x_{k−1} + added_k from zero; all (n, q)."""
+    out = np.empty_like(kept)
+    state = np.zeros(kept.shape[1])
+    for k in range(len(kept)):
+        state = kept[k] * state + added[k]
+        out[k] = state
+    return out
+
+
+def _inside(sightings: Sightings, cos_field: float) -> Array:
+    """(m, 4) whether the Sun is in a quadrant's field, 1 or 0."""
+    nominal = Horizon().nominal
+    limbs = np.stack([np.sin(nominal) * np.cos(AZIMUTHS), np.sin(nominal) * np.sin(AZIMUTHS), np.full(4, np.cos(nominal))])
+    cosines = np.einsum("mij,mj->mi", sightings.A, sightings.sun) @ limbs
+    scale = np.array([EARTH_RADIUS, EARTH_RADIUS, POLAR_RADIUS])
+    here, way = sightings.position / scale, sightings.sun / scale
+    along = (here * way).sum(axis=1) / (way * way).sum(axis=1)
+    passed = np.linalg.norm(here - along[:, None] * way, axis=1)
+    lit = (along >= 0) | (passed >= 1)
+    return np.asarray(np.where((cosines > cos_field) & lit[:, None], 1.0, 0.0))
+
+
+FIELDS, CONSTANTS = (3.5, 5.0, 7.0), (20.0, 60.0, 180.0)
+EFFECT = EsaSunIntrusion(
+    name="esa_sun_intrusion",
+    summary="the Sun in a quadrant of the Earth sensor is not excluded",
+    unit="deg",
+    acts_on="sensors",
+    kind="columns",
+    prior=(0.01, 10.0),
+    bounds=(-30.0, 30.0),
+    axes=(),
+    parameters=(Parameter("field_deg", "deg", 5.0, "half angle of a quadrant's field", lower=0.1, upper=30.0), TIME_CONSTANT),
+    options=tuple({"field_deg": field, "time_constant_s": constant} for field in FIELDS for constant in CONSTANTS),
+    refined=("field_deg", "time_constant_s"),
+)

@@ -1,0 +1,362 @@
+"""Mission Mode flown: R's control loop with its sensors, its on-board tables and the days on which they change.
+
+    >>> from simulator.mission_mode.config import MissionConfig
+    >>> run = simulate_mission(MissionConfig(), seconds=6000.0, seed=1)
+    >>> len(run.orbits), len(run.telemetry)
+    (2, 100)
+
+`MissionConfig` says what is flown, `simulator.mission_mode.loop` flies it. A run goes from event to event, an upload or the
+start or end of a yaw maneuver, with everything constant in between. Errors are those of the commanded frame of
+`simulator.mission_mode.target_frame`, small angles about the body axes with A_true = exp(−[ε×]) A_commanded; knowledge is
+estimate − ε.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from simulator.mission_mode.calendar import plane_crossings, sun_angle
+from simulator.mission_mode.config import (
+    DAY,
+    Forward,
+    MissionConfig,
+    Mounting,
+    OnBoardTables,
+    YawManeuver,
+    alignment_upload,
+    coefficient_upload,
+    filter_upload,
+)
+from simulator.mission_mode.loop import fly
+from simulator.mission_mode.magnetic_field import DIPOLE, sidereal_angle
+from simulator.mission_mode.state import NEVER, ORBIT_COLUMNS, TELEMETRY, UPDATES, Plant, Sensors, Slew, State, Tables
+from simulator.mission_mode.target_frame import commanded_attitude
+from simulator.mission_mode.wheels import pyramid
+from simulator.sensors.sun import trmm_alignments
+from simulator.streams import generator
+from simulator.truth.orbit import lvlh_rate
+from simulator.truth.rotation import quaternion
+from simulator.truth.sun import julian_date, sun_vector
+
+Array = NDArray[np.float64]
+
+SUN_STEP = 600.0  # s; the Sun is interpolated linearly between, in error by less than 1e-8 rad
+AXES = ("roll", "pitch", "yaw")
+SECONDS_PER_HOUR = 3600.0
+SLEW_NUMBERS = (*(f"pointing_{axis}_deg" for axis in AXES), *(f"targeting_{axis}_deg" for axis in AXES), "bias_yaw_deg_h")
+
+
+@dataclass(frozen=True)
+class MissionRun:
+    """What a run leaves; angles in degrees.
+
+    Attributes
+    ----------
+    telemetry : every so many cycles: t_s, error_*_deg and estimate_*_deg of roll, pitch, yaw, bias_yaw_deg_h on board,
+        wheel_*_nms (momentum), quadrants used by the Earth sensor, normal (0 from a yaw maneuver's start to the next update)
+    updates : a row a yaw update: t_s, sensor (1, 2), update_deg, bias_deg_h (new), bias_solved (whether it was solved for),
+        measured_deg, error_yaw_deg (true), forward ("+x", "-x"), sun_angle_deg (Sun's angle from the body's XZ plane toward −Y)
+    slews : a row a yaw maneuver: start_s, stop_s, forward after it; pointing_*_deg, the true error at its end;
+        targeting_*_deg, true minus propagated by gyro from the true attitude at its start; bias_yaw_deg_h at its start
+    orbits : a row an orbit, over its cycles in normal pointing (NaN without): t_s of its start, forward, samples, lost (cycles
+        not in normal pointing), rms_error_*_deg, rms_knowledge_*_deg, largest_error_*_deg, largest_knowledge_*_deg,
+        jitter_*_deg (largest peak to peak over 1 s), apparent_bias_*_deg_h (mean of ω − G ω_raw, the bias that an attitude
+        solution would find), momentum_nms and wheel_nms (largest of the wheels together and of one), moment_am2 (largest of a
+        torquer), three_quadrants (share of cycles)
+    """
+
+    telemetry: pd.DataFrame
+    updates: pd.DataFrame
+    slews: pd.DataFrame
+    orbits: pd.DataFrame
+
+
+def simulate_mission(
+    config: MissionConfig,
+    *,
+    days: float | None = None,
+    seconds: float | None = None,
+    seed: int = 0,
+    telemetry_every: int | None = 120,
+    progress: Callable[[int], None] | None = None,
+) -> MissionRun:
+    """Fly a run from its epoch.
+
+    Parameters
+    ----------
+    config : what is flown
+    days, seconds : how long; one of them
+    seed : of the noise; one seed gives one run, and uploads do not change what is drawn
+    telemetry_every : cycles from one row of telemetry to the next; None for no telemetry
+    progress : told after each whole day flown that it is one more; changes nothing else
+
+    Raises
+    ------
+    ValueError
+        Not one of days and seconds is given, nothing is to be flown, or a yaw maneuver starts within another one.
+    """
+    if (days is None) == (seconds is None):
+        raise ValueError("give days or seconds, not both")
+    span = seconds if seconds is not None else DAY * (days or 0.0)
+    cycle = config.controller.cycle_s
+    cycles = round(span / cycle)
+    if cycles < 1 or (telemetry_every is not None and telemetry_every < 1):
+        raise ValueError("the time and telemetry_every must be positive")
+    stops = [maneuver.start_s + maneuver.duration_s for maneuver in config.maneuvers]
+    if any(later.start_s < stop for later, stop in zip(config.maneuvers[1:], stops[:-1], strict=True)):
+        raise ValueError("a yaw maneuver starts within another one, or they are not in order")
+    every = telemetry_every or cycles + 1
+    telemetry = np.full((0 if telemetry_every is None else -(-cycles // every), len(TELEMETRY)), np.nan)
+    return _Flight(config, cycles, seed).fly(every, telemetry, progress)
+
+
+def flight_schedule(config: MissionConfig, days: float, mounting: Mounting = "solved", published: bool = True) -> MissionConfig:
+    """The config with R's uploads on their days, and a yaw maneuver whenever the Sun crosses the orbit plane.
+
+    Alignment on December 11, the gyro and DSS coefficients on February 27, 1998; the S filter is turned off with the first.
+    A maneuver is centred on its crossing.
+
+    Parameters
+    ----------
+    config : epoch, orbit, sensors and first tables are taken from it
+    days : for how long maneuvers are planned
+    mounting : how the config's sensors are mounted, which the alignment's axes go with
+    published : whether the second upload's (c, d) are R's, or those of `crossing_compensation`
+    """
+    start = julian_date(config.epoch)
+    days_of = [(julian_date(date) - start) * DAY for date in ("1997-12-11T12:00:00+00:00", "1998-02-27T12:00:00+00:00")]
+    second = filter_upload(alignment_upload(config.tables, mounting))
+    third = coefficient_upload(second, None if published else config.sun_sensors)
+    moments = plane_crossings(config.epoch, config.orbit, days)
+    standard = YawManeuver(0.0)
+    maneuvers = tuple(replace(standard, start_s=float(t) - 0.5 * standard.duration_s) for t in moments)
+    forward: Forward = "+x" if sun_angle(config.epoch, config.orbit, 0.0) > 0 else "-x"
+    uploads = ((days_of[0], second), (days_of[1], third))
+    return replace(config, uploads=uploads, maneuvers=maneuvers, forward=forward)
+
+
+class _Flight:
+    """A run under way."""
+
+    def __init__(self, config: MissionConfig, cycles: int, seed: int):
+        self.config, self.cycles = config, cycles
+        self.cycle = config.controller.cycle_s
+        self.rng = generator(seed, 0, "mission_mode")
+        orbits = int((cycles - 1) * self.cycle / config.orbit.period) + 1
+        self.plant = _plant(config, cycles * self.cycle)
+        self.orbits = np.zeros((orbits, ORBIT_COLUMNS))
+        self.updates = np.empty((2 * orbits + 4, len(UPDATES)))
+        self.tables = config.tables
+        self.forward = config.forward
+        self.state = _initial(config)
+
+    def fly(self, every: int, telemetry: Array, progress: Callable[[int], None] | None) -> MissionRun:
+        """All of it."""
+        slew, count, k, bias = self._resting(), 0, 0, 0.0
+        slews: list[dict[str, float | str]] = []
+        for at, what in [*self._events(progress is not None), (self.cycles, None)]:
+            sensors = _sensors(self.config, self.tables)
+            tables = _tables(self.config, self.tables)
+            outputs = every, telemetry, self.updates, count, self.orbits
+            count = fly(self.rng, k, at, self.plant, sensors, tables, slew, self.state, *outputs)
+            k = at
+            if what == "day" and progress is not None:
+                progress(1)
+            elif isinstance(what, OnBoardTables):
+                self.tables = what
+                if what.bias is not None:
+                    self.state.bias[:] = what.bias
+            elif isinstance(what, YawManeuver):
+                bias = float(self.state.bias[2])
+                angle = np.pi if self.forward == "+x" else -np.pi  # N: +180° from +x to −x, −180° back
+                slew = Slew(slew.yaw, angle, what.start_s, what.duration_s, what.ramp_fraction)
+            elif what == "end":
+                self.forward = "-x" if self.forward == "+x" else "+x"
+                slews.append(self._slew_row(slew, bias))
+                slew = self._resting()
+        return self._result(telemetry, count, slews)
+
+    def _events(self, daily: bool) -> list[tuple[int, OnBoardTables | YawManeuver | str]]:
+        """Cycle before which each event takes place, in order; a maneuver that the run does not see the end of is left out."""
+        events: list[tuple[int, OnBoardTables | YawManeuver | str]] = [
+            (int(np.ceil(at / self.cycle)), tables) for at, tables in self.config.uploads
+        ]
+        for maneuver in self.config.maneuvers:
+            # A cycle before the start, where the true error is noted, and one after the end.
+            start = int(np.floor(maneuver.start_s / self.cycle))
+            stop = int(np.floor((maneuver.start_s + maneuver.duration_s) / self.cycle)) + 1
+            if stop <= self.cycles:
+                events += [(start, maneuver), (stop, "end")]
+        day = round(DAY / self.cycle)
+        events += [(k, "day") for k in range(day, self.cycles, day) if daily]
+        return sorted(((max(at, 0), what) for at, what in events if at < self.cycles), key=lambda event: event[0])
+
+    def _resting(self) -> Slew:
+        return Slew(0.0 if self.forward == "+x" else np.pi, 0.0, 0.0, 0.0, 0.5)
+
+    def _slew_row(self, slew: Slew, bias: float) -> dict[str, float | str]:
+        last = self.state.past[0]
+        targeting = np.rad2deg(last - self.state.probe)
+        return {
+            "start_s": slew.start,
+            "stop_s": slew.start + slew.duration,
+            "forward": self.forward,
+            **{f"pointing_{axis}_deg": value for axis, value in zip(AXES, np.rad2deg(last), strict=True)},
+            **{f"targeting_{axis}_deg": value for axis, value in zip(AXES, targeting, strict=True)},
+            "bias_yaw_deg_h": np.rad2deg(bias) * SECONDS_PER_HOUR,
+        }
+
+    def _result(self, telemetry: Array, count: int, slews: list[dict[str, float | str]]) -> MissionRun:
+        rows = pd.DataFrame(telemetry, columns=list(TELEMETRY))
+        angles = [name for name in TELEMETRY if name.startswith(("error", "estimate"))]
+        rows[angles] = np.rad2deg(rows[angles])
+        rows["bias_yaw"] = np.rad2deg(rows["bias_yaw"]) * SECONDS_PER_HOUR
+        rows = rows.rename(columns={**{name: f"{name}_deg" for name in angles}, "bias_yaw": "bias_yaw_deg_h"})
+        return MissionRun(
+            rows,
+            self._update_table(count),
+            pd.DataFrame(slews, columns=["start_s", "stop_s", "forward", *SLEW_NUMBERS]),
+            self._orbit_table(),
+        )
+
+    def _update_table(self, count: int) -> pd.DataFrame:
+        raw = pd.DataFrame(self.updates[:count], columns=list(UPDATES))
+        forward = self._forward(raw["t_s"].to_numpy())
+        beta = np.rad2deg(sun_angle(self.config.epoch, self.config.orbit, raw["t_s"].to_numpy()))
+        return pd.DataFrame(
+            {
+                "t_s": raw["t_s"],
+                "sensor": raw["sensor"].astype(int),
+                "update_deg": np.rad2deg(raw["update"]),
+                "bias_deg_h": np.rad2deg(raw["bias"]) * SECONDS_PER_HOUR,
+                "bias_solved": raw["bias_solved"] > 0,
+                "measured_deg": np.rad2deg(raw["measured"]),
+                "error_yaw_deg": np.rad2deg(raw["error_yaw"]),
+                "forward": forward,
+                "sun_angle_deg": np.where(forward == "+x", beta, -beta),
+            }
+        )
+
+    def _orbit_table(self) -> pd.DataFrame:
+        rows = self.orbits
+        samples = np.where(rows[:, 0] > 0, rows[:, 0], np.nan)
+        start = self.config.orbit.period * np.arange(len(rows), dtype=float)
+        table: dict[str, object] = {"t_s": start, "forward": self._forward(start), "samples": rows[:, 0], "lost": rows[:, 1]}
+        for i, axis in enumerate(AXES):
+            table[f"rms_error_{axis}_deg"] = np.rad2deg(np.sqrt(rows[:, 2 + i] / samples))
+            table[f"rms_knowledge_{axis}_deg"] = np.rad2deg(np.sqrt(rows[:, 5 + i] / samples))
+            for name, column in (("largest_error", 8), ("largest_knowledge", 11), ("jitter", 14)):
+                table[f"{name}_{axis}_deg"] = np.rad2deg(np.where(samples > 0, rows[:, column + i], np.nan))
+            table[f"apparent_bias_{axis}_deg_h"] = np.rad2deg(rows[:, 17 + i] / samples) * SECONDS_PER_HOUR
+        table |= {"momentum_nms": rows[:, 20], "wheel_nms": rows[:, 21], "moment_am2": rows[:, 22]}
+        return pd.DataFrame({**table, "three_quadrants": rows[:, 23] / samples})
+
+    def _forward(self, t: NDArray[np.floating]) -> NDArray[np.str_]:
+        """Axis along the velocity at times t, a maneuver counting from its middle."""
+        flown = [m for m in self.config.maneuvers if m.start_s + m.duration_s < self.cycles * self.cycle]
+        swaps = np.searchsorted([m.start_s + 0.5 * m.duration_s for m in flown], t)
+        return np.where((swaps + (self.config.forward == "-x")) % 2 == 0, "+x", "-x")
+
+
+def _plant(config: MissionConfig, span: float) -> Plant:
+    body, orbit = config.spacecraft, config.orbit
+    axes = pyramid(body.elevation)
+    start = julian_date(config.epoch)
+    moments = np.arange(0.0, span + 2 * SUN_STEP, SUN_STEP)
+    return Plant(
+        dt=config.controller.cycle_s,
+        substeps=config.substeps,
+        inertia=np.ascontiguousarray(body.inertia, dtype=float),
+        inverse=np.asarray(np.linalg.inv(body.inertia)),
+        axes=axes,
+        distribution=np.ascontiguousarray(np.linalg.pinv(axes)),
+        torque_limit=body.torque_limit,
+        momentum_limit=body.momentum_limit,
+        dipole_limit=body.dipole_limit,
+        residual_dipole=np.asarray(body.residual_dipole, dtype=float),
+        drag=body.drag,
+        drag_swing=body.drag_swing,
+        pressure_arm=np.asarray(body.pressure_arm, dtype=float),
+        gradient=3 * orbit.mean_motion**2 if body.gravity_gradient else 0.0,
+        latitude_argument=orbit.latitude_argument,
+        mean_motion=orbit.mean_motion,
+        node=orbit.node,
+        nodal_rate=orbit.nodal_rate,
+        cos_i=float(np.cos(orbit.inclination)),
+        sin_i=float(np.sin(orbit.inclination)),
+        radius=orbit.radius,
+        sidereal=sidereal_angle(start),
+        dipole=DIPOLE,
+        sun_step=SUN_STEP,
+        sun=np.ascontiguousarray(sun_vector(start + moments / DAY)),
+    )
+
+
+def _sensors(config: MissionConfig, tables: OnBoardTables) -> Sensors:
+    gyro, cycle, pair = config.gyro, config.controller.cycle_s, config.sun_sensors
+    earth = replace(config.earth_sensor, s_filter=tables.s_filter)
+    return Sensors(
+        inverse_G=np.asarray(np.linalg.inv(gyro.G)),
+        gyro_sigma=gyro.arw / float(np.sqrt(cycle)),
+        walk_sigma=gyro.rrw * float(np.sqrt(cycle)),
+        magnetometer_sigma=config.magnetometer_sigma,
+        earth=earth.constants,
+        earth_gain=earth.gain(cycle),
+        alignments=np.stack([sensor.alignment for sensor in pair]),
+        heads=np.stack([sensor.head for sensor in pair]),
+        a=np.stack([sensor.coefficients_alpha for sensor in pair]),
+        b=np.stack([sensor.coefficients_beta for sensor in pair]),
+        half_fov=np.array([sensor.half_fov for sensor in pair]),
+        noise=np.array([sensor.noise for sensor in pair]),
+    )
+
+
+def _tables(config: MissionConfig, tables: OnBoardTables) -> Tables:
+    law = config.controller
+    stiffness = law.inertia * law.bandwidth**2
+    return Tables(
+        G=np.ascontiguousarray(tables.G, dtype=float),
+        penetration_biases=np.asarray(tables.penetration_biases, dtype=float),
+        alignments=np.ascontiguousarray(np.stack(trmm_alignments()) @ tables.misalignments),
+        a=np.ascontiguousarray(tables.coefficients_alpha),
+        b=np.ascontiguousarray(tables.coefficients_beta),
+        inertia=np.asarray(law.inertia, dtype=float),
+        proportional=stiffness,
+        derivative=2 * law.damping * law.inertia * law.bandwidth,
+        integral=stiffness / law.integral_s,
+        integral_limit=law.integral_limit,
+        unloading=law.unloading,
+        geodetic=law.geodetic_rate,
+        gyro_slews=law.gyro_slews,
+    )
+
+
+def _initial(config: MissionConfig) -> State:
+    """On the commanded frame and turning with it, the wheels at rest, the estimate right."""
+    cycle, orbit = config.controller.cycle_s, config.orbit
+    yaw = 0.0 if config.forward == "+x" else np.pi
+    before, now = commanded_attitude(orbit, np.array([-cycle, 0.0]), yaw)
+    rate = lvlh_rate(orbit, np.zeros(1))[0] * np.array([np.cos(yaw), np.cos(yaw), 1.0])
+    bias = np.zeros(3) if config.tables.bias is None else config.tables.bias
+    return State(
+        q=quaternion(now),
+        omega=rate,
+        wheels=np.zeros(4),
+        true_bias=np.array(config.gyro.bias, dtype=float),
+        turned=rate * cycle,
+        frame=before,
+        moved=rate * cycle,
+        estimate=np.zeros(3),
+        probe=np.zeros(3),
+        integral=np.zeros(3),
+        bias=np.array(bias, dtype=float),
+        s_filter=np.full(4, np.nan),
+        quadrants=np.ones(4, dtype=np.bool_),
+        past=np.zeros((2, 3)),
+        memory=np.array([0.0, NEVER, 0.0, 0.0]),
+    )

@@ -1,0 +1,320 @@
+"""Mission Mode as one compiled loop: the spacecraft, its sensors, its computer at 2 Hz and its actuators.
+
+A cycle k at t = k Δt does, in this order: the commanded frame from orbit and yaw command; the gyro's mean rate over the cycle
+before; the estimate of `simulator.mission_mode.onboard_attitude`; the Earth sensor; the sun sensor if the Sun is just crossing
+the body's XY plane; the torque
+
+    T = −K_p ε − K_i ∫ε − K_d ω_e + ω × (I ω + h) + I ω_c'
+
+with the rate error ω_e = ω − ω_c + ε × ω_c; its distribution to the wheels and the torquers' moment; and the step of
+`simulator.mission_mode.rigid_body` to the next cycle. Everything it reads is in named tuples of numbers and arrays, everything
+it changes in `State`, and what it writes grows with the rows asked for only.
+"""
+
+import math
+
+import numba
+import numpy as np
+from numpy.typing import NDArray
+
+from simulator.mission_mode.magnetic_field import EARTH_RATE, dipole_field
+from simulator.mission_mode.onboard_attitude import half_turn, propagate_error, sun_azimuth
+from simulator.mission_mode.rigid_body import attitude_matrix, rigid_body_step
+from simulator.mission_mode.state import NEVER, Plant, Sensors, Slew, State, Tables, count_orbit, yaw_command
+from simulator.mission_mode.target_frame import geodetic_axes, lvlh_axes, rotation_between, turn_about_z
+from simulator.mission_mode.wheels import WHEELS, distribute, unloading_moment
+from simulator.sensors.earth import measure, roll_pitch
+from simulator.sensors.sun import sensor_counts
+
+Array = NDArray[np.float64]
+
+SHORTEST_BIAS_INTERVAL = 600.0  # s; updates closer than that set the yaw and leave the bias
+
+
+@numba.njit(cache=True, nogil=True)
+def _gyro(
+    rng: np.random.Generator, plant: Plant, sensors: Sensors, state: State, tables: Tables, apparent: Array, turned: Array
+) -> None:  # pragma: no cover - compiled
+    """On-board rotation over the last cycle in turned (3,), rad, and ω − G ω_raw of it in apparent (3,), rad/s."""
+    dt = plant.dt
+    d = state.turned / dt - state.true_bias
+    inverse = sensors.inverse_G
+    raw_x = inverse[0, 0] * d[0] + inverse[0, 1] * d[1] + inverse[0, 2] * d[2] + sensors.gyro_sigma * rng.standard_normal()
+    raw_y = inverse[1, 0] * d[0] + inverse[1, 1] * d[1] + inverse[1, 2] * d[2] + sensors.gyro_sigma * rng.standard_normal()
+    raw_z = inverse[2, 0] * d[0] + inverse[2, 1] * d[1] + inverse[2, 2] * d[2] + sensors.gyro_sigma * rng.standard_normal()
+    for i in range(3):
+        rate = tables.G[i, 0] * raw_x + tables.G[i, 1] * raw_y + tables.G[i, 2] * raw_z
+        apparent[i] = state.turned[i] / dt - rate
+        turned[i] = (rate + state.bias[i]) * dt
+        if sensors.walk_sigma > 0.0:
+            state.true_bias[i] += sensors.walk_sigma * rng.standard_normal()
+
+
+@numba.njit(cache=True, nogil=True)
+def _yaw_update(
+    rng: np.random.Generator,
+    t: float,
+    A: Array,
+    frame: Array,
+    sun: Array,
+    error_yaw: float,
+    plant: Plant,
+    sensors: Sensors,
+    state: State,
+    tables: Tables,
+    updates: Array,
+    count: int,
+) -> int:  # pragma: no cover - compiled
+    """One yaw update if the Sun is seen; the number of rows of updates so far."""
+    s_x = frame[0, 0] * sun[0] + frame[0, 1] * sun[1] + frame[0, 2] * sun[2]
+    s_y = frame[1, 0] * sun[0] + frame[1, 1] * sun[1] + frame[1, 2] * sun[2]
+    i = 0 if s_x > 0.0 else 1
+    noise_alpha, noise_beta = sensors.noise[i] * rng.standard_normal(), sensors.noise[i] * rng.standard_normal()
+    n_alpha, n_beta, visible = sensor_counts(
+        A,
+        sun,
+        sensors.alignments[i],
+        sensors.heads[i],
+        sensors.a[i],
+        sensors.b[i],
+        sensors.half_fov[i],
+        noise_alpha,
+        noise_beta,
+    )
+    if not visible:
+        return count
+    seen = sun_azimuth(float(n_alpha), float(n_beta), tables.a[i], tables.b[i], tables.alignments[i])
+    measured = half_turn(math.atan2(s_y, s_x) - seen)
+    size = measured - state.estimate[2]
+    interval = t - state.memory[1]
+    solve = state.memory[1] > NEVER and interval >= SHORTEST_BIAS_INTERVAL
+    if solve:
+        state.bias[2] += size / interval
+    state.estimate[2] = measured
+    state.memory[1], state.memory[2] = t, 0.0
+    updates[count, 0], updates[count, 1], updates[count, 2], updates[count, 3] = t, i + 1.0, size, state.bias[2]
+    updates[count, 4], updates[count, 5], updates[count, 6] = 1.0 if solve else 0.0, measured, error_yaw
+    return count + 1
+
+
+@numba.njit(cache=True, nogil=True)
+def _wanted_torque(
+    rate: Array, moved: Array, momentum: Array, integrate: bool, plant: Plant, state: State, tables: Tables, torque: Array
+) -> None:  # pragma: no cover - compiled
+    """The control law of the module's text; rate (3,) by the gyro and moved (3,) rad of the frame; torque (3,) is written."""
+    dt, e = plant.dt, state.estimate
+    for i in range(3):
+        j, k = (i + 1) % 3, (i + 2) % 3
+        if integrate:
+            total = state.integral[i] + e[i] * dt
+            state.integral[i] = min(max(total, -tables.integral_limit), tables.integral_limit)
+        slip = rate[i] + (-moved[i] + e[j] * moved[k] - e[k] * moved[j]) / dt
+        gyroscopic = rate[j] * (tables.inertia[k] * rate[k] + momentum[k]) - rate[k] * (
+            tables.inertia[j] * rate[j] + momentum[j]
+        )
+        forward = tables.inertia[i] * (moved[i] - state.moved[i]) / (dt * dt)
+        torque[i] = (
+            gyroscopic
+            + forward
+            - tables.proportional[i] * e[i]
+            - tables.derivative[i] * slip
+            - tables.integral[i] * state.integral[i]
+        )
+
+
+@numba.njit(cache=True, nogil=True)
+def _outer_torque(
+    rng: np.random.Generator,
+    t: float,
+    A: Array,
+    lvlh: Array,
+    sun: Array,
+    momentum: Array,
+    plant: Plant,
+    sensors: Sensors,
+    tables: Tables,
+    torque: Array,
+) -> float:  # pragma: no cover - compiled
+    """Torque of the air and of the moments in the field, body axes, in torque (3,); the largest moment of a torquer."""
+    r = -plant.radius
+    b_x, b_y, b_z = dipole_field(r * lvlh[2, 0], r * lvlh[2, 1], r * lvlh[2, 2], plant.sidereal + EARTH_RATE * t, plant.dipole)
+    B_x = A[0, 0] * b_x + A[0, 1] * b_y + A[0, 2] * b_z
+    B_y = A[1, 0] * b_x + A[1, 1] * b_y + A[1, 2] * b_z
+    B_z = A[2, 0] * b_x + A[2, 1] * b_y + A[2, 2] * b_z
+    m_x, m_y, m_z = 0.0, 0.0, 0.0
+    if tables.unloading > 0.0:
+        sigma = sensors.magnetometer_sigma
+        m_x, m_y, m_z = unloading_moment(
+            momentum[0],
+            momentum[1],
+            momentum[2],
+            B_x + sigma * rng.standard_normal(),
+            B_y + sigma * rng.standard_normal(),
+            B_z + sigma * rng.standard_normal(),
+            tables.unloading,
+            plant.dipole_limit,
+        )
+    largest = max(abs(m_x), abs(m_y), abs(m_z))
+    m_x, m_y, m_z = m_x + plant.residual_dipole[0], m_y + plant.residual_dipole[1], m_z + plant.residual_dipole[2]
+    height = -(lvlh[2, 0] * sun[0] + lvlh[2, 1] * sun[1] + lvlh[2, 2] * sun[2])
+    force = -plant.drag * (1.0 + plant.drag_swing * height)
+    f_x = force * (A[0, 0] * lvlh[0, 0] + A[0, 1] * lvlh[0, 1] + A[0, 2] * lvlh[0, 2])
+    f_y = force * (A[1, 0] * lvlh[0, 0] + A[1, 1] * lvlh[0, 1] + A[1, 2] * lvlh[0, 2])
+    f_z = force * (A[2, 0] * lvlh[0, 0] + A[2, 1] * lvlh[0, 1] + A[2, 2] * lvlh[0, 2])
+    arm = plant.pressure_arm
+    torque[0] = m_y * B_z - m_z * B_y + arm[1] * f_z - arm[2] * f_y
+    torque[1] = m_z * B_x - m_x * B_z + arm[2] * f_x - arm[0] * f_z
+    torque[2] = m_x * B_y - m_y * B_x + arm[0] * f_y - arm[1] * f_x
+    return largest
+
+
+@numba.njit(cache=True, nogil=True)
+def fly(
+    rng: np.random.Generator,
+    first: int,
+    last: int,
+    plant: Plant,
+    sensors: Sensors,
+    tables: Tables,
+    slew: Slew,
+    state: State,
+    every: int,
+    telemetry: Array,
+    updates: Array,
+    count: int,
+    orbits: Array,
+) -> int:  # pragma: no cover - compiled
+    """Cycles first … last − 1.
+
+    Parameters
+    ----------
+    rng : source of randomness
+    first, last : numbers of cycles; cycle k is at k Δt
+    plant, sensors, tables, slew : constant through these cycles
+    state : brought up to date
+    every : cycles from one row of telemetry to the next
+    telemetry : (rows, 14) as TELEMETRY; row k // every is written, as far as there are rows
+    updates : (rows, 7) as UPDATES
+    count : rows of updates used so far
+    orbits : (r, 24) rows by orbit as ORBIT_COLUMNS; added to
+
+    Returns
+    -------
+    rows of updates used
+    """
+    dt = plant.dt
+    lvlh, frame, A = np.empty((3, 3)), np.empty((3, 3)), np.empty((3, 3))
+    before, error, moved, turned = np.empty((3, 3)), np.empty(3), np.empty(3), np.empty(3)
+    apparent, rate, momentum, torque, outer = np.empty(3), np.empty(3), np.empty(3), np.empty(3), np.empty(3)
+    noise, angles, wheel_torque, reaction = np.empty(8), np.empty(4), np.empty(WHEELS), np.empty(3)
+    sun, position, held = np.empty(3), np.empty(3), np.empty(3)
+    period = 2.0 * math.pi / plant.mean_motion
+    for k in range(first, last):
+        t = k * dt
+        u, node = plant.latitude_argument + plant.mean_motion * t, plant.node + plant.nodal_rate * t
+        lvlh_axes(u, node, plant.cos_i, plant.sin_i, lvlh)
+        geodetic_axes(lvlh, plant.radius, frame)
+        yaw = yaw_command(t, slew)
+        turn_about_z(frame, yaw)
+        rotation_between(state.frame, frame, moved)
+        if not tables.geodetic:
+            # The rate of geocentric LVLH, whose axes are taken as those of the commanded frame.
+            lvlh_axes(u - plant.mean_motion * dt, node - plant.nodal_rate * dt, plant.cos_i, plant.sin_i, before)
+            turn_about_z(before, yaw_command(t - dt, slew))
+            turn_about_z(lvlh, yaw)
+            rotation_between(before, lvlh, moved)
+            turn_about_z(lvlh, -yaw)
+        at = t / plant.sun_step
+        index = int(at)
+        share = at - index
+        for i in range(3):
+            position[i] = -plant.radius * lvlh[2, i]
+            sun[i] = (1.0 - share) * plant.sun[index, i] + share * plant.sun[index + 1, i]
+            momentum[i] = 0.0
+            for j in range(WHEELS):
+                momentum[i] += plant.axes[i, j] * state.wheels[j]
+        attitude_matrix(state.q, A)
+        rotation_between(frame, A, error)
+        slewing = slew.duration > 0.0 and slew.start < t <= slew.start + slew.duration
+        if slewing:
+            state.memory[1], state.memory[2] = NEVER, 1.0
+        elif slew.duration > 0.0 and t <= slew.start:
+            state.probe[:] = error
+        # On board.
+        _gyro(rng, plant, sensors, state, tables, apparent, turned)
+        propagate_error(state.estimate, turned, moved)
+        if slewing:
+            propagate_error(state.probe, turned, moved)
+        for j in range(8):
+            noise[j] = rng.standard_normal()
+        measure(A, frame, position, sun, noise, sensors.earth_gain, sensors.earth, state.s_filter, state.quadrants, angles)
+        used = 0
+        for j in range(4):
+            angles[j] -= tables.penetration_biases[j]
+            used += 1 if state.quadrants[j] else 0
+        if used >= 3 and not (slewing and tables.gyro_slews):
+            roll, pitch = roll_pitch(angles, state.quadrants)
+            if not (math.isnan(roll) or math.isnan(pitch)):  # a quadrant that misses the Earth shows nothing
+                state.estimate[0], state.estimate[1] = roll, pitch
+        height = frame[2, 0] * sun[0] + frame[2, 1] * sun[1] + frame[2, 2] * sun[2]
+        if height * state.memory[0] < 0.0 and not slewing:
+            count = _yaw_update(rng, t, A, frame, sun, error[2], plant, sensors, state, tables, updates, count)
+        state.memory[0] = height
+        for i in range(3):
+            rate[i] = turned[i] / dt
+        _wanted_torque(rate, moved, momentum, not slewing, plant, state, tables, torque)
+        # Actuators, and what the body does of it.
+        distribute(torque, plant.distribution, state.wheels, plant.torque_limit, plant.momentum_limit, dt, wheel_torque)
+        largest = _outer_torque(rng, t, A, lvlh, sun, momentum, plant, sensors, tables, outer)
+        normal = state.memory[2] == 0.0
+        count_orbit(orbits[int(t / period)], error, apparent, normal, used == 3, momentum, largest, state)
+        row = k // every
+        if k % every == 0 and row < len(telemetry):
+            telemetry[row, 0] = t
+            for i in range(3):
+                telemetry[row, 1 + i], telemetry[row, 4 + i] = error[i], state.estimate[i]
+            telemetry[row, 7] = state.bias[2]
+            for j in range(WHEELS):
+                telemetry[row, 8 + j] = state.wheels[j]
+            telemetry[row, 12], telemetry[row, 13] = used, 1.0 if normal else 0.0
+        for i in range(3):
+            state.past[1, i], state.past[0, i] = state.past[0, i], error[i]
+            state.moved[i], state.turned[i], reaction[i], held[i] = moved[i], 0.0, 0.0, momentum[i]
+            for j in range(3):
+                state.frame[i, j] = frame[i, j]
+            for j in range(WHEELS):
+                reaction[i] += plant.axes[i, j] * wheel_torque[j]
+        state.memory[3] += 1.0
+        for j in range(WHEELS):
+            state.wheels[j] += wheel_torque[j] * dt
+        _body(plant, state, held, outer, reaction, lvlh)
+    return count
+
+
+@numba.njit(cache=True, nogil=True)
+def _body(
+    plant: Plant, state: State, momentum: Array, torque: Array, reaction: Array, lvlh: Array
+) -> None:  # pragma: no cover - compiled
+    """The body through one cycle; momentum (3,) of the wheels is used up."""
+    step = plant.dt / plant.substeps
+    nadir, velocity = lvlh[2].copy(), lvlh[0].copy()
+    for m in range(plant.substeps):
+        if m > 0:
+            c, s = math.cos(plant.mean_motion * m * step), math.sin(plant.mean_motion * m * step)
+            for i in range(3):
+                nadir[i], velocity[i] = c * lvlh[2, i] - s * lvlh[0, i], c * lvlh[0, i] + s * lvlh[2, i]
+        rigid_body_step(
+            state.q,
+            state.omega,
+            momentum,
+            plant.inertia,
+            plant.inverse,
+            torque,
+            reaction,
+            nadir,
+            velocity,
+            plant.mean_motion,
+            plant.gradient,
+            step,
+            state.turned,
+        )

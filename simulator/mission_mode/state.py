@@ -1,0 +1,167 @@
+"""What the compiled loop of Mission Mode reads, changes and writes; see `simulator.mission_mode.loop`."""
+
+import math
+from typing import NamedTuple
+
+import numba
+import numpy as np
+from numpy.typing import NDArray
+
+from simulator.mission_mode.wheels import WHEELS
+from simulator.sensors.earth import Constants
+
+Array = NDArray[np.float64]
+Flags = NDArray[np.bool_]
+
+TELEMETRY = (
+    "t_s",
+    *(f"error_{axis}" for axis in ("roll", "pitch", "yaw")),
+    *(f"estimate_{axis}" for axis in ("roll", "pitch", "yaw")),
+    "bias_yaw",
+    *(f"wheel_{i}_nms" for i in range(1, WHEELS + 1)),
+    "quadrants",
+    "normal",
+)
+UPDATES = ("t_s", "sensor", "update", "bias", "bias_solved", "measured", "error_yaw")
+ORBIT_COLUMNS = 24
+"""Of an orbit's row: cycles in normal pointing, and not; by axis Σ error², Σ knowledge², max |error|, max |knowledge|, largest
+peak to peak over 1 s, Σ (ω − G ω_raw); the wheels' momentum |W h| and a wheel's at their largest, the largest moment of a
+torquer; cycles with three quadrants."""
+
+NEVER = -1e300
+
+
+class Plant(NamedTuple):
+    """What the spacecraft and its surroundings are; SI, radians."""
+
+    dt: float
+    substeps: int
+    inertia: Array
+    inverse: Array
+    axes: Array
+    distribution: Array
+    torque_limit: float
+    momentum_limit: float
+    dipole_limit: float
+    residual_dipole: Array
+    drag: float
+    drag_swing: float
+    pressure_arm: Array
+    gradient: float
+    latitude_argument: float
+    mean_motion: float
+    node: float
+    nodal_rate: float
+    cos_i: float
+    sin_i: float
+    radius: float
+    sidereal: float
+    dipole: Array
+    sun_step: float
+    sun: Array
+
+
+class Sensors(NamedTuple):
+    """Sensors as they are."""
+
+    inverse_G: Array
+    gyro_sigma: float
+    walk_sigma: float
+    magnetometer_sigma: float
+    earth: Constants
+    earth_gain: float
+    alignments: Array
+    heads: Array
+    a: Array
+    b: Array
+    half_fov: Array
+    noise: Array
+
+
+class Tables(NamedTuple):
+    """On board: gyro G, penetration biases, N M and coefficients of the sun sensors, gains and slew."""
+
+    G: Array
+    penetration_biases: Array
+    alignments: Array
+    a: Array
+    b: Array
+    inertia: Array
+    proportional: Array
+    derivative: Array
+    integral: Array
+    integral_limit: float
+    unloading: float
+    geodetic: bool
+    gyro_slews: bool
+
+
+class Slew(NamedTuple):
+    """Yaw command: constant before start, by angle more after start + duration, s and rad; duration 0 for none."""
+
+    yaw: float
+    angle: float
+    start: float
+    duration: float
+    ramp: float
+
+
+class State(NamedTuple):
+    """What a cycle changes."""
+
+    q: Array  # (4,) inertial to body
+    omega: Array  # (3,) rad/s
+    wheels: Array  # (4,) N m s
+    true_bias: Array  # (3,) rad/s
+    turned: Array  # (3,) rotation over the cycle before, rad
+    frame: Array  # (3, 3) commanded, of the cycle before
+    moved: Array  # (3,) its rotation in the cycle before that, rad
+    estimate: Array  # (3,) ε, rad
+    probe: Array  # (3,) ε propagated by gyro alone since the slew's start, rad
+    integral: Array  # (3,) rad s
+    bias: Array  # (3,) on board, rad/s
+    s_filter: Array  # (4,)
+    quadrants: Flags  # (4,)
+    past: Array  # (2, 3) true errors of the last two cycles, rad
+    memory: Array  # (4,) Sun's height over the XY plane; time of the last update; 1 from a slew to the next update; cycles
+
+
+@numba.njit(cache=True, nogil=True)
+def yaw_command(t: float, slew: Slew) -> float:  # pragma: no cover - compiled
+    """Yaw commanded at a time; the rate's ramps are smoothsteps, as in `simulator.truth.maneuvers.Slew`."""
+    if slew.duration <= 0.0 or t <= slew.start:
+        return slew.yaw
+    s = (t - slew.start) / slew.duration
+    if s >= 1.0:
+        return slew.yaw + slew.angle
+    r = slew.ramp
+    rise, fall = min(s / r, 1.0), min(max((s - 1.0 + r) / r, 0.0), 1.0)
+    coast = max(s - r, 0.0)
+    share = r * rise**3 * (1.0 - 0.5 * rise) + coast - r * fall**3 * (1.0 - 0.5 * fall)
+    return slew.yaw + slew.angle * share / (1.0 - r)
+
+
+@numba.njit(cache=True, nogil=True)
+def count_orbit(
+    row: Array, error: Array, apparent: Array, normal: bool, three: bool, momentum: Array, largest: float, state: State
+) -> None:  # pragma: no cover - compiled
+    """Add a cycle to an orbit's row."""
+    row[20] = max(row[20], math.sqrt(momentum[0] ** 2 + momentum[1] ** 2 + momentum[2] ** 2))
+    for i in range(WHEELS):
+        row[21] = max(row[21], abs(state.wheels[i]))
+    row[22] = max(row[22], largest)
+    if not normal:
+        row[1] += 1.0
+        return
+    row[0] += 1.0
+    row[23] += 1.0 if three else 0.0
+    for i in range(3):
+        knowledge = state.estimate[i] - error[i]
+        row[2 + i] += error[i] * error[i]
+        row[5 + i] += knowledge * knowledge
+        row[8 + i] = max(row[8 + i], abs(error[i]))
+        row[11 + i] = max(row[11 + i], abs(knowledge))
+        row[17 + i] += apparent[i]
+        if state.memory[3] >= 2.0:
+            low = min(error[i], state.past[0, i], state.past[1, i])
+            row[14 + i] = max(row[14 + i], max(error[i], state.past[0, i], state.past[1, i]) - low)

@@ -1,0 +1,210 @@
+"""The Earth's CO₂ horizon seen from orbit, and the three nadirs.
+
+Tangent line of sight
+    The horizon is an ellipsoid about the pole with semi-axes a, c: those of WGS 84 with the height of the CO₂ layer added to
+    both, which departs from a surface of constant height by less than a metre. With D = diag(1/a, 1/a, 1/c) it is |D x| = 1,
+    and a line r + λ d touches it where the quadratic (in λ) |D r + λ D d|² = 1 has a double root. With p = D r, q = D d and
+    k = p·p − 1 that is the cone
+
+        (p·q)² − k q·q = 0
+
+    In the half plane through body +z at azimuth ζ about +z, from +x toward +y, d = z cos η + s sin η with the inertial
+    vectors z = Aᵀ e_z, s = Aᵀ (e_x cos ζ + e_y sin ζ), so that with u = D z, w = D s
+
+        α cos²η + 2 β sin η cos η + γ sin²η = 0
+        α = (p·u)² − k u·u,    β = (p·u)(p·w) − k u·w,    γ = (p·w)² − k w·w
+
+    a quadratic in tan η. Of its roots, (−β ∓ √(β² − αγ))/γ, the limb at azimuth ζ is the upper sign; the other one is the limb
+    behind, at ζ + 180°. As γ changes sign when η passes 90°,
+
+        η = atan2(β + √(β² − αγ), −γ)
+
+    which holds while the Earth's disk covers part of the scan plane within 90° of +z; without tangent β² < αγ. For a sphere
+    and z to nadir β = 0 and η = asin(a/r).
+
+Nadirs
+    Geocentric: −r. Geodetic: the inward normal of WGS 84 through r. Its foot is x with r = x + λ ∇, x_i = r_i a_i²/(a_i² + λ),
+    where λ is the root of Σ r_i² a_i²/(a_i² + λ)² = 1, a convex decreasing function, and the normal is r_i/(a_i² + λ).
+    The third is the bisector of the horizon: where an Earth sensor of four quadrants, at the azimuths 45, 135, 225, 315 deg,
+    shows neither roll nor pitch, Σ y_i sin ζ_i = Σ y_i cos ζ_i = 0 for the penetration angles y_i, the angles η_i beyond the
+    nominal one. To first order in the flattening f it leans from geocentric nadir by f sin 2φ (R/r)(a/r) at latitude φ, where
+    geodetic nadir leans by f sin 2φ (R/r), R being the equatorial radius: the bisector leans by 1 − a/r less, 5 % at 350 km.
+"""
+
+import math
+from dataclasses import dataclass
+
+import numba
+import numpy as np
+from numpy.typing import NDArray
+
+from simulator.truth.orbit import EARTH_RADIUS, CircularOrbit, lvlh_attitude
+from simulator.truth.rotation import cross
+
+Array = NDArray[np.float64]
+
+FLATTENING = 1 / 298.257223563  # WGS 84
+POLAR_RADIUS = EARTH_RADIUS * (1 - FLATTENING)  # m
+QUADRANTS = 4
+AZIMUTHS = np.deg2rad([45.0, 135.0, 225.0, 315.0])
+COSINES, SINES = np.sqrt(0.5) * np.array([1.0, -1.0, -1.0, 1.0]), np.sqrt(0.5) * np.array([1.0, 1.0, -1.0, -1.0])
+
+
+@dataclass(frozen=True)
+class Horizon:
+    """The ellipsoid whose limb an Earth sensor sees, and the altitude its zero is set for.
+
+    Attributes
+    ----------
+    co2_height : height of the CO₂ layer's edge above WGS 84, m
+    altitude : nominal altitude above the equatorial radius, m
+    """
+
+    co2_height: float = 40e3
+    altitude: float = 350e3
+
+    @property
+    def semi_axes(self) -> tuple[float, float]:
+        """Equatorial and polar semi-axis a, c, m."""
+        return EARTH_RADIUS + self.co2_height, POLAR_RADIUS + self.co2_height
+
+    @property
+    def nominal(self) -> float:
+        """Nominal angle of the horizon from nadir, rad: asin(a/r) of a sphere of radius a at the nominal altitude."""
+        return math.asin((EARTH_RADIUS + self.co2_height) / (EARTH_RADIUS + self.altitude))
+
+
+@numba.njit(cache=True, nogil=True)
+def limb_angle(
+    A: Array, position: Array, cos_azimuth: float, sin_azimuth: float, a: float, c: float
+) -> float:  # pragma: no cover - compiled
+    """Angle η from body +z at which the line of sight at an azimuth about +z touches the horizon.
+
+    Parameters
+    ----------
+    A : (3, 3) attitude, inertial to body
+    position : (3,) inertial, m
+    cos_azimuth, sin_azimuth : of the azimuth ζ, from +x toward +y
+    a, c : equatorial and polar semi-axis of the horizon, m
+
+    Returns
+    -------
+    rad; NaN if no line of the scan plane touches the horizon
+    """
+    p0, p1, p2 = position[0] / a, position[1] / a, position[2] / c
+    u0, u1, u2 = A[2, 0] / a, A[2, 1] / a, A[2, 2] / c
+    w0 = (cos_azimuth * A[0, 0] + sin_azimuth * A[1, 0]) / a
+    w1 = (cos_azimuth * A[0, 1] + sin_azimuth * A[1, 1]) / a
+    w2 = (cos_azimuth * A[0, 2] + sin_azimuth * A[1, 2]) / c
+    k = p0 * p0 + p1 * p1 + p2 * p2 - 1.0
+    pu = p0 * u0 + p1 * u1 + p2 * u2
+    pw = p0 * w0 + p1 * w1 + p2 * w2
+    alpha = pu * pu - k * (u0 * u0 + u1 * u1 + u2 * u2)
+    beta = pu * pw - k * (u0 * w0 + u1 * w1 + u2 * w2)
+    gamma = pw * pw - k * (w0 * w0 + w1 * w1 + w2 * w2)
+    discriminant = beta * beta - alpha * gamma
+    if discriminant < 0.0:
+        return np.nan
+    return math.atan2(beta + math.sqrt(discriminant), -gamma)
+
+
+@numba.njit(cache=True, nogil=True)
+def penetration(
+    A: Array, position: Array, quadrant: int, a: float, c: float, nominal: float
+) -> float:  # pragma: no cover - compiled
+    """True penetration angle of a quadrant 0..3, without bias.
+
+    Parameters
+    ----------
+    A : (3, 3) true attitude
+    position : (3,) inertial, m
+    quadrant : its index
+    a, c, nominal : semi-axes, m, and nominal angle, rad, of a `Horizon`
+
+    Returns
+    -------
+    rad; NaN where the scan plane misses the Earth
+    """
+    return limb_angle(A, position, COSINES[quadrant], SINES[quadrant], a, c) - nominal
+
+
+@numba.njit(cache=True, nogil=True)
+def hidden(position: Array, direction: Array, a: float, c: float) -> bool:  # pragma: no cover - compiled
+    """Whether a line of sight from a position (3,), m, along a direction (3,) meets the ellipsoid of semi-axes a, c, m."""
+    p0, p1, p2 = position[0] / a, position[1] / a, position[2] / c
+    q0, q1, q2 = direction[0] / a, direction[1] / a, direction[2] / c
+    pq = p0 * q0 + p1 * q1 + p2 * q2
+    return pq < 0.0 and pq * pq > (q0 * q0 + q1 * q1 + q2 * q2) * (p0 * p0 + p1 * p1 + p2 * p2 - 1.0)
+
+
+def orbit_position(orbit: CircularOrbit, t: Array) -> Array:
+    """Inertial position at times t (n,), s since the orbit's epoch; (n, 3), m."""
+    return np.asarray(-orbit.radius * lvlh_attitude(orbit, t)[..., 2, :])
+
+
+def geocentric_nadir(position: Array) -> Array:
+    """Unit vectors to the Earth's centre, inertial, of positions (..., 3) in m."""
+    return np.asarray(-position / np.linalg.norm(position, axis=-1, keepdims=True))
+
+
+def geodetic_nadir(position: Array) -> Array:
+    """Unit vectors along the inward normal of WGS 84, inertial.
+
+    Parameters
+    ----------
+    position : (..., 3) inertial, m, outside the ellipsoid
+
+    Returns
+    -------
+    (..., 3)
+    """
+    # In units of the equatorial radius; Newton from the left of the root of a convex function never overshoots it.
+    axes = np.array([1.0, 1.0, (1 - FLATTENING) ** 2])
+    squares = (np.asarray(position, dtype=float) / EARTH_RADIUS) ** 2
+    multiplier = np.zeros((*squares.shape[:-1], 1))
+    for _ in range(8):
+        terms = squares * axes / (axes + multiplier) ** 2
+        slope = -2 * (terms / (axes + multiplier)).sum(axis=-1, keepdims=True)
+        multiplier = multiplier - (terms.sum(axis=-1, keepdims=True) - 1) / slope
+    normal = position / (axes + multiplier)
+    return np.asarray(-normal / np.linalg.norm(normal, axis=-1, keepdims=True))
+
+
+@numba.njit(cache=True, nogil=True)
+def penetrations(A: Array, position: Array, a: float, c: float, nominal: float) -> Array:  # pragma: no cover - compiled
+    """True penetration angles (n, 4), rad, of attitudes (n, 3, 3) at positions (n, 3), m; the rest as in `penetration`."""
+    out = np.empty((len(A), QUADRANTS))
+    for k in range(len(A)):
+        for i in range(QUADRANTS):
+            out[k, i] = penetration(A[k], position[k], i, a, c, nominal)
+    return out
+
+
+def bisector_attitude(A: Array, position: Array, horizon: Horizon) -> Array:
+    """Attitudes near A for which four quadrants without error show no roll and no pitch.
+
+    Parameters
+    ----------
+    A : (n, 3, 3) within a few degrees, e.g. LVLH turned in yaw; turned about body x and y only
+    position : (n, 3) inertial, m
+    horizon : the horizon seen
+
+    Returns
+    -------
+    (n, 3, 3)
+    """
+    A = np.array(A, dtype=float)
+    for _ in range(10):  # each round leaves about a hundredth of the error
+        y = penetrations(A, np.ascontiguousarray(position, dtype=float), *horizon.semi_axes, horizon.nominal)
+        turn = np.stack([0.5 * y @ SINES, -0.5 * y @ COSINES, np.zeros(len(y))], axis=-1)
+        A = _undone(A, turn)
+    return A
+
+
+def _undone(A: Array, turn: Array) -> Array:
+    """exp([turn×]) A."""
+    angle = np.linalg.norm(turn, axis=-1)[:, None, None]
+    axis = np.divide(turn[:, None, :], angle, out=np.zeros_like(turn[:, None, :]), where=angle > 0)
+    columns = np.swapaxes(A, -1, -2)
+    first = cross(axis, columns)
+    return np.asarray(np.swapaxes(columns + np.sin(angle) * first + (1 - np.cos(angle)) * cross(axis, first), -1, -2))

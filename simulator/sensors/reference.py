@@ -1,0 +1,53 @@
+"""Reference attitudes: when they are taken, and their errors.
+
+A reference is exp([e×]) A with A the true attitude and e ~ N(0, diag(σ²)) in body axes, independent from one reference to
+the next. They are taken at the ends of each interval only, as in N, or as a series through its constant-rate parts too.
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from simulator.truth.maneuvers import Profile
+from simulator.truth.rotation import perturbed
+
+Array = NDArray[np.float64]
+
+TIME_TOLERANCE = 1e-6  # s; times closer than this are one
+
+
+def reference_times(profile: Profile, every: float | None) -> Array:
+    """Local times of an interval's reference attitudes, s, both ends included.
+
+    Parameters
+    ----------
+    profile : the motion
+    every : spacing of a series, s, counted from the interval's start; None for the two ends only
+
+    Returns
+    -------
+    (m,) strictly increasing; of a series, those inside a slew or a transition are left out
+    """
+    length = profile.stop_s - profile.start_s
+    if every is None:
+        return np.array([0.0, length])
+    inner = every * np.arange(1, int(np.ceil(length / every)))
+    inner = inner[inner < length - TIME_TOLERANCE]
+    for start, stop in profile.moving:
+        inner = inner[(inner <= start) | (inner >= stop)]
+    return np.concatenate([[0.0], inner, [length]])
+
+
+def measured(rng: np.random.Generator, quaternions: Array, sigma: Array) -> Array:
+    """Reference attitudes with their random errors.
+
+    Parameters
+    ----------
+    rng : source of randomness
+    quaternions : (m, 4) true attitudes
+    sigma : (3,) standard deviation about each body axis, rad
+
+    Returns
+    -------
+    (m, 4)
+    """
+    return perturbed(quaternions, rng.standard_normal((len(quaternions), 3)) * sigma)

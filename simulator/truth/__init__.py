@@ -1,0 +1,1 @@
+"""The true motion: orbit, maneuvers, and the integration of the attitude."""

@@ -1,0 +1,1 @@
+"""Studies of the calibration: step size, noise, iterations, observability, consistency."""

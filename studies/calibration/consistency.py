@@ -1,0 +1,354 @@
+"""Is the stated covariance honest? Truths drawn from the prior, calibrated, and judged.
+
+In the manner of simulation-based calibration (Talts et al. 2018, arXiv:1804.06788).
+
+A case draws G and b from the study's dispersions, which are the prior: a normal about the a-priori value for each of the
+twelve parameters. It calibrates with that prior, without it, and with the paper's covariance. If an estimator is honest then,
+over the cases, of its errors e and covariance P
+
+- the whitened error y = L⁻¹ e, P = L Lᵀ, is standard normal: nees |y|² is χ² with 12 degrees of freedom,
+  and e_j²/σ_j² with one,
+- the k-sigma range covers the truth as often as it says,
+- the rank of the truth within the posterior, u = Φ((x_true − x)/σ), is uniform; of the whole, u = χ²₁₂(|y|²).
+
+`case` produces, `check` judges. A statistic that fails is laid to the mean of y (biased) or to its spread about that mean
+(over-confident, under-confident). The mean is tested by Hotelling's T², which a wrong sigma does not move, and the spread by
+χ², which a bias does not move. All limits are Bonferroni's over one estimator's statistics, so that an honest estimator passes
+them all with at least the stated confidence.
+
+The controls are estimators known to be wrong: the paper's covariance ("references only"), and the honest answer with its sigmas
+scaled or half a sigma added to each parameter. A check that lets one of them pass is worth nothing.
+"""
+
+from collections.abc import Mapping
+from functools import partial
+from pathlib import Path
+
+import matplotlib as mpl
+import numpy as np
+import pandas as pd
+import scipy.stats
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+from pydantic import Field, model_validator
+
+from gyrocal import NAMES, GyroParameters, calibrate
+from gyrocal.recording import Recording
+from simulator import scenario as scenarios
+from simulator.scenario import Scenario
+from simulator.simulate import observe
+from studies.montecarlo import statistics
+from studies.montecarlo.dispersions import Dispersion, Normal, scenario_value
+from studies.montecarlo.study import Streams, Study, StudyConfig, base_scenario, case_motion, dispersed
+from studies.natanson import figures
+from studies.report.entry import Entry, Report
+
+Array = NDArray[np.float64]
+Samples = Mapping[str, Array]
+
+# Of the size of what the data alone would leave, so that the prior and the data both count.
+PRIOR_SIGMA_G = 3e-4
+PRIOR_SIGMA_DEG_H = 0.02
+
+PATHS = tuple(f"gyro.true_G.{i}.{j}" for i in range(3) for j in range(3)) + tuple(f"gyro.true_bias_deg_s.{i}" for i in range(3))
+TO_SI = np.array([1.0] * 9 + [np.deg2rad(1.0)] * 3)
+SHOWN = np.array([1e6] * 9 + [np.rad2deg(1.0) * 3600] * 3)  # ppm, deg/h
+UNITS = ("ppm",) * 9 + ("deg_h",) * 3
+ERRORS = [f"error_{name}_{unit}" for name, unit in zip(NAMES, UNITS, strict=True)]
+SIGMAS = [f"sigma_{name}_{unit}" for name, unit in zip(NAMES, UNITS, strict=True)]
+WHITE = [f"white_{k + 1}" for k in range(12)]
+WHOLE = "whole"
+
+# What each estimator must be found to be.
+EXPECTED = {
+    "with prior": "consistent",
+    "without prior": "consistent",
+    "references only": "over-confident",
+    "sigma × 0.7": "over-confident",
+    "sigma × 1.4": "under-confident",
+    "half a sigma added": "biased",
+}
+CONTROLS = {"sigma × 0.7": (0.7, 0.0), "sigma × 1.4": (1.4, 0.0), "half a sigma added": (1.0, 0.5)}  # of "with prior"
+
+
+def default_prior() -> dict[str, Dispersion]:
+    """Normals about the TRMM scenario's a-priori parameters."""
+    gyro = scenarios.load("trmm").gyro
+    means = [*np.ravel(gyro.apriori_G).tolist(), *gyro.apriori_bias_deg_s]
+    sigmas = [PRIOR_SIGMA_G] * 9 + [PRIOR_SIGMA_DEG_H / 3600] * 3
+    return {path: Normal(kind="normal", mean=mean, sigma=sigma) for path, mean, sigma in zip(PATHS, means, sigmas, strict=True)}
+
+
+class ConsistencyConfig(StudyConfig):
+    """What the study runs; its dispersions of the twelve true parameters are the prior.
+
+    Attributes
+    ----------
+    confidence : probability that an honest estimator passes all its checks
+    bins : of the rank histograms
+    """
+
+    cases: int = 400
+    dispersions: dict[str, Dispersion] = Field(default_factory=default_prior)
+    confidence: float = Field(default=0.99, gt=0.5, lt=1)
+    bins: int = Field(default=20, ge=2, le=100)
+
+    @model_validator(mode="after")
+    def _has_a_prior(self) -> "ConsistencyConfig":
+        for path in PATHS:
+            given = self.dispersions.get(path)
+            if not isinstance(given, Normal) or given.mode == "factor":
+                raise ValueError(f"dispersions: {path} must be normal, absolute or an offset: it is the prior")
+        if self.sampler != "random":
+            raise ValueError('sampler: must be "random", since the limits are those of independent cases')
+        return self
+
+
+def prior(config: ConsistencyConfig) -> tuple[Array, Array]:
+    """Mean (12,) and sigma (12,) of the prior; G dimensionless, b rad/s."""
+    scenario = base_scenario(config)
+    normals = [config.dispersions[path] for path in PATHS]
+    means = [d.applied(d.quantile(0.5), scenario_value(scenario, path)) for d, path in zip(normals, PATHS, strict=True)]
+    return np.array(means) * TO_SI, np.array([d.sigma for d in normals if isinstance(d, Normal)]) * TO_SI
+
+
+def recording(config: ConsistencyConfig, case: int, streams: Streams) -> Recording:
+    """What a case calibrates from."""
+    return _observed(dispersed(config, case), streams)
+
+
+def _observed(scenario: Scenario, streams: Streams) -> Recording:
+    noise = {name: streams.generator(f"{name}_noise") for name in ("gyro", "reference")}
+    return observe(scenario, case_motion(scenario), gyro_rng=noise["gyro"], reference_rng=noise["reference"])
+
+
+def case(config: ConsistencyConfig, case: int, streams: Streams) -> list[dict[str, object]]:
+    """A row for each estimator: errors and sigmas of the parameters, ppm and deg/h, and the whitened error."""
+    scenario = dispersed(config, case)
+    seen = _observed(scenario, streams)
+    mean, sigma = prior(config)
+    truth = np.array([scenario_value(scenario, path) for path in PATHS]) * TO_SI
+    start = GyroParameters.from_vector(mean)
+    found = {
+        "with prior": calibrate(seen, initial=start, apriori_covariance=np.diag(sigma**2)),
+        "without prior": calibrate(seen, initial=start),
+        "references only": calibrate(seen, initial=start, covariance_model="references only"),
+    }
+    rows = [judged(name, r.parameters.vector - truth, r.covariance) for name, r in found.items()]
+    honest = found["with prior"]
+    for name, (scale, shift) in CONTROLS.items():
+        rows.append(judged(name, honest.parameters.vector - truth + shift * honest.sigma, scale**2 * honest.covariance))
+    return rows
+
+
+def judged(estimator: str, error: Array, covariance: Array) -> dict[str, object]:
+    """The row of an estimate.
+
+    Parameters
+    ----------
+    estimator : its name
+    error : (12,) estimate minus truth; G dimensionless, b rad/s
+    covariance : (12, 12) stated for it
+    """
+    sigma = np.sqrt(np.diag(covariance))
+    L = np.linalg.cholesky(covariance / np.outer(sigma, sigma))
+    white = np.linalg.solve(L, error / sigma)
+    values = [*(error * SHOWN).tolist(), *(sigma * SHOWN).tolist(), *white.tolist()]
+    return {"estimator": estimator, "nees": float(white @ white), **dict(zip([*ERRORS, *SIGMAS, *WHITE], values, strict=True))}
+
+
+def samples(rows: pd.DataFrame) -> dict[str, Array]:
+    """What should be standard normal, (cases, d), of one estimator's rows: each parameter's e/σ, and the whole, whitened."""
+    normalised = rows[ERRORS].to_numpy() / rows[SIGMAS].to_numpy()
+    return {**{name: normalised[:, [k]] for k, name in enumerate(NAMES)}, WHOLE: rows[WHITE].to_numpy()}
+
+
+def ranks(y: Array) -> Array:
+    """Share of the posterior below the truth, (cases,), of normalised errors (cases, d); of several at once by |y|²."""
+    if y.shape[1] == 1:
+        return np.asarray(scipy.stats.norm.cdf(-y[:, 0]))
+    return np.asarray(scipy.stats.chi2.cdf(np.sum(y**2, axis=1), y.shape[1]))
+
+
+def band(cases: int, bins: int, confidence: float) -> tuple[int, int]:
+    """Counts that all bins of a histogram of uniform ranks keep to with at least this confidence."""
+    tail = (1 - confidence) / (2 * bins)
+    low, high = scipy.stats.binom.ppf([tail, 1 - tail], cases, 1 / bins)
+    return int(low), int(high)
+
+
+def histogram(y: Array, bins: int) -> NDArray[np.intp]:
+    """Counts of the ranks in equal bins."""
+    return np.bincount(np.minimum((ranks(y) * bins).astype(int), bins - 1), minlength=bins)
+
+
+def check(rows: pd.DataFrame, confidence: float = 0.99, bins: int = 20) -> pd.DataFrame:
+    """Judge one estimator by its rows.
+
+    Parameters
+    ----------
+    rows : a row per case, as made by `case`
+    confidence : probability that an honest estimator passes everything
+    bins : of the rank histograms
+
+    Returns
+    -------
+    A row per parameter, and the whole, and statistic: value, lower and upper limit, verdict (consistent, over-confident,
+    under-confident or biased). The statistics are nees (mean over the cases per degree of freedom), mean (Hotelling's as F),
+    spread (variance of y about its mean), coverage_68 and coverage_95 (value is the share meant; limits are Wilson's about the
+    share found), rank (χ² of the histogram's uniformity) and rank_band (bins outside their simultaneous binomial band).
+    """
+    groups = samples(rows)
+    each = 1 - (1 - confidence) / (7 * len(groups))
+    parts = [_checked(y, each, bins).assign(parameter=name) for name, y in groups.items()]
+    table = pd.concat(parts, ignore_index=True)
+    return table[["parameter", "statistic", "value", "lower", "upper", "verdict"]]
+
+
+def _checked(y: Array, confidence: float, bins: int) -> pd.DataFrame:
+    """All statistics of normalised errors (cases, d), each at this confidence."""
+    n, d = y.shape
+    tail = (1 - confidence) / 2
+    mean, square = y.mean(axis=0), np.sum(y**2, axis=1)
+    hotelling = n * mean @ np.linalg.solve(np.atleast_2d(np.cov(y.T)), mean)
+    nees = statistics.nees_check(square, d, confidence)
+    limits = [(n - d) / (d * (n - 1)) * hotelling, 0.0, scipy.stats.f.isf(1 - confidence, d, n - d)]
+    table: dict[str, list[float]] = {
+        "nees": [nees.value / d, nees.lower / d, nees.upper / d],
+        "mean": limits,
+        "spread": [y.var(axis=0, ddof=1).mean(), *scipy.stats.chi2.ppf([tail, 1 - tail], (n - 1) * d) / ((n - 1) * d)],
+    }
+    for level in ("68", "95"):
+        inside = int(np.sum(square <= scipy.stats.chi2.ppf(statistics.LEVELS[level], d)))
+        table[f"coverage_{level}"] = [statistics.LEVELS[level], *statistics.binomial_interval(inside, n, confidence)]
+    counts = histogram(y, bins)
+    low, high = band(n, bins, confidence)
+    table["rank"] = [np.sum((counts - n / bins) ** 2) / (n / bins), 0.0, scipy.stats.chi2.isf(1 - confidence, bins - 1)]
+    table["rank_band"] = [float(np.sum((counts < low) | (counts > high))), 0.0, 0.0]
+    out = pd.DataFrame.from_dict(table, orient="index", columns=["value", "lower", "upper"]).rename_axis("statistic")
+    out["verdict"] = _verdicts(out)
+    return out.reset_index()
+
+
+def _verdicts(table: pd.DataFrame) -> list[str]:
+    """What each statistic that is outside its limits is laid to."""
+    outside = (table["value"] < table["lower"]) | (table["value"] > table["upper"])
+    spread = "over-confident" if table["value"]["spread"] > 1 else "under-confident"
+    cause = "biased" if outside["mean"] and not outside["spread"] else spread
+    causes = {"mean": "biased", "spread": spread}
+    return [str(causes.get(str(name), cause)) if out else "consistent" for name, out in outside.items()]
+
+
+def verdict(checks: pd.DataFrame) -> str:
+    """One estimator's verdict: "consistent" if every statistic is, or what is wrong, the most frequent first."""
+    wrong = checks.loc[checks["verdict"] != "consistent", "verdict"]
+    return " and ".join(map(str, wrong.value_counts().index)) if len(wrong) else "consistent"
+
+
+def judge(config: ConsistencyConfig, rows: pd.DataFrame) -> dict[str, pd.DataFrame]:
+    """`check` of each estimator."""
+    chosen = {name: rows[rows["estimator"] == name] for name in EXPECTED}
+    return {name: check(part, config.confidence, config.bins) for name, part in chosen.items()}
+
+
+def _verdict_table(checks: Mapping[str, pd.DataFrame]) -> pd.DataFrame:
+    out = []
+    for name, table in checks.items():
+        whole = table[table["parameter"] == WHOLE].set_index("statistic")[["value", "lower", "upper"]].astype(float)
+        nees = whole.T["nees"]
+        row: dict[str, object] = {"estimator": name, "expected": EXPECTED[name], "verdict": verdict(table)}
+        row |= {"statistics": len(table), "outside": int((table["verdict"] != "consistent").sum())}
+        row |= {"nees_per_dof": nees["value"], "nees_per_dof_low": nees["lower"], "nees_per_dof_high": nees["upper"]}
+        out.append(row | {"spread": whole["value"]["spread"], "mean_F": whole["value"]["mean"]})
+    return pd.DataFrame(out)
+
+
+def _parameter_table(rows: pd.DataFrame, checks: pd.DataFrame) -> pd.DataFrame:
+    """A row a parameter of one estimator."""
+    errors, sigmas = rows[ERRORS].to_numpy(), rows[SIGMAS].to_numpy()
+    table = statistics.accuracy_table(errors, sigmas, NAMES, UNITS)
+    kept = ["parameter", "unit", "formal_sigma", "spread_over_formal", "bias_in_standard_errors"]
+    kept += [f"coverage_{level}{end}" for level in ("68", "95") for end in ("", "_low", "_high")]
+    values = checks.pivot_table(index="parameter", columns="statistic", values="value").loc[list(NAMES)]
+    return table[kept].assign(nees=values["nees"].to_numpy(), rank_chi2=values["rank"].to_numpy())
+
+
+def _outside_table(checks: Mapping[str, pd.DataFrame]) -> pd.DataFrame:
+    """How many of each statistic are outside, a row an estimator."""
+    out = []
+    for name, table in checks.items():
+        outside = (table["verdict"] != "consistent").groupby(table["statistic"], sort=False).sum()
+        out.append({"estimator": name, **{str(key): int(count) for key, count in outside.items()}})
+    return pd.DataFrame(out)
+
+
+def report(config: ConsistencyConfig, rows: pd.DataFrame) -> Report:
+    """Verdicts on the honest estimators and on the controls."""
+    checks = judge(config, rows)
+    verdicts = _verdict_table(checks)
+    n = rows["case"].nunique()
+    findings = []
+    for line in verdicts.to_dict("records"):
+        kind = "honest" if line["expected"] == "consistent" else "control"
+        findings.append(
+            f"{line['estimator']} ({kind}): {line['verdict']}"
+            f"{'' if line['verdict'] == line['expected'] else ', where ' + line['expected'] + ' was expected'}; "
+            f"{line['outside']} of {line['statistics']} statistics outside their limits, "
+            f"NEES per degree of freedom {line['nees_per_dof']:.3f} "
+            f"(limits {line['nees_per_dof_low']:.3f} to {line['nees_per_dof_high']:.3f})."
+        )
+    right = int((verdicts["verdict"] == verdicts["expected"]).sum())
+    findings.append(f"{right} of {len(verdicts)} estimators were judged as they must be, from {n} cases.")
+    honest = rows[rows["estimator"] == "with prior"]
+    tables = {
+        f"Verdicts, {n} cases, {config.confidence:.0%} confidence for all statistics of an estimator together": verdicts,
+        "With prior, by parameter (coverage with 95 % Wilson intervals)": _parameter_table(honest, checks["with prior"]),
+    }
+    tables["Statistics outside their limits, of 13 each"] = _outside_table(checks)
+    return Report(
+        tuple(findings),
+        tables,
+        {
+            "ranks_by_estimator": partial(_by_estimator, config, rows),
+            "ranks_by_parameter": partial(_by_parameter, config, honest),
+        },
+    )
+
+
+def _by_parameter(config: ConsistencyConfig, rows: pd.DataFrame, path: Path) -> Path:
+    title = "rank of the truth within the posterior, with prior"
+    return _rank_figure(config, samples(rows), 4, title, path)
+
+
+def _by_estimator(config: ConsistencyConfig, rows: pd.DataFrame, path: Path) -> Path:
+    panels = {}
+    for name in EXPECTED:
+        panels[name] = samples(rows[rows["estimator"] == name])["G_xx"]
+    return _rank_figure(config, panels, 3, "rank of the true G_xx within the posterior, by estimator", path)
+
+
+def _rank_figure(config: ConsistencyConfig, panels: Samples, columns: int, title: str, path: Path) -> Path:
+    """Histograms with the band that all bins of all panels together keep to."""
+    panels = {name: y for name, y in panels.items() if name != WHOLE}
+    n = len(next(iter(panels.values())))
+    low, high = band(n, config.bins, 1 - (1 - config.confidence) / len(panels))
+    with mpl.rc_context(figures.STYLE):
+        figure = Figure(figsize=(7.6, 0.5 + 1.45 * (len(panels) // columns)), layout="constrained")
+        edges = np.linspace(0, 1, config.bins + 1)
+        for axes, (name, y) in zip(
+            figure.subplots(len(panels) // columns, columns, sharex=True).ravel(), panels.items(), strict=True
+        ):
+            axes.axhspan(low, high, color="#00798c", alpha=0.2, linewidth=0)
+            axes.axhline(n / config.bins, color="#00798c", linewidth=0.8)
+            axes.stairs(histogram(y, config.bins), edges, color="#30343f")
+            axes.set_title(name, loc="left", fontsize=9)
+            axes.set_ylim(0, None)
+            axes.set_xlim(0, 1)
+            axes.set_xticks([0, 0.5, 1])
+        figure.suptitle(f"{title}; {n} cases, band {low} to {high}", fontsize=9, x=0.01, ha="left")
+        figure.supylabel("cases a bin", fontsize=9)
+        return figures.save(figure, path)
+
+
+STUDY = Study("studies.calibration.consistency:STUDY", ConsistencyConfig, case, recording)
+ENTRY = Entry(STUDY, "is the stated covariance honest, and would it be noticed if it were not", report)

@@ -1,0 +1,110 @@
+"""The command ``gyrocal diagnose``: what departs from the baseline simulator, where, and which effect explains it."""
+
+import json
+import math
+import time
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import click
+import numpy as np
+from rich.console import Console
+from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeElapsedColumn
+
+from diagnosis.diagnose import diagnose
+from gyrocal import InputError, load
+from simulator.effects.sensor import ALL_EFFECTS
+from studies.montecarlo.manifest import write_json
+from studies.report import diagnosis_page as diagnosis_report
+from studies.report import diagnosis_summary
+from studies.report.console import LINE_EVERY_S, check_writable, console
+
+PATH = click.Path(path_type=Path)
+STDOUT = Path("-")
+
+
+@click.command("diagnose")
+@click.argument("recording", type=PATH)
+@click.option(
+    "--json", "as_json", type=PATH, help="Write the result as JSON to this file; - for standard output in place of the summary."
+)
+@click.option("--report", type=PATH, help="Write a page with the figures (HTML, needs no network) to this file.")
+@click.option(
+    "--without", multiple=True, metavar="EFFECT", help="Take an effect off the list, see 'gyrocal effects'; repeatable."
+)
+@click.option("--seed", type=click.IntRange(0), default=0, show_default=True, help="Root of the random draws.")
+def diagnose_command(recording: Path, as_json: Path | None, report: Path | None, without: tuple[str, ...], seed: int) -> None:
+    """Say whether RECORDING departs from the baseline simulator, where, by which effect, and how far that closes the gap.
+
+    The baseline has a constant G and b, white gyro noise and white reference noise, both as stated. The exit status is 0
+    whatever the answer. Raw tables of sun and Earth sensors with an ephemeris are diagnosed too. See docs/diagnosis.md.
+
+    \b
+    Examples:
+      gyrocal simulate trmm_series /tmp/rec --effect bias_orbital:z=0.3
+      gyrocal diagnose /tmp/rec --report /tmp/report.html --json /tmp/diagnosis.json
+      gyrocal diagnose /tmp/rec --without bias_orbital
+    """
+    library = _library(without)
+    files = [path for path in (as_json, report) if path is not None and path != STDOUT]
+    for path in files:
+        check_writable(path)
+    if len({path.resolve() for path in files}) < len(files):
+        raise InputError(f"{report}: --json and --report need files of their own")
+    if report == STDOUT:
+        raise InputError("--report -: give the name of a file")
+    loaded = load(recording)
+    with _stages() as progress:
+        result = diagnose(loaded, progress=progress, seed=seed, library=library)
+    if as_json == STDOUT:
+        click.echo(json.dumps(plain(result.to_json()), indent=2, ensure_ascii=False, allow_nan=False))
+    else:
+        diagnosis_summary.show(console(), result)
+    if as_json and as_json != STDOUT:
+        write_json(as_json, plain(result.to_json()))
+    if report:
+        diagnosis_report.write(result, report)
+
+
+def plain(value: Any) -> Any:
+    """As JSON has it: numbers that are none (NaN, infinity) become null, numpy's scalars become numbers."""
+    if isinstance(value, dict):
+        return {key: plain(one) for key, one in value.items()}
+    if isinstance(value, list | tuple):
+        return [plain(one) for one in value]
+    if isinstance(value, np.generic):
+        return plain(value.item())
+    if isinstance(value, float) and not math.isfinite(value):
+        return None
+    return value
+
+
+def _library(without: Sequence[str]) -> list[str] | None:
+    """Effects that may be named; None for all."""
+    for name in without:
+        if name not in ALL_EFFECTS:
+            raise InputError(f"--without {name}: no such effect; there are {', '.join(ALL_EFFECTS)}")
+    return [name for name in ALL_EFFECTS if name not in without] if without else None
+
+
+@contextmanager
+def _stages() -> Iterator[Callable[[str, float], None]]:
+    """Progress by stages on standard error: a bar on a terminal, elsewhere a line a minute."""
+    output = Console(stderr=True)
+    if output.is_terminal:
+        columns = (TextColumn("{task.description}", markup=False), BarColumn(), TaskProgressColumn(), TimeElapsedColumn())
+        with Progress(*columns, console=output, transient=True) as bar:
+            task = bar.add_task("", total=1.0)
+            yield lambda text, share: bar.update(task, description=text, completed=share)
+        return
+    last = time.monotonic()
+
+    def tell(text: str, share: float) -> None:
+        nonlocal last
+        if time.monotonic() - last >= LINE_EVERY_S:
+            last = time.monotonic()
+            output.print(f"diagnose: {text}, {100 * share:.0f} % done", highlight=False, markup=False)
+
+    yield tell

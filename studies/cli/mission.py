@@ -1,0 +1,167 @@
+"""The command ``gyrocal mission``: fly the Mission Mode loop and write what it leaves."""
+
+import json
+import math
+from dataclasses import replace
+from itertools import pairwise
+from pathlib import Path
+from typing import Any, get_args
+
+import click
+import numpy as np
+import pandas as pd
+
+from gyrocal import InputError
+from simulator.mission_mode.config import DAY, MissionConfig, Mounting, mounted, period_tables
+from simulator.mission_mode.flight import AXES, MissionRun, flight_schedule, simulate_mission
+from studies.cli.diagnose import plain
+from studies.montecarlo.manifest import write_json
+from studies.report import render
+from studies.report.console import check_writable, console, progress
+from studies.robertson import flown
+from studies.robertson.runs import PERIODS
+
+PATH = click.Path(path_type=Path)
+STDOUT = Path("-")
+TABLES = ("telemetry", "updates", "slews", "orbits")
+LONGEST_DAYS = 1000.0
+MOST_ROWS = 20_000_000  # of telemetry, 2 GB
+
+
+@click.command("mission")
+@click.argument("out", type=click.Path(path_type=Path, file_okay=False))
+@click.option("--days", type=float, required=True, help="Days flown from launch, November 27, 1997.")
+@click.option("--seed", type=click.IntRange(0), default=0, show_default=True, help="Of the noise.")
+@click.option(
+    "--tables",
+    type=click.Choice(["flight", *PERIODS]),
+    help="On board: as in the flight, uploaded on R's days (the default), or those of one of R's periods throughout.",
+)
+@click.option("--calibrated", is_flag=True, help="The same as --tables postcalibration.")
+@click.option(
+    "--mounting",
+    type=click.Choice(get_args(Mounting)),
+    default="solved",
+    show_default=True,
+    help="How the sun sensors are mounted, which is not published; see docs/mission.md.",
+)
+@click.option("--every", "every_s", type=float, default=60.0, show_default=True, help="s from a row of telemetry to the next.")
+@click.option(
+    "--json", "as_json", type=PATH, help="Write the summary as JSON to this file; - for standard output in place of the tables."
+)
+@click.option("--force", is_flag=True, help="Replace tables that are in OUT already.")
+def mission_command(
+    out: Path,
+    days: float,
+    seed: int,
+    tables: str | None,
+    calibrated: bool,
+    mounting: Mounting,
+    every_s: float,
+    as_json: Path | None,
+    force: bool,
+) -> None:
+    """Fly TRMM's Mission Mode from launch and write telemetry, yaw updates, slews and orbits as Parquet to the folder OUT.
+
+    It turns by 180° whenever the Sun crosses the orbit plane, as the flight did. A day takes about half a
+    second, the first run twenty more for compilation.
+
+    \b
+    Examples:
+      gyrocal mission /tmp/mission --days 30
+      gyrocal mission /tmp/day --days 1 --calibrated --every 10 --json /tmp/day.json
+    """
+    if calibrated and tables not in (None, "postcalibration"):
+        raise InputError(f"--calibrated and --tables {tables} exclude each other")
+    tables = "postcalibration" if calibrated else tables or "flight"
+    every = _cycles(days, every_s)
+    if not force and any((out / f"{name}.parquet").exists() for name in TABLES):
+        raise InputError(f"{out}: tables of a run are there already; choose another folder, or replace them with --force")
+    check_writable(None if as_json == STDOUT else as_json)
+    out.mkdir(parents=True, exist_ok=True)
+    config = _config(days, tables, mounting)
+    with progress("mission, simulated days", math.ceil(days) - 1, quiet=days <= 1) as advance:
+        run = simulate_mission(config, days=days, seed=seed, telemetry_every=every, progress=advance)
+    for name in TABLES:
+        getattr(run, name).to_parquet(out / f"{name}.parquet", index=False)
+    stretches = summary(run, config, days)
+    document = {"days": days, "seed": seed, "tables": tables, "mounting": mounting}
+    document |= {"stretches": stretches.to_dict("records"), "slews": run.slews.to_dict("records")}
+    if as_json == STDOUT:
+        click.echo(json.dumps(plain(document), indent=2, ensure_ascii=False, allow_nan=False))
+        return
+    _show(run, stretches, out)
+    if as_json:
+        write_json(as_json, plain(document))
+
+
+def _cycles(days: float, every_s: float) -> int:
+    """Cycles between two rows of telemetry; refuses what cannot be flown."""
+    cycle = MissionConfig().controller.cycle_s
+    if not cycle / DAY <= days <= LONGEST_DAYS:
+        raise InputError(f"--days {days:g}: must be between one cycle, {cycle:g} s, and {LONGEST_DAYS:g} days")
+    if not math.isfinite(every_s) or every_s < cycle or abs(every_s / cycle - round(every_s / cycle)) > 1e-9:
+        raise InputError(f"--every {every_s:g}: must be a multiple of the cycle, {cycle:g} s")
+    if days * DAY / every_s > MOST_ROWS:
+        raise InputError(f"--every {every_s:g}: {days * DAY / every_s:.0f} rows of telemetry are too many")
+    return round(every_s / cycle)
+
+
+def _config(days: float, tables: str, mounting: Mounting) -> MissionConfig:
+    base = replace(MissionConfig(), sun_sensors=mounted(mounting))
+    schedule = flight_schedule(base, days, mounting)
+    if tables == "flight":
+        return schedule
+    return replace(schedule, uploads=(), tables=period_tables(mounting)[tables])
+
+
+def summary(run: MissionRun, config: MissionConfig, days: float) -> pd.DataFrame:
+    """A row for each stretch between uploads: yaw updates, knowledge, pointing (3-sigma) and stability by axis, deg."""
+    end = days * DAY
+    bounds = [0.0, *(at for at, _ in config.uploads if at < end), end]
+    rows = []
+    for start, stop in pairwise(bounds):
+        orbits = run.orbits[run.orbits["t_s"].between(start, stop, inclusive="left") & (run.orbits["samples"] > 0)]
+        updates = run.updates.loc[run.updates["t_s"].between(start, stop, inclusive="left"), "update_deg"].abs()
+        row: dict[str, Any] = {
+            "from_day": start / DAY,
+            "to_day": stop / DAY,
+            "yaw_updates": len(updates),
+            "yaw_update_deg": float(updates.mean()),
+        }
+        for axis in AXES:
+            for name, column in (("knowledge", "rms_knowledge"), ("pointing", "rms_error")):
+                mean_square = (orbits[f"{column}_{axis}_deg"] ** 2 * orbits["samples"]).sum() / orbits["samples"].sum()
+                row[f"{name}_{axis}_deg"] = 3 * float(np.sqrt(mean_square))
+            row[f"stability_{axis}_deg"] = float(orbits[f"jitter_{axis}_deg"].max())
+        rows.append(row)
+    return pd.DataFrame(rows)
+
+
+def _show(run: MissionRun, stretches: pd.DataFrame, out: Path) -> None:
+    terminal = console()
+    days = [f"{row.from_day:.1f} to {row.to_day:.1f}" for row in stretches.itertuples()]
+    shown = {"days": days, "updates": stretches["yaw_updates"], "yaw update": _deg(stretches["yaw_update_deg"])}
+    for name in ("knowledge", "pointing", "stability"):
+        limit = flown.requirement(name)
+        for axis in AXES:
+            values = stretches[f"{name}_{axis}_deg"]
+            shown[f"{name} {axis}"] = [f"{value:.3f}{' ✗' if value >= limit else ''}" for value in values]
+    limits = ", ".join(f"{name} {flown.requirement(name):g}" for name in ("knowledge", "pointing", "stability"))
+    render.terminal(
+        terminal,
+        "Mission Mode, deg",
+        pd.DataFrame(shown).T.reset_index().set_axis(["", *(f"stretch {k + 1}" for k in range(len(stretches)))], axis=1),
+        f"Knowledge and pointing 3σ, stability over 1 s; R's limits: {limits}; ✗ above.",
+    )
+    if len(run.slews):
+        slews = pd.DataFrame({"day": run.slews["start_s"] / DAY, "forward after": run.slews["forward"]})
+        for axis in AXES:
+            slews[f"targeting {axis}"] = _deg(run.slews[f"targeting_{axis}_deg"])
+        render.terminal(terminal, "Yaw maneuvers: true minus propagated by gyro, deg", slews)
+    counts = ", ".join(f"{len(getattr(run, name))} {name}" for name in TABLES)
+    click.echo(f"{out}: rows of {counts}")
+
+
+def _deg(values: pd.Series) -> list[str]:
+    return [render.number(value, 3) for value in values]

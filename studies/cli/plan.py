@@ -1,0 +1,120 @@
+"""The command ``gyrocal plan``: what a maneuver plan will show of each effect, before it is flown."""
+
+import json
+from collections.abc import Sequence
+from contextlib import nullcontext
+from pathlib import Path
+from typing import Any
+
+import click
+from rich.console import Console
+from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeElapsedColumn
+
+from diagnosis.plan import appended, maneuvers, plan
+from gyrocal import InputError
+from gyrocal.recording import read_toml
+from simulator import scenario as scenarios
+from simulator.effects import EFFECTS
+from studies.cli.diagnose import plain
+from studies.montecarlo.manifest import write_json
+from studies.report import plan as plan_report
+from studies.report.console import check_writable, console
+
+PATH = click.Path(path_type=Path)
+STDOUT = Path("-")
+
+
+@click.command("plan")
+@click.argument("scenario")
+@click.option(
+    "--effect", "effects", multiple=True, metavar="NAME", help="Look at this effect only, see 'gyrocal effects'; repeatable."
+)
+@click.option(
+    "--extra",
+    "files",
+    multiple=True,
+    type=PATH,
+    metavar="FILE",
+    help="An extra maneuver: TOML with further [[interval]] sections, times counted from the scenario's end; repeatable.",
+)
+@click.option("--no-extras", is_flag=True, help="Leave the built-in extra maneuvers out.")
+@click.option("--named", is_flag=True, help="Also the size at which an effect is named; slow, best with --effect.")
+@click.option(
+    "--json", "as_json", type=PATH, help="Write the result as JSON to this file; - for standard output in place of the tables."
+)
+@click.option("--seed", type=click.IntRange(0), default=0, show_default=True, help="Root of the random draws.")
+def plan_command(
+    scenario: str,
+    effects: tuple[str, ...],
+    files: tuple[Path, ...],
+    no_extras: bool,
+    named: bool,
+    as_json: Path | None,
+    seed: int,
+) -> None:
+    """Say what SCENARIO (a built-in name or a TOML file) will show: the smallest visible size of each effect, which pairs
+    cannot be told apart, and which extra maneuver helps most.
+
+    From the linear model of the diagnosis alone; nothing has to be flown. About a minute. See docs/plan.md.
+
+    \b
+    Examples:
+      gyrocal plan trmm_series
+      gyrocal plan trmm --json /tmp/plan.json
+      gyrocal plan mine.toml --effect bias_orbital --effect time_offset --extra roll.toml --named
+    """
+    for name in effects:
+        if name not in EFFECTS:
+            raise InputError(f"--effect {name}: no such effect; there are {', '.join(EFFECTS)}")
+    check_writable(None if as_json == STDOUT else as_json)
+    chosen = scenarios.load(scenario)
+    extras = {} if no_extras else dict(maneuvers(chosen))
+    extras |= _read_extras(chosen, files)
+    found = _run(chosen, effects, extras, named, seed)
+    if as_json == STDOUT:
+        click.echo(json.dumps(plain(found.to_json()), indent=2, ensure_ascii=False, allow_nan=False))
+        return
+    plan_report.show(console(), found)
+    if as_json:
+        write_json(as_json, plain(found.to_json()))
+
+
+def _run(
+    chosen: scenarios.Scenario, effects: Sequence[str], extras: dict[str, list[dict[str, Any]]], named: bool, seed: int
+) -> Any:
+    """The plan, with a bar on standard error if that is a terminal and a line for each stage if not."""
+    output = Console(stderr=True)
+    columns = (TextColumn("{task.description}", markup=False), BarColumn(), TaskProgressColumn(), TimeElapsedColumn())
+    bar = Progress(*columns, console=output, transient=True) if output.is_terminal else None
+    with bar or nullcontext():
+        task = bar.add_task("", total=1.0) if bar else None
+        told = ""
+
+        def tell(text: str, share: float) -> None:
+            nonlocal told
+            if bar is not None and task is not None:
+                bar.update(task, description=text, completed=share)
+            elif text.split(":")[0] != told:
+                told = text.split(":")[0]
+                output.print(f"plan: {told}, {100 * share:.0f} % done", highlight=False, markup=False)
+
+        return plan(chosen, effects=effects or None, extras=extras, named=named, progress=tell, seed=seed)
+
+
+def _read_extras(chosen: scenarios.Scenario, files: Sequence[Path]) -> dict[str, list[dict[str, Any]]]:
+    """The extra maneuvers on file, each checked as a continuation of the scenario."""
+    out = {}
+    for path in files:
+        document = read_toml(path)
+        sections = document.pop("interval", None)
+        unknown = set(document) - {"title"}
+        if unknown:
+            raise InputError(f"{path}: {sorted(unknown)[0]} is not known; an extra maneuver has title and [[interval]]")
+        if not isinstance(sections, list) or not sections or not all(isinstance(one, dict) for one in sections):
+            raise InputError(f"{path}: no [[interval]] sections")
+        try:
+            appended(chosen, sections)
+        except InputError as error:
+            raise InputError(f"{path}: {str(error).removeprefix('override: ')}") from None
+        out[str(document.get("title", path.stem))] = sections
+    return out

@@ -1,0 +1,78 @@
+"""The command ``gyrocal reproduce``: both papers' numbers and figures beside the flight's."""
+
+import os
+from pathlib import Path
+from typing import Any
+
+import click
+
+from gyrocal import InputError
+from studies.montecarlo.manifest import write_json
+from studies.natanson import reproduce
+from studies.report.console import check_writable, console
+from studies.robertson import report as mission_report
+from studies.robertson.runs import MissionStudy
+
+PATH = click.Path(path_type=Path)
+LONGEST_DAYS = 200.0
+FOLDERS = {"natanson": reproduce.DEFAULT_FOLDER, "robertson": mission_report.DEFAULT_FOLDER}
+
+
+@click.command("reproduce")
+@click.option("--paper", type=click.Choice(list(FOLDERS)), default=None, help="One paper only; both by default.")
+@click.option(
+    "--out",
+    type=PATH,
+    default=None,
+    help="Folder to write: of one paper its own, of both the one above 'reproduction' and 'mission'; 'results' by default.",
+)
+@click.option("--cases", type=click.IntRange(2), default=200, show_default=True, help="natanson: seeds of the Monte Carlo.")
+@click.option("--entropy", type=click.IntRange(0), default=1998, show_default=True, help="Root of all random streams.")
+@click.option("--seeds", type=click.IntRange(1), default=2, show_default=True, help="robertson: seeds of the months.")
+@click.option("--slews", type=click.IntRange(2), default=20, show_default=True, help="robertson: seeds of the yaw maneuver.")
+@click.option(
+    "--days",
+    type=float,
+    default=MissionStudy.days,
+    show_default=True,
+    help="robertson: days flown from launch; fewer leave R's later periods empty.",
+)
+@click.option("--jobs", type=click.IntRange(1), default=None, help="Processes or threads; the CPU count by default.")
+@click.option("--json", "as_json", type=PATH, help="Also write the summary here; of both papers, under their names.")
+def reproduce_command(
+    paper: str | None,
+    out: Path | None,
+    cases: int,
+    entropy: int,
+    seeds: int,
+    slews: int,
+    days: float,
+    jobs: int | None,
+    as_json: Path | None,
+) -> None:
+    """Reproduce the two papers beside the flight's values.
+
+    natanson: the gyro calibration, N Tables 2-5 and Figures 1-3. robertson: the Mission Mode, R Tables 1-3 and Figures 7-13.
+
+    \b
+    Examples:
+      gyrocal reproduce
+      gyrocal reproduce --paper natanson --cases 50 --out /tmp/trmm
+      gyrocal reproduce --paper robertson --seeds 1 --out /tmp/mission
+    """
+    if not 1.0 <= days <= LONGEST_DAYS:
+        raise InputError(f"--days {days:g}: must be between 1 and {LONGEST_DAYS:g}")
+    check_writable(as_json)
+    workers, terminal = jobs or os.cpu_count() or 1, console()
+    study = MissionStudy(days=days, seeds=seeds, slews=slews, entropy=entropy)
+    summaries: dict[str, dict[str, Any]] = {}
+    for name, default in FOLDERS.items():
+        if paper not in (None, name):
+            continue
+        folder = default if out is None else out if paper else out / default.name
+        if name == "natanson":
+            summaries[name] = reproduce.run(folder, cases, workers, entropy, terminal)
+        else:
+            summaries[name] = mission_report.run(folder, study, workers, terminal)
+    if as_json:
+        write_json(as_json, summaries[paper] if paper else summaries)

@@ -1,0 +1,1 @@
+"""Studies of attitude estimation: alignment, reference attitudes, the on-board form."""

@@ -1,0 +1,1 @@
+"""The Monte Carlo engine: studies, cases, storage, backends, dispersions, statistics."""

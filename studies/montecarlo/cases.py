@@ -1,0 +1,165 @@
+"""Running cases: what a worker does with a range of case numbers.
+
+A worker is handed a `Task`, all of it plain text and numbers, and hands back a `Result`: the rows, already encoded as a
+Parquet part, and a record of what happened, since a worker's log and warnings would be seen by nobody. A case that raises is
+a row with its error, and a traceback in the record.
+
+While cases run, their process is calm (`studies.montecarlo.calm`): one BLAS thread, and warnings counted.
+"""
+
+import threading
+import time
+import traceback
+from collections import Counter
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+
+from studies.montecarlo.calm import calm
+from studies.montecarlo.store import decode, encode, joined
+from studies.montecarlo.study import DISPERSED, RESERVED, Streams, Study, StudyConfig, dispersed_values, find
+
+LONGEST_ERROR = 500  # characters of an error in a row
+KILLED = "WorkerDied: killed its worker"
+INT64 = range(-(2**63), 2**63)
+
+
+@dataclass(frozen=True)
+class Task:
+    """Cases to run.
+
+    Attributes
+    ----------
+    study : name of the study
+    config : its resolved configuration as JSON
+    config_sha256 : hash of the two, written into the part
+    cases : numbers of the cases
+    """
+
+    study: str
+    config: str
+    config_sha256: str
+    cases: range
+
+
+@dataclass(frozen=True)
+class Result:
+    """What became of a task.
+
+    Attributes
+    ----------
+    part : the rows as Parquet
+    failures : error of each failed case
+    tracebacks : text for the failed case's file
+    cpu_s : CPU time of the cases
+    warnings : how often each warning was given
+    """
+
+    part: bytes
+    failures: dict[int, str]
+    tracebacks: dict[int, str]
+    cpu_s: float
+    warnings: dict[str, int] = field(default_factory=dict)
+
+
+class Stopped(Exception):  # noqa: N818  # an event, not a fault
+    """The study is being stopped; what the task has done is dropped."""
+
+
+def run_cases(task: Task, stopped: Callable[[], bool] = lambda: False) -> Result:
+    """Run the cases of a task, one after the other.
+
+    Parameters
+    ----------
+    task : what to run
+    stopped : asked before each case whether to give up; raises `Stopped` if so
+    """
+    study, config = _prepared(task.study, task.config)
+    rows: list[dict[str, Any]] = []
+    kinds: dict[str, str] = {}
+    failures: dict[int, str] = {}
+    tracebacks: dict[int, str] = {}
+    with calm() as messages:
+        # In a thread beside others, the process' CPU time is not this task's alone.
+        clock = time.process_time if threading.current_thread() is threading.main_thread() else time.thread_time
+        start = clock()
+        for case in task.cases:
+            if stopped():
+                raise Stopped
+            try:
+                rows += _case_rows(study, config, case, kinds)
+            except (Exception, SystemExit) as error:
+                failures[case] = _one_line(error)
+                tracebacks[case] = "".join(traceback.format_exception(error))
+                rows.append({"case": case, "error": failures[case]})
+        cpu_s = clock() - start
+    part = encode(rows, task.config_sha256, task.cases, cpu_s)
+    return Result(part, failures, tracebacks, cpu_s, dict(messages))
+
+
+def killed(task: Task) -> Result:
+    """Result of a single case whose worker died of it."""
+    (case,) = task.cases
+    text = f"{KILLED}\n\nThe process that ran this case alone ended without an answer: a signal, os._exit, or no memory left.\n"
+    part = encode([{"case": case, "error": KILLED}], task.config_sha256, task.cases, 0.0)
+    return Result(part, {case: KILLED}, {case: text}, 0.0)
+
+
+def merged(task: Task, results: Sequence[Result]) -> Result:
+    """One result of a task from those of its cases."""
+    cpu_s = sum(result.cpu_s for result in results)
+    messages: Counter[str] = Counter()
+    for result in results:
+        messages.update(result.warnings)
+    return Result(
+        part=joined([decode(result.part) for result in results], task.config_sha256, task.cases, cpu_s),
+        failures={case: text for result in results for case, text in result.failures.items()},
+        tracebacks={case: text for result in results for case, text in result.tracebacks.items()},
+        cpu_s=cpu_s,
+        warnings=dict(messages),
+    )
+
+
+@lru_cache(maxsize=4)
+def _prepared(name: str, config: str) -> tuple[Study, StudyConfig]:
+    study = find(name)
+    return study, study.config.model_validate_json(config)
+
+
+def _case_rows(study: Study, config: StudyConfig, case: int, kinds: dict[str, str]) -> list[dict[str, Any]]:
+    """The rows of one case; kinds remembers what each column holds."""
+    drawn = {DISPERSED + path: value for path, value in dispersed_values(config, case).items()}
+    made = study.case(config, case, Streams(config.entropy, case))
+    rows = [made] if isinstance(made, Mapping) else list(made)
+    if not rows:
+        raise ValueError("the study returned no row for this case")
+    return [{"case": case, "error": "", **drawn, **_plain(row, drawn, kinds)} for row in rows]
+
+
+def _plain(row: Mapping[str, Any], drawn: Mapping[str, float], kinds: dict[str, str]) -> dict[str, Any]:
+    plain = {}
+    for name, value in row.items():
+        if not isinstance(name, str) or name in RESERVED or name in drawn:
+            raise TypeError(f"a study's row cannot have a column {name!r}")
+        item = value.item() if isinstance(value, np.generic) else value
+        kind = _kind(item)
+        if kind is None or (kind == "number" and isinstance(item, int) and item not in INT64):
+            raise TypeError(f"column {name}: a number, truth value, text or None is expected, not {value!r:.60}")
+        if kind != "nothing" and kinds.setdefault(name, kind) != kind:
+            raise TypeError(f"column {name}: {kind} in this case, {kinds[name]} in another")
+        plain[name] = item
+    return plain
+
+
+def _kind(value: object) -> str | None:
+    for kind, types in (("nothing", type(None)), ("truth value", bool), ("number", (int, float)), ("text", str)):
+        if isinstance(value, types):
+            return kind
+    return None
+
+
+def _one_line(error: BaseException) -> str:
+    return f"{type(error).__name__}: {' '.join(str(error).split())}"[:LONGEST_ERROR]

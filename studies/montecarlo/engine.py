@@ -1,0 +1,274 @@
+"""The Monte Carlo engine: runs a study's cases, thousands of them, so that they can be stopped, resumed, repeated and trusted.
+
+    outcome = run(STUDY, load_config(STUDY, changes={"cases": 10_000}), Path("results/noise"))
+    table = outcome.load()
+
+Case i draws from children of ``SeedSequence(entropy, spawn_key=(i,))`` alone, so its row is the same on every backend,
+resumed, or repeated by `rerun`, bit for bit. The folder of a study holds
+
+- ``manifest.json``: configuration and its hash, versions, commit, seeds, backend, times, failures
+- ``parts/``: the rows of each finished chunk (`studies.montecarlo.store`); what makes a study resumable
+- ``failures/``: a traceback for each failed case
+- ``cases/``: recordings of single cases, on demand
+- ``table.parquet``: all rows in the order of the cases, once all are there
+
+A case that raises or kills its worker is a row with its error; everything else goes on.
+"""
+
+import logging
+import time
+from collections import Counter
+from collections.abc import Callable, Collection, Iterator
+from contextlib import AbstractContextManager, contextmanager, nullcontext
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+
+from gyrocal import save
+from gyrocal.errors import InputError
+from studies.montecarlo.backends import Backend, Name, open_backend
+from studies.montecarlo.calm import calm
+from studies.montecarlo.cases import Task, run_cases
+from studies.montecarlo.folder import Record, chunk_size, known, locked
+from studies.montecarlo.session import Interrupted, Session, ending
+from studies.montecarlo.store import Parts, decode, storage
+from studies.montecarlo.study import Streams, Study, StudyConfig, config_sha256, find, resolved
+
+__all__ = ["Interrupted", "Outcome", "Rerun", "Streams", "Study", "StudyConfig", "rerun", "run", "silent"]
+
+logger = logging.getLogger(__name__)
+
+Display = Callable[[str, int], AbstractContextManager[Callable[[int], None]]]
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """A finished study.
+
+    Attributes
+    ----------
+    folder : of the study
+    table : its table, a Parquet file
+    cases : number of cases
+    resumed : of them, those found finished in the folder
+    failures : error of each failed case
+    warnings : how often each warning was given in this run
+    wall_s : duration of this run
+    cpu_s : CPU time of all cases, in whatever run they were computed
+    """
+
+    folder: Path
+    table: Path
+    cases: int
+    resumed: int
+    failures: dict[int, str]
+    warnings: dict[str, int]
+    wall_s: float
+    cpu_s: float
+
+    def load(self, columns: list[str] | None = None) -> pd.DataFrame:
+        """The table, or some columns of it."""
+        return pd.read_parquet(self.table, columns=columns)
+
+    def summary(self) -> str:
+        """One line: how many cases, failures, and the time they took."""
+        resumed = f" ({self.resumed} of them from an earlier run)" if self.resumed else ""
+        kinds = Counter(error.partition(":")[0] for error in self.failures.values())
+        which = ", ".join(f"{count} {kind}" for kind, count in kinds.most_common(3))
+        failed = (
+            f", {len(self.failures)} failed ({which}; see {self.folder / 'failures'})" if self.failures else ", none failed"
+        )
+        return f"{self.cases} cases{resumed}{failed}; {self.wall_s:.1f} s, {self.cpu_s:.1f} s of CPU"
+
+
+@dataclass(frozen=True)
+class Rerun:
+    """A case repeated.
+
+    Attributes
+    ----------
+    rows : its rows
+    traceback : of its failure; empty if it succeeded
+    recording : folder with its recording; None if the study keeps none
+    same : whether the rows are those of the study in the folder, bit for bit; None if that has no such case
+    """
+
+    rows: pd.DataFrame
+    traceback: str
+    recording: Path | None
+    same: bool | None
+
+
+def silent(label: str, total: int) -> AbstractContextManager[Callable[[int], None]]:
+    """No progress."""
+    return nullcontext(lambda count: None)
+
+
+def run(
+    study: Study,
+    config: StudyConfig,
+    folder: Path,
+    *,
+    backend: Name = "loky",
+    jobs: int | None = None,
+    scheduler: str | None = None,
+    chunk: int | None = None,
+    progress: Display = silent,
+    keep: Collection[int] = (),
+    retry_failed: bool = False,
+) -> Outcome:
+    """Run a study, or what is left of it, and write its table.
+
+    Parameters
+    ----------
+    study : what to run
+    config : its configuration
+    folder : where it is written; if it holds a part of the same study, that is resumed
+    backend : where the cases run, see `studies.montecarlo.backends`
+    jobs : workers; by default as many as there are cores
+    scheduler : address of a dask scheduler
+    chunk : cases that are handed out and stored together; changes nothing in the table
+    progress : (label, cases left) to a context with a function that is told how many more have ended; for example
+        ``functools.partial(studies.report.console.progress, console)``
+    keep : cases whose recordings are kept
+    retry_failed : run failed cases of earlier runs again
+
+    Raises
+    ------
+    InputError
+        The configuration cannot be used, the folder holds another study, or it cannot be written (`StorageError`).
+    Interrupted
+        Ctrl-C; what has ended is kept.
+    """
+    begun = time.monotonic()
+    task_for, ready = _prepare(study, config)
+    if keep and study.recording is None:
+        raise InputError(f"study {study.name}: has no recordings to keep")
+    for case in keep:
+        _check_case(config, case)
+    folder = Path(folder)
+    with locked(folder):
+        about = _about(study, config, ready, task_for(range(0)).config_sha256)
+        about["chunk"] = chunk_size(folder, about["config_sha256"], config.cases, chunk)
+        record = Record(folder, about, backend)
+        session = Session(Parts(folder, config.cases, about["chunk"], about["config_sha256"]), task_for)
+        if record.mixed:
+            session.count({f"{folder}: earlier runs were of another version of the program; rows of both are mixed": 1})
+        table = folder / "table.parquet"
+        with ending(record, session, begun):
+            missing = session.survey(retry_failed)
+            record.run["resumed"] = resumed = session.progress.done
+            record.write("running", session.progress)
+            if missing:
+                with calm() as messages, _opened(backend, jobs, scheduler) as workers:
+                    try:
+                        with progress(study.name, config.cases - resumed) as advance:
+                            session.finish(workers, missing, advance)
+                    finally:
+                        record.run["jobs"] = workers.jobs
+                session.count(messages)
+            for case in keep:
+                _keep(study, ready, case, folder)
+            session.parts.write_table(table)
+            record.run["wall_s"] = round(time.monotonic() - begun, 3)
+            record.write("complete", session.progress, table)
+    state = session.progress
+    return Outcome(
+        folder=folder,
+        table=table,
+        cases=config.cases,
+        resumed=resumed,
+        failures=dict(sorted(state.failures.items())),
+        warnings=dict(state.warnings),
+        wall_s=time.monotonic() - begun,
+        cpu_s=state.cpu_s,
+    )
+
+
+def rerun(study: Study, config: StudyConfig, case: int, folder: Path) -> Rerun:
+    """Repeat one case in this process and keep its recording in ``folder/cases``.
+
+    Parameters
+    ----------
+    study, config, folder : as given to `run`
+    case : number of the case
+
+    Raises
+    ------
+    InputError
+        There is no such case, or the folder holds another study.
+    """
+    task_for, ready = _prepare(study, config)
+    _check_case(config, case)
+    folder = Path(folder)
+    sha256 = task_for(range(0)).config_sha256
+    manifest = known(folder, sha256)
+    # First, since the case may end this process.
+    recording = _keep(study, ready, case, folder) if study.recording else None
+    result = run_cases(task_for(range(case, case + 1)))
+    rows = decode(result.part).to_pandas()
+    same = None
+    if manifest:
+        before = Parts(folder, config.cases, manifest["chunk"], sha256).rows_of(case)
+        same = None if before is None else _same(before, rows)
+    return Rerun(rows, result.tracebacks.get(case, ""), recording, same)
+
+
+def _prepare(study: Study, config: StudyConfig) -> tuple[Callable[[range], Task], StudyConfig]:
+    """What makes a task of a range of cases, and the resolved configuration."""
+    if find(study.name) != study:
+        raise InputError(f"study {study.name}: what stands there is not the study of that name")
+    if type(config) is not study.config:
+        raise InputError(f"study {study.name}: needs a {study.config.__name__}, not a {type(config).__name__}")
+    ready = resolved(config)
+    sha256, text = config_sha256(study, ready), ready.model_dump_json()
+    return lambda cases: Task(study.name, text, sha256, cases), study.config.model_validate_json(text)
+
+
+def _check_case(config: StudyConfig, case: int) -> None:
+    if not 0 <= case < config.cases:
+        raise InputError(f"case {case}: the study has the cases 0 to {config.cases - 1}")
+
+
+def _about(study: Study, config: StudyConfig, ready: StudyConfig, sha256: str) -> dict[str, Any]:
+    """What the manifest says about the study: the configuration as given, and the scenario it stands for."""
+    given, whole = config.model_dump(mode="json"), ready.model_dump(mode="json")
+    if not isinstance(config.scenario, str):
+        given["scenario"] = config.scenario.title
+    return {"study": study.name, "config": given, "scenario": whole["scenario"], "config_sha256": sha256, "cases": config.cases}
+
+
+def _same(before: pd.DataFrame, now: pd.DataFrame) -> bool:
+    """Whether two tables of a case hold the same; columns that only other cases have are empty."""
+    if not set(now) <= set(before):
+        return False
+    empty = [name for name in before if name not in now]
+    return bool(before[empty].isna().all(axis=None)) and before[list(now)].equals(now)
+
+
+def _keep(study: Study, config: StudyConfig, case: int, folder: Path) -> Path | None:
+    """Save the recording of a case; None, with a message, if it cannot be made."""
+    assert study.recording is not None
+    path = folder / "cases" / f"case-{case:06d}"
+    try:
+        with calm():
+            recording = study.recording(config, case, Streams(config.entropy, case))
+    except Exception as error:
+        logger.warning("case %d: no recording, %s: %s", case, type(error).__name__, error)
+        return None
+    with storage(folder):
+        save(recording, path)
+    return path
+
+
+@contextmanager
+def _opened(name: Name, jobs: int | None, scheduler: str | None) -> Iterator[Backend]:
+    backend = open_backend(name, run_cases, jobs, scheduler)
+    finished = False
+    try:
+        yield backend
+        finished = True
+    finally:
+        backend.close(finished)

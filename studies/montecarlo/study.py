@@ -1,0 +1,297 @@
+"""What a study is: a configuration, and a function from it, a case number and random streams to a row.
+
+    class NoiseConfig(StudyConfig):
+        step_s: float = 0.5
+
+    def case(config: NoiseConfig, case: int, streams: Streams) -> dict[str, float]:
+        recording = observed(config, case, streams)
+        return {"chi2": calibrate(recording, step_s=config.step_s).chi2}
+
+    STUDY = Study("studies.calibration.noise:STUDY", NoiseConfig, case, observed)
+
+The name says where a worker finds the study, so that a worker needs nothing but the name, the configuration as JSON and a
+range of case numbers. A case may draw from its streams only: then its row depends on the configuration and its number alone.
+
+What identifies a result is the *resolved* configuration, in which the scenario's content stands in place of its name or
+path: a scenario file that changes, or that a worker could not read, can then not go unnoticed.
+"""
+
+import hashlib
+import importlib
+import json
+import threading
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path
+from typing import Any, TypeVar
+
+import numpy as np
+from pydantic import BaseModel, ConfigDict, ValidationError, field_validator
+
+from gyrocal.errors import InputError
+from gyrocal.recording import Recording, read_toml, validation_message
+from simulator import scenario as scenarios
+from simulator.scenario import Scenario
+from simulator.simulate import motion, observe
+from simulator.streams import MAX_CASE, generator
+from simulator.truth.motion import Motion
+from studies.montecarlo import dispersions
+from studies.montecarlo.dispersions import Dispersion, Sampler
+
+Scalar = bool | int | float | str
+Row = Mapping[str, Any]
+RESERVED = ("case", "error")  # columns of every table
+DISPERSED = "disp:"  # begins the columns of the dispersed values
+
+
+class StudyConfig(BaseModel):
+    """What every study is told; a study adds its own fields, each with a default.
+
+    Attributes
+    ----------
+    cases : number of cases
+    entropy : root of all random streams
+    scenario : built-in name or path of the scenario, or the scenario itself
+    overrides : scenario values to replace, by their dotted paths
+    dispersions : distributions of scenario values, by their dotted paths; applied after the overrides
+    sampler : how the draws of the dispersions cover their space
+    """
+
+    model_config = ConfigDict(extra="forbid", frozen=True, strict=True, allow_inf_nan=False)
+
+    cases: int = 200
+    entropy: int = 1998
+    scenario: str | Scenario = "trmm"
+    overrides: dict[str, Scalar] = {}
+    dispersions: dict[str, Dispersion] = {}
+    sampler: Sampler = "random"
+
+    # Not as constraints of the fields, which a study that gives another default would lose.
+    @field_validator("cases")
+    @classmethod
+    def _countable(cls, value: int) -> int:
+        if not 1 <= value <= MAX_CASE:
+            raise ValueError(f"must be between 1 and {MAX_CASE}")
+        return value
+
+    @field_validator("entropy")
+    @classmethod
+    def _not_negative(cls, value: int) -> int:
+        if value < 0:
+            raise ValueError("must not be negative")
+        return value
+
+
+Config = TypeVar("Config", bound=StudyConfig)
+
+
+@dataclass(frozen=True)
+class Streams:
+    """Random streams of one case, by what each is used for."""
+
+    entropy: int
+    case: int
+
+    def generator(self, name: str) -> np.random.Generator:
+        """A generator at the start of the named stream; it depends on no other stream."""
+        return generator(self.entropy, self.case, name)
+
+
+@dataclass(frozen=True)
+class Study:
+    """A study.
+
+    Attributes
+    ----------
+    name : where to import it from, "module:attribute"
+    config : type of its configuration
+    case : (config, case, streams) to the case's row, or to several rows; values are numbers, truth values, text or None
+    recording : (config, case, streams) to the recording the case works on, for a study whose recordings can be kept
+    """
+
+    name: str
+    config: type[StudyConfig]
+    case: Callable[[Any, int, Streams], Row | Sequence[Row]]
+    recording: Callable[[Any, int, Streams], Recording] | None = None
+
+
+def find(name: str) -> Study:
+    """The study of a name.
+
+    Raises
+    ------
+    InputError
+        It cannot be imported from there.
+    """
+    module, _, attribute = name.partition(":")
+    try:
+        study = getattr(importlib.import_module(module), attribute)
+    except (ImportError, AttributeError, ValueError) as error:
+        raise InputError(f"study {name}: cannot be imported ({error}); a study's name is module:attribute") from None
+    if not isinstance(study, Study) or study.name != name or module == "__main__":
+        raise InputError(f"study {name}: what stands there is not the study of that name")
+    return study
+
+
+def load_config(study: Study, path: Path | None = None, changes: Mapping[str, Any] | None = None) -> Any:
+    """Configuration of a study: its defaults, a TOML file over them, single values over both.
+
+    Parameters
+    ----------
+    study : the study
+    path : TOML file
+    changes : by dotted path, as in `changed`
+
+    Raises
+    ------
+    InputError
+        One line with every fault of the result.
+    """
+    document = read_toml(path) if path else {}
+    config = _validated(study.config, document, str(path) if path else study.name)
+    return changed(config, changes) if changes else config
+
+
+def changed(config: Config, changes: Mapping[str, Any]) -> Config:
+    """A configuration with some values replaced, validated again as a whole.
+
+    Parameters
+    ----------
+    config : the one to start from, left as it is
+    changes : values by dotted path; a new override or dispersion by its whole path, e.g.
+        ``{"cases": 50, "overrides.gyro.sample_s": 1.0, "dispersions.gyro.true_G.0.0": {"kind": "normal", "sigma": 1e-3}}``
+
+    Raises
+    ------
+    InputError
+        A path leads nowhere, or the result is not valid.
+    """
+    document = config.model_dump(mode="json")
+    for path, value in changes.items():
+        head = path.partition(".")[0]
+        if head not in type(config).model_fields:
+            raise InputError(f"{path}: there is no such setting; there are {', '.join(type(config).model_fields)}")
+        _assign(document, path, path, value)
+    return _validated(type(config), document, "settings")
+
+
+def _assign(place: Any, path: str, whole: str, value: Any) -> None:
+    """Set one value; the keys of overrides and dispersions hold dots themselves, so the longest key there is counts."""
+    if isinstance(place, list):
+        key, _, rest = path.partition(".")
+        if not key.isdecimal() or int(key) >= len(place):
+            raise InputError(f"{whole}: {key} is not the index of one of {len(place)} items, counted from 0")
+        index: Any = int(key)
+    elif isinstance(place, dict):
+        index = max((key for key in place if path == key or path.startswith(f"{key}.")), key=len, default=path)
+        rest = path[len(index) + 1 :]
+    else:
+        raise InputError(f"{whole}: there is no such setting; {path} would be inside a single value")
+    if rest:
+        _assign(place[index], rest, whole, value)
+    else:
+        place[index] = value
+
+
+def _validated(kind: type[Config], document: dict[str, Any], source: str) -> Config:
+    # As JSON, since strict validation would refuse the lists of TOML where tuples are meant.
+    try:
+        return kind.model_validate_json(json.dumps(document))
+    except TypeError as error:
+        raise InputError(f"{source}: {error}") from None
+    except ValidationError as error:
+        raise InputError(f"{source}: {validation_message(error)}") from None
+
+
+def resolved(config: Config) -> Config:
+    """The configuration with its scenario's content, overrides applied, in place of the scenario's name; checked.
+
+    Raises
+    ------
+    InputError
+        The scenario, an override or a dispersion cannot be used.
+    """
+    scenario = base_scenario(config)
+    dispersions.check(config.dispersions, scenario)
+    return config.model_copy(update={"scenario": scenario, "overrides": {}})
+
+
+def config_sha256(study: Study, config: StudyConfig) -> str:
+    """SHA-256 of the study's name and resolved configuration, as canonical JSON."""
+    document = config.model_dump(mode="json")
+    # Sorted keys must not hide the order of the dispersions, on which the Sobol dimensions depend.
+    document["dispersions"] = list(document["dispersions"].items())
+    text = json.dumps({"study": study.name, "config": document}, sort_keys=True, separators=(",", ":"), ensure_ascii=False)
+    return hashlib.sha256(text.encode()).hexdigest()
+
+
+def base_scenario(config: StudyConfig) -> Scenario:
+    """The scenario with its overrides, before any dispersion."""
+    scenario = scenarios.load(config.scenario) if isinstance(config.scenario, str) else config.scenario
+    return scenarios.override(scenario, config.overrides) if config.overrides else scenario
+
+
+class _Last(threading.local):
+    """The last draws of a thread: the engine wants them for the row, and the case for its scenario."""
+
+    config: StudyConfig | None = None
+    case = -1
+    values: Mapping[str, float] = {}
+
+
+_last = _Last()
+
+
+def dispersed_values(config: StudyConfig, case: int) -> dict[str, float]:
+    """The scenario's dispersed values in one case, by path."""
+    if not config.dispersions:
+        return {}
+    if _last.config is not config or _last.case != case:
+        scenario = base_scenario(config)
+        sampling = {"entropy": config.entropy, "case": case, "cases": config.cases}
+        _last.values = dispersions.values(config.dispersions, scenario, config.sampler, **sampling)
+        _last.config, _last.case = config, case
+    return dict(_last.values)
+
+
+def dispersed(config: StudyConfig, case: int) -> Scenario:
+    """The scenario of one case, overrides and dispersions applied.
+
+    Raises
+    ------
+    InputError
+        The draws make no valid scenario.
+    """
+    drawn = dispersed_values(config, case)
+    scenario = base_scenario(config)
+    return scenarios.override(scenario, drawn) if drawn else scenario
+
+
+def case_motion(scenario: Scenario) -> Motion:
+    """Noise-free motion of a scenario, kept from one case to the next while nothing that moves is dispersed.
+
+    What the motion does not depend on, the gyro's parameters and the noise levels, is set to constants to find it again.
+    """
+    unit = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
+    zero = (0.0, 0.0, 0.0)
+    still = {"true_G": unit, "apriori_G": unit, "true_bias_deg_s": zero, "apriori_bias_deg_s": zero, "arw_deg_per_sqrt_s": 0.0}
+    gyro = scenario.gyro.model_copy(update=still)
+    reference = scenario.reference.model_copy(update={"sigma_deg": (1.0, 1.0, 1.0)})
+    return _motion(scenario.model_copy(update={"gyro": gyro, "reference": reference}))
+
+
+@lru_cache(maxsize=2)
+def _motion(scenario: Scenario) -> Motion:
+    return motion(scenario)
+
+
+def observed(config: StudyConfig, case: int, streams: Streams) -> Recording:
+    """The recording of one case: its scenario, dispersions applied, with noise from its own two streams."""
+    scenario = dispersed(config, case)
+    return observe(
+        scenario,
+        case_motion(scenario),
+        gyro_rng=streams.generator("gyro_noise"),
+        reference_rng=streams.generator("reference_noise"),
+    )

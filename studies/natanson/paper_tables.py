@@ -1,0 +1,409 @@
+"""Monte Carlo of the TRMM calibration in the form of N Tables 2–5.
+
+A case draws gyro and reference noise for the scenario's six intervals and calibrates from the pre-launch parameters, two
+iterations, for each step size made by skipping samples (as N did) and by averaging them, with ψ full and linear. Its row
+holds the residuals and parameters after each iteration; the tables are distributions over the rows.
+
+`STUDY` is what the engine runs.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from gyrocal import NAMES, GyroParameters, attitude
+from gyrocal.calibration.covariance import CovarianceModel
+from gyrocal.calibration.problem import Problem
+from gyrocal.calibration.propagation import Psi, packed_shape
+from gyrocal.calibration.sampling import Resampling, measurements
+from simulator.scenario import Scenario
+from simulator.simulate import noise_free_rates, observe, realise
+from simulator.truth.motion import Motion
+from studies.montecarlo import statistics
+from studies.montecarlo.study import Streams, Study, StudyConfig, base_scenario, case_motion, dispersed, observed
+from studies.montecarlo.workspace import workspace
+from studies.natanson import flight
+from studies.report import render
+from studies.report.entry import Entry, Report
+
+Array = NDArray[np.float64]
+
+Variant = tuple[float, Resampling, Psi, CovarianceModel]
+LAYOUTS: dict[str, tuple[list[str], int | None]] = {  # rows of the paper's layout, and decimals
+    "table2": (["phase", "interval", "axis"], 3),
+    "table3": (["quantity", "gyro"], 6),
+    "table4": (["phase", "statistic", "axis"], 4),
+    "table5": (["iteration", "quantity", "row", "gyro"], None),
+}
+KEYS = ("step_s", "resampling", "psi", "covariance")
+RESIDUAL_CELLS = [
+    f"{phase}_{k}_{axis}" for phase in ("before", "first", "second") for k in range(1, 7) for axis in flight.ROTATIONS
+]
+ITERATION_CELLS = [f"{label}_{name}" for label in ("first", "second") for name in NAMES]
+SIGMA_CELLS = [f"sigma_{name}" for name in NAMES]
+CELLS = [*RESIDUAL_CELLS, *ITERATION_CELLS, *SIGMA_CELLS, "nees", "chi2"]
+PARAMETER_UNIT = np.array([1.0] * 9 + [np.rad2deg(1.0)] * 3)  # G dimensionless, b in deg/s
+PARAMETER_UNIT_NAMES = ["1"] * 9 + ["deg/s"] * 3
+
+
+class PaperTablesConfig(StudyConfig):
+    """What the study runs.
+
+    Attributes
+    ----------
+    steps_s : step sizes
+    resamplings : how steps longer than the sample are made
+    control : whether to calibrate with the paper's covariance too, at the smallest step
+    """
+
+    steps_s: tuple[float, ...] = flight.STEPS
+    resamplings: tuple[Resampling, ...] = ("skip", "average")
+    control: bool = True
+
+    def variants(self, sample_s: float) -> list[Variant]:
+        """Every way a case is calibrated; the sample itself is neither skipped nor averaged."""
+        ways: list[tuple[float, Resampling]] = [
+            (step, how) for how in self.resamplings for step in self.steps_s if step > sample_s or how == self.resamplings[0]
+        ]
+        psis: tuple[Psi, ...] = ("full", "linear")
+        out: list[Variant] = [(*way, psi, "full") for way in ways for psi in psis]
+        # The paper's own covariance, as a control: it must be seen to fail where gyro noise matters.
+        return [*out, (min(self.steps_s), self.resamplings[0], "full", "references only")] if self.control else out
+
+
+@dataclass(frozen=True)
+class _Prepared:
+    """What cases with the same scenario share."""
+
+    motion: Motion
+    rates: Array
+    truth: Array
+    initial: Array
+    variants: list[Variant]
+    problems: dict[tuple[float, Resampling, CovarianceModel], Problem]
+
+
+def _prepare(config: PaperTablesConfig, scenario: Scenario) -> _Prepared:
+    path = case_motion(scenario)
+    plain = observe(scenario, path, gyro_rng=None, reference_rng=None)
+    variants = config.variants(scenario.gyro.sample_s)
+    problems = {}
+    for step, resampling, _, model in variants:
+        problems[step, resampling, model] = Problem.of(plain, measurements(plain, step, resampling), model=model)
+    return _Prepared(
+        motion=path,
+        rates=noise_free_rates(scenario, path),
+        truth=np.concatenate([np.ravel(scenario.gyro.true_G), np.deg2rad(scenario.gyro.true_bias_deg_s)]),
+        initial=GyroParameters(plain.gyro.apriori_G, plain.gyro.apriori_bias).vector,
+        variants=variants,
+        problems=problems,
+    )
+
+
+@lru_cache(maxsize=2)
+def _shared(config: str) -> tuple[Scenario, _Prepared]:
+    """Scenario and preparation of a study without dispersions, made once a process."""
+    parsed = PaperTablesConfig.model_validate_json(config)
+    scenario = base_scenario(parsed)
+    return scenario, _prepare(parsed, scenario)
+
+
+def case_values(config: PaperTablesConfig, case: int, streams: Streams) -> tuple[list[Variant], Array]:
+    """One case as numbers, a row a variant of `CELLS`: angles in degrees, G dimensionless, b in deg/s."""
+    if config.dispersions:
+        scenario = dispersed(config, case)
+        shared = _prepare(config, scenario)
+    else:
+        scenario, shared = _shared(config.model_dump_json())
+    gyro_rng, reference_rng = (streams.generator(name) for name in ("gyro_noise", "reference_noise"))
+    noisy = workspace("rates", shared.rates.shape)
+    rates, quaternions = realise(scenario, shared.motion, shared.rates, gyro_rng, reference_rng, out=noisy)
+    A = attitude.matrix_from_quaternion(quaternions)
+    problems = {
+        key: problem.with_case(rates, A, workspace(key, packed_shape(problem.measurements.arcs.pieces)))
+        for key, problem in shared.problems.items()
+    }
+    values = np.empty((len(shared.variants), len(CELLS)))
+    for row, (step, resampling, psi, model) in zip(values, shared.variants, strict=True):
+        result = problems[step, resampling, model].iterate(shared.initial, 2, psi)
+        error = result.x[2] - shared.truth
+        row[:54] = np.rad2deg(result.theta).ravel()
+        row[54:66] = result.x[1] * PARAMETER_UNIT
+        row[66:78] = result.x[2] * PARAMETER_UNIT
+        row[78:90] = np.sqrt(np.diag(result.P)) * PARAMETER_UNIT
+        row[90:] = statistics.nees(error[None], result.P[None])[0], result.chi2
+    return shared.variants, values
+
+
+def case(config: PaperTablesConfig, number: int, streams: Streams) -> list[dict[str, object]]:
+    """One case: a row for each variant."""
+    variants, values = case_values(config, number, streams)
+    return [
+        dict(zip(KEYS, variant, strict=True)) | dict(zip(CELLS, row, strict=True))
+        for variant, row in zip(variants, values.tolist(), strict=True)
+    ]
+
+
+def run_case(config: PaperTablesConfig, number: int) -> pd.DataFrame:
+    """One case outside the engine, a row for each variant."""
+    rows = case(config, number, Streams(config.entropy, number))
+    return pd.DataFrame([{"case": number, **row} for row in rows])
+
+
+STUDY = Study("studies.natanson.paper_tables:STUDY", PaperTablesConfig, case, observed)
+
+
+def choose(
+    rows: pd.DataFrame, step_s: float, resampling: Resampling = "skip", psi: Psi = "full", covariance: CovarianceModel = "full"
+) -> pd.DataFrame:
+    """Rows of one variant, in the order of the cases; at the smallest step there is only one way of resampling."""
+    way = "" if step_s == rows["step_s"].min() else " and resampling == @resampling"
+    return rows.query(f"step_s == @step_s and psi == @psi and covariance == @covariance{way}").sort_values("case")
+
+
+def variants(rows: pd.DataFrame) -> pd.DataFrame:
+    """The variants with the honest covariance, a row each."""
+    honest = rows[rows["covariance"] == "full"]
+    return honest[["psi", "resampling", "step_s"]].drop_duplicates().reset_index(drop=True)
+
+
+def _over_variants(rows: pd.DataFrame, build: Callable[[pd.DataFrame, float, bool], pd.DataFrame]) -> pd.DataFrame:
+    """Stack build(rows of the variant, step, whether the flight's column is of the same kind) over the variants."""
+    parts = []
+    for variant in variants(rows).to_dict("records"):
+        step, resampling = variant["step_s"], variant["resampling"]
+        part = build(choose(rows, step, resampling, variant["psi"]), step, resampling == "skip" and step in flight.STEPS)
+        for position, name in enumerate(("psi", "resampling", "step_s")):
+            part.insert(position, name, variant[name])
+        parts.append(part)
+    return pd.concat(parts, ignore_index=True)
+
+
+PHASES = {"prelaunch": "before", "calibrated": "first", "second iteration": "second"}
+
+
+def table2(rows: pd.DataFrame) -> pd.DataFrame:
+    """N Table 2: residuals before and after calibration, and after a second iteration, deg."""
+
+    def build(chosen: pd.DataFrame, step: float, flown: bool) -> pd.DataFrame:
+        parts = []
+        for phase, label in PHASES.items():
+            known = flown and phase != "second iteration"
+            samples = chosen[[f"{label}_{k}_{axis}" for k in range(1, 7) for axis in flight.ROTATIONS]].to_numpy()
+            part = statistics.distribution(samples, flight.residuals(phase, step).ravel() if known else None)
+            part.insert(0, "phase", phase)
+            part.insert(1, "interval", np.repeat(np.arange(1, 7), 3))
+            part.insert(2, "axis", list(flight.ROTATIONS) * 6)
+            parts.append(part)
+        return pd.concat(parts)
+
+    return _over_variants(rows, build)
+
+
+def _gyro_form(vectors: Array) -> tuple[list[tuple[str, str]], Array]:
+    """Cells of N Table 3 and their values from (n, 12) of G and b in deg/s."""
+    G, bias = vectors[:, :9].reshape(-1, 3, 3), vectors[:, 9:]
+    cells, columns = [], []
+    for i, gyro in enumerate("xyz"):
+        cells += [("bias_deg_s", gyro), ("scale_factor", gyro)]
+        columns += [bias[:, i], G[:, i, i]]
+        for j, axis in enumerate("xyz"):
+            if i != j:
+                cells.append((f"misalignment_{axis}_deg", gyro))
+                columns.append(np.rad2deg(G[:, i, j]))
+    return cells, np.stack(columns, axis=1)
+
+
+def table3(rows: pd.DataFrame) -> pd.DataFrame:
+    """N Table 3: bias, scale factor and misalignments per gyro after the first iteration."""
+
+    def build(chosen: pd.DataFrame, step: float, flown: bool) -> pd.DataFrame:
+        cells, samples = _gyro_form(chosen[[f"first_{name}" for name in NAMES]].to_numpy())
+        published = _gyro_form(flight.parameters("calibrated", step).vector[None] * PARAMETER_UNIT)[1][0] if flown else None
+        part = statistics.distribution(samples, published)
+        part.insert(0, "quantity", [quantity for quantity, _ in cells])
+        part.insert(1, "gyro", [gyro for _, gyro in cells])
+        return part
+
+    return _over_variants(rows, build)
+
+
+TABLE4 = {
+    "mean": lambda x: x.mean(axis=1),
+    "paper_rms": lambda x: flight.paper_rms(x.transpose(1, 0, 2)),
+    "rms": lambda x: flight.rms(x.transpose(1, 0, 2)),
+}
+
+
+def table4(rows: pd.DataFrame) -> pd.DataFrame:
+    """N Table 4: mean and the paper's "RMS", sqrt(Σx²)/6, over the intervals, with the true RMS beside it, deg."""
+
+    def build(chosen: pd.DataFrame, step: float, flown: bool) -> pd.DataFrame:
+        parts = []
+        for phase in ("prelaunch", "calibrated"):
+            label = PHASES[phase]
+            samples = chosen[[f"{label}_{k}_{axis}" for k in range(1, 7) for axis in flight.ROTATIONS]].to_numpy()
+            cube = samples.reshape(-1, 6, 3)
+            for statistic, compute in TABLE4.items():
+                published = None
+                if flown:
+                    # The paper has no true RMS; it follows from N Table 2.
+                    published = (
+                        flight.rms(flight.residuals(phase, step))
+                        if statistic == "rms"
+                        else flight.statistics(phase, step, statistic.removeprefix("paper_"))
+                    )
+                part = statistics.distribution(compute(cube), published)
+                part.insert(0, "phase", phase)
+                part.insert(1, "statistic", statistic)
+                part.insert(2, "axis", list(flight.ROTATIONS))
+                parts.append(part)
+        return pd.concat(parts)
+
+    return _over_variants(rows, build)
+
+
+def table5(rows: pd.DataFrame) -> pd.DataFrame:
+    """N Table 5: corrections to b and, as the paper's numbers are, to G⁻¹, by the first and the second iteration.
+
+    The flight's first-iteration bias corrections are those of Δt = 1 s and its G corrections those of 0.5 s and of G⁻¹; each is
+    set beside its own. Of the second iteration it is not known whether they are of G⁻¹ or of G: they stand beside both, at
+    0.5 s. Cell by cell they agree with neither; only their size is that of the simulated ones.
+    """
+    start = flight.parameters("prelaunch").vector * PARAMETER_UNIT
+
+    def build(chosen: pd.DataFrame, step: float, flown: bool) -> pd.DataFrame:
+        iterates = [np.tile(start, (len(chosen), 1))]
+        iterates += [chosen[[f"{label}_{name}" for name in NAMES]].to_numpy() for label in ("first", "second")]
+        inverse = [np.linalg.inv(x[:, :9].reshape(-1, 3, 3)) for x in iterates]
+        parts = []
+        for iteration in (1, 2):
+            G_flight, bias_flight = flight.corrections(iteration)
+            bias = iterates[iteration][:, 9:] - iterates[iteration - 1][:, 9:]
+            bias_step = flight.STEPS[1] if iteration == 1 else flight.STEPS[0]
+            part = statistics.distribution(bias, bias_flight if flown and step == bias_step else None)
+            part.insert(0, "iteration", iteration)
+            part.insert(1, "quantity", "bias_deg_s")
+            part.insert(2, "row", "")
+            part.insert(3, "gyro", list("xyz"))
+            parts.append(part)
+            changes = {"G_inverse": (inverse[iteration] - inverse[iteration - 1]).reshape(-1, 9)}
+            if iteration == 2:
+                changes["G"] = (iterates[2] - iterates[1])[:, :9]
+            for quantity, change in changes.items():
+                part = statistics.distribution(change, G_flight.ravel() if flown and step == flight.STEPS[0] else None)
+                part.insert(0, "iteration", iteration)
+                part.insert(1, "quantity", quantity)
+                part.insert(2, "row", np.repeat(list("xyz"), 3))
+                part.insert(3, "gyro", list("xyz") * 3)
+                parts.append(part)
+        return pd.concat(parts)
+
+    return _over_variants(rows, build)
+
+
+def errors_and_sigmas(rows: pd.DataFrame, truth: GyroParameters) -> tuple[Array, Array]:
+    """Recovered (second iteration) minus injected, and formal sigma, (n, 12), of rows of one variant; b in deg/s."""
+    errors = rows[[f"second_{name}" for name in NAMES]].to_numpy() - truth.vector * PARAMETER_UNIT
+    return errors, rows[SIGMA_CELLS].to_numpy()
+
+
+def accuracy(rows: pd.DataFrame, truth: GyroParameters) -> pd.DataFrame:
+    """Recovered minus injected for every variant: bias, spread, formal sigma, coverage with binomial intervals."""
+
+    def build(chosen: pd.DataFrame, step: float, flown: bool) -> pd.DataFrame:
+        errors, sigmas = errors_and_sigmas(chosen, truth)
+        return statistics.accuracy_table(errors, sigmas, NAMES, PARAMETER_UNIT_NAMES)
+
+    return _over_variants(rows, build)
+
+
+def consistency(rows: pd.DataFrame, truth: GyroParameters) -> pd.DataFrame:
+    """Mean NEES with its 99 % bounds and pooled coverage, a row per variant and covariance model."""
+    out = []
+    keys = ["psi", "resampling", "step_s", "covariance"]
+    for key, chosen in rows.groupby(keys, sort=False):
+        check = statistics.nees_check(chosen["nees"].to_numpy(), len(NAMES))
+        errors, sigmas = errors_and_sigmas(chosen, truth)
+        row = dict(zip(keys, key, strict=True)) | {
+            "nees": check.value,
+            "nees_lower": check.lower,
+            "nees_upper": check.upper,
+            "nees_inside": check.inside,
+        }
+        for level in statistics.LEVELS:
+            inside, total = statistics.coverage(errors, sigmas, level)
+            row[f"coverage_{level}"] = inside / total
+        out.append(row)
+    return pd.DataFrame(out)
+
+
+def psi_difference(rows: pd.DataFrame) -> pd.DataFrame:
+    """Largest difference over the cases between full and linear ψ, a row per step and iteration."""
+    out = []
+    for step, resampling in rows[["step_s", "resampling"]].drop_duplicates().itertuples(index=False):
+        full, linear = (choose(rows, step, resampling, psi) for psi in ("full", "linear"))
+        for label in ("first", "second"):
+            names = [f"{label}_{name}" for name in NAMES]
+            difference = np.abs(full[names].to_numpy() - linear[names].to_numpy()).max(axis=0)
+            out.append(
+                {
+                    "step_s": step,
+                    "resampling": resampling,
+                    "iteration": label,
+                    "G": difference[:9].max(),
+                    "bias_deg_s": difference[9:].max(),
+                }
+            )
+    return pd.DataFrame(out)
+
+
+def second_iteration(rows: pd.DataFrame) -> pd.DataFrame:
+    """Largest and median size of the second iteration's corrections over the cases, a row per variant."""
+
+    def build(chosen: pd.DataFrame, step: float, flown: bool) -> pd.DataFrame:
+        change = np.abs(
+            chosen[[f"second_{name}" for name in NAMES]].to_numpy() - chosen[[f"first_{name}" for name in NAMES]].to_numpy()
+        )
+        sizes = {"G": change[:, :9].max(axis=1), "bias_deg_s": change[:, 9:].max(axis=1)}
+        return pd.DataFrame(
+            [{f"{name}_{how}": op(x) for name, x in sizes.items() for how, op in (("max", np.max), ("median", np.median))}]
+        )
+
+    return _over_variants(rows, build)
+
+
+def report(config: PaperTablesConfig, rows: pd.DataFrame) -> Report:
+    """The paper's tables, with the consistency of the estimates; accuracy only where the truth is the same in every case."""
+    tables = {
+        "N Table 2: residuals (deg)": table2(rows),
+        "N Table 3: parameters after the first iteration": table3(rows),
+        "N Table 4: mean and RMS over the intervals (deg)": table4(rows),
+        "N Table 5: corrections to b and G⁻¹": table5(rows),
+        "Second iteration's corrections": second_iteration(rows),
+        "Largest difference of full and linear ψ": psi_difference(rows),
+    }
+    shown = {
+        title: render.paper_layout(tables[title], *layout)
+        for title, layout in zip(list(tables)[:4], LAYOUTS.values(), strict=True)
+        if "skip" in config.resamplings
+    }
+    main = choose(rows, min(config.steps_s))
+    check = statistics.nees_check(main["nees"].to_numpy(), len(NAMES))
+    findings = [
+        f"NEES with the honest covariance, ψ full, at {min(config.steps_s):g} s: {check.value:.2f}, "
+        f"{'inside' if check.inside else 'OUTSIDE'} [{check.lower:.2f}, {check.upper:.2f}] (99 %)"
+    ]
+    if not any(path.startswith("gyro.true") for path in config.dispersions):
+        gyro = base_scenario(config).gyro
+        truth = GyroParameters(np.array(gyro.true_G), np.deg2rad(gyro.true_bias_deg_s))
+        tables["Recovered minus injected"] = accuracy(rows, truth)
+        tables["Consistency of the claimed covariance"] = consistency(rows, truth)
+    return Report(tuple(findings), tables, shown=shown)
+
+
+ENTRY = Entry(STUDY, "N Tables 2-5 over seeds, step sizes, both ψ and two iterations", report)

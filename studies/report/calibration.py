@@ -1,0 +1,114 @@
+"""What ``gyrocal calibrate`` prints: parameters, residuals, and what speaks for and against believing them."""
+
+import numpy as np
+import pandas as pd
+from rich.console import Console
+
+from gyrocal import CalibrationResult, GyroParameters
+from gyrocal.calibration.davenport import ROTATION_NAMES
+from studies.report import render
+
+DOUBT = 0.01  # p-value below which the fit is called bad, and above one minus which too good
+LARGE_SHARE = 4.0  # sigma of a single residual worth naming
+
+
+def show(console: Console, result: CalibrationResult, to_tolerance: bool, truth: GyroParameters | None = None) -> None:
+    """Print a result; with the truth, the errors too."""
+    how = "converged" if result.converged else "NOT CONVERGED" if to_tolerance else "as asked"
+    count = len(result.corrections)
+    title = f"{result.recording}: {count} iteration(s), {how}; ψ {result.psi}; {result.covariance_model} covariance"
+    render.terminal(console, title, parameter_table(result, truth))
+    shown = ["interval", "t_s"] + [f"{when}_{axis}_deg" for when in ("before", "after") for axis in ROTATION_NAMES]
+    last = result.residuals[shown].groupby("interval", sort=False).tail(1)
+    render.terminal(console, "Residuals at the end of each interval", last.assign(t_s=[f"{t:.1f}" for t in last["t_s"]]))
+    for line in remarks(result):
+        console.print(line, highlight=False, markup=False)
+
+
+def parameter_table(result: CalibrationResult, truth: GyroParameters | None = None) -> pd.DataFrame:
+    """Parameters as texts, each to two digits of its sigma."""
+    summary = result.summary()
+    unit = np.array([1.0] * 9 + [np.rad2deg(1.0)] * 3)
+    known = None if truth is None else truth.vector * unit
+    rows = []
+    for k, row in summary.iterrows():
+        sigma = row["sigma"]
+        number = render.to_sigma if row["solved"] else render.plain
+        line = {
+            "parameter": row["parameter"],
+            "unit": row["unit"],
+            "initial": number(row["initial"], sigma),
+            "calibrated": number(row["calibrated"], sigma),
+            "sigma": number(sigma, sigma) if row["solved"] else "held",
+            "correction": number(row["correction"], sigma) if row["solved"] else "",
+            "in sigma": f"{row['correction'] / sigma:.1f}" if row["solved"] else "",
+        }
+        if known is not None:
+            error = row["calibrated"] - known[int(str(k))]
+            line["error"] = number(error, sigma)
+            line["error in sigma"] = f"{error / sigma:.1f}" if row["solved"] else ""
+        rows.append(line)
+    return pd.DataFrame(rows)
+
+
+def remarks(result: CalibrationResult) -> list[str]:
+    """What speaks for and against the result, in sentences."""
+    lines = [fit_remark(result)]
+    worst = worst_residual(result)
+    if worst:
+        lines.append(worst)
+    if len(result.solved_for) < len(result.sigma):
+        lines.append(
+            "The sigmas take the held parameters as exact: an error in them goes into those solved for, "
+            "and where rates hardly change no residual shows it."
+        )
+    held = result.options["held_s"]
+    if held > 0:
+        lines.append(f"The last rate was held over {held:g} s of missing samples; its error is not in the sigmas.")
+    lines += [f"Not found from the data, held by the prior: {text}" for text in result.observability.unobservable]
+    return lines
+
+
+def fit_remark(result: CalibrationResult) -> str:
+    """Whether what is left fits the stated noise, and what to suspect if not."""
+    if result.dof <= 0:
+        return "No degrees of freedom are left: the residuals after say nothing about the fit."
+    text = f"Residuals after: χ² = {result.chi2:.1f} with {result.dof} degrees of freedom, p = {result.p_value:.2g}."
+    if result.p_value < DOUBT:
+        return f"{text} Larger than the stated noise allows: do not trust the sigmas. Suspect {', '.join(suspects(result))}."
+    if result.p_value > 1 - DOUBT:
+        return f"{text} Smaller than the stated noise: it is stated too large, or the recording is noise-free."
+    if result.dof < 10:
+        return f"{text} They fit the stated noise, but so few degrees of freedom are a weak test."
+    return f"{text} They fit the stated noise."
+
+
+def suspects(result: CalibrationResult) -> list[str]:
+    """What may make residuals too large, the choices of this run first."""
+    out = []
+    if result.options["prior_sigma"] is not None:
+        out.append("a prior that is too tight")
+    if len(result.solved_for) < len(result.sigma):
+        out.append("wrong values of the held parameters")
+    if result.options["held_s"] > 0:
+        out.append("the held gaps")
+    if not result.converged:
+        out.append("too few iterations")
+    if result.covariance_model == "references only":
+        out.append("gyro noise, which this covariance leaves out")
+    out += ["sigmas or ARW stated too small", "gyro time tags (a sample is tagged at its start)", "a bad reference attitude"]
+    return [*out, "an effect that is not modelled"]
+
+
+def worst_residual(result: CalibrationResult) -> str:
+    """The largest residual after in its own sigma, if it is large."""
+    table = result.residuals
+    normalised = np.column_stack([table[f"after_{name}_deg"] / table[f"sigma_{name}_deg"] for name in ROTATION_NAMES])
+    row, axis = np.unravel_index(np.abs(normalised).argmax(), normalised.shape)
+    if abs(normalised[row, axis]) < LARGE_SHARE:
+        return ""
+    entry = table.iloc[int(row)]
+    return (
+        f"Largest residual after: {normalised[row, axis]:.1f} sigma, {ROTATION_NAMES[axis]} of {entry['interval']} "
+        f"at t = {entry['t_s']:.1f} s."
+    )

@@ -1,0 +1,278 @@
+"""The figures of a diagnosis. Colours and markers tell things apart for every kind of colour vision."""
+
+from __future__ import annotations
+
+import io
+import textwrap
+from collections.abc import Sequence
+
+import matplotlib as mpl
+import numpy as np
+import pandas as pd
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.patches import Patch
+from numpy.typing import NDArray
+
+from diagnosis.inference.localization import benjamini_hochberg
+from studies.natanson.figures import STYLE
+from studies.report.diagnosis_words import label
+
+Array = NDArray[np.float64]
+
+# Okabe and Ito's palette.
+BEFORE, AFTER, OTHER, FLOOR = "#d55e00", "#0072b2", "#e69f00", "0.35"
+AXIS_COLOURS = {"x": "#d55e00", "y": "#009e73", "z": "#0072b2"}
+AXIS_MARKERS = {"x": "o", "y": "s", "z": "^"}
+AXIS_TITLES = {"x": "x (roll)", "y": "y (pitch)", "z": "z (yaw)"}
+WIDTH = 11.0  # inches: the width of the page
+MOST_ROWS = 12  # lines of a figure; of more, the most telling
+MOST_PANELS = 8  # intervals with panels of their own
+FEW_POINTS = 200  # of a figure: more are drawn as pixels
+REACHED = 0.02  # of a cause's largest trace: an axis with less of it shows nothing
+STRONGEST = 12.0  # −log10 p at which the colours end
+DISCOVERY_RATE = 0.05
+NO_METADATA: dict[str, None] = {"Date": None, "Creator": None, "Format": None, "Type": None}
+
+
+def svg(figure: Figure) -> bytes:
+    """A figure as SVG whose bytes depend on nothing but what it shows."""
+    out = io.BytesIO()
+    with mpl.rc_context(STYLE):
+        figure.savefig(out, format="svg", dpi=100, metadata=NO_METADATA)
+    return out.getvalue()
+
+
+def most_telling(table: pd.DataFrame, weight: pd.Series, most: int) -> list[str]:
+    """Names of intervals in their order; of too many, those with the largest weight."""
+    names = list(dict.fromkeys(table["interval"]))
+    if len(names) <= most:
+        return names
+    kept = set(weight.groupby(table["interval"]).max().nlargest(most).index)
+    return [name for name in names if name in kept]
+
+
+def differs(residuals: pd.DataFrame) -> bool:
+    """Whether after is another residual than before."""
+    return any(not np.allclose(residuals[f"before_{a}"], residuals[f"after_{a}"], rtol=1e-6, atol=1e-12) for a in "xyz")
+
+
+def in_sigma(residuals: pd.DataFrame, when: str = "before") -> pd.Series:
+    """Largest residual of a row over its band."""
+    bands = residuals[[f"band_{a}" for a in "xyz"]].to_numpy()
+    values = np.abs(residuals[[f"{when}_{a}" for a in "xyz"]].to_numpy())
+    ratio = np.divide(values, bands, out=np.zeros_like(values), where=bands > 0)
+    return pd.Series(ratio.max(axis=1), index=residuals.index)
+
+
+# ---- residuals -----------------------------------------------------------------------------------------------------------
+
+
+def residual_figure(residuals: pd.DataFrame) -> Figure:
+    """Residuals by interval and axis, before and after, with the band of M0: two sigma either way."""
+    names = most_telling(residuals, in_sigma(residuals), MOST_PANELS)
+    two = differs(residuals)
+    flat = len(residuals) > FEW_POINTS
+    with mpl.rc_context(STYLE):
+        figure = Figure(figsize=(WIDTH, 1.35 * len(names) + 0.9), layout="constrained")
+        panels = figure.subplots(len(names), 3, sharey="col", squeeze=False)
+        for row, name in zip(panels, names, strict=True):
+            part = residuals[residuals["interval"] == name]
+            minutes = (part["t_s"] - part["t_s"].iloc[0]).to_numpy() / 60
+            for axes, axis in zip(row, "xyz", strict=True):
+                _residual_panel(axes, minutes, part, axis, two, flat)
+            row[0].set_ylabel(f"{_short(name)}\nresidual (deg)")
+        for axes, axis in zip(panels[0], "xyz", strict=True):
+            axes.set_title(AXIS_TITLES[axis], loc="left")
+        for axes in panels[-1]:
+            axes.set_xlabel("minutes since the interval's first reference")
+        figure.legend(handles=_residual_legend(two), loc="outside upper center", ncols=3)
+        return figure
+
+
+def _residual_panel(axes: Axes, minutes: Array, part: pd.DataFrame, axis: str, two: bool, flat: bool) -> None:
+    band = 2 * part[f"band_{axis}"].to_numpy()
+    axes.fill_between(minutes, -band, band, color="0.86", linewidth=0, rasterized=flat)
+    axes.axhline(0, color="0.6", linewidth=0.7)
+    before, after = part[f"before_{axis}"], part[f"after_{axis}"]
+    axes.plot(minutes, before, "o", color=BEFORE, markersize=3.2, markerfacecolor="none", markeredgewidth=0.8, rasterized=flat)
+    if two:
+        axes.plot(minutes, after, ".", color=AFTER, markersize=3.2, rasterized=flat)
+    span = max(float(minutes[-1]), 1e-3)
+    axes.set_xlim(-0.03 * span, 1.03 * span)
+
+
+def _residual_legend(two: bool) -> list[Line2D | Patch]:
+    marks: list[Line2D | Patch] = [
+        Line2D([], [], marker="o", linestyle="", color=BEFORE, markerfacecolor="none", label="before: the baseline's own fit")
+    ]
+    if two:
+        marks.append(Line2D([], [], marker=".", linestyle="", color=AFTER, label="after: with the causes in the model"))
+    return [*marks, Patch(color="0.86", label="what the baseline allows (±2 sigma)")]
+
+
+def _short(name: object, most: int = 24) -> str:
+    """A name that is text and no formula, and not too long."""
+    return textwrap.shorten(str(name), most, placeholder="…").replace("$", r"\$") or str(name)[:most]
+
+
+# ---- map of statistics ---------------------------------------------------------------------------------------------------
+
+
+def significant(statistics: pd.DataFrame) -> NDArray[np.bool_]:
+    """Which tests are significant among all."""
+    return benjamini_hochberg(statistics["p_value"].to_numpy(dtype=float), DISCOVERY_RATE)
+
+
+def statistics_figure(statistics: pd.DataFrame) -> Figure:
+    """−log10 p by interval, axis and phase; marked where significant among all at a false discovery rate of 5 %."""
+    table = statistics.assign(
+        interval=statistics["interval"].fillna("all"),
+        strength=-np.log10(np.clip(statistics["p_value"], 1e-300, 1.0)),
+        marked=significant(statistics),
+    )
+    kinds = list(dict.fromkeys(table["statistic"]))
+    table["column"] = table["phase"] if len(kinds) == 1 else table["statistic"] + " " + table["phase"]
+    names = most_telling(table, table["strength"], 2 * MOST_ROWS)
+    columns = list(dict.fromkeys(table["column"]))
+    order = [phase for phase in ("start", "slew", "hold", "end") if phase in columns]
+    columns = order + [column for column in columns if column not in order]
+    axes_there = list(dict.fromkeys(table["axis"].fillna("all")))
+    with mpl.rc_context(STYLE | {"axes.grid": False}):
+        figure = Figure(figsize=(WIDTH, 0.3 * len(names) + 1.3), layout="constrained")
+        panels = figure.subplots(1, len(axes_there), sharey=True, squeeze=False)[0]
+        for panel, axis in zip(panels, axes_there, strict=True):
+            chosen = table[table["axis"].fillna("all") == axis]
+            image = _map_panel(panel, chosen, names, columns)
+            panel.set_title(f"axis {AXIS_TITLES.get(axis, axis)}", loc="left")
+        panels[0].set_yticks(np.arange(len(names)) + 0.5, [_short(name) for name in names])
+        panels[0].set_ylim(len(names), 0)
+        bar = figure.colorbar(image, ax=list(panels), extend="max", fraction=0.03)
+        bar.set_label("−log$_{10}$ p: larger is less\nlike the baseline")
+        return figure
+
+
+def _map_panel(panel: Axes, table: pd.DataFrame, names: Sequence[str], columns: Sequence[str]) -> mpl.collections.QuadMesh:
+    def grid(column: str) -> Array:
+        wide = table.pivot_table(index="interval", columns="column", values=column, aggfunc="max")
+        return wide.reindex(index=list(names), columns=list(columns)).to_numpy(dtype=float)
+
+    strength, marked = grid("strength"), grid("marked")
+    panel.set_facecolor("0.8")
+    image = panel.pcolormesh(
+        np.ma.masked_invalid(strength), cmap="Blues", vmin=0, vmax=STRONGEST, edgecolors="0.9", linewidth=0.8
+    )
+    for i, j in np.argwhere(marked == 1):
+        value = strength[i, j]
+        text = f"{value:.0f}*" if value >= 10 else f"{value:.1f}*"
+        panel.text(j + 0.5, i + 0.5, text, ha="center", va="center", fontsize=8, color="white" if value > 7 else "black")
+    panel.set_xticks(np.arange(len(columns)) + 0.5, columns, rotation=30 if len(columns) > 4 else 0)
+    panel.tick_params(length=0)
+    return image
+
+
+# ---- causes --------------------------------------------------------------------------------------------------------------
+
+
+def regressor_figure(regressors: pd.DataFrame, cause: str) -> Figure:
+    """What the baseline leaves against what the cause does, and both over time where it does most."""
+    part = regressors[regressors["cause"] == cause]
+    reach = part.groupby("axis")["regressor_deg"].agg(lambda values: values.abs().max())
+    part = part[part["axis"].isin(reach[reach >= REACHED * reach.max()].index)]
+    flat = len(part) > FEW_POINTS
+    place = part.iloc[int(part["regressor_deg"].abs().to_numpy().argmax())]
+    with mpl.rc_context(STYLE):
+        figure = Figure(figsize=(WIDTH, 3.3), layout="constrained")
+        left, right = figure.subplots(1, 2, width_ratios=[1, 1.5])
+        for axis, rows in part.groupby("axis"):
+            style = {"color": AXIS_COLOURS[str(axis)], "marker": AXIS_MARKERS[str(axis)], "rasterized": flat}
+            left.scatter(rows["regressor_deg"], rows["residual_deg"], s=9, alpha=0.55, linewidths=0, **style)
+            left.scatter([], [], s=16, **style, label=f"axis {axis}")
+        limits = part["regressor_deg"].agg(["min", "max"]).to_numpy()
+        left.plot(limits, limits, color="black", linewidth=1.2, label="slope 1: the size found")
+        left.set_xlabel("what the cause does at the size found (deg)")
+        left.set_ylabel("what the baseline leaves (deg)")
+        left.legend(fontsize=8)
+        shown = part[(part["interval"] == place["interval"]) & (part["axis"] == place["axis"])]
+        minutes = (shown["t_s"] - shown["t_s"].iloc[0]) / 60
+        right.plot(minutes, shown["residual_deg"], "o", color=BEFORE, markersize=3.2, markerfacecolor="none", rasterized=flat)
+        right.plot(
+            minutes, shown["regressor_deg"], "-" if len(shown) > 2 else "_", color="black", label="the cause", rasterized=flat
+        )
+        right.plot([], [], "o", color=BEFORE, markerfacecolor="none", label="what the baseline leaves")
+        right.set_title(f"where it does most: {_short(place['interval'])}, axis {place['axis']}", loc="left", fontsize=9)
+        right.set_xlabel("minutes since the interval's first reference")
+        right.set_ylabel("deg")
+        right.legend(fontsize=8)
+        return figure
+
+
+def evidence_figure(explanations: pd.DataFrame) -> Figure:
+    """Probability and log evidence of the likeliest explanations; hatched: with something unlisted in them."""
+    table = explanations.nlargest(MOST_ROWS, "probability", keep="first").iloc[::-1]
+    places = np.arange(len(table))
+    unlisted = table["unlisted"].to_numpy(dtype=bool)
+    colours = [OTHER if one else AFTER for one in unlisted]
+    hatches = ["///" if one else "" for one in unlisted]
+    names = ["\n".join(textwrap.wrap(" + ".join(_names(text)), 58)) for text in table["effects"]]
+    finite = np.isfinite(table["log_evidence"].to_numpy(dtype=float))
+    with mpl.rc_context(STYLE | {"hatch.linewidth": 0.6}):
+        figure = Figure(figsize=(WIDTH, 0.36 * len(table) + 1.4), layout="constrained")
+        left, right = figure.subplots(1, 2, sharey=True)
+        for axes, column in ((left, "probability"), (right, "log_evidence")):
+            values = np.where(np.isfinite(table[column].to_numpy(dtype=float)), table[column], 0.0)
+            bars = axes.barh(places, values, color=colours, height=0.7, edgecolor="white", linewidth=0)
+            for bar, hatch in zip(bars, hatches, strict=True):
+                bar.set_hatch(hatch)
+            texts = _percents(values) if column == "probability" else [f"{v:.1f}" for v in values]
+            texts = texts if column == "probability" else [t if ok else "–" for t, ok in zip(texts, finite, strict=True)]
+            axes.bar_label(bars, texts, padding=3, fontsize=8)
+            axes.grid(axis="y", visible=False)
+            axes.margins(x=0.12)
+        left.set_yticks(places, names)
+        left.set_xlim(0, 1.15)
+        left.set_xlabel("probability")
+        right.set_xlabel("log evidence against the baseline (natural)")
+        handles = [Patch(color=AFTER, label="listed effects only")]
+        if unlisted.any():
+            handles.append(Patch(facecolor=OTHER, hatch="///", edgecolor="white", label="with something not on the list"))
+        figure.legend(handles=handles, loc="outside upper right", ncols=2)
+        return figure
+
+
+def _names(text: object) -> list[str]:
+    return [label(one) if one else "no effect" for one in str(text).split(" + ")]
+
+
+def _percents(values: Array) -> list[str]:
+    return [">99.9 %" if v > 0.999 else "<0.1 %" if v < 0.001 else f"{100 * v:.1f} %" for v in values]
+
+
+# ---- closure -------------------------------------------------------------------------------------------------------------
+
+
+def closure_figure(by_interval: pd.DataFrame, total: tuple[float, float, float], measure: str) -> Figure:
+    """Before, after and floor on held-out data, a line an interval, all together last."""
+    table = by_interval[["interval", "before", "after", "floor"]]
+    names = most_telling(table, table["before"], 2 * MOST_ROWS)
+    shown = table[table["interval"].isin(names)]
+    rows = [*shown.itertuples(index=False, name=None), ("all", *total)]
+    places = np.arange(len(rows))[::-1]
+    before, after, floor = np.array([row[1:] for row in rows], dtype=float).T
+    values = np.concatenate([before, after, floor])
+    values = values[np.isfinite(values)]
+    with mpl.rc_context(STYLE):
+        figure = Figure(figsize=(WIDTH, 0.3 * len(rows) + 1.2), layout="constrained")
+        axes = figure.add_subplot()
+        axes.hlines(places, np.fmin(before, after), np.fmax(before, after), color="0.75", linewidth=2)
+        axes.plot(floor, places, "|", color=FLOOR, markersize=14, markeredgewidth=2.2, label="floor: the baseline's own data")
+        axes.plot(before, places, "o", color=BEFORE, markerfacecolor="white", markeredgewidth=1.6, markersize=7, label="before")
+        axes.plot(after, places, "o", color=AFTER, markersize=6, label="after: causes in the model")
+        axes.axhline(0.5, color="0.5", linewidth=0.7)
+        if values.size and values.min() > 0 and values.max() > 20 * values.min():
+            axes.set_xscale("log")
+        axes.set_yticks(places, [_short(row[0]) for row in rows])
+        axes.set_xlabel(measure)
+        figure.legend(loc="outside upper center", ncols=3)
+        return figure

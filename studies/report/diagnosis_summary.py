@@ -1,0 +1,92 @@
+"""What ``gyrocal diagnose`` prints: the verdict first, then where, which, how far it closes, and what it changes."""
+
+from __future__ import annotations
+
+import textwrap
+from collections.abc import Iterator
+
+from rich.console import Console
+
+from diagnosis.answer import Cause
+from diagnosis.result import Diagnosis
+from studies.report import diagnosis_words as words
+from studies.report import render, sensor_words
+
+MOST_FINDINGS = 4
+MOST_ALTERNATIVES = 4
+
+
+def show(console: Console, diagnosis: Diagnosis) -> None:
+    """Print the whole summary."""
+    _print(console, lines(diagnosis))
+    if words.changed(diagnosis):
+        console.print()
+        note = "G without unit, b in deg/h; changes and sigmas in the unit shown"
+        render.terminal(console, "Calibration", words.calibration(diagnosis), note)
+    _print(console, closing(diagnosis))
+
+
+def _print(console: Console, shown: list[str]) -> None:
+    """Lines as they are: a colon before and after a letter is no emoji. Folded where there is a width to fold to."""
+    for line in shown:
+        hang = " " * (len(line) - len(line.lstrip(" -")))
+        folded = line if console.soft_wrap else textwrap.fill(line, console.width, subsequent_indent=hang)
+        console.print(folded, highlight=False, markup=False, emoji=False)
+
+
+def lines(diagnosis: Diagnosis) -> list[str]:
+    """Everything above the table of the calibration."""
+    out = [f"{diagnosis.recording}: {words.verdict(diagnosis)}", words.gap(diagnosis)]
+    for title, part in (
+        ("Where", _where(diagnosis)),
+        ("Cause" if len(diagnosis.causes) == 1 else "Causes", _causes(diagnosis)),
+        ("Other explanations", _alternatives(diagnosis)),
+        ("How far the gap closes", iter([_closure(diagnosis)])),
+        ("Raw tables of sun and Earth sensors", _sensors(diagnosis)),
+        ("What becomes of the calibration", iter([words.calibration_change(diagnosis)])),
+    ):
+        body = [f"  {line}" for line in part]
+        if body:
+            out += ["", title, *body]
+    return out
+
+
+def closing(diagnosis: Diagnosis) -> list[str]:
+    """The limits of the recording, and the time it took."""
+    out = ["", "What this recording cannot tell"]
+    out += [f"  - {note}" for note in (*diagnosis.notes, words.ALWAYS_HIDDEN)]
+    return [*out, "", f"Took {diagnosis.runtime_s:.1f} s."]
+
+
+def _where(diagnosis: Diagnosis) -> Iterator[str]:
+    for finding in diagnosis.where[:MOST_FINDINGS]:
+        yield f"- {finding.signal}: {finding.text} ({words.p_value(finding.p_value)})"
+    more = len(diagnosis.where) - MOST_FINDINGS
+    if more > 0:
+        yield f"and {more} more"
+
+
+def _causes(diagnosis: Diagnosis) -> Iterator[str]:
+    for cause in diagnosis.causes:
+        yield from _cause(cause, diagnosis)
+
+
+def _cause(cause: Cause, diagnosis: Diagnosis) -> Iterator[str]:
+    yield "; ".join([f"- {cause.label}: {words.cause_size(cause)}", *words.parameters(cause, diagnosis)])
+    yield f"  {words.probability(cause)}"
+    yield f"  {words.meaning(cause.effect)}"
+
+
+def _alternatives(diagnosis: Diagnosis) -> Iterator[str]:
+    for effects, probability in diagnosis.alternatives[:MOST_ALTERNATIVES]:
+        yield f"- {words.together(effects)}: {words.percent(probability)}"
+    if diagnosis.verdict != "none":
+        yield f"- anything that is not on the list: {words.percent(diagnosis.unknown_probability)}"
+
+
+def _sensors(diagnosis: Diagnosis) -> Iterator[str]:
+    yield from (f"- {sentence}" for sentence in sensor_words.sentences(diagnosis))
+
+
+def _closure(diagnosis: Diagnosis) -> str:
+    return words.no_closure(diagnosis) if diagnosis.closure is None else words.closure(diagnosis.closure)

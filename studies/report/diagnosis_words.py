@@ -1,0 +1,305 @@
+"""A diagnosis in plain words: what summary and report both say."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+import pandas as pd
+
+from diagnosis.answer import Cause, Closure
+from diagnosis.result import Diagnosis
+from gyrocal import NAMES
+from simulator.effects.sensor import ALL_EFFECTS as EFFECTS
+from studies.report import render
+
+MEANING = {
+    "bias_drift": "The gyro's bias grows steadily over the whole mission time; positive: it reads ever higher.",
+    "bias_step": "The gyro's bias jumps at one time and stays there; positive: it reads high afterwards.",
+    "bias_orbital": "The gyro's bias goes up and down once an orbit, as when sun and shadow warm and cool it.",
+    "bias_temperature": "The gyro's bias follows a temperature of the housekeeping data; positive: it reads high when warm.",
+    "bias_random_walk": "The gyro's bias wanders without returning (rate random walk).",
+    "noise_flicker": "The gyro's bias wanders about a level that is never quite constant (bias instability, 1/f noise).",
+    "noise_excess": "The gyro's white noise is not what the recording states; 1 would be as stated.",
+    "scale_asymmetry": "The scale factor differs between the two senses of rotation; positive: both rates read too high.",
+    "scale_quadratic": "The scale factor grows with the rate; positive: fast turns read too fast, in both senses.",
+    "g_matrix_step": "One element of the gyro's scale-factor and misalignment matrix jumps at one time, as after a shock.",
+    "time_offset": "The gyro's time tags are late against the clock of the reference attitudes (early if negative).",
+    "rate_lag": "The gyro's output trails the rate, as behind a low-pass filter with this time constant.",
+    "rate_quantization": "The gyro's output is rounded to multiples of a step.",
+    "rate_truncation": "The gyro's output is cut off to a multiple of a step instead of rounded.",
+    "rate_deadzone": "Rates smaller than this read zero.",
+    "rate_saturation": "Rates larger than this are cut off.",
+    "vibration": "A steady tone in the samples, at the frequency that sampling makes of it.",
+    "spikes": "Single samples are far off, as by bit flips or lost counts; the size is their mean height.",
+    "stale_samples": "Telemetry repeats the sample before; the size is the mean length of a run of repeats.",
+    "reference_mode_offset": "The reference attitude is offset when flying -x forward, as when another sensor head takes over.",
+    "reference_orbital": "The reference attitude errs sinusoidally once an orbit.",
+    "reference_horizon": "The reference attitude errs sinusoidally twice an orbit, as Earth sensors do over an oblate Earth.",
+    "reference_correlated": "Errors of the reference attitude last for a while instead of being new each time.",
+    "dss_head": "The two heads of a sun sensor are not at right angles, which no misalignment of all of it can stand for; the "
+    "number is that of the sensor.",
+    "dss_misalignment": "DSS-2 is turned against DSS-1.",
+    "esa_bias": "The quadrants of the Earth sensor read constantly high or low.",
+    "esa_s_filter": "A quadrant of the Earth sensor errs for a while after the Sun was in it, as its S filter starts wrong.",
+    "esa_sun_intrusion": "The Sun in a quadrant of the Earth sensor is not excluded and pulls its angle down.",
+    "esa_nadir": "The penetration angles miss part of the Earth's flattening, as if they pointed to geocentric nadir.",
+    "reference_noise_excess": "The white noise of the reference attitudes is not as stated; 1 would be as stated.",
+}
+UNLISTED = "Not on the list of effects; the words say how it behaves, not what it is."
+ROUNDING = 1e-3  # sigmas: a change of a parameter below which there is none
+ALWAYS_HIDDEN = (
+    "Constant errors of G and b are calibrated away and are no gap. "
+    "An effect smaller than the noise allows stays unseen: no gap means none that this recording could show."
+)
+
+
+# ---- numbers -------------------------------------------------------------------------------------------------------------
+
+
+def percent(share: float) -> str:
+    """A probability, never rounded to certainty."""
+    if not math.isfinite(share):
+        return render.NO_VALUE
+    value = 100 * share
+    if value > 99.9:
+        return "more than 99.9 %"
+    if value < 0.1:
+        return "less than 0.1 %"
+    return f"{value:.1f} %" if value < 1 or value > 99 else f"{value:.0f} %"
+
+
+def p_value(p: float) -> str:
+    """A p-value with its relation: p = 0.012, p < 1e-99."""
+    if not math.isfinite(p):
+        return "p unknown"
+    return "p < 1e-99" if p < 1e-99 else f"p = {p:.2g}"
+
+
+def sized(value: float, sigma: float, unit: str) -> str:
+    """A size ± sigma and unit, to two digits of its sigma."""
+    if not 0 < sigma < math.inf:
+        return f"{value:.5g} {unit} (its error is not known)"
+    if not math.isfinite(value):
+        return f"unknown {unit}"
+    if sigma < 1e-4 * abs(value):
+        return f"{value:.6g} ± {sigma:.1g} {unit}"
+    if max(abs(value), sigma) < 1e-3:
+        power = math.floor(math.log10(max(abs(value), sigma)))
+        value, sigma = value / 10.0**power, sigma / 10.0**power
+        return f"({render.to_sigma(value, sigma)} ± {render.to_sigma(sigma, sigma)})e{power} {unit}"
+    return f"{render.to_sigma(value, sigma)} ± {render.to_sigma(sigma, sigma)} {unit}"
+
+
+def listed(items: Sequence[str], last: str) -> str:
+    """A, b and c."""
+    return items[0] if len(items) == 1 else f"{', '.join(items[:-1])} {last} {items[-1]}"
+
+
+def label(text: str) -> str:
+    """A label as it is shown: effect and axis of what is listed, in words what is not."""
+    name, separator, axis = text.rpartition(":")
+    effect = name if separator else text
+    if effect in EFFECTS:
+        return text
+    return f"something unlisted ({name}, axis {axis})" if separator else f"something unlisted ({text})"
+
+
+def together(effects: Sequence[str]) -> str:
+    """An explanation's effects; none is the baseline."""
+    return " + ".join(label(effect) for effect in effects) or "no effect"
+
+
+def meaning(text: str) -> str:
+    """What an effect is, by its label."""
+    name = text.split(":")[0]
+    if name in MEANING:
+        return MEANING[name]
+    return EFFECTS[name].summary if name in EFFECTS else UNLISTED
+
+
+# ---- sentences -----------------------------------------------------------------------------------------------------------
+
+
+def verdict(diagnosis: Diagnosis) -> str:
+    """The answer in one sentence."""
+    causes = [cause.label for cause in diagnosis.causes]
+    if diagnosis.verdict == "none":
+        return "No gap: this recording shows nothing that the baseline simulator would not do."
+    if diagnosis.verdict == "unknown":
+        beside = f" Beside it there is {listed(causes, 'and')}." if causes else ""
+        return (
+            "There is a gap that no known effect explains: with a probability of "
+            f"{percent(diagnosis.unknown_probability)} something is at work that is not on the list.{beside}"
+        )
+    if diagnosis.verdict == "not identifiable":
+        if diagnosis.present:
+            return "There is a gap, but this recording cannot show what causes it."
+        return "This recording cannot show whether there is a gap."
+    if diagnosis.verdict == "group" or not causes:
+        return f"There is a gap, and this recording cannot tell apart what explains it: {'; and '.join(groups(diagnosis))}."
+    if len(causes) == 1:
+        return f"There is a gap, and one cause explains it: {causes[0]}."
+    return f"There is a gap, and {len(causes)} causes together explain it: {listed(causes, 'and')}."
+
+
+def groups(diagnosis: Diagnosis) -> list[str]:
+    """For each cause, what it could be."""
+    return [listed([label(member) for member in cause.group or (cause.label,)], "or") for cause in diagnosis.causes]
+
+
+def gap(diagnosis: Diagnosis) -> str:
+    """How sure the gap is."""
+    counted = "rare enough" if diagnosis.present else "not rare enough"
+    return (
+        f"Chance that the baseline alone departs so far: {p_value(diagnosis.p_value)}, {counted} to call it a gap. "
+        f"Of recordings without a gap, {100 * diagnosis.false_alarm_rate:g} % would be called one."
+    )
+
+
+def cause_size(cause: Cause) -> str:
+    """How large a cause is, and its other numbers."""
+    return sized(cause.size, cause.sigma, cause.unit)
+
+
+def probability(cause: Cause) -> str:
+    """How likely a cause is, and what could stand in its place."""
+    others = [label(member) for member in cause.group if member != cause.label]
+    own = f"probability {percent(cause.probability)}"
+    if not others:
+        return f"{own}; nothing else on the list could stand in its place"
+    one = percent(cause.group_probability)
+    return f"{own}; in its place could stand {listed(others, 'or')} (one of these is at work: {one})"
+
+
+def parameters(cause: Cause, diagnosis: Diagnosis) -> list[str]:
+    """A cause's other numbers, each in plain words."""
+    return [_parameter(name, value, cause, diagnosis) for name, value in cause.parameters.items()]
+
+
+def _parameter(name: str, value: float | str, cause: Cause, diagnosis: Diagnosis) -> str:
+    if name == "toward":
+        if value == cause.axis:
+            return f"the scale factor of axis {cause.axis} (G_{cause.axis}{value})"
+        return f"axis {cause.axis} picks up the rate about {value} (G_{cause.axis}{value})"
+    if name == "column":
+        return f"follows housekeeping column {value}"
+    if name == "gaps":
+        kinds = {"hold": "stands still", "grow": "goes on", "reset": "starts anew"}
+        return f"taken as one that {kinds.get(str(value), str(value))} between intervals"
+    if isinstance(value, str):
+        return f"{name.replace('_', ' ')} {value}"
+    if not math.isfinite(value):
+        return f"{name.replace('_', ' ')} not known"
+    if name == "time_s":
+        return f"at {value:.0f} s since the epoch{_place(value, diagnosis.details.residuals)}"
+    if name == "phase_deg":
+        return f"phase {value:.0f}° at the epoch"
+    if name == "apparent_hz":
+        return f"seen at {value:.5g} Hz"
+    if name == "fraction":
+        return f"{percent(value)} of the samples"
+    if name == "time_constant_s":
+        return f"lasting about {value:.3g} s"
+    quantity, _, unit = name.rpartition("_")
+    return f"{quantity.replace('_', ' ')} {value:.5g} {unit}" if quantity else f"{name} {value:.5g}"
+
+
+def _place(t_s: float, residuals: pd.DataFrame) -> str:
+    """Which interval a time is in, or between which two."""
+    if residuals.empty:
+        return ""
+    spans = residuals.groupby("interval", sort=False)["t_s"].agg(["min", "max"])
+    before = spans[spans["max"] < t_s]
+    inside = spans[(spans["min"] <= t_s) & (t_s <= spans["max"])]
+    after = spans[spans["min"] > t_s]
+    if len(inside):
+        return f", in {inside.index[0]}, {t_s - inside['min'].iloc[0]:.0f} s after its start"
+    if len(before) and len(after):
+        return f", between {before.index[-1]} and {after.index[0]}"
+    return ""
+
+
+def closure(found: Closure) -> str:
+    """How far the gap closes."""
+    low, high = found.interval_90
+    return (
+        f"{100 * found.closed:.0f} % of the gap is closed (90 % interval {100 * low:.0f} to {100 * high:.0f} %), on data that "
+        f"chose and fitted nothing ({found.split}): {found.measure} {found.before:.3g} before, {found.after:.3g} with "
+        f"the cause in the model; {found.floor:.3g} is the floor, what the baseline has on data of its own making."
+    )
+
+
+def no_closure(diagnosis: Diagnosis) -> str:
+    """Why there is none."""
+    if diagnosis.verdict == "none":
+        return "There is no gap to close."
+    if diagnosis.causes:
+        return "Not measured: the cause is seen in the samples themselves, or too little of this recording can be held out."
+    return "No cause is named, so nothing closes the gap."
+
+
+def changed(diagnosis: Diagnosis) -> bool:
+    """Whether the calibration is another one with the causes in, beyond rounding."""
+    G = np.abs(diagnosis.G - diagnosis.baseline_G) > ROUNDING * diagnosis.sigma_G
+    bias = np.abs(diagnosis.bias - diagnosis.baseline_bias) > ROUNDING * diagnosis.sigma_bias
+    return bool(G.any() or bias.any())
+
+
+def calibration(diagnosis: Diagnosis) -> pd.DataFrame:
+    """The twelve parameters as texts: under M0, with the causes in, and what they change.
+
+    Values of G have no unit, of b deg/h; changes and sigmas are in ppm and deg/h.
+    """
+    per_hour = np.rad2deg(1.0) * 3600
+    rows = []
+    before = np.append(diagnosis.baseline_G.ravel(), diagnosis.baseline_bias * per_hour)
+    after = np.append(diagnosis.G.ravel(), diagnosis.bias * per_hour)
+    sigma = np.append(diagnosis.sigma_G.ravel(), diagnosis.sigma_bias * per_hour)
+    for name, old, new, error in zip(NAMES, before, after, sigma, strict=True):
+        scale, unit = (1e6, "ppm") if name.startswith("G") else (1.0, "deg/h")
+        change = (new - old) * scale
+        relative = change / error / scale if 0 < error < math.inf else math.nan
+        rows.append(
+            {
+                "parameter": name,
+                "baseline": render.to_sigma(old, error),
+                "with causes": render.to_sigma(new, error),
+                "change": _unsigned_zero(render.to_sigma(change, error * scale)),
+                "sigma": render.to_sigma(error * scale, error * scale),
+                "unit": unit,
+                "change in sigma": _unsigned_zero(f"{relative:+.1f}") if math.isfinite(relative) else render.NO_VALUE,
+            }
+        )
+    return pd.DataFrame(rows)
+
+
+def _unsigned_zero(text: str) -> str:
+    return text if float(text) else text.lstrip("+-")
+
+
+def calibration_change(diagnosis: Diagnosis) -> str:
+    """What the causes change in the calibration, in one sentence."""
+    if not changed(diagnosis):
+        if diagnosis.causes:
+            return "The causes change nothing in the calibration."
+        return "The calibration is the baseline's: no cause is in the model."
+    table = calibration(diagnosis)
+    table = table.assign(moved=pd.to_numeric(table["change in sigma"], errors="coerce").abs()).query("moved > 1")
+    if table.empty:
+        return "With the causes in the model no parameter moves by more than its sigma."
+    most = table.nlargest(3, "moved")
+    texts = [f"{name} by {float(by):+g} {unit}" for name, by, unit in most[["parameter", "change", "unit"]].to_numpy()]
+    if len(table) == 1:
+        return f"1 of 12 parameters moves by more than its sigma: {texts[0]}."
+    return f"{len(table)} of 12 parameters move by more than their sigma, most of all {listed(texts, 'and')}."
+
+
+def mentioned(diagnosis: Diagnosis) -> list[str]:
+    """Effects that the answer speaks of, each once, in the order they come; what is unlisted is left out."""
+    labels = [member for cause in diagnosis.causes for member in (cause.label, *cause.group)]
+    labels += [effect for effects, _ in diagnosis.alternatives for effect in effects]
+    labels += [effect for text in diagnosis.details.explanations["effects"].head(8) for effect in str(text).split(" + ")]
+    names = dict.fromkeys(text.split(":")[0] for text in labels)
+    return [name for name in names if name in EFFECTS]

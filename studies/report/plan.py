@@ -1,0 +1,135 @@
+"""A plan's answer on the terminal: what is seen from which size on, what is taken for what, which maneuver helps."""
+
+import pandas as pd
+from rich.console import Console
+
+from diagnosis.diagnose import FALSE_ALARMS
+from diagnosis.plan import LIMIT_SNR, POWER, Extra, Pair, Plan, Visible
+from studies.report import render
+
+MOST_PAIRS = 25
+WORDS = {"not identifiable": "never", "implausible": "never", "not available": "not testable", "visible": render.NO_VALUE}
+
+
+def show(console: Console, found: Plan) -> None:
+    """Print the plan."""
+    console.print(f"{found.scenario}: {headline(found)}", highlight=False, markup=False, style="bold")
+    note = (
+        f"Seen: with probability {POWER:.0%}, at a false-alarm rate of {FALSE_ALARMS:.1%}; at a typical time and phase, "
+        "and at the best and the worst. A range is over the axes."
+    )
+    render.terminal(console, "Smallest visible size", effects_table(found.effects), note)
+    if found.pairs:
+        title = f"Cannot be told apart below a signal-to-noise ratio of {LIMIT_SNR:g}"
+        hidden = len(found.pairs) - MOST_PAIRS
+        note = f"{hidden} more in the JSON. " if hidden > 0 else ""
+        note += "Share: of the first one's signature that the second imitates."
+        render.terminal(console, title, pairs_table(found.pairs[:MOST_PAIRS]), note)
+    else:
+        console.print(f"Every pair can be told apart by a signal-to-noise ratio of {LIMIT_SNR:g}.", highlight=False)
+    if found.extras:
+        note = "Ratio: smallest visible size with the maneuver over that without it, median over effects; 0.5 is twice as good."
+        render.terminal(console, "What an extra maneuver brings", extras_table(found.extras), note)
+    for line in found.notes:
+        console.print(f"- {line}.", highlight=False, markup=False)
+
+
+def headline(found: Plan) -> str:
+    """The answer in a line."""
+    by_effect: dict[str, bool] = {}
+    for one in found.effects:
+        by_effect[one.effect] = by_effect.get(one.effect, False) or one.verdict == "visible"
+    text = (
+        f"{sum(by_effect.values())} of {len(by_effect)} effects can be seen, {len(found.unordered())} pairs cannot be separated"
+    )
+    if found.extras and found.extras[0].ratio < 1:
+        text += f"; most is gained by: {found.extras[0].name}"
+    resolving = max(found.extras, key=lambda one: len(one.resolved), default=None)
+    if resolving is not None and resolving.resolved and resolving is not found.extras[0]:
+        text += f"; most pairs are separated by: {resolving.name}"
+    return text
+
+
+def effects_table(effects: tuple[Visible, ...]) -> pd.DataFrame:
+    """A row for each effect and axis; axes that are alike in words and within a tenth share one."""
+    named = any(pd.notna(one.named) for one in effects)
+    rows = []
+    for group in _alike(effects):
+        first = group[0]
+        label = first.label if len(group) == 1 else f"{first.effect}:{''.join(one.axis or '' for one in group)}"
+        finite = any(pd.notna(one.size) and one.size < float("inf") for one in group)
+        varies = any(one.best < one.worst for one in group)
+        row = {
+            "effect": label,
+            "size": _size(group, "size") if finite else WORDS[first.verdict],
+            "best": _size(group, "best") if varies else "",
+            "worst": _size(group, "worst") if varies else "",
+        }
+        if named:
+            row["named"] = _size(group, "named")
+        rows.append(row | {"unit": first.unit, "by": first.seen_in, "remark": first.text})
+    return pd.DataFrame(rows)
+
+
+def _alike(effects: tuple[Visible, ...]) -> list[list[Visible]]:
+    """Runs of axes of an effect that make one row."""
+    groups: list[list[Visible]] = []
+    for one in effects:
+        last = groups[-1] if groups else []
+        same = (
+            bool(last)
+            and (last[0].effect, last[0].verdict, last[0].text) == (one.effect, one.verdict, one.text)
+            and "<" not in one.label
+            and (one.size == last[0].size or abs(one.size - last[0].size) <= 0.1 * last[0].size)
+        )
+        if same:
+            last.append(one)
+        else:
+            groups.append([one])
+    return groups
+
+
+def _size(group: list[Visible], name: str) -> str:
+    values = [getattr(one, name) for one in group]
+    if any(pd.isna(value) or value == float("inf") for value in values):
+        return render.NO_VALUE
+    low, high = (f"{value:.3g}" for value in (min(values), max(values)))
+    return low if low == high else f"{low} to {high}"
+
+
+def pairs_table(pairs: tuple[Pair, ...]) -> pd.DataFrame:
+    """A row for each effect that another imitates."""
+    return pd.DataFrame(
+        [
+            {
+                "effect": one.effect,
+                "imitated by": one.other,
+                "share": render.NO_VALUE if pd.isna(one.share) else _share(one.share),
+                "SNR to separate": "never" if one.snr == float("inf") else render.number(float(f"{one.snr:.3g}")),
+                "size to separate": "never" if one.size == float("inf") else f"{one.size:.3g}",
+            }
+            for one in pairs
+        ]
+    )
+
+
+def _share(value: float) -> str:
+    return "100 %" if value > 1 - 1e-7 else f"{min(100 * value, 99.999):.3f} %"
+
+
+def extras_table(extras: tuple[Extra, ...]) -> pd.DataFrame:
+    """A row for each maneuver, the most helpful first."""
+    rows = []
+    for one in extras:
+        best = sorted(one.by_effect.items(), key=lambda item: item[1])[:2]
+        rows.append(
+            {
+                "maneuver": one.name,
+                "hours": f"{one.hours:.2f}",
+                "ratio": f"{one.ratio:.2f}",
+                "pairs separated": f"{len(one.resolved)} of {one.pairs}",
+                "helps most": ", ".join(f"{label} {value:.2g}" for label, value in best if value < 0.99),
+                "makes visible": ", ".join(one.gained),
+            }
+        )
+    return pd.DataFrame(rows)

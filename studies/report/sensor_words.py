@@ -1,0 +1,46 @@
+"""What the raw sensor tables say, in plain words; summary and report both show it."""
+
+from __future__ import annotations
+
+from diagnosis.result import Diagnosis
+from diagnosis.sensors import SensorDiagnosis
+from diagnosis.sensors.rejected import Rejected
+from studies.report import diagnosis_words as words
+
+
+def sentences(diagnosis: Diagnosis) -> list[str]:
+    """The answer of the sensors, how sure it is, and how far the gap closes where the whole answer does not say so."""
+    sensors = diagnosis.sensors
+    if sensors is None:
+        return []
+    apart = sensors.closure is not None and sensors.closure is not diagnosis.closure
+    closed = [words.closure(sensors.closure)] if apart and sensors.closure else []
+    return [_verdict(sensors), _gap(sensors), *closed, *(_rejected(one) for one in sensors.rejected)]
+
+
+def _verdict(sensors: SensorDiagnosis) -> str:
+    causes = [cause.label for cause in sensors.causes]
+    if sensors.verdict == "none":
+        return "Sun and Earth sensors show nothing that the nominal ones would not."
+    if sensors.verdict == "unknown" or not causes:
+        return "Sun or Earth sensors depart from the nominal ones in a way that no known effect explains."
+    if sensors.verdict == "group":
+        return "Sun or Earth sensors depart from the nominal ones, and what explains it cannot be told apart."
+    return f"Sun or Earth sensors depart from the nominal ones: {words.listed(causes, 'and')}."
+
+
+def _gap(sensors: SensorDiagnosis) -> str:
+    chance = words.p_value(sensors.p_value)
+    return (
+        "Mean square of their residuals in sigmas, epoch attitude and gyro bias of each stretch fitted: "
+        f"{sensors.mean_square:.3f} with {sensors.dof} degrees of freedom; {chance} for nominal sensors."
+    )
+
+
+def _rejected(other: Rejected) -> str:
+    labels = words.listed(list(other.effects), "and")
+    return (
+        f"Sensors with orthogonal heads, {labels} in place of the heads, do not explain it: the data are less likely by a "
+        f"factor of e^{other.log_bayes_factor:.0f}, and on days left out the mean square falls from {other.before:.3f} to "
+        f"{other.after:.3f} only ({words.p_value(other.p_value)})."
+    )

@@ -1,0 +1,78 @@
+"""R (8) on the months: the gyro bias an attitude solution finds at +1 and −1 RPO, and what the formula says it must be.
+
+While the rate is constant a wrong G looks like a bias, b' = ω − G ω_raw with the G that the solution uses and
+ω_raw = G_true⁻¹ (ω − b). With G = I that is R (8). On board G was that of before launch (N Table 3), and the scatter of R
+Table 3 tells which of the two the flight's solutions used.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from simulator.mission_mode.config import PRELAUNCH_G, R9_BIAS, R9_G, MissionConfig
+from simulator.mission_mode.flight import MissionRun
+from studies.robertson import flown
+from studies.robertson.performance import GYRO_AXES, full, within
+
+Array = NDArray[np.float64]
+DEG_H = float(np.rad2deg(3600.0))  # of rad/s
+USED_G = {"calibration1": PRELAUNCH_G, "postcalibration": R9_G}
+
+
+def solved_bias(G: Array, forward: str) -> Array:
+    """b' at ∓1 RPO about y, flying +x or −x forward, with G in the solution; (3,) rad/s."""
+    orbit = MissionConfig().orbit
+    rate = orbit.mean_motion + orbit.nodal_rate * np.cos(orbit.inclination)
+    omega = np.array([0.0, -rate if forward == "+x" else rate, 0.0])
+    return np.asarray(omega - G @ np.linalg.solve(R9_G, omega - R9_BIAS))
+
+
+def table8(runs: Sequence[MissionRun]) -> pd.DataFrame:
+    """Mean bias seen in each orientation before and after the gyro's upload, its standard error, and the formula; deg/h."""
+    rows = []
+    for period, G in USED_G.items():
+        orbits = pd.concat([full(within(run.orbits, period)) for run in runs])
+        for axis, angle in GYRO_AXES.items():
+            means, errors, formula = np.empty(2), np.empty(2), np.empty(2)
+            for k, forward in enumerate(("+x", "-x")):
+                values = orbits.loc[orbits["forward"] == forward, f"apparent_bias_{angle}_deg_h"].to_numpy(dtype=float)
+                means[k] = values.mean() if len(values) else np.nan
+                errors[k] = values.std(ddof=1) / np.sqrt(len(values)) if len(values) > 1 else np.nan
+                formula[k] = solved_bias(G, forward)["xyz".index(axis)] * DEG_H
+                rows.append(_row(period, axis, forward, means[k], errors[k], formula[k]))
+            spread = float(np.hypot(errors[0], errors[1]))
+            rows.append(_row(period, axis, "-x minus +x", means[1] - means[0], spread, formula[1] - formula[0]))
+    return pd.DataFrame(rows)
+
+
+def _row(period: str, axis: str, forward: str, mean: float, error: float, formula: float) -> dict[str, object]:
+    return {
+        "period": period,
+        "axis": axis,
+        "forward": forward,
+        "simulated_deg_h": mean,
+        "standard_error_deg_h": float(error),
+        "formula_deg_h": formula,
+        "simulated_minus_formula_deg_h": mean - formula,
+    }
+
+
+def scatter(runs: Sequence[MissionRun]) -> pd.DataFrame:
+    """The scatter of the bias that orientation alone gives before the upload, with two G in the solution; deg/h.
+
+    With a share p of the orbits in one orientation the standard deviation is |b'₊ − b'₋| √(p (1 − p)).
+    """
+    orbits = pd.concat([full(within(run.orbits, "calibration1")) for run in runs])
+    share = float((orbits["forward"] == "+x").mean())
+    rows = []
+    for k, axis in enumerate(GYRO_AXES):
+        row: dict[str, object] = {"axis": axis, "flight": flown.performance("gyro_bias_std_deg_h", axis, "calibration1")}
+        for name, G in (("prelaunch_G", PRELAUNCH_G), ("G_is_I", np.eye(3))):
+            difference = (solved_bias(G, "+x") - solved_bias(G, "-x"))[k]
+            row[name] = abs(float(difference)) * np.sqrt(share * (1 - share)) * DEG_H
+        rows.append(row)
+    return pd.DataFrame(rows)

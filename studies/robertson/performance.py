@@ -1,0 +1,158 @@
+"""R Tables 1 and 3 from the months: accuracy, yaw updates and bias scatter of each period, requirements, orientation, dates.
+
+Attitude accuracy is the on-board attitude's RMS error over an orbit, averaged over a period's full orbits in normal pointing;
+the yaw update the mean of its size; the bias scatter the standard deviation of the bias that an attitude solution over an
+orbit would find, ω − G ω_raw with the G on board. Each is formed for each seed; the tables give the seeds' mean and range.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from simulator.mission_mode.config import DAY, MissionConfig
+from simulator.mission_mode.flight import MissionRun, flight_schedule
+from studies.robertson import flown
+from studies.robertson.runs import FIRST_DAYS, PERIODS, day_of
+
+Array = NDArray[np.float64]
+
+AXES = ("roll", "pitch", "yaw")
+GYRO_AXES = {"x": "roll", "y": "pitch", "z": "yaw"}
+
+
+def within(table: pd.DataFrame, period: str) -> pd.DataFrame:
+    """Rows of a table with t_s that are in one of R Table 3's periods."""
+    start, stop = (day_of(moment, MissionConfig()) * DAY for moment in FIRST_DAYS[period])
+    return table[table["t_s"].between(start, stop, inclusive="left")]
+
+
+def full(orbits: pd.DataFrame) -> pd.DataFrame:
+    """Orbits in normal pointing throughout; R's differences are each "over at least a full orbit"."""
+    return orbits[(orbits["samples"] > 0) & (orbits["lost"] == 0)]
+
+
+def accuracy(run: MissionRun, period: str, axis: str) -> float:
+    """Mean over the period's orbits of the RMS on-board attitude error, deg."""
+    return float(full(within(run.orbits, period))[f"rms_knowledge_{axis}_deg"].mean())
+
+
+def yaw_update(run: MissionRun, period: str) -> float:
+    """Mean size of the period's yaw updates, deg."""
+    return float(within(run.updates, period)["update_deg"].abs().mean())
+
+
+def bias_scatter(run: MissionRun, period: str, axis: str) -> float:
+    """Standard deviation over the period's orbits of the bias seen about a body axis, deg/h."""
+    return float(full(within(run.orbits, period))[f"apparent_bias_{GYRO_AXES[axis]}_deg_h"].std())
+
+
+def table3(runs: Sequence[MissionRun]) -> pd.DataFrame:
+    """R Table 3, a row a number: the flight's, the seeds' mean, their lowest and highest, and simulated minus flown."""
+    rows = []
+    for period in PERIODS:
+        for axis in AXES:
+            rows.append(_row("attitude_accuracy_deg", axis, period, [accuracy(run, period, axis) for run in runs]))
+        rows.append(_row("yaw_update_deg", "yaw", period, [yaw_update(run, period) for run in runs]))
+        if period != "precalibration":
+            for axis in GYRO_AXES:
+                rows.append(_row("gyro_bias_std_deg_h", axis, period, [bias_scatter(run, period, axis) for run in runs]))
+    return pd.DataFrame(rows)
+
+
+def _row(parameter: str, axis: str, period: str, values: Sequence[float]) -> dict[str, object]:
+    flight, mean = flown.performance(parameter, axis, period), float(np.mean(values))
+    return {
+        "parameter": parameter,
+        "axis": axis,
+        "period": period,
+        "flight": flight,
+        "simulated": mean,
+        "lowest": min(values),
+        "highest": max(values),
+        "simulated_minus_flight": mean - flight,
+        "simulated_over_flight": mean / flight,
+    }
+
+
+def requirements(runs: Sequence[MissionRun]) -> pd.DataFrame:
+    """R Table 1 in each period and axis: three times the RMS over all orbits in normal pointing, and the worst orbit's."""
+    rows = []
+    columns = {"knowledge": "rms_knowledge", "pointing": "rms_error", "stability": "jitter"}
+    for period in PERIODS:
+        orbits = pd.concat([within(run.orbits, period) for run in runs])
+        orbits = orbits[orbits["samples"] > 0]
+        for name, column in columns.items():
+            limit = flown.requirement(name)
+            for axis in AXES:
+                values, weights = orbits[f"{column}_{axis}_deg"].to_numpy(), orbits["samples"].to_numpy()
+                together = _largest(values) if name == "stability" else 3 * _rms(values, weights)
+                worst = _largest(values) if name == "stability" else 3 * _largest(values)
+                rows.append(
+                    {
+                        "period": period,
+                        "requirement": name,
+                        "axis": axis,
+                        "limit_deg": limit,
+                        "simulated_deg": together,
+                        "worst_orbit_deg": worst,
+                        "met": bool(together < limit),
+                        "met_by_every_orbit": bool(worst < limit),
+                    }
+                )
+    return pd.DataFrame(rows)
+
+
+def _rms(values: Array, weights: Array) -> float:
+    return float(np.sqrt(weights @ values**2 / weights.sum())) if len(values) else np.nan
+
+
+def _largest(values: Array) -> float:
+    return float(values.max()) if len(values) else np.nan
+
+
+def by_orientation(runs: Sequence[MissionRun]) -> pd.DataFrame:
+    """Yaw accuracy and updates of each period, flying +x and −x forward."""
+    rows = []
+    for period in PERIODS:
+        orbits = pd.concat([full(within(run.orbits, period)) for run in runs])
+        updates = pd.concat([within(run.updates, period) for run in runs])
+        for forward in ("+x", "-x"):
+            rows.append(
+                {
+                    "period": period,
+                    "forward": forward,
+                    "orbits": int((orbits["forward"] == forward).sum()),
+                    "yaw_accuracy_deg": orbits.loc[orbits["forward"] == forward, "rms_knowledge_yaw_deg"].mean(),
+                    "yaw_update_deg": updates.loc[updates["forward"] == forward, "update_deg"].abs().mean(),
+                }
+            )
+    return pd.DataFrame(rows)
+
+
+def maneuver_dates(days: float) -> pd.DataFrame:
+    """When the simulated spacecraft turns, and how far that is from the maneuvers whose dates are published."""
+    base = MissionConfig()
+    schedule = flight_schedule(base, days)
+    published = flown.maneuver_dates()
+    rows = []
+    forward = schedule.forward
+    for maneuver in schedule.maneuvers:
+        moment = pd.Timestamp(base.epoch) + pd.Timedelta(seconds=maneuver.start_s + 0.5 * maneuver.duration_s)
+        forward = "-x" if forward == "+x" else "+x"
+        apart = (moment - published["date_utc"]).dt.total_seconds() / DAY
+        nearest = int(apart.abs().argmin())
+        near = abs(apart[nearest]) < 5.0
+        rows.append(
+            {
+                "simulated_utc": f"{moment:%Y-%m-%d %H:%M}",
+                "forward_after": forward,
+                "flight": published["source"][nearest] if near else "",
+                "flight_utc": f"{published['date_utc'][nearest]:%Y-%m-%d}" if near else "",
+                "simulated_minus_flight_days": float(apart[nearest]) if near else np.nan,
+            }
+        )
+    return pd.DataFrame(rows, columns=["simulated_utc", "forward_after", "flight", "flight_utc", "simulated_minus_flight_days"])

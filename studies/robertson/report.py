@@ -1,0 +1,249 @@
+"""The reproduction of R: everything flown, tables beside the flight's values, figures, one page, manifest."""
+
+from __future__ import annotations
+
+import json
+import time
+from collections.abc import Sequence
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from rich.console import Console
+
+from simulator.mission_mode.config import DAY, MissionConfig
+from simulator.mission_mode.flight import MissionRun, flight_schedule
+from studies.montecarlo.manifest import manifest, write_json
+from studies.report import render
+from studies.report.console import progress
+from studies.robertson import biases, figures, mountings, performance, slews, words
+from studies.robertson.runs import PERIODS, SLEW_TABLES, SPIKE_FILTERS, MissionStudy, Runs, flights, fly
+
+DEFAULT_FOLDER = Path("results") / "mission"
+TITLES = {
+    "table2": "R Table 2: attitude error of the yaw maneuver (deg, propagated minus true)",
+    "table3": "R Table 3: Mission Mode performance",
+    "requirements": "R Table 1: requirements",
+    "biases": "R (8): gyro bias by orientation (deg/h)",
+    "bias_scatter": "Scatter of the bias by orientation alone (deg/h)",
+    "orientation": "Yaw by orientation",
+    "mountings": "Yaw updates by how the sun sensors are mounted (deg)",
+    "yaw_maneuvers": "Yaw maneuvers",
+}
+NOTES = {
+    "table2": "calibration1 has the gyro's parameters of before launch. std: over seeds. noise_free: by the two G and b alone, "
+    "the yaw bias as solved for before the maneuver; published_bias: with that of before launch. flight_by_N: N Table 2, "
+    "intervals 2 and 6, each processed with the published biases.",
+    "table3": "lowest, highest: over seeds. Orbits with a yaw maneuver count until the yaw update after it as not in normal "
+    "pointing.",
+    "requirements": "simulated: three times the RMS over the period (largest for stability); worst_orbit: of the worst one, "
+    "which in the second period comes after a yaw maneuver with a wrong gyro.",
+    "mountings": "A run of a day each; the first four updates are left out.",
+    "bias_scatter": "Of the second period, with the simulated share of the two orientations.",
+}
+
+
+def run(
+    folder: Path = DEFAULT_FOLDER, study: MissionStudy | None = None, jobs: int = 1, console: Console | None = None
+) -> dict[str, Any]:
+    """Fly everything, write everything, and return the summary.
+
+    Parameters
+    ----------
+    folder : where everything is written
+    study : what is flown
+    jobs : threads; the results do not depend on it
+    console : for tables; None prints nothing
+    """
+    started = time.monotonic()
+    out, what = console or Console(quiet=True), study or MissionStudy()
+    folder.mkdir(parents=True, exist_ok=True)
+    wanted = flights(what)
+    with progress("mission, simulated days", sum(one.whole_days for one in wanted.values()), out.quiet) as advance:
+        runs = fly(wanted, jobs, advance)
+    months = [runs["months", str(k)] for k in range(what.seeds)]
+    tables = make_tables(runs, months, what)
+    summary = summarise(tables, runs)
+    _write(folder, what, runs, months, tables, summary)
+    config = json.loads(json.dumps({"study": asdict(what), "mission": asdict(MissionConfig())}, default=np.ndarray.tolist))
+    command = "gyrocal reproduce --paper robertson"
+    write_json(folder / "manifest.json", manifest(command, config, folder, time.monotonic() - started))
+    for name in ("table3", "table2", "requirements"):
+        render.terminal(out, TITLES[name], _rounded(tables[name]))
+    render.terminal(out, "Mission Mode beside the flight", summary_table(summary))
+    out.print(f"Written to {folder} in {time.monotonic() - started:.0f} s.", highlight=False)
+    return summary
+
+
+def make_tables(runs: Runs, months: Sequence[MissionRun], study: MissionStudy) -> dict[str, pd.DataFrame]:
+    """All tables by name, see `TITLES`."""
+    return {
+        "table2": slews.table2(slews.targeting(runs)),
+        "table3": performance.table3(months),
+        "requirements": performance.requirements(months),
+        "biases": biases.table8(months),
+        "bias_scatter": biases.scatter(months),
+        "orientation": performance.by_orientation(months),
+        "mountings": mountings.mounting_table(runs),
+        "yaw_maneuvers": performance.maneuver_dates(study.days),
+    }
+
+
+def summarise(tables: dict[str, pd.DataFrame], runs: Runs) -> dict[str, Any]:
+    """The numbers that answer the study's questions, as plain values; None for what was not flown."""
+    table3, table2, requirements = tables["table3"], tables["table2"], tables["requirements"]
+
+    def periods(parameter: str) -> dict[str, dict[str, float | None]]:
+        rows = table3.query("parameter == @parameter and axis == 'yaw'").set_index("period")
+        return {name: {key: _number(rows.loc[name, key]) for key in ("simulated", "flight")} for name in PERIODS}
+
+    angles = table3[table3["parameter"] != "gyro_bias_std_deg_h"]
+    difference = tables["biases"].query("axis == 'z' and forward == '-x minus +x'").set_index("period")
+    return {
+        "yaw_update_deg": periods("yaw_update_deg"),
+        "yaw_accuracy_deg": periods("attitude_accuracy_deg"),
+        "largest_seed_range_deg": _number((angles["highest"] - angles["lowest"]).max()),
+        "requirements": {
+            period: {
+                name: {
+                    "worst_axis_deg": _number(rows["simulated_deg"].max()),
+                    "limit_deg": float(rows["limit_deg"].iloc[0]),
+                    "met": bool(rows["met"].all()) if rows["simulated_deg"].notna().all() else None,
+                }
+                for name, rows in chosen.groupby("requirement", sort=False)
+            }
+            for period, chosen in requirements.groupby("period", sort=False)
+        },
+        "bias_z_minus_x_less_plus_x_deg_h": {
+            period: {key: _number(row[f"{key}_deg_h"]) for key in ("simulated", "standard_error", "formula")}
+            for period, row in difference.iterrows()
+        },
+        "slew_deg": {
+            maneuver: {
+                period: {
+                    row["axis"]: {key: _number(row[f"{key}_deg"]) for key in ("simulated", "std", "flight")}
+                    for _, row in rows.iterrows()
+                }
+                for period, rows in chosen.groupby("tables", sort=False)
+            }
+            for maneuver, chosen in table2.groupby("maneuver", sort=False)
+        },
+        "slew_gap_deg": slews.gaps(table2),
+        "spikes_deg": {state: _largest_errors(runs["spikes", state]) for state in SPIKE_FILTERS},
+    }
+
+
+def _number(value: Any) -> float | None:
+    return None if pd.isna(value) else float(value)
+
+
+def _largest_errors(run: MissionRun) -> dict[str, float]:
+    """Largest roll and pitch error, deg, true and as the computer sees it."""
+    kinds = {"error": "", "estimate": "_on_board"}
+    return {
+        f"{axis}{suffix}": float(run.telemetry[f"{kind}_{axis}_deg"].abs().max())
+        for axis in ("roll", "pitch")
+        for kind, suffix in kinds.items()
+    }
+
+
+def summary_table(summary: dict[str, Any]) -> pd.DataFrame:
+    """The questions a reader comes with, and the answers of this run."""
+
+    def three(values: dict[str, dict[str, float | None]], key: str, digits: int) -> str:
+        return " / ".join(_text(one[key], digits) for one in values.values())
+
+    update, accuracy, bias = summary["yaw_update_deg"], summary["yaw_accuracy_deg"], summary["bias_z_minus_x_less_plus_x_deg_h"]
+    best = min(summary["slew_gap_deg"], key=summary["slew_gap_deg"].__getitem__)
+    before, after = (summary["slew_deg"][best][period] for period in SLEW_TABLES)
+    spikes = summary["spikes_deg"]
+    kept, missed = summary["requirements"]["postcalibration"], summary["requirements"]["precalibration"]
+    rows = {
+        "Yaw update before, with alignment, calibrated?": f"{three(update, 'simulated', 3)} deg; flight "
+        f"{three(update, 'flight', 2)}",
+        "Yaw accuracy in the same periods?": f"{three(accuracy, 'simulated', 3)} deg; flight {three(accuracy, 'flight', 3)}",
+        "Requirements met when calibrated?": _verdict(kept),
+        "And before?": _verdict(missed),
+        "Does the z bias depend on orientation?": f"by {_text(bias['calibration1']['simulated'], 3)} deg/h before the gyro's "
+        f"upload (R (8): {_text(bias['calibration1']['formula'], 3)}), {_text(bias['postcalibration']['simulated'], 4)} ± "
+        f"{_text(bias['postcalibration']['standard_error'], 4)} after",
+        f"Error of a yaw maneuver, {words.signed(best)}, before?": _slew_text(before),
+        "And after?": _slew_text(after),
+        "Pitch spikes by the S filter, on board and true?": ", ".join(
+            f"{spikes[state]['pitch_on_board']:.3f} and {spikes[state]['pitch']:.3f} deg {name}"
+            for state, name in (("restarted", "restarted wrongly"), ("off", "off"))
+        ),
+    }
+    return pd.DataFrame({"question": rows.keys(), "answer": rows.values()})
+
+
+def _slew_text(axes: dict[str, dict[str, float | None]]) -> str:
+    """Roll, pitch and yaw beside the flight's."""
+    simulated, flown = (
+        ", ".join("–" if one[key] is None else f"{one[key]:+.3f}" for one in axes.values()) for key in ("simulated", "flight")
+    )
+    return f"{simulated} deg; flight {flown}"
+
+
+def _text(value: float | None, digits: int) -> str:
+    return render.number(np.nan if value is None else value, digits)
+
+
+def _verdict(requirements: dict[str, dict[str, Any]]) -> str:
+    if any(one["met"] is None for one in requirements.values()):
+        return render.NO_VALUE
+    cells = ", ".join(
+        f"{name} {_text(one['worst_axis_deg'], 3)} of {one['limit_deg']:g} deg" for name, one in requirements.items()
+    )
+    return f"{'yes' if all(one['met'] for one in requirements.values()) else 'NO'}: {cells}"
+
+
+def _write(
+    folder: Path,
+    study: MissionStudy,
+    runs: Runs,
+    months: Sequence[MissionRun],
+    tables: dict[str, pd.DataFrame],
+    summary: dict[str, Any],
+) -> None:
+    """Tables as CSV, figures, the page, the summary."""
+    uploads = [at for at, _ in flight_schedule(MissionConfig(), study.days).uploads]
+    daily = figures.daily_means(months[0].orbits, uploads)
+    drawn = figures.draw(runs, daily, months[0].updates, study.days, folder)
+    updates = months[0].updates.assign(day=months[0].updates["t_s"] / DAY)[["day", "sensor", "forward", "update_deg"]]
+    extra = {"daily": daily, "slews": slews.targeting(runs), "updates": updates}
+    for name, table in {**tables, **extra}.items():
+        table.to_csv(folder / f"{name}.csv", index=False, float_format="%.6g")
+    sections = [
+        "# Mission Mode beside the flight",
+        "",
+        words.LEAD.strip(),
+        "",
+        render.markdown("Summary", summary_table(summary)),
+        "## Findings",
+        "",
+        *(f"- {one}" for one in words.findings(tables, summary)),
+        "",
+        "## What is not published, and what follows from it",
+        "",
+        *(f"- {one}" for one in words.NOT_PUBLISHED),
+        "",
+        *(render.markdown(title, _rounded(tables[name]), NOTES.get(name, "")) for name, title in TITLES.items()),
+        f"Months: {study.seeds} seeds of {study.days:g} days; yaw maneuver: {study.slews} seeds. Figures 9 to 11 show the "
+        "first seed; `daily.csv` and `updates.csv` hold what they show.",
+        "",
+    ]
+    for name, title in drawn.items():
+        sections += [f"## {title}", "", f"![{title}]({name})", ""]
+    (folder / "report.md").write_text("\n".join(sections), encoding="utf-8")
+    write_json(folder / "summary.json", summary)
+
+
+def _rounded(table: pd.DataFrame) -> pd.DataFrame:
+    """Numbers to four decimals, as text."""
+    out = table.copy()
+    for name in out.select_dtypes("float").columns:
+        out[name] = [render.number(value, 4) for value in out[name]]
+    return out

@@ -1,0 +1,170 @@
+"""The flights that the reproduction of R is made of, and flying them side by side.
+
+`months`, one a seed: launch to the end of April 1998 with the uploads and yaw maneuvers on their days; telemetry is not kept.
+`slew`: the yaw maneuvers of N's intervals 2 and 6, with the gyro's parameters of before and after its calibration, over seeds.
+`yaw`: eight orbits early in December and in March, with telemetry every 10 s.
+`spikes`: four orbits with the Sun passing through a quadrant of the Earth sensor, for three states of the S filter.
+`mounting`: a day for each way in which the sun sensors may be mounted and each set of tables.
+
+The loop is compiled and lets go of the interpreter, so that threads suffice.
+"""
+
+from __future__ import annotations
+
+import math
+import threading
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, replace
+from itertools import product
+from typing import get_args
+
+import numpy as np
+import pandas as pd
+
+from simulator.mission_mode.calendar import sun_angle
+from simulator.mission_mode.config import DAY, MissionConfig, Mounting, OnBoardTables, YawManeuver, mounted, period_tables
+from simulator.mission_mode.flight import MissionRun, flight_schedule, simulate_mission
+from simulator.sensors.earth import Filter
+
+PERIODS = ("precalibration", "calibration1", "postcalibration")
+FIRST_DAYS = {  # UTC, of R Table 3's periods; each ends where the next one starts but for the last days of February
+    "precalibration": ("1997-11-27T21:30:00+00:00", "1997-12-11T12:00:00+00:00"),
+    "calibration1": ("1997-12-11T12:00:00+00:00", "1998-02-27T12:00:00+00:00"),
+    "postcalibration": ("1998-03-01T00:00:00+00:00", "1998-05-01T00:00:00+00:00"),
+}
+MANEUVERS = {"+x to -x": "1997-12-13T13:20:00+00:00", "-x to +x": "1998-01-14T20:57:00+00:00"}  # N Table 1, UTC
+SLEW_TABLES = ("calibration1", "postcalibration")  # both maneuvers came after the alignment's upload
+ORBITS_TO_SLEW = 4.5  # before the maneuver, for yaw updates to settle
+YAW_DAYS = {"precalibration": 6.0, "postcalibration": 100.0}  # from launch; R does not say when its figures 7 and 12 are from
+YAW_ORBITS = 8.0
+SPIKE_ORBITS = 4.0
+SPIKE_SUN_DEG = 42.0  # from the XZ plane; the Sun then passes a quadrant's view once an orbit
+SPIKE_FILTERS: tuple[Filter, ...] = ("restarted", "correct", "off")
+
+
+@dataclass(frozen=True)
+class MissionStudy:
+    """What is flown.
+
+    Attributes
+    ----------
+    days : of the months from launch; R's periods end on May 1, 1998
+    seeds : of the months
+    slews : seeds of the yaw maneuver
+    mounting_days : of each run of a mounting
+    entropy : seeds are counted from it
+    """
+
+    days: float = 154.2
+    seeds: int = 2
+    slews: int = 20
+    mounting_days: float = 1.0
+    entropy: int = 1998
+
+
+@dataclass(frozen=True)
+class Flight:
+    """One run of the loop."""
+
+    config: MissionConfig
+    seconds: float
+    seed: int
+    telemetry_every: int | None = None
+
+    @property
+    def whole_days(self) -> int:
+        """How many days progress is told of: the last one only if something is flown after it."""
+        return math.ceil(self.seconds / DAY) - 1
+
+    def fly(self, progress: Callable[[int], None] | None = None) -> MissionRun:
+        """Fly it; progress is told each day flown."""
+        return simulate_mission(
+            self.config, seconds=self.seconds, seed=self.seed, telemetry_every=self.telemetry_every, progress=progress
+        )
+
+
+Runs = dict[tuple[str, ...], MissionRun]
+
+
+def moved(config: MissionConfig, days: float) -> MissionConfig:
+    """The config so many days later, without maneuvers and uploads, flying with the axis forward that keeps the Sun on −Y."""
+    t = days * DAY
+    orbit = replace(
+        config.orbit,
+        node=config.orbit.node + config.orbit.nodal_rate * t,
+        latitude_argument=config.orbit.latitude_argument + config.orbit.mean_motion * t,
+    )
+    epoch = (pd.Timestamp(config.epoch) + pd.Timedelta(days=days)).isoformat()
+    ahead = float(sun_angle(config.epoch, config.orbit, t)) > 0
+    return replace(config, epoch=epoch, orbit=orbit, forward="+x" if ahead else "-x", maneuvers=(), uploads=())
+
+
+def day_of(moment: str, config: MissionConfig) -> float:
+    """Days from the config's epoch to a moment, UTC."""
+    return float((pd.Timestamp(moment) - pd.Timestamp(config.epoch)).total_seconds() / DAY)
+
+
+def slew_flight(config: MissionConfig, tables: OnBoardTables, maneuver: str) -> MissionConfig:
+    """A run with the yaw maneuver nearest to one of `MANEUVERS`, with these tables throughout."""
+    planned = flight_schedule(config, 60.0).maneuvers
+    start = min(planned, key=lambda one: abs(one.start_s / DAY - day_of(MANEUVERS[maneuver], config))).start_s
+    lead = ORBITS_TO_SLEW * config.orbit.period
+    return replace(moved(config, (start - lead) / DAY), tables=tables, maneuvers=(YawManeuver(lead),))
+
+
+def spike_day(config: MissionConfig) -> float:
+    """First day after R's alignment upload on which the Sun is SPIKE_SUN_DEG from the orbit plane."""
+    days = np.arange(14.0, 60.0, 0.05)
+    angle = np.abs(np.rad2deg(sun_angle(config.epoch, config.orbit, days * DAY)))
+    return float(days[np.argmax(angle >= SPIKE_SUN_DEG)])
+
+
+def flights(study: MissionStudy) -> dict[tuple[str, ...], Flight]:
+    """Everything that is to be flown, the longest first."""
+    base, tables = MissionConfig(), period_tables()
+    period, first = base.orbit.period, study.entropy
+    schedule = flight_schedule(base, study.days)
+    out: dict[tuple[str, ...], Flight] = {}
+    for k in range(study.seeds):
+        out["months", str(k)] = Flight(schedule, study.days * DAY, first + k)
+    for mounting in get_args(Mounting):
+        for name, own in period_tables(mounting).items():
+            config = replace(base, sun_sensors=mounted(mounting), tables=own)
+            out["mounting", mounting, name] = Flight(config, study.mounting_days * DAY, first)
+    for name, day in YAW_DAYS.items():
+        out["yaw", name] = Flight(replace(moved(base, day), tables=tables[name]), YAW_ORBITS * period, first, 20)
+    turned = moved(base, spike_day(base))
+    for s_filter in SPIKE_FILTERS:
+        own = replace(tables["postcalibration"], s_filter=s_filter)
+        out["spikes", s_filter] = Flight(replace(turned, tables=own), SPIKE_ORBITS * period, first, 4)
+    for maneuver, name in product(MANEUVERS, SLEW_TABLES):
+        config = slew_flight(base, tables[name], maneuver)
+        for k in range(study.slews):
+            out["slew", maneuver, name, str(k)] = Flight(config, (ORBITS_TO_SLEW + 0.5) * period, first + k)
+    return out
+
+
+class StoppedError(Exception):
+    """Another flight failed, or the user stopped them all."""
+
+
+def fly(wanted: dict[tuple[str, ...], Flight], jobs: int = 1, progress: Callable[[int], None] | None = None) -> Runs:
+    """Fly them; the outcome does not depend on jobs, the number of threads."""
+    replace(next(iter(wanted.values())), seconds=1.0).fly()  # compiles before threads would all want to
+    stop = threading.Event()
+
+    def tell(days: int) -> None:
+        if stop.is_set():
+            raise StoppedError
+        if progress is not None:
+            progress(days)
+
+    with ThreadPoolExecutor(jobs) as pool:
+        waiting = {name: pool.submit(one.fly, tell) for name, one in wanted.items()}
+        try:
+            return {name: one.result() for name, one in waiting.items()}
+        except BaseException:
+            stop.set()
+            pool.shutdown(wait=False, cancel_futures=True)
+            raise

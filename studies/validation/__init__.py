@@ -1,0 +1,1 @@
+"""Validation of the framework itself: blind check, baseline of recovered parameters, a real gyro."""

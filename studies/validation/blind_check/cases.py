@@ -1,0 +1,485 @@
+"""Drawing the cases: which effects, how strong, on which plan; by case number, so that a case is the same alone as in a batch.
+
+How strong a deterministic or slow random effect is, is its evidence signal-to-noise ratio: the norm of what it adds to the
+whitened observations once G, b and the start attitudes have taken up their part, √Δχ² of a fit of just this effect. It is
+measured on the full simulation, noise-free with less without the effect. An effect on the samples themselves (kind
+"stream") or a wrong noise level has no such number; its size is drawn against the noise or the rates it acts on.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Annotated, Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import BaseModel, ConfigDict, Field
+
+from diagnosis.model.recording import Model, linearised
+from gyrocal.errors import InputError
+from gyrocal.recording import Recording
+from simulator.effects import EFFECTS, References, Setting, Stream, references_of, setting
+from simulator.effects.base import Value
+from simulator.effects.housekeeping import gyro_temperature
+from simulator.scenario import Scenario
+from simulator.simulate import disturbed, motion, observe
+from simulator.streams import generator
+from simulator.truth.motion import Motion
+from simulator.truth.rotation import perturbed
+from studies.validation.blind_check.plans import plan
+from studies.validation.blind_check.unlisted import UNLISTED, Unlisted, View
+
+Array = NDArray[np.float64]
+Kind = Literal["none", "one", "two", "unlisted", "withheld"]
+KINDS: tuple[Kind, ...] = ("none", "one", "two", "unlisted")
+Range = Annotated[tuple[float, float], Field(strict=False)]
+
+TRIES = 60
+SNR_TOLERANCE = 0.02  # relative, of the size an effect gets; more than that only where it is far from linear
+ALIKE = 0.8  # cosine of two responses above which a pair is one effect to any diagnosis
+STEP_INSIDE = 0.7  # of the steps fall into an interval, the rest into the gaps
+STEP_TIMES = 8  # an interval, at which a listed step may imitate an unlisted effect
+SAME: tuple[frozenset[str], ...] = (
+    frozenset({"time_offset", "rate_lag"}),  # the same column
+    frozenset({"bias_random_walk", "noise_flicker"}),  # the same spectrum but for a slope
+    frozenset({"rate_quantization", "rate_truncation"}),  # the same steps
+)
+FACTORS = ("noise_excess", "reference_noise_excess")
+
+
+class Spec(BaseModel):
+    """What the drawing depends on.
+
+    Attributes
+    ----------
+    entropy : root of all random streams
+    cases : number of cases
+    base : scenario whose gyro, references and orbit the plans take over
+    mix : cases of a block with no effect, one, two, and an unlisted one
+    snr, pair_snr, unlisted_snr, withheld_snr : ranges of the evidence signal-to-noise ratio, log-uniform
+    temperature_share : of the recordings that have a gyro temperature without needing one
+    withhold : if above zero, all cases hold a listed effect that the diagnosis' library lacks, so many of each effect
+    """
+
+    model_config = ConfigDict(extra="forbid", frozen=True, strict=True, allow_inf_nan=False)
+
+    entropy: int = Field(ge=0)
+    cases: int = Field(ge=1)
+    base: Scenario
+    mix: Annotated[tuple[int, int, int, int], Field(strict=False)] = (6, 13, 5, 6)
+    snr: Range = (4.0, 40.0)
+    pair_snr: Range = (8.0, 40.0)
+    unlisted_snr: Range = (4.0, 40.0)
+    withheld_snr: Range = (12.0, 30.0)
+    temperature_share: float = Field(default=0.4, ge=0, le=1)
+    withhold: int = Field(default=0, ge=0)
+
+
+@dataclass(frozen=True)
+class World:
+    """The noise-free truth of a case, and what an effect does to it.
+
+    Attributes
+    ----------
+    scenario, motion : plan and its truth
+    plain : noise-free recording without effects
+    entropy, case : of the random streams
+    """
+
+    scenario: Scenario
+    motion: Motion
+    plain: Recording
+    entropy: int
+    case: int
+
+    @property
+    def G(self) -> Array:
+        """True G."""
+        return np.array(self.scenario.gyro.true_G)
+
+    @property
+    def bias(self) -> Array:
+        """True bias, rad/s."""
+        return np.deg2rad(self.scenario.gyro.true_bias_deg_s)
+
+    @property
+    def sample_sigma(self) -> float:
+        """White noise of a sample, deg/s."""
+        return self.scenario.gyro.arw_deg_per_sqrt_s / float(np.sqrt(self.scenario.gyro.sample_s))
+
+    @cached_property
+    def model(self) -> Model:
+        """The linear model about the truth."""
+        return linearised(self.plain, self.G, self.bias)
+
+    @cached_property
+    def references(self) -> References:
+        """The true attitudes as effects see them."""
+        return references_of(self.plain)
+
+    def recording(self, settings: Sequence[Setting], invention: Invention | None = None, noise: bool = True) -> Recording:
+        """The full simulation with effects, listed and not."""
+        plain = self.plain if invention is None else invention.added(self)
+        rngs = [generator(self.entropy, self.case, name) if noise else None for name in ("gyro_noise", "reference_noise")]
+        return disturbed(plain, self.motion, settings, rngs[0], rngs[1], self.entropy, self.case)
+
+    def response(self, settings: Sequence[Setting], invention: Invention | None = None) -> Array:
+        """What effects add to the observations ζ, noise-free with less without them; (N,) rad."""
+        shown = self.recording(settings, invention, noise=False)
+        return np.asarray(linearised(shown, self.G, self.bias).zeta - self.model.zeta)
+
+    def whitened(self, settings: Sequence[Setting], invention: Invention | None = None) -> Array:
+        """The response, whitened and with what M0 takes up projected out; (N,), its norm is the SNR."""
+        return self.model.prepared(self.response(settings, invention))
+
+
+@dataclass(frozen=True)
+class Invention:
+    """An unlisted effect with its numbers; size in deg/s or deg."""
+
+    effect: Unlisted
+    axis: str
+    size: float
+    phase: float
+    share: float
+
+    def added(self, world: World) -> Recording:
+        """The noise-free recording with it."""
+        plain = world.plain
+        k = "xyz".index(self.axis)
+        view = View(
+            stream=_stream(world),
+            references=world.references,
+            starts_s=np.array([interval.start_s for interval in plain.intervals]),
+            stops_s=np.array([interval.stop_s for interval in plain.intervals]),
+            axis=k,
+            phase=self.phase,
+            share=self.share,
+            rng=generator(world.entropy, world.case, f"unlisted:{self.effect.name}"),
+        )
+        change = np.deg2rad(self.size) * self.effect.shape(view)
+        if self.effect.acts_on == "rates":
+            rates = plain.gyro.rates.copy()
+            rates[:, k] += change
+            return replace(plain, gyro=replace(plain.gyro, rates=rates))
+        error = np.zeros((len(change), 3))
+        error[:, k] = change
+        quaternions = perturbed(plain.attitudes.quaternions, error)
+        return replace(plain, attitudes=replace(plain.attitudes, quaternions=quaternions))
+
+
+@dataclass(frozen=True)
+class Drawn:
+    """A case: the world it is in, its effects, its answer (a JSON object), what its diagnosis may name (None: all)."""
+
+    world: World
+    settings: tuple[Setting, ...]
+    invention: Invention | None
+    answer: dict[str, Any]
+    nameable: tuple[str, ...] | None
+
+    def recording(self) -> Recording:
+        """What the diagnosis sees."""
+        return self.world.recording(self.settings, self.invention)
+
+
+def kind_of(spec: Spec, case: int) -> tuple[Kind, int]:
+    """Kind of a case, and its number among those of its kind.
+
+    The kinds come in blocks, shuffled, in each of which the mix is exact.
+    """
+    if spec.withhold:
+        return "withheld", case
+    order = np.repeat(np.arange(4), spec.mix)
+    block, place = divmod(case, order.size)
+    kinds = generator(spec.entropy, block, "blind:kinds").permutation(order)
+    kind = int(kinds[place])
+    return KINDS[kind], block * spec.mix[kind] + int(np.sum(kinds[:place] == kind))
+
+
+def draw(spec: Spec, case: int) -> Drawn:
+    """Draw a case.
+
+    Raises
+    ------
+    InputError
+        No setting of an effect reaches the strength asked for within its plausible range.
+    """
+    kind, number = kind_of(spec, case)
+    rng = generator(spec.entropy, case, "blind:effects")
+    names = _names(rng, spec, kind, number)
+    world = _world(spec, case, "bias_temperature" in names)
+    answer: dict[str, Any] = {
+        "case": case,
+        "kind": kind,
+        "effects": [],
+        "unlisted": None,
+        "true_G": world.G.tolist(),
+        "true_bias_deg_s": list(world.scenario.gyro.true_bias_deg_s),
+        "temperature": bool(world.plain.tables),
+    }
+    if kind == "unlisted":
+        invention, response = _invented(rng, spec, world, UNLISTED[names[0]])
+        answer["unlisted"] = {
+            "effect": names[0],
+            "axis": invention.axis,
+            "size": invention.size,
+            "snr": float(np.linalg.norm(response)),
+            "novelty": novelty(world.model, response),
+        }
+        return Drawn(world, (), invention, answer, None)
+    limits = {"two": spec.pair_snr, "withheld": spec.withheld_snr}.get(kind, spec.snr)
+    settings, responses = _placed_together(rng, world, names, limits)
+    answer["effects"] = [_described(one, response, responses) for one, response in zip(settings, responses, strict=True)]
+    nameable = tuple(name for name in EFFECTS if name not in names) if kind == "withheld" else None
+    return Drawn(world, settings, None, answer, nameable)
+
+
+def _world(spec: Spec, case: int, temperature: bool) -> World:
+    rng = generator(spec.entropy, case, "blind:plan")
+    scenario = plan(rng, spec.base, f"blind case {case}")
+    # Drawn always, so that the plan does not depend on the effect.
+    by_chance = rng.random() < spec.temperature_share
+    truth = motion(scenario)
+    plain = observe(scenario, truth, gyro_rng=None, reference_rng=None)
+    if temperature or by_chance:
+        assert plain.orbit is not None
+        spans = [(interval.start_s, interval.stop_s) for interval in plain.intervals]
+        table = gyro_temperature(generator(spec.entropy, case, "housekeeping"), spans, plain.orbit.period_s)
+        plain = replace(plain, tables={"housekeeping": table})
+    return World(scenario, truth, plain, spec.entropy, case)
+
+
+def _names(rng: np.random.Generator, spec: Spec, kind: Kind, number: int) -> tuple[str, ...]:
+    """Effects of a case; single ones take turns, so that each comes equally often."""
+    if kind == "none":
+        return ()
+    if kind == "withheld":
+        return (list(EFFECTS)[number // spec.withhold % len(EFFECTS)],)
+    if kind == "two":
+        while True:
+            first, second = (str(name) for name in rng.choice(list(EFFECTS), 2, replace=False))
+            if frozenset({first, second}) not in SAME:
+                return first, second
+    known = list(EFFECTS if kind == "one" else UNLISTED)
+    turn, place = divmod(number, len(known))
+    return (known[int(generator(spec.entropy, turn, f"blind:{kind}").permutation(len(known))[place])],)
+
+
+def _placed_together(
+    rng: np.random.Generator, world: World, names: Sequence[str], limits: tuple[float, float]
+) -> tuple[tuple[Setting, ...], list[Array | None]]:
+    """Settings that are not one and the same effect to any diagnosis, with their whitened responses."""
+    for _ in range(TRIES):
+        placed = [_placed(rng, world, name, limits) for name in names]
+        responses = [response for _, response in placed if response is not None]
+        if len(responses) < 2 or abs(_cosine(responses[0], responses[1])) < ALIKE:
+            return tuple(one for one, _ in placed), [response for _, response in placed]
+    raise InputError(f"case {world.case}: {' and '.join(names)} are alike however they are set")
+
+
+def _placed(rng: np.random.Generator, world: World, name: str, limits: tuple[float, float]) -> tuple[Setting, Array | None]:
+    """A setting of an effect and its whitened response; None for one without."""
+    if EFFECTS[name].kind == "stream" or name in FACTORS:
+        return _seen_in_the_samples(rng, world, name), None
+    effect = EFFECTS[name]
+    low, high = effect.prior
+    for _ in range(TRIES):
+        axis = str(rng.choice(effect.axes)) if effect.axes else None
+        parameters = _parameters(rng, world, name)
+        signed = effect.bounds[0] < 0 and "phase_deg" not in parameters
+        sign = float(rng.choice([-1.0, 1.0])) if signed else 1.0
+        target = _log_uniform(rng, *limits)
+
+        def response(size: float, axis: str | None = axis, parameters: Mapping[str, Value] = parameters) -> Array:
+            return world.whitened([setting(name, axis, size, parameters)])
+
+        size, shown = _scaled(response, sign * low, target, effect.prior)
+        if shown is not None:
+            return setting(name, axis, size, parameters), shown
+    raise InputError(
+        f"case {world.case}: {name} reaches no SNR of {limits[0]:g} to {limits[1]:g} with a size in {low:g} to {high:g}"
+    )
+
+
+def _scaled(
+    response: Callable[[float], Array], start: float, target: float, plausible: tuple[float, float]
+) -> tuple[float, Array | None]:
+    """Size at which the response has the target norm, from a small one; no response if the size is not plausible."""
+    size = start
+    for _ in range(5):
+        shown = response(size)
+        norm = float(np.linalg.norm(shown))
+        if norm > 0 and abs(norm / target - 1) < SNR_TOLERANCE:
+            return size, shown
+        if norm == 0:
+            break
+        size *= target / norm
+        if not plausible[0] <= abs(size) <= plausible[1]:
+            break
+    return size, None
+
+
+def _parameters(rng: np.random.Generator, world: World, name: str) -> dict[str, Value]:
+    """Phase, time and whatever else an effect needs."""
+    drawn: dict[str, Callable[[], Value]] = {
+        "phase_deg": lambda: float(rng.uniform(-180, 180)),
+        "time_s": lambda: _step_time(rng, world),
+        "toward": lambda: str(rng.choice(["x", "y", "z"])),
+        "time_constant_s": lambda: _log_uniform(rng, 150.0, 2500.0),
+        "gaps": lambda: str(rng.choice(["hold", "reset"])),
+    }
+    return {one.name: drawn[one.name]() for one in EFFECTS[name].parameters if one.name in drawn}
+
+
+def _step_time(rng: np.random.Generator, world: World) -> float:
+    """Inside an interval, by its length, or in the middle of a gap; in whole seconds, since no step waits for a sample."""
+    intervals = world.plain.intervals
+    if rng.random() < STEP_INSIDE:
+        length = np.array([interval.stop_s - interval.start_s for interval in intervals])
+        chosen = intervals[int(rng.choice(len(intervals), p=length / length.sum()))]
+        return float(chosen.start_s + rng.uniform(0.15, 0.85) * (chosen.stop_s - chosen.start_s))
+    gap = int(rng.integers(len(intervals) - 1))
+    return float(0.5 * (intervals[gap].stop_s + intervals[gap + 1].start_s))
+
+
+def _seen_in_the_samples(rng: np.random.Generator, world: World, name: str) -> Setting:
+    """An effect whose size is drawn against the noise of a sample or the rates it acts on."""
+    sigma = world.sample_sigma
+    raw = np.rad2deg(np.abs(world.plain.gyro.rates))
+    axis = str(rng.choice(["x", "y", "z"]))
+    maybe = axis if rng.random() < 0.5 else None
+    if name in ("rate_quantization", "rate_truncation"):
+        return setting(name, maybe, sigma * _log_uniform(rng, 0.5, 8.0))
+    if name == "rate_deadzone":
+        axis = str(rng.choice(["x", "z"]))  # in pitch the orbit rate is never small
+        return setting(name, axis, float(np.median(raw[:, "xyz".index(axis)])) * rng.uniform(0.5, 2.0))
+    if name == "rate_saturation":
+        return setting(name, "z", float(raw[:, 2].max()) * rng.uniform(0.6, 0.95))  # the slews are about yaw
+    if name == "vibration":
+        tone = {
+            "apparent_hz": float(rng.uniform(0.02, 0.47 / world.scenario.gyro.sample_s)),
+            "phase_deg": float(rng.uniform(-180, 180)),
+        }
+        return setting(name, axis, sigma * _log_uniform(rng, 0.3, 3.0), tone)
+    if name == "spikes":
+        return setting(name, maybe, sigma * _log_uniform(rng, 8.0, 50.0), {"fraction": _log_uniform(rng, 2e-4, 3e-3)})
+    if name == "stale_samples":
+        return setting(name, None, float(rng.uniform(1.0, 5.0)), {"fraction": _log_uniform(rng, 2e-3, 5e-2)})
+    if name == "noise_excess":
+        return setting(name, maybe, _log_uniform(rng, 1.15, 3.0))
+    if name == "reference_noise_excess":
+        return setting(name, maybe, _log_uniform(rng, 1.3, 3.0))
+    raise InputError(f"{name}: the blind check does not know what sizes to draw it in")
+
+
+def _invented(rng: np.random.Generator, spec: Spec, world: World, effect: Unlisted) -> tuple[Invention, Array]:
+    for _ in range(TRIES):
+        axis = str(rng.choice(effect.axes))
+        target, phase, share = _log_uniform(rng, *spec.unlisted_snr), float(rng.uniform(0, 2 * np.pi)), float(rng.random())
+        unit = Invention(effect, axis, 1e-6, phase, share)
+
+        def response(size: float, unit: Invention = unit) -> Array:
+            return world.whitened([], replace(unit, size=size))
+
+        # Any size will do below a degree and a tenth of the fastest rate.
+        size, shown = _scaled(response, 1e-6, target, (0.0, 1.0))
+        if shown is not None:
+            return replace(unit, size=size), shown
+    raise InputError(f"case {world.case}: {effect.name} reaches no SNR of {spec.unlisted_snr[0]:g}")
+
+
+def novelty(model: Model, response: Array) -> float:
+    """Norm of what no single listed effect with columns explains of a whitened response: how unknown an unlisted effect is.
+
+    Parameters
+    ----------
+    model : linear model about the truth
+    response : (N,) whitened and projected
+    """
+    total = float(response @ response)
+    explained = 0.0
+    for columns in _listed_columns(model):
+        prepared = model.prepared(columns)
+        U, s, _ = np.linalg.svd(prepared, full_matrices=False)
+        share = U[:, s > 1e-9 * max(float(s[0]), 1e-300)].T @ response
+        explained = max(explained, float(share @ share))
+    for columns in _listed_steps(model):
+        prepared = model.prepared(columns)
+        size = np.maximum(np.einsum("ij,ij->j", prepared, prepared), 1e-30)
+        explained = max(explained, float(np.max((response @ prepared) ** 2 / size)))
+    return float(np.sqrt(max(total - explained, 0.0)))
+
+
+def _listed_columns(model: Model) -> list[Array]:
+    out = []
+    for effect in EFFECTS.values():
+        steps = any(one.name == "time_s" for one in effect.parameters)
+        if effect.kind != "columns" or steps or (effect.housekeeping and not model.stream.housekeeping):
+            continue
+        for axis in effect.axes or (None,):
+            if effect.acts_on == "references":
+                columns = model.reference_error(effect.reference_columns(model.references, axis, {}))
+            else:
+                columns = model.reading(effect.columns(model.stream, axis, {}))
+            if columns.any():
+                out.append(columns)
+    return out
+
+
+def _listed_steps(model: Model) -> list[Array]:
+    """Steps of each axis' bias and of its sensitivity to each rate, at several times in each interval and between them."""
+    shares = np.arange(STEP_TIMES) / STEP_TIMES
+    starts = np.concatenate(
+        [(block.steps.start + shares * (block.steps.stop - block.steps.start)).astype(np.intp) for block in model.blocks]
+    )[1:]
+    out = []
+    for axis in range(3):
+        for shape in (np.ones(len(model.t_s)), *model.rates.T):
+            high = np.zeros((len(model.t_s), 3))
+            high[:, axis] = shape
+            out.append(model.reading_steps(high, starts))
+    return out
+
+
+def _described(one: Setting, response: Array | None, responses: Sequence[Array | None]) -> dict[str, Any]:
+    """An effect of an answer; separate_snr is what is left of its SNR when the other effect's part is taken out."""
+    snr = None if response is None else float(np.linalg.norm(response))
+    others = [other for other in responses if other is not None and other is not response]
+    separate = snr
+    if snr is not None and response is not None and others:
+        separate = snr * float(np.sqrt(max(1 - _cosine(response, others[0]) ** 2, 0.0)))
+    return {
+        "effect": one.effect,
+        "axis": one.axis,
+        "size": one.size,
+        "unit": EFFECTS[one.effect].unit,
+        "parameters": dict(one.parameters),
+        "snr": snr,
+        "separate_snr": separate,
+    }
+
+
+def _cosine(a: Array, b: Array) -> float:
+    return float(a @ b / (np.linalg.norm(a) * np.linalg.norm(b)))
+
+
+def _log_uniform(rng: np.random.Generator, low: float, high: float) -> float:
+    return float(np.exp(rng.uniform(np.log(low), np.log(high))))
+
+
+def _stream(world: World) -> Stream:
+    """The truth as an unlisted effect sees it."""
+    plain, truth = world.plain, world.motion
+    assert plain.orbit is not None
+    return Stream(
+        t_s=truth.t_s + 0.5 * truth.duration_s,
+        duration_s=truth.duration_s,
+        rates=truth.rates,
+        raw=plain.gyro.rates,
+        intervals=truth.intervals,
+        orbit_period_s=plain.orbit.period_s,
+        span_s=(min(i.start_s for i in plain.intervals), max(i.stop_s for i in plain.intervals)),
+    )

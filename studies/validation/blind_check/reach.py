@@ -1,0 +1,21 @@
+"""What the true model reaches on held-out data: the bar for a diagnosis' closure."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from diagnosis.inference.closure import closure_of_response
+from diagnosis.model.recording import Model
+
+Array = NDArray[np.float64]
+
+
+def true_closed(model: Model, response: Array) -> float:
+    """1 − (after − floor)/(before − floor) with what the effects really add, known from the simulation, taken away.
+
+    Parameters
+    ----------
+    model : the recording as the diagnosis linearises it
+    response : (N,) what the effects add to the observations ζ, rad
+    """
+    reached = closure_of_response(model, response)
+    return reached.closed if reached is not None else float("nan")

@@ -1,0 +1,414 @@
+"""A trial of BROAD, a MEMS gyro beside an optical reference orientation, as a recording; see docs/broad.md.
+
+The body frame is the sensor's. What stands for the inertial frame is the fixed East-North-Up frame of the cameras, which turns
+with the Earth: up to 0.0042 deg/s that a bias takes up only while the attitude stays. Rates and attitudes keep the file's
+values and time tags; nothing is corrected that a diagnosis might be asked to find.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pyarrow.parquet as pq
+from numpy.typing import NDArray
+
+from gyrocal import Attitudes, GyroStream, InputError, Interval, Recording, attitude, propagate
+from gyrocal.calibration.sampling import measurements
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.intp]
+Mask = NDArray[np.bool_]
+
+RATE_COLUMNS = ("imu_gyr_x", "imu_gyr_y", "imu_gyr_z")
+FORCE_COLUMNS = ("imu_acc_x", "imu_acc_y", "imu_acc_z")
+QUATERNION_COLUMNS = ("opt_quat_x", "opt_quat_y", "opt_quat_z", "opt_quat_w")  # scalar last, as everywhere here
+MOVEMENT_COLUMN = "movement"
+RATE_KEY = b"sampling_rate_hz"
+
+ATTRIBUTION = (
+    'Data: D. Laidig, M. Caruso, A. Cereatti, T. Seel, "BROAD - A Benchmark for Robust Inertial Orientation Estimation", '
+    "Data 6(7):72, 2021, doi:10.3390/data6070072; recorded by Kai Brands, converted by Daniel Laidig. "
+    "Licence CC-BY-4.0; changed: raw gyro, specific force and a choice of the optical orientations in another format."
+)
+EPOCH = "2000-01-01T00:00:00"  # the trials carry no date
+TIME_SCALE = "seconds of the trial"
+NORM_TOLERANCE = 1e-3
+
+MARGIN_S = 2.0  # how far into the rests an interval reaches, or a third of the rest if that is less
+LONG_S = 60.0  # a motion longer than this is cut
+PIECE_S = 30.0  # into pieces of at most so long
+STILL_S = 1.0  # rest counts as such so far from any movement
+SHORTEST_REST_S = 3.0
+ALLAN_S = 0.1  # where the Allan deviation of the rests is read
+FEWEST_INCREMENTS = 12  # for a sigma of its own at rest, or in motion
+MAD_TO_SIGMA = 1.4826
+CLIP = 4.0  # increments beyond so many robust sigmas are left out of the preliminary fit
+
+
+@dataclass(frozen=True)
+class Trial:
+    """A trial as it is on file.
+
+    Attributes
+    ----------
+    name : the file's
+    sample_s : s between samples; sample k is tagged k sample_s
+    rates : (n, 3) raw gyro, rad/s
+    force : (n, 3) specific force by the accelerometer, m/s²
+    quaternions : (n, 4) ENU to sensor frame, scalar last; NaN where not tracked
+    moving : (n,) inside a motion phase
+    """
+
+    name: str
+    sample_s: float
+    rates: Array
+    force: Array
+    quaternions: Array
+    moving: Mask
+
+    @property
+    def t_s(self) -> Array:
+        """(n,) time tags, s."""
+        return np.arange(len(self.rates), dtype=np.float64) * self.sample_s
+
+    @property
+    def tracked(self) -> Mask:
+        """(n,) whether there is an optical orientation."""
+        return np.asarray(np.isfinite(self.quaternions).all(axis=1))
+
+    @property
+    def still(self) -> Mask:
+        """(n,) at rest, and `STILL_S` from any movement."""
+        away = self.samples(STILL_S)
+        still = np.ones(len(self.moving), dtype=bool)
+        for first, stop in self.phases:
+            still[max(first - away, 0) : stop + away] = False
+        return still
+
+    @property
+    def phases(self) -> list[tuple[int, int]]:
+        """First and one past the last sample of each motion phase."""
+        return runs(self.moving)
+
+    def samples(self, duration_s: float) -> int:
+        """Samples in so many seconds, at least one."""
+        return max(round(duration_s / self.sample_s), 1)
+
+
+@dataclass(frozen=True)
+class Imported:
+    """A recording and what was estimated for it.
+
+    Attributes
+    ----------
+    recording : the recording
+    sigma_rest, sigma_motion : (3,) reference 1-sigma per body axis, rad
+    arw : (3,) angle random walk per axis, rad/sqrt(s)
+    still : (references,) whether each was taken at rest
+    """
+
+    recording: Recording
+    sigma_rest: Array
+    sigma_motion: Array
+    arw: Array
+    still: Mask
+
+    def summary(self) -> pd.DataFrame:
+        """What was made, a row per quantity, in degrees."""
+        recording = self.recording
+
+        def vector(values: Array, digits: int) -> str:
+            return ", ".join(f"{value:.{digits}f}" for value in np.rad2deg(values))
+
+        lengths = [interval.stop_s - interval.start_s for interval in recording.intervals]
+        moving = int(np.count_nonzero(~self.still))
+        rows = [
+            ("gyro samples", f"{recording.gyro.t_s.size} at {1 / recording.gyro.sample_s:.2f} Hz"),
+            ("intervals", f"{len(lengths)} of {min(lengths):.1f} to {max(lengths):.1f} s"),
+            ("reference attitudes", f"{moving} in motion, {int(np.count_nonzero(self.still))} at rest"),
+            ("their sigma at rest x, y, z", f"{vector(self.sigma_rest, 4)} deg"),
+            ("their sigma in motion x, y, z", f"{vector(self.sigma_motion, 4)} deg"),
+            ("angle random walk x, y, z", f"{vector(self.arw, 5)} deg/sqrt(s)"),
+            ("bias from the first rest x, y, z", f"{vector(recording.gyro.apriori_bias, 4)} deg/s"),
+        ]
+        return pd.DataFrame(rows, columns=["what", "value"])
+
+
+def runs(mask: Mask) -> list[tuple[int, int]]:
+    """First and one past the last index of each stretch of True."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], mask.astype(np.int8), [0]])))
+    return [(int(first), int(stop)) for first, stop in zip(edges[::2], edges[1::2], strict=True)]
+
+
+def read(path: Path) -> Trial:
+    """Read a trial.
+
+    Raises
+    ------
+    InputError
+        One line saying what is wrong with the file.
+    """
+    if not path.is_file():
+        raise InputError(f"{path}: no such file; a BROAD trial is one Parquet file")
+    try:
+        table = pq.read_table(path)
+        metadata = table.schema.metadata or {}
+        frame = table.to_pandas()
+    except Exception as fault:  # pyarrow raises a zoo of types for a damaged file
+        raise InputError(f"{path}: cannot be read as Parquet: {' '.join(str(fault).split())}") from None
+    needed = (*RATE_COLUMNS, *FORCE_COLUMNS, *QUATERNION_COLUMNS, MOVEMENT_COLUMN)
+    missing = [name for name in needed if name not in frame.columns]
+    if missing:
+        raise InputError(f"{path}: not a BROAD trial: column {', '.join(missing)} is missing")
+    for name in needed:
+        if pd.api.types.is_bool_dtype(frame[name]) != (name == MOVEMENT_COLUMN) or not (
+            pd.api.types.is_numeric_dtype(frame[name])  # bool counts as numeric
+        ):
+            raise InputError(f"{path}: column {name} holds {frame[name].dtype}")
+    try:
+        rate_hz = float(metadata[RATE_KEY])
+    except (KeyError, ValueError):
+        raise InputError(f"{path}: no number under {RATE_KEY.decode()} in the Parquet schema's metadata") from None
+    if not 1 <= rate_hz <= 1e5:
+        raise InputError(f"{path}: a sampling rate of {rate_hz:g} Hz cannot be meant")
+    rates, force, quaternions = (
+        np.ascontiguousarray(frame[list(names)].to_numpy(dtype=np.float64))
+        for names in (RATE_COLUMNS, FORCE_COLUMNS, QUATERNION_COLUMNS)
+    )
+    for what, values in (("gyro rate", rates), ("acceleration", force)):
+        bad = np.flatnonzero(~np.isfinite(values).all(axis=1))
+        if bad.size:
+            raise InputError(f"{path}: {what} in row {bad[0]} is not a finite number ({bad.size} such)")
+    norm = np.linalg.norm(quaternions, axis=1)
+    wrong = np.flatnonzero(np.abs(norm - 1) > NORM_TOLERANCE)  # False where not tracked
+    if wrong.size:
+        raise InputError(f"{path}: opt_quat in row {wrong[0]} has norm {norm[wrong[0]]:.6g}, not 1 ({wrong.size} such)")
+    # opt_quat takes sensor vectors to ENU: as_matrix() of it is A transposed, and A(q) is that for the same q.
+    return Trial(path.stem, 1 / rate_hz, rates, force, quaternions / norm[:, None], frame[MOVEMENT_COLUMN].to_numpy(dtype=bool))
+
+
+def cuts(trial: Trial, intervals: str | float = "motion") -> list[tuple[str, str, int, int]]:
+    """Name, activity, first and last sample of each interval.
+
+    Parameters
+    ----------
+    trial : the trial
+    intervals : "motion", from the rest before each motion phase into the rest after it, a phase longer than `LONG_S` in
+        touching pieces of at most `PIECE_S` and then with the rests as intervals of their own; "whole", one interval over
+        all; or a length in s, touching intervals of at most that over rest and motion alike
+    """
+    tracked = np.flatnonzero(trial.tracked)
+    if tracked.size == 0:
+        raise InputError(f"{trial.name}: the optical orientation is nowhere tracked")
+    first, last = int(tracked[0]), int(tracked[-1])
+    if intervals == "whole":
+        return [("whole", "whole trial", first, last)]
+    if intervals != "motion":
+        if isinstance(intervals, str) or not (10 * trial.sample_s < intervals < np.inf):
+            raise InputError(f"intervals: motion, whole, or a length of more than {10 * trial.sample_s:g} s, not {intervals}")
+        return [(f"part {k}", "part", a, b) for k, (a, b) in enumerate(pieces(first, last, trial.samples(intervals)), 1)]
+    phases = [(a, b) for a, b in trial.phases if a > first and b < last]
+    if not phases:
+        raise InputError(f"{trial.name}: no motion phase with rest before and after it; choose other intervals")
+    stops = [first, *(b for _, b in phases)]
+    starts = [*(a for a, _ in phases), last]
+    margin = [min(trial.samples(MARGIN_S), (start - stop) // 3) for stop, start in zip(stops, starts, strict=True)]
+    out: list[tuple[str, str, int, int]] = []
+    for k, (a, b) in enumerate(phases):
+        low, high = a - margin[k], b + margin[k + 1]
+        if (high - low) * trial.sample_s <= LONG_S:
+            out.append((f"motion {k + 1}", "rest, motion, rest", low, high))
+            continue
+        name = f"motion {k + 1}"
+        if not out or out[-1][3] <= stops[k]:
+            out.append((f"rest before {name}", "rest", stops[k], low))
+        parts = pieces(low, high, trial.samples(PIECE_S))
+        out += [(f"{name} part {i}", "part of a long motion", *part) for i, part in enumerate(parts, 1)]
+        out.append((f"rest after {name}", "rest", high, starts[k + 1] - (0 if k + 1 == len(phases) else margin[k + 1])))
+    return out
+
+
+def pieces(first: int, last: int, longest: int) -> list[tuple[int, int]]:
+    """Equal touching pieces of first … last, none longer than asked."""
+    count = max(-(-(last - first) // longest), 1)
+    return [(int(a), int(b)) for a, b in pairwise(np.linspace(first, last, count + 1).round())]
+
+
+def references(trial: Trial, cut: tuple[int, int], spacing_s: float) -> Indices:
+    """Samples of an interval to take the orientation of: evenly spaced, or the nearest tracked one at most half a step away."""
+    first, last = cut
+    count = max(round((last - first) * trial.sample_s / spacing_s), 1)
+    wanted = np.linspace(first, last, count + 1)
+    tracked = np.flatnonzero(trial.tracked[first : last + 1]) + first
+    if tracked.size == 0:
+        return tracked
+    after = np.clip(np.searchsorted(tracked, wanted), 1, max(tracked.size - 1, 1))
+    after = np.minimum(after, tracked.size - 1)
+    before = np.maximum(after - 1, 0)
+    nearest = np.where(np.abs(tracked[before] - wanted) <= np.abs(tracked[after] - wanted), tracked[before], tracked[after])
+    close = np.abs(nearest - wanted) <= 0.5 * (last - first) / count
+    return np.unique(nearest[close])
+
+
+def rest_noise(trial: Trial) -> Array:
+    """Angle random walk per axis (3,) rad/sqrt(s): Allan deviation of the rests at `ALLAN_S`, times its root."""
+    m = trial.samples(ALLAN_S)
+    squares = []
+    for first, stop in runs(trial.still):
+        if stop - first >= 3 * m:
+            sums = np.cumsum(np.concatenate([np.zeros((1, 3)), trial.rates[first:stop]]), axis=0)
+            means = (sums[m:] - sums[:-m]) / m
+            squares.append(np.square(means[m:] - means[:-m]))
+    if not squares:
+        raise InputError(f"{trial.name}: no rest of {3 * ALLAN_S:g} s to take the gyro noise from")
+    return np.asarray(np.sqrt(0.5 * np.concatenate(squares).mean(axis=0) * m * trial.sample_s))
+
+
+def rest_bias(trial: Trial) -> Array:
+    """b (3,) rad/s of ω = G ω_raw + b with G = I from the first rest, minus its mean raw rate."""
+    for first, stop in runs(trial.still):
+        if (stop - first) * trial.sample_s >= SHORTEST_REST_S:
+            return np.asarray(-trial.rates[first:stop].mean(axis=0))
+    raise InputError(f"{trial.name}: no rest of {SHORTEST_REST_S:g} s to take the bias from")
+
+
+def increment_residuals(recording: Recording) -> tuple[Array, Array]:
+    """What a preliminary fit leaves of the turns between successive references.
+
+    G, bias and a time offset between gyro and references are fitted by least squares and forgotten: without them their effect
+    would be taken for reference noise.
+
+    Parameters
+    ----------
+    recording : intervals that hold two references each
+
+    Returns
+    -------
+    (m, 3) residuals in the body axes of the second reference, rad, and (m, 3, 3) rotations from the first to it
+    """
+    prepared = measurements(recording)
+    gyro = recording.gyro
+    run = propagate(prepared.arcs, gyro.apriori_G, gyro.apriori_bias)
+    A = attitude.matrix_from_quaternion(recording.attitudes.quaternions)
+    theta = attitude.residual(A[prepared.row], run.R @ A[prepared.start])
+    at = np.searchsorted(gyro.t_s, recording.attitudes.t_s - 0.5 * gyro.sample_s)
+    rate = gyro.rates[np.minimum(at, len(gyro.rates) - 1)]
+    shift = rate[prepared.row] - np.einsum("mij,mj->mi", run.R, rate[prepared.start])
+    columns = np.concatenate([run.Theta, shift[:, :, None]], axis=2).reshape(3 * len(theta), -1)
+    columns = columns / np.maximum(np.sqrt(np.mean(np.square(columns), axis=0)), np.finfo(float).tiny)
+    keep = np.ones(len(theta), dtype=bool)
+    left = theta
+    for _ in range(3):
+        rows = np.repeat(keep, 3)
+        solution = np.linalg.lstsq(columns[rows], theta.ravel()[rows], rcond=1e-10)[0]
+        left = theta - (columns @ solution).reshape(-1, 3)
+        size = np.linalg.norm(left, axis=1)
+        keep = size <= CLIP * max(float(np.median(size)), np.finfo(float).tiny)
+    return left, run.R
+
+
+def axis_sigma(left: Array, R: Array, gyro_variance: float) -> Array:
+    """Reference 1-sigma per body axis (3,) rad from residuals e₁ − R e₀ + gyro noise of increments.
+
+    Their variance is σ_a² + Σ_b R_ab² σ_b² + that of the gyro, gyro_variance in rad². It is taken about the median: a bias at
+    rest other than that in motion is no scatter.
+    """
+    left = left - np.median(left, axis=0)
+    variance = np.square(MAD_TO_SIGMA * np.median(np.abs(left), axis=0)) - gyro_variance
+    mixing = np.eye(3) + np.mean(np.square(R), axis=0)
+    # Negative where noise alone made the difference: then axes are not told apart.
+    squares = np.linalg.solve(mixing, variance)
+    if (squares <= 0).any():
+        squares = np.full(3, max(float(variance.mean()) / 2, 0.0))
+    return np.asarray(np.sqrt(squares))
+
+
+def to_recording(trial: Trial, intervals: str | float = "motion", spacing_s: float = 1.0) -> Imported:
+    """A trial as a recording.
+
+    Parameters
+    ----------
+    trial : the trial
+    intervals : see `cuts`
+    spacing_s : s between the reference attitudes of an interval
+
+    Raises
+    ------
+    InputError
+        The trial has no rest, no motion or too few tracked orientations for what is asked.
+    """
+    if not trial.sample_s <= spacing_s < np.inf:
+        raise InputError(f"the spacing of the references must be at least a sample, {trial.sample_s:g} s, not {spacing_s:g}")
+    arw, bias = rest_noise(trial), rest_bias(trial)
+    chosen: list[tuple[str, str, Indices]] = []
+    for name, activity, first, last in cuts(trial, intervals):
+        rows = references(trial, (first, last), spacing_s)
+        if rows.size >= 2:
+            chosen.append((name, activity, rows))
+    if not chosen:
+        raise InputError(f"{trial.name}: no interval has two tracked orientations")
+    gyro = GyroStream(
+        t_s=trial.t_s,
+        rates=trial.rates,
+        sample_s=trial.sample_s,
+        arw=float(np.sqrt(np.mean(np.square(arw)))),
+        apriori_bias=bias,
+    )
+    used = np.unique(np.concatenate([rows for _, _, rows in chosen]))
+    still = trial.still[used]
+    sigma_rest, sigma_motion = _sigmas(trial, gyro, spacing_s)
+    sigma = np.where(still[:, None], sigma_rest, sigma_motion)
+    recording = Recording(
+        title=f"BROAD {trial.name} (CC-BY-4.0, doi:10.3390/data6070072)",
+        epoch=EPOCH,
+        time_scale=TIME_SCALE,
+        gyro=gyro,
+        attitudes=Attitudes(trial.t_s[used], trial.quaternions[used], sigma),
+        intervals=tuple(_interval(trial, name, activity, rows) for name, activity, rows in chosen),
+        tables={"housekeeping": _housekeeping(trial)},
+    )
+    return Imported(recording, sigma_rest, sigma_motion, arw, np.asarray(still))
+
+
+def _interval(trial: Trial, name: str, activity: str, rows: Indices) -> Interval:
+    return Interval(name, activity, float(trial.t_s[rows[0]]), float(trial.t_s[rows[-1]]))
+
+
+def _housekeeping(trial: Trial) -> pd.DataFrame:
+    names = [f"specific_force_{axis}_m_s2" for axis in "xyz"]
+    return pd.DataFrame(np.column_stack([trial.t_s, trial.force]), columns=["t_s", *names])
+
+
+def _sigmas(trial: Trial, gyro: GyroStream, spacing_s: float) -> tuple[Array, Array]:
+    """Reference sigma at rest and in motion, (3,) rad each, from the turns between references over the whole trial."""
+    tracked = np.flatnonzero(trial.tracked)
+    rows = references(trial, (int(tracked[0]), int(tracked[-1])), spacing_s)
+    pairs = [(int(a), int(b)) for a, b in pairwise(rows) if (b - a) * trial.sample_s < 1.5 * spacing_s]
+    if len(pairs) < FEWEST_INCREMENTS:
+        raise InputError(f"{trial.name}: {len(pairs)} turns between tracked orientations {spacing_s:g} s apart are too few")
+    used = np.unique(np.array(pairs))
+    t_s = trial.t_s
+    left, R = increment_residuals(
+        Recording(
+            title=trial.name,
+            epoch=EPOCH,
+            gyro=gyro,
+            attitudes=Attitudes(t_s[used], trial.quaternions[used], np.full((used.size, 3), np.deg2rad(1.0))),
+            intervals=tuple(Interval(str(k), "", float(t_s[a]), float(t_s[b])) for k, (a, b) in enumerate(pairs)),
+        )
+    )
+    still = trial.still
+    resting = np.array([bool(still[a : b + 1].all()) for a, b in pairs])
+    both = []
+    for mask in (resting, ~resting):
+        chosen = mask if np.count_nonzero(mask) >= FEWEST_INCREMENTS else np.ones_like(mask)
+        both.append(axis_sigma(left[chosen], R[chosen], gyro.arw**2 * spacing_s))
+    if not (np.array(both) > 0).all():
+        raise InputError(
+            f"{trial.name}: the references scatter less over {spacing_s:g} s than the gyro; choose a shorter spacing"
+        )
+    return both[0], both[1]

@@ -1,0 +1,182 @@
+"""Stream tests: each finds its effect with its size, and nothing in M0."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from diagnosis.detectors import samples as stream
+from diagnosis.detectors.clipping import _is_plateau
+from diagnosis.detectors.lattice import lattice_step, mean_reading, sweep_odds, undone
+from diagnosis.detectors.report import EVENT_P
+from simulator import scenario
+from simulator.effects import parse
+from simulator.simulate import motion, observe
+from simulator.streams import generator
+
+
+@pytest.fixture(scope="module")
+def plan():
+    return scenario.override(scenario.load("trmm"), {"gyro.arw_deg_per_sqrt_s": 1.5e-4})
+
+
+@pytest.fixture(scope="module")
+def truth(plan):
+    return motion(plan)
+
+
+def _recording(plan, truth, seed, *effects):
+    return observe(
+        plan,
+        truth,
+        gyro_rng=generator(seed, 0, "gyro_noise"),
+        reference_rng=generator(seed, 0, "reference_noise"),
+        effects=[parse(text) for text in effects],
+        seed=seed,
+    )
+
+
+def test_m0_shows_nothing(plan, truth):
+    for seed in range(12):
+        report = stream.examine(_recording(plan, truth, seed))
+        assert [cause.effect for cause in report.causes] == []
+        assert min(test.p_value for test in report.tests) > 1e-6
+
+
+@pytest.mark.parametrize(
+    ("text", "effect", "axis", "size", "sigma"),
+    [
+        ("rate_quantization=2e-4", "rate_quantization", None, 2e-4, 1e-9),
+        ("rate_quantization:y=1e-3", "rate_quantization", "y", 1e-3, 1e-8),
+        ("rate_saturation:z=0.15", "rate_saturation", "z", 0.15, 1e-6),
+        ("stale_samples=3,fraction=0.01", "stale_samples", None, 3.0, None),
+        ("spikes=0.004,fraction=0.001", "spikes", None, 0.004, None),
+        ("spikes:x=0.004,fraction=0.001", "spikes", "x", 0.004, None),
+        ("vibration:y=1e-4,apparent_hz=0.31", "vibration", "y", 1e-4, None),
+        ("vibration:y=4e-4,apparent_hz=0.706", "vibration", "y", 4e-4, None),
+        ("noise_excess=1.3", "noise_excess", None, 1.3, None),
+        ("noise_excess:z=1.2", "noise_excess", "z", 1.2, None),
+        ("noise_excess=0.8", "noise_excess", None, 0.8, None),
+    ],
+)
+def test_each_effect_is_found_alone_with_its_size(plan, truth, text, effect, axis, size, sigma):
+    for seed in (1, 2):
+        (cause,) = stream.examine(_recording(plan, truth, seed, text)).causes
+        assert (cause.effect, cause.axis) == (effect, axis)
+        assert abs(cause.size - size) < 4 * (cause.sigma if sigma is None else sigma)
+        assert cause.p_value < EVENT_P
+
+
+def test_other_numbers_of_an_effect(plan, truth):
+    (tone,) = stream.examine(_recording(plan, truth, 3, "vibration:x=2e-4,apparent_hz=0.12")).causes
+    assert float(tone.parameters["apparent_hz"]) == pytest.approx(0.12, abs=1e-4)
+    (stale,) = stream.examine(_recording(plan, truth, 3, "stale_samples=2,fraction=0.02")).causes
+    assert float(stale.parameters["fraction"]) == pytest.approx(0.02, rel=0.15)
+    (spikes,) = stream.examine(_recording(plan, truth, 3, "spikes=0.006,fraction=0.002")).causes
+    assert float(spikes.parameters["fraction"]) == pytest.approx(0.002, rel=0.25)
+
+
+def test_repairs_bring_the_reading_back(plan, truth):
+    """Repaired rates against those without the effect, same noise."""
+    clean = _recording(plan, truth, 4).gyro.rates
+    for text in ("spikes=0.01,fraction=0.002", "vibration:y=3e-4,apparent_hz=0.2"):
+        recording = _recording(plan, truth, 4, text)
+        repaired = stream.examine(recording).rates
+        before = np.sqrt(np.mean((recording.gyro.rates - clean) ** 2))
+        assert np.sqrt(np.mean((repaired - clean) ** 2)) < 0.5 * before
+    # What a repeated sample hides is its noise too; only the motion it missed can be put back.
+    recording = _recording(plan, truth, 4, "stale_samples=2,fraction=0.02")
+    slewing = np.abs(np.gradient(truth.rates[:, 2])) > np.deg2rad(1e-3)
+    before = np.sqrt(np.mean((recording.gyro.rates - clean)[slewing] ** 2))
+    assert np.sqrt(np.mean((stream.examine(recording).rates - clean)[slewing] ** 2)) < 0.5 * before
+
+
+def test_clipped_samples_are_marked(plan, truth):
+    recording = _recording(plan, truth, 5, "rate_saturation:z=0.15")
+    report = stream.examine(recording)
+    assert np.array_equal(report.clipped, np.abs(recording.gyro.rates[:, 2]) >= np.deg2rad(0.15) * (1 - 1e-12))
+
+
+@pytest.mark.parametrize("kind", ["rounded", "cut"])
+def test_mean_reading_against_draws(kind):
+    rng = np.random.default_rng(6)
+    step, sigma = 1.0, 0.2
+    x = np.array([-3.3, -0.9, -0.2, 0.0, 0.45, 0.55, 1.7])
+    noisy = x + sigma * rng.standard_normal((200_000, 1))
+    drawn = (np.round(noisy / step) if kind == "rounded" else np.trunc(noisy / step)).mean(axis=0)
+    assert np.allclose(mean_reading(x, step, sigma, kind), drawn, atol=5 * 0.5 / np.sqrt(200_000))
+
+
+@pytest.mark.parametrize(("kind", "level"), [("rounded", 0.31), ("rounded", 60.3), ("cut", 0.8), ("cut", -2.6), ("cut", 60.3)])
+def test_a_slow_rate_comes_back_from_the_lattice(kind, level):
+    """A constant rate with noise a fifth of a step, through the lattice and back."""
+    rng = np.random.default_rng(7)
+    noisy = level + 0.2 * rng.standard_normal(20_000)
+    reading = np.round(noisy) if kind == "rounded" else np.trunc(noisy)
+    back, factor, _ = undone(reading, 0.5, 1.0, 0.2, kind)
+    assert abs(back.mean() - level) < 0.03 < abs(reading.mean() - level)
+    assert (factor >= 1).all()
+
+
+def test_repeats_by_chance_on_a_coarse_lattice_are_none(plan, truth):
+    """Steady rates on steps five times the noise repeat most of the time, without any telemetry fault."""
+    causes = stream.examine(_recording(plan, truth, 6, "rate_quantization=1e-3")).causes
+    assert [cause.effect for cause in causes] == ["rate_quantization"]
+
+
+def test_lattice_step_and_its_kind():
+    rng = np.random.default_rng(8)
+    x = np.cumsum(rng.standard_normal(5000)) * 4
+    assert lattice_step(np.round(x / 0.37) * 0.37) == pytest.approx(0.37, rel=1e-6)
+    assert lattice_step(x) == 0.0
+    sweep = 300 * np.sin(np.arange(40_000) / 50)
+    assert sweep_odds(np.round(sweep), 1.0) < -3
+    assert sweep_odds(np.trunc(sweep), 1.0) > 3
+
+
+def test_a_line_in_one_stretch_only_is_no_tone(plan, truth):
+    recording = _recording(plan, truth, 3)
+    t = recording.gyro.t_s[2000:2400]
+    for everywhere in (True, False):
+        rates = recording.gyro.rates.copy()
+        part = slice(None) if everywhere else slice(2000, 2400)
+        rates[part, 2] += np.deg2rad(1.5e-4) * np.sin(2 * np.pi * 0.31 * (recording.gyro.t_s if everywhere else t))
+        report = stream.examine(replace(recording, gyro=replace(recording.gyro, rates=rates)))
+        assert [cause.effect for cause in report.causes] == (["vibration"] if everywhere else [])
+
+
+def test_a_repeated_largest_reading_is_not_clipped(plan, truth):
+    recording = _recording(plan, truth, 4, "stale_samples=3,fraction=0.01")
+    rates = recording.gyro.rates.copy()
+    top = int(np.argmax(np.abs(rates[:, 1])))
+    rates[top : top + 9] = rates[top]
+    report = stream.examine(replace(recording, gyro=replace(recording.gyro, rates=rates)))
+    assert [cause.effect for cause in report.causes] == ["stale_samples"]
+    rates[top : top + 9, 0] += np.deg2rad(1e-5) * np.arange(9)  # the other axes go on: that is a clipped one
+    report = stream.examine(replace(recording, gyro=replace(recording.gyro, rates=rates)))
+    assert [cause.effect for cause in report.causes] == ["stale_samples", "rate_saturation"]
+
+
+def test_repeats_among_those_of_a_lattice(plan, truth):
+    """Where a lattice repeats readings in steady parts, faults of the telemetry add to what the axes have in common."""
+    recording = _recording(plan, truth, 7, "rate_quantization=3e-4", "stale_samples=2.5,fraction=0.03")
+    cause = next(cause for cause in stream.examine(recording).causes if cause.effect == "stale_samples")
+    assert abs(cause.size - 2.5) < 3 * cause.sigma < 2.5
+    assert cause.parameters["fraction"] == pytest.approx(0.03, rel=0.3)
+
+
+@pytest.mark.parametrize("step", ["1e-4", "2e-4", "4e-4", "7e-4"])
+def test_no_repeats_on_a_lattice_without_faults(plan, truth, step):
+    for seed in (1, 2, 3):
+        causes = stream.examine(_recording(plan, truth, seed, f"rate_quantization={step}")).causes
+        assert [cause.effect for cause in causes] == ["rate_quantization"]
+
+
+def test_a_clipped_rate_on_a_coarse_lattice(plan, truth):
+    """A steady reading stands still on a lattice of a few sigmas for a while, not through a slew."""
+    found = stream.examine(_recording(plan, truth, 8, "rate_quantization=5e-4", "rate_saturation:z=0.15"))
+    assert [(cause.effect, cause.axis) for cause in found.causes] == [("rate_quantization", None), ("rate_saturation", "z")]
+    assert _is_plateau(np.ones(200, dtype=bool), step=2.5)
+    assert not _is_plateau(np.ones(200, dtype=bool), step=8.0)
+    assert not _is_plateau(np.ones(50, dtype=bool), step=2.5)
+    assert not _is_plateau(np.ones(10_000, dtype=bool), step=np.inf)

@@ -1,0 +1,271 @@
+"""What a plan predicts, against algebra and against the whole simulator."""
+
+import numpy as np
+import pytest
+import scipy.stats
+
+from diagnosis import plan as planning
+from diagnosis.diagnose import FALSE_ALARMS, attitude_p_value
+from diagnosis.inference.candidates import build
+from diagnosis.inference.search import Search
+from diagnosis.model.prepare import prepare
+from diagnosis.model.recording import linearised
+from diagnosis.plan import (
+    EXACT,
+    LIMIT_SNR,
+    POWER,
+    SURE,
+    PowerOf,
+    RandomColumns,
+    Signature,
+    appended,
+    linear_model,
+    maneuvers,
+    noncentrality,
+    pairs,
+    plan,
+    random_columns,
+    separating_snr,
+    shares,
+    signatures,
+    telling_size,
+    visible,
+)
+from gyrocal import InputError
+from simulator.effects import EFFECTS, setting
+from simulator.scenario import load, override
+from simulator.simulate import motion, observe
+from simulator.streams import generator
+
+SEEDS = 24
+CHECKED = ("bias_drift:z", "scale_asymmetry:z", "reference_orbital:x")
+
+
+@pytest.fixture(scope="module")
+def scenario():
+    """Coarse samples and few references: the same physics in a tenth of the time."""
+    return override(load("trmm_series"), {"reference.every_s": 600.0, "gyro.sample_s": 5.0})
+
+
+@pytest.fixture(scope="module")
+def model(scenario):
+    return linear_model(scenario)
+
+
+@pytest.fixture(scope="module")
+def power(model):
+    return PowerOf(model, build(model))
+
+
+@pytest.fixture(scope="module")
+def every(model):
+    return {one.label: one for one in signatures(model, list(EFFECTS))}
+
+
+@pytest.fixture(scope="module")
+def detected(scenario, power):
+    """How many of `SEEDS` simulated recordings the diagnosis calls a gap; one bank for all, since that takes longest."""
+    path = motion(scenario)
+
+    def count(effects, entropy):
+        found = 0
+        for case in range(SEEDS):
+            gyro, references = generator(entropy, case, "gyro_noise"), generator(entropy, case, "reference_noise")
+            recording = observe(
+                scenario, path, gyro_rng=gyro, reference_rng=references, effects=effects, seed=entropy, case=case
+            )
+            prepared = prepare(recording).model
+            found += attitude_p_value(prepared, Search(power.bank, prepared.y), case) < FALSE_ALARMS
+        return found
+
+    return count
+
+
+# ---- by simulation -------------------------------------------------------------------------------------------------------
+
+
+def setting_at(one, seen):
+    """The typical case of an effect at its smallest visible size."""
+    parameters = dict(one.parameters[one.middle])
+    if one.X.shape[2] > 1:
+        parameters |= EFFECTS[one.effect].from_amplitudes(one.amplitudes)[1]
+    return setting(one.effect, one.axis, seen.size, parameters)
+
+
+@pytest.mark.parametrize("label", CHECKED)
+def test_nine_recordings_in_ten_with_the_predicted_size_show_a_gap(label, every, power, detected):
+    seen = visible(every[label], power)
+    count = detected([setting_at(every[label], seen)], entropy=21)
+    assert scipy.stats.binomtest(count, SEEDS, POWER).pvalue > 0.005
+
+
+def test_without_an_effect_there_is_no_gap(detected):
+    count = detected([], entropy=22)
+    assert scipy.stats.binom.sf(count - 1, SEEDS, FALSE_ALARMS) > 0.002
+
+
+def test_power_on_fresh_draws_is_that_asked_for_and_grows_with_size(every, power, model):
+    one = every["bias_orbital:y"]
+    seen = visible(one, power)
+    noise = model.projected(np.random.default_rng(3).standard_normal((model.size, 400)))
+
+    def rate(amplitude):
+        y = noise + amplitude * one.typical()[:, None]
+        return np.mean(power.search.null_statistic(power.bank.X.T @ y) > power.threshold)
+
+    rates = [rate(factor * seen.size) for factor in (0.0, 0.5, 1.0, 1.5)]
+    assert rates[0] < 0.03
+    assert rates == sorted(rates)
+    assert rates[2] == pytest.approx(POWER, abs=0.08)
+
+
+def test_random_effects_are_seen_at_their_size_on_fresh_draws(power, model):
+    one = random_columns(model, ["bias_random_walk"])[1]
+    seen = next(iter(planning.random_seen([one], power)))
+    rng = np.random.default_rng(4)
+    y = model.projected(rng.standard_normal((model.size, 400)))
+    y = y + seen.size * one.X @ rng.standard_normal((one.X.shape[1], 400))
+    rate = np.mean(power.search.null_statistic(power.bank.X.T @ y) > power.threshold)
+    assert rate == pytest.approx(POWER, abs=0.08)
+
+
+# ---- signatures ----------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("text", ["bias_drift:x", "reference_horizon:z", "scale_quadratic:y", "time_offset"])
+def test_signature_is_what_the_simulator_does(text, scenario, model, every):
+    one = every[text]
+    amount = {"bias_drift": 0.01, "reference_horizon": 0.001, "scale_quadratic": 1e4, "time_offset": 0.01}[one.effect]
+    path = motion(scenario)
+    injected = setting(one.effect, one.axis, amount)
+    recording = observe(scenario, path, gyro_rng=None, reference_rng=None, effects=[injected])
+    changed = linearised(recording, model.G, model.bias)
+    expected = amount * one.X[:, 0] @ EFFECTS[one.effect].amplitudes(setting(one.effect, one.axis, 1.0))
+    np.testing.assert_allclose(changed.y - model.y, expected, atol=0.02 * np.abs(expected).max())
+
+
+def test_best_size_is_at_most_the_typical_and_that_at_most_the_worst(every, power):
+    for label in ("bias_step:z", "bias_orbital:x", "reference_orbital:y"):
+        seen = visible(every[label], power)
+        assert seen.best <= seen.size <= seen.worst
+
+
+def test_what_the_calibration_takes_up_is_not_identifiable(every, power):
+    # The roll rate has one sign throughout, so that |ω_x| is a scale factor.
+    seen = visible(every["scale_asymmetry:x"], power)
+    assert seen.verdict in ("not identifiable", "implausible")
+    assert "acts like" in seen.text or "plausible" in seen.text
+
+
+def test_half_the_noise_halves_the_size(scenario, every, power):
+    half = {"gyro.arw_deg_per_sqrt_s": scenario.gyro.arw_deg_per_sqrt_s / 2}
+    half["reference.sigma_deg"] = [value / 2 for value in scenario.reference.sigma_deg]
+    better = linear_model(override(scenario, half))
+    one = signatures(better, ["bias_drift"])[0]
+    assert one.norms[0] == pytest.approx(2 * every["bias_drift:x"].norms[0], rel=1e-6)
+
+
+# ---- pairs ---------------------------------------------------------------------------------------------------------------
+
+
+def made(label, X):
+    X = np.asarray(X, dtype=float)
+    options = X.shape[1]
+    return Signature(label.split(":")[0], None, label, X, np.ones(options), np.ones(options) / options, ({},) * options)
+
+
+def test_share_is_the_squared_cosine():
+    one, other = made("bias_drift:x", [[[2.0]], [[0.0]]]), made("bias_step:x", [[[3.0]], [[4.0]]])
+    rho, ratio = shares([one, other])
+    assert rho[0, 1] == pytest.approx(0.36)
+    assert ratio[0, 1] == pytest.approx(2.0 * 0.6 / 5.0)
+
+
+def test_share_takes_the_best_option_and_spans_of_columns():
+    one = made("bias_drift:x", [[[1.0]], [[1.0]], [[0.0]]])
+    options = made("bias_step:x", [[[0.0], [1.0]], [[0.0], [0.0]], [[1.0], [0.0]]])
+    wave = made("bias_orbital:x", [[[1.0, 1.0]], [[0.0, 2.0]], [[0.0, 0.0]]])
+    rho, _ = shares([one, options, wave])
+    assert rho[0, 1] == pytest.approx(0.5)
+    assert rho[0, 2] == pytest.approx(1.0)
+
+
+def test_snr_that_separates_gives_the_log_odds():
+    for share in (0.0, 0.5, 0.99):
+        snr = float(separating_snr(share))
+        assert 0.5 * snr**2 * (1 - share) == pytest.approx(SURE)
+    assert separating_snr(1 - EXACT / 2) == np.inf
+
+
+def test_lag_and_time_offset_are_the_same(every, power):
+    both = [every["time_offset"], every["rate_lag"]]
+    found = pairs(both, [], [visible(one, power) for one in both])
+    assert [(one.effect, one.other, one.snr) for one in found] == [
+        ("rate_lag", "time_offset", np.inf),
+        ("time_offset", "rate_lag", np.inf),
+    ]
+
+
+def test_random_effects_with_their_own_directions_are_told_apart_and_the_same_ones_never():
+    X = np.zeros((40, 10))
+    X[:10] = np.eye(10)
+    Y = np.roll(X, 15, axis=0)
+    one, other = RandomColumns("noise_flicker", "x", X), RandomColumns("bias_random_walk", "x", Y)
+    size = telling_size(one, other, 1.0)
+    # Of no use to the other: −½ Σ [ln(1 + s²) − s²] = ln 19.
+    assert SURE <= 5 * (size**2 - np.log1p(size**2)) < 1.7 * SURE  # to a step of its grid
+    assert telling_size(one, RandomColumns("bias_random_walk", "x", 3 * X), 1.0) == np.inf
+
+
+# ---- samples -------------------------------------------------------------------------------------------------------------
+
+
+def test_noncentrality_gives_the_power():
+    value = noncentrality(20.0, 3)
+    assert scipy.stats.ncx2.sf(20.0, 3, value) == pytest.approx(POWER)
+
+
+# ---- the whole -----------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", ["trmm", "trmm_series"])
+def test_built_in_maneuvers_continue_the_scenarios(name):
+    scenario = load(name)
+    for sections in maneuvers(scenario).values():
+        longer = appended(scenario, sections)
+        assert longer.interval[: len(scenario.interval)] == scenario.interval
+        assert len(longer.interval) == len(scenario.interval) + len(sections)
+
+
+def test_a_maneuver_that_does_not_fit_is_refused():
+    section = {"name": "e", "activity": "a", "start_s": -10.0, "stop_s": 100.0, "mode": "+x"}
+    with pytest.raises(InputError, match="time order"):
+        appended(load("trmm"), [section])
+
+
+def test_unknown_effects_are_refused():
+    with pytest.raises(InputError, match="bias_drfit: no such effect"):
+        plan(load("trmm"), effects=["bias_drfit"], extras={})
+
+
+def test_plan_of_a_scenario_with_references_at_the_ends():
+    told = []
+    scenario = override(load("trmm"), {"gyro.sample_s": 10.0})
+    chosen = {name: part for name, part in maneuvers(scenario).items() if name.startswith("roll")}
+    found = plan(scenario, extras=chosen, progress=lambda text, share: told.append(share))
+    assert told == sorted(told)
+    assert {one.effect for one in found.effects} == set(EFFECTS)
+    assert found.degrees_of_freedom == 6
+    assert "6 degrees of freedom" in found.notes[0]
+    by_label = {one.label: one for one in found.effects}
+    assert by_label["time_offset"].verdict != "visible"
+    assert by_label["reference_noise_excess"].verdict == "not identifiable"
+    assert by_label["bias_drift:y"].verdict == "visible"
+    # Steps of different elements cannot be told apart by so few numbers.
+    assert all(np.isnan(one.snr) or one.snr > LIMIT_SNR for one in found.pairs)
+    assert len(found.unordered()) > 20
+    (extra,) = found.extras
+    assert extra.ratio < 1
+    assert all(value < 1 + 1e-9 for label, value in extra.by_effect.items() if not label.startswith("reference"))
+    assert "scale_asymmetry:x" in extra.gained
+    assert extra.resolved

@@ -1,0 +1,187 @@
+"""Whole diagnoses: M0 and wrong noise, effects, what cannot be seen, and the practice recordings with their keys."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from diagnosis.diagnose import FALSE_ALARMS, attitude_p_value, diagnose
+from diagnosis.inference.candidates import build
+from diagnosis.inference.search import Search
+from diagnosis.model.prepare import prepare
+from gyrocal import InputError, load
+from simulator import scenario
+from simulator.effects import EFFECTS, parse
+from simulator.simulate import simulate
+from tests import SHARED
+
+PRACTICE = SHARED / "practice"
+KEYS = json.loads((PRACTICE / "keys.json").read_text()) if PRACTICE.is_dir() else {}
+
+
+@pytest.fixture(scope="module")
+def plan():
+    changes = {"gyro.arw_deg_per_sqrt_s": 1.5e-4, "reference.sigma_deg": (0.005, 0.005, 0.008)}
+    return scenario.override(scenario.load("trmm_series"), changes)
+
+
+def _labels(diagnosis):
+    return [set(cause.group) for cause in diagnosis.causes]
+
+
+def test_m0_has_no_gap_and_says_so(plan):
+    answer = diagnose(simulate(plan, seed=11))
+    assert answer.verdict == "none"
+    assert not answer.present
+    assert answer.causes == ()
+    assert answer.closure is None
+    assert answer.p_value > FALSE_ALARMS
+    document = answer.to_json()
+    assert document["verdict"] == "none"
+    assert json.loads(json.dumps(document)) == document
+
+
+def test_wrong_stated_noise_is_noise_excess_and_nothing_else(plan):
+    """Negative control: M0 data whose header states two thirds of the noise there is, and the references likewise."""
+    recording = simulate(plan, seed=12)
+    gyro = replace(recording, gyro=replace(recording.gyro, arw=recording.gyro.arw / 1.5))
+    answer = diagnose(gyro)
+    assert [(cause.effect, cause.axis) for cause in answer.causes] == [("noise_excess", None)]
+    assert answer.verdict == "named"
+    assert abs(answer.causes[0].size - 1.5) < 4 * answer.causes[0].sigma
+    references = replace(recording, attitudes=replace(recording.attitudes, sigma=recording.attitudes.sigma / 1.5))
+    answer = diagnose(references)
+    assert [(cause.effect, cause.axis) for cause in answer.causes] == [("reference_noise_excess", None)]
+    assert abs(answer.causes[0].size - 1.5) < 4 * answer.causes[0].sigma
+
+
+def test_shuffled_residuals_give_no_cause(plan):
+    """Negative control for the whole attitude side: a strong effect, its residuals in another order."""
+    model = prepare(simulate(plan, seed=13, effects=[parse("bias_orbital:z=0.3")])).model
+    bank = build(model)
+    assert attitude_p_value(model, Search(bank, model.y), 0) < 1e-20
+    rng = np.random.default_rng(14)
+    p = []
+    for _ in range(5):
+        shuffled = model.projected(rng.permutation(model.y) * rng.choice([-1.0, 1.0], model.size))
+        shuffled *= np.sqrt(model.degrees_of_freedom) / np.linalg.norm(shuffled)
+        p.append(attitude_p_value(model, Search(bank, shuffled), 0))
+    assert min(p) > FALSE_ALARMS
+
+
+@pytest.mark.parametrize(
+    ("text", "label", "unit", "biases"),
+    [
+        ("bias_orbital:y=0.25,phase_deg=40", "bias_orbital:y", "deg/h", True),
+        ("scale_asymmetry:y=1200", "scale_asymmetry:y", "ppm", True),
+        ("reference_horizon:x=0.02,phase_deg=-70", "reference_horizon:x", "deg", False),
+    ],
+)
+def test_an_effect_is_named_with_its_size_and_closes_the_gap(plan, text, label, unit, biases):
+    setting = parse(text)
+    answer = diagnose(simulate(plan, seed=15, effects=[setting]))
+    assert answer.verdict == "named"
+    (cause,) = answer.causes
+    assert cause.label == label
+    assert cause.unit == unit
+    assert abs(cause.size - setting.size) < 3.5 * cause.sigma
+    if "phase_deg" in setting.parameters:
+        difference = (cause.parameters["phase_deg"] - setting.parameters["phase_deg"] + 180) % 360 - 180
+        assert abs(difference) < 4 * np.rad2deg(cause.sigma / cause.size)
+    assert answer.closure is not None
+    assert answer.closure.after < answer.closure.before
+    # The calibration with the effect in is nearer to the truth than without.
+    true_G, true_bias = np.array(plan.gyro.true_G), np.deg2rad(plan.gyro.true_bias_deg_s)
+    error = np.append((answer.G - true_G).ravel() / answer.sigma_G.ravel(), (answer.bias - true_bias) / answer.sigma_bias)
+    before = np.append(
+        (answer.baseline_G - true_G).ravel() / answer.sigma_G.ravel(), (answer.baseline_bias - true_bias) / answer.sigma_bias
+    )
+    assert np.abs(error).max() < 4
+    if biases:  # an error of the references about one axis hardly moves G and b
+        assert error @ error < before @ before
+
+
+def test_a_lag_cannot_lead(plan):
+    """Tags that are early have the column of a lag with the wrong sign: only the offset is left."""
+    answer = diagnose(simulate(plan, seed=20, effects=[parse("time_offset=-0.8")]))
+    (cause,) = answer.causes
+    assert cause.group == ("time_offset",)
+    assert abs(cause.size + 0.8) < 3.5 * cause.sigma
+    late = diagnose(simulate(plan, seed=20, effects=[parse("time_offset=0.8")]))
+    assert set(late.causes[0].group) == {"time_offset", "rate_lag"}
+    assert late.verdict == "group"
+
+
+def test_a_correlated_reference_error_is_not_noise_as_well(plan):
+    """With a short time constant its second differences look like noise."""
+    answer = diagnose(simulate(plan, seed=27, effects=[parse("reference_correlated:x=0.012,time_constant_s=200")]))
+    assert [cause.label for cause in answer.causes] == ["reference_correlated:x"]
+
+
+def test_an_effect_left_out_of_the_library_is_unknown(plan):
+    recording = simulate(plan, seed=16, effects=[parse("reference_horizon:x=0.03")])
+    answer = diagnose(recording, library=[name for name in EFFECTS if name != "reference_horizon"])
+    assert answer.verdict == "unknown"
+    assert answer.unknown_probability > 0.5
+    assert answer.causes == ()
+
+
+def test_samples_that_show_an_unlisted_effect_leave_nothing_named(plan):
+    """Whatever the attitude seems to say beside it: it may be an imitation of what has no name."""
+    recording = simulate(plan, seed=9, effects=[parse("rate_saturation:z=0.2"), parse("bias_orbital:x=0.3")])
+    answer = diagnose(recording, library=[name for name in EFFECTS if name != "rate_saturation"])
+    assert answer.verdict == "unknown"
+    assert answer.unknown_probability == 1.0
+    assert [cause.label for cause in answer.causes] == ["bias_orbital:x"]
+
+
+def test_ends_only_says_how_little_it_can_tell():
+    answer = diagnose(simulate(scenario.load("trmm"), seed=17, effects=[parse("bias_drift:y=0.05")]))
+    assert any("6 degrees of freedom" in note for note in answer.notes)
+    assert answer.verdict in ("none", "group", "unknown")  # never a bare name
+
+
+def test_a_constant_reference_offset_changes_nothing_and_is_said_to_be_not_identifiable(plan):
+    recording = simulate(plan, seed=18)
+    offset = Rotation.from_rotvec(np.deg2rad([0.1, -0.2, 0.15]))
+    q = (Rotation.from_quat(recording.attitudes.quaternions) * offset.inv()).as_quat()
+    moved = replace(recording, attitudes=replace(recording.attitudes, quaternions=q))
+    plain, turned = diagnose(recording), diagnose(moved)
+    assert plain.verdict == turned.verdict == "none"
+    assert turned.p_value == pytest.approx(plain.p_value, abs=0.05)
+    assert any("not identifiable" in note for note in turned.notes)
+    assert np.abs(turned.G - plain.G).max() > 1e-3  # it went into G
+
+
+def test_the_same_seed_gives_the_same_answer(plan):
+    recording = simulate(plan, seed=19, effects=[parse("bias_step:z=0.3,time_s=22000")])
+    first, second = (diagnose(recording).to_json() for _ in range(2))
+    first.pop("runtime_s"), second.pop("runtime_s")
+    assert first == second
+
+
+def test_a_library_with_an_effect_there_is_not(plan):
+    with pytest.raises(InputError, match="no such effect: bias_dirft"):
+        diagnose(simulate(plan, seed=1), library=["bias_dirft"])
+
+
+@pytest.mark.skipif(not KEYS, reason="the practice recordings are not beside this checkout")
+@pytest.mark.parametrize("name", sorted(KEYS))
+def test_practice_recordings_answer_as_their_keys(name):
+    answer = diagnose(load(PRACTICE / name))
+    truth = KEYS[name]["effects"]
+    if not truth:
+        assert answer.verdict == "none"
+        return
+    if truth[0]["family"] == "unknown":
+        assert answer.verdict == "unknown"
+        return
+    wanted = [f"{one['family']}:{one['axis']}" if one.get("axis") else one["family"] for one in truth]
+    assert answer.verdict in ("named", "group")
+    assert len(answer.causes) == len(wanted)
+    for label, one in zip(wanted, truth, strict=True):
+        cause = next(cause for cause in answer.causes if label in cause.group)
+        if cause.label == label:
+            assert abs(cause.size - one["size"]) < 3 * cause.sigma + 1e-6 * one["size"]

@@ -1,0 +1,311 @@
+"""The calibrator recovers what is known, in every form it is offered in."""
+
+import numpy as np
+import pytest
+from scipy.optimize import least_squares
+
+from gyrocal import (
+    NAMES,
+    GyroParameters,
+    InputError,
+    RecursiveCalibrator,
+    UnobservableError,
+    attitude,
+    calibrate,
+    residual_table,
+)
+from gyrocal.calibration import normal_equations as accumulation
+from gyrocal.calibration.problem import Problem
+from gyrocal.calibration.propagation import propagate
+from gyrocal.calibration.sampling import measurements
+from tests.builders import PLAN, RPO, TRUTH, piecewise_recording
+
+PRELAUNCH = GyroParameters(
+    np.eye(3) + np.deg2rad([[0, -0.036, 0.006], [0.059, 0, -0.033], [0.005, 0.03, 0]]), np.deg2rad([-1.41e-4, 1.58e-4, 0.86e-4])
+)
+
+
+@pytest.fixture(scope="module")
+def ends():
+    return piecewise_recording()
+
+
+@pytest.fixture(scope="module")
+def series():
+    return piecewise_recording(series_s=150.0)
+
+
+@pytest.mark.parametrize("kind", ["ends", "series"])
+@pytest.mark.parametrize("psi", ["full", "linear"])
+def test_noise_free_piecewise_constant_rates_are_recovered(kind, psi, request):
+    result = calibrate(request.getfixturevalue(kind), psi=psi)
+    assert result.converged
+    np.testing.assert_allclose(result.G, TRUTH.G, rtol=0, atol=1e-10)
+    np.testing.assert_allclose(result.bias, TRUTH.bias, rtol=0, atol=1e-13)
+    assert result.chi2 < 1e-6
+    after = result.residuals.filter(like="after").to_numpy()
+    assert np.abs(after).max() < 1e-9
+
+
+def test_one_iteration_leaves_the_quadratic_term_and_the_second_removes_it(ends):
+    one = calibrate(ends, iterations=1, initial=PRELAUNCH)
+    two = calibrate(ends, iterations=2, initial=PRELAUNCH)
+    assert len(two.corrections) == 2
+    first, second = (np.abs(c.G).max() for c in two.corrections)
+    assert 3e-8 < second < 1e-5 < first  # N Table 5: 1e-3, then 1e-6
+    assert np.abs(one.G - TRUTH.G).max() == pytest.approx(second, rel=0.05)
+    assert np.abs(two.G - TRUTH.G).max() < 1e-8
+
+
+def test_a_wrong_sign_of_the_residual_would_diverge(ends, monkeypatch):
+    monkeypatch.setattr(accumulation, "residuals", lambda *arguments, right=accumulation.residuals: -right(*arguments))
+    result = calibrate(ends, iterations=3)
+    assert np.abs(result.G - TRUTH.G).max() > 4 * np.abs(np.eye(3) - TRUTH.G).max()
+
+
+def test_recursive_calibrator_equals_the_compiled_batch():
+    recording = piecewise_recording(arw=np.deg2rad(2e-4), rng=np.random.default_rng(3), sample_s=2.0)
+    batch = calibrate(recording, iterations=1)
+    A = attitude.matrix_from_quaternion(recording.attitudes.quaternions)
+    recursive = RecursiveCalibrator(batch.initial, arw=recording.gyro.arw)
+    prepared = measurements(recording)
+    theta = []
+    for j, arc in enumerate(prepared.arcs.arc):
+        recursive.start(A[prepared.start[j]], recording.attitudes.sigma[prepared.start[j]])
+        interval = recording.intervals[arc]
+        inside = (recording.gyro.t_s >= interval.start_s) & (recording.gyro.t_s < interval.stop_s)
+        for raw in recording.gyro.rates[inside]:
+            recursive.sample(raw, 2.0)
+        theta.append(recursive.finish(A[prepared.row[j]], recording.attitudes.sigma[prepared.row[j]]))
+    parameters, P = recursive.solve()
+    np.testing.assert_allclose(parameters.vector[:9], batch.parameters.vector[:9], rtol=0, atol=1e-12)
+    np.testing.assert_allclose(parameters.bias, batch.bias, rtol=0, atol=1e-15)
+    np.testing.assert_allclose(P, batch.covariance, rtol=1e-8)
+    before = batch.residuals[["before_roll_deg", "before_pitch_deg", "before_yaw_deg"]].to_numpy()
+    np.testing.assert_allclose(np.rad2deg(theta), before, atol=1e-10)
+
+
+def test_converged_solution_minimises_the_nonlinear_residual():
+    recording = piecewise_recording(arw=np.deg2rad(2e-4), rng=np.random.default_rng(4), sample_s=2.0)
+    prepared = measurements(recording)
+    A = attitude.matrix_from_quaternion(recording.attitudes.quaternions)
+    scale = np.array([1e-4] * 9 + [1e-7] * 3)
+    # Equal weights, so that the minimum does not depend on how V moves with the parameters.
+    weight = np.deg2rad(0.01)
+
+    def residuals(x):
+        parameters = PRELAUNCH.vector + x * scale
+        R = propagate(prepared.arcs, parameters[:9].reshape(3, 3), parameters[9:]).R
+        return attitude.residual(A[prepared.row], R @ A[prepared.start]).ravel() / weight
+
+    oracle = (
+        PRELAUNCH.vector + scale * least_squares(residuals, np.zeros(12), jac="3-point", xtol=1e-15, ftol=1e-15, gtol=1e-15).x
+    )
+    C = np.tile(np.eye(3) * weight**2, (6, 1, 1))
+    result = calibrate(recording, initial=PRELAUNCH, interval_covariance=C)
+    assert result.covariance_model == "given"
+    np.testing.assert_allclose(result.parameters.vector[:9], oracle[:9], rtol=0, atol=1e-9)
+    np.testing.assert_allclose(result.bias, oracle[9:], rtol=0, atol=1e-12)
+
+
+@pytest.mark.parametrize("solve_for", ["bias", "gyro_y", "all,-misalignment", "G_zz,b_x"])
+def test_subset_is_found_when_the_rest_is_right(ends, solve_for):
+    initial = TRUTH.vector.copy()
+    solved = calibrate(ends, solve_for=solve_for, initial=TRUTH).solved_for
+    columns = [NAMES.index(name) for name in solved]
+    initial[columns] += np.where(np.array(columns) < 9, 1e-3, 1e-6)
+    result = calibrate(ends, solve_for=solve_for, initial=GyroParameters.from_vector(initial))
+    np.testing.assert_allclose(result.parameters.vector, TRUTH.vector, rtol=0, atol=1e-10)
+    held = [k for k in range(12) if k not in columns]
+    np.testing.assert_array_equal(result.parameters.vector[held], TRUTH.vector[held])
+    np.testing.assert_array_equal(result.sigma[held], 0)
+    assert (result.sigma[columns] > 0).all()
+
+
+def test_too_few_intervals_end_in_an_error_that_names_what_is_free():
+    recording = piecewise_recording(PLAN[:3])
+    with pytest.raises(UnobservableError) as caught:
+        calibrate(recording)
+    # Nine residuals, twelve parameters: at least three combinations are free.
+    assert len(caught.value.combinations) >= 3
+    assert all(combination in str(caught.value) for combination in caught.value.combinations)
+
+
+def test_unchanging_rate_names_scale_against_bias():
+    plan = tuple((((0.0, -RPO, 0.0), 600.0 + 60 * k),) for k in range(6))
+    recording = piecewise_recording(plan, arw=np.deg2rad(2e-4), rng=np.random.default_rng(8))
+    with pytest.raises(UnobservableError) as caught:
+        calibrate(recording, solve_for="G_yy,b_y")
+    (name,) = caught.value.combinations
+    assert name.startswith("1 G_yy + ")
+    # δG_yy ω_raw + δb_y = 0 with ω_raw ≈ −0.0656 deg/s leaves δb_y = +0.0656 deg/s per unit of δG_yy.
+    assert float(name.split("+ ")[1].split()[0]) == pytest.approx(0.0656, rel=0.01)
+
+
+def test_apriori_covariance_solves_and_flags_the_unobservable():
+    recording = piecewise_recording(PLAN[:3], sigma_deg=0.001)
+    prior = np.diag([1e-3**2] * 9 + [np.deg2rad(1e-4) ** 2] * 3)
+    result = calibrate(recording, initial=PRELAUNCH, apriori_covariance=prior)
+    assert result.converged
+    assert len(result.observability.unobservable) >= 3
+    assert (result.sigma <= np.sqrt(np.diag(prior)) * (1 + 1e-9)).all()
+    assert result.sigma[NAMES.index("G_yy")] < 0.2e-3
+
+
+def test_the_prior_is_counted_once_over_iterations():
+    # A Gaussian prior far tighter than the data keeps the parameters at their initial values however often one iterates.
+    recording = piecewise_recording()
+    prior = np.diag([1e-9**2] * 9 + [1e-13**2] * 3)
+    result = calibrate(recording, initial=PRELAUNCH, apriori_covariance=prior, iterations=5)
+    np.testing.assert_allclose(result.parameters.vector, PRELAUNCH.vector, rtol=0, atol=1e-8)
+    # And for a comparable one the answer is the minimum of the penalised sum: its gradient vanishes.
+    prior = np.diag([1e-4**2] * 9 + [1e-7**2] * 3)
+    few = calibrate(recording, initial=PRELAUNCH, apriori_covariance=prior, iterations=3)
+    many = calibrate(recording, initial=PRELAUNCH, apriori_covariance=prior, iterations=8)
+    np.testing.assert_allclose(few.parameters.vector, many.parameters.vector, rtol=0, atol=1e-10)
+    assert np.abs(few.G - PRELAUNCH.G).max() > 1e-4
+
+
+def test_references_only_claims_less_than_there_is():
+    recording = piecewise_recording(arw=np.deg2rad(2.5e-4), rng=np.random.default_rng(2))
+    paper = calibrate(recording, covariance_model="references only")
+    full = calibrate(recording)
+    assert (paper.sigma < full.sigma).all()
+    assert full.sigma[0] > 1.3 * paper.sigma[0]
+
+
+def test_linear_residual_and_table_without_estimating(ends):
+    table = residual_table(ends, PRELAUNCH)
+    result = calibrate(ends, initial=PRELAUNCH, iterations=1)
+    np.testing.assert_array_equal(table["before_roll_deg"], result.residuals["before_roll_deg"])
+    assert "after_roll_deg" not in table
+    full, linear = table["before_pitch_deg"], table["before_linear_pitch_deg"]
+    assert 0 < np.abs(full - linear).max() < 1e-4
+
+
+def test_skipping_and_averaging_steps():
+    recording = piecewise_recording(arw=np.deg2rad(3e-4), rng=np.random.default_rng(6))
+    fine = calibrate(recording, resampling="average")
+    averaged = calibrate(recording, step_s=2.0, resampling="average")
+    skipped = calibrate(recording, step_s=2.0, resampling="skip")
+    # Means keep the integral, so the answer hardly moves; skipping throws noise averaging away and its sigma says so.
+    assert np.abs((averaged.G - fine.G) / fine.sigma[:9].reshape(3, 3)).max() < 0.05
+    assert (skipped.sigma > 1.2 * fine.sigma).all()
+
+
+def test_wild_residuals_are_refused():
+    recording = piecewise_recording()
+    wrong = GyroParameters(np.eye(3) * 1.5, np.zeros(3))
+    with pytest.raises(InputError, match="too large to linearise"):
+        calibrate(recording, initial=wrong)
+
+
+@pytest.mark.parametrize(
+    ("kwargs", "text"),
+    [
+        ({"iterations": 0}, "at least one iteration"),
+        ({"iterations": None, "max_iterations": 0}, "at least one iteration"),
+        ({"plausible_G": 0.0}, "plausible_G"),
+        ({"max_gap_s": np.nan}, "longest gap"),
+        ({"step_s": np.inf}, "multiple"),
+        ({"step_s": 0.7}, "multiple"),
+        ({"apriori_covariance": np.eye(3)}, "12×12"),
+        ({"apriori_covariance": -np.eye(12)}, "positive definite"),
+        ({"interval_covariance": np.zeros((2, 3, 3))}, "6×3×3"),
+        ({"solve_for": "G_ab"}, "unknown parameter"),
+    ],
+)
+def test_bad_arguments_are_refused(ends, kwargs, text):
+    with pytest.raises(InputError, match=text):
+        calibrate(ends, **kwargs)
+
+
+def test_json_has_the_documented_keys(ends):
+    document = calibrate(ends).to_json()
+    assert {
+        "format", "recording", "psi", "iterations", "converged", "G", "bias_deg_s", "sigma_G", "sigma_bias_deg_s", "parameters",
+        "covariance", "covariance_model", "corrections", "residuals", "unobservable",
+    } <= set(document)  # fmt: skip
+    assert document["parameters"] == list(NAMES)
+    assert np.shape(document["covariance"]) == (12, 12)
+    assert len(document["residuals"]) == 6
+    assert np.rad2deg(1) ** 2 * 1e-30 < document["covariance"][11][11] < 1e-8
+
+
+def test_compiled_iterations_are_those_of_calibrate():
+    recording = piecewise_recording(arw=np.deg2rad(2e-4), rng=np.random.default_rng(7), sample_s=2.0, series_s=300.0)
+    for psi in ("full", "linear"):
+        prepared = measurements(recording)
+        result = calibrate(recording, initial=PRELAUNCH, iterations=2, psi=psi)
+        compiled = Problem.of(recording, prepared).iterate(PRELAUNCH.vector, 2, psi)
+        np.testing.assert_allclose(compiled.x[-1][:9], result.parameters.vector[:9], rtol=0, atol=1e-13)
+        np.testing.assert_allclose(compiled.x[-1][9:], result.bias, rtol=0, atol=1e-16)
+        np.testing.assert_allclose(compiled.theta, result.history, rtol=0, atol=1e-13)
+        np.testing.assert_allclose(compiled.P, result.covariance, rtol=1e-9)
+        assert compiled.chi2 == pytest.approx(result.chi2, rel=1e-9)
+
+
+def test_not_looking_back_changes_nothing_but_what_is_looked_at():
+    recording = piecewise_recording(arw=np.deg2rad(2e-4), rng=np.random.default_rng(7), sample_s=2.0)
+    problem = Problem.of(recording, measurements(recording))
+    full, short = (problem.iterate(PRELAUNCH.vector, 1, look_back=look) for look in (True, False))
+    np.testing.assert_array_equal(full.x, short.x)
+    np.testing.assert_array_equal(full.P, short.P)
+    np.testing.assert_array_equal(full.theta[0], short.theta[0])
+    assert np.isnan(short.theta[1]).all()
+    assert np.isnan(short.chi2)
+
+
+def test_a_prepared_problem_takes_another_cases_data():
+    first, second = (
+        piecewise_recording(arw=np.deg2rad(2e-4), rng=np.random.default_rng(seed), sample_s=2.0) for seed in (1, 2)
+    )
+    prepared = Problem.of(first, measurements(first, 4.0, "average"))
+    A = attitude.matrix_from_quaternion(second.attitudes.quaternions)
+    moved = prepared.with_case(second.gyro.rates, A).iterate(PRELAUNCH.vector, 2)
+    expected = calibrate(second, initial=PRELAUNCH, iterations=2, step_s=4.0, resampling="average")
+    np.testing.assert_allclose(moved.x[-1], expected.parameters.vector, rtol=0, atol=1e-13)
+    np.testing.assert_array_equal(prepared.measurements.arcs.raw, measurements(first, 4.0, "average").arcs.raw)
+
+
+@pytest.mark.parametrize("size", [0.0, 1e-12, 0.99e-9, 1.01e-9, 1e-6, 0.1, 2.0, 3.0])
+def test_compiled_residual_is_the_rotation_vector(size):
+    theta = size * np.array([0.6, -0.64, 0.48])
+    A, R = attitude.rotation_matrix(np.array([0.4, -1.0, 0.3])), attitude.rotation_matrix(np.array([-0.2, 0.1, 2.0]))
+    A_obs = attitude.rotation_matrix(theta) @ R @ A
+    np.testing.assert_allclose(accumulation.residuals(R[None], A[None], A_obs[None])[0], theta, atol=1e-14)
+    np.testing.assert_allclose(attitude.residual(A_obs, R @ A), theta, atol=1e-14)
+
+
+def test_chi2_with_a_prior_has_the_degrees_of_freedom_it_claims():
+    """60 good recordings: the mean of χ² is its degrees of freedom, with a prior as without; 5 standard errors."""
+    prior = np.diag([1e-3**2] * 9 + [np.deg2rad(1e-4) ** 2] * 3)
+    rng = np.random.default_rng(9)
+    drawn = {None: [], "prior": []}
+    dofs = {}
+    for seed in range(60):
+        recording = piecewise_recording(arw=np.deg2rad(2e-4), rng=np.random.default_rng(seed), sample_s=10.0, series_s=300.0)
+        initial = GyroParameters.from_vector(TRUTH.vector + rng.normal(size=12) * np.sqrt(np.diag(prior)))
+        for key, covariance in ((None, None), ("prior", prior)):
+            result = calibrate(recording, initial=initial, apriori_covariance=covariance)
+            drawn[key].append(result.chi2)
+            dofs[key] = result.dof
+    assert dofs["prior"] == dofs[None] + 12
+    for key, values in drawn.items():
+        assert np.mean(values) == pytest.approx(dofs[key], abs=5 * np.sqrt(2 * dofs[key] / 60))
+
+
+def test_residual_sigma_is_that_of_the_covariance():
+    recording = piecewise_recording(arw=np.deg2rad(2e-4), sigma_deg=0.01)
+    result = calibrate(recording, initial=TRUTH)
+    T = np.array([interval.stop_s - interval.start_s for interval in recording.intervals])
+    expected = np.sqrt(2 * 0.01**2 + 2e-4**2 * T)  # both ends and the gyro; isotropic, so rotations do not matter
+    np.testing.assert_allclose(result.residuals["sigma_pitch_deg"], expected, rtol=1e-9)
+
+
+def test_plausible_range_decides_what_counts_as_found():
+    recording = piecewise_recording(PLAN[1:2], sigma_deg=1.0)
+    with pytest.raises(UnobservableError, match="9 deg/h in b") as caught:
+        calibrate(recording, solve_for="bias", plausible_bias=np.deg2rad(9 / 3600))
+    assert len(caught.value.combinations) >= 1
+    assert calibrate(recording, solve_for="bias", plausible_bias=np.deg2rad(100 / 3600)).observability.unobservable == ()

@@ -1,0 +1,42 @@
+"""Recordings by an independent program, with its own integrator and noise; they lie beside the checkout, not in it."""
+
+import json
+
+import numpy as np
+import pytest
+import scipy.stats
+
+from gyrocal import calibrate, load
+from tests import SHARED
+
+FOLDER = SHARED / "practice"
+KEYS = json.loads((FOLDER / "keys.json").read_text()) if FOLDER.is_dir() else {}
+
+pytestmark = pytest.mark.skipif(not KEYS, reason="the practice recordings are not beside this checkout")
+
+
+@pytest.mark.parametrize("name", sorted(KEYS))
+def test_every_recording_is_loaded_and_calibrated(name):
+    result = calibrate(load(FOLDER / name))
+    assert result.converged
+    assert result.observability.unobservable == ()
+    assert (result.sigma > 0).all()
+
+
+@pytest.mark.parametrize("name", sorted(name for name, key in KEYS.items() if not key["effects"]))
+def test_without_effect_the_key_is_recovered_within_sigma(name):
+    key = KEYS[name]
+    result = calibrate(load(FOLDER / name))
+    truth = np.concatenate([np.ravel(key["true_G"]), np.deg2rad(key["true_bias_deg_s"])])
+    error = result.parameters.vector - truth
+    assert np.abs(error / result.sigma).max() < 3.5  # of 12: 0.6 % by chance
+    nees = error @ np.linalg.solve(result.covariance, error)
+    assert 0.005 < scipy.stats.chi2.sf(nees, 12) < 0.995
+    assert 0.005 < result.p_value < 0.995
+
+
+def test_an_effect_is_felt():
+    """Negative control: the largest of the injected effects breaks the recovery and the fit."""
+    name = next(name for name, key in KEYS.items() if key["effects"] and key["effects"][0]["family"] == "rate_saturation")
+    result = calibrate(load(FOLDER / name))
+    assert result.p_value < 1e-6

@@ -1,0 +1,236 @@
+"""Batch reference attitudes: right without noise, covered with it, and refused where nothing determines them."""
+
+import numpy as np
+import pytest
+import scipy.stats
+
+from gyrocal import InputError, UnobservableError
+from gyrocal.attitude import residual, rotation_matrix
+from gyrocal.estimation.arc import Columns, Estimate, columns, linearise, measured_times, stretch
+from gyrocal.estimation.batch import batch
+from simulator.streams import generator
+from studies.estimation.attitude_cases import SUN, TRUE_BIAS, direction_sensor, flight, measured, nadir
+from tests.builders import TRUE_G
+
+SIGMA = 1e-3
+TIMES = np.array([0.0, 1000.0, 2746.0, 5488.0])
+EPOCH = 1000.0
+TURN = rotation_matrix(np.array([0.05, -0.03, 0.02]))
+CASES = 200
+
+
+@pytest.fixture(scope="module")
+def motion():
+    return flight()
+
+
+def sensors(motion, rng=None, low=0.0, high=5490.0, every_s=30.0):
+    """A Sun sensor that sees it for part of the orbit, and one that sees the direction to the Earth."""
+    t = np.arange(low, high, every_s)
+    visible = np.abs((motion.at(t) @ SUN)[:, 0]) > 0.6
+    return [
+        measured(motion, direction_sensor("sun", np.tile(SUN, (t.size, 1))), t, SIGMA, visible, rng),
+        measured(motion, direction_sensor("earth", nadir(t)), t, SIGMA, rng=rng),
+    ]
+
+
+def inside(values, p, confidence=0.999):
+    """Whether the mean of NEES values is that of χ² with p degrees of freedom."""
+    n = len(values)
+    low, high = scipy.stats.chi2.ppf([(1 - confidence) / 2, (1 + confidence) / 2], n * p) / n
+    return low < np.mean(values) < high
+
+
+def nees(error, covariance):
+    return error @ np.linalg.solve(covariance, error)
+
+
+@pytest.mark.parametrize("weighting", ["exact", "plain"])
+def test_noise_free_attitudes_are_those_flown_also_beyond_the_measurements(motion, weighting):
+    series = sensors(motion, low=300.0, high=4500.0)
+    found = batch(series, motion.gyro(), TURN @ motion.at(EPOCH), epoch_s=EPOCH, times=TIMES, weighting=weighting)
+    np.testing.assert_allclose(found.bias, TRUE_BIAS, rtol=0, atol=1e-15)
+    np.testing.assert_allclose(found.attitude, motion.at(EPOCH), rtol=0, atol=1e-11)
+    np.testing.assert_allclose(found.attitudes, motion.at(TIMES), rtol=0, atol=1e-11)
+    assert found.chi2 < 1e-12
+    assert 2 <= found.iterations <= 8
+    assert found.dof == sum(one.used.sum() for one in series) - 6
+    assert (np.diff(found.attitude_sigma[1:], axis=0)[-1] > 0).all()  # extrapolated by 988 s
+
+
+def test_an_error_of_G_acts_as_a_bias_while_the_rate_is_constant():
+    motion = flight(G=TRUE_G, known_G=np.eye(3))
+    found = batch(sensors(motion), motion.gyro(), motion.at(0.0), times=TIMES)
+    np.testing.assert_allclose(found.attitudes, motion.at(TIMES), rtol=0, atol=1e-11)
+    np.testing.assert_allclose(found.bias, TRUE_BIAS + (TRUE_G - np.eye(3)) @ motion.raw[0], rtol=0, atol=1e-14)  # R (8)
+
+
+def test_rows_are_the_derivatives_of_the_residuals(motion):
+    series = sensors(motion, every_s=200.0)
+    solved = columns(series, {"sun": ("m_x", "m_z"), "earth": ("m_y",)})
+    path = stretch(motion.gyro(), measured_times(series), np.eye(3))
+    estimate = Estimate(
+        np.tile(TURN @ motion.at(0.0), (len(path.t), 1, 1)), 1.5 * TRUE_BIAS, tuple(one.model for one in series)
+    )
+    state = linearise(path, series, estimate, solved)
+    for k, size in enumerate([1e-6] * 3 + [1e-10] * 3 + [1e-6] * 3):
+        step = np.zeros(9)
+        step[k] = size
+        ends = []
+        for sign in (1, -1):
+            C = rotation_matrix(sign * step[:3]) @ estimate.C
+            models = solved.corrected(estimate.models, sign * step[6:])
+            ends.append(linearise(path, series, Estimate(C, estimate.bias + sign * step[3:6], models), solved).rows.z)
+        slope = (ends[1] - ends[0]) / (2 * size)  # z = measured − predicted
+        np.testing.assert_allclose(state.rows.plain[:, k], slope, rtol=0, atol=1e-7 * np.abs(slope).max() + 1e-6)
+
+
+@pytest.fixture(scope="module")
+def cases(motion):
+    """NEES of epoch attitude and bias, of four attitudes together, and χ², for each way of treating the gyro noise."""
+    ways = {
+        "exact": {"weighting": "exact"},
+        "plain": {"weighting": "plain"},
+        "formal": {"weighting": "plain", "covariance_model": "measurements only"},
+    }
+    out = {way: [] for way in ways}
+    for case in range(CASES):
+        rng = generator(51, case, "batch")
+        gyro, series = motion.gyro(rng), sensors(motion, rng)
+        for way, options in ways.items():
+            found = batch(series, gyro, motion.at(EPOCH), epoch_s=EPOCH, times=TIMES, **options)
+            error = np.concatenate([residual(motion.at(EPOCH), found.attitude), TRUE_BIAS - found.bias])
+            many = residual(motion.at(TIMES), found.attitudes).ravel()
+            # Without gyro noise four attitudes have six errors only.
+            together = np.nan if way == "formal" else nees(many, found.attitude_covariance)
+            out[way].append((nees(error, found.covariance), together, found.chi2))
+        dof = found.dof
+    return {way: np.array(values).T for way, values in out.items()}, dof
+
+
+@pytest.mark.parametrize("way", ["exact", "plain"])
+def test_errors_are_covered_one_by_one_and_together(cases, way):
+    alone, together, _ = cases[0][way]
+    assert inside(alone, 6)
+    assert inside(together, 12)
+
+
+def test_the_formal_covariance_of_plain_least_squares_is_far_too_small(cases):
+    alone, _, _ = cases[0]["formal"]
+    assert np.mean(alone) > 2.5 * 6
+    assert not inside(alone, 6)
+
+
+def test_chi2_is_that_of_the_weighted_noise_and_not_of_plain_residuals(cases):
+    values, dof = cases
+    assert inside(values["exact"][2], dof)
+    assert scipy.stats.kstest(scipy.stats.chi2.cdf(values["exact"][2], dof), "uniform").pvalue > 1e-3
+
+
+def test_exact_is_never_worse_than_plain_and_both_are_one_without_gyro_noise(motion):
+    series = sensors(motion)
+    options = {"epoch_s": EPOCH, "times": TIMES}
+    exact = batch(series, motion.gyro(), motion.at(EPOCH), **options)
+    plain = batch(series, motion.gyro(), motion.at(EPOCH), weighting="plain", **options)
+    for found in (exact, plain):
+        assert np.linalg.eigvalsh(found.attitude_covariance)[0] > 0
+    scale = np.sqrt(np.diag(exact.joint))
+    gain = np.linalg.eigvalsh((plain.joint - exact.joint) / np.outer(scale, scale))
+    assert gain[0] > -1e-9
+    assert gain[-1] > 0.1
+    quiet = flight(arw=0.0)
+    exact, plain, formal = (
+        batch(series, quiet.gyro(), quiet.at(EPOCH), weighting=weighting, covariance_model=model, **options)
+        for weighting, model in (("exact", "full"), ("plain", "full"), ("plain", "measurements only"))
+    )
+    np.testing.assert_allclose(exact.joint, plain.joint, rtol=1e-12)
+    np.testing.assert_allclose(plain.joint, formal.joint, rtol=1e-12)
+
+
+def test_a_faint_walk_joins_the_plain_solution_smoothly(motion):
+    """Where exact weighting hands over to the better conditioned plain one, they agree."""
+    series = sensors(motion)
+    for arw in (1e-9, 5e-9, 1e-8, 2e-8):  # the hand-over is near 7e-9
+        faint = flight(arw=arw)
+        exact = batch(series, faint.gyro(), faint.at(0.0), times=TIMES)
+        plain = batch(series, faint.gyro(), faint.at(0.0), times=TIMES, weighting="plain")
+        np.testing.assert_allclose(exact.attitude_sigma, plain.attitude_sigma, rtol=1e-3)
+        assert (exact.attitude_sigma <= plain.attitude_sigma * (1 + 1e-7)).all()
+
+
+def test_a_wanted_time_at_the_epoch_is_the_epoch(motion):
+    found = batch(sensors(motion), motion.gyro(generator(51, 0, "one")), motion.at(EPOCH), epoch_s=EPOCH, times=TIMES)
+    np.testing.assert_allclose(found.attitudes[1], found.attitude, atol=1e-14)
+    np.testing.assert_allclose(found.attitude_covariance[3:6, 3:6], found.covariance[:3, :3], rtol=1e-9)
+    moved = batch(sensors(motion), motion.gyro(generator(51, 0, "one")), motion.at(0.0), times=TIMES)
+    np.testing.assert_allclose(moved.attitudes, found.attitudes, atol=1e-9)  # the epoch is a label
+    np.testing.assert_allclose(moved.attitude_covariance, found.attitude_covariance, rtol=1e-5)
+
+
+def test_a_prior_of_the_bias_is_one_more_measurement(motion):
+    rng = generator(51, 0, "prior")
+    gyro, series = motion.gyro(rng), sensors(motion, rng)
+    free = batch(series, gyro, motion.at(0.0))
+    loose = batch(series, gyro, motion.at(0.0), bias_sigma=np.full(3, 1.0))
+    np.testing.assert_allclose(loose.covariance, free.covariance, rtol=1e-9)
+    assert loose.dof == free.dof + 3
+    tight = batch(series, gyro, motion.at(0.0), bias_sigma=np.full(3, 1e-13))
+    np.testing.assert_allclose(tight.bias, gyro.apriori_bias, atol=1e-12)
+    assert tight.chi2 > free.chi2 + 100  # the a-priori bias is zero
+    sigma = np.full(3, 2e-8)
+    between = batch(series, gyro, motion.at(0.0), bias_sigma=sigma)
+    combined = np.linalg.inv(np.linalg.inv(free.covariance) + np.diag(np.append(np.zeros(3), sigma**-2)))
+    scale = np.sqrt(np.diag(combined))
+    # Not to rounding: the prior moves the bias, and the sensitivities with it.
+    np.testing.assert_allclose(between.covariance / np.outer(scale, scale), combined / np.outer(scale, scale), atol=5e-3)
+
+
+def test_residuals_are_in_the_unit_of_the_measurements(motion):
+    rng = generator(51, 0, "residuals")
+    series = sensors(motion, rng)
+    found = batch(series, motion.gyro(rng), motion.at(0.0))
+    for one, error in zip(series, found.residuals, strict=True):
+        np.testing.assert_array_equal(np.isnan(error), ~one.used)
+        assert np.nanstd(error) == pytest.approx(SIGMA, rel=0.1)
+
+
+def test_one_sun_direction_leaves_the_rotation_about_it(motion):
+    series = sensors(motion)
+    with pytest.raises(UnobservableError) as caught:
+        batch(series[:1], motion.gyro(), motion.at(0.0))
+    assert len(caught.value.combinations) == 1
+    axis = np.array([float(x) for x in caught.value.combinations[0].partition("(")[2].rstrip(")").split(",")])
+    np.testing.assert_allclose(np.abs(axis @ SUN), 1, atol=1e-3)
+    assert "\n" not in str(caught.value)
+    batch(series, motion.gyro(), motion.at(0.0))
+
+
+def test_what_goes_with_a_free_rotation_is_named(motion):
+    with pytest.raises(UnobservableError, match=r"about the inertial direction .* together with .*sun m_"):
+        batch(sensors(motion), motion.gyro(), motion.at(0.0), free=dict.fromkeys(("sun", "earth"), ("m_x", "m_y", "m_z")))
+
+
+def test_what_cannot_be_used_is_refused_in_one_line(motion):
+    gyro, series = motion.gyro(), sensors(motion)
+    start = motion.at(0.0)
+    few = sensors(motion, high=1.0)
+    for match, arguments, options in (
+        ("none to be used", ([], gyro, start), {}),
+        ("two different times", (few, gyro, start), {}),
+        ("too few for", ([sensors(motion, high=31.0)[1]], gyro, start), {"free": {"earth": ("m_x",)}}),
+        ("no gyro samples between", (series, gyro, start), {"times": [6000.0]}),
+        ("did not converge", (series, gyro, start), {"max_iterations": 1}),
+        ("rotation matrix", (series, gyro, 2 * start), {}),
+        ("one name", ([series[0], series[0]], gyro, start), {}),
+        ("no measurements of sensor 'moon'", (series, gyro, start), {"free": {"moon": ("m_x",)}}),
+        ("no parameter 'm_w'", (series, gyro, start), {"free": {"sun": ("m_w",)}}),
+        ("bias_sigma", (series, gyro, start), {"bias_sigma": np.zeros(3)}),
+        ("full", (series, gyro, start), {"covariance_model": "measurements only"}),
+    ):
+        with pytest.raises(InputError, match=match) as caught:
+            batch(*arguments, **options)
+        assert "\n" not in str(caught.value)
+
+
+def test_no_sensor_parameter_is_a_set_of_columns_too(motion):
+    assert columns(sensors(motion), {}) == Columns((), *(pytest.approx(np.zeros(0)),) * 2)

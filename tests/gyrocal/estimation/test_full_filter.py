@@ -1,0 +1,142 @@
+"""The filter of all twelve: the Davenport solution where both hold, and what it does with sensors that do not fit."""
+
+from dataclasses import dataclass
+
+import numpy as np
+import pytest
+
+from gyrocal import InputError, attitude, calibrate
+from gyrocal.estimation.full_filter import Leg, change_chi2, run_legs, starting_covariance
+from gyrocal.estimation.mekf import KalmanFilter, nees
+from gyrocal.sensors.series import SensorSeries
+from studies.estimation.filter_cases import ARW, fly, full_and_separate, parameters_near, prior, stream, vectors
+from tests.builders import TRUTH, mean_bounds, piecewise_recording
+
+OFFSET = np.deg2rad(0.04)
+
+
+@dataclass(frozen=True)
+class AttitudeModel:
+    """Compares the attitude with measured ones A_obs (n, 3, 3); the measurement to go with it is zero."""
+
+    A_obs: np.ndarray
+    name: str = "attitudes"
+    size: int = 3
+    parameters: tuple[str, ...] = ()
+
+    def predict(self, A, rows):
+        return attitude.residual(A, self.A_obs[rows])
+
+    def jacobian(self, A, rows):
+        return np.tile(np.eye(3), (len(A), 1, 1))
+
+    def partials(self, A, rows):
+        return np.zeros((len(A), 3, 0))
+
+    def corrected(self, change):
+        return self
+
+
+def error_nees(x, P):
+    return nees((x - TRUTH.vector)[None], P[None])[0]
+
+
+def ends_only(seed, sigma_G, sigma_b):
+    """The same recording by the filter, which meets an attitude at each end of the maneuvers, and by the calibration."""
+    rng = np.random.default_rng([31, seed])
+    apriori = parameters_near(rng, sigma_G, sigma_b)
+    recording = piecewise_recording(rng=rng, arw=ARW, apriori=apriori)
+    A = attitude.matrix_from_quaternion(recording.attitudes.quaternions)
+    series = SensorSeries(AttitudeModel(A), recording.attitudes.t_s, np.zeros((len(A), 3)), recording.attitudes.sigma)
+    legs = [Leg(one.name, one.start_s, one.stop_s, A[2 * k]) for k, one in enumerate(recording.intervals)]
+    P0 = prior(sigma_G, sigma_b)
+    estimator = KalmanFilter(A[0], apriori, starting_covariance(1.0, P0), ARW, names="all")
+    full = run_legs(estimator, recording.gyro, [series], legs, restart_sigma=1.0)
+    return full, calibrate(recording, apriori_covariance=P0)
+
+
+def test_equals_the_calibration_where_both_linearise():
+    full, ground = ends_only(0, 1e-6, 1e-9)
+    assert np.abs((full.parameters.vector - ground.parameters.vector) / ground.sigma).max() < 1e-6
+    scale = np.outer(ground.sigma, ground.sigma)
+    # The attitude before the first measurement of an interval is known to 1 rad against 1e-4.
+    np.testing.assert_allclose(full.covariance / scale, ground.covariance / scale, atol=1e-6)
+
+
+def test_linearised_once_it_misses_what_an_iteration_finds():
+    """One percent of errors in G, measurements at the ends of maneuvers only."""
+    cases = 10
+    results = [ends_only(seed, 1e-2, np.deg2rad(1e-3)) for seed in range(cases)]
+    full = np.mean([error_nees(one.parameters.vector, one.covariance) for one, _ in results])
+    ground = np.mean([error_nees(one.parameters.vector, one.covariance) for _, one in results])
+    low, high = mean_bounds(12, cases)
+    assert low < ground < high
+    assert full > 3 * high
+    misses = [[np.square(one.parameters.G - TRUTH.G).mean() for one in pair] for pair in results]
+    rms_full, rms_ground = np.sqrt(np.mean(misses, axis=0))
+    assert rms_full > 1.5 * rms_ground
+
+
+def study(cases, offset_sigma=0.0, reference_sigma=0.0):
+    """Means over seeds: NEES of both, innovations and changes per degree of freedom, mean square of G."""
+    rows = []
+    for seed in range(cases):
+        full, ((separate, P),) = full_and_separate(np.random.default_rng([32, seed]), offset_sigma, (reference_sigma,))
+        rows.append(
+            {
+                "full": error_nees(full.parameters.vector, full.covariance),
+                "separate": error_nees(separate.vector, P),
+                "nis": full.mean_nis,
+                "changes": sum(one.chi2 for one in full.changes) / sum(one.dof for one in full.changes),
+                "full_G": np.square(full.parameters.G - TRUTH.G).mean(),
+                "separate_G": np.square(separate.G - TRUTH.G).mean(),
+                "dof": sum(one.dof for one in full.changes),
+            }
+        )
+    return {key: float(np.mean([row[key] for row in rows])) for key in rows[0]}
+
+
+def test_right_model():
+    """Consistent, and better than the separate scheme: it also uses what the sensors see within a maneuver."""
+    cases = 25
+    found = study(cases)
+    low, high = mean_bounds(12, cases)
+    assert low < found["full"] < high
+    assert low < found["separate"] < high
+    assert abs(found["nis"] - 1) < 4 * np.sqrt(2 / (cases * 1420 * 6))
+    assert abs(found["changes"] - 1) < 4 * np.sqrt(2 / (cases * found["dof"]))
+    assert found["full_G"] < found["separate_G"]
+
+
+def test_a_misaligned_sensor_makes_it_too_sure():
+    """An alignment error as large as a measurement's noise hardly shows in the innovations, but in the changes."""
+    cases = 15
+    found = study(cases, offset_sigma=OFFSET, reference_sigma=OFFSET)
+    high = mean_bounds(12, cases)[1]
+    assert found["full"] > 5 * high
+    assert found["separate"] < high  # the same error stated once for each reference
+    assert found["nis"] < 1.1
+    assert found["changes"] > 1 + 6 * np.sqrt(2 / (cases * found["dof"]))
+    unstated = study(5, offset_sigma=OFFSET)
+    assert unstated["separate"] > high  # not stated, the separate scheme is too sure as well
+
+
+def test_change_of_an_estimate_by_hand():
+    before, after = np.diag([4.0, 9.0, 1.0]), np.diag([1.0, 9.0, 0.5])
+    chi2, dof = change_chi2(np.array([3.0, 0.1, 1.0]), before, after)
+    assert dof == 2  # nothing has been told about the second
+    np.testing.assert_allclose(chi2, 9.0 / 3.0 + 1.0 / 0.5)
+    # Whatever the basis: the same in mixed parameters.
+    T = np.random.default_rng(0).normal(size=(3, 3))
+    mixed = change_chi2(T @ [3.0, 0.1, 1.0], T @ before @ T.T, T @ after @ T.T)
+    np.testing.assert_allclose(mixed, (chi2, dof))
+
+
+def test_wrong_use():
+    flight = fly(length=100.0)
+    gyro = stream(flight)
+    estimator = KalmanFilter(flight.A[0], TRUTH, starting_covariance(0.1, prior()), ARW, names="all")
+    with pytest.raises(InputError, match="no legs"):
+        run_legs(estimator, gyro, [], [])
+    with pytest.raises(InputError, match="without an attitude"):
+        run_legs(estimator, gyro, [vectors(flight)], [Leg("a", 0.0, 40.0), Leg("b", 50.0, 60.0)])

@@ -1,0 +1,235 @@
+"""The attitude and bias filter against least squares, the truth over many seeds, and its own step-by-step form."""
+
+import dataclasses
+import time
+
+import numpy as np
+import pytest
+
+from gyrocal import GyroParameters, InputError, attitude
+from gyrocal.estimation.filter_run import run
+from gyrocal.estimation.mekf import KalmanFilter, nees, state_errors
+from gyrocal.sensors.series import SensorSeries
+from studies.estimation.filter_cases import ARW, NOISE, VectorModel, Y, Z, fly, stream, vectors
+from tests.builders import TRUTH, mean_bounds
+
+SIGMA = np.repeat([np.deg2rad(0.5), np.deg2rad(1e-3)], 3)
+P0 = np.diag(SIGMA**2)
+TIMES = np.array([600.0, 2200.0, 4000.0])
+
+
+@pytest.fixture(scope="module")
+def flight():
+    return fly([(Z, 180.0, 1500.0, 800.0)], 4000.0)
+
+
+def started(flight, rng, arw=ARW, scale=1.0, **options):
+    """A filter whose start is off by a draw from its covariance."""
+    off = rng.standard_normal(6) * SIGMA * scale
+    A = attitude.rotation_matrix(-off[:3]) @ flight.A[0]
+    return KalmanFilter(A, GyroParameters(TRUTH.G, TRUTH.bias + off[3:]), P0 * scale**2, arw, **options)
+
+
+def errors_of(flight, found):
+    return state_errors(found.A, found.x, found.names, flight.at(found.t), TRUTH)
+
+
+def test_estimate_is_the_least_squares_solution():
+    """All of it at once: prior, correlated gyro noise and measurements, linearised at the truth; errors are small."""
+    scale = 1e-4
+    flight = fly([(Z, 20.0, 100.0, 120.0)], 300.0, sample_s=2.0)
+    rng = np.random.default_rng(4)
+    gyro = stream(flight, rng, arw=ARW * scale)
+    series = vectors(flight, rng, every=20.0, sigma=NOISE * scale)
+    start = started(flight, rng, arw=ARW * scale, scale=scale)
+    A0, x0 = start.A.copy(), start.x.copy()
+    found = run(start, gyro, [series], 0.0, np.array([300.0]))
+    # States at all measurement times as linear maps of (state at 0, noise of each sample).
+    steps = len(gyro.t_s)
+    maps, A = [np.hstack([np.eye(6), np.zeros((6, 3 * steps))])], [A0]
+    probe = KalmanFilter(A0, GyroParameters.from_vector(x0), P0, 0.0)
+    for k in range(steps):
+        R, B = probe.step(gyro.rates[k], 2.0)
+        Phi = np.block([[R, B], [np.zeros((3, 3)), np.eye(3)]])
+        following = Phi @ maps[-1]
+        following[:3, 6 + 3 * k : 9 + 3 * k] += np.eye(3)
+        maps.append(following)
+        A.append(probe.A.copy())
+    rows, z = [], []
+    for k, t in enumerate(series.t):
+        at = np.array(A)[[round(t / 2.0)]]
+        jacobian = series.model.jacobian(at, np.array([k]))[0]
+        rows.append(jacobian @ maps[round(t / 2.0)][:3] / (NOISE * scale))
+        z.append((series.y[k] - series.model.predict(at, np.array([k]))[0]) / (NOISE * scale))
+    prior = np.concatenate([1 / (SIGMA * scale), np.full(3 * steps, 1 / (ARW * scale * np.sqrt(2.0)))])
+    H = np.vstack([np.diag(prior), *rows])
+    solution = np.linalg.lstsq(H, np.concatenate([np.zeros(len(prior)), *z]), rcond=None)[0]
+    covariance = maps[-1] @ np.linalg.inv(H.T @ H) @ maps[-1].T
+    state = maps[-1] @ solution
+    own = np.concatenate([attitude.residual(found.A[-1], A[-1]), x0[9:] - found.bias[-1]])
+    sigma = np.sqrt(np.diag(covariance))
+    np.testing.assert_allclose(own / sigma, state / sigma, atol=1e-4)
+    np.testing.assert_allclose(found.covariance[-1] / np.outer(sigma, sigma), covariance / np.outer(sigma, sigma), atol=1e-5)
+
+
+def test_consistent_over_seeds_and_not_when_told_too_little_noise(flight):
+    cases = 40
+    results = {}
+    for label, told in (("right", ARW), ("understated", ARW / 4)):
+        values, innovations = [], []
+        for seed in range(cases):
+            rng = np.random.default_rng([11, seed])
+            estimator = started(flight, rng, arw=told)
+            found = run(estimator, stream(flight, rng), [vectors(flight, rng)], 0.0, TIMES)
+            values.append(nees(errors_of(flight, found), found.covariance))
+            innovations.append(found.innovations.nis)
+        results[label] = np.mean(values, axis=0), np.mean(innovations)
+    low, high = mean_bounds(6, cases)
+    assert (results["right"][0] > low).all()
+    assert (results["right"][0] < high).all()
+    low, high = mean_bounds(6, cases * 401)  # innovations are white
+    assert low < results["right"][1] < high
+    assert (results["understated"][0] > mean_bounds(6, cases)[1]).all()
+    assert results["understated"][1] > high
+
+
+def test_a_walking_bias_is_followed_by_a_filter_that_knows(flight):
+    walk, cases = np.deg2rad(4e-6), 40
+    values = {walk: [], 0.0: []}
+    for seed in range(cases):
+        for told in values:
+            rng = np.random.default_rng([12, seed])
+            estimator = started(flight, rng, rate_random_walk=told)
+            # The walk within a sample adds (walk^2 dt^3 / 3) to the angle, a ten-thousandth of the white noise's.
+            steps = walk * rng.standard_normal(flight.rates.shape)
+            bias = TRUTH.bias + np.cumsum(steps, axis=0)
+            found = run(estimator, stream(flight, rng, bias=bias), [vectors(flight, rng)], 0.0, TIMES[-1:])
+            truth = GyroParameters(TRUTH.G, bias[-1])
+            error = state_errors(found.A, found.x, found.names, flight.A[-1:], truth)
+            values[told].append(nees(error, found.covariance)[0])
+    low, high = mean_bounds(6, cases)
+    assert low < np.mean(values[walk]) < high
+    assert np.mean(values[0.0]) > high
+
+
+def test_gate_keeps_outliers_out(flight):
+    rng = np.random.default_rng(13)
+    gyro, series = stream(flight, rng), vectors(flight, rng)
+    bad = rng.random(len(series.t)) < 0.05
+    bad[:10] = False
+    spoilt = dataclasses.replace(series, y=series.y + np.where(bad[:, None], 50 * NOISE, 0.0))
+    gated = started(flight, np.random.default_rng(14), gate=1e-6)
+    open_to_all = started(flight, np.random.default_rng(14))
+    clean = started(flight, np.random.default_rng(14))
+    found = run(gated, gyro, [spoilt], 0.0, TIMES)
+    without = run(open_to_all, gyro, [spoilt], 0.0, TIMES)
+    reference = run(clean, gyro, [dataclasses.replace(series, sigma=np.where(bad[:, None], np.inf, series.sigma))], 0.0, TIMES)
+    assert found.rejected == gated.rejected == bad.sum() == (~found.innovations.accepted).sum()
+    np.testing.assert_array_equal(found.innovations.row[~found.innovations.accepted], np.flatnonzero(bad))
+    np.testing.assert_allclose(found.x, reference.x, rtol=1e-12)
+    assert nees(errors_of(flight, found), found.covariance).max() < 30
+    assert nees(errors_of(flight, without), without.covariance).max() > 100
+    assert without.rejected == 0
+
+
+def test_run_is_the_step_by_step_form(flight):
+    rng = np.random.default_rng(15)
+    gyro, series = stream(flight, rng), vectors(flight, rng)
+    found = run(started(flight, np.random.default_rng(1)), gyro, [series], 0.0, TIMES)
+    alone = started(flight, np.random.default_rng(1))
+    for k in range(len(gyro.t_s) + 1):
+        if k % 10 == 0:
+            alone.update(series.model, k // 10, series.y[k // 10], series.sigma[k // 10])
+        if k < len(gyro.t_s):
+            alone.step(gyro.rates[k], 1.0)
+    np.testing.assert_allclose(found.A[-1], alone.A, atol=1e-14)
+    np.testing.assert_allclose(found.x[-1], alone.x, rtol=1e-13)
+    np.testing.assert_allclose(found.covariance[-1], alone.P, rtol=1e-9)
+    np.testing.assert_allclose(alone.A @ alone.A.T, np.eye(3), atol=1e-15)
+
+
+def test_numbers_with_infinite_sigma_do_not_act(flight):
+    rng = np.random.default_rng(16)
+    gyro, series = stream(flight, rng), vectors(flight, rng)
+    sigma = series.sigma.copy()
+    sigma[:, 3:] = np.inf
+    sigma[100:200] = np.inf
+    y = np.where(np.isfinite(sigma), series.y, np.nan)
+    found = run(started(flight, np.random.default_rng(1)), gyro, [SensorSeries(series.model, series.t, y, sigma)], 0.0, TIMES)
+    large = np.where(np.isfinite(sigma), sigma, 1e6)
+    same = run(
+        started(flight, np.random.default_rng(1)), gyro, [SensorSeries(series.model, series.t, series.y, large)], 0.0, TIMES
+    )
+    np.testing.assert_allclose(found.x, same.x, rtol=1e-9)
+    assert (found.innovations.dof == 3).all()
+    assert len(found.innovations.t) == len(series.t) - 100
+    assert np.isnan(found.innovations.residual[:, 3:]).all()
+    assert (
+        found.covariance[1, 0, 0]
+        > 1.5 * run(started(flight, np.random.default_rng(1)), gyro, [series], 0.0, TIMES).covariance[1, 0, 0]
+    )
+    alone = started(flight, np.random.default_rng(1))
+    assert alone.update(series.model, 0, np.full(6, np.nan), np.full(6, np.inf)) is None
+
+
+def test_what_the_sensor_should_not_see_does_not_act(flight):
+    """A model answers NaN where it expects nothing, as the Earth sensor past the horizon."""
+
+    class Half(VectorModel):
+        def predict(self, A, rows):
+            return np.where(np.arange(6) < 3, super().predict(A, rows), np.nan)
+
+    series = vectors(flight, np.random.default_rng(17))
+    found, same = (
+        run(started(flight, np.random.default_rng(1)), stream(flight), [one], 0.0, TIMES[:1])
+        for one in (
+            dataclasses.replace(series, model=Half(series.model.directions)),
+            dataclasses.replace(series, sigma=np.where(np.arange(6) < 3, series.sigma, np.inf)),
+        )
+    )
+    np.testing.assert_array_equal(found.x, same.x)
+    assert (found.innovations.dof == 3).all()
+    blind = VectorModel((np.full((1, 3), np.nan),))
+    assert started(flight, np.random.default_rng(1)).update(blind, 0, np.zeros(3), np.ones(3)) is None
+
+
+def test_open_and_restart():
+    flight = fly([(Y, 10.0, 50.0, 60.0)], 200.0)
+    alone = started(flight, np.random.default_rng(2))
+    P = alone.P.copy()
+    alone.open(np.eye(6))
+    np.testing.assert_allclose(alone.P, P + np.eye(6))
+    x = alone.x.copy()
+    alone.restart(np.eye(3), P)
+    np.testing.assert_array_equal(alone.A, np.eye(3))
+    np.testing.assert_array_equal(alone.x, x)
+    with pytest.raises(InputError, match="6×6"):
+        alone.restart(np.eye(3), np.eye(5))
+
+
+def test_wrong_use(flight):
+    gyro = stream(flight)
+    with pytest.raises(InputError, match="walks must be solved for"):
+        KalmanFilter(np.eye(3), TRUTH, np.eye(5), ARW, rate_random_walk=1e-9, names=("b_x", "b_y"))
+    with pytest.raises(InputError, match="probability"):
+        KalmanFilter(np.eye(3), TRUTH, P0, ARW, gate=3.0)
+    with pytest.raises(InputError, match="ascend"):
+        run(started(flight, np.random.default_rng(0)), gyro, [], 0.0, np.array([5.0, 3.0]))
+    with pytest.raises(InputError, match="begin"):
+        run(started(flight, np.random.default_rng(0)), gyro, [], -50.0, np.array([5.0]))
+    late = dataclasses.replace(gyro, t_s=np.where(gyro.t_s > 1000, gyro.t_s + 30, gyro.t_s))
+    with pytest.raises(InputError, match=r"no gyro samples between 1001.0 s and 1031.0 s"):
+        run(started(flight, np.random.default_rng(0)), late, [], 0.0, np.array([2000.0]))
+    run(started(flight, np.random.default_rng(0)), late, [], 0.0, np.array([2000.0]), max_gap_s=40.0)
+    with pytest.raises(InputError, match="no gyro samples"):
+        run(started(flight, np.random.default_rng(0)), gyro, [], 0.0, np.array([4100.0]))
+
+
+def test_an_orbit_takes_less_than_a_second():
+    flight = fly(length=5500.0, sample_s=0.5)
+    gyro, series = stream(flight), vectors(flight)
+    estimator = started(flight, np.random.default_rng(0))
+    run(estimator, gyro, [series], 0.0, np.array([100.0]))  # compiled once
+    begin = time.perf_counter()
+    run(started(flight, np.random.default_rng(0)), gyro, [series], 0.0, np.array([5500.0]))
+    assert time.perf_counter() - begin < 1.0

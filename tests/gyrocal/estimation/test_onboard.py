@@ -1,0 +1,226 @@
+"""The on-board form: against the ground batch and the recursion, its covariance over seeds, its memory."""
+
+import dataclasses
+import pickle
+
+import numpy as np
+import pytest
+
+from gyrocal import GyroParameters, InputError, RecursiveCalibrator, StreamingPropagation, calibrate
+from gyrocal.estimation.mekf import KalmanFilter, nees
+from gyrocal.estimation.onboard import OnBoardCalibrator, recorded, replay
+from studies.estimation.filter_cases import (
+    ARW,
+    OPENINGS,
+    SENSOR,
+    SPANS,
+    START,
+    STEP,
+    fly,
+    independent_covariance,
+    maneuver_timeline,
+    on_board_case,
+    parameters_near,
+    solved_with,
+    stream,
+    vectors,
+)
+from studies.estimation.onboard import SteadyFlight
+from tests.builders import TRUTH, mean_bounds
+
+
+def calibrated(seed, openings=None, start=None, **options):
+    """A-priori parameters, calibrator, maneuvers and gyro stream of one case."""
+    case = on_board_case(np.random.default_rng([21, seed]), openings, start, **options)
+    return case.apriori, case.onboard, case.maneuvers, case.gyro
+
+
+def batch_nees(apriori, maneuvers, covariances):
+    """NEES of the parameters from these maneuvers with other C."""
+    x, P = solved_with(apriori, maneuvers, covariances)
+    return nees((x - TRUTH.vector)[None], P[None])[0]
+
+
+@pytest.mark.parametrize("prior", [False, True])
+def test_same_as_the_ground_batch_from_the_same_references(prior):
+    P0 = np.diag(np.repeat([1e-3, np.deg2rad(1e-4)], [9, 3]) ** 2) if prior else None
+    apriori, onboard, maneuvers, gyro = calibrated(0, OPENINGS, through_filter=False, apriori_covariance=P0)
+    recording, C = recorded(maneuvers, SPANS, gyro, "on board", "1998-01-01T00:00:00Z")
+    ground = calibrate(recording, iterations=1, interval_covariance=C, apriori_covariance=P0)
+    found, P = onboard.solve()
+    assert np.abs((found.vector - ground.parameters.vector) / ground.sigma).max() < 1e-9
+    assert np.abs(found.vector - ground.parameters.vector).max() < 1e-9
+    np.testing.assert_allclose(P / ground.covariance, 1, atol=1e-6)
+    assert np.abs((found.vector - apriori.vector) / ground.sigma).max() > 3  # there was something to find
+
+
+def test_residual_and_sensitivity_are_those_of_the_recursion():
+    apriori, _, maneuvers, gyro = calibrated(0, through_filter=False)
+    for (start, stop), one in list(zip(SPANS, maneuvers, strict=True))[4:7]:
+        recursion = RecursiveCalibrator(apriori)
+        alone = StreamingPropagation(apriori.G, apriori.bias)
+        recursion.start(one.A_start, np.full(3, 1e-4))
+        for raw in gyro.rates[int(start / STEP) : int(stop / STEP)]:
+            recursion.sample(raw, STEP)
+            alone.update(raw, STEP)
+        np.testing.assert_allclose(one.residual, recursion.finish(one.A_end, np.full(3, 1e-4)), atol=1e-13)
+        np.testing.assert_allclose(one.Theta, alone.Theta, rtol=1e-9, atol=1e-9 * np.abs(alone.Theta).max())
+        assert one.elapsed_s == stop - start
+
+
+def outcome(cases, openings=None, **options):
+    """NEES of the parameters and θᵀ C⁻¹ θ of the residuals' noise, each with C as it is and with C by independence."""
+    solved, white = [], []
+    for seed in range(cases):
+        apriori, onboard, maneuvers, _ = calibrated(seed, openings, **options)
+        found, P = onboard.solve()
+        by_independence = [independent_covariance(one) for one in maneuvers]
+        own = nees((found.vector - TRUTH.vector)[None], P[None])[0]
+        solved.append((own, batch_nees(apriori, maneuvers, by_independence)))
+        for one, C in zip(maneuvers, by_independence, strict=True):
+            noise = one.residual - one.Theta @ (apriori.vector - TRUTH.vector)
+            white.append((noise @ np.linalg.solve(one.C, noise), noise @ np.linalg.solve(C, noise)))
+    return np.mean(solved, axis=0), np.mean(white, axis=0)
+
+
+def test_covariance_over_seeds_with_a_filter_that_runs_through():
+    cases = 50
+    (own, naive), (white, white_naive) = outcome(cases)
+    low, high = mean_bounds(12, cases)
+    assert low < own < high
+    low, high = mean_bounds(3, cases * len(SPANS))
+    assert low < white < high
+    # Independence counts the noise of the filter's time constant twice: too large, and the parameters look too good.
+    assert white_naive < 0.75 * 3
+    assert naive < 0.85 * own
+    assert naive < mean_bounds(12, cases, z=3.0)[0]
+
+
+def test_covariance_over_seeds_with_a_filter_opened_after_slews():
+    """As N has it: the references forget the maneuver, and Θ is that of the calibrator alone."""
+    cases = 30
+    (own, _), (white, _) = outcome(cases, OPENINGS, through_filter=False)
+    low, high = mean_bounds(12, cases)
+    assert low < own < high
+    low, high = mean_bounds(3, cases * len(SPANS))
+    assert low < white < high
+
+
+def test_a_filter_that_runs_through_needs_its_own_sensitivity():
+    """N's sensitivity holds for references that have forgotten the maneuver."""
+    (own, _), _ = outcome(10, through_filter=False)
+    assert own > 5 * 12
+
+
+def test_one_pass_linearises_once():
+    """Errors of some percent in G take a second set of maneuvers, from what the first has found."""
+    far = parameters_near(np.random.default_rng(22), 0.02, np.deg2rad(1e-3))
+    first, second = [], []
+    for seed in range(4):
+        found, P = calibrated(seed, start=far)[1].solve()
+        first.append(nees((found.vector - TRUTH.vector)[None], P[None])[0])
+        found, P = calibrated(100 + seed, start=found)[1].solve()
+        second.append(nees((found.vector - TRUTH.vector)[None], P[None])[0])
+    assert np.min(first) > 100
+    assert np.mean(second) < mean_bounds(12, 4)[1]
+
+
+def test_the_references_depend_on_the_parameters_as_stated():
+    """θ = Θ Δx with S in Θ, by finite differences in G without noise; without S it does not hold."""
+    flight = maneuver_timeline()
+    gyro, series = stream(flight), vectors(flight, sigma=SENSOR)
+    step = 1e-4 * np.random.default_rng(2).standard_normal((3, 3))
+
+    def maneuvers(G_step, through):
+        apriori = GyroParameters(TRUTH.G + G_step, TRUTH.bias)
+        estimator = KalmanFilter(flight.A[0], apriori, np.diag(START**2), ARW)
+        return replay(OnBoardCalibrator(estimator, apriori, through_filter=through), gyro, [series], 0.0, SPANS)
+
+    change = np.concatenate([step.ravel(), np.zeros(3)])
+    misses = {}
+    for through in (True, False):
+        misses[through] = [
+            np.abs(up.residual - down.residual - (up.Theta + down.Theta) @ change).max() / np.abs(up.residual).max()
+            for up, down in zip(maneuvers(step, through), maneuvers(-step, through), strict=True)
+        ]
+    assert np.max(misses[True]) < 1e-4
+    assert np.median(misses[False]) > 0.1
+
+
+def test_nothing_is_learnt_from_a_maneuver_without_measurements():
+    """Then the end is the start, carried by the same samples: θ tells the filter's own bias and nothing else."""
+    flight, rng = maneuver_timeline(), np.random.default_rng(3)
+    apriori = parameters_near(rng, 1e-3, np.deg2rad(1e-4))
+    gyro = stream(flight, rng)
+    estimator = KalmanFilter(flight.A[0], GyroParameters(apriori.G, TRUTH.bias), np.diag(START**2), ARW)
+    onboard = OnBoardCalibrator(estimator, apriori)
+    (one,) = replay(onboard, gyro, [], 0.0, [(100.0, 4000.0)])
+    Theta_b = np.zeros((3, 3))
+    R, B = np.empty((3, 3)), np.empty((3, 3))
+    alone = KalmanFilter(flight.A[0], GyroParameters(apriori.G, TRUTH.bias), np.eye(6), ARW)
+    for raw in gyro.rates[50:2000]:
+        R, B = alone.step(raw, STEP)
+        Theta_b = R @ Theta_b + B
+    expected = Theta_b @ np.diag(START[3:] ** 2) @ Theta_b.T
+    np.testing.assert_allclose(one.C, expected, atol=2e-3 * np.abs(expected).max())  # the two biases turn R a little apart
+    assert np.abs(one.Theta[:, :9]).max() < 1e-2 * np.abs(_theta(apriori, gyro)).max()
+
+
+def _theta(parameters, gyro):
+    alone = StreamingPropagation(parameters.G, parameters.bias)
+    for raw in gyro.rates[50:2000]:
+        alone.update(raw, STEP)
+    return alone.Theta[:, :9]
+
+
+def test_reference_errors_are_added_at_both_ends():
+    sigma = np.deg2rad([0.01, 0.02, 0.03])
+    plain, stated = (calibrated(1, reference_sigma=value)[2] for value in (None, sigma))
+    for one, other in zip(plain, stated, strict=True):
+        D = np.diag(sigma**2)
+        np.testing.assert_allclose(other.C - one.C, D + one.R @ D @ one.R.T, atol=1e-18)
+
+
+def test_memory_does_not_depend_on_the_number_of_samples():
+    flight = SteadyFlight()
+    flight.run(2000)  # what is made once: compiled code, caches of the interpreter
+    (short, short_peak), (long, long_peak), (_, kept_peak) = flight.run(2000), flight.run(20000), flight.run(20000, keep=True)
+    assert len(pickle.dumps(long)) == len(pickle.dumps(short)) < 8192  # everything that hangs on the object
+    # The peak moves by some kB with what the interpreter has not cleared away yet: less than a byte for a sample more,
+    # where keeping the samples shows at once.
+    assert abs(long_peak - short_peak) < 18000
+    assert long_peak < 64 * 1024
+    assert kept_peak > 20000 * 3 * 8
+
+
+def test_samples_are_cut_at_events():
+    flight = fly(length=100.0)
+    gyro, series = stream(flight), vectors(flight)
+    apriori = GyroParameters(TRUTH.G, TRUTH.bias)
+    late = dataclasses.replace(series, t=series.t + 0.25)
+    found = []
+    for spans in ([(10.0, 50.0), (50.0, 80.0)], [(10.0, 50.5), (50.5, 80.0)]):
+        onboard = OnBoardCalibrator(KalmanFilter(flight.A[0], apriori, np.diag(START**2), ARW), apriori)
+        maneuvers = replay(onboard, gyro, [late], 0.0, spans)
+        found.append([one.elapsed_s for one in maneuvers])
+        recording, C = recorded(maneuvers, spans, gyro, "cut", "1998-01-01T00:00:00Z")
+        assert len(recording.attitudes.t_s) == 3
+        assert C.shape == (2, 3, 3)
+    np.testing.assert_allclose(found, [[40.0, 30.0], [40.5, 29.5]])
+
+
+def test_wrong_use():
+    flight = fly(length=100.0)
+    gyro = stream(flight)
+    estimator = KalmanFilter(flight.A[0], TRUTH, np.diag(START**2), ARW)
+    with pytest.raises(InputError, match="same G"):
+        OnBoardCalibrator(estimator, GyroParameters(np.eye(3), TRUTH.bias))
+    onboard = OnBoardCalibrator(estimator, TRUTH)
+    with pytest.raises(InputError, match="started"):
+        onboard.finish()
+    onboard.start()
+    with pytest.raises(InputError, match="started"):
+        onboard.finish()
+    for spans in ([], [(20.0, 10.0)], [(10.0, 10.0)], [(10.0, 30.0), (20.0, 40.0)], [(-5.0, 10.0)]):
+        with pytest.raises(InputError, match="maneuvers must"):
+            replay(onboard, gyro, [], 0.0, spans)

@@ -1,0 +1,203 @@
+"""Batch attitudes given to the calibrator: their covariance is that of simulated residuals, and leaving part out shows."""
+
+import numpy as np
+import pytest
+import scipy.linalg
+import scipy.stats
+
+from gyrocal import GyroParameters, InputError, Interval, Recording, calibrate
+from gyrocal.attitude import matrix_from_quaternion, residual, rotation_matrix
+from gyrocal.calibration.propagation import propagate
+from gyrocal.calibration.sampling import measurements
+from gyrocal.estimation.reference_covariance import (
+    correlated_intervals,
+    interval_covariance,
+    reference_attitudes,
+    residual_covariance,
+)
+from simulator.streams import generator
+from studies.estimation.attitude_cases import ARW, TRUE_BIAS, star_batch, timeline
+from studies.estimation.reference_cases import BACKWARD, EPOCH, FORWARD, SIGMA, SLEW, apart, chain
+from tests.builders import TRUE_G
+
+TRUTH = GyroParameters(TRUE_G, TRUE_BIAS)
+TRUE = TRUTH.vector
+
+
+def references(motion, gyro, low, high, times, rng, weighting="plain", every_s=30.0):
+    """A batch between two times, with attitudes wanted at some."""
+    return star_batch(motion, gyro, low, high, times, rng, SIGMA, weighting, every_s)
+
+
+def solved(recording, V, iterations=4):
+    """The calibration with one covariance V of all residuals: parameters and P. What `calibrate` does block by block."""
+    prepared, A = measurements(recording), matrix_from_quaternion(recording.attitudes.quaternions)
+    scale = np.array([1e-3] * 9 + [1e-7] * 3)
+    x, W = np.concatenate([np.eye(3).ravel(), np.zeros(3)]), np.linalg.inv(V)
+    for _ in range(iterations):
+        passed = propagate(prepared.arcs, x[:9].reshape(3, 3), x[9:])
+        theta = residual(A[prepared.row], passed.R @ A[prepared.start]).ravel()
+        H = passed.Theta.reshape(-1, 12) * scale
+        P = np.linalg.inv(H.T @ W @ H)
+        x = x - scale * (P @ H.T @ W @ theta)
+    return x, P * np.outer(scale, scale)
+
+
+def nees(error, covariance):
+    return error @ np.linalg.solve(covariance, error)
+
+
+def inside(values, p, confidence=0.999):
+    n = len(values)
+    low, high = scipy.stats.chi2.ppf([(1 - confidence) / 2, (1 + confidence) / 2], n * p) / n
+    return low < np.mean(values) < high
+
+
+@pytest.mark.parametrize("weighting", ["plain", "exact"])
+def test_residuals_have_the_stated_covariance_with_all_that_is_shared(weighting):
+    """Both ends of one batch, a batch that overlaps the interval, neighbours that share a batch: in one timeline."""
+    cases, arw = 300, 4 * ARW
+    motion = timeline([(FORWARD, 600.0), ((0, 0, SLEW), 200.0), (BACKWARD, 600.0), (BACKWARD, 400.0)], np.eye(3), arw=arw)
+    intervals = (Interval("within", "", 0, 400), Interval("slew", "", 400, 1000), Interval("rest", "", 1200, 1800))
+    spans = ((0, 600, (0, 400)), (800, 1400, (1000, 1200)), (1500, 1700, (1800,)))
+    draws = []
+    for case in range(cases):
+        rng = generator(52, case, weighting)
+        gyro = motion.gyro(rng)
+        batches = [references(motion, gyro, *span, rng, weighting, every_s=60.0) for span in spans]
+        recording = Recording("shared", EPOCH, gyro, reference_attitudes(batches), intervals)
+        prepared, A = measurements(recording), matrix_from_quaternion(recording.attitudes.quaternions)
+        R = propagate(prepared.arcs, np.eye(3), TRUE_BIAS).R
+        draws.append(residual(A[prepared.row], R @ A[prepared.start]).ravel())
+    draws = np.array(draws)
+    V = residual_covariance(batches, intervals, arw)
+    white = np.linalg.solve(np.linalg.cholesky(V), draws.T)
+    # Elements of a whitened covariance scatter by 1/sqrt(cases), its diagonal by sqrt(2/cases); 5 sigma.
+    np.testing.assert_allclose(white @ white.T / cases, np.eye(9), atol=5 * np.sqrt(2 / cases))
+    blocks = interval_covariance(batches, intervals, arw)
+    np.testing.assert_array_equal(blocks[1], V[3:6, 3:6])
+    assert correlated_intervals(batches, intervals, arw) > 0.1
+    # What the references' sigmas say by themselves is something else.
+    sigma = [one.attitude_sigma for one in batches]
+    alone = sigma[0][1, 0] ** 2 + sigma[1][0, 0] ** 2 + arw**2 * 600
+    assert abs(blocks[1][0, 0] / alone - 1) > 0.15
+
+
+def test_two_attitudes_of_one_plain_batch_measure_the_bias_and_nothing_else():
+    motion = timeline([(FORWARD, 1200.0)], np.eye(3))
+    found = references(motion, motion.gyro(), 0, 1200, (0, 900), generator(52, 0, "one"))
+    C = interval_covariance([found], [Interval("all", "", 0, 900)], ARW)[0]
+    # ψ over 900 s at a constant rate, N (11), by quadrature.
+    tau = np.linspace(0, 900, 2001)
+    turns = rotation_matrix(-tau[:, None] * (np.array(FORWARD) + found.bias - TRUE_BIAS))
+    S = np.trapezoid(turns, tau, axis=0)
+    np.testing.assert_allclose(C, S @ found.covariance[3:6, 3:6] @ S.T, rtol=1e-5, atol=1e-14)
+
+
+def test_references_come_in_the_order_of_time_and_once():
+    motion = timeline([(FORWARD, 1200.0)], np.eye(3))
+    rng = generator(52, 0, "two")
+    late = references(motion, motion.gyro(), 600, 1200, (1200, 700), rng)
+    early = references(motion, motion.gyro(), 0, 500, (0,), rng)
+    found = reference_attitudes([late, early])
+    np.testing.assert_array_equal(found.t_s, [0, 700, 1200])
+    np.testing.assert_array_equal(found.sigma, [early.attitude_sigma[0], late.attitude_sigma[1], late.attitude_sigma[0]])
+    whole, half = Interval("whole", "", 0, 1200), Interval("half", "", 0, 600)
+    assert residual_covariance([late, early], [whole], ARW).shape == (6, 6)
+    for match, call in (
+        ("of one time, 0 s", lambda: reference_attitudes([early, early])),
+        ("no batch", lambda: reference_attitudes([])),
+        ("whole has 3 references", lambda: interval_covariance([late, early], [whole], ARW)),
+        ("half: 1 reference", lambda: residual_covariance([late, early], [half], ARW)),
+    ):
+        with pytest.raises(InputError, match=match):
+            call()
+
+
+@pytest.fixture(scope="module")
+def separate():
+    """NEES of a calibration from intervals apart, with the intervals' C and with references taken as independent."""
+    setup = apart(TRUTH)
+    out = {"given": [], "independent": []}
+    for case in range(100):
+        recording, batches = setup.draw(generator(53, case, "separate"))
+        C = interval_covariance(batches, setup.intervals, ARW)
+        for name, options in (("given", {"interval_covariance": C}), ("independent", {})):
+            result = calibrate(recording, **options)
+            error = TRUE - result.parameters.vector
+            out[name].append((nees(error, result.covariance), nees(error[9:], result.covariance[9:, 9:])))
+    assert correlated_intervals(batches, setup.intervals, ARW) < 1e-12
+    return {name: np.array(values).T for name, values in out.items()}
+
+
+def test_the_calibration_from_batch_attitudes_is_covered(separate):
+    everything, bias = separate["given"]
+    assert inside(everything, 12)
+    assert inside(bias, 3)
+
+
+def test_without_the_shared_bias_it_is_not(separate):
+    everything, bias = separate["independent"]
+    assert not inside(bias, 3)
+    assert np.mean(bias) > 1.2 * 3
+    assert np.mean(everything) > np.mean(separate["given"][0]) + 0.5
+
+
+def test_stretches_between_slews_need_the_covariance_between_intervals():
+    """A chain: each stretch ends one slew and starts the next, and is an interval itself; blocks alone waste and misstate."""
+    setup = chain(TRUTH)
+    values, sigmas, dof = {"whole": [], "blocks": [], "independent": []}, [], set()
+    for case in range(100):
+        recording, batches = setup.draw(generator(53, case, "chain"))
+        V = residual_covariance(batches, setup.intervals, setup.arw)
+        C = interval_covariance(batches, setup.intervals, setup.arw)
+        found = {
+            "whole": calibrate(recording, residual_covariance=V),
+            "blocks": calibrate(recording, interval_covariance=C),
+            "independent": calibrate(recording),
+        }
+        for name, result in found.items():
+            values[name].append(nees(TRUE - result.parameters.vector, result.covariance))
+        sigmas.append(found["blocks"].sigma / found["whole"].sigma)
+        dof.add(found["whole"].dof)
+    assert correlated_intervals(batches, setup.intervals, setup.arw) > 0.5
+    assert inside(values["whole"], 12)
+    assert not inside(values["blocks"], 12)
+    assert not inside(values["independent"], 12)
+    assert np.mean(sigmas) > 1.3
+    assert dof == {3 * len(setup.intervals) - 12}
+    # The iteration written out, about the same covariance; and the covariance of the blocks, given as one, is the blocks'.
+    whole, x, P = found["whole"], *solved(recording, V)
+    np.testing.assert_allclose(whole.parameters.vector / whole.sigma, x / whole.sigma, rtol=0, atol=1e-3)
+    np.testing.assert_allclose(
+        whole.covariance / np.outer(whole.sigma, whole.sigma), P / np.outer(whole.sigma, whole.sigma), atol=1e-6
+    )
+    together = calibrate(recording, residual_covariance=scipy.linalg.block_diag(*C))
+    np.testing.assert_allclose(together.parameters.vector, found["blocks"].parameters.vector, rtol=1e-12)
+    np.testing.assert_allclose(together.covariance, found["blocks"].covariance, rtol=1e-6, atol=1e-30)
+    assert together.chi2 == pytest.approx(found["blocks"].chi2, rel=1e-9)
+    assert whole.covariance_model == together.covariance_model == "given"
+    stated = np.deg2rad(whole.residuals[[f"sigma_{axis}_deg" for axis in ("roll", "pitch", "yaw")]].to_numpy())
+    np.testing.assert_allclose(stated.ravel() ** 2, np.diag(V), rtol=1e-12)
+
+
+def test_a_covariance_of_all_residuals_is_checked():
+    setup = chain(TRUTH)
+    recording, batches = setup.draw(generator(53, 0, "chain"))
+    V = residual_covariance(batches, setup.intervals, setup.arw)
+    lopsided, negative, singular, unknown = V.copy(), V.copy(), V.copy(), V.copy()
+    lopsided[0, 4] += 0.1 * np.sqrt(V[0, 0] * V[4, 4])
+    negative[3, 3] = -V[3, 3]
+    singular[:3], singular[:, :3] = singular[3:6], singular[:, 3:6]
+    unknown[2, 2] = np.nan
+    for match, value in (
+        ("13 residuals, must be 39×39, not 36×36", V[:36, :36]),
+        ("must be 39×39, not 39", V[0]),
+        *(("13 residuals, must be symmetric and positive definite", one) for one in (lopsided, negative, singular, unknown)),
+    ):
+        with pytest.raises(InputError, match=match) as caught:
+            calibrate(recording, residual_covariance=value)
+        assert "\n" not in str(caught.value)
+    C = interval_covariance(batches, setup.intervals, setup.arw)
+    with pytest.raises(InputError, match="not both"):
+        calibrate(recording, residual_covariance=V, interval_covariance=C)

@@ -1,0 +1,75 @@
+"""The smoother against the batch of all measurements, and against the truth over many seeds."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from gyrocal import GyroParameters, InputError, attitude
+from gyrocal.estimation.batch import batch
+from gyrocal.estimation.filter_run import run
+from gyrocal.estimation.mekf import KalmanFilter, nees, state_errors
+from gyrocal.estimation.smoother import smooth
+from studies.estimation.filter_cases import ARW, Z, fly, stream, vectors
+from tests.builders import TRUTH, mean_bounds
+
+SIGMA = np.repeat([np.deg2rad(0.5), np.deg2rad(1e-3)], 3)
+TIMES = np.array([100.0, 900.0, 1500.0])
+
+
+def filtered(flight, rng, sigma=SIGMA, times=TIMES):
+    off = rng.standard_normal(6) * SIGMA
+    A = attitude.rotation_matrix(-off[:3]) @ flight.A[0]
+    start = GyroParameters(TRUTH.G, TRUTH.bias + off[3:])
+    gyro, series = stream(flight, rng, apriori=start), vectors(flight, rng)
+    estimator = KalmanFilter(A, start, np.diag(sigma**2), ARW)
+    return run(estimator, gyro, [series], 0.0, times, keep_history=True), gyro, series, A
+
+
+def test_smoothed_attitudes_are_the_batch_ones_with_their_joint_covariance():
+    flight = fly([(Z, 90.0, 400.0, 500.0)], 1500.0)
+    found, gyro, series, A = filtered(flight, np.random.default_rng(0), sigma=np.repeat([1e-2, 1e-2], 3))
+    smoothed = smooth(found)
+    whole = batch([series], gyro, A, epoch_s=0.0, times=TIMES)
+    sigma = np.sqrt(np.diag(whole.attitude_covariance))
+    # The batch iterates, the filter linearises once a measurement; its wide prior tells 1e-6 of what the data do.
+    apart = attitude.residual(whole.attitudes, smoothed.A).ravel()
+    np.testing.assert_allclose(apart / sigma, 0.0, atol=2e-2)
+    scale = np.outer(sigma, sigma)
+    np.testing.assert_allclose(smoothed.attitude_covariance / scale, whole.attitude_covariance / scale, atol=2e-2)
+    assert abs(whole.attitude_covariance[0, 3] / scale[0, 3]) > 5e-3
+    np.testing.assert_allclose(smoothed.x[:, 9:], np.tile(whole.bias, (3, 1)), atol=1e-2 * np.sqrt(whole.covariance[3, 3]))
+
+
+def test_joint_covariance_over_seeds():
+    flight = fly([(Z, 90.0, 400.0, 500.0)], 1500.0)
+    times = np.array([680.0, 700.0, 720.0])
+    cases, joint, alone = 60, [], []
+    for seed in range(cases):
+        found, *_ = filtered(flight, np.random.default_rng([1, seed]), times=times)
+        smoothed = smooth(found)
+        s = state_errors(smoothed.A, smoothed.x, found.names, flight.at(times), TRUTH)
+        # The bias is one and the same at all times: attitudes at all, and the bias once.
+        wanted = np.r_[0:3, 6:9, 12:18]
+        P = smoothed.covariance.reshape(18, 18)[np.ix_(wanted, wanted)]
+        joint.append(nees(s.ravel()[wanted][None], P[None])[0])
+        blocks = np.zeros_like(P)
+        for k in range(0, 12, 3):
+            blocks[k : k + 3, k : k + 3] = P[k : k + 3, k : k + 3]
+        alone.append(nees(s.ravel()[wanted][None], blocks[None])[0])
+        assert (np.einsum("kii->ki", smoothed.marginal) <= np.einsum("kii->ki", found.covariance) * (1 + 1e-9)).all()
+    low, high = mean_bounds(12, cases)
+    assert low < np.mean(joint) < high
+    # Without the correlations the mean is the same, but errors that go together make the values scatter more.
+    assert low < np.mean(alone) < high + 2
+    assert np.std(alone) > 1.4 * np.std(joint)
+
+
+def test_the_last_estimate_is_the_filters():
+    flight = fly(length=1500.0)
+    found, *_ = filtered(flight, np.random.default_rng(2))
+    smoothed = smooth(found)
+    np.testing.assert_array_equal(smoothed.A[-1], found.A[-1])
+    np.testing.assert_array_equal(smoothed.marginal[-1], found.covariance[-1])
+    with pytest.raises(InputError, match="keep_history"):
+        smooth(dataclasses.replace(found, history=None))

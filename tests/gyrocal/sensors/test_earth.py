@@ -1,0 +1,385 @@
+"""The Earth sensor: simulator against calibrator, derivatives, on-board roll and pitch, the S filter and Sun intrusion."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from gyrocal.errors import InputError
+from gyrocal.sensors import earth as earth_sensor
+from gyrocal.sensors.earth import MODES, TRMM_BIASES, EarthModel, EarthSensor
+from gyrocal.sensors.series import SensorModel, SensorSeries
+from simulator.sensors.earth import (
+    CORRECT,
+    HELD,
+    OFF,
+    RESTARTED,
+    TrueEarthSensor,
+    filtered_s,
+    intrusion,
+    limb_signal,
+    measure,
+    observe,
+    roll_pitch,
+)
+from simulator.sensors.horizon import AZIMUTHS, Horizon, bisector_attitude, orbit_position, penetrations
+from simulator.truth.orbit import CircularOrbit, lvlh_attitude
+
+ORBIT = CircularOrbit(350e3, np.deg2rad(35.0), node=0.7, latitude_argument=0.2)
+TIMES = np.arange(0.0, ORBIT.period, 10.0)
+HORIZON = Horizon()
+QUIET = TrueEarthSensor(sigma=0.0, sigma_s=0.0, swing=0.0)
+ALL = np.ones(4, dtype=bool)
+
+
+def turned(A: np.ndarray, rotation: np.ndarray) -> np.ndarray:
+    """The attitudes of a body turned from A (n, 3, 3) by rotation vectors (n, 3) in body axes, rad."""
+    return np.ascontiguousarray(Rotation.from_rotvec(-np.asarray(rotation)).as_matrix() @ A)
+
+
+def attitudes(n: int, tilt: float, seed: int = 3) -> tuple[np.ndarray, np.ndarray]:
+    """n attitudes with tilts up to some rad and any yaw, and positions on the orbit."""
+    rng = np.random.default_rng(seed)
+    t = rng.uniform(0, ORBIT.period, n)
+    A = turned(lvlh_attitude(ORBIT, t), np.stack([np.zeros(n), np.zeros(n), rng.uniform(-3, 3, n)], axis=1))
+    return turned(A, tilt * rng.uniform(-1, 1, (n, 3))), orbit_position(ORBIT, t)
+
+
+def sun_at(azimuth_deg: float, polar_deg: float) -> np.ndarray:
+    """Inertial Sun in this body direction of the LVLH attitude at time zero."""
+    a, p = np.deg2rad([azimuth_deg, polar_deg])
+    return lvlh_attitude(ORBIT, np.zeros(1))[0].T @ np.array([np.sin(p) * np.cos(a), np.sin(p) * np.sin(a), np.cos(p)])
+
+
+def passage(s_filter: str, **changes: object) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Times, angles and flags of 20 min in LVLH in which the Sun crosses quadrant 4 only."""
+    t = np.arange(-600.0, 600.0, 0.5)
+    sensor = replace(QUIET, s_filter=s_filter, **changes)
+    sun = np.tile(sun_at(315.0, np.rad2deg(HORIZON.nominal)), (t.size, 1))
+    angles, used = observe(np.random.default_rng(0), sensor, t, lvlh_attitude(ORBIT, t), orbit_position(ORBIT, t), sun)
+    return t, angles, used
+
+
+# --- expected angles ---
+
+
+def test_both_packages_see_the_same_horizon():
+    A, position = attitudes(50, 0.1)
+    model = EarthModel(EarthSensor(np.zeros(4)), position)
+    truth = penetrations(A, position, *HORIZON.semi_axes, HORIZON.nominal)
+    np.testing.assert_allclose(model.predict(A, np.arange(50)), truth, rtol=0, atol=1e-12)
+    assert np.abs(truth).max() > 0.05
+    np.testing.assert_allclose(model.predict(A[7:9], np.array([7, 8])), truth[7:9], rtol=0, atol=1e-12)
+
+
+def test_angles_grow_with_roll_and_pitch_as_stated():
+    """y = h + roll sin - pitch cos on a sphere; what is left out is of second order: half the tilt, a quarter of it."""
+    A, position = lvlh_attitude(ORBIT, TIMES[:1]), orbit_position(ORBIT, TIMES[:1])
+    a = HORIZON.semi_axes[0]
+    misses = []
+    for size in (0.02, 0.01):
+        roll, pitch = 0.8 * size, -0.5 * size
+        y = penetrations(turned(A, np.array([[roll, pitch, 0.0]])), position, a, a, HORIZON.nominal)[0]
+        misses.append(np.abs(y - roll * np.sin(AZIMUTHS) + pitch * np.cos(AZIMUTHS)).max())
+        assert misses[-1] < size**2
+    assert misses[0] / misses[1] == pytest.approx(4.0, rel=0.05)
+
+
+def test_jacobian_is_the_finite_difference():
+    A, position = attitudes(30, 0.1)
+    rows = np.arange(30)
+    model = EarthModel(EarthSensor(TRMM_BIASES), position)
+    jacobian, h = model.jacobian(A, rows), 1e-4
+    for axis in range(3):
+        shifted = [model.predict(Rotation.from_rotvec(k * h * np.eye(3)[axis]).as_matrix() @ A, rows) for k in (-2, -1, 1, 2)]
+        difference = (shifted[0] - 8 * shifted[1] + 8 * shifted[2] - shifted[3]) / (12 * h)
+        # Truncation h^4 times a fifth derivative of order 100, rounding 1e-15 / h.
+        np.testing.assert_allclose(jacobian[..., axis], difference, rtol=0, atol=1e-10)
+
+
+def test_jacobian_of_a_sphere():
+    """(-sin, cos, 0) at nadir; the oblate Earth is within a few flattenings of it."""
+    A, position = lvlh_attitude(ORBIT, TIMES), orbit_position(ORBIT, TIMES)
+    jacobian = EarthModel(EarthSensor(np.zeros(4)), position).jacobian(A, np.arange(TIMES.size))
+    sphere = np.stack([-np.sin(AZIMUTHS), np.cos(AZIMUTHS), np.zeros(4)], axis=1)
+    np.testing.assert_allclose(jacobian, np.broadcast_to(sphere, jacobian.shape), atol=0.01)
+
+
+def test_partials_and_correction():
+    A, position = attitudes(5, 0.05)
+    rows, change = np.arange(5), np.array([1e-3, -2e-3, 3e-3, -4e-3])
+    model: SensorModel = EarthModel(EarthSensor(TRMM_BIASES), position)
+    assert model.size == 4
+    assert len(model.parameters) == 4
+    moved = model.corrected(change).predict(A, rows) - model.predict(A, rows)
+    np.testing.assert_allclose(moved, model.partials(A, rows) @ change, atol=1e-15)
+
+
+def test_a_series_gives_the_roll_and_pitch_back():
+    """One sample, solved for theta without yaw and for the known height: the misalignment within its noise, 200 times."""
+    n, sigma = 200, np.deg2rad(0.02)
+    A, position = attitudes(n, 0.0)
+    rng = np.random.default_rng(8)
+    theta = np.concatenate([rng.uniform(-1e-3, 1e-3, (n, 2)), np.zeros((n, 1))], axis=1)
+    true = Rotation.from_rotvec(theta).as_matrix() @ A
+    y = penetrations(true, position, *HORIZON.semi_axes, HORIZON.nominal) + sigma * rng.standard_normal((n, 4))
+    series = SensorSeries(EarthModel(EarthSensor(np.zeros(4)), position), np.arange(n), y, np.full((n, 4), sigma))
+    H = series.model.jacobian(A, np.arange(n))[..., :2]
+    P = sigma**2 * np.linalg.inv(np.swapaxes(H, -1, -2) @ H)
+    residual = y - series.model.predict(A, np.arange(n))
+    error = np.einsum("nij,nkj,nk->ni", P / sigma**2, H, residual) - theta[:, :2]
+    nees = np.einsum("ni,nij,nj->n", error, np.linalg.inv(P), error).sum()
+    assert nees == pytest.approx(2 * n, abs=4 * np.sqrt(4 * n))
+    assert (
+        np.einsum("ni,ni->n", error + 2 * theta[:, :2], error + 2 * theta[:, :2]).sum() / (P[0, 0, 0] * 2 * n) > 5
+    )  # other sign
+
+
+def test_wrong_input():
+    with pytest.raises(InputError, match="four finite"):
+        EarthSensor(np.zeros(3))
+    with pytest.raises(InputError, match="sigma must be positive"):
+        EarthSensor(np.zeros(4), sigma=0.0)
+    with pytest.raises(InputError, match="positions must be"):
+        EarthModel(EarthSensor(np.zeros(4)), np.zeros(3))
+    with pytest.raises(ValueError, match="biases must be"):
+        TrueEarthSensor(biases=np.zeros(3))
+    with pytest.raises(ValueError, match="s_filter must be one of"):
+        TrueEarthSensor(s_filter="wrong")
+    with pytest.raises(ValueError, match="must be positive"):
+        TrueEarthSensor(s_time_constant=0.0)
+
+
+# --- biases ---
+
+
+def test_modes_invert_their_definition():
+    pattern = np.stack([np.sin(AZIMUTHS), -np.cos(AZIMUTHS), np.ones(4), np.array([1.0, -1.0, 1.0, -1.0])], axis=1)
+    np.testing.assert_allclose(MODES @ pattern, np.eye(4), atol=1e-15)
+
+
+def test_which_biases_look_like_what():
+    """Roll and pitch biases are a misalignment, a common one a height; the alternating one is none of these."""
+    A, position = attitudes(20, 0.0)
+    rows, size = np.arange(20), np.deg2rad(0.05)
+    plain = EarthModel(EarthSensor(np.zeros(4)), position)
+    y, H = plain.predict(A, rows), plain.jacobian(A, rows)
+    higher = EarthModel(EarthSensor(np.zeros(4)), position * (ORBIT.radius + 1e3) / ORBIT.radius).predict(A, rows) - y
+    layer = EarthModel(EarthSensor(np.zeros(4), co2_height=41e3), position)
+    layer = layer.predict(A, rows) + layer.sensor.nominal - y - plain.sensor.nominal
+    np.testing.assert_allclose(np.rad2deg(higher), -0.027, atol=5e-4)
+    np.testing.assert_allclose(np.rad2deg(layer), 0.028, atol=5e-4)
+    looks = np.concatenate([H[..., :2], higher[..., None] / 5e-4], axis=-1)
+    left = []
+    for mode in np.linalg.inv(MODES).T:
+        biased = plain.corrected(size * mode).predict(A, rows) - y
+        fit = np.linalg.pinv(looks) @ biased[..., None]
+        left.append(np.sqrt(((biased - (looks @ fit)[..., 0]) ** 2).sum(axis=1)) / np.sqrt((biased**2).sum(axis=1)))
+    assert np.max(left[:3]) < 0.01  # as far as the oblate Earth is a sphere
+    assert np.min(left[3]) > 0.99
+    roll, pitch = size * np.linalg.inv(MODES).T[:2]
+    for axis, biases in enumerate((roll, pitch)):
+        theta = np.zeros((20, 3))
+        theta[:, axis] = size
+        np.testing.assert_allclose(plain.predict(turned(A, theta), rows) - y, np.tile(biases, (20, 1)), atol=0.012 * size)
+
+
+@pytest.mark.parametrize(
+    ("order", "roll_deg", "pitch_deg"),
+    [(("NE", "NW", "SE", "SW"), -0.0130, 0.0863), (("NE", "SE", "SW", "NW"), 0.0578, -0.0130)],
+)
+def test_trmm_biases_as_misalignment(order, roll_deg, pitch_deg):
+    printed = dict(zip(order, TRMM_BIASES, strict=True))
+    biases = np.array([printed[name] for name in ("SE", "SW", "NW", "NE")])
+    modes = np.rad2deg(MODES @ biases)
+    np.testing.assert_allclose(modes[:3], [roll_deg, pitch_deg, -0.0648], atol=1e-4)
+    np.testing.assert_allclose(np.deg2rad(modes[:2]), earth_sensor.roll_pitch(biases[None], ALL[None])[0], atol=1e-16)
+
+
+# --- roll and pitch on board ---
+
+
+def test_three_quadrants_are_least_squares_with_a_height():
+    angles = np.deg2rad(np.random.default_rng(2).normal(size=(40, 4)))
+    pattern = np.stack([np.sin(AZIMUTHS), -np.cos(AZIMUTHS), np.ones(4)], axis=1)
+    for lost in (None, 0, 1, 2, 3):
+        used = np.ones((40, 4), dtype=bool)
+        if lost is not None:
+            used[:, lost] = False
+        keep = used[0]
+        expected = np.linalg.lstsq(pattern[keep], angles[:, keep].T, rcond=None)[0][:2].T
+        shown = np.where(used, angles, np.nan)
+        np.testing.assert_allclose(earth_sensor.roll_pitch(shown, used), expected, atol=1e-15)
+        np.testing.assert_allclose([roll_pitch(y, u) for y, u in zip(shown, used, strict=True)], expected, atol=1e-15)
+
+
+def test_two_quadrants_are_not_enough():
+    for lost in ((0, 1), (0, 2), (1, 2, 3)):
+        used = ALL.copy()
+        used[list(lost)] = False
+        assert np.isnan(roll_pitch(np.zeros(4), used)).all()
+        assert np.isnan(earth_sensor.roll_pitch(np.zeros((2, 4)), np.stack([used, ALL]))[0]).all()
+
+
+def test_roll_and_pitch_of_a_turned_body():
+    """From the bisector, at any yaw, to second order; with three quadrants the Earth's elongation comes in."""
+    A, position = attitudes(100, 0.0)
+    A = bisector_attitude(A, position, HORIZON)
+    tilt = np.concatenate([np.deg2rad(np.random.default_rng(4).uniform(-0.4, 0.4, (100, 2))), np.zeros((100, 1))], axis=1)
+    y = penetrations(turned(A, tilt), position, *HORIZON.semi_axes, HORIZON.nominal)
+    four = earth_sensor.roll_pitch(y, np.ones((100, 4), dtype=bool))
+    # Slopes differ from a sphere's by under 1 %, and 2 (0.4 deg)^2 is 0.006 deg.
+    np.testing.assert_allclose(np.rad2deg(four), np.rad2deg(tilt[:, :2]), atol=0.01)
+    three = earth_sensor.roll_pitch(y, np.tile([True, True, True, False], (100, 1)))
+    elongation = y @ MODES[3]
+    np.testing.assert_allclose(np.abs(three - four), np.sqrt(2) * np.abs(np.stack([elongation] * 2, axis=1)), atol=1e-14)
+    assert 0.02 < np.rad2deg(np.abs(three - four)).max() < 0.04
+
+
+# --- detectors, S and its filter ---
+
+
+def test_limb_detectors_are_linear_until_they_are_full():
+    width = 0.04
+    inside = np.linspace(-0.059, 0.059, 21)
+    signals = np.array([limb_signal(y, 0.0, width) for y in inside])
+    np.testing.assert_allclose(width * (signals - 1.5), inside, atol=1e-16)
+    assert limb_signal(0.2, 0.1, width) == pytest.approx(3.3)
+    assert limb_signal(-0.2, 0.1, width) == pytest.approx(0.3)
+
+
+@pytest.mark.parametrize("s_filter", ["off", "correct", "held", "restarted"])
+def test_constant_offset_is_subtracted(s_filter):
+    """Without noise, swing or Sun the angles are the true ones and the biases, whatever the offset and the filter."""
+    A, position = lvlh_attitude(ORBIT, TIMES), orbit_position(ORBIT, TIMES)
+    sensor = replace(QUIET, s_filter=s_filter, biases=TRMM_BIASES, offset=0.3)
+    away = np.tile(-orbit_position(ORBIT, np.array([ORBIT.period / 4]))[0] / ORBIT.radius, (TIMES.size, 1))
+    angles, used = observe(np.random.default_rng(0), replace(sensor, sun_field=0.0, sun_margin=0.0), TIMES, A, position, away)
+    assert used.all()
+    truth = penetrations(A, position, *HORIZON.semi_axes, HORIZON.nominal)
+    np.testing.assert_allclose(angles, truth + TRMM_BIASES, atol=1e-14)
+    rough, _ = observe(np.random.default_rng(0), replace(sensor, step=1e-3, sun_field=0.0), TIMES, A, position, away)
+    np.testing.assert_allclose(rough / 1e-3, np.round((truth + TRMM_BIASES) / 1e-3), atol=1e-9)
+
+
+def test_filter_by_hand():
+    assert filtered_s(np.nan, 0.5, True, True, 0.25, RESTARTED, 0.0) == 0.5  # first sample
+    assert filtered_s(0.1, 0.5, True, True, 0.25, CORRECT, 0.0) == pytest.approx(0.2)
+    assert filtered_s(0.1, 0.5, True, True, 0.25, OFF, 0.0) == 0.5
+    for mode in (OFF, CORRECT, HELD, RESTARTED):
+        assert filtered_s(0.1, 0.5, False, True, 0.25, mode, 0.9) == 0.1  # frozen
+    returned = [filtered_s(0.1, 0.5, True, False, 0.25, mode, 0.9) for mode in (OFF, CORRECT, HELD, RESTARTED)]
+    np.testing.assert_allclose(returned, [0.5, 0.5, 0.2, 0.8])
+
+
+def test_wrong_restart_is_a_spike_that_decays():
+    """3 w (o - S_f) (1 - g)^k after the return; R's figure 8, a few tenths of a degree in roll and pitch."""
+    t, correct, used = passage("correct")
+    np.testing.assert_array_equal(used[:, :3], True)
+    out = np.flatnonzero(~used[:, 3])
+    assert 100 < t[out[-1]] - t[out[0]] < 240  # through 11 deg at 4 deg/min
+    back = out[-1] + 1
+    _, wrong, _ = passage("restarted")
+    spike = (wrong - correct)[back:, 3]
+    elapsed = 0.5 * np.arange(1, spike.size + 1)
+    np.testing.assert_allclose(spike, 3 * QUIET.width * QUIET.offset * np.exp(-elapsed / QUIET.s_time_constant), atol=1e-13)
+    np.testing.assert_array_equal((wrong - correct)[: out[0]], 0.0)
+    roll, pitch = np.rad2deg(earth_sensor.roll_pitch(wrong, used) - earth_sensor.roll_pitch(correct, used)).T
+    assert 0.1 < np.abs(roll).max() < 0.4
+    assert 0.1 < np.abs(pitch).max() < 0.4
+    _, held, _ = passage("held")
+    np.testing.assert_allclose(held, correct, atol=1e-13)  # a constant offset: nothing went stale
+    _, heated, _ = passage("restarted", s_restart=QUIET.offset + QUIET.sun_radiance)
+    assert (heated - correct)[back, 3] == pytest.approx(-3 * QUIET.width * np.exp(-0.5 / 60))
+
+
+def test_removing_the_filter_removes_the_spike():
+    _, correct, used = passage("correct", swing=0.02)
+    _, off, _ = passage("off", swing=0.02)
+    _, held, _ = passage("held", swing=0.02)
+    _, wrong, _ = passage("restarted", swing=0.02)
+    back = np.flatnonzero(~used[:, 3])[-1] + 1
+    at_return = np.rad2deg(np.abs([x[back, 3] - off[back, 3] for x in (correct, held, wrong)]))
+    assert at_return[0] < 1e-12
+    assert at_return[1] < 0.1 < at_return[2]
+
+
+def test_moving_offset_lags_by_the_time_constant():
+    t, filtered, used = passage("correct", swing=0.02)
+    _, off, _ = passage("off", swing=0.02)
+    before = slice(200, np.flatnonzero(~used[:, 3])[0])
+    nominal, azimuth = HORIZON.nominal, AZIMUTHS[1]
+    direction = np.array([np.sin(nominal) * np.cos(azimuth), np.sin(nominal) * np.sin(azimuth), np.cos(nominal)])
+    A = lvlh_attitude(ORBIT, t)
+    offset = 0.02 * (A @ sun_at(315.0, np.rad2deg(nominal))) @ direction
+    state = offset[0]
+    lag = []
+    for value in offset:
+        state += QUIET.gain(0.5) * (value - state)
+        lag.append(3 * QUIET.width * (value - state))
+    np.testing.assert_allclose((filtered - off)[before, 1], np.array(lag)[before], atol=1e-13)
+    assert np.rad2deg(np.abs(lag).max()) < 0.015
+
+
+def test_sun_in_an_undropped_quadrant_shows():
+    """What the prediction is for: with no prediction S is raised and the angle is wrong by 3 w; negative control of `used`."""
+    t = np.zeros(1)
+    A, position = lvlh_attitude(ORBIT, t)[0], orbit_position(ORBIT, t)[0]
+    sun = sun_at(315.0, np.rad2deg(HORIZON.nominal))
+    elsewhere = turned(A[None], np.array([[0.0, 0.0, 0.5]]))[0]
+    results = []
+    for onboard in (A, elsewhere):
+        state, used, angles = np.full(4, np.nan), ALL.copy(), np.empty(4)
+        constants = replace(QUIET, s_filter="off").constants
+        measure(A, onboard, position, sun, np.zeros(8), 1.0, constants, state, used, angles)
+        results.append((used, angles))
+    assert results[0][0].tolist() == [True, True, True, False]
+    assert results[1][0].all()
+    truth = penetrations(A[None], position[None], *HORIZON.semi_axes, HORIZON.nominal)[0]
+    np.testing.assert_allclose(results[1][1] - truth, [0, 0, 0, -3 * QUIET.width], atol=1e-14)
+
+
+def test_intrusion_field_and_eclipse():
+    t = np.zeros(1)
+    A, position = lvlh_attitude(ORBIT, t)[0], orbit_position(ORBIT, t)[0]
+    nominal, cos_field = HORIZON.nominal, np.cos(np.deg2rad(5.0))
+    limb_deg = np.rad2deg(nominal)
+    solid = np.rad2deg(np.arcsin(6378137.0 / ORBIT.radius))  # 71.4 deg; the Earth is oblate by 0.2 deg at most there
+    for i, azimuth in enumerate(np.rad2deg(AZIMUTHS)):
+        for polar, expected in ((limb_deg + 4.9, True), (limb_deg + 5.1, False), (solid + 0.3, True), (solid - 0.9, False)):
+            sun = sun_at(azimuth, polar)
+            assert intrusion(A, position, sun, i, nominal, cos_field) is expected
+            assert not any(intrusion(A, position, sun, j, nominal, cos_field) for j in range(4) if j != i)
+
+
+def test_noise_is_as_stated():
+    """Variance sigma^2 + (3 w sigma_s)^2 without filter, g/(2 - g) of the second part with it."""
+    n = 40000
+    t = 0.5 * np.arange(n)
+    A, position = (np.repeat(x, n, axis=0) for x in (lvlh_attitude(ORBIT, np.zeros(1)), orbit_position(ORBIT, np.zeros(1))))
+    sun = np.tile(sun_at(0.0, 170.0), (n, 1))
+    truth = penetrations(A[:1], position[:1], *HORIZON.semi_axes, HORIZON.nominal)[0]
+    sensor = TrueEarthSensor(swing=0.0, sigma_s=0.01, s_time_constant=5.0)
+    gain = sensor.gain(0.5)
+    s_part = (3 * sensor.width * sensor.sigma_s) ** 2
+    variance = {}
+    for s_filter in ("off", "correct"):
+        angles, used = observe(np.random.default_rng(6), replace(sensor, s_filter=s_filter), t, A, position, sun)
+        assert used.all()
+        variance[s_filter] = ((angles - truth)[200:] ** 2).mean()
+    # 4 n numbers; those of the filtered S are correlated over 2/g samples.
+    assert variance["off"] == pytest.approx(sensor.sigma**2 + s_part, rel=4 * np.sqrt(2 / (4 * n)))
+    expected = sensor.sigma**2 + s_part * gain / (2 - gain)
+    assert variance["correct"] == pytest.approx(expected, rel=4 * np.sqrt(2 / (4 * n) * 2 / gain))
+    assert variance["off"] / expected > 5
+
+
+def test_a_seed_is_a_series():
+    A, position = lvlh_attitude(ORBIT, TIMES), orbit_position(ORBIT, TIMES)
+    sun = np.tile(sun_at(315.0, 75.0), (TIMES.size, 1))
+    first, second, other = (
+        observe(np.random.default_rng(seed), TrueEarthSensor(), TIMES, A, position, sun)[0] for seed in (1, 1, 2)
+    )
+    np.testing.assert_array_equal(first, second)
+    assert np.abs(first - other).min() > 0

@@ -1,0 +1,80 @@
+from dataclasses import dataclass
+
+import numpy as np
+import pytest
+
+from gyrocal.errors import InputError
+from gyrocal.sensors.series import SensorModel, SensorSeries
+
+
+@dataclass(frozen=True)
+class VectorSensor:
+    """Sees directions r (n, 3) in body axes, turned by a constant p: h = v + p × v, v = A r. The least a sensor can be."""
+
+    r: np.ndarray
+    name: str = "tracker"
+    size: int = 3
+    parameters: tuple[str, ...] = ("p_x", "p_y", "p_z")
+    p: tuple[float, float, float] = (0.0, 0.0, 0.0)
+
+    def predict(self, A, rows):
+        v = np.einsum("nij,nj->ni", A, self.r[rows])
+        return v + np.cross(self.p, v)
+
+    def jacobian(self, A, rows):
+        v = np.einsum("nij,nj->ni", A, self.r[rows])
+        return np.stack([np.cross(e, v) for e in np.eye(3)], axis=-1)
+
+    def partials(self, A, rows):
+        return self.jacobian(A, rows)
+
+    def corrected(self, change):
+        return VectorSensor(self.r, p=tuple(np.add(self.p, change)))
+
+
+MODEL: SensorModel = VectorSensor(np.eye(3))
+
+
+def series(**changes):
+    values = {"t": np.array([0.0, 1.0, 3.0]), "y": np.zeros((3, 3)), "sigma": np.full((3, 3), 1e-3)} | changes
+    return SensorSeries(MODEL, values["t"], values["y"], values["sigma"])
+
+
+def changed(base, index, value):
+    out = np.array(base, dtype=float)
+    out[index] = value
+    return out
+
+
+def test_a_series_keeps_its_arrays_as_floats():
+    kept = series(t=[0, 1, 2], y=[[1, 2, 3]] * 3)
+    assert kept.t.dtype == kept.y.dtype == np.float64
+    assert kept.used.all()
+
+
+def test_an_unused_number_may_be_anything():
+    sigma = changed(np.full((3, 3), 1e-3), (1, 2), np.inf)
+    kept = series(y=changed(np.zeros((3, 3)), (1, 2), np.nan), sigma=sigma)
+    np.testing.assert_array_equal(np.argwhere(~kept.used), [[1, 2]])
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"t": np.zeros((3, 1))}, r"times must be \(n,\)"),
+        ({"t": np.zeros(0)}, r"n ≥ 1"),
+        ({"t": np.arange(4.0)}, r"measurements must be \(4, 3\), not \(3, 3\)"),
+        ({"y": np.zeros((3, 2))}, r"measurements must be \(3, 3\), not \(3, 2\)"),
+        ({"sigma": np.ones(3)}, r"sigmas must be \(3, 3\), not \(3,\)"),
+        ({"t": np.array([0.0, np.nan, 2.0])}, "row 1: the time is not finite"),
+        ({"t": np.array([0.0, 2.0, 2.0])}, "row 2: times must ascend, 2 s follows 2 s"),
+        ({"sigma": changed(np.ones((3, 3)), (2, 0), 0.0)}, "row 2: sigma must be positive"),
+        ({"sigma": changed(np.ones((3, 3)), (1, 0), np.nan)}, "row 1: sigma must be positive"),
+        ({"y": changed(np.zeros((3, 3)), (0, 1), np.inf)}, "row 0: a measurement is not finite"),
+    ],
+)
+def test_what_cannot_be_used_is_one_clear_line(changes, message):
+    with pytest.raises(InputError, match=message) as caught:
+        series(**changes)
+    assert str(caught.value).startswith("tracker: ")
+    assert "\n" not in str(caught.value)

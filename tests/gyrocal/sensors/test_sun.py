@@ -1,0 +1,280 @@
+"""Sun sensors: the truth against matrices, the estimator's model against finite differences, the two against each other."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.optimize import brentq
+from scipy.spatial.transform import Rotation
+
+import gyrocal.sensors.sun as ground
+import simulator.sensors.sun as truth
+from gyrocal.errors import InputError
+from gyrocal.sensors.series import SensorModel
+
+ZERO = np.zeros(3)
+SQUARE = (ZERO, ZERO)
+M_DSS2 = np.array([[0.999996, -1.98736e-3, -1.99437e-3], [1.9928e-3, 0.999994, 2.7292e-3], [1.98893e-3, -2.73316e-3, 0.999994]])
+
+
+def scene(sensor, rng, n, limit_deg=47.5):
+    """Attitudes and inertial Sun vectors that put the Sun evenly over the tangents of a sensor's field of view."""
+    a, b = np.tan(np.deg2rad(limit_deg)) * rng.uniform(-1, 1, (2, n))
+    inside = np.column_stack([a, b, np.ones(n)]) / np.sqrt(a**2 + b**2 + 1)[:, None]
+    A = Rotation.random(n, rng=rng).as_matrix()
+    return A, np.einsum("nji,nj->ni", A, inside @ sensor.alignment.T), np.column_stack([a, b])
+
+
+def kernel_tangents(s, head):
+    return np.array([truth.head_tangents(*row, head) for row in s])
+
+
+# The truth
+
+
+def test_head_geometry_is_the_euler_sequence():
+    """scipy's intrinsic YZX sequence is active, from head to sensor; its transpose changes components."""
+    rng = np.random.default_rng(1)
+    head = np.array([0.3, -0.2, 0.1])
+    s = np.column_stack([rng.uniform(-0.5, 0.5, (50, 2)), np.ones(50)])
+    turned = s @ Rotation.from_euler("YZX", head).as_matrix()
+    expected = np.column_stack([s[:, 0] / s[:, 2], turned[:, 1] / turned[:, 2]])
+    np.testing.assert_allclose(kernel_tangents(s, head), expected, rtol=1e-13)
+
+
+def test_head_geometry_to_first_order():
+    """The remainder falls with the square of the angles."""
+    rng = np.random.default_rng(2)
+    a, b = rng.uniform(-1, 1, (2, 50))
+    s = np.column_stack([a, b, np.ones(50)])
+    remainders = []
+    for size in (1e-3, 1e-4):
+        e1, e2, e3 = head = size * np.array([1.0, -0.7, 0.5])
+        first_order = (b - e2 * a + e3) / (1 + e1 * a - e3 * b)
+        remainders.append(np.abs(kernel_tangents(s, head)[:, 1] - first_order).max())
+    assert remainders[0] < 4e-6
+    assert remainders[0] / remainders[1] == pytest.approx(100, rel=0.01)
+
+
+def test_the_third_angle_adds_to_beta_and_the_others_vanish_with_alpha():
+    beta = np.linspace(-0.8, 0.8, 9)
+    s = np.column_stack([np.zeros(9), np.sin(beta), np.cos(beta)])
+    seen = np.arctan(kernel_tangents(s, np.array([0.0, 0.0, 0.02]))[:, 1])
+    np.testing.assert_allclose(seen, beta + 0.02, atol=1e-15)
+    seen = np.arctan(kernel_tangents(s, np.array([2e-3, 1e-3, 0.0]))[:, 1])
+    assert np.abs(seen - beta).max() < 4e-6  # second order
+
+
+@pytest.mark.parametrize("k", [truth.ALPHA, truth.BETA])
+def test_counts_solve_the_transfer_function(k):
+    for angle in np.deg2rad([-48.0, -20.0, 0.0, 3.7, 48.0]):
+
+        def missing(N, angle=angle):
+            return np.arctan(k[0] + k[1] * N + k[2] * np.sin(k[3] * N + k[4]) + k[5] * np.sin(k[6] * N + k[7])) + k[8] - angle
+
+        expected = brentq(missing, 0, 16383, xtol=1e-9)
+        assert truth.counts_of(np.tan(angle), np.tan(angle), k, k)[0] == pytest.approx(expected, abs=1e-7)
+
+
+def test_the_transfer_function_rises_within_fourteen_bits():
+    """One count for one angle, and the field of view fits into the counts."""
+    for k in (truth.ALPHA, truth.BETA):
+        assert abs(k[2] * k[3]) + abs(k[5] * k[6]) < 0.1 * k[1]
+        low, high = truth.counts_of(-np.tan(truth.HALF_FOV), np.tan(truth.HALF_FOV), k, k)
+        assert 0 < low < high < 2**14
+
+
+def test_the_sun_is_seen_within_the_field_of_view_only():
+    sensor = truth.trmm_sun_sensors(heads=SQUARE)[0]
+    angles = np.deg2rad([[0, 0], [47.9, -47.9], [48.1, 0], [0, -48.1], [10, 10]])
+    s = ground.vector(angles)
+    s[4] *= -1  # behind, where the tangents are the same
+    A = np.broadcast_to(np.eye(3), (5, 3, 3))
+    counts, visible = truth.observe(None, sensor, A, s @ sensor.alignment.T)
+    np.testing.assert_array_equal(visible, [True, True, False, False, False])
+    assert (counts[~visible] == 0).all()
+    assert counts.dtype == np.int64
+
+
+def test_alignments_are_those_described():
+    for (name, sign), N, ours in zip(
+        (("DSS-1", 1), ("DSS-2", -1)), truth.trmm_alignments(), ground.trmm_sun_sensors(), strict=True
+    ):
+        np.testing.assert_allclose(N, ours.alignment, atol=1e-15)
+        assert ours.name == name
+        np.testing.assert_allclose(N[:, 0], [0, 0, sign], atol=1e-15)
+        np.testing.assert_allclose(N[:, 2], [sign * np.cos(truth.TILT), -np.sin(truth.TILT), 0], atol=1e-15)
+        assert N[1, 1] < -0.9
+
+
+def test_an_elevated_boresight_sees_the_sun_cross_at_one_alpha():
+    tilt, elevation = 0.3, 0.2
+    sun = np.array([[np.cos(x), -np.sin(x), 0.0] for x in np.linspace(0, 1.0, 7)])
+    pairs = zip(truth.trmm_alignments(tilt, elevation), ground.trmm_sun_sensors(tilt, elevation), (1, -1), strict=True)
+    for N, ours, sign in pairs:
+        np.testing.assert_allclose(N, ours.alignment, atol=1e-15)
+        np.testing.assert_allclose(N @ N.T, np.eye(3), atol=1e-15)
+        assert np.linalg.det(N) == pytest.approx(1)
+        assert N[2, 2] == pytest.approx(np.sin(elevation))
+        assert np.arctan2(-N[1, 2], sign * N[0, 2]) == pytest.approx(tilt)
+        angles = ground.angles_of(sun * [sign, 1, 1] @ N)
+        np.testing.assert_allclose(angles[:, 0], -sign * elevation, atol=1e-15)
+        assert (np.diff(angles[:, 1]) > 0).all()  # β grows toward −Y
+
+
+def test_both_sides_hold_the_same_made_up_coefficients():
+    np.testing.assert_array_equal(truth.ALPHA, ground.ALPHA)
+    np.testing.assert_array_equal(truth.BETA, ground.BETA)
+    assert truth.HALF_FOV == ground.HALF_FOV
+    assert truth.TILT == ground.TILT
+
+
+# Truth to counts to angles to vector
+
+
+@pytest.mark.parametrize("which", [0, 1])
+def test_counts_close_within_noise_and_quantisation(which):
+    """Angle errors have the variance of the noise plus a count squared over twelve, the count's size depending on the angle."""
+    n = 20_000
+    rng = np.random.default_rng(3)
+    misalignments = (np.eye(3), Rotation.from_matrix(M_DSS2).as_matrix())
+    true = truth.trmm_sun_sensors(heads=SQUARE, misalignments=misalignments)[which]
+    sensor = replace(ground.trmm_sun_sensors()[which], misalignment=misalignments[which])
+    A, sun, tangents = scene(true, rng, n, limit_deg=45)
+    counts, visible = truth.observe(rng, true, A, sun)
+    assert visible.all()
+    error = sensor.angles(counts) - np.arctan(tangents)
+    step = np.array([true.coefficients_alpha[1], true.coefficients_beta[1]]) / (1 + tangents**2)
+    white = error / np.sqrt(true.noise**2 + step**2 / 12)
+    assert np.abs(white.mean(axis=0)).max() < 4 / np.sqrt(n)
+    assert np.abs(white.var(axis=0) - 1).max() < 4 * np.sqrt(2 / n)
+    assert np.sqrt((error**2).mean()) < ground.SIGMA
+    # The vectors follow, R (4) and (1).
+    body = np.einsum("nij,nj->ni", A, sun)
+    across = np.linalg.norm(np.cross(sensor.body_vector(counts), body), axis=1)
+    assert across.max() < 7 * ground.SIGMA
+
+
+def test_without_noise_half_a_count_is_the_largest_error():
+    true, sensor = truth.trmm_sun_sensors(heads=SQUARE)[0], ground.trmm_sun_sensors()[0]
+    A, sun, tangents = scene(true, np.random.default_rng(4), 5000)
+    counts, _ = truth.observe(None, true, A, sun)
+    # The sines make a count larger or smaller by up to 1.1 % of its size.
+    assert 0.49 * 1.4556e-4 < np.abs(np.tan(sensor.angles(counts)) - tangents).max() < 0.507 * 1.4556e-4
+
+
+@pytest.mark.parametrize(("which", "largest_deg"), [(0, 0.067), (1, 0.182)])
+def test_turned_heads_show_the_errors_of_their_angles(which, largest_deg):
+    """α is untouched; at the boresight β is off by e₃, and over the field of view by a few tenths of a degree (DSS-2)."""
+    true, sensor = truth.trmm_sun_sensors()[which], ground.trmm_sun_sensors()[which]
+    A, sun, tangents = scene(true, np.random.default_rng(5), 5000, limit_deg=46)
+    counts, _ = truth.observe(None, true, A, sun)
+    error = np.rad2deg(sensor.angles(counts) - np.arctan(tangents))
+    count = np.rad2deg(1.5e-4)
+    assert np.abs(error[:, 0]).max() < count
+    near = np.abs(tangents).max(axis=1) < 0.05
+    np.testing.assert_allclose(error[near, 1], largest_deg, atol=2 * count)
+    # To first order in the head's angles, anywhere.
+    e1, e2, e3 = np.rad2deg(true.head)
+    a, b = tangents.T
+    expected = (e3 * (1 + b**2) - e2 * a - e1 * a * b) / (1 + b**2)
+    np.testing.assert_allclose(error[:, 1], expected, atol=count)
+    assert np.abs(error[:, 1]).max() == pytest.approx(np.abs(expected).max(), abs=count)
+    assert 1.2 * largest_deg < np.abs(expected).max() < 2.5 * largest_deg
+
+
+def test_noise_comes_from_the_generator_only():
+    true = truth.trmm_sun_sensors()[0]
+    A, sun, _ = scene(true, np.random.default_rng(6), 50)
+    first, again = (truth.observe(np.random.default_rng(7), true, A, sun)[0] for _ in range(2))
+    np.testing.assert_array_equal(first, again)
+    assert (first != truth.observe(np.random.default_rng(8), true, A, sun)[0]).any()
+
+
+# The estimator's model
+
+
+@pytest.fixture
+def model():
+    rng = np.random.default_rng(9)
+    sensor = replace(ground.trmm_sun_sensors()[1], misalignment=Rotation.from_rotvec([0.02, -0.03, 0.05]).as_matrix())
+    true = truth.TrueSunSensor("", sensor.alignment @ sensor.misalignment, truth.ALPHA, truth.BETA, ZERO)
+    A, sun, tangents = scene(true, rng, 30)
+    built: SensorModel = ground.SunModel(sensor, sun)
+    return built, A, np.arctan(tangents)
+
+
+def test_prediction_is_the_angles(model):
+    sun_model, A, angles = model
+    rows = np.arange(30)
+    np.testing.assert_allclose(sun_model.predict(A, rows), angles, atol=1e-14)
+    np.testing.assert_allclose(sun_model.predict(A[4:9], rows[4:9]), angles[4:9], atol=1e-14)
+    assert (sun_model.name, sun_model.size, sun_model.parameters) == ("DSS-2", 2, ("m_x", "m_y", "m_z"))
+
+
+def test_jacobians_are_finite_differences(model):
+    sun_model, A, _ = model
+    rows, h = np.arange(30), 1e-4
+    for k in range(3):
+        step = h * np.eye(3)[k]
+        ahead, back = (Rotation.from_rotvec(sign * step).as_matrix() for sign in (1, -1))
+        difference = (sun_model.predict(ahead @ A, rows) - sun_model.predict(back @ A, rows)) / (2 * h)
+        np.testing.assert_allclose(sun_model.jacobian(A, rows)[:, :, k], difference, atol=3e-8)
+        difference = (sun_model.corrected(step).predict(A, rows) - sun_model.corrected(-step).predict(A, rows)) / (2 * h)
+        np.testing.assert_allclose(sun_model.partials(A, rows)[:, :, k], difference, atol=3e-8)
+
+
+def test_a_turn_of_body_and_sensor_together_is_not_seen(model):
+    sun_model, A, angles = model
+    rows, theta = np.arange(30), np.array([0.1, -0.3, 0.2])
+    turned = sun_model.corrected(sun_model.sensor.alignment.T @ theta)
+    np.testing.assert_allclose(turned.predict(Rotation.from_rotvec(theta).as_matrix() @ A, rows), angles, atol=1e-14)
+    together = sun_model.jacobian(A, rows) + sun_model.partials(A, rows) @ sun_model.sensor.alignment.T
+    np.testing.assert_allclose(together, 0, atol=1e-14)
+
+
+def test_vector_jacobian_is_a_finite_difference(model):
+    angles, h = model[2], 1e-5
+    for k in range(2):
+        step = h * np.eye(2)[k]
+        difference = (ground.vector(angles + step) - ground.vector(angles - step)) / (2 * h)
+        np.testing.assert_allclose(ground.vector_jacobian(angles)[:, :, k], difference, atol=1e-9)
+    np.testing.assert_allclose(ground.angles_of(ground.vector(angles)), angles, atol=1e-15)
+
+
+@pytest.mark.parametrize(("which", "sign"), [(0, -1.0), (1, 1.0)])
+def test_beta_is_yaw_where_the_sun_crosses_the_xy_plane(which, sign):
+    sensor = ground.trmm_sun_sensors()[which]
+    sun = ground.vector(np.column_stack([np.zeros(5), np.linspace(-0.3, 0.6, 5)])) @ sensor.alignment.T
+    assert np.abs(sun[:, 2]).max() < 1e-15
+    jacobian = ground.SunModel(sensor, sun).jacobian(np.broadcast_to(np.eye(3), (5, 3, 3)), np.arange(5))
+    np.testing.assert_allclose(jacobian[:, 1, 2], sign, atol=1e-14)
+    np.testing.assert_allclose(jacobian[:, 0, 2], 0, atol=1e-14)
+
+
+def test_series_leaves_out_what_is_not_in_view():
+    true, sensor = truth.trmm_sun_sensors(heads=SQUARE)[0], ground.trmm_sun_sensors()[0]
+    A, sun, _ = scene(true, np.random.default_rng(10), 40)
+    sun[::4] *= -1
+    counts, visible = truth.observe(np.random.default_rng(11), true, A, sun)
+    series = sensor.series(np.arange(40.0), counts, sun, visible)
+    np.testing.assert_array_equal(series.used.all(axis=1), visible)
+    np.testing.assert_array_equal(series.used.any(axis=1), visible)
+    white = (series.y - series.model.predict(A, np.arange(40)))[visible] / series.sigma[visible]
+    assert np.abs(white).max() < 5
+    # Counts of zero are outside of the field of view by themselves.
+    np.testing.assert_array_equal(sensor.series(np.arange(40.0), counts, sun).used.all(axis=1), visible)
+
+
+def test_the_published_misalignment_is_accepted_and_nonsense_is_not():
+    replace(ground.trmm_sun_sensors()[1], misalignment=M_DSS2)
+    for changes in (
+        {"misalignment": np.eye(3) * 1.001},
+        {"alignment": np.diag([1.0, 1.0, -1.0])},
+        {"coefficients_beta": np.ones(8)},
+        {"coefficients_alpha": np.full(9, np.nan)},
+        {"half_fov": 2.0},
+        {"sigma": 0.0},
+    ):
+        with pytest.raises(InputError, match="DSS-1: "):
+            replace(ground.trmm_sun_sensors()[0], **changes)

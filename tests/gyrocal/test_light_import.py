@@ -1,0 +1,19 @@
+"""What a worker of a study loads, and what it does without until it is asked for."""
+
+import subprocess
+import sys
+
+import gyrocal
+
+
+def test_simulating_and_calibrating_load_no_tables_and_no_filters():
+    heavy = "pandas", "gyrocal.sensors.alignment", "gyrocal.estimation.mekf", "gyrocal.estimation.onboard"
+    code = f"import sys, gyrocal, simulator; print([name for name in {heavy!r} if name in sys.modules])"
+    found = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert found.stdout.strip() == "[]"
+
+
+def test_every_public_name_is_there():
+    assert set(gyrocal.__all__) <= set(dir(gyrocal))
+    assert all(getattr(gyrocal, name) is not None for name in gyrocal.__all__)
+    assert not hasattr(gyrocal, "no_such_name")

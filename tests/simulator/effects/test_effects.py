@@ -1,0 +1,280 @@
+"""Effects with columns: each against finite differences of the simulator and against closed forms; their text form."""
+
+import re
+
+import numpy as np
+import pytest
+
+import simulator
+from gyrocal import InputError
+from simulator.effects import EFFECTS, Stream, forward_axes, parse, references_of, setting, stream_of
+from simulator.effects.base import AXES
+from simulator.effects.gyro.rate_lag import lagged
+from simulator.truth.rotation import separation
+
+DEG_H = np.deg2rad(1 / 3600)
+SCENARIO = simulator.override(
+    simulator.load("trmm_series"),
+    {
+        "control_motion": {"amplitude_deg": [0.1, 0.2, 0.1], "period_s": [130.0, 170.0, 90.0]},
+        "interval": [
+            {"name": "a", "activity": "+x forward", "start_s": 0.0, "stop_s": 900.0, "mode": "+x"},
+            {
+                "name": "b",
+                "activity": "+x to -x yaw maneuver",
+                "start_s": 2000.0,
+                "stop_s": 3100.2,
+                "mode": "+x",
+                "slew": [{"axis": [0.0, 0.0, 1.0], "angle_deg": 180.0, "start_s": 60.0, "duration_s": 800.0}],
+            },
+            {"name": "c", "activity": "-x forward", "start_s": 4000.0, "stop_s": 4700.0, "mode": "-x"},
+        ],
+    },
+)
+MOTION = simulator.motion(SCENARIO)
+PLAIN = simulator.simulate(SCENARIO, noise=False)
+HOUSEKEEPING = simulator.simulate(SCENARIO, noise=False, effects=[parse("bias_temperature:x=1")])
+STREAM = Stream(
+    t_s=MOTION.t_s + 0.5 * MOTION.duration_s,
+    duration_s=MOTION.duration_s,
+    rates=MOTION.rates,
+    raw=PLAIN.gyro.rates,
+    intervals=MOTION.intervals,
+    orbit_period_s=PLAIN.orbit.period_s,
+    span_s=(0.0, 4700.0),
+    housekeeping={
+        "gyro_temperature_c": np.interp(
+            MOTION.t_s + 0.5 * MOTION.duration_s, *HOUSEKEEPING.tables["housekeeping"].to_numpy(dtype=float).T
+        )
+    },
+)
+# Sizes whose effect is far above rounding, and for the timing small enough for a derivative.
+SIZE = {"scale_asymmetry": 1e4, "scale_quadratic": 1e5, "g_matrix_step": 1e4, "time_offset": 1e-3, "rate_lag": 1e-3}
+
+
+def variants(name):
+    """Parameters that the columns hold fixed: step times in a gap, inside an interval, inside a sample."""
+    names = {parameter.name for parameter in EFFECTS[name].parameters}
+    times = [{"time_s": t} for t in (1500.0, 2500.0, 4100.2)] if "time_s" in names else [{}]
+    return [{**t, "toward": toward} for t in times for toward in AXES] if "toward" in names else times
+
+
+CASES = [
+    (name, axis, parameters)
+    for name, effect in EFFECTS.items()
+    if effect.kind == "columns"
+    for axis in (effect.axes or (None,))
+    for parameters in variants(name)
+]
+
+
+@pytest.mark.parametrize(("name", "axis", "parameters"), CASES)
+def test_columns_are_the_simulators_derivative(name, axis, parameters):
+    effect, size = EFFECTS[name], SIZE.get(name, 1.0)
+    on_references = effect.acts_on == "references"
+    make = effect.reference_columns if on_references else effect.columns
+    columns = make(references_of(PLAIN) if on_references else STREAM, axis, parameters)
+    for k in range(columns.shape[2]):
+        amplitude = np.eye(columns.shape[2])[k] * size
+        total, held = effect.from_amplitudes(amplitude)
+        made = setting(name, axis, total, {**parameters, **held})
+        np.testing.assert_allclose(effect.amplitudes(made), amplitude, atol=1e-15 * size)
+        shown = simulator.simulate(SCENARIO, noise=False, effects=[made])
+        if on_references:
+            difference = separation(shown.attitudes.quaternions, PLAIN.attitudes.quaternions)
+            np.testing.assert_array_equal(shown.gyro.rates, PLAIN.gyro.rates)
+            difference = -difference  # exp([e×]) A(plain) = A(shown)
+        else:
+            difference = shown.gyro.rates - PLAIN.gyro.rates
+            np.testing.assert_array_equal(shown.attitudes.quaternions, PLAIN.attitudes.quaternions)
+        scale = np.abs(columns[..., k]).max()
+        assert scale > 0
+        # Rounding for what is linear; the next order of 1e-3 s against the motion's fastest for the timing.
+        tolerance = 1e-3 if effect.acts_on == "timing" else 1e-9
+        np.testing.assert_allclose(difference / size, columns[..., k], rtol=0, atol=tolerance * scale)
+
+
+def shown(*texts):
+    made = simulator.simulate(SCENARIO, noise=False, effects=[parse(text) for text in texts])
+    return made.gyro.rates - PLAIN.gyro.rates
+
+
+def test_a_positive_size_reads_high_as_written():
+    t, omega, T = STREAM.t_s, MOTION.rates, STREAM.housekeeping["gyro_temperature_c"]
+    n = 2 * np.pi / PLAIN.orbit.period_s
+    expected = {
+        "bias_drift:z=3": (2, 3 * DEG_H * t / 86400),
+        "bias_step:x=0.2,time_s=1500": (0, 0.2 * DEG_H * (t > 1500)),
+        "bias_orbital:y=0.2,phase_deg=30": (1, 0.2 * DEG_H * np.sin(n * t + np.pi / 6)),
+        "bias_temperature:z=0.5": (2, 0.5 * DEG_H * (T - T.mean())),
+        "scale_asymmetry:y=700": (1, 7e-4 * np.abs(omega[:, 1])),
+        "scale_quadratic:z=9e4": (2, 9e-2 * omega[:, 2] * np.abs(np.rad2deg(omega[:, 2]))),
+        "g_matrix_step:z=1300,toward=y,time_s=1500": (2, 1.3e-3 * omega[:, 1] * (t > 1500)),
+    }
+    for text, (axis, values) in expected.items():
+        difference = shown(text)
+        np.testing.assert_allclose(difference[:, axis], values, rtol=0, atol=1e-9 * np.abs(values).max(), err_msg=text)
+        assert not np.delete(difference, axis, axis=1).any(), text
+
+
+def test_the_sample_with_the_step_shows_its_mean():
+    difference = shown("bias_step:x=1,time_s=2500.1")[:, 0] / DEG_H
+    at = np.searchsorted(MOTION.t_s, 2500.1) - 1
+    np.testing.assert_allclose(difference[at - 1 : at + 2], [0.0, 0.8, 1.0], atol=1e-6)
+
+
+def test_two_effects_add_also_of_one_kind():
+    both = shown("bias_drift:z=3", "bias_drift:x=2", "bias_step:z=1,time_s=1500", "bias_step:z=-2,time_s=2500")
+    apart = [
+        shown(one) for one in ("bias_drift:z=3", "bias_drift:x=2", "bias_step:z=1,time_s=1500", "bias_step:z=-2,time_s=2500")
+    ]
+    np.testing.assert_allclose(both, sum(apart), atol=1e-16)
+
+
+def test_reference_effects_in_closed_form():
+    n, t = 2 * np.pi / PLAIN.orbit.period_s, PLAIN.attitudes.t_s
+    expected = {
+        "reference_orbital:x=0.02,phase_deg=40": np.outer(0.02 * np.sin(n * t + np.deg2rad(40)), [1, 0, 0]),
+        "reference_horizon:y=0.02,phase_deg=40": np.outer(0.02 * np.sin(2 * n * t + np.deg2rad(40)), [0, 1, 0]),
+        "reference_mode_offset:z=0.1": np.outer(0.1 * (t > 2460), [0, 0, 1]),
+    }
+    for text, values in expected.items():
+        made = simulator.simulate(SCENARIO, noise=False, effects=[parse(text)]).attitudes.quaternions
+        np.testing.assert_allclose(np.rad2deg(separation(made, PLAIN.attitudes.quaternions)), -values, atol=1e-12, err_msg=text)
+
+
+def test_late_tags_by_one_sample_shift_the_samples():
+    raw = simulator.simulate(SCENARIO, noise=False, effects=[parse("time_offset=0.5")]).gyro.rates
+    for part in MOTION.intervals:
+        inner = slice(part.start + 1, part.stop - 1)
+        np.testing.assert_allclose(raw[inner], PLAIN.gyro.rates[part.start : part.stop - 2], atol=1e-14)
+
+
+def test_lag_of_a_sine_in_closed_form():
+    """After the transient the output is the input turned and shrunk by 1/(1 + iωτ); at three samples a time constant."""
+    tau, omega, dt = 1.5, 2 * np.pi / 40, 0.5
+    edge = dt * np.arange(401)
+    angle = np.diff(np.exp(1j * omega * edge) / (1j * omega)) / dt
+    rates = np.column_stack([angle.imag, 0 * angle.imag, np.ones(400)])
+    out = lagged(rates, np.full(400, dt), tau)
+    np.testing.assert_allclose(out[60:-1, 0], (angle / (1 + 1j * omega * tau)).imag[60:-1], atol=2e-6)  # the spline ends there
+    np.testing.assert_allclose(out[:, 2], 1.0, atol=1e-14)
+
+
+def test_a_lag_much_shorter_than_a_sample_does_nothing():
+    np.testing.assert_array_equal(shown("rate_lag=0"), 0)
+    assert np.abs(shown("rate_lag=1e-9")).max() < 1e-12
+
+
+def test_forward_axis_from_the_activity():
+    axes, t = forward_axes(PLAIN), PLAIN.attitudes.t_s
+    assert set(axes[t <= 900]) == {"+x"}
+    assert set(axes[(t >= 2000) & (t <= 2060)]) == {"+x"}
+    assert set(axes[(t >= 2860) & (t <= 3101)]) == {"-x"}
+    assert set(axes[t >= 4000]) == {"-x"}
+    series = simulator.simulate(simulator.load("trmm_series"), noise=False)
+    inside = (series.attitudes.t_s > 2172119) & (series.attitudes.t_s < 2177656)
+    assert set(forward_axes(series)[inside]) == {""}  # an inertial hold
+
+
+def test_stream_of_a_recording_is_near_the_truth():
+    G, bias = np.array(SCENARIO.gyro.true_G), np.deg2rad(SCENARIO.gyro.true_bias_deg_s)
+    stream = stream_of(simulator.simulate(SCENARIO, seed=2), G, bias)
+    np.testing.assert_array_equal(stream.t_s, STREAM.t_s)
+    np.testing.assert_array_equal(stream.duration_s, STREAM.duration_s)
+    assert (stream.intervals, stream.span_s) == (STREAM.intervals, STREAM.span_s)
+    np.testing.assert_allclose(stream.raw @ G.T + bias, stream.rates, atol=1e-17)
+    sigma = np.deg2rad(2.6e-4) / np.sqrt(0.5)
+    assert (stream.rates - STREAM.rates).std() < 0.45 * sigma
+    np.testing.assert_allclose(stream_of(PLAIN, G, bias, smooth_s=0).rates, MOTION.rates, atol=1e-17)
+
+
+@pytest.mark.parametrize("name", EFFECTS)
+def test_every_effect_is_described_and_simulated(name):
+    effect = EFFECTS[name]
+    assert effect.name == name
+    assert effect.summary
+    assert 0 < effect.prior[0] < effect.prior[1]
+    given = {"time_s": 2500.0, "toward": "y"}
+    parameters = {one.name: given[one.name] for one in effect.parameters if one.default is None}
+    size = float(np.sqrt(np.prod(effect.prior))) if effect.unit != "factor" else 2.0
+    made = setting(name, "z" if effect.axes else None, size, parameters)
+    recording = simulator.simulate(SCENARIO, seed=1, effects=[made])
+    same = np.array_equal(recording.gyro.rates, simulator.simulate(SCENARIO, seed=1).gyro.rates)
+    assert same == (effect.acts_on == "references" or name == "rate_saturation")  # its middle is beyond any rate here
+    np.testing.assert_array_equal(recording.gyro.t_s, PLAIN.gyro.t_s)
+    np.testing.assert_array_equal(recording.attitudes.sigma, PLAIN.attitudes.sigma)
+
+
+def test_no_effects_are_the_baseline_to_the_bit():
+    plain, empty = simulator.simulate(SCENARIO, seed=4), simulator.simulate(SCENARIO, seed=4, effects=[])
+    idle = simulator.simulate(SCENARIO, seed=4, effects=[parse("noise_excess=1"), parse("reference_noise_excess=1")])
+    for other in (empty, idle):
+        np.testing.assert_array_equal(other.gyro.rates, plain.gyro.rates)
+        np.testing.assert_array_equal(other.attitudes.quaternions, plain.attitudes.quaternions)
+
+
+def test_text_form():
+    made = parse("g_matrix_step:z=1300,toward=y,time_s=15000")
+    assert (made.effect, made.axis, made.size) == ("g_matrix_step", "z", 1300.0)
+    assert dict(made.parameters) == {"toward": "y", "time_s": 15000.0}
+    assert made.label() == "g_matrix_step:z"
+    assert dict(parse("bias_orbital:y=0.2").parameters) == {"phase_deg": 0.0}
+    assert parse("time_offset=-0.3").label() == "time_offset"
+    assert parse("noise_excess=2").axis is None
+    assert parse(" spikes : x = 1 , fraction = 0.01 ").label() == "spikes:x"
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("", "NAME:AXIS=SIZE"),
+        ("bias_drft:z=1", "did you mean bias_drift"),
+        ("warp=1", "there are bias_drift, "),
+        ("bias_drift=1", "which axis"),
+        ("bias_drift:w=1", "axis 'w'"),
+        ("bias_drift:=1", "axis ''"),
+        ("time_offset:x=1", "has no axis"),
+        ("bias_drift:z", "give its size in deg/h per day"),
+        ("bias_drift:z=", "give its size"),
+        ("bias_drift:z=much", "much is not a number"),
+        ("bias_drift:z=nan", "not a finite number"),
+        ("bias_drift:z=inf", "not a finite number"),
+        ("rate_lag=-1", "not within 0"),
+        ("spikes:x=1,fraction=2", "fraction 2 is not within 0 and 1"),
+        ("spikes:x=1,fraction=a", "fraction a is not a number"),
+        ("spikes:x=1,fractoin=0.1", "no parameter fractoin; it has fraction"),
+        ("bias_drift:z=1,time_s=3", "no parameter time_s; it has none"),
+        ("bias_step:z=1", "time_s is missing"),
+        ("g_matrix_step:z=1,time_s=3", "toward is missing"),
+        ("g_matrix_step:z=1,time_s=3,toward=w", "toward w must be one of x, y, z"),
+        ("bias_orbital:z=1,phase_deg", "PARAMETER=VALUE"),
+        ("bias_orbital:z=1,phase_deg=1,phase_deg=2", "given twice"),
+        ("bias_random_walk:z=1,gaps=skip", "one of hold, grow, reset"),
+    ],
+)
+def test_bad_text_is_one_clear_line(text, words):
+    with pytest.raises(InputError, match=re.escape(words)) as caught:
+        parse(text)
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("bias_step:z=1,time_s=-5", "not within the recording's 0 to 4700 s"),
+        ("bias_step:z=1,time_s=9999", "not within the recording's"),
+        ("vibration:z=1,apparent_hz=1.5", "half the sampling rate"),
+        ("stale_samples=1,fraction=0.9", "longer runs"),
+        ("bias_temperature:z=1,column=battery_v", "no housekeeping column battery_v; there is gyro_temperature_c"),
+    ],
+)
+def test_an_effect_that_cannot_act_is_refused(text, words):
+    with pytest.raises(InputError, match=re.escape(words)):
+        simulator.simulate(SCENARIO, effects=[parse(text)])
+
+
+def test_mode_offset_without_the_mode_is_refused():
+    scenario = simulator.override(SCENARIO, {"interval.1.activity": "yaw", "interval.2.activity": "test"})
+    with pytest.raises(InputError, match="-x is forward"):
+        simulator.simulate(scenario, effects=[parse("reference_mode_offset:x=1")])

@@ -1,0 +1,184 @@
+"""Random effects by their statistics, and what happens to the samples in closed form."""
+
+import numpy as np
+import pytest
+
+import simulator
+from simulator.effects import EFFECTS, References, Stream, parse
+from simulator.effects.chain import activated, readings
+from simulator.effects.gyro.noise_flicker import FLOOR
+from simulator.effects.gyro.stale_samples import stale_mask
+from simulator.truth.rotation import separation
+from tests.simulator.effects.test_effects import MOTION, PLAIN, SCENARIO
+
+DEG_H = np.deg2rad(1 / 3600)
+
+
+def still(count, sample_s=1.0, starts=(0.0,)):
+    """Samples of a gyro at rest, in intervals of equal length."""
+    t_s = np.concatenate([start + sample_s * (np.arange(count) + 0.5) for start in starts])
+    zero = np.zeros((t_s.size, 3))
+    parts = tuple(slice(k * count, (k + 1) * count) for k in range(len(starts)))
+    return Stream(t_s, np.full(t_s.size, sample_s), zero, zero, parts, 5500.0, (t_s[0], t_s[-1]))
+
+
+def applied(text, stream, seed=0, case=0, arw=0.0, noisy=False):
+    rng = simulator.generator(seed, case, "gyro_noise") if noisy else None
+    return readings(stream, activated([parse(text)], seed, case), arw, rng)
+
+
+def allan_deviation(rate, count):
+    """Non-overlapping, at a time of `count` samples."""
+    means = rate[: len(rate) // count * count].reshape(-1, count).mean(axis=1)
+    return np.sqrt(0.5 * np.mean(np.diff(means) ** 2))
+
+
+def test_flicker_has_a_flat_allan_deviation_at_0_664_B():
+    """Six seeds of 2¹⁷ samples; the relative error of a deviation from m pairs is about 0.6 √(2/m)/√6 at this noise."""
+    stream = still(2**17)
+    rates = [applied("noise_flicker:y=2", stream, seed) for seed in range(6)]
+    assert not any(rate[:, [0, 2]].any() for rate in rates)
+    for count in (32, 128, 512):
+        floor = np.sqrt(np.mean([allan_deviation(rate[:, 1], count) ** 2 for rate in rates])) / DEG_H
+        error = np.sqrt(2 / (6 * 2**17 / count))
+        assert floor == pytest.approx(2 * FLOOR, rel=5 * error + 0.01)
+    assert pytest.approx(0.664, abs=5e-4) == FLOOR
+
+
+def test_flicker_differs_from_white_noise_and_walk():
+    """Negative control: those slope by a half over the same decade and a half."""
+    walk = applied("bias_random_walk:y=1", still(2**15))[:, 1]
+    assert allan_deviation(walk, 256) > 2.5 * allan_deviation(walk, 16)
+
+
+@pytest.mark.parametrize(("gaps", "hours"), [("hold", (0.2, 0.4)), ("grow", (0.2, 1.2)), ("reset", (0.2, 0.2))])
+def test_random_walk_grows_as_its_gaps_say(gaps, hours):
+    """At the end of each of two intervals of 0.2 h that start 1 h apart; 600 cases, 5 sigma of a variance."""
+    stream = still(36, 20.0, (0.0, 3600.0))
+    walks = np.array([applied(f"bias_random_walk:x=3,gaps={gaps}", stream, case=k)[:, 0] for k in range(600)]) / DEG_H
+    variance = (walks[:, [35, 71]] ** 2).mean(axis=0)
+    np.testing.assert_allclose(variance, 9 * np.array(hours), rtol=5 * np.sqrt(2 / 600) + 0.03)
+
+
+def test_correlated_references_have_their_autocovariance():
+    """Uneven times and a long gap; 3000 cases, 5 sigma of a covariance."""
+    t_s = np.array([0.0, 60.0, 300.0, 90000.0])
+    references = References(t_s, np.tile([0.0, 0, 0, 1], (4, 1)), np.zeros(4, dtype=int), np.full(4, ""), 5500.0)
+    made = parse("reference_correlated:z=0.02,time_constant_s=200")
+    rng = np.random.default_rng(1)
+    errors = np.array([EFFECTS[made.effect].reference_wander(rng, references, made)[:, 2] for _ in range(3000)])
+    covariance = np.rad2deg(np.rad2deg(errors.T @ errors / 3000)) / 0.02**2
+    expected = np.exp(-np.abs(np.subtract.outer(t_s, t_s)) / 200)
+    np.testing.assert_allclose(covariance, expected, atol=5 * np.sqrt(2 / 3000))
+
+
+def test_noise_excess_scales_the_very_same_noise():
+    plain = simulator.simulate(SCENARIO, seed=3)
+    for text, factor in (("noise_excess=2.5", [2.5, 2.5, 2.5]), ("noise_excess:y=0.5", [1, 0.5, 1])):
+        made = simulator.simulate(SCENARIO, seed=3, effects=[parse(text)])
+        np.testing.assert_allclose(
+            made.gyro.rates - PLAIN.gyro.rates, (plain.gyro.rates - PLAIN.gyro.rates) * factor, atol=1e-17
+        )
+        np.testing.assert_array_equal(made.attitudes.quaternions, plain.attitudes.quaternions)
+    made = simulator.simulate(SCENARIO, seed=3, effects=[parse("reference_noise_excess=3")]).attitudes.quaternions
+    errors = separation(plain.attitudes.quaternions, PLAIN.attitudes.quaternions)
+    np.testing.assert_allclose(separation(made, PLAIN.attitudes.quaternions), 3 * errors, atol=1e-15)
+
+
+def test_an_effect_leaves_all_other_draws_as_they_were():
+    plain = simulator.simulate(SCENARIO, seed=5)
+    walk = simulator.simulate(SCENARIO, seed=5, effects=[parse("bias_random_walk:x=5")])
+    np.testing.assert_array_equal(walk.gyro.rates[:, 1:], plain.gyro.rates[:, 1:])
+    np.testing.assert_array_equal(walk.attitudes.quaternions, plain.attitudes.quaternions)
+    both = simulator.simulate(
+        SCENARIO,
+        seed=5,
+        effects=[parse("bias_random_walk:y=5"), parse("reference_correlated:z=1"), parse("bias_random_walk:x=5")],
+    )
+    np.testing.assert_array_equal(both.gyro.rates[:, [0, 2]], walk.gyro.rates[:, [0, 2]])
+    walks = both.gyro.rates - plain.gyro.rates
+    assert np.abs(walks[:, 0] - walks[:, 1]).max() > 1e-9
+
+
+def test_two_of_one_label_draw_apart():
+    twice = readings(still(50), activated([parse("bias_random_walk:x=1")] * 2, 0, 0), 0.0, None)
+    once = readings(still(50), activated([parse("bias_random_walk:x=1")], 0, 0), 0.0, None)
+    assert np.abs(twice - 2 * once).max() > 0.1 * np.abs(once).max()
+
+
+def shown(text, seed=None):
+    return simulator.simulate(SCENARIO, seed=seed or 0, noise=seed is not None, effects=[parse(text)]).gyro.rates
+
+
+def test_dead_zone_silences_the_reading_but_not_the_noise():
+    size = np.deg2rad(0.01)
+    free, noisy, plain = shown("rate_deadzone:x=0.01"), shown("rate_deadzone:x=0.01", 6), simulator.simulate(SCENARIO, seed=6)
+    inside = np.abs(PLAIN.gyro.rates[:, 0]) < size
+    assert 0.1 < inside.mean() < 1
+    np.testing.assert_array_equal(free[inside, 0], 0)
+    np.testing.assert_array_equal(free[~inside], PLAIN.gyro.rates[~inside])
+    np.testing.assert_array_equal(free[:, 1:], PLAIN.gyro.rates[:, 1:])
+    np.testing.assert_allclose(noisy - free, plain.gyro.rates - PLAIN.gyro.rates, atol=1e-17)
+
+
+def test_saturation_clips_with_the_noise():
+    limit = np.deg2rad(0.3)
+    clipped, plain = shown("rate_saturation:z=0.3", 6), simulator.simulate(SCENARIO, seed=6).gyro.rates
+    assert (np.abs(plain[:, 2]) > limit).any()
+    np.testing.assert_array_equal(clipped[:, 2], np.clip(plain[:, 2], -limit, limit))
+    np.testing.assert_array_equal(clipped[:, :2], plain[:, :2])
+
+
+def test_quantization_rounds_to_the_nearest_multiple():
+    step = np.deg2rad(1e-3)
+    plain = simulator.simulate(SCENARIO, seed=6).gyro.rates
+    rounded = shown("rate_quantization=1e-3", 6)
+    np.testing.assert_allclose(rounded / step, np.round(rounded / step), atol=1e-9)
+    assert np.abs(rounded - plain).max() <= 0.5 * step * (1 + 1e-9)
+    np.testing.assert_array_equal(shown("rate_quantization:y=1e-3", 6)[:, [0, 2]], plain[:, [0, 2]])
+
+
+def test_vibration_is_a_tone_at_the_apparent_frequency():
+    tone = (shown("vibration:y=0.01,apparent_hz=0.13,phase_deg=20") - PLAIN.gyro.rates)[:, 1]
+    t = MOTION.t_s + 0.5 * MOTION.duration_s
+    np.testing.assert_allclose(tone, np.deg2rad(0.01) * np.sin(2 * np.pi * 0.13 * t + np.deg2rad(20)), atol=1e-15)
+
+
+def test_spikes_have_their_share_size_and_sign():
+    """200 000 samples a axis, 2000 of them hit: 5 sigma."""
+    spikes = np.rad2deg(applied("spikes:z=2,fraction=0.01", still(200_000)))
+    assert not spikes[:, :2].any()
+    hit = spikes[spikes[:, 2] != 0, 2]
+    assert hit.size == pytest.approx(2000, abs=5 * np.sqrt(2000))
+    assert np.abs(hit).mean() == pytest.approx(2.0, rel=5 / np.sqrt(hit.size))
+    assert hit.mean() == pytest.approx(0, abs=5 * 2 * np.sqrt(2 / hit.size))
+    assert (applied("spikes=2,fraction=0.01", still(20_000)) != 0).any(axis=0).all()
+
+
+@pytest.mark.parametrize(("mean_run", "fraction"), [(1.0, 0.01), (4.0, 0.1), (20.0, 0.5)])
+def test_stale_runs_have_their_share_and_length(mean_run, fraction):
+    """From 10⁶ samples; the number of runs is r = 10⁶ f/mean_run, errors go as 1/√r."""
+    stale = stale_mask(np.random.default_rng(2), 10**6, mean_run, fraction)
+    onsets = (stale[1:] & ~stale[:-1]).sum()
+    error = 5 / np.sqrt(onsets)
+    assert stale.sum() / onsets == pytest.approx(mean_run, rel=error)
+    assert stale.mean() == pytest.approx(fraction, rel=2 * error)
+
+
+def test_stale_samples_repeat_all_axes_within_an_interval():
+    plain = simulator.simulate(SCENARIO, seed=6).gyro.rates
+    made = shown("stale_samples=5,fraction=0.2", 6)
+    changed = (made != plain).any(axis=1)
+    assert changed.mean() == pytest.approx(0.2, abs=0.1)
+    np.testing.assert_array_equal(made[1:][changed[1:]], made[:-1][changed[1:]])
+    assert not changed[[part.start for part in MOTION.intervals]].any()
+    np.testing.assert_array_equal(shown("stale_samples=5,fraction=0", 6), plain)
+
+
+def test_chain_order():
+    """Spikes are clipped, what is clipped is rounded, and repeats come last."""
+    effects = [parse(text) for text in ("stale_samples=3,fraction=0.1", "rate_quantization=0.07", "rate_saturation:x=0.2")]
+    made = np.rad2deg(simulator.simulate(SCENARIO, seed=1, effects=[*effects, parse("spikes=5,fraction=0.3")]).gyro.rates)
+    np.testing.assert_allclose(made / 0.07, np.round(made / 0.07), atol=1e-9)
+    assert np.abs(made[:, 0]).max() == pytest.approx(0.21)
+    assert np.abs(made[:, 1]).max() > 5

@@ -1,0 +1,203 @@
+"""A recording simulated again: its motion, its noise, what a calibration makes of it; and the command line of both."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import scipy.stats
+
+import simulator
+from gyrocal import InputError, calibrate, load, save
+from simulator.effects import EFFECTS, parse
+from simulator.effects.sensor import ALL_EFFECTS
+from simulator.effects.smoothing import noise_level, smoothed
+from simulator.replay import replay, replayed
+from simulator.truth.integration import accumulate
+from simulator.truth.rotation import separation
+from tests import ROOT, SHARED
+
+SERIES = simulator.load("trmm_series")
+MOTION = simulator.motion(SERIES)
+ORIGINAL = simulator.simulate(SERIES, seed=5)
+FITTED = calibrate(ORIGINAL).parameters
+FOUND = replayed(ORIGINAL, FITTED.G, FITTED.bias)
+SAMPLE_SIGMA = ORIGINAL.gyro.arw / np.sqrt(0.5)
+
+
+def test_recovered_motion_is_near_the_truth():
+    np.testing.assert_array_equal(FOUND.t_s, MOTION.t_s)
+    np.testing.assert_array_equal(FOUND.reference_t_s, MOTION.reference_t_s)
+    # The noise of a quadratic through 39 samples is 0.24 of one sample's.
+    assert (FOUND.rates - MOTION.rates).std() < 0.3 * SAMPLE_SIGMA
+    assert np.abs(FOUND.rates - MOTION.rates).max() < 5 * SAMPLE_SIGMA  # also in the slews
+    sigma = np.deg2rad(0.005)
+    assert separation(FOUND.quaternions, MOTION.quaternions).std() < 0.7 * sigma  # better than the references
+    assert separation(FOUND.quaternions, ORIGINAL.attitudes.quaternions).std() < 1.1 * sigma
+
+
+def test_recovered_rates_and_attitudes_agree_to_rounding():
+    for number, part in enumerate(FOUND.intervals):
+        interval = ORIGINAL.intervals[number]
+        ends = np.searchsorted(FOUND.reference_t_s, [interval.start_s, interval.stop_s])
+        last = accumulate(FOUND.quaternions[ends[0]], FOUND.rates[part] * FOUND.duration_s[part, None])[-1]
+        assert np.abs(separation(last, FOUND.quaternions[ends[1]])).max() < 1e-11
+
+
+def test_replay_keeps_everything_but_the_draws():
+    again = replay(ORIGINAL, FITTED.G, FITTED.bias, seed=1, motion=FOUND)
+    np.testing.assert_array_equal(again.gyro.t_s, ORIGINAL.gyro.t_s)
+    np.testing.assert_array_equal(again.attitudes.t_s, ORIGINAL.attitudes.t_s)
+    np.testing.assert_array_equal(again.attitudes.sigma, ORIGINAL.attitudes.sigma)
+    assert (again.title, again.intervals, again.orbit) == (ORIGINAL.title, ORIGINAL.intervals, ORIGINAL.orbit)
+    # The noise is there once: 143 000 samples.
+    assert noise_level(again.gyro.rates, 0) == pytest.approx(noise_level(ORIGINAL.gyro.rates, 0), rel=0.02)
+    clean = replay(ORIGINAL, FITTED.G, FITTED.bias, noise=False, motion=FOUND)
+    np.testing.assert_array_equal(clean.attitudes.quaternions, FOUND.quaternions)
+    np.testing.assert_allclose(clean.gyro.rates @ FITTED.G.T + FITTED.bias, FOUND.rates, atol=1e-17)
+    other = replay(ORIGINAL, FITTED.G, FITTED.bias, seed=2, motion=FOUND)
+    assert not np.any(again.gyro.rates == other.gyro.rates)
+
+
+def test_replays_calibrate_to_their_truth_within_sigma():
+    """Sum of 12 normalised squared errors over 10 seeds: χ² of 120."""
+    nees = 0.0
+    for seed in range(10):
+        result = calibrate(replay(ORIGINAL, FITTED.G, FITTED.bias, seed=seed, motion=FOUND))
+        error = result.parameters.vector - FITTED.vector
+        nees += error @ np.linalg.solve(result.covariance, error)
+    assert 0.001 < scipy.stats.chi2.sf(nees, 120) < 0.999
+
+
+def test_effects_act_on_a_replay():
+    clean = replay(ORIGINAL, FITTED.G, FITTED.bias, noise=False, motion=FOUND)
+    effects = [parse("bias_step:z=1,time_s=15000"), parse("reference_mode_offset:x=0.1")]
+    made = replay(ORIGINAL, FITTED.G, FITTED.bias, effects, noise=False, motion=FOUND)
+    high = np.rad2deg(made.gyro.rates - clean.gyro.rates)[:, 2] * 3600
+    np.testing.assert_allclose(high, made.gyro.t_s > 15000, atol=1e-8)
+    moved = np.rad2deg(separation(made.attitudes.quaternions, clean.attitudes.quaternions))[:, 0]
+    assert set(np.round(moved, 9)) == {0.0, -0.1}
+
+
+def test_temperature_of_the_recording_is_followed_and_carried_over():
+    warm = simulator.simulate(SERIES, seed=5, effects=[parse("bias_temperature:x=0.1")])
+    made = replay(warm, FITTED.G, FITTED.bias, [parse("bias_temperature:x=0.1")])
+    assert made.tables["housekeeping"] is warm.tables["housekeeping"]
+    with pytest.raises(InputError, match="no housekeeping"):
+        replay(ORIGINAL, FITTED.G, FITTED.bias, [parse("bias_temperature:x=0.1")], motion=FOUND)
+
+
+def test_without_an_orbit_orbital_effects_are_refused():
+    with pytest.raises(InputError, match="orbit's period"):
+        replay(replace(ORIGINAL, orbit=None), FITTED.G, FITTED.bias, [parse("bias_orbital:x=0.1")], motion=FOUND)
+
+
+def test_holes_and_outliers_are_bridged():
+    gyro = ORIGINAL.gyro
+    kept = np.ones(gyro.t_s.size, dtype=bool)
+    kept[5000:5020] = False  # ten seconds of m1
+    rates = gyro.rates.copy()
+    rates[[3000, 20000], 1] += np.deg2rad(1.0)
+    broken = replace(ORIGINAL, gyro=replace(gyro, t_s=gyro.t_s[kept], rates=rates[kept]))
+    found = replayed(broken, FITTED.G, FITTED.bias)
+    np.testing.assert_array_equal(found.t_s, gyro.t_s[kept])
+    assert np.abs(found.rates - MOTION.rates[kept]).max() < 5 * SAMPLE_SIGMA
+    assert separation(found.quaternions, MOTION.quaternions).std() < np.deg2rad(0.005)
+
+
+def test_touching_intervals_keep_one_attitude():
+    common = {"activity": "", "mode": "+x"}
+    intervals = [{"name": name, "start_s": a, "stop_s": a + 600.0, **common} for name, a in (("a", 100.0), ("b", 700.0))]
+    recording = simulator.simulate(simulator.override(SERIES, {"interval": intervals}), seed=1)
+    found = replayed(recording, FITTED.G, FITTED.bias)
+    last = accumulate(found.quaternions[0], found.rates * found.duration_s[:, None])[-1]
+    assert np.abs(separation(last, found.quaternions[-1])).max() < 1e-11
+
+
+def test_smoothing_takes_noise_out_and_leaves_steps_in():
+    rng = np.random.default_rng(0)
+    truth = np.where(np.arange(2000) < 1000, 0.0, 1.0)[:, None] * [1.0, 0.0, 0.0]
+    out = smoothed(truth + 0.01 * rng.standard_normal((2000, 3)), 0.5, 20.0, 0.01)
+    assert np.abs(out - truth).max() < 0.06
+    assert (out - truth).std() < 0.003
+    np.testing.assert_array_equal(smoothed(truth, 0.5, 0.0, 0.01), truth)
+
+
+PRACTICE = SHARED / "practice"
+
+
+@pytest.mark.skipif(not PRACTICE.is_dir(), reason="the practice recordings are not beside this checkout")
+def test_replay_of_a_recording_with_a_gap_has_none():
+    """p12 has a bias step and a time offset: it does not fit M0, its replay does."""
+    recording = load(PRACTICE / "p12")
+    result = calibrate(recording)
+    again = calibrate(replay(recording, result.parameters.G, result.parameters.bias, seed=3))
+    assert result.p_value < 1e-6
+    assert 0.001 < again.p_value < 0.999
+
+
+# ---- command line ------------------------------------------------------------------------------------------------------------
+
+
+def test_effects_on_the_command_line(run_cli, tmp_path):
+    rec, truth = tmp_path / "rec", tmp_path / "truth.json"
+    texts = ("bias_temperature:x=0.05", "g_matrix_step:z=1300,toward=y,time_s=15000")
+    done = run_cli(
+        "simulate", "trmm", str(rec), "--seed", "2", "--truth", str(truth), "--effect", texts[0], "--effect", texts[1]
+    )
+    assert done.exit_code == 0, done.stderr
+    np.testing.assert_allclose(
+        load(rec).gyro.rates, simulator.simulate(simulator.load("trmm"), 2, effects=[parse(t) for t in texts]).gyro.rates
+    )
+    assert "gyro_temperature_c" in load(rec).tables["housekeeping"]
+    written = json.loads(truth.read_text())["effects"]
+    assert written[1] == {
+        "effect": "g_matrix_step",
+        "axis": "z",
+        "size": 1300.0,
+        "unit": "ppm",
+        "parameters": {"toward": "y", "time_s": 15000.0},
+    }
+    assert run_cli("calibrate", str(rec), "--truth", str(truth)).exit_code == 0
+
+
+def test_replay_on_the_command_line(run_cli, tmp_path):
+    save(ORIGINAL, tmp_path / "rec")
+    truth = tmp_path / "truth.json"
+    done = run_cli(
+        "simulate", str(tmp_path / "rec"), str(tmp_path / "again"), "--truth", str(truth), "--effect", "time_offset=1"
+    )
+    assert done.exit_code == 0, done.stderr
+    again = load(tmp_path / "again")
+    np.testing.assert_array_equal(again.gyro.t_s, ORIGINAL.gyro.t_s)
+    document = json.loads(truth.read_text())
+    np.testing.assert_allclose(document["G"], FITTED.G, atol=1e-12)
+    assert document["effects"][0]["effect"] == "time_offset"
+    assert calibrate(again).p_value < 0.01
+    refused = run_cli("simulate", str(tmp_path / "rec"), str(tmp_path / "c"), "--set", "gyro.sample_s=1")
+    assert refused.exit_code == 2
+    assert "a recording has no scenario to change" in refused.stderr
+
+
+def test_effects_are_listed(run_cli, tmp_path):
+    result = run_cli("effects", "--json", str(tmp_path / "effects.json"))
+    assert result.exit_code == 0
+    assert all(name in result.stdout for name in ALL_EFFECTS)
+    assert [row["effect"] for row in json.loads((tmp_path / "effects.json").read_text())["effects"]] == list(ALL_EFFECTS)
+    assert "Example" in run_cli("effects", "--help").stdout
+
+
+@pytest.mark.parametrize("text", ["bias_drft:z=1", "bias_drift=1", "bias_drift:z=nan", "bias_step:z=1,time_s=1e9"])
+def test_bad_effects_end_in_one_line(run_cli, tmp_path, text):
+    result = run_cli("simulate", "trmm", str(tmp_path / "rec"), "--effect", text)
+    assert result.exit_code == 2
+    assert len(result.stderr.strip().splitlines()) == 1
+    assert not (tmp_path / "rec").exists()
+
+
+def test_every_effect_is_in_the_documentation():
+    text = (ROOT / "docs" / "effects.md").read_text()
+    for name, effect in EFFECTS.items():
+        row = next(line for line in text.splitlines() if line.startswith(f"| `{name}` |"))
+        assert f"| {effect.unit} |" in row
+        assert all(f"`{parameter.name}`" in row for parameter in effect.parameters)

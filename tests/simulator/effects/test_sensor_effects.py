@@ -1,0 +1,210 @@
+"""Effects on the attitude sensors: what they do to the simulated sensors, against the error they state."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from gyrocal.errors import InputError
+from simulator import scenario
+from simulator.effects import EFFECTS
+from simulator.effects.sensor import ALL_EFFECTS, SENSOR_EFFECTS, Sightings, described, parse
+from simulator.sensors import earth as earth_sensor
+from simulator.sensors.record import nominal_suite, sensed
+from simulator.sensors.suite import positions
+from simulator.sensors.sun import HEAD_DSS2, head_tangents
+from simulator.simulate import motion, simulate
+from simulator.truth.orbit import CircularOrbit, lvlh_attitude
+from simulator.truth.sun import DAY, julian_date, sun_vector
+
+EPOCH = "1997-12-19T21:30:00"
+ORBIT = CircularOrbit(350e3, np.deg2rad(35.0), node=np.deg2rad(-133.0))
+MONTHS = scenario.load("trmm_months")
+SETTINGS = [
+    "dss_head:1=0.6",
+    "dss_head:2=-0.9,e1_deg=1,e2_deg=-2,e3_deg=0.3",
+    "dss_misalignment=0.8",
+    "esa_bias=0.3",
+    "esa_s_filter=0.5",
+    "esa_s_filter=-0.5,time_constant_s=30",
+    "esa_sun_intrusion=0.7",
+    "esa_sun_intrusion=0.7,field_deg=8,time_constant_s=120",
+    "esa_nadir=0.4",
+]
+
+
+@pytest.fixture(scope="module")
+def looking():
+    """An orbit, −x forward, with the Sun some 40° from the orbit plane, so that it passes two quadrants."""
+    t = np.arange(0.0, ORBIT.period, 8.0)
+    A = np.diag([-1.0, -1.0, 1.0]) @ lvlh_attitude(ORBIT, t)
+    sun = sun_vector(julian_date(EPOCH) + t / DAY)
+    body = np.einsum("nij,nj->ni", A, sun)
+    assert 38 < np.rad2deg(np.arcsin(-body[:, 1])).mean() < 46
+    return t, A, positions(ORBIT, t), sun
+
+
+def shown(suite, looking):
+    """Angles that both sun sensors see before they are counted, and the Earth sensor's without noise."""
+    t, A, position, sun = looking
+    angles = []
+    for sensor in suite.sun_sensors:
+        s = np.einsum("nij,nj->ni", A, sun) @ sensor.alignment
+        own = [head_tangents(*row, sensor.head) if row[2] > 0.3 else (np.nan, np.nan) for row in s]
+        angles.append(np.arctan(np.array(own)))
+    return np.stack(angles), *earth_sensor.observe(np.random.default_rng(0), suite.earth, t, A, position, sun)
+
+
+def sightings(looking, angles, used):
+    t, A, position, sun = looking
+    seen = np.isfinite(angles).all(axis=2)
+    number = np.concatenate([np.full(rows.sum(), k + 1) for k, rows in enumerate(seen)])
+    own = np.concatenate([angles[k][rows] for k, rows in enumerate(seen)])
+    return Sightings(number, own, t, np.zeros(t.size, dtype=np.intp), A, position, sun, used), seen
+
+
+@pytest.mark.parametrize("text", SETTINGS)
+def test_the_error_is_what_the_simulated_sensors_show(looking, text):
+    setting = parse(text)
+    effect = SENSOR_EFFECTS[setting.effect]
+    plain = nominal_suite(0.0, 0.0)
+    # A quadrant that is not used shows the Sun in S, and what it would show without is wanted.
+    before, earth_before, _ = shown(replace(plain, earth=replace(plain.earth, sun_radiance=0.0)), looking)
+    after, earth_after, used = shown(effect.fitted(plain, setting), looking)
+    where, seen = sightings(looking, before, used)
+    sun_error, earth_error = effect.error(where, setting.axis, effect.amplitudes(setting), setting.parameters)
+    changed = np.concatenate([(after - before)[k][rows] for k, rows in enumerate(seen)])
+    np.testing.assert_allclose(sun_error, changed, rtol=0, atol=1e-12)
+    np.testing.assert_allclose(earth_error[used], (earth_after - earth_before)[used], rtol=0, atol=1e-12)
+    assert np.abs(sun_error).max() + np.abs(earth_error[used]).max() > 1e-3
+
+
+@pytest.mark.parametrize("text", SETTINGS)
+def test_derivatives_are_those_of_the_simulated_sensors(looking, text):
+    """By each amplitude, against central differences of the simulation; small enough for the cubes to vanish."""
+    setting = parse(text)
+    effect, plain, h = SENSOR_EFFECTS[setting.effect], nominal_suite(0.0, 0.0), 1e-3
+    before, _, _ = shown(plain, looking)
+    for k in range(effect.count):
+        step = np.zeros(effect.count)
+        step[k] = h
+        both = []
+        for way in (1, -1):
+            size, parameters = effect.from_amplitudes(way * step)
+            both.append(
+                shown(
+                    effect.fitted(
+                        plain, type(setting)(setting.effect, setting.axis, size, {**setting.parameters, **parameters})
+                    ),
+                    looking,
+                )
+            )
+        used = both[0][2]
+        where, seen = sightings(looking, before, used)
+        errors = [effect.error(where, setting.axis, way * step, setting.parameters) for way in (1, -1)]
+        of_sun = np.concatenate([(both[0][0] - both[1][0])[j][rows] for j, rows in enumerate(seen)]) / (2 * h)
+        of_earth = (both[0][1] - both[1][1]) / (2 * h)
+        np.testing.assert_allclose((errors[0][0] - errors[1][0]) / (2 * h), of_sun, rtol=0, atol=1e-9)
+        np.testing.assert_allclose(((errors[0][1] - errors[1][1]) / (2 * h))[used], of_earth[used], rtol=0, atol=1e-9)
+
+
+def test_first_order_of_a_head():
+    """δ tan β = −e₁ a b − e₂ a + e₃ (1 + b²), and a misalignment (e₃, e₁, e₂) of DSS-2 does that to β and more to α."""
+    rng = np.random.default_rng(4)
+    angles = np.deg2rad(rng.uniform(-45, 45, (50, 2)))
+    empty = np.zeros((0, 4), dtype=bool)
+    where = Sightings(
+        np.full(50, 2),
+        angles,
+        np.zeros(0),
+        np.zeros(0, dtype=np.intp),
+        np.zeros((0, 3, 3)),
+        np.zeros((0, 3)),
+        np.zeros((0, 3)),
+        empty,
+    )
+    e = np.array([2e-4, -1e-4, 3e-4])
+    a, b = np.tan(angles).T
+    head, _ = SENSOR_EFFECTS["dss_head"].error(where, "2", e, {})
+    expected = np.deg2rad(-e[0] * a * b - e[1] * a + e[2] * (1 + b**2)) / (1 + b**2)
+    np.testing.assert_allclose(head[:, 1], expected, atol=1e-9)
+    assert not head[:, 0].any()
+    m = e[[2, 0, 1]]
+    turned, _ = SENSOR_EFFECTS["dss_misalignment"].error(where, None, m, {})
+    np.testing.assert_allclose(turned[:, 1], expected, atol=1e-9)
+    of_alpha = np.deg2rad(m[0] * a * b - m[1] * (1 + a**2) + m[2] * b) / (1 + a**2)
+    np.testing.assert_allclose(turned[:, 0], of_alpha, atol=1e-9)
+
+
+def test_registry():
+    assert not set(SENSOR_EFFECTS) & set(EFFECTS)
+    assert set(ALL_EFFECTS) == set(EFFECTS) | set(SENSOR_EFFECTS)
+    head = parse("dss_head:2=0.28156")
+    np.testing.assert_allclose(np.deg2rad(SENSOR_EFFECTS["dss_head"].amplitudes(head)), HEAD_DSS2, rtol=1e-4)
+    assert described(head)["unit"] == "deg"
+    assert parse("bias_drift:z=0.01").axis == "z"
+    for text in SETTINGS:
+        setting = parse(text)
+        effect = SENSOR_EFFECTS[setting.effect]
+        amplitudes = effect.amplitudes(setting)
+        size, parameters = effect.from_amplitudes(amplitudes)
+        again = type(setting)(setting.effect, setting.axis, size, {**setting.parameters, **parameters})
+        np.testing.assert_allclose(effect.amplitudes(again), amplitudes, rtol=1e-12)
+        assert effect.prior[0] < abs(setting.size) < effect.prior[1]
+        assert all(set(option) <= {one.name for one in effect.parameters} for option in effect.options)
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("dss_head=0.1", "which axis"),
+        ("dss_head:3=0.1", "must be one of 1, 2"),
+        ("esa_bias:1=0.1", "has no axis"),
+        ("esa_bais=0.1", "did you mean esa_bias"),
+        ("esa_s_filter=0.1,time_constant_s=-1", "not within"),
+        ("dss_misalignment=9", "not within"),
+    ],
+)
+def test_bad_settings_are_one_line(text, message):
+    with pytest.raises(InputError, match=message):
+        parse(text)
+
+
+def test_an_effect_leaves_the_noise_as_it_was():
+    few = MONTHS.model_copy(update={"interval": MONTHS.interval[6:8]})
+    plain, biased = simulate(few, seed=5), simulate(few, seed=5, effects=[parse("esa_bias=0.4")])
+    np.testing.assert_array_equal(plain.sensors.sun.counts, biased.sensors.sun.counts)
+    np.testing.assert_array_equal(plain.gyro.rates, biased.gyro.rates)
+    bias = np.deg2rad(SENSOR_EFFECTS["esa_bias"].amplitudes(parse("esa_bias=0.4")))
+    difference = biased.sensors.earth.angles - plain.sensors.earth.angles
+    np.testing.assert_allclose(difference, np.tile(bias, (len(difference), 1)), atol=1e-12)
+    again = sensed(few, motion(few), seed=6)
+    assert not np.array_equal(again.sun.counts[:50], plain.sensors.sun.counts[:50])
+
+
+def test_sensors_are_needed_for_an_effect_on_them():
+    with pytest.raises(InputError, match=r"dss_head: .*\[sensors\]"):
+        simulate(scenario.load("trmm"), effects=[parse("dss_head:2=0.1")])
+    assert simulate(scenario.load("trmm"), noise=False).sensors is None
+
+
+def test_the_sun_stays_where_the_sensors_can_see_it():
+    """On the −Y side, 0 to 58.4° from the XZ plane in all stretches of constant rate but those of a yaw maneuver's day."""
+    few = MONTHS.model_copy(update={"interval": tuple(one for one in MONTHS.interval if one.name.startswith("d"))})
+    tables = simulate(few, noise=False).sensors
+    assert len(few.interval) == 23
+    for section in few.interval:
+        for table in (tables.sun, tables.earth):
+            assert ((table.t_s >= section.start_s) & (table.t_s < section.stop_s)).sum() > 50
+
+
+def test_the_setting_of_several_angles_holds_those_that_act():
+    """The text has a norm and a direction; what is written as the truth are the angles."""
+    setting = parse("dss_head:2=0.56")
+    angles = [setting.parameters[name] for name in ("e1_deg", "e2_deg", "e3_deg")]
+    assert np.linalg.norm(angles) == pytest.approx(0.56)
+    assert angles[0] / angles[2] == pytest.approx(0.206 / 0.182)
+    turned = parse("dss_head:2=-0.1,e1_deg=3,e2_deg=0,e3_deg=0")
+    assert (turned.size, turned.parameters["e1_deg"]) == pytest.approx((0.1, -0.1))
+    with pytest.raises(InputError, match="all zero"):
+        parse("dss_head:2=0.28,e1_deg=0,e2_deg=0,e3_deg=0")

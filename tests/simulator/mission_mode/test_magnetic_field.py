@@ -1,0 +1,51 @@
+import numpy as np
+import pytest
+
+from simulator.mission_mode.magnetic_field import DIPOLE, EARTH_RATE, J2000, REFERENCE_RADIUS, dipole_field, sidereal_angle
+
+STILL = np.array([3.1e6, -4.4e6, 3.9e6])
+
+
+def field(position, angle=0.0):
+    return np.array(dipole_field(*position, angle, DIPOLE))
+
+
+def test_published_geomagnetic_pole():
+    """1995 centred dipole: 79.32° N, 71.42° W, as tabulated from the reference field by Woods Hole."""
+    x, y, z = -DIPOLE / np.linalg.norm(DIPOLE)
+    assert np.rad2deg(np.arcsin(z)) == pytest.approx(79.32, abs=0.005)
+    assert np.rad2deg(np.arctan2(y, x)) == pytest.approx(-71.42, abs=0.005)
+
+
+def test_along_the_axis_it_is_twice_that_across():
+    """|B| = B₀ (a/r)³ sqrt(1 + 3 sin²λ) at the magnetic latitude λ; at the northern pole B points down."""
+    axis = -DIPOLE / np.linalg.norm(DIPOLE)
+    across = np.cross(axis, [1.0, 0.0, 0.0]) / np.linalg.norm(np.cross(axis, [1.0, 0.0, 0.0]))
+    for latitude in (0.0, 0.4, np.pi / 2):
+        r = 1.06 * REFERENCE_RADIUS * (np.cos(latitude) * across + np.sin(latitude) * axis)
+        expected = np.linalg.norm(DIPOLE) / 1.06**3 * np.sqrt(1 + 3 * np.sin(latitude) ** 2)
+        assert np.linalg.norm(field(r)) == pytest.approx(expected, rel=1e-12)
+    assert field(REFERENCE_RADIUS * axis) @ axis < 0
+
+
+def test_gradient_of_the_potential():
+    def potential(r):
+        return REFERENCE_RADIUS**3 * (DIPOLE @ r) / np.linalg.norm(r) ** 3
+
+    h = 100.0
+    gradient = [(potential(STILL + h * e) - potential(STILL - h * e)) / (2 * h) for e in np.eye(3)]
+    assert field(STILL) == pytest.approx(-np.array(gradient), rel=1e-7)
+
+
+def test_published_sidereal_time():
+    """Meeus, example 12.a: 1987 April 10, 0h UT, 13h 10m 46.3668s; his T² term there is 6e-6°."""
+    assert np.rad2deg(sidereal_angle(2446895.5)) == pytest.approx(15 * (13 + 10 / 60 + 46.3668 / 3600), abs=1e-4)
+
+
+def test_turns_with_the_earth():
+    """After a turn of the Earth the field is as before; after a solar day (negative control) it is not."""
+    start = sidereal_angle(J2000)
+    turn = 2 * np.pi / EARTH_RATE
+    assert turn == pytest.approx(86164.09, abs=0.01)
+    assert field(STILL, start + EARTH_RATE * turn) == pytest.approx(field(STILL, start), rel=1e-12)
+    assert np.abs(field(STILL, start + EARTH_RATE * 86400) - field(STILL, start)).max() > 1e-8

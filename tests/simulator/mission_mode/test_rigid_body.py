@@ -1,0 +1,127 @@
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+from simulator.mission_mode.rigid_body import attitude_matrix, rigid_body_step
+from simulator.truth.rotation import matrix, quaternion, separation
+
+INERTIA = np.array([[8500.0, 40.0, -120.0], [40.0, 6000.0, 60.0], [-120.0, 60.0, 9500.0]])
+Q = np.array([0.1, -0.3, 0.2, 0.927])
+Q = Q / np.linalg.norm(Q)
+OMEGA = np.array([0.02, -0.03, 0.05])
+N = 1.144e-3
+NONE = np.zeros(3)
+DOWN, AHEAD = np.array([0.0, 0.0, 1.0]), np.array([1.0, 0.0, 0.0])
+
+
+def run(steps, dt, *, inertia=INERTIA, omega=OMEGA, h=NONE, torque=NONE, wheel=None, gradient=0.0, q=Q):
+    """States after each step: q, ω, h; the orbit starts over the x axis, in the xz plane; wheel(k) is w."""
+    q, omega, h, turned = q.copy(), np.array(omega, dtype=float), np.array(h, dtype=float), np.zeros(3)
+    out = [(q.copy(), omega.copy(), h.copy())]
+    inverse = np.linalg.inv(inertia)
+    for k in range(steps):
+        c, s = np.cos(N * k * dt), np.sin(N * k * dt)
+        nadir, velocity = c * DOWN - s * AHEAD, c * AHEAD + s * DOWN
+        w = NONE if wheel is None else wheel(k)
+        rigid_body_step(q, omega, h, inertia, inverse, torque, w, nadir, velocity, N, gradient, dt, turned)
+        out.append((q.copy(), omega.copy(), h.copy()))
+    return [np.array(x) for x in zip(*out, strict=True)], turned
+
+
+def momentum(q, omega, h):
+    """Inertial angular momentum Aᵀ (I ω + h)."""
+    return np.einsum("nji,nj->ni", matrix(q), omega @ INERTIA.T + h)
+
+
+def test_matrix():
+    out = np.empty((3, 3))
+    attitude_matrix(Q, out)
+    assert out == pytest.approx(matrix(Q), abs=1e-15)
+
+
+def test_symmetric_body_precesses():
+    """Torque-free body with I = diag(a, a, c): ω_x + i ω_y turns at (c − a) ω_z / a, ω_z stays."""
+    a, c = 9000.0, 6000.0
+    (_, omega, _), _ = run(4000, 0.5, inertia=np.diag([a, a, c]))
+    t = 0.5 * np.arange(4001)
+    expected = (OMEGA[0] + 1j * OMEGA[1]) * np.exp(1j * (c - a) / a * OMEGA[2] * t)
+    assert np.abs(omega[:, 0] + 1j * omega[:, 1] - expected).max() < 2e-9
+    assert np.abs(omega[:, 2] - OMEGA[2]).max() < 1e-15
+
+
+def test_energy_and_momentum_without_torque():
+    (q, omega, h), _ = run(4000, 0.5)
+    energy = 0.5 * np.einsum("ni,ij,nj->n", omega, INERTIA, omega)
+    total = momentum(q, omega, h)
+    assert np.abs(energy / energy[0] - 1).max() < 1e-8
+    assert np.abs(total - total[0]).max() / np.linalg.norm(total[0]) < 1e-8
+    # Negative control: the body's components do change, and a torque does change both.
+    assert np.ptp(omega @ INERTIA.T, axis=0).max() > 50
+    (q, omega, h), _ = run(4000, 0.5, torque=np.array([0.0, 0.01, 0.0]))
+    assert np.abs(momentum(q, omega, h)[-1] - total[0]).max() > 0.1
+
+
+def test_wheels_exchange_momentum():
+    """Whatever the wheels do, the sum stays; the body's share alone (negative control) does not."""
+    rng = np.random.default_rng(3)
+    torques = rng.normal(size=(1000, 3))
+    (q, omega, h), _ = run(1000, 0.5, h=[5.0, -3.0, 8.0], wheel=lambda k: torques[k])
+    total = momentum(q, omega, h)
+    assert np.abs(total - total[0]).max() < 1e-5
+    assert h[-1] == pytest.approx([5.0, -3.0, 8.0] + 0.5 * torques.sum(axis=0), abs=1e-9)
+    assert np.abs(momentum(q, omega, 0 * h) - momentum(q, omega, 0 * h)[0]).max() > 1.0
+
+
+def equations(t, y):
+    """(1) and (2) written anew, with A carried as a matrix."""
+    A, omega, h = y[:9].reshape(3, 3), y[9:12], y[12:]
+    z = A @ (np.cos(N * t) * DOWN - np.sin(N * t) * AHEAD)
+    outer = np.array([0.02, -0.01, 0.03]) + 3 * N**2 * np.cross(z, INERTIA @ z)
+    w = np.array([0.1, 0.05, -0.2])
+    rate = np.linalg.solve(INERTIA, outer - w - np.cross(omega, INERTIA @ omega + h))
+    return np.concatenate([-np.cross(omega, A, axisb=0, axisc=0).ravel(), rate, w])
+
+
+def test_against_another_integrator():
+    start = np.concatenate([matrix(Q).ravel(), OMEGA, [1.0, 2.0, -3.0]])
+    end = solve_ivp(equations, (0, 100), start, method="DOP853", rtol=1e-12, atol=1e-13).y[:, -1]
+    options = {
+        "h": [1.0, 2.0, -3.0],
+        "torque": np.array([0.02, -0.01, 0.03]),
+        "wheel": lambda k: np.array([0.1, 0.05, -0.2]),
+        "gradient": 3 * N**2,
+    }
+    (q, omega, h), turned = run(400, 0.25, **options)
+    assert np.abs(separation(quaternion(end[:9].reshape(3, 3)), q[-1])).max() < 1e-9
+    assert omega[-1] == pytest.approx(end[9:12], abs=1e-11)
+    assert h[-1] == pytest.approx(end[12:], abs=1e-10)
+    (_, fine, _), _ = run(1600, 0.0625, **options)
+    weights = np.ones(1601)
+    weights[1:-1:2], weights[2:-1:2] = 4.0, 2.0
+    assert turned == pytest.approx(weights @ fine * 0.0625 / 3, abs=1e-8)
+
+
+def test_order():
+    ends = [run(100 * m, 4.0 / m)[0] for m in (1, 2, 64)]
+    coarse, fine = (np.linalg.norm(separation(q[-1], ends[2][0][-1])) for q, _, _ in ends[:2])
+    assert 12 < coarse / fine < 40
+
+
+def test_pitch_libration():
+    """A small pitch angle from LVLH swings at n sqrt(3 (I_x − I_z)/I_y); without gradient (negative control) it stays."""
+    inertia, angle = np.diag([9000.0, 8000.0, 5000.0]), 1e-3
+    period = 2 * np.pi / (N * np.sqrt(3 * (9000 - 5000) / 8000))
+    steps = round(period)
+    start = np.array([0.0, np.sin(angle / 2), 0.0, np.cos(angle / 2)])
+
+    def pitch(gradient):
+        # A fixed q turns with the orbit: ω = −n about y.
+        (q, _, _), _ = run(steps, 1.0, inertia=inertia, omega=[0.0, -N, 0.0], gradient=gradient, q=start)
+        A = matrix(q)
+        c, s = np.cos(N * np.arange(steps + 1)), np.sin(N * np.arange(steps + 1))
+        z = np.einsum("nij,nj->ni", A, c[:, None] * DOWN - s[:, None] * AHEAD)
+        return np.arctan2(-z[:, 0], z[:, 2])
+
+    swing = pitch(3 * N**2)
+    assert swing == pytest.approx(angle * np.cos(2 * np.pi * np.arange(steps + 1) / period), abs=2e-3 * angle)
+    assert np.abs(pitch(0.0) - angle).max() < 1e-9

@@ -1,0 +1,177 @@
+import numpy as np
+import pytest
+
+from gyrocal.errors import InputError
+from simulator.truth.maneuvers import (
+    MODE_YAW,
+    Hold,
+    Profile,
+    Slew,
+    Sway,
+    pulse,
+    smoothstep,
+    smoothstep_integral,
+    trajectory,
+)
+from simulator.truth.orbit import CircularOrbit, lvlh_attitude
+from simulator.truth.rotation import matrix, quaternion, separation
+
+ORBIT = CircularOrbit(350e3, np.deg2rad(35.0), node=0.3, latitude_argument=2.0)
+RPO = ORBIT.mean_motion
+Z = np.array([0.0, 0.0, 1.0])
+SWAY = Sway(np.deg2rad([0.05, 0.1, 0.2]), np.array([110.0, 70.0, 190.0]), np.array([0.1, 1.2, 2.5]))
+
+
+def finite_difference_rate(attitude, tau: np.ndarray, h: float) -> np.ndarray:
+    A = [attitude(tau + k * h) for k in (-2, -1, 1, 2)]
+    W = -((A[0] - 8 * A[1] + 8 * A[2] - A[3]) / (12 * h)) @ np.swapaxes(attitude(tau), -1, -2)
+    return np.stack([W[:, 2, 1], W[:, 0, 2], W[:, 1, 0]], axis=-1)
+
+
+@pytest.mark.parametrize(
+    ("mode", "rate", "forward"),
+    [
+        ("+x", [0, -1, 0], [1, 0, 0]),
+        ("-x", [0, 1, 0], [-1, 0, 0]),
+        ("-y", [-1, 0, 0], [0, -1, 0]),
+        ("+y", [1, 0, 0], [0, 1, 0]),
+    ],
+)
+def test_modes(mode, rate, forward):
+    """The named axis lies along the velocity, z to nadir, and the rate is that of the flight."""
+    profile = Profile(ORBIT, 1000.0, 1600.0, MODE_YAW[mode])
+    tau = np.array([0.0, 100.0])
+    np.testing.assert_allclose(profile.rate(tau), np.tile(RPO * np.array(rate), (2, 1)), atol=1e-17)
+    A_bl = profile.attitude(tau) @ np.swapaxes(lvlh_attitude(ORBIT, 1000.0 + tau), -1, -2)
+    np.testing.assert_allclose(A_bl[:, :, 0], np.tile(forward, (2, 1)), atol=1e-15)
+    np.testing.assert_allclose(A_bl[:, :, 2], np.tile(Z, (2, 1)), atol=1e-15)
+
+
+def test_shapes_are_what_their_names_say():
+    x = np.linspace(-0.5, 1.5, 4001)
+    h = x[1] - x[0]
+    np.testing.assert_allclose(np.cumsum(pulse(x)) * h, np.where(x > 1, 1, np.cumsum(pulse(x)) * h), atol=1e-6)
+    assert np.sum(pulse(x)) * h == pytest.approx(1.0, abs=1e-10)
+    assert smoothstep(np.array([-1.0, 0.0, 0.5, 1.0, 2.0])).tolist() == [0.0, 0.0, 0.5, 1.0, 1.0]
+    inside = x[(x > h) & (x < 1 - h)]
+    slope = (smoothstep_integral(inside + h / 2) - smoothstep_integral(inside - h / 2)) / h
+    np.testing.assert_allclose(slope, smoothstep(inside), atol=1e-7)
+
+
+@pytest.mark.parametrize("ramp_fraction", [0.1, 0.3, 0.5])
+def test_slew_profile(ramp_fraction):
+    slew = Slew(Z, np.pi, 100.0, 400.0, ramp_fraction)
+    tau = np.linspace(0.0, 600.0, 60_001)
+    angles, rates = slew.angles(tau), slew.rates(tau)
+    assert angles[0] == 0.0
+    assert angles[-1] == pytest.approx(np.pi, rel=1e-15)
+    assert rates.max() == pytest.approx(np.pi / (400.0 * (1 - ramp_fraction)), rel=1e-12)
+    h = tau[1] - tau[0]
+    np.testing.assert_allclose((angles[2:] - angles[:-2]) / (2 * h), rates[1:-1], atol=1e-9)
+    # A jump of the rate or of its derivative would show as a second difference of the order of the value, not of h².
+    acceleration = np.diff(rates) / h
+    assert np.abs(np.diff(rates)).max() < 2e-3 * rates.max()
+    assert np.abs(np.diff(acceleration)).max() < 2e-3 * np.abs(acceleration).max()
+    assert not rates[(tau <= 100) | (tau >= 500)].any()
+
+
+@pytest.mark.parametrize("sway", [None, SWAY])
+def test_rate_is_the_derivative_of_the_closed_form(sway):
+    """Two slews about different oblique axes, with and without control motion, on a regressing orbit."""
+    orbit = CircularOrbit(350e3, 0.6, 0.3, 2.0, j2=True)
+    slews = (
+        Slew(np.array([0.6, 0.0, 0.8]), 1.5, 50.0, 300.0, 0.3),
+        Slew(np.array([0.0, -0.8, 0.6]), -0.7, 400.0, 150.0, 0.5),
+    )
+    profile = Profile(orbit, 5000.0, 5600.0, MODE_YAW["-x"], slews, sway=sway)
+    tau = np.arange(3.0, 600.0, 7.3)
+    h = 0.05
+    tau = tau[np.abs(tau[:, None] - profile.knots).min(axis=1) > 2 * h]
+    np.testing.assert_allclose(profile.rate(tau), finite_difference_rate(profile.attitude, tau, h), rtol=0, atol=3e-13 / h)
+
+
+def test_sway_amplitude_and_period():
+    """It starts from and returns to the mode, and moves each axis by its amplitude."""
+    sway = Sway(np.deg2rad([0.02, 0.0, 0.0]), np.array([80.0, 1.0, 1.0]), np.zeros(3))
+    profile = Profile(ORBIT, 800.0, 1400.0, 0.0, sway=sway)
+    tau = np.array([0.0, 20.0, 40.0, 60.0])
+    away = separation(quaternion(profile.tracking_attitude(tau)), quaternion(profile.attitude(tau)))
+    # exp([θ×]) is the frame turned by −θ.
+    np.testing.assert_allclose(np.rad2deg(-away[:, 0]), [0.0, 0.02, 0.0, -0.02], atol=1e-13)
+    np.testing.assert_allclose(away[:, 1:], 0.0, atol=1e-15)
+
+
+HOLDS = [
+    Hold(150.0, 5400.0, 300.0, np.zeros(3)),
+    Hold(150.0, 5400.0, 300.0, np.deg2rad([40.0, 0.0, 0.0])),
+    Hold(0.0, 2700.0, 400.0, np.deg2rad([-15.0, 5.0, 60.0])),
+    Hold(200.0, 2000.0, 250.0, np.zeros(3)),
+]
+
+
+@pytest.mark.parametrize("hold", HOLDS)
+def test_inertial_hold(hold):
+    """The rate vanishes inside; the attitude is that of the mode before, at the stop and after."""
+    profile = Profile(ORBIT, 0.0, hold.stop + 100.0, MODE_YAW["-x"], hold=hold)
+    tau = np.arange(0.0, profile.stop_s + 0.25, 0.5)
+    path = trajectory(profile, tau)
+    held = (tau >= hold.start + hold.transition) & (tau <= hold.stop - hold.transition)
+    assert not profile.rate(tau[held]).any()
+    rest = path.quaternions[held]
+    assert np.abs(separation(rest[:1], rest)).max() < 1e-14
+    tracking = (tau <= hold.start) | (tau >= hold.stop)
+    gap = separation(path.quaternions[tracking], quaternion(profile.attitude(tau[tracking])))
+    assert np.abs(gap).max() < 1e-11
+    assert (tau[tracking] > hold.stop).any()
+
+
+@pytest.mark.parametrize("missed_deg", [100.0, 150.0, 210.0, 325.0, 510.0])
+def test_hold_returns_the_short_way(missed_deg):
+    """The orbit's angle during the hold, less the fades, is made up for by at most half a turn."""
+    stop = 150.0 + 300.0 + np.deg2rad(missed_deg) / RPO
+    profile = Profile(ORBIT, 0.0, stop, MODE_YAW["-x"], hold=Hold(150.0, stop, 300.0, np.zeros(3)))
+    short = (missed_deg + 180.0) % 360.0 - 180.0
+    np.testing.assert_allclose(np.rad2deg(profile.return_rotation), [0.0, short, 0.0], atol=1e-9)
+
+
+def test_hold_offset_tilts_the_hold():
+    """The offset is put in while the tracking rate fades: to first order the attitude differs by it."""
+    tilted = HOLDS[1]
+    plain = Hold(tilted.start, tilted.stop, tilted.transition, np.zeros(3))
+    held = [
+        trajectory(Profile(ORBIT, 0.0, 5535.0, 0.0, hold=hold), np.arange(0.0, 1000.0, 0.5)).quaternions[-1]
+        for hold in (plain, tilted)
+    ]
+    assert np.rad2deg(np.linalg.norm(separation(*held))) == pytest.approx(40.0, abs=0.5)
+
+
+@pytest.mark.parametrize("hold", HOLDS)
+def test_hold_rate_and_its_derivative_are_continuous(hold):
+    profile = Profile(ORBIT, 0.0, hold.stop + 100.0, MODE_YAW["-x"], hold=hold)
+    h = 1e-3
+    inside = np.linspace(hold.stop - hold.transition, hold.stop, 100)
+    steepest = np.abs(profile.rate(inside + h) - profile.rate(inside)).max() / h
+    for knot in hold.knots:
+        w = profile.rate(knot + h * np.array([-2.0, -1.0, 0.0, 1.0, 2.0]))
+        before, across, after = (w[1] - w[0]) / h, (w[3] - w[1]) / (2 * h), (w[4] - w[3]) / h
+        # The next derivative is of the order of the steepest slope over a tenth of the transition.
+        for slope in (before, after):
+            assert np.abs(slope - across).max() < 2 * h / (0.1 * hold.transition) * steepest
+
+
+def test_moving_parts():
+    profile = Profile(ORBIT, 0.0, 6000.0, 0.0, (Slew(Z, 1.0, 10.0, 50.0),), HOLDS[0])
+    assert profile.moving == ((10.0, 60.0), (150.0, 450.0), (5100.0, 5400.0))
+    assert profile.knots.tolist() == [10.0, 35.0, 60.0, 150.0, 450.0, 5100.0, 5400.0]
+
+
+def test_hold_without_a_way_back_says_so(monkeypatch):
+    monkeypatch.setattr("simulator.truth.maneuvers.RETURN_TOLERANCE", 0.0)
+    with pytest.raises(InputError, match="inertial hold"):
+        _ = Profile(ORBIT, 0.0, 5535.0, 0.0, hold=HOLDS[2]).return_rotation
+
+
+def test_matrix_and_attitude_agree():
+    profile = Profile(ORBIT, 0.0, 10.0, MODE_YAW["+y"])
+    tau = np.array([0.0, 10.0])
+    np.testing.assert_allclose(matrix(trajectory(profile, tau).quaternions), profile.attitude(tau), atol=1e-14)

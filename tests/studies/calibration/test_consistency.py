@@ -1,0 +1,113 @@
+"""The consistency study judges honest estimators as honest and every wrong one as what it is."""
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from gyrocal import InputError
+from studies.calibration import consistency
+from studies.calibration.consistency import EXPECTED, STUDY, check, judged, verdict
+from studies.montecarlo.engine import run
+from studies.montecarlo.study import load_config
+from studies.report import entry as report
+
+CONFIG = load_config(STUDY, changes={"cases": 120, "overrides.gyro.sample_s": 4.0})
+
+
+@pytest.fixture(scope="module")
+def rows(tmp_path_factory):
+    table = run(STUDY, CONFIG, tmp_path_factory.mktemp("consistency"), backend="serial").load()
+    assert (table["error"] == "").all()
+    return table
+
+
+def made(n, scale=1.0, shift=0.0, seed=0):
+    """Rows of an estimator whose errors are known to be `scale` of what it claims, and `shift` of a sigma off."""
+    rng = np.random.default_rng(seed)
+    root = np.diag([1e-4] * 9 + [1e-8] * 3) @ (np.eye(12) + 0.3 * rng.normal(size=(12, 12)))
+    P = root @ root.T
+    errors = scale * rng.normal(size=(n, 12)) @ root.T + shift * np.sqrt(np.diag(P))
+    return pd.DataFrame([judged("made", error, P) for error in errors])
+
+
+@pytest.mark.parametrize(
+    ("scale", "shift", "expected"),
+    [
+        (1.0, 0.0, "consistent"),
+        (1 / 0.7, 0.0, "over-confident"),
+        (1 / 1.4, 0.0, "under-confident"),
+        (1.0, 0.5, "biased"),
+        (1.0, -0.5, "biased"),
+    ],
+)
+@pytest.mark.parametrize("seed", range(5))
+def test_check_knows_what_it_is_given(scale, shift, expected, seed):
+    assert verdict(check(made(200, scale, shift, seed))) == expected
+
+
+def test_over_confident_and_biased_at_once_is_both():
+    found = verdict(check(made(400, 1 / 0.6, 1.0)))
+    assert "biased" in found
+    assert "over-confident" in found
+
+
+def test_an_honest_estimator_seldom_fails_any_check():
+    failed = sum(verdict(check(made(100, seed=seed))) != "consistent" for seed in range(100, 140))
+    assert failed <= 4  # binomial: 40 trials of at most 1 % each exceed 4 once in 10^5
+
+
+def test_study_passes_its_honest_estimators_and_catches_every_control(rows):
+    found = {name: verdict(table) for name, table in consistency.judge(CONFIG, rows).items()}
+    assert found == EXPECTED
+
+
+def test_truths_are_drawn_from_the_prior(rows):
+    truths = rows[rows["estimator"] == "with prior"][[f"disp:{path}" for path in consistency.PATHS]].to_numpy()
+    mean, sigma = consistency.prior(CONFIG)
+    z = (truths * consistency.TO_SI - mean) / sigma
+    n = len(z)
+    assert np.abs(z.mean(axis=0)).max() < 4 / np.sqrt(n)
+    assert np.abs(z.var(axis=0) - 1).max() < 4 * np.sqrt(2 / n)
+
+
+def test_the_prior_helps_where_the_data_are_weak(rows):
+    rms = rows.groupby("estimator")[["error_G_zy_ppm", "sigma_G_zy_ppm"]].agg(lambda x: np.sqrt(np.mean(x**2)))
+    assert (rms.loc["with prior"] < 0.8 * rms.loc["without prior"]).all()
+
+
+def test_ranks_and_band():
+    y = np.array([[-3.0], [0.0], [3.0]])  # the truth far above the estimate, at it, far below
+    np.testing.assert_allclose(consistency.ranks(y), [0.99865, 0.5, 0.00135], atol=1e-5)
+    low, high = consistency.band(400, 20, 0.99)
+    assert low < 20 < high
+    counts = np.random.default_rng(5).multinomial(400, [1 / 20] * 20, size=2000)
+    outside = ((counts < low) | (counts > high)).any(axis=1).mean()
+    assert outside < 0.01 + 4 * np.sqrt(0.01 / 2000)
+
+
+def test_report_names_each_verdict_and_is_stable(rows, tmp_path):
+    made_report = consistency.report(CONFIG, rows)
+    assert "6 of 6 estimators were judged as they must be" in made_report.findings[-1]
+    for name, sentence in zip(EXPECTED, made_report.findings, strict=False):
+        assert sentence.startswith(f"{name} (")
+    written = []
+    for folder in ("a", "b"):
+        (tmp_path / folder).mkdir()
+        report.write(made_report, "consistency", tmp_path / folder)
+        written.append({path.name: path.read_bytes() for path in (tmp_path / folder).iterdir()})
+    assert written[0] == written[1]
+    assert "ranks_by_estimator.svg" in written[0]
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"sampler": "sobol"}, "sampler"),
+        ({"dispersions.gyro.true_G.0.0": {"kind": "uniform", "low": 0.9, "high": 1.1}}, "must be normal"),
+        ({"confidence": 1.0}, "confidence"),
+    ],
+)
+def test_what_cannot_be_judged_is_refused(changes, message):
+    with pytest.raises(InputError, match=message) as caught:
+        load_config(STUDY, changes=changes)
+    assert "\n" not in str(caught.value)

@@ -1,0 +1,112 @@
+"""The noise study's formal sigmas, shares and scaling laws against calibration and finite differences."""
+
+import numpy as np
+import pytest
+
+from gyrocal import NAMES, GyroParameters, InputError, calibrate
+from simulator.scenario import override
+from simulator.simulate import motion, observe
+from studies.calibration import noise
+from studies.calibration.noise import KEYS, STUDY, formal
+from studies.montecarlo.engine import run
+from studies.montecarlo.study import base_scenario, load_config
+from studies.natanson import flight_gap
+
+CHANGES = {
+    "cases": 7,
+    "arw_deg_per_sqrt_s": [5e-5, 2e-4, 1e-3],
+    "sigma_deg": [0.002, 0.01],
+    "seeds": 60,
+    "overrides.gyro.sample_s": 4.0,
+}
+CONFIG = load_config(STUDY, changes=CHANGES)
+
+
+@pytest.fixture(scope="module")
+def rows(tmp_path_factory):
+    table = run(STUDY, CONFIG, tmp_path_factory.mktemp("noise"), backend="serial").load()
+    assert (table["error"] == "").all()
+    return table
+
+
+def test_formal_sigmas_are_those_of_a_calibration(rows):
+    point = rows.iloc[3]
+    levels = {"gyro.arw_deg_per_sqrt_s": point["arw_deg_per_sqrt_s"]}
+    levels |= {f"reference.sigma_deg.{k}": point["sigma_deg"] for k in range(3)}
+    scenario = override(base_scenario(CONFIG), levels)
+    recording = observe(scenario, motion(scenario), gyro_rng=None, reference_rng=None)
+    truth = GyroParameters(np.array(scenario.gyro.true_G), np.deg2rad(scenario.gyro.true_bias_deg_s))
+    sigma = calibrate(recording, initial=truth, iterations=1).sigma * noise.SHOWN
+    np.testing.assert_allclose(point[[f"sigma_{key}" for key in KEYS]].to_numpy(float), sigma, rtol=1e-6)
+
+
+def test_shares_are_the_slopes_of_the_sigmas():
+    shared = noise._prepared(CONFIG.model_dump_json())
+    arw, sigma, h = np.deg2rad(2e-4), np.deg2rad(0.005), 1e-4
+    _, share = formal(shared, arw, sigma)
+    slopes = [
+        (np.log(formal(shared, arw * np.exp(a * h), sigma * np.exp(b * h))[0]) - np.log(formal(shared, arw, sigma)[0])) / h
+        for a, b in ((1, 0), (0, 1))
+    ]
+    np.testing.assert_allclose(slopes[0], share, atol=2e-4)
+    np.testing.assert_allclose(slopes[1], 1 - share, atol=2e-4)
+    assert 0.05 < share.min() < share.max() < 0.95
+
+
+def test_one_noise_alone_has_all_the_share():
+    shared = noise._prepared(CONFIG.model_dump_json())
+    for arw, sigma, expected in ((1e-3, 1e-8, 1.0), (1e-9, 0.01, 0.0)):
+        np.testing.assert_allclose(formal(shared, np.deg2rad(arw), np.deg2rad(sigma))[1], expected, atol=1e-6)
+
+
+def test_spread_agrees_with_the_formal_sigma_and_would_not_with_half_of_it(rows):
+    table = noise.spread_table(CONFIG, rows)
+    assert len(table) == 5 * 12
+    assert table["inside"].all()
+    chosen = [f"sigma_{key}" for key in KEYS]
+    halved = rows.copy()
+    halved[chosen] = 0.5 * halved[chosen]
+    assert not noise.spread_table(CONFIG, halved)["inside"].any()
+
+
+def test_the_last_case_is_the_flights(rows):
+    flown = rows.iloc[-1]
+    assert flown["flight"]
+    assert flown["arw_deg_per_sqrt_s"] == flight_gap.noise_from_steps()["arw_deg_per_sqrt_s"]
+    assert flown["sigma_deg"] == pytest.approx(0.005)
+    table = noise.flight_table(rows)
+    assert list(table["parameter"]) == list(NAMES)
+    assert (table["limited_by"] == np.where(table["gyro_share"] > 0.5, "gyro", "references")).all()
+
+
+def test_at_the_crossing_both_noises_count_the_same(rows):
+    # The grid is coarse, so the interpolation is: the true share at the crossing is near one half, not at it.
+    shared = noise._prepared(CONFIG.model_dump_json())
+    for k, ratio in enumerate(noise.crossings(rows)):
+        share = formal(shared, ratio * np.deg2rad(0.005), np.deg2rad(0.005))[1][k]
+        assert share == pytest.approx(0.5, abs=0.03)
+
+
+def test_report_has_its_numbers_from_the_rows(rows, tmp_path):
+    made = noise.report(CONFIG, rows)
+    worst = max(rows.iloc[-1][f"sigma_{key}"] for key in KEYS[:9])
+    assert f"{worst:.0f} ppm" in made.findings[0]
+    assert "60 of 60 inside" in made.findings[-1]
+    for name, draw in made.figures.items():
+        first, second = (draw(tmp_path / f"{name}{k}.svg").read_bytes() for k in range(2))
+        assert first == second
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"cases": 6}, "cases: must be 43"),
+        ({"sigma_deg": [0.01, 0.005]}, "ascending"),
+        ({"arw_deg_per_sqrt_s": [0.0, 1e-4]}, "positive"),
+        ({"dispersions.orbit.raan_deg": {"kind": "uniform", "low": 0.0, "high": 1.0}}, "a grid has none"),
+    ],
+)
+def test_bad_grids_are_refused(changes, message):
+    with pytest.raises(InputError, match=message) as caught:
+        load_config(STUDY, changes=changes)
+    assert "\n" not in str(caught.value)

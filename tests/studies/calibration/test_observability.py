@@ -1,0 +1,123 @@
+"""Which maneuvers are needed: subsets against what theory and calibration say of them."""
+
+import numpy as np
+import pytest
+
+from gyrocal import InputError, UnobservableError, calibrate
+from simulator.simulate import motion, observe
+from studies.calibration import maneuvers_needed
+from studies.calibration.maneuvers_needed import SHOWN, SIGMAS, STUDY, minimal, part, shapley, subsets
+from studies.montecarlo.engine import run
+from studies.montecarlo.study import base_scenario, load_config
+
+CONFIG = load_config(STUDY, changes={"overrides.gyro.sample_s": 5.0, "series_s": 120.0})
+
+
+@pytest.fixture(scope="module")
+def rows(tmp_path_factory):
+    table = run(STUDY, CONFIG, tmp_path_factory.mktemp("maneuvers"), backend="serial").load()
+    assert (table["error"] == "").all()
+    return table
+
+
+@pytest.fixture(scope="module")
+def recording():
+    scenario = base_scenario(CONFIG)
+    return observe(scenario, motion(scenario), gyro_rng=None, reference_rng=None)
+
+
+def test_every_subset_is_there_once(rows):
+    assert len(subsets(6)) == 63
+    assert len(rows) == 126
+    assert not rows.duplicated(["references", "maneuvers"]).any()
+
+
+def test_fewer_than_four_ends_only_never_suffice(rows):
+    # R: three equations an interval, so at least four intervals for twelve parameters.
+    ends = rows[rows["references"] == "ends"]
+    free = 12 - 3 * ends["size"]
+    assert (ends["lost"] >= free.clip(lower=0)).all()
+    assert (ends.loc[ends["size"] < 4, "lost"] > 0).all()
+    assert minimal(ends)["size"].min() == 4
+    assert (ends.loc[ends["size"] == 6, "lost"] == 0).all()
+
+
+def test_more_references_or_maneuvers_never_tell_less(rows):
+    wide = rows.pivot_table(index="maneuvers", columns="references", values="information_bits")
+    assert (wide["series"] > wide["ends"]).all()
+    ends = rows[rows["references"] == "ends"]
+    bits = {frozenset(text.split("+")): value for text, value in zip(ends["maneuvers"], ends["information_bits"], strict=True)}
+    assert all(value > bits[own - {name}] for own, value in bits.items() for name in own if len(own) > 1)
+
+
+@pytest.mark.parametrize("maneuvers", ["m1+m2+m4+m6", "m1+m3+m5+m6", "m1+m2+m3+m4+m5+m6"])
+def test_calibrate_agrees(rows, recording, maneuvers):
+    row = rows[(rows["references"] == "ends") & (rows["maneuvers"] == maneuvers)].iloc[0]
+    chosen = [int(name[1]) - 1 for name in maneuvers.split("+")]
+    if row["lost"]:
+        with pytest.raises(UnobservableError) as caught:
+            calibrate(part(recording, chosen))
+        assert len(caught.value.combinations) == row["lost"]
+    else:
+        result = calibrate(part(recording, chosen))
+        # The plausible range as a prior makes the study's sigmas smaller by (σ/range)²/2 at most.
+        own = row[SIGMAS].to_numpy(float)
+        assert (own <= result.sigma * SHOWN * (1 + 1e-6)).all()
+        np.testing.assert_allclose(own, result.sigma * SHOWN, rtol=0.03)
+        # calibrate judges at the a-priori parameters.
+        assert row["condition"] == pytest.approx(result.observability.condition, rel=0.02)
+
+
+def test_both_kinds_of_subsets_are_among_those_compared(rows):
+    ends = rows[rows["references"] == "ends"].set_index("maneuvers")["lost"]
+    assert ends["m1+m2+m4+m6"] == 0
+    assert ends["m1+m3+m5+m6"] == 3
+
+
+def test_a_maneuver_that_keeps_its_rate_leaves_scale_and_bias_in_one(rows):
+    row = rows[(rows["references"] == "series") & (rows["maneuvers"] == "m1")].iloc[0]
+    assert "1 G_yy + 0.0657 deg/s b_y" in row["combinations"]
+
+
+def test_minimal_and_blocking_sets(rows):
+    for references in ("ends", "series"):
+        chosen = rows[rows["references"] == references]
+        sufficient = [frozenset(text.split("+")) for text in minimal(chosen)["maneuvers"]]
+        assert not any(a < b for a in sufficient for b in sufficient)
+        for text in maneuvers_needed.blocking(chosen)["without"]:
+            assert all(frozenset(text.split("+")) & own for own in sufficient)
+
+
+def test_shapley_shares_out_everything_and_favours_who_brings_more():
+    value = {"a": 3.0, "b": 1.0, "c": 1.0}
+    # a and b together bring one more than each alone.
+    information = {
+        frozenset(own): sum(value[name] for name in own) + ("a" in own and "b" in own)
+        for own in ("a", "b", "c", "ab", "ac", "bc", "abc")
+    }
+    shares = shapley(information, "abc")
+    assert shares == pytest.approx({"a": 3.5, "b": 1.5, "c": 1.0})
+
+
+def test_report(rows, tmp_path):
+    made = maneuvers_needed.report(CONFIG, rows)
+    count = int((rows[(rows["references"] == "ends") & (rows["size"] == 4)]["lost"] == 0).sum())
+    assert f"have 4 maneuvers, {count} of the 15 of that size" in made.findings[0]
+    bits = maneuvers_needed.without_one(CONFIG, rows[rows["references"] == "ends"])["shapley_bits"].sum()
+    assert bits == pytest.approx(rows["information_bits"][62], rel=1e-9)
+    for name, draw in made.figures.items():
+        first, second = (draw(tmp_path / f"{name}{k}.svg").read_bytes() for k in range(2))
+        assert first == second
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"cases": 63}, "cases: must be 126"),
+        ({"dispersions.orbit.raan_deg": {"kind": "uniform", "low": 0.0, "high": 1.0}}, "a grid has none"),
+    ],
+)
+def test_bad_grids_are_refused(changes, message):
+    with pytest.raises(InputError, match=message) as caught:
+        load_config(STUDY, changes=changes)
+    assert "\n" not in str(caught.value)

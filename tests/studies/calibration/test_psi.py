@@ -1,0 +1,129 @@
+"""Linear against full ψ: the orders of their errors, and where each stops being good enough."""
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from gyrocal import InputError, calibrate
+from simulator import scenario as scenarios
+from studies.calibration import psi
+from studies.montecarlo import engine
+from studies.montecarlo.study import Streams, load_config
+from studies.report import entry as report
+
+TRMM = scenarios.load("trmm")
+SMALL = {"slew_rates_deg_s": [0.25, 2.0], "steps_s": [0.5, 1.0, 4.0], "slew_angles_deg": [90.0, 180.0], "cases": 12}
+
+
+@pytest.fixture(scope="module")
+def config():
+    return load_config(psi.STUDY, changes=SMALL)
+
+
+@pytest.fixture(scope="module")
+def rows(config, tmp_path_factory):
+    outcome = engine.run(psi.STUDY, config, tmp_path_factory.mktemp("psi"), backend="serial")
+    assert not outcome.failures
+    return outcome.load()
+
+
+def test_a_row_for_every_point_of_the_grid(config, rows):
+    points = rows[["slew_angle_deg", "slew_rate_deg_s", "step_s"]].itertuples(index=False, name=None)
+    assert list(points) == config.grid()
+
+
+@pytest.mark.parametrize(
+    ("column", "claimed", "true"),
+    [("G_difference", 1, True), ("G_difference", 2, False), ("full_error_G", 2, True), ("full_error_G", 1, False)],
+)
+def test_orders_in_the_step(rows, column, claimed, true):
+    # Next to the leading order comes a term smaller by |ω|Δt/2: 0.009 at 0.25 deg/s and 4 s, less than 0.05 in the order.
+    slow = psi.orders(rows).query("slew_rate_deg_s == 0.25")[column]
+    assert (np.abs(slow - claimed).max() < 0.05) == true
+
+
+def test_linear_psi_fails_first_at_high_rates_and_long_steps(rows):
+    table = rows[rows["slew_angle_deg"] == 180].set_index(["slew_rate_deg_s", "step_s"])
+    difference = table["G_difference"]
+    assert difference[(0.25, 0.5)] < psi.GOOD_ENOUGH  # TRMM
+    assert difference[(2.0, 4.0)] > psi.GOOD_ENOUGH
+    # First order in |ω|Δt: eight times the step times eight; the rate adds what the orbital rate does alone.
+    assert 7.5 < difference[(0.25, 4.0)] / difference[(0.25, 0.5)] < 8.5
+    assert 5 < difference[(2.0, 0.5)] / difference[(0.25, 0.5)] < 20
+    # Both converge to the same parameters; linear ψ takes longer.
+    assert abs(table["linear_error_G"] - table["full_error_G"]).max() < 1e-7
+    assert (table["linear_iterations"] >= table["full_iterations"]).all()
+
+
+def test_what_limits_full_psi_is_the_mean_rate_held_over_a_step(config, rows):
+    fine = config.grid().index((180.0, 2.0, 0.5))
+    averaged = calibrate(psi.recording(config, fine, Streams(0, fine)), step_s=4.0)
+    error = np.abs(averaged.G - np.array(TRMM.gyro.true_G)).max()
+    coarse = rows.query("slew_angle_deg == 180 and slew_rate_deg_s == 2 and step_s == 4")["full_error_G"].item()
+    # The samples of 0.5 s averaged over 4 s are those of 4 s, but for the interval's last ones and the truth's integration.
+    assert error == pytest.approx(coarse, rel=1e-3)
+    assert error > 30 * rows.query("slew_angle_deg == 180 and slew_rate_deg_s == 2 and step_s == 0.5")["full_error_G"].item()
+
+
+def test_limits_are_where_the_difference_crosses(rows):
+    limit = psi.limits(rows).set_index(["slew_angle_deg", "step_s"]).loc[(180.0, 0.5)]
+    assert 0.25 < limit["linear_rate_deg_s"] < 2.0
+    assert limit["linear_angle_per_step_deg"] == pytest.approx(0.5 * limit["linear_rate_deg_s"])
+    # Flown at that rate it is the limit, as far as log-log interpolation over a factor of 8 in the rate goes.
+    there = psi.point(TRMM, float(limit["linear_rate_deg_s"]), 0.5)["G_difference"]
+    assert there == pytest.approx(psi.GOOD_ENOUGH, rel=0.3)
+    assert psi.point(TRMM, float(2 * limit["linear_rate_deg_s"]), 0.5)["G_difference"] > 1.5 * psi.GOOD_ENOUGH
+
+
+def test_slews_keep_their_angle_and_fit():
+    flown = psi.with_slew_rate(TRMM, 0.1)
+    for before, after in zip(TRMM.interval, flown.interval, strict=True):
+        assert [slew.angle_deg for slew in before.slew] == [slew.angle_deg for slew in after.slew]
+    slew = flown.interval[1].slew[0]
+    assert abs(slew.angle_deg) / (slew.duration_s * (1 - slew.ramp_fraction)) == pytest.approx(0.1, rel=1e-12)
+
+
+def test_slew_angles_scale_with_the_largest():
+    turned = psi.with_slew_angle(TRMM, 60.0)
+    angles = [slew.angle_deg for interval in turned.interval for slew in interval.slew]
+    assert angles == pytest.approx([60.0, -30.0, 30.0, -60.0])
+    still = scenarios.override(TRMM, {f"interval.{k}.slew": [] for k in (1, 3, 5)})
+    with pytest.raises(InputError, match="has no slew"):
+        psi.with_slew_angle(still, 60.0)
+
+
+def test_run_flies_the_scenarios_own_angles(rows):
+    table = psi.run(TRMM, (0.25,), (0.5, 4.0))
+    same = rows.query("slew_angle_deg == 180 and slew_rate_deg_s == 0.25 and step_s != 1").reset_index(drop=True)
+    pd.testing.assert_frame_equal(table, same[list(table)])
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"steps_s": [0.5]}, "the grid has 18 points, so cases must be 18, not 90"),
+        ({"cases": 12}, "the grid has 90 points"),
+        ({"slew_rates_deg_s": [0.5, 0.0]}, "above zero"),
+        ({"slew_angles_deg": []}, "one or more"),
+        ({"dispersions.gyro.arw_deg_per_sqrt_s": {"kind": "normal", "sigma": 1e-5}}, "not dispersed"),
+    ],
+)
+def test_a_grid_that_is_none_is_refused_in_one_line(changes, message):
+    with pytest.raises(InputError, match=message) as refusal:
+        load_config(psi.STUDY, changes=changes)
+    assert "\n" not in str(refusal.value)
+
+
+def test_cases_follow_the_grid():
+    assert psi.PsiConfig(steps_s=(0.5,)).cases == 18
+    assert psi.PsiConfig().cases == len(psi.PsiConfig().grid())
+
+
+def test_report(config, rows, tmp_path):
+    made = psi.report(config, rows)
+    assert any(f"order {psi.span(psi.orders(rows)['full_error_G'], 3)} (first and second" in text for text in made.findings)
+    first, again = (made.figures["psi"](tmp_path / f"{name}.svg").read_bytes() for name in ("first", "again"))
+    assert first == again
+    one = rows.head(1)  # whatever is left of a study has a report
+    assert psi.report(config, one).findings
+    report.write(psi.report(config, one), "ψ", tmp_path)

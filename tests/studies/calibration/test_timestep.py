@@ -1,0 +1,128 @@
+"""Skipping against averaging: what each costs in noise and in bias, and that the claimed covariance knows."""
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from gyrocal import NAMES, InputError
+from studies.calibration import timestep
+from studies.montecarlo import engine, statistics
+from studies.montecarlo.study import load_config
+from studies.natanson import flight, flight_gap
+from studies.report import entry as report
+
+CASES = 60
+STEPS = [0.5, 1.0, 2.0, 8.0]
+
+
+@pytest.fixture(scope="module")
+def config():
+    return load_config(timestep.STUDY, changes={"cases": CASES, "steps_s": STEPS})
+
+
+@pytest.fixture(scope="module")
+def rows(config, tmp_path_factory):
+    outcome = engine.run(timestep.STUDY, config, tmp_path_factory.mktemp("timestep"), backend="serial")
+    assert not outcome.failures
+    return outcome.load()
+
+
+@pytest.mark.parametrize(
+    ("resampling", "claimed", "true"),
+    [("skip", 0.5, True), ("skip", 0.0, False), ("skip", 1.0, False), ("average", 0.0, True), ("average", 0.5, False)],
+)
+def test_order_of_the_gyro_noise_in_the_step(rows, resampling, claimed, true):
+    power, uncertain = timestep.gyro_order(rows, resampling)
+    assert uncertain < 0.06  # what 60 cases of correlated parameters should give: sqrt(2 / 60 / 2 free ones) / ln 16
+    # Four standard errors; averaging has nearly none, but its residual's weights change by what the bias does to them.
+    assert (abs(power - claimed) < 4 * uncertain + 1e-3) == true
+
+
+def test_the_gyros_part_holds_no_reference_noise(tmp_path):
+    changes = {"cases": 2, "steps_s": STEPS, "overrides.gyro.arw_deg_per_sqrt_s": 0.0}
+    rows = engine.run(timestep.STUDY, load_config(timestep.STUDY, changes=changes), tmp_path, backend="serial").load()
+    error, gyro, held, sigma = (
+        rows[[f"{label}_{name}" for name in NAMES]].to_numpy() for label in ("error", "gyro", "held", "sigma")
+    )
+    assert (np.abs(gyro - held) < 1e-6 * sigma).all()
+    assert np.abs((error - held) / sigma).max() > 0.5  # of 24 normal numbers
+
+
+def test_formal_sigmas_know_of_the_skipping(rows):
+    table = timestep.summary(rows)
+    # Spread over formal sigma has a relative sampling error of 1/sqrt(2 CASES) a parameter; 4 of it.
+    assert np.abs(table["spread_over_formal"] - 1).max() < 4 / np.sqrt(2 * CASES)
+    assert table["nees_inside"].all()
+    # Negative control: the full stream's sigma does not cover the errors of skipping to 8 s.
+    long, full = (timestep.choose(rows, step, "skip") for step in (8.0, 0.5))
+    errors, sigmas = (
+        part[[f"{what}_{name}" for name in NAMES]].to_numpy() for what, part in (("error", long), ("sigma", full))
+    )
+    covariances = sigmas[:, :, None] ** 2 * np.eye(12)
+    overconfident = statistics.nees_check(statistics.nees(errors, covariances), 12)
+    assert overconfident.value > 2 * overconfident.upper
+
+
+def test_bias_of_averaging_is_second_order_and_seen_in_the_mean(rows):
+    average = timestep.summary(rows).query("resampling == 'average'").set_index("step_s")
+    # Each step doubled makes four times the bias; what comes next in Δt is below 1 %.
+    assert average["held_sigma"][2.0] / average["held_sigma"][1.0] == pytest.approx(4, rel=0.01)
+    assert average["held_sigma"][8.0] / average["held_sigma"][1.0] == pytest.approx(64, rel=0.02)
+    assert average["held_sigma"][0.5] < 0.01 < timestep.LIMIT < average["held_sigma"][8.0]
+    # On the same noise the mean error moves by the bias alone: paired, it shows without the noise.
+    table = timestep.by_parameter(rows).query("step_s == 8 and resampling == 'average'").set_index("parameter")
+    full = timestep.by_parameter(rows).query("step_s == 0.5").set_index("parameter")
+    moved, expected = ((table[name] - full[name]) / full["formal_sigma"] for name in ("bias", "held"))
+    standard_error = (
+        timestep.choose(rows, 8.0, "average")[[f"error_{name}" for name in NAMES]].to_numpy()
+        - timestep.choose(rows, 0.5, "skip")[[f"error_{name}" for name in NAMES]].to_numpy()
+    ).std(axis=0, ddof=1) / np.sqrt(CASES)
+    assert (np.abs(moved - expected) < 5 * standard_error / full["formal_sigma"]).all()
+    assert np.abs(moved).max() > 0.2
+    assert timestep.summary(rows)["bias_z"].max() < 4  # largest of 12
+
+
+def test_spread_between_steps_is_the_angle_random_walk(rows):
+    injected = 2.6e-4  # TRMM scenario
+    steps = rows[rows["step_arw_deg_per_sqrt_s"] > 0]
+    assert set(steps["resampling"]) == {"skip"}
+    assert set(steps["step_s"]) == {1.0, 2.0, 8.0}
+    # 18 squares a case: the mean of the squares has a relative standard error of sqrt(2 / 18 / CASES); four of them.
+    for step, part in steps.groupby("step_s"):
+        if step < 8:  # there the rate held from a slew's ramp adds to it
+            assert (part["step_arw_deg_per_sqrt_s"] ** 2).mean() == pytest.approx(injected**2, rel=4 * np.sqrt(2 / 18 / CASES))
+    # Negative control: four samples apart are not one.
+    double = (steps[steps["step_s"] == 2.0]["step_arw_deg_per_sqrt_s"] ** 2).mean() * 2
+    assert double != pytest.approx(injected**2, rel=4 * np.sqrt(2 / 18 / CASES))
+
+
+def test_flights_spread_is_that_of_the_flight_gap(rows):
+    table = timestep.step_noise(rows).set_index("to_s")
+    assert np.sqrt((table.loc[[1.0, 2.0], "flight"] ** 2).mean()) == pytest.approx(
+        flight_gap.noise_from_steps()["arw_deg_per_sqrt_s"], rel=1e-12
+    )
+    assert np.isnan(table.loc[8.0, "flight"])
+    assert flight.STEPS == (0.5, 1.0, 2.0)
+
+
+@pytest.mark.parametrize("steps", [[], [1.0, 0.5], [0.0, 1.0]])
+def test_steps_must_rise(steps):
+    with pytest.raises(InputError, match="rising numbers above zero") as refusal:
+        load_config(timestep.STUDY, changes={"steps_s": steps})
+    assert "\n" not in str(refusal.value)
+
+
+def test_a_step_that_is_no_multiple_is_a_failed_case_and_says_why(tmp_path):
+    config = load_config(timestep.STUDY, changes={"cases": 2, "steps_s": [0.5, 0.7]})
+    outcome = engine.run(timestep.STUDY, config, tmp_path, backend="serial")
+    assert "not a whole multiple" in outcome.failures[0]
+
+
+def test_report(config, rows, tmp_path):
+    made = timestep.report(config, rows)
+    assert any("reaches 0.1 formal sigma at Δt = 4." in finding for finding in made.findings)
+    first, again = (made.figures["timestep"](tmp_path / f"{name}.svg").read_bytes() for name in ("first", "again"))
+    assert first == again
+    one = rows[(rows["case"] == 0) & (rows["step_s"] == 0.5)]  # whatever is left of a study has a report
+    assert isinstance(timestep.report(config, one).tables["Bias and spread of each parameter"], pd.DataFrame)
+    report.write(timestep.report(config, one), "steps", tmp_path)

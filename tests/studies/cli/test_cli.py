@@ -1,0 +1,226 @@
+"""The commands as a user types them."""
+
+import json
+
+import numpy as np
+import pandas as pd
+import pytest
+
+import gyrocal
+from gyrocal import NAMES, load
+from simulator import scenario as scenarios
+from studies import catalogue
+from studies.montecarlo import engine
+from studies.natanson import reproduce
+
+
+@pytest.mark.parametrize(
+    "command",
+    [
+        (),
+        ("reproduce",),
+        ("simulate",),
+        ("calibrate",),
+        ("diagnose",),
+        ("plan",),
+        ("mission",),
+        ("effects",),
+        ("import", "broad"),
+        ("scenarios",),
+        ("baseline",),
+        ("study",),
+    ],
+)
+def test_help(run_cli, command):
+    result = run_cli(*command, "--help")
+    assert result.exit_code == 0
+    if command:
+        assert "Example" in result.stdout
+
+
+def test_simulate_then_calibrate(run_cli, tmp_path):
+    made = run_cli("simulate", "trmm", str(tmp_path / "rec"), "--seed", "4")
+    assert made.exit_code == 0
+    assert "6 intervals, 47790 gyro samples, 12 reference attitudes" in made.stdout
+    result = run_cli("calibrate", str(tmp_path / "rec"), "--json", str(tmp_path / "result.json"))
+    assert result.exit_code == 0
+    assert "χ² =" in result.stdout
+    document = json.loads((tmp_path / "result.json").read_text())
+    assert document["converged"]
+    assert document["covariance_model"] == "full"
+    assert document["unobservable"] == []
+    truth = np.array(gyrocal.load(tmp_path / "rec").gyro.apriori_G)
+    assert np.abs(np.array(document["G"]) - truth).max() > 1e-4
+    assert document["parameters"] == list(NAMES)
+
+
+def test_known_truth_is_shown_as_errors(run_cli, tmp_path):
+    truth, rec = str(tmp_path / "truth.json"), str(tmp_path / "rec")
+    assert run_cli("simulate", "trmm", rec, "--truth", truth).exit_code == 0
+    shown = run_cli("calibrate", rec, "--truth", truth)
+    assert shown.exit_code == 0
+    assert "error in sigma" in shown.stdout
+    errors = np.array(json.loads((tmp_path / "truth.json").read_text())["G"])
+    np.testing.assert_allclose(errors, scenarios.load("trmm").gyro.true_G)
+
+
+def test_remarks_name_what_was_chosen(run_cli, tmp_path):
+    rec = str(tmp_path / "rec")
+    run_cli("simulate", "trmm", rec)
+    assert "They fit the stated noise" in run_cli("calibrate", rec).stdout
+    held = run_cli("calibrate", rec, "--solve-for", "gyro_x").stdout
+    assert "wrong values of the held parameters" in held
+    assert "take the held parameters as exact" in held
+    assert (
+        "a prior that is too tight" in run_cli("calibrate", rec, "--prior-sigma-g", "1e-5", "--prior-sigma-bias", "1e-6").stdout
+    )
+
+
+def test_largest_residual_is_named(run_cli, tmp_path):
+    rec = tmp_path / "rec"
+    run_cli("simulate", "trmm_series", str(rec))
+    frame = pd.read_parquet(rec / "attitude.parquet")
+    angle = np.deg2rad(0.2) / 2
+    turned = frame.loc[20, ["q1", "q2", "q3", "q4"]].to_numpy()
+    x, y, z, w = turned
+    frame.loc[20, ["q1", "q2", "q3", "q4"]] = np.array([x + angle * w, y + angle * z, z - angle * y, w - angle * x])
+    frame.loc[20, ["q1", "q2", "q3", "q4"]] /= np.linalg.norm(frame.loc[20, ["q1", "q2", "q3", "q4"]].to_numpy(dtype=float))
+    frame.to_parquet(rec / "attitude.parquet", index=False)
+    assert "roll of m1 at t = 1200.0 s" in run_cli("calibrate", str(rec)).stdout
+
+
+def test_scenarios_are_listed_and_printed(run_cli, tmp_path):
+    assert run_cli("scenarios").stdout.split() == list(scenarios.names())
+    (tmp_path / "mine.toml").write_text(run_cli("scenarios", "trmm").stdout)
+    assert scenarios.load(tmp_path / "mine.toml") == scenarios.load("trmm")
+
+
+def test_markup_in_names_is_text(run_cli, tmp_path):
+    run_cli("simulate", "trmm", str(tmp_path / "rec"), "--set", 'title="see [/b] note"')
+    result = run_cli("calibrate", str(tmp_path / "rec"))
+    assert result.exit_code == 0
+    assert "see [/b] note" in result.stdout
+
+
+def test_simulation_is_repeatable_and_seeds_differ(run_cli, tmp_path):
+    for name, seed in (("a", "1"), ("b", "1"), ("c", "2")):
+        assert run_cli("simulate", "trmm", str(tmp_path / name), "--seed", seed).exit_code == 0
+    a, b, c = (load(tmp_path / name).gyro.rates for name in "abc")
+    np.testing.assert_array_equal(a, b)
+    assert (a != c).all()
+
+
+def test_overrides(run_cli, tmp_path):
+    arguments = ["--set", "gyro.arw_deg_per_sqrt_s=1e-5", "--set", "reference.at=series", "--set", "reference.every_s=500"]
+    assert run_cli("simulate", "trmm", str(tmp_path / "rec"), "--noise-free", *arguments).exit_code == 0
+    recording = load(tmp_path / "rec")
+    assert recording.gyro.arw == pytest.approx(np.deg2rad(1e-5))
+    assert recording.attitudes.t_s.size > 12
+
+
+def test_priors_on_the_command_line(run_cli, tmp_path):
+    run_cli("simulate", "trmm", str(tmp_path / "rec"))
+    result = run_cli("calibrate", str(tmp_path / "rec"), "--prior-sigma-g", "1e-3", "--prior-sigma-bias", "1e-3")
+    assert result.exit_code == 0
+
+
+@pytest.mark.parametrize(
+    ("arguments", "text"),
+    [
+        (("simulate", "tram", "OUT"), "tram"),
+        (("simulate", "trmm", "OUT", "--set", "gyro.arw=1"), "gyro.arw"),
+        (("simulate", "trmm", "OUT", "--set", "gyro.sample_s"), "PATH=VALUE"),
+        (("simulate", "trmm", "OUT", "--set", "gyro.sample_s=-1"), "gyro.sample_s"),
+        (("simulate", "trmm", "OUT", "--set", "gyro.sample_s=fast"), "gyro.sample_s"),
+        (("calibrate", "nothing"), "not a folder"),
+        (("calibrate", "REC", "--step", "0.7"), "multiple"),
+        (("calibrate", "REC", "--solve-for", "G_ab"), "unknown parameter"),
+        (("calibrate", "REC", "--prior-sigma-g", "1e-3"), "both"),
+        (("calibrate", "REC", "--json", "no/such/folder/x.json"), "no folder no/such/folder"),
+        (("calibrate", "REC", "--json", "REC"), "is a folder"),
+        (("reproduce", "--json", "no/such/x.json"), "no folder no/such"),
+        (("calibrate", "REC", "--step", "nan"), "multiple"),
+        (("calibrate", "REC", "--step", "1e300"), "multiple"),
+        (("calibrate", "REC", "--max-gap", "nan"), "longest gap"),
+        (("calibrate", "REC", "--max-gap", "-1"), "longest gap"),
+        (("calibrate", "REC", "--prior-sigma-g", "1e200", "--prior-sigma-bias", "1"), "below 1e6"),
+        (("calibrate", "REC", "--plausible-g", "0"), "plausible"),
+        (("calibrate", "REC", "--truth", "REC/recording.toml"), "not a truth file"),
+        (("simulate", "trmm", "REC"), "--force"),
+        (("simulate", "trmm", "OUT", "--set", "gyro.sample_s=1e-9"), "gyro.sample_s"),
+        (("simulate", "trmm", "OUT", "--set", "reference.every_s=1e-9"), "reference.every_s"),
+        (("simulate", "trmm", "OUT", "--set", "orbit.altitude_km=1e300"), "orbit.altitude_km"),
+        (("simulate", "trmm", "OUT", "--set", "interval.0.stop_s=1e9"), "interval"),
+        (("scenarios", "nothing"), "no built-in scenario"),
+        (("baseline", "--file", "REC/gyro.parquet"), "not a baseline"),
+        (("baseline", "--file", "REC/recording.toml"), "not a baseline"),
+        (("study", "nothing"), "no such study"),
+        (("study", "paper", "--set", "scenario=nothing"), "nothing"),
+        (("study", "paper", "--set", "case=3"), "no such setting"),
+        (("study", "paper", "--cases", "5", "--rerun", "7"), "cases 0 to 4"),
+        (("baseline", "--file", "nowhere.csv"), "no baseline"),
+    ],
+)
+def test_bad_arguments_end_in_one_line_and_status_2(run_cli, tmp_path, monkeypatch, arguments, text):
+    monkeypatch.chdir(tmp_path)
+    if any(argument.startswith("REC") for argument in arguments):
+        run_cli("simulate", "trmm", "REC")
+    result = run_cli(*arguments)
+    assert result.exit_code == 2
+    assert result.stderr.count("\n") == 1
+    assert text in result.stderr
+    assert not (tmp_path / "OUT").exists()
+
+
+def test_study_runs_resumes_and_reruns(run_cli, tmp_path):
+    arguments = ["study", "paper", "--cases", "3", "--set", "steps_s=[0.5]", "--out", str(tmp_path / "paper")]
+    first = run_cli(*arguments, "--backend", "serial", "--json", str(tmp_path / "paper.json"))
+    assert first.exit_code == 0, first.stderr
+    assert "3 cases, none failed" in first.stdout
+    assert json.loads((tmp_path / "paper.json").read_text())["failures"] == {}
+    assert {"manifest.json", "table.parquet", "report.md", "table1.csv"} <= {p.name for p in (tmp_path / "paper").iterdir()}
+    assert "3 of them from an earlier run" in run_cli(*arguments, "--backend", "serial").stdout
+    again = run_cli(*arguments, "--rerun", "2")
+    assert "bit for bit" in again.stdout
+    assert "NOT" not in again.stdout
+    assert load(tmp_path / "paper" / "cases" / "case-000002").gyro.t_s.size == 47790
+
+
+def test_ctrl_c_has_its_own_status(run_cli, monkeypatch, tmp_path):
+    def interrupted(*arguments, **options):
+        raise engine.Interrupted("interrupted; 3 of 9 cases are done; the same command resumes")
+
+    monkeypatch.setattr(engine, "run", interrupted)
+    result = run_cli("study", "paper", "--out", str(tmp_path))
+    assert result.exit_code == 130
+    assert result.stderr.count("\n") == 1
+    assert "resumes" in result.stderr
+
+
+def test_studies_are_listed(run_cli):
+    listed = run_cli("study").stdout
+    for name in catalogue.MODULES:
+        assert name in listed
+
+
+def test_reproduce_writes_everything_and_repeats_itself(run_cli, tmp_path):
+    result = run_cli("reproduce", "--paper", "natanson", "--cases", "4", "--jobs", "1", "--out", str(tmp_path / "a"))
+    assert result.exit_code == 0, result.stderr
+    summary = json.loads((tmp_path / "a" / "summary.json").read_text())
+    assert {"published", "fitted"} <= set(summary["flight_gap_rms_deg"])
+    assert summary["flight_gap_rms_deg"]["fitted"] < summary["flight_gap_rms_deg"]["published"] <= 0.022
+    assert summary["minus_y_rate_rpo"]["favoured"] == -1
+    assert {"G", "bias_deg_s"} == set(summary["second_iteration_max"]) == set(summary["psi_difference_max"])
+    assert set(summary["coverage"]) == {"68", "95", "99.7"}
+    assert {"value", "bounds"} <= set(summary["nees"])
+    manifest = json.loads((tmp_path / "a" / "manifest.json").read_text())
+    expected = {f"table{k}.{kind}" for k in (2, 3, 4, 5) for kind in ("csv", "md")}
+    expected |= {"figure1_yaw_maneuvers.svg", "figure2_minus_y_forward.svg", "figure3_inertial_hold.svg", "summary.json"}
+    assert expected <= set(manifest["files"])
+    for title in reproduce.TITLES.values():
+        assert title in result.stdout
+    again = run_cli("reproduce", "--paper", "natanson", "--cases", "4", "--jobs", "1", "--out", str(tmp_path / "b"))
+    assert again.exit_code == 0
+    other = json.loads((tmp_path / "b" / "manifest.json").read_text())
+    # Figures, tables and numbers are the same to the bit.
+    assert manifest["files"] == other["files"]

@@ -1,0 +1,151 @@
+"""The command ``gyrocal diagnose`` as a user types it."""
+
+import json
+import re
+
+import numpy as np
+import pytest
+
+from gyrocal import InputError
+from simulator.effects.sensor import ALL_EFFECTS
+from studies.cli import diagnose as cli_diagnose
+from studies.cli.main import main
+from tests import ROOT
+from tests.diagnosis_cases import CASES
+
+
+@pytest.fixture
+def asked(monkeypatch):
+    """What diagnose was called with; it answers with the case that is set."""
+    seen = {"case": "named"}
+
+    def answer(recording, *, progress=None, seed=0, library=None):
+        progress("gyro stream", 0.0)
+        progress("closure", 0.9)
+        seen.update(recording=recording, seed=seed, library=library)
+        return CASES[seen["case"]]()
+
+    monkeypatch.setattr(cli_diagnose, "diagnose", answer)
+    return seen
+
+
+@pytest.fixture(scope="module")
+def rec(tmp_path_factory):
+    from click.testing import CliRunner
+
+    folder = tmp_path_factory.mktemp("diagnose") / "rec"
+    assert CliRunner().invoke(main, ["simulate", "trmm", str(folder)]).exit_code == 0
+    return str(folder)
+
+
+def refuse(text):
+    raise AssertionError(text)
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_any_verdict_is_a_success(run_cli, asked, rec, case, tmp_path):
+    asked["case"] = case
+    page, result = tmp_path / "page.html", tmp_path / "result.json"
+    shown = run_cli("diagnose", rec, "--json", str(result), "--report", str(page))
+    assert shown.exit_code == 0, shown.output
+    assert shown.stderr == ""
+    assert "What this recording cannot tell" in shown.stdout
+    document = json.loads(result.read_text(), parse_constant=refuse)
+    assert document["format"] == 1
+    assert document["verdict"] == CASES[case]().verdict
+    assert page.read_text().startswith("<!doctype html>")
+
+
+def test_json_is_the_result(run_cli, asked, rec, tmp_path):
+    assert run_cli("diagnose", rec, "--json", str(tmp_path / "result.json")).exit_code == 0
+    assert json.loads((tmp_path / "result.json").read_text()) == CASES["named"]().to_json()
+
+
+def test_json_on_standard_output_is_alone(run_cli, asked, rec):
+    shown = run_cli("diagnose", rec, "--json", "-")
+    assert shown.exit_code == 0
+    assert json.loads(shown.stdout) == CASES["named"]().to_json()
+
+
+def test_numbers_that_are_none_become_null():
+    value = {"a": [float("nan"), 1.5, (np.float64("inf"), np.int64(3))], "b": {"c": -np.inf, "d": True, "e": np.bool_(False)}}
+    assert cli_diagnose.plain(value) == {"a": [None, 1.5, [None, 3]], "b": {"c": None, "d": True, "e": False}}
+    json.dumps(cli_diagnose.plain(value), allow_nan=False)
+
+
+def test_effects_are_taken_off_the_list(run_cli, asked, rec):
+    assert run_cli("diagnose", rec).exit_code == 0
+    assert asked["library"] is None
+    assert run_cli("diagnose", rec, "--without", "spikes", "--without", "rate_lag", "--seed", "5").exit_code == 0
+    assert set(asked["library"]) == set(ALL_EFFECTS) - {"spikes", "rate_lag"}
+    assert asked["seed"] == 5
+
+
+@pytest.mark.parametrize(
+    ("arguments", "text"),
+    [
+        (("nothing",), "not a folder"),
+        (("REC", "--without", "gremlins"), "--without gremlins: no such effect"),
+        (("REC", "--without", "bias_drift:z"), "no such effect"),
+        (("REC", "--json", "DIR"), "is a folder"),
+        (("REC", "--report", "DIR"), "is a folder"),
+        (("REC", "--report", "DIR/none/page.html"), "no folder"),
+        (("REC", "--json", "DIR/none/result.json"), "no folder"),
+        (("REC", "--json", "DIR/same", "--report", "DIR/same"), "files of their own"),
+        (("REC", "--report", "-"), "name of a file"),
+    ],
+)
+def test_bad_input_is_one_line_before_the_work(run_cli, asked, rec, tmp_path, arguments, text):
+    given = [argument.replace("REC", rec).replace("DIR", str(tmp_path)) for argument in arguments]
+    result = run_cli("diagnose", *given)
+    assert result.exit_code == 2
+    assert text in result.stderr
+    assert result.stderr.count("\n") == 1
+    assert result.stdout == ""
+    assert "recording" not in asked
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_an_unusable_recording_is_one_line(run_cli, rec, monkeypatch):
+    def refuse(recording, **_):
+        raise InputError("m1: a hole of 30 s in the gyro stream")
+
+    monkeypatch.setattr(cli_diagnose, "diagnose", refuse)
+    result = run_cli("diagnose", rec)
+    assert result.exit_code == 2
+    assert result.stderr == "gyrocal: m1: a hole of 30 s in the gyro stream\n"
+
+
+def test_long_work_says_how_far_it_is(asked, capsys, monkeypatch):
+    monkeypatch.setattr(cli_diagnose, "LINE_EVERY_S", 0.0)
+    with cli_diagnose._stages() as tell:
+        tell("null distribution", 0.4)
+    assert capsys.readouterr().err == "diagnose: null distribution, 40 % done\n"
+
+
+def test_help_has_an_example(run_cli):
+    assert "Example" in run_cli("diagnose", "--help").stdout
+
+
+def test_a_real_recording(run_cli, rec, tmp_path):
+    page, result = tmp_path / "page.html", tmp_path / "result.json"
+    shown = run_cli("diagnose", rec, "--json", str(result), "--report", str(page))
+    assert shown.exit_code == 0, shown.output
+    document = json.loads(result.read_text(), parse_constant=refuse)
+    assert _keys(document).keys() == _keys(CASES["none"]().to_json()).keys()
+    assert ("No gap" in shown.stdout) == (document["verdict"] == "none")
+    assert page.stat().st_size < 1_500_000
+
+
+def _keys(value):
+    if isinstance(value, dict):
+        return {key: _keys(one) for key, one in value.items() if key != "parameters"}
+    return _keys(value[0]) if isinstance(value, list) and value and isinstance(value[0], dict) else None
+
+
+def test_documented_format_is_the_result():
+    text = (ROOT / "docs" / "diagnosis.md").read_text()
+    (block,) = re.findall(r"```json\n(.*?)```", text, flags=re.DOTALL)
+    assert _keys(json.loads(block)) == _keys(CASES["named"]().to_json())
+    rows = dict(re.findall(r"^\| `(\w+)` \| [^|]* \| ([^|]*) \|.*\|$", text, flags=re.MULTILINE))
+    assert set(rows) >= set(ALL_EFFECTS)

@@ -1,0 +1,143 @@
+"""The command ``gyrocal plan`` as a user types it."""
+
+import json
+from dataclasses import replace
+
+import pytest
+from rich.console import Console
+
+from diagnosis.plan import Extra, Pair, Plan, Visible
+from studies.cli import plan as cli_plan
+from studies.cli.main import main
+from studies.report import plan as plan_report
+
+INF, NAN = float("inf"), float("nan")
+FOUND = Plan(
+    scenario="A plan",
+    threshold=0.5,
+    degrees_of_freedom=100,
+    effects=(
+        Visible("bias_drift", "x", "bias_drift:x", "deg/h per day", "visible", 0.1, 0.1, 0.1, 5.0, (1e-3, 10.0), "attitude"),
+        Visible("bias_drift", "y", "bias_drift:y", "deg/h per day", "visible", 0.105, 0.1, 0.11, 5.0, (1e-3, 10.0), "attitude"),
+        Visible("time_offset", None, "time_offset", "s", "visible", 0.2, 0.2, INF, 5.0, (5e-3, 10.0), "attitude"),
+        Visible(
+            "scale_asymmetry", "x", "scale_asymmetry:x", "ppm", "not identifiable", INF, INF, INF, NAN, (10.0, 5e4), "attitude",
+            text="acts like [G]",
+        ),
+    ),
+    pairs=(Pair("rate_lag", "time_offset", 1.0, INF, INF), Pair("noise_flicker:x", "bias_random_walk:x", NAN, NAN, 3.0)),
+    extras=(
+        Extra("again", 6.0, 0.5, {"bias_drift:x": 0.5}, (), 2, ()),
+        Extra("roll", 0.3, 0.9, {"bias_drift:x": 0.9}, (("rate_lag", "time_offset"),), 2, ("scale_asymmetry:x",)),
+    ),
+    notes=("A note",),
+    runtime_s=1.0,
+)  # fmt: skip
+EXTRA = """
+title = "a roll"
+[[interval]]
+name = "r1"
+activity = "roll slew"
+start_s = 6000.0
+stop_s = 6600.0
+mode = "+x"
+"""
+
+
+@pytest.fixture(autouse=True)
+def registered():
+    main.add_command(cli_plan.plan_command)
+
+
+@pytest.fixture
+def asked(monkeypatch):
+    """What plan was called with."""
+    seen = {}
+
+    def answer(scenario, **options):
+        options["progress"]("linear model", 0.0)
+        seen.update(options, scenario=scenario)
+        return FOUND
+
+    monkeypatch.setattr(cli_plan, "plan", answer)
+    return seen
+
+
+def refuse(text):
+    raise AssertionError(text)
+
+
+def test_tables_and_json(run_cli, asked, tmp_path):
+    path = tmp_path / "plan.json"
+    shown = run_cli("plan", "trmm", "--json", str(path))
+    assert shown.exit_code == 0, shown.output
+    for text in ("2 of 3 effects can be seen, 2 pairs", "most is gained by: again", "bias_drift:xy", "never", "[G]", "A note"):
+        assert text in shown.stdout
+    assert "linear model" in shown.stderr
+    document = json.loads(path.read_text(), parse_constant=refuse)
+    assert document["format"] == 1
+    assert document["effects"][3]["size"] is None
+    assert document["extras"][1]["resolved"] == [["rate_lag", "time_offset"]]
+
+
+def test_json_to_standard_output_is_nothing_but_json(run_cli, asked):
+    shown = run_cli("plan", "trmm", "--json", "-")
+    assert json.loads(shown.stdout)["scenario"] == "A plan"
+
+
+def test_options_reach_the_plan(run_cli, asked, tmp_path):
+    extra = tmp_path / "roll.toml"
+    extra.write_text(EXTRA)
+    arguments = ["--effect", "bias_drift", "--extra", str(extra), "--no-extras", "--named", "--seed", "3"]
+    assert run_cli("plan", "trmm", *arguments).exit_code == 0
+    assert (asked["effects"], asked["named"], asked["seed"]) == (("bias_drift",), True, 3)
+    assert list(asked["extras"]) == ["a roll"]
+
+
+def test_built_in_maneuvers_by_default(run_cli, asked):
+    run_cli("plan", "trmm")
+    assert len(asked["extras"]) >= 9
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["nosuch"], "nosuch: neither a file nor a built-in scenario"),
+        (["trmm", "--effect", "bias_drfit"], "--effect bias_drfit: no such effect"),
+        (["trmm", "--extra", "nosuch.toml"], "nosuch.toml: no such file"),
+        (["trmm", "--json", "/nosuch/plan.json"], "no folder /nosuch"),
+    ],
+)
+def test_bad_input_is_one_line_and_status_2(run_cli, asked, arguments, message):
+    shown = run_cli("plan", *arguments)
+    assert shown.exit_code == 2
+    assert message in shown.stderr
+    assert shown.stderr.count("\n") == 1
+    assert not asked
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("title = 1", "no [[interval]] sections"),
+        (EXTRA.replace("title", "titel"), "titel is not known"),
+        (EXTRA.replace("6000.0", "-6000.0"), "time order"),
+        (EXTRA.replace('"+x"', '"+q"'), "mode"),
+        ("interval = 3", "no [[interval]] sections"),
+        ("[", "not a TOML file"),
+    ],
+)
+def test_bad_extra_files(run_cli, asked, tmp_path, text, message):
+    path = tmp_path / "extra.toml"
+    path.write_text(text)
+    shown = run_cli("plan", "trmm", "--extra", str(path))
+    assert shown.exit_code == 2
+    assert message in shown.stderr
+    assert shown.stderr.count("\n") == 1
+
+
+def test_a_plan_without_pairs_or_extras_is_shown(capsys):
+    plan_report.show(Console(width=200), replace(FOUND, pairs=(), extras=()))
+    shown = capsys.readouterr().out
+    assert "Every pair can be told apart" in shown
+    assert "extra maneuver" not in shown

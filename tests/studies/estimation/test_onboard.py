@@ -1,0 +1,114 @@
+"""The on-board study: same answer as the ground, memory that samples do not change, verdicts and report."""
+
+import numpy as np
+import pytest
+
+from gyrocal import InputError
+from studies.estimation import onboard
+from studies.estimation.judging import HONEST
+from studies.estimation.onboard import INDEPENDENT, OPENED, OWN, STUDY, THROUGH, WITHOUT
+from studies.montecarlo.engine import run
+from studies.montecarlo.study import Streams, load_config
+
+CONFIG = load_config(STUDY, changes={"cases": 3, "memory_samples": [400, 2000]})
+
+
+@pytest.fixture(scope="module")
+def rows(tmp_path_factory):
+    table = run(STUDY, CONFIG, tmp_path_factory.mktemp("onboard"), backend="serial").load()
+    assert (table["error"] == "").all()
+    return table
+
+
+def test_the_ground_finds_the_same(rows):
+    part = rows[(rows["way"] == OPENED) & (rows["covariance"] == OWN)]
+    assert len(part) == 3
+    for name in ("apart", "apart_sigma"):
+        assert part[name].max() < 1e-9
+    assert part["covariance_apart"].max() < 1e-9
+    assert part["G_error_ppm"].min() > 10  # and neither finds the truth to that
+
+
+def test_memory_stays_and_a_kept_stream_does_not(rows):
+    table = onboard.memory(rows)
+    assert list(table["samples"]) == [400, 2000]
+    assert table["object_bytes"].nunique() == 1
+    assert table["object_bytes"].max() < 8192
+    assert abs(table["cost_peak_kib"].diff().iloc[-1]) < 18
+    assert table["cost_kept_kib"].diff().iloc[-1] > 1600 * 24 / 1024
+
+
+def test_what_is_no_cost_is_the_same_again(rows):
+    again = STUDY.case(CONFIG, 1, Streams(CONFIG.entropy, 1))
+    before = rows[rows["case"] == 1].to_dict("records")
+    assert len(again) == len(before) == 7
+    for one, other in zip(again, before, strict=True):
+        assert {key: value for key, value in one.items() if not key.startswith("cost_")}.items() <= other.items()
+
+
+def test_leaving_out_the_filters_sensitivity_shows(rows):
+    nees = rows.groupby(["way", "covariance"])["nees"].mean()
+    assert nees[WITHOUT, OWN] > 5 * 12
+    assert nees[THROUGH, INDEPENDENT] < nees[THROUGH, OWN]
+
+
+def test_verdicts_follow_the_rows(rows):
+    honest = rows.copy()
+    chosen = honest["part"] == "accuracy"
+    honest.loc[chosen, "nees"] = 12.0
+    table = onboard.verdicts(honest)
+    assert (table["verdict"] == HONEST).all()
+    last = onboard.report(CONFIG, honest).findings[-1]
+    assert "2 of 4 lines" in last
+    assert f"{WITHOUT}, {OWN}" in last
+    assert f"{THROUGH}, {INDEPENDENT}" in last
+
+
+def test_report_has_its_numbers_from_the_rows(rows, tmp_path):
+    made = onboard.report(CONFIG, rows)
+    assert f"{rows['apart'].max():.1e} at most" in made.findings[0]
+    assert ": within 1e-09" in made.findings[0]
+    assert "2000 samples" in made.findings[-2]
+    for name, draw in made.figures.items():
+        first, second = (draw(tmp_path / f"{name}{k}.svg").read_bytes() for k in range(2))
+        assert first == second
+    wrong = rows.copy()
+    wrong.loc[wrong["way"] == OPENED, "apart_sigma"] = 2e-9
+    assert "NOT within" in onboard.report(CONFIG, wrong).findings[0]
+
+
+def test_memory_may_be_left_out(rows, tmp_path):
+    config = load_config(STUDY, changes={"cases": 3, "memory_samples": []})
+    part = rows[rows["part"] == "accuracy"].drop(columns=["samples", "object_bytes", "cost_peak_kib", "cost_kept_kib"])
+    made = onboard.report(config, part.reset_index(drop=True))
+    assert "Memory" not in made.tables
+    assert made.figures["onboard"](tmp_path / "onboard.svg").stat().st_size > 1000
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"memory_samples": [100]}, "200 samples or more"),
+        ({"memory_samples": [1000, 1000]}, "200 samples or more, each once"),
+        ({"overrides.interval.0.stop_s": 100.0}, "has no effect in this study"),
+    ],
+)
+def test_bad_settings_are_refused(changes, message):
+    with pytest.raises(InputError, match=message) as caught:
+        load_config(STUDY, changes=changes)
+    assert "\n" not in str(caught.value)
+
+
+def test_the_gyro_of_the_scenario_is_used():
+    """Ten times less noise of the gyro, better parameters; and dispersed true parameters are found as well."""
+    found = {}
+    for arw in (2.6e-4, 2.6e-5):
+        config = load_config(STUDY, changes={"memory_samples": [], "overrides.gyro.arw_deg_per_sqrt_s": arw})
+        made = STUDY.case(config, 0, Streams(config.entropy, 0))
+        found[arw] = made[0]["G_sigma_ppm"]
+    assert found[2.6e-5] < 0.9 * found[2.6e-4]
+    path = "dispersions.gyro.true_G.0.1"
+    config = load_config(STUDY, changes={"memory_samples": [], path: {"kind": "normal", "sigma": 5e-3, "mode": "offset"}})
+    made = STUDY.case(config, 0, Streams(config.entropy, 0))
+    assert np.isfinite(made[0]["nees"])
+    assert made[0]["G_error_ppm"] < 500

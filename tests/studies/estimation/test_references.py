@@ -1,0 +1,137 @@
+"""The study of reference attitudes: its rows agree where they must, its verdicts and report follow the rows."""
+
+import numpy as np
+import pytest
+
+from gyrocal import InputError
+from studies.estimation import references
+from studies.estimation.judging import HONEST
+from studies.estimation.reference_rows import (
+    BLOCKS,
+    EXACT,
+    FILTER,
+    FORMAL,
+    FULL,
+    INDEPENDENT,
+    PLAIN,
+    SMOOTHER,
+    STATED,
+    TIMES,
+    UNSTATED,
+    WHOLE,
+)
+from studies.estimation.references import STUDY
+from studies.montecarlo.engine import run
+from studies.montecarlo.study import load_config
+
+CONFIG = load_config(STUDY, changes={"cases": 3, "full_filter_every": 2, "misalignments_deg": [0.04]})
+
+
+@pytest.fixture(scope="module")
+def rows(tmp_path_factory):
+    table = run(STUDY, CONFIG, tmp_path_factory.mktemp("references"), backend="serial").load()
+    assert (table["error"] == "").all()
+    return table
+
+
+def test_batch_filter_and_smoother_are_one_answer_where_they_know_the_same(rows):
+    apart = rows.groupby(["estimator", "setup"])["apart_sigma"].max()
+    assert apart[SMOOTHER].max() < 3e-3  # what filter and smoother start from is not nothing
+    assert apart[FILTER, f"{TIMES[-1]:g} s"] < 3e-3
+    assert apart[FILTER, f"{TIMES[0]:g} s"] > 0.3  # the filter knows the past only
+    assert apart[PLAIN].max() > 0.3
+
+
+def test_formal_covariance_is_far_too_small(rows):
+    part = rows[rows["setup"] == f"{TIMES[1]:g} s"].groupby("estimator")[["sigma_mdeg", "nees"]].mean()
+    assert part.loc[FORMAL, "sigma_mdeg"] < 0.6 * part.loc[PLAIN, "sigma_mdeg"]
+    assert part.loc[FORMAL, "nees"] > 3 * part.loc[PLAIN, "nees"]
+    assert part.loc[EXACT, "sigma_mdeg"] < part.loc[PLAIN, "sigma_mdeg"]
+
+
+def test_one_V_is_the_blocks_where_intervals_share_nothing(rows):
+    part = rows[rows["part"] == "calibration"].set_index(["setup", "estimator", "treatment", "case"]).sort_index()["nees"]
+    for source in (EXACT, PLAIN):
+        whole, blocks = (part["apart", source, name].to_numpy() for name in (WHOLE, BLOCKS))
+        np.testing.assert_allclose(whole, blocks, rtol=1e-6)
+        whole, blocks = (part["chain", source, name].to_numpy() for name in (WHOLE, BLOCKS))
+        assert np.abs(whole / blocks - 1).min() > 0.01
+
+
+def test_stated_G_is_better_with_what_the_chain_shares(rows):
+    part = rows[rows["part"] == "calibration"].groupby(["setup", "estimator", "treatment"])["G_sigma_ppm"].mean()
+    assert part["chain", EXACT, WHOLE] < 0.7 * part["chain", EXACT, BLOCKS]
+    assert part["chain", EXACT, WHOLE] < 0.9 * part["chain", EXACT, INDEPENDENT]
+
+
+def test_a_misaligned_sensor_makes_the_full_filter_too_sure(rows):
+    nees = rows[rows["part"] == "full filter"].groupby(["setup", "estimator"])["nees"].mean()
+    wrong = "misaligned by 0.04 deg"
+    assert nees[wrong, FULL] > nees[wrong, UNSTATED] > 3 * 12
+    assert nees[wrong, STATED] < 2 * 12
+    assert nees["as modelled", FULL] < 2.5 * 12
+    assert ("as modelled", STATED) not in nees.index
+
+
+def test_verdicts_follow_the_rows(rows):
+    honest = rows.copy()
+    honest["nees"], honest["nees_bias"] = honest["dof"].astype(float), 3.0
+    tables = references.attitude_table(honest), references.calibration_table(honest), references.full_filter_table(honest)
+    for table in tables:
+        assert (table["verdict"] == HONEST).all()
+    last = references.report(CONFIG, honest).findings[-1]
+    controls = sum((table["expected"] == f"not {HONEST}").sum() for table in tables)
+    assert controls == 3 + 6 + 1 + 2  # formal; apart and chain, by two batches; timeline; misaligned
+    controls += (tables[1]["bias_expected"] == f"not {HONEST}").sum()
+    total = sum((table["expected"] != "").sum() for table in tables) + (tables[1]["bias_expected"] != "").sum()
+    assert f"{total - controls} of {total} lines" in last
+    assert f"{FORMAL}, 900 s" in last
+
+
+def test_report_has_its_numbers_from_the_rows(rows, tmp_path):
+    made = references.report(CONFIG, rows)
+    largest = rows.loc[rows["estimator"] == SMOOTHER, "apart_sigma"].max()
+    assert f"{largest:.1g} sigma" in made.findings[0]
+    error = np.sqrt(np.mean(rows.loc[(rows["estimator"] == FULL) & (rows["misaligned_deg"] > 0), "G_error_ppm"] ** 2))
+    assert any(f"{FULL} {error:.0f} ppm" in finding for finding in made.findings)
+    for name, draw in made.figures.items():
+        first, second = (draw(tmp_path / f"{name}{k}.svg").read_bytes() for k in range(2))
+        assert first == second
+
+
+def test_full_filter_runs_in_every_so_many_cases(rows):
+    assert set(rows.loc[rows["part"] == "full filter", "case"]) == {0, 2}
+    assert set(rows.loc[rows["part"] == "calibration", "case"]) == {0, 1, 2}
+
+
+def test_coverage_counts_cases(rows):
+    part = rows[(rows["setup"] == "chain") & (rows["estimator"] == EXACT) & (rows["treatment"] == WHOLE)].index
+    changed = rows.copy()
+    changed.loc[part, "nees"], changed.loc[part, "nees_bias"] = [21.0, 21.1, 5.0], [7.8, 7.9, 7.9]
+    table = references.calibration_table(changed).set_index(["flight", "references", "treatment"])
+    line = table.loc[("chain", EXACT, WHOLE)]  # the 95 % quantiles of χ² are 21.03 and 7.815
+    assert (line["coverage_95"], line["bias_coverage_95"]) == (pytest.approx(2 / 3), pytest.approx(1 / 3))
+
+
+def test_a_small_misalignment_need_not_show(rows):
+    small = rows.copy()
+    small["misaligned_deg"] *= 0.1
+    table = references.full_filter_table(small)
+    assert (table.loc[table["sensors"] != "as modelled", "expected"] == "").all()
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"full_filter_every": 0}, "full_filter_every"),
+        ({"misalignments_deg": []}, "between 0 and 1, ascending"),
+        ({"misalignments_deg": [0.0]}, "between 0 and 1, ascending"),
+        ({"misalignments_deg": [0.04, 0.01]}, "between 0 and 1, ascending"),
+        ({"misalignments_deg": 0.04}, "misalignments_deg"),
+        ({"overrides.orbit.altitude_km": 400.0}, "has no effect in this study"),
+    ],
+)
+def test_bad_settings_are_refused(changes, message):
+    with pytest.raises(InputError, match=message) as caught:
+        load_config(STUDY, changes=changes)
+    assert "\n" not in str(caught.value)

@@ -1,0 +1,197 @@
+import gc
+import importlib.util
+import sys
+import threading
+import warnings
+
+import numpy as np
+import pytest
+import threadpoolctl
+
+from gyrocal.errors import InputError
+from studies.montecarlo.backends import open_backend, windowed
+from studies.montecarlo.calm import MOST_MESSAGES, OTHER_MESSAGES, calm
+from studies.montecarlo.cases import Task, run_cases
+from studies.montecarlo.engine import run
+from studies.montecarlo.store import decode
+from studies.montecarlo.study import config_sha256, resolved
+from tests.engine_studies import DRAWS, DrawsConfig
+
+needs_dask = pytest.mark.skipif(not importlib.util.find_spec("distributed"), reason="dask is an optional extra")
+PROCESSES = ["loky", pytest.param("dask", marks=needs_dask)]
+
+
+def task(config: DrawsConfig, cases: range) -> Task:
+    ready = resolved(config)
+    return Task(DRAWS.name, ready.model_dump_json(), config_sha256(DRAWS, ready), cases)
+
+
+@pytest.fixture(scope="module")
+def reference(tmp_path_factory):
+    """Bytes of the table of a serial run, one failed case in it."""
+    config = DrawsConfig(cases=30, fail=(3,), label=True)
+    return config, run(DRAWS, config, tmp_path_factory.mktemp("serial"), backend="serial").table.read_bytes()
+
+
+@pytest.mark.parametrize("backend", ["threads", *PROCESSES])
+def test_every_backend_gives_the_same_table_bit_for_bit(backend, reference, tmp_path):
+    config, table = reference
+    outcome = run(DRAWS, config, tmp_path, backend=backend, jobs=2)
+    assert outcome.table.read_bytes() == table
+    assert outcome.failures == {3: "ValueError: case 3 is bad"}
+    assert outcome.cpu_s > 0
+
+
+@pytest.mark.parametrize("backend", PROCESSES)
+def test_a_case_that_kills_its_worker_is_a_failed_row(backend, reference, tmp_path):
+    config, _ = reference
+    config = config.model_copy(update={"die": (7,)})
+    outcome = run(DRAWS, config, tmp_path, backend=backend, jobs=2, chunk=6)
+    assert outcome.failures == {3: "ValueError: case 3 is bad", 7: "WorkerDied: killed its worker"}
+    assert "ended without an answer" in (tmp_path / "failures" / "case-000007.txt").read_text()
+    expected = run(DRAWS, config.model_copy(update={"die": ()}), tmp_path / "serial", backend="serial").load()
+    table = outcome.load()
+    assert table.loc[7, "error"] == "WorkerDied: killed its worker"
+    assert table.loc[7].drop(["case", "error"]).isna().all()
+    assert table.drop(7).astype({"label": object}).equals(expected.drop(7).astype({"label": object}))
+
+
+@needs_dask
+def test_a_cluster_is_found_by_its_address(reference, tmp_path):
+    import distributed
+
+    config, table = reference
+    with distributed.LocalCluster(
+        n_workers=1, threads_per_worker=2, processes=False, dashboard_address="127.0.0.1:0"
+    ) as cluster:
+        outcome = run(DRAWS, config, tmp_path, backend="dask", scheduler=cluster.scheduler_address)
+    assert outcome.table.read_bytes() == table
+
+
+@needs_dask
+def test_a_scheduler_that_does_not_answer(monkeypatch, tmp_path):
+    monkeypatch.setattr("studies.montecarlo.backends.CONNECT_S", 0.3)
+    with pytest.raises(InputError, match=r"dask scheduler tcp://127\.0\.0\.1:9: "):
+        run(DRAWS, DrawsConfig(), tmp_path, backend="dask", scheduler="tcp://127.0.0.1:9")
+    gc.collect()  # a socket left open would warn here
+
+
+def test_dask_is_optional(monkeypatch):
+    monkeypatch.setitem(sys.modules, "distributed", None)
+    with pytest.raises(InputError, match=r"gyrocal\[dask\]"):
+        open_backend("dask", run_cases)
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"name": "mpi"}, "no such backend; there are serial, threads, loky and dask"),
+        ({"name": "loky", "scheduler": "tcp://here:1"}, "--scheduler is for --backend dask"),
+    ],
+)
+def test_options_that_mean_nothing(options, message):
+    with pytest.raises(InputError, match=message):
+        open_backend(run=run_cases, **options)
+
+
+def test_no_more_than_a_window_is_in_flight():
+    """Tasks are taken only as results are: with a million of them, memory holds a window."""
+    flying, most, taken = set(), 0, 0
+
+    def tasks():
+        nonlocal taken
+        while taken < 1000:
+            taken += 1
+            yield taken
+
+    def submit(number: int) -> int:
+        nonlocal most
+        flying.add(number)
+        most = max(most, len(flying))
+        return number
+
+    for done, (number, future) in enumerate(windowed(tasks(), lambda: 4, submit, lambda futures: futures[-2:])):
+        assert number == future
+        assert taken - done <= 4
+        flying.discard(number)
+    assert (taken, done, most) == (1000, 999, 4)
+
+
+def test_a_window_that_grows_is_filled():
+    sizes, submitted = iter([1, 3, 3, 3, 3, 3, 3, 3]), []
+    results = windowed(range(6), lambda: next(sizes), lambda n: submitted.append(n) or n, lambda futures: futures[:1])
+    next(results)
+    assert submitted == [0]
+    next(results)
+    assert submitted == [0, 1, 2, 3]
+
+
+def blas_threads() -> set[int]:
+    return {library["num_threads"] for library in threadpoolctl.threadpool_info() if library["user_api"] == "blas"}
+
+
+def test_a_calm_process_has_one_blas_thread():
+    with threadpoolctl.threadpool_limits(2):
+        with calm(), calm():
+            np.ones((2, 2)) @ np.ones((2, 2))
+            assert blas_threads() == {1}
+        assert blas_threads() == {2}
+
+
+def test_a_thread_that_leaves_takes_nothing_from_the_others():
+    def visit():
+        with calm():
+            pass
+
+    with threadpoolctl.threadpool_limits(2):
+        with calm():
+            thread = threading.Thread(target=visit)
+            thread.start()
+            thread.join()
+            assert blas_threads() == {1}
+        assert blas_threads() == {2}
+
+
+def test_threads_share_a_calm_process_and_count_their_own_warnings():
+    """The first to leave must not take the calm from the others."""
+    entered, left = threading.Event(), threading.Event()
+    seen = {}
+
+    def first():
+        with calm() as messages:
+            warnings.warn("first", RuntimeWarning, stacklevel=1)
+            entered.set()
+            seen["first"] = messages
+
+    def second():
+        with calm() as messages:
+            entered.wait()
+            left.wait()
+            warnings.warn("second", RuntimeWarning, stacklevel=1)
+            seen["second"] = messages
+
+    workers = [threading.Thread(target=target) for target in (second, first)]
+    for worker in workers:
+        worker.start()
+    workers[1].join()
+    left.set()
+    workers[0].join()
+    assert seen["first"] == {"RuntimeWarning: first": 1}
+    assert seen["second"] == {"RuntimeWarning: second": 1}
+    with pytest.warns(RuntimeWarning, match="third"):
+        warnings.warn("third", RuntimeWarning, stacklevel=1)
+
+
+def test_warnings_that_are_all_different_do_not_pile_up():
+    with calm() as messages:
+        for number in range(1000):
+            warnings.warn(f"number {number}", UserWarning, stacklevel=1)
+    assert len(messages) == MOST_MESSAGES + 1
+    assert messages[OTHER_MESSAGES] == 1000 - MOST_MESSAGES
+
+
+def test_a_task_is_plain_and_its_result_does_not_depend_on_its_range():
+    config = DrawsConfig(cases=10)
+    whole = decode(run_cases(task(config, range(10))).part)
+    half = decode(run_cases(task(config, range(5, 10))).part)
+    assert whole.slice(5).equals(half)

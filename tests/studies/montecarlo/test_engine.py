@@ -1,0 +1,565 @@
+import json
+import multiprocessing
+import os
+import random
+import signal
+import subprocess
+import sys
+import textwrap
+import time
+from contextlib import contextmanager
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from gyrocal import load as load_recording
+from gyrocal.errors import InputError
+from simulator.streams import generator
+from studies.montecarlo.engine import Interrupted, StudyConfig, rerun, run
+from studies.montecarlo.folder import locked
+from studies.montecarlo.store import StorageError
+from studies.montecarlo.study import DISPERSED, Streams
+from tests import ROOT
+from tests.engine_studies import DRAWS, ODD, RECORDED, STEPS, DrawsConfig, OddConfig
+
+DEADLINE_S = 30.0
+
+
+def serial(study, config, folder, **options):
+    return run(study, config, folder, backend="serial", **options)
+
+
+def parts(folder: Path) -> list[str]:
+    return sorted(path.name for path in (folder / "parts").iterdir())
+
+
+def manifest(folder: Path) -> dict:
+    return json.loads((folder / "manifest.json").read_text())
+
+
+# What a run leaves behind
+
+
+def test_the_table_holds_every_case_in_order(tmp_path):
+    config = DrawsConfig(cases=300, size=3)
+    outcome = serial(DRAWS, config, tmp_path)
+    table = outcome.load()
+    np.testing.assert_array_equal(table["case"], np.arange(300))
+    assert (table["error"] == "").all()
+    np.testing.assert_array_equal(table["gyro"], [generator(1998, i, "gyro_noise").standard_normal() for i in range(300)])
+    assert dict(table.dtypes.astype(str)) | {"positive": "bool", "count": "int64"} == dict(table.dtypes.astype(str))
+    assert outcome.cases == 300
+    assert outcome.failures == {}
+    assert "300 cases, none failed" in outcome.summary()
+    assert outcome.load(["case", "mean"]).shape == (300, 2)
+
+
+def test_a_case_of_several_rows(tmp_path):
+    table = serial(STEPS, DrawsConfig(cases=5, steps_s=(0.5, 1.0, 2.0)), tmp_path).load()
+    np.testing.assert_array_equal(table["case"], np.repeat(np.arange(5), 3))
+    np.testing.assert_array_equal(table["step_s"], np.tile([0.5, 1.0, 2.0], 5))
+
+
+@pytest.mark.parametrize("chunk", [1, 7, 1000])
+def test_chunks_change_nothing_in_the_table(chunk, tmp_path):
+    config = DrawsConfig(cases=20, fail=(3,), label=True, size=3)
+    expected = serial(DRAWS, config, tmp_path / "a").table.read_bytes()
+    assert serial(DRAWS, config, tmp_path / "b", chunk=chunk).table.read_bytes() == expected
+
+
+def test_the_table_is_cut_into_row_groups_whatever_the_chunks(tmp_path, monkeypatch):
+    monkeypatch.setattr("studies.montecarlo.store.ROW_GROUP", 8)
+    config = DrawsConfig(cases=21, size=3)
+    tables = [serial(DRAWS, config, tmp_path / str(chunk), chunk=chunk) for chunk in (5, 20)]
+    assert tables[0].table.read_bytes() == tables[1].table.read_bytes()
+    np.testing.assert_array_equal(tables[0].load()["case"], np.arange(21))
+
+
+def test_manifest(tmp_path):
+    config = DrawsConfig(cases=6, fail=(2,))
+    outcome = serial(DRAWS, config, tmp_path)
+    document = manifest(tmp_path)
+    assert document["status"] == "complete"
+    assert document["study"] == DRAWS.name
+    assert document["config"] == config.model_dump(mode="json")
+    assert document["scenario"]["gyro"]["sample_s"] == 0.5
+    assert document["seeds"]["entropy"] == 1998
+    assert document["failures"] == {"2": "ValueError: case 2 is bad"}
+    assert (document["backend"], document["jobs"], document["done"], document["failed"]) == ("serial", 1, 6, 1)
+    assert document["cpu_s"] == pytest.approx(outcome.cpu_s, abs=1e-3)
+    assert 0 < document["wall_s"] <= outcome.wall_s
+    assert {"numpy", "scipy", "pandas", "gyrocal"} <= document["packages"].keys()
+    assert [run["status"] for run in document["runs"]] == ["complete"]
+
+
+def test_progress_is_told_of_what_is_left(tmp_path):
+    told = []
+
+    @contextmanager
+    def progress(label, total):
+        told.append(total)
+        yield told.append
+
+    config = DrawsConfig(cases=10, size=3)
+    serial(DRAWS, config, tmp_path, chunk=4, progress=progress)
+    (tmp_path / "parts" / "part-000001.parquet").unlink()
+    serial(DRAWS, config, tmp_path, progress=progress)
+    serial(DRAWS, config, tmp_path, progress=progress)
+    assert told == [10, 4, 4, 2, 4, 4]
+
+
+def test_warnings_are_counted_and_are_not_errors(tmp_path, caplog):
+    outcome = serial(ODD, OddConfig(cases=3, values=("warn", "number", "warn")), tmp_path)
+    assert outcome.warnings == {"RuntimeWarning: mind the gap": 2}
+    assert outcome.failures == {}
+    assert caplog.messages == ["RuntimeWarning: mind the gap"]
+    assert manifest(tmp_path)["warnings"] == outcome.warnings
+
+
+# Streams
+
+
+def test_neighbouring_entropies_share_no_case(tmp_path):
+    tables = [
+        serial(DRAWS, DrawsConfig(cases=40, entropy=entropy, size=3), tmp_path / str(entropy)).load() for entropy in (7, 8, 9)
+    ]
+    values = np.concatenate([table["gyro"] for table in tables] + [table["mean"] for table in tables])
+    assert np.unique(values).size == values.size
+
+
+def test_two_streams_of_a_case_are_uncorrelated():
+    names = ("gyro_noise", "reference_noise", "dispersions/gyro.true_G.0.0")
+    # Along a case and, at the first draw, across cases.
+    along = np.array([Streams(3, 0).generator(name).standard_normal(20_000) for name in names])
+    across = np.array([[Streams(3, case).generator(name).standard_normal() for case in range(2000)] for name in names])
+    for draws in (along, across):
+        correlation = np.corrcoef(draws)[np.triu_indices(3, 1)]
+        # Standard deviation 1/sqrt(n): beyond 4 of them in one of the three pairs with 2e-4.
+        assert np.abs(correlation).max() < 4 / np.sqrt(draws.shape[1])
+
+
+def test_dispersed_values_are_columns(tmp_path):
+    path = "gyro.arw_deg_per_sqrt_s"
+    dispersions = {path: {"kind": "loguniform", "low": 1e-5, "high": 1e-3}}
+    config = StudyConfig(cases=4, dispersions=dispersions)
+    table = serial(RECORDED, config, tmp_path).load()
+    column = table[DISPERSED + path]
+    assert column.between(1e-5, 1e-3).all()
+    assert column.nunique() == 4
+    assert table["rates"].nunique() == 4
+
+
+# Failures
+
+
+def test_a_case_that_raises_is_a_row(tmp_path):
+    outcome = serial(DRAWS, DrawsConfig(cases=8, fail=(2, 5)), tmp_path, chunk=3)
+    table = outcome.load()
+    assert outcome.failures == {2: "ValueError: case 2 is bad", 5: "ValueError: case 5 is bad"}
+    np.testing.assert_array_equal(np.flatnonzero(table["error"]), [2, 5])
+    assert table.loc[2].drop(["case", "error"]).isna().all()
+    assert table.drop([2, 5]).notna().all(axis=None)
+    text = (tmp_path / "failures" / "case-000005.txt").read_text()
+    assert text.startswith("Traceback")
+    assert 'raise ValueError(f"case {case}\\nis bad")' in text
+    assert "8 cases, 2 failed (2 ValueError" in outcome.summary()
+
+
+def test_a_study_of_failures_only(tmp_path):
+    outcome = serial(DRAWS, DrawsConfig(cases=3, fail=(0, 1, 2)), tmp_path)
+    assert len(outcome.failures) == 3
+    assert list(outcome.load()) == ["case", "error"]
+
+
+@pytest.mark.parametrize(
+    ("value", "error"),
+    [
+        ("list", "TypeError: column x: a number, truth value, text or None is expected, not [1]"),
+        ("huge", "TypeError: column x: a number"),
+        ("text", "TypeError: column x: text in this case, number in another"),
+        ("reserved", "TypeError: a study's row cannot have a column 'case'"),
+        ("empty", "ValueError: the study returned no row"),
+        ("exit", "SystemExit: over"),
+    ],
+)
+def test_a_row_that_cannot_be_stored_is_a_failure(value, error, tmp_path):
+    outcome = serial(ODD, OddConfig(cases=4, values=("number", value, "none", "whole")), tmp_path, chunk=4)
+    assert list(outcome.failures) == [1]
+    assert outcome.failures[1].startswith(error)
+    np.testing.assert_array_equal(outcome.load()["x"], [1.5, np.nan, np.nan, 3.0])
+
+
+def test_a_scenario_that_the_draws_make_invalid_is_a_failure(tmp_path):
+    dispersions = {"interval.1.slew.0.duration_s": {"kind": "uniform", "low": 100.0, "high": 1500.0}}
+    outcome = serial(RECORDED, StudyConfig(cases=12, dispersions=dispersions), tmp_path)
+    assert 0 < len(outcome.failures) < 12
+    assert all("after the interval's 1080 s" in error for error in outcome.failures.values())
+
+
+def test_failed_cases_are_run_again_on_demand_only(tmp_path):
+    crutch = tmp_path / "crutch"
+    config = DrawsConfig(cases=9, stumble=(4,), crutch=str(crutch))
+    folder = tmp_path / "study"
+    assert serial(DRAWS, config, folder, chunk=3).failures == {4: "RuntimeError: no crutch"}
+    crutch.touch()
+    assert serial(DRAWS, config, folder).failures == {4: "RuntimeError: no crutch"}
+    outcome = serial(DRAWS, config, folder, retry_failed=True)
+    assert (outcome.failures, outcome.resumed) == ({}, 6)
+    assert outcome.table.read_bytes() == serial(DRAWS, config, tmp_path / "whole").table.read_bytes()
+    assert not list((folder / "failures").iterdir())
+
+
+# Single cases
+
+
+@pytest.mark.parametrize("study", [DRAWS, STEPS])
+def test_a_case_repeated_alone_is_the_row_of_the_table(study, tmp_path):
+    config = DrawsConfig(cases=20, fail=(3,), label=True)
+    table = serial(study, config, tmp_path).load()
+    for case in (0, 3, 7, 19):
+        again = rerun(study, config, case, tmp_path)
+        assert again.same is True
+        rows = table[table["case"] == case].reset_index(drop=True)
+        for column in again.rows:
+            assert again.rows[column].tolist() == rows[column].tolist()
+    assert "ValueError" in rerun(DRAWS, config, 3, tmp_path / "nowhere").traceback
+
+
+def test_a_case_that_differs_is_seen(tmp_path):
+    crutch = tmp_path / "crutch"
+    config = DrawsConfig(cases=5, stumble=(4,), crutch=str(crutch))
+    serial(DRAWS, config, tmp_path / "study")
+    crutch.touch()
+    assert rerun(DRAWS, config, 4, tmp_path / "study").same is False
+    assert rerun(DRAWS, config, 3, tmp_path / "study").same is True
+    assert rerun(DRAWS, config, 3, tmp_path / "other").same is None
+
+
+def test_a_rerun_keeps_the_recording(tmp_path):
+    config = StudyConfig(cases=3, dispersions={"gyro.true_bias_deg_s.0": {"kind": "normal", "sigma": 1e-4, "mode": "offset"}})
+    table = serial(RECORDED, config, tmp_path, keep=(1,)).load()
+    assert [path.name for path in (tmp_path / "cases").iterdir()] == ["case-000001"]
+    again = rerun(RECORDED, config, 2, tmp_path)
+    assert again.same is True
+    assert again.recording == tmp_path / "cases" / "case-000002"
+    for case in (1, 2):
+        recording = load_recording(tmp_path / "cases" / f"case-00000{case}")
+        np.testing.assert_allclose(recording.gyro.rates.sum(), table["rates"][case], rtol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("call", "message"),
+    [
+        (lambda folder: serial(DRAWS, DrawsConfig(), folder, keep=(1,)), "no recordings to keep"),
+        (lambda folder: serial(RECORDED, StudyConfig(cases=3), folder, keep=(3,)), "case 3: the study has the cases 0 to 2"),
+        (lambda folder: rerun(DRAWS, DrawsConfig(cases=4), 4, folder), "case 4: the study has the cases 0 to 3"),
+        (lambda folder: serial(DRAWS, StudyConfig(), folder), "needs a DrawsConfig, not a StudyConfig"),
+        (lambda folder: serial(DRAWS, DrawsConfig(), folder, chunk=0), "at least one case"),
+    ],
+)
+def test_what_cannot_be_done_is_refused_before_anything_is_run(call, message, tmp_path):
+    with pytest.raises(InputError, match=message):
+        call(tmp_path)
+    assert not list(tmp_path.rglob("*.parquet"))
+
+
+# Resuming
+
+
+def test_only_what_is_missing_is_computed(tmp_path):
+    flag = tmp_path / "flag"
+    config = DrawsConfig(cases=30, flag=str(flag))
+    folder = tmp_path / "study"
+    table = serial(DRAWS, config, folder, chunk=4).table.read_bytes()
+    for index in (0, 5):
+        (folder / "parts" / f"part-{index:06d}.parquet").unlink()
+    (folder / "parts" / "part-000000.parquet.tmp").write_bytes(b"half")
+    (folder / "parts" / "part-000099.parquet").write_bytes(b"of nobody")
+    (folder / "table.parquet").unlink()
+    flag.unlink()
+    outcome = serial(DRAWS, config, folder)
+    assert flag.stat().st_size == 8
+    assert outcome.resumed == 22
+    assert outcome.table.read_bytes() == table
+    assert "part-000000.parquet.tmp" not in parts(folder)
+    assert outcome.cpu_s > 0
+    assert [run["resumed"] for run in manifest(folder)["runs"]] == [0, 22]
+
+
+@pytest.mark.parametrize("damage", ["truncated", "empty", "flipped", "of other cases"])
+def test_a_damaged_part_is_set_aside_and_computed_again(damage, tmp_path, caplog):
+    config = DrawsConfig(cases=30)
+    table = serial(DRAWS, config, tmp_path, chunk=4).table.read_bytes()
+    part = tmp_path / "parts" / "part-000002.parquet"
+    data = part.read_bytes()
+    if damage == "flipped":  # in the middle of the first page's values
+        data = data[:60] + bytes([data[60] ^ 1]) + data[61:]
+    part.write_bytes(
+        {
+            "truncated": data[: len(data) // 2],
+            "empty": b"",
+            "flipped": data,
+            "of other cases": (tmp_path / "parts" / "part-000003.parquet").read_bytes(),
+        }[damage]
+    )
+    outcome = serial(DRAWS, config, tmp_path)
+    assert outcome.table.read_bytes() == table
+    assert outcome.resumed == 26
+    (message,) = caplog.messages
+    assert "part-000002.parquet is damaged" in message
+    assert "set aside as part-000002.corrupt and computed again" in message
+    assert "part-000002.corrupt" in parts(tmp_path)
+
+
+def test_another_configuration_is_refused_in_one_line(tmp_path):
+    config = DrawsConfig(cases=6)
+    table = serial(DRAWS, config, tmp_path).table
+    before = table.read_bytes()
+    for other in (DrawsConfig(cases=7), DrawsConfig(cases=6, entropy=1), DrawsConfig(cases=6, scenario="trmm_series")):
+        with pytest.raises(InputError, match=r"holds a study with another configuration.*choose another folder") as caught:
+            serial(DRAWS, other, tmp_path)
+        assert "\n" not in str(caught.value)
+    with pytest.raises(InputError, match="another configuration"):
+        rerun(STEPS, config, 0, tmp_path)
+    # Also if nothing but the parts is left to tell.
+    (tmp_path / "manifest.json").unlink()
+    with pytest.raises(InputError, match=r"part-000000\.parquet: belongs to a study with another configuration"):
+        serial(DRAWS, DrawsConfig(cases=6, entropy=1), tmp_path)
+    assert table.read_bytes() == before
+
+
+def test_a_scenario_file_that_changes_is_another_configuration(tmp_path):
+    scenario = tmp_path / "mine.toml"
+    scenario.write_text('base = "trmm"\n[gyro]\narw_deg_per_sqrt_s = 1e-4\n')
+    config = DrawsConfig(cases=4, scenario=str(scenario))
+    table = serial(DRAWS, config, tmp_path / "study").table.read_bytes()
+    scenario.write_text('base = "trmm"\n[gyro]\narw_deg_per_sqrt_s = 2e-4\n')
+    with pytest.raises(InputError, match="another configuration"):
+        serial(DRAWS, config, tmp_path / "study")
+    moved = tmp_path / "moved.toml"
+    moved.write_text('base = "trmm"\n[gyro]\narw_deg_per_sqrt_s = 1e-4\n')
+    same = serial(DRAWS, config.model_copy(update={"scenario": str(moved)}), tmp_path / "study")
+    assert same.resumed == 4
+    assert same.table.read_bytes() == table
+
+
+def test_other_chunks_and_strange_manifests_are_refused(tmp_path):
+    config = DrawsConfig(cases=8)
+    serial(DRAWS, config, tmp_path, chunk=4)
+    with pytest.raises(InputError, match="its parts hold 4 cases each, not 3; leave the chunk out to resume"):
+        serial(DRAWS, config, tmp_path, chunk=3)
+    for text in ("{", "[]", '{"config_sha256": "a"}'):
+        (tmp_path / "manifest.json").write_text(text)
+        with pytest.raises(InputError, match="is not the manifest of a Monte Carlo study"):
+            serial(DRAWS, config, tmp_path)
+
+
+def test_one_run_at_a_time(tmp_path):
+    with locked(tmp_path), pytest.raises(InputError, match="another run is at work in this folder"):
+        serial(DRAWS, DrawsConfig(cases=4), tmp_path)
+    serial(DRAWS, DrawsConfig(cases=4), tmp_path)
+
+
+def test_rows_of_two_versions_of_the_program_are_reported(tmp_path, monkeypatch):
+    config = DrawsConfig(cases=4)
+    serial(DRAWS, config, tmp_path)
+    monkeypatch.setattr("studies.montecarlo.folder.commit", lambda: "another")
+    assert any("another version of the program" in text for text in serial(DRAWS, config, tmp_path).warnings)
+    assert manifest(tmp_path)["runs"][1]["commit"] == "another"
+
+
+@pytest.fixture
+def full_disk(monkeypatch):
+    """A disk that is full from a given write on."""
+
+    def fill(after: int, where: str) -> None:
+        count, real = 0, {"write": Path.write_bytes, "rename": os.replace}[where]
+
+        def limited(*arguments):
+            nonlocal count
+            count += "part-" in str(arguments[-1]) or where == "write"
+            if count > after:
+                if where == "write":
+                    real(arguments[0], arguments[1][: len(arguments[1]) // 2])
+                raise OSError(28, "No space left on device")
+            return real(*arguments)
+
+        monkeypatch.setattr(*((Path, "write_bytes") if where == "write" else (os, "replace")), limited)
+
+    return fill
+
+
+@pytest.mark.parametrize("where", ["write", "rename"])
+@pytest.mark.parametrize("backend", ["serial", "loky"])
+def test_a_full_disk_loses_nothing(where, backend, tmp_path, full_disk, monkeypatch):
+    config = DrawsConfig(cases=20)
+    with monkeypatch.context():
+        full_disk(3, where)
+        message = "No space left on device; 6 of 20 cases are finished and kept in .*; free some space, and the same command"
+        with pytest.raises(StorageError, match=message) as caught:
+            run(DRAWS, config, tmp_path, backend=backend, jobs=2, chunk=2)
+        assert "\n" not in str(caught.value)
+        monkeypatch.undo()
+    assert len(parts(tmp_path)) == 3
+    assert not list(tmp_path.rglob("*.tmp"))
+    # Where nothing can be renamed any more, the manifest stays as it was.
+    assert manifest(tmp_path)["status"] == ("interrupted" if where == "write" else "running")
+    outcome = serial(DRAWS, config, tmp_path)
+    assert outcome.resumed == 6
+    assert outcome.table.read_bytes() == serial(DRAWS, config, tmp_path / "whole").table.read_bytes()
+
+
+def test_a_disk_that_is_full_for_the_table(tmp_path, monkeypatch):
+    config = DrawsConfig(cases=20)
+    with monkeypatch.context() as patch:
+        patch.setattr("studies.montecarlo.store.os.replace", fail_for("table.parquet"))
+        with pytest.raises(StorageError, match="20 of 20 cases are finished and kept"):
+            serial(DRAWS, config, tmp_path)
+    assert not list(tmp_path.rglob("table.parquet*"))
+    assert serial(DRAWS, config, tmp_path).resumed == 20
+
+
+def fail_for(name: str):
+    real = os.replace
+
+    def replace(source, target):
+        if Path(target).name == name:
+            raise OSError(28, "No space left on device")
+        real(source, target)
+
+    return replace
+
+
+# Being stopped. A real process is told to stop at a real moment.
+
+
+def start(tmp_path: Path, backend: str, cases: int = 60) -> tuple[subprocess.Popen, DrawsConfig, Path]:
+    """A study in a process of its own, some cases into it."""
+    flag, folder = tmp_path / "flag", tmp_path / "study"
+    config = DrawsConfig(cases=cases, flag=str(flag), pause_s=0.02, fail=(3,), label=True)
+    code = f"""
+        import signal
+        import sys
+        from pathlib import Path
+        from gyrocal import GyrocalError
+        from studies.montecarlo.engine import run
+        from tests.engine_studies import DRAWS, DrawsConfig
+        if __name__ == "__main__":
+            signal.signal(signal.SIGINT, signal.default_int_handler)  # it is ignored if the tests run in the background
+            config = DrawsConfig.model_validate_json({config.model_dump_json()!r})
+            try:
+                run(DRAWS, config, Path({str(folder)!r}), backend={backend!r}, jobs=2, chunk=2)
+            except GyrocalError as error:
+                print(error)
+                sys.exit(2)
+    """
+    script = tmp_path / "script.py"
+    script.write_text(textwrap.dedent(code))
+    process = subprocess.Popen(
+        [sys.executable, "-W", "error", str(script)],
+        cwd=ROOT,
+        env=os.environ | {"PYTHONPATH": str(ROOT)},
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        start_new_session=True,
+    )
+    reached = random.randint(cases // 6, cases // 2)
+    wait_for(lambda: process.poll() is not None or (flag.exists() and flag.stat().st_size >= reached))
+    if process.poll() is not None:
+        pytest.fail("".join(process.communicate()))
+    return process, config, folder
+
+
+def wait_for(condition) -> None:
+    deadline = time.monotonic() + DEADLINE_S
+    while not condition():
+        assert time.monotonic() < deadline
+        time.sleep(0.005)
+
+
+def check_resumable(config: DrawsConfig, folder: Path, tmp_path: Path) -> None:
+    before = manifest(folder)
+    Path(config.flag).unlink()
+    outcome = serial(DRAWS, config, folder)
+    assert Path(config.flag).stat().st_size == config.cases - outcome.resumed
+    assert outcome.resumed < config.cases
+    assert [run["status"] for run in manifest(folder)["runs"]] == [before["status"], "complete"]
+    assert outcome.failures == {3: "ValueError: case 3 is bad"}
+    assert outcome.table.read_bytes() == serial(DRAWS, config, tmp_path / "whole").table.read_bytes()
+
+
+@pytest.mark.parametrize("backend", ["serial", "loky"])
+def test_resumed_after_kill_9_the_table_is_the_same_bit_for_bit(backend, tmp_path):
+    process, config, folder = start(tmp_path, backend)
+    process.kill()
+    assert process.wait(DEADLINE_S) == -signal.SIGKILL
+    assert manifest(folder)["status"] == "running"
+    # No worker outlives its study for long.
+    wait_for(lambda: not processes_of(process.pid))
+    assert process.communicate() == ("", "")
+    check_resumable(config, folder, tmp_path)
+
+
+def processes_of(session: int) -> list[str]:
+    """Processes of a session, as Linux lists them."""
+    found = []
+    for stat in Path("/proc").glob("[0-9]*/stat"):
+        try:
+            fields = stat.read_text().rpartition(")")[2].split()
+        except OSError:
+            continue
+        if fields[3] == str(session) and fields[0] != "Z":
+            found.append((stat.parent / "cmdline").read_text())
+    return found
+
+
+@pytest.mark.parametrize("backend", ["serial", "threads", "loky", "dask"])
+def test_ctrl_c_stops_cleanly_and_says_how_to_resume(backend, tmp_path):
+    if backend == "dask":
+        pytest.importorskip("distributed")
+    process, config, folder = start(tmp_path, backend)
+    os.killpg(process.pid, signal.SIGINT)  # as a terminal does: to the workers too
+    output, errors = process.communicate(timeout=DEADLINE_S)
+    assert process.returncode == 2
+    assert output.startswith("interrupted; ")
+    assert output.endswith("the same command resumes\n")
+    assert errors == ""
+    done = manifest(folder)["done"]
+    assert f"{done} of 60 cases are finished and kept in {folder}" in output
+    assert manifest(folder)["status"] == "interrupted"
+    wait_for(lambda: not processes_of(process.pid))
+    check_resumable(config, folder, tmp_path)
+
+
+def test_interrupted_in_this_process(tmp_path, monkeypatch):
+    def press(label, total):
+        raise KeyboardInterrupt
+
+    with pytest.raises(Interrupted, match="0 of 20 cases are finished"):
+        serial(DRAWS, DrawsConfig(), tmp_path, progress=press)
+    assert not multiprocessing.active_children()
+
+
+# Memory
+
+
+def test_memory_does_not_grow_with_the_cases(tmp_path):
+    """What the engine holds at its peak, in Python's own memory, must not follow the number of cases."""
+    import tracemalloc
+
+    peaks = []
+    for cases in (512, 4096):
+        tracemalloc.start()
+        serial(DRAWS, DrawsConfig(cases=cases, size=2), tmp_path / str(cases), chunk=16)
+        peaks.append(tracemalloc.get_traced_memory()[1])
+        tracemalloc.stop()
+    assert peaks[1] < 1.5 * peaks[0] + 200_000
+
+
+def test_the_table_read_by_pandas_has_the_dtypes_of_the_values(tmp_path):
+    table = serial(ODD, OddConfig(cases=4, values=("number", "numpy", "infinite", "none")), tmp_path).load()
+    assert pd.api.types.is_float_dtype(table["x"])
+    np.testing.assert_array_equal(table["x"], [1.5, 1.5, np.inf, np.nan])

@@ -1,0 +1,76 @@
+"""Verdicts on estimators known to be calibrated, over-confident, under-confident and biased."""
+
+import numpy as np
+import pytest
+import scipy.stats
+
+from studies.montecarlo import statistics
+
+N, P = 400, 3
+
+
+@pytest.fixture(scope="module")
+def cases():
+    rng = np.random.default_rng(11)
+    covariances = []
+    for _ in range(N):
+        L = np.tril(rng.normal(size=(P, P))) + 2 * np.eye(P)
+        covariances.append(np.diag([1.0, 1e-6, 1e3]) @ L @ L.T @ np.diag([1.0, 1e-6, 1e3]))
+    covariances = np.array(covariances)
+    errors = np.array([np.linalg.cholesky(V) @ rng.normal(size=P) for V in covariances])
+    return errors, covariances
+
+
+def test_calibrated_passes(cases):
+    check = statistics.nees_check(statistics.nees(*cases), P)
+    assert check.inside
+    assert check.lower < P < check.upper
+
+
+@pytest.mark.parametrize(("scale", "shift"), [(1.5, 0.0), (0.7, 0.0), (1.0, 1.0)])
+def test_over_confident_under_confident_and_biased_fail(cases, scale, shift):
+    errors, covariances = cases
+    sigma = np.sqrt(np.einsum("nii->ni", covariances))
+    assert not statistics.nees_check(statistics.nees(scale * errors + shift * sigma, covariances), P).inside
+
+
+def test_nees_bounds_are_those_of_chi_square():
+    check = statistics.nees_check(np.full(200, 12.0), 12, confidence=0.95)
+    assert scipy.stats.chi2.cdf(200 * check.upper, 2400) - scipy.stats.chi2.cdf(200 * check.lower, 2400) == pytest.approx(0.95)
+
+
+def test_coverage_and_its_interval():
+    errors = np.array([[0.5, 2.5], [-0.9, 0.1], [1.1, 3.5], [-1.9, 0.0]])
+    assert statistics.coverage(errors, np.ones((4, 2)), "68") == (4, 8)
+    assert statistics.coverage(errors, np.ones((4, 2)), "95") == (6, 8)
+    assert statistics.coverage(errors, np.ones((4, 2)), "99.7") == (7, 8)
+    low, high = statistics.binomial_interval(95, 100)
+    assert (low, high) == pytest.approx((0.8882, 0.9785), abs=1e-4)  # Wilson's, by hand
+
+
+def test_distribution_places_the_flight_value():
+    samples = np.arange(10.0)[:, None] * np.ones((1, 3))
+    table = statistics.distribution(samples, np.array([-1.0, 4.0, 100.0]))
+    np.testing.assert_allclose(table["flight_percentile"], [0, 45, 100])
+    np.testing.assert_allclose(table["mean"], 4.5)
+    assert statistics.distribution(samples)["flight"].isna().all()
+
+
+def test_accuracy_table_finds_a_bias(cases):
+    errors, covariances = cases
+    sigma = np.sqrt(np.einsum("nii->ni", covariances))
+    table = statistics.accuracy_table(errors + [0, 0.5, 0] * sigma, sigma, list("abc"), ["1"] * 3)
+    significant = table["bias_in_standard_errors"].abs() > 4
+    assert significant.tolist() == [False, True, False]
+
+
+def test_orders_and_crossings_of_known_curves():
+    x = np.array([0.5, 1.0, 2.0, 4.0])
+    assert statistics.order(x, 3 * x**1.7) == pytest.approx(1.7)
+    assert statistics.crossing(x, 3 * x**2, 3 * 1.3**2) == pytest.approx(1.3)
+    assert statistics.crossing(x, x, 4.0) == 4.0
+    assert np.isnan(statistics.crossing(x, x, 5.0))
+    assert np.isnan(statistics.crossing(x, x, 0.1))
+    assert np.isnan(statistics.order([1.0], [2.0]))
+    assert statistics.span([1.0, np.nan, 2.0]) == "1 to 2"
+    assert statistics.span([np.nan]) == "nothing"

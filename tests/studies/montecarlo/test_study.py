@@ -1,0 +1,124 @@
+import pytest
+
+from gyrocal.errors import InputError
+from simulator.scenario import load
+from studies.montecarlo.engine import run
+from studies.montecarlo.study import (
+    Study,
+    StudyConfig,
+    base_scenario,
+    changed,
+    config_sha256,
+    find,
+    load_config,
+    resolved,
+)
+from tests.engine_studies import DRAWS, RECORDED, DrawsConfig, draws_case
+
+NORMAL = {"kind": "normal", "sigma": 1e-3, "mode": "offset"}
+PATH = "gyro.true_G.0.0"
+
+
+def test_settings_are_changed_by_dotted_path():
+    config = changed(
+        DrawsConfig(dispersions={PATH: NORMAL}),
+        {
+            "cases": 7,
+            "steps_s.1": 4.0,
+            "overrides.gyro.arw_deg_per_sqrt_s": 1e-4,
+            f"dispersions.{PATH}.sigma": 2e-3,
+            "dispersions.orbit.raan_deg": {"kind": "uniform", "low": 0.0, "high": 360.0},
+            "label": True,
+        },
+    )
+    assert (config.cases, config.steps_s, config.label) == (7, (0.5, 4.0), True)
+    assert config.overrides == {"gyro.arw_deg_per_sqrt_s": 1e-4}
+    assert config.dispersions[PATH].sigma == 2e-3
+    assert config.dispersions["orbit.raan_deg"].high == 360.0
+    assert base_scenario(config).gyro.arw_deg_per_sqrt_s == 1e-4
+
+
+@pytest.mark.parametrize(
+    ("path", "value", "message"),
+    [
+        ("casse", 3, "casse: there is no such setting; there are cases, entropy"),
+        ("steps_s.2", 3.0, "2 is not the index of one of 2 items"),
+        ("cases.3", 3, "there is no such setting; 3 would be inside a single value"),
+        ("cases", "3", "cases: Input should be a valid integer"),
+        ("cases", 0, "cases: Value error, must be between 1 and"),
+        ("cases", 3.5, "cases"),
+        ("pause_s", float("nan"), "pause_s"),
+        ("entropy", -1, "entropy"),
+        ("sampler", "magic", "sampler"),
+        ("steps_s", [1.0, "2"], "steps_s.1"),
+        (f"dispersions.{PATH}", {"kind": "cauchy"}, "cauchy"),
+        (f"dispersions.{PATH}", NORMAL | {"width": 2}, "width: Extra inputs are not permitted"),
+        (f"dispersions.{PATH}", {"kind": "uniform", "low": 2.0, "high": 1.0}, "must be above low"),
+        (f"dispersions.{PATH}", {"kind": "loguniform", "low": 0.0, "high": 1.0}, "low"),
+        ("label", object(), "not JSON serializable"),
+    ],
+)
+def test_a_wrong_setting_is_one_line(path, value, message):
+    with pytest.raises(InputError, match=message) as caught:
+        changed(DrawsConfig(), {path: value})
+    assert "\n" not in str(caught.value)
+
+
+def test_a_configuration_file(tmp_path):
+    path = tmp_path / "study.toml"
+    path.write_text(f'cases = 5\nsteps_s = [1.0, 8.0]\n[dispersions."{PATH}"]\nkind = "normal"\nsigma = 1e-3\n')
+    config = load_config(DRAWS, path, {"entropy": 3})
+    assert (config.cases, config.entropy, config.steps_s) == (5, 3, (1.0, 8.0))
+    assert config.dispersions[PATH].sigma == 1e-3
+    path.write_text("cases = 5\nstep_s = 1.0\n")
+    with pytest.raises(InputError, match=r"study\.toml: step_s: Extra inputs are not permitted"):
+        load_config(DRAWS, path)
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [{"scenario": "nowhere"}, {"overrides.gyro.no": 1.0}, {"overrides.gyro.sample_s": -1.0}, {f"dispersions.{PATH}.0": NORMAL}],
+)
+def test_a_scenario_that_cannot_be_used_is_refused(changes):
+    with pytest.raises(InputError):
+        resolved(changed(DrawsConfig(), changes))
+
+
+def test_a_resolved_configuration_survives_its_json_bit_for_bit():
+    ready = resolved(DrawsConfig(dispersions={PATH: NORMAL}, overrides={"gyro.arw_deg_per_sqrt_s": 0.1 + 0.2}))
+    again = DrawsConfig.model_validate_json(ready.model_dump_json())
+    assert again == ready
+    assert again.scenario.gyro.arw_deg_per_sqrt_s == 0.1 + 0.2
+    assert resolved(again) == ready
+
+
+def test_the_hash_is_of_what_the_rows_depend_on():
+    def sha256(config, study=DRAWS):
+        return config_sha256(study, resolved(config))
+
+    other = {"orbit.raan_deg": NORMAL}
+    distinct = [
+        sha256(DrawsConfig()),
+        sha256(DrawsConfig(size=3)),
+        sha256(DrawsConfig(scenario="trmm_series")),
+        sha256(DrawsConfig(overrides={"gyro.arw_deg_per_sqrt_s": 1e-3})),
+        sha256(DrawsConfig(dispersions={PATH: NORMAL} | other)),
+        sha256(DrawsConfig(dispersions=other | {PATH: NORMAL})),  # the other Sobol dimensions
+        sha256(StudyConfig(), RECORDED),
+    ]
+    assert len(set(distinct)) == len(distinct)
+    arw = load("trmm").gyro.arw_deg_per_sqrt_s
+    assert sha256(DrawsConfig(overrides={"gyro.arw_deg_per_sqrt_s": arw}, scenario=load("trmm"))) == distinct[0]
+
+
+def test_studies_are_found_by_name():
+    assert find(DRAWS.name) is DRAWS
+    for name in ("nowhere:STUDY", "tests.engine_studies:NOTHING", "tests.engine_studies", ":", "tests.engine_studies:odd_case"):
+        with pytest.raises(InputError, match=r"module:attribute|not the study"):
+            find(name)
+
+
+def test_a_study_that_workers_would_not_find_is_refused(tmp_path):
+    nameless = Study("tests.engine_studies:STEPS", DrawsConfig, draws_case)
+    with pytest.raises(InputError, match="not the study"):
+        run(nameless, DrawsConfig(), tmp_path)

@@ -1,0 +1,122 @@
+"""The Monte Carlo of the paper's tables: unbiased, honest, the same however it is run, and its tables are right."""
+
+import numpy as np
+import pandas as pd
+import pytest
+import scipy.stats
+
+from gyrocal import NAMES, GyroParameters
+from simulator import scenario as scenarios
+from studies.montecarlo import engine, statistics
+from studies.natanson import flight, paper_tables
+
+CASES = 200
+
+
+@pytest.fixture(scope="module")
+def config():
+    return paper_tables.PaperTablesConfig(
+        cases=CASES, steps_s=(0.5,), overrides={"gyro.arw_deg_per_sqrt_s": 2.5e-4}, scenario=scenarios.load("trmm")
+    )
+
+
+@pytest.fixture(scope="module")
+def truth(config):
+    gyro = config.scenario.gyro
+    return GyroParameters(np.array(gyro.true_G), np.deg2rad(gyro.true_bias_deg_s))
+
+
+@pytest.fixture(scope="module")
+def rows(config):
+    return pd.concat([paper_tables.run_case(config, number) for number in range(CASES)], ignore_index=True)
+
+
+def test_mean_error_is_zero_within_four_standard_errors(rows, truth):
+    errors, _ = paper_tables.errors_and_sigmas(paper_tables.choose(rows, 0.5), truth)
+    assert errors.shape == (CASES, 12)
+    z = errors.mean(axis=0) / (errors.std(axis=0, ddof=1) / np.sqrt(CASES))
+    assert np.abs(z).max() < 4
+
+
+def test_honest_covariance_is_consistent_and_the_papers_is_not(rows, truth):
+    honest = statistics.nees_check(paper_tables.choose(rows, 0.5)["nees"].to_numpy(), len(NAMES))
+    assert honest.inside
+    paper = statistics.nees_check(paper_tables.choose(rows, 0.5, covariance="references only")["nees"].to_numpy(), len(NAMES))
+    assert paper.value > 2 * paper.upper
+
+
+@pytest.mark.parametrize(("covariance", "honest"), [("full", True), ("references only", False)])
+def test_coverage_is_what_the_sigmas_claim(rows, truth, covariance, honest):
+    errors, sigmas = paper_tables.errors_and_sigmas(paper_tables.choose(rows, 0.5, covariance=covariance), truth)
+    for level in ("68", "95"):
+        share = statistics.LEVELS[level]
+        k = scipy.stats.norm.ppf(0.5 + share / 2)
+        # The twelve of a case correlate: the case is the unit, its own share the sample; 4 standard errors of their mean.
+        per_case = (np.abs(errors) <= k * sigmas).mean(axis=1)
+        deviation = abs(per_case.mean() - share) / (per_case.std(ddof=1) / np.sqrt(CASES))
+        assert (deviation < 4) == honest
+    # Spread over formal sigma, a ratio with a relative sampling error of 1/sqrt(2 CASES); 4 sigma.
+    ratio = errors.std(axis=0, ddof=1) / np.sqrt((sigmas**2).mean(axis=0))
+    assert (np.abs(ratio - 1).max() < 4 / np.sqrt(2 * CASES)) == honest
+
+
+def test_second_iteration_and_linear_psi_are_small(rows):
+    second = paper_tables.second_iteration(rows).query("psi == 'full'").iloc[0]
+    assert 1e-6 < second["G_median"] < 1e-5  # N Table 5: up to 4e-6
+    psi = paper_tables.psi_difference(rows)
+    assert psi["G"].max() < 1e-5
+
+
+def test_a_row_is_the_same_alone_serial_and_parallel(config, rows, tmp_path):
+    small = config.model_copy(update={"cases": 10})
+    serial = engine.run(paper_tables.STUDY, small, tmp_path / "serial", backend="serial").load()
+    parallel = engine.run(paper_tables.STUDY, small, tmp_path / "loky", backend="loky", jobs=2, chunk=3).load()
+    pd.testing.assert_frame_equal(serial, parallel, check_exact=True)
+    # More cases do not change the first ones, and the engine adds nothing but the error column.
+    pd.testing.assert_frame_equal(serial.drop(columns="error"), rows.head(len(serial)), check_exact=True)
+
+
+def test_dispersions_reach_the_calibration(config):
+    plain = paper_tables.run_case(config, 3)
+    spread = {"gyro.true_G.0.1": {"kind": "uniform", "low": 1e-3, "high": 1.1e-3, "mode": "offset"}}
+    changed = paper_tables.PaperTablesConfig.model_validate(config.model_dump() | {"dispersions": spread}, strict=False)
+    moved = paper_tables.run_case(changed, 3)
+    shift = moved["second_G_xy"] - plain["second_G_xy"]
+    assert ((shift > 0.99e-3) & (shift < 1.11e-3)).all()
+    assert np.abs(moved["second_G_yy"] - plain["second_G_yy"]).max() < 1e-5
+
+
+def test_tables_hold_what_their_rows_say(rows):
+    table2 = (
+        paper_tables.table2(rows).query("psi == 'full' and phase == 'prelaunch' and interval == 3 and axis == 'pitch'").iloc[0]
+    )
+    samples = paper_tables.choose(rows, 0.5)["before_3_pitch"]
+    assert table2["mean"] == samples.mean()
+    assert table2["flight"] == -0.433
+    assert table2["flight_percentile"] == 100 * (samples < -0.433).mean()
+    table4 = paper_tables.table4(rows).query("psi == 'full' and phase == 'calibrated' and axis == 'yaw'").set_index("statistic")
+    assert table4.loc["rms", "mean"] == pytest.approx(np.sqrt(6) * table4.loc["paper_rms", "mean"])
+    assert table4.loc["paper_rms", "flight"] == 0.0043
+    table3 = paper_tables.table3(rows).query("psi == 'full' and gyro == 'z' and quantity == 'misalignment_y_deg'").iloc[0]
+    assert table3["mean"] == pytest.approx(np.rad2deg(paper_tables.choose(rows, 0.5)["first_G_zy"].mean()))
+    assert table3["flight"] == pytest.approx(0.096)
+    table5 = paper_tables.table5(rows).query("psi == 'full' and iteration == 1 and quantity == 'G_inverse'")
+    expected = np.linalg.inv(flight.calibration().G) - np.linalg.inv(flight.parameters("prelaunch").G)
+    # The mean correction of G⁻¹ is the injected one; 5 standard errors.
+    error = (table5["mean"].to_numpy() - expected.ravel()) / (table5["std"].to_numpy() / np.sqrt(CASES))
+    assert np.abs(error).max() < 5
+    assert table5["flight"].tolist() == flight.corrections(1)[0].ravel().tolist()
+
+
+def test_resampling_and_control_are_settings(config):
+    short = paper_tables.PaperTablesConfig(cases=2, steps_s=(0.5, 1.0), resamplings=("average",), control=False)
+    rows = pd.concat([paper_tables.run_case(short, number) for number in range(2)], ignore_index=True)
+    assert set(rows["resampling"]) == {"average"}
+    assert set(rows["covariance"]) == {"full"}
+    assert len(rows) == 2 * 2 * 2
+    made = paper_tables.report(short, rows)
+    assert "NEES" in made.findings[0]
+    alone = paper_tables.run_case(paper_tables.PaperTablesConfig(cases=2, steps_s=(0.5,)), 1)
+    full = alone.query("covariance == 'full' and psi == 'full'")["second_G_xy"].iloc[0]
+    # At the sample itself nothing is skipped nor averaged.
+    assert rows.query("case == 1 and step_s == 0.5 and psi == 'full'")["second_G_xy"].iloc[0] == full

@@ -1,0 +1,48 @@
+import io
+import re
+from itertools import count
+
+import pytest
+from rich.console import Console
+
+from gyrocal import InputError
+from studies.report import console
+
+
+def test_a_bar_on_a_terminal(monkeypatch):
+    written = io.StringIO()
+    clock = count(0.0, 0.5)
+    terminal = Console(file=written, force_terminal=True, width=120, get_time=lambda: next(clock))
+    monkeypatch.setattr(console, "Console", lambda **options: terminal)
+    with console.progress("cases", 3) as advance:
+        for _ in range(3):
+            advance(1)
+    assert "3/3" in written.getvalue()
+    assert re.search(r"\d\.\d/s", written.getvalue())
+
+
+def test_a_line_a_minute_elsewhere(monkeypatch):
+    written = io.StringIO()
+    clock = iter([0.0, 30.0, 61.0, 90.0])
+    monkeypatch.setattr(console, "Console", lambda **options: Console(file=written, force_terminal=False, width=120))
+    monkeypatch.setattr(console.time, "monotonic", lambda: next(clock))
+    with console.progress("cases", 100) as advance:
+        for _ in range(3):
+            advance(10)
+    assert written.getvalue().splitlines() == ["cases: 20/100, 0.3/s, 244 s left"]
+
+
+def test_tables_are_not_folded_without_a_terminal(capsys):
+    console.console().print("x" * 180)
+    assert capsys.readouterr().out == "x" * 180 + "\n"
+
+
+def test_what_cannot_be_written_is_said_before_the_work(tmp_path, monkeypatch):
+    console.check_writable(None)
+    console.check_writable(tmp_path / "new.json")
+    for path, message in ((tmp_path, "is a folder"), (tmp_path / "no" / "x.json", "no folder")):
+        with pytest.raises(InputError, match=message):
+            console.check_writable(path)
+    monkeypatch.setattr(console.os, "access", lambda path, mode: False)
+    with pytest.raises(InputError, match="cannot be written"):
+        console.check_writable(tmp_path / "new.json")

@@ -1,0 +1,317 @@
+"""What a diagnosis says on the terminal and on its page, for one of each verdict."""
+
+import base64
+import dataclasses
+import io
+import re
+from html.parser import HTMLParser
+
+import numpy as np
+import pandas as pd
+import pytest
+from rich.console import Console
+
+from simulator.effects.sensor import ALL_EFFECTS
+from studies.report import diagnosis_figures, diagnosis_summary
+from studies.report import diagnosis_page as diagnosis_report
+from studies.report import diagnosis_words as words
+from tests.diagnosis_cases import CASES, regressors, residuals
+
+EVERYWHERE = {"map", "residuals"}
+FIGURES = {
+    "none": EVERYWHERE,
+    "named": EVERYWHERE | {"cause-bias_orbital-z", "closure", "evidence"},
+    "pair": EVERYWHERE | {"cause-bias_orbital-z", "cause-g_matrix_step-z", "closure", "evidence"},
+    "group": EVERYWHERE | {"cause-time_offset", "closure", "evidence"},
+    "unknown": EVERYWHERE | {"evidence"},
+    "not identifiable": EVERYWHERE | {"evidence"},
+    "stream": EVERYWHERE | {"evidence"},
+}
+
+
+class Page(HTMLParser):
+    """Figures by name, and whether every element that is opened is closed."""
+
+    VOID = ("meta", "img", "br")
+
+    def __init__(self, text):
+        super().__init__()
+        self.open, self.figures, self.alts, self.resources = [], {}, {}, []
+        self.feed(text)
+
+    def handle_starttag(self, tag, attrs):
+        attributes = dict(attrs)
+        self.resources += [value for name, value in attrs if name in ("src", "href", "data", "srcset", "poster")]
+        if tag == "figure":
+            self.figures[attributes["id"]] = None
+        if tag == "img":
+            name = next(reversed(self.figures))
+            self.figures[name], self.alts[name] = attributes["src"], attributes["alt"]
+        if tag not in self.VOID:
+            self.open.append(tag)
+
+    def handle_endtag(self, tag):
+        assert self.open.pop() == tag
+
+
+@pytest.fixture(scope="module")
+def pages():
+    return {name: diagnosis_report.page(make()) for name, make in CASES.items()}
+
+
+def summary(diagnosis, width=100):
+    console = Console(file=io.StringIO(), width=width, emoji=True)
+    diagnosis_summary.show(console, diagnosis)
+    return console.file.getvalue()
+
+
+def flat(text):
+    return " ".join(text.split())
+
+
+# ---- summary -------------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("case", "texts"),
+    [
+        ("none", ["No gap", "p = 0.43, not rare enough", "There is no gap to close", "The calibration is the baseline's"]),
+        (
+            "named",
+            [
+                "one cause explains it: bias_orbital:z.",
+                "m4, hold, axis z: χ² 310 of 61, 450 to 4050 s after its start (p = 1e-40)",
+                "bias_orbital:z: 0.1100 ± 0.0060 deg/h; phase 57° at the epoch",
+                "probability 98 %; nothing else on the list could stand in its place",
+                "reference_orbital:z: 1 %",
+                "97 % of the gap is closed (90 % interval 90 to 105 %)",
+                "2.53 before, 1.13 with the cause in the model; 1.09 is the floor",
+                "4 of 12 parameters move by more than their sigma, most of all b_z by +0.08 deg/h",
+            ],
+        ),
+        (
+            "pair",
+            [
+                "2 causes together explain it: bias_orbital:z and g_matrix_step:z.",
+                "g_matrix_step:z: -1310 ± 42 ppm; at 15000 s since the epoch, in m3, 4200 s after its start; "
+                "axis z picks up the rate about y (G_zy)",
+                "bias_orbital:z + something unlisted (bias of another period, axis z): 0.6 %",
+            ],
+        ),
+        (
+            "group",
+            [
+                "cannot tell apart what explains it: time_offset or rate_lag.",
+                "probability 55 %; in its place could stand rate_lag (one of these is at work: 99.1 %)",
+            ],
+        ),
+        ("unknown", ["no known effect explains: with a probability of 97 %", "nothing closes the gap"]),
+        ("not identifiable", ["cannot show what causes it", "bias_step:x: 8 %", "References only at the ends"]),
+        (
+            "stream",
+            [
+                "one cause explains it: rate_quantization.",
+                "gyro stream: samples lie on a lattice of 0.0002778 deg/s (p < 1e-99)",
+                "rate_quantization: 0.00027777 ± 3e-10 deg/s",
+                "more than 99.9 %",
+                "Not measured: the cause is seen in the samples",
+            ],
+        ),
+    ],
+)
+def test_summary_says(case, texts):
+    shown = flat(summary(CASES[case]()))
+    for text in texts:
+        assert text in shown
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_summary_says_nothing_that_is_not_so(case):
+    shown = summary(CASES[case]())
+    assert ("No gap" in shown) == (case == "none")
+    assert ("% of the gap is closed" in shown) == (case in ("named", "pair", "group"))
+    assert ("change in sigma" in shown) == (case in ("named", "pair", "group"))
+    assert "nan" not in shown.lower().split()
+    assert "What this recording cannot tell" in shown
+
+
+def test_lines_are_folded_under_their_dash():
+    assert max(len(line) for line in summary(CASES["pair"](), width=90).splitlines()) <= 90
+
+
+def test_probabilities_are_never_certain():
+    assert words.percent(1.0) == "more than 99.9 %"
+    assert words.percent(0.0) == "less than 0.1 %"
+    assert words.percent(0.9951) == "99.5 %"
+    assert words.percent(0.982) == "98 %"
+    assert words.percent(float("nan")) == "–"
+
+
+@pytest.mark.parametrize(
+    ("value", "sigma", "shown"),
+    [
+        (-1310.4, 42.3, "-1310 ± 42 u"),
+        (0.00549, 0.00021, "0.00549 ± 0.00021 u"),
+        (2.7e-5, 3.1e-6, "(2.70 ± 0.31)e-5 u"),
+        (0.5, float("nan"), "0.5 u (its error is not known)"),
+        (0.5, 0.0, "0.5 u (its error is not known)"),
+        (2.5e-4, 2e-10, "0.00025 ± 2e-10 u"),
+    ],
+)
+def test_sizes(value, sigma, shown):
+    assert words.sized(value, sigma, "u") == shown
+
+
+def test_a_time_between_intervals():
+    step = dataclasses.replace(CASES["pair"]().causes[1], parameters={"time_s": 5000.0, "toward": "z"})
+    assert words.parameters(step, CASES["pair"]()) == [
+        "at 5000 s since the epoch, between m1 and m2",
+        "the scale factor of axis z (G_zz)",
+    ]
+
+
+@pytest.mark.parametrize(
+    ("parameters", "text"),
+    [
+        ({"apparent_hz": 0.31}, "seen at 0.31 Hz"),
+        ({"fraction": 0.004}, "0.4 % of the samples"),
+        ({"time_constant_s": 612.0}, "lasting about 612 s"),
+        ({"column": "gyro_temperature_c"}, "follows housekeeping column gyro_temperature_c"),
+        ({"gaps": "hold"}, "taken as one that stands still between intervals"),
+        ({"depth_deg": 2.0}, "depth 2 deg"),
+        ({"time_s": float("nan")}, "time s not known"),
+    ],
+)
+def test_parameters_in_words(parameters, text):
+    cause = dataclasses.replace(CASES["named"]().causes[0], parameters=parameters)
+    assert words.parameters(cause, CASES["named"]()) == [text]
+
+
+def test_every_effect_has_a_meaning():
+    assert set(words.MEANING) <= set(ALL_EFFECTS)
+    assert all(words.meaning(f"{name}:x") for name in ALL_EFFECTS)
+    assert words.meaning("bias of another period:z") == words.UNLISTED
+
+
+def test_rounding_is_no_change_of_the_calibration():
+    still = CASES["stream"]()
+    moved = dataclasses.replace(still, G=still.G + 1e-5 * still.sigma_G)
+    assert not words.changed(moved)
+    assert words.changed(dataclasses.replace(still, bias=still.bias + 0.01 * still.sigma_bias))
+    assert words.calibration_change(moved) == "The causes change nothing in the calibration."
+
+
+def test_what_is_known_beside_the_unknown_is_said():
+    both = dataclasses.replace(CASES["unknown"](), causes=CASES["stream"]().causes)
+    assert words.verdict(both).endswith("not on the list. Beside it there is rate_quantization.")
+
+
+def test_calibration_changes_are_in_ppm_and_degrees_an_hour():
+    table = words.calibration(CASES["named"]()).set_index("parameter")
+    assert table.loc["G_zz", ["change", "sigma", "unit", "change in sigma"]].tolist() == ["120", "21", "ppm", "+5.7"]
+    assert table.loc["b_z", ["change", "sigma", "unit"]].tolist() == ["0.0800", "0.0090", "deg/h"]
+    assert table.loc["b_x", "baseline"] == "-0.540"
+
+
+# ---- page ----------------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_page_is_whole_and_needs_no_network(pages, case):
+    text = pages[case]
+    page = Page(text)
+    assert page.open == []
+    assert set(page.figures) == FIGURES[case]
+    assert page.resources
+    assert all(resource.startswith("data:image/svg+xml;base64,") for resource in page.resources)
+    for source in page.figures.values():
+        picture = base64.b64decode(source.removeprefix("data:image/svg+xml;base64,"))
+        assert picture.rstrip().endswith(b"</svg>")
+        links = re.findall(rb'(?:xlink:href|src|url\()="?([^")]*)', picture)
+        assert all(link.startswith((b"#", b"data:image/png")) for link in links)
+    assert "http" not in re.sub(r'src="[^"]*"', "", text)
+    assert len(text.encode()) < 1_500_000
+    assert all(len(alt) > 60 for alt in page.alts.values())
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_page_begins_with_the_answer(pages, case):
+    diagnosis = CASES[case]()
+    body = pages[case].split("<body>")[1]
+    assert body.index(words.verdict(diagnosis)) < body.index("<h2>")
+    for cause in diagnosis.causes:
+        assert words.cause_size(cause) in body
+        assert words.meaning(cause.effect).replace("'", "&#x27;") in body
+    assert diagnosis.notes[0] in body
+
+
+def test_page_is_the_same_every_time(pages):
+    again = dataclasses.replace(CASES["pair"](), runtime_s=99.0)
+    assert diagnosis_report.page(again) == pages["pair"]
+
+
+def test_names_are_text(pages):
+    odd = dataclasses.replace(CASES["none"](), recording="<b>$x_1$ & :x:", notes=("a < b",))
+    text = diagnosis_report.page(odd)
+    assert "<b>" not in text
+    assert "a &lt; b" in text
+    assert "<b>$x_1$ & :x:" in summary(odd)
+
+
+def test_stream_tests_stand_out(pages):
+    strong = re.findall(r"<tr class=strong><td>([^<]*)", pages["stream"].split("The gyro stream")[1])
+    assert strong == ["lattice"] * 3
+    assert "class=strong" not in pages["none"]
+
+
+def test_unlikely_tables(tmp_path):
+    # Empty tables, references at the ends only, one interval, odd names, no axis.
+    base = CASES["named"]()
+    ends = residuals(True, series_s=4500.0)
+    few = ends[ends["interval"] == "m2"].assign(interval="a_very_long_name_of_$an$_interval with words")
+    empty = {name: getattr(base.details, name).iloc[:0] for name in ("statistics", "explanations", "stream", "regressors")}
+    odd = dataclasses.replace(base, details=dataclasses.replace(base.details, residuals=few, **empty))
+    diagnosis_report.write(odd, tmp_path / "page.html")
+    assert set(Page((tmp_path / "page.html").read_text()).figures) == {"residuals", "closure"}
+    statistics = base.details.statistics.assign(axis=None, interval=None)
+    assert diagnosis_figures.svg(diagnosis_figures.statistics_figure(statistics))
+
+
+def test_many_references_and_intervals_stay_small():
+    base = CASES["named"]()
+    parts = [residuals(True, series_s=1.0, seed=k).assign(interval=lambda t, k=k: t["interval"] + f".{k}") for k in range(3)]
+    table = pd.concat(parts, ignore_index=True)
+    table.loc[table["interval"] == "m3.1", "before_y"] += 1.0
+    details = dataclasses.replace(base.details, residuals=table, regressors=regressors(base.causes, table))
+    text = diagnosis_report.page(dataclasses.replace(base, details=details))
+    assert len(text.encode()) < 1_500_000
+    assert "The 8 of 18 intervals with the largest residuals" in text
+    assert "m3.1" in diagnosis_figures.most_telling(table, diagnosis_figures.in_sigma(table), 8)
+
+
+def test_significant_cells_are_marked_and_no_others():
+    statistics = CASES["named"]().details.statistics
+    figure = diagnosis_figures.statistics_figure(statistics)
+    stars = sum(text.get_text().endswith("*") for axes in figure.axes for text in axes.texts)
+    order = np.sort(statistics["p_value"].to_numpy())
+    below = np.flatnonzero(order <= 0.05 * np.arange(1, order.size + 1) / order.size)
+    assert stars == below[-1] + 1 == 12
+    clean = diagnosis_figures.statistics_figure(CASES["none"]().details.statistics)
+    assert not any(axes.texts for axes in clean.axes)
+
+
+def test_after_is_drawn_only_where_it_differs():
+    def marks(table):
+        return sum(line.get_marker() == "." for axes in diagnosis_figures.residual_figure(table).axes for line in axes.lines)
+
+    assert marks(CASES["named"]().details.residuals) == 18
+    assert marks(CASES["unknown"]().details.residuals) == 0
+
+
+def test_unlisted_explanations_look_different():
+    def hatched(case):
+        axes = diagnosis_figures.evidence_figure(CASES[case]().details.explanations).axes[0]
+        return [bool(bar.get_hatch()) for bar in axes.patches][::-1]
+
+    assert hatched("unknown") == [True, True, False]
+    assert hatched("pair") == [False, False]

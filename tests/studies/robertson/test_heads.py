@@ -1,0 +1,143 @@
+"""The raw sensor tables from scenario to page: command line, JSON, words, figures and the study of R's heads."""
+
+import html
+import json
+from dataclasses import replace
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from diagnosis.diagnose import diagnose
+from gyrocal import load, save
+from gyrocal.recording.sensor_tables import SensorTables
+from simulator import scenario
+from simulator.effects.sensor import parse
+from simulator.simulate import simulate
+from studies import catalogue
+from studies.montecarlo.study import changed
+from studies.report import diagnosis_page as diagnosis_report
+from studies.report import sensor_words
+from studies.report.diagnosis_summary import lines
+from studies.robertson import heads as sensor_story
+
+MONTHS = scenario.load("trmm_months")
+DAYS = ("d09", "m1", "m2", "m3", "m4", "m5", "m6", "d25", "d37", "d57", "d73")
+FEW = MONTHS.model_copy(update={"interval": tuple(one for one in MONTHS.interval if one.name in DAYS)})
+
+
+@pytest.fixture(scope="module")
+def rec(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("sensors") / "rec"
+    save(simulate(FEW, seed=1, effects=[parse("dss_head:2=0.28156")]), folder)
+    return folder
+
+
+@pytest.fixture(scope="module")
+def found(rec):
+    return diagnose(load(rec))
+
+
+@pytest.fixture
+def of_the_attitudes(monkeypatch, found):
+    """The answer of gyro and references taken as known, which the sensors have no part in."""
+    nothing = replace(found, verdict="none", present=False, causes=(), closure=None, where=(), notes=(), sensors=None)
+    monkeypatch.setattr("diagnosis.diagnose._diagnosed", lambda *_: nothing)
+    return nothing
+
+
+def test_both_answers_are_one(found):
+    assert found.verdict == "named"
+    assert [cause.label for cause in found.causes] == ["dss_head:2"]
+    assert found.sensors.present
+    assert found.present
+    assert found.closure is found.sensors.closure
+    np.testing.assert_allclose(found.causes[0].size, 0.28156, atol=3 * found.causes[0].sigma)
+
+
+def test_the_json_has_what_the_format_names(run_cli, rec, tmp_path):
+    target, page = tmp_path / "d.json", tmp_path / "d.html"
+    result = run_cli("diagnose", str(rec), "--json", str(target), "--report", str(page))
+    assert result.exit_code == 0
+    assert "do not explain it" in " ".join(result.output.split())
+    document = json.loads(target.read_text())
+    assert document["causes"][0]["effect"] == "dss_head"
+    assert set(document["causes"][0]["parameters"]) == {"e1_deg", "e2_deg", "e3_deg"}
+    own = document["sensors"]
+    assert own["rejected"][0]["effects"] == ["dss_misalignment", "esa_bias"]
+    assert own["rejected"][0]["after"] > own["closure"]["after"] + 0.05
+    assert {one["signal"] for one in document["where"]} >= {"DSS-1", "DSS-2"}
+    assert "Residuals of DSS-2 over the Sun's two angles" in html.unescape(page.read_text())
+
+
+def test_the_words_say_what_is_rejected(found):
+    said = "\n".join(lines(found))
+    assert "Raw tables of sun and Earth sensors" in said
+    sentence = sensor_words.sentences(found)[-1]
+    assert sentence.startswith("Sensors with orthogonal heads, dss_misalignment and esa_bias in place of the heads")
+
+
+def test_nominal_sensors_on_the_page(of_the_attitudes):
+    nominal = diagnose(simulate(FEW, seed=2))
+    assert nominal.verdict == "none"
+    page = diagnosis_report.page(nominal)
+    assert "Sun and Earth sensors show nothing that the nominal ones would not" in page
+    assert "with the causes" not in page
+
+
+def test_without_tables_nothing_is_said_of_them(rec, of_the_attitudes):
+    plain = diagnose(replace(load(rec), sensors=None))
+    assert plain is of_the_attitudes
+    assert "sensors" not in plain.to_json()
+    assert "Sun and Earth sensors" not in diagnosis_report.page(plain)
+
+
+def test_tables_without_an_ephemeris_are_passed_over_and_said_so(rec, of_the_attitudes):
+    recording = load(rec)
+    tables = SensorTables(recording.sensors.sun, recording.sensors.earth)
+    found = diagnose(replace(recording, sensors=tables))
+    assert found.sensors is None
+    assert any("were not looked at: there is no ephemeris table" in note for note in found.notes)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "text"),
+    [
+        (("simulate", "trmm", "{out}", "--effect", "dss_head:2=0.1"), "dss_head: acts on raw sensor tables"),
+        (("simulate", "trmm_months", "{out}", "--effect", "dss_head=0.1"), "which axis"),
+        (("simulate", "trmm_months", "{out}", "--effect", "esa_bias=9"), "not within"),
+        (("simulate", "{rec}", "{out}", "--effect", "esa_bias=0.1"), "which a replay keeps"),
+        (("diagnose", "{rec}", "--without", "dss_heads"), "no such effect"),
+    ],
+)
+def test_bad_input_is_one_line(run_cli, rec, tmp_path, arguments, text):
+    result = run_cli(*(one.format(out=tmp_path / "out", rec=rec) for one in arguments))
+    assert result.exit_code == 2
+    assert text in result.stderr
+    assert len(result.stderr.strip().splitlines()) == 1
+
+
+def test_a_broken_table_is_one_line(run_cli, rec, tmp_path):
+    save(load(rec), tmp_path)
+    table = pd.read_parquet(tmp_path / "sun_sensor.parquet")
+    table.drop(columns="sensor").to_parquet(tmp_path / "sun_sensor.parquet")
+    result = run_cli("diagnose", str(tmp_path))
+    assert result.exit_code == 2
+    assert "sun_sensor: column sensor is missing" in result.stderr
+    assert len(result.stderr.strip().splitlines()) == 1
+
+
+def test_the_study_of_the_heads(tmp_path, monkeypatch):
+    few = FEW.model_copy(update={"interval": tuple(one for one in FEW.interval if not one.name.startswith("m"))})
+    monkeypatch.setattr(sensor_story, "TRUTHS", ("heads", "misalignment", "nominal", "noise"))
+    config = changed(sensor_story.StoryConfig(cases=1, scenario=few), {"entropy": 5})
+    rows = pd.DataFrame(sensor_story.case(config, 0, sensor_story.Streams(5, 0))).assign(case=0)
+    assert rows["right"].all(), rows[["truth", "verdict", "named"]]
+    heads = rows.set_index("truth").loc["heads"]
+    assert heads["after"] < 1.05 < heads["orthogonal"] < heads["before"]
+    assert heads["orthogonal_p"] < 1e-6
+    assert heads["log_ratio"] > 50
+    assert catalogue.entry("heads") is sensor_story.ENTRY
+    gaps, sizes = sensor_story.gap_table(rows), sensor_story.size_table(rows)
+    assert list(gaps["truth"]) == ["heads", "misalignment", "nominal", "noise"]
+    assert (sizes.dropna(subset="RMS error in sigma")["RMS error in sigma"] < 4).all()

@@ -1,0 +1,343 @@
+"""The tables beside the flight's: each statistic on made-up runs with known answers, formulas against the loop itself."""
+
+import doctest
+from dataclasses import replace
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from simulator import scenario as scenarios
+from simulator.mission_mode import flight as mission_mode
+from simulator.mission_mode.calendar import sun_angle
+from simulator.mission_mode.config import DAY, PRELAUNCH_G, R9_BIAS, R9_G, MissionConfig, TrueGyro, period_tables
+from simulator.mission_mode.flight import MissionRun, flight_schedule, simulate_mission
+from simulator.sensors.earth import TrueEarthSensor
+from simulator.truth.orbit import lvlh_attitude
+from studies.natanson import flight_gap
+from studies.robertson import biases, figures, flown, mountings, performance, slews, words
+from studies.robertson.runs import (
+    FIRST_DAYS,
+    MANEUVERS,
+    PERIODS,
+    SLEW_TABLES,
+    SPIKE_SUN_DEG,
+    Flight,
+    MissionStudy,
+    day_of,
+    flights,
+    fly,
+    moved,
+    slew_flight,
+    spike_day,
+)
+
+BASE = MissionConfig()
+AXES = performance.AXES
+EMPTY = pd.DataFrame()
+RNG = np.random.default_rng(5)
+
+
+def middle(period):
+    """A moment in the middle of a period, s."""
+    start, stop = (day_of(moment, BASE) * DAY for moment in FIRST_DAYS[period])
+    return 0.5 * (start + stop)
+
+
+def orbit(period, forward="+x", samples=1000.0, lost=0.0, **values):
+    """A row of an orbit table; every number not given is zero."""
+    names = ("rms_knowledge", "rms_error", "jitter")
+    numbers = {f"{name}_{axis}_deg": 0.0 for name in names for axis in AXES}
+    numbers |= {f"apparent_bias_{axis}_deg_h": 0.0 for axis in AXES}
+    return {"t_s": middle(period), "forward": forward, "samples": samples, "lost": lost, **numbers, **values}
+
+
+def run_of(orbits=(), updates=()):
+    """A run with these orbits and (period, forward, update in deg)."""
+    rows = [{"t_s": middle(period), "forward": forward, "update_deg": size} for period, forward, size in updates]
+    table = pd.DataFrame(rows, columns=["t_s", "forward", "update_deg"])
+    frame = pd.DataFrame(list(orbits), columns=list(orbit("precalibration")))
+    return MissionRun(EMPTY, table, EMPTY, frame)
+
+
+def test_the_flights_numbers_are_as_published():
+    assert [flown.performance("yaw_update_deg", "yaw", period) for period in PERIODS] == [0.24, 0.10, 0.04]
+    assert flown.performance("attitude_accuracy_deg", "roll", "postcalibration") == 0.029
+    assert np.isnan(flown.performance("gyro_bias_std_deg_h", "x", "precalibration"))
+    assert flown.slew_error("roll", "precalibration") == 0.24844
+    assert [flown.requirement(name) for name in ("knowledge", "pointing", "stability")] == [0.2, 0.4, 0.1]
+    assert flown.slew_residual("-x to +x", "prelaunch", "roll") == 0.273  # N Table 2, interval 6
+    assert flown.slew_residual("+x to -x", "calibrated", "pitch") == -0.004  # interval 2
+
+
+def test_accuracy_is_the_mean_over_full_orbits():
+    rows = [orbit("calibration1", rms_knowledge_yaw_deg=value) for value in (0.02, 0.04)]
+    slew = orbit("calibration1", lost=300.0, rms_knowledge_yaw_deg=9.0)
+    other = orbit("precalibration", rms_knowledge_yaw_deg=9.0)
+    assert performance.accuracy(run_of([*rows, slew, other]), "calibration1", "yaw") == pytest.approx(0.03)
+    # Negative control: counted as normal pointing, the orbit with the maneuver would show.
+    assert performance.accuracy(run_of([*rows, {**slew, "lost": 0.0}]), "calibration1", "yaw") > 1.0
+
+
+def test_yaw_update_is_the_mean_size():
+    run = run_of(updates=[("calibration1", "+x", 0.3), ("calibration1", "-x", -0.1), ("postcalibration", "+x", 5.0)])
+    assert performance.yaw_update(run, "calibration1") == pytest.approx(0.2)
+
+
+def test_periods_are_the_flights():
+    start, stop = (day_of(moment, BASE) for moment in FIRST_DAYS["calibration1"])
+    uploads = [at / DAY for at, _ in flight_schedule(BASE, 155.0).uploads]
+    assert uploads == pytest.approx([start, stop], abs=1e-6)  # the Julian date is good to 40 µs
+    assert FIRST_DAYS["precalibration"][0] == BASE.epoch
+    table = pd.DataFrame({"t_s": [start * DAY, stop * DAY - 1, stop * DAY]})
+    assert len(performance.within(table, "calibration1")) == 2
+
+
+def test_table3_has_seeds_and_difference():
+    runs = [run_of([orbit("postcalibration", rms_knowledge_yaw_deg=v)] * 2) for v in (0.03, 0.05)]
+    row = performance.table3(runs).query("parameter == 'attitude_accuracy_deg' and axis == 'yaw'").set_index("period")
+    found = row.loc["postcalibration", ["flight", "simulated", "lowest", "highest", "simulated_minus_flight"]].astype(float)
+    assert found.to_numpy() == pytest.approx([0.026, 0.04, 0.03, 0.05, 0.014])
+    assert np.isnan(row.loc["precalibration", "simulated"])  # nothing flown then
+
+
+@pytest.mark.parametrize(("knowledge", "met"), [(0.066, True), (0.067, False)])
+def test_requirements_are_three_sigma(knowledge, met):
+    """Weighted by samples: 3 σ of 0.198 or 0.201°, whatever a short orbit adds."""
+    rows = [orbit("postcalibration", rms_knowledge_roll_deg=knowledge), orbit("postcalibration", samples=0.0)]
+    table = performance.requirements([run_of(rows)]).set_index(["period", "requirement", "axis"])
+    row = table.loc[("postcalibration", "knowledge", "roll")]
+    assert row["simulated_deg"] == pytest.approx(3 * knowledge)
+    assert row["met"] == met
+    mixed = [orbit("postcalibration", rms_error_yaw_deg=0.1), orbit("postcalibration", samples=3000.0, rms_error_yaw_deg=0.2)]
+    table = performance.requirements([run_of(mixed)]).set_index(["period", "requirement", "axis"])
+    row = table.loc[("postcalibration", "pointing", "yaw")]
+    assert row["simulated_deg"] == pytest.approx(3 * np.sqrt((0.1**2 + 3 * 0.2**2) / 4))
+    assert row["worst_orbit_deg"] == pytest.approx(0.6)
+    assert bool(row["met_by_every_orbit"]) is False
+
+
+def test_stability_is_the_largest():
+    rows = [orbit("postcalibration", jitter_yaw_deg=value) for value in (0.02, 0.11)]
+    table = performance.requirements([run_of(rows)]).set_index(["period", "requirement", "axis"])
+    assert table.loc[("postcalibration", "stability", "yaw"), "simulated_deg"] == 0.11
+    assert not table.loc[("postcalibration", "stability", "yaw"), "met"]
+
+
+def test_orientations_are_apart():
+    run = run_of(updates=[("calibration1", "+x", -0.4), ("calibration1", "-x", 0.1)])
+    table = performance.by_orientation([run]).set_index(["period", "forward"])["yaw_update_deg"]
+    assert table.loc[("calibration1", "+x")] == pytest.approx(0.4)
+    assert table.loc[("calibration1", "-x")] == pytest.approx(0.1)
+
+
+def test_maneuvers_are_on_the_flights_days():
+    table = performance.maneuver_dates(154.2)
+    assert len(table) == 7
+    near = table[table["flight"] != ""]
+    assert near["flight_utc"].tolist() == ["1997-12-13", "1998-01-14", "1998-03-21"]
+    assert near["simulated_minus_flight_days"].abs().max() < 0.6
+    published = flown.maneuver_dates()["forward_after"]
+    assert near["forward_after"].tolist()[:2] == published.tolist()[:2]
+
+
+def test_solved_bias_is_r8():
+    """R (8) is written for G = I: b' = b + (G − I) ω_raw. With the true G the bias is b in either orientation."""
+    for forward, sign in (("+x", -1.0), ("-x", 1.0)):
+        rate = BASE.orbit.mean_motion + BASE.orbit.nodal_rate * np.cos(BASE.orbit.inclination)
+        raw = np.linalg.solve(R9_G, np.array([0.0, sign * rate, 0.0]) - R9_BIAS)
+        assert biases.solved_bias(np.eye(3), forward) == pytest.approx(R9_BIAS + (R9_G - np.eye(3)) @ raw, abs=1e-18)
+        assert biases.solved_bias(R9_G, forward) == pytest.approx(R9_BIAS, abs=1e-17)
+    apart = biases.solved_bias(PRELAUNCH_G, "-x") - biases.solved_bias(PRELAUNCH_G, "+x")
+    # 2 n (G_pre − G)[z, y], negative control of the independence.
+    expected = -2 * rate * (PRELAUNCH_G - R9_G)[2, 1]
+    assert apart[2] == pytest.approx(expected, rel=0.01)
+    assert apart[2] * biases.DEG_H == pytest.approx(0.546, abs=0.001)
+
+
+def test_biases_of_runs_are_those_of_the_formula():
+    """Made of the formula, with a scatter whose mean the standard error covers."""
+    rows = []
+    for period, G in biases.USED_G.items():
+        for forward in ("+x", "-x"):
+            expected = biases.solved_bias(G, forward) * biases.DEG_H
+            for _ in range(50):
+                values = expected + 0.01 * RNG.normal(size=3)
+                rows.append(
+                    orbit(period, forward, **{f"apparent_bias_{a}_deg_h": v for a, v in zip(AXES, values, strict=True)})
+                )
+    table = biases.table8([run_of(rows)])
+    assert len(table) == 2 * 3 * 3
+    pulls = table["simulated_minus_formula_deg_h"] / table["standard_error_deg_h"]
+    assert pulls.abs().max() < 4
+    assert np.allclose(table.loc[table["forward"] != "-x minus +x", "standard_error_deg_h"], 0.01 / np.sqrt(50), rtol=0.5)
+    wrong = biases.table8([run_of([{**row, "forward": "+x" if row["forward"] == "-x" else "-x"} for row in rows])])
+    assert (wrong["simulated_minus_formula_deg_h"] / wrong["standard_error_deg_h"]).abs().max() > 50  # negative control
+
+
+def test_scatter_is_that_of_two_values():
+    shares = ["+x"] * 30 + ["-x"] * 70
+    table = biases.scatter([run_of([orbit("calibration1", forward) for forward in shares])]).set_index("axis")
+    for axis in "xyz":
+        values = np.array([biases.solved_bias(np.eye(3), f)["xyz".index(axis)] for f in shares]) * biases.DEG_H
+        assert table.loc[axis, "G_is_I"] == pytest.approx(values.std())
+
+
+def quiet(config):
+    """The config without noise; the sun sensors' is left, it is 0.005° in yaw."""
+    return replace(
+        config,
+        gyro=TrueGyro(arw=0.0),
+        earth_sensor=TrueEarthSensor(sigma=0.0, sigma_s=0.0, swing=0.0),
+        magnetometer_sigma=0.0,
+    )
+
+
+@pytest.mark.parametrize("maneuver", list(MANEUVERS))
+@pytest.mark.parametrize("tables", SLEW_TABLES)
+def test_noise_free_miss_is_that_of_the_loop(maneuver, tables):
+    """The formula with the bias that the loop had on board, against the loop without noise.
+
+    What is left is the Earth's geodetic lean, 0.2° at most, which the formula's circular turn does not have.
+    """
+    config = quiet(slew_flight(BASE, period_tables()[tables], maneuver))
+    run = simulate_mission(config, seconds=config.maneuvers[0].start_s + 1010.0, telemetry_every=None)
+    slew = run.slews.iloc[0]
+    assert slew["forward"] == maneuver[-2:]
+    miss = np.array([-slew[f"targeting_{axis}_deg"] for axis in AXES])
+    published = slews.noise_free(maneuver, tables, solved=False)
+    solved = slews.noise_free(maneuver, tables)
+    if tables == "postcalibration":
+        assert (solved == 0).all()
+    else:
+        assert np.abs(miss - solved).max() < 0.012
+        assert np.abs(miss - published).max() > 0.03  # negative control: another yaw bias is another miss
+    assert np.abs(miss[:2] - solved[:2]).max() < 0.012
+
+
+@pytest.mark.parametrize(("maneuver", "k"), [("+x to -x", 1), ("-x to +x", 5)])
+def test_noise_free_miss_is_that_of_the_calibrators_simulation(maneuver, k):
+    """N's intervals 2 and 6, predicted with other slews, 0.03° apart for their timing; the other maneuver is further."""
+    predicted = flight_gap.predict(scenarios.load("trmm"))[k]
+    found = slews.noise_free(maneuver, "calibration1", solved=False)
+    other = slews.noise_free(next(name for name in MANEUVERS if name != maneuver), "calibration1", solved=False)
+    assert np.abs(found - predicted).max() < 0.04 < np.abs(other - predicted).max()
+
+
+def test_table2_and_its_gap():
+    rows = pd.DataFrame(
+        [
+            {
+                "maneuver": m,
+                "tables": t,
+                "seed": k,
+                **{f"{a}_deg": flown.slew_error(a, slews.R_PHASE[t]) + 0.1 * k for a in AXES},
+            }
+            for m in MANEUVERS
+            for t in SLEW_TABLES
+            for k in (0, 1)
+        ]
+    )
+    table = slews.table2(rows)
+    assert table["simulated_minus_flight_deg"].to_numpy() == pytest.approx(0.05)
+    assert table["std_deg"].to_numpy() == pytest.approx(0.1 / np.sqrt(2))
+    assert slews.gaps(table) == pytest.approx(dict.fromkeys(MANEUVERS, 0.05))
+
+
+def test_targeting_has_rs_sign():
+    slew = pd.DataFrame([{**{f"targeting_{a}_deg": 0.1 * (k + 1) for k, a in enumerate(AXES)}, "bias_yaw_deg_h": 0.3}])
+    (row,) = slews.targeting({("slew", "+x to -x", "calibration1", "3"): MissionRun(EMPTY, EMPTY, slew, EMPTY)}).itertuples()
+    assert (row.roll_deg, row.pitch_deg, row.yaw_deg) == pytest.approx((-0.1, -0.2, -0.3))
+    assert (row.maneuver, row.tables, row.seed) == ("+x to -x", "calibration1", 3)
+
+
+def test_mountings_leave_the_first_updates_out():
+    updates = pd.DataFrame({"update_deg": [9.0] * mountings.SETTLED + [0.2, -0.4]})
+    run = MissionRun(EMPTY, updates, EMPTY, EMPTY)
+    table = mountings.mounting_table({("mounting", "solved", period): run for period in PERIODS})
+    assert table["mounting"].tolist() == ["flight", "solved"]
+    assert table.loc[1, list(PERIODS)].astype(float).to_numpy() == pytest.approx(0.3)
+
+
+def test_a_later_start_flies_the_same_orbit():
+    """Moved by days: the same place in the orbit and the same Sun, and the axis forward that keeps the Sun on −Y."""
+    later = moved(BASE, 40.0)
+    t = np.array([0.0, 5000.0])
+    assert lvlh_attitude(later.orbit, t) == pytest.approx(lvlh_attitude(BASE.orbit, t + 40 * DAY), abs=1e-9)
+    here, there = sun_angle(later.epoch, later.orbit, t), sun_angle(BASE.epoch, BASE.orbit, t + 40 * DAY)
+    assert here == pytest.approx(there, abs=1e-6)
+    assert (here[0] > 0) == (later.forward == "+x")
+    assert later.uploads == later.maneuvers == ()
+
+
+def test_spikes_are_flown_where_the_sun_is_seen():
+    turned = moved(BASE, spike_day(BASE))
+    assert abs(np.rad2deg(sun_angle(turned.epoch, turned.orbit, 0.0))) == pytest.approx(SPIKE_SUN_DEG, abs=0.3)
+
+
+def test_what_is_flown():
+    wanted = flights(MissionStudy(days=30.0, seeds=3, slews=4))
+    kinds = pd.Series([name[0] for name in wanted]).value_counts()
+    assert kinds.to_dict() == {"months": 3, "slew": 2 * 2 * 4, "mounting": 12, "spikes": 3, "yaw": 2}
+    assert len({one.seed for name, one in wanted.items() if name[0] == "months"}) == 3
+    assert next(iter(wanted))[0] == "months"  # the longest first
+    # Both states of a comparison see the same noise.
+    assert len({one.seed for name, one in wanted.items() if name[0] == "spikes"}) == 1
+
+
+def test_threads_change_nothing():
+    wanted = {(str(k),): Flight(replace(BASE, tables=period_tables()["calibration1"]), 3000.0, k, 20) for k in range(3)}
+    one, two = fly(wanted, 1), fly(wanted, 3)
+    for name, run in one.items():
+        assert run.telemetry.equals(two[name].telemetry)
+        assert run.orbits.equals(two[name].orbits)
+
+
+def test_progress_is_told_of_every_day():
+    told = []
+    wanted = {("a",): Flight(BASE, 2.2 * DAY, 1), ("b",): Flight(BASE, 0.5 * DAY, 1)}
+    fly(wanted, 2, told.append)
+    assert sum(told) == sum(one.whole_days for one in wanted.values()) == 2
+
+
+def test_being_told_of_days_changes_nothing():
+    one, two = (simulate_mission(BASE, days=1.3, seed=4, progress=told) for told in (None, lambda days: None))
+    assert one.telemetry.equals(two.telemetry)
+    assert one.updates.equals(two.updates)
+    assert one.orbits.equals(two.orbits)
+
+
+def test_the_example_of_the_loop_runs():
+    result = doctest.testmod(mission_mode)
+    assert result.attempted > 0
+    assert result.failed == 0
+
+
+def test_a_flight_that_fails_is_told():
+    broken = replace(BASE, maneuvers=(replace(flight_schedule(BASE, 30.0).maneuvers[0]),) * 2)
+    with pytest.raises(ValueError, match="within another"):
+        fly({("good",): Flight(BASE, 1000.0, 1), ("bad",): Flight(broken, 1000.0, 1)}, 2)
+
+
+def test_daily_means_split_at_uploads():
+    rows = [{**orbit("precalibration", rms_knowledge_yaw_deg=float(k)), "t_s": 0.25 * DAY * k} for k in range(4)]
+    table = figures.daily_means(pd.DataFrame(rows), [0.4 * DAY])
+    assert table["rms_knowledge_yaw_deg"].tolist() == [0.5, 2.5]
+    assert table["day"].tolist() == pytest.approx([0.125, 0.625])
+    assert len(figures.daily_means(pd.DataFrame(rows))) == 1
+
+
+def test_the_last_orbits_are_taken():
+    t = np.arange(0.0, 3 * BASE.orbit.period, 100.0)
+    rows, start = figures.last_orbits(pd.DataFrame({"t_s": t}), 1.0)
+    assert t[-1] - start == pytest.approx(BASE.orbit.period)
+    assert rows["t_s"].iloc[0] - start < 100.0
+
+
+def test_findings_leave_out_what_was_not_flown():
+    rows = [orbit("precalibration", rms_knowledge_yaw_deg=0.1)]
+    assert "precalibration" in words._requirements(performance.requirements([run_of(rows)]))
+    assert "calibrated, the worst" not in words._requirements(performance.requirements([run_of(rows)]))
+    assert words._biases(biases.table8([run_of(rows)])) == ""
+    assert words._orientation(performance.by_orientation([run_of(rows)])) == ""
+    assert words._beside({"precalibration": {"simulated": None, "flight": 0.2}}, 2) == ""

@@ -1,0 +1,184 @@
+"""`gyrocal mission` and `gyrocal reproduce --paper robertson` as a user types them, flown for hours instead of months."""
+
+import json
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from simulator.mission_mode.config import MissionConfig
+from simulator.mission_mode.flight import MissionRun
+from studies.cli import reproduce as cli_reproduce
+from studies.cli.mission import TABLES, summary
+from studies.robertson import report
+from studies.robertson.runs import Flight, MissionStudy, flights, fly
+from studies.robertson.words import NOT_PUBLISHED
+
+SHORT = MissionStudy(days=1.5, seeds=1, slews=2, mounting_days=0.2)
+
+
+@pytest.fixture(scope="module")
+def short_runs():
+    return fly(flights(SHORT), 2)
+
+
+@pytest.fixture
+def flown_already(short_runs, monkeypatch):
+    monkeypatch.setattr(report, "fly", lambda wanted, jobs, progress: short_runs)
+
+
+def test_mission_writes_its_tables(run_cli, tmp_path):
+    out, summary_file = tmp_path / "out", tmp_path / "summary.json"
+    result = run_cli("mission", str(out), "--days", "0.2", "--calibrated", "--every", "10", "--json", str(summary_file))
+    assert result.exit_code == 0, result.stderr
+    tables = {name: pd.read_parquet(out / f"{name}.parquet") for name in TABLES}
+    assert np.diff(tables["telemetry"]["t_s"]) == pytest.approx(10.0)
+    assert len(tables["orbits"]) == 4
+    assert len(tables["slews"]) == 0
+    assert "start_s" in tables["slews"].columns
+    (stretch,) = json.loads(summary_file.read_text())["stretches"]
+    assert stretch["to_day"] == 0.2
+    assert stretch["yaw_updates"] == len(tables["updates"])
+    assert stretch["pointing_yaw_deg"] < 0.4
+    assert "✗" not in result.stdout.split("Knowledge and")[0]
+
+
+def test_uncalibrated_misses_are_marked(run_cli, tmp_path):
+    """The same day with the tables of launch: negative control of the mark."""
+    result = run_cli("mission", str(tmp_path / "out"), "--days", "0.2")
+    assert result.exit_code == 0
+    assert "knowledge yaw" in next(line for line in result.stdout.splitlines() if "✗" in line)
+
+
+def test_mission_repeats_itself_and_seeds_differ(run_cli, tmp_path):
+    documents = [
+        json.loads(run_cli("mission", str(tmp_path / name), "--days", "0.1", "--seed", seed, "--json", "-").stdout)
+        for name, seed in (("a", "1"), ("b", "1"), ("c", "2"))
+    ]
+    assert documents[0] == documents[1]
+    assert documents[0]["stretches"] != documents[2]["stretches"]
+
+
+def test_tables_are_replaced_only_by_force(run_cli, tmp_path):
+    arguments = ("mission", str(tmp_path / "out"), "--days", "0.01")
+    assert run_cli(*arguments).exit_code == 0
+    refused = run_cli(*arguments)
+    assert refused.exit_code == 2
+    assert "--force" in refused.stderr
+    assert run_cli(*arguments, "--force").exit_code == 0
+
+
+@pytest.mark.parametrize(
+    ("arguments", "text"),
+    [
+        (("mission", "OUT", "--days", "nan"), "--days nan"),
+        (("mission", "OUT", "--days", "0"), "between one cycle"),
+        (("mission", "OUT", "--days", "1e9"), "1000 days"),
+        (("mission", "OUT", "--days", "1", "--every", "0.7"), "multiple of the cycle"),
+        (("mission", "OUT", "--days", "1", "--every", "inf"), "multiple of the cycle"),
+        (("mission", "OUT", "--days", "900", "--every", "0.5"), "too many"),
+        (("mission", "OUT", "--days", "1", "--calibrated", "--tables", "calibration1"), "exclude each other"),
+        (("mission", "OUT", "--days", "1", "--json", "no/such/x.json"), "no folder no/such"),
+        (("mission", "FILE/x", "--days", "0.01"), "FILE/x"),
+        (("reproduce", "--paper", "robertson", "--days", "nan"), "--days nan"),
+        (("reproduce", "--paper", "robertson", "--days", "0.5"), "between 1 and 200"),
+        (("reproduce", "--paper", "robertson", "--out", "FILE"), "FILE"),
+    ],
+)
+def test_bad_input_is_one_line(run_cli, tmp_path, arguments, text):
+    (tmp_path / "FILE").write_text("x")
+    paths = {"OUT": str(tmp_path / "out"), "FILE": str(tmp_path / "FILE"), "FILE/x": str(tmp_path / "FILE" / "x")}
+    result = run_cli(*(paths.get(one, one) for one in arguments))
+    assert result.exit_code == 2
+    assert len(result.stderr.strip().splitlines()) == 1
+    assert text in result.stderr
+    assert not (tmp_path / "out").exists()
+
+
+def test_stretches_are_weighted_by_samples_and_end_with_the_run():
+    """Two orbits of very different length: the RMS is that of all samples together."""
+    names = ("rms_knowledge", "rms_error", "jitter")
+    columns = [f"{name}_{axis}_deg" for name in names for axis in ("roll", "pitch", "yaw")]
+    orbits = pd.DataFrame(0.1, index=range(2), columns=columns).assign(t_s=[0.0, 6000.0], samples=[300.0, 100.0])
+    orbits.loc[1, "rms_knowledge_yaw_deg"] = 0.2
+    updates = pd.DataFrame({"t_s": [10.0, 20.0], "update_deg": [0.3, -0.1]})
+    (row,) = summary(MissionRun(orbits, updates, orbits, orbits), MissionConfig(), 0.08).itertuples()
+    assert row.knowledge_yaw_deg == pytest.approx(3 * np.sqrt((3 * 0.1**2 + 0.2**2) / 4))
+    assert row.pointing_roll_deg == pytest.approx(0.3)
+    assert row.stability_yaw_deg == 0.1
+    assert row.yaw_update_deg == pytest.approx(0.2)
+    assert (row.from_day, row.to_day) == (0.0, 0.08)
+
+
+@pytest.mark.usefixtures("flown_already")
+def test_reproduction_of_robertson_writes_everything(run_cli, tmp_path):
+    arguments = ("reproduce", "--paper", "robertson", "--days", "1.5", "--seeds", "1", "--slews", "2")
+    result = run_cli(*arguments, "--out", str(tmp_path / "a"), "--json", str(tmp_path / "summary.json"))
+    assert result.exit_code == 0, result.stderr
+    manifest = json.loads((tmp_path / "a" / "manifest.json").read_text())
+    expected = {f"{name}.csv" for name in report.TITLES} | {
+        "daily.csv",
+        "updates.csv",
+        "slews.csv",
+        "report.md",
+        "summary.json",
+    }
+    expected |= {
+        f"figure{name}.svg" for name in ("7_12_yaw", "8_spikes", "9_accuracy", "10_yaw_update", "11_bias", "13_attitude")
+    }
+    assert expected == set(manifest["files"])
+    assert manifest["config"]["study"]["days"] == 1.5
+    page = (tmp_path / "a" / "report.md").read_text()
+    assert "nan" not in page.lower().replace("natanson", "")
+    for name in expected:
+        assert not name.endswith(".svg") or f"]({name})" in page
+    for one in (*report.TITLES.values(), *NOT_PUBLISHED):
+        assert one in page
+    table = pd.read_csv(tmp_path / "a" / "table3.csv")
+    assert {"flight", "simulated", "simulated_minus_flight"} <= set(table.columns)
+    assert table.query("period == 'postcalibration'")["simulated"].isna().all()  # not flown: no number
+    before = json.loads((tmp_path / "summary.json").read_text())["yaw_update_deg"]["precalibration"]
+    assert before["flight"] == 0.24
+    assert before["simulated"] == pytest.approx(0.29, abs=0.03)  # its first days; 0.33 over the whole period
+
+
+@pytest.mark.usefixtures("flown_already")
+def test_reproduction_has_the_same_bytes_again(tmp_path):
+    for name in "ab":
+        report.run(tmp_path / name, SHORT)
+    files = [json.loads((tmp_path / name / "manifest.json").read_text())["files"] for name in "ab"]
+    assert files[0] == files[1]
+
+
+def test_symptoms_are_in_the_short_runs(short_runs):
+    """Spikes by the faulty S filter, and the yaw maneuver's miss gone with the gyro's calibration."""
+    summary = report.summarise(report.make_tables(short_runs, [short_runs["months", "0"]], SHORT), short_runs)
+    spikes = summary["spikes_deg"]
+    assert spikes["restarted"]["pitch"] > 0.1 > 2 * max(spikes["off"]["pitch"], spikes["correct"]["pitch"])
+    best = min(summary["slew_gap_deg"], key=summary["slew_gap_deg"].get)
+    rolls = {period: axes["roll"]["simulated"] for period, axes in summary["slew_deg"][best].items()}
+    assert rolls["calibration1"] == pytest.approx(0.248, abs=0.05)
+    assert abs(rolls["postcalibration"]) < 0.03  # white noise of 0.008° a slew
+
+
+def test_both_papers_by_default(run_cli, monkeypatch, tmp_path):
+    called = {}
+    monkeypatch.setattr(cli_reproduce.reproduce, "run", lambda folder, *_: called.update(natanson=folder) or {"a": 1})
+    monkeypatch.setattr(cli_reproduce.mission_report, "run", lambda folder, *_: called.update(robertson=folder) or {"b": 2})
+    assert run_cli("reproduce", "--out", str(tmp_path), "--json", str(tmp_path / "all.json")).exit_code == 0
+    assert called == {"natanson": tmp_path / "reproduction", "robertson": tmp_path / "mission"}
+    assert json.loads((tmp_path / "all.json").read_text()) == {"natanson": {"a": 1}, "robertson": {"b": 2}}
+    called.clear()
+    assert run_cli("reproduce", "--paper", "natanson", "--out", str(tmp_path)).exit_code == 0
+    assert called == {"natanson": tmp_path}
+
+
+def test_stopping_ends_all_flights(monkeypatch):
+    """Ctrl-C in the progress display: no thread flies on to its end."""
+
+    def interrupted(days):
+        raise KeyboardInterrupt
+
+    wanted = {(str(k),): Flight(MissionConfig(), 86400.0 * 40, k) for k in range(2)}
+    with pytest.raises(KeyboardInterrupt):
+        fly(wanted, 2, interrupted)

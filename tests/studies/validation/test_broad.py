@@ -1,0 +1,308 @@
+"""BROAD trials as recordings: on a trial written here in the same format, and on the real ones beside the checkout."""
+
+import click
+import numpy as np
+import pandas as pd
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+from click.testing import CliRunner
+from scipy.spatial.transform import Rotation
+
+from gyrocal import GyroParameters, attitude, calibrate, load, residual_table
+from studies.cli import import_ as cli_import
+from studies.cli.main import _Group
+from studies.validation import broad
+from tests import SHARED
+
+FOLDER = SHARED / "real" / "broad"
+REAL = sorted(FOLDER.glob("*.parquet"))
+real = pytest.mark.skipif(not REAL, reason="the BROAD trials are not beside this checkout; their licence keeps them out of it")
+
+SAMPLE_S = 7 / 2000
+G = np.eye(3) + 1e-3 * np.array([[4, 2, -3], [-1, -2, 2], [3, 1, 2]])
+BIAS = np.deg2rad([-0.2, 0.1, 0.3])
+ARW = np.deg2rad(0.005)
+SIGMA = np.deg2rad([0.04, 0.03, 0.02])
+
+
+def trial_frame(phases=((12, 30), (40, 58), (68, 86)), length_s=100.0, noise=True, seed=3):
+    """A trial whose body turns about changing axes in the motion phases; sensor vectors to ENU, scalar first."""
+    rng = np.random.default_rng(seed)
+    count = round(length_s / SAMPLE_S)
+    t = np.arange(count) * SAMPLE_S
+    middle = t + SAMPLE_S / 2
+    rates = np.zeros((count, 3))
+    moving = np.zeros(count, dtype=bool)
+    for number, (start, stop) in enumerate(phases):
+        inside = (t >= start) & (t < stop)
+        window = np.sin(np.pi * (middle[inside] - start) / (stop - start)) ** 2
+        for axis in range(3):
+            frequency = 0.2 + 0.11 * axis + 0.07 * number
+            rates[inside, axis] = window * np.sin(2 * np.pi * frequency * (middle[inside] - start) + axis + number)
+        rates[inside] *= np.deg2rad([120, 90, 100])
+        rates[inside, number % 3] += np.deg2rad(40) * window
+        moving |= inside
+    # Sensor to ENU: each sample turns about the sensor's own axes, on the right.
+    quaternions = np.empty((count, 4))
+    orientation = Rotation.from_euler("zyx", [40, 10, -20], degrees=True)
+    steps = Rotation.from_rotvec(rates * SAMPLE_S)
+    matrices = steps.as_matrix()
+    C = orientation.as_matrix()
+    all_C = np.empty((count, 3, 3))
+    for k in range(count):
+        all_C[k] = C
+        C = C @ matrices[k]
+    force = np.einsum("kji,j->ki", all_C, [0, 0, 9.81])
+    quaternions = Rotation.from_matrix(all_C)
+    raw = np.linalg.solve(G, (rates - BIAS).T).T
+    if noise:
+        raw = raw + rng.normal(size=raw.shape) * ARW / np.sqrt(SAMPLE_S)
+        quaternions = quaternions * Rotation.from_rotvec(rng.normal(size=raw.shape) * SIGMA)
+    q = quaternions.as_quat()[:, [3, 0, 1, 2]]
+    q[: round(2 / SAMPLE_S)] = np.nan
+    q[round(20 / SAMPLE_S) : round(20.1 / SAMPLE_S)] = np.nan
+    columns = {
+        **dict(zip(broad.RATE_COLUMNS, raw.T, strict=True)),
+        **dict(zip(broad.FORCE_COLUMNS, force.T, strict=True)),
+        **dict(zip([f"opt_quat_{axis}" for axis in "wxyz"], q.T, strict=True)),
+        "movement": moving,
+    }
+    return pd.DataFrame(columns)
+
+
+def write(frame, path, rate=b"285.7142857142857"):
+    metadata = {} if rate is None else {broad.RATE_KEY: rate}
+    pq.write_table(pa.Table.from_pandas(frame, preserve_index=False).replace_schema_metadata(metadata), path)
+    return path
+
+
+@pytest.fixture(scope="module")
+def frame():
+    return trial_frame()
+
+
+@pytest.fixture(scope="module")
+def trial_file(frame, tmp_path_factory):
+    return write(frame, tmp_path_factory.mktemp("broad") / "99_synthetic.parquet")
+
+
+@pytest.fixture(scope="module")
+def trial(trial_file):
+    return broad.read(trial_file)
+
+
+@pytest.fixture(scope="module")
+def imported(trial):
+    return broad.to_recording(trial)
+
+
+@pytest.fixture
+def run_import():
+    """The command as it is under the project's main group, with its handling of errors."""
+    main = _Group("gyrocal", commands={"import": cli_import.import_group})
+    return lambda *arguments: CliRunner().invoke(main, ["import", *map(str, arguments)])
+
+
+def test_file_is_read_in_the_projects_conventions(trial, frame):
+    assert trial.sample_s == pytest.approx(SAMPLE_S, rel=1e-12)
+    k = 10_000
+    row = frame.loc[k]
+    sensor_to_enu = Rotation.from_quat(row[[f"opt_quat_{axis}" for axis in "xyzw"]].to_numpy(dtype=float)).as_matrix()
+    np.testing.assert_allclose(attitude.matrix_from_quaternion(trial.quaternions[k]), sensor_to_enu.T, atol=1e-12)
+    np.testing.assert_array_equal(trial.rates[k], row[list(broad.RATE_COLUMNS)].to_numpy(dtype=float))
+    assert not trial.tracked[0]
+    assert len(trial.phases) == 3
+
+
+def test_without_noise_true_parameters_leave_no_residual():
+    """The sign of the conversion: the transposed attitude would leave twice the turn."""
+    trial = as_trial(trial_frame(noise=False))
+    gyro = broad.GyroStream(trial.t_s, trial.rates, trial.sample_s, ARW)
+    rows = broad.references(trial, broad.cuts(trial)[0][2:], 1.0)
+    recording = broad.Recording(
+        title="noise-free",
+        epoch=broad.EPOCH,
+        gyro=gyro,
+        attitudes=broad.Attitudes(trial.t_s[rows], trial.quaternions[rows], np.full((rows.size, 3), 1e-3)),
+        intervals=(broad.Interval("m", "", trial.t_s[rows[0]], trial.t_s[rows[-1]]),),
+    )
+    table = residual_table(recording, GyroParameters(G, BIAS))
+    assert np.abs(table[["before_roll_deg", "before_pitch_deg", "before_yaw_deg"]].to_numpy()).max() < 1e-9
+
+
+def as_trial(frame):
+    rates, force, q = (
+        frame[list(names)].to_numpy() for names in (broad.RATE_COLUMNS, broad.FORCE_COLUMNS, broad.QUATERNION_COLUMNS)
+    )
+    return broad.Trial("synthetic", SAMPLE_S, rates, force, q, frame["movement"].to_numpy())
+
+
+def test_truth_is_recovered_with_honest_sigmas(imported):
+    result = calibrate(imported.recording, plausible_bias=0.1)
+    error = result.parameters.vector - np.concatenate([G.ravel(), BIAS])
+    assert np.abs(error / result.sigma).max() < 4
+    assert 0.7 < result.chi2 / result.dof < 1.3
+
+
+def test_estimated_noise_is_the_injected(imported):
+    np.testing.assert_allclose(imported.arw, ARW, rtol=0.1)
+    np.testing.assert_allclose(imported.sigma_rest, SIGMA, rtol=0.5)
+    np.testing.assert_allclose(imported.sigma_motion, SIGMA, rtol=0.5)
+    np.testing.assert_allclose(imported.recording.gyro.apriori_bias, BIAS, atol=np.deg2rad(0.01), rtol=0.01)
+
+
+def test_intervals_reach_from_rest_to_rest_with_references_inside(trial, imported):
+    recording = imported.recording
+    assert [interval.name for interval in recording.intervals] == ["motion 1", "motion 2", "motion 3"]
+    starts = [interval.start_s for interval in recording.intervals]
+    np.testing.assert_allclose(starts, [10, 38, 66], atol=0.01)
+    samples = np.rint(recording.attitudes.t_s / SAMPLE_S).astype(int)
+    assert trial.tracked[samples].all()
+    assert np.count_nonzero(~imported.still) > 45
+
+
+def test_long_motion_is_cut_in_pieces_that_touch_and_the_rests_are_kept():
+    trial = as_trial(trial_frame(phases=((12, 88),)))
+    names = [cut[0] for cut in broad.cuts(trial)]
+    assert names == ["rest before motion 1", *(f"motion 1 part {k}" for k in (1, 2, 3)), "rest after motion 1"]
+    edges = np.array([cut[2:] for cut in broad.cuts(trial)])
+    np.testing.assert_array_equal(edges[1:, 0], edges[:-1, 1])
+    assert len(broad.to_recording(trial).recording.intervals) == 5
+
+
+@pytest.mark.parametrize(("intervals", "count"), [("whole", 1), (25.0, 4), (1000.0, 1), ("motion", 3)])
+def test_choice_of_intervals(trial, intervals, count):
+    recording = broad.to_recording(trial, intervals, spacing_s=0.5).recording
+    assert len(recording.intervals) == count
+    assert np.median(np.diff(recording.attitudes.t_s)) == pytest.approx(0.5, abs=0.02)
+
+
+def test_time_offset_does_not_swell_the_sigmas(trial, imported):
+    """Two samples at 150 deg/s are one degree; the sigma is some hundredths."""
+    late = broad.Trial(trial.name, SAMPLE_S, np.roll(trial.rates, 2, axis=0), trial.force, trial.quaternions, trial.moving)
+    np.testing.assert_allclose(broad.to_recording(late).sigma_motion, imported.sigma_motion, rtol=0.6)
+
+
+def test_command_writes_a_recording_that_calibrates(run_import, trial_file, tmp_path):
+    result = run_import("broad", trial_file, tmp_path / "rec")
+    assert result.exit_code == 0, result.output
+    assert "CC-BY-4.0" in result.stdout
+    assert "3 of " in result.stdout
+    recording = load(tmp_path / "rec")
+    assert "CC-BY-4.0" in recording.title
+    assert recording.orbit is None
+    assert list(recording.tables["housekeeping"].columns)[1] == "specific_force_x_m_s2"
+    again = run_import("broad", trial_file, tmp_path / "rec")
+    assert again.exit_code == 2
+    assert "--force" in again.stderr
+    assert run_import("broad", trial_file, tmp_path / "rec", "--force", "--intervals", "20").exit_code == 0
+    assert len(load(tmp_path / "rec").intervals) == 5
+
+
+@pytest.mark.parametrize("intervals", ["sideways", "-3", "0", "nan", "inf"])
+def test_wrong_intervals_are_one_line(run_import, trial_file, tmp_path, intervals):
+    complain(run_import("broad", trial_file, tmp_path / "rec", f"--intervals={intervals}"), intervals)
+
+
+def complain(result, *words):
+    assert result.exit_code == 2, result.output
+    assert not result.exception or isinstance(result.exception, SystemExit)
+    assert result.stderr.count("\n") == 1
+    for word in words:
+        assert word in result.stderr
+
+
+def _without(name):
+    return lambda frame: frame.drop(columns=name)
+
+
+def _with(name, value, row=None):
+    def change(frame):
+        frame = frame.copy()
+        if row is None:
+            frame[name] = value
+        else:
+            frame.loc[row, name] = value
+        return frame
+
+    return change
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (_without("imu_gyr_y"), ["imu_gyr_y", "missing"]),
+        (_without("movement"), ["movement"]),
+        (_with("imu_gyr_x", np.nan, 7), ["row 7"]),
+        (_with("imu_acc_x", np.inf, 7), ["row 7"]),
+        (_with("opt_quat_w", 3.0, 5000), ["row 5000", "norm"]),
+        (_with("imu_gyr_x", "fast"), ["imu_gyr_x"]),
+        (_with("movement", 1.0), ["movement"]),
+        (_with("movement", False), ["motion phase"]),
+        (_with("movement", True), ["rest"]),
+        (_with("opt_quat_x", np.nan), ["nowhere tracked"]),
+        (lambda frame: frame.iloc[:0], ["rest"]),
+        (lambda frame: frame.iloc[:2000], ["motion phase"]),
+    ],
+)
+def test_bad_trials_are_one_line(run_import, frame, tmp_path, change, words):
+    path = write(change(frame), tmp_path / "bad.parquet")
+    complain(run_import("broad", path, tmp_path / "rec"), "bad", *words)
+    assert not (tmp_path / "rec").exists()
+
+
+@pytest.mark.parametrize("rate", [None, b"fast", b"0", b"nan"])
+def test_bad_sampling_rate_is_one_line(run_import, frame, tmp_path, rate):
+    complain(run_import("broad", write(frame, tmp_path / "bad.parquet", rate), tmp_path / "rec"), "bad.parquet", "ampling")
+
+
+def test_bad_files_are_one_line(run_import, tmp_path):
+    complain(run_import("broad", tmp_path / "none.parquet", tmp_path / "rec"), "no such file")
+    (tmp_path / "text.parquet").write_text("hello")
+    complain(run_import("broad", tmp_path / "text.parquet", tmp_path / "rec"), "cannot be read as Parquet")
+
+
+@pytest.mark.parametrize("spacing", ["0.001", "-1", "nan", "inf", "60"])
+def test_bad_spacing_is_one_line(run_import, trial_file, tmp_path, spacing):
+    complain(run_import("broad", trial_file, tmp_path / "rec", "--spacing", spacing))
+
+
+def test_group_is_one(run_import):
+    assert isinstance(cli_import.import_group, click.Group)
+    assert "broad" in run_import("--help").stdout
+
+
+@real
+@pytest.mark.parametrize("path", REAL, ids=lambda path: path.name[:2])
+def test_real_trial_is_imported_and_calibrated(path):
+    """The residual of the raw gyro is some degrees, and a calibration takes most of it: the conversion's sign and units."""
+    imported = broad.to_recording(broad.read(path))
+    recording = imported.recording
+    assert len(recording.intervals) >= 4
+    assert (np.rad2deg(imported.sigma_rest) < np.rad2deg(imported.sigma_motion)).all()
+    assert (np.rad2deg(imported.sigma_motion) < 0.3).all()
+    np.testing.assert_allclose(np.rad2deg(imported.arw), 0.006, rtol=0.3)
+    result = calibrate(recording, plausible_bias=0.1)
+    assert result.converged
+    assert np.abs(result.G - np.eye(3)).max() < 0.03
+    columns = [f"{when}_{axis}_deg" for when in ("before", "after") for axis in ("roll", "pitch", "yaw")]
+    ends = residual_table(recording, GyroParameters(np.eye(3), np.zeros(3))).groupby("interval").tail(1)
+    raw = np.sqrt(np.square(ends[columns[:3]].to_numpy()).sum(axis=1).mean())
+    left = result.residuals.groupby("interval").tail(1)[columns[3:]].to_numpy()
+    assert 5 < raw < 16
+    assert np.sqrt(np.square(left).sum(axis=1).mean()) < 0.65 * raw
+
+
+@real
+def test_another_trial_of_the_same_unit_is_predicted():
+    """Slow trials of unit B: fit on one, predict the other far better than the raw gyro does."""
+    two = [broad.to_recording(broad.read(next(p for p in REAL if p.name.startswith(k)))).recording for k in ("02", "05")]
+    result = calibrate(two[0], plausible_bias=0.1)
+    columns = ["before_roll_deg", "before_pitch_deg", "before_yaw_deg"]
+
+    def end_rms(parameters):
+        ends = residual_table(two[1], parameters).groupby("interval").tail(1)[columns].to_numpy()
+        return np.sqrt(np.square(ends).sum(axis=1).mean())
+
+    assert end_rms(result.parameters) < 0.15 * end_rms(GyroParameters(np.eye(3), np.zeros(3)))
