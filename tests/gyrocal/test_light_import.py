@@ -1,4 +1,4 @@
-"""What a worker of a study loads, and what it does without until it is asked for."""
+"""What importing the library loads, and what it leaves until it is asked for."""
 
 import subprocess
 import sys
@@ -6,8 +6,8 @@ import sys
 import gyrocal
 
 
-def test_simulating_and_calibrating_load_no_tables_and_no_filters():
-    heavy = "pandas", "gyrocal.sensors.alignment", "gyrocal.estimation.mekf", "gyrocal.estimation.onboard"
+def test_simulating_and_calibrating_load_no_tables():
+    heavy = "pandas", "pyarrow", "matplotlib"
     code = f"import sys, gyrocal, simulator; print([name for name in {heavy!r} if name in sys.modules])"
     found = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert found.stdout.strip() == "[]"
