@@ -7,8 +7,7 @@ import scipy.special
 from numpy.typing import NDArray
 
 from diagnosis.detectors.gap_interpolation import runs
-from diagnosis.detectors.report import AXES, StreamCause, StreamReport, StreamTest
-from diagnosis.detectors.stale_samples import IMPOSSIBLE
+from diagnosis.detectors.report import AXES, IMPOSSIBLE, SampleReport, SampleTest, Symptom
 from gyrocal.recording import Recording
 
 Array = NDArray[np.float64]
@@ -19,7 +18,7 @@ FEWEST_PLATEAU = 20  # samples of a clipped stretch on a lattice
 PLATEAU_P = 1e-8  # chance of a steady rate to stand still that long
 
 
-def saturation(report: StreamReport, recording: Recording, used: Mask, coarse: Mask, steps: Array, sigma: float) -> None:
+def saturation(report: SampleReport, recording: Recording, used: Mask, coarse: Mask, steps: Array, sigma: float) -> None:
     """Gyros whose largest reading stands still where no lattice makes it."""
     rates = recording.gyro.rates
     # A largest reading that telemetry repeats stands still on all axes; of a clipped gyro the others go on.
@@ -34,15 +33,15 @@ def saturation(report: StreamReport, recording: Recording, used: Mask, coarse: M
             not coarse[axis] or _is_plateau(at, float(steps[axis]) / sigma if sigma else np.inf)
         )
         report.tests.append(
-            StreamTest(
-                "clipped_samples", AXES[axis], count, 1.0, IMPOSSIBLE if found else 1.0, "rate_saturation",
+            SampleTest(
+                "clipped_samples", AXES[axis], count, 1.0, IMPOSSIBLE if found else 1.0, "plateau",
                 f"{count} samples read exactly the largest rate, {np.rad2deg(largest):.4g} deg/s",
             )
         )  # fmt: skip
         if not found:
             continue
         size = float(np.rad2deg(largest))
-        report.causes.append(StreamCause("rate_saturation", AXES[axis], size, "deg/s", 1e-6 * size, {}, IMPOSSIBLE))
+        report.symptoms.append(Symptom("plateau", AXES[axis], size, "deg/s", 1e-6 * size, {}, IMPOSSIBLE))
         clipped = used & (np.abs(rates[:, axis]) >= largest * (1 - 1e-12))
         report.clipped |= clipped
 

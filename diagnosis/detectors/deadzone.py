@@ -30,7 +30,7 @@ from scipy.special import logsumexp, ndtr
 from scipy.stats import multivariate_normal, norm
 
 from diagnosis.detectors.gap_interpolation import runs
-from diagnosis.model.recording import Model
+from diagnosis.model.recording import RecordingModel
 from gyrocal.recording import Recording
 
 Array = NDArray[np.float64]
@@ -93,7 +93,7 @@ def dead_stretches(recording: Recording, rates: Array, noise: Array) -> list[Dea
     return found
 
 
-def missing(model: Model, one: DeadStretches) -> Array:
+def missing(model: RecordingModel, one: DeadStretches) -> Array:
     """Observations of a missing rate, deg/s, in all slow stretches and of its differences between them; (N, 1 + stretches)."""
     step = np.searchsorted(model.recording.gyro.t_s, model.t_s, side="right") - 1
     stretch = one.stretch[step]

@@ -8,8 +8,7 @@ import scipy.signal
 import scipy.stats
 from numpy.typing import NDArray
 
-from diagnosis.detectors.report import AXES, EVENT_P, StreamCause, StreamReport, StreamTest, consecutive, inside
-from diagnosis.detectors.stale_samples import IMPOSSIBLE
+from diagnosis.detectors.report import AXES, EVENT_P, IMPOSSIBLE, SampleReport, SampleTest, Symptom, consecutive, inside
 from gyrocal.recording import Recording
 
 Array = NDArray[np.float64]
@@ -19,7 +18,7 @@ PARABOLA = 9  # samples of the local parabola
 OUTLIER = 6.0  # noise sigmas; one sample in 5e8 under M0
 
 
-def spikes(report: StreamReport, recording: Recording, quiet: Mask, noise: Array, steps: Array) -> None:
+def spikes(report: SampleReport, recording: Recording, quiet: Mask, noise: Array, steps: Array) -> None:
     """Single samples far outside, and the tails of all."""
     follows = quiet & consecutive(recording, quiet) & np.roll(consecutive(recording, quiet), -1)
     counts, sizes, places, limits = [], [], [], []
@@ -43,8 +42,8 @@ def spikes(report: StreamReport, recording: Recording, quiet: Mask, noise: Array
     for axis in range(3):
         p = max(float(scipy.stats.poisson.sf(counts[axis] - 1, n * expected)), IMPOSSIBLE)
         report.tests.append(
-            StreamTest(
-                "outliers", AXES[axis], counts[axis], n * expected, p if counts[axis] else 1.0, "spikes",
+            SampleTest(
+                "outliers", AXES[axis], counts[axis], n * expected, p if counts[axis] else 1.0, "outliers",
                 f"{counts[axis]} of {n} quiet samples are off by more than {OUTLIER:g} noise sigmas",
             )
         )  # fmt: skip
@@ -67,9 +66,9 @@ def spikes(report: StreamReport, recording: Recording, quiet: Mask, noise: Array
     else:
         seen = float(together.mean())
         error = float(np.hypot(together.std(), noise.mean()) / np.sqrt(total))
-    report.causes.append(
-        StreamCause(
-            "spikes", AXES[strongest] if alone else None, float(np.rad2deg(seen)), "deg/s", float(np.rad2deg(error)),
+    report.symptoms.append(
+        Symptom(
+            "outliers", AXES[strongest] if alone else None, float(np.rad2deg(seen)), "deg/s", float(np.rad2deg(error)),
             {"fraction": float(fraction)}, p,
         )
     )  # fmt: skip

@@ -13,7 +13,7 @@ import numpy as np
 import scipy.stats
 from numpy.typing import NDArray
 
-from diagnosis.model.recording import Model
+from diagnosis.model.recording import RecordingModel
 
 Array = NDArray[np.float64]
 
@@ -59,7 +59,7 @@ class ReferenceNoise:
         return out
 
 
-def reference_noise(model: Model, density: Array, dead: Array) -> ReferenceNoise | None:
+def reference_noise(model: RecordingModel, density: Array, dead: Array) -> ReferenceNoise | None:
     """Test of the references' noise; None without a series of references.
 
     Parameters

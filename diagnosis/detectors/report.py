@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,15 +11,19 @@ from numpy.typing import NDArray
 from diagnosis.detectors.gap_interpolation import runs
 from gyrocal.recording import Recording
 
+if TYPE_CHECKING:
+    from diagnosis.detectors.spectral_lines import Line
+
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
 AXES = "xyz"
-EVENT_P = 1e-5  # p below which an event test names its effect
+EVENT_P = 1e-5  # p below which a test of events speaks
+IMPOSSIBLE = 1e-300  # p of what M0 cannot do
 
 
 @dataclass(frozen=True)
-class StreamTest:
+class SampleTest:
     """One statistic.
 
     Attributes
@@ -26,7 +31,7 @@ class StreamTest:
     statistic, axis : which
     value, expected : what was found, and what M0 gives
     p_value : under M0, not corrected
-    effect : the effect it speaks for, or None
+    symptom : what it is a sign of (`simulator.effects.base.SYMPTOMS`), or None
     text : a sentence
     """
 
@@ -35,30 +40,41 @@ class StreamTest:
     value: float
     expected: float
     p_value: float
-    effect: str | None
+    symptom: str | None
     text: str
 
 
 @dataclass(frozen=True)
-class StreamCause:
-    """An effect seen in the samples."""
+class Symptom:
+    """A departure from M0 that shows in the samples, whatever effect may claim it.
 
-    effect: str
+    Attributes
+    ----------
+    kind : one of `simulator.effects.base.SYMPTOMS`
+    axis : gyro, or None for all of them
+    size, unit, sigma : how large
+    parameters : its other numbers
+    p_value : under M0
+    text : a sentence
+    """
+
+    kind: str
     axis: str | None
     size: float
     unit: str
     sigma: float
     parameters: dict[str, float | str]
     p_value: float
+    text: str = ""
 
 
 @dataclass
-class StreamReport:
+class SampleReport:
     """What the samples show, and the stream with it repaired as far as that goes.
 
     Attributes
     ----------
-    tests, causes : all statistics, and the effects they establish
+    tests, symptoms : all statistics, and the departures they establish
     rates : (n, 3) repaired raw rates, rad/s
     density : (n, 3) noise density of each repaired sample, rad²/s
     clipped, filled : (n,) samples that do not show the rate, and those that something was put in place of
@@ -68,11 +84,13 @@ class StreamReport:
         residuals in it would explain that noise
     hidden : (3,) whether a coarse lattice hides the gyro's slow motion for long
     lattice : (3,) whether readings lie on one that is coarser than the noise
+    lines : lines of the spectrum, before the attitude was asked whether the body moves so
+    motions : of these, those that are motions of the body
     undecided : readings lie on a lattice, and the samples do not say whether rounded or cut
     """
 
-    tests: list[StreamTest]
-    causes: list[StreamCause]
+    tests: list[SampleTest]
+    symptoms: list[Symptom]
     rates: Array
     density: Array
     clipped: Mask
@@ -80,6 +98,8 @@ class StreamReport:
     noise_factor: Array = field(default_factory=lambda: np.ones(3))
     noise: Array = field(default_factory=lambda: np.zeros(3))
     smooth: Array = field(default_factory=lambda: np.empty((0, 3)))
+    lines: list[Line] = field(default_factory=list)
+    motions: list[Line] = field(default_factory=list)
     undecided: bool = False
     hidden: Mask = field(default_factory=lambda: np.zeros(3, dtype=bool))
     lattice: Mask = field(default_factory=lambda: np.zeros(3, dtype=bool))
@@ -103,6 +123,6 @@ def consecutive(recording: Recording, used: Mask) -> Mask:
     return out
 
 
-def stretches(mask: Mask) -> list[tuple[int, int]]:
+def arcs(mask: Mask) -> list[tuple[int, int]]:
     """Unbroken runs of at least 256 samples, as slices."""
     return [(low, high) for low, high in runs(mask) if high - low >= 256]

@@ -1,27 +1,45 @@
-"""Level and colour of the white noise of the samples, and where they are quiet enough to show it."""
+"""Level and colour of the noise of the samples, and where they are quiet enough to show it.
+
+Sixth differences of the samples leave nothing of a motion that is slow beside the sampling, and of white noise of variance σ²
+the variance C(12, 6) σ². They correlate over six samples, so that the mean square of n of them has the relative variance
+(2/n) C(24, 12)/C(12, 6)² = 6.33/n. The same differences of means over m samples have 1/m of it if the noise is white. The ratio
+of the two, m times the second over the first, is the colour: one for white noise, 1/m for angle white noise (readout noise,
+whose differences are the rates), more than one for noise that is correlated over several samples. IEEE Std 952, annex C.
+"""
 
 from __future__ import annotations
+
+from dataclasses import dataclass
+from math import comb
 
 import numpy as np
 import scipy.ndimage
 import scipy.stats
 from numpy.typing import NDArray
 
-from diagnosis.detectors.report import AXES, EVENT_P, StreamCause, StreamReport, StreamTest, consecutive, stretches
-from diagnosis.detectors.stale_samples import IMPOSSIBLE
+from diagnosis.detectors.report import AXES, EVENT_P, IMPOSSIBLE, SampleReport, SampleTest, Symptom, arcs, consecutive
 from gyrocal.recording import Recording
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
 HALF = 20  # samples on either side of one in the test for quiet
-MOVING = 20.0  # sigmas of that change that count as visible; a slew's are hundreds, those of a vibration a few
+MOVING = 20.0  # sigmas of the change of the mean that count as visible; a slew's are hundreds, those of a vibration a few
+ORDER = 6  # of the differences
+KERNEL = np.array([(-1.0) ** k * comb(ORDER, k) for k in range(ORDER + 1)])
+POWER = comb(2 * ORDER, ORDER)  # variance of a difference of unit white noise
+CORRELATION = comb(4 * ORDER, 2 * ORDER) / POWER**2  # sum of the squared autocorrelations of the differences
+AVERAGED = 4  # samples in the means that show the colour
+FEWEST = 200  # differences, below which nothing is said
+TRIM = 5.0  # robust sigmas beyond which a difference does not count
+WHITE = 0.2  # departure of the colour from one up to which noise is called white
+COARSE_NOISE = 2.0  # sigmas of noise in a lattice's step, above which the lattice hides the noise
+SLACK = 0.1  # departure of the noise factor that rounding to a few sigmas makes by itself
 
 
 def local_noise(rates: Array, sigma: float, coarse: Mask, steps: Array) -> Array:
     """(3,) robust noise of a sample, at least what is stated."""
-    second = np.diff(rates, 2, axis=0)
-    robust = np.median(np.abs(second), axis=0) / 0.6745 / np.sqrt(6)
+    robust = np.median(np.abs(_differences(rates)), axis=0) / 0.6745 / np.sqrt(POWER)
     floor = np.where(coarse, np.sqrt(sigma**2 + steps**2 / 12), 0.0)
     return np.asarray(np.maximum(np.where(robust > 0, robust, sigma), floor))
 
@@ -35,74 +53,123 @@ def quiet(rates: Array, noise: Array) -> Mask:
     return ~scipy.ndimage.binary_dilation(moving, iterations=HALF)
 
 
-def noise(report: StreamReport, recording: Recording, quiet: Mask, sigma: float, steps: Array, coarse: Mask, cut: Mask) -> None:
-    """Level and colour of the white noise, from first and second differences."""
-    # Tones are known, and taken out, in the long quiet stretches only.
-    still = np.zeros(quiet.size, dtype=bool)
-    for low, high in stretches(quiet & consecutive(recording, quiet)):
-        still[low:high] = True
-    pair = still & consecutive(recording, still) & ~scipy.ndimage.binary_dilation(report.filled, iterations=2)
-    triple = pair & np.roll(pair, 1)
-    n = int(triple.sum())
-    if n < 200:
-        return
-    factors, errors, colours = np.ones(3), np.ones(3), np.zeros(3)
+@dataclass(frozen=True)
+class Level:
+    """Noise of one axis.
+
+    Attributes
+    ----------
+    variance, sigma : of a sample, (rad/s)², and the standard error of that
+    colour, colour_sigma : m times the variance of means over that of samples; NaN where there are too few
+    """
+
+    variance: float
+    sigma: float
+    colour: float
+    colour_sigma: float
+
+
+def level(x: Array, usable: list[tuple[int, int]]) -> Level | None:
+    """Level and colour of the noise of some runs of samples; None where there are too few."""
+    fine, n = _mean_square([x[low:high] for low, high in usable])
+    if n < FEWEST:
+        return None
+    coarse, count = _mean_square(
+        [x[low : high - (high - low) % AVERAGED].reshape(-1, AVERAGED).mean(axis=1) for low, high in usable]
+    )
+    error = float(np.sqrt(2 * CORRELATION / n))
+    if count < FEWEST / AVERAGED or fine <= 0:
+        return Level(fine, fine * error, float("nan"), float("nan"))
+    colour = AVERAGED * coarse / fine
+    return Level(fine, fine * error, colour, colour * float(np.hypot(error, np.sqrt(2 * CORRELATION / count))))
+
+
+
+
+def _differences(x: Array) -> Array:
+    """Differences of the sixth order along the first axis, without those that would reach over the ends."""
+    out = np.zeros((max(len(x) - ORDER, 0), *x.shape[1:]))
+    for k, weight in enumerate(KERNEL):
+        out += weight * x[k : k + len(out)]
+    return out
+
+
+def _mean_square(parts: list[Array]) -> tuple[float, int]:
+    """Variance of white noise that the differences of some runs of samples show, and how many there are."""
+    d = np.concatenate([np.empty(0), *(_differences(part) for part in parts)])
+    if d.size < FEWEST / AVERAGED:
+        return 0.0, d.size
+    spread = float(np.median(np.abs(d))) / 0.6745
+    kept = d[np.abs(d) < TRIM * spread] if spread > 0 else d
+    return float(np.mean(kept**2)) / POWER, int(kept.size)
+
+
+def noise(report: SampleReport, recording: Recording, quiet: Mask, sigma: float, steps: Array, coarse: Mask, cut: Mask) -> None:
+    """Level and colour of the noise of each axis, beside the lines of the spectrum."""
+    usable = arcs(quiet & consecutive(recording, quiet) & ~scipy.ndimage.binary_dilation(report.filled, iterations=2))
+    found: dict[int, Level] = {}
     for axis in range(3):
-        x = report.rates[:, axis]
-        second = (x - 2 * np.roll(x, 1) + np.roll(x, 2))[triple]
-        first = (x - np.roll(x, 1))[triple]
-        spread = np.median(np.abs(second)) / 0.6745
-        kept = np.abs(second) < 5 * spread if spread > 0 else np.ones(second.size, dtype=bool)
-        variance2, variance1 = float(np.mean(second[kept] ** 2)) / 6, float(np.mean(first[kept] ** 2)) / 2
-        expected = sigma**2
-        if coarse[axis]:
-            if steps[axis] > 2.0 * sigma:
-                continue  # the lattice hides the noise
-            expected += steps[axis] ** 2 / 12
-        # Second differences correlate (−4/6, 1/6): the variance of their mean square is (2/n)(1 + 2(16 + 1)/36).
-        relative = np.sqrt(2 / n * (1 + 2 * 17 / 36))
-        excess = (variance2 - expected) / sigma**2
-        factors[axis] = np.sqrt(max(1 + excess, 1e-6))
-        errors[axis] = 0.5 * relative * max(variance2 / sigma**2, 1e-6) / factors[axis]
-        colours[axis] = variance2 / max(variance1, 1e-300) - 1
-        z = excess / (relative * expected / sigma**2)
+        if coarse[axis] and steps[axis] > COARSE_NOISE * sigma:
+            continue
+        x = report.rates[:, axis] - sum((line.waveform for line in report.lines if line.axis == axis), 0.0)
+        one = level(x, usable)
+        if one is None:
+            continue
+        expected = sigma**2 + (steps[axis] ** 2 / 12 if coarse[axis] else 0.0)
+        excess = (one.variance - expected) / sigma**2
+        factor = float(np.sqrt(max(1 + excess, 1e-6)))
+        z = (one.variance - expected) / (one.sigma * expected / max(one.variance, 1e-300))
         p = max(float(2 * scipy.stats.norm.sf(abs(z))), IMPOSSIBLE)
         # Rounding to a few noise sigmas is not uniform noise, and cutting is not at all near zero.
-        if coarse[axis] and (abs(factors[axis] - 1) < 0.1 or cut[axis]):
+        if coarse[axis] and (abs(factor - 1) < SLACK or cut[axis]):
             p = 1.0
         report.tests.append(
-            StreamTest(
-                "noise_level", AXES[axis], float(factors[axis]), 1.0, p, "noise_excess",
-                f"white noise is {factors[axis]:.3f} times what is stated",
+            SampleTest(
+                "noise_level", AXES[axis], factor, 1.0, p, "white_noise_level",
+                f"the noise of the samples is {factor:.3f} times what is stated",
             )
         )  # fmt: skip
-        # First and second differences of the same white noise: their ratio scatters less than either.
-        spread_ratio = np.sqrt(2 / n) * 0.85
-        p = max(float(2 * scipy.stats.norm.sf(abs(colours[axis]) / spread_ratio)), IMPOSSIBLE)
-        if coarse[axis]:
-            p = 1.0
+        p_colour = 1.0
+        if np.isfinite(one.colour) and not coarse[axis]:
+            p_colour = max(float(2 * scipy.stats.norm.sf(abs(one.colour - 1) / one.colour_sigma)), IMPOSSIBLE)
         report.tests.append(
-            StreamTest(
-                "noise_colour", AXES[axis], float(1 + colours[axis]), 1.0, p, None,
-                f"noise power at the highest frequencies is {1 + colours[axis]:.3f} times that below",
+            SampleTest(
+                "noise_colour", AXES[axis], one.colour, 1.0, p_colour, "noise_colour",
+                f"means over {AVERAGED} samples have {one.colour:.3f} times the noise power of white noise",
             )
         )  # fmt: skip
-    _name_noise(report, factors, errors)
+        found[axis] = one
+    _name(report, found, sigma, coarse)
 
 
-def _name_noise(report: StreamReport, factors: Array, errors: Array) -> None:
-    levels = {test.axis: test for test in report.tests if test.statistic == "noise_level"}
-    off = [axis for axis in range(3) if AXES[axis] in levels and levels[AXES[axis]].p_value < EVENT_P]
-    if not off:
+def _name(report: SampleReport, found: dict[int, Level], sigma: float, coarse: Mask) -> None:
+    """White noise of another level is one symptom, noise of another colour is another."""
+    tests = {(test.statistic, test.axis): test for test in report.tests}
+    factors, errors = np.ones(3), np.full(3, np.inf)
+    white = []
+    for axis, one in found.items():
+        test, colour = tests["noise_level", AXES[axis]], tests["noise_colour", AXES[axis]]
+        factors[axis] = test.value
+        errors[axis] = 0.5 * one.sigma / sigma**2 / max(test.value, 1e-3)
+        coloured = colour.p_value < EVENT_P and abs(one.colour - 1) > WHITE
+        if coloured and one.colour < 1:
+            # Averages over time have less of it: what integrates to the attitude is the slow part.
+            report.noise_factor[axis] = test.value
+            report.density[:, axis] *= min(test.value**2, test.value**2 * one.colour)
+            report.symptoms.append(
+                Symptom("noise_colour", AXES[axis], one.colour, "of white noise", one.colour_sigma, {}, colour.p_value)
+            )
+        elif test.p_value < EVENT_P:
+            white.append(axis)
+            report.noise_factor[axis] = test.value
+            report.density[:, axis] *= test.value**2
+    if not white:
         return
-    mean = float(np.sum(factors / errors**2) / np.sum(1 / errors**2))
-    common = len(off) == 3 and float(np.sum(((factors - mean) / np.maximum(errors, 0.01)) ** 2)) < 14
-    groups = [(None, off)] if common else [(AXES[axis], [axis]) for axis in off]
-    for name, axes in groups:
+    weights = 1 / errors[white] ** 2
+    mean = float(np.sum(factors[white] * weights) / np.sum(weights))
+    common = len(white) == 3 and float(np.sum(((factors - mean) / np.maximum(errors, 0.01)) ** 2)) < 14
+    for name, axes in [(None, white)] if common else [(AXES[axis], [axis]) for axis in white]:
         size = float(np.mean(factors[axes]))
         error = float(np.sqrt(np.mean(errors[axes] ** 2) / len(axes)))
-        p = min(levels[AXES[axis]].p_value for axis in axes)
-        report.causes.append(StreamCause("noise_excess", name, size, "factor", error, {}, p))
-    for axis in off:
-        report.noise_factor[axis] = factors[axis]
-        report.density[:, axis] *= factors[axis] ** 2
+        p = min(tests["noise_level", AXES[axis]].p_value for axis in axes)
+        report.symptoms.append(Symptom("white_noise_level", name, size, "factor", error, {}, p))

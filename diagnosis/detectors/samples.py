@@ -17,10 +17,10 @@ from diagnosis.detectors.clipping import saturation
 from diagnosis.detectors.gap_interpolation import filled
 from diagnosis.detectors.lattice import ODDS, Kind, lattice_step, sweep_odds, undone
 from diagnosis.detectors.outliers import spikes
-from diagnosis.detectors.report import AXES, EVENT_P, StreamCause, StreamReport, StreamTest, consecutive, inside
+from diagnosis.detectors.report import AXES, EVENT_P, IMPOSSIBLE, SampleReport, SampleTest, Symptom, consecutive, inside
 from diagnosis.detectors.sample_noise import local_noise, noise, quiet
 from diagnosis.detectors.spectral_lines import lines
-from diagnosis.detectors.stale_samples import IMPOSSIBLE, repeats
+from diagnosis.detectors.stale_samples import repeats
 from gyrocal.recording import Recording
 from simulator.effects.recorded import interval_slices
 from simulator.effects.smoothing import noise_level, smoothed
@@ -32,7 +32,7 @@ COARSE = 0.05  # a lattice finer than this share of the noise is the number form
 SMOOTH_S = 20.0  # s, longest window of the smoothing
 
 
-def examine(recording: Recording, lattice: Kind | None = None) -> StreamReport:
+def examine(recording: Recording, lattice: Kind | None = None) -> SampleReport:
     """All stream tests of a recording, and its repaired stream.
 
     Parameters
@@ -43,7 +43,7 @@ def examine(recording: Recording, lattice: Kind | None = None) -> StreamReport:
     gyro = recording.gyro
     sigma = gyro.arw / np.sqrt(gyro.sample_s)
     none = np.zeros(gyro.t_s.size, dtype=bool)
-    report = StreamReport([], [], gyro.rates.copy(), np.full(gyro.rates.shape, gyro.arw**2), none, none.copy())
+    report = SampleReport([], [], gyro.rates.copy(), np.full(gyro.rates.shape, gyro.arw**2), none, none.copy())
     used = inside(recording)
     steps = np.array([lattice_step(gyro.rates[used, axis]) for axis in range(3)])
     coarse = steps > COARSE * sigma
@@ -58,16 +58,18 @@ def examine(recording: Recording, lattice: Kind | None = None) -> StreamReport:
         local = local_noise(report.rates, sigma, coarse, steps)
         still = used & quiet(report.rates, local)
         spikes(report, recording, still, local, np.where(coarse, steps, 0.0))
-        lines(report, recording, still)
+        report.lines = lines(report, recording, still)
         noise(report, recording, still, sigma, steps, coarse, cut)
         report.noise = sigma * report.noise_factor
         _zero_mass(report, recording, used, coarse)
         _off_the_lattice(report, recording, steps, coarse, cut, sigma)
-    report.smooth = _smooth(report.rates, recording, sigma)
+    report.smooth = smoothed_rates(report.rates, recording)
     return report
 
 
-def _smooth(rates: Array, recording: Recording, sigma: float) -> Array:
+def smoothed_rates(rates: Array, recording: Recording) -> Array:
+    """Raw rates (n, 3) without their noise, as far as smoothing inside the intervals takes it out."""
+    sigma = recording.gyro.arw / np.sqrt(recording.gyro.sample_s)
     out = rates.copy()
     for part in interval_slices(recording):
         out[part] = smoothed(rates[part], recording.gyro.sample_s, SMOOTH_S, noise_level(rates[part], sigma))
@@ -81,7 +83,7 @@ def _cut_odds(rates: Array, steps: Array, coarse: Mask) -> Array:
     return np.where(alike, odds[alike].sum(), odds)
 
 
-def _quantization(report: StreamReport, steps: Array, coarse: Mask, cut: Mask) -> None:
+def _quantization(report: SampleReport, steps: Array, coarse: Mask, cut: Mask) -> None:
     for axis in range(3):
         found = bool(coarse[axis])
         p = IMPOSSIBLE if found else 1.0
@@ -91,11 +93,11 @@ def _quantization(report: StreamReport, steps: Array, coarse: Mask, cut: Mask) -
             else "readings lie on no lattice that matters beside the noise"
         )
         report.tests.append(
-            StreamTest("lattice_step", AXES[axis], float(np.rad2deg(steps[axis])), 0.0, p, "rate_quantization", text)
+            SampleTest("lattice_step", AXES[axis], float(np.rad2deg(steps[axis])), 0.0, p, "lattice_rounded", text)
         )
     if not coarse.any():
         return
-    for effect, axes in (("rate_quantization", coarse & ~cut), ("rate_truncation", coarse & cut)):
+    for effect, axes in (("lattice_rounded", coarse & ~cut), ("lattice_cut", coarse & cut)):
         if not axes.any():
             continue
         found_steps = steps[axes]
@@ -103,10 +105,10 @@ def _quantization(report: StreamReport, steps: Array, coarse: Mask, cut: Mask) -
         groups = [(None, float(found_steps.mean()))] if common else [(AXES[k], float(steps[k])) for k in np.flatnonzero(axes)]
         for axis_name, step in groups:
             size = float(np.rad2deg(step))
-            report.causes.append(StreamCause(effect, axis_name, size, "deg/s", 1e-6 * size, {}, IMPOSSIBLE))
+            report.symptoms.append(Symptom(effect, axis_name, size, "deg/s", 1e-6 * size, {}, IMPOSSIBLE))
 
 
-def _stale(report: StreamReport, recording: Recording, used: Mask, coarse: Mask) -> None:
+def _stale(report: SampleReport, recording: Recording, used: Mask, coarse: Mask) -> None:
     """Samples that repeat the one before on all axes at once, beyond what a coarse lattice makes."""
     rates = recording.gyro.rates
     equal = np.zeros(rates.shape, dtype=bool)
@@ -116,19 +118,19 @@ def _stale(report: StreamReport, recording: Recording, used: Mask, coarse: Mask)
     if found is None:
         return
     report.tests.append(
-        StreamTest(
+        SampleTest(
             "repeated_share", None, found.count / found.samples, found.expected / found.samples, found.p_value,
-            "stale_samples", f"{found.count} of {found.samples} samples repeat the one before on all axes",
+            "repeats", f"{found.count} of {found.samples} samples repeat the one before on all axes",
         )
     )  # fmt: skip
     if found.p_value >= EVENT_P:
         return
     parameters: dict[str, float | str] = {"fraction": found.fraction}
-    report.causes.append(StreamCause("stale_samples", None, found.size, "samples", found.sigma, parameters, found.p_value))
+    report.symptoms.append(Symptom("repeats", None, found.size, "samples", found.sigma, parameters, found.p_value))
     _fill(report, recording, found.mask)
 
 
-def _fill(report: StreamReport, recording: Recording, bad: Mask) -> None:
+def _fill(report: SampleReport, recording: Recording, bad: Mask) -> None:
     """Bridge bad samples; what they integrate to is then uncertain."""
     gyro = recording.gyro
     report.rates, factor, density = filled(gyro.t_s, report.rates, bad, gyro.sample_s)
@@ -136,7 +138,7 @@ def _fill(report: StreamReport, recording: Recording, bad: Mask) -> None:
     report.filled |= bad
 
 
-def _zero_mass(report: StreamReport, recording: Recording, used: Mask, coarse: Mask) -> None:
+def _zero_mass(report: SampleReport, recording: Recording, used: Mask, coarse: Mask) -> None:
     """Samples that read exactly zero on no lattice: a dead zone behind the noise."""
     for axis in np.flatnonzero(~coarse):
         x = recording.gyro.rates[used, axis]
@@ -146,17 +148,17 @@ def _zero_mass(report: StreamReport, recording: Recording, used: Mask, coarse: M
         wide = other.size > 30 and other[:3].mean() > 0.01 * float(report.noise[axis])
         p = IMPOSSIBLE if count >= 3 and wide else 1.0
         report.tests.append(
-            StreamTest("zero_samples", AXES[axis], count, 0.0, p, "rate_deadzone", f"{count} samples read exactly zero")
+            SampleTest("zero_samples", AXES[axis], count, 0.0, p, "dead_zone", f"{count} samples read exactly zero")
         )
         if p < EVENT_P:
             smallest = float(np.rad2deg(other[:3].mean()))
             spacing = float(np.rad2deg(other[3:30].mean())) - smallest
-            report.causes.append(
-                StreamCause("rate_deadzone", AXES[axis], smallest, "deg/s", max(spacing, 1e-3 * smallest), {}, IMPOSSIBLE)
+            report.symptoms.append(
+                Symptom("dead_zone", AXES[axis], smallest, "deg/s", max(spacing, 1e-3 * smallest), {}, IMPOSSIBLE)
             )
 
 
-def _off_the_lattice(report: StreamReport, recording: Recording, steps: Array, coarse: Mask, cut: Mask, sigma: float) -> None:
+def _off_the_lattice(report: SampleReport, recording: Recording, steps: Array, coarse: Mask, cut: Mask, sigma: float) -> None:
     """Undo what the lattice does to slow rates, and account for the noise it makes."""
     t = recording.gyro.t_s
     for axis in np.flatnonzero(coarse):

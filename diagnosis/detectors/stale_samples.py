@@ -21,11 +21,11 @@ import scipy.stats
 from numpy.typing import NDArray
 
 from diagnosis.detectors.gap_interpolation import runs
+from diagnosis.detectors.report import IMPOSSIBLE
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
-IMPOSSIBLE = 1e-300  # p of what M0 cannot do
 CHANCE_SAMPLES = 301  # over which the chance of a repeat on a lattice is taken
 RARE = 0.01  # chance of a repeat on all axes below which a repeat tells something
 NEARLY = 5.0  # times that chance, up to which a run that was found goes on

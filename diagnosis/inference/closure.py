@@ -1,24 +1,22 @@
-"""How far the gap shrinks: predictions of data that neither chose nor fitted anything.
+"""How far the gap shrinks, measured on held-out data.
 
-Observations ζ are left out, and predicted from the others. Under M0 all are jointly normal: noise with the covariance V,
-start attitudes, G and b with broad priors, Σ = V + N P₀ Nᵀ. Given the training rows t, the rows s left out have the mean Σ_st
-Σ_tt⁻¹ ζ_t and the covariance C = Σ_ss − Σ_st Σ_tt⁻¹ Σ_ts (Rasmussen & Williams, Gaussian Processes for Machine Learning,
-section 2.2). With e the error of that prediction the measure is eᵀ C⁻¹ e over its degrees of freedom: one on average if M0 is
-true, which is the floor. For *after*, each fold finds explanations and fits their amplitudes on its training rows, takes what
-they predict, weighted by their probabilities, out of the rows left out, and is measured in the same metric, so that an effect
-cannot win by claiming more noise.
+Each fold of a linear model (`diagnosis.model.linear.Fold`) holds out one part of the data. With e the error of M0's prediction
+of that part from the rest, in units of its own scatter, the measure is eᵀe over its degrees of freedom: one on average if M0
+is true, which is the floor. For *after*, the fold searches for explanations and estimates their amplitudes on its training
+part alone, takes what they predict, weighted by their probabilities, out of the part held out, and is measured in the same
+metric, so that an effect cannot win by claiming more noise. Then
 
-Two splits: *stretches*, where an eighth of each interval is left out at a time, so that training sees every motion; and whole
-intervals, which asks more: an effect that shows in one interval only cannot be learnt from the others, whatever it is.
+    closed = 1 − (after − floor)/(before − floor).
 
-Where the cause is a random process there is nothing to predict but how far the residuals scatter; there the measure is
-eᵀ C⁻¹ e + log |C|, each model with its own C, against the floor that the measure has if the model's C is true.
+Where the cause is a random process there is nothing to predict but how far the residuals scatter. There the measure is the log
+score eᵀe + log |C|, each model with its own covariance C of the prediction, against the floor that the measure has if the
+model's C is true.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import replace
 
 import numpy as np
 import pandas as pd
@@ -26,170 +24,105 @@ import scipy.linalg
 from numpy.typing import NDArray
 
 from diagnosis.answer import Closure
-from diagnosis.inference.candidates import Bank
-from diagnosis.inference.search import Member, Search
-from diagnosis.model.recording import Model
-from gyrocal.calibration.observability import PLAUSIBLE_RANGE
+from diagnosis.inference.search import Search, total
+from diagnosis.model.linear import Fold, LinearModel, Member
 
 Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
-Chooser = Callable[[Search], Sequence[tuple[float, Sequence[Member]]]]
+Weighted = Sequence[tuple[float, Sequence[Member]]]
+Chooser = Callable[[Search], Weighted]
 
-PARTS = 8  # of an interval
 TINY = 1e-6
-START = 0.02  # rad, prior of a start attitude
-BROAD = 10.0  # plausible ranges, prior of G and b
-STRETCHES = "leave-one-stretch-out, an eighth of each interval at a time"
-INTERVALS = "leave-one-interval-out"
+LEAST_WEIGHT = 0.005  # of an explanation, below which a fold's prediction does without it
 
 
-@dataclass(frozen=True)
-class Fold:
-    """One part left out.
+def found_by(depth: int) -> Chooser:
+    """Chooser that searches the training part for sets of up to `depth` effects."""
 
-    Attributes
-    ----------
-    out : (N,) rows left out
-    train : (t, t) lower Cholesky factor of Σ_tt
-    gain : (t, s) factor⁻¹ Σ_ts
-    left : (s, s) lower Cholesky factor of C
-    """
+    def choose(search: Search) -> Weighted:
+        explanations = search.explanations(depth)
+        top = total(explanations)
+        weights = [float(np.exp(one.log_posterior - top)) for one in explanations]
+        likely = [(w, one.members) for w, one in zip(weights, explanations, strict=True) if w > LEAST_WEIGHT]
+        return [(w * share, at) for w, members in likely for share, at in search.over_times(members)]
 
-    out: Mask
-    train: Array
-    gain: Array
-    left: Array
-
-    def whitened(self, values: Array) -> Array:
-        """Training rows in units of their own scatter."""
-        return np.asarray(scipy.linalg.solve_triangular(self.train, values[~self.out], lower=True, check_finite=False))
-
-    def error(self, values: Array) -> Array:
-        """Error of the prediction of the rows left out, in units of its own scatter; of observations or of columns."""
-        error = values[self.out] - self.gain.T @ self.whitened(values)
-        return np.asarray(scipy.linalg.solve_triangular(self.left, error, lower=True, check_finite=False))
+    return choose
 
 
-def masks(model: Model, intervals: bool) -> list[Mask]:
-    """Rows that each fold leaves out: whole intervals, or an eighth of each."""
-    owner = np.concatenate([np.full(block.references.size, block.interval) for block in model.blocks])
-    parts = owner if intervals else np.concatenate(_stretches(model))
-    return [np.repeat(parts == part, 3) for part in np.unique(parts)]
+def fixed(labels: tuple[str, ...]) -> Chooser:
+    """Chooser of one given explanation; its amplitudes are still those of the training part."""
+
+    def choose(search: Search) -> Weighted:
+        explanation = search.of(labels)
+        return [] if explanation is None else [(1.0, explanation.members)]
+
+    return choose
 
 
-def _stretches(model: Model) -> list[NDArray[np.intp]]:
-    """Fold of each reference: which eighth of its interval, counted from another one in each interval.
-
-    Sorted by length, so that two intervals of one kind, such as two slews, do not leave the same part out together.
-    """
-    rank = np.argsort(np.argsort([block.elapsed_s[-1] for block in model.blocks]))
-    return [
-        (np.arange(block.references.size) * PARTS // block.references.size + int(place)) % PARTS
-        for place, block in zip(rank, model.blocks, strict=True)
-    ]
-
-
-def folds(model: Model, intervals: bool = False) -> list[Fold]:
-    """All folds of a split, without those that leave nothing to learn from."""
-    sigma = joint_covariance(model)
-    made = []
-    for out in masks(model, intervals):
-        if out.all():
-            continue
-        train = np.asarray(np.linalg.cholesky(sigma[np.ix_(~out, ~out)]))
-        gain = scipy.linalg.solve_triangular(train, sigma[np.ix_(~out, out)], lower=True, check_finite=False)
-        left = np.asarray(np.linalg.cholesky(sigma[np.ix_(out, out)] - gain.T @ gain))
-        made.append(Fold(out, train, gain, left))
-    return made
-
-
-def joint_covariance(model: Model) -> Array:
-    """(N, N) covariance Σ of all observations under M0, broad priors on start attitudes, G, b and what else is free."""
-    V = np.zeros((model.size, model.size))
-    for block in model.blocks:
-        V[block.rows, block.rows] = block.whitener @ block.whitener.T
-    scale = np.concatenate([np.full(3 * len(model.blocks), START), BROAD * PLAUSIBLE_RANGE])
-    columns = np.hstack([model.starts, model.calibration]) * scale
-    if model.free.shape[1]:
-        free = model.whitened(model.free)
-        columns = np.hstack([columns, free * (300.0 / np.maximum(np.linalg.norm(free, axis=0), 1e-300))])
-    columns = unwhitened(model, columns)
-    return V + columns @ columns.T
-
-
-def unwhitened(model: Model, columns: Array) -> Array:
-    """L times whitened columns."""
-    out = np.empty_like(columns)
-    for block in model.blocks:
-        out[block.rows] = block.whitener @ columns[block.rows]
-    return out
-
-
-def closure(model: Model, bank: Bank, choose: Chooser, random: bool = False, intervals: bool = False) -> Closure | None:
-    """Closure of the gap on data left out.
+def closure(model: LinearModel, members: Sequence[Member], choose: Chooser | None = None) -> Closure | None:
+    """Closure of the gap on held-out data.
 
     Parameters
     ----------
-    model, bank : the recording and its candidates
-    choose : explanations with their weights that a fold comes to, given its search; a fixed answer measures a given one
-    random : whether the explanation holds a random process, which needs the other measure
-    intervals : whether whole intervals are left out, in place of stretches
+    model : the data and its candidates
+    members : the explanation that is named; it says how many effects a fold looks for, and whether one is a random process
+    choose : explanations that a fold comes to, given its search; by default the search among the listed effects
 
     Returns
     -------
-    None where nothing can be left out
+    None where nothing can be held out
     """
-    columns = unwhitened(model, bank.W)
-    made = folds(model, intervals)
-    return _summed(model, [_one(model, fold, bank, columns, choose, random) for fold in made], made, random, intervals)
+    random = any(model.candidate(member).process for member in members)
+    labels = [model.candidate(member).label for member in members]
+    listed = model.only(lambda candidate: candidate.listed)
+    for label, member in zip(labels, members, strict=True):
+        # Options are made finer around what was found; each fold still chooses among all of them.
+        place = listed.find(label)
+        assert place is not None
+        listed = listed.refine(listed, replace(member, candidate=place))
+    chooser = found_by(len(members)) if choose is None else choose
+    folds = list(model.folds(listed.W))
+    parts = [_one(listed, fold, chooser, random) for fold in folds]
+    return summed(parts, folds, model.split, random) if parts else None
 
 
-def closure_of_response(model: Model, response: Array, intervals: bool = False) -> Closure | None:
-    """What the truth reaches: the same with its response (N,) rad known and taken out."""
-    made = folds(model, intervals)
-    parts = []
-    for fold in made:
-        before, after = fold.error(model.zeta) ** 2, fold.error(model.zeta - response) ** 2
-        parts.append(np.column_stack([before, after, np.ones(before.size)]))
-    return _summed(model, parts, made, False, intervals)
+def of_response(model: LinearModel, response: Array) -> Closure | None:
+    """What a known truth reaches: the same measure with its response (N,) to the whitened observations taken out."""
+    folds = list(model.folds(response[:, None]))
+    parts = [
+        np.column_stack([fold.left_y**2, (fold.left_y - fold.left_X[:, 0]) ** 2, np.ones(fold.left_y.size)]) for fold in folds
+    ]
+    return summed(parts, folds, model.split, False) if parts else None
 
 
-def _one(model: Model, fold: Fold, bank: Bank, columns: Array, choose: Chooser, random: bool) -> Array:
-    """(s, 3) the measure of each row left out: before, after, floor."""
-    y = fold.whitened(model.zeta)
-    X = fold.whitened(columns)
-    before = fold.error(model.zeta)
-    weighted = choose(Search(Bank(X, X, bank.candidates), y))
-    log = 2 * np.log(np.diag(fold.left)) if random else np.zeros(before.size)
+def _one(model: LinearModel, fold: Fold, choose: Chooser, random: bool) -> Array:
+    """(s, 3) the measure of each row held out: before, after, floor."""
+    before = fold.left_y
+    log = fold.log_scale if random else np.zeros(before.size)
+    weighted = choose(Search(replace(model, X=fold.train_X, W=fold.train_X, y=fold.train_y)))
     if not weighted:
         return np.column_stack([before**2 + log, before**2 + log, 1 + log])
-    predicted = np.zeros(len(columns))
+    after = before.copy()
     for weight, members in weighted:
-        places, scale = _places(bank, members)
-        amplitudes, _ = _amplitudes(X[:, places] * scale, y)
-        predicted += columns[:, places] @ (weight * scale * amplitudes)
-    after = before - fold.error(predicted)
+        places, scale = _places(model, members)
+        amplitudes, _ = _amplitudes(fold.train_X[:, places] * scale, fold.train_y)
+        after = after - fold.left_X[:, places] @ (weight * scale * amplitudes)
     if not random:
         return np.column_stack([before**2, after**2, np.ones(before.size)])
-    # The scatter that the likeliest explanation claims.
-    places, scale = _places(bank, max(weighted, key=lambda pair: pair[0])[1])
-    _, information = _amplitudes(X[:, places] * scale, y)
-    B = fold.error(columns[:, places] * scale)
+    # The scatter that the likeliest explanation claims for the part held out.
+    places, scale = _places(model, max(weighted, key=lambda pair: pair[0])[1])
+    _, information = _amplitudes(fold.train_X[:, places] * scale, fold.train_y)
+    B = fold.left_X[:, places] * scale
     factor = np.linalg.cholesky(np.eye(before.size) + B @ np.linalg.solve(information, B.T))
     own = scipy.linalg.solve_triangular(factor, after, lower=True, check_finite=False)
     more = log + 2 * np.log(np.diag(factor))
     return np.column_stack([before**2 + log, own**2 + more, 1 + more])
 
 
-def _places(bank: Bank, members: Sequence[Member]) -> tuple[NDArray[np.intp], Array]:
-    """Columns of some members in the bank, and the scale of each."""
-    chosen, scales = [], []
-    for member in members:
-        entry = bank.candidates[member.candidate]
-        option = entry.options[member.option]
-        chosen.append(np.arange(option.start, option.start + option.count))
-        scales.append(np.full(option.count, entry.scales[member.scale]))
-    return np.concatenate(chosen), np.concatenate(scales)
+def _places(model: LinearModel, members: Sequence[Member]) -> tuple[NDArray[np.intp], Array]:
+    """Columns of some members, and the scale of each column."""
+    options = [model.option(member) for member in members]
+    places = np.concatenate([np.arange(option.start, option.start + option.count) for option in options])
+    return places, np.repeat([model.scale(member) for member in members], [option.count for option in options])
 
 
 def _amplitudes(A: Array, y: Array) -> tuple[Array, Array]:
@@ -201,28 +134,35 @@ def _amplitudes(A: Array, y: Array) -> tuple[Array, Array]:
     return np.asarray(np.linalg.solve(information, A.T @ y)), np.asarray(information)
 
 
-def _summed(model: Model, parts: list[Array], made: list[Fold], random: bool, intervals: bool) -> Closure | None:
-    if not parts:
-        return None
-    rows = np.concatenate([np.flatnonzero(fold.out) for fold in made])
-    values = np.concatenate(parts)
-    owner = np.concatenate([np.full(block.rows.stop - block.rows.start, block.interval) for block in model.blocks])[rows]
-    records = []
-    for interval in np.unique(owner):
-        own = values[owner == interval]
-        records.append((model.recording.intervals[interval].name, *own.mean(axis=0).tolist(), len(own)))
-    before, after, floor = (float(value) for value in values.mean(axis=0))
+def summed(parts: list[Array], folds: Sequence[Fold], split: str, random: bool) -> Closure:
+    """Means over all folds, of each interval and of all, over their degrees of freedom."""
+    names = list(dict.fromkeys(str(name) for fold in folds for name in fold.owner))
+    table = np.zeros((len(names), 4))
+    for part, fold in zip(parts, folds, strict=True):
+        for name, dof in fold.dof.items():
+            own = part[fold.owner == name]
+            # A builder that compressed its rows keeps their square sums; what M0 leaves on average is their degrees of freedom.
+            table[names.index(name)] += [*own[:, :2].sum(axis=0), own[:, 2].sum() * dof / len(own), dof]
+    return _closure(names, table, split, random)
+
+
+def _closure(names: list[str], table: Array, split: str, random: bool) -> Closure:
+    dof = table[:, 3]
+    before, after, floor = (float(value) for value in table[:, :3].sum(axis=0) / dof.sum())
     gap = before - floor
     closed = 1.0 - (after - floor) / gap if abs(gap) > TINY else 0.0
-    # The noise of the data left out is in both; what it adds to the difference from the floor scatters by √(2/dof).
-    spread = 1.645 * float(np.sqrt(2.0 / len(values))) / max(abs(gap), TINY)
+    # The noise of the data held out is in both; what it adds to the difference from the floor scatters by √(2/dof).
+    spread = 1.645 * float(np.sqrt(2.0 / dof.sum())) / max(abs(gap), TINY)
+    frame = pd.DataFrame(
+        {"interval": names, "before": table[:, 0] / dof, "after": table[:, 1] / dof, "floor": table[:, 2] / dof, "dof": dof}
+    )
     return Closure(
         measure="held-out log score" if random else "held-out whitened mean square",
-        split=INTERVALS if intervals else STRETCHES,
+        split=split,
         before=before,
         after=after,
         floor=floor,
         closed=float(closed),
         interval_90=(float(closed - spread), float(closed + spread)),
-        by_interval=pd.DataFrame.from_records(records, columns=["interval", "before", "after", "floor", "dof"]),
+        by_interval=frame,
     )

@@ -1,8 +1,8 @@
-"""Search over sets of effects: evidence of each set, and what probability that gives to each.
+"""Search over sets of effects: the evidence of each set, and its posterior.
 
 A set's evidence is averaged over the options and scales of its members. With the others held at their best, a member's part
 of the average is exact; the product of these parts stands for the whole average (a coordinate-wise Laplace approximation in
-the discrete parameters). The search keeps a beam of sets, since the best single is not always in the best pair.
+the discrete parameters). The search keeps a beam of sets, since the best single effect is not always in the best pair.
 """
 
 from __future__ import annotations
@@ -14,35 +14,27 @@ import scipy.linalg
 from numpy.typing import NDArray
 from scipy.special import logsumexp
 
-from diagnosis.inference.candidates import Bank
 from diagnosis.inference.evidence import averaged, log_bayes
+from diagnosis.model.linear import LinearModel, Member
+from diagnosis.settings import DEFAULT, DiagnosisSettings
 
 Array = NDArray[np.float64]
 
-LARGEST_SET = 3
-BEAM = (10, 6)
-ANOTHER = 0.1  # prior that one more effect is at work, given that some are
-SWEEPS = 2
-EXCHANGED = 4  # times the best set is tried with others in the place of its members
-EXCHANGED_FOR = 4  # others worth settling
-THINNED = 4  # of the best sets, each of whose members may turn out to have been a way to another
-ENOUGH = 24  # columns of a random process to see whether it is worth a closer look
-LEAST_CHANCE = 0.02  # of the likeliest time, below which a time of a step is left out
+BEAM = (10, 6, 6, 6)  # sets that are extended by a second, third … effect
+CHILDREN = 12  # extensions of a set worth settling
+SWEEPS = 2  # over the members of a set, each moved to its best with the others held
+EXCHANGES = 4  # times the best set is tried with other candidates in the place of its members
+EXCHANGED_FOR = 4  # candidates worth settling in such a place
+THINNED = 4  # of the best sets, every subset with one member fewer is looked at
+SCREEN_COLUMNS = 24  # columns of a random process that a first look takes
+LEAST_CHANCE = 0.02  # of the likeliest time of a step, below which a time is left out
 SMALL = 4  # columns of a group that is handled together with others of its size
-
-
-@dataclass(frozen=True)
-class Member:
-    """A candidate in a set, with the option and scale it is held at."""
-
-    candidate: int
-    option: int
-    scale: int
+HOPELESS = 6.0  # log posterior below the best at which larger sets are no longer looked for
 
 
 @dataclass(frozen=True)
 class Score:
-    """Evidence of one candidate given what is in.
+    """Evidence of one candidate, given what is in already.
 
     Attributes
     ----------
@@ -79,48 +71,46 @@ class Explanation:
 
 
 class Search:
-    """Evidence of sets of candidates of a bank for one vector of observations."""
+    """Evidence of sets of candidates of a linear model."""
 
-    def __init__(self, bank: Bank, y: Array):
-        self.bank = bank
-        self.y = y
-        self.gram = _Grams(bank)
-        self.correlation = bank.X.T @ y
+    def __init__(self, model: LinearModel, settings: DiagnosisSettings = DEFAULT):
+        self.model = model
+        self.settings = settings
+        self.gram = _Grams(model)
+        self.correlation = model.X.T @ model.y
         self._products: dict[tuple[int, int], Array] = {}
 
     # ---- one candidate ---------------------------------------------------------------------------------------------------
 
-    def tables(self, candidate: int, given: _Given | None, most: int | None = None) -> Array:
+    def tables(self, candidate: int, given: Conditioning | None, most: int | None = None) -> Array:
         """(o, s) log evidence of a candidate's options and scales given what is in, with its `most` strongest columns only."""
-        entry = self.bank.candidates[candidate]
+        entry = self.model.candidates[candidate]
         if self.gram.uniform(candidate):
             gram, places = self.gram.of(candidate)
-            return self._table(gram, places, entry.scales, given)
+            return self._table(gram, places, entry.scales, entry.positive, given)
         parts = [
             self._table(
                 self.gram.single(candidate, k)[None, :most, :most],
                 np.arange(o.start, o.start + o.count)[None, :most],
                 entry.scales,
+                entry.positive,
                 given,
             )
             for k, o in enumerate(entry.options)
         ]
         return np.vstack(parts)
 
-    def _table(self, gram: Array, places: NDArray[np.intp], scales: Array, given: _Given | None) -> Array:
+    def _table(
+        self, gram: Array, places: NDArray[np.intp], scales: Array, positive: bool, given: Conditioning | None
+    ) -> Array:
         correlation = self.correlation[places]
         if given is not None:
-            reduced = given.reduced(places)  # (r, o, k)
-            # Products of (o, k, r) and (o, r, l): far quicker than one sum over all indices.
-            turned = reduced.transpose(1, 0, 2)
-            gram = gram - np.matmul(turned.transpose(0, 2, 1), turned)
-            correlation = correlation - np.tensordot(given.y, reduced, axes=1)
-        return log_bayes(gram, correlation, scales)
+            gram, correlation = given.reduced_products(gram, correlation, places)
+        return log_bayes(gram, correlation, scales, positive)
 
-    def score(self, candidate: int, given: _Given | None, most: int | None = None) -> Score:
+    def score(self, candidate: int, given: Conditioning | None, most: int | None = None) -> Score:
         """Average and best of a candidate's evidence."""
-        entry = self.bank.candidates[candidate]
-        weights = np.array([option.log_weight for option in entry.options])
+        weights = self.model.candidates[candidate].log_weights
         table = self.tables(candidate, given, most)
         # Of times that explain the data alike, the one with more prior: a gap between intervals rather than one moment.
         option, scale = np.unravel_index(int(np.argmax(table + weights[:, None])), table.shape)
@@ -138,17 +128,17 @@ class Search:
         (d,)
         """
         parts = []
-        for number, candidate in enumerate(self.bank.candidates):
+        for number, candidate in enumerate(self.model.candidates):
             if self.gram.uniform(number):
                 gram, places = self.gram.of(number)
-                groups = [(gram, correlation[places], np.array([option.log_weight for option in candidate.options]))]
+                groups = [(gram, correlation[places], candidate.log_weights)]
             else:
                 groups = [
                     (self.gram.single(number, k)[None], correlation[option.columns][None], np.array([option.log_weight]))
                     for k, option in enumerate(candidate.options)
                 ]
             for gram, values, weights in groups:
-                table = log_bayes(gram, values, candidate.scales)  # (o, s, d)
+                table = log_bayes(gram, values, candidate.scales, candidate.positive)  # (o, s, d)
                 parts.append(
                     logsumexp(table + weights[:, None, None], axis=(0, 1)) - np.log(candidate.scales.size) + candidate.log_prior
                 )
@@ -157,23 +147,22 @@ class Search:
     # ---- sets ------------------------------------------------------------------------------------------------------------
 
     def _rows(self, member: Member) -> Array:
-        """(k, p) products of a member's columns with all of the bank, kept since a search asks for them often."""
+        """(k, p) products of a member's columns with all columns, kept since a search asks for them often."""
         key = (member.candidate, member.option)
         if key not in self._products:
-            columns = self.bank.candidates[member.candidate].options[member.option].columns
-            self._products[key] = self.bank.X[:, columns].T @ self.bank.X
+            self._products[key] = self.model.X[:, self.model.option(member).columns].T @ self.model.X
         return self._products[key]
 
-    def given(self, members: tuple[Member, ...]) -> _Given | None:
-        """What is in, ready to score the rest against."""
+    def given(self, members: tuple[Member, ...]) -> Conditioning | None:
+        """Inner products given some members, ready to score the others against; None without members."""
         if not members:
             return None
-        scales = [self.bank.candidates[m.candidate].scales[m.scale] for m in members]
+        scales = [self.model.scale(m) for m in members]
         rows = np.vstack([scale * self._rows(m) for scale, m in zip(scales, members, strict=True)])
-        options = [self.bank.candidates[m.candidate].options[m.option] for m in members]
+        options = [self.model.option(m) for m in members]
         own = np.concatenate([np.arange(o.start, o.start + o.count) for o in options])
         scale = np.repeat(scales, [o.count for o in options])
-        return _Given(rows, rows[:, own] * scale, scale * self.correlation[own])
+        return Conditioning(rows, rows[:, own] * scale, scale * self.correlation[own])
 
     def settled(self, members: tuple[Member, ...]) -> Explanation:
         """A set with its members moved to their best, one after another, and its evidence."""
@@ -182,8 +171,7 @@ class Search:
         for sweep in range(SWEEPS if len(members) > 1 else 1):
             moved = False
             for place, member in enumerate(members):
-                others = members[:place] + members[place + 1 :]
-                given = self.given(others)
+                given = self.given(members[:place] + members[place + 1 :])
                 score = self.score(member.candidate, given)
                 new = Member(member.candidate, score.option, score.scale)
                 moved |= new != member
@@ -194,14 +182,20 @@ class Search:
                 break
         return self._explanation(members, best + float(occam.sum()))
 
+    def of(self, labels: tuple[str, ...]) -> Explanation | None:
+        """The explanation by given labels, whatever its evidence; None if one of them cannot be seen at all."""
+        places = [self.model.find(label) for label in labels]
+        if not places or any(place is None for place in places):
+            return None
+        return self.settled(tuple(Member(place, 0, 0) for place in places if place is not None))
+
     def over_times(self, members: tuple[Member, ...]) -> list[tuple[float, tuple[Member, ...]]]:
-        """A set at each of the times its steps may have happened at, with the probabilities of those; they sum to one."""
+        """A set at each of the times at which its steps may have happened, with the probabilities of those; they sum to one."""
         sets = [(1.0, members)]
         for place, member in enumerate(members):
-            entry = self.bank.candidates[member.candidate]
-            if "time_s" not in entry.options[member.option].parameters:
+            if "time_s" not in self.model.option(member).parameters:
                 continue
-            weights = np.array([option.log_weight for option in entry.options])
+            weights = self.model.candidate(member).log_weights
             table = self.tables(member.candidate, self.given(members[:place] + members[place + 1 :])) + weights[:, None]
             chance = np.exp(logsumexp(table, axis=1) - logsumexp(table))
             likely = np.flatnonzero(chance > LEAST_CHANCE * chance.max())
@@ -211,48 +205,46 @@ class Search:
         return sets
 
     def _explanation(self, members: tuple[Member, ...], log_evidence: float) -> Explanation:
-        entries = [self.bank.candidates[member.candidate] for member in members]
+        entries = [self.model.candidate(member) for member in members]
         prior = sum(entry.log_prior + entry.log_odds for entry in entries)
-        prior += (len(members) - 1) * float(np.log(ANOTHER))
-        if len(members) < LARGEST_SET:
-            prior += float(np.log1p(-ANOTHER))
+        prior += (len(members) - 1) * float(np.log(self.settings.another))
+        if len(members) < self.model.most_effects:
+            prior += float(np.log1p(-self.settings.another))
         return Explanation(members, log_evidence, log_evidence + prior)
 
     def singles(self) -> list[Explanation]:
         """Every candidate alone."""
         found = []
-        for candidate in range(len(self.bank.candidates)):
+        for candidate in range(len(self.model.candidates)):
             score = self.score(candidate, None)
             found.append(self._explanation((Member(candidate, score.option, score.scale),), score.average))
-        return sorted(found, key=lambda explanation: -explanation.log_posterior)
+        return _ranked(found)
 
-    def explanations(self, depth: int = LARGEST_SET) -> list[Explanation]:
+    def explanations(self, depth: int | None = None) -> list[Explanation]:
         """Sets of up to `depth` effects worth a thought, the best first."""
+        depth = self.model.most_effects if depth is None else depth
         found = {explanation.key: explanation for explanation in self.singles()}
-        level = sorted(found.values(), key=lambda explanation: -explanation.log_posterior)
+        level = list(found.values())
         for width in BEAM[: depth - 1]:
             new: dict[frozenset[int], Explanation] = {}
             for parent in self._beam(level, width):
-                for child in self._children(parent, 12):
+                for child in self._children(parent, CHILDREN):
                     if child.key not in new or child.log_posterior > new[child.key].log_posterior:
                         new[child.key] = child
-            ranked = sorted(new.values(), key=lambda explanation: -explanation.log_posterior)
-            level = [self.settled(explanation.members) for explanation in ranked[: 2 * width]]
-            level.sort(key=lambda explanation: -explanation.log_posterior)
+            level = _ranked([self.settled(one.members) for one in _ranked(list(new.values()))[: 2 * width]])
             top = max(explanation.log_posterior for explanation in found.values())
             found.update({explanation.key: explanation for explanation in level})
-            if not level or level[0].log_posterior < top - 6:
+            if not level or level[0].log_posterior < top - HOPELESS:
                 break
         if depth > 1:
             self._exchange(found)
-        return sorted(found.values(), key=lambda explanation: -explanation.log_posterior)
+        return _ranked(list(found.values()))
 
     def _exchange(self, found: dict[frozenset[int], Explanation]) -> None:
-        """Take each member of the best sets out, and put others in its place in the best; a beam may never get there."""
+        """Replace each member of the best set by others; a beam that once took a detour may not get there by itself."""
         tried: set[frozenset[int]] = set()
-        for _ in range(EXCHANGED):
-            ranked = sorted(found.values(), key=lambda explanation: -explanation.log_posterior)
-            for other in ranked[1:THINNED]:
+        for _ in range(EXCHANGES):
+            for other in _ranked(list(found.values()))[1:THINNED]:
                 self._thin(other, found)
             best = max(found.values(), key=lambda explanation: explanation.log_posterior)
             for member in best.members if len(best.members) > 1 else ():
@@ -270,7 +262,7 @@ class Search:
                 break
 
     def _thin(self, explanation: Explanation, found: dict[frozenset[int], Explanation]) -> None:
-        """Every set with one member fewer."""
+        """Every subset with one member fewer."""
         for member in explanation.members if len(explanation.members) > 1 else ():
             others = tuple(one for one in explanation.members if one != member)
             key = frozenset(one.candidate for one in others)
@@ -278,45 +270,57 @@ class Search:
                 found[key] = self.settled(others)
 
     def _beam(self, level: list[Explanation], width: int) -> list[Explanation]:
-        """The best, and the best of each listed effect after that, so that no kind crowds out the others."""
-        kept = level[: width // 2]
-        effects = {self._names(explanation) for explanation in kept}
-        for explanation in level[width // 2 :]:
+        """The best sets, then the best of listed effects only, then the best of each other combination of effects.
+
+        Sets of listed effects keep a part of the beam for themselves: flexible rivals explain a part of anything, and would
+        otherwise crowd out the first of several listed effects.
+        """
+        ranked = _ranked(level)
+        kept = ranked[: width // 2]
+        listed = [one for one in ranked if self._is_listed(one) and one not in kept]
+        kept += listed[: width // 4]
+        names = {self._names(one) for one in kept}
+        for one in ranked:
             if len(kept) >= width:
                 break
-            if self._names(explanation) not in effects:
-                kept.append(explanation)
-                effects.add(self._names(explanation))
+            if self._names(one) not in names:
+                kept.append(one)
+                names.add(self._names(one))
         return kept
 
+    def _is_listed(self, explanation: Explanation) -> bool:
+        return all(self.model.candidates[k].listed for k in explanation.key)
+
     def _names(self, explanation: Explanation) -> frozenset[str]:
-        return frozenset(self.bank.candidates[k].effect for k in explanation.key)
+        return frozenset(self.model.candidates[k].effect for k in explanation.key)
 
     def _children(self, parent: Explanation, most: int) -> list[Explanation]:
         """The set with one more candidate."""
         given = self.given(parent.members)
         assert given is not None
-        given.solve_all()
-        base = parent.log_evidence
+        given.prepare_all()
         children = []
-        for candidate in range(len(self.bank.candidates)):
+        for candidate in range(len(self.model.candidates)):
             if candidate in parent.key:
                 continue
-            score = self.score(candidate, given, ENOUGH)
+            score = self.score(candidate, given, SCREEN_COLUMNS)
             member = Member(candidate, score.option, score.scale)
-            children.append(self._explanation((*parent.members, member), base + score.average))
-        children.sort(key=lambda explanation: -explanation.log_posterior)
-        return children[:most]
+            children.append(self._explanation((*parent.members, member), parent.log_evidence + score.average))
+        return _ranked(children)[:most]
 
 
-class _Given:
-    """Inner products with what is in.
+class Conditioning:
+    """Inner products given some scaled columns C that are in already.
 
     Parameters
     ----------
-    rows : (r, p) products Cᵀ X of the scaled columns that are in with all of the bank
+    rows : (r, p) products CᵀX with all columns of the model
     inner : (r, r) CᵀC
     correlation : (r,) Cᵀy
+
+    Attributes
+    ----------
+    log_bayes : log evidence of what is in
     """
 
     def __init__(self, rows: Array, inner: Array, correlation: Array):
@@ -324,40 +328,47 @@ class _Given:
         self._inverse = scipy.linalg.solve_triangular(factor, np.eye(len(inner)), lower=True, check_finite=False)
         self._rows = rows
         self._all: Array | None = None
-        self.y = self._inverse @ correlation
-        self.log_bayes = float(0.5 * self.y @ self.y - np.log(np.diag(factor)).sum())
+        self._y = self._inverse @ correlation
+        self.log_bayes = float(0.5 * self._y @ self._y - np.log(np.diag(factor)).sum())
 
-    def solve_all(self) -> None:
-        """Prepare for questions about the whole bank."""
+    def prepare_all(self) -> None:
+        """Prepare for questions about all columns at once."""
         self._all = self._inverse @ self._rows
 
-    def reduced(self, places: NDArray[np.intp]) -> Array:
-        """(r, *places) what to take out of inner products: <p, q> − reduced(p)ᵀ reduced(q)."""
+    def _reduced(self, places: NDArray[np.intp]) -> Array:
         if self._all is not None:
             return np.asarray(self._all[:, places])
         flat = self._inverse @ self._rows[:, places.ravel()]
         return np.asarray(flat.reshape(len(flat), *places.shape))
 
+    def reduced_products(self, gram: Array, correlation: Array, places: NDArray[np.intp]) -> tuple[Array, Array]:
+        """Products XᵀX (o, k, k) and Xᵀy (o, k) of the columns at `places` (o, k), given what is in."""
+        reduced = self._reduced(places)  # (r, o, k)
+        # Products of (o, k, r) and (o, r, l) are far quicker than one sum over all indices.
+        turned = reduced.transpose(1, 0, 2)
+        gram = gram - np.matmul(turned.transpose(0, 2, 1), turned)
+        return gram, correlation - np.tensordot(self._y, reduced, axes=1)
+
 
 class _Grams:
     """XᵀX of each option."""
 
-    def __init__(self, bank: Bank):
+    def __init__(self, model: LinearModel):
         self._uniform: list[bool] = []
         self._places: list[NDArray[np.intp] | None] = []
         self._grams: list[Array | list[Array]] = []
-        for candidate in bank.candidates:
+        for candidate in model.candidates:
             counts = {option.count for option in candidate.options}
             uniform = len(counts) == 1 and next(iter(counts)) <= SMALL
             self._uniform.append(uniform)
             if uniform:
                 places = np.array([np.arange(o.start, o.start + o.count) for o in candidate.options])
-                X = bank.X[:, places]  # (N, o, k)
+                X = model.X[:, places]  # (N, o, k)
                 self._places.append(places)
                 self._grams.append(np.einsum("nok,nol->okl", X, X))
             else:
                 self._places.append(None)
-                self._grams.append([bank.X[:, o.columns].T @ bank.X[:, o.columns] for o in candidate.options])
+                self._grams.append([model.X[:, o.columns].T @ model.X[:, o.columns] for o in candidate.options])
 
     def uniform(self, candidate: int) -> bool:
         """Whether all its options have the same small number of columns."""
@@ -373,6 +384,10 @@ class _Grams:
     def single(self, candidate: int, option: int) -> Array:
         """(k, k) of one option."""
         return np.asarray(self._grams[candidate][option])
+
+
+def _ranked(explanations: list[Explanation]) -> list[Explanation]:
+    return sorted(explanations, key=lambda explanation: -explanation.log_posterior)
 
 
 def total(explanations: list[Explanation]) -> float:

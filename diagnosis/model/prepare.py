@@ -1,46 +1,33 @@
-"""From a recording to the linear model about its own calibration under M0."""
+"""From a recording to its linearisation about its own calibration under M0.
+
+The samples are examined first, since a clipped or repeated sample spoils every test of the attitude. White noise that is not
+as stated, of the samples or of the references, is an effect of its own; it is found here, and the model then has the actual
+noise. Whether a line in the samples is a vibration or a motion of the body is decided by the attitude (`diagnosis.model.lines`).
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from diagnosis.detectors.deadzone import DeadStretches, dead_stretches, half_width, missing
+from diagnosis.detectors.deadzone import DeadStretches, dead_stretches
 from diagnosis.detectors.reference_noise import ReferenceNoise, reference_noise
-from diagnosis.detectors.report import StreamReport
-from diagnosis.detectors.samples import examine
-from diagnosis.inference.evidence import averaged, log_bayes, scales_of
-from diagnosis.inference.unshown import HARMONICS_HZ
-from diagnosis.model.recording import Model, linearised
+from diagnosis.detectors.report import SampleReport
+from diagnosis.detectors.samples import examine, smoothed_rates
+from diagnosis.model.lines import judged_lines
+from diagnosis.model.recording import RecordingModel, linearised
 from gyrocal.calibration.observability import PLAUSIBLE_RANGE
 from gyrocal.errors import InputError
 from gyrocal.recording import Interval, Recording, reference_rows
-from simulator.effects import EFFECTS
 
 Array = NDArray[np.float64]
 
 ITERATIONS = 10
-SETTLED = 1e-3  # sigmas
+SETTLED = 1e-3  # sigmas of the last correction
 CLEARLY = 12.0  # of χ², by which the attitude decides how readings came onto a lattice
-LIKELY = 6.0  # log odds of the samples from which a dead zone is certain if the attitude shows that rates are missing
-PLAIN = 20.0  # the same, if the attitude only shows that something is wrong, or the samples have harmonics of slow motion
-MISFIT = 5.0  # sigmas of χ² that show it
-UNSHOWN_S = 60.0  # s for which a rate inside a dead zone may stay the same
-FELT = 12.0  # log evidence of the attitude that rates are missing
 UNSEEN = 0.5  # of its plausible range: a parameter less certain than that is not observed
-
-
-@dataclass(frozen=True)
-class DeadZone:
-    """A dead zone: what the samples show, half width and sigma in deg/s, log odds of samples and attitude together."""
-
-    stretches: DeadStretches
-    size: float
-    sigma: float
-    log_odds: float
 
 
 @dataclass(frozen=True)
@@ -50,27 +37,23 @@ class Prepared:
     Attributes
     ----------
     model : linearised about the calibration, on the repaired stream
-    stream : what the samples showed
+    samples : what the samples showed
     sigma : (12,) of the calibration under M0: G_xx … G_zz, b_x … b_z (rad/s)
     reference_noise : test of the references' noise, None without a series of them
     dead : gyros that read zero for long, and may have a dead zone
-    zones : dead zones that are certain; what they swallow is free in the model
     notes : limits of this recording
     """
 
-    model: Model
-    stream: StreamReport
+    model: RecordingModel
+    samples: SampleReport
     sigma: Array
     reference_noise: ReferenceNoise | None
     dead: tuple[DeadStretches, ...]
-    zones: tuple[DeadZone, ...]
     notes: tuple[str, ...]
 
 
 def prepare(recording: Recording) -> Prepared:
-    """Examine the stream, calibrate under M0 by Gauss–Newton on the linear model, and linearise there.
-
-    Noise that is not as stated is an effect of its own; it is found here, and the model then has the actual noise.
+    """Examine the samples, calibrate under M0 by Gauss–Newton on the linear model, and linearise there.
 
     Raises
     ------
@@ -78,103 +61,59 @@ def prepare(recording: Recording) -> Prepared:
         The stream does not cover the intervals, or nothing is left of them.
     """
     report = examine(recording)
-    first = _first(recording, report)
+    model, sigma, pieces = _first(recording, report)
     if report.undecided:
         cut = examine(recording, lattice="cut")
         other = _first(recording, cut)
-        if _misfit(other) < _misfit(first) - CLEARLY:
-            report, first = cut, other
-    model, sigma, pieces = first
-    dead = () if any(cause.effect == "rate_deadzone" for cause in report.causes) else _dead(recording, report)
-    noise = _reference_noise(model, report, dead)
-    zones = [zone for one in dead if (zone := _zone(model, one, _has_harmonics(report, one.axis))) is not None]
-    if zones:
-        _forget_motion(report, zones)
+        if _misfit(other[0]) < _misfit(model) - CLEARLY:
+            report, (model, sigma, pieces) = cut, other
+    if judged_lines(report, model):
+        report.smooth = smoothed_rates(report.rates, recording)
         model, sigma = _calibrated(recording, report, pieces, recording.attitudes.sigma)
-        free = np.hstack([missing(model, zone.stretches) for zone in zones])
-        model = replace(model, free=free)
-        dead = tuple(one for one in dead if one.axis not in {zone.stretches.axis for zone in zones})
-        noise = _reference_noise(model, report, [zone.stretches for zone in zones])
-    # What a gyro does not show between two references looks like noise of theirs about its axis.
-    blind = {zone.stretches.axis for zone in zones} | set(np.flatnonzero(report.hidden | report.lattice).tolist())
-    if noise is not None and (noise.axis in blind or len(blind) == 3):
-        noise = None
+    dead = _dead(recording, report)
+    noise = _reference_noise(model, report, dead)
     if noise is not None and noise.departs:
-        free = model.free
         model, sigma = _calibrated(recording, report, pieces, recording.attitudes.sigma * noise.factors)
-        model = replace(model, free=free)
-    return Prepared(model, report, sigma, noise, dead, tuple(zones), _notes(recording, pieces, sigma))
+    return Prepared(model, report, sigma, noise, dead, _notes(recording, pieces, sigma))
 
 
-def _reference_noise(model: Model, report: StreamReport, dead: Iterable[DeadStretches]) -> ReferenceNoise | None:
-    """The test of the references' noise beside what the samples show of the gyros."""
-    nothing = np.zeros(len(report.rates), dtype=bool)
-    return reference_noise(
-        model, np.median(report.density, axis=0), np.any([nothing, *(one.stretch >= 0 for one in dead)], axis=0)
-    )
+def _reference_noise(model: RecordingModel, report: SampleReport, dead: tuple[DeadStretches, ...]) -> ReferenceNoise | None:
+    """The test of the references' noise, where no gyro hides motion between two references, which would look like it."""
+    blind = set(np.flatnonzero(report.hidden | report.lattice).tolist())
+    silent = np.any([np.zeros(len(report.rates), dtype=bool), *(one.stretch >= 0 for one in dead)], axis=0)
+    noise = reference_noise(model, np.median(report.density, axis=0), silent)
+    return None if noise is not None and (noise.axis in blind or len(blind) == 3) else noise
 
 
-def _has_harmonics(report: StreamReport, axis: int) -> bool:
-    """Whether a gyro shows a line just above the body's own motion, as the edges of a dead zone make."""
-    lines = [cause for cause in report.causes if cause.effect == "vibration" and cause.axis == "xyz"[axis]]
-    return any(float(line.parameters["apparent_hz"]) < HARMONICS_HZ for line in lines)
-
-
-def _zone(model: Model, one: DeadStretches, harmonics: bool) -> DeadZone | None:
-    """A dead zone that samples and attitude, or the samples in two ways, show together; None if they do not."""
-    if one.log_odds < LIKELY:
-        return None
-    X = model.prepared(missing(model, one))
-    scales = scales_of(float(np.linalg.norm(X, axis=0).max()), EFFECTS["rate_deadzone"].prior)
-    if not scales.size:
-        return None
-    evidence = averaged(log_bayes((X.T @ X)[None], (X.T @ model.y)[None], scales), np.zeros(1))
-    # Slow motion about zero is swallowed as well, and leaves no mean that would be missing.
-    wrong = float(model.y @ model.y) - model.y.size > MISFIT * np.sqrt(2.0 * model.y.size)
-    if evidence < FELT and not (one.log_odds > PLAIN and (wrong or harmonics)):
-        return None
-    scale = 1.0 / np.maximum(np.linalg.norm(X, axis=0), 1e-300)
-    inverse = np.linalg.pinv((X * scale).T @ (X * scale), rcond=1e-10, hermitian=True)
-    amplitudes = scale * (inverse @ ((X * scale).T @ model.y))
-    size, sigma = half_width(one, float(amplitudes[0]), amplitudes[1:], (scale * np.sqrt(np.diag(inverse)))[1:])
-    return DeadZone(one, size, sigma, float(evidence + one.log_odds))
-
-
-def _forget_motion(report: StreamReport, zones: list[DeadZone]) -> None:
-    """Allow for the motion that a gyro does not show inside its dead zone: some rate of that size, afresh every minute."""
-    for zone in zones:
-        own = zone.stretches
-        report.density[own.stretch >= 0, own.axis] += (0.5 * np.deg2rad(zone.size)) ** 2 * UNSHOWN_S
-
-
-def _first(recording: Recording, report: StreamReport) -> tuple[Model, Array, tuple[Interval, ...]]:
-    """The model with the references as stated, its sigma, and what it is propagated over."""
+def _first(recording: Recording, report: SampleReport) -> tuple[RecordingModel, Array, tuple[Interval, ...]]:
+    """The model with the references as stated, its sigma, and the intervals it is propagated over."""
     pieces = unclipped(recording, report)
     if not pieces:
-        raise InputError("no two reference attitudes are left with an unclipped stretch of gyro samples between them")
+        raise InputError("no two reference attitudes are left with unclipped gyro samples between them")
     return *_calibrated(recording, report, pieces, recording.attitudes.sigma), pieces
 
 
-def _misfit(first: tuple[Model, Array, tuple[Interval, ...]]) -> float:
-    return float(first[0].y @ first[0].y)
+def _misfit(model: RecordingModel) -> float:
+    return float(model.y @ model.y)
 
 
-def _dead(recording: Recording, report: StreamReport) -> tuple[DeadStretches, ...]:
-    lattice = {cause.axis for cause in report.causes if cause.effect in ("rate_quantization", "rate_truncation")}
-    found = dead_stretches(recording, report.rates, report.noise)
-    return tuple(one for one in found if None not in lattice and "xyz"[one.axis] not in lattice)
+def _dead(recording: Recording, report: SampleReport) -> tuple[DeadStretches, ...]:
+    """Gyros that may have a dead zone; a lattice makes zeros of its own."""
+    coarse = {symptom.axis for symptom in report.symptoms if symptom.kind.startswith("lattice")}
+    if None in coarse or any(symptom.kind == "dead_zone" for symptom in report.symptoms):
+        return ()
+    return tuple(one for one in dead_stretches(recording, report.rates, report.noise) if "xyz"[one.axis] not in coarse)
 
 
 def _calibrated(
-    recording: Recording, report: StreamReport, pieces: tuple[Interval, ...], reference_sigma: Array
-) -> tuple[Model, Array]:
+    recording: Recording, report: SampleReport, pieces: tuple[Interval, ...], reference_sigma: Array
+) -> tuple[RecordingModel, Array]:
     """The model about its own calibration, and the (12,) sigma of that."""
     G, bias = recording.gyro.apriori_G.copy(), recording.gyro.apriori_bias.copy()
-    shrink = 1.0 / PLAUSIBLE_RANGE
     sigma = PLAUSIBLE_RANGE
     for _ in range(ITERATIONS):
         model = linearised(recording, G, bias, report.rates, report.smooth, report.density, pieces, reference_sigma)
-        change, covariance = _step(model, shrink)
+        change, covariance = _step(model)
         sigma = np.sqrt(np.diag(covariance))
         if np.abs(change / sigma).max() < SETTLED:
             break
@@ -182,23 +121,22 @@ def _calibrated(
     return model, sigma
 
 
-def _step(model: Model, shrink: Array) -> tuple[Array, Array]:
-    """Least-squares correction of G and b with the start attitudes free, (12,), and its covariance (12, 12).
+def _step(model: RecordingModel) -> tuple[Array, Array]:
+    """Least-squares correction of G and b with the start attitudes as nuisance parameters, (12,), and its covariance (12, 12).
 
     A broad prior, ten plausible ranges wide, keeps what cannot be observed where it is.
     """
-    starts, columns = model.starts, model.calibration
-    Q = np.linalg.qr(starts)[0]
-    scaled = (columns - Q @ (Q.T @ columns)) / shrink
+    Q = np.linalg.qr(model.starts)[0]
+    scaled = (model.calibration - Q @ (Q.T @ model.calibration)) * PLAUSIBLE_RANGE
     observed = model.whitened(model.zeta)
     observed = observed - Q @ (Q.T @ observed)
     information = scaled.T @ scaled + 1e-2 * np.eye(12)
-    covariance = np.linalg.inv(information) / np.outer(shrink, shrink)
-    return np.asarray(np.linalg.solve(information, scaled.T @ observed) / shrink), np.asarray(covariance)
+    covariance = np.linalg.inv(information) * np.outer(PLAUSIBLE_RANGE, PLAUSIBLE_RANGE)
+    return np.asarray(np.linalg.solve(information, scaled.T @ observed) * PLAUSIBLE_RANGE), np.asarray(covariance)
 
 
-def unclipped(recording: Recording, report: StreamReport) -> tuple[Interval, ...]:
-    """The parts of the intervals between clipped stretches that have two references or more.
+def unclipped(recording: Recording, report: SampleReport) -> tuple[Interval, ...]:
+    """The parts of the intervals between clipped samples that have two references or more.
 
     What a clipped gyro missed in a slew may be many degrees, far outside the linear model; the propagation starts afresh at
     the first reference after it.

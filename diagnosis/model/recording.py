@@ -1,20 +1,27 @@
-"""The one linear model of a recording: attitude errors in inertial axes, their exact covariance, and columns of any effect.
+"""The linearisation of a recording: attitude errors in inertial axes, their covariance, and columns of any effect.
 
-An interval is propagated from its first reference attitude with the calibrated rates ω_adj = G ω_raw + b. Residuals
-exp([θ_k×]) = A_obs A_prop,kᵀ, N (16), are turned back to inertial axes, ζ_k = −A_prop,kᵀ θ_k. If the true rate is
-ω = ω_adj + δω, then A_true = exp(−[·×]) … A_prop and, to first order,
+An interval is propagated from its first reference attitude with the calibrated rates ω_adj = G ω_raw + b, by the calibrator's
+own compiled pass (`gyrocal.propagate`). Residuals exp([θ_k×]) = A_obs A_prop,kᵀ, N (16), are turned back to inertial axes,
+ζ_k = −A_prop,kᵀ θ_k. If the true rate is ω = ω_adj + δω, then to first order
 
     ζ_k = φ + ∫₀^{t_k} Aᵀ(t) δω(t) dt − A_kᵀ ν_k + g(t_k)
 
 with φ the interval's start attitude error, ν_k the error of reference k in body axes (A_obs = exp([ν×]) A_true) and g the
 integrated gyro noise, whose covariance ARW² min(t_a, t_b) I does not depend on the axes since it is isotropic. In inertial
 axes the integral is a plain running sum, so that every column, and every step of it at any time, comes from one cumulative
-sum; a reading that is high by r has δω = −G r. The first reference is one of the observations (ζ = 0) and φ is free.
+sum; a reading that is high by r has δω = −G r. The first reference is one of the observations (ζ = 0), and φ is a nuisance
+parameter.
 
-What M0 leaves free (φ of every interval, G, b) is projected out: the whitened observations y then are N(0, I) on the
-complement of those columns if M0 is true, and an effect adds its projected column. Nothing else is needed for tests,
-evidence, sizes and predictions. Source: Kay, Fundamentals of Statistical Signal Processing II, section 7.7 (the linear
-model with nuisance parameters); the propagation itself is checked against `gyrocal.propagate` in the tests.
+The nuisance parameters of M0 (φ of every interval, G, b) are projected out: the whitened observations y then are N(0, I) on
+the complement of their columns if M0 is true, and an effect adds its projected column. Nothing else is needed for tests,
+evidence, amplitudes and predictions. Source: Kay, Fundamentals of Statistical Signal Processing II, section 7.7 (the linear
+model with nuisance parameters).
+
+Long recordings are condensed in two ways, neither of which touches the propagation itself. Columns are made on *steps*, each of
+one or more samples with their mean rate, of which there are at most `MOST_STEPS`. Where there are more than `MOST_OBSERVATIONS`
+references, neighbouring ones are averaged to one observation; with W_i the covariance of g at the i-th of n references that are
+averaged (counted from zero), the mean has the walk covariance Σ_i (2(n − i) − 1) W_i/n², and its covariance with any later
+observation is Σ_i W_i/n.
 """
 
 from __future__ import annotations
@@ -29,31 +36,34 @@ import scipy.linalg
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from gyrocal.calibration.propagation import Arcs, propagate
 from gyrocal.calibration.sampling import Measurements, measurements
 from gyrocal.recording import Attitudes, Interval, Recording, reference_rows
 from simulator.effects import References, Stream, forward_axes
-from simulator.truth.integration import accumulate
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
 
-MOST_CELLS = 480  # cells of a recording; random effects cost the cube of it
-RANK = 1e-9  # relative size below which a column of the nuisance parameters is none
+MOST_CELLS = 480  # cells of a recording; random processes cost the cube of it
+MOST_STEPS = 60_000  # steps on which columns are made
+MOST_OBSERVATIONS = 700  # attitudes that enter the model; its cost grows with the square of them
+RANK = 1e-9  # relative size below which a nuisance column adds nothing to the others
 
 
 @dataclass(frozen=True)
 class Block:
-    """One interval: its steps, the references in it and their observations.
+    """One interval, or a part of one: its steps, the references in it and their observations.
 
     Attributes
     ----------
     interval : index of the recording's interval it is, or is a part of
     steps : its steps among all
-    rows : its observations among all, three for each reference
-    references : (m,) rows of the reference attitudes
+    rows : its rows among those of the observations, three for each observation
+    references : (m,) rows of the reference attitudes in the recording
     ends : (m,) steps of the interval done at each reference, the first is 0
     elapsed_s : (m,) time since the first reference
-    whitener : (3m, 3m) lower Cholesky factor of the observations' covariance
+    groups : (r,) the first of the references that are averaged to each observation
+    whitener : (3r, 3r) lower Cholesky factor of the observations' covariance
     """
 
     interval: int
@@ -62,7 +72,20 @@ class Block:
     references: Indices
     ends: Indices
     elapsed_s: Array
+    groups: Indices
     whitener: Array
+
+    @property
+    def counts(self) -> Indices:
+        """(r,) number of references in each observation."""
+        return np.diff(np.append(self.groups, self.references.size))
+
+    def observed(self, values: Array) -> Array:
+        """Means over the references of each observation, (m, …) → (r, …)."""
+        if self.groups.size == self.references.size:
+            return values
+        sums = np.add.reduceat(values, self.groups, axis=0)
+        return np.asarray(sums / self.counts.reshape(-1, *(1,) * (values.ndim - 1)))
 
 
 @dataclass(frozen=True)
@@ -87,7 +110,7 @@ class Cells:
 
 
 @dataclass(frozen=True)
-class Model:
+class RecordingModel:
     """A recording linearised about a calibration.
 
     Attributes
@@ -100,7 +123,7 @@ class Model:
     at_reference : (m, 3, 3) Aᵀ at each reference of each block, as propagated
     blocks : the intervals
     zeta : (N,) observations, rad
-    free : (N, f) observations of what is known to be unknown, beside the calibration, such as rates a dead zone swallowed
+    residuals : (m, 3) ζ of every reference before any averaging, rad
     """
 
     recording: Recording
@@ -114,7 +137,7 @@ class Model:
     at_reference: Array
     blocks: tuple[Block, ...]
     zeta: Array
-    free: Array
+    residuals: Array
 
     @property
     def size(self) -> int:
@@ -130,6 +153,26 @@ class Model:
     def interval_of_reference(self) -> Indices:
         """(m,) index of the block of each reference."""
         return np.repeat(np.arange(len(self.blocks)), [block.references.size for block in self.blocks])
+
+    @cached_property
+    def observation_block(self) -> Indices:
+        """(r,) index of the block of each observation."""
+        return np.repeat(np.arange(len(self.blocks)), [block.groups.size for block in self.blocks])
+
+    @cached_property
+    def observation_t_s(self) -> Array:
+        """(r,) time of each observation, s since the epoch."""
+        t_s = self.recording.attitudes.t_s
+        return np.concatenate([block.observed(t_s[block.references]) for block in self.blocks])
+
+    @cached_property
+    def observation_attitude(self) -> Array:
+        """(r, 3, 3) Aᵀ at the middle one of the references of each observation."""
+        out, start = [], 0
+        for block in self.blocks:
+            out.append(self.at_reference[start + block.groups + block.counts // 2])
+            start += block.references.size
+        return np.concatenate(out)
 
     @cached_property
     def stream(self) -> Stream:
@@ -195,20 +238,26 @@ class Model:
             begin = np.clip(starts - block.steps.start, 0, len(total) - 1)
             # Before its start the step has added nothing, after it the sum since then.
             late = np.maximum(block.ends[:, None], begin[None, :])
-            out[block.rows] = np.moveaxis(total[late] - total[begin][None], 1, 2).reshape(-1, starts.size)
+            added = block.observed(np.moveaxis(total[late] - total[begin][None], 1, 2))
+            out[block.rows] = added.reshape(-1, starts.size)
         return out
 
     def reference_error(self, error: Array) -> Array:
         """Observations of errors of the references in body axes, (m, 3, k) rad → (N, k)."""
-        return -np.matmul(self.at_reference, error).reshape(self.size, -1)
+        turned = -np.matmul(self.at_reference, error)
+        parts, start = [], 0
+        for block in self.blocks:
+            parts.append(block.observed(turned[start : start + block.references.size]))
+            start += block.references.size
+        return np.concatenate(parts).reshape(self.size, -1)
 
     def _at_references(self, increments: Array) -> Array:
         out = np.empty((self.size, increments.shape[2]))
         for block in self.blocks:
             ends = block.ends
             parts = np.add.reduceat(increments[block.steps], ends[:-1], axis=0)
-            total = np.cumsum(parts, axis=0)
-            out[block.rows] = np.concatenate([np.zeros((1, *total.shape[1:])), total]).reshape(3 * ends.size, -1)
+            total = np.concatenate([np.zeros((1, *parts.shape[1:])), np.cumsum(parts, axis=0)])
+            out[block.rows] = block.observed(total).reshape(3 * block.groups.size, -1)
         return out
 
     # ---- whitening and projection ----------------------------------------------------------------------------------------
@@ -235,13 +284,13 @@ class Model:
         """(N, 3 blocks) whitened columns of the start attitude errors φ."""
         out = np.zeros((self.size, 3 * len(self.blocks)))
         for number, block in enumerate(self.blocks):
-            out[block.rows, 3 * number : 3 * number + 3] = np.tile(np.eye(3), (block.references.size, 1))
+            out[block.rows, 3 * number : 3 * number + 3] = np.tile(np.eye(3), (block.groups.size, 1))
         return self.whitened(out)
 
     @cached_property
     def nuisance(self) -> Array:
-        """(N, q) orthonormal basis of what M0 leaves free."""
-        columns = np.hstack([self.starts, self.calibration, self.whitened(self.free)])
+        """(N, q) orthonormal basis of the nuisance parameters' columns."""
+        columns = np.hstack([self.starts, self.calibration])
         columns = columns / np.maximum(np.linalg.norm(columns, axis=0), 1e-300)
         U, s, _ = np.linalg.svd(columns, full_matrices=False)
         return np.asarray(U[:, s > RANK * s[0]])
@@ -261,7 +310,7 @@ class Model:
 
     @property
     def degrees_of_freedom(self) -> int:
-        """Observations less the parameters M0 leaves free."""
+        """Observations less the nuisance parameters."""
         return self.size - self.nuisance.shape[1]
 
     # ---- cells -----------------------------------------------------------------------------------------------------------
@@ -292,19 +341,20 @@ class Model:
         for number, block in enumerate(self.blocks):
             inside = np.flatnonzero(self.cells.interval == number)
             done = self.cells.last[inside][None, :] - block.steps.start <= block.ends[:, None]  # (m, cells inside)
+            share = block.observed(done.astype(float))
             for axis in range(3):
-                part = done[:, None, :] * turned[inside, :, axis].T[None]
+                part = share[:, None, :] * turned[inside, :, axis].T[None]
                 out[axis][np.ix_(np.arange(block.rows.start, block.rows.stop), inside)] = part.reshape(-1, inside.size)
         return np.stack([self.whitened(part) for part in out])
 
     @cached_property
     def reference_columns(self) -> Array:
-        """(3, N, m) whitened observations of a unit error of each reference about each body axis."""
-        count = len(self.at_reference)
+        """(3, N, r) whitened observations of a unit error of the references of each observation about each body axis."""
+        count = len(self.observation_attitude)
         out = np.zeros((3, self.size, count))
         rows = 3 * np.arange(count)[:, None] + np.arange(3)
         for axis in range(3):
-            out[axis][rows, np.arange(count)[:, None]] = -self.at_reference[:, :, axis]
+            out[axis][rows, np.arange(count)[:, None]] = -self.observation_attitude[:, :, axis]
         return np.stack([self.whitened(part) for part in out])
 
 
@@ -317,7 +367,7 @@ def linearised(
     density: Array | None = None,
     pieces: Sequence[Interval] | None = None,
     sigma: Array | None = None,
-) -> Model:
+) -> RecordingModel:
     """The linear model of a recording.
 
     Parameters
@@ -332,49 +382,76 @@ def linearised(
     """
     parts, row_of = _measured(recording, pieces)
     stream = recording.gyro.rates if rates is None else rates
-    raw = (stream if smooth is None else smooth)[parts.arcs.sample]
-    dt = parts.arcs.dt
-    adjusted = stream[parts.arcs.sample] @ G.T + bias
-    tags = recording.gyro.t_s[parts.arcs.sample]
-    attitudes = recording.attitudes
-    noise = None if density is None else density[parts.arcs.sample]
-    sigmas = attitudes.sigma if sigma is None else sigma
+    shown = stream if smooth is None else smooth
+    sigmas = recording.attitudes.sigma if sigma is None else sigma
+    tags = recording.gyro.t_s
+    references_each = max(1, -(-parts.row.size // MOST_OBSERVATIONS))
+    edges, first, last, arc = _steps(parts)
+    run = propagate(Arcs(stream, parts.arcs.dt, parts.arcs.sample, first, last, arc), G, bias)
     blocks: list[Block] = []
-    turned, at_reference, zeta, middle = [], [], [], []
-    row = 0
-    for number in range(int(parts.arcs.arc[-1]) + 1):
+    made: list[tuple[Array, ...]] = []
+    rows = steps = 0
+    for number, own in enumerate(edges):
         outputs = np.flatnonzero(parts.arcs.arc == number)
-        low, high = int(parts.arcs.first[outputs[0]]), int(parts.arcs.last[outputs[-1]])
         references = row_of[np.append(parts.start[outputs[0]], parts.row[outputs])]
-        ends = np.append(0, parts.arcs.last[outputs] - low)
-        angles = adjusted[low:high] * dt[low:high, None]
-        path = Rotation.from_quat(accumulate(attitudes.quaternions[references[0]], angles))
-        turned.append((path[:-1] * Rotation.from_rotvec(0.5 * angles)).as_matrix())
-        propagated = path[ends]
-        theta = (Rotation.from_quat(attitudes.quaternions[references]).inv() * propagated).as_rotvec()
-        zeta.append(-propagated.apply(theta).ravel())
-        A_T = propagated.as_matrix()
-        at_reference.append(A_T)
+        samples = parts.arcs.sample[own[0] : own[-1]]
+        dt = parts.arcs.dt[own[0] : own[-1]]
+        begin = own[:-1] - own[0]
+        length = np.add.reduceat(dt, begin)
+        raw = np.add.reduceat(shown[samples] * dt[:, None], begin, axis=0) / length[:, None]
+        angles = np.add.reduceat(stream[samples] * dt[:, None], begin, axis=0) @ G.T + np.outer(length, bias)
+        start = Rotation.from_quat(recording.attitudes.quaternions[references[0]])  # as a matrix, Aᵀ
+        turned = run.R[arc == number]
+        path = np.concatenate([np.eye(3)[None], turned.transpose(0, 2, 1)])
+        A_T = start.as_matrix() @ path
+        middle = A_T[:-1] @ Rotation.from_rotvec(0.5 * angles).as_matrix()
+        ends = np.searchsorted(own, np.append(own[0], parts.arcs.last[outputs]))
+        at = A_T[ends]
+        observed = Rotation.from_quat(recording.attitudes.quaternions[references]).inv()
+        theta = (observed * Rotation.from_matrix(at)).as_rotvec()
         elapsed = np.append(0.0, parts.elapsed_s[outputs])
-        # The steps of an interval follow one another without a hole.
-        middle.append(
-            tags[low] + _offset(tags[low], attitudes.t_s[references[0]]) + np.cumsum(dt[low:high]) - 0.5 * dt[low:high]
-        )
-        rows = slice(row, row + 3 * references.size)
-        if noise is None:
+        began = tags[samples[0]] + _offset(tags[samples[0]], recording.attitudes.t_s[references[0]])
+        t_s = began + np.cumsum(length) - 0.5 * length
+        groups = np.arange(0, references.size, references_each)
+        if density is None:
             walk = recording.gyro.arw**2 * elapsed[:, None, None] * np.eye(3)
         else:
-            walk = _walk(turned[-1] @ G, noise[low:high], dt[low:high], ends)
-        covariance = _covariance(A_T, sigmas[references], walk)
-        whitener = np.asarray(np.linalg.cholesky(covariance))
-        middle_time = 0.5 * (attitudes.t_s[references[0]] + attitudes.t_s[references[-1]])
-        interval = next(k for k, own in enumerate(recording.intervals) if own.start_s <= middle_time <= own.stop_s)
-        blocks.append(Block(interval, slice(low, high), rows, references, ends, elapsed, whitener))
-        row = rows.stop
-    return Model(
-        recording, G, bias, np.concatenate(middle), dt, raw, raw @ G.T + bias, np.concatenate(turned),
-        np.concatenate(at_reference), tuple(blocks), np.concatenate(zeta), np.empty((row, 0)),
-    )  # fmt: skip
+            power = np.add.reduceat(density[samples] * dt[:, None], begin, axis=0)
+            walk = _walk(middle @ G, power, ends)
+        whitener = np.asarray(np.linalg.cholesky(_covariance(at, sigmas[references], walk, groups)))
+        middle_time = 0.5 * (recording.attitudes.t_s[references[0]] + recording.attitudes.t_s[references[-1]])
+        interval = next(k for k, one in enumerate(recording.intervals) if one.start_s <= middle_time <= one.stop_s)
+        stop = rows + 3 * groups.size
+        block = Block(
+            interval, slice(steps, steps + begin.size), slice(rows, stop), references, ends, elapsed, groups, whitener
+        )
+        zeta = -np.einsum("mij,mj->mi", at, theta)
+        made.append((t_s, length, raw, middle, at, block.observed(zeta).ravel(), zeta))
+        blocks.append(block)
+        rows, steps = stop, steps + begin.size
+    t_s, dt, raw, to_inertial, at_reference, observations, residuals = (
+        np.concatenate(values) for values in zip(*made, strict=True)
+    )
+    return RecordingModel(
+        recording, G, bias, t_s, dt, raw, raw @ G.T + bias, to_inertial, at_reference, tuple(blocks), observations, residuals
+    )
+
+
+def _steps(parts: Measurements) -> tuple[list[Indices], Indices, Indices, Indices]:
+    """Edges of the steps of each arc among its samples, and the arcs that have an output at each of them."""
+    each = max(1, -(-parts.arcs.dt.size // MOST_STEPS))
+    edges, firsts, lasts, arcs = [], [], [], []
+    for number in range(int(parts.arcs.arc[-1]) + 1):
+        outputs = np.flatnonzero(parts.arcs.arc == number)
+        low, stops = int(parts.arcs.first[outputs[0]]), parts.arcs.last[outputs]
+        # Counted afresh from every reference, so that no step reaches across one.
+        between = [np.arange(a, b, each) for a, b in pairwise([low, *stops.tolist()])]
+        own = np.append(np.concatenate(between), stops[-1])
+        edges.append(own)
+        firsts.append(own[:-1])
+        lasts.append(own[1:])
+        arcs.append(np.full(own.size - 1, number))
+    return edges, np.concatenate(firsts), np.concatenate(lasts), np.concatenate(arcs)
 
 
 def _measured(recording: Recording, pieces: Sequence[Interval] | None) -> tuple[Measurements, Indices]:
@@ -392,17 +469,24 @@ def _offset(tag: float, first: float) -> float:
     return first - tag
 
 
-def _walk(turned: Array, density: Array, dt: Array, ends: Indices) -> Array:
-    """(m, 3, 3) covariance of the integrated gyro noise at each reference, density (n, 3) in rad²/s."""
-    rate = np.matmul(turned * (density * dt[:, None])[:, None, :], turned.transpose(0, 2, 1))
-    total = np.cumsum(np.add.reduceat(rate, ends[:-1], axis=0), axis=0)
+def _walk(turned: Array, power: Array, ends: Indices) -> Array:
+    """(m, 3, 3) covariance of the integrated gyro noise at each reference; power (n, 3) in rad², of each step."""
+    added = np.matmul(turned * power[:, None, :], turned.transpose(0, 2, 1))
+    total = np.cumsum(np.add.reduceat(added, ends[:-1], axis=0), axis=0)
     return np.concatenate([np.zeros((1, 3, 3)), total])
 
 
-def _covariance(A_T: Array, sigma: Array, walk: Array) -> Array:
-    """(3m, 3m) covariance of an interval's observations: the walk up to the earlier of two, and the references' noise."""
-    count = len(walk)
-    V = np.array(walk[np.minimum.outer(np.arange(count), np.arange(count))])  # (m, m, 3, 3)
-    diagonal = np.arange(count)
-    V[diagonal, diagonal] += np.einsum("mij,mj,mkj->mik", A_T, sigma**2, A_T)
+def _covariance(A_T: Array, sigma: Array, walk: Array, groups: Indices) -> Array:
+    """(3r, 3r) covariance of an interval's observations, as the module's text has it."""
+    counts = np.diff(np.append(groups, len(walk)))
+    within = np.arange(len(walk)) - np.repeat(groups, counts)
+    share = np.repeat(counts, counts)
+    # Covariance of each observation with any later one, and with itself.
+    later = np.add.reduceat(walk / share[:, None, None], groups, axis=0)
+    weights = (2 * (share - within) - 1) / share**2
+    own = np.add.reduceat(walk * weights[:, None, None], groups, axis=0)
+    own += np.add.reduceat(np.einsum("mij,mj,mkj->mik", A_T, sigma**2, A_T) / (share**2)[:, None, None], groups, axis=0)
+    count = groups.size
+    V = np.array(later[np.minimum.outer(np.arange(count), np.arange(count))])  # (r, r, 3, 3)
+    V[np.arange(count), np.arange(count)] = own
     return np.asarray(V.transpose(0, 2, 1, 3).reshape(3 * count, 3 * count))

@@ -1,4 +1,4 @@
-"""Discrepancies that are no effect of the list: the rivals called "unknown".
+"""Deterministic discrepancies that are on no list: the rivals for which the answer is "unknown".
 
 A cause may be named only if it explains the data better than anything that behaves alike but is something else. The rivals
 are therefore broad: rate errors that follow the rate in other ways (products, cubes, cross axes), that run with the time
@@ -19,7 +19,7 @@ from itertools import combinations_with_replacement, pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from diagnosis.model.recording import Model
+from diagnosis.model.recording import RecordingModel
 
 Array = NDArray[np.float64]
 
@@ -47,7 +47,7 @@ class Family:
 
 @dataclass(frozen=True)
 class Bins:
-    """Short stretches over which smooth regressors are taken as constant."""
+    """Short times over which smooth regressors are taken as constant."""
 
     turned: Array  # (n, 3, 3) Aᵀ dt summed
     t_s: Array
@@ -58,8 +58,8 @@ class Bins:
     ends: list[NDArray[np.intp]]  # of each block: bins done at each reference
 
 
-def binned(model: Model, bin_s: float) -> Bins:
-    """Stretches of about `bin_s` that end at every reference."""
+def binned(model: RecordingModel, bin_s: float) -> Bins:
+    """Bins of about `bin_s` that end at every reference."""
     first: list[NDArray[np.intp]] = []
     ends: list[NDArray[np.intp]] = []
     interval = []
@@ -92,14 +92,14 @@ def binned(model: Model, bin_s: float) -> Bins:
     )
 
 
-def _observed(model: Model, bins: Bins, axis: int, values: Array) -> Array:
+def _observed(model: RecordingModel, bins: Bins, axis: int, values: Array) -> Array:
     """(N, k) whitened columns of rate errors about one axis, (bins, k)."""
     moved = bins.turned[:, :, axis, None] * values[:, None, :]
     out = np.empty((model.size, values.shape[1]))
     for number, block in enumerate(model.blocks):
         inside = moved[bins.interval == number]
         total = np.concatenate([np.zeros((1, *inside.shape[1:])), np.cumsum(inside, axis=0)])
-        out[block.rows] = total[bins.ends[number]].reshape(-1, values.shape[1])
+        out[block.rows] = block.observed(total[bins.ends[number]]).reshape(-1, values.shape[1])
     return model.whitened(out)
 
 
@@ -109,7 +109,7 @@ def _unit(values: Array) -> Array:
     return values / np.where(size > 0, size, 1.0)
 
 
-def families(model: Model, bin_s: float = 8.0) -> Iterator[Family]:
+def families(model: RecordingModel, bin_s: float = 8.0) -> Iterator[Family]:
     """All families with a few columns; the random ones are in `diagnosis.model.processes`."""
     bins = binned(model, bin_s)
     yield from _rate_following(model, bins)
@@ -117,7 +117,7 @@ def families(model: Model, bin_s: float = 8.0) -> Iterator[Family]:
     yield from _on_references(model)
 
 
-def _several(model: Model, bins: Bins, name: str, options: list[Array]) -> Iterator[Family]:
+def _several(model: RecordingModel, bins: Bins, name: str, options: list[Array]) -> Iterator[Family]:
     """One family for each axis from options (bins, k) that do not depend on the axis."""
     widths = np.cumsum([0] + [option.shape[1] for option in options])
     together = _unit(np.hstack(options))
@@ -126,7 +126,7 @@ def _several(model: Model, bins: Bins, name: str, options: list[Array]) -> Itera
         yield Family(name, AXES[axis], [columns[:, a:b] for a, b in pairwise(widths)])
 
 
-def _rate_following(model: Model, bins: Bins) -> Iterator[Family]:
+def _rate_following(model: RecordingModel, bins: Bins) -> Iterator[Family]:
     w, a = bins.rates, bins.acceleration
     speed = np.abs(w)
     products = [w[:, [i]] * w[:, [j]] for i, j in combinations_with_replacement(range(3), 2)]
@@ -152,7 +152,7 @@ def _rate_following(model: Model, bins: Bins) -> Iterator[Family]:
         yield from _several(model, bins, "scale factor or misalignment at orbit rate", [wave * w[:, [k]] for k in range(3)])
 
 
-def _in_time(model: Model, bins: Bins) -> Iterator[Family]:
+def _in_time(model: RecordingModel, bins: Bins) -> Iterator[Family]:
     since, t = bins.since_s[:, None], bins.t_s[:, None]
     trend = [np.exp(-since / tau) for tau in WARM_UP] + [since]
     yield from _several(model, bins, "bias runs with the time since an interval's start", trend)
@@ -184,7 +184,7 @@ def _wave(t: Array, period: float) -> Array:
     return np.hstack([np.sin(angle), np.cos(angle)])
 
 
-def _on_references(model: Model) -> Iterator[Family]:
+def _on_references(model: RecordingModel) -> Iterator[Family]:
     references = model.references
     t = references.t_s[:, None]
     begin = np.array([model.t_s[block.steps.start] for block in model.blocks])
@@ -218,7 +218,7 @@ def _on_references(model: Model) -> Iterator[Family]:
             yield Family(name, AXES[axis], [columns[:, a:b] for a, b in pairwise(widths)])
 
 
-def _step_at(model: Model, number: int) -> NDArray[np.intp]:
+def _step_at(model: RecordingModel, number: int) -> NDArray[np.intp]:
     """Step in progress at each reference of a block."""
     block = model.blocks[number]
     return np.minimum(block.ends + block.steps.start, block.steps.stop - 1)
@@ -229,7 +229,7 @@ def _directions(forward: NDArray[np.str_]) -> list[Array]:
     return [(forward == name)[:, None].astype(float) for name in sorted(set(forward)) if name not in ("-x", "+x")]
 
 
-def _steps(model: Model, t: Array) -> list[Array]:
+def _steps(model: RecordingModel, t: Array) -> list[Array]:
     """Steps of the references inside each interval; between intervals they cannot be seen."""
     times = np.concatenate(
         [np.linspace(t[block_rows][0, 0], t[block_rows][-1, 0], 7)[1:-1] for block_rows in _rows_of_blocks(model)]
@@ -237,5 +237,5 @@ def _steps(model: Model, t: Array) -> list[Array]:
     return [(t > time).astype(float) for time in times]
 
 
-def _rows_of_blocks(model: Model) -> list[NDArray[np.intp]]:
+def _rows_of_blocks(model: RecordingModel) -> list[NDArray[np.intp]]:
     return [np.flatnonzero(model.interval_of_reference == number) for number in range(len(model.blocks))]

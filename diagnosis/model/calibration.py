@@ -1,0 +1,35 @@
+"""The calibration with the named effects in the model."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from diagnosis.inference.amplitudes import Fitted
+from diagnosis.model.recording import RecordingModel
+from gyrocal.calibration.observability import PLAUSIBLE_RANGE
+
+Array = NDArray[np.float64]
+
+
+def calibrated(model: RecordingModel, effects: Sequence[Fitted]) -> tuple[Array, Array]:
+    """Change of G and b with the effects in the model, (12,), and its covariance (12, 12).
+
+    Start attitudes, calibration and the amplitudes of the effects are estimated together, the latter under the prior that
+    their evidence used.
+    """
+    Q = np.linalg.qr(model.starts)[0]
+    columns = np.hstack([model.calibration, *(effect.columns for effect in effects)])
+    columns = columns - Q @ (Q.T @ columns)
+    y = model.whitened(model.zeta)
+    y = y - Q @ (Q.T @ y)
+    prior = np.concatenate(
+        [1e-2 / PLAUSIBLE_RANGE**2, *(np.full(e.columns.shape[1], 1 / e.prior_sigma**2) for e in effects)]
+    )
+    scale = 1.0 / np.maximum(np.linalg.norm(columns, axis=0), 1e-300)
+    information = (columns * scale).T @ (columns * scale) + np.diag(prior * scale**2)
+    covariance = np.linalg.pinv(information, rcond=1e-13, hermitian=True) * np.outer(scale, scale)
+    change = covariance @ (columns.T @ y)
+    return np.asarray(change[:12]), np.asarray(covariance[:12, :12])

@@ -1,0 +1,309 @@
+"""The linear model of a recording: every effect that could be named, and every unlisted rival, as groups of columns.
+
+An effect says itself which columns or which covariance it has, which options are worth trying and how plausible it is
+(`simulator.effects.base.Effect`); here its columns become observations of the recording. Unlisted rivals are those of
+`diagnosis.model.unlisted` and `diagnosis.model.processes`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from diagnosis.model import processes, unlisted
+from diagnosis.model.folds import SPLIT, folds
+from diagnosis.model.linear import (
+    Candidate,
+    LinearModel,
+    Member,
+    Option,
+    Parameters,
+    first_amplitude,
+    scales_of,
+)
+from diagnosis.model.recording import RecordingModel
+from diagnosis.settings import DEFAULT, DiagnosisSettings
+from simulator.effects.base import Effect, Surroundings, Value
+
+Array = NDArray[np.float64]
+
+AXES = "xyz"
+LONGEST_STEP_GAP = 300.0  # s between the times a step is tried at, before refinement
+MOST_STEP_TIMES = 14  # times a step is tried at inside an interval
+FINE_STEP_TIMES = 48  # times around one that was found
+BETWEEN_INTERVALS = 0.5  # prior of a step in a gap between intervals
+ALREADY_ON = 1.0  # s before the first sample, when a switched column is on throughout
+
+
+@dataclass(frozen=True)
+class Group:
+    """A candidate before its place in the model is known.
+
+    Attributes
+    ----------
+    effect, axis, listed, unit, process, positive, log_odds, read : as in `Candidate`
+    columns : per option (N, k) whitened columns
+    parameters : per option
+    weights : (o,) prior share of each option
+    limits : plausible range of the size
+    weight : prior of its effect beside that of the others
+    """
+
+    effect: str
+    axis: str | None
+    listed: bool
+    columns: Sequence[Array]
+    parameters: Sequence[Parameters]
+    weights: Array
+    limits: tuple[float, float]
+    unit: str
+    process: bool = False
+    positive: bool = False
+    weight: float = 1.0
+    log_odds: float = 0.0
+    read: Callable[[Array], tuple[float, Parameters]] = first_amplitude
+
+
+def surroundings(model: RecordingModel) -> Surroundings:
+    """What the recording offers for an effect to be seen in."""
+    gyro = model.recording.gyro
+    return Surroundings(
+        stream=model.stream,
+        references=model.references,
+        arw=gyro.arw,
+        sample_s=gyro.sample_s,
+        reference_sigma=model.recording.attitudes.sigma[model.reference_rows],
+    )
+
+
+def linear_model(
+    model: RecordingModel,
+    effects: Sequence[Effect],
+    further: Sequence[Group] = (),
+    settings: DiagnosisSettings = DEFAULT,
+    rivals: bool = True,
+) -> LinearModel:
+    """The linear model of a recording.
+
+    Parameters
+    ----------
+    model : the recording, linearised about its calibration under M0
+    effects : that may be named
+    further : candidates that tests of the samples bring
+    settings : priors
+    rivals : whether unlisted rivals compete
+    """
+    groups = [*listed(model, effects), *further]
+    if rivals:
+        groups += list(unlisted_groups(model))
+    return assembled(model, groups, {effect.name: effect for effect in effects}, settings)
+
+
+def assembled(
+    model: RecordingModel, groups: Sequence[Group], effects: Mapping[str, Effect], settings: DiagnosisSettings
+) -> LinearModel:
+    """Groups side by side, with their priors: equal for each effect, shared by its axes."""
+    names = {group.effect for group in groups if group.listed}
+    rivals = {group.effect for group in groups if not group.listed}
+    share = settings.unlisted_share if rivals and names else float(bool(rivals))
+    axes = {name: sum(group.effect == name for group in groups) for name in names | rivals}
+    candidates, columns, start = [], [], 0
+    for group in groups:
+        largest = max(float(np.linalg.norm(model.projected(part), axis=0).max()) for part in group.columns)
+        scales = scales_of(largest, group.limits)
+        if not scales.size:
+            continue
+        family = (1 - share) / len(names) if group.listed else share / len(rivals)
+        options = []
+        for part, weight, parameters in zip(group.columns, group.weights, group.parameters, strict=True):
+            options.append(Option(start, part.shape[1], float(np.log(weight)), parameters))
+            columns.append(part)
+            start += part.shape[1]
+        prior = float(np.log(group.weight * family / axes[group.effect]))
+        candidates.append(
+            Candidate(
+                group.effect, group.axis, group.listed, prior, tuple(options), scales, group.unit, group.process,
+                group.positive, group.log_odds, group.read,
+            )
+        )  # fmt: skip
+    W = np.hstack(columns) if columns else np.empty((model.size, 0))
+
+    def refine(linear: LinearModel, member: Member) -> LinearModel:
+        effect = effects.get(linear.candidate(member).effect)
+        return linear if effect is None else with_finer_times(model, linear, member, effect)
+
+    return LinearModel(
+        y=model.y,
+        X=model.projected(W),
+        W=W,
+        candidates=tuple(candidates),
+        dof=model.degrees_of_freedom,
+        most_effects=settings.largest_set,
+        split=SPLIT,
+        folds=lambda W: folds(model, W),
+        refine=refine,
+    )
+
+
+# ---- listed effects ------------------------------------------------------------------------------------------------------
+
+
+def listed(model: RecordingModel, effects: Sequence[Effect]) -> Iterator[Group]:
+    """The effects that have columns or a covariance and can be seen in this recording."""
+    around = surroundings(model)
+    for effect in effects:
+        if effect.missing(around) is not None:
+            continue
+        if effect.has_columns:
+            for axis in effect.axes or (None,):
+                yield switched_group(model, effect, axis, around) if effect.switched else plain_group(
+                    model, effect, axis, around
+                )
+        elif effect.is_process:
+            yield from process_groups(model, effect, around)
+
+
+def columns_of(model: RecordingModel, effect: Effect, axis: str | None, parameters: Mapping[str, Value]) -> Array:
+    """(N, k) whitened columns of an effect per unit of its amplitudes."""
+    if effect.on_references:
+        return model.whitened(model.reference_error(effect.reference_columns(model.references, axis, parameters)))
+    return model.whitened(model.reading(effect.columns(model.stream, axis, parameters)))
+
+
+def plain_group(model: RecordingModel, effect: Effect, axis: str | None, around: Surroundings) -> Group:
+    """An effect whose columns are there throughout, with an option for each set of parameters worth trying."""
+    trials = effect.trials(around)
+    columns = [columns_of(model, effect, axis, trial.parameters) for trial in trials]
+    return _group(effect, axis, columns, [dict(trial.parameters) for trial in trials], [trial.weight for trial in trials])
+
+
+def switched_group(model: RecordingModel, effect: Effect, axis: str | None, around: Surroundings) -> Group:
+    """An effect that is switched on at some time, with an option for each time that is tried."""
+    times, widths, weights, firsts = step_times(model)
+    columns: list[Array] = []
+    parameters: list[Parameters] = []
+    shares: list[float] = []
+    for trial in effect.trials(around):
+        block = model.whitened(model.reading_steps(_switched_on(model, effect, axis, trial.parameters), firsts))
+        columns += [block[:, [k]] for k in range(times.size)]
+        parameters += [
+            {**trial.parameters, "time_s": float(time), "time_sigma_s": float(width)}
+            for time, width in zip(times, widths, strict=True)
+        ]
+        shares += (trial.weight * weights).tolist()
+    return _group(effect, axis, columns, parameters, shares)
+
+
+def process_groups(model: RecordingModel, effect: Effect, around: Surroundings) -> Iterator[Group]:
+    """A random process about each axis."""
+    trials = effect.trials(around)
+    at = processes.reference_times(model) if effect.on_references else processes.cell_times(model)
+    factors = [processes.factor(effect.covariance(at, trial.parameters)) for trial in trials]
+    make = processes.on_references if effect.on_references else processes.on_cells
+    for number, axis in enumerate(effect.axes):
+        columns = [make(model, number, factor) for factor in factors]
+        group = _group(effect, axis, columns, [dict(t.parameters) for t in trials], [t.weight for t in trials])
+        yield replace(group, process=True)
+
+
+def _group(
+    effect: Effect, axis: str | None, columns: Sequence[Array], parameters: Sequence[Parameters], weights: Sequence[float]
+) -> Group:
+    return Group(
+        effect=effect.name,
+        axis=axis,
+        listed=True,
+        columns=columns,
+        parameters=parameters,
+        weights=np.array(weights),
+        limits=effect.prior,
+        unit=effect.unit,
+        positive=effect.sign == "positive",
+        weight=effect.weight,
+        read=effect.from_amplitudes,
+    )
+
+
+# ---- the time of a step --------------------------------------------------------------------------------------------------
+
+
+def step_times(model: RecordingModel, spacing_s: float = LONGEST_STEP_GAP) -> tuple[Array, Array, Array, NDArray[np.intp]]:
+    """Times a step is tried at, how far each may be off where that is not known, their prior weights, and their first steps.
+
+    Between two intervals only the fact can be seen, so the middle of the gap stands for all of it.
+    """
+    times, widths, weights, firsts = [], [], [], []
+    blocks = model.blocks
+    total = sum(float(block.elapsed_s[-1]) for block in blocks)
+    gaps = len(blocks) - 1
+    for number, block in enumerate(blocks):
+        duration = float(block.elapsed_s[-1])
+        if number:
+            end, begin = float(model.t_s[blocks[number - 1].steps.stop - 1]), float(model.t_s[block.steps.start])
+            times.append(0.5 * (end + begin))
+            widths.append((begin - end) / np.sqrt(12))
+            weights.append(BETWEEN_INTERVALS / gaps)
+            firsts.append(block.steps.start)
+        count = int(np.clip(duration / spacing_s, 3, MOST_STEP_TIMES))
+        inside = block.steps.start + (np.arange(1, count + 1) / (count + 1) * (block.steps.stop - block.steps.start)).astype(
+            int
+        )
+        times += [float(model.t_s[k]) for k in inside]
+        widths += [0.0] * count
+        weights += [(1 - BETWEEN_INTERVALS if gaps else 1.0) * duration / total / count] * count
+        firsts += inside.tolist()
+    return np.array(times), np.array(widths), np.array(weights), np.array(firsts)
+
+
+def _switched_on(model: RecordingModel, effect: Effect, axis: str | None, parameters: Mapping[str, Value]) -> Array:
+    """(n, 3) the effect's column while it is on."""
+    begin = float(model.t_s[0]) - ALREADY_ON - float(model.dt[0])
+    return np.asarray(effect.columns(model.stream, axis, {**parameters, "time_s": begin})[:, :, 0])
+
+
+def with_finer_times(model: RecordingModel, linear: LinearModel, member: Member, effect: Effect) -> LinearModel:
+    """The linear model with more times for a step, close together around the one at which a member is held.
+
+    They take over half the prior of the times between which they lie; a gap between intervals keeps its own.
+    """
+    entry, parameters = linear.candidate(member), linear.option(member).parameters
+    if "time_s" not in parameters:
+        return linear
+    fixed = {name: value for name, value in parameters.items() if not name.startswith("time_")}
+    same = [o for o in entry.options if all(o.parameters.get(name) == value for name, value in fixed.items())]
+    times = sorted(float(o.parameters["time_s"]) for o in same)
+    place = times.index(float(parameters["time_s"]))
+    low, high = times[max(place - 2, 0)], times[min(place + 2, len(times) - 1)]
+    firsts = np.unique(np.searchsorted(model.t_s, np.linspace(low, high, FINE_STEP_TIMES)))
+    firsts = firsts[(firsts > 0) & (firsts < model.t_s.size)]
+    inside = [o for o in same if low <= float(o.parameters["time_s"]) <= high and not float(o.parameters["time_sigma_s"])]
+    if not inside or not firsts.size:
+        return linear
+    W = model.whitened(model.reading_steps(_switched_on(model, effect, entry.axis, fixed), firsts))
+    start = linear.W.shape[1]
+    weight = float(np.log(sum(np.exp(o.log_weight) for o in inside) / (2 * firsts.size)))
+    finer = [
+        Option(start + k, 1, weight, {**fixed, "time_s": float(model.t_s[first]), "time_sigma_s": 0.0})
+        for k, first in enumerate(firsts)
+    ]
+    coarse = [replace(o, log_weight=o.log_weight - np.log(2)) if o in inside else o for o in entry.options]
+    return linear.with_options(member.candidate, [*coarse, *finer], W, model.projected(W))
+
+
+# ---- unlisted rivals -----------------------------------------------------------------------------------------------------
+
+
+def unlisted_groups(model: RecordingModel) -> Iterator[Group]:
+    """Every discrepancy that is on no list, with an amplitude of any size."""
+    for family in unlisted.families(model):
+        yield _rival(family.name, family.axis, family.columns, False)
+    for process in processes.unlisted(model):
+        yield _rival(process.name, process.axis, process.columns, True)
+
+
+def _rival(name: str, axis: str, columns: Sequence[Array], process: bool) -> Group:
+    count = len(columns)
+    return Group(name, axis, False, columns, [{}] * count, np.full(count, 1 / count), (0.0, np.inf), "", process)

@@ -1,0 +1,88 @@
+"""Folds of a recording: an eighth of each interval held out at a time, and predicted from the rest under M0.
+
+Under M0 all observations are jointly normal: noise with the covariance V, and start attitudes, G and b with broad priors,
+Σ = V + N P₀ Nᵀ. Given the training rows t, the rows s held out have the mean Σ_st Σ_tt⁻¹ ζ_t and the covariance
+C = Σ_ss − Σ_st Σ_tt⁻¹ Σ_ts (Rasmussen & Williams, Gaussian Processes for Machine Learning, section 2.2). Every interval gives
+a part to each fold, so that training sees every motion.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+import scipy.linalg
+from numpy.typing import NDArray
+
+from diagnosis.model.linear import Fold
+from diagnosis.model.recording import RecordingModel
+from gyrocal.calibration.observability import PLAUSIBLE_RANGE
+
+Array = NDArray[np.float64]
+
+PARTS = 8  # of an interval
+SPLIT = "an eighth of each interval at a time"
+START = 0.02  # rad, prior sigma of a start attitude
+BROAD = 10.0  # prior sigma of G and b, in their plausible ranges
+
+
+def folds(model: RecordingModel, W: Array) -> Iterator[Fold]:
+    """Folds with the whitened columns W (N, p) in them; those that would leave nothing to learn from are left out."""
+    sigma = joint_covariance(model)
+    columns = unwhitened(model, W)
+    names = np.array([model.recording.intervals[block.interval].name for block in model.blocks])
+    owner = np.repeat(names[model.observation_block], 3)
+    part = np.repeat(parts(model), 3)
+    for number in np.unique(part):
+        out = part == number
+        if out.all():
+            continue
+        train = np.asarray(np.linalg.cholesky(sigma[np.ix_(~out, ~out)]))
+        gain = _solved(train, sigma[np.ix_(~out, out)])
+        left = np.asarray(np.linalg.cholesky(sigma[np.ix_(out, out)] - gain.T @ gain))
+        train_y, train_X = _solved(train, model.zeta[~out]), _solved(train, columns[~out])
+        own = owner[out]
+        yield Fold(
+            train_y=train_y,
+            train_X=train_X,
+            left_y=_solved(left, model.zeta[out] - gain.T @ train_y),
+            left_X=_solved(left, columns[out] - gain.T @ train_X),
+            log_scale=2 * np.log(np.diag(left)),
+            owner=own,
+            dof={str(name): float(np.sum(own == name)) for name in np.unique(own)},
+        )
+
+
+def parts(model: RecordingModel) -> NDArray[np.intp]:
+    """(r,) fold of each observation: which eighth of its interval, counted from another one in each interval.
+
+    Intervals are ranked by length, so that two of one kind, such as two slews, do not hold the same part out together.
+    """
+    rank = np.argsort(np.argsort([block.elapsed_s[-1] for block in model.blocks]))
+    each = [
+        (np.arange(block.groups.size) * PARTS // block.groups.size + int(place)) % PARTS
+        for place, block in zip(rank, model.blocks, strict=True)
+    ]
+    return np.concatenate(each)
+
+
+def joint_covariance(model: RecordingModel) -> Array:
+    """(N, N) covariance Σ of all observations under M0, with broad priors on start attitudes, G and b."""
+    V = np.zeros((model.size, model.size))
+    for block in model.blocks:
+        V[block.rows, block.rows] = block.whitener @ block.whitener.T
+    scale = np.concatenate([np.full(3 * len(model.blocks), START), BROAD * PLAUSIBLE_RANGE])
+    columns = unwhitened(model, np.hstack([model.starts, model.calibration]) * scale)
+    return V + columns @ columns.T
+
+
+def unwhitened(model: RecordingModel, columns: Array) -> Array:
+    """L times whitened columns."""
+    out = np.empty_like(columns)
+    for block in model.blocks:
+        out[block.rows] = block.whitener @ columns[block.rows]
+    return out
+
+
+def _solved(factor: Array, values: Array) -> Array:
+    return np.asarray(scipy.linalg.solve_triangular(factor, values, lower=True, check_finite=False))

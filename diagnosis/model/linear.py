@@ -1,0 +1,220 @@
+"""The linear model that every diagnosis rests on, whatever the data it was built from.
+
+Observations y are whitened, so that their noise is N(0, I) under the baseline M0, and the nuisance parameters that M0 itself
+estimates (start attitudes, G and b, a sensor's epoch attitude …) are projected out. What an unmodelled effect adds is a group
+of columns X of the same kind, times amplitudes a:
+
+    y = Σ X_e a_e + noise,    a_e ~ N(0, s² I) with the scale s unknown within the effect's plausible range.
+
+A *candidate* is one effect about one axis, or one *unlisted rival*, a discrepancy that is on no list. It can have several
+*options*, such as the times at which a step may have happened. A random process is a candidate like any other: its columns are
+the factor of its covariance.
+
+Builders make a `LinearModel` from a recording (`diagnosis.model.candidates`), from raw sensor tables
+(`diagnosis.model.sensor_tables`) or from other data. `diagnosis.inference` knows none of them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.intp]
+Parameters = dict[str, float | str]
+
+# Scales of interest, as signal-to-noise ratios of the amplitude's standard deviation: nothing smaller can be seen, and nothing
+# larger than the upper end would be left for a linear model to explain.
+VISIBLE = (1.0, 300.0)
+PER_DECADE = 4  # scales in a decade; the evidence changes little between neighbours
+
+
+@dataclass(frozen=True)
+class Option:
+    """One way in which an effect can be present.
+
+    Attributes
+    ----------
+    start, count : its columns among those of the model
+    log_weight : log of its prior share among the options of its candidate
+    parameters : what is fixed in it, such as the time of a step
+    """
+
+    start: int
+    count: int
+    log_weight: float
+    parameters: Parameters
+
+    @property
+    def columns(self) -> slice:
+        """Its columns in the model."""
+        return slice(self.start, self.start + self.count)
+
+
+def first_amplitude(amplitudes: Array) -> tuple[float, Parameters]:
+    """Size of an effect with one amplitude."""
+    return float(amplitudes[0]), {}
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """An effect about one axis, or an unlisted rival.
+
+    Attributes
+    ----------
+    effect : name of the effect; of a rival, what it does in words
+    axis : body axis or sensor, None if it has none
+    listed : whether it may be named as a cause
+    log_prior : log of its prior share among all candidates
+    options : the ways in which it can be present
+    scales : standard deviations of the amplitudes that the evidence is averaged over, in `unit`
+    unit : of its size
+    process : whether it is a random process, whose size is the scale itself
+    positive : whether its amplitude can only be positive
+    log_odds : evidence from data outside the linear model, such as tests of the samples
+    read : from amplitudes (k,) to the size and further parameters
+    """
+
+    effect: str
+    axis: str | None
+    listed: bool
+    log_prior: float
+    options: tuple[Option, ...]
+    scales: Array
+    unit: str
+    process: bool = False
+    positive: bool = False
+    log_odds: float = 0.0
+    read: Callable[[Array], tuple[float, Parameters]] = first_amplitude
+
+    @property
+    def label(self) -> str:
+        """The name with its axis, "effect:axis"."""
+        return self.effect if self.axis is None else f"{self.effect}:{self.axis}"
+
+    @property
+    def log_weights(self) -> Array:
+        """(o,) log prior share of each option."""
+        return np.array([option.log_weight for option in self.options])
+
+
+@dataclass(frozen=True)
+class Member:
+    """A candidate in an explanation, with the option and the scale at which it is held."""
+
+    candidate: int
+    option: int
+    scale: int
+
+
+@dataclass(frozen=True)
+class Fold:
+    """One part of the data held out, and the rest to learn from.
+
+    Attributes
+    ----------
+    train_y, train_X : (t,), (t, p) training observations and columns, in units of their own scatter under M0
+    left_y, left_X : (s,), (s, p) errors of M0's prediction of the part held out, of observations and of columns, in units of
+        the scatter of that prediction
+    log_scale : (s,) twice the log of what the rows were divided by
+    owner : (s,) name of the interval each row belongs to
+    dof : degrees of freedom of each interval in the part held out, by name; the rows' number unless the builder compressed them
+    """
+
+    train_y: Array
+    train_X: Array
+    left_y: Array
+    left_X: Array
+    log_scale: Array
+    owner: NDArray[np.str_]
+    dof: dict[str, float]
+
+
+@dataclass(frozen=True)
+class LinearModel:
+    """Observations, and the columns of all candidates.
+
+    Attributes
+    ----------
+    y : (N,) whitened observations with the nuisance parameters projected out
+    X : (N, p) columns, the same way
+    W : (N, p) whitened columns before the projection
+    candidates : which columns belong to whom
+    dof : degrees of freedom of y under M0
+    most_effects : largest number of effects in one explanation
+    split : how `folds` parts the data, in words; "" where nothing can be held out
+    folds : parts of the data held out in turn, of the model's W
+    refine : a model with more options around a member's own, for a parameter such as the time of a step that lies between the
+        options; the model itself where there is nothing to refine
+    """
+
+    y: Array
+    X: Array
+    W: Array
+    candidates: tuple[Candidate, ...]
+    dof: int
+    most_effects: int = 3
+    split: str = ""
+    folds: Callable[[Array], Iterable[Fold]] = field(default=lambda W: (), repr=False)
+    refine: Callable[[LinearModel, Member], LinearModel] = field(default=lambda model, member: model, repr=False)
+
+    def find(self, label: str) -> int | None:
+        """Index of a candidate by its label."""
+        return next((k for k, candidate in enumerate(self.candidates) if candidate.label == label), None)
+
+    def candidate(self, member: Member) -> Candidate:
+        """The candidate of a member."""
+        return self.candidates[member.candidate]
+
+    def option(self, member: Member) -> Option:
+        """The option at which a member is held."""
+        return self.candidates[member.candidate].options[member.option]
+
+    def scale(self, member: Member) -> float:
+        """The scale at which a member is held."""
+        return float(self.candidates[member.candidate].scales[member.scale])
+
+    def only(self, keep: Callable[[Candidate], bool]) -> LinearModel:
+        """The model with some of its candidates only."""
+        candidates, places, start = [], [], 0
+        for candidate in self.candidates:
+            if not keep(candidate):
+                continue
+            options = []
+            for option in candidate.options:
+                places.append(np.arange(option.start, option.start + option.count))
+                options.append(replace(option, start=start))
+                start += option.count
+            candidates.append(replace(candidate, options=tuple(options)))
+        chosen = np.concatenate(places) if places else np.empty(0, dtype=np.intp)
+        return replace(self, X=self.X[:, chosen], W=self.W[:, chosen], candidates=tuple(candidates))
+
+    def with_options(self, place: int, options: Sequence[Option], W: Array, X: Array) -> LinearModel:
+        """The model with other options of one candidate, whose new columns are appended to those there are."""
+        candidates = list(self.candidates)
+        candidates[place] = replace(candidates[place], options=tuple(options))
+        return replace(self, W=np.hstack([self.W, W]), X=np.hstack([self.X, X]), candidates=tuple(candidates))
+
+
+def scales_of(largest: float, limits: tuple[float, float]) -> Array:
+    """Scales to average over: those that the data can show and that are physically plausible, evenly spaced in log.
+
+    Parameters
+    ----------
+    largest : largest ‖X‖ of any option per unit amplitude
+    limits : plausible range of the size
+
+    Returns
+    -------
+    (s,) empty where nothing plausible could be seen
+    """
+    if not largest > 0:
+        return np.empty(0)
+    low, high = max(limits[0], VISIBLE[0] / largest), min(limits[1], VISIBLE[1] / largest)
+    if low >= high:
+        return np.empty(0)
+    count = max(3, round(PER_DECADE * np.log10(high / low)) + 1)
+    return np.geomspace(low, high, count)

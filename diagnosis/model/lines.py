@@ -1,0 +1,54 @@
+"""Whether a line in the samples is a vibration or a motion of the body: the attitude decides.
+
+With c the whitened and projected observations of a reading that is too high by the line's waveform, and y those of the
+recording propagated with the line in it, y ~ N(c, I) if the line is a vibration, which the body does not follow, and N(0, I) if
+the body moves so. The log of the likelihood ratio is yᵀc − ½ cᵀc, whose mean is ±½ cᵀc: references that could not see a motion
+of that size and frequency say nothing, at whatever frequency that is, and then the prior remains.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from diagnosis.detectors.report import AXES, SampleReport, Symptom
+from diagnosis.detectors.spectral_lines import Line
+from diagnosis.model.recording import RecordingModel
+
+Array = NDArray[np.float64]
+
+PRIOR = 2.0  # log odds of a vibration where the references say nothing: a body rarely moves in a pure tone that nobody steers
+MOST = 300.0  # log odds, beyond which nothing more is gained
+
+
+def judged_lines(report: SampleReport, model: RecordingModel) -> bool:
+    """Take the lines that are vibrations out of the samples, and note them as symptoms; whether there were any.
+
+    Lines that are motions of the body stay where they are.
+    """
+    found = False
+    for line in report.lines:
+        odds = PRIOR + log_ratio(model, line)
+        if odds <= 0:
+            report.motions.append(line)
+            continue
+        found = True
+        report.rates[:, line.axis] -= line.waveform
+        size, sigma = float(np.rad2deg(line.amplitude)), float(np.rad2deg(line.sigma))
+        p = max(line.p_value, float(np.exp(-min(odds, MOST))))
+        text = f"a line of {size:.3g} deg/s at {line.frequency_hz:.4f} Hz that the references do not follow"
+        parameters: dict[str, float | str] = {"apparent_hz": line.frequency_hz}
+        report.symptoms.append(Symptom("spectral_line", AXES[line.axis], size, "deg/s", sigma, parameters, p, text))
+    return found
+
+
+def log_ratio(model: RecordingModel, line: Line) -> float:
+    """log of the likelihood of the attitude with the line a vibration, over that with it a motion of the body."""
+    gyro = model.recording.gyro
+    turned = np.append(0.0, np.cumsum(line.waveform * gyro.sample_s))
+    edges = np.append(gyro.t_s, gyro.t_s[-1] + gyro.sample_s)
+    begin, end = model.t_s - 0.5 * model.dt, model.t_s + 0.5 * model.dt
+    high = np.zeros((model.t_s.size, 3, 1))
+    high[:, line.axis, 0] = (np.interp(end, edges, turned) - np.interp(begin, edges, turned)) / model.dt
+    c = model.prepared(model.reading(high))[:, 0]
+    return float(model.y @ c - 0.5 * c @ c)

@@ -1,0 +1,69 @@
+"""Every threshold of the diagnosis, in one place.
+
+A threshold decides something: whether there is a gap, whether a cause is named, whether a test of the samples speaks. Each says
+what it means, its unit, and how it was chosen. Recordings that set a threshold never score it: where the choice came from data,
+they are those of the *setting* part of the validation (`studies.validation`), and the figures in the README come from the
+scored part. Numbers that belong to a method rather than to a decision, such as the length of a window or the points of a grid,
+stand beside the method.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, fields
+from typing import Any
+
+
+def threshold(value: Any, meaning: str, unit: str, chosen: str) -> Any:
+    """A field of the settings with its documentation."""
+    return field(default=value, metadata={"meaning": meaning, "unit": unit, "chosen": chosen})
+
+
+@dataclass(frozen=True)
+class DiagnosisSettings:
+    """Thresholds of a diagnosis; `describe` lists them with their meaning."""
+
+    false_alarm_rate: float = threshold(
+        0.002,
+        "rate of false alarms of the attitude test for which its threshold stands",
+        "probability",
+        "a fifth of the 1 % that a diagnosis as a whole may alarm falsely, the rest being shared by the tests of the samples",
+    )
+    null_draws: int = threshold(
+        1000, "simulated observations of M0 for the null distribution of the attitude test", "draws", "resolves 0.002 by two draws"
+    )
+    unlisted_share: float = threshold(
+        0.2, "prior probability that what is at work is on no list", "probability", "by judgement; four in five known effects"
+    )
+    another: float = threshold(
+        0.1, "prior probability that one more effect is at work, given those that are", "probability", "by judgement"
+    )
+    named: float = threshold(
+        0.95, "probability of a cause from which on it is named alone", "probability", "the usual confidence level"
+    )
+    unknown: float = threshold(
+        0.4,
+        "probability of an unlisted effect from which on no cause is named",
+        "probability",
+        "on simulated TRMM plans: with less, near imitations of listed effects pass as unknown too often",
+    )
+    group_share: float = threshold(
+        0.02, "share of a slot's probability below which an alternative is not offered", "probability", "by judgement"
+    )
+    largest_group: int = threshold(4, "alternatives shown in one group", "effects", "a longer list helps nobody")
+    largest_set: int = threshold(3, "effects in one explanation of the attitude", "effects", "cost; four were never identifiable")
+    mend: float = threshold(
+        1e-4,
+        "p-value of the checks of what a named cause leaves, below which the answer is unknown",
+        "probability",
+        "Bonferroni over about ten checks leaves 0.1 % of true causes rejected",
+    )
+    sample_event: float = threshold(
+        1e-5, "p-value below which a test of the samples speaks", "probability", "thirty tests a recording leave 0.03 % false alarms"
+    )
+
+    def describe(self) -> list[dict[str, Any]]:
+        """Name, value, meaning, unit and choice of each threshold."""
+        return [{"name": one.name, "value": getattr(self, one.name), **one.metadata} for one in fields(self)]
+
+
+DEFAULT = DiagnosisSettings()
