@@ -167,7 +167,7 @@ def _without_leads(bank: Bank, attribution: Attribution, fitted: list[Fitted]) -
 def _closure(model: Model, bank: Bank, members: tuple[Member, ...]) -> Closure | None:
     if not members:
         return None
-    random = any(EFFECTS[bank.candidates[m.candidate].effect].kind == "covariance" for m in members)
+    random = any(EFFECTS[bank.candidates[m.candidate].effect].is_process for m in members)
     # The evidence of a dead zone in the samples comes from all intervals; a fold may only use what it has.
     chosen = {bank.candidates[m.candidate].effect for m in members}
     listed = _listed_only(bank, {"rate_deadzone"} - chosen)

@@ -67,7 +67,7 @@ def fit(model: Model, bank: Bank, y: Array, members: Sequence[Member]) -> list[F
 
 
 def _random(bank: Bank, member: Member) -> bool:
-    return EFFECTS[bank.candidates[member.candidate].effect].kind == "covariance"
+    return EFFECTS[bank.candidates[member.candidate].effect].is_process
 
 
 def _columns(model: Model, bank: Bank, member: Member) -> Array:

@@ -86,7 +86,7 @@ def attribute(bank: Bank, explanations: list[Explanation]) -> Attribution:
 
 def _is_random(bank: Bank, member: Member) -> bool:
     effect = EFFECTS.get(bank.candidates[member.candidate].effect)
-    return effect is not None and effect.kind == "covariance"
+    return effect is not None and effect.is_process
 
 
 def _best(candidates: list[Explanation], probability: dict[frozenset[int], float]) -> Explanation:

@@ -142,7 +142,7 @@ def _assembled(model: Model, entries: list[_Entry]) -> Bank:
 def _listed(model: Model, library: set[str]) -> Iterator[_Entry]:
     for name in sorted(library):
         effect = EFFECTS[name]
-        if effect.kind == "columns" and available(model, effect):
+        if effect.has_columns and available(model, effect):
             yield from _steps(model, effect) if _has_time(effect) else _plain(model, effect)
     for process in random_effects.processes(model, rivals=False):
         if process.name in library:
@@ -169,12 +169,8 @@ def _dead_zone(model: Model, one: DeadStretches) -> _Entry:
 
 
 def available(model: Model, effect: Effect) -> bool:
-    """Whether the recording has what the effect's columns need."""
-    if effect.housekeeping is not None and not any(name.endswith(effect.housekeeping) for name in model.stream.housekeeping):
-        return False
-    if effect.name in ("bias_orbital", "reference_orbital", "reference_horizon") and model.recording.orbit is None:
-        return False
-    return effect.name != "reference_mode_offset" or {"+x", "-x"} <= set(model.references.forward)
+    """Whether the recording has what the effect needs."""
+    return effect.missing(model.around) is None
 
 
 def _has_time(effect: Effect) -> bool:
@@ -183,7 +179,7 @@ def _has_time(effect: Effect) -> bool:
 
 def columns_of(model: Model, effect: Effect, axis: str | None, parameters: dict[str, float | str]) -> Array:
     """(N, k) whitened columns of an effect per unit of its amplitudes."""
-    if effect.acts_on == "references":
+    if effect.on_references:
         return model.whitened(model.reference_error(effect.reference_columns(model.references, axis, parameters)))
     return model.whitened(model.reading(effect.columns(model.stream, axis, parameters)))
 

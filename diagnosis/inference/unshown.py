@@ -57,7 +57,7 @@ def _hidden_motion(bank: Bank, member: Member, axes: Set[str]) -> bool:
     candidate = bank.candidates[member.candidate]
     if not candidate.listed:
         return candidate.label.rpartition(":")[2] in axes
-    return candidate.axis in axes and EFFECTS[candidate.effect].kind == "covariance"
+    return candidate.axis in axes and EFFECTS[candidate.effect].is_process
 
 
 def is_of_the_zone(cause: StreamCause, half_width: float, noise: float) -> bool:

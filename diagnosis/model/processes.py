@@ -4,8 +4,7 @@ A process with covariance s² K over the cells (or references) has K = F Fᵀ, a
 amplitudes of variance s², where U are the observations of a unit error in each cell. Rotated so that the columns are
 orthogonal, and cut where they cannot be seen any more, a process is a group like any other (`diagnosis.inference.evidence`).
 
-Named processes: the rate random walk (R(t, t') = min), flicker noise (a sum of first-order Markov processes an octave apart,
-whose spectrum is 1/f between them), a correlated reference error (first-order Markov). Rivals: Markov rate errors that are
+Named processes are the effects with a covariance. Rivals: Markov rate errors that are
 faster or slower, a level of its own in each interval, processes that follow the rate, correlated references about all axes.
 """
 
@@ -18,15 +17,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from diagnosis.model.recording import Model
+from simulator.effects import EFFECTS, ProcessTimes
 
 Array = NDArray[np.float64]
 
 AXES = "xyz"
-HOUR = 3600.0
-DEG_H = float(np.deg2rad(1 / HOUR))  # rad/s
 SEEN = 1e-4  # power relative to the strongest column below which a column is left out
 MOST_COLUMNS = 96
-OCTAVES = 2.0 ** np.arange(5, 19)  # s: time constants of the Markov processes that make up flicker noise
 
 
 @dataclass(frozen=True)
@@ -59,35 +56,6 @@ def same(labels: NDArray[np.intp]) -> Array:
     return np.equal.outer(labels, labels).astype(float)
 
 
-def random_walk(model: Model, gaps: str) -> Array:
-    """Covariance of a rate random walk over the cells, (deg/h)² per (deg/h/√h)², in (rad/s)².
-
-    The level at the first sample is free in M0 anyway. Over the gaps between intervals the walk holds still, goes on, or
-    each interval starts at a level of its own, in proportion to its length.
-    """
-    cells = model.cells
-    t = {"hold": cells.run_s, "grow": cells.t_s, "reset": cells.run_s}[gaps]
-    t = (t - t.min()) / HOUR
-    if gaps == "reset":
-        within = np.array([t[cells.interval == k].min() for k in cells.interval])
-        K = same(cells.interval) * np.minimum.outer(t - within, t - within)
-        return np.asarray((K + 0.5 * same(cells.interval) * np.ptp(t) / len(model.blocks)) * DEG_H**2)
-    return np.asarray(np.minimum.outer(t, t) * DEG_H**2)
-
-
-def flicker(t: Array, longest: float) -> Array:
-    """Covariance of flicker noise of unit bias instability, deg/h, in (rad/s)².
-
-    Markov processes an octave apart with variance v each have spectra v 2τ/(1 + (ωτ)²) that sum to v π/(ω ln 2) = v/(2 f ln 2)
-    between the longest and the shortest. Two-sided, bias instability B is S(f) = B²/(2π f), so v = B² ln 2/π.
-    IEEE Std 952, annex C.
-    """
-    total = np.zeros((len(t), len(t)))
-    for tau in OCTAVES[8 * longest > OCTAVES]:
-        total += markov(t, float(tau))
-    return np.asarray(total * np.log(2) / np.pi * DEG_H**2)
-
-
 def factor(K: Array) -> Array:
     """F with F Fᵀ = K, without its invisible part; (c, r)."""
     values, vectors = np.linalg.eigh(K)
@@ -115,25 +83,27 @@ def on_references(model: Model, axis: int, F: Array) -> Array:
 
 def processes(model: Model, rivals: bool = True) -> Iterator[Process]:
     """All random discrepancies; every process exists for each axis."""
-    cells, references = model.cells, model.references
+    cells = model.cells
     longest = max(float(block.elapsed_s[-1]) for block in model.blocks)
-    spacing = float(np.median(np.diff(references.t_s)[np.diff(model.interval_of_reference) == 0]))
-    walks = {gaps: factor(random_walk(model, gaps)) for gaps in ("hold", "reset")}
-    pink = factor(flicker(cells.run_s, longest))
-    separate = same(model.interval_of_reference)
-    taus = [
-        tau for tau in (1.5 * spacing, 3 * spacing, 6 * spacing, 12 * spacing, 24 * spacing, 48 * spacing) if tau < 2 * longest
-    ]
-    correlated = {tau: np.deg2rad(1.0) * factor(separate * markov(references.t_s, tau)) for tau in taus}
-    for axis, name in enumerate(AXES):
-        columns = [on_cells(model, axis, F) for F in walks.values()]
-        yield Process("bias_random_walk", name, True, columns, [{"gaps": gaps} for gaps in walks])
-        yield Process("noise_flicker", name, True, [on_cells(model, axis, pink)], [{}])
-        if correlated:
-            columns = [on_references(model, axis, F) for F in correlated.values()]
-            yield Process("reference_correlated", name, True, columns, [{"time_constant_s": tau} for tau in correlated])
+    on_rates = ProcessTimes(cells.t_s, cells.run_s, cells.interval)
+    at_references = ProcessTimes(model.references.t_s, _run_at_references(model), model.interval_of_reference)
+    for effect in EFFECTS.values():
+        trials = effect.trials(model.around) if effect.is_process and effect.missing(model.around) is None else ()
+        if not trials:
+            continue
+        parameters = [dict(trial.parameters) for trial in trials]
+        factors = [factor(effect.covariance(at_references if effect.on_references else on_rates, one)) for one in parameters]
+        observed = on_references if effect.on_references else on_cells
+        for axis, name in enumerate(AXES):
+            yield Process(effect.name, name, True, [observed(model, axis, F) for F in factors], parameters)
     if rivals:
         yield from _rivals(model, longest)
+
+
+def _run_at_references(model: Model) -> Array:
+    """(m,) sampled time at each reference, the gaps between the intervals left out."""
+    before = np.cumsum([0.0] + [float(block.elapsed_s[-1]) for block in model.blocks])
+    return np.concatenate([start + block.elapsed_s for start, block in zip(before[:-1], model.blocks, strict=True)])
 
 
 def _rivals(model: Model, longest: float) -> Iterator[Process]:

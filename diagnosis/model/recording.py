@@ -31,7 +31,7 @@ from scipy.spatial.transform import Rotation
 
 from gyrocal.calibration.sampling import Measurements, measurements
 from gyrocal.recording import Attitudes, Interval, Recording, reference_rows
-from simulator.effects import References, Stream, forward_axes
+from simulator.effects import References, Stream, Surroundings, forward_axes
 from simulator.truth.integration import accumulate
 
 Array = NDArray[np.float64]
@@ -166,6 +166,12 @@ class Model:
             forward=forward_axes(self.recording)[rows],
             orbit_period_s=orbit.period_s if orbit is not None else float("nan"),
         )
+
+    @cached_property
+    def around(self) -> Surroundings:
+        """What the recording offers to effects."""
+        gyro, sigma = self.recording.gyro, self.recording.attitudes.sigma[self.reference_rows]
+        return Surroundings(self.stream, self.references, gyro.arw, gyro.sample_s, sigma)
 
     # ---- columns ---------------------------------------------------------------------------------------------------------
 
