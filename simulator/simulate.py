@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gyrocal.recording import Attitudes, GyroStream, Interval, Orbit, Recording
-from simulator.effects import Setting, Stream, references_of
+from simulator.effects import REGISTRY, Setting, Stream, Surroundings, references_of
 from simulator.effects.chain import activated, readings, referenced
 from simulator.effects.housekeeping import gyro_temperature
 from simulator.effects.recorded import housekeeping_at
@@ -171,7 +171,7 @@ def observe(
     if effects:
         plain = observe(scenario, motion, gyro_rng=None, reference_rng=None, G=G, bias=bias)
         return disturbed(
-            _with_housekeeping(plain, effects, seed, case),
+            _with_housekeeping(plain, motion, effects, seed, case),
             motion,
             effects,
             gyro_rng,
@@ -221,6 +221,16 @@ def disturbed(
     others : as for `observe`
     """
     active = activated(effects, seed, case)
+    around = _around(plain, motion, point)
+    return replace(
+        plain,
+        gyro=replace(plain.gyro, rates=readings(around, active, gyro_rng)),
+        attitudes=replace(plain.attitudes, quaternions=referenced(around, active, reference_rng)),
+    )
+
+
+def _around(plain: Recording, motion: Motion, point: bool = False) -> Surroundings:
+    """The noise-free truth as effects see it."""
     t_s = motion.t_s if point else motion.t_s + 0.5 * motion.duration_s
     stream = Stream(
         t_s=t_s,
@@ -232,22 +242,27 @@ def disturbed(
         span_s=(min(i.start_s for i in plain.intervals), max(i.stop_s for i in plain.intervals)),
         housekeeping=housekeeping_at(plain, t_s),
     )
-    return replace(
-        plain,
-        gyro=replace(plain.gyro, rates=readings(stream, active, plain.gyro.arw, gyro_rng)),
-        attitudes=replace(
-            plain.attitudes, quaternions=referenced(references_of(plain), active, plain.attitudes.sigma, reference_rng)
-        ),
-    )
+    return Surroundings(stream, references_of(plain), plain.gyro.arw, plain.gyro.sample_s, plain.attitudes.sigma)
 
 
-def _with_housekeeping(plain: Recording, effects: Sequence[Setting], seed: int, case: int) -> Recording:
-    """With a gyro temperature, if an effect asks for one."""
-    if plain.orbit is None or all(setting.effect != "bias_temperature" for setting in effects):
+def with_gyro_temperature(plain: Recording, seed: int = 0, case: int = 0) -> Recording:
+    """With the simulator's own gyro temperature as housekeeping; as it is where there is no orbit."""
+    if plain.orbit is None:
         return plain
     spans = [(interval.start_s, interval.stop_s) for interval in plain.intervals]
     table = gyro_temperature(generator(seed, case, "housekeeping"), spans, plain.orbit.period_s)
     return replace(plain, tables={**plain.tables, "housekeeping": table})
+
+
+def _with_housekeeping(plain: Recording, motion: Motion, effects: Sequence[Setting], seed: int, case: int) -> Recording:
+    """With a gyro temperature, if an effect misses one."""
+    acting = [REGISTRY[setting.effect] for setting in effects]
+    lacking = [effect for effect in acting if effect.missing(_around(plain, motion)) is not None]
+    if not lacking:
+        return plain
+    warm = with_gyro_temperature(plain, seed, case)
+    helped = any(effect.missing(_around(warm, motion)) is None for effect in lacking)
+    return warm if helped else plain
 
 
 def simulate(

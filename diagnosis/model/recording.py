@@ -39,7 +39,7 @@ from scipy.spatial.transform import Rotation
 from gyrocal.calibration.propagation import Arcs, propagate
 from gyrocal.calibration.sampling import Measurements, measurements
 from gyrocal.recording import Attitudes, Interval, Recording, reference_rows
-from simulator.effects import References, Stream, forward_axes
+from simulator.effects import References, Stream, Surroundings, forward_axes
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
@@ -209,6 +209,12 @@ class RecordingModel:
             forward=forward_axes(self.recording)[rows],
             orbit_period_s=orbit.period_s if orbit is not None else float("nan"),
         )
+
+    @cached_property
+    def around(self) -> Surroundings:
+        """What the recording offers to effects."""
+        gyro, sigma = self.recording.gyro, self.recording.attitudes.sigma[self.reference_rows]
+        return Surroundings(self.stream, self.references, gyro.arw, gyro.sample_s, sigma)
 
     # ---- columns ---------------------------------------------------------------------------------------------------------
 

@@ -15,9 +15,9 @@ from numpy.typing import NDArray
 from diagnosis.inference.candidates import AXES, available, columns_of, step_times
 from diagnosis.model import processes as random_effects
 from diagnosis.model.recording import Model, linearised
-from simulator.effects import EFFECTS, Effect, setting
+from simulator.effects import EFFECTS, Effect
 from simulator.scenario import Scenario
-from simulator.simulate import simulate
+from simulator.simulate import simulate, with_gyro_temperature
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
@@ -77,7 +77,7 @@ class Signature:
 
 def linear_model(scenario: Scenario) -> Model:
     """The model about the true G and b, without noise, and with the simulator's gyro temperature as housekeeping."""
-    recording = simulate(scenario, noise=False, effects=[setting("bias_temperature", "x", 0.0)])
+    recording = with_gyro_temperature(simulate(scenario, noise=False))
     return linearised(recording, np.array(scenario.gyro.true_G), np.deg2rad(scenario.gyro.true_bias_deg_s))
 
 
@@ -94,7 +94,7 @@ def signatures(model: Model, names: Sequence[str], at: tuple[Array, Array, Indic
     times, weights, firsts = step_times(model) if at is None else at
     for name in names:
         effect = EFFECTS[name]
-        if effect.kind != "columns" or not available(model, effect):
+        if not effect.has_columns or not available(model, effect):
             continue
         asked = {parameter.name for parameter in effect.parameters}
         for axis in effect.axes or (None,):

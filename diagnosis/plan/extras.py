@@ -123,9 +123,10 @@ def helped_by(
     noisy = {one.label: one for one in random_columns(longer, names)}
     before = {one.label: one for one in seen}
     ratio: dict[str, float] = {}
+    bare = replace(model.around, stream=replace(model.stream, housekeeping={}))
     for signature in every:
         # The simulated temperature of another span is another one.
-        if EFFECTS[signature.effect].housekeeping is None and signature.share.max() > GONE:
+        if EFFECTS[signature.effect].missing(bare) is None and signature.share.max() > GONE:
             quotients = signature.norms / np.maximum(after[signature.label].norms, 1e-300)
             ratio[signature.label] = float(quotients[median_index(quotients, signature.weights)])
     ratio |= {one.label: one.strength / noisy[one.label].strength for one in random if one.strength > 0}

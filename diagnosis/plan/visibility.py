@@ -144,7 +144,7 @@ def unavailable(model: Model, names: Sequence[str], random: Sequence[RandomColum
     out = []
     for name in names:
         effect = EFFECTS[name]
-        if effect.kind == "columns" and not available(model, effect):
+        if effect.has_columns and not available(model, effect):
             text = "needs a table or a flight direction that the scenario does not have"
             if name == "reference_mode_offset":
                 text = "needs references in both +x and -x forward"

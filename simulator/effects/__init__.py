@@ -1,25 +1,51 @@
 """Effects: what a real gyro or attitude sensor does and the baseline simulator does not, one per file.
 
-Each has a name, a unit, a plausible range and the form in which simulator and diagnosis use it (`simulator.effects.base`).
-`EFFECTS` holds all of them by name, `parse` makes a `Setting` from text and `setting` from its parts. A positive size makes
-the gyro read high.
+Each owns itself (`simulator.effects.base`): where in the measuring chain it acts and what it does there, and how a diagnosis
+tries it. `REGISTRY` holds all of them by name, `EFFECTS` those on gyro and references, `SENSOR_EFFECTS` in
+`simulator.effects.sensor` those on sun and Earth sensors. `parse` makes a `Setting` from text and `setting` from its parts. A
+positive size makes the gyro read high.
 """
 
-from simulator.effects.base import Effect, Parameter, References, Setting, Stream
-from simulator.effects.recorded import forward_axes, references_of, stream_of
-from simulator.effects.registry import EFFECTS, described, parse, setting
+from simulator.effects.base import (
+    STAGES,
+    Detection,
+    Effect,
+    Parameter,
+    ProcessTimes,
+    References,
+    SampleView,
+    Setting,
+    Stream,
+    Surroundings,
+    Trial,
+)
+from simulator.effects.builtin import BUILT_IN
+from simulator.effects.recorded import forward_axes, references_of, stream_of, surroundings_of
+from simulator.effects.registry import ALL_EFFECTS, EFFECTS, REGISTRY, Registry
+from simulator.effects.settings import described, parse, setting
 
 __all__ = [
+    "ALL_EFFECTS",
+    "BUILT_IN",
     "EFFECTS",
+    "REGISTRY",
+    "STAGES",
+    "Detection",
     "Effect",
     "Parameter",
+    "ProcessTimes",
     "References",
+    "Registry",
+    "SampleView",
     "Setting",
     "Stream",
+    "Surroundings",
+    "Trial",
     "described",
     "forward_axes",
     "parse",
     "references_of",
     "setting",
     "stream_of",
+    "surroundings_of",
 ]

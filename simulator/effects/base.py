@@ -1,20 +1,21 @@
-"""What an effect is: its name, numbers and units, and what it does to rates, samples or references.
+"""What an effect is: its place in the measuring chain, its numbers and units, and what it does there.
 
 An effect is something a real gyro or attitude sensor does and the baseline simulator M0 (constant G and b, white noise on
-rates and references) does not. Each says it in the form its kind needs:
+rates and references) does not. It owns itself: everything that depends on which effect it is, is in its class. It acts at one
+stage of the chain (`STAGES`), by the method which that stage calls, and says how a diagnosis may see it:
 
-- **columns**: a sum of known time functions times amplitudes, so that it is linear in its size like the calibration
-  parameters themselves; nonlinear parameters such as the time of a step are held;
-- **covariance**: a random process, known by its statistics;
-- **stream**: a change of the samples themselves, seen in them directly (clipping, rounding, repeats).
+- **columns** (`columns`, `reference_columns`): a sum of known time functions times amplitudes, so that it is linear in its
+  size like the calibration parameters themselves; nonlinear parameters such as a time constant are tried (`trials`);
+- **covariance** (`covariance`): a random process, known by its statistics;
+- **samples** (`symptom`, `detect`): a change of the samples themselves, seen in their statistics (clipping, rounding, repeats).
 
 **Sign**: a positive size makes the gyro read high, raw shown = raw + size · h. A reference error e turns the reference
 attitude to exp([e×]) A. Units are those of `Effect.unit`; arrays are in radians, radians per second and seconds.
 """
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Literal
+from typing import Literal, NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,6 +23,49 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 Value = float | str
 AXES = ("x", "y", "z")
+
+
+class Stage(NamedTuple):
+    """A stage of the measuring chain: its name, what happens there, and the method of an effect that it calls."""
+
+    name: str
+    meaning: str
+    calls: str
+
+
+STAGES = (
+    Stage("rate", "A deterministic error is added to the noise-free rate: columns times amplitudes.", "columns"),
+    Stage("random_rate", "A random error is added to the noise-free rate, such as a bias that wanders.", "wander"),
+    Stage("filter", "The gyro's output follows its input late, as behind a low-pass filter.", "retimed"),
+    Stage("clock", "The tags of the samples do not tell the time of the references' clock.", "retimed"),
+    Stage("threshold", "The gyro does not react to some rates; its white noise comes after that.", "apply"),
+    Stage("white_noise", "White noise as stated is added, times the factors of this stage's effects.", "noise_factor"),
+    Stage("pickup", "The gyro picks up what is no rate of the body, such as a vibration.", "apply"),
+    Stage("outliers", "Single samples are falsified.", "apply"),
+    Stage("range", "Rates beyond what the gyro can show are cut off.", "apply"),
+    Stage("resolution", "Samples are rounded or cut to a step.", "apply"),
+    Stage("telemetry", "Samples are lost, delayed or repeated on their way.", "apply"),
+    Stage("reference", "A deterministic error is added to the references: columns times amplitudes.", "reference_columns"),
+    Stage("random_reference", "A random error that is not white is added to the references.", "reference_wander"),
+    Stage("reference_noise", "White reference noise as stated is added, times the factors of this stage.", "noise_factor"),
+    Stage("sensor", "The sun and Earth sensors differ from their nominal models.", "fitted"),
+)
+STAGE_NAMES = tuple(stage.name for stage in STAGES)
+ON_REFERENCES = ("reference", "random_reference", "reference_noise")
+
+SYMPTOMS = (
+    "white_noise_level",  # white noise of the samples other than stated
+    "lattice_rounded",  # readings are multiples of a step, rounded to it
+    "lattice_cut",  # readings are multiples of a step, cut toward zero
+    "dead_zone",  # small rates read zero
+    "plateau",  # the largest readings are all the same
+    "spectral_line",  # a tone in the samples
+    "outliers",  # single samples far off
+    "repeats",  # samples that repeat the one before
+    "reference_noise_level",  # white noise of the references other than stated
+)
+
+Method = TypeVar("Method", bound=Callable[..., object])
 
 
 @dataclass(frozen=True)
@@ -116,39 +160,175 @@ class References:
 
 
 @dataclass(frozen=True)
+class Surroundings:
+    """What a recording, or a maneuver plan, offers for an effect to act on and to be seen in.
+
+    Attributes
+    ----------
+    stream : the gyro samples; noise-free, or the best estimate of that
+    references : the reference attitudes
+    arw : stated angle random walk, rad/√s
+    sample_s : length of a sample, s
+    reference_sigma : (m, 3) stated sigma of the references, rad
+    """
+
+    stream: Stream
+    references: References
+    arw: float
+    sample_s: float
+    reference_sigma: Array
+
+
+@dataclass(frozen=True)
+class ProcessTimes:
+    """Times at which the covariance of a random process is wanted.
+
+    Attributes
+    ----------
+    t_s : (c,) s since the epoch
+    run_s : (c,) sampled time up to then, the gaps between intervals left out, s
+    interval : (c,) index of the interval
+    """
+
+    t_s: Array
+    run_s: Array
+    interval: NDArray[np.intp]
+
+
+@dataclass(frozen=True)
+class Trial:
+    """One set of an effect's parameters that a diagnosis tries, and its prior weight among them."""
+
+    parameters: Mapping[str, Value] = field(default_factory=dict)
+    weight: float = 1.0
+
+
+@dataclass(frozen=True)
+class SampleView:
+    """Gyro samples as recorded, for effects that bring a test of their own.
+
+    Attributes
+    ----------
+    t_s : (n,) middle of each sample, s since the epoch
+    sample_s : length of a sample, s
+    rates : (n, 3) raw rates as recorded, rad/s
+    sigma : (3,) white noise of a sample, rad/s
+    inside : (n,) bool, whether a sample lies inside an interval
+    intervals : the samples of each interval
+    motion : (n, 3) raw rates without noise, from the references or by smoothing, rad/s; NaN where they are not known
+    """
+
+    t_s: Array
+    sample_s: float
+    rates: Array
+    sigma: Array
+    inside: NDArray[np.bool_]
+    intervals: tuple[slice, ...]
+    motion: Array
+
+
+@dataclass(frozen=True)
+class Detection:
+    """What an effect's own test found in the samples.
+
+    Attributes
+    ----------
+    effect, axis : which
+    size, sigma : in its unit
+    unit : of the size
+    parameters : its other numbers, as far as they are known
+    log_odds : log of the probability of the samples with the effect over that without
+    p_value : of the test if the effect is absent
+    text : what was seen, for people
+    """
+
+    effect: str
+    axis: str | None
+    size: float
+    unit: str
+    sigma: float
+    parameters: Mapping[str, Value]
+    log_odds: float
+    p_value: float
+    text: str
+
+
+def absent(method: Method) -> Method:
+    """Mark a method as not implemented; `Effect.implements` is false until a subclass gives its own."""
+    setattr(method, "absent", True)  # noqa: B010 - a function has no such attribute for the type checker
+    return method
+
+
+@dataclass(frozen=True)
 class Effect:
-    """One effect; subclasses give the methods that its kind and place in the chain need.
+    """One effect; subclasses give the method that their stage calls, and what a diagnosis needs.
 
     Attributes
     ----------
     name, summary, unit : for people; the unit is that of the size
-    acts_on : "rates" (noise-free), "timing" (of the noise-free rates), "noise" (random errors of the rates), "samples"
-        (what is put out), "references", "sensors" (`simulator.effects.sensor`)
-    kind : how a diagnosis sees it: linear columns, only a covariance, or the samples themselves
+    stage : where in the measuring chain it acts, one of `STAGES`
     prior : plausible range of the absolute size, log-uniform
     bounds : of a size that can be simulated, inclusive
     axes : ("x", "y", "z"), or () if it has none
     axis_optional : no axis means all of them
     parameters : beside the size
-    housekeeping : how the name of the column it needs ends
+    meaning : a sentence for the report of a diagnosis; the summary by default
+    sign : "positive" if a negative size means nothing, or another effect
+    weight : prior probability beside that of the other effects, which have 1
+    switched : its column is switched on at the parameter time_s, whose values a diagnosis chooses itself
+    symptom : one of `SYMPTOMS`, the statistic of the samples that shows it
     """
 
     name: str
     summary: str
     unit: str
-    acts_on: Literal["rates", "timing", "samples", "noise", "references", "sensors"]
-    kind: Literal["columns", "covariance", "stream"]
+    stage: str
     prior: tuple[float, float]
     bounds: tuple[float, float] = (-1e9, 1e9)
     axes: tuple[str, ...] = AXES
     axis_optional: bool = False
     parameters: tuple[Parameter, ...] = ()
-    housekeeping: str | None = None
+    meaning: str = ""
+    sign: Literal["any", "positive"] = "any"
+    weight: float = 1.0
+    switched: bool = False
+    symptom: str | None = None
 
+    # ---- what it is ------------------------------------------------------------------------------------------------------
+
+    def implements(self, method: str) -> bool:
+        """Whether its class gives a method that the base class leaves open."""
+        own = getattr(type(self), method, None)
+        return own is not None and not getattr(own, "absent", False)
+
+    @property
+    def has_columns(self) -> bool:
+        """Whether it is a sum of columns, on the rates or on the references."""
+        return self.implements("columns") or self.implements("reference_columns")
+
+    @property
+    def is_process(self) -> bool:
+        """Whether it is a random process, known by its covariance."""
+        return self.implements("covariance")
+
+    @property
+    def on_references(self) -> bool:
+        """Whether it acts on the reference attitudes."""
+        return self.stage in ON_REFERENCES
+
+    @property
+    def in_samples(self) -> bool:
+        """Whether it changes the samples themselves or the white noise, and shows in their statistics."""
+        return self.implements("apply") or self.implements("noise_factor")
+
+    # ---- what it does, by stage ------------------------------------------------------------------------------------------
+
+    @absent
     def columns(self, stream: Stream, axis: str | None, parameters: Mapping[str, Value]) -> Array:
         """What is added to the raw reading per unit of each linear amplitude, (n, 3, k) rad/s."""
         raise NotImplementedError(f"{self.name} has no columns on the rates")
 
+    @absent
     def reference_columns(self, references: References, axis: str | None, parameters: Mapping[str, Value]) -> Array:
         """Error angle e of the references per unit of each linear amplitude, (m, 3, k) rad."""
         raise NotImplementedError(f"{self.name} has no columns on the references")
@@ -161,22 +341,56 @@ class Effect:
         """Size, and the parameters that the amplitudes hold."""
         return float(amplitudes[0]), {}
 
-    def retimed(self, raw: Array, stream: Stream, setting: Setting) -> Array:
-        """Noise-free raw rates with the fault in their timing, (n, 3) rad/s."""
-        raise NotImplementedError(f"{self.name} does not act on timing")
-
+    @absent
     def wander(self, rng: np.random.Generator, stream: Stream, setting: Setting) -> Array:
         """Random error of the raw rates, (n, 3) rad/s."""
         raise NotImplementedError(f"{self.name} is no random process on the rates")
 
+    @absent
+    def retimed(self, raw: Array, stream: Stream, setting: Setting) -> Array:
+        """Noise-free raw rates with the fault in their timing, (n, 3) rad/s."""
+        raise NotImplementedError(f"{self.name} does not act on timing")
+
+    @absent
     def apply(self, rng: np.random.Generator, samples: Array, stream: Stream, setting: Setting) -> Array:
         """Raw samples (n, 3), rad/s, as they are put out."""
         raise NotImplementedError(f"{self.name} does not act on samples")
 
+    @absent
+    def noise_factor(self, setting: Setting) -> Array:
+        """What the white noise of each axis is multiplied by, (3,)."""
+        raise NotImplementedError(f"{self.name} is no factor on white noise")
+
+    @absent
     def reference_wander(self, rng: np.random.Generator, references: References, setting: Setting) -> Array:
         """Random error e of the references, (m, 3) rad."""
         raise NotImplementedError(f"{self.name} is no random process on the references")
 
-    def noise_factor(self, setting: Setting) -> Array:
-        """What the white noise of each axis is multiplied by, (3,)."""
-        raise NotImplementedError(f"{self.name} is no factor on white noise")
+    # ---- how a diagnosis tries it ----------------------------------------------------------------------------------------
+
+    @absent
+    def covariance(self, at: ProcessTimes, parameters: Mapping[str, Value]) -> Array:
+        """Covariance (c, c) of a random process on one axis per unit size², (rad/s)² on the rates, rad² on the references."""
+        raise NotImplementedError(f"{self.name} is no random process")
+
+    def trials(self, around: Surroundings) -> Sequence[Trial]:
+        """Sets of parameters to try, with weights that add up to one; what the amplitudes hold and time_s are left out."""
+        return (Trial(),)
+
+    def missing(self, around: Surroundings) -> str | None:
+        """Why it cannot act on, or be seen in, a recording; None if it can."""
+        return None
+
+    def detect(self, view: SampleView) -> Sequence[Detection]:
+        """What a test of its own finds in the samples; for effects that no `symptom` shows."""
+        return ()
+
+    def completed(self, setting: Setting) -> Setting:
+        """A validated setting in the form in which it acts, such as with its direction scaled to its size.
+
+        Raises
+        ------
+        InputError
+            It would do nothing.
+        """
+        return setting

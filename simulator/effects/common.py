@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gyrocal.errors import InputError
-from simulator.effects.base import AXES, Parameter, Setting, Stream, Value
+from simulator.effects.base import AXES, Parameter, Setting, Stream, Surroundings, Value
 
 Array = NDArray[np.float64]
 
@@ -98,6 +98,16 @@ def gauss_markov(rng: np.random.Generator, t_s: Array, time_constant_s: float) -
     lag = np.diff(t_s) / time_constant_s
     drive = np.append(draws[0], draws[1:] * np.sqrt(-np.expm1(-2 * lag)))
     return recursion(np.append(0.0, np.exp(-lag)), drive)
+
+
+def markov(t_s: Array, time_constant_s: float) -> Array:
+    """Covariance of a first-order Gauss–Markov process of unit variance at some times, (c,) → (c, c)."""
+    return np.asarray(np.exp(-np.abs(np.subtract.outer(t_s, t_s)) / time_constant_s))
+
+
+def no_orbit(around: Surroundings) -> str | None:
+    """Why an effect at orbit rate cannot act."""
+    return None if np.isfinite(around.stream.orbit_period_s) else "the recording does not state its orbit's period"
 
 
 @numba.njit(cache=True, nogil=True)

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import median_filter
 
 from gyrocal.recording import Interval, Recording, reference_rows
-from simulator.effects.base import Array, References, Stream
+from simulator.effects.base import Array, References, Stream, Surroundings
 from simulator.effects.common import runs
 from simulator.effects.smoothing import noise_level, smoothed
 from simulator.sensors.gyro import raw_rates
@@ -84,6 +84,17 @@ def references_of(recording: Recording) -> References:
         interval=_interval_of(recording),
         forward=forward_axes(recording),
         orbit_period_s=_period(recording),
+    )
+
+
+def surroundings_of(recording: Recording, G: Array, bias: Array, smooth_s: float = SMOOTH_S) -> Surroundings:
+    """All that a recording offers to effects; parameters as for `stream_of`."""
+    return Surroundings(
+        stream=stream_of(recording, G, bias, smooth_s),
+        references=references_of(recording),
+        arw=recording.gyro.arw,
+        sample_s=recording.gyro.sample_s,
+        reference_sigma=recording.attitudes.sigma,
     )
 
 

@@ -1,191 +1,169 @@
-"""All effects by name, and settings from text: ``NAME[:AXIS]=SIZE[,PARAMETER=VALUE…]``.
+"""All effects by name: the built-in ones, those of installed plug-ins, and those of a file.
 
->>> from simulator.effects import parse
->>> parse("g_matrix_step:z=1300,toward=y,time_s=15000").parameters["toward"]
-'y'
+A plug-in is a package with an entry point in the group `gyrocal.effects`: an `Effect`, a list of them, or a module with
+`EFFECT` or `EFFECTS`. Plug-ins are loaded when the whole registry, or a name that is not built in, is asked for the first time.
+
+    [project.entry-points."gyrocal.effects"]
+    bias_battery = "my_package.bias_battery"
 """
 
-import difflib
-import math
-from collections.abc import Mapping
+import importlib.util
+import warnings
+from collections.abc import Iterable, Iterator, Mapping
+from importlib.metadata import entry_points
+from pathlib import Path
+from types import ModuleType
+from typing import TypeGuard, TypeVar
 
 from gyrocal.errors import InputError
-from simulator.effects.base import Effect, Parameter, Setting, Value
-from simulator.effects.gyro import (
-    bias_drift,
-    bias_orbital,
-    bias_random_walk,
-    bias_step,
-    bias_temperature,
-    g_matrix_step,
-    noise_excess,
-    noise_flicker,
-    rate_deadzone,
-    rate_lag,
-    rate_quantization,
-    rate_saturation,
-    rate_truncation,
-    scale_asymmetry,
-    scale_quadratic,
-    spikes,
-    stale_samples,
-    time_offset,
-    vibration,
-)
-from simulator.effects.reference import (
-    reference_correlated,
-    reference_horizon,
-    reference_mode_offset,
-    reference_noise_excess,
-    reference_orbital,
-)
+from simulator.effects.base import STAGE_NAMES, STAGES, SYMPTOMS, Effect
 
-# In the order of the vocabulary.
-_MODULES = (
-    bias_drift,
-    bias_step,
-    bias_orbital,
-    bias_temperature,
-    bias_random_walk,
-    noise_flicker,
-    noise_excess,
-    scale_asymmetry,
-    scale_quadratic,
-    g_matrix_step,
-    time_offset,
-    rate_lag,
-    rate_quantization,
-    rate_deadzone,
-    rate_saturation,
-    rate_truncation,
-    vibration,
-    spikes,
-    stale_samples,
-    reference_mode_offset,
-    reference_orbital,
-    reference_horizon,
-    reference_correlated,
-    reference_noise_excess,
-)
-EFFECTS: dict[str, Effect] = {module.EFFECT.name: module.EFFECT for module in _MODULES}
+GROUP = "gyrocal.effects"
+
+Kind = TypeVar("Kind", bound=Effect)
 
 
-def setting(
-    name: str,
-    axis: str | None,
-    size: float,
-    parameters: Mapping[str, Value] | None = None,
-    known_effects: Mapping[str, Effect] = EFFECTS,
-) -> Setting:
-    """A validated setting, defaults filled in.
+class Registry(Mapping[str, Effect]):
+    """Effects by name, in the order in which they were registered."""
 
-    Raises
-    ------
-    InputError
-        One line: unknown effect, axis or parameter, or a value that is not finite or out of bounds.
-    """
-    effect = _effect(name, known_effects)
-    given = dict(parameters or {})
-    unknown = [key for key in given if key not in {parameter.name for parameter in effect.parameters}]
-    if unknown:
-        known = ", ".join(parameter.name for parameter in effect.parameters) or "none"
-        raise InputError(f"{name}: no parameter {unknown[0]}; it has {known}")
-    low, high = effect.bounds
-    values = {parameter.name: _value(name, parameter, given.get(parameter.name)) for parameter in effect.parameters}
-    return Setting(name, _axis(effect, axis), _within(name, "size", size, low, high, effect.unit), values)
+    def __init__(self) -> None:
+        self.effects: dict[str, Effect] = {}
+        self._plugins_loaded = False
 
+    def __getitem__(self, name: str) -> Effect:
+        if name not in self.effects:
+            self.load_plugins()
+        return self.effects[name]
 
-def parse(text: str, known_effects: Mapping[str, Effect] = EFFECTS) -> Setting:
-    """A setting from text such as "bias_orbital:y=0.2,phase_deg=30".
+    def __iter__(self) -> Iterator[str]:
+        self.load_plugins()
+        return iter(self.effects)
 
-    Raises
-    ------
-    InputError
-        One line that says what is wrong with it.
-    """
-    head, *rest = (part.strip() for part in text.split(","))
-    label, separator, size = (part.strip() for part in head.partition("="))
-    name, colon, axis = (part.strip() for part in label.partition(":"))
-    if not name:
-        raise InputError(f"effect '{text}': give it as NAME:AXIS=SIZE, e.g. bias_drift:z=0.01")
-    effect = _effect(name, known_effects)
-    if not separator or not size:
-        raise InputError(f"{text}: give its size in {effect.unit}, as {_usage(effect)}")
-    parameters: dict[str, Value] = {}
-    for part in rest:
-        key, separator, value = (piece.strip() for piece in part.partition("="))
-        if not separator or not key or not value:
-            raise InputError(f"{name}: '{part}' is no parameter; give it as PARAMETER=VALUE")
-        if key in parameters:
-            raise InputError(f"{name}: parameter {key} is given twice")
-        parameters[key] = value
-    return setting(name, axis if colon else None, _number(name, "size", size), parameters, known_effects)
+    def __len__(self) -> int:
+        self.load_plugins()
+        return len(self.effects)
 
+    def register(self, effect: Effect) -> None:
+        """Add an effect.
 
-def described(chosen: Setting, known_effects: Mapping[str, Effect] = EFFECTS) -> dict[str, object]:
-    """A setting for a JSON file, with its unit."""
-    return {
-        "effect": chosen.effect,
-        "axis": chosen.axis,
-        "size": chosen.size,
-        "unit": known_effects[chosen.effect].unit,
-        "parameters": dict(chosen.parameters),
-    }
+        Raises
+        ------
+        InputError
+            Its name is taken, there is no such stage, or it does not do what its stage calls.
+        """
+        name = effect.name
+        if name in self.effects:
+            raise InputError(f"{name}: there is an effect of that name already")
+        if effect.stage not in STAGE_NAMES:
+            raise InputError(f"{name}: no stage '{effect.stage}' in the measuring chain; there are {', '.join(STAGE_NAMES)}")
+        calls = next(stage.calls for stage in STAGES if stage.name == effect.stage)
+        if not effect.implements(calls):
+            raise InputError(f"{name}: stage {effect.stage} calls its method {calls}, which it does not have")
+        self._check_symptom(effect)
+        if not 0 < effect.prior[0] < effect.prior[1]:
+            raise InputError(f"{name}: prior must be two sizes above zero, the smaller one first")
+        if effect.switched and "time_s" not in {parameter.name for parameter in effect.parameters}:
+            raise InputError(f"{name}: is switched on at a time, and needs a parameter time_s")
+        self.effects[name] = effect
 
+    def remove(self, name: str) -> None:
+        """Take an effect out again."""
+        del self.effects[name]
 
-def _effect(name: str, known_effects: Mapping[str, Effect]) -> Effect:
-    if name in known_effects:
-        return known_effects[name]
-    near = difflib.get_close_matches(name, known_effects, n=3)
-    hint = f"did you mean {' or '.join(near)}?" if near else f"there are {', '.join(known_effects)}"
-    raise InputError(f"{name}: no such effect; {hint}")
+    def _check_symptom(self, effect: Effect) -> None:
+        if effect.symptom is None:
+            return
+        if effect.symptom not in SYMPTOMS:
+            raise InputError(f"{effect.name}: no symptom '{effect.symptom}'; there are {', '.join(SYMPTOMS)}")
+        rival = self.showing(effect.symptom)
+        if rival is not None:
+            raise InputError(f"{effect.name}: the symptom {effect.symptom} is that of {rival.name} already")
 
+    def showing(self, symptom: str) -> Effect | None:
+        """The effect that claims a symptom of the samples."""
+        return next((effect for effect in self.effects.values() if effect.symptom == symptom), None)
 
-def _usage(effect: Effect) -> str:
-    axis = ":AXIS" if effect.axes and not effect.axis_optional else ""
-    required = "".join(f",{parameter.name}=…" for parameter in effect.parameters if parameter.default is None)
-    return f"{effect.name}{axis}=SIZE{required}"
+    def load_plugins(self) -> None:
+        """Register the effects of installed plug-ins, once; one that is broken is left out with a warning that names it."""
+        if self._plugins_loaded:
+            return
+        self._plugins_loaded = True
+        for point in entry_points(group=GROUP):
+            try:
+                self.register_all(_effects_of(point.load()))
+            except Exception as fault:  # a plug-in may fail in any way, and its traceback would not say whose fault it is
+                warnings.warn(f"effect plug-in {point.name} ({point.value}) is left out: {_one_line(fault)}", stacklevel=2)
 
+    def load_file(self, path: Path) -> list[Effect]:
+        """Register the effects of a Python file, its `EFFECT` or `EFFECTS`.
 
-def _axis(effect: Effect, axis: str | None) -> str | None:
-    if not effect.axes:
-        if axis is not None:
-            raise InputError(f"{effect.name}: has no axis; write {_usage(effect)}")
-        return None
-    if axis is None:
-        if effect.axis_optional:
-            return None
-        words = f"{', '.join(effect.axes[:-1])} or {effect.axes[-1]}"
-        raise InputError(f"{effect.name}: which axis? write {_usage(effect)} with {words}")
-    if axis not in effect.axes:
-        raise InputError(f"{effect.name}: axis '{axis}' must be one of {', '.join(effect.axes)}")
-    return axis
+        Raises
+        ------
+        InputError
+            The file cannot be read or run, or holds no effect; the message is one line that names it.
+        """
+        spec = importlib.util.spec_from_file_location(f"gyrocal_effects_{path.stem}", path)
+        if not path.is_file() or spec is None or spec.loader is None:
+            raise InputError(f"{path}: no such Python file")
+        module = importlib.util.module_from_spec(spec)
+        try:
+            spec.loader.exec_module(module)
+            return self.register_all(_effects_of(module))
+        except Exception as fault:  # anything may be in it
+            raise InputError(f"{path}: {_one_line(fault)}") from fault
 
-
-def _value(name: str, parameter: Parameter, given: Value | None) -> Value:
-    value = parameter.default if given is None else given
-    if value is None:
-        raise InputError(f"{name}: {parameter.name} is missing ({parameter.summary})")
-    if parameter.choices == ("*",):
-        return str(value)
-    if parameter.choices:
-        if value not in parameter.choices:
-            raise InputError(f"{name}: {parameter.name} {value} must be one of {', '.join(parameter.choices)}")
-        return value
-    return _within(name, parameter.name, value, parameter.lower, parameter.upper, parameter.unit)
+    def register_all(self, effects: Iterable[Effect]) -> list[Effect]:
+        """Add several effects."""
+        added = list(effects)
+        for effect in added:
+            self.register(effect)
+        return added
 
 
-def _number(name: str, what: str, value: Value) -> float:
-    try:
-        return float(value)
-    except ValueError:
-        raise InputError(f"{name}: {what} {value} is not a number") from None
+class View(Mapping[str, Kind]):
+    """The effects of one kind, either those on the sun and Earth sensors or all others; it follows its registry."""
+
+    def __init__(self, registry: Registry, kind: type[Kind], on_sensors: bool):
+        self._registry = registry
+        self._kind = kind
+        self._on_sensors = on_sensors
+
+    def _has(self, effect: Effect) -> TypeGuard[Kind]:
+        return isinstance(effect, self._kind) and (effect.stage == "sensor") == self._on_sensors
+
+    def __getitem__(self, name: str) -> Kind:
+        effect = self._registry[name]
+        if not self._has(effect):
+            raise KeyError(name)
+        return effect
+
+    def __iter__(self) -> Iterator[str]:
+        return (name for name, effect in self._registry.items() if self._has(effect))
+
+    def __len__(self) -> int:
+        return sum(1 for _ in self)
 
 
-def _within(name: str, what: str, value: Value, low: float, high: float, unit: str) -> float:
-    number = _number(name, what, value)
-    if not math.isfinite(number):
-        raise InputError(f"{name}: {what} {value} is not a finite number")
-    if not low <= number <= high:
-        raise InputError(f"{name}: {what} {number:g} is not within {low:g} and {high:g} {unit}".rstrip())
-    return number
+def _effects_of(found: object) -> list[Effect]:
+    """The effects that an entry point or a module gives."""
+    if isinstance(found, ModuleType):
+        given = [getattr(found, name) for name in ("EFFECT", "EFFECTS") if hasattr(found, name)]
+        if not given:
+            raise InputError("defines neither EFFECT nor EFFECTS")
+        return [effect for one in given for effect in _effects_of(one)]
+    if isinstance(found, Effect):
+        return [found]
+    if isinstance(found, list | tuple) and all(isinstance(one, Effect) for one in found):
+        return list(found)
+    raise InputError(f"gives {type(found).__name__}, not an Effect or several")
+
+
+def _one_line(fault: Exception) -> str:
+    """What went wrong, in one line; the kind of error too unless it is bad input."""
+    words = " ".join(str(fault).split())
+    return words if isinstance(fault, InputError) else f"{type(fault).__name__}: {words}"
+
+
+REGISTRY = Registry()
+ALL_EFFECTS: Mapping[str, Effect] = REGISTRY
+EFFECTS: Mapping[str, Effect] = View(REGISTRY, Effect, on_sensors=False)

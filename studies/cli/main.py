@@ -6,6 +6,7 @@ Tables go to standard output, progress and errors to standard error. Bad input e
 import json
 import sys
 import tomllib
+import warnings
 from pathlib import Path
 from typing import Any
 
@@ -28,6 +29,7 @@ from studies.cli import import_ as cli_import
 from studies.cli import mission as cli_mission
 from studies.cli import plan as cli_plan
 from studies.cli import reproduce as cli_reproduce
+from studies.cli.effect_files import effects_option
 from studies.montecarlo import engine
 from studies.montecarlo.manifest import write_json
 from studies.report import calibration as calibration_report
@@ -43,7 +45,9 @@ class _Group(click.Group):
 
     def invoke(self, ctx: click.Context) -> Any:
         try:
-            return super().invoke(ctx)
+            with warnings.catch_warnings():
+                warnings.showwarning = _warn
+                return super().invoke(ctx)
         except engine.Interrupted as stop:
             click.echo(f"gyrocal: {stop}", err=True)
             ctx.exit(130)
@@ -53,6 +57,11 @@ class _Group(click.Group):
         except OSError as error:
             click.echo(f"gyrocal: {error.filename or 'file'}: {error.strerror or error}", err=True)
             ctx.exit(2)
+
+
+def _warn(message: Warning | str, *where: Any, **options: Any) -> None:
+    """A warning as one line."""
+    click.echo(f"gyrocal: warning: {' '.join(str(message).split())}", err=True)
 
 
 @click.group(cls=_Group, context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100})
@@ -90,6 +99,7 @@ def scenarios_command(name: str | None) -> None:
     metavar="NAME:AXIS=SIZE[,KEY=VALUE…]",
     help="Something that the baseline does not do, see 'gyrocal effects'; repeatable.",
 )
+@effects_option
 @click.option("--truth", type=PATH, help="Also write the injected G, bias and effects as JSON to this file.")
 @click.option("--force", is_flag=True, help="Replace a recording that is in OUT already.")
 def simulate_command(
@@ -116,6 +126,7 @@ def simulate_command(
       gyrocal simulate trmm /tmp/gap --effect bias_orbital:y=0.2 --effect g_matrix_step:z=1300,toward=y,time_s=15000
       gyrocal simulate /tmp/rec /tmp/again --effect time_offset=0.5
       gyrocal simulate trmm_months /tmp/months --effect dss_head:2=0.28
+      gyrocal simulate trmm /tmp/mine --effects mine.py --effect my_effect:z=0.5
       gyrocal simulate trmm_series /tmp/rec --seed 7 --set gyro.arw_deg_per_sqrt_s=1e-4 --set interval.1.slew.0.start_s=120
     """
     if (out / "recording.toml").exists() and not force:
@@ -165,6 +176,7 @@ def _parameters(effect: Effect) -> str:
 
 
 @main.command("effects")
+@effects_option
 @click.option("--json", "as_json", type=PATH, help="Write the list as JSON to this file.")
 def effects_command(as_json: Path | None) -> None:
     """List what a gyro, a reference or an attitude sensor can do beyond the baseline; a positive size makes the gyro read high.

@@ -14,39 +14,6 @@ from gyrocal import NAMES
 from simulator.effects.sensor import ALL_EFFECTS as EFFECTS
 from studies.report import render
 
-MEANING = {
-    "bias_drift": "The gyro's bias grows steadily over the whole mission time; positive: it reads ever higher.",
-    "bias_step": "The gyro's bias jumps at one time and stays there; positive: it reads high afterwards.",
-    "bias_orbital": "The gyro's bias goes up and down once an orbit, as when sun and shadow warm and cool it.",
-    "bias_temperature": "The gyro's bias follows a temperature of the housekeeping data; positive: it reads high when warm.",
-    "bias_random_walk": "The gyro's bias wanders without returning (rate random walk).",
-    "noise_flicker": "The gyro's bias wanders about a level that is never quite constant (bias instability, 1/f noise).",
-    "noise_excess": "The gyro's white noise is not what the recording states; 1 would be as stated.",
-    "scale_asymmetry": "The scale factor differs between the two senses of rotation; positive: both rates read too high.",
-    "scale_quadratic": "The scale factor grows with the rate; positive: fast turns read too fast, in both senses.",
-    "g_matrix_step": "One element of the gyro's scale-factor and misalignment matrix jumps at one time, as after a shock.",
-    "time_offset": "The gyro's time tags are late against the clock of the reference attitudes (early if negative).",
-    "rate_lag": "The gyro's output trails the rate, as behind a low-pass filter with this time constant.",
-    "rate_quantization": "The gyro's output is rounded to multiples of a step.",
-    "rate_truncation": "The gyro's output is cut off to a multiple of a step instead of rounded.",
-    "rate_deadzone": "Rates smaller than this read zero.",
-    "rate_saturation": "Rates larger than this are cut off.",
-    "vibration": "A steady tone in the samples, at the frequency that sampling makes of it.",
-    "spikes": "Single samples are far off, as by bit flips or lost counts; the size is their mean height.",
-    "stale_samples": "Telemetry repeats the sample before; the size is the mean length of a run of repeats.",
-    "reference_mode_offset": "The reference attitude is offset when flying -x forward, as when another sensor head takes over.",
-    "reference_orbital": "The reference attitude errs sinusoidally once an orbit.",
-    "reference_horizon": "The reference attitude errs sinusoidally twice an orbit, as Earth sensors do over an oblate Earth.",
-    "reference_correlated": "Errors of the reference attitude last for a while instead of being new each time.",
-    "dss_head": "The two heads of a sun sensor are not at right angles, which no misalignment of all of it can stand for; the "
-    "number is that of the sensor.",
-    "dss_misalignment": "DSS-2 is turned against DSS-1.",
-    "esa_bias": "The quadrants of the Earth sensor read constantly high or low.",
-    "esa_s_filter": "A quadrant of the Earth sensor errs for a while after the Sun was in it, as its S filter starts wrong.",
-    "esa_sun_intrusion": "The Sun in a quadrant of the Earth sensor is not excluded and pulls its angle down.",
-    "esa_nadir": "The penetration angles miss part of the Earth's flattening, as if they pointed to geocentric nadir.",
-    "reference_noise_excess": "The white noise of the reference attitudes is not as stated; 1 would be as stated.",
-}
 UNLISTED = "Not on the list of effects; the words say how it behaves, not what it is."
 ROUNDING = 1e-3  # sigmas: a change of a parameter below which there is none
 ALWAYS_HIDDEN = (
@@ -114,9 +81,7 @@ def together(effects: Sequence[str]) -> str:
 def meaning(text: str) -> str:
     """What an effect is, by its label."""
     name = text.split(":")[0]
-    if name in MEANING:
-        return MEANING[name]
-    return EFFECTS[name].summary if name in EFFECTS else UNLISTED
+    return (EFFECTS[name].meaning or EFFECTS[name].summary) if name in EFFECTS else UNLISTED
 
 
 # ---- sentences -----------------------------------------------------------------------------------------------------------

@@ -14,9 +14,9 @@ from diagnosis.inference.candidates import build
 from diagnosis.inference.closure import closure
 from diagnosis.inference.search import Member, Search
 from diagnosis.model.prepare import prepare
-from diagnosis.model.processes import factor, flicker, markov, random_walk
+from diagnosis.model.processes import factor, markov
 from simulator import scenario
-from simulator.effects import parse
+from simulator.effects import EFFECTS, ProcessTimes, parse
 from simulator.simulate import simulate
 
 
@@ -113,7 +113,8 @@ def test_a_gyro_without_bias_is_no_dead_zone(plan):
 def test_kernels_by_their_definitions(prepared):
     t = np.linspace(0, 5000, 60)
     assert np.allclose(markov(t, 700.0)[3, 9], np.exp(-(t[9] - t[3]) / 700))
-    K = random_walk(prepared.model, "hold")
+    cells = prepared.model.cells
+    K = EFFECTS["bias_random_walk"].covariance(ProcessTimes(cells.t_s, cells.run_s, cells.interval), {"gaps": "hold"})
     hours = (prepared.model.cells.run_s - prepared.model.cells.run_s.min()) / 3600
     assert np.allclose(np.diag(K), hours * np.deg2rad(1 / 3600) ** 2)
     F = factor(K)
@@ -124,7 +125,8 @@ def test_flicker_has_a_flat_allan_variance_at_its_floor():
     """Allan variance of the kernel at cluster times inside its range: 2 ln 2/π B², IEEE Std 952."""
     step = 20.0
     t = step * np.arange(800)
-    K = flicker(t, 5e4) / np.deg2rad(1 / 3600) ** 2
+    at = ProcessTimes(t, t, np.zeros(t.size, dtype=np.intp))
+    K = EFFECTS["noise_flicker"].covariance(at, {}) / np.deg2rad(1 / 3600) ** 2
     for clusters in (25, 60, 150):
         weight = np.zeros(800)
         weight[:clusters], weight[clusters : 2 * clusters] = -1 / clusters, 1 / clusters

@@ -22,7 +22,7 @@ EFFECT = BiasDrift(
     name="bias_drift",
     summary="bias grows linearly over mission time",
     unit="deg/h per day",
-    acts_on="rates",
-    kind="columns",
+    stage="rate",
     prior=(2e-4, 1.0),
+    meaning="The gyro's bias grows steadily over the whole mission time; positive: it reads ever higher.",
 )

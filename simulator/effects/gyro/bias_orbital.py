@@ -5,8 +5,8 @@ The Sun warms and the shadow cools the gyro once an orbit. Amplitudes (size cos 
 
 from collections.abc import Mapping
 
-from simulator.effects.base import Array, Effect, Setting, Stream, Value
-from simulator.effects.common import DEG_H, PHASE, from_phase_amplitudes, harmonic, on_axis, phase_amplitudes
+from simulator.effects.base import Array, Effect, Setting, Stream, Surroundings, Value
+from simulator.effects.common import DEG_H, PHASE, from_phase_amplitudes, harmonic, no_orbit, on_axis, phase_amplitudes
 
 
 class BiasOrbital(Effect):
@@ -24,13 +24,17 @@ class BiasOrbital(Effect):
         """Size and phase."""
         return from_phase_amplitudes(amplitudes)
 
+    def missing(self, around: Surroundings) -> str | None:
+        """It needs the orbit's period."""
+        return no_orbit(around)
+
 
 EFFECT = BiasOrbital(
     name="bias_orbital",
     summary="bias varies sinusoidally at orbit rate",
     unit="deg/h",
-    acts_on="rates",
-    kind="columns",
+    stage="rate",
     prior=(5e-3, 10.0),
     parameters=(PHASE,),
+    meaning="The gyro's bias goes up and down once an orbit, as when sun and shadow warm and cool it.",
 )

@@ -5,9 +5,11 @@ interval it runs in true time; over the gaps between intervals nothing is known,
 holds still there (hold), goes on (grow), or each interval starts at zero again (reset).
 """
 
+from collections.abc import Mapping, Sequence
+
 import numpy as np
 
-from simulator.effects.base import Array, Effect, Parameter, Setting, Stream
+from simulator.effects.base import Array, Effect, Parameter, ProcessTimes, Setting, Stream, Surroundings, Trial, Value
 from simulator.effects.common import DEG_H, HOUR, index, run_time
 
 GAPS = ("hold", "grow", "reset")
@@ -29,14 +31,33 @@ class BiasRandomWalk(Effect):
         out[:, index(setting.axis)] = setting.size * DEG_H / np.sqrt(HOUR) * walk
         return out
 
+    def covariance(self, at: ProcessTimes, parameters: Mapping[str, Value]) -> Array:
+        """K² min(t, t'), with the level at the first time zero, since M0 solves for it.
+
+        With a reset each interval also starts at a level of its own, in proportion to its length.
+        """
+        gaps = parameters["gaps"]
+        t = at.t_s if gaps == "grow" else at.run_s
+        t = (t - t.min()) / HOUR
+        if gaps != "reset":
+            return np.asarray(np.minimum.outer(t, t) * DEG_H**2)
+        same = np.equal.outer(at.interval, at.interval)
+        within = t - np.array([t[at.interval == number].min() for number in at.interval])
+        level = 0.5 * np.ptp(t) / np.unique(at.interval).size
+        return np.asarray(same * (np.minimum.outer(within, within) + level) * DEG_H**2)
+
+    def trials(self, around: Surroundings) -> Sequence[Trial]:
+        """What the walk may do over the gaps; one that goes on through long ones looks like new levels."""
+        return tuple(Trial({"gaps": gaps}, 0.5) for gaps in ("hold", "reset"))
+
 
 EFFECT = BiasRandomWalk(
     name="bias_random_walk",
     summary="rate random walk of the bias",
     unit="deg/h/√h",
-    acts_on="noise",
-    kind="covariance",
+    stage="random_rate",
     prior=(5e-3, 20.0),
     bounds=(0.0, 1e9),
     parameters=(Parameter("gaps", "", "hold", "over the gaps between intervals", choices=GAPS),),
+    meaning="The gyro's bias wanders without returning (rate random walk).",
 )

@@ -21,8 +21,9 @@ EFFECT = BiasStep(
     name="bias_step",
     summary="bias jumps at one time and stays",
     unit="deg/h",
-    acts_on="rates",
-    kind="columns",
+    stage="rate",
     prior=(5e-3, 50.0),
     parameters=(TIME,),
+    meaning="The gyro's bias jumps at one time and stays there; positive: it reads high afterwards.",
+    switched=True,
 )

@@ -7,7 +7,7 @@ between its rows. The column may be named; else one whose name ends in temperatu
 from collections.abc import Mapping
 
 from gyrocal.errors import InputError
-from simulator.effects.base import Array, Effect, Parameter, Stream, Value
+from simulator.effects.base import Array, Effect, Parameter, Stream, Surroundings, Value
 from simulator.effects.common import DEG_H, on_axis
 
 SUFFIX = "temperature_c"
@@ -37,14 +37,18 @@ class BiasTemperature(Effect):
         temperature = stream.housekeeping[name]
         return on_axis((temperature - temperature.mean()) * DEG_H, axis)
 
+    def missing(self, around: Surroundings) -> str | None:
+        """It needs a temperature."""
+        there = any(name.endswith(SUFFIX) for name in around.stream.housekeeping)
+        return None if there else f"the recording has no housekeeping column …{SUFFIX}"
+
 
 EFFECT = BiasTemperature(
     name="bias_temperature",
     summary="bias follows a housekeeping temperature",
     unit="deg/h per K",
-    acts_on="rates",
-    kind="columns",
+    stage="rate",
     prior=(1e-3, 10.0),
     parameters=(Parameter("column", "", "", "housekeeping column; the gyro's temperature if empty", choices=("*",)),),
-    housekeeping=SUFFIX,
+    meaning="The gyro's bias follows a temperature of the housekeeping data; positive: it reads high when warm.",
 )

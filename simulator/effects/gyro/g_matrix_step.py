@@ -4,9 +4,9 @@ With toward = axis the scale factor jumps; else the gyro's input axis tilts towa
 a shift of the mount. A sample that the step falls into shows its mean.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
-from simulator.effects.base import AXES, Array, Effect, Parameter, Stream, Value
+from simulator.effects.base import AXES, Array, Effect, Parameter, Stream, Surroundings, Trial, Value
 from simulator.effects.common import PPM, TIME, index, number, on_axis, share_after
 
 
@@ -18,14 +18,19 @@ class GMatrixStep(Effect):
         omega = stream.rates[:, index(str(parameters["toward"]))]
         return on_axis(PPM * omega * share_after(stream, number(parameters, "time_s")), axis)
 
+    def trials(self, around: Surroundings) -> Sequence[Trial]:
+        """Towards each axis."""
+        return tuple(Trial({"toward": toward}, 1 / 3) for toward in AXES)
+
 
 EFFECT = GMatrixStep(
     name="g_matrix_step",
     summary="an element G[axis, toward] steps at one time",
     unit="ppm",
-    acts_on="rates",
-    kind="columns",
+    stage="rate",
     prior=(20.0, 5e4),
     bounds=(-1e6, 1e6),
     parameters=(TIME, Parameter("toward", "", None, "body axis whose rate is picked up", choices=AXES)),
+    meaning="One element of the gyro's scale-factor and misalignment matrix jumps at one time, as after a shock.",
+    switched=True,
 )

@@ -23,9 +23,10 @@ EFFECT = NoiseExcess(
     name="noise_excess",
     summary="white gyro noise is other than stated",
     unit="factor",
-    acts_on="noise",
-    kind="covariance",
+    stage="white_noise",
     prior=(0.1, 30.0),
     bounds=(0.0, 1e6),
     axis_optional=True,
+    meaning="The gyro's white noise is not what the recording states; 1 would be as stated.",
+    symptom="white_noise_level",
 )

@@ -7,11 +7,14 @@ hence v = B² ln 2/π. The time constants go from one sample to the whole record
 in true time), so that 1/f holds over all that can be seen. Source of the idea: van der Ziel, Physica 16 (1950) 359.
 """
 
+from collections.abc import Mapping
+
 import numpy as np
 
-from simulator.effects.base import Array, Effect, Setting, Stream
-from simulator.effects.common import DEG_H, gauss_markov, index
+from simulator.effects.base import Array, Effect, ProcessTimes, Setting, Stream, Value
+from simulator.effects.common import DEG_H, gauss_markov, index, markov
 
+OCTAVES = 2.0 ** np.arange(5, 19)  # s: time constants that a covariance is made of, from the shortest a cell can show
 FLOOR = float(np.sqrt(2 * np.log(2) / np.pi))  # of the Allan deviation, per B
 
 
@@ -31,13 +34,21 @@ class NoiseFlicker(Effect):
         out[:, index(setting.axis)] = setting.size * DEG_H * np.sqrt(np.log(2) / np.pi) * total
         return out
 
+    def covariance(self, at: ProcessTimes, parameters: Mapping[str, Value]) -> Array:
+        """The same sum of Gauss–Markov processes; those much slower than an interval are a change of its bias."""
+        longest = max(float(np.ptp(at.t_s[at.interval == number])) for number in np.unique(at.interval))
+        total = np.zeros((len(at.t_s), len(at.t_s)))
+        for tau in OCTAVES[8 * longest > OCTAVES]:
+            total += markov(at.run_s, float(tau))
+        return np.asarray(total * np.log(2) / np.pi * DEG_H**2)
+
 
 EFFECT = NoiseFlicker(
     name="noise_flicker",
     summary="bias instability, 1/f noise of the rate",
     unit="deg/h",
-    acts_on="noise",
-    kind="covariance",
+    stage="random_rate",
     prior=(5e-3, 20.0),
     bounds=(0.0, 1e9),
+    meaning="The gyro's bias wanders about a level that is never quite constant (bias instability, 1/f noise).",
 )

@@ -25,8 +25,9 @@ EFFECT = RateDeadzone(
     name="rate_deadzone",
     summary="small rates read zero",
     unit="deg/s",
-    acts_on="samples",
-    kind="stream",
+    stage="threshold",
     prior=(1e-5, 1.0),
     bounds=(0.0, 1e5),
+    meaning="Rates smaller than this read zero.",
+    symptom="dead_zone",
 )

@@ -54,9 +54,11 @@ EFFECT = RateLag(
     name="rate_lag",
     summary="first-order lag of the gyro output",
     unit="s",
-    acts_on="timing",
-    kind="columns",
+    stage="filter",
     prior=(5e-3, 10.0),
     bounds=(0.0, 1e4),
     axes=(),
+    meaning="The gyro's output trails the rate, as behind a low-pass filter with this time constant.",
+    sign="positive",
+    weight=0.75,  # late tags are commoner than a slow gyro
 )

@@ -24,9 +24,10 @@ EFFECT = RateQuantization(
     name="rate_quantization",
     summary="output rounded to a step",
     unit="deg/s",
-    acts_on="samples",
-    kind="stream",
+    stage="resolution",
     prior=(1e-6, 1.0),
     bounds=(1e-12, 1e5),
     axis_optional=True,
+    meaning="The gyro's output is rounded to multiples of a step.",
+    symptom="lattice_rounded",
 )

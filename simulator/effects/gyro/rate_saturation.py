@@ -21,8 +21,9 @@ EFFECT = RateSaturation(
     name="rate_saturation",
     summary="output clipped",
     unit="deg/s",
-    acts_on="samples",
-    kind="stream",
+    stage="range",
     prior=(1e-2, 3e3),
     bounds=(1e-9, 1e5),
+    meaning="Rates larger than this are cut off.",
+    symptom="plateau",
 )

@@ -26,9 +26,10 @@ EFFECT = RateTruncation(
     name="rate_truncation",
     summary="output cut toward zero to a step",
     unit="deg/s",
-    acts_on="samples",
-    kind="stream",
+    stage="resolution",
     prior=(1e-6, 1.0),
     bounds=(1e-12, 1e5),
     axis_optional=True,
+    meaning="The gyro's output is cut off to a multiple of a step instead of rounded.",
+    symptom="lattice_cut",
 )

@@ -24,8 +24,8 @@ EFFECT = ScaleAsymmetry(
     name="scale_asymmetry",
     summary="scale factor differs with the sign of the rate",
     unit="ppm",
-    acts_on="rates",
-    kind="columns",
+    stage="rate",
     prior=(10.0, 5e4),
     bounds=(-1e6, 1e6),
+    meaning="The scale factor differs between the two senses of rotation; positive: both rates read too high.",
 )

@@ -25,8 +25,8 @@ EFFECT = ScaleQuadratic(
     name="scale_quadratic",
     summary="scale factor grows with the rate, odd non-linearity",
     unit="ppm per deg/s",
-    acts_on="rates",
-    kind="columns",
+    stage="rate",
     prior=(50.0, 3e5),
     bounds=(-1e8, 1e8),
+    meaning="The scale factor grows with the rate; positive: fast turns read too fast, in both senses.",
 )

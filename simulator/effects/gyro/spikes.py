@@ -28,10 +28,11 @@ EFFECT = Spikes(
     name="spikes",
     summary="outliers in the gyro samples",
     unit="deg/s",
-    acts_on="samples",
-    kind="stream",
+    stage="outliers",
     prior=(1e-3, 1e2),
     bounds=(0.0, 1e4),
     axis_optional=True,
     parameters=(Parameter("fraction", "", 0.001, "share of the samples", 0.0, 1.0),),
+    meaning="Single samples are far off, as by bit flips or lost counts; the size is their mean height.",
+    symptom="outliers",
 )

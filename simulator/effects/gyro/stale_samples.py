@@ -43,10 +43,11 @@ EFFECT = StaleSamples(
     name="stale_samples",
     summary="telemetry repeats the previous sample",
     unit="samples, mean run",
-    acts_on="samples",
-    kind="stream",
+    stage="telemetry",
     prior=(1.0, 100.0),
     bounds=(1.0, 1e6),
     axes=(),
     parameters=(Parameter("fraction", "", 0.01, "share of the samples that are repeats", 0.0, 0.99),),
+    meaning="Telemetry repeats the sample before; the size is the mean length of a run of repeats.",
+    symptom="repeats",
 )

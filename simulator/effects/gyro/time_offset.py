@@ -34,9 +34,9 @@ EFFECT = TimeOffset(
     name="time_offset",
     summary="gyro tags late (+) against the reference clock",
     unit="s",
-    acts_on="timing",
-    kind="columns",
+    stage="clock",
     prior=(5e-3, 10.0),
     bounds=(-3600.0, 3600.0),
     axes=(),
+    meaning="The gyro's time tags are late against the clock of the reference attitudes (early if negative).",
 )

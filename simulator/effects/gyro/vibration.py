@@ -30,9 +30,10 @@ EFFECT = Vibration(
     name="vibration",
     summary="structural tone, aliased by sampling",
     unit="deg/s",
-    acts_on="samples",
-    kind="stream",
+    stage="pickup",
     prior=(1e-5, 1.0),
     bounds=(-1e5, 1e5),
     parameters=(Parameter("apparent_hz", "Hz", 0.2, "apparent frequency, at most half the sampling rate", 0.0, 1e6), PHASE),
+    meaning="A steady tone in the samples, at the frequency that sampling makes of it.",
+    symptom="spectral_line",
 )

@@ -3,10 +3,15 @@
 What an onboard filter leaves, or slowly wandering sensor errors. Adds to the white errors, of which the stated sigma stays.
 """
 
+from collections.abc import Mapping, Sequence
+
 import numpy as np
 
-from simulator.effects.base import Array, Effect, Parameter, References, Setting
-from simulator.effects.common import DEG, gauss_markov, index, number
+from simulator.effects.base import Array, Effect, Parameter, ProcessTimes, References, Setting, Surroundings, Trial, Value
+from simulator.effects.common import DEG, gauss_markov, index, markov, number
+
+SPACINGS = (1.5, 3.0, 6.0, 12.0, 24.0, 48.0)  # of the references: time constants that are tried
+LONGEST = 2.0  # intervals: a longer time constant looks like a constant offset
 
 
 class ReferenceCorrelated(Effect):
@@ -19,14 +24,34 @@ class ReferenceCorrelated(Effect):
         out[:, index(setting.axis)] = setting.size * DEG * process
         return out
 
+    def covariance(self, at: ProcessTimes, parameters: Mapping[str, Value]) -> Array:
+        """exp(−|Δt|/τ) inside an interval; between two the time is long."""
+        same = np.equal.outer(at.interval, at.interval)
+        return np.asarray(DEG**2 * same * markov(at.t_s, number(parameters, "time_constant_s")))
+
+    def trials(self, around: Surroundings) -> Sequence[Trial]:
+        """Time constants an octave apart, from what the references' spacing can show to what an interval can."""
+        references = around.references
+        inside = np.diff(references.interval) == 0
+        if not inside.any():
+            return ()
+        spacing = float(np.median(np.diff(references.t_s)[inside]))
+        longest = max(float(np.ptp(references.t_s[references.interval == k])) for k in np.unique(references.interval))
+        constants = [factor * spacing for factor in SPACINGS if factor * spacing < LONGEST * longest]
+        return tuple(Trial({"time_constant_s": constant}, 1 / len(constants)) for constant in constants)
+
+    def missing(self, around: Surroundings) -> str | None:
+        """It needs references that follow one another."""
+        return None if self.trials(around) else "it needs a series of references"
+
 
 EFFECT = ReferenceCorrelated(
     name="reference_correlated",
     summary="reference error correlated in time",
     unit="deg",
-    acts_on="references",
-    kind="covariance",
+    stage="random_reference",
     prior=(5e-4, 5.0),
     bounds=(0.0, 90.0),
     parameters=(Parameter("time_constant_s", "s", 600.0, "time constant", 1e-3, 1e9),),
+    meaning="Errors of the reference attitude last for a while instead of being new each time.",
 )

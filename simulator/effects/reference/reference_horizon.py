@@ -7,10 +7,10 @@ EFFECT = ReferenceHarmonic(
     name="reference_horizon",
     summary="reference error at twice orbit rate",
     unit="deg",
-    acts_on="references",
-    kind="columns",
+    stage="reference",
     prior=(5e-4, 5.0),
     bounds=(-90.0, 90.0),
     parameters=(PHASE,),
     order=2,
+    meaning="The reference attitude errs sinusoidally twice an orbit, as Earth sensors do over an oblate Earth.",
 )

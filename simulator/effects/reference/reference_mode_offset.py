@@ -6,8 +6,10 @@ interval's activity, see `simulator.effects.recorded.forward_axes`.
 
 from collections.abc import Mapping
 
-from simulator.effects.base import Array, Effect, References, Value
+from simulator.effects.base import Array, Effect, References, Surroundings, Value
 from simulator.effects.common import DEG, on_axis
+
+BACKWARD = "-x"
 
 
 class ReferenceModeOffset(Effect):
@@ -15,15 +17,22 @@ class ReferenceModeOffset(Effect):
 
     def reference_columns(self, references: References, axis: str | None, parameters: Mapping[str, Value]) -> Array:
         """One where -x is forward, as degrees."""
-        return on_axis((references.forward == "-x") * DEG, axis)
+        return on_axis((references.forward == BACKWARD) * DEG, axis)
+
+    def missing(self, around: Surroundings) -> str | None:
+        """It needs references in this mode and in another one, since an offset of all of them cannot be seen."""
+        flown = set(around.references.forward) - {""}
+        if BACKWARD not in flown:
+            return f"no reference is taken with {BACKWARD} forward"
+        return None if len(flown) > 1 else f"all references are taken with {BACKWARD} forward"
 
 
 EFFECT = ReferenceModeOffset(
     name="reference_mode_offset",
     summary="reference offset in -x forward against other modes",
     unit="deg",
-    acts_on="references",
-    kind="columns",
+    stage="reference",
     prior=(5e-4, 5.0),
     bounds=(-90.0, 90.0),
+    meaning="The reference attitude is offset when flying -x forward, as when another sensor head takes over.",
 )

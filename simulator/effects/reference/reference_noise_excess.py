@@ -23,9 +23,10 @@ EFFECT = ReferenceNoiseExcess(
     name="reference_noise_excess",
     summary="reference noise is other than stated",
     unit="factor",
-    acts_on="references",
-    kind="covariance",
+    stage="reference_noise",
     prior=(0.1, 30.0),
     bounds=(0.0, 1e3),
     axis_optional=True,
+    meaning="The white noise of the reference attitudes is not as stated; 1 would be as stated.",
+    symptom="reference_noise_level",
 )

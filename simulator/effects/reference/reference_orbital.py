@@ -8,8 +8,8 @@ the epoch; `reference_horizon` has 2n in place of n.
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from simulator.effects.base import Array, Effect, References, Setting, Value
-from simulator.effects.common import DEG, PHASE, from_phase_amplitudes, harmonic, on_axis, phase_amplitudes
+from simulator.effects.base import Array, Effect, References, Setting, Surroundings, Value
+from simulator.effects.common import DEG, PHASE, from_phase_amplitudes, harmonic, no_orbit, on_axis, phase_amplitudes
 
 
 @dataclass(frozen=True)
@@ -30,14 +30,18 @@ class ReferenceHarmonic(Effect):
         """Size and phase."""
         return from_phase_amplitudes(amplitudes)
 
+    def missing(self, around: Surroundings) -> str | None:
+        """It needs the orbit's period."""
+        return no_orbit(around)
+
 
 EFFECT = ReferenceHarmonic(
     name="reference_orbital",
     summary="reference error sinusoidal at orbit rate",
     unit="deg",
-    acts_on="references",
-    kind="columns",
+    stage="reference",
     prior=(5e-4, 5.0),
     bounds=(-90.0, 90.0),
     parameters=(PHASE,),
+    meaning="The reference attitude errs sinusoidally once an orbit.",
 )

@@ -8,13 +8,14 @@ apart from each other where the sensors' own code can tell the first.
 Sizes are in the unit of the effect, errors in radians; an error is what the sensor shows beyond M0.
 """
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from simulator.effects.base import Effect, Parameter, Setting, Value
+from gyrocal.errors import InputError
+from simulator.effects.base import Effect, Parameter, Setting, Surroundings, Trial, Value, absent
 from simulator.sensors.suite import SensorSuite
 
 Array = NDArray[np.float64]
@@ -67,10 +68,16 @@ class SensorEffect(Effect):
     count: int = 1
     refined: tuple[str, ...] = ()
 
+    def trials(self, around: Surroundings) -> Sequence[Trial]:
+        """Its options."""
+        return tuple(Trial(option, 1 / len(self.options)) for option in self.options)
+
+    @absent
     def fitted(self, suite: SensorSuite, setting: Setting) -> SensorSuite:
         """The sensors with the effect."""
         raise NotImplementedError
 
+    @absent
     def error(
         self, sightings: Sightings, axis: str | None, amplitudes: Array, parameters: Mapping[str, Value]
     ) -> tuple[Array, Array]:
@@ -92,6 +99,13 @@ class VectorEffect(SensorEffect):
         """The norm, and the angles."""
         named = {one.name: float(value) for one, value in zip(self.parameters, amplitudes, strict=True)}
         return float(np.linalg.norm(amplitudes)), dict(named)
+
+    def completed(self, setting: Setting) -> Setting:
+        """With the angles themselves in place of their direction."""
+        size, angles = self.from_amplitudes(self.amplitudes(setting))
+        if size == 0:
+            raise InputError(f"{setting.label()}: {', '.join(angles)} are all zero, and it would do nothing; one must not be")
+        return replace(setting, size=size, parameters=angles)
 
 
 def angle(name: str, default: float, summary: str) -> Parameter:

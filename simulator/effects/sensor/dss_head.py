@@ -50,8 +50,7 @@ EFFECT = DssHead(
     name="dss_head",
     summary="the heads of a sun sensor are not at right angles",
     unit="deg",
-    acts_on="sensors",
-    kind="columns",
+    stage="sensor",
     prior=(3e-3, 2.0),
     bounds=(-5.0, 5.0),
     axes=("1", "2"),
@@ -61,4 +60,6 @@ EFFECT = DssHead(
         angle("e3_deg", 0.182, "third, about x"),
     ),
     count=3,
+    meaning="The two heads of a sun sensor are not at right angles, which no misalignment of all of it can stand "
+    "for; the number is that of the sensor.",
 )

@@ -44,8 +44,7 @@ EFFECT = DssMisalignment(
     name="dss_misalignment",
     summary="DSS-2 is turned against DSS-1",
     unit="deg",
-    acts_on="sensors",
-    kind="columns",
+    stage="sensor",
     prior=(3e-3, 2.0),
     bounds=(-5.0, 5.0),
     axes=(),
@@ -55,4 +54,5 @@ EFFECT = DssMisalignment(
         angle("m_z_deg", 0.1140, "about z"),
     ),
     count=3,
+    meaning="DSS-2 is turned against DSS-1.",
 )

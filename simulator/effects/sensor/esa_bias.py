@@ -33,8 +33,7 @@ EFFECT = EsaBias(
     name="esa_bias",
     summary="penetration-angle biases of the Earth sensor's quadrants",
     unit="deg",
-    acts_on="sensors",
-    kind="columns",
+    stage="sensor",
     prior=(3e-3, 2.0),
     bounds=(-3.0, 3.0),
     axes=(),
@@ -45,4 +44,5 @@ EFFECT = EsaBias(
         angle("bias_4_deg", -0.05382, "of the fourth"),
     ),
     count=4,
+    meaning="The quadrants of the Earth sensor read constantly high or low.",
 )

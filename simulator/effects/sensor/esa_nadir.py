@@ -83,9 +83,9 @@ EFFECT = EsaNadir(
     name="esa_nadir",
     summary="part of the Earth's flattening is missing in the penetration angles",
     unit="flattenings",
-    acts_on="sensors",
-    kind="columns",
+    stage="sensor",
     prior=(0.01, 2.0),
     bounds=(-5.0, 5.0),
     axes=(),
+    meaning="The penetration angles miss part of the Earth's flattening, as if they pointed to geocentric nadir.",
 )

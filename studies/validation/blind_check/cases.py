@@ -2,8 +2,8 @@
 
 How strong a deterministic or slow random effect is, is its evidence signal-to-noise ratio: the norm of what it adds to the
 whitened observations once G, b and the start attitudes have taken up their part, √Δχ² of a fit of just this effect. It is
-measured on the full simulation, noise-free with less without the effect. An effect on the samples themselves (kind
-"stream") or a wrong noise level has no such number; its size is drawn against the noise or the rates it acts on.
+measured on the full simulation, noise-free with less without the effect. An effect on the samples themselves, or a wrong noise
+level, has no such number; its size is drawn against the noise or the rates it acts on.
 """
 
 from __future__ import annotations
@@ -46,7 +46,6 @@ SAME: tuple[frozenset[str], ...] = (
     frozenset({"bias_random_walk", "noise_flicker"}),  # the same spectrum but for a slope
     frozenset({"rate_quantization", "rate_truncation"}),  # the same steps
 )
-FACTORS = ("noise_excess", "reference_noise_excess")
 
 
 class Spec(BaseModel):
@@ -282,7 +281,7 @@ def _placed_together(
 
 def _placed(rng: np.random.Generator, world: World, name: str, limits: tuple[float, float]) -> tuple[Setting, Array | None]:
     """A setting of an effect and its whitened response; None for one without."""
-    if EFFECTS[name].kind == "stream" or name in FACTORS:
+    if EFFECTS[name].in_samples:
         return _seen_in_the_samples(rng, world, name), None
     effect = EFFECTS[name]
     low, high = effect.prior
@@ -416,11 +415,10 @@ def novelty(model: Model, response: Array) -> float:
 def _listed_columns(model: Model) -> list[Array]:
     out = []
     for effect in EFFECTS.values():
-        steps = any(one.name == "time_s" for one in effect.parameters)
-        if effect.kind != "columns" or steps or (effect.housekeeping and not model.stream.housekeeping):
+        if not effect.has_columns or effect.switched or effect.missing(model.around) is not None:
             continue
         for axis in effect.axes or (None,):
-            if effect.acts_on == "references":
+            if effect.on_references:
                 columns = model.reference_error(effect.reference_columns(model.references, axis, {}))
             else:
                 columns = model.reading(effect.columns(model.stream, axis, {}))

@@ -178,7 +178,7 @@ def _worth_reaching(answer: dict[str, Any], result: dict[str, Any]) -> bool:
         return False
     one, found = effects[0], result["diagnosis"]
     named = found["closure"] is not None and [cause["effect"] for cause in found["causes"]] == [one["effect"]]
-    return bool(named and EFFECTS[one["effect"]].kind == "columns" and one["snr"] and one["snr"] >= REACH_SNR)
+    return bool(named and EFFECTS[one["effect"]].has_columns and one["snr"] and one["snr"] >= REACH_SNR)
 
 
 def _reach(folder: Path, answer: dict[str, Any]) -> tuple[int, float]:

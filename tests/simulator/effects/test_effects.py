@@ -62,7 +62,7 @@ def variants(name):
 CASES = [
     (name, axis, parameters)
     for name, effect in EFFECTS.items()
-    if effect.kind == "columns"
+    if effect.has_columns
     for axis in (effect.axes or (None,))
     for parameters in variants(name)
 ]
@@ -71,7 +71,7 @@ CASES = [
 @pytest.mark.parametrize(("name", "axis", "parameters"), CASES)
 def test_columns_are_the_simulators_derivative(name, axis, parameters):
     effect, size = EFFECTS[name], SIZE.get(name, 1.0)
-    on_references = effect.acts_on == "references"
+    on_references = effect.on_references
     make = effect.reference_columns if on_references else effect.columns
     columns = make(references_of(PLAIN) if on_references else STREAM, axis, parameters)
     for k in range(columns.shape[2]):
@@ -90,7 +90,7 @@ def test_columns_are_the_simulators_derivative(name, axis, parameters):
         scale = np.abs(columns[..., k]).max()
         assert scale > 0
         # Rounding for what is linear; the next order of 1e-3 s against the motion's fastest for the timing.
-        tolerance = 1e-3 if effect.acts_on == "timing" else 1e-9
+        tolerance = 1e-3 if effect.stage in ("filter", "clock") else 1e-9
         np.testing.assert_allclose(difference / size, columns[..., k], rtol=0, atol=tolerance * scale)
 
 
@@ -201,7 +201,7 @@ def test_every_effect_is_described_and_simulated(name):
     made = setting(name, "z" if effect.axes else None, size, parameters)
     recording = simulator.simulate(SCENARIO, seed=1, effects=[made])
     same = np.array_equal(recording.gyro.rates, simulator.simulate(SCENARIO, seed=1).gyro.rates)
-    assert same == (effect.acts_on == "references" or name == "rate_saturation")  # its middle is beyond any rate here
+    assert same == (effect.on_references or name == "rate_saturation")  # its middle is beyond any rate here
     np.testing.assert_array_equal(recording.gyro.t_s, PLAIN.gyro.t_s)
     np.testing.assert_array_equal(recording.attitudes.sigma, PLAIN.attitudes.sigma)
 
@@ -276,5 +276,5 @@ def test_an_effect_that_cannot_act_is_refused(text, words):
 
 def test_mode_offset_without_the_mode_is_refused():
     scenario = simulator.override(SCENARIO, {"interval.1.activity": "yaw", "interval.2.activity": "test"})
-    with pytest.raises(InputError, match="-x is forward"):
+    with pytest.raises(InputError, match="no reference is taken with -x forward"):
         simulator.simulate(scenario, effects=[parse("reference_mode_offset:x=1")])

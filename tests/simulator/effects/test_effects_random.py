@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import simulator
-from simulator.effects import EFFECTS, References, Stream, parse
+from simulator.effects import EFFECTS, References, Stream, Surroundings, parse
 from simulator.effects.chain import activated, readings
 from simulator.effects.gyro.noise_flicker import FLOOR
 from simulator.effects.gyro.stale_samples import stale_mask
@@ -24,7 +24,13 @@ def still(count, sample_s=1.0, starts=(0.0,)):
 
 def applied(text, stream, seed=0, case=0, arw=0.0, noisy=False):
     rng = simulator.generator(seed, case, "gyro_noise") if noisy else None
-    return readings(stream, activated([parse(text)], seed, case), arw, rng)
+    return readings(around(stream, arw), activated([parse(text)], seed, case), rng)
+
+
+def around(stream, arw=0.0):
+    """A stream with two references at rest."""
+    references = References(np.array(stream.span_s), np.eye(4)[[3, 3]], np.zeros(2, dtype=np.intp), np.array(["", ""]), 5500.0)
+    return Surroundings(stream, references, arw, float(stream.duration_s[0]), np.full((2, 3), 1e-4))
 
 
 def allan_deviation(rate, count):
@@ -101,8 +107,8 @@ def test_an_effect_leaves_all_other_draws_as_they_were():
 
 
 def test_two_of_one_label_draw_apart():
-    twice = readings(still(50), activated([parse("bias_random_walk:x=1")] * 2, 0, 0), 0.0, None)
-    once = readings(still(50), activated([parse("bias_random_walk:x=1")], 0, 0), 0.0, None)
+    twice = readings(around(still(50)), activated([parse("bias_random_walk:x=1")] * 2, 0, 0), None)
+    once = readings(around(still(50)), activated([parse("bias_random_walk:x=1")], 0, 0), None)
     assert np.abs(twice - 2 * once).max() > 0.1 * np.abs(once).max()
 
 

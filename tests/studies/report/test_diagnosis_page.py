@@ -188,8 +188,7 @@ def test_parameters_in_words(parameters, text):
 
 
 def test_every_effect_has_a_meaning():
-    assert set(words.MEANING) <= set(ALL_EFFECTS)
-    assert all(words.meaning(f"{name}:x") for name in ALL_EFFECTS)
+    assert all(words.meaning(f"{name}:x").endswith(".") for name in ALL_EFFECTS)
     assert words.meaning("bias of another period:z") == words.UNLISTED
 
 

@@ -19,7 +19,7 @@ from simulator.scenario import load as scenario
 from simulator.scenario import override
 from simulator.simulate import simulate
 from studies.validation.blind_check import seal, steps
-from studies.validation.blind_check.cases import FACTORS, Drawn, Invention, Spec, draw, kind_of, novelty
+from studies.validation.blind_check.cases import Drawn, Invention, Spec, draw, kind_of, novelty
 from studies.validation.blind_check.unlisted import UNLISTED
 
 BASE = override(scenario("trmm_series"), {"gyro.sample_s": 4.0, "reference.every_s": 120.0, "gyro.arw_deg_per_sqrt_s": 1.5e-4})
@@ -82,7 +82,7 @@ def test_the_snr_is_that_of_an_independent_computation(singles: list[Drawn], num
     drawn = singles[number]
     said = drawn.answer["effects"][0]
     if said["snr"] is None:
-        assert EFFECTS[said["effect"]].kind == "stream" or said["effect"] in FACTORS
+        assert EFFECTS[said["effect"]].in_samples
         return
     assert 4 * 0.97 < said["snr"] < 40 * 1.03
     world = drawn.world

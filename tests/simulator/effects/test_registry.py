@@ -1,0 +1,175 @@
+"""The registry: what it refuses, plug-ins, files, and that nothing else depends on any one effect."""
+
+import re
+from dataclasses import replace
+from importlib.metadata import EntryPoint
+
+import numpy as np
+import pytest
+
+import simulator
+from gyrocal import InputError, load
+from simulator.effects import ALL_EFFECTS, BUILT_IN, EFFECTS, REGISTRY, STAGES, Effect, Registry, parse
+from simulator.effects import registry as registry_module
+from simulator.effects.base import SYMPTOMS
+from simulator.effects.common import on_axis
+from simulator.effects.sensor import SENSOR_EFFECTS
+
+
+class Constant(Effect):
+    """A bias that is always there."""
+
+    def columns(self, stream, axis, parameters):
+        return on_axis(np.ones(len(stream.t_s)), axis)
+
+
+MINE = Constant(name="mine", summary="mine", unit="rad/s", stage="rate", prior=(1e-9, 1e-3))
+FILE = """
+import numpy as np
+from simulator.effects import Effect
+from simulator.effects.common import on_axis
+
+
+class Constant(Effect):
+    def columns(self, stream, axis, parameters):
+        return on_axis(np.ones(len(stream.t_s)), axis)
+
+
+EFFECT = Constant(name="from_file", summary="of a file", unit="rad/s", stage="rate", prior=(1e-9, 1e-3))
+EFFECTS = [Constant(name="second", summary="of a file", unit="rad/s", stage="rate", prior=(1e-9, 1e-3))]
+"""
+
+
+@pytest.fixture
+def own():
+    """A registry of the built-in effects that a test may change."""
+    registry = Registry()
+    registry.register_all(module.EFFECT for module in BUILT_IN)
+    return registry
+
+
+def test_every_stage_has_a_meaning_and_a_built_in_effect():
+    assert len({stage.name for stage in STAGES}) == len(STAGES)
+    assert all(stage.meaning.endswith(".") for stage in STAGES)
+    assert {effect.stage for effect in ALL_EFFECTS.values()} == {stage.name for stage in STAGES}
+    assert {effect.symptom for effect in ALL_EFFECTS.values()} - {None} == set(SYMPTOMS)
+
+
+def test_views_tell_sensor_effects_apart_and_follow_the_registry(monkeypatch):
+    assert set(EFFECTS) | set(SENSOR_EFFECTS) == set(ALL_EFFECTS)
+    assert not set(EFFECTS) & set(SENSOR_EFFECTS)
+    assert len(EFFECTS) + len(SENSOR_EFFECTS) == len(ALL_EFFECTS)
+    assert "dss_head" not in EFFECTS
+    monkeypatch.setitem(REGISTRY.effects, "mine", MINE)
+    assert EFFECTS["mine"] is ALL_EFFECTS["mine"] is MINE
+    assert "mine" not in SENSOR_EFFECTS
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"stage": "tape"}, "no stage 'tape' in the measuring chain; there are rate, random_rate, filter"),
+        ({"name": "bias_drift"}, "an effect of that name already"),
+        ({"stage": "outliers"}, "stage outliers calls its method apply"),
+        ({"stage": "sensor"}, "stage sensor calls its method fitted"),
+        ({"symptom": "smoke"}, "no symptom 'smoke'"),
+        ({"symptom": "outliers"}, "is that of spikes already"),
+        ({"prior": (0.0, 1.0)}, "prior"),
+        ({"switched": True}, "needs a parameter time_s"),
+    ],
+)
+def test_what_cannot_work_is_refused_at_registration(own, changes, words):
+    with pytest.raises(InputError, match=re.escape(words)):
+        own.register(replace(MINE, **changes))
+    own.register(MINE)
+    assert own["mine"] is MINE
+
+
+def entry_points_of(values):
+    points = [EntryPoint(name, value, registry_module.GROUP) for name, value in values.items()]
+    return lambda group: points if group == registry_module.GROUP else []
+
+
+def test_plugins_are_loaded_when_first_needed(own, monkeypatch):
+    asked = []
+    plugin = {"mine": f"{__name__}:MINE"}
+    monkeypatch.setattr(registry_module, "entry_points", lambda group: asked.append(group) or entry_points_of(plugin)(group))
+    assert own["bias_drift"].name == "bias_drift"
+    assert asked == []  # a built-in effect needs none
+    assert own["mine"] == MINE
+    assert list(own)[-1] == "mine"
+    assert asked == [registry_module.GROUP]
+
+
+def test_a_broken_plugin_is_named_and_left_out(own, monkeypatch):
+    broken = {"nowhere": "no_such_package", "wrong": "math:pi", "mine": f"{__name__}:MINE"}
+    monkeypatch.setattr(registry_module, "entry_points", entry_points_of(broken))
+    with pytest.warns(UserWarning, match="left out") as caught:
+        names = list(own)
+    said = [str(one.message) for one in caught]
+    assert [words.split(" is left out: ")[0] for words in said] == [
+        "effect plug-in nowhere (no_such_package)",
+        "effect plug-in wrong (math:pi)",
+    ]
+    assert not any("\n" in words for words in said)
+    assert len(names) == len(BUILT_IN) + 1
+
+
+def test_a_file_adds_all_its_effects(own, tmp_path):
+    path = tmp_path / "mine.py"
+    path.write_text(FILE)
+    assert [effect.name for effect in own.load_file(path)] == ["from_file", "second"]
+    assert own["second"].summary == "of a file"
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        (None, "no such Python file"),
+        ("x = 1", "neither EFFECT nor EFFECTS"),
+        ("EFFECT = 3", "gives int, not an Effect"),
+        ("def", "SyntaxError"),
+        ("1 / 0", "ZeroDivisionError: division by zero"),
+        (FILE.replace('stage="rate"', 'stage="rates"'), "from_file: no stage 'rates'"),
+    ],
+)
+def test_a_bad_file_is_one_line_with_its_name(own, tmp_path, text, words):
+    path = tmp_path / "mine.py"
+    if text is not None:
+        path.write_text(text)
+    with pytest.raises(InputError, match=re.escape(words)) as caught:
+        own.load_file(path)
+    assert str(caught.value).startswith(str(path))
+    assert "\n" not in str(caught.value)
+
+
+def test_effects_of_a_file_on_the_command_line(run_cli, tmp_path):
+    path = tmp_path / "mine.py"
+    path.write_text(FILE)
+    asked = ("--effects", str(path), "--effect", "second:y=1e-4")
+    for _ in range(2):  # the first run leaves nothing behind
+        done = run_cli("simulate", "trmm", str(tmp_path / "rec"), "--force", "--noise-free", *asked)
+        assert done.exit_code == 0, done.stderr
+    made = simulator.simulate(simulator.load("trmm"), noise=False)
+    change = load(tmp_path / "rec").gyro.rates - made.gyro.rates
+    np.testing.assert_allclose(change, np.tile([0, 1e-4, 0], (len(change), 1)), atol=1e-15)
+    assert "from_file" in run_cli("effects", "--effects", str(path)).stdout
+    assert "from_file" not in run_cli("effects").stdout
+    path.write_text("EFFECT = 3")
+    refused = run_cli("simulate", "trmm", str(tmp_path / "other"), *asked)
+    assert refused.exit_code == 2
+    assert refused.stderr.strip().splitlines() == [f"gyrocal: {path}: gives int, not an Effect or several"]
+
+
+@pytest.mark.parametrize("name", list(ALL_EFFECTS))
+def test_nothing_depends_on_an_effect(run_cli, monkeypatch, name):
+    monkeypatch.delitem(REGISTRY.effects, name)
+    other = "scale_asymmetry:y=700" if name != "scale_asymmetry" else "bias_drift:z=1"
+    scenario = simulator.override(simulator.load("trmm"), {"gyro.sample_s": 5.0})
+    changed = simulator.simulate(scenario, noise=False, effects=[parse(other)]).gyro.rates
+    assert (changed != simulator.simulate(scenario, noise=False).gyro.rates).any()
+    listed = run_cli("effects")
+    assert listed.exit_code == 0
+    assert f" {name} " not in listed.stdout
+    with pytest.raises(InputError, match="no such effect"):
+        parse(f"{name}=1")
