@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
 from diagnosis.answer import Closure
+from diagnosis.assemble import assembled
 from diagnosis.inference.amplitudes import Fitted, fit
 from diagnosis.inference.attribution import Attribution, as_unknown, attribute
 from diagnosis.inference.checks import Check, rejected, residual_checks
@@ -20,12 +21,11 @@ from diagnosis.inference.search import Search
 from diagnosis.model.calibration import calibrated
 from diagnosis.model.candidates import linear_model
 from diagnosis.model.dead_zone import dead_zone_groups
+from diagnosis.model.layout import layout
 from diagnosis.model.linear import LinearModel
 from diagnosis.model.prepare import Prepared, prepare
 from diagnosis.model.symptoms import SampleCause, sample_causes
-from diagnosis.result import Diagnosis, assembled
-from diagnosis.sensors import diagnose as diagnose_sensors
-from diagnosis.sensors.merge import merged
+from diagnosis.result import Diagnosis
 from diagnosis.settings import DEFAULT, DiagnosisSettings
 from gyrocal.errors import InputError
 from gyrocal.recording import Recording
@@ -119,7 +119,7 @@ def explain(
     linear = linear_model(model, effects, dead_zone_groups(prepared, effects), settings)
     search = Search(linear, settings)
     tell("null distribution", 0.3)
-    p = p_value(search, model.projected, seed, settings.null_draws)
+    p = p_value(search, seed, settings.null_draws)
     attribution: Attribution | None = None
     fitted: tuple[Fitted, ...] = ()
     checks: tuple[Check, ...] = ()
@@ -131,7 +131,7 @@ def explain(
         members = tuple(slot.member for slot in attribution.slots)
         if members:
             fitted = tuple(fit(linear, members))
-            checks = residual_checks(model, linear, members, fitted)
+            checks = residual_checks(linear, members, layout(model), seed)
             if rejected(checks, settings):
                 attribution, members, fitted = as_unknown(attribution), (), ()
         tell("held-out data", 0.85)
@@ -142,6 +142,9 @@ def explain(
 
 
 def _with_sensors(found: Diagnosis, recording: Recording, seed: int, library: Sequence[str] | None) -> Diagnosis:
+    from diagnosis.sensors import diagnose as diagnose_sensors
+    from diagnosis.sensors.merge import merged
+
     began = time.perf_counter()
     try:
         sensors = diagnose_sensors(recording, seed=seed, library=library)

@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
 from diagnosis.answer import Cause, Closure, Finding, Verdict
-from diagnosis.sensors.result import SensorDiagnosis
+
+if TYPE_CHECKING:
+    from diagnosis.sensors.result import SensorDiagnosis
 
 Array = NDArray[np.float64]
 

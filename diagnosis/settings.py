@@ -29,7 +29,10 @@ class DiagnosisSettings:
         "a fifth of the 1 % that a diagnosis as a whole may alarm falsely, the rest being shared by the tests of the samples",
     )
     null_draws: int = threshold(
-        1000, "simulated observations of M0 for the null distribution of the attitude test", "draws", "resolves 0.002 by two draws"
+        1000,
+        "simulated observations of M0 for the null distribution of the attitude test",
+        "draws",
+        "resolves 0.002 by two draws",
     )
     unlisted_share: float = threshold(
         0.2, "prior probability that what is at work is on no list", "probability", "by judgement; four in five known effects"
@@ -50,15 +53,23 @@ class DiagnosisSettings:
         0.02, "share of a slot's probability below which an alternative is not offered", "probability", "by judgement"
     )
     largest_group: int = threshold(4, "alternatives shown in one group", "effects", "a longer list helps nobody")
-    largest_set: int = threshold(3, "effects in one explanation of the attitude", "effects", "cost; four were never identifiable")
-    mend: float = threshold(
-        1e-4,
-        "p-value of the checks of what a named cause leaves, below which the answer is unknown",
+    largest_set: int = threshold(
+        3, "effects in one explanation of the attitude", "effects", "cost; four were never identifiable"
+    )
+    check: float = threshold(
+        1e-3,
+        "p-value of all checks of a named explanation together, below which the answer is unknown",
         "probability",
-        "Bonferroni over about ten checks leaves 0.1 % of true causes rejected",
+        "one in a thousand true causes is rejected",
+    )
+    most_certain: float = threshold(
+        0.99, "largest probability that is stated of a cause", "probability", "no blind check so far supports a larger one"
     )
     sample_event: float = threshold(
-        1e-5, "p-value below which a test of the samples speaks", "probability", "thirty tests a recording leave 0.03 % false alarms"
+        1e-5,
+        "p-value below which a test of the samples speaks",
+        "probability",
+        "thirty tests a recording leave 0.03 % false alarms",
     )
 
     def describe(self) -> list[dict[str, Any]]:

@@ -84,8 +84,6 @@ def level(x: Array, usable: list[tuple[int, int]]) -> Level | None:
     return Level(fine, fine * error, colour, colour * float(np.hypot(error, np.sqrt(2 * CORRELATION / count))))
 
 
-
-
 def _differences(x: Array) -> Array:
     """Differences of the sixth order along the first axis, without those that would reach over the ends."""
     out = np.zeros((max(len(x) - ORDER, 0), *x.shape[1:]))

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 import scipy.ndimage
 import scipy.signal
+import scipy.stats
 from numpy.typing import NDArray
 
 from diagnosis.detectors.report import AXES, IMPOSSIBLE, SampleReport, SampleTest, arcs, consecutive
@@ -24,6 +25,11 @@ LINE_P = 1e-8  # p of a line: the level around it is itself estimated
 CLEAR_TONE = 5.0  # sigmas of its amplitude over all arcs, for a line to be a tone
 LEVEL_BINS = 61  # of the spectrum, over which the level around a line is taken
 MOST_LINES = 4  # of one axis
+PART_CYCLES = 12  # of a line in a part of the samples in which its amplitude is compared
+MOST_PARTS = 8  # of one arc
+UNSTEADY = 0.1  # relative change of the amplitude that a tone may have
+STEADY_P = 1e-3  # of the amplitudes being one
+ISOLATED = 2.0  # level around a line over that of the white noise, below which the body shows no other motion there
 
 
 @dataclass(frozen=True)
@@ -37,6 +43,8 @@ class Line:
     amplitude, sigma : rad/s
     p_value : that the strongest of all lines is chance
     waveform : (n,) the tone in the samples, rad/s; zero outside the quiet arcs
+    isolated : whether nothing but white noise is around it in the spectrum, so that the body shows no other motion there
+    steady : whether its amplitude is the same in all parts of the samples, as that of a tone is and that of a sway is not
     """
 
     axis: int
@@ -45,6 +53,8 @@ class Line:
     sigma: float
     p_value: float
     waveform: Array
+    isolated: bool
+    steady: bool
 
 
 def lines(report: SampleReport, recording: Recording, quiet: Mask) -> list[Line]:
@@ -56,7 +66,7 @@ def lines(report: SampleReport, recording: Recording, quiet: Mask) -> list[Line]
     for axis in range(3):
         x = report.rates[:, axis].copy()
         for number in range(MOST_LINES):
-            power, frequency, amplitude, tried = _strongest_of(x, found, recording.gyro.sample_s)
+            power, frequency, amplitude, isolated, tried = _strongest_of(x, found, recording.gyro.sample_s)
             p = max(min(1.0, tried * float(np.exp(-power))), IMPOSSIBLE)
             if number == 0:
                 report.tests.append(
@@ -68,7 +78,7 @@ def lines(report: SampleReport, recording: Recording, quiet: Mask) -> list[Line]
             # Rounding a slow motion makes lines of its own.
             if p >= LINE_P or report.lattice[axis]:
                 break
-            line = _tone(x, recording, axis, frequency, found, p)
+            line = _tone(x, recording, axis, frequency, found, p, isolated)
             if line is None:
                 break
             out.append(line)
@@ -76,18 +86,18 @@ def lines(report: SampleReport, recording: Recording, quiet: Mask) -> list[Line]
     return out
 
 
-def _strongest_of(x: Array, found: list[tuple[int, int]], sample_s: float) -> tuple[float, float, float, int]:
-    """Power, frequency and amplitude of the strongest line of all arcs, and how many lines were looked at."""
-    best, tried = (0.0, 0.0, 0.0), 0
+def _strongest_of(x: Array, found: list[tuple[int, int]], sample_s: float) -> tuple[float, float, float, bool, int]:
+    """The strongest line of all arcs as in `_strongest`, and how many lines were looked at in all of them."""
+    best, tried = (0.0, 0.0, 0.0, False), 0
     for low, high in found:
-        power, frequency, amplitude, count = _strongest(x[low:high], sample_s)
+        *one, count = _strongest(x[low:high], sample_s)
         tried += count
-        best = max(best, (power, frequency, amplitude))
+        best = max(best, tuple(one))
     return *best, tried
 
 
-def _strongest(x: Array, sample_s: float) -> tuple[float, float, float, int]:
-    """Power over the level around it, frequency and amplitude of the strongest line, and how many were looked at."""
+def _strongest(x: Array, sample_s: float) -> tuple[float, float, float, bool, int]:
+    """Power over the level around it, frequency, amplitude and isolation of the strongest line, and how many were looked at."""
     n = x.size
     # A Hann window keeps the body's slow motion out of the frequencies looked at.
     window = scipy.signal.windows.hann(n, sym=False)
@@ -95,17 +105,22 @@ def _strongest(x: Array, sample_s: float) -> tuple[float, float, float, int]:
     frequency = np.fft.rfftfreq(n, sample_s)
     allowed = np.flatnonzero((frequency > FEWEST_CYCLES / (n * sample_s)) & (frequency < frequency[-1] * (1 - 1 / n)))
     if allowed.size < 20:
-        return 0.0, 0.0, 0.0, 0
+        return 0.0, 0.0, 0.0, False, 0
     # Against the level around it, so that coloured noise is no line.
     around = scipy.ndimage.median_filter(spectrum, LEVEL_BINS, mode="nearest") / np.log(2)
-    level = np.maximum(around, float(np.median(spectrum[allowed])) / np.log(2) * 0.5)
+    white = float(np.median(spectrum[spectrum.size // 2 :])) / np.log(2)
+    level = np.maximum(around, 0.5 * white)
     power = spectrum[allowed] / np.maximum(level[allowed], 1e-300)
     k = int(allowed[np.argmax(power)])
     amplitude = 2 * np.sqrt(spectrum[k] * np.sum(window**2)) / np.sum(window)
-    return float(power.max()), float(frequency[k]), float(amplitude), int(allowed.size)
+    beside = spectrum[max(k - LEVEL_BINS // 2, 0) : k + LEVEL_BINS // 2]
+    isolated = float(np.quantile(beside, 0.75)) / np.log(4) < ISOLATED * white
+    return float(power.max()), float(frequency[k]), float(amplitude), isolated, int(allowed.size)
 
 
-def _tone(x: Array, recording: Recording, axis: int, frequency: float, found: list[tuple[int, int]], p: float) -> Line | None:
+def _tone(
+    x: Array, recording: Recording, axis: int, frequency: float, found: list[tuple[int, int]], p: float, isolated: bool
+) -> Line | None:
     """Amplitude and frequency of a tone by least squares, arc by arc, each with its own phase.
 
     The strongest of many lines in one arc may be chance; a tone is there in all of them. None if it is not.
@@ -119,6 +134,7 @@ def _tone(x: Array, recording: Recording, axis: int, frequency: float, found: li
     powers = [abs(np.exp(-2j * np.pi * f * t) @ y) for f in trial]
     f = float(trial[int(np.argmax(powers))])
     squares, samples, noise, waveform = 0.0, 0, 0.0, np.zeros_like(x)
+    amplitudes, sigmas = [], []
     for low, high in found:
         angle = 2 * np.pi * f * recording.gyro.t_s[low:high]
         waves = np.column_stack([np.cos(angle), np.sin(angle)])
@@ -129,6 +145,22 @@ def _tone(x: Array, recording: Recording, axis: int, frequency: float, found: li
         squares += (float(fitted @ fitted) - 4 * left / level.size) * level.size
         noise += left * level.size
         samples += level.size
+        count = int(np.clip((high - low) * sample * f // PART_CYCLES, 1, MOST_PARTS))
+        for part in np.array_split(np.arange(level.size), count):
+            own = np.linalg.lstsq(waves[part], level[part], rcond=None)[0]
+            amplitudes.append(float(np.hypot(*own)))
+            sigmas.append(np.sqrt(2 * left / part.size))
     size = float(np.sqrt(max(squares / samples, 0.0)))
     error = float(np.sqrt(2 * noise / samples / samples))
-    return Line(axis, f, size, error, p, waveform) if size > CLEAR_TONE * error else None
+    steady = _is_steady(np.array(amplitudes), np.array(sigmas))
+    return Line(axis, f, size, error, p, waveform, isolated, steady) if size > CLEAR_TONE * error else None
+
+
+def _is_steady(amplitudes: Array, sigmas: Array) -> bool:
+    """Whether amplitudes of several parts are one, within their noise and a tenth of it."""
+    if amplitudes.size < 2:
+        return False
+    weights = 1 / sigmas**2
+    mean = float(weights @ amplitudes / weights.sum())
+    chi2 = float(np.sum((amplitudes - mean) ** 2 / (sigmas**2 + (UNSTEADY * mean) ** 2)))
+    return bool(scipy.stats.chi2.sf(chi2, amplitudes.size - 1) > STEADY_P)

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -14,7 +12,7 @@ Array = NDArray[np.float64]
 TINY = 1e-300
 
 
-def p_value(search: Search, projected: Callable[[Array], Array], seed: int, draws: int) -> float:
+def p_value(search: Search, seed: int, draws: int) -> float:
     """P-value of the evidence averaged over all candidates.
 
     It comes from draws of M0, and beyond what those can resolve from the bound P(B ≥ c) ≤ 1/c on an average of likelihood
@@ -23,13 +21,12 @@ def p_value(search: Search, projected: Callable[[Array], Array], seed: int, draw
     Parameters
     ----------
     search : over the candidates
-    projected : takes the nuisance parameters out of (N, d) draws
     seed : of the draws
     draws : their number
     """
     observed = search.null_statistic(search.correlation[:, None])[0]
     rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=tuple(b"diagnosis_null")))
-    noise = projected(rng.standard_normal((search.model.y.size, draws)))
+    noise = search.model.projected(rng.standard_normal((search.model.y.size, draws)))
     null = search.null_statistic(search.model.X.T @ noise)
     simulated = (1 + int(np.sum(null >= observed))) / (1 + draws)
     bound = float(np.exp(-max(observed, 0.0)))

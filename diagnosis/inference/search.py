@@ -100,9 +100,7 @@ class Search:
         ]
         return np.vstack(parts)
 
-    def _table(
-        self, gram: Array, places: NDArray[np.intp], scales: Array, positive: bool, given: Conditioning | None
-    ) -> Array:
+    def _table(self, gram: Array, places: NDArray[np.intp], scales: Array, positive: bool, given: Conditioning | None) -> Array:
         correlation = self.correlation[places]
         if given is not None:
             gram, correlation = given.reduced_products(gram, correlation, places)

@@ -25,9 +25,7 @@ def calibrated(model: RecordingModel, effects: Sequence[Fitted]) -> tuple[Array,
     columns = columns - Q @ (Q.T @ columns)
     y = model.whitened(model.zeta)
     y = y - Q @ (Q.T @ y)
-    prior = np.concatenate(
-        [1e-2 / PLAUSIBLE_RANGE**2, *(np.full(e.columns.shape[1], 1 / e.prior_sigma**2) for e in effects)]
-    )
+    prior = np.concatenate([1e-2 / PLAUSIBLE_RANGE**2, *(np.full(e.columns.shape[1], 1 / e.prior_sigma**2) for e in effects)])
     scale = 1.0 / np.maximum(np.linalg.norm(columns, axis=0), 1e-300)
     information = (columns * scale).T @ (columns * scale) + np.diag(prior * scale**2)
     covariance = np.linalg.pinv(information, rcond=1e-13, hermitian=True) * np.outer(scale, scale)

@@ -67,18 +67,6 @@ class Group:
     read: Callable[[Array], tuple[float, Parameters]] = first_amplitude
 
 
-def surroundings(model: RecordingModel) -> Surroundings:
-    """What the recording offers for an effect to be seen in."""
-    gyro = model.recording.gyro
-    return Surroundings(
-        stream=model.stream,
-        references=model.references,
-        arw=gyro.arw,
-        sample_s=gyro.sample_s,
-        reference_sigma=model.recording.attitudes.sigma[model.reference_rows],
-    )
-
-
 def linear_model(
     model: RecordingModel,
     effects: Sequence[Effect],
@@ -141,6 +129,7 @@ def assembled(
         W=W,
         candidates=tuple(candidates),
         dof=model.degrees_of_freedom,
+        projected=model.projected,
         most_effects=settings.largest_set,
         split=SPLIT,
         folds=lambda W: folds(model, W),
@@ -153,14 +142,14 @@ def assembled(
 
 def listed(model: RecordingModel, effects: Sequence[Effect]) -> Iterator[Group]:
     """The effects that have columns or a covariance and can be seen in this recording."""
-    around = surroundings(model)
+    around = model.around
     for effect in effects:
         if effect.missing(around) is not None:
             continue
         if effect.has_columns:
             for axis in effect.axes or (None,):
-                yield switched_group(model, effect, axis, around) if effect.switched else plain_group(
-                    model, effect, axis, around
+                yield (
+                    switched_group(model, effect, axis, around) if effect.switched else plain_group(model, effect, axis, around)
                 )
         elif effect.is_process:
             yield from process_groups(model, effect, around)

@@ -144,6 +144,7 @@ class LinearModel:
     W : (N, p) whitened columns before the projection
     candidates : which columns belong to whom
     dof : degrees of freedom of y under M0
+    projected : takes the nuisance parameters out of (N, d) values
     most_effects : largest number of effects in one explanation
     split : how `folds` parts the data, in words; "" where nothing can be held out
     folds : parts of the data held out in turn, of the model's W
@@ -156,6 +157,7 @@ class LinearModel:
     W: Array
     candidates: tuple[Candidate, ...]
     dof: int
+    projected: Callable[[Array], Array] = field(repr=False)
     most_effects: int = 3
     split: str = ""
     folds: Callable[[Array], Iterable[Fold]] = field(default=lambda W: (), repr=False)

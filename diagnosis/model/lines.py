@@ -3,7 +3,9 @@
 With c the whitened and projected observations of a reading that is too high by the line's waveform, and y those of the
 recording propagated with the line in it, y ~ N(c, I) if the line is a vibration, which the body does not follow, and N(0, I) if
 the body moves so. The log of the likelihood ratio is yᵀc − ½ cᵀc, whose mean is ±½ cᵀc: references that could not see a motion
-of that size and frequency say nothing, at whatever frequency that is, and then the prior remains.
+of that size and frequency say nothing, at whatever frequency that is, and then the prior remains. A body that sways
+does so with an amplitude that changes and over a range of frequencies: a steady tone with nothing but white noise around it is
+more likely a vibration, any other line is a motion unless the references deny it.
 """
 
 from __future__ import annotations
@@ -17,7 +19,8 @@ from diagnosis.model.recording import RecordingModel
 
 Array = NDArray[np.float64]
 
-PRIOR = 2.0  # log odds of a vibration where the references say nothing: a body rarely moves in a pure tone that nobody steers
+ALONE = 2.0  # prior log odds of a vibration for a steady tone with nothing but white noise around it
+OTHERWISE = -5.0  # the same for any other line
 MOST = 300.0  # log odds, beyond which nothing more is gained
 
 
@@ -28,7 +31,7 @@ def judged_lines(report: SampleReport, model: RecordingModel) -> bool:
     """
     found = False
     for line in report.lines:
-        odds = PRIOR + log_ratio(model, line)
+        odds = (ALONE if line.isolated and line.steady else OTHERWISE) + log_ratio(model, line)
         if odds <= 0:
             report.motions.append(line)
             continue

@@ -2,7 +2,8 @@
 
 The samples are examined first, since a clipped or repeated sample spoils every test of the attitude. White noise that is not
 as stated, of the samples or of the references, is an effect of its own; it is found here, and the model then has the actual
-noise. Whether a line in the samples is a vibration or a motion of the body is decided by the attitude (`diagnosis.model.lines`).
+noise. Whether a line in the samples is a vibration or a motion of the body is decided by the attitude
+(`diagnosis.model.lines`).
 """
 
 from __future__ import annotations

@@ -2,10 +2,12 @@
 
 A process of variance s² K over the cells (or over the references) has K = F Fᵀ, and adds the columns U F with equal,
 independent amplitudes of variance s², where U are the observations of a unit error in each cell. Rotated so that the columns
-are orthogonal, and cut where they cannot be seen any more, a process is a group like any other (`diagnosis.inference.evidence`).
+are orthogonal, and cut where they cannot be seen any more, a process is a group like any other
+(`diagnosis.inference.evidence`).
 
 Listed processes bring their own covariance (`simulator.effects.base.Effect.covariance`). The unlisted rivals are Markov rate
-errors of several time constants, a level of its own in each interval, processes that follow the rate, and correlated references.
+errors of several time constants, a level of its own in each interval, processes that follow the rate, and correlated
+references.
 """
 
 from __future__ import annotations

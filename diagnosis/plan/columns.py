@@ -12,8 +12,8 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from diagnosis.inference.candidates import AXES, available, columns_of, step_times
 from diagnosis.model import processes as random_effects
+from diagnosis.model.candidates import AXES, available, columns_of, step_times
 from diagnosis.model.recording import Model, linearised
 from simulator.effects import EFFECTS, Effect
 from simulator.scenario import Scenario

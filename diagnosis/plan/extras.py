@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from diagnosis.inference.candidates import AXES, step_times
+from diagnosis.model.candidates import AXES, step_times
 from diagnosis.model.recording import Model
 from diagnosis.plan.columns import GONE, RandomColumns, Signature, linear_model, median_index, random_columns, signatures
 from diagnosis.plan.result import Extra, Pair, Visible, ordered

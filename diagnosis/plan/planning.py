@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from diagnosis.inference.candidates import AXES, build
+from diagnosis.model.candidates import AXES, build
 from diagnosis.model.recording import Model
 from diagnosis.plan.columns import linear_model, random_columns, signatures
 from diagnosis.plan.extras import appended, helped_by, maneuvers

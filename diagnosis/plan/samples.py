@@ -14,7 +14,7 @@ from diagnosis.detectors import clipping, outliers, reference_noise, sample_nois
 from diagnosis.detectors import report as stream_report
 from diagnosis.detectors import samples as stream
 from diagnosis.detectors import spectral_lines as tones
-from diagnosis.inference.candidates import AXES
+from diagnosis.model.candidates import AXES
 from diagnosis.model.recording import Model
 from diagnosis.plan.result import POWER, Visible
 from diagnosis.plan.visibility import row_of

@@ -22,8 +22,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from diagnosis.diagnose import DRAWS, FALSE_ALARMS
-from diagnosis.inference.candidates import Bank, available
 from diagnosis.inference.search import Search
+from diagnosis.model.candidates import Bank, available
 from diagnosis.model.recording import Model
 from diagnosis.plan.columns import GONE, RANDOM, RandomColumns, Signature
 from diagnosis.plan.result import POWER, Progress, Verdict, Visible

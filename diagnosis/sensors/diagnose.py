@@ -17,8 +17,8 @@ from scipy.special import chdtrc
 
 from diagnosis.answer import Cause, Closure, Finding, Verdict
 from diagnosis.inference.attribution import Attribution, attribute
-from diagnosis.inference.candidates import Bank
 from diagnosis.inference.search import Search
+from diagnosis.model.candidates import Bank
 from diagnosis.sensors.candidates import GYRO, Held, held_error
 from diagnosis.sensors.reduced import Reduced, bank, reduce
 from diagnosis.sensors.refine import refined, widened

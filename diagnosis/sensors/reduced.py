@@ -12,8 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from diagnosis.inference.candidates import Bank, Candidate
 from diagnosis.inference.evidence import Option, scales_of
+from diagnosis.model.candidates import Bank, Candidate
 from diagnosis.sensors.candidates import Group, Held, listed_columns, listed_groups, rival_columns, rival_groups
 from diagnosis.sensors.spans import Fitted
 from simulator.effects.sensor import SENSOR_EFFECTS

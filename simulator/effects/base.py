@@ -55,6 +55,7 @@ ON_REFERENCES = ("reference", "random_reference", "reference_noise")
 
 SYMPTOMS = (
     "white_noise_level",  # white noise of the samples other than stated
+    "noise_colour",  # noise of the samples that is not white
     "lattice_rounded",  # readings are multiples of a step, rounded to it
     "lattice_cut",  # readings are multiples of a step, cut toward zero
     "dead_zone",  # small rates read zero

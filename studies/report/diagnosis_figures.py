@@ -15,7 +15,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 from numpy.typing import NDArray
 
-from diagnosis.inference.localization import benjamini_hochberg
+from diagnosis.model.localization import benjamini_hochberg
 from studies.natanson.figures import STYLE
 from studies.report.diagnosis_words import label
 

@@ -8,9 +8,9 @@ import scipy.stats
 
 from diagnosis.detectors.deadzone import dead_stretches
 from diagnosis.detectors.samples import examine
-from diagnosis.inference import localization as where
+from diagnosis.model import localization as where
 from diagnosis.inference.amplitudes import calibrated, fit
-from diagnosis.inference.candidates import build
+from diagnosis.model.candidates import build
 from diagnosis.inference.closure import closure
 from diagnosis.inference.search import Member, Search
 from diagnosis.model.prepare import prepare

@@ -5,9 +5,9 @@ import pytest
 import scipy.stats
 
 from diagnosis.inference.attribution import attribute
-from diagnosis.inference.candidates import Bank, Candidate
+from diagnosis.model.candidates import Bank, Candidate
 from diagnosis.inference.evidence import Conditioning, Option, averaged, log_bayes, scales_of
-from diagnosis.inference.localization import benjamini_hochberg, holm
+from diagnosis.model.localization import benjamini_hochberg, holm
 from diagnosis.inference.search import Member, Search
 
 

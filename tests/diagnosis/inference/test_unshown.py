@@ -5,7 +5,7 @@ import pytest
 
 from diagnosis.detectors.deadzone import NARROWEST, SLOW, TRIED, _log_ratios
 from diagnosis.detectors.report import StreamCause
-from diagnosis.inference.candidates import build
+from diagnosis.model.candidates import build
 from diagnosis.inference.search import Explanation, Search
 from diagnosis.inference.unshown import is_of_the_zone, without_unshown
 from diagnosis.model.prepare import prepare

@@ -6,7 +6,7 @@ import scipy.stats
 
 from diagnosis import plan as planning
 from diagnosis.diagnose import FALSE_ALARMS, attitude_p_value
-from diagnosis.inference.candidates import build
+from diagnosis.model.candidates import build
 from diagnosis.inference.search import Search
 from diagnosis.model.prepare import prepare
 from diagnosis.model.recording import linearised

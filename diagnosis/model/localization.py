@@ -1,4 +1,4 @@
-"""Where a recording departs from M0: χ² of the residuals by interval, axis and phase.
+"""Localization: where a recording departs from M0, by χ² of the residuals in each interval, axis and phase.
 
 Residuals of the M0 fit have the covariance S = L (I − Q Qᵀ) Lᵀ, with L the Cholesky factor of the observations' covariance
 and Q the basis of what was fitted. For the residuals r_B of one block, r_Bᵀ S_BB⁺ r_B is χ² with rank(S_BB) degrees of
@@ -16,7 +16,7 @@ import scipy.stats
 from numpy.typing import NDArray
 
 from diagnosis.answer import Finding
-from diagnosis.model.recording import Model
+from diagnosis.model.recording import RecordingModel
 
 Array = NDArray[np.float64]
 
@@ -26,10 +26,10 @@ HOLE = 2.5  # times the usual spacing: a slew lies between two such references
 MOST_FINDINGS = 6
 
 
-def phases(model: Model) -> NDArray[np.str_]:
+def phases(model: RecordingModel) -> NDArray[np.str_]:
     """Phase of each reference."""
     out = []
-    t_all = model.references.t_s
+    t_all = model.observation_t_s
     spacing = np.median(np.concatenate([np.diff(t_all[_rows(model, k)]) for k in range(len(model.blocks))]))
     for number in range(len(model.blocks)):
         t = t_all[_rows(model, number)]
@@ -43,11 +43,11 @@ def phases(model: Model) -> NDArray[np.str_]:
     return np.concatenate(out)
 
 
-def _rows(model: Model, number: int) -> NDArray[np.intp]:
-    return np.flatnonzero(model.interval_of_reference == number)
+def _rows(model: RecordingModel, number: int) -> NDArray[np.intp]:
+    return np.flatnonzero(model.observation_block == number)
 
 
-def body_residuals(model: Model, y: Array) -> tuple[Array, Array]:
+def body_residuals(model: RecordingModel, y: Array) -> tuple[Array, Array]:
     """Residuals in body axes with the sign of N (16), and their sigma under M0, both (m, 3) rad.
 
     Parameters
@@ -55,12 +55,12 @@ def body_residuals(model: Model, y: Array) -> tuple[Array, Array]:
     model : the linear model
     y : (N,) whitened, projected residuals
     """
-    residual = np.empty((len(model.at_reference), 3))
+    residual = np.empty((len(model.observation_attitude), 3))
     sigma = np.empty_like(residual)
     for number, block in enumerate(model.blocks):
         rows = _rows(model, number)
         L, Q = block.whitener, model.nuisance[block.rows]
-        A = model.at_reference[rows].transpose(0, 2, 1)
+        A = model.observation_attitude[rows].transpose(0, 2, 1)
         level = (L @ y[block.rows]).reshape(-1, 3)
         residual[rows] = -np.einsum("mij,mj->mi", A, level)
         S = L @ L.T - (L @ Q) @ (L @ Q).T
@@ -69,7 +69,7 @@ def body_residuals(model: Model, y: Array) -> tuple[Array, Array]:
     return residual, sigma
 
 
-def statistics(model: Model, y: Array) -> pd.DataFrame:
+def statistics(model: RecordingModel, y: Array) -> pd.DataFrame:
     """χ² of each interval, axis and phase: columns interval, axis, phase, statistic, value, dof, p_value, start_s, stop_s."""
     kinds = phases(model)
     records = []
@@ -79,11 +79,11 @@ def statistics(model: Model, y: Array) -> pd.DataFrame:
         L, Q = block.whitener, model.nuisance[block.rows]
         turn = np.zeros((3 * m, 3 * m))
         for k, row in enumerate(rows):
-            turn[3 * k : 3 * k + 3, 3 * k : 3 * k + 3] = -model.at_reference[row].T
+            turn[3 * k : 3 * k + 3, 3 * k : 3 * k + 3] = -model.observation_attitude[row].T
         M = turn @ L
         r = M @ y[block.rows]
         S = M @ M.T - (M @ Q) @ (M @ Q).T
-        t = model.references.t_s[rows]
+        t = model.observation_t_s[rows]
         begin = model.recording.intervals[block.interval].start_s
         for phase in PHASES:
             chosen = np.flatnonzero(kinds[rows] == phase)

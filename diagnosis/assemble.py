@@ -1,0 +1,189 @@
+"""The answer of a diagnosis from what its steps have found, with the tables its figures are drawn from."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from diagnosis.answer import Cause, Verdict
+from diagnosis.inference.amplitudes import Fitted
+from diagnosis.inference.attribution import Attribution
+from diagnosis.model import localization
+from diagnosis.model.prepare import Prepared
+from diagnosis.model.symptoms import SampleCause
+from diagnosis.result import Details, Diagnosis
+from diagnosis.settings import DiagnosisSettings
+
+if TYPE_CHECKING:
+    from diagnosis.diagnose import Explained
+
+Array = NDArray[np.float64]
+
+AXES = "xyz"
+SHOWN_EXPLANATIONS = 12
+WORTH_SHOWING = 1e-4  # probability of an alternative
+WORTH_KEEPING = 1e-6  # probability of an explanation in the details
+
+
+def assembled(
+    prepared: Prepared,
+    samples: Sequence[SampleCause],
+    explained: Explained,
+    settings: DiagnosisSettings,
+    runtime_s: float,
+) -> Diagnosis:
+    """The whole answer."""
+    model, attribution = prepared.model, explained.attribution
+    gap = explained.p_value < settings.false_alarm_rate
+    table = localization.statistics(model, model.y)
+    where = [one.finding for one in samples] + (list(localization.findings(table)) if gap else [])
+    unlisted = any(one.effect is None for one in samples)
+    verdict, unknown = _verdict(attribution, gap, bool(samples), unlisted)
+    sigma = np.sqrt(np.diag(explained.covariance))
+    return Diagnosis(
+        recording=model.recording.title,
+        verdict=verdict,
+        present=gap or bool(samples),
+        p_value=float(min([explained.p_value, *(one.symptom.p_value for one in samples)])),
+        false_alarm_rate=settings.false_alarm_rate,
+        where=tuple(where),
+        causes=(
+            *(one.cause(settings) for one in samples if one.effect is not None),
+            *attitude_causes(attribution, explained.fitted, settings),
+        ),
+        alternatives=_alternatives(attribution),
+        unknown_probability=float(unknown),
+        closure=explained.closed,
+        G=model.G + explained.change[:9].reshape(3, 3),
+        bias=model.bias + explained.change[9:],
+        sigma_G=sigma[:9].reshape(3, 3),
+        sigma_bias=sigma[9:],
+        baseline_G=model.G,
+        baseline_bias=model.bias,
+        notes=(*_checks_note(explained), *_motion_notes(prepared), *_likely(explained, settings), *prepared.notes),
+        runtime_s=runtime_s,
+        details=_details(prepared, explained, table),
+    )
+
+
+def attitude_causes(
+    attribution: Attribution | None, fitted: Sequence[Fitted], settings: DiagnosisSettings
+) -> tuple[Cause, ...]:
+    """The causes that the attitude shows."""
+    if attribution is None:
+        return ()
+    return tuple(
+        Cause(
+            one.effect, one.axis, one.size, one.unit, one.sigma, one.parameters,
+            min(settings.most_certain, slot.probability), tuple(label for label, _ in slot.group),
+            min(settings.most_certain, sum(p for _, p in slot.group)),
+        )
+        for slot, one in zip(attribution.slots, fitted, strict=True)
+    )  # fmt: skip
+
+
+def _verdict(attribution: Attribution | None, gap: bool, shown: bool, unlisted: bool) -> tuple[Verdict, float]:
+    """The verdict, and the probability that something unlisted is at work."""
+    if not gap and not shown:
+        return "none", 0.0
+    if unlisted:  # also beside a named cause, which it may have imitated
+        return "unknown", 1.0
+    if attribution is None:
+        return "named", 0.0
+    return attribution.verdict, attribution.unknown
+
+
+def _checks_note(explained: Explained) -> tuple[str, ...]:
+    failed = [check for check in explained.checks if check.p_value < 1e-3]
+    if not failed or explained.attribution is None or explained.attribution.slots:
+        return ()
+    best = explained.attribution.ranked[0].labels
+    words = ", ".join(f"{check.name} (p = {check.p_value:.1g})" for check in failed)
+    return (f"The likeliest explanation, {' with '.join(best)}, would not leave residuals like these: {words}",)
+
+
+def _motion_notes(prepared: Prepared) -> tuple[str, ...]:
+    return tuple(
+        f"Gyro {AXES[line.axis]} shows a line of {np.rad2deg(line.amplitude):.3g} deg/s at {line.frequency_hz:.4f} Hz; the "
+        "references follow it, so it is a motion of the body"
+        for line in prepared.samples.motions
+    )
+
+
+def _likely(explained: Explained, settings: DiagnosisSettings) -> tuple[str, ...]:
+    """Of an unknown gap: effects that nearly every explanation holds, though none of them is the whole story."""
+    attribution = explained.attribution
+    if attribution is None or attribution.verdict != "unknown":
+        return ()
+    shares: dict[str, float] = {}
+    for one in attribution.ranked:
+        for label in one.labels:
+            shares[label] = shares.get(label, 0.0) + one.probability
+    listed = {candidate.label for candidate in explained.linear.candidates if candidate.listed}
+    return tuple(
+        f"Whatever else is at work, {label} is part of explanations with a total probability of {share:.2f}"
+        for label, share in sorted(shares.items(), key=lambda pair: -pair[1])
+        if label in listed and share >= settings.named
+    )
+
+
+def _alternatives(attribution: Attribution | None) -> tuple[tuple[tuple[str, ...], float], ...]:
+    if attribution is None:
+        return ()
+    chosen = {tuple(slot.group[0][0] for slot in attribution.slots)} if attribution.slots else set()
+    return tuple(
+        (one.labels, one.probability)
+        for one in attribution.ranked[:SHOWN_EXPLANATIONS]
+        if one.labels not in chosen and one.probability > WORTH_SHOWING
+    )
+
+
+def _details(prepared: Prepared, explained: Explained, table: pd.DataFrame) -> Details:
+    model, fitted = prepared.model, explained.fitted
+    contribution = sum((model.projected(one.contribution) for one in fitted), np.zeros(model.size))
+    before, band = localization.body_residuals(model, model.y)
+    after, _ = localization.body_residuals(model, model.y - contribution)
+    names = np.array([model.recording.intervals[block.interval].name for block in model.blocks])
+    interval = names[model.observation_block]
+    residuals = pd.DataFrame({"interval": interval, "t_s": model.observation_t_s})
+    for label, values in (("before", before), ("band", band), ("after", after)):
+        for k, axis in enumerate(AXES):
+            residuals[f"{label}_{axis}"] = np.rad2deg(values[:, k])
+    regressors = []
+    for one in fitted:
+        own = model.projected(one.contribution)
+        effect, _ = localization.body_residuals(model, own)
+        left, _ = localization.body_residuals(model, model.y - (contribution - own))
+        for k, axis in enumerate(AXES):
+            regressors.append(
+                pd.DataFrame(
+                    {
+                        "cause": one.label,
+                        "interval": interval,
+                        "axis": axis,
+                        "t_s": model.observation_t_s,
+                        "regressor_deg": np.rad2deg(effect[:, k]),
+                        "residual_deg": np.rad2deg(left[:, k]),
+                    }
+                )
+            )
+    columns = ["cause", "interval", "axis", "t_s", "regressor_deg", "residual_deg"]
+    attribution = explained.attribution
+    ranked = [one for one in attribution.ranked if one.probability >= WORTH_KEEPING] if attribution is not None else []
+    return Details(
+        residuals=residuals,
+        statistics=table,
+        regressors=pd.concat(regressors, ignore_index=True) if regressors else pd.DataFrame(columns=columns),
+        explanations=pd.DataFrame.from_records(
+            [(" + ".join(one.labels), one.probability, one.log_evidence, one.unlisted) for one in ranked],
+            columns=["effects", "probability", "log_evidence", "unlisted"],
+        ),
+        stream=pd.DataFrame.from_records(
+            [(t.statistic, t.axis, t.value, t.expected, t.p_value, t.text) for t in prepared.samples.tests],
+            columns=["statistic", "axis", "value", "expected", "p_value", "text"],
+        ),
+    )

@@ -1,0 +1,195 @@
+"""Posterior predictive checks of a named explanation: would data of the named model look like this?
+
+Under an explanation with the scaled columns C = [s_e X_e …] the observations are y ~ N(0, I + C Cᵀ), so that the innovations
+e = L⁻¹ y, L the Cholesky factor, are independent with variance one, in the order of time within each interval. General
+statistics ask whether they are: their size, their correlation in time, lines of any period, patterns that repeat with the time
+since an interval's start or with the orbit, dependence on rate, acceleration, mission time and housekeeping, constancy of
+their variance over the intervals and with the rate, and their shape.
+
+The distribution of each statistic comes from draws of the named model itself, with the nuisance parameters projected out of
+them as they are out of the data, after a transformation that makes it nearly normal (the cube root, Wilson & Hilferty 1931), so
+that p-values can be read beyond what the draws resolve. Gelman et al., Bayesian Data Analysis, section 6.3.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.linalg
+import scipy.stats
+from numpy.typing import NDArray
+
+from diagnosis.model.linear import LinearModel, Member
+from diagnosis.settings import DiagnosisSettings
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.intp]
+
+DRAWS = 300
+LAGS = 6
+PERIODS = 48  # of the scan for a line
+FOLD = 12  # bins of a pattern that repeats
+FEWEST = 12  # observations, below which nothing can be checked
+TINY = 1e-300
+
+
+@dataclass(frozen=True)
+class Layout:
+    """What each observation of a linear model stands for.
+
+    Attributes
+    ----------
+    axes : (r, 3, 3) rotation of each observation's three rows to body axes
+    t_s : (r,) time, s
+    since_s : (r,) time since the interval's start, s
+    interval : (r,) its number
+    period_s : of a cycle that patterns may repeat with, such as the orbit; NaN for none
+    regressors : (r, q) what the innovations may depend on, such as rates, accelerations and temperatures
+    activity : (r,) what their variance may depend on, the size of the rate
+    """
+
+    axes: Array
+    t_s: Array
+    since_s: Array
+    interval: Indices
+    period_s: float
+    regressors: Array
+    activity: Array
+
+
+@dataclass(frozen=True)
+class Check:
+    """One statistic of the innovations.
+
+    Attributes
+    ----------
+    name : what it looks for
+    value, expected : the statistic, and its mean under the named model
+    p_value : that the named model gives as much
+    """
+
+    name: str
+    value: float
+    expected: float
+    p_value: float
+
+
+def residual_checks(model: LinearModel, members: Sequence[Member], layout: Layout, seed: int = 0) -> tuple[Check, ...]:
+    """All checks of an explanation; none where there is too little to check.
+
+    Parameters
+    ----------
+    model : the data and the candidates
+    members : the explanation
+    layout : of the observations
+    seed : of the draws
+    """
+    if layout.t_s.size < FEWEST or model.dof < FEWEST:
+        return ()
+    C = np.hstack([model.scale(m) * model.X[:, model.option(m).columns] for m in members])
+    L = np.linalg.cholesky(np.eye(model.y.size) + C @ C.T)
+    rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=tuple(b"residual_checks")))
+    noise = rng.standard_normal((model.y.size, DRAWS))
+    drawn = model.projected(noise) + C @ rng.standard_normal((C.shape[1], DRAWS))
+    e = _in_body(scipy.linalg.solve_triangular(L, np.column_stack([model.y, drawn]), lower=True, check_finite=False), layout)
+    return tuple(_check(name, values) for name, values in _statistics(e, layout).items())
+
+
+def rejected(checks: Sequence[Check], settings: DiagnosisSettings) -> bool:
+    """Whether the named model does not give data like these, with an allowance for the number of checks."""
+    return bool(checks) and min(check.p_value for check in checks) * len(checks) < settings.check
+
+
+def _in_body(e: Array, layout: Layout) -> Array:
+    """(r, 3, d) innovations along the body axes."""
+    return np.matmul(layout.axes, e.reshape(layout.t_s.size, 3, -1))
+
+
+def _check(name: str, values: Array) -> Check:
+    """The first value beside those of the draws."""
+    root = np.cbrt(values)
+    spread = float(np.std(root[1:])) or 1.0
+    z = (float(root[0]) - float(np.mean(root[1:]))) / spread
+    p = 2 * float(scipy.stats.norm.sf(abs(z))) if name == "size" else float(scipy.stats.norm.sf(z))
+    return Check(name, float(values[0]), float(np.mean(values[1:])), max(p, TINY))
+
+
+def _statistics(e: Array, layout: Layout) -> dict[str, Array]:
+    """(d,) each statistic of e (r, 3, d)."""
+    out = {
+        "size": np.sum(e**2, axis=(0, 1)),
+        "shape": np.sum(e**4, axis=(0, 1)),
+        "correlation in time": _autocorrelation(e, layout.interval),
+        "pattern since the interval's start": _folded(e, _bins(layout.since_s, float(layout.since_s.max()))),
+        "variance over the intervals": _spread_over(e, layout.interval),
+        "variance with the rate": _along(np.sum(e**2, axis=1, keepdims=True) - 3, layout.activity[:, None]),
+        "dependence on what is known": _along(e, layout.regressors),
+    }
+    lines = _lines(e, layout)
+    if lines is not None:
+        out["line of any period"] = lines
+    if np.isfinite(layout.period_s):
+        out["pattern with the orbit"] = _folded(e, _bins(layout.t_s % layout.period_s, layout.period_s))
+    return out
+
+
+def _autocorrelation(e: Array, interval: Indices) -> Array:
+    total = np.zeros(e.shape[2])
+    for lag in range(1, LAGS + 1):
+        if lag >= len(e):
+            break
+        alike = interval[lag:] == interval[:-lag]
+        products = np.sum(e[lag:][alike] * e[:-lag][alike], axis=0)  # (3, d)
+        total += np.sum(products**2, axis=0) / max(int(alike.sum()), 1)
+    return total
+
+
+def _bins(values: Array, span: float) -> Indices:
+    return np.minimum((values / max(span, 1e-9) * FOLD).astype(np.intp), FOLD - 1)
+
+
+def _folded(e: Array, bins: Indices) -> Array:
+    """Square sum of the means in bins, in units of their variance."""
+    total = np.zeros(e.shape[2])
+    for number in np.unique(bins):
+        own = e[bins == number]
+        total += np.sum(own.sum(axis=0) ** 2, axis=0) / len(own)
+    return total
+
+
+def _spread_over(e: Array, interval: Indices) -> Array:
+    total = np.zeros(e.shape[2])
+    for number in np.unique(interval):
+        own = np.sum(e[interval == number] ** 2 - 1, axis=0)  # (3, d)
+        total += np.sum(own**2, axis=0) / (2 * np.sum(interval == number))
+    return total
+
+
+def _along(values: Array, regressors: Array) -> Array:
+    """Square sum of the components of values (r, 3, d) along the regressors (r, q)."""
+    centred = regressors - regressors.mean(axis=0)
+    size = np.linalg.norm(centred, axis=0)
+    if not np.any(size > 0):
+        return np.ones(values.shape[2])
+    unit = scipy.linalg.orth(centred[:, size > 0] / size[size > 0])
+    return np.asarray(np.sum(np.einsum("rq,rad->qad", unit, values) ** 2, axis=(0, 1)))
+
+
+def _lines(e: Array, layout: Layout) -> Array | None:
+    """Power of the strongest line of any period, its phase another in each interval; None if the arcs are too short."""
+    longest = float(layout.since_s.max())
+    gaps = np.diff(layout.t_s)[np.diff(layout.interval) == 0]
+    if not gaps.size or longest < 8 * float(np.median(gaps)):
+        return None
+    frequencies = np.linspace(1 / longest, 0.5 / float(np.median(gaps)), PERIODS)
+    power = np.zeros((PERIODS, 3, e.shape[2]))
+    for number in np.unique(layout.interval):
+        own = layout.interval == number
+        if own.sum() < 4:
+            continue
+        angle = 2 * np.pi * np.outer(frequencies, layout.since_s[own])
+        waves = np.exp(-1j * angle)
+        power += np.abs(np.einsum("fr,rad->fad", waves, e[own])) ** 2 / own.sum()
+    return np.asarray(power.max(axis=(0, 1)))

@@ -1,0 +1,111 @@
+"""From what the samples show to causes: a symptom is a cause if an effect claims it, and otherwise something unlisted.
+
+The evidence of a symptom is a test with a p-value under M0, such as readings that lie on a lattice, which noise cannot do. It
+says little of the attitude and the attitude little of it, so that the two are separate parts of one likelihood and need no
+common search; a dead zone, which both see, is a candidate of the linear model instead (`diagnosis.model.dead_zone`), and so is
+a line, which the attitude judges (`diagnosis.model.lines`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from diagnosis.answer import Cause, Finding
+from diagnosis.detectors.report import Symptom
+from diagnosis.model.prepare import Prepared
+from diagnosis.settings import DiagnosisSettings
+from simulator.effects.base import Detection, Effect, SampleView
+from simulator.effects.recorded import interval_slices
+
+AXES = "xyz"
+CHANCE = 1e3  # tests and looks that the p-value of one symptom is corrected for
+
+
+@dataclass(frozen=True)
+class SampleCause:
+    """A symptom and the effect that claims it.
+
+    Attributes
+    ----------
+    symptom : what was seen
+    effect : its name, None if no effect that may be named claims the symptom
+    finding : for the list of where the recording departs
+    """
+
+    symptom: Symptom
+    effect: str | None
+    finding: Finding
+
+    def cause(self, settings: DiagnosisSettings) -> Cause:
+        """As a cause of the answer."""
+        assert self.effect is not None
+        symptom = self.symptom
+        label = self.effect if symptom.axis is None else f"{self.effect}:{symptom.axis}"
+        probability = min(settings.most_certain, 1.0 - min(symptom.p_value * CHANCE, 0.5))
+        return Cause(
+            self.effect, symptom.axis, symptom.size, symptom.unit, symptom.sigma, symptom.parameters, probability,
+            (label,), probability,
+        )  # fmt: skip
+
+
+def sample_causes(prepared: Prepared, effects: Sequence[Effect], settings: DiagnosisSettings) -> tuple[SampleCause, ...]:
+    """The causes that the samples and the references' noise show by themselves, and the unlisted ones among them."""
+    claims = {effect.symptom: effect.name for effect in effects if effect.symptom is not None}
+    symptoms = [*prepared.samples.symptoms, *_reference_symptom(prepared)]
+    found = [SampleCause(one, claims.get(one.kind), _finding(prepared, one)) for one in symptoms]
+    for effect in effects:
+        if effect.implements("detect"):
+            for detection in effect.detect(_view(prepared)):
+                if detection.p_value < settings.sample_event:
+                    found.append(_detected(detection))
+    return tuple(found)
+
+
+def _reference_symptom(prepared: Prepared) -> list[Symptom]:
+    """The references' noise, where it is not what is stated."""
+    noise = prepared.reference_noise
+    if noise is None or not noise.departs:
+        return []
+    axis = None if noise.axis is None else AXES[noise.axis]
+    place = 0 if noise.axis is None else noise.axis
+    sigma = float(1 / np.sqrt(np.sum(1 / noise.sigma**2))) if noise.axis is None else float(noise.sigma[place])
+    size = float(noise.factors[place])
+    text = f"second differences of the references scatter {size:.2f} times as much as stated"
+    return [Symptom("reference_noise_level", axis, size, "factor", sigma, {}, noise.p_value, text)]
+
+
+def _finding(prepared: Prepared, symptom: Symptom) -> Finding:
+    if symptom.text:
+        signal = "attitude" if symptom.kind.startswith("reference") else "gyro stream"
+        return Finding(signal, None, symptom.axis, None, symptom.kind, symptom.size, symptom.p_value, symptom.text)
+    tests = [t for t in prepared.samples.tests if t.symptom == symptom.kind and symptom.axis in (None, t.axis)]
+    test = min(tests, key=lambda t: t.p_value)
+    return Finding("gyro stream", None, symptom.axis, None, test.statistic, test.value, test.p_value, test.text)
+
+
+def _view(prepared: Prepared) -> SampleView:
+    recording, report = prepared.model.recording, prepared.samples
+    inside = np.zeros(recording.gyro.t_s.size, dtype=bool)
+    slices = interval_slices(recording)
+    for part in slices:
+        inside[part] = True
+    return SampleView(
+        t_s=recording.gyro.t_s + 0.5 * recording.gyro.sample_s,
+        sample_s=recording.gyro.sample_s,
+        rates=recording.gyro.rates,
+        sigma=report.noise,
+        inside=inside,
+        intervals=slices,
+        motion=report.smooth,
+    )
+
+
+def _detected(found: Detection) -> SampleCause:
+    symptom = Symptom(
+        found.effect, found.axis, found.size, found.unit, found.sigma, dict(found.parameters), found.p_value, found.text
+    )
+    finding = Finding("gyro stream", None, found.axis, None, found.effect, found.size, found.p_value, found.text)
+    return SampleCause(symptom, found.effect, finding)
