@@ -56,6 +56,7 @@ class Symptom:
     parameters : its other numbers
     p_value : under M0
     text : a sentence
+    probability : that an effect is at work and not a motion of the body, where that was weighed
     """
 
     kind: str
@@ -66,6 +67,7 @@ class Symptom:
     parameters: dict[str, float | str]
     p_value: float
     text: str = ""
+    probability: float = 1.0
 
 
 @dataclass

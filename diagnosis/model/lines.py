@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import expit
 
 from diagnosis.detectors.report import AXES, SampleReport, Symptom
 from diagnosis.detectors.spectral_lines import Line
@@ -20,8 +21,7 @@ from diagnosis.model.recording import RecordingModel
 Array = NDArray[np.float64]
 
 ALONE = 2.0  # prior log odds of a vibration for a steady tone with nothing but white noise around it
-OTHERWISE = -5.0  # the same for any other line
-MOST = 300.0  # log odds, beyond which nothing more is gained
+OTHERWISE = -10.0  # the same for any other line
 
 
 def judged_lines(report: SampleReport, model: RecordingModel) -> bool:
@@ -38,10 +38,12 @@ def judged_lines(report: SampleReport, model: RecordingModel) -> bool:
         found = True
         report.rates[:, line.axis] -= line.waveform
         size, sigma = float(np.rad2deg(line.amplitude)), float(np.rad2deg(line.sigma))
-        p = max(line.p_value, float(np.exp(-min(odds, MOST))))
+        probability = float(expit(odds))
         text = f"a line of {size:.3g} deg/s at {line.frequency_hz:.4f} Hz that the references do not follow"
         parameters: dict[str, float | str] = {"apparent_hz": line.frequency_hz}
-        report.symptoms.append(Symptom("spectral_line", AXES[line.axis], size, "deg/s", sigma, parameters, p, text))
+        report.symptoms.append(
+            Symptom("spectral_line", AXES[line.axis], size, "deg/s", sigma, parameters, line.p_value, text, probability)
+        )
     return found
 
 

@@ -44,7 +44,7 @@ class SampleCause:
         assert self.effect is not None
         symptom = self.symptom
         label = self.effect if symptom.axis is None else f"{self.effect}:{symptom.axis}"
-        probability = min(settings.most_certain, 1.0 - min(symptom.p_value * CHANCE, 0.5))
+        probability = min(settings.most_certain, symptom.probability, 1.0 - min(symptom.p_value * CHANCE, 0.5))
         return Cause(
             self.effect, symptom.axis, symptom.size, symptom.unit, symptom.sigma, symptom.parameters, probability,
             (label,), probability,
