@@ -69,34 +69,31 @@ def reference_noise(model: RecordingModel, density: Array, dead: Array) -> Refer
     dead : (n,) samples in which a gyro may show nothing; what it then misses would pass for noise of the references
     """
     missed = np.concatenate([[0], np.cumsum(dead)])
-    references = model.references
-    differences, variances, walks = [], [], []
+    t_s = model.references.t_s
     sigma = model.recording.attitudes.sigma[model.reference_rows]
     gyro_s = model.recording.gyro.t_s
-    for number, block in enumerate(model.blocks):
-        rows = np.flatnonzero(model.interval_of_reference == number)
-        t = references.t_s[rows]
-        # ζ of neighbours differ by the references' errors; turned back to the body axes of the middle one.
-        zeta = model.zeta[block.rows].reshape(-1, 3)
-        for k in range(1, rows.size - 1):
-            before, after = t[k] - t[k - 1], t[k + 1] - t[k]
-            if abs(before - after) > 0.01 * before or before > 2.5 * float(np.median(np.diff(t))):
-                continue
-            first, last = np.searchsorted(gyro_s, [t[k - 1], t[k + 1]])
-            if missed[last] > missed[first]:
-                continue
-            A = model.at_reference[rows[k]].T
-            differences.append(A @ (zeta[k + 1] - 2 * zeta[k] + zeta[k - 1]))
-            # The body turns between references; where it turns far, axes mix and σ differs between them.
-            variance = np.zeros(3)
-            for weight, j in ((1, k - 1), (4, k), (1, k + 1)):
-                variance += weight * ((A @ model.at_reference[rows[j]]) ** 2) @ sigma[rows[j]] ** 2
-            variances.append(variance)
-            walks.append(2 * density * before)
+    before, after = t_s[1:-1] - t_s[:-2], t_s[2:] - t_s[1:-1]
+    owner = model.interval_of_reference
+    usual = np.array(
+        [np.median(np.diff(t_s[owner == k])) if np.sum(owner == k) > 1 else np.inf for k in range(len(model.blocks))]
+    )
+    even = (owner[2:] == owner[:-2]) & (np.abs(before - after) <= 0.01 * before) & (before <= 2.5 * usual[owner[1:-1]])
+    first, last = np.searchsorted(gyro_s, t_s[:-2]), np.searchsorted(gyro_s, t_s[2:])
+    k = 1 + np.flatnonzero(even & (missed[last] == missed[first]))
+    # ζ of neighbours differ by the references' errors; turned back to the body axes of the middle one.
+    zeta = model.residuals
+    A = model.at_reference[k].transpose(0, 2, 1)
+    differences = np.einsum("mij,mj->mi", A, zeta[k + 1] - 2 * zeta[k] + zeta[k - 1])
+    # The body turns between references; where it turns far, axes mix and σ differs between them.
+    variances = sum(
+        weight * np.einsum("mij,mj->mi", (A @ model.at_reference[k + shift]) ** 2, sigma[k + shift] ** 2)
+        for weight, shift in ((1, -1), (4, 0), (1, 1))
+    )
+    walks = 2 * density * before[k - 1, None]
     count = len(differences)
-    if count < FEWEST or not (np.array(variances) > 0).all():
+    if count < FEWEST or not np.all(variances > 0):
         return None
-    second, stated, walk = np.array(differences), np.array(variances), np.array(walks)
+    second, stated, walk = differences, np.asarray(variances), walks
     z = second / np.sqrt(stated + walk)
     # Single large differences, as beside a slew with wrong time tags, are not noise.
     limit = TRIM * np.median(np.abs(z), axis=0) / 0.6745

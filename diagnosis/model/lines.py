@@ -4,8 +4,9 @@ With c the whitened and projected observations of a reading that is too high by 
 recording propagated with the line in it, y ~ N(c, I) if the line is a vibration, which the body does not follow, and N(0, I) if
 the body moves so. The log of the likelihood ratio is yᵀc − ½ cᵀc, whose mean is ±½ cᵀc: references that could not see a motion
 of that size and frequency say nothing, at whatever frequency that is, and then the prior remains. A body that sways
-does so with an amplitude that changes and over a range of frequencies: a steady tone with nothing but white noise around it is
-more likely a vibration, any other line is a motion unless the references deny it.
+does so over a band of frequencies and with an amplitude that changes: a line that is not steady, or not alone above the white
+noise, is a motion unless the references deny it, and so is one within the band of such lines. A steady tone beyond that band is
+more likely a vibration.
 """
 
 from __future__ import annotations
@@ -20,8 +21,10 @@ from diagnosis.model.recording import RecordingModel
 
 Array = NDArray[np.float64]
 
-ALONE = 2.0  # prior log odds of a vibration for a steady tone with nothing but white noise around it
-OTHERWISE = -10.0  # the same for any other line
+BEYOND = 2.0  # prior log odds of a vibration for a steady tone beyond the band in which the body moves
+WITHIN = -10.0  # the same for any other line
+CONFIRMED = -4.0  # log ratio below which the references confirm a motion
+BAND = 2.0  # factor on the highest frequency of the body's motion, up to which lines belong to it
 
 
 def judged_lines(report: SampleReport, model: RecordingModel) -> bool:
@@ -29,22 +32,31 @@ def judged_lines(report: SampleReport, model: RecordingModel) -> bool:
 
     Lines that are motions of the body stay where they are.
     """
+    ratios = [log_ratio(model, line) for line in report.lines]
+    moving = [
+        line.frequency_hz
+        for line, ratio in zip(report.lines, ratios, strict=True)
+        if ratio < CONFIRMED or not (line.isolated and line.steady)
+    ]
+    edge = BAND * max(moving, default=0.0)
     found = False
-    for line in report.lines:
-        odds = (ALONE if line.isolated and line.steady else OTHERWISE) + log_ratio(model, line)
+    for line, ratio in zip(report.lines, ratios, strict=True):
+        alone = line.isolated and line.steady and line.frequency_hz > edge
+        odds = (BEYOND if alone else WITHIN) + ratio
         if odds <= 0:
             report.motions.append(line)
             continue
         found = True
         report.rates[:, line.axis] -= line.waveform
-        size, sigma = float(np.rad2deg(line.amplitude)), float(np.rad2deg(line.sigma))
-        probability = float(expit(odds))
-        text = f"a line of {size:.3g} deg/s at {line.frequency_hz:.4f} Hz that the references do not follow"
-        parameters: dict[str, float | str] = {"apparent_hz": line.frequency_hz}
-        report.symptoms.append(
-            Symptom("spectral_line", AXES[line.axis], size, "deg/s", sigma, parameters, line.p_value, text, probability)
-        )
+        report.symptoms.append(_symptom(line, float(expit(odds))))
     return found
+
+
+def _symptom(line: Line, probability: float) -> Symptom:
+    size, sigma = float(np.rad2deg(line.amplitude)), float(np.rad2deg(line.sigma))
+    text = f"a line of {size:.3g} deg/s at {line.frequency_hz:.4f} Hz that is no motion of the body"
+    parameters: dict[str, float | str] = {"apparent_hz": line.frequency_hz}
+    return Symptom("spectral_line", AXES[line.axis], size, "deg/s", sigma, parameters, line.p_value, text, probability)
 
 
 def log_ratio(model: RecordingModel, line: Line) -> float:
