@@ -51,10 +51,7 @@ def assembled(
         p_value=float(min([explained.p_value, *(one.symptom.p_value for one in samples)])),
         false_alarm_rate=settings.false_alarm_rate,
         where=tuple(where),
-        causes=(
-            *(one.cause(settings) for one in samples if one.effect is not None),
-            *attitude_causes(attribution, explained.fitted, settings),
-        ),
+        causes=_causes(samples, attribution, explained.fitted, settings),
         alternatives=_alternatives(attribution),
         unknown_probability=float(unknown),
         closure=explained.closed,
@@ -68,6 +65,15 @@ def assembled(
         runtime_s=runtime_s,
         details=_details(prepared, explained, table),
     )
+
+
+def _causes(
+    samples: Sequence[SampleCause], attribution: Attribution | None, fitted: Sequence[Fitted], settings: DiagnosisSettings
+) -> tuple[Cause, ...]:
+    """The causes that the samples show, and those of the attitude; one that both show is as the samples show it."""
+    shown = [one.cause(settings) for one in samples if one.effect is not None]
+    labels = {cause.label for cause in shown}
+    return (*shown, *(cause for cause in attitude_causes(attribution, fitted, settings) if cause.label not in labels))
 
 
 def attitude_causes(

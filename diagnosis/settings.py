@@ -57,10 +57,10 @@ class DiagnosisSettings:
         3, "effects in one explanation of the attitude", "effects", "cost; four were never identifiable"
     )
     check: float = threshold(
-        1e-3,
+        1e-4,
         "p-value of all checks of a named explanation together, below which the answer is unknown",
         "probability",
-        "one in a thousand true causes is rejected",
+        "one in ten thousand true causes is rejected by chance, which leaves room for what linearisation leaves",
     )
     most_certain: float = threshold(
         0.99, "largest probability that is stated of a cause", "probability", "no blind check so far supports a larger one"

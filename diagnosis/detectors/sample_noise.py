@@ -1,10 +1,12 @@
 """Level and colour of the noise of the samples, and where they are quiet enough to show it.
 
-Sixth differences of the samples leave nothing of a motion that is slow beside the sampling, and of white noise of variance σ²
-the variance C(12, 6) σ². They correlate over six samples, so that the mean square of n of them has the relative variance
-(2/n) C(24, 12)/C(12, 6)² = 6.33/n. The same differences of means over m samples have 1/m of it if the noise is white. The ratio
-of the two, m times the second over the first, is the colour: one for white noise, 1/m for angle white noise (readout noise,
-whose differences are the rates), more than one for noise that is correlated over several samples. IEEE Std 952, annex C.
+Differences of order d of the samples leave little of a motion that is slow beside the sampling, the less the higher the order,
+and of white noise of variance σ² the variance C(2d, d) σ². They correlate over d samples, so that the mean square of n of them
+has the relative variance (2/n) C(4d, 2d)/C(2d, d)²: 3.9/n for d = 2, 6.3/n for d = 6. The second differences are taken where
+they agree with the sixth, and the sixth elsewhere. The same differences of means over m samples have 1/m of it if the noise is
+white. The ratio of the two, m times the second over the first, is the colour: one for white noise, 1/m for angle white noise
+(readout noise, whose differences are the rates), more than one for noise that is correlated over several samples. IEEE Std
+952, annex C.
 """
 
 from __future__ import annotations
@@ -25,10 +27,8 @@ Mask = NDArray[np.bool_]
 
 HALF = 20  # samples on either side of one in the test for quiet
 MOVING = 20.0  # sigmas of the change of the mean that count as visible; a slew's are hundreds, those of a vibration a few
-ORDER = 6  # of the differences
-KERNEL = np.array([(-1.0) ** k * comb(ORDER, k) for k in range(ORDER + 1)])
-POWER = comb(2 * ORDER, ORDER)  # variance of a difference of unit white noise
-CORRELATION = comb(4 * ORDER, 2 * ORDER) / POWER**2  # sum of the squared autocorrelations of the differences
+ORDERS = (2, 6)  # of the differences, the more efficient first
+AGREE = 3.0  # sigmas of their difference up to which two orders agree
 AVERAGED = 4  # samples in the means that show the colour
 FEWEST = 200  # differences, below which nothing is said
 TRIM = 5.0  # robust sigmas beyond which a difference does not count
@@ -39,7 +39,7 @@ SLACK = 0.1  # departure of the noise factor that rounding to a few sigmas makes
 
 def local_noise(rates: Array, sigma: float, coarse: Mask, steps: Array) -> Array:
     """(3,) robust noise of a sample, at least what is stated."""
-    robust = np.median(np.abs(_differences(rates)), axis=0) / 0.6745 / np.sqrt(POWER)
+    robust = np.median(np.abs(_differences(rates, ORDERS[-1])), axis=0) / 0.6745 / np.sqrt(_power(ORDERS[-1]))
     floor = np.where(coarse, np.sqrt(sigma**2 + steps**2 / 12), 0.0)
     return np.asarray(np.maximum(np.where(robust > 0, robust, sigma), floor))
 
@@ -71,35 +71,44 @@ class Level:
 
 def level(x: Array, usable: list[tuple[int, int]]) -> Level | None:
     """Level and colour of the noise of some runs of samples; None where there are too few."""
-    fine, n = _mean_square([x[low:high] for low, high in usable])
+    parts = [x[low:high] for low, high in usable]
+    fine, error, n = _variance(parts)
     if n < FEWEST:
         return None
-    coarse, count = _mean_square(
-        [x[low : high - (high - low) % AVERAGED].reshape(-1, AVERAGED).mean(axis=1) for low, high in usable]
-    )
-    error = float(np.sqrt(2 * CORRELATION / n))
-    if count < FEWEST / AVERAGED or fine <= 0:
-        return Level(fine, fine * error, float("nan"), float("nan"))
+    means = [part[: part.size - part.size % AVERAGED].reshape(-1, AVERAGED).mean(axis=1) for part in parts]
+    coarse, coarse_error, count = _variance(means)
+    if count < FEWEST / AVERAGED or fine <= 0 or coarse <= 0:
+        return Level(fine, error, float("nan"), float("nan"))
     colour = AVERAGED * coarse / fine
-    return Level(fine, fine * error, colour, colour * float(np.hypot(error, np.sqrt(2 * CORRELATION / count))))
+    return Level(fine, error, colour, colour * float(np.hypot(error / fine, coarse_error / coarse)))
 
 
-def _differences(x: Array) -> Array:
-    """Differences of the sixth order along the first axis, without those that would reach over the ends."""
-    out = np.zeros((max(len(x) - ORDER, 0), *x.shape[1:]))
-    for k, weight in enumerate(KERNEL):
-        out += weight * x[k : k + len(out)]
-    return out
+def _power(order: int) -> float:
+    """Variance of a difference of unit white noise."""
+    return float(comb(2 * order, order))
 
 
-def _mean_square(parts: list[Array]) -> tuple[float, int]:
-    """Variance of white noise that the differences of some runs of samples show, and how many there are."""
-    d = np.concatenate([np.empty(0), *(_differences(part) for part in parts)])
+def _differences(x: Array, order: int) -> Array:
+    """Differences along the first axis."""
+    return np.diff(x, order, axis=0)
+
+
+def _variance(parts: list[Array]) -> tuple[float, float, int]:
+    """Variance of white noise that some runs of samples show, its standard error, and the number of differences."""
+    found = [_mean_square(parts, order) for order in ORDERS]
+    (low, low_error, _), (high, high_error, _) = found
+    return found[0] if abs(low - high) < AGREE * float(np.hypot(low_error, high_error)) else found[1]
+
+
+def _mean_square(parts: list[Array], order: int) -> tuple[float, float, int]:
+    d = np.concatenate([np.empty(0), *(_differences(part, order) for part in parts if part.size > order)])
     if d.size < FEWEST / AVERAGED:
-        return 0.0, d.size
+        return 0.0, np.inf, d.size
     spread = float(np.median(np.abs(d))) / 0.6745
     kept = d[np.abs(d) < TRIM * spread] if spread > 0 else d
-    return float(np.mean(kept**2)) / POWER, int(kept.size)
+    variance = float(np.mean(kept**2)) / _power(order)
+    correlation = comb(4 * order, 2 * order) / _power(order) ** 2
+    return variance, variance * float(np.sqrt(2 * correlation / kept.size)), int(kept.size)
 
 
 def noise(report: SampleReport, recording: Recording, quiet: Mask, sigma: float, steps: Array, coarse: Mask, cut: Mask) -> None:

@@ -29,6 +29,7 @@ Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
 COARSE = 0.05  # a lattice finer than this share of the noise is the number format, not the gyro
+HIDING = 2.0  # noise sigmas in a step, above which a lattice hides slow motion
 SMOOTH_S = 20.0  # s, longest window of the smoothing
 
 
@@ -50,7 +51,7 @@ def examine(recording: Recording, lattice: Kind | None = None) -> SampleReport:
     odds = _cut_odds(gyro.rates[used], steps, coarse)
     report.undecided = bool(coarse.any()) and lattice is None and float(np.abs(odds).max()) < ODDS
     cut = coarse & (odds > ODDS if lattice is None else lattice == "cut")
-    report.lattice = steps > sigma
+    report.lattice = steps > HIDING * sigma
     _quantization(report, steps, coarse, cut)
     _stale(report, recording, used, coarse)
     saturation(report, recording, used, coarse, steps, sigma)

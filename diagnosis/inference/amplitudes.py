@@ -99,9 +99,13 @@ def _one(search: Search, members: tuple[Member, ...], place: int) -> Fitted:
         amplitudes, spread = means[member.option][member.scale], covariances[member.option][member.scale]
         shown: Parameters = dict(option.parameters)
     else:
-        amplitudes, spread = _mixture(weights, means, covariances)
+        # Options with other columns, such as a richer form of the same effect, have amplitudes of another meaning.
+        alike = [k for k, one in enumerate(entry.options) if one.count == option.count]
+        amplitudes, spread = _mixture(
+            weights[alike] / weights[alike].sum(), [means[k] for k in alike], [covariances[k] for k in alike]
+        )
         size, more = entry.read(amplitudes)
-        sigma = _length_sigma(amplitudes, spread)
+        sigma = float(np.hypot(_length_sigma(amplitudes, spread), entry.size_sigma(size)))
         shown = {**_parameters(entry, weights, member.option), **more}
     return Fitted(
         entry.label, entry.effect, entry.axis, entry.unit, size, sigma, shown, model.W[:, option.columns], amplitudes,

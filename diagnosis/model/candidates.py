@@ -21,6 +21,7 @@ from diagnosis.model.linear import (
     Member,
     Option,
     Parameters,
+    exactly,
     first_amplitude,
     scales_of,
 )
@@ -44,7 +45,7 @@ class Group:
 
     Attributes
     ----------
-    effect, axis, listed, unit, process, positive, log_odds, read : as in `Candidate`
+    effect, axis, listed, unit, process, positive, log_odds, read, size_sigma : as in `Candidate`
     columns : per option (N, k) whitened columns
     parameters : per option
     weights : (o,) prior share of each option
@@ -65,6 +66,7 @@ class Group:
     weight: float = 1.0
     log_odds: float = 0.0
     read: Callable[[Array], tuple[float, Parameters]] = first_amplitude
+    size_sigma: Callable[[float], float] = exactly
 
 
 def linear_model(
@@ -114,7 +116,7 @@ def assembled(
         candidates.append(
             Candidate(
                 group.effect, group.axis, group.listed, prior, tuple(options), scales, group.unit, group.process,
-                group.positive, group.log_odds, group.read,
+                group.positive, group.log_odds, group.read, group.size_sigma,
             )
         )  # fmt: skip
     W = np.hstack(columns) if columns else np.empty((model.size, 0))

@@ -1,9 +1,10 @@
 """The candidate "small rates read zero" of a recording: what the samples show of it, and the columns of what it hides.
 
 The samples say where a slow reading is zero and how likely that is without a dead zone (`diagnosis.detectors.deadzone`); that
-enters as the candidate's likelihood. In the attitude a rate is missing in those slow parts. It is a rate the reading does not
-show, so it needs a number of its own in each slow part, and its evidence counts all of them: a drift, a step or an asymmetry
-that needs one number wins over it wherever both explain the data.
+enters as the candidate's likelihood. In the attitude a rate is missing in those runs. It is a rate that the reading does not
+show, so it needs a number of its own in each run, and its evidence counts all of them: a drift, a step or an asymmetry, which
+need one number, win over it wherever both explain the data. The rate that is missing is one that this axis usually has, which
+is the scale of the amplitudes; a run in which the attitude denies such a rate speaks against the zone.
 """
 
 from __future__ import annotations
@@ -11,22 +12,28 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
+from numpy.typing import NDArray
 
 from diagnosis.detectors.deadzone import DeadStretches, half_width
 from diagnosis.model.candidates import Group
-from diagnosis.model.linear import Array, Parameters
+from diagnosis.model.linear import Parameters
 from diagnosis.model.prepare import Prepared
+from diagnosis.model.processes import on_cells
 from diagnosis.model.recording import RecordingModel
 from simulator.effects.base import Effect
 
+Array = NDArray[np.float64]
+
 AXES = "xyz"
-DIFFERENCE = 0.4  # usual size of the differences between slow parts beside what they have in common
-MOST_ODDS = 20.0  # what the samples may say for it
-LEAST_ODDS = -10.0  # and against it
+UNSEEN = 0.5  # usual size of the motion inside the zone beside the rates that are missing
+DIFFERENCE = 0.4  # usual size of the differences between runs beside what they have in common
+SCALES = (0.3, 3.0)  # of the amplitudes, in usual rates
+MOST_ODDS = 10.0  # that the samples may give it: their model of the motion is a rough one
+LEAST_ODDS = -10.0  # that they may hold against it
 
 
 def missing(model: RecordingModel, one: DeadStretches) -> Array:
-    """Observations of a missing rate, deg/s: in all slow parts alike, and its difference in each; (N, 1 + parts)."""
+    """Observations of a missing rate, deg/s: in all runs alike, and its difference in each; (N, 1 + runs)."""
     step = np.searchsorted(model.recording.gyro.t_s, model.t_s, side="right") - 1
     part = one.stretch[step]
     numbers = np.unique(part[part >= 0])
@@ -35,6 +42,15 @@ def missing(model: RecordingModel, one: DeadStretches) -> Array:
     for k, number in enumerate(numbers):
         low[part == number, one.axis, 1 + k] = -DIFFERENCE * np.deg2rad(1.0)
     return model.reading(low)
+
+
+def unseen_motion(model: RecordingModel, one: DeadStretches) -> Array:
+    """(N, r) whitened observations of a random rate, deg/s, in each cell of the slow parts."""
+    step = np.searchsorted(model.recording.gyro.t_s, model.t_s, side="right") - 1
+    dead = (one.stretch[step] >= 0).astype(float)
+    share = np.add.reduceat(dead, model.cells.first) / (model.cells.last - model.cells.first)
+    factor = UNSEEN * np.deg2rad(1.0) * np.diag(share)[:, share > 0]
+    return on_cells(model, one.axis, factor)
 
 
 def dead_zone_groups(prepared: Prepared, effects: Sequence[Effect]) -> list[Group]:
@@ -46,19 +62,28 @@ def dead_zone_groups(prepared: Prepared, effects: Sequence[Effect]) -> list[Grou
 
 
 def _group(model: RecordingModel, one: DeadStretches, effect: Effect) -> Group:
+    usual = float(np.rad2deg(one.usual))
+    rates = model.whitened(missing(model, one))
+    moving = np.hstack([rates, unseen_motion(model, one)])
+
     def read(amplitudes: Array) -> tuple[float, Parameters]:
-        size, _ = half_width(one, float(amplitudes[0]), DIFFERENCE * amplitudes[1:], np.zeros(amplitudes.size - 1))
-        return size, {}
+        return half_width(one, amplitudes[0] + DIFFERENCE * amplitudes[1 : rates.shape[1]])[0], {}
 
     return Group(
         effect=effect.name,
         axis=AXES[one.axis],
         listed=True,
-        columns=[model.whitened(missing(model, one))],
-        parameters=[{}],
-        weights=np.ones(1),
-        limits=effect.prior,
+        columns=[rates, moving],
+        parameters=[{}, {}],
+        weights=np.full(2, 0.5),
+        limits=(max(effect.prior[0], SCALES[0] * usual), min(effect.prior[1], SCALES[1] * usual)),
         unit=effect.unit,
         log_odds=float(np.clip(one.log_odds, LEAST_ODDS, MOST_ODDS)),
         read=read,
+        size_sigma=lambda size: half_width_sigma(one, size),
     )
+
+
+def half_width_sigma(one: DeadStretches, size: float) -> float:
+    """What the samples leave open of the half width, deg/s."""
+    return half_width(one, np.array([size]))[1]

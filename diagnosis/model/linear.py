@@ -59,6 +59,11 @@ def first_amplitude(amplitudes: Array) -> tuple[float, Parameters]:
     return float(amplitudes[0]), {}
 
 
+def exactly(size: float) -> float:
+    """No further sigma."""
+    return 0.0
+
+
 @dataclass(frozen=True)
 class Candidate:
     """An effect about one axis, or an unlisted rival.
@@ -76,6 +81,7 @@ class Candidate:
     positive : whether its amplitude can only be positive
     log_odds : evidence from data outside the linear model, such as tests of the samples
     read : from amplitudes (k,) to the size and further parameters
+    size_sigma : from the size to the sigma that reading it off the amplitudes adds to theirs
     """
 
     effect: str
@@ -89,6 +95,7 @@ class Candidate:
     positive: bool = False
     log_odds: float = 0.0
     read: Callable[[Array], tuple[float, Parameters]] = first_amplitude
+    size_sigma: Callable[[float], float] = exactly
 
     @property
     def label(self) -> str:

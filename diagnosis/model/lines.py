@@ -24,6 +24,8 @@ Array = NDArray[np.float64]
 BEYOND = 2.0  # prior log odds of a vibration for a steady tone beyond the band in which the body moves
 WITHIN = -10.0  # the same for any other line
 CONFIRMED = -4.0  # log ratio below which the references confirm a motion
+FASTEST_BIAS_HZ = 0.02  # no thermal or magnetic cause swings a bias faster
+PERIODS = 5.0  # natural log of the range of periods that a bias may have
 BAND = 2.0  # factor on the highest frequency of the body's motion, up to which lines belong to it
 
 
@@ -39,10 +41,13 @@ def judged_lines(report: SampleReport, model: RecordingModel) -> bool:
         if ratio < CONFIRMED or not (line.isolated and line.steady)
     ]
     edge = BAND * max(moving, default=0.0)
+    half_rate_hz = 0.5 / model.recording.gyro.sample_s
     found = False
     for line, ratio in zip(report.lines, ratios, strict=True):
         alone = line.isolated and line.steady and line.frequency_hz > edge
         odds = (BEYOND if alone else WITHIN) + ratio
+        if odds > 0 and line.frequency_hz < FASTEST_BIAS_HZ and _periodic_odds(line, half_rate_hz) > 0:
+            continue  # the attitude has seen that the reading is wrong; what swings it so slowly is more likely a bias
         if odds <= 0:
             report.motions.append(line)
             continue
@@ -57,6 +62,14 @@ def _symptom(line: Line, probability: float) -> Symptom:
     text = f"a line of {size:.3g} deg/s at {line.frequency_hz:.4f} Hz that is no motion of the body"
     parameters: dict[str, float | str] = {"apparent_hz": line.frequency_hz}
     return Symptom("spectral_line", AXES[line.axis], size, "deg/s", sigma, parameters, line.p_value, text, probability)
+
+
+def _periodic_odds(line: Line, half_rate_hz: float) -> float:
+    """Prior log odds of a bias that swings with that period over an aliased vibration at that apparent frequency.
+
+    A vibration may show at any frequency up to half the sampling rate, evenly; periods of a bias are even in their logarithm.
+    """
+    return float(np.log(half_rate_hz / (line.frequency_hz * PERIODS)))
 
 
 def log_ratio(model: RecordingModel, line: Line) -> float:

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from diagnosis.detectors.deadzone import DeadStretches, dead_stretches
+from diagnosis.detectors.deadzone import DeadStretches, dead_stretches, of_zero_samples
 from diagnosis.detectors.reference_noise import ReferenceNoise, reference_noise
 from diagnosis.detectors.report import SampleReport
 from diagnosis.detectors.samples import examine, smoothed_rates
@@ -25,6 +25,7 @@ from gyrocal.recording import Interval, Recording, reference_rows
 
 Array = NDArray[np.float64]
 
+AXES = "xyz"
 ITERATIONS = 10
 SETTLED = 1e-3  # sigmas of the last correction
 CLEARLY = 12.0  # of χ², by which the attitude decides how readings came onto a lattice
@@ -101,9 +102,15 @@ def _misfit(model: RecordingModel) -> float:
 def _dead(recording: Recording, report: SampleReport) -> tuple[DeadStretches, ...]:
     """Gyros that may have a dead zone; a lattice makes zeros of its own."""
     coarse = {symptom.axis for symptom in report.symptoms if symptom.kind.startswith("lattice")}
-    if None in coarse or any(symptom.kind == "dead_zone" for symptom in report.symptoms):
+    if None in coarse:
         return ()
-    return tuple(one for one in dead_stretches(recording, report.rates, report.noise) if "xyz"[one.axis] not in coarse)
+    exact = {symptom.axis: symptom for symptom in report.symptoms if symptom.kind == "dead_zone"}
+    found = [one for one in dead_stretches(recording, report.rates, report.noise) if AXES[one.axis] not in {*coarse, *exact}]
+    for axis, symptom in exact.items():
+        one = of_zero_samples(recording, AXES.index(str(axis)), float(np.deg2rad(symptom.size)))
+        if one is not None:
+            found.append(one)
+    return tuple(found)
 
 
 def _calibrated(
