@@ -39,6 +39,7 @@ ZERO = 3.5  # sigmas of a window's mean up to which it may be zero
 CONSISTENT = 1e-3  # p-value of a run's windows being zero, at least
 NONZERO = 6.0  # sigmas from which a window's mean is a rate
 LEAK = 0.2  # of the usual slow rate: what misalignments leak of the body's rate
+TELLING = 1.5  # times that, from which on the smallest rate that is read says something of the zone
 EDGE_SHARE = 0.02  # quantile of the nonzero means that stands for the smallest rate that is read
 EDGE_WINDOWS = 10  # nonzero means within a third above it, from which on the edge itself was crossed
 EDGE = 0.1  # relative error of a half width from means on the edge
@@ -112,6 +113,8 @@ def half_width(one: DeadStretches, missing: Array) -> tuple[float, float]:
     low, high = float(np.abs(missing).max()), float(np.rad2deg(one.alive))
     if one.crossed:
         return high, EDGE * high
+    if not np.isfinite(high):
+        return 1.3 * low, 0.4 * low
     if high > low:
         high = min(high, 4 * low)
         return 0.5 * (low + high), max((high - low) / np.sqrt(12), EDGE * low)
@@ -147,7 +150,9 @@ def _of_axis(recording: Recording, x: Array, noise: float, axis: int) -> DeadStr
     rates = np.abs(np.concatenate(others))
     rates = np.sort(rates[rates > NONZERO * sigma])
     alive = float(rates[int(EDGE_SHARE * rates.size)]) if rates.size else np.inf
-    near = int(np.sum(rates < 1.33 * alive)) if rates.size else 0
+    if alive < TELLING * NONZERO * sigma:  # the noise, not the zone, says which rates pass for zero
+        alive = np.inf
+    near = int(np.sum(rates < 1.33 * alive)) if np.isfinite(alive) else 0
     odds = min(_log_odds(np.array(means), np.array(sigmas), usual), MOST_ODDS)
     return DeadStretches(axis, stretch, odds, alive, near >= EDGE_WINDOWS, usual)
 
