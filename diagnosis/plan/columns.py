@@ -23,8 +23,6 @@ Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
 
 GONE = 1e-6  # share of a signature that is left, below which it acts like the calibration itself
-RANDOM = ("bias_random_walk", "noise_flicker", "reference_correlated")
-USUAL = {"gaps": "hold", "time_constant_s": 600.0}  # option of a random effect that is drawn
 
 
 @dataclass(frozen=True)
@@ -157,11 +155,12 @@ class RandomColumns:
 def random_columns(model: Model, names: Sequence[str]) -> list[RandomColumns]:
     """The random effects among some, with the option of each that is nearest to the usual one."""
     out: list[RandomColumns] = []
-    if not set(RANDOM) & set(names):
+    if not any(EFFECTS[name].is_process for name in names):
         return out
     for process in random_effects.processes(model, rivals=False):
         if process.name in names:
-            nearest = min(range(len(process.columns)), key=lambda k: _unusual(process.parameters[k]))
+            usual = {one.name: one.default for one in EFFECTS[process.name].parameters}
+            nearest = min(range(len(process.columns)), key=lambda k: _unusual(process.parameters[k], usual))
             out.append(
                 RandomColumns(
                     process.name, process.axis, model.projected(process.columns[nearest]), process.parameters[nearest]
@@ -170,12 +169,15 @@ def random_columns(model: Model, names: Sequence[str]) -> list[RandomColumns]:
     return out
 
 
-def _unusual(parameters: Mapping[str, float | str]) -> float:
-    """How far an option is from the usual one."""
+def _unusual(parameters: Mapping[str, float | str], usual: Mapping[str, float | str | None]) -> float:
+    """How far an option is from the defaults of its effect."""
     away = 0.0
     for name, value in parameters.items():
-        usual = USUAL.get(name, value)
-        away += abs(float(np.log(value / usual))) if isinstance(value, float) and isinstance(usual, float) else value != usual
+        default = usual[name]
+        if isinstance(value, float) and isinstance(default, float):
+            away += abs(float(np.log(value / default)))
+        else:
+            away += value != default
     return away
 
 

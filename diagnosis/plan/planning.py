@@ -62,8 +62,9 @@ def plan(
     random = random_columns(model, names)
     seen += list(random_seen(random, power))
     snr = np.array([one.snr for one in seen if np.isfinite(one.snr)])
-    seen += samples_seen(scenario, model, names, float(np.median(snr)) if snr.size else START_SNR)
-    seen += unavailable(model, names, random)
+    effects_seen = [EFFECTS[name] for name in names]
+    seen += samples_seen(scenario, model, effects_seen, float(np.median(snr)) if snr.size else START_SNR)
+    seen += unavailable(model, effects_seen)
     if named:
         tell("smallest named sizes", 0.55)
         seen = named_sizes(seen, every, random, power, tell)
@@ -111,8 +112,8 @@ def _notes(scenario: Scenario, model: Model) -> tuple[str, ...]:
     notes += [
         "Not identifiable from any recording: a constant offset of all references, the same as a turn of G and the start "
         "attitudes; constant errors of G and b, which are calibrated away",
-        "bias_temperature is as with the simulator's own gyro temperature; a recording without housekeeping shows it only as "
-        "something unknown",
+        "What follows a temperature is as with the simulator's own gyro temperature; a recording without housekeeping shows it "
+        "only as something unknown",
     ]
     if scenario.control_motion is not None:
         notes.append("Thresholds in the samples take the control motion for quiet; with a strong one fewer samples count")

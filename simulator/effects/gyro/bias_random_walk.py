@@ -13,6 +13,12 @@ from simulator.effects.base import Array, Effect, Parameter, ProcessTimes, Setti
 from simulator.effects.common import DEG_H, HOUR, index, run_time
 
 GAPS = ("hold", "grow", "reset")
+TRIED = ("hold", "reset")  # a walk that goes on over long gaps looks like one that starts anew
+
+
+def any_gaps(rng: np.random.Generator, around: Surroundings) -> Value:
+    """One of the two that are tried."""
+    return str(rng.choice(TRIED))
 
 
 class BiasRandomWalk(Effect):
@@ -47,8 +53,8 @@ class BiasRandomWalk(Effect):
         return np.asarray(same * (np.minimum.outer(within, within) + level) * DEG_H**2)
 
     def trials(self, around: Surroundings) -> Sequence[Trial]:
-        """What the walk may do over the gaps; one that goes on through long ones looks like new levels."""
-        return tuple(Trial({"gaps": gaps}, 0.5) for gaps in ("hold", "reset"))
+        """What the walk may do over the gaps."""
+        return tuple(Trial({"gaps": gaps}, 0.5) for gaps in TRIED)
 
 
 EFFECT = BiasRandomWalk(
@@ -58,6 +64,7 @@ EFFECT = BiasRandomWalk(
     stage="random_rate",
     prior=(5e-3, 20.0),
     bounds=(0.0, 1e9),
-    parameters=(Parameter("gaps", "", "hold", "over the gaps between intervals", choices=GAPS),),
+    parameters=(Parameter("gaps", "", "hold", "over the gaps between intervals", choices=GAPS, draw=any_gaps),),
     meaning="The gyro's bias wanders without returning (rate random walk).",
+    kin="wandering bias",
 )

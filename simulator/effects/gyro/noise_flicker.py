@@ -51,4 +51,5 @@ EFFECT = NoiseFlicker(
     prior=(5e-3, 20.0),
     bounds=(0.0, 1e9),
     meaning="The gyro's bias wanders about a level that is never quite constant (bias instability, 1/f noise).",
+    kin="wandering bias",
 )

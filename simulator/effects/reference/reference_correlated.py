@@ -8,10 +8,15 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from simulator.effects.base import Array, Effect, Parameter, ProcessTimes, References, Setting, Surroundings, Trial, Value
-from simulator.effects.common import DEG, gauss_markov, index, markov, number
+from simulator.effects.common import DEG, gauss_markov, index, log_uniform, markov, number
 
 SPACINGS = (1.5, 3.0, 6.0, 12.0, 24.0, 48.0)  # of the references: time constants that are tried
 LONGEST = 2.0  # intervals: a longer time constant looks like a constant offset
+
+
+def any_time_constant(rng: np.random.Generator, around: Surroundings) -> Value:
+    """From some minutes to most of an orbit, s."""
+    return log_uniform(rng, 150.0, 2500.0)
 
 
 class ReferenceCorrelated(Effect):
@@ -52,6 +57,6 @@ EFFECT = ReferenceCorrelated(
     stage="random_reference",
     prior=(5e-4, 5.0),
     bounds=(0.0, 90.0),
-    parameters=(Parameter("time_constant_s", "s", 600.0, "time constant", 1e-3, 1e9),),
+    parameters=(Parameter("time_constant_s", "s", 600.0, "time constant", 1e-3, 1e9, draw=any_time_constant),),
     meaning="Errors of the reference attitude last for a while instead of being new each time.",
 )
