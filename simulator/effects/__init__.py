@@ -22,7 +22,8 @@ from simulator.effects.base import (
     Trial,
 )
 from simulator.effects.builtin import BUILT_IN
-from simulator.effects.recorded import forward_axes, references_of, stream_of, surroundings_of
+from simulator.effects.flight_mode import forward_axes
+from simulator.effects.recorded import references_of, stream_of, surroundings_of
 from simulator.effects.registry import ALL_EFFECTS, EFFECTS, REGISTRY, Registry
 from simulator.effects.settings import described, parse, setting
 
