@@ -30,9 +30,8 @@ class ReferenceCorrelated(Effect):
         return out
 
     def covariance(self, at: ProcessTimes, parameters: Mapping[str, Value]) -> Array:
-        """exp(−|Δt|/τ) inside an interval; between two the time is long."""
-        same = np.equal.outer(at.interval, at.interval)
-        return np.asarray(DEG**2 * same * markov(at.t_s, number(parameters, "time_constant_s")))
+        """exp(−|Δt|/τ)."""
+        return np.asarray(DEG**2 * markov(at.t_s, number(parameters, "time_constant_s")))
 
     def trials(self, around: Surroundings) -> Sequence[Trial]:
         """Time constants an octave apart, from what the references' spacing can show to what an interval can."""
