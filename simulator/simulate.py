@@ -221,7 +221,7 @@ def disturbed(
     others : as for `observe`
     """
     active = activated(effects, seed, case)
-    around = _around(plain, motion, point)
+    around = surroundings(plain, motion, point)
     return replace(
         plain,
         gyro=replace(plain.gyro, rates=readings(around, active, gyro_rng)),
@@ -229,7 +229,7 @@ def disturbed(
     )
 
 
-def _around(plain: Recording, motion: Motion, point: bool = False) -> Surroundings:
+def surroundings(plain: Recording, motion: Motion, point: bool = False) -> Surroundings:
     """The noise-free truth as effects see it."""
     t_s = motion.t_s if point else motion.t_s + 0.5 * motion.duration_s
     stream = Stream(
@@ -257,11 +257,11 @@ def with_gyro_temperature(plain: Recording, seed: int = 0, case: int = 0) -> Rec
 def _with_housekeeping(plain: Recording, motion: Motion, effects: Sequence[Setting], seed: int, case: int) -> Recording:
     """With a gyro temperature, if an effect misses one."""
     acting = [REGISTRY[setting.effect] for setting in effects]
-    lacking = [effect for effect in acting if effect.missing(_around(plain, motion)) is not None]
+    lacking = [effect for effect in acting if effect.missing(surroundings(plain, motion)) is not None]
     if not lacking:
         return plain
     warm = with_gyro_temperature(plain, seed, case)
-    helped = any(effect.missing(_around(warm, motion)) is None for effect in lacking)
+    helped = any(effect.missing(surroundings(warm, motion)) is None for effect in lacking)
     return warm if helped else plain
 
 

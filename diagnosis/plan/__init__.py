@@ -16,7 +16,7 @@ from diagnosis.plan.extras import appended, maneuvers
 from diagnosis.plan.named import named_size
 from diagnosis.plan.planning import plan
 from diagnosis.plan.result import POWER, Extra, Pair, Plan, Visible, tables
-from diagnosis.plan.samples import noncentrality, quiet_samples
+from diagnosis.plan.samples import quiet_stretches
 from diagnosis.plan.separability import EXACT, LIMIT_SNR, SURE, pairs, separating_snr, shares, telling_size
 from diagnosis.plan.visibility import PowerOf, random_seen, visible
 
@@ -36,10 +36,9 @@ __all__ = [
     "linear_model",
     "maneuvers",
     "named_size",
-    "noncentrality",
     "pairs",
     "plan",
-    "quiet_samples",
+    "quiet_stretches",
     "random_columns",
     "random_seen",
     "separating_snr",

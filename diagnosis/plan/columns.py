@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from diagnosis.model import processes as random_effects
 from diagnosis.model.candidates import AXES, available, columns_of, step_times
-from diagnosis.model.recording import Model, linearised
+from diagnosis.model.recording import RecordingModel, linearised
 from simulator.effects import EFFECTS, Effect
 from simulator.scenario import Scenario
 from simulator.simulate import simulate, with_gyro_temperature
@@ -23,8 +23,6 @@ Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
 
 GONE = 1e-6  # share of a signature that is left, below which it acts like the calibration itself
-RANDOM = ("bias_random_walk", "noise_flicker", "reference_correlated")
-USUAL = {"gaps": "hold", "time_constant_s": 600.0}  # option of a random effect that is drawn
 
 
 @dataclass(frozen=True)
@@ -75,13 +73,13 @@ class Signature:
         return np.asarray(np.linalg.eigh(X.T @ X)[1].sum(axis=1) / np.sqrt(X.shape[1]))
 
 
-def linear_model(scenario: Scenario) -> Model:
+def linear_model(scenario: Scenario) -> RecordingModel:
     """The model about the true G and b, without noise, and with the simulator's gyro temperature as housekeeping."""
     recording = with_gyro_temperature(simulate(scenario, noise=False))
     return linearised(recording, np.array(scenario.gyro.true_G), np.deg2rad(scenario.gyro.true_bias_deg_s))
 
 
-def signatures(model: Model, names: Sequence[str], at: tuple[Array, Array, Indices] | None = None) -> list[Signature]:
+def signatures(model: RecordingModel, names: Sequence[str], at: tuple[Array, Array, Indices] | None = None) -> list[Signature]:
     """Signatures of the effects that are sums of columns.
 
     Parameters
@@ -114,7 +112,7 @@ def signatures(model: Model, names: Sequence[str], at: tuple[Array, Array, Indic
 
 
 def _signature(
-    model: Model,
+    model: RecordingModel,
     effect: Effect,
     axis: str | None,
     label: str,
@@ -154,14 +152,15 @@ class RandomColumns:
         return float(np.sum((self.X.T @ self.X) ** 2) ** 0.25)
 
 
-def random_columns(model: Model, names: Sequence[str]) -> list[RandomColumns]:
+def random_columns(model: RecordingModel, names: Sequence[str]) -> list[RandomColumns]:
     """The random effects among some, with the option of each that is nearest to the usual one."""
     out: list[RandomColumns] = []
-    if not set(RANDOM) & set(names):
+    if not any(EFFECTS[name].is_process for name in names):
         return out
     for process in random_effects.processes(model, rivals=False):
         if process.name in names:
-            nearest = min(range(len(process.columns)), key=lambda k: _unusual(process.parameters[k]))
+            usual = {one.name: one.default for one in EFFECTS[process.name].parameters}
+            nearest = min(range(len(process.columns)), key=lambda k: _unusual(process.parameters[k], usual))
             out.append(
                 RandomColumns(
                     process.name, process.axis, model.projected(process.columns[nearest]), process.parameters[nearest]
@@ -170,12 +169,15 @@ def random_columns(model: Model, names: Sequence[str]) -> list[RandomColumns]:
     return out
 
 
-def _unusual(parameters: Mapping[str, float | str]) -> float:
-    """How far an option is from the usual one."""
+def _unusual(parameters: Mapping[str, float | str], usual: Mapping[str, float | str | None]) -> float:
+    """How far an option is from the defaults of its effect."""
     away = 0.0
     for name, value in parameters.items():
-        usual = USUAL.get(name, value)
-        away += abs(float(np.log(value / usual))) if isinstance(value, float) and isinstance(usual, float) else value != usual
+        default = usual[name]
+        if isinstance(value, float) and isinstance(default, float):
+            away += abs(float(np.log(value / default)))
+        else:
+            away += value != default
     return away
 
 

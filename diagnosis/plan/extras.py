@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from diagnosis.model.candidates import AXES, step_times
-from diagnosis.model.recording import Model
+from diagnosis.model.recording import RecordingModel
 from diagnosis.plan.columns import GONE, RandomColumns, Signature, linear_model, median_index, random_columns, signatures
 from diagnosis.plan.result import Extra, Pair, Visible, ordered
 from diagnosis.plan.separability import pairs
@@ -109,7 +109,7 @@ def helped_by(
     name: str,
     scenario: Scenario,
     extended: Scenario,
-    model: Model,
+    model: RecordingModel,
     every: Sequence[Signature],
     random: Sequence[RandomColumns],
     seen: Sequence[Visible],

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from diagnosis.model.candidates import AXES, build
-from diagnosis.model.recording import Model
+from diagnosis.model.recording import RecordingModel
 from diagnosis.plan.columns import linear_model, random_columns, signatures
 from diagnosis.plan.extras import appended, helped_by, maneuvers
 from diagnosis.plan.named import named_sizes
@@ -62,8 +62,9 @@ def plan(
     random = random_columns(model, names)
     seen += list(random_seen(random, power))
     snr = np.array([one.snr for one in seen if np.isfinite(one.snr)])
-    seen += samples_seen(scenario, model, names, float(np.median(snr)) if snr.size else START_SNR)
-    seen += unavailable(model, names, random)
+    effects_seen = [EFFECTS[name] for name in names]
+    seen += samples_seen(scenario, model, effects_seen, float(np.median(snr)) if snr.size else START_SNR)
+    seen += unavailable(model, effects_seen)
     if named:
         tell("smallest named sizes", 0.55)
         seen = named_sizes(seen, every, random, power, tell)
@@ -93,7 +94,7 @@ def _chosen(effects: Sequence[str] | None) -> list[str]:
     return [name for name in EFFECTS if not effects or name in effects]
 
 
-def _notes(scenario: Scenario, model: Model) -> tuple[str, ...]:
+def _notes(scenario: Scenario, model: RecordingModel) -> tuple[str, ...]:
     notes = []
     if scenario.reference.at == "ends":
         notes.append(
@@ -111,8 +112,8 @@ def _notes(scenario: Scenario, model: Model) -> tuple[str, ...]:
     notes += [
         "Not identifiable from any recording: a constant offset of all references, the same as a turn of G and the start "
         "attitudes; constant errors of G and b, which are calibrated away",
-        "bias_temperature is as with the simulator's own gyro temperature; a recording without housekeeping shows it only as "
-        "something unknown",
+        "What follows a temperature is as with the simulator's own gyro temperature; a recording without housekeeping shows it "
+        "only as something unknown",
     ]
     if scenario.control_motion is not None:
         notes.append("Thresholds in the samples take the control motion for quiet; with a strong one fewer samples count")

@@ -22,10 +22,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from diagnosis.diagnose import DRAWS, FALSE_ALARMS
+from diagnosis.inference.candidates import Bank
 from diagnosis.inference.search import Search
-from diagnosis.model.candidates import Bank, available
-from diagnosis.model.recording import Model
-from diagnosis.plan.columns import GONE, RANDOM, RandomColumns, Signature
+from diagnosis.model.recording import RecordingModel
+from diagnosis.plan.columns import GONE, RandomColumns, Signature
 from diagnosis.plan.result import POWER, Progress, Verdict, Visible
 from simulator.effects import EFFECTS, Effect
 
@@ -49,7 +49,7 @@ class PowerOf:
     seed : of the draws
     """
 
-    def __init__(self, model: Model, bank: Bank, seed: int = 0):
+    def __init__(self, model: RecordingModel, bank: Bank, seed: int = 0):
         self.bank = bank
         self.search = Search(bank, np.zeros(model.size))
         self.rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=tuple(b"diagnosis_plan")))
@@ -61,7 +61,7 @@ class PowerOf:
         self.noise = self._noise(model, POWER_DRAWS)
         self._correlation = bank.X.T @ self.noise
 
-    def _noise(self, model: Model, count: int) -> Array:
+    def _noise(self, model: RecordingModel, count: int) -> Array:
         return model.projected(self.rng.standard_normal((model.size, count)))
 
     def excess(self, moved: Array, amplitude: float) -> float:
@@ -139,20 +139,12 @@ def random_seen(random: Sequence[RandomColumns], power: PowerOf) -> Iterator[Vis
         )  # fmt: skip
 
 
-def unavailable(model: Model, names: Sequence[str], random: Sequence[RandomColumns]) -> list[Visible]:
-    """Effects whose columns this scenario has no motion or reference for."""
-    out = []
-    for name in names:
-        effect = EFFECTS[name]
-        if effect.has_columns and not available(model, effect):
-            text = "needs a table or a flight direction that the scenario does not have"
-            if name == "reference_mode_offset":
-                text = "needs references in both +x and -x forward"
-            out.append(row_of(effect, "not available", np.inf, text, "attitude"))
-    lacking = set(RANDOM) & set(names) - {one.effect for one in random}
-    return out + [
-        row_of(EFFECTS[name], "not available", np.inf, "needs a series of references", "attitude") for name in lacking
-    ]
+def unavailable(model: RecordingModel, effects: Sequence[Effect]) -> Iterator[Visible]:
+    """Effects that this scenario has not what it takes for."""
+    for effect in effects:
+        reason = effect.missing(model.around)
+        if reason is not None:
+            yield row_of(effect, "not available", np.inf, reason, "samples" if effect.in_samples else "attitude")
 
 
 def row_of(

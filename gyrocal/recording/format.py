@@ -35,6 +35,7 @@ RATE_COLUMNS = ("rate_x_deg_s", "rate_y_deg_s", "rate_z_deg_s")
 QUATERNION_COLUMNS = ("q1", "q2", "q3", "q4")
 SIGMA_COLUMNS = ("sigma_x_deg", "sigma_y_deg", "sigma_z_deg")
 OPTIONAL_TABLES = ("housekeeping", *sensor_tables.NAMES)
+FORWARD = ("+x", "-x", "+y", "-y", "none")
 NORM_TOLERANCE = 1e-6  # |q| - 1 of a quaternion written with 7 digits
 TIME_TOLERANCE_S = 1e-6  # rounding of a time tag some years after the epoch
 LARGEST_RATE = float(np.deg2rad(1e5))  # no gyro measures more
@@ -43,12 +44,21 @@ SIGMA_RANGE = (float(np.deg2rad(1e-9)), float(np.deg2rad(180.0)))  # nothing out
 
 @dataclass(frozen=True)
 class Interval:
-    """One calibration interval; starts and ends in a constant-rate mode."""
+    """One calibration interval; starts and ends in a constant-rate mode.
+
+    Attributes
+    ----------
+    name : of its own
+    activity : for people
+    start_s, stop_s : s since the epoch
+    forward : one of `FORWARD`, the body axis along the velocity throughout; None leaves it to the attitudes
+    """
 
     name: str
     activity: str
     start_s: float
     stop_s: float
+    forward: str | None = None
 
 
 @dataclass(frozen=True)
@@ -156,6 +166,7 @@ class _IntervalHeader(_Model):
     activity: str
     start_s: float
     stop_s: float
+    forward: Literal["+x", "-x", "+y", "-y", "none"] | None = None
 
 
 class _Header(_Model):
@@ -244,7 +255,7 @@ def load(folder: str | os.PathLike[str]) -> Recording:
             time_scale=header.time_scale,
             gyro=stream,
             attitudes=attitudes,
-            intervals=tuple(Interval(i.name, i.activity, i.start_s, i.stop_s) for i in header.interval),
+            intervals=tuple(Interval(i.name, i.activity, i.start_s, i.stop_s, i.forward) for i in header.interval),
             orbit=Orbit(**header.orbit.model_dump()) if header.orbit else None,
             tables={name: table for name, table in tables.items() if name not in sensor_tables.known(tables)},
             sensors=sensors,
@@ -332,6 +343,7 @@ def _header_text(recording: Recording) -> str:
                     "activity": interval.activity,
                     "start_s": float(interval.start_s),
                     "stop_s": float(interval.stop_s),
+                    **({} if interval.forward is None else {"forward": interval.forward}),
                 },
             )
         )
@@ -458,6 +470,8 @@ def _check_intervals(intervals: tuple[Interval, ...]) -> None:
     if repeated:
         raise InputError(f"interval name {', '.join(repeated)} is used more than once")
     for interval in intervals:
+        if interval.forward not in (None, *FORWARD):
+            raise InputError(f"interval {interval.name}: forward {interval.forward} must be one of {', '.join(FORWARD)}")
         if not interval.stop_s > interval.start_s:
             raise InputError(f"interval {interval.name}: stop_s {interval.stop_s} is not after start_s {interval.start_s}")
     ordered = sorted(intervals, key=lambda interval: interval.start_s)

@@ -13,14 +13,17 @@ from simulator.effects.base import (
     Parameter,
     ProcessTimes,
     References,
+    SampleTests,
     SampleView,
     Setting,
+    Smallest,
     Stream,
     Surroundings,
     Trial,
 )
 from simulator.effects.builtin import BUILT_IN
-from simulator.effects.recorded import forward_axes, references_of, stream_of, surroundings_of
+from simulator.effects.flight_mode import forward_axes
+from simulator.effects.recorded import references_of, stream_of, surroundings_of
 from simulator.effects.registry import ALL_EFFECTS, EFFECTS, REGISTRY, Registry
 from simulator.effects.settings import described, parse, setting
 
@@ -36,8 +39,10 @@ __all__ = [
     "ProcessTimes",
     "References",
     "Registry",
+    "SampleTests",
     "SampleView",
     "Setting",
+    "Smallest",
     "Stream",
     "Surroundings",
     "Trial",

@@ -18,10 +18,44 @@ from dataclasses import dataclass, field
 from typing import Literal, NamedTuple, TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
-Value = float | str
+from simulator.effects.views import (
+    Array,
+    Detection,
+    ProcessTimes,
+    References,
+    SampleTests,
+    SampleView,
+    Smallest,
+    Stream,
+    Surroundings,
+    Value,
+)
+
+__all__ = [
+    "AXES",
+    "ON_REFERENCES",
+    "STAGES",
+    "STAGE_NAMES",
+    "SYMPTOMS",
+    "Array",
+    "Detection",
+    "Effect",
+    "Parameter",
+    "ProcessTimes",
+    "References",
+    "SampleTests",
+    "SampleView",
+    "Setting",
+    "Smallest",
+    "Stage",
+    "Stream",
+    "Surroundings",
+    "Trial",
+    "Value",
+    "absent",
+]
+
 AXES = ("x", "y", "z")
 
 
@@ -103,6 +137,7 @@ class Parameter:
     summary : what it is, in a few words
     lower, upper : inclusive bounds of a number
     choices : the words allowed, or () for a number; ("*",) allows any word
+    draw : draws a value for a blind check from a random generator and the surroundings; None takes the default
     """
 
     name: str
@@ -112,88 +147,7 @@ class Parameter:
     lower: float = -np.inf
     upper: float = np.inf
     choices: tuple[str, ...] = ()
-
-
-@dataclass(frozen=True)
-class Stream:
-    """The gyro samples as an effect on rates sees them.
-
-    Attributes
-    ----------
-    t_s : (n,) middle of each sample, s since the epoch
-    duration_s : (n,)
-    rates : (n, 3) body rates, rad/s: the true ones in the simulator, the best estimate in a diagnosis
-    raw : (n, 3) noise-free raw rates G⁻¹(ω − b), rad/s
-    intervals : the samples of each interval
-    orbit_period_s : NaN if unknown
-    span_s : first start and last stop of the intervals
-    housekeeping : named columns at t_s, (n,) each
-    """
-
-    t_s: Array
-    duration_s: Array
-    rates: Array
-    raw: Array
-    intervals: tuple[slice, ...]
-    orbit_period_s: float
-    span_s: tuple[float, float]
-    housekeeping: Mapping[str, Array] = field(default_factory=dict)
-
-
-@dataclass(frozen=True)
-class References:
-    """The reference attitudes as an effect on them sees them.
-
-    Attributes
-    ----------
-    t_s : (m,) s since the epoch
-    quaternions : (m, 4) inertial to body, scalar last
-    interval : (m,) index of the interval each belongs to
-    forward : (m,) str, the body axis along the velocity, "+x", "-x", …; "" if unknown
-    orbit_period_s : NaN if unknown
-    """
-
-    t_s: Array
-    quaternions: Array
-    interval: NDArray[np.intp]
-    forward: NDArray[np.str_]
-    orbit_period_s: float
-
-
-@dataclass(frozen=True)
-class Surroundings:
-    """What a recording, or a maneuver plan, offers for an effect to act on and to be seen in.
-
-    Attributes
-    ----------
-    stream : the gyro samples; noise-free, or the best estimate of that
-    references : the reference attitudes
-    arw : stated angle random walk, rad/√s
-    sample_s : length of a sample, s
-    reference_sigma : (m, 3) stated sigma of the references, rad
-    """
-
-    stream: Stream
-    references: References
-    arw: float
-    sample_s: float
-    reference_sigma: Array
-
-
-@dataclass(frozen=True)
-class ProcessTimes:
-    """Times at which the covariance of a random process is wanted.
-
-    Attributes
-    ----------
-    t_s : (c,) s since the epoch
-    run_s : (c,) sampled time up to then, the gaps between intervals left out, s
-    interval : (c,) index of the interval
-    """
-
-    t_s: Array
-    run_s: Array
-    interval: NDArray[np.intp]
+    draw: Callable[[np.random.Generator, Surroundings], Value] | None = None
 
 
 @dataclass(frozen=True)
@@ -202,56 +156,6 @@ class Trial:
 
     parameters: Mapping[str, Value] = field(default_factory=dict)
     weight: float = 1.0
-
-
-@dataclass(frozen=True)
-class SampleView:
-    """Gyro samples as recorded, for effects that bring a test of their own.
-
-    Attributes
-    ----------
-    t_s : (n,) middle of each sample, s since the epoch
-    sample_s : length of a sample, s
-    rates : (n, 3) raw rates as recorded, rad/s
-    sigma : (3,) white noise of a sample, rad/s
-    inside : (n,) bool, whether a sample lies inside an interval
-    intervals : the samples of each interval
-    motion : (n, 3) raw rates without noise, from the references or by smoothing, rad/s; NaN where they are not known
-    """
-
-    t_s: Array
-    sample_s: float
-    rates: Array
-    sigma: Array
-    inside: NDArray[np.bool_]
-    intervals: tuple[slice, ...]
-    motion: Array
-
-
-@dataclass(frozen=True)
-class Detection:
-    """What an effect's own test found in the samples.
-
-    Attributes
-    ----------
-    effect, axis : which
-    size, sigma : in its unit
-    unit : of the size
-    parameters : its other numbers, as far as they are known
-    log_odds : log of the probability of the samples with the effect over that without
-    p_value : of the test if the effect is absent
-    text : what was seen, for people
-    """
-
-    effect: str
-    axis: str | None
-    size: float
-    unit: str
-    sigma: float
-    parameters: Mapping[str, Value]
-    log_odds: float
-    p_value: float
-    text: str
 
 
 def absent(method: Method) -> Method:
@@ -278,6 +182,7 @@ class Effect:
     weight : prior probability beside that of the other effects, which have 1
     switched : its column is switched on at the parameter time_s, whose values a diagnosis chooses itself
     symptom : one of `SYMPTOMS`, the statistic of the samples that shows it
+    kin : what it shares with effects that are nearly the same to any diagnosis; a blind check never puts two of them together
     """
 
     name: str
@@ -294,6 +199,7 @@ class Effect:
     weight: float = 1.0
     switched: bool = False
     symptom: str | None = None
+    kin: str = ""
 
     # ---- what it is ------------------------------------------------------------------------------------------------------
 
@@ -395,3 +301,20 @@ class Effect:
             It would do nothing.
         """
         return setting
+
+    # ---- how it is drawn and when it shows -------------------------------------------------------------------------------
+
+    def draw(self, rng: np.random.Generator, around: Surroundings) -> tuple[str | None, dict[str, Value]]:
+        """Axis and parameters for a blind check: any axis, where it may be left out none half of the time."""
+        axis = str(rng.choice(self.axes)) if self.axes else None
+        if self.axis_optional and rng.random() < 0.5:
+            axis = None
+        return axis, {one.name: one.draw(rng, around) for one in self.parameters if one.draw is not None}
+
+    def draw_size(self, rng: np.random.Generator, around: Surroundings, axis: str | None) -> float | None:
+        """Size for a blind check; None leaves it to the check, which asks for a signal-to-noise ratio in the attitude."""
+        return None
+
+    def smallest(self, around: Surroundings, tests: SampleTests) -> Sequence[Smallest]:
+        """Smallest sizes that show in the samples; of one that gives none, the attitude decides."""
+        return ()

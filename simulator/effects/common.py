@@ -6,10 +6,11 @@ from typing import Literal
 
 import numba
 import numpy as np
+import scipy.special
 from numpy.typing import NDArray
 
 from gyrocal.errors import InputError
-from simulator.effects.base import AXES, Parameter, Setting, Stream, Surroundings, Value
+from simulator.effects.base import AXES, Parameter, SampleTests, Setting, Smallest, Stream, Surroundings, Value
 
 Array = NDArray[np.float64]
 
@@ -18,10 +19,47 @@ DEG_H = DEG / 3600  # rad/s
 PPM = 1e-6
 DAY = 86400.0
 HOUR = 3600.0
+DISTINCT = 0.7  # share of the readings that differ, from where on they count as a lattice
 HOLE = 0.5  # of a sample: a longer pause between two samples separates them
 
-TIME = Parameter("time_s", "s", None, "time of the step since the epoch", -1e12, 1e12)
-PHASE = Parameter("phase_deg", "deg", 0.0, "phase at the epoch", -360.0, 360.0)
+STEP_INSIDE = 0.7  # of the drawn steps fall into an interval, the rest into the gaps
+
+
+def any_phase(rng: np.random.Generator, around: Surroundings) -> Value:
+    """A phase, deg."""
+    return float(rng.uniform(-180.0, 180.0))
+
+
+def any_step_time(rng: np.random.Generator, around: Surroundings) -> Value:
+    """Time of a step: inside an interval, the longer ones more often, or in the middle of a gap between two."""
+    begin, end = spans(around.stream)
+    if rng.random() < STEP_INSIDE or len(begin) == 1:
+        length = end - begin
+        chosen = int(rng.choice(len(begin), p=length / length.sum()))
+        return float(begin[chosen] + rng.uniform(0.15, 0.85) * length[chosen])
+    gap = int(rng.integers(len(begin) - 1))
+    return float(0.5 * (end[gap] + begin[gap + 1]))
+
+
+TIME = Parameter("time_s", "s", None, "time of the step since the epoch", -1e12, 1e12, draw=any_step_time)
+PHASE = Parameter("phase_deg", "deg", 0.0, "phase at the epoch", -360.0, 360.0, draw=any_phase)
+
+
+def log_uniform(rng: np.random.Generator, low: float, high: float) -> float:
+    """A number between two, uniform in its logarithm."""
+    return float(np.exp(rng.uniform(np.log(low), np.log(high))))
+
+
+def spans(stream: Stream) -> tuple[Array, Array]:
+    """Start and stop of each interval's samples, s; (intervals,) each."""
+    begin = [stream.t_s[part.start] - 0.5 * stream.duration_s[part.start] for part in stream.intervals]
+    end = [stream.t_s[part.stop - 1] + 0.5 * stream.duration_s[part.stop - 1] for part in stream.intervals]
+    return np.array(begin), np.array(end)
+
+
+def sample_sigma_deg(around: Surroundings) -> float:
+    """Stated white noise of a sample, deg/s."""
+    return float(np.rad2deg(around.arw / np.sqrt(around.sample_s)))
 
 
 def number(parameters: Mapping[str, Value], name: str) -> float:
@@ -108,6 +146,30 @@ def markov(t_s: Array, time_constant_s: float) -> Array:
 def no_orbit(around: Surroundings) -> str | None:
     """Why an effect at orbit rate cannot act."""
     return None if np.isfinite(around.stream.orbit_period_s) else "the recording does not state its orbit's period"
+
+
+def noncentrality(point: float, degrees: int, power: float) -> float:
+    """Of a χ² that passes a point with some probability."""
+    low, high = 0.0, 10 * point + 100
+    for _ in range(80):
+        middle = 0.5 * (low + high)
+        passes = 1 - scipy.special.chndtr(point, degrees, middle)
+        low, high = (middle, high) if passes < power else (low, middle)
+    return high
+
+
+def smallest_steps(around: Surroundings, tests: SampleTests) -> list[Smallest]:
+    """Of readings that are multiples of a step: one on which many fall together, and that is not far below the noise."""
+    sigma = sample_sigma_deg(around)
+    raw = np.rad2deg(around.stream.raw)
+    x = raw + sigma * np.random.default_rng(0).standard_normal(raw.shape)
+    steps = np.geomspace(1e-9, 1.0, 37)
+    out = []
+    for axis in range(3):
+        few = [np.unique(np.round(x[:, axis] / step)).size <= DISTINCT * len(x) for step in steps]
+        step = float(steps[int(np.argmax(few))]) if any(few) else np.inf
+        out.append(Smallest(AXES[axis], max(step, tests.coarse * sigma), "exact: readings are multiples of it"))
+    return out
 
 
 @numba.njit(cache=True, nogil=True)

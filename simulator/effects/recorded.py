@@ -1,28 +1,23 @@
-"""A recording as the effects see it: its samples, its references, and which axis flies forward.
+"""A recording as the effects see it: its samples and its references.
 
 Sample tags, durations and intervals are those of the recording; a sample belongs to the interval that it starts in. The
 noise-free rates are not known, the smoothed adjusted ones G ω_raw + b stand in for them.
 """
 
-import re
 from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import median_filter
 
-from gyrocal.recording import Interval, Recording, reference_rows
+from gyrocal.recording import Recording, reference_rows
 from simulator.effects.base import Array, References, Stream, Surroundings
 from simulator.effects.common import runs
+from simulator.effects.flight_mode import forward_axes
 from simulator.effects.smoothing import noise_level, smoothed
 from simulator.sensors.gyro import raw_rates
 
 SMOOTH_S = 20.0  # s; a tenth and less of the shortest slew, and 13 times less noise at two samples a second
 TIME_TOLERANCE = 1e-6  # s
-MEDIAN = 11  # samples, against outliers
-
-_ONE = re.compile(r"([+-][xyz])\s+forward", re.IGNORECASE)
-_TURN = re.compile(r"([+-][xyz])\s+to\s+([+-][xyz])", re.IGNORECASE)
 
 
 def interval_slices(recording: Recording) -> tuple[slice, ...]:
@@ -96,38 +91,6 @@ def surroundings_of(recording: Recording, G: Array, bias: Array, smooth_s: float
         sample_s=recording.gyro.sample_s,
         reference_sigma=recording.attitudes.sigma,
     )
-
-
-def forward_axes(recording: Recording) -> NDArray[np.str_]:
-    """The body axis along the velocity at each reference, from the intervals' activity; (m,), "" where it does not say.
-
-    "+x forward" is +x throughout. In "+x to -x yaw" it is +x before and -x after the slew, whose middle is that of the time
-    for which the yaw rate is above half its largest, or of the largest hole between references if there are no samples.
-    """
-    out = np.full(len(recording.attitudes.t_s), "", dtype="<U2")
-    owner = _interval_of(recording)
-    for number, (interval, part) in enumerate(zip(recording.intervals, interval_slices(recording), strict=True)):
-        rows = np.flatnonzero(owner == number)
-        turn, one = _TURN.search(interval.activity), _ONE.search(interval.activity)
-        if turn:
-            times = recording.attitudes.t_s[rows]
-            after = times > _slew_time(recording, part, interval)
-            out[rows] = np.where(after, turn[2].lower(), turn[1].lower())
-        elif one:
-            out[rows] = one[1].lower()
-    return out
-
-
-def _slew_time(recording: Recording, part: slice, interval: Interval) -> float:
-    t_s = recording.gyro.t_s[part]
-    if t_s.size:
-        yaw = np.abs(median_filter(recording.gyro.rates[part, 2], size=MEDIAN, mode="nearest"))
-        fast = t_s[yaw > 0.5 * yaw.max()]
-        if fast.size:
-            return float(0.5 * (fast[0] + fast[-1]))
-    times = recording.attitudes.t_s[reference_rows(recording.attitudes.t_s, interval)]
-    hole = int(np.argmax(np.diff(times)))
-    return float(0.5 * (times[hole] + times[hole + 1]))
 
 
 def _interval_of(recording: Recording) -> NDArray[np.intp]:

@@ -13,6 +13,12 @@ from simulator.effects.base import Array, Effect, Parameter, ProcessTimes, Setti
 from simulator.effects.common import DEG_H, HOUR, index, run_time
 
 GAPS = ("hold", "grow", "reset")
+TRIED = ("hold", "reset")  # over gaps of days a walk that goes on makes levels of their own, and is not seen as a walk
+
+
+def any_gaps(rng: np.random.Generator, around: Surroundings) -> Value:
+    """One of the two that are tried."""
+    return str(rng.choice(TRIED))
 
 
 class BiasRandomWalk(Effect):
@@ -32,9 +38,9 @@ class BiasRandomWalk(Effect):
         return out
 
     def covariance(self, at: ProcessTimes, parameters: Mapping[str, Value]) -> Array:
-        """K² min(t, t'), with the level at the first time zero, since M0 solves for it.
+        """K² min(t, t'), with t from the first of the times on, since M0 solves for the level there.
 
-        With a reset each interval also starts at a level of its own, in proportion to its length.
+        With a reset t runs from the first time of each interval, and the intervals do not depend on one another.
         """
         gaps = parameters["gaps"]
         t = at.t_s if gaps == "grow" else at.run_s
@@ -43,12 +49,11 @@ class BiasRandomWalk(Effect):
             return np.asarray(np.minimum.outer(t, t) * DEG_H**2)
         same = np.equal.outer(at.interval, at.interval)
         within = t - np.array([t[at.interval == number].min() for number in at.interval])
-        level = 0.5 * np.ptp(t) / np.unique(at.interval).size
-        return np.asarray(same * (np.minimum.outer(within, within) + level) * DEG_H**2)
+        return np.asarray(same * np.minimum.outer(within, within) * DEG_H**2)
 
     def trials(self, around: Surroundings) -> Sequence[Trial]:
-        """What the walk may do over the gaps; one that goes on through long ones looks like new levels."""
-        return tuple(Trial({"gaps": gaps}, 0.5) for gaps in ("hold", "reset"))
+        """What the walk may do over the gaps."""
+        return tuple(Trial({"gaps": gaps}, 0.5) for gaps in TRIED)
 
 
 EFFECT = BiasRandomWalk(
@@ -58,6 +63,7 @@ EFFECT = BiasRandomWalk(
     stage="random_rate",
     prior=(5e-3, 20.0),
     bounds=(0.0, 1e9),
-    parameters=(Parameter("gaps", "", "hold", "over the gaps between intervals", choices=GAPS),),
+    parameters=(Parameter("gaps", "", "hold", "over the gaps between intervals", choices=GAPS, draw=any_gaps),),
     meaning="The gyro's bias wanders without returning (rate random walk).",
+    kin="wandering bias",
 )

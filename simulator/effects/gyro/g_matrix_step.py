@@ -6,8 +6,15 @@ a shift of the mount. A sample that the step falls into shows its mean.
 
 from collections.abc import Mapping, Sequence
 
+import numpy as np
+
 from simulator.effects.base import AXES, Array, Effect, Parameter, Stream, Surroundings, Trial, Value
 from simulator.effects.common import PPM, TIME, index, number, on_axis, share_after
+
+
+def any_axis(rng: np.random.Generator, around: Surroundings) -> Value:
+    """One of the three."""
+    return str(rng.choice(AXES))
 
 
 class GMatrixStep(Effect):
@@ -30,7 +37,7 @@ EFFECT = GMatrixStep(
     stage="rate",
     prior=(20.0, 5e4),
     bounds=(-1e6, 1e6),
-    parameters=(TIME, Parameter("toward", "", None, "body axis whose rate is picked up", choices=AXES)),
+    parameters=(TIME, Parameter("toward", "", None, "body axis whose rate is picked up", choices=AXES, draw=any_axis)),
     meaning="One element of the gyro's scale-factor and misalignment matrix jumps at one time, as after a shock.",
     switched=True,
 )

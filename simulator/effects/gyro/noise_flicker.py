@@ -14,13 +14,11 @@ import numpy as np
 from simulator.effects.base import Array, Effect, ProcessTimes, Setting, Stream, Value
 from simulator.effects.common import DEG_H, gauss_markov, index, markov
 
-OCTAVES = 2.0 ** np.arange(5, 19)  # s: time constants that a covariance is made of, from the shortest a cell can show
 FLOOR = float(np.sqrt(2 * np.log(2) / np.pi))  # of the Allan deviation, per B
 
 
-def time_constants(stream: Stream) -> Array:
-    """Octaves from one sample to the whole recording, s."""
-    shortest, longest = float(np.median(stream.duration_s)), float(stream.t_s[-1] - stream.t_s[0])
+def time_constants(shortest: float, longest: float) -> Array:
+    """Octaves from one time to another, s."""
     return np.asarray(shortest * 2.0 ** np.arange(max(1, int(np.ceil(np.log2(max(longest / shortest, 1.0)))) + 1)))
 
 
@@ -29,17 +27,16 @@ class NoiseFlicker(Effect):
 
     def wander(self, rng: np.random.Generator, stream: Stream, setting: Setting) -> Array:
         """The noise on its axis."""
-        total = sum((gauss_markov(rng, stream.t_s, tau) for tau in time_constants(stream)), np.zeros(len(stream.t_s)))
+        constants = time_constants(float(np.median(stream.duration_s)), float(stream.t_s[-1] - stream.t_s[0]))
+        total = sum((gauss_markov(rng, stream.t_s, tau) for tau in constants), np.zeros(len(stream.t_s)))
         out = np.zeros((len(stream.t_s), 3))
         out[:, index(setting.axis)] = setting.size * DEG_H * np.sqrt(np.log(2) / np.pi) * total
         return out
 
     def covariance(self, at: ProcessTimes, parameters: Mapping[str, Value]) -> Array:
-        """The same sum of Gauss–Markov processes; those much slower than an interval are a change of its bias."""
-        longest = max(float(np.ptp(at.t_s[at.interval == number])) for number in np.unique(at.interval))
-        total = np.zeros((len(at.t_s), len(at.t_s)))
-        for tau in OCTAVES[8 * longest > OCTAVES]:
-            total += markov(at.run_s, float(tau))
+        """The same sum of Gauss–Markov processes, from the spacing of the times to all that they span."""
+        constants = time_constants(float(np.median(np.diff(at.t_s))), float(np.ptp(at.t_s)))
+        total = sum((markov(at.t_s, float(tau)) for tau in constants), np.zeros((len(at.t_s), len(at.t_s))))
         return np.asarray(total * np.log(2) / np.pi * DEG_H**2)
 
 
@@ -51,4 +48,5 @@ EFFECT = NoiseFlicker(
     prior=(5e-3, 20.0),
     bounds=(0.0, 1e9),
     meaning="The gyro's bias wanders about a level that is never quite constant (bias instability, 1/f noise).",
+    kin="wandering bias",
 )

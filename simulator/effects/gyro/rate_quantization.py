@@ -3,10 +3,12 @@
 The least significant bit of the converter or of telemetry. Without an axis it acts on all three.
 """
 
+from collections.abc import Sequence
+
 import numpy as np
 
-from simulator.effects.base import Array, Effect, Setting, Stream
-from simulator.effects.common import DEG, chosen
+from simulator.effects.base import Array, Effect, SampleTests, Setting, Smallest, Stream, Surroundings
+from simulator.effects.common import DEG, chosen, log_uniform, sample_sigma_deg, smallest_steps
 
 
 class RateQuantization(Effect):
@@ -19,6 +21,14 @@ class RateQuantization(Effect):
         out[:, axes] = np.round(samples[:, axes] / (setting.size * DEG)) * (setting.size * DEG)
         return out
 
+    def draw_size(self, rng: np.random.Generator, around: Surroundings, axis: str | None) -> float:
+        """From half the noise of a sample to eight times that."""
+        return sample_sigma_deg(around) * log_uniform(rng, 0.5, 8.0)
+
+    def smallest(self, around: Surroundings, tests: SampleTests) -> Sequence[Smallest]:
+        """A step on which many readings fall together."""
+        return smallest_steps(around, tests)
+
 
 EFFECT = RateQuantization(
     name="rate_quantization",
@@ -30,4 +40,5 @@ EFFECT = RateQuantization(
     axis_optional=True,
     meaning="The gyro's output is rounded to multiples of a step.",
     symptom="lattice_rounded",
+    kin="lattice",
 )

@@ -5,10 +5,12 @@ twice as wide as the others, and every other reading is half a step too near to 
 BROAD trials (docs/broad.md). Without an axis it acts on all three.
 """
 
+from collections.abc import Sequence
+
 import numpy as np
 
-from simulator.effects.base import Array, Effect, Setting, Stream
-from simulator.effects.common import DEG, chosen
+from simulator.effects.base import Array, Effect, SampleTests, Setting, Smallest, Stream, Surroundings
+from simulator.effects.common import DEG, chosen, log_uniform, sample_sigma_deg, smallest_steps
 
 
 class RateTruncation(Effect):
@@ -21,6 +23,14 @@ class RateTruncation(Effect):
         out[:, axes] = np.trunc(samples[:, axes] / (setting.size * DEG)) * (setting.size * DEG)
         return out
 
+    def draw_size(self, rng: np.random.Generator, around: Surroundings, axis: str | None) -> float:
+        """From half the noise of a sample to eight times that."""
+        return sample_sigma_deg(around) * log_uniform(rng, 0.5, 8.0)
+
+    def smallest(self, around: Surroundings, tests: SampleTests) -> Sequence[Smallest]:
+        """A step on which many readings fall together."""
+        return smallest_steps(around, tests)
+
 
 EFFECT = RateTruncation(
     name="rate_truncation",
@@ -32,4 +42,5 @@ EFFECT = RateTruncation(
     axis_optional=True,
     meaning="The gyro's output is cut off to a multiple of a step instead of rounded.",
     symptom="lattice_cut",
+    kin="lattice",
 )

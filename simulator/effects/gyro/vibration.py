@@ -4,11 +4,25 @@ Flexible appendages and wheels turn the gyro but hardly the body. Whatever the t
 between zero and half the sampling rate, the apparent one; t is the middle of the sample.
 """
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from gyrocal.errors import InputError
-from simulator.effects.base import Array, Effect, Parameter, Setting, Stream
-from simulator.effects.common import DEG, PHASE, index, number
+from simulator.effects.base import Array, Effect, Parameter, SampleTests, Setting, Smallest, Stream, Surroundings, Value
+from simulator.effects.common import DEG, PHASE, index, log_uniform, noncentrality, number, sample_sigma_deg
+
+FEWEST = 256  # quiet samples in a row for a spectrum
+
+
+def any_frequency(rng: np.random.Generator, around: Surroundings) -> Value:
+    """An apparent frequency clear of zero and of half the sampling rate, Hz."""
+    return float(rng.uniform(0.02, 0.47 / around.sample_s))
+
+
+FREQUENCY = Parameter(
+    "apparent_hz", "Hz", 0.2, "apparent frequency, at most half the sampling rate", 0.0, 1e6, draw=any_frequency
+)
 
 
 class Vibration(Effect):
@@ -25,6 +39,22 @@ class Vibration(Effect):
         out[:, index(setting.axis)] += setting.size * DEG * np.sin(2 * np.pi * frequency * stream.t_s + phase)
         return out
 
+    def draw_size(self, rng: np.random.Generator, around: Surroundings, axis: str | None) -> float:
+        """From a third of the noise of a sample to three times that."""
+        return sample_sigma_deg(around) * log_uniform(rng, 0.3, 3.0)
+
+    def smallest(self, around: Surroundings, tests: SampleTests) -> Sequence[Smallest]:
+        """Power of a tone in the longest quiet stretch under a Hann window, of noise bandwidth 3/2.
+
+        2 × power over noise is χ² with 2 degrees of freedom and noncentrality A² n/(3 σ²); it must pass 2 ln(tried/p).
+        """
+        n, sigma = max(tests.quiet, default=0), sample_sigma_deg(around)
+        if n < FEWEST or sigma == 0:
+            return [Smallest(None, np.inf, f"needs {FEWEST} quiet samples in a row, and noise")]
+        needed = noncentrality(2 * np.log(n / 2 / tests.line_p), 2, tests.power)
+        text = f"above {tests.lowest_line_hz:g} Hz; up to 1.2 times that between frequency bins"
+        return [Smallest(None, float(sigma * np.sqrt(3 * needed / n)), text)]
+
 
 EFFECT = Vibration(
     name="vibration",
@@ -33,7 +63,7 @@ EFFECT = Vibration(
     stage="pickup",
     prior=(1e-5, 1.0),
     bounds=(-1e5, 1e5),
-    parameters=(Parameter("apparent_hz", "Hz", 0.2, "apparent frequency, at most half the sampling rate", 0.0, 1e6), PHASE),
+    parameters=(FREQUENCY, PHASE),
     meaning="A steady tone in the samples, at the frequency that sampling makes of it.",
     symptom="spectral_line",
 )

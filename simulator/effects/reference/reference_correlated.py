@@ -8,10 +8,15 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from simulator.effects.base import Array, Effect, Parameter, ProcessTimes, References, Setting, Surroundings, Trial, Value
-from simulator.effects.common import DEG, gauss_markov, index, markov, number
+from simulator.effects.common import DEG, gauss_markov, index, log_uniform, markov, number
 
 SPACINGS = (1.5, 3.0, 6.0, 12.0, 24.0, 48.0)  # of the references: time constants that are tried
 LONGEST = 2.0  # intervals: a longer time constant looks like a constant offset
+
+
+def any_time_constant(rng: np.random.Generator, around: Surroundings) -> Value:
+    """From some minutes to most of an orbit, s."""
+    return log_uniform(rng, 150.0, 2500.0)
 
 
 class ReferenceCorrelated(Effect):
@@ -25,9 +30,8 @@ class ReferenceCorrelated(Effect):
         return out
 
     def covariance(self, at: ProcessTimes, parameters: Mapping[str, Value]) -> Array:
-        """exp(−|Δt|/τ) inside an interval; between two the time is long."""
-        same = np.equal.outer(at.interval, at.interval)
-        return np.asarray(DEG**2 * same * markov(at.t_s, number(parameters, "time_constant_s")))
+        """exp(−|Δt|/τ)."""
+        return np.asarray(DEG**2 * markov(at.t_s, number(parameters, "time_constant_s")))
 
     def trials(self, around: Surroundings) -> Sequence[Trial]:
         """Time constants an octave apart, from what the references' spacing can show to what an interval can."""
@@ -52,6 +56,6 @@ EFFECT = ReferenceCorrelated(
     stage="random_reference",
     prior=(5e-4, 5.0),
     bounds=(0.0, 90.0),
-    parameters=(Parameter("time_constant_s", "s", 600.0, "time constant", 1e-3, 1e9),),
+    parameters=(Parameter("time_constant_s", "s", 600.0, "time constant", 1e-3, 1e9, draw=any_time_constant),),
     meaning="Errors of the reference attitude last for a while instead of being new each time.",
 )

@@ -1,15 +1,25 @@
 """Reference offset where the spacecraft flies -x forward: e = size about the axis there, zero elsewhere.
 
-After a yaw turn another sun-sensor head looks at the Sun, with its own misalignment. Which axis is forward is read from the
-interval's activity, see `simulator.effects.recorded.forward_axes`.
+After a yaw turn another sun-sensor head looks at the Sun, with its own misalignment. Which axis is forward follows from how the
+body turns (`simulator.effects.flight_mode`). In an inertial hold none is; whether the head of the mode before it goes on being
+used is not known, and is a parameter.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
-from simulator.effects.base import Array, Effect, References, Surroundings, Value
+import numpy as np
+from numpy.typing import NDArray
+
+from simulator.effects.base import Array, Effect, Parameter, References, Surroundings, Trial, Value
 from simulator.effects.common import DEG, on_axis
 
 BACKWARD = "-x"
+HOLDS = ("off", "on")
+
+
+def any_holds(rng: np.random.Generator, around: Surroundings) -> Value:
+    """Off or on."""
+    return str(rng.choice(HOLDS))
 
 
 class ReferenceModeOffset(Effect):
@@ -17,7 +27,14 @@ class ReferenceModeOffset(Effect):
 
     def reference_columns(self, references: References, axis: str | None, parameters: Mapping[str, Value]) -> Array:
         """One where -x is forward, as degrees."""
-        return on_axis((references.forward == BACKWARD) * DEG, axis)
+        forward = _carried_on(references) if parameters.get("holds") == "on" else references.forward
+        return on_axis((forward == BACKWARD) * DEG, axis)
+
+    def trials(self, around: Surroundings) -> Sequence[Trial]:
+        """Without and with the offset in holds, if there are any."""
+        both = (_carried_on(around.references) != around.references.forward).any()
+        holds = HOLDS if both else HOLDS[:1]
+        return tuple(Trial({"holds": choice}, 1 / len(holds)) for choice in holds)
 
     def missing(self, around: Surroundings) -> str | None:
         """It needs references in this mode and in another one, since an offset of all of them cannot be seen."""
@@ -27,6 +44,15 @@ class ReferenceModeOffset(Effect):
         return None if len(flown) > 1 else f"all references are taken with {BACKWARD} forward"
 
 
+def _carried_on(references: References) -> NDArray[np.str_]:
+    """The forward axes, where there is none that of the reference before in the same interval."""
+    out = references.forward.copy()
+    for row in range(1, len(out)):
+        if out[row] == "" and references.interval[row] == references.interval[row - 1]:
+            out[row] = out[row - 1]
+    return out
+
+
 EFFECT = ReferenceModeOffset(
     name="reference_mode_offset",
     summary="reference offset in -x forward against other modes",
@@ -34,5 +60,6 @@ EFFECT = ReferenceModeOffset(
     stage="reference",
     prior=(5e-4, 5.0),
     bounds=(-90.0, 90.0),
+    parameters=(Parameter("holds", "", "off", "in an inertial hold after -x forward", choices=HOLDS, draw=any_holds),),
     meaning="The reference attitude is offset when flying -x forward, as when another sensor head takes over.",
 )

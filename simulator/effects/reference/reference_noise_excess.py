@@ -3,10 +3,13 @@
 The same draws are scaled, so that all else stays as it was. Without an axis it acts on all three.
 """
 
-import numpy as np
+from collections.abc import Sequence
 
-from simulator.effects.base import Array, Effect, Setting
-from simulator.effects.common import chosen
+import numpy as np
+import scipy.special
+
+from simulator.effects.base import AXES, Array, Effect, SampleTests, Setting, Smallest, Surroundings
+from simulator.effects.common import chosen, log_uniform, noncentrality
 
 
 class ReferenceNoiseExcess(Effect):
@@ -17,6 +20,25 @@ class ReferenceNoiseExcess(Effect):
         factor = np.ones(3)
         factor[chosen(setting.axis)] = setting.size
         return factor
+
+    def draw_size(self, rng: np.random.Generator, around: Surroundings, axis: str | None) -> float:
+        """Somewhat too much."""
+        return log_uniform(rng, 1.3, 3.0)
+
+    def smallest(self, around: Surroundings, tests: SampleTests) -> Sequence[Smallest]:
+        """χ² of three axes' mean square second differences; one axis with a factor f has z = (f² − 1) v/rel."""
+        references = around.references
+        inside = np.diff(references.interval) == 0
+        count = int(np.sum(inside[1:] & inside[:-1]))
+        if count < tests.fewest_references:
+            return [Smallest(None, np.inf, "needs a longer series of references")]
+        point = 2 * scipy.special.gammainccinv(1.5, tests.reference_p)  # of a χ² with 3 degrees of freedom
+        needed = np.sqrt(noncentrality(point, 3, tests.power))
+        relative = np.sqrt(2 * tests.correlated * tests.trimming / count)
+        walk = 2 * around.arw**2 * float(np.median(np.diff(references.t_s)[inside]))
+        noise = 6 * np.median(around.reference_sigma, axis=0) ** 2
+        factors = np.sqrt(1 + needed * relative * (noise + walk) / noise)
+        return [Smallest(axis, float(factor)) for axis, factor in zip(AXES, factors, strict=True)]
 
 
 EFFECT = ReferenceNoiseExcess(

@@ -8,7 +8,7 @@ level, has no such number; its size is drawn against the noise or the rates it a
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Annotated, Any, Literal
@@ -17,14 +17,14 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field
 
-from diagnosis.model.recording import Model, linearised
+from diagnosis.model.recording import RecordingModel, linearised
 from gyrocal.errors import InputError
 from gyrocal.recording import Recording
-from simulator.effects import EFFECTS, References, Setting, Stream, references_of, setting
+from simulator.effects import EFFECTS, Setting, Surroundings, setting
 from simulator.effects.base import Value
-from simulator.effects.housekeeping import gyro_temperature
+from simulator.effects.common import log_uniform
 from simulator.scenario import Scenario
-from simulator.simulate import disturbed, motion, observe
+from simulator.simulate import disturbed, motion, observe, surroundings, with_gyro_temperature
 from simulator.streams import generator
 from simulator.truth.motion import Motion
 from simulator.truth.rotation import perturbed
@@ -39,13 +39,7 @@ Range = Annotated[tuple[float, float], Field(strict=False)]
 TRIES = 60
 SNR_TOLERANCE = 0.02  # relative, of the size an effect gets; more than that only where it is far from linear
 ALIKE = 0.8  # cosine of two responses above which a pair is one effect to any diagnosis
-STEP_INSIDE = 0.7  # of the steps fall into an interval, the rest into the gaps
 STEP_TIMES = 8  # an interval, at which a listed step may imitate an unlisted effect
-SAME: tuple[frozenset[str], ...] = (
-    frozenset({"time_offset", "rate_lag"}),  # the same column
-    frozenset({"bias_random_walk", "noise_flicker"}),  # the same spectrum but for a slope
-    frozenset({"rate_quantization", "rate_truncation"}),  # the same steps
-)
 
 
 class Spec(BaseModel):
@@ -103,20 +97,15 @@ class World:
         """True bias, rad/s."""
         return np.deg2rad(self.scenario.gyro.true_bias_deg_s)
 
-    @property
-    def sample_sigma(self) -> float:
-        """White noise of a sample, deg/s."""
-        return self.scenario.gyro.arw_deg_per_sqrt_s / float(np.sqrt(self.scenario.gyro.sample_s))
-
     @cached_property
-    def model(self) -> Model:
+    def model(self) -> RecordingModel:
         """The linear model about the truth."""
         return linearised(self.plain, self.G, self.bias)
 
     @cached_property
-    def references(self) -> References:
-        """The true attitudes as effects see them."""
-        return references_of(self.plain)
+    def around(self) -> Surroundings:
+        """The truth as effects see it."""
+        return surroundings(self.plain, self.motion)
 
     def recording(self, settings: Sequence[Setting], invention: Invention | None = None, noise: bool = True) -> Recording:
         """The full simulation with effects, listed and not."""
@@ -149,8 +138,8 @@ class Invention:
         plain = world.plain
         k = "xyz".index(self.axis)
         view = View(
-            stream=_stream(world),
-            references=world.references,
+            stream=world.around.stream,
+            references=world.around.references,
             starts_s=np.array([interval.start_s for interval in plain.intervals]),
             stops_s=np.array([interval.stop_s for interval in plain.intervals]),
             axis=k,
@@ -207,9 +196,8 @@ def draw(spec: Spec, case: int) -> Drawn:
         No setting of an effect reaches the strength asked for within its plausible range.
     """
     kind, number = kind_of(spec, case)
-    rng = generator(spec.entropy, case, "blind:effects")
-    names = _names(rng, spec, kind, number)
-    world = _world(spec, case, "bias_temperature" in names)
+    names = _names(spec, kind, case, number)
+    world = _world(spec, case, names)
     answer: dict[str, Any] = {
         "case": case,
         "kind": kind,
@@ -220,7 +208,7 @@ def draw(spec: Spec, case: int) -> Drawn:
         "temperature": bool(world.plain.tables),
     }
     if kind == "unlisted":
-        invention, response = _invented(rng, spec, world, UNLISTED[names[0]])
+        invention, response = _invented(spec, world, UNLISTED[names[0]])
         answer["unlisted"] = {
             "effect": names[0],
             "axis": invention.axis,
@@ -230,49 +218,52 @@ def draw(spec: Spec, case: int) -> Drawn:
         }
         return Drawn(world, (), invention, answer, None)
     limits = {"two": spec.pair_snr, "withheld": spec.withheld_snr}.get(kind, spec.snr)
-    settings, responses = _placed_together(rng, world, names, limits)
+    settings, responses = _placed_together(world, names, limits)
     answer["effects"] = [_described(one, response, responses) for one, response in zip(settings, responses, strict=True)]
     nameable = tuple(name for name in EFFECTS if name not in names) if kind == "withheld" else None
     return Drawn(world, settings, None, answer, nameable)
 
 
-def _world(spec: Spec, case: int, temperature: bool) -> World:
+def _world(spec: Spec, case: int, names: Sequence[str]) -> World:
     rng = generator(spec.entropy, case, "blind:plan")
     scenario = plan(rng, spec.base, f"blind case {case}")
     # Drawn always, so that the plan does not depend on the effect.
     by_chance = rng.random() < spec.temperature_share
     truth = motion(scenario)
     plain = observe(scenario, truth, gyro_rng=None, reference_rng=None)
-    if temperature or by_chance:
-        assert plain.orbit is not None
-        spans = [(interval.start_s, interval.stop_s) for interval in plain.intervals]
-        table = gyro_temperature(generator(spec.entropy, case, "housekeeping"), spans, plain.orbit.period_s)
-        plain = replace(plain, tables={"housekeeping": table})
+    if by_chance or any(name in EFFECTS and EFFECTS[name].missing(surroundings(plain, truth)) is not None for name in names):
+        plain = with_gyro_temperature(plain, spec.entropy, case)
     return World(scenario, truth, plain, spec.entropy, case)
 
 
-def _names(rng: np.random.Generator, spec: Spec, kind: Kind, number: int) -> tuple[str, ...]:
-    """Effects of a case; single ones take turns, so that each comes equally often."""
+def _names(spec: Spec, kind: Kind, case: int, number: int) -> tuple[str, ...]:
+    """Effects of a case."""
     if kind == "none":
         return ()
     if kind == "withheld":
         return (list(EFFECTS)[number // spec.withhold % len(EFFECTS)],)
-    if kind == "two":
-        while True:
-            first, second = (str(name) for name in rng.choice(list(EFFECTS), 2, replace=False))
-            if frozenset({first, second}) not in SAME:
-                return first, second
-    known = list(EFFECTS if kind == "one" else UNLISTED)
-    turn, place = divmod(number, len(known))
-    return (known[int(generator(spec.entropy, turn, f"blind:{kind}").permutation(len(known))[place])],)
+    first, *others = by_lot(spec.entropy, case, UNLISTED if kind == "unlisted" else EFFECTS)
+    if kind != "two":
+        return (first,)
+    return first, next(name for name in others if not EFFECTS[first].kin or EFFECTS[name].kin != EFFECTS[first].kin)
+
+
+def by_lot(entropy: int, case: int, names: Iterable[str]) -> list[str]:
+    """Names in an order drawn for a case.
+
+    Each draws a lot from a stream of its own, so that a further name takes its place among the others and changes nothing
+    else: cases that it does not lead stay as they were.
+    """
+    return sorted(names, key=lambda name: float(generator(entropy, case, f"blind:lot:{name}").random()))
 
 
 def _placed_together(
-    rng: np.random.Generator, world: World, names: Sequence[str], limits: tuple[float, float]
+    world: World, names: Sequence[str], limits: tuple[float, float]
 ) -> tuple[tuple[Setting, ...], list[Array | None]]:
     """Settings that are not one and the same effect to any diagnosis, with their whitened responses."""
+    rngs = {name: generator(world.entropy, world.case, f"blind:effect:{name}") for name in names}
     for _ in range(TRIES):
-        placed = [_placed(rng, world, name, limits) for name in names]
+        placed = [_placed(rngs[name], world, name, limits) for name in names]
         responses = [response for _, response in placed if response is not None]
         if len(responses) < 2 or abs(_cosine(responses[0], responses[1])) < ALIKE:
             return tuple(one for one, _ in placed), [response for _, response in placed]
@@ -281,26 +272,33 @@ def _placed_together(
 
 def _placed(rng: np.random.Generator, world: World, name: str, limits: tuple[float, float]) -> tuple[Setting, Array | None]:
     """A setting of an effect and its whitened response; None for one without."""
-    if EFFECTS[name].in_samples:
-        return _seen_in_the_samples(rng, world, name), None
     effect = EFFECTS[name]
     low, high = effect.prior
     for _ in range(TRIES):
-        axis = str(rng.choice(effect.axes)) if effect.axes else None
-        parameters = _parameters(rng, world, name)
-        signed = effect.bounds[0] < 0 and "phase_deg" not in parameters
+        axis, parameters = effect.draw(rng, world.around)
+        drawn = effect.draw_size(rng, world.around, axis)
+        if drawn is not None:
+            return setting(name, axis, drawn, parameters), None
+        signed = effect.sign == "any" and effect.bounds[0] < 0
         sign = float(rng.choice([-1.0, 1.0])) if signed else 1.0
-        target = _log_uniform(rng, *limits)
+        target = log_uniform(rng, *limits)
 
         def response(size: float, axis: str | None = axis, parameters: Mapping[str, Value] = parameters) -> Array:
             return world.whitened([setting(name, axis, size, parameters)])
 
         size, shown = _scaled(response, sign * low, target, effect.prior)
         if shown is not None:
-            return setting(name, axis, size, parameters), shown
+            return _usual_form(setting(name, axis, size, parameters)), shown
     raise InputError(
         f"case {world.case}: {name} reaches no SNR of {limits[0]:g} to {limits[1]:g} with a size in {low:g} to {high:g}"
     )
+
+
+def _usual_form(one: Setting) -> Setting:
+    """With what its amplitudes hold as they give it, such as a positive size where a phase has the sign."""
+    effect = EFFECTS[one.effect]
+    size, held = effect.from_amplitudes(effect.amplitudes(one))
+    return replace(one, size=size, parameters={**one.parameters, **held})
 
 
 def _scaled(
@@ -321,63 +319,11 @@ def _scaled(
     return size, None
 
 
-def _parameters(rng: np.random.Generator, world: World, name: str) -> dict[str, Value]:
-    """Phase, time and whatever else an effect needs."""
-    drawn: dict[str, Callable[[], Value]] = {
-        "phase_deg": lambda: float(rng.uniform(-180, 180)),
-        "time_s": lambda: _step_time(rng, world),
-        "toward": lambda: str(rng.choice(["x", "y", "z"])),
-        "time_constant_s": lambda: _log_uniform(rng, 150.0, 2500.0),
-        "gaps": lambda: str(rng.choice(["hold", "reset"])),
-    }
-    return {one.name: drawn[one.name]() for one in EFFECTS[name].parameters if one.name in drawn}
-
-
-def _step_time(rng: np.random.Generator, world: World) -> float:
-    """Inside an interval, by its length, or in the middle of a gap; in whole seconds, since no step waits for a sample."""
-    intervals = world.plain.intervals
-    if rng.random() < STEP_INSIDE:
-        length = np.array([interval.stop_s - interval.start_s for interval in intervals])
-        chosen = intervals[int(rng.choice(len(intervals), p=length / length.sum()))]
-        return float(chosen.start_s + rng.uniform(0.15, 0.85) * (chosen.stop_s - chosen.start_s))
-    gap = int(rng.integers(len(intervals) - 1))
-    return float(0.5 * (intervals[gap].stop_s + intervals[gap + 1].start_s))
-
-
-def _seen_in_the_samples(rng: np.random.Generator, world: World, name: str) -> Setting:
-    """An effect whose size is drawn against the noise of a sample or the rates it acts on."""
-    sigma = world.sample_sigma
-    raw = np.rad2deg(np.abs(world.plain.gyro.rates))
-    axis = str(rng.choice(["x", "y", "z"]))
-    maybe = axis if rng.random() < 0.5 else None
-    if name in ("rate_quantization", "rate_truncation"):
-        return setting(name, maybe, sigma * _log_uniform(rng, 0.5, 8.0))
-    if name == "rate_deadzone":
-        axis = str(rng.choice(["x", "z"]))  # in pitch the orbit rate is never small
-        return setting(name, axis, float(np.median(raw[:, "xyz".index(axis)])) * rng.uniform(0.5, 2.0))
-    if name == "rate_saturation":
-        return setting(name, "z", float(raw[:, 2].max()) * rng.uniform(0.6, 0.95))  # the slews are about yaw
-    if name == "vibration":
-        tone = {
-            "apparent_hz": float(rng.uniform(0.02, 0.47 / world.scenario.gyro.sample_s)),
-            "phase_deg": float(rng.uniform(-180, 180)),
-        }
-        return setting(name, axis, sigma * _log_uniform(rng, 0.3, 3.0), tone)
-    if name == "spikes":
-        return setting(name, maybe, sigma * _log_uniform(rng, 8.0, 50.0), {"fraction": _log_uniform(rng, 2e-4, 3e-3)})
-    if name == "stale_samples":
-        return setting(name, None, float(rng.uniform(1.0, 5.0)), {"fraction": _log_uniform(rng, 2e-3, 5e-2)})
-    if name == "noise_excess":
-        return setting(name, maybe, _log_uniform(rng, 1.15, 3.0))
-    if name == "reference_noise_excess":
-        return setting(name, maybe, _log_uniform(rng, 1.3, 3.0))
-    raise InputError(f"{name}: the blind check does not know what sizes to draw it in")
-
-
-def _invented(rng: np.random.Generator, spec: Spec, world: World, effect: Unlisted) -> tuple[Invention, Array]:
+def _invented(spec: Spec, world: World, effect: Unlisted) -> tuple[Invention, Array]:
+    rng = generator(world.entropy, world.case, f"blind:unlisted:{effect.name}")
     for _ in range(TRIES):
         axis = str(rng.choice(effect.axes))
-        target, phase, share = _log_uniform(rng, *spec.unlisted_snr), float(rng.uniform(0, 2 * np.pi)), float(rng.random())
+        target, phase, share = log_uniform(rng, *spec.unlisted_snr), float(rng.uniform(0, 2 * np.pi)), float(rng.random())
         unit = Invention(effect, axis, 1e-6, phase, share)
 
         def response(size: float, unit: Invention = unit) -> Array:
@@ -390,7 +336,7 @@ def _invented(rng: np.random.Generator, spec: Spec, world: World, effect: Unlist
     raise InputError(f"case {world.case}: {effect.name} reaches no SNR of {spec.unlisted_snr[0]:g}")
 
 
-def novelty(model: Model, response: Array) -> float:
+def novelty(model: RecordingModel, response: Array) -> float:
     """Norm of what no single listed effect with columns explains of a whitened response: how unknown an unlisted effect is.
 
     Parameters
@@ -412,7 +358,7 @@ def novelty(model: Model, response: Array) -> float:
     return float(np.sqrt(max(total - explained, 0.0)))
 
 
-def _listed_columns(model: Model) -> list[Array]:
+def _listed_columns(model: RecordingModel) -> list[Array]:
     out = []
     for effect in EFFECTS.values():
         if not effect.has_columns or effect.switched or effect.missing(model.around) is not None:
@@ -427,7 +373,7 @@ def _listed_columns(model: Model) -> list[Array]:
     return out
 
 
-def _listed_steps(model: Model) -> list[Array]:
+def _listed_steps(model: RecordingModel) -> list[Array]:
     """Steps of each axis' bias and of its sensitivity to each rate, at several times in each interval and between them."""
     shares = np.arange(STEP_TIMES) / STEP_TIMES
     starts = np.concatenate(
@@ -462,22 +408,3 @@ def _described(one: Setting, response: Array | None, responses: Sequence[Array |
 
 def _cosine(a: Array, b: Array) -> float:
     return float(a @ b / (np.linalg.norm(a) * np.linalg.norm(b)))
-
-
-def _log_uniform(rng: np.random.Generator, low: float, high: float) -> float:
-    return float(np.exp(rng.uniform(np.log(low), np.log(high))))
-
-
-def _stream(world: World) -> Stream:
-    """The truth as an unlisted effect sees it."""
-    plain, truth = world.plain, world.motion
-    assert plain.orbit is not None
-    return Stream(
-        t_s=truth.t_s + 0.5 * truth.duration_s,
-        duration_s=truth.duration_s,
-        rates=truth.rates,
-        raw=plain.gyro.rates,
-        intervals=truth.intervals,
-        orbit_period_s=plain.orbit.period_s,
-        span_s=(min(i.start_s for i in plain.intervals), max(i.stop_s for i in plain.intervals)),
-    )

@@ -4,12 +4,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from diagnosis.inference.closure import closure_of_response
-from diagnosis.model.recording import Model
+from diagnosis.model.recording import RecordingModel
 
 Array = NDArray[np.float64]
 
 
-def true_closed(model: Model, response: Array) -> float:
+def true_closed(model: RecordingModel, response: Array) -> float:
     """1 − (after − floor)/(before − floor) with what the effects really add, known from the simulation, taken away.
 
     Parameters

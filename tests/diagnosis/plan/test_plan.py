@@ -21,7 +21,6 @@ from diagnosis.plan import (
     appended,
     linear_model,
     maneuvers,
-    noncentrality,
     pairs,
     plan,
     random_columns,
@@ -33,6 +32,7 @@ from diagnosis.plan import (
 )
 from gyrocal import InputError
 from simulator.effects import EFFECTS, setting
+from simulator.effects.common import noncentrality
 from simulator.scenario import load, override
 from simulator.simulate import motion, observe
 from simulator.streams import generator
@@ -221,7 +221,7 @@ def test_random_effects_with_their_own_directions_are_told_apart_and_the_same_on
 
 
 def test_noncentrality_gives_the_power():
-    value = noncentrality(20.0, 3)
+    value = noncentrality(20.0, 3, POWER)
     assert scipy.stats.ncx2.sf(20.0, 3, value) == pytest.approx(POWER)
 
 

@@ -53,6 +53,21 @@ def test_a_new_save_does_not_leave_an_old_table_behind(folder):
     assert not load(folder).tables
 
 
+def test_the_axis_that_flies_forward_is_kept(folder):
+    recording = load(folder)
+    first, *others = recording.intervals
+    save(dataclasses.replace(recording, intervals=(dataclasses.replace(first, forward="-x"), *others)), folder)
+    assert [one.forward for one in load(folder).intervals] == ["-x", *[None] * len(others)]
+    assert (folder / "recording.toml").read_text().count("forward") == 1
+
+
+def test_an_axis_that_cannot_fly_forward_is_refused(folder):
+    recording = load(folder)
+    first, *others = recording.intervals
+    with pytest.raises(InputError, match=r"interval m1: forward \+z must be one of \+x, -x, \+y, -y, none"):
+        dataclasses.replace(recording, intervals=(dataclasses.replace(first, forward="+z"), *others))
+
+
 def test_toml_values():
     assert toml_value('a "b" \\ c') == '"a \\"b\\" \\\\ c"'
     assert toml_value([1, 2.5, True]) == "[1, 2.5, true]"
@@ -86,6 +101,7 @@ def set_value(row, column, value):
 
 
 BAD_INPUT = {
+    "forward unknown": (edit_header("stop_s", 'forward = "z"\nstop_s'), "interval.0.forward"),
     "missing column": (edit_table("gyro", lambda f: f.drop(columns="rate_y_deg_s")), "rate_y_deg_s is missing"),
     "wrong unit": (
         edit_table("gyro", lambda f: f.rename(columns={"rate_x_deg_s": "rate_x_rad_s"})),

@@ -7,7 +7,7 @@ import pytest
 
 import simulator
 from gyrocal import InputError
-from simulator.effects import EFFECTS, Stream, forward_axes, parse, references_of, setting, stream_of
+from simulator.effects import EFFECTS, Stream, parse, references_of, setting, stream_of
 from simulator.effects.base import AXES
 from simulator.effects.gyro.rate_lag import lagged
 from simulator.truth.rotation import separation
@@ -166,17 +166,6 @@ def test_a_lag_much_shorter_than_a_sample_does_nothing():
     assert np.abs(shown("rate_lag=1e-9")).max() < 1e-12
 
 
-def test_forward_axis_from_the_activity():
-    axes, t = forward_axes(PLAIN), PLAIN.attitudes.t_s
-    assert set(axes[t <= 900]) == {"+x"}
-    assert set(axes[(t >= 2000) & (t <= 2060)]) == {"+x"}
-    assert set(axes[(t >= 2860) & (t <= 3101)]) == {"-x"}
-    assert set(axes[t >= 4000]) == {"-x"}
-    series = simulator.simulate(simulator.load("trmm_series"), noise=False)
-    inside = (series.attitudes.t_s > 2172119) & (series.attitudes.t_s < 2177656)
-    assert set(forward_axes(series)[inside]) == {""}  # an inertial hold
-
-
 def test_stream_of_a_recording_is_near_the_truth():
     G, bias = np.array(SCENARIO.gyro.true_G), np.deg2rad(SCENARIO.gyro.true_bias_deg_s)
     stream = stream_of(simulator.simulate(SCENARIO, seed=2), G, bias)
@@ -272,9 +261,3 @@ def test_bad_text_is_one_clear_line(text, words):
 def test_an_effect_that_cannot_act_is_refused(text, words):
     with pytest.raises(InputError, match=re.escape(words)):
         simulator.simulate(SCENARIO, effects=[parse(text)])
-
-
-def test_mode_offset_without_the_mode_is_refused():
-    scenario = simulator.override(SCENARIO, {"interval.1.activity": "yaw", "interval.2.activity": "test"})
-    with pytest.raises(InputError, match="no reference is taken with -x forward"):
-        simulator.simulate(scenario, effects=[parse("reference_mode_offset:x=1")])

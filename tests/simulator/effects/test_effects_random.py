@@ -1,10 +1,12 @@
 """Random effects by their statistics, and what happens to the samples in closed form."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 import simulator
-from simulator.effects import EFFECTS, References, Stream, Surroundings, parse
+from simulator.effects import EFFECTS, ProcessTimes, References, Stream, Surroundings, parse
 from simulator.effects.chain import activated, readings
 from simulator.effects.gyro.noise_flicker import FLOOR
 from simulator.effects.gyro.stale_samples import stale_mask
@@ -188,3 +190,60 @@ def test_chain_order():
     np.testing.assert_allclose(made / 0.07, np.round(made / 0.07), atol=1e-9)
     assert np.abs(made[:, 0]).max() == pytest.approx(0.21)
     assert np.abs(made[:, 1]).max() > 5
+
+
+# ---- covariances -----------------------------------------------------------------------------------------------------------
+
+TIMES = still(12, 30.0, (0.0, 2000.0))
+AT = ProcessTimes(TIMES.t_s, np.cumsum(TIMES.duration_s) - 0.5 * TIMES.duration_s, np.repeat([0, 1], 12))
+REFERENCES = References(TIMES.t_s, np.tile([0.0, 0, 0, 1], (24, 1)), AT.interval, np.full(24, ""), 5500.0)
+DRAWS = 3000
+
+
+def drawn(setting):
+    """Draws of a process on its axis, (DRAWS, 24)."""
+    effect, rng = EFFECTS[setting.effect], np.random.default_rng(6)
+    if effect.on_references:
+        return np.array([effect.reference_wander(rng, REFERENCES, setting)[:, 0] for _ in range(DRAWS)])
+    return np.array([effect.wander(rng, TIMES, setting)[:, 0] for _ in range(DRAWS)])
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "bias_random_walk:x=2,gaps=hold",
+        "bias_random_walk:x=2,gaps=grow",
+        "bias_random_walk:x=2,gaps=reset",
+        "noise_flicker:x=2",
+        "reference_correlated:x=2,time_constant_s=300",
+    ],
+)
+def test_a_covariance_is_that_of_the_draws(text):
+    """Less the first time's value, which M0 takes up as a bias; six sigma of a covariance from so many draws."""
+    made = parse(text)
+    expected = 4 * EFFECTS[made.effect].covariance(AT, made.parameters)
+    values = drawn(made)
+    if EFFECTS[made.effect].stage == "random_rate":
+        values = values - values[:, :1]
+        expected = expected - expected[:1] - expected[:, :1] + expected[0, 0]
+    variance = np.diag(expected)
+    error = np.sqrt((np.outer(variance, variance) + expected**2) / DRAWS)
+    assert (np.abs(values.T @ values / DRAWS - expected) <= 6 * error + 1e-12 * variance.max()).all()
+
+
+def test_the_covariance_test_would_see_another_one():
+    """Negative control: a walk that holds still over the gap against one that goes on."""
+    values = drawn(parse("bias_random_walk:x=2,gaps=grow"))
+    held = 4 * EFFECTS["bias_random_walk"].covariance(AT, {"gaps": "hold"})
+    assert ((values - values[:, :1])[:, -1] ** 2).mean() > 2 * held[-1, -1]
+
+
+def test_every_process_has_a_covariance_for_all_its_trials():
+    surroundings = replace(around(TIMES), references=REFERENCES)
+    for name, effect in EFFECTS.items():
+        if effect.is_process:
+            trials = effect.trials(surroundings)
+            assert sum(trial.weight for trial in trials) == pytest.approx(1.0), name
+            for trial in trials:
+                K = effect.covariance(AT, trial.parameters)
+                assert np.linalg.eigvalsh(K).min() > -1e-9 * np.trace(K)

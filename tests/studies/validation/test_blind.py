@@ -3,23 +3,26 @@
 import hashlib
 import json
 import shutil
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+import scipy.stats
 from scipy.linalg import block_diag
 from scipy.spatial.transform import Rotation
 from threadpoolctl import threadpool_limits
 
 from gyrocal import InputError, Recording, load
-from simulator.effects import EFFECTS, Setting
+from simulator.effects import EFFECTS, REGISTRY, Effect, Setting, Stream
+from simulator.effects.base import Value
+from simulator.effects.common import on_axis
 from simulator.scenario import load as scenario
 from simulator.scenario import override
 from simulator.simulate import simulate
 from studies.validation.blind_check import seal, steps
-from studies.validation.blind_check.cases import Drawn, Invention, Spec, draw, kind_of, novelty
+from studies.validation.blind_check.cases import Drawn, Invention, Spec, by_lot, draw, kind_of, novelty
 from studies.validation.blind_check.unlisted import UNLISTED
 
 BASE = override(scenario("trmm_series"), {"gyro.sample_s": 4.0, "reference.every_s": 120.0, "gyro.arw_deg_per_sqrt_s": 1.5e-4})
@@ -38,8 +41,13 @@ def spec(**changes: object) -> Spec:
 
 @pytest.fixture(scope="module")
 def singles() -> list[Drawn]:
-    """Every listed effect once, alone."""
-    return [draw(spec(mix=(0, 1, 0, 0)), case) for case in range(len(EFFECTS))]
+    """Every listed effect once, alone, from the first case that it leads."""
+    one = spec(mix=(0, 1, 0, 0))
+    cases: dict[str, int] = {}
+    for case in range(400):
+        cases.setdefault(by_lot(one.entropy, case, EFFECTS)[0], case)
+    assert set(cases) == set(EFFECTS)
+    return [draw(one, cases[name]) for name in EFFECTS]
 
 
 def test_the_mix_is_exact_in_every_block() -> None:
@@ -49,8 +57,37 @@ def test_the_mix_is_exact_in_every_block() -> None:
     assert sorted(n for kind, n in (kind_of(spec(), case) for case in range(60)) if kind == "two") == list(range(10))
 
 
-def test_single_effects_take_turns(singles: list[Drawn]) -> None:
-    assert {one.settings[0].effect for one in singles} == set(EFFECTS)
+def test_single_effects_are_equally_likely(singles: list[Drawn]) -> None:
+    assert [one.settings[0].effect for one in singles] == list(EFFECTS)
+    leads = [by_lot(3, case, EFFECTS)[0] for case in range(2400)]
+    assert scipy.stats.chisquare([leads.count(name) for name in EFFECTS]).pvalue > 1e-3
+
+
+class Wave(Effect):
+    """A bias that nobody else has."""
+
+    def columns(self, stream: Stream, axis: str | None, parameters: Mapping[str, Value]) -> np.ndarray:
+        return on_axis(np.sin(stream.t_s / 700.0) * 1e-6, axis)
+
+
+def test_a_further_effect_changes_no_case_without_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Which effects a case has, their axes, sizes and parameters, and the recording."""
+    wave = Wave(name="wave", summary="a wave", unit="µrad/s", stage="rate", prior=(1e-4, 1e3))
+    one, two = spec(mix=(0, 1, 0, 0)), spec(mix=(0, 0, 1, 0))
+    before = {number: draw(two, number) for number in range(3)}
+    leads = [by_lot(one.entropy, case, EFFECTS) for case in range(100)]
+    # In the middle of the list, where every index after it moves.
+    names = list(REGISTRY.effects.items())
+    monkeypatch.setattr(REGISTRY, "effects", dict([*names[:7], ("wave", wave), *names[7:]]))
+    after = [by_lot(one.entropy, case, EFFECTS) for case in range(100)]
+    assert 0 < sum(lots[0] == "wave" for lots in after) < 20
+    assert [[name for name in lots if name != "wave"] for lots in after] == leads
+    for number, drawn in before.items():
+        again = draw(two, number)
+        if "wave" not in {setting.effect for setting in again.settings}:
+            assert again.answer == drawn.answer
+            np.testing.assert_array_equal(again.recording().gyro.rates, drawn.recording().gyro.rates)
+    assert draw(one, [lots[0] for lots in after].index("wave")).answer["effects"][0]["snr"] > 3.9
 
 
 def test_a_case_is_the_same_alone_as_in_a_batch() -> None:
@@ -85,8 +122,8 @@ def test_the_snr_is_that_of_an_independent_computation(singles: list[Drawn], num
         assert EFFECTS[said["effect"]].in_samples
         return
     assert 4 * 0.97 < said["snr"] < 40 * 1.03
-    world = drawn.world
-    again = [simulate(world.scenario, spec().entropy, number, noise=False, effects=effects) for effects in ((), drawn.settings)]
+    world, entropy = drawn.world, spec().entropy
+    again = [simulate(world.scenario, entropy, world.case, noise=False, effects=effects) for effects in ((), drawn.settings)]
     if said["effect"] == "bias_temperature":  # its temperature begins with the recording, as it does here
         assert (again[1].tables["housekeeping"] == world.plain.tables["housekeeping"]).all(axis=None)
     assert said["snr"] == pytest.approx(independent_snr(*again, world.G, world.bias), rel=0.02)
@@ -158,7 +195,8 @@ def test_the_two_of_a_pair_are_not_alike() -> None:
         drawn = draw(spec(mix=(0, 0, 1, 0)), case)
         first, second = drawn.answer["effects"]
         assert first["effect"] != second["effect"]
-        assert {first["effect"], second["effect"]} != {"time_offset", "rate_lag"}
+        kin = [EFFECTS[one["effect"]].kin for one in (first, second)]
+        assert kin[0] != kin[1] or not kin[0]
         for one in (first, second):
             assert one["snr"] is None or one["separate_snr"] > 0.59 * one["snr"]
 

@@ -1,0 +1,72 @@
+"""Which body axis flies forward, from how the body turns.
+
+With z to nadir the body turns once an orbit about the orbit normal N, ω = n N, and N lies in its xy-plane. The velocity is
+along ẑ × N, so that a rate of −n about y means +x forward, +n about y −x, −n about x −y and +n about x +y (conventions in
+`gyrocal`). A yaw turn adds a rate about z and leaves that about the other axes at n; while it lasts, a reference belongs to
+the direction flown before or after it, whichever is nearer. Where the rate across z is not n the body does not point to
+nadir, as in an inertial hold, and no axis flies forward.
+
+The rate at a reference is the median of the a-priori adjusted gyro samples around it, over long enough that their noise does
+not matter. An interval whose `forward` is given is taken at its word; what its `activity` says is for people.
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gyrocal.recording import GyroStream, Interval, Recording, reference_rows
+from simulator.effects.base import Array
+
+SHORTEST_S = 10.0  # to either side of a reference; half a transition to an inertial hold
+LONGEST_S = 150.0
+NOISE = 0.05  # of orbit rate: the rate must be known as well as that
+NEAR = 0.25  # of orbit rate: how far the rate may be from that of pointing to nadir, and about z from no turn
+AXES = np.array(["+x", "-x", "+y", "-y"])
+DIRECTIONS = np.array([[1.0, 0.0], [-1.0, 0.0], [0.0, 1.0], [0.0, -1.0]])
+
+
+def forward_axes(recording: Recording) -> NDArray[np.str_]:
+    """The body axis along the velocity at each reference, "+x", "-x", "+y" or "-y"; (m,), "" where there is none."""
+    t_s = recording.attitudes.t_s
+    out = np.full(t_s.size, "", dtype="<U2")
+    taken = np.zeros(t_s.size, dtype=bool)
+    for interval in recording.intervals:
+        rows = reference_rows(t_s, interval)
+        rows = rows[~taken[rows]]
+        taken[rows] = True
+        if interval.forward is not None:
+            out[rows] = "" if interval.forward == "none" else interval.forward
+        elif recording.orbit is not None:
+            rate = 2 * np.pi / recording.orbit.period_s
+            out[rows] = _flown(_rates_at(recording.gyro, interval, t_s[rows], NOISE * rate) / rate)
+    return out
+
+
+def _rates_at(gyro: GyroStream, interval: Interval, t_s: Array, accuracy: float) -> Array:
+    """Body rates at some times of an interval, (m, 3) rad/s; NaN where the samples are too noisy to know them."""
+    half = max(SHORTEST_S, 0.5 * (gyro.arw / accuracy) ** 2)
+    out = np.full((t_s.size, 3), np.nan)
+    if half > LONGEST_S:
+        return out
+    tags = gyro.t_s + 0.5 * gyro.sample_s
+    low = np.searchsorted(tags, np.maximum(t_s - half, interval.start_s))
+    high = np.searchsorted(tags, np.minimum(t_s + half, interval.stop_s))
+    for k, (first, last) in enumerate(zip(low, high, strict=True)):
+        if last > first:
+            out[k] = np.median(gyro.rates[first:last], axis=0)
+    return out @ gyro.apriori_G.T + gyro.apriori_bias
+
+
+def _flown(rates: Array) -> NDArray[np.str_]:
+    """Forward axes of the references of an interval, from rates (m, 3) in orbit rates."""
+    out = np.full(len(rates), "", dtype="<U2")
+    velocity = np.column_stack([-rates[:, 1], rates[:, 0]])  # ẑ × ω in the xy-plane
+    alike = velocity @ DIRECTIONS.T
+    pointing = np.abs(np.linalg.norm(velocity, axis=1) - 1) < NEAR
+    steady = pointing & (np.abs(rates[:, 2]) < NEAR)
+    out[steady] = AXES[alike[steady].argmax(axis=1)]
+    for row in np.flatnonzero(pointing & ~steady):
+        known = np.flatnonzero(steady)
+        beside = {*known[known < row][-1:], *known[known > row][:1]}
+        choices = np.isin(AXES, out[list(beside)]) if beside else np.ones(AXES.size, dtype=bool)
+        out[row] = AXES[np.where(choices, alike[row], -np.inf).argmax()]
+    return out

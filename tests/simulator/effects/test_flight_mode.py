@@ -1,0 +1,132 @@
+"""Which axis flies forward, from how the body turns and never from the name of an activity."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import simulator
+from gyrocal import InputError, load
+from simulator.effects import forward_axes, parse, references_of, setting
+from simulator.effects.base import Surroundings
+from simulator.effects.reference.reference_mode_offset import EFFECT as MODE_OFFSET
+from simulator.truth.rotation import separation
+from tests import SHARED
+
+PRACTICE = SHARED / "practice"
+SERIES = simulator.load("trmm_series")
+RECORDING = simulator.simulate(SERIES, seed=2)
+
+
+def runs_of(recording, number):
+    """The axes flown in an interval, each run of references once."""
+    interval, t_s = recording.intervals[number], recording.attitudes.t_s
+    axes = forward_axes(recording)[(t_s >= interval.start_s) & (t_s <= interval.stop_s)]
+    return [str(axis) for k, axis in enumerate(axes) if k == 0 or axis != axes[k - 1]]
+
+
+FLOWN = [["+x"], ["+x", "-x"], ["-x"], ["-x", "-y", "-x"], ["-x", "", "-x"], ["-x", "+x"]]
+
+
+def test_modes_of_the_six_maneuvers():
+    assert [runs_of(RECORDING, number) for number in range(6)] == FLOWN
+    at_ends = simulator.simulate(simulator.load("trmm"), seed=2)
+    ends = [[axes[0], axes[-1]] if len(set(axes)) > 1 else [axes[0]] for axes in FLOWN]
+    ends[3] = ends[4] = ["-x"]  # both ends are flown as the others around them
+    assert [runs_of(at_ends, number) for number in range(6)] == ends
+
+
+def test_the_activity_is_not_read():
+    silent = replace(RECORDING, intervals=tuple(replace(one, activity="+y forward") for one in RECORDING.intervals))
+    np.testing.assert_array_equal(forward_axes(silent), forward_axes(RECORDING))
+
+
+@pytest.mark.parametrize("mode", ["+x", "-x", "+y", "-y"])
+def test_all_four_modes(mode):
+    interval = {"name": "a", "activity": "", "start_s": 0.0, "stop_s": 900.0, "mode": mode}
+    recording = simulator.simulate(simulator.override(SERIES, {"interval": [interval]}), seed=3)
+    assert set(forward_axes(recording)) == {mode}
+
+
+def test_a_reference_in_a_slew_belongs_to_the_nearer_mode():
+    slew = {"axis": [0.0, 0.0, 1.0], "angle_deg": 180.0, "start_s": 100.0, "duration_s": 800.0}
+    interval = {"name": "a", "activity": "", "start_s": 0.0, "stop_s": 1000.0, "mode": "+x", "slew": [slew]}
+    recording = simulator.simulate(simulator.override(SERIES, {"interval": [interval]}), seed=3)
+    # References in the slew too, each 40 s, where the simulator's own are at constant rates only.
+    t_s = np.arange(0.0, 1001.0, 40.0)
+    attitudes = replace(
+        recording.attitudes, t_s=t_s, quaternions=np.tile([0.0, 0, 0, 1], (26, 1)), sigma=np.full((26, 3), 1e-4)
+    )
+    np.testing.assert_array_equal(forward_axes(replace(recording, attitudes=attitudes)), np.where(t_s < 500, "+x", "-x"))
+
+
+@pytest.mark.parametrize(
+    "effects", [["spikes=0.5,fraction=0.02"], ["rate_saturation:z=0.1"], ["noise_excess=20"], ["stale_samples=5,fraction=0.2"]]
+)
+def test_a_bad_gyro_tells_the_same(effects):
+    bad = simulator.simulate(SERIES, seed=2, effects=[parse(text) for text in effects])
+    np.testing.assert_array_equal(forward_axes(bad), forward_axes(RECORDING))
+
+
+def test_without_an_orbit_or_with_too_much_noise_nothing_is_said():
+    assert set(forward_axes(replace(RECORDING, orbit=None))) == {""}
+    noisy = replace(RECORDING, gyro=replace(RECORDING.gyro, arw=3e-3))
+    assert set(forward_axes(noisy)) == {""}
+
+
+def test_what_is_stated_goes_first():
+    stated = [replace(one, forward=forward) for one, forward in zip(RECORDING.intervals, ("-y", "none", "+x"), strict=False)]
+    recording = replace(RECORDING, orbit=None, intervals=(*stated, *RECORDING.intervals[3:]))
+    assert [runs_of(recording, number) for number in range(4)] == [["-y"], [""], ["+x"], [""]]
+
+
+@pytest.mark.skipif(not PRACTICE.is_dir(), reason="the practice recordings are not beside this checkout")
+@pytest.mark.parametrize("name", [f"p{k:02d}" for k in range(1, 15)])
+def test_practice_recordings_fly_as_their_activity_says(name):
+    """Beside what it says, the −y interval and the hold begin and end with −x forward."""
+    recording = load(PRACTICE / name)
+    said = {"+x forward": FLOWN[0], "-x forward": FLOWN[2], "-y forward": FLOWN[3], "inertial hold": FLOWN[4]}
+    said |= {"+x to -x yaw": FLOWN[1], "-x to +x yaw": FLOWN[5]}
+    for number, interval in enumerate(recording.intervals):
+        assert runs_of(recording, number) == said[interval.activity]
+
+
+# ---- the offset ----------------------------------------------------------------------------------------------------------
+
+
+def offset_of(text):
+    """Where an offset acts, (m,) in deg about x."""
+    plain = simulator.simulate(SERIES, noise=False)
+    made = simulator.simulate(SERIES, noise=False, effects=[parse(text)])
+    return -np.rad2deg(separation(made.attitudes.quaternions, plain.attitudes.quaternions))[:, 0]
+
+
+def test_the_offset_acts_around_a_hold_and_in_it_if_asked_to():
+    flown, t_s = forward_axes(RECORDING), RECORDING.attitudes.t_s
+    np.testing.assert_allclose(offset_of("reference_mode_offset:x=0.1"), 0.1 * (flown == "-x"), atol=1e-10)
+    hold = (t_s >= RECORDING.intervals[4].start_s) & (t_s <= RECORDING.intervals[4].stop_s)
+    assert set(flown[hold]) == {"-x", ""}
+    np.testing.assert_allclose(offset_of("reference_mode_offset:x=0.1,holds=on"), 0.1 * ((flown == "-x") | hold), atol=1e-10)
+
+
+def around(recording):
+    references = references_of(recording)
+    return Surroundings(None, references, recording.gyro.arw, recording.gyro.sample_s, recording.attitudes.sigma)
+
+
+def test_both_are_tried_where_there_is_a_hold():
+    assert [trial.parameters["holds"] for trial in MODE_OFFSET.trials(around(RECORDING))] == ["off", "on"]
+    few = simulator.override(SERIES, {"interval": FIRST})
+    assert [trial.parameters["holds"] for trial in MODE_OFFSET.trials(around(simulator.simulate(few)))] == ["off"]
+
+
+FIRST = [one.model_dump(exclude_none=True) for one in SERIES.interval[:1]]
+BACK = [{"name": "a", "activity": "+x forward", "start_s": 0.0, "stop_s": 900.0, "mode": "-x"}]
+
+
+def test_the_offset_without_the_mode_is_refused():
+    only = simulator.override(SERIES, {"interval": FIRST})
+    with pytest.raises(InputError, match="does nothing here; no reference is taken with -x forward"):
+        simulator.simulate(only, effects=[setting("reference_mode_offset", "x", 1.0)])
+    assert "all references" in MODE_OFFSET.missing(around(simulator.simulate(simulator.override(SERIES, {"interval": BACK}))))
+    assert MODE_OFFSET.missing(around(RECORDING)) is None
