@@ -26,6 +26,7 @@ Array = NDArray[np.float64]
 AXES = "xyz"
 SHOWN_EXPLANATIONS = 12
 WORTH_SHOWING = 1e-4  # probability of an alternative
+KEPT = 0.999  # of the posterior
 WORTH_KEEPING = 1e-6  # probability of an explanation in the details
 
 
@@ -64,6 +65,8 @@ def assembled(
         notes=(*_checks_note(explained), *_motion_notes(prepared), *_likely(explained, settings), *prepared.notes),
         runtime_s=runtime_s,
         details=_details(prepared, explained, table),
+        p_values=_p_values(prepared, samples, explained),
+        posterior=_posterior(samples, explained, gap, settings),
     )
 
 
@@ -90,6 +93,43 @@ def attitude_causes(
         )
         for slot, one in zip(attribution.slots, fitted, strict=True)
     )  # fmt: skip
+
+
+def _p_values(prepared: Prepared, samples: Sequence[SampleCause], explained: Explained) -> dict[str, float]:
+    """P-values of all tests: of the attitude, of the samples by statistic and axis, of what a named explanation leaves."""
+    out = {"attitude": explained.p_value}
+    for test in prepared.samples.tests:
+        name = test.statistic if test.axis is None else f"{test.statistic}:{test.axis}"
+        out[name] = float(test.p_value)
+    if prepared.reference_noise is not None:
+        out["reference_noise"] = float(prepared.reference_noise.p_value)
+    out.update({f"check: {check.name}": check.p_value for check in explained.checks})
+    return out
+
+
+def _posterior(
+    samples: Sequence[SampleCause], explained: Explained, gap: bool, settings: DiagnosisSettings
+) -> tuple[tuple[tuple[str, ...], float], ...]:
+    """Probability of each explanation, with what the samples show in all of them; to a sum of `KEPT`."""
+    shown = tuple(one.cause(settings).label for one in samples if one.effect is not None)
+    if any(one.effect is None for one in samples):
+        return ((("unknown",), 1.0),)
+    attribution = explained.attribution
+    if not gap or attribution is None:
+        return ((shown, 1.0),)
+    if attribution.verdict == "unknown" and attribution.unknown == 1.0:
+        return ((("unknown",), 1.0),)
+    found: dict[tuple[str, ...], float] = {}
+    for one in attribution.ranked:
+        labels = ("unknown",) if one.unlisted else (*shown, *(label for label in sorted(one.labels) if label not in shown))
+        found[labels] = found.get(labels, 0.0) + one.probability
+    out, total = [], 0.0
+    for labels, probability in sorted(found.items(), key=lambda pair: -pair[1]):
+        out.append((labels, probability))
+        total += probability
+        if total >= KEPT:
+            break
+    return tuple(out)
 
 
 def _verdict(attribution: Attribution | None, gap: bool, shown: bool, unlisted: bool) -> tuple[Verdict, float]:

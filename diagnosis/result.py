@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
@@ -58,6 +59,9 @@ class Diagnosis:
     runtime_s : time taken
     details : tables for the figures
     sensors : what the raw sensor tables say, where there are any; its causes are among those above
+    p_values : of each test by its name, under M0
+    posterior : labels of each explanation with its probability, the likeliest first, to a sum of 0.999; "unknown" stands for
+        all that hold something unlisted; without a gap, the empty explanation
     """
 
     recording: str
@@ -80,6 +84,8 @@ class Diagnosis:
     runtime_s: float
     details: Details = field(repr=False)
     sensors: SensorDiagnosis | None = None
+    p_values: Mapping[str, float] = field(default_factory=dict)
+    posterior: tuple[tuple[tuple[str, ...], float], ...] = ()
 
     def to_json(self) -> dict[str, Any]:
         """The result as one object, format 1."""
@@ -128,6 +134,8 @@ class Diagnosis:
                 "baseline_G": self.baseline_G.tolist(),
                 "baseline_bias_deg_s": np.rad2deg(self.baseline_bias).tolist(),
             },
+            "p_values": dict(self.p_values),
+            "posterior": [{"effects": list(labels), "probability": probability} for labels, probability in self.posterior],
             "notes": list(self.notes),
             "runtime_s": self.runtime_s,
             **({} if self.sensors is None else {"sensors": self.sensors.to_json()}),
