@@ -15,16 +15,17 @@ volume. It can be shared out among the maneuvers by Shapley's value, the mean ov
 from collections.abc import Collection, Iterable
 from dataclasses import replace
 from functools import lru_cache, partial
-from itertools import combinations
+from itertools import combinations, product
 from math import comb
 from pathlib import Path
+from typing import ClassVar
 
 import matplotlib as mpl
 import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
-from pydantic import Field, model_validator
+from pydantic import Field
 
 from gyrocal import NAMES, GyroParameters
 from gyrocal.calibration.observability import PLAUSIBLE_RANGE, observability
@@ -33,7 +34,7 @@ from gyrocal.calibration.sampling import measurements
 from gyrocal.recording import Recording
 from simulator.scenario import override
 from simulator.simulate import motion, observe
-from studies.montecarlo.study import Streams, Study, StudyConfig, base_scenario
+from studies.montecarlo.study import GridConfig, Streams, Study, base_scenario
 from studies.natanson import figures
 from studies.report.entry import Entry, Report
 
@@ -45,29 +46,23 @@ SHOWN = np.array([1e6] * 9 + [np.rad2deg(1.0) * 3600] * 3)  # ppm, deg/h
 SIGMAS = [f"sigma_{name}_{unit}" for name, unit in zip(NAMES, ["ppm"] * 9 + ["deg_h"] * 3, strict=True)]
 
 
-class ManeuversNeededConfig(StudyConfig):
+class ManeuversNeededConfig(GridConfig):
     """What the study runs.
 
     Attributes
     ----------
-    cases : subsets of the scenario's intervals, twice
     series_s : time between the references of a series
     """
 
-    cases: int = 126
+    axes: ClassVar = ("scenario",)
     series_s: float = Field(default=60.0, gt=0)
 
-    @model_validator(mode="after")
-    def _is_a_grid(self) -> "ManeuversNeededConfig":
+    def points(self) -> list[tuple[str, tuple[int, ...]]]:
+        """Kind of references and subset of the scenario's intervals."""
         intervals = len(base_scenario(self).interval)
         if intervals > MOST_INTERVALS:
             raise ValueError(f"scenario: has {intervals} intervals; all subsets of more than {MOST_INTERVALS} are too many")
-        whole = len(REFERENCES) * (2**intervals - 1)
-        if self.cases != whole:
-            raise ValueError(f"cases: must be {whole}, the subsets of {intervals} intervals, twice, not {self.cases}")
-        if self.dispersions:
-            raise ValueError("dispersions: a grid has none")
-        return self
+        return list(product(REFERENCES, subsets(intervals)))
 
 
 def subsets(intervals: int) -> list[tuple[int, ...]]:
@@ -98,16 +93,15 @@ def part(recording: Recording, chosen: Collection[int]) -> Recording:
 
 def case(config: ManeuversNeededConfig, case: int, streams: Streams) -> dict[str, object]:
     """What a subset determines."""
-    which, number = divmod(case, config.cases // len(REFERENCES))
-    whole, truth = _whole(config.model_dump_json(), REFERENCES[which])
-    chosen = subsets(len(whole.intervals))[number]
+    references, chosen = config.points()[case]
+    whole, truth = _whole(config.model_dump_json(), references)
     recording = part(whole, chosen)
     state = Problem.of(recording, measurements(recording)).state(truth)
     # H has the plausible range as its unit already.
     judged = observability(state.H / PLAUSIBLE_RANGE, PLAUSIBLE_RANGE, NAMES)
     sigma = np.sqrt(np.diag(np.linalg.inv(state.H.T @ state.H + np.eye(12)))) * PLAUSIBLE_RANGE * SHOWN
     row: dict[str, object] = {
-        "references": REFERENCES[which],
+        "references": references,
         "maneuvers": "+".join(recording.intervals[k].name for k in range(len(chosen))),
         "size": len(chosen),
         "equations": 3 * len(state.theta),

@@ -19,6 +19,7 @@ from dataclasses import dataclass, replace
 from functools import lru_cache, partial
 from itertools import product
 from pathlib import Path
+from typing import ClassVar
 
 import matplotlib as mpl
 import numpy as np
@@ -39,7 +40,7 @@ from gyrocal.calibration.sampling import measurements
 from simulator.scenario import override
 from simulator.simulate import motion, noise_free_rates, observe, realise
 from simulator.truth.motion import Motion
-from studies.montecarlo.study import Streams, Study, StudyConfig, base_scenario
+from studies.montecarlo.study import GridConfig, Streams, Study, base_scenario
 from studies.natanson import figures, flight_gap
 from studies.report.entry import Entry, Report
 
@@ -47,7 +48,6 @@ Array = NDArray[np.float64]
 
 ARW_DEG_PER_SQRT_S = (2e-5, 5e-5, 1e-4, 2e-4, 5e-4, 1e-3, 2e-3)
 SIGMA_DEG = (0.001, 0.002, 0.005, 0.01, 0.02, 0.05)
-POINTS = len(ARW_DEG_PER_SQRT_S) * len(SIGMA_DEG) + 1
 
 SHOWN = np.array([1e6] * 9 + [np.rad2deg(1.0) * 3600] * 3)  # ppm, deg/h
 UNITS = ("ppm",) * 9 + ("deg_h",) * 3
@@ -55,18 +55,17 @@ KEYS = [f"{name}_{unit}" for name, unit in zip(NAMES, UNITS, strict=True)]
 GROUPS = {"scale factors": SCALE_FACTORS, "misalignments": MISALIGNMENTS, "biases": BIASES}
 
 
-class NoiseConfig(StudyConfig):
+class NoiseConfig(GridConfig):
     """What the study runs.
 
     Attributes
     ----------
-    cases : points of the grid, and one for the flight
     arw_deg_per_sqrt_s, sigma_deg : the grid: angle random walk, and 1-sigma of a reference attitude about each body axis
     seeds : estimates that make the spread at a point that has one
     confidence : of all intervals of the spread together
     """
 
-    cases: int = POINTS
+    axes: ClassVar = ("arw_deg_per_sqrt_s", "sigma_deg")
     arw_deg_per_sqrt_s: tuple[float, ...] = Field(default=ARW_DEG_PER_SQRT_S, min_length=2)
     sigma_deg: tuple[float, ...] = Field(default=SIGMA_DEG, min_length=2)
     seeds: int = Field(default=200, ge=3)
@@ -77,16 +76,11 @@ class NoiseConfig(StudyConfig):
         for name, values in (("arw_deg_per_sqrt_s", self.arw_deg_per_sqrt_s), ("sigma_deg", self.sigma_deg)):
             if min(values) <= 0 or list(values) != sorted(set(values)):
                 raise ValueError(f"{name}: must be positive and ascending")
-        points = len(self.arw_deg_per_sqrt_s) * len(self.sigma_deg) + 1
-        if self.cases != points:
-            raise ValueError(f"cases: must be {points}, the points of the grid and one for the flight, not {self.cases}")
-        if self.dispersions:
-            raise ValueError("dispersions: a grid has none")
         return self
 
     def points(self) -> list[tuple[float, float]]:
-        """ARW and reference sigma of each point of the grid."""
-        return list(product(self.arw_deg_per_sqrt_s, self.sigma_deg))
+        """ARW and reference sigma of each point: those of the grid, and last the flight's."""
+        return [*product(self.arw_deg_per_sqrt_s, self.sigma_deg), flight_noise(self)]
 
     def has_spread(self, case: int) -> bool:
         """Whether a point is a corner of the grid or the flight's."""
@@ -149,7 +143,7 @@ def case(config: NoiseConfig, case: int, streams: Streams) -> dict[str, object]:
     """Formal sigmas at a point, the gyro's shares, and at some points the spread over seeds (missing elsewhere)."""
     shared = _prepared(config.model_dump_json())
     flown = case == config.cases - 1
-    arw_deg, sigma_deg = flight_noise(config) if flown else config.points()[case]
+    arw_deg, sigma_deg = config.points()[case]
     sigmas, shares = formal(shared, np.deg2rad(arw_deg), np.deg2rad(sigma_deg))
     row: dict[str, object] = {"arw_deg_per_sqrt_s": arw_deg, "sigma_deg": sigma_deg, "flight": flown}
     row |= {f"sigma_{key}": float(value) for key, value in zip(KEYS, sigmas * SHOWN, strict=True)}

@@ -9,24 +9,24 @@ the grid, the angle slowest and the step fastest.
 """
 
 from functools import partial
-from itertools import pairwise, product
+from itertools import pairwise
 from math import ceil
 from pathlib import Path
-from typing import Any, Self
+from typing import Any, ClassVar
 
 import matplotlib as mpl
 import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from pydantic import field_validator, model_validator
+from pydantic import field_validator
 
 from gyrocal import CalibrationResult, InputError, calibrate
 from gyrocal.recording import Recording
 from simulator.scenario import Scenario, override
 from simulator.simulate import motion, observe
 from studies.montecarlo.statistics import crossing, order, span
-from studies.montecarlo.study import Streams, Study, StudyConfig, base_scenario
+from studies.montecarlo.study import GridConfig, Streams, Study, base_scenario
 from studies.natanson.figures import STYLE, save
 from studies.report.entry import Entry, Report
 
@@ -43,7 +43,7 @@ ORDERED = ("G_difference", "bias_difference_deg_s", "full_error_G", "full_error_
 FLOWN = (0.25, 0.5)  # rate and step of the TRMM calibration
 
 
-class PsiConfig(StudyConfig):
+class PsiConfig(GridConfig):
     """The grid.
 
     Attributes
@@ -51,10 +51,9 @@ class PsiConfig(StudyConfig):
     slew_rates_deg_s : rates at which the slews coast
     steps_s : gyro sample and propagation step
     slew_angles_deg : angle of the scenario's largest slew; the others are scaled with it
-    cases : points of the grid
     """
 
-    cases: int = len(RATES_DEG_S) * len(STEPS_S) * len(ANGLES_DEG)
+    axes: ClassVar = ("slew_angles_deg", "slew_rates_deg_s", "steps_s")
     slew_rates_deg_s: tuple[float, ...] = RATES_DEG_S
     steps_s: tuple[float, ...] = STEPS_S
     slew_angles_deg: tuple[float, ...] = ANGLES_DEG
@@ -65,21 +64,6 @@ class PsiConfig(StudyConfig):
         if not value or min(value) <= 0 or len(set(value)) < len(value):
             raise ValueError("must be one or more different numbers above zero")
         return value
-
-    @model_validator(mode="after")
-    def _cases_are_the_grid(self) -> Self:
-        points = len(self.grid())
-        if "cases" not in self.model_fields_set:
-            self.__dict__["cases"] = points  # it is frozen for everybody else
-        if self.cases != points:
-            raise ValueError(f"the grid has {points} points, so cases must be {points}, not {self.cases}")
-        if self.dispersions:
-            raise ValueError("the points of a grid are not dispersed; change the scenario by overrides")
-        return self
-
-    def grid(self) -> list[tuple[float, float, float]]:
-        """Slew angle, slew rate and step of each case."""
-        return list(product(self.slew_angles_deg, self.slew_rates_deg_s, self.steps_s))
 
 
 def with_slew_angle(scenario: Scenario, angle_deg: float) -> Scenario:
@@ -165,13 +149,13 @@ def run(scenario: Scenario, rates_deg_s: tuple[float, ...] = RATES_DEG_S, steps_
 
 def case(config: PsiConfig, number: int, streams: Streams) -> dict[str, float]:
     """One point of the grid."""
-    angle, rate, step = config.grid()[number]
+    angle, rate, step = config.points()[number]
     return {"slew_angle_deg": angle} | point(with_slew_angle(base_scenario(config), angle), rate, step)
 
 
 def recording(config: PsiConfig, number: int, streams: Streams) -> Recording:
     """The recording of one point of the grid."""
-    angle, rate, step = config.grid()[number]
+    angle, rate, step = config.points()[number]
     flown = override(with_slew_rate(with_slew_angle(base_scenario(config), angle), rate), {"gyro.sample_s": step})
     return observe(flown, motion(flown, substeps=ceil(step / SUBSTEP_S)), gyro_rng=None, reference_rng=None)
 

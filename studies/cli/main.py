@@ -326,7 +326,7 @@ def study_command(
     \b
     Examples:
       gyrocal study
-      gyrocal study noise --cases 50 --out /tmp/noise
+      gyrocal study psi --set 'steps_s=[0.5,2.0]' --out /tmp/psi
       gyrocal study paper --cases 1000 --set overrides.gyro.arw_deg_per_sqrt_s=1e-4
       gyrocal study paper --rerun 17
     """

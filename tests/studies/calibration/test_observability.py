@@ -113,8 +113,8 @@ def test_report(rows, tmp_path):
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
-        ({"cases": 63}, "cases: must be 126"),
-        ({"dispersions.orbit.raan_deg": {"kind": "uniform", "low": 0.0, "high": 1.0}}, "a grid has none"),
+        ({"cases": 63}, "the grid has 126 points, one a case; change them by scenario"),
+        ({"dispersions.orbit.raan_deg": {"kind": "uniform", "low": 0.0, "high": 1.0}}, "not dispersed"),
     ],
 )
 def test_bad_grids_are_refused(changes, message):
