@@ -16,10 +16,10 @@ from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, T
 from diagnosis.diagnose import diagnose
 from gyrocal import InputError, load
 from simulator.effects.sensor import ALL_EFFECTS
-from studies.montecarlo.manifest import write_json
+from studies.montecarlo.files import check_writable, write_json
 from studies.report import diagnosis_page as diagnosis_report
 from studies.report import diagnosis_summary
-from studies.report.console import LINE_EVERY_S, check_writable, console
+from studies.report.console import LINE_EVERY_S, console
 
 PATH = click.Path(path_type=Path)
 STDOUT = Path("-")

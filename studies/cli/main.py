@@ -29,10 +29,10 @@ from studies.cli import mission as cli_mission
 from studies.cli import plan as cli_plan
 from studies.cli import reproduce as cli_reproduce
 from studies.montecarlo import engine
-from studies.montecarlo.manifest import write_json
+from studies.montecarlo.files import check_writable, write_json
 from studies.report import calibration as calibration_report
 from studies.report import render
-from studies.report.console import check_writable, console
+from studies.report.console import console
 from studies.validation import baseline
 
 PATH = click.Path(path_type=Path)

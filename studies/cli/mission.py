@@ -15,9 +15,9 @@ from gyrocal import InputError
 from simulator.mission_mode.config import DAY, MissionConfig, Mounting, mounted, period_tables
 from simulator.mission_mode.flight import AXES, MissionRun, flight_schedule, simulate_mission
 from studies.cli.diagnose import plain
-from studies.montecarlo.manifest import write_json
+from studies.montecarlo.files import check_writable, write_json
 from studies.report import render
-from studies.report.console import check_writable, console, progress
+from studies.report.console import console, progress
 from studies.robertson import flown
 from studies.robertson.runs import PERIODS
 

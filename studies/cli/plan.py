@@ -16,9 +16,9 @@ from gyrocal.recording import read_toml
 from simulator import scenario as scenarios
 from simulator.effects import EFFECTS
 from studies.cli.diagnose import plain
-from studies.montecarlo.manifest import write_json
+from studies.montecarlo.files import check_writable, write_json
 from studies.report import plan as plan_report
-from studies.report.console import check_writable, console
+from studies.report.console import console
 
 PATH = click.Path(path_type=Path)
 STDOUT = Path("-")

@@ -7,9 +7,9 @@ from typing import Any
 import click
 
 from gyrocal import InputError
-from studies.montecarlo.manifest import write_json
+from studies.montecarlo.files import check_writable, write_json
 from studies.natanson import reproduce
-from studies.report.console import check_writable, console
+from studies.report.console import console
 from studies.robertson import report as mission_report
 from studies.robertson.runs import MissionStudy
 

@@ -16,7 +16,8 @@ from pathlib import Path
 from typing import Any
 
 from gyrocal.errors import InputError
-from studies.montecarlo.manifest import PACKAGES, commit, write_json
+from studies.montecarlo.files import write_json
+from studies.montecarlo.manifest import PACKAGES, commit
 from studies.montecarlo.store import StorageError, default_chunk, storage
 
 MANIFEST = "manifest.json"

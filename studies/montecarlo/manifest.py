@@ -51,13 +51,3 @@ def manifest(command: str, config: Mapping[str, Any], folder: Path, wall_s: floa
         "wall_s": round(wall_s, 2),
         "files": {str(path.relative_to(folder)): digest(path.read_bytes()) for path in files},
     }
-
-
-def write_json(path: Path, value: Any) -> None:
-    """Write JSON through a temporary file, so that a reader never sees half of it."""
-    part = path.with_name(path.name + ".tmp")
-    try:
-        part.write_text(json.dumps(value, indent=2, ensure_ascii=False, allow_nan=False) + "\n", encoding="utf-8")
-        part.replace(path)
-    finally:
-        part.unlink(missing_ok=True)

@@ -20,7 +20,8 @@ from simulator.scenario import Scenario
 from studies.calibration import psi
 from studies.montecarlo import engine, statistics
 from studies.montecarlo.backends import Name
-from studies.montecarlo.manifest import manifest, write_json
+from studies.montecarlo.files import write_json
+from studies.montecarlo.manifest import manifest
 from studies.montecarlo.study import base_scenario, resolved
 from studies.natanson import figures, flight, flight_gap, paper_tables
 from studies.report import render

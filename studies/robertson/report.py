@@ -15,7 +15,8 @@ from rich.console import Console
 
 from simulator.mission_mode.config import DAY, MissionConfig
 from simulator.mission_mode.flight import MissionRun, flight_schedule
-from studies.montecarlo.manifest import manifest, write_json
+from studies.montecarlo.files import write_json
+from studies.montecarlo.manifest import manifest
 from studies.report import render
 from studies.report.console import progress
 from studies.robertson import biases, figures, mountings, performance, slews, words

@@ -36,7 +36,8 @@ from gyrocal.recording import Recording
 from simulator.effects import EFFECTS
 from simulator.scenario import Scenario
 from studies.montecarlo import engine
-from studies.montecarlo.manifest import manifest, write_json
+from studies.montecarlo.files import write_json
+from studies.montecarlo.manifest import manifest
 from studies.montecarlo.study import Scalar, Streams, Study, StudyConfig, base_scenario, config_sha256, load_config, resolved
 from studies.natanson.figures import STYLE, save
 from studies.report import render
