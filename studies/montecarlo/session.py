@@ -18,6 +18,8 @@ logger = logging.getLogger(__name__)
 class Interrupted(GyrocalError):  # noqa: N818  # an event, not a fault
     """The study was stopped; the message says how far it is and that the same command resumes it."""
 
+    exit_status = 130  # as shells have it for what Ctrl-C ended
+
 
 class Session:
     """The chunks of one run and what is known of them."""

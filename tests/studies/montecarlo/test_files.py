@@ -10,10 +10,17 @@ from studies.montecarlo import files
 
 
 def test_json_is_plain(tmp_path):
-    value = {"a": np.float64(0.1 + 0.2), "b": [np.int64(2), float("nan"), (np.inf, True)], "c": np.eye(2), "ψ": None, 3: "x"}
+    value = {
+        "a": np.float64(0.1 + 0.2),
+        "b": [np.int64(2), float("nan"), (np.inf, True)],
+        "c": np.eye(2),
+        "d": np.bool_(False),
+        "ψ": None,
+        3: "x",
+    }
     files.write_json(tmp_path / "a.json", value)
     text = (tmp_path / "a.json").read_text(encoding="utf-8")
-    expected = {"a": 0.1 + 0.2, "b": [2, None, [None, True]], "c": [[1.0, 0.0], [0.0, 1.0]], "ψ": None, "3": "x"}
+    expected = {"a": 0.1 + 0.2, "b": [2, None, [None, True]], "c": [[1.0, 0.0], [0.0, 1.0]], "d": False, "ψ": None, "3": "x"}
     assert json.loads(text) == expected
     assert "ψ" in text
     assert text.endswith("}\n")
