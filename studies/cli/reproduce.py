@@ -12,7 +12,7 @@ from studies.montecarlo.files import check_writable, write_json
 from studies.natanson import reproduce
 from studies.report.console import console
 from studies.robertson import report as mission_report
-from studies.robertson.runs import MissionStudy
+from studies.robertson.runs import DAYS, MissionStudy
 
 LONGEST_DAYS = 200.0
 FOLDERS = {"natanson": reproduce.DEFAULT_FOLDER, "robertson": mission_report.DEFAULT_FOLDER}
@@ -33,7 +33,7 @@ FOLDERS = {"natanson": reproduce.DEFAULT_FOLDER, "robertson": mission_report.DEF
 @click.option(
     "--days",
     type=float,
-    default=MissionStudy.days,
+    default=DAYS,
     show_default=True,
     help="robertson: days flown from launch; fewer leave R's later periods empty.",
 )

@@ -36,8 +36,7 @@ from gyrocal.recording import Recording
 from simulator.effects import EFFECTS
 from simulator.scenario import Scenario
 from studies.montecarlo import engine
-from studies.montecarlo.files import write_json
-from studies.montecarlo.manifest import manifest
+from studies.montecarlo.manifest import versions, write_manifest
 from studies.montecarlo.study import Scalar, Streams, Study, StudyConfig, base_scenario, config_sha256, load_config, resolved
 from studies.natanson.figures import STYLE, save
 from studies.report import render
@@ -165,10 +164,11 @@ def run(
     for finding in made.findings:
         console.print(f"- {finding}", highlight=False, markup=False)
     wall_s = time.monotonic() - begun
-    write_json(folder / "manifest.json", _manifest(settings, folder, wall_s))
+    about = _about(settings, wall_s)
+    write_manifest(folder, about)
     failures = {int(row["case"]): str(row["error"]) for _, row in rows[rows["error"] != ""].iterrows()}
     cpu_s = float(rows.get("runtime_s", pd.Series(dtype=float)).sum())
-    return engine.Outcome(folder, table, len(rows), resumed, failures, {}, wall_s, cpu_s)
+    return engine.Outcome(folder, table, len(rows), resumed, failures, {}, wall_s, cpu_s, about)
 
 
 def _step(step: str, work: Path, jobs: int, given: str, shown: AbstractContextManager[Any]) -> None:
@@ -213,13 +213,14 @@ def _kept(folder: Path, work: Path, rows: pd.DataFrame) -> Path:
     return table
 
 
-def _manifest(settings: BlindConfig, folder: Path, wall_s: float) -> dict[str, Any]:
+def _about(settings: BlindConfig, wall_s: float) -> dict[str, Any]:
     about = settings.model_dump(mode="json") | {"cases": settings.cases}
     if not isinstance(settings.scenario, str):
         about["scenario"] = settings.scenario.title
-    made = manifest("gyrocal study blind", about, folder, wall_s)
-    # As the engine's, so that --rerun knows the study in the folder.
-    return made | {"config_sha256": config_sha256(STUDY, resolved(settings)), "chunk": settings.cases, "runs": []}
+    # Chunk and runs as the engine has them, so that --rerun knows the study in the folder.
+    sha256 = config_sha256(STUDY, resolved(settings))
+    made = {"command": "gyrocal study blind", "config": about, "config_sha256": sha256, "chunk": settings.cases, "runs": []}
+    return made | versions() | {"wall_s": wall_s}
 
 
 def report(config: BlindConfig, rows: pd.DataFrame, took: Mapping[str, float] | None = None) -> Report:
