@@ -40,8 +40,9 @@ from simulator.simulate import observe
 from studies.montecarlo import statistics
 from studies.montecarlo.dispersions import Dispersion, Normal, scenario_value
 from studies.montecarlo.study import Streams, Study, StudyConfig, base_scenario, case_motion, dispersed
-from studies.natanson import figures
 from studies.report.entry import Entry, Report
+from studies.report.panels import STYLE, save
+from studies.report.tables import Table
 
 Array = NDArray[np.float64]
 Samples = Mapping[str, Array]
@@ -301,17 +302,21 @@ def report(config: ConsistencyConfig, rows: pd.DataFrame) -> Report:
     findings.append(f"{right} of {len(verdicts)} estimators were judged as they must be, from {n} cases.")
     honest = rows[rows["estimator"] == "with prior"]
     tables = {
-        f"Verdicts, {n} cases, {config.confidence:.0%} confidence for all statistics of an estimator together": verdicts,
-        "With prior, by parameter (coverage with 95 % Wilson intervals)": _parameter_table(honest, checks["with prior"]),
+        "verdicts": Table(
+            f"Verdicts, {n} cases, {config.confidence:.0%} confidence for all statistics of an estimator together", verdicts
+        ),
+        "parameters": Table(
+            "With prior, by parameter (coverage with 95 % Wilson intervals)", _parameter_table(honest, checks["with prior"])
+        ),
     }
-    tables["Statistics outside their limits, of 13 each"] = _outside_table(checks)
+    tables["outside"] = Table("Statistics outside their limits, of 13 each", _outside_table(checks))
     return Report(
-        tuple(findings),
         tables,
         {
             "ranks_by_estimator": partial(_by_estimator, config, rows),
             "ranks_by_parameter": partial(_by_parameter, config, honest),
         },
+        findings=tuple(findings),
     )
 
 
@@ -332,7 +337,7 @@ def _rank_figure(config: ConsistencyConfig, panels: Samples, columns: int, title
     panels = {name: y for name, y in panels.items() if name != WHOLE}
     n = len(next(iter(panels.values())))
     low, high = band(n, config.bins, 1 - (1 - config.confidence) / len(panels))
-    with mpl.rc_context(figures.STYLE):
+    with mpl.rc_context(STYLE):
         figure = Figure(figsize=(7.6, 0.5 + 1.45 * (len(panels) // columns)), layout="constrained")
         edges = np.linspace(0, 1, config.bins + 1)
         for axes, (name, y) in zip(
@@ -347,7 +352,7 @@ def _rank_figure(config: ConsistencyConfig, panels: Samples, columns: int, title
             axes.set_xticks([0, 0.5, 1])
         figure.suptitle(f"{title}; {n} cases, band {low} to {high}", fontsize=9, x=0.01, ha="left")
         figure.supylabel("cases a bin", fontsize=9)
-        return figures.save(figure, path)
+        return save(figure, path)
 
 
 STUDY = Study("studies.calibration.consistency:STUDY", ConsistencyConfig, case, recording)

@@ -44,8 +44,9 @@ from gyrocal.recording import Recording
 from simulator.scenario import load, override
 from simulator.simulate import motion, observe
 from studies.montecarlo.study import Streams, Study, StudyConfig, case_motion, dispersed
-from studies.natanson import figures
+from studies.report import panels
 from studies.report.entry import Entry, Report
+from studies.report.tables import Table
 
 Array = NDArray[np.float64]
 
@@ -278,9 +279,12 @@ def report(config: EstimatorsConfig, rows: pd.DataFrame) -> Report:
         | {str(name): by.loc[name, rms].to_numpy(float) for name in by.index if name != STREAMING}
     )
     return Report(
-        tuple(findings),
-        {"Agreement, accuracy and cost": table[short], "RMS error against the truth, by parameter": per_parameter},
+        {
+            "estimators": Table("Agreement, accuracy and cost", table[short]),
+            "parameters": Table("RMS error against the truth, by parameter", per_parameter),
+        },
         {"agreement": partial(_figure, rows)},
+        findings=tuple(findings),
     )
 
 
@@ -288,7 +292,7 @@ def _figure(rows: pd.DataFrame, path: Path) -> Path:
     """Distance from the oracle of every case, beside the error that noise makes; no costs, so its bytes do not change."""
     names = [name for name in (LINEAR_PSI, FULL_PSI, STREAMING, CONVERGED) if name in set(rows["estimator"])]
     error = rows.loc[rows["estimator"] == ORACLE, "error_rms_G"]
-    with mpl.rc_context(figures.STYLE):
+    with mpl.rc_context(panels.STYLE):
         figure = Figure(figsize=(7.0, 2.4), layout="constrained")
         axes = figure.add_subplot()
         for y, name in enumerate(reversed(names)):
@@ -303,7 +307,7 @@ def _figure(rows: pd.DataFrame, path: Path) -> Path:
         axes.set_ylim(-0.5, len(names) - 0.4)
         axes.set_yticks(range(len(names)), reversed(names))
         axes.set_xlabel("largest difference in G to the oracle; a stroke a case, dotted: limit")
-        return figures.save(figure, path)
+        return panels.save(figure, path)
 
 
 STUDY = Study("studies.calibration.estimators:STUDY", EstimatorsConfig, case, recording)

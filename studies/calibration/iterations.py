@@ -30,8 +30,9 @@ from simulator.truth.motion import Motion
 from studies.montecarlo.statistics import crossing, order
 from studies.montecarlo.study import Streams, Study, StudyConfig, base_scenario, case_motion, dispersed, observed
 from studies.natanson import flight
-from studies.natanson.figures import STYLE, save
 from studies.report.entry import Entry, Report
+from studies.report.panels import STYLE, save
+from studies.report.tables import Table
 
 Array = NDArray[np.float64]
 
@@ -306,14 +307,14 @@ def report(config: IterationsConfig, rows: pd.DataFrame) -> Report:
     corrections = [f"correction_{k}_{what}" for k in range(1, SHOWN + 1) for what in ("G", "bias_deg_s")]
     errors = [name for name in medians if str(name).startswith("error_")]
     tables = {
-        "From what initial error one or two iterations leave too much": enough(rows),
-        "Order of convergence": convergence(rows),
-        "Second iteration's corrections beside N Table 5": second_iteration(rows),
-        "Left after each iteration (distance from converged, sigma; medians)": medians[short],
-        "Corrections (largest of G, and of b; medians)": medians[[*short[:3], *corrections]],
-        "Error from the truth (sigma, medians)": medians[[*short[:3], *errors]],
+        "enough": Table("From what initial error one or two iterations leave too much", enough(rows)),
+        "convergence": Table("Order of convergence", convergence(rows)),
+        "second_iteration": Table("Second iteration's corrections beside N Table 5", second_iteration(rows)),
+        "left": Table("Left after each iteration (distance from converged, sigma; medians)", medians[short]),
+        "corrections": Table("Corrections (largest of G, and of b; medians)", medians[[*short[:3], *corrections]]),
+        "errors": Table("Error from the truth (sigma, medians)", medians[[*short[:3], *errors]]),
     }
-    return Report(tuple(_findings(rows)), tables, {"iterations": partial(figure, rows)})
+    return Report(tables, {"iterations": partial(figure, rows)}, findings=tuple(_findings(rows)))
 
 
 ENTRY = Entry(STUDY, "one, two, converged iterations over the size of the initial error", report)

@@ -35,8 +35,9 @@ from gyrocal.recording import Recording
 from simulator.scenario import override
 from simulator.simulate import motion, observe
 from studies.montecarlo.study import GridConfig, Streams, Study, base_scenario
-from studies.natanson import figures
+from studies.report import panels
 from studies.report.entry import Entry, Report
+from studies.report.tables import Table
 
 Array = NDArray[np.float64]
 
@@ -220,7 +221,7 @@ def _smallest_findings(rows: pd.DataFrame, references: str) -> list[str]:
 def report(config: ManeuversNeededConfig, rows: pd.DataFrame) -> Report:
     """Smallest determining subsets, indispensable maneuvers, and what each adds."""
     findings: list[str] = []
-    tables: dict[str, pd.DataFrame] = {"Subsets by size": by_size(rows)}
+    tables = {"by_size": Table("Subsets by size", by_size(rows))}
     added = {}
     for references in REFERENCES:
         chosen = rows[rows["references"] == references]
@@ -242,18 +243,26 @@ def report(config: ManeuversNeededConfig, rows: pd.DataFrame) -> Report:
                 + "."
             )
         columns = ["maneuvers", "size", "condition", "weakest", "information_bits", *SIGMAS]
-        tables[f"Smallest determining subsets, references at {references}"] = minimal(chosen)[columns]
-        tables[f"Maneuvers of which at least one must be flown, references at {references}"] = needed
+        tables[f"minimal_{references}"] = Table(
+            f"Smallest determining subsets, references at {references}", minimal(chosen)[columns]
+        )
+        tables[f"needed_{references}"] = Table(
+            f"Maneuvers of which at least one must be flown, references at {references}", needed
+        )
         kept = [name for name in table if not str(name).startswith("growth")]
-        tables[f"What each maneuver adds, references at {references}"] = table[kept]
+        tables[f"added_{references}"] = Table(f"What each maneuver adds, references at {references}", table[kept])
     everything = ["references", "maneuvers", "lost", "condition", "combinations"]
-    tables["Every subset: combinations not determined"] = rows[everything]
-    return Report(tuple(findings), tables, {"left_out": partial(_figure, added), "lost_by_size": partial(_size_figure, rows)})
+    tables["subsets"] = Table("Every subset: combinations not determined", rows[everything])
+    return Report(
+        tables,
+        {"left_out": partial(_figure, added), "lost_by_size": partial(_size_figure, rows)},
+        findings=tuple(findings),
+    )
 
 
 def _figure(added: dict[str, pd.DataFrame], path: Path) -> Path:
     """Growth of each sigma when one maneuver is left out."""
-    with mpl.rc_context(figures.STYLE | {"axes.grid": False}):
+    with mpl.rc_context(panels.STYLE | {"axes.grid": False}):
         figure = Figure(figsize=(9.0, 3.6), layout="constrained")
         for axes, (references, table) in zip(figure.subplots(1, 2, sharey=True), added.items(), strict=True):
             values = table[[f"growth_{name}" for name in NAMES]].to_numpy()
@@ -268,12 +277,12 @@ def _figure(added: dict[str, pd.DataFrame], path: Path) -> Path:
         bar = figure.colorbar(image, ax=figure.axes, shrink=0.8, ticks=[0, 0.5, 1.0])
         bar.set_ticklabels(["1", "3", "10"])
         figure.suptitle("factor by which a sigma grows when one maneuver is left out (blank: below 1.05)", fontsize=9)
-        return figures.save(figure, path)
+        return panels.save(figure, path)
 
 
 def _size_figure(rows: pd.DataFrame, path: Path) -> Path:
     """Combinations lost, by size of the subset; area by the number of subsets."""
-    with mpl.rc_context(figures.STYLE):
+    with mpl.rc_context(panels.STYLE):
         figure = Figure(figsize=(6.4, 3.0), layout="constrained")
         for axes, references in zip(figure.subplots(1, 2, sharey=True), REFERENCES, strict=True):
             counts = rows[rows["references"] == references].groupby(["size", "lost"]).size()
@@ -285,7 +294,7 @@ def _size_figure(rows: pd.DataFrame, path: Path) -> Path:
             axes.set_xlabel("maneuvers in the subset")
             axes.set_xticks(sorted(set(size)))
         figure.axes[0].set_ylabel("combinations not determined")
-        return figures.save(figure, path)
+        return panels.save(figure, path)
 
 
 STUDY = Study("studies.calibration.maneuvers_needed:STUDY", ManeuversNeededConfig, case)

@@ -41,8 +41,10 @@ from simulator.scenario import override
 from simulator.simulate import motion, noise_free_rates, observe, realise
 from simulator.truth.motion import Motion
 from studies.montecarlo.study import GridConfig, Streams, Study, base_scenario
-from studies.natanson import figures, flight_gap
+from studies.natanson import flight_gap
+from studies.report import panels
 from studies.report.entry import Entry, Report
+from studies.report.tables import Table
 
 Array = NDArray[np.float64]
 
@@ -265,11 +267,13 @@ def report(config: NoiseConfig, rows: pd.DataFrame) -> Report:
         f"their χ² intervals ({config.confidence:.0%} for all together); ratio {ratio.min():.3f} to {ratio.max():.3f}.",
     )
     tables = {
-        "Sigma of each parameter at the flight's own noise": table,
-        "Parameters limited by the gyro, of 12 (reference sigma down, ARW in deg/√s across)": limits_table(rows),
-        "Spread over seeds and formal sigma": spreads,
+        "flight": Table("Sigma of each parameter at the flight's own noise", table),
+        "limits": Table(
+            "Parameters limited by the gyro, of 12 (reference sigma down, ARW in deg/√s across)", limits_table(rows)
+        ),
+        "spread": Table("Spread over seeds and formal sigma", spreads),
     }
-    return Report(findings, tables, {"sigma_over_arw": partial(_figure, rows, spreads)})
+    return Report(tables, {"sigma_over_arw": partial(_figure, rows, spreads)}, findings=findings)
 
 
 def _panel(axes: Axes, rows: pd.DataFrame, spreads: pd.DataFrame, names: tuple[str, ...], colours: dict[float, str]) -> None:
@@ -301,18 +305,18 @@ def _figure(rows: pd.DataFrame, spreads: pd.DataFrame, path: Path) -> Path:
     shades = mpl.colormaps["viridis"](np.linspace(0, 0.85, len(levels)))
     colours = {level: mpl.colors.to_hex(shade) for level, shade in zip(levels, shades, strict=True)}
     flown = _flight(rows)["arw_deg_per_sqrt_s"]
-    with mpl.rc_context(figures.STYLE):
+    with mpl.rc_context(panels.STYLE):
         figure = Figure(figsize=(8.6, 3.2), layout="constrained")
-        panels = figure.subplots(1, 3)
-        for axes, (name, members) in zip(panels, GROUPS.items(), strict=True):
+        grid = figure.subplots(1, 3)
+        for axes, (name, members) in zip(grid, GROUPS.items(), strict=True):
             _panel(axes, rows, spreads, members, colours)
             axes.axvline(flown, color="0.4", linestyle=":", linewidth=1)
             axes.set_title(f"worst of the {name}", loc="left", fontsize=9)
             axes.set_ylabel("sigma (deg/h)" if name == "biases" else "sigma (ppm)")
-        handles, labels = panels[0].get_legend_handles_labels()
+        handles, labels = grid[0].get_legend_handles_labels()
         figure.legend(handles, labels, loc="outside right center", fontsize=8, title="reference\nsigma (deg)", title_fontsize=8)
         figure.suptitle("dotted: the flight's ARW", fontsize=8, x=0.01, ha="left")
-        return figures.save(figure, path)
+        return panels.save(figure, path)
 
 
 STUDY = Study("studies.calibration.noise:STUDY", NoiseConfig, case)

@@ -27,8 +27,9 @@ from simulator.scenario import Scenario, override
 from simulator.simulate import motion, observe
 from studies.montecarlo.statistics import crossing, order, span
 from studies.montecarlo.study import GridConfig, Streams, Study, base_scenario
-from studies.natanson.figures import STYLE, save
 from studies.report.entry import Entry, Report
+from studies.report.panels import STYLE, save
+from studies.report.tables import Table
 
 RATES_DEG_S = (0.1, 0.25, 0.5, 1.0, 2.0, 5.0)
 STEPS_S = (0.5, 1.0, 2.0, 4.0, 8.0)
@@ -264,12 +265,12 @@ def _findings(rows: pd.DataFrame) -> list[str]:
 def report(config: PsiConfig, rows: pd.DataFrame) -> Report:
     """Where linear ψ and full ψ stop being good enough, and how their errors scale."""
     tables = {
-        "Where each ψ exceeds the limit in G": limits(rows),
-        "Order of the error in Δt": orders(rows),
-        "Order of linear ψ's difference in the slew rate": rate_orders(rows),
-        "Both ψ over slew angle, slew rate and step": rows.drop(columns=["case", "error"], errors="ignore"),
+        "limits": Table("Where each ψ exceeds the limit in G", limits(rows)),
+        "step_orders": Table("Order of the error in Δt", orders(rows)),
+        "rate_orders": Table("Order of linear ψ's difference in the slew rate", rate_orders(rows)),
+        "points": Table("Both ψ over slew angle, slew rate and step", rows.drop(columns=["case", "error"], errors="ignore")),
     }
-    return Report(tuple(_findings(rows)), tables, {"psi": partial(figure, rows)})
+    return Report(tables, {"psi": partial(figure, rows)}, findings=tuple(_findings(rows)))
 
 
 ENTRY = Entry(STUDY, "linear against full ψ over slew rate, step and slew angle", report)

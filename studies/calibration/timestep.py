@@ -36,9 +36,10 @@ from studies.montecarlo import statistics
 from studies.montecarlo.statistics import crossing, order, span
 from studies.montecarlo.study import Streams, Study, StudyConfig, base_scenario, case_motion, dispersed, observed
 from studies.natanson import flight, flight_gap
-from studies.natanson.figures import STYLE, save
 from studies.natanson.paper_tables import PARAMETER_UNIT, PARAMETER_UNIT_NAMES
 from studies.report.entry import Entry, Report
+from studies.report.panels import STYLE, save
+from studies.report.tables import Table
 
 Array = NDArray[np.float64]
 Way = tuple[float, Resampling]
@@ -347,11 +348,11 @@ def _bias(average: pd.DataFrame, finest: float) -> str:
 def report(config: TimestepConfig, rows: pd.DataFrame) -> Report:
     """What skipping and averaging cost in noise and in bias."""
     tables = {
-        "Skipping and averaging (largest or RMS over the parameters; ratios to the full stream)": summary(rows),
-        "Angle random walk by the spread between steps (deg/√s)": step_noise(rows),
-        "Bias and spread of each parameter": by_parameter(rows),
+        "steps": Table("Skipping and averaging (largest or RMS over the parameters; ratios to the full stream)", summary(rows)),
+        "step_noise": Table("Angle random walk by the spread between steps (deg/√s)", step_noise(rows)),
+        "parameters": Table("Bias and spread of each parameter", by_parameter(rows)),
     }
-    return Report(tuple(_findings(rows)), tables, {"timestep": partial(figure, rows)})
+    return Report(tables, {"timestep": partial(figure, rows)}, findings=tuple(_findings(rows)))
 
 
 ENTRY = Entry(STUDY, "skipping against averaging samples, steps of 0.5 to 8 s", report)

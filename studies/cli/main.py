@@ -31,7 +31,7 @@ from studies.cli import reproduce as cli_reproduce
 from studies.montecarlo import engine
 from studies.montecarlo.manifest import write_json
 from studies.report import calibration as calibration_report
-from studies.report import render
+from studies.report import tables as render
 from studies.report.console import check_writable, console
 from studies.validation import baseline
 

@@ -45,8 +45,9 @@ from studies.estimation.attitude_cases import (
 from studies.estimation.judging import HONEST, judged, nees_distribution, score, word
 from studies.montecarlo.statistics import LEVELS, accuracy_table, nees
 from studies.montecarlo.study import Streams, Study, dispersed
-from studies.natanson.figures import STYLE, save
 from studies.report.entry import Entry, Report
+from studies.report.panels import STYLE, save
+from studies.report.tables import Table
 
 Array = NDArray[np.float64]
 
@@ -253,18 +254,20 @@ def report(config: AlignmentConfig, rows: pd.DataFrame) -> Report:
         "One round of two steps over the Earth sensor's sigma",
         "All together, by parameter (true minus estimate)",
     )
-    tables = {algorithms: verdicts(rows), rounds: one_round(rows)}
+    data = {algorithms: verdicts(rows), rounds: one_round(rows)}
+    names = {algorithms: "algorithms", rounds: "one_round", parameters: "parameters"}
     if len(one) > 1:  # a spread of one case is none
-        tables[parameters] = accuracy_table(one[ERRORS].to_numpy(), one[SIGMAS].to_numpy(), PARAMETERS, UNITS)
+        data[parameters] = accuracy_table(one[ERRORS].to_numpy(), one[SIGMAS].to_numpy(), PARAMETERS, UNITS)
     dropped = {
         algorithms: ["cases", "dof", "largest_mean_in_standard_errors"],
         rounds: ["esa_factor", "kept_least_of_the_others"],
     }
-    shown = {title: tables[title].drop(columns=names) for title, names in dropped.items()}
-    if parameters in tables:
+    shown = {title: data[title].drop(columns=columns) for title, columns in dropped.items()}
+    if parameters in data:
         kept = ["parameter", "unit", "bias", "standard_error", "spread", "formal_sigma", *(f"coverage_{k}" for k in LEVELS)]
-        shown[parameters] = tables[parameters][kept]
-    return Report(tuple(_findings(rows)), tables, {"alignment": partial(figure, rows)}, shown)
+        shown[parameters] = data[parameters][kept]
+    tables = {names[title]: Table(title, table, shown=shown[title]) for title, table in data.items()}
+    return Report(tables, {"alignment": partial(figure, rows)}, findings=tuple(_findings(rows)))
 
 
 ENTRY = Entry(STUDY, "is the sensors' alignment found, by both algorithms, and what do two steps lose", report)

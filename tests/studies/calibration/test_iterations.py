@@ -104,5 +104,5 @@ def test_report(config, rows, tmp_path):
     first, again = (made.figures["iterations"](tmp_path / f"{name}.svg").read_bytes() for name in ("first", "again"))
     assert first == again
     few = rows[(rows["case"] == 0) & (rows["factor"] == 10)]  # whatever is left of a study has a report
-    assert isinstance(iterations.report(config, few).tables["Order of convergence"], pd.DataFrame)
+    assert isinstance(iterations.report(config, few).tables["convergence"].data, pd.DataFrame)
     report.write(iterations.report(config, few), "iterations", tmp_path)

@@ -124,5 +124,5 @@ def test_report(config, rows, tmp_path):
     first, again = (made.figures["timestep"](tmp_path / f"{name}.svg").read_bytes() for name in ("first", "again"))
     assert first == again
     one = rows[(rows["case"] == 0) & (rows["step_s"] == 0.5)]  # whatever is left of a study has a report
-    assert isinstance(timestep.report(config, one).tables["Bias and spread of each parameter"], pd.DataFrame)
+    assert isinstance(timestep.report(config, one).tables["parameters"].data, pd.DataFrame)
     report.write(timestep.report(config, one), "steps", tmp_path)

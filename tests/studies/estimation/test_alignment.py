@@ -87,7 +87,7 @@ def test_report_has_its_numbers_from_the_rows(rows, tmp_path):
 
 def test_one_case_has_a_report(rows):
     made = alignment.report(CONFIG, rows[rows["case"] == 0].reset_index(drop=True))
-    assert not any("by parameter" in title for title in made.tables)  # one case has no spread
+    assert "parameters" not in made.tables  # one case has no spread
 
 
 def test_injected_misalignment_is_the_rotation_of_the_papers_matrix():
