@@ -153,6 +153,13 @@ def distribution(samples: Array, flight: Array | None = None) -> pd.DataFrame:
     return table
 
 
+def beside(values: pd.Series, flight: float) -> dict[str, float]:
+    """Median and 5–95 % range of simulated values, the flight's, and the percentage of them below it; NaN if it did not fly."""
+    low, median, high = np.quantile(values, [0.05, 0.5, 0.95]) if len(values) else np.full(3, np.nan)
+    percentile = np.nan if np.isnan(flight) else 100 * float((values < flight).mean())
+    return {"median": median, "p05": low, "p95": high, "flight": flight, "flight_percentile": percentile}
+
+
 def order(x: ArrayLike, y: ArrayLike) -> float:
     """Slope of log y over log x by least squares: the n of y ∝ xⁿ; NaN from fewer than two points above zero."""
     x, y = np.asarray(x, dtype=float), np.asarray(y, dtype=float)

@@ -4,7 +4,7 @@ A CSV file holds the numbers under the columns' names. For people the numbers ha
 or few, and the heading has the column's unit.
 """
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from math import floor, inf, log10
 from pathlib import Path
@@ -94,6 +94,12 @@ def markdown(title: str, table: pd.DataFrame, note: str = "", formats: Mapping[s
 def write_csv(table: pd.DataFrame, path: Path) -> None:
     """Write the numbers of a table."""
     table.to_csv(path, index=False, float_format="%.9g")
+
+
+def by_group(rows: pd.DataFrame, keys: Sequence[str], line: Callable[[pd.DataFrame], Mapping[str, object]]) -> pd.DataFrame:
+    """A line for each group of rows with the same keys, in the order they come in: the keys, and what `line` makes of it."""
+    groups = rows.groupby(list(keys), sort=False)
+    return pd.DataFrame([{**dict(zip(keys, key, strict=True)), **line(part)} for key, part in groups])
 
 
 def _cells(table: pd.DataFrame, formats: Mapping[str, str]) -> Iterator[list[str]]:
