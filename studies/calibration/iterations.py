@@ -19,6 +19,7 @@ from gyrocal.calibration.problem import Problem
 from gyrocal.calibration.propagation import Psi
 from gyrocal.calibration.sampling import measurements
 from studies.calibration.prepared import Flown, shared
+from studies.montecarlo.settings import Different
 from studies.montecarlo.statistics import beside, crossing, order
 from studies.montecarlo.study import Streams, Study, StudyConfig, observed
 from studies.natanson import flight
@@ -49,16 +50,9 @@ class IterationsConfig(StudyConfig):
     """
 
     cases: int = 100
-    factors: tuple[float, ...] = FACTORS
+    factors: Different = FACTORS
     iterations: int = 8
     psi: Psi = "full"
-
-    @field_validator("factors")
-    @classmethod
-    def _positive(cls, value: tuple[float, ...]) -> tuple[float, ...]:
-        if not value or min(value) <= 0 or len(set(value)) < len(value):
-            raise ValueError("must be one or more different numbers above zero")
-        return value
 
     @field_validator("iterations")
     @classmethod

@@ -21,13 +21,13 @@ from typing import Any
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
-from pydantic import field_validator
 
 from gyrocal import NAMES
 from gyrocal.calibration.problem import Iterates, Problem
 from gyrocal.calibration.sampling import Resampling, measurements
 from studies.calibration.prepared import Flown, shared
 from studies.montecarlo import statistics
+from studies.montecarlo.settings import Rising
 from studies.montecarlo.statistics import crossing, order
 from studies.montecarlo.study import Streams, Study, StudyConfig, observed
 from studies.natanson import flight, flight_gap
@@ -55,14 +55,7 @@ class TimestepConfig(StudyConfig):
     """
 
     cases: int = 100
-    steps_s: tuple[float, ...] = STEPS_S
-
-    @field_validator("steps_s")
-    @classmethod
-    def _rising(cls, value: tuple[float, ...]) -> tuple[float, ...]:
-        if not value or value[0] <= 0 or any(b <= a for a, b in pairwise(value)):
-            raise ValueError("must be one or more rising numbers above zero")
-        return value
+    steps_s: Rising = STEPS_S
 
     def ways(self, sample_s: float) -> list[Way]:
         """Every way a case is calibrated; the sample itself is neither skipped nor averaged, and under "skip"."""
