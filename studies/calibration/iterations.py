@@ -18,7 +18,7 @@ from pydantic import field_validator
 from gyrocal.calibration.problem import Problem
 from gyrocal.calibration.propagation import Psi
 from gyrocal.calibration.sampling import measurements
-from studies.calibration.prepared import Flown, shared
+from studies.calibration.prepared import Flown, noise_of, shared
 from studies.montecarlo.settings import Different
 from studies.montecarlo.statistics import beside, crossing, order
 from studies.montecarlo.study import Streams, Study, StudyConfig, observed
@@ -82,7 +82,7 @@ def case(config: IterationsConfig, number: int, streams: Streams) -> list[dict[s
     directions = {"flown": own, "random": random_direction(streams.generator("initial_error"), own)}
     rows = []
     for noise in (False, True):
-        problem = prepared.with_case(*flown.realise(streams if noise else None))
+        problem = prepared.with_case(*flown.realise(noise_of(streams) if noise else None))
         for direction, error in directions.items():
             for factor in config.factors:
                 keys = {"direction": direction, "noise": noise, "factor": factor}

@@ -16,6 +16,7 @@ from simulator.truth.motion import Motion
 from studies.montecarlo.study import Streams, StudyConfig, base_scenario, case_motion, dispersed
 
 Array = NDArray[np.float64]
+Noise = tuple[np.random.Generator, np.random.Generator]
 Config = TypeVar("Config", bound=StudyConfig)
 Built = TypeVar("Built")
 
@@ -28,6 +29,11 @@ def true_parameters(scenario: Scenario) -> GyroParameters:
 def apriori_parameters(scenario: Scenario) -> GyroParameters:
     """G and b that a scenario's calibration starts from."""
     return GyroParameters(np.array(scenario.gyro.apriori_G), np.deg2rad(scenario.gyro.apriori_bias_deg_s))
+
+
+def noise_of(streams: Streams) -> Noise:
+    """The generators of a case's gyro noise and reference noise, each at its start."""
+    return streams.generator("gyro_noise"), streams.generator("reference_noise")
 
 
 @dataclass(frozen=True)
@@ -58,11 +64,9 @@ class Flown:
         truth, initial = (parameters(scenario).vector for parameters in (true_parameters, apriori_parameters))
         return cls(scenario, path, plain, rates, truth, initial)
 
-    def realise(self, streams: Streams | None, out: Array | None = None) -> tuple[Array, Array]:
-        """Raw rates (n, 3) and reference attitudes (m, 3, 3) with the noise of a case, or without any."""
-        names = ("gyro_noise", "reference_noise")
-        gyro, reference = (streams.generator(name) if streams else None for name in names)
-        rates, quaternions = realise(self.scenario, self.motion, self.rates, gyro, reference, out=out)
+    def realise(self, noise: Noise | None = None, out: Array | None = None) -> tuple[Array, Array]:
+        """Raw rates (n, 3) and reference attitudes (m, 3, 3) with noise from these generators, or without any."""
+        rates, quaternions = realise(self.scenario, self.motion, self.rates, *(noise or (None, None)), out=out)
         return rates, attitude.matrix_from_quaternion(quaternions)
 
 

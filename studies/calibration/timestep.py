@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 from gyrocal import NAMES
 from gyrocal.calibration.problem import Iterates, Problem
 from gyrocal.calibration.sampling import Resampling, measurements
-from studies.calibration.prepared import Flown, shared
+from studies.calibration.prepared import Flown, noise_of, shared
 from studies.montecarlo import statistics
 from studies.montecarlo.settings import Rising
 from studies.montecarlo.statistics import crossing, order
@@ -92,7 +92,7 @@ def case(config: TimestepConfig, number: int, streams: Streams) -> list[dict[str
     """One case: a row for each way."""
     prepared = _prepared(config, number)
     flown, sample_s = prepared.flown, prepared.flown.scenario.gyro.sample_s
-    (rates, A), (_, A_true) = flown.realise(streams), flown.realise(None)
+    (rates, A), (_, A_true) = flown.realise(noise_of(streams)), flown.realise()
     rows: list[dict[str, object]] = []
     finer: tuple[float, Array] | None = None
     for way, problem in prepared.problems.items():
