@@ -24,6 +24,7 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import lru_cache, partial
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -288,8 +289,9 @@ def _figure(rows: pd.DataFrame) -> panels.Draw:
     of = {str(name): part["from_oracle_G"].clip(lower=1e-16) for name, part in rows.groupby("estimator", sort=False)}
     noise = rows.loc[rows["estimator"] == ORACLE, "error_rms_G"]
     distances = {name: of[name] for name in (LINEAR_PSI, FULL_PSI, STREAMING, CONVERGED) if name in of}
-    x = "largest difference in G to the oracle; a stroke a case, dotted: limit; red: RMS error of G by noise"
-    return panels.sheet(panels.strokes(distances, (noise.min(), noise.max()), log="x", at=[AGREEMENT_G], x=x), size=(7.0, 2.4))
+    axes: dict[str, Any] = {"log": "x", "at": [AGREEMENT_G], "x": "largest difference in G to the oracle; a stroke a case"}
+    title = "dotted: limit of the agreement; red: RMS error of G by noise"
+    return panels.sheet(panels.strokes(distances, (noise.min(), noise.max()), title=title, **axes), size=(7.0, 2.4))
 
 
 ENTRY = Entry(STUDY, "Davenport's forms against non-linear least squares: same answer, at what cost", report)

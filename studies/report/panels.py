@@ -209,7 +209,7 @@ def heat_map(grid: pd.DataFrame, form: str = "{:.0e}", mark_above: float = np.in
     """
     values = np.asarray(grid.to_numpy(dtype=float))
     strength = np.log10(values) if log else values
-    middle = float(np.nanmean(strength))
+    middle = float(np.nanmin(strength) + np.nanmax(strength)) / 2
 
     def draw(on: Axes) -> None:
         on.grid(False)
