@@ -32,7 +32,7 @@ from studies.montecarlo.statistics import crossing, order
 from studies.montecarlo.study import Streams, Study, StudyConfig, observed
 from studies.natanson import flight, flight_gap
 from studies.report import panels
-from studies.report.checks import Check, at_most, extremes
+from studies.report.checks import Check, at_most, extremes, near
 from studies.report.entry import Entry, Report
 from studies.report.panels import Line
 from studies.report.tables import Table
@@ -253,8 +253,7 @@ def _checks(rows: pd.DataFrame) -> list[Check]:
     out = []
     for way, expected, slack in (("skip", 0.5, 0.0), ("average", 0.0, 1e-3)):
         power, uncertain = gyro_order(rows, way)
-        room = 4 * uncertain + slack
-        bounds = (expected - room, expected + room)
+        bounds = near(expected, 4 * uncertain + slack)
         out.append(Check(f"order in Δt of the gyro noise's part of the spread, {way}", power, bounds, meaning=ORDER))
     average = table[table["resampling"] == "average"]
     held = average["step_s"], average["held_sigma"]

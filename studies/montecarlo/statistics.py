@@ -6,6 +6,7 @@ the errors; the sum over n cases is χ² with np. Coverage counts |e| ≤ kσ; i
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -58,7 +59,7 @@ def nees_check(values: ArrayLike, dof: int, confidence: float = 0.99) -> Nees:
     return Nees(float(np.mean(found)), float(lower), float(upper), dof, n)
 
 
-def nees_line(values: ArrayLike, dof: int, confidence: float = LINE_CONFIDENCE) -> dict[str, object]:
+def nees_line(values: ArrayLike, dof: int, confidence: float = LINE_CONFIDENCE) -> dict[str, Any]:
     """The columns of a table that judge a mean NEES: cases, dof, nees_per_dof, low, high, verdict."""
     found = nees_check(values, dof, confidence)
     numbers = {"nees_per_dof": found.value / dof, "low": found.lower / dof, "high": found.upper / dof}

@@ -13,6 +13,7 @@ import pandas as pd
 
 from studies.montecarlo.statistics import CONSISTENT
 from studies.report.tables import NO_VALUE, number
+from studies.report.units import heading
 
 Verdict = Literal["pass", "fail", "note"]
 Bounds = tuple[float, float]
@@ -45,11 +46,13 @@ class Check:
 
     @property
     def verdict(self) -> Verdict:
-        """Whether the value is as it should be; a note without bounds, and where there is no value."""
-        if self.bounds is None or (isinstance(self.value, float) and math.isnan(self.value)):
+        """Whether the value is as it should be; a note without bounds, and where the rows say neither value nor bounds."""
+        if self.bounds is None:
             return "note"
         if isinstance(self.bounds, str) or isinstance(self.value, str):
             inside = self.value == self.bounds
+        elif any(math.isnan(number) for number in (self.value, *self.bounds)):
+            return "note"
         else:
             inside = self.bounds[0] <= self.value <= self.bounds[1]
         return "pass" if inside != self.outside else "fail"
@@ -63,6 +66,11 @@ def at_most(limit: float) -> Bounds:
 def at_least(limit: float) -> Bounds:
     """Bounds of a value that must reach a limit."""
     return (limit, math.inf)
+
+
+def near(expected: float, room: float) -> Bounds:
+    """Bounds of a value that must be as expected, within some room."""
+    return (expected - room, expected + room)
 
 
 def extremes(
@@ -93,7 +101,8 @@ def of_lines(table: pd.DataFrame, keys: Sequence[str], prefix: str = "", of: str
     """
     out = []
     for row in table[table[f"{prefix}expected"] != ""].to_dict("records"):
-        name = ", ".join([*(str(row[key]) for key in keys), *([of] if of else [])])
+        names = [f"{heading(key)} {row[key]:g}" if isinstance(row[key], float) else str(row[key]) for key in keys]
+        name = ", ".join([*names, of] if of else names)
         bounds = (row[f"{prefix}low"], row[f"{prefix}high"])
         outside = row[f"{prefix}expected"] != CONSISTENT
         out.append(Check(name, row[f"{prefix}nees_per_dof"], bounds, "NEES/dof", ALONE, outside))

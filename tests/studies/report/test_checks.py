@@ -28,6 +28,9 @@ from studies.report.checks import Check, at_least, at_most
         (Check("control's word", "biased", "consistent", outside=True), "pass"),
         (Check("no bounds", 7.0), "note"),
         (Check("not known", math.nan, (0.0, 1.0)), "note"),
+        (Check("bounds not known", 1.0, checks.near(1.0, math.nan)), "note"),
+        (Check("near", 1.2, checks.near(1.0, 0.3)), "pass"),
+        (Check("not near", 1.4, checks.near(1.0, 0.3)), "fail"),
     ],
 )
 def test_verdict(check, verdict):
