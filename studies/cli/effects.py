@@ -9,7 +9,7 @@ from simulator.effects import Effect
 from simulator.effects.sensor import ALL_EFFECTS
 from studies.cli.options import PATH
 from studies.montecarlo.files import check_writable, write_json
-from studies.report import render
+from studies.report import tables as render
 from studies.report.console import console
 
 

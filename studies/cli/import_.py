@@ -6,7 +6,7 @@ import click
 
 from gyrocal import InputError, save
 from studies.cli.options import PATH
-from studies.report import render
+from studies.report import tables as render
 from studies.report.console import console
 from studies.validation import broad
 

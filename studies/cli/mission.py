@@ -15,7 +15,7 @@ from simulator.mission_mode.config import DAY, MissionConfig, Mounting, mounted,
 from simulator.mission_mode.flight import AXES, MissionRun, flight_schedule, simulate_mission
 from studies.cli.options import PATH, STDOUT
 from studies.montecarlo.files import check_writable, json_text, write_json, write_parquet
-from studies.report import render
+from studies.report import tables as render
 from studies.report.console import console, progress
 from studies.robertson import flown
 from studies.robertson.runs import PERIODS

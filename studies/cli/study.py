@@ -10,7 +10,7 @@ from studies import catalogue
 from studies.cli.options import PATH, assignment
 from studies.montecarlo import engine
 from studies.montecarlo.files import check_writable, write_json
-from studies.report import render
+from studies.report import tables as render
 from studies.report.console import console
 
 

@@ -22,7 +22,8 @@ from studies.montecarlo.backends import Name
 from studies.montecarlo.files import write_csv, write_json, write_parquet, write_text
 from studies.montecarlo.study import base_scenario
 from studies.natanson import figures, flight, flight_gap, paper_tables
-from studies.report import render
+from studies.natanson.paper_layout import LAYOUTS, paper_layout
+from studies.report import tables as render
 from studies.report.console import progress
 
 DEFAULT_FOLDER = Path("results") / "reproduction"
@@ -220,8 +221,7 @@ def monte_carlo_part(rows: pd.DataFrame, scenario: Scenario, products: Products,
     truth = true_parameters(scenario)
     for name, title in TITLES.items():
         table = products.add(name, title, getattr(paper_tables, name)(rows))
-        layout, digits = paper_tables.LAYOUTS[name]
-        render.terminal(out, title, render.paper_layout(table, layout, digits), CELL_NOTE)
+        render.terminal(out, title, paper_layout(table, name), CELL_NOTE)
     accuracy = products.add("accuracy", "Recovered minus injected", paper_tables.accuracy(rows, truth))
     consistency = products.add("consistency", "Consistency of the claimed covariance", paper_tables.consistency(rows, truth))
     between = products.add("psi_difference", "Largest difference between full and linear ψ", paper_tables.psi_difference(rows))
@@ -281,9 +281,9 @@ def write(
     ]
     for name, table in products.tables.items():
         write_csv(folder / f"{name}.csv", table)
-        layout = paper_tables.LAYOUTS.get(name)
-        shown = render.paper_layout(table, *layout) if layout else table
-        text = render.markdown(products.titles[name], shown, CELL_NOTE if layout else "")
+        paper = name in LAYOUTS
+        shown = paper_layout(table, name) if paper else table
+        text = render.markdown(products.titles[name], shown, CELL_NOTE if paper else "")
         write_text(folder / f"{name}.md", text)
         sections.append(text)
     write_text(folder / "tables.md", "\n".join(sections))

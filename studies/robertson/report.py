@@ -17,7 +17,7 @@ from simulator.mission_mode.config import DAY, MissionConfig
 from simulator.mission_mode.flight import MissionRun, flight_schedule
 from studies.montecarlo import engine
 from studies.montecarlo.files import write_csv, write_json, write_text
-from studies.report import render
+from studies.report import tables as render
 from studies.report.console import progress
 from studies.robertson import biases, figures, mountings, performance, slews, words
 from studies.robertson.runs import PERIODS, SLEW_TABLES, SPIKE_FILTERS, STUDY, MissionStudy, Runs

@@ -122,9 +122,14 @@ def test_cases_follow_the_grid():
 
 def test_report(config, rows, tmp_path):
     made = psi.report(config, rows)
-    assert any(f"order {psi.span(psi.orders(rows)['full_error_G'], 3)} (first and second" in text for text in made.findings)
+    assert made.check("order in Δt of full ψ's error in G, smallest").value == psi.orders(rows)["full_error_G"].min()
+    assert made.check("order in Δt of full ψ's error in G, largest").verdict == "pass"
+    assert made.check("order in Δt of linear ψ's difference in G, largest").verdict == "pass"
+    assert made.check("G_difference of linear ψ at TRMM's rate and step, largest").verdict == "pass"
+    worse = rows.assign(G_difference=10 * rows["G_difference"])
+    assert psi.report(config, worse).check("G_difference of linear ψ at TRMM's rate and step, largest").verdict == "fail"
     first, again = (made.figures["psi"](tmp_path / f"{name}.svg").read_bytes() for name in ("first", "again"))
     assert first == again
     one = rows.head(1)  # whatever is left of a study has a report
-    assert psi.report(config, one).findings
+    assert psi.report(config, one).checks
     report.write(psi.report(config, one), "ψ", tmp_path)
