@@ -36,7 +36,7 @@ from studies.montecarlo.session import Interrupted, Session, known, locked
 from studies.montecarlo.store import Parts, decode, storage
 from studies.montecarlo.study import Streams, Study, StudyConfig, config_sha256, find, resolved
 
-__all__ = ["Interrupted", "Outcome", "Rerun", "Streams", "Study", "StudyConfig", "rerun", "run", "silent"]
+__all__ = ["Interrupted", "Name", "Outcome", "Rerun", "Streams", "Study", "StudyConfig", "rerun", "run", "silent"]
 
 logger = logging.getLogger(__name__)
 
@@ -160,11 +160,12 @@ def run(
         _check_case(config, case)
     folder = Path(folder)
     with locked(folder):
-        about = _about(study, config, ready, task_for(range(0)).config_sha256)
-        earlier = known(folder, about["config_sha256"])
-        about["chunk"] = _chunk(config.cases, chunk, earlier, folder)
-        parts = Parts(folder, config.cases, about["chunk"], about["config_sha256"])
-        session = Session(parts, task_for, about, earlier["runs"] if earlier else [], backend)
+        document = about(study, config)
+        sha256 = document["config_sha256"]
+        earlier = known(folder, sha256)
+        document["chunk"] = _chunk(config.cases, chunk, earlier, folder)
+        parts = Parts(folder, config.cases, document["chunk"], sha256)
+        session = Session(parts, task_for, document, earlier["runs"] if earlier else [], backend)
         table = folder / "table.parquet"
         with session.ending():
             missing = session.survey(retry_failed)
@@ -275,12 +276,15 @@ def _check_case(config: StudyConfig, case: int) -> None:
         raise InputError(f"case {case}: the study has the cases 0 to {config.cases - 1}")
 
 
-def _about(study: Study, config: StudyConfig, ready: StudyConfig, sha256: str) -> dict[str, Any]:
-    """What the manifest says about the study: the configuration as given, and the scenario it stands for."""
-    given, whole = config.model_dump(mode="json"), ready.model_dump(mode="json")
+def about(study: Study, config: StudyConfig) -> dict[str, Any]:
+    """What the manifest says about a study: the configuration as given, the scenario it stands for, and the hash of both."""
+    ready = resolved(config)
+    given = config.model_dump(mode="json")
     if not isinstance(config.scenario, str):
         given["scenario"] = config.scenario.title
-    return {"study": study.name, "config": given, "scenario": whole["scenario"], "config_sha256": sha256, "cases": config.cases}
+    scenario = ready.model_dump(mode="json")["scenario"]
+    sha256 = config_sha256(study, ready)
+    return {"study": study.name, "config": given, "scenario": scenario, "config_sha256": sha256, "cases": config.cases}
 
 
 def _same(before: pd.DataFrame, now: pd.DataFrame) -> bool:
