@@ -31,8 +31,9 @@ import scipy.special
 from matplotlib.figure import Figure
 from pydantic import Field, field_validator
 
+from studies.calibration.prepared import true_parameters
 from studies.estimation.attitude_cases import FixedFlightConfig
-from studies.estimation.filter_cases import SENSOR, true_parameters
+from studies.estimation.filter_cases import SENSOR
 from studies.estimation.judging import HONEST, judged, score, word
 from studies.estimation.reference_rows import (
     BLOCKS,
