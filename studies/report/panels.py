@@ -36,6 +36,7 @@ RED, TEAL, DARK, GREY = "#d1495b", "#00798c", "#30343f", "0.6"
 COLOURS = {"x": RED, "y": TEAL, "z": DARK}
 LINES = {"x": "-.", "y": "--", "z": "-"}  # N draws the pitch rate dashed
 SMALL = 7  # font size of ticks and legends
+MANY = 200  # points of a line: more are drawn as pixels
 
 
 @dataclass(frozen=True)
@@ -298,15 +299,27 @@ def nees_means(groups: Mapping[str, pd.DataFrame], **axes: Any) -> Panel:
     return Panel(draw, **{"x": "NEES per degree of freedom; band: consistent; red: outside", "log": "x"} | axes)
 
 
-def strokes(samples: Mapping[str, ArrayLike], expected: tuple[float, float] | None = None, **axes: Any) -> Panel:
-    """The values of every case, a stroke each, on a line a name; with a range beside which they are to be seen."""
+def strokes(
+    samples: Mapping[str, ArrayLike], expected: tuple[float, float] | None = None, spreads: bool = False, **axes: Any
+) -> Panel:
+    """The values of every case, a stroke each, on a line a name.
+
+    Parameters
+    ----------
+    samples : values by name
+    expected : range to see them beside
+    spreads : whether to draw their mean and standard deviation
+    axes : further attributes of the `Panel`
+    """
 
     def draw(on: Axes) -> None:
         if expected:
             on.axvspan(*expected, color=RED, alpha=0.2, linewidth=0)
         for y, values in enumerate(samples.values()):
             found = np.asarray(values, dtype=float)
-            on.plot(found, np.full(found.size, y), "|", color=TEAL, markersize=14)
+            on.plot(found, np.full(found.size, y), "|", color=TEAL, markersize=14, rasterized=found.size > MANY)
+            if spreads:
+                on.errorbar(found.mean(), y, xerr=found.std(ddof=1), fmt="o", color=DARK, markersize=4, capsize=5)
         on.set_yticks(range(len(samples)), list(samples))
         on.set_ylim(len(samples) - 0.5, -0.5)
 
