@@ -35,10 +35,10 @@ from studies.estimation.attitude_cases import (
     ANGLES,
     M_TRUE,
     AlignmentOrbit,
-    FixedFlightConfig,
     alignment_error,
     alignment_orbit,
 )
+from studies.estimation.flights import FixedFlightConfig
 from studies.montecarlo.settings import Different
 from studies.montecarlo.statistics import LEVELS, accuracy_table, nees, nees_line
 from studies.montecarlo.study import Streams, Study, dispersed

@@ -30,7 +30,7 @@ from gyrocal import GyroParameters, attitude, calibrate
 from gyrocal.estimation.mekf import KalmanFilter
 from gyrocal.estimation.onboard import OnBoardCalibrator, recorded
 from studies.calibration.prepared import true_parameters
-from studies.estimation.attitude_cases import RPO, FixedFlightConfig
+from studies.estimation.attitude_cases import RPO
 from studies.estimation.filter_cases import (
     ARW,
     OPENINGS,
@@ -39,11 +39,11 @@ from studies.estimation.filter_cases import (
     START,
     TRUTH,
     OnBoardCase,
-    VectorModel,
     independent_covariance,
     on_board_case,
     solved_with,
 )
+from studies.estimation.flights import DirectionSensor, FixedFlightConfig
 from studies.montecarlo.statistics import nees, nees_line
 from studies.montecarlo.study import Streams, Study, dispersed
 from studies.report import panels
@@ -133,7 +133,7 @@ class SteadyFlight:
         self.rate = np.array([0.0, -RPO, 0.0])
         self.raw = np.linalg.solve(TRUTH.G, self.rate - TRUTH.bias)
         self.step = attitude.rotation_matrix(-self.rate * 0.5)
-        self.model = VectorModel((np.array([[1.0, 0.0, 0.0]]), np.array([[0.0, 0.6, 0.8]])))
+        self.model = DirectionSensor((np.array([[1.0, 0.0, 0.0]]), np.array([[0.0, 0.6, 0.8]])))
 
     def run(self, samples: int, keep: bool = False) -> tuple[OnBoardCalibrator, int]:
         """The calibrator after so many samples, and the most memory that it and its passing inputs took; bytes.

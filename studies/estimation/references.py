@@ -27,8 +27,8 @@ from pydantic import Field, field_validator
 
 from studies.calibration.prepared import true_parameters
 from studies.estimation import reference_rows as flown
-from studies.estimation.attitude_cases import FixedFlightConfig
 from studies.estimation.filter_cases import SENSOR
+from studies.estimation.flights import FixedFlightConfig
 from studies.estimation.reference_rows import BLOCKS, CARRIED, INDEPENDENT, WHOLE, Rows
 from studies.montecarlo.statistics import nees_line
 from studies.montecarlo.study import Streams, Study, dispersed
