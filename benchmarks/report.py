@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 from rich.console import Console
 from rich.table import Table
 
-from studies.montecarlo.manifest import write_json
+from studies.montecarlo.files import write_json
 from studies.report import panels
 
 VERDICT = {True: "met", False: "not met", None: "–"}

@@ -77,7 +77,8 @@ def binomial_interval(successes: int, trials: int, confidence: float = 0.95) -> 
     """Wilson's interval of a proportion; all of [0, 1] without a trial. E. B. Wilson, J. Am. Stat. Assoc. 22 (1927) 209."""
     if trials == 0:
         return 0.0, 1.0
-    z, share = float(scipy.special.ndtri(0.5 + confidence / 2)), successes / trials
+    z = float(scipy.special.ndtri(0.5 + confidence / 2))
+    share = successes / trials
     middle = share + z**2 / (2 * trials)
     half = z * float(np.sqrt(share * (1 - share) / trials + z**2 / (4 * trials**2)))
     scale = 1 + z**2 / trials

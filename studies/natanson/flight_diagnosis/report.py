@@ -10,7 +10,7 @@ import pandas as pd
 from rich.console import Console
 
 from studies.montecarlo import engine
-from studies.montecarlo.manifest import write_json
+from studies.montecarlo.files import write_json
 from studies.montecarlo.statistics import binomial_interval
 from studies.natanson import flight
 from studies.natanson.flight_diagnosis.baselines import Diagnosis, documents, evidence_table, flight_diagnoses

@@ -1,7 +1,11 @@
 """The commands as a user types them."""
 
 import json
+import re
+import subprocess
+import sys
 
+import click
 import numpy as np
 import pandas as pd
 import pytest
@@ -10,8 +14,10 @@ import gyrocal
 from gyrocal import NAMES, load
 from simulator import scenario as scenarios
 from studies import catalogue
+from studies.cli.main import COMMANDS, main
 from studies.montecarlo import engine
 from studies.natanson import reproduce
+from tests import ROOT
 
 
 @pytest.mark.parametrize(
@@ -36,6 +42,32 @@ def test_help(run_cli, command):
     assert result.exit_code == 0
     if command:
         assert "Example" in result.stdout
+
+
+@pytest.mark.parametrize("option", ["--version", "--help"])
+def test_version_and_help_load_no_command(option):
+    heavy = "numba", "pandas", "matplotlib", "numpy", "scipy", "gyrocal"
+    code = (
+        "import sys; from studies.cli.main import main; main([sys.argv[1]], 'gyrocal', standalone_mode=False);"
+        f"print([name for name in {heavy!r} if name in sys.modules])"
+    )
+    done = subprocess.run([sys.executable, "-c", code, option], capture_output=True, text=True, check=True, cwd=ROOT)
+    assert done.stdout.splitlines()[-1] == "[]"
+    assert "gyrocal" in done.stdout
+
+
+def test_the_list_of_commands_says_what_each_says_itself(run_cli):
+    listed = run_cli("--help").stdout
+    for name, summary in COMMANDS.items():
+        own = main.get_command(click.Context(main), name)
+        assert own.get_short_help_str(10_000) == click.Command(name, help=summary).get_short_help_str(10_000)
+        assert re.search(rf"^  {name} +{re.escape(summary[:20])}", listed, flags=re.MULTILINE)
+
+
+def test_a_command_that_there_is_not(run_cli):
+    result = run_cli("simulat")
+    assert result.exit_code == 2
+    assert "No such command 'simulat'" in result.stderr
 
 
 def test_simulate_then_calibrate(run_cli, tmp_path):

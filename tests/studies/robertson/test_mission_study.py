@@ -22,11 +22,9 @@ from studies.robertson.runs import (
     PERIODS,
     SLEW_TABLES,
     SPIKE_SUN_DEG,
-    Flight,
     MissionStudy,
     day_of,
     flights,
-    fly,
     moved,
     slew_flight,
     spike_day,
@@ -281,23 +279,9 @@ def test_what_is_flown():
     assert kinds.to_dict() == {"months": 3, "slew": 2 * 2 * 4, "mounting": 12, "spikes": 3, "yaw": 2}
     assert len({one.seed for name, one in wanted.items() if name[0] == "months"}) == 3
     assert next(iter(wanted))[0] == "months"  # the longest first
+    assert MissionStudy(days=30.0, seeds=3, slews=4).cases == len(wanted)
     # Both states of a comparison see the same noise.
     assert len({one.seed for name, one in wanted.items() if name[0] == "spikes"}) == 1
-
-
-def test_threads_change_nothing():
-    wanted = {(str(k),): Flight(replace(BASE, tables=period_tables()["calibration1"]), 3000.0, k, 20) for k in range(3)}
-    one, two = fly(wanted, 1), fly(wanted, 3)
-    for name, run in one.items():
-        assert run.telemetry.equals(two[name].telemetry)
-        assert run.orbits.equals(two[name].orbits)
-
-
-def test_progress_is_told_of_every_day():
-    told = []
-    wanted = {("a",): Flight(BASE, 2.2 * DAY, 1), ("b",): Flight(BASE, 0.5 * DAY, 1)}
-    fly(wanted, 2, told.append)
-    assert sum(told) == sum(one.whole_days for one in wanted.values()) == 2
 
 
 def test_being_told_of_days_changes_nothing():
@@ -311,12 +295,6 @@ def test_the_example_of_the_loop_runs():
     result = doctest.testmod(mission_mode)
     assert result.attempted > 0
     assert result.failed == 0
-
-
-def test_a_flight_that_fails_is_told():
-    broken = replace(BASE, maneuvers=(replace(flight_schedule(BASE, 30.0).maneuvers[0]),) * 2)
-    with pytest.raises(ValueError, match="within another"):
-        fly({("good",): Flight(BASE, 1000.0, 1), ("bad",): Flight(broken, 1000.0, 1)}, 2)
 
 
 def test_daily_means_split_at_uploads():
