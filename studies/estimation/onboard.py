@@ -229,8 +229,6 @@ def _checks(rows: pd.DataFrame) -> list[Check]:
         out.append(
             Check(f"memory kept after {last['samples']:.0f} samples", float(last["object_bytes"]), kept, "bytes", CONSTANT)
         )
-        for name, what in (("cost_peak_kib", "on board"), ("cost_kept_kib", "with the samples kept")):
-            out += [Check(f"most in use {what}, {one['samples']:.0f} samples", one[name], None, "KiB") for one in (first, last)]
     return [*out, enough_cases(table)]
 
 
