@@ -141,7 +141,7 @@ def noise(report: SampleReport, recording: Recording, quiet: Mask, sigma: float,
             p_colour = max(float(2 * scipy.stats.norm.sf(abs(one.colour - 1) / one.colour_sigma)), IMPOSSIBLE)
         report.tests.append(
             SampleTest(
-                "noise_colour", AXES[axis], one.colour, 1.0, p_colour, "noise_colour",
+                "noise_colour", AXES[axis], one.colour, 1.0, p_colour, "noise_colour" if one.colour < 1 else "slow_noise",
                 f"means over {AVERAGED} samples have {one.colour:.3f} times the noise power of white noise",
             )
         )  # fmt: skip
@@ -165,6 +165,13 @@ def _name(report: SampleReport, found: dict[int, Level], sigma: float, coarse: M
             report.density[:, axis] *= min(test.value**2, test.value**2 * one.colour)
             report.symptoms.append(
                 Symptom("noise_colour", AXES[axis], one.colour, "of white noise", one.colour_sigma, {}, colour.p_value)
+            )
+        elif coloured and test.p_value < EVENT_P:
+            # More than white noise at lower frequencies: what that is, the attitude sees better.
+            report.noise_factor[axis] = test.value
+            report.density[:, axis] *= test.value**2
+            report.symptoms.append(
+                Symptom("slow_noise", AXES[axis], one.colour, "of white noise", one.colour_sigma, {}, colour.p_value)
             )
         elif test.p_value < EVENT_P:
             white.append(axis)

@@ -14,8 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from diagnosis.detectors.clipping import saturation
-from diagnosis.detectors.gap_interpolation import filled
+from diagnosis.detectors.gap_interpolation import filled, runs
 from diagnosis.detectors.lattice import ODDS, Kind, lattice_step, sweep_odds, undone
+from diagnosis.detectors.noise_structure import constancy, together
 from diagnosis.detectors.outliers import spikes
 from diagnosis.detectors.report import AXES, EVENT_P, IMPOSSIBLE, SampleReport, SampleTest, Symptom, consecutive, inside
 from diagnosis.detectors.sample_noise import local_noise, noise, quiet
@@ -30,6 +31,7 @@ Mask = NDArray[np.bool_]
 
 COARSE = 0.05  # a lattice finer than this share of the noise is the number format, not the gyro
 HIDING = 2.0  # noise sigmas in a step, above which a lattice hides slow motion
+FAR = 8.0  # noise sigmas from its neighbours at which a value was not measured
 SMOOTH_S = 20.0  # s, longest window of the smoothing
 
 
@@ -62,6 +64,9 @@ def examine(recording: Recording, lattice: Kind | None = None) -> SampleReport:
         report.lines = lines(report, recording, still)
         noise(report, recording, still, sigma, steps, coarse, cut)
         report.noise = sigma * report.noise_factor
+        if not coarse.any():
+            together(report, recording, still)
+            constancy(report, recording, used)
         _zero_mass(report, recording, used, coarse)
         _off_the_lattice(report, recording, steps, coarse, cut, sigma)
     report.smooth = smoothed_rates(report.rates, recording)
@@ -127,8 +132,24 @@ def _stale(report: SampleReport, recording: Recording, used: Mask, coarse: Mask)
     if found.p_value >= EVENT_P:
         return
     parameters: dict[str, float | str] = {"fraction": found.fraction}
-    report.symptoms.append(Symptom("repeats", None, found.size, "samples", found.sigma, parameters, found.p_value))
+    kind = "repeats" if _is_measured(rates, found.mask) else "filled_samples"
+    text = "" if kind == "repeats" else "samples repeat a value that is far from its neighbours, so that it was filled in"
+    report.symptoms.append(Symptom(kind, None, found.size, "samples", found.sigma, parameters, found.p_value, text))
     _fill(report, recording, found.mask)
+
+
+def _is_measured(rates: Array, repeated: Mask) -> bool:
+    """Whether the values that are repeated lie among their neighbours, as samples held over do and filler does not."""
+    edges = [(low, high) for low, high in runs(repeated) if low >= 3 and high + 1 < len(rates)]
+    if not edges:
+        return True
+    low, high = np.array(edges).T
+    source, before, after = rates[low - 1], rates[low - 2], rates[high]
+    share = 1.0 / (high - low + 2)[:, None]
+    departure = np.abs(source - ((1 - share) * before + share * after))
+    noise = np.median(np.abs(np.diff(rates, 2, axis=0)), axis=0) / 0.6745 / np.sqrt(6)
+    change = np.abs(after - before)
+    return bool(np.median((departure / np.maximum(FAR * noise, change)).max(axis=1)) < 1)
 
 
 def _fill(report: SampleReport, recording: Recording, bad: Mask) -> None:

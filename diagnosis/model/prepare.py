@@ -29,6 +29,7 @@ AXES = "xyz"
 ITERATIONS = 10
 SETTLED = 1e-3  # sigmas of the last correction
 CLEARLY = 12.0  # of χ², by which the attitude decides how readings came onto a lattice
+LIKELY = 5.0  # log odds of a dead zone from the samples, from which on what it hides may look like noise of the references
 UNSEEN = 0.5  # of its plausible range: a parameter less certain than that is not observed
 
 
@@ -82,7 +83,9 @@ def prepare(recording: Recording) -> Prepared:
 def _reference_noise(model: RecordingModel, report: SampleReport, dead: tuple[DeadStretches, ...]) -> ReferenceNoise | None:
     """The test of the references' noise, where no gyro hides motion between two references, which would look like it."""
     blind = set(np.flatnonzero(report.hidden | report.lattice).tolist())
-    silent = np.any([np.zeros(len(report.rates), dtype=bool), *(one.stretch >= 0 for one in dead)], axis=0)
+    silent = np.any(
+        [np.zeros(len(report.rates), dtype=bool), *(one.stretch >= 0 for one in dead if one.log_odds > LIKELY)], axis=0
+    )
     noise = reference_noise(model, np.median(report.density, axis=0), silent)
     return None if noise is not None and (noise.axis in blind or len(blind) == 3) else noise
 
