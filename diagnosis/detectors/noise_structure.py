@@ -26,7 +26,6 @@ AUTOCORRELATION = comb(4 * ORDER, 2 * ORDER) / POWER**2  # sum of the squared au
 TRIM = 5.0  # robust sigmas beyond which a difference does not count
 FEWEST = 400  # differences of a part, below which it is not compared
 NOTABLE = 0.05  # relative difference of the variance that matters
-EVENT_P = 1e-6  # p below which the noise is not as M0 has it
 
 
 def together(report: SampleReport, recording: Recording, quiet: Mask) -> None:
@@ -45,7 +44,7 @@ def together(report: SampleReport, recording: Recording, quiet: Mask) -> None:
         pair = AXES[i] + AXES[j]
         text = f"the noise of gyros {AXES[i]} and {AXES[j]} correlates by {coefficient:.3f}"
         report.tests.append(SampleTest("noise_correlation", pair, coefficient, 0.0, p, "noise_correlation", text))
-        if p < EVENT_P and abs(coefficient) > NOTABLE:
+        if p < report.event_p and abs(coefficient) > NOTABLE:
             error = float(np.sqrt(AUTOCORRELATION / len(d)))
             report.symptoms.append(Symptom("noise_correlation", None, coefficient, "of the noise", error, {}, p, text))
 
@@ -73,7 +72,7 @@ def constancy(report: SampleReport, recording: Recording, used: Mask) -> None:
         p, ratio, count = _least(z, kept, [group for group in groups if group.sum() >= FEWEST])
         text = f"the noise of gyro {AXES[axis]} is {np.sqrt(ratio):.2f} times that of the whole in one part of the recording"
         report.tests.append(SampleTest("noise_constancy", AXES[axis], ratio, 1.0, p, "noise_constancy", text))
-        if p < EVENT_P and abs(ratio - 1) > 2 * NOTABLE:
+        if p < report.event_p and abs(ratio - 1) > 2 * NOTABLE:
             error = float(ratio * np.sqrt(2 * AUTOCORRELATION / max(count, 1)))
             report.symptoms.append(Symptom("noise_constancy", AXES[axis], ratio, "of its power", error, {}, p, text))
 

@@ -14,6 +14,7 @@ import scipy.stats
 from numpy.typing import NDArray
 
 from diagnosis.model.recording import RecordingModel
+from diagnosis.settings import DEFAULT, DiagnosisSettings
 
 Array = NDArray[np.float64]
 
@@ -22,7 +23,6 @@ TRIM = 3.0  # robust sigmas beyond which a difference does not count
 TRIMMED = 0.9733  # variance of a normal variable cut there
 FEWEST = 40  # second differences of an axis, below which nothing is said
 TRIMMING = 1.1  # times the variance of a mean square whose limit was estimated
-LEVEL = 1e-5  # p below which the references' noise is not as stated
 
 
 @dataclass(frozen=True)
@@ -35,6 +35,7 @@ class ReferenceNoise:
     p_value : that all three are one
     axis : the one axis that departs, or None for all
     correlation, correlation_p : largest correlation between two axes, and the p-value of there being none
+    event_p : p-value below which the noise is not as stated
     constancy, constancy_p : largest ratio of the power in one interval, or in motion, to the rest, and the p-value of one
     """
 
@@ -46,11 +47,12 @@ class ReferenceNoise:
     correlation_p: float = 1.0
     constancy: float = 1.0
     constancy_p: float = 1.0
+    event_p: float = DEFAULT.sample_event
 
     @property
     def departs(self) -> bool:
         """Whether the noise is not as stated."""
-        return self.p_value < LEVEL
+        return self.p_value < self.event_p
 
     @property
     def factors(self) -> Array:
@@ -65,7 +67,9 @@ class ReferenceNoise:
         return out
 
 
-def reference_noise(model: RecordingModel, density: Array, dead: Array) -> ReferenceNoise | None:
+def reference_noise(
+    model: RecordingModel, density: Array, dead: Array, settings: DiagnosisSettings = DEFAULT
+) -> ReferenceNoise | None:
     """Test of the references' noise; None without a series of references.
 
     Parameters
@@ -73,6 +77,7 @@ def reference_noise(model: RecordingModel, density: Array, dead: Array) -> Refer
     model : linearised about the calibration
     density : (3,) noise density of the gyros, rad²/s
     dead : (n,) samples in which a gyro may show nothing; what it then misses would pass for noise of the references
+    settings : thresholds
     """
     missed = np.concatenate([[0], np.cumsum(dead)])
     t_s = model.references.t_s
@@ -123,7 +128,13 @@ def reference_noise(model: RecordingModel, density: Array, dead: Array) -> Refer
     moving = rates > 0.5 * (np.quantile(rates, 0.02) + np.quantile(rates, 0.98))
     groups = [moving, *(owner[k] == number for number in np.unique(owner[k]))]
     return ReferenceNoise(
-        factor, error, max(p_all, 1e-300), axis, *_correlation(scaled, kept), *_constancy(scaled, kept, groups)
+        factor,
+        error,
+        max(p_all, 1e-300),
+        axis,
+        *_correlation(scaled, kept),
+        *_constancy(scaled, kept, groups),
+        settings.sample_event,
     )
 
 

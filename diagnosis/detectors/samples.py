@@ -18,10 +18,11 @@ from diagnosis.detectors.gap_interpolation import filled, runs
 from diagnosis.detectors.lattice import ODDS, Kind, lattice_step, sweep_odds, undone
 from diagnosis.detectors.noise_structure import constancy, together
 from diagnosis.detectors.outliers import spikes
-from diagnosis.detectors.report import AXES, EVENT_P, IMPOSSIBLE, SampleReport, SampleTest, Symptom, consecutive, inside
+from diagnosis.detectors.report import AXES, IMPOSSIBLE, SampleReport, SampleTest, Symptom, consecutive, inside
 from diagnosis.detectors.sample_noise import local_noise, noise, quiet
 from diagnosis.detectors.spectral_lines import lines
 from diagnosis.detectors.stale_samples import repeats
+from diagnosis.settings import DEFAULT, DiagnosisSettings
 from gyrocal.recording import Recording
 from simulator.effects.recorded import interval_slices
 from simulator.effects.smoothing import noise_level, smoothed
@@ -35,18 +36,20 @@ FAR = 8.0  # noise sigmas from its neighbours at which a value was not measured
 SMOOTH_S = 20.0  # s, longest window of the smoothing
 
 
-def examine(recording: Recording, lattice: Kind | None = None) -> SampleReport:
+def examine(recording: Recording, lattice: Kind | None = None, settings: DiagnosisSettings = DEFAULT) -> SampleReport:
     """All stream tests of a recording, and its repaired stream.
 
     Parameters
     ----------
     recording : what was recorded
     lattice : how readings on a lattice came there; by default as a sweep through zero shows, rounded if there is none
+    settings : thresholds
     """
     gyro = recording.gyro
     sigma = gyro.arw / np.sqrt(gyro.sample_s)
     none = np.zeros(gyro.t_s.size, dtype=bool)
     report = SampleReport([], [], gyro.rates.copy(), np.full(gyro.rates.shape, gyro.arw**2), none, none.copy())
+    report.event_p, report.line_p = settings.sample_event, settings.line
     used = inside(recording)
     steps = np.array([lattice_step(gyro.rates[used, axis]) for axis in range(3)])
     coarse = steps > COARSE * sigma
@@ -120,7 +123,7 @@ def _stale(report: SampleReport, recording: Recording, used: Mask, coarse: Mask)
     equal = np.zeros(rates.shape, dtype=bool)
     equal[1:] = rates[1:] == rates[:-1]
     clipped = (np.abs(rates) >= np.abs(rates[used]).max(axis=0) * (1 - 1e-12)).any(axis=1)
-    found = repeats(equal, consecutive(recording, used) & ~clipped, coarse, EVENT_P)
+    found = repeats(equal, consecutive(recording, used) & ~clipped, coarse, report.event_p)
     if found is None:
         return
     report.tests.append(
@@ -129,7 +132,7 @@ def _stale(report: SampleReport, recording: Recording, used: Mask, coarse: Mask)
             "repeats", f"{found.count} of {found.samples} samples repeat the one before on all axes",
         )
     )  # fmt: skip
-    if found.p_value >= EVENT_P:
+    if found.p_value >= report.event_p:
         return
     parameters: dict[str, float | str] = {"fraction": found.fraction}
     kind = "repeats" if _is_measured(rates, found.mask) else "filled_samples"
@@ -172,7 +175,7 @@ def _zero_mass(report: SampleReport, recording: Recording, used: Mask, coarse: M
         report.tests.append(
             SampleTest("zero_samples", AXES[axis], count, 0.0, p, "dead_zone", f"{count} samples read exactly zero")
         )
-        if p < EVENT_P:
+        if p < report.event_p:
             smallest = float(np.rad2deg(other[:3].mean()))
             spacing = float(np.rad2deg(other[3:30].mean())) - smallest
             report.symptoms.append(

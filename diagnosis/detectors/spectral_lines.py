@@ -21,7 +21,6 @@ Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
 FEWEST_CYCLES = 4.0  # of a line in the longest quiet arc: fewer are a trend
-LINE_P = 1e-8  # p of a line: the level around it is itself estimated
 CLEAR_TONE = 5.0  # sigmas of its amplitude over all arcs, for a line to be a tone
 SHORTEST = 256  # samples of a segment
 HALVINGS = 6  # lengths of segments that are tried, from the longest arc down
@@ -78,7 +77,7 @@ def lines(report: SampleReport, recording: Recording, quiet: Mask) -> list[Line]
                     )
                 )  # fmt: skip
             # Rounding a slow motion makes lines of its own.
-            if p >= LINE_P or report.lattice[axis]:
+            if p >= report.line_p or report.lattice[axis]:
                 break
             line = _tone(x, recording, axis, peak, found)
             if line is None:
