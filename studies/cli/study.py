@@ -64,7 +64,7 @@ def command(
         _show_rerun(catalogue.rerun(name, folder, settings, again, config), folder)
         return
     terminal = console()
-    outcome = catalogue.run(name, folder, settings, terminal, config, catalogue.Where(**options))
+    outcome = catalogue.run(name, folder, settings, terminal, config, **options)
     terminal.print(outcome.summary(), highlight=False, markup=False)
     for message, count in outcome.warnings.items():
         click.echo(f"gyrocal: warning, {count} times: {message}", err=True)

@@ -79,15 +79,14 @@ def run(
     out = console or Console(quiet=True)
     config = paper_tables.PaperTablesConfig(cases=cases, entropy=entropy)
     scenario = base_scenario(config)
-    folder.mkdir(parents=True, exist_ok=True)
     products = Products()
-    flight_part(scenario, products, out)
     display = partial(progress, quiet=out.quiet)
     work = engine.work_folder(folder, paper_tables.STUDY, config)
     backend: Name = "loky" if jobs > 1 else "serial"
     outcome = engine.run(paper_tables.STUDY, config, work, backend=backend, jobs=jobs, progress=display)
     outcome.check()
     rows = outcome.load()
+    flight_part(scenario, products, out)
     products.summary |= {"cases": config.cases, "entropy": config.entropy}
     monte_carlo_part(rows, scenario, products, out)
     psi_part(scenario, products, out)

@@ -17,6 +17,7 @@ from simulator.mission_mode.config import DAY, MissionConfig
 from simulator.mission_mode.flight import MissionRun, flight_schedule
 from studies.montecarlo import engine
 from studies.montecarlo.files import write_csv, write_json, write_text
+from studies.report import checks
 from studies.report import tables as render
 from studies.report.console import progress
 from studies.robertson import biases, figures, mountings, performance, slews, words
@@ -221,15 +222,15 @@ def _write(
     extra = {"daily": daily, "slews": slews.targeting(runs), "updates": updates}
     for name, table in {**tables, **extra}.items():
         write_csv(folder / f"{name}.csv", table, digits=6)
+    found = words.checks(tables, summary)
     sections = [
         "# Mission Mode beside the flight",
         "",
         words.LEAD.strip(),
         "",
         render.markdown("Summary", summary_table(summary)),
-        "## Findings",
-        "",
-        *(f"- {one}" for one in words.findings(tables, summary)),
+        render.markdown("What was found", checks.shown(found)),
+        *(f"- {one}" for one in checks.meanings(found)),
         "",
         "## What is not published, and what follows from it",
         "",

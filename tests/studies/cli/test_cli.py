@@ -16,7 +16,7 @@ from simulator import scenario as scenarios
 from studies import catalogue
 from studies.cli.main import COMMANDS, main
 from studies.montecarlo import engine
-from studies.natanson import reproduce
+from studies.natanson import paper_tables, reproduce
 from tests import ROOT
 
 
@@ -211,6 +211,8 @@ def test_study_runs_resumes_and_reruns(run_cli, tmp_path):
     assert "3 cases, none failed" in first.stdout
     assert json.loads((tmp_path / "paper.json").read_text())["failures"] == {}
     assert {"manifest.json", "table.parquet", "report.md", "residuals.csv"} <= {p.name for p in (tmp_path / "paper").iterdir()}
+    hashed = json.loads((tmp_path / "paper" / "manifest.json").read_text())["files"]
+    assert set(hashed) == {p.name for p in (tmp_path / "paper").iterdir() if p.is_file()} - {"manifest.json", ".lock"}
     assert "3 of them from an earlier run" in run_cli(*arguments, "--backend", "serial").stdout
     again = run_cli(*arguments, "--rerun", "2")
     assert "bit for bit" in again.stdout
@@ -256,3 +258,23 @@ def test_reproduce_writes_everything_and_repeats_itself(run_cli, tmp_path):
     other = json.loads((tmp_path / "b" / "manifest.json").read_text())
     # Figures, tables and numbers are the same to the bit.
     assert manifest["files"] == other["files"]
+
+
+def test_a_reproduction_that_was_stopped_goes_on(run_cli, tmp_path, monkeypatch):
+    arguments = ("reproduce", "--paper", "natanson", "--cases", "3", "--jobs", "1", "--out", str(tmp_path))
+    with monkeypatch.context() as patch:
+        patch.setattr(reproduce, "flight_part", pressed)  # when all cases are there
+        assert run_cli(*arguments).exit_code == 1
+    (rows,) = (tmp_path / "work").rglob("table.parquet")
+    config = paper_tables.PaperTablesConfig(cases=3)
+    assert rows.parent == engine.work_folder(tmp_path, paper_tables.STUDY, config)
+    assert rows.parent != engine.work_folder(tmp_path, paper_tables.STUDY, config.model_copy(update={"entropy": 7}))
+    (rows.parent / "parts" / "part-000001.parquet").unlink()
+    result = run_cli(*arguments)
+    assert result.exit_code == 0, result.stderr
+    assert json.loads((tmp_path / "manifest.json").read_text())["runs"][-1]["resumed"] == 2
+    assert not (tmp_path / "work").exists()
+
+
+def pressed(*arguments):
+    raise KeyboardInterrupt
