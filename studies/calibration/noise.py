@@ -261,7 +261,13 @@ def _figure(rows: pd.DataFrame, spreads: pd.DataFrame) -> panels.Draw:
         lines.append(Line(worst["arw_deg_per_sqrt_s"], worst["spread"], "spread of seeds", panels.RED, "s", *ranges))
         unit = "deg/h" if group == "biases" else "ppm"
         drawn.append(panels.curves(lines, title=f"worst of the {group}", y=f"sigma ({unit})", **axes))
-    return panels.sheet(*drawn, size=(8.6, 3.2), title="dotted: the flight's ARW", legend_title="reference\nsigma (deg)")
+    return panels.sheet(
+        *drawn,
+        size=(8.6, 3.2),
+        title="dotted: the flight's ARW",
+        legend="outside right center",
+        legend_title="reference\nsigma (deg)",
+    )
 
 
 ENTRY = Entry(STUDY, "how gyro and reference noise limit each parameter", report)

@@ -35,10 +35,10 @@ from studies.estimation.attitude_cases import (
     ANGLES,
     M_TRUE,
     AlignmentOrbit,
-    FixedFlightConfig,
     alignment_error,
     alignment_orbit,
 )
+from studies.estimation.flights import FixedFlightConfig
 from studies.montecarlo.settings import Different
 from studies.montecarlo.statistics import LEVELS, accuracy_table, nees, nees_line
 from studies.montecarlo.study import Streams, Study, dispersed
@@ -259,7 +259,7 @@ ENTRY = Entry(STUDY, "is the sensors' alignment found, by both algorithms, and w
 
 def _figure(rows: pd.DataFrame) -> panels.Draw:
     """NEES of the consistent algorithms beside χ², and the yaw that one round of two steps leaves."""
-    nees_of = {name: rows.loc[rows["algorithm"] == name, "nees"] for name in (EXACT, REPEATED, TOGETHER)}
+    nees_of = {name: rows.loc[rows["algorithm"] == name, "nees"] for name in (EXACT, TOGETHER, REPEATED)}
     table = one_round(rows)
     sigma, error, predicted = (table[name] for name in ("esa_sigma_mdeg", "yaw_error_mdeg", "yaw_error_predicted_mdeg"))
     found = Line(sigma, error, "found: mean, stated sigma", panels.RED, "o", *_either_side(error, table["sigma_mdeg"]), True)
