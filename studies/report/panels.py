@@ -16,6 +16,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import ArrayLike, NDArray
 
+from gyrocal.files import replacing
 from studies.montecarlo.statistics import CONSISTENT
 
 Array = NDArray[np.float64]
@@ -141,8 +142,8 @@ def sheet(*panels: Panel, **options: Any) -> Draw:
 def save(figure: Figure, path: Path) -> Path:
     """Write SVG (and PNG for a .png path) with stable bytes."""
     metadata = {"Date": None} if path.suffix == ".svg" else {}
-    with mpl.rc_context(STYLE):
-        figure.savefig(path, dpi=160, metadata=metadata)
+    with mpl.rc_context(STYLE), replacing(path) as file:
+        figure.savefig(file, format=path.suffix[1:], dpi=160, metadata=metadata)
     return path
 
 
