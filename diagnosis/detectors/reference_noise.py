@@ -17,6 +17,7 @@ from diagnosis.model.recording import RecordingModel
 from diagnosis.settings import DEFAULT, DiagnosisSettings
 
 Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
 
 CORRELATED = 1 + 2 * 17 / 36
 TRIM = 3.0  # robust sigmas beyond which a difference does not count
@@ -138,7 +139,7 @@ def reference_noise(
     )
 
 
-def _correlation(z: Array, kept: Array) -> tuple[float, float]:
+def _correlation(z: Array, kept: Mask) -> tuple[float, float]:
     """Largest correlation coefficient between two axes, and the p-value of all three being zero."""
     found = []
     for i, j in ((0, 1), (0, 2), (1, 2)):
@@ -151,7 +152,7 @@ def _correlation(z: Array, kept: Array) -> tuple[float, float]:
     return coefficient, max(p, 1e-300)
 
 
-def _constancy(z: Array, kept: Array, groups: list[Array]) -> tuple[float, float]:
+def _constancy(z: Array, kept: Mask, groups: list[Mask]) -> tuple[float, float]:
     """Largest ratio of the power of one group to that of the rest, and the p-value of all being one."""
     best = (1.0, 1.0)
     for axis in range(3):

@@ -5,10 +5,10 @@ import pytest
 import scipy.stats
 
 from diagnosis.inference.attribution import attribute
-from diagnosis.model.candidates import Bank, Candidate
 from diagnosis.inference.evidence import Conditioning, Option, averaged, log_bayes, scales_of
-from diagnosis.model.localization import benjamini_hochberg, holm
 from diagnosis.inference.search import Member, Search
+from diagnosis.model.candidates import Bank, Candidate
+from diagnosis.model.localization import benjamini_hochberg, holm
 
 
 def _bank(columns, listed=None, prior=None):

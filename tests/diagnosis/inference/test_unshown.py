@@ -2,12 +2,12 @@
 
 import numpy as np
 import pytest
+from diagnosis.inference.unshown import is_of_the_zone, without_unshown
 
 from diagnosis.detectors.deadzone import NARROWEST, SLOW, TRIED, _log_ratios
 from diagnosis.detectors.report import StreamCause
-from diagnosis.model.candidates import build
 from diagnosis.inference.search import Explanation, Search
-from diagnosis.inference.unshown import is_of_the_zone, without_unshown
+from diagnosis.model.candidates import build
 from diagnosis.model.prepare import prepare
 from simulator import scenario
 from simulator.effects import parse
