@@ -4,11 +4,12 @@ Under an explanation with the scaled columns C = [s_e X_e …] the observations 
 e = L⁻¹ y, L the Cholesky factor, are independent with variance one, in the order of time within each interval. General
 statistics ask whether they are: their size, their correlation in time, lines of any period, patterns that repeat with the time
 since an interval's start or with the orbit, dependence on rate, acceleration, mission time and housekeeping, constancy of
-their variance over the intervals and with the rate, and their shape.
+their variance over the intervals and with the rate, and single large ones.
 
 The distribution of each statistic comes from draws of the named model itself, with the nuisance parameters projected out of
 them as they are out of the data, after a transformation that makes it nearly normal (the cube root, Wilson & Hilferty 1931), so
-that p-values can be read beyond what the draws resolve. Gelman et al., Bayesian Data Analysis, section 6.3.
+that p-values can be read beyond what the draws resolve; a maximum has Gumbel's distribution instead. Gelman et al., Bayesian
+Data Analysis, section 6.3.
 """
 
 from __future__ import annotations
@@ -33,6 +34,8 @@ PERIODS = 48  # of the scan for a line
 FOLD = 12  # bins of a pattern that repeats
 FEWEST = 12  # observations, below which nothing can be checked
 TINY = 1e-300
+LARGEST_OF_MANY = ("line of any period", "shape")  # statistics that are a maximum
+TWO_SIDED = ("size",)
 
 
 @dataclass(frozen=True)
@@ -109,10 +112,15 @@ def _in_body(e: Array, layout: Layout) -> Array:
 
 def _check(name: str, values: Array) -> Check:
     """The first value beside those of the draws."""
-    root = np.cbrt(values)
-    spread = float(np.std(root[1:])) or 1.0
-    z = (float(root[0]) - float(np.mean(root[1:]))) / spread
-    p = 2 * float(scipy.stats.norm.sf(abs(z))) if name == "size" else float(scipy.stats.norm.sf(z))
+    if name in LARGEST_OF_MANY:
+        # The largest of many powers has Gumbel's distribution, with the mean and spread of the draws.
+        spread = float(np.std(values[1:])) * np.sqrt(6) / np.pi or 1.0
+        mode = float(np.mean(values[1:])) - np.euler_gamma * spread
+        p = float(scipy.stats.gumbel_r.sf(values[0], mode, spread))
+    else:
+        root = np.cbrt(values)
+        z = (float(root[0]) - float(np.mean(root[1:]))) / (float(np.std(root[1:])) or 1.0)
+        p = 2 * float(scipy.stats.norm.sf(abs(z))) if name in TWO_SIDED else float(scipy.stats.norm.sf(z))
     return Check(name, float(values[0]), float(np.mean(values[1:])), max(p, TINY))
 
 
@@ -120,7 +128,7 @@ def _statistics(e: Array, layout: Layout) -> dict[str, Array]:
     """(d,) each statistic of e (r, 3, d)."""
     out = {
         "size": np.sum(e**2, axis=(0, 1)),
-        "shape": np.sum(e**4, axis=(0, 1)),
+        "shape": np.max(e**2, axis=(0, 1)),
         "correlation in time": _autocorrelation(e, layout.interval),
         "pattern since the interval's start": _folded(e, _bins(layout.since_s, float(layout.since_s.max()))),
         "variance over the intervals": _spread_over(e, layout.interval),

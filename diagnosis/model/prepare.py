@@ -86,9 +86,9 @@ def _reference_noise(
 ) -> ReferenceNoise | None:
     """The test of the references' noise, where no gyro hides motion between two references, which would look like it."""
     blind = set(np.flatnonzero(report.hidden | report.lattice).tolist())
-    silent = np.any(
-        [np.zeros(len(report.rates), dtype=bool), *(one.stretch >= 0 for one in dead if one.log_odds > LIKELY)], axis=0
-    )
+    silent = np.zeros(report.rates.shape, dtype=bool)
+    for one in dead:
+        silent[:, one.axis] |= (one.stretch >= 0) & (one.log_odds > LIKELY)
     noise = reference_noise(model, np.median(report.density, axis=0), silent, settings)
     return None if noise is not None and (noise.axis in blind or len(blind) == 3) else noise
 
