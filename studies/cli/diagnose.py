@@ -16,6 +16,7 @@ from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, T
 from diagnosis.diagnose import diagnose
 from gyrocal import InputError, load
 from simulator.effects.sensor import ALL_EFFECTS
+from studies.cli.effect_files import effects_option
 from studies.montecarlo.manifest import write_json
 from studies.report import diagnosis_page as diagnosis_report
 from studies.report import diagnosis_summary
@@ -34,6 +35,7 @@ STDOUT = Path("-")
 @click.option(
     "--without", multiple=True, metavar="EFFECT", help="Take an effect off the list, see 'gyrocal effects'; repeatable."
 )
+@effects_option
 @click.option("--seed", type=click.IntRange(0), default=0, show_default=True, help="Root of the random draws.")
 def diagnose_command(recording: Path, as_json: Path | None, report: Path | None, without: tuple[str, ...], seed: int) -> None:
     """Say whether RECORDING departs from the baseline simulator, where, by which effect, and how far that closes the gap.
@@ -46,6 +48,7 @@ def diagnose_command(recording: Path, as_json: Path | None, report: Path | None,
       gyrocal simulate trmm_series /tmp/rec --effect bias_orbital:z=0.3
       gyrocal diagnose /tmp/rec --report /tmp/report.html --json /tmp/diagnosis.json
       gyrocal diagnose /tmp/rec --without bias_orbital
+      gyrocal diagnose /tmp/rec --effects my_effects.py
     """
     library = _library(without)
     files = [path for path in (as_json, report) if path is not None and path != STDOUT]

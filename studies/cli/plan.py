@@ -16,6 +16,7 @@ from gyrocal.recording import read_toml
 from simulator import scenario as scenarios
 from simulator.effects import EFFECTS
 from studies.cli.diagnose import plain
+from studies.cli.effect_files import effects_option
 from studies.montecarlo.manifest import write_json
 from studies.report import plan as plan_report
 from studies.report.console import check_writable, console
@@ -42,6 +43,7 @@ STDOUT = Path("-")
 @click.option(
     "--json", "as_json", type=PATH, help="Write the result as JSON to this file; - for standard output in place of the tables."
 )
+@effects_option
 @click.option("--seed", type=click.IntRange(0), default=0, show_default=True, help="Root of the random draws.")
 def plan_command(
     scenario: str,
@@ -62,6 +64,7 @@ def plan_command(
       gyrocal plan trmm_series
       gyrocal plan trmm --json /tmp/plan.json
       gyrocal plan mine.toml --effect bias_orbital --effect time_offset --extra roll.toml --named
+      gyrocal plan trmm_series --effects my_effects.py --effect bias_battery
     """
     for name in effects:
         if name not in EFFECTS:
