@@ -16,6 +16,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
+import scipy.linalg
 from numpy.typing import NDArray
 
 from diagnosis.model.recording import RecordingModel
@@ -25,7 +26,7 @@ Array = NDArray[np.float64]
 
 AXES = "xyz"
 SEEN = 1e-4  # power relative to the strongest column, below which a column is left out
-MOST_COLUMNS = 96
+MOST_COLUMNS = 72
 
 
 @dataclass(frozen=True)
@@ -75,23 +76,30 @@ def factor(K: Array) -> Array:
     return np.asarray(vectors[:, kept] * np.sqrt(values[kept]))
 
 
-def orthogonal(model: RecordingModel, columns: Array, F: Array) -> Array:
-    """Whitened columns C F turned so that they are orthogonal once projected, without those that cannot be seen."""
-    moved = columns @ F
-    seen = model.projected(moved)
-    values, vectors = np.linalg.eigh(seen.T @ seen)
+def orthogonal(columns: Array, gram: Array, F: Array) -> Array:
+    """Whitened columns C F turned so that they are orthogonal once projected, without those that cannot be seen.
+
+    Parameters
+    ----------
+    columns : (N, c) whitened columns C
+    gram : (c, c) their products once projected
+    F : (c, k) factor of the covariance
+    """
+    moved = F.T @ gram @ F
+    strongest = [max(len(moved) - MOST_COLUMNS, 0), len(moved) - 1]
+    values, vectors = scipy.linalg.eigh(moved, subset_by_index=strongest, check_finite=False)
     kept = np.flatnonzero(values > SEEN * max(values[-1], 1e-300))[::-1][:MOST_COLUMNS]
-    return np.asarray(moved @ vectors[:, kept])
+    return np.asarray(columns @ (F @ vectors[:, kept]))
 
 
 def on_cells(model: RecordingModel, axis: int, F: Array) -> Array:
-    """(N, r) columns of rate errors F (c, r) over the cells."""
-    return orthogonal(model, model.cell_columns[axis], F)
+    """(N, r) columns of rate errors F (c, k) over the cells."""
+    return orthogonal(model.cell_columns[axis], model.cell_grams[axis], F)
 
 
 def on_references(model: RecordingModel, axis: int, F: Array) -> Array:
     """(N, r) columns of reference errors F (r, k) at the observations."""
-    return orthogonal(model, model.reference_columns[axis], F)
+    return orthogonal(model.reference_columns[axis], model.reference_grams[axis], F)
 
 
 def unlisted(model: RecordingModel) -> Iterator[Process]:

@@ -44,9 +44,9 @@ from simulator.effects import References, Stream, Surroundings, forward_axes
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
 
-MOST_CELLS = 480  # cells of a recording; random processes cost the cube of it
+MOST_CELLS = 320  # cells of a recording; random processes cost the cube of it
 MOST_STEPS = 60_000  # steps on which columns are made
-MOST_OBSERVATIONS = 700  # attitudes that enter the model; its cost grows with the square of them
+MOST_OBSERVATIONS = 500  # attitudes that enter the model; its cost grows with the square of them
 RANK = 1e-9  # relative size below which a nuisance column adds nothing to the others
 
 
@@ -352,6 +352,16 @@ class RecordingModel:
                 part = share[:, None, :] * turned[inside, :, axis].T[None]
                 out[axis][np.ix_(np.arange(block.rows.start, block.rows.stop), inside)] = part.reshape(-1, inside.size)
         return np.stack([self.whitened(part) for part in out])
+
+    @cached_property
+    def cell_grams(self) -> Array:
+        """(3, c, c) products of the projected columns of the cells."""
+        return np.stack([part.T @ self.projected(part) for part in self.cell_columns])
+
+    @cached_property
+    def reference_grams(self) -> Array:
+        """(3, r, r) products of the projected columns of the references."""
+        return np.stack([part.T @ self.projected(part) for part in self.reference_columns])
 
     @cached_property
     def reference_columns(self) -> Array:

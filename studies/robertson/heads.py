@@ -37,7 +37,7 @@ from diagnosis.sensors.search import LARGEST_SET
 from diagnosis.sensors.sizes import closure, sized
 from gyrocal.recording import Recording
 from simulator.effects import Setting
-from simulator.effects.sensor import SENSOR_EFFECTS, parse
+from simulator.effects.sensor import SENSOR_EFFECTS, dss_misalignment, parse
 from simulator.effects.sensor.base import VectorEffect
 from simulator.scenario import Scenario
 from simulator.sensors.record import sensed
@@ -222,9 +222,9 @@ def size_table(rows: pd.DataFrame) -> pd.DataFrame:
                 record = {"truth": truth, "effect": setting.label(), "number": number, "true": value}
                 out.append(record | _scatter(own, setting.label(), k, value) | _alone(own, truth, setting.label(), k))
         if truth == "heads":
-            for k, parameter in enumerate(SENSOR_EFFECTS["dss_misalignment"].parameters):
-                record = {"truth": truth, "effect": "dss_misalignment", "number": parameter.name, "true": 0.0}
-                out.append(record | _alone(own, truth, "dss_misalignment", k))
+            for k, parameter in enumerate(dss_misalignment.EFFECT.parameters):
+                record = {"truth": truth, "effect": dss_misalignment.EFFECT.name, "number": parameter.name, "true": 0.0}
+                out.append(record | _alone(own, truth, dss_misalignment.EFFECT.name, k))
     return pd.DataFrame(out)
 
 
