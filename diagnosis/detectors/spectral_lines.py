@@ -89,8 +89,8 @@ def lines(report: SampleReport, recording: Recording, quiet: Mask) -> list[Line]
 def _strongest_of(x: Array, found: list[tuple[int, int]], sample_s: float) -> tuple[float, float, float, bool, int]:
     """The strongest line of all arcs as in `_strongest`, and how many lines were looked at in all of them."""
     each = [_strongest(x[low:high], sample_s) for low, high in found]
-    power, frequency, amplitude, isolated, _ = max(each)
-    return power, frequency, amplitude, isolated, sum(one[-1] for one in each)
+    best = max(each)
+    return *best[:4], sum(one[4] for one in each)
 
 
 def _strongest(x: Array, sample_s: float) -> tuple[float, float, float, bool, int]:
