@@ -14,6 +14,7 @@ import scipy.stats
 from numpy.typing import NDArray
 
 from diagnosis.model.recording import RecordingModel
+from diagnosis.settings import DEFAULT, DiagnosisSettings
 
 Array = NDArray[np.float64]
 
@@ -22,7 +23,6 @@ TRIM = 3.0  # robust sigmas beyond which a difference does not count
 TRIMMED = 0.9733  # variance of a normal variable cut there
 FEWEST = 40  # second differences of an axis, below which nothing is said
 TRIMMING = 1.1  # times the variance of a mean square whose limit was estimated
-LEVEL = 1e-5  # p below which the references' noise is not as stated
 
 
 @dataclass(frozen=True)
@@ -34,17 +34,25 @@ class ReferenceNoise:
     factor, sigma : (3,) by body axis; NaN where there are too few
     p_value : that all three are one
     axis : the one axis that departs, or None for all
+    correlation, correlation_p : largest correlation between two axes, and the p-value of there being none
+    event_p : p-value below which the noise is not as stated
+    constancy, constancy_p : largest ratio of the power in one interval, or in motion, to the rest, and the p-value of one
     """
 
     factor: Array
     sigma: Array
     p_value: float
     axis: int | None
+    correlation: float = 0.0
+    correlation_p: float = 1.0
+    constancy: float = 1.0
+    constancy_p: float = 1.0
+    event_p: float = DEFAULT.sample_event
 
     @property
     def departs(self) -> bool:
         """Whether the noise is not as stated."""
-        return self.p_value < LEVEL
+        return self.p_value < self.event_p
 
     @property
     def factors(self) -> Array:
@@ -59,7 +67,9 @@ class ReferenceNoise:
         return out
 
 
-def reference_noise(model: RecordingModel, density: Array, dead: Array) -> ReferenceNoise | None:
+def reference_noise(
+    model: RecordingModel, density: Array, dead: Array, settings: DiagnosisSettings = DEFAULT
+) -> ReferenceNoise | None:
     """Test of the references' noise; None without a series of references.
 
     Parameters
@@ -67,6 +77,7 @@ def reference_noise(model: RecordingModel, density: Array, dead: Array) -> Refer
     model : linearised about the calibration
     density : (3,) noise density of the gyros, rad²/s
     dead : (n,) samples in which a gyro may show nothing; what it then misses would pass for noise of the references
+    settings : thresholds
     """
     missed = np.concatenate([[0], np.cumsum(dead)])
     t_s = model.references.t_s
@@ -112,4 +123,45 @@ def reference_noise(model: RecordingModel, density: Array, dead: Array) -> Refer
     odd = int(np.argmax(np.abs(z)))
     others = float(chi2 - z[odd] ** 2)
     axis = odd if scipy.stats.chi2.sf(others, 2) > 0.01 and z[odd] ** 2 > 12 else None
-    return ReferenceNoise(factor, error, max(p_all, 1e-300), axis)
+    scaled = np.where(kept, second / np.sqrt(stated + walk), 0.0)
+    rates = np.linalg.norm(model.rates[np.clip(np.searchsorted(model.t_s, t_s[k]), 0, model.t_s.size - 1)], axis=1)
+    moving = rates > 0.5 * (np.quantile(rates, 0.02) + np.quantile(rates, 0.98))
+    groups = [moving, *(owner[k] == number for number in np.unique(owner[k]))]
+    return ReferenceNoise(
+        factor,
+        error,
+        max(p_all, 1e-300),
+        axis,
+        *_correlation(scaled, kept),
+        *_constancy(scaled, kept, groups),
+        settings.sample_event,
+    )
+
+
+def _correlation(z: Array, kept: Array) -> tuple[float, float]:
+    """Largest correlation coefficient between two axes, and the p-value of all three being zero."""
+    found = []
+    for i, j in ((0, 1), (0, 2), (1, 2)):
+        both = kept[:, i] & kept[:, j]
+        a, b = z[both, i], z[both, j]
+        coefficient = float(np.mean(a * b) / np.sqrt(np.mean(a**2) * np.mean(b**2)))
+        p = 2 * float(scipy.stats.norm.sf(abs(coefficient) / np.sqrt(CORRELATED / both.sum())))
+        found.append((min(1.0, 3 * p), coefficient))
+    p, coefficient = min(found)
+    return coefficient, max(p, 1e-300)
+
+
+def _constancy(z: Array, kept: Array, groups: list[Array]) -> tuple[float, float]:
+    """Largest ratio of the power of one group to that of the rest, and the p-value of all being one."""
+    best = (1.0, 1.0)
+    for axis in range(3):
+        for group in groups:
+            own, rest = z[kept[:, axis] & group, axis], z[kept[:, axis] & ~group, axis]
+            if min(own.size, rest.size) < FEWEST:
+                continue
+            ratio = float(np.mean(own**2) / np.mean(rest**2))
+            sigma = float(np.sqrt(2 * CORRELATED * TRIMMING * (1 / own.size + 1 / rest.size)))
+            p = min(1.0, 6 * len(groups) * float(scipy.stats.norm.sf(abs(np.log(ratio)) / sigma)))
+            if p < best[0]:
+                best = (max(p, 1e-300), ratio)
+    return best[1], best[0]

@@ -16,6 +16,7 @@ from matplotlib.figure import Figure
 from diagnosis.answer import Cause
 from diagnosis.result import Diagnosis
 from simulator.effects.sensor import SENSOR_EFFECTS
+from studies.montecarlo.files import write_text
 from studies.report import diagnosis_figures as figures
 from studies.report import diagnosis_words as words
 from studies.report import sensor_figures, sensor_words, tables
@@ -68,7 +69,7 @@ class Picture:
 
 def write(diagnosis: Diagnosis, path: Path) -> None:
     """Write the page."""
-    path.write_text(page(diagnosis), encoding="utf-8")
+    write_text(path, page(diagnosis))
 
 
 def page(diagnosis: Diagnosis) -> str:
@@ -235,7 +236,7 @@ def _sensors(diagnosis: Diagnosis) -> str:
             f"sensor-{name.lower()}",
             partial(sensor_figures.sun_residual_figure, sensors.residuals, name, titles),
             f"Residuals of {name} over the Sun's two angles: {'; '.join(rms)}.",
-            "Measured minus predicted by each stretch's own attitude and gyro bias; noise and the gyro's random walk leave a "
+            "Measured minus predicted by each arc's own attitude and gyro bias; noise and the gyro's random walk leave a "
             "band about zero, the same everywhere in the field of view.",
         )
         out.append(_shown(picture))

@@ -32,7 +32,7 @@ def _verdict(sensors: SensorDiagnosis) -> str:
 def _gap(sensors: SensorDiagnosis) -> str:
     chance = words.p_value(sensors.p_value)
     return (
-        "Mean square of their residuals in sigmas, epoch attitude and gyro bias of each stretch fitted: "
+        "Mean square of their residuals in sigmas, epoch attitude and gyro bias of each arc fitted: "
         f"{sensors.mean_square:.3f} with {sensors.dof} degrees of freedom; {chance} for nominal sensors."
     )
 
