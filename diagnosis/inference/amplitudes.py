@@ -153,7 +153,7 @@ def _parameters(entry: Candidate, weights: Array, best: int) -> Parameters:
         w = share[alike] / share[alike].sum()
         mean = float(w @ times)
         shown[TIME] = mean
-        shown[TIME_WIDTH] = float(np.sqrt(max(w @ ((times - mean) ** 2 + widths**2), 0.0)))
+        shown[TIME_WIDTH] = float(np.sqrt(w @ ((times - mean) ** 2 + widths**2)))
     return shown
 
 
@@ -161,14 +161,14 @@ def _length_sigma(amplitudes: Array, covariance: Array) -> float:
     """Sigma of the length of the amplitudes."""
     length = float(np.linalg.norm(amplitudes))
     along = amplitudes / length if length > 0 else np.full(amplitudes.size, amplitudes.size**-0.5)
-    return float(np.sqrt(np.maximum(along @ covariance @ along, 0.0)))
+    return float(np.sqrt(max(float(along @ covariance @ along), 0.0)))
 
 
 def _process_size(gram: Array, correlation: Array, centre: float) -> tuple[float, float]:
     """Mean and sigma of the scale of a random process, over a fine grid in log of it."""
     sizes = np.geomspace(centre / REACH, centre * REACH, FINE_SIZES)
-    log: Array = log_bayes(gram, correlation, sizes)[0]
-    weight = np.exp(log - float(log.max()))
+    log = log_bayes(gram, correlation, sizes)[0]
+    weight = np.exp(log - log.max())
     weight /= weight.sum()
     mean = float(weight @ sizes)
     return mean, float(np.sqrt(weight @ (sizes - mean) ** 2))

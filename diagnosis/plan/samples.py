@@ -34,13 +34,14 @@ def quiet_stretches(scenario: Scenario) -> tuple[int, ...]:
 
 def sample_tests(scenario: Scenario) -> SampleTests:
     """The tests of the diagnosis, on the samples of a scenario."""
+    quiet = quiet_stretches(scenario)
     return SampleTests(
         power=POWER,
-        quiet=quiet_stretches(scenario),
+        quiet=quiet,
         event_p=stream_report.EVENT_P,
         correlated=reference_noise.CORRELATED,
         line_p=spectral_lines.LINE_P,
-        lowest_line_hz=spectral_lines.LOWEST_LINE,
+        lowest_line_hz=spectral_lines.FEWEST_CYCLES / (max([1, *quiet]) * scenario.gyro.sample_s),
         outlier_sigma=outliers.OUTLIER,
         fewest_clipped=clipping.FEWEST_CLIPPED,
         coarse=stream.COARSE,
