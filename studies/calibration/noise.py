@@ -223,7 +223,7 @@ def _checks(rows: pd.DataFrame, spreads: pd.DataFrame) -> list[Check]:
     out += extremes("sigma of b at the flight's noise", table["sigma"][9:], None, "deg/h")
     for limit in ("gyro", "references"):
         out.append(Check(f"parameters limited by the {limit} at the flight's noise", int((table["limited_by"] == limit).sum())))
-    out += extremes("gyro's share of a variance at the flight's noise", table["gyro_share"], (0.0, 1.0), "", LAW)
+    out += extremes("gyro's share of a variance at the flight's noise", table["gyro_share"], meaning=LAW)
     crossing = table["crossing_arw_deg_per_sqrt_s"]
     out += extremes("ARW at which the limit changes, with these references", crossing, None, "deg/√s", CROSSING)
     inside = int(spreads["inside"].sum())

@@ -210,7 +210,7 @@ def _checks(config: AlignmentConfig, rows: pd.DataFrame) -> list[Check]:
         yaw = near(row["yaw_error_predicted_mdeg"], 4 * row["sigma_mdeg"] / np.sqrt(cases))
         predicted = row["nees_per_dof_predicted"]
         spread = np.sqrt((2 * 7 + 4 * 7 * (predicted - 1)) / cases) / 7
-        out.append(Check(f"kept of DSS-2's yaw misalignment, {sensor}", row["kept_yaw"], (0.0, 1.0), "", KEPT))
+        out.append(Check(f"kept of DSS-2's yaw misalignment, {sensor}", row["kept_yaw"], meaning=KEPT))
         out.append(Check(f"mean yaw error, {sensor}", row["yaw_error_mdeg"], yaw, "mdeg"))
         nees_bounds = near(predicted, 4 * spread)
         out.append(Check(f"mean NEES about the truth, {sensor}", row["nees_per_dof_about_the_truth"], nees_bounds, "NEES/dof"))
