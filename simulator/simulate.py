@@ -256,13 +256,13 @@ def with_gyro_temperature(plain: Recording, seed: int = 0, case: int = 0) -> Rec
 
 def _with_housekeeping(plain: Recording, motion: Motion, effects: Sequence[Setting], seed: int, case: int) -> Recording:
     """With a gyro temperature, if an effect misses one."""
-    acting = [REGISTRY[setting.effect] for setting in effects]
-    lacking = [effect for effect in acting if effect.missing(surroundings(plain, motion)) is not None]
+    bare = surroundings(plain, motion)
+    lacking = [effect for effect in (REGISTRY[setting.effect] for setting in effects) if effect.missing(bare) is not None]
     if not lacking:
         return plain
-    warm = with_gyro_temperature(plain, seed, case)
-    helped = any(effect.missing(surroundings(warm, motion)) is None for effect in lacking)
-    return warm if helped else plain
+    recording = with_gyro_temperature(plain, seed, case)
+    warm = surroundings(recording, motion)
+    return recording if any(effect.missing(warm) is None for effect in lacking) else plain
 
 
 def simulate(

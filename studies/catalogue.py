@@ -1,8 +1,7 @@
 """The studies a user can name, and running one: engine, report, files."""
 
 import importlib
-from collections.abc import Collection, Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -11,10 +10,9 @@ from rich.console import Console
 
 from gyrocal import InputError
 from studies.montecarlo import engine
-from studies.montecarlo.backends import Name
+from studies.montecarlo.manifest import write_manifest
 from studies.montecarlo.study import load_config
 from studies.report import entry as report
-from studies.report import render
 from studies.report.console import progress
 from studies.report.entry import Entry
 
@@ -52,24 +50,13 @@ def entry(name: str) -> Entry:
     return found
 
 
-@dataclass(frozen=True)
-class Where:
-    """How and where a study runs, none of which changes its rows."""
-
-    backend: Name = "loky"
-    jobs: int | None = None
-    scheduler: str | None = None
-    keep: Collection[int] = ()
-    retry_failed: bool = False
-
-
 def run(
     name: str,
     folder: Path,
     changes: Mapping[str, Any],
     console: Console,
     config: Path | None = None,
-    where: Where | None = None,
+    **options: Any,
 ) -> engine.Outcome:
     """Run a study to its end and write and show its report.
 
@@ -79,34 +66,23 @@ def run(
     folder : where rows and report are written; a part of the same study that is there is resumed
     changes : settings by dotted path, over those of the file config
     console : for the report
+    options : how and where it runs, as of `engine.run`; none of them changes its rows
     """
-    chosen, where = entry(name), where or Where()
+    chosen = entry(name)
     if name == "blind":  # three processes of its own
         from studies.validation import blind
 
-        return blind.run(folder, changes, console, config, where.jobs)
+        return blind.run(folder, changes, console, config, options.get("jobs"))
     settings = load_config(chosen.study, config, changes)
-    outcome = engine.run(
-        chosen.study,
-        settings,
-        folder,
-        backend=where.backend,
-        jobs=where.jobs,
-        scheduler=where.scheduler,
-        keep=where.keep,
-        retry_failed=where.retry_failed,
-        progress=partial(progress, quiet=console.quiet),
-    )
+    outcome = engine.run(chosen.study, settings, folder, progress=partial(progress, quiet=console.quiet), **options)
     rows = outcome.load()
     good = rows[rows["error"] == ""].reset_index(drop=True)
     if good.empty:
         raise InputError(f"{folder}: every case failed, the first one with {rows['error'].iloc[0]}")
     made = chosen.report(settings, good)
     report.write(made, f"Study {name}: {chosen.summary}", folder)
-    for title, table in made.tables.items():
-        render.terminal(console, title, made.shown.get(title, table))
-    for finding in made.findings:
-        console.print(f"- {finding}", highlight=False, markup=False)
+    write_manifest(folder, outcome.manifest)
+    report.show(made, console)
     return outcome
 
 

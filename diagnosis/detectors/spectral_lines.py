@@ -88,12 +88,9 @@ def lines(report: SampleReport, recording: Recording, quiet: Mask) -> list[Line]
 
 def _strongest_of(x: Array, found: list[tuple[int, int]], sample_s: float) -> tuple[float, float, float, bool, int]:
     """The strongest line of all arcs as in `_strongest`, and how many lines were looked at in all of them."""
-    best, tried = (0.0, 0.0, 0.0, False), 0
-    for low, high in found:
-        *one, count = _strongest(x[low:high], sample_s)
-        tried += count
-        best = max(best, tuple(one))
-    return *best, tried
+    each = [_strongest(x[low:high], sample_s) for low, high in found]
+    best = max(each)
+    return *best[:4], sum(one[4] for one in each)
 
 
 def _strongest(x: Array, sample_s: float) -> tuple[float, float, float, bool, int]:

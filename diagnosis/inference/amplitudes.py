@@ -148,7 +148,7 @@ def _parameters(entry: Candidate, weights: Array, best: int) -> Parameters:
             for k, option in enumerate(entry.options)
             if all(option.parameters.get(name) == value for name, value in shown.items() if name != TIME)
         ]
-        times = np.array([float(entry.options[k].parameters[TIME]) for k in alike])
+        times = np.array([float(entry.options[k].parameters[TIME]) for k in alike], dtype=float)
         widths = np.array([float(entry.options[k].parameters.get(TIME_WIDTH, 0.0)) for k in alike])
         w = share[alike] / share[alike].sum()
         mean = float(w @ times)

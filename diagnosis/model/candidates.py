@@ -118,13 +118,16 @@ def placed(
     axes = {name: sum(group.effect == name for group in groups) for name in names | rivals}
     candidates, columns, start = [], [], 0
     for group in groups:
-        largest = max(float(np.linalg.norm(projected(part), axis=0).max()) for part in group.columns)
+        norms = [np.linalg.norm(projected(part), axis=0) for part in group.columns]
+        largest = max((float(norm.max()) for norm in norms if norm.size), default=0.0)
         scales = scales_of(largest, group.limits, visible)
         if not scales.size:
             continue
         family = (1 - share) / len(names) if group.listed else share / len(rivals)
         options = []
         for part, weight, parameters in zip(group.columns, group.weights, group.parameters, strict=True):
+            if not part.shape[1]:  # a process of which nothing can be seen here
+                continue
             options.append(Option(start, part.shape[1], float(np.log(weight)), parameters))
             columns.append(part)
             start += part.shape[1]

@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator
 
 from gyrocal.errors import InputError
+from gyrocal.files import replacing
 from gyrocal.recording import sensor_tables
 from gyrocal.recording.sensor_tables import SensorTables
 
@@ -285,12 +286,10 @@ def save(recording: Recording, folder: str | os.PathLike[str]) -> None:
             (folder / f"{name}.parquet").unlink(missing_ok=True)
         (folder / f"{name}.csv").unlink(missing_ok=True)
     for name, frame in frames.items():
-        part = folder / f"{name}.parquet.tmp"
-        frame.to_parquet(part, index=False)
-        os.replace(part, folder / f"{name}.parquet")
-    part = folder / "recording.toml.tmp"
-    part.write_text(_header_text(recording), encoding="utf-8")
-    os.replace(part, folder / "recording.toml")
+        with replacing(folder / f"{name}.parquet") as file:
+            frame.to_parquet(file, index=False)
+    with replacing(folder / "recording.toml") as file:
+        file.write(_header_text(recording).encode())
 
 
 def toml_value(value: object) -> str:

@@ -1,32 +1,28 @@
 """The command ``gyrocal diagnose``: what departs from the baseline simulator, where, and which effect explains it."""
 
-import json
-import math
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
 
 import click
-import numpy as np
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeElapsedColumn
 
 from diagnosis.diagnose import diagnose
 from gyrocal import InputError, load
 from simulator.effects.sensor import ALL_EFFECTS
-from studies.montecarlo.manifest import write_json
+from studies.cli.effect_files import effects_option
+from studies.cli.options import PATH, STDOUT
+from studies.montecarlo.files import check_writable, json_text, write_json
 from studies.report import diagnosis_page as diagnosis_report
 from studies.report import diagnosis_summary
-from studies.report.console import LINE_EVERY_S, check_writable, console
-
-PATH = click.Path(path_type=Path)
-STDOUT = Path("-")
+from studies.report.console import LINE_EVERY_S, console
 
 
 @click.command("diagnose")
 @click.argument("recording", type=PATH)
+@effects_option
 @click.option(
     "--json", "as_json", type=PATH, help="Write the result as JSON to this file; - for standard output in place of the summary."
 )
@@ -35,7 +31,7 @@ STDOUT = Path("-")
     "--without", multiple=True, metavar="EFFECT", help="Take an effect off the list, see 'gyrocal effects'; repeatable."
 )
 @click.option("--seed", type=click.IntRange(0), default=0, show_default=True, help="Root of the random draws.")
-def diagnose_command(recording: Path, as_json: Path | None, report: Path | None, without: tuple[str, ...], seed: int) -> None:
+def command(recording: Path, as_json: Path | None, report: Path | None, without: tuple[str, ...], seed: int) -> None:
     """Say whether RECORDING departs from the baseline simulator, where, by which effect, and how far that closes the gap.
 
     The baseline has a constant G and b, white gyro noise and white reference noise, both as stated. The exit status is 0
@@ -59,26 +55,13 @@ def diagnose_command(recording: Path, as_json: Path | None, report: Path | None,
     with _stages() as progress:
         result = diagnose(loaded, progress=progress, seed=seed, library=library)
     if as_json == STDOUT:
-        click.echo(json.dumps(plain(result.to_json()), indent=2, ensure_ascii=False, allow_nan=False))
+        click.echo(json_text(result.to_json()))
     else:
         diagnosis_summary.show(console(), result)
     if as_json and as_json != STDOUT:
-        write_json(as_json, plain(result.to_json()))
+        write_json(as_json, result.to_json())
     if report:
         diagnosis_report.write(result, report)
-
-
-def plain(value: Any) -> Any:
-    """As JSON has it: numbers that are none (NaN, infinity) become null, numpy's scalars become numbers."""
-    if isinstance(value, dict):
-        return {key: plain(one) for key, one in value.items()}
-    if isinstance(value, list | tuple):
-        return [plain(one) for one in value]
-    if isinstance(value, np.generic):
-        return plain(value.item())
-    if isinstance(value, float) and not math.isfinite(value):
-        return None
-    return value
 
 
 def _library(without: Sequence[str]) -> list[str] | None:

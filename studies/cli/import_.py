@@ -5,15 +5,14 @@ from pathlib import Path
 import click
 
 from gyrocal import InputError, save
-from studies.report import render
+from studies.cli.options import PATH
+from studies.report import tables as render
 from studies.report.console import console
 from studies.validation import broad
 
-PATH = click.Path(path_type=Path)
-
 
 @click.group("import")
-def import_group() -> None:
+def command() -> None:
     """Turn data of another format into a recording.
 
     \b
@@ -22,7 +21,7 @@ def import_group() -> None:
     """
 
 
-@import_group.command("broad")
+@command.command("broad")
 @click.argument("file", type=PATH)
 @click.argument("out", type=click.Path(path_type=Path, file_okay=False))
 @click.option(

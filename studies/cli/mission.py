@@ -1,6 +1,5 @@
 """The command ``gyrocal mission``: fly the Mission Mode loop and write what it leaves."""
 
-import json
 import math
 from dataclasses import replace
 from itertools import pairwise
@@ -14,15 +13,13 @@ import pandas as pd
 from gyrocal import InputError
 from simulator.mission_mode.config import DAY, MissionConfig, Mounting, mounted, period_tables
 from simulator.mission_mode.flight import AXES, MissionRun, flight_schedule, simulate_mission
-from studies.cli.diagnose import plain
-from studies.montecarlo.manifest import write_json
-from studies.report import render
-from studies.report.console import check_writable, console, progress
+from studies.cli.options import PATH, STDOUT
+from studies.montecarlo.files import check_writable, json_text, write_json, write_parquet
+from studies.report import tables as render
+from studies.report.console import console, progress
 from studies.robertson import flown
 from studies.robertson.runs import PERIODS
 
-PATH = click.Path(path_type=Path)
-STDOUT = Path("-")
 TABLES = ("telemetry", "updates", "slews", "orbits")
 LONGEST_DAYS = 1000.0
 MOST_ROWS = 20_000_000  # of telemetry, 2 GB
@@ -50,7 +47,7 @@ MOST_ROWS = 20_000_000  # of telemetry, 2 GB
     "--json", "as_json", type=PATH, help="Write the summary as JSON to this file; - for standard output in place of the tables."
 )
 @click.option("--force", is_flag=True, help="Replace tables that are in OUT already.")
-def mission_command(
+def command(
     out: Path,
     days: float,
     seed: int,
@@ -83,16 +80,16 @@ def mission_command(
     with progress("mission, simulated days", math.ceil(days) - 1, quiet=days <= 1) as advance:
         run = simulate_mission(config, days=days, seed=seed, telemetry_every=every, progress=advance)
     for name in TABLES:
-        getattr(run, name).to_parquet(out / f"{name}.parquet", index=False)
+        write_parquet(out / f"{name}.parquet", getattr(run, name))
     stretches = summary(run, config, days)
     document = {"days": days, "seed": seed, "tables": tables, "mounting": mounting}
     document |= {"stretches": stretches.to_dict("records"), "slews": run.slews.to_dict("records")}
     if as_json == STDOUT:
-        click.echo(json.dumps(plain(document), indent=2, ensure_ascii=False, allow_nan=False))
+        click.echo(json_text(document))
         return
     _show(run, stretches, out)
     if as_json:
-        write_json(as_json, plain(document))
+        write_json(as_json, document)
 
 
 def _cycles(days: float, every_s: float) -> int:

@@ -1,6 +1,5 @@
 """The command ``gyrocal plan``: what a maneuver plan will show of each effect, before it is flown."""
 
-import json
 from collections.abc import Sequence
 from contextlib import nullcontext
 from pathlib import Path
@@ -15,17 +14,16 @@ from gyrocal import InputError
 from gyrocal.recording import read_toml
 from simulator import scenario as scenarios
 from simulator.effects import EFFECTS
-from studies.cli.diagnose import plain
-from studies.montecarlo.manifest import write_json
+from studies.cli.effect_files import effects_option
+from studies.cli.options import PATH, STDOUT
+from studies.montecarlo.files import check_writable, json_text, write_json
 from studies.report import plan as plan_report
-from studies.report.console import check_writable, console
-
-PATH = click.Path(path_type=Path)
-STDOUT = Path("-")
+from studies.report.console import console
 
 
 @click.command("plan")
 @click.argument("scenario")
+@effects_option
 @click.option(
     "--effect", "effects", multiple=True, metavar="NAME", help="Look at this effect only, see 'gyrocal effects'; repeatable."
 )
@@ -43,7 +41,7 @@ STDOUT = Path("-")
     "--json", "as_json", type=PATH, help="Write the result as JSON to this file; - for standard output in place of the tables."
 )
 @click.option("--seed", type=click.IntRange(0), default=0, show_default=True, help="Root of the random draws.")
-def plan_command(
+def command(
     scenario: str,
     effects: tuple[str, ...],
     files: tuple[Path, ...],
@@ -72,11 +70,11 @@ def plan_command(
     extras |= _read_extras(chosen, files)
     found = _run(chosen, effects, extras, named, seed)
     if as_json == STDOUT:
-        click.echo(json.dumps(plain(found.to_json()), indent=2, ensure_ascii=False, allow_nan=False))
+        click.echo(json_text(found.to_json()))
         return
     plan_report.show(console(), found)
     if as_json:
-        write_json(as_json, plain(found.to_json()))
+        write_json(as_json, found.to_json())
 
 
 def _run(

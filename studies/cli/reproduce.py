@@ -7,13 +7,13 @@ from typing import Any
 import click
 
 from gyrocal import InputError
-from studies.montecarlo.manifest import write_json
+from studies.cli.options import PATH
+from studies.montecarlo.files import check_writable, write_json
 from studies.natanson import reproduce
-from studies.report.console import check_writable, console
+from studies.report.console import console
 from studies.robertson import report as mission_report
-from studies.robertson.runs import MissionStudy
+from studies.robertson.runs import DAYS, MissionStudy
 
-PATH = click.Path(path_type=Path)
 LONGEST_DAYS = 200.0
 FOLDERS = {"natanson": reproduce.DEFAULT_FOLDER, "robertson": mission_report.DEFAULT_FOLDER}
 
@@ -33,13 +33,13 @@ FOLDERS = {"natanson": reproduce.DEFAULT_FOLDER, "robertson": mission_report.DEF
 @click.option(
     "--days",
     type=float,
-    default=MissionStudy.days,
+    default=DAYS,
     show_default=True,
     help="robertson: days flown from launch; fewer leave R's later periods empty.",
 )
 @click.option("--jobs", type=click.IntRange(1), default=None, help="Processes or threads; the CPU count by default.")
 @click.option("--json", "as_json", type=PATH, help="Also write the summary here; of both papers, under their names.")
-def reproduce_command(
+def command(
     paper: str | None,
     out: Path | None,
     cases: int,

@@ -51,8 +51,9 @@ from studies.estimation.filter_cases import (
 from studies.estimation.judging import judged, nees_distribution, score, word
 from studies.montecarlo.statistics import nees
 from studies.montecarlo.study import Streams, Study, dispersed
-from studies.natanson.figures import STYLE, save
 from studies.report.entry import Entry, Report
+from studies.report.panels import STYLE, save
+from studies.report.tables import Table
 
 Array = NDArray[np.float64]
 
@@ -247,10 +248,13 @@ def report(config: OnBoardConfig, rows: pd.DataFrame) -> Report:
     ways = (
         "Ways and covariances (NEES of twelve parameters per degree of freedom, 99.9 % bounds; errors are the RMS over cases)"
     )
-    tables = {ways: verdicts(rows), "Difference from the ground's calibration of the same references": from_ground(rows)}
+    tables = {
+        "ways": Table(ways, verdicts(rows)),
+        "from_ground": Table("Difference from the ground's calibration of the same references", from_ground(rows)),
+    }
     if len(memory(rows)):
-        tables["Memory"] = memory(rows)
-    return Report(tuple(_findings(rows)), tables, {"onboard": partial(figure, rows)})
+        tables["memory"] = Table("Memory", memory(rows))
+    return Report(tables, {"onboard": partial(figure, rows)}, findings=tuple(_findings(rows)))
 
 
 ENTRY = Entry(STUDY, "is the on-board form the ground batch, honest, and of constant memory", report)

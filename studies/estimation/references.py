@@ -56,8 +56,9 @@ from studies.estimation.reference_rows import (
     full_filter,
 )
 from studies.montecarlo.study import Streams, Study, dispersed
-from studies.natanson.figures import STYLE, save
 from studies.report.entry import Entry, Report
+from studies.report.panels import STYLE, save
+from studies.report.tables import Table
 
 TELLING = 0.2  # of a measurement's noise: a misalignment that must show
 
@@ -247,9 +248,14 @@ def report(config: ReferencesConfig, rows: pd.DataFrame) -> Report:
     attitudes = "Attitudes (NEES per degree of freedom, 99.9 % bounds; error and sigma are the RMS over cases and components)"
     calibrations = "Calibration from these references (NEES of twelve parameters, and of the bias, per degree of freedom)"
     full = "Full filter beside the separate scheme"
-    tables = {attitudes: attitude_table(rows), calibrations: calibration_table(rows), full: full_filter_table(rows)}
-    shown = {calibrations: tables[calibrations].drop(columns=["dof", "bias_low", "bias_high", "bias_expected"])}
-    return Report(tuple(_findings(rows)), tables, {"references": partial(figure, rows)}, shown)
+    table = calibration_table(rows)
+    short = table.drop(columns=["dof", "bias_low", "bias_high", "bias_expected"])
+    tables = {
+        "attitudes": Table(attitudes, attitude_table(rows)),
+        "calibrations": Table(calibrations, table, shown=short),
+        "full_filter": Table(full, full_filter_table(rows)),
+    }
+    return Report(tables, {"references": partial(figure, rows)}, findings=tuple(_findings(rows)))
 
 
 ENTRY = Entry(STUDY, "batch, filter, smoother: honest references, and the calibration fed with them", report)

@@ -1,8 +1,8 @@
 """Backends: where the chunks of a study run.
 
-Each hands tasks out with a bounded window in flight, so that neither tasks nor results pile up however many there are, and
-yields every task with its result as they end. A task whose worker died is yielded with None; such a task and those that
-shared its fate can be tried again alone.
+Each is an `Executor`. It has a bounded window of tasks in flight, so that neither tasks nor results pile up however many there
+are, and yields every task with its result as they end. A task whose worker died is yielded with None; such a task and those
+that shared its fate can be tried again alone.
 
 - ``serial``: in this thread.
 - ``threads``: in threads of this process; for studies that spend their time outside the interpreter lock.
@@ -21,18 +21,17 @@ from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
 from functools import partial
 from itertools import islice
 from multiprocessing import resource_tracker
-from typing import Any, Literal, Protocol, TypeVar
+from typing import Any, Literal, TypeVar
 
 import joblib
 from joblib.externals.loky import get_reusable_executor
-from joblib.externals.loky.process_executor import BrokenProcessPool, ProcessPoolExecutor, ShutdownExecutorError
+from joblib.externals.loky.process_executor import BrokenProcessPool, ShutdownExecutorError
 
 from gyrocal.errors import GyrocalError, InputError
 from studies.montecarlo.cases import Result, Task
 
 Name = Literal["serial", "threads", "loky", "dask"]
 Run = Callable[[Task], Result]
-Done = tuple[Task, Result | None]
 T = TypeVar("T")
 
 IDLE_S = 60.0  # after which a warm worker ends
@@ -43,27 +42,43 @@ IGNORE_INTERRUPTS = "import signal\nsignal.signal(signal.SIGINT, signal.SIG_IGN)
 PER_WORKER = 2  # tasks in flight per worker: one that runs, one that waits
 
 
-class Backend(Protocol):
-    """Where tasks run.
+class Executor:
+    """Where tasks run; a backend says how one is handed out, what became of it, and how to let go of the workers.
 
     Attributes
     ----------
     jobs : tasks that run at a time
     """
 
-    jobs: int
+    jobs = 1
 
-    def results(self, tasks: Iterable[Task]) -> Iterator[Done]:
-        """Run tasks; yields each with its result, or None if its worker died, in the order in which they end."""
+    def submit(self, task: Task) -> Any:
+        """Hand a task out; returns its future."""
+        raise NotImplementedError
 
-    def alone(self, task: Task) -> Result | None:
-        """Run one task while its worker does nothing else; None if the worker died of it."""
+    def wait(self, futures: Collection[Any]) -> Iterable[Any]:
+        """Those of the futures that have ended, at least one."""
+        return wait(futures, return_when=FIRST_COMPLETED).done
+
+    def result(self, future: Any) -> Result | None:
+        """Result of a future that has ended; None if its worker died."""
+        result: Result = future.result()
+        return result
+
+    def window(self) -> int:
+        """Most tasks that are handed out at a time."""
+        return PER_WORKER * self.jobs
 
     def close(self, finished: bool) -> None:
         """Let go of the workers; if not finished, stop what they are doing."""
 
+    def results(self, tasks: Iterable[Task], alone: bool = False) -> Iterator[tuple[Task, Result | None]]:
+        """Run tasks, each alone if asked for; yields each as it ends, with its result, or None if its worker died."""
+        for task, future in windowed(tasks, (lambda: 1) if alone else self.window, self.submit, self.wait):
+            yield task, self.result(future)
 
-def open_backend(name: Name, run: Any, jobs: int | None = None, scheduler: str | None = None) -> Backend:
+
+def open_backend(name: Name, run: Any, jobs: int | None = None, scheduler: str | None = None) -> Executor:
     """Start a backend.
 
     Parameters
@@ -80,16 +95,14 @@ def open_backend(name: Name, run: Any, jobs: int | None = None, scheduler: str |
     """
     if scheduler is not None and name != "dask":
         raise InputError(f"--scheduler is for --backend dask, not {name}")
-    jobs = jobs or joblib.cpu_count()
-    if name == "dask":
-        return _Dask(run, jobs, scheduler)
-    backends: dict[str, Callable[[], Backend]] = {
+    backends: dict[str, Callable[[], Executor]] = {
         "serial": lambda: _Serial(run),
-        "threads": lambda: _Threads(run, jobs),
-        "loky": lambda: _Loky(run, jobs),
+        "threads": lambda: _Threads(run, jobs or joblib.cpu_count()),
+        "loky": lambda: _Loky(run, jobs or joblib.cpu_count()),
+        "dask": lambda: _Dask(run, jobs or joblib.cpu_count(), scheduler),
     }
     if name not in backends:
-        raise InputError(f"{name}: there is no such backend; there are {', '.join(backends)} and dask")
+        raise InputError(f"{name}: there is no such backend; there are serial, threads, loky and dask")
     return backends[name]()
 
 
@@ -119,33 +132,28 @@ def windowed(
             yield flying.pop(future), future
 
 
-def _wait_any(futures: Collection[Future[Result]]) -> Iterable[Future[Result]]:
-    return wait(futures, return_when=FIRST_COMPLETED).done
-
-
-class _Serial:
-    jobs = 1
-
+class _Serial(Executor):
     def __init__(self, run: Run) -> None:
-        self.alone = run
+        self.run = run
 
-    def results(self, tasks: Iterable[Task]) -> Iterator[Done]:
-        return ((task, self.alone(task)) for task in tasks)
+    def submit(self, task: Task) -> Future[Result]:
+        future: Future[Result] = Future()
+        future.set_result(self.run(task))
+        return future
 
-    def close(self, finished: bool) -> None:
-        pass
+    def window(self) -> int:
+        return 1
 
 
-class _Threads:
+class _Threads(Executor):
     def __init__(self, run: Any, jobs: int) -> None:
         self.jobs = jobs
         self.stopped = threading.Event()
-        self.alone = partial(run, stopped=self.stopped.is_set)
+        self.run = partial(run, stopped=self.stopped.is_set)
         self.pool = ThreadPoolExecutor(jobs)
 
-    def results(self, tasks: Iterable[Task]) -> Iterator[Done]:
-        for task, future in windowed(tasks, lambda: PER_WORKER * self.jobs, partial(self.pool.submit, self.alone), _wait_any):
-            yield task, future.result()
+    def submit(self, task: Task) -> Future[Result]:
+        return self.pool.submit(self.run, task)
 
     def close(self, finished: bool) -> None:
         # A thread cannot be stopped from outside; it gives up before its next case.
@@ -159,16 +167,6 @@ def _start_worker() -> None:
     threading.Thread(target=_follow, args=(os.getppid(),), daemon=True).start()
 
 
-def _submitted(pool: Any, run: Run, task: Task) -> Future[Result]:
-    """Hand out a task; workers it starts inherit that Ctrl-C is held back, and are safe from it before `_start_worker`."""
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
-    try:
-        future: Future[Result] = pool.submit(run, task)
-    finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, before)
-    return future
-
-
 def _follow(parent: int) -> None:
     never = threading.Event()
     while os.getppid() == parent:
@@ -176,49 +174,40 @@ def _follow(parent: int) -> None:
     os._exit(1)
 
 
-class _Loky:
+class _Loky(Executor):
     def __init__(self, run: Run, jobs: int) -> None:
         self.jobs = jobs
         self.run = run
-        self.single: Any = None
         # Started together with the first worker, this helper would (in Python 3.11) let Ctrl-C through to it.
         resource_tracker.ensure_running()
 
     def _pool(self) -> Any:
         return get_reusable_executor(max_workers=self.jobs, timeout=IDLE_S, initializer=_start_worker)
 
-    def results(self, tasks: Iterable[Task]) -> Iterator[Done]:
-        for task, future in windowed(tasks, lambda: PER_WORKER * self.jobs, self._submit, _wait_any):
-            try:
-                yield task, future.result()
-            except (BrokenProcessPool, ShutdownExecutorError):
-                yield task, None
-
-    def _submit(self, task: Task) -> Future[Result]:
-        # The pool may be found broken only now; asked for again it is a new one.
-        for _ in range(self.jobs):
-            with contextlib.suppress(BrokenProcessPool, ShutdownExecutorError):
-                return _submitted(self._pool(), self.run, task)
-        return _submitted(self._pool(), self.run, task)
-
-    def alone(self, task: Task) -> Result | None:
-        if self.single is None:
-            self.single = ProcessPoolExecutor(max_workers=1, timeout=IDLE_S, initializer=_start_worker)
+    def submit(self, task: Task) -> Future[Result]:
+        # Workers that are started here inherit that Ctrl-C is held back, and are safe from it before `_start_worker`.
+        before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
         try:
-            return _submitted(self.single, self.run, task).result()
-        except BrokenProcessPool:
-            self.single.shutdown(kill_workers=True)
-            self.single = None
+            # The pool may be found broken only now; asked for again it is a new one.
+            for _ in range(self.jobs):
+                with contextlib.suppress(BrokenProcessPool, ShutdownExecutorError):
+                    return self._pool().submit(self.run, task)
+            return self._pool().submit(self.run, task)
+        finally:
+            signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+    def result(self, future: Future[Result]) -> Result | None:
+        try:
+            return future.result()
+        except (BrokenProcessPool, ShutdownExecutorError):
             return None
 
     def close(self, finished: bool) -> None:
-        if self.single is not None:
-            self.single.shutdown(kill_workers=True)
         if not finished:
             self._pool().shutdown(wait=True, kill_workers=True)
 
 
-class _Dask:
+class _Dask(Executor):
     def __init__(self, run: Run, jobs: int, scheduler: str | None) -> None:
         try:
             import dask
@@ -250,38 +239,32 @@ class _Dask:
         except BaseException:
             self.resources.close()
             raise
-        self.jobs = jobs
-        self._window()
+        self.window()
 
-    def _window(self) -> int:
+    def window(self) -> int:
         # Workers of a cluster come and go.
         self.jobs = max(1, sum(self.client.nthreads().values()))
-        return PER_WORKER * self.jobs
+        return super().window()
 
-    def _submit(self, task: Task) -> Any:
+    def submit(self, task: Task) -> Any:
         # Not pure: a cluster may still know the result that an earlier version of the study gave.
         return self.client.submit(self.run, task, pure=False, retries=RETRIES)
 
-    def _wait_any(self, futures: Collection[Any]) -> Iterable[Any]:
+    def wait(self, futures: Collection[Any]) -> Iterable[Any]:
         with self.client.as_current():
-            return self.distributed.wait(futures, return_when="FIRST_COMPLETED").done
+            done: Iterable[Any] = self.distributed.wait(futures, return_when="FIRST_COMPLETED").done
+        return done
 
-    def _result(self, future: Any) -> Result | None:
+    def result(self, future: Any) -> Result | None:
         try:
-            return future.result()
+            result: Result = future.result()
+            return result
         except self.distributed.scheduler.KilledWorker:
             return None
         except (self.distributed.comm.core.CommClosedError, self.distributed.client.FutureCancelledError) as error:
             raise GyrocalError(f"the dask scheduler is gone ({error}); run the same command to resume") from None
         finally:
             future.release()
-
-    def results(self, tasks: Iterable[Task]) -> Iterator[Done]:
-        for task, future in windowed(tasks, self._window, self._submit, self._wait_any):
-            yield task, self._result(future)
-
-    def alone(self, task: Task) -> Result | None:
-        return self._result(self._submit(task))
 
     def close(self, finished: bool) -> None:
         self.resources.close()

@@ -16,9 +16,9 @@ A case that raises or kills its worker is a row with its error; everything else 
 """
 
 import logging
-import time
+import shutil
 from collections import Counter
-from collections.abc import Callable, Collection, Iterator
+from collections.abc import Callable, Collection, Iterator, Mapping
 from contextlib import AbstractContextManager, contextmanager, nullcontext
 from dataclasses import dataclass
 from pathlib import Path
@@ -27,18 +27,21 @@ from typing import Any
 import pandas as pd
 
 from gyrocal import save
-from gyrocal.errors import InputError
-from studies.montecarlo.backends import Backend, Name, open_backend
+from gyrocal.errors import GyrocalError, InputError
+from studies.montecarlo.backends import Executor, Name, open_backend
 from studies.montecarlo.calm import calm
 from studies.montecarlo.cases import Task, run_cases
-from studies.montecarlo.folder import Record, chunk_size, known, locked
-from studies.montecarlo.session import Interrupted, Session, ending
+from studies.montecarlo.manifest import WORK, write_manifest
+from studies.montecarlo.session import Interrupted, Session, known, locked
 from studies.montecarlo.store import Parts, decode, storage
 from studies.montecarlo.study import Streams, Study, StudyConfig, config_sha256, find, resolved
 
-__all__ = ["Interrupted", "Outcome", "Rerun", "Streams", "Study", "StudyConfig", "rerun", "run", "silent"]
+__all__ = ["Interrupted", "Name", "Outcome", "Rerun", "Streams", "Study", "StudyConfig", "rerun", "run", "silent"]
 
 logger = logging.getLogger(__name__)
+
+LARGEST_CHUNK = 64  # cases
+CHUNKS = 128  # that a study has at least, if it has so many cases
 
 Display = Callable[[str, int], AbstractContextManager[Callable[[int], None]]]
 
@@ -57,6 +60,7 @@ class Outcome:
     warnings : how often each warning was given in this run
     wall_s : duration of this run
     cpu_s : CPU time of all cases, in whatever run they were computed
+    manifest : what the folder's manifest says, without the files
     """
 
     folder: Path
@@ -67,10 +71,17 @@ class Outcome:
     warnings: dict[str, int]
     wall_s: float
     cpu_s: float
+    manifest: dict[str, Any]
 
     def load(self, columns: list[str] | None = None) -> pd.DataFrame:
         """The table, or some columns of it."""
         return pd.read_parquet(self.table, columns=columns)
+
+    def check(self) -> None:
+        """Raise `GyrocalError` if a case failed, for results that need them all."""
+        if self.failures:
+            case, error = next(iter(self.failures.items()))
+            raise GyrocalError(f"{len(self.failures)} of {self.cases} cases failed, the first one case {case}: {error}")
 
     def summary(self) -> str:
         """One line: how many cases, failures, and the time they took."""
@@ -142,7 +153,6 @@ def run(
     Interrupted
         Ctrl-C; what has ended is kept.
     """
-    begun = time.monotonic()
     task_for, ready = _prepare(study, config)
     if keep and study.recording is None:
         raise InputError(f"study {study.name}: has no recordings to keep")
@@ -150,41 +160,75 @@ def run(
         _check_case(config, case)
     folder = Path(folder)
     with locked(folder):
-        about = _about(study, config, ready, task_for(range(0)).config_sha256)
-        about["chunk"] = chunk_size(folder, about["config_sha256"], config.cases, chunk)
-        record = Record(folder, about, backend)
-        session = Session(Parts(folder, config.cases, about["chunk"], about["config_sha256"]), task_for)
-        if record.mixed:
-            session.count({f"{folder}: earlier runs were of another version of the program; rows of both are mixed": 1})
+        document = about(study, config)
+        sha256 = document["config_sha256"]
+        earlier = known(folder, sha256)
+        document["chunk"] = _chunk(config.cases, chunk, earlier, folder)
+        parts = Parts(folder, config.cases, document["chunk"], sha256)
+        session = Session(parts, task_for, document, earlier["runs"] if earlier else [], backend)
         table = folder / "table.parquet"
-        with ending(record, session, begun):
+        with session.ending():
             missing = session.survey(retry_failed)
-            record.run["resumed"] = resumed = session.progress.done
-            record.write("running", session.progress)
+            resumed = session.done
+            session.write("running")
             if missing:
                 with calm() as messages, _opened(backend, jobs, scheduler) as workers:
                     try:
                         with progress(study.name, config.cases - resumed) as advance:
                             session.finish(workers, missing, advance)
                     finally:
-                        record.run["jobs"] = workers.jobs
+                        session.run["jobs"] = workers.jobs
                 session.count(messages)
             for case in keep:
                 _keep(study, ready, case, folder)
-            session.parts.write_table(table)
-            record.run["wall_s"] = round(time.monotonic() - begun, 3)
-            record.write("complete", session.progress, table)
-    state = session.progress
+            parts.write_table(table)
+            manifest = session.write("complete")
     return Outcome(
         folder=folder,
         table=table,
         cases=config.cases,
         resumed=resumed,
-        failures=dict(sorted(state.failures.items())),
-        warnings=dict(state.warnings),
-        wall_s=time.monotonic() - begun,
-        cpu_s=state.cpu_s,
+        failures=dict(sorted(session.failures.items())),
+        warnings=dict(session.warnings),
+        wall_s=session.wall_s,
+        cpu_s=session.cpu_s,
+        manifest=manifest,
     )
+
+
+def _chunk(cases: int, wanted: int | None, earlier: Mapping[str, Any] | None, folder: Path) -> int:
+    """Cases of a chunk: what the folder's parts have, else what is wanted, else what suits the number of cases.
+
+    Raises
+    ------
+    InputError
+        The folder's parts are of another size, or the size is not positive.
+    """
+    if wanted is not None and wanted < 1:
+        raise InputError(f"chunk {wanted}: must be at least one case")
+    if earlier is None:
+        return wanted or min(LARGEST_CHUNK, -(-cases // CHUNKS))
+    if wanted not in (None, earlier["chunk"]):
+        raise InputError(f"{folder}: its parts hold {earlier['chunk']} cases each, not {wanted}; leave the chunk out to resume")
+    return int(earlier["chunk"])
+
+
+def work_folder(folder: Path, study: Study, config: StudyConfig) -> Path:
+    """Where a study runs whose rows are not kept, in the folder of what is made of them; of each configuration its own."""
+    return Path(folder) / WORK / config_sha256(study, resolved(config))[:12]
+
+
+def publish(outcome: Outcome, folder: Path, **about: Any) -> None:
+    """Write the manifest of what was made of a study's rows, and remove the `work_folder` of the folder.
+
+    Parameters
+    ----------
+    outcome : of the study
+    folder : every result in it is hashed
+    about : what the manifest says differently from the study's own, as plain values
+    """
+    write_manifest(folder, outcome.manifest | about)
+    shutil.rmtree(Path(folder) / WORK)
 
 
 def rerun(study: Study, config: StudyConfig, case: int, folder: Path) -> Rerun:
@@ -232,12 +276,15 @@ def _check_case(config: StudyConfig, case: int) -> None:
         raise InputError(f"case {case}: the study has the cases 0 to {config.cases - 1}")
 
 
-def _about(study: Study, config: StudyConfig, ready: StudyConfig, sha256: str) -> dict[str, Any]:
-    """What the manifest says about the study: the configuration as given, and the scenario it stands for."""
-    given, whole = config.model_dump(mode="json"), ready.model_dump(mode="json")
+def about(study: Study, config: StudyConfig) -> dict[str, Any]:
+    """What the manifest says about a study: the configuration as given, the scenario it stands for, and the hash of both."""
+    ready = resolved(config)
+    given = config.model_dump(mode="json")
     if not isinstance(config.scenario, str):
         given["scenario"] = config.scenario.title
-    return {"study": study.name, "config": given, "scenario": whole["scenario"], "config_sha256": sha256, "cases": config.cases}
+    scenario = ready.model_dump(mode="json")["scenario"]
+    sha256 = config_sha256(study, ready)
+    return {"study": study.name, "config": given, "scenario": scenario, "config_sha256": sha256, "cases": config.cases}
 
 
 def _same(before: pd.DataFrame, now: pd.DataFrame) -> bool:
@@ -264,7 +311,7 @@ def _keep(study: Study, config: StudyConfig, case: int, folder: Path) -> Path | 
 
 
 @contextmanager
-def _opened(name: Name, jobs: int | None, scheduler: str | None) -> Iterator[Backend]:
+def _opened(name: Name, jobs: int | None, scheduler: str | None) -> Iterator[Executor]:
     backend = open_backend(name, run_cases, jobs, scheduler)
     finished = False
     try:

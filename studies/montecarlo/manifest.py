@@ -1,15 +1,19 @@
-"""What a result was made with: configuration and its hash, versions, commit, and the hash of every file written."""
+"""The manifest of a folder: what its files were made with, configuration, versions, commit, and the hash of each."""
 
 import hashlib
-import json
 import platform
 import subprocess
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from importlib import metadata
 from pathlib import Path
 from typing import Any
 
+from studies.montecarlo.files import write_json
+
+MANIFEST = "manifest.json"
 PACKAGES = ("gyrocal", "numpy", "scipy", "pandas", "numba", "matplotlib", "joblib", "pydantic", "pyarrow")
+WORK = "work"
+AT_WORK = ("parts", "failures", "cases", WORK)  # folders of a study that hold no result
 
 
 def digest(data: bytes) -> str:
@@ -30,34 +34,30 @@ def commit() -> str | None:
     return head.stdout.strip() + ("+changes" if status.stdout.strip() else "")
 
 
-def manifest(command: str, config: Mapping[str, Any], folder: Path, wall_s: float) -> dict[str, Any]:
-    """Manifest of a folder of results.
+def versions(more: Iterable[str] = ()) -> dict[str, Any]:
+    """Commit, Python, and packages, some more than `PACKAGES` if asked for."""
+    packages = {name: metadata.version(name) for name in (*PACKAGES, *more)}
+    return {"commit": commit(), "python": platform.python_version(), "packages": packages}
+
+
+def results(folder: Path) -> list[Path]:
+    """The files of a folder that are results: all but the manifest, hidden ones, and what a study works with."""
+    found = (path for path in folder.rglob("*") if path.is_file() and path.name != MANIFEST)
+    inside = ((path, path.relative_to(folder).parts) for path in found)
+    return sorted(path for path, parts in inside if parts[0] not in AT_WORK and not parts[-1].startswith("."))
+
+
+def write_manifest(folder: Path, about: Mapping[str, Any], complete: bool = True) -> None:
+    """Write the manifest of a folder.
 
     Parameters
     ----------
-    command : what was run
-    config : everything the results depend on, as plain values
-    folder : where the results are; every file in it but the manifest is hashed
-    wall_s : how long it took
+    folder : of a study
+    about : what the manifest says beside the hashes, as plain values
+    complete : whether all results are there; only then are they hashed
     """
-    files = sorted(path for path in folder.rglob("*") if path.is_file() and path.name != "manifest.json")
-    return {
-        "command": command,
-        "config": dict(config),
-        "config_sha256": digest(json.dumps(config, sort_keys=True).encode()),
-        "commit": commit(),
-        "python": platform.python_version(),
-        "packages": {name: metadata.version(name) for name in PACKAGES},
-        "wall_s": round(wall_s, 2),
-        "files": {str(path.relative_to(folder)): digest(path.read_bytes()) for path in files},
-    }
-
-
-def write_json(path: Path, value: Any) -> None:
-    """Write JSON through a temporary file, so that a reader never sees half of it."""
-    part = path.with_name(path.name + ".tmp")
-    try:
-        part.write_text(json.dumps(value, indent=2, ensure_ascii=False, allow_nan=False) + "\n", encoding="utf-8")
-        part.replace(path)
-    finally:
-        part.unlink(missing_ok=True)
+    files = {}
+    for path in results(folder) if complete else ():
+        with path.open("rb") as file:
+            files[str(path.relative_to(folder))] = hashlib.file_digest(file, "sha256").hexdigest()
+    write_json(folder / MANIFEST, dict(about) | {"files": files})

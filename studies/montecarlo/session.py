@@ -1,38 +1,125 @@
-"""One run of a study: which chunks are missing, storing each as it ends, and what is said when the run ends early."""
+"""One run of a study in its folder: what is missing, storing each chunk as it ends, the manifest, and how the run ends.
+
+The manifest is written when a run starts and when it ends. It lists every run that worked on the study: one that was killed
+stays there as "running", and one with other versions of the program can be seen.
+"""
 
 import errno
+import fcntl
+import json
 import logging
 import time
-from collections.abc import Callable, Iterable, Iterator, Mapping
-from contextlib import contextmanager
+from collections import Counter
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from typing import Any
 
-from gyrocal.errors import GyrocalError
-from studies.montecarlo.backends import Backend
+from gyrocal.errors import GyrocalError, InputError
+from studies.montecarlo.backends import Executor
 from studies.montecarlo.cases import Result, Task, killed, merged
-from studies.montecarlo.folder import Progress, Record
-from studies.montecarlo.store import PartInfo, Parts, StorageError, write_atomic
+from studies.montecarlo.manifest import MANIFEST, versions, write_manifest
+from studies.montecarlo.store import PartInfo, Parts, StorageError, storage, write_atomic
 
 logger = logging.getLogger(__name__)
+
+SEEDS = "SeedSequence(entropy, spawn_key=(case, *name.encode()))"
 
 
 class Interrupted(GyrocalError):  # noqa: N818  # an event, not a fault
     """The study was stopped; the message says how far it is and that the same command resumes it."""
 
+    exit_status = 130  # as shells have it for what Ctrl-C ended
+
+
+@contextmanager
+def locked(folder: Path) -> Iterator[None]:
+    """Make the folder and hold it for this run; the lock goes with the process, however that ends.
+
+    Raises
+    ------
+    InputError
+        Another process holds it, or it cannot be made.
+    """
+    with storage(folder):
+        folder.mkdir(parents=True, exist_ok=True)
+        file = (folder / ".lock").open("w")
+    with file:
+        try:
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError:
+            raise InputError(f"{folder}: another run is at work in this folder; wait for it or choose another folder") from None
+        yield
+
+
+def known(folder: Path, config_sha256: str) -> dict[str, Any] | None:
+    """Manifest of the same study in the folder, None if there is none.
+
+    Raises
+    ------
+    InputError
+        The folder holds another study.
+    """
+    path = folder / MANIFEST
+    try:
+        manifest = json.loads(path.read_text(encoding="utf-8"))
+        found, _, _ = manifest["config_sha256"], manifest["chunk"], manifest["runs"]
+    except FileNotFoundError:
+        return None
+    except (ValueError, KeyError, TypeError):
+        raise InputError(f"{path}: is not the manifest of a Monte Carlo study; choose another folder") from None
+    if found != config_sha256:
+        hashes = f"its hash is {found[:12]}, this one's {config_sha256[:12]}"
+        raise InputError(f"{folder}: holds a study with another configuration ({hashes}); choose another folder")
+    return dict(manifest)
+
 
 class Session:
-    """The chunks of one run and what is known of them."""
+    """One run of a study.
 
-    def __init__(self, parts: Parts, task_for: Callable[[range], Task]) -> None:
-        self.parts = parts
-        self.task_for = task_for
-        self.progress = Progress()
+    Parameters
+    ----------
+    parts : the parts of the study, in its folder
+    task_for : makes a task of a range of cases
+    about : what the manifest says of the study: its name, configuration, hash …, as plain values
+    earlier : the manifest's entries of earlier runs
+    backend : where the cases run
+
+    Attributes
+    ----------
+    run : this run's entry in the manifest
+    done : cases that have ended and are stored
+    failures : error of each failed case
+    cpu_s : CPU time of the stored cases
+    warnings : how often each warning was given in this run
+    """
+
+    def __init__(
+        self,
+        parts: Parts,
+        task_for: Callable[[range], Task],
+        about: Mapping[str, Any],
+        earlier: list[dict[str, Any]],
+        backend: str,
+    ) -> None:
+        self.parts, self.task_for, self.earlier = parts, task_for, earlier
+        self.begun = time.monotonic()
+        made_with = versions(["distributed"] if backend == "dask" else [])
+        self.about = {**about, **made_with}
+        self.run = {"status": "running", "backend": backend, "jobs": None, "resumed": 0, "wall_s": 0.0, **made_with}
+        self.done, self.cpu_s = 0, 0.0
+        self.failures: dict[int, str] = {}
+        self.warnings: Counter[str] = Counter()
+        if any(run[name] != made_with[name] for run in earlier for name in ("commit", "python")):
+            mixed = f"{parts.folder}: earlier runs were of another version of the program; rows of both are mixed"
+            self.count({mixed: 1})
 
     def count(self, warnings: Mapping[str, int]) -> None:
         """Add to the run's warnings; each is logged when it is first met."""
-        for text, count in warnings.items():
-            if text not in self.progress.warnings:
+        for text in warnings:
+            if text not in self.warnings:
                 logger.warning(text)
-            self.progress.warnings[text] = self.progress.warnings.get(text, 0) + count
+        self.warnings.update(warnings)
 
     def survey(self, retry_failed: bool) -> list[int]:
         """Numbers of the parts that are still to be made; damaged ones are set aside."""
@@ -47,19 +134,24 @@ class Session:
                 missing.append(index)
             else:
                 self._add(index, info.failures, info.cpu_s)
+        self.run["resumed"] = self.done
         return missing
 
-    def finish(self, workers: Backend, missing: Iterable[int], advance: Callable[[int], None]) -> None:
-        """Run the missing parts; a chunk whose worker died is run case by case."""
+    def finish(self, workers: Executor, missing: list[int], advance: Callable[[int], None]) -> None:
+        """Run the missing parts; a chunk whose worker died is run again, each case alone."""
         index_of = {self.parts.range(index): index for index in missing}
+        died = []
         for task, result in workers.results(map(self.task_for, index_of)):
-            index = index_of[task.cases]
-            self._store(index, self._one_by_one(workers, task) if result is None else result)
+            if result is None:
+                died.append(task)
+            else:
+                self._store(index_of[task.cases], result)
+                advance(len(task.cases))
+        for task in died:
+            singles = [self.task_for(range(case, case + 1)) for case in task.cases]
+            alone = [result or killed(single) for single, result in workers.results(singles, alone=True)]
+            self._store(index_of[task.cases], merged(task, alone))
             advance(len(task.cases))
-
-    def _one_by_one(self, workers: Backend, task: Task) -> Result:
-        singles = (self.task_for(range(case, case + 1)) for case in task.cases)
-        return merged(task, [workers.alone(single) or killed(single) for single in singles])
 
     def _store(self, index: int, result: Result) -> None:
         """Store a part; its tracebacks first, so that a part that is there is complete."""
@@ -75,25 +167,46 @@ class Session:
         self.count(result.warnings)
 
     def _add(self, index: int, failures: Mapping[int, str], cpu_s: float) -> None:
-        self.progress.done += len(self.parts.range(index))
-        self.progress.failures.update(failures)
-        self.progress.cpu_s += cpu_s
+        self.done += len(self.parts.range(index))
+        self.failures.update(failures)
+        self.cpu_s += cpu_s
 
+    @property
+    def wall_s(self) -> float:
+        """How long the run has taken."""
+        return time.monotonic() - self.begun
 
-@contextmanager
-def ending(record: Record, session: Session, begun: float) -> Iterator[None]:
-    """Whatever ends a run early is written down, and said in one line if it is not the program's fault."""
-    try:
-        yield
-    except BaseException as error:
-        record.run["wall_s"] = round(time.monotonic() - begun, 3)
-        record.write("interrupted", session.progress)
-        safe = f"{session.progress.done} of {session.parts.cases} cases are finished and kept in {session.parts.folder}"
-        if isinstance(error, KeyboardInterrupt):
-            raise Interrupted(f"interrupted; {safe}; the same command resumes") from None
-        if isinstance(error, StorageError):
-            cause = error.__cause__
-            full = isinstance(cause, OSError) and cause.errno in (errno.ENOSPC, errno.EDQUOT)
-            how = "free some space, and the same command resumes" if full else "the same command resumes"
-            raise StorageError(f"{error}; {safe}; {how}") from None
-        raise
+    def write(self, status: str) -> dict[str, Any]:
+        """Write the manifest, and return it without the hashes."""
+        self.run |= {"status": status, "wall_s": round(self.wall_s, 3)}
+        document = self.about | {
+            "seeds": {"entropy": self.about["config"]["entropy"], "stream": SEEDS},
+            **{name: self.run[name] for name in ("status", "backend", "jobs", "wall_s")},
+            "cpu_s": round(self.cpu_s, 3),
+            "done": self.done,
+            "failed": len(self.failures),
+            "failures": {str(case): self.failures[case] for case in sorted(self.failures)},
+            "warnings": dict(self.warnings),
+            "runs": [*self.earlier, self.run],
+        }
+        with storage(self.parts.folder):
+            write_manifest(self.parts.folder, document, complete=status == "complete")
+        return document
+
+    @contextmanager
+    def ending(self) -> Iterator[None]:
+        """Whatever ends the run early is written down, and said in one line if it is not the program's fault."""
+        try:
+            yield
+        except BaseException as error:
+            with suppress(StorageError):  # a full disk must not hide how the run ended
+                self.write("interrupted")
+            safe = f"{self.done} of {self.parts.cases} cases are finished and kept in {self.parts.folder}"
+            if isinstance(error, KeyboardInterrupt):
+                raise Interrupted(f"interrupted; {safe}; the same command resumes") from None
+            if isinstance(error, StorageError):
+                cause = error.__cause__
+                full = isinstance(cause, OSError) and cause.errno in (errno.ENOSPC, errno.EDQUOT)
+                how = "free some space, and the same command resumes" if full else "the same command resumes"
+                raise StorageError(f"{error}; {safe}; {how}") from None
+            raise

@@ -10,7 +10,6 @@ size, so that its bytes do not depend on how the cases were cut into parts.
 """
 
 import json
-import os
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -23,10 +22,9 @@ import pyarrow.compute as pc
 import pyarrow.parquet as pq
 
 from gyrocal.errors import GyrocalError, InputError
+from gyrocal.files import TEMPORARY, replacing
 
 ROW_GROUP = 8192  # rows of the table's row groups
-LARGEST_CHUNK = 64  # cases
-CHUNKS = 128  # that a study has at least, if it has so many cases
 METADATA = b"gyrocal"
 FAILED = ("case", "error")
 
@@ -47,11 +45,6 @@ class PartInfo:
 
     failures: dict[int, str]
     cpu_s: float
-
-
-def default_chunk(cases: int) -> int:
-    """Cases of a chunk: it must depend on the study alone, or a resumed study would not find its parts."""
-    return min(LARGEST_CHUNK, -(-cases // CHUNKS))
 
 
 def encode(rows: Sequence[Mapping[str, Any]], config_sha256: str, cases: range, cpu_s: float) -> bytes:
@@ -96,16 +89,11 @@ def storage(folder: Path) -> Iterator[None]:
 
 
 def write_atomic(path: Path, data: bytes) -> None:
-    """Write a file so that it is there whole or not at all; raises `StorageError`, and then leaves nothing behind."""
-    temporary = path.with_name(path.name + ".tmp")
+    """Write a file, its folder made, so that it is there whole or not at all; raises `StorageError`."""
     with storage(path.parent):
-        try:
-            path.parent.mkdir(parents=True, exist_ok=True)
-            temporary.write_bytes(data)
-            os.replace(temporary, path)
-        except BaseException:
-            temporary.unlink(missing_ok=True)
-            raise
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with replacing(path) as file:
+            file.write(data)
 
 
 @dataclass(frozen=True)
@@ -138,8 +126,9 @@ class Parts:
 
     def remove_temporary(self) -> None:
         """Remove what a killed run left half written."""
-        for path in (*(self.folder / "parts").glob("part-*.tmp"), self.folder / "table.parquet.tmp"):
-            path.unlink(missing_ok=True)
+        for folder in (self.folder, self.folder / "parts", self.folder / "failures"):
+            for path in folder.glob(f"*{TEMPORARY}"):
+                path.unlink(missing_ok=True)
 
     def inspect(self, index: int) -> PartInfo | str | None:
         """What a part on disk says about itself; text saying what is wrong with it, or None if it is not there.
@@ -179,7 +168,7 @@ class Parts:
         path = self.path(index)
         aside = path.with_suffix(".corrupt")
         with storage(self.folder):
-            os.replace(path, aside)
+            path.replace(aside)
         return aside
 
     def write_table(self, path: Path) -> None:
@@ -192,17 +181,11 @@ class Parts:
         StorageError
             The table cannot be written; none is left behind, or the one that was there before.
         """
-        temporary = path.with_name(path.name + ".tmp")
         with storage(self.folder):
             schema = self._schema()
-            try:
-                with pq.ParquetWriter(temporary, schema, write_page_checksum=True) as writer:
-                    for table in _regrouped(self._tables(schema), schema):
-                        writer.write_table(table, row_group_size=ROW_GROUP)
-                os.replace(temporary, path)
-            except BaseException:
-                temporary.unlink(missing_ok=True)
-                raise
+            with replacing(path) as file, pq.ParquetWriter(file, schema, write_page_checksum=True) as writer:
+                for table in _regrouped(self._tables(schema), schema):
+                    writer.write_table(table, row_group_size=ROW_GROUP)
 
     def _schema(self) -> pa.Schema:
         """Columns of the table: those of the parts, in order of appearance."""

@@ -27,18 +27,13 @@ from studies.montecarlo import statistics
 from studies.montecarlo.study import Streams, Study, StudyConfig, base_scenario, case_motion, dispersed, observed
 from studies.montecarlo.workspace import workspace
 from studies.natanson import flight
-from studies.report import render
+from studies.natanson.paper_layout import paper_layout
 from studies.report.entry import Entry, Report
+from studies.report.tables import Table
 
 Array = NDArray[np.float64]
 
 Variant = tuple[float, Resampling, Psi, CovarianceModel]
-LAYOUTS: dict[str, tuple[list[str], int | None]] = {  # rows of the paper's layout, and decimals
-    "table2": (["phase", "interval", "axis"], 3),
-    "table3": (["quantity", "gyro"], 6),
-    "table4": (["phase", "statistic", "axis"], 4),
-    "table5": (["iteration", "quantity", "row", "gyro"], None),
-}
 KEYS = ("step_s", "resampling", "psi", "covariance")
 RESIDUAL_CELLS = [
     f"{phase}_{k}_{axis}" for phase in ("before", "first", "second") for k in range(1, 7) for axis in flight.ROTATIONS
@@ -379,18 +374,17 @@ def second_iteration(rows: pd.DataFrame) -> pd.DataFrame:
 
 def report(config: PaperTablesConfig, rows: pd.DataFrame) -> Report:
     """The paper's tables, with the consistency of the estimates; accuracy only where the truth is the same in every case."""
+
+    def laid_out(title: str, table: pd.DataFrame, name: str) -> Table:
+        return Table(title, table, shown=paper_layout(table, name) if "skip" in config.resamplings else None)
+
     tables = {
-        "N Table 2: residuals (deg)": table2(rows),
-        "N Table 3: parameters after the first iteration": table3(rows),
-        "N Table 4: mean and RMS over the intervals (deg)": table4(rows),
-        "N Table 5: corrections to b and G⁻¹": table5(rows),
-        "Second iteration's corrections": second_iteration(rows),
-        "Largest difference of full and linear ψ": psi_difference(rows),
-    }
-    shown = {
-        title: render.paper_layout(tables[title], *layout)
-        for title, layout in zip(list(tables)[:4], LAYOUTS.values(), strict=True)
-        if "skip" in config.resamplings
+        "residuals": laid_out("N Table 2: residuals (deg)", table2(rows), "table2"),
+        "parameters": laid_out("N Table 3: parameters after the first iteration", table3(rows), "table3"),
+        "means_and_rms": laid_out("N Table 4: mean and RMS over the intervals (deg)", table4(rows), "table4"),
+        "corrections": laid_out("N Table 5: corrections to b and G⁻¹", table5(rows), "table5"),
+        "second_iteration": Table("Second iteration's corrections", second_iteration(rows)),
+        "psi_difference": Table("Largest difference of full and linear ψ", psi_difference(rows)),
     }
     main = choose(rows, min(config.steps_s))
     check = statistics.nees_check(main["nees"].to_numpy(), len(NAMES))
@@ -401,9 +395,9 @@ def report(config: PaperTablesConfig, rows: pd.DataFrame) -> Report:
     if not any(path.startswith("gyro.true") for path in config.dispersions):
         gyro = base_scenario(config).gyro
         truth = GyroParameters(np.array(gyro.true_G), np.deg2rad(gyro.true_bias_deg_s))
-        tables["Recovered minus injected"] = accuracy(rows, truth)
-        tables["Consistency of the claimed covariance"] = consistency(rows, truth)
-    return Report(tuple(findings), tables, shown=shown)
+        tables["accuracy"] = Table("Recovered minus injected", accuracy(rows, truth))
+        tables["consistency"] = Table("Consistency of the claimed covariance", consistency(rows, truth))
+    return Report(tables, findings=tuple(findings))
 
 
 ENTRY = Entry(STUDY, "N Tables 2-5 over seeds, step sizes, both ψ and two iterations", report)

@@ -4,7 +4,6 @@ In order: the flight's published numbers against prediction (signs, timings, noi
 and consistency of the estimates; N Figures 1–3; everything as CSV, Markdown and SVG with a manifest and ``summary.json``.
 """
 
-import tempfile
 import time
 from dataclasses import dataclass, field
 from functools import partial
@@ -15,15 +14,16 @@ import numpy as np
 import pandas as pd
 from rich.console import Console
 
-from gyrocal import NAMES, GyrocalError, GyroParameters
+from gyrocal import NAMES, GyroParameters
 from simulator.scenario import Scenario
 from studies.calibration import psi
 from studies.montecarlo import engine, statistics
 from studies.montecarlo.backends import Name
-from studies.montecarlo.manifest import manifest, write_json
-from studies.montecarlo.study import base_scenario, resolved
+from studies.montecarlo.files import write_csv, write_json, write_parquet, write_text
+from studies.montecarlo.study import base_scenario
 from studies.natanson import figures, flight, flight_gap, paper_tables
-from studies.report import render
+from studies.natanson.paper_layout import LAYOUTS, paper_layout
+from studies.report import tables as render
 from studies.report.console import progress
 
 DEFAULT_FOLDER = Path("results") / "reproduction"
@@ -78,17 +78,23 @@ def run(
     out = console or Console(quiet=True)
     config = paper_tables.PaperTablesConfig(cases=cases, entropy=entropy)
     scenario = base_scenario(config)
-    folder.mkdir(parents=True, exist_ok=True)
     products = Products()
+    display = partial(progress, quiet=out.quiet)
+    work = engine.work_folder(folder, paper_tables.STUDY, config)
+    backend: Name = "loky" if jobs > 1 else "serial"
+    outcome = engine.run(paper_tables.STUDY, config, work, backend=backend, jobs=jobs, progress=display)
+    outcome.check()
+    rows = outcome.load()
     flight_part(scenario, products, out)
-    rows = monte_carlo_part(config, scenario, products, jobs, out)
+    products.summary |= {"cases": config.cases, "entropy": config.entropy}
+    monte_carlo_part(rows, scenario, products, out)
     psi_part(scenario, products, out)
     write(folder, config, scenario, products, rows)
-    config_values = resolved(config).model_dump(mode="json")
     write_json(folder / "summary.json", products.summary)
-    write_json(folder / "manifest.json", manifest("gyrocal reproduce", config_values, folder, time.monotonic() - started))
+    wall_s = round(time.monotonic() - started, 2)
+    engine.publish(outcome, folder, command="gyrocal reproduce", wall_s=wall_s)
     render.terminal(out, "Summary", summary_table(products.summary))
-    out.print(f"Written to {folder} in {time.monotonic() - started:.0f} s.", highlight=False)
+    out.print(f"Written to {folder} in {wall_s:.0f} s.", highlight=False)
     return products.summary
 
 
@@ -209,23 +215,12 @@ def summary_table(summary: dict[str, Any]) -> pd.DataFrame:
     return pd.DataFrame({"question": rows.keys(), "answer": rows.values()})
 
 
-def monte_carlo_part(
-    config: paper_tables.PaperTablesConfig, scenario: Scenario, products: Products, jobs: int, out: Console
-) -> pd.DataFrame:
+def monte_carlo_part(rows: pd.DataFrame, scenario: Scenario, products: Products, out: Console) -> None:
     """The paper's tables, and how right and how honest the estimates are."""
-    with tempfile.TemporaryDirectory() as folder:
-        display = partial(progress, quiet=out.quiet)
-        backend: Name = "loky" if jobs > 1 else "serial"
-        outcome = engine.run(paper_tables.STUDY, config, Path(folder), backend=backend, jobs=jobs, progress=display)
-        rows = outcome.load()
-    if outcome.failures:
-        number, error = next(iter(outcome.failures.items()))
-        raise GyrocalError(f"{len(outcome.failures)} of {config.cases} cases failed, the first one case {number}: {error}")
     truth = true_parameters(scenario)
     for name, title in TITLES.items():
         table = products.add(name, title, getattr(paper_tables, name)(rows))
-        layout, digits = paper_tables.LAYOUTS[name]
-        render.terminal(out, title, render.paper_layout(table, layout, digits), CELL_NOTE)
+        render.terminal(out, title, paper_layout(table, name), CELL_NOTE)
     accuracy = products.add("accuracy", "Recovered minus injected", paper_tables.accuracy(rows, truth))
     consistency = products.add("consistency", "Consistency of the claimed covariance", paper_tables.consistency(rows, truth))
     between = products.add("psi_difference", "Largest difference between full and linear ψ", paper_tables.psi_difference(rows))
@@ -247,8 +242,6 @@ def monte_carlo_part(
     at_finest = second.query("psi == 'full' and step_s == @finest").iloc[0]
     psi_finest = between.query("step_s == @finest")
     products.summary |= {
-        "cases": config.cases,
-        "entropy": config.entropy,
         "second_iteration_max": {"G": float(at_finest["G_max"]), "bias_deg_s": float(at_finest["bias_deg_s_max"])},
         "second_iteration_median": {"G": float(at_finest["G_median"]), "bias_deg_s": float(at_finest["bias_deg_s_median"])},
         "psi_difference_max": {name: float(psi_finest[name].max()) for name in ("G", "bias_deg_s")},
@@ -257,7 +250,6 @@ def monte_carlo_part(
         "nees_references_only": {"value": paper.value, "bounds": [paper.lower, paper.upper], "inside": paper.inside},
         "bias_in_standard_errors_max": float(np.abs(headline["bias_in_standard_errors"]).max()),
     }
-    return rows
 
 
 def psi_part(scenario: Scenario, products: Products, out: Console) -> None:
@@ -276,7 +268,7 @@ def write(
     folder: Path, config: paper_tables.PaperTablesConfig, scenario: Scenario, products: Products, rows: pd.DataFrame
 ) -> None:
     """Tables as CSV, one Markdown page, the rows as Parquet, the figures."""
-    rows.to_parquet(folder / "cases.parquet", index=False)
+    write_parquet(folder / "cases.parquet", rows)
     sections = [
         "# Reproduction of the TRMM gyro calibration",
         "",
@@ -287,13 +279,13 @@ def write(
         "",
     ]
     for name, table in products.tables.items():
-        table.to_csv(folder / f"{name}.csv", index=False, float_format="%.9g")
-        layout = paper_tables.LAYOUTS.get(name)
-        shown = render.paper_layout(table, *layout) if layout else table
-        text = render.markdown(products.titles[name], shown, CELL_NOTE if layout else "")
-        (folder / f"{name}.md").write_text(text, encoding="utf-8")
+        write_csv(folder / f"{name}.csv", table)
+        paper = name in LAYOUTS
+        shown = paper_layout(table, name) if paper else table
+        text = render.markdown(products.titles[name], shown, CELL_NOTE if paper else "")
+        write_text(folder / f"{name}.md", text)
         sections.append(text)
-    (folder / "tables.md").write_text("\n".join(sections), encoding="utf-8")
+    write_text(folder / "tables.md", "\n".join(sections))
     figures.natanson_figures(scenario, folder)
     table2 = products.tables["table2"].query(
         "psi == 'full' and resampling == 'skip' and step_s == 0.5 and phase == 'prelaunch'"

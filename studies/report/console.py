@@ -1,15 +1,9 @@
-"""The terminal and the files a command writes.
+"""The terminal: the console for tables; progress with rate and time left, and one line a minute where there is no terminal."""
 
-The console for tables; progress with rate and time left, and one line a minute where there is no terminal; whether a file
-can be written.
-"""
-
-import os
 import sys
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from pathlib import Path
 
 from rich.console import Console
 from rich.progress import (
@@ -24,8 +18,6 @@ from rich.progress import (
 )
 from rich.text import Text
 
-from gyrocal import InputError
-
 LINE_EVERY_S = 60.0
 WIDTH = 200  # without a terminal there is none to fold tables to: wide enough for the widest
 
@@ -34,24 +26,6 @@ def console() -> Console:
     """Standard output, for tables."""
     terminal = sys.stdout.isatty()
     return Console(width=None if terminal else WIDTH, soft_wrap=not terminal)
-
-
-def check_writable(path: Path | None) -> None:
-    """Say before the work, not after it, that a file cannot be written; None is no file.
-
-    Raises
-    ------
-    InputError
-        It is a folder, in a folder that does not exist, or without permission.
-    """
-    if path is None:
-        return
-    if path.is_dir():
-        raise InputError(f"{path}: is a folder; give the name of a file")
-    if not path.parent.is_dir():
-        raise InputError(f"{path}: no folder {path.parent}")
-    if not os.access(path.parent, os.W_OK) or (path.exists() and not os.access(path, os.W_OK)):
-        raise InputError(f"{path}: cannot be written")
 
 
 class _Rate(ProgressColumn):

@@ -37,16 +37,16 @@ from diagnosis.sensors.search import LARGEST_SET
 from diagnosis.sensors.sizes import closure, sized
 from gyrocal.recording import Recording
 from simulator.effects import Setting
-from simulator.effects.sensor import SENSOR_EFFECTS, parse
+from simulator.effects.sensor import SENSOR_EFFECTS, dss_misalignment, parse
 from simulator.effects.sensor.base import VectorEffect
 from simulator.scenario import Scenario
 from simulator.sensors.record import sensed
 from simulator.sensors.suite import SensorSuite
 from simulator.simulate import observe
 from studies.montecarlo.study import Row, Streams, Study, StudyConfig, case_motion, dispersed
-from studies.natanson import figures
-from studies.report import sensor_figures
+from studies.report import panels, sensor_figures
 from studies.report.entry import Entry, Report
+from studies.report.tables import Table
 
 HEADS = (
     "dss_head:1=0.08056,e1_deg=0.044,e2_deg=-0.008,e3_deg=0.067",
@@ -161,13 +161,13 @@ def report(config: StoryConfig, rows: pd.DataFrame) -> Report:
     """Findings, tables and figures."""
     verdicts, gaps, sizes = verdict_table(rows), gap_table(rows), size_table(rows)
     return Report(
-        findings(rows, gaps),
         {
-            "What is named": verdicts,
-            "Held-out mean square of the residuals in sigmas; 1 is the floor": gaps,
-            "Sizes found, deg or flattenings": sizes,
+            "verdicts": Table("What is named", verdicts),
+            "gaps": Table("Held-out mean square of the residuals in sigmas; 1 is the floor", gaps),
+            "sizes": Table("Sizes found, deg or flattenings", sizes),
         },
         {"dss2_residuals": partial(_residual_figure, config), "gaps": partial(_gap_figure, gaps)},
+        findings=findings(rows, gaps),
     )
 
 
@@ -222,9 +222,9 @@ def size_table(rows: pd.DataFrame) -> pd.DataFrame:
                 record = {"truth": truth, "effect": setting.label(), "number": number, "true": value}
                 out.append(record | _scatter(own, setting.label(), k, value) | _alone(own, truth, setting.label(), k))
         if truth == "heads":
-            for k, parameter in enumerate(SENSOR_EFFECTS["dss_misalignment"].parameters):
-                record = {"truth": truth, "effect": "dss_misalignment", "number": parameter.name, "true": 0.0}
-                out.append(record | _alone(own, truth, "dss_misalignment", k))
+            for k, parameter in enumerate(dss_misalignment.EFFECT.parameters):
+                record = {"truth": truth, "effect": dss_misalignment.EFFECT.name, "number": parameter.name, "true": 0.0}
+                out.append(record | _alone(own, truth, dss_misalignment.EFFECT.name, k))
     return pd.DataFrame(out)
 
 
@@ -283,12 +283,12 @@ def _residual_figure(config: StoryConfig, path: Path) -> Path:
     held: dict[str, Held] = {one.label: one.held for one in sized(seen.model, dict.fromkeys(ORTHOGONAL, 0))}
     table = table.assign(orthogonal_deg=residual_table(seen.fits, held)["after_deg"])
     titles = {f"{name}_deg": label for name, label in LABELS.items()}
-    return figures.save(sensor_figures.sun_residual_figure(table, "DSS-2", titles), path)
+    return panels.save(sensor_figures.sun_residual_figure(table, "DSS-2", titles), path)
 
 
 def _gap_figure(gaps: pd.DataFrame, path: Path) -> Path:
     chosen = gaps[gaps["truth"].isin(list(STORY))]
-    return figures.save(sensor_figures.gap_figure(chosen, list(LABELS.values())), path)
+    return panels.save(sensor_figures.gap_figure(chosen, list(LABELS.values())), path)
 
 
 STUDY = Study("studies.robertson.heads:STUDY", StoryConfig, case, recorded)

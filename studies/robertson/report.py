@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-import json
 import time
 from collections.abc import Sequence
 from dataclasses import asdict
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -15,11 +15,14 @@ from rich.console import Console
 
 from simulator.mission_mode.config import DAY, MissionConfig
 from simulator.mission_mode.flight import MissionRun, flight_schedule
-from studies.montecarlo.manifest import manifest, write_json
-from studies.report import render
+from studies.montecarlo import engine
+from studies.montecarlo.files import write_csv, write_json, write_text
+from studies.report import checks
+from studies.report import tables as render
 from studies.report.console import progress
 from studies.robertson import biases, figures, mountings, performance, slews, words
-from studies.robertson.runs import PERIODS, SLEW_TABLES, SPIKE_FILTERS, MissionStudy, Runs, flights, fly
+from studies.robertson.runs import PERIODS, SLEW_TABLES, SPIKE_FILTERS, STUDY, MissionStudy, Runs
+from studies.robertson.runs import runs as flown_runs
 
 DEFAULT_FOLDER = Path("results") / "mission"
 TITLES = {
@@ -54,26 +57,29 @@ def run(
     ----------
     folder : where everything is written
     study : what is flown
-    jobs : threads; the results do not depend on it
+    jobs : worker processes; the results do not depend on it
     console : for tables; None prints nothing
     """
     started = time.monotonic()
     out, what = console or Console(quiet=True), study or MissionStudy()
-    folder.mkdir(parents=True, exist_ok=True)
-    wanted = flights(what)
-    with progress("mission, simulated days", sum(one.whole_days for one in wanted.values()), out.quiet) as advance:
-        runs = fly(wanted, jobs, advance)
+    work = engine.work_folder(folder, STUDY, what)
+    shown = partial(progress, quiet=out.quiet)
+    outcome = engine.run(STUDY, what, work, backend="loky" if jobs > 1 else "serial", jobs=jobs, progress=shown)
+    outcome.check()
+    runs = flown_runs(what, outcome.table)
     months = [runs["months", str(k)] for k in range(what.seeds)]
     tables = make_tables(runs, months, what)
     summary = summarise(tables, runs)
     _write(folder, what, runs, months, tables, summary)
-    config = json.loads(json.dumps({"study": asdict(what), "mission": asdict(MissionConfig())}, default=np.ndarray.tolist))
+    wall_s = round(time.monotonic() - started, 2)
+    seeds = {"entropy": what.entropy, "stream": "generator(entropy + k, 0, 'mission_mode') of seed k"}
+    flown = asdict(MissionConfig())
     command = "gyrocal reproduce --paper robertson"
-    write_json(folder / "manifest.json", manifest(command, config, folder, time.monotonic() - started))
+    engine.publish(outcome, folder, command=command, scenario=flown, seeds=seeds, wall_s=wall_s)
     for name in ("table3", "table2", "requirements"):
         render.terminal(out, TITLES[name], _rounded(tables[name]))
     render.terminal(out, "Mission Mode beside the flight", summary_table(summary))
-    out.print(f"Written to {folder} in {time.monotonic() - started:.0f} s.", highlight=False)
+    out.print(f"Written to {folder} in {wall_s:.0f} s.", highlight=False)
     return summary
 
 
@@ -215,16 +221,16 @@ def _write(
     updates = months[0].updates.assign(day=months[0].updates["t_s"] / DAY)[["day", "sensor", "forward", "update_deg"]]
     extra = {"daily": daily, "slews": slews.targeting(runs), "updates": updates}
     for name, table in {**tables, **extra}.items():
-        table.to_csv(folder / f"{name}.csv", index=False, float_format="%.6g")
+        write_csv(folder / f"{name}.csv", table, digits=6)
+    found = words.checks(tables, summary)
     sections = [
         "# Mission Mode beside the flight",
         "",
         words.LEAD.strip(),
         "",
         render.markdown("Summary", summary_table(summary)),
-        "## Findings",
-        "",
-        *(f"- {one}" for one in words.findings(tables, summary)),
+        render.markdown("What was found", checks.shown(found)),
+        *(f"- {one}" for one in checks.meanings(found)),
         "",
         "## What is not published, and what follows from it",
         "",
@@ -237,7 +243,7 @@ def _write(
     ]
     for name, title in drawn.items():
         sections += [f"## {title}", "", f"![{title}]({name})", ""]
-    (folder / "report.md").write_text("\n".join(sections), encoding="utf-8")
+    write_text(folder / "report.md", "\n".join(sections))
     write_json(folder / "summary.json", summary)
 
 

@@ -6,27 +6,30 @@
 `spikes`: four orbits with the Sun passing through a quadrant of the Earth sensor, for three states of the S filter.
 `mounting`: a day for each way in which the sun sensors may be mounted and each set of tables.
 
-The loop is compiled and lets go of the interpreter, so that threads suffice.
+A flight is a case of a study, so that what was flown stays when a run is stopped; its rows are those of its tables.
 """
 
 from __future__ import annotations
 
-import math
-import threading
-from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from itertools import product
-from typing import get_args
+from pathlib import Path
+from typing import Any, ClassVar, get_args
 
 import numpy as np
 import pandas as pd
+import pyarrow as pa
+import pyarrow.compute as pc
+import pyarrow.parquet as pq
+from pydantic import Field
 
 from simulator.mission_mode.calendar import sun_angle
 from simulator.mission_mode.config import DAY, MissionConfig, Mounting, OnBoardTables, YawManeuver, mounted, period_tables
 from simulator.mission_mode.flight import MissionRun, flight_schedule, simulate_mission
 from simulator.sensors.earth import Filter
+from studies.montecarlo.study import GridConfig, Streams, Study
 
+DAYS = 154.2  # from launch to the end of April 1998
 PERIODS = ("precalibration", "calibration1", "postcalibration")
 FIRST_DAYS = {  # UTC, of R Table 3's periods; each ends where the next one starts but for the last days of February
     "precalibration": ("1997-11-27T21:30:00+00:00", "1997-12-11T12:00:00+00:00"),
@@ -41,10 +44,19 @@ YAW_ORBITS = 8.0
 SPIKE_ORBITS = 4.0
 SPIKE_SUN_DEG = 42.0  # from the XZ plane; the Sun then passes a quadrant's view once an orbit
 SPIKE_FILTERS: tuple[Filter, ...] = ("restarted", "correct", "off")
+KEPT = {  # tables of each kind of flight that are made use of
+    "months": ("orbits", "updates"),
+    "mounting": ("updates",),
+    "yaw": ("telemetry", "updates"),
+    "spikes": ("telemetry",),
+    "slew": ("slews",),
+}
+
+Name = tuple[str, ...]  # of a flight: its kind, and which it is of its kind
+Runs = dict[Name, MissionRun]
 
 
-@dataclass(frozen=True)
-class MissionStudy:
+class MissionStudy(GridConfig):
     """What is flown.
 
     Attributes
@@ -56,11 +68,15 @@ class MissionStudy:
     entropy : seeds are counted from it
     """
 
-    days: float = 154.2
-    seeds: int = 2
-    slews: int = 20
-    mounting_days: float = 1.0
-    entropy: int = 1998
+    axes: ClassVar = ("seeds", "slews")
+    days: float = Field(default=DAYS, gt=0)
+    seeds: int = Field(default=2, ge=1)
+    slews: int = Field(default=20, ge=1)
+    mounting_days: float = Field(default=1.0, gt=0)
+
+    def points(self) -> list[Name]:
+        """Name of each flight, the longest first."""
+        return list(flights(self))
 
 
 @dataclass(frozen=True)
@@ -72,19 +88,11 @@ class Flight:
     seed: int
     telemetry_every: int | None = None
 
-    @property
-    def whole_days(self) -> int:
-        """How many days progress is told of: the last one only if something is flown after it."""
-        return math.ceil(self.seconds / DAY) - 1
-
-    def fly(self, progress: Callable[[int], None] | None = None) -> MissionRun:
-        """Fly it; progress is told each day flown."""
+    def fly(self) -> MissionRun:
+        """Fly it; that it is told of days lets Ctrl-C through between two of them."""
         return simulate_mission(
-            self.config, seconds=self.seconds, seed=self.seed, telemetry_every=self.telemetry_every, progress=progress
+            self.config, seconds=self.seconds, seed=self.seed, telemetry_every=self.telemetry_every, progress=lambda days: None
         )
-
-
-Runs = dict[tuple[str, ...], MissionRun]
 
 
 def moved(config: MissionConfig, days: float) -> MissionConfig:
@@ -120,12 +128,12 @@ def spike_day(config: MissionConfig) -> float:
     return float(days[np.argmax(angle >= SPIKE_SUN_DEG)])
 
 
-def flights(study: MissionStudy) -> dict[tuple[str, ...], Flight]:
+def flights(study: MissionStudy) -> dict[Name, Flight]:
     """Everything that is to be flown, the longest first."""
     base, tables = MissionConfig(), period_tables()
     period, first = base.orbit.period, study.entropy
     schedule = flight_schedule(base, study.days)
-    out: dict[tuple[str, ...], Flight] = {}
+    out: dict[Name, Flight] = {}
     for k in range(study.seeds):
         out["months", str(k)] = Flight(schedule, study.days * DAY, first + k)
     for mounting in get_args(Mounting):
@@ -145,26 +153,27 @@ def flights(study: MissionStudy) -> dict[tuple[str, ...], Flight]:
     return out
 
 
-class StoppedError(Exception):
-    """Another flight failed, or the user stopped them all."""
+def case(config: MissionStudy, number: int, streams: Streams) -> list[dict[str, Any]]:
+    """A flight: a row for each row of the tables that are made use of."""
+    name = config.points()[number]
+    run = flights(config)[name].fly()
+    return [{"table": table, **row} for table in KEPT[name[0]] for row in getattr(run, table).to_dict("records")]
 
 
-def fly(wanted: dict[tuple[str, ...], Flight], jobs: int = 1, progress: Callable[[int], None] | None = None) -> Runs:
-    """Fly them; the outcome does not depend on jobs, the number of threads."""
-    replace(next(iter(wanted.values())), seconds=1.0).fly()  # compiles before threads would all want to
-    stop = threading.Event()
+STUDY = Study("studies.robertson.runs:STUDY", MissionStudy, case)
 
-    def tell(days: int) -> None:
-        if stop.is_set():
-            raise StoppedError
-        if progress is not None:
-            progress(days)
 
-    with ThreadPoolExecutor(jobs) as pool:
-        waiting = {name: pool.submit(one.fly, tell) for name, one in wanted.items()}
-        try:
-            return {name: one.result() for name, one in waiting.items()}
-        except BaseException:
-            stop.set()
-            pool.shutdown(wait=False, cancel_futures=True)
-            raise
+def runs(config: MissionStudy, path: Path) -> Runs:
+    """The flights from the study's table; tables that are not made use of are empty."""
+    rows = pq.read_table(path)
+    names = ("telemetry", "updates", "slews", "orbits")
+    return {
+        flight: MissionRun(**{name: _table(rows, number, name) for name in names})
+        for number, flight in enumerate(config.points())
+    }
+
+
+def _table(rows: pa.Table, number: int, name: str) -> pd.DataFrame:
+    """One table of one flight: the columns that hold anything; by Arrow, which tells NaN from nothing."""
+    own = rows.filter((pc.field("case") == number) & (pc.field("table") == name))
+    return own.select([column for column in own.column_names[3:] if own[column].null_count < len(own)]).to_pandas()

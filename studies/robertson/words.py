@@ -1,12 +1,13 @@
-"""What the report of the mission study says around its numbers: findings, and what is not published."""
+"""What the report of the mission study says around its tables: what is found, and what is not published."""
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import pandas as pd
 
-from studies.robertson import flown
+from studies.report.checks import Check, at_most, extremes
 from studies.robertson.slews import gaps
 
 LEAD = """
@@ -34,125 +35,51 @@ NOT_PUBLISHED = (
 )
 
 
-def findings(tables: dict[str, pd.DataFrame], summary: dict[str, Any]) -> list[str]:
-    """Sentences with the numbers, each with what the flight has and the difference; none on what was not flown."""
-    update, accuracy = summary["yaw_update_deg"], summary["yaw_accuracy_deg"]
-    sentences = [
-        "Yaw updates: " + _beside(update, 2) + ".",
-        "Yaw accuracy on board: " + _beside(accuracy, 3) + ". Seeds do not explain the differences: their range is below "
-        f"{summary['largest_seed_range_deg']:.4f}° in any accuracy or update.",
-        _requirements(tables["requirements"]),
-        _biases(tables["biases"]),
-        _scatter(tables["bias_scatter"]),
-        _slews(tables["table2"]),
-        _which_slew(tables["table2"]),
-        _spikes(summary["spikes_deg"]),
-        _orientation(tables["orientation"]),
-        _dates(tables["yaw_maneuvers"]),
-    ]
-    return [one for one in sentences if one]
+SLEWS = (
+    "R does not say which maneuver its Table 2 is of. The simulated ones have the yaw bias that was solved for on board; with "
+    "that of before launch instead, G and b alone should give N's residuals of both maneuvers."
+)
+SCATTER = "The scatter that orientation alone gives with N's pre-launch G, and with G = I, which R (8) is written for."
+SPIKES = "The size of the spikes is that of the assumed offset of the S detector; R has a figure of it and no number."
+ORIENTATION = "Between the uploads R saw the smaller yaw updates in +x forward and did not know why."
+DATES = "R has six yaw maneuvers; the first one here, two days after launch, may be the one that R's do not have."
 
 
-def _beside(values: dict[str, dict[str, float | None]], digits: int) -> str:
-    words = {"precalibration": "before any upload", "calibration1": "with the alignment", "postcalibration": "calibrated"}
-    cells = []
-    for period, one in values.items():
-        simulated, flight = one["simulated"], one["flight"]
-        if simulated is not None and flight is not None:
-            cells.append(f"{words[period]} {simulated:.3f}° (flight {flight:.{digits}f}°, {simulated - flight:+.3f}°)")
-    return "; ".join(cells)
-
-
-def _requirements(table: pd.DataFrame) -> str:
-    flown_ones = table[table["simulated_deg"].notna()]
-    where = ", ".join(
-        f"{row.requirement} of {row.axis} {row.simulated_deg:.2f}° of {row.limit_deg:g}° in {row.period}"
-        for row in flown_ones[~flown_ones["met"]].itertuples()
-    )
-    calibrated = flown_ones[flown_ones["period"] == "postcalibration"]
-    worst = ", ".join(
-        f"{name} {value:.3f}° of {flown.requirement(str(name)):g}°"
-        for name, value in calibrated.groupby("requirement", sort=False)["simulated_deg"].max().items()
-    )
-    return f"R's requirements: not met: {where or 'none'}" + (f"; calibrated, the worst axis: {worst}." if worst else ".")
-
-
-def _biases(table: pd.DataFrame) -> str:
-    rows = table[(table["axis"] == "z") & (table["forward"] == "-x minus +x")].set_index("period")
-    if rows["simulated_deg_h"].isna().any():
-        return ""
-    before, after = rows.loc["calibration1"], rows.loc["postcalibration"]
-    return (
-        f"Bias of the z gyro, −x minus +x forward: {before['simulated_deg_h']:.3f} deg/h before the gyro's upload (R (8): "
-        f"{before['formula_deg_h']:.3f}), {after['simulated_deg_h']:+.4f} ± {after['standard_error_deg_h']:.4f} after."
-    )
-
-
-def _scatter(table: pd.DataFrame) -> str:
-    if table["prelaunch_G"].isna().any():
-        return ""
-    cells = "; ".join(
-        f"{row.axis}: flight {row.flight:.3f}, with N's pre-launch G {row.prelaunch_G:.3f}, with G = I {row.G_is_I:.3f}"
-        for row in table.itertuples()
-    )
-    return (
-        f"Scatter of the bias before the gyro's upload by orientation alone, deg/h: {cells}. The flight's x and z are nearer "
-        "to the pre-launch G's than to those of G = I, which R (8) is written for; x is unlike either, y is alike in both."
-    )
-
-
-def _slews(table: pd.DataFrame) -> str:
-    best = min(gaps(table).items(), key=lambda item: item[1])[0]
-    cells = []
-    for tables, words in (("calibration1", "before"), ("postcalibration", "after")):
-        numbers = [
-            f"{row.axis} {row.simulated_deg:+.3f} ± {row.std_deg:.3f}° (flight {row.flight_deg:+.3f}°, "
-            f"{row.simulated_minus_flight_deg:+.3f}°)"
-            for row in table[(table["maneuver"] == best) & (table["tables"] == tables)].itertuples()
-        ]
-        cells.append(f"{words} the gyro's calibration " + ", ".join(numbers))
-    return f"Yaw maneuver from {signed(best)}, propagated minus true: " + "; ".join(cells) + "."
-
-
-def _which_slew(table: pd.DataFrame) -> str:
-    by_size = sorted(gaps(table).items(), key=lambda item: item[1])
-    cells = " and ".join(f"{value:.3f}° from {signed(name)}" for name, value in by_size)
-    before = table[table["tables"] == "calibration1"]
+def checks(tables: dict[str, pd.DataFrame], summary: dict[str, Any]) -> list[Check]:
+    """What is found, beside what R says; a note without a value where nothing was flown."""
+    seeds, by_slew = summary["largest_seed_range_deg"], gaps(tables["table2"])
+    out = [Check("range over the seeds of an accuracy or update, largest", _value(seeds), None, "deg")]
+    for name, one in summary["requirements"]["postcalibration"].items():
+        out.append(
+            Check(f"R's {name}, calibrated, worst axis", _value(one["worst_axis_deg"]), at_most(one["limit_deg"]), "deg")
+        )
+    difference = tables["biases"].query("axis == 'z' and forward == '-x minus +x'")
+    for period, value in zip(difference["period"], difference["simulated_minus_formula_deg_h"], strict=True):
+        out.append(Check(f"z bias in {period}, −x less +x forward, simulated minus R (8)", value, None, "deg/h"))
+    for row in tables["bias_scatter"].to_dict("records"):
+        for name in ("prelaunch_G", "G_is_I"):
+            apart = row[name] - row["flight"]
+            out.append(Check(f"scatter of the bias {row['axis']} by {name}, minus the flight's", apart, None, "deg/h", SCATTER))
+    for maneuver, value in by_slew.items():
+        name = f"yaw maneuver from {signed(maneuver)} before calibration, simulated minus R, RMS over axes"
+        out.append(Check(name, value, None, "deg", SLEWS))
+    before = tables["table2"].query("tables == 'calibration1'")
     apart = (before["published_bias_deg"] - before["flight_by_N_deg"]).abs().max()
-    return (
-        "R does not say which maneuver Table 2 is of. Simulated minus flown before calibration, RMS over the axes, is "
-        f"{cells}; the line above is on the first, with the yaw bias that was solved for on board before it. With the bias "
-        f"of before launch instead, G and b alone give N's residuals of both maneuvers within {apart:.2f}°."
-    )
+    out.append(Check("yaw maneuvers by G and the published b alone, minus N's, largest", apart, None, "deg", SLEWS))
+    for state, one in summary["spikes_deg"].items():
+        for kind, where in (("pitch_on_board", "on board"), ("pitch", "true")):
+            out.append(Check(f"largest pitch error {where}, S filter {state}", one[kind], None, "deg", SPIKES))
+    updates = tables["orientation"].query("period == 'calibration1'").set_index("forward")["yaw_update_deg"]
+    apart = updates["+x"] - updates["-x"]
+    out.append(Check("yaw updates between the uploads, +x less −x forward", apart, None, "deg", ORIENTATION))
+    out.append(Check("yaw maneuvers", len(tables["yaw_maneuvers"]), None, "", DATES))
+    days = tables["yaw_maneuvers"]["simulated_minus_flight_days"]
+    out += extremes("yaw maneuver, simulated minus flown", days, None, "days", DATES)
+    return out
 
 
-def _spikes(values: dict[str, dict[str, float]]) -> str:
-    return (
-        "Sun in a quadrant of the Earth sensor, largest pitch error on board and true: "
-        + ", ".join(f"S filter {state} {one['pitch_on_board']:.3f}° and {one['pitch']:.3f}°" for state, one in values.items())
-        + ". The size is that of the assumed offset of the S detector; R has a figure of it and no number."
-    )
-
-
-def _orientation(table: pd.DataFrame) -> str:
-    rows = table[table["period"] == "calibration1"].set_index("forward")["yaw_update_deg"]
-    if rows.isna().any():
-        return ""
-    return (
-        f"Between the uploads, yaw updates are {rows['+x']:.3f}° in +x forward and {rows['-x']:.3f}° in −x forward. R saw the "
-        f"smaller ones in +x forward and did not know why; here they are in {signed(str(rows.idxmin()))} forward."
-    )
-
-
-def _dates(table: pd.DataFrame) -> str:
-    near = table[table["flight"] != ""]
-    if near.empty:
-        return ""
-    cells = ", ".join(f"{row.flight_utc} {row.simulated_minus_flight_days:+.1f} days" for row in near.itertuples())
-    return (
-        f"{len(table)} yaw maneuvers against R's six; the first, two days after launch, may be the one that R's do not have. "
-        f"Simulated minus flown where a date is published: {cells}."
-    )
+def _value(number: float | None) -> float:
+    return math.nan if number is None else number
 
 
 def signed(name: str) -> str:

@@ -2,7 +2,7 @@
 
 `gyrocal study blind` runs the three steps of `studies.validation.blind_check` in processes of their own: one makes the
 recordings and seals the answers, the second diagnoses from the recordings alone, the third opens the answers and counts.
-``work/`` in the study's folder holds what they exchange; recordings and single results are deleted in the end, seals, opened
+``work/`` in the study's folder holds what they exchange, and each step's study; it is deleted in the end, while seals, opened
 answers and all that was counted are kept. A run that was stopped goes on.
 
 With ``withhold`` above zero each listed effect in turn is put into so many recordings and left out of the library of their
@@ -14,10 +14,8 @@ import os
 import shutil
 import subprocess
 import sys
-import tempfile
 import time
 from collections.abc import Mapping
-from contextlib import AbstractContextManager
 from functools import partial
 from pathlib import Path
 from typing import Any, Self
@@ -36,17 +34,16 @@ from gyrocal.recording import Recording
 from simulator.effects import EFFECTS
 from simulator.scenario import Scenario
 from studies.montecarlo import engine
-from studies.montecarlo.manifest import manifest, write_json
-from studies.montecarlo.study import Scalar, Streams, Study, StudyConfig, base_scenario, config_sha256, load_config, resolved
-from studies.natanson.figures import STYLE, save
-from studies.report import render
-from studies.report.console import progress
-from studies.report.entry import Entry, Report, write
+from studies.montecarlo.files import write_parquet, write_text
+from studies.montecarlo.manifest import MANIFEST, write_manifest
+from studies.montecarlo.study import Scalar, Streams, Study, StudyConfig, base_scenario, load_config
+from studies.report.entry import Entry, Report, show, write
+from studies.report.panels import STYLE, save
+from studies.report.tables import Table
 from studies.validation.blind_check.cases import Range, Spec, draw
 from studies.validation.blind_check.score import CLEAR, DETECTABLE, Scores, case_row, scored
 from studies.validation.blind_check.steps import DIAGNOSIS_SEED, open_answers
 
-STEPS = (("make", "blind: recordings"), ("diagnose", "blind: diagnoses"), ("score", "blind: scores"))
 COLOURS = {"one": "#00798c", "unlisted": "#d1495b"}
 CASES = 300
 LISTS = ("statements", "size_sigmas")  # columns that hold lists
@@ -144,101 +141,70 @@ def run(
     settings: BlindConfig = load_config(STUDY, config, changes)
     work = folder / "work"
     work.mkdir(parents=True, exist_ok=True)
-    known = work / "results"
-    resumed = len(list(known.glob("case-*.json"))) if known.exists() else 0
-    spec = settings.spec().model_dump_json()
     took = {}
-    for step, title in STEPS:
+    for step in ("make", "diagnose", "score"):
         start = time.monotonic()
-        shown = progress(title, settings.cases, console.quiet)
-        _step(step, work, jobs or os.cpu_count() or 1, spec if step == "make" else "", shown)
+        _step(step, work, jobs or os.cpu_count() or 1, settings.spec().model_dump_json() if step == "make" else "")
         took[step] = time.monotonic() - start
     rows = pd.DataFrame(json.loads((work / "scores.json").read_text())["rows"])
     table = _kept(folder, work, rows)
     made = report(settings, rows, took)
+    write(made, f"Study blind: {SUMMARY}", folder)
+    show(made, console)
+    # The manifest is that of the diagnoses' study, whose answers and scores are here too.
+    about = json.loads((work / "results" / MANIFEST).read_text())
+    about |= engine.about(STUDY, settings) | {"wall_s": round(time.monotonic() - begun, 3)}
+    write_manifest(folder, about)
     if not settings.keep_recordings:
         shutil.rmtree(work)
-    write(made, f"Study blind: {SUMMARY}", folder)
-    for title, whole in made.tables.items():
-        render.terminal(console, title, made.shown.get(title, whole))
-    for finding in made.findings:
-        console.print(f"- {finding}", highlight=False, markup=False)
-    wall_s = time.monotonic() - begun
-    write_json(folder / "manifest.json", _manifest(settings, folder, wall_s))
-    failures = {int(row["case"]): str(row["error"]) for _, row in rows[rows["error"] != ""].iterrows()}
-    cpu_s = float(rows.get("runtime_s", pd.Series(dtype=float)).sum())
-    return engine.Outcome(folder, table, len(rows), resumed, failures, {}, wall_s, cpu_s)
+    failures = {int(case): error for case, error in about["failures"].items()}
+    resumed, cpu_s = about["runs"][-1]["resumed"], about["cpu_s"]
+    return engine.Outcome(folder, table, len(rows), resumed, failures, about["warnings"], about["wall_s"], cpu_s, about)
 
 
-def _step(step: str, work: Path, jobs: int, given: str, shown: AbstractContextManager[Any]) -> None:
+def _step(step: str, work: Path, jobs: int, given: str = "") -> None:
     """One step in a process of its own, which gets the folder and, the first one, the settings."""
     command = [sys.executable, "-m", "studies.validation.blind_check", step, str(work), str(jobs)]
-    pipe = subprocess.PIPE
-    # A pipe for the errors would fill up with its workers' warnings, and the step would wait for a reader.
-    with (
-        shown as advance,
-        tempfile.TemporaryFile("w+", encoding="utf-8") as errors,
-        subprocess.Popen(command, stdin=pipe, stdout=pipe, stderr=errors, text=True, encoding="utf-8") as process,
-    ):
-        assert process.stdin is not None
-        assert process.stdout is not None
+    with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, encoding="utf-8") as process:
         try:
-            process.stdin.write(given)
-            process.stdin.close()
-            done = 0
-            for line in process.stdout:
-                if line.strip().isdecimal():
-                    advance(int(line) - done)
-                    done = int(line)
-            status = process.wait()
+            said, _ = process.communicate(given)
         except KeyboardInterrupt:
             process.terminate()
             raise engine.Interrupted(f"stopped in step '{step}'; the same command goes on in {work.parent}") from None
-        errors.seek(0)
-        said = errors.read().strip()
-    if status:
-        raise InputError(f"blind check, step '{step}': {said.splitlines()[-1] if said else f'status {status}'}")
+    if process.returncode:
+        raise InputError(f"blind check, step '{step}': {said.strip() or f'status {process.returncode}'}")
 
 
 def _kept(folder: Path, work: Path, rows: pd.DataFrame) -> Path:
     """Keep seals, opened answers and rows; returns the rows' file."""
-    shutil.copyfile(work / "seals.json", folder / "seals.json")
+    write_text(folder / "seals.json", (work / "seals.json").read_text())
     open_answers(work)  # once more: what is kept must be what was sealed
     sealed = json.loads((work / "sealed" / "answers.json").read_text())
     opened = {key: {"salt": one["salt"], "answer": one["answer"]} for key, one in sealed.items()}
-    (folder / "answers.json").write_text(json.dumps(opened, separators=(",", ":")) + "\n", encoding="utf-8")
+    write_text(folder / "answers.json", json.dumps(opened, separators=(",", ":")) + "\n")
     table = folder / "table.parquet"
-    rows.drop(columns=[name for name in LISTS if name in rows]).to_parquet(table, index=False)
+    write_parquet(table, rows.drop(columns=[name for name in LISTS if name in rows]))
     return table
-
-
-def _manifest(settings: BlindConfig, folder: Path, wall_s: float) -> dict[str, Any]:
-    about = settings.model_dump(mode="json") | {"cases": settings.cases}
-    if not isinstance(settings.scenario, str):
-        about["scenario"] = settings.scenario.title
-    made = manifest("gyrocal study blind", about, folder, wall_s)
-    # As the engine's, so that --rerun knows the study in the folder.
-    return made | {"config_sha256": config_sha256(STUDY, resolved(settings)), "chunk": settings.cases, "runs": []}
 
 
 def report(config: BlindConfig, rows: pd.DataFrame, took: Mapping[str, float] | None = None) -> Report:
     """Criteria, rates, and where the mistakes are."""
     made = scored(rows)
-    tables = {
-        "Criteria": made.criteria,
-        "Rates with Wilson's 95 % intervals": made.table,
-        "Over the signal-to-noise ratio": made.by_snr,
-        "Stated probability against frequency": made.reliability,
-        "By effect": made.by_effect,
-        "What was in, what was said": made.confusion,
-        "Run time": run_time(rows, took or {}),
-    }
     mistakes = made.confusion[made.confusion["truth"] != made.confusion["said"]]
-    shown = {"What was in, what was said": mistakes.sort_values("cases", ascending=False, ignore_index=True).head(25)}
+    most = mistakes.sort_values("cases", ascending=False, ignore_index=True).head(25)
+    tables = {
+        "criteria": Table("Criteria", made.criteria),
+        "rates": Table("Rates with Wilson's 95 % intervals", made.table),
+        "by_snr": Table("Over the signal-to-noise ratio", made.by_snr),
+        "reliability": Table("Stated probability against frequency", made.reliability),
+        "by_effect": Table("By effect", made.by_effect),
+        "confusion": Table("What was in, what was said", made.confusion, shown=most),
+        "run_time": Table("Run time", run_time(rows, took or {})),
+    }
     figures = {"reliability": partial(reliability_figure, made)}
     if len(made.by_snr):
         figures["detection"] = partial(detection_figure, made)
-    return Report(tuple(_findings(made, rows)), tables, figures, shown)
+    return Report(tables, figures, findings=tuple(_findings(made, rows)))
 
 
 def run_time(rows: pd.DataFrame, took: Mapping[str, float]) -> pd.DataFrame:

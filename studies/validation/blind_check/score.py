@@ -17,6 +17,7 @@ import numpy as np
 import pandas as pd
 
 from simulator.effects import EFFECTS
+from studies.montecarlo.statistics import binomial_interval
 
 Z95 = 1.959963984540054
 DETECTABLE, CLEAR = 8.0, 12.0  # SNR from which the criteria count single effects, and unlisted ones
@@ -52,20 +53,6 @@ class Scores:
     reliability: pd.DataFrame
     by_effect: pd.DataFrame
     confusion: pd.DataFrame
-
-
-def wilson(successes: int, trials: int, z: float = Z95) -> tuple[float, float]:
-    """Wilson's interval of a proportion; all of [0, 1] without a trial. E. B. Wilson, J. Am. Stat. Assoc. 22 (1927) 209."""
-    if trials == 0:
-        return 0.0, 1.0
-    share = successes / trials
-    middle = share + z**2 / (2 * trials)
-    half = z * float(np.sqrt(share * (1 - share) / trials + z**2 / (4 * trials**2)))
-    scale = 1 + z**2 / trials
-    # At the ends the two terms cancel, to rounding.
-    low = 0.0 if successes == 0 else (middle - half) / scale
-    high = 1.0 if successes == trials else (middle + half) / scale
-    return low, high
 
 
 def label(effect: str, axis: str | None) -> str:
@@ -198,7 +185,7 @@ def scored(rows: pd.DataFrame) -> Scores:
 def _rate(name: str, values: Sequence[Any] | pd.Series) -> dict[str, Any]:
     """A proportion with its interval."""
     hits, total = int(np.sum(np.asarray(values, dtype=bool))), len(values)
-    low, high = wilson(hits, total)
+    low, high = binomial_interval(hits, total)
     return {"what": name, "value": hits / total if total else np.nan, "low": low, "high": high, "hits": hits, "of": total}
 
 

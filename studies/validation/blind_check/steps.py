@@ -1,45 +1,64 @@
 """The three steps, each to be run in a process of its own. What a folder holds:
 
-- ``sealed/``: ``spec.json`` and ``answers.json`` (answers and salts); the second step never opens it
+- ``sealed/``: the first step's study, whose rows are answers and salts, and ``answers.json``; the second step never opens it
 - ``recordings/case-000017/``: what the diagnosis sees
 - ``seals.json``: a seal for each case, and the effects its diagnosis may name; written before any diagnosis
-- ``results/case-000017.json``: a diagnosis, with the SHA-256 of the seals it came after
+- ``results/``: the second step's study, whose rows are the diagnoses; its settings hold the SHA-256 of the seals
+- ``reached/``: the third step's study, whose rows are what the truth reaches
 - ``scores.json``: what the third step counted from
 
-Every file is written atomically, and what is there already is not made again, so that a step that was stopped goes on.
+Being studies of the Monte Carlo engine, the steps go on where they were stopped.
 """
 
-import hashlib
 import json
-import os
-import traceback
-from collections.abc import Callable, Iterable
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
-import joblib
-import numpy as np
 import pandas as pd
-from threadpoolctl import threadpool_limits
 
 from diagnosis.diagnose import diagnose
 from diagnosis.model.prepare import prepare
 from gyrocal.errors import InputError
 from gyrocal.recording import load, save
 from simulator.effects import EFFECTS
+from studies.montecarlo import engine
+from studies.montecarlo.files import plain, write_json, write_text
+from studies.montecarlo.manifest import MANIFEST, digest
+from studies.montecarlo.study import GridConfig, Streams, Study, StudyConfig
 from studies.validation.blind_check import seal
 from studies.validation.blind_check.cases import Spec, draw
 from studies.validation.blind_check.reach import true_closed
 from studies.validation.blind_check.score import Scores, case_row, scored
-
-Told = Callable[[int], None]
 
 SHOWN_FINDINGS = 3  # kept of a diagnosis, which may have hundreds
 REACH_SNR = 12.0  # closure is compared with what the truth reaches from here on
 DIAGNOSIS_SEED = 0  # the diagnosis' own draws must not depend on the cases'
 
 
-def make(folder: Path, spec: Spec, jobs: int = 1, told: Told = lambda done: None) -> Path:
+class MakeConfig(StudyConfig):
+    """Settings of the first step: the folder, and what to draw."""
+
+    folder: str
+    spec: Spec
+
+
+class DiagnoseConfig(StudyConfig):
+    """Settings of the second step: the folder, and the hash of the seals that were published before."""
+
+    folder: str
+    seals_sha256: str
+
+
+class ReachConfig(GridConfig):
+    """Settings of the third step: the folder, what was drawn, and which cases' closure is compared with the truth's."""
+
+    axes: ClassVar = ("wanted",)
+    folder: str
+    spec: Spec
+    wanted: tuple[int, ...]
+
+
+def make(folder: Path, spec: Spec, jobs: int = 1, shown: engine.Display = engine.silent) -> Path:
     """Step one: draw the cases, write the recordings, seal the answers.
 
     Parameters
@@ -47,7 +66,7 @@ def make(folder: Path, spec: Spec, jobs: int = 1, told: Told = lambda done: None
     folder : to write
     spec : what to draw
     jobs : worker processes
-    told : called with the number of cases done
+    shown : progress, as of `engine.run`
 
     Returns
     -------
@@ -56,47 +75,40 @@ def make(folder: Path, spec: Spec, jobs: int = 1, told: Told = lambda done: None
     Raises
     ------
     InputError
-        The folder holds other cases, or a case cannot be drawn.
+        The folder holds other cases.
+    GyrocalError
+        A case cannot be drawn.
     """
-    sealed = folder / "sealed"
-    sealed.mkdir(parents=True, exist_ok=True)
-    text = json.dumps(spec.model_dump(mode="json"), sort_keys=True)
-    place = sealed / "spec.json"
-    if place.exists() and place.read_text() != text:
-        raise InputError(f"{folder}: holds a blind check with other settings; choose another folder")
-    _write(place, text)
-    _each(make_case, folder, [case for case in range(spec.cases) if not _sealed(folder, case).exists()], spec.cases, jobs, told)
-    if (folder / "seals.json").exists():
-        return folder / "seals.json"
-    answers = {str(case): json.loads(_sealed(folder, case).read_text()) for case in range(spec.cases)}
-    _write(sealed / "answers.json", json.dumps(answers))
-    published = {
-        "format": 1,
-        "seal": "SHA-256 of salt, line feed, answer as JSON with sorted keys and without blanks",
-        "seals": {case: seal.seal(one["answer"], one["salt"]) for case, one in answers.items()},
-        "nameable": {case: one["nameable"] for case, one in answers.items()},
-    }
-    _write(folder / "seals.json", json.dumps(published, indent=1))
-    return folder / "seals.json"
+    config = MakeConfig(cases=spec.cases, entropy=spec.entropy, scenario=spec.base, folder=_absolute(folder), spec=spec)
+    rows = _run(MAKE, config, folder / "sealed", jobs, shown)
+    published = folder / "seals.json"
+    if not published.exists():
+        answers = {str(case): json.loads(one) for case, one in zip(rows["case"], rows["sealed"], strict=True)}
+        write_text(folder / "sealed" / "answers.json", json.dumps(answers))
+        document = {
+            "format": 1,
+            "seal": "SHA-256 of salt, line feed, answer as JSON with sorted keys and without blanks",
+            "seals": {case: seal.seal(one["answer"], one["salt"]) for case, one in answers.items()},
+            "nameable": {case: one["nameable"] for case, one in answers.items()},
+        }
+        write_text(published, json.dumps(document, indent=1))
+    return published
 
 
-def make_case(folder: Path, case: int) -> None:
-    """Write one recording and its answer with a salt."""
-    spec = Spec.model_validate_json((folder / "sealed" / "spec.json").read_text())
-    drawn = draw(spec, case)
-    save(drawn.recording(), _recording(folder, case))
-    one = {"answer": drawn.answer, "salt": seal.new_salt(), "nameable": drawn.nameable}
-    _sealed(folder, case).parent.mkdir(parents=True, exist_ok=True)
-    _write(_sealed(folder, case), json.dumps(one))
+def make_case(config: MakeConfig, case: int, streams: Streams) -> dict[str, str]:
+    """Write one recording; its answer with a salt, which nobody can foresee."""
+    drawn = draw(config.spec, case)
+    save(drawn.recording(), _recording(Path(config.folder), case))
+    return {"sealed": json.dumps({"answer": drawn.answer, "salt": seal.new_salt(), "nameable": drawn.nameable})}
 
 
-def diagnose_all(folder: Path, jobs: int = 1, told: Told = lambda done: None) -> None:
-    """Step two: diagnose every recording whose seal is published.
+def diagnose_all(folder: Path, jobs: int = 1, shown: engine.Display = engine.silent) -> None:
+    """Step two: diagnose every recording whose seal is published; a diagnosis that fails is a result too.
 
     Parameters
     ----------
     folder : made by `make`; its sealed part may be gone
-    jobs, told : as for `make`
+    jobs, shown : as for `make`
 
     Raises
     ------
@@ -105,51 +117,61 @@ def diagnose_all(folder: Path, jobs: int = 1, told: Told = lambda done: None) ->
     """
     if not (folder / "seals.json").exists():
         raise InputError(f"{folder}: there are no published seals, and nothing may be diagnosed before")
-    (folder / "results").mkdir(exist_ok=True)
-    cases = sorted(map(int, json.loads((folder / "seals.json").read_text())["seals"]))
-    _each(diagnose_case, folder, [case for case in cases if not _result(folder, case).exists()], len(cases), jobs, told)
-
-
-def diagnose_case(folder: Path, case: int) -> None:
-    """Diagnose one recording; a failure is a result too."""
     published = (folder / "seals.json").read_bytes()
-    nameable = json.loads(published)["nameable"][str(case)]
-    result: dict[str, Any] = {"case": case, "seals_sha256": hashlib.sha256(published).hexdigest(), "error": ""}
-    try:
-        found = diagnose(load(_recording(folder, case)), seed=DIAGNOSIS_SEED, library=nameable).to_json()
-        found["where"] = found["where"][:SHOWN_FINDINGS]
-        result["diagnosis"] = found
-    except Exception as error:
-        result["error"] = f"{type(error).__name__}: {error}"
-        result["traceback"] = traceback.format_exc()
-    _write(_result(folder, case), json.dumps(_plain(result)))
+    cases = len(json.loads(published)["seals"])
+    config = DiagnoseConfig(cases=cases, folder=_absolute(folder), seals_sha256=digest(published))
+    _run(DIAGNOSE, config, folder / "results", jobs, shown, failures=True)
 
 
-def score(folder: Path, jobs: int = 1, told: Told = lambda done: None) -> Scores:
+def diagnose_case(config: DiagnoseConfig, case: int, streams: Streams) -> dict[str, str]:
+    """Diagnose one recording."""
+    folder = Path(config.folder)
+    nameable = json.loads((folder / "seals.json").read_bytes())["nameable"][str(case)]
+    found = diagnose(load(_recording(folder, case)), seed=DIAGNOSIS_SEED, library=nameable).to_json()
+    found["where"] = found["where"][:SHOWN_FINDINGS]
+    return {"diagnosis": json.dumps(plain(found))}
+
+
+def score(folder: Path, jobs: int = 1, shown: engine.Display = engine.silent) -> Scores:
     """Step three: open the answers, check every seal, count.
 
     Parameters
     ----------
     folder : with the first two steps done
-    jobs, told : as for `make`
+    jobs, shown : as for `make`
 
     Raises
     ------
     InputError
-        A seal does not fit its answer, a result came before the seals, or one is missing.
+        A seal does not fit its answer, the results came before the seals, or there are none.
     """
-    opened = open_answers(folder)
-    results = _results(folder, list(opened))
-    reaching = [case for case in opened if _worth_reaching(opened[case], results[case])]
-    run = joblib.Parallel(n_jobs=jobs, return_as="generator")
+    opened, results = open_answers(folder), _results(folder)
+    wanted = tuple(case for case in opened if _worth_reaching(opened[case], results[case]))
     reached: dict[int, float] = {}
-    for case, value in run(joblib.delayed(_reach)(folder, opened[case]) for case in reaching):
-        reached[case] = value
-        told(len(reached))
+    if wanted:
+        spec = Spec.model_validate_json(json.dumps(settings(folder / "sealed")["spec"]))
+        config = ReachConfig(folder=_absolute(folder), spec=spec, wanted=wanted)
+        reached = dict(zip(wanted, _run(REACH, config, folder / "reached", jobs, shown)["closed_true"], strict=True))
     rows = [case_row(opened[case], results[case], reached.get(case)) for case in opened]
     made = scored(pd.DataFrame(rows))
-    _write(folder / "scores.json", json.dumps({"rows": _plain(rows)}))
+    write_json(folder / "scores.json", {"rows": rows})
     return made
+
+
+def reach_case(config: ReachConfig, number: int, streams: Streams) -> dict[str, float]:
+    """What the truth reaches in a case, for which its simulation is repeated; NaN if the data have not its size."""
+    case = config.wanted[number]
+    drawn = draw(config.spec, case)
+    if json.loads(seal.canonical(drawn.answer)) != open_answers(Path(config.folder))[case]:
+        raise InputError(f"case {case}: the program has changed since it was drawn, and its truth cannot be simulated again")
+    model = prepare(drawn.recording()).model
+    response = drawn.world.response(drawn.settings)
+    return {"closed_true": true_closed(model, response) if response.size == model.size else float("nan")}
+
+
+MAKE = Study("studies.validation.blind_check.steps:MAKE", MakeConfig, make_case)
+DIAGNOSE = Study("studies.validation.blind_check.steps:DIAGNOSE", DiagnoseConfig, diagnose_case)
+REACH = Study("studies.validation.blind_check.steps:REACH", ReachConfig, reach_case)
 
 
 def open_answers(folder: Path) -> dict[int, dict[str, Any]]:
@@ -159,16 +181,32 @@ def open_answers(folder: Path) -> dict[int, dict[str, Any]]:
     return {int(case): one["answer"] for case, one in sealed.items()}
 
 
-def _results(folder: Path, cases: Iterable[int]) -> dict[int, dict[str, Any]]:
-    sha256 = hashlib.sha256((folder / "seals.json").read_bytes()).hexdigest()
-    out = {}
-    for case in cases:
-        if not _result(folder, case).exists():
-            raise InputError(f"case {case}: has no diagnosis yet")
-        out[case] = json.loads(_result(folder, case).read_text())
-        if out[case]["seals_sha256"] != sha256:
-            raise InputError(f"case {case}: was not diagnosed under the published seals")
-    return out
+def settings(place: Path) -> dict[str, Any]:
+    """Settings of the study in a folder."""
+    found: dict[str, Any] = json.loads((place / MANIFEST).read_text())["config"]
+    return found
+
+
+def _run(
+    study: Study, config: StudyConfig, place: Path, jobs: int, shown: engine.Display, failures: bool = False
+) -> pd.DataFrame:
+    """Rows of a step's study; cases that failed are run again the next time, unless failures are results."""
+    backend: engine.Name = "loky" if jobs > 1 else "serial"
+    outcome = engine.run(study, config, place, backend=backend, jobs=jobs, progress=shown, retry_failed=not failures)
+    if not failures:
+        outcome.check()
+    return outcome.load()
+
+
+def _results(folder: Path) -> dict[int, dict[str, Any]]:
+    table = folder / "results" / "table.parquet"
+    if not table.exists():
+        raise InputError(f"{folder}: not every case has a diagnosis yet")
+    if settings(table.parent)["seals_sha256"] != digest((folder / "seals.json").read_bytes()):
+        raise InputError(f"{folder}: the cases were not diagnosed under the published seals")
+    rows = pd.read_parquet(table).to_dict("records")
+    found = [{"error": row["error"], "diagnosis": None if row["error"] else json.loads(row["diagnosis"])} for row in rows]
+    return {int(row["case"]): one for row, one in zip(rows, found, strict=True)}
 
 
 def _worth_reaching(answer: dict[str, Any], result: dict[str, Any]) -> bool:
@@ -181,57 +219,10 @@ def _worth_reaching(answer: dict[str, Any], result: dict[str, Any]) -> bool:
     return bool(named and EFFECTS[one["effect"]].has_columns and one["snr"] and one["snr"] >= REACH_SNR)
 
 
-def _reach(folder: Path, answer: dict[str, Any]) -> tuple[int, float]:
-    """What the truth reaches in a case, for which its simulation is repeated."""
-    case = int(answer["case"])
-    with threadpool_limits(1):
-        drawn = draw(Spec.model_validate_json((folder / "sealed" / "spec.json").read_text()), case)
-        if json.loads(seal.canonical(drawn.answer)) != answer:
-            raise InputError(
-                f"case {case}: the program has changed since it was drawn, and its truth cannot be simulated again"
-            )
-        model = prepare(drawn.recording()).model
-        response = drawn.world.response(drawn.settings)
-        return case, true_closed(model, response) if response.size == model.size else float("nan")
-
-
-def _each(work: Callable[[Path, int], None], folder: Path, cases: list[int], total: int, jobs: int, told: Told) -> None:
-    """Work on cases in processes of their own, one BLAS thread each."""
-    told(total - len(cases))
-    run = joblib.Parallel(n_jobs=jobs, return_as="generator_unordered", batch_size=1)
-    for done, _ in enumerate(run(joblib.delayed(_calm)(work, folder, case) for case in cases), start=1):
-        told(total - len(cases) + done)
-
-
-def _calm(work: Callable[[Path, int], None], folder: Path, case: int) -> None:
-    with threadpool_limits(1):
-        work(folder, case)
-
-
-def _sealed(folder: Path, case: int) -> Path:
-    return folder / "sealed" / "cases" / f"case-{case:06d}.json"
+def _absolute(folder: Path) -> str:
+    """A folder as a worker finds it, wherever that was started."""
+    return str(folder.resolve())
 
 
 def _recording(folder: Path, case: int) -> Path:
     return folder / "recordings" / f"case-{case:06d}"
-
-
-def _result(folder: Path, case: int) -> Path:
-    return folder / "results" / f"case-{case:06d}.json"
-
-
-def _write(path: Path, text: str) -> None:
-    part = path.with_name(f"{path.name}.{os.getpid()}.tmp")
-    part.write_text(text, encoding="utf-8")
-    os.replace(part, path)
-
-
-def _plain(value: Any) -> Any:
-    """Plain JSON: numpy scalars as numbers, what is not finite as null."""
-    if isinstance(value, dict):
-        return {str(key): _plain(item) for key, item in value.items()}
-    if isinstance(value, list | tuple):
-        return [_plain(item) for item in value]
-    if isinstance(value, np.generic):
-        value = value.item()
-    return None if isinstance(value, float) and not np.isfinite(value) else value

@@ -15,8 +15,9 @@ from gyrocal import Recording, attitude, propagate
 from gyrocal.calibration.sampling import Measurements, measurements
 from gyrocal.recording import reference_rows
 from simulator.effects import EFFECTS
+from simulator.effects.gyro import bias_drift, scale_asymmetry, scale_quadratic
 from simulator.effects.recorded import stream_of
-from studies.validation.real_gyro.ladder import Found, delayed, repaired
+from studies.validation.real_gyro.ladder import LATE, Found, delayed, repaired
 from studies.validation.real_gyro.trials import Loaded
 
 Array = NDArray[np.float64]
@@ -54,9 +55,7 @@ class Further:
 
 
 TRIED = (
-    Further("scale_asymmetry", "scale_asymmetry"),
-    Further("scale_quadratic", "scale_quadratic"),
-    Further("bias_drift", "bias_drift"),
+    *(Further(module.EFFECT.name, module.EFFECT.name) for module in (scale_asymmetry, scale_quadratic, bias_drift)),
     Further("bias that follows specific force", ""),
 )
 
@@ -142,7 +141,7 @@ def fit(
     recordings = [repaired(one, rung, found) for one in trials]
     columns = [further_columns(one, recording, further) for one, recording in zip(trials, recordings, strict=True)]
     extra = 0 if columns[0] is None else columns[0].shape[2]
-    timed = "time_offset" in rung
+    timed = LATE in rung
     free = np.array([*range(12), *([12] if timed else []), *range(13, 13 + extra)])
     x = np.concatenate([np.eye(3).ravel(), np.zeros(4 + extra)])
     sigma = np.zeros(13 + extra)

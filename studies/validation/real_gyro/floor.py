@@ -14,7 +14,7 @@ from simulator.replay import replay, replayed
 from studies.validation import broad
 from studies.validation.real_gyro.fitting import Fitted, fit, predicted
 from studies.validation.real_gyro.held_rows import held_rows
-from studies.validation.real_gyro.ladder import Found, repaired, rungs, untruncated
+from studies.validation.real_gyro.ladder import STALE, TRUNCATED, Found, repaired, rungs, untruncated
 from studies.validation.real_gyro.left_out import Fold
 from studies.validation.real_gyro.trials import Loaded, RealConfig, Row
 
@@ -56,16 +56,16 @@ def simulated(one: Loaded, rung: Sequence[str], found: Found, fitted: Fitted, se
 def _level(one: Loaded, rung: Sequence[str], found: Found) -> Array:
     """Mean repaired rate of the first rest, (3,) rad/s."""
     rates = one.recording.gyro.rates[one.first_rest]
-    return np.asarray((untruncated(rates, found.step) if "rate_truncation" in rung else rates).mean(axis=0))
+    return np.asarray((untruncated(rates, found.step) if TRUNCATED in rung else rates).mean(axis=0))
 
 
 def _effects(rung: Sequence[str], found: Found) -> list[Setting]:
     """The stream effects of a rung, for the simulator; the time offset is in the tags."""
     out = []
-    if "rate_truncation" in rung:
-        out.append(setting("rate_truncation", None, float(np.rad2deg(found.step))))
-    if "stale_samples" in rung and found.fraction > 0:
-        out.append(setting("stale_samples", None, max(found.mean_run, 1.0), {"fraction": found.fraction}))
+    if TRUNCATED in rung:
+        out.append(setting(TRUNCATED, None, float(np.rad2deg(found.step))))
+    if STALE in rung and found.fraction > 0:
+        out.append(setting(STALE, None, max(found.mean_run, 1.0), {"fraction": found.fraction}))
     return out
 
 

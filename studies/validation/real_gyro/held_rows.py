@@ -10,7 +10,7 @@ import numpy as np
 
 from gyrocal import Attitudes, Interval, attitude
 from studies.validation.real_gyro.fitting import TRIED, Fitted, Prediction, fit, predicted, propagated
-from studies.validation.real_gyro.ladder import LADDER, delayed, repaired, rungs
+from studies.validation.real_gyro.ladder import LADDER, LATE, delayed, repaired, rungs
 from studies.validation.real_gyro.left_out import Fold
 from studies.validation.real_gyro.trials import Row
 
@@ -39,7 +39,7 @@ def fold_rows(fold: Fold, last: dict[str, list[tuple[Fold, Fitted]]]) -> list[Ro
             }
         )
     last.setdefault(number, []).append((fold, fitted))
-    if "time_offset" in fold.found.effects:
+    if LATE in fold.found.effects:
         other = fit(fold.others, rung, fold.found, lag=True)
         rows += held_rows(
             number, "tried", "rate_lag for time_offset", predicted(fold.tested, other, rung, fold.found, lag=True)

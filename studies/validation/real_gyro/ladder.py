@@ -9,11 +9,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gyrocal import Recording
+from simulator.effects.gyro import rate_truncation, stale_samples, time_offset
 from studies.validation.real_gyro.trials import Loaded
 
 Array = NDArray[np.float64]
 
-LADDER = ("time_offset", "rate_truncation", "stale_samples")
+LATE, TRUNCATED, STALE = (module.EFFECT.name for module in (time_offset, rate_truncation, stale_samples))
+LADDER = (LATE, TRUNCATED, STALE)
 
 
 @dataclass(frozen=True)
@@ -72,9 +74,9 @@ def repaired(loaded: Loaded, rung: Sequence[str], found: Found) -> Recording:
     recording = loaded.recording
     rates = recording.gyro.rates
     bad = repeats(rates)
-    if "rate_truncation" in rung:
+    if TRUNCATED in rung:
         rates = untruncated(rates, found.step)
-    if "stale_samples" in rung:
+    if STALE in rung:
         rates = filled(rates, bad)
     rates = rates - rates[loaded.first_rest].mean(axis=0)
     return replace(recording, gyro=replace(recording.gyro, rates=np.ascontiguousarray(rates)))

@@ -13,10 +13,11 @@ import numpy as np
 from diagnosis.diagnose import diagnose
 from diagnosis.result import Diagnosis
 from gyrocal import InputError
-from studies.validation.real_gyro.ladder import LADDER, Found
+from simulator.effects.gyro import rate_lag
+from studies.validation.real_gyro.ladder import LADDER, LATE, STALE, TRUNCATED, Found
 from studies.validation.real_gyro.trials import Loaded
 
-TIMING = ("time_offset", "rate_lag")  # the same to first order; which of the two it is, held-out prediction decides
+TIMING = (LATE, rate_lag.EFFECT.name)  # the same to first order; which of the two it is, held-out prediction decides
 SUPPORT = 0.5  # share of the other trials whose diagnosis must name an effect
 NAMED = 0.95  # probability of a timing effect over all explanations, to be named
 
@@ -32,7 +33,7 @@ def supported(diagnosis: Diagnosis) -> set[str]:
     """Effects of the ladder that a diagnosis names."""
     out = {cause.effect for cause in diagnosis.causes} & set(LADDER)
     if timing_probability(diagnosis) >= NAMED:
-        out.add("time_offset")
+        out.add(LATE)
     return out
 
 
@@ -41,11 +42,11 @@ def found_by(diagnoses: Sequence[Diagnosis]) -> Found:
     names = [supported(one) for one in diagnoses]
     effects = tuple(effect for effect in LADDER if sum(effect in own for own in names) >= SUPPORT * len(diagnoses))
     causes = [cause for one in diagnoses for cause in one.causes]
-    steps = [cause.size for cause in causes if cause.effect == "rate_truncation"]
-    stale = [cause for cause in causes if cause.effect == "stale_samples"]
+    steps = [cause.size for cause in causes if cause.effect == TRUNCATED]
+    stale = [cause for cause in causes if cause.effect == STALE]
     return Found(
         effects,
-        step=float(np.deg2rad(np.median(steps))) if "rate_truncation" in effects else 0.0,
+        step=float(np.deg2rad(np.median(steps))) if TRUNCATED in effects else 0.0,
         mean_run=float(np.mean([cause.size for cause in stale])) if stale else 1.0,
         fraction=float(np.mean([float(cause.parameters["fraction"]) for cause in stale])) if stale else 0.0,
     )

@@ -6,10 +6,11 @@ import numpy as np
 
 from diagnosis.result import Diagnosis
 from gyrocal import attitude
+from simulator.effects.gyro import vibration
 from studies.montecarlo.manifest import digest
 from studies.validation import broad
 from studies.validation.real_gyro.fitting import fit, rms
-from studies.validation.real_gyro.ladder import LADDER, Found, repeats
+from studies.validation.real_gyro.ladder import LADDER, LATE, Found, repeats
 from studies.validation.real_gyro.left_out import timing_probability
 from studies.validation.real_gyro.trials import Loaded, RealConfig, Row
 
@@ -70,7 +71,7 @@ def diagnosis_rows(one: Loaded, found: Diagnosis, turn: int) -> list[Row]:
 
 def own_rows(one: Loaded, found: Found) -> list[Row]:
     """The time offset fitted to the trial alone, with what its own diagnosis found undone, to compare within the unit."""
-    rung = tuple(effect for effect in LADDER if effect == "time_offset" or effect in found.effects)
+    rung = tuple(effect for effect in LADDER if effect == LATE or effect in found.effects)
     fitted = fit([one], rung, found)
     return [{"kind": "own", "trial": one.number, "size": fitted.offset, "size_sigma": fitted.offset_sigma}]
 
@@ -124,7 +125,7 @@ def tone_rows(one: Loaded, found: Diagnosis) -> list[Row]:
     optical = attitude.residual(A[:-1], A[1:]) / one.trial.sample_s
     good = one.trial.tracked[:-1] & one.trial.tracked[1:] & ~one.trial.moving[:-1]
     for cause in found.causes:
-        if cause.effect != "vibration" or cause.axis is None:
+        if cause.effect != vibration.EFFECT.name or cause.axis is None:
             continue
         axis, f = "xyz".index(cause.axis), float(cause.parameters["apparent_hz"])
         window = np.hanning(block) * np.exp(-2j * np.pi * f * t[:block])

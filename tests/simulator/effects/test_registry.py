@@ -1,8 +1,10 @@
 """The registry: what it refuses, plug-ins, files, and that nothing else depends on any one effect."""
 
+import ast
 import re
 from dataclasses import replace
 from importlib.metadata import EntryPoint
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -14,6 +16,7 @@ from simulator.effects import registry as registry_module
 from simulator.effects.base import SYMPTOMS
 from simulator.effects.common import on_axis
 from simulator.effects.sensor import SENSOR_EFFECTS
+from tests import ROOT
 
 
 class Constant(Effect):
@@ -173,3 +176,32 @@ def test_nothing_depends_on_an_effect(run_cli, monkeypatch, name):
     assert f" {name} " not in listed.stdout
     with pytest.raises(InputError, match="no such effect"):
         parse(f"{name}=1")
+
+
+# "spikes" is also what a wrong S filter makes, in studies/robertson.
+FOLDERS = (
+    "gyrocal",
+    "simulator",
+    "diagnosis/plan",
+    "studies/cli",
+    "studies/montecarlo",
+    "studies/report",
+    "studies/validation",
+)
+
+
+def named_in(path):
+    """Effects that a source file names in a string of its own, docstrings left out."""
+    strings = (node.value for node in ast.walk(ast.parse(path.read_text())) if isinstance(node, ast.Constant))
+    return {value for value in strings if isinstance(value, str) and value in BUILT_IN_NAMES}
+
+
+BUILT_IN_NAMES = {module.EFFECT.name for module in BUILT_IN}
+
+
+def test_no_other_file_names_an_effect():
+    own = {module.EFFECT.name: Path(module.__file__) for module in BUILT_IN}
+    assert all(named_in(path) == {name} for name, path in own.items())
+    others = [path for folder in FOLDERS for path in (ROOT / folder).rglob("*.py") if path not in own.values()]
+    assert len(others) > 100
+    assert {path.name: named_in(path) for path in others if named_in(path)} == {}

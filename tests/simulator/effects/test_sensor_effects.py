@@ -8,6 +8,7 @@ import pytest
 from gyrocal.errors import InputError
 from simulator import scenario
 from simulator.effects import EFFECTS
+from simulator.effects.chain import activated
 from simulator.effects.sensor import ALL_EFFECTS, SENSOR_EFFECTS, Sightings, described, parse
 from simulator.sensors import earth as earth_sensor
 from simulator.sensors.record import nominal_suite, sensed
@@ -186,6 +187,11 @@ def test_sensors_are_needed_for_an_effect_on_them():
     with pytest.raises(InputError, match=r"dss_head: .*\[sensors\]"):
         simulate(scenario.load("trmm"), effects=[parse("dss_head:2=0.1")])
     assert simulate(scenario.load("trmm"), noise=False).sensors is None
+
+
+def test_rates_and_references_do_not_take_an_effect_on_sensors():
+    with pytest.raises(InputError, match="dss_head:2: acts on raw sensor tables"):
+        activated([parse("dss_head:2=0.1")], 0, 0)
 
 
 def test_the_sun_stays_where_the_sensors_can_see_it():

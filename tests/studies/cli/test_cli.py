@@ -1,7 +1,11 @@
 """The commands as a user types them."""
 
 import json
+import re
+import subprocess
+import sys
 
+import click
 import numpy as np
 import pandas as pd
 import pytest
@@ -10,8 +14,10 @@ import gyrocal
 from gyrocal import NAMES, load
 from simulator import scenario as scenarios
 from studies import catalogue
+from studies.cli.main import COMMANDS, main
 from studies.montecarlo import engine
-from studies.natanson import reproduce
+from studies.natanson import paper_tables, reproduce
+from tests import ROOT
 
 
 @pytest.mark.parametrize(
@@ -36,6 +42,32 @@ def test_help(run_cli, command):
     assert result.exit_code == 0
     if command:
         assert "Example" in result.stdout
+
+
+@pytest.mark.parametrize("option", ["--version", "--help"])
+def test_version_and_help_load_no_command(option):
+    heavy = "numba", "pandas", "matplotlib", "numpy", "scipy", "gyrocal"
+    code = (
+        "import sys; from studies.cli.main import main; main([sys.argv[1]], 'gyrocal', standalone_mode=False);"
+        f"print([name for name in {heavy!r} if name in sys.modules])"
+    )
+    done = subprocess.run([sys.executable, "-c", code, option], capture_output=True, text=True, check=True, cwd=ROOT)
+    assert done.stdout.splitlines()[-1] == "[]"
+    assert "gyrocal" in done.stdout
+
+
+def test_the_list_of_commands_says_what_each_says_itself(run_cli):
+    listed = run_cli("--help").stdout
+    for name, summary in COMMANDS.items():
+        own = main.get_command(click.Context(main), name)
+        assert own.get_short_help_str(10_000) == click.Command(name, help=summary).get_short_help_str(10_000)
+        assert re.search(rf"^  {name} +{re.escape(summary[:20])}", listed, flags=re.MULTILINE)
+
+
+def test_a_command_that_there_is_not(run_cli):
+    result = run_cli("simulat")
+    assert result.exit_code == 2
+    assert "No such command 'simulat'" in result.stderr
 
 
 def test_simulate_then_calibrate(run_cli, tmp_path):
@@ -178,7 +210,9 @@ def test_study_runs_resumes_and_reruns(run_cli, tmp_path):
     assert first.exit_code == 0, first.stderr
     assert "3 cases, none failed" in first.stdout
     assert json.loads((tmp_path / "paper.json").read_text())["failures"] == {}
-    assert {"manifest.json", "table.parquet", "report.md", "table1.csv"} <= {p.name for p in (tmp_path / "paper").iterdir()}
+    assert {"manifest.json", "table.parquet", "report.md", "residuals.csv"} <= {p.name for p in (tmp_path / "paper").iterdir()}
+    hashed = json.loads((tmp_path / "paper" / "manifest.json").read_text())["files"]
+    assert set(hashed) == {p.name for p in (tmp_path / "paper").iterdir() if p.is_file()} - {"manifest.json", ".lock"}
     assert "3 of them from an earlier run" in run_cli(*arguments, "--backend", "serial").stdout
     again = run_cli(*arguments, "--rerun", "2")
     assert "bit for bit" in again.stdout
@@ -224,3 +258,23 @@ def test_reproduce_writes_everything_and_repeats_itself(run_cli, tmp_path):
     other = json.loads((tmp_path / "b" / "manifest.json").read_text())
     # Figures, tables and numbers are the same to the bit.
     assert manifest["files"] == other["files"]
+
+
+def test_a_reproduction_that_was_stopped_goes_on(run_cli, tmp_path, monkeypatch):
+    arguments = ("reproduce", "--paper", "natanson", "--cases", "3", "--jobs", "1", "--out", str(tmp_path))
+    with monkeypatch.context() as patch:
+        patch.setattr(reproduce, "flight_part", pressed)  # when all cases are there
+        assert run_cli(*arguments).exit_code == 1
+    (rows,) = (tmp_path / "work").rglob("table.parquet")
+    config = paper_tables.PaperTablesConfig(cases=3)
+    assert rows.parent == engine.work_folder(tmp_path, paper_tables.STUDY, config)
+    assert rows.parent != engine.work_folder(tmp_path, paper_tables.STUDY, config.model_copy(update={"entropy": 7}))
+    (rows.parent / "parts" / "part-000001.parquet").unlink()
+    result = run_cli(*arguments)
+    assert result.exit_code == 0, result.stderr
+    assert json.loads((tmp_path / "manifest.json").read_text())["runs"][-1]["resumed"] == 2
+    assert not (tmp_path / "work").exists()
+
+
+def pressed(*arguments):
+    raise KeyboardInterrupt

@@ -8,7 +8,6 @@ from rich.console import Console
 
 from diagnosis.plan import Extra, Pair, Plan, Visible
 from studies.cli import plan as cli_plan
-from studies.cli.main import main
 from studies.report import plan as plan_report
 
 INF, NAN = float("inf"), float("nan")
@@ -42,11 +41,6 @@ start_s = 6000.0
 stop_s = 6600.0
 mode = "+x"
 """
-
-
-@pytest.fixture(autouse=True)
-def registered():
-    main.add_command(cli_plan.plan_command)
 
 
 @pytest.fixture

@@ -81,7 +81,7 @@ def test_memory_may_be_left_out(rows, tmp_path):
     config = load_config(STUDY, changes={"cases": 3, "memory_samples": []})
     part = rows[rows["part"] == "accuracy"].drop(columns=["samples", "object_bytes", "cost_peak_kib", "cost_kept_kib"])
     made = onboard.report(config, part.reset_index(drop=True))
-    assert "Memory" not in made.tables
+    assert "memory" not in made.tables
     assert made.figures["onboard"](tmp_path / "onboard.svg").stat().st_size > 1000
 
 

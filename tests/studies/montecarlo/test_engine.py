@@ -1,3 +1,4 @@
+import io
 import json
 import multiprocessing
 import os
@@ -18,7 +19,7 @@ from gyrocal import load as load_recording
 from gyrocal.errors import InputError
 from simulator.streams import generator
 from studies.montecarlo.engine import Interrupted, StudyConfig, rerun, run
-from studies.montecarlo.folder import locked
+from studies.montecarlo.session import locked
 from studies.montecarlo.store import StorageError
 from studies.montecarlo.study import DISPERSED, Streams
 from tests import ROOT
@@ -365,30 +366,44 @@ def test_one_run_at_a_time(tmp_path):
 def test_rows_of_two_versions_of_the_program_are_reported(tmp_path, monkeypatch):
     config = DrawsConfig(cases=4)
     serial(DRAWS, config, tmp_path)
-    monkeypatch.setattr("studies.montecarlo.folder.commit", lambda: "another")
+    monkeypatch.setattr("studies.montecarlo.manifest.commit", lambda: "another")
     assert any("another version of the program" in text for text in serial(DRAWS, config, tmp_path).warnings)
     assert manifest(tmp_path)["runs"][1]["commit"] == "another"
 
 
 @pytest.fixture
 def full_disk(monkeypatch):
-    """A disk that is full from a given write on."""
+    """A disk that has no room for a part's bytes, or for renaming any file, after so many parts."""
 
     def fill(after: int, where: str) -> None:
-        count, real = 0, {"write": Path.write_bytes, "rename": os.replace}[where]
+        count, rename, opened = 0, os.replace, open
 
-        def limited(*arguments):
+        def renamed(source, target):
             nonlocal count
-            count += "part-" in str(arguments[-1]) or where == "write"
+            count += "part-" in str(target)
             if count > after:
-                if where == "write":
-                    real(arguments[0], arguments[1][: len(arguments[1]) // 2])
                 raise OSError(28, "No space left on device")
-            return real(*arguments)
+            rename(source, target)
 
-        monkeypatch.setattr(*((Path, "write_bytes") if where == "write" else (os, "replace")), limited)
+        def limited(path, mode):
+            nonlocal count
+            count += "part-" in str(path)
+            return Full(path, mode) if "part-" in str(path) and count > after else opened(path, mode)
+
+        if where == "rename":
+            monkeypatch.setattr(os, "replace", renamed)
+        else:
+            monkeypatch.setattr("gyrocal.files.open", limited, raising=False)
 
     return fill
+
+
+class Full(io.FileIO):
+    """A file that takes half of what is written to it."""
+
+    def write(self, data):
+        super().write(data[: len(data) // 2])
+        raise OSError(28, "No space left on device")
 
 
 @pytest.mark.parametrize("where", ["write", "rename"])
@@ -414,7 +429,7 @@ def test_a_full_disk_loses_nothing(where, backend, tmp_path, full_disk, monkeypa
 def test_a_disk_that_is_full_for_the_table(tmp_path, monkeypatch):
     config = DrawsConfig(cases=20)
     with monkeypatch.context() as patch:
-        patch.setattr("studies.montecarlo.store.os.replace", fail_for("table.parquet"))
+        patch.setattr("gyrocal.files.os.replace", fail_for("table.parquet"))
         with pytest.raises(StorageError, match="20 of 20 cases are finished and kept"):
             serial(DRAWS, config, tmp_path)
     assert not list(tmp_path.rglob("table.parquet*"))

@@ -74,3 +74,13 @@ def test_orders_and_crossings_of_known_curves():
     assert np.isnan(statistics.order([1.0], [2.0]))
     assert statistics.span([1.0, np.nan, 2.0]) == "1 to 2"
     assert statistics.span([np.nan]) == "nothing"
+
+
+@pytest.mark.parametrize(("hits", "of"), [(0, 60), (60, 60), (1, 60), (7, 13), (299, 300)])
+def test_the_binomial_interval_is_scipys(hits, of):
+    interval = scipy.stats.binomtest(hits, of).proportion_ci(0.95, method="wilson")
+    assert statistics.binomial_interval(hits, of) == pytest.approx((interval.low, interval.high), abs=1e-12)
+
+
+def test_without_a_trial_nothing_is_known():
+    assert statistics.binomial_interval(0, 0) == (0.0, 1.0)

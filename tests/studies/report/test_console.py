@@ -2,10 +2,8 @@ import io
 import re
 from itertools import count
 
-import pytest
 from rich.console import Console
 
-from gyrocal import InputError
 from studies.report import console
 
 
@@ -35,14 +33,3 @@ def test_a_line_a_minute_elsewhere(monkeypatch):
 def test_tables_are_not_folded_without_a_terminal(capsys):
     console.console().print("x" * 180)
     assert capsys.readouterr().out == "x" * 180 + "\n"
-
-
-def test_what_cannot_be_written_is_said_before_the_work(tmp_path, monkeypatch):
-    console.check_writable(None)
-    console.check_writable(tmp_path / "new.json")
-    for path, message in ((tmp_path, "is a folder"), (tmp_path / "no" / "x.json", "no folder")):
-        with pytest.raises(InputError, match=message):
-            console.check_writable(path)
-    monkeypatch.setattr(console.os, "access", lambda path, mode: False)
-    with pytest.raises(InputError, match="cannot be written"):
-        console.check_writable(tmp_path / "new.json")

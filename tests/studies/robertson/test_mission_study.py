@@ -15,18 +15,17 @@ from simulator.mission_mode.flight import MissionRun, flight_schedule, simulate_
 from simulator.sensors.earth import TrueEarthSensor
 from simulator.truth.orbit import lvlh_attitude
 from studies.natanson import flight_gap
-from studies.robertson import biases, figures, flown, mountings, performance, slews, words
+from studies.robertson import biases, figures, flown, mountings, performance, report, slews, words
 from studies.robertson.runs import (
     FIRST_DAYS,
     MANEUVERS,
     PERIODS,
     SLEW_TABLES,
+    SPIKE_FILTERS,
     SPIKE_SUN_DEG,
-    Flight,
     MissionStudy,
     day_of,
     flights,
-    fly,
     moved,
     slew_flight,
     spike_day,
@@ -281,23 +280,9 @@ def test_what_is_flown():
     assert kinds.to_dict() == {"months": 3, "slew": 2 * 2 * 4, "mounting": 12, "spikes": 3, "yaw": 2}
     assert len({one.seed for name, one in wanted.items() if name[0] == "months"}) == 3
     assert next(iter(wanted))[0] == "months"  # the longest first
+    assert MissionStudy(days=30.0, seeds=3, slews=4).cases == len(wanted)
     # Both states of a comparison see the same noise.
     assert len({one.seed for name, one in wanted.items() if name[0] == "spikes"}) == 1
-
-
-def test_threads_change_nothing():
-    wanted = {(str(k),): Flight(replace(BASE, tables=period_tables()["calibration1"]), 3000.0, k, 20) for k in range(3)}
-    one, two = fly(wanted, 1), fly(wanted, 3)
-    for name, run in one.items():
-        assert run.telemetry.equals(two[name].telemetry)
-        assert run.orbits.equals(two[name].orbits)
-
-
-def test_progress_is_told_of_every_day():
-    told = []
-    wanted = {("a",): Flight(BASE, 2.2 * DAY, 1), ("b",): Flight(BASE, 0.5 * DAY, 1)}
-    fly(wanted, 2, told.append)
-    assert sum(told) == sum(one.whole_days for one in wanted.values()) == 2
 
 
 def test_being_told_of_days_changes_nothing():
@@ -311,12 +296,6 @@ def test_the_example_of_the_loop_runs():
     result = doctest.testmod(mission_mode)
     assert result.attempted > 0
     assert result.failed == 0
-
-
-def test_a_flight_that_fails_is_told():
-    broken = replace(BASE, maneuvers=(replace(flight_schedule(BASE, 30.0).maneuvers[0]),) * 2)
-    with pytest.raises(ValueError, match="within another"):
-        fly({("good",): Flight(BASE, 1000.0, 1), ("bad",): Flight(broken, 1000.0, 1)}, 2)
 
 
 def test_daily_means_split_at_uploads():
@@ -334,10 +313,33 @@ def test_the_last_orbits_are_taken():
     assert rows["t_s"].iloc[0] - start < 100.0
 
 
-def test_findings_leave_out_what_was_not_flown():
-    rows = [orbit("precalibration", rms_knowledge_yaw_deg=0.1)]
-    assert "precalibration" in words._requirements(performance.requirements([run_of(rows)]))
-    assert "calibrated, the worst" not in words._requirements(performance.requirements([run_of(rows)]))
-    assert words._biases(biases.table8([run_of(rows)])) == ""
-    assert words._orientation(performance.by_orientation([run_of(rows)])) == ""
-    assert words._beside({"precalibration": {"simulated": None, "flight": 0.2}}, 2) == ""
+def test_checks_have_no_verdict_on_what_was_not_flown():
+    first = performance.requirements([run_of([orbit("precalibration", rms_knowledge_yaw_deg=0.1)])])
+    later = performance.requirements([run_of([orbit("postcalibration", rms_knowledge_yaw_deg=0.1)])])
+    for table, verdict in ((first, "note"), (later, "fail")):
+        found = {one.name: one for one in words.checks(*tables_with(table))}
+        assert found["R's knowledge, calibrated, worst axis"].verdict == verdict
+    assert found["R's knowledge, calibrated, worst axis"].value == pytest.approx(0.3)
+    assert np.isnan(found["yaw updates between the uploads, +x less −x forward"].value)
+    assert found["yaw maneuver, simulated minus flown, largest"].value == pytest.approx(0.2, abs=0.05)
+
+
+def tables_with(requirements):
+    """Tables of runs in which hardly anything was flown, with these requirements, and their summary."""
+    runs = [run_of([orbit("precalibration", rms_knowledge_yaw_deg=0.1)])]
+    slew = {"roll_deg": 0.2, "pitch_deg": 0.0, "yaw_deg": -0.1}
+    flown_slews = [
+        {"maneuver": maneuver, "tables": tables, "seed": 0} | slew for maneuver in MANEUVERS for tables in SLEW_TABLES
+    ]
+    tables = {
+        "table2": slews.table2(pd.DataFrame(flown_slews)),
+        "table3": performance.table3(runs),
+        "requirements": requirements,
+        "biases": biases.table8(runs),
+        "bias_scatter": biases.scatter(runs),
+        "orientation": performance.by_orientation(runs),
+        "yaw_maneuvers": performance.maneuver_dates(30.0),
+    }
+    telemetry = pd.DataFrame(0.0, index=[0], columns=[f"{kind}_{axis}_deg" for kind in ("error", "estimate") for axis in AXES])
+    spikes = {("spikes", state): MissionRun(telemetry, EMPTY, EMPTY, EMPTY) for state in SPIKE_FILTERS}
+    return tables, report.summarise(tables, spikes)

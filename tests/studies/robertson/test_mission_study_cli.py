@@ -1,30 +1,47 @@
 """`gyrocal mission` and `gyrocal reproduce --paper robertson` as a user types them, flown for hours instead of months."""
 
 import json
+import shutil
+from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pandas as pd
 import pytest
 
+from gyrocal import GyrocalError
 from simulator.mission_mode.config import MissionConfig
 from simulator.mission_mode.flight import MissionRun
 from studies.cli import reproduce as cli_reproduce
 from studies.cli.mission import TABLES, summary
+from studies.montecarlo import engine
 from studies.robertson import report
-from studies.robertson.runs import Flight, MissionStudy, flights, fly
+from studies.robertson import runs as runs_module
+from studies.robertson.runs import KEPT, STUDY, MissionStudy, flights, runs
 from studies.robertson.words import NOT_PUBLISHED
 
 SHORT = MissionStudy(days=1.5, seeds=1, slews=2, mounting_days=0.2)
 
 
 @pytest.fixture(scope="module")
-def short_runs():
-    return fly(flights(SHORT), 2)
+def short_flight(tmp_path_factory):
+    """A study's folder, its flights flown."""
+    folder = tmp_path_factory.mktemp("mission")
+    engine.run(STUDY, SHORT, folder, jobs=2)
+    return folder
 
 
 @pytest.fixture
-def flown_already(short_runs, monkeypatch):
-    monkeypatch.setattr(report, "fly", lambda wanted, jobs, progress: short_runs)
+def flown_already(short_flight, monkeypatch):
+    """Every reproduction goes on from the flights of the short study."""
+
+    def work_folder(folder, study, config):
+        work = folder / "work" / "short"
+        shutil.copytree(short_flight, work)
+        return work
+
+    monkeypatch.setattr(engine, "work_folder", work_folder)
+    monkeypatch.setattr(cli_reproduce, "MissionStudy", partial(MissionStudy, mounting_days=SHORT.mounting_days))
 
 
 def test_mission_writes_its_tables(run_cli, tmp_path):
@@ -127,7 +144,9 @@ def test_reproduction_of_robertson_writes_everything(run_cli, tmp_path):
         f"figure{name}.svg" for name in ("7_12_yaw", "8_spikes", "9_accuracy", "10_yaw_update", "11_bias", "13_attitude")
     }
     assert expected == set(manifest["files"])
-    assert manifest["config"]["study"]["days"] == 1.5
+    assert manifest["config"]["days"] == 1.5
+    assert manifest["runs"][-1]["resumed"] == manifest["cases"] == len(flights(SHORT))
+    assert not (tmp_path / "a" / "work").exists()
     page = (tmp_path / "a" / "report.md").read_text()
     assert "nan" not in page.lower().replace("natanson", "")
     for name in expected:
@@ -150,8 +169,20 @@ def test_reproduction_has_the_same_bytes_again(tmp_path):
     assert files[0] == files[1]
 
 
-def test_symptoms_are_in_the_short_runs(short_runs):
+def test_what_is_stored_is_what_was_flown(short_flight):
+    """Bit for bit, with its dtypes, in whatever order of the columns."""
+    stored = runs(SHORT, short_flight / "table.parquet")
+    for name in (("yaw", "precalibration"), ("spikes", "off"), ("mounting", "solved", "calibration1"), ("months", "0")):
+        direct = flights(SHORT)[name].fly()
+        for table in KEPT[name[0]]:
+            pd.testing.assert_frame_equal(
+                getattr(stored[name], table), getattr(direct, table), check_exact=True, check_like=True
+            )
+
+
+def test_symptoms_are_in_the_short_runs(short_flight):
     """Spikes by the faulty S filter, and the yaw maneuver's miss gone with the gyro's calibration."""
+    short_runs = runs(SHORT, short_flight / "table.parquet")
     summary = report.summarise(report.make_tables(short_runs, [short_runs["months", "0"]], SHORT), short_runs)
     spikes = summary["spikes_deg"]
     assert spikes["restarted"]["pitch"] > 0.1 > 2 * max(spikes["off"]["pitch"], spikes["correct"]["pitch"])
@@ -173,12 +204,8 @@ def test_both_papers_by_default(run_cli, monkeypatch, tmp_path):
     assert called == {"natanson": tmp_path}
 
 
-def test_stopping_ends_all_flights(monkeypatch):
-    """Ctrl-C in the progress display: no thread flies on to its end."""
-
-    def interrupted(days):
-        raise KeyboardInterrupt
-
-    wanted = {(str(k),): Flight(MissionConfig(), 86400.0 * 40, k) for k in range(2)}
-    with pytest.raises(KeyboardInterrupt):
-        fly(wanted, 2, interrupted)
+def test_a_failed_flight_is_told_and_the_others_are_kept(monkeypatch, tmp_path):
+    monkeypatch.setattr(runs_module, "slew_flight", lambda config, tables, maneuver: replace(config, maneuvers=(None,)))
+    with pytest.raises(GyrocalError, match=r"8 of \d+ cases failed, the first one case"):
+        report.run(tmp_path, SHORT)
+    assert list((tmp_path / "work").rglob("part-*.parquet"))

@@ -4,17 +4,20 @@ import hashlib
 import json
 import shutil
 from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+import pandas as pd
 import pytest
 import scipy.stats
 from scipy.linalg import block_diag
 from scipy.spatial.transform import Rotation
 from threadpoolctl import threadpool_limits
 
-from gyrocal import InputError, Recording, load
+from gyrocal import GyrocalError, InputError, Recording, load
 from simulator.effects import EFFECTS, REGISTRY, Effect, Setting, Stream
 from simulator.effects.base import Value
 from simulator.effects.common import on_axis
@@ -306,9 +309,8 @@ def test_the_second_step_does_without_the_answers(blind: Path) -> None:
     seals = (blind / "seals.json").read_bytes()
     shutil.move(blind / "sealed", blind.parent / f"{blind.name}-sealed")
     steps.diagnose_all(blind)
-    results = [json.loads(path.read_text()) for path in sorted((blind / "results").iterdir())]
-    assert [one["case"] for one in results] == [0, 1]
-    assert {one["seals_sha256"] for one in results} == {hashlib.sha256(seals).hexdigest()}
+    assert pd.read_parquet(blind / "results" / "table.parquet")["case"].tolist() == [0, 1]
+    assert steps.settings(blind / "results")["seals_sha256"] == hashlib.sha256(seals).hexdigest()
     shutil.move(blind.parent / f"{blind.name}-sealed", blind / "sealed")
     made = steps.score(blind).table.set_index("what")
     assert made.loc["false alarm, nothing there", ["hits", "of"]].tolist() == [0, 1]
@@ -330,31 +332,45 @@ def test_seals_made_afterwards_do_not_count(blind: Path) -> None:
         steps.score(blind)
     published["seals"]["0"] = seal.seal(sealed["0"]["answer"], sealed["0"]["salt"])
     (blind / "seals.json").write_text(json.dumps(published))
-    with pytest.raises(InputError, match="case 0: was not diagnosed under the published seals"):
+    with pytest.raises(InputError, match="the cases were not diagnosed under the published seals"):
         steps.score(blind)
 
 
 def test_steps_go_on_where_they_stopped(blind: Path) -> None:
     before = (blind / "seals.json").read_text(), (blind / "sealed" / "answers.json").read_text()
-    told: list[int] = []
-    steps.make(blind, spec(cases=2, mix=(1, 1, 0, 0)), told=told.append)
-    assert told == [2]
+    steps.make(blind, spec(cases=2, mix=(1, 1, 0, 0)))
     assert before == ((blind / "seals.json").read_text(), (blind / "sealed" / "answers.json").read_text())
-    steps.diagnose_all(blind)
-    (blind / "results" / "case-000001.json").unlink()
-    with pytest.raises(InputError, match="case 1: has no diagnosis yet"):
+    with pytest.raises(InputError, match="not every case has a diagnosis yet"):
         steps.score(blind)
-    told.clear()
-    steps.diagnose_all(blind, told=told.append)
-    assert told == [1, 2]
-    with pytest.raises(InputError, match="other settings"):
+    steps.diagnose_all(blind)
+    (blind / "results" / "parts" / "part-000001.parquet").unlink()
+    told: list[int] = []
+
+    @contextmanager
+    def shown(study: str, total: int) -> Iterator[Any]:
+        yield told.append
+
+    steps.diagnose_all(blind, shown=shown)
+    assert told == [1]
+    steps.score(blind)
+    with pytest.raises(InputError, match="another configuration"):
         steps.make(blind, spec(cases=3))
 
 
-def test_a_diagnosis_that_fails_is_a_result(blind: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    def fails(*_: object, **__: object) -> None:
-        raise ZeroDivisionError("no")
+def test_a_case_that_cannot_be_drawn_is_tried_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    with monkeypatch.context() as patch:
+        patch.setattr(steps, "draw", fails)
+        with pytest.raises(GyrocalError, match="2 of 2 cases failed, the first one case 0: ZeroDivisionError: no"):
+            steps.make(tmp_path, spec(cases=2, mix=(1, 1, 0, 0)))
+    assert not (tmp_path / "seals.json").exists()
+    assert steps.make(tmp_path, spec(cases=2, mix=(1, 1, 0, 0))).exists()
 
+
+def fails(*_: object, **__: object) -> None:
+    raise ZeroDivisionError("no")
+
+
+def test_a_diagnosis_that_fails_is_a_result(blind: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(steps, "diagnose", fails)
     steps.diagnose_all(blind)
     made = steps.score(blind)

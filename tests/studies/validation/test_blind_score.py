@@ -5,15 +5,15 @@ from typing import Any
 import numpy as np
 import pandas as pd
 import pytest
-from scipy.stats import binomtest
 
 from diagnosis.model.recording import linearised
 from gyrocal import calibrate
 from simulator.effects import Setting
 from simulator.scenario import load, override
 from simulator.simulate import simulate
+from studies.montecarlo.statistics import binomial_interval
 from studies.validation.blind_check.reach import true_closed
-from studies.validation.blind_check.score import case_row, merged, reliability, scored, wilson
+from studies.validation.blind_check.score import case_row, merged, reliability, scored
 
 
 def effect(name: str, axis: str | None, size: float = 1.0, snr: float | None = 10.0, **parameters: object) -> dict[str, Any]:
@@ -98,7 +98,7 @@ def test_rates_are_those_counted_by_hand(rows: pd.DataFrame) -> None:
         row = table.loc[what]
         assert (row["hits"], row["of"]) == (hits, of), what
         assert row["value"] == hits / of
-        assert (row["low"], row["high"]) == wilson(hits, of)
+        assert (row["low"], row["high"]) == binomial_interval(hits, of)
 
 
 def test_criteria_are_met_or_not(rows: pd.DataFrame) -> None:
@@ -170,16 +170,6 @@ def test_reliability_bins_are_counted_by_hand() -> None:
     assert table["of"].tolist() == [1, 2, 1]
     assert table["frequency"].tolist() == [0.0, 0.5, 1.0]
     assert table["stated"].tolist() == pytest.approx([0.3, 0.965, 1.0])
-
-
-@pytest.mark.parametrize(("hits", "of"), [(0, 60), (60, 60), (1, 60), (7, 13), (299, 300)])
-def test_wilson_is_scipys(hits: int, of: int) -> None:
-    interval = binomtest(hits, of).proportion_ci(0.95, method="wilson")
-    assert wilson(hits, of) == pytest.approx((interval.low, interval.high), abs=1e-12)
-
-
-def test_wilson_without_a_trial_knows_nothing() -> None:
-    assert wilson(0, 0) == (0.0, 1.0)
 
 
 def test_the_truth_closes_the_gap_and_nothing_closes_nothing() -> None:

@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from gyrocal import GyroParameters, attitude, calibrate, load, residual_table
 from studies.cli import import_ as cli_import
-from studies.cli.main import _Group
+from studies.cli.main import main
 from studies.validation import broad
 from tests import SHARED
 
@@ -99,8 +99,6 @@ def imported(trial):
 
 @pytest.fixture
 def run_import():
-    """The command as it is under the project's main group, with its handling of errors."""
-    main = _Group("gyrocal", commands={"import": cli_import.import_group})
     return lambda *arguments: CliRunner().invoke(main, ["import", *map(str, arguments)])
 
 
@@ -269,7 +267,7 @@ def test_bad_spacing_is_one_line(run_import, trial_file, tmp_path, spacing):
 
 
 def test_group_is_one(run_import):
-    assert isinstance(cli_import.import_group, click.Group)
+    assert isinstance(cli_import.command, click.Group)
     assert "broad" in run_import("--help").stdout
 
 

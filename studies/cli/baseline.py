@@ -1,0 +1,40 @@
+"""The command ``gyrocal baseline``: what moved of the recovered parameters that are held."""
+
+from pathlib import Path
+
+import click
+
+from gyrocal import InputError
+from studies.cli.options import PATH
+from studies.report import tables as render
+from studies.report.console import console
+from studies.validation import baseline
+
+
+@click.command("baseline")
+@click.option("--write", "regenerate", is_flag=True, help="Replace the stored baseline.")
+@click.option("--file", "path", type=PATH, default=None, help="The baseline; results/baseline/recovered.csv.")
+def command(regenerate: bool, path: Path | None) -> None:
+    """Recompute the baseline of recovered parameters and show what moved; exit status 1 if something did.
+
+    \b
+    Example:
+      gyrocal baseline --write
+    """
+    path = path or baseline.default_path()
+    new = baseline.recovered()
+    if path.exists():
+        table = baseline.moved(baseline.read(path), new)
+        if table.empty:
+            click.echo(f"{path}: nothing moved by more than {baseline.RTOL:g} of itself")
+        else:
+            render.terminal(
+                console(), f"{len(table)} values moved by more than {baseline.RTOL:g} of themselves", table.head(40)
+            )
+    elif not regenerate:
+        raise InputError(f"{path}: no baseline there; run in the project's folder, or write one with --write")
+    if regenerate:
+        baseline.write(new, path)
+        click.echo(f"{path}: written")
+    elif not table.empty:
+        raise SystemExit(1)

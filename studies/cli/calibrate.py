@@ -1,0 +1,101 @@
+"""The command ``gyrocal calibrate``: the gyro's parameters from a recording."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+import click
+import numpy as np
+
+from gyrocal import GyroParameters, InputError, calibrate, load, select
+from gyrocal.calibration.observability import PLAUSIBLE_G
+from studies.cli.options import PATH
+from studies.montecarlo.files import check_writable, write_json
+from studies.report import calibration as calibration_report
+from studies.report.console import console
+
+
+@click.command("calibrate")
+@click.argument("recording", type=PATH)
+@click.option("--json", "as_json", type=PATH, help="Write the result as JSON to this file.")
+@click.option("--truth", type=PATH, help="Injected G and bias_deg_s as JSON: show the errors.")
+@click.option(
+    "--psi", type=click.Choice(["full", "linear"]), default="full", show_default=True, help="Error sensitivity, N (11)."
+)
+@click.option("--iterations", type=click.IntRange(1), default=None, help="Exactly so many; to the tolerance by default.")
+@click.option(
+    "--solve-for",
+    default="all",
+    show_default=True,
+    help="Parameters (G_xx … b_z) or groups (all, bias, scale, misalignment, gyro_x: row x of G with b_x), comma separated; "
+    "'-' takes out: 'all,-misalignment'.",
+)
+@click.option("--step", "step_s", type=float, default=None, help="Propagation step in s, a multiple of the sample.")
+@click.option(
+    "--resampling", type=click.Choice(["skip", "average"]), default="average", show_default=True, help="How a step is made."
+)
+@click.option(
+    "--covariance",
+    type=click.Choice(["full", "references-only"]),
+    default="full",
+    show_default=True,
+    help="With gyro noise and shared references, or the paper's C.",
+)
+@click.option("--prior-sigma-g", type=float, default=None, help="A-priori 1-sigma of each element of G.")
+@click.option("--prior-sigma-bias", type=float, default=None, help="A-priori 1-sigma of each bias, deg/s.")
+@click.option("--plausible-g", type=float, default=PLAUSIBLE_G, show_default=True, help="How far G may plausibly be off.")
+@click.option("--plausible-bias", type=float, default=10.0, show_default=True, help="How far b may plausibly be off, deg/h.")
+@click.option(
+    "--max-gap", "max_gap_s", type=float, default=None, help="Hold the last rate over up to so many s of missing samples."
+)
+def command(
+    recording: Path,
+    as_json: Path | None,
+    truth: Path | None,
+    covariance: str,
+    prior_sigma_g: float | None,
+    prior_sigma_bias: float | None,
+    plausible_g: float,
+    plausible_bias: float,
+    solve_for: str,
+    **options: Any,
+) -> None:
+    """Calibrate the gyro of RECORDING, a folder with recording.toml, gyro and attitude tables.
+
+    \b
+    Example:
+      gyrocal simulate trmm /tmp/rec --truth /tmp/truth.json
+      gyrocal calibrate /tmp/rec --truth /tmp/truth.json --json /tmp/result.json
+    """
+    check_writable(as_json)
+    known = _read_truth(truth) if truth else None
+    result = calibrate(
+        load(recording),
+        solve_for=solve_for,
+        apriori_covariance=_prior(select(solve_for), prior_sigma_g, prior_sigma_bias),
+        covariance_model="full" if covariance == "full" else "references only",
+        plausible_G=plausible_g,
+        plausible_bias=float(np.deg2rad(plausible_bias / 3600)),
+        **options,
+    )
+    calibration_report.show(console(), result, options["iterations"] is None, known)
+    if as_json:
+        write_json(as_json, result.to_json())
+
+
+def _prior(names: tuple[str, ...], sigma_G: float | None, sigma_bias: float | None) -> np.ndarray | None:
+    if sigma_G is None and sigma_bias is None:
+        return None
+    if sigma_G is None or sigma_bias is None:
+        raise InputError("give both --prior-sigma-g and --prior-sigma-bias, or neither")
+    if not (1e-15 < sigma_G < 1e6 and 1e-15 < sigma_bias < 1e6):
+        raise InputError("--prior-sigma-g and --prior-sigma-bias must be positive and below 1e6")
+    return np.diag([(sigma_G if name.startswith("G") else np.deg2rad(sigma_bias)) ** 2 for name in names])
+
+
+def _read_truth(path: Path) -> GyroParameters:
+    try:
+        document = json.loads(path.read_text(encoding="utf-8"))
+        return GyroParameters(np.array(document["G"], dtype=float), np.deg2rad(np.array(document["bias_deg_s"], dtype=float)))
+    except (KeyError, TypeError, ValueError) as fault:
+        raise InputError(f"{path}: not a truth file with G and bias_deg_s: {fault}") from None

@@ -1,0 +1,53 @@
+"""The command ``gyrocal effects``: what a gyro, a reference or a sensor can do beyond the baseline."""
+
+from pathlib import Path
+
+import click
+import pandas as pd
+
+from simulator.effects import Effect
+from simulator.effects.sensor import ALL_EFFECTS
+from studies.cli.effect_files import effects_option
+from studies.cli.options import PATH
+from studies.montecarlo.files import check_writable, write_json
+from studies.report import tables as render
+from studies.report.console import console
+
+
+@click.command("effects")
+@effects_option
+@click.option("--json", "as_json", type=PATH, help="Write the list as JSON to this file.")
+def command(as_json: Path | None) -> None:
+    """List what a gyro, a reference or an attitude sensor can do beyond the baseline; a positive size makes the gyro read high.
+
+    A parameter without "=" must be given. Effects of the sensors (dss_…, esa_…) need a scenario with [sensors], such as
+    trmm_months; where they have several angles, the size is their norm and the angles say the direction.
+
+    \b
+    Example:
+      gyrocal effects
+    """
+    check_writable(as_json)
+    rows = [
+        {
+            "effect": effect.name,
+            "unit": effect.unit,
+            "axis": ", ".join(effect.axes) + (" or all" if effect.axis_optional else ""),
+            "parameters": _parameters(effect),
+            "plausible": f"{effect.prior[0]:g} to {effect.prior[1]:g}",
+            "what": effect.summary,
+        }
+        for effect in ALL_EFFECTS.values()
+    ]
+    render.terminal(console(), "Effects", pd.DataFrame(rows))
+    if as_json:
+        write_json(as_json, {"effects": rows})
+
+
+def _parameters(effect: Effect) -> str:
+    """An effect's parameters with their defaults, or that they have one; without "=" those that must be given."""
+    shown = [one.name if one.default is None else f"{one.name}={one.default}" for one in effect.parameters]
+    if len(shown) <= 2:
+        return ", ".join(shown)
+    names = [one.name if one.default is None else f"{one.name}=…" for one in effect.parameters]
+    return ", ".join(names) if len(names) <= 3 else f"{names[0]} to {names[-1]}"

@@ -1,0 +1,90 @@
+"""The command ``gyrocal simulate``: a scenario, or a recording once more, as a recording."""
+
+from pathlib import Path
+
+import click
+import numpy as np
+
+from gyrocal import InputError, calibrate, load, save
+from simulator import scenario as scenarios
+from simulator.effects.sensor import SENSOR_EFFECTS, described
+from simulator.effects.sensor import parse as parse_effect
+from simulator.replay import replay
+from simulator.simulate import simulate
+from studies.cli.effect_files import effects_option
+from studies.cli.options import PATH, assignment
+from studies.montecarlo.files import check_writable, write_json
+
+
+@click.command("simulate")
+@click.argument("scenario")
+@click.argument("out", type=click.Path(path_type=Path, file_okay=False))
+@click.option("--seed", type=click.IntRange(0), default=0, show_default=True, help="Root of the random streams.")
+@click.option("--case", type=click.IntRange(0, 2**32 - 1), default=0, show_default=True, help="Case number under that seed.")
+@click.option("--noise-free", is_flag=True, help="Neither gyro nor reference noise.")
+@click.option("--set", "changes", multiple=True, metavar="PATH=VALUE", help="Override a value of the scenario; repeatable.")
+@click.option(
+    "--effect",
+    "effects",
+    multiple=True,
+    metavar="NAME:AXIS=SIZE[,KEY=VALUE…]",
+    help="Something that the baseline does not do, see 'gyrocal effects'; repeatable.",
+)
+@effects_option
+@click.option("--truth", type=PATH, help="Also write the injected G, bias and effects as JSON to this file.")
+@click.option("--force", is_flag=True, help="Replace a recording that is in OUT already.")
+def command(
+    scenario: str,
+    out: Path,
+    seed: int,
+    case: int,
+    noise_free: bool,
+    changes: tuple[str, ...],
+    effects: tuple[str, ...],
+    truth: Path | None,
+    force: bool,
+) -> None:
+    """Simulate SCENARIO (a built-in name or a TOML file) and write the recording to the folder OUT.
+
+    Lists in a path count from zero: interval.1 is the second interval.
+
+    SCENARIO may also be the folder of a recording. It is calibrated, and its motion simulated again with that calibration as
+    truth: same sample tags, reference times, noise as stated and housekeeping.
+
+    \b
+    Examples:
+      gyrocal simulate trmm /tmp/rec --truth /tmp/truth.json
+      gyrocal simulate trmm /tmp/gap --effect bias_orbital:y=0.2 --effect g_matrix_step:z=1300,toward=y,time_s=15000
+      gyrocal simulate /tmp/rec /tmp/again --effect time_offset=0.5
+      gyrocal simulate trmm_months /tmp/months --effect dss_head:2=0.28
+      gyrocal simulate trmm /tmp/mine --effects mine.py --effect my_effect:z=0.5
+      gyrocal simulate trmm_series /tmp/rec --seed 7 --set gyro.arw_deg_per_sqrt_s=1e-4 --set interval.1.slew.0.start_s=120
+    """
+    if (out / "recording.toml").exists() and not force:
+        raise InputError(f"{out}: a recording is there already; choose another folder, or replace it with --force")
+    settings = [parse_effect(text) for text in effects]
+    check_writable(truth)
+    noise = not noise_free
+    if (Path(scenario) / "recording.toml").exists() and scenario not in scenarios.names():
+        if changes:
+            raise InputError(f"--set {changes[0]}: a recording has no scenario to change; only --effect acts on a replay")
+        on_sensors = [one.effect for one in settings if one.effect in SENSOR_EFFECTS]
+        if on_sensors:
+            raise InputError(f"{on_sensors[0]}: acts on raw sensor tables, which a replay keeps as they are; give a scenario")
+        original = load(scenario)
+        fitted = calibrate(original).parameters
+        recording = replay(original, fitted.G, fitted.bias, settings, seed=seed, case=case, noise=noise)
+        G, bias_deg_s = fitted.G.tolist(), np.rad2deg(fitted.bias).tolist()
+    else:
+        chosen = scenarios.load(scenario)
+        if changes:
+            chosen = scenarios.override(chosen, dict(assignment(change) for change in changes))
+        recording = simulate(chosen, seed=seed, case=case, noise=noise, effects=settings)
+        G, bias_deg_s = chosen.gyro.true_G, chosen.gyro.true_bias_deg_s
+    save(recording, out)
+    if truth:
+        write_json(truth, {"G": G, "bias_deg_s": bias_deg_s, "effects": [described(setting) for setting in settings]})
+    click.echo(
+        f"{out}: {len(recording.intervals)} intervals, {recording.gyro.t_s.size} gyro samples, "
+        f"{recording.attitudes.t_s.size} reference attitudes"
+    )

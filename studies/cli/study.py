@@ -1,0 +1,83 @@
+"""The command ``gyrocal study``: run one of the studies, or one case of it again."""
+
+from pathlib import Path
+from typing import Any
+
+import click
+import pandas as pd
+
+from studies import catalogue
+from studies.cli.options import PATH, assignment
+from studies.montecarlo import engine
+from studies.montecarlo.files import check_writable, write_json
+from studies.report import tables as render
+from studies.report.console import console
+
+
+@click.command("study")
+@click.argument("name", required=False)
+@click.option(
+    "--out", type=PATH, default=None, help="Folder to write; results/studies/NAME by default. An unfinished study resumes."
+)
+@click.option("--config", type=PATH, default=None, help="Settings as TOML.")
+@click.option("--set", "changes", multiple=True, metavar="KEY=VALUE", help="One setting by its dotted path; repeatable.")
+@click.option("--cases", type=click.IntRange(1), default=None, help="Number of cases; the study's own by default.")
+@click.option("--entropy", type=click.IntRange(0), default=None, help="Root of all random streams.")
+@click.option("--backend", type=click.Choice(["serial", "threads", "loky", "dask"]), default="loky", show_default=True)
+@click.option("--jobs", type=click.IntRange(1), default=None, help="Workers; the CPU count by default.")
+@click.option("--scheduler", default=None, help="Address of a dask scheduler, with --backend dask.")
+@click.option("--rerun", "again", type=click.IntRange(0), default=None, help="Repeat this one case and keep its recording.")
+@click.option("--keep", multiple=True, type=click.IntRange(0), help="Keep the recording of this case; repeatable.")
+@click.option("--retry-failed", is_flag=True, help="Run failed cases of an earlier run again.")
+@click.option("--json", "as_json", type=PATH, help="Write counts and failures as JSON; what was found is in the report.")
+def command(
+    name: str | None,
+    out: Path | None,
+    config: Path | None,
+    changes: tuple[str, ...],
+    cases: int | None,
+    entropy: int | None,
+    again: int | None,
+    as_json: Path | None,
+    **options: Any,
+) -> None:
+    """Run the study NAME; without a name, list the studies.
+
+    Rows do not depend on backend or jobs. Ctrl-C stops cleanly, and the same command goes on where it stopped.
+
+    \b
+    Examples:
+      gyrocal study
+      gyrocal study psi --set 'steps_s=[0.5,2.0]' --out /tmp/psi
+      gyrocal study paper --cases 1000 --set overrides.gyro.arw_deg_per_sqrt_s=1e-4
+      gyrocal study paper --rerun 17
+    """
+    if name is None:
+        table = pd.DataFrame([{"study": key, "what": catalogue.entry(key).summary} for key in catalogue.MODULES])
+        render.terminal(console(), "Studies", table)
+        return
+    check_writable(as_json)
+    folder = out or Path("results") / "studies" / name
+    settings = dict(assignment(change) for change in changes)
+    settings |= {key: value for key, value in (("cases", cases), ("entropy", entropy)) if value is not None}
+    if again is not None:
+        _show_rerun(catalogue.rerun(name, folder, settings, again, config), folder)
+        return
+    terminal = console()
+    outcome = catalogue.run(name, folder, settings, terminal, config, **options)
+    terminal.print(outcome.summary(), highlight=False, markup=False)
+    for message, count in outcome.warnings.items():
+        click.echo(f"gyrocal: warning, {count} times: {message}", err=True)
+    if as_json:
+        failures = {str(case): error for case, error in outcome.failures.items()}
+        write_json(as_json, {"study": name, "folder": str(folder), "cases": outcome.cases, "failures": failures})
+
+
+def _show_rerun(result: engine.Rerun, folder: Path) -> None:
+    render.terminal(console(), "Rows of the case", result.rows.T.reset_index().astype(str))
+    if result.traceback:
+        click.echo(result.traceback, err=True)
+    if result.recording:
+        click.echo(f"Its recording is in {result.recording}")
+    if result.same is not None:
+        click.echo(f"The rows are {'those' if result.same else 'NOT those'} of the study in {folder}, bit for bit.")

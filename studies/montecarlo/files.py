@@ -1,0 +1,71 @@
+"""The files a study or a command writes: text, JSON and tables, each through `gyrocal.files.replacing`."""
+
+import json
+import math
+import os
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from gyrocal.errors import InputError
+from gyrocal.files import regular, replacing
+
+
+def write_text(path: Path, text: str) -> None:
+    """Write text as UTF-8."""
+    with replacing(path) as file:
+        file.write(text.encode())
+
+
+def json_text(value: Any) -> str:
+    """A value as JSON for people; numbers that are none (NaN, infinity) become null, numpy's scalars become numbers."""
+    return json.dumps(plain(value), indent=2, ensure_ascii=False, allow_nan=False)
+
+
+def write_json(path: Path, value: Any) -> None:
+    """Write a value as `json_text`."""
+    write_text(path, json_text(value) + "\n")
+
+
+def write_csv(path: Path, table: pd.DataFrame, digits: int = 9) -> None:
+    """Write a table as CSV, its numbers with so many digits."""
+    write_text(path, table.to_csv(index=False, float_format=f"%.{digits}g"))
+
+
+def write_parquet(path: Path, table: pd.DataFrame) -> None:
+    """Write a table as Parquet."""
+    with replacing(path) as file:
+        table.to_parquet(file, index=False)
+
+
+def plain(value: Any) -> Any:
+    """A value as JSON can have it: numpy's scalars and arrays as numbers and lists, what is not finite as None."""
+    if isinstance(value, dict):
+        return {str(key): plain(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [plain(item) for item in value]
+    if isinstance(value, np.generic | np.ndarray):
+        return plain(value.tolist())
+    return None if isinstance(value, float) and not math.isfinite(value) else value
+
+
+def check_writable(path: Path | None) -> None:
+    """Say before the work, not after it, that a file cannot be written; None is no file.
+
+    Raises
+    ------
+    InputError
+        It is a folder, in a folder that does not exist, or without permission.
+    """
+    if path is None:
+        return
+    if path.is_dir():
+        raise InputError(f"{path}: is a folder; give the name of a file")
+    if not path.parent.is_dir():
+        raise InputError(f"{path}: no folder {path.parent}")
+    # A regular file is replaced, which its folder must allow; a device or a pipe is only written to.
+    replaced = regular(path)
+    if (replaced and not os.access(replaced.parent, os.W_OK)) or (path.exists() and not os.access(path, os.W_OK)):
+        raise InputError(f"{path}: cannot be written")

@@ -1,0 +1,137 @@
+"""The one way in which files are written: whole or not at all, and never in place of what is no regular file."""
+
+import os
+import stat
+import subprocess
+import sys
+import threading
+
+import pytest
+
+from gyrocal import files
+from gyrocal.files import replacing
+
+
+def write(path, data=b"new"):
+    with replacing(path) as file:
+        file.write(data)
+
+
+def test_a_file_is_written_and_replaced(tmp_path):
+    path = tmp_path / "a.json"
+    for data in (b"one", b"two"):
+        write(path, data)
+        assert path.read_bytes() == data
+    assert os.listdir(tmp_path) == ["a.json"]
+
+
+def test_half_a_file_is_never_seen_and_nothing_stays_after_an_error(tmp_path):
+    path = tmp_path / "a.json"
+    path.write_bytes(b"old")
+
+    def interrupted():
+        with replacing(path) as file:
+            file.write(b"ne")
+            file.flush()
+            assert path.read_bytes() == b"old"
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        interrupted()
+    assert path.read_bytes() == b"old"
+    assert os.listdir(tmp_path) == ["a.json"]
+
+
+def test_two_writers_do_not_meet(tmp_path):
+    path = tmp_path / "a.json"
+    with replacing(path) as first:
+        first.write(b"first")
+        write(path, b"second")
+        assert path.read_bytes() == b"second"
+    assert path.read_bytes() == b"first"
+
+
+def test_a_file_has_the_rights_that_the_user_gives_new_files(tmp_path):
+    before = os.umask(0o027)
+    try:
+        write(tmp_path / "a.json")
+    finally:
+        os.umask(before)
+    assert stat.S_IMODE((tmp_path / "a.json").stat().st_mode) == 0o640
+
+
+def test_what_lies_at_the_temporary_name_is_neither_followed_nor_removed(tmp_path, monkeypatch):
+    monkeypatch.setattr(files.secrets, "token_hex", lambda count: "0")
+    victim = tmp_path / "victim"
+    victim.write_bytes(b"of somebody else")
+    trap = tmp_path / "a.json.0.tmp"
+    trap.symlink_to(victim)
+    with pytest.raises(FileExistsError) as caught:
+        write(tmp_path / "a.json")
+    assert caught.value.filename == str(tmp_path / "a.json")
+    assert victim.read_bytes() == b"of somebody else"
+    assert trap.is_symlink()
+
+
+def test_a_link_stays_and_its_target_is_replaced(tmp_path):
+    (tmp_path / "there").mkdir()
+    target, link = tmp_path / "there" / "a.json", tmp_path / "link.json"
+    link.symlink_to(target)
+    for data in (b"one", b"two"):  # not there yet, and there
+        write(link, data)
+        assert link.is_symlink()
+        assert target.read_bytes() == data
+    assert os.listdir(tmp_path / "there") == ["a.json"]
+
+
+def test_a_pipe_is_written_to(tmp_path):
+    pipe = tmp_path / "pipe"
+    os.mkfifo(pipe)
+    read = []
+    reader = threading.Thread(target=lambda: read.append(pipe.read_bytes()))
+    reader.start()
+    write(pipe)
+    reader.join()
+    assert read == [b"new"]
+    assert stat.S_ISFIFO(pipe.stat().st_mode)
+
+
+def test_a_device_stays_one():
+    write("/dev/null")
+    assert stat.S_ISCHR(os.stat("/dev/null").st_mode)
+
+
+@pytest.mark.parametrize("to_file", [False, True])
+def test_standard_output_is_written_to_whatever_it_is(to_file, tmp_path):
+    code = "import sys; from tests.gyrocal.test_files import write; print('before', flush=True); write('/dev/stdout')"
+    if to_file:
+        with (tmp_path / "out").open("wb") as out:
+            subprocess.run([sys.executable, "-c", code], check=True, stdout=out)
+        output = (tmp_path / "out").read_bytes()
+    else:
+        output = subprocess.run([sys.executable, "-c", code], check=True, stdout=subprocess.PIPE).stdout
+    assert output == b"before\nnew"
+    assert os.path.islink("/dev/stdout")
+
+
+@pytest.mark.parametrize("name", ["no/folder/a.json", "", "file/a.json"])
+def test_an_error_names_the_path(name, tmp_path):
+    (tmp_path / "file").write_text("x")
+    path = tmp_path / name
+    with pytest.raises(OSError, match=r"No such file|Is a directory|Not a directory") as caught:
+        write(path)
+    assert caught.value.filename == str(path)
+    assert os.listdir(tmp_path) == ["file"]
+
+
+def test_an_error_of_another_file_keeps_its_name(tmp_path):
+    with pytest.raises(FileNotFoundError) as caught, replacing(tmp_path / "a"):
+        (tmp_path / "b").read_bytes()
+    assert caught.value.filename == str(tmp_path / "b")
+    assert os.listdir(tmp_path) == []
+
+
+def test_a_full_disk_names_the_path(tmp_path):
+    with pytest.raises(OSError, match="No space left") as caught, replacing(tmp_path / "a"):
+        raise OSError(28, "No space left on device")
+    assert caught.value.filename == str(tmp_path / "a")

@@ -1,0 +1,52 @@
+import json
+import os
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from gyrocal import InputError
+from studies.montecarlo import files
+
+
+def test_json_is_plain(tmp_path):
+    value = {
+        "a": np.float64(0.1 + 0.2),
+        "b": [np.int64(2), float("nan"), (np.inf, True)],
+        "c": np.eye(2),
+        "d": np.bool_(False),
+        "ψ": None,
+        3: "x",
+    }
+    files.write_json(tmp_path / "a.json", value)
+    text = (tmp_path / "a.json").read_text(encoding="utf-8")
+    expected = {"a": 0.1 + 0.2, "b": [2, None, [None, True]], "c": [[1.0, 0.0], [0.0, 1.0]], "d": False, "ψ": None, "3": "x"}
+    assert json.loads(text) == expected
+    assert "ψ" in text
+    assert text.endswith("}\n")
+
+
+def test_tables(tmp_path):
+    table = pd.DataFrame({"x": [1 / 3, np.nan], "name": ["a", "b"]})
+    files.write_csv(tmp_path / "a.csv", table, 3)
+    assert (tmp_path / "a.csv").read_text() == "x,name\n0.333,a\n,b\n"
+    files.write_parquet(tmp_path / "a.parquet", table)
+    pd.testing.assert_frame_equal(pd.read_parquet(tmp_path / "a.parquet"), table)
+    assert sorted(os.listdir(tmp_path)) == ["a.csv", "a.parquet"]
+
+
+def test_what_cannot_be_written_is_said_before_the_work(tmp_path, monkeypatch):
+    files.check_writable(None)
+    files.check_writable(tmp_path / "new.json")
+    for path, message in ((tmp_path, "is a folder"), (tmp_path / "no" / "x.json", "no folder")):
+        with pytest.raises(InputError, match=message):
+            files.check_writable(path)
+    monkeypatch.setattr(files.os, "access", lambda path, mode: False)
+    with pytest.raises(InputError, match="cannot be written"):
+        files.check_writable(tmp_path / "new.json")
+
+
+def test_a_pipe_needs_no_folder_that_can_be_written(tmp_path, monkeypatch):
+    os.mkfifo(tmp_path / "pipe")
+    monkeypatch.setattr(files.os, "access", lambda path, mode: path == tmp_path / "pipe")
+    files.check_writable(tmp_path / "pipe")
