@@ -49,7 +49,7 @@ LEAST_ARW = float(np.deg2rad(2e-6))  # rad/√s; a smaller one would only cost d
 LEAST_TIMES = 12  # measurements of an arc worth its six unknowns
 
 
-class DoesNotFit(InputError):
+class MisfitError(InputError):
     """The measurements of an arc do not fit the nominal sensors at all."""
 
 
@@ -266,7 +266,7 @@ def fit_arc(arc: Arc, sun_error: Array | None = None, earth_error: Array | None 
     ------
     UnobservableError
         The arc does not determine both.
-    DoesNotFit
+    MisfitError
         The fit does not converge.
     """
     series = arc.series
@@ -288,7 +288,7 @@ def fit_arc(arc: Arc, sun_error: Array | None = None, earth_error: Array | None 
             state = linearise(path, series, estimate, solved)
             A = state.R @ estimate.C
             return FittedArc(_looking(arc, series, path, A), state.rows, path, state.S, state.residuals)
-    raise DoesNotFit(f"{arc.name}: the sensors' measurements do not fit the nominal models at all")
+    raise MisfitError(f"{arc.name}: the sensors' measurements do not fit the nominal models at all")
 
 
 def _looking(arc: Arc, series: tuple[SensorSeries, ...], path: Stretch, A: Array) -> Arc:
@@ -312,7 +312,7 @@ def fitted_arcs(arcs: list[Arc]) -> tuple[list[FittedArc], list[str]]:
 
     Raises
     ------
-    DoesNotFit
+    MisfitError
         No arc can be fitted, and the measurements of one or more do not fit the nominal sensors at all.
     InputError
         No arc can be fitted for another reason.
@@ -325,6 +325,6 @@ def fitted_arcs(arcs: list[Arc]) -> tuple[list[FittedArc], list[str]]:
             faults.append(error)
             notes.append(f"{arc.name} is left out of the sensors' diagnosis: {error}")
     if not done:
-        kind = DoesNotFit if any(isinstance(fault, DoesNotFit) for fault in faults) else InputError
+        kind = MisfitError if any(isinstance(fault, MisfitError) for fault in faults) else InputError
         raise kind(f"no arc can be fitted under the nominal sensors; {notes[0]}")
     return done, notes

@@ -172,7 +172,9 @@ def rival_families() -> list[Family]:
             [*each, (0, 8 * HARMONICS)],
             ("ESA", "quadrants of the Earth sensor are off at the orbit's harmonics"),
         ),
-        _rival("Earth sensor near the Sun", _near_sun, [(0, near)], ("ESA", "quadrants of the Earth sensor are off near the Sun")),
+        _rival(
+            "Earth sensor near the Sun", _near_sun, [(0, near)], ("ESA", "quadrants of the Earth sensor are off near the Sun")
+        ),
         _rival(GYRO, _gyro_harmonics, [(6 * k, 6) for k in range(GYRO_HARMONICS)]),
     ]
 

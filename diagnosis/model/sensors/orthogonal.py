@@ -54,13 +54,17 @@ def identifiable(model: LinearModel, named: Sequence[str]) -> tuple[str, ...]:
         others = [
             one.label
             for one in model.candidates
-            if one.listed and SENSOR_EFFECTS[one.effect].alignment == "solved" and SENSOR_EFFECTS[one.effect].sensor(one.axis) == sensor
+            if one.listed
+            and SENSOR_EFFECTS[one.effect].alignment == "solved"
+            and SENSOR_EFFECTS[one.effect].sensor(one.axis) == sensor
         ]
         if effect.alignment != "mistaken" or not others:
             continue
         shares = zip(effect.parameters, absorbed(model, label, others), strict=True)
         text = ", ".join(f"{100 * share:.0f} % of {parameter.name.removesuffix('_deg')}" for parameter, share in shares)
-        notes.append(f"In these data an orthogonal misalignment of {sensor} takes, in square, {text} of its head; the rest it cannot")
+        notes.append(
+            f"In these data an orthogonal misalignment of {sensor} takes, in square, {text} of its head; the rest it cannot"
+        )
     return tuple(notes)
 
 

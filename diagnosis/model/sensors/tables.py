@@ -1,9 +1,9 @@
 """The linear model of raw sensor tables.
 
 Each arc is fitted by itself, and what its thousands of measurements say of the effects is in the products of all columns with
-one another and with the residuals z. From their Gram matrix, with the nuisance parameters projected out, [X z]ᵀ[X z] = Q diag(λ)
-Qᵀ, the rows diag(√λ) Qᵀ have the same products; so each arc is a hundred rows of the model. The rows of all arcs stand one below
-the other, which makes a held-out arc a choice of rows, and a sensor that sits differently each day one column for each arc.
+one another and with the residuals z. From their Gram matrix with the nuisance parameters projected out, Q diag(λ) Qᵀ, the rows
+diag(√λ) Qᵀ have the same products, so that each arc is a hundred rows of the model. The rows of all arcs stand one below the
+other: an arc held out is a choice of rows, and a sensor that sits differently each day has columns for each arc by itself.
 """
 
 from __future__ import annotations
@@ -32,6 +32,7 @@ SPLIT = "days left out, a sixth of the arcs at a time"
 MONTH = 30 * 86400.0
 VISIBLE = (1.0, 1e4)  # signal-to-noise ratios: of thousands of measurements, about amplitudes that were found
 RANK = 1e-13  # relative eigenvalue of a Gram matrix, below which there is only rounding
+TINY = 1e-300
 SEEN = 1e-9  # relative singular value of all columns, below which one adds nothing to the others
 
 
@@ -61,9 +62,7 @@ class Tables:
         return self.W[:, start : start + family.count]
 
 
-def tables_of(
-    fits: Sequence[FittedArc], effects: Sequence[SensorEffect], about: Mapping[str, Held] | None = None
-) -> Tables:
+def tables_of(fits: Sequence[FittedArc], effects: Sequence[SensorEffect], about: Mapping[str, Held] | None = None) -> Tables:
     """Columns and residuals of fitted arcs.
 
     Parameters
@@ -113,7 +112,9 @@ def _rows(gram: Array) -> Array:
 
 def linear_model(tables: Tables, effects: Sequence[SensorEffect], settings: DiagnosisSettings) -> LinearModel:
     """The linear model, with the effects that may be named and all unlisted rivals as candidates."""
-    groups = [_group(tables, family) for family in tables.families if not family.listed or SENSOR_EFFECTS[family.effect] in effects]
+    groups = [
+        _group(tables, family) for family in tables.families if not family.listed or SENSOR_EFFECTS[family.effect] in effects
+    ]
     candidates, W = placed([*groups, *_wandering(tables)], lambda columns: columns, settings, visible=VISIBLE)
     return LinearModel(
         y=tables.y,
@@ -186,20 +187,30 @@ def _folds(tables: Tables, W: Array) -> Iterator[Fold]:
 # ---- noise ---------------------------------------------------------------------------------------------------------------
 
 
-def noise_factor(model: LinearModel, settings: DiagnosisSettings) -> float:
-    """How many times the sensors' noise is what is stated; 1 unless it is surely more.
+@dataclass(frozen=True)
+class Noise:
+    """Noise of the sensors, from what all columns together, of effects and of rivals, leave.
 
-    It is the scatter of what all columns together, of effects and of rivals, leave.
+    Attributes
+    ----------
+    factor : how many times it is what is stated; 1 unless it is surely more
+    p_value : that noise as stated leaves that much; 1 if the factor is 1
     """
+
+    factor: float = 1.0
+    p_value: float = 1.0
+
+
+def noise_of(model: LinearModel, settings: DiagnosisSettings) -> Noise:
+    """Noise of the sensors."""
     norms = np.linalg.norm(model.X, axis=0)
     unit = np.divide(1.0, norms, out=np.zeros_like(norms), where=norms > 0)
     (triangle,) = scipy.linalg.qr(np.column_stack([model.X * unit, model.y]), mode="r", check_finite=False)
     A, b = triangle[:, :-1], triangle[:, -1]
     solved, _, rank, _ = np.linalg.lstsq(A, b, rcond=SEEN)
     chi2, dof = float(np.sum((b - A @ solved) ** 2)), model.dof - int(rank)
-    if dof <= 0 or chdtrc(dof, chi2) >= settings.check:
-        return 1.0
-    return float(np.sqrt(chi2 / dof))
+    p = max(float(chdtrc(dof, chi2)), TINY) if dof > 0 else 1.0
+    return Noise(float(np.sqrt(chi2 / dof)), p) if p < settings.check else Noise()
 
 
 def in_noise(model: LinearModel, factor: float) -> LinearModel:
