@@ -235,7 +235,7 @@ def _sensors(diagnosis: Diagnosis) -> str:
             f"sensor-{name.lower()}",
             partial(sensor_figures.sun_residual_figure, sensors.residuals, name, titles),
             f"Residuals of {name} over the Sun's two angles: {'; '.join(rms)}.",
-            "Measured minus predicted by each stretch's own attitude and gyro bias; noise and the gyro's random walk leave a "
+            "Measured minus predicted by each arc's own attitude and gyro bias; noise and the gyro's random walk leave a "
             "band about zero, the same everywhere in the field of view.",
         )
         out.append(_shown(picture))
