@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 from rich.console import Console
 from rich.table import Table
 
-from studies.montecarlo.files import write_json
+from studies.montecarlo.files import write_csv, write_json
 from studies.report import panels
 
 VERDICT = {True: "met", False: "not met", None: "–"}
@@ -25,7 +25,7 @@ def write(document: dict[str, Any], folder: Path) -> None:
     tables = [samples.melt("samples", var_name="quantity"), pd.DataFrame(growth["cases"]).melt("cases", var_name="quantity")]
     tables = [table.rename(columns={table.columns[0]: "n"}).assign(of=table.columns[0]) for table in tables]
     rows = pd.concat([table.astype({"value": float}) for table in tables])
-    rows[["of", "n", "quantity", "value"]].to_csv(folder / "growth.csv", index=False, float_format="%.6g")
+    write_csv(folder / "growth.csv", rows[["of", "n", "quantity", "value"]], digits=6)
     _figure(growth, folder / "growth.svg")
 
 

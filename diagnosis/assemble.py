@@ -42,6 +42,9 @@ def assembled(
     gap = explained.p_value < settings.false_alarm_rate
     table = localization.statistics(model, model.y)
     where = [one.finding for one in samples] + (list(localization.findings(table)) if gap else [])
+    # Noise that is stronger at lower frequencies is a random process, if the attitude shows one about that axis.
+    processes = {one.axis for one in explained.fitted if one.process}
+    samples = [one for one in samples if not (one.symptom.kind == "slow_noise" and one.symptom.axis in processes)]
     unlisted = any(one.effect is None for one in samples)
     verdict, unknown = _verdict(attribution, gap, bool(samples), unlisted)
     sigma = np.sqrt(np.diag(explained.covariance))

@@ -93,7 +93,7 @@ def diagnose(
     with threadpool_limits(1, user_api="blas"):
         effects = nameable(library)
         tell("gyro samples", 0.0)
-        prepared = prepare(recording)
+        prepared = prepare(recording, settings)
         samples = sample_causes(prepared, effects, settings)
         explained = explain(prepared, effects, settings, seed, tell)
         found = assembled(prepared, samples, explained, settings, time.perf_counter() - began)

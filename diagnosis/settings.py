@@ -77,6 +77,12 @@ class DiagnosisSettings:
         "probability",
         "thirty tests a recording leave 0.03 % false alarms",
     )
+    line: float = threshold(
+        1e-8,
+        "p-value below which a line of the spectrum of the samples is one",
+        "probability",
+        "the level of the spectrum around a line is itself estimated, and lines are looked for at thousands of frequencies",
+    )
 
     def describe(self) -> list[dict[str, Any]]:
         """Name, value, meaning, unit and choice of each threshold."""

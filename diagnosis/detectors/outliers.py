@@ -8,7 +8,7 @@ import scipy.signal
 import scipy.stats
 from numpy.typing import NDArray
 
-from diagnosis.detectors.report import AXES, EVENT_P, IMPOSSIBLE, SampleReport, SampleTest, Symptom, consecutive, inside
+from diagnosis.detectors.report import AXES, IMPOSSIBLE, SampleReport, SampleTest, Symptom, consecutive, inside
 from gyrocal.recording import Recording
 
 Array = NDArray[np.float64]
@@ -49,7 +49,7 @@ def spikes(report: SampleReport, recording: Recording, quiet: Mask, noise: Array
         )  # fmt: skip
     total = sum(counts)
     p = max(float(scipy.stats.poisson.sf(total - 1, 3 * n * expected)), IMPOSSIBLE) if total else 1.0
-    if p >= EVENT_P or total < 2:
+    if p >= report.event_p or total < 2:
         return
     strongest = int(np.argmax(counts))
     # Three of three on one axis are 27 times likelier there than on all.

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from diagnosis.detectors.gap_interpolation import runs
+from diagnosis.settings import DEFAULT
 from gyrocal.recording import Recording
 
 if TYPE_CHECKING:
@@ -18,7 +19,6 @@ Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
 AXES = "xyz"
-EVENT_P = 1e-5  # p below which a test of events speaks
 IMPOSSIBLE = 1e-300  # p of what M0 cannot do
 
 
@@ -88,6 +88,7 @@ class SampleReport:
     lattice : (3,) whether readings lie on one that is coarser than the noise
     lines : lines of the spectrum, before the attitude was asked whether the body moves so
     motions : of these, those that are motions of the body
+    event_p, line_p : p-values below which a test of the samples speaks, and below which a line is one
     undecided : readings lie on a lattice, and the samples do not say whether rounded or cut
     """
 
@@ -102,6 +103,8 @@ class SampleReport:
     smooth: Array = field(default_factory=lambda: np.empty((0, 3)))
     lines: list[Line] = field(default_factory=list)
     motions: list[Line] = field(default_factory=list)
+    event_p: float = DEFAULT.sample_event
+    line_p: float = DEFAULT.line
     undecided: bool = False
     hidden: Mask = field(default_factory=lambda: np.zeros(3, dtype=bool))
     lattice: Mask = field(default_factory=lambda: np.zeros(3, dtype=bool))

@@ -19,7 +19,7 @@ import scipy.ndimage
 import scipy.stats
 from numpy.typing import NDArray
 
-from diagnosis.detectors.report import AXES, EVENT_P, IMPOSSIBLE, SampleReport, SampleTest, Symptom, arcs, consecutive
+from diagnosis.detectors.report import AXES, IMPOSSIBLE, SampleReport, SampleTest, Symptom, arcs, consecutive
 from gyrocal.recording import Recording
 
 Array = NDArray[np.float64]
@@ -141,7 +141,7 @@ def noise(report: SampleReport, recording: Recording, quiet: Mask, sigma: float,
             p_colour = max(float(2 * scipy.stats.norm.sf(abs(one.colour - 1) / one.colour_sigma)), IMPOSSIBLE)
         report.tests.append(
             SampleTest(
-                "noise_colour", AXES[axis], one.colour, 1.0, p_colour, "noise_colour",
+                "noise_colour", AXES[axis], one.colour, 1.0, p_colour, "noise_colour" if one.colour < 1 else "slow_noise",
                 f"means over {AVERAGED} samples have {one.colour:.3f} times the noise power of white noise",
             )
         )  # fmt: skip
@@ -158,7 +158,7 @@ def _name(report: SampleReport, found: dict[int, Level], sigma: float, coarse: M
         test, colour = tests["noise_level", AXES[axis]], tests["noise_colour", AXES[axis]]
         factors[axis] = test.value
         errors[axis] = 0.5 * one.sigma / sigma**2 / max(test.value, 1e-3)
-        coloured = colour.p_value < EVENT_P and abs(one.colour - 1) > WHITE
+        coloured = colour.p_value < report.event_p and abs(one.colour - 1) > WHITE
         if coloured and one.colour < 1:
             # Averages over time have less of it: what integrates to the attitude is the slow part.
             report.noise_factor[axis] = test.value
@@ -166,7 +166,14 @@ def _name(report: SampleReport, found: dict[int, Level], sigma: float, coarse: M
             report.symptoms.append(
                 Symptom("noise_colour", AXES[axis], one.colour, "of white noise", one.colour_sigma, {}, colour.p_value)
             )
-        elif test.p_value < EVENT_P:
+        elif coloured and test.p_value < report.event_p:
+            # More than white noise at lower frequencies: what that is, the attitude sees better.
+            report.noise_factor[axis] = test.value
+            report.density[:, axis] *= test.value**2
+            report.symptoms.append(
+                Symptom("slow_noise", AXES[axis], one.colour, "of white noise", one.colour_sigma, {}, colour.p_value)
+            )
+        elif test.p_value < report.event_p:
             white.append(axis)
             report.noise_factor[axis] = test.value
             report.density[:, axis] *= test.value**2

@@ -14,13 +14,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from diagnosis.detectors.clipping import saturation
-from diagnosis.detectors.gap_interpolation import filled
+from diagnosis.detectors.gap_interpolation import filled, runs
 from diagnosis.detectors.lattice import ODDS, Kind, lattice_step, sweep_odds, undone
+from diagnosis.detectors.noise_structure import constancy, together
 from diagnosis.detectors.outliers import spikes
-from diagnosis.detectors.report import AXES, EVENT_P, IMPOSSIBLE, SampleReport, SampleTest, Symptom, consecutive, inside
+from diagnosis.detectors.report import AXES, IMPOSSIBLE, SampleReport, SampleTest, Symptom, consecutive, inside
 from diagnosis.detectors.sample_noise import local_noise, noise, quiet
 from diagnosis.detectors.spectral_lines import lines
 from diagnosis.detectors.stale_samples import repeats
+from diagnosis.settings import DEFAULT, DiagnosisSettings
 from gyrocal.recording import Recording
 from simulator.effects.recorded import interval_slices
 from simulator.effects.smoothing import noise_level, smoothed
@@ -30,21 +32,24 @@ Mask = NDArray[np.bool_]
 
 COARSE = 0.05  # a lattice finer than this share of the noise is the number format, not the gyro
 HIDING = 2.0  # noise sigmas in a step, above which a lattice hides slow motion
+FAR = 8.0  # noise sigmas from its neighbours at which a value was not measured
 SMOOTH_S = 20.0  # s, longest window of the smoothing
 
 
-def examine(recording: Recording, lattice: Kind | None = None) -> SampleReport:
+def examine(recording: Recording, lattice: Kind | None = None, settings: DiagnosisSettings = DEFAULT) -> SampleReport:
     """All stream tests of a recording, and its repaired stream.
 
     Parameters
     ----------
     recording : what was recorded
     lattice : how readings on a lattice came there; by default as a sweep through zero shows, rounded if there is none
+    settings : thresholds
     """
     gyro = recording.gyro
     sigma = gyro.arw / np.sqrt(gyro.sample_s)
     none = np.zeros(gyro.t_s.size, dtype=bool)
     report = SampleReport([], [], gyro.rates.copy(), np.full(gyro.rates.shape, gyro.arw**2), none, none.copy())
+    report.event_p, report.line_p = settings.sample_event, settings.line
     used = inside(recording)
     steps = np.array([lattice_step(gyro.rates[used, axis]) for axis in range(3)])
     coarse = steps > COARSE * sigma
@@ -62,6 +67,9 @@ def examine(recording: Recording, lattice: Kind | None = None) -> SampleReport:
         report.lines = lines(report, recording, still)
         noise(report, recording, still, sigma, steps, coarse, cut)
         report.noise = sigma * report.noise_factor
+        if not coarse.any():
+            together(report, recording, still)
+            constancy(report, recording, used)
         _zero_mass(report, recording, used, coarse)
         _off_the_lattice(report, recording, steps, coarse, cut, sigma)
     report.smooth = smoothed_rates(report.rates, recording)
@@ -115,7 +123,7 @@ def _stale(report: SampleReport, recording: Recording, used: Mask, coarse: Mask)
     equal = np.zeros(rates.shape, dtype=bool)
     equal[1:] = rates[1:] == rates[:-1]
     clipped = (np.abs(rates) >= np.abs(rates[used]).max(axis=0) * (1 - 1e-12)).any(axis=1)
-    found = repeats(equal, consecutive(recording, used) & ~clipped, coarse, EVENT_P)
+    found = repeats(equal, consecutive(recording, used) & ~clipped, coarse, report.event_p)
     if found is None:
         return
     report.tests.append(
@@ -124,11 +132,27 @@ def _stale(report: SampleReport, recording: Recording, used: Mask, coarse: Mask)
             "repeats", f"{found.count} of {found.samples} samples repeat the one before on all axes",
         )
     )  # fmt: skip
-    if found.p_value >= EVENT_P:
+    if found.p_value >= report.event_p:
         return
     parameters: dict[str, float | str] = {"fraction": found.fraction}
-    report.symptoms.append(Symptom("repeats", None, found.size, "samples", found.sigma, parameters, found.p_value))
+    kind = "repeats" if _is_measured(rates, found.mask) else "filled_samples"
+    text = "" if kind == "repeats" else "samples repeat a value that is far from its neighbours, so that it was filled in"
+    report.symptoms.append(Symptom(kind, None, found.size, "samples", found.sigma, parameters, found.p_value, text))
     _fill(report, recording, found.mask)
+
+
+def _is_measured(rates: Array, repeated: Mask) -> bool:
+    """Whether the values that are repeated lie among their neighbours, as samples held over do and filler does not."""
+    edges = [(low, high) for low, high in runs(repeated) if low >= 3 and high + 1 < len(rates)]
+    if not edges:
+        return True
+    low, high = np.array(edges).T
+    source, before, after = rates[low - 1], rates[low - 2], rates[high]
+    share = 1.0 / (high - low + 2)[:, None]
+    departure = np.abs(source - ((1 - share) * before + share * after))
+    noise = np.median(np.abs(np.diff(rates, 2, axis=0)), axis=0) / 0.6745 / np.sqrt(6)
+    change = np.abs(after - before)
+    return bool(np.median((departure / np.maximum(FAR * noise, change)).max(axis=1)) < 1)
 
 
 def _fill(report: SampleReport, recording: Recording, bad: Mask) -> None:
@@ -151,7 +175,7 @@ def _zero_mass(report: SampleReport, recording: Recording, used: Mask, coarse: M
         report.tests.append(
             SampleTest("zero_samples", AXES[axis], count, 0.0, p, "dead_zone", f"{count} samples read exactly zero")
         )
-        if p < EVENT_P:
+        if p < report.event_p:
             smallest = float(np.rad2deg(other[:3].mean()))
             spacing = float(np.rad2deg(other[3:30].mean())) - smallest
             report.symptoms.append(

@@ -6,7 +6,7 @@ A line is a vibration only if the body does not move so. The samples cannot tell
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import scipy.ndimage
@@ -21,8 +21,9 @@ Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
 FEWEST_CYCLES = 4.0  # of a line in the longest quiet arc: fewer are a trend
-LINE_P = 1e-8  # p of a line: the level around it is itself estimated
 CLEAR_TONE = 5.0  # sigmas of its amplitude over all arcs, for a line to be a tone
+SHORTEST = 256  # samples of a segment
+HALVINGS = 6  # lengths of segments that are tried, from the longest arc down
 LEVEL_BINS = 61  # of the spectrum, over which the level around a line is taken
 MOST_LINES = 4  # of one axis
 PART_CYCLES = 12  # of a line in a part of the samples in which its amplitude is compared
@@ -66,19 +67,19 @@ def lines(report: SampleReport, recording: Recording, quiet: Mask) -> list[Line]
     for axis in range(3):
         x = report.rates[:, axis].copy()
         for number in range(MOST_LINES):
-            power, frequency, amplitude, isolated, tried = _strongest_of(x, found, recording.gyro.sample_s)
-            p = max(min(1.0, tried * float(np.exp(-power))), IMPOSSIBLE)
+            peak = _strongest(x, found, recording.gyro.sample_s)
+            p = peak.p_value
             if number == 0:
                 report.tests.append(
                     SampleTest(
-                        "strongest_line", AXES[axis], float(np.rad2deg(amplitude)), 0.0, p, None,
-                        f"strongest line at {frequency:.4f} Hz, {np.rad2deg(amplitude):.3g} deg/s",
+                        "strongest_line", AXES[axis], float(np.rad2deg(peak.amplitude)), 0.0, p, None,
+                        f"strongest line at {peak.frequency_hz:.4f} Hz, {np.rad2deg(peak.amplitude):.3g} deg/s",
                     )
                 )  # fmt: skip
             # Rounding a slow motion makes lines of its own.
-            if p >= LINE_P or report.lattice[axis]:
+            if p >= report.line_p or report.lattice[axis]:
                 break
-            line = _tone(x, recording, axis, frequency, found, p, isolated)
+            line = _tone(x, recording, axis, peak, found)
             if line is None:
                 break
             out.append(line)
@@ -86,38 +87,54 @@ def lines(report: SampleReport, recording: Recording, quiet: Mask) -> list[Line]
     return out
 
 
-def _strongest_of(x: Array, found: list[tuple[int, int]], sample_s: float) -> tuple[float, float, float, bool, int]:
-    """The strongest line of all arcs as in `_strongest`, and how many lines were looked at in all of them."""
-    each = [_strongest(x[low:high], sample_s) for low, high in found]
-    best = max(each)
-    return *best[:4], sum(one[4] for one in each)
+@dataclass(frozen=True)
+class _Peak:
+    """The strongest line of a spectrum."""
+
+    p_value: float
+    frequency_hz: float
+    amplitude: float
+    isolated: bool
 
 
-def _strongest(x: Array, sample_s: float) -> tuple[float, float, float, bool, int]:
-    """Power over the level around it, frequency, amplitude and isolation of the strongest line, and how many were looked at."""
-    n = x.size
+def _strongest(x: Array, found: list[tuple[int, int]], sample_s: float) -> _Peak:
+    """The strongest line of spectra averaged over segments, of the length of segments that shows it best.
+
+    Long segments gather the power of a tone in one bin, short ones use more of the arcs.
+    """
+    longest = max(high - low for low, high in found)
+    lengths = sorted({max(longest >> k, SHORTEST) for k in range(HALVINGS)})
+    peaks = [_peak(x, found, length, sample_s) for length in lengths]
+    best = min(peaks, key=lambda peak: peak.p_value)
+    return replace(best, p_value=min(1.0, best.p_value * len(peaks)))
+
+
+def _peak(x: Array, found: list[tuple[int, int]], n: int, sample_s: float) -> _Peak:
+    """The strongest line of the spectrum averaged over all segments of n samples."""
+    segments = [x[start : start + n] for low, high in found for start in range(low, high - n + 1, n)]
     # A Hann window keeps the body's slow motion out of the frequencies looked at.
     window = scipy.signal.windows.hann(n, sym=False)
-    spectrum = np.abs(np.fft.rfft(scipy.signal.detrend(x) * window)) ** 2 / np.sum(window**2)
+    spectra = np.abs(np.fft.rfft(scipy.signal.detrend(np.array(segments), axis=1) * window, axis=1)) ** 2 / np.sum(window**2)
+    spectrum = spectra.mean(axis=0)
     frequency = np.fft.rfftfreq(n, sample_s)
     allowed = np.flatnonzero((frequency > FEWEST_CYCLES / (n * sample_s)) & (frequency < frequency[-1] * (1 - 1 / n)))
     if allowed.size < 20:
-        return 0.0, 0.0, 0.0, False, 0
-    # Against the level around it, so that coloured noise is no line.
-    around = scipy.ndimage.median_filter(spectrum, LEVEL_BINS, mode="nearest") / np.log(2)
-    white = float(np.median(spectrum[spectrum.size // 2 :])) / np.log(2)
-    level = np.maximum(around, 0.5 * white)
-    power = spectrum[allowed] / np.maximum(level[allowed], 1e-300)
+        return _Peak(1.0, 0.0, 0.0, False)
+    count = len(segments)
+    # Against the level around it, so that coloured noise is no line. The median of a mean of `count` exponentials:
+    median = float(scipy.stats.gamma.median(count)) / count
+    around = scipy.ndimage.median_filter(spectrum, LEVEL_BINS, mode="nearest") / median
+    white = float(np.median(spectrum[spectrum.size // 2 :])) / median
+    power = spectrum[allowed] / np.maximum(np.maximum(around, 0.5 * white)[allowed], 1e-300)
     k = int(allowed[np.argmax(power)])
+    p = min(1.0, allowed.size * float(scipy.stats.gamma.sf(count * float(power.max()), count)))
     amplitude = 2 * np.sqrt(spectrum[k] * np.sum(window**2)) / np.sum(window)
     beside = spectrum[max(k - LEVEL_BINS // 2, 0) : k + LEVEL_BINS // 2]
-    isolated = float(np.quantile(beside, 0.75)) / np.log(4) < ISOLATED * white
-    return float(power.max()), float(frequency[k]), float(amplitude), isolated, int(allowed.size)
+    isolated = float(np.median(beside)) / median < ISOLATED * white
+    return _Peak(max(p, IMPOSSIBLE), float(frequency[k]), float(amplitude), isolated)
 
 
-def _tone(
-    x: Array, recording: Recording, axis: int, frequency: float, found: list[tuple[int, int]], p: float, isolated: bool
-) -> Line | None:
+def _tone(x: Array, recording: Recording, axis: int, peak: _Peak, found: list[tuple[int, int]]) -> Line | None:
     """Amplitude and frequency of a tone by least squares, arc by arc, each with its own phase.
 
     The strongest of many lines in one arc may be chance; a tone is there in all of them. None if it is not.
@@ -125,11 +142,15 @@ def _tone(
     sample = recording.gyro.sample_s
     longest = max(found, key=lambda arc: arc[1] - arc[0])
     span = (longest[1] - longest[0]) * sample
-    trial = frequency + np.linspace(-1.5, 1.5, 61) / span
-    t = recording.gyro.t_s[slice(*longest)]
-    y = scipy.signal.detrend(x[slice(*longest)])
-    powers = [abs(np.exp(-2j * np.pi * f * t) @ y) for f in trial]
-    f = float(trial[int(np.argmax(powers))])
+    # The line is as wide as a segment is short; the longest arc resolves it further.
+    width = max(1.5 / span, 1.0 / (SHORTEST * sample))
+    trial = peak.frequency_hz + np.arange(-width, width, 0.05 / span)
+    trial = trial[trial > 0]
+    power = np.zeros(trial.size)
+    for low, high in found:
+        y = scipy.signal.detrend(x[low:high])
+        power += np.abs(_transform(y, recording.gyro.t_s[low:high], trial)) ** 2 / y.size
+    f = float(trial[int(np.argmax(power))])
     squares, samples, noise, waveform = 0.0, 0, 0.0, np.zeros_like(x)
     amplitudes, sigmas = [], []
     for low, high in found:
@@ -150,7 +171,16 @@ def _tone(
     size = float(np.sqrt(max(squares / samples, 0.0)))
     error = float(np.sqrt(2 * noise / samples / samples))
     steady = _is_steady(np.array(amplitudes), np.array(sigmas))
-    return Line(axis, f, size, error, p, waveform, isolated, steady) if size > CLEAR_TONE * error else None
+    return Line(axis, f, size, error, peak.p_value, waveform, peak.isolated, steady) if size > CLEAR_TONE * error else None
+
+
+def _transform(y: Array, t: Array, frequencies: Array) -> Array:
+    """Fourier integral of y at some frequencies evenly spaced, by the chirp transform."""
+    step = frequencies[1] - frequencies[0] if frequencies.size > 1 else 1.0
+    dt = float(np.median(np.diff(t)))
+    return np.asarray(
+        scipy.signal.czt(y, frequencies.size, np.exp(-2j * np.pi * step * dt), np.exp(2j * np.pi * frequencies[0] * dt))
+    )
 
 
 def _is_steady(amplitudes: Array, sigmas: Array) -> bool:

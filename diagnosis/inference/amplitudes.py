@@ -153,7 +153,7 @@ def _parameters(entry: Candidate, weights: Array, best: int) -> Parameters:
         w = share[alike] / share[alike].sum()
         mean = float(w @ times)
         shown[TIME] = mean
-        shown[TIME_WIDTH] = float(np.sqrt(max(w @ ((times - mean) ** 2 + widths**2), 0.0)))
+        shown[TIME_WIDTH] = float(np.sqrt(w @ ((times - mean) ** 2 + widths**2)))
     return shown
 
 
@@ -161,7 +161,7 @@ def _length_sigma(amplitudes: Array, covariance: Array) -> float:
     """Sigma of the length of the amplitudes."""
     length = float(np.linalg.norm(amplitudes))
     along = amplitudes / length if length > 0 else np.full(amplitudes.size, amplitudes.size**-0.5)
-    return float(np.sqrt(max(along @ covariance @ along, 0.0)))
+    return float(np.sqrt(max(float(along @ covariance @ along), 0.0)))
 
 
 def _process_size(gram: Array, correlation: Array, centre: float) -> tuple[float, float]:

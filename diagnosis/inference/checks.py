@@ -7,8 +7,10 @@ since an interval's start or with the orbit, dependence on rate, acceleration, m
 their variance over the intervals and with the rate, and their shape.
 
 The distribution of each statistic comes from draws of the named model itself, with the nuisance parameters projected out of
-them as they are out of the data, after a transformation that makes it nearly normal (the cube root, Wilson & Hilferty 1931), so
-that p-values can be read beyond what the draws resolve. Gelman et al., Bayesian Data Analysis, section 6.3.
+them as they are out of the data (Gelman et al., Bayesian Data Analysis, section 6.3). P-values beyond what the draws resolve
+come from a distribution that is fitted to the draws: of a statistic that is a sum, a power or its logarithm is taken which
+leaves the draws without skewness, and that is nearly normal (Box & Cox 1964; the cube root for a sum of squares, the logarithm
+for fourth powers); the strongest of many lines has a Gumbel distribution.
 """
 
 from __future__ import annotations
@@ -18,6 +20,8 @@ from dataclasses import dataclass
 
 import numpy as np
 import scipy.linalg
+import scipy.optimize
+import scipy.special
 import scipy.stats
 from numpy.typing import NDArray
 
@@ -27,12 +31,15 @@ from diagnosis.settings import DiagnosisSettings
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
 
-DRAWS = 300
+DRAWS = 1000
+POWERS = (0.0, 1.0)  # that are tried; a negative one would bound how far a statistic can be from its draws
 LAGS = 6
 PERIODS = 48  # of the scan for a line
 FOLD = 12  # bins of a pattern that repeats
 FEWEST = 12  # observations, below which nothing can be checked
 TINY = 1e-300
+TWO_SIDED = "size"  # less of it than expected is as odd as more
+LARGEST = "line of any period"  # the one statistic that is a largest value
 
 
 @dataclass(frozen=True)
@@ -109,17 +116,42 @@ def _in_body(e: Array, layout: Layout) -> Array:
 
 def _check(name: str, values: Array) -> Check:
     """The first value beside those of the draws."""
-    root = np.cbrt(values)
-    spread = float(np.std(root[1:])) or 1.0
-    z = (float(root[0]) - float(np.mean(root[1:]))) / spread
-    p = 2 * float(scipy.stats.norm.sf(abs(z))) if name == "size" else float(scipy.stats.norm.sf(z))
-    return Check(name, float(values[0]), float(np.mean(values[1:])), max(p, TINY))
+    value, draws = float(values[0]), values[1:]
+    return Check(name, value, float(np.mean(draws)), float(_p_value(name, np.array([value]), draws)[0]))
+
+
+def _p_value(name: str, values: Array, draws: Array) -> Array:
+    """P-values of some values (c,) of a statistic, by the distribution of its draws (d,)."""
+    if np.ptp(draws) == 0:
+        return np.ones_like(values)
+    if name == LARGEST:
+        scale = float(np.std(draws)) * np.sqrt(6) / np.pi
+        p = scipy.stats.gumbel_r.sf(values, float(np.mean(draws)) - np.euler_gamma * scale, scale)
+    else:
+        middle = float(np.median(draws))
+        power = _without_skewness(draws / middle)
+        moved = scipy.special.boxcox(draws / middle, power)
+        z = (scipy.special.boxcox(np.maximum(values / middle, TINY), power) - np.mean(moved)) / np.std(moved)
+        p = 2 * scipy.stats.norm.sf(np.abs(z)) if name == TWO_SIDED else scipy.stats.norm.sf(z)
+    return np.asarray(np.maximum(p, TINY))
+
+
+def _without_skewness(draws: Array) -> float:
+    """The power, within `POWERS`, to which draws have no skewness; zero is the logarithm."""
+
+    def skewness(power: float) -> float:
+        return float(scipy.stats.skew(scipy.special.boxcox(draws, power)))
+
+    low, high = POWERS
+    if skewness(low) > 0:
+        return low
+    return high if skewness(high) < 0 else float(scipy.optimize.brentq(skewness, low, high, xtol=1e-3))
 
 
 def _statistics(e: Array, layout: Layout) -> dict[str, Array]:
     """(d,) each statistic of e (r, 3, d)."""
     out = {
-        "size": np.sum(e**2, axis=(0, 1)),
+        TWO_SIDED: np.sum(e**2, axis=(0, 1)),
         "shape": np.sum(e**4, axis=(0, 1)),
         "correlation in time": _autocorrelation(e, layout.interval),
         "pattern since the interval's start": _folded(e, _bins(layout.since_s, float(layout.since_s.max()))),
@@ -129,7 +161,7 @@ def _statistics(e: Array, layout: Layout) -> dict[str, Array]:
     }
     lines = _lines(e, layout)
     if lines is not None:
-        out["line of any period"] = lines
+        out[LARGEST] = lines
     if np.isfinite(layout.period_s):
         out["pattern with the orbit"] = _folded(e, _bins(layout.t_s % layout.period_s, layout.period_s))
     return out
@@ -178,13 +210,19 @@ def _along(values: Array, regressors: Array) -> Array:
 
 
 def _lines(e: Array, layout: Layout) -> Array | None:
-    """Power of the strongest line of any period, its phase another in each interval; None if the arcs are too short."""
+    """Strongest line of any period, its phase another in each interval; None if the arcs are too short.
+
+    The power at one frequency has a gamma distribution under the named model, with a shape of one for each interval. The
+    strongest is told by the natural logarithm of the chance of so much power at that frequency, with the sign turned.
+    """
     longest = float(layout.since_s.max())
     gaps = np.diff(layout.t_s)[np.diff(layout.interval) == 0]
     if not gaps.size or longest < 8 * float(np.median(gaps)):
         return None
-    frequencies = np.linspace(1 / longest, 0.5 / float(np.median(gaps)), PERIODS)
+    # Nearer to half the rate of the observations a wave has no phase of its own, and its power another distribution.
+    frequencies = np.linspace(1 / longest, 0.5 / float(np.median(gaps)) - 1 / longest, PERIODS)
     power = np.zeros((PERIODS, 3, e.shape[2]))
+    count = 0
     for number in np.unique(layout.interval):
         own = layout.interval == number
         if own.sum() < 4:
@@ -192,4 +230,5 @@ def _lines(e: Array, layout: Layout) -> Array | None:
         angle = 2 * np.pi * np.outer(frequencies, layout.since_s[own])
         waves = np.exp(-1j * angle)
         power += np.abs(np.einsum("fr,rad->fad", waves, e[own])) ** 2 / own.sum()
-    return np.asarray(power.max(axis=(0, 1)))
+        count += 1
+    return np.asarray(-scipy.stats.gamma.logsf(power.max(axis=(0, 1)), count)) if count else None

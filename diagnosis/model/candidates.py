@@ -204,7 +204,7 @@ def switched_group(model: RecordingModel, effect: Effect, axis: str | None, arou
     parameters: list[Parameters] = []
     shares: list[float] = []
     for trial in effect.trials(around):
-        block = model.whitened(model.reading_steps(_switched_on(model, effect, axis, trial.parameters), firsts))
+        block = switched_columns(model, effect, axis, trial.parameters, firsts)
         columns += [block[:, [k]] for k in range(times.size)]
         parameters += [
             {**trial.parameters, "time_s": float(time), "time_sigma_s": float(width)}
@@ -275,10 +275,13 @@ def step_times(model: RecordingModel, spacing_s: float = LONGEST_STEP_GAP) -> tu
     return np.array(times), np.array(widths), np.array(weights), np.array(firsts)
 
 
-def _switched_on(model: RecordingModel, effect: Effect, axis: str | None, parameters: Mapping[str, Value]) -> Array:
-    """(n, 3) the effect's column while it is on."""
+def switched_columns(
+    model: RecordingModel, effect: Effect, axis: str | None, parameters: Mapping[str, Value], firsts: NDArray[np.intp]
+) -> Array:
+    """(N, s) whitened columns of an effect that is switched on at each of several steps."""
     begin = float(model.t_s[0]) - ALREADY_ON - float(model.dt[0])
-    return np.asarray(effect.columns(model.stream, axis, {**parameters, "time_s": begin})[:, :, 0])
+    on = effect.columns(model.stream, axis, {**parameters, "time_s": begin})[:, :, 0]
+    return model.whitened(model.reading_steps(on, firsts))
 
 
 def with_finer_times(model: RecordingModel, linear: LinearModel, member: Member, effect: Effect) -> LinearModel:
@@ -299,7 +302,7 @@ def with_finer_times(model: RecordingModel, linear: LinearModel, member: Member,
     inside = [o for o in same if low <= float(o.parameters["time_s"]) <= high and not float(o.parameters["time_sigma_s"])]
     if not inside or not firsts.size:
         return linear
-    W = model.whitened(model.reading_steps(_switched_on(model, effect, entry.axis, fixed), firsts))
+    W = switched_columns(model, effect, entry.axis, fixed, firsts)
     start = linear.W.shape[1]
     weight = float(np.log(sum(np.exp(o.log_weight) for o in inside) / (2 * firsts.size)))
     finer = [

@@ -21,7 +21,9 @@ from diagnosis.model.recording import RecordingModel
 
 Array = NDArray[np.float64]
 
-BEYOND = 2.0  # prior log odds of a vibration for a steady tone beyond the band in which the body moves
+BEYOND = 1.5  # prior log odds of a vibration for a steady tone beyond the band in which the body moves, at a like density in
+# frequency: an aliased vibration may be at any frequency, evenly, and a motion is as likely in each octave
+OCTAVES = 7.0  # natural log of the range of frequencies of a motion
 WITHIN = -10.0  # the same for any other line
 CONFIRMED = -4.0  # log ratio below which the references confirm a motion
 FASTEST_BIAS_HZ = 0.02  # no thermal or magnetic cause swings a bias faster
@@ -45,7 +47,8 @@ def judged_lines(report: SampleReport, model: RecordingModel) -> bool:
     found = False
     for line, ratio in zip(report.lines, ratios, strict=True):
         alone = line.isolated and line.steady and line.frequency_hz > edge
-        odds = (BEYOND if alone else WITHIN) + ratio
+        density = float(np.log(OCTAVES * line.frequency_hz / half_rate_hz))
+        odds = (BEYOND + density if alone else WITHIN) + ratio
         if odds > 0 and line.frequency_hz < FASTEST_BIAS_HZ and _periodic_odds(line, half_rate_hz) > 0:
             continue  # the attitude has seen that the reading is wrong; what swings it so slowly is more likely a bias
         if odds <= 0:

@@ -19,6 +19,7 @@ from diagnosis.detectors.report import SampleReport
 from diagnosis.detectors.samples import examine, smoothed_rates
 from diagnosis.model.lines import judged_lines
 from diagnosis.model.recording import RecordingModel, linearised
+from diagnosis.settings import DEFAULT, DiagnosisSettings
 from gyrocal.calibration.observability import PLAUSIBLE_RANGE
 from gyrocal.errors import InputError
 from gyrocal.recording import Interval, Recording, reference_rows
@@ -29,6 +30,7 @@ AXES = "xyz"
 ITERATIONS = 10
 SETTLED = 1e-3  # sigmas of the last correction
 CLEARLY = 12.0  # of χ², by which the attitude decides how readings came onto a lattice
+LIKELY = 5.0  # log odds of a dead zone from the samples, from which on what it hides may look like noise of the references
 UNSEEN = 0.5  # of its plausible range: a parameter less certain than that is not observed
 
 
@@ -54,7 +56,7 @@ class Prepared:
     notes: tuple[str, ...]
 
 
-def prepare(recording: Recording) -> Prepared:
+def prepare(recording: Recording, settings: DiagnosisSettings = DEFAULT) -> Prepared:
     """Examine the samples, calibrate under M0 by Gauss–Newton on the linear model, and linearise there.
 
     Raises
@@ -62,10 +64,10 @@ def prepare(recording: Recording) -> Prepared:
     InputError
         The stream does not cover the intervals, or nothing is left of them.
     """
-    report = examine(recording)
+    report = examine(recording, settings=settings)
     model, sigma, pieces = _first(recording, report)
     if report.undecided:
-        cut = examine(recording, lattice="cut")
+        cut = examine(recording, lattice="cut", settings=settings)
         other = _first(recording, cut)
         if _misfit(other[0]) < _misfit(model) - CLEARLY:
             report, (model, sigma, pieces) = cut, other
@@ -73,17 +75,21 @@ def prepare(recording: Recording) -> Prepared:
         report.smooth = smoothed_rates(report.rates, recording)
         model, sigma = _calibrated(recording, report, pieces, recording.attitudes.sigma)
     dead = _dead(recording, report)
-    noise = _reference_noise(model, report, dead)
+    noise = _reference_noise(model, report, dead, settings)
     if noise is not None and noise.departs:
         model, sigma = _calibrated(recording, report, pieces, recording.attitudes.sigma * noise.factors)
     return Prepared(model, report, sigma, noise, dead, _notes(recording, pieces, sigma))
 
 
-def _reference_noise(model: RecordingModel, report: SampleReport, dead: tuple[DeadStretches, ...]) -> ReferenceNoise | None:
+def _reference_noise(
+    model: RecordingModel, report: SampleReport, dead: tuple[DeadStretches, ...], settings: DiagnosisSettings
+) -> ReferenceNoise | None:
     """The test of the references' noise, where no gyro hides motion between two references, which would look like it."""
     blind = set(np.flatnonzero(report.hidden | report.lattice).tolist())
-    silent = np.any([np.zeros(len(report.rates), dtype=bool), *(one.stretch >= 0 for one in dead)], axis=0)
-    noise = reference_noise(model, np.median(report.density, axis=0), silent)
+    silent = np.zeros(report.rates.shape, dtype=bool)
+    for one in dead:
+        silent[:, one.axis] |= (one.stretch >= 0) & (one.log_odds > LIKELY)
+    noise = reference_noise(model, np.median(report.density, axis=0), silent, settings)
     return None if noise is not None and (noise.axis in blind or len(blind) == 3) else noise
 
 

@@ -54,7 +54,7 @@ class SampleCause:
 def sample_causes(prepared: Prepared, effects: Sequence[Effect], settings: DiagnosisSettings) -> tuple[SampleCause, ...]:
     """The causes that the samples and the references' noise show by themselves, and the unlisted ones among them."""
     claims = {effect.symptom: effect.name for effect in effects if effect.symptom is not None}
-    symptoms = [*prepared.samples.symptoms, *_reference_symptom(prepared)]
+    symptoms = [*prepared.samples.symptoms, *_reference_symptoms(prepared, settings)]
     found = [SampleCause(one, claims.get(one.kind), _finding(prepared, one)) for one in symptoms]
     for effect in effects:
         if effect.implements("detect"):
@@ -64,17 +64,30 @@ def sample_causes(prepared: Prepared, effects: Sequence[Effect], settings: Diagn
     return tuple(found)
 
 
-def _reference_symptom(prepared: Prepared) -> list[Symptom]:
-    """The references' noise, where it is not what is stated."""
+def _reference_symptoms(prepared: Prepared, settings: DiagnosisSettings) -> list[Symptom]:
+    """The references' noise, where it is not white noise of the stated size."""
     noise = prepared.reference_noise
-    if noise is None or not noise.departs:
+    if noise is None:
         return []
-    axis = None if noise.axis is None else AXES[noise.axis]
-    place = 0 if noise.axis is None else noise.axis
-    sigma = float(1 / np.sqrt(np.sum(1 / noise.sigma**2))) if noise.axis is None else float(noise.sigma[place])
-    size = float(noise.factors[place])
-    text = f"second differences of the references scatter {size:.2f} times as much as stated"
-    return [Symptom("reference_noise_level", axis, size, "factor", sigma, {}, noise.p_value, text)]
+    found = []
+    if noise.correlation_p < settings.sample_event:
+        text = f"the references' noise about two axes correlates by {noise.correlation:.2f}"
+        found.append(
+            Symptom("reference_noise_correlation", None, noise.correlation, "of the noise", 0.0, {}, noise.correlation_p, text)
+        )
+    if noise.constancy_p < settings.sample_event:
+        text = f"the references' noise has {noise.constancy:.2f} times the power of the rest in one part of the recording"
+        found.append(
+            Symptom("reference_noise_constancy", None, noise.constancy, "of its power", 0.0, {}, noise.constancy_p, text)
+        )
+    if noise.departs:
+        axis = None if noise.axis is None else AXES[noise.axis]
+        place = 0 if noise.axis is None else noise.axis
+        sigma = float(1 / np.sqrt(np.sum(1 / noise.sigma**2))) if noise.axis is None else float(noise.sigma[place])
+        size = float(noise.factors[place])
+        text = f"second differences of the references scatter {size:.2f} times as much as stated"
+        found.append(Symptom("reference_noise_level", axis, size, "factor", sigma, {}, noise.p_value, text))
+    return found
 
 
 def _finding(prepared: Prepared, symptom: Symptom) -> Finding:

@@ -177,6 +177,17 @@ def _in_time(model: RecordingModel, bins: Bins) -> Iterator[Family]:
         yield from _several(model, bins, "bias of another period", waves)
         waves = [_wave(since, period) for period in np.geomspace(shortest, 2.5 * longest, PERIODS // 2)]
         yield from _several(model, bins, "bias of a period counted from each interval's start", waves)
+        # The phases of a period are coherent over the gaps between intervals only if it is known to the gaps' length.
+        if len(model.blocks) > 1:
+            apart = [_per_interval(wave, bins.interval, len(model.blocks)) for wave in waves]
+            yield from _several(model, bins, "bias of a period, its phase another in each interval", apart)
+
+
+def _per_interval(values: Array, interval: NDArray[np.intp], count: int) -> Array:
+    """Columns (n, k) with an amplitude of their own in each interval, (n, k count)."""
+    out = np.zeros((len(values), count, values.shape[1]))
+    out[np.arange(len(values)), interval] = values
+    return out.reshape(len(values), -1)
 
 
 def _wave(t: Array, period: float) -> Array:

@@ -11,7 +11,7 @@
 - `planning`: all of it in turn; `result`: what comes out
 """
 
-from diagnosis.plan.columns import RandomColumns, Signature, linear_model, random_columns, signatures
+from diagnosis.plan.columns import RandomColumns, Signature, noise_free, random_columns, signatures
 from diagnosis.plan.extras import appended, maneuvers
 from diagnosis.plan.named import named_size
 from diagnosis.plan.planning import plan
@@ -33,9 +33,9 @@ __all__ = [
     "Signature",
     "Visible",
     "appended",
-    "linear_model",
     "maneuvers",
     "named_size",
+    "noise_free",
     "pairs",
     "plan",
     "quiet_stretches",

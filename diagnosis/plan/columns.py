@@ -1,7 +1,8 @@
 """Signatures: what each effect does to the whitened and projected observations, per unit of its size.
 
 x is the whitened column of the effect with G, b and the start attitudes projected out (`diagnosis.model.recording`),
-linearised at the scenario's true G and b. A random effect is a covariance instead, X Xᵀ.
+linearised at the scenario's true G and b. A random effect is a covariance instead, X Xᵀ. Columns and options are those that the
+diagnosis itself tries (`diagnosis.model.candidates`).
 """
 
 from __future__ import annotations
@@ -12,15 +13,15 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from diagnosis.model import processes as random_effects
-from diagnosis.model.candidates import AXES, available, columns_of, step_times
+from diagnosis.model.candidates import Group, plain_group, process_groups, step_times, switched_columns
 from diagnosis.model.recording import RecordingModel, linearised
-from simulator.effects import EFFECTS, Effect
+from simulator.effects import EFFECTS, Effect, Trial
 from simulator.scenario import Scenario
 from simulator.simulate import simulate, with_gyro_temperature
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
+StepTimes = tuple[Array, Array, Array, Indices]
 
 GONE = 1e-6  # share of a signature that is left, below which it acts like the calibration itself
 
@@ -31,7 +32,7 @@ class Signature:
 
     Attributes
     ----------
-    effect, axis, label : label has the picked-up axis too, "g_matrix_step:z<y"
+    effect, axis, label : the label also tells what else is fixed in a switched effect, as in "effect:z<y"
     X : (N, o, k) columns of each option (time of a step), k amplitudes (sine and cosine)
     share : (o,) what the projection leaves of each option, 1 for all
     weights : (o,) prior of the options, sum one
@@ -73,42 +74,59 @@ class Signature:
         return np.asarray(np.linalg.eigh(X.T @ X)[1].sum(axis=1) / np.sqrt(X.shape[1]))
 
 
-def linear_model(scenario: Scenario) -> RecordingModel:
+def noise_free(scenario: Scenario) -> RecordingModel:
     """The model about the true G and b, without noise, and with the simulator's gyro temperature as housekeeping."""
     recording = with_gyro_temperature(simulate(scenario, noise=False))
     return linearised(recording, np.array(scenario.gyro.true_G), np.deg2rad(scenario.gyro.true_bias_deg_s))
 
 
-def signatures(model: RecordingModel, names: Sequence[str], at: tuple[Array, Array, Indices] | None = None) -> list[Signature]:
+def signatures(model: RecordingModel, names: Sequence[str], at: StepTimes | None = None) -> list[Signature]:
     """Signatures of the effects that are sums of columns.
 
     Parameters
     ----------
-    model : the linear model
+    model : the noise-free recording
     names : effects
-    at : times of steps, their weights, and the steps of the stream they begin with; those the diagnosis tries by default
+    at : times of steps as `step_times` returns them; those that the diagnosis tries by default
     """
-    out = []
-    times, weights, firsts = step_times(model) if at is None else at
+    out: list[Signature] = []
+    steps = step_times(model) if at is None else at
     for name in names:
         effect = EFFECTS[name]
-        if not effect.has_columns or not available(model, effect):
+        if not effect.has_columns or effect.missing(model.around) is not None:
             continue
-        asked = {parameter.name for parameter in effect.parameters}
         for axis in effect.axes or (None,):
-            label = name if axis is None else f"{name}:{axis}"
-            if "time_s" not in asked:
-                out.append(
-                    _signature(model, effect, axis, label, columns_of(model, effect, axis, {})[:, None, :], np.ones(1), [{}])
-                )
-                continue
-            for toward in AXES if "toward" in asked else [""]:
-                fixed: dict[str, float | str] = {"toward": toward} if toward else {}
-                on = effect.columns(model.stream, axis, {**fixed, "time_s": float(model.t_s[0]) - 1.0})[:, :, 0]
-                W = model.whitened(model.reading_steps(on, firsts))[:, :, None]
-                known = [{**fixed, "time_s": float(t)} for t in times]
-                out.append(_signature(model, effect, axis, f"{label}<{toward}" if toward else label, W, weights, known))
+            out += _switched(model, effect, axis, steps) if effect.switched else [_plain(model, effect, axis)]
     return out
+
+
+def _plain(model: RecordingModel, effect: Effect, axis: str | None) -> Signature:
+    """Signature of an effect that is there throughout, with the sets of parameters that are tried as its options."""
+    group = plain_group(model, effect, axis, model.around)
+    return _signature(
+        model, effect, axis, _label(effect, axis), np.stack(group.columns, axis=1), group.weights, group.parameters
+    )
+
+
+def _switched(model: RecordingModel, effect: Effect, axis: str | None, steps: StepTimes) -> list[Signature]:
+    """A signature for each set of parameters of an effect that is switched on, with the times of the step as its options."""
+    times, _, weights, firsts = steps
+    out = []
+    trials = effect.trials(model.around)
+    for trial in trials:
+        label = _label(effect, axis) + (_words(trial) if len(trials) > 1 else "")
+        W = switched_columns(model, effect, axis, trial.parameters, firsts)[:, :, None]
+        known = [{**trial.parameters, "time_s": float(t)} for t in times]
+        out.append(_signature(model, effect, axis, label, W, weights, known))
+    return out
+
+
+def _label(effect: Effect, axis: str | None) -> str:
+    return effect.name if axis is None else f"{effect.name}:{axis}"
+
+
+def _words(trial: Trial) -> str:
+    return "".join(f"<{value}" for value in trial.parameters.values())
 
 
 def _signature(
@@ -137,14 +155,14 @@ class RandomColumns:
     """
 
     effect: str
-    axis: str
+    axis: str | None
     X: Array
     parameters: Mapping[str, float | str] = field(default_factory=dict)
 
     @property
     def label(self) -> str:
         """Effect and axis."""
-        return f"{self.effect}:{self.axis}"
+        return self.effect if self.axis is None else f"{self.effect}:{self.axis}"
 
     @property
     def strength(self) -> float:
@@ -155,18 +173,18 @@ class RandomColumns:
 def random_columns(model: RecordingModel, names: Sequence[str]) -> list[RandomColumns]:
     """The random effects among some, with the option of each that is nearest to the usual one."""
     out: list[RandomColumns] = []
-    if not any(EFFECTS[name].is_process for name in names):
-        return out
-    for process in random_effects.processes(model, rivals=False):
-        if process.name in names:
-            usual = {one.name: one.default for one in EFFECTS[process.name].parameters}
-            nearest = min(range(len(process.columns)), key=lambda k: _unusual(process.parameters[k], usual))
-            out.append(
-                RandomColumns(
-                    process.name, process.axis, model.projected(process.columns[nearest]), process.parameters[nearest]
-                )
-            )
+    for name in names:
+        effect = EFFECTS[name]
+        if effect.has_columns or not effect.is_process or effect.missing(model.around) is not None:
+            continue
+        usual = {one.name: one.default for one in effect.parameters}
+        out += [_nearest(model, group, usual) for group in process_groups(model, effect, model.around)]
     return out
+
+
+def _nearest(model: RecordingModel, group: Group, usual: Mapping[str, float | str | None]) -> RandomColumns:
+    chosen = min(range(len(group.columns)), key=lambda k: _unusual(group.parameters[k], usual))
+    return RandomColumns(group.effect, group.axis, model.projected(group.columns[chosen]), group.parameters[chosen])
 
 
 def _unusual(parameters: Mapping[str, float | str], usual: Mapping[str, float | str | None]) -> float:

@@ -12,15 +12,16 @@ from typing import Any
 
 import numpy as np
 
-from diagnosis.model.candidates import AXES, step_times
+from diagnosis.model.candidates import step_times
 from diagnosis.model.recording import RecordingModel
-from diagnosis.plan.columns import GONE, RandomColumns, Signature, linear_model, median_index, random_columns, signatures
+from diagnosis.plan.columns import GONE, RandomColumns, Signature, median_index, noise_free, random_columns, signatures
 from diagnosis.plan.result import Extra, Pair, Visible, ordered
 from diagnosis.plan.separability import pairs
 from diagnosis.plan.visibility import START_SNR
 from simulator.effects import EFFECTS
 from simulator.scenario import Scenario, override
 
+AXES = "xyz"
 GAP_ORBITS = 1.0  # between the scenario's end and an extra maneuver
 DAY = 86400.0
 
@@ -57,7 +58,7 @@ def maneuvers(scenario: Scenario) -> dict[str, list[dict[str, Any]]]:
     start = GAP_ORBITS * orbit
 
     def one(activity: str, mode: str, length: float, **more: Any) -> list[dict[str, Any]]:
-        name = _free("extra", {interval.name for interval in scenario.interval})
+        name = _unused("extra", {interval.name for interval in scenario.interval})
         return [{"name": name, "activity": activity, "start_s": start, "stop_s": start + length, "mode": mode, **more}]
 
     out = {
@@ -81,7 +82,7 @@ def maneuvers(scenario: Scenario) -> dict[str, list[dict[str, Any]]]:
         section = _plain(interval.model_dump(exclude_none=True))
         moved = shift - scenario.interval[0].start_s
         section |= {"start_s": section["start_s"] + moved, "stop_s": section["stop_s"] + moved}
-        section["name"] = _free(f"{section['name']}b", taken)
+        section["name"] = _unused(f"{section['name']}b", taken)
         taken.add(section["name"])
         repeat.append(section)
     out["the whole plan again, a month later"] = repeat
@@ -99,7 +100,7 @@ def _slew(axis: str, angle: float, start: float, duration: float) -> dict[str, A
     }
 
 
-def _free(name: str, taken: set[str]) -> str:
+def _unused(name: str, taken: set[str]) -> str:
     while name in taken:
         name += "b"
     return name
@@ -116,7 +117,7 @@ def helped_by(
     found: Sequence[Pair],
 ) -> Extra:
     """What the extended scenario brings: sizes, pairs told apart, and effects gained over those seen and found without it."""
-    longer = linear_model(extended)
+    longer = noise_free(extended)
     names = sorted({one.effect for one in every} | {one.effect for one in random})
     # The same steps as without it: the extra intervals come after all of them.
     after = {one.label: one for one in signatures(longer, names, step_times(model))}

@@ -53,8 +53,8 @@ def named_size(one: Visible, x: Array, power: PowerOf) -> float:
     def enough(factor: float) -> bool:
         missed = 0
         for k in range(x.shape[1]):
-            search = Search(power.bank, power.noise[:, k] + factor * one.size * x[:, k])
-            answer = attribute(power.bank, search.explanations())
+            linear = replace(power.linear, y=power.noise[:, k] + factor * one.size * x[:, k])
+            answer = attribute(linear, Search(linear, power.settings).explanations(), power.settings)
             right = answer.verdict == "named" and [slot.group[0][0] for slot in answer.slots] == [label]
             missed += not right
             if missed > (1 - POWER) * x.shape[1]:

@@ -8,15 +8,16 @@ from typing import Any
 
 import numpy as np
 
-from diagnosis.model.candidates import AXES, build
+from diagnosis.model.candidates import AXES, linear_model
 from diagnosis.model.recording import RecordingModel
-from diagnosis.plan.columns import linear_model, random_columns, signatures
+from diagnosis.plan.columns import noise_free, random_columns, signatures
 from diagnosis.plan.extras import appended, helped_by, maneuvers
 from diagnosis.plan.named import named_sizes
 from diagnosis.plan.result import Plan, Progress
 from diagnosis.plan.samples import samples_seen
 from diagnosis.plan.separability import pairs
 from diagnosis.plan.visibility import START_SNR, PowerOf, columns_seen, random_seen, unavailable
+from diagnosis.settings import DEFAULT, DiagnosisSettings
 from gyrocal.calibration.observability import PLAUSIBLE_RANGE
 from gyrocal.errors import InputError
 from simulator.effects import EFFECTS
@@ -31,6 +32,7 @@ def plan(
     named: bool = False,
     progress: Progress | None = None,
     seed: int = 0,
+    settings: DiagnosisSettings = DEFAULT,
 ) -> Plan:
     """What a scenario will show.
 
@@ -42,6 +44,7 @@ def plan(
     named : also look for the size at which an effect is named, which takes ten seconds and more for each
     progress : called with a text and the share done
     seed : of the draws
+    settings : thresholds and priors of the diagnosis that the recording is for
 
     Raises
     ------
@@ -53,10 +56,10 @@ def plan(
     names = _chosen(effects)
     longer = {name: appended(scenario, parts) for name, parts in (maneuvers(scenario) if extras is None else extras).items()}
     tell("linear model", 0.0)
-    model = linear_model(scenario)
+    model = noise_free(scenario)
     every = signatures(model, names)
     tell("candidates", 0.05)
-    power = PowerOf(model, build(model), seed)
+    power = PowerOf(linear_model(model, list(EFFECTS.values()), settings=settings), seed, settings)
     tell("smallest visible sizes", 0.15)
     seen = list(columns_seen(every, power, tell))
     random = random_columns(model, names)
@@ -77,6 +80,7 @@ def plan(
     order = {name: number for number, name in enumerate(EFFECTS)}
     return Plan(
         scenario=scenario.title,
+        false_alarm_rate=settings.false_alarm_rate,
         threshold=power.threshold,
         degrees_of_freedom=model.degrees_of_freedom,
         effects=tuple(sorted(seen, key=lambda one: (order[one.effect], one.label))),

@@ -8,8 +8,6 @@ from typing import Any, Literal
 
 import pandas as pd
 
-from diagnosis.diagnose import FALSE_ALARMS
-
 Progress = Callable[[str, float], None]
 
 POWER = 0.9
@@ -94,9 +92,22 @@ class Extra:
 
 @dataclass(frozen=True)
 class Plan:
-    """Everything a plan says."""
+    """Everything a plan says.
+
+    Attributes
+    ----------
+    scenario : title
+    false_alarm_rate, threshold : of the diagnosis, and the value of its statistic that stands for it
+    degrees_of_freedom : beside the calibration
+    effects : smallest visible sizes, in the order of the registry
+    pairs : that cannot be told apart, the worst first
+    extras : the most helpful first
+    notes : limits of this scenario, in sentences
+    runtime_s : time taken
+    """
 
     scenario: str
+    false_alarm_rate: float
     threshold: float
     degrees_of_freedom: int
     effects: tuple[Visible, ...]
@@ -115,7 +126,7 @@ class Plan:
             "format": 1,
             "scenario": self.scenario,
             "power": POWER,
-            "false_alarm_rate": FALSE_ALARMS,
+            "false_alarm_rate": self.false_alarm_rate,
             "threshold": self.threshold,
             "degrees_of_freedom": self.degrees_of_freedom,
             "effects": [{**vars(one), "plausible": list(one.plausible)} for one in self.effects],

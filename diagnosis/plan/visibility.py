@@ -1,7 +1,7 @@
 """Smallest visible size of each effect that shows in the attitude.
 
-The diagnosis calls a gap when its statistic T, the evidence averaged over the whole bank of candidates
-(`Search.null_statistic`), passes the point that M0 passes with probability `FALSE_ALARMS`. T is a log of a sum of
+The diagnosis calls a gap when its statistic T, the evidence averaged over all candidates (`Search.null_statistic`), passes the
+point that M0 passes with the probability `DiagnosisSettings.false_alarm_rate`. T is a log of a sum of
 exponentials of convex quadratics in the observations y, and even in y; so {T ≤ threshold} is a convex set symmetric about 0,
 and by Anderson's theorem (Proc. AMS 6, 1955, 170–176) the probability to leave it never falls as y = a x + n moves out along
 a fixed signature x, nor as a random x is scaled up. The size at which 90 % of draws leave it therefore exists and is unique.
@@ -21,17 +21,18 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from diagnosis.diagnose import DRAWS, FALSE_ALARMS
-from diagnosis.inference.candidates import Bank
 from diagnosis.inference.search import Search
+from diagnosis.model.linear import LinearModel
 from diagnosis.model.recording import RecordingModel
 from diagnosis.plan.columns import GONE, RandomColumns, Signature
 from diagnosis.plan.result import POWER, Progress, Verdict, Visible
+from diagnosis.settings import DEFAULT, DiagnosisSettings
 from simulator.effects import EFFECTS, Effect
 
 Array = NDArray[np.float64]
 
 NULL_DRAWS = 2000  # of M0, for the threshold
+NULL_PARTS = 2  # in which they are made, for the sake of memory
 POWER_DRAWS = 200  # of each effect; their 10 % point is good to 2 % of a size
 NEAR = 0.1  # of the statistic: a size is good to 0.3 % then
 MOST_STEPS = 14  # of the solution for a size
@@ -44,25 +45,33 @@ class PowerOf:
 
     Parameters
     ----------
-    model : the linear model
-    bank : its candidates
+    linear : the linear model of the noise-free recording, with all candidates
     seed : of the draws
+    settings : with the rate of false alarms and the draws that the diagnosis finds its p-value with
+
+    Attributes
+    ----------
+    threshold : of the statistic, above which the diagnosis calls a gap
+    noise : (N, d) draws of M0
     """
 
-    def __init__(self, model: RecordingModel, bank: Bank, seed: int = 0):
-        self.bank = bank
-        self.search = Search(bank, np.zeros(model.size))
+    def __init__(self, linear: LinearModel, seed: int = 0, settings: DiagnosisSettings = DEFAULT):
+        self.linear = linear
+        self.settings = settings
+        self.search = Search(linear, settings)
         self.rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=tuple(b"diagnosis_plan")))
-        null = np.concatenate(
-            [self.search.null_statistic(bank.X.T @ self._noise(model, DRAWS)) for _ in range(NULL_DRAWS // DRAWS)]
-        )
+        null = np.concatenate([self.statistic(self._noise(NULL_DRAWS // NULL_PARTS)) for _ in range(NULL_PARTS)])
         # Beyond ln(draws + 1) the diagnosis goes by the bound P(B ≥ c) ≤ 1/c.
-        self.threshold = float(min(np.quantile(null, 1 - FALSE_ALARMS), np.log(1 + DRAWS)))
-        self.noise = self._noise(model, POWER_DRAWS)
-        self._correlation = bank.X.T @ self.noise
+        self.threshold = float(min(np.quantile(null, 1 - settings.false_alarm_rate), np.log(1 + settings.null_draws)))
+        self.noise = self._noise(POWER_DRAWS)
+        self._correlation = linear.X.T @ self.noise
 
-    def _noise(self, model: RecordingModel, count: int) -> Array:
-        return model.projected(self.rng.standard_normal((model.size, count)))
+    def _noise(self, count: int) -> Array:
+        return self.linear.projected(self.rng.standard_normal((self.linear.y.size, count)))
+
+    def statistic(self, y: Array) -> Array:
+        """(d,) the statistic of observations y (N, d)."""
+        return self.search.null_statistic(self.linear.X.T @ y)
 
     def excess(self, moved: Array, amplitude: float) -> float:
         """The statistic that nine draws in ten pass, less the threshold; moved is (p, 1) or (p, d), Xᵀx."""
@@ -74,7 +83,7 @@ class PowerOf:
 
         A secant in log amplitude from `start`; the statistic grows about as the square of the amplitude.
         """
-        moved = self.bank.X.T @ x.reshape(len(x), -1)
+        moved = self.linear.X.T @ x.reshape(len(x), -1)
         here, value = start, self.excess(moved, start)
         low, high = 0.0, np.inf
         slope = 25.0

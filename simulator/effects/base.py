@@ -97,6 +97,12 @@ SYMPTOMS = (
     "spectral_line",  # a tone in the samples
     "outliers",  # single samples far off
     "repeats",  # samples that repeat the one before
+    "slow_noise",  # noise of the samples that is stronger than white noise at lower frequencies
+    "noise_correlation",  # noise of the gyros that they have in common
+    "noise_constancy",  # noise of the samples that differs between intervals or with the motion
+    "filled_samples",  # samples that repeat a value which was not measured
+    "reference_noise_correlation",  # noise of the references about two axes that goes together
+    "reference_noise_constancy",  # noise of the references that differs between intervals or with the motion
     "reference_noise_level",  # white noise of the references other than stated
 )
 

@@ -197,17 +197,12 @@ def _checks(rows: pd.DataFrame) -> list[Check]:
         if True in ratio.index:
             name = f"what the second iteration leaves by what the first left, {direction} error, noise by no noise"
             out.append(Check(name, ratio[True] / ratio[False], at_least(10), "", LINEAR))
-    for row in enough(rows).query("noise").to_dict("records"):
-        for limit in LIMITS:
-            name = f"factor from which {row['iterations']} iteration(s) leave {limit:g} sigma, {row['direction']} error, median"
-            out.append(Check(name, row[f"factor_{limit:g}_sigma_median"]))
     own = after_each(rows).query("direction == 'flown' and noise and factor == 1")
     for row in own.to_dict("records"):
-        out += [Check(f"scenario's own initial error in {name}", row[f"initial_{name}"]) for name in ("G", "bias_deg_s")]
         for k in (1, 2):
             left = max(row[f"left_{k}_G_sigma"], row[f"left_{k}_bias_sigma"])
-            out.append(Check(f"left of it by {k} iteration(s), largest, median", left, at_most(LIMITS[0]), "sigma"))
-        out.append(Check("error of G from noise alone, largest, median", row["error_converged_G_sigma"], None, "sigma"))
+            name = f"left of the scenario's own error by {k} iteration(s), largest, median"
+            out.append(Check(name, left, at_most(LIMITS[0]), "sigma"))
     for row in second_iteration(rows).to_dict("records"):
         name = f"largest correction by the second iteration, {row['quantity']}, flight by simulated median"
         out.append(Check(name, row["flight"] / row["median"], meaning=PUBLISHED))

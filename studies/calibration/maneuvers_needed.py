@@ -214,7 +214,6 @@ def _checks(config: ManeuversNeededConfig, rows: pd.DataFrame, references: str) 
             Check(f"maneuvers in the smallest of them, {at}", int(best["size"])),
             Check(f"determining subsets of that size, of {of_size}, {at}", len(smallest)),
             Check(f"best conditioned of these, {at}", best["maneuvers"], meaning=LEAST),
-            Check(f"its condition, {at}", best["condition"]),
             Check(f"its worst sigma by the plausible range, {at}", worst),
             Check(f"in every determining subset, {at}", ", ".join(common) or "none"),
         ]
@@ -227,7 +226,6 @@ def _checks(config: ManeuversNeededConfig, rows: pd.DataFrame, references: str) 
         most = table.sort_values("shapley_bits").iloc[-1]
         out.append(Check(f"maneuver that tells most, {at}", f"{most['maneuver']} ({most['activity']})", meaning=TELLS))
         out.append(Check(f"what it tells, {at}", most["shapley_bits"], None, "bits"))
-        out.append(Check(f"what all tell, {at}", table["shapley_bits"].sum(), None, "bits"))
     return out
 
 

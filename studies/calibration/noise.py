@@ -223,7 +223,7 @@ def _checks(rows: pd.DataFrame, spreads: pd.DataFrame) -> list[Check]:
     out += extremes("sigma of b at the flight's noise", table["sigma"][9:], None, "deg/h")
     for limit in ("gyro", "references"):
         out.append(Check(f"parameters limited by the {limit} at the flight's noise", int((table["limited_by"] == limit).sum())))
-    out += extremes("gyro's share of a variance at the flight's noise", table["gyro_share"], (0.0, 1.0), "", LAW)
+    out += extremes("gyro's share of a variance at the flight's noise", table["gyro_share"], meaning=LAW)
     crossing = table["crossing_arw_deg_per_sqrt_s"]
     out += extremes("ARW at which the limit changes, with these references", crossing, None, "deg/√s", CROSSING)
     inside = int(spreads["inside"].sum())
@@ -261,7 +261,13 @@ def _figure(rows: pd.DataFrame, spreads: pd.DataFrame) -> panels.Draw:
         lines.append(Line(worst["arw_deg_per_sqrt_s"], worst["spread"], "spread of seeds", panels.RED, "s", *ranges))
         unit = "deg/h" if group == "biases" else "ppm"
         drawn.append(panels.curves(lines, title=f"worst of the {group}", y=f"sigma ({unit})", **axes))
-    return panels.sheet(*drawn, size=(8.6, 3.2), title="dotted: the flight's ARW", legend_title="reference\nsigma (deg)")
+    return panels.sheet(
+        *drawn,
+        size=(8.6, 3.2),
+        title="dotted: the flight's ARW",
+        legend="outside right center",
+        legend_title="reference\nsigma (deg)",
+    )
 
 
 ENTRY = Entry(STUDY, "how gyro and reference noise limit each parameter", report)

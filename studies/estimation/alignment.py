@@ -35,10 +35,10 @@ from studies.estimation.attitude_cases import (
     ANGLES,
     M_TRUE,
     AlignmentOrbit,
-    FixedFlightConfig,
     alignment_error,
     alignment_orbit,
 )
+from studies.estimation.flights import FixedFlightConfig
 from studies.montecarlo.settings import Different
 from studies.montecarlo.statistics import LEVELS, accuracy_table, nees, nees_line
 from studies.montecarlo.study import Streams, Study, dispersed
@@ -210,7 +210,7 @@ def _checks(config: AlignmentConfig, rows: pd.DataFrame) -> list[Check]:
         yaw = near(row["yaw_error_predicted_mdeg"], 4 * row["sigma_mdeg"] / np.sqrt(cases))
         predicted = row["nees_per_dof_predicted"]
         spread = np.sqrt((2 * 7 + 4 * 7 * (predicted - 1)) / cases) / 7
-        out.append(Check(f"kept of DSS-2's yaw misalignment, {sensor}", row["kept_yaw"], (0.0, 1.0), "", KEPT))
+        out.append(Check(f"kept of DSS-2's yaw misalignment, {sensor}", row["kept_yaw"], meaning=KEPT))
         out.append(Check(f"mean yaw error, {sensor}", row["yaw_error_mdeg"], yaw, "mdeg"))
         nees_bounds = near(predicted, 4 * spread)
         out.append(Check(f"mean NEES about the truth, {sensor}", row["nees_per_dof_about_the_truth"], nees_bounds, "NEES/dof"))
@@ -259,7 +259,7 @@ ENTRY = Entry(STUDY, "is the sensors' alignment found, by both algorithms, and w
 
 def _figure(rows: pd.DataFrame) -> panels.Draw:
     """NEES of the consistent algorithms beside χ², and the yaw that one round of two steps leaves."""
-    nees_of = {name: rows.loc[rows["algorithm"] == name, "nees"] for name in (EXACT, REPEATED, TOGETHER)}
+    nees_of = {name: rows.loc[rows["algorithm"] == name, "nees"] for name in (EXACT, TOGETHER, REPEATED)}
     table = one_round(rows)
     sigma, error, predicted = (table[name] for name in ("esa_sigma_mdeg", "yaw_error_mdeg", "yaw_error_predicted_mdeg"))
     found = Line(sigma, error, "found: mean, stated sigma", panels.RED, "o", *_either_side(error, table["sigma_mdeg"]), True)

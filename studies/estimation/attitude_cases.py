@@ -1,4 +1,4 @@
-"""Flights at piecewise constant rates with the sensors a batch or an alignment is made from; the truth is the simulator's.
+"""Flights at piecewise constant rates with the sensors a batch or an alignment is made from.
 
 Two kinds of sensors. A `DirectionSensor` sees known directions with equal noise on the three components, the simplest thing
 that shows what an estimator does. `AlignmentOrbit` has TRMM's: whole counts of two digital sun sensors and the penetration
@@ -7,34 +7,30 @@ angles of an Earth sensor over an oblate Earth.
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import ClassVar
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
-from pydantic import model_validator
+from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from gyrocal import GyroStream
-from gyrocal.attitude import cross_matrix, matrix_from_quaternion, quaternion_from_matrix, rotation_matrix
+from gyrocal import GyroParameters, GyroStream
+from gyrocal.attitude import matrix_from_quaternion, quaternion_from_matrix
 from gyrocal.estimation.batch import BatchResult, Weighting, batch
 from gyrocal.sensors.earth import TRMM_BIASES, EarthModel, EarthSensor
 from gyrocal.sensors.series import SensorSeries
 from gyrocal.sensors.sun import trmm_sun_sensors
 from simulator.sensors import sun as true_sun
-from simulator.sensors.gyro import raw_rates, with_white_noise
 from simulator.sensors.horizon import Horizon, orbit_position, penetration
 from simulator.truth.integration import integrate
 from simulator.truth.orbit import CircularOrbit, lvlh_attitude
-from studies.montecarlo.study import StudyConfig
+from studies.estimation.flights import DirectionSensor, Flight
 
 Array = NDArray[np.float64]
-Indices = NDArray[np.intp]
 Vector = Sequence[float] | Array
 
 ORBIT = CircularOrbit(350e3, np.deg2rad(35.0), node=0.7, latitude_argument=0.2)
 RPO = ORBIT.mean_motion
-SUN = np.array([np.cos(0.4), np.sin(0.4) * np.cos(0.41), np.sin(0.4) * np.sin(0.41)])
 DIRECTIONS = (np.array([1.0, 0.2, 0.1]) / np.sqrt(1.05), np.array([-0.3, 0.8, 0.5]) / np.sqrt(0.98))
+ALIGNED = ("m_x", "m_y", "m_z")
 TRUE_BIAS = np.deg2rad([-1.5e-4, 2.0e-4, 0.8e-4])
 ARW = float(np.deg2rad(2.5e-4))  # rad/sqrt(s)
 
@@ -45,88 +41,9 @@ ANGLES = Rotation.from_matrix(M_TRUE).as_rotvec()
 SQUARE = (np.zeros(3), np.zeros(3))  # β heads at right angles
 
 
-class FixedFlightConfig(StudyConfig):
-    """A study whose flights and sensors are fixed: of its scenario it takes the gyro alone.
-
-    Attributes
-    ----------
-    used : what it takes
-    """
-
-    used: ClassVar[tuple[str, ...]] = ("gyro.true_G", "gyro.true_bias_deg_s", "gyro.arw_deg_per_sqrt_s")
-
-    @model_validator(mode="after")
-    def _takes_nothing_else(self) -> "FixedFlightConfig":
-        for path in (*self.overrides, *self.dispersions):
-            if not any(path == name or path.startswith(f"{name}.") for name in self.used):
-                raise ValueError(f"{path} has no effect in this study, which uses {', '.join(self.used)} only")
-        return self
-
-
-@dataclass(frozen=True)
-class DirectionSensor:
-    """Sees directions r (n, 3): y = Mᵀ Nᵀ A r with noise on each of three components; M ← exp([m×]) M by its parameters."""
-
-    name: str
-    directions: Array
-    N: Array
-    M: Array
-    size: int = 3
-    parameters: tuple[str, ...] = ("m_x", "m_y", "m_z")
-
-    def predict(self, A: Array, rows: Indices) -> Array:
-        """As in `gyrocal.sensors.series.SensorModel`."""
-        return np.asarray(np.einsum("ji,kj,nkl,nl->ni", self.M, self.N, A, self.directions[rows]))
-
-    def jacobian(self, A: Array, rows: Indices) -> Array:
-        """As in `gyrocal.sensors.series.SensorModel`."""
-        v = np.einsum("nkl,nl->nk", A, self.directions[rows])
-        return np.asarray(-(self.N @ self.M).T @ cross_matrix(v))
-
-    def partials(self, A: Array, rows: Indices) -> Array:
-        """As in `gyrocal.sensors.series.SensorModel`."""
-        u = np.einsum("kj,nkl,nl->nj", self.N, A, self.directions[rows])
-        return np.asarray(self.M.T @ cross_matrix(u))
-
-    def corrected(self, change: Array) -> "DirectionSensor":
-        """As in `gyrocal.sensors.series.SensorModel`."""
-        return replace(self, M=rotation_matrix(change) @ self.M)
-
-
 def direction_sensor(name: str, directions: Array, M: Array | None = None, N: Array | None = None) -> DirectionSensor:
-    """A sensor that looks along the body axes if nothing else is said."""
-    return DirectionSensor(name, directions, np.eye(3) if N is None else N, np.eye(3) if M is None else M)
-
-
-@dataclass(frozen=True)
-class ConstantRateFlight:
-    """Truth of a flight in parts at constant rate, and what draws noise on it.
-
-    Attributes
-    ----------
-    t : (n,) starts of the gyro samples, s
-    sample_s : s
-    raw : (n, 3) raw rates without noise, rad/s
-    A : (n + 1, 3, 3) attitudes at the samples' starts and the end
-    arw : rad/sqrt(s)
-    G : (3, 3) what an estimator takes for the gyro's G
-    """
-
-    t: Array
-    sample_s: float
-    raw: Array
-    A: Array
-    arw: float
-    G: Array
-
-    def gyro(self, rng: np.random.Generator | None = None, bias: Array | None = None) -> GyroStream:
-        """The samples, with noise from rng, and an a-priori bias."""
-        rates = self.raw if rng is None else with_white_noise(rng, self.raw, self.arw, np.full(len(self.t), self.sample_s))
-        return GyroStream(self.t, rates, self.sample_s, self.arw, self.G, np.zeros(3) if bias is None else bias)
-
-    def at(self, t: ArrayLike) -> Array:
-        """(n, 3, 3) true attitudes at times of the gyro grid."""
-        return np.asarray(self.A[np.rint((np.asarray(t) - self.t[0]) / self.sample_s).astype(int)])
+    """A sensor of one direction (n, 3) whose misalignment may be solved for; it looks along the body axes by default."""
+    return DirectionSensor((directions,), name, np.eye(3) if M is None else M, np.eye(3) if N is None else N, ALIGNED)
 
 
 def flight(
@@ -134,17 +51,14 @@ def flight(
     sample_s: float = 2.0,
     start_s: float = 0.0,
     arw: float = ARW,
-    rate: Vector | None = None,
-    start: Array | None = None,
     G: Array | None = None,
     known_G: Array | None = None,
-) -> ConstantRateFlight:
-    """A constant body rate, +x forward by default, from a start attitude, LVLH's by default; known_G defaults to the true G."""
-    omega = np.array([0.0, -RPO, 0.0]) if rate is None else rate
-    A0 = lvlh_attitude(ORBIT, np.array([start_s]))[0] if start is None else start
+) -> Flight:
+    """+x forward in LVLH, with a gyro of that G; known_G defaults to the true G."""
+    A0 = lvlh_attitude(ORBIT, np.array([start_s]))[0]
     G = np.eye(3) if G is None else G
-    made = timeline([(omega, length_s)], G, sample_s, arw, start_s, A0)
-    return replace(made, G=G if known_G is None else known_G)
+    made = timeline([((0.0, -RPO, 0.0), length_s)], G, sample_s, arw, start_s, A0)
+    return replace(made, apriori=GyroParameters(G if known_G is None else known_G, np.zeros(3)))
 
 
 def timeline(
@@ -155,7 +69,7 @@ def timeline(
     start_s: float = 0.0,
     start: Array | None = None,
     bias: Array = TRUE_BIAS,
-) -> ConstantRateFlight:
+) -> Flight:
     """Parts at constant rate, ((rate, duration), …), with a gyro of that G and bias whose a-priori G is the identity."""
     edges = start_s + sample_s * np.arange(round(sum(length for _, length in parts) / sample_s) + 1, dtype=np.float64)
     knots = start_s + np.cumsum([length for _, length in parts])
@@ -164,44 +78,12 @@ def timeline(
     path = integrate(
         lambda t: rates[np.minimum(np.searchsorted(knots, t, side="right"), len(rates) - 1)], edges, quaternion_from_matrix(A0)
     )
-    raw = raw_rates(path.angles / sample_s, G, bias)
-    return ConstantRateFlight(edges[:-1], sample_s, raw, matrix_from_quaternion(path.quaternions), arw, np.eye(3))
-
-
-def measured(
-    motion: ConstantRateFlight,
-    model: DirectionSensor,
-    t: Array,
-    sigma: float,
-    visible: NDArray[np.bool_] | None = None,
-    rng: np.random.Generator | None = None,
-) -> SensorSeries:
-    """A series of a direction sensor, of the model's own truth."""
-    y = model.predict(motion.at(t), np.arange(len(t)))
-    if rng is not None:
-        y = y + sigma * rng.standard_normal(y.shape)
-    used = np.ones(len(t), bool) if visible is None else visible
-    return SensorSeries(model, t, np.where(used[:, None], y, np.nan), np.where(used[:, None], sigma, np.inf) * np.ones(3))
-
-
-def nadir(t: ArrayLike) -> Array:
-    """(n, 3) inertial direction to the Earth's centre."""
-    return np.asarray(lvlh_attitude(ORBIT, np.asarray(t, dtype=float))[:, 2])
-
-
-def star_series(
-    motion: ConstantRateFlight, low: float, high: float, every_s: float, sigma: float, rng: np.random.Generator
-) -> list[SensorSeries]:
-    """Two sensors of fixed directions, always in view, between two times."""
-    t = np.arange(low, high + 1e-9, every_s)
-    return [
-        measured(motion, direction_sensor(f"star {k}", np.tile(direction, (t.size, 1))), t, sigma, rng=rng)
-        for k, direction in enumerate(DIRECTIONS)
-    ]
+    A, known = matrix_from_quaternion(path.quaternions), GyroParameters(np.eye(3), np.zeros(3))
+    return Flight(edges, A, path.angles / sample_s, GyroParameters(G, bias), arw, known)
 
 
 def star_batch(
-    motion: ConstantRateFlight,
+    motion: Flight,
     gyro: GyroStream,
     low: float,
     high: float,
@@ -211,8 +93,10 @@ def star_batch(
     weighting: Weighting = "plain",
     every_s: float = 30.0,
 ) -> BatchResult:
-    """A batch of these two sensors between two times, with attitudes wanted at some."""
-    series = star_series(motion, low, high, every_s, sigma, rng)
+    """A batch of two sensors of fixed directions, always in view, between two times, with attitudes wanted at some."""
+    t = np.arange(low, high + 1e-9, every_s)
+    sensors = [direction_sensor(f"star {k}", np.tile(direction, (t.size, 1))) for k, direction in enumerate(DIRECTIONS)]
+    series = [sensor.seen(motion, t, sigma, rng) for sensor in sensors]
     return batch(series, gyro, motion.at([low])[0], epoch_s=low, times=times, weighting=weighting)
 
 
@@ -230,7 +114,7 @@ class AlignmentOrbit:
     angles : (n, 4) true penetration angles without biases, rad
     """
 
-    motion: ConstantRateFlight
+    motion: Flight
     t: Array
     A: Array
     sun: Array

@@ -5,11 +5,11 @@ component, and one timeline of seven slews about all axes, `maneuver_timeline`, 
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from gyrocal import GyroParameters, GyroStream, attitude
 from gyrocal.estimation.full_filter import FullFilterResult, Leg, run_legs, starting_covariance
@@ -17,20 +17,14 @@ from gyrocal.estimation.mekf import KalmanFilter
 from gyrocal.estimation.onboard import Maneuver, OnBoardCalibrator, replay
 from gyrocal.sensors.series import SensorSeries
 from simulator import scenario as scenarios
-from simulator.scenario import Scenario
-from simulator.sensors.gyro import raw_rates, with_white_noise
 from simulator.truth.maneuvers import Profile, Slew, trajectory
-from simulator.truth.orbit import CircularOrbit, lvlh_attitude
+from simulator.truth.orbit import CircularOrbit
 from simulator.truth.rotation import matrix
+from studies.calibration.prepared import true_parameters
+from studies.estimation.flights import DirectionSensor, Flight, nadir
 
 Array = NDArray[np.float64]
-Indices = NDArray[np.intp]
 Turn = tuple[Array, float, float, float]  # axis, angle in degrees, start, duration
-
-
-def true_parameters(scenario: Scenario) -> GyroParameters:
-    """G and b of a scenario's gyro."""
-    return GyroParameters(np.array(scenario.gyro.true_G), np.deg2rad(scenario.gyro.true_bias_deg_s))
 
 
 TRUTH = true_parameters(scenarios.load("trmm"))
@@ -68,95 +62,26 @@ PRIOR_G, PRIOR_B = 1e-3, float(np.deg2rad(1e-4))
 START_SIGMA = float(np.deg2rad(0.5))
 
 
-@dataclass(frozen=True)
-class VectorModel:
-    """Sees inertial directions, each (n, 3), in the body: y = A r for all of them."""
-
-    directions: tuple[Array, ...]
-    name: str = "vectors"
-    parameters: tuple[str, ...] = ()
-
-    @property
-    def size(self) -> int:
-        """Numbers per measurement."""
-        return 3 * len(self.directions)
-
-    def _seen(self, A: Array, rows: Indices) -> list[Array]:
-        return [np.asarray(np.einsum("nij,nj->ni", A, r[rows])) for r in self.directions]
-
-    def predict(self, A: Array, rows: Indices) -> Array:
-        """As in `gyrocal.sensors.series.SensorModel`."""
-        return np.hstack(self._seen(A, rows))
-
-    def jacobian(self, A: Array, rows: Indices) -> Array:
-        """As in `gyrocal.sensors.series.SensorModel`."""
-        return np.concatenate([-attitude.cross_matrix(v) for v in self._seen(A, rows)], axis=1)
-
-    def partials(self, A: Array, rows: Indices) -> Array:
-        """As in `gyrocal.sensors.series.SensorModel`."""
-        return np.zeros((len(A), self.size, 0))
-
-    def corrected(self, change: Array) -> "VectorModel":
-        """As in `gyrocal.sensors.series.SensorModel`."""
-        return self
-
-
-@dataclass(frozen=True)
-class SlewFlight:
-    """Truth of a flight with slews.
-
-    Attributes
-    ----------
-    profile : what is flown
-    t : (n + 1,) edges of the gyro samples, s
-    A : (n + 1, 3, 3) attitudes there
-    rates : (n, 3) mean rates over the samples, rad/s
-    """
-
-    profile: Profile
-    t: Array
-    A: Array
-    rates: Array
-
-    def at(self, times: ArrayLike) -> Array:
-        """True attitudes at times that are sample edges."""
-        return np.asarray(self.A[np.rint(np.asarray(times) / (self.t[1] - self.t[0])).astype(int)])
-
-
-def fly(slews: Sequence[Turn] = (), length: float = 6000.0, sample_s: float = 1.0, orbit: CircularOrbit = ORBIT) -> SlewFlight:
-    """Nadir pointing with slews (axis, angle in degrees, start, duration)."""
+def fly(slews: Sequence[Turn] = (), length: float = 6000.0, sample_s: float = 1.0, orbit: CircularOrbit = ORBIT) -> Flight:
+    """Nadir pointing with slews (axis, angle in degrees, start, duration), and the gyro of the TRMM scenario."""
     turns = tuple(Slew(np.asarray(axis), np.deg2rad(angle), start, duration, 0.25) for axis, angle, start, duration in slews)
-    profile = Profile(orbit, 0.0, length, 0.0, turns)
     t = sample_s * np.arange(round(length / sample_s) + 1, dtype=np.float64)
-    path = trajectory(profile, t)
-    return SlewFlight(profile, t, matrix(path.quaternions), path.angles / sample_s)
+    path = trajectory(Profile(orbit, 0.0, length, 0.0, turns), t)
+    return Flight(t, matrix(path.quaternions), path.angles / sample_s, TRUTH, ARW, TRUTH)
 
 
 @lru_cache(maxsize=1)
-def maneuver_timeline() -> SlewFlight:
-    """The flight with all of `SLEWS`."""
+def _timeline() -> Flight:
     return fly(SLEWS, 14400.0, sample_s=STEP)
 
 
-def stream(
-    flight: SlewFlight,
-    rng: np.random.Generator | None = None,
-    arw: float = ARW,
-    truth: GyroParameters = TRUTH,
-    bias: Array | None = None,
-    apriori: GyroParameters | None = None,
-) -> GyroStream:
-    """The gyro's samples; bias (n, 3) rad/s in place of the constant one."""
-    sample_s = float(flight.t[1] - flight.t[0])
-    raw = raw_rates(flight.rates, truth.G, truth.bias if bias is None else bias)
-    if rng is not None:
-        raw = with_white_noise(rng, raw, arw, np.full(len(raw), sample_s))
-    start = apriori or truth
-    return GyroStream(flight.t[:-1], raw, sample_s, arw, start.G, start.bias)
+def maneuver_timeline(truth: GyroParameters = TRUTH, arw: float = ARW) -> Flight:
+    """The flight with all of `SLEWS`."""
+    return replace(_timeline(), truth=truth, arw=arw, apriori=truth)
 
 
 def vectors(
-    flight: SlewFlight,
+    flight: Flight,
     rng: np.random.Generator | None = None,
     every: float = 10.0,
     sigma: float = NOISE,
@@ -164,21 +89,9 @@ def vectors(
 ) -> SensorSeries:
     """The Sun, fixed, and nadir, turning; sun_offset (3,) rad is an alignment error of the sensor that sees the Sun."""
     times = np.arange(0.0, flight.t[-1] + 1e-9, every)
-    A = flight.at(times)
-    nadir = nadir_directions(times)
     sun = np.tile([0.36, -0.8, 0.48], (len(times), 1))
-    model = VectorModel((sun, nadir))
-    y = model.predict(A, np.arange(len(times)))
-    if sun_offset is not None:
-        y[:, :3] = y[:, :3] @ attitude.rotation_matrix(sun_offset).T
-    if rng is not None:
-        y = y + sigma * rng.standard_normal(y.shape)
-    return SensorSeries(model, times, y, np.full(y.shape, sigma))
-
-
-def nadir_directions(times: ArrayLike) -> Array:
-    """Inertial nadir directions (n, 3)."""
-    return np.asarray(lvlh_attitude(ORBIT, np.asarray(times, dtype=float))[:, 2])
+    turn = None if sun_offset is None else attitude.rotation_matrix(sun_offset)
+    return DirectionSensor((sun, nadir(times, ORBIT))).seen(flight, times, sigma, rng, turn)
 
 
 def parameters_near(rng: np.random.Generator, sigma_G: float, sigma_b: float, truth: GyroParameters = TRUTH) -> GyroParameters:
@@ -230,10 +143,10 @@ def on_board_case(
     truth, arw : of the gyro
     apriori_covariance, through_filter, reference_sigma : as of `gyrocal.estimation.onboard.OnBoardCalibrator`
     """
-    flight = maneuver_timeline()
+    flight = maneuver_timeline(truth, arw)
     near = parameters_near(rng, PRIOR_G, PRIOR_B, truth)
     apriori = start or near
-    gyro, series = stream(flight, rng, arw, truth, apriori=apriori), vectors(flight, rng, sigma=SENSOR)
+    gyro, series = flight.gyro(rng, apriori), vectors(flight, rng, sigma=SENSOR)
     off = rng.standard_normal(6) * START
     A = attitude.rotation_matrix(-off[:3]) @ flight.A[0]
     estimator = KalmanFilter(A, GyroParameters(apriori.G, truth.bias + off[3:]), np.diag(START**2), arw)
@@ -286,10 +199,10 @@ def full_and_separate(
     -------
     What the full filter found, and parameters and covariance (12, 12) of the separate scheme for each reference_sigma.
     """
-    flight = maneuver_timeline()
+    flight = maneuver_timeline(truth, arw)
     apriori = parameters_near(rng, PRIOR_G, PRIOR_B, truth)
     offset = offset_sigma * rng.standard_normal(3)
-    gyro, series = stream(flight, rng, arw, truth, apriori=apriori), vectors(flight, rng, sigma=SENSOR, sun_offset=offset)
+    gyro, series = flight.gyro(rng, apriori), vectors(flight, rng, sigma=SENSOR, sun_offset=offset)
     A = attitude.rotation_matrix(-START_SIGMA * rng.standard_normal(3)) @ flight.A[0]
     estimator = KalmanFilter(A, apriori, starting_covariance(START_SIGMA, prior()), arw, names="all")
     full = run_legs(estimator, gyro, [series], timeline_legs())

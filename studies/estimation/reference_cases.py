@@ -1,11 +1,11 @@
 """Two flights whose reference attitudes come from batches: intervals that share nothing, and a chain that shares its batches.
 
 `apart`
-    Four stretches at constant rate, both ends of each extrapolated by the gyro from one batch in its middle third: the ends
+    Four arcs at constant rate, both ends of each extrapolated by the gyro from one batch in its middle third: the ends
     share the batch's bias. Four slews between batches before and after. No two intervals share a batch, so that a C of each
     interval says all.
 `chain`
-    Seven stretches with slews between them, intervals all; a batch of each stretch gives its start and its end, and so ends one
+    Seven arcs with slews between them, intervals all; a batch of each arc gives its start and its end, and so ends one
     slew and starts the next. Only one covariance V of all residuals says all.
 """
 
@@ -19,7 +19,8 @@ from gyrocal import GyroParameters, GyroStream, Interval, Recording
 from gyrocal.attitude import rotation_matrix
 from gyrocal.estimation.batch import BatchResult, Weighting
 from gyrocal.estimation.reference_covariance import reference_attitudes
-from studies.estimation.attitude_cases import ARW, RPO, ConstantRateFlight, star_batch, timeline
+from studies.estimation.attitude_cases import ARW, RPO, star_batch, timeline
+from studies.estimation.flights import Flight
 
 Array = NDArray[np.float64]
 Rate = tuple[float, float, float]
@@ -44,7 +45,7 @@ class ReferenceCase:
     """
 
     name: str
-    motions: tuple[ConstantRateFlight, ...]
+    motions: tuple[Flight, ...]
     spans: tuple[tuple[int, Span], ...]
     intervals: tuple[Interval, ...]
 
@@ -67,8 +68,8 @@ class ReferenceCase:
 
 def apart(truth: GyroParameters, arw: float = ARW) -> ReferenceCase:
     """Intervals that share nothing; arw in rad/sqrt(s)."""
-    Flight = tuple[Sequence[tuple[Rate, float]], Sequence[Span], tuple[float, float], float]
-    flights: list[Flight] = []
+    Plan = tuple[Sequence[tuple[Rate, float]], Sequence[Span], tuple[float, float], float]
+    flights: list[Plan] = []
     for k, rate in enumerate((FORWARD, BACKWARD, SIDEWAYS, STILL)):
         flights.append(([(rate, 1800.0)], [(600.0, 1200.0, (0.0, 1800.0))], (0.0, 1800.0), 4000.0 * k))
     slews = (
@@ -105,7 +106,7 @@ def chain(truth: GyroParameters, arw: float = 0.2 * ARW) -> ReferenceCase:
     for k, rate in enumerate(rates):
         spans.append((0, (clock, clock + 900.0, (clock, clock + 900.0))))
         following = [(f"slew {k}", slews[k], 600.0)] if k < len(slews) else []
-        for name, turn, length in [(f"stretch {k}", rate, 900.0), *following]:
+        for name, turn, length in [(f"arc {k}", rate, 900.0), *following]:
             parts.append((turn, length))
             intervals.append(Interval(name, "", clock, clock + length))
             clock += length

@@ -1,5 +1,6 @@
 """What the study of references runs: attitudes, calibrations and full filter. `studies.estimation.references` says why."""
 
+from dataclasses import replace
 from functools import lru_cache, partial
 
 import numpy as np
@@ -13,16 +14,15 @@ from gyrocal.estimation.mekf import KalmanFilter
 from gyrocal.estimation.reference_covariance import interval_covariance, residual_covariance
 from gyrocal.estimation.smoother import smooth
 from studies.estimation.filter_cases import (
-    SlewFlight,
     Z,
     fly,
     full_and_separate,
     independent_covariance,
     on_board_case,
     solved_with,
-    stream,
     vectors,
 )
+from studies.estimation.flights import Flight
 from studies.estimation.reference_cases import ReferenceCase, apart, chain
 from studies.montecarlo.statistics import nees
 from studies.montecarlo.study import Streams
@@ -42,16 +42,17 @@ RIGHT, WRONG = "as modelled", "misaligned by"
 
 
 @lru_cache(maxsize=1)
-def _short_flight() -> SlewFlight:
+def _short_flight() -> Flight:
     return fly([(Z, 90.0, 400.0, 500.0)], 1500.0)
 
 
 def attitudes(streams: Streams, truth: GyroParameters, arw: float) -> Rows:
     """A row for each estimator and time, and one for all times together where the estimator says what they share."""
-    flight, rng = _short_flight(), streams.generator("attitudes")
+    flight = replace(_short_flight(), truth=truth, arw=arw)
+    rng = streams.generator("attitudes")
     off = rng.standard_normal(6) * np.repeat([1e-3, 1e-6], 3)
     start = GyroParameters(truth.G, truth.bias + off[3:])
-    gyro, series = stream(flight, rng, arw, truth, apriori=start), vectors(flight, rng)
+    gyro, series = flight.gyro(rng, start), vectors(flight, rng)
     A0 = attitude.rotation_matrix(-off[:3]) @ flight.A[0]
     through = partial(batch, [series], gyro, A0, epoch_s=0.0, times=TIMES)
     exact, plain = through(), through(weighting="plain")

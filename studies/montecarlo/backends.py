@@ -31,7 +31,6 @@ from gyrocal.errors import GyrocalError, InputError
 from studies.montecarlo.cases import Result, Task
 
 Name = Literal["serial", "threads", "loky", "dask"]
-Run = Callable[[Task], Result]
 T = TypeVar("T")
 
 IDLE_S = 60.0  # after which a warm worker ends
@@ -47,10 +46,12 @@ class Executor:
 
     Attributes
     ----------
+    run : what to do with a task; importable in a worker
     jobs : tasks that run at a time
     """
 
-    jobs = 1
+    def __init__(self, run: Any, jobs: int, scheduler: str | None = None) -> None:
+        self.run, self.jobs = run, jobs
 
     def submit(self, task: Task) -> Any:
         """Hand a task out; returns its future."""
@@ -95,15 +96,9 @@ def open_backend(name: Name, run: Any, jobs: int | None = None, scheduler: str |
     """
     if scheduler is not None and name != "dask":
         raise InputError(f"--scheduler is for --backend dask, not {name}")
-    backends: dict[str, Callable[[], Executor]] = {
-        "serial": lambda: _Serial(run),
-        "threads": lambda: _Threads(run, jobs or joblib.cpu_count()),
-        "loky": lambda: _Loky(run, jobs or joblib.cpu_count()),
-        "dask": lambda: _Dask(run, jobs or joblib.cpu_count(), scheduler),
-    }
-    if name not in backends:
+    if name not in BACKENDS:
         raise InputError(f"{name}: there is no such backend; there are serial, threads, loky and dask")
-    return backends[name]()
+    return BACKENDS[name](run, jobs or joblib.cpu_count(), scheduler)
 
 
 def windowed(
@@ -133,8 +128,8 @@ def windowed(
 
 
 class _Serial(Executor):
-    def __init__(self, run: Run) -> None:
-        self.run = run
+    def __init__(self, run: Any, jobs: int, scheduler: str | None = None) -> None:
+        super().__init__(run, 1)
 
     def submit(self, task: Task) -> Future[Result]:
         future: Future[Result] = Future()
@@ -146,10 +141,9 @@ class _Serial(Executor):
 
 
 class _Threads(Executor):
-    def __init__(self, run: Any, jobs: int) -> None:
-        self.jobs = jobs
+    def __init__(self, run: Any, jobs: int, scheduler: str | None = None) -> None:
         self.stopped = threading.Event()
-        self.run = partial(run, stopped=self.stopped.is_set)
+        super().__init__(partial(run, stopped=self.stopped.is_set), jobs)
         self.pool = ThreadPoolExecutor(jobs)
 
     def submit(self, task: Task) -> Future[Result]:
@@ -175,9 +169,8 @@ def _follow(parent: int) -> None:
 
 
 class _Loky(Executor):
-    def __init__(self, run: Run, jobs: int) -> None:
-        self.jobs = jobs
-        self.run = run
+    def __init__(self, run: Any, jobs: int, scheduler: str | None = None) -> None:
+        super().__init__(run, jobs)
         # Started together with the first worker, this helper would (in Python 3.11) let Ctrl-C through to it.
         resource_tracker.ensure_running()
 
@@ -208,13 +201,13 @@ class _Loky(Executor):
 
 
 class _Dask(Executor):
-    def __init__(self, run: Run, jobs: int, scheduler: str | None) -> None:
+    def __init__(self, run: Any, jobs: int, scheduler: str | None = None) -> None:
+        super().__init__(run, jobs)
         try:
             import dask
             import distributed
         except ImportError:
             raise InputError('--backend dask needs the extra: pip install "gyrocal[dask]"') from None
-        self.run = run
         self.distributed = distributed
         self.resources = contextlib.ExitStack()
         try:
@@ -268,3 +261,6 @@ class _Dask(Executor):
 
     def close(self, finished: bool) -> None:
         self.resources.close()
+
+
+BACKENDS: dict[str, type[Executor]] = {"serial": _Serial, "threads": _Threads, "loky": _Loky, "dask": _Dask}

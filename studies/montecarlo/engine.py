@@ -33,7 +33,7 @@ from studies.montecarlo.calm import calm
 from studies.montecarlo.cases import Task, run_cases
 from studies.montecarlo.manifest import WORK, write_manifest
 from studies.montecarlo.session import Interrupted, Session, known, locked
-from studies.montecarlo.store import Parts, decode, storage
+from studies.montecarlo.store import Parts, decode
 from studies.montecarlo.study import Streams, Study, StudyConfig, config_sha256, find, resolved
 
 __all__ = ["Interrupted", "Name", "Outcome", "Rerun", "Streams", "Study", "StudyConfig", "rerun", "run", "silent"]
@@ -305,8 +305,7 @@ def _keep(study: Study, config: StudyConfig, case: int, folder: Path) -> Path | 
     except Exception as error:
         logger.warning("case %d: no recording, %s: %s", case, type(error).__name__, error)
         return None
-    with storage(folder):
-        save(recording, path)
+    save(recording, path)
     return path
 
 

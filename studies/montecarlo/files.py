@@ -13,10 +13,16 @@ from gyrocal.errors import InputError
 from gyrocal.files import regular, replacing
 
 
+def write_bytes(path: Path, data: bytes) -> None:
+    """Write a file, in a folder that is made if need be."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with replacing(path) as file:
+        file.write(data)
+
+
 def write_text(path: Path, text: str) -> None:
     """Write text as UTF-8."""
-    with replacing(path) as file:
-        file.write(text.encode())
+    write_bytes(path, text.encode())
 
 
 def json_text(value: Any) -> str:

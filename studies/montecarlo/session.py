@@ -18,8 +18,9 @@ from typing import Any
 from gyrocal.errors import GyrocalError, InputError
 from studies.montecarlo.backends import Executor
 from studies.montecarlo.cases import Result, Task, killed, merged
+from studies.montecarlo.files import write_bytes
 from studies.montecarlo.manifest import MANIFEST, versions, write_manifest
-from studies.montecarlo.store import PartInfo, Parts, StorageError, storage, write_atomic
+from studies.montecarlo.store import PartInfo, Parts
 
 logger = logging.getLogger(__name__)
 
@@ -32,6 +33,10 @@ class Interrupted(GyrocalError):  # noqa: N818  # an event, not a fault
     exit_status = 130  # as shells have it for what Ctrl-C ended
 
 
+class StorageError(InputError):
+    """The folder of a study cannot be written; what was finished before is safe."""
+
+
 @contextmanager
 def locked(folder: Path) -> Iterator[None]:
     """Make the folder and hold it for this run; the lock goes with the process, however that ends.
@@ -39,12 +44,10 @@ def locked(folder: Path) -> Iterator[None]:
     Raises
     ------
     InputError
-        Another process holds it, or it cannot be made.
+        Another process holds it.
     """
-    with storage(folder):
-        folder.mkdir(parents=True, exist_ok=True)
-        file = (folder / ".lock").open("w")
-    with file:
+    folder.mkdir(parents=True, exist_ok=True)
+    with (folder / ".lock").open("w") as file:
         try:
             fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except OSError:
@@ -159,10 +162,10 @@ class Session:
         for case in self.parts.range(index):
             path = folder / f"case-{case:06d}.txt"
             if case in result.tracebacks:
-                write_atomic(path, result.tracebacks[case].encode())
+                write_bytes(path, result.tracebacks[case].encode())
             else:
                 path.unlink(missing_ok=True)  # it failed in an earlier run
-        write_atomic(self.parts.path(index), result.part)
+        write_bytes(self.parts.path(index), result.part)
         self._add(index, result.failures, result.cpu_s)
         self.count(result.warnings)
 
@@ -189,8 +192,7 @@ class Session:
             "warnings": dict(self.warnings),
             "runs": [*self.earlier, self.run],
         }
-        with storage(self.parts.folder):
-            write_manifest(self.parts.folder, document, complete=status == "complete")
+        write_manifest(self.parts.folder, document, complete=status == "complete")
         return document
 
     @contextmanager
@@ -199,14 +201,14 @@ class Session:
         try:
             yield
         except BaseException as error:
-            with suppress(StorageError):  # a full disk must not hide how the run ended
+            with suppress(OSError):  # a full disk must not hide how the run ended
                 self.write("interrupted")
             safe = f"{self.done} of {self.parts.cases} cases are finished and kept in {self.parts.folder}"
             if isinstance(error, KeyboardInterrupt):
                 raise Interrupted(f"interrupted; {safe}; the same command resumes") from None
-            if isinstance(error, StorageError):
-                cause = error.__cause__
-                full = isinstance(cause, OSError) and cause.errno in (errno.ENOSPC, errno.EDQUOT)
+            if isinstance(error, OSError):
+                full = error.errno in (errno.ENOSPC, errno.EDQUOT)
                 how = "free some space, and the same command resumes" if full else "the same command resumes"
-                raise StorageError(f"{error}; {safe}; {how}") from None
+                where, why = error.filename or self.parts.folder, error.strerror or error
+                raise StorageError(f"{where}: {why}; {safe}; {how}") from None
             raise

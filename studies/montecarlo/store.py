@@ -11,7 +11,6 @@ size, so that its bytes do not depend on how the cases were cut into parts.
 
 import json
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -27,10 +26,6 @@ from gyrocal.files import TEMPORARY, replacing
 ROW_GROUP = 8192  # rows of the table's row groups
 METADATA = b"gyrocal"
 FAILED = ("case", "error")
-
-
-class StorageError(InputError):
-    """The folder of a study cannot be written; what was finished before is safe."""
 
 
 @dataclass(frozen=True)
@@ -75,25 +70,6 @@ def _bytes(table: pa.Table, config_sha256: str, cases: range, cpu_s: float) -> b
     sink = pa.BufferOutputStream()
     pq.write_table(table.replace_schema_metadata({METADATA: json.dumps(about)}), sink, write_page_checksum=True)
     return bytes(sink.getvalue())
-
-
-@contextmanager
-def storage(folder: Path) -> Iterator[None]:
-    """Turn what the file system refuses into a `StorageError`."""
-    try:
-        yield
-    except GyrocalError:
-        raise
-    except OSError as error:
-        raise StorageError(f"{folder}: {error.strerror or error}") from error
-
-
-def write_atomic(path: Path, data: bytes) -> None:
-    """Write a file, its folder made, so that it is there whole or not at all; raises `StorageError`."""
-    with storage(path.parent):
-        path.parent.mkdir(parents=True, exist_ok=True)
-        with replacing(path) as file:
-            file.write(data)
 
 
 @dataclass(frozen=True)
@@ -167,8 +143,7 @@ class Parts:
         """Rename a damaged part; returns its new path."""
         path = self.path(index)
         aside = path.with_suffix(".corrupt")
-        with storage(self.folder):
-            path.replace(aside)
+        path.replace(aside)
         return aside
 
     def write_table(self, path: Path) -> None:
@@ -178,14 +153,13 @@ class Parts:
         ------
         GyrocalError
             A column does not hold the same kind of value in all parts.
-        StorageError
+        OSError
             The table cannot be written; none is left behind, or the one that was there before.
         """
-        with storage(self.folder):
-            schema = self._schema()
-            with replacing(path) as file, pq.ParquetWriter(file, schema, write_page_checksum=True) as writer:
-                for table in _regrouped(self._tables(schema), schema):
-                    writer.write_table(table, row_group_size=ROW_GROUP)
+        schema = self._schema()
+        with replacing(path) as file, pq.ParquetWriter(file, schema, write_page_checksum=True) as writer:
+            for table in _regrouped(self._tables(schema), schema):
+                writer.write_table(table, row_group_size=ROW_GROUP)
 
     def _schema(self) -> pa.Schema:
         """Columns of the table: those of the parts, in order of appearance."""

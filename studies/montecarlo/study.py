@@ -19,7 +19,6 @@ path: a scenario file that changes, or that a worker could not read, can then no
 import hashlib
 import importlib
 import json
-import threading
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
@@ -260,27 +259,12 @@ def base_scenario(config: StudyConfig) -> Scenario:
     return scenarios.override(scenario, config.overrides) if config.overrides else scenario
 
 
-class _Last(threading.local):
-    """The last draws of a thread: the engine wants them for the row, and the case for its scenario."""
-
-    config: StudyConfig | None = None
-    case = -1
-    values: Mapping[str, float] = {}
-
-
-_last = _Last()
-
-
 def dispersed_values(config: StudyConfig, case: int) -> dict[str, float]:
     """The scenario's dispersed values in one case, by path."""
     if not config.dispersions:
         return {}
-    if _last.config is not config or _last.case != case:
-        scenario = base_scenario(config)
-        sampling = {"entropy": config.entropy, "case": case, "cases": config.cases}
-        _last.values = dispersions.values(config.dispersions, scenario, config.sampler, **sampling)
-        _last.config, _last.case = config, case
-    return dict(_last.values)
+    sampling = {"entropy": config.entropy, "case": case, "cases": config.cases}
+    return dispersions.values(config.dispersions, base_scenario(config), config.sampler, **sampling)
 
 
 def dispersed(config: StudyConfig, case: int) -> Scenario:

@@ -23,6 +23,7 @@ from studies.montecarlo.files import write_csv, write_json, write_parquet, write
 from studies.montecarlo.study import base_scenario
 from studies.natanson import figures, flight, flight_gap, paper_tables
 from studies.natanson.paper_layout import LAYOUTS, paper_layout
+from studies.report import panels
 from studies.report import tables as render
 from studies.report.console import progress
 
@@ -294,4 +295,4 @@ def write(
     chosen = paper_tables.choose(rows, scenario.gyro.sample_s)
     errors, sigmas = paper_tables.errors_and_sigmas(chosen, true_parameters(scenario))
     figures.error_figure(errors, sigmas, list(NAMES), folder / "errors.svg")
-    figures.psi_figure(products.tables["psi_sweep"], psi.GOOD_ENOUGH, folder / "psi_sweep.svg")
+    panels.sheet(psi.map_of(products.tables["psi_sweep"]), size=(6.0, 3.6))(folder / "psi_sweep.svg")

@@ -1,7 +1,8 @@
 """What a study finds, as data: a named number, the bounds it is held to, and the verdict that follows from them.
 
-A check with bounds passes or fails; one without is a note. Controls, which are known to be wrong, pass where they are outside
-the bounds of what is right. The renderer is the one of all tables; explanations are constant sentences, one a kind of check.
+A check with bounds passes or fails; one without is a note. It repeats no cell of a table. Controls, which are known to be
+wrong, pass where they are outside the bounds of what is right. The renderer is the one of all tables; explanations are constant
+sentences, one a kind of check.
 """
 
 import math

@@ -5,19 +5,20 @@ from __future__ import annotations
 import io
 import textwrap
 from collections.abc import Sequence
+from typing import Any
 
 import matplotlib as mpl
 import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 from numpy.typing import NDArray
 
 from diagnosis.model.localization import benjamini_hochberg
+from studies.report import panels
 from studies.report.diagnosis_words import label
-from studies.report.panels import STYLE
+from studies.report.panels import STYLE, Line
 
 Array = NDArray[np.float64]
 
@@ -29,7 +30,6 @@ AXIS_TITLES = {"x": "x (roll)", "y": "y (pitch)", "z": "z (yaw)"}
 WIDTH = 11.0  # inches: the width of the page
 MOST_ROWS = 12  # lines of a figure; of more, the most telling
 MOST_PANELS = 8  # intervals with panels of their own
-FEW_POINTS = 200  # of a figure: more are drawn as pixels
 REACHED = 0.02  # of a cause's largest trace: an axis with less of it shows nothing
 STRONGEST = 12.0  # −log10 p at which the colours end
 DISCOVERY_RATE = 0.05
@@ -72,44 +72,22 @@ def in_sigma(residuals: pd.DataFrame, when: str = "before") -> pd.Series:
 def residual_figure(residuals: pd.DataFrame) -> Figure:
     """Residuals by interval and axis, before and after, with the band of M0: two sigma either way."""
     names = most_telling(residuals, in_sigma(residuals), MOST_PANELS)
-    two = differs(residuals)
-    flat = len(residuals) > FEW_POINTS
-    with mpl.rc_context(STYLE):
-        figure = Figure(figsize=(WIDTH, 1.35 * len(names) + 0.9), layout="constrained")
-        panels = figure.subplots(len(names), 3, sharey="col", squeeze=False)
-        for row, name in zip(panels, names, strict=True):
-            part = residuals[residuals["interval"] == name]
-            minutes = (part["t_s"] - part["t_s"].iloc[0]).to_numpy() / 60
-            for axes, axis in zip(row, "xyz", strict=True):
-                _residual_panel(axes, minutes, part, axis, two, flat)
-            row[0].set_ylabel(f"{_short(name)}\nresidual (deg)")
-        for axes, axis in zip(panels[0], "xyz", strict=True):
-            axes.set_title(AXIS_TITLES[axis], loc="left")
-        for axes in panels[-1]:
-            axes.set_xlabel("minutes since the interval's first reference")
-        figure.legend(handles=_residual_legend(two), loc="outside upper center", ncols=3)
-        return figure
-
-
-def _residual_panel(axes: Axes, minutes: Array, part: pd.DataFrame, axis: str, two: bool, flat: bool) -> None:
-    band = 2 * part[f"band_{axis}"].to_numpy()
-    axes.fill_between(minutes, -band, band, color="0.86", linewidth=0, rasterized=flat)
-    axes.axhline(0, color="0.6", linewidth=0.7)
-    before, after = part[f"before_{axis}"], part[f"after_{axis}"]
-    axes.plot(minutes, before, "o", color=BEFORE, markersize=3.2, markerfacecolor="none", markeredgewidth=0.8, rasterized=flat)
-    if two:
-        axes.plot(minutes, after, ".", color=AFTER, markersize=3.2, rasterized=flat)
-    span = max(float(minutes[-1]), 1e-3)
-    axes.set_xlim(-0.03 * span, 1.03 * span)
-
-
-def _residual_legend(two: bool) -> list[Line2D | Patch]:
-    marks: list[Line2D | Patch] = [
-        Line2D([], [], marker="o", linestyle="", color=BEFORE, markerfacecolor="none", label="before: the baseline's own fit")
-    ]
-    if two:
-        marks.append(Line2D([], [], marker=".", linestyle="", color=AFTER, label="after: with the causes in the model"))
-    return [*marks, Patch(color="0.86", label="what the baseline allows (±2 sigma)")]
+    drawn = []
+    for name in names:
+        part = residuals[residuals["interval"] == name]
+        minutes = (part["t_s"] - part["t_s"].iloc[0]).to_numpy() / 60
+        for axis in "xyz":
+            band, before, after = (part[f"{what}_{axis}"].to_numpy() for what in ("band", "before", "after"))
+            allowed = Line(minutes, 0 * band, "what the baseline allows (±2 sigma)", "0.6", "-", -2 * band, 2 * band)
+            lines = [allowed, Line(minutes, before, "before: the baseline's own fit", BEFORE, "o", size=3.2, hollow=True)]
+            if differs(residuals):
+                lines.append(Line(minutes, after, "after: with the causes in the model", AFTER, ".", size=3.2))
+            title = AXIS_TITLES[axis] if name == names[0] else ""
+            y = f"{_short(name)}\nresidual (deg)" if axis == "x" else ""
+            x = "minutes since the interval's first reference" if name == names[-1] else ""
+            drawn.append(panels.curves(lines, title=title, x=x, y=y))
+    size = (WIDTH, 1.35 * len(names) + 0.9)
+    return panels.drawn(*drawn, size=size, columns=3, sharey="col", legend="outside upper center")
 
 
 def _short(name: object, most: int = 24) -> str:
@@ -180,32 +158,27 @@ def regressor_figure(regressors: pd.DataFrame, cause: str) -> Figure:
     part = regressors[regressors["cause"] == cause]
     reach = part.groupby("axis")["regressor_deg"].agg(lambda values: values.abs().max())
     part = part[part["axis"].isin(reach[reach >= REACHED * reach.max()].index)]
-    flat = len(part) > FEW_POINTS
+    points = []
+    for name, rows in part.groupby("axis"):
+        look = AXIS_COLOURS[str(name)], AXIS_MARKERS[str(name)]
+        points.append(Line(rows["regressor_deg"], rows["residual_deg"], f"axis {name}", *look, size=3.2))
+    limits = part["regressor_deg"].agg(["min", "max"])
+    slope = Line(limits, limits, "slope 1: the size found", "black", "-")
     place = part.iloc[int(part["regressor_deg"].abs().to_numpy().argmax())]
-    with mpl.rc_context(STYLE):
-        figure = Figure(figsize=(WIDTH, 3.3), layout="constrained")
-        left, right = figure.subplots(1, 2, width_ratios=[1, 1.5])
-        for axis, rows in part.groupby("axis"):
-            style = {"color": AXIS_COLOURS[str(axis)], "marker": AXIS_MARKERS[str(axis)], "rasterized": flat}
-            left.scatter(rows["regressor_deg"], rows["residual_deg"], s=9, alpha=0.55, linewidths=0, **style)
-            left.scatter([], [], s=16, **style, label=f"axis {axis}")
-        limits = part["regressor_deg"].agg(["min", "max"]).to_numpy()
-        left.plot(limits, limits, color="black", linewidth=1.2, label="slope 1: the size found")
-        left.set_xlabel("what the cause does at the size found (deg)")
-        left.set_ylabel("what the baseline leaves (deg)")
-        left.legend(fontsize=8)
-        shown = part[(part["interval"] == place["interval"]) & (part["axis"] == place["axis"])]
-        minutes = (shown["t_s"] - shown["t_s"].iloc[0]) / 60
-        right.plot(minutes, shown["residual_deg"], "o", color=BEFORE, markersize=3.2, markerfacecolor="none", rasterized=flat)
-        right.plot(
-            minutes, shown["regressor_deg"], "-" if len(shown) > 2 else "_", color="black", label="the cause", rasterized=flat
-        )
-        right.plot([], [], "o", color=BEFORE, markerfacecolor="none", label="what the baseline leaves")
-        right.set_title(f"where it does most: {_short(place['interval'])}, axis {place['axis']}", loc="left", fontsize=9)
-        right.set_xlabel("minutes since the interval's first reference")
-        right.set_ylabel("deg")
-        right.legend(fontsize=8)
-        return figure
+    shown = part[(part["interval"] == place["interval"]) & (part["axis"] == place["axis"])]
+    minutes = (shown["t_s"] - shown["t_s"].iloc[0]) / 60
+    both = [
+        Line(minutes, shown["residual_deg"], "what the baseline leaves", BEFORE, "o", size=3.2, hollow=True),
+        Line(minutes, shown["regressor_deg"], "the cause", "black", "-" if len(shown) > 2 else "_"),
+    ]
+    across = {"x": "what the cause does at the size found (deg)", "y": "what the baseline leaves (deg)"}
+    title = f"where it does most: {_short(place['interval'])}, axis {place['axis']}"
+    along = {"x": "minutes since the interval's first reference", "y": "deg", "title": title}
+    left, right = (
+        panels.curves([*points, slope], None, legend="best", **across),
+        panels.curves(both, None, legend="best", **along),
+    )
+    return panels.drawn(left, right, size=(WIDTH, 3.3), widths=(1, 1.5))
 
 
 def evidence_figure(explanations: pd.DataFrame) -> Figure:
@@ -255,24 +228,16 @@ def _percents(values: Array) -> list[str]:
 def closure_figure(by_interval: pd.DataFrame, total: tuple[float, float, float], measure: str) -> Figure:
     """Before, after and floor on held-out data, a line an interval, all together last."""
     table = by_interval[["interval", "before", "after", "floor"]]
-    names = most_telling(table, table["before"], 2 * MOST_ROWS)
-    shown = table[table["interval"].isin(names)]
-    rows = [*shown.itertuples(index=False, name=None), ("all", *total)]
-    places = np.arange(len(rows))[::-1]
-    before, after, floor = np.array([row[1:] for row in rows], dtype=float).T
-    values = np.concatenate([before, after, floor])
-    values = values[np.isfinite(values)]
-    with mpl.rc_context(STYLE):
-        figure = Figure(figsize=(WIDTH, 0.3 * len(rows) + 1.2), layout="constrained")
-        axes = figure.add_subplot()
-        axes.hlines(places, np.fmin(before, after), np.fmax(before, after), color="0.75", linewidth=2)
-        axes.plot(floor, places, "|", color=FLOOR, markersize=14, markeredgewidth=2.2, label="floor: the baseline's own data")
-        axes.plot(before, places, "o", color=BEFORE, markerfacecolor="white", markeredgewidth=1.6, markersize=7, label="before")
-        axes.plot(after, places, "o", color=AFTER, markersize=6, label="after: causes in the model")
-        axes.axhline(0.5, color="0.5", linewidth=0.7)
-        if values.size and values.min() > 0 and values.max() > 20 * values.min():
-            axes.set_xscale("log")
-        axes.set_yticks(places, [_short(row[0]) for row in rows])
-        axes.set_xlabel(measure)
-        figure.legend(loc="outside upper center", ncols=3)
-        return figure
+    shown = table[table["interval"].isin(most_telling(table, table["before"], 2 * MOST_ROWS))]
+    values = np.vstack([shown[["before", "after", "floor"]].to_numpy(dtype=float), total])
+    rows, (before, after, floor) = np.arange(len(values)), values.T
+    lines = [
+        Line(floor, rows, "floor: the baseline's own data", FLOOR, "|", size=14.0),
+        Line(before, rows, "before", BEFORE, "o", size=7.0, hollow=True),
+        Line(after, rows, "after: causes in the model", AFTER, "o", size=6.0),
+    ]
+    found = values[np.isfinite(values)]
+    wide = found.size > 0 and found.min() > 0 and found.max() > 20 * found.min()
+    names = [*(_short(name) for name in shown["interval"]), "all"]
+    axes: dict[str, Any] = {"log": "x" if wide else "", "rows": names, "levels": [len(names) - 1.5], "x": measure}
+    return panels.drawn(panels.curves(lines, **axes), size=(WIDTH, 0.3 * len(rows) + 1.2), legend="outside upper center")

@@ -16,6 +16,7 @@ from matplotlib.figure import Figure
 from diagnosis.answer import Cause
 from diagnosis.result import Diagnosis
 from simulator.effects.sensor import SENSOR_EFFECTS
+from studies.montecarlo.files import write_text
 from studies.report import diagnosis_figures as figures
 from studies.report import diagnosis_words as words
 from studies.report import sensor_figures, sensor_words, tables
@@ -68,7 +69,7 @@ class Picture:
 
 def write(diagnosis: Diagnosis, path: Path) -> None:
     """Write the page."""
-    path.write_text(page(diagnosis), encoding="utf-8")
+    write_text(path, page(diagnosis))
 
 
 def page(diagnosis: Diagnosis) -> str:

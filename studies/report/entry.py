@@ -8,6 +8,7 @@ from typing import Any
 import pandas as pd
 from rich.console import Console
 
+from studies.montecarlo.files import write_csv, write_text
 from studies.montecarlo.study import Study
 from studies.report import checks as rendering
 from studies.report import tables as rendered
@@ -60,15 +61,15 @@ def write(report: Report, title: str, folder: Path) -> None:
     """Write checks and tables as Markdown and, each by its name, as CSV, the figures as SVG."""
     lines = [f"# {title}", "", *_sentences(report), ""]
     if report.checks:
-        rendered.write_csv(rendering.frame(report.checks), folder / "checks.csv")
+        write_csv(folder / "checks.csv", rendering.frame(report.checks))
         lines.append(rendered.markdown(CHECKS, rendering.shown(report.checks)))
     for name, table in report.tables.items():
-        rendered.write_csv(table.data, folder / f"{name}.csv")
+        write_csv(folder / f"{name}.csv", table.data)
         lines.append(rendered.markdown(table.title, table.for_people(), table.note, table.formats))
     for name, draw in report.figures.items():
         draw(folder / f"{name}.svg")
         lines += [f"![{name}]({name}.svg)", ""]
-    (folder / "report.md").write_text("\n".join(lines), encoding="utf-8")
+    write_text(folder / "report.md", "\n".join(lines))
 
 
 def show(report: Report, console: Console) -> None:

@@ -1,7 +1,7 @@
 """Panels of figures, in one style: a study hands over its numbers, and how to name them.
 
-A panel draws on axes it is given; `sheet` puts panels side by side and returns what draws them to a file. SVG bytes do not
-depend on the day or the run.
+A panel draws on axes it is given; `drawn` puts panels side by side in a figure, and `sheet` returns what draws them to a file.
+SVG bytes do not depend on the day or the run.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -16,6 +16,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import ArrayLike, NDArray
 
+from gyrocal.files import replacing
 from studies.montecarlo.statistics import CONSISTENT
 
 Array = NDArray[np.float64]
@@ -36,6 +37,7 @@ RED, TEAL, DARK, GREY = "#d1495b", "#00798c", "#30343f", "0.6"
 COLOURS = {"x": RED, "y": TEAL, "z": DARK}
 LINES = {"x": "-.", "y": "--", "z": "-"}  # N draws the pitch rate dashed
 SMALL = 7  # font size of ticks and legends
+MANY = 200  # points of a line: more are drawn as pixels
 
 
 @dataclass(frozen=True)
@@ -49,6 +51,7 @@ class Panel:
     log : which axes are logarithmic: "x", "y" or "xy"
     levels, at : where dashed horizontal, and dotted vertical, lines are
     ticks : of x, labelled as the numbers they are
+    rows : names of y = 0, 1, 2 …, from the top
     legend : where its legend is, none by default
     legend_title : above it
     """
@@ -61,6 +64,7 @@ class Panel:
     levels: Sequence[float] = ()
     at: Sequence[float] = ()
     ticks: Sequence[float] = ()
+    rows: Sequence[str] = ()
     legend: str = ""
     legend_title: str = ""
 
@@ -76,6 +80,9 @@ class Panel:
         if len(self.ticks):
             axes.set_xticks(self.ticks, [f"{tick:g}" for tick in self.ticks])
             axes.set_xticks([], minor=True)
+        if self.rows:
+            axes.set_yticks(range(len(self.rows)), self.rows)
+            axes.set_ylim(len(self.rows) - 0.5, -0.5)
         axes.set_title(self.title, loc="left", fontsize=9)
         axes.set_xlabel(self.x)
         axes.set_ylabel(self.y)
@@ -84,54 +91,59 @@ class Panel:
             axes.legend(title=self.legend_title or None, **style)
 
 
-def sheet(
+def drawn(
     *panels: Panel,
     size: tuple[float, float],
     columns: int = 0,
     title: str = "",
+    legend: str = "",
     legend_title: str = "",
     widths: Sequence[float] | None = None,
-    sharex: bool = False,
-    sharey: bool = False,
-) -> Draw:
-    """What draws panels side by side, and saves them.
+    sharex: Any = False,
+    sharey: Any = False,
+) -> Figure:
+    """Panels side by side, row by row.
 
     Parameters
     ----------
-    panels : row by row
+    panels : left to right, then down
     size : width and height, inches
-    columns : of the sheet; by default all in a row
+    columns : of the figure; by default all in a row
     title : above all
-    legend_title : of a legend of the first panel's labels, right of all; none by default
+    legend : where the legend of the first panel's labels is, outside of all, such as "outside right center"; none by default
+    legend_title : above it
     widths : of the columns, relative
-    sharex, sharey : whether all have the same axis
+    sharex, sharey : as of matplotlib; labels of y are then on the left only
     """
     columns = columns or len(panels)
+    with mpl.rc_context(STYLE):
+        figure = Figure(figsize=size, layout="constrained")
+        rows = -(-len(panels) // columns)
+        grid = figure.subplots(rows, columns, squeeze=False, width_ratios=widths, sharex=sharex, sharey=sharey)
+        for axes, panel in zip(grid.ravel(), panels, strict=True):
+            panel.on(axes)
+            if sharey is True and axes is not grid[0, 0]:
+                axes.set_ylabel("")
+        if title:
+            figure.suptitle(title, fontsize=9, x=0.01, ha="left")
+        if legend:
+            handles, labels = grid[0, 0].get_legend_handles_labels()
+            style: dict[str, Any] = {"loc": legend, "fontsize": 8, "title_fontsize": 8}
+            across = 1 if legend.startswith("outside right") else len(labels)
+            figure.legend(handles, labels, title=legend_title or None, ncols=across, **style)
+    return figure
 
-    def draw(path: Path) -> Path:
-        with mpl.rc_context(STYLE):
-            figure = Figure(figsize=size, layout="constrained")
-            rows = -(-len(panels) // columns)
-            grid = figure.subplots(rows, columns, squeeze=False, width_ratios=widths, sharex=sharex, sharey=sharey)
-            for axes, panel in zip(grid.ravel(), panels, strict=True):
-                panel.on(axes)
-                if sharey and axes is not grid[0, 0]:
-                    axes.set_ylabel("")
-            if title:
-                figure.suptitle(title, fontsize=9, x=0.01, ha="left")
-            if legend_title:
-                handles, labels = grid[0, 0].get_legend_handles_labels()
-                figure.legend(handles, labels, loc="outside right center", fontsize=8, title=legend_title, title_fontsize=8)
-            return save(figure, path)
 
-    return draw
+def sheet(*panels: Panel, **options: Any) -> Draw:
+    """What saves panels side by side; options as of `drawn`."""
+    return lambda path: save(drawn(*panels, **options), path)
 
 
 def save(figure: Figure, path: Path) -> Path:
     """Write SVG (and PNG for a .png path) with stable bytes."""
     metadata = {"Date": None} if path.suffix == ".svg" else {}
-    with mpl.rc_context(STYLE):
-        figure.savefig(path, dpi=160, metadata=metadata)
+    with mpl.rc_context(STYLE), replacing(path) as file:
+        figure.savefig(file, format=path.suffix[1:], dpi=160, metadata=metadata)
     return path
 
 
@@ -146,6 +158,8 @@ class Line:
     colour, style : matplotlib's
     low, high : their ranges
     bars : whether ranges are bars, not a band
+    size : of the markers
+    hollow : whether the markers are open
     """
 
     x: ArrayLike
@@ -156,6 +170,8 @@ class Line:
     low: ArrayLike | None = None
     high: ArrayLike | None = None
     bars: bool = False
+    size: float = 4.0
+    hollow: bool = False
 
 
 def curves(lines: Sequence[Line], expected: tuple[float, float] | None = None, **axes: Any) -> Panel:
@@ -172,14 +188,17 @@ def curves(lines: Sequence[Line], expected: tuple[float, float] | None = None, *
         if expected:
             on.axhspan(*expected, color="0.9")
         for line in lines:
-            on.plot(line.x, line.y, line.style, color=line.colour, markersize=4, label=line.label or None)
+            many = np.size(line.y) > MANY
+            face = "none" if line.hollow else line.colour
+            style: dict[str, Any] = {"color": line.colour, "markersize": line.size, "markerfacecolor": face}
+            on.plot(line.x, line.y, line.style, label=line.label or None, rasterized=many, **style)
             if line.low is None or line.high is None:
                 continue
             if line.bars:
                 y, low, high = (np.asarray(values, dtype=float) for values in (line.y, line.low, line.high))
                 on.errorbar(line.x, y, np.clip([y - low, high - y], 0, None), fmt="none", ecolor=line.colour, capsize=3)
             else:
-                on.fill_between(line.x, line.low, line.high, color=line.colour, alpha=0.2, linewidth=0)
+                on.fill_between(line.x, line.low, line.high, color=line.colour, alpha=0.2, linewidth=0, rasterized=many)
 
     return Panel(draw, **axes)
 
@@ -298,15 +317,27 @@ def nees_means(groups: Mapping[str, pd.DataFrame], **axes: Any) -> Panel:
     return Panel(draw, **{"x": "NEES per degree of freedom; band: consistent; red: outside", "log": "x"} | axes)
 
 
-def strokes(samples: Mapping[str, ArrayLike], expected: tuple[float, float] | None = None, **axes: Any) -> Panel:
-    """The values of every case, a stroke each, on a line a name; with a range beside which they are to be seen."""
+def strokes(
+    samples: Mapping[str, ArrayLike], expected: tuple[float, float] | None = None, spreads: bool = False, **axes: Any
+) -> Panel:
+    """The values of every case, a stroke each, on a line a name.
+
+    Parameters
+    ----------
+    samples : values by name
+    expected : range to see them beside
+    spreads : whether to draw their mean and standard deviation
+    axes : further attributes of the `Panel`
+    """
 
     def draw(on: Axes) -> None:
         if expected:
             on.axvspan(*expected, color=RED, alpha=0.2, linewidth=0)
         for y, values in enumerate(samples.values()):
             found = np.asarray(values, dtype=float)
-            on.plot(found, np.full(found.size, y), "|", color=TEAL, markersize=14)
+            on.plot(found, np.full(found.size, y), "|", color=TEAL, markersize=14, rasterized=found.size > MANY)
+            if spreads:
+                on.errorbar(found.mean(), y, xerr=found.std(ddof=1), fmt="o", color=DARK, markersize=4, capsize=5)
         on.set_yticks(range(len(samples)), list(samples))
         on.set_ylim(len(samples) - 0.5, -0.5)
 

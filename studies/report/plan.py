@@ -3,7 +3,6 @@
 import pandas as pd
 from rich.console import Console
 
-from diagnosis.diagnose import FALSE_ALARMS
 from diagnosis.plan import LIMIT_SNR, POWER, Extra, Pair, Plan, Visible
 from studies.report import tables
 
@@ -15,8 +14,8 @@ def show(console: Console, found: Plan) -> None:
     """Print the plan."""
     console.print(f"{found.scenario}: {headline(found)}", highlight=False, markup=False, style="bold")
     note = (
-        f"Seen: with probability {POWER:.0%}, at a false-alarm rate of {FALSE_ALARMS:.1%}; at a typical time and phase, "
-        "and at the best and the worst. A range is over the axes."
+        f"Seen: with probability {POWER:.0%}, at a false-alarm rate of {found.false_alarm_rate:.1%}; at a typical time and "
+        "phase, and at the best and the worst. A range is over the axes."
     )
     tables.terminal(console, "Smallest visible size", effects_table(found.effects), note)
     if found.pairs:

@@ -7,7 +7,6 @@ or few, and the heading has the column's unit.
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from math import floor, inf, log10
-from pathlib import Path
 
 import pandas as pd
 from rich.console import Console
@@ -89,11 +88,6 @@ def markdown(title: str, table: pd.DataFrame, note: str = "", formats: Mapping[s
     # A cell's own bars would end it, unless escaped.
     lines += ["| " + " | ".join(cell.replace("|", "\\|") for cell in row) + " |" for row in _cells(table, formats or {})]
     return "\n".join([*lines, ""])
-
-
-def write_csv(table: pd.DataFrame, path: Path) -> None:
-    """Write the numbers of a table."""
-    table.to_csv(path, index=False, float_format="%.9g")
 
 
 def by_group(rows: pd.DataFrame, keys: Sequence[str], line: Callable[[pd.DataFrame], Mapping[str, object]]) -> pd.DataFrame:

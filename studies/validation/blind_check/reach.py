@@ -3,7 +3,8 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from diagnosis.inference.closure import closure_of_response
+from diagnosis.inference.closure import of_response
+from diagnosis.model.candidates import linear_model
 from diagnosis.model.recording import RecordingModel
 
 Array = NDArray[np.float64]
@@ -17,5 +18,5 @@ def true_closed(model: RecordingModel, response: Array) -> float:
     model : the recording as the diagnosis linearises it
     response : (N,) what the effects add to the observations ζ, rad
     """
-    reached = closure_of_response(model, response)
+    reached = of_response(linear_model(model, (), rivals=False), model.whitened(response))
     return reached.closed if reached is not None else float("nan")

@@ -1,27 +1,12 @@
-"""Evidence against the multivariate normal density, and the search against sets built on purpose."""
+"""Evidence against the multivariate normal density and numerical integration, and the bound on how far it exaggerates."""
 
 import numpy as np
 import pytest
+import scipy.integrate
 import scipy.stats
 
-from diagnosis.inference.attribution import attribute
-from diagnosis.model.candidates import Bank, Candidate
-from diagnosis.inference.evidence import Conditioning, Option, averaged, log_bayes, scales_of
-from diagnosis.model.localization import benjamini_hochberg, holm
-from diagnosis.inference.search import Member, Search
-
-
-def _bank(columns, listed=None, prior=None):
-    """A bank with one candidate for each array of columns."""
-    candidates, start = [], 0
-    for k, part in enumerate(columns):
-        option = Option(start, part.shape[1], 0.0, {})
-        share = -np.log(len(columns)) if prior is None else prior[k]
-        own = True if listed is None else listed[k]
-        candidates.append(Candidate(f"e{k}", None, own, share, (option,), np.geomspace(0.3, 30, 9), ""))
-        start += part.shape[1]
-    W = np.hstack(columns)
-    return Bank(W, W, tuple(candidates))
+from diagnosis.inference.evidence import averaged, log_bayes
+from diagnosis.model.linear import scales_of
 
 
 def test_log_bayes_is_the_ratio_of_normal_densities():
@@ -33,31 +18,78 @@ def test_log_bayes_is_the_ratio_of_normal_densities():
     assert ours == pytest.approx(with_it - plain, abs=1e-10)
 
 
-def test_evidence_given_another_is_that_of_both_less_that_of_the_other():
+def test_several_options_scales_and_observations_at_once_are_each_alone():
     rng = np.random.default_rng(2)
-    X, Z, y = rng.standard_normal((15, 2)), rng.standard_normal((15, 3)), rng.standard_normal(15) * 2
-    given = Conditioning(Z, y)
-    reduced = given.reduced(X)
-    gram, correlation = X.T @ X - reduced.T @ reduced, X.T @ y - reduced.T @ given.y
-    conditional = log_bayes(gram[None], correlation[None], np.array([1.0]))[0, 0]
-    assert given.log_bayes + conditional == pytest.approx(Conditioning(np.hstack([X, Z]), y).log_bayes, abs=1e-10)
+    X, Y, scales = rng.standard_normal((12, 4, 2)), rng.standard_normal((12, 3)), np.array([0.1, 1.0, 10.0])
+    gram, correlation = np.einsum("nok,nol->okl", X, X), np.einsum("nok,nd->okd", X, Y)
+    together = log_bayes(gram, correlation, scales)
+    assert together.shape == (4, 3, 3)
+    for option in range(4):
+        for d in range(3):
+            alone = log_bayes(gram[[option]], correlation[[option], :, d], scales)
+            np.testing.assert_allclose(together[option, :, d], alone[0], atol=1e-12)
 
 
-def test_averaged_evidence_seldom_exaggerates():
+@pytest.mark.parametrize("mean", [-3.0, 0.0, 0.4, 8.0])
+@pytest.mark.parametrize("scale", [0.2, 3.0])
+def test_evidence_of_an_amplitude_that_is_positive_is_its_integral(mean, scale):
+    """∫ over a > 0 of the likelihood ratio under the prior 2 N(0, s²), by quadrature."""
+    rng = np.random.default_rng(3)
+    x = rng.standard_normal(20)
+    y = mean * x / (x @ x) + 0.3 * rng.standard_normal(20)
+
+    def ratio(a):
+        return np.exp(a * (x @ y) - 0.5 * a**2 * (x @ x)) * 2 * scipy.stats.norm.pdf(a, scale=scale)
+
+    peak = max(0.0, (x @ y) / (x @ x + 1 / scale**2))
+    spread = (x @ x + 1 / scale**2) ** -0.5
+    value, _ = scipy.integrate.quad(ratio, max(0.0, peak - 12 * spread), peak + 12 * spread, epsabs=0, epsrel=1e-10, limit=400)
+    ours = log_bayes(np.array([[[x @ x]]]), np.array([[x @ y]]), np.array([scale]), positive=True)[0, 0]
+    assert ours == pytest.approx(np.log(value), abs=1e-8)
+
+
+def test_evidence_of_the_wrong_sign_speaks_against_it():
+    gram, scales = np.array([[[25.0]]]), np.array([1.0])
+    right, wrong = (log_bayes(gram, np.array([[c]]), scales, positive=True)[0, 0] for c in (20.0, -20.0))
+    either = log_bayes(gram, np.array([[20.0]]), scales)[0, 0]
+    assert right == pytest.approx(either + np.log(2), abs=1e-3)
+    assert wrong < -1
+    # Whichever the sign is, both halves together are the prior without a sign.
+    assert np.logaddexp(right, wrong) - np.log(2) == pytest.approx(either, abs=1e-10)
+
+
+@pytest.mark.parametrize("positive", [False, True])
+def test_averaged_evidence_seldom_exaggerates(positive):
     """P(B ≥ c) ≤ 1/c under the baseline."""
     rng = np.random.default_rng(3)
     X = rng.standard_normal((40, 6))
-    scales = np.geomspace(0.1, 10, 8)
-    values = []
-    for _ in range(3000):
-        y = rng.standard_normal(40)
-        table = log_bayes(np.einsum("nk,nk->k", X, X)[:, None, None], (X.T @ y)[:, None], scales)
-        values.append(np.exp(averaged(table, np.full(6, -np.log(6)))))
-    values = np.array(values)
+    gram, scales = np.einsum("nk,nk->k", X, X)[:, None, None], np.geomspace(0.1, 10, 8)
+    table = log_bayes(gram, (X.T @ rng.standard_normal((40, 3000)))[:, None], scales, positive)
+    values = np.exp([averaged(table[:, :, d], np.full(6, -np.log(6))) for d in range(3000)])
     for c in (5, 20):
         bound = scipy.stats.binom.ppf(0.9999, 3000, 1 / c)
         assert (values >= c).sum() <= bound
     assert (values >= 5).any()  # it can
+
+
+@pytest.mark.parametrize("positive", [False, True])
+def test_averaged_evidence_is_the_likelihood_ratio_of_what_it_averages_over(positive):
+    """Drawn from the prior over options, scales and amplitudes, 1/B has the mean one: it is the ratio the other way round."""
+    rng = np.random.default_rng(4)
+    X = rng.standard_normal((20, 5))
+    gram, scales, weights = np.einsum("nk,nk->k", X, X)[:, None, None], np.geomspace(0.1, 3, 6), np.array([1, 1, 2, 3, 3]) / 10
+    inverse = []
+    for _ in range(4000):
+        amplitude = rng.choice(scales) * rng.standard_normal()
+        y = (abs(amplitude) if positive else amplitude) * X[:, rng.choice(5, p=weights)] + rng.standard_normal(20)
+        inverse.append(np.exp(-averaged(log_bayes(gram, (X.T @ y)[:, None], scales, positive), np.log(weights))))
+    assert abs(np.mean(inverse) - 1) < 4 * np.std(inverse) / np.sqrt(4000)
+    assert np.std(inverse) / np.sqrt(4000) < 0.03
+
+
+def test_averaged_by_hand():
+    table = np.log([[1.0, 3.0], [5.0, 7.0]])
+    assert averaged(table, np.log([0.25, 0.75])) == pytest.approx(np.log(0.25 * 2 + 0.75 * 6))
 
 
 def test_scales_hold_only_what_is_visible_and_plausible():
@@ -66,76 +98,4 @@ def test_scales_hold_only_what_is_visible_and_plausible():
     scales = scales_of(10.0, (0.01, 5.0))
     assert scales.min() == pytest.approx(0.1)
     assert scales.max() == pytest.approx(5.0)
-
-
-def test_the_best_pair_is_found_although_the_best_single_is_not_in_it():
-    rng = np.random.default_rng(4)
-    a, b = rng.standard_normal((2, 200, 1))
-    decoy = a + b + 0.35 * rng.standard_normal((200, 1))  # nearest to the sum of both
-    others = [rng.standard_normal((200, 1)) for _ in range(8)]
-    y = (3 * a + 3 * b)[:, 0] + rng.standard_normal(200)
-    search = Search(_bank([decoy, a, b, *others]), y)
-    assert search.singles()[0].key == {0}
-    assert search.explanations()[0].key == {1, 2}
-
-
-def test_conditional_scores_are_those_of_the_columns_themselves():
-    """The search's products against conditioning on the columns one by one."""
-    rng = np.random.default_rng(5)
-    columns = [rng.standard_normal((30, k)) for k in (1, 2, 6)]
-    y = rng.standard_normal(30) * 1.5
-    bank = _bank(columns)
-    search = Search(bank, y)
-    member = Member(1, 0, 3)
-    given = search.given((member,))
-    C = columns[1] * bank.candidates[1].scales[3]
-    for k in (0, 2):
-        expected = [
-            Conditioning(np.hstack([C, columns[k] * s]), y).log_bayes - Conditioning(C, y).log_bayes
-            for s in bank.candidates[k].scales
-        ]
-        assert np.allclose(search.tables(k, given)[0], expected, atol=1e-9)
-
-
-def test_null_statistic_of_many_is_that_of_each():
-    rng = np.random.default_rng(6)
-    columns = [rng.standard_normal((30, k)) for k in (1, 2, 6)]
-    bank = _bank(columns)
-    Y = rng.standard_normal((30, 4))
-    together = Search(bank, Y[:, 0]).null_statistic(bank.X.T @ Y)
-    for k in range(4):
-        search = Search(bank, Y[:, k])
-        expected = np.log(sum(np.exp(e.log_evidence + bank.candidates[next(iter(e.key))].log_prior) for e in search.singles()))
-        assert together[k] == pytest.approx(expected, abs=1e-9)
-
-
-@pytest.mark.parametrize(("angle", "verdict"), [(90.0, "named"), (0.0, "group")])
-def test_what_cannot_be_separated_is_a_group(angle, verdict):
-    rng = np.random.default_rng(7)
-    Q = np.linalg.qr(rng.standard_normal((100, 4)))[0] * 8
-    turn = np.deg2rad(angle)
-    columns = [Q[:, [0]], np.cos(turn) * Q[:, [0]] + np.sin(turn) * Q[:, [1]], Q[:, [2]], Q[:, [3]]]
-    y = 2 * Q[:, 0] + rng.standard_normal(100) * 0.5
-    bank = _bank(columns)
-    answer = attribute(bank, Search(bank, y).explanations())
-    assert answer.verdict == verdict
-    assert {label for label, _ in answer.slots[0].group} == ({"e0"} if verdict == "named" else {"e0", "e1"})
-
-
-def test_an_unlisted_rival_that_explains_better_is_unknown():
-    rng = np.random.default_rng(8)
-    Q = np.linalg.qr(rng.standard_normal((100, 3)))[0] * 8
-    columns = [Q[:, [0]], Q[:, [1]], 0.8 * Q[:, [0]] + 0.6 * Q[:, [2]]]
-    y = 2 * columns[2][:, 0] + 0.5 * rng.standard_normal(100)
-    bank = _bank(columns, listed=[True, True, False])
-    answer = attribute(bank, Search(bank, y).explanations())
-    assert answer.verdict == "unknown"
-    assert answer.unknown > 0.9
-    assert attribute(bank, Search(bank, 2 * Q[:, 0]).explanations()).verdict == "named"  # and not always
-
-
-def test_holm_and_benjamini_hochberg_by_hand():
-    p = np.array([0.01, 0.04, 0.03, 0.005])
-    assert np.allclose(holm(p), [0.03, 0.06, 0.06, 0.02])
-    assert benjamini_hochberg(np.array([0.001, 0.6, 0.02, 0.9]), 0.05).tolist() == [True, False, True, False]
-    assert not benjamini_hochberg(np.array([0.2, 0.6]), 0.05).any()
+    assert np.allclose(np.diff(np.log(scales)), np.log(scales[1] / scales[0]))

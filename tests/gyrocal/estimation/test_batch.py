@@ -8,10 +8,13 @@ from gyrocal import InputError, UnobservableError
 from gyrocal.attitude import residual, rotation_matrix
 from gyrocal.estimation.arc import Columns, Estimate, columns, linearise, measured_times, stretch
 from gyrocal.estimation.batch import batch
+from gyrocal.sensors.series import SensorSeries
 from simulator.streams import generator
-from studies.estimation.attitude_cases import SUN, TRUE_BIAS, direction_sensor, flight, measured, nadir
+from studies.estimation.attitude_cases import ORBIT, TRUE_BIAS, direction_sensor, flight
+from studies.estimation.flights import nadir
 from tests.builders import TRUE_G
 
+SUN = np.array([np.cos(0.4), np.sin(0.4) * np.cos(0.41), np.sin(0.4) * np.sin(0.41)])
 SIGMA = 1e-3
 TIMES = np.array([0.0, 1000.0, 2746.0, 5488.0])
 EPOCH = 1000.0
@@ -28,10 +31,10 @@ def sensors(motion, rng=None, low=0.0, high=5490.0, every_s=30.0):
     """A Sun sensor that sees it for part of the orbit, and one that sees the direction to the Earth."""
     t = np.arange(low, high, every_s)
     visible = np.abs((motion.at(t) @ SUN)[:, 0]) > 0.6
-    return [
-        measured(motion, direction_sensor("sun", np.tile(SUN, (t.size, 1))), t, SIGMA, visible, rng),
-        measured(motion, direction_sensor("earth", nadir(t)), t, SIGMA, rng=rng),
-    ]
+    sun = direction_sensor("sun", np.tile(SUN, (t.size, 1))).seen(motion, t, SIGMA, rng)
+    seen = np.where(visible[:, None], sun.y, np.nan), np.where(visible[:, None], sun.sigma, np.inf)
+    earth = direction_sensor("earth", nadir(t, ORBIT)).seen(motion, t, SIGMA, rng)
+    return [SensorSeries(sun.model, t, *seen), earth]
 
 
 def inside(values, p, confidence=0.999):
@@ -62,7 +65,9 @@ def test_an_error_of_G_acts_as_a_bias_while_the_rate_is_constant():
     motion = flight(G=TRUE_G, known_G=np.eye(3))
     found = batch(sensors(motion), motion.gyro(), motion.at(0.0), times=TIMES)
     np.testing.assert_allclose(found.attitudes, motion.at(TIMES), rtol=0, atol=1e-11)
-    np.testing.assert_allclose(found.bias, TRUE_BIAS + (TRUE_G - np.eye(3)) @ motion.raw[0], rtol=0, atol=1e-14)  # R (8)
+    np.testing.assert_allclose(
+        found.bias, TRUE_BIAS + (TRUE_G - np.eye(3)) @ motion.gyro().rates[0], rtol=0, atol=1e-14
+    )  # R (8)
 
 
 def test_rows_are_the_derivatives_of_the_residuals(motion):

@@ -16,7 +16,7 @@ from simulator.sensors import earth as true_earth
 from simulator.sensors import sun as true_sun
 from simulator.sensors.suite import positions
 from simulator.truth.sun import DAY, eclipse, julian_date, sun_vector
-from studies.estimation.filter_cases import ARW, ORBIT, Z, fly, parameters_near, stream
+from studies.estimation.filter_cases import ARW, ORBIT, Z, fly, parameters_near
 from tests.builders import TRUTH, mean_bounds
 
 EPOCH = "1997-12-13T09:45:00Z"
@@ -68,7 +68,7 @@ def consistency(cases, **options):
     values, ratios = [], []
     for seed in range(cases):
         rng = np.random.default_rng([41, seed])
-        found = run(started(rng, TRUTH), stream(flight, rng), sensors(rng, **options), 0.0, TIMES)
+        found = run(started(rng, TRUTH), flight.gyro(rng), sensors(rng, **options), 0.0, TIMES)
         errors = state_errors(found.A, found.x, found.names, flight.at(TIMES), TRUTH)
         values.append(nees(errors, found.covariance))
         ratios.append(found.innovations.nis.sum() / found.innovations.dof.sum())
@@ -102,7 +102,7 @@ def test_on_board_residual_is_consistent():
         rng = np.random.default_rng([42, seed])
         apriori = parameters_near(rng, 1e-4, np.deg2rad(1e-5))
         onboard = OnBoardCalibrator(started(rng, apriori), apriori)
-        (one,) = replay(onboard, stream(flight, rng), sensors(rng), 0.0, [SPAN])
+        (one,) = replay(onboard, flight.gyro(rng), sensors(rng), 0.0, [SPAN])
         noise = one.residual - one.Theta @ (apriori.vector - TRUTH.vector)
         white.append(noise @ np.linalg.solve(one.C, noise))
         C = one.P_end + one.R @ one.P_start @ one.R.T

@@ -9,7 +9,7 @@ from gyrocal import InputError, attitude, calibrate
 from gyrocal.estimation.full_filter import Leg, change_chi2, run_legs, starting_covariance
 from gyrocal.estimation.mekf import KalmanFilter, nees
 from gyrocal.sensors.series import SensorSeries
-from studies.estimation.filter_cases import ARW, fly, full_and_separate, parameters_near, prior, stream, vectors
+from studies.estimation.filter_cases import ARW, fly, full_and_separate, parameters_near, prior, vectors
 from tests.builders import TRUTH, mean_bounds, piecewise_recording
 
 OFFSET = np.deg2rad(0.04)
@@ -134,7 +134,7 @@ def test_change_of_an_estimate_by_hand():
 
 def test_wrong_use():
     flight = fly(length=100.0)
-    gyro = stream(flight)
+    gyro = flight.gyro()
     estimator = KalmanFilter(flight.A[0], TRUTH, starting_covariance(0.1, prior()), ARW, names="all")
     with pytest.raises(InputError, match="no legs"):
         run_legs(estimator, gyro, [], [])

@@ -10,7 +10,8 @@ from gyrocal import GyroParameters, InputError, attitude
 from gyrocal.estimation.filter_run import run
 from gyrocal.estimation.mekf import KalmanFilter, nees, state_errors
 from gyrocal.sensors.series import SensorSeries
-from studies.estimation.filter_cases import ARW, NOISE, VectorModel, Y, Z, fly, stream, vectors
+from studies.estimation.filter_cases import ARW, NOISE, Y, Z, fly, vectors
+from studies.estimation.flights import DirectionSensor
 from tests.builders import TRUTH, mean_bounds
 
 SIGMA = np.repeat([np.deg2rad(0.5), np.deg2rad(1e-3)], 3)
@@ -39,7 +40,7 @@ def test_estimate_is_the_least_squares_solution():
     scale = 1e-4
     flight = fly([(Z, 20.0, 100.0, 120.0)], 300.0, sample_s=2.0)
     rng = np.random.default_rng(4)
-    gyro = stream(flight, rng, arw=ARW * scale)
+    gyro = dataclasses.replace(flight, arw=ARW * scale).gyro(rng)
     series = vectors(flight, rng, every=20.0, sigma=NOISE * scale)
     start = started(flight, rng, arw=ARW * scale, scale=scale)
     A0, x0 = start.A.copy(), start.x.copy()
@@ -80,7 +81,7 @@ def test_consistent_over_seeds_and_not_when_told_too_little_noise(flight):
         for seed in range(cases):
             rng = np.random.default_rng([11, seed])
             estimator = started(flight, rng, arw=told)
-            found = run(estimator, stream(flight, rng), [vectors(flight, rng)], 0.0, TIMES)
+            found = run(estimator, flight.gyro(rng), [vectors(flight, rng)], 0.0, TIMES)
             values.append(nees(errors_of(flight, found), found.covariance))
             innovations.append(found.innovations.nis)
         results[label] = np.mean(values, axis=0), np.mean(innovations)
@@ -103,7 +104,7 @@ def test_a_walking_bias_is_followed_by_a_filter_that_knows(flight):
             # The walk within a sample adds (walk^2 dt^3 / 3) to the angle, a ten-thousandth of the white noise's.
             steps = walk * rng.standard_normal(flight.rates.shape)
             bias = TRUTH.bias + np.cumsum(steps, axis=0)
-            found = run(estimator, stream(flight, rng, bias=bias), [vectors(flight, rng)], 0.0, TIMES[-1:])
+            found = run(estimator, flight.gyro(rng, bias=bias), [vectors(flight, rng)], 0.0, TIMES[-1:])
             truth = GyroParameters(TRUTH.G, bias[-1])
             error = state_errors(found.A, found.x, found.names, flight.A[-1:], truth)
             values[told].append(nees(error, found.covariance)[0])
@@ -114,7 +115,7 @@ def test_a_walking_bias_is_followed_by_a_filter_that_knows(flight):
 
 def test_gate_keeps_outliers_out(flight):
     rng = np.random.default_rng(13)
-    gyro, series = stream(flight, rng), vectors(flight, rng)
+    gyro, series = flight.gyro(rng), vectors(flight, rng)
     bad = rng.random(len(series.t)) < 0.05
     bad[:10] = False
     spoilt = dataclasses.replace(series, y=series.y + np.where(bad[:, None], 50 * NOISE, 0.0))
@@ -134,7 +135,7 @@ def test_gate_keeps_outliers_out(flight):
 
 def test_run_is_the_step_by_step_form(flight):
     rng = np.random.default_rng(15)
-    gyro, series = stream(flight, rng), vectors(flight, rng)
+    gyro, series = flight.gyro(rng), vectors(flight, rng)
     found = run(started(flight, np.random.default_rng(1)), gyro, [series], 0.0, TIMES)
     alone = started(flight, np.random.default_rng(1))
     for k in range(len(gyro.t_s) + 1):
@@ -150,7 +151,7 @@ def test_run_is_the_step_by_step_form(flight):
 
 def test_numbers_with_infinite_sigma_do_not_act(flight):
     rng = np.random.default_rng(16)
-    gyro, series = stream(flight, rng), vectors(flight, rng)
+    gyro, series = flight.gyro(rng), vectors(flight, rng)
     sigma = series.sigma.copy()
     sigma[:, 3:] = np.inf
     sigma[100:200] = np.inf
@@ -175,13 +176,13 @@ def test_numbers_with_infinite_sigma_do_not_act(flight):
 def test_what_the_sensor_should_not_see_does_not_act(flight):
     """A model answers NaN where it expects nothing, as the Earth sensor past the horizon."""
 
-    class Half(VectorModel):
+    class Half(DirectionSensor):
         def predict(self, A, rows):
             return np.where(np.arange(6) < 3, super().predict(A, rows), np.nan)
 
     series = vectors(flight, np.random.default_rng(17))
     found, same = (
-        run(started(flight, np.random.default_rng(1)), stream(flight), [one], 0.0, TIMES[:1])
+        run(started(flight, np.random.default_rng(1)), flight.gyro(), [one], 0.0, TIMES[:1])
         for one in (
             dataclasses.replace(series, model=Half(series.model.directions)),
             dataclasses.replace(series, sigma=np.where(np.arange(6) < 3, series.sigma, np.inf)),
@@ -189,7 +190,7 @@ def test_what_the_sensor_should_not_see_does_not_act(flight):
     )
     np.testing.assert_array_equal(found.x, same.x)
     assert (found.innovations.dof == 3).all()
-    blind = VectorModel((np.full((1, 3), np.nan),))
+    blind = DirectionSensor((np.full((1, 3), np.nan),))
     assert started(flight, np.random.default_rng(1)).update(blind, 0, np.zeros(3), np.ones(3)) is None
 
 
@@ -208,7 +209,7 @@ def test_open_and_restart():
 
 
 def test_wrong_use(flight):
-    gyro = stream(flight)
+    gyro = flight.gyro()
     with pytest.raises(InputError, match="walks must be solved for"):
         KalmanFilter(np.eye(3), TRUTH, np.eye(5), ARW, rate_random_walk=1e-9, names=("b_x", "b_y"))
     with pytest.raises(InputError, match="probability"):
@@ -227,7 +228,7 @@ def test_wrong_use(flight):
 
 def test_an_orbit_takes_less_than_a_second():
     flight = fly(length=5500.0, sample_s=0.5)
-    gyro, series = stream(flight), vectors(flight)
+    gyro, series = flight.gyro(), vectors(flight)
     estimator = started(flight, np.random.default_rng(0))
     run(estimator, gyro, [series], 0.0, np.array([100.0]))  # compiled once
     begin = time.perf_counter()

@@ -22,7 +22,6 @@ from studies.estimation.filter_cases import (
     on_board_case,
     parameters_near,
     solved_with,
-    stream,
     vectors,
 )
 from studies.estimation.onboard import SteadyFlight
@@ -128,7 +127,7 @@ def test_one_pass_linearises_once():
 def test_the_references_depend_on_the_parameters_as_stated():
     """θ = Θ Δx with S in Θ, by finite differences in G without noise; without S it does not hold."""
     flight = maneuver_timeline()
-    gyro, series = stream(flight), vectors(flight, sigma=SENSOR)
+    gyro, series = flight.gyro(), vectors(flight, sigma=SENSOR)
     step = 1e-4 * np.random.default_rng(2).standard_normal((3, 3))
 
     def maneuvers(G_step, through):
@@ -151,7 +150,7 @@ def test_nothing_is_learnt_from_a_maneuver_without_measurements():
     """Then the end is the start, carried by the same samples: θ tells the filter's own bias and nothing else."""
     flight, rng = maneuver_timeline(), np.random.default_rng(3)
     apriori = parameters_near(rng, 1e-3, np.deg2rad(1e-4))
-    gyro = stream(flight, rng)
+    gyro = flight.gyro(rng)
     estimator = KalmanFilter(flight.A[0], GyroParameters(apriori.G, TRUTH.bias), np.diag(START**2), ARW)
     onboard = OnBoardCalibrator(estimator, apriori)
     (one,) = replay(onboard, gyro, [], 0.0, [(100.0, 4000.0)])
@@ -195,7 +194,7 @@ def test_memory_does_not_depend_on_the_number_of_samples():
 
 def test_samples_are_cut_at_events():
     flight = fly(length=100.0)
-    gyro, series = stream(flight), vectors(flight)
+    gyro, series = flight.gyro(), vectors(flight)
     apriori = GyroParameters(TRUTH.G, TRUTH.bias)
     late = dataclasses.replace(series, t=series.t + 0.25)
     found = []
@@ -211,7 +210,7 @@ def test_samples_are_cut_at_events():
 
 def test_wrong_use():
     flight = fly(length=100.0)
-    gyro = stream(flight)
+    gyro = flight.gyro()
     estimator = KalmanFilter(flight.A[0], TRUTH, np.diag(START**2), ARW)
     with pytest.raises(InputError, match="same G"):
         OnBoardCalibrator(estimator, GyroParameters(np.eye(3), TRUTH.bias))

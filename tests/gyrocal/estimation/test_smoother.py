@@ -10,7 +10,7 @@ from gyrocal.estimation.batch import batch
 from gyrocal.estimation.filter_run import run
 from gyrocal.estimation.mekf import KalmanFilter, nees, state_errors
 from gyrocal.estimation.smoother import smooth
-from studies.estimation.filter_cases import ARW, Z, fly, stream, vectors
+from studies.estimation.filter_cases import ARW, Z, fly, vectors
 from tests.builders import TRUTH, mean_bounds
 
 SIGMA = np.repeat([np.deg2rad(0.5), np.deg2rad(1e-3)], 3)
@@ -21,7 +21,7 @@ def filtered(flight, rng, sigma=SIGMA, times=TIMES):
     off = rng.standard_normal(6) * SIGMA
     A = attitude.rotation_matrix(-off[:3]) @ flight.A[0]
     start = GyroParameters(TRUTH.G, TRUTH.bias + off[3:])
-    gyro, series = stream(flight, rng, apriori=start), vectors(flight, rng)
+    gyro, series = flight.gyro(rng, start), vectors(flight, rng)
     estimator = KalmanFilter(A, start, np.diag(sigma**2), ARW)
     return run(estimator, gyro, [series], 0.0, times, keep_history=True), gyro, series, A
 

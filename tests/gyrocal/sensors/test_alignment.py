@@ -16,12 +16,12 @@ from studies.estimation.attitude_cases import (
     ANGLES,
     M_DSS2,
     M_TRUE,
+    ORBIT,
     alignment_error,
     alignment_orbit,
     direction_sensor,
-    measured,
-    nadir,
 )
+from studies.estimation.flights import nadir
 
 INJECTED = np.concatenate([ANGLES, TRMM_BIASES])
 CASES = 60
@@ -181,11 +181,11 @@ def test_direction_sensors_turn_together_exactly(world):
     rng = generator(54, 0, "directions")
     gyro = motion.gyro(rng)
     truths = (sun[0], sun[1].corrected(ANGLES), star.corrected(-ANGLES))
-    series = [measured(motion, model, t, 1e-4, rng=rng) for model in truths]
+    series = [model.seen(motion, t, 1e-4, rng) for model in truths]
     turn = rotation_matrix(np.array([0.003, -0.002, 0.001]))
     found = []
     for M in (np.eye(3), turn):
-        nominal = [direction_sensor(model.name, model.directions, M=M) for model in truths]
+        nominal = [direction_sensor(model.name, model.directions[0], M=M) for model in truths]
         given = [SensorSeries(model, t, one.y, one.sigma) for model, one in zip(nominal, series, strict=True)]
         found.append(together(given, gyro, world.A[0], "ahead"))
         assert found[-1].unobservable == tuple(f"a rotation of all sensors together about body {axis}" for axis in "xyz")
@@ -200,8 +200,8 @@ def test_a_sensor_that_always_sees_one_direction_in_the_body_is_named(world):
     """Nadir stays in the body's z: its sensor may be turned about it. A wrong bias to start from hides that at first."""
     motion, t = world.motion, world.t
     sun = direction_sensor("sun", np.tile(world.sun[0], (t.size, 1)))
-    earth = direction_sensor("earth", nadir(t))
-    series = [measured(motion, model, t, 1e-4, rng=generator(54, 0, "nadir")) for model in (sun, earth)]
+    earth = direction_sensor("earth", nadir(t, ORBIT))
+    series = [model.seen(motion, t, 1e-4, generator(54, 0, "nadir")) for model in (sun, earth)]
     with pytest.raises(UnobservableError) as caught:
         together(series, motion.gyro(), world.A[0], "sun")
     assert caught.value.combinations == ("earth m_z",)

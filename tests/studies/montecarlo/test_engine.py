@@ -19,8 +19,7 @@ from gyrocal import load as load_recording
 from gyrocal.errors import InputError
 from simulator.streams import generator
 from studies.montecarlo.engine import Interrupted, StudyConfig, rerun, run
-from studies.montecarlo.session import locked
-from studies.montecarlo.store import StorageError
+from studies.montecarlo.session import StorageError, locked
 from studies.montecarlo.study import DISPERSED, Streams
 from tests import ROOT
 from tests.engine_studies import DRAWS, ODD, RECORDED, STEPS, DrawsConfig, OddConfig

@@ -1,6 +1,7 @@
 """Verdicts on estimators known to be calibrated, over-confident, under-confident and biased."""
 
 import numpy as np
+import pandas as pd
 import pytest
 import scipy.stats
 
@@ -84,3 +85,21 @@ def test_the_binomial_interval_is_scipys(hits, of):
 
 def test_without_a_trial_nothing_is_known():
     assert statistics.binomial_interval(0, 0) == (0.0, 1.0)
+
+
+def test_a_line_judges_per_degree_of_freedom_and_leaves_out_cases_without_a_nees(cases):
+    values = statistics.nees(*cases)
+    line = statistics.nees_line([*values, np.nan], P)
+    check = statistics.nees_check(values, P, statistics.LINE_CONFIDENCE)
+    assert (line["cases"], line["dof"]) == (N, P)
+    assert (line["nees_per_dof"], line["low"], line["high"]) == (check.value / P, check.lower / P, check.upper / P)
+    verdicts = [statistics.nees_line(scale * values, P)["verdict"] for scale in (1.0, 4.0, 0.25)]
+    assert verdicts == ["consistent", "over-confident", "under-confident"]
+
+
+def test_the_flight_beside_simulated_values():
+    values = pd.Series(np.arange(101.0))
+    assert statistics.beside(values, 25.0)["flight_percentile"] == pytest.approx(100 * 25 / 101)
+    found = statistics.beside(values, np.nan)
+    assert [found[name] for name in ("p05", "median", "p95")] == [5.0, 50.0, 95.0]
+    assert np.isnan(found["flight_percentile"])

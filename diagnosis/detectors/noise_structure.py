@@ -1,0 +1,93 @@
+"""Whether the noise of the samples is independent between the gyros, and the same at all times.
+
+Both use differences of the sixth order, which leave nothing of a motion that is slow beside the sampling. Under M0 those of two
+gyros are independent, so that their correlation coefficient over n differences has the variance Σρ²/n, with Σρ² the sum of
+their squared autocorrelations; and their mean square is the same in every interval, at rest and in motion.
+"""
+
+from __future__ import annotations
+
+from math import comb
+
+import numpy as np
+import scipy.stats
+from numpy.typing import NDArray
+
+from diagnosis.detectors.report import AXES, IMPOSSIBLE, SampleReport, SampleTest, Symptom, arcs, consecutive, inside
+from gyrocal.recording import Recording
+from simulator.effects.recorded import interval_slices
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+ORDER = 6
+POWER = comb(2 * ORDER, ORDER)  # variance of a difference of unit white noise
+AUTOCORRELATION = comb(4 * ORDER, 2 * ORDER) / POWER**2  # sum of the squared autocorrelations
+TRIM = 5.0  # robust sigmas beyond which a difference does not count
+FEWEST = 400  # differences of a part, below which it is not compared
+NOTABLE = 0.05  # relative difference of the variance that matters
+
+
+def together(report: SampleReport, recording: Recording, quiet: Mask) -> None:
+    """Noise that two gyros have in common."""
+    parts = [np.diff(report.rates[low:high], ORDER, axis=0) for low, high in arcs(quiet & consecutive(recording, quiet))]
+    if not parts:
+        return
+    d = np.concatenate(parts)
+    scale = np.median(np.abs(d), axis=0) / 0.6745
+    if len(d) < FEWEST or not np.all(scale > 0):
+        return
+    d = d[np.all(np.abs(d) < TRIM * scale, axis=1)]
+    for i, j in ((0, 1), (0, 2), (1, 2)):
+        coefficient = float(np.mean(d[:, i] * d[:, j]) / np.sqrt(np.mean(d[:, i] ** 2) * np.mean(d[:, j] ** 2)))
+        p = max(float(2 * scipy.stats.norm.sf(abs(coefficient) / np.sqrt(AUTOCORRELATION / len(d)))), IMPOSSIBLE)
+        pair = AXES[i] + AXES[j]
+        text = f"the noise of gyros {AXES[i]} and {AXES[j]} correlates by {coefficient:.3f}"
+        report.tests.append(SampleTest("noise_correlation", pair, coefficient, 0.0, p, "noise_correlation", text))
+        if p < report.event_p and abs(coefficient) > NOTABLE:
+            error = float(np.sqrt(AUTOCORRELATION / len(d)))
+            report.symptoms.append(Symptom("noise_correlation", None, coefficient, "of the noise", error, {}, p, text))
+
+
+def constancy(report: SampleReport, recording: Recording, used: Mask) -> None:
+    """Noise that differs between intervals, or between slow and fast motion."""
+    good = used & inside(recording) & ~report.filled & ~report.clipped
+    follows = consecutive(recording, good)
+    whole = np.convolve(follows, np.ones(ORDER, dtype=int))[: follows.size] == ORDER
+    place = np.flatnonzero(whole)
+    d = np.diff(report.rates, ORDER, axis=0)[place - ORDER]
+    rate = np.linalg.norm(report.rates[place], axis=1)
+    interval = np.full(report.rates.shape[0], -1)
+    for number, part in enumerate(interval_slices(recording)):
+        interval[part] = number
+    owner = interval[place]
+    fast = rate > 0.5 * (np.quantile(rate, 0.02) + np.quantile(rate, 0.98)) if rate.size else np.zeros(0, dtype=bool)
+    for axis in range(3):
+        z = d[:, axis] / np.sqrt(POWER)
+        if z.size < 2 * FEWEST or not np.any(z):
+            continue
+        scale = float(np.median(np.abs(z))) / 0.6745
+        kept = np.abs(z) < 2 * TRIM * scale
+        groups = [kept & fast, kept & ~fast, *(kept & (owner == number) for number in np.unique(owner))]
+        p, ratio, count = _least(z, kept, [group for group in groups if group.sum() >= FEWEST])
+        text = f"the noise of gyro {AXES[axis]} is {np.sqrt(ratio):.2f} times that of the whole in one part of the recording"
+        report.tests.append(SampleTest("noise_constancy", AXES[axis], ratio, 1.0, p, "noise_constancy", text))
+        if p < report.event_p and abs(ratio - 1) > 2 * NOTABLE:
+            error = float(ratio * np.sqrt(2 * AUTOCORRELATION / max(count, 1)))
+            report.symptoms.append(Symptom("noise_constancy", AXES[axis], ratio, "of its power", error, {}, p, text))
+
+
+def _least(z: Array, kept: Mask, groups: list[Mask]) -> tuple[float, float, int]:
+    """The smallest p-value of a group having the power of the rest, corrected for their number; its ratio and size."""
+    best = (1.0, 1.0, 0)
+    for group in groups:
+        rest = kept & ~group
+        n, m = int(group.sum()), int(rest.sum())
+        if min(n, m) < FEWEST:
+            continue
+        ratio = float(np.mean(z[group] ** 2) / np.mean(z[rest] ** 2))
+        sigma = float(np.sqrt(2 * AUTOCORRELATION * (1 / n + 1 / m)))
+        p = min(1.0, 2 * len(groups) * float(scipy.stats.norm.sf(abs(np.log(ratio)) / sigma)))
+        if p < best[0]:
+            best = (max(p, IMPOSSIBLE), ratio, n)
+    return best

@@ -1,0 +1,151 @@
+"""What estimators are tried on: a flight with its gyro, and a sensor of known directions; the truth is the simulator's."""
+
+from dataclasses import dataclass, field, replace
+from typing import ClassVar
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from pydantic import model_validator
+
+from gyrocal import GyroParameters, GyroStream
+from gyrocal.attitude import cross_matrix, rotation_matrix
+from gyrocal.sensors.series import SensorSeries
+from simulator.sensors.gyro import raw_rates, with_white_noise
+from simulator.truth.orbit import CircularOrbit, lvlh_attitude
+from studies.montecarlo.study import StudyConfig
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.intp]
+
+
+class FixedFlightConfig(StudyConfig):
+    """A study whose flights and sensors are fixed: of its scenario it takes the gyro alone.
+
+    Attributes
+    ----------
+    used : what it takes
+    """
+
+    used: ClassVar[tuple[str, ...]] = ("gyro.true_G", "gyro.true_bias_deg_s", "gyro.arw_deg_per_sqrt_s")
+
+    @model_validator(mode="after")
+    def _takes_nothing_else(self) -> "FixedFlightConfig":
+        for path in (*self.overrides, *self.dispersions):
+            if not any(path == name or path.startswith(f"{name}.") for name in self.used):
+                raise ValueError(f"{path} has no effect in this study, which uses {', '.join(self.used)} only")
+        return self
+
+
+def nadir(t: ArrayLike, orbit: CircularOrbit) -> Array:
+    """(n, 3) inertial direction to the Earth's centre from an orbit."""
+    return np.asarray(lvlh_attitude(orbit, np.asarray(t, dtype=float))[:, 2])
+
+
+@dataclass(frozen=True)
+class Flight:
+    """Truth of a flight, and the gyro it is flown with.
+
+    Attributes
+    ----------
+    t : (n + 1,) edges of the gyro samples, s
+    A : (n + 1, 3, 3) attitudes there
+    rates : (n, 3) mean body rates over the samples, rad/s
+    truth : of the gyro
+    arw : of the gyro, rad/sqrt(s)
+    apriori : what an estimator takes for the gyro's parameters
+    """
+
+    t: Array
+    A: Array
+    rates: Array
+    truth: GyroParameters
+    arw: float
+    apriori: GyroParameters
+
+    def gyro(
+        self, rng: np.random.Generator | None = None, apriori: GyroParameters | None = None, bias: Array | None = None
+    ) -> GyroStream:
+        """The samples.
+
+        Parameters
+        ----------
+        rng : source of the noise, None for none
+        apriori : in place of the flight's
+        bias : (n, 3) true bias of each sample in place of the constant one, rad/s
+        """
+        sample_s = float(self.t[1] - self.t[0])
+        raw = raw_rates(self.rates, self.truth.G, self.truth.bias if bias is None else bias)
+        if rng is not None:
+            raw = with_white_noise(rng, raw, self.arw, np.full(len(raw), sample_s))
+        start = apriori or self.apriori
+        return GyroStream(self.t[:-1], raw, sample_s, self.arw, start.G, start.bias)
+
+    def at(self, times: ArrayLike) -> Array:
+        """True attitudes (k, 3, 3) at times that are sample edges."""
+        return np.asarray(self.A[np.rint((np.asarray(times) - self.t[0]) / (self.t[1] - self.t[0])).astype(int)])
+
+
+@dataclass(frozen=True)
+class DirectionSensor:
+    """Sees inertial directions, each (n, 3): y = Mᵀ Nᵀ A r of one after the other; M ← exp([m×]) M by its parameters.
+
+    Attributes
+    ----------
+    directions : r of each
+    name : of the sensor
+    M : (3, 3) misalignment
+    N : (3, 3) nominal mounting
+    parameters : those an estimator may solve for, none by default
+    """
+
+    directions: tuple[Array, ...]
+    name: str = "vectors"
+    M: Array = field(default_factory=lambda: np.eye(3))
+    N: Array = field(default_factory=lambda: np.eye(3))
+    parameters: tuple[str, ...] = ()
+
+    @property
+    def size(self) -> int:
+        """Numbers per measurement."""
+        return 3 * len(self.directions)
+
+    def _in_body(self, A: Array, rows: Indices) -> list[Array]:
+        return [np.asarray(np.einsum("nij,nj->ni", A, r[rows])) for r in self.directions]
+
+    def predict(self, A: Array, rows: Indices) -> Array:
+        """As in `gyrocal.sensors.series.SensorModel`."""
+        return np.hstack([v @ (self.N @ self.M) for v in self._in_body(A, rows)])
+
+    def jacobian(self, A: Array, rows: Indices) -> Array:
+        """As in `gyrocal.sensors.series.SensorModel`."""
+        return np.concatenate([-(self.N @ self.M).T @ cross_matrix(v) for v in self._in_body(A, rows)], axis=1)
+
+    def partials(self, A: Array, rows: Indices) -> Array:
+        """As in `gyrocal.sensors.series.SensorModel`."""
+        if not self.parameters:
+            return np.zeros((len(A), self.size, 0))
+        return np.concatenate([self.M.T @ cross_matrix(v @ self.N) for v in self._in_body(A, rows)], axis=1)
+
+    def corrected(self, change: Array) -> "DirectionSensor":
+        """As in `gyrocal.sensors.series.SensorModel`."""
+        return replace(self, M=rotation_matrix(change) @ self.M) if self.parameters else self
+
+    def seen(
+        self, flight: Flight, t: Array, sigma: float, rng: np.random.Generator | None = None, turn: Array | None = None
+    ) -> SensorSeries:
+        """A series along a flight, by the sensor's own truth.
+
+        Parameters
+        ----------
+        flight : in which it is measured
+        t : (n,) when, s
+        sigma : 1-sigma of the noise on each component
+        rng : source of the noise, None for none
+        turn : (3, 3) by which the first direction is seen turned, and the model does not know
+        """
+        y = self.predict(flight.at(t), np.arange(len(t)))
+        if turn is not None:
+            y[:, :3] = y[:, :3] @ turn.T
+        if rng is not None:
+            y = y + sigma * rng.standard_normal(y.shape)
+        return SensorSeries(self, t, y, np.full(y.shape, sigma))

@@ -1,0 +1,162 @@
+"""Amplitudes against brute-force integration over amplitudes, options and scales of tiny models."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import scipy.stats
+from scipy.special import logsumexp
+
+from diagnosis.inference.amplitudes import fit
+from diagnosis.inference.search import Search
+from diagnosis.model.linear import Member
+from tests.diagnosis.linear_models import linear_model
+
+
+def brute_force(y, options, weights, scales, positive=False):
+    """Posterior mean and sigma of one amplitude, by sums over a fine grid of it, all options and all scales."""
+    a = np.linspace(-12, 12, 240_001)  # with zero among them
+    total = np.zeros_like(a)
+    for x, weight in zip(options, weights, strict=True):
+        likelihood = np.exp(a * (x @ y) - 0.5 * a**2 * (x @ x))
+        for scale in scales:
+            prior = scipy.stats.norm.pdf(a, scale=scale) * (2 * np.heaviside(a, 0.5) if positive else 1)
+            total += weight * likelihood * prior / len(scales)
+    total /= total.sum()
+    mean = total @ a
+    return mean, np.sqrt(total @ (a - mean) ** 2)
+
+
+@pytest.mark.parametrize("positive", [False, True])
+@pytest.mark.parametrize("true", [0.15, 0.8])
+def test_mean_and_sigma_are_those_of_the_whole_posterior(positive, true):
+    rng = np.random.default_rng(1)
+    options = [rng.standard_normal(8), rng.standard_normal(8), rng.standard_normal(8)]
+    y = true * options[1] + rng.standard_normal(8)
+    scales = np.geomspace(0.1, 3.0, 7)
+    change = {"scales": scales, "positive": positive}
+    model = linear_model([[x[:, None] for x in options]], y, changes={0: change})
+    (one,) = fit(model, [Member(0, 1, 3)])
+    mean, sigma = brute_force(y, options, np.full(3, 1 / 3), scales, positive)
+    assert one.size == pytest.approx(mean, rel=1e-6)
+    assert one.sigma == pytest.approx(sigma, rel=1e-6)
+    assert one.sigmas[0] == pytest.approx(sigma, rel=1e-6)
+
+
+def test_the_prior_keeps_what_cannot_be_seen_near_zero():
+    """A column that the data hardly see: the amplitude has the prior's width, not that of least squares."""
+    x = np.full((6, 1), 1e-3)
+    y = np.random.default_rng(2).standard_normal(6)
+    model = linear_model([x], y, changes={0: {"scales": np.array([2.0])}})
+    (one,) = fit(model, [Member(0, 0, 0)])
+    assert abs(one.size) < 0.05
+    assert one.sigma == pytest.approx(2.0, rel=1e-3)
+    assert one.prior_sigma == 2.0
+
+
+def test_strong_effects_have_the_amplitudes_of_least_squares():
+    rng = np.random.default_rng(3)
+    columns = [rng.standard_normal((60, 2)), rng.standard_normal((60, 1))]
+    nuisance = rng.standard_normal((60, 4))
+    true = np.array([30.0, -20.0, 25.0])
+    y = np.hstack(columns) @ true + nuisance @ [5.0, 1.0, 2.0, -8.0] + rng.standard_normal(60)
+    wide = {number: {"scales": np.array([1e4])} for number in (0, 1)}
+    wide[0]["read"] = lambda amplitudes: (float(np.hypot(*amplitudes)), {"phase_deg": 7.0})
+    model = linear_model(columns, y, nuisance, wide)
+    first, second = fit(model, [Member(0, 0, 0), Member(1, 0, 0)])
+    design = np.hstack([*columns, nuisance])
+    expected = np.linalg.lstsq(design, y, rcond=None)[0]
+    covariance = np.linalg.inv(design.T @ design)
+    np.testing.assert_allclose(first.amplitudes, expected[:2], rtol=1e-5)
+    np.testing.assert_allclose(second.amplitudes, expected[2:3], rtol=1e-5)
+    assert first.size == pytest.approx(np.hypot(*expected[:2]), rel=1e-5)
+    assert first.parameters == {"phase_deg": 7.0}
+    # With the other held at its best, as the module says: its own uncertainty widens this by less than a tenth here.
+    along = expected[:2] / np.hypot(*expected[:2])
+    assert first.sigma == pytest.approx(np.sqrt(along @ covariance[:2, :2] @ along), rel=0.1)
+    np.testing.assert_allclose(first.contribution, columns[0] @ first.amplitudes)
+
+
+def test_a_time_that_is_not_known_widens_size_and_time():
+    """Steps at many times in noise: size and time are means over the posterior of the time."""
+    rng = np.random.default_rng(4)
+    n, times = 60, np.arange(4, 57, 2)
+    steps = [(np.arange(n) >= t).astype(float) for t in times]
+    y = 0.9 * steps[13] + rng.standard_normal(n)
+    scales = np.geomspace(0.3, 3, 5)
+    model = linear_model([[x[:, None] for x in steps]], y, changes={0: {"scales": scales}})
+    (candidate,) = model.candidates
+    options = tuple(
+        replace(o, parameters={"time_s": float(t), "time_sigma_s": 3.0}) for o, t in zip(candidate.options, times, strict=True)
+    )
+    model = replace(model, candidates=(replace(candidate, options=options),))
+    score = Search(model).score(0, None)
+    (one,) = fit(model, [Member(0, score.option, score.scale)])
+    mean, sigma = brute_force(y, steps, np.full(len(steps), 1 / len(steps)), scales)
+    assert one.size == pytest.approx(mean, rel=1e-6)
+    assert one.sigma == pytest.approx(sigma, rel=1e-6)
+    table = [
+        logsumexp([scipy.stats.multivariate_normal.logpdf(y, np.zeros(n), np.eye(n) + s**2 * np.outer(x, x)) for s in scales])
+        for x in steps
+    ]
+    share = np.exp(table - logsumexp(table))
+    expected = share @ times
+    assert one.parameters["time_s"] == pytest.approx(expected, rel=1e-6)
+    assert one.parameters["time_sigma_s"] == pytest.approx(np.sqrt(share @ (times - expected) ** 2 + 9.0), rel=1e-6)
+    # With the time given, the size is more certain.
+    alone = linear_model([steps[13][:, None]], y, changes={0: {"scales": scales}})
+    assert fit(alone, [Member(0, 0, 0)])[0].sigma < one.sigma
+
+
+def test_size_of_a_random_process_is_the_mean_of_its_scale():
+    """Against the posterior of s under y ~ N(0, I + s² X Xᵀ) with a prior even in log s, for the densities themselves."""
+    rng = np.random.default_rng(5)
+    X = rng.standard_normal((40, 25))
+    y = rng.standard_normal(40) + 1.5 * X @ rng.standard_normal(25)
+    change = {"process": True, "scales": np.geomspace(0.1, 10, 9)}
+    model = linear_model([X], y, changes={0: change})
+    score = Search(model).score(0, None)
+    (one,) = fit(model, [Member(0, 0, score.scale)])
+    sizes = np.geomspace(0.05, 50, 600)
+    log = np.array([scipy.stats.multivariate_normal.logpdf(y, np.zeros(40), np.eye(40) + s**2 * X @ X.T) for s in sizes])
+    weight = np.exp(log - logsumexp(log))
+    mean = weight @ sizes
+    assert one.process
+    assert one.size == pytest.approx(mean, rel=1e-3)
+    assert one.sigma == pytest.approx(np.sqrt(weight @ (sizes - mean) ** 2), rel=1e-2)
+
+
+def test_sigmas_cover_the_truth_when_the_truth_is_drawn_from_the_prior():
+    """Options, scales and amplitudes from the prior: errors over their sigmas have the mean square one."""
+    rng = np.random.default_rng(6)
+    options = [rng.standard_normal(12) * 0.8 for _ in range(4)]
+    scales = np.geomspace(0.3, 3, 5)
+    errors = []
+    for _ in range(600):
+        true = rng.choice(scales) * rng.standard_normal()
+        y = true * options[rng.integers(4)] + rng.standard_normal(12)
+        model = linear_model([[x[:, None] for x in options]], y, changes={0: {"scales": scales}})
+        (one,) = fit(model, [Member(0, 0, 0)])
+        errors.append((one.size - true) / one.sigma)
+    square = np.square(errors)
+    assert abs(square.mean() - 1) < 4 * square.std() / np.sqrt(600)
+    assert abs(np.mean(errors)) < 4 / np.sqrt(600)
+
+
+def test_options_of_another_meaning_do_not_enter_the_amplitudes():
+    """A richer form of an effect has other amplitudes; those of the option that is held are told."""
+    rng = np.random.default_rng(7)
+    x, more = rng.standard_normal((30, 1)), rng.standard_normal((30, 3))
+    y = 4 * x[:, 0] + rng.standard_normal(30)
+    both = linear_model([[x, np.hstack([x, more])]], y)
+    alone = linear_model([x], y)
+    assert fit(both, [Member(0, 0, 4)])[0].size == pytest.approx(fit(alone, [Member(0, 0, 4)])[0].size, rel=1e-9)
+
+
+def test_a_size_that_is_read_off_with_an_error_of_its_own_has_both():
+    rng = np.random.default_rng(8)
+    x = rng.standard_normal((30, 1))
+    y = 4 * x[:, 0] + rng.standard_normal(30)
+    exact = fit(linear_model([x], y), [Member(0, 0, 4)])[0]
+    rough = fit(linear_model([x], y, changes={0: {"size_sigma": lambda size: 0.2 * size}}), [Member(0, 0, 4)])[0]
+    assert rough.sigma == pytest.approx(np.hypot(exact.sigma, 0.2 * exact.size))

@@ -1,0 +1,102 @@
+"""From explanations to an answer: what is named, what is a group, and what is unknown."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from diagnosis.inference.attribution import as_unknown, attribute
+from diagnosis.inference.search import Explanation, Search
+from diagnosis.model.linear import Member
+from diagnosis.settings import DiagnosisSettings
+from tests.diagnosis.linear_models import linear_model
+
+
+@pytest.mark.parametrize(("angle", "verdict"), [(90.0, "named"), (0.0, "group")])
+def test_what_cannot_be_separated_is_a_group(angle, verdict):
+    rng = np.random.default_rng(7)
+    Q = np.linalg.qr(rng.standard_normal((100, 4)))[0] * 8
+    turn = np.deg2rad(angle)
+    columns = [Q[:, [0]], np.cos(turn) * Q[:, [0]] + np.sin(turn) * Q[:, [1]], Q[:, [2]], Q[:, [3]]]
+    y = 2 * Q[:, 0] + rng.standard_normal(100) * 0.5
+    model = linear_model(columns, y)
+    answer = attribute(model, Search(model).explanations())
+    assert answer.verdict == verdict
+    assert {label for label, _ in answer.slots[0].group} == ({"e0"} if verdict == "named" else {"e0", "e1"})
+
+
+def test_an_unlisted_rival_that_explains_better_is_unknown():
+    rng = np.random.default_rng(8)
+    Q = np.linalg.qr(rng.standard_normal((100, 3)))[0] * 8
+    columns = [Q[:, [0]], Q[:, [1]], 0.8 * Q[:, [0]] + 0.6 * Q[:, [2]]]
+    y = 2 * columns[2][:, 0] + 0.5 * rng.standard_normal(100)
+    model = linear_model(columns, y, changes={2: {"listed": False}})
+    answer = attribute(model, Search(model).explanations())
+    assert answer.verdict == "unknown"
+    assert answer.unknown > 0.9
+    assert answer.slots == ()
+    clear = replace(model, y=2 * Q[:, 0])  # and not always
+    assert attribute(clear, Search(clear).explanations()).verdict == "named"
+
+
+def three(probabilities, listed=(True, True, True)):
+    """A model of three candidates, and explanations by their keys with given probabilities."""
+    rng = np.random.default_rng(9)
+    changes = {number: {"listed": own} for number, own in enumerate(listed)}
+    model = linear_model([rng.standard_normal((10, 1)) for _ in range(3)], rng.standard_normal(10), changes=changes)
+    found = [
+        Explanation(tuple(Member(k, 0, 0) for k in key), 0.0, float(np.log(p))) for key, p in probabilities.items() if p > 0
+    ]
+    return model, sorted(found, key=lambda one: -one.log_posterior)
+
+
+def test_probability_of_a_cause_is_that_of_all_explanations_it_is_part_of():
+    answer = attribute(*three({(0,): 0.90, (0, 1): 0.08, (1,): 0.02}))
+    assert answer.verdict == "named"
+    (slot,) = answer.slots
+    assert slot.probability == pytest.approx(0.98)
+    assert slot.group == (("e0", slot.probability),)
+    assert [one.labels for one in answer.ranked] == [("e0",), ("e0", "e1"), ("e1",)]
+    assert [one.probability for one in answer.ranked] == pytest.approx([0.90, 0.08, 0.02])
+    assert not any(one.unlisted for one in answer.ranked)
+
+
+def test_alternatives_stand_in_one_place_of_the_explanation():
+    answer = attribute(*three({(0, 1): 0.6, (0, 2): 0.39, (1,): 0.01}))
+    assert answer.verdict == "group"
+    by_label = {slot.group[0][0]: slot for slot in answer.slots}
+    assert by_label["e0"].group == (("e0", pytest.approx(0.99)),)
+    assert [label for label, _ in by_label["e1"].group] == ["e1", "e2"]
+
+
+def test_alternatives_of_small_shares_and_too_many_of_them_are_left_out():
+    model, found = three({(0,): 0.7, (1,): 0.29, (2,): 0.01})
+    assert [label for label, _ in attribute(model, found).slots[0].group] == ["e0", "e1"]
+    (slot,) = attribute(model, found, DiagnosisSettings(group_share=0.001)).slots
+    assert [label for label, _ in slot.group] == ["e0", "e1", "e2"]
+    assert slot.group[1:] == (("e1", pytest.approx(0.29)), ("e2", pytest.approx(0.01)))
+    (slot,) = attribute(model, found, DiagnosisSettings(group_share=0.001, largest_group=1)).slots
+    assert slot.group == (("e0", pytest.approx(0.7)),)
+
+
+@pytest.mark.parametrize(("share", "verdict"), [(0.39, "group"), (0.41, "unknown")])
+def test_what_is_unlisted_counts_together(share, verdict):
+    """No explanation with something unlisted is the likeliest, all of them together count."""
+    model, found = three({(0,): 1 - share, (1,): share / 2, (0, 2): share / 2}, listed=(True, False, False))
+    answer = attribute(model, found)
+    assert answer.unknown == pytest.approx(share)
+    assert answer.verdict == verdict
+    assert attribute(model, found, DiagnosisSettings(unknown=0.5)).verdict == "group"
+
+
+def test_the_likeliest_number_of_effects_comes_before_the_likeliest_set():
+    """One pair is ahead, but that there is a single effect is more probable: which one is open."""
+    answer = attribute(*three({(0, 1): 0.4, (0,): 0.35, (2,): 0.25}))
+    assert [slot.group[0][0] for slot in answer.slots] == ["e0"]
+
+
+def test_what_a_check_rejects_is_unknown_with_the_same_explanations():
+    answer = attribute(*three({(0,): 0.99, (1,): 0.01}))
+    rejected = as_unknown(answer)
+    assert (rejected.verdict, rejected.slots, rejected.unknown) == ("unknown", (), 1.0)
+    assert rejected.ranked == answer.ranked

@@ -1,0 +1,198 @@
+"""Checks of what a named explanation leaves: they pass data of the named model, and see what is beside it."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import scipy.stats
+
+from diagnosis.inference import checks
+from diagnosis.inference.checks import Check, Layout, rejected, residual_checks
+from diagnosis.model.linear import Member
+from diagnosis.settings import DEFAULT, DiagnosisSettings
+from tests.diagnosis.linear_models import linear_model
+
+INTERVALS, EACH = 4, 30
+ROWS = INTERVALS * EACH
+PERIOD = 5000.0
+MEMBERS = (Member(0, 0, 6), Member(1, 0, 2))
+
+
+@pytest.fixture(scope="module")
+def layout():
+    rng = np.random.default_rng(1)
+    interval = np.repeat(np.arange(INTERVALS), EACH)
+    since = np.tile(60.0 * np.arange(EACH), INTERVALS)
+    rates = rng.standard_normal((ROWS, 3))
+    axes = np.linalg.qr(rng.standard_normal((ROWS, 3, 3)))[0]
+    t_s = since + 8000.0 * interval
+    regressors = np.column_stack([rates, np.abs(rates), t_s / t_s.max()])
+    return Layout(axes, t_s, since, interval, PERIOD, regressors, np.linalg.norm(rates, axis=1))
+
+
+@pytest.fixture(scope="module")
+def model():
+    """A drift and a random process that are named, and nuisance parameters."""
+    rng = np.random.default_rng(2)
+    drift = np.repeat(np.linspace(-1, 1, ROWS), 3)[:, None]
+    wander = np.cumsum(rng.standard_normal((3 * ROWS, 20)), axis=0) / 30
+    return linear_model([drift, wander], np.zeros(3 * ROWS), rng.standard_normal((3 * ROWS, 12)))
+
+
+def drawn(model, rng, count):
+    """Observations of the named model, (N, count)."""
+    C = np.hstack([model.scale(m) * model.X[:, model.option(m).columns] for m in MEMBERS])
+    return model.projected(rng.standard_normal((model.y.size, count))) + C @ rng.standard_normal((C.shape[1], count))
+
+
+def statistics(model, layout, y):
+    """(d,) each statistic of observations (N, d), as `residual_checks` makes them."""
+    C = np.hstack([model.scale(m) * model.X[:, model.option(m).columns] for m in MEMBERS])
+    L = np.linalg.cholesky(np.eye(model.y.size) + C @ C.T)
+    return checks._statistics(checks._in_body(np.linalg.solve(L, y), layout), layout)
+
+
+def checked(model, layout, y):
+    return {one.name: one for one in residual_checks(replace(model, y=y), MEMBERS, layout)}
+
+
+def along_body(layout, values):
+    """Observations (3 r,) of values (r, 3) along the body axes."""
+    return np.einsum("rba,rb->ra", layout.axes, values).ravel()
+
+
+def test_innovations_of_the_named_model_are_white(model, layout):
+    """Their size is χ² with the degrees of freedom: each has variance one, but for the nuisance parameters."""
+    size = statistics(model, layout, drawn(model, np.random.default_rng(3), 2000))["size"]
+    assert size.mean() == pytest.approx(model.dof, rel=4 * np.sqrt(2 / model.dof / 2000))
+    assert size.std() == pytest.approx(np.sqrt(2 * model.dof), rel=0.1)
+
+
+@pytest.mark.parametrize("level", [0.05, 0.01, 1e-3])
+def test_data_of_the_named_model_are_rejected_at_the_stated_rate(model, layout, level):
+    """Six sets of draws give p-values of ten thousand others; counted with the allowance for the number of checks."""
+    rng = np.random.default_rng(4)
+    data = statistics(model, layout, drawn(model, rng, 10_000))
+    shares = []
+    for _ in range(6):
+        own = statistics(model, layout, drawn(model, rng, checks.DRAWS))
+        p = np.min([checks._p_value(name, data[name], own[name]) for name in own], axis=0)
+        shares.append(np.mean(p * len(own) < level))
+    # Counting errors of the data, and what a thousand draws leave open: a fifth at 0.05 and a factor of two at a thousandth.
+    error = 4 * np.sqrt(level / 10_000) + level * (0.2 if level >= 0.01 else 1.0)
+    assert np.mean(shares) < level + error
+    assert np.mean(shares) > 0.4 * level  # and the checks can speak at all
+
+
+def test_whole_checks_of_the_named_model_seldom_reject(model, layout):
+    y = drawn(model, np.random.default_rng(5), 25)
+    settings = DiagnosisSettings(check=0.2)
+    count = sum(rejected(residual_checks(replace(model, y=y[:, k]), MEMBERS, layout, seed=k), settings) for k in range(25))
+    assert scipy.stats.binom.sf(count - 1, 25, 0.2) > 1e-4
+
+
+def beside(layout, kind):
+    """Something of two sigma or so beside the named effects, (3 r,)."""
+    values = np.zeros((ROWS, 3))
+    if kind == "line":
+        values[:, 1] = 1.3 * np.sin(2 * np.pi * layout.since_s / 410.0 + layout.interval)
+    elif kind == "step":
+        values[:, 2] = 3.0 * (layout.t_s > 10_000)
+    elif kind == "start":
+        values[:, 0] = 4.0 * np.exp(-layout.since_s / 300.0)
+    elif kind == "orbit":
+        values[:, 0] = 1.5 * np.sin(4 * np.pi * layout.t_s / PERIOD)
+    elif kind == "rate":
+        values[:, 1] = 1.2 * layout.regressors[:, 0]
+    return along_body(layout, values)
+
+
+@pytest.mark.parametrize(
+    ("kind", "name"),
+    [
+        ("line", "line of any period"),
+        ("step", "correlation in time"),
+        ("start", "pattern since the interval's start"),
+        ("orbit", "pattern with the orbit"),
+        ("rate", "dependence on what is known"),
+    ],
+)
+def test_what_is_beside_the_named_effects_is_seen_for_what_it_is(model, layout, kind, name):
+    y = drawn(model, np.random.default_rng(6), 1)[:, 0]
+    assert not rejected(list(checked(model, layout, y).values()), DEFAULT)
+    found = checked(model, layout, y + model.projected(beside(layout, kind)))
+    assert rejected(list(found.values()), DEFAULT)
+    assert found[name].p_value < 1e-6
+    assert found[name].value > found[name].expected
+
+
+@pytest.mark.parametrize(
+    ("scatter", "name"),
+    [
+        (lambda layout: np.full(ROWS, 1.4), "size"),
+        (lambda layout: np.full(ROWS, 0.7), "size"),
+        (lambda layout: np.where(layout.interval == 2, 1.8, 1.0), "variance over the intervals"),
+        (lambda layout: np.where(layout.activity > np.quantile(layout.activity, 0.8), 2.2, 1.0), "variance with the rate"),
+    ],
+)
+def test_noise_other_than_stated_is_seen(model, layout, scatter, name):
+    """More or less of it everywhere, in one interval, or at fast rates."""
+    rng = np.random.default_rng(7)
+    y = drawn(model, rng, 1)[:, 0]
+    C = np.hstack([model.scale(m) * model.X[:, model.option(m).columns] for m in MEMBERS])
+    L = np.linalg.cholesky(np.eye(y.size) + C @ C.T)
+    innovations = np.linalg.solve(L, y) * np.repeat(scatter(layout), 3)
+    found = checked(model, layout, model.projected(L @ innovations))
+    assert found[name].p_value < 1e-4
+
+
+def test_single_large_residuals_are_seen_by_the_shape(model, layout):
+    y = drawn(model, np.random.default_rng(8), 1)[:, 0]
+    odd = np.zeros(3 * ROWS)
+    odd[[40, 200]] = 9.0
+    found = checked(model, layout, y + model.projected(odd))
+    assert found["shape"].p_value < 1e-6
+
+
+def test_too_little_is_not_checked(model, layout):
+    few = replace(layout, t_s=layout.t_s[:11])
+    assert residual_checks(model, MEMBERS, few) == ()
+    assert not rejected((), DEFAULT)
+
+
+def test_the_number_of_checks_is_allowed_for():
+    level = DEFAULT.check
+    made = [Check(str(number), 0.0, 0.0, 0.5) for number in range(8)]
+    assert rejected([*made, Check("odd", 0.0, 0.0, 0.9 * level / 9)], DEFAULT)
+    assert not rejected([*made, Check("odd", 0.0, 0.0, 1.1 * level / 9)], DEFAULT)
+
+
+def test_arcs_that_are_too_short_have_no_lines(layout):
+    e = np.random.default_rng(9).standard_normal((ROWS, 3, 5))
+    assert checks._lines(e, layout) is not None
+    short = replace(layout, since_s=np.tile(60.0 * np.arange(3), ROWS // 3), interval=np.repeat(np.arange(ROWS // 3), 3))
+    assert checks._lines(e, short) is None
+
+
+@pytest.mark.parametrize("degrees", [18, 200])
+def test_p_values_of_sums_of_squares_are_those_of_chi_square(degrees):
+    rng = np.random.default_rng(10)
+    levels = np.array([0.3, 1e-2, 1e-4])
+    values = scipy.stats.chi2.isf(levels, degrees)
+    found = [checks._p_value("a sum", values, rng.chisquare(degrees, checks.DRAWS)) for _ in range(50)]
+    np.testing.assert_allclose(np.log(found).mean(axis=0), np.log(levels), atol=0.35)
+    few = scipy.stats.chi2.isf(1 - levels, degrees)
+    both = [checks._p_value(checks.TWO_SIDED, few, rng.chisquare(degrees, checks.DRAWS)) for _ in range(50)]
+    assert (np.log(both).mean(axis=0)[1:] < np.log([0.05, 5e-3])).all()
+
+
+def test_p_values_of_the_largest_of_many_are_those_of_gumbel():
+    rng = np.random.default_rng(11)
+    levels = np.array([0.3, 1e-2, 1e-6])
+    values = -np.log(-np.log1p(-levels) / 144)
+    found = [checks._p_value(checks.LARGEST, values, rng.exponential(size=(144, checks.DRAWS)).max(axis=0)) for _ in range(50)]
+    np.testing.assert_allclose(np.log(found).mean(axis=0), np.log(levels), atol=0.2)
+
+
+def test_a_statistic_that_cannot_vary_says_nothing():
+    assert checks._p_value("a sum", np.array([1.0]), np.ones(50)) == 1.0

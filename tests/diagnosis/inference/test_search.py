@@ -1,0 +1,162 @@
+"""The search against sets built on purpose, and its products against conditioning on the columns one by one."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import scipy.stats
+
+from diagnosis.inference.null import p_value
+from diagnosis.inference.search import Search, total
+from diagnosis.model.linear import Member
+from diagnosis.settings import DiagnosisSettings
+from tests.diagnosis.linear_models import SCALES, linear_model
+
+
+def normal_ratio(y, C):
+    """log of the density of y ~ N(0, I + C Cᵀ) over that of N(0, I)."""
+    zero, unit = np.zeros(y.size), np.eye(y.size)
+    plain = scipy.stats.multivariate_normal.logpdf(y, zero, unit)
+    return scipy.stats.multivariate_normal.logpdf(y, zero, unit + C @ C.T) - plain
+
+
+def test_the_best_pair_is_found_although_the_best_single_is_not_in_it():
+    rng = np.random.default_rng(4)
+    a, b = rng.standard_normal((2, 200, 1))
+    decoy = a + b + 0.35 * rng.standard_normal((200, 1))  # nearest to the sum of both
+    others = [rng.standard_normal((200, 1)) for _ in range(8)]
+    y = (3 * a + 3 * b)[:, 0] + rng.standard_normal(200)
+    search = Search(linear_model([decoy, a, b, *others], y))
+    assert search.singles()[0].key == {0}
+    assert search.explanations()[0].key == {1, 2}
+
+
+def test_conditional_scores_are_those_of_the_columns_themselves():
+    rng = np.random.default_rng(5)
+    columns = [rng.standard_normal((30, k)) for k in (1, 2, 6)]
+    y = rng.standard_normal(30) * 1.5
+    search = Search(linear_model(columns, y))
+    given = search.given((Member(1, 0, 3),))
+    C = columns[1] * SCALES[3]
+    assert given.log_bayes == pytest.approx(normal_ratio(y, C), abs=1e-9)
+    for prepared in (False, True):
+        if prepared:
+            given.prepare_all()
+        for k in (0, 2):
+            expected = [normal_ratio(y, np.hstack([C, columns[k] * s])) - normal_ratio(y, C) for s in SCALES]
+            assert np.allclose(search.tables(k, given)[0], expected, atol=1e-8)
+
+
+def test_options_of_different_widths_are_scored_like_others():
+    rng = np.random.default_rng(6)
+    parts = [rng.standard_normal((30, k)) for k in (1, 5)]
+    y = rng.standard_normal(30) * 1.5
+    search = Search(linear_model([parts], y))
+    expected = [[normal_ratio(y, part * s) for s in SCALES] for part in parts]
+    assert np.allclose(search.tables(0, None), expected, atol=1e-8)
+    # A first look at the strongest columns only, here at the first two of five.
+    least = [[normal_ratio(y, part[:, :2] * s) for s in SCALES] for part in parts]
+    assert np.allclose(search.tables(0, None, 2), least, atol=1e-8)
+
+
+def test_evidence_of_a_set_is_that_of_its_columns_with_the_average_of_each_member():
+    """With one scale and one option each there is nothing to average over: the set is one covariance."""
+    rng = np.random.default_rng(7)
+    columns = [rng.standard_normal((25, k)) for k in (1, 2, 1)]
+    y = rng.standard_normal(25) * 2
+    one = {number: {"scales": np.array([s])} for number, s in enumerate((0.5, 1.5, 0.8))}
+    found = Search(linear_model(columns, y, changes=one)).settled((Member(0, 0, 0), Member(1, 0, 0), Member(2, 0, 0)))
+    C = np.hstack([0.5 * columns[0], 1.5 * columns[1], 0.8 * columns[2]])
+    assert found.log_evidence == pytest.approx(normal_ratio(y, C), abs=1e-8)
+
+
+def test_prior_of_a_set_counts_every_further_effect():
+    rng = np.random.default_rng(8)
+    columns = [rng.standard_normal((40, 1)) for _ in range(4)]
+    settings = DiagnosisSettings(another=0.2)
+    search = Search(linear_model(columns, rng.standard_normal(40), most_effects=2, changes={2: {"log_odds": 3.0}}), settings)
+    one, two = search.of(("e0",)), search.of(("e0", "e2"))
+    share = -np.log(4)
+    assert one.log_posterior - one.log_evidence == pytest.approx(share + np.log(0.8))
+    assert two.log_posterior - two.log_evidence == pytest.approx(2 * share + 3.0 + np.log(0.2))
+    assert search.of(("e0", "nothing")) is None
+
+
+def test_null_statistic_of_many_is_that_of_each():
+    rng = np.random.default_rng(9)
+    columns = [rng.standard_normal((30, 1)), rng.standard_normal((30, 2)), [rng.standard_normal((30, k)) for k in (1, 6)]]
+    Y = rng.standard_normal((30, 4))
+    model = linear_model(columns, Y[:, 0], changes={0: {"positive": True}})
+    together = Search(model).null_statistic(model.X.T @ Y)
+    for k in range(4):
+        singles = Search(replace(model, y=Y[:, k])).singles()
+        expected = np.log(sum(np.exp(e.log_evidence + model.candidates[next(iter(e.key))].log_prior) for e in singles))
+        assert together[k] == pytest.approx(expected, abs=1e-9)
+
+
+def test_the_search_leaves_a_wrong_set_for_the_right_one():
+    """Whatever the beam began with: members are taken out and exchanged until nothing is better."""
+    rng = np.random.default_rng(10)
+    columns = [rng.standard_normal((150, 1)) for _ in range(30)]
+    y = 4 * columns[11][:, 0] - 5 * columns[23][:, 0] + rng.standard_normal(150)
+    search = Search(linear_model(columns, y))
+    start = search.settled(tuple(Member(k, 0, 4) for k in (11, 3, 5)))
+    found = {start.key: start}
+    search._exchange(found)
+    best = max(found.values(), key=lambda explanation: explanation.log_posterior)
+    assert best.key == {11, 23}
+    assert best.log_posterior > start.log_posterior + 100
+
+
+def test_rivals_leave_room_in_the_beam_for_two_listed_effects():
+    """Twelve rivals, each near to the sum of two effects, come before either of them alone."""
+    rng = np.random.default_rng(11)
+    a, b = rng.standard_normal((2, 200, 1))
+    y = (3 * a + 3 * b)[:, 0] + rng.standard_normal(200)
+    decoys = [a + b + 0.35 * rng.standard_normal((200, 1)) for _ in range(12)]
+    rivals = {number: {"listed": False} for number in range(2, 14)}
+    search = Search(linear_model([a, b, *decoys], y, changes=rivals))
+    assert {next(iter(one.key)) for one in search.singles()[:12]} == set(rivals)
+    assert search.explanations()[0].key == {0, 1}
+
+
+def test_over_times_has_every_likely_time_with_its_probability():
+    rng = np.random.default_rng(12)
+    n = 200
+    steps = [(np.arange(n) >= start).astype(float)[:, None] for start in range(10, 190, 10)]
+    y = 1.0 * steps[8][:, 0] + rng.standard_normal(n)
+    model = linear_model([steps, rng.standard_normal((n, 1))], y, changes={})
+    candidate = model.candidates[0]
+    options = tuple(replace(o, parameters={"time_s": float(k)}) for k, o in enumerate(candidate.options))
+    model = replace(model, candidates=(replace(candidate, options=options), model.candidates[1]))
+    search = Search(model)
+    best = search.of(("e0", "e1"))
+    sets = search.over_times(best.members)
+    assert sum(share for share, _ in sets) == pytest.approx(1.0)
+    likeliest = max(sets, key=lambda one: one[0])[1]
+    assert abs(likeliest[0].option - 8) <= 2
+    assert all(members[1] == best.members[1] for _, members in sets)
+    shares = [share for share, _ in sets]
+    assert len(shares) > 1
+    assert min(shares) > 0.02 * max(shares)
+
+
+@pytest.mark.parametrize("projected", [False, True])
+def test_p_value_is_uniform_under_m0_and_small_with_an_effect(projected):
+    rng = np.random.default_rng(13)
+    columns = [rng.standard_normal((50, k)) for k in (1, 1, 2, 8)]
+    nuisance = rng.standard_normal((50, 5)) if projected else None
+    p = []
+    for seed in range(60):
+        model = linear_model(columns, rng.standard_normal(50), nuisance)
+        p.append(p_value(Search(model), seed, 99))
+    assert scipy.stats.kstest(p, "uniform").pvalue > 1e-3
+    strong = linear_model(columns, 8 * columns[0][:, 0] + rng.standard_normal(50), nuisance)
+    # Beyond what the draws resolve it is the bound on the evidence.
+    assert p_value(Search(strong), 0, 99) < 1e-20
+
+
+def test_total_is_the_log_of_the_sum():
+    rng = np.random.default_rng(14)
+    found = Search(linear_model([rng.standard_normal((20, 1)) for _ in range(3)], rng.standard_normal(20))).explanations()
+    assert total(found) == pytest.approx(np.log(sum(np.exp(one.log_posterior) for one in found)))
