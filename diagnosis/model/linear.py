@@ -11,7 +11,7 @@ A *candidate* is one effect about one axis, or one *unlisted rival*, a discrepan
 the factor of its covariance.
 
 Builders make a `LinearModel` from a recording (`diagnosis.model.candidates`), from raw sensor tables
-(`diagnosis.model.sensor_tables`) or from other data. `diagnosis.inference` knows none of them.
+(`diagnosis.model.sensors.tables`) or from other data. `diagnosis.inference` knows none of them.
 """
 
 from __future__ import annotations

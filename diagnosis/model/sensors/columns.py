@@ -111,11 +111,15 @@ def listed_families(effects: Iterable[SensorEffect], about: Mapping[str, Held]) 
 def _listed(effect: SensorEffect, axis: str | None, about: Mapping[str, Held]) -> Family:
     label = effect.name if axis is None else f"{effect.name}:{axis}"
     at = about.get(label, Held(np.zeros(effect.count), {}))
-    # What was found between the options of an effect is tried there only; it has the prior share of one of them.
-    options = (at.parameters, *at.others) if label in about and effect.refined else effect.options
-    weight = 1 / len(effect.options) / (len(options) if options is not effect.options else 1)
+    options, share = effect.options, 1.0
+    if label in about and effect.refined:
+        # Parameters that were found between the options are tried there only, with the prior share of one option.
+        options, share = (at.parameters, *at.others), 1 / len(effect.options)
     held = [replace(at, parameters=option) for option in options]
-    choices = [Choice(slice(k * effect.count, (k + 1) * effect.count), dict(one), weight) for k, one in enumerate(options)]
+    choices = [
+        Choice(slice(k * effect.count, (k + 1) * effect.count), dict(option), share / len(options))
+        for k, option in enumerate(options)
+    ]
     return Family(
         effect.name, axis, True, partial(_listed_columns, effect=effect, axis=axis, held=held), tuple(choices), effect.finding
     )
