@@ -127,8 +127,8 @@ def half_width(one: DeadStretches, missing: Array) -> tuple[float, float]:
 
 
 def usual_slow_rate(recording: Recording, rates: Array, bias: Array) -> float:
-    """Usual size of slow raw rates, rad/s: that of the biases, or of the slower half of what the middle one of the gyros
-    reads.""" count = max(1, round(SLOW_WINDOW_S / recording.gyro.sample_s))
+    """Usual size of slow raw rates, rad/s: that of the biases, or the slower half of what the middle one of the gyros reads."""
+    count = max(1, round(SLOW_WINDOW_S / recording.gyro.sample_s))
     windows = np.concatenate(
         [
             np.column_stack([part for _, part in (_windows(recording, rates[:, k], count)[i] for k in range(3))])
