@@ -28,7 +28,7 @@ AXES = "xyz"
 UNSEEN = 0.5  # usual size of the motion inside the zone beside the rates that are missing
 DIFFERENCE = 0.4  # usual size of the differences between runs beside what they have in common
 SCALES = (0.3, 3.0)  # of the amplitudes, in usual rates
-MOST_ODDS = 10.0  # that the samples may give it: their model of the motion is a rough one
+MOST_ODDS = 4.0  # that the samples may give it: their model of the motion is a rough one, and the attitude must show it
 LEAST_ODDS = -10.0  # that they may hold against it
 
 
