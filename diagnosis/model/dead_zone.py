@@ -10,6 +10,7 @@ is the scale of the amplitudes; a run in which the attitude denies such a rate s
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -58,7 +59,9 @@ def dead_zone_groups(prepared: Prepared, effects: Sequence[Effect]) -> list[Grou
     effect = next((one for one in effects if one.symptom == "dead_zone"), None)
     if effect is None:
         return []
-    return [_group(prepared.model, one, effect) for one in prepared.dead]
+    # Each gyro could have had one beforehand, also those that show none.
+    weight = effect.weight * len(prepared.dead) / len(AXES)
+    return [replace(_group(prepared.model, one, effect), weight=weight) for one in prepared.dead]
 
 
 def _group(model: RecordingModel, one: DeadStretches, effect: Effect) -> Group:
