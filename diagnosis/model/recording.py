@@ -47,6 +47,7 @@ Indices = NDArray[np.intp]
 MOST_CELLS = 320  # cells of a recording; random processes cost the cube of it
 MOST_STEPS = 60_000  # steps on which columns are made
 MOST_OBSERVATIONS = 500  # attitudes that enter the model; its cost grows with the square of them
+FEWEST_OBSERVATIONS = 10  # of an interval that are left by averaging; with few of them its motion would be lost
 RANK = 1e-9  # relative size below which a nuisance column adds nothing to the others
 
 
@@ -90,7 +91,7 @@ class Block:
 
 @dataclass(frozen=True)
 class Cells:
-    """Stretches between references and inside long gaps of them, over which a random rate error is taken as constant.
+    """Stretches between observations and inside long gaps of them, over which a random rate error is taken as constant.
 
     Attributes
     ----------
@@ -323,12 +324,12 @@ class RecordingModel:
 
     @cached_property
     def cells(self) -> Cells:
-        """Cells that end at every reference."""
+        """Cells that end where an observation begins."""
         total = float(self.dt.sum())
         length = total / MOST_CELLS * 1.35  # gaps between references leave short ones
         parts: list[tuple[int, int, int]] = []
         for number, block in enumerate(self.blocks):
-            for low, high in zip(block.ends[:-1], block.ends[1:], strict=True):
+            for low, high in pairwise([*block.ends[block.groups], block.ends[-1]]):
                 duration = float(self.dt[block.steps][low:high].sum())
                 count = min(max(1, round(duration / length)), int(high - low))
                 edges = np.linspace(low, high, count + 1).round().astype(int) + block.steps.start
@@ -346,8 +347,8 @@ class RecordingModel:
         out = np.zeros((3, self.size, count))
         for number, block in enumerate(self.blocks):
             inside = np.flatnonzero(self.cells.interval == number)
-            done = self.cells.last[inside][None, :] - block.steps.start <= block.ends[:, None]  # (m, cells inside)
-            share = block.observed(done.astype(float))
+            begin, end = (edges[inside][None, :] - block.steps.start for edges in (self.cells.first, self.cells.last))
+            share = block.observed(np.clip((block.ends[:, None] - begin) / (end - begin), 0.0, 1.0))  # (r, cells inside)
             for axis in range(3):
                 part = share[:, None, :] * turned[inside, :, axis].T[None]
                 out[axis][np.ix_(np.arange(block.rows.start, block.rows.stop), inside)] = part.reshape(-1, inside.size)
@@ -428,7 +429,7 @@ def linearised(
         elapsed = np.append(0.0, parts.elapsed_s[outputs])
         began = tags[samples[0]] + _offset(tags[samples[0]], recording.attitudes.t_s[references[0]])
         t_s = began + np.cumsum(length) - 0.5 * length
-        groups = np.arange(0, references.size, references_each)
+        groups = np.arange(0, references.size, max(1, min(references_each, references.size // FEWEST_OBSERVATIONS)))
         if density is None:
             walk = recording.gyro.arw**2 * elapsed[:, None, None] * np.eye(3)
         else:
