@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -56,7 +56,7 @@ def assembled(
         false_alarm_rate=settings.false_alarm_rate,
         where=tuple(where),
         causes=_causes(samples, attribution, explained.fitted, settings),
-        alternatives=_alternatives(attribution),
+        alternatives=alternatives(attribution),
         unknown_probability=float(unknown),
         closure=explained.closed,
         G=model.G + explained.change[:9].reshape(3, 3),
@@ -79,13 +79,11 @@ def _causes(
     """The causes that the samples show, and those of the attitude; one that both show is as the samples show it."""
     shown = [one.cause(settings) for one in samples if one.effect is not None]
     labels = {cause.label for cause in shown}
-    return (*shown, *(cause for cause in attitude_causes(attribution, fitted, settings) if cause.label not in labels))
+    return (*shown, *(cause for cause in causes_of(attribution, fitted, settings) if cause.label not in labels))
 
 
-def attitude_causes(
-    attribution: Attribution | None, fitted: Sequence[Fitted], settings: DiagnosisSettings
-) -> tuple[Cause, ...]:
-    """The causes that the attitude shows."""
+def causes_of(attribution: Attribution | None, fitted: Sequence[Fitted], settings: DiagnosisSettings) -> tuple[Cause, ...]:
+    """The causes that the data of a linear model show."""
     if attribution is None:
         return ()
     return tuple(
@@ -117,8 +115,12 @@ def _posterior(
     shown = tuple(one.cause(settings).label for one in samples if one.effect is not None)
     if any(one.effect is None for one in samples):
         return ((("unknown",), 1.0),)
-    attribution = explained.attribution
-    if not gap or attribution is None:
+    return posterior(explained.attribution if gap else None, shown)
+
+
+def posterior(attribution: Attribution | None, shown: tuple[str, ...] = ()) -> tuple[tuple[tuple[str, ...], float], ...]:
+    """Probability of each explanation, with labels that are in all of them; to a sum of `KEPT`."""
+    if attribution is None:
         return ((shown, 1.0),)
     if attribution.verdict == "unknown" and attribution.unknown == 1.0:
         return ((("unknown",), 1.0),)
@@ -126,6 +128,11 @@ def _posterior(
     for one in attribution.ranked:
         labels = ("unknown",) if one.unlisted else (*shown, *(label for label in sorted(one.labels) if label not in shown))
         found[labels] = found.get(labels, 0.0) + one.probability
+    return likeliest(found)
+
+
+def likeliest(found: Mapping[tuple[str, ...], float]) -> tuple[tuple[tuple[str, ...], float], ...]:
+    """Explanations with their probabilities, the likeliest first, to a sum of `KEPT`."""
     out, total = [], 0.0
     for labels, probability in sorted(found.items(), key=lambda pair: -pair[1]):
         out.append((labels, probability))
@@ -180,7 +187,8 @@ def _likely(explained: Explained, settings: DiagnosisSettings) -> tuple[str, ...
     )
 
 
-def _alternatives(attribution: Attribution | None) -> tuple[tuple[tuple[str, ...], float], ...]:
+def alternatives(attribution: Attribution | None) -> tuple[tuple[tuple[str, ...], float], ...]:
+    """The next best explanations with their probabilities."""
     if attribution is None:
         return ()
     chosen = {tuple(slot.group[0][0] for slot in attribution.slots)} if attribution.slots else set()
@@ -188,6 +196,15 @@ def _alternatives(attribution: Attribution | None) -> tuple[tuple[tuple[str, ...
         (one.labels, one.probability)
         for one in attribution.ranked[:SHOWN_EXPLANATIONS]
         if one.labels not in chosen and one.probability > WORTH_SHOWING
+    )
+
+
+def explanation_table(attribution: Attribution | None) -> pd.DataFrame:
+    """All explanations with a probability worth keeping."""
+    ranked = [one for one in attribution.ranked if one.probability >= WORTH_KEEPING] if attribution is not None else []
+    return pd.DataFrame.from_records(
+        [(" + ".join(one.labels), one.probability, one.log_evidence, one.unlisted) for one in ranked],
+        columns=["effects", "probability", "log_evidence", "unlisted"],
     )
 
 
@@ -221,16 +238,11 @@ def _details(prepared: Prepared, explained: Explained, table: pd.DataFrame) -> D
                 )
             )
     columns = ["cause", "interval", "axis", "t_s", "regressor_deg", "residual_deg"]
-    attribution = explained.attribution
-    ranked = [one for one in attribution.ranked if one.probability >= WORTH_KEEPING] if attribution is not None else []
     return Details(
         residuals=residuals,
         statistics=table,
         regressors=pd.concat(regressors, ignore_index=True) if regressors else pd.DataFrame(columns=columns),
-        explanations=pd.DataFrame.from_records(
-            [(" + ".join(one.labels), one.probability, one.log_evidence, one.unlisted) for one in ranked],
-            columns=["effects", "probability", "log_evidence", "unlisted"],
-        ),
+        explanations=explanation_table(explained.attribution),
         stream=pd.DataFrame.from_records(
             [(t.statistic, t.axis, t.value, t.expected, t.p_value, t.text) for t in prepared.samples.tests],
             columns=["statistic", "axis", "value", "expected", "p_value", "text"],

@@ -18,6 +18,7 @@ from diagnosis.inference.checks import Check, rejected, residual_checks
 from diagnosis.inference.closure import closure
 from diagnosis.inference.null import p_value
 from diagnosis.inference.search import Search
+from diagnosis.merge import merged
 from diagnosis.model.calibration import calibrated
 from diagnosis.model.candidates import linear_model
 from diagnosis.model.dead_zone import dead_zone_groups
@@ -26,12 +27,13 @@ from diagnosis.model.linear import LinearModel
 from diagnosis.model.prepare import Prepared, prepare
 from diagnosis.model.symptoms import SampleCause, sample_causes
 from diagnosis.result import Diagnosis
+from diagnosis.sensor_tables import diagnose_sensors
 from diagnosis.settings import DEFAULT, DiagnosisSettings
 from gyrocal.errors import InputError
 from gyrocal.recording import Recording
 from simulator.effects import EFFECTS
 from simulator.effects.base import Effect
-from simulator.effects.sensor import ALL_EFFECTS
+from simulator.effects.sensor import ALL_EFFECTS, SENSOR_EFFECTS
 
 Array = NDArray[np.float64]
 Progress = Callable[[str, float], None]
@@ -95,7 +97,7 @@ def diagnose(
         samples = sample_causes(prepared, effects, settings)
         explained = explain(prepared, effects, settings, seed, tell)
         found = assembled(prepared, samples, explained, settings, time.perf_counter() - began)
-        return found if recording.sensors is None else _with_sensors(found, recording, seed, library)
+        return found if recording.sensors is None else _with_sensors(found, recording, library, settings, seed)
 
 
 def nameable(library: Sequence[str] | None) -> list[Effect]:
@@ -141,13 +143,14 @@ def explain(
     return Explained(linear, p, attribution, fitted, checks, closed, change, covariance)
 
 
-def _with_sensors(found: Diagnosis, recording: Recording, seed: int, library: Sequence[str] | None) -> Diagnosis:
-    from diagnosis.sensors import diagnose as diagnose_sensors
-    from diagnosis.sensors.merge import merged
-
+def _with_sensors(
+    found: Diagnosis, recording: Recording, library: Sequence[str] | None, settings: DiagnosisSettings, seed: int
+) -> Diagnosis:
+    """The answer with what the raw sensor tables say."""
     began = time.perf_counter()
+    effects = [effect for name, effect in SENSOR_EFFECTS.items() if library is None or name in library]
     try:
-        sensors = diagnose_sensors(recording, seed=seed, library=library)
+        sensors = diagnose_sensors(recording, effects, settings, seed)
     except InputError as error:
         return replace(found, notes=(*found.notes, f"The raw sensor tables were not looked at: {error}"))
     return replace(merged(found, sensors), runtime_s=found.runtime_s + time.perf_counter() - began)

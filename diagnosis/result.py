@@ -4,16 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
 from diagnosis.answer import Cause, Closure, Finding, Verdict
-
-if TYPE_CHECKING:
-    from diagnosis.sensors.result import SensorDiagnosis
+from diagnosis.sensor_result import SensorDiagnosis
 
 Array = NDArray[np.float64]
 

@@ -56,6 +56,12 @@ class DiagnosisSettings:
     largest_set: int = threshold(
         3, "effects in one explanation of the attitude", "effects", "cost; four were never identifiable"
     )
+    largest_sensor_set: int = threshold(
+        5,
+        "effects in one explanation of raw sensor tables",
+        "effects",
+        "sensors are mounted and calibrated one by one; those of TRMM were off by four effects",
+    )
     check: float = threshold(
         1e-4,
         "p-value of all checks of a named explanation together, below which the answer is unknown",

@@ -6,6 +6,7 @@ regular file, or nothing, is replaced in this way: a pipe, a device or an open f
 """
 
 import os
+import re
 import secrets
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -17,7 +18,8 @@ TEMPORARY = ".tmp"  # how the names of temporary files end
 
 def regular(path: Path) -> Path | None:
     """The regular file that a path leads to, there or not yet; None if it leads to a pipe, a device or an open file."""
-    opened = path.is_symlink() and os.path.realpath(path.parent).startswith(("/dev", "/proc"))
+    # /dev/stdout, or a descriptor under /dev/fd, which leads to /proc: a link to whatever the shell opened, a file too.
+    opened = re.fullmatch("/dev|/proc/[^/]+/fd", os.path.realpath(path.parent)) and path.is_symlink()
     if opened or (path.exists() and not path.is_file()):
         return None
     return Path(os.path.realpath(path))

@@ -30,6 +30,8 @@ Indices = NDArray[np.intp]
 
 WINDOW_S = 5.0  # s, least length of the windows
 WINDOW_SAMPLES = 6  # at least
+LONGEST_WINDOW_S = 60.0  # s
+SLOW_WINDOW_S = 20.0  # s, of the means that show how large slow rates usually are
 RESOLVED = 6.0  # sigmas of a window's mean in the usual slow rate, which make it as long as needed
 SHORTEST_S = 40.0  # s of a run
 SHORTEST_WINDOWS = 4  # of a run
@@ -71,7 +73,7 @@ class DeadStretches:
     usual: float
 
 
-def dead_stretches(recording: Recording, rates: Array, noise: Array) -> list[DeadStretches]:
+def dead_stretches(recording: Recording, rates: Array, noise: Array, usual: float) -> list[DeadStretches]:
     """Gyros whose slow readings are zero in runs.
 
     Parameters
@@ -79,12 +81,15 @@ def dead_stretches(recording: Recording, rates: Array, noise: Array) -> list[Dea
     recording : for the intervals
     rates : (n, 3) raw rates, repaired, rad/s
     noise : (3,) white noise of a sample, rad/s
+    usual : usual size of slow raw rates, that of the biases, rad/s
     """
-    found = (_of_axis(recording, rates[:, axis], float(noise[axis]), axis) for axis in range(3) if noise[axis] > 0)
+    if usual <= 0:
+        return []
+    found = (_of_axis(recording, rates[:, axis], float(noise[axis]), axis, usual) for axis in range(3) if noise[axis] > 0)
     return [one for one in found if one is not None]
 
 
-def of_zero_samples(recording: Recording, axis: int, smallest: float) -> DeadStretches | None:
+def of_zero_samples(recording: Recording, axis: int, smallest: float, usual: float) -> DeadStretches | None:
     """The slow parts of a gyro whose samples read exactly zero in its zone, as one whose noise comes before it does.
 
     Parameters
@@ -92,14 +97,14 @@ def of_zero_samples(recording: Recording, axis: int, smallest: float) -> DeadStr
     recording : as it was recorded
     axis : which gyro
     smallest : smallest rate that is read, rad/s
+    usual : usual size of slow raw rates, rad/s
     """
     zero = recording.gyro.rates[:, axis] == 0.0
     often = scipy.ndimage.uniform_filter1d(zero.astype(float), ZERO_WINDOW, mode="nearest") > ZERO_SHARE
     stretch = np.full(zero.size, -1)
     for number, (low, high) in enumerate(runs(often)[:MOST_PARTS]):
         stretch[low:high] = number
-    usual = max(_usual(recording), smallest)
-    return DeadStretches(axis, stretch, MOST_ODDS, smallest, True, usual) if (stretch >= 0).any() else None
+    return DeadStretches(axis, stretch, MOST_ODDS, smallest, True, max(usual, smallest)) if (stretch >= 0).any() else None
 
 
 def half_width(one: DeadStretches, missing: Array) -> tuple[float, float]:
@@ -121,11 +126,24 @@ def half_width(one: DeadStretches, missing: Array) -> tuple[float, float]:
     return low, EDGE * low
 
 
-def _of_axis(recording: Recording, x: Array, noise: float, axis: int) -> DeadStretches | None:
-    usual = _usual(recording)
-    if usual <= 0:
-        return None
-    count = max(WINDOW_SAMPLES, round(WINDOW_S / recording.gyro.sample_s), int((RESOLVED * noise / usual) ** 2))
+def usual_slow_rate(recording: Recording, rates: Array, bias: Array) -> float:
+    """Usual size of slow raw rates, rad/s: that of the biases, or the slower half of what the middle one of the gyros reads."""
+    count = max(1, round(SLOW_WINDOW_S / recording.gyro.sample_s))
+    windows = np.concatenate(
+        [
+            np.column_stack([part for _, part in (_windows(recording, rates[:, k], count)[i] for k in range(3))])
+            for i in range(len(recording.intervals))
+        ]
+    )
+    slow = np.sort(np.abs(windows), axis=0)[: max(1, len(windows) // 2)]
+    read = float(np.median(np.sqrt(np.mean(slow**2, axis=0)))) if len(windows) else 0.0
+    return max(float(np.sqrt(np.mean(bias**2))), read)
+
+
+def _of_axis(recording: Recording, x: Array, noise: float, axis: int, usual: float) -> DeadStretches | None:
+    longest = max(WINDOW_SAMPLES, round(LONGEST_WINDOW_S / recording.gyro.sample_s))
+    wanted = min(int((RESOLVED * noise / usual) ** 2), longest)
+    count = max(WINDOW_SAMPLES, round(WINDOW_S / recording.gyro.sample_s), wanted)
     sigma = noise / np.sqrt(count)
     shortest = max(SHORTEST_WINDOWS, int(np.ceil(SHORTEST_S / (count * recording.gyro.sample_s))))
     stretch = np.full(x.size, -1)
@@ -172,11 +190,6 @@ def _is_zero(z: Array) -> bool:
     quarters = np.array([part.mean() * np.sqrt(part.size) for part in np.array_split(z, 4)])
     p = min(float(scipy.stats.chi2.sf(np.sum(z**2), z.size)), float(scipy.stats.chi2.sf(np.sum(quarters**2), 4)))
     return p > CONSISTENT
-
-
-def _usual(recording: Recording) -> float:
-    """Usual size of slow raw rates: the biases as they are known beforehand."""
-    return float(np.sqrt(np.mean(recording.gyro.apriori_bias**2)))
 
 
 def _log_odds(means: Array, sigmas: Array, usual: float) -> float:

@@ -17,11 +17,13 @@ from diagnosis.model.recording import RecordingModel
 from diagnosis.settings import DEFAULT, DiagnosisSettings
 
 Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
 
 CORRELATED = 1 + 2 * 17 / 36
 TRIM = 3.0  # robust sigmas beyond which a difference does not count
 TRIMMED = 0.9733  # variance of a normal variable cut there
 FEWEST = 40  # second differences of an axis, below which nothing is said
+UNSEEN = 10.0  # relative error of an axis of which nothing is seen
 TRIMMING = 1.1  # times the variance of a mean square whose limit was estimated
 
 
@@ -76,10 +78,10 @@ def reference_noise(
     ----------
     model : linearised about the calibration
     density : (3,) noise density of the gyros, rad²/s
-    dead : (n,) samples in which a gyro may show nothing; what it then misses would pass for noise of the references
+    dead : (n, 3) samples in which a gyro may show nothing; what it then misses would pass for noise about its axis
     settings : thresholds
     """
-    missed = np.concatenate([[0], np.cumsum(dead)])
+    missed = np.concatenate([np.zeros((1, 3), dtype=np.intp), np.cumsum(dead, axis=0)])
     t_s = model.references.t_s
     sigma = model.recording.attitudes.sigma[model.reference_rows]
     gyro_s = model.recording.gyro.t_s
@@ -90,7 +92,8 @@ def reference_noise(
     )
     even = (owner[2:] == owner[:-2]) & (np.abs(before - after) <= 0.01 * before) & (before <= 2.5 * usual[owner[1:-1]])
     first, last = np.searchsorted(gyro_s, t_s[:-2]), np.searchsorted(gyro_s, t_s[2:])
-    k = 1 + np.flatnonzero(even & (missed[last] == missed[first]))
+    k = 1 + np.flatnonzero(even)
+    hidden = (missed[last] > missed[first])[k - 1]
     # ζ of neighbours differ by the references' errors; turned back to the body axes of the middle one.
     zeta = model.residuals
     A = model.at_reference[k].transpose(0, 2, 1)
@@ -101,28 +104,32 @@ def reference_noise(
         for weight, shift in ((1, -1), (4, 0), (1, 1))
     )
     walks = 2 * density * before[k - 1, None]
-    count = len(differences)
-    if count < FEWEST or not np.all(variances > 0):
+    enough = np.sum(~hidden, axis=0) >= FEWEST
+    if not enough.any() or not np.all(variances > 0):
         return None
     second, stated, walk = differences, np.asarray(variances), walks
     z = second / np.sqrt(stated + walk)
     # Single large differences, as beside a slew with wrong time tags, are not noise.
-    limit = TRIM * np.median(np.abs(z), axis=0) / 0.6745
-    kept = np.abs(z) < limit
+    limit = (
+        TRIM * np.array([np.median(np.abs(z[~hidden[:, axis], axis])) if enough[axis] else 0.0 for axis in range(3)]) / 0.6745
+    )
+    kept = (np.abs(z) < limit) & ~hidden & enough
     sums = np.sum(np.where(kept, second**2, 0.0), axis=0) / TRIMMED
     expected_sigma, expected_walk = np.sum(np.where(kept, stated, 0.0), axis=0), np.sum(np.where(kept, walk, 0.0), axis=0)
-    relative = np.sqrt(2 * CORRELATED * TRIMMING / count)
-    variance = (sums - expected_walk) / expected_sigma
-    factor = np.sqrt(np.maximum(variance, 1e-4))
-    error = 0.5 * relative * (sums / expected_sigma) / factor
+    relative = np.sqrt(2 * CORRELATED * TRIMMING / np.maximum(np.sum(~hidden, axis=0), 1))
+    # An axis with too few differences is taken as stated, with no certainty.
+    expected_sigma = np.where(enough, expected_sigma, 1.0)
+    factor = np.where(enough, np.sqrt(np.maximum((sums - expected_walk) / expected_sigma, 1e-4)), 1.0)
+    error = np.where(enough, 0.5 * relative * (sums / expected_sigma) / factor, UNSEEN)
     # A sum of squares has a long upper tail; its cube root is normal (Wilson & Hilferty, 1931).
     spread = relative**2 / 9
-    z = (np.cbrt(sums / (expected_sigma + expected_walk)) - (1 - spread)) / np.sqrt(spread)
+    total = np.where(enough, sums / (expected_sigma + expected_walk), 1.0 - 3 * spread)
+    z = np.where(enough, (np.cbrt(total) - (1 - spread)) / np.sqrt(spread), 0.0)
     chi2 = float(np.sum(z**2))
-    p_all = float(scipy.stats.chi2.sf(chi2, 3))
+    p_all = float(scipy.stats.chi2.sf(chi2, enough.sum()))
     odd = int(np.argmax(np.abs(z)))
     others = float(chi2 - z[odd] ** 2)
-    axis = odd if scipy.stats.chi2.sf(others, 2) > 0.01 and z[odd] ** 2 > 12 else None
+    axis = odd if enough.sum() > 1 and scipy.stats.chi2.sf(others, enough.sum() - 1) > 0.01 and z[odd] ** 2 > 12 else None
     scaled = np.where(kept, second / np.sqrt(stated + walk), 0.0)
     rates = np.linalg.norm(model.rates[np.clip(np.searchsorted(model.t_s, t_s[k]), 0, model.t_s.size - 1)], axis=1)
     moving = rates > 0.5 * (np.quantile(rates, 0.02) + np.quantile(rates, 0.98))
@@ -138,20 +145,22 @@ def reference_noise(
     )
 
 
-def _correlation(z: Array, kept: Array) -> tuple[float, float]:
+def _correlation(z: Array, kept: Mask) -> tuple[float, float]:
     """Largest correlation coefficient between two axes, and the p-value of all three being zero."""
     found = []
     for i, j in ((0, 1), (0, 2), (1, 2)):
         both = kept[:, i] & kept[:, j]
+        if both.sum() < FEWEST:
+            continue
         a, b = z[both, i], z[both, j]
         coefficient = float(np.mean(a * b) / np.sqrt(np.mean(a**2) * np.mean(b**2)))
         p = 2 * float(scipy.stats.norm.sf(abs(coefficient) / np.sqrt(CORRELATED / both.sum())))
         found.append((min(1.0, 3 * p), coefficient))
-    p, coefficient = min(found)
+    p, coefficient = min(found, default=(1.0, 0.0))
     return coefficient, max(p, 1e-300)
 
 
-def _constancy(z: Array, kept: Array, groups: list[Array]) -> tuple[float, float]:
+def _constancy(z: Array, kept: Mask, groups: list[Mask]) -> tuple[float, float]:
     """Largest ratio of the power of one group to that of the rest, and the p-value of all being one."""
     best = (1.0, 1.0)
     for axis in range(3):

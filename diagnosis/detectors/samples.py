@@ -106,7 +106,7 @@ def _quantization(report: SampleReport, steps: Array, coarse: Mask, cut: Mask) -
         )
     if not coarse.any():
         return
-    for effect, axes in (("lattice_rounded", coarse & ~cut), ("lattice_cut", coarse & cut)):
+    for kind, axes in (("lattice_rounded", coarse & ~cut), ("lattice_cut", coarse & cut)):
         if not axes.any():
             continue
         found_steps = steps[axes]
@@ -114,7 +114,9 @@ def _quantization(report: SampleReport, steps: Array, coarse: Mask, cut: Mask) -
         groups = [(None, float(found_steps.mean()))] if common else [(AXES[k], float(steps[k])) for k in np.flatnonzero(axes)]
         for axis_name, step in groups:
             size = float(np.rad2deg(step))
-            report.symptoms.append(Symptom(effect, axis_name, size, "deg/s", 1e-6 * size, {}, IMPOSSIBLE))
+            how = "cut toward zero" if kind == "lattice_cut" else "rounded"
+            text = f"all readings are multiples of {size:.4g} deg/s, {how}"
+            report.symptoms.append(Symptom(kind, axis_name, size, "deg/s", 1e-6 * size, {}, IMPOSSIBLE, text))
 
 
 def _stale(report: SampleReport, recording: Recording, used: Mask, coarse: Mask) -> None:

@@ -43,7 +43,7 @@ def found_by(depth: int) -> Chooser:
         top = total(explanations)
         weights = [float(np.exp(one.log_posterior - top)) for one in explanations]
         likely = [(w, one.members) for w, one in zip(weights, explanations, strict=True) if w > LEAST_WEIGHT]
-        return [(w * share, at) for w, members in likely for share, at in search.over_times(members)]
+        return [(w * share, at) for w, members in likely for share, at in search.over_options(members)]
 
     return choose
 

@@ -27,7 +27,7 @@ EXCHANGES = 4  # times the best set is tried with other candidates in the place 
 EXCHANGED_FOR = 4  # candidates worth settling in such a place
 THINNED = 4  # of the best sets, every subset with one member fewer is looked at
 SCREEN_COLUMNS = 24  # columns of a random process that a first look takes
-LEAST_CHANCE = 0.02  # of the likeliest time of a step, below which a time is left out
+LEAST_CHANCE = 0.02  # of the likeliest option, such as the time of a step, below which one is left out
 SMALL = 4  # columns of a group that is handled together with others of its size
 HOPELESS = 6.0  # log posterior below the best at which larger sets are no longer looked for
 
@@ -187,11 +187,14 @@ class Search:
             return None
         return self.settled(tuple(Member(place, 0, 0) for place in places if place is not None))
 
-    def over_times(self, members: tuple[Member, ...]) -> list[tuple[float, tuple[Member, ...]]]:
-        """A set at each of the times at which its steps may have happened, with the probabilities of those; they sum to one."""
+    def over_options(self, members: tuple[Member, ...]) -> list[tuple[float, tuple[Member, ...]]]:
+        """A set at each likely option of its members, such as the time of a step, with probabilities that sum to one.
+
+        A random process stays at its best option: it predicts how far the data scatter, not where they lie.
+        """
         sets = [(1.0, members)]
         for place, member in enumerate(members):
-            if "time_s" not in self.model.option(member).parameters:
+            if self.model.candidate(member).process or len(self.model.candidate(member).options) == 1:
                 continue
             weights = self.model.candidate(member).log_weights
             table = self.tables(member.candidate, self.given(members[:place] + members[place + 1 :])) + weights[:, None]

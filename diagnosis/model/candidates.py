@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from diagnosis.model import processes, unlisted
 from diagnosis.model.folds import SPLIT, folds
 from diagnosis.model.linear import (
+    VISIBLE,
     Candidate,
     LinearModel,
     Member,
@@ -92,19 +93,34 @@ def linear_model(
     return assembled(model, groups, {effect.name: effect for effect in effects}, settings)
 
 
-def assembled(
-    model: RecordingModel, groups: Sequence[Group], effects: Mapping[str, Effect], settings: DiagnosisSettings
-) -> LinearModel:
-    """Groups side by side, with their priors: equal for each effect, shared by its axes."""
+def placed(
+    groups: Sequence[Group],
+    projected: Callable[[Array], Array],
+    settings: DiagnosisSettings,
+    size: int = 0,
+    visible: tuple[float, float] = VISIBLE,
+) -> tuple[tuple[Candidate, ...], Array]:
+    """Candidates with their places and priors, and all columns side by side.
+
+    Each effect has the same prior, shared by its axes, and so has each rival; what could not be seen is left out.
+
+    Parameters
+    ----------
+    groups : the candidates
+    projected : takes the nuisance parameters out of columns
+    settings : priors
+    size : number of observations, for a model without candidates
+    visible : signal-to-noise ratios of interest
+    """
     names = {group.effect for group in groups if group.listed}
     rivals = {group.effect for group in groups if not group.listed}
     share = settings.unlisted_share if rivals and names else float(bool(rivals))
     axes = {name: sum(group.effect == name for group in groups) for name in names | rivals}
     candidates, columns, start = [], [], 0
     for group in groups:
-        norms = [np.linalg.norm(model.projected(part), axis=0) for part in group.columns]
+        norms = [np.linalg.norm(projected(part), axis=0) for part in group.columns]
         largest = max((float(norm.max()) for norm in norms if norm.size), default=0.0)
-        scales = scales_of(largest, group.limits)
+        scales = scales_of(largest, group.limits, visible)
         if not scales.size:
             continue
         family = (1 - share) / len(names) if group.listed else share / len(rivals)
@@ -122,7 +138,14 @@ def assembled(
                 group.positive, group.log_odds, group.read, group.size_sigma,
             )
         )  # fmt: skip
-    W = np.hstack(columns) if columns else np.empty((model.size, 0))
+    return tuple(candidates), np.hstack(columns) if columns else np.empty((size, 0))
+
+
+def assembled(
+    model: RecordingModel, groups: Sequence[Group], effects: Mapping[str, Effect], settings: DiagnosisSettings
+) -> LinearModel:
+    """Groups side by side, as the linear model of a recording."""
+    candidates, W = placed(groups, model.projected, settings, model.size)
 
     def refine(linear: LinearModel, member: Member) -> LinearModel:
         effect = effects.get(linear.candidate(member).effect)
@@ -132,7 +155,7 @@ def assembled(
         y=model.y,
         X=model.projected(W),
         W=W,
-        candidates=tuple(candidates),
+        candidates=candidates,
         dof=model.degrees_of_freedom,
         projected=model.projected,
         most_effects=settings.largest_set,

@@ -11,7 +11,7 @@ A *candidate* is one effect about one axis, or one *unlisted rival*, a discrepan
 the factor of its covariance.
 
 Builders make a `LinearModel` from a recording (`diagnosis.model.candidates`), from raw sensor tables
-(`diagnosis.model.sensor_tables`) or from other data. `diagnosis.inference` knows none of them.
+(`diagnosis.model.sensors.tables`) or from other data. `diagnosis.inference` knows none of them.
 """
 
 from __future__ import annotations
@@ -208,13 +208,14 @@ class LinearModel:
         return replace(self, W=np.hstack([self.W, W]), X=np.hstack([self.X, X]), candidates=tuple(candidates))
 
 
-def scales_of(largest: float, limits: tuple[float, float]) -> Array:
+def scales_of(largest: float, limits: tuple[float, float], visible: tuple[float, float] = VISIBLE) -> Array:
     """Scales to average over: those that the data can show and that are physically plausible, evenly spaced in log.
 
     Parameters
     ----------
     largest : largest ‖X‖ of any option per unit amplitude
     limits : plausible range of the size
+    visible : range of signal-to-noise ratios
 
     Returns
     -------
@@ -222,7 +223,7 @@ def scales_of(largest: float, limits: tuple[float, float]) -> Array:
     """
     if not largest > 0:
         return np.empty(0)
-    low, high = max(limits[0], VISIBLE[0] / largest), min(limits[1], VISIBLE[1] / largest)
+    low, high = max(limits[0], visible[0] / largest), min(limits[1], visible[1] / largest)
     if low >= high:
         return np.empty(0)
     count = max(3, round(PER_DECADE * np.log10(high / low)) + 1)

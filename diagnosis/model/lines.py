@@ -11,6 +11,8 @@ more likely a vibration.
 
 from __future__ import annotations
 
+from collections.abc import Set
+
 import numpy as np
 from numpy.typing import NDArray
 from scipy.special import expit
@@ -31,10 +33,11 @@ PERIODS = 5.0  # natural log of the range of periods that a bias may have
 BAND = 2.0  # factor on the highest frequency of the body's motion, up to which lines belong to it
 
 
-def judged_lines(report: SampleReport, model: RecordingModel) -> bool:
+def judged_lines(report: SampleReport, model: RecordingModel, silent: Set[int] = frozenset()) -> bool:
     """Take the lines that are vibrations out of the samples, and note them as symptoms; whether there were any.
 
-    Lines that are motions of the body stay where they are.
+    Lines that are motions of the body stay where they are, and so do those of gyros that are silent in a dead zone, whose edges
+    make lines of their own.
     """
     ratios = [log_ratio(model, line) for line in report.lines]
     moving = [
@@ -46,6 +49,8 @@ def judged_lines(report: SampleReport, model: RecordingModel) -> bool:
     half_rate_hz = 0.5 / model.recording.gyro.sample_s
     found = False
     for line, ratio in zip(report.lines, ratios, strict=True):
+        if line.axis in silent:
+            continue
         alone = line.isolated and line.steady and line.frequency_hz > edge
         density = float(np.log(OCTAVES * line.frequency_hz / half_rate_hz))
         odds = (BEYOND + density if alone else WITHIN) + ratio

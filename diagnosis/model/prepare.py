@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from diagnosis.detectors.deadzone import DeadStretches, dead_stretches, of_zero_samples
+from diagnosis.detectors.deadzone import DeadStretches, dead_stretches, of_zero_samples, usual_slow_rate
 from diagnosis.detectors.reference_noise import ReferenceNoise, reference_noise
 from diagnosis.detectors.report import SampleReport
 from diagnosis.detectors.samples import examine, smoothed_rates
@@ -30,7 +30,7 @@ AXES = "xyz"
 ITERATIONS = 10
 SETTLED = 1e-3  # sigmas of the last correction
 CLEARLY = 12.0  # of χ², by which the attitude decides how readings came onto a lattice
-LIKELY = 5.0  # log odds of a dead zone from the samples, from which on what it hides may look like noise of the references
+LIKELY = 1.0  # log odds of a dead zone from the samples, from which on its axis is left out of tests that it would mislead
 UNSEEN = 0.5  # of its plausible range: a parameter less certain than that is not observed
 
 
@@ -71,10 +71,11 @@ def prepare(recording: Recording, settings: DiagnosisSettings = DEFAULT) -> Prep
         other = _first(recording, cut)
         if _misfit(other[0]) < _misfit(model) - CLEARLY:
             report, (model, sigma, pieces) = cut, other
-    if judged_lines(report, model):
+    dead = _dead(recording, report, model.bias)
+    likely = {one.axis for one in dead if one.log_odds > LIKELY}
+    if judged_lines(report, model, likely):
         report.smooth = smoothed_rates(report.rates, recording)
         model, sigma = _calibrated(recording, report, pieces, recording.attitudes.sigma)
-    dead = _dead(recording, report)
     noise = _reference_noise(model, report, dead, settings)
     if noise is not None and noise.departs:
         model, sigma = _calibrated(recording, report, pieces, recording.attitudes.sigma * noise.factors)
@@ -86,9 +87,9 @@ def _reference_noise(
 ) -> ReferenceNoise | None:
     """The test of the references' noise, where no gyro hides motion between two references, which would look like it."""
     blind = set(np.flatnonzero(report.hidden | report.lattice).tolist())
-    silent = np.any(
-        [np.zeros(len(report.rates), dtype=bool), *(one.stretch >= 0 for one in dead if one.log_odds > LIKELY)], axis=0
-    )
+    silent = np.zeros(report.rates.shape, dtype=bool)
+    for one in dead:
+        silent[:, one.axis] |= (one.stretch >= 0) & (one.log_odds > LIKELY)
     noise = reference_noise(model, np.median(report.density, axis=0), silent, settings)
     return None if noise is not None and (noise.axis in blind or len(blind) == 3) else noise
 
@@ -105,15 +106,18 @@ def _misfit(model: RecordingModel) -> float:
     return float(model.y @ model.y)
 
 
-def _dead(recording: Recording, report: SampleReport) -> tuple[DeadStretches, ...]:
+def _dead(recording: Recording, report: SampleReport, bias: Array) -> tuple[DeadStretches, ...]:
     """Gyros that may have a dead zone; a lattice makes zeros of its own."""
     coarse = {symptom.axis for symptom in report.symptoms if symptom.kind.startswith("lattice")}
     if None in coarse:
         return ()
     exact = {symptom.axis: symptom for symptom in report.symptoms if symptom.kind == "dead_zone"}
-    found = [one for one in dead_stretches(recording, report.rates, report.noise) if AXES[one.axis] not in {*coarse, *exact}]
+    usual = usual_slow_rate(recording, report.rates, np.maximum(np.abs(bias), np.abs(recording.gyro.apriori_bias)))
+    found = [
+        one for one in dead_stretches(recording, report.rates, report.noise, usual) if AXES[one.axis] not in {*coarse, *exact}
+    ]
     for axis, symptom in exact.items():
-        one = of_zero_samples(recording, AXES.index(str(axis)), float(np.deg2rad(symptom.size)))
+        one = of_zero_samples(recording, AXES.index(str(axis)), float(np.deg2rad(symptom.size)), usual)
         if one is not None:
             found.append(one)
     return tuple(found)

@@ -324,12 +324,14 @@ class RecordingModel:
 
     @cached_property
     def cells(self) -> Cells:
-        """Cells that end where an observation begins."""
+        """Cells that end at the first reference of every observation."""
         total = float(self.dt.sum())
         length = total / MOST_CELLS * 1.35  # gaps between references leave short ones
         parts: list[tuple[int, int, int]] = []
         for number, block in enumerate(self.blocks):
-            for low, high in pairwise([*block.ends[block.groups], block.ends[-1]]):
+            for low, high in pairwise(np.append(block.ends[block.groups], block.ends[-1])):
+                if high == low:
+                    continue
                 duration = float(self.dt[block.steps][low:high].sum())
                 count = min(max(1, round(duration / length)), int(high - low))
                 edges = np.linspace(low, high, count + 1).round().astype(int) + block.steps.start
@@ -347,8 +349,9 @@ class RecordingModel:
         out = np.zeros((3, self.size, count))
         for number, block in enumerate(self.blocks):
             inside = np.flatnonzero(self.cells.interval == number)
-            begin, end = (edges[inside][None, :] - block.steps.start for edges in (self.cells.first, self.cells.last))
-            share = block.observed(np.clip((block.ends[:, None] - begin) / (end - begin), 0.0, 1.0))  # (r, cells inside)
+            first, last = self.cells.first[inside] - block.steps.start, self.cells.last[inside] - block.steps.start
+            # Share of each cell that has passed at each reference, (m, cells inside).
+            share = block.observed(np.clip((block.ends[:, None] - first) / (last - first), 0.0, 1.0))
             for axis in range(3):
                 part = share[:, None, :] * turned[inside, :, axis].T[None]
                 out[axis][np.ix_(np.arange(block.rows.start, block.rows.stop), inside)] = part.reshape(-1, inside.size)

@@ -95,6 +95,8 @@ def _finding(prepared: Prepared, symptom: Symptom) -> Finding:
         signal = "attitude" if symptom.kind.startswith("reference") else "gyro stream"
         return Finding(signal, None, symptom.axis, None, symptom.kind, symptom.size, symptom.p_value, symptom.text)
     tests = [t for t in prepared.samples.tests if t.symptom == symptom.kind and symptom.axis in (None, t.axis)]
+    if not tests:
+        return Finding("gyro stream", None, symptom.axis, None, symptom.kind, symptom.size, symptom.p_value, symptom.kind)
     test = min(tests, key=lambda t: t.p_value)
     return Finding("gyro stream", None, symptom.axis, None, test.statistic, test.value, test.p_value, test.text)
 

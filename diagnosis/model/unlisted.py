@@ -179,8 +179,8 @@ def _in_time(model: RecordingModel, bins: Bins) -> Iterator[Family]:
         yield from _several(model, bins, "bias of a period counted from each interval's start", waves)
         # The phases of a period are coherent over the gaps between intervals only if it is known to the gaps' length.
         if len(model.blocks) > 1:
-            each = [_per_interval(wave, bins.interval, len(model.blocks)) for wave in waves]
-            yield from _several(model, bins, "bias of another period, its phase known in no interval", each)
+            apart = [_per_interval(wave, bins.interval, len(model.blocks)) for wave in waves]
+            yield from _several(model, bins, "bias of a period, its phase another in each interval", apart)
 
 
 def _per_interval(values: Array, interval: NDArray[np.intp], count: int) -> Array:

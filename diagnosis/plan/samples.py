@@ -11,11 +11,11 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from diagnosis.detectors import clipping, outliers, reference_noise, sample_noise, spectral_lines
-from diagnosis.detectors import report as stream_report
 from diagnosis.detectors import samples as stream
 from diagnosis.model.recording import RecordingModel
 from diagnosis.plan.result import POWER, Verdict, Visible
 from diagnosis.plan.visibility import row_of
+from diagnosis.settings import DEFAULT
 from simulator.effects import Effect, SampleTests, setting
 from simulator.scenario import Scenario, profiles
 
@@ -38,15 +38,15 @@ def sample_tests(scenario: Scenario) -> SampleTests:
     return SampleTests(
         power=POWER,
         quiet=quiet,
-        event_p=stream_report.EVENT_P,
+        event_p=DEFAULT.sample_event,
         correlated=reference_noise.CORRELATED,
-        line_p=spectral_lines.LINE_P,
+        line_p=DEFAULT.line,
         lowest_line_hz=spectral_lines.FEWEST_CYCLES / (max([1, *quiet]) * scenario.gyro.sample_s),
         outlier_sigma=outliers.OUTLIER,
         fewest_clipped=clipping.FEWEST_CLIPPED,
         coarse=stream.COARSE,
         fewest_references=reference_noise.FEWEST,
-        reference_p=reference_noise.LEVEL,
+        reference_p=DEFAULT.sample_event,
         trimming=reference_noise.TRIMMING,
     )
 

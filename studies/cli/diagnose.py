@@ -1,19 +1,16 @@
 """The command ``gyrocal diagnose``: what departs from the baseline simulator, where, and which effect explains it."""
 
-import time
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from pathlib import Path
 
 import click
-from rich.console import Console
-from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeElapsedColumn
 
 from diagnosis.diagnose import diagnose
 from gyrocal import InputError, load
 from simulator.effects.sensor import ALL_EFFECTS
 from studies.cli.effect_files import effects_option
 from studies.cli.options import PATH, STDOUT
+from studies.cli.stages import stages
 from studies.montecarlo.files import check_writable, json_text, write_json
 from studies.report import diagnosis_page as diagnosis_report
 from studies.report import diagnosis_summary
@@ -52,7 +49,7 @@ def command(recording: Path, as_json: Path | None, report: Path | None, without:
     if report == STDOUT:
         raise InputError("--report -: give the name of a file")
     loaded = load(recording)
-    with _stages() as progress:
+    with stages("diagnose", LINE_EVERY_S) as progress:
         result = diagnose(loaded, progress=progress, seed=seed, library=library)
     if as_json == STDOUT:
         click.echo(json_text(result.to_json()))
@@ -70,24 +67,3 @@ def _library(without: Sequence[str]) -> list[str] | None:
         if name not in ALL_EFFECTS:
             raise InputError(f"--without {name}: no such effect; there are {', '.join(ALL_EFFECTS)}")
     return [name for name in ALL_EFFECTS if name not in without] if without else None
-
-
-@contextmanager
-def _stages() -> Iterator[Callable[[str, float], None]]:
-    """Progress by stages on standard error: a bar on a terminal, elsewhere a line a minute."""
-    output = Console(stderr=True)
-    if output.is_terminal:
-        columns = (TextColumn("{task.description}", markup=False), BarColumn(), TaskProgressColumn(), TimeElapsedColumn())
-        with Progress(*columns, console=output, transient=True) as bar:
-            task = bar.add_task("", total=1.0)
-            yield lambda text, share: bar.update(task, description=text, completed=share)
-        return
-    last = time.monotonic()
-
-    def tell(text: str, share: float) -> None:
-        nonlocal last
-        if time.monotonic() - last >= LINE_EVERY_S:
-            last = time.monotonic()
-            output.print(f"diagnose: {text}, {100 * share:.0f} % done", highlight=False, markup=False)
-
-    yield tell

@@ -1,13 +1,10 @@
 """The command ``gyrocal plan``: what a maneuver plan will show of each effect, before it is flown."""
 
 from collections.abc import Sequence
-from contextlib import nullcontext
 from pathlib import Path
 from typing import Any
 
 import click
-from rich.console import Console
-from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeElapsedColumn
 
 from diagnosis.plan import appended, maneuvers, plan
 from gyrocal import InputError
@@ -16,6 +13,7 @@ from simulator import scenario as scenarios
 from simulator.effects import EFFECTS
 from studies.cli.effect_files import effects_option
 from studies.cli.options import PATH, STDOUT
+from studies.cli.stages import stages
 from studies.montecarlo.files import check_writable, json_text, write_json
 from studies.report import plan as plan_report
 from studies.report.console import console
@@ -68,35 +66,14 @@ def command(
     chosen = scenarios.load(scenario)
     extras = {} if no_extras else dict(maneuvers(chosen))
     extras |= _read_extras(chosen, files)
-    found = _run(chosen, effects, extras, named, seed)
+    with stages("plan") as tell:
+        found = plan(chosen, effects=effects or None, extras=extras, named=named, progress=tell, seed=seed)
     if as_json == STDOUT:
         click.echo(json_text(found.to_json()))
         return
     plan_report.show(console(), found)
     if as_json:
         write_json(as_json, found.to_json())
-
-
-def _run(
-    chosen: scenarios.Scenario, effects: Sequence[str], extras: dict[str, list[dict[str, Any]]], named: bool, seed: int
-) -> Any:
-    """The plan, with a bar on standard error if that is a terminal and a line for each stage if not."""
-    output = Console(stderr=True)
-    columns = (TextColumn("{task.description}", markup=False), BarColumn(), TaskProgressColumn(), TimeElapsedColumn())
-    bar = Progress(*columns, console=output, transient=True) if output.is_terminal else None
-    with bar or nullcontext():
-        task = bar.add_task("", total=1.0) if bar else None
-        told = ""
-
-        def tell(text: str, share: float) -> None:
-            nonlocal told
-            if bar is not None and task is not None:
-                bar.update(task, description=text, completed=share)
-            elif text.split(":")[0] != told:
-                told = text.split(":")[0]
-                output.print(f"plan: {told}, {100 * share:.0f} % done", highlight=False, markup=False)
-
-        return plan(chosen, effects=effects or None, extras=extras, named=named, progress=tell, seed=seed)
 
 
 def _read_extras(chosen: scenarios.Scenario, files: Sequence[Path]) -> dict[str, list[dict[str, Any]]]:

@@ -1,8 +1,8 @@
 """Running cases: what a worker does with a range of case numbers.
 
-A worker is handed a `Task`, all of it plain text and numbers, and hands back a `Result`: the rows, already encoded as a
-Parquet part, and a record of what happened, since a worker's log and warnings would be seen by nobody. A case that raises is
-a row with its error, and a traceback in the record.
+A worker is handed a `Task`, all of it plain text and numbers, and hands back a `Result`: the rows, and a record of what
+happened, since a worker's log and warnings would be seen by nobody. A case that raises is a row with its error, and a traceback
+in the record.
 
 While cases run, their process is calm (`studies.montecarlo.calm`): one BLAS thread, and warnings counted.
 """
@@ -11,7 +11,7 @@ import threading
 import time
 import traceback
 from collections import Counter
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from functools import lru_cache
 from typing import Any
@@ -19,7 +19,6 @@ from typing import Any
 import numpy as np
 
 from studies.montecarlo.calm import calm
-from studies.montecarlo.store import decode, encode, joined
 from studies.montecarlo.study import DISPERSED, RESERVED, Streams, Study, StudyConfig, dispersed_values, find
 
 LONGEST_ERROR = 500  # characters of an error in a row
@@ -35,13 +34,11 @@ class Task:
     ----------
     study : name of the study
     config : its resolved configuration as JSON
-    config_sha256 : hash of the two, written into the part
     cases : numbers of the cases
     """
 
     study: str
     config: str
-    config_sha256: str
     cases: range
 
 
@@ -51,18 +48,21 @@ class Result:
 
     Attributes
     ----------
-    part : the rows as Parquet
-    failures : error of each failed case
-    tracebacks : text for the failed case's file
+    rows : of its cases; a failed case is one with its error
+    tracebacks : text for each failed case's file
     cpu_s : CPU time of the cases
     warnings : how often each warning was given
     """
 
-    part: bytes
-    failures: dict[int, str]
+    rows: list[dict[str, Any]]
     tracebacks: dict[int, str]
-    cpu_s: float
-    warnings: dict[str, int] = field(default_factory=dict)
+    cpu_s: float = 0.0
+    warnings: Counter[str] = field(default_factory=Counter)
+
+    @property
+    def failures(self) -> dict[int, str]:
+        """Error of each failed case."""
+        return {row["case"]: row["error"] for row in self.rows if row["error"]}
 
 
 class Stopped(Exception):  # noqa: N818  # an event, not a fault
@@ -80,7 +80,6 @@ def run_cases(task: Task, stopped: Callable[[], bool] = lambda: False) -> Result
     study, config = _prepared(task.study, task.config)
     rows: list[dict[str, Any]] = []
     kinds: dict[str, str] = {}
-    failures: dict[int, str] = {}
     tracebacks: dict[int, str] = {}
     with calm() as messages:
         # In a thread beside others, the process' CPU time is not this task's alone.
@@ -92,35 +91,25 @@ def run_cases(task: Task, stopped: Callable[[], bool] = lambda: False) -> Result
             try:
                 rows += _case_rows(study, config, case, kinds)
             except (Exception, SystemExit) as error:
-                failures[case] = _one_line(error)
                 tracebacks[case] = "".join(traceback.format_exception(error))
-                rows.append({"case": case, "error": failures[case]})
-        cpu_s = clock() - start
-    part = encode(rows, task.config_sha256, task.cases, cpu_s)
-    return Result(part, failures, tracebacks, cpu_s, dict(messages))
+                rows.append({"case": case, "error": _one_line(error)})
+        return Result(rows, tracebacks, clock() - start, messages)
 
 
 def killed(task: Task) -> Result:
     """Result of a single case whose worker died of it."""
     (case,) = task.cases
     text = f"{KILLED}\n\nThe process that ran this case alone ended without an answer: a signal, os._exit, or no memory left.\n"
-    part = encode([{"case": case, "error": KILLED}], task.config_sha256, task.cases, 0.0)
-    return Result(part, {case: KILLED}, {case: text}, 0.0)
+    return Result([{"case": case, "error": KILLED}], {case: text})
 
 
-def merged(task: Task, results: Sequence[Result]) -> Result:
-    """One result of a task from those of its cases."""
-    cpu_s = sum(result.cpu_s for result in results)
-    messages: Counter[str] = Counter()
-    for result in results:
-        messages.update(result.warnings)
-    return Result(
-        part=joined([decode(result.part) for result in results], task.config_sha256, task.cases, cpu_s),
-        failures={case: text for result in results for case, text in result.failures.items()},
-        tracebacks={case: text for result in results for case, text in result.tracebacks.items()},
-        cpu_s=cpu_s,
-        warnings=dict(messages),
-    )
+def merged(results: Iterable[Result]) -> Result:
+    """One result from several."""
+    whole = Result([], {})
+    for one in results:
+        tracebacks, warnings = whole.tracebacks | one.tracebacks, whole.warnings + one.warnings
+        whole = Result(whole.rows + one.rows, tracebacks, whole.cpu_s + one.cpu_s, warnings)
+    return whole
 
 
 @lru_cache(maxsize=4)

@@ -33,7 +33,7 @@ from studies.montecarlo.calm import calm
 from studies.montecarlo.cases import Task, run_cases
 from studies.montecarlo.manifest import WORK, write_manifest
 from studies.montecarlo.session import Interrupted, Session, known, locked
-from studies.montecarlo.store import Parts, decode
+from studies.montecarlo.store import Parts, table_of
 from studies.montecarlo.study import Streams, Study, StudyConfig, config_sha256, find, resolved
 
 __all__ = ["Interrupted", "Name", "Outcome", "Rerun", "Streams", "Study", "StudyConfig", "rerun", "run", "silent"]
@@ -247,12 +247,12 @@ def rerun(study: Study, config: StudyConfig, case: int, folder: Path) -> Rerun:
     task_for, ready = _prepare(study, config)
     _check_case(config, case)
     folder = Path(folder)
-    sha256 = task_for(range(0)).config_sha256
+    sha256 = config_sha256(study, ready)
     manifest = known(folder, sha256)
     # First, since the case may end this process.
     recording = _keep(study, ready, case, folder) if study.recording else None
     result = run_cases(task_for(range(case, case + 1)))
-    rows = decode(result.part).to_pandas()
+    rows = table_of(result.rows).to_pandas()
     same = None
     if manifest:
         before = Parts(folder, config.cases, manifest["chunk"], sha256).rows_of(case)
@@ -267,8 +267,8 @@ def _prepare(study: Study, config: StudyConfig) -> tuple[Callable[[range], Task]
     if type(config) is not study.config:
         raise InputError(f"study {study.name}: needs a {study.config.__name__}, not a {type(config).__name__}")
     ready = resolved(config)
-    sha256, text = config_sha256(study, ready), ready.model_dump_json()
-    return lambda cases: Task(study.name, text, sha256, cases), study.config.model_validate_json(text)
+    text = ready.model_dump_json()
+    return lambda cases: Task(study.name, text, cases), study.config.model_validate_json(text)
 
 
 def _check_case(config: StudyConfig, case: int) -> None:

@@ -152,8 +152,8 @@ class Session:
                 advance(len(task.cases))
         for task in died:
             singles = [self.task_for(range(case, case + 1)) for case in task.cases]
-            alone = [result or killed(single) for single, result in workers.results(singles, alone=True)]
-            self._store(index_of[task.cases], merged(task, alone))
+            alone = (result or killed(single) for single, result in workers.results(singles, alone=True))
+            self._store(index_of[task.cases], merged(alone))
             advance(len(task.cases))
 
     def _store(self, index: int, result: Result) -> None:
@@ -165,7 +165,7 @@ class Session:
                 write_bytes(path, result.tracebacks[case].encode())
             else:
                 path.unlink(missing_ok=True)  # it failed in an earlier run
-        write_bytes(self.parts.path(index), result.part)
+        self.parts.write(index, result.rows, result.cpu_s)
         self._add(index, result.failures, result.cpu_s)
         self.count(result.warnings)
 

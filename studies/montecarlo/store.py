@@ -22,6 +22,7 @@ import pyarrow.parquet as pq
 
 from gyrocal.errors import GyrocalError, InputError
 from gyrocal.files import TEMPORARY, replacing
+from studies.montecarlo.files import write_bytes
 
 ROW_GROUP = 8192  # rows of the table's row groups
 METADATA = b"gyrocal"
@@ -42,34 +43,16 @@ class PartInfo:
     cpu_s: float
 
 
-def encode(rows: Sequence[Mapping[str, Any]], config_sha256: str, cases: range, cpu_s: float) -> bytes:
-    """A part as the bytes of a Parquet file; a column is there for every name that a row has, in order of appearance."""
+def table_of(rows: Sequence[Mapping[str, Any]]) -> pa.Table:
+    """Rows as a table; a column is there for every name that a row has, in order of appearance."""
     names = dict.fromkeys(name for row in rows for name in row)
-    columns = {name: _array([row.get(name) for row in rows]) for name in names}
-    return _bytes(pa.table(columns), config_sha256, cases, cpu_s)
-
-
-def decode(part: bytes) -> pa.Table:
-    """The rows of an encoded part."""
-    return pq.ParquetFile(pa.BufferReader(part)).read()
-
-
-def joined(tables: Sequence[pa.Table], config_sha256: str, cases: range, cpu_s: float) -> bytes:
-    """One part from the rows of several."""
-    return _bytes(pa.concat_tables(tables, promote_options="permissive"), config_sha256, cases, cpu_s)
+    return pa.table({name: _array([row.get(name) for row in rows]) for name in names})
 
 
 def _array(values: list[Any]) -> pa.Array:
     if any(isinstance(value, float) for value in values):
         return pa.array([None if value is None else float(value) for value in values], pa.float64())
     return pa.array(values)
-
-
-def _bytes(table: pa.Table, config_sha256: str, cases: range, cpu_s: float) -> bytes:
-    about = {"config_sha256": config_sha256, "first": cases.start, "stop": cases.stop, "cpu_s": cpu_s}
-    sink = pa.BufferOutputStream()
-    pq.write_table(table.replace_schema_metadata({METADATA: json.dumps(about)}), sink, write_page_checksum=True)
-    return bytes(sink.getvalue())
 
 
 @dataclass(frozen=True)
@@ -106,6 +89,21 @@ class Parts:
             for path in folder.glob(f"*{TEMPORARY}"):
                 path.unlink(missing_ok=True)
 
+    def write(self, index: int, rows: Sequence[Mapping[str, Any]], cpu_s: float) -> None:
+        """Write a part.
+
+        Parameters
+        ----------
+        index : of the part
+        rows : of its cases
+        cpu_s : CPU time of its cases
+        """
+        cases, sink = self.range(index), pa.BufferOutputStream()
+        about = {"config_sha256": self.config_sha256, "first": cases.start, "stop": cases.stop, "cpu_s": cpu_s}
+        table = table_of(rows).replace_schema_metadata({METADATA: json.dumps(about)})
+        pq.write_table(table, sink, write_page_checksum=True)
+        write_bytes(self.path(index), sink.getvalue())
+
     def inspect(self, index: int) -> PartInfo | str | None:
         """What a part on disk says about itself; text saying what is wrong with it, or None if it is not there.
 
@@ -136,7 +134,7 @@ class Parts:
         """The rows of one case; None if they are not there or damaged."""
         if not isinstance(self.inspect(case // self.chunk), PartInfo):
             return None
-        table = decode(self.path(case // self.chunk).read_bytes())
+        table = pq.ParquetFile(self.path(case // self.chunk)).read()
         return table.filter(pc.field("case") == case).to_pandas()
 
     def set_aside(self, index: int) -> Path:

@@ -22,10 +22,11 @@ from studies.montecarlo.backends import Name
 from studies.montecarlo.files import write_csv, write_json, write_parquet, write_text
 from studies.montecarlo.study import base_scenario
 from studies.natanson import figures, flight, flight_gap, paper_tables
-from studies.natanson.paper_layout import LAYOUTS, paper_layout
+from studies.natanson.paper_layout import paper_layout
 from studies.report import panels
 from studies.report import tables as render
 from studies.report.console import progress
+from studies.report.tables import Table
 
 DEFAULT_FOLDER = Path("results") / "reproduction"
 TITLES = {
@@ -50,16 +51,21 @@ N is Natanson (1998), R is Robertson et al. (1999).
 
 @dataclass
 class Products:
-    """Tables by name, and the summary they give."""
+    """Tables by name, and the summary they give; the console is for the tables that are shown."""
 
-    tables: dict[str, pd.DataFrame] = field(default_factory=dict)
-    titles: dict[str, str] = field(default_factory=dict)
+    console: Console
+    tables: dict[str, Table] = field(default_factory=dict)
     summary: dict[str, Any] = field(default_factory=dict)
 
-    def add(self, name: str, title: str, table: pd.DataFrame) -> pd.DataFrame:
-        """Keep a table."""
-        self.tables[name], self.titles[name] = table, title
-        return table
+    def add(self, name: str, title: str, data: pd.DataFrame, **more: Any) -> pd.DataFrame:
+        """Keep a table; what else it has is as of `Table`."""
+        self.tables[name] = Table(title, data, **more)
+        return data
+
+    def show(self, *names: str) -> None:
+        """Print tables."""
+        for table in map(self.tables.__getitem__, names):
+            render.terminal(self.console, table.title, table.for_people(), table.note)
 
 
 def run(
@@ -79,17 +85,17 @@ def run(
     out = console or Console(quiet=True)
     config = paper_tables.PaperTablesConfig(cases=cases, entropy=entropy)
     scenario = base_scenario(config)
-    products = Products()
+    products = Products(out)
     display = partial(progress, quiet=out.quiet)
     work = engine.work_folder(folder, paper_tables.STUDY, config)
     backend: Name = "loky" if jobs > 1 else "serial"
     outcome = engine.run(paper_tables.STUDY, config, work, backend=backend, jobs=jobs, progress=display)
     outcome.check()
     rows = outcome.load()
-    flight_part(scenario, products, out)
+    flight_part(scenario, products)
     products.summary |= {"cases": config.cases, "entropy": config.entropy}
-    monte_carlo_part(rows, scenario, products, out)
-    psi_part(scenario, products, out)
+    monte_carlo_part(rows, scenario, products)
+    products.add("psi_sweep", "Linear against full ψ over slew rate and step, noise-free", psi.run(scenario))
     write(folder, config, scenario, products, rows)
     write_json(folder / "summary.json", products.summary)
     wall_s = round(time.monotonic() - started, 2)
@@ -99,29 +105,23 @@ def run(
     return products.summary
 
 
-def flight_part(scenario: Scenario, products: Products, out: Console) -> None:
+def flight_part(scenario: Scenario, products: Products) -> None:
     """The flight's numbers: prediction, signs, timings, noise."""
-    with progress("flight gap", 7, out.quiet) as advance:
-        comparison = products.add(
-            "flight_gap", "Pre-launch residuals at 0.5 s: flown and predicted", flight_gap.comparison(scenario)
-        )
-        advance(1)
-        sign = products.add("residual_sign", "Sign of the residual", flight_gap.residual_sign(scenario))
-        scan = products.add("timing_scan", "Gap over guesses of the common timings", flight_gap.timing_scan(scenario))
+    add = products.add
+    with progress("flight gap", 4, products.console.quiet) as advance:
+        add("flight_gap", "Pre-launch residuals at 0.5 s: flown and predicted", flight_gap.comparison(scenario))
+        sign = add("residual_sign", "Sign of the residual", flight_gap.residual_sign(scenario))
+        scan = add("timing_scan", "Gap over guesses of the common timings", flight_gap.timing_scan(scenario))
         advance(1)
         common = flight_gap.fit_common(scenario)
         advance(1)
         each = flight_gap.fit_each(scenario)
-        advance(2)
-        rate = products.add("minus_y_rate", "Interval 4: rate about x", flight_gap.minus_y_rate_test(scenario))
         advance(1)
-        yaw = products.add("yaw_directions", "Intervals 2 and 6: direction of the yaw", flight_gap.yaw_direction_test(scenario))
+        rate = add("minus_y_rate", "Interval 4: rate about x", flight_gap.minus_y_rate_test(scenario))
+        yaw = add("yaw_directions", "Intervals 2 and 6: direction of the yaw", flight_gap.yaw_direction_test(scenario))
         advance(1)
     noise = flight_gap.noise_from_steps()
     published = flight_gap.gap_rms(flight_gap.predict(scenario))
-    gaps = gap_table(scenario, common, each)
-    products.add("flight_gap_by_interval", "Gap by interval (deg RMS), without and with fitted timings", gaps)
-    products.add("fitted_timings", "Fitted timings", fitted_table(common, each))
     best = rate.sort_values("gap_rms_deg").iloc[0]
     products.summary |= {
         "flight_gap_rms_deg": {
@@ -149,10 +149,12 @@ def flight_part(scenario: Scenario, products: Products, out: Console) -> None:
             "N (29) as printed": float(sign["gap_rms_deg"][1]),
         },
     }
-    render.terminal(out, products.titles["flight_gap"], comparison)
-    render.terminal(out, products.titles["flight_gap_by_interval"], gaps, gap_note(products.summary))
-    render.terminal(out, products.titles["minus_y_rate"], rate)
-    render.terminal(out, products.titles["yaw_directions"], yaw)
+    gaps = gap_table(scenario, common, each)
+    title = "Gap by interval (deg RMS), without and with fitted timings"
+    add("flight_gap_by_interval", title, gaps)
+    add("fitted_timings", "Fitted timings", fitted_table(common, each))
+    products.show("flight_gap", "flight_gap_by_interval", "minus_y_rate", "yaw_directions")
+    products.console.print(gap_note(products.summary), highlight=False)
 
 
 def gap_note(summary: dict[str, Any]) -> str:
@@ -207,7 +209,7 @@ def summary_table(summary: dict[str, Any]) -> pd.DataFrame:
         f"{rate['gap_rms_deg']['1']:.3f} ({rate['fitted_gap_rms_deg']['1']:.3f} with any timing that can be flown)",
         "Are the estimates unbiased?": f"largest of 12 means {summary['bias_in_standard_errors_max']:.1f} standard errors "
         f"({'yes' if summary['bias_in_standard_errors_max'] < 4 else 'NO'}: below 4)",
-        "Are the claimed sigmas honest?": f"{'yes' if nees['inside'] else 'NO'}: {inside}; "
+        "Are the claimed sigmas consistent?": f"{'yes' if nees['inside'] else 'NO'}: {inside}; "
         f"{100 * shares['68']:.1f} / {100 * shares['95']:.1f} / {100 * shares['99.7']:.2f} % within 1 / 2 / 3 sigma",
         "And the paper's, without gyro noise?": f"{'yes' if paper['inside'] else 'no'}: NEES {paper['value']:.1f}",
         "Does one iteration do?": f"the second changes G by {summary['second_iteration_median']['G']:.1e} (median)",
@@ -216,23 +218,22 @@ def summary_table(summary: dict[str, Any]) -> pd.DataFrame:
     return pd.DataFrame({"question": rows.keys(), "answer": rows.values()})
 
 
-def monte_carlo_part(rows: pd.DataFrame, scenario: Scenario, products: Products, out: Console) -> None:
-    """The paper's tables, and how right and how honest the estimates are."""
-    truth = true_parameters(scenario)
+def monte_carlo_part(rows: pd.DataFrame, scenario: Scenario, products: Products) -> None:
+    """The paper's tables, and how right and how consistent the estimates are."""
+    truth, add = true_parameters(scenario), products.add
     for name, title in TITLES.items():
-        table = products.add(name, title, getattr(paper_tables, name)(rows))
-        render.terminal(out, title, paper_layout(table, name), CELL_NOTE)
-    accuracy = products.add("accuracy", "Recovered minus injected", paper_tables.accuracy(rows, truth))
-    consistency = products.add("consistency", "Consistency of the claimed covariance", paper_tables.consistency(rows, truth))
-    between = products.add("psi_difference", "Largest difference between full and linear ψ", paper_tables.psi_difference(rows))
-    second = products.add("second_iteration", "Size of the second iteration's corrections", paper_tables.second_iteration(rows))
+        table = getattr(paper_tables, name)(rows)
+        add(name, title, table, note=CELL_NOTE, shown=paper_layout(table, name))
+        products.show(name)
+    accuracy = add("accuracy", "Recovered minus injected", paper_tables.accuracy(rows, truth))
+    add("consistency", "Consistency of the claimed covariance", paper_tables.consistency(rows, truth))
+    between = add("psi_difference", "Largest difference between full and linear ψ", paper_tables.psi_difference(rows))
+    second = add("second_iteration", "Size of the second iteration's corrections", paper_tables.second_iteration(rows))
     finest = scenario.gyro.sample_s
     headline = accuracy.query("psi == 'full' and step_s == @finest").drop(columns=["psi", "resampling", "step_s"])
     short = headline[[c for c in headline.columns if not c.endswith(("_low", "_high"))]]
-    render.terminal(out, f"{products.titles['accuracy']}, ψ full, Δt = {finest:g} s", short)
-    render.terminal(out, products.titles["consistency"], consistency)
-    render.terminal(out, products.titles["second_iteration"], second)
-    render.terminal(out, products.titles["psi_difference"], between)
+    render.terminal(products.console, f"Recovered minus injected, ψ full, Δt = {finest:g} s", short)
+    products.show("consistency", "second_iteration", "psi_difference")
     chosen = paper_tables.choose(rows, finest)
     errors, sigmas = paper_tables.errors_and_sigmas(chosen, truth)
     check = statistics.nees_check(chosen["nees"].to_numpy(), len(NAMES))
@@ -251,13 +252,6 @@ def monte_carlo_part(rows: pd.DataFrame, scenario: Scenario, products: Products,
         "nees_references_only": {"value": paper.value, "bounds": [paper.lower, paper.upper], "inside": paper.inside},
         "bias_in_standard_errors_max": float(np.abs(headline["bias_in_standard_errors"]).max()),
     }
-
-
-def psi_part(scenario: Scenario, products: Products, out: Console) -> None:
-    """Where linear ψ stops being good enough."""
-    with progress("psi sweep", 1, out.quiet) as advance:
-        products.add("psi_sweep", "Linear against full ψ over slew rate and step, noise-free", psi.run(scenario))
-        advance(1)
 
 
 def true_parameters(scenario: Scenario) -> GyroParameters:
@@ -280,19 +274,17 @@ def write(
         "",
     ]
     for name, table in products.tables.items():
-        write_csv(folder / f"{name}.csv", table)
-        paper = name in LAYOUTS
-        shown = paper_layout(table, name) if paper else table
-        text = render.markdown(products.titles[name], shown, CELL_NOTE if paper else "")
+        write_csv(folder / f"{name}.csv", table.data)
+        text = render.markdown(table.title, table.for_people(), table.note)
         write_text(folder / f"{name}.md", text)
         sections.append(text)
     write_text(folder / "tables.md", "\n".join(sections))
     figures.natanson_figures(scenario, folder)
-    table2 = products.tables["table2"].query(
+    table2 = products.tables["table2"].data.query(
         "psi == 'full' and resampling == 'skip' and step_s == 0.5 and phase == 'prelaunch'"
     )
-    figures.flight_gap_figure(products.tables["flight_gap"], table2.reset_index(drop=True), folder / "flight_gap.svg")
+    figures.flight_gap_figure(products.tables["flight_gap"].data, table2.reset_index(drop=True), folder / "flight_gap.svg")
     chosen = paper_tables.choose(rows, scenario.gyro.sample_s)
     errors, sigmas = paper_tables.errors_and_sigmas(chosen, true_parameters(scenario))
     figures.error_figure(errors, sigmas, list(NAMES), folder / "errors.svg")
-    panels.sheet(psi.map_of(products.tables["psi_sweep"]), size=(6.0, 3.6))(folder / "psi_sweep.svg")
+    panels.sheet(psi.map_of(products.tables["psi_sweep"].data), size=(6.0, 3.6))(folder / "psi_sweep.svg")

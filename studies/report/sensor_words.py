@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 from diagnosis.result import Diagnosis
-from diagnosis.sensors import SensorDiagnosis
-from diagnosis.sensors.rejected import Rejected
+from diagnosis.sensor_result import Rejected, SensorDiagnosis
 from studies.report import diagnosis_words as words
 
 
@@ -30,6 +29,8 @@ def _verdict(sensors: SensorDiagnosis) -> str:
 
 
 def _gap(sensors: SensorDiagnosis) -> str:
+    if sensors.mean_square is None:
+        return "Their measurements do not fit the nominal sensors in any arc."
     chance = words.p_value(sensors.p_value)
     return (
         "Mean square of their residuals in sigmas, epoch attitude and gyro bias of each arc fitted: "

@@ -30,11 +30,12 @@ import numpy as np
 import pandas as pd
 from scipy.stats import chi2
 
-from diagnosis.sensors.candidates import Held
-from diagnosis.sensors.diagnose import Examined, examine, residual_table, verdict_of
-from diagnosis.sensors.rejected import ORTHOGONAL
-from diagnosis.sensors.search import LARGEST_SET
-from diagnosis.sensors.sizes import closure, sized
+from diagnosis.inference.amplitudes import Fitted, fit
+from diagnosis.inference.closure import closure, fixed
+from diagnosis.model.sensors.columns import Held
+from diagnosis.model.sensors.orthogonal import solved_for
+from diagnosis.model.sensors.residuals import residual_table
+from diagnosis.sensor_tables import ExplainedTables, explain_tables, verdict_of
 from gyrocal.recording import Recording
 from simulator.effects import Setting
 from simulator.effects.sensor import SENSOR_EFFECTS, dss_misalignment, parse
@@ -69,6 +70,8 @@ OTHERS: Mapping[str, tuple[str, ...]] = {
     "geocentric nadir": ("esa_nadir=1",),
 }
 SCALE, NOISE = 3e-3, 1.5  # of the α head's counts, and of the Earth sensor's noise; on no list
+EFFECTS = tuple(SENSOR_EFFECTS.values())
+ORTHOGONAL = solved_for(EFFECTS)  # what the calibration of the first upload solved for
 LABELS = {"before": "nominal sensors", "orthogonal": "orthogonal misalignment and biases", "after": "what is named"}
 
 
@@ -115,16 +118,18 @@ def recorded(config: StoryConfig, case: int, streams: Streams, truth: str = "R")
 
 def case(config: StoryConfig, number: int, streams: Streams) -> Sequence[Row]:
     """A row for each truth."""
-    return [_row(truth, examine(recorded(config, number, streams, truth), seed=number)) for truth in TRUTHS]
+    return [_row(truth, explain_tables(recorded(config, number, streams, truth), EFFECTS, seed=number)) for truth in TRUTHS]
 
 
-def _row(truth: str, seen: Examined) -> dict[str, object]:
+def _row(truth: str, seen: ExplainedTables) -> dict[str, object]:
     true = {setting.label() for setting in settings(truth)}
     attribution = seen.attribution
-    named = {one.label for one in seen.found}
-    orthogonal = closure(seen.about_m0, seen.model, LARGEST_SET, fixed=ORTHOGONAL)
-    found = closure(seen.about_m0, seen.model, LARGEST_SET) if named else None
+    named = {one.label for one in seen.fitted}
     without = seen.search.of(ORTHOGONAL)
+    assert without is not None
+    orthogonal = closure(seen.linear, without.members, fixed(ORTHOGONAL))
+    assert orthogonal is not None
+    after = seen.closed.after if seen.closed is not None else orthogonal.before
     best = attribution.best if attribution is not None else None
     said, _, _ = verdict_of(seen)
     row: dict[str, object] = {
@@ -135,23 +140,23 @@ def _row(truth: str, seen: Examined) -> dict[str, object]:
         "wrong": len(named - true),
         "probability": min((slot.probability for slot in attribution.slots), default=np.nan) if attribution else np.nan,
         "p_value": seen.p_value,
-        "dof": seen.model.dof,
+        "dof": seen.linear.dof,
         "before": orthogonal.before,
         "orthogonal": orthogonal.after,
-        "after": found.after if found is not None else orthogonal.before,
-        "orthogonal_p": float(chi2.sf(orthogonal.after * seen.model.dof, seen.model.dof)),
-        "after_p": float(chi2.sf((found.after if found else orthogonal.before) * seen.model.dof, seen.model.dof)),
-        "log_ratio": best.log_evidence - without.log_evidence if best is not None and without is not None else np.nan,
+        "after": after,
+        "orthogonal_p": float(chi2.sf(orthogonal.after * seen.linear.dof, seen.linear.dof)),
+        "after_p": float(chi2.sf(after * seen.linear.dof, seen.linear.dof)),
+        "log_ratio": best.log_evidence - without.log_evidence if best is not None else np.nan,
     }
-    for one in seen.found:
-        row |= _numbers(one.label, one.held.amplitudes, one.sigmas)
-    for one in sized(seen.model, dict.fromkeys(ORTHOGONAL, 0)):
-        row |= _numbers(f"orthogonal {one.label}", one.held.amplitudes, one.sigmas)
+    for one in seen.fitted:
+        row |= _numbers(one.label, one)
+    for one in fit(seen.search.model, without.members):
+        row |= _numbers(f"orthogonal {one.label}", one)
     return row
 
 
-def _numbers(label: str, amplitudes: np.ndarray, sigmas: np.ndarray) -> dict[str, object]:
-    pairs = enumerate(zip(amplitudes, sigmas, strict=True))
+def _numbers(label: str, one: Fitted) -> dict[str, object]:
+    pairs = enumerate(zip(one.amplitudes, one.sigmas, strict=True))
     return {
         f"{label} {k} {name}": float(value) for k, pair in pairs for name, value in zip(("found", "sigma"), pair, strict=True)
     }
@@ -278,12 +283,17 @@ def _misled(heads: pd.DataFrame) -> float:
 
 def _residual_figure(config: StoryConfig, path: Path) -> Path:
     """Residuals of DSS-2 in the first case."""
-    seen = examine(recorded(config, 0, Streams(config.entropy, 0)))
-    table = residual_table(seen.fits, {one.label: one.held for one in seen.found})
-    held: dict[str, Held] = {one.label: one.held for one in sized(seen.model, dict.fromkeys(ORTHOGONAL, 0))}
-    table = table.assign(orthogonal_deg=residual_table(seen.fits, held)["after_deg"])
+    seen = explain_tables(recorded(config, 0, Streams(config.entropy, 0)), EFFECTS)
+    without = seen.search.of(ORTHOGONAL)
+    assert without is not None
+    table = residual_table(seen.fits, _held(seen.fitted))
+    table = table.assign(orthogonal_deg=residual_table(seen.fits, _held(fit(seen.search.model, without.members)))["after_deg"])
     titles = {f"{name}_deg": label for name, label in LABELS.items()}
     return panels.save(sensor_figures.sun_residual_figure(table, "DSS-2", titles), path)
+
+
+def _held(fitted: Sequence[Fitted]) -> dict[str, Held]:
+    return {one.label: Held(one.amplitudes, one.parameters) for one in fitted}
 
 
 def _gap_figure(gaps: pd.DataFrame, path: Path) -> Path:

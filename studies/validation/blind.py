@@ -6,7 +6,7 @@ recordings and seals the answers, the second diagnoses from the recordings alone
 answers and all that was counted are kept. A run that was stopped goes on.
 
 With ``withhold`` above zero each listed effect in turn is put into so many recordings and left out of the library of their
-diagnosis: the answer must then be "unknown" or an honest group.
+diagnosis: the answer must then be "unknown" or a group of alternatives.
 """
 
 import json
@@ -16,15 +16,13 @@ import subprocess
 import sys
 import time
 from collections.abc import Mapping
-from functools import partial
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, Self
 
-import matplotlib as mpl
 import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 from pydantic import model_validator
 from rich.console import Console
 
@@ -37,14 +35,15 @@ from studies.montecarlo import engine
 from studies.montecarlo.files import write_parquet, write_text
 from studies.montecarlo.manifest import MANIFEST, write_manifest
 from studies.montecarlo.study import Scalar, Streams, Study, StudyConfig, base_scenario, load_config
+from studies.report.checks import Check
 from studies.report.entry import Entry, Report, show, write
-from studies.report.panels import STYLE, save
+from studies.report.panels import GREY, RED, TEAL, Draw, Line, curves, noted, sheet
 from studies.report.tables import Table
 from studies.validation.blind_check.cases import Range, Spec, draw
 from studies.validation.blind_check.score import CLEAR, DETECTABLE, Scores, case_row, scored
 from studies.validation.blind_check.steps import DIAGNOSIS_SEED, open_answers
 
-COLOURS = {"one": "#00798c", "unlisted": "#d1495b"}
+COLOURS = {"one": TEAL, "unlisted": RED}
 CASES = 300
 LISTS = ("statements", "size_sigmas")  # columns that hold lists
 
@@ -201,10 +200,10 @@ def report(config: BlindConfig, rows: pd.DataFrame, took: Mapping[str, float] | 
         "confusion": Table("What was in, what was said", made.confusion, shown=most),
         "run_time": Table("Run time", run_time(rows, took or {})),
     }
-    figures = {"reliability": partial(reliability_figure, made)}
+    figures = {"reliability": reliability_figure(made)}
     if len(made.by_snr):
-        figures["detection"] = partial(detection_figure, made)
-    return Report(tables, figures, findings=tuple(_findings(made, rows)))
+        figures["detection"] = detection_figure(made)
+    return Report(tables, figures, _checks(made, rows))
 
 
 def run_time(rows: pd.DataFrame, took: Mapping[str, float]) -> pd.DataFrame:
@@ -217,77 +216,50 @@ def run_time(rows: pd.DataFrame, took: Mapping[str, float]) -> pd.DataFrame:
     return pd.DataFrame(out, columns=["what", "seconds"])
 
 
-def _percent(rate: Mapping[Any, Any]) -> str:
-    low, high = 100 * rate["low"], 100 * rate["high"]
-    return f"{100 * rate['value']:.1f} % ({rate['hits']:.0f} of {rate['of']:.0f}, {low:.1f} to {high:.1f} %)"
+MET = "Whether a criterion is met; its rate, with Wilson's 95 % interval, is in the first table."
 
 
-def _findings(made: Scores, rows: pd.DataFrame) -> list[str]:
-    out = []
-    for _, row in made.criteria.iterrows():
-        verdict = "met" if row["met"] == "yes" else "not met"
-        out.append(f"{row['criterion']}: {_percent(row.to_dict())}; asked {row['asked']}: {verdict}.")
-    failed = int((rows["error"] != "").sum())
-    if failed:
-        out.append(f"{failed} of {len(rows)} diagnoses failed and are not counted.")
-    rates = made.table.set_index("what")
-    for name in ("single, seen in the samples: cause exact or in group", "wrong, of all named"):
-        if rates.loc[name, "of"]:
-            out.append(f"{name}: {_percent(rates.loc[name].to_dict())}.")
+def _checks(made: Scores, rows: pd.DataFrame) -> tuple[Check, ...]:
     named = made.rows[(made.rows["kind"] == "one") & made.rows["exact"].astype(bool)]
-    if len(named):
-        ratio = (named["G_error"] / named["baseline_G_error"]).median()
-        out.append(f"With a single cause named rightly, the error of G is {ratio:.2g} times that of the baseline (median).")
-    return out
+    ratio = (named["G_error"] / named["baseline_G_error"]).median() if len(named) else np.nan
+    return (
+        *(Check(row["criterion"], row["met"], "yes", meaning=MET) for _, row in made.criteria.iterrows()),
+        Check("diagnoses that failed and are not counted", float((rows["error"] != "").sum()), (0.0, 0.0)),
+        Check("error of G over that of the baseline, single cause named rightly, median", ratio),
+    )
 
 
-def detection_figure(made: Scores, path: Path) -> Path:
+def detection_figure(made: Scores) -> Draw:
     """How often an effect is noticed and put right, over its signal-to-noise ratio."""
-    with mpl.rc_context(STYLE):
-        drawing = Figure(figsize=(9.0, 3.4), layout="constrained")
-        for axes, kind, title in zip(
-            drawing.subplots(1, 2, sharey=True), ("one", "unlisted"), ("single listed effects", "unlisted effects"), strict=True
-        ):
-            part = made.by_snr[made.by_snr["kind"] == kind]
-            for style, (what, rates) in zip(("o-", "s--"), part.groupby("what", sort=False), strict=False):
-                _with_bars(axes, rates["snr"], rates, style, COLOURS[kind], str(what))
-            axes.axvline(DETECTABLE if kind == "one" else CLEAR, color="0.6", linewidth=0.8, linestyle=":")
-            axes.set_xscale("log")
-            axes.set_xticks([4, 8, 12, 20, 40], ["4", "8", "12", "20", "40"])
-            axes.minorticks_off()
-            axes.set_xlabel("evidence signal-to-noise ratio")
-            axes.set_title(title, loc="left", fontsize=9)
-            axes.set_ylim(-0.03, 1.03)
-            if len(part):
-                axes.legend(loc="lower right", fontsize=8)
-        drawing.axes[0].set_ylabel("share of the cases, 95 % interval")
-        return save(drawing, path)
+    parts = []
+    for kind, title, at in (("one", "single listed effects", DETECTABLE), ("unlisted", "unlisted effects", CLEAR)):
+        found = made.by_snr[made.by_snr["kind"] == kind]
+        if found.empty:
+            continue
+        lines = [
+            Line(rates["snr"], rates["value"], str(what), COLOURS[kind], style, rates["low"], rates["high"], bars=True)
+            for style, (what, rates) in zip(("o-", "s--"), found.groupby("what", sort=False), strict=False)
+        ]
+        axes: dict[str, Any] = {"x": "evidence signal-to-noise ratio", "y": "share of the cases, 95 % interval", "log": "x"}
+        axes |= {"ticks": [4, 8, 12, 20, 40], "at": [at], "legend": "lower right"}
+        all_of_them = Line(axes["ticks"], np.ones(5), "", GREY, ":")
+        parts.append(curves([all_of_them, *lines], title=title, **axes))
+    return sheet(*parts, size=(9.0, 3.4), sharey=True)
 
 
-def reliability_figure(made: Scores, path: Path) -> Path:
-    """Stated probability of a cause against how often it was there."""
-    with mpl.rc_context(STYLE):
-        drawing = Figure(figsize=(4.2, 3.8), layout="constrained")
-        axes = drawing.add_subplot()
-        axes.plot([0, 1], [0, 1], color="0.6", linewidth=0.8)
-        table = made.reliability
-        if len(table):
-            _with_bars(axes, table["stated"], table.rename(columns={"frequency": "value"}), "o", COLOURS["one"], "causes")
-            for _, row in table.iterrows():
-                axes.annotate(
-                    f"{row['of']:.0f}", (row["stated"], row["frequency"]), (4, -10), textcoords="offset points", fontsize=7
-                )
-        axes.set_xlabel("stated probability, mean of a bin")
-        axes.set_ylabel("share that was there, 95 % interval")
-        axes.set_xlim(-0.02, 1.02)
-        axes.set_ylim(-0.02, 1.02)
-        return save(drawing, path)
+def reliability_figure(made: Scores) -> Draw:
+    """Stated probability of a cause against how often it was there, with the number of statements."""
+    table = made.reliability
+    points = Line(table["stated"], table["frequency"], "", COLOURS["one"], "o", table["low"], table["high"], bars=True)
+    panel = curves([Line([0, 1], [0, 1], "", GREY, "-"), points])
 
+    def draw(on: Axes) -> None:
+        panel.draw(on)
+        for count, x, y in table[["of", "stated", "frequency"]].to_numpy(float):
+            noted(on, f"{count:.0f}", x, y, (4, -10))
 
-def _with_bars(axes: Axes, x: pd.Series, rates: pd.DataFrame, style: str, colour: str, name: str) -> None:
-    value = rates["value"].to_numpy(float)
-    bars = np.abs(np.vstack([value - rates["low"].to_numpy(float), rates["high"].to_numpy(float) - value]))
-    axes.errorbar(x.to_numpy(float), value, bars, fmt=style, color=colour, markersize=4, linewidth=1.2, capsize=2, label=name)
+    x, y = "stated probability, mean of a bin", "share that was there, 95 % interval"
+    return sheet(replace(panel, draw=draw, x=x, y=y), size=(4.2, 3.8))
 
 
 SUMMARY = "is the diagnosis right about recordings whose answers are sealed"

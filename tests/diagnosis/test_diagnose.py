@@ -8,8 +8,8 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from diagnosis.diagnose import FALSE_ALARMS, attitude_p_value, diagnose
-from diagnosis.model.candidates import build
 from diagnosis.inference.search import Search
+from diagnosis.model.candidates import build
 from diagnosis.model.prepare import prepare
 from gyrocal import InputError, load
 from simulator import scenario

@@ -8,11 +8,11 @@ import scipy.stats
 
 from diagnosis.detectors.deadzone import dead_stretches
 from diagnosis.detectors.samples import examine
-from diagnosis.model import localization as where
 from diagnosis.inference.amplitudes import calibrated, fit
-from diagnosis.model.candidates import build
 from diagnosis.inference.closure import closure
 from diagnosis.inference.search import Member, Search
+from diagnosis.model import localization as where
+from diagnosis.model.candidates import build
 from diagnosis.model.prepare import prepare
 from diagnosis.model.processes import factor, markov
 from simulator import scenario

@@ -84,6 +84,14 @@ def test_a_link_stays_and_its_target_is_replaced(tmp_path):
     assert os.listdir(tmp_path / "there") == ["a.json"]
 
 
+def test_a_descriptor_that_is_a_file_is_added_to(tmp_path):
+    with (tmp_path / "out").open("wb") as out:
+        out.write(b"before ")
+        out.flush()
+        write(f"/dev/fd/{out.fileno()}")
+    assert (tmp_path / "out").read_bytes() == b"before new"
+
+
 def test_a_pipe_is_written_to(tmp_path):
     pipe = tmp_path / "pipe"
     os.mkfifo(pipe)

@@ -10,6 +10,7 @@ Sizes are in the unit of the effect, errors in radians; an error is what the sen
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,6 +21,7 @@ from simulator.sensors.suite import SensorSuite
 
 Array = NDArray[np.float64]
 DEG = float(np.deg2rad(1.0))
+EARTH_SENSOR = "Earth sensor"
 
 
 @dataclass(frozen=True)
@@ -31,7 +33,7 @@ class Sightings:
     sun_sensor : (n,) number of the sun sensor of each of its measurements, 1, 2, …
     sun_angles : (n, 2) α and β of M0, rad
     t_s : (m,) times of the Earth sensor's measurements
-    stretch : (m,) number of the stretch each belongs to; in time order
+    arc : (m,) number of the arc, the time of constant rate, that each belongs to; in time order
     A : (m, 3, 3) attitudes then
     position : (m, 3) from the Earth's centre, inertial, m
     sun : (m, 3) unit vectors, inertial
@@ -41,7 +43,7 @@ class Sightings:
     sun_sensor: NDArray[np.int64]
     sun_angles: Array
     t_s: Array
-    stretch: NDArray[np.intp]
+    arc: NDArray[np.intp]
     A: Array
     position: Array
     sun: Array
@@ -62,11 +64,24 @@ class SensorEffect(Effect):
     options : values of its other parameters that a diagnosis tries
     count : number of its linear amplitudes
     refined : those of the other parameters that are positive numbers, to be found between the options
+    acts_on : name of the sensor; "{axis}" in it stands for the effect's axis
+    wanders : whether its amplitudes may also differ from day to day or drift, which is then a discrepancy on no list
+    alignment : what an alignment calibration, which knows orthogonal matrices and biases only, makes of it: it is "solved" for,
+        or "mistaken" for those that are; "" if it does neither
+    finding : signal and words for residuals that follow its columns, where a diagnosis tests for them
     """
 
     options: tuple[Mapping[str, Value], ...] = ({},)
     count: int = 1
     refined: tuple[str, ...] = ()
+    acts_on: str = ""
+    wanders: bool = False
+    alignment: Literal["", "solved", "mistaken"] = ""
+    finding: tuple[str, str] | None = None
+
+    def sensor(self, axis: str | None) -> str:
+        """Name of the sensor that it acts on."""
+        return self.acts_on.format(axis=axis)
 
     def trials(self, around: Surroundings) -> Sequence[Trial]:
         """Its options."""

@@ -60,6 +60,8 @@ EFFECT = DssHead(
         angle("e3_deg", 0.182, "third, about x"),
     ),
     count=3,
+    acts_on="DSS-{axis}",
+    alignment="mistaken",
     meaning="The two heads of a sun sensor are not at right angles, which no misalignment of all of it can stand "
     "for; the number is that of the sensor.",
 )

@@ -54,5 +54,8 @@ EFFECT = DssMisalignment(
         angle("m_z_deg", 0.1140, "about z"),
     ),
     count=3,
+    acts_on=f"DSS-{SENSOR}",
+    wanders=True,
+    alignment="solved",
     meaning="DSS-2 is turned against DSS-1.",
 )

@@ -9,7 +9,7 @@ from collections.abc import Mapping
 from dataclasses import replace
 
 from simulator.effects.base import Setting, Value
-from simulator.effects.sensor.base import DEG, Array, Sightings, VectorEffect, angle
+from simulator.effects.sensor.base import DEG, EARTH_SENSOR, Array, Sightings, VectorEffect, angle
 from simulator.sensors.suite import SensorSuite
 
 
@@ -44,5 +44,9 @@ EFFECT = EsaBias(
         angle("bias_4_deg", -0.05382, "of the fourth"),
     ),
     count=4,
+    acts_on=EARTH_SENSOR,
+    wanders=True,
+    alignment="solved",
+    finding=("ESA", "quadrants of the Earth sensor are off by constants"),
     meaning="The quadrants of the Earth sensor read constantly high or low.",
 )

@@ -19,7 +19,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from simulator.effects.base import Setting, Value
-from simulator.effects.sensor.base import Array, SensorEffect, Sightings
+from simulator.effects.sensor.base import EARTH_SENSOR, Array, SensorEffect, Sightings
 from simulator.sensors.horizon import AZIMUTHS, Horizon
 from simulator.sensors.suite import SensorSuite
 
@@ -87,5 +87,6 @@ EFFECT = EsaNadir(
     prior=(0.01, 2.0),
     bounds=(-5.0, 5.0),
     axes=(),
+    acts_on=EARTH_SENSOR,
     meaning="The penetration angles miss part of the Earth's flattening, as if they pointed to geocentric nadir.",
 )

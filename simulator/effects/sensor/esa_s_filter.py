@@ -11,7 +11,7 @@ from dataclasses import replace
 import numpy as np
 
 from simulator.effects.base import Parameter, Setting, Value
-from simulator.effects.sensor.base import DEG, Array, SensorEffect, Sightings
+from simulator.effects.sensor.base import DEG, EARTH_SENSOR, Array, SensorEffect, Sightings
 from simulator.sensors.suite import SensorSuite
 
 TIME_CONSTANT = Parameter("time_constant_s", "s", 60.0, "of the filter", lower=1.0, upper=1e4)
@@ -33,8 +33,8 @@ class EsaSFilter(SensorEffect):
         """What is left of the wrong start, in each quadrant."""
         sun, earth = sightings.nothing
         constant = float(parameters["time_constant_s"])
-        for number in np.unique(sightings.stretch):
-            rows = np.flatnonzero(sightings.stretch == number)
+        for number in np.unique(sightings.arc):
+            rows = np.flatnonzero(sightings.arc == number)
             t, used = sightings.t_s[rows, None], sightings.used[rows]
             lost = np.maximum.accumulate(np.where(used, -np.inf, t), axis=0)  # when it was last not used
             earth[rows] = np.where(used, np.exp(-(t - lost) / constant), 0.0)
@@ -51,6 +51,7 @@ EFFECT = EsaSFilter(
     axes=(),
     parameters=(TIME_CONSTANT,),
     options=tuple({"time_constant_s": value} for value in (15.0, 30.0, 60.0, 120.0, 240.0)),
+    acts_on=EARTH_SENSOR,
     refined=("time_constant_s",),
     meaning="A quadrant of the Earth sensor errs for a while after the Sun was in it, as its S filter starts wrong.",
 )

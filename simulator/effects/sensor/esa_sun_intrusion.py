@@ -7,7 +7,7 @@ than 1, lengths in units of the Earth's semi-axes. With u_k whether a quadrant i
 
     L_k = (1 − u_k g_k) L_{k−1} + u_k g_k inside_k
 
-with g = 1 at the first of a stretch, as the filter of `simulator.sensors.earth` has it.
+with g = 1 at the first of an arc, as the filter of `simulator.sensors.earth` has it.
 """
 
 from collections.abc import Mapping
@@ -17,7 +17,7 @@ import numba
 import numpy as np
 
 from simulator.effects.base import Parameter, Setting, Value
-from simulator.effects.sensor.base import DEG, Array, SensorEffect, Sightings
+from simulator.effects.sensor.base import DEG, EARTH_SENSOR, Array, SensorEffect, Sightings
 from simulator.effects.sensor.esa_s_filter import TIME_CONSTANT
 from simulator.sensors.horizon import AZIMUTHS, POLAR_RADIUS, Horizon
 from simulator.sensors.suite import SensorSuite
@@ -49,7 +49,7 @@ class EsaSunIntrusion(SensorEffect):
         sun, _ = sightings.nothing
         inside = _inside(sightings, np.cos(DEG * float(parameters["field_deg"])))
         step = np.diff(sightings.t_s, prepend=sightings.t_s[:1])
-        first = np.diff(sightings.stretch, prepend=-1) != 0
+        first = np.diff(sightings.arc, prepend=-1) != 0
         gain = np.where(first, 1.0, -np.expm1(-step / float(parameters["time_constant_s"])))
         taken = np.where(sightings.used | first[:, None], gain[:, None], 0.0)
         return sun, -DEG * amplitudes[0] * _recurrence(1 - taken, taken * inside)
@@ -90,6 +90,7 @@ EFFECT = EsaSunIntrusion(
     axes=(),
     parameters=(Parameter("field_deg", "deg", 5.0, "half angle of a quadrant's field", lower=0.1, upper=30.0), TIME_CONSTANT),
     options=tuple({"field_deg": field, "time_constant_s": constant} for field in FIELDS for constant in CONSTANTS),
+    acts_on=EARTH_SENSOR,
     refined=("field_deg", "time_constant_s"),
     meaning="The Sun in a quadrant of the Earth sensor is not excluded and pulls its angle down.",
 )

@@ -120,7 +120,7 @@ def test_rivals_leave_room_in_the_beam_for_two_listed_effects():
     assert search.explanations()[0].key == {0, 1}
 
 
-def test_over_times_has_every_likely_time_with_its_probability():
+def test_over_options_has_every_likely_time_with_its_probability():
     rng = np.random.default_rng(12)
     n = 200
     steps = [(np.arange(n) >= start).astype(float)[:, None] for start in range(10, 190, 10)]
@@ -131,7 +131,7 @@ def test_over_times_has_every_likely_time_with_its_probability():
     model = replace(model, candidates=(replace(candidate, options=options), model.candidates[1]))
     search = Search(model)
     best = search.of(("e0", "e1"))
-    sets = search.over_times(best.members)
+    sets = search.over_options(best.members)
     assert sum(share for share, _ in sets) == pytest.approx(1.0)
     likeliest = max(sets, key=lambda one: one[0])[1]
     assert abs(likeliest[0].option - 8) <= 2

@@ -6,8 +6,8 @@ import scipy.stats
 
 from diagnosis import plan as planning
 from diagnosis.diagnose import FALSE_ALARMS, attitude_p_value
-from diagnosis.model.candidates import build
 from diagnosis.inference.search import Search
+from diagnosis.model.candidates import build
 from diagnosis.model.prepare import prepare
 from diagnosis.model.recording import linearised
 from diagnosis.plan import (

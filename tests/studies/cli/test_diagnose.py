@@ -9,6 +9,7 @@ from gyrocal import InputError
 from simulator.effects.sensor import ALL_EFFECTS
 from studies.cli import diagnose as cli_diagnose
 from studies.cli.main import main
+from studies.cli.stages import stages
 from tests import ROOT
 from tests.diagnosis_cases import CASES
 
@@ -109,11 +110,17 @@ def test_an_unusable_recording_is_one_line(run_cli, rec, monkeypatch):
     assert result.stderr == "gyrocal: m1: a hole of 30 s in the gyro stream\n"
 
 
-def test_long_work_says_how_far_it_is(asked, capsys, monkeypatch):
-    monkeypatch.setattr(cli_diagnose, "LINE_EVERY_S", 0.0)
-    with cli_diagnose._stages() as tell:
+def test_long_work_says_how_far_it_is(capsys):
+    with stages("diagnose", 0.0) as tell:
         tell("null distribution", 0.4)
     assert capsys.readouterr().err == "diagnose: null distribution, 40 % done\n"
+
+
+def test_each_stage_is_said_once(capsys):
+    with stages("plan") as tell:
+        for text, share in (("pairs: 1 of 2", 0.1), ("pairs: 2 of 2", 0.2), ("extras", 0.5)):
+            tell(text, share)
+    assert capsys.readouterr().err.splitlines() == ["plan: pairs, 10 % done", "plan: extras, 50 % done"]
 
 
 def test_help_has_an_example(run_cli):

@@ -41,8 +41,11 @@ def found(rec):
 @pytest.fixture
 def of_the_attitudes(monkeypatch, found):
     """The answer of gyro and references taken as known, which the sensors have no part in."""
-    nothing = replace(found, verdict="none", present=False, causes=(), closure=None, where=(), notes=(), sensors=None)
-    monkeypatch.setattr("diagnosis.diagnose._diagnosed", lambda *_: nothing)
+    empty = {"causes": (), "closure": None, "where": (), "notes": (), "sensors": None, "posterior": (((), 1.0),)}
+    nothing = replace(found, verdict="none", present=False, **empty)
+    for step in ("prepare", "sample_causes", "explain"):
+        monkeypatch.setattr(f"diagnosis.diagnose.{step}", lambda *_: ())
+    monkeypatch.setattr("diagnosis.diagnose.assembled", lambda *_: nothing)
     return nothing
 
 
@@ -98,6 +101,17 @@ def test_tables_without_an_ephemeris_are_passed_over_and_said_so(rec, of_the_att
     found = diagnose(replace(recording, sensors=tables))
     assert found.sensors is None
     assert any("were not looked at: there is no ephemeris table" in note for note in found.notes)
+
+
+def test_tables_that_fit_nothing_are_said_so(rec, of_the_attitudes):
+    recording = load(rec)
+    tables = recording.sensors
+    swapped = replace(tables.sun, counts=tables.sun.counts[:, ::-1])
+    found = diagnose(replace(recording, sensors=replace(tables, sun=swapped)))
+    assert (found.verdict, found.present, found.posterior) == ("unknown", True, ((("unknown",), 1.0),))
+    assert json.loads(json.dumps(found.to_json()["sensors"], allow_nan=False))["mean_square"] is None
+    assert any("do not fit the nominal sensors" in line for line in lines(found))
+    assert "do not fit the nominal sensors in any arc" in diagnosis_report.page(found)
 
 
 @pytest.mark.parametrize(

@@ -1,16 +1,16 @@
-"""Constant-rate stretches of a recording with their sensor measurements, fitted under M0.
+"""Arcs of constant rate of a recording with their sensor measurements, fitted under M0.
 
 M0 at the level of the sensors: the nominal models (`gyrocal.sensors.sun.trmm_sun_sensors`, `gyrocal.sensors.earth` without
 biases), white noise of the stated sigma, and a gyro of constant bias and white noise. While the rate is constant an error of G
-acts as a bias, R (8), so each stretch has an epoch attitude and a bias of its own, six numbers. What they leave is
+acts as a bias, R (8), so each arc has an epoch attitude and a bias of its own, six nuisance parameters. What they leave is
 
     z = H γ_n + c δb + Σ_e X_e a_e + noise,    γ_n = γ_0 + walk of the gyro up to node n
 
 with X_e the derivative of an effect's error by its amplitudes, each row divided by its sigma
 (`gyrocal.estimation.least_squares`).
 
-Gram matrices are all that is kept. With γ_n free but for the walk's increments, their information is Λ = Jᵀ J + Σ 1/q² D Dᵀ, a
-band (J spreads the rows H to their nodes), and for any columns M = [c, X, z]
+Gram matrices are all that is kept. With the walk's increments as the only prior on the γ_n, their information is
+Λ = Jᵀ J + Σ 1/q² D Dᵀ, a band (J spreads the rows H to their nodes), and for any columns M = [c, X, z]
 
     Mᵀ V⁻¹ M  with the epoch attitude taken out  =  Mᵀ M − (JᵀM)ᵀ Λ⁻¹ (JᵀM)
 
@@ -46,19 +46,23 @@ STEADY_S = 60.0
 MOST_ITERATIONS = 12
 CONVERGED = 1e-4  # last correction in sigmas
 LEAST_ARW = float(np.deg2rad(2e-6))  # rad/√s; a smaller one would only cost digits
-LEAST_TIMES = 12  # measurements of a stretch worth its six unknowns
+LEAST_TIMES = 12  # measurements of an arc worth its six unknowns
+
+
+class MisfitError(InputError):
+    """The measurements of an arc do not fit the nominal sensors at all."""
 
 
 @dataclass(frozen=True)
-class Span:
-    """One stretch and its measurements.
+class Arc:
+    """One arc and its measurements.
 
     Attributes
     ----------
     name : of the interval
-    number : its place among the stretches
+    number : its place among the arcs
     start : (3, 3) attitude at the first measurement, roughly
-    gyro : samples of the stretch
+    gyro : samples of the arc
     series : of the sensors that saw something; the sun sensors first
     numbers : number of the sun sensor of each series, 0 for the Earth sensor
     sightings : what the sensors look at; angles and attitudes are those of M0's fit once there is one
@@ -86,19 +90,19 @@ def _scaled(values: Array, series: SensorSeries) -> Array:
 
 
 @dataclass(frozen=True)
-class Fitted:
-    """A stretch fitted under M0.
+class FittedArc:
+    """An arc fitted under M0.
 
     Attributes
     ----------
-    span : with the sightings of the fit
+    arc : with the sightings of the fit
     rows : measurements, linearised at the fit
     path : nodes of the gyro
     S : (N, 3, 3) bias columns carried back to the first node, of `Stretch.carried`
     residuals : of each series (n, m), measured minus predicted of a plain batch, rad; they hold the gyro's walk
     """
 
-    span: Span
+    arc: Arc
     rows: Rows
     path: Stretch
     S: Array
@@ -109,7 +113,7 @@ class Fitted:
         return _band(self.rows, self.path.q)
 
     def gram(self, X: Array) -> tuple[Array, int]:
-        """Products of X (r, p) and the residuals with all that M0 leaves free taken out.
+        """Products of X (r, p) and the residuals with the nuisance parameters of M0 projected out.
 
         Returns
         -------
@@ -143,36 +147,37 @@ def _band(rows: Rows, q: Array) -> Array:
     return np.asarray(scipy.linalg.cholesky_banded(band.reshape(4, -1), lower=True, check_finite=False))
 
 
-def spans(recording: Recording) -> tuple[list[Span], list[str]]:
-    """Stretches of a recording that can be used, and what is said of the others.
+def arcs_of(recording: Recording) -> tuple[list[Arc], list[str]]:
+    """Arcs of a recording that can be used, and what is said of the other intervals.
 
     Raises
     ------
     InputError
-        There are no raw tables with an ephemeris, or no stretch can be used.
+        There are no raw tables with an ephemeris, or no arc can be used.
     """
     tables = recording.sensors
     if tables is None or (tables.sun is None and tables.earth is None):
         raise InputError("the recording has no raw sensor tables")
     if tables.ephemeris is None:
         raise InputError("there is no ephemeris table, which says where the spacecraft is and the Sun stands")
-    found: list[Span] = []
+    found: list[Arc] = []
     turning, few = [], []
     for interval in recording.intervals:
-        span = _span(recording, tables, interval, len(found))
         if not _steady(recording.gyro, interval):
             turning.append(interval.name)
-        elif span is None:
+            continue
+        arc = _arc(recording, tables, interval, len(found))
+        if arc is None:
             few.append(interval.name)
         else:
-            found.append(span)
+            found.append(arc)
     notes = []
     if turning:
         notes.append(f"Sensor tables are used at constant rate only, not in {_some(turning)}")
     if few:
         notes.append(f"Too few sensor measurements, or none of a sun or of the Earth sensor, in {_some(few)}")
     if not found:
-        raise InputError(f"no stretch of the recording can be used for the sensors; {'; '.join(notes)}")
+        raise InputError(f"no arc of the recording can be used for the sensors; {'; '.join(notes)}")
     return found, notes
 
 
@@ -189,7 +194,7 @@ def _steady(gyro: GyroStream, interval: Interval) -> bool:
     return bool(np.abs(means - means.mean(axis=0)).max() < STEADY)
 
 
-def _span(recording: Recording, tables: SensorTables, interval: Interval, number: int) -> Span | None:
+def _arc(recording: Recording, tables: SensorTables, interval: Interval, number: int) -> Arc | None:
     assert tables.ephemeris is not None
     low, high = interval.start_s, interval.stop_s
     series, numbers = [], []
@@ -232,13 +237,13 @@ def _span(recording: Recording, tables: SensorTables, interval: Interval, number
         sun_sensor=np.concatenate(sun_sensor),
         sun_angles=np.concatenate(sun_angles),
         t_s=t,
-        stretch=np.full(t.size, number, dtype=np.intp),
+        arc=np.full(t.size, number, dtype=np.intp),
         A=np.tile(start, (t.size, 1, 1)),
         position=position,
         sun=sun,
         used=used,
     )
-    return Span(interval.name, number, start, gyro, tuple(series), tuple(numbers), sightings)
+    return Arc(interval.name, number, start, gyro, tuple(series), tuple(numbers), sightings)
 
 
 def _sun_sigma(sensor: SunSensor, counts: Array, sigma: Array) -> Array:
@@ -249,50 +254,52 @@ def _sun_sigma(sensor: SunSensor, counts: Array, sigma: Array) -> Array:
     return np.asarray(np.where(np.isfinite(sigma), np.sqrt(sensor.sigma**2 + (steps - largest) / 12), sigma))
 
 
-def fit(span: Span, sun_error: Array | None = None, earth_error: Array | None = None) -> Fitted:
-    """Epoch attitude and bias of a stretch under M0.
+def fit_arc(arc: Arc, sun_error: Array | None = None, earth_error: Array | None = None) -> FittedArc:
+    """Epoch attitude and bias of an arc under M0.
 
     Parameters
     ----------
-    span : the stretch
+    arc : the arc
     sun_error, earth_error : (n, 2), (m, 4) what is taken off the measurements beforehand, rad
 
     Raises
     ------
-    UnobservableError, InputError
-        The stretch does not determine both, or the fit does not converge.
+    UnobservableError
+        The arc does not determine both.
+    MisfitError
+        The fit does not converge.
     """
-    series = span.series
+    series = arc.series
     if sun_error is not None and earth_error is not None:
-        own = [earth_error if number == 0 else sun_error[span.sightings.sun_sensor == number] for number in span.numbers]
+        own = [earth_error if number == 0 else sun_error[arc.sightings.sun_sensor == number] for number in arc.numbers]
         series = tuple(replace(one, y=one.y - error) for one, error in zip(series, own, strict=True))
-    path = stretch(span.gyro, measured_times(series), span.gyro.apriori_G)
+    path = stretch(arc.gyro, measured_times(series), arc.gyro.apriori_G)
     solved = columns(series, {})
-    estimate = Estimate(np.tile(span.start, (len(path.t), 1, 1)), span.gyro.apriori_bias, tuple(one.model for one in series))
+    estimate = Estimate(np.tile(arc.start, (len(path.t), 1, 1)), arc.gyro.apriori_bias, tuple(one.model for one in series))
     for iteration in range(MOST_ITERATIONS):
         state = linearise(path, series, estimate, solved)
         if not np.isfinite(state.rows.z).all():
             break
         if iteration == 0:
-            check_observable(state.rows, span.start, ())
+            check_observable(state.rows, arc.start, ())
         gamma, delta, length = Plain(state.rows, len(path.t)).step()
         estimate = replace(estimate, C=rotation_matrix(gamma) @ estimate.C, bias=estimate.bias + delta)
         if length < CONVERGED:
             state = linearise(path, series, estimate, solved)
             A = state.R @ estimate.C
-            return Fitted(_looking(span, series, path, A), state.rows, path, state.S, state.residuals)
-    raise InputError(f"{span.name}: the sensors' measurements do not fit the nominal models at all")
+            return FittedArc(_looking(arc, series, path, A), state.rows, path, state.S, state.residuals)
+    raise MisfitError(f"{arc.name}: the sensors' measurements do not fit the nominal models at all")
 
 
-def _looking(span: Span, series: tuple[SensorSeries, ...], path: Stretch, A: Array) -> Span:
-    """The stretch with the sightings of a fit."""
+def _looking(arc: Arc, series: tuple[SensorSeries, ...], path: Stretch, A: Array) -> Arc:
+    """The arc with the sightings of a fit."""
     angles = [
         one.model.predict(A[path.node(one.t)] if one.used.all() else A[_nearest(path, one.t)], np.arange(one.t.size))
-        for one, number in zip(series, span.numbers, strict=True)
+        for one, number in zip(series, arc.numbers, strict=True)
         if number > 0
     ]
-    nodes = _nearest(path, span.sightings.t_s)
-    return replace(span, sightings=replace(span.sightings, sun_angles=np.concatenate(angles), A=A[nodes]))
+    nodes = _nearest(path, arc.sightings.t_s)
+    return replace(arc, sightings=replace(arc.sightings, sun_angles=np.concatenate(angles), A=A[nodes]))
 
 
 def _nearest(path: Stretch, t: Array) -> NDArray[np.intp]:
@@ -300,14 +307,24 @@ def _nearest(path: Stretch, t: Array) -> NDArray[np.intp]:
     return np.minimum(path.node(t), len(path.t) - 1)
 
 
-def fitted_all(usable: list[Span]) -> tuple[list[Fitted], list[str]]:
-    """Fits of all stretches, and what is said of those that cannot be fitted."""
-    done, notes = [], []
-    for span in usable:
+def fitted_arcs(arcs: list[Arc]) -> tuple[list[FittedArc], list[str]]:
+    """Fits of all arcs, and what is said of those that cannot be fitted.
+
+    Raises
+    ------
+    MisfitError
+        No arc can be fitted, and the measurements of one or more do not fit the nominal sensors at all.
+    InputError
+        No arc can be fitted for another reason.
+    """
+    done, notes, faults = [], [], []
+    for arc in arcs:
         try:
-            done.append(fit(span))
+            done.append(fit_arc(arc))
         except (UnobservableError, InputError) as error:
-            notes.append(f"{span.name} is left out of the sensors' diagnosis: {error}")
+            faults.append(error)
+            notes.append(f"{arc.name} is left out of the sensors' diagnosis: {error}")
     if not done:
-        raise InputError(f"no stretch can be fitted under the nominal sensors; {notes[0]}")
+        kind = MisfitError if any(isinstance(fault, MisfitError) for fault in faults) else InputError
+        raise kind(f"no arc can be fitted under the nominal sensors; {notes[0]}")
     return done, notes

@@ -5,11 +5,13 @@ from __future__ import annotations
 from dataclasses import replace
 
 from diagnosis.answer import Verdict
+from diagnosis.assemble import likeliest
 from diagnosis.result import Diagnosis
-from diagnosis.sensors.result import SensorDiagnosis
+from diagnosis.sensor_result import SensorDiagnosis
 
 # What is left unexplained on either side counts for the whole.
 WEIGHT: dict[Verdict, int] = {"none": 0, "named": 1, "group": 2, "not identifiable": 3, "unknown": 4}
+UNKNOWN = ("unknown",)
 
 
 def merged(attitude: Diagnosis, sensors: SensorDiagnosis) -> Diagnosis:
@@ -31,5 +33,17 @@ def merged(attitude: Diagnosis, sensors: SensorDiagnosis) -> Diagnosis:
         unknown_probability=max(attitude.unknown_probability, sensors.unknown_probability),
         closure=leading.closure,
         notes=(*sensors.notes, *attitude.notes),
+        p_values={**attitude.p_values, "sensor tables": sensors.p_value},
+        posterior=_joint(attitude, sensors),
         sensors=sensors,
     )
+
+
+def _joint(attitude: Diagnosis, sensors: SensorDiagnosis) -> tuple[tuple[tuple[str, ...], float], ...]:
+    """Explanations of both together, which are independent of one another."""
+    found: dict[tuple[str, ...], float] = {}
+    for one, p in attitude.posterior:
+        for other, q in sensors.posterior:
+            labels = UNKNOWN if UNKNOWN in (one, other) else (*one, *other)
+            found[labels] = found.get(labels, 0.0) + p * q
+    return likeliest(found)

@@ -1,23 +1,24 @@
 """Numbers of an effect that are no amplitudes: a time constant, the size of a field.
 
 A search takes them from a few options. Between those lies up to half a step, which in thousands of measurements is seen, as a
-discrepancy that no effect explains, or as a size that is off by sigmas. So they are moved to where the sum of squares χ², the
-amplitudes and all that M0 leaves free fitted, is least, and their uncertainty is made part of that of the amplitudes: at the
-minimum the derivative of the error by the logarithm of each is one more column.
+discrepancy that no effect explains, or as a size that is off by sigmas. So they are moved to where the sum of squares χ², with
+the amplitudes and all nuisance parameters fitted, is least. At the minimum the derivative of the error by the logarithm of each
+is one more column, which says how well it is known; options about a sigma apart then stand for its posterior, and the
+amplitudes, averaged over them, have its uncertainty in theirs.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from itertools import product
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import minimize
 
-from diagnosis.sensors.candidates import Held, effect_of, held_columns
-from diagnosis.sensors.sizes import Sized
-from diagnosis.sensors.spans import Fitted
+from diagnosis.model.sensors.arcs import FittedArc
+from diagnosis.model.sensors.columns import Held, effect_of, held_columns
 from simulator.effects.base import Value
 
 Array = NDArray[np.float64]
@@ -27,68 +28,66 @@ ENOUGH = 0.004  # of a logarithm
 ENOUGH_CHI2 = 0.01
 MOST_TRIALS = 60
 STEP = 0.05  # of a logarithm, for the derivative; fields are seen in steps of the sampling
+AROUND = 1.25 * np.arange(-2, 3)  # sigmas at which options stand; under a normal density they have nearly its variance
 
 
-def refined(fits: Sequence[Fitted], held: Mapping[str, Held]) -> dict[str, Held]:
-    """Effects by label with their parameters moved to the least χ², and the amplitudes that fit there.
+def refined(fits: Sequence[FittedArc], held: Mapping[str, Held]) -> dict[str, Held]:
+    """Effects by label with their parameters moved to the least χ², the amplitudes that fit there, and options around.
 
     Parameters
     ----------
-    fits : the stretches under M0
+    fits : the arcs under M0
     held : what to start from
     """
     places = _places(held)
     if not places:
         return dict(held)
 
-    def at(x: Array) -> dict[str, Held]:
-        return _moved(held, places, x)
-
     def chi2(x: Array) -> float:
-        _, left = _solved(fits, at(x))
+        _, left = _solved(fits, _moved(held, places, x))
         return left
 
     start = np.array([np.log(float(held[label].parameters[name])) for label, name in places])
     simplex = start + np.vstack([np.zeros(start.size), FIRST_STEP * np.eye(start.size)])
     options = {"initial_simplex": simplex, "xatol": ENOUGH, "fatol": ENOUGH_CHI2, "maxfev": MOST_TRIALS}
-    best = at(minimize(chi2, start, method="Nelder-Mead", options=options).x)
+    x = minimize(chi2, start, method="Nelder-Mead", options=options).x
+    best = _moved(held, places, x)
     amplitudes, _ = _solved(fits, best)
     out, begin = {}, 0
     for label, one in best.items():
         out[label] = replace(one, amplitudes=amplitudes[begin : begin + one.amplitudes.size])
         begin += one.amplitudes.size
+    return {label: replace(one, others=others) for (label, one), others in zip(out.items(), _around(fits, out), strict=True)}
+
+
+def _around(fits: Sequence[FittedArc], held: Mapping[str, Held]) -> list[tuple[dict[str, Value], ...]]:
+    """Of each effect, parameters at a few sigmas from those held."""
+    places = _places(held)
+    x = np.array([np.log(float(held[label].parameters[name])) for label, name in places])
+    covariance = _covariance(fits, held, places, x)
+    out = []
+    for label, one in held.items():
+        own = [k for k, (other, _) in enumerate(places) if other == label]
+        values, vectors = np.linalg.eigh(covariance[np.ix_(own, own)])
+        factor = vectors * np.sqrt(np.maximum(values, 0.0))
+        steps = [np.array(step) for step in product(AROUND, repeat=len(own)) if np.any(step)]
+        moved = [_moved({label: one}, [places[k] for k in own], x[own] + factor @ step) for step in steps]
+        out.append(tuple(dict(there[label].parameters) for there in moved))
     return out
 
 
-def widened(fits: Sequence[Fitted], found: Sequence[Sized]) -> tuple[Sized, ...]:
-    """Effects with the uncertainty of their parameters in that of their sizes."""
-    held = {one.label: one.held for one in found}
-    places = _places(held)
-    if not places:
-        return tuple(found)
-    x = np.array([np.log(float(held[label].parameters[name])) for label, name in places])
+def _covariance(fits: Sequence[FittedArc], held: Mapping[str, Held], places: Sequence[tuple[str, str]], x: Array) -> Array:
+    """(q, q) of the logarithms of the parameters, all amplitudes fitted too."""
     total = None
     for fitted in fits:
         columns = [held_columns(fitted, held)]
-        for k in range(x.size):
-            step = STEP * np.eye(x.size)[k]
+        for step in STEP * np.eye(x.size):
             high, low = (_along(fitted, _moved(held, places, x + way * step)) for way in (1, -1))
             columns.append(((high - low) / (2 * STEP))[:, None])
         gram, _ = fitted.gram(np.hstack(columns))
         total = gram if total is None else total + gram
     assert total is not None
-    covariance = _inverse(total[:-1, :-1])
-    out, begin = [], 0
-    for one in found:
-        own = slice(begin, begin + one.held.amplitudes.size)
-        begin = own.stop
-        length = np.linalg.norm(one.held.amplitudes)
-        along = (
-            one.held.amplitudes / length if length > 0 else np.full(one.held.amplitudes.size, one.held.amplitudes.size**-0.5)
-        )
-        block = covariance[own, own]
-        out.append(replace(one, sigma=float(np.sqrt(along @ block @ along)), sigmas=np.sqrt(np.diag(block))))
-    return tuple(out)
+    return _inverse(total[:-1, :-1])[-x.size :, -x.size :]
 
 
 def _places(held: Mapping[str, Held]) -> list[tuple[str, str]]:
@@ -108,7 +107,7 @@ def _moved(held: Mapping[str, Held], places: Sequence[tuple[str, str]], x: Array
     return out
 
 
-def _solved(fits: Sequence[Fitted], held: Mapping[str, Held]) -> tuple[Array, float]:
+def _solved(fits: Sequence[FittedArc], held: Mapping[str, Held]) -> tuple[Array, float]:
     """Amplitudes of all effects together, and χ² with them."""
     total = None
     for fitted in fits:
@@ -126,7 +125,7 @@ def _inverse(gram: Array) -> Array:
     return np.asarray(np.linalg.pinv(gram * np.outer(scale, scale), hermitian=True) * np.outer(scale, scale))
 
 
-def _along(fitted: Fitted, held: Mapping[str, Held]) -> Array:
+def _along(fitted: FittedArc, held: Mapping[str, Held]) -> Array:
     """(r,) errors of some effects at their amplitudes, in sigmas."""
     amplitudes = np.concatenate([one.amplitudes for one in held.values()])
     return np.asarray(held_columns(fitted, held) @ amplitudes)

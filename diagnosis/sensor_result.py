@@ -1,14 +1,36 @@
-"""What a diagnosis of the sensors says."""
+"""What a diagnosis of the raw sensor tables says."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from typing import Any
 
 import pandas as pd
 
 from diagnosis.answer import Cause, Closure, Finding, Verdict
-from diagnosis.sensors.rejected import Rejected
+
+
+@dataclass(frozen=True)
+class Rejected:
+    """An explanation that was put to the test beside the one that is named.
+
+    Attributes
+    ----------
+    effects : labels
+    log_bayes_factor : natural logarithm of how much likelier the data are under what is named
+    before, after : mean square on days left out, under M0 and with it; the floor is 1
+    p_value : that noise as stated leaves that much
+    """
+
+    effects: tuple[str, ...]
+    log_bayes_factor: float
+    before: float
+    after: float
+    p_value: float
+
+    def to_json(self) -> dict[str, Any]:
+        """One object."""
+        return {**asdict(self), "effects": list(self.effects)}
 
 
 @dataclass(frozen=True)
@@ -19,7 +41,7 @@ class SensorDiagnosis:
     ----------
     verdict : none, named, group or unknown
     present, p_value, false_alarm_rate : the gap
-    mean_square : of M0's residuals in sigmas, per degree of freedom; one if M0 is true
+    mean_square : of M0's residuals in sigmas, per degree of freedom; one if M0 is true, None where M0 could not be fitted
     dof : degrees of freedom
     where : one finding for each sensor that departs
     causes : one for each effect of the best explanation
@@ -28,6 +50,7 @@ class SensorDiagnosis:
     closure : on days left out; None without a named cause
     rejected : what else an alignment calibration would say, tested beside the causes
     notes : limits, in sentences
+    posterior : labels of each explanation with its probability, as in `diagnosis.result.Diagnosis`
     residuals : sensor, angle, interval, t_s, alpha_deg, beta_deg, before_deg, after_deg — the latter two are residuals under
         M0 and with the causes taken out; alpha and beta are NaN for the Earth sensor, and so is an angle not used
     explanations : effects (joined by " + "), probability, log_evidence, unlisted
@@ -37,7 +60,7 @@ class SensorDiagnosis:
     present: bool
     p_value: float
     false_alarm_rate: float
-    mean_square: float
+    mean_square: float | None
     dof: int
     where: tuple[Finding, ...]
     causes: tuple[Cause, ...]
@@ -46,6 +69,7 @@ class SensorDiagnosis:
     closure: Closure | None
     rejected: tuple[Rejected, ...]
     notes: tuple[str, ...]
+    posterior: tuple[tuple[tuple[str, ...], float], ...]
     residuals: pd.DataFrame = field(repr=False)
     explanations: pd.DataFrame = field(repr=False)
 

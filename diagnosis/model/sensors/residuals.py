@@ -1,0 +1,69 @@
+"""Residuals of the sensors' measurements, and which sensors depart from their nominal models."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+import pandas as pd
+import scipy.linalg
+from numpy.typing import NDArray
+from scipy.special import chdtrc
+
+from diagnosis.answer import Finding
+from diagnosis.model.sensors.arcs import FittedArc, fit_arc
+from diagnosis.model.sensors.columns import Held, held_error
+from diagnosis.model.sensors.tables import Tables
+
+Array = NDArray[np.float64]
+
+ANGLES = {0: ("penetration 1", "penetration 2", "penetration 3", "penetration 4"), 1: ("alpha", "beta"), 2: ("alpha", "beta")}
+NAMES = {0: "ESA", 1: "DSS-1", 2: "DSS-2"}
+COLUMNS = ["sensor", "angle", "interval", "t_s", "alpha_deg", "beta_deg", "before_deg", "after_deg"]
+SEEN = 1e-5  # relative singular value of a sensor's columns, below which one adds nothing to the others
+TINY = 1e-300
+
+
+def residual_table(fits: Sequence[FittedArc], held: Mapping[str, Held]) -> pd.DataFrame:
+    """Residuals of all measurements under M0, and of a fit with some effects taken off the measurements."""
+    parts = [pd.DataFrame(columns=COLUMNS)] if not fits else []
+    for before in fits:
+        arc = before.arc
+        after = fit_arc(arc, *held_error(arc.sightings, held)) if held else before
+        for series, number, old, new in zip(arc.series, arc.numbers, before.residuals, after.residuals, strict=True):
+            looked = arc.sightings.sun_angles[arc.sightings.sun_sensor == number] if number else None
+            for k, angle in enumerate(ANGLES[number]):
+                values = (
+                    NAMES[number],
+                    angle,
+                    arc.name,
+                    series.t,
+                    np.nan if looked is None else np.rad2deg(looked[:, 0]),
+                    np.nan if looked is None else np.rad2deg(looked[:, 1]),
+                    np.rad2deg(old[:, k]),
+                    np.rad2deg(new[:, k]),
+                )
+                parts.append(pd.DataFrame(dict(zip(COLUMNS, values, strict=True))))
+    return pd.concat(parts, ignore_index=True)
+
+
+def findings(tables: Tables, rate: float) -> tuple[Finding, ...]:
+    """Tests of each sensor by itself: chi-square of the columns that an error of it may have, the strongest first.
+
+    Parameters
+    ----------
+    tables : about M0
+    rate : of false alarms
+    """
+    found = []
+    for family in tables.families:
+        if family.finding is None:
+            continue
+        basis = scipy.linalg.orth(tables.columns(family), rcond=SEEN)
+        chi2, count = float(np.sum((basis.T @ tables.y) ** 2)), basis.shape[1]
+        p = float(max(chdtrc(count, chi2), TINY)) if count else 1.0
+        if p < rate:
+            signal, text = family.finding
+            sentence = f"{text} (chi-square {chi2:.4g} of {count})"
+            found.append(Finding(signal, None, None, None, "chi2", chi2, p, sentence))
+    return tuple(sorted(found, key=lambda one: -one.value))

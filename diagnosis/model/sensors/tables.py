@@ -1,0 +1,225 @@
+"""The linear model of raw sensor tables.
+
+Each arc is fitted by itself, and what its thousands of measurements say of the effects is in the products of all columns with
+one another and with the residuals z. From their Gram matrix with the nuisance parameters projected out, Q diag(λ) Qᵀ, the rows
+diag(√λ) Qᵀ have the same products, so that each arc is a hundred rows of the model. The rows of all arcs stand one below the
+other: an arc held out is a choice of rows, and a sensor that sits differently each day has columns for each arc by itself.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+
+import numpy as np
+import scipy.linalg
+from numpy.typing import NDArray
+from scipy.special import chdtrc
+
+from diagnosis.model.candidates import Group, placed
+from diagnosis.model.linear import Fold, LinearModel, exactly, first_amplitude
+from diagnosis.model.sensors.arcs import FittedArc
+from diagnosis.model.sensors.columns import Family, Held, listed_families, rival_families
+from diagnosis.settings import DiagnosisSettings
+from simulator.effects.sensor import SENSOR_EFFECTS, SensorEffect
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.intp]
+
+FOLDS = 6
+SPLIT = "days left out, a sixth of the arcs at a time"
+MONTH = 30 * 86400.0
+VISIBLE = (1.0, 1e4)  # signal-to-noise ratios: of thousands of measurements, about amplitudes that were found
+RANK = 1e-13  # relative eigenvalue of a Gram matrix, below which there is only rounding
+TINY = 1e-300
+SEEN = 1e-9  # relative singular value of all columns, below which one adds nothing to the others
+
+
+@dataclass(frozen=True)
+class Tables:
+    """All arcs, in a few rows each.
+
+    Attributes
+    ----------
+    families : whose the columns are
+    W, y : (N, p), (N,) columns and residuals in sigmas, with the nuisance parameters projected out
+    owner : (N,) number of the arc of each row
+    names, t_s, dof : of each arc its interval, its middle, and its degrees of freedom
+    """
+
+    families: tuple[Family, ...]
+    W: Array
+    y: Array
+    owner: Indices
+    names: tuple[str, ...]
+    t_s: Array
+    dof: tuple[int, ...]
+
+    def columns(self, family: Family) -> Array:
+        """(N, k) columns of a family."""
+        start = sum(one.count for one in self.families[: self.families.index(family)])
+        return self.W[:, start : start + family.count]
+
+
+def tables_of(fits: Sequence[FittedArc], effects: Sequence[SensorEffect], about: Mapping[str, Held] | None = None) -> Tables:
+    """Columns and residuals of fitted arcs.
+
+    Parameters
+    ----------
+    fits : the arcs
+    effects : that may be named; those that wander have their columns in any case
+    about : amplitudes by label that were taken off the measurements before the arcs were fitted, and about which the errors are
+        linearised; the residuals get their linear part back
+    """
+    held = about or {}
+    present = [effect for effect in SENSOR_EFFECTS.values() if effect in effects or effect.wanders]
+    families = (*listed_families(present, held), *rival_families())
+    amplitudes = np.concatenate([_held_amplitudes(family, held) for family in families])
+    rows, dof = [], []
+    for fitted in fits:
+        gram, own = fitted.gram(np.hstack([family.columns(fitted) for family in families]))
+        rows.append(_rows(gram))
+        dof.append(own)
+    stacked = np.vstack(rows)
+    return Tables(
+        families=families,
+        W=np.ascontiguousarray(stacked[:, :-1]),
+        y=stacked[:, -1] + stacked[:, :-1] @ amplitudes,
+        owner=np.repeat(np.arange(len(rows)), [len(part) for part in rows]),
+        names=tuple(fitted.arc.name for fitted in fits),
+        t_s=np.array([float(fitted.path.t.mean()) for fitted in fits]),
+        dof=tuple(dof),
+    )
+
+
+def _held_amplitudes(family: Family, held: Mapping[str, Held]) -> Array:
+    """(k,) amplitudes that were taken off, at the columns of the first option, which is the one held."""
+    out = np.zeros(family.count)
+    if family.label in held:
+        out[family.choices[0].columns] = held[family.label].amplitudes
+    return out
+
+
+def _rows(gram: Array) -> Array:
+    """(r, p) rows with the given products, the columns brought to one length for the decomposition."""
+    norms = np.sqrt(np.maximum(np.diag(gram), 0.0))
+    unit = np.divide(1.0, norms, out=np.zeros_like(norms), where=norms > 0)
+    values, vectors = np.linalg.eigh(gram * np.outer(unit, unit))
+    kept = values > RANK * values[-1]
+    return np.asarray(np.sqrt(values[kept])[:, None] * vectors[:, kept].T * norms)
+
+
+def linear_model(tables: Tables, effects: Sequence[SensorEffect], settings: DiagnosisSettings) -> LinearModel:
+    """The linear model, with the effects that may be named and all unlisted rivals as candidates."""
+    groups = [
+        _group(tables, family) for family in tables.families if not family.listed or SENSOR_EFFECTS[family.effect] in effects
+    ]
+    candidates, W = placed([*groups, *_wandering(tables)], lambda columns: columns, settings, visible=VISIBLE)
+    return LinearModel(
+        y=tables.y,
+        X=W,
+        W=W,
+        candidates=candidates,
+        dof=sum(tables.dof),
+        projected=lambda values: values,
+        most_effects=settings.largest_sensor_set,
+        split=SPLIT,
+        folds=partial(_folds, tables),
+    )
+
+
+def _group(tables: Tables, family: Family) -> Group:
+    effect = SENSOR_EFFECTS[family.effect] if family.listed else None
+    columns = tables.columns(family)
+    return Group(
+        effect=family.effect,
+        axis=family.axis,
+        listed=family.listed,
+        columns=[columns[:, choice.columns] for choice in family.choices],
+        parameters=[choice.parameters for choice in family.choices],
+        weights=np.array([choice.weight for choice in family.choices]),
+        limits=effect.prior if effect else (0.0, np.inf),
+        unit=effect.unit if effect else "",
+        positive=effect is not None and effect.sign == "positive",
+        weight=effect.weight if effect else 1.0,
+        read=effect.from_amplitudes if effect else first_amplitude,
+        size_sigma=exactly,
+    )
+
+
+def _wandering(tables: Tables) -> Iterator[Group]:
+    """Sensors that sit differently each day, or drift through the months."""
+    for family in tables.families:
+        if not family.listed or not SENSOR_EFFECTS[family.effect].wanders:
+            continue
+        sensor = SENSOR_EFFECTS[family.effect].sensor(family.axis)
+        columns = tables.columns(family)
+        days = np.hstack([np.where(tables.owner[:, None] == k, columns, 0.0) for k in range(len(tables.names))])
+        # The search looks at the first columns first. The prior of the amplitudes is the same for any rotation of them.
+        _, turn = np.linalg.eigh(days.T @ days)
+        months = (tables.t_s - tables.t_s.mean()) / MONTH
+        yield _wanderer(f"{sensor} sits differently each day", days @ turn[:, ::-1])
+        yield _wanderer(f"{sensor} drifts", months[tables.owner][:, None] * columns)
+
+
+def _wanderer(name: str, columns: Array) -> Group:
+    return Group(name, None, False, [columns], [{}], np.ones(1), (0.0, np.inf), "")
+
+
+def _folds(tables: Tables, W: Array) -> Iterator[Fold]:
+    """A sixth of the arcs held out at a time; each keeps its own epoch attitude and bias, which no explanation may use."""
+    for number in range(FOLDS):
+        out = tables.owner % FOLDS == number
+        if not out.any() or out.all():
+            continue
+        yield Fold(
+            train_y=tables.y[~out],
+            train_X=W[~out],
+            left_y=tables.y[out],
+            left_X=W[out],
+            log_scale=np.zeros(int(out.sum())),
+            owner=np.array(tables.names)[tables.owner[out]],
+            dof={tables.names[k]: float(tables.dof[k]) for k in np.unique(tables.owner[out])},
+        )
+
+
+# ---- noise ---------------------------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Noise:
+    """Noise of the sensors, from what all columns together, of effects and of rivals, leave.
+
+    Attributes
+    ----------
+    factor : how many times it is what is stated; 1 unless it is surely more
+    p_value : that noise as stated leaves that much; 1 if the factor is 1
+    """
+
+    factor: float = 1.0
+    p_value: float = 1.0
+
+
+def noise_of(model: LinearModel, settings: DiagnosisSettings) -> Noise:
+    """Noise of the sensors."""
+    norms = np.linalg.norm(model.X, axis=0)
+    unit = np.divide(1.0, norms, out=np.zeros_like(norms), where=norms > 0)
+    (triangle,) = scipy.linalg.qr(np.column_stack([model.X * unit, model.y]), mode="r", check_finite=False)
+    A, b = triangle[:, :-1], triangle[:, -1]
+    solved, _, rank, _ = np.linalg.lstsq(A, b, rcond=SEEN)
+    chi2, dof = float(np.sum((b - A @ solved) ** 2)), model.dof - int(rank)
+    p = max(float(chdtrc(dof, chi2)), TINY) if dof > 0 else 1.0
+    return Noise(float(np.sqrt(chi2 / dof)), p) if p < settings.check else Noise()
+
+
+def in_noise(model: LinearModel, factor: float) -> LinearModel:
+    """The model in units of a larger noise, or chance would pass for evidence; candidates and their scales stay."""
+
+    def folds(W: Array) -> Iterator[Fold]:
+        for fold in model.folds(W):
+            yield replace(fold, train_y=fold.train_y / factor, left_y=fold.left_y / factor)
+
+    if factor == 1.0:
+        return model
+    return replace(model, y=model.y / factor, X=model.X / factor, W=model.W / factor, folds=folds)

@@ -1,0 +1,260 @@
+"""The linear model of raw sensor tables: its columns against the simulator, its rows against the covariance of the noise."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from diagnosis.inference.amplitudes import fit
+from diagnosis.inference.closure import closure
+from diagnosis.inference.search import Search
+from diagnosis.model.sensors.arcs import arcs_of, fit_arc
+from diagnosis.model.sensors.columns import GYRO, Held, held_columns, held_error, listed_families, rival_families
+from diagnosis.model.sensors.orthogonal import absorbed
+from diagnosis.model.sensors.refine import refined
+from diagnosis.model.sensors.tables import in_noise, linear_model, noise_of, tables_of
+from diagnosis.settings import DEFAULT
+from simulator.effects.sensor import SENSOR_EFFECTS, dss_head, dss_misalignment, esa_bias, parse
+from simulator.sensors.record import nominal_suite, sensed
+from simulator.sensors.sun import head_tangents
+from simulator.simulate import motion, simulate
+from simulator.truth.rotation import matrix
+from studies.robertson.heads import _noisy
+from tests.diagnosis.sensor_cases import EFFECTS, ONE, fits_of, recorded
+
+
+@pytest.fixture(scope="module")
+def nominal():
+    return fits_of(recorded())
+
+
+@pytest.fixture(scope="module")
+def turned():
+    """A head turned by 0.28 deg."""
+    return fits_of(recorded("dss_head:2=0.28156", seed=4))
+
+
+# ---- columns -------------------------------------------------------------------------------------------------------------
+
+
+def angles_shown(suite, recording, truth):
+    """Angles of both sun sensors at their tags before they are counted, by the simulator's own kernel."""
+    A, parts = matrix(truth.sensor_quaternions), []
+    ephemeris = recording.sensors.ephemeris
+    for number, sensor in enumerate(suite.sun_sensors, start=1):
+        rows = ephemeris.rows(recording.sensors.sun.of(number)[0])
+        s = np.einsum("nij,nj->ni", A[rows], ephemeris.sun[rows]) @ sensor.alignment
+        parts.append(np.arctan([head_tangents(*one, sensor.head) for one in s]).reshape(-1, 2))
+    return parts
+
+
+def taken_off(arc, recording, before, after, earth):
+    """The arc fitted with what an effect adds, as the simulator makes it, on top of the measurements."""
+    sun = []
+    for number, old, new in zip((1, 2), before, after, strict=True):
+        if number in arc.numbers:
+            t = recording.sensors.sun.of(number)[0]
+            own = (t >= arc.series[arc.numbers.index(number)].t[0]) & (t <= arc.series[arc.numbers.index(number)].t[-1])
+            sun.append((new - old)[own])
+    table = recording.sensors.earth
+    own = (table.t_s >= arc.sightings.t_s[0]) & (table.t_s <= arc.sightings.t_s[-1])
+    return fit_arc(arc, -np.concatenate(sun), -np.where(arc.sightings.used, earth[own], 0.0))
+
+
+@pytest.mark.parametrize(
+    "text", ["dss_head:1=1", "dss_head:2=1", "dss_misalignment=1", "esa_bias=1", "esa_s_filter=1", "esa_nadir=1"]
+)
+def test_columns_are_differences_of_the_simulation(text):
+    """Every amplitude, against ± a step of it put through simulator and fit; what epoch attitude and bias take is left out."""
+    setting = parse(text)
+    effect, h = SENSOR_EFFECTS[setting.effect], 0.02
+    recording, truth = simulate(ONE, noise=False), motion(ONE)
+    plain = nominal_suite(0.0, 0.0)
+    nominal_angles = angles_shown(plain, recording, truth)
+    (arc,) = arcs_of(recording)[0]
+    start = fit_arc(arc)
+    for k in range(effect.count):
+        both = []
+        for way in (1, -1):
+            size, parameters = effect.from_amplitudes(way * h * np.eye(effect.count)[k]) if effect.count > 1 else (way * h, {})
+            changed = replace(setting, size=size, parameters={**setting.parameters, **parameters})
+            earth = sensed(ONE, truth, [changed], noise=False).earth.angles - recording.sensors.earth.angles
+            shown = angles_shown(effect.fitted(plain, changed), recording, truth)
+            both.append(taken_off(arc, recording, nominal_angles, shown, earth))
+        difference = (both[0].rows.z - both[1].rows.z) / (2 * h)
+        own = held_columns(start, {setting.label(): Held(np.zeros(effect.count), setting.parameters)})[:, k]
+        compared = replace(start, rows=replace(start.rows, z=difference - own))
+        gram, _ = compared.gram(own[:, None])
+        assert gram[0, 0] > 1
+        assert gram[1, 1] < 1e-4 * gram[0, 0]
+
+
+def test_the_column_of_an_intrusion_is_the_difference_of_two_simulations():
+    """The Sun is in the field only when it is not excluded, so that the step is from a weak Sun to a stronger one."""
+    one, two = (simulate(ONE, noise=False, effects=[parse(f"esa_sun_intrusion={size}")]) for size in (0.1, 0.14))
+    (start,), (more,) = fits_of(one), fits_of(two)
+    held = {"esa_sun_intrusion": Held(np.array([0.1]), parse("esa_sun_intrusion=1").parameters)}
+    own = held_columns(start, held)
+    gram, _ = replace(start, rows=replace(start.rows, z=(more.rows.z - start.rows.z) / 0.04 - own[:, 0])).gram(own)
+    assert gram[0, 0] > 1
+    assert gram[1, 1] < 1e-3 * gram[0, 0]
+
+
+def test_a_rate_error_at_orbit_rate_is_a_combination_of_its_columns():
+    plain, swinging = (simulate(ONE, noise=False, effects=[parse(e) for e in more]) for more in ((), ("bias_orbital:z=0.3",)))
+    (start,), (other,) = fits_of(plain), fits_of(swinging)
+    (family,) = [one for one in rival_families() if one.effect == GYRO]
+    X = family.columns(start)[:, family.choices[0].columns]
+    gram, _ = replace(start, rows=replace(start.rows, z=other.rows.z - start.rows.z)).gram(X)
+    inner, along, whole = gram[:-1, :-1], gram[:-1, -1], gram[-1, -1]
+    assert whole > 100
+    assert whole - along @ np.linalg.pinv(inner, hermitian=True) @ along < 0.01 * whole
+
+
+def test_products_are_those_of_the_full_covariance():
+    """Mᵀ V⁻¹ M with noise and the gyro's walk in V, epoch attitude and bias projected out, done densely."""
+    (fitted,) = fits_of(simulate(ONE, seed=2))
+    X = np.hstack([family.columns(fitted) for family in listed_families([dss_head.EFFECT, esa_bias.EFFECT], {})])
+    rows, q = fitted.rows, fitted.path.q
+    later = np.arange(len(q))[None, :] < rows.node[:, None]
+    walk = np.einsum("ri,rk,k->rki", rows.attitude, later, q).reshape(len(rows.z), -1)
+    V = np.eye(len(rows.z)) + walk @ walk.T
+    nuisance = np.column_stack([rows.attitude, rows.parameters])
+    M = np.column_stack([X, rows.z])
+    inverse = np.linalg.inv(V)
+    cross = nuisance.T @ inverse @ M
+    expected = M.T @ inverse @ M - cross.T @ np.linalg.solve(nuisance.T @ inverse @ nuisance, cross)
+    gram, dof = fitted.gram(X)
+    scale = np.sqrt(np.outer(np.diag(expected), np.diag(expected)))
+    np.testing.assert_allclose(gram / scale, expected / scale, atol=1e-7)
+    assert dof == len(rows.z) - 6
+
+
+@pytest.mark.parametrize(
+    "about", [{}, {"esa_s_filter": Held(np.array([0.3]), {"time_constant_s": 41.0}, ({"time_constant_s": 40.0},))}]
+)
+def test_options_are_where_the_columns_are(nominal, about):
+    for family in (*listed_families(EFFECTS, about), *rival_families()):
+        assert family.columns(nominal[3]).shape[1] == family.count
+    own = next(family for family in listed_families(EFFECTS, about) if family.label == "esa_s_filter")
+    constants = [choice.parameters["time_constant_s"] for choice in own.choices]
+    assert constants == ([41.0, 40.0] if about else [15.0, 30.0, 60.0, 120.0, 240.0])
+    assert sum(choice.weight for choice in own.choices) == pytest.approx(0.2 if about else 1.0)
+
+
+# ---- rows ----------------------------------------------------------------------------------------------------------------
+
+
+def test_rows_have_the_products_of_all_measurements(nominal):
+    tables = tables_of(nominal[:3], EFFECTS)
+    for number, fitted in enumerate(nominal[:3]):
+        own = tables.owner == number
+        gram, dof = fitted.gram(np.hstack([family.columns(fitted) for family in tables.families]))
+        rows = np.column_stack([tables.W[own], tables.y[own]])
+        scale = np.sqrt(np.maximum(np.outer(np.diag(gram), np.diag(gram)), 1e-30))
+        np.testing.assert_allclose(rows.T @ rows / scale, gram / scale, atol=1e-9)
+        assert tables.dof[number] == dof
+
+
+def test_linearised_about_what_was_found_the_residuals_get_their_linear_part_back(turned):
+    """To first order both models are the same; what is left of the square sum is the second order, a part in a thousand."""
+    (held,) = [{"dss_head:2": Held(np.array([0.206, 0.061, 0.182]), {})}]
+    again = [fit_arc(one.arc, *held_error(one.arc.sightings, held)) for one in turned]
+    plain, about = tables_of(turned, EFFECTS), tables_of(again, EFFECTS, held)
+    assert about.y @ about.y == pytest.approx(plain.y @ plain.y, rel=5e-3)
+    family = next(family for family in about.families if family.label == "dss_head:2")
+    X = about.columns(family)
+    left = about.y - X @ np.linalg.lstsq(X, about.y, rcond=None)[0]
+    assert left @ left / sum(about.dof) == pytest.approx(1.0, abs=5 * np.sqrt(2 / sum(about.dof)))
+
+
+def test_candidates_are_all_effects_and_what_is_on_no_list(nominal):
+    model = linear_model(tables_of(nominal, [dss_head.EFFECT]), [dss_head.EFFECT], DEFAULT)
+    assert {one.label for one in model.candidates if one.listed} == {"dss_head:1", "dss_head:2"}
+    rivals = {one.label for one in model.candidates if not one.listed}
+    # A sensor wanders whether or not its misalignment may be named.
+    assert rivals >= {"DSS-2 sits differently each day", "DSS-2 drifts", "Earth sensor sits differently each day", GYRO}
+    priors = np.exp([one.log_prior for one in model.candidates])
+    assert priors.sum() == pytest.approx(1.0)
+    assert sum(p for p, one in zip(priors, model.candidates, strict=True) if not one.listed) == pytest.approx(
+        DEFAULT.unlisted_share
+    )
+
+
+def test_columns_of_each_day_are_those_of_one_arc_each(nominal):
+    tables = tables_of(nominal, EFFECTS)
+    model = linear_model(tables, EFFECTS, DEFAULT)
+    days = model.candidates[model.find("DSS-2 sits differently each day")].options[0]
+    constant = model.candidates[model.find("dss_misalignment")].options[0]
+    for k in range(len(nominal)):
+        one_day = np.where(tables.owner[:, None] == k, model.X[:, constant.columns], 0.0)
+        left = one_day - model.X[:, days.columns] @ np.linalg.lstsq(model.X[:, days.columns], one_day, rcond=None)[0]
+        assert np.abs(left).max() < 1e-6 * np.abs(one_day).max()
+    assert days.count == 3 * len(nominal)
+
+
+def test_days_left_out_are_measured_by_their_degrees_of_freedom(turned):
+    """Rows of a compressed arc are fewer than its degrees of freedom, which are what its square sum is divided by."""
+    tables = tables_of(turned, EFFECTS)
+    model = linear_model(tables, EFFECTS, DEFAULT)
+    folds = list(model.folds(model.W))
+    assert sorted(name for fold in folds for name in fold.dof) == sorted(tables.names)
+    assert all(len(fold.train_y) + len(fold.left_y) == len(model.y) for fold in folds)
+    found = closure(model, Search(model).of(("dss_head:2",)).members)
+    table = found.by_interval.set_index("interval")
+    for k, name in enumerate(tables.names):
+        own = tables.y[tables.owner == k]
+        assert own.size < tables.dof[k]
+        assert table.loc[name, "before"] == pytest.approx(own @ own / tables.dof[k])
+    assert (table["floor"] == 1).all()
+    assert found.floor == pytest.approx(1.0)
+
+
+def test_more_noise_than_stated_is_measured_and_taken_as_the_unit(nominal):
+    quiet = linear_model(tables_of(nominal, EFFECTS), EFFECTS, DEFAULT)
+    loud = linear_model(tables_of(fits_of(recorded(change=_noisy)), EFFECTS), EFFECTS, DEFAULT)
+    assert noise_of(quiet, DEFAULT).factor == 1
+    noise = noise_of(loud, DEFAULT)
+    assert noise.p_value < DEFAULT.check
+    assert 1.2 < noise.factor < 1.5  # the Earth sensor's is 1.5 times as large, the sun sensors' as stated
+    again = in_noise(loud, noise.factor)
+    assert noise_of(again, DEFAULT).factor == 1
+    assert again.candidates == loud.candidates
+    np.testing.assert_allclose(next(again.folds(again.W)).left_y, next(loud.folds(loud.W)).left_y / noise.factor)
+
+
+# ---- parameters between the options --------------------------------------------------------------------------------------
+
+
+def test_uncertain_parameters_widen_a_size():
+    fits = fits_of(recorded("esa_s_filter=0.74,time_constant_s=42", seed=7))
+    held = refined(fits, {"esa_s_filter": Held(np.array([0.5]), {"time_constant_s": 60.0})})
+    again = refined(fits, held)
+    constant = float(held["esa_s_filter"].parameters["time_constant_s"])
+    assert constant == pytest.approx(42, rel=0.1)
+    assert again["esa_s_filter"].parameters["time_constant_s"] == pytest.approx(constant, rel=0.02)
+    effects = [SENSOR_EFFECTS["esa_s_filter"]]
+    after = [fit_arc(one.arc, *held_error(one.arc.sightings, held)) for one in fits]
+    model = linear_model(tables_of(after, effects, held), effects, DEFAULT)
+    (one,) = fit(model, Search(model).of(("esa_s_filter",)).members)
+    column = model.X[:, model.candidates[0].options[0].columns]
+    assert one.sigma > 1.3 / np.linalg.norm(column)
+    # The same from the derivative by the time constant as a column of its own, with a size that is fitted beside it.
+    moved = [
+        {"esa_s_filter": Held(held["esa_s_filter"].amplitudes, {"time_constant_s": constant * np.exp(way * 0.05)})}
+        for way in (1, -1)
+    ]
+    total = 0
+    for fitted in fits:
+        high, low = (held_columns(fitted, at)[:, 0] * held["esa_s_filter"].amplitudes[0] for at in moved)
+        gram, _ = fitted.gram(np.column_stack([held_columns(fitted, held)[:, 0], (high - low) / 0.1]))
+        total = total + gram[:2, :2]
+    assert one.sigma == pytest.approx(np.sqrt(np.linalg.inv(total)[0, 0]), rel=0.1)
+
+
+def test_an_orthogonal_matrix_takes_a_part_of_a_head(nominal):
+    model = linear_model(tables_of(nominal, EFFECTS), EFFECTS, DEFAULT)
+    shares = absorbed(model, "dss_head:2", [dss_misalignment.EFFECT.name])
+    assert ((shares > 0.1) & (shares < 0.95)).all()
+    np.testing.assert_allclose(absorbed(model, "dss_head:2", ["dss_head:2"]), 1.0)
+    assert (absorbed(model, "dss_head:1", [dss_misalignment.EFFECT.name]) < shares).all()  # that of the other sensor

@@ -1,0 +1,27 @@
+"""Recordings with raw sensor tables that the tests of their model and of their diagnosis share."""
+
+from dataclasses import replace
+
+from diagnosis.model.sensors.arcs import arcs_of, fitted_arcs
+from simulator import scenario
+from simulator.effects.sensor import SENSOR_EFFECTS, parse
+from simulator.sensors.record import sensed
+from simulator.simulate import motion, simulate
+
+MONTHS = scenario.load("trmm_months")
+DAYS = ("d01", "d09", "d17", "d25", "d33", "d37", "d45", "d53", "d61", "d69", "d73", "d81")
+FEW = MONTHS.model_copy(update={"interval": tuple(one for one in MONTHS.interval if one.name in DAYS)})
+ONE = MONTHS.model_copy(update={"interval": tuple(one for one in MONTHS.interval if one.name == "d73")})
+MOTION = motion(FEW)
+EFFECTS = tuple(SENSOR_EFFECTS.values())
+
+
+def recorded(*effects, seed=1, change=None):
+    """A recording whose attitudes and gyro are those of the seed, with noise."""
+    plain = simulate(FEW, seed=seed)
+    return replace(plain, sensors=sensed(FEW, MOTION, [parse(one) for one in effects], seed, change=change))
+
+
+def fits_of(recording):
+    """Its arcs fitted under M0."""
+    return fitted_arcs(arcs_of(recording)[0])[0]

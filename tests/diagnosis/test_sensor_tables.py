@@ -1,0 +1,204 @@
+"""Diagnoses of raw sensor tables: what nominal sensors show, what is named, and what is not."""
+
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from scipy.stats import kstest
+
+from diagnosis.inference.null import p_value
+from diagnosis.inference.search import Search
+from diagnosis.merge import _joint
+from diagnosis.model.sensors.tables import linear_model, noise_of, tables_of
+from diagnosis.sensor_tables import diagnose_sensors, explain_tables
+from diagnosis.settings import DEFAULT
+from gyrocal.errors import InputError
+from gyrocal.recording.sensor_tables import SensorTables
+from simulator.effects.sensor import SENSOR_EFFECTS, dss_head, dss_misalignment, esa_bias, parse
+from simulator.effects.sensor.base import VectorEffect
+from studies.robertson.heads import _noisy, _scaled
+from tests.diagnosis.sensor_cases import DAYS, EFFECTS, fits_of, recorded
+
+HEAD = "dss_head:2=0.28156"
+
+
+def diagnose(recording, effects=EFFECTS, seed=0):
+    return diagnose_sensors(recording, effects, seed=seed)
+
+
+# ---- the null distribution ---------------------------------------------------------------------------------------------------
+
+
+def test_p_values_of_noise_are_uniform():
+    model = linear_model(tables_of(fits_of(recorded()), EFFECTS), EFFECTS, DEFAULT)
+    assert noise_of(model, DEFAULT).factor == 1
+    rng = np.random.default_rng(5)
+    found = [p_value(Search(replace(model, y=rng.standard_normal(model.y.size))), seed=3, draws=300) for _ in range(60)]
+    assert kstest(found, "uniform").pvalue > 0.01
+
+
+@pytest.mark.parametrize("seed", range(11, 18))
+def test_nominal_sensors_show_nothing(seed):
+    found = diagnose(recorded(seed=seed), seed=seed)
+    assert (found.verdict, found.present, found.causes, found.closure) == ("none", False, (), None)
+    assert abs(found.mean_square - 1) < 4 * np.sqrt(2 / found.dof)
+    assert found.unknown_probability == 0
+
+
+# ---- what is named -----------------------------------------------------------------------------------------------------------
+
+NAMED = [
+    ("dss_head:1=0.08056,e1_deg=0.044,e2_deg=-0.008,e3_deg=0.067",),
+    ("dss_head:2=0.28156",),
+    ("dss_misalignment=0.22475",),
+    ("dss_misalignment=0.04,m_x_deg=1,m_y_deg=0,m_z_deg=0",),
+    ("esa_bias=0.19681",),
+    ("esa_s_filter=0.74",),
+    ("esa_s_filter=-0.5,time_constant_s=42",),
+    ("esa_sun_intrusion=0.7,field_deg=4.6,time_constant_s=45",),
+    ("esa_nadir=-0.3",),
+    ("dss_head:2=0.2", "esa_bias=0.1"),
+]
+
+
+def amplitudes_of(setting):
+    effect = SENSOR_EFFECTS[setting.effect]
+    return effect.amplitudes(setting) if isinstance(effect, VectorEffect) else np.array([setting.size])
+
+
+@pytest.mark.parametrize("effects", NAMED, ids=lambda one: "+".join(one))
+def test_an_effect_is_named_with_its_size(effects):
+    seen = explain_tables(recorded(*effects, seed=3), EFFECTS)
+    settings = {one.label(): one for one in map(parse, effects)}
+    assert seen.attribution.verdict == "named"
+    assert {one.label for one in seen.fitted} == set(settings)
+    for one in seen.fitted:
+        errors = (one.amplitudes - amplitudes_of(settings[one.label])) / one.sigmas
+        assert np.abs(errors).max() < 3.5 if errors.size > 1 else np.abs(errors).max() < 3
+        assert one.sigma < 0.1 * abs(one.size)
+        for name in SENSOR_EFFECTS[one.effect].refined:
+            assert one.parameters[name] == pytest.approx(float(settings[one.label].parameters[name]), rel=0.25)
+
+
+@pytest.fixture(scope="module")
+def head():
+    return diagnose(recorded(HEAD, seed=4))
+
+
+def test_the_gap_closes_on_days_left_out(head):
+    found = head
+    closure = found.closure
+    noise = np.sqrt(2 / found.dof)
+    assert closure.before > 1.5
+    assert abs(closure.after - 1) < 5 * noise
+    assert closure.floor == 1
+    assert list(closure.by_interval["interval"]) == list(DAYS)
+    rms = found.residuals.query("sensor == 'DSS-2' and angle == 'beta'")[["before_deg", "after_deg"]].pow(2).mean().pow(0.5)
+    assert rms["after_deg"] < 0.01 < rms["before_deg"]
+
+
+def test_heads_are_no_orthogonal_misalignment(head):
+    """The other explanation is rejected by the evidence, by days left out, and by the noise."""
+    found = head
+    (other,) = found.rejected
+    assert other.effects == ("dss_misalignment", "esa_bias")
+    assert other.log_bayes_factor > 100
+    assert other.p_value < 1e-20
+    assert found.closure.after + 0.05 < other.after < other.before == pytest.approx(found.closure.before)
+    assert all("dss_misalignment" not in cause.group for cause in found.causes)
+    kept = diagnose(recorded(HEAD, seed=4), [dss_head.EFFECT])
+    assert kept.verdict == "named"
+    assert kept.rejected == ()
+
+
+def test_a_misalignment_is_no_head():
+    found = diagnose(recorded("dss_misalignment=0.22475", seed=4))
+    assert [cause.label for cause in found.causes] == ["dss_misalignment"]
+    assert found.rejected == ()
+
+
+def test_without_the_right_effect_on_the_list_nothing_is_named():
+    found = diagnose(recorded(HEAD, seed=4), [dss_misalignment.EFFECT, esa_bias.EFFECT])
+    assert found.verdict == "unknown"
+    assert not found.causes
+
+
+def by_latitude(recording):
+    """The CO₂ horizon is higher toward one pole, which is on no list."""
+    tables = recording.sensors
+    position = tables.ephemeris.position[tables.ephemeris.rows(tables.earth.t_s)]
+    sine = position[:, 2] / np.linalg.norm(position, axis=1)
+    return replace(
+        recording, sensors=replace(tables, earth=replace(tables.earth, angles=tables.earth.angles + 3e-3 * sine[:, None]))
+    )
+
+
+@pytest.mark.parametrize("how", ["transfer function", "latitude", "noise"])
+def test_what_is_on_no_list_is_unknown(how):
+    if how == "latitude":
+        found = diagnose(by_latitude(recorded(seed=5)))
+    else:
+        found = diagnose(recorded(seed=5, change=_scaled if how == "transfer function" else _noisy))
+    assert found.verdict == "unknown"
+    assert found.present
+    assert not found.causes
+    assert found.unknown_probability > 0.9
+    assert any("times what is stated" in note for note in found.notes) == (how == "noise")
+    assert any("do not fit the nominal sensors" in finding.text for finding in found.where) == (how == "noise")
+    assert found.posterior[0] == (("unknown",), pytest.approx(1.0, abs=0.1))
+
+
+def test_more_noise_than_stated_does_not_pass_for_evidence():
+    """A head is still named with the larger sigma, and nothing beside it."""
+    quiet, loud = (explain_tables(recorded(HEAD, seed=6, change=change), EFFECTS) for change in (None, _noisy))
+    (one,), (other,) = quiet.fitted, loud.fitted
+    assert other.label == "dss_head:2"
+    assert other.sigma > 1.2 * one.sigma
+
+
+def test_both_posteriors_are_one(head):
+    """Explanations of the attitude and of the tables are independent, and what is unknown to one is unknown to both."""
+    attitude = SimpleNamespace(posterior=((("bias_drift:z",), 0.9), (("unknown",), 0.1)))
+    (first, rest) = _joint(attitude, replace(head, posterior=((("dss_head:2",), 1.0),)))
+    assert first == (("bias_drift:z", "dss_head:2"), pytest.approx(0.9))
+    assert rest == (("unknown",), pytest.approx(0.1))
+    assert head.posterior[0][0] == ("dss_head:2",)
+
+
+@pytest.mark.parametrize("what", ["other angle", "other sensor", "degrees"])
+def test_tables_that_fit_nothing_are_no_nominal_sensors(what):
+    """Where no arc can be fitted, or nothing explains what is left, the answer is unknown and says why."""
+    recording = recorded()
+    sun, earth = recording.sensors.sun, recording.sensors.earth
+    wrong = {
+        "other angle": {"sun": replace(sun, counts=sun.counts[:, ::-1])},
+        "other sensor": {"sun": replace(sun, sensor=3 - sun.sensor)},
+        "degrees": {"earth": replace(earth, angles=np.rad2deg(earth.angles))},
+    }[what]
+    found = diagnose(replace(recording, sensors=replace(recording.sensors, **wrong)))
+    assert (found.verdict, found.present) == ("unknown", True)
+    assert found.unknown_probability == pytest.approx(1.0)
+    assert not found.causes
+    assert "do not fit the nominal sensors" in found.where[0].text
+    assert found.where[0].p_value < 1e-100
+    assert (found.to_json()["mean_square"] is None) == (what != "degrees")
+
+
+# ---- bad input ---------------------------------------------------------------------------------------------------------------
+
+
+def test_tables_that_cannot_be_used_are_one_line():
+    recording = recorded()
+    tables = recording.sensors
+    for sensors, message in (
+        (None, "no raw sensor tables"),
+        (SensorTables(tables.sun, tables.earth), "no ephemeris table"),
+        (replace(tables, earth=None), "no arc of the recording can be used"),
+        (replace(tables, sun=replace(tables.sun, counts=tables.sun.counts[:, ::-1] * 0)), "no arc"),
+    ):
+        with pytest.raises(InputError, match=message) as caught:
+            diagnose(replace(recording, sensors=sensors))
+        assert "\n" not in str(caught.value)
+    with pytest.raises(InputError, match="no sensor effect may be named"):
+        diagnose(recording, [])
