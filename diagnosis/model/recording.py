@@ -47,6 +47,7 @@ Indices = NDArray[np.intp]
 MOST_CELLS = 320  # cells of a recording; random processes cost the cube of it
 MOST_STEPS = 60_000  # steps on which columns are made
 MOST_OBSERVATIONS = 500  # attitudes that enter the model; its cost grows with the square of them
+FEWEST_OBSERVATIONS = 10  # of an interval that are left by averaging; with few of them its motion would be lost
 RANK = 1e-9  # relative size below which a nuisance column adds nothing to the others
 
 
@@ -90,7 +91,7 @@ class Block:
 
 @dataclass(frozen=True)
 class Cells:
-    """Stretches between references and inside long gaps of them, over which a random rate error is taken as constant.
+    """Stretches between observations and inside long gaps of them, over which a random rate error is taken as constant.
 
     Attributes
     ----------
@@ -431,7 +432,7 @@ def linearised(
         elapsed = np.append(0.0, parts.elapsed_s[outputs])
         began = tags[samples[0]] + _offset(tags[samples[0]], recording.attitudes.t_s[references[0]])
         t_s = began + np.cumsum(length) - 0.5 * length
-        groups = np.arange(0, references.size, references_each)
+        groups = np.arange(0, references.size, max(1, min(references_each, references.size // FEWEST_OBSERVATIONS)))
         if density is None:
             walk = recording.gyro.arw**2 * elapsed[:, None, None] * np.eye(3)
         else:

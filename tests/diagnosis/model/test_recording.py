@@ -1,48 +1,85 @@
-"""The linear model against the calibrator, finite differences and its own noise."""
+"""The linearisation of a recording against the calibrator, finite differences, brute force and its own noise."""
+
+from dataclasses import replace
 
 import numpy as np
+import pandas as pd
 import pytest
 import scipy.stats
+from scipy.spatial.transform import Rotation
 
 from diagnosis.detectors.samples import examine
+from diagnosis.model import recording as recordings
 from diagnosis.model.prepare import prepare, unclipped
 from diagnosis.model.recording import linearised
-from gyrocal import calibrate
-from simulator import scenario
+from gyrocal import GyroParameters, calibrate, residual_table
+from gyrocal.recording import Interval
 from simulator.simulate import simulate
+from tests.diagnosis.recordings import plan, recorded
 
 
 @pytest.fixture(scope="module")
-def plan():
-    return scenario.override(scenario.load("trmm_series"), {"gyro.arw_deg_per_sqrt_s": 1.5e-4, "reference.every_s": 120.0})
+def recording():
+    return recorded(3, sample_s=1.0)
 
 
 @pytest.fixture(scope="module")
-def recording(plan):
-    return simulate(plan, seed=3)
-
-
-@pytest.fixture(scope="module")
-def model(recording):
+def model(recording, quiet):
     result = calibrate(recording)
-    return linearised(recording, result.G, result.bias)
+    return linearised(recording, result.G, result.bias, smooth=quiet.recording.gyro.rates)
 
 
-def test_calibration_columns_are_what_the_residuals_lack(recording, model):
-    """Finite differences of the observations in all twelve parameters: what is added to G or b is no longer missing."""
-    step = 1e-6
-    scale = np.append(np.full(9, 1.0), np.full(3, np.deg2rad(0.05)))
+@pytest.fixture(scope="module")
+def quiet():
+    """A recording without noise, about the truth."""
+    base = plan(1.0)
+    return linearised(simulate(base, noise=False), np.array(base.gyro.true_G), np.deg2rad(base.gyro.true_bias_deg_s))
+
+
+@pytest.fixture
+def condensed(recording, model, quiet, monkeypatch):
+    """The same with steps of three samples and about three references an observation."""
+    monkeypatch.setattr(recordings, "MOST_STEPS", model.t_s.size // 3 + 1)
+    monkeypatch.setattr(recordings, "MOST_OBSERVATIONS", len(model.reference_rows) // 3 + 1)
+    monkeypatch.setattr(recordings, "MOST_CELLS", 80)
+    made = linearised(recording, model.G, model.bias, smooth=quiet.recording.gyro.rates)
+    assert made.t_s.size < 0.4 * model.t_s.size
+    assert made.size < 0.4 * model.size
+    return made
+
+
+# ---- observations --------------------------------------------------------------------------------------------------------
+
+
+def test_observations_are_the_calibrators_residuals(recording, model):
+    """In inertial axes with the sign turned; the calibrator has none for the first reference of an interval, which is zero."""
+    table = residual_table(recording, GyroParameters(model.G, model.bias))
+    theta = np.deg2rad(table[[f"before_{axis}_deg" for axis in ("roll", "pitch", "yaw")]].to_numpy())
+    A = model.at_reference.transpose(0, 2, 1)
+    ours = -np.einsum("mij,mj->mi", A, model.residuals)
+    first = np.diff(model.interval_of_reference, prepend=-1) > 0
+    np.testing.assert_allclose(ours[first], 0, atol=1e-15)
+    np.testing.assert_allclose(ours[~first], theta, atol=1e-12)
+    np.testing.assert_array_equal(model.zeta, model.residuals.ravel())
+
+
+def test_calibration_columns_are_what_the_residuals_lack(quiet):
+    """Finite differences of the observations in all twelve parameters: what is added to G or b is no longer missing.
+
+    Without noise, since residuals of a few sigma turn the differences by as many tenths of a percent.
+    """
+    scale = np.append(np.full(9, 1e-6), np.full(3, np.deg2rad(5e-8)))
     for k in range(12):
         change = np.zeros(12)
-        change[k] = step * scale[k]
-        moved = linearised(recording, model.G + change[:9].reshape(3, 3), model.bias + change[9:])
-        difference = model.whitened(moved.zeta - model.zeta) / change[k]
-        assert np.allclose(difference, -model.calibration[:, k], atol=2e-3 * np.abs(model.calibration[:, k]).max())
+        change[k] = scale[k]
+        moved = linearised(quiet.recording, quiet.G + change[:9].reshape(3, 3), quiet.bias + change[9:])
+        difference = quiet.whitened(moved.zeta - quiet.zeta) / change[k]
+        assert np.allclose(difference, -quiet.calibration[:, k], atol=1e-4 * np.abs(quiet.calibration[:, k]).max())
 
 
 def test_a_step_is_a_reading_switched_on(model):
     high = np.tile([1e-6, -2e-6, 5e-7], (model.t_s.size, 1))
-    starts = np.array([0, 700, model.blocks[1].steps.start, model.blocks[3].steps.start + 4001])
+    starts = np.array([0, 700, model.blocks[1].steps.start, model.blocks[3].steps.start + 1001])
     together = model.reading_steps(high, starts)
     for k, start in enumerate(starts):
         alone = np.where((np.arange(model.t_s.size) >= start)[:, None], high, 0.0)
@@ -55,55 +92,223 @@ def test_a_reference_error_moves_its_own_observation_only(recording, model):
     error = np.zeros((len(model.at_reference), 3, 1))
     error[row, :, 0] = angle
     expected = model.reference_error(error)[:, 0]
-    from scipy.spatial.transform import Rotation
-
     q = recording.attitudes.quaternions.copy()
     own = model.reference_rows[row]
     # A_obs' = exp([e×]) A_obs, and as an active rotation q is its transpose.
     q[own] = (Rotation.from_quat(q[own]) * Rotation.from_rotvec(-angle)).as_quat()
-    from dataclasses import replace
-
     moved = linearised(replace(recording, attitudes=replace(recording.attitudes, quaternions=q)), model.G, model.bias)
     # The residual there, 1e-4 rad, is turned as well.
     assert np.allclose(moved.zeta - model.zeta, expected, atol=3e-8)
     assert np.count_nonzero(expected) == 3
+    columns = model.reference_columns[:, :, row]  # of each body axis, whitened
+    assert np.allclose(angle @ columns, model.whitened(expected), atol=1e-9)
 
 
-def test_residuals_of_m0_have_unit_variance(plan):
-    """χ² of the projected observations over seeds: mean and spread of a χ² with the stated degrees of freedom."""
-    values = []
-    for seed in range(12):
-        prepared = prepare(simulate(plan, seed=seed, case=1)).model
-        values.append((prepared.y @ prepared.y, prepared.degrees_of_freedom))
-    total, dof = sum(v for v, _ in values), sum(d for _, d in values)
+def test_cells_add_up_to_a_rate_error_throughout(model):
+    """A constant rate error about one axis is that of all cells together, and cells end at every reference."""
+    cells = model.cells
+    assert cells.duration_s.sum() == pytest.approx(model.dt.sum())
+    for block in model.blocks:
+        ends = set(cells.last[cells.interval == model.blocks.index(block)] - block.steps.start)
+        assert set(block.ends[1:].tolist()) <= ends
+    for axis in range(3):
+        error = np.zeros((model.t_s.size, 3, 1))
+        error[:, axis] = 1e-6
+        whole = model.whitened(model.rate_error(error))[:, 0]
+        np.testing.assert_allclose(1e-6 * model.cell_columns[axis].sum(axis=1), whole, atol=1e-10 * np.abs(whole).max())
+
+
+def test_housekeeping_is_read_at_the_middle_of_the_steps(recording, model):
+    t = recording.gyro.t_s[::50]
+    table = pd.DataFrame({"t_s": t, "battery_c": 3.0 + 1e-4 * t})
+    stream = linearised(replace(recording, tables={"housekeeping": table}), model.G, model.bias).stream
+    inside = model.t_s < t[-1]
+    np.testing.assert_allclose(stream.housekeeping["battery_c"][inside], 3.0 + 1e-4 * model.t_s[inside])
+    assert model.stream.housekeeping == {}
+
+
+# ---- noise ---------------------------------------------------------------------------------------------------------------
+
+
+def chi2_of_m0(seeds):
+    """Square sum of the projected observations of M0 and its degrees of freedom, over recordings."""
+    made = [prepare(simulate(plan(2.0), seed=seed, case=1)).model for seed in seeds]
+    return sum(one.y @ one.y for one in made), sum(one.degrees_of_freedom for one in made)
+
+
+def test_residuals_of_m0_have_unit_variance():
+    """χ² of the projected observations over seeds, with the stated degrees of freedom."""
+    assert 1e-3 < scipy.stats.chi2.cdf(*chi2_of_m0(range(12))) < 1 - 1e-3
+
+
+def test_averaged_references_on_condensed_steps_have_unit_variance(monkeypatch):
+    """The same with three references an observation and four samples a step."""
+    monkeypatch.setattr(recordings, "MOST_STEPS", 4000)
+    monkeypatch.setattr(recordings, "MOST_OBSERVATIONS", 70)
+    total, dof = chi2_of_m0(range(12))
+    assert dof < 12 * 220
     assert 1e-3 < scipy.stats.chi2.cdf(total, dof) < 1 - 1e-3
 
 
-def test_prepare_finds_the_calibrators_parameters(recording):
-    """Another implementation of the same estimate: differences are far inside the sigmas."""
-    prepared = prepare(recording)
-    result = calibrate(recording)
-    ours = np.append(prepared.model.G.ravel(), prepared.model.bias)
-    theirs = result.parameters.vector
-    assert np.abs((ours - theirs) / result.sigma).max() < 0.05
-    assert np.allclose(prepared.sigma, result.sigma, rtol=0.02)
+def test_each_whitened_observation_of_m0_has_unit_variance_and_none_correlates():
+    """The whole covariance of y over many recordings is the projection, entry by entry as far as so many can tell."""
+    count = 200
+    base = plan(10.0, 600.0)
+    truth = np.array(base.gyro.true_G), np.deg2rad(base.gyro.true_bias_deg_s)
+    made = [linearised(simulate(base, seed=seed), *truth) for seed in range(count)]
+    # Means over ten seconds are not quite the rates of a slew; that error is the same in all.
+    Y = np.array([one.y for one in made]) - linearised(simulate(base, noise=False), *truth).y
+    P = np.eye(made[0].size) - made[0].nuisance @ made[0].nuisance.T
+    # Entries of a sample covariance scatter by √((P_ii P_jj + P_ij²)/n).
+    error = np.sqrt((np.outer(np.diag(P), np.diag(P)) + P**2) / count)
+    z = (Y.T @ Y / count - P) / np.maximum(error, 1e-3)
+    assert np.abs(z).max() < 6
+    assert np.sqrt(np.mean(z**2)) == pytest.approx(1.0, abs=0.1)
 
 
-def test_wrong_noise_is_felt(plan):
+def test_wrong_noise_is_felt(recording):
     """Negative control: the χ² of the residuals leaves its range when the references are noisier than stated."""
-    from dataclasses import replace
-
-    recording = simulate(plan, seed=1)
     stated = replace(recording, attitudes=replace(recording.attitudes, sigma=recording.attitudes.sigma / 2))
     result = calibrate(stated)
     y = linearised(stated, result.G, result.bias).y
     assert y @ y > 2 * y.size
+    true = linearised(stated, result.G, result.bias, sigma=recording.attitudes.sigma).y
+    assert 1e-4 < scipy.stats.chi2.cdf(true @ true, true.size - 30) < 1 - 1e-4
 
 
-def test_clipped_stretches_are_left_out(plan):
-    from simulator.effects import parse
+def brute_force_covariance(model, block, power, sigma):
+    """(3m, 3m) of the references of a block, one noise increment of each step at a time, before any averaging."""
+    starts = np.cumsum([0, *(one.references.size for one in model.blocks)])
+    number = model.blocks.index(block)
+    A_T = model.at_reference[starts[number] : starts[number + 1]]
+    count = len(A_T)
+    V = np.zeros((3 * count, 3 * count))
+    turned = model.to_inertial[block.steps] @ model.G
+    for k in range(block.steps.stop - block.steps.start):
+        seen = np.repeat((block.ends > k).astype(float), 3)[:, None] * np.tile(turned[k], (count, 1))
+        V += seen @ np.diag(power[block.steps][k]) @ seen.T
+    for m in range(count):
+        V[3 * m : 3 * m + 3, 3 * m : 3 * m + 3] += A_T[m] @ np.diag(sigma[block.references[m]] ** 2) @ A_T[m].T
+    return V
 
-    recording = simulate(plan, seed=2, effects=[parse("rate_saturation:z=0.1")])
+
+def averaging(block):
+    """(3r, 3m) means over the references of each observation."""
+    M = np.zeros((block.groups.size, block.references.size))
+    for row, (first, count) in enumerate(zip(block.groups, block.counts, strict=True)):
+        M[row, first : first + count] = 1 / count
+    return np.kron(M, np.eye(3))
+
+
+@pytest.mark.parametrize("isotropic", [True, False])
+def test_covariance_of_averaged_references_is_that_of_brute_force(recording, model, monkeypatch, isotropic):
+    """With stated white noise, and with a density of its own for each axis and time."""
+    monkeypatch.setattr(recordings, "MOST_OBSERVATIONS", len(model.reference_rows) // 3 + 1)
+    rng = np.random.default_rng(4)
+    arw2 = recording.gyro.arw**2
+    density = None if isotropic else arw2 * rng.uniform(0.3, 3.0, recording.gyro.rates.shape)
+    sigma = recording.attitudes.sigma * rng.uniform(0.5, 2.0, recording.attitudes.sigma.shape)
+    made = linearised(recording, np.eye(3), model.bias, density=density, sigma=sigma)
+    assert {int(count) for block in made.blocks for count in block.counts} >= {3}
+    t = recording.gyro.t_s
+    for block in made.blocks[1:3]:
+        middle = made.t_s[block.steps]
+        rows = np.searchsorted(t, middle, side="right") - 1
+        per_step = np.full((made.t_s.size, 3), np.nan)
+        per_step[block.steps] = (arw2 if density is None else density[rows]) * made.dt[block.steps, None]
+        V = brute_force_covariance(made, block, per_step, sigma)
+        M = averaging(block)
+        np.testing.assert_allclose(block.whitener @ block.whitener.T, M @ V @ M.T, rtol=2e-4, atol=1e-5 * V.max())
+
+
+def test_condensing_leaves_the_propagation_alone(model, condensed):
+    """Observations are the means of those of every reference, to the last digit."""
+    np.testing.assert_allclose(condensed.residuals, model.residuals, atol=1e-14)
+    means = np.concatenate(
+        [averaging(block) @ model.zeta[old.rows] for block, old in zip(condensed.blocks, model.blocks, strict=True)]
+    )
+    np.testing.assert_allclose(condensed.zeta, means, atol=1e-14)
+    np.testing.assert_allclose(condensed.dt.sum(), model.dt.sum())
+
+
+def waves(model):
+    """Readings that are high in a smooth way: constant, with the rate, slowly in time; (n, 3, 5)."""
+    out = np.zeros((model.t_s.size, 3, 5))
+    out[:, 0, 0] = 1.0
+    out[:, 1, 1] = np.abs(model.rates[:, 2]) * 1e3
+    out[:, 2, 2] = np.sin(2 * np.pi * model.t_s / 5500)
+    out[:, :, 3] = model.rates * 1e3
+    out[:, 0, 4] = (model.t_s - model.t_s.mean()) / np.ptp(model.t_s)
+    return out
+
+
+def test_columns_on_condensed_steps_are_the_means_of_those_on_single_samples(model, condensed):
+    fine, coarse = model.reading(waves(model)), condensed.reading(waves(condensed))
+    for block, old in zip(condensed.blocks, model.blocks, strict=True):
+        means = averaging(block) @ fine[old.rows]
+        # The slews turn by 0.75 deg in a step of 3 s; half of that squared is what a step leaves.
+        np.testing.assert_allclose(coarse[block.rows], means, atol=2e-4 * np.abs(fine).max())
+
+
+def test_steps_reference_errors_and_cells_are_averaged_the_same_way(model, condensed):
+    high = np.tile([1e-6, -2e-6, 5e-7], (condensed.t_s.size, 1))
+    starts = np.array([0, 300, condensed.blocks[2].steps.start + 111])
+    together = condensed.reading_steps(high, starts)
+    for k, start in enumerate(starts):
+        alone = np.where((np.arange(condensed.t_s.size) >= start)[:, None], high, 0.0)
+        np.testing.assert_allclose(together[:, [k]], condensed.reading(alone[:, :, None]), atol=1e-16)
+    error = np.random.default_rng(5).standard_normal((len(model.reference_rows), 3, 2))
+    fine = model.reference_error(error)
+    coarse = condensed.reference_error(error)
+    for block, old in zip(condensed.blocks, model.blocks, strict=True):
+        np.testing.assert_allclose(coarse[block.rows], averaging(block) @ fine[old.rows], atol=1e-12)
+    # Cells end where observations begin, so that there are not many more of them than of these.
+    assert condensed.cells.first.size < 0.8 * len(model.reference_rows)
+    constant = np.zeros((condensed.t_s.size, 3, 1))
+    constant[:, 1] = 1e-6
+    whole = condensed.whitened(condensed.rate_error(constant))[:, 0]
+    # Inside a cell the rate error is turned by its mean attitude.
+    np.testing.assert_allclose(1e-6 * condensed.cell_columns[1].sum(axis=1), whole, atol=0.02 * np.abs(whole).max())
+
+
+def test_an_interval_with_few_references_keeps_them(recording, model, monkeypatch):
+    """Averaged to one observation it would show nothing beside its own start attitude."""
+    monkeypatch.setattr(recordings, "MOST_OBSERVATIONS", 20)
+    made = linearised(recording, model.G, model.bias)
+    counts = [block.references.size for block in made.blocks]
+    assert min(counts) < 12 < max(counts)
+    for block, count in zip(made.blocks, counts, strict=True):
+        assert block.groups.size >= min(count, 10)
+    assert made.size < 0.5 * model.size
+
+
+def test_condensing_hardly_changes_what_an_effect_can_show(model, condensed):
+    """‖x‖ of slow effects: a third of the observations hold nearly all there is to know."""
+    for k in (2, 4):
+        fine = np.linalg.norm(model.prepared(model.reading(waves(model)[:, :, [k]])))
+        coarse = np.linalg.norm(condensed.prepared(condensed.reading(waves(condensed)[:, :, [k]])))
+        assert 0.9 < coarse / fine < 1.001
+
+
+# ---- preparation ---------------------------------------------------------------------------------------------------------
+
+
+def test_pieces_take_the_place_of_intervals(recording, model):
+    third = recording.intervals[2]
+    middle = 0.5 * (third.start_s + third.stop_s)
+    pieces = [
+        *recording.intervals[:2],
+        Interval("m3/0", third.activity, third.start_s, middle - 60),
+        Interval("m3/1", third.activity, middle + 60, third.stop_s),
+    ]
+    made = linearised(recording, model.G, model.bias, pieces=pieces)
+    assert [block.interval for block in made.blocks] == [0, 1, 2, 2]
+    assert not ((made.t_s > middle - 60) & (made.t_s < middle + 60)).any()
+    assert made.nuisance.shape[1] == 3 * 4 + 12
+
+
+def test_clipped_stretches_are_left_out():
+    recording = recorded(2, "rate_saturation:z=0.1", sample_s=0.5)
     report = examine(recording)
     assert report.clipped.any()
     pieces = unclipped(recording, report)

@@ -1,0 +1,37 @@
+"""Small simulated recordings, each made and prepared once."""
+
+from functools import lru_cache
+
+from diagnosis.model.candidates import linear_model
+from diagnosis.model.prepare import prepare
+from simulator import scenario
+from simulator.effects import EFFECTS, parse
+from simulator.simulate import simulate
+
+NOISE = {"gyro.arw_deg_per_sqrt_s": 1.5e-4, "reference.sigma_deg": (0.005, 0.005, 0.008)}
+
+
+@lru_cache
+def plan(sample_s=2.0, every_s=120.0):
+    """The six intervals of the flight with a series of references: a tenth of the data, and the same motion."""
+    changes = {"gyro.sample_s": sample_s, "reference.every_s": every_s}
+    return scenario.override(scenario.load("trmm_series"), NOISE | changes)
+
+
+@lru_cache
+def recorded(seed, *effects, sample_s=2.0, every_s=120.0):
+    """A recording of it with effects as text."""
+    return simulate(plan(sample_s, every_s), seed=seed, effects=[parse(text) for text in effects])
+
+
+@lru_cache
+def prepared(seed, *effects, sample_s=2.0, every_s=120.0):
+    """The same, prepared."""
+    return prepare(recorded(seed, *effects, sample_s=sample_s, every_s=every_s))
+
+
+@lru_cache
+def linear(seed, *effects, sample_s=2.0, every_s=120.0):
+    """The linear model of the same, with all effects and rivals."""
+    model = prepared(seed, *effects, sample_s=sample_s, every_s=every_s).model
+    return linear_model(model, list(EFFECTS.values()))
