@@ -1,0 +1,203 @@
+"""Candidates of a recording: their columns against the simulator, their priors, and the times of steps."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from diagnosis.inference.search import Search
+from diagnosis.model.candidates import Group, assembled, columns_of, linear_model, placed, step_times, with_finer_times
+from diagnosis.model.linear import Member
+from diagnosis.model.recording import linearised
+from diagnosis.settings import DEFAULT, DiagnosisSettings
+from simulator.effects import EFFECTS, setting
+from simulator.simulate import motion, observe
+from tests.diagnosis.recordings import linear, plan, prepared
+
+
+@pytest.fixture(scope="module")
+def model():
+    return prepared(3).model
+
+
+@pytest.fixture(scope="module")
+def made():
+    return linear(3)
+
+
+@pytest.fixture(scope="module")
+def noise_free():
+    """The simulator without noise, and the linear model of it about the truth."""
+    base = plan(1.0)
+    path = motion(base)
+
+    def simulated(*settings):
+        recording = observe(base, path, gyro_rng=None, reference_rng=None, effects=settings)
+        return linearised(recording, np.array(base.gyro.true_G), np.deg2rad(base.gyro.true_bias_deg_s))
+
+    return simulated
+
+
+# Sizes whose effect is far above rounding, and for the timing small enough for a derivative.
+SMALL = {"scale_asymmetry": 100.0, "scale_quadratic": 1e3, "g_matrix_step": 10.0}
+
+
+@pytest.mark.parametrize(
+    "name", [name for name, effect in EFFECTS.items() if effect.has_columns and name != "bias_temperature"]
+)
+def test_columns_are_what_the_simulator_adds(noise_free, name):
+    """Whitened observations of a small effect of each kind, less those without it."""
+    effect = EFFECTS[name]
+    axis = "z" if effect.axes else None
+    plain = noise_free()
+    starts = np.linalg.qr(plain.starts)[0]
+    for trial in effect.trials(plain.around)[:2]:
+        fixed = dict(trial.parameters) | ({"time_s": plain.t_s[900] + 0.5} if effect.switched else {})
+        injected = setting(name, axis, SMALL.get(name, 1e-3), fixed)
+        changed = plain.whitened(noise_free(injected).zeta - plain.zeta)
+        expected = columns_of(plain, effect, axis, injected.parameters) @ effect.amplitudes(injected)
+        # An error of an interval's first reference is taken for one of the start attitude.
+        changed, expected = (values - starts @ (starts.T @ values) for values in (changed, expected))
+        np.testing.assert_allclose(changed, expected, atol=0.01 * np.abs(expected).max())
+
+
+def test_steps_are_columns_switched_on(model, made):
+    """Options of a step against columns that begin at its time, for each set of parameters that goes with it."""
+    effect = EFFECTS["g_matrix_step"]
+    candidate = made.candidates[made.find("g_matrix_step:y")]
+    assert {option.parameters["toward"] for option in candidate.options} == set("xyz")
+    for option in candidate.options[3::17]:
+        own = {name: value for name, value in option.parameters.items() if name != "time_sigma_s"}
+        # Tried times are those of the middle of a step's first sample; a gap's is that of its middle.
+        own["time_s"] = float(own["time_s"]) - 1.0 if not option.parameters["time_sigma_s"] else own["time_s"]
+        expected = columns_of(model, effect, "y", own)[:, 0]
+        np.testing.assert_allclose(made.W[:, option.start], expected, atol=1e-9 * np.abs(expected).max())
+
+
+def test_times_of_a_step_are_weighed_by_duration_and_gaps(model):
+    times, widths, weights, firsts = step_times(model)
+    assert weights.sum() == pytest.approx(1.0)
+    gaps = widths > 0
+    assert gaps.sum() == len(model.blocks) - 1
+    assert weights[gaps].sum() == pytest.approx(0.5)
+    # In the middle of each gap, with the sigma of a time that may be anywhere in it.
+    for place, width, before, after in zip(times[gaps], widths[gaps], model.blocks[:-1], model.blocks[1:], strict=True):
+        low, high = model.t_s[before.steps.stop - 1], model.t_s[after.steps.start]
+        assert place == pytest.approx(0.5 * (low + high))
+        assert width == pytest.approx((high - low) / np.sqrt(12))
+    inside = [(model.blocks[k].steps.start < firsts) & (firsts < model.blocks[k].steps.stop) for k in range(6)]
+    shares = [weights[own].sum() for own in inside]
+    lengths = [block.elapsed_s[-1] for block in model.blocks]
+    np.testing.assert_allclose(shares, 0.5 * np.array(lengths) / sum(lengths), rtol=1e-9)
+    assert all(own.sum() >= 3 for own in inside)
+
+
+def test_finer_times_surround_the_one_that_was_found(model):
+    """A step between two times that are tried is found where it is, and no prior is lost."""
+    true = 21_250.0
+    linear_one = linear(5, f"bias_step:y=3,time_s={true}")
+    k = linear_one.find("bias_step:y")
+    search = Search(linear_one)
+    member = search.settled((Member(k, 0, 0),)).members[0]
+    coarse = float(linear_one.option(member).parameters["time_s"])
+    finer = linear_one.refine(linear_one, member)
+    before, after = linear_one.candidates[k], finer.candidates[k]
+    assert np.exp(after.log_weights).sum() == pytest.approx(np.exp(before.log_weights).sum())
+    assert after.options[: len(before.options)] == tuple(
+        replace(o, log_weight=a.log_weight) for o, a in zip(before.options, after.options, strict=False)
+    )
+    chosen = Search(finer).settled((member,)).members[0]
+    fine = float(finer.option(chosen).parameters["time_s"])
+    assert abs(fine - true) < 32 < abs(coarse - true)  # the spacing of the finer times
+    # The new columns are those of the effect, and projected like the others.
+    option = finer.option(chosen)
+    np.testing.assert_allclose(finer.X[:, option.start], finer.projected(finer.W[:, option.start]), atol=1e-12)
+    # What has no time has nothing to refine.
+    drift = Member(linear_one.find("bias_drift:y"), 0, 0)
+    effect = EFFECTS["bias_drift"]
+    assert with_finer_times(prepared(5, f"bias_step:y=3,time_s={true}").model, linear_one, drift, effect) is linear_one
+
+
+def test_priors_are_equal_for_each_effect_and_shared_by_its_axes(made):
+    listed = [c for c in made.candidates if c.listed]
+    rivals = [c for c in made.candidates if not c.listed]
+    assert listed
+    assert rivals
+    share = {}
+    for candidate in listed + rivals:
+        weight = EFFECTS[candidate.effect].weight if candidate.listed else 1.0
+        share.setdefault((candidate.listed, candidate.effect), []).append(np.exp(candidate.log_prior) / weight)
+    for values in share.values():
+        assert np.ptp(values) < 1e-12
+    # One that cannot be seen about an axis leaves that part of its prior unused.
+    whole = {
+        key: len(EFFECTS[key[1]].axes or (None,)) * values[0] if key[0] else 3 * values[0] for key, values in share.items()
+    }
+    for own in (True, False):
+        assert np.ptp([value for key, value in whole.items() if key[0] == own]) < 1e-12
+    assert sum(value for key, value in whole.items() if not key[0]) == pytest.approx(DEFAULT.unlisted_share)
+
+
+def test_a_weight_of_its_own_changes_the_prior(model):
+    groups = [
+        Group(name, None, True, [np.eye(model.size)[:, [number]]], [{}], np.ones(1), (1e-3, 1e3), "", weight=weight)
+        for number, (name, weight) in enumerate((("one", 1.0), ("two", 0.25)))
+    ]
+    first, second = assembled(model, groups, {}, DEFAULT).candidates
+    assert second.log_prior - first.log_prior == pytest.approx(np.log(0.25))
+
+
+def test_without_rivals_the_listed_effects_have_all_of_the_prior(model):
+    alone = linear_model(model, [EFFECTS["bias_drift"], EFFECTS["time_offset"]], rivals=False)
+    assert sum(np.exp(candidate.log_prior) for candidate in alone.candidates) == pytest.approx(1.0)
+    assert not [c for c in alone.candidates if not c.listed]
+    nothing = linear_model(model, [], rivals=False)
+    assert nothing.candidates == ()
+    assert nothing.W.shape == (model.size, 0)
+
+
+def test_what_cannot_be_seen_or_is_implausible_is_no_candidate(model):
+    calibration = model.calibration[:, [9]]
+    seen = np.eye(model.size)[:, [0]]
+    groups = [
+        Group("taken up", None, True, [calibration], [{}], np.ones(1), (1e-9, 1e-3), ""),
+        Group("too small", None, True, [seen], [{}], np.ones(1), (1e-9, 1e-6), ""),
+        Group("fine", None, True, [seen], [{}], np.ones(1), (1e-9, 100.0), ""),
+        Group("empty", None, True, [np.empty((model.size, 0))], [{}], np.ones(1), (1e-9, 1.0), ""),
+    ]
+    candidates, W = placed(groups, model.projected, DEFAULT)
+    assert [candidate.effect for candidate in candidates] == ["fine"]
+    assert W.shape == (model.size, 1)
+
+
+def test_settings_reach_the_model(model):
+    settings = DiagnosisSettings(unlisted_share=0.5, largest_set=2)
+    made = linear_model(model, [EFFECTS["bias_drift"]], settings=settings)
+    assert made.most_effects == 2
+    rivals = {c.effect: [] for c in made.candidates if not c.listed}
+    for candidate in made.candidates:
+        if not candidate.listed:
+            rivals[candidate.effect].append(np.exp(candidate.log_prior))
+    assert sum(3 * values[0] for values in rivals.values()) == pytest.approx(0.5)
+
+
+def test_parts_of_a_model_keep_their_columns(made):
+    part = made.only(lambda candidate: candidate.effect in ("bias_drift", "bias_orbital"))
+    assert part.X.shape[1] == 3 * 1 + 3 * 2
+    for candidate in part.candidates:
+        old = made.candidates[made.find(candidate.label)]
+        for option, before in zip(candidate.options, old.options, strict=True):
+            np.testing.assert_array_equal(part.X[:, option.columns], made.X[:, before.columns])
+    assert made.only(lambda candidate: False).X.shape == (made.y.size, 0)
+
+
+def test_effects_that_need_what_the_recording_lacks_are_left_out(made):
+    """No housekeeping here, so nothing can follow a temperature."""
+    assert made.find("bias_temperature:x") is None
+    assert made.find("bias_drift:x") is not None
+
+
+def test_the_sign_of_an_effect_is_that_of_its_candidate(made):
+    positive = {candidate.effect for candidate in made.candidates if candidate.positive}
+    assert positive == {name for name, effect in EFFECTS.items() if effect.sign == "positive" and made.find(name) is not None}
+    assert positive
