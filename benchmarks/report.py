@@ -10,7 +10,7 @@ from rich.console import Console
 from rich.table import Table
 
 from studies.montecarlo.manifest import write_json
-from studies.natanson import figures
+from studies.report import panels
 
 VERDICT = {True: "met", False: "not met", None: "–"}
 
@@ -31,7 +31,7 @@ def write(document: dict[str, Any], folder: Path) -> None:
 
 def _figure(growth: dict[str, Any], path: Path) -> None:
     samples, cases = pd.DataFrame(growth["samples"]), pd.DataFrame(growth["cases"])
-    with mpl.rc_context(figures.STYLE):
+    with mpl.rc_context(panels.STYLE):
         figure = Figure(figsize=(9.0, 2.9), layout="constrained")
         time, wall, memory = figure.subplots(1, 3)
         curves = {"kernel_ms": ("kernel", "#d1495b"), "c_ms": ("C", "#30343f"), "packing_ms": ("packing", "#00798c")}
@@ -45,7 +45,7 @@ def _figure(growth: dict[str, Any], path: Path) -> None:
         wall.set(xlabel="cases", ylabel="s, noise and one iteration")
         memory.semilogx(cases["cases"], cases["peak_rss_mb"], "o-", color="#d1495b")
         memory.set(xlabel="cases", ylabel="peak memory (MB)", ylim=(0, None))
-        figures.save(figure, path)
+        panels.save(figure, path)
 
 
 def show(document: dict[str, Any], console: Console) -> None:

@@ -14,7 +14,6 @@ from studies.montecarlo import engine
 from studies.montecarlo.backends import Name
 from studies.montecarlo.study import load_config
 from studies.report import entry as report
-from studies.report import render
 from studies.report.console import progress
 from studies.report.entry import Entry
 
@@ -103,10 +102,7 @@ def run(
         raise InputError(f"{folder}: every case failed, the first one with {rows['error'].iloc[0]}")
     made = chosen.report(settings, good)
     report.write(made, f"Study {name}: {chosen.summary}", folder)
-    for title, table in made.tables.items():
-        render.terminal(console, title, made.shown.get(title, table))
-    for finding in made.findings:
-        console.print(f"- {finding}", highlight=False, markup=False)
+    report.show(made, console)
     return outcome
 
 

@@ -79,7 +79,7 @@ def test_readme_holds_the_committed_summary():
 
 def test_readme_holds_the_committed_blind_check():
     text = (ROOT / "README.md").read_text()
-    table = pd.read_csv(ROOT / "results" / "studies" / "blind" / "table1.csv")
+    table = pd.read_csv(ROOT / "results" / "studies" / "blind" / "criteria.csv")
     assert len(table) > 6
     for row in table.itertuples(index=False):
         assert f"| {row.criterion} | {row.asked} | {blind_value(row)} |" in text

@@ -1,10 +1,10 @@
-"""Is the stated covariance honest? Truths drawn from the prior, calibrated, and judged.
+"""Is the stated covariance consistent with the errors? Truths drawn from the prior, calibrated, and judged.
 
 In the manner of simulation-based calibration (Talts et al. 2018, arXiv:1804.06788).
 
 A case draws G and b from the study's dispersions, which are the prior: a normal about the a-priori value for each of the
-twelve parameters. It calibrates with that prior, without it, and with the paper's covariance. If an estimator is honest then,
-over the cases, of its errors e and covariance P
+twelve parameters. It calibrates with that prior, without it, and with the paper's covariance. If an estimator is consistent
+then, over the cases, of its errors e and covariance P
 
 - the whitened error y = L⁻¹ e, P = L Lᵀ, is standard normal: nees |y|² is χ² with 12 degrees of freedom,
   and e_j²/σ_j² with one,
@@ -13,35 +13,32 @@ over the cases, of its errors e and covariance P
 
 `case` produces, `check` judges. A statistic that fails is laid to the mean of y (biased) or to its spread about that mean
 (over-confident, under-confident). The mean is tested by Hotelling's T², which a wrong sigma does not move, and the spread by
-χ², which a bias does not move. All limits are Bonferroni's over one estimator's statistics, so that an honest estimator passes
-them all with at least the stated confidence.
+χ², which a bias does not move. All limits are Bonferroni's over one estimator's statistics, so that a consistent estimator
+passes them all with at least the stated confidence.
 
-The controls are estimators known to be wrong: the paper's covariance ("references only"), and the honest answer with its sigmas
-scaled or half a sigma added to each parameter. A check that lets one of them pass is worth nothing.
+The controls are estimators known to be wrong: the paper's covariance ("references only"), and the answer with prior with its
+sigmas scaled or half a sigma added to each parameter. A check that lets one of them pass is worth nothing.
 """
 
 from collections.abc import Mapping
-from functools import partial
-from pathlib import Path
 
-import matplotlib as mpl
 import numpy as np
 import pandas as pd
 import scipy.stats
-from matplotlib.figure import Figure
 from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
 from gyrocal import NAMES, GyroParameters, calibrate
-from gyrocal.recording import Recording
 from simulator import scenario as scenarios
-from simulator.scenario import Scenario
-from simulator.simulate import observe
 from studies.montecarlo import statistics
 from studies.montecarlo.dispersions import Dispersion, Normal, scenario_value
-from studies.montecarlo.study import Streams, Study, StudyConfig, base_scenario, case_motion, dispersed
-from studies.natanson import figures
+from studies.montecarlo.statistics import CONSISTENT, OVER_CONFIDENT, UNDER_CONFIDENT, binomial_band
+from studies.montecarlo.study import Streams, Study, StudyConfig, base_scenario, dispersed, observed
+from studies.report import panels
+from studies.report.checks import Check
 from studies.report.entry import Entry, Report
+from studies.report.tables import Table
+from studies.report.units import PPM_DEG_H, PPM_DEG_H_NAMES, columns
 
 Array = NDArray[np.float64]
 Samples = Mapping[str, Array]
@@ -52,21 +49,19 @@ PRIOR_SIGMA_DEG_H = 0.02
 
 PATHS = tuple(f"gyro.true_G.{i}.{j}" for i in range(3) for j in range(3)) + tuple(f"gyro.true_bias_deg_s.{i}" for i in range(3))
 TO_SI = np.array([1.0] * 9 + [np.deg2rad(1.0)] * 3)
-SHOWN = np.array([1e6] * 9 + [np.rad2deg(1.0) * 3600] * 3)  # ppm, deg/h
-UNITS = ("ppm",) * 9 + ("deg_h",) * 3
-ERRORS = [f"error_{name}_{unit}" for name, unit in zip(NAMES, UNITS, strict=True)]
-SIGMAS = [f"sigma_{name}_{unit}" for name, unit in zip(NAMES, UNITS, strict=True)]
+ERRORS, SIGMAS = columns("error"), columns("sigma")
 WHITE = [f"white_{k + 1}" for k in range(12)]
 WHOLE = "whole"
+BIASED = "biased"
 
 # What each estimator must be found to be.
 EXPECTED = {
-    "with prior": "consistent",
-    "without prior": "consistent",
-    "references only": "over-confident",
-    "sigma × 0.7": "over-confident",
-    "sigma × 1.4": "under-confident",
-    "half a sigma added": "biased",
+    "with prior": CONSISTENT,
+    "without prior": CONSISTENT,
+    "references only": OVER_CONFIDENT,
+    "sigma × 0.7": OVER_CONFIDENT,
+    "sigma × 1.4": UNDER_CONFIDENT,
+    "half a sigma added": BIASED,
 }
 CONTROLS = {"sigma × 0.7": (0.7, 0.0), "sigma × 1.4": (1.4, 0.0), "half a sigma added": (1.0, 0.5)}  # of "with prior"
 
@@ -84,7 +79,7 @@ class ConsistencyConfig(StudyConfig):
 
     Attributes
     ----------
-    confidence : probability that an honest estimator passes all its checks
+    confidence : probability that a consistent estimator passes all its checks
     bins : of the rank histograms
     """
 
@@ -112,20 +107,10 @@ def prior(config: ConsistencyConfig) -> tuple[Array, Array]:
     return np.array(means) * TO_SI, np.array([d.sigma for d in normals if isinstance(d, Normal)]) * TO_SI
 
 
-def recording(config: ConsistencyConfig, case: int, streams: Streams) -> Recording:
-    """What a case calibrates from."""
-    return _observed(dispersed(config, case), streams)
-
-
-def _observed(scenario: Scenario, streams: Streams) -> Recording:
-    noise = {name: streams.generator(f"{name}_noise") for name in ("gyro", "reference")}
-    return observe(scenario, case_motion(scenario), gyro_rng=noise["gyro"], reference_rng=noise["reference"])
-
-
 def case(config: ConsistencyConfig, case: int, streams: Streams) -> list[dict[str, object]]:
     """A row for each estimator: errors and sigmas of the parameters, ppm and deg/h, and the whitened error."""
     scenario = dispersed(config, case)
-    seen = _observed(scenario, streams)
+    seen = observed(config, case, streams)
     mean, sigma = prior(config)
     truth = np.array([scenario_value(scenario, path) for path in PATHS]) * TO_SI
     start = GyroParameters.from_vector(mean)
@@ -135,9 +120,9 @@ def case(config: ConsistencyConfig, case: int, streams: Streams) -> list[dict[st
         "references only": calibrate(seen, initial=start, covariance_model="references only"),
     }
     rows = [judged(name, r.parameters.vector - truth, r.covariance) for name, r in found.items()]
-    honest = found["with prior"]
+    right = found["with prior"]
     for name, (scale, shift) in CONTROLS.items():
-        rows.append(judged(name, honest.parameters.vector - truth + shift * honest.sigma, scale**2 * honest.covariance))
+        rows.append(judged(name, right.parameters.vector - truth + shift * right.sigma, scale**2 * right.covariance))
     return rows
 
 
@@ -153,7 +138,7 @@ def judged(estimator: str, error: Array, covariance: Array) -> dict[str, object]
     sigma = np.sqrt(np.diag(covariance))
     L = np.linalg.cholesky(covariance / np.outer(sigma, sigma))
     white = np.linalg.solve(L, error / sigma)
-    values = [*(error * SHOWN).tolist(), *(sigma * SHOWN).tolist(), *white.tolist()]
+    values = [*(error * PPM_DEG_H).tolist(), *(sigma * PPM_DEG_H).tolist(), *white.tolist()]
     return {"estimator": estimator, "nees": float(white @ white), **dict(zip([*ERRORS, *SIGMAS, *WHITE], values, strict=True))}
 
 
@@ -170,13 +155,6 @@ def ranks(y: Array) -> Array:
     return np.asarray(scipy.stats.chi2.cdf(np.sum(y**2, axis=1), y.shape[1]))
 
 
-def band(cases: int, bins: int, confidence: float) -> tuple[int, int]:
-    """Counts that all bins of a histogram of uniform ranks keep to with at least this confidence."""
-    tail = (1 - confidence) / (2 * bins)
-    low, high = scipy.stats.binom.ppf([tail, 1 - tail], cases, 1 / bins)
-    return int(low), int(high)
-
-
 def histogram(y: Array, bins: int) -> NDArray[np.intp]:
     """Counts of the ranks in equal bins."""
     return np.bincount(np.minimum((ranks(y) * bins).astype(int), bins - 1), minlength=bins)
@@ -188,7 +166,7 @@ def check(rows: pd.DataFrame, confidence: float = 0.99, bins: int = 20) -> pd.Da
     Parameters
     ----------
     rows : a row per case, as made by `case`
-    confidence : probability that an honest estimator passes everything
+    confidence : probability that a consistent estimator passes everything
     bins : of the rank histograms
 
     Returns
@@ -222,7 +200,7 @@ def _checked(y: Array, confidence: float, bins: int) -> pd.DataFrame:
         inside = int(np.sum(square <= scipy.stats.chi2.ppf(statistics.LEVELS[level], d)))
         table[f"coverage_{level}"] = [statistics.LEVELS[level], *statistics.binomial_interval(inside, n, confidence)]
     counts = histogram(y, bins)
-    low, high = band(n, bins, confidence)
+    low, high = binomial_band(n, 1 / bins, confidence, bins)
     table["rank"] = [np.sum((counts - n / bins) ** 2) / (n / bins), 0.0, scipy.stats.chi2.isf(1 - confidence, bins - 1)]
     table["rank_band"] = [float(np.sum((counts < low) | (counts > high))), 0.0, 0.0]
     out = pd.DataFrame.from_dict(table, orient="index", columns=["value", "lower", "upper"]).rename_axis("statistic")
@@ -233,16 +211,16 @@ def _checked(y: Array, confidence: float, bins: int) -> pd.DataFrame:
 def _verdicts(table: pd.DataFrame) -> list[str]:
     """What each statistic that is outside its limits is laid to."""
     outside = (table["value"] < table["lower"]) | (table["value"] > table["upper"])
-    spread = "over-confident" if table["value"]["spread"] > 1 else "under-confident"
-    cause = "biased" if outside["mean"] and not outside["spread"] else spread
-    causes = {"mean": "biased", "spread": spread}
-    return [str(causes.get(str(name), cause)) if out else "consistent" for name, out in outside.items()]
+    spread = OVER_CONFIDENT if table["value"]["spread"] > 1 else UNDER_CONFIDENT
+    cause = BIASED if outside["mean"] and not outside["spread"] else spread
+    causes = {"mean": BIASED, "spread": spread}
+    return [str(causes.get(str(name), cause)) if out else CONSISTENT for name, out in outside.items()]
 
 
 def verdict(checks: pd.DataFrame) -> str:
     """One estimator's verdict: "consistent" if every statistic is, or what is wrong, the most frequent first."""
-    wrong = checks.loc[checks["verdict"] != "consistent", "verdict"]
-    return " and ".join(map(str, wrong.value_counts().index)) if len(wrong) else "consistent"
+    wrong = checks.loc[checks["verdict"] != CONSISTENT, "verdict"]
+    return " and ".join(map(str, wrong.value_counts().index)) if len(wrong) else CONSISTENT
 
 
 def judge(config: ConsistencyConfig, rows: pd.DataFrame) -> dict[str, pd.DataFrame]:
@@ -257,7 +235,7 @@ def _verdict_table(checks: Mapping[str, pd.DataFrame]) -> pd.DataFrame:
         whole = table[table["parameter"] == WHOLE].set_index("statistic")[["value", "lower", "upper"]].astype(float)
         nees = whole.T["nees"]
         row: dict[str, object] = {"estimator": name, "expected": EXPECTED[name], "verdict": verdict(table)}
-        row |= {"statistics": len(table), "outside": int((table["verdict"] != "consistent").sum())}
+        row |= {"statistics": len(table), "outside": int((table["verdict"] != CONSISTENT).sum())}
         row |= {"nees_per_dof": nees["value"], "nees_per_dof_low": nees["lower"], "nees_per_dof_high": nees["upper"]}
         out.append(row | {"spread": whole["value"]["spread"], "mean_F": whole["value"]["mean"]})
     return pd.DataFrame(out)
@@ -266,7 +244,7 @@ def _verdict_table(checks: Mapping[str, pd.DataFrame]) -> pd.DataFrame:
 def _parameter_table(rows: pd.DataFrame, checks: pd.DataFrame) -> pd.DataFrame:
     """A row a parameter of one estimator."""
     errors, sigmas = rows[ERRORS].to_numpy(), rows[SIGMAS].to_numpy()
-    table = statistics.accuracy_table(errors, sigmas, NAMES, UNITS)
+    table = statistics.accuracy_table(errors, sigmas, NAMES, PPM_DEG_H_NAMES)
     kept = ["parameter", "unit", "formal_sigma", "spread_over_formal", "bias_in_standard_errors"]
     kept += [f"coverage_{level}{end}" for level in ("68", "95") for end in ("", "_low", "_high")]
     values = checks.pivot_table(index="parameter", columns="statistic", values="value").loc[list(NAMES)]
@@ -277,78 +255,49 @@ def _outside_table(checks: Mapping[str, pd.DataFrame]) -> pd.DataFrame:
     """How many of each statistic are outside, a row an estimator."""
     out = []
     for name, table in checks.items():
-        outside = (table["verdict"] != "consistent").groupby(table["statistic"], sort=False).sum()
+        outside = (table["verdict"] != CONSISTENT).groupby(table["statistic"], sort=False).sum()
         out.append({"estimator": name, **{str(key): int(count) for key, count in outside.items()}})
     return pd.DataFrame(out)
 
 
+LINE = "The verdict on an estimator is consistent if all its statistics are within their limits; controls must be found out."
+
+
 def report(config: ConsistencyConfig, rows: pd.DataFrame) -> Report:
-    """Verdicts on the honest estimators and on the controls."""
-    checks = judge(config, rows)
-    verdicts = _verdict_table(checks)
-    n = rows["case"].nunique()
-    findings = []
-    for line in verdicts.to_dict("records"):
-        kind = "honest" if line["expected"] == "consistent" else "control"
-        findings.append(
-            f"{line['estimator']} ({kind}): {line['verdict']}"
-            f"{'' if line['verdict'] == line['expected'] else ', where ' + line['expected'] + ' was expected'}; "
-            f"{line['outside']} of {line['statistics']} statistics outside their limits, "
-            f"NEES per degree of freedom {line['nees_per_dof']:.3f} "
-            f"(limits {line['nees_per_dof_low']:.3f} to {line['nees_per_dof_high']:.3f})."
-        )
-    right = int((verdicts["verdict"] == verdicts["expected"]).sum())
-    findings.append(f"{right} of {len(verdicts)} estimators were judged as they must be, from {n} cases.")
-    honest = rows[rows["estimator"] == "with prior"]
+    """Verdicts on the consistent estimators and on the controls."""
+    judgements = judge(config, rows)
+    verdicts = _verdict_table(judgements)
+    checks = [Check(line["estimator"], line["verdict"], line["expected"], "", LINE) for line in verdicts.to_dict("records")]
+    for line in verdicts[verdicts["expected"] == CONSISTENT].to_dict("records"):
+        bounds = (line["nees_per_dof_low"], line["nees_per_dof_high"])
+        checks.append(Check(f"mean NEES, {line['estimator']}", line["nees_per_dof"], bounds, "NEES/dof"))
+        checks.append(Check(f"statistics outside their limits, {line['estimator']}", line["outside"], (0, 0)))
+    right = rows[rows["estimator"] == "with prior"]
+    note = f"All statistics of an estimator together have a confidence of {config.confidence:.0%}."
     tables = {
-        f"Verdicts, {n} cases, {config.confidence:.0%} confidence for all statistics of an estimator together": verdicts,
-        "With prior, by parameter (coverage with 95 % Wilson intervals)": _parameter_table(honest, checks["with prior"]),
+        "verdicts": Table(f"Verdicts, {rows['case'].nunique()} cases", verdicts, note),
+        "parameters": Table(
+            "With prior, by parameter (coverage with 95 % Wilson intervals)", _parameter_table(right, judgements["with prior"])
+        ),
+        "outside": Table("Statistics outside their limits, of 13 each", _outside_table(judgements)),
     }
-    tables["Statistics outside their limits, of 13 each"] = _outside_table(checks)
-    return Report(
-        tuple(findings),
-        tables,
-        {
-            "ranks_by_estimator": partial(_by_estimator, config, rows),
-            "ranks_by_parameter": partial(_by_parameter, config, honest),
-        },
-    )
+    by_estimator = {name: samples(rows[rows["estimator"] == name])["G_xx"] for name in EXPECTED}
+    by_parameter = {name: y for name, y in samples(right).items() if name != WHOLE}
+    figures = {
+        "ranks_by_estimator": _rank_figure(config, by_estimator, 3, "rank of the true G_xx within the posterior, by estimator"),
+        "ranks_by_parameter": _rank_figure(config, by_parameter, 4, "rank of the truth within the posterior, with prior"),
+    }
+    return Report(tables, figures, tuple(checks))
 
 
-def _by_parameter(config: ConsistencyConfig, rows: pd.DataFrame, path: Path) -> Path:
-    title = "rank of the truth within the posterior, with prior"
-    return _rank_figure(config, samples(rows), 4, title, path)
-
-
-def _by_estimator(config: ConsistencyConfig, rows: pd.DataFrame, path: Path) -> Path:
-    panels = {}
-    for name in EXPECTED:
-        panels[name] = samples(rows[rows["estimator"] == name])["G_xx"]
-    return _rank_figure(config, panels, 3, "rank of the true G_xx within the posterior, by estimator", path)
-
-
-def _rank_figure(config: ConsistencyConfig, panels: Samples, columns: int, title: str, path: Path) -> Path:
+def _rank_figure(config: ConsistencyConfig, ranked: Samples, columns: int, title: str) -> panels.Draw:
     """Histograms with the band that all bins of all panels together keep to."""
-    panels = {name: y for name, y in panels.items() if name != WHOLE}
-    n = len(next(iter(panels.values())))
-    low, high = band(n, config.bins, 1 - (1 - config.confidence) / len(panels))
-    with mpl.rc_context(figures.STYLE):
-        figure = Figure(figsize=(7.6, 0.5 + 1.45 * (len(panels) // columns)), layout="constrained")
-        edges = np.linspace(0, 1, config.bins + 1)
-        for axes, (name, y) in zip(
-            figure.subplots(len(panels) // columns, columns, sharex=True).ravel(), panels.items(), strict=True
-        ):
-            axes.axhspan(low, high, color="#00798c", alpha=0.2, linewidth=0)
-            axes.axhline(n / config.bins, color="#00798c", linewidth=0.8)
-            axes.stairs(histogram(y, config.bins), edges, color="#30343f")
-            axes.set_title(name, loc="left", fontsize=9)
-            axes.set_ylim(0, None)
-            axes.set_xlim(0, 1)
-            axes.set_xticks([0, 0.5, 1])
-        figure.suptitle(f"{title}; {n} cases, band {low} to {high}", fontsize=9, x=0.01, ha="left")
-        figure.supylabel("cases a bin", fontsize=9)
-        return figures.save(figure, path)
+    n = len(next(iter(ranked.values())))
+    band = binomial_band(n, 1 / config.bins, 1 - (1 - config.confidence) / len(ranked), config.bins)
+    found = [panels.histogram(histogram(y, config.bins), n / config.bins, band, title=name) for name, y in ranked.items()]
+    size = (7.6, 0.5 + 1.45 * (len(ranked) // columns))
+    return panels.sheet(*found, size=size, columns=columns, title=f"{title}; {n} cases, band {band[0]} to {band[1]} a bin")
 
 
-STUDY = Study("studies.calibration.consistency:STUDY", ConsistencyConfig, case, recording)
-ENTRY = Entry(STUDY, "is the stated covariance honest, and would it be noticed if it were not", report)
+STUDY = Study("studies.calibration.consistency:STUDY", ConsistencyConfig, case, observed)
+ENTRY = Entry(STUDY, "is the stated covariance consistent, and would it be noticed if it were not", report)

@@ -24,13 +24,11 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import lru_cache, partial
-from pathlib import Path
+from typing import Any
 
-import matplotlib as mpl
 import numpy as np
 import pandas as pd
 import scipy.optimize
-from matplotlib.figure import Figure
 from numpy.typing import NDArray
 from pydantic import Field
 
@@ -42,19 +40,21 @@ from gyrocal.calibration.propagation import propagate
 from gyrocal.calibration.sampling import measurements
 from gyrocal.recording import Recording
 from simulator.scenario import load, override
-from simulator.simulate import motion, observe
-from studies.montecarlo.study import Streams, Study, StudyConfig, case_motion, dispersed
-from studies.natanson import figures
+from studies.calibration.prepared import Flown, true_parameters
+from studies.montecarlo.study import Streams, Study, StudyConfig, dispersed, observed
+from studies.report import panels
+from studies.report.checks import Check, at_most
 from studies.report.entry import Entry, Report
+from studies.report.tables import Table, by_group
+from studies.report.units import PPM_DEG_H, PPM_DEG_H_NAMES, columns
 
 Array = NDArray[np.float64]
 
-SHOWN = np.array([1e6] * 9 + [np.rad2deg(1.0) * 3600] * 3)  # ppm, deg/h
-ERRORS = [f"error_{name}_{unit}" for name, unit in zip(NAMES, ["ppm"] * 9 + ["deg_h"] * 3, strict=True)]
+ERRORS = columns("error")
 FULL_PSI, LINEAR_PSI, CONVERGED = "one iteration, full ψ", "one iteration, linear ψ", "converged"
 ORACLE, STREAMING = "least squares", "streaming"
-ESTIMATORS = (FULL_PSI, LINEAR_PSI, CONVERGED, ORACLE, STREAMING)
 AGREEMENT_G = 1e-9  # between the oracle and the converged answer
+STREAMED_G = 1e-12  # between streaming and one iteration
 
 
 class EstimatorsConfig(StudyConfig):
@@ -151,13 +151,6 @@ def streamed(problem: Problem, recording: Recording, start: Array) -> Estimate:
     return Estimate(x, float(np.abs(x - start)[:9].max()), 1)
 
 
-def recording(config: EstimatorsConfig, case: int, streams: Streams) -> Recording:
-    """What a case estimates from."""
-    scenario = dispersed(config, case)
-    noise = (streams.generator("gyro_noise"), streams.generator("reference_noise"))
-    return observe(scenario, case_motion(scenario), gyro_rng=noise[0], reference_rng=noise[1])
-
-
 def given_weights(seen: Recording, start: Array) -> Problem:
     """The problem whose weights are fixed, at the parameters (12,) it starts from."""
     prepared = measurements(seen)
@@ -167,9 +160,8 @@ def given_weights(seen: Recording, start: Array) -> Problem:
 @lru_cache(maxsize=1)
 def _warm() -> None:
     """Load what is compiled, once a process, with a recording of a few samples."""
-    scenario = override(load("trmm"), {"gyro.sample_s": 60.0})
-    seen = observe(scenario, motion(scenario), gyro_rng=None, reference_rng=None)
-    start = GyroParameters(seen.gyro.apriori_G, seen.gyro.apriori_bias).vector
+    flown = Flown.of(override(load("trmm"), {"gyro.sample_s": 60.0}))
+    seen, start = flown.plain, flown.initial
     problem = given_weights(seen, start)
     for run in _runs(problem, seen, start, 1, True).values():
         run()
@@ -189,9 +181,8 @@ def _runs(problem: Problem, seen: Recording, start: Array, iterations: int, stre
 def case(config: EstimatorsConfig, case: int, streams: Streams) -> list[dict[str, object]]:
     """A row for each estimator: errors against the truth, difference to the oracle, and the cost."""
     _warm()
-    scenario = dispersed(config, case)
-    seen = recording(config, case, streams)
-    truth = GyroParameters(np.array(scenario.gyro.true_G), np.deg2rad(scenario.gyro.true_bias_deg_s)).vector
+    seen = observed(config, case, streams)
+    truth = true_parameters(dispersed(config, case)).vector
     start = GyroParameters(seen.gyro.apriori_G, seen.gyro.apriori_bias).vector
     problem = given_weights(seen, start)
     # Packs the stream as well, which all but streaming share.
@@ -208,103 +199,99 @@ def case(config: EstimatorsConfig, case: int, streams: Streams) -> list[dict[str
             "estimator": name,
             "objective": float(np.sum(residuals(problem, estimate.x) ** 2)),
             "from_oracle_G": float(apart[:9].max()),
-            "from_oracle_deg_h": float(apart[9:].max() * SHOWN[-1]),
+            "from_oracle_deg_h": float(apart[9:].max() * PPM_DEG_H[-1]),
             "from_full_psi_G": float(np.abs(estimate.x - found[FULL_PSI].x)[:9].max()),
             "last_correction_G": None if np.isnan(estimate.last_correction_G) else estimate.last_correction_G,
             "error_rms_G": float(np.sqrt(np.mean(error[:9] ** 2))),
-            "error_rms_deg_h": float(np.sqrt(np.mean(error[9:] ** 2)) * SHOWN[-1]),
+            "error_rms_deg_h": float(np.sqrt(np.mean(error[9:] ** 2)) * PPM_DEG_H[-1]),
             "error_in_sigmas": float(np.sqrt(np.mean((error / sigma) ** 2))),
             "passes": estimate.passes,
         }
-        row |= dict(zip(ERRORS, (error * SHOWN).tolist(), strict=True))
+        row |= dict(zip(ERRORS, (error * PPM_DEG_H).tolist(), strict=True))
         rows.append(row | {"cost_cpu_ms": cost[name]})
     return rows
 
 
+STUDY = Study("studies.calibration.estimators:STUDY", EstimatorsConfig, case, observed)
+
+
 def summary(rows: pd.DataFrame) -> pd.DataFrame:
     """A row an estimator: agreement with the oracle, accuracy against the truth, and cost by that of one iteration."""
-    rms = [f"{name}_rms" for name in ERRORS]
-    out = []
-    for name in ESTIMATORS:
-        chosen = rows[rows["estimator"] == name]
-        if chosen.empty:
-            continue
-        both = chosen.merge(rows[rows["estimator"] == FULL_PSI], on="case", suffixes=("", "_one"))
-        errors = np.sqrt(np.mean(chosen[ERRORS].to_numpy() ** 2, axis=0))
-        line = {"estimator": name, "cases": len(chosen), "from_oracle_G_max": chosen["from_oracle_G"].max()}
-        line |= {"from_oracle_deg_h_max": chosen["from_oracle_deg_h"].max()}
-        line |= {"error_rms_ppm": 1e6 * np.sqrt(np.mean(chosen["error_rms_G"] ** 2))}
-        line |= {"error_rms_deg_h": np.sqrt(np.mean(chosen["error_rms_deg_h"] ** 2))}
-        line |= {"error_in_sigmas": np.sqrt(np.mean(chosen["error_in_sigmas"] ** 2)), "passes": chosen["passes"].mean()}
-        line |= {"cost_cpu_ms": chosen["cost_cpu_ms"].median()}
-        line |= {"cost_ratio": (both["cost_cpu_ms"] / both["cost_cpu_ms_one"]).median()}
-        out.append(line | dict(zip(rms, errors.tolist(), strict=True)))
-    return pd.DataFrame(out)
+    one = rows[rows["estimator"] == FULL_PSI].set_index("case")["cost_cpu_ms"]
+
+    def line(part: pd.DataFrame) -> dict[str, object]:
+        return {
+            "cases": len(part),
+            "from_oracle_G_max": part["from_oracle_G"].max(),
+            "from_oracle_deg_h_max": part["from_oracle_deg_h"].max(),
+            "error_rms_ppm": 1e6 * _rms(part["error_rms_G"]),
+            "error_rms_deg_h": _rms(part["error_rms_deg_h"]),
+            "error_in_sigmas": _rms(part["error_in_sigmas"]),
+            "passes": part["passes"].mean(),
+            "cost_cpu_ms": part["cost_cpu_ms"].median(),
+            "cost_ratio": (part.set_index("case")["cost_cpu_ms"] / one).median(),
+        }
+
+    return by_group(rows, ["estimator"], line)
+
+
+def by_parameter(rows: pd.DataFrame) -> pd.DataFrame:
+    """A row a parameter: the RMS error of each estimator that ran in every case."""
+    errors = rows[rows["estimator"] != STREAMING].groupby("estimator", sort=False)[ERRORS].agg(_rms)
+    return pd.DataFrame(
+        {"parameter": NAMES, "unit": PPM_DEG_H_NAMES, **{name: errors.loc[name].to_numpy() for name in errors.index}}
+    )
+
+
+def _rms(values: pd.Series) -> float:
+    return float(np.sqrt(np.mean(values**2)))
+
+
+AGREED = "Converged calibrator and oracle solve the same equations where the reference sigmas are the same on all axes."
+SAME = "Streaming sample by sample is one iteration with full ψ, to rounding."
+COST = "Costs are CPU times as the median ratio to one iteration with full ψ; they are not the same in another run."
+
+
+def _checks(rows: pd.DataFrame) -> list[Check]:
+    by = summary(rows).set_index("estimator")
+
+    def largest(name: str, column: str) -> float:
+        return float(rows.loc[rows["estimator"] == name, column].max())
+
+    out = [
+        Check("converged from the oracle in G, largest", largest(CONVERGED, "from_oracle_G"), at_most(AGREEMENT_G), "", AGREED),
+        Check("converged from the oracle in b, largest", largest(CONVERGED, "from_oracle_deg_h"), None, "deg/h"),
+        Check("last correction of the converged in G, largest", largest(CONVERGED, "last_correction_G")),
+        Check("linear from full ψ, one iteration, in G, largest", 1e6 * largest(LINEAR_PSI, "from_full_psi_G"), None, "ppm"),
+        Check("RMS error of the converged in formal sigmas", by["error_in_sigmas"][CONVERGED], None, "sigma"),
+    ]
+    for name in (FULL_PSI, LINEAR_PSI):
+        out.append(Check(f"{name}, from the oracle in G, largest", 1e6 * largest(name, "from_oracle_G"), None, "ppm"))
+    out += [Check(f"RMS error of G, {name}", value, None, "ppm") for name, value in by["error_rms_ppm"].items()]
+    out += [Check(f"cost of {name}", value, meaning=COST) for name, value in by["cost_ratio"].items() if name != FULL_PSI]
+    if STREAMING in by.index:
+        apart = largest(STREAMING, "from_full_psi_G")
+        out.append(Check("streaming from one iteration in G, largest", apart, at_most(STREAMED_G), "", SAME))
+    return out
 
 
 def report(config: EstimatorsConfig, rows: pd.DataFrame) -> Report:
     """Agreement, accuracy and cost."""
-    table = summary(rows)
-    by = table.set_index("estimator")
-    converged, one, linear, oracle = (by.loc[name].astype(float) for name in (CONVERGED, FULL_PSI, LINEAR_PSI, ORACLE))
-    agreed = converged["from_oracle_G_max"]
-    last = rows.loc[rows["estimator"] == CONVERGED, "last_correction_G"].max()
-    psi = rows.loc[rows["estimator"] == LINEAR_PSI, "from_full_psi_G"].max()
-    findings = [
-        f"Converged calibrator and least-squares oracle differ by at most {agreed:.1e} in G and "
-        f"{converged['from_oracle_deg_h_max']:.1e} deg/h in b over {converged['cases']:.0f} cases: "
-        f"{'within' if agreed <= AGREEMENT_G else 'NOT within'} {AGREEMENT_G:.0e} in G. "
-        f"(The last of {config.iterations} corrections was at most {last:.1e} in G.)",
-        f"One iteration from the a-priori parameters is within {1e6 * one['from_oracle_G_max']:.2f} ppm of the minimum with "
-        f"full ψ and {1e6 * linear['from_oracle_G_max']:.2f} ppm with linear ψ; the two differ by at most {1e6 * psi:.2f} ppm.",
-        f"Against the truth the RMS error of G is {one['error_rms_ppm']:.2f} ppm after one iteration, "
-        f"{linear['error_rms_ppm']:.2f} with linear ψ, {converged['error_rms_ppm']:.2f} converged "
-        f"and {oracle['error_rms_ppm']:.2f} for the oracle "
-        f"({converged['error_in_sigmas']:.2f} formal sigmas).",
-        f"CPU time, as the median ratio to one iteration with full ψ ({one['cost_cpu_ms']:.2f} ms in this run): "
-        + ", ".join(f"{name} ×{row['cost_ratio']:.3g}" for name, row in by.iterrows() if name != FULL_PSI)
-        + ". Costs (columns cost_…) are measured, and not the same in another run.",
-    ]
-    if STREAMING in by.index:
-        chosen = rows[rows["estimator"] == STREAMING]
-        findings.append(
-            f"Streaming sample by sample gives the one-iteration answer to {chosen['from_full_psi_G'].max():.1e} in G "
-            f"({len(chosen)} cases)."
-        )
-    short = [name for name in table if not str(name).endswith("_rms")]
-    rms = [f"{error}_rms" for error in ERRORS]
-    per_parameter = pd.DataFrame(
-        {"parameter": NAMES, "unit": ["ppm"] * 9 + ["deg/h"] * 3}
-        | {str(name): by.loc[name, rms].to_numpy(float) for name in by.index if name != STREAMING}
-    )
-    return Report(
-        tuple(findings),
-        {"Agreement, accuracy and cost": table[short], "RMS error against the truth, by parameter": per_parameter},
-        {"agreement": partial(_figure, rows)},
-    )
+    tables = {
+        "estimators": Table("Agreement, accuracy and cost", summary(rows)),
+        "parameters": Table("RMS error against the truth, by parameter", by_parameter(rows)),
+    }
+    return Report(tables, {"agreement": _figure(rows)}, tuple(_checks(rows)))
 
 
-def _figure(rows: pd.DataFrame, path: Path) -> Path:
+def _figure(rows: pd.DataFrame) -> panels.Draw:
     """Distance from the oracle of every case, beside the error that noise makes; no costs, so its bytes do not change."""
-    names = [name for name in (LINEAR_PSI, FULL_PSI, STREAMING, CONVERGED) if name in set(rows["estimator"])]
-    error = rows.loc[rows["estimator"] == ORACLE, "error_rms_G"]
-    with mpl.rc_context(figures.STYLE):
-        figure = Figure(figsize=(7.0, 2.4), layout="constrained")
-        axes = figure.add_subplot()
-        for y, name in enumerate(reversed(names)):
-            values = rows.loc[rows["estimator"] == name, "from_oracle_G"].clip(lower=1e-16)
-            axes.plot(values, np.full(len(values), y), "|", color="#00798c", markersize=14)
-        axes.axvspan(error.min(), error.max(), color="#d1495b", alpha=0.2, linewidth=0)
-        axes.text(
-            float(error.min()), len(names) - 0.45, "RMS error of G by noise ", color="#d1495b", fontsize=8, ha="right", va="top"
-        )
-        axes.axvline(AGREEMENT_G, color="0.4", linestyle=":", linewidth=1.2)
-        axes.set_xscale("log")
-        axes.set_ylim(-0.5, len(names) - 0.4)
-        axes.set_yticks(range(len(names)), reversed(names))
-        axes.set_xlabel("largest difference in G to the oracle; a stroke a case, dotted: limit")
-        return figures.save(figure, path)
+    of = {str(name): part["from_oracle_G"].clip(lower=1e-16) for name, part in rows.groupby("estimator", sort=False)}
+    noise = rows.loc[rows["estimator"] == ORACLE, "error_rms_G"]
+    distances = {name: of[name] for name in (LINEAR_PSI, FULL_PSI, STREAMING, CONVERGED) if name in of}
+    axes: dict[str, Any] = {"log": "x", "at": [AGREEMENT_G], "x": "largest difference in G to the oracle; a stroke a case"}
+    title = "dotted: limit of the agreement; red: RMS error of G by noise"
+    return panels.sheet(panels.strokes(distances, (noise.min(), noise.max()), title=title, **axes), size=(7.0, 2.4))
 
 
-STUDY = Study("studies.calibration.estimators:STUDY", EstimatorsConfig, case, recording)
 ENTRY = Entry(STUDY, "Davenport's forms against non-linear least squares: same answer, at what cost", report)

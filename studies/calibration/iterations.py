@@ -8,30 +8,26 @@ A case starts from the truth plus factors times two directions: "flown", the sce
 (TRMM: pre-launch minus flight's result), and "random", of the same norm in G and in b, another in each case.
 """
 
-from dataclasses import dataclass
-from functools import lru_cache, partial
-from pathlib import Path
+from typing import Any
 
-import matplotlib as mpl
 import numpy as np
 import pandas as pd
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 from numpy.typing import NDArray
 from pydantic import field_validator
 
-from gyrocal import GyroParameters, attitude
 from gyrocal.calibration.problem import Problem
 from gyrocal.calibration.propagation import Psi
 from gyrocal.calibration.sampling import measurements
-from simulator.scenario import Scenario
-from simulator.simulate import noise_free_rates, observe, realise
-from simulator.truth.motion import Motion
-from studies.montecarlo.statistics import crossing, order
-from studies.montecarlo.study import Streams, Study, StudyConfig, base_scenario, case_motion, dispersed, observed
+from studies.calibration.prepared import Flown, noise_of, shared
+from studies.montecarlo.settings import Different
+from studies.montecarlo.statistics import beside, crossing, order
+from studies.montecarlo.study import Streams, Study, StudyConfig, observed
 from studies.natanson import flight
-from studies.natanson.figures import STYLE, save
+from studies.report import panels
+from studies.report.checks import Check, at_least, at_most
 from studies.report.entry import Entry, Report
+from studies.report.panels import Line
+from studies.report.tables import Table, by_group
 
 Array = NDArray[np.float64]
 
@@ -54,16 +50,9 @@ class IterationsConfig(StudyConfig):
     """
 
     cases: int = 100
-    factors: tuple[float, ...] = FACTORS
+    factors: Different = FACTORS
     iterations: int = 8
     psi: Psi = "full"
-
-    @field_validator("factors")
-    @classmethod
-    def _positive(cls, value: tuple[float, ...]) -> tuple[float, ...]:
-        if not value or min(value) <= 0 or len(set(value)) < len(value):
-            raise ValueError("must be one or more different numbers above zero")
-        return value
 
     @field_validator("iterations")
     @classmethod
@@ -73,36 +62,9 @@ class IterationsConfig(StudyConfig):
         return value
 
 
-@dataclass(frozen=True)
-class _Prepared:
-    """What cases with the same scenario share."""
-
-    scenario: Scenario
-    motion: Motion
-    rates: Array
-    truth: Array
-    initial_error: Array
-    problem: Problem
-
-
-def _prepare(scenario: Scenario) -> _Prepared:
-    path = case_motion(scenario)
-    plain = observe(scenario, path, gyro_rng=None, reference_rng=None)
-    truth = np.concatenate([np.ravel(scenario.gyro.true_G), np.deg2rad(scenario.gyro.true_bias_deg_s)])
-    return _Prepared(
-        scenario=scenario,
-        motion=path,
-        rates=noise_free_rates(scenario, path),
-        truth=truth,
-        initial_error=GyroParameters(plain.gyro.apriori_G, plain.gyro.apriori_bias).vector - truth,
-        problem=Problem.of(plain, measurements(plain)),
-    )
-
-
-@lru_cache(maxsize=2)
-def _shared(config: str) -> _Prepared:
-    """Preparation of a study without dispersions, made once a process."""
-    return _prepare(base_scenario(IterationsConfig.model_validate_json(config)))
+@shared
+def _prepared(config: IterationsConfig, flown: Flown) -> tuple[Flown, Problem]:
+    return flown, Problem.of(flown.plain, measurements(flown.plain))
 
 
 def random_direction(rng: np.random.Generator, error: Array) -> Array:
@@ -115,20 +77,16 @@ def random_direction(rng: np.random.Generator, error: Array) -> Array:
 
 def case(config: IterationsConfig, number: int, streams: Streams) -> list[dict[str, object]]:
     """One case: a row for each direction, with and without noise, and factor."""
-    shared = _prepare(dispersed(config, number)) if config.dispersions else _shared(config.model_dump_json())
-    directions = {
-        "flown": shared.initial_error,
-        "random": random_direction(streams.generator("initial_error"), shared.initial_error),
-    }
+    flown, prepared = _prepared(config, number)
+    own = flown.initial - flown.truth
+    directions = {"flown": own, "random": random_direction(streams.generator("initial_error"), own)}
     rows = []
     for noise in (False, True):
-        gyro, reference = (streams.generator(name) if noise else None for name in ("gyro_noise", "reference_noise"))
-        rates, quaternions = realise(shared.scenario, shared.motion, shared.rates, gyro, reference)
-        problem = shared.problem.with_case(rates, attitude.matrix_from_quaternion(quaternions))
+        problem = prepared.with_case(*flown.realise(noise_of(streams) if noise else None))
         for direction, error in directions.items():
             for factor in config.factors:
                 keys = {"direction": direction, "noise": noise, "factor": factor}
-                rows.append(keys | _iterated(config, problem, shared.truth, factor * error))
+                rows.append(keys | _iterated(config, problem, flown.truth, factor * error))
     return rows
 
 
@@ -180,20 +138,18 @@ def convergence(rows: pd.DataFrame) -> pd.DataFrame:
     Columns slope_k: of what iteration k leaves over what was left before it, across the factors; two is quadratic.
     """
     good = rows[rows["converged"]].assign(**{f"left_{k}": _left(rows, k) for k in range(SHOWN + 1)})
-    out = []
-    for (direction, noise), part in good.groupby(["direction", "noise"]):
-        row: dict[str, object] = {"direction": direction, "noise": noise}
+
+    def line(part: pd.DataFrame) -> dict[str, object]:
+        row: dict[str, object] = {}
         for k in (1, 2):
-            slopes = []
-            for _, one in part.groupby("case"):
-                clear = one[one[f"left_{k}"] > ROUNDING]
-                slopes.append(order(clear[f"left_{k - 1}"], clear[f"left_{k}"]))
+            clear = part[part[f"left_{k}"] > ROUNDING]
+            slopes = [order(one[f"left_{k - 1}"], one[f"left_{k}"]) for _, one in clear.groupby("case")]
             row[f"slope_{k}"] = float(np.nanmedian(slopes)) if np.isfinite(slopes).any() else np.nan
         nearest = part[part["factor"] == min(part["factor"], key=lambda factor: abs(np.log(factor)))]
-        row["factor"] = nearest["factor"].iloc[0]
-        row["second_over_first"] = float((nearest["left_2"] / nearest["left_1"]).median())
-        out.append(row)
-    return pd.DataFrame(out)
+        ratio = float((nearest["left_2"] / nearest["left_1"]).median())
+        return row | {"factor": nearest["factor"].iloc[0], "second_over_first": ratio}
+
+    return by_group(good.sort_values(["direction", "noise"], kind="stable"), ["direction", "noise"], line)
 
 
 def enough(rows: pd.DataFrame) -> pd.DataFrame:
@@ -201,9 +157,8 @@ def enough(rows: pd.DataFrame) -> pd.DataFrame:
 
     By the median over the cases, and for each limit by the 95 % quantile; interpolated, NaN where the factors do not reach it.
     """
-    good = rows[rows["converged"]]
     out = []
-    for (direction, noise), part in good.groupby(["direction", "noise"]):
+    for (direction, noise), part in rows[rows["converged"]].groupby(["direction", "noise"]):
         for k in (1, 2):
             by_factor = _left(part, k).groupby(part["factor"])
             row: dict[str, object] = {"direction": direction, "noise": noise, "iterations": k}
@@ -221,138 +176,87 @@ def second_iteration(rows: pd.DataFrame) -> pd.DataFrame:
     The flight's is of G⁻¹ or of G, which does not matter to its size. Empty without that factor.
     """
     chosen = rows[(rows["direction"] == "flown") & rows["noise"] & (rows["factor"] == 1) & rows["converged"]]
-    G, bias = flight.corrections(2)
-    published = {"correction_2_G": float(np.abs(G).max()), "correction_2_bias_deg_s": float(np.abs(bias).max())}
+    published = dict(zip(("G", "bias_deg_s"), (float(np.abs(one).max()) for one in flight.corrections(2)), strict=True))
+    lines = [{"quantity": name, **beside(chosen[f"correction_2_{name}"], flown)} for name, flown in published.items()]
+    return pd.DataFrame(lines if len(chosen) else [])
+
+
+QUADRATIC = "Without noise an iteration of Gauss–Newton leaves the square of the error before it, a slope of 2."
+LINEAR = "Noise leaves residuals, and with them a small part that an iteration reduces by a factor only."
+PUBLISHED = "N Table 5 does not say whether its second corrections are of G⁻¹ or of G; only their size can be compared."
+
+
+def _checks(rows: pd.DataFrame) -> list[Check]:
     out = []
-    for name, flown in published.items() if len(chosen) else ():
-        values = chosen[name]
-        out.append(
-            {
-                "quantity": name.removeprefix("correction_2_"),
-                "flight": flown,
-                "median": values.median(),
-                "p05": values.quantile(0.05),
-                "p95": values.quantile(0.95),
-                "flight_percentile": 100 * float((values < flown).mean()),
-            }
-        )
-    return pd.DataFrame(out)
-
-
-def _chosen(table: pd.DataFrame, direction: str, noise: bool, **values: float) -> pd.Series | None:
-    """The row of a table, or None."""
-    mask = (table["direction"] == direction) & (table["noise"] == noise)
-    for name, value in values.items():
-        mask &= table[name] == value
-    return table[mask].iloc[0] if mask.any() else None
-
-
-def _findings(rows: pd.DataFrame) -> list[str]:
-    slopes, needed, beside, medians = convergence(rows), enough(rows), second_iteration(rows), after_each(rows)
-    out = []
-    for direction in DIRECTIONS:
-        quiet, noisy = (_chosen(slopes, direction, noise) for noise in (False, True))
-        if quiet is not None and noisy is not None:
-            out.append(
-                f"Error {direction}: without noise what an iteration leaves grows with the power {quiet['slope_1']:.2f} "
-                f"(first) and {quiet['slope_2']:.2f} (second) of what was left before it; 2 is quadratic. At factor "
-                f"{quiet['factor']:g} the second leaves {quiet['second_over_first']:.1e} of what the first left, with noise "
-                f"{noisy['second_over_first']:.1e}."
-            )
-    for direction in DIRECTIONS:
-        one, two = (_chosen(needed, direction, True, iterations=k) for k in (1, 2))
-        if one is not None and two is not None:
-            first = ", ".join(f"{limit:g} sigma from {_at(one, limit)}" for limit in LIMITS)
-            second = ", ".join(f"{limit:g} sigma from {_at(two, limit)}" for limit in LIMITS)
-            out.append(f"Error {direction}, with noise: one iteration leaves more than {first}; two leave more than {second}.")
-    flown = _chosen(medians, "flown", True, factor=1.0)
-    if flown is not None:
-        two_left = max(flown["left_2_G_sigma"], flown["left_2_bias_sigma"])
-        out.append(
-            f"The scenario's own initial error ({flown['initial_G']:.2g} in G, {flown['initial_bias_deg_s']:.2g} deg/s in b, "
-            f"residuals of up to {flown['residual_deg']:.2f} deg) is left at {flown['left_1_G_sigma']:.2g} sigma in G and "
-            f"{flown['left_1_bias_sigma']:.2g} sigma in b by one iteration, at {two_left:.1e} by two; the noise's own error is "
-            f"{flown['error_converged_G_sigma']:.2g} sigma (largest of nine) in G."
-        )
-    for row in beside.to_dict("records"):
-        unit = "deg/s in b" if "bias" in row["quantity"] else "in G"
-        out.append(
-            f"Second iteration's largest correction: flight {row['flight']:.1g} {unit} (N Table 5), simulated "
-            f"{row['median']:.2g} ({row['p05']:.2g} to {row['p95']:.2g}, 5-95 %; flight at {row['flight_percentile']:.0f} %)."
-        )
+    slopes = convergence(rows).set_index(["direction", "noise"])
+    for direction in (one for one in DIRECTIONS if (one, False) in slopes.index):
+        for k, which in ((1, "first"), (2, "second")):
+            name = f"power of what was left that the {which} iteration leaves, {direction} error, no noise"
+            out.append(Check(name, slopes[f"slope_{k}"][(direction, False)], (1.9, 2.1), "", QUADRATIC))
+        ratio = slopes["second_over_first"].loc[direction]
+        if True in ratio.index:
+            name = f"what the second iteration leaves by what the first left, {direction} error, noise by no noise"
+            out.append(Check(name, ratio[True] / ratio[False], at_least(10), "", LINEAR))
+    for row in enough(rows).query("noise").to_dict("records"):
+        for limit in LIMITS:
+            name = f"factor from which {row['iterations']} iteration(s) leave {limit:g} sigma, {row['direction']} error, median"
+            out.append(Check(name, row[f"factor_{limit:g}_sigma_median"]))
+    own = after_each(rows).query("direction == 'flown' and noise and factor == 1")
+    for row in own.to_dict("records"):
+        out += [Check(f"scenario's own initial error in {name}", row[f"initial_{name}"]) for name in ("G", "bias_deg_s")]
+        for k in (1, 2):
+            left = max(row[f"left_{k}_G_sigma"], row[f"left_{k}_bias_sigma"])
+            out.append(Check(f"left of it by {k} iteration(s), largest, median", left, at_most(LIMITS[0]), "sigma"))
+        out.append(Check("error of G from noise alone, largest, median", row["error_converged_G_sigma"], None, "sigma"))
+    for row in second_iteration(rows).to_dict("records"):
+        name = f"largest correction by the second iteration, {row['quantity']}, flight by simulated median"
+        out.append(Check(name, row["flight"] / row["median"], meaning=PUBLISHED))
     failed = rows[~rows["converged"]]
-    if len(failed):
-        out.append(
-            f"{len(failed)} of {len(rows)} runs did not converge, from factor {failed['factor'].min():g} on; they count "
-            "nowhere else."
-        )
-    else:
-        out.append(f"All {len(rows)} runs converged, up to a factor of {rows['factor'].max():g}.")
-    return out
-
-
-def _at(row: pd.Series, limit: float) -> str:
-    """Median factor, with that of the worst twentieth where it is another."""
-    median, worst = (f"{row[f'factor_{limit:g}_sigma_{name}']:.2g}" for name in ("median", "p95"))
-    text = "a factor beyond the grid" if median == "nan" else f"factor {median}"
-    return text if worst in ("nan", median) else f"{text} ({worst} in 5 % of the cases)"
+    out.append(Check(f"runs that did not converge, of {len(rows)}", len(failed), (0, 0)))
+    return [*out, Check("smallest factor of a run that did not converge", failed["factor"].min())]
 
 
 def report(config: IterationsConfig, rows: pd.DataFrame) -> Report:
     """What each iteration leaves, how fast, and from what initial error one is not enough."""
     medians = after_each(rows)
-    short = ["direction", "noise", "factor", "converged", "residual_deg"]
-    short += [f"left_{k}_{what}_sigma" for k in range(SHOWN + 1) for what in ("G", "bias")]
+    keys = ["direction", "noise", "factor"]
+    left = [f"left_{k}_{what}_sigma" for k in range(SHOWN + 1) for what in ("G", "bias")]
     corrections = [f"correction_{k}_{what}" for k in range(1, SHOWN + 1) for what in ("G", "bias_deg_s")]
     errors = [name for name in medians if str(name).startswith("error_")]
     tables = {
-        "From what initial error one or two iterations leave too much": enough(rows),
-        "Order of convergence": convergence(rows),
-        "Second iteration's corrections beside N Table 5": second_iteration(rows),
-        "Left after each iteration (distance from converged, sigma; medians)": medians[short],
-        "Corrections (largest of G, and of b; medians)": medians[[*short[:3], *corrections]],
-        "Error from the truth (sigma, medians)": medians[[*short[:3], *errors]],
+        "enough": Table("From what initial error one or two iterations leave too much", enough(rows)),
+        "convergence": Table("Order of convergence", convergence(rows)),
+        "second_iteration": Table("Second iteration's corrections beside N Table 5", second_iteration(rows)),
+        "left": Table(
+            "Left after each iteration (distance from converged, sigma; medians)",
+            medians[[*keys, "converged", "residual_deg", *left]],
+        ),
+        "corrections": Table("Corrections (largest of G, and of b; medians)", medians[[*keys, *corrections]]),
+        "errors": Table("Error from the truth (sigma, medians)", medians[[*keys, *errors]]),
     }
-    return Report(tuple(_findings(rows)), tables, {"iterations": partial(figure, rows)})
+    return Report(tables, {"iterations": _figure(rows[rows["converged"]])}, tuple(_checks(rows)))
 
 
 ENTRY = Entry(STUDY, "one, two, converged iterations over the size of the initial error", report)
 
-COLOURS = {0: "0.6", 1: "#d1495b", 2: "#00798c", 3: "#30343f"}
-WORDS = {0: "at the start", 1: "after one", 2: "after two", 3: "after three"}
-FLOOR = 1e-9  # sigma; the figure ends there
+LOOKS = {0: (panels.GREY, "at the start"), 1: (panels.RED, "after one"), 2: (panels.TEAL, "after two")}
+TITLES = {"flown": "pre-launch − truth", "random": "random directions of the same norm"}
 
 
-def figure(rows: pd.DataFrame, path: Path) -> Path:
+def _figure(rows: pd.DataFrame) -> panels.Draw:
     """What iterations leave over the size of the initial error, a panel a direction."""
-    good = rows[rows["converged"]]
-    with mpl.rc_context(STYLE):
-        drawing = Figure(figsize=(9.0, 3.6), layout="constrained")
-        panels = drawing.subplots(1, len(DIRECTIONS), sharey=True)
-        for axes, direction in zip(panels, DIRECTIONS, strict=True):
-            _panel(axes, good[good["direction"] == direction])
-            axes.set_title(
-                {"flown": "pre-launch − truth", "random": "random directions of the same norm"}[direction],
-                loc="left",
-                fontsize=9,
-            )
-            axes.set_xlabel("factor on the initial error")
-        panels[0].set_ylabel("distance from converged (formal sigma)")
-        panels[1].legend(fontsize=7, loc="lower right", title="solid: noise, 5–95 %; dotted: none", title_fontsize=7)
-        return save(drawing, path)
 
+    def lines(part: pd.DataFrame) -> list[Line]:
+        out = []
+        for k, (colour, label) in LOOKS.items():
+            quiet, noisy = ((_left(one, k).groupby(one["factor"])) for one in (part[~part["noise"]], part[part["noise"]]))
+            median, low, high = (noisy.quantile(share) for share in (0.5, 0.05, 0.95))
+            out.append(Line(quiet.median().index, quiet.median(), "", colour, ":"))
+            out.append(Line(median.index, median, label, colour, "-", low, high))
+        return out
 
-def _panel(axes: Axes, rows: pd.DataFrame) -> None:
-    for k in (0, 1, 2):
-        for noise, line in ((False, ":"), (True, "-")):
-            part = rows[rows["noise"] == noise]
-            left = _left(part, k).groupby(part["factor"])
-            median = left.median()
-            axes.loglog(median.index, median, line, color=COLOURS[k], label=WORDS[k] if noise else None)
-            if noise:
-                axes.fill_between(
-                    median.index, left.quantile(0.05), left.quantile(0.95), color=COLOURS[k], alpha=0.2, linewidth=0
-                )
-    for limit in LIMITS:
-        axes.axhline(limit, color="0.4", linewidth=0.8, linestyle="--")
-    axes.set_ylim(bottom=FLOOR)
+    axes: dict[str, Any] = {"log": "xy", "levels": LIMITS, "x": "factor on the initial error", "legend": "lower right"}
+    axes |= {"y": "distance from converged (formal sigma)", "legend_title": "solid: noise, 5–95 %; dotted: none"}
+    parts = {direction: rows[rows["direction"] == direction] for direction in DIRECTIONS}
+    figures = [panels.curves(lines(part), title=TITLES[direction], **axes) for direction, part in parts.items()]
+    return panels.sheet(*figures, size=(9.0, 3.6), sharey=True)

@@ -12,19 +12,16 @@ What a subset tells altogether is its information ½ Σ log₂(1 + s²), in bits
 volume. It can be shared out among the maneuvers by Shapley's value, the mean over all orders of flying them of what each adds.
 """
 
-from collections.abc import Collection, Iterable
+from collections.abc import Collection, Iterable, Mapping
 from dataclasses import replace
-from functools import lru_cache, partial
-from itertools import combinations
+from itertools import combinations, product
 from math import comb
-from pathlib import Path
+from typing import Any, ClassVar
 
-import matplotlib as mpl
 import numpy as np
 import pandas as pd
-from matplotlib.figure import Figure
 from numpy.typing import NDArray
-from pydantic import Field, model_validator
+from pydantic import Field
 
 from gyrocal import NAMES, GyroParameters
 from gyrocal.calibration.observability import PLAUSIBLE_RANGE, observability
@@ -32,42 +29,39 @@ from gyrocal.calibration.problem import Problem
 from gyrocal.calibration.sampling import measurements
 from gyrocal.recording import Recording
 from simulator.scenario import override
-from simulator.simulate import motion, observe
-from studies.montecarlo.study import Streams, Study, StudyConfig, base_scenario
-from studies.natanson import figures
+from studies.calibration.prepared import Flown, shared, true_parameters
+from studies.montecarlo.study import GridConfig, Streams, Study, base_scenario
+from studies.report import panels
+from studies.report.checks import Check
 from studies.report.entry import Entry, Report
+from studies.report.tables import Table
+from studies.report.units import PPM_DEG_H, columns
 
 Array = NDArray[np.float64]
 
 REFERENCES = ("ends", "series")
 MOST_INTERVALS = 10
-SHOWN = np.array([1e6] * 9 + [np.rad2deg(1.0) * 3600] * 3)  # ppm, deg/h
-SIGMAS = [f"sigma_{name}_{unit}" for name, unit in zip(NAMES, ["ppm"] * 9 + ["deg_h"] * 3, strict=True)]
+SIGMAS = columns("sigma")
+GROWTHS = [f"growth_{name}" for name in NAMES]
 
 
-class ManeuversNeededConfig(StudyConfig):
+class ManeuversNeededConfig(GridConfig):
     """What the study runs.
 
     Attributes
     ----------
-    cases : subsets of the scenario's intervals, twice
     series_s : time between the references of a series
     """
 
-    cases: int = 126
+    axes: ClassVar = ("scenario",)
     series_s: float = Field(default=60.0, gt=0)
 
-    @model_validator(mode="after")
-    def _is_a_grid(self) -> "ManeuversNeededConfig":
+    def points(self) -> list[tuple[str, tuple[int, ...]]]:
+        """Kind of references and subset of the scenario's intervals."""
         intervals = len(base_scenario(self).interval)
         if intervals > MOST_INTERVALS:
             raise ValueError(f"scenario: has {intervals} intervals; all subsets of more than {MOST_INTERVALS} are too many")
-        whole = len(REFERENCES) * (2**intervals - 1)
-        if self.cases != whole:
-            raise ValueError(f"cases: must be {whole}, the subsets of {intervals} intervals, twice, not {self.cases}")
-        if self.dispersions:
-            raise ValueError("dispersions: a grid has none")
-        return self
+        return list(product(REFERENCES, subsets(intervals)))
 
 
 def subsets(intervals: int) -> list[tuple[int, ...]]:
@@ -75,16 +69,12 @@ def subsets(intervals: int) -> list[tuple[int, ...]]:
     return [chosen for size in range(1, intervals + 1) for chosen in combinations(range(intervals), size)]
 
 
-@lru_cache(maxsize=4)
-def _whole(text: str, references: str) -> tuple[Recording, GyroParameters]:
-    """Noise-free recording with all intervals, and its true parameters; made once a process."""
-    config = ManeuversNeededConfig.model_validate_json(text)
-    changes: dict[str, str | float] = {"reference.at": references}
-    scenario = override(
-        base_scenario(config), changes | ({"reference.every_s": config.series_s} if references == "series" else {})
-    )
-    plain = observe(scenario, motion(scenario), gyro_rng=None, reference_rng=None)
-    return plain, GyroParameters(np.array(scenario.gyro.true_G), np.deg2rad(scenario.gyro.true_bias_deg_s))
+@shared
+def _whole(config: ManeuversNeededConfig, flown: Flown) -> tuple[dict[str, Recording], GyroParameters]:
+    """Noise-free recordings with all intervals, by the kind of references, and the true parameters."""
+    every: dict[str, dict[str, float]] = {"ends": {}, "series": {"reference.every_s": config.series_s}}
+    scenarios = {kind: override(flown.scenario, {"reference.at": kind, **every[kind]}) for kind in REFERENCES}
+    return {kind: Flown.of(scenario).plain for kind, scenario in scenarios.items()}, true_parameters(flown.scenario)
 
 
 def part(recording: Recording, chosen: Collection[int]) -> Recording:
@@ -98,16 +88,15 @@ def part(recording: Recording, chosen: Collection[int]) -> Recording:
 
 def case(config: ManeuversNeededConfig, case: int, streams: Streams) -> dict[str, object]:
     """What a subset determines."""
-    which, number = divmod(case, config.cases // len(REFERENCES))
-    whole, truth = _whole(config.model_dump_json(), REFERENCES[which])
-    chosen = subsets(len(whole.intervals))[number]
-    recording = part(whole, chosen)
+    references, chosen = config.points()[case]
+    whole, truth = _whole(config, case)
+    recording = part(whole[references], chosen)
     state = Problem.of(recording, measurements(recording)).state(truth)
     # H has the plausible range as its unit already.
     judged = observability(state.H / PLAUSIBLE_RANGE, PLAUSIBLE_RANGE, NAMES)
-    sigma = np.sqrt(np.diag(np.linalg.inv(state.H.T @ state.H + np.eye(12)))) * PLAUSIBLE_RANGE * SHOWN
+    sigma = np.sqrt(np.diag(np.linalg.inv(state.H.T @ state.H + np.eye(12)))) * PLAUSIBLE_RANGE * PPM_DEG_H
     row: dict[str, object] = {
-        "references": REFERENCES[which],
+        "references": references,
         "maneuvers": "+".join(recording.intervals[k].name for k in range(len(chosen))),
         "size": len(chosen),
         "equations": 3 * len(state.theta),
@@ -119,6 +108,9 @@ def case(config: ManeuversNeededConfig, case: int, streams: Streams) -> dict[str
         "information_bits": float(0.5 * np.log2(1 + judged.singular_values**2).sum()),
     }
     return row | dict(zip(SIGMAS, sigma.tolist(), strict=True))
+
+
+STUDY = Study("studies.calibration.maneuvers_needed:STUDY", ManeuversNeededConfig, case)
 
 
 def _members(rows: pd.DataFrame) -> list[frozenset[str]]:
@@ -155,7 +147,7 @@ def without_one(config: ManeuversNeededConfig, rows: pd.DataFrame) -> pd.DataFra
         line = {"maneuver": interval.name, "activity": interval.activity, "lost": rest["lost"]}
         line |= {"combinations": rest["combinations"], "bits_added": full["information_bits"] - rest["information_bits"]}
         line |= {"shapley_bits": shares[interval.name], "most_helped": NAMES[int(growth.argmax())], "by": growth.max()}
-        out.append(line | {f"growth_{name}": value for name, value in zip(NAMES, growth, strict=True)})
+        out.append(line | dict(zip(GROWTHS, growth.tolist(), strict=True)))
     return pd.DataFrame(out)
 
 
@@ -202,97 +194,82 @@ def by_size(rows: pd.DataFrame) -> pd.DataFrame:
     ).reset_index()
 
 
-def _smallest_findings(rows: pd.DataFrame, references: str) -> list[str]:
+LEAST = "Of the smallest subsets that determine all twelve parameters the best conditioned one is named."
+LOST = "What the other maneuvers together do not determine, for the smallest sets that may not all be left out."
+TELLS = "Information is shared out by Shapley's value, the mean addition over all orders of flying the maneuvers."
+
+
+def _checks(config: ManeuversNeededConfig, rows: pd.DataFrame, references: str) -> list[Check]:
+    """What is found with one kind of references."""
+    at = f"references at {references}"
     least = minimal(rows)
-    if least.empty:
-        return [f"References at {references}: no subset determines all twelve parameters."]
-    smallest = least[least["size"] == least["size"].min()]
-    same = int((rows["size"] == smallest["size"].iloc[0]).sum())
-    best = smallest.iloc[0]
-    worst = max(best[name] / limit for name, limit in zip(SIGMAS, PLAUSIBLE_RANGE * SHOWN, strict=True))
-    common = sorted(frozenset.intersection(*_members(least)))
-    listed = ", ".join(smallest["maneuvers"].head(4)) + (", …" if len(smallest) > 4 else "")
-    return [
-        f"References at {references}: the smallest subsets that determine all twelve have {best['size']} "
-        f"maneuver{'s' if best['size'] > 1 else ''}, {len(smallest)} of the {same} of that size: {listed}; "
-        f"the best conditioned is {best['maneuvers']} "
-        f"(condition {best['condition']:.0f}, worst sigma {worst:.1%} of the plausible range).",
-        f"References at {references}: every determining subset contains {', '.join(common)}."
-        if common
-        else f"References at {references}: no maneuver is in every determining subset.",
-    ]
+    out = [Check(f"subsets that determine all twelve, {at}", int((rows["lost"] == 0).sum()))]
+    if len(least):
+        smallest = least[least["size"] == least["size"].min()]
+        best = smallest.iloc[0]
+        of_size = int((rows["size"] == best["size"]).sum())
+        worst = max(best[name] / limit for name, limit in zip(SIGMAS, PLAUSIBLE_RANGE * PPM_DEG_H, strict=True))
+        common = sorted(frozenset.intersection(*_members(least)))
+        out += [
+            Check(f"maneuvers in the smallest of them, {at}", int(best["size"])),
+            Check(f"determining subsets of that size, of {of_size}, {at}", len(smallest)),
+            Check(f"best conditioned of these, {at}", best["maneuvers"], meaning=LEAST),
+            Check(f"its condition, {at}", best["condition"]),
+            Check(f"its worst sigma by the plausible range, {at}", worst),
+            Check(f"in every determining subset, {at}", ", ".join(common) or "none"),
+        ]
+    needed = blocking(rows)
+    members = needed["without"].str.count("\\+")
+    for line in needed[members == members.min()].to_dict("records"):
+        out.append(Check(f"lost without {line['without']}, {at}", line["combinations"], meaning=LOST))
+    table = without_one(config, rows)
+    if len(table):
+        most = table.sort_values("shapley_bits").iloc[-1]
+        out.append(Check(f"maneuver that tells most, {at}", f"{most['maneuver']} ({most['activity']})", meaning=TELLS))
+        out.append(Check(f"what it tells, {at}", most["shapley_bits"], None, "bits"))
+        out.append(Check(f"what all tell, {at}", table["shapley_bits"].sum(), None, "bits"))
+    return out
 
 
 def report(config: ManeuversNeededConfig, rows: pd.DataFrame) -> Report:
     """Smallest determining subsets, indispensable maneuvers, and what each adds."""
-    findings: list[str] = []
-    tables: dict[str, pd.DataFrame] = {"Subsets by size": by_size(rows)}
-    added = {}
-    for references in REFERENCES:
-        chosen = rows[rows["references"] == references]
-        findings += _smallest_findings(chosen, references)
-        added[references] = table = without_one(config, chosen)
-        needed = blocking(chosen)
-        for line in needed.to_dict("records"):
-            if line["without"].count("+") == needed["without"].str.count("\\+").min():
-                findings.append(
-                    f"References at {references}: without {line['without']} together is lost: {line['combinations']}."
-                )
-        if len(table):
-            most = table.sort_values("shapley_bits").iloc[-1]
-            total = table["shapley_bits"].sum()
-            findings.append(
-                f"References at {references}: {most['maneuver']} ({most['activity']}) tells most, {most['shapley_bits']:.1f} "
-                f"of {total:.1f} bits; left out, sigmas grow most by: "
-                + ", ".join(f"{x['maneuver']} {x['most_helped']} ×{x['by']:.1f}" for x in table.to_dict("records"))
-                + "."
-            )
-        columns = ["maneuvers", "size", "condition", "weakest", "information_bits", *SIGMAS]
-        tables[f"Smallest determining subsets, references at {references}"] = minimal(chosen)[columns]
-        tables[f"Maneuvers of which at least one must be flown, references at {references}"] = needed
-        kept = [name for name in table if not str(name).startswith("growth")]
-        tables[f"What each maneuver adds, references at {references}"] = table[kept]
+    checks: list[Check] = []
+    tables = {"by_size": Table("Subsets by size", by_size(rows))}
+    kinds = {references: rows[rows["references"] == references] for references in REFERENCES}
+    shown = ["maneuvers", "size", "condition", "weakest", "information_bits", *SIGMAS]
+    for kind, chosen in kinds.items():
+        checks += _checks(config, chosen, kind)
+        least, needed, added = minimal(chosen)[shown], blocking(chosen), without_one(config, chosen)
+        at = f"references at {kind}"
+        tables[f"minimal_{kind}"] = Table(f"Smallest determining subsets, {at}", least)
+        tables[f"needed_{kind}"] = Table(f"Maneuvers of which at least one must be flown, {at}", needed)
+        tables[f"added_{kind}"] = Table(f"What each maneuver adds, {at}", added.drop(columns=GROWTHS, errors="ignore"))
     everything = ["references", "maneuvers", "lost", "condition", "combinations"]
-    tables["Every subset: combinations not determined"] = rows[everything]
-    return Report(tuple(findings), tables, {"left_out": partial(_figure, added), "lost_by_size": partial(_size_figure, rows)})
+    tables["subsets"] = Table("Every subset: combinations not determined", rows[everything])
+    figures = {"left_out": _growth_figure(config, kinds), "lost_by_size": _size_figure(kinds)}
+    return Report(tables, figures, tuple(checks))
 
 
-def _figure(added: dict[str, pd.DataFrame], path: Path) -> Path:
+def _growth_figure(config: ManeuversNeededConfig, kinds: Mapping[str, pd.DataFrame]) -> panels.Draw:
     """Growth of each sigma when one maneuver is left out."""
-    with mpl.rc_context(figures.STYLE | {"axes.grid": False}):
-        figure = Figure(figsize=(9.0, 3.6), layout="constrained")
-        for axes, (references, table) in zip(figure.subplots(1, 2, sharey=True), added.items(), strict=True):
-            values = table[[f"growth_{name}" for name in NAMES]].to_numpy()
-            image = axes.imshow(np.log10(values), cmap="Blues", vmin=0, vmax=1.2, aspect="auto")
-            for (i, j), value in np.ndenumerate(values):
-                if value >= 1.05:
-                    text = f"{value:.1f}" if value < 9.95 else f"{value:.0f}"
-                    axes.text(j, i, text, ha="center", va="center", fontsize=7, color="white" if value > 4 else "black")
-            axes.set_xticks(range(12), NAMES, rotation=60, fontsize=8)
-            axes.set_yticks(range(len(table)), [f"{a}: {b}" for a, b in zip(table["maneuver"], table["activity"], strict=True)])
-            axes.set_title(f"references: {references}", loc="left", fontsize=9)
-        bar = figure.colorbar(image, ax=figure.axes, shrink=0.8, ticks=[0, 0.5, 1.0])
-        bar.set_ticklabels(["1", "3", "10"])
-        figure.suptitle("factor by which a sigma grows when one maneuver is left out (blank: below 1.05)", fontsize=9)
-        return figures.save(figure, path)
+    drawn = []
+    for kind, rows in kinds.items():
+        table = without_one(config, rows)
+        names = [f"{maneuver}: {activity}" for maneuver, activity in zip(table["maneuver"], table["activity"], strict=True)]
+        grid = table[GROWTHS].set_axis(names).set_axis(NAMES, axis=1)[::-1]
+        drawn.append(panels.heat_map(grid, "{:.3g}", log=True, title=f"references: {kind}"))
+    title = "factor by which a sigma grows when one maneuver is left out"
+    return panels.sheet(*drawn, size=(10.0, 3.6), title=title, sharey=True)
 
 
-def _size_figure(rows: pd.DataFrame, path: Path) -> Path:
-    """Combinations lost, by size of the subset; area by the number of subsets."""
-    with mpl.rc_context(figures.STYLE):
-        figure = Figure(figsize=(6.4, 3.0), layout="constrained")
-        for axes, references in zip(figure.subplots(1, 2, sharey=True), REFERENCES, strict=True):
-            counts = rows[rows["references"] == references].groupby(["size", "lost"]).size()
-            size, lost = (counts.index.get_level_values(level) for level in (0, 1))
-            axes.scatter(size, lost, s=14 * counts + 30, color=np.where(lost == 0, "#00798c", "#d1495b"), zorder=3)
-            for x, y, count in zip(size, lost, counts, strict=True):
-                axes.text(x, y, str(count), ha="center", va="center", fontsize=7, color="white", zorder=4)
-            axes.set_title(f"references: {references}", loc="left", fontsize=9)
-            axes.set_xlabel("maneuvers in the subset")
-            axes.set_xticks(sorted(set(size)))
-        figure.axes[0].set_ylabel("combinations not determined")
-        return figures.save(figure, path)
+def _size_figure(kinds: Mapping[str, pd.DataFrame]) -> panels.Draw:
+    """How many subsets of a size lose how many combinations."""
+    axes: dict[str, Any] = {"x": "maneuvers in the subset", "y": "combinations not determined"}
+    grids = {
+        kind: rows.pivot_table(index="lost", columns="size", values="equations", aggfunc="size") for kind, rows in kinds.items()
+    }
+    drawn = [panels.heat_map(grid, "{:.0f}", title=f"subsets, references: {kind}", **axes) for kind, grid in grids.items()]
+    return panels.sheet(*drawn, size=(6.4, 3.0))
 
 
-STUDY = Study("studies.calibration.maneuvers_needed:STUDY", ManeuversNeededConfig, case)
 ENTRY = Entry(STUDY, "which maneuvers are needed for which parameters", report)

@@ -16,20 +16,16 @@ own.
 """
 
 from dataclasses import dataclass, replace
-from functools import lru_cache, partial
 from itertools import product
-from pathlib import Path
+from typing import Any, ClassVar
 
-import matplotlib as mpl
 import numpy as np
 import pandas as pd
 import scipy.stats
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 from numpy.typing import NDArray
-from pydantic import Field, model_validator
+from pydantic import Field
 
-from gyrocal import NAMES, GyroParameters, InputError, attitude
+from gyrocal import NAMES, InputError
 from gyrocal.calibration import normal_equations as accumulation
 from gyrocal.calibration.covariance import FULL, residual_covariance
 from gyrocal.calibration.parameters import BIASES, MISALIGNMENTS, SCALE_FACTORS
@@ -37,56 +33,46 @@ from gyrocal.calibration.problem import Problem
 from gyrocal.calibration.propagation import propagate
 from gyrocal.calibration.sampling import measurements
 from simulator.scenario import override
-from simulator.simulate import motion, noise_free_rates, observe, realise
-from simulator.truth.motion import Motion
-from studies.montecarlo.study import Streams, Study, StudyConfig, base_scenario
-from studies.natanson import figures, flight_gap
+from studies.calibration.prepared import Flown, noise_of, shared
+from studies.montecarlo.settings import Rising
+from studies.montecarlo.study import GridConfig, Streams, Study, base_scenario
+from studies.natanson import flight_gap
+from studies.report import panels
+from studies.report.checks import Check, extremes
 from studies.report.entry import Entry, Report
+from studies.report.panels import Line
+from studies.report.tables import Table
+from studies.report.units import PPM_DEG_H, PPM_DEG_H_NAMES, columns
 
 Array = NDArray[np.float64]
 
 ARW_DEG_PER_SQRT_S = (2e-5, 5e-5, 1e-4, 2e-4, 5e-4, 1e-3, 2e-3)
 SIGMA_DEG = (0.001, 0.002, 0.005, 0.01, 0.02, 0.05)
-POINTS = len(ARW_DEG_PER_SQRT_S) * len(SIGMA_DEG) + 1
 
-SHOWN = np.array([1e6] * 9 + [np.rad2deg(1.0) * 3600] * 3)  # ppm, deg/h
-UNITS = ("ppm",) * 9 + ("deg_h",) * 3
-KEYS = [f"{name}_{unit}" for name, unit in zip(NAMES, UNITS, strict=True)]
+SIGMAS, SPREADS = columns("sigma"), columns("spread")
+SHARES = [f"gyro_share_{name}" for name in NAMES]
 GROUPS = {"scale factors": SCALE_FACTORS, "misalignments": MISALIGNMENTS, "biases": BIASES}
 
 
-class NoiseConfig(StudyConfig):
+class NoiseConfig(GridConfig):
     """What the study runs.
 
     Attributes
     ----------
-    cases : points of the grid, and one for the flight
     arw_deg_per_sqrt_s, sigma_deg : the grid: angle random walk, and 1-sigma of a reference attitude about each body axis
     seeds : estimates that make the spread at a point that has one
     confidence : of all intervals of the spread together
     """
 
-    cases: int = POINTS
-    arw_deg_per_sqrt_s: tuple[float, ...] = Field(default=ARW_DEG_PER_SQRT_S, min_length=2)
-    sigma_deg: tuple[float, ...] = Field(default=SIGMA_DEG, min_length=2)
+    axes: ClassVar = ("arw_deg_per_sqrt_s", "sigma_deg")
+    arw_deg_per_sqrt_s: Rising = Field(default=ARW_DEG_PER_SQRT_S, min_length=2)
+    sigma_deg: Rising = Field(default=SIGMA_DEG, min_length=2)
     seeds: int = Field(default=200, ge=3)
     confidence: float = Field(default=0.99, gt=0.5, lt=1)
 
-    @model_validator(mode="after")
-    def _is_a_grid(self) -> "NoiseConfig":
-        for name, values in (("arw_deg_per_sqrt_s", self.arw_deg_per_sqrt_s), ("sigma_deg", self.sigma_deg)):
-            if min(values) <= 0 or list(values) != sorted(set(values)):
-                raise ValueError(f"{name}: must be positive and ascending")
-        points = len(self.arw_deg_per_sqrt_s) * len(self.sigma_deg) + 1
-        if self.cases != points:
-            raise ValueError(f"cases: must be {points}, the points of the grid and one for the flight, not {self.cases}")
-        if self.dispersions:
-            raise ValueError("dispersions: a grid has none")
-        return self
-
     def points(self) -> list[tuple[float, float]]:
-        """ARW and reference sigma of each point of the grid."""
-        return list(product(self.arw_deg_per_sqrt_s, self.sigma_deg))
+        """ARW and reference sigma of each point: those of the grid, and last the flight's."""
+        return [*product(self.arw_deg_per_sqrt_s, self.sigma_deg), flight_noise(self)]
 
     def has_spread(self, case: int) -> bool:
         """Whether a point is a corner of the grid or the flight's."""
@@ -96,32 +82,25 @@ class NoiseConfig(StudyConfig):
 
 @dataclass(frozen=True)
 class _Prepared:
-    """What all points share: the motion, and Θ and the two parts of V per unit of variance."""
+    """What all points share: the flight without noise, and Θ and the two parts of V per unit of variance."""
 
-    motion: Motion
+    flown: Flown
     problem: Problem
-    truth: Array
     Theta: Array
     V_reference: Array
     V_gyro: Array
 
 
-@lru_cache(maxsize=2)
-def _prepared(text: str) -> _Prepared:
-    """Prepared once a process; keyed by JSON, since a configuration may arrive as another object."""
-    scenario = base_scenario(NoiseConfig.model_validate_json(text))
-    path = motion(scenario)
-    plain = observe(scenario, path, gyro_rng=None, reference_rng=None)
-    prepared = measurements(plain)
-    problem = Problem.of(plain, prepared)
-    truth = GyroParameters(np.array(scenario.gyro.true_G), np.deg2rad(scenario.gyro.true_bias_deg_s))
-    pass_ = propagate(prepared.arcs, truth.G, truth.bias)
+@shared
+def _prepared(config: NoiseConfig, flown: Flown) -> _Prepared:
+    prepared = measurements(flown.plain)
+    problem = Problem.of(flown.plain, prepared)
+    pass_ = propagate(prepared.arcs, flown.truth[:9].reshape(3, 3), flown.truth[9:])
     where = (prepared.arcs.arc, prepared.start, prepared.row, prepared.elapsed_s)
     ones, none = np.ones_like(problem.sigma), np.zeros((0, 3, 3))
     V_reference = residual_covariance(pass_.R, *where, ones, 0.0, FULL, none)
     V_gyro = residual_covariance(pass_.R, *where, ones, 1.0, FULL, none) - V_reference
-    Theta = accumulation.sensitivity(pass_.S, problem.columns, problem.scale)
-    return _Prepared(path, problem, truth.vector, Theta, V_reference, V_gyro)
+    return _Prepared(flown, problem, accumulation.sensitivity(pass_.S, problem.columns, problem.scale), V_reference, V_gyro)
 
 
 def flight_noise(config: NoiseConfig) -> tuple[float, float]:
@@ -130,7 +109,7 @@ def flight_noise(config: NoiseConfig) -> tuple[float, float]:
     return flight_gap.noise_from_steps()["arw_deg_per_sqrt_s"], float(np.sqrt(np.mean(np.square(sigma))))
 
 
-def formal(shared: _Prepared, arw: float, sigma: float) -> tuple[Array, Array]:
+def formal(prepared: _Prepared, arw: float, sigma: float) -> tuple[Array, Array]:
     """Formal sigma (12,), G dimensionless and b rad/s, and the gyro's share (12,) of each parameter's variance.
 
     Parameters
@@ -138,61 +117,38 @@ def formal(shared: _Prepared, arw: float, sigma: float) -> tuple[Array, Array]:
     arw : rad/sqrt(s)
     sigma : of a reference attitude about each axis, rad
     """
-    V_gyro = arw**2 * shared.V_gyro
-    weighted = np.linalg.solve(sigma**2 * shared.V_reference + V_gyro, shared.Theta)
-    P = np.linalg.inv(shared.Theta.T @ weighted)
+    V_gyro = arw**2 * prepared.V_gyro
+    weighted = np.linalg.solve(sigma**2 * prepared.V_reference + V_gyro, prepared.Theta)
+    P = np.linalg.inv(prepared.Theta.T @ weighted)
     K = P @ weighted.T
-    return shared.problem.scale * np.sqrt(np.diag(P)), np.diag(K @ V_gyro @ K.T) / np.diag(P)
+    return prepared.problem.scale * np.sqrt(np.diag(P)), np.diag(K @ V_gyro @ K.T) / np.diag(P)
 
 
 def case(config: NoiseConfig, case: int, streams: Streams) -> dict[str, object]:
     """Formal sigmas at a point, the gyro's shares, and at some points the spread over seeds (missing elsewhere)."""
-    shared = _prepared(config.model_dump_json())
-    flown = case == config.cases - 1
-    arw_deg, sigma_deg = flight_noise(config) if flown else config.points()[case]
-    sigmas, shares = formal(shared, np.deg2rad(arw_deg), np.deg2rad(sigma_deg))
-    row: dict[str, object] = {"arw_deg_per_sqrt_s": arw_deg, "sigma_deg": sigma_deg, "flight": flown}
-    row |= {f"sigma_{key}": float(value) for key, value in zip(KEYS, sigmas * SHOWN, strict=True)}
-    row |= {f"gyro_share_{name}": float(value) for name, value in zip(NAMES, shares, strict=True)}
+    prepared = _prepared(config, case)
+    arw_deg, sigma_deg = config.points()[case]
+    sigmas, shares = formal(prepared, np.deg2rad(arw_deg), np.deg2rad(sigma_deg))
+    row: dict[str, object] = {"arw_deg_per_sqrt_s": arw_deg, "sigma_deg": sigma_deg, "flight": case == config.cases - 1}
+    row |= dict(zip([*SIGMAS, *SHARES], [*(sigmas * PPM_DEG_H).tolist(), *shares.tolist()], strict=True))
     row["seeds"] = config.seeds if config.has_spread(case) else 0
     if config.has_spread(case):
-        spread = estimates(config, shared, arw_deg, sigma_deg, streams).std(axis=0, ddof=1)
-        row |= {f"spread_{key}": float(value) for key, value in zip(KEYS, spread * SHOWN, strict=True)}
+        spread = estimates(config, prepared, arw_deg, sigma_deg, streams).std(axis=0, ddof=1)
+        row |= dict(zip(SPREADS, (spread * PPM_DEG_H).tolist(), strict=True))
     return row
 
 
-def estimates(config: NoiseConfig, shared: _Prepared, arw_deg: float, sigma_deg: float, streams: Streams) -> Array:
+def estimates(config: NoiseConfig, prepared: _Prepared, arw_deg: float, sigma_deg: float, streams: Streams) -> Array:
     """(seeds, 12) estimates after two iterations from the a-priori parameters; G dimensionless, b rad/s."""
     levels = {"gyro.arw_deg_per_sqrt_s": arw_deg} | {f"reference.sigma_deg.{axis}": sigma_deg for axis in range(3)}
-    scenario = override(base_scenario(config), levels)
-    sigma = np.full_like(shared.problem.sigma, np.deg2rad(sigma_deg))
-    problem = replace(shared.problem, arw=float(np.deg2rad(arw_deg)), sigma=sigma)
-    rates = noise_free_rates(scenario, shared.motion)
-    start = GyroParameters(np.array(scenario.gyro.apriori_G), np.deg2rad(scenario.gyro.apriori_bias_deg_s)).vector
-    gyro, reference = streams.generator("gyro_noise"), streams.generator("reference_noise")
-    found = []
-    for _ in range(config.seeds):
-        noisy, quaternions = realise(scenario, shared.motion, rates, gyro, reference)
-        found.append(problem.with_case(noisy, attitude.matrix_from_quaternion(quaternions)).iterate(start, 2).x[-1])
-    return np.array(found)
+    flown = replace(prepared.flown, scenario=override(prepared.flown.scenario, levels))
+    sigma = np.full_like(prepared.problem.sigma, np.deg2rad(sigma_deg))
+    problem = replace(prepared.problem, arw=float(np.deg2rad(arw_deg)), sigma=sigma)
+    noise = noise_of(streams)
+    return np.array([problem.with_case(*flown.realise(noise)).iterate(flown.initial, 2).x[-1] for _ in range(config.seeds)])
 
 
-def flight_table(rows: pd.DataFrame) -> pd.DataFrame:
-    """The twelve parameters at the flight's own noise."""
-    flown = _flight(rows)
-    crossing = crossings(rows)
-    share = np.array([flown[f"gyro_share_{name}"] for name in NAMES])
-    return pd.DataFrame(
-        {
-            "parameter": NAMES,
-            "unit": [unit.replace("_", "/") for unit in UNITS],
-            "sigma": [flown[f"sigma_{key}"] for key in KEYS],
-            "spread": [flown[f"spread_{key}"] for key in KEYS],
-            "gyro_share": share,
-            "limited_by": np.where(share > 0.5, "gyro", "references"),
-            "crossing_arw_deg_per_sqrt_s": crossing * flown["sigma_deg"],
-        }
-    )
+STUDY = Study("studies.calibration.noise:STUDY", NoiseConfig, case)
 
 
 def _flight(rows: pd.DataFrame) -> pd.Series:
@@ -202,11 +158,22 @@ def _flight(rows: pd.DataFrame) -> pd.Series:
     return chosen.iloc[0]
 
 
+def flight_table(rows: pd.DataFrame) -> pd.DataFrame:
+    """The twelve parameters at the flight's own noise."""
+    flown = _flight(rows)
+    values = {
+        name: flown[keys].to_numpy(float) for name, keys in (("sigma", SIGMAS), ("spread", SPREADS), ("gyro_share", SHARES))
+    }
+    table = pd.DataFrame({"parameter": NAMES, "unit": PPM_DEG_H_NAMES, **values})
+    limited = np.where(table["gyro_share"] > 0.5, "gyro", "references")
+    return table.assign(limited_by=limited, crossing_arw_deg_per_sqrt_s=crossings(rows) * flown["sigma_deg"])
+
+
 def crossings(rows: pd.DataFrame) -> Array:
     """(12,) ARW/σ_ref, 1/sqrt(s), where the gyro's share is one half, interpolated in its logarithm; NaN outside the grid."""
     ratio = np.log((rows["arw_deg_per_sqrt_s"] / rows["sigma_deg"]).to_numpy())
     order = np.argsort(ratio)
-    shares = rows[[f"gyro_share_{name}" for name in NAMES]].to_numpy()[order]
+    shares = rows[SHARES].to_numpy()[order]
     # The logit is nearly a straight line: a share of s²/(1 + s²) has 2 ln s.
     logits = np.log(shares / (1 - shares))
     return np.array([np.exp(np.interp(0.0, column, ratio[order], left=np.nan, right=np.nan)) for column in logits.T])
@@ -226,100 +193,75 @@ def spread_table(config: NoiseConfig, rows: pd.DataFrame) -> pd.DataFrame:
     for point in chosen.to_dict("records"):
         dof = point["seeds"] - 1
         high, low = np.sqrt(dof / scipy.stats.chi2.ppf([tail, 1 - tail], dof))
-        for name, unit, key in zip(NAMES, UNITS, KEYS, strict=True):
-            sigma, spread = point[f"sigma_{key}"], point[f"spread_{key}"]
-            line = {"arw_deg_per_sqrt_s": point["arw_deg_per_sqrt_s"], "sigma_deg": point["sigma_deg"], "parameter": name}
-            line |= {"unit": unit.replace("_", "/"), "sigma": sigma, "spread": spread}
-            line |= {"spread_low": low * spread, "spread_high": high * spread, "inside": low * spread <= sigma <= high * spread}
-            out.append(line)
-    return pd.DataFrame(out)
+        sigma, spread = (np.array([point[key] for key in keys]) for keys in (SIGMAS, SPREADS))
+        line = {name: point[name] for name in ("arw_deg_per_sqrt_s", "sigma_deg")}
+        line |= {"parameter": NAMES, "unit": PPM_DEG_H_NAMES, "sigma": sigma, "spread": spread}
+        line |= {"spread_low": low * spread, "spread_high": high * spread}
+        out.append(pd.DataFrame(line | {"inside": (low * spread <= sigma) & (sigma <= high * spread)}))
+    return pd.concat(out, ignore_index=True)
 
 
 def limits_table(rows: pd.DataFrame) -> pd.DataFrame:
     """How many of the twelve parameters the gyro limits, reference sigma down, ARW across."""
     grid = rows[~rows["flight"]]
-    limited = (grid[[f"gyro_share_{name}" for name in NAMES]] > 0.5).sum(axis=1)
-    table = grid.assign(limited=limited).pivot_table(index="sigma_deg", columns="arw_deg_per_sqrt_s", values="limited")
-    table = table.astype(int)
+    table = grid.assign(limited=(grid[SHARES] > 0.5).sum(axis=1))
+    table = table.pivot_table(index="sigma_deg", columns="arw_deg_per_sqrt_s", values="limited").astype(int)
     table.columns = [f"ARW {arw:g}" for arw in table.columns]
     return table.reset_index()
 
 
+LAW = "The sigma of a parameter goes with ARW^s σ_ref^(1 − s), s the share of the gyro's noise in its variance."
+CROSSING = "Above the ARW of its crossing the gyro's noise limits a parameter, below it the references do."
+SPREAD = "The bounds of the formal sigma by the spread over seeds are those of all points and parameters together."
+
+
+def _checks(rows: pd.DataFrame, spreads: pd.DataFrame) -> list[Check]:
+    table, flown = flight_table(rows), _flight(rows)
+    out = [Check("ARW of the flight", flown["arw_deg_per_sqrt_s"], None, "deg/√s")]
+    out.append(Check("sigma of its references", flown["sigma_deg"], None, "deg"))
+    out += extremes("sigma of G at the flight's noise", table["sigma"][:9], None, "ppm")
+    out += extremes("sigma of b at the flight's noise", table["sigma"][9:], None, "deg/h")
+    for limit in ("gyro", "references"):
+        out.append(Check(f"parameters limited by the {limit} at the flight's noise", int((table["limited_by"] == limit).sum())))
+    out += extremes("gyro's share of a variance at the flight's noise", table["gyro_share"], (0.0, 1.0), "", LAW)
+    crossing = table["crossing_arw_deg_per_sqrt_s"]
+    out += extremes("ARW at which the limit changes, with these references", crossing, None, "deg/√s", CROSSING)
+    inside = int(spreads["inside"].sum())
+    out.append(Check(f"formal sigmas within the spread's interval, of {len(spreads)}", inside, (len(spreads),) * 2, "", SPREAD))
+    return [*out, *extremes("spread over seeds by formal sigma", spreads["spread"] / spreads["sigma"])]
+
+
 def report(config: NoiseConfig, rows: pd.DataFrame) -> Report:
     """Sigmas at the flight's noise, what limits them, scaling laws, and the spread that confirms them."""
-    table, spreads = flight_table(rows), spread_table(config, rows)
-    flown = _flight(rows)
-    G, b = table.iloc[:9], table.iloc[9:]
-    best, worst = G.sort_values("sigma").iloc[0], G.sort_values("sigma").iloc[-1]
-    least, most = (table.sort_values("gyro_share").iloc[k] for k in (0, -1))
-    by_gyro = table.loc[table["limited_by"] == "gyro", "parameter"].tolist()
-    by_references = table.loc[table["limited_by"] == "references", "parameter"].tolist()
-    arw, sigma = flown["arw_deg_per_sqrt_s"], flown["sigma_deg"]
-    ratio = spreads["spread"] / spreads["sigma"]
-    first, last = table["crossing_arw_deg_per_sqrt_s"].min(), table["crossing_arw_deg_per_sqrt_s"].max()
-    findings = (
-        f"At the flight's own noise (ARW {arw:.2e} deg/√s, references {sigma:g} deg) the sigma of G goes from "
-        f"{best['sigma']:.0f} ppm ({best['parameter']}) to {worst['sigma']:.0f} ppm ({worst['parameter']}), "
-        f"that of b from {b['sigma'].min():.4f} to {b['sigma'].max():.4f} deg/h.",
-        f"There the gyro's noise limits {len(by_gyro)} of the 12 ({', '.join(by_gyro) or 'none'}) and the references limit "
-        f"{len(by_references)} ({', '.join(by_references) or 'none'}).",
-        f"Scaling laws there: σ ∝ ARW^s σ_ref^(1 − s) with s, the gyro's share of the variance, from {least['gyro_share']:.2f} "
-        f"({least['parameter']}) to {most['gyro_share']:.2f} ({most['parameter']}).",
-        f"With these references the limit changes from references to gyro between an ARW of {first:.2e} and {last:.2e} deg/√s, "
-        "by parameter; the crossing ARW is proportional to the reference sigma.",
-        f"Formal sigma against the spread of {config.seeds} seeds: {int(spreads['inside'].sum())} of {len(spreads)} inside "
-        f"their χ² intervals ({config.confidence:.0%} for all together); ratio {ratio.min():.3f} to {ratio.max():.3f}.",
-    )
+    spreads = spread_table(config, rows)
+    limits = "Parameters limited by the gyro, of 12 (reference sigma down, ARW in deg/√s across)"
     tables = {
-        "Sigma of each parameter at the flight's own noise": table,
-        "Parameters limited by the gyro, of 12 (reference sigma down, ARW in deg/√s across)": limits_table(rows),
-        "Spread over seeds and formal sigma": spreads,
+        "flight": Table("Sigma of each parameter at the flight's own noise", flight_table(rows)),
+        "limits": Table(limits, limits_table(rows)),
+        "spread": Table("Spread over seeds and formal sigma", spreads),
     }
-    return Report(findings, tables, {"sigma_over_arw": partial(_figure, rows, spreads)})
+    return Report(tables, {"sigma_over_arw": _figure(rows, spreads)}, tuple(_checks(rows, spreads)))
 
 
-def _panel(axes: Axes, rows: pd.DataFrame, spreads: pd.DataFrame, names: tuple[str, ...], colours: dict[float, str]) -> None:
-    """Largest sigma of a group of parameters over ARW, a line for each reference sigma."""
-    keys = [f"sigma_{key}" for key in KEYS if key[: len(names[0])] in names]
-    grid = rows[~rows["flight"]].assign(largest=lambda frame: frame[keys].max(axis=1))
-    for level, colour in colours.items():
-        line = grid[grid["sigma_deg"] == level].sort_values("arw_deg_per_sqrt_s")
-        axes.loglog(line["arw_deg_per_sqrt_s"], line["largest"], "o-", markersize=2, color=colour, label=f"{level:g}")
-    chosen = spreads[spreads["parameter"].isin(names)].sort_values("sigma")
-    worst = chosen.groupby(["arw_deg_per_sqrt_s", "sigma_deg"], as_index=False).last()
-    axes.errorbar(
-        worst["arw_deg_per_sqrt_s"],
-        worst["spread"],
-        yerr=[worst["spread"] - worst["spread_low"], worst["spread_high"] - worst["spread"]],
-        fmt="s",
-        color="#d1495b",
-        markersize=4,
-        capsize=3,
-        markerfacecolor="white",
-        zorder=5,
-        label="spread of seeds",
-    )
-    axes.set_xlabel("ARW (deg/√s)")
+def _figure(rows: pd.DataFrame, spreads: pd.DataFrame) -> panels.Draw:
+    """Largest sigma of each group of parameters over ARW, a line for each reference sigma."""
+    grid = rows[~rows["flight"]].sort_values("arw_deg_per_sqrt_s")
+    shades = panels.shades(sorted(grid["sigma_deg"].unique()))
+    axes: dict[str, Any] = {"log": "xy", "x": "ARW (deg/√s)", "at": [_flight(rows)["arw_deg_per_sqrt_s"]]}
+    drawn = []
+    for group, members in GROUPS.items():
+        keys = [SIGMAS[NAMES.index(name)] for name in members]
+        lines = []
+        for level, colour in shades.items():
+            part = grid[grid["sigma_deg"] == level]
+            lines.append(Line(part["arw_deg_per_sqrt_s"], part[keys].max(axis=1), f"{level:g}", colour))
+        chosen = spreads[spreads["parameter"].isin(members)].sort_values("sigma")
+        worst = chosen.groupby(["arw_deg_per_sqrt_s", "sigma_deg"], as_index=False).last()
+        ranges = worst["spread_low"], worst["spread_high"], True
+        lines.append(Line(worst["arw_deg_per_sqrt_s"], worst["spread"], "spread of seeds", panels.RED, "s", *ranges))
+        unit = "deg/h" if group == "biases" else "ppm"
+        drawn.append(panels.curves(lines, title=f"worst of the {group}", y=f"sigma ({unit})", **axes))
+    return panels.sheet(*drawn, size=(8.6, 3.2), title="dotted: the flight's ARW", legend_title="reference\nsigma (deg)")
 
 
-def _figure(rows: pd.DataFrame, spreads: pd.DataFrame, path: Path) -> Path:
-    levels = sorted(rows.loc[~rows["flight"], "sigma_deg"].unique())
-    shades = mpl.colormaps["viridis"](np.linspace(0, 0.85, len(levels)))
-    colours = {level: mpl.colors.to_hex(shade) for level, shade in zip(levels, shades, strict=True)}
-    flown = _flight(rows)["arw_deg_per_sqrt_s"]
-    with mpl.rc_context(figures.STYLE):
-        figure = Figure(figsize=(8.6, 3.2), layout="constrained")
-        panels = figure.subplots(1, 3)
-        for axes, (name, members) in zip(panels, GROUPS.items(), strict=True):
-            _panel(axes, rows, spreads, members, colours)
-            axes.axvline(flown, color="0.4", linestyle=":", linewidth=1)
-            axes.set_title(f"worst of the {name}", loc="left", fontsize=9)
-            axes.set_ylabel("sigma (deg/h)" if name == "biases" else "sigma (ppm)")
-        handles, labels = panels[0].get_legend_handles_labels()
-        figure.legend(handles, labels, loc="outside right center", fontsize=8, title="reference\nsigma (deg)", title_fontsize=8)
-        figure.suptitle("dotted: the flight's ARW", fontsize=8, x=0.01, ha="left")
-        return figures.save(figure, path)
-
-
-STUDY = Study("studies.calibration.noise:STUDY", NoiseConfig, case)
 ENTRY = Entry(STUDY, "how gyro and reference noise limit each parameter", report)

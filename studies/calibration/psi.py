@@ -8,27 +8,25 @@ The slews of the scenario are flown at each rate and angle, their intervals made
 the grid, the angle slowest and the step fastest.
 """
 
-from functools import partial
-from itertools import pairwise, product
+from itertools import pairwise
 from math import ceil
-from pathlib import Path
-from typing import Any, Self
+from typing import Any, ClassVar
 
-import matplotlib as mpl
 import numpy as np
 import pandas as pd
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
-from pydantic import field_validator, model_validator
 
 from gyrocal import CalibrationResult, InputError, calibrate
 from gyrocal.recording import Recording
 from simulator.scenario import Scenario, override
 from simulator.simulate import motion, observe
-from studies.montecarlo.statistics import crossing, order, span
-from studies.montecarlo.study import Streams, Study, StudyConfig, base_scenario
-from studies.natanson.figures import STYLE, save
+from studies.montecarlo.settings import Different
+from studies.montecarlo.statistics import crossing, order
+from studies.montecarlo.study import GridConfig, Streams, Study, base_scenario
+from studies.report import panels
+from studies.report.checks import Check, at_most, extremes
 from studies.report.entry import Entry, Report
+from studies.report.panels import Line
+from studies.report.tables import Table, by_group
 
 RATES_DEG_S = (0.1, 0.25, 0.5, 1.0, 2.0, 5.0)
 STEPS_S = (0.5, 1.0, 2.0, 4.0, 8.0)
@@ -43,7 +41,7 @@ ORDERED = ("G_difference", "bias_difference_deg_s", "full_error_G", "full_error_
 FLOWN = (0.25, 0.5)  # rate and step of the TRMM calibration
 
 
-class PsiConfig(StudyConfig):
+class PsiConfig(GridConfig):
     """The grid.
 
     Attributes
@@ -51,35 +49,12 @@ class PsiConfig(StudyConfig):
     slew_rates_deg_s : rates at which the slews coast
     steps_s : gyro sample and propagation step
     slew_angles_deg : angle of the scenario's largest slew; the others are scaled with it
-    cases : points of the grid
     """
 
-    cases: int = len(RATES_DEG_S) * len(STEPS_S) * len(ANGLES_DEG)
-    slew_rates_deg_s: tuple[float, ...] = RATES_DEG_S
-    steps_s: tuple[float, ...] = STEPS_S
-    slew_angles_deg: tuple[float, ...] = ANGLES_DEG
-
-    @field_validator("slew_rates_deg_s", "steps_s", "slew_angles_deg")
-    @classmethod
-    def _positive(cls, value: tuple[float, ...]) -> tuple[float, ...]:
-        if not value or min(value) <= 0 or len(set(value)) < len(value):
-            raise ValueError("must be one or more different numbers above zero")
-        return value
-
-    @model_validator(mode="after")
-    def _cases_are_the_grid(self) -> Self:
-        points = len(self.grid())
-        if "cases" not in self.model_fields_set:
-            self.__dict__["cases"] = points  # it is frozen for everybody else
-        if self.cases != points:
-            raise ValueError(f"the grid has {points} points, so cases must be {points}, not {self.cases}")
-        if self.dispersions:
-            raise ValueError("the points of a grid are not dispersed; change the scenario by overrides")
-        return self
-
-    def grid(self) -> list[tuple[float, float, float]]:
-        """Slew angle, slew rate and step of each case."""
-        return list(product(self.slew_angles_deg, self.slew_rates_deg_s, self.steps_s))
+    axes: ClassVar = ("slew_angles_deg", "slew_rates_deg_s", "steps_s")
+    slew_rates_deg_s: Different = RATES_DEG_S
+    steps_s: Different = STEPS_S
+    slew_angles_deg: Different = ANGLES_DEG
 
 
 def with_slew_angle(scenario: Scenario, angle_deg: float) -> Scenario:
@@ -102,7 +77,7 @@ def with_slew_angle(scenario: Scenario, angle_deg: float) -> Scenario:
 
 
 def with_slew_rate(scenario: Scenario, rate_deg_s: float) -> Scenario:
-    """The scenario with every slew coasting at the rate; constant-rate stretches between slews keep their length."""
+    """The scenario with every slew coasting at the rate; arcs at constant rate between slews keep their length."""
     changes: dict[str, float] = {}
     for k, interval in enumerate(scenario.interval):
         if not interval.slew:
@@ -129,8 +104,7 @@ def point(scenario: Scenario, rate_deg_s: float, step_s: float) -> dict[str, flo
     after one iteration, each one's error in G and b then and when converged, and the iterations to convergence; NaN where it
     did not converge.
     """
-    flown = override(with_slew_rate(scenario, rate_deg_s), {"gyro.sample_s": step_s})
-    recording = observe(flown, motion(flown, substeps=ceil(step_s / SUBSTEP_S)), gyro_rng=None, reference_rng=None)
+    recording = flown(scenario, rate_deg_s, step_s)
     row = {"slew_rate_deg_s": rate_deg_s, "step_s": step_s, "angle_per_step_deg": rate_deg_s * step_s}
     first = {psi: calibrate(recording, psi=psi, iterations=1) for psi in ("full", "linear")}
     row["G_difference"] = float(np.abs(first["linear"].G - first["full"].G).max())
@@ -141,20 +115,23 @@ def point(scenario: Scenario, rate_deg_s: float, step_s: float) -> dict[str, flo
         except InputError:
             final = None  # diverged until the residual could not be linearised any more
         for label, result in ((f"{psi}_first", first[psi]), (psi, final)):
-            row[f"{label}_error_G"], row[f"{label}_error_bias_deg_s"] = _errors(flown, result)
+            row[f"{label}_error_G"], row[f"{label}_error_bias_deg_s"] = _errors(scenario, result)
         row[f"{psi}_iterations"] = float(len(final.corrections)) if final and final.converged else np.nan
     return row
+
+
+def flown(scenario: Scenario, rate_deg_s: float, step_s: float) -> Recording:
+    """The scenario without noise, its slews coasting at the rate, its gyro sampled at the step."""
+    changed = override(with_slew_rate(scenario, rate_deg_s), {"gyro.sample_s": step_s})
+    return observe(changed, motion(changed, substeps=ceil(step_s / SUBSTEP_S)), gyro_rng=None, reference_rng=None)
 
 
 def _errors(scenario: Scenario, result: CalibrationResult | None) -> tuple[float, float]:
     """Largest error in G, and in b in deg/s; NaN without a result."""
     if result is None:
         return np.nan, np.nan
-    gyro = scenario.gyro
-    return (
-        float(np.abs(result.G - np.array(gyro.true_G)).max()),
-        float(np.abs(np.rad2deg(result.bias) - np.array(gyro.true_bias_deg_s)).max()),
-    )
+    G, bias = result.G - np.array(scenario.gyro.true_G), np.rad2deg(result.bias) - np.array(scenario.gyro.true_bias_deg_s)
+    return float(np.abs(G).max()), float(np.abs(bias).max())
 
 
 def run(scenario: Scenario, rates_deg_s: tuple[float, ...] = RATES_DEG_S, steps_s: tuple[float, ...] = STEPS_S) -> pd.DataFrame:
@@ -165,15 +142,14 @@ def run(scenario: Scenario, rates_deg_s: tuple[float, ...] = RATES_DEG_S, steps_
 
 def case(config: PsiConfig, number: int, streams: Streams) -> dict[str, float]:
     """One point of the grid."""
-    angle, rate, step = config.grid()[number]
+    angle, rate, step = config.points()[number]
     return {"slew_angle_deg": angle} | point(with_slew_angle(base_scenario(config), angle), rate, step)
 
 
 def recording(config: PsiConfig, number: int, streams: Streams) -> Recording:
     """The recording of one point of the grid."""
-    angle, rate, step = config.grid()[number]
-    flown = override(with_slew_rate(with_slew_angle(base_scenario(config), angle), rate), {"gyro.sample_s": step})
-    return observe(flown, motion(flown, substeps=ceil(step / SUBSTEP_S)), gyro_rng=None, reference_rng=None)
+    angle, rate, step = config.points()[number]
+    return flown(with_slew_angle(base_scenario(config), angle), rate, step)
 
 
 STUDY = Study("studies.calibration.psi:STUDY", PsiConfig, case, recording)
@@ -185,14 +161,16 @@ def limits(rows: pd.DataFrame) -> pd.DataFrame:
     For linear ψ by its difference from full ψ after one iteration, for full ψ by its error when converged. NaN where the grid's
     rates do not reach it or begin above it.
     """
-    out = []
-    for (angle, step), part in rows.sort_values("slew_rate_deg_s").groupby(["slew_angle_deg", "step_s"]):
-        row: dict[str, Any] = {"slew_angle_deg": angle, "step_s": step}
+
+    def line(part: pd.DataFrame) -> dict[str, object]:
+        row: dict[str, object] = {}
         for psi, column in (("linear", "G_difference"), ("full", "full_error_G")):
             rate = crossing(part["slew_rate_deg_s"], part[column], GOOD_ENOUGH)
-            row |= {f"{psi}_rate_deg_s": rate, f"{psi}_angle_per_step_deg": rate * row["step_s"]}
-        out.append(row)
-    return pd.DataFrame(out)
+            row |= {f"{psi}_rate_deg_s": rate, f"{psi}_angle_per_step_deg": rate * part["step_s"].iloc[0]}
+        return row
+
+    keys = ["slew_angle_deg", "step_s"]
+    return by_group(rows.sort_values([*keys, "slew_rate_deg_s"]), keys, line)
 
 
 def _asymptotic(rows: pd.DataFrame) -> pd.DataFrame:
@@ -206,13 +184,13 @@ def orders(rows: pd.DataFrame) -> pd.DataFrame:
 
     Over the steps that resolve the slews' ramps; NaN where fewer than two do.
     """
-    out = []
-    for (angle, rate), part in _asymptotic(rows).groupby(["slew_angle_deg", "slew_rate_deg_s"]):
-        row = {"slew_angle_deg": angle, "slew_rate_deg_s": rate, "steps": float(len(part))}
-        for name in ORDERED:
-            row[name] = order(part["step_s"], part[name])
-        out.append(row)
-    return pd.DataFrame(out, columns=["slew_angle_deg", "slew_rate_deg_s", "steps", *ORDERED])
+    keys = ["slew_angle_deg", "slew_rate_deg_s"]
+
+    def line(part: pd.DataFrame) -> dict[str, object]:
+        return {"steps": float(len(part)), **{name: order(part["step_s"], part[name]) for name in ORDERED}}
+
+    table = by_group(_asymptotic(rows).sort_values(keys), keys, line)
+    return table.reindex(columns=[*keys, "steps", *ORDERED])
 
 
 def rate_orders(rows: pd.DataFrame) -> pd.DataFrame:
@@ -226,111 +204,65 @@ def rate_orders(rows: pd.DataFrame) -> pd.DataFrame:
     return pd.DataFrame(out, columns=["slew_angle_deg", "from_deg_s", "to_deg_s", "G_difference"])
 
 
-def _findings(rows: pd.DataFrame) -> list[str]:
+FIRST = "Linear ψ's difference is of first order in the angle per step; steps that do not resolve a slew's ramp are left out."
+SECOND = "Holding the mean rate over a step is what limits full ψ, an error of second order in the step."
+
+
+def _checks(rows: pd.DataFrame) -> list[Check]:
     limit, slopes, by_rate = limits(rows), orders(rows), rate_orders(rows)
-    angles = limit["linear_angle_per_step_deg"]
-    out = []
-    if angles.notna().any():
-        smallest = limit.sort_values("linear_angle_per_step_deg").iloc[0]
-        out.append(
-            f"After one iteration linear ψ differs from full ψ by more than {GOOD_ENOUGH:g} in G from {span(angles)} deg per "
-            f"step on ({angles.notna().sum()} of {len(limit)} pairs of slew angle and Δt cross it inside the grid); the "
-            f"smallest is at {smallest['linear_rate_deg_s']:.2g} deg/s, Δt {smallest['step_s']:g} s and a slew of "
-            f"{smallest['slew_angle_deg']:g} deg."
-        )
-    else:
-        out.append(f"Inside this grid linear ψ nowhere crosses a difference of {GOOD_ENOUGH:g} in G from full ψ.")
-    flown = rows[(rows["slew_rate_deg_s"] == FLOWN[0]) & (rows["step_s"] == FLOWN[1])]
-    if len(flown):
-        out.append(
-            f"At TRMM's {FLOWN[0]:g} deg/s and {FLOWN[1]:g} s the difference is {span(flown['G_difference'])} in G and "
-            f"{span(flown['bias_difference_deg_s'])} deg/s in b over the slew angles."
-        )
-    if slopes["G_difference"].notna().any():
-        out.append(
-            f"Linear ψ's difference in G is of order {span(slopes['G_difference'], 3)} in Δt, full ψ's error when converged of "
-            f"order {span(slopes['full_error_G'], 3)} (first and second expected; over steps of at most 1/{STEPS_PER_RAMP:g} "
-            "of a slew's ramp): what limits full ψ is holding the mean rate over a step."
-        )
-    if len(by_rate):
-        lowest, highest = (
-            by_rate[by_rate["from_deg_s"] == rate]["G_difference"]
-            for rate in (by_rate["from_deg_s"].min(), by_rate["from_deg_s"].max())
-        )
-        out.append(
-            f"In the slew rate the difference is of order {span(lowest, 3)} between the two lowest and {span(highest, 3)} "
-            f"between the two highest rates, at {rows['step_s'].min():g} s: |ω|Δt sets its scale, but the angle per step alone "
-            "does not fix it."
-        )
-    worst = rows.sort_values("full_error_G", na_position="first").iloc[-1]
-    fine = limit["full_angle_per_step_deg"]
-    out.append(
-        f"Full ψ, converged, is wrong by at most {worst['full_error_G']:.2g} in G (at {worst['slew_rate_deg_s']:g} deg/s, "
-        f"{worst['step_s']:g} s) and exceeds {GOOD_ENOUGH:g} from {span(fine)} deg per step on."
-    )
-    apart = (rows["linear_error_G"] - rows["full_error_G"]).abs().max()
-    out.append(
-        f"To convergence full ψ takes {span(rows['full_iterations'])} iterations, linear ψ {span(rows['linear_iterations'])}, "
-        f"to errors in G that differ by at most {apart:.2g}; "
-        f"not converged: {rows['full_iterations'].isna().sum()} full, {rows['linear_iterations'].isna().sum()} linear."
-    )
+    at = f"a difference of {GOOD_ENOUGH:g} in G"
+    out = extremes(f"angle per step from which linear ψ exceeds {at}", limit["linear_angle_per_step_deg"], None, "deg")
+    out += extremes(f"angle per step from which full ψ exceeds {at}", limit["full_angle_per_step_deg"], None, "deg")
+    trmm = rows[(rows["slew_rate_deg_s"] == FLOWN[0]) & (rows["step_s"] == FLOWN[1])]
+    for name, bounds, unit in (("G_difference", at_most(GOOD_ENOUGH), ""), ("bias_difference_deg_s", None, "deg/s")):
+        out.append(Check(f"{name} of linear ψ at TRMM's rate and step, largest", trmm[name].max(), bounds, unit))
+    out += extremes("order in Δt of linear ψ's difference in G", slopes["G_difference"], (0.9, 1.1), "", FIRST)
+    out += extremes("order in Δt of full ψ's error in G", slopes["full_error_G"], (1.9, 2.1), "", SECOND)
+    out += extremes("order in the slew rate of linear ψ's difference in G, smallest step", by_rate["G_difference"])
+    out.append(Check("full ψ's error in G when converged, largest", rows["full_error_G"].max()))
+    out.append(Check("difference of the converged errors in G", (rows["linear_error_G"] - rows["full_error_G"]).abs().max()))
+    for psi in ("full", "linear"):
+        out += extremes(f"iterations of {psi} ψ to convergence", rows[f"{psi}_iterations"])
+        out.append(Check(f"points at which {psi} ψ did not converge", rows[f"{psi}_iterations"].isna().sum(), (0, 0)))
     return out
 
 
 def report(config: PsiConfig, rows: pd.DataFrame) -> Report:
     """Where linear ψ and full ψ stop being good enough, and how their errors scale."""
     tables = {
-        "Where each ψ exceeds the limit in G": limits(rows),
-        "Order of the error in Δt": orders(rows),
-        "Order of linear ψ's difference in the slew rate": rate_orders(rows),
-        "Both ψ over slew angle, slew rate and step": rows.drop(columns=["case", "error"], errors="ignore"),
+        "limits": Table("Where each ψ exceeds the limit in G", limits(rows)),
+        "step_orders": Table("Order of the error in Δt", orders(rows)),
+        "rate_orders": Table("Order of linear ψ's difference in the slew rate", rate_orders(rows)),
+        "points": Table("Both ψ over slew angle, slew rate and step", rows.drop(columns=["case", "error"], errors="ignore")),
     }
-    return Report(tuple(_findings(rows)), tables, {"psi": partial(figure, rows)})
+    return Report(tables, {"psi": _figure(rows)}, tuple(_checks(rows)))
 
 
 ENTRY = Entry(STUDY, "linear against full ψ over slew rate, step and slew angle", report)
 
 
-def figure(rows: pd.DataFrame, path: Path) -> Path:
-    """Linear ψ's difference from full ψ as a map, and with full ψ's own error over the angle per step; largest slew angle."""
-    shown = rows[rows["slew_angle_deg"] == rows["slew_angle_deg"].max()]
-    with mpl.rc_context(STYLE):
-        drawing = Figure(figsize=(9.0, 3.6), layout="constrained")
-        left, right = drawing.subplots(1, 2, width_ratios=(1.25, 1))
-        _map(left, shown)
-        _curves(right, shown)
-        drawing.suptitle(f"One iteration, slews of up to {shown['slew_angle_deg'].iloc[0]:g}°, no noise", fontsize=9)
-        return save(drawing, path)
+def map_of(rows: pd.DataFrame) -> panels.Panel:
+    """Linear ψ's difference from full ψ after one iteration, over slew rate and step."""
+    return panels.heat_map(
+        rows.pivot_table(index="slew_rate_deg_s", columns="step_s", values="G_difference"),
+        mark_above=GOOD_ENOUGH,
+        log=True,
+        title=f"|G(linear ψ) − G(full ψ)|, one iteration; ✗ above {GOOD_ENOUGH:.0e}",
+        x="step Δt (s)",
+        y="slew rate (deg/s)",
+    )
 
 
-def _map(axes: Axes, rows: pd.DataFrame) -> None:
-    grid = rows.pivot_table(index="slew_rate_deg_s", columns="step_s", values="G_difference")
-    values = np.log10(grid.to_numpy())
-    axes.grid(False)
-    axes.pcolormesh(values, cmap="viridis", edgecolors="white", linewidth=1)
-    for i, j in np.ndindex(values.shape):
-        value = 10 ** values[i, j]
-        text = f"{value:.0e}".replace("e-0", "e-") + (" ✗" if value > GOOD_ENOUGH else "")
-        axes.text(j + 0.5, i + 0.5, text, ha="center", va="center", color=_ink(values, values[i, j]), fontsize=8)
-    axes.set_xticks(np.arange(len(grid.columns)) + 0.5, [f"{step:g}" for step in grid.columns])
-    axes.set_yticks(np.arange(len(grid.index)) + 0.5, [f"{rate:g}" for rate in grid.index])
-    axes.set_xlabel("step Δt (s)")
-    axes.set_ylabel("slew rate (deg/s)")
-    axes.set_title(f"|G(linear ψ) − G(full ψ)|; ✗ above {GOOD_ENOUGH:.0e}", loc="left", fontsize=9)
-
-
-def _ink(values: np.ndarray, value: float) -> str:
-    return "white" if value < values.mean() else "black"
-
-
-def _curves(axes: Axes, rows: pd.DataFrame) -> None:
-    shades = mpl.colormaps["viridis"](np.linspace(0, 0.85, rows["slew_rate_deg_s"].nunique()))
-    for shade, (rate, part) in zip(shades, rows.sort_values("step_s").groupby("slew_rate_deg_s"), strict=True):
-        angle = part["angle_per_step_deg"]
-        axes.loglog(angle, part["G_difference"], "o-", color=shade, markersize=3, label=f"{rate:g} deg/s")
-        axes.loglog(angle, part["full_error_G"], ":", color=shade)
-    axes.axhline(GOOD_ENOUGH, color="#d1495b", linewidth=1)
-    axes.set_xlabel("angle per step (deg)")
-    axes.set_ylabel("largest element of G")
-    axes.set_title("solid: linear − full; dotted: full's error, converged", loc="left", fontsize=9)
-    axes.legend(fontsize=7, loc="lower right")
+def _figure(rows: pd.DataFrame) -> panels.Draw:
+    """That difference as a map, and with full ψ's own error over the angle per step; largest slew angle."""
+    shown = rows[rows["slew_angle_deg"] == rows["slew_angle_deg"].max()].sort_values("step_s")
+    lines = []
+    for rate, colour in panels.shades(sorted(set(shown["slew_rate_deg_s"]))).items():
+        part = shown[shown["slew_rate_deg_s"] == rate]
+        lines.append(Line(part["angle_per_step_deg"], part["G_difference"], f"{rate:g} deg/s", colour))
+        lines.append(Line(part["angle_per_step_deg"], part["full_error_G"], "", colour, ":"))
+    axes: dict[str, Any] = {"log": "xy", "levels": [GOOD_ENOUGH], "legend": "lower right"}
+    axes |= {"x": "angle per step (deg)", "y": "largest element of G"}
+    curves = panels.curves(lines, title="solid: linear − full; dotted: full's error, converged", **axes)
+    title = f"Slews of up to {shown['slew_angle_deg'].iloc[0]:g}°, no noise"
+    return panels.sheet(map_of(shown), curves, size=(9.0, 3.6), widths=(1.25, 1), title=title)

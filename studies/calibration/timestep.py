@@ -15,30 +15,28 @@ G is dimensionless, b in deg/s.
 """
 
 from dataclasses import dataclass
-from functools import lru_cache, partial
 from itertools import pairwise
-from pathlib import Path
+from typing import Any
 
-import matplotlib as mpl
 import numpy as np
 import pandas as pd
-from matplotlib.figure import Figure
 from numpy.typing import NDArray
-from pydantic import field_validator
 
-from gyrocal import NAMES, GyroParameters, attitude
+from gyrocal import NAMES
 from gyrocal.calibration.problem import Iterates, Problem
 from gyrocal.calibration.sampling import Resampling, measurements
-from simulator.scenario import Scenario
-from simulator.simulate import noise_free_rates, observe, realise
-from simulator.truth.motion import Motion
+from studies.calibration.prepared import Flown, noise_of, shared
 from studies.montecarlo import statistics
-from studies.montecarlo.statistics import crossing, order, span
-from studies.montecarlo.study import Streams, Study, StudyConfig, base_scenario, case_motion, dispersed, observed
+from studies.montecarlo.settings import Rising
+from studies.montecarlo.statistics import crossing, order
+from studies.montecarlo.study import Streams, Study, StudyConfig, observed
 from studies.natanson import flight, flight_gap
-from studies.natanson.figures import STYLE, save
-from studies.natanson.paper_tables import PARAMETER_UNIT, PARAMETER_UNIT_NAMES
+from studies.report import panels
+from studies.report.checks import Check, at_most, extremes, near
 from studies.report.entry import Entry, Report
+from studies.report.panels import Line
+from studies.report.tables import Table
+from studies.report.units import ONE_DEG_S, ONE_DEG_S_NAMES
 
 Array = NDArray[np.float64]
 Way = tuple[float, Resampling]
@@ -57,14 +55,7 @@ class TimestepConfig(StudyConfig):
     """
 
     cases: int = 100
-    steps_s: tuple[float, ...] = STEPS_S
-
-    @field_validator("steps_s")
-    @classmethod
-    def _rising(cls, value: tuple[float, ...]) -> tuple[float, ...]:
-        if not value or value[0] <= 0 or any(b <= a for a, b in pairwise(value)):
-            raise ValueError("must be one or more rising numbers above zero")
-        return value
+    steps_s: Rising = STEPS_S
 
     def ways(self, sample_s: float) -> list[Way]:
         """Every way a case is calibrated; the sample itself is neither skipped nor averaged, and under "skip"."""
@@ -77,77 +68,55 @@ class _Prepared:
 
     Attributes
     ----------
+    flown : the scenario without noise
     T_s : (m, 1) time between the references of each residual
+    problems : of each way
     held : (12,) noise-free error of each way
     """
 
-    scenario: Scenario
-    motion: Motion
-    rates: Array
-    truth: Array
-    initial: Array
+    flown: Flown
     T_s: Array
     problems: dict[Way, Problem]
     held: dict[Way, Array]
 
 
-def _prepare(config: TimestepConfig, scenario: Scenario) -> _Prepared:
-    path = case_motion(scenario)
-    plain = observe(scenario, path, gyro_rng=None, reference_rng=None)
-    prepared = {way: measurements(plain, *way) for way in config.ways(scenario.gyro.sample_s)}
-    problems = {way: Problem.of(plain, measured) for way, measured in prepared.items()}
-    truth = np.concatenate([np.ravel(scenario.gyro.true_G), np.deg2rad(scenario.gyro.true_bias_deg_s)])
-    initial = GyroParameters(plain.gyro.apriori_G, plain.gyro.apriori_bias).vector
-    return _Prepared(
-        scenario=scenario,
-        motion=path,
-        rates=noise_free_rates(scenario, path),
-        truth=truth,
-        initial=initial,
-        T_s=next(iter(prepared.values())).elapsed_s[:, None],
-        problems=problems,
-        held={way: problem.iterate(initial, ITERATIONS).x[-1] - truth for way, problem in problems.items()},
-    )
-
-
-@lru_cache(maxsize=2)
-def _shared(config: str) -> _Prepared:
-    """Preparation of a study without dispersions, made once a process."""
-    parsed = TimestepConfig.model_validate_json(config)
-    return _prepare(parsed, base_scenario(parsed))
+@shared
+def _prepared(config: TimestepConfig, flown: Flown) -> _Prepared:
+    measured = {way: measurements(flown.plain, *way) for way in config.ways(flown.scenario.gyro.sample_s)}
+    problems = {way: Problem.of(flown.plain, one) for way, one in measured.items()}
+    held = {way: problem.iterate(flown.initial, ITERATIONS).x[-1] - flown.truth for way, problem in problems.items()}
+    return _Prepared(flown, next(iter(measured.values())).elapsed_s[:, None], problems, held)
 
 
 def case(config: TimestepConfig, number: int, streams: Streams) -> list[dict[str, object]]:
     """One case: a row for each way."""
-    shared = _prepare(config, dispersed(config, number)) if config.dispersions else _shared(config.model_dump_json())
-    noise, reference = (streams.generator(name) for name in ("gyro_noise", "reference_noise"))
-    rates, quaternions = realise(shared.scenario, shared.motion, shared.rates, noise, reference)
-    A, A_true = (attitude.matrix_from_quaternion(q) for q in (quaternions, shared.motion.quaternions))
+    prepared = _prepared(config, number)
+    flown, sample_s = prepared.flown, prepared.flown.scenario.gyro.sample_s
+    (rates, A), (_, A_true) = flown.realise(noise_of(streams)), flown.realise()
     rows: list[dict[str, object]] = []
     finer: tuple[float, Array] | None = None
-    for way, problem in shared.problems.items():
+    for way, problem in prepared.problems.items():
         step, resampling = way
-        result = problem.with_case(rates, A).iterate(shared.initial, ITERATIONS)
-        gyro = problem.with_case(rates, A_true).iterate(shared.initial, ITERATIONS)
-        row: dict[str, object] = {"step_s": step, "resampling": resampling}
-        row |= _values(shared, result, gyro, shared.held[way])
+        result = problem.with_case(rates, A).iterate(flown.initial, ITERATIONS)
+        gyro = problem.with_case(rates, A_true).iterate(flown.initial, ITERATIONS)
         arw = np.nan
         if resampling == "skip":
             if finer is not None:
-                arw = step_arw(result.theta[0] - finer[1], shared.T_s, (step - finer[0]) / shared.scenario.gyro.sample_s)
+                arw = step_arw(result.theta[0] - finer[1], prepared.T_s, (step - finer[0]) / sample_s)
             finer = step, result.theta[0]
-        rows.append(row | {"step_arw_deg_per_sqrt_s": arw})
+        row: dict[str, object] = {"step_s": step, "resampling": resampling}
+        rows.append(row | _values(flown.truth, result, gyro, prepared.held[way]) | {"step_arw_deg_per_sqrt_s": arw})
     return rows
 
 
-def _values(shared: _Prepared, result: Iterates, gyro: Iterates, held: Array) -> dict[str, float]:
+def _values(truth: Array, result: Iterates, gyro: Iterates, held: Array) -> dict[str, float]:
     """Errors, sigmas and NEES of one way."""
-    sigma, error = np.sqrt(np.diag(result.P)), result.x[-1] - shared.truth
-    columns = {"error": error, "gyro": gyro.x[-1] - shared.truth, "held": held, "sigma": sigma}
+    sigma, error = np.sqrt(np.diag(result.P)), result.x[-1] - truth
+    columns = {"error": error, "gyro": gyro.x[-1] - truth, "held": held, "sigma": sigma}
     out = {
         f"{label}_{name}": float(value)
         for label, vector in columns.items()
-        for name, value in zip(NAMES, vector * PARAMETER_UNIT, strict=True)
+        for name, value in zip(NAMES, vector * ONE_DEG_S, strict=True)
     }
     both = statistics.nees(np.stack([error, held]), np.stack([result.P, result.P]))
     return out | {"nees": float(both[0]), "held_nees": float(both[1])}
@@ -179,19 +148,18 @@ def by_parameter(rows: pd.DataFrame) -> pd.DataFrame:
     """A row per way and parameter: bias with its standard error, the bias without noise, spread, formal sigma."""
     out = []
     for (resampling, step), part in rows.groupby(["resampling", "step_s"]):
-        errors = _cells(part, "error")
-        spread = errors.std(axis=0, ddof=1) if len(part) > 1 else np.full(len(NAMES), np.nan)
+        error, gyro, held, sigma = (_cells(part, label) for label in ("error", "gyro", "held", "sigma"))
+        spread = error.std(axis=0, ddof=1) if len(part) > 1 else np.full(len(NAMES), np.nan)
         columns = {
-            "parameter": NAMES,
-            "unit": PARAMETER_UNIT_NAMES,
-            "bias": errors.mean(axis=0),
+            "bias": error.mean(axis=0),
             "standard_error": spread / np.sqrt(len(part)),
-            "held": _cells(part, "held").mean(axis=0),
+            "held": held.mean(axis=0),
             "spread": spread,
-            "gyro_spread": np.sqrt(np.mean((_cells(part, "gyro") - _cells(part, "held")) ** 2, axis=0)),
-            "formal_sigma": np.sqrt(np.mean(_cells(part, "sigma") ** 2, axis=0)),
+            "gyro_spread": np.sqrt(np.mean((gyro - held) ** 2, axis=0)),
+            "formal_sigma": np.sqrt(np.mean(sigma**2, axis=0)),
         }
-        out.append(pd.DataFrame({"resampling": resampling, "step_s": step} | columns))
+        keys = {"resampling": resampling, "step_s": step, "parameter": NAMES, "unit": ONE_DEG_S_NAMES}
+        out.append(pd.DataFrame(keys | columns))
     return pd.concat(out, ignore_index=True)
 
 
@@ -267,123 +235,71 @@ def step_noise(rows: pd.DataFrame) -> pd.DataFrame:
     skipped = rows[rows["resampling"] == "skip"]
     for finer, step in pairwise(sorted(set(skipped["step_s"]))):
         values = skipped[skipped["step_s"] == step]["step_arw_deg_per_sqrt_s"]
-        row = {
-            "from_s": finer,
-            "to_s": step,
-            "median": values.median(),
-            "p05": values.quantile(0.05),
-            "p95": values.quantile(0.95),
-        }
-        row["flight"] = row["flight_percentile"] = np.nan
+        flown = np.nan
         if finer in flight.STEPS and step in flight.STEPS:
             difference = np.deg2rad(flight.residuals("prelaunch", step) - flight.residuals("prelaunch", finer))
-            row["flight"] = step_arw(difference, flight.durations()[:, None], (step - finer) / flight.STEPS[0])
-            row["flight_percentile"] = 100 * float((values < row["flight"]).mean())
-        out.append(row)
+            flown = step_arw(difference, flight.durations()[:, None], (step - finer) / flight.STEPS[0])
+        out.append({"from_s": finer, "to_s": step, **statistics.beside(values, flown)})
     return pd.DataFrame(out, columns=["from_s", "to_s", "median", "p05", "p95", "flight", "flight_percentile"])
 
 
-def _findings(rows: pd.DataFrame) -> list[str]:
+ORDER = "Skipping f samples leaves the noise of one, which grows with the square root of f; averaging does not change it."
+BIAS = "Holding the mean rate over a step is wrong to second order in the step."
+FLOWN = "The bounds of the flight's angle random walk are the 5 % and 95 % quantiles of the simulated ones."
+
+
+def _checks(rows: pd.DataFrame) -> list[Check]:
     table, steps = summary(rows), step_noise(rows)
-    skip, average = (table[table["resampling"] == name] for name in ("skip", "average"))
-    finest, last = skip["step_s"].min(), skip.iloc[-1]
-    longest = f"{last['step_s']:g} s"
     out = []
-    if len(skip) > 1:
-        power, uncertain = gyro_order(rows, "skip")
-        out.append(
-            f"Skipping multiplies the gyro noise's part of the spread by (Δt/{finest:g} s)^({power:.3f} ± {uncertain:.3f}), "
-            f"×{last['gyro_ratio']:.2f} at {longest} (sqrt: ×{np.sqrt(last['step_s'] / finest):.2f}); with the references' "
-            f"part, which stays, ×{last['spread_ratio']:.2f}, and the formal sigma ×{last['sigma_ratio']:.2f}."
-        )
-        mean = average.iloc[-1]
-        out.append(
-            f"Averaging leaves the gyro noise's part at ×{span(average['gyro_ratio'], 4)} and the formal sigma at "
-            f"×{span(average['sigma_ratio'], 4)} at all steps."
-        )
-        out.append(
-            f"{_bias(average, finest)} At {longest} it is {mean['held_sigma']:.2g} sigma (in {mean['held_most']}); skipping "
-            f"has {last['held_sigma']:.2g}."
-        )
-    out.append(
-        f"The mean error over the cases differs from the bias without noise by at most {table['bias_z'].max():.1f} standard "
-        f"errors (largest of {len(NAMES)} parameters and all ways, on the same noise)."
-    )
-    outside = table[~table["nees_inside"]]
-    where = "; ".join(f"{row.resampling} {row.step_s:g} s: {row.nees:.2f}" for row in outside.itertuples())
-    out.append(
-        f"NEES of {span(table['nees'], 4)} over all ways for 12 parameters, 99 % bounds [{table['nees_lower'].iloc[0]:.2f}, "
-        f"{table['nees_upper'].iloc[0]:.2f}]: "
-        + (f"OUTSIDE at {where}." if len(outside) else "all inside.")
-        + f" The bias adds {average['held_nees'].max():.2g} at most by averaging, {skip['held_nees'].max():.2g} by skipping."
-    )
-    flown = steps[steps["flight"].notna()]
-    for row in flown.to_dict("records"):
-        out.append(
-            f"Spread of the pre-launch residuals between {row['from_s']:g} and {row['to_s']:g} s by skipping: an angle random "
-            f"walk of {row['median']:.2g} deg/√s simulated ({row['p05']:.2g} to {row['p95']:.2g}, 5-95 %), {row['flight']:.2g} "
-            "in flight."
-        )
-    if len(flown):
-        noise = flight_gap.noise_from_steps()
-        out.append(
-            f"The flight's spreads together say {noise['arw_deg_per_sqrt_s']:.2g} deg/√s ± "
-            f"{100 * noise['relative_sigma']:.0f} %."
-        )
-    return out
-
-
-def _bias(average: pd.DataFrame, finest: float) -> str:
-    """Where holding the mean rate makes a bias that counts."""
-    at = crossing(average["step_s"], average["held_sigma"], LIMIT)
-    slope = order(average["step_s"], average["held_sigma"])
-    lead = f"The bias from holding a mean rate grows with Δt^{slope:.2f}"
-    if not np.isnan(at):
-        return f"{lead} and reaches {LIMIT:g} formal sigma at Δt = {at:.2g} s."
-    side = "above" if average["held_sigma"].iloc[0] >= LIMIT else "below"
-    return f"{lead} and is {side} {LIMIT:g} formal sigma from {finest:g} s on, throughout these steps."
+    for way, expected, slack in (("skip", 0.5, 0.0), ("average", 0.0, 1e-3)):
+        power, uncertain = gyro_order(rows, way)
+        bounds = near(expected, 4 * uncertain + slack)
+        out.append(Check(f"order in Δt of the gyro noise's part of the spread, {way}", power, bounds, meaning=ORDER))
+    average = table[table["resampling"] == "average"]
+    held = average["step_s"], average["held_sigma"]
+    out.append(Check("order in Δt of the bias without noise, average", order(*held), (1.9, 2.1), meaning=BIAS))
+    out.append(Check(f"step from which that bias exceeds {LIMIT:g} formal sigma", crossing(*held, LIMIT), None, "s"))
+    out.append(Check("mean error less the bias without noise, largest", table["bias_z"].max(), at_most(4), "standard errors"))
+    out += extremes("mean NEES of a way", table["nees"], (table["nees_lower"].iloc[0], table["nees_upper"].iloc[0]))
+    for row in steps[steps["flight"].notna()].to_dict("records"):
+        name = f"angle random walk of the flight by its spread from {row['from_s']:g} to {row['to_s']:g} s"
+        out.append(Check(name, row["flight"], (row["p05"], row["p95"]), "deg/√s", FLOWN))
+    noise = flight_gap.noise_from_steps()
+    out.append(Check("angle random walk of the flight by all its spreads", noise["arw_deg_per_sqrt_s"], None, "deg/√s"))
+    return [*out, Check("relative standard error of that", noise["relative_sigma"])]
 
 
 def report(config: TimestepConfig, rows: pd.DataFrame) -> Report:
     """What skipping and averaging cost in noise and in bias."""
     tables = {
-        "Skipping and averaging (largest or RMS over the parameters; ratios to the full stream)": summary(rows),
-        "Angle random walk by the spread between steps (deg/√s)": step_noise(rows),
-        "Bias and spread of each parameter": by_parameter(rows),
+        "steps": Table("Skipping and averaging (largest or RMS over the parameters; ratios to the full stream)", summary(rows)),
+        "step_noise": Table("Angle random walk by the spread between steps", step_noise(rows)),
+        "parameters": Table("Bias and spread of each parameter", by_parameter(rows)),
     }
-    return Report(tuple(_findings(rows)), tables, {"timestep": partial(figure, rows)})
+    return Report(tables, {"timestep": _figure(summary(rows))}, tuple(_checks(rows)))
 
 
 ENTRY = Entry(STUDY, "skipping against averaging samples, steps of 0.5 to 8 s", report)
 
-LOOKS = {"skip": ("#d1495b", "o-"), "average": ("#00798c", "s-")}
+LOOKS = {"skip": (panels.RED, "o-"), "average": (panels.TEAL, "s-")}
 
 
-def figure(rows: pd.DataFrame, path: Path) -> Path:
+def _figure(table: pd.DataFrame) -> panels.Draw:
     """Noise, bias and NEES of skipping and averaging over the step."""
-    table = summary(rows)
-    with mpl.rc_context(STYLE):
-        drawing = Figure(figsize=(9.6, 3.2), layout="constrained")
-        noise, bias, nees = drawing.subplots(1, 3)
-        for name, (colour, look) in LOOKS.items():
-            part = table[table["resampling"] == name]
-            noise.loglog(part["step_s"], part["gyro_ratio"], look, color=colour, markersize=4, label=name)
-            noise.loglog(part["step_s"], part["spread_ratio"], ":", color=colour)
-            bias.loglog(part["step_s"], part["held_sigma"], look, color=colour, markersize=4)
-            nees.semilogx(part["step_s"], part["nees"], look, color=colour, markersize=4)
-        steps = np.array(sorted(set(rows["step_s"])))
-        noise.loglog(steps, np.sqrt(steps / steps[0]), "--", color="0.5", linewidth=1, label="sqrt Δt")
-        noise.set_title("noise / that of the full stream", loc="left", fontsize=9)
-        noise.legend(fontsize=7, title="solid: gyro's part; dotted: all", title_fontsize=7, loc="upper left")
-        bias.axhline(LIMIT, color="0.4", linewidth=0.8, linestyle="--")
-        bias.set_title("bias without noise (formal sigma)", loc="left", fontsize=9)
-        nees.axhspan(table["nees_lower"].iloc[0], table["nees_upper"].iloc[0], color="0.9")
-        nees.margins(y=0.15)
-        nees.set_title("mean NEES; grey: 99 % bounds", loc="left", fontsize=9)
-        for axes in (noise, bias, nees):
-            axes.set_xticks(steps, [f"{step:g}" for step in steps])
-            axes.set_xticks([], minor=True)
-            axes.set_xlabel("step Δt (s)")
-        noise.set_yticks([1, 2, 4], ["1", "2", "4"])
-        noise.set_yticks([], minor=True)
-        return save(drawing, path)
+
+    def lines(name: str, dotted: bool = False) -> list[Line]:
+        parts = {way: table[table["resampling"] == way] for way in LOOKS}
+        looks = {way: (colour, ":" if dotted else style) for way, (colour, style) in LOOKS.items()}
+        return [Line(part["step_s"], part[name], "" if dotted else way, *looks[way]) for way, part in parts.items()]
+
+    steps = sorted(set(table["step_s"]))
+    noise = [*lines("gyro_ratio"), *lines("spread_ratio", dotted=True), panels.power_law(steps, 0.5, label="sqrt Δt")]
+    axes: dict[str, Any] = {"x": "step Δt (s)", "ticks": steps}
+    key: dict[str, Any] = {"legend": "upper left", "legend_title": "solid: gyro's part; dotted: all"}
+    inside = (table["nees_lower"].iloc[0], table["nees_upper"].iloc[0])
+    return panels.sheet(
+        panels.curves(noise, log="xy", title="noise / that of the full stream", **key, **axes),
+        panels.curves(lines("held_sigma"), log="xy", levels=[LIMIT], title="bias without noise (formal sigma)", **axes),
+        panels.curves(lines("nees"), inside, log="x", title="mean NEES; grey: 99 % bounds", **axes),
+        size=(9.6, 3.2),
+    )

@@ -5,7 +5,7 @@ from pathlib import Path
 import click
 
 from gyrocal import InputError, save
-from studies.report import render
+from studies.report import tables as render
 from studies.report.console import console
 from studies.validation import broad
 

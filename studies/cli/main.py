@@ -33,7 +33,7 @@ from studies.cli.effect_files import effects_option
 from studies.montecarlo import engine
 from studies.montecarlo.manifest import write_json
 from studies.report import calibration as calibration_report
-from studies.report import render
+from studies.report import tables as render
 from studies.report.console import check_writable, console
 from studies.validation import baseline
 
@@ -338,7 +338,7 @@ def study_command(
     \b
     Examples:
       gyrocal study
-      gyrocal study noise --cases 50 --out /tmp/noise
+      gyrocal study psi --set 'steps_s=[0.5,2.0]' --out /tmp/psi
       gyrocal study paper --cases 1000 --set overrides.gyro.arw_deg_per_sqrt_s=1e-4
       gyrocal study paper --rerun 17
     """

@@ -16,7 +16,7 @@ from simulator.mission_mode.config import DAY, MissionConfig, Mounting, mounted,
 from simulator.mission_mode.flight import AXES, MissionRun, flight_schedule, simulate_mission
 from studies.cli.diagnose import plain
 from studies.montecarlo.manifest import write_json
-from studies.report import render
+from studies.report import tables as render
 from studies.report.console import check_writable, console, progress
 from studies.robertson import flown
 from studies.robertson.runs import PERIODS

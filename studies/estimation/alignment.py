@@ -11,7 +11,7 @@ reference.
 
 One round of two steps is biased: the attitude has already been moved to please misaligned sensors. How much of the truth it
 keeps depends on the weights, and so on the Earth sensor's sigma; the study varies it, the noise with it. The covariance P it
-states is about its own mean T m; about the truth m its NEES should be that of an honest estimate and mᵀ(I − T)ᵀ P⁻¹ (I − T) m.
+states is about its own mean T m; about the truth m its NEES should be a consistent one and mᵀ(I − T)ᵀ P⁻¹ (I − T) m.
 
 The control has the head angles of R instead of a misalignment, which no rotation of the sensor can stand for.
 
@@ -20,16 +20,13 @@ Each calibration says what no measurement tells if no sensor is held: a rotation
 Of the scenario only the gyro's angle random walk is used.
 """
 
-from functools import lru_cache, partial
-from pathlib import Path
+from functools import lru_cache
 from typing import Any, ClassVar
 
-import matplotlib as mpl
 import numpy as np
 import pandas as pd
-from matplotlib.figure import Figure
 from numpy.typing import NDArray
-from pydantic import Field, field_validator
+from pydantic import Field
 
 from gyrocal.sensors.alignment import AlignmentResult, in_two_steps, together
 from gyrocal.sensors.earth import TRMM_BIASES, EarthSensor
@@ -42,11 +39,14 @@ from studies.estimation.attitude_cases import (
     alignment_error,
     alignment_orbit,
 )
-from studies.estimation.judging import HONEST, judged, nees_distribution, score, word
-from studies.montecarlo.statistics import LEVELS, accuracy_table, nees
+from studies.montecarlo.settings import Different
+from studies.montecarlo.statistics import LEVELS, accuracy_table, nees, nees_line
 from studies.montecarlo.study import Streams, Study, dispersed
-from studies.natanson.figures import STYLE, save
+from studies.report import panels
+from studies.report.checks import Check, at_most, enough_cases, expected_word, near, of_lines
 from studies.report.entry import Entry, Report
+from studies.report.panels import Line
+from studies.report.tables import Table, by_group
 
 Array = NDArray[np.float64]
 
@@ -59,7 +59,7 @@ RETAINED = [f"retained_{k}" for k in range(1, 8)]
 
 TOGETHER, EXACT, REPEATED, ONCE = "together", "together, exact weights", "two steps, repeated", "two steps, once"
 HEADS = "together, exact weights: R's head angles"
-EXPECTED = {TOGETHER: True, EXACT: True, REPEATED: True, HEADS: False}  # honest about the truth; of ONCE see `_expected`
+EXPECTED = {TOGETHER: True, EXACT: True, REPEATED: True, HEADS: False}  # consistent about the truth; of ONCE see `_expected`
 COMMON = tuple(f"a rotation of all sensors together about body {axis}" for axis in "xyz")
 
 
@@ -74,15 +74,8 @@ class AlignmentConfig(FixedFlightConfig):
 
     used: ClassVar[tuple[str, ...]] = ("gyro.arw_deg_per_sqrt_s",)
     cases: int = 200
-    esa_factors: tuple[float, ...] = (1.0, 10.0, 50.0)
+    esa_factors: Different = (1.0, 10.0, 50.0)
     tolerance: float = Field(default=1e-3, gt=0, lt=1)
-
-    @field_validator("esa_factors")
-    @classmethod
-    def _positive(cls, value: tuple[float, ...]) -> tuple[float, ...]:
-        if not value or min(value) <= 0 or len(set(value)) < len(value):
-            raise ValueError("must be one or more different numbers above zero")
-        return value
 
 
 @lru_cache(maxsize=2)
@@ -149,158 +142,141 @@ STUDY = Study("studies.estimation.alignment:STUDY", AlignmentConfig, case)
 
 def verdicts(rows: pd.DataFrame) -> pd.DataFrame:
     """A row an algorithm: NEES of the seven parameters about the truth with bounds, and the loss where it should be χ²."""
-    out = []
-    for (algorithm, factor), part in rows.groupby(["algorithm", "esa_factor"], sort=False):
-        errors = part[ERRORS].to_numpy()
+
+    def line(part: pd.DataFrame) -> dict[str, object]:
+        errors, algorithm = part[ERRORS].to_numpy(), str(part["algorithm"].iloc[0])
         standard_errors = errors.std(axis=0, ddof=1) / np.sqrt(len(part)) if len(part) > 1 else np.full(7, np.nan)
-        row: dict[str, object] = {"algorithm": algorithm, "esa_factor": factor}
-        row |= judged(part["nees"], 7)
-        row["expected"] = _expected(str(algorithm), row, part["nees_predicted"].mean() / 7)
-        row["largest_mean_in_standard_errors"] = float(np.abs(errors.mean(axis=0) / standard_errors).max())
+        row = nees_line(part["nees"], 7)
         dof = int(part["loss_dof"].iloc[0])
-        row["loss_per_dof"] = part["loss_after"].mean() / dof
-        row["loss_verdict"] = judged(part["loss_after"], dof)["verdict"] if "exact" in str(algorithm) else "not χ²"
-        row["rounds"] = float(part["rounds"].median())
-        out.append(row)
-    return pd.DataFrame(out)
+        return row | {
+            "expected": _expected(algorithm, row, part["nees_predicted"].mean() / 7),
+            "largest_mean_in_standard_errors": float(np.abs(errors.mean(axis=0) / standard_errors).max()),
+            "loss_per_dof": part["loss_after"].mean() / dof,
+            "loss_verdict": nees_line(part["loss_after"], dof)["verdict"] if "exact" in algorithm else "not χ²",
+            "rounds": float(part["rounds"].median()),
+        }
+
+    return by_group(rows, ["algorithm", "esa_factor"], line)
 
 
-def _expected(algorithm: str, row: dict[str, object], predicted: float) -> str:
+def _expected(algorithm: str, row: dict[str, Any], predicted: float) -> str:
     """The verdict there should be; of one round of two steps that of its predicted NEES, if that is clear of the bound."""
     if algorithm != ONCE:
-        return word(EXPECTED[algorithm])
-    low, high = float(str(row["low"])), float(str(row["high"]))
-    bias, room = predicted - 1, high - 1
-    return word(False if predicted > high + (high - low) else True if bias < 0.05 * room else None)
+        return expected_word(EXPECTED[algorithm])
+    low, high = row["low"], row["high"]
+    small = predicted - 1 < 0.05 * (high - 1)
+    return expected_word(False if predicted > high + (high - low) else True if small else None)
 
 
 def one_round(rows: pd.DataFrame) -> pd.DataFrame:
     """A row an Earth sensor: what one round of two steps keeps of the truth, and its error in DSS-2's x, that is in yaw."""
-    out = []
-    for factor, part in rows[rows["algorithm"] == ONCE].groupby("esa_factor"):
-        about = judged(part["nees_own_mean"], 7)
-        yaw = part[ERRORS[0]]
-        out.append(
-            {
-                "esa_factor": factor,
-                "esa_sigma_mdeg": EarthSensor(np.zeros(4)).sigma / float(str(factor)) * MDEG,
-                "kept_yaw": part[RETAINED[0]].mean(),
-                "kept_least_of_the_others": part[RETAINED[1:]].mean().min(),
-                "yaw_error_predicted_mdeg": part[MEANS[0]].mean(),
-                "yaw_error_mdeg": yaw.mean(),
-                "standard_error_mdeg": yaw.std(ddof=1) / np.sqrt(len(part)),  # NaN of one case
-                "sigma_mdeg": part[SIGMAS[0]].mean(),
-                "nees_per_dof_about_the_truth": part["nees"].mean() / 7,
-                "nees_per_dof_predicted": part["nees_predicted"].mean() / 7,
-                "nees_per_dof_about_own_mean": about["nees_per_dof"],
-                "verdict_about_own_mean": about["verdict"],
-            }
-        )
-    return pd.DataFrame(out)
+
+    def line(part: pd.DataFrame) -> dict[str, object]:
+        about, yaw = nees_line(part["nees_own_mean"], 7), part[ERRORS[0]]
+        return {
+            "esa_sigma_mdeg": EarthSensor(np.zeros(4)).sigma / part["esa_factor"].iloc[0] * MDEG,
+            "kept_yaw": part[RETAINED[0]].mean(),
+            "kept_least_of_the_others": part[RETAINED[1:]].mean().min(),
+            "yaw_error_predicted_mdeg": part[MEANS[0]].mean(),
+            "yaw_error_mdeg": yaw.mean(),
+            "standard_error_mdeg": yaw.std(ddof=1) / np.sqrt(len(part)),  # NaN of one case
+            "sigma_mdeg": part[SIGMAS[0]].mean(),
+            "nees_per_dof_about_the_truth": part["nees"].mean() / 7,
+            "nees_per_dof_predicted": part["nees_predicted"].mean() / 7,
+            "nees_per_dof_about_own_mean": about["nees_per_dof"],
+            "verdict_about_own_mean": about["verdict"],
+        }
+
+    return by_group(rows[rows["algorithm"] == ONCE].sort_values("esa_factor", kind="stable"), ["esa_factor"], line)
 
 
-def _findings(rows: pd.DataFrame) -> list[str]:
-    table, rounds = verdicts(rows), one_round(rows)
-    honest = table[table["algorithm"].isin([TOGETHER, EXACT, REPEATED])]
-    low, high = honest[["low", "high"]].iloc[0]
-    each = ", ".join(f"{row['algorithm']}: {row['nees_per_dof']:.3f} ({row['verdict']})" for _, row in honest.iterrows())
-    out = [
-        f"The injected misalignment and penetration biases are found to their sigma? NEES per degree of freedom over "
-        f"{rows['case'].nunique()} seeds, bounds {low:.3f} to {high:.3f}: {each}."
-    ]
+ONE = "Two steps repeated until nothing changes, and all together, are one answer."
+KEPT = "One round of two steps keeps a part of the truth; its error and its NEES about the truth are predicted from that part."
+COMMON_ROTATION = (
+    "If no sensor is held, a rotation of all sensors together is not observable, about all axes with TRMM's Earth sensor."
+)
+SHOWN = "A misalignment stands for no head angle: it is found where there is none, and the loss shows that the model is wrong."
+
+
+def _checks(config: AlignmentConfig, rows: pd.DataFrame) -> list[Check]:
+    table = verdicts(rows)
+    out = of_lines(table, ["algorithm", "esa_factor"])
     repeated = rows[rows["algorithm"] == REPEATED]
-    out.append(
-        f"Two steps repeated ({repeated['rounds'].median():.0f} rounds in the median) and all together are one answer: "
-        f"{repeated['apart_sigma'].max():.1e} sigma apart at most, in any parameter of any seed."
-    )
-    kept = "; ".join(
-        f"{row['kept_yaw']:.1%} with an ESA sigma of {row['esa_sigma_mdeg']:.2g} mdeg (error {row['yaw_error_mdeg']:.1f} "
-        f"± {row['standard_error_mdeg']:.1f} mdeg, predicted {row['yaw_error_predicted_mdeg']:.1f}; NEES per degree of freedom "
-        f"{row['nees_per_dof_about_the_truth']:.3g}, predicted {row['nees_per_dof_predicted']:.3g})"
-        for row in rounds.to_dict("records")
-    )
-    out.append(f"One round of two steps keeps of DSS-2's yaw misalignment {kept}.")
-    out.append(_common(rows))
+    limit = at_most(5 * config.tolerance)
+    out.append(Check("two steps repeated from all together, largest", repeated["apart_sigma"].max(), limit, "sigma", ONE))
+    out.append(Check("rounds of two steps repeated, median", repeated["rounds"].median()))
+    for row in one_round(rows).to_dict("records"):
+        sensor, cases = f"one round, ESA {row['esa_factor']:g} times better", rows["case"].nunique()
+        yaw = near(row["yaw_error_predicted_mdeg"], 4 * row["sigma_mdeg"] / np.sqrt(cases))
+        predicted = row["nees_per_dof_predicted"]
+        spread = np.sqrt((2 * 7 + 4 * 7 * (predicted - 1)) / cases) / 7
+        out.append(Check(f"kept of DSS-2's yaw misalignment, {sensor}", row["kept_yaw"], (0.0, 1.0), "", KEPT))
+        out.append(Check(f"mean yaw error, {sensor}", row["yaw_error_mdeg"], yaw, "mdeg"))
+        nees_bounds = near(predicted, 4 * spread)
+        out.append(Check(f"mean NEES about the truth, {sensor}", row["nees_per_dof_about_the_truth"], nees_bounds, "NEES/dof"))
+    whole = rows.loc[rows["esa_factor"] == 1, "unobservable"] == "; ".join(COMMON)
+    reported = f"calibrations that report the common rotation about x, y and z, of {len(whole)}"
+    out.append(Check(reported, int(whole.sum()), (len(whole), len(whole)), "", COMMON_ROTATION))
+    for factor, part in rows[rows["esa_factor"] != 1].groupby("esa_factor"):
+        about = part["unobservable"].str.count("a rotation of all sensors together about").median()
+        out.append(Check(f"axes of that rotation, ESA {factor:g} times better, median", about))
     heads = rows[rows["algorithm"] == HEADS]
-    apparent = heads[ERRORS[:3]].mean()
-    verdict = table.loc[table["algorithm"] == HEADS, "loss_verdict"].iloc[0]
+    apparent = float(np.linalg.norm(heads[ERRORS[:3]].mean()))
+    loss = nees_line(heads["loss_after"], int(heads["loss_dof"].iloc[0]))
+    out.append(Check("misalignment found for R's head angles", apparent, None, "mdeg", SHOWN))
+    bounds = (loss["low"], loss["high"])
     out.append(
-        f"R's head angles come out as a misalignment of {np.linalg.norm(apparent):.0f} mdeg that is not there, and leave a "
-        f"loss of {heads['loss_after'].mean() / heads['loss_dof'].iloc[0]:.2f} per degree of freedom, which "
-        f"{'shows it' if verdict != HONEST else 'so few seeds do not show'}."
+        Check(
+            "loss per degree of freedom with them", heads["loss_after"].mean() / heads["loss_dof"].iloc[0], bounds, outside=True
+        )
     )
-    return [*out, score(table)]
-
-
-def _common(rows: pd.DataFrame) -> str:
-    """How often the common rotation was reported free: about all axes, or about two where a better Earth sensor sees yaw."""
-    usual = rows["esa_factor"] == 1
-    whole = rows.loc[usual, "unobservable"] == "; ".join(COMMON)
-    text = (
-        f"Reported as free if no sensor is held: a rotation of all sensors together, about x, y and z, in {whole.sum()} of "
-        f"{len(whole)} calibrations"
-    )
-    about = rows.loc[~usual, "unobservable"].str.count("a rotation of all sensors together about").groupby(rows["esa_factor"])
-    better = [f"about {axes:g} axes with it {factor:g} times better" for factor, axes in about.median().items()]
-    return text + (f" with TRMM's Earth sensor; {', '.join(better)}." if better else ".")
+    return [*out, enough_cases(table)]
 
 
 def report(config: AlignmentConfig, rows: pd.DataFrame) -> Report:
     """Verdicts on the algorithms, each parameter, and one round of two steps over the Earth sensor's sigma."""
-    one = rows[rows["algorithm"] == TOGETHER]
-    algorithms = "Algorithms (NEES of seven parameters per degree of freedom about the truth, 99.9 % bounds)"
-    rounds, parameters = (
-        "One round of two steps over the Earth sensor's sigma",
-        "All together, by parameter (true minus estimate)",
-    )
-    tables = {algorithms: verdicts(rows), rounds: one_round(rows)}
-    if len(one) > 1:  # a spread of one case is none
-        tables[parameters] = accuracy_table(one[ERRORS].to_numpy(), one[SIGMAS].to_numpy(), PARAMETERS, UNITS)
-    dropped = {
-        algorithms: ["cases", "dof", "largest_mean_in_standard_errors"],
-        rounds: ["esa_factor", "kept_least_of_the_others"],
+    algorithms, rounds = verdicts(rows), one_round(rows)
+    short = algorithms.drop(columns=["cases", "dof", "largest_mean_in_standard_errors"])
+    about = "NEES of seven parameters per degree of freedom about the truth, with 99.9 % bounds."
+    tables = {
+        "algorithms": Table("Algorithms", algorithms, about, shown=short),
+        "one_round": Table(
+            "One round of two steps over the Earth sensor's sigma",
+            rounds,
+            shown=rounds.drop(columns=["esa_factor", "kept_least_of_the_others"]),
+        ),
     }
-    shown = {title: tables[title].drop(columns=names) for title, names in dropped.items()}
-    if parameters in tables:
+    one = rows[rows["algorithm"] == TOGETHER]
+    if len(one) > 1:  # a spread of one case is none
+        accuracy = accuracy_table(one[ERRORS].to_numpy(), one[SIGMAS].to_numpy(), PARAMETERS, UNITS)
         kept = ["parameter", "unit", "bias", "standard_error", "spread", "formal_sigma", *(f"coverage_{k}" for k in LEVELS)]
-        shown[parameters] = tables[parameters][kept]
-    return Report(tuple(_findings(rows)), tables, {"alignment": partial(figure, rows)}, shown)
+        tables["parameters"] = Table("All together, by parameter (true minus estimate)", accuracy, shown=kept)
+    return Report(tables, {"alignment": _figure(rows)}, tuple(_checks(config, rows)))
 
 
 ENTRY = Entry(STUDY, "is the sensors' alignment found, by both algorithms, and what do two steps lose", report)
 
 
-def figure(rows: pd.DataFrame, path: Path) -> Path:
-    """NEES of the honest algorithms beside χ², and the yaw that one round of two steps leaves."""
-    with mpl.rc_context(STYLE):
-        drawing = Figure(figsize=(8.6, 3.2), layout="constrained")
-        left, right = drawing.subplots(1, 2)
-        for name, colour, style in ((TOGETHER, "#30343f", "-"), (EXACT, "#00798c", "-"), (REPEATED, "#d1495b", ":")):
-            nees_distribution(left, rows.loc[rows["algorithm"] == name, "nees"], 7, colour, name, style)
-        left.set_xlabel("NEES about the truth, seven parameters")
-        left.legend(fontsize=7, loc="lower right")
-        table = one_round(rows)
-        sigma = table["esa_sigma_mdeg"]
-        right.errorbar(
-            sigma,
-            table["yaw_error_mdeg"],
-            yerr=table["sigma_mdeg"],
-            fmt="o",
-            color="#d1495b",
-            markersize=4,
-            capsize=4,
-            label="found: mean, stated sigma",
-        )
-        right.plot(sigma, table["yaw_error_predicted_mdeg"], "_", color="#00798c", markersize=16, label="(1 − T) × injected")
-        for x, y, part in zip(sigma, table["yaw_error_mdeg"], table["kept_yaw"], strict=True):
-            beside: dict[str, Any] = {"xytext": (9, -9), "textcoords": "offset points", "fontsize": 7, "ha": "left"}
-            right.annotate(f"{part:.1%} kept", (x, y), **beside)
-        right.axhline(0, color="0.4", linewidth=0.8)
-        right.margins(x=0.25)
-        right.set_xscale("log")
-        right.set_xticks(sigma, [f"{value:.3g}" for value in sigma])
-        right.minorticks_off()
-        right.set_xlabel("sigma of the Earth sensor (mdeg)")
-        right.set_ylabel("yaw error of DSS-2 after one round (mdeg)")
-        right.legend(fontsize=7)
-        return save(drawing, path)
+def _figure(rows: pd.DataFrame) -> panels.Draw:
+    """NEES of the consistent algorithms beside χ², and the yaw that one round of two steps leaves."""
+    nees_of = {name: rows.loc[rows["algorithm"] == name, "nees"] for name in (EXACT, TOGETHER, REPEATED)}
+    table = one_round(rows)
+    sigma, error, predicted = (table[name] for name in ("esa_sigma_mdeg", "yaw_error_mdeg", "yaw_error_predicted_mdeg"))
+    found = Line(sigma, error, "found: mean, stated sigma", panels.RED, "o", *_either_side(error, table["sigma_mdeg"]), True)
+    lines = [found, Line(sigma, predicted, "(1 − T) × injected", panels.TEAL, "_")]
+    axes: dict[str, Any] = {
+        "log": "x",
+        "ticks": sigma,
+        "levels": [0],
+        "legend": "best",
+        "x": "sigma of the Earth sensor (mdeg)",
+    }
+    return panels.sheet(
+        panels.nees_distribution(nees_of, 7, {REPEATED: ":"}, x="NEES about the truth, seven parameters"),
+        panels.curves(lines, y="yaw error of DSS-2 after one round (mdeg)", **axes),
+        size=(8.6, 3.2),
+    )
+
+
+def _either_side(values: pd.Series, sigma: pd.Series) -> tuple[pd.Series, pd.Series]:
+    return values - sigma, values + sigma

@@ -17,20 +17,15 @@ from gyrocal.estimation.mekf import KalmanFilter
 from gyrocal.estimation.onboard import Maneuver, OnBoardCalibrator, replay
 from gyrocal.sensors.series import SensorSeries
 from simulator import scenario as scenarios
-from simulator.scenario import Scenario
 from simulator.sensors.gyro import raw_rates, with_white_noise
 from simulator.truth.maneuvers import Profile, Slew, trajectory
 from simulator.truth.orbit import CircularOrbit, lvlh_attitude
 from simulator.truth.rotation import matrix
+from studies.calibration.prepared import true_parameters
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
 Turn = tuple[Array, float, float, float]  # axis, angle in degrees, start, duration
-
-
-def true_parameters(scenario: Scenario) -> GyroParameters:
-    """G and b of a scenario's gyro."""
-    return GyroParameters(np.array(scenario.gyro.true_G), np.deg2rad(scenario.gyro.true_bias_deg_s))
 
 
 TRUTH = true_parameters(scenarios.load("trmm"))

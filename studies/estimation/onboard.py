@@ -1,4 +1,4 @@
-"""Is the on-board form the ground batch, are its sigmas honest, and does it need memory?
+"""Is the on-board form the ground batch, are its sigmas consistent, and does it need memory?
 
 A case is one pass over a timeline of seven slews about all axes (`studies.estimation.filter_cases`), from errors of 1e-3 in G,
 with a sensor of the Sun and of nadir. Three ways of running filter and calibrator side by side:
@@ -20,19 +20,16 @@ import gc
 import pickle
 import threading
 import tracemalloc
-from functools import partial
-from pathlib import Path
 
-import matplotlib as mpl
 import numpy as np
 import pandas as pd
-from matplotlib.figure import Figure
 from numpy.typing import NDArray
 from pydantic import field_validator
 
 from gyrocal import GyroParameters, attitude, calibrate
 from gyrocal.estimation.mekf import KalmanFilter
 from gyrocal.estimation.onboard import OnBoardCalibrator, recorded
+from studies.calibration.prepared import true_parameters
 from studies.estimation.attitude_cases import RPO, FixedFlightConfig
 from studies.estimation.filter_cases import (
     ARW,
@@ -46,13 +43,14 @@ from studies.estimation.filter_cases import (
     independent_covariance,
     on_board_case,
     solved_with,
-    true_parameters,
 )
-from studies.estimation.judging import judged, nees_distribution, score, word
-from studies.montecarlo.statistics import nees
+from studies.montecarlo.statistics import nees, nees_line
 from studies.montecarlo.study import Streams, Study, dispersed
-from studies.natanson.figures import STYLE, save
+from studies.report import panels
+from studies.report.checks import Check, at_most, enough_cases, expected_word, of_lines
 from studies.report.entry import Entry, Report
+from studies.report.panels import Line
+from studies.report.tables import Table, by_group
 
 Array = NDArray[np.float64]
 
@@ -188,15 +186,14 @@ STUDY = Study("studies.estimation.onboard:STUDY", OnBoardConfig, case)
 
 def verdicts(rows: pd.DataFrame) -> pd.DataFrame:
     """A row for each way and covariance: NEES of the twelve parameters with bounds, accuracy, and distance from the ground."""
-    out = []
-    for (way, covariance), part in rows[rows["part"] == "accuracy"].groupby(["way", "covariance"], sort=False):
-        row: dict[str, object] = {"way": way, "covariance": covariance}
-        row |= judged(part["nees"], 12)
-        row["expected"] = word(EXPECTED.get((str(way), str(covariance))))
-        for name in ("G_error_ppm", "G_sigma_ppm", "bias_error_deg_h", "bias_sigma_deg_h"):
-            row[name] = float(np.sqrt(np.mean(part[name] ** 2)))
-        out.append(row)
-    return pd.DataFrame(out)
+
+    def line(part: pd.DataFrame) -> dict[str, object]:
+        way, covariance = part[["way", "covariance"]].iloc[0]
+        sizes = ("G_error_ppm", "G_sigma_ppm", "bias_error_deg_h", "bias_sigma_deg_h")
+        rms = {name: float(np.sqrt(np.mean(part[name] ** 2))) for name in sizes}
+        return {**nees_line(part["nees"], 12), "expected": expected_word(EXPECTED.get((way, covariance))), **rms}
+
+    return by_group(rows[rows["part"] == "accuracy"], ["way", "covariance"], line)
 
 
 def from_ground(rows: pd.DataFrame) -> pd.DataFrame:
@@ -215,68 +212,53 @@ def memory(rows: pd.DataFrame) -> pd.DataFrame:
     return whole.assign(**{name: part[name] for name in ("cost_peak_kib", "cost_kept_kib")}).reset_index(drop=True)
 
 
-def _findings(rows: pd.DataFrame) -> list[str]:
-    apart, table = from_ground(rows).iloc[-1], verdicts(rows)
-    largest = max(apart["apart"], apart["apart_sigma"])
+SAME = "From the same references the on-board form and the ground's calibration are one answer, to rounding."
+CONSTANT = "What hangs on the calibrator is as large after any number of samples; a program that keeps the samples grows."
+
+
+def _checks(rows: pd.DataFrame) -> list[Check]:
+    apart, table, used = from_ground(rows).iloc[-1], verdicts(rows), memory(rows)
     out = [
-        f"From the same references the on-board form and the ground's calibration differ by {apart['apart']:.1e} at most (G, "
-        f"and b in rad/s), {apart['apart_sigma']:.1e} sigma, in any parameter of any case: "
-        f"{'within' if largest <= AGREEMENT else 'NOT within'} {AGREEMENT:.0e}."
+        Check("from the ground's calibration (G, and b in rad/s), largest", apart["apart"], at_most(AGREEMENT), "", SAME),
+        Check("from the ground's calibration, largest", apart["apart_sigma"], at_most(AGREEMENT), "sigma"),
+        *of_lines(table, ["way", "covariance"]),
     ]
-    for way, part in table.groupby("way", sort=False):
-        each = "; ".join(
-            f"{row['covariance']} {row['nees_per_dof']:.3f} ({row['verdict']}, G wrong by {row['G_error_ppm']:.0f} ppm where "
-            f"{row['G_sigma_ppm']:.0f} are stated)"
-            for _, row in part.iterrows()
-        )
-        low, high = part[["low", "high"]].iloc[0]
-        out.append(f"Filter {way}: NEES per degree of freedom (bounds {low:.3f} to {high:.3f}) {each}.")
-    used = memory(rows)
     if len(used):
         first, last = used.iloc[0], used.iloc[-1]
+        kept = (float(first["object_bytes"]),) * 2
         out.append(
-            f"Memory: {last['object_bytes']:.0f} bytes hang on the calibrator after {last['samples']:.0f} samples, "
-            f"{first['object_bytes']:.0f} after {first['samples']:.0f}; the most in use was {last['cost_peak_kib']:.0f} KiB "
-            f"and {first['cost_peak_kib']:.0f} KiB. A program that keeps the samples takes {last['cost_kept_kib']:.0f} KiB."
+            Check(f"memory kept after {last['samples']:.0f} samples", float(last["object_bytes"]), kept, "bytes", CONSTANT)
         )
-    return [*out, score(table)]
+        for name, what in (("cost_peak_kib", "on board"), ("cost_kept_kib", "with the samples kept")):
+            out += [Check(f"most in use {what}, {one['samples']:.0f} samples", one[name], None, "KiB") for one in (first, last)]
+    return [*out, enough_cases(table)]
 
 
 def report(config: OnBoardConfig, rows: pd.DataFrame) -> Report:
     """The on-board form beside the ground batch, its consistency and its memory."""
-    ways = (
-        "Ways and covariances (NEES of twelve parameters per degree of freedom, 99.9 % bounds; errors are the RMS over cases)"
-    )
-    tables = {ways: verdicts(rows), "Difference from the ground's calibration of the same references": from_ground(rows)}
+    about = "NEES of twelve parameters per degree of freedom, with 99.9 % bounds; errors are the RMS over the cases."
+    tables = {
+        "ways": Table("Ways and covariances", verdicts(rows), about),
+        "from_ground": Table("Difference from the ground's calibration of the same references", from_ground(rows)),
+    }
     if len(memory(rows)):
-        tables["Memory"] = memory(rows)
-    return Report(tuple(_findings(rows)), tables, {"onboard": partial(figure, rows)})
+        tables["memory"] = Table("Memory", memory(rows))
+    return Report(tables, {"onboard": _figure(rows)}, tuple(_checks(rows)))
 
 
-ENTRY = Entry(STUDY, "is the on-board form the ground batch, honest, and of constant memory", report)
+ENTRY = Entry(STUDY, "is the on-board form the ground batch, consistent, and of constant memory", report)
 
 
-def figure(rows: pd.DataFrame, path: Path) -> Path:
+def _figure(rows: pd.DataFrame) -> panels.Draw:
     """NEES of both covariances beside χ², and memory over the number of samples."""
-    with mpl.rc_context(STYLE):
-        table = memory(rows)
-        drawing = Figure(figsize=(8.6 if len(table) else 4.3, 3.2), layout="constrained")
-        left, *rest = drawing.subplots(1, 2 if len(table) else 1, squeeze=False)[0]
-        through = rows[rows["way"] == THROUGH]
-        for covariance, colour in ((OWN, "#00798c"), (INDEPENDENT, "#d1495b")):
-            nees_distribution(left, through.loc[through["covariance"] == covariance, "nees"], 12, colour, covariance)
-        left.set_xlabel("NEES of the twelve parameters, filter runs through")
-        left.legend(fontsize=7, loc="lower right")
-        for right in rest:
-            for name, colour, label in (
-                ("cost_kept_kib", "#d1495b", "samples kept, most in use"),
-                ("cost_peak_kib", "#00798c", "on board, most in use"),
-            ):
-                right.loglog(table["samples"], table[name], "o-", color=colour, markersize=4, label=label)
-            right.loglog(
-                table["samples"], table["object_bytes"] / 1024, "s--", color="#30343f", markersize=4, label="on board, kept"
-            )
-            right.set_xlabel("samples")
-            right.set_ylabel("memory (KiB)")
-            right.legend(fontsize=7)
-        return save(drawing, path)
+    through, table = rows[rows["way"] == THROUGH], memory(rows)
+    nees_of = {name: through.loc[through["covariance"] == name, "nees"] for name in (OWN, INDEPENDENT)}
+    drawn = [panels.nees_distribution(nees_of, 12, x="NEES of the twelve parameters, filter runs through")]
+    if len(table):
+        lines = [
+            Line(table["samples"], table["cost_kept_kib"], "samples kept, most in use", panels.RED),
+            Line(table["samples"], table["cost_peak_kib"], "on board, most in use", panels.TEAL),
+            Line(table["samples"], table["object_bytes"] / 1024, "on board, kept", panels.DARK, "s--"),
+        ]
+        drawn.append(panels.curves(lines, log="xy", x="samples", y="memory (KiB)", legend="best"))
+    return panels.sheet(*drawn, size=(4.3 * len(drawn), 3.2))

@@ -1,11 +1,12 @@
 """Statistics of estimates against a known truth: bias, spread, coverage, NEES, and where a value falls in a sample.
 
-NEES, the normalised estimation error squared eᵀP⁻¹e, is χ² with p degrees of freedom if the covariance P is honest; the sum
-over n cases is χ² with np. Coverage counts |e| ≤ kσ; its interval is Wilson's.
+NEES, the normalised estimation error squared eᵀP⁻¹e, is χ² with p degrees of freedom if the covariance P is consistent with
+the errors; the sum over n cases is χ² with np. Coverage counts |e| ≤ kσ; its interval is Wilson's.
 """
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -15,6 +16,8 @@ from numpy.typing import ArrayLike, NDArray
 Array = NDArray[np.float64]
 
 LEVELS = {"68": 0.682689492137, "95": 0.954499736104, "99.7": 0.997300203937}  # 1, 2 and 3 sigma of a Gaussian
+CONSISTENT, OVER_CONFIDENT, UNDER_CONFIDENT = "consistent", "over-confident", "under-confident"
+LINE_CONFIDENCE = 0.999  # of each line of a table: a dozen lines with consistent covariances pass together with 99 %
 
 
 @dataclass(frozen=True)
@@ -32,6 +35,11 @@ class Nees:
         """Whether the mean lies within its bounds."""
         return self.lower <= self.value <= self.upper
 
+    @property
+    def verdict(self) -> str:
+        """What the mean says of the covariance."""
+        return CONSISTENT if self.inside else OVER_CONFIDENT if self.value > self.upper else UNDER_CONFIDENT
+
 
 def nees(errors: Array, covariances: Array) -> Array:
     """eᵀP⁻¹e of each case; errors (n, p), covariances (n, p, p), scaled inside so that mixed units do no harm."""
@@ -41,12 +49,21 @@ def nees(errors: Array, covariances: Array) -> Array:
     return np.einsum("ni,ni->n", normalised, np.linalg.solve(correlation, normalised[..., None])[..., 0])
 
 
-def nees_check(values: Array, dof: int, confidence: float = 0.99) -> Nees:
-    """Mean NEES of n cases against its χ² bounds at the given confidence."""
-    n = len(values)
+def nees_check(values: ArrayLike, dof: int, confidence: float = 0.99) -> Nees:
+    """Mean NEES of n independent cases against its χ² bounds at the given confidence; cases without one, NaN, are left out."""
+    found = np.asarray(values, dtype=float)
+    found = found[np.isfinite(found)]
+    n = len(found)
     tail = (1 - confidence) / 2
     lower, upper = scipy.special.chdtri(n * dof, [1 - tail, tail]) / n  # the survival function's inverse
-    return Nees(float(np.mean(values)), float(lower), float(upper), dof, n)
+    return Nees(float(np.mean(found)), float(lower), float(upper), dof, n)
+
+
+def nees_line(values: ArrayLike, dof: int, confidence: float = LINE_CONFIDENCE) -> dict[str, Any]:
+    """The columns of a table that judge a mean NEES: cases, dof, nees_per_dof, low, high, verdict."""
+    found = nees_check(values, dof, confidence)
+    numbers = {"nees_per_dof": found.value / dof, "low": found.lower / dof, "high": found.upper / dof}
+    return {"cases": found.cases, "dof": dof, **numbers, "verdict": found.verdict}
 
 
 def coverage(errors: Array, sigmas: Array, level: str) -> tuple[int, int]:
@@ -57,11 +74,26 @@ def coverage(errors: Array, sigmas: Array, level: str) -> tuple[int, int]:
 
 
 def binomial_interval(successes: int, trials: int, confidence: float = 0.95) -> tuple[float, float]:
-    """Wilson's interval of a proportion."""
-    from scipy.stats import binomtest  # scipy.stats costs every worker 45 MiB, and no case needs it
+    """Wilson's interval of a proportion; all of [0, 1] without a trial. E. B. Wilson, J. Am. Stat. Assoc. 22 (1927) 209."""
+    if trials == 0:
+        return 0.0, 1.0
+    z, share = float(scipy.special.ndtri(0.5 + confidence / 2)), successes / trials
+    middle = share + z**2 / (2 * trials)
+    half = z * float(np.sqrt(share * (1 - share) / trials + z**2 / (4 * trials**2)))
+    scale = 1 + z**2 / trials
+    # At the ends the two terms cancel, to rounding.
+    low = 0.0 if successes == 0 else (middle - half) / scale
+    high = 1.0 if successes == trials else (middle + half) / scale
+    return low, high
 
-    interval = binomtest(successes, trials).proportion_ci(confidence, method="wilson")
-    return float(interval.low), float(interval.high)
+
+def binomial_band(trials: int, share: float, confidence: float, counts: int = 1) -> tuple[int, int]:
+    """Bounds that so many counts of `trials`, each expected to be that share, all keep to with at least this confidence."""
+    from scipy.stats import binom  # scipy.stats costs every worker 45 MiB, and no case needs it
+
+    tail = (1 - confidence) / (2 * counts)
+    low, high = binom.ppf([tail, 1 - tail], trials, share)
+    return int(low), int(high)
 
 
 def accuracy_table(errors: Array, sigmas: Array, names: Sequence[str], units: Sequence[str]) -> pd.DataFrame:
@@ -120,6 +152,13 @@ def distribution(samples: Array, flight: Array | None = None) -> pd.DataFrame:
     below = (samples < flight).mean(axis=0) + 0.5 * (samples == flight).mean(axis=0)
     table["flight_percentile"] = 100 * below
     return table
+
+
+def beside(values: pd.Series, flight: float) -> dict[str, float]:
+    """Median and 5–95 % range of simulated values, the flight's, and the percentage of them below it; NaN if it did not fly."""
+    low, median, high = np.quantile(values, [0.05, 0.5, 0.95]) if len(values) else np.full(3, np.nan)
+    percentile = np.nan if np.isnan(flight) else 100 * float((values < flight).mean())
+    return {"median": median, "p05": low, "p95": high, "flight": flight, "flight_percentile": percentile}
 
 
 def order(x: ArrayLike, y: ArrayLike) -> float:

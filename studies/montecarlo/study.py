@@ -23,11 +23,12 @@ import threading
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
+from itertools import product
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, ClassVar, Self, TypeVar
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, ValidationError, field_validator
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator, model_validator
 
 from gyrocal.errors import InputError
 from gyrocal.recording import Recording, read_toml, validation_message
@@ -81,6 +82,33 @@ class StudyConfig(BaseModel):
         if value < 0:
             raise ValueError("must not be negative")
         return value
+
+
+class GridConfig(StudyConfig):
+    """What a study over a grid is told: a case is a point of the grid, so that the axes say how many cases there are.
+
+    Attributes
+    ----------
+    axes : names of the settings that make the grid, the slowest first
+    cases : points of the grid; not a setting
+    """
+
+    axes: ClassVar[tuple[str, ...]]
+    cases: int = Field(default=0, exclude=True)
+
+    def points(self) -> Sequence[Any]:
+        """The points in the order of the cases: all combinations of the axes' values."""
+        return list(product(*(getattr(self, name) for name in self.axes)))
+
+    @model_validator(mode="after")
+    def _one_case_a_point(self) -> Self:
+        if self.dispersions:
+            raise ValueError("dispersions: the points of a grid are not dispersed; change the scenario by overrides")
+        points = len(self.points())
+        if "cases" in self.model_fields_set and self.cases != points:
+            raise ValueError(f"cases: the grid has {points} points, one a case; change them by {' and '.join(self.axes)}")
+        self.__dict__["cases"] = points  # the model is frozen, and only here is the number known
+        return self
 
 
 Config = TypeVar("Config", bound=StudyConfig)
@@ -219,7 +247,7 @@ def resolved(config: Config) -> Config:
 
 def config_sha256(study: Study, config: StudyConfig) -> str:
     """SHA-256 of the study's name and resolved configuration, as canonical JSON."""
-    document = config.model_dump(mode="json")
+    document = config.model_dump(mode="json") | {"cases": config.cases}
     # Sorted keys must not hide the order of the dispersions, on which the Sobol dimensions depend.
     document["dispersions"] = list(document["dispersions"].items())
     text = json.dumps({"study": study.name, "config": document}, sort_keys=True, separators=(",", ":"), ensure_ascii=False)

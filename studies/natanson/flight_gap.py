@@ -12,6 +12,7 @@ walk a without knowing anything else.
 """
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, fields, replace
 
 import numpy as np
@@ -96,21 +97,17 @@ def floor_rms() -> float:
 
 def comparison(scenario: Scenario) -> pd.DataFrame:
     """The 18 numbers: flown, predicted, gap, and the flight's residual after calibration."""
-    predicted, flown, after = predict(scenario), flight.residuals("prelaunch"), flight.residuals("calibrated")
-    rows = [
+    flown, predicted, after = flight.residuals("prelaunch"), predict(scenario), flight.residuals("calibrated")
+    count, axes = len(flown), flight.ROTATIONS
+    columns = {"flight": flown, "predicted": predicted, "gap": flown - predicted, "flight_calibrated": after}
+    return pd.DataFrame(
         {
-            "interval": k + 1,
-            "activity": scenario.interval[k].activity,
-            "axis": axis,
-            "flight_deg": flown[k, j],
-            "predicted_deg": predicted[k, j],
-            "gap_deg": flown[k, j] - predicted[k, j],
-            "flight_calibrated_deg": after[k, j],
+            "interval": np.repeat(np.arange(1, count + 1), len(axes)),
+            "activity": np.repeat([interval.activity for interval in scenario.interval[:count]], len(axes)),
+            "axis": list(axes) * count,
+            **{f"{name}_deg": values.ravel() for name, values in columns.items()},
         }
-        for k in range(len(flown))
-        for j, axis in enumerate(flight.ROTATIONS)
-    ]
-    return pd.DataFrame(rows)
+    )
 
 
 def residual_sign(scenario: Scenario) -> pd.DataFrame:
@@ -140,6 +137,12 @@ def with_yaw_directions(scenario: Scenario, second: int, sixth: int) -> Scenario
     )
 
 
+def _gaps(candidate: Scenario, k: int) -> dict[str, float]:
+    """Gap of interval k with the scenario's timings, and with its own fitted to its three numbers."""
+    fitted = fit_interval(candidate, k)
+    return {"gap_rms_deg": gap_rms(predict(candidate), [k]), "fitted_gap_rms_deg": gap_rms(predict(fitted), [k])}
+
+
 def minus_y_rate_test(scenario: Scenario) -> pd.DataFrame:
     """Gap of interval 4 for either sign of its rate, with the scenario's timings and with its own fitted to that sign.
 
@@ -149,35 +152,21 @@ def minus_y_rate_test(scenario: Scenario) -> pd.DataFrame:
     rows = []
     for sign in (-1, 1):
         candidate = with_minus_y_rate(scenario, sign)
-        fitted = fit_interval(candidate, MINUS_Y)
-        rows.append(
-            {
-                "rate_rpo": sign,
-                "mode": "-y forward" if sign < 0 else "+y forward",
-                "gap_rms_deg": gap_rms(predict(candidate), [MINUS_Y]),
-                "fitted_gap_rms_deg": gap_rms(predict(fitted), [MINUS_Y]),
-                **dict(zip(("gap_roll_deg", "gap_pitch_deg", "gap_yaw_deg"), _gap(candidate)[MINUS_Y], strict=True)),
-            }
-        )
+        gap = flight.residuals("prelaunch")[MINUS_Y] - predict(candidate)[MINUS_Y]
+        row = {"rate_rpo": sign, "mode": "-y forward" if sign < 0 else "+y forward", **_gaps(candidate, MINUS_Y)}
+        rows.append(row | {f"gap_{name}_deg": value for name, value in zip(flight.ROTATIONS, gap, strict=True)})
     return pd.DataFrame(rows)
 
 
 def yaw_direction_test(scenario: Scenario) -> pd.DataFrame:
     """Gap of intervals 2 and 6 for each direction of their yaw maneuvers, with and without fitted timings."""
-    rows = []
-    for k in YAW_INTERVALS:
-        for sign in (1, -1):
-            candidate = with_yaw_directions(scenario, sign, sign)
-            fitted = fit_interval(candidate, k)
-            rows.append(
-                {
-                    "interval": k + 1,
-                    "yaw_deg": 180 * sign,
-                    "gap_rms_deg": gap_rms(predict(candidate), [k]),
-                    "fitted_gap_rms_deg": gap_rms(predict(fitted), [k]),
-                }
-            )
-    return pd.DataFrame(rows)
+    return pd.DataFrame(
+        [
+            {"interval": k + 1, "yaw_deg": 180 * sign, **_gaps(with_yaw_directions(scenario, sign, sign), k)}
+            for k in YAW_INTERVALS
+            for sign in (1, -1)
+        ]
+    )
 
 
 def timing_scan(
@@ -191,8 +180,8 @@ def timing_scan(
     for delay in delays_s:
         for rate in rates_deg_s:
             timing = replace(base, delay_s=delay, slew_rate_deg_s=rate)
-            gap = _gap_or_none(scenario, timing.overrides(scenario))
-            if gap is not None:
+            with suppress(InputError):
+                gap = gap_rms(predict(override(scenario, timing.overrides(scenario))))
                 rows.append({"delay_s": delay, "slew_rate_deg_s": rate, "gap_rms_deg": gap})
     return pd.DataFrame(rows)
 
@@ -231,8 +220,8 @@ STARTS = (0.2, 0.5, 0.8)  # of the way through the bounds, beside the scenario's
 
 
 @dataclass(frozen=True)
-class _Free:
-    """Free timings: their names, where to start, (n, 2) bounds, and the overrides that set them."""
+class _Search:
+    """Timings to fit: their names, where to start, (n, 2) bounds, and the overrides that set them."""
 
     names: tuple[str, ...]
     start: Array
@@ -249,13 +238,15 @@ def fit_common(scenario: Scenario) -> TimingFit:
     """Fit the four timings common to all maneuvers."""
     base = timing_of(scenario)
     names = tuple(field.name for field in fields(Timing))
-    free = _Free(
+    search = _Search(
         names=names,
         start=np.array([getattr(base, name) for name in names]),
         bounds=np.array([BOUNDS[name] for name in names]),
         changes=lambda x: Timing(*map(float, x)).overrides(scenario),
     )
-    return _fitted(scenario, [(free, _minimise(scenario, free, sorted((*YAW_INTERVALS, MINUS_Y))))])  # the others hold no slew
+    return _fitted(
+        scenario, [(search, _minimise(scenario, search, sorted((*YAW_INTERVALS, MINUS_Y))))]
+    )  # the others hold no slew
 
 
 def fit_each(scenario: Scenario) -> TimingFit:
@@ -266,22 +257,22 @@ def fit_each(scenario: Scenario) -> TimingFit:
     """
     parts = []
     for k in (*YAW_INTERVALS, MINUS_Y, HOLD):
-        free = _free_timings(scenario, k)
-        parts.append((free, _minimise(scenario, free, [k])))
+        search = _timings_of(scenario, k)
+        parts.append((search, _minimise(scenario, search, [k])))
     return _fitted(scenario, parts)
 
 
 def fit_interval(scenario: Scenario, k: int) -> Scenario:
     """The scenario with the timings of interval k fitted to its three numbers, within what can be flown."""
-    free = _free_timings(scenario, k)
-    return override(scenario, free.changes(_minimise(scenario, free, [k])))
+    search = _timings_of(scenario, k)
+    return override(scenario, search.changes(_minimise(scenario, search, [k])))
 
 
-def _free_timings(scenario: Scenario, k: int) -> _Free:
-    """Free timings of one interval: of its slews, which last equally long, or of its hold."""
+def _timings_of(scenario: Scenario, k: int) -> _Search:
+    """Timings to fit of one interval: of its slews, which last equally long, or of its hold."""
     interval, path = scenario.interval[k], f"interval.{k}"
     if interval.hold:
-        return _Free(
+        return _Search(
             names=(f"{interval.name} hold start_s", f"{interval.name} hold transition_s"),
             start=np.array([interval.hold.start_s, interval.hold.transition_s]),
             bounds=np.array([(0.0, 300.0), TRANSITION_BOUNDS_S]),
@@ -300,43 +291,43 @@ def _free_timings(scenario: Scenario, k: int) -> _Free:
         out = {f"{path}.slew.{j}.duration_s": float(x[1]) for j in range(len(slews))}
         return out | {f"{path}.slew.{j}.start_s": float(x[0] + (x[2] if j else 0.0)) for j in range(len(slews))}
 
-    return _Free(tuple(names), np.array(start), np.array(bounds), changes)
+    return _Search(tuple(names), np.array(start), np.array(bounds), changes)
 
 
-def _fitted(scenario: Scenario, parts: list[tuple[_Free, Array]]) -> TimingFit:
+def _fitted(scenario: Scenario, parts: list[tuple[_Search, Array]]) -> TimingFit:
     timings: dict[str, float] = {}
     at_bound: tuple[str, ...] = ()
-    for free, x in parts:
-        scenario = override(scenario, free.changes(x))
-        timings |= dict(zip(free.names, map(float, x), strict=True))
-        at_bound += free.at_bound(x)
+    for search, x in parts:
+        scenario = override(scenario, search.changes(x))
+        timings |= dict(zip(search.names, map(float, x), strict=True))
+        at_bound += search.at_bound(x)
     return TimingFit(scenario, timings, at_bound, gap_rms(predict(scenario)), 18 - len(timings))
 
 
-def _minimise(scenario: Scenario, free: _Free, intervals: Sequence[int]) -> Array:
+def _minimise(scenario: Scenario, search: _Search, intervals: Sequence[int]) -> Array:
     """Nelder–Mead on the gap of some intervals from several starts; timings that cannot be flown count as a degree."""
     coarse = _coarse(scenario)
     flown = flight.residuals("prelaunch")[list(intervals)]
-    low, high = free.bounds.T
+    low, high = search.bounds.T
 
     def cost(y: Array) -> float:
         try:
-            changed = override(coarse, free.changes(low + y * (high - low)))
+            changed = override(coarse, search.changes(low + y * (high - low)))
             some = changed.model_copy(update={"interval": tuple(changed.interval[k] for k in intervals)})
             return float(flight.rms((predict(some) - flown).ravel()))
         except InputError:
             return UNFLYABLE
 
-    count = len(free.names)
+    count = len(search.names)
     # Between bounds, the scenario's own timings first; then along the box's diagonal, for a valley elsewhere.
-    starts = [np.clip((free.start - low) / (high - low), 0, 1), *(np.full(count, share) for share in STARTS)]
+    starts = [np.clip((search.start - low) / (high - low), 0, 1), *(np.full(count, share) for share in STARTS)]
     options = {"xatol": 1e-4, "fatol": 1e-6, "maxfev": 60 * count}
     best = min(
         (minimize(cost, y, method="Nelder-Mead", bounds=[(0, 1)] * count, options=options) for y in starts),
         key=lambda found: found.fun,
     )
     if best.fun >= UNFLYABLE:
-        raise InputError(f"no timing of {', '.join(free.names)} that can be flown was found")
+        raise InputError(f"no timing of {', '.join(search.names)} that can be flown was found")
     return np.asarray(low + np.clip(best.x, 0, 1) * (high - low))
 
 
@@ -360,16 +351,5 @@ def noise_from_steps() -> dict[str, float]:
     }
 
 
-def _gap(scenario: Scenario) -> Array:
-    return np.asarray(flight.residuals("prelaunch") - predict(scenario))
-
-
 def _coarse(scenario: Scenario) -> Scenario:
     return override(scenario, {"gyro.sample_s": COARSE_SAMPLE_S})
-
-
-def _gap_or_none(scenario: Scenario, changes: Mapping[str, float]) -> float | None:
-    try:
-        return gap_rms(predict(override(scenario, changes)))
-    except InputError:  # slews that do not fit into their interval
-        return None

@@ -23,7 +23,9 @@ from studies.montecarlo.backends import Name
 from studies.montecarlo.manifest import manifest, write_json
 from studies.montecarlo.study import base_scenario, resolved
 from studies.natanson import figures, flight, flight_gap, paper_tables
-from studies.report import render
+from studies.natanson.paper_layout import LAYOUTS, paper_layout
+from studies.report import panels
+from studies.report import tables as render
 from studies.report.console import progress
 
 DEFAULT_FOLDER = Path("results") / "reproduction"
@@ -224,8 +226,7 @@ def monte_carlo_part(
     truth = true_parameters(scenario)
     for name, title in TITLES.items():
         table = products.add(name, title, getattr(paper_tables, name)(rows))
-        layout, digits = paper_tables.LAYOUTS[name]
-        render.terminal(out, title, render.paper_layout(table, layout, digits), CELL_NOTE)
+        render.terminal(out, title, paper_layout(table, name), CELL_NOTE)
     accuracy = products.add("accuracy", "Recovered minus injected", paper_tables.accuracy(rows, truth))
     consistency = products.add("consistency", "Consistency of the claimed covariance", paper_tables.consistency(rows, truth))
     between = products.add("psi_difference", "Largest difference between full and linear ψ", paper_tables.psi_difference(rows))
@@ -288,9 +289,9 @@ def write(
     ]
     for name, table in products.tables.items():
         table.to_csv(folder / f"{name}.csv", index=False, float_format="%.9g")
-        layout = paper_tables.LAYOUTS.get(name)
-        shown = render.paper_layout(table, *layout) if layout else table
-        text = render.markdown(products.titles[name], shown, CELL_NOTE if layout else "")
+        paper = name in LAYOUTS
+        shown = paper_layout(table, name) if paper else table
+        text = render.markdown(products.titles[name], shown, CELL_NOTE if paper else "")
         (folder / f"{name}.md").write_text(text, encoding="utf-8")
         sections.append(text)
     (folder / "tables.md").write_text("\n".join(sections), encoding="utf-8")
@@ -302,4 +303,4 @@ def write(
     chosen = paper_tables.choose(rows, scenario.gyro.sample_s)
     errors, sigmas = paper_tables.errors_and_sigmas(chosen, true_parameters(scenario))
     figures.error_figure(errors, sigmas, list(NAMES), folder / "errors.svg")
-    figures.psi_figure(products.tables["psi_sweep"], psi.GOOD_ENOUGH, folder / "psi_sweep.svg")
+    panels.sheet(psi.map_of(products.tables["psi_sweep"]), size=(6.0, 3.6))(folder / "psi_sweep.svg")

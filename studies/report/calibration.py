@@ -6,7 +6,7 @@ from rich.console import Console
 
 from gyrocal import CalibrationResult, GyroParameters
 from gyrocal.calibration.davenport import ROTATION_NAMES
-from studies.report import render
+from studies.report import tables
 
 DOUBT = 0.01  # p-value below which the fit is called bad, and above one minus which too good
 LARGE_SHARE = 4.0  # sigma of a single residual worth naming
@@ -17,10 +17,10 @@ def show(console: Console, result: CalibrationResult, to_tolerance: bool, truth:
     how = "converged" if result.converged else "NOT CONVERGED" if to_tolerance else "as asked"
     count = len(result.corrections)
     title = f"{result.recording}: {count} iteration(s), {how}; ψ {result.psi}; {result.covariance_model} covariance"
-    render.terminal(console, title, parameter_table(result, truth))
+    tables.terminal(console, title, parameter_table(result, truth))
     shown = ["interval", "t_s"] + [f"{when}_{axis}_deg" for when in ("before", "after") for axis in ROTATION_NAMES]
     last = result.residuals[shown].groupby("interval", sort=False).tail(1)
-    render.terminal(console, "Residuals at the end of each interval", last.assign(t_s=[f"{t:.1f}" for t in last["t_s"]]))
+    tables.terminal(console, "Residuals at the end of each interval", last.assign(t_s=[f"{t:.1f}" for t in last["t_s"]]))
     for line in remarks(result):
         console.print(line, highlight=False, markup=False)
 
@@ -33,7 +33,7 @@ def parameter_table(result: CalibrationResult, truth: GyroParameters | None = No
     rows = []
     for k, row in summary.iterrows():
         sigma = row["sigma"]
-        number = render.to_sigma if row["solved"] else render.plain
+        number = tables.to_sigma if row["solved"] else tables.plain
         line = {
             "parameter": row["parameter"],
             "unit": row["unit"],

@@ -16,8 +16,8 @@ from matplotlib.patches import Patch
 from numpy.typing import NDArray
 
 from diagnosis.model.localization import benjamini_hochberg
-from studies.natanson.figures import STYLE
 from studies.report.diagnosis_words import label
+from studies.report.panels import STYLE
 
 Array = NDArray[np.float64]
 

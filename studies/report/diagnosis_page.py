@@ -18,7 +18,7 @@ from diagnosis.result import Diagnosis
 from simulator.effects.sensor import SENSOR_EFFECTS
 from studies.report import diagnosis_figures as figures
 from studies.report import diagnosis_words as words
-from studies.report import render, sensor_figures, sensor_words
+from studies.report import sensor_figures, sensor_words, tables
 
 MOST_FINDINGS = 8
 MOST_STREAM_TESTS = 40
@@ -271,8 +271,8 @@ def _stream(diagnosis: Diagnosis) -> str:
         {
             "test": [str(name).replace("_", " ") for name in shown["statistic"]],
             "axis": ["all" if pd.isna(axis) else str(axis) for axis in shown["axis"]],
-            "found": [render.number(value) for value in shown["value"]],
-            "baseline": [render.number(value) for value in shown["expected"]],
+            "found": [tables.number(value) for value in shown["value"]],
+            "baseline": [tables.number(value) for value in shown["expected"]],
             "chance": [words.p_value(p) for p in shown["p_value"]],
             "what": shown["text"].astype(str).to_numpy(),
         }

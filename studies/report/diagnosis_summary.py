@@ -10,7 +10,7 @@ from rich.console import Console
 from diagnosis.answer import Cause
 from diagnosis.result import Diagnosis
 from studies.report import diagnosis_words as words
-from studies.report import render, sensor_words
+from studies.report import sensor_words, tables
 
 MOST_FINDINGS = 4
 MOST_ALTERNATIVES = 4
@@ -22,7 +22,7 @@ def show(console: Console, diagnosis: Diagnosis) -> None:
     if words.changed(diagnosis):
         console.print()
         note = "G without unit, b in deg/h; changes and sigmas in the unit shown"
-        render.terminal(console, "Calibration", words.calibration(diagnosis), note)
+        tables.terminal(console, "Calibration", words.calibration(diagnosis), note)
     _print(console, closing(diagnosis))
 
 

@@ -12,7 +12,7 @@ from diagnosis.answer import Cause, Closure
 from diagnosis.result import Diagnosis
 from gyrocal import NAMES
 from simulator.effects.sensor import ALL_EFFECTS as EFFECTS
-from studies.report import render
+from studies.report import tables
 
 UNLISTED = "Not on the list of effects; the words say how it behaves, not what it is."
 ROUNDING = 1e-3  # sigmas: a change of a parameter below which there is none
@@ -28,7 +28,7 @@ ALWAYS_HIDDEN = (
 def percent(share: float) -> str:
     """A probability, never rounded to certainty."""
     if not math.isfinite(share):
-        return render.NO_VALUE
+        return tables.NO_VALUE
     value = 100 * share
     if value > 99.9:
         return "more than 99.9 %"
@@ -55,8 +55,8 @@ def sized(value: float, sigma: float, unit: str) -> str:
     if max(abs(value), sigma) < 1e-3:
         power = math.floor(math.log10(max(abs(value), sigma)))
         value, sigma = value / 10.0**power, sigma / 10.0**power
-        return f"({render.to_sigma(value, sigma)} ± {render.to_sigma(sigma, sigma)})e{power} {unit}"
-    return f"{render.to_sigma(value, sigma)} ± {render.to_sigma(sigma, sigma)} {unit}"
+        return f"({tables.to_sigma(value, sigma)} ± {tables.to_sigma(sigma, sigma)})e{power} {unit}"
+    return f"{tables.to_sigma(value, sigma)} ± {tables.to_sigma(sigma, sigma)} {unit}"
 
 
 def listed(items: Sequence[str], last: str) -> str:
@@ -229,12 +229,12 @@ def calibration(diagnosis: Diagnosis) -> pd.DataFrame:
         rows.append(
             {
                 "parameter": name,
-                "baseline": render.to_sigma(old, error),
-                "with causes": render.to_sigma(new, error),
-                "change": _unsigned_zero(render.to_sigma(change, error * scale)),
-                "sigma": render.to_sigma(error * scale, error * scale),
+                "baseline": tables.to_sigma(old, error),
+                "with causes": tables.to_sigma(new, error),
+                "change": _unsigned_zero(tables.to_sigma(change, error * scale)),
+                "sigma": tables.to_sigma(error * scale, error * scale),
                 "unit": unit,
-                "change in sigma": _unsigned_zero(f"{relative:+.1f}") if math.isfinite(relative) else render.NO_VALUE,
+                "change in sigma": _unsigned_zero(f"{relative:+.1f}") if math.isfinite(relative) else tables.NO_VALUE,
             }
         )
     return pd.DataFrame(rows)

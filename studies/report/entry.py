@@ -1,4 +1,4 @@
-"""What a study reports: tables and figures made from its rows, written beside them."""
+"""What a study reports: checks, tables and figures made from its rows, written beside them and shown."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
@@ -6,11 +6,16 @@ from pathlib import Path
 from typing import Any
 
 import pandas as pd
+from rich.console import Console
 
 from studies.montecarlo.study import Study
-from studies.report import render
+from studies.report import checks as rendering
+from studies.report import tables as rendered
+from studies.report.checks import Check
+from studies.report.panels import Draw
+from studies.report.tables import Table
 
-Draw = Callable[[Path], Path]
+CHECKS = "What was found"
 
 
 @dataclass(frozen=True)
@@ -19,16 +24,20 @@ class Report:
 
     Attributes
     ----------
-    findings : sentences that answer the study's question, with their numbers; first in everything shown
-    tables : aggregates by title; each is shown and written
+    tables : aggregates by a short name, which is that of the CSV file
     figures : what draws a figure to a path, by file name without ending
-    shown : by title, the form of a table for people where the table itself is long
+    checks : what answers the study's question; first in everything shown, and ``checks.csv``
+    findings : sentences of a study that has no checks
     """
 
-    findings: tuple[str, ...]
-    tables: Mapping[str, pd.DataFrame]
+    tables: Mapping[str, Table]
     figures: Mapping[str, Draw] = field(default_factory=dict)
-    shown: Mapping[str, pd.DataFrame] = field(default_factory=dict)
+    checks: tuple[Check, ...] = ()
+    findings: tuple[str, ...] = ()
+
+    def check(self, name: str) -> Check:
+        """The check of a name."""
+        return next(check for check in self.checks if check.name == name)
 
 
 @dataclass(frozen=True)
@@ -48,12 +57,29 @@ class Entry:
 
 
 def write(report: Report, title: str, folder: Path) -> None:
-    """Write findings and tables as Markdown, each table as CSV, the figures as SVG."""
-    lines = [f"# {title}", "", *(f"- {finding}" for finding in report.findings), ""]
-    for number, (name, table) in enumerate(report.tables.items(), start=1):
-        table.to_csv(folder / f"table{number}.csv", index=False, float_format="%.9g")
-        lines.append(render.markdown(name, report.shown.get(name, table)))
+    """Write checks and tables as Markdown and, each by its name, as CSV, the figures as SVG."""
+    lines = [f"# {title}", "", *_sentences(report), ""]
+    if report.checks:
+        rendered.write_csv(rendering.frame(report.checks), folder / "checks.csv")
+        lines.append(rendered.markdown(CHECKS, rendering.shown(report.checks)))
+    for name, table in report.tables.items():
+        rendered.write_csv(table.data, folder / f"{name}.csv")
+        lines.append(rendered.markdown(table.title, table.for_people(), table.note, table.formats))
     for name, draw in report.figures.items():
         draw(folder / f"{name}.svg")
         lines += [f"![{name}]({name}.svg)", ""]
     (folder / "report.md").write_text("\n".join(lines), encoding="utf-8")
+
+
+def show(report: Report, console: Console) -> None:
+    """Print tables, then checks, so that these are what stays in view."""
+    for table in report.tables.values():
+        rendered.terminal(console, table.title, table.for_people(), table.note, table.formats)
+    if report.checks:
+        rendered.terminal(console, CHECKS, rendering.shown(report.checks))
+    for sentence in _sentences(report):
+        console.print(sentence, highlight=False, markup=False)
+
+
+def _sentences(report: Report) -> list[str]:
+    return [f"- {sentence}" for sentence in (*report.findings, *rendering.meanings(report.checks))]

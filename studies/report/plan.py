@@ -5,10 +5,10 @@ from rich.console import Console
 
 from diagnosis.diagnose import FALSE_ALARMS
 from diagnosis.plan import LIMIT_SNR, POWER, Extra, Pair, Plan, Visible
-from studies.report import render
+from studies.report import tables
 
 MOST_PAIRS = 25
-WORDS = {"not identifiable": "never", "implausible": "never", "not available": "not testable", "visible": render.NO_VALUE}
+WORDS = {"not identifiable": "never", "implausible": "never", "not available": "not testable", "visible": tables.NO_VALUE}
 
 
 def show(console: Console, found: Plan) -> None:
@@ -18,18 +18,18 @@ def show(console: Console, found: Plan) -> None:
         f"Seen: with probability {POWER:.0%}, at a false-alarm rate of {FALSE_ALARMS:.1%}; at a typical time and phase, "
         "and at the best and the worst. A range is over the axes."
     )
-    render.terminal(console, "Smallest visible size", effects_table(found.effects), note)
+    tables.terminal(console, "Smallest visible size", effects_table(found.effects), note)
     if found.pairs:
         title = f"Cannot be told apart below a signal-to-noise ratio of {LIMIT_SNR:g}"
         hidden = len(found.pairs) - MOST_PAIRS
         note = f"{hidden} more in the JSON. " if hidden > 0 else ""
         note += "Share: of the first one's signature that the second imitates."
-        render.terminal(console, title, pairs_table(found.pairs[:MOST_PAIRS]), note)
+        tables.terminal(console, title, pairs_table(found.pairs[:MOST_PAIRS]), note)
     else:
         console.print(f"Every pair can be told apart by a signal-to-noise ratio of {LIMIT_SNR:g}.", highlight=False)
     if found.extras:
         note = "Ratio: smallest visible size with the maneuver over that without it, median over effects; 0.5 is twice as good."
-        render.terminal(console, "What an extra maneuver brings", extras_table(found.extras), note)
+        tables.terminal(console, "What an extra maneuver brings", extras_table(found.extras), note)
     for line in found.notes:
         console.print(f"- {line}.", highlight=False, markup=False)
 
@@ -92,7 +92,7 @@ def _alike(effects: tuple[Visible, ...]) -> list[list[Visible]]:
 def _size(group: list[Visible], name: str) -> str:
     values = [getattr(one, name) for one in group]
     if any(pd.isna(value) or value == float("inf") for value in values):
-        return render.NO_VALUE
+        return tables.NO_VALUE
     low, high = (f"{value:.3g}" for value in (min(values), max(values)))
     return low if low == high else f"{low} to {high}"
 
@@ -104,8 +104,8 @@ def pairs_table(pairs: tuple[Pair, ...]) -> pd.DataFrame:
             {
                 "effect": one.effect,
                 "imitated by": one.other,
-                "share": render.NO_VALUE if pd.isna(one.share) else _share(one.share),
-                "SNR to separate": "never" if one.snr == float("inf") else render.number(float(f"{one.snr:.3g}")),
+                "share": tables.NO_VALUE if pd.isna(one.share) else _share(one.share),
+                "SNR to separate": "never" if one.snr == float("inf") else tables.number(float(f"{one.snr:.3g}")),
                 "size to separate": "never" if one.size == float("inf") else f"{one.size:.3g}",
             }
             for one in pairs

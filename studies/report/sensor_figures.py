@@ -8,7 +8,7 @@ import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from studies.natanson import figures
+from studies.report.panels import STYLE
 
 BEFORE, BETWEEN, AFTER = "#d55e00", "#999999", "#0072b2"
 COLOURS = {"before_deg": BEFORE, "after_deg": AFTER}
@@ -25,7 +25,7 @@ def sun_residual_figure(residuals: pd.DataFrame, sensor: str, titles: dict[str, 
     titles : legend of each column of residuals, drawn in this order
     """
     own = residuals[residuals["sensor"] == sensor]
-    with mpl.rc_context(figures.STYLE):
+    with mpl.rc_context(STYLE):
         figure = Figure(figsize=(8.6, 4.6), layout="constrained")
         panels = figure.subplots(2, 2, sharey=True)
         for row, angle in enumerate(("alpha", "beta")):
@@ -63,7 +63,7 @@ def gap_figure(gaps: pd.DataFrame, columns: list[str]) -> Figure:
     gaps : truth, the columns, and floor
     columns : explanations, in this order
     """
-    with mpl.rc_context(figures.STYLE):
+    with mpl.rc_context(STYLE):
         figure = Figure(figsize=(7.4, 2.6), layout="constrained")
         axes = figure.subplots()
         rows = np.arange(len(gaps))

@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 
 from simulator.mission_mode.config import DAY, MissionConfig
 from simulator.mission_mode.flight import flight_schedule
-from studies.natanson.figures import STYLE, save
+from studies.report.panels import STYLE, save
 from studies.robertson import flown
 from studies.robertson.performance import AXES, GYRO_AXES, full
 from studies.robertson.runs import FIRST_DAYS, Runs, day_of

@@ -44,9 +44,9 @@ from simulator.sensors.record import sensed
 from simulator.sensors.suite import SensorSuite
 from simulator.simulate import observe
 from studies.montecarlo.study import Row, Streams, Study, StudyConfig, case_motion, dispersed
-from studies.natanson import figures
-from studies.report import sensor_figures
+from studies.report import panels, sensor_figures
 from studies.report.entry import Entry, Report
+from studies.report.tables import Table
 
 HEADS = (
     "dss_head:1=0.08056,e1_deg=0.044,e2_deg=-0.008,e3_deg=0.067",
@@ -161,13 +161,13 @@ def report(config: StoryConfig, rows: pd.DataFrame) -> Report:
     """Findings, tables and figures."""
     verdicts, gaps, sizes = verdict_table(rows), gap_table(rows), size_table(rows)
     return Report(
-        findings(rows, gaps),
         {
-            "What is named": verdicts,
-            "Held-out mean square of the residuals in sigmas; 1 is the floor": gaps,
-            "Sizes found, deg or flattenings": sizes,
+            "verdicts": Table("What is named", verdicts),
+            "gaps": Table("Held-out mean square of the residuals in sigmas; 1 is the floor", gaps),
+            "sizes": Table("Sizes found, deg or flattenings", sizes),
         },
         {"dss2_residuals": partial(_residual_figure, config), "gaps": partial(_gap_figure, gaps)},
+        findings=findings(rows, gaps),
     )
 
 
@@ -283,12 +283,12 @@ def _residual_figure(config: StoryConfig, path: Path) -> Path:
     held: dict[str, Held] = {one.label: one.held for one in sized(seen.model, dict.fromkeys(ORTHOGONAL, 0))}
     table = table.assign(orthogonal_deg=residual_table(seen.fits, held)["after_deg"])
     titles = {f"{name}_deg": label for name, label in LABELS.items()}
-    return figures.save(sensor_figures.sun_residual_figure(table, "DSS-2", titles), path)
+    return panels.save(sensor_figures.sun_residual_figure(table, "DSS-2", titles), path)
 
 
 def _gap_figure(gaps: pd.DataFrame, path: Path) -> Path:
     chosen = gaps[gaps["truth"].isin(list(STORY))]
-    return figures.save(sensor_figures.gap_figure(chosen, list(LABELS.values())), path)
+    return panels.save(sensor_figures.gap_figure(chosen, list(LABELS.values())), path)
 
 
 STUDY = Study("studies.robertson.heads:STUDY", StoryConfig, case, recorded)

@@ -16,7 +16,7 @@ from rich.console import Console
 from simulator.mission_mode.config import DAY, MissionConfig
 from simulator.mission_mode.flight import MissionRun, flight_schedule
 from studies.montecarlo.manifest import manifest, write_json
-from studies.report import render
+from studies.report import tables as render
 from studies.report.console import progress
 from studies.robertson import biases, figures, mountings, performance, slews, words
 from studies.robertson.runs import PERIODS, SLEW_TABLES, SPIKE_FILTERS, MissionStudy, Runs, flights, fly

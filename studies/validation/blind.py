@@ -38,10 +38,10 @@ from simulator.scenario import Scenario
 from studies.montecarlo import engine
 from studies.montecarlo.manifest import manifest, write_json
 from studies.montecarlo.study import Scalar, Streams, Study, StudyConfig, base_scenario, config_sha256, load_config, resolved
-from studies.natanson.figures import STYLE, save
-from studies.report import render
 from studies.report.console import progress
-from studies.report.entry import Entry, Report, write
+from studies.report.entry import Entry, Report, show, write
+from studies.report.panels import STYLE, save
+from studies.report.tables import Table
 from studies.validation.blind_check.cases import Range, Spec, draw
 from studies.validation.blind_check.score import CLEAR, DETECTABLE, Scores, case_row, scored
 from studies.validation.blind_check.steps import DIAGNOSIS_SEED, open_answers
@@ -159,10 +159,7 @@ def run(
     if not settings.keep_recordings:
         shutil.rmtree(work)
     write(made, f"Study blind: {SUMMARY}", folder)
-    for title, whole in made.tables.items():
-        render.terminal(console, title, made.shown.get(title, whole))
-    for finding in made.findings:
-        console.print(f"- {finding}", highlight=False, markup=False)
+    show(made, console)
     wall_s = time.monotonic() - begun
     write_json(folder / "manifest.json", _manifest(settings, folder, wall_s))
     failures = {int(row["case"]): str(row["error"]) for _, row in rows[rows["error"] != ""].iterrows()}
@@ -224,21 +221,21 @@ def _manifest(settings: BlindConfig, folder: Path, wall_s: float) -> dict[str, A
 def report(config: BlindConfig, rows: pd.DataFrame, took: Mapping[str, float] | None = None) -> Report:
     """Criteria, rates, and where the mistakes are."""
     made = scored(rows)
-    tables = {
-        "Criteria": made.criteria,
-        "Rates with Wilson's 95 % intervals": made.table,
-        "Over the signal-to-noise ratio": made.by_snr,
-        "Stated probability against frequency": made.reliability,
-        "By effect": made.by_effect,
-        "What was in, what was said": made.confusion,
-        "Run time": run_time(rows, took or {}),
-    }
     mistakes = made.confusion[made.confusion["truth"] != made.confusion["said"]]
-    shown = {"What was in, what was said": mistakes.sort_values("cases", ascending=False, ignore_index=True).head(25)}
+    most = mistakes.sort_values("cases", ascending=False, ignore_index=True).head(25)
+    tables = {
+        "criteria": Table("Criteria", made.criteria),
+        "rates": Table("Rates with Wilson's 95 % intervals", made.table),
+        "by_snr": Table("Over the signal-to-noise ratio", made.by_snr),
+        "reliability": Table("Stated probability against frequency", made.reliability),
+        "by_effect": Table("By effect", made.by_effect),
+        "confusion": Table("What was in, what was said", made.confusion, shown=most),
+        "run_time": Table("Run time", run_time(rows, took or {})),
+    }
     figures = {"reliability": partial(reliability_figure, made)}
     if len(made.by_snr):
         figures["detection"] = partial(detection_figure, made)
-    return Report(tuple(_findings(made, rows)), tables, figures, shown)
+    return Report(tables, figures, findings=tuple(_findings(made, rows)))
 
 
 def run_time(rows: pd.DataFrame, took: Mapping[str, float]) -> pd.DataFrame:

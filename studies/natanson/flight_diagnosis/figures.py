@@ -9,9 +9,9 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from studies.natanson import flight
-from studies.natanson.figures import STYLE, save
 from studies.natanson.flight_diagnosis.baselines import Diagnosis, evidence_table
 from studies.natanson.flight_diagnosis.verdict import SURE
+from studies.report.panels import STYLE, save
 
 
 def gap_figure(found: Diagnosis, path: Path) -> Path:

@@ -21,6 +21,7 @@ from studies.natanson.flight_diagnosis.simulated_tables import STUDY, FlightConf
 from studies.natanson.flight_diagnosis.verdict import FALSE_ALARM
 from studies.report import entry as report
 from studies.report.entry import Entry, Report
+from studies.report.tables import Table
 
 
 def power(rows: pd.DataFrame) -> pd.DataFrame:
@@ -94,20 +95,22 @@ def make_report(config: FlightConfig, rows: pd.DataFrame) -> Report:
     ]
     whitened = [{"baseline": d.trial.baseline.name, **d.closure.whitened} for d in found]
     tables = {
-        "The flight's table under each baseline": pd.DataFrame([d.row() for d in found]),
-        "Where, under the present baseline": found[0].where,
-        "The gap at each step": by_step(),
-        "Mean square of the whitened gap": pd.DataFrame(whitened),
-        "Timings under the likeliest hypothesis": pd.DataFrame(sizes, columns=["baseline", "timing", "mean", "sigma"]),
-        "Hypotheses under the present baseline": evidence_table(found[0]),
-        "Simulated tables": power(rows),
+        "baselines": Table("The flight's table under each baseline", pd.DataFrame([d.row() for d in found])),
+        "where": Table("Where, under the present baseline", found[0].where),
+        "gap_by_step": Table("The gap at each step", by_step()),
+        "whitened_gap": Table("Mean square of the whitened gap", pd.DataFrame(whitened)),
+        "timings": Table(
+            "Timings under the likeliest hypothesis", pd.DataFrame(sizes, columns=["baseline", "timing", "mean", "sigma"])
+        ),
+        "hypotheses": Table("Hypotheses under the present baseline", evidence_table(found[0])),
+        "simulated": Table("Simulated tables", power(rows)),
     }
     figures = {
         "flight_table": partial(gap_figure, found[0]),
         "flight_table_wrong_yaw": partial(gap_figure, found[1]),
         "flight_evidence": partial(evidence_figure, found),
     }
-    return Report(tuple(_findings(rows, found)), tables, figures)
+    return Report(tables, figures, findings=tuple(_findings(rows, found)))
 
 
 ENTRY = Entry(STUDY, "N Table 2 diagnosed: what parts predicted from flown pre-launch residuals", make_report)

@@ -1,13 +1,13 @@
 """The study's cases: tables as the paper would print them, of a known cause, and their diagnosis."""
 
 from collections.abc import Sequence
-from typing import Any, Self
+from typing import Any, ClassVar, Self
 
 import numpy as np
 from pydantic import model_validator
 
 from simulator.scenario import IntervalSection, Scenario
-from studies.montecarlo.study import Streams, Study, StudyConfig
+from studies.montecarlo.study import GridConfig, Streams, Study
 from studies.natanson import flight
 from studies.natanson.flight_diagnosis.families import NOISE, RATE, TIMING, UNKNOWN, YAW, Families
 from studies.natanson.flight_diagnosis.numbers import clock_derivatives
@@ -89,41 +89,35 @@ def simulated(kind: str, baseline: Baseline, rng: np.random.Generator) -> Table:
     )
 
 
-class FlightConfig(StudyConfig):
+class FlightConfig(GridConfig):
     """The simulated tables.
 
     Attributes
     ----------
     nothing : tables made of the baseline itself
     each : tables of every other kind
-    cases : all of them
     """
 
+    axes: ClassVar = ("nothing", "each")
     nothing: int = 200
     each: int = 5
-    cases: int = 200 + 5 * (len(KINDS) - 1)
 
     @model_validator(mode="after")
-    def _cases_are_the_tables(self) -> Self:
-        count = len(self.tables())
-        if "cases" not in self.model_fields_set:
-            self.__dict__["cases"] = count  # it is frozen for everybody else
-        if self.cases != count:
-            raise ValueError(f"there are {count} tables, so cases must be {count}, not {self.cases}")
+    def _of_the_flight(self) -> Self:
         if self.scenario != "trmm" and not isinstance(self.scenario, Scenario):
             raise ValueError('the flight\'s table belongs to the scenario "trmm"')
-        if self.dispersions or self.overrides:
-            raise ValueError("the flight's table is diagnosed under the scenario as it is, without dispersions or overrides")
+        if self.overrides:
+            raise ValueError("the flight's table is diagnosed under the scenario as it is, without overrides")
         return self
 
-    def tables(self) -> list[str]:
+    def points(self) -> list[str]:
         """Kind of each case."""
         return [kind for kind in KINDS for _ in range(self.each if KINDS[kind] else self.nothing)]
 
 
 def case(config: FlightConfig, number: int, streams: Streams) -> dict[str, Any]:
     """Diagnose one simulated table."""
-    kind = config.tables()[number]
+    kind = config.points()[number]
     truth = KINDS[kind]
     found = diagnose(simulated(kind, present(), streams.generator("table")), present())
     likeliest = next(iter(found.sets))

@@ -9,7 +9,7 @@ import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
 
-from studies.natanson.figures import COLOURS, STYLE, save
+from studies.report.panels import COLOURS, STYLE, save
 from studies.validation.real_gyro.tables import EVERY, LAST, RUNGS, of_kind, records
 
 UNIT_COLOURS = ("#d1495b", "#00798c", "#30343f", "#edae49", "#66a182")

@@ -6,7 +6,9 @@ from functools import partial
 
 import pandas as pd
 
-from studies.report.entry import Draw, Entry, Report
+from studies.report.entry import Entry, Report
+from studies.report.panels import Draw
+from studies.report.tables import Table
 from studies.validation.real_gyro.figures import figure_ladder, figure_series, figure_sizes, figure_zero
 from studies.validation.real_gyro.findings import findings
 from studies.validation.real_gyro.study import STUDY
@@ -19,12 +21,12 @@ def report(rows: pd.DataFrame) -> Report:
     table = ladder(rows)
     found, offsets = diagnoses(rows), sizes(rows)
     tables = {
-        "Held-out error, RMS per rung": table,
-        "Diagnosis of each trial": found,
-        "Time offset per trial and unit": offsets,
-        "Samples": samples(rows),
-        "Tried beside the last rung": tried(rows),
-        "What remains of the turns": remaining(rows),
+        "ladder": Table("Held-out error, RMS per rung", table, shown=wide(table)),
+        "diagnoses": Table("Diagnosis of each trial", found),
+        "time_offsets": Table("Time offset per trial and unit", offsets),
+        "samples": Table("Samples", samples(rows)),
+        "tried": Table("Tried beside the last rung", tried(rows)),
+        "remaining": Table("What remains of the turns", remaining(rows)),
     }
     figures: dict[str, Draw] = {
         "ladder": partial(figure_ladder, table),
@@ -33,7 +35,7 @@ def report(rows: pd.DataFrame) -> Report:
     }
     if len(offsets):
         figures["offsets"] = partial(figure_sizes, offsets)
-    return Report(tuple(findings(rows, table)), tables, figures, {"Held-out error, RMS per rung": wide(table)})
+    return Report(tables, figures, findings=tuple(findings(rows, table)))
 
 
 def _report(config: RealConfig, rows: pd.DataFrame) -> Report:

@@ -17,7 +17,7 @@ from studies.validation.real_gyro.trials import RealConfig, Row, load
 
 def case(config: RealConfig, number: int, streams: Streams) -> list[Row]:
     """All that is said of one unit, a row a number; the column `kind` says of what kind."""
-    unit = sorted(config.units)[number]
+    unit = config.points()[number]
     trials = [load(config, name) for name in config.units[unit]]
     diagnoses = {one.number: diagnose(one.recording, seed=config.entropy) for one in trials}
     rows: list[Row] = []

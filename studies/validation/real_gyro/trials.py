@@ -6,14 +6,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Any, Self
+from typing import Any, ClassVar, Self
 
 import numpy as np
 from pydantic import model_validator
 
 from gyrocal import Attitudes, InputError, Recording
 from gyrocal.recording import reference_rows
-from studies.montecarlo.study import StudyConfig
+from studies.montecarlo.study import GridConfig
 from studies.validation import broad
 
 Row = dict[str, Any]  # of the study's table
@@ -23,19 +23,18 @@ FOLDER = "../shared/real/broad"
 UNITS: dict[str, tuple[str, ...]] = {"A": ("04",), "B": ("02", "05", "07", "09", "18"), "C": ("03", "24")}
 
 
-class RealConfig(StudyConfig):
+class RealConfig(GridConfig):
     """Where the trials are and which belong together.
 
     Attributes
     ----------
     folder : of the trials; a relative one counts from the repository
     units : numbers that the files' names begin with, by sensor unit
-    cases : units
     spacing_s : s between the references of an interval
     floor_replays : simulated repetitions of each trial
     """
 
-    cases: int = len(UNITS)
+    axes: ClassVar = ("units",)
     folder: str = FOLDER
     units: dict[str, tuple[str, ...]] = UNITS
     spacing_s: float = 1.0
@@ -43,10 +42,6 @@ class RealConfig(StudyConfig):
 
     @model_validator(mode="after")
     def _usable(self) -> Self:
-        if "cases" not in self.model_fields_set:
-            self.__dict__["cases"] = len(self.units)  # it is frozen for everybody else
-        if self.cases != len(self.units):
-            raise ValueError(f"a case is a unit, so cases must be {len(self.units)}, not {self.cases}")
         for unit, numbers in self.units.items():
             for number in numbers:
                 if len(self.files(number)) != 1:
@@ -55,6 +50,10 @@ class RealConfig(StudyConfig):
                         "(docs/broad.md says where they come from), point folder at them"
                     )
         return self
+
+    def points(self) -> list[str]:
+        """Unit of each case."""
+        return sorted(self.units)
 
     @property
     def path(self) -> Path:

@@ -1,4 +1,4 @@
-"""The consistency study judges honest estimators as honest and every wrong one as what it is."""
+"""The consistency study finds consistent estimators consistent and every wrong one to be what it is."""
 
 import numpy as np
 import pandas as pd
@@ -8,6 +8,7 @@ from gyrocal import InputError
 from studies.calibration import consistency
 from studies.calibration.consistency import EXPECTED, STUDY, check, judged, verdict
 from studies.montecarlo.engine import run
+from studies.montecarlo.statistics import binomial_band
 from studies.montecarlo.study import load_config
 from studies.report import entry as report
 
@@ -51,12 +52,12 @@ def test_over_confident_and_biased_at_once_is_both():
     assert "over-confident" in found
 
 
-def test_an_honest_estimator_seldom_fails_any_check():
+def test_a_consistent_estimator_seldom_fails_any_check():
     failed = sum(verdict(check(made(100, seed=seed))) != "consistent" for seed in range(100, 140))
     assert failed <= 4  # binomial: 40 trials of at most 1 % each exceed 4 once in 10^5
 
 
-def test_study_passes_its_honest_estimators_and_catches_every_control(rows):
+def test_study_passes_its_consistent_estimators_and_catches_every_control(rows):
     found = {name: verdict(table) for name, table in consistency.judge(CONFIG, rows).items()}
     assert found == EXPECTED
 
@@ -78,7 +79,7 @@ def test_the_prior_helps_where_the_data_are_weak(rows):
 def test_ranks_and_band():
     y = np.array([[-3.0], [0.0], [3.0]])  # the truth far above the estimate, at it, far below
     np.testing.assert_allclose(consistency.ranks(y), [0.99865, 0.5, 0.00135], atol=1e-5)
-    low, high = consistency.band(400, 20, 0.99)
+    low, high = binomial_band(400, 1 / 20, 0.99, 20)
     assert low < 20 < high
     counts = np.random.default_rng(5).multinomial(400, [1 / 20] * 20, size=2000)
     outside = ((counts < low) | (counts > high)).any(axis=1).mean()
@@ -87,9 +88,12 @@ def test_ranks_and_band():
 
 def test_report_names_each_verdict_and_is_stable(rows, tmp_path):
     made_report = consistency.report(CONFIG, rows)
-    assert "6 of 6 estimators were judged as they must be" in made_report.findings[-1]
-    for name, sentence in zip(EXPECTED, made_report.findings, strict=False):
-        assert sentence.startswith(f"{name} (")
+    assert [check.name for check in made_report.checks[: len(EXPECTED)]] == list(EXPECTED)
+    assert {check.verdict for check in made_report.checks} == {"pass"}
+    swapped = rows.assign(estimator=rows["estimator"].replace({"with prior": "sigma × 0.7", "sigma × 0.7": "with prior"}))
+    failed = [check.name for check in consistency.report(CONFIG, swapped).checks if check.verdict == "fail"]
+    assert {"with prior", "sigma × 0.7", "mean NEES, with prior"} <= set(failed)
+    assert "without prior" not in failed
     written = []
     for folder in ("a", "b"):
         (tmp_path / folder).mkdir()

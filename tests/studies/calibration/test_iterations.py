@@ -91,12 +91,16 @@ def test_runs_that_do_not_converge_are_said_and_left_out(config, tmp_path):
     rows = rows[rows["error"] == ""]
     assert not rows[rows["factor"] == 600]["converged"].any()
     made = iterations.report(far, rows)
-    assert "4 of 8 runs did not converge, from factor 600 on" in made.findings[-1]
+    failed = made.check("runs that did not converge, of 8")
+    assert (failed.value, failed.verdict) == (4, "fail")
+    assert made.check("smallest factor of a run that did not converge").value == 600
     assert iterations.enough(rows)["factor_1_sigma_median"].isna().all()
 
 
 def test_report(config, rows, tmp_path):
     made = iterations.report(config, rows)
+    assert not [check.name for check in made.checks if check.verdict == "fail"]
+    assert sum(check.verdict == "pass" for check in made.checks) == 9
     beside = iterations.second_iteration(rows).set_index("quantity")
     assert beside.loc["G", "flight"] == pytest.approx(4e-6, abs=0.5e-6)
     assert beside.loc["bias_deg_s", "flight"] == pytest.approx(4e-8, abs=0.5e-8)
@@ -104,5 +108,5 @@ def test_report(config, rows, tmp_path):
     first, again = (made.figures["iterations"](tmp_path / f"{name}.svg").read_bytes() for name in ("first", "again"))
     assert first == again
     few = rows[(rows["case"] == 0) & (rows["factor"] == 10)]  # whatever is left of a study has a report
-    assert isinstance(iterations.report(config, few).tables["Order of convergence"], pd.DataFrame)
+    assert isinstance(iterations.report(config, few).tables["convergence"].data, pd.DataFrame)
     report.write(iterations.report(config, few), "iterations", tmp_path)

@@ -7,13 +7,13 @@ from gyrocal import NAMES, GyroParameters, InputError, calibrate
 from simulator.scenario import override
 from simulator.simulate import motion, observe
 from studies.calibration import noise
-from studies.calibration.noise import KEYS, STUDY, formal
+from studies.calibration.noise import SIGMAS, STUDY, formal
 from studies.montecarlo.engine import run
 from studies.montecarlo.study import base_scenario, load_config
 from studies.natanson import flight_gap
+from studies.report.units import PPM_DEG_H
 
 CHANGES = {
-    "cases": 7,
     "arw_deg_per_sqrt_s": [5e-5, 2e-4, 1e-3],
     "sigma_deg": [0.002, 0.01],
     "seeds": 60,
@@ -36,12 +36,12 @@ def test_formal_sigmas_are_those_of_a_calibration(rows):
     scenario = override(base_scenario(CONFIG), levels)
     recording = observe(scenario, motion(scenario), gyro_rng=None, reference_rng=None)
     truth = GyroParameters(np.array(scenario.gyro.true_G), np.deg2rad(scenario.gyro.true_bias_deg_s))
-    sigma = calibrate(recording, initial=truth, iterations=1).sigma * noise.SHOWN
-    np.testing.assert_allclose(point[[f"sigma_{key}" for key in KEYS]].to_numpy(float), sigma, rtol=1e-6)
+    sigma = calibrate(recording, initial=truth, iterations=1).sigma * PPM_DEG_H
+    np.testing.assert_allclose(point[SIGMAS].to_numpy(float), sigma, rtol=1e-6)
 
 
 def test_shares_are_the_slopes_of_the_sigmas():
-    shared = noise._prepared(CONFIG.model_dump_json())
+    shared = noise._prepared(CONFIG, 0)
     arw, sigma, h = np.deg2rad(2e-4), np.deg2rad(0.005), 1e-4
     _, share = formal(shared, arw, sigma)
     slopes = [
@@ -54,7 +54,7 @@ def test_shares_are_the_slopes_of_the_sigmas():
 
 
 def test_one_noise_alone_has_all_the_share():
-    shared = noise._prepared(CONFIG.model_dump_json())
+    shared = noise._prepared(CONFIG, 0)
     for arw, sigma, expected in ((1e-3, 1e-8, 1.0), (1e-9, 0.01, 0.0)):
         np.testing.assert_allclose(formal(shared, np.deg2rad(arw), np.deg2rad(sigma))[1], expected, atol=1e-6)
 
@@ -63,10 +63,12 @@ def test_spread_agrees_with_the_formal_sigma_and_would_not_with_half_of_it(rows)
     table = noise.spread_table(CONFIG, rows)
     assert len(table) == 5 * 12
     assert table["inside"].all()
-    chosen = [f"sigma_{key}" for key in KEYS]
     halved = rows.copy()
-    halved[chosen] = 0.5 * halved[chosen]
+    halved[SIGMAS] = 0.5 * halved[SIGMAS]
     assert not noise.spread_table(CONFIG, halved)["inside"].any()
+    name = "formal sigmas within the spread's interval, of 60"
+    verdicts = [noise.report(CONFIG, table).check(name).verdict for table in (rows, halved)]
+    assert verdicts == ["pass", "fail"]
 
 
 def test_the_last_case_is_the_flights(rows):
@@ -81,7 +83,7 @@ def test_the_last_case_is_the_flights(rows):
 
 def test_at_the_crossing_both_noises_count_the_same(rows):
     # The grid is coarse, so the interpolation is: the true share at the crossing is near one half, not at it.
-    shared = noise._prepared(CONFIG.model_dump_json())
+    shared = noise._prepared(CONFIG, 0)
     for k, ratio in enumerate(noise.crossings(rows)):
         share = formal(shared, ratio * np.deg2rad(0.005), np.deg2rad(0.005))[1][k]
         assert share == pytest.approx(0.5, abs=0.03)
@@ -89,9 +91,10 @@ def test_at_the_crossing_both_noises_count_the_same(rows):
 
 def test_report_has_its_numbers_from_the_rows(rows, tmp_path):
     made = noise.report(CONFIG, rows)
-    worst = max(rows.iloc[-1][f"sigma_{key}"] for key in KEYS[:9])
-    assert f"{worst:.0f} ppm" in made.findings[0]
-    assert "60 of 60 inside" in made.findings[-1]
+    assert made.check("sigma of G at the flight's noise, largest").value == rows.iloc[-1][SIGMAS[:9]].max()
+    assert made.check("formal sigmas within the spread's interval, of 60").value == 60
+    limited = [made.check(f"parameters limited by the {what} at the flight's noise").value for what in ("gyro", "references")]
+    assert sum(limited) == 12
     for name, draw in made.figures.items():
         first, second = (draw(tmp_path / f"{name}{k}.svg").read_bytes() for k in range(2))
         assert first == second
@@ -100,10 +103,10 @@ def test_report_has_its_numbers_from_the_rows(rows, tmp_path):
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
-        ({"cases": 6}, "cases: must be 43"),
-        ({"sigma_deg": [0.01, 0.005]}, "ascending"),
-        ({"arw_deg_per_sqrt_s": [0.0, 1e-4]}, "positive"),
-        ({"dispersions.orbit.raan_deg": {"kind": "uniform", "low": 0.0, "high": 1.0}}, "a grid has none"),
+        ({"cases": 6}, "the grid has 43 points, one a case; change them by arw_deg_per_sqrt_s and sigma_deg"),
+        ({"sigma_deg": [0.01, 0.005]}, "rising"),
+        ({"arw_deg_per_sqrt_s": [0.0, 1e-4]}, "above zero"),
+        ({"dispersions.orbit.raan_deg": {"kind": "uniform", "low": 0.0, "high": 1.0}}, "not dispersed"),
     ],
 )
 def test_bad_grids_are_refused(changes, message):

@@ -6,9 +6,10 @@ import pytest
 from gyrocal import InputError, UnobservableError, calibrate
 from simulator.simulate import motion, observe
 from studies.calibration import maneuvers_needed
-from studies.calibration.maneuvers_needed import SHOWN, SIGMAS, STUDY, minimal, part, shapley, subsets
+from studies.calibration.maneuvers_needed import SIGMAS, STUDY, minimal, part, shapley, subsets
 from studies.montecarlo.engine import run
 from studies.montecarlo.study import base_scenario, load_config
+from studies.report.units import PPM_DEG_H
 
 CONFIG = load_config(STUDY, changes={"overrides.gyro.sample_s": 5.0, "series_s": 120.0})
 
@@ -62,8 +63,8 @@ def test_calibrate_agrees(rows, recording, maneuvers):
         result = calibrate(part(recording, chosen))
         # The plausible range as a prior makes the study's sigmas smaller by (σ/range)²/2 at most.
         own = row[SIGMAS].to_numpy(float)
-        assert (own <= result.sigma * SHOWN * (1 + 1e-6)).all()
-        np.testing.assert_allclose(own, result.sigma * SHOWN, rtol=0.03)
+        assert (own <= result.sigma * PPM_DEG_H * (1 + 1e-6)).all()
+        np.testing.assert_allclose(own, result.sigma * PPM_DEG_H, rtol=0.03)
         # calibrate judges at the a-priori parameters.
         assert row["condition"] == pytest.approx(result.observability.condition, rel=0.02)
 
@@ -102,7 +103,8 @@ def test_shapley_shares_out_everything_and_favours_who_brings_more():
 def test_report(rows, tmp_path):
     made = maneuvers_needed.report(CONFIG, rows)
     count = int((rows[(rows["references"] == "ends") & (rows["size"] == 4)]["lost"] == 0).sum())
-    assert f"have 4 maneuvers, {count} of the 15 of that size" in made.findings[0]
+    assert made.check("maneuvers in the smallest of them, references at ends").value == 4
+    assert made.check("determining subsets of that size, of 15, references at ends").value == count
     bits = maneuvers_needed.without_one(CONFIG, rows[rows["references"] == "ends"])["shapley_bits"].sum()
     assert bits == pytest.approx(rows["information_bits"][62], rel=1e-9)
     for name, draw in made.figures.items():
@@ -113,8 +115,8 @@ def test_report(rows, tmp_path):
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
-        ({"cases": 63}, "cases: must be 126"),
-        ({"dispersions.orbit.raan_deg": {"kind": "uniform", "low": 0.0, "high": 1.0}}, "a grid has none"),
+        ({"cases": 63}, "the grid has 126 points, one a case; change them by scenario"),
+        ({"dispersions.orbit.raan_deg": {"kind": "uniform", "low": 0.0, "high": 1.0}}, "not dispersed"),
     ],
 )
 def test_bad_grids_are_refused(changes, message):

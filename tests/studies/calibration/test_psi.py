@@ -12,7 +12,7 @@ from studies.montecarlo.study import Streams, load_config
 from studies.report import entry as report
 
 TRMM = scenarios.load("trmm")
-SMALL = {"slew_rates_deg_s": [0.25, 2.0], "steps_s": [0.5, 1.0, 4.0], "slew_angles_deg": [90.0, 180.0], "cases": 12}
+SMALL = {"slew_rates_deg_s": [0.25, 2.0], "steps_s": [0.5, 1.0, 4.0], "slew_angles_deg": [90.0, 180.0]}
 
 
 @pytest.fixture(scope="module")
@@ -29,7 +29,7 @@ def rows(config, tmp_path_factory):
 
 def test_a_row_for_every_point_of_the_grid(config, rows):
     points = rows[["slew_angle_deg", "slew_rate_deg_s", "step_s"]].itertuples(index=False, name=None)
-    assert list(points) == config.grid()
+    assert list(points) == config.points()
 
 
 @pytest.mark.parametrize(
@@ -56,7 +56,7 @@ def test_linear_psi_fails_first_at_high_rates_and_long_steps(rows):
 
 
 def test_what_limits_full_psi_is_the_mean_rate_held_over_a_step(config, rows):
-    fine = config.grid().index((180.0, 2.0, 0.5))
+    fine = config.points().index((180.0, 2.0, 0.5))
     averaged = calibrate(psi.recording(config, fine, Streams(0, fine)), step_s=4.0)
     error = np.abs(averaged.G - np.array(TRMM.gyro.true_G)).max()
     coarse = rows.query("slew_angle_deg == 180 and slew_rate_deg_s == 2 and step_s == 4")["full_error_G"].item()
@@ -101,7 +101,7 @@ def test_run_flies_the_scenarios_own_angles(rows):
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
-        ({"steps_s": [0.5]}, "the grid has 18 points, so cases must be 18, not 90"),
+        ({"steps_s": [0.5], "cases": 90}, "the grid has 18 points, one a case; change them by slew_angles_deg and"),
         ({"cases": 12}, "the grid has 90 points"),
         ({"slew_rates_deg_s": [0.5, 0.0]}, "above zero"),
         ({"slew_angles_deg": []}, "one or more"),
@@ -116,14 +116,20 @@ def test_a_grid_that_is_none_is_refused_in_one_line(changes, message):
 
 def test_cases_follow_the_grid():
     assert psi.PsiConfig(steps_s=(0.5,)).cases == 18
-    assert psi.PsiConfig().cases == len(psi.PsiConfig().grid())
+    assert load_config(psi.STUDY, changes={"steps_s": [0.5, 2.0]}).cases == 36
+    assert psi.PsiConfig().cases == len(psi.PsiConfig().points())
 
 
 def test_report(config, rows, tmp_path):
     made = psi.report(config, rows)
-    assert any(f"order {psi.span(psi.orders(rows)['full_error_G'], 3)} (first and second" in text for text in made.findings)
+    assert made.check("order in Δt of full ψ's error in G, smallest").value == psi.orders(rows)["full_error_G"].min()
+    assert made.check("order in Δt of full ψ's error in G, largest").verdict == "pass"
+    assert made.check("order in Δt of linear ψ's difference in G, largest").verdict == "pass"
+    assert made.check("G_difference of linear ψ at TRMM's rate and step, largest").verdict == "pass"
+    worse = rows.assign(G_difference=10 * rows["G_difference"])
+    assert psi.report(config, worse).check("G_difference of linear ψ at TRMM's rate and step, largest").verdict == "fail"
     first, again = (made.figures["psi"](tmp_path / f"{name}.svg").read_bytes() for name in ("first", "again"))
     assert first == again
     one = rows.head(1)  # whatever is left of a study has a report
-    assert psi.report(config, one).findings
+    assert psi.report(config, one).checks
     report.write(psi.report(config, one), "ψ", tmp_path)

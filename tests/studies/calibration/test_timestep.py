@@ -120,9 +120,19 @@ def test_a_step_that_is_no_multiple_is_a_failed_case_and_says_why(tmp_path):
 
 def test_report(config, rows, tmp_path):
     made = timestep.report(config, rows)
-    assert any("reaches 0.1 formal sigma at Δt = 4." in finding for finding in made.findings)
+    assert 4 < made.check("step from which that bias exceeds 0.1 formal sigma").value < 5
+    failed = [check.name for check in made.checks if check.verdict == "fail"]
+    assert not failed
+    at_8_s = timestep.summary(rows).set_index(["resampling", "step_s"])["gyro_ratio"].loc[("skip", 8.0)]
+    assert at_8_s == pytest.approx(4, rel=4 * 0.06)  # sqrt(16); four relative standard errors of the spread's ratio
+    swapped = rows.assign(
+        resampling=rows["resampling"].where(
+            rows["step_s"] == 0.5, rows["resampling"].map({"skip": "average", "average": "skip"})
+        )
+    )
+    assert timestep.report(config, swapped).check("order in Δt of the gyro noise's part of the spread, skip").verdict == "fail"
     first, again = (made.figures["timestep"](tmp_path / f"{name}.svg").read_bytes() for name in ("first", "again"))
     assert first == again
     one = rows[(rows["case"] == 0) & (rows["step_s"] == 0.5)]  # whatever is left of a study has a report
-    assert isinstance(timestep.report(config, one).tables["Bias and spread of each parameter"], pd.DataFrame)
+    assert isinstance(timestep.report(config, one).tables["parameters"].data, pd.DataFrame)
     report.write(timestep.report(config, one), "steps", tmp_path)

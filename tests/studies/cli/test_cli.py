@@ -178,7 +178,7 @@ def test_study_runs_resumes_and_reruns(run_cli, tmp_path):
     assert first.exit_code == 0, first.stderr
     assert "3 cases, none failed" in first.stdout
     assert json.loads((tmp_path / "paper.json").read_text())["failures"] == {}
-    assert {"manifest.json", "table.parquet", "report.md", "table1.csv"} <= {p.name for p in (tmp_path / "paper").iterdir()}
+    assert {"manifest.json", "table.parquet", "report.md", "residuals.csv"} <= {p.name for p in (tmp_path / "paper").iterdir()}
     assert "3 of them from an earlier run" in run_cli(*arguments, "--backend", "serial").stdout
     again = run_cli(*arguments, "--rerun", "2")
     assert "bit for bit" in again.stdout

@@ -8,8 +8,8 @@ from simulator.streams import generator
 from studies.estimation import alignment
 from studies.estimation.alignment import COMMON, ERRORS, HEADS, ONCE, REPEATED, SIGMAS, STUDY, TOGETHER
 from studies.estimation.attitude_cases import ANGLES, M_TRUE, alignment_error, alignment_orbit
-from studies.estimation.judging import HONEST
 from studies.montecarlo.engine import run
+from studies.montecarlo.statistics import CONSISTENT
 from studies.montecarlo.study import base_scenario, load_config
 from tests.builders import mean_bounds
 
@@ -66,20 +66,22 @@ def test_the_common_rotation_is_reported(rows):
 
 def test_verdicts_follow_the_rows(rows):
     table = alignment.verdicts(rows).set_index(["algorithm", "esa_factor"])
-    assert table.loc[(ONCE, 1.0), "expected"] == f"not {HONEST}"
-    assert table.loc[(ONCE, 50.0), "expected"] == HONEST
-    assert table.loc[(HEADS, 1.0), "loss_verdict"] != HONEST
+    assert table.loc[(ONCE, 1.0), "expected"] == f"not {CONSISTENT}"
+    assert table.loc[(ONCE, 50.0), "expected"] == CONSISTENT
+    assert table.loc[(HEADS, 1.0), "loss_verdict"] != CONSISTENT
     halved = rows.copy()
     halved["nees"] *= 4
     assert alignment.verdicts(halved).set_index("algorithm").loc[TOGETHER, "verdict"] == "over-confident"
-    assert f"not: {TOGETHER}" in alignment.report(CONFIG, halved).findings[-1]
+    assert alignment.report(CONFIG, halved).check(f"{TOGETHER}, esa factor 1").verdict == "fail"
 
 
 def test_report_has_its_numbers_from_the_rows(rows, tmp_path):
     made = alignment.report(CONFIG, rows)
-    assert "over 4 seeds" in made.findings[0]
-    assert "14.1% with an ESA sigma of 20 mdeg" in made.findings[2]
-    assert "20 of 20 calibrations" in made.findings[3]
+    assert [check.name for check in made.checks if check.verdict == "fail"] == ["cases of the line with the fewest"]
+    assert made.checks[-1].value == 4
+    assert made.check("kept of DSS-2's yaw misalignment, one round, ESA 1 times better").value == pytest.approx(0.141, abs=5e-4)
+    assert made.check("calibrations that report the common rotation about x, y and z, of 20").verdict == "pass"
+    assert made.check("loss per degree of freedom with them").verdict == "pass"
     for name, draw in made.figures.items():
         first, second = (draw(tmp_path / f"{name}{k}.svg").read_bytes() for k in range(2))
         assert first == second
@@ -87,7 +89,7 @@ def test_report_has_its_numbers_from_the_rows(rows, tmp_path):
 
 def test_one_case_has_a_report(rows):
     made = alignment.report(CONFIG, rows[rows["case"] == 0].reset_index(drop=True))
-    assert not any("by parameter" in title for title in made.tables)  # one case has no spread
+    assert "parameters" not in made.tables  # one case has no spread
 
 
 def test_injected_misalignment_is_the_rotation_of_the_papers_matrix():

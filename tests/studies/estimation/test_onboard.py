@@ -5,9 +5,9 @@ import pytest
 
 from gyrocal import InputError
 from studies.estimation import onboard
-from studies.estimation.judging import HONEST
 from studies.estimation.onboard import INDEPENDENT, OPENED, OWN, STUDY, THROUGH, WITHOUT
 from studies.montecarlo.engine import run
+from studies.montecarlo.statistics import CONSISTENT
 from studies.montecarlo.study import Streams, load_config
 
 CONFIG = load_config(STUDY, changes={"cases": 3, "memory_samples": [400, 2000]})
@@ -53,35 +53,39 @@ def test_leaving_out_the_filters_sensitivity_shows(rows):
 
 
 def test_verdicts_follow_the_rows(rows):
-    honest = rows.copy()
-    chosen = honest["part"] == "accuracy"
-    honest.loc[chosen, "nees"] = 12.0
-    table = onboard.verdicts(honest)
-    assert (table["verdict"] == HONEST).all()
-    last = onboard.report(CONFIG, honest).findings[-1]
-    assert "2 of 4 lines" in last
-    assert f"{WITHOUT}, {OWN}" in last
-    assert f"{THROUGH}, {INDEPENDENT}" in last
+    perfect = rows.copy()
+    chosen = perfect["part"] == "accuracy"
+    perfect.loc[chosen, "nees"] = 12.0
+    table = onboard.verdicts(perfect)
+    assert (table["verdict"] == CONSISTENT).all()
+    made = onboard.report(CONFIG, perfect)
+    lines = {check.name: check.verdict for check in made.checks if check.unit == "NEES/dof"}
+    assert lines == {
+        f"{OPENED}, {OWN}": "pass",
+        f"{THROUGH}, {OWN}": "pass",
+        f"{THROUGH}, {INDEPENDENT}": "fail",
+        f"{WITHOUT}, {OWN}": "fail",
+    }
 
 
 def test_report_has_its_numbers_from_the_rows(rows, tmp_path):
     made = onboard.report(CONFIG, rows)
-    assert f"{rows['apart'].max():.1e} at most" in made.findings[0]
-    assert ": within 1e-09" in made.findings[0]
-    assert "2000 samples" in made.findings[-2]
+    apart = made.check("from the ground's calibration (G, and b in rad/s), largest")
+    assert (apart.value, apart.verdict) == (rows["apart"].max(), "pass")
+    assert made.check("memory kept after 2000 samples").verdict == "pass"
     for name, draw in made.figures.items():
         first, second = (draw(tmp_path / f"{name}{k}.svg").read_bytes() for k in range(2))
         assert first == second
     wrong = rows.copy()
     wrong.loc[wrong["way"] == OPENED, "apart_sigma"] = 2e-9
-    assert "NOT within" in onboard.report(CONFIG, wrong).findings[0]
+    assert onboard.report(CONFIG, wrong).check("from the ground's calibration, largest").verdict == "fail"
 
 
 def test_memory_may_be_left_out(rows, tmp_path):
     config = load_config(STUDY, changes={"cases": 3, "memory_samples": []})
     part = rows[rows["part"] == "accuracy"].drop(columns=["samples", "object_bytes", "cost_peak_kib", "cost_kept_kib"])
     made = onboard.report(config, part.reset_index(drop=True))
-    assert "Memory" not in made.tables
+    assert "memory" not in made.tables
     assert made.figures["onboard"](tmp_path / "onboard.svg").stat().st_size > 1000
 
 

@@ -5,7 +5,6 @@ import pytest
 
 from gyrocal import InputError
 from studies.estimation import references
-from studies.estimation.judging import HONEST
 from studies.estimation.reference_rows import (
     BLOCKS,
     EXACT,
@@ -22,6 +21,7 @@ from studies.estimation.reference_rows import (
 )
 from studies.estimation.references import STUDY
 from studies.montecarlo.engine import run
+from studies.montecarlo.statistics import CONSISTENT
 from studies.montecarlo.study import load_config
 
 CONFIG = load_config(STUDY, changes={"cases": 3, "full_filter_every": 2, "misalignments_deg": [0.04]})
@@ -74,26 +74,31 @@ def test_a_misaligned_sensor_makes_the_full_filter_too_sure(rows):
 
 
 def test_verdicts_follow_the_rows(rows):
-    honest = rows.copy()
-    honest["nees"], honest["nees_bias"] = honest["dof"].astype(float), 3.0
-    tables = references.attitude_table(honest), references.calibration_table(honest), references.full_filter_table(honest)
+    perfect = rows.copy()
+    perfect["nees"], perfect["nees_bias"] = perfect["dof"].astype(float), 3.0
+    tables = references.attitude_table(perfect), references.calibration_table(perfect), references.full_filter_table(perfect)
     for table in tables:
-        assert (table["verdict"] == HONEST).all()
-    last = references.report(CONFIG, honest).findings[-1]
-    controls = sum((table["expected"] == f"not {HONEST}").sum() for table in tables)
+        assert (table["verdict"] == CONSISTENT).all()
+    found = [check for check in references.report(CONFIG, perfect).checks if check.unit == "NEES/dof"]
+    controls = sum((table["expected"] == f"not {CONSISTENT}").sum() for table in tables)
     assert controls == 3 + 6 + 1 + 2  # formal; apart and chain, by two batches; timeline; misaligned
-    controls += (tables[1]["bias_expected"] == f"not {HONEST}").sum()
+    controls += (tables[1]["bias_expected"] == f"not {CONSISTENT}").sum()
     total = sum((table["expected"] != "").sum() for table in tables) + (tables[1]["bias_expected"] != "").sum()
-    assert f"{total - controls} of {total} lines" in last
-    assert f"{FORMAL}, 900 s" in last
+    assert len(found) == total
+    failed = [check.name for check in found if check.verdict == "fail"]
+    assert len(failed) == controls
+    assert f"{FORMAL}, 900 s" in failed
 
 
 def test_report_has_its_numbers_from_the_rows(rows, tmp_path):
     made = references.report(CONFIG, rows)
     largest = rows.loc[rows["estimator"] == SMOOTHER, "apart_sigma"].max()
-    assert f"{largest:.1g} sigma" in made.findings[0]
+    smoother = made.check("smoother from the exact batch, largest")
+    assert (smoother.value, smoother.verdict) == (largest, "pass")
     error = np.sqrt(np.mean(rows.loc[(rows["estimator"] == FULL) & (rows["misaligned_deg"] > 0), "G_error_ppm"] ** 2))
-    assert any(f"{FULL} {error:.0f} ppm" in finding for finding in made.findings)
+    stated = np.sqrt(np.mean(rows.loc[(rows["estimator"] == FULL) & (rows["misaligned_deg"] > 0), "G_sigma_ppm"] ** 2))
+    name = "full filter's error of G by what it states, sensors misaligned by 0.04 deg"
+    assert made.check(name).value == pytest.approx(error / stated)
     for name, draw in made.figures.items():
         first, second = (draw(tmp_path / f"{name}{k}.svg").read_bytes() for k in range(2))
         assert first == second

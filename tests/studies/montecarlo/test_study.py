@@ -4,6 +4,7 @@ from gyrocal.errors import InputError
 from simulator.scenario import load
 from studies.montecarlo.engine import run
 from studies.montecarlo.study import (
+    GridConfig,
     Study,
     StudyConfig,
     base_scenario,
@@ -122,3 +123,37 @@ def test_a_study_that_workers_would_not_find_is_refused(tmp_path):
     nameless = Study("tests.engine_studies:STEPS", DrawsConfig, draws_case)
     with pytest.raises(InputError, match="not the study"):
         run(nameless, DrawsConfig(), tmp_path)
+
+
+class Grid(GridConfig):
+    axes = ("sizes", "steps_s")
+    sizes: tuple[int, ...] = (1, 2, 3)
+    steps_s: tuple[float, ...] = (0.5, 1.0)
+
+
+def test_the_axes_of_a_grid_say_how_many_cases_there_are():
+    assert Grid().points() == [(1, 0.5), (1, 1.0), (2, 0.5), (2, 1.0), (3, 0.5), (3, 1.0)]
+    assert Grid().cases == 6
+    smaller = changed(Grid(), {"sizes": [2]})
+    assert smaller.points() == [(2, 0.5), (2, 1.0)]
+    assert smaller.cases == 2
+    # A worker gets the configuration as JSON.
+    assert Grid.model_validate_json(resolved(smaller).model_dump_json()).cases == 2
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"cases": 50}, "cases: the grid has 6 points, one a case; change them by sizes and steps_s"),
+        ({f"dispersions.{PATH}": NORMAL}, "the points of a grid are not dispersed"),
+    ],
+)
+def test_what_a_grid_cannot_be_told_is_one_line(changes, message):
+    with pytest.raises(InputError, match=message) as caught:
+        changed(Grid(), changes)
+    assert "\n" not in str(caught.value)
+
+
+def test_the_number_of_cases_is_in_the_hash_of_a_grid():
+    study = Study("tests.engine_studies:GRID", Grid, draws_case)
+    assert config_sha256(study, resolved(Grid())) != config_sha256(study, resolved(changed(Grid(), {"sizes": [1, 2]})))

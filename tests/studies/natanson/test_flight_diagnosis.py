@@ -205,7 +205,7 @@ def test_study_runs_by_itself_and_reports(tmp_path, monkeypatch):
     monkeypatch.setattr(baselines, "trials", lambda: [TRIALS[PRESENT.name], TRIALS["rate of 4 at +1 RPO"]])
     monkeypatch.setattr(simulated_tables, "KINDS", {kind: fd.KINDS[kind] for kind in ("nothing", "rate sign", "noise x3")})
     fd.flight_diagnoses.cache_clear()
-    config = load_config(fd.STUDY, changes={"nothing": 3, "each": 1, "cases": 5})
+    config = load_config(fd.STUDY, changes={"nothing": 3, "each": 1})
     results = fd.run(tmp_path, config)
     fd.flight_diagnoses.cache_clear()
     assert json.loads((tmp_path / "diagnosis.json").read_text()) == json.loads(json.dumps(results))
@@ -213,12 +213,12 @@ def test_study_runs_by_itself_and_reports(tmp_path, monkeypatch):
     assert {path.name for path in tmp_path.glob("*.svg")} >= {"flight_table.svg", "flight_evidence.svg"}
     assert "wrong name" in (tmp_path / "report.md").read_text()
     again = engine.rerun(fd.STUDY, config, 4, tmp_path)
-    assert again.rows["kind"].iloc[0] == config.tables()[4]
+    assert again.rows["kind"].iloc[0] == config.points()[4]
     assert again.same
 
 
 def test_settings_that_make_no_tables_are_refused():
-    with pytest.raises(InputError, match="cases must be"):
-        load_config(fd.STUDY, changes={"nothing": 3})
+    with pytest.raises(InputError, match="the grid has 255 points, one a case; change them by nothing and each"):
+        load_config(fd.STUDY, changes={"cases": 3})
     with pytest.raises(InputError, match="belongs to the scenario"):
         load_config(fd.STUDY, changes={"scenario": "trmm_series"})

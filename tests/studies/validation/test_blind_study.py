@@ -66,7 +66,15 @@ def test_a_run_leaves_seals_answers_and_scores_but_no_recordings(tmp_path: Path)
     outcome = blind.run(tmp_path, FAST, Console(file=io.StringIO(), quiet=True), jobs=1)
     assert outcome.cases == 3
     assert not (tmp_path / "work").exists()
-    for name in ("report.md", "seals.json", "answers.json", "table.parquet", "detection.svg", "reliability.svg", "table1.csv"):
+    for name in (
+        "report.md",
+        "seals.json",
+        "answers.json",
+        "table.parquet",
+        "detection.svg",
+        "reliability.svg",
+        "criteria.csv",
+    ):
         assert (tmp_path / name).exists(), name
     manifest = json.loads((tmp_path / "manifest.json").read_text())
     assert manifest["config"]["cases"] == 3

@@ -1,0 +1,331 @@
+"""Panels of figures, in one style: a study hands over its numbers, and how to name them.
+
+A panel draws on axes it is given; `sheet` puts panels side by side and returns what draws them to a file. SVG bytes do not
+depend on the day or the run.
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import matplotlib as mpl
+import numpy as np
+import pandas as pd
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from numpy.typing import ArrayLike, NDArray
+
+from studies.montecarlo.statistics import CONSISTENT
+
+Array = NDArray[np.float64]
+Draw = Callable[[Path], Path]
+
+STYLE: dict[Any, Any] = {
+    "svg.hashsalt": "gyrocal",
+    "font.size": 9,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.grid": True,
+    "grid.color": "0.9",
+    "axes.axisbelow": True,
+    "lines.linewidth": 1.4,
+    "legend.frameon": False,
+}
+RED, TEAL, DARK, GREY = "#d1495b", "#00798c", "#30343f", "0.6"
+COLOURS = {"x": RED, "y": TEAL, "z": DARK}
+LINES = {"x": "-.", "y": "--", "z": "-"}  # N draws the pitch rate dashed
+SMALL = 7  # font size of ticks and legends
+MANY = 200  # points of a line: more are drawn as pixels
+
+
+@dataclass(frozen=True)
+class Panel:
+    """What is drawn on one pair of axes.
+
+    Attributes
+    ----------
+    draw : draws it
+    title, x, y : of the panel and its axes
+    log : which axes are logarithmic: "x", "y" or "xy"
+    levels, at : where dashed horizontal, and dotted vertical, lines are
+    ticks : of x, labelled as the numbers they are
+    legend : where its legend is, none by default
+    legend_title : above it
+    """
+
+    draw: Callable[[Axes], None]
+    title: str = ""
+    x: str = ""
+    y: str = ""
+    log: str = ""
+    levels: Sequence[float] = ()
+    at: Sequence[float] = ()
+    ticks: Sequence[float] = ()
+    legend: str = ""
+    legend_title: str = ""
+
+    def on(self, axes: Axes) -> None:
+        """Draw the panel with what belongs to its axes."""
+        for which in self.log:
+            getattr(axes, f"set_{which}scale")("log")
+        self.draw(axes)
+        for level in self.levels:
+            axes.axhline(level, color="0.4", linewidth=0.8, linestyle="--")
+        for place in self.at:
+            axes.axvline(place, color="0.4", linewidth=1, linestyle=":")
+        if len(self.ticks):
+            axes.set_xticks(self.ticks, [f"{tick:g}" for tick in self.ticks])
+            axes.set_xticks([], minor=True)
+        axes.set_title(self.title, loc="left", fontsize=9)
+        axes.set_xlabel(self.x)
+        axes.set_ylabel(self.y)
+        if self.legend:
+            style: dict[str, Any] = {"loc": self.legend, "fontsize": SMALL, "title_fontsize": SMALL}
+            axes.legend(title=self.legend_title or None, **style)
+
+
+def sheet(
+    *panels: Panel,
+    size: tuple[float, float],
+    columns: int = 0,
+    title: str = "",
+    legend_title: str = "",
+    widths: Sequence[float] | None = None,
+    sharex: bool = False,
+    sharey: bool = False,
+) -> Draw:
+    """What draws panels side by side, and saves them.
+
+    Parameters
+    ----------
+    panels : row by row
+    size : width and height, inches
+    columns : of the sheet; by default all in a row
+    title : above all
+    legend_title : of a legend of the first panel's labels, right of all; none by default
+    widths : of the columns, relative
+    sharex, sharey : whether all have the same axis
+    """
+    columns = columns or len(panels)
+
+    def draw(path: Path) -> Path:
+        with mpl.rc_context(STYLE):
+            figure = Figure(figsize=size, layout="constrained")
+            rows = -(-len(panels) // columns)
+            grid = figure.subplots(rows, columns, squeeze=False, width_ratios=widths, sharex=sharex, sharey=sharey)
+            for axes, panel in zip(grid.ravel(), panels, strict=True):
+                panel.on(axes)
+                if sharey and axes is not grid[0, 0]:
+                    axes.set_ylabel("")
+            if title:
+                figure.suptitle(title, fontsize=9, x=0.01, ha="left")
+            if legend_title:
+                handles, labels = grid[0, 0].get_legend_handles_labels()
+                figure.legend(handles, labels, loc="outside right center", fontsize=8, title=legend_title, title_fontsize=8)
+            return save(figure, path)
+
+    return draw
+
+
+def save(figure: Figure, path: Path) -> Path:
+    """Write SVG (and PNG for a .png path) with stable bytes."""
+    metadata = {"Date": None} if path.suffix == ".svg" else {}
+    with mpl.rc_context(STYLE):
+        figure.savefig(path, dpi=160, metadata=metadata)
+    return path
+
+
+@dataclass(frozen=True)
+class Line:
+    """A series of points.
+
+    Attributes
+    ----------
+    x, y : where they are
+    label : in the legend
+    colour, style : matplotlib's
+    low, high : their ranges
+    bars : whether ranges are bars, not a band
+    """
+
+    x: ArrayLike
+    y: ArrayLike
+    label: str = ""
+    colour: str = TEAL
+    style: str = "o-"
+    low: ArrayLike | None = None
+    high: ArrayLike | None = None
+    bars: bool = False
+
+
+def curves(lines: Sequence[Line], expected: tuple[float, float] | None = None, **axes: Any) -> Panel:
+    """Series with their ranges: over time, or as scaling laws on logarithmic axes (log="xy").
+
+    Parameters
+    ----------
+    lines : the series
+    expected : range that the values should be in, in grey
+    axes : further attributes of the `Panel`
+    """
+
+    def draw(on: Axes) -> None:
+        if expected:
+            on.axhspan(*expected, color="0.9")
+        for line in lines:
+            on.plot(line.x, line.y, line.style, color=line.colour, markersize=4, label=line.label or None)
+            if line.low is None or line.high is None:
+                continue
+            if line.bars:
+                y, low, high = (np.asarray(values, dtype=float) for values in (line.y, line.low, line.high))
+                on.errorbar(line.x, y, np.clip([y - low, high - y], 0, None), fmt="none", ecolor=line.colour, capsize=3)
+            else:
+                on.fill_between(line.x, line.low, line.high, color=line.colour, alpha=0.2, linewidth=0)
+
+    return Panel(draw, **axes)
+
+
+def power_law(x: ArrayLike, order: float, at: float = 1.0, label: str = "") -> Line:
+    """A line of that slope on logarithmic axes, through y = at in the first point."""
+    values = np.asarray(x, dtype=float)
+    return Line(values, at * (values / values[0]) ** order, label, GREY, "--")
+
+
+def shades(values: Sequence[float]) -> dict[float, str]:
+    """Colours of the values of a setting, dark to light."""
+    steps = mpl.colormaps["viridis"](np.linspace(0, 0.85, len(values)))
+    return {value: mpl.colors.to_hex(step) for value, step in zip(values, steps, strict=True)}
+
+
+def heat_map(grid: pd.DataFrame, form: str = "{:.0e}", mark_above: float = np.inf, log: bool = False, **axes: Any) -> Panel:
+    """A table of numbers, coloured by their size, with the numbers in its cells.
+
+    Parameters
+    ----------
+    grid : values, rows upwards
+    form : of the numbers
+    mark_above : limit above which a number is crossed
+    log : colour by the logarithm
+    axes : further attributes of the `Panel`
+    """
+    values = np.asarray(grid.to_numpy(dtype=float))
+    strength = np.log10(values) if log else values
+    middle = float(np.nanmin(strength) + np.nanmax(strength)) / 2
+
+    def draw(on: Axes) -> None:
+        on.grid(False)
+        on.pcolormesh(np.ma.masked_invalid(strength), cmap="viridis", edgecolors="white", linewidth=1)
+        for (i, j), value in np.ndenumerate(values):
+            if np.isfinite(value):
+                text = form.format(value).replace("e-0", "e-") + (" ✗" if value > mark_above else "")
+                ink = "white" if strength[i, j] < middle else "black"
+                on.text(j + 0.5, i + 0.5, text, ha="center", va="center", color=ink, fontsize=8)
+        for which, names in (("x", grid.columns), ("y", grid.index)):
+            texts = [f"{name:g}" if isinstance(name, float) else str(name) for name in names]
+            turned = 60 if which == "x" and max(map(len, texts)) * len(texts) > 40 else 0
+            getattr(on, f"set_{which}ticks")(np.arange(len(texts)) + 0.5, texts, rotation=turned)
+
+    return Panel(draw, **axes)
+
+
+def histogram(counts: ArrayLike, expected: float, band: tuple[float, float], **axes: Any) -> Panel:
+    """Counts in equal bins of [0, 1], with what is expected of each, and the band it should keep to."""
+    found = np.asarray(counts, dtype=float)
+
+    def draw(on: Axes) -> None:
+        on.axhspan(*band, color=TEAL, alpha=0.2, linewidth=0)
+        on.axhline(expected, color=TEAL, linewidth=0.8)
+        on.stairs(found, np.linspace(0, 1, found.size + 1), color=DARK)
+        on.set_ylim(0, None)
+        on.set_xlim(0, 1)
+
+    return Panel(draw, **{"ticks": [0, 0.5, 1]} | axes)
+
+
+def nees_distribution(
+    samples: Mapping[str, ArrayLike], dof: int, styles: Mapping[str, str] | None = None, **axes: Any
+) -> Panel:
+    """The share of cases below each NEES, by estimator, over the one that χ² has.
+
+    Parameters
+    ----------
+    samples : NEES of each case, by name
+    dof : degrees of freedom
+    styles : line styles by name, solid where there is none
+    axes : further attributes of the `Panel`
+    """
+    from scipy.stats import chi2  # scipy.stats costs every worker 45 MiB, and no case needs it
+
+    def draw(on: Axes) -> None:
+        x = np.linspace(0, chi2.isf(1e-3, dof), 200)
+        on.plot(x, chi2.cdf(x, dof), color="0.75", linewidth=4, label=f"χ², {dof} degrees of freedom")
+        for (name, values), colour in zip(samples.items(), (TEAL, RED, DARK), strict=False):
+            found = np.sort(np.asarray(values, dtype=float))
+            share = (1 + np.arange(found.size)) / found.size
+            on.step(found, share, (styles or {}).get(name, "-"), where="post", color=colour, label=name, linewidth=1.3)
+        on.set_xlim(0, x[-1])
+        on.set_ylim(0, 1.02)
+
+    return Panel(draw, **{"y": "share of cases below", "legend": "lower right"} | axes)
+
+
+def nees_means(groups: Mapping[str, pd.DataFrame], **axes: Any) -> Panel:
+    """Mean NEES per degree of freedom, a line each under the heading of its group, with the bounds of a consistent covariance.
+
+    Parameters
+    ----------
+    groups : by heading, tables with a first column of names, and nees_per_dof, low, high and verdict
+    axes : further attributes of the `Panel`
+    """
+
+    def draw(on: Axes) -> None:
+        on.grid(axis="y", visible=False)
+        on.axvline(1, color=TEAL, linewidth=0.8)
+        names: list[str] = []
+        for title, part in groups.items():
+            names.append(title)
+            band = len(names) - 0.5, len(names) + len(part) - 0.5
+            on.fill_betweenx(band, *part[["low", "high"]].iloc[0], color=TEAL, alpha=0.2, linewidth=0)
+            for name, value, verdict in zip(part.iloc[:, 0], part["nees_per_dof"], part["verdict"], strict=True):
+                on.plot(value, len(names), "o", color=DARK if verdict == CONSISTENT else RED, markersize=5)
+                noted(on, f"{value:.3g}", value, len(names))
+                names.append(str(name))
+        on.set_ylim(len(names) - 0.5, -0.5)
+        on.set_yticks(range(len(names)), names, fontsize=SMALL)
+        for label in on.get_yticklabels():
+            label.set_fontweight("bold" if label.get_text() in groups else "normal")
+        on.margins(x=0.12)
+
+    return Panel(draw, **{"x": "NEES per degree of freedom; band: consistent; red: outside", "log": "x"} | axes)
+
+
+def strokes(
+    samples: Mapping[str, ArrayLike], expected: tuple[float, float] | None = None, spreads: bool = False, **axes: Any
+) -> Panel:
+    """The values of every case, a stroke each, on a line a name.
+
+    Parameters
+    ----------
+    samples : values by name
+    expected : range to see them beside
+    spreads : whether to draw their mean and standard deviation
+    axes : further attributes of the `Panel`
+    """
+
+    def draw(on: Axes) -> None:
+        if expected:
+            on.axvspan(*expected, color=RED, alpha=0.2, linewidth=0)
+        for y, values in enumerate(samples.values()):
+            found = np.asarray(values, dtype=float)
+            on.plot(found, np.full(found.size, y), "|", color=TEAL, markersize=14, rasterized=found.size > MANY)
+            if spreads:
+                on.errorbar(found.mean(), y, xerr=found.std(ddof=1), fmt="o", color=DARK, markersize=4, capsize=5)
+        on.set_yticks(range(len(samples)), list(samples))
+        on.set_ylim(len(samples) - 0.5, -0.5)
+
+    return Panel(draw, **axes)
+
+
+def noted(on: Axes, text: str, x: float, y: float, offset: tuple[float, float] = (6, 0)) -> None:
+    """A small text beside a point."""
+    on.annotate(text, (x, y), xytext=offset, textcoords="offset points", fontsize=SMALL, va="center")

@@ -1,0 +1,117 @@
+"""The renderer of all tables: for the terminal, as Markdown and as CSV.
+
+A CSV file holds the numbers under the columns' names. For people the numbers have as many digits as their column's format says,
+or few, and the heading has the column's unit.
+"""
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from math import floor, inf, log10
+from pathlib import Path
+
+import pandas as pd
+from rich.console import Console
+from rich.markup import escape
+from rich.table import Table as RichTable
+
+from studies.report.units import heading
+
+NO_VALUE = "–"
+
+
+@dataclass(frozen=True)
+class Table:
+    """A table of a report.
+
+    Attributes
+    ----------
+    title : what is in it
+    data : the numbers; written as CSV
+    note : a sentence on how to read it
+    formats : format of a column, such as ".3f", where few digits are not the right ones
+    shown : the form for people, where the table itself is long; or the columns they see
+    """
+
+    title: str
+    data: pd.DataFrame
+    note: str = ""
+    formats: Mapping[str, str] = field(default_factory=dict)
+    shown: pd.DataFrame | list[str] | None = None
+
+    def for_people(self) -> pd.DataFrame:
+        """What people see."""
+        if self.shown is None:
+            return self.data
+        return self.data[self.shown] if isinstance(self.shown, list) else self.shown
+
+
+def number(value: float, digits: int | None = None) -> str:
+    """A number with so many decimals; without a count in few characters, with an exponent where that is shorter."""
+    if pd.isna(value):
+        return NO_VALUE
+    if digits is not None:
+        return f"{value:.{digits}f}"
+    if value == 0 or 1e-2 <= abs(value) < 1e5:
+        return f"{value:.5g}"
+    return f"{value:.2e}"
+
+
+def to_sigma(value: float, sigma: float) -> str:
+    """A value to two digits of its sigma."""
+    return f"{value:.{min(max(1 - floor(log10(sigma)), 0), 12)}f}" if 0 < sigma < inf else plain(value, sigma)
+
+
+def plain(value: float, _: float) -> str:
+    """A value whose sigma says nothing about its digits."""
+    return f"{value:.9g}"
+
+
+def terminal(
+    console: Console, title: str, table: pd.DataFrame, note: str = "", formats: Mapping[str, str] | None = None
+) -> None:
+    """Print a table."""
+    out = RichTable(
+        title=escape(title), caption=escape(note) or None, title_justify="left", caption_justify="left", header_style="bold"
+    )
+    for column in table.columns:
+        numeric = pd.api.types.is_numeric_dtype(table[column])
+        out.add_column(escape(heading(str(column))), justify="right" if numeric else "left", no_wrap=True)
+    for row in _cells(table, formats or {}):
+        out.add_row(*(escape(cell) for cell in row))
+    console.print(out)
+
+
+def markdown(title: str, table: pd.DataFrame, note: str = "", formats: Mapping[str, str] | None = None) -> str:
+    """A Markdown section."""
+    header = [heading(str(column)) for column in table.columns]
+    lines = [f"## {title}", ""] + ([note, ""] if note else [])
+    lines += ["| " + " | ".join(header) + " |", "|" + "---|" * len(header)]
+    # A cell's own bars would end it, unless escaped.
+    lines += ["| " + " | ".join(cell.replace("|", "\\|") for cell in row) + " |" for row in _cells(table, formats or {})]
+    return "\n".join([*lines, ""])
+
+
+def write_csv(table: pd.DataFrame, path: Path) -> None:
+    """Write the numbers of a table."""
+    table.to_csv(path, index=False, float_format="%.9g")
+
+
+def by_group(rows: pd.DataFrame, keys: Sequence[str], line: Callable[[pd.DataFrame], Mapping[str, object]]) -> pd.DataFrame:
+    """A line for each group of rows with the same keys, in the order they come in: the keys, and what `line` makes of it."""
+    groups = rows.groupby(list(keys), sort=False)
+    return pd.DataFrame([{**dict(zip(keys, key, strict=True)), **line(part)} for key, part in groups])
+
+
+def _cells(table: pd.DataFrame, formats: Mapping[str, str]) -> Iterator[list[str]]:
+    """The rows as texts."""
+    wanted = [formats.get(str(column)) for column in table.columns]
+    for row in table.itertuples(index=False):
+        yield [_text(value, form) for value, form in zip(row, wanted, strict=True)]
+
+
+def _text(value: object, form: str | None) -> str:
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    if isinstance(value, float):
+        return f"{value:{form}}" if form and not pd.isna(value) else number(value)
+    return str(value)

@@ -1,0 +1,45 @@
+"""Units at the edge: of the twelve parameters in tables, and of a column by the end of its name."""
+
+import re
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gyrocal import NAMES
+
+Array = NDArray[np.float64]
+
+# What turns G (dimensionless) and b (rad/s) into these units, (12,).
+PPM_DEG_H: Array = np.array([1e6] * 9 + [np.rad2deg(1.0) * 3600] * 3)
+ONE_DEG_S: Array = np.array([1.0] * 9 + [np.rad2deg(1.0)] * 3)
+PPM_DEG_H_NAMES = ("ppm",) * 9 + ("deg/h",) * 3
+ONE_DEG_S_NAMES = ("1",) * 9 + ("deg/s",) * 3
+
+# Endings of column names, the longer before those they end with.
+ENDINGS = {
+    "deg_per_sqrt_s": "deg/√s",
+    "deg_s": "deg/s",
+    "deg_h": "deg/h",
+    "mdeg": "mdeg",
+    "deg": "deg",
+    "ppm": "ppm",
+    "bytes": "bytes",
+    "kib": "KiB",
+    "bits": "bits",
+    "ms": "ms",
+    "s": "s",
+}
+PARAMETER = re.compile(r"\b(G|b) ([xyz]{1,2})\b")
+
+
+def columns(quantity: str) -> list[str]:
+    """Columns of a quantity of the twelve parameters in ppm and deg/h, such as error_G_xx_ppm."""
+    return [f"{quantity}_{name}_{unit.replace('/', '_')}" for name, unit in zip(NAMES, PPM_DEG_H_NAMES, strict=True)]
+
+
+def heading(column: str) -> str:
+    """A column's name for people: words in place of underscores, and its unit in brackets."""
+    for ending, unit in ENDINGS.items():
+        if column.endswith(f"_{ending}"):
+            return f"{heading(column.removesuffix(f'_{ending}'))} ({unit})"
+    return PARAMETER.sub(r"\1_\2", column.replace("_", " "))

@@ -1,0 +1,73 @@
+"""Every panel draws what it is given, and the same bytes each time."""
+
+import numpy as np
+import pandas as pd
+import pytest
+from matplotlib.figure import Figure
+
+from studies.montecarlo.statistics import nees_line, order
+from studies.report import panels
+from studies.report.panels import Line
+
+X = np.array([0.5, 1.0, 2.0])
+GRID = pd.DataFrame([[1e-6, 2e-5], [np.nan, 3e-4]], index=[0.1, 0.5], columns=[1.0, 2.0])
+NEES = np.random.default_rng(0).chisquare(12, 100)
+LINES = pd.DataFrame([{"way": "right", **nees_line(NEES, 12)}, {"way": "wrong", **nees_line(4 * NEES, 12)}])
+
+PANELS = {
+    "curves": panels.curves(
+        [Line(X, X, "band", low=X / 2, high=2 * X), Line(X, X, "bars", low=X / 2, high=2 * X, bars=True)],
+        (0.8, 1.2),
+        log="xy",
+        levels=[1.0],
+        at=[1.0],
+        ticks=X,
+        legend="best",
+        legend_title="both",
+    ),
+    "heat map": panels.heat_map(GRID, mark_above=1e-4, log=True, title="grid", x="step", y="rate"),
+    "histogram": panels.histogram([3, 5, 4], 4.0, (1, 8)),
+    "NEES distribution": panels.nees_distribution({"right": NEES, "wrong": 4 * NEES}, 12, {"wrong": ":"}),
+    "NEES means": panels.nees_means({"one flight": LINES, "another": LINES}),
+    "strokes": panels.strokes({"a": [1.0, 2.0], "b": [3.0]}, (0.5, 1.5), log="x"),
+}
+
+
+def drawn(panel):
+    axes = Figure().add_subplot()
+    panel.on(axes)
+    return axes
+
+
+@pytest.mark.parametrize("name", PANELS)
+def test_bytes_do_not_change(name, tmp_path):
+    draw = panels.sheet(PANELS[name], PANELS[name], size=(4, 2), title="twice", sharey=True)
+    first, second = (draw(tmp_path / f"{k}.svg").read_bytes() for k in range(2))
+    assert first == second
+
+
+def test_curves_have_their_lines_levels_and_scales():
+    axes = drawn(PANELS["curves"])
+    assert axes.get_xscale() == axes.get_yscale() == "log"
+    assert [text.get_text() for text in axes.get_legend().get_texts()] == ["band", "bars"]
+    assert [text.get_text() for text in axes.get_xticklabels()] == ["0.5", "1", "2"]
+    np.testing.assert_array_equal(axes.lines[0].get_ydata(), X)
+
+
+def test_a_power_law_has_its_slope():
+    line = panels.power_law(X, 0.5, 3.0)
+    assert order(line.x, line.y) == pytest.approx(0.5)
+    assert np.asarray(line.y)[0] == 3.0
+
+
+def test_cells_above_the_limit_are_crossed_and_empty_ones_are_empty():
+    assert [text.get_text() for text in drawn(PANELS["heat map"]).texts] == ["1e-6", "2e-5", "3e-4 ✗"]
+
+
+def test_what_is_not_consistent_is_red():
+    axes = drawn(PANELS["NEES means"])
+    colours = [line.get_color() for line in axes.lines if line.get_marker() == "o"]
+    assert colours == [panels.DARK, panels.RED] * 2
+    names = ["one flight", "right", "wrong", "another", "right", "wrong"]
+    assert [label.get_text() for label in axes.get_yticklabels()] == names
+    assert [label.get_fontweight() for label in axes.get_yticklabels()] == ["bold", "normal", "normal"] * 2

@@ -1,0 +1,81 @@
+"""Tables for people have units and few digits; files have the numbers; a report has its files by their names."""
+
+import io
+
+import numpy as np
+import pandas as pd
+import pytest
+from rich.console import Console
+
+from studies.report import entry, panels, tables
+from studies.report.checks import Check
+from studies.report.tables import Table
+from studies.report.units import columns, heading
+
+DATA = pd.DataFrame({"step_s": [0.5, 1.0], "error_G_xx_ppm": [1 / 3, np.nan], "inside": [True, False], "what": ["a|b", "[c]"]})
+
+
+@pytest.mark.parametrize(
+    ("column", "expected"),
+    [
+        ("linear_rate_deg_s", "linear rate (deg/s)"),
+        ("step_arw_deg_per_sqrt_s", "step arw (deg/√s)"),
+        ("error_G_xx_ppm", "error G_xx (ppm)"),
+        ("sigma_b_z_deg_h", "sigma b_z (deg/h)"),
+        ("G_difference", "G difference"),
+        ("esa_sigma_mdeg", "esa sigma (mdeg)"),
+        ("steps", "steps"),
+        ("Δt = 0.5 s", "Δt = 0.5 s"),
+    ],
+)
+def test_headings_have_the_unit_of_the_column(column, expected):
+    assert heading(column) == expected
+
+
+def test_columns_of_the_twelve_parameters():
+    names = columns("sigma")
+    assert len(names) == 12
+    assert names[1] == "sigma_G_xy_ppm"
+    assert names[-1] == "sigma_b_z_deg_h"
+
+
+def test_markdown_has_few_digits_or_as_many_as_asked():
+    text = tables.markdown("Title", DATA, "A note.", {"step_s": ".2f"})
+    assert text.splitlines() == [
+        "## Title",
+        "",
+        "A note.",
+        "",
+        "| step (s) | error G_xx (ppm) | inside | what |",
+        "|---|---|---|---|",
+        "| 0.50 | 0.33333 | yes | a\\|b |",
+        "| 1.00 | – | no | [c] |",
+    ]
+
+
+def test_terminal_shows_the_same_cells():
+    out = io.StringIO()
+    tables.terminal(Console(file=out, width=120), "Title", DATA)
+    for text in ("step (s)", "0.33333", "a|b", "[c]", "–"):
+        assert text in out.getvalue()
+
+
+def test_a_report_is_written_and_shown_by_names(tmp_path):
+    made = entry.Report(
+        {"all": Table("All", DATA), "short": Table("Short", DATA, shown=["step_s"])},
+        {"curve": panels.sheet(panels.curves([panels.Line([1, 2], [3, 4])]), size=(3, 2))},
+        (Check("largest error", 0.5, (0.0, 1.0), "ppm", "It is small."),),
+    )
+    entry.write(made, "Study", tmp_path)
+    assert {path.name for path in tmp_path.iterdir()} == {"all.csv", "short.csv", "checks.csv", "curve.svg", "report.md"}
+    pd.testing.assert_frame_equal(pd.read_csv(tmp_path / "short.csv"), DATA, rtol=1e-8)
+    found = pd.read_csv(tmp_path / "checks.csv").iloc[0]
+    assert found[["check", "value", "lower", "upper", "verdict"]].tolist() == ["largest error", 0.5, 0.0, 1.0, "pass"]
+    page = (tmp_path / "report.md").read_text()
+    assert page.index("- It is small.") < page.index("| largest error | 0.5 | ppm | 0 to 1 | pass |") < page.index("## All")
+    assert "## Short\n\n| step (s) |\n" in page
+    assert "![curve](curve.svg)" in page
+    out = io.StringIO()
+    entry.show(made, Console(file=out, width=120))
+    assert out.getvalue().index("Short") < out.getvalue().index("largest error")
+    assert made.check("largest error").verdict == "pass"
