@@ -87,6 +87,7 @@ def _cut_odds(rates: Array, steps: Array, coarse: Mask) -> Array:
 def _quantization(report: SampleReport, steps: Array, coarse: Mask, cut: Mask) -> None:
     for axis in range(3):
         found = bool(coarse[axis])
+        symptom = "lattice_cut" if found and cut[axis] else "lattice_rounded"
         p = IMPOSSIBLE if found else 1.0
         text = (
             f"all readings are multiples of {np.rad2deg(steps[axis]):.4g} deg/s"
@@ -94,7 +95,7 @@ def _quantization(report: SampleReport, steps: Array, coarse: Mask, cut: Mask) -
             else "readings lie on no lattice that matters beside the noise"
         )
         report.tests.append(
-            SampleTest("lattice_step", AXES[axis], float(np.rad2deg(steps[axis])), 0.0, p, "lattice_rounded", text)
+            SampleTest("lattice_step", AXES[axis], float(np.rad2deg(steps[axis])), 0.0, p, symptom, text)
         )
     if not coarse.any():
         return
