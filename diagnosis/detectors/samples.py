@@ -94,9 +94,7 @@ def _quantization(report: SampleReport, steps: Array, coarse: Mask, cut: Mask) -
             if found
             else "readings lie on no lattice that matters beside the noise"
         )
-        report.tests.append(
-            SampleTest("lattice_step", AXES[axis], float(np.rad2deg(steps[axis])), 0.0, p, symptom, text)
-        )
+        report.tests.append(SampleTest("lattice_step", AXES[axis], float(np.rad2deg(steps[axis])), 0.0, p, symptom, text))
     if not coarse.any():
         return
     for effect, axes in (("lattice_rounded", coarse & ~cut), ("lattice_cut", coarse & cut)):

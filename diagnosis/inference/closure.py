@@ -103,26 +103,19 @@ def _one(model: LinearModel, fold: Fold, choose: Chooser, random: bool) -> Array
         return np.column_stack([before**2 + log, before**2 + log, 1 + log])
     after = before.copy()
     for weight, members in weighted:
-        places, scale = _places(model, members)
-        amplitudes, _ = _amplitudes(fold.train_X[:, places] * scale, fold.train_y)
-        after = after - fold.left_X[:, places] @ (weight * scale * amplitudes)
+        places, scale, shifts = model.design(members)
+        amplitudes, _ = _amplitudes(fold.train_X[:, places] * scale, fold.train_y - fold.train_X[:, shifts].sum(axis=1))
+        after = after - weight * (fold.left_X[:, places] @ (scale * amplitudes) + fold.left_X[:, shifts].sum(axis=1))
     if not random:
         return np.column_stack([before**2, after**2, np.ones(before.size)])
     # The scatter that the likeliest explanation claims for the part held out.
-    places, scale = _places(model, max(weighted, key=lambda pair: pair[0])[1])
+    places, scale, _ = model.design(max(weighted, key=lambda pair: pair[0])[1])
     _, information = _amplitudes(fold.train_X[:, places] * scale, fold.train_y)
     B = fold.left_X[:, places] * scale
     factor = np.linalg.cholesky(np.eye(before.size) + B @ np.linalg.solve(information, B.T))
     own = scipy.linalg.solve_triangular(factor, after, lower=True, check_finite=False)
     more = log + 2 * np.log(np.diag(factor))
     return np.column_stack([before**2 + log, own**2 + more, 1 + more])
-
-
-def _places(model: LinearModel, members: Sequence[Member]) -> tuple[NDArray[np.intp], Array]:
-    """Columns of some members, and the scale of each column."""
-    options = [model.option(member) for member in members]
-    places = np.concatenate([np.arange(option.start, option.start + option.count) for option in options])
-    return places, np.repeat([model.scale(member) for member in members], [option.count for option in options])
 
 
 def _amplitudes(A: Array, y: Array) -> tuple[Array, Array]:

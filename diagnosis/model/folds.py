@@ -35,22 +35,35 @@ def folds(model: RecordingModel, W: Array) -> Iterator[Fold]:
     part = np.repeat(parts(model), 3)
     for number in np.unique(part):
         out = part == number
-        if out.all():
-            continue
-        train = np.asarray(np.linalg.cholesky(sigma[np.ix_(~out, ~out)]))
-        gain = _solved(train, sigma[np.ix_(~out, out)])
-        left = np.asarray(np.linalg.cholesky(sigma[np.ix_(out, out)] - gain.T @ gain))
-        train_y, train_X = _solved(train, model.zeta[~out]), _solved(train, columns[~out])
-        own = owner[out]
-        yield Fold(
-            train_y=train_y,
-            train_X=train_X,
-            left_y=_solved(left, model.zeta[out] - gain.T @ train_y),
-            left_X=_solved(left, columns[out] - gain.T @ train_X),
-            log_scale=2 * np.log(np.diag(left)),
-            owner=own,
-            dof={str(name): float(np.sum(own == name)) for name in np.unique(own)},
-        )
+        if not out.all():
+            yield held_out(sigma, model.zeta, columns, out, owner)
+
+
+def held_out(sigma: Array, observed: Array, columns: Array, out: NDArray[np.bool_], owner: NDArray[np.str_]) -> Fold:
+    """One part of jointly normal observations held out.
+
+    Parameters
+    ----------
+    sigma : (N, N) covariance of all observations under M0
+    observed : (N,) observations
+    columns : (N, p) columns, in their unit
+    out : (N,) which are held out
+    owner : (N,) name of what each belongs to
+    """
+    train = np.asarray(np.linalg.cholesky(sigma[np.ix_(~out, ~out)]))
+    gain = _solved(train, sigma[np.ix_(~out, out)])
+    left = np.asarray(np.linalg.cholesky(sigma[np.ix_(out, out)] - gain.T @ gain))
+    train_y, train_X = _solved(train, observed[~out]), _solved(train, columns[~out])
+    own = owner[out]
+    return Fold(
+        train_y=train_y,
+        train_X=train_X,
+        left_y=_solved(left, observed[out] - gain.T @ train_y),
+        left_X=_solved(left, columns[out] - gain.T @ train_X),
+        log_scale=2 * np.log(np.diag(left)),
+        owner=own,
+        dof={str(name): float(np.sum(own == name)) for name in np.unique(own)},
+    )
 
 
 def parts(model: RecordingModel) -> NDArray[np.intp]:
