@@ -20,7 +20,6 @@ from diagnosis.settings import DEFAULT, DiagnosisSettings
 
 Array = NDArray[np.float64]
 
-BEAM = (10, 6, 6, 6)  # sets that are extended by a second, third … effect
 CHILDREN = 12  # extensions of a set worth settling
 SWEEPS = 2  # over the members of a set, each moved to its best with the others held
 EXCHANGES = 4  # times the best set is tried with other candidates in the place of its members
@@ -223,13 +222,13 @@ class Search:
         depth = self.model.most_effects if depth is None else depth
         found = {explanation.key: explanation for explanation in self.singles()}
         level = list(found.values())
-        for width in BEAM[: depth - 1]:
+        for width in self.model.beam[: depth - 1]:
             new: dict[frozenset[int], Explanation] = {}
             for parent in self._beam(level, width):
                 for child in self._children(parent, CHILDREN):
                     if child.key not in new or child.log_posterior > new[child.key].log_posterior:
                         new[child.key] = child
-            level = _ranked([self.settled(one.members) for one in _ranked(list(new.values()))[: 2 * width]])
+            level = _ranked([self.settled(one.members) for one in self._beam(list(new.values()), 2 * width)])
             top = max(explanation.log_posterior for explanation in found.values())
             found.update({explanation.key: explanation for explanation in level})
             if not level or level[0].log_posterior < top - HOPELESS:

@@ -45,12 +45,13 @@ class Group:
 
     Attributes
     ----------
-    effect, axis, listed, unit, process, positive, log_odds, read, size_sigma : as in `Candidate`
+    effect, axis, listed, unit, process, positive, log_odds, read, size_sigma, shifted : as in `Candidate`
     columns : per option (N, k) whitened columns
     parameters : per option
     weights : (o,) prior share of each option
     limits : plausible range of the size
     weight : prior of its effect beside that of the others
+    scales : as in `Candidate`; by default those within the limits that the columns can show
     """
 
     effect: str
@@ -67,6 +68,8 @@ class Group:
     log_odds: float = 0.0
     read: Callable[[Array], tuple[float, Parameters]] = first_amplitude
     size_sigma: Callable[[float], float] = exactly
+    shifted: bool = False
+    scales: Array | None = None
 
 
 def linear_model(
@@ -95,31 +98,8 @@ def linear_model(
 def assembled(
     model: RecordingModel, groups: Sequence[Group], effects: Mapping[str, Effect], settings: DiagnosisSettings
 ) -> LinearModel:
-    """Groups side by side, with their priors: equal for each effect, shared by its axes."""
-    names = {group.effect for group in groups if group.listed}
-    rivals = {group.effect for group in groups if not group.listed}
-    share = settings.unlisted_share if rivals and names else float(bool(rivals))
-    axes = {name: sum(group.effect == name for group in groups) for name in names | rivals}
-    candidates, columns, start = [], [], 0
-    for group in groups:
-        largest = max(float(np.linalg.norm(model.projected(part), axis=0).max()) for part in group.columns)
-        scales = scales_of(largest, group.limits)
-        if not scales.size:
-            continue
-        family = (1 - share) / len(names) if group.listed else share / len(rivals)
-        options = []
-        for part, weight, parameters in zip(group.columns, group.weights, group.parameters, strict=True):
-            options.append(Option(start, part.shape[1], float(np.log(weight)), parameters))
-            columns.append(part)
-            start += part.shape[1]
-        prior = float(np.log(group.weight * family / axes[group.effect]))
-        candidates.append(
-            Candidate(
-                group.effect, group.axis, group.listed, prior, tuple(options), scales, group.unit, group.process,
-                group.positive, group.log_odds, group.read, group.size_sigma,
-            )
-        )  # fmt: skip
-    W = np.hstack(columns) if columns else np.empty((model.size, 0))
+    """The model of a recording with some groups."""
+    W, candidates = packed(groups, model.size, model.projected, settings)
 
     def refine(linear: LinearModel, member: Member) -> LinearModel:
         effect = effects.get(linear.candidate(member).effect)
@@ -129,7 +109,7 @@ def assembled(
         y=model.y,
         X=model.projected(W),
         W=W,
-        candidates=tuple(candidates),
+        candidates=candidates,
         dof=model.degrees_of_freedom,
         projected=model.projected,
         most_effects=settings.largest_set,
@@ -137,6 +117,50 @@ def assembled(
         folds=lambda W: folds(model, W),
         refine=refine,
     )
+
+
+def packed(
+    groups: Sequence[Group], rows: int, projected: Callable[[Array], Array], settings: DiagnosisSettings
+) -> tuple[Array, tuple[Candidate, ...]]:
+    """Groups side by side, without those that cannot be seen, with their priors: equal for each effect, shared by its axes.
+
+    Parameters
+    ----------
+    groups : of columns
+    rows : number of observations
+    projected : takes the nuisance parameters out of columns
+    settings : priors
+
+    Returns
+    -------
+    (rows, p) whitened columns, and the candidates
+    """
+    names = {group.effect for group in groups if group.listed}
+    rivals = {group.effect for group in groups if not group.listed}
+    share = settings.unlisted_share if rivals and names else float(bool(rivals))
+    axes = {name: sum(group.effect == name for group in groups) for name in names | rivals}
+    candidates, columns, start = [], [np.empty((rows, 0))], 0
+    for group in groups:
+        scales = group.scales
+        if scales is None:
+            largest = max(float(np.linalg.norm(projected(part), axis=0).max()) for part in group.columns)
+            scales = scales_of(largest, group.limits)
+        if not scales.size:
+            continue
+        options = []
+        for part, weight, parameters in zip(group.columns, group.weights, group.parameters, strict=True):
+            options.append(Option(start, part.shape[1], float(np.log(weight)), parameters))
+            columns.append(part)
+            start += part.shape[1]
+        family = (1 - share) / len(names) if group.listed else share / len(rivals)
+        prior = float(np.log(group.weight * family / axes[group.effect]))
+        candidates.append(
+            Candidate(
+                group.effect, group.axis, group.listed, prior, tuple(options), scales, group.unit, group.process,
+                group.positive, group.log_odds, group.read, group.size_sigma, group.shifted,
+            )
+        )  # fmt: skip
+    return np.hstack(columns), tuple(candidates)
 
 
 # ---- listed effects ------------------------------------------------------------------------------------------------------

@@ -156,6 +156,7 @@ class LinearModel:
     dof : degrees of freedom of y under M0
     projected : takes the nuisance parameters out of (N, d) values
     most_effects : largest number of effects in one explanation
+    beam : how many sets a search extends by a second, third … effect; few rows afford many
     split : how `folds` parts the data, in words; "" where nothing can be held out
     folds : parts of the data held out in turn, of the model's W
     refine : a model with more options around a member's own, for a parameter such as the time of a step that lies between the
@@ -169,6 +170,7 @@ class LinearModel:
     dof: int
     projected: Callable[[Array], Array] = field(repr=False)
     most_effects: int = 3
+    beam: tuple[int, ...] = (10, 6, 6, 6)
     split: str = ""
     folds: Callable[[Array], Iterable[Fold]] = field(default=lambda W: (), repr=False)
     refine: Callable[[LinearModel, Member], LinearModel] = field(default=lambda model, member: model, repr=False)
