@@ -21,8 +21,9 @@ from diagnosis.answer import Closure, Verdict
 from diagnosis.inference.amplitudes import Fitted, fit
 from diagnosis.inference.attribution import Attribution, attribute
 from diagnosis.inference.closure import closure, fixed
-from diagnosis.inference.search import Search
+from diagnosis.inference.search import Explanation, Search
 from diagnosis.model.linear import LinearModel, Member
+from diagnosis.settings import DEFAULT
 from studies.natanson.flight_diagnosis.builder import NOISE, RATE, SPLITS, TIMING, YAW, Point, linear_model, moved
 from studies.natanson.flight_diagnosis.numbers import gap_test, motion, noise_factor
 from studies.natanson.flight_diagnosis.table import Baseline, Table
@@ -34,6 +35,7 @@ Effects = frozenset[str]
 SURE = 0.95
 FALSE_ALARM = 0.01
 UNKNOWN = "unknown"  # anything unlisted
+NOTHING = Explanation((), 0.0, float(np.log(0.2)))  # chance alone, as likely beforehand as one kind of effect
 ROUNDS = 5  # of search and new linearisation
 ITERATIONS = 10  # of the linearisation, between two searches
 SETTLED = 0.01  # of a timing between zero and one
@@ -109,7 +111,7 @@ def diagnose(table: Table, baseline: Baseline) -> Diagnosis:
     causes = tuple(name for name in (YAW, RATE, TIMING, NOISE) if sum(p for own, p in sets.items() if name in own) >= SURE)
     return Diagnosis(
         gap=gap,
-        verdict="named" if causes else attribution.verdict,
+        verdict="named" if causes else "unknown" if attribution.unknown > DEFAULT.unknown else "group",
         causes=causes,
         sets=sets,
         labels=labels,
@@ -128,7 +130,8 @@ def explained(table: Table, baseline: Baseline) -> tuple[LinearModel, Attributio
     for _ in range(ROUNDS):
         point = settled(table, baseline, point, found)
         model = linear_model(table, baseline, point)
-        attribution = attribute(model, Search(model).explanations())
+        weighed = sorted([*Search(model).explanations(), NOTHING], key=lambda one: -one.log_posterior)
+        attribution = attribute(model, weighed)
         best = tuple(label for label in attribution.ranked[0].labels if not label.startswith(UNKNOWN))
         if set(best) == set(found):
             break

@@ -11,7 +11,7 @@ from gyrocal import GyroParameters, InputError, calibrate, residual_table
 from simulator.simulate import motion, observe
 from simulator.streams import generator
 from studies.montecarlo import engine
-from studies.montecarlo.study import load_config
+from studies.montecarlo.study import Streams, load_config
 from studies.natanson import flight, flight_gap
 from studies.natanson.flight_diagnosis import baselines, numbers, report, simulated_tables, table
 from studies.natanson.flight_diagnosis.builder import RATE, TIMING, Point, linear_model
@@ -158,6 +158,16 @@ def test_nothing_is_found_where_nothing_is():
     assert np.mean([gap["noise_chi2"] for gap in gaps]) == pytest.approx(42, abs=4 * np.sqrt(84 / 100))
     # Print is covered, and not by far too much: one second-iteration correction is allowed for, and not simulated.
     assert 15 < np.mean([gap["motion_chi2"] for gap in gaps]) < 19
+
+
+def test_a_gap_by_chance_is_not_named():
+    """Of the study's tables of the baseline itself, one in which the noise departs at p = 0.004."""
+    chance = simulated_tables.simulated("nothing", PRESENT, Streams(1998, 60).generator("table"))
+    found = diagnose(chance, PRESENT)
+    assert found.gap["p_value"] < FALSE_ALARM
+    assert found.verdict == "group"
+    assert found.causes == ()
+    assert frozenset() in found.group
 
 
 @pytest.mark.parametrize("kind", ["yaw of 2", "rate sign", "one timing", "noise /3", "unknown", "yaw of 2, four timings"])
