@@ -17,6 +17,7 @@ from diagnosis.model.prepare import Prepared
 from diagnosis.model.symptoms import SampleCause
 from diagnosis.result import Details, Diagnosis
 from diagnosis.settings import DiagnosisSettings
+from simulator.effects import EFFECTS
 
 if TYPE_CHECKING:
     from diagnosis.diagnose import Explained
@@ -42,9 +43,7 @@ def assembled(
     gap = explained.p_value < settings.false_alarm_rate
     table = localization.statistics(model, model.y)
     where = [one.finding for one in samples] + (list(localization.findings(table)) if gap else [])
-    # Noise that is stronger at lower frequencies is a random process, if the attitude shows one about that axis.
-    processes = {one.axis for one in explained.fitted if one.process}
-    samples = [one for one in samples if not (one.symptom.kind == "slow_noise" and one.symptom.axis in processes)]
+    samples = [one for one in samples if not _is_of_a_process(one, explained.fitted)]
     unlisted = any(one.effect is None for one in samples)
     verdict, unknown = _verdict(attribution, gap, bool(samples), unlisted)
     sigma = np.sqrt(np.diag(explained.covariance))
@@ -70,6 +69,19 @@ def assembled(
         details=_details(prepared, explained, table),
         p_values=_p_values(prepared, samples, explained),
         posterior=_posterior(samples, explained, gap, settings),
+    )
+
+
+def _is_of_a_process(cause: SampleCause, fitted: Sequence[Fitted]) -> bool:
+    """Whether noise that a test has seen is that of a random process which the attitude shows about the same axis.
+
+    A process has noise at all frequencies: that of the rates shows in the samples as noise that is stronger at lower
+    frequencies, that of the references in their second differences.
+    """
+    on_references = {"slow_noise": False, "reference_noise_level": True}.get(cause.symptom.kind)
+    return on_references is not None and any(
+        one.process and EFFECTS[one.effect].on_references == on_references and cause.symptom.axis in (None, one.axis)
+        for one in fitted
     )
 
 

@@ -17,7 +17,7 @@ from diagnosis.inference.attribution import Attribution, as_unknown, attribute
 from diagnosis.inference.checks import Check, rejected, residual_checks
 from diagnosis.inference.closure import closure
 from diagnosis.inference.null import p_value
-from diagnosis.inference.search import Search
+from diagnosis.inference.search import Explanation, Search
 from diagnosis.merge import merged
 from diagnosis.model.calibration import calibrated
 from diagnosis.model.candidates import linear_model
@@ -37,6 +37,8 @@ from simulator.effects.sensor import ALL_EFFECTS, SENSOR_EFFECTS
 
 Array = NDArray[np.float64]
 Progress = Callable[[str, float], None]
+
+REFINED = 3  # of the likeliest explanations, around whose members options are made finer
 
 
 @dataclass(frozen=True)
@@ -128,7 +130,8 @@ def explain(
     closed: Closure | None = None
     if p < settings.false_alarm_rate:
         tell("explanations", 0.5)
-        attribution = attribute(linear, search.explanations(), settings)
+        linear, explanations = explained_finely(search, settings)
+        attribution = attribute(linear, explanations, settings)
         tell("amplitudes", 0.7)
         members = tuple(slot.member for slot in attribution.slots)
         if members:
@@ -141,6 +144,23 @@ def explain(
             closed = closure(linear, members)
     change, covariance = calibrated(model, fitted)
     return Explained(linear, p, attribution, fitted, checks, closed, change, covariance)
+
+
+def explained_finely(search: Search, settings: DiagnosisSettings) -> tuple[LinearModel, list[Explanation]]:
+    """The model with finer options around those of the likeliest explanations, and the explanations found with them.
+
+    A step that is tried at a few times only leaves a trace when it happened between two of them, which another step about the
+    same axis would explain.
+    """
+    found = search.explanations()
+    linear = search.model
+    tried: set[int] = set()
+    for explanation in found[:REFINED]:
+        for member in explanation.members:
+            if member.candidate not in tried:
+                tried.add(member.candidate)
+                linear = linear.refine(linear, member)
+    return (linear, found) if linear is search.model else (linear, Search(linear, settings).explanations())
 
 
 def _with_sensors(

@@ -119,6 +119,7 @@ def _made(verdict, causes=(), alternatives=(), unknown=0.004, closure=None, rows
         "causes": tuple(causes),
         "alternatives": tuple(alternatives),
         "unknown_probability": unknown,
+        "posterior": ((("bias_orbital:z",), 1.0),),
         "closure": closure,
         "G": baseline_G + (1e-6 * np.array([[3.0, -40.0, 5.0], [60.0, 2.0, 9.0], [1.0, 4.0, 120.0]]) if moved else 0.0),
         "bias": baseline_bias + (DEG_H * np.array([0.001, -0.002, 0.08]) if moved else 0.0),

@@ -129,11 +129,8 @@ def half_width(one: DeadStretches, missing: Array) -> tuple[float, float]:
 def usual_slow_rate(recording: Recording, rates: Array, bias: Array) -> float:
     """Usual size of slow raw rates, rad/s: that of the biases, or the slower half of what the middle one of the gyros reads."""
     count = max(1, round(SLOW_WINDOW_S / recording.gyro.sample_s))
-    windows = np.concatenate(
-        [
-            np.column_stack([part for _, part in (_windows(recording, rates[:, k], count)[i] for k in range(3))])
-            for i in range(len(recording.intervals))
-        ]
+    windows = np.column_stack(
+        [np.concatenate([part for _, part in _windows(recording, rates[:, axis], count)]) for axis in range(3)]
     )
     slow = np.sort(np.abs(windows), axis=0)[: max(1, len(windows) // 2)]
     read = float(np.median(np.sqrt(np.mean(slow**2, axis=0)))) if len(windows) else 0.0

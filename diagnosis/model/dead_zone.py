@@ -10,6 +10,7 @@ is the scale of the amplitudes; a run in which the attitude denies such a rate s
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,7 +29,7 @@ AXES = "xyz"
 UNSEEN = 0.5  # usual size of the motion inside the zone beside the rates that are missing
 DIFFERENCE = 0.4  # usual size of the differences between runs beside what they have in common
 SCALES = (0.3, 3.0)  # of the amplitudes, in usual rates
-MOST_ODDS = 10.0  # that the samples may give it: their model of the motion is a rough one
+MOST_ODDS = 4.0  # that the samples may give it: their model of the motion is a rough one, and the attitude must show it
 LEAST_ODDS = -10.0  # that they may hold against it
 
 
@@ -58,7 +59,9 @@ def dead_zone_groups(prepared: Prepared, effects: Sequence[Effect]) -> list[Grou
     effect = next((one for one in effects if one.symptom == "dead_zone"), None)
     if effect is None:
         return []
-    return [_group(prepared.model, one, effect) for one in prepared.dead]
+    # Each gyro could have had one beforehand, also those that show none.
+    weight = effect.weight * len(prepared.dead) / len(AXES)
+    return [replace(_group(prepared.model, one, effect), weight=weight) for one in prepared.dead]
 
 
 def _group(model: RecordingModel, one: DeadStretches, effect: Effect) -> Group:

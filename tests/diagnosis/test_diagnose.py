@@ -7,10 +7,12 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from diagnosis.diagnose import FALSE_ALARMS, attitude_p_value, diagnose
+from diagnosis.diagnose import diagnose
+from diagnosis.inference.null import p_value
 from diagnosis.inference.search import Search
-from diagnosis.model.candidates import build
+from diagnosis.model.candidates import linear_model
 from diagnosis.model.prepare import prepare
+from diagnosis.settings import DEFAULT
 from gyrocal import InputError, load
 from simulator import scenario
 from simulator.effects import EFFECTS, parse
@@ -37,7 +39,7 @@ def test_m0_has_no_gap_and_says_so(plan):
     assert not answer.present
     assert answer.causes == ()
     assert answer.closure is None
-    assert answer.p_value > FALSE_ALARMS
+    assert answer.p_value > DEFAULT.false_alarm_rate
     document = answer.to_json()
     assert document["verdict"] == "none"
     assert json.loads(json.dumps(document)) == document
@@ -60,15 +62,15 @@ def test_wrong_stated_noise_is_noise_excess_and_nothing_else(plan):
 def test_shuffled_residuals_give_no_cause(plan):
     """Negative control for the whole attitude side: a strong effect, its residuals in another order."""
     model = prepare(simulate(plan, seed=13, effects=[parse("bias_orbital:z=0.3")])).model
-    bank = build(model)
-    assert attitude_p_value(model, Search(bank, model.y), 0) < 1e-20
+    linear = linear_model(model, list(EFFECTS.values()))
+    assert p_value(Search(linear), 0, DEFAULT.null_draws) < 1e-20
     rng = np.random.default_rng(14)
     p = []
     for _ in range(5):
         shuffled = model.projected(rng.permutation(model.y) * rng.choice([-1.0, 1.0], model.size))
         shuffled *= np.sqrt(model.degrees_of_freedom) / np.linalg.norm(shuffled)
-        p.append(attitude_p_value(model, Search(bank, shuffled), 0))
-    assert min(p) > FALSE_ALARMS
+        p.append(p_value(Search(replace(linear, y=shuffled)), 0, DEFAULT.null_draws))
+    assert min(p) > DEFAULT.false_alarm_rate
 
 
 @pytest.mark.parametrize(

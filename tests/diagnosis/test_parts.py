@@ -1,4 +1,4 @@
-"""Reference noise, dead zone, random effects, sizes, where and closure, each on data made for it, with its control."""
+"""Reference noise, dead zone, random processes, amplitudes, localization and closure on simulated recordings, with controls."""
 
 from dataclasses import replace
 
@@ -8,11 +8,13 @@ import scipy.stats
 
 from diagnosis.detectors.deadzone import dead_stretches
 from diagnosis.detectors.samples import examine
-from diagnosis.inference.amplitudes import calibrated, fit
-from diagnosis.inference.closure import closure
-from diagnosis.inference.search import Member, Search
+from diagnosis.diagnose import diagnose
+from diagnosis.inference.amplitudes import fit
+from diagnosis.inference.closure import closure, fixed
+from diagnosis.inference.search import Search
 from diagnosis.model import localization as where
-from diagnosis.model.candidates import build
+from diagnosis.model.calibration import calibrated
+from diagnosis.model.candidates import linear_model
 from diagnosis.model.prepare import prepare
 from diagnosis.model.processes import factor, markov
 from simulator import scenario
@@ -32,20 +34,19 @@ def prepared(plan):
 
 
 @pytest.fixture(scope="module")
-def bank(prepared):
-    return build(prepared.model)
+def linear(prepared):
+    return linear_model(prepared.model, list(EFFECTS.values()))
 
 
-def _member(bank, y, label):
-    search = Search(bank, y)
-    score = search.score(bank.find(label), None)
-    return Member(bank.find(label), score.option, score.scale)
+def _members(linear, *labels):
+    """Members at their best options and scales."""
+    return Search(linear).of(labels).members
 
 
-def _strong(bank, label, snr):
+def _strong(linear, label, snr):
     """Response of the middle option of a candidate, of a given signal-to-noise ratio."""
-    options = bank.candidates[bank.find(label)].options
-    X = bank.X[:, options[len(options) // 2].columns][:, 0]
+    options = linear.candidates[linear.find(label)].options
+    X = linear.X[:, options[len(options) // 2].columns][:, 0]
     return snr * X / np.linalg.norm(X)
 
 
@@ -73,23 +74,22 @@ def test_a_noisy_gyro_is_no_noise_of_the_references(plan):
         assert not found.departs
 
 
-def test_a_small_dead_zone_is_no_noise_of_the_references(plan):
+def test_a_dead_zone_is_no_noise_of_the_references(plan):
     prepared = prepare(simulate(plan, seed=4, effects=[parse("rate_deadzone:z=9e-4")]))
-    assert [zone.stretches.axis for zone in prepared.zones] == [2]
+    assert 2 in [one.axis for one in prepared.dead]
     assert prepared.reference_noise is None or not prepared.reference_noise.departs
 
 
-def test_the_search_leaves_a_wrong_set_for_the_right_one(prepared, bank):
+def test_the_search_leaves_a_wrong_set_for_the_right_one(linear):
     """Whatever the beam began with: members are taken out and exchanged until nothing is better."""
     right = {"bias_drift:y", "g_matrix_step:x"}
-    y = _strong(bank, "bias_drift:y", 35.0) + _strong(bank, "g_matrix_step:x", 35.0)
-    search = Search(bank, y)
-    wrong = [_member(bank, y, label) for label in ("bias_drift:y", "scale_quadratic:z", "bias_orbital:x")]
-    start = search.settled(tuple(wrong))
+    strong = replace(linear, y=_strong(linear, "bias_drift:y", 35.0) + _strong(linear, "g_matrix_step:x", 35.0))
+    search = Search(strong)
+    start = search.of(("bias_drift:y", "scale_quadratic:z", "bias_orbital:x"))
     found = {start.key: start}
     search._exchange(found)
     best = max(found.values(), key=lambda explanation: explanation.log_posterior)
-    assert {bank.candidates[k].label for k in best.key} == right
+    assert {linear.candidates[k].label for k in best.key} == right
     assert best.log_posterior > start.log_posterior + 100
 
 
@@ -97,17 +97,16 @@ def test_dead_zone_reads_zero_and_m0_does_not(plan):
     for text, found in (("rate_deadzone:x=3e-4", True), ("bias_step:x=0.1,time_s=20000", False)):
         recording = simulate(plan, seed=24, effects=[parse(text)])
         report = examine(recording)
-        odds = {one.axis: one.log_odds for one in dead_stretches(recording, report.rates, report.noise)}
+        usual = float(np.deg2rad(1e-4))
+        odds = {one.axis: one.log_odds for one in dead_stretches(recording, report.rates, report.noise, usual)}
         assert (odds.get(0, 0.0) > 2) == found
 
 
 def test_a_gyro_without_bias_is_no_dead_zone(plan):
     """Negative control: raw rates that are zero because there is nothing to read."""
     changes = {"gyro.true_bias_deg_s": (0.0, 0.0, 0.0), "gyro.true_G": np.eye(3).tolist()}
-    recording = simulate(scenario.override(plan, changes), seed=25)
-    done = prepare(recording)
-    assert done.dead  # it looks like one in the samples
-    assert done.zones == ()  # and misses nothing in the attitude
+    answer = diagnose(simulate(scenario.override(plan, changes), seed=25))
+    assert answer.verdict == "none"  # whatever the samples look like, no rate is missing in the attitude
 
 
 def test_kernels_by_their_definitions(prepared):
@@ -133,21 +132,22 @@ def test_flicker_has_a_flat_allan_variance_at_its_floor():
         assert 0.5 * weight @ K @ weight == pytest.approx(2 * np.log(2) / np.pi, rel=0.15)
 
 
-def test_sizes_agree_with_least_squares_and_the_truth(prepared, bank):
+def test_amplitudes_agree_with_least_squares_and_the_truth(prepared, linear):
     model = prepared.model
-    (numbers,) = fit(model, bank, model.y, [_member(bank, model.y, "bias_orbital:z")])
+    (numbers,) = fit(linear, _members(linear, "bias_orbital:z"))
     X = model.projected(numbers.columns)
     amplitudes = np.linalg.lstsq(X, model.y, rcond=None)[0]
-    assert np.allclose(numbers.amplitudes, amplitudes, rtol=1e-6)
+    # At this signal-to-noise ratio the prior shrinks by less than a hundredth.
+    assert np.allclose(numbers.amplitudes, amplitudes, rtol=1e-2)
     assert abs(numbers.size - 0.3) < 3.5 * numbers.sigma
     assert abs((float(numbers.parameters["phase_deg"]) - 25 + 180) % 360 - 180) < 8
     covariance = np.linalg.inv(X.T @ X)
-    assert np.sqrt(np.diag(covariance)).min() <= numbers.sigma <= np.sqrt(np.diag(covariance)).max()
+    assert np.sqrt(np.diag(covariance)).min() * 0.98 <= numbers.sigma <= np.sqrt(np.diag(covariance)).max() * 1.02
 
 
-def test_calibration_with_the_effect_in_covers_the_truth(plan, prepared, bank):
+def test_calibration_with_the_effect_in_covers_the_truth(plan, prepared, linear):
     model = prepared.model
-    numbers = fit(model, bank, model.y, [_member(bank, model.y, "bias_orbital:z")])
+    numbers = fit(linear, _members(linear, "bias_orbital:z"))
     truth = np.append(np.ravel(plan.gyro.true_G), np.deg2rad(plan.gyro.true_bias_deg_s))
     nees = {}
     for name, effects in (("with", numbers), ("without", [])):
@@ -193,23 +193,23 @@ def test_residuals_in_body_axes_have_the_sigma_they_state(prepared):
     assert np.mean(spread[kept] / sigma[kept]) == pytest.approx(1.0, abs=0.01)
 
 
-def test_closure_of_the_truth_of_nothing_and_of_a_wrong_effect(prepared, bank):
-    model = prepared.model
-    right = closure(model, bank, lambda fold: [(1.0, [_member(bank, model.y, "bias_orbital:z")])])
-    nothing = closure(model, bank, lambda fold: [])
-    wrong = closure(model, bank, lambda fold: [(1.0, [_member(bank, model.y, "scale_quadratic:x")])])
+def test_closure_of_the_truth_of_nothing_and_of_a_wrong_effect(prepared, linear):
+    right_members = _members(linear, "bias_orbital:z")
+    right = closure(linear, right_members, fixed(("bias_orbital:z",)))
+    nothing = closure(linear, right_members, lambda search: [])
+    wrong = closure(linear, _members(linear, "scale_quadratic:x"), fixed(("scale_quadratic:x",)))
     assert right.closed > 0.9
-    assert right.split != closure(model, bank, lambda fold: [], intervals=True).split
     assert right.interval_90[0] < right.closed < right.interval_90[1]
     assert nothing.closed == pytest.approx(0.0, abs=1e-12)
     assert wrong.closed < 0.2
     assert right.floor == pytest.approx(1.0)
-    assert set(right.by_interval["interval"]) == {interval.name for interval in model.recording.intervals}
+    assert set(right.by_interval["interval"]) == {interval.name for interval in prepared.model.recording.intervals}
 
 
 def test_closure_before_is_at_the_floor_for_m0(plan):
     values = []
     for seed in (35, 36, 37):
         model = prepare(simulate(plan, seed=seed)).model
-        values.append(closure(model, build(model, ["bias_drift"], rivals=False), lambda fold: []).before)
+        linear = linear_model(model, [EFFECTS["bias_drift"]], rivals=False)
+        values.append(closure(linear, _members(linear, "bias_drift:x"), lambda search: []).before)
     assert abs(np.mean(values) - 1.0) < 4 * np.sqrt(2 / (3 * model.size))

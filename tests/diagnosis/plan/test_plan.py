@@ -1,13 +1,15 @@
 """What a plan predicts, against algebra and against the whole simulator."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import scipy.stats
 
 from diagnosis import plan as planning
-from diagnosis.diagnose import FALSE_ALARMS, attitude_p_value
+from diagnosis.inference.null import p_value
 from diagnosis.inference.search import Search
-from diagnosis.model.candidates import build
+from diagnosis.model.candidates import linear_model
 from diagnosis.model.prepare import prepare
 from diagnosis.model.recording import linearised
 from diagnosis.plan import (
@@ -19,8 +21,8 @@ from diagnosis.plan import (
     RandomColumns,
     Signature,
     appended,
-    linear_model,
     maneuvers,
+    noise_free,
     pairs,
     plan,
     random_columns,
@@ -30,6 +32,7 @@ from diagnosis.plan import (
     telling_size,
     visible,
 )
+from diagnosis.settings import DEFAULT
 from gyrocal import InputError
 from simulator.effects import EFFECTS, setting
 from simulator.effects.common import noncentrality
@@ -49,12 +52,12 @@ def scenario():
 
 @pytest.fixture(scope="module")
 def model(scenario):
-    return linear_model(scenario)
+    return noise_free(scenario)
 
 
 @pytest.fixture(scope="module")
 def power(model):
-    return PowerOf(model, build(model))
+    return PowerOf(linear_model(model, list(EFFECTS.values())))
 
 
 @pytest.fixture(scope="module")
@@ -64,7 +67,7 @@ def every(model):
 
 @pytest.fixture(scope="module")
 def detected(scenario, power):
-    """How many of `SEEDS` simulated recordings the diagnosis calls a gap; one bank for all, since that takes longest."""
+    """How many of `SEEDS` simulated recordings the diagnosis calls a gap, with one linear model for all."""
     path = motion(scenario)
 
     def count(effects, entropy):
@@ -75,7 +78,7 @@ def detected(scenario, power):
                 scenario, path, gyro_rng=gyro, reference_rng=references, effects=effects, seed=entropy, case=case
             )
             prepared = prepare(recording).model
-            found += attitude_p_value(prepared, Search(power.bank, prepared.y), case) < FALSE_ALARMS
+            found += p_value(Search(replace(power.linear, y=prepared.y)), case, DEFAULT.null_draws) < DEFAULT.false_alarm_rate
         return found
 
     return count
@@ -101,7 +104,7 @@ def test_nine_recordings_in_ten_with_the_predicted_size_show_a_gap(label, every,
 
 def test_without_an_effect_there_is_no_gap(detected):
     count = detected([], entropy=22)
-    assert scipy.stats.binom.sf(count - 1, SEEDS, FALSE_ALARMS) > 0.002
+    assert scipy.stats.binom.sf(count - 1, SEEDS, DEFAULT.false_alarm_rate) > 0.002
 
 
 def test_power_on_fresh_draws_is_that_asked_for_and_grows_with_size(every, power, model):
@@ -111,7 +114,7 @@ def test_power_on_fresh_draws_is_that_asked_for_and_grows_with_size(every, power
 
     def rate(amplitude):
         y = noise + amplitude * one.typical()[:, None]
-        return np.mean(power.search.null_statistic(power.bank.X.T @ y) > power.threshold)
+        return np.mean(power.statistic(y) > power.threshold)
 
     rates = [rate(factor * seen.size) for factor in (0.0, 0.5, 1.0, 1.5)]
     assert rates[0] < 0.03
@@ -125,7 +128,7 @@ def test_random_effects_are_seen_at_their_size_on_fresh_draws(power, model):
     rng = np.random.default_rng(4)
     y = model.projected(rng.standard_normal((model.size, 400)))
     y = y + seen.size * one.X @ rng.standard_normal((one.X.shape[1], 400))
-    rate = np.mean(power.search.null_statistic(power.bank.X.T @ y) > power.threshold)
+    rate = np.mean(power.statistic(y) > power.threshold)
     assert rate == pytest.approx(POWER, abs=0.08)
 
 
@@ -160,7 +163,7 @@ def test_what_the_calibration_takes_up_is_not_identifiable(every, power):
 def test_half_the_noise_halves_the_size(scenario, every, power):
     half = {"gyro.arw_deg_per_sqrt_s": scenario.gyro.arw_deg_per_sqrt_s / 2}
     half["reference.sigma_deg"] = [value / 2 for value in scenario.reference.sigma_deg]
-    better = linear_model(override(scenario, half))
+    better = noise_free(override(scenario, half))
     one = signatures(better, ["bias_drift"])[0]
     assert one.norms[0] == pytest.approx(2 * every["bias_drift:x"].norms[0], rel=1e-6)
 

@@ -55,7 +55,8 @@ def test_every_stage_has_a_meaning_and_a_built_in_effect():
     assert len({stage.name for stage in STAGES}) == len(STAGES)
     assert all(stage.meaning.endswith(".") for stage in STAGES)
     assert {effect.stage for effect in ALL_EFFECTS.values()} == {stage.name for stage in STAGES}
-    assert {effect.symptom for effect in ALL_EFFECTS.values()} - {None} == set(SYMPTOMS)
+    # Other symptoms are departures from M0 that no listed effect makes.
+    assert {effect.symptom for effect in ALL_EFFECTS.values()} - {None} <= set(SYMPTOMS)
 
 
 def test_views_tell_sensor_effects_apart_and_follow_the_registry(monkeypatch):

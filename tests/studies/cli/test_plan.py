@@ -13,6 +13,7 @@ from studies.report import plan as plan_report
 INF, NAN = float("inf"), float("nan")
 FOUND = Plan(
     scenario="A plan",
+    false_alarm_rate=0.002,
     threshold=0.5,
     degrees_of_freedom=100,
     effects=(
