@@ -26,6 +26,7 @@ SHORTEST = 256  # samples of a segment
 HALVINGS = 6  # lengths of segments that are tried, from the longest arc down
 LEVEL_BINS = 61  # of the spectrum, over which the level around a line is taken
 MOST_LINES = 4  # of one axis
+AVERAGED_CYCLES = 4  # of a line, over which the motion beside it is averaged
 PART_CYCLES = 12  # of a line in a part of the samples in which its amplitude is compared
 MOST_PARTS = 8  # of one arc
 UNSTEADY = 0.1  # relative change of the amplitude that a tone may have
@@ -148,7 +149,7 @@ def _tone(x: Array, recording: Recording, axis: int, peak: _Peak, found: list[tu
     trial = trial[trial > 0]
     power = np.zeros(trial.size)
     for low, high in found:
-        y = scipy.signal.detrend(x[low:high])
+        y = _without_motion(x[low:high], peak.frequency_hz * sample)
         power += np.abs(_transform(y, recording.gyro.t_s[low:high], trial)) ** 2 / y.size
     f = float(trial[int(np.argmax(power))])
     squares, samples, noise, waveform = 0.0, 0, 0.0, np.zeros_like(x)
@@ -156,7 +157,7 @@ def _tone(x: Array, recording: Recording, axis: int, peak: _Peak, found: list[tu
     for low, high in found:
         angle = 2 * np.pi * f * recording.gyro.t_s[low:high]
         waves = np.column_stack([np.cos(angle), np.sin(angle)])
-        level = scipy.signal.detrend(x[low:high])
+        level = _without_motion(x[low:high], f * sample)
         fitted = np.linalg.lstsq(waves, level, rcond=None)[0]
         waveform[low:high] = waves @ fitted
         left = float(np.mean((level - waves @ fitted) ** 2))
@@ -172,6 +173,18 @@ def _tone(x: Array, recording: Recording, axis: int, peak: _Peak, found: list[tu
     error = float(np.sqrt(2 * noise / samples / samples))
     steady = _is_steady(np.array(amplitudes), np.array(sigmas))
     return Line(axis, f, size, error, peak.p_value, waveform, peak.isolated, steady) if size > CLEAR_TONE * error else None
+
+
+def _without_motion(x: Array, cycles: float) -> Array:
+    """Samples without the body's motion that is slow beside a tone of so many cycles in a sample.
+
+    A mean over whole cycles leaves nothing of the tone, so that what it is subtracted from keeps all of it. A slew that begins
+    gently is quiet to the eyes of the noise tests, but would pass for noise of the tone's amplitude.
+    """
+    count = round(AVERAGED_CYCLES / cycles)
+    if 2 * count >= x.size:
+        return np.asarray(scipy.signal.detrend(x))
+    return np.asarray(x - scipy.ndimage.uniform_filter1d(x, count, mode="nearest"))
 
 
 def _transform(y: Array, t: Array, frequencies: Array) -> Array:

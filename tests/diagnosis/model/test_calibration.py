@@ -1,0 +1,144 @@
+"""The preparation and the calibration with effects in the model, against the calibrator and the truth."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import scipy.stats
+
+from diagnosis.inference.amplitudes import fit
+from diagnosis.inference.search import Search
+from diagnosis.model.calibration import calibrated
+from diagnosis.model.linear import Member
+from diagnosis.model.prepare import prepare
+from gyrocal import InputError, calibrate
+from simulator import scenario
+from simulator.simulate import simulate
+from tests.diagnosis.recordings import linear, plan, prepared, recorded
+
+
+def truth():
+    return np.append(np.ravel(plan().gyro.true_G), np.deg2rad(plan().gyro.true_bias_deg_s))
+
+
+def vector(model):
+    return np.append(model.G.ravel(), model.bias)
+
+
+def test_prepare_finds_the_calibrators_parameters():
+    """Another implementation of the same estimate: differences are far inside the sigmas."""
+    found = prepared(3)
+    result = calibrate(recorded(3))
+    assert np.abs((vector(found.model) - result.parameters.vector) / result.sigma).max() < 0.05
+    assert np.allclose(found.sigma, result.sigma, rtol=0.02)
+
+
+def test_errors_of_m0s_calibration_are_those_of_its_covariance():
+    """Normalised squared errors of the twelve parameters over recordings of M0."""
+    nees = 0.0
+    for seed in range(8):
+        model = prepared(seed).model
+        error = vector(model) - truth()
+        nees += error @ np.linalg.solve(calibrated(model, [])[1], error)
+    assert 1e-3 < scipy.stats.chi2.cdf(nees, 12 * 8) < 1 - 1e-3
+
+
+def named(label, *effects, seed=21):
+    made = linear(seed, *effects)
+    score = Search(made).score(made.find(label), None)
+    return prepared(seed, *effects).model, fit(made, [Member(made.find(label), score.option, score.scale)])
+
+
+def test_size_and_phase_agree_with_least_squares_and_the_truth():
+    model, (one,) = named("bias_orbital:z", "bias_orbital:z=0.3,phase_deg=25")
+    X = model.projected(one.columns)
+    amplitudes = np.linalg.lstsq(X, model.y, rcond=None)[0]
+    covariance = np.linalg.inv(X.T @ X)
+    # The prior moves them by their variance over the prior's.
+    assert np.allclose(one.amplitudes, amplitudes, rtol=2 * np.trace(covariance) / one.prior_sigma**2 + 1e-6)
+    assert abs(one.size - 0.3) < 3.5 * one.sigma
+    assert abs((float(one.parameters["phase_deg"]) - 25 + 180) % 360 - 180) < 8
+    assert np.sqrt(np.diag(covariance)).min() * 0.95 <= one.sigma <= np.sqrt(np.diag(covariance)).max() * 1.05
+
+
+@pytest.mark.parametrize(
+    ("label", "text"),
+    [("bias_orbital:z", "bias_orbital:z=0.3,phase_deg=25"), ("bias_drift:x", "bias_drift:x=0.05")],
+)
+def test_calibration_with_the_effect_in_covers_the_truth(label, text):
+    model, effects = named(label, text)
+    nees = {}
+    for name, fitted in (("with", effects), ("without", [])):
+        change, covariance = calibrated(model, fitted)
+        error = vector(model) + change - truth()
+        nees[name] = error @ np.linalg.solve(covariance, error)
+    assert scipy.stats.chi2.sf(nees["with"], 12) > 1e-3
+    assert nees["without"] > nees["with"]
+
+
+def test_without_effects_nothing_changes():
+    """The calibration of M0 is where the model is linearised, to a thousandth of a sigma."""
+    found = prepared(3)
+    change, covariance = calibrated(found.model, [])
+    assert np.abs(change / found.sigma).max() < 0.01
+    np.testing.assert_allclose(np.sqrt(np.diag(covariance)), found.sigma, rtol=0.02)
+
+
+def test_effects_in_the_model_only_add_to_the_uncertainty():
+    model, effects = named("bias_orbital:z", "bias_orbital:z=0.3,phase_deg=25")
+    alone, together = calibrated(model, [])[1], calibrated(model, effects)[1]
+    assert (np.diag(together) >= np.diag(alone) * (1 - 1e-9)).all()
+    assert (np.diag(together) > 1.05 * np.diag(alone)).any()
+
+
+# ---- the noise of the references -----------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(("stated", "axis"), [((1, 1, 1), None), ((1.5, 1.5, 1.5), None), ((1, 1.6, 1), 1)])
+def test_noise_of_the_references(stated, axis):
+    recording = recorded(22, every_s=60.0)
+    sigma = recording.attitudes.sigma / np.array(stated)
+    found = prepare(replace(recording, attitudes=replace(recording.attitudes, sigma=sigma)))
+    noise = found.reference_noise
+    assert noise.departs == (stated != (1, 1, 1))
+    if noise.departs:
+        assert noise.axis == axis
+        assert np.abs((noise.factor - stated) / noise.sigma).max() < 4
+        # The model then has the noise there is.
+        model = found.model
+        assert scipy.stats.chi2.sf(model.y @ model.y, model.degrees_of_freedom) > 1e-4
+
+
+@pytest.mark.parametrize("text", ["bias_orbital:y=1.0", "reference_orbital:x=0.05", "bias_random_walk:z=1.0"])
+def test_noise_of_the_references_is_no_slow_error(text):
+    """Second differences leave a drifting bias and a slow reference error out."""
+    assert not prepared(23, text, every_s=60.0).reference_noise.departs
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_a_noisy_gyro_is_no_noise_of_the_references(seed):
+    found = prepared(seed, "noise_excess:y=3", every_s=60.0).reference_noise
+    assert found is not None
+    assert not found.departs
+
+
+def test_a_small_dead_zone_is_no_noise_of_the_references():
+    found = prepared(4, "rate_deadzone:z=9e-4", sample_s=0.5, every_s=60.0)
+    assert [one.axis for one in found.dead] == [2]
+    assert found.reference_noise is None or not found.reference_noise.departs
+
+
+def test_without_a_series_of_references_their_noise_is_not_tested():
+    ends = scenario.override(plan(), {"reference.at": "ends"})
+    found = prepare(simulate(ends, seed=1))
+    assert found.reference_noise is None
+    assert any("degrees of freedom" in note for note in found.notes)
+
+
+def test_nothing_left_between_clipped_samples_is_an_error():
+    recording = recorded(2, sample_s=2.0)
+    # Every other sample on z reads the largest rate.
+    rates = recording.gyro.rates.copy()
+    rates[::3, 2] = 0.01
+    with pytest.raises(InputError, match="no two reference attitudes"):
+        prepare(replace(recording, gyro=replace(recording.gyro, rates=rates)))

@@ -1,0 +1,160 @@
+"""Lines in the samples of a fast gyro: a body that sways is no vibration, and a vibration is one."""
+
+from dataclasses import replace
+from functools import lru_cache
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from diagnosis.diagnose import diagnose
+from diagnosis.model.lines import log_ratio
+from diagnosis.model.prepare import prepare
+from simulator import scenario
+from simulator.effects import parse
+from simulator.simulate import simulate
+from tests.diagnosis.recordings import NOISE
+
+INTERVALS = [
+    {"name": "a", "activity": "+x forward", "start_s": 0.0, "stop_s": 200.0, "mode": "+x"},
+    {
+        "name": "b",
+        "activity": "yaw slew",
+        "start_s": 1000.0,
+        "stop_s": 1200.0,
+        "mode": "+x",
+        "slew": [{"axis": [0.0, 0.0, 1.0], "angle_deg": 30.0, "start_s": 20.0, "duration_s": 140.0}],
+    },
+    {"name": "c", "activity": "-x forward", "start_s": 2000.0, "stop_s": 2200.0, "mode": "-x"},
+]
+
+
+@lru_cache
+def plan(every_s=1.0):
+    """Samples at 100 Hz and a reference each second, over ten minutes."""
+    changes = {"gyro.sample_s": 0.01, "reference.every_s": every_s, "interval": INTERVALS}
+    return scenario.override(scenario.load("trmm_series"), NOISE | changes)
+
+
+@lru_cache
+def recorded(*effects, every_s=1.0):
+    return simulate(plan(every_s), seed=1, effects=[parse(text) for text in effects])
+
+
+def swaying(recording, turn):
+    """M0 with a body that also turns by small angles about y: rates, and references, follow it.
+
+    With A' = exp(−[θ×]) A the rate is ω + dθ/dt + ω × θ.
+    """
+    G = np.array(plan().gyro.true_G)
+    gyro, attitudes = recording.gyro, recording.attitudes
+    before, after = turn(gyro.t_s), turn(gyro.t_s + gyro.sample_s)
+    change = (after - before) / gyro.sample_s + np.cross(gyro.rates @ G.T, 0.5 * (before + after))
+    rates = gyro.rates + change @ np.linalg.inv(G).T
+    turned = Rotation.from_quat(attitudes.quaternions) * Rotation.from_rotvec(turn(attitudes.t_s))
+    return replace(recording, gyro=replace(gyro, rates=rates), attitudes=replace(attitudes, quaternions=turned.as_quat()))
+
+
+def tone(amplitude_deg, frequency_hz):
+    """A steady sway about y."""
+
+    def turn(t_s):
+        angle = np.zeros((t_s.size, 3))
+        angle[:, 1] = np.deg2rad(amplitude_deg) * np.sin(2 * np.pi * frequency_hz * t_s)
+        return angle
+
+    return turn
+
+
+def band(amplitude_deg, frequency_hz, width_hz, seed=1):
+    """A sway about y over a band of frequencies, whose amplitude comes and goes."""
+    rng = np.random.default_rng(seed)
+    frequencies, phases = frequency_hz + width_hz * rng.standard_normal(40), rng.uniform(0, 2 * np.pi, 40)
+
+    def turn(t_s):
+        angle = np.zeros((t_s.size, 3))
+        waves = np.sin(2 * np.pi * np.outer(t_s, frequencies) + phases)
+        angle[:, 1] = np.deg2rad(amplitude_deg) * waves.sum(axis=1) / np.sqrt(20)
+        return angle
+
+    return turn
+
+
+@pytest.mark.parametrize(
+    "turn",
+    [tone(0.002, 1 / 5.1), tone(0.001, 1 / 2.3), band(0.002, 0.3, 0.03), band(0.0003, 1.7, 0.05), band(5e-5, 6.3, 0.2)],
+)
+def test_a_body_that_sways_is_no_vibration(turn):
+    """Steady and slow, where the references follow it; over a band, whether they can or not, far beyond their rate too."""
+    found = prepare(swaying(recorded(), turn))
+    assert [line.axis for line in found.samples.lines]
+    assert {line.axis for line in found.samples.lines} == {1}
+    assert [symptom.kind for symptom in found.samples.symptoms] == []
+    assert found.samples.motions == found.samples.lines
+
+
+def test_a_diagnosis_of_a_swaying_body_finds_no_gap_and_says_why():
+    answer = diagnose(swaying(recorded(), tone(0.002, 1 / 5.1)))
+    assert answer.verdict == "none"
+    assert answer.causes == ()
+    assert any("motion of the body" in note for note in answer.notes)
+
+
+@pytest.mark.parametrize(("frequency", "size"), [(0.43, 0.004), (13.7, 0.001), (41.0, 0.002)])
+def test_a_vibration_is_one_at_any_frequency(frequency, size):
+    found = prepare(recorded(f"vibration:y={size},apparent_hz={frequency}"))
+    (symptom,) = found.samples.symptoms
+    assert (symptom.kind, symptom.axis) == ("spectral_line", "y")
+    assert abs(symptom.size - size) < 4 * symptom.sigma
+    assert float(symptom.parameters["apparent_hz"]) == pytest.approx(frequency, abs=1e-3)
+    assert found.samples.motions == []
+    # It is taken out of the samples, and with it what it would have turned the attitude by.
+    clean = recorded().gyro.rates[:, 1]
+    before = np.std(recorded(f"vibration:y={size},apparent_hz={frequency}").gyro.rates[:, 1] - clean)
+    assert np.std(found.samples.rates[:, 1] - clean) < 0.2 * before
+
+
+def test_a_diagnosis_names_a_vibration_of_a_fast_gyro():
+    answer = diagnose(recorded("vibration:y=0.004,apparent_hz=0.43"))
+    assert [(cause.effect, cause.axis) for cause in answer.causes] == [("vibration", "y")]
+    assert answer.verdict == "named"
+
+
+def test_a_vibration_beside_a_sway_is_told_from_it():
+    """On another axis, and above twice the highest frequency of the motion on the same one."""
+    found = prepare(swaying(recorded("vibration:z=0.002,apparent_hz=9.0"), tone(0.002, 1 / 5.1)))
+    assert [(symptom.kind, symptom.axis) for symptom in found.samples.symptoms] == [("spectral_line", "z")]
+    assert {line.axis for line in found.samples.motions} == {1}
+
+
+def test_quiet_samples_show_no_line():
+    found = prepare(recorded())
+    assert found.samples.lines == []
+    assert found.samples.symptoms == []
+
+
+def test_the_log_ratio_is_what_the_references_can_tell():
+    """About ½ cᵀc in favour of a vibration, the same against it for a motion, and nothing where they could not see it."""
+    still, moved = prepare(recorded("vibration:y=0.004,apparent_hz=0.43")), prepare(swaying(recorded(), tone(0.002, 1 / 5.1)))
+    (line,) = still.samples.lines
+    before = replace(still.samples, rates=recorded("vibration:y=0.004,apparent_hz=0.43").gyro.rates)
+    # The model of the repaired samples does not hold the line any more: put the other way round it is a motion.
+    assert log_ratio(still.model, line) < 0
+    assert before.lines == still.samples.lines
+    slow = next(one for one in moved.samples.lines if abs(one.frequency_hz - 1 / 5.1) < 0.01)
+    ratio = log_ratio(moved.model, slow)
+    twice = log_ratio(moved.model, replace(slow, waveform=2 * slow.waveform))
+    # Of yᵀc − ½ cᵀc the second part goes with the square of the waveform.
+    c2 = 2 * ratio - twice
+    assert ratio == pytest.approx(-0.5 * c2, abs=3 * np.sqrt(c2))
+    assert c2 > 20
+    unseen = prepare(swaying(recorded(), tone(2e-5, 6.3)))
+    (fast,) = unseen.samples.lines
+    assert abs(log_ratio(unseen.model, fast)) < 1
+
+
+def test_references_that_are_too_few_leave_it_to_the_prior():
+    """The same slow and steady sway with a reference every hundred seconds only."""
+    found = prepare(swaying(recorded(every_s=100.0), tone(0.001, 1 / 2.3)))
+    (line,) = found.samples.lines
+    assert abs(log_ratio(found.model, line)) < 2

@@ -1,0 +1,97 @@
+"""Where a recording departs from M0: p-values under M0, and a discrepancy put at one place."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import scipy.stats
+from scipy.spatial.transform import Rotation
+
+from diagnosis.model import recording as recordings
+from diagnosis.model.localization import benjamini_hochberg, body_residuals, findings, holm, phases, statistics
+from diagnosis.model.prepare import prepare
+from tests.diagnosis.recordings import prepared, recorded
+
+
+def test_statistics_of_m0_have_uniform_p_values():
+    p = []
+    for seed in (31, 32, 33):
+        model = prepared(seed).model
+        p += statistics(model, model.y)["p_value"].tolist()
+    assert len(p) > 100
+    assert scipy.stats.kstest(p, "uniform").pvalue > 1e-3
+
+
+def test_findings_of_m0_are_rare():
+    found = [findings(statistics(prepared(seed).model, prepared(seed).model.y)) for seed in range(31, 37)]
+    assert sum(map(len, found)) <= 1
+
+
+@pytest.fixture(scope="module")
+def turned():
+    """A turn of the references of the third interval about y, growing and shrinking with time."""
+    recording = recorded(33)
+    third = recording.intervals[2]
+    t = recording.attitudes.t_s
+    inside = (t >= third.start_s) & (t <= third.stop_s)
+    angle = np.zeros((t.size, 3))
+    angle[inside, 1] = np.deg2rad(0.03) * np.sin((t[inside] - third.start_s) / 700)
+    q = (Rotation.from_quat(recording.attitudes.quaternions) * Rotation.from_rotvec(-angle)).as_quat()
+    return replace(recording, attitudes=replace(recording.attitudes, quaternions=q)), angle
+
+
+def test_where_points_at_the_interval_and_axis(turned):
+    recording, _ = turned
+    model = prepare(recording).model
+    found = findings(statistics(model, model.y))
+    assert (found[0].interval, found[0].axis) == (recording.intervals[2].name, "y")
+    assert found[0].signal == "attitude"
+    assert 0 <= found[0].window_s[0] < found[0].window_s[1] <= recording.intervals[2].stop_s - recording.intervals[2].start_s
+    assert found[0].p_value < 1e-6
+    assert [one.p_value for one in found] == sorted(one.p_value for one in found)
+
+
+def test_residuals_show_the_error_with_its_sign(turned):
+    """θ of N (16) at a reference that is turned by e is e, but for what the calibration takes up."""
+    recording, angle = turned
+    model = prepare(recording).model
+    residual, _ = body_residuals(model, model.y)
+    own = model.observation_block == 2
+    expected = angle[model.reference_rows][own, 1]
+    assert np.corrcoef(residual[own, 1], expected)[0, 1] > 0.7
+    assert np.polyfit(expected, residual[own, 1], 1)[0] == pytest.approx(1.0, abs=0.3)
+
+
+@pytest.mark.parametrize("averaged", [False, True])
+def test_residuals_in_body_axes_have_the_sigma_they_state(averaged, monkeypatch):
+    if averaged:
+        monkeypatch.setattr(recordings, "MOST_OBSERVATIONS", 70)
+    rng = np.random.default_rng(34)
+    model = prepare(recorded(3)).model
+    draws = [body_residuals(model, model.projected(rng.standard_normal(model.size))) for _ in range(40)]
+    sigma = draws[0][1]
+    assert sigma.shape == (len(model.observation_t_s), 3)
+    spread = np.sqrt(np.mean([residual**2 for residual, _ in draws], axis=0))
+    kept = sigma > 1e-3 * sigma.max()
+    assert np.mean(spread[kept] / sigma[kept]) == pytest.approx(1.0, abs=0.02)
+
+
+def test_phases_of_an_interval(monkeypatch):
+    """The first and last tenth are start and end; references beside a hole are those of a slew."""
+    model = prepared(3).model
+    kinds = phases(model)
+    assert kinds.size == len(model.observation_t_s)
+    for number in range(len(model.blocks)):
+        own = kinds[model.observation_block == number]
+        assert own[0] == "start"
+        assert own[-1] == "end"
+    assert set(kinds) == {"start", "slew", "hold", "end"}
+    slews = model.observation_t_s[kinds == "slew"]
+    assert slews.size < 0.5 * kinds.size
+
+
+def test_holm_and_benjamini_hochberg_by_hand():
+    p = np.array([0.01, 0.04, 0.03, 0.005])
+    assert np.allclose(holm(p), [0.03, 0.06, 0.06, 0.02])
+    assert benjamini_hochberg(np.array([0.001, 0.6, 0.02, 0.9]), 0.05).tolist() == [True, False, True, False]
+    assert not benjamini_hochberg(np.array([0.2, 0.6]), 0.05).any()
