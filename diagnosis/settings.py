@@ -69,7 +69,10 @@ class DiagnosisSettings:
         "one in ten thousand true causes is rejected by chance, which leaves room for what linearisation leaves",
     )
     most_certain: float = threshold(
-        0.99, "largest probability that is stated of a cause", "probability", "no blind check so far supports a larger one"
+        0.96,
+        "largest probability that is stated of a cause",
+        "probability",
+        "of 573 surer statements in four blind checks of an earlier version 548 were right; none of these scores this version",
     )
     sample_event: float = threshold(
         1e-5,
