@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 import simulator
+from diagnosis.diagnose import diagnose
 from gyrocal import load
 from simulator.effects import REGISTRY, STAGES, ProcessTimes, SampleView, parse, setting, surroundings_of
 from simulator.effects.base import SYMPTOMS
@@ -186,3 +187,24 @@ def test_the_sun_sensor_reads_high_as_its_error_says(example):
 def tangent(k, count):
     """tan(α − a₉) of R (5)."""
     return k[0] + k[1] * count + k[2] * np.sin(k[3] * count + k[4]) + k[5] * np.sin(k[6] * count + k[7])
+
+
+SEEN = {
+    "bias_eclipse": "bias_eclipse:z=0.4,phase_deg=40",
+    "bias_swing": "bias_swing:x=0.5,period_s=900",
+    "noise_crosstalk": "noise_crosstalk:y=0.4",
+    "reference_third": "reference_third:x=0.05,phase_deg=30",
+    "dss_focal": "dss_focal:2=1.5",
+}
+
+
+@pytest.mark.parametrize("example", list(SEEN), indirect=True)
+def test_an_effect_from_outside_is_named_with_its_size(example):
+    """One file each: a rate column, a random process, a change of the samples, of the references, and of a sensor."""
+    asked = parse(SEEN[example.name])
+    scenario = MONTHS if isinstance(example, SensorEffect) else simulator.load("trmm_series")
+    answer = diagnose(simulator.simulate(scenario, seed=1, effects=[asked]))
+    assert answer.verdict == "named"
+    (cause,) = answer.causes
+    assert (cause.effect, cause.axis) == (asked.effect, asked.axis)
+    assert abs(cause.size - asked.size) < 3 * cause.sigma

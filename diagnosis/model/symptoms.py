@@ -55,13 +55,20 @@ def sample_causes(prepared: Prepared, effects: Sequence[Effect], settings: Diagn
     """The causes that the samples and the references' noise show by themselves, and the unlisted ones among them."""
     claims = {effect.symptom: effect.name for effect in effects if effect.symptom is not None}
     symptoms = [*prepared.samples.symptoms, *_reference_symptoms(prepared, settings)]
-    found = [SampleCause(one, claims.get(one.kind), _finding(prepared, one)) for one in symptoms]
-    for effect in effects:
-        if effect.implements("detect"):
-            for detection in effect.detect(_view(prepared)):
-                if detection.p_value < settings.sample_event:
-                    found.append(_detected(detection))
-    return tuple(found)
+    detected = {
+        effect: [one for one in effect.detect(_view(prepared)) if one.p_value < settings.sample_event]
+        for effect in effects
+        if effect.implements("detect")
+    }
+    # Where an effect's own test has found it, that says more than the general symptom which it makes as well.
+    covered = {effect.symptom for effect, own in detected.items() if own}
+    own_test = {effect.symptom for effect in detected}
+    found = [
+        SampleCause(one, None if one.kind in own_test else claims.get(one.kind), _finding(prepared, one))
+        for one in symptoms
+        if one.kind not in covered
+    ]
+    return (*found, *(_detected(one) for own in detected.values() for one in own))
 
 
 def _reference_symptoms(prepared: Prepared, settings: DiagnosisSettings) -> list[Symptom]:
