@@ -95,15 +95,14 @@ def _cut_odds(rates: Array, steps: Array, coarse: Mask) -> Array:
 def _quantization(report: SampleReport, steps: Array, coarse: Mask, cut: Mask) -> None:
     for axis in range(3):
         found = bool(coarse[axis])
+        symptom = "lattice_cut" if found and cut[axis] else "lattice_rounded"
         p = IMPOSSIBLE if found else 1.0
         text = (
             f"all readings are multiples of {np.rad2deg(steps[axis]):.4g} deg/s"
             if found
             else "readings lie on no lattice that matters beside the noise"
         )
-        report.tests.append(
-            SampleTest("lattice_step", AXES[axis], float(np.rad2deg(steps[axis])), 0.0, p, "lattice_rounded", text)
-        )
+        report.tests.append(SampleTest("lattice_step", AXES[axis], float(np.rad2deg(steps[axis])), 0.0, p, symptom, text))
     if not coarse.any():
         return
     for kind, axes in (("lattice_rounded", coarse & ~cut), ("lattice_cut", coarse & cut)):

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import log_ndtr, logsumexp
 
-from diagnosis.inference.evidence import log_bayes
+from diagnosis.inference.evidence import log_bayes, unshifted
 from diagnosis.inference.search import Search
 from diagnosis.model.linear import Candidate, LinearModel, Member, Parameters
 
@@ -41,6 +41,7 @@ class Fitted:
     sigmas : (k,) of each amplitude
     prior_sigma : scale of the amplitudes under the prior, in the effect's unit
     process : whether it is a random process
+    shift : (N,) what it adds beside its columns, whitened
     """
 
     label: str
@@ -55,11 +56,12 @@ class Fitted:
     sigmas: Array
     prior_sigma: float
     process: bool
+    shift: Array
 
     @property
     def contribution(self) -> Array:
         """(N,) what it adds to the whitened observations."""
-        return np.asarray(self.columns @ self.amplitudes)
+        return np.asarray(self.columns @ self.amplitudes + self.shift)
 
 
 def fit(model: LinearModel, members: Sequence[Member]) -> list[Fitted]:
@@ -84,9 +86,12 @@ def _one(search: Search, members: tuple[Member, ...], place: int) -> Fitted:
         correlation = search.correlation[places]
         if given is not None:
             gram, correlation = given.reduced_products(gram, correlation, places)
+        if entry.shifted:
+            gram, correlation, _ = unshifted(gram, correlation)
         if weights[k].sum() < 1e-6 and k != member.option:
-            means.append(np.zeros((entry.scales.size, option.count)))
-            covariances.append(np.zeros((entry.scales.size, option.count, option.count)))
+            count = correlation.shape[1]
+            means.append(np.zeros((entry.scales.size, count)))
+            covariances.append(np.zeros((entry.scales.size, count, count)))
             continue
         if entry.process and k == member.option:
             process = gram, correlation
@@ -107,9 +112,10 @@ def _one(search: Search, members: tuple[Member, ...], place: int) -> Fitted:
         size, more = entry.read(amplitudes)
         sigma = float(np.hypot(_length_sigma(amplitudes, spread), entry.size_sigma(size)))
         shown = {**_parameters(entry, weights, member.option), **more}
+    own, _, shifts = model.design((member,))
     return Fitted(
-        entry.label, entry.effect, entry.axis, entry.unit, size, sigma, shown, model.W[:, option.columns], amplitudes,
-        np.sqrt(np.maximum(np.diag(spread), 0.0)), model.scale(member), entry.process,
+        entry.label, entry.effect, entry.axis, entry.unit, size, sigma, shown, model.W[:, own], amplitudes,
+        np.sqrt(np.maximum(np.diag(spread), 0.0)), model.scale(member), entry.process, model.W[:, shifts].sum(axis=1),
     )  # fmt: skip
 
 
@@ -159,6 +165,8 @@ def _parameters(entry: Candidate, weights: Array, best: int) -> Parameters:
 
 def _length_sigma(amplitudes: Array, covariance: Array) -> float:
     """Sigma of the length of the amplitudes."""
+    if not amplitudes.size:
+        return 0.0
     length = float(np.linalg.norm(amplitudes))
     along = amplitudes / length if length > 0 else np.full(amplitudes.size, amplitudes.size**-0.5)
     return float(np.sqrt(max(float(along @ covariance @ along), 0.0)))

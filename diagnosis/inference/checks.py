@@ -95,12 +95,15 @@ def residual_checks(model: LinearModel, members: Sequence[Member], layout: Layou
     """
     if layout.t_s.size < FEWEST or model.dof < FEWEST:
         return ()
-    C = np.hstack([model.scale(m) * model.X[:, model.option(m).columns] for m in members])
+    places, scales, shifts = model.design(members)
+    C, shift = scales * model.X[:, places], model.X[:, shifts].sum(axis=1)
     L = np.linalg.cholesky(np.eye(model.y.size) + C @ C.T)
     rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=tuple(b"residual_checks")))
     noise = rng.standard_normal((model.y.size, DRAWS))
     drawn = model.projected(noise) + C @ rng.standard_normal((C.shape[1], DRAWS))
-    e = _in_body(scipy.linalg.solve_triangular(L, np.column_stack([model.y, drawn]), lower=True, check_finite=False), layout)
+    e = _in_body(
+        scipy.linalg.solve_triangular(L, np.column_stack([model.y - shift, drawn]), lower=True, check_finite=False), layout
+    )
     return tuple(_check(name, values) for name, values in _statistics(e, layout).items())
 
 

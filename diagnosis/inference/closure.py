@@ -64,16 +64,17 @@ def closure(model: LinearModel, members: Sequence[Member], choose: Chooser | Non
     Parameters
     ----------
     model : the data and its candidates
-    members : the explanation that is named; it says how many effects a fold looks for, and whether one is a random process
+    members : the explanation that is named; it says how many effects a fold looks for, and whether one is a random process.
+        Unlisted ones among them weigh what a fold learns from, and predict nothing
     choose : explanations that a fold comes to, given its search; by default the search among the listed effects
 
     Returns
     -------
     None where nothing can be held out
     """
-    random = any(model.candidate(member).process for member in members)
+    random = any(model.candidate(member).process and model.candidate(member).listed for member in members)
     labels = [model.candidate(member).label for member in members]
-    listed = model.only(lambda candidate: candidate.listed)
+    listed = model.only(lambda candidate: candidate.listed or candidate.label in labels)
     for label, member in zip(labels, members, strict=True):
         # Options are made finer around what was found; each fold still chooses among all of them.
         place = listed.find(label)
@@ -103,26 +104,21 @@ def _one(model: LinearModel, fold: Fold, choose: Chooser, random: bool) -> Array
         return np.column_stack([before**2 + log, before**2 + log, 1 + log])
     after = before.copy()
     for weight, members in weighted:
-        places, scale = _places(model, members)
-        amplitudes, _ = _amplitudes(fold.train_X[:, places] * scale, fold.train_y)
-        after = after - fold.left_X[:, places] @ (weight * scale * amplitudes)
+        places, scale, shifts = model.design(sorted(members, key=lambda member: not model.candidate(member).listed))
+        amplitudes, _ = _amplitudes(fold.train_X[:, places] * scale, fold.train_y - fold.train_X[:, shifts].sum(axis=1))
+        own = model.design([member for member in members if model.candidate(member).listed])[0]
+        predicted = fold.left_X[:, own] @ (scale * amplitudes)[: own.size] + fold.left_X[:, shifts].sum(axis=1)
+        after = after - weight * predicted
     if not random:
         return np.column_stack([before**2, after**2, np.ones(before.size)])
     # The scatter that the likeliest explanation claims for the part held out.
-    places, scale = _places(model, max(weighted, key=lambda pair: pair[0])[1])
+    places, scale, _ = model.design(max(weighted, key=lambda pair: pair[0])[1])
     _, information = _amplitudes(fold.train_X[:, places] * scale, fold.train_y)
     B = fold.left_X[:, places] * scale
     factor = np.linalg.cholesky(np.eye(before.size) + B @ np.linalg.solve(information, B.T))
     own = scipy.linalg.solve_triangular(factor, after, lower=True, check_finite=False)
     more = log + 2 * np.log(np.diag(factor))
     return np.column_stack([before**2 + log, own**2 + more, 1 + more])
-
-
-def _places(model: LinearModel, members: Sequence[Member]) -> tuple[NDArray[np.intp], Array]:
-    """Columns of some members, and the scale of each column."""
-    options = [model.option(member) for member in members]
-    places = np.concatenate([np.arange(option.start, option.start + option.count) for option in options])
-    return places, np.repeat([model.scale(member) for member in members], [option.count for option in options])
 
 
 def _amplitudes(A: Array, y: Array) -> tuple[Array, Array]:

@@ -15,6 +15,8 @@ mean over sigma z = s Xᵀy/√(1 + s² XᵀX), so that log B grows by log 2Φ(z
 
 Conditioned on groups that are already in, their scaled columns C = [s X …] change every inner product to
 <p, q> − (Cᵀp)ᵀ (I + CᵀC)⁻¹ (Cᵀq).
+
+A shift o, which has the amplitude one wherever its group is at work, takes y to y − o and adds <o, y> − ½ <o, o> to log B.
 """
 
 from __future__ import annotations
@@ -26,7 +28,7 @@ from scipy.special import log_ndtr
 Array = NDArray[np.float64]
 
 
-def log_bayes(gram: Array, correlation: Array, scales: Array, positive: bool = False) -> Array:
+def log_bayes(gram: Array, correlation: Array, scales: Array, positive: bool = False, shifted: bool = False) -> Array:
     """log B of every option at every scale.
 
     Parameters
@@ -35,13 +37,17 @@ def log_bayes(gram: Array, correlation: Array, scales: Array, positive: bool = F
     correlation : (o, k) Xᵀy, or (o, k, d) for d observations
     scales : (s,)
     positive : whether the amplitude can only be positive; for groups of one column
+    shifted : whether the last column is a shift
 
     Returns
     -------
     (o, s), or (o, s, d)
     """
+    if shifted:
+        gram, correlation, known = unshifted(gram, correlation)
+        return known[:, None] + log_bayes(gram, correlation, scales, positive)
     # Most groups are of one column, which needs no decomposition.
-    values, vectors = np.linalg.eigh(gram) if gram.shape[1] > 1 else (gram[:, :, 0], np.ones_like(gram))
+    values, vectors = np.linalg.eigh(gram) if gram.shape[1] != 1 else (gram[:, :, 0], np.ones_like(gram))
     values = np.maximum(values, 0.0)
     single = correlation.ndim == 2
     along = np.matmul(vectors.transpose(0, 2, 1), correlation[..., None] if single else correlation)  # (o, k, d)
@@ -53,6 +59,13 @@ def log_bayes(gram: Array, correlation: Array, scales: Array, positive: bool = F
         z = scales[None, :, None] * along / np.sqrt(gain[:, 0, :, None])  # (o, s, d): one column
         out = out + np.log(2.0) + log_ndtr(z)
     return np.asarray(out[:, :, 0] if single else out)
+
+
+def unshifted(gram: Array, correlation: Array) -> tuple[Array, Array, Array]:
+    """XᵀX and Xᵀ(y − o) without the shift o in the last column, and <o, y> − ½ <o, o>, (o,) or (o, d)."""
+    own = gram[:, :, -1] if correlation.ndim == 2 else gram[:, :, -1:]
+    known = correlation[:, -1] - 0.5 * own[:, -1]
+    return gram[:, :-1, :-1], correlation[:, :-1] - own[:, :-1], known
 
 
 def averaged(table: Array, log_weights: Array) -> float:

@@ -15,12 +15,11 @@ from numpy.typing import NDArray
 from scipy.special import logsumexp
 
 from diagnosis.inference.evidence import averaged, log_bayes
-from diagnosis.model.linear import LinearModel, Member
+from diagnosis.model.linear import Candidate, LinearModel, Member
 from diagnosis.settings import DEFAULT, DiagnosisSettings
 
 Array = NDArray[np.float64]
 
-BEAM = (10, 6, 6, 6)  # sets that are extended by a second, third … effect
 CHILDREN = 12  # extensions of a set worth settling
 SWEEPS = 2  # over the members of a set, each moved to its best with the others held
 EXCHANGES = 4  # times the best set is tried with other candidates in the place of its members
@@ -87,24 +86,23 @@ class Search:
         entry = self.model.candidates[candidate]
         if self.gram.uniform(candidate):
             gram, places = self.gram.of(candidate)
-            return self._table(gram, places, entry.scales, entry.positive, given)
+            return self._table(gram, places, entry, given)
         parts = [
             self._table(
                 self.gram.single(candidate, k)[None, :most, :most],
                 np.arange(o.start, o.start + o.count)[None, :most],
-                entry.scales,
-                entry.positive,
+                entry,
                 given,
             )
             for k, o in enumerate(entry.options)
         ]
         return np.vstack(parts)
 
-    def _table(self, gram: Array, places: NDArray[np.intp], scales: Array, positive: bool, given: Conditioning | None) -> Array:
+    def _table(self, gram: Array, places: NDArray[np.intp], entry: Candidate, given: Conditioning | None) -> Array:
         correlation = self.correlation[places]
         if given is not None:
             gram, correlation = given.reduced_products(gram, correlation, places)
-        return log_bayes(gram, correlation, scales, positive)
+        return log_bayes(gram, correlation, entry.scales, entry.positive, entry.shifted)
 
     def score(self, candidate: int, given: Conditioning | None, most: int | None = None) -> Score:
         """Average and best of a candidate's evidence."""
@@ -136,7 +134,7 @@ class Search:
                     for k, option in enumerate(candidate.options)
                 ]
             for gram, values, weights in groups:
-                table = log_bayes(gram, values, candidate.scales, candidate.positive)  # (o, s, d)
+                table = log_bayes(gram, values, candidate.scales, candidate.positive, candidate.shifted)  # (o, s, d)
                 parts.append(
                     logsumexp(table + weights[:, None, None], axis=(0, 1)) - np.log(candidate.scales.size) + candidate.log_prior
                 )
@@ -145,22 +143,23 @@ class Search:
     # ---- sets ------------------------------------------------------------------------------------------------------------
 
     def _rows(self, member: Member) -> Array:
-        """(k, p) products of a member's columns with all columns, kept since a search asks for them often."""
+        """(k, p) products of a member's columns but a shift with all columns, kept since a search asks for them often."""
         key = (member.candidate, member.option)
         if key not in self._products:
-            self._products[key] = self.model.X[:, self.model.option(member).columns].T @ self.model.X
+            self._products[key] = self.model.X[:, self.model.design((member,))[0]].T @ self.model.X
         return self._products[key]
 
     def given(self, members: tuple[Member, ...]) -> Conditioning | None:
         """Inner products given some members, ready to score the others against; None without members."""
         if not members:
             return None
-        scales = [self.model.scale(m) for m in members]
-        rows = np.vstack([scale * self._rows(m) for scale, m in zip(scales, members, strict=True)])
-        options = [self.model.option(m) for m in members]
-        own = np.concatenate([np.arange(o.start, o.start + o.count) for o in options])
-        scale = np.repeat(scales, [o.count for o in options])
-        return Conditioning(rows, rows[:, own] * scale, scale * self.correlation[own])
+        own, scale, shifts = self.model.design(members)
+        rows = scale[:, None] * np.vstack([self._rows(m) for m in members])
+        X = self.model.X
+        shift = X.T @ X[:, shifts].sum(axis=1) if shifts.size else np.zeros(X.shape[1])
+        given = Conditioning(rows, rows[:, own] * scale, scale * (self.correlation - shift)[own], shift)
+        given.log_bayes += float(self.correlation[shifts].sum() - 0.5 * shift[shifts].sum())
+        return given
 
     def settled(self, members: tuple[Member, ...]) -> Explanation:
         """A set with its members moved to their best, one after another, and its evidence."""
@@ -226,13 +225,13 @@ class Search:
         depth = self.model.most_effects if depth is None else depth
         found = {explanation.key: explanation for explanation in self.singles()}
         level = list(found.values())
-        for width in BEAM[: depth - 1]:
+        for width in self.model.beam[: depth - 1]:
             new: dict[frozenset[int], Explanation] = {}
             for parent in self._beam(level, width):
                 for child in self._children(parent, CHILDREN):
                     if child.key not in new or child.log_posterior > new[child.key].log_posterior:
                         new[child.key] = child
-            level = _ranked([self.settled(one.members) for one in _ranked(list(new.values()))[: 2 * width]])
+            level = _ranked([self.settled(one.members) for one in self._beam(list(new.values()), 2 * width)])
             top = max(explanation.log_posterior for explanation in found.values())
             found.update({explanation.key: explanation for explanation in level})
             if not level or level[0].log_posterior < top - HOPELESS:
@@ -311,23 +310,25 @@ class Search:
 
 
 class Conditioning:
-    """Inner products given some scaled columns C that are in already.
+    """Inner products given some scaled columns C and shifts that are in already.
 
     Parameters
     ----------
     rows : (r, p) products CᵀX with all columns of the model
     inner : (r, r) CᵀC
-    correlation : (r,) Cᵀy
+    correlation : (r,) Cᵀy, the shifts taken out of y
+    shift : (p,) products of the shifts with all columns
 
     Attributes
     ----------
     log_bayes : log evidence of what is in
     """
 
-    def __init__(self, rows: Array, inner: Array, correlation: Array):
+    def __init__(self, rows: Array, inner: Array, correlation: Array, shift: Array):
         factor = np.linalg.cholesky(np.eye(len(inner)) + inner)
         self._inverse = scipy.linalg.solve_triangular(factor, np.eye(len(inner)), lower=True, check_finite=False)
         self._rows = rows
+        self._shift = shift
         self._all: Array | None = None
         self._y = self._inverse @ correlation
         self.log_bayes = float(0.5 * self._y @ self._y - np.log(np.diag(factor)).sum())
@@ -348,7 +349,7 @@ class Conditioning:
         # Products of (o, k, r) and (o, r, l) are far quicker than one sum over all indices.
         turned = reduced.transpose(1, 0, 2)
         gram = gram - np.matmul(turned.transpose(0, 2, 1), turned)
-        return gram, correlation - np.tensordot(self._y, reduced, axes=1)
+        return gram, correlation - self._shift[places] - np.tensordot(self._y, reduced, axes=1)
 
 
 class _Grams:

@@ -46,12 +46,13 @@ class Group:
 
     Attributes
     ----------
-    effect, axis, listed, unit, process, positive, log_odds, read, size_sigma : as in `Candidate`
+    effect, axis, listed, unit, process, positive, log_odds, read, size_sigma, shifted : as in `Candidate`
     columns : per option (N, k) whitened columns
     parameters : per option
     weights : (o,) prior share of each option
     limits : plausible range of the size
     weight : prior of its effect beside that of the others
+    scales : as in `Candidate`; by default those within the limits that the columns can show
     """
 
     effect: str
@@ -68,6 +69,8 @@ class Group:
     log_odds: float = 0.0
     read: Callable[[Array], tuple[float, Parameters]] = first_amplitude
     size_sigma: Callable[[float], float] = exactly
+    shifted: bool = False
+    scales: Array | None = None
 
 
 def linear_model(
@@ -120,13 +123,13 @@ def placed(
     for group in groups:
         norms = [np.linalg.norm(projected(part), axis=0) for part in group.columns]
         largest = max((float(norm.max()) for norm in norms if norm.size), default=0.0)
-        scales = scales_of(largest, group.limits, visible)
+        scales = scales_of(largest, group.limits, visible) if group.scales is None else group.scales
         if not scales.size:
             continue
         family = (1 - share) / len(names) if group.listed else share / len(rivals)
         options = []
         for part, weight, parameters in zip(group.columns, group.weights, group.parameters, strict=True):
-            if not part.shape[1]:  # a process of which nothing can be seen here
+            if not part.shape[1] and group.scales is None:  # a process of which nothing can be seen here
                 continue
             options.append(Option(start, part.shape[1], float(np.log(weight)), parameters))
             columns.append(part)
@@ -135,7 +138,7 @@ def placed(
         candidates.append(
             Candidate(
                 group.effect, group.axis, group.listed, prior, tuple(options), scales, group.unit, group.process,
-                group.positive, group.log_odds, group.read, group.size_sigma,
+                group.positive, group.log_odds, group.read, group.size_sigma, group.shifted,
             )
         )  # fmt: skip
     return tuple(candidates), np.hstack(columns) if columns else np.empty((size, 0))

@@ -8,7 +8,8 @@ of columns X of the same kind, times amplitudes a:
 
 A *candidate* is one effect about one axis, or one *unlisted rival*, a discrepancy that is on no list. It can have several
 *options*, such as the times at which a step may have happened. A random process is a candidate like any other: its columns are
-the factor of its covariance.
+the factor of its covariance. What is nonlinear is linearised about a point of its own; what that leaves over is a *shift*, one
+more column, whose amplitude is one wherever the candidate is at work. A candidate with nothing but a shift is there or not.
 
 Builders make a `LinearModel` from a recording (`diagnosis.model.candidates`), from raw sensor tables
 (`diagnosis.model.sensors.tables`) or from other data. `diagnosis.inference` knows none of them.
@@ -82,6 +83,7 @@ class Candidate:
     log_odds : evidence from data outside the linear model, such as tests of the samples
     read : from amplitudes (k,) to the size and further parameters
     size_sigma : from the size to the sigma that reading it off the amplitudes adds to theirs
+    shifted : whether the last column of each option is a shift; `read` gets the other amplitudes
     """
 
     effect: str
@@ -96,6 +98,7 @@ class Candidate:
     log_odds: float = 0.0
     read: Callable[[Array], tuple[float, Parameters]] = first_amplitude
     size_sigma: Callable[[float], float] = exactly
+    shifted: bool = False
 
     @property
     def label(self) -> str:
@@ -153,6 +156,7 @@ class LinearModel:
     dof : degrees of freedom of y under M0
     projected : takes the nuisance parameters out of (N, d) values
     most_effects : largest number of effects in one explanation
+    beam : how many sets a search extends by a second, third … effect; few rows afford many
     split : how `folds` parts the data, in words; "" where nothing can be held out
     folds : parts of the data held out in turn, of the model's W
     refine : a model with more options around a member's own, for a parameter such as the time of a step that lies between the
@@ -166,6 +170,7 @@ class LinearModel:
     dof: int
     projected: Callable[[Array], Array] = field(repr=False)
     most_effects: int = 3
+    beam: tuple[int, ...] = (10, 6, 6, 6)
     split: str = ""
     folds: Callable[[Array], Iterable[Fold]] = field(default=lambda W: (), repr=False)
     refine: Callable[[LinearModel, Member], LinearModel] = field(default=lambda model, member: model, repr=False)
@@ -185,6 +190,18 @@ class LinearModel:
     def scale(self, member: Member) -> float:
         """The scale at which a member is held."""
         return float(self.candidates[member.candidate].scales[member.scale])
+
+    def design(self, members: Sequence[Member]) -> tuple[Indices, Array, Indices]:
+        """An explanation: columns with unknown amplitudes, the scale of each, and shifts."""
+        places, scales, shifts = [np.empty(0, dtype=np.intp)], [np.empty(0)], []
+        for member in members:
+            own = np.arange(self.option(member).start, self.option(member).start + self.option(member).count)
+            if self.candidate(member).shifted:
+                shifts.append(own[-1])
+                own = own[:-1]
+            places.append(own)
+            scales.append(np.full(own.size, self.scale(member)))
+        return np.concatenate(places), np.concatenate(scales), np.array(shifts, dtype=np.intp)
 
     def only(self, keep: Callable[[Candidate], bool]) -> LinearModel:
         """The model with some of its candidates only."""

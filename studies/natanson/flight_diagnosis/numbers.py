@@ -9,38 +9,76 @@ With y and c, the residuals before and after calibration, as in `studies.natanso
   covariance V = 2σ² + a²T (references at both ends, gyro), and the differences between the step columns, a²T and 2a²T.
 """
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
+import pandas as pd
 from numpy.typing import NDArray
-from scipy.special import logsumexp
+from scipy.special import chdtrc, logsumexp
 
+from diagnosis.model.localization import holm
 from simulator.scenario import IntervalSection
 from studies.natanson import flight
 from studies.natanson.flight_diagnosis.table import (
     CELL_DEG,
     CLOCK_S,
     INITIAL_DIGITS,
+    MILLIDEGREE,
     PUBLISHED_DIGITS,
     Baseline,
     Table,
     outcome,
     outcomes,
+    present,
     reversed_slews,
 )
 
 Array = NDArray[np.float64]
 
 NOISE_FACTORS = np.geomspace(0.1, 10.0, 81)
+PLACES = [(k, name) for k in range(6) for name in flight.ROTATIONS]  # interval, counted from 0, and axis of each number
 
 
-def log_normal(residuals: Array, covariance: Array) -> Array:
-    """Log density of rows (n, m) with zero mean."""
-    L = np.linalg.cholesky(covariance)
-    z = np.linalg.inv(L) @ residuals.T  # of a few rows: faster than a solve, and as good at these condition numbers
-    return np.asarray(-0.5 * np.sum(z**2, axis=0) - np.log(np.diag(L)).sum() - 0.5 * len(L) * np.log(2 * np.pi))
+# ---- motion --------------------------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Motion:
+    """A table's motion numbers against a baseline, some of its slews reversed.
+
+    Attributes
+    ----------
+    sections : the six intervals
+    d : (18,) y − c less the prediction, deg
+    prediction : (6, 3) deg
+    covariance : (18, 18) of d, deg²
+    Theta : (6, 3, 12) deg per unit
+    shift : (12,) published minus R (9)
+    """
+
+    sections: tuple[IntervalSection, ...]
+    d: Array
+    prediction: Array
+    covariance: Array
+    Theta: Array
+    shift: Array
+
+    def predicted(self, sections: Sequence[IntervalSection]) -> Array:
+        """Residuals (n, 3) of intervals flown in another way, deg."""
+        theta, Theta = outcomes(sections)
+        return np.asarray(theta - Theta @ self.shift)
+
+
+def motion(table: Table, baseline: Baseline, flips: Collection[int] = ()) -> Motion:
+    """The motion numbers under a baseline with the slews of some intervals reversed."""
+    sections = tuple(reversed_slews(s) if k in flips else s for k, s in enumerate(baseline.scenario.interval))
+    theta, Theta = (np.array(part) for part in zip(*(outcome(section) for section in sections), strict=True))
+    shift = table.published - flight.calibration().vector
+    prediction = theta - Theta @ shift
+    d = (table.before - table.after - prediction).ravel()
+    return Motion(sections, d, prediction, motion_covariance(Theta, sections), Theta, shift)
 
 
 @lru_cache(maxsize=256)
@@ -69,33 +107,7 @@ def motion_covariance(Theta: Array, sections: Sequence[IntervalSection]) -> Arra
     return np.asarray(2 * CELL_DEG**2 / 12 * np.eye(18) + clock + H * digits @ H.T + np.outer(second, second))
 
 
-@dataclass(frozen=True)
-class Prepared:
-    """A table against a baseline, some of its slews reversed.
-
-    Attributes
-    ----------
-    flips : intervals whose slews are reversed
-    sections : the six intervals
-    target : (18,) y − c, deg
-    prediction : (18,) deg
-    covariance : (18, 18) of d, deg²
-    shift : (12,) published minus R (9)
-    noise : log likelihood of the noise numbers at `NOISE_FACTORS`, and at one
-    """
-
-    flips: tuple[int, ...]
-    sections: tuple[IntervalSection, ...]
-    target: Array
-    prediction: Array
-    covariance: Array
-    shift: Array
-    noise: tuple[Array, float]
-
-    @property
-    def d(self) -> Array:
-        """(18,) deg."""
-        return self.target - self.prediction
+# ---- noise ---------------------------------------------------------------------------------------------------------------
 
 
 def noise_numbers(table: Table, Theta: Array, baseline: Baseline) -> tuple[Array, Array]:
@@ -117,32 +129,87 @@ def noise_numbers(table: Table, Theta: Array, baseline: Baseline) -> tuple[Array
     return np.concatenate([z, steps.ravel()]), np.concatenate([z_print, steps_print.ravel()])
 
 
-def _noise_likelihood(z: Array, z_print: Array, factors: Array) -> Array:
-    variance = factors[:, None] ** 2 + z_print
-    return np.asarray(-0.5 * np.sum(z**2 / variance + np.log(2 * np.pi * variance), axis=1))
-
-
-def prepare(table: Table, baseline: Baseline, flips: tuple[int, ...] = ()) -> Prepared:
-    """Predict under the baseline with some slews reversed."""
-    sections = tuple(reversed_slews(s) if k in flips else s for k, s in enumerate(baseline.scenario.interval))
-    theta, Theta = (np.array(part) for part in zip(*(outcome(section) for section in sections), strict=True))
-    shift = table.published - flight.calibration().vector
+def noise_factor(table: Table, Theta: Array, baseline: Baseline) -> tuple[float, float, float]:
+    """Noise over the baseline's: log evidence that it is another one, mean and sigma of the factor."""
     z, z_print = noise_numbers(table, Theta, baseline)
-    likelihood = _noise_likelihood(z, z_print, np.append(NOISE_FACTORS, 1.0))
-    return Prepared(
-        flips=flips,
-        sections=sections,
-        target=(table.before - table.after).ravel(),
-        prediction=(theta - Theta @ shift).ravel(),
-        covariance=motion_covariance(Theta, sections),
-        shift=shift,
-        noise=(likelihood[:-1], float(likelihood[-1])),
+    variance = np.append(NOISE_FACTORS, 1.0)[:, None] ** 2 + z_print
+    *curve, one = -0.5 * np.sum(z**2 / variance + np.log(variance), axis=1)
+    total = logsumexp(curve)
+    weight = np.exp(curve - total)
+    mean = float(weight @ NOISE_FACTORS)
+    sigma = float(np.sqrt(weight @ (NOISE_FACTORS - mean) ** 2))
+    return float(total - np.log(len(curve)) - one), mean, sigma
+
+
+# ---- whether there is a gap, and where -------------------------------------------------------------------------------------
+
+
+def gap_test(table: Table, baseline: Baseline) -> dict[str, float]:
+    """χ² of the motion's 18 and of the noise's 42 numbers under the baseline, the latter two-sided, and Holm's p of both."""
+    case = motion(table, baseline)
+    motion_chi2 = float(case.d @ np.linalg.solve(case.covariance, case.d))
+    z, z_print = noise_numbers(table, case.Theta, baseline)
+    noise_chi2 = float(np.sum(z**2 / (1 + z_print)))
+    upper = float(chdtrc(42, noise_chi2))
+    p = holm(np.array([chdtrc(18, motion_chi2), 2 * min(upper, 1 - upper)]))
+    return {
+        "motion_chi2": motion_chi2,
+        "motion_p": float(p[0]),
+        "noise_chi2": noise_chi2,
+        "noise_p": float(p[1]),
+        "p_value": float(p.min()),
+    }
+
+
+def where(table: Table, baseline: Baseline) -> pd.DataFrame:
+    """A row per number: d over its sigma, χ² of it and of its interval, and Holm's p over the 18 numbers and six intervals."""
+    case = motion(table, baseline)
+    sigma = np.sqrt(np.diag(case.covariance))
+    blocks = [slice(3 * k, 3 * k + 3) for k in range(6)]
+    chi2 = (case.d / sigma) ** 2
+    interval_chi2 = np.array([case.d[b] @ np.linalg.solve(case.covariance[b, b], case.d[b]) for b in blocks])
+    return pd.DataFrame(
+        {
+            "interval": [k + 1 for k, _ in PLACES],
+            "axis": [name for _, name in PLACES],
+            "gap_deg": (table.before - case.prediction).ravel(),
+            "beyond_calibration_deg": case.d,
+            "sigma_deg": sigma,
+            "chi2": chi2,
+            "p_holm": holm(chdtrc(1, chi2)),
+            "interval_chi2": np.repeat(interval_chi2, 3),
+            "interval_p_holm": np.repeat(holm(chdtrc(3, interval_chi2)), 3),
+        }
     )
 
 
-def noise_factor(table: Table, baseline: Baseline, flips: tuple[int, ...] = ()) -> tuple[float, float]:
-    """Noise over the baseline's: mean and sigma."""
-    curve = prepare(table, baseline, flips).noise[0]
-    weight = np.exp(curve - logsumexp(curve))
-    mean = float(weight @ NOISE_FACTORS)
-    return mean, float(np.sqrt(weight @ (NOISE_FACTORS - mean) ** 2))
+def by_step() -> pd.DataFrame:
+    """y − c − prediction under the present baseline at every step, each with its own calibration of N Table 3, deg.
+
+    A check that shares no print but that of the pre-launch parameters: what is motion is the same in all three columns.
+    """
+    sections = present().scenario.interval
+    theta, Theta = (np.array(part) for part in zip(*(outcome(section) for section in sections), strict=True))
+    digits = np.where(np.eye(3, dtype=bool).ravel(), 1e-5, MILLIDEGREE)
+    table3 = np.append(digits, np.deg2rad([1e-6] * 3))
+    H = Theta.reshape(18, 12)
+    parts = []
+    for step in flight.STEPS:
+        exact = step == flight.STEPS[0]  # R (9)
+        used = flight.calibration() if exact else flight.parameters("calibrated", step)
+        after = flight.residuals("calibrated", step)
+        gap = flight.residuals("prelaunch", step) - after - theta + Theta @ (used.vector - flight.calibration().vector)
+        covariance = motion_covariance(Theta, sections) + (0 if exact else H * table3**2 / 12 @ H.T)
+        parts.append(
+            pd.DataFrame(
+                {
+                    "step_s": step,
+                    "interval": [k + 1 for k, _ in PLACES],
+                    "axis": [name for _, name in PLACES],
+                    "gap_deg": gap.ravel(),
+                    "sigma_deg": np.sqrt(np.diag(covariance)),
+                    "after_deg": after.ravel(),
+                }
+            )
+        )
+    return pd.concat(parts, ignore_index=True)

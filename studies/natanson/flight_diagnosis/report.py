@@ -1,142 +1,174 @@
-"""The study's report: findings, tables and figures, and ``diagnosis.json``."""
+"""The study's report: checks, tables and figures."""
 
-from collections.abc import Sequence
-from functools import partial
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pandas as pd
-from rich.console import Console
+from matplotlib.axes import Axes
 
-from studies.montecarlo import engine
-from studies.montecarlo.files import write_json
 from studies.montecarlo.statistics import binomial_interval
 from studies.natanson import flight
-from studies.natanson.flight_diagnosis.baselines import Diagnosis, documents, evidence_table, flight_diagnoses
-from studies.natanson.flight_diagnosis.families import UNKNOWN
-from studies.natanson.flight_diagnosis.figures import evidence_figure, gap_figure
-from studies.natanson.flight_diagnosis.gap import by_step
+from studies.natanson.flight_diagnosis.baselines import Trial, examine, rms_deg, trials, whitened
+from studies.natanson.flight_diagnosis.diagnosis import FALSE_ALARM, SURE, UNKNOWN
+from studies.natanson.flight_diagnosis.numbers import by_step, motion, where
 from studies.natanson.flight_diagnosis.simulated_tables import STUDY, FlightConfig
-from studies.natanson.flight_diagnosis.verdict import FALSE_ALARM
-from studies.report import entry as report
+from studies.natanson.flight_diagnosis.table import flown
+from studies.report.checks import Check, at_least, at_most, near
 from studies.report.entry import Entry, Report
-from studies.report.tables import Table
+from studies.report.panels import DARK, RED, TEAL, Draw, Panel, sheet
+from studies.report.tables import Table, by_group
+
+WORTH_SHOWING = 1e-4  # probability of a set of effects
+
+GAP = "Flown minus predicted; what the explanation leaves must be between the gap and the flight's residuals after calibration."
+WRONG = "A baseline made wrong on purpose must be blamed for that and nothing else, whatever is unknown beside it."
+STEPS = "Rounded residuals are not the gap's cause if it keeps its sign in the columns at 1 and 2 s, which were rounded anew."
+SIMULATED = "Tables as the paper would print them, simulated from the baseline, of a known cause or of none."
 
 
 def power(rows: pd.DataFrame) -> pd.DataFrame:
     """A row per kind of simulated table: detected, rightly named, wrongly named."""
-    out = []
-    for kind, part in rows.groupby("kind", sort=False):
-        seen = part["verdict"] != "none"
-        out.append(
-            {
-                "kind": kind,
-                "tables": len(part),
-                "gap_found": int(seen.sum()),
-                "right": int(part["right"].sum()),
-                "in_group": int((part["in_group"] & ~part["right"]).sum()),
-                "false_name": int(part["false_name"].sum()),
-            }
-        )
-    return pd.DataFrame(out)
+
+    def line(part: pd.DataFrame) -> dict[str, object]:
+        return {
+            "tables": len(part),
+            "gap_found": int((part["verdict"] != "none").sum()),
+            "right": int(part["right"].sum()),
+            "in_group": int((part["in_group"] & ~part["right"]).sum()),
+            "false_name": int(part["false_name"].sum()),
+        }
+
+    return by_group(rows, ["kind"], line)
 
 
-def _findings(rows: pd.DataFrame, found: Sequence[Diagnosis]) -> list[str]:
-    own, wrong = found[0], found[1:]
-    closed = own.closure
-    places = own.where[own.where["p_holm"] < FALSE_ALARM]
-    table = power(rows).set_index("kind")
-    columns = by_step()
-    sides: dict[Any, set[float]] = {}
-    for _, row in columns.iterrows():
-        sides.setdefault((row["interval"], row["axis"]), set()).add(float(np.sign(row["gap_deg"])))
-    steady = [sides[at] == {1.0} or sides[at] == {-1.0} for at in zip(places["interval"], places["axis"], strict=True)]
+def _flight_checks() -> list[Check]:
+    first, *wrong = trials()
+    found, rms = examine(first), rms_deg(examine(first))
+    places, columns = where(flown(), first.baseline), by_step()
+    places = places[places["p_holm"] < FALSE_ALARM]
+    gaps = columns["gap_deg"].to_numpy().reshape(len(flight.STEPS), -1)[:, places.index]
+    steady = int((np.sign(gaps) == np.sign(gaps[0])).all(axis=0).sum())
     others = columns[columns["step_s"] > flight.STEPS[0]]
-    outlier = others.iloc[int((others["gap_deg"] / others["sigma_deg"]).abs().to_numpy().argmax())]
-    out = [
-        f"Under the present baseline the gap is {closed.rms_deg['before']:.4f} deg RMS, {closed.rms_deg['after']:.4f} with the "
-        f"likeliest explanation ({own.judgement.best.label}), floor {closed.rms_deg['floor']:.4f}; verdict: "
-        f"{own.judgement.verdict}, causes: {' + '.join(own.judgement.causes) or 'none'}, probability that something unknown "
-        f"remains {own.judgement.includes[UNKNOWN]:.2f} (about {own.judgement.unknown_deg()[0]:.4f} deg a number).",
-        f"The gap stands out in {len(places)} of 18 numbers (intervals "
-        f"{', '.join(map(str, sorted(set(places['interval']))))}), χ² {own.gap['motion_chi2']:.0f} of 18; noise: χ² "
-        f"{own.gap['noise_chi2']:.1f} of 42, {own.noise[0]:.2f} ± {own.noise[1]:.2f} of the stated one.",
-        f"Of {len(wrong)} deliberately wrong baselines {sum(d.trial.done <= set(d.judgement.causes) for d in wrong)} were "
-        "named for what was done to them.",
-        f"The same comparison at 1 and 2 s: the gap keeps its sign at both in {sum(steady)} of the {len(steady)} numbers "
-        f"that stand out at 0.5 s: rounded residuals are not its cause. Farthest off is {outlier['step_s']:g} s, interval "
-        f"{outlier['interval']:g}, {outlier['axis']}: {outlier['gap_deg']:+.4f} ± {outlier['sigma_deg']:.4f} deg as printed, "
-        f"{outlier['gap_deg'] + 2 * outlier['after_deg']:+.4f} with the other sign of its residual after calibration.",
-    ]
-    if "nothing" in table.index:
-        alarms, count = (int(power(rows).set_index("kind")[name].to_dict()["nothing"]) for name in ("gap_found", "tables"))
-        low, high = binomial_interval(alarms, count)
-        out.append(
-            f"Tables simulated from the baseline: a gap in {alarms} of {count} "
-            f"({100 * low:.1f} to {100 * high:.1f} %; stated {100 * FALSE_ALARM:g} %)."
-        )
-    effects = table.drop(index="nothing", errors="ignore")
-    if len(effects):
-        out.append(
-            f"Tables with an effect: {effects['gap_found'].sum()} of {effects['tables'].sum()} found, {effects['right'].sum()} "
-            f"rightly named, {effects['in_group'].sum()} more in a group, {effects['false_name'].sum()} with a wrong name."
-        )
+    far = others.iloc[int((others["gap_deg"] / others["sigma_deg"]).abs().to_numpy().argmax())]
+    other = f"gap at {far['step_s']:g} s, interval {far['interval']}, {far['axis']}"
+    explained = (rms["floor"], rms["before"])
+    return [
+        Check("verdict under the present baseline", found.verdict),
+        Check("its causes", " + ".join(found.causes) or "none", "none"),
+        Check("probability that something unknown is at work", found.includes(UNKNOWN)),
+        *(Check(f"size of what is {one.label}", one.size, None, "deg") for one in found.fitted if one.process),
+        Check("gap, RMS", rms["before"], None, "deg", GAP),
+        Check(f"gap with {found.best}, RMS", rms["after"], explained, "deg"),
+        Check("residuals after calibration, RMS", rms["floor"], None, "deg"),
+        Check("numbers of 18 in which the gap stands out", len(places)),
+        Check("of these with one sign at all steps", steady, (len(places), len(places)), "", STEPS),
+        Check(f"{other}, as printed", far["gap_deg"], None, "deg"),
+        Check(
+            f"{other}, with the other sign of its residual after calibration",
+            far["gap_deg"] + 2 * far["after_deg"], near(0.0, 4 * far["sigma_deg"]), "deg",
+        ),
+        Check("noise over the stated one", found.noise[0], near(1.0, 4 * found.noise[1])),
+        *(
+            Check(f"causes with {trial.baseline.name}", " + ".join(examine(trial).causes), " + ".join(trial.done), "", WRONG)
+            for trial in wrong
+        ),
+    ]  # fmt: skip
+
+
+def _simulated_checks(rows: pd.DataFrame) -> list[Check]:
+    table = power(rows)
+    out = []
+    for nothing in table[table["kind"] == "nothing"].to_dict("records"):
+        alarms, count = nothing["gap_found"], nothing["tables"]
+        name = f"stated rate of false alarms, for {alarms} of {count} tables"
+        out.append(Check(name, FALSE_ALARM, binomial_interval(alarms, count), "", SIMULATED))
+    effects = table[table["kind"] != "nothing"].drop(columns="kind").sum()
+    count = int(effects["tables"])
+    if count:
+        out += [
+            Check(f"gaps found of {count} tables with an effect", int(effects["gap_found"]), at_least(0.9 * count)),
+            Check("rightly named", int(effects["right"]), at_least(0.9 * count)),
+            Check("more in a group", int(effects["in_group"])),
+            Check("with a wrong name", int(effects["false_name"]), at_most((1 - SURE) * count)),
+        ]
     return out
+
+
+def _row(trial: Trial) -> dict[str, Any]:
+    found, rms = examine(trial), rms_deg(examine(trial))
+    return {
+        "baseline": trial.baseline.name,
+        "done": " + ".join(trial.done) or "nothing",
+        "verdict": found.verdict,
+        "causes": " + ".join(found.causes) or "none",
+        "likeliest": found.best,
+        "unknown_probability": found.includes(UNKNOWN),
+        **{f"{name}_deg": value for name, value in rms.items()},
+        "noise_factor": found.noise[0],
+    }
 
 
 def make_report(config: FlightConfig, rows: pd.DataFrame) -> Report:
     """The flight's table under every baseline, and what simulated tables say of the diagnosis."""
-    found = flight_diagnoses()
-    sizes = [
-        {"baseline": d.trial.baseline.name, "timing": name, "mean": mean, "sigma": sigma}
-        for d in found
-        for name, (mean, sigma) in d.closure.sizes.items()
+    first, yaw, *_ = trials()
+    timings = [
+        {"baseline": trial.baseline.name, "of": one.axis, "timing": name, "value": value, "sigma_over_that_of_prior": sigma}
+        for trial in trials()
+        for one in examine(trial).fitted
+        for (name, value), sigma in zip(one.parameters.items(), one.sigmas, strict=False)
     ]
-    whitened = [{"baseline": d.trial.baseline.name, **d.closure.whitened} for d in found]
+    left = [{"baseline": trial.baseline.name, **whitened(examine(trial))} for trial in trials()]
+    sets = [
+        {"baseline": trial.baseline.name, "effects": " + ".join(sorted(effects)) or "nothing", "probability": p}
+        for trial in trials()
+        for effects, p in examine(trial).sets.items()
+        if p > WORTH_SHOWING
+    ]
     tables = {
-        "baselines": Table("The flight's table under each baseline", pd.DataFrame([d.row() for d in found])),
-        "where": Table("Where, under the present baseline", found[0].where),
+        "baselines": Table("The flight's table under each baseline", pd.DataFrame([_row(trial) for trial in trials()])),
+        "where": Table("Where, under the present baseline", where(flown(), first.baseline)),
         "gap_by_step": Table("The gap at each step", by_step()),
-        "whitened_gap": Table("Mean square of the whitened gap", pd.DataFrame(whitened)),
-        "timings": Table(
-            "Timings under the likeliest hypothesis", pd.DataFrame(sizes, columns=["baseline", "timing", "mean", "sigma"])
-        ),
-        "hypotheses": Table("Hypotheses under the present baseline", evidence_table(found[0])),
+        "whitened_gap": Table("Mean square of the whitened gap", pd.DataFrame(left)),
+        "timings": Table("Timings of the likeliest explanation", pd.DataFrame(timings)),
+        "sets": Table("Sets of effects under each baseline", pd.DataFrame(sets)),
         "simulated": Table("Simulated tables", power(rows)),
     }
     figures = {
-        "flight_table": partial(gap_figure, found[0]),
-        "flight_table_wrong_yaw": partial(gap_figure, found[1]),
-        "flight_evidence": partial(evidence_figure, found),
+        "flight_table": _gap_figure(first),
+        "flight_table_wrong_yaw": _gap_figure(yaw),
     }
-    return Report(tables, figures, findings=tuple(_findings(rows, found)))
+    return Report(tables, figures, (*_flight_checks(), *_simulated_checks(rows)))
 
 
 ENTRY = Entry(STUDY, "N Table 2 diagnosed: what parts predicted from flown pre-launch residuals", make_report)
 
 
-def run(folder: Path, config: FlightConfig | None = None, jobs: int = 1, console: Console | None = None) -> dict[str, Any]:
-    """Run the study, write its report, and the diagnoses as ``diagnosis.json``.
+def _gap_figure(trial: Trial) -> Draw:
+    """Flown and predicted residuals above; below flown minus predicted before and after, and the flight's after calibration."""
+    found, table = examine(trial), flown()
+    before, after = (values.reshape(6, 3) + table.after for values in (found.before, found.after))
+    sigma = np.sqrt(np.diag(found.covariance)).reshape(6, 3)
+    prediction = motion(table, trial.baseline).prediction
+    x = np.arange(1, 7)
+    style: dict[str, Any] = {"capsize": 2, "markersize": 4, "linewidth": 1}
 
-    Parameters
-    ----------
-    folder : where everything is written
-    config : the simulated tables
-    jobs : worker processes; the results do not depend on it
-    console : for the findings; None prints nothing
+    def top(on: Axes, j: int) -> None:
+        on.plot(x, prediction[:, j], "_", color=TEAL, markersize=13, markeredgewidth=2, label="predicted")
+        on.plot(x, (table.before - after)[:, j], "x", color=DARK, markersize=5, label="with the explanation")
+        on.plot(x, table.before[:, j], "o", color=RED, markersize=4, label="flown")
 
-    Returns
-    -------
-    The result of every baseline, by its name.
-    """
-    chosen = config or FlightConfig()
-    outcome = engine.run(STUDY, chosen, folder, backend="loky" if jobs > 1 else "serial", jobs=jobs)
-    rows = outcome.load()
-    made = make_report(chosen, rows[rows["error"] == ""].reset_index(drop=True))
-    report.write(made, ENTRY.summary, folder)
-    results = documents()
-    write_json(folder / "diagnosis.json", results)
-    for finding in made.findings:
-        (console or Console(quiet=True)).print(f"- {finding}", highlight=False, markup=False)
-    return results
+    def low(on: Axes, j: int) -> None:
+        on.axhline(0, color="0.4", linewidth=0.8)
+        on.bar(x, table.after[:, j], width=0.7, color="0.85", label="flown, after calibration")
+        on.errorbar(x - 0.15, before[:, j], sigma[:, j], fmt="s", color=TEAL, label="gap before", **style)
+        on.errorbar(x + 0.15, after[:, j], sigma[:, j], fmt="o", color=DARK, label="gap after", **style)
+
+    def panel(draw: Any, j: int, title: str, x_name: str, y_name: str) -> Panel:
+        last, first = "best" if j == 2 else "", y_name if j == 0 else ""
+        return Panel(lambda on: draw(on, j), title, x_name, first, ticks=x.tolist(), legend=last)
+
+    axes = list(enumerate(flight.ROTATIONS))
+    panels = [panel(top, j, name, "", "residual (deg)") for j, name in axes]
+    panels += [panel(low, j, "", "calibration interval", "flown − predicted (deg)") for j, _ in axes]
+    title = f"Baseline: {trial.baseline.name}; explanation: {found.best}; bars: 1σ of print"
+    return sheet(*panels, size=(9.0, 5.0), columns=3, title=title)

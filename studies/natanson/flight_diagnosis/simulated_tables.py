@@ -1,6 +1,5 @@
 """The study's cases: tables as the paper would print them, of a known cause, and their diagnosis."""
 
-from collections.abc import Sequence
 from typing import Any, ClassVar, Self
 
 import numpy as np
@@ -9,7 +8,8 @@ from pydantic import model_validator
 from simulator.scenario import IntervalSection, Scenario
 from studies.montecarlo.study import GridConfig, Streams, Study
 from studies.natanson import flight
-from studies.natanson.flight_diagnosis.families import NOISE, RATE, TIMING, UNKNOWN, YAW, Families
+from studies.natanson.flight_diagnosis.builder import NOISE, RATE, TIMING, YAW
+from studies.natanson.flight_diagnosis.diagnosis import UNKNOWN, Effects, diagnose
 from studies.natanson.flight_diagnosis.numbers import clock_derivatives
 from studies.natanson.flight_diagnosis.table import (
     CELL_DEG,
@@ -22,12 +22,10 @@ from studies.natanson.flight_diagnosis.table import (
     present,
     reversed_slews,
     rounded,
-    sign_of,
 )
-from studies.natanson.flight_diagnosis.timings import TIMED, TIMINGS, common_points
-from studies.natanson.flight_diagnosis.verdict import diagnose
+from studies.natanson.flight_diagnosis.timings import TIMINGS
 
-KINDS: dict[str, Families] = {
+KINDS: dict[str, Effects] = {
     "nothing": frozenset(),
     "yaw of 2": frozenset({YAW}),
     "yaw of 6": frozenset({YAW}),
@@ -47,17 +45,13 @@ UNKNOWN_SIMULATED_DEG = 0.05
 def simulated_motion(kind: str, scenario: Scenario, rng: np.random.Generator) -> tuple[IntervalSection, ...]:
     """The six intervals as flown in a kind of table."""
     sections = list(scenario.interval)
-    own: Sequence[int] = TIMED if "four" in kind else ([int(rng.choice(TIMED))] if kind == "one timing" else ())
-    for k in own:
-        timings = TIMINGS[k].values(rng.random((1, len(TIMINGS[k].names))))[0]
-        sections[k] = TIMINGS[k].section(timings, sign_of(sections[k]))
-    if kind == "common timing":
-        good = False
-        while not good:
-            ok, points = common_points(rng.random((1, 4)))
-            good = bool(ok[0])
-        for k, u in points.items():
-            sections[k] = TIMINGS[k].section(TIMINGS[k].values(u)[0], sign_of(sections[k]))
+    *own, common = TIMINGS
+    chosen = own if "four" in kind else [common] if kind == "common timing" else []
+    if kind == "one timing":
+        chosen = [own[rng.integers(len(own))]]
+    for one in chosen:
+        for k, section in one.moved(sections, rng.random(len(one.names))).items():
+            sections[k] = section
     flips = {"yaw of 2": (1,), "yaw of 6": (5,), "both yaws": (1, 5), "rate sign": (3,), "yaw of 2, four timings": (1,)}
     for k in flips.get(kind, ()):
         sections[k] = reversed_slews(sections[k])
@@ -126,7 +120,7 @@ def case(config: FlightConfig, number: int, streams: Streams) -> dict[str, Any]:
         "kind": kind,
         "verdict": found.verdict,
         "causes": ", ".join(found.causes),
-        "p_value": found.p_value,
+        "p_value": found.gap["p_value"],
         "right": found.verdict == {frozenset(): "none", frozenset({UNKNOWN}): "unknown"}[truth]
         if truth <= {UNKNOWN}
         else named == truth,

@@ -126,8 +126,3 @@ def outcome(section: IntervalSection) -> tuple[Array, Array]:
 def reversed_slews(section: IntervalSection) -> IntervalSection:
     """The interval with its slews the other way round: yaws reversed; −y forward becomes +y forward, of the other rate."""
     return section.model_copy(update={"slew": tuple(s.model_copy(update={"angle_deg": -s.angle_deg}) for s in section.slew)})
-
-
-def sign_of(section: IntervalSection) -> int:
-    """Of the interval's first slew; one without slews."""
-    return int(np.sign(section.slew[0].angle_deg)) if section.slew else 1
