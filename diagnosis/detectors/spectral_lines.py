@@ -26,7 +26,7 @@ SHORTEST = 256  # samples of a segment
 HALVINGS = 6  # lengths of segments that are tried, from the longest arc down
 LEVEL_BINS = 61  # of the spectrum, over which the level around a line is taken
 MOST_LINES = 4  # of one axis
-AVERAGED_CYCLES = 4  # of a line, over which the motion beside it is averaged
+AVERAGED_CYCLES = (4, 5, 6, 7, 8, 9, 10)  # of a line, over which the motion beside it may be averaged
 PART_CYCLES = 12  # of a line in a part of the samples in which its amplitude is compared
 MOST_PARTS = 8  # of one arc
 UNSTEADY = 0.1  # relative change of the amplitude that a tone may have
@@ -181,7 +181,9 @@ def _without_motion(x: Array, cycles: float) -> Array:
     A mean over whole cycles leaves nothing of the tone, so that what it is subtracted from keeps all of it. A slew that begins
     gently is quiet to the eyes of the noise tests, but would pass for noise of the tone's amplitude.
     """
-    count = round(AVERAGED_CYCLES / cycles)
+    counts = np.unique(np.round(np.array(AVERAGED_CYCLES) / cycles).astype(np.intp))
+    left = np.abs(np.sin(np.pi * counts * cycles)) / counts  # of the tone, in the mean over so many samples
+    count = int(counts[np.argmin(left)])
     if 2 * count >= x.size:
         return np.asarray(scipy.signal.detrend(x))
     return np.asarray(x - scipy.ndimage.uniform_filter1d(x, count, mode="nearest"))
