@@ -1,6 +1,25 @@
 """Sim-to-real diagnosis: does a recording depart from the baseline simulator, where, by which cause, and how far it shrinks.
 
 The baseline M0 has a constant G and b, white gyro noise of the stated ARW, and white reference errors of the stated sigmas.
-Everything rests on one linear model (`diagnosis.model.recording`): what an unmodelled effect adds to the reading of the gyro
-or to a reference attitude becomes one more column beside the twelve of the calibration.
+Everything rests on one linear model (`diagnosis.model.linear`): what an unmodelled effect adds to the reading of the gyro or
+to a reference attitude becomes one more group of columns beside the twelve of the calibration.
+
+The way of a recording through `diagnosis.diagnose`, file by file:
+
+1. `detectors.samples` and the detector of each symptom beside it: what the samples show, and the stream repaired.
+2. `model.prepare`: the calibration under M0 and the white noise there is, on `model.recording`, which linearises the recording;
+   `model.lines` asks the attitude whether a line of the samples is a motion of the body.
+3. `model.symptoms`: which effects claim what the samples show.
+4. `model.candidates`, with `model.unlisted`, `model.processes` and `model.dead_zone`: the linear model of all that could be at work.
+5. `inference.null`: whether there is a gap at all.
+6. `inference.search`, on `inference.evidence`: sets of effects and their posterior.
+7. `inference.attribution`: what may be named.
+8. `inference.amplitudes`: how large the named effects are.
+9. `inference.checks`: whether the named model would give data like these.
+10. `inference.closure`, on the folds of the model: how far the gap shrinks on held-out data.
+11. `model.calibration`: G and b with the named effects in the model.
+12. `assemble`: the answer, `result`.
+
+Raw sensor tables take the same way from step 4 on, with `model.sensors` as their builder (`sensor_tables`). Thresholds are in
+`settings`. What a maneuver plan could show is in `plan`.
 """
