@@ -294,6 +294,7 @@ class Effect:
         """Why it cannot act on, or be seen in, a recording; None if it can."""
         return None
 
+    @absent
     def detect(self, view: SampleView) -> Sequence[Detection]:
         """What a test of its own finds in the samples; for effects that no `symptom` shows."""
         return ()
