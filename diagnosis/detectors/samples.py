@@ -33,7 +33,6 @@ Mask = NDArray[np.bool_]
 COARSE = 0.05  # a lattice finer than this share of the noise is the number format, not the gyro
 HIDING = 2.0  # noise sigmas in a step, above which a lattice hides slow motion
 FAR = 8.0  # noise sigmas from its neighbours at which a value was not measured
-SMOOTH_S = 20.0  # s, longest window of the smoothing
 
 
 def examine(recording: Recording, lattice: Kind | None = None, settings: DiagnosisSettings = DEFAULT) -> SampleReport:
@@ -81,7 +80,7 @@ def smoothed_rates(rates: Array, recording: Recording) -> Array:
     sigma = recording.gyro.arw / np.sqrt(recording.gyro.sample_s)
     out = rates.copy()
     for part in interval_slices(recording):
-        out[part] = smoothed(rates[part], recording.gyro.sample_s, SMOOTH_S, noise_level(rates[part], sigma))
+        out[part] = smoothed(rates[part], recording.gyro.sample_s, np.inf, noise_level(rates[part], sigma))
     return out
 
 

@@ -3,13 +3,13 @@
 With the others held at their best, the posterior of a member's amplitudes is a mixture over its options and scales, weighted
 by their evidence. Each part is normal, a | y ~ N(Λ⁻¹ Xᵀy, Λ⁻¹) with Λ = XᵀX + I/s², products given the other members. Mean and
 covariance of the mixture are stated, so that the time of a step, where it is not known, widens the sigma of its size. The size
-of a random process is its scale s, whose posterior over a fine grid is stated. Since the prior has no mass where a size is
-implausible, no size needs to be rejected afterwards.
+of a random process is its scale s; its posterior, over a fine grid and all options, has the mean and sigma that are stated.
+Since the prior has no mass where a size is implausible, no size needs to be rejected afterwards.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -17,13 +17,14 @@ from numpy.typing import NDArray
 from scipy.special import log_ndtr, logsumexp
 
 from diagnosis.inference.evidence import log_bayes, unshifted
-from diagnosis.inference.search import Search
+from diagnosis.inference.search import Conditioning, Search
 from diagnosis.model.linear import Candidate, LinearModel, Member, Parameters
 
 Array = NDArray[np.float64]
 
 FINE_SIZES = 200  # of a random process
 REACH = 6.0  # of that grid to either side of the likeliest scale, as a factor
+NEGLIGIBLE = 1e-6  # probability of an option below which it is left out
 TIME = "time_s"
 TIME_WIDTH = "time_sigma_s"  # of an option: what is not known of its own time
 
@@ -77,38 +78,21 @@ def _one(search: Search, members: tuple[Member, ...], place: int) -> Fitted:
     model, member = search.model, members[place]
     given = search.given(members[:place] + members[place + 1 :])
     entry = model.candidate(member)
+    option = entry.options[member.option]
     table = search.tables(member.candidate, given) + entry.log_weights[:, None]
     weights = np.exp(table - logsumexp(table))
-    means, covariances = [], []
-    for k, option in enumerate(entry.options):
-        places = np.arange(option.start, option.start + option.count)[None]
-        gram = (model.X[:, option.columns].T @ model.X[:, option.columns])[None]
-        correlation = search.correlation[places]
-        if given is not None:
-            gram, correlation = given.reduced_products(gram, correlation, places)
-        if entry.shifted:
-            gram, correlation, _ = unshifted(gram, correlation)
-        if weights[k].sum() < 1e-6 and k != member.option:
-            count = correlation.shape[1]
-            means.append(np.zeros((entry.scales.size, count)))
-            covariances.append(np.zeros((entry.scales.size, count, count)))
-            continue
-        if entry.process and k == member.option:
-            process = gram, correlation
-        mean, covariance = _normal(gram[0], correlation[0], entry.scales, entry.positive)
-        means.append(mean)
-        covariances.append(covariance)
-    option = entry.options[member.option]
+    # Options with other columns, such as a richer form of the same effect, have amplitudes of another meaning.
+    alike = [k for k, one in enumerate(entry.options) if entry.process or one.count == option.count]
+    alike = [k for k in alike if weights[k].sum() > NEGLIGIBLE or k == member.option]
+    products = {k: _products(search, entry, k, given) for k in alike}
     if entry.process:
-        size, sigma = _process_size(*process, entry.scales[member.scale])
-        amplitudes, spread = means[member.option][member.scale], covariances[member.option][member.scale]
+        size, sigma = _process_size(entry, products, entry.scales[member.scale])
+        mean, covariance = _normal(*products[member.option], entry.scales, entry.positive)
+        amplitudes, spread = mean[member.scale], covariance[member.scale]
         shown: Parameters = dict(option.parameters)
     else:
-        # Options with other columns, such as a richer form of the same effect, have amplitudes of another meaning.
-        alike = [k for k, one in enumerate(entry.options) if one.count == option.count]
-        amplitudes, spread = _mixture(
-            weights[alike] / weights[alike].sum(), [means[k] for k in alike], [covariances[k] for k in alike]
-        )
+        parts = [_normal(*products[k], entry.scales, entry.positive) for k in alike]
+        amplitudes, spread = _mixture(weights[alike] / weights[alike].sum(), *zip(*parts, strict=True))
         size, more = entry.read(amplitudes)
         sigma = float(np.hypot(_length_sigma(amplitudes, spread), entry.size_sigma(size)))
         shown = {**_parameters(entry, weights, member.option), **more}
@@ -117,6 +101,21 @@ def _one(search: Search, members: tuple[Member, ...], place: int) -> Fitted:
         entry.label, entry.effect, entry.axis, entry.unit, size, sigma, shown, model.W[:, own], amplitudes,
         np.sqrt(np.maximum(np.diag(spread), 0.0)), model.scale(member), entry.process, model.W[:, shifts].sum(axis=1),
     )  # fmt: skip
+
+
+def _products(search: Search, entry: Candidate, number: int, given: Conditioning | None) -> tuple[Array, Array]:
+    """XᵀX (k, k) and Xᵀy (k,) of an option given the other members, a shift taken out of y."""
+    option = entry.options[number]
+    places = np.arange(option.start, option.start + option.count)[None]
+    gram, correlation = (
+        (search.model.X[:, option.columns].T @ search.model.X[:, option.columns])[None],
+        search.correlation[places],
+    )
+    if given is not None:
+        gram, correlation = given.reduced_products(gram, correlation, places)
+    if entry.shifted:
+        gram, correlation, _ = unshifted(gram, correlation)
+    return gram[0], correlation[0]
 
 
 def _normal(gram: Array, correlation: Array, scales: Array, positive: bool) -> tuple[Array, Array]:
@@ -134,7 +133,7 @@ def _normal(gram: Array, correlation: Array, scales: Array, positive: bool) -> t
     return np.asarray(mean), np.asarray(covariance)
 
 
-def _mixture(weights: Array, means: list[Array], covariances: list[Array]) -> tuple[Array, Array]:
+def _mixture(weights: Array, means: Sequence[Array], covariances: Sequence[Array]) -> tuple[Array, Array]:
     """Mean and covariance over options and scales."""
     mean = sum((w @ m for w, m in zip(weights, means, strict=True)), np.zeros(means[0].shape[1]))
     spread = np.zeros((mean.size, mean.size))
@@ -172,11 +171,13 @@ def _length_sigma(amplitudes: Array, covariance: Array) -> float:
     return float(np.sqrt(max(float(along @ covariance @ along), 0.0)))
 
 
-def _process_size(gram: Array, correlation: Array, centre: float) -> tuple[float, float]:
-    """Mean and sigma of the scale of a random process, over a fine grid in log of it."""
+def _process_size(entry: Candidate, products: Mapping[int, tuple[Array, Array]], centre: float) -> tuple[float, float]:
+    """Mean and sigma of the scale of a random process, over its options and a fine grid in log of the scale."""
     sizes = np.geomspace(centre / REACH, centre * REACH, FINE_SIZES)
-    log = log_bayes(gram, correlation, sizes)[0]
-    weight = np.exp(log - log.max())
-    weight /= weight.sum()
+    log = np.array([
+        log_bayes(gram[None], correlation[None], sizes)[0] + entry.options[k].log_weight
+        for k, (gram, correlation) in products.items()
+    ])  # fmt: skip
+    weight = np.exp(log - logsumexp(log)).sum(axis=0)
     mean = float(weight @ sizes)
     return mean, float(np.sqrt(weight @ (sizes - mean) ** 2))

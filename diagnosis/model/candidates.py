@@ -28,7 +28,7 @@ from diagnosis.model.linear import (
 )
 from diagnosis.model.recording import RecordingModel
 from diagnosis.settings import DEFAULT, DiagnosisSettings
-from simulator.effects.base import Effect, Surroundings, Value
+from simulator.effects.base import Effect, ProcessTimes, Surroundings, Value
 
 Array = NDArray[np.float64]
 
@@ -152,7 +152,10 @@ def assembled(
 
     def refine(linear: LinearModel, member: Member) -> LinearModel:
         effect = effects.get(linear.candidate(member).effect)
-        return linear if effect is None else with_finer_times(model, linear, member, effect)
+        if effect is None:
+            return linear
+        finer = with_finer_process if linear.candidate(member).process else with_finer_times
+        return finer(model, linear, member, effect)
 
     return LinearModel(
         y=model.y,
@@ -217,12 +220,18 @@ def switched_group(model: RecordingModel, effect: Effect, axis: str | None, arou
     return _group(effect, axis, columns, parameters, shares)
 
 
+def process_places(model: RecordingModel, effect: Effect) -> tuple[ProcessTimes, Callable[[RecordingModel, int, Array], Array]]:
+    """The times at which a random process takes its values, and what makes columns of a factor of its covariance there."""
+    if effect.on_references:
+        return processes.reference_times(model), processes.on_references
+    return processes.cell_times(model), processes.on_cells
+
+
 def process_groups(model: RecordingModel, effect: Effect, around: Surroundings) -> Iterator[Group]:
     """A random process about each axis."""
     trials = effect.trials(around)
-    at = processes.reference_times(model) if effect.on_references else processes.cell_times(model)
+    at, make = process_places(model, effect)
     factors = [processes.factor(effect.covariance(at, trial.parameters)) for trial in trials]
-    make = processes.on_references if effect.on_references else processes.on_cells
     for number, axis in enumerate(effect.axes):
         columns = [make(model, number, factor) for factor in factors]
         group = _group(effect, axis, columns, [dict(t.parameters) for t in trials], [t.weight for t in trials])
@@ -314,6 +323,40 @@ def with_finer_times(model: RecordingModel, linear: LinearModel, member: Member,
     ]
     coarse = [replace(o, log_weight=o.log_weight - np.log(2)) if o in inside else o for o in entry.options]
     return linear.with_options(member.candidate, [*coarse, *finer], W, model.projected(W))
+
+
+# ---- the time constant of a process --------------------------------------------------------------------------------------
+
+
+def with_finer_process(model: RecordingModel, linear: LinearModel, member: Member, effect: Effect) -> LinearModel:
+    """The linear model with more options for a random process, halfway in log between a parameter tried and its neighbours.
+
+    They share the prior of the option at which the member is held. An effect whose options differ in more than one number, or
+    not in numbers, is left as it is.
+    """
+    entry, held = linear.candidate(member), linear.option(member)
+    if len(held.parameters) != 1:
+        return linear
+    ((name, at),) = held.parameters.items()
+    values = [option.parameters[name] for option in entry.options]
+    if any(isinstance(value, str) for value in values):
+        return linear
+    tried = sorted({float(value) for value in values})
+    place = tried.index(float(at))
+    finer = [float(np.sqrt(one * tried[place])) for one in tried[max(place - 1, 0) : place + 2] if one != tried[place]]
+    if not finer:
+        return linear
+    number = AXES.index(str(entry.axis))
+    times, make = process_places(model, effect)
+    columns = [make(model, number, processes.factor(effect.covariance(times, {name: value}))) for value in finer]
+    weight = held.log_weight - float(np.log(1 + len(finer)))
+    options = [replace(option, log_weight=weight) if option is held else option for option in entry.options]
+    start = linear.W.shape[1]
+    for value, part in zip(finer, columns, strict=True):
+        options.append(Option(start, part.shape[1], weight, {name: value}))
+        start += part.shape[1]
+    W = np.hstack(columns)
+    return linear.with_options(member.candidate, options, W, model.projected(W))
 
 
 # ---- unlisted rivals -----------------------------------------------------------------------------------------------------

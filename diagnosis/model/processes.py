@@ -26,7 +26,11 @@ Array = NDArray[np.float64]
 
 AXES = "xyz"
 SEEN = 1e-4  # power relative to the strongest column, below which a column is left out
-MOST_COLUMNS = 72
+# Near the smallest size that can be detected, a column of power λ adds to the expected evidence in proportion to λ². A larger
+# process of slow variations shows in its weaker columns too.
+INFORMATION = 0.95  # share of Σ λ² that the columns have together at least
+USUAL_COLUMNS = 72  # that are kept whatever they share
+MOST_COLUMNS = 400
 
 
 @dataclass(frozen=True)
@@ -86,9 +90,12 @@ def orthogonal(columns: Array, gram: Array, F: Array) -> Array:
     F : (c, k) factor of the covariance
     """
     moved = F.T @ gram @ F
+    information = INFORMATION * float(np.sum(moved**2))
     strongest = [max(len(moved) - MOST_COLUMNS, 0), len(moved) - 1]
     values, vectors = scipy.linalg.eigh(moved, subset_by_index=strongest, check_finite=False)
-    kept = np.flatnonzero(values > SEEN * max(values[-1], 1e-300))[::-1][:MOST_COLUMNS]
+    kept = np.flatnonzero(values > SEEN * max(values[-1], 1e-300))[::-1]
+    enough = int(np.searchsorted(np.cumsum(values[kept] ** 2), information)) + 1
+    kept = kept[: max(enough, USUAL_COLUMNS)]
     return np.asarray(columns @ (F @ vectors[:, kept]))
 
 

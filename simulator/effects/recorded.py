@@ -16,7 +16,7 @@ from simulator.effects.flight_mode import forward_axes
 from simulator.effects.smoothing import noise_level, smoothed
 from simulator.sensors.gyro import raw_rates
 
-SMOOTH_S = 20.0  # s; a tenth and less of the shortest slew, and 13 times less noise at two samples a second
+SMOOTH_S = np.inf  # s, longest window of the smoothing: as long as the motion allows
 TIME_TOLERANCE = 1e-6  # s
 
 

@@ -1,62 +1,95 @@
 """Smoothed rates: the gyro's noise taken out, slews left in.
 
 A local quadratic is fitted to the mean rates in a window around each sample (Savitzky and Golay, Analytical Chemistry 36 (1964)
-1627). A long window takes out more noise and bends a slew's ramps; each sample therefore
-gets the longest of a ladder of windows whose estimate still agrees, within the noise of both, with those of all shorter
-ones (Lepski's rule: Goldenshluger and Nemirovski, Mathematical Methods of Statistics 6 (1997) 135). Single outliers, further
-off the median of five than ten sigma, are replaced by that median first.
+1627). A long window takes out more noise and bends a slew's ramps; each sample of each axis therefore gets the longest of a
+ladder of windows, up to the whole run, whose estimate still agrees, within the noise of both, with those of all shorter ones
+(Lepski's rule: Goldenshluger and Nemirovski, Mathematical Methods of Statistics 6 (1997) 135). Windows of many samples are
+fitted to means over short blocks of them. Single outliers, further off the median of five than ten sigma, are replaced by that
+median first.
+
+An axis at rest needs the long windows: a function such as ω|ω| of a rate that is nothing but noise goes with the noise of the
+attitude that is propagated with it, and would be taken for an effect.
 """
 
+from collections.abc import Sequence
+
 import numpy as np
+from scipy.interpolate import interp1d
 from scipy.ndimage import median_filter
 from scipy.signal import savgol_coeffs, savgol_filter
 
 from simulator.effects.base import Array
 
 ORDER = 2  # of the local polynomial in the rate
-AGREEMENT = 4.0  # sigma; three axes and tens of thousands of samples
+AGREEMENT = 4.0  # sigma; tens of thousands of samples
 OUTLIER = 10.0  # sigma
+BLOCKS = 33  # of a long window; a quadratic bends little over a thirtieth of it
 SHORTEST = 5  # samples; a quadratic through three is no smoothing
 
 
-def noise_level(rates: Array, stated: float) -> float:
-    """Sigma of one sample, rad/s: the stated one, or that of the second differences if it is larger.
+def noise_level(rates: Array, stated: float) -> Array:
+    """Sigma of one sample of each axis, rad/s: the stated one, or that of the second differences if it is larger; (3,).
 
     Second differences of a smooth rate are noise with the standard deviation √6 σ; the median is not moved by slews.
     """
     if len(rates) < SHORTEST:
-        return stated
+        return np.full(rates.shape[1], stated)
     second = np.abs(np.diff(rates, n=2, axis=0))
-    return max(stated, float(np.median(second, axis=0).max() * 1.4826 / np.sqrt(6)))
+    return np.asarray(np.maximum(stated, np.median(second, axis=0) * 1.4826 / np.sqrt(6)))
 
 
-def smoothed(rates: Array, sample_s: float, smooth_s: float, sigma: float) -> Array:
+def smoothed(rates: Array, sample_s: float, smooth_s: float, sigma: Array) -> Array:
     """Smoothed rates of one run of samples.
 
     Parameters
     ----------
     rates : (n, 3) rad/s, evenly sampled
     sample_s : spacing, s
-    smooth_s : longest window, s
-    sigma : noise of one sample, rad/s
+    smooth_s : longest window, s; infinite for the whole run, zero for no smoothing
+    sigma : (3,) noise of one sample of each axis, rad/s
 
     Returns
     -------
     (n, 3)
     """
-    longest = min(int(smooth_s / sample_s), len(rates) - 1 + len(rates) % 2)
-    if longest < SHORTEST or sigma <= 0:
+    longest = int(min(smooth_s / sample_s, len(rates) - 1 + len(rates) % 2))
+    if longest < SHORTEST:
         return rates
-    rates = _without_outliers(rates, sigma)
+    windows = _ladder(longest)
+    return np.column_stack([
+        _axis(rates[:, axis], windows, level) if level > 0 else rates[:, axis] for axis, level in enumerate(sigma)
+    ])  # fmt: skip
+
+
+def _axis(rates: Array, windows: Sequence[int], sigma: float) -> Array:
+    """One axis, by the longest window at each sample that agrees with the shorter ones; (n,)."""
+    median = median_filter(rates, size=5, mode="nearest")
+    rates = np.where(np.abs(rates - median) > OUTLIER * sigma, median, rates)
     best, low, high = rates, rates - AGREEMENT * sigma, rates + AGREEMENT * sigma
     going = np.ones(len(rates), dtype=bool)
-    for window in _ladder(longest):
-        estimate = savgol_filter(rates, window, ORDER, axis=0, mode="interp")
-        going &= ((estimate >= low) & (estimate <= high)).all(axis=1)
-        width = AGREEMENT * sigma * float(np.linalg.norm(savgol_coeffs(window, ORDER)))
+    for window in windows:
+        estimate, weight = _fitted(rates, window)
+        going &= (estimate >= low) & (estimate <= high)
+        if not going.any():
+            break
+        width = AGREEMENT * sigma * weight
         low, high = np.maximum(low, estimate - width), np.minimum(high, estimate + width)
-        best = np.where(going[:, None], estimate, best)
+        best = np.where(going, estimate, best)
     return np.asarray(best)
+
+
+def _fitted(rates: Array, window: int) -> tuple[Array, float]:
+    """Local quadratic of a window at each sample (n,), and its sigma per unit sigma of a sample."""
+    block = max(1, window // BLOCKS)
+    if block == 1:
+        return savgol_filter(rates, window, ORDER, mode="interp"), float(np.linalg.norm(savgol_coeffs(window, ORDER)))
+    count = len(rates) // block
+    means = rates[: count * block].reshape(count, block).mean(axis=1)
+    width = min(window // block // 2 * 2 + 1, count - 1 + count % 2)
+    middle = block * np.arange(count) + 0.5 * (block - 1)
+    estimate = interp1d(middle, savgol_filter(means, width, ORDER, mode="interp"), fill_value="extrapolate")
+    weight = float(np.linalg.norm(savgol_coeffs(width, ORDER))) / np.sqrt(block)
+    return np.asarray(estimate(np.arange(len(rates)))), weight
 
 
 def _ladder(longest: int) -> list[int]:
@@ -66,8 +99,3 @@ def _ladder(longest: int) -> list[int]:
         windows.append(int(window) // 2 * 2 + 1)
         window *= 1.5
     return [*[w for w in windows if w < longest], longest - 1 + longest % 2]
-
-
-def _without_outliers(rates: Array, sigma: float) -> Array:
-    median = median_filter(rates, size=(5, 1), mode="nearest")
-    return np.where(np.abs(rates - median) > OUTLIER * sigma, median, rates)

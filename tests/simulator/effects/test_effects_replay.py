@@ -50,8 +50,10 @@ def test_replay_keeps_everything_but_the_draws():
     np.testing.assert_array_equal(again.attitudes.t_s, ORIGINAL.attitudes.t_s)
     np.testing.assert_array_equal(again.attitudes.sigma, ORIGINAL.attitudes.sigma)
     assert (again.title, again.intervals, again.orbit) == (ORIGINAL.title, ORIGINAL.intervals, ORIGINAL.orbit)
-    # The noise is there once: 143 000 samples.
-    assert noise_level(again.gyro.rates, 0) == pytest.approx(noise_level(ORIGINAL.gyro.rates, 0), rel=0.02)
+    # The noise is there once. The median of second differences has 1.4 times the relative error of a median of as many
+    # independent values, 1.17/sqrt(n), since neighbours share samples; here are two of them, four sigma apart at most.
+    room = 4 * np.sqrt(2) * 1.4 * 1.17 / np.sqrt(len(ORIGINAL.gyro.rates))
+    np.testing.assert_allclose(noise_level(again.gyro.rates, 0), noise_level(ORIGINAL.gyro.rates, 0), rtol=room)
     clean = replay(ORIGINAL, FITTED.G, FITTED.bias, noise=False, motion=FOUND)
     np.testing.assert_array_equal(clean.attitudes.quaternions, FOUND.quaternions)
     np.testing.assert_allclose(clean.gyro.rates @ FITTED.G.T + FITTED.bias, FOUND.rates, atol=1e-17)
@@ -117,10 +119,10 @@ def test_touching_intervals_keep_one_attitude():
 def test_smoothing_takes_noise_out_and_leaves_steps_in():
     rng = np.random.default_rng(0)
     truth = np.where(np.arange(2000) < 1000, 0.0, 1.0)[:, None] * [1.0, 0.0, 0.0]
-    out = smoothed(truth + 0.01 * rng.standard_normal((2000, 3)), 0.5, 20.0, 0.01)
+    out = smoothed(truth + 0.01 * rng.standard_normal((2000, 3)), 0.5, 20.0, np.full(3, 0.01))
     assert np.abs(out - truth).max() < 0.06
     assert (out - truth).std() < 0.003
-    np.testing.assert_array_equal(smoothed(truth, 0.5, 0.0, 0.01), truth)
+    np.testing.assert_array_equal(smoothed(truth, 0.5, 0.0, np.full(3, 0.01)), truth)
 
 
 PRACTICE = SHARED / "practice"
