@@ -1,8 +1,8 @@
 """Plans unlike TRMM's: what the craft does, how it is sampled, what its gyro and its references are worth.
 
-An interval's body rate is a sum of analytic pieces about axes of the body: a constant, turns of three profiles, a scan that
-swings to and fro, sway at several frequencies, and a tumble ω = R(e, λt) w + λ e, whose attitude has the closed form A(t) =
-R(e, λt) exp(−[w×]t) A(0). With an orbit the rate is that of an Earth-pointing `Profile` of the simulator. The attitude is
+An interval's body rate is a sum of analytic pieces about axes of the body: a constant, turns with ramps of any share, a scan
+that swings to and fro, sway at several frequencies, and a tumble ω = R(e, λt) w + λ e, whose attitude has the closed form A(t)
+= R(e, λt) exp(−[w×]t) A(0). With an orbit the rate is that of an Earth-pointing `Profile` of the simulator. The attitude is
 integrated by the simulator's sixth-order method from sample to sample, and a sample shows the integral of the rate over it.
 
 A plan counts as one only where the baseline describes it (`studies.validation.wide.evidence`): the samples' mean rates must
@@ -209,7 +209,6 @@ def _turns(rng: np.random.Generator, kind: Kind, length: float, frame: Array, nu
         ramp = float(rng.choice([0.5, rng.uniform(0.15, 0.5)]))
         peak = np.deg2rad(log_uniform(rng, *kind.turn_deg_s)) * rng.choice([-1, 1])
         axis = frame[:, (number + place) % 3] + 0.2 * rng.standard_normal(3)
-        # The first two about an axis are opposite half of the time, so that the craft comes back.
         out.append(Slew(axis / np.linalg.norm(axis), float(peak * duration * (1 - ramp)), first, duration, ramp))
     return out
 

@@ -21,7 +21,7 @@ Any first cases have the shares of all (`studies.validation.wide.cases`). A row 
   the truth in its group), other; without effect right is that no gap is seen, and alarm otherwise; an unlisted effect has no
   right name
 - ``size_sigmas``: JSON, (size − true size)/sigma of each cause that is there
-- ``make_s``, ``diagnose_s``: processor time, s
+- ``make_s``, ``diagnose_s``: processor time, s; these, and ``runtime_s`` in ``answer``, are all that differs from run to run
 """
 
 import json
