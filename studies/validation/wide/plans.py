@@ -1,9 +1,7 @@
 """Plans unlike TRMM's: what the craft does, how it is sampled, what its gyro and its references are worth.
 
-An interval's body rate is a sum of analytic pieces about axes of the body: a constant, turns with ramps of any share, a scan
-that swings to and fro, sway at several frequencies, and a tumble ω = R(e, λt) w + λ e, whose attitude has the closed form A(t)
-= R(e, λt) exp(−[w×]t) A(0). With an orbit the rate is that of an Earth-pointing `Profile` of the simulator. The attitude is
-integrated by the simulator's sixth-order method from sample to sample, and a sample shows the integral of the rate over it.
+The attitude is integrated by the simulator's sixth-order method from sample to sample, and a sample shows the integral of the
+rate (`studies.validation.wide.paths`) over it.
 
 A plan counts as one only where the baseline describes it (`studies.validation.wide.evidence`): the samples' mean rates must
 lead from reference to reference, and the references must determine G. What fails that is drawn again.
@@ -11,7 +9,6 @@ lead from reference to reference, and the references must determine G. What fail
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Any
@@ -25,93 +22,15 @@ from simulator.effects.common import log_uniform
 from simulator.effects.housekeeping import COLUMN
 from simulator.sensors.gyro import raw_rates
 from simulator.truth.integration import integrate
-from simulator.truth.maneuvers import MODE_YAW, Profile, Slew, Sway
+from simulator.truth.maneuvers import MODE_YAW
 from simulator.truth.motion import Motion
 from simulator.truth.orbit import CircularOrbit
-from simulator.truth.rotation import quaternion, turned
+from studies.validation.wide.kinds import Grade, Kind, Span
+from studies.validation.wide.paths import Path, drawn_turns, free_path, pointing_path
 
 MOST_SAMPLES, MOST_REFERENCES = 200_000, 4000
 SAME_S = 1e-6  # times closer than this are one
 APRIORI_DEG = 3.0  # attitude error that the a-priori calibration may build up within an interval
-QUIET_S = 20.0  # before and after a slew of an orbiting craft
-
-Span = tuple[float, float]
-Rate = Callable[[Array], Array]
-
-
-@dataclass(frozen=True)
-class Grade:
-    """A class of gyro and the references that go with it; each a range, log-uniform.
-
-    Attributes
-    ----------
-    arw : angle random walk, deg/√s
-    bias : deg/s
-    matrix : size of the elements of G − I
-    sigma : of the references about each axis, deg
-    """
-
-    arw: Span
-    bias: Span
-    matrix: Span
-    sigma: Span
-
-
-ARCSEC = 1 / 3600
-GRADES = {
-    "mems_consumer": Grade((3e-3, 2e-2), (0.02, 0.5), (3e-3, 1.5e-2), (0.05, 1.0)),
-    "mems_industrial": Grade((1e-3, 5e-3), (5e-3, 0.1), (1e-3, 5e-3), (0.02, 0.3)),
-    "mems_tactical": Grade((3e-4, 1.5e-3), (5e-4, 2e-2), (5e-4, 3e-3), (0.005, 0.1)),
-    "tuned_rotor": Grade((3e-5, 3e-4), (1e-4, 3e-3), (3e-4, 2e-3), (0.002, 0.05)),
-    "fog_tactical": Grade((2e-4, 1e-3), (1e-4, 3e-3), (2e-4, 2e-3), (0.003, 0.05)),
-    "fog_fine": Grade((1e-5, 1e-4), (1e-5, 3e-4), (1e-4, 1e-3), (2 * ARCSEC, 60 * ARCSEC)),
-    "ring_laser": Grade((2e-5, 1e-4), (1e-6, 5e-5), (3e-5, 5e-4), (2 * ARCSEC, 40 * ARCSEC)),
-    "resonator": Grade((2e-6, 3e-5), (1e-7, 3e-5), (2e-5, 5e-4), (1 * ARCSEC, 20 * ARCSEC)),
-}
-
-
-@dataclass(frozen=True)
-class Kind:
-    """A kind of plan; spans are log-uniform.
-
-    Attributes
-    ----------
-    hz : sample rates to choose from
-    intervals : fewest and most
-    length_s : of an interval
-    spacing_s : between references
-    turn_deg_s : peak rates of turns
-    turns : most in an interval
-    sway_deg_s, sway_hz : of the real sway; None for none
-    scan, tumble : whether the intervals swing to and fro, or tumble
-    orbit : whether it orbits the Earth, and points to it between the slews
-    """
-
-    hz: tuple[float, ...]
-    intervals: tuple[int, int]
-    length_s: Span
-    spacing_s: Span
-    turn_deg_s: Span
-    turns: int = 3
-    sway_deg_s: Span | None = None
-    sway_hz: Span = (0.05, 2.0)
-    scan: bool = False
-    tumble: bool = False
-    orbit: bool = False
-
-
-KINDS = {
-    "slews_and_rests": Kind((1, 2, 5, 10), (4, 14), (300, 7200), (5, 300), (0.05, 1.5)),
-    "hand_motion": Kind((50, 100), (1, 6), (60, 400), (0.1, 2), (2, 30), 8, (0.05, 5)),
-    "earth_with_offsets": Kind((1, 2, 4), (4, 10), (1500, 9000), (20, 600), (0.05, 0.6), orbit=True),
-    "bench": Kind((20, 50, 100, 200), (3, 30), (10, 120), (0.05, 2), (1, 20), 3),
-    "scan": Kind((2, 5, 10), (3, 10), (600, 5400), (5, 120), (0.05, 1.0), 2, scan=True),
-    "tumble": Kind((4, 10, 20, 50), (2, 8), (60, 1500), (0.5, 20), (0.1, 2.0), 2, tumble=True),
-    "swaying_craft": Kind((20, 50, 100, 200), (2, 10), (60, 900), (0.1, 5), (0.5, 6), 4, (0.05, 2)),
-    "slow_drift": Kind((1, 2, 5), (6, 40), (600, 21600), (30, 600), (0.02, 0.3), 2),
-    "agile": Kind((5, 10, 20), (6, 40), (60, 900), (1, 30), (0.5, 4), 5),
-    "earth_agile": Kind((2, 5, 10), (4, 12), (600, 4000), (5, 120), (0.1, 1.5), 3, (0.001, 0.02), (0.002, 0.05), orbit=True),
-}
 
 
 @dataclass(frozen=True)
@@ -129,26 +48,6 @@ class Plan:
     plain: Recording
     G: Array
     bias: Array
-
-
-@dataclass(frozen=True)
-class Path:
-    """The rate of an interval at local times from 0 to its length, its turns, and the attitude (4,) that it begins in."""
-
-    rate: Rate
-    length_s: float
-    turns: tuple[Slew, ...]
-    begin: Array
-
-    @property
-    def knots(self) -> Array:
-        """Where the rate is not smooth, s."""
-        return np.unique(np.concatenate([[0.0, self.length_s], *(turn.knots for turn in self.turns)]))
-
-
-def tumbling(axis: Array, spin: float, w: Array) -> Rate:
-    """ω = R(e, λt) w + λ e; (3,) unit vector, rad/s, (3,) rad/s."""
-    return lambda tau: turned(axis, spin * tau, w) + spin * axis
 
 
 def drawn_plan(rng: np.random.Generator, kind: Kind, grade: Grade, title: str, warm: float = 0.4) -> Plan:
@@ -175,11 +74,11 @@ def drawn_plan(rng: np.random.Generator, kind: Kind, grade: Grade, title: str, w
     start, begin, frame = 0.0, _attitude(rng), np.linalg.qr(rng.standard_normal((3, 3)))[0]
     for number, length in enumerate(lengths):
         modes.append(str(rng.choice(list(MODE_YAW))) if orbit else None)
-        turns = _turns(rng, kind, length, frame, number)
+        turns = drawn_turns(rng, kind, length, frame, number)
         if orbit:
-            paths.append(_pointing(rng, kind, orbit, start, length, turns, MODE_YAW[str(modes[-1])]))
+            paths.append(pointing_path(rng, kind, orbit, start, length, turns, MODE_YAW[str(modes[-1])]))
         else:
-            paths.append(_free(rng, kind, length, turns, begin, frame))
+            paths.append(free_path(rng, kind, length, turns, begin, frame))
         starts.append(start)
         begin = _attitude(rng)
         start += float(np.ceil(length + log_uniform(rng, 0.2 * length, 30 * length)))
@@ -195,60 +94,6 @@ def _attitude(rng: np.random.Generator) -> Array:
 def _orbit(rng: np.random.Generator) -> CircularOrbit:
     node, latitude = (float(angle) for angle in rng.uniform(0, 2 * np.pi, 2))
     return CircularOrbit(log_uniform(rng, 3e5, 3e6), float(np.deg2rad(rng.uniform(0, 110))), node, latitude)
-
-
-def _turns(rng: np.random.Generator, kind: Kind, length: float, frame: Array, number: int) -> list[Slew]:
-    """Turns of an interval, one after another, about near the axes of a frame in their order, so that all of them come."""
-    count = int(rng.integers(0 if number > 2 else 1, kind.turns + 1))
-    edges = np.linspace(0, length, count + 1)
-    out = []
-    for place, (low, high) in enumerate(pairwise(edges)):
-        room = min(high - low - 2 * min(QUIET_S, 0.1 * (high - low)), 600.0)
-        duration = float(rng.uniform(0.3, 0.9)) * room
-        first = float(low + rng.uniform(0.1, 0.9) * (high - low - duration))
-        ramp = float(rng.choice([0.5, rng.uniform(0.15, 0.5)]))
-        peak = np.deg2rad(log_uniform(rng, *kind.turn_deg_s)) * rng.choice([-1, 1])
-        axis = frame[:, (number + place) % 3] + 0.2 * rng.standard_normal(3)
-        out.append(Slew(axis / np.linalg.norm(axis), float(peak * duration * (1 - ramp)), first, duration, ramp))
-    return out
-
-
-def _sines(rng: np.random.Generator, amplitude: Span, hz: Span, most_hz: float) -> Rate:
-    """Sway at three frequencies about each axis, rad/s."""
-    size = np.deg2rad(log_uniform(rng, *amplitude)) * rng.uniform(0.2, 1, (3, 3)) / np.sqrt(3)
-    turn = 2 * np.pi * np.array([[min(log_uniform(rng, *hz), most_hz) for _ in range(3)] for _ in range(3)])
-    phase = rng.uniform(0, 2 * np.pi, (3, 3))
-    return lambda tau: np.asarray((size * np.sin(tau[:, None, None] * turn + phase)).sum(axis=2))
-
-
-def _free(rng: np.random.Generator, kind: Kind, length: float, turns: list[Slew], begin: Array, frame: Array) -> Path:
-    """A craft, or a hand, without an orbit."""
-    rest = np.deg2rad(log_uniform(rng, 1e-4, 2e-2)) * frame @ rng.standard_normal(3) * (rng.random() < 0.6)
-    pieces: list[Rate] = [lambda tau: np.tile(rest, (len(tau), 1))]
-    peak = np.deg2rad(log_uniform(rng, *kind.turn_deg_s))
-    if kind.tumble:
-        axis = frame[:, int(rng.integers(3))]
-        pieces = [tumbling(axis, float(peak * rng.uniform(-1, 1)), peak * rng.standard_normal(3))]
-    elif kind.scan:
-        axis, period = frame[:, int(rng.integers(3))], length / rng.uniform(2, 12)
-        pieces.append(lambda tau: peak * np.tanh(2 * np.sin(2 * np.pi / period * tau))[:, None] * axis)
-    if kind.sway_deg_s:
-        pieces.append(_sines(rng, kind.sway_deg_s, kind.sway_hz, np.inf))
-    pieces += [lambda tau, turn=turn: turn.rates(tau)[:, None] * turn.axis for turn in turns]  # type: ignore[misc]
-    return Path(lambda tau: np.asarray(sum(piece(tau) for piece in pieces)), length, tuple(turns), begin)
-
-
-def _pointing(
-    rng: np.random.Generator, kind: Kind, orbit: CircularOrbit, start: float, length: float, turns: list[Slew], yaw: float
-) -> Path:
-    """A craft that points to the Earth between its slews."""
-    sway = None
-    if kind.sway_deg_s:
-        period = 1 / np.array([log_uniform(rng, *kind.sway_hz) for _ in range(3)])
-        amplitude = np.deg2rad(log_uniform(rng, *kind.sway_deg_s)) * period / (2 * np.pi)
-        sway = Sway(amplitude, period, rng.uniform(0, 2 * np.pi, 3))
-    profile = Profile(orbit, start, start + length, yaw, tuple(turns), None, sway)
-    return Path(profile.rate, length, tuple(turns), quaternion(profile.attitude(np.zeros(1)))[0])
 
 
 def _motion(paths: list[Path], starts: Array, sample_s: float, spacing: float, through: bool) -> Motion:

@@ -38,9 +38,10 @@ from studies.report.checks import Check
 from studies.report.entry import Entry, Report
 from studies.report.tables import Table
 from studies.validation.blind_check.score import case_row, label
-from studies.validation.wide.cases import ORDER, Drawn, Spec, draw
+from studies.validation.wide.cases import ORDER, Drawn, draw
 from studies.validation.wide.diagnosing import diagnosed
 from studies.validation.wide.split import PartName
+from studies.validation.wide.world import Spec
 
 CASES, ENTROPY = 150, 1962
 CONFIDENT = 0.9

@@ -8,10 +8,13 @@ from simulator.effects import EFFECTS, setting
 from studies.montecarlo import engine
 from studies.montecarlo.study import load_config
 from studies.validation.wide import study as wide
-from studies.validation.wide.cases import MIX, NOVEL, ORDER, SNR, Spec, _scaled, draw, kind_of, novelty
+from studies.validation.wide.cases import MIX, NOVEL, ORDER, draw, kind_of
 from studies.validation.wide.families import FAMILIES
-from studies.validation.wide.plans import GRADES, KINDS
+from studies.validation.wide.kinds import GRADES, KINDS
+from studies.validation.wide.novelty import novelty
+from studies.validation.wide.placing import scaled
 from studies.validation.wide.split import part
+from studies.validation.wide.world import SNR, Spec
 from tests.studies.validation.wide_plans import small_world
 
 CHEAP = 4
@@ -67,10 +70,10 @@ def test_a_listed_effect_is_not_new():
 
 def test_a_size_is_found_for_a_law_of_any_power():
     for power in (0.5, 1.0, 2.0):
-        size, reached = _scaled(lambda s, power=power: (3 * abs(s)) ** power, -1.0, 20.0, (1e-6, 1e6), SNR)
+        size, reached = scaled(lambda s, power=power: (3 * abs(s)) ** power, -1.0, 20.0, (1e-6, 1e6), SNR)
         assert size < 0
         assert reached == pytest.approx(20.0, rel=0.1)
-    assert _scaled(lambda s: 0.0, 1.0, 20.0, (1e-6, 1e6), SNR) is None
+    assert scaled(lambda s: 0.0, 1.0, 20.0, (1e-6, 1e6), SNR) is None
 
 
 def test_outcomes():

@@ -6,9 +6,12 @@ from gyrocal import calibrate
 from gyrocal.recording import load, save
 from simulator.truth.integration import integrate
 from simulator.truth.rotation import matrix, quaternion, separation, turn_matrix
-from studies.validation.wide.cases import DESCRIBED, Spec, World
+from studies.validation.wide.cases import DESCRIBED
 from studies.validation.wide.evidence import Change, Evidence, of_noise, of_process
-from studies.validation.wide.plans import GRADES, KINDS, MOST_REFERENCES, MOST_SAMPLES, drawn_plan, tumbling
+from studies.validation.wide.kinds import GRADES, KINDS
+from studies.validation.wide.paths import tumbling
+from studies.validation.wide.plans import MOST_REFERENCES, MOST_SAMPLES, drawn_plan
+from studies.validation.wide.world import Spec, World
 from tests.studies.validation.wide_plans import SMALL, small_plan, small_world
 
 

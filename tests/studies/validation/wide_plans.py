@@ -5,9 +5,10 @@ from functools import cache
 
 import numpy as np
 
-from studies.validation.wide.cases import Spec, World
 from studies.validation.wide.evidence import Evidence
-from studies.validation.wide.plans import GRADES, KINDS, Plan, drawn_plan
+from studies.validation.wide.kinds import GRADES, KINDS
+from studies.validation.wide.plans import Plan, drawn_plan
+from studies.validation.wide.world import Spec, World
 
 SMALL = {
     "free": (

@@ -3,7 +3,8 @@
 import numpy as np
 
 from simulator.effects.base import Array
-from studies.validation.wide.families.base import View, families, random_reference, reference
+from studies.validation.wide.families.base import families, random_reference, reference
+from studies.validation.wide.families.look import View
 
 
 @reference("deg", "turns")

@@ -3,7 +3,8 @@
 import numpy as np
 
 from simulator.effects.base import Array
-from studies.validation.wide.families.base import Look, changed, families, random_rate, rate, samples
+from studies.validation.wide.families.base import families, random_rate, rate, samples
+from studies.validation.wide.families.look import Look, changed
 
 
 @rate("deg/h")

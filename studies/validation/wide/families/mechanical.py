@@ -4,7 +4,8 @@ import numpy as np
 from scipy.signal import lfilter
 
 from simulator.effects.base import Array
-from studies.validation.wide.families.base import Look, families, random_rate, rate, samples
+from studies.validation.wide.families.base import families, random_rate, rate, samples
+from studies.validation.wide.families.look import Look
 
 
 @rate("deg/h", "turns")

@@ -4,7 +4,8 @@ import numpy as np
 
 from simulator.effects.base import Array
 from simulator.effects.common import gauss_markov
-from studies.validation.wide.families.base import Look, changed, families, rate, samples
+from studies.validation.wide.families.base import families, rate, samples
+from studies.validation.wide.families.look import Look, changed
 
 
 @samples("threshold", "deg/s", "turns", sign="positive")

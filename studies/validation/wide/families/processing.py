@@ -6,7 +6,8 @@ from scipy.signal import lfilter
 
 from simulator.effects.base import Array
 from simulator.effects.common import DEG_H
-from studies.validation.wide.families.base import Look, changed, families, rate, samples, timing
+from studies.validation.wide.families.base import families, rate, samples, timing
+from studies.validation.wide.families.look import Look, changed
 
 
 @timing("filter", "share", "turns")

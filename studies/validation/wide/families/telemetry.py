@@ -3,7 +3,8 @@
 import numpy as np
 
 from simulator.effects.base import Array
-from studies.validation.wide.families.base import Look, changed, delayed, families, samples, timing
+from studies.validation.wide.families.base import families, samples, timing
+from studies.validation.wide.families.look import Look, changed, delayed
 
 
 def _hit(look: Look, size: float) -> tuple[int, Array]:

@@ -3,7 +3,8 @@
 import numpy as np
 
 from simulator.effects.base import Array
-from studies.validation.wide.families.base import Look, families, rate
+from studies.validation.wide.families.base import families, rate
+from studies.validation.wide.families.look import Look
 
 
 @rate("deg/h")
