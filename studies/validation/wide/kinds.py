@@ -1,0 +1,80 @@
+"""Kinds of plans and grades of gyros and references, from which a plan is drawn; every range is log-uniform."""
+
+from dataclasses import dataclass
+
+Span = tuple[float, float]
+
+
+@dataclass(frozen=True)
+class Grade:
+    """A class of gyro and the references that go with it; each a range, log-uniform.
+
+    Attributes
+    ----------
+    arw : angle random walk, deg/√s
+    bias : deg/s
+    matrix : size of the elements of G − I
+    sigma : of the references about each axis, deg
+    """
+
+    arw: Span
+    bias: Span
+    matrix: Span
+    sigma: Span
+
+
+ARCSEC = 1 / 3600
+GRADES = {
+    "mems_consumer": Grade((3e-3, 2e-2), (0.02, 0.5), (3e-3, 1.5e-2), (0.05, 1.0)),
+    "mems_industrial": Grade((1e-3, 5e-3), (5e-3, 0.1), (1e-3, 5e-3), (0.02, 0.3)),
+    "mems_tactical": Grade((3e-4, 1.5e-3), (5e-4, 2e-2), (5e-4, 3e-3), (0.005, 0.1)),
+    "tuned_rotor": Grade((3e-5, 3e-4), (1e-4, 3e-3), (3e-4, 2e-3), (0.002, 0.05)),
+    "fog_tactical": Grade((2e-4, 1e-3), (1e-4, 3e-3), (2e-4, 2e-3), (0.003, 0.05)),
+    "fog_fine": Grade((1e-5, 1e-4), (1e-5, 3e-4), (1e-4, 1e-3), (2 * ARCSEC, 60 * ARCSEC)),
+    "ring_laser": Grade((2e-5, 1e-4), (1e-6, 5e-5), (3e-5, 5e-4), (2 * ARCSEC, 40 * ARCSEC)),
+    "resonator": Grade((2e-6, 3e-5), (1e-7, 3e-5), (2e-5, 5e-4), (1 * ARCSEC, 20 * ARCSEC)),
+}
+
+
+@dataclass(frozen=True)
+class Kind:
+    """A kind of plan; spans are log-uniform.
+
+    Attributes
+    ----------
+    hz : sample rates to choose from
+    intervals : fewest and most
+    length_s : of an interval
+    spacing_s : between references
+    turn_deg_s : peak rates of turns
+    turns : most in an interval
+    sway_deg_s, sway_hz : of the real sway; None for none
+    scan, tumble : whether the intervals swing to and fro, or tumble
+    orbit : whether it orbits the Earth, and points to it between the slews
+    """
+
+    hz: tuple[float, ...]
+    intervals: tuple[int, int]
+    length_s: Span
+    spacing_s: Span
+    turn_deg_s: Span
+    turns: int = 3
+    sway_deg_s: Span | None = None
+    sway_hz: Span = (0.05, 2.0)
+    scan: bool = False
+    tumble: bool = False
+    orbit: bool = False
+
+
+KINDS = {
+    "slews_and_rests": Kind((1, 2, 5, 10), (4, 14), (300, 7200), (5, 300), (0.05, 1.5)),
+    "hand_motion": Kind((50, 100), (1, 6), (60, 400), (0.1, 2), (2, 30), 8, (0.05, 5)),
+    "earth_with_offsets": Kind((1, 2, 4), (4, 10), (1500, 9000), (20, 600), (0.05, 0.6), orbit=True),
+    "bench": Kind((20, 50, 100, 200), (3, 30), (10, 120), (0.05, 2), (1, 20), 3),
+    "scan": Kind((2, 5, 10), (3, 10), (600, 5400), (5, 120), (0.05, 1.0), 2, scan=True),
+    "tumble": Kind((4, 10, 20, 50), (2, 8), (60, 1500), (0.5, 20), (0.1, 2.0), 2, tumble=True),
+    "swaying_craft": Kind((20, 50, 100, 200), (2, 10), (60, 900), (0.1, 5), (0.5, 6), 4, (0.05, 2)),
+    "slow_drift": Kind((1, 2, 5), (6, 40), (600, 21600), (30, 600), (0.02, 0.3), 2),
+    "agile": Kind((5, 10, 20), (6, 40), (60, 900), (1, 30), (0.5, 4), 5),
+    "earth_agile": Kind((2, 5, 10), (4, 12), (600, 4000), (5, 120), (0.1, 1.5), 3, (0.001, 0.02), (0.002, 0.05), orbit=True),
+}

@@ -1,0 +1,110 @@
+"""The world of a case: its plan, and what effects do to it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from gyrocal.recording import Recording
+from simulator.effects import EFFECTS, Effect, Setting, Surroundings
+from simulator.effects.base import Array
+from simulator.effects.chain import Active, readings, referenced
+from simulator.simulate import surroundings
+from simulator.streams import generator
+from simulator.truth.rotation import separation
+from studies.validation.wide.evidence import Change, Evidence, of_noise, of_process
+from studies.validation.wide.families import FAMILIES
+from studies.validation.wide.plans import Plan
+from studies.validation.wide.split import PartName, part
+
+SNR = (5.0, 60.0)
+DRAWS = 6  # of a random change
+
+
+@dataclass(frozen=True)
+class Spec:
+    """What the drawing depends on."""
+
+    part: PartName
+    entropy: int
+    snr: tuple[float, float] = SNR
+
+    def rng(self, case: int, name: str) -> np.random.Generator:
+        """A stream of a case, which is its part's own."""
+        return generator(self.entropy, case, f"wide:{self.part}:{part(self.part).entropy}:{name}")
+
+
+@dataclass(frozen=True)
+class World:
+    """A case's plan, and what effects do to it."""
+
+    spec: Spec
+    case: int
+    kind: str
+    grade: str
+    plan: Plan
+    evidence: Evidence
+
+    @cached_property
+    def around(self) -> Surroundings:
+        """The truth as effects see it."""
+        return surroundings(self.plan.plain, self.plan.motion)
+
+    def rng(self, name: str) -> np.random.Generator:
+        """A stream of the case."""
+        return self.spec.rng(self.case, name)
+
+    def active(self, settings: Sequence[Setting], draw: int = 0) -> list[Active]:
+        """Effects with streams of their own; draw 0 is that of the recording."""
+        return [Active(effect_of(one.effect), one, self.rng(f"effect:{draw}:{one.label()}")) for one in settings]
+
+    def observed(self, settings: Sequence[Setting], draw: int = 0) -> tuple[Array, Array]:
+        """Raw rates and reference attitudes with noise and effects."""
+        noise = self.rng(f"gyro:{draw}"), self.rng(f"reference:{draw}")
+        active = self.active(settings, draw)
+        return readings(self.around, active, noise[0]), referenced(self.around, active, noise[1])
+
+    def difference(self, settings: Sequence[Setting], draw: int = 0) -> Change:
+        """What effects change under the same noise."""
+        raw, references = self.observed(settings, draw)
+        plain_raw, plain_references = self.observed((), draw)
+        return Change(raw - plain_raw, separation(plain_references, references))
+
+    def noise(self, draw: int = 0) -> Change:
+        """The noise as stated."""
+        raw, references = self.observed((), draw)
+        return Change(raw - self.plan.plain.gyro.rates, separation(self.plan.motion.quaternions, references))
+
+    def strength(self, one: Setting) -> float:
+        """Evidence of an effect."""
+        effect = effect_of(one.effect)
+        if effect.implements("columns") or effect.implements("reference_columns") or effect.implements("retimed"):
+            return float(np.linalg.norm(self.evidence.seen(self.difference([one]))))
+        evidence, draws, levels = self.evidence, [], []
+        for draw in range(1, DRAWS + 1):
+            change, noise = self.difference([one], draw), self.noise(draw)
+            draws.append(evidence.seen(change))
+            both = Change(change.raw + noise.raw, change.reference + noise.reference)
+            levels.append(
+                np.hypot(
+                    of_noise(evidence.attitude(noise), evidence.attitude(both)),
+                    of_noise(evidence.samples(noise), evidence.samples(both)) if change.raw.any() else 0.0,
+                )
+            )
+        return max(of_process(draws), float(np.median(levels)))
+
+    def recording(self, settings: Sequence[Setting]) -> Recording:
+        """What a diagnosis sees."""
+        plain = self.plan.plain
+        rates, quaternions = self.observed(settings)
+        return replace(
+            plain, gyro=replace(plain.gyro, rates=rates), attitudes=replace(plain.attitudes, quaternions=quaternions)
+        )
+
+
+def effect_of(name: str) -> Effect:
+    """An effect, unlisted or listed."""
+    return FAMILIES[name] if name in FAMILIES else EFFECTS[name]
