@@ -45,7 +45,9 @@ def assembled(
     where = [one.finding for one in samples] + (list(localization.findings(table)) if gap else [])
     samples = [one for one in samples if not _is_of_a_process(one, explained.fitted)]
     unlisted = any(one.effect is None for one in samples)
-    verdict, unknown = _verdict(attribution, gap, bool(samples), unlisted)
+    shown = [one.cause(settings) for one in samples if one.effect is not None]
+    sure = all(cause.probability >= settings.named for cause in shown)
+    verdict, unknown = _verdict(attribution, gap, bool(samples), unlisted, sure)
     sigma = np.sqrt(np.diag(explained.covariance))
     return Diagnosis(
         recording=model.recording.title,
@@ -91,18 +93,17 @@ def _causes(
     """The causes that the samples show, and those of the attitude; one that both show is as the samples show it."""
     shown = [one.cause(settings) for one in samples if one.effect is not None]
     labels = {cause.label for cause in shown}
-    return (*shown, *(cause for cause in causes_of(attribution, fitted, settings) if cause.label not in labels))
+    return (*shown, *(cause for cause in causes_of(attribution, fitted) if cause.label not in labels))
 
 
-def causes_of(attribution: Attribution | None, fitted: Sequence[Fitted], settings: DiagnosisSettings) -> tuple[Cause, ...]:
+def causes_of(attribution: Attribution | None, fitted: Sequence[Fitted]) -> tuple[Cause, ...]:
     """The causes that the data of a linear model show."""
     if attribution is None:
         return ()
     return tuple(
         Cause(
-            one.effect, one.axis, one.size, one.unit, one.sigma, one.parameters,
-            min(settings.most_certain, slot.probability), tuple(label for label, _ in slot.group),
-            min(settings.most_certain, sum(p for _, p in slot.group)),
+            one.effect, one.axis, one.size, one.unit, one.sigma, one.parameters, slot.probability,
+            tuple(label for label, _ in slot.group), sum(p for _, p in slot.group),
         )
         for slot, one in zip(attribution.slots, fitted, strict=True)
     )  # fmt: skip
@@ -134,8 +135,6 @@ def posterior(attribution: Attribution | None, shown: tuple[str, ...] = ()) -> t
     """Probability of each explanation, with labels that are in all of them; to a sum of `KEPT`."""
     if attribution is None:
         return ((shown, 1.0),)
-    if attribution.verdict == "unknown" and attribution.unknown == 1.0:
-        return ((("unknown",), 1.0),)
     found: dict[tuple[str, ...], float] = {}
     for one in attribution.ranked:
         labels = ("unknown",) if one.unlisted else (*shown, *(label for label in sorted(one.labels) if label not in shown))
@@ -154,15 +153,16 @@ def likeliest(found: Mapping[tuple[str, ...], float]) -> tuple[tuple[tuple[str, 
     return tuple(out)
 
 
-def _verdict(attribution: Attribution | None, gap: bool, shown: bool, unlisted: bool) -> tuple[Verdict, float]:
-    """The verdict, and the probability that something unlisted is at work."""
+def _verdict(attribution: Attribution | None, gap: bool, shown: bool, unlisted: bool, sure: bool) -> tuple[Verdict, float]:
+    """The verdict, and the probability that something unlisted is at work; `sure` of what the samples show."""
     if not gap and not shown:
         return "none", 0.0
     if unlisted:  # also beside a named cause, which it may have imitated
         return "unknown", 1.0
+    verdict: Verdict = "named" if sure else "group"
     if attribution is None:
-        return "named", 0.0
-    return attribution.verdict, attribution.unknown
+        return verdict, 0.0
+    return (verdict if attribution.verdict == "named" else attribution.verdict), attribution.unknown
 
 
 def _checks_note(explained: Explained) -> tuple[str, ...]:
@@ -207,7 +207,7 @@ def alternatives(attribution: Attribution | None) -> tuple[tuple[tuple[str, ...]
     return tuple(
         (one.labels, one.probability)
         for one in attribution.ranked[:SHOWN_EXPLANATIONS]
-        if one.labels not in chosen and one.probability > WORTH_SHOWING
+        if one.labels and one.labels not in chosen and one.probability > WORTH_SHOWING
     )
 
 

@@ -12,12 +12,12 @@ from threadpoolctl import threadpool_limits
 
 from diagnosis.answer import Closure
 from diagnosis.assemble import assembled
-from diagnosis.inference.amplitudes import Fitted, fit
-from diagnosis.inference.attribution import Attribution, as_unknown, attribute
-from diagnosis.inference.checks import Check, rejected, residual_checks
+from diagnosis.inference.amplitudes import Fitted, amplitudes, refined
+from diagnosis.inference.attribution import Attribution, attribute, doubted
+from diagnosis.inference.checks import Check, residual_checks, together
 from diagnosis.inference.closure import closure
 from diagnosis.inference.null import p_value
-from diagnosis.inference.search import Explanation, Search
+from diagnosis.inference.search import NOTHING, Explanation, Search
 from diagnosis.merge import merged
 from diagnosis.model.calibration import calibrated
 from diagnosis.model.candidates import linear_model
@@ -131,14 +131,17 @@ def explain(
     if p < settings.false_alarm_rate:
         tell("explanations", 0.5)
         linear, explanations = explained_finely(search, settings)
-        attribution = attribute(linear, explanations, settings)
+        weighed = sorted([*explanations, NOTHING], key=lambda one: -one.log_posterior)
+        attribution = attribute(linear, weighed, settings)
         tell("amplitudes", 0.7)
         members = tuple(slot.member for slot in attribution.slots)
         if members:
-            fitted = tuple(fit(linear, members))
+            linear, members = refined(linear, members)
+            fitted = tuple(amplitudes(linear, members))
             checks = residual_checks(linear, members, layout(model), seed)
-            if rejected(checks, settings):
-                attribution, members, fitted = as_unknown(attribution), (), ()
+            attribution = doubted(linear, attribution, together(checks), settings)
+            if not attribution.slots:
+                members, fitted = (), ()
         tell("held-out data", 0.85)
         if members:
             closed = closure(linear, members)
@@ -150,14 +153,14 @@ def explained_finely(search: Search, settings: DiagnosisSettings) -> tuple[Linea
     """The model with finer options around those of the likeliest explanations, and the explanations found with them.
 
     A step that is tried at a few times only leaves a trace when it happened between two of them, which another step about the
-    same axis would explain.
+    same axis would explain. Random processes change little between their options.
     """
     found = search.explanations()
     linear = search.model
     tried: set[int] = set()
     for explanation in found[:REFINED]:
         for member in explanation.members:
-            if member.candidate not in tried:
+            if member.candidate not in tried and not linear.candidate(member).process:
                 tried.add(member.candidate)
                 linear = linear.refine(linear, member)
     return (linear, found) if linear is search.model else (linear, Search(linear, settings).explanations())

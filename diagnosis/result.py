@@ -11,7 +11,9 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from diagnosis.answer import Cause, Closure, Finding, Verdict
+from diagnosis.inference.conformal import conformal_set
 from diagnosis.sensor_result import SensorDiagnosis
+from diagnosis.settings import DEFAULT
 
 Array = NDArray[np.float64]
 
@@ -85,6 +87,11 @@ class Diagnosis:
     p_values: Mapping[str, float] = field(default_factory=dict)
     posterior: tuple[tuple[tuple[str, ...], float], ...] = ()
 
+    @property
+    def conformal_90(self) -> tuple[str, ...]:
+        """Explanations in the set that holds the truth in nine of ten recordings; ``none`` is the baseline."""
+        return conformal_set(self.posterior, DEFAULT.conformal)
+
     def to_json(self) -> dict[str, Any]:
         """The result as one object, format 1."""
         return {
@@ -134,6 +141,7 @@ class Diagnosis:
             },
             "p_values": dict(self.p_values),
             "posterior": [{"effects": list(labels), "probability": probability} for labels, probability in self.posterior],
+            "conformal_90": list(self.conformal_90),
             "notes": list(self.notes),
             "runtime_s": self.runtime_s,
             **({} if self.sensors is None else {"sensors": self.sensors.to_json()}),

@@ -15,7 +15,7 @@ from scipy.special import chdtrc
 from diagnosis.answer import Closure, Finding, Verdict
 from diagnosis.assemble import alternatives, causes_of, explanation_table, posterior
 from diagnosis.inference.amplitudes import Fitted, fit
-from diagnosis.inference.attribution import Attribution, attribute
+from diagnosis.inference.attribution import Attribution, attribute, doubted
 from diagnosis.inference.closure import closure, fixed
 from diagnosis.inference.null import p_value
 from diagnosis.inference.search import Search
@@ -125,6 +125,8 @@ def explain_tables(
             linear = found
             noise, search = _search(linear, settings)
             attribution = attribute(search.model, search.explanations(), settings)
+        if attribution.slots:  # nothing checks what is left in the tables
+            attribution = doubted(search.model, attribution, 1.0, settings)
         members = tuple(slot.member for slot in attribution.slots)
         if members:
             fitted = tuple(fit(search.model, members))
@@ -206,7 +208,7 @@ def _assembled(explained: ExplainedTables, settings: DiagnosisSettings) -> Senso
         mean_square=float(y @ y) / dof,
         dof=dof,
         where=where,
-        causes=causes_of(attribution, explained.fitted, settings),
+        causes=causes_of(attribution, explained.fitted),
         alternatives=alternatives(attribution),
         unknown_probability=min(1.0, float(attribution.unknown)) if attribution else float(present),
         closure=_in_order(explained),

@@ -29,7 +29,7 @@ MODULES = {
     "references": "studies.estimation.references",
     "onboard": "studies.estimation.onboard",
     "blind": "studies.validation.blind",
-    "wide": "studies.validation.wide.study",
+    "wide": "studies.validation.wide.report",
     "flight": "studies.natanson.flight_diagnosis",
     "real": "studies.validation.real_gyro",
     "heads": "studies.robertson.heads",

@@ -15,6 +15,8 @@ Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
 PARABOLA = 9  # samples of the local parabola
+AROUND = 41  # samples whose median an outlier's neighbours are compared with
+BESIDE = (-3, -2, -1, 1, 2, 3)  # samples from an outlier
 OUTLIER = 6.0  # noise sigmas; one sample in 5e8 under M0
 
 
@@ -72,6 +74,7 @@ def spikes(report: SampleReport, recording: Recording, quiet: Mask, noise: Array
             {"fraction": float(fraction)}, p,
         )
     )  # fmt: skip
+    _neighbours(report, places, total, noise)
     # Outside the quiet parts a spike must stand out of the motion as well before it is taken out.
     t = recording.gyro.t_s
     for axis in range(3):
@@ -82,6 +85,28 @@ def spikes(report: SampleReport, recording: Recording, quiet: Mask, noise: Array
         good = ~bad
         report.rates[bad, axis] = np.interp(t[bad], t[good], x[good])
         report.filled |= bad
+
+
+def _neighbours(report: SampleReport, places: list[Mask], total: int, noise: Array) -> None:
+    """Whether the samples beside outliers are as noisy as all others: what disturbs them too is not a single sample's fault.
+
+    Summed with the signs of the outliers, the readings at some distance are noise of variance m σ² about zero, for m outliers;
+    less a median of the samples around, (1 + π/14) times that.
+    """
+    aligned = np.zeros(len(BESIDE))
+    for axis, bad in enumerate(places):
+        x = report.rates[:, axis]
+        deviation = (x - scipy.ndimage.median_filter(x, AROUND, mode="nearest")) / noise[axis]
+        own = np.flatnonzero(bad)
+        own = own[(own >= AROUND) & (own < x.size - AROUND)]
+        for number, lag in enumerate(BESIDE):
+            aligned[number] += float(np.sum(np.sign(deviation[own]) * np.clip(deviation[own + lag], -OUTLIER, OUTLIER)))
+    chi2 = float(np.sum(aligned**2) / max(total, 1) / (1 + np.pi / (2 * AROUND)))
+    p = max(float(scipy.stats.chi2.sf(chi2, len(BESIDE))), IMPOSSIBLE)
+    text = f"the samples beside outliers are off as well, χ² = {chi2:.1f} of {len(BESIDE)}"
+    report.tests.append(SampleTest("outlier_neighbours", None, chi2, float(len(BESIDE)), p, "outlier_neighbours", text))
+    if p < report.event_p:
+        report.symptoms.append(Symptom("outlier_neighbours", None, chi2, "χ²", float(np.sqrt(2 * chi2)), {}, p, text))
 
 
 def _highpass(x: Array) -> Array:

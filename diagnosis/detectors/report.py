@@ -57,6 +57,7 @@ class Symptom:
     p_value : under M0
     text : a sentence
     probability : that an effect is at work and not a motion of the body, where that was weighed
+    rival : another of the symptoms that this may be as well
     """
 
     kind: str
@@ -68,6 +69,7 @@ class Symptom:
     p_value: float
     text: str = ""
     probability: float = 1.0
+    rival: str | None = None
 
 
 @dataclass

@@ -7,6 +7,9 @@ they agree with the sixth, and the sixth elsewhere. The same differences of mean
 white. The ratio of the two, m times the second over the first, is the colour: one for white noise, 1/m for angle white noise
 (readout noise, whose differences are the rates), more than one for noise that is correlated over several samples. IEEE Std
 952, annex C.
+
+Where the body never rests, differences of the sixth and the tenth order show the level if they agree: a motion that is left in
+both leaves far less in the higher one. Nothing is said of the colour then.
 """
 
 from __future__ import annotations
@@ -28,6 +31,7 @@ Mask = NDArray[np.bool_]
 HALF = 20  # samples on either side of one in the test for quiet
 MOVING = 20.0  # sigmas of the change of the mean that count as visible; a slew's are hundreds, those of a vibration a few
 ORDERS = (2, 6)  # of the differences, the more efficient first
+IN_MOTION = (6, 10)  # the same where the body never rests
 AGREE = 3.0  # sigmas of their difference up to which two orders agree
 AVERAGED = 4  # samples in the means that show the colour
 FEWEST = 200  # differences, below which nothing is said
@@ -83,6 +87,15 @@ def level(x: Array, usable: list[tuple[int, int]]) -> Level | None:
     return Level(fine, error, colour, colour * float(np.hypot(error / fine, coarse_error / coarse)))
 
 
+def level_in_motion(x: Array, usable: list[tuple[int, int]]) -> Level | None:
+    """Level of the noise of some runs of samples that hold a motion; None where it shows in the differences, too."""
+    parts = [x[low:high] for low, high in usable]
+    (low, low_error, n), (high, high_error, _) = (_mean_square(parts, order) for order in IN_MOTION)
+    if n < FEWEST or abs(low - high) > AGREE * float(np.hypot(low_error, high_error)):
+        return None
+    return Level(high, high_error, float("nan"), float("nan"))
+
+
 def _power(order: int) -> float:
     """Variance of a difference of unit white noise."""
     return float(comb(2 * order, order))
@@ -111,15 +124,26 @@ def _mean_square(parts: list[Array], order: int) -> tuple[float, float, int]:
     return variance, variance * float(np.sqrt(2 * correlation / kept.size)), int(kept.size)
 
 
-def noise(report: SampleReport, recording: Recording, quiet: Mask, sigma: float, steps: Array, coarse: Mask, cut: Mask) -> None:
+def noise(
+    report: SampleReport,
+    recording: Recording,
+    quiet: Mask,
+    used: Mask,
+    sigma: float,
+    steps: Array,
+    coarse: Mask,
+    cut: Mask,
+) -> None:
     """Level and colour of the noise of each axis, beside the lines of the spectrum."""
-    usable = arcs(quiet & consecutive(recording, quiet) & ~scipy.ndimage.binary_dilation(report.filled, iterations=2))
+    measured = ~scipy.ndimage.binary_dilation(report.filled, iterations=2)
+    usable = arcs(quiet & consecutive(recording, quiet) & measured)
+    moving = arcs(used & consecutive(recording, used) & measured)
     found: dict[int, Level] = {}
     for axis in range(3):
         if coarse[axis] and steps[axis] > COARSE_NOISE * sigma:
             continue
         x = report.rates[:, axis] - sum((line.waveform for line in report.lines if line.axis == axis), 0.0)
-        one = level(x, usable)
+        one = level(x, usable) or (None if coarse[axis] else level_in_motion(x, moving))
         if one is None:
             continue
         expected = sigma**2 + (steps[axis] ** 2 / 12 if coarse[axis] else 0.0)
@@ -139,12 +163,12 @@ def noise(report: SampleReport, recording: Recording, quiet: Mask, sigma: float,
         p_colour = 1.0
         if np.isfinite(one.colour) and not coarse[axis]:
             p_colour = max(float(2 * scipy.stats.norm.sf(abs(one.colour - 1) / one.colour_sigma)), IMPOSSIBLE)
-        report.tests.append(
-            SampleTest(
-                "noise_colour", AXES[axis], one.colour, 1.0, p_colour, "noise_colour" if one.colour < 1 else "slow_noise",
-                f"means over {AVERAGED} samples have {one.colour:.3f} times the noise power of white noise",
-            )
-        )  # fmt: skip
+            report.tests.append(
+                SampleTest(
+                    "noise_colour", AXES[axis], one.colour, 1.0, p_colour, "noise_colour" if one.colour < 1 else "slow_noise",
+                    f"means over {AVERAGED} samples have {one.colour:.3f} times the noise power of white noise",
+                )
+            )  # fmt: skip
         found[axis] = one
     _name(report, found, sigma, coarse)
 
@@ -155,18 +179,18 @@ def _name(report: SampleReport, found: dict[int, Level], sigma: float, coarse: M
     factors, errors = np.ones(3), np.full(3, np.inf)
     white = []
     for axis, one in found.items():
-        test, colour = tests["noise_level", AXES[axis]], tests["noise_colour", AXES[axis]]
+        test, colour = tests["noise_level", AXES[axis]], tests.get(("noise_colour", AXES[axis]))
         factors[axis] = test.value
         errors[axis] = 0.5 * one.sigma / sigma**2 / max(test.value, 1e-3)
-        coloured = colour.p_value < report.event_p and abs(one.colour - 1) > WHITE
-        if coloured and one.colour < 1:
+        coloured = colour is not None and colour.p_value < report.event_p and abs(one.colour - 1) > WHITE
+        if colour is not None and coloured and one.colour < 1:
             # Averages over time have less of it: what integrates to the attitude is the slow part.
             report.noise_factor[axis] = test.value
             report.density[:, axis] *= min(test.value**2, test.value**2 * one.colour)
             report.symptoms.append(
                 Symptom("noise_colour", AXES[axis], one.colour, "of white noise", one.colour_sigma, {}, colour.p_value)
             )
-        elif coloured and test.p_value < report.event_p:
+        elif colour is not None and coloured and test.p_value < report.event_p:
             # More than white noise at lower frequencies: what that is, the attitude sees better.
             report.noise_factor[axis] = test.value
             report.density[:, axis] *= test.value**2

@@ -63,8 +63,8 @@ def examine(recording: Recording, lattice: Kind | None = None, settings: Diagnos
         local = local_noise(report.rates, sigma, coarse, steps)
         still = used & quiet(report.rates, local)
         spikes(report, recording, still, local, np.where(coarse, steps, 0.0))
-        report.lines = lines(report, recording, still)
-        noise(report, recording, still, sigma, steps, coarse, cut)
+        report.lines = lines(report, recording, still, used)
+        noise(report, recording, still, used, sigma, steps, coarse, cut)
         report.noise = sigma * report.noise_factor
         if not coarse.any():
             together(report, recording, still)

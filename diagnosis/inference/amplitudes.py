@@ -66,12 +66,21 @@ class Fitted:
 
 
 def fit(model: LinearModel, members: Sequence[Member]) -> list[Fitted]:
-    """Amplitudes of all members of an explanation."""
+    """Amplitudes of all members of an explanation, over finer options around their own."""
+    return amplitudes(*refined(model, members))
+
+
+def refined(model: LinearModel, members: Sequence[Member]) -> tuple[LinearModel, tuple[Member, ...]]:
+    """The model with finer options around those of an explanation, and the explanation at its best among them."""
     for member in members:
         model = model.refine(model, member)
+    return model, Search(model).settled(tuple(members)).members
+
+
+def amplitudes(model: LinearModel, members: tuple[Member, ...]) -> list[Fitted]:
+    """Amplitudes of all members of an explanation that is at its best."""
     search = Search(model)
-    settled = search.settled(tuple(members)).members
-    return [_one(search, settled, place) for place in range(len(settled))]
+    return [_one(search, members, place) for place in range(len(members))]
 
 
 def _one(search: Search, members: tuple[Member, ...], place: int) -> Fitted:
@@ -88,17 +97,17 @@ def _one(search: Search, members: tuple[Member, ...], place: int) -> Fitted:
     if entry.process:
         size, sigma = _process_size(entry, products, entry.scales[member.scale])
         mean, covariance = _normal(*products[member.option], entry.scales, entry.positive)
-        amplitudes, spread = mean[member.scale], covariance[member.scale]
+        values, spread = mean[member.scale], covariance[member.scale]
         shown: Parameters = dict(option.parameters)
     else:
         parts = [_normal(*products[k], entry.scales, entry.positive) for k in alike]
-        amplitudes, spread = _mixture(weights[alike] / weights[alike].sum(), *zip(*parts, strict=True))
-        size, more = entry.read(amplitudes)
-        sigma = float(np.hypot(_length_sigma(amplitudes, spread), entry.size_sigma(size)))
+        values, spread = _mixture(weights[alike] / weights[alike].sum(), *zip(*parts, strict=True))
+        size, more = entry.read(values)
+        sigma = float(np.hypot(_length_sigma(values, spread), entry.size_sigma(size)))
         shown = {**_parameters(entry, weights, member.option), **more}
     own, _, shifts = model.design((member,))
     return Fitted(
-        entry.label, entry.effect, entry.axis, entry.unit, size, sigma, shown, model.W[:, own], amplitudes,
+        entry.label, entry.effect, entry.axis, entry.unit, size, sigma, shown, model.W[:, own], values,
         np.sqrt(np.maximum(np.diag(spread), 0.0)), model.scale(member), entry.process, model.W[:, shifts].sum(axis=1),
     )  # fmt: skip
 

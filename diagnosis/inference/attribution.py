@@ -3,11 +3,19 @@
 A cause is *named* if its probability is at least `DiagnosisSettings.named`. Where several listed effects share the
 probability of one place in the explanation, they are a *group* of indistinguishable alternatives. If the sets that hold
 something unlisted have more than `DiagnosisSettings.unknown` of the probability together, the answer is *unknown*.
+
+No list of unlisted rivals is complete: something else may imitate what would be named. Its prior share is t, the larger the
+more freedom the named effects have (`DiagnosisSettings.imitation`, `random_imitation`), and the checks of what the named model
+leaves (`diagnosis.inference.checks`) weigh it: a p-value p is worth a Bayes factor of at most 1/(−e p ln p) against the model
+(Sellke, Bayarri and Berger, The American Statistician 55, 2001), which is taken for it, so that the odds of an imitation are
+
+    t/(1 − t) · 1/(−e p ln p)  for p < 1/e,    t/(1 − t)  otherwise.
 """
 
 from __future__ import annotations
 
 from collections import defaultdict
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -78,20 +86,59 @@ def attribute(model: LinearModel, explanations: list[Explanation], settings: Dia
         for explanation in explanations
     )
     unknown = sum(one.probability for one in ranked if one.unlisted)
-    listed = [explanation for explanation in explanations if _is_listed(model, explanation)]
+    listed = [one for one in explanations if one.members and _is_listed(model, one)]
     if not listed or unknown > settings.unknown:
         return Attribution("unknown", explanations[0], (), unknown, ranked)
     best = _best(listed, probability)
     slots = tuple(_slot(model, best, member, probability, settings) for member in best.members)
-    if all(slot.probability >= settings.named for slot in slots):
-        return Attribution("named", best, tuple(replace(slot, group=slot.group[:1]) for slot in slots), unknown, ranked)
-    slots = tuple(replace(slot, group=slot.group[: settings.largest_group]) for slot in slots)
-    return Attribution("group", best, slots, unknown, ranked)
+    return Attribution(_verdict(slots, settings), best, _shown(slots, settings), unknown, ranked)
 
 
-def as_unknown(attribution: Attribution) -> Attribution:
-    """The same explanations where a check has rejected what they would have named."""
-    return replace(attribution, verdict="unknown", slots=(), unknown=1.0)
+def doubted(model: LinearModel, attribution: Attribution, p_value: float, settings: DiagnosisSettings = DEFAULT) -> Attribution:
+    """The same, weighed against something unlisted that imitates what would be named.
+
+    Parameters
+    ----------
+    model : the candidates
+    attribution : of an explanation that has effects to name
+    p_value : of all checks of what the named model leaves together
+    """
+    shares = [settings.random_imitation if _is_random(model, slot) else settings.imitation for slot in attribution.slots]
+    right = float(np.prod([1 - share for share in shares]))
+    odds = (1 - right) / right / _against(p_value)
+    left = 1 / (1 + (1 - attribution.unknown) * odds)
+    unknown = 1 - (1 - attribution.unknown) * left
+    imitated = " with ".join(slot.group[0][0] for slot in attribution.slots)
+    ranked = [replace(one, probability=one.probability * left) for one in attribution.ranked]
+    imitation = Ranked((f"something unlisted that imitates {imitated}",), 1 - left, attribution.best.log_evidence, True)
+    ranked = sorted([*ranked, imitation], key=lambda one: -one.probability)
+    if unknown > settings.unknown:
+        return Attribution("unknown", attribution.best, (), unknown, tuple(ranked))
+    slots = [
+        replace(slot, probability=slot.probability * left, group=tuple((name, p * left) for name, p in slot.group))
+        for slot in attribution.slots
+    ]
+    return Attribution(_verdict(slots, settings), attribution.best, _shown(slots, settings), unknown, tuple(ranked))
+
+
+def _is_random(model: LinearModel, slot: Slot) -> bool:
+    return model.candidate(slot.member).process
+
+
+def _against(p_value: float) -> float:
+    """Bayes factor for a model against its failure, at most, of a p-value of its checks."""
+    p = max(p_value, 1e-300)
+    return float(-np.e * p * np.log(p)) if p < 1 / np.e else 1.0
+
+
+def _verdict(slots: Sequence[Slot], settings: DiagnosisSettings) -> Verdict:
+    return "named" if all(slot.probability >= settings.named for slot in slots) else "group"
+
+
+def _shown(slots: Sequence[Slot], settings: DiagnosisSettings) -> tuple[Slot, ...]:
+    """The slots with the alternatives that are shown: none beside causes that are all named."""
+    most = 1 if _verdict(slots, settings) == "named" else settings.largest_group
+    return tuple(replace(slot, group=slot.group[:most]) for slot in slots)
 
 
 def _is_listed(model: LinearModel, explanation: Explanation) -> bool:

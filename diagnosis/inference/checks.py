@@ -26,7 +26,6 @@ import scipy.stats
 from numpy.typing import NDArray
 
 from diagnosis.model.linear import LinearModel, Member
-from diagnosis.settings import DiagnosisSettings
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
@@ -107,9 +106,9 @@ def residual_checks(model: LinearModel, members: Sequence[Member], layout: Layou
     return tuple(_check(name, values) for name, values in _statistics(e, layout).items())
 
 
-def rejected(checks: Sequence[Check], settings: DiagnosisSettings) -> bool:
-    """Whether the named model does not give data like these, with an allowance for the number of checks."""
-    return bool(checks) and min(check.p_value for check in checks) * len(checks) < settings.check
+def together(checks: Sequence[Check]) -> float:
+    """P-value of all checks together, with an allowance for their number; one without checks."""
+    return min([1.0, *(check.p_value * len(checks) for check in checks)])
 
 
 def _in_body(e: Array, layout: Layout) -> Array:

@@ -69,6 +69,9 @@ class Explanation:
         return frozenset(member.candidate for member in self.members)
 
 
+NOTHING = Explanation((), 0.0, 0.0)  # the baseline, as likely beforehand as any gap
+
+
 class Search:
     """Evidence of sets of candidates of a linear model."""
 

@@ -220,7 +220,7 @@ def switched_group(model: RecordingModel, effect: Effect, axis: str | None, arou
     return _group(effect, axis, columns, parameters, shares)
 
 
-def process_places(model: RecordingModel, effect: Effect) -> tuple[ProcessTimes, Callable[[RecordingModel, int, Array], Array]]:
+def process_places(model: RecordingModel, effect: Effect) -> tuple[ProcessTimes, Callable[..., Array]]:
     """The times at which a random process takes its values, and what makes columns of a factor of its covariance there."""
     if effect.on_references:
         return processes.reference_times(model), processes.on_references
@@ -329,34 +329,34 @@ def with_finer_times(model: RecordingModel, linear: LinearModel, member: Member,
 
 
 def with_finer_process(model: RecordingModel, linear: LinearModel, member: Member, effect: Effect) -> LinearModel:
-    """The linear model with more options for a random process, halfway in log between a parameter tried and its neighbours.
+    """The linear model with a random process as a whole at the option where a member is held, and at some beside it.
 
-    They share the prior of the option at which the member is held. An effect whose options differ in more than one number, or
-    not in numbers, is left as it is.
+    Those beside it are halfway in log between its parameter and its neighbours', and share its prior; an effect whose options
+    differ in more than one number, or not in numbers, has none.
     """
     entry, held = linear.candidate(member), linear.option(member)
-    if len(held.parameters) != 1:
-        return linear
-    ((name, at),) = held.parameters.items()
-    values = [option.parameters[name] for option in entry.options]
-    if any(isinstance(value, str) for value in values):
-        return linear
-    tried = sorted({float(value) for value in values})
-    place = tried.index(float(at))
-    finer = [float(np.sqrt(one * tried[place])) for one in tried[max(place - 1, 0) : place + 2] if one != tried[place]]
-    if not finer:
-        return linear
-    number = AXES.index(str(entry.axis))
+    parameters = [held.parameters, *_halfway(entry, held)]
     times, make = process_places(model, effect)
-    columns = [make(model, number, processes.factor(effect.covariance(times, {name: value}))) for value in finer]
-    weight = held.log_weight - float(np.log(1 + len(finer)))
-    options = [replace(option, log_weight=weight) if option is held else option for option in entry.options]
-    start = linear.W.shape[1]
-    for value, part in zip(finer, columns, strict=True):
-        options.append(Option(start, part.shape[1], weight, {name: value}))
-        start += part.shape[1]
+    number, weight, start = AXES.index(str(entry.axis)), held.log_weight - float(np.log(len(parameters))), linear.W.shape[1]
+    columns, made = [], []
+    for one in parameters:
+        columns.append(make(model, number, processes.factor(effect.covariance(times, one)), processes.WHOLE))
+        made.append(Option(start, columns[-1].shape[1], weight, one))
+        start += columns[-1].shape[1]
+    options = list(entry.options)
+    options[member.option] = made[0]
     W = np.hstack(columns)
-    return linear.with_options(member.candidate, options, W, model.projected(W))
+    return linear.with_options(member.candidate, [*options, *made[1:]], W, model.projected(W))
+
+
+def _halfway(entry: Candidate, held: Option) -> list[Parameters]:
+    """Parameters halfway in log between those of an option and its neighbours."""
+    if len(held.parameters) != 1 or any(isinstance(value, str) for value in held.parameters.values()):
+        return []
+    ((name, at),) = held.parameters.items()
+    tried = sorted({float(option.parameters[name]) for option in entry.options})
+    place = tried.index(float(at))
+    return [{name: float(np.sqrt(one * tried[place]))} for one in tried[max(place - 1, 0) : place + 2] if one != tried[place]]
 
 
 # ---- unlisted rivals -----------------------------------------------------------------------------------------------------

@@ -5,13 +5,14 @@ recording propagated with the line in it, y ~ N(c, I) if the line is a vibration
 the body moves so. The log of the likelihood ratio is yᵀc − ½ cᵀc, whose mean is ±½ cᵀc: references that could not see a motion
 of that size and frequency say nothing, at whatever frequency that is, and then the prior remains. A body that sways
 does so over a band of frequencies and with an amplitude that changes: a line that is not steady, or not alone above the white
-noise, is a motion unless the references deny it, and so is one within the band of such lines. A steady tone beyond that band is
-more likely a vibration.
+noise, is a motion unless the references deny it, and so is one within the band of such lines. Of a steady tone beyond that band
+only the frequency is known: a vibration may show at any up to half the sampling rate, evenly, a motion is as likely in each
+octave.
 """
 
 from __future__ import annotations
 
-from collections.abc import Set
+from collections.abc import Sequence, Set
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,14 +24,13 @@ from diagnosis.model.recording import RecordingModel
 
 Array = NDArray[np.float64]
 
-BEYOND = 1.5  # prior log odds of a vibration for a steady tone beyond the band in which the body moves, at a like density in
-# frequency: an aliased vibration may be at any frequency, evenly, and a motion is as likely in each octave
+BEYOND = 0.0  # prior log odds of a vibration for a steady tone beyond the band in which the body moves
 OCTAVES = 7.0  # natural log of the range of frequencies of a motion
 WITHIN = -10.0  # the same for any other line
 CONFIRMED = -4.0  # log ratio below which the references confirm a motion
 FASTEST_BIAS_HZ = 0.02  # no thermal or magnetic cause swings a bias faster
 PERIODS = 5.0  # natural log of the range of periods that a bias may have
-BAND = 2.0  # factor on the highest frequency of the body's motion, up to which lines belong to it
+BAND = 3.0  # factor on a frequency of the body's motion, up to which the next line belongs to it too
 
 
 def judged_lines(report: SampleReport, model: RecordingModel, silent: Set[int] = frozenset()) -> bool:
@@ -45,7 +45,7 @@ def judged_lines(report: SampleReport, model: RecordingModel, silent: Set[int] =
         for line, ratio in zip(report.lines, ratios, strict=True)
         if ratio < CONFIRMED or not (line.isolated and line.steady)
     ]
-    edge = BAND * max(moving, default=0.0)
+    edge = _edge(moving, [line.frequency_hz for line in report.lines])
     half_rate_hz = 0.5 / model.recording.gyro.sample_s
     found = False
     for line, ratio in zip(report.lines, ratios, strict=True):
@@ -63,6 +63,15 @@ def judged_lines(report: SampleReport, model: RecordingModel, silent: Set[int] =
         report.rates[:, line.axis] -= line.waveform
         report.symptoms.append(_symptom(line, float(expit(odds))))
     return found
+
+
+def _edge(moving: Sequence[float], frequencies: Sequence[float]) -> float:
+    """The highest frequency of the band in which the body moves, Hz: of the motions, and of lines that follow one another."""
+    edge = BAND * max(moving, default=0.0)
+    for frequency in sorted(frequencies):
+        if frequency <= edge:
+            edge = max(edge, BAND * frequency)
+    return edge
 
 
 def _symptom(line: Line, probability: float) -> Symptom:

@@ -8,7 +8,7 @@ noise. Whether a line in the samples is a vibration or a motion of the body is d
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -69,8 +69,13 @@ def prepare(recording: Recording, settings: DiagnosisSettings = DEFAULT) -> Prep
     if report.undecided:
         cut = examine(recording, lattice="cut", settings=settings)
         other = _first(recording, cut)
-        if _misfit(other[0]) < _misfit(model) - CLEARLY:
+        gain = _misfit(model) - _misfit(other[0])
+        if gain > CLEARLY:
             report, (model, sigma, pieces) = cut, other
+        elif gain > -CLEARLY:
+            report.symptoms = [
+                replace(one, rival="lattice_cut") if one.kind == "lattice_rounded" else one for one in report.symptoms
+            ]
     dead = _dead(recording, report, model.bias)
     likely = {one.axis for one in dead if one.log_odds > LIKELY}
     if judged_lines(report, model, likely):

@@ -29,6 +29,7 @@ SEEN = 1e-4  # power relative to the strongest column, below which a column is l
 # Near the smallest size that can be detected, a column of power λ adds to the expected evidence in proportion to λ². A larger
 # process of slow variations shows in its weaker columns too.
 INFORMATION = 0.95  # share of Σ λ² that the columns have together at least
+WHOLE = 0.9999  # the same where what a process leaves over is looked at
 USUAL_COLUMNS = 72  # that are kept whatever they share
 MOST_COLUMNS = 400
 
@@ -80,7 +81,7 @@ def factor(K: Array) -> Array:
     return np.asarray(vectors[:, kept] * np.sqrt(values[kept]))
 
 
-def orthogonal(columns: Array, gram: Array, F: Array) -> Array:
+def orthogonal(columns: Array, gram: Array, F: Array, share: float = INFORMATION) -> Array:
     """Whitened columns C F turned so that they are orthogonal once projected, without those that cannot be seen.
 
     Parameters
@@ -88,9 +89,10 @@ def orthogonal(columns: Array, gram: Array, F: Array) -> Array:
     columns : (N, c) whitened columns C
     gram : (c, c) their products once projected
     F : (c, k) factor of the covariance
+    share : of the information that is kept
     """
     moved = F.T @ gram @ F
-    information = INFORMATION * float(np.sum(moved**2))
+    information = share * float(np.sum(moved**2))
     strongest = [max(len(moved) - MOST_COLUMNS, 0), len(moved) - 1]
     values, vectors = scipy.linalg.eigh(moved, subset_by_index=strongest, check_finite=False)
     kept = np.flatnonzero(values > SEEN * max(values[-1], 1e-300))[::-1]
@@ -99,14 +101,14 @@ def orthogonal(columns: Array, gram: Array, F: Array) -> Array:
     return np.asarray(columns @ (F @ vectors[:, kept]))
 
 
-def on_cells(model: RecordingModel, axis: int, F: Array) -> Array:
+def on_cells(model: RecordingModel, axis: int, F: Array, share: float = INFORMATION) -> Array:
     """(N, r) columns of rate errors F (c, k) over the cells."""
-    return orthogonal(model.cell_columns[axis], model.cell_grams[axis], F)
+    return orthogonal(model.cell_columns[axis], model.cell_grams[axis], F, share)
 
 
-def on_references(model: RecordingModel, axis: int, F: Array) -> Array:
+def on_references(model: RecordingModel, axis: int, F: Array, share: float = INFORMATION) -> Array:
     """(N, r) columns of reference errors F (r, k) at the observations."""
-    return orthogonal(model.reference_columns[axis], model.reference_grams[axis], F)
+    return orthogonal(model.reference_columns[axis], model.reference_grams[axis], F, share)
 
 
 def unlisted(model: RecordingModel) -> Iterator[Process]:

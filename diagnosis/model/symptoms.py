@@ -33,27 +33,31 @@ class SampleCause:
     symptom : what was seen
     effect : its name, None if no effect that may be named claims the symptom
     finding : for the list of where the recording departs
+    rival : an effect that may be at work in its place
     """
 
     symptom: Symptom
     effect: str | None
     finding: Finding
+    rival: str | None = None
 
     def cause(self, settings: DiagnosisSettings) -> Cause:
         """As a cause of the answer."""
         assert self.effect is not None
         symptom = self.symptom
-        label = self.effect if symptom.axis is None else f"{self.effect}:{symptom.axis}"
+        group = tuple(
+            name if symptom.axis is None else f"{name}:{symptom.axis}" for name in (self.effect, self.rival) if name is not None
+        )
         probability = min(settings.most_certain, symptom.probability, 1.0 - min(symptom.p_value * CHANCE, 0.5))
         return Cause(
-            self.effect, symptom.axis, symptom.size, symptom.unit, symptom.sigma, symptom.parameters, probability,
-            (label,), probability,
+            self.effect, symptom.axis, symptom.size, symptom.unit, symptom.sigma, symptom.parameters,
+            probability / len(group), group, probability,
         )  # fmt: skip
 
 
 def sample_causes(prepared: Prepared, effects: Sequence[Effect], settings: DiagnosisSettings) -> tuple[SampleCause, ...]:
     """The causes that the samples and the references' noise show by themselves, and the unlisted ones among them."""
-    claims = {effect.symptom: effect.name for effect in effects if effect.symptom is not None}
+    claims: dict[str | None, str] = {effect.symptom: effect.name for effect in effects if effect.symptom is not None}
     symptoms = [*prepared.samples.symptoms, *_reference_symptoms(prepared, settings)]
     detected = {
         effect: [one for one in effect.detect(_view(prepared)) if one.p_value < settings.sample_event]
@@ -64,7 +68,7 @@ def sample_causes(prepared: Prepared, effects: Sequence[Effect], settings: Diagn
     covered = {effect.symptom for effect, own in detected.items() if own}
     own_test = {effect.symptom for effect in detected}
     found = [
-        SampleCause(one, None if one.kind in own_test else claims.get(one.kind), _finding(prepared, one))
+        SampleCause(one, None if one.kind in own_test else claims.get(one.kind), _finding(prepared, one), claims.get(one.rival))
         for one in symptoms
         if one.kind not in covered
     ]

@@ -96,6 +96,7 @@ SYMPTOMS = (
     "plateau",  # the largest readings are all the same
     "spectral_line",  # a tone in the samples
     "outliers",  # single samples far off
+    "outlier_neighbours",  # samples beside those that are off as well
     "repeats",  # samples that repeat the one before
     "slow_noise",  # noise of the samples that is stronger than white noise at lower frequencies
     "noise_correlation",  # noise of the gyros that they have in common

@@ -210,7 +210,7 @@ def noise_of(model: LinearModel, settings: DiagnosisSettings) -> Noise:
     solved, _, rank, _ = np.linalg.lstsq(A, b, rcond=SEEN)
     chi2, dof = float(np.sum((b - A @ solved) ** 2)), model.dof - int(rank)
     p = max(float(chdtrc(dof, chi2)), TINY) if dof > 0 else 1.0
-    return Noise(float(np.sqrt(chi2 / dof)), p) if p < settings.check else Noise()
+    return Noise(float(np.sqrt(chi2 / dof)), p) if p < settings.chi2_sensors else Noise()
 
 
 def in_noise(model: LinearModel, factor: float) -> LinearModel:

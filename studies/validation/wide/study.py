@@ -29,16 +29,12 @@ import time
 from typing import Any
 
 import numpy as np
-import pandas as pd
 
 from gyrocal.recording import Recording
 from studies.montecarlo.files import plain
 from studies.montecarlo.study import Streams, Study, StudyConfig
-from studies.report.checks import Check
-from studies.report.entry import Entry, Report
-from studies.report.tables import Table
 from studies.validation.blind_check.score import case_row, label
-from studies.validation.wide.cases import ORDER, Drawn, draw
+from studies.validation.wide.cases import Drawn, draw
 from studies.validation.wide.diagnosing import diagnosed
 from studies.validation.wide.split import PartName
 from studies.validation.wide.world import Spec
@@ -147,47 +143,4 @@ def outcome(kind: str, scored: dict[str, Any], found: dict[str, Any]) -> str:
     return "wrong name" if confident else "other"
 
 
-def counts(rows: pd.DataFrame) -> pd.DataFrame:
-    """Cases of each kind by outcome."""
-    table = pd.crosstab(rows["kind"], rows["outcome"]).reindex(index=list(ORDER), columns=list(OUTCOMES), fill_value=0)
-    table.insert(0, "cases", table.sum(axis=1))
-    return table.rename_axis(columns=None).reset_index()
-
-
-def report(config: WideConfig, rows: pd.DataFrame) -> Report:
-    """Counts by kind, the cases one by one, and the time they took."""
-    table = counts(rows)
-    seconds = [
-        {"what": what, "median_s": rows[name].median(), "largest_s": rows[name].max(), "all_s": rows[name].sum()}
-        for what, name in (("drawing a case and its recording", "make_s"), ("its diagnosis", "diagnose_s"))
-    ]
-    columns = ["case", "kind", "plan", "grade", "samples", "references", "effects", "snr", "outcome", "said", "probability"]
-    tables = {
-        "counts": Table("Outcomes by kind", table),
-        "run_time": Table("Processor time of a case", pd.DataFrame(seconds)),
-        "cases": Table("The cases", rows[[*columns, "unknown_probability", "diagnose_s"]]),
-    }
-    return Report(tables, checks=_checks(table))
-
-
-SHARE = "Share of the cases of a kind, without a bound: the score of the wide check has the criteria."
-
-
-def _checks(table: pd.DataFrame) -> tuple[Check, ...]:
-    wanted = {
-        "no effect: a gap is seen": ("none", ["alarm"]),
-        "one listed effect: right, or in the group": ("single", ["right", "group"]),
-        "two listed effects: both right, or in the groups": ("pair", ["right", "group"]),
-        "unlisted effect: unknown": ("unlisted", ["unknown"]),
-        "unlisted effect: a wrong name at 0.9 or more": ("unlisted", ["wrong name"]),
-    }
-    out = []
-    for name, (kind, outcomes) in wanted.items():
-        rows = table[table["kind"] == kind]
-        if cases := int(rows["cases"].sum()):
-            out.append(Check(name, int(rows[outcomes].to_numpy().sum()) / cases, meaning=SHARE))
-    return tuple(out)
-
-
 STUDY = Study("studies.validation.wide.study:STUDY", WideConfig, case, recording)
-ENTRY = Entry(STUDY, "is the diagnosis right about craft, gyros and effects that it was not made for", report)

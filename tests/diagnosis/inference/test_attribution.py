@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from diagnosis.inference.attribution import as_unknown, attribute
-from diagnosis.inference.search import Explanation, Search
+from diagnosis.inference.attribution import attribute, doubted
+from diagnosis.inference.search import NOTHING, Explanation, Search
 from diagnosis.model.linear import Member
 from diagnosis.settings import DiagnosisSettings
 from tests.diagnosis.linear_models import linear_model
@@ -95,8 +95,38 @@ def test_the_likeliest_number_of_effects_comes_before_the_likeliest_set():
     assert [slot.group[0][0] for slot in answer.slots] == ["e0"]
 
 
-def test_what_a_check_rejects_is_unknown_with_the_same_explanations():
-    answer = attribute(*three({(0,): 0.99, (1,): 0.01}))
-    rejected = as_unknown(answer)
-    assert (rejected.verdict, rejected.slots, rejected.unknown) == ("unknown", (), 1.0)
-    assert rejected.ranked == answer.ranked
+@pytest.mark.parametrize("process", [False, True])
+def test_an_imitation_has_its_prior_share_where_the_checks_find_nothing(process):
+    model, found = three({(0,): 0.99, (1,): 0.01})
+    model = replace(model, candidates=tuple(replace(one, process=process) for one in model.candidates))
+    settings = DiagnosisSettings(imitation=0.04, random_imitation=0.2)
+    answer = doubted(model, attribute(model, found), 0.5, settings)
+    share = 0.2 if process else 0.04
+    assert answer.unknown == pytest.approx(share)
+    assert answer.slots[0].probability == pytest.approx(0.99 * (1 - share))
+    assert answer.verdict == ("group" if process else "named")
+    assert sum(one.probability for one in answer.ranked) == pytest.approx(1)
+
+
+def test_odds_of_an_imitation_follow_the_bound_on_the_p_value():
+    """Sellke, Bayarri and Berger: p = 0.05 is worth a factor of 2.46 against the model at most, 0.01 of 8."""
+    for p, factor in ((0.05, 2.456), (0.01, 7.988)):
+        model, found = three({(0,): 1.0})
+        answer = doubted(model, attribute(model, found), p, DiagnosisSettings(imitation=0.1, unknown=1.0))
+        assert answer.unknown / (1 - answer.unknown) == pytest.approx(factor / 9, rel=1e-3)
+
+
+def test_what_the_checks_reject_is_unknown():
+    model, found = three({(0,): 0.99, (1,): 0.01})
+    answer = doubted(model, attribute(model, found), 1e-6)
+    assert (answer.verdict, answer.slots) == ("unknown", ())
+    assert answer.unknown > 0.99
+    assert "imitates e0" in answer.ranked[0].labels[0]
+
+
+def test_the_baseline_shares_the_probability_but_is_never_named():
+    model, found = three({(0,): 0.6, (1,): 0.4})
+    nothing = replace(NOTHING, log_posterior=float(np.log(3.0)))
+    answer = attribute(model, [nothing, *found])
+    assert [slot.group[0][0] for slot in answer.slots] == ["e0"]
+    assert answer.slots[0].probability == pytest.approx(0.15)

@@ -7,9 +7,8 @@ import pytest
 import scipy.stats
 
 from diagnosis.inference import checks
-from diagnosis.inference.checks import Check, Layout, rejected, residual_checks
+from diagnosis.inference.checks import Check, Layout, residual_checks, together
 from diagnosis.model.linear import Member
-from diagnosis.settings import DEFAULT, DiagnosisSettings
 from tests.diagnosis.linear_models import linear_model
 
 INTERVALS, EACH = 4, 30
@@ -86,8 +85,7 @@ def test_data_of_the_named_model_are_rejected_at_the_stated_rate(model, layout, 
 
 def test_whole_checks_of_the_named_model_seldom_reject(model, layout):
     y = drawn(model, np.random.default_rng(5), 25)
-    settings = DiagnosisSettings(check=0.2)
-    count = sum(rejected(residual_checks(replace(model, y=y[:, k]), MEMBERS, layout, seed=k), settings) for k in range(25))
+    count = sum(together(residual_checks(replace(model, y=y[:, k]), MEMBERS, layout, seed=k)) < 0.2 for k in range(25))
     assert scipy.stats.binom.sf(count - 1, 25, 0.2) > 1e-4
 
 
@@ -119,9 +117,9 @@ def beside(layout, kind):
 )
 def test_what_is_beside_the_named_effects_is_seen_for_what_it_is(model, layout, kind, name):
     y = drawn(model, np.random.default_rng(6), 1)[:, 0]
-    assert not rejected(list(checked(model, layout, y).values()), DEFAULT)
+    assert together(list(checked(model, layout, y).values())) > 1e-3
     found = checked(model, layout, y + model.projected(beside(layout, kind)))
-    assert rejected(list(found.values()), DEFAULT)
+    assert together(list(found.values())) < 1e-5
     assert found[name].p_value < 1e-6
     assert found[name].value > found[name].expected
 
@@ -157,14 +155,13 @@ def test_single_large_residuals_are_seen_by_the_shape(model, layout):
 def test_too_little_is_not_checked(model, layout):
     few = replace(layout, t_s=layout.t_s[:11])
     assert residual_checks(model, MEMBERS, few) == ()
-    assert not rejected((), DEFAULT)
+    assert together(()) == 1.0
 
 
 def test_the_number_of_checks_is_allowed_for():
-    level = DEFAULT.check
     made = [Check(str(number), 0.0, 0.0, 0.5) for number in range(8)]
-    assert rejected([*made, Check("odd", 0.0, 0.0, 0.9 * level / 9)], DEFAULT)
-    assert not rejected([*made, Check("odd", 0.0, 0.0, 1.1 * level / 9)], DEFAULT)
+    assert together([*made, Check("odd", 0.0, 0.0, 1e-5)]) == pytest.approx(9e-5)
+    assert together(made) == 1.0
 
 
 def test_arcs_that_are_too_short_have_no_lines(layout):

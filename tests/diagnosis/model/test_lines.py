@@ -121,7 +121,7 @@ def test_a_diagnosis_names_a_vibration_of_a_fast_gyro():
 
 
 def test_a_vibration_beside_a_sway_is_told_from_it():
-    """On another axis, and above twice the highest frequency of the motion on the same one."""
+    """On another axis, and beyond the band of the motion on the same one."""
     found = prepare(swaying(recorded("vibration:z=0.002,apparent_hz=9.0"), tone(0.002, 1 / 5.1)))
     assert [(symptom.kind, symptom.axis) for symptom in found.samples.symptoms] == [("spectral_line", "z")]
     assert {line.axis for line in found.samples.motions} == {1}

@@ -215,7 +215,7 @@ def test_more_noise_than_stated_is_measured_and_taken_as_the_unit(nominal):
     loud = linear_model(tables_of(fits_of(recorded(change=_noisy)), EFFECTS), EFFECTS, DEFAULT)
     assert noise_of(quiet, DEFAULT).factor == 1
     noise = noise_of(loud, DEFAULT)
-    assert noise.p_value < DEFAULT.check
+    assert noise.p_value < DEFAULT.chi2_sensors
     assert 1.2 < noise.factor < 1.5  # the Earth sensor's is 1.5 times as large, the sun sensors' as stated
     again = in_noise(loud, noise.factor)
     assert noise_of(again, DEFAULT).factor == 1

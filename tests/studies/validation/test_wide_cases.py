@@ -13,6 +13,7 @@ from studies.validation.wide.families import FAMILIES
 from studies.validation.wide.kinds import GRADES, KINDS
 from studies.validation.wide.novelty import novelty
 from studies.validation.wide.placing import scaled
+from studies.validation.wide.report import report
 from studies.validation.wide.split import part
 from studies.validation.wide.world import SNR, Spec
 from tests.studies.validation.wide_plans import small_world
@@ -114,8 +115,8 @@ def test_a_small_study_runs_and_resumes(tmp_path, monkeypatch):
     assert (rows["outcome"][rows["kind"] != "none"] == "missed").all()
     for name in ("truth", "causes", "p_values", "posterior", "answer", "size_sigmas"):
         assert rows[name].map(json.loads).notna().all()
-    report = wide.report(config, rows)
-    assert report.tables["counts"].data["cases"].sum() == CHEAP
+    made = report(config, rows)
+    assert made.tables["counts"].data["cases"].sum() == CHEAP
     (tmp_path / "table.parquet").unlink()
     again = engine.run(wide.STUDY, config, tmp_path, backend="serial", chunk=2)
     assert again.resumed == CHEAP

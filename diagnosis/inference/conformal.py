@@ -1,0 +1,55 @@
+"""Conformal sets of explanations: a set that holds the truth in nine of ten recordings, whatever the posterior is worth.
+
+The posterior orders the explanations of a recording. The score of an explanation is the probability of all that are likelier,
+
+    s_k = Σ_{p_j > p_k} p_j,
+
+zero for the likeliest and one for what the posterior does not hold at all. Of n recordings with known truth, those of the
+setting part of the validation, the ⌈(n + 1) 0.9⌉-th smallest score of the truth is the threshold τ, and the set of a new
+recording is {k : s_k ≤ τ}. It covers the truth with a probability of at least 0.9 if that recording is exchangeable with the n
+(Vovk, Gammerman and Shafer, Algorithmic Learning in a Random World, 2005, proposition 2.3), and at most 0.9 + 1/(n + 1) more
+than ties allow. An explanation with anything unlisted in it is ``unknown``, a member like any other; so is ``none``.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Sequence
+
+Posterior = Sequence[tuple[Sequence[str], float]]
+
+UNKNOWN, NONE = "unknown", "none"
+MISSING = 1.0  # score of an explanation that the posterior does not hold
+COVERED = 0.9
+
+
+def name_of(labels: Iterable[str]) -> str:
+    """An explanation in one word: its labels in order, ``none`` without any."""
+    return " + ".join(sorted(labels)) or NONE
+
+
+def scores(posterior: Posterior) -> dict[str, float]:
+    """Score of each explanation of a posterior, by its name; ``unknown`` is always among them."""
+    out: dict[str, float] = {}
+    total = 0.0
+    for labels, probability in sorted(posterior, key=lambda pair: -pair[1]):
+        out.setdefault(name_of(labels), min(total, MISSING))
+        total += probability
+    out.setdefault(UNKNOWN, min(total, MISSING))
+    return out
+
+
+def score(posterior: Posterior, truth: Iterable[str]) -> float:
+    """Score of the truth."""
+    return scores(posterior).get(name_of(truth), MISSING)
+
+
+def threshold(truths: Sequence[float], level: float = COVERED) -> float:
+    """The threshold τ from the scores of the truth of n recordings; infinite where they are too few."""
+    rank = math.ceil((len(truths) + 1) * level)
+    return sorted(truths)[rank - 1] if rank <= len(truths) else math.inf
+
+
+def conformal_set(posterior: Posterior, limit: float) -> tuple[str, ...]:
+    """The explanations with a score of at most the limit, the likeliest first."""
+    return tuple(name for name, value in scores(posterior).items() if value <= limit)
