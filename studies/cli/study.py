@@ -53,7 +53,7 @@ def command(
       gyrocal study paper --rerun 17
     """
     if name is None:
-        table = pd.DataFrame([{"study": key, "what": catalogue.entry(key).summary} for key in catalogue.MODULES])
+        table = pd.DataFrame([{"study": key, "what": catalogue.summary(key)} for key in catalogue.MODULES])
         render.terminal(console(), "Studies", table)
         return
     check_writable(as_json)
