@@ -171,13 +171,6 @@ class KalmanFilter:
         self.x[self.columns] -= state[3:]
 
 
-def state_errors(A: Array, x: Array, names: tuple[str, ...], A_true: Array, truth: GyroParameters) -> Array:
-    """(k, n) states s = (θ, Δx) that estimates A (k, 3, 3) and x (k, 12) have against the truth, A_true (k, 3, 3)."""
-    columns = [NAMES.index(name) for name in names]
-    theta = attitude.residual(A_true, A)
-    return np.concatenate([theta, (np.asarray(x) - truth.vector)[..., columns]], axis=-1)
-
-
 def nees(errors: Array, covariance: Array) -> Array:
     """(k,) normalised estimation error squared sᵀ P⁻¹ s of errors (k, n) with covariance (k, n, n); χ² with n if consistent."""
     scale = np.sqrt(np.einsum("...ii->...i", covariance))  # parameters and attitude differ by many decades
