@@ -199,9 +199,9 @@ def _notes(recording: Recording, pieces: tuple[Interval, ...], sigma: Array) -> 
     if unseen:
         notes.append(f"Not observed by these motions: {', '.join(unseen)}; effects that act like them cannot be seen either")
     if len(pieces) != len(recording.intervals) or any(a != b for a, b in zip(pieces, recording.intervals, strict=False)):
-        notes.append("Where the gyro was clipped the attitude was not propagated; the parts on either side were used")
+        notes.append("The attitude was not propagated over clipped gyro samples; the parts before and after them were used")
     notes.append(
-        "A constant offset of the references, the same at all times, is the same as a turn of G and a start attitude: "
-        "not identifiable from any recording"
+        "A constant offset of the references acts like a rotation of G and of the start attitudes: no recording of gyro and "
+        "reference attitudes can show it"
     )
     return tuple(notes)

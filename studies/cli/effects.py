@@ -20,8 +20,9 @@ from studies.report.console import console
 def command(as_json: Path | None) -> None:
     """List what a gyro, a reference or an attitude sensor can do beyond the baseline; a positive size makes the gyro read high.
 
-    A parameter without "=" must be given. Effects of the sensors (dss_…, esa_…) need a scenario with [sensors], such as
-    trmm_months; where they have several angles, the size is their norm and the angles say the direction.
+    A parameter that is listed without a value has no default and must be given. Effects of the sensors
+    (dss_…, esa_…) need a scenario with [sensors], such as trmm_months; where they have several angles, the size is their norm
+    and the angles say the direction.
 
     \b
     Example:

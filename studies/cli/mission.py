@@ -28,7 +28,7 @@ MOST_ROWS = 20_000_000  # of telemetry, 2 GB
 @click.command("mission")
 @click.argument("out", type=click.Path(path_type=Path, file_okay=False))
 @click.option("--days", type=float, required=True, help="Days flown from launch, November 27, 1997.")
-@click.option("--seed", type=click.IntRange(0), default=0, show_default=True, help="Of the noise.")
+@click.option("--seed", type=click.IntRange(0), default=0, show_default=True, help="Seed of the noise.")
 @click.option(
     "--tables",
     type=click.Choice(["flight", *PERIODS]),
@@ -42,7 +42,7 @@ MOST_ROWS = 20_000_000  # of telemetry, 2 GB
     show_default=True,
     help="How the sun sensors are mounted, which is not published; see docs/mission.md.",
 )
-@click.option("--every", "every_s", type=float, default=60.0, show_default=True, help="s from a row of telemetry to the next.")
+@click.option("--every", "every_s", type=float, default=60.0, show_default=True, help="Interval between rows of telemetry, s.")
 @click.option(
     "--json", "as_json", type=PATH, help="Write the summary as JSON to this file; - for standard output in place of the tables."
 )
