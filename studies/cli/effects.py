@@ -32,11 +32,11 @@ def command(as_json: Path | None) -> None:
     rows = [
         {
             "effect": effect.name,
+            "what": effect.summary,
             "unit": effect.unit,
             "axis": ", ".join(effect.axes) + (" or all" if effect.axis_optional else ""),
             "parameters": _parameters(effect),
             "plausible": f"{effect.prior[0]:g} to {effect.prior[1]:g}",
-            "what": effect.summary,
         }
         for effect in ALL_EFFECTS.values()
     ]
