@@ -9,7 +9,7 @@ it; `gyrocal.estimation.full_filter` takes all twelve.
 series of measurements, `gyrocal.estimation.smoother` goes back over it.
 
 A gate rejects a measurement whose normalised innovation squared, zᵀ S⁻¹ z, a good one would exceed with the stated
-probability. It takes P for honest: a filter whose attitude is wrong by more than it knows rejects everything, and what a
+probability. It takes P for consistent: a filter whose attitude is wrong by more than it knows rejects everything, and what a
 gate keeps out is no longer Gaussian. It is off by default.
 """
 

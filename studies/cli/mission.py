@@ -113,7 +113,7 @@ def _config(days: float, tables: str, mounting: Mounting) -> MissionConfig:
 
 
 def summary(run: MissionRun, config: MissionConfig, days: float) -> pd.DataFrame:
-    """A row for each stretch between uploads: yaw updates, knowledge, pointing (3-sigma) and stability by axis, deg."""
+    """A row for each period between uploads: yaw updates, knowledge, pointing (3-sigma) and stability by axis, deg."""
     end = days * DAY
     bounds = [0.0, *(at for at, _ in config.uploads if at < end), end]
     rows = []
@@ -148,7 +148,7 @@ def _show(run: MissionRun, stretches: pd.DataFrame, out: Path) -> None:
     render.terminal(
         terminal,
         "Mission Mode, deg",
-        pd.DataFrame(shown).T.reset_index().set_axis(["", *(f"stretch {k + 1}" for k in range(len(stretches)))], axis=1),
+        pd.DataFrame(shown).T.reset_index().set_axis(["", *(f"period {k + 1}" for k in range(len(stretches)))], axis=1),
         f"Knowledge and pointing 3σ, stability over 1 s; R's limits: {limits}; ✗ above.",
     )
     if len(run.slews):
