@@ -51,5 +51,6 @@ EFFECT = EsaSFilter(
     options=tuple({"time_constant_s": value} for value in (15.0, 30.0, 60.0, 120.0, 240.0)),
     acts_on=EARTH_SENSOR,
     refined=("time_constant_s",),
-    meaning="A quadrant of the Earth sensor errs for a while after the Sun was in it, as its S filter starts wrong.",
+    meaning="A quadrant of the Earth sensor errs for a while after the Sun was in it, as the filter of its S detector restarts "
+    "from a wrong value.",
 )
