@@ -203,6 +203,14 @@ def test_rounding_is_no_change_of_the_calibration():
     assert words.calibration_change(moved) == "The causes change nothing in the calibration."
 
 
+def test_a_share_of_a_gap_that_held_out_data_hardly_show_is_not_stated():
+    found = CASES["named"]().closure
+    assert words.closure(found).startswith("97 % of the gap is closed")
+    scattered = words.closure(dataclasses.replace(found, closed=4.22, interval_90=(1.25, 7.19)))
+    assert scattered.startswith("The held-out data show too little of the gap")
+    assert "422" not in scattered
+
+
 def test_what_is_known_beside_the_unknown_is_said():
     both = dataclasses.replace(CASES["unknown"](), causes=CASES["stream"]().causes)
     assert words.verdict(both).endswith("not on the list. Beside it there is rate_quantization.")
