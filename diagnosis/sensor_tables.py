@@ -242,7 +242,7 @@ def _noise_note(explained: ExplainedTables) -> tuple[str, ...]:
     factor = explained.noise.factor
     if factor == 1:
         return ()
-    return (f"The noise of the sensors is {factor:.3f} times as stated; evidence and sigmas are for the larger noise",)
+    return (f"The noise of the sensors is {factor:.3f} times what is stated; evidence and sigmas are for that",)
 
 
 def _noise_finding(noise: Noise) -> tuple[Finding, ...]:

@@ -62,7 +62,7 @@ def test_the_json_has_what_the_format_names(run_cli, rec, tmp_path):
     target, page = tmp_path / "d.json", tmp_path / "d.html"
     result = run_cli("diagnose", str(rec), "--json", str(target), "--report", str(page))
     assert result.exit_code == 0
-    assert "do not explain it" in " ".join(result.output.split())
+    assert "does not explain the data" in " ".join(result.output.split())
     document = json.loads(target.read_text())
     assert document["causes"][0]["effect"] == "dss_head"
     assert set(document["causes"][0]["parameters"]) == {"e1_deg", "e2_deg", "e3_deg"}
