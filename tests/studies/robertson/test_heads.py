@@ -77,7 +77,7 @@ def test_the_words_say_what_is_rejected(found):
     said = "\n".join(lines(found))
     assert "Raw tables of sun and Earth sensors" in said
     sentence = sensor_words.sentences(found)[-1]
-    assert sentence.startswith("Sensors with orthogonal heads, dss_misalignment and esa_bias in place of the heads")
+    assert "would find dss_misalignment and esa_bias instead" in sentence
 
 
 def test_nominal_sensors_on_the_page(of_the_attitudes):
