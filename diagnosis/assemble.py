@@ -175,10 +175,13 @@ def _checks_note(explained: Explained) -> tuple[str, ...]:
 
 
 def _motion_notes(prepared: Prepared) -> tuple[str, ...]:
+    """Lines in the spectrum of the samples that are no effect, gyro by gyro."""
+    found: dict[str, list[str]] = {}
+    for line in prepared.samples.motions:
+        found.setdefault(AXES[line.axis], []).append(f"{line.frequency_hz:.4f} Hz")
     return tuple(
-        f"Gyro {AXES[line.axis]} shows a line of {np.rad2deg(line.amplitude):.3g} deg/s at {line.frequency_hz:.4f} Hz; the "
-        "references follow it, so it is a motion of the body"
-        for line in prepared.samples.motions
+        f"Gyro {axis} shows spectral lines at {', '.join(lines)}; the references follow them, so they are motions of the body"
+        for axis, lines in found.items()
     )
 
 

@@ -237,21 +237,22 @@ def _in_order(explained: ExplainedTables) -> Closure | None:
 def _gyro_note(explained: ExplainedTables) -> tuple[str, ...]:
     if explained.attribution is None or GYRO not in explained.attribution.ranked[0].labels:
         return ()
-    return ("The sensors' residuals look like a rate error of the gyro at orbit rate, which is no matter of the sensors",)
+    return ("The sensors' residuals look like a rate error at orbit rate, an error of the gyro and not of the sensors",)
 
 
 def _noise_note(explained: ExplainedTables) -> tuple[str, ...]:
     factor = explained.noise.factor
     if factor == 1:
         return ()
-    return (f"The noise of the sensors is {factor:.3f} times what is stated; evidence and sigmas are for the larger",)
+    return (f"The noise of the sensors is {factor:.3f} times what is stated; evidence and sigmas are for that",)
 
 
 def _noise_finding(noise: Noise) -> tuple[Finding, ...]:
     if noise.factor == 1:
         return ()
     text = (
-        f"the sensor tables do not fit the nominal sensors: what no error explains is {noise.factor:.3g} times the stated noise"
+        "the sensor tables do not fit the nominal sensors: the noise left after all listed errors is "
+        f"{noise.factor:.3g} times the stated one"
     )
     return (Finding(ANY, None, None, None, "noise", noise.factor, noise.p_value, text),)
 

@@ -42,13 +42,24 @@ def entry(name: str) -> Entry:
     Raises
     ------
     InputError
-        There is none of that name.
+        There is none of that name, or it is about an effect that has been taken out.
     """
     if name not in MODULES:
         raise InputError(f"{name}: no such study; there are {', '.join(MODULES)}")
-    found = importlib.import_module(MODULES[name]).ENTRY
+    try:
+        found = importlib.import_module(MODULES[name]).ENTRY
+    except ImportError as error:
+        raise InputError(f"study {name} cannot be loaded: {error}") from error
     assert isinstance(found, Entry)
     return found
+
+
+def summary(name: str) -> str:
+    """What a study shows, or why it cannot be loaded."""
+    try:
+        return entry(name).summary
+    except InputError as error:
+        return str(error)
 
 
 def run(

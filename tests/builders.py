@@ -3,7 +3,7 @@
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from gyrocal import Attitudes, GyroParameters, GyroStream, Interval, Recording
+from gyrocal import NAMES, Attitudes, GyroParameters, GyroStream, Interval, Recording, attitude
 
 TRUE_G = np.array([[1.000443, -1.013e-3, 6.75235e-4], [7.63599e-4, 1.00053, -2.1629e-3], [9.41394e-4, 1.6831e-3, 1.00088]])
 TRUE_BIAS = np.deg2rad([-1.549155e-4, 1.978161e-4, 7.820254e-5])
@@ -78,3 +78,9 @@ def piecewise_recording(
 def mean_bounds(size, cases, z=4.0):
     """Bounds of the mean of `cases` χ² values with `size` degrees of freedom."""
     return size - z * np.sqrt(2 * size / cases), size + z * np.sqrt(2 * size / cases)
+
+
+def state_errors(A, x, names, A_true, truth):
+    """(k, n) states s = (θ, Δx) that estimates A (k, 3, 3) and x (k, 12) have against the truth, A_true (k, 3, 3)."""
+    columns = [NAMES.index(name) for name in names]
+    return np.concatenate([attitude.residual(A_true, A), (np.asarray(x) - truth.vector)[..., columns]], axis=-1)

@@ -97,8 +97,26 @@ def closure_of(closed=0.97):
 
 SPAN = (450.0, 4050.0)
 FINDINGS = (
-    Finding("attitude", "m4", "z", SPAN, "chi2", 310.2, 1e-40, "m4, hold, axis z: χ² 310 of 61, 450 to 4050 s after its start"),
-    Finding("attitude", "m2", "z", SPAN, "chi2", 180.0, 3e-9, "m2, hold, axis z: χ² 180 of 61, 450 to 4050 s after its start"),
+    Finding(
+        "attitude",
+        "m4",
+        "z",
+        SPAN,
+        "chi2",
+        310.2,
+        1e-40,
+        "m4, hold, axis z: χ² 310 (61 expected), 450 to 4050 s after its start",
+    ),
+    Finding(
+        "attitude",
+        "m2",
+        "z",
+        SPAN,
+        "chi2",
+        180.0,
+        3e-9,
+        "m2, hold, axis z: χ² 180 (61 expected), 450 to 4050 s after its start",
+    ),
 )
 
 

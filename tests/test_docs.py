@@ -33,16 +33,21 @@ def test_docstring_examples():
 def test_recording_example_makes_a_recording(tmp_path):
     text = (ROOT / "docs" / "recording.md").read_text()
     (block,) = re.findall(r"```python\n(.*?)```", text, flags=re.DOTALL)
-    namespace = {}
-    exec(compile(block, "recording.md", "exec"), namespace)
-    namespace["gyro"].to_csv(tmp_path / "gyro.csv", index=False)
-    namespace["attitude"].to_csv(tmp_path / "attitude.csv", index=False)
-    header = re.search(r"```toml\n(.*?)```", text, flags=re.DOTALL).group(1)
-    header = header.replace("stop_s = 6000.0", "stop_s = 600.0").replace("sample_s = 0.5", "sample_s = 1.0")
-    (tmp_path / "recording.toml").write_text(header)
-    result = gyrocal.calibrate(gyrocal.load(tmp_path), solve_for="bias", plausible_bias=1.0)
+    folder = tmp_path / "mine"
+    exec(compile(block.replace("/tmp/mine", str(folder)), "recording.md", "exec"), {})
+    result = gyrocal.calibrate(gyrocal.load(folder))
     # The example's rates and attitudes agree, in sign and convention: nothing is left to correct.
+    np.testing.assert_allclose(result.G, np.eye(3), atol=1e-9)
     np.testing.assert_allclose(result.bias, 0, atol=1e-12)
+    assert result.dof == 6
+    # The header with every key that there is, on the first interval of the same data.
+    attitude = pd.read_csv(folder / "attitude.csv")
+    attitude[attitude["t_s"] <= 600.0].to_csv(folder / "attitude.csv", index=False)
+    header = re.search(r"```toml\n(.*?)```", text, flags=re.DOTALL).group(1)
+    (folder / "recording.toml").write_text(
+        header.replace("stop_s = 6000.0", "stop_s = 600.0").replace("sample_s = 0.5", "sample_s = 1.0")
+    )
+    assert gyrocal.load(folder).intervals[0].name == "m1"
 
 
 def test_references_example_finds_its_alignment(capsys):

@@ -14,7 +14,7 @@ Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
 FEWEST_CLIPPED = 5
-FEWEST_PLATEAU = 20  # samples of a clipped stretch on a lattice
+FEWEST_PLATEAU = 20  # samples in a run of clipped ones on a lattice
 PLATEAU_P = 1e-8  # chance of a steady rate to stand still that long
 
 

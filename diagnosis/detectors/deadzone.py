@@ -52,13 +52,13 @@ MOST_PARTS = 40  # parts with a rate of their own
 
 
 @dataclass(frozen=True)
-class DeadStretches:
+class DeadZoneEvidence:
     """What one gyro shows of a dead zone.
 
     Attributes
     ----------
     axis : which gyro
-    stretch : (n,) slow part in which each sample may miss a rate, counted from 0; −1 elsewhere
+    part : (n,) slow part in which each sample may miss a rate, counted from 0; −1 elsewhere
     log_odds : in favour of a dead zone, before the attitude is looked at
     alive : smallest steady rate that is read, rad/s, an upper limit; infinite if there is none
     crossed : whether the motion crosses the edge, so that `alive` is the half width
@@ -66,14 +66,14 @@ class DeadStretches:
     """
 
     axis: int
-    stretch: Indices
+    part: Indices
     log_odds: float
     alive: float
     crossed: bool
     usual: float
 
 
-def dead_stretches(recording: Recording, rates: Array, noise: Array, usual: float) -> list[DeadStretches]:
+def dead_zone_evidence(recording: Recording, rates: Array, noise: Array, usual: float) -> list[DeadZoneEvidence]:
     """Gyros whose slow readings are zero in runs.
 
     Parameters
@@ -89,7 +89,7 @@ def dead_stretches(recording: Recording, rates: Array, noise: Array, usual: floa
     return [one for one in found if one is not None]
 
 
-def of_zero_samples(recording: Recording, axis: int, smallest: float, usual: float) -> DeadStretches | None:
+def of_zero_samples(recording: Recording, axis: int, smallest: float, usual: float) -> DeadZoneEvidence | None:
     """The slow parts of a gyro whose samples read exactly zero in its zone, as one whose noise comes before it does.
 
     Parameters
@@ -101,13 +101,13 @@ def of_zero_samples(recording: Recording, axis: int, smallest: float, usual: flo
     """
     zero = recording.gyro.rates[:, axis] == 0.0
     often = scipy.ndimage.uniform_filter1d(zero.astype(float), ZERO_WINDOW, mode="nearest") > ZERO_SHARE
-    stretch = np.full(zero.size, -1)
+    part = np.full(zero.size, -1)
     for number, (low, high) in enumerate(runs(often)[:MOST_PARTS]):
-        stretch[low:high] = number
-    return DeadStretches(axis, stretch, MOST_ODDS, smallest, True, max(usual, smallest)) if (stretch >= 0).any() else None
+        part[low:high] = number
+    return DeadZoneEvidence(axis, part, MOST_ODDS, smallest, True, max(usual, smallest)) if (part >= 0).any() else None
 
 
-def half_width(one: DeadStretches, missing: Array) -> tuple[float, float]:
+def half_width(one: DeadZoneEvidence, missing: Array) -> tuple[float, float]:
     """Half width and its sigma, deg/s, between the largest rate that is missing and the smallest that is read.
 
     Parameters
@@ -137,13 +137,13 @@ def usual_slow_rate(recording: Recording, rates: Array, bias: Array) -> float:
     return max(float(np.sqrt(np.mean(bias**2))), read)
 
 
-def _of_axis(recording: Recording, x: Array, noise: float, axis: int, usual: float) -> DeadStretches | None:
+def _of_axis(recording: Recording, x: Array, noise: float, axis: int, usual: float) -> DeadZoneEvidence | None:
     longest = max(WINDOW_SAMPLES, round(LONGEST_WINDOW_S / recording.gyro.sample_s))
     wanted = min(int((RESOLVED * noise / usual) ** 2), longest)
     count = max(WINDOW_SAMPLES, round(WINDOW_S / recording.gyro.sample_s), wanted)
     sigma = noise / np.sqrt(count)
     shortest = max(SHORTEST_WINDOWS, int(np.ceil(SHORTEST_S / (count * recording.gyro.sample_s))))
-    stretch = np.full(x.size, -1)
+    part = np.full(x.size, -1)
     means, sigmas, others, number = [], [], [], 0
     for low, windows in _windows(recording, x, count):
         zero = np.zeros(windows.size, dtype=bool)
@@ -153,7 +153,7 @@ def _of_axis(recording: Recording, x: Array, noise: float, axis: int, usual: flo
             if b - a < shortest:
                 continue
             # A motion that crosses the edge now and then is read in part: also such slow parts may miss a rate.
-            stretch[low + a * count : low + b * count] = number
+            part[low + a * count : low + b * count] = number
             number += 1
             own = windows[a:b][zero[a:b]]
             if own.size > MOSTLY * (b - a):
@@ -169,7 +169,7 @@ def _of_axis(recording: Recording, x: Array, noise: float, axis: int, usual: flo
         alive = np.inf
     near = int(np.sum(rates < 1.33 * alive)) if np.isfinite(alive) else 0
     odds = min(_log_odds(np.array(means), np.array(sigmas), usual), MOST_ODDS)
-    return DeadStretches(axis, stretch, odds, alive, near >= EDGE_WINDOWS, usual)
+    return DeadZoneEvidence(axis, part, odds, alive, near >= EDGE_WINDOWS, usual)
 
 
 def _windows(recording: Recording, x: Array, count: int) -> list[tuple[int, Array]]:

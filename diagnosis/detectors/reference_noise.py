@@ -13,11 +13,11 @@ import numpy as np
 import scipy.stats
 from numpy.typing import NDArray
 
-from diagnosis.model.recording import RecordingModel
 from diagnosis.settings import DEFAULT, DiagnosisSettings
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
+Indices = NDArray[np.intp]
 
 CORRELATED = 1 + 2 * 17 / 36
 TRIM = 3.0  # robust sigmas beyond which a difference does not count
@@ -25,6 +25,27 @@ TRIMMED = 0.9733  # variance of a normal variable cut there
 FEWEST = 40  # second differences of an axis, below which nothing is said
 UNSEEN = 10.0  # relative error of an axis of which nothing is seen
 TRIMMING = 1.1  # times the variance of a mean square whose limit was estimated
+
+
+@dataclass(frozen=True)
+class ReferenceSeries:
+    """References in the order of time beside the attitude propagated between them.
+
+    Attributes
+    ----------
+    t_s, interval : (m,) times, and the number of the interval each belongs to
+    sigma : (m, 3) stated, about the body axes, rad
+    to_inertial : (m, 3, 3) Aᵀ of the propagated attitude
+    residuals : (m, 3) reference minus propagated attitude, inertial, rad
+    rates : (m, 3) of the body, rad/s
+    """
+
+    t_s: Array
+    interval: Indices
+    sigma: Array
+    to_inertial: Array
+    residuals: Array
+    rates: Array
 
 
 @dataclass(frozen=True)
@@ -69,80 +90,104 @@ class ReferenceNoise:
         return out
 
 
+@dataclass(frozen=True)
+class Differences:
+    """Second differences of the residuals, in the body axes of the middle reference.
+
+    Attributes
+    ----------
+    middle : (k,) index of the middle reference
+    values : (k, 3), rad
+    stated, walk : (k, 3) their variances from the references as stated and from the gyros' noise, rad²
+    hidden : (k, 3) whether that gyro may have shown nothing in the meantime
+    """
+
+    middle: Indices
+    values: Array
+    stated: Array
+    walk: Array
+    hidden: Mask
+
+
 def reference_noise(
-    model: RecordingModel, density: Array, dead: Array, settings: DiagnosisSettings = DEFAULT
+    series: ReferenceSeries, density: Array, gyro_s: Array, dead: Mask, settings: DiagnosisSettings = DEFAULT
 ) -> ReferenceNoise | None:
     """Test of the references' noise; None without a series of references.
 
     Parameters
     ----------
-    model : linearised about the calibration
+    series : references and residuals under the calibration
     density : (3,) noise density of the gyros, rad²/s
+    gyro_s : (n,) times of the gyro samples
     dead : (n, 3) samples in which a gyro may show nothing; what it then misses would pass for noise about its axis
     settings : thresholds
     """
-    missed = np.concatenate([np.zeros((1, 3), dtype=np.intp), np.cumsum(dead, axis=0)])
-    t_s = model.references.t_s
-    sigma = model.recording.attitudes.sigma[model.reference_rows]
-    gyro_s = model.recording.gyro.t_s
-    before, after = t_s[1:-1] - t_s[:-2], t_s[2:] - t_s[1:-1]
-    owner = model.interval_of_reference
-    usual = np.array(
-        [np.median(np.diff(t_s[owner == k])) if np.sum(owner == k) > 1 else np.inf for k in range(len(model.blocks))]
-    )
-    even = (owner[2:] == owner[:-2]) & (np.abs(before - after) <= 0.01 * before) & (before <= 2.5 * usual[owner[1:-1]])
-    first, last = np.searchsorted(gyro_s, t_s[:-2]), np.searchsorted(gyro_s, t_s[2:])
-    k = 1 + np.flatnonzero(even)
-    hidden = (missed[last] > missed[first])[k - 1]
-    # ζ of neighbours differ by the references' errors; turned back to the body axes of the middle one.
-    zeta = model.residuals
-    A = model.at_reference[k].transpose(0, 2, 1)
-    differences = np.einsum("mij,mj->mi", A, zeta[k + 1] - 2 * zeta[k] + zeta[k - 1])
-    # The body turns between references; where it turns far, axes mix and σ differs between them.
-    variances = sum(
-        weight * np.einsum("mij,mj->mi", (A @ model.at_reference[k + shift]) ** 2, sigma[k + shift] ** 2)
-        for weight, shift in ((1, -1), (4, 0), (1, 1))
-    )
-    walks = 2 * density * before[k - 1, None]
-    enough = np.sum(~hidden, axis=0) >= FEWEST
-    if not enough.any() or not np.all(variances > 0):
+    found = _differences(series, density, gyro_s, dead)
+    enough = np.sum(~found.hidden, axis=0) >= FEWEST
+    if not enough.any() or not np.all(found.stated > 0):
         return None
-    second, stated, walk = differences, np.asarray(variances), walks
-    z = second / np.sqrt(stated + walk)
+    z = found.values / np.sqrt(found.stated + found.walk)
     # Single large differences, as beside a slew with wrong time tags, are not noise.
-    limit = (
-        TRIM * np.array([np.median(np.abs(z[~hidden[:, axis], axis])) if enough[axis] else 0.0 for axis in range(3)]) / 0.6745
-    )
-    kept = (np.abs(z) < limit) & ~hidden & enough
-    sums = np.sum(np.where(kept, second**2, 0.0), axis=0) / TRIMMED
-    expected_sigma, expected_walk = np.sum(np.where(kept, stated, 0.0), axis=0), np.sum(np.where(kept, walk, 0.0), axis=0)
-    relative = np.sqrt(2 * CORRELATED * TRIMMING / np.maximum(np.sum(~hidden, axis=0), 1))
-    # An axis with too few differences is taken as stated, with no certainty.
-    expected_sigma = np.where(enough, expected_sigma, 1.0)
-    factor = np.where(enough, np.sqrt(np.maximum((sums - expected_walk) / expected_sigma, 1e-4)), 1.0)
-    error = np.where(enough, 0.5 * relative * (sums / expected_sigma) / factor, UNSEEN)
-    # A sum of squares has a long upper tail; its cube root is normal (Wilson & Hilferty, 1931).
-    spread = relative**2 / 9
-    total = np.where(enough, sums / (expected_sigma + expected_walk), 1.0 - 3 * spread)
-    z = np.where(enough, (np.cbrt(total) - (1 - spread)) / np.sqrt(spread), 0.0)
-    chi2 = float(np.sum(z**2))
-    p_all = float(scipy.stats.chi2.sf(chi2, enough.sum()))
-    odd = int(np.argmax(np.abs(z)))
-    others = float(chi2 - z[odd] ** 2)
-    axis = odd if enough.sum() > 1 and scipy.stats.chi2.sf(others, enough.sum() - 1) > 0.01 and z[odd] ** 2 > 12 else None
-    scaled = np.where(kept, second / np.sqrt(stated + walk), 0.0)
-    rates = np.linalg.norm(model.rates[np.clip(np.searchsorted(model.t_s, t_s[k]), 0, model.t_s.size - 1)], axis=1)
-    moving = rates > 0.5 * (np.quantile(rates, 0.02) + np.quantile(rates, 0.98))
-    groups = [moving, *(owner[k] == number for number in np.unique(owner[k]))]
+    usual = [np.median(np.abs(z[~found.hidden[:, axis], axis])) if enough[axis] else 0.0 for axis in range(3)]
+    kept = (np.abs(z) < TRIM * np.array(usual) / 0.6745) & ~found.hidden & enough
+    scaled = np.where(kept, z, 0.0)
+    speed = np.linalg.norm(series.rates[found.middle], axis=1)
+    moving = speed > 0.5 * (np.quantile(speed, 0.02) + np.quantile(speed, 0.98))
+    owner = series.interval[found.middle]
+    groups = [moving, *(owner == number for number in np.unique(owner))]
     return ReferenceNoise(
-        factor,
-        error,
-        max(p_all, 1e-300),
-        axis,
+        *_level(found, kept, enough),
         *_correlation(scaled, kept),
         *_constancy(scaled, kept, groups),
         settings.sample_event,
     )
+
+
+def _differences(series: ReferenceSeries, density: Array, gyro_s: Array, dead: Mask) -> Differences:
+    """Those of three references at even spacing in one interval, no gap between them."""
+    t_s, owner = series.t_s, series.interval
+    before, after = t_s[1:-1] - t_s[:-2], t_s[2:] - t_s[1:-1]
+    spacings = [np.diff(t_s[owner == k]) for k in range(owner.max(initial=-1) + 1)]
+    usual = np.array([np.median(spacing) if spacing.size else np.inf for spacing in spacings])
+    even = (owner[2:] == owner[:-2]) & (np.abs(before - after) <= 0.01 * before) & (before <= 2.5 * usual[owner[1:-1]])
+    k = 1 + np.flatnonzero(even)
+    missed = np.concatenate([np.zeros((1, 3), dtype=np.intp), np.cumsum(dead, axis=0)])
+    first, last = np.searchsorted(gyro_s, t_s[k - 1]), np.searchsorted(gyro_s, t_s[k + 1])
+    # ζ of neighbours differ by the references' errors; turned back to the body axes of the middle one.
+    zeta = series.residuals
+    A = series.to_inertial[k].transpose(0, 2, 1)
+    # The body turns between references; where it turns far, axes mix and σ differs between them.
+    stated = sum(
+        weight * np.einsum("mij,mj->mi", (A @ series.to_inertial[k + shift]) ** 2, series.sigma[k + shift] ** 2)
+        for weight, shift in ((1, -1), (4, 0), (1, 1))
+    )
+    return Differences(
+        middle=k,
+        values=np.einsum("mij,mj->mi", A, zeta[k + 1] - 2 * zeta[k] + zeta[k - 1]),
+        stated=np.asarray(stated),
+        walk=2 * density * before[k - 1, None],
+        hidden=missed[last] > missed[first],
+    )
+
+
+def _level(found: Differences, kept: Mask, enough: Mask) -> tuple[Array, Array, float, int | None]:
+    """Actual over stated noise and its sigma, (3,) each, the p-value of all being one, and the axis that departs alone."""
+    sums = np.sum(np.where(kept, found.values**2, 0.0), axis=0) / TRIMMED
+    # An axis with too few differences is taken as stated, with no certainty.
+    stated = np.where(enough, np.sum(np.where(kept, found.stated, 0.0), axis=0), 1.0)
+    walk = np.sum(np.where(kept, found.walk, 0.0), axis=0)
+    relative = np.sqrt(2 * CORRELATED * TRIMMING / np.maximum(np.sum(~found.hidden, axis=0), 1))
+    factor = np.where(enough, np.sqrt(np.maximum((sums - walk) / stated, 1e-4)), 1.0)
+    error = np.where(enough, 0.5 * relative * (sums / stated) / factor, UNSEEN)
+    # A sum of squares has a long upper tail; its cube root is normal (Wilson & Hilferty, 1931).
+    spread = relative**2 / 9
+    total = np.where(enough, sums / (stated + walk), 1.0 - 3 * spread)
+    z = np.where(enough, (np.cbrt(total) - (1 - spread)) / np.sqrt(spread), 0.0)
+    chi2 = float(np.sum(z**2))
+    odd = int(np.argmax(np.abs(z)))
+    others = float(chi2 - z[odd] ** 2)
+    alone = enough.sum() > 1 and scipy.stats.chi2.sf(others, enough.sum() - 1) > 0.01 and z[odd] ** 2 > 12
+    return factor, error, max(float(scipy.stats.chi2.sf(chi2, enough.sum())), 1e-300), odd if alone else None
 
 
 def _correlation(z: Array, kept: Mask) -> tuple[float, float]:

@@ -1,7 +1,7 @@
 """Tests that see every gyro sample: lattice, repeats, clipping, outliers, noise level and colour, lines.
 
-They come before the attitude tests, since one clipped or repeated stretch spoils those. Under M0 a reading is a smooth motion
-plus white noise with σ = ARW/√Δt and is never exactly the same twice. The motion is taken out by a local parabola; only
+They come before the attitude tests, since one run of clipped or repeated samples spoils those. Under M0 a reading is a smooth
+motion plus white noise with σ = ARW/√Δt and is never exactly the same twice. The motion is taken out by a local parabola; only
 *quiet* samples count, where the mean does not change visibly over twenty samples on either side.
 
 Every test states its p-value under M0; the ones that need an exact coincidence of floating-point numbers (lattice, repeats,
@@ -21,7 +21,7 @@ from diagnosis.detectors.outliers import spikes
 from diagnosis.detectors.report import AXES, IMPOSSIBLE, SampleReport, SampleTest, Symptom, consecutive, inside
 from diagnosis.detectors.sample_noise import local_noise, noise, quiet
 from diagnosis.detectors.spectral_lines import lines
-from diagnosis.detectors.stale_samples import repeats
+from diagnosis.detectors.stale_samples import stale_samples
 from diagnosis.settings import DEFAULT, DiagnosisSettings
 from gyrocal.recording import Recording
 from simulator.effects.recorded import interval_slices
@@ -123,7 +123,7 @@ def _stale(report: SampleReport, recording: Recording, used: Mask, coarse: Mask)
     equal = np.zeros(rates.shape, dtype=bool)
     equal[1:] = rates[1:] == rates[:-1]
     clipped = (np.abs(rates) >= np.abs(rates[used]).max(axis=0) * (1 - 1e-12)).any(axis=1)
-    found = repeats(equal, consecutive(recording, used) & ~clipped, coarse, report.event_p)
+    found = stale_samples(equal, consecutive(recording, used) & ~clipped, coarse, report.event_p)
     if found is None:
         return
     report.tests.append(

@@ -24,7 +24,7 @@ Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
 FEWEST_CYCLES = 4.0  # of a line in the longest quiet arc: fewer are a trend
-CLEAR_TONE = 5.0  # sigmas of its amplitude over all arcs, for a line to be a tone
+CLEAR_LINE = 5.0  # sigmas of its amplitude over all arcs, for a line to be a tone
 SHORTEST = 256  # samples of a segment
 HALVINGS = 6  # lengths of segments that are tried, from the longest arc down
 LEVEL_BINS = 61  # of the spectrum, over which the level around a line is taken
@@ -207,7 +207,7 @@ def _tone(x: Array, recording: Recording, axis: int, peak: _Peak, found: list[tu
     size = float(np.sqrt(max(squares / samples, 0.0)))
     error = float(np.sqrt(2 * noise / samples / samples))
     steady = _is_steady(np.array(amplitudes), np.array(sigmas))
-    return Line(axis, f, size, error, peak.p_value, waveform, peak.isolated, steady) if size > CLEAR_TONE * error else None
+    return Line(axis, f, size, error, peak.p_value, waveform, peak.isolated, steady) if size > CLEAR_LINE * error else None
 
 
 def _without_motion(x: Array, cycles: float) -> Array:

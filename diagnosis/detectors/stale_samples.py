@@ -38,7 +38,7 @@ LARGEST_SHARE = 0.5  # of all samples that repeat by chance, above which nothing
 
 
 @dataclass(frozen=True)
-class Repeats:
+class StaleSamples:
     """What was found.
 
     Attributes
@@ -63,7 +63,7 @@ class Repeats:
         return (self.count - self.expected) / self.samples
 
 
-def repeats(equal: Mask, follows: Mask, coarse: Mask, event_p: float) -> Repeats | None:
+def stale_samples(equal: Mask, follows: Mask, coarse: Mask, event_p: float) -> StaleSamples | None:
     """Repeats on all axes; None where nothing can be told.
 
     Parameters
@@ -98,14 +98,14 @@ def repeats(equal: Mask, follows: Mask, coarse: Mask, event_p: float) -> Repeats
         size = max((int(mask.sum()) - alone) / faulty, 1.0)
         # A run is at least one sample long, and about geometric; how many are of chance is uncertain as well.
         spread = float(np.hypot(np.sqrt(max(size * (size - 1), 0.05) / faulty), size * np.sqrt(2 * alone) / faulty))
-        return Repeats(count, n, alone, p, size, spread, mask)
+        return StaleSamples(count, n, alone, p, size, spread, mask)
     together = _together(equal, follows, joint) if coarse.all() else None
     if together is not None and together.p_value < event_p:
         return together
-    return Repeats(count, n, expected, p, float("nan"), float("nan"), joint) if n >= FEWEST_TELLING else together
+    return StaleSamples(count, n, expected, p, float("nan"), float("nan"), joint) if n >= FEWEST_TELLING else together
 
 
-def _together(equal: Mask, follows: Mask, sure: Mask) -> Repeats | None:
+def _together(equal: Mask, follows: Mask, sure: Mask) -> StaleSamples | None:
     """Repeats of all axes at once, beyond those of axes that are shifted against one another."""
     n = int(follows.sum())
     joint = equal.all(axis=1) & follows
@@ -117,11 +117,11 @@ def _together(equal: Mask, follows: Mask, sure: Mask) -> Repeats | None:
     sigma = float(max(np.std(shifted), 0.5 * np.sqrt(expected), 1.0))
     p = float(scipy.stats.norm.sf((count - expected) / sigma)) if count - expected > EXCESS * sigma else 1.0
     if p == 1.0:
-        return Repeats(count, n, expected, p, float("nan"), float("nan"), sure)
+        return StaleSamples(count, n, expected, p, float("nan"), float("nan"), sure)
     chance = _chance(equal)[follows]
     share = (count / n - float(chance.mean())) / (1 - float(chance.mean()))
     size, spread = _mean_run(joint[follows], chance)
-    return Repeats(count, n, count - share * n, max(p, IMPOSSIBLE), size, spread, sure)
+    return StaleSamples(count, n, count - share * n, max(p, IMPOSSIBLE), size, spread, sure)
 
 
 def _shifted(equal: Mask, where: Mask) -> Array:

@@ -1,16 +1,17 @@
 """How far the gap shrinks, measured on held-out data.
 
-Each fold of a linear model (`diagnosis.model.linear.Fold`) holds out one part of the data. With e the error of M0's prediction
-of that part from the rest, in units of its own scatter, the measure is eᵀe over its degrees of freedom: one on average if M0
-is true, which is the floor. For *after*, the fold searches for explanations and estimates their amplitudes on its training
-part alone, takes what they predict, weighted by their probabilities, out of the part held out, and is measured in the same
-metric, so that an effect cannot win by claiming more noise. Then
+Each fold of a linear model (`diagnosis.model.linear.Fold`) holds out one part of the data and trains on the rest. Let e be the
+error of M0's prediction of the held-out part from the training part, whitened by its covariance under M0. The measure *before*
+is eᵀe over its degrees of freedom. Its expectation is one if M0 is true, and that is the *floor*. For *after*, the fold
+searches for explanations and estimates their amplitudes on its training part alone. Their predictions, weighted by the
+explanations' probabilities, are subtracted from e, and the rest is measured in the same metric, so that an effect cannot gain
+by claiming more noise. Then
 
     closed = 1 − (after − floor)/(before − floor).
 
-Where the cause is a random process there is nothing to predict but how far the residuals scatter. There the measure is the log
-score eᵀe + log |C|, each model with its own covariance C of the prediction, against the floor that the measure has if the
-model's C is true.
+A random process does not predict residuals, only how far they scatter. Where the cause is one, the measure is the log score
+eᵀe + log |C|, in which each model uses its own covariance C of the prediction; the floor is its expectation if the C of the
+model with the process is true.
 """
 
 from __future__ import annotations

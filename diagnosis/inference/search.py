@@ -20,20 +20,20 @@ from diagnosis.settings import DEFAULT, DiagnosisSettings
 
 Array = NDArray[np.float64]
 
-CHILDREN = 12  # extensions of a set worth settling
+CHILDREN = 12  # extensions of a set by one more candidate whose options and scales are optimised
 SWEEPS = 2  # over the members of a set, each moved to its best with the others held
-EXCHANGES = 4  # times the best set is tried with other candidates in the place of its members
-EXCHANGED_FOR = 4  # candidates worth settling in such a place
-THINNED = 4  # of the best sets, every subset with one member fewer is looked at
-SCREEN_COLUMNS = 24  # columns of a random process that a first look takes
-LEAST_CHANCE = 0.02  # of the likeliest option, such as the time of a step, below which one is left out
-SMALL = 4  # columns of a group that is handled together with others of its size
-HOPELESS = 6.0  # log posterior below the best at which larger sets are no longer looked for
+EXCHANGES = 4  # rounds in which members of the best set are exchanged for other candidates
+EXCHANGED_FOR = 4  # candidates that are optimised in the place of each member
+THINNED = 4  # best sets of which every subset with one member fewer is evaluated too
+SCREEN_COLUMNS = 24  # strongest columns of a random process, with which it is screened
+LEAST_CHANCE = 0.02  # relative to the likeliest option, such as a time of a step, below which an option is left out
+SMALL = 4  # most columns of groups that are computed together, those of one size at a time
+HOPELESS = 6.0  # by how much the log posterior of a larger set must fall below the best for the search to end
 
 
 @dataclass(frozen=True)
 class Score:
-    """Evidence of one candidate, given what is in already.
+    """Evidence of one candidate, given the members that are in the set already.
 
     Attributes
     ----------

@@ -15,7 +15,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from diagnosis.detectors.deadzone import DeadStretches, half_width
+from diagnosis.detectors.deadzone import DeadZoneEvidence, half_width
 from diagnosis.model.candidates import Group
 from diagnosis.model.linear import Parameters
 from diagnosis.model.prepare import Prepared
@@ -33,10 +33,10 @@ MOST_ODDS = 4.0  # that the samples may give it: their model of the motion is a 
 LEAST_ODDS = -10.0  # that they may hold against it
 
 
-def missing(model: RecordingModel, one: DeadStretches) -> Array:
+def missing(model: RecordingModel, one: DeadZoneEvidence) -> Array:
     """Observations of a missing rate, deg/s: in all runs alike, and its difference in each; (N, 1 + runs)."""
     step = np.searchsorted(model.recording.gyro.t_s, model.t_s, side="right") - 1
-    part = one.stretch[step]
+    part = one.part[step]
     numbers = np.unique(part[part >= 0])
     low = np.zeros((model.t_s.size, 3, 1 + numbers.size))
     low[part >= 0, one.axis, 0] = -np.deg2rad(1.0)
@@ -45,10 +45,10 @@ def missing(model: RecordingModel, one: DeadStretches) -> Array:
     return model.reading(low)
 
 
-def unseen_motion(model: RecordingModel, one: DeadStretches) -> Array:
+def unseen_motion(model: RecordingModel, one: DeadZoneEvidence) -> Array:
     """(N, r) whitened observations of a random rate, deg/s, in each cell of the slow parts."""
     step = np.searchsorted(model.recording.gyro.t_s, model.t_s, side="right") - 1
-    dead = (one.stretch[step] >= 0).astype(float)
+    dead = (one.part[step] >= 0).astype(float)
     share = np.add.reduceat(dead, model.cells.first) / (model.cells.last - model.cells.first)
     factor = UNSEEN * np.deg2rad(1.0) * np.diag(share)[:, share > 0]
     return on_cells(model, one.axis, factor)
@@ -64,7 +64,7 @@ def dead_zone_groups(prepared: Prepared, effects: Sequence[Effect]) -> list[Grou
     return [replace(_group(prepared.model, one, effect), weight=weight) for one in prepared.dead]
 
 
-def _group(model: RecordingModel, one: DeadStretches, effect: Effect) -> Group:
+def _group(model: RecordingModel, one: DeadZoneEvidence, effect: Effect) -> Group:
     usual = float(np.rad2deg(one.usual))
     rates = model.whitened(missing(model, one))
     moving = np.hstack([rates, unseen_motion(model, one)])
@@ -87,6 +87,6 @@ def _group(model: RecordingModel, one: DeadStretches, effect: Effect) -> Group:
     )
 
 
-def half_width_sigma(one: DeadStretches, size: float) -> float:
+def half_width_sigma(one: DeadZoneEvidence, size: float) -> float:
     """What the samples leave open of the half width, deg/s."""
     return half_width(one, np.array([size]))[1]

@@ -139,7 +139,7 @@ def findings(table: pd.DataFrame, level: float = 0.01) -> Sequence[Finding]:
         row = table.iloc[int(k)]
         times = (float(row["start_s"]), float(row["stop_s"]))
         text = (
-            f"{row['interval']}, {row['phase']}, axis {row['axis']}: χ² {row['value']:.0f} of {row['dof']}, "
+            f"{row['interval']}, {row['phase']}, axis {row['axis']}: χ² {row['value']:.0f} ({row['dof']} expected), "
             f"{times[0]:.0f} to {times[1]:.0f} s after its start"
         )
         found.append(

@@ -13,8 +13,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from diagnosis.detectors.deadzone import DeadStretches, dead_stretches, of_zero_samples, usual_slow_rate
-from diagnosis.detectors.reference_noise import ReferenceNoise, reference_noise
+from diagnosis.detectors.deadzone import DeadZoneEvidence, dead_zone_evidence, of_zero_samples, usual_slow_rate
+from diagnosis.detectors.reference_noise import ReferenceNoise, ReferenceSeries, reference_noise
 from diagnosis.detectors.report import SampleReport
 from diagnosis.detectors.samples import examine, smoothed_rates
 from diagnosis.model.lines import judged_lines
@@ -52,7 +52,7 @@ class Prepared:
     samples: SampleReport
     sigma: Array
     reference_noise: ReferenceNoise | None
-    dead: tuple[DeadStretches, ...]
+    dead: tuple[DeadZoneEvidence, ...]
     notes: tuple[str, ...]
 
 
@@ -88,14 +88,23 @@ def prepare(recording: Recording, settings: DiagnosisSettings = DEFAULT) -> Prep
 
 
 def _reference_noise(
-    model: RecordingModel, report: SampleReport, dead: tuple[DeadStretches, ...], settings: DiagnosisSettings
+    model: RecordingModel, report: SampleReport, dead: tuple[DeadZoneEvidence, ...], settings: DiagnosisSettings
 ) -> ReferenceNoise | None:
     """The test of the references' noise, where no gyro hides motion between two references, which would look like it."""
     blind = set(np.flatnonzero(report.hidden | report.lattice).tolist())
     silent = np.zeros(report.rates.shape, dtype=bool)
     for one in dead:
-        silent[:, one.axis] |= (one.stretch >= 0) & (one.log_odds > LIKELY)
-    noise = reference_noise(model, np.median(report.density, axis=0), silent, settings)
+        silent[:, one.axis] |= (one.part >= 0) & (one.log_odds > LIKELY)
+    recording, times = model.recording, model.references.t_s
+    series = ReferenceSeries(
+        t_s=times,
+        interval=model.interval_of_reference,
+        sigma=recording.attitudes.sigma[model.reference_rows],
+        to_inertial=model.at_reference,
+        residuals=model.residuals,
+        rates=model.rates[np.clip(np.searchsorted(model.t_s, times), 0, model.t_s.size - 1)],
+    )
+    noise = reference_noise(series, np.median(report.density, axis=0), recording.gyro.t_s, silent, settings)
     return None if noise is not None and (noise.axis in blind or len(blind) == 3) else noise
 
 
@@ -111,7 +120,7 @@ def _misfit(model: RecordingModel) -> float:
     return float(model.y @ model.y)
 
 
-def _dead(recording: Recording, report: SampleReport, bias: Array) -> tuple[DeadStretches, ...]:
+def _dead(recording: Recording, report: SampleReport, bias: Array) -> tuple[DeadZoneEvidence, ...]:
     """Gyros that may have a dead zone; a lattice makes zeros of its own."""
     coarse = {symptom.axis for symptom in report.symptoms if symptom.kind.startswith("lattice")}
     if None in coarse:
@@ -119,7 +128,9 @@ def _dead(recording: Recording, report: SampleReport, bias: Array) -> tuple[Dead
     exact = {symptom.axis: symptom for symptom in report.symptoms if symptom.kind == "dead_zone"}
     usual = usual_slow_rate(recording, report.rates, np.maximum(np.abs(bias), np.abs(recording.gyro.apriori_bias)))
     found = [
-        one for one in dead_stretches(recording, report.rates, report.noise, usual) if AXES[one.axis] not in {*coarse, *exact}
+        one
+        for one in dead_zone_evidence(recording, report.rates, report.noise, usual)
+        if AXES[one.axis] not in {*coarse, *exact}
     ]
     for axis, symptom in exact.items():
         one = of_zero_samples(recording, AXES.index(str(axis)), float(np.deg2rad(symptom.size)), usual)
@@ -193,9 +204,9 @@ def _notes(recording: Recording, pieces: tuple[Interval, ...], sigma: Array) -> 
     if unseen:
         notes.append(f"Not observed by these motions: {', '.join(unseen)}; effects that act like them cannot be seen either")
     if len(pieces) != len(recording.intervals) or any(a != b for a, b in zip(pieces, recording.intervals, strict=False)):
-        notes.append("Where the gyro was clipped the attitude was not propagated; the parts on either side were used")
+        notes.append("The attitude was not propagated over clipped gyro samples; the parts before and after them were used")
     notes.append(
-        "A constant offset of the references, the same at all times, is the same as a turn of G and a start attitude: "
-        "not identifiable from any recording"
+        "A constant offset of the references acts like a rotation of G and of the start attitudes: no recording of gyro and "
+        "reference attitudes can show it"
     )
     return tuple(notes)

@@ -16,7 +16,7 @@ from diagnosis.plan.extras import appended, maneuvers
 from diagnosis.plan.named import named_size
 from diagnosis.plan.planning import plan
 from diagnosis.plan.result import POWER, Extra, Pair, Plan, Visible, tables
-from diagnosis.plan.samples import quiet_stretches
+from diagnosis.plan.samples import quiet_samples
 from diagnosis.plan.separability import EXACT, LIMIT_SNR, SURE, pairs, separating_snr, shares, telling_size
 from diagnosis.plan.visibility import PowerOf, random_seen, visible
 
@@ -38,7 +38,7 @@ __all__ = [
     "noise_free",
     "pairs",
     "plan",
-    "quiet_stretches",
+    "quiet_samples",
     "random_columns",
     "random_seen",
     "separating_snr",

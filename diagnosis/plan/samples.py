@@ -22,8 +22,8 @@ from simulator.scenario import Scenario, profiles
 SIZES = 41  # tried over the plausible range of an effect that shows in the attitude
 
 
-def quiet_stretches(scenario: Scenario) -> tuple[int, ...]:
-    """Gyro samples in each stretch outside slews and transitions and clear of their edges."""
+def quiet_samples(scenario: Scenario) -> tuple[int, ...]:
+    """Gyro samples in each arc outside slews and transitions and clear of their edges."""
     out = []
     for profile in profiles(scenario):
         edges = [0.0, *(t for span in sorted(profile.moving) for t in span), profile.stop_s - profile.start_s]
@@ -34,7 +34,7 @@ def quiet_stretches(scenario: Scenario) -> tuple[int, ...]:
 
 def sample_tests(scenario: Scenario) -> SampleTests:
     """The tests of the diagnosis, on the samples of a scenario."""
-    quiet = quiet_stretches(scenario)
+    quiet = quiet_samples(scenario)
     return SampleTests(
         power=POWER,
         quiet=quiet,

@@ -1,4 +1,4 @@
-"""A stretch of gyro data through the times of measurements, and measurements linearised along it.
+"""An arc of gyro data through the times of measurements, and measurements linearised along it.
 
 The nodes are the times at which something is measured or wanted; times within a microsecond are one. The gyro, with G held
 and the present bias, gives R_n and S_n = R_nᵀ Θ_n of the bias columns from the first node to every other. The attitude is
@@ -25,7 +25,7 @@ SAME_TIME_S = 1e-6
 
 
 @dataclass(frozen=True)
-class Stretch:
+class GyroArc:
     """Gyro steps through all nodes.
 
     Attributes
@@ -53,8 +53,8 @@ class Stretch:
         return np.searchsorted(self.t, np.asarray(t) - SAME_TIME_S)
 
 
-def stretch(gyro: GyroStream, times: Array, G: Array, max_gap_s: float | None = None) -> Stretch:
-    """The stretch through some times.
+def gyro_arc(gyro: GyroStream, times: Array, G: Array, max_gap_s: float | None = None) -> GyroArc:
+    """The arc through some times.
 
     Parameters
     ----------
@@ -76,7 +76,7 @@ def stretch(gyro: GyroStream, times: Array, G: Array, max_gap_s: float | None = 
     low, tags = covering_samples(gyro, Interval("of the batch", "", t[0], t[-1]), t, limit)
     dt, held, ends = cut_at(tags, t)
     arcs = Arcs(gyro.rates, dt, low + held, ends[:-1], ends[1:], np.zeros(t.size - 1, dtype=np.intp))
-    return Stretch(t, arcs, np.asarray(G, dtype=float), gyro.arw * np.sqrt(np.diff(t)))
+    return GyroArc(t, arcs, np.asarray(G, dtype=float), gyro.arw * np.sqrt(np.diff(t)))
 
 
 @dataclass(frozen=True)
@@ -161,13 +161,13 @@ def columns(series: Sequence[SensorSeries], free: Mapping[str, Sequence[str]]) -
 
 @dataclass(frozen=True)
 class Linearised:
-    """Measurements along the stretch, linearised about an estimate.
+    """Measurements along the arc, linearised about an estimate.
 
     Attributes
     ----------
     rows : all used numbers, series by series
     residuals : (n, m) of each series, in its own unit; NaN where a number is not used
-    R, S : (N, 3, 3) as in `Stretch.carried`
+    R, S : (N, 3, 3) as in `GyroArc.carried`
     """
 
     rows: Rows
@@ -176,7 +176,7 @@ class Linearised:
     S: Array
 
 
-def linearise(path: Stretch, series: Sequence[SensorSeries], estimate: Estimate, solved: Columns) -> Linearised:
+def linearise(path: GyroArc, series: Sequence[SensorSeries], estimate: Estimate, solved: Columns) -> Linearised:
     """Residuals and sensitivities at an estimate, each divided by its sigma."""
     R, S = path.carried(estimate.bias)
     A = R @ estimate.C

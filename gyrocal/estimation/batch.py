@@ -1,6 +1,6 @@
 """Reference attitudes by batch least squares: epoch attitude and gyro bias from any sensors and the gyro.
 
-R takes its reference attitudes from a batch over an orbit or a stretch of constant rate: the gyro, with G held, carries one
+R takes its reference attitudes from a batch over an orbit or an arc of constant rate: the gyro, with G held, carries one
 epoch attitude to every measurement, and attitude and bias are found that fit all measurements best. While the rate is
 constant an error of G acts as a bias, R (8), and the attitude does not suffer. The linear algebra is in
 `gyrocal.estimation.least_squares`, the nodes in `gyrocal.estimation.arc`; here Gauss and Newton's iteration is run to
@@ -34,7 +34,7 @@ from numpy.typing import NDArray
 
 from gyrocal.attitude import residual, rotation_matrix
 from gyrocal.errors import InputError
-from gyrocal.estimation.arc import Columns, Estimate, Linearised, Stretch, columns, joined, linearise, measured_times, stretch
+from gyrocal.estimation.arc import Columns, Estimate, GyroArc, Linearised, columns, gyro_arc, joined, linearise, measured_times
 from gyrocal.estimation.batch_observability import check_observable
 from gyrocal.estimation.least_squares import Exact, Influence, Plain, Rows
 from gyrocal.recording import GyroStream
@@ -144,7 +144,7 @@ def batch(
     tolerance: float = 1e-6,
     max_gap_s: float | None = None,
 ) -> BatchResult:
-    """Epoch attitude and gyro bias, and sensor parameters if asked, from a stretch of measurements.
+    """Epoch attitude and gyro bias, and sensor parameters if asked, from an arc of measurements.
 
     Parameters
     ----------
@@ -175,7 +175,7 @@ def batch(
     if not measured.size:
         raise InputError("a batch needs measurements; there are none to be used")
     epoch = float(measured.min()) if epoch_s is None else float(epoch_s)
-    path = stretch(gyro, np.concatenate([measured, [epoch], np.asarray(times, dtype=float)]), gyro.apriori_G, max_gap_s)
+    path = gyro_arc(gyro, np.concatenate([measured, [epoch], np.asarray(times, dtype=float)]), gyro.apriori_G, max_gap_s)
     R, _ = path.carried(gyro.apriori_bias)
     C = np.tile(R[path.node(np.array([epoch]))[0]].T @ start, (len(path.t), 1, 1))
     first = Estimate(C, np.array(gyro.apriori_bias), tuple(one.model for one in series))
@@ -211,7 +211,7 @@ def _prior(bias: Array, sigma: Array | None, q: int) -> _Prior:
     return _Prior(bias, sigma, q)
 
 
-def solver(path: Stretch, rows: Rows, C: Array, weighting: Weighting) -> Plain | Exact:
+def solver(path: GyroArc, rows: Rows, C: Array, weighting: Weighting) -> Plain | Exact:
     """The factorised system of a weighting; where the walk is negligible, plain is as good as exact, and better conditioned."""
     walk = np.sqrt(np.sum(path.q**2)) * np.linalg.norm(rows.attitude)
     if weighting == "plain" or walk < NEGLIGIBLE_WALK * np.sqrt(len(path.t)):
@@ -220,7 +220,7 @@ def solver(path: Stretch, rows: Rows, C: Array, weighting: Weighting) -> Plain |
 
 
 def _iterate(
-    path: Stretch,
+    path: GyroArc,
     series: Sequence[SensorSeries],
     estimate: Estimate,
     solved: Columns,
@@ -257,7 +257,7 @@ def moved(estimate: Estimate, gamma: Array, delta: Array, solved: Columns) -> Es
 
 
 def _result(
-    path: Stretch,
+    path: GyroArc,
     series: Sequence[SensorSeries],
     estimate: Estimate,
     solved: Columns,
@@ -300,7 +300,7 @@ def _result(
     )
 
 
-def _errors(path: Stretch, state: Linearised, influence: Influence, C: Array, nodes: NDArray[np.intp], q: int) -> Errors:
+def _errors(path: GyroArc, state: Linearised, influence: Influence, C: Array, nodes: NDArray[np.intp], q: int) -> Errors:
     """Errors of epoch attitude, bias, sensor parameters, wanted attitudes, in this order; attitudes in body axes there."""
     p = 3 + q
     turn = scipy.linalg.block_diag(np.eye(p), *state.R[nodes])

@@ -36,12 +36,12 @@ def check_observable(rows: Rows, C: Array, names: tuple[str, ...]) -> None:
     """
     unknowns = 6 + len(names)
     if len(rows.z) < unknowns:
-        raise InputError(f"{len(rows.z)} measured numbers are too few for {unknowns} unknowns; take a longer stretch")
+        raise InputError(f"{len(rows.z)} measured numbers are too few for {unknowns} unknowns; take a longer arc")
     free = free_directions(rows)
     if len(free):
         texts = tuple(direction_text(direction, C, names) for direction in free)
         raise UnobservableError(
-            f"the measurements do not determine {'; nor '.join(texts)}; add another sensor, a longer stretch or a prior", texts
+            f"the measurements do not determine {'; nor '.join(texts)}; add another sensor, a longer arc or a prior", texts
         )
 
 

@@ -182,7 +182,7 @@ def advance(
     Parameters
     ----------
     A, P : (3, 3) attitude and (3 + p, 3 + p) covariance, changed
-    Phi : (3, 3 + p) upper rows of the transition matrix over the stretch, set
+    Phi : (3, 3 + p) upper rows of the transition matrix over the arc, set
     tags : (samples,) when a sample's rate begins to hold, which it does until the next one's does
     rates : (samples, 3) raw rates, rad/s
     first : sample that holds at `start`

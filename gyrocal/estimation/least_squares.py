@@ -31,7 +31,6 @@ each increment of the walk. From it follow the correlations with other uses of t
 """
 
 from dataclasses import dataclass
-from typing import Protocol
 
 import numpy as np
 import scipy.linalg
@@ -83,22 +82,6 @@ class Influence:
     walk: Array
 
 
-class Solver(Protocol):
-    """A factorised system."""
-
-    def step(self) -> tuple[Array, Array, float]:
-        """Corrections γ (N, 3) and δ (p,), and their length in sigmas."""
-
-    def influence(self, nodes: Indices, bias_maps: Array) -> Influence:
-        """Errors of δ and of γ_n − S_n δb at some nodes, stacked: J = p + 3k.
-
-        Parameters
-        ----------
-        nodes : (k,)
-        bias_maps : (k, 3, 3) S_n there
-        """
-
-
 def wanted(nodes: Indices, bias_maps: Array, p: int) -> Array:
     """(p + 3k, p) what δ contributes to δ and to γ_n − S_n δb at the nodes."""
     maps = np.zeros((3 * len(nodes), p))
@@ -128,13 +111,19 @@ class Plain:
         return np.asarray(self._scale[:, None] * scipy.linalg.solve_triangular(self._R, self._Q.T))
 
     def step(self) -> tuple[Array, Array, float]:
-        """As in `Solver`."""
+        """Corrections γ (N, 3) and δ (p,), and their length in sigmas."""
         projected = self._Q.T @ self._rows.z
         solution = self._scale * scipy.linalg.solve_triangular(self._R, projected)
         return np.tile(solution[:3], (self._count, 1)), solution[3:], float(np.linalg.norm(projected))
 
     def influence(self, nodes: Indices, bias_maps: Array) -> Influence:
-        """As in `Solver`."""
+        """Errors of δ and of γ_n − S_n δb at some nodes, stacked: J = p + 3k.
+
+        Parameters
+        ----------
+        nodes : (k,)
+        bias_maps : (k, 3, 3) S_n there
+        """
         rows = self._rows
         p = rows.parameters.shape[1]
         T = np.hstack([np.vstack([np.zeros((p, 3)), np.tile(np.eye(3), (len(nodes), 1))]), wanted(nodes, bias_maps, p)])
@@ -192,7 +181,7 @@ class Exact:
         return self._band_solve(right_nodes) - self._solved_border @ parameters, parameters
 
     def step(self) -> tuple[Array, Array, float]:
-        """As in `Solver`."""
+        """As of `Plain`."""
         rows, count = self._rows, len(self._q) + 1
         right = np.zeros((count, 3))
         np.add.at(right, rows.node, rows.attitude * rows.z[:, None])
@@ -205,7 +194,7 @@ class Exact:
         return nodes.reshape(count, 3), self._scale * parameters[:, 0], float(np.sqrt(max(square, 0.0)))
 
     def influence(self, nodes: Indices, bias_maps: Array) -> Influence:
-        """As in `Solver`."""
+        """As of `Plain`."""
         rows, count, p = self._rows, len(self._q) + 1, len(self._scale)
         J = p + 3 * len(nodes)
         right_nodes = np.zeros((3 * count, J))

@@ -9,7 +9,7 @@ it; `gyrocal.estimation.full_filter` takes all twelve.
 series of measurements, `gyrocal.estimation.smoother` goes back over it.
 
 A gate rejects a measurement whose normalised innovation squared, zᵀ S⁻¹ z, a good one would exceed with the stated
-probability. It takes P for honest: a filter whose attitude is wrong by more than it knows rejects everything, and what a
+probability. It takes P for consistent: a filter whose attitude is wrong by more than it knows rejects everything, and what a
 gate keeps out is no longer Gaussian. It is off by default.
 """
 
@@ -169,13 +169,6 @@ class KalmanFilter:
         A = attitude.rotation_matrix(state[:3]) @ self.A
         self.A = np.asarray(0.5 * A @ (3 * np.eye(3) - A.T @ A))  # a Newton step to the nearest orthogonal matrix
         self.x[self.columns] -= state[3:]
-
-
-def state_errors(A: Array, x: Array, names: tuple[str, ...], A_true: Array, truth: GyroParameters) -> Array:
-    """(k, n) states s = (θ, Δx) that estimates A (k, 3, 3) and x (k, 12) have against the truth, A_true (k, 3, 3)."""
-    columns = [NAMES.index(name) for name in names]
-    theta = attitude.residual(A_true, A)
-    return np.concatenate([theta, (np.asarray(x) - truth.vector)[..., columns]], axis=-1)
 
 
 def nees(errors: Array, covariance: Array) -> Array:

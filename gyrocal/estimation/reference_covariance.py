@@ -14,8 +14,8 @@ residuals follows with every correlation:
 * A batch that overlaps an interval has used the gyro noise the interval is propagated with.
 * Intervals that take references from one batch correlate with each other.
 
-`interval_covariance` is the blocks of V on its diagonal, as `gyrocal.calibrate` takes them. It is honest where no two
-intervals take references from one batch. Where they do, as with stretches that end one maneuver and start the next, the blocks
+`interval_covariance` is the blocks of V on its diagonal, as `gyrocal.calibrate` takes them. It is right where no two
+intervals take references from one batch. Where they do, as with arcs that end one maneuver and start the next, the blocks
 between them matter, and a calibration needs all of V.
 """
 

@@ -47,7 +47,7 @@ from numpy.typing import NDArray
 
 from gyrocal.attitude import rotation_matrix
 from gyrocal.errors import InputError
-from gyrocal.estimation.arc import Columns, Estimate, Linearised, Stretch, columns, linearise, measured_times, stretch
+from gyrocal.estimation.arc import Columns, Estimate, GyroArc, Linearised, columns, gyro_arc, linearise, measured_times
 from gyrocal.estimation.batch import Weighting, batch
 from gyrocal.estimation.batch_observability import check_observable, direction_text, free_directions
 from gyrocal.estimation.least_squares import per_increment
@@ -59,7 +59,7 @@ from gyrocal.sensors.sun import SunModel
 Array = NDArray[np.float64]
 
 COMMON_PART = 0.1  # of the plausible ranges: 0.1° of attitude, 0.05° of a sensor, 1 deg/h of bias
-CONSTANT = 0.05  # scatter of an attitude change along the stretch, relative to its size, that still is one rotation
+CONSTANT = 0.05  # scatter of an attitude change along the arc, relative to its size, that still is one rotation
 MAX_STEPS = 20
 
 
@@ -193,7 +193,7 @@ def in_two_steps(
         raise InputError(f"at least one round is needed, not {limit}")
     solved = columns(series, _freed(series, reference, free))
     epoch = float(measured_times(series).min()) if epoch_s is None else float(epoch_s)
-    path = stretch(gyro, np.append(measured_times(series), epoch), gyro.apriori_G)
+    path = gyro_arc(gyro, np.append(measured_times(series), epoch), gyro.apriori_G)
     at_epoch = path.node(np.array([epoch]))[0]
     attitude, present, losses = start, tuple(series), []
     for done in range(1, limit + 1):
@@ -247,7 +247,7 @@ def _freed(
     return free
 
 
-def _carried_back(path: Stretch, bias: Array, epoch: float, attitude: Array, models: tuple[SensorModel, ...]) -> Estimate:
+def _carried_back(path: GyroArc, bias: Array, epoch: float, attitude: Array, models: tuple[SensorModel, ...]) -> Estimate:
     """The estimate of an attitude (3, 3) at the epoch and a bias."""
     R, _ = path.carried(bias)
     C = R[path.node(np.array([epoch]))[0]].T @ attitude
@@ -255,7 +255,7 @@ def _carried_back(path: Stretch, bias: Array, epoch: float, attitude: Array, mod
 
 
 def _second_step(
-    path: Stretch, series: Sequence[SensorSeries], estimate: Estimate, solved: Columns
+    path: GyroArc, series: Sequence[SensorSeries], estimate: Estimate, solved: Columns
 ) -> tuple[Estimate, Linearised, Array]:
     """Misalignments with the attitude fixed but for κ; the estimate, its linearisation, and the change of the parameters."""
     total = np.zeros(len(solved.names))
@@ -305,7 +305,7 @@ def _undetermined(
     bias: Array,
 ) -> tuple[str, ...]:
     """What is free when every parameter of every sensor is."""
-    path = stretch(gyro, np.append(measured_times(series), epoch), gyro.apriori_G)
+    path = gyro_arc(gyro, np.append(measured_times(series), epoch), gyro.apriori_G)
     solved = columns(series, {one.model.name: one.model.parameters for one in series})
     estimate = _carried_back(path, bias, epoch, attitude, models)
     state = linearise(path, series, estimate, solved)
@@ -313,7 +313,7 @@ def _undetermined(
 
 
 def _in_words(directions: Array, state: Linearised, C: Array, names: tuple[str, ...]) -> tuple[str, ...]:
-    """Free directions (f, 3 + p): rotations that are one for the whole stretch as rotations of all sensors, others by name."""
+    """Free directions (f, 3 + p): rotations that are one for the whole arc as rotations of all sensors, others by name."""
     if not len(directions):
         return ()
     errors = directions[:, None, :3] - np.einsum("nij,fj->fni", state.S, directions[:, 3:6])

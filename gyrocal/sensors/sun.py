@@ -132,16 +132,6 @@ def vector(angles: Array) -> Array:
     return np.asarray(along / np.linalg.norm(along, axis=-1, keepdims=True))
 
 
-def vector_jacobian(angles: Array) -> Array:
-    """∂O/∂(α, β) (n, 3, 2), the derivative of R (4).
-
-    ∂O/∂α = (1 + tan² α) O_z (e_x − O_x O), and with β and y likewise.
-    """
-    observed = vector(angles)
-    slope = (1 + np.tan(angles) ** 2) * observed[..., 2:]
-    return np.asarray((np.eye(3)[:, :2] - observed[..., :, None] * observed[..., None, :2]) * slope[..., None, :])
-
-
 def angles_of(observed: Array) -> Array:
     """(α, β) (n, 2) rad of directions O (n, 3) in the sensor frame, O_z > 0; the inverse of R (4)."""
     x, y, z = observed[..., 0], observed[..., 1], observed[..., 2]

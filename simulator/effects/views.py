@@ -152,7 +152,7 @@ class SampleTests:
     Attributes
     ----------
     power : probability to be seen at the smallest size
-    quiet : samples in each stretch clear of slews and transitions
+    quiet : samples in each arc clear of slews and transitions
     event_p : p-value at which a wrong noise level counts
     correlated : variance of a mean of squared second differences, over that of as many independent squares
     line_p, lowest_line_hz : p-value at which a tone counts, and the lowest frequency that is tried

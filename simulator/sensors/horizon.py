@@ -39,7 +39,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from simulator.truth.orbit import EARTH_RADIUS, CircularOrbit, lvlh_attitude
-from simulator.truth.rotation import cross
 
 Array = NDArray[np.float64]
 
@@ -142,34 +141,6 @@ def orbit_position(orbit: CircularOrbit, t: Array) -> Array:
     return np.asarray(-orbit.radius * lvlh_attitude(orbit, t)[..., 2, :])
 
 
-def geocentric_nadir(position: Array) -> Array:
-    """Unit vectors to the Earth's centre, inertial, of positions (..., 3) in m."""
-    return np.asarray(-position / np.linalg.norm(position, axis=-1, keepdims=True))
-
-
-def geodetic_nadir(position: Array) -> Array:
-    """Unit vectors along the inward normal of WGS 84, inertial.
-
-    Parameters
-    ----------
-    position : (..., 3) inertial, m, outside the ellipsoid
-
-    Returns
-    -------
-    (..., 3)
-    """
-    # In units of the equatorial radius; Newton from the left of the root of a convex function never overshoots it.
-    axes = np.array([1.0, 1.0, (1 - FLATTENING) ** 2])
-    squares = (np.asarray(position, dtype=float) / EARTH_RADIUS) ** 2
-    multiplier = np.zeros((*squares.shape[:-1], 1))
-    for _ in range(8):
-        terms = squares * axes / (axes + multiplier) ** 2
-        slope = -2 * (terms / (axes + multiplier)).sum(axis=-1, keepdims=True)
-        multiplier = multiplier - (terms.sum(axis=-1, keepdims=True) - 1) / slope
-    normal = position / (axes + multiplier)
-    return np.asarray(-normal / np.linalg.norm(normal, axis=-1, keepdims=True))
-
-
 @numba.njit(cache=True, nogil=True)
 def penetrations(A: Array, position: Array, a: float, c: float, nominal: float) -> Array:  # pragma: no cover - compiled
     """True penetration angles (n, 4), rad, of attitudes (n, 3, 3) at positions (n, 3), m; the rest as in `penetration`."""
@@ -178,33 +149,3 @@ def penetrations(A: Array, position: Array, a: float, c: float, nominal: float) 
         for i in range(QUADRANTS):
             out[k, i] = penetration(A[k], position[k], i, a, c, nominal)
     return out
-
-
-def bisector_attitude(A: Array, position: Array, horizon: Horizon) -> Array:
-    """Attitudes near A for which four quadrants without error show no roll and no pitch.
-
-    Parameters
-    ----------
-    A : (n, 3, 3) within a few degrees, e.g. LVLH turned in yaw; turned about body x and y only
-    position : (n, 3) inertial, m
-    horizon : the horizon seen
-
-    Returns
-    -------
-    (n, 3, 3)
-    """
-    A = np.array(A, dtype=float)
-    for _ in range(10):  # each round leaves about a hundredth of the error
-        y = penetrations(A, np.ascontiguousarray(position, dtype=float), *horizon.semi_axes, horizon.nominal)
-        turn = np.stack([0.5 * y @ SINES, -0.5 * y @ COSINES, np.zeros(len(y))], axis=-1)
-        A = _undone(A, turn)
-    return A
-
-
-def _undone(A: Array, turn: Array) -> Array:
-    """exp([turn×]) A."""
-    angle = np.linalg.norm(turn, axis=-1)[:, None, None]
-    axis = np.divide(turn[:, None, :], angle, out=np.zeros_like(turn[:, None, :]), where=angle > 0)
-    columns = np.swapaxes(A, -1, -2)
-    first = cross(axis, columns)
-    return np.asarray(np.swapaxes(columns + np.sin(angle) * first + (1 - np.cos(angle)) * cross(axis, first), -1, -2))

@@ -13,9 +13,14 @@ from studies.validation import baseline
 
 @click.command("baseline")
 @click.option("--write", "regenerate", is_flag=True, help="Replace the stored baseline.")
-@click.option("--file", "path", type=PATH, default=None, help="The baseline; results/baseline/recovered.csv.")
+@click.option(
+    "--file", "path", type=PATH, default=None, help="CSV file of the baseline; results/baseline/recovered.csv by default."
+)
 def command(regenerate: bool, path: Path | None) -> None:
     """Recompute the baseline of recovered parameters and show what moved; exit status 1 if something did.
+
+    The baseline holds the parameters that fixed simulated recordings are calibrated to, so that a change of the code that
+    changes results is seen.
 
     \b
     Example:

@@ -18,35 +18,63 @@ from studies.report.console import console
 @click.command("calibrate")
 @click.argument("recording", type=PATH)
 @click.option("--json", "as_json", type=PATH, help="Write the result as JSON to this file.")
-@click.option("--truth", type=PATH, help="Injected G and bias_deg_s as JSON: show the errors.")
 @click.option(
-    "--psi", type=click.Choice(["full", "linear"]), default="full", show_default=True, help="Error sensitivity, N (11)."
+    "--truth", type=PATH, help="JSON with the true G and bias_deg_s, as written by simulate --truth; the errors are shown."
 )
-@click.option("--iterations", type=click.IntRange(1), default=None, help="Exactly so many; to the tolerance by default.")
+@click.option(
+    "--psi",
+    type=click.Choice(["full", "linear"]),
+    default="full",
+    show_default=True,
+    help="How residuals depend on G and b within a step, ψ of N (11): exact, or to first order in the angle turned.",
+)
+@click.option(
+    "--iterations", type=click.IntRange(1), default=None, help="Number of iterations; by default until they change nothing."
+)
 @click.option(
     "--solve-for",
     default="all",
     show_default=True,
     help="Parameters (G_xx … b_z) or groups (all, bias, scale, misalignment, gyro_x: row x of G with b_x), comma separated; "
-    "'-' takes out: 'all,-misalignment'.",
+    "a leading - excludes: all,-misalignment.",
 )
-@click.option("--step", "step_s", type=float, default=None, help="Propagation step in s, a multiple of the sample.")
 @click.option(
-    "--resampling", type=click.Choice(["skip", "average"]), default="average", show_default=True, help="How a step is made."
+    "--step",
+    "step_s",
+    type=float,
+    default=None,
+    help="Propagation step in s, a multiple of the sample interval; one sample by default.",
+)
+@click.option(
+    "--resampling",
+    type=click.Choice(["skip", "average"]),
+    default="average",
+    show_default=True,
+    help="Rate of a step of several samples: their mean, or the first of them.",
 )
 @click.option(
     "--covariance",
     type=click.Choice(["full", "references-only"]),
     default="full",
     show_default=True,
-    help="With gyro noise and shared references, or the paper's C.",
+    help="Covariance of the residuals: with gyro noise and references shared by neighbours, or the references alone as in N.",
 )
-@click.option("--prior-sigma-g", type=float, default=None, help="A-priori 1-sigma of each element of G.")
-@click.option("--prior-sigma-bias", type=float, default=None, help="A-priori 1-sigma of each bias, deg/s.")
-@click.option("--plausible-g", type=float, default=PLAUSIBLE_G, show_default=True, help="How far G may plausibly be off.")
-@click.option("--plausible-bias", type=float, default=10.0, show_default=True, help="How far b may plausibly be off, deg/h.")
+@click.option("--prior-sigma-g", type=float, default=None, help="A-priori sigma (1-sigma) of each element of G.")
+@click.option("--prior-sigma-bias", type=float, default=None, help="A-priori sigma of each bias, deg/s.")
 @click.option(
-    "--max-gap", "max_gap_s", type=float, default=None, help="Hold the last rate over up to so many s of missing samples."
+    "--plausible-g",
+    type=float,
+    default=PLAUSIBLE_G,
+    show_default=True,
+    help="Plausible error of an element of G; what is less certain after the calibration is called unobservable.",
+)
+@click.option("--plausible-bias", type=float, default=10.0, show_default=True, help="The same of a bias, deg/h.")
+@click.option(
+    "--max-gap",
+    "max_gap_s",
+    type=float,
+    default=None,
+    help="Longest run of missing samples, s, over which the last rate is held; longer ones are an error.",
 )
 def command(
     recording: Path,
@@ -61,6 +89,8 @@ def command(
     **options: Any,
 ) -> None:
     """Calibrate the gyro of RECORDING, a folder with recording.toml, gyro and attitude tables.
+
+    G and b of ω = G ω_raw + b are found by Davenport's method. N is Natanson et al., the paper that it follows, see README.md.
 
     \b
     Example:

@@ -27,7 +27,7 @@ from studies.report.console import LINE_EVERY_S, console
 @click.option(
     "--without", multiple=True, metavar="EFFECT", help="Take an effect off the list, see 'gyrocal effects'; repeatable."
 )
-@click.option("--seed", type=click.IntRange(0), default=0, show_default=True, help="Root of the random draws.")
+@click.option("--seed", type=click.IntRange(0), default=0, show_default=True, help="Seed of the random draws.")
 def command(recording: Path, as_json: Path | None, report: Path | None, without: tuple[str, ...], seed: int) -> None:
     """Say whether RECORDING departs from the baseline simulator, where, by which effect, and how far that closes the gap.
 

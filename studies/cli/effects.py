@@ -20,8 +20,9 @@ from studies.report.console import console
 def command(as_json: Path | None) -> None:
     """List what a gyro, a reference or an attitude sensor can do beyond the baseline; a positive size makes the gyro read high.
 
-    A parameter without "=" must be given. Effects of the sensors (dss_…, esa_…) need a scenario with [sensors], such as
-    trmm_months; where they have several angles, the size is their norm and the angles say the direction.
+    A parameter that is listed without a value has no default and must be given. Effects of the sensors
+    (dss_…, esa_…) need a scenario with [sensors], such as trmm_months; where they have several angles, the size is their norm
+    and the angles say the direction.
 
     \b
     Example:
@@ -31,11 +32,11 @@ def command(as_json: Path | None) -> None:
     rows = [
         {
             "effect": effect.name,
+            "what": effect.summary,
             "unit": effect.unit,
             "axis": ", ".join(effect.axes) + (" or all" if effect.axis_optional else ""),
             "parameters": _parameters(effect),
             "plausible": f"{effect.prior[0]:g} to {effect.prior[1]:g}",
-            "what": effect.summary,
         }
         for effect in ALL_EFFECTS.values()
     ]

@@ -28,7 +28,7 @@ MOST_ROWS = 20_000_000  # of telemetry, 2 GB
 @click.command("mission")
 @click.argument("out", type=click.Path(path_type=Path, file_okay=False))
 @click.option("--days", type=float, required=True, help="Days flown from launch, November 27, 1997.")
-@click.option("--seed", type=click.IntRange(0), default=0, show_default=True, help="Of the noise.")
+@click.option("--seed", type=click.IntRange(0), default=0, show_default=True, help="Seed of the noise.")
 @click.option(
     "--tables",
     type=click.Choice(["flight", *PERIODS]),
@@ -42,7 +42,7 @@ MOST_ROWS = 20_000_000  # of telemetry, 2 GB
     show_default=True,
     help="How the sun sensors are mounted, which is not published; see docs/mission.md.",
 )
-@click.option("--every", "every_s", type=float, default=60.0, show_default=True, help="s from a row of telemetry to the next.")
+@click.option("--every", "every_s", type=float, default=60.0, show_default=True, help="Interval between rows of telemetry, s.")
 @click.option(
     "--json", "as_json", type=PATH, help="Write the summary as JSON to this file; - for standard output in place of the tables."
 )
@@ -113,7 +113,7 @@ def _config(days: float, tables: str, mounting: Mounting) -> MissionConfig:
 
 
 def summary(run: MissionRun, config: MissionConfig, days: float) -> pd.DataFrame:
-    """A row for each stretch between uploads: yaw updates, knowledge, pointing (3-sigma) and stability by axis, deg."""
+    """A row for each period between uploads: yaw updates, knowledge, pointing (3-sigma) and stability by axis, deg."""
     end = days * DAY
     bounds = [0.0, *(at for at, _ in config.uploads if at < end), end]
     rows = []
@@ -148,7 +148,7 @@ def _show(run: MissionRun, stretches: pd.DataFrame, out: Path) -> None:
     render.terminal(
         terminal,
         "Mission Mode, deg",
-        pd.DataFrame(shown).T.reset_index().set_axis(["", *(f"stretch {k + 1}" for k in range(len(stretches)))], axis=1),
+        pd.DataFrame(shown).T.reset_index().set_axis(["", *(f"period {k + 1}" for k in range(len(stretches)))], axis=1),
         f"Knowledge and pointing 3σ, stability over 1 s; R's limits: {limits}; ✗ above.",
     )
     if len(run.slews):

@@ -34,11 +34,13 @@ from studies.report.console import console
     help="An extra maneuver: TOML with further [[interval]] sections, times counted from the scenario's end; repeatable.",
 )
 @click.option("--no-extras", is_flag=True, help="Leave the built-in extra maneuvers out.")
-@click.option("--named", is_flag=True, help="Also the size at which an effect is named; slow, best with --effect.")
+@click.option(
+    "--named", is_flag=True, help="Also find the size from which on an effect is named alone; slow, so best with --effect."
+)
 @click.option(
     "--json", "as_json", type=PATH, help="Write the result as JSON to this file; - for standard output in place of the tables."
 )
-@click.option("--seed", type=click.IntRange(0), default=0, show_default=True, help="Root of the random draws.")
+@click.option("--seed", type=click.IntRange(0), default=0, show_default=True, help="Seed of the random draws.")
 def command(
     scenario: str,
     effects: tuple[str, ...],
@@ -51,7 +53,7 @@ def command(
     """Say what SCENARIO (a built-in name or a TOML file) will show: the smallest visible size of each effect, which pairs
     cannot be told apart, and which extra maneuver helps most.
 
-    From the linear model of the diagnosis alone; nothing has to be flown. About a minute. See docs/plan.md.
+    The linear model of the diagnosis says so before anything is flown. It takes about a minute. See docs/plan.md.
 
     \b
     Examples:

@@ -24,10 +24,10 @@ FOLDERS = {"natanson": reproduce.DEFAULT_FOLDER, "robertson": mission_report.DEF
     "--out",
     type=PATH,
     default=None,
-    help="Folder to write: of one paper its own, of both the one above 'reproduction' and 'mission'; 'results' by default.",
+    help="Folder to write to; with both papers, the one that holds 'reproduction' and 'mission'; 'results' by default.",
 )
 @click.option("--cases", type=click.IntRange(2), default=200, show_default=True, help="natanson: seeds of the Monte Carlo.")
-@click.option("--entropy", type=click.IntRange(0), default=1998, show_default=True, help="Root of all random streams.")
+@click.option("--entropy", type=click.IntRange(0), default=1998, show_default=True, help="Seed of all random streams.")
 @click.option("--seeds", type=click.IntRange(1), default=2, show_default=True, help="robertson: seeds of the months.")
 @click.option("--slews", type=click.IntRange(2), default=20, show_default=True, help="robertson: seeds of the yaw maneuver.")
 @click.option(

@@ -19,7 +19,7 @@ from studies.montecarlo.files import check_writable, write_json
 @click.command("simulate")
 @click.argument("scenario")
 @click.argument("out", type=click.Path(path_type=Path, file_okay=False))
-@click.option("--seed", type=click.IntRange(0), default=0, show_default=True, help="Root of the random streams.")
+@click.option("--seed", type=click.IntRange(0), default=0, show_default=True, help="Seed of the random streams.")
 @click.option("--case", type=click.IntRange(0, 2**32 - 1), default=0, show_default=True, help="Case number under that seed.")
 @click.option("--noise-free", is_flag=True, help="Neither gyro nor reference noise.")
 @click.option("--set", "changes", multiple=True, metavar="PATH=VALUE", help="Override a value of the scenario; repeatable.")

@@ -21,8 +21,13 @@ from studies.report.console import console
 )
 @click.option("--config", type=PATH, default=None, help="Settings as TOML.")
 @click.option("--set", "changes", multiple=True, metavar="KEY=VALUE", help="One setting by its dotted path; repeatable.")
-@click.option("--cases", type=click.IntRange(1), default=None, help="Number of cases; the study's own by default.")
-@click.option("--entropy", type=click.IntRange(0), default=None, help="Root of all random streams.")
+@click.option(
+    "--cases",
+    type=click.IntRange(1),
+    default=None,
+    help="Number of cases; the study's own by default. Studies of a grid have one for each point of it.",
+)
+@click.option("--entropy", type=click.IntRange(0), default=None, help="Seed of all random streams.")
 @click.option("--backend", type=click.Choice(["serial", "threads", "loky", "dask"]), default="loky", show_default=True)
 @click.option("--jobs", type=click.IntRange(1), default=None, help="Workers; the CPU count by default.")
 @click.option("--scheduler", default=None, help="Address of a dask scheduler, with --backend dask.")
@@ -43,7 +48,8 @@ def command(
 ) -> None:
     """Run the study NAME; without a name, list the studies.
 
-    Rows do not depend on backend or jobs. Ctrl-C stops cleanly, and the same command goes on where it stopped.
+    A study runs many cases, writes a row or more for each, and reports on them in OUT/report.md. The rows do not depend on
+    --backend or --jobs. Ctrl-C stops cleanly, and the same command then continues where it stopped.
 
     \b
     Examples:
@@ -53,7 +59,7 @@ def command(
       gyrocal study paper --rerun 17
     """
     if name is None:
-        table = pd.DataFrame([{"study": key, "what": catalogue.entry(key).summary} for key in catalogue.MODULES])
+        table = pd.DataFrame([{"study": key, "what": catalogue.summary(key)} for key in catalogue.MODULES])
         render.terminal(console(), "Studies", table)
         return
     check_writable(as_json)

@@ -14,9 +14,9 @@ LARGE_SHARE = 4.0  # sigma of a single residual worth naming
 
 def show(console: Console, result: CalibrationResult, to_tolerance: bool, truth: GyroParameters | None = None) -> None:
     """Print a result; with the truth, the errors too."""
-    how = "converged" if result.converged else "NOT CONVERGED" if to_tolerance else "as asked"
+    how = "converged" if result.converged else "NOT CONVERGED" if to_tolerance else "as many as asked for"
     count = len(result.corrections)
-    title = f"{result.recording}: {count} iteration(s), {how}; ψ {result.psi}; {result.covariance_model} covariance"
+    title = f"{result.recording}: {count} iteration(s), {how}; {result.psi} ψ, covariance {result.covariance_model}"
     tables.terminal(console, title, parameter_table(result, truth))
     shown = ["interval", "t_s"] + [f"{when}_{axis}_deg" for when in ("before", "after") for axis in ROTATION_NAMES]
     last = result.residuals[shown].groupby("interval", sort=False).tail(1)
@@ -59,27 +59,31 @@ def remarks(result: CalibrationResult) -> list[str]:
         lines.append(worst)
     if len(result.solved_for) < len(result.sigma):
         lines.append(
-            "The sigmas take the held parameters as exact: an error in them goes into those solved for, "
-            "and where rates hardly change no residual shows it."
+            "The sigmas take the held parameters as exact. An error in them goes into those solved for, and where the rates "
+            "hardly change no residual shows it."
         )
     held = result.options["held_s"]
     if held > 0:
         lines.append(f"The last rate was held over {held:g} s of missing samples; its error is not in the sigmas.")
-    lines += [f"Not found from the data, held by the prior: {text}" for text in result.observability.unobservable]
+    lines += [f"Not determined by the data, only by the prior: {text}" for text in result.observability.unobservable]
     return lines
 
 
 def fit_remark(result: CalibrationResult) -> str:
     """Whether what is left fits the stated noise, and what to suspect if not."""
     if result.dof <= 0:
-        return "No degrees of freedom are left: the residuals after say nothing about the fit."
-    text = f"Residuals after: χ² = {result.chi2:.1f} with {result.dof} degrees of freedom, p = {result.p_value:.2g}."
+        return "No degrees of freedom are left, so the residuals after the calibration say nothing about the fit."
+    text = (
+        f"Residuals after the calibration: χ² = {result.chi2:.1f} with {result.dof} degrees of freedom, "
+        f"p = {result.p_value:.2g}."
+    )
     if result.p_value < DOUBT:
-        return f"{text} Larger than the stated noise allows: do not trust the sigmas. Suspect {', '.join(suspects(result))}."
+        doubtful = ", ".join(suspects(result))
+        return f"{text} They are larger than the stated noise allows: do not trust the sigmas. Suspect {doubtful}."
     if result.p_value > 1 - DOUBT:
-        return f"{text} Smaller than the stated noise: it is stated too large, or the recording is noise-free."
+        return f"{text} They are smaller than the stated noise: it is stated too large, or the recording is noise-free."
     if result.dof < 10:
-        return f"{text} They fit the stated noise, but so few degrees of freedom are a weak test."
+        return f"{text} They fit the stated noise, but with so few degrees of freedom this is a weak test."
     return f"{text} They fit the stated noise."
 
 
@@ -109,6 +113,6 @@ def worst_residual(result: CalibrationResult) -> str:
         return ""
     entry = table.iloc[int(row)]
     return (
-        f"Largest residual after: {normalised[row, axis]:.1f} sigma, {ROTATION_NAMES[axis]} of {entry['interval']} "
-        f"at t = {entry['t_s']:.1f} s."
+        f"Largest residual after the calibration: {normalised[row, axis]:.1f} sigma, {ROTATION_NAMES[axis]} of "
+        f"{entry['interval']} at t = {entry['t_s']:.1f} s."
     )

@@ -121,10 +121,10 @@ def _cause_table(cause: Cause, diagnosis: Diagnosis) -> str:
     rows["probability"] = words.percent(cause.probability)
     others = [words.label(member) for member in cause.group if member != cause.label]
     if others:
-        rows["could be instead"] = words.listed(others, "or")
-        rows["one of these"] = words.percent(cause.group_probability)
+        rows["indistinguishable from"] = words.listed(others, "or")
+        rows["one of these at work"] = words.percent(cause.group_probability)
     else:
-        rows["could be instead"] = "nothing else on the list"
+        rows["indistinguishable from"] = "no other effect on the list"
     cells = "".join(f"<tr><th>{escape(name)}</th><td>{escape(value)}</td></tr>" for name, value in rows.items())
     return f"<table>{cells}</table>"
 
@@ -139,8 +139,8 @@ def _regressor_picture(diagnosis: Diagnosis, cause: Cause) -> Picture:
         f"Residuals that the baseline leaves against what {cause.label} does at the size found, {len(part)} points with a "
         f"correlation of {fit:.2f}; and both over time in the interval where the cause does most.",
         "Left: each point is a reference attitude about one axis, other causes taken out. If the cause is right, points "
-        "follow the black line; they stray in runs, not singly, since gyro noise adds up within an interval. Right: both over "
-        "time.",
+        "follow the black line; neighbouring points deviate from it together, since gyro noise adds up in an interval. "
+        "Right: both over time.",
     )
 
 
@@ -153,15 +153,15 @@ def _closure(diagnosis: Diagnosis) -> str:
         lambda: figures.closure_figure(found.by_interval, (found.before, found.after, found.floor), found.measure),
         f"{found.measure} by interval, on held-out data: all together {found.before:.3g} before, {found.after:.3g} after, "
         f"floor {found.floor:.3g}.",
-        f"Measured on data that had no part in choosing or fitting ({found.split}). A blue dot on the grey tick: nothing is "
-        "left that the baseline's own noise would not show.",
+        f"Measured on held-out data ({found.split}), which took no part in choosing or fitting the causes. A blue dot on the "
+        "grey tick: only noise is left.",
     )
     return _h2("How far the gap closes") + _p(words.closure(found)) + _shown(picture)
 
 
 def _calibration(diagnosis: Diagnosis) -> str:
     table = words.calibration(diagnosis)
-    out = [_h2("What becomes of the calibration"), _p(words.calibration_change(diagnosis))]
+    out = [_h2("Effect on the calibration"), _p(words.calibration_change(diagnosis))]
     if words.changed(diagnosis):
         moved = pd.to_numeric(table["change in sigma"], errors="coerce").abs() > 3
         note = "Changes and sigmas in ppm for G and deg/h for b; bold: more than three sigma."
@@ -198,8 +198,8 @@ def _where_pictures(diagnosis: Diagnosis) -> Iterator[Picture]:
             lambda: figures.statistics_figure(statistics),
             f"Map of {len(statistics)} tests by interval, axis and phase; {marked} are significant. The strongest: "
             f"{worst['interval']}, axis {worst['axis']}, {worst['phase']}, {words.p_value(float(worst['p_value']))}.",
-            "How little each part of the recording fits the baseline: darker is worse, and a number with a star is significant "
-            "among all these tests (about 5 % of the stars may be chance). Grey: nothing to test.",
+            "How far each part of the recording departs from the baseline: darker is further. A star marks what is significant "
+            "among all these tests (about 5 % of the stars may be chance). Grey: no data to test.",
         )
     if not residuals.empty:
         count, shown = (
@@ -254,8 +254,8 @@ def _explanations(diagnosis: Diagnosis) -> str:
         lambda: figures.evidence_figure(table),
         f"Bars of probability and log evidence of {min(len(table), figures.MOST_ROWS)} explanations; the likeliest: "
         f"{likeliest}, {words.percent(float(best['probability']))}.",
-        "Log evidence counts in natural units: 3 more is about 20 times as likely. It already charges for freedom, so that an "
-        "explanation does not win by having more numbers. Hatched bars contain something that is on no list.",
+        "Log evidence counts in natural units: 3 more is about 20 times as likely. It is averaged over all plausible sizes, so "
+        "that an explanation does not win by having more parameters. Hatched bars contain something that is on no list.",
     )
     unknown = words.percent(diagnosis.unknown_probability)
     text = _p(f"Something that is not on the list is at work with a probability of {unknown}.")
@@ -291,7 +291,7 @@ def _limits(diagnosis: Diagnosis) -> str:
         others = [words.label(member) for member in cause.group if member != cause.label]
         if others:
             notes.append(f"Whether it is {words.listed([cause.label, *others], 'or')}: here they leave nearly the same trace.")
-    return _h2("What this recording cannot tell") + "<ul>" + "".join(f"<li>{escape(note)}</li>" for note in notes) + "</ul>"
+    return _h2("Limits of this recording") + "<ul>" + "".join(f"<li>{escape(note)}</li>" for note in notes) + "</ul>"
 
 
 def _glossary(diagnosis: Diagnosis) -> str:

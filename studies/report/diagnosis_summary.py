@@ -21,7 +21,7 @@ def show(console: Console, diagnosis: Diagnosis) -> None:
     _print(console, lines(diagnosis))
     if words.changed(diagnosis):
         console.print()
-        note = "G without unit, b in deg/h; changes and sigmas in the unit shown"
+        note = "ω = G ω_raw + b: values of G have no unit, those of b are in deg/h; change and sigma are in the unit shown"
         tables.terminal(console, "Calibration", words.calibration(diagnosis), note)
     _print(console, closing(diagnosis))
 
@@ -38,12 +38,12 @@ def lines(diagnosis: Diagnosis) -> list[str]:
     """Everything above the table of the calibration."""
     out = [f"{diagnosis.recording}: {words.verdict(diagnosis)}", words.gap(diagnosis)]
     for title, part in (
-        ("Where", _where(diagnosis)),
+        ("Where it departs from the baseline, strongest test first", _where(diagnosis)),
         ("Cause" if len(diagnosis.causes) == 1 else "Causes", _causes(diagnosis)),
         ("Other explanations", _alternatives(diagnosis)),
         ("How far the gap closes", iter([_closure(diagnosis)])),
         ("Raw tables of sun and Earth sensors", _sensors(diagnosis)),
-        ("What becomes of the calibration", iter([words.calibration_change(diagnosis)])),
+        ("Effect on the calibration", iter([words.calibration_change(diagnosis)])),
     ):
         body = [f"  {line}" for line in part]
         if body:
@@ -53,7 +53,7 @@ def lines(diagnosis: Diagnosis) -> list[str]:
 
 def closing(diagnosis: Diagnosis) -> list[str]:
     """The limits of the recording, and the time it took."""
-    out = ["", "What this recording cannot tell"]
+    out = ["", "Limits of this recording"]
     out += [f"  - {note}" for note in (*diagnosis.notes, words.ALWAYS_HIDDEN)]
     return [*out, "", f"Took {diagnosis.runtime_s:.1f} s."]
 
@@ -81,7 +81,7 @@ def _alternatives(diagnosis: Diagnosis) -> Iterator[str]:
     for effects, probability in diagnosis.alternatives[:MOST_ALTERNATIVES]:
         yield f"- {words.together(effects)}: {words.percent(probability)}"
     if diagnosis.verdict != "none":
-        yield f"- anything that is not on the list: {words.percent(diagnosis.unknown_probability)}"
+        yield f"- some effect that is not on the list: {words.percent(diagnosis.unknown_probability)}"
 
 
 def _sensors(diagnosis: Diagnosis) -> Iterator[str]:

@@ -14,11 +14,12 @@ from gyrocal import NAMES
 from simulator.effects.sensor import ALL_EFFECTS as EFFECTS
 from studies.report import tables
 
-UNLISTED = "Not on the list of effects; the words say how it behaves, not what it is."
+UNLISTED = "Not on the list of effects: the description says how it behaves, not what causes it."
 ROUNDING = 1e-3  # sigmas: a change of a parameter below which there is none
+WIDEST_SHARE = 2.0  # width of the 90 % interval of a closed share, above which the share says nothing
 ALWAYS_HIDDEN = (
-    "Constant errors of G and b are calibrated away and are no gap. "
-    "An effect smaller than the noise allows stays unseen: no gap means none that this recording could show."
+    "Constant errors of G and b are removed by the calibration and are not a gap. "
+    "An effect below the noise is not seen: 'no gap' means none that this recording could show."
 )
 
 
@@ -116,10 +117,10 @@ def groups(diagnosis: Diagnosis) -> list[str]:
 
 def gap(diagnosis: Diagnosis) -> str:
     """How sure the gap is."""
-    counted = "rare enough" if diagnosis.present else "not rare enough"
+    answer = "a gap is reported" if diagnosis.present else "no gap is reported"
     return (
-        f"Chance that the baseline alone departs so far: {p_value(diagnosis.p_value)}, {counted} to call it a gap. "
-        f"Of recordings without a gap, {100 * diagnosis.false_alarm_rate:g} % would be called one."
+        f"Test of the baseline simulator: {p_value(diagnosis.p_value)}, so {answer}. At this threshold "
+        f"{100 * diagnosis.false_alarm_rate:g} % of recordings without a gap would be reported as having one."
     )
 
 
@@ -129,13 +130,13 @@ def cause_size(cause: Cause) -> str:
 
 
 def probability(cause: Cause) -> str:
-    """How likely a cause is, and what could stand in its place."""
+    """How likely a cause is, and the alternatives that are indistinguishable from it here."""
     others = [label(member) for member in cause.group if member != cause.label]
     own = f"probability {percent(cause.probability)}"
     if not others:
-        return f"{own}; nothing else on the list could stand in its place"
+        return f"{own}; no other effect on the list explains the data as well"
     one = percent(cause.group_probability)
-    return f"{own}; in its place could stand {listed(others, 'or')} (one of these is at work: {one})"
+    return f"{own}; indistinguishable here from {listed(others, 'or')} (probability that it is one of these: {one})"
 
 
 def parameters(cause: Cause, diagnosis: Diagnosis) -> list[str]:
@@ -151,8 +152,8 @@ def _parameter(name: str, value: float | str, cause: Cause, diagnosis: Diagnosis
     if name == "column":
         return f"follows housekeeping column {value}"
     if name == "gaps":
-        kinds = {"hold": "stands still", "grow": "goes on", "reset": "starts anew"}
-        return f"taken as one that {kinds.get(str(value), str(value))} between intervals"
+        kinds = {"hold": "holds its value", "grow": "continues", "reset": "restarts from zero"}
+        return f"between intervals the bias {kinds.get(str(value), str(value))}"
     if isinstance(value, str):
         return f"{name.replace('_', ' ')} {value}"
     if not math.isfinite(value):
@@ -188,12 +189,20 @@ def _place(t_s: float, residuals: pd.DataFrame) -> str:
 
 def closure(found: Closure) -> str:
     """How far the gap closes."""
-    low, high = found.interval_90
+    low, high = (100 * share for share in found.interval_90)
     return (
-        f"{100 * found.closed:.0f} % of the gap is closed (90 % interval {100 * low:.0f} to {100 * high:.0f} %), on data that "
-        f"chose and fitted nothing ({found.split}): {found.measure} {found.before:.3g} before, {found.after:.3g} with "
-        f"the cause in the model; {found.floor:.3g} is the floor, what the baseline has on data of its own making."
+        f"{_share_closed(found)} (90 % interval {low:.0f} to {high:.0f} %; held out: {found.split}). The {found.measure} is "
+        f"{found.before:.3g} under the baseline and {found.after:.3g} with the cause in the model; noise alone would leave "
+        f"{found.floor:.3g}."
     )
+
+
+def _share_closed(found: Closure) -> str:
+    """The share, unless the gap that held-out data show is as small as the scatter of its measure."""
+    low, high = found.interval_90
+    if high - low > WIDEST_SHARE:
+        return "The held-out data show too little of the gap to measure how far it closes"
+    return f"{100 * found.closed:.0f} % of the gap is closed on held-out data"
 
 
 def no_closure(diagnosis: Diagnosis) -> str:

@@ -33,15 +33,16 @@ def _gap(sensors: SensorDiagnosis) -> str:
         return "Their measurements do not fit the nominal sensors in any arc."
     chance = words.p_value(sensors.p_value)
     return (
-        "Mean square of their residuals in sigmas, epoch attitude and gyro bias of each arc fitted: "
-        f"{sensors.mean_square:.3f} with {sensors.dof} degrees of freedom; {chance} for nominal sensors."
+        "Mean square of their whitened residuals, with an attitude and a gyro bias fitted to each measurement arc (a time "
+        f"of constant rate): {sensors.mean_square:.3f} with {sensors.dof} degrees of freedom; {chance} if they were nominal."
     )
 
 
 def _rejected(other: Rejected) -> str:
     labels = words.listed(list(other.effects), "and")
     return (
-        f"Sensors with orthogonal heads, {labels} in place of the heads, do not explain it: the data are less likely by a "
-        f"factor of e^{other.log_bayes_factor:.0f}, and on days left out the mean square falls from {other.before:.3f} to "
-        f"{other.after:.3f} only ({words.p_value(other.p_value)})."
+        "An alignment calibration, which takes the two heads of a sun sensor for orthogonal, would find "
+        f"{labels} instead. That does not explain the data: they are less likely by a factor of "
+        f"e^{other.log_bayes_factor:.0f}, and on held-out days the mean square falls only from {other.before:.3f} to "
+        f"{other.after:.3f} ({words.p_value(other.p_value)})."
     )

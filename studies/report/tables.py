@@ -8,7 +8,9 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from math import floor, inf, log10
 
+import numpy as np
 import pandas as pd
+from rich.cells import cell_len
 from rich.console import Console
 from rich.markup import escape
 from rich.table import Table as RichTable
@@ -16,6 +18,7 @@ from rich.table import Table as RichTable
 from studies.report.units import heading
 
 NO_VALUE = "–"
+FOLDED = 24  # characters of a text, which a narrow terminal folds to no less
 
 
 @dataclass(frozen=True)
@@ -68,15 +71,22 @@ def plain(value: float, _: float) -> str:
 def terminal(
     console: Console, title: str, table: pd.DataFrame, note: str = "", formats: Mapping[str, str] | None = None
 ) -> None:
-    """Print a table."""
+    """Print a table; texts are folded, and columns that still do not fit beside the first ones are named below it."""
+    cells = list(_cells(table, formats or {}))
+    headings = [heading(str(column)) for column in table.columns]
+    numeric = [pd.api.types.is_numeric_dtype(table[column]) for column in table.columns]
+    widths = [max(map(cell_len, column)) for column in zip(headings, *cells, strict=True)]
+    needed = [3 + (width if is_number else min(width, FOLDED)) for width, is_number in zip(widths, numeric, strict=True)]
+    count = max(1, int(np.searchsorted(np.cumsum(needed), console.width - 1, side="right")))
+    if count < len(headings):
+        note = f"{note} Too wide for this terminal, and left out: {', '.join(headings[count:])}.".strip()
     out = RichTable(
         title=escape(title), caption=escape(note) or None, title_justify="left", caption_justify="left", header_style="bold"
     )
-    for column in table.columns:
-        numeric = pd.api.types.is_numeric_dtype(table[column])
-        out.add_column(escape(heading(str(column))), justify="right" if numeric else "left", no_wrap=True)
-    for row in _cells(table, formats or {}):
-        out.add_row(*(escape(cell) for cell in row))
+    for name, is_number, width in zip(headings[:count], numeric, widths, strict=False):
+        out.add_column(escape(name), justify="right" if is_number else "left", no_wrap=is_number or width <= FOLDED)
+    for row in cells:
+        out.add_row(*(escape(cell) for cell in row[:count]))
     console.print(out)
 
 

@@ -46,6 +46,7 @@ from simulator.sensors.suite import SensorSuite
 from simulator.simulate import observe
 from studies.montecarlo.study import Row, Streams, Study, StudyConfig, case_motion, dispersed
 from studies.report import panels, sensor_figures
+from studies.report.checks import Check, at_most
 from studies.report.entry import Entry, Report
 from studies.report.tables import Table
 
@@ -72,6 +73,7 @@ OTHERS: Mapping[str, tuple[str, ...]] = {
 SCALE, NOISE = 3e-3, 1.5  # of the α head's counts, and of the Earth sensor's noise; on no list
 EFFECTS = tuple(SENSOR_EFFECTS.values())
 ORTHOGONAL = solved_for(EFFECTS)  # what the calibration of the first upload solved for
+RIGHT = "Right is to name every effect that is there and no other, and to call what is on no list unknown."
 LABELS = {"before": "nominal sensors", "orthogonal": "orthogonal misalignment and biases", "after": "what is named"}
 
 
@@ -163,7 +165,7 @@ def _numbers(label: str, one: Fitted) -> dict[str, object]:
 
 
 def report(config: StoryConfig, rows: pd.DataFrame) -> Report:
-    """Findings, tables and figures."""
+    """Checks, tables and figures."""
     verdicts, gaps, sizes = verdict_table(rows), gap_table(rows), size_table(rows)
     return Report(
         {
@@ -172,7 +174,7 @@ def report(config: StoryConfig, rows: pd.DataFrame) -> Report:
             "sizes": Table("Sizes found, deg or flattenings", sizes),
         },
         {"dss2_residuals": partial(_residual_figure, config), "gaps": partial(_gap_figure, gaps)},
-        findings=findings(rows, gaps),
+        checks(rows),
     )
 
 
@@ -246,39 +248,27 @@ def _alone(own: pd.DataFrame, truth: str, label: str, k: int) -> dict[str, float
     return {"found without heads": own[name].mean()} if truth in ("R", "heads") and name in own else {}
 
 
-def findings(rows: pd.DataFrame, gaps: pd.DataFrame) -> tuple[str, ...]:
-    """What the study answers, with its numbers."""
-    flight, nominal, heads = (rows[rows["truth"] == truth] for truth in ("R", "nominal", "heads"))
-    gap = gaps[gaps["truth"] == "R"].iloc[0]
-    alone = gaps[gaps["truth"] == "heads"].iloc[0]
-    named, misled = LABELS["after"], LABELS["orthogonal"]
-    least, times = np.floor(1e4 * min(flight["probability"].min(), 1 - 1e-9)) / 1e4, flight["log_ratio"].min()
-    false_alarms, wrong = int((nominal["verdict"] != "none").sum()), int((rows["wrong"] > 0).sum())
+def checks(rows: pd.DataFrame) -> tuple[Check, ...]:
+    """What the study answers beside its tables."""
+    groups = {
+        "R's heads, misalignment and biases": ["R"],
+        "turned heads alone": ["heads"],
+        "a true misalignment": ["misalignment"],
+        "another effect of the sensors": list(OTHERS),
+        "an effect on no list": list(UNLISTED),
+    }
+    heads, nominal = (rows[rows["truth"] == truth] for truth in ("heads", "nominal"))
+    misled = [heads[f"orthogonal dss_misalignment {k} found"].mean() for k in range(3)]
     return (
-        "With R's heads, R (3) and R's penetration biases as the truth, all four and nothing else are named in "
-        f"{int(flight['right'].sum())} of {len(flight)} cases, none with a probability below {least:.4f}.",
-        f"On held-out days the mean square falls from {gap[LABELS['before']]:.2f} to {gap[misled]:.3f} with an orthogonal "
-        f"misalignment and biases alone, and to {gap[named]:.4f} with the heads; the floor is 1, and a case scatters by "
-        f"{gap['one sigma of a case']:.4f}.",
-        f"The orthogonal explanation is rejected in every case: the data are less likely by a factor of e^{times:.0f} or more, "
-        f"and what it leaves has p ≤ {gap['orthogonal: largest p']:.1e}.",
-        f"With the heads alone as the truth, both and nothing else are named in {int(heads['right'].sum())} of {len(heads)}. "
-        f"An orthogonal calibration makes of them a misalignment of {_misled(heads):.3f} deg that is not there, and leaves "
-        f"{alone[misled]:.3f} of {alone[LABELS['before']]:.3f}.",
-        f"With a true misalignment of DSS-2 that, and nothing else, is named in {_right(rows, ['misalignment'])}; each other "
-        f"effect of the sensors in {_right(rows, list(OTHERS))}. What is on no list is called unknown in "
-        f"{_right(rows, list(UNLISTED))}.",
-        f"Nominal sensors: {false_alarms} false alarms in {len(nominal)} cases. Wrong names: {wrong} in {len(rows)} diagnoses.",
+        *(Check(f"share of right answers, {name}", _right(rows, truths), meaning=RIGHT) for name, truths in groups.items()),
+        Check("misalignment that an orthogonal calibration makes of heads alone", float(np.linalg.norm(misled)), unit="deg"),
+        Check("false alarms with nominal sensors", float((nominal["verdict"] != "none").sum()), unit=f"of {len(nominal)}"),
+        Check("diagnoses with a wrong name", float((rows["wrong"] > 0).sum()), at_most(0), f"of {len(rows)}"),
     )
 
 
-def _right(rows: pd.DataFrame, truths: list[str]) -> str:
-    own = rows[rows["truth"].isin(truths)]
-    return f"{int(own['right'].sum())} of {len(own)}"
-
-
-def _misled(heads: pd.DataFrame) -> float:
-    return float(np.linalg.norm([heads[f"orthogonal dss_misalignment {k} found"].mean() for k in range(3)]))
+def _right(rows: pd.DataFrame, truths: list[str]) -> float:
+    return float(rows.loc[rows["truth"].isin(truths), "right"].mean())
 
 
 def _residual_figure(config: StoryConfig, path: Path) -> Path:

@@ -139,7 +139,7 @@ class Imported:
 
 
 def runs(mask: Mask) -> list[tuple[int, int]]:
-    """First and one past the last index of each stretch of True."""
+    """First and one past the last index of each run of True."""
     edges = np.flatnonzero(np.diff(np.concatenate([[0], mask.astype(np.int8), [0]])))
     return [(int(first), int(stop)) for first, stop in zip(edges[::2], edges[1::2], strict=True)]
 

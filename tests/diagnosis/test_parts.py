@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import scipy.stats
 
-from diagnosis.detectors.deadzone import dead_stretches
+from diagnosis.detectors.deadzone import dead_zone_evidence
 from diagnosis.detectors.samples import examine
 from diagnosis.diagnose import diagnose
 from diagnosis.inference.amplitudes import fit
@@ -98,7 +98,7 @@ def test_dead_zone_reads_zero_and_m0_does_not(plan):
         recording = simulate(plan, seed=24, effects=[parse(text)])
         report = examine(recording)
         usual = float(np.deg2rad(1e-4))
-        odds = {one.axis: one.log_odds for one in dead_stretches(recording, report.rates, report.noise, usual)}
+        odds = {one.axis: one.log_odds for one in dead_zone_evidence(recording, report.rates, report.noise, usual)}
         assert (odds.get(0, 0.0) > 2) == found
 
 

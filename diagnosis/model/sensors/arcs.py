@@ -29,7 +29,7 @@ from scipy.spatial.transform import Rotation
 
 from gyrocal.attitude import rotation_matrix
 from gyrocal.errors import InputError, UnobservableError
-from gyrocal.estimation.arc import Estimate, Stretch, columns, linearise, measured_times, stretch
+from gyrocal.estimation.arc import Estimate, GyroArc, columns, gyro_arc, linearise, measured_times
 from gyrocal.estimation.batch_observability import check_observable
 from gyrocal.estimation.least_squares import Plain, Rows
 from gyrocal.recording import GyroStream, Interval, Recording, reference_rows
@@ -98,13 +98,13 @@ class FittedArc:
     arc : with the sightings of the fit
     rows : measurements, linearised at the fit
     path : nodes of the gyro
-    S : (N, 3, 3) bias columns carried back to the first node, of `Stretch.carried`
+    S : (N, 3, 3) bias columns carried back to the first node, of `GyroArc.carried`
     residuals : of each series (n, m), measured minus predicted of a plain batch, rad; they hold the gyro's walk
     """
 
     arc: Arc
     rows: Rows
-    path: Stretch
+    path: GyroArc
     S: Array
     residuals: tuple[Array, ...]
 
@@ -231,7 +231,7 @@ def _arc(recording: Recording, tables: SensorTables, interval: Interval, number:
     first = float(measured_times(series).min())
     gyro = replace(gyro, t_s=gyro.t_s[kept], rates=gyro.rates[kept], arw=max(gyro.arw, LEAST_ARW))
     if first - float(recording.attitudes.t_s[rows[0]]) > 1e-6:
-        carried = stretch(gyro, np.array([recording.attitudes.t_s[rows[0]], first]), gyro.apriori_G)
+        carried = gyro_arc(gyro, np.array([recording.attitudes.t_s[rows[0]], first]), gyro.apriori_G)
         start = carried.carried(gyro.apriori_bias)[0][-1] @ start
     sightings = Sightings(
         sun_sensor=np.concatenate(sun_sensor),
@@ -273,7 +273,7 @@ def fit_arc(arc: Arc, sun_error: Array | None = None, earth_error: Array | None 
     if sun_error is not None and earth_error is not None:
         own = [earth_error if number == 0 else sun_error[arc.sightings.sun_sensor == number] for number in arc.numbers]
         series = tuple(replace(one, y=one.y - error) for one, error in zip(series, own, strict=True))
-    path = stretch(arc.gyro, measured_times(series), arc.gyro.apriori_G)
+    path = gyro_arc(arc.gyro, measured_times(series), arc.gyro.apriori_G)
     solved = columns(series, {})
     estimate = Estimate(np.tile(arc.start, (len(path.t), 1, 1)), arc.gyro.apriori_bias, tuple(one.model for one in series))
     for iteration in range(MOST_ITERATIONS):
@@ -291,7 +291,7 @@ def fit_arc(arc: Arc, sun_error: Array | None = None, earth_error: Array | None 
     raise MisfitError(f"{arc.name}: the sensors' measurements do not fit the nominal models at all")
 
 
-def _looking(arc: Arc, series: tuple[SensorSeries, ...], path: Stretch, A: Array) -> Arc:
+def _looking(arc: Arc, series: tuple[SensorSeries, ...], path: GyroArc, A: Array) -> Arc:
     """The arc with the sightings of a fit."""
     angles = [
         one.model.predict(A[path.node(one.t)] if one.used.all() else A[_nearest(path, one.t)], np.arange(one.t.size))
@@ -302,7 +302,7 @@ def _looking(arc: Arc, series: tuple[SensorSeries, ...], path: Stretch, A: Array
     return replace(arc, sightings=replace(arc.sightings, sun_angles=np.concatenate(angles), A=A[nodes]))
 
 
-def _nearest(path: Stretch, t: Array) -> NDArray[np.intp]:
+def _nearest(path: GyroArc, t: Array) -> NDArray[np.intp]:
     """Nodes at some times; the next one where a time is none, since nothing was to be used then."""
     return np.minimum(path.node(t), len(path.t) - 1)
 

@@ -63,7 +63,7 @@ def identifiable(model: LinearModel, named: Sequence[str]) -> tuple[str, ...]:
         shares = zip(effect.parameters, absorbed(model, label, others), strict=True)
         text = ", ".join(f"{100 * share:.0f} % of {parameter.name.removesuffix('_deg')}" for parameter, share in shares)
         notes.append(
-            f"In these data an orthogonal misalignment of {sensor} takes, in square, {text} of its β head; the rest it cannot"
+            f"In these data a misalignment of the whole of {sensor} would absorb {text} of its β head, in squared residuals"
         )
     return tuple(notes)
 

@@ -64,6 +64,6 @@ def findings(tables: Tables, rate: float) -> tuple[Finding, ...]:
         p = float(max(chdtrc(count, chi2), TINY)) if count else 1.0
         if p < rate:
             signal, text = family.finding
-            sentence = f"{text} (chi-square {chi2:.4g} of {count})"
+            sentence = f"{text} (χ² {chi2:.4g}, {count} expected)"
             found.append(Finding(signal, None, None, None, "chi2", chi2, p, sentence))
     return tuple(sorted(found, key=lambda one: -one.value))

@@ -1,7 +1,10 @@
-"""Reference error at twice orbit rate, e = size · sin(2 n t + φ); see `simulator.effects.reference.reference_orbital`."""
+"""Reference error about one body axis at twice orbit rate, as the horizon makes it.
+
+Over an oblate Earth geodetic and geocentric nadir differ, and the radiance of the horizon depends on latitude.
+"""
 
 from simulator.effects.common import PHASE
-from simulator.effects.reference.reference_orbital import ReferenceHarmonic
+from simulator.effects.reference.harmonic import ReferenceHarmonic
 
 EFFECT = ReferenceHarmonic(
     name="reference_horizon",

@@ -22,6 +22,7 @@ from simulator.sensors.suite import SensorSuite
 Array = NDArray[np.float64]
 DEG = float(np.deg2rad(1.0))
 EARTH_SENSOR = "Earth sensor"
+S_FILTER_TIME = Parameter("time_constant_s", "s", 60.0, "of the filter", lower=1.0, upper=1e4)
 
 
 @dataclass(frozen=True)

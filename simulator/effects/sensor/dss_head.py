@@ -62,6 +62,6 @@ EFFECT = DssHead(
     count=3,
     acts_on="DSS-{axis}",
     alignment="mistaken",
-    meaning="The two heads of a sun sensor are not at right angles, which no misalignment of all of it can stand "
-    "for; the number is that of the sensor.",
+    meaning="The two heads of a sun sensor are not at right angles, which differs from a rotation of the whole sensor; "
+    "the axis is the number of the sensor.",
 )

@@ -10,11 +10,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from simulator.effects.base import Parameter, Setting, Value
-from simulator.effects.sensor.base import DEG, EARTH_SENSOR, Array, SensorEffect, Sightings
+from simulator.effects.base import Setting, Value
+from simulator.effects.sensor.base import DEG, EARTH_SENSOR, S_FILTER_TIME, Array, SensorEffect, Sightings
 from simulator.sensors.suite import SensorSuite
-
-TIME_CONSTANT = Parameter("time_constant_s", "s", 60.0, "of the filter", lower=1.0, upper=1e4)
 
 
 class EsaSFilter(SensorEffect):
@@ -49,9 +47,10 @@ EFFECT = EsaSFilter(
     prior=(0.01, 5.0),
     bounds=(-10.0, 10.0),
     axes=(),
-    parameters=(TIME_CONSTANT,),
+    parameters=(S_FILTER_TIME,),
     options=tuple({"time_constant_s": value} for value in (15.0, 30.0, 60.0, 120.0, 240.0)),
     acts_on=EARTH_SENSOR,
     refined=("time_constant_s",),
-    meaning="A quadrant of the Earth sensor errs for a while after the Sun was in it, as its S filter starts wrong.",
+    meaning="A quadrant of the Earth sensor errs for a while after the Sun was in it, as the filter of its S detector restarts "
+    "from a wrong value.",
 )

@@ -17,8 +17,7 @@ import numba
 import numpy as np
 
 from simulator.effects.base import Parameter, Setting, Value
-from simulator.effects.sensor.base import DEG, EARTH_SENSOR, Array, SensorEffect, Sightings
-from simulator.effects.sensor.esa_s_filter import TIME_CONSTANT
+from simulator.effects.sensor.base import DEG, EARTH_SENSOR, S_FILTER_TIME, Array, SensorEffect, Sightings
 from simulator.sensors.horizon import AZIMUTHS, POLAR_RADIUS, Horizon
 from simulator.sensors.suite import SensorSuite
 from simulator.truth.orbit import EARTH_RADIUS
@@ -88,7 +87,7 @@ EFFECT = EsaSunIntrusion(
     prior=(0.01, 10.0),
     bounds=(-30.0, 30.0),
     axes=(),
-    parameters=(Parameter("field_deg", "deg", 5.0, "half angle of a quadrant's field", lower=0.1, upper=30.0), TIME_CONSTANT),
+    parameters=(Parameter("field_deg", "deg", 5.0, "half angle of a quadrant's field", lower=0.1, upper=30.0), S_FILTER_TIME),
     options=tuple({"field_deg": field, "time_constant_s": constant} for field in FIELDS for constant in CONSTANTS),
     acts_on=EARTH_SENSOR,
     refined=("field_deg", "time_constant_s"),

@@ -6,7 +6,7 @@ import scipy.stats
 
 from gyrocal import InputError, UnobservableError
 from gyrocal.attitude import residual, rotation_matrix
-from gyrocal.estimation.arc import Columns, Estimate, columns, linearise, measured_times, stretch
+from gyrocal.estimation.arc import Columns, Estimate, columns, gyro_arc, linearise, measured_times
 from gyrocal.estimation.batch import batch
 from gyrocal.sensors.series import SensorSeries
 from simulator.streams import generator
@@ -73,7 +73,7 @@ def test_an_error_of_G_acts_as_a_bias_while_the_rate_is_constant():
 def test_rows_are_the_derivatives_of_the_residuals(motion):
     series = sensors(motion, every_s=200.0)
     solved = columns(series, {"sun": ("m_x", "m_z"), "earth": ("m_y",)})
-    path = stretch(motion.gyro(), measured_times(series), np.eye(3))
+    path = gyro_arc(motion.gyro(), measured_times(series), np.eye(3))
     estimate = Estimate(
         np.tile(TURN @ motion.at(0.0), (len(path.t), 1, 1)), 1.5 * TRUE_BIAS, tuple(one.model for one in series)
     )

@@ -7,7 +7,7 @@ import numpy as np
 
 from gyrocal import GyroParameters, attitude
 from gyrocal.estimation.filter_run import run
-from gyrocal.estimation.mekf import KalmanFilter, nees, state_errors
+from gyrocal.estimation.mekf import KalmanFilter, nees
 from gyrocal.estimation.onboard import OnBoardCalibrator, replay
 from gyrocal.sensors.earth import EarthModel, EarthSensor
 from gyrocal.sensors.series import SensorSeries
@@ -17,7 +17,7 @@ from simulator.sensors import sun as true_sun
 from simulator.sensors.suite import positions
 from simulator.truth.sun import DAY, eclipse, julian_date, sun_vector
 from studies.estimation.filter_cases import ARW, ORBIT, Z, fly, parameters_near
-from tests.builders import TRUTH, mean_bounds
+from tests.builders import TRUTH, mean_bounds, state_errors
 
 EPOCH = "1997-12-13T09:45:00Z"
 START = np.repeat([np.deg2rad(0.5), np.deg2rad(1e-3)], 3)

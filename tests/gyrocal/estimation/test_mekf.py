@@ -8,11 +8,11 @@ import pytest
 
 from gyrocal import GyroParameters, InputError, attitude
 from gyrocal.estimation.filter_run import run
-from gyrocal.estimation.mekf import KalmanFilter, nees, state_errors
+from gyrocal.estimation.mekf import KalmanFilter, nees
 from gyrocal.sensors.series import SensorSeries
 from studies.estimation.filter_cases import ARW, NOISE, Y, Z, fly, vectors
 from studies.estimation.flights import DirectionSensor
-from tests.builders import TRUTH, mean_bounds
+from tests.builders import TRUTH, mean_bounds, state_errors
 
 SIGMA = np.repeat([np.deg2rad(0.5), np.deg2rad(1e-3)], 3)
 P0 = np.diag(SIGMA**2)

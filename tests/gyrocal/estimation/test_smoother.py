@@ -8,10 +8,10 @@ import pytest
 from gyrocal import GyroParameters, InputError, attitude
 from gyrocal.estimation.batch import batch
 from gyrocal.estimation.filter_run import run
-from gyrocal.estimation.mekf import KalmanFilter, nees, state_errors
+from gyrocal.estimation.mekf import KalmanFilter, nees
 from gyrocal.estimation.smoother import smooth
 from studies.estimation.filter_cases import ARW, Z, fly, vectors
-from tests.builders import TRUTH, mean_bounds
+from tests.builders import TRUTH, mean_bounds, state_errors
 
 SIGMA = np.repeat([np.deg2rad(0.5), np.deg2rad(1e-3)], 3)
 TIMES = np.array([100.0, 900.0, 1500.0])

@@ -23,8 +23,9 @@ from simulator.sensors.earth import (
     observe,
     roll_pitch,
 )
-from simulator.sensors.horizon import AZIMUTHS, Horizon, bisector_attitude, orbit_position, penetrations
+from simulator.sensors.horizon import AZIMUTHS, Horizon, orbit_position, penetrations
 from simulator.truth.orbit import CircularOrbit, lvlh_attitude
+from tests.simulator.sensors.nadir import bisector_attitude
 
 ORBIT = CircularOrbit(350e3, np.deg2rad(35.0), node=0.7, latitude_argument=0.2)
 TIMES = np.arange(0.0, ORBIT.period, 10.0)

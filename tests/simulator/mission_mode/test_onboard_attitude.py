@@ -6,9 +6,10 @@ from scipy.spatial.transform import Rotation
 
 from simulator.mission_mode.onboard_attitude import half_turn, propagate_error, sun_azimuth
 from simulator.mission_mode.target_frame import commanded_attitude, rotation_between
-from simulator.sensors.horizon import FLATTENING, geodetic_nadir, orbit_position
+from simulator.sensors.horizon import FLATTENING, orbit_position
 from simulator.sensors.sun import counts_of, head_tangents, trmm_sun_sensors
 from simulator.truth.orbit import CircularOrbit, lvlh_attitude
+from tests.simulator.sensors.nadir import geodetic_nadir
 
 ORBIT = CircularOrbit(350e3, np.deg2rad(35.0), node=0.7, latitude_argument=0.3, j2=True)
 T = np.linspace(0.0, ORBIT.period, 200)

@@ -12,9 +12,6 @@ from simulator.sensors.horizon import (
     POLAR_RADIUS,
     SINES,
     Horizon,
-    bisector_attitude,
-    geocentric_nadir,
-    geodetic_nadir,
     hidden,
     limb_angle,
     orbit_position,
@@ -22,6 +19,7 @@ from simulator.sensors.horizon import (
     penetrations,
 )
 from simulator.truth.orbit import EARTH_RADIUS, CircularOrbit, lvlh_attitude
+from tests.simulator.sensors.nadir import bisector_attitude, geocentric_nadir, geodetic_nadir
 
 ORBIT = CircularOrbit(350e3, np.deg2rad(35.0), node=0.7, latitude_argument=0.2)
 TIMES = np.linspace(0.0, ORBIT.period, 361)

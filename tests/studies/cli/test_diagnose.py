@@ -49,7 +49,7 @@ def test_any_verdict_is_a_success(run_cli, asked, rec, case, tmp_path):
     shown = run_cli("diagnose", rec, "--json", str(result), "--report", str(page))
     assert shown.exit_code == 0, shown.output
     assert shown.stderr == ""
-    assert "What this recording cannot tell" in shown.stdout
+    assert "Limits of this recording" in shown.stdout
     document = json.loads(result.read_text(), parse_constant=refuse)
     assert document["format"] == 1
     assert document["verdict"] == CASES[case]().verdict

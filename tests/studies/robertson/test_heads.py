@@ -62,7 +62,7 @@ def test_the_json_has_what_the_format_names(run_cli, rec, tmp_path):
     target, page = tmp_path / "d.json", tmp_path / "d.html"
     result = run_cli("diagnose", str(rec), "--json", str(target), "--report", str(page))
     assert result.exit_code == 0
-    assert "do not explain it" in " ".join(result.output.split())
+    assert "does not explain the data" in " ".join(result.output.split())
     document = json.loads(target.read_text())
     assert document["causes"][0]["effect"] == "dss_head"
     assert set(document["causes"][0]["parameters"]) == {"e1_deg", "e2_deg", "e3_deg"}
@@ -77,7 +77,7 @@ def test_the_words_say_what_is_rejected(found):
     said = "\n".join(lines(found))
     assert "Raw tables of sun and Earth sensors" in said
     sentence = sensor_words.sentences(found)[-1]
-    assert sentence.startswith("Sensors with orthogonal heads, dss_misalignment and esa_bias in place of the heads")
+    assert "would find dss_misalignment and esa_bias instead" in sentence
 
 
 def test_nominal_sensors_on_the_page(of_the_attitudes):

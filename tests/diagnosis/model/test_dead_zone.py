@@ -1,0 +1,62 @@
+"""The candidate of a dead zone: its columns, its likelihood from the samples, and the size that amplitudes stand for."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from diagnosis.detectors.deadzone import EDGE
+from diagnosis.model import dead_zone
+from simulator.effects import EFFECTS
+from tests.diagnosis.recordings import prepared
+
+DEG = np.deg2rad(1.0)
+EFFECT = next(effect for effect in EFFECTS.values() if effect.symptom == "dead_zone")
+
+
+@pytest.fixture(scope="module")
+def found():
+    """A gyro that reads zero below 9e-4 deg/s, in which there is one piece of evidence."""
+    return prepared(4, f"{EFFECT.name}:z=9e-4", sample_s=0.5, every_s=60.0)
+
+
+def test_what_is_missing_is_a_rate_in_the_runs_and_nowhere_else(found):
+    (one,) = found.dead
+    model = found.model
+    columns = dead_zone.missing(model, one)
+    assert columns.shape == (model.size, 2 + one.part.max())
+    # All runs alike are the sum of each by itself.
+    np.testing.assert_allclose(columns[:, 0], columns[:, 1:].sum(axis=1) / dead_zone.DIFFERENCE, atol=1e-12)
+    # Where every sample may miss a rate, that is a bias of the opposite sign.
+    everywhere = dead_zone.missing(model, replace(one, part=np.zeros_like(one.part)))[:, 0]
+    bias = model.rate_error(np.tile(model.G[:, [one.axis]], (len(model.t_s), 1, 1)))[:, 0]
+    np.testing.assert_allclose(everywhere, DEG * bias, atol=1e-9 * np.abs(bias).max() * DEG)
+
+
+def test_no_candidate_unless_an_effect_claims_the_symptom(found):
+    others = [effect for effect in EFFECTS.values() if effect is not EFFECT]
+    assert dead_zone.dead_zone_groups(found, others) == []
+    assert dead_zone.dead_zone_groups(replace(found, dead=()), [EFFECT]) == []
+
+
+def test_a_candidate_has_the_likelihood_of_the_samples_within_bounds(found):
+    (one,) = found.dead
+    odds = {}
+    for asked in (-100.0, 1.5, 100.0):
+        (group,) = dead_zone.dead_zone_groups(replace(found, dead=(replace(one, log_odds=asked),)), [EFFECT])
+        odds[asked] = group.log_odds
+    assert odds == {-100.0: dead_zone.LEAST_ODDS, 1.5: 1.5, 100.0: dead_zone.MOST_ODDS}
+    assert group.axis == "xyz"[one.axis]
+    assert group.weight == pytest.approx(EFFECT.weight / 3)  # each gyro could have had one
+    assert EFFECT.prior[0] <= group.limits[0] < group.limits[1] <= EFFECT.prior[1]
+
+
+def test_the_size_lies_between_what_is_missing_and_what_is_read(found):
+    one = replace(found.dead[0], alive=9e-4 * DEG, crossed=False)
+    (group,) = dead_zone.dead_zone_groups(replace(found, dead=(one,)), [EFFECT])
+    runs = group.columns[0].shape[1] - 1
+    assert group.read(np.append(6e-4, np.zeros(runs)))[0] == pytest.approx(7.5e-4)
+    assert group.size_sigma(6e-4) == pytest.approx(3e-4 / np.sqrt(12))
+    (edge,) = dead_zone.dead_zone_groups(replace(found, dead=(replace(one, crossed=True),)), [EFFECT])
+    assert edge.read(np.append(6e-4, np.zeros(runs)))[0] == pytest.approx(9e-4)
+    assert edge.size_sigma(6e-4) == pytest.approx(EDGE * 9e-4)

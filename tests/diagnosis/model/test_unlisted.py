@@ -1,0 +1,71 @@
+"""Discrepancies that are on no list: their columns against closed forms, and their breadth."""
+
+from collections import Counter
+
+import numpy as np
+import pytest
+
+from diagnosis.model import unlisted
+from tests.diagnosis.recordings import prepared
+
+
+@pytest.fixture(scope="module")
+def model():
+    return prepared(3).model
+
+
+@pytest.fixture(scope="module")
+def bins(model):
+    return unlisted.binned(model, 8.0)
+
+
+@pytest.fixture(scope="module")
+def families(model):
+    return {(family.name, family.axis): family.columns for family in unlisted.families(model)}
+
+
+def test_bins_add_up_to_the_steps(model, bins):
+    for number, block in enumerate(model.blocks):
+        own = bins.interval == number
+        expected = (model.to_inertial[block.steps] * model.dt[block.steps][:, None, None]).sum(axis=0)
+        np.testing.assert_allclose(bins.turned[own].sum(axis=0), expected, rtol=1e-9, atol=1e-6)
+        assert bins.ends[number][-1] == own.sum()
+        assert bins.since_s[own][0] == pytest.approx(0.0, abs=8.0)
+
+
+def test_a_constant_regressor_is_the_column_of_a_bias(model, bins):
+    for axis in range(3):
+        column = unlisted._observed(model, bins, axis, np.ones((len(bins.t_s), 1)))[:, 0]
+        np.testing.assert_allclose(column, model.calibration[:, 9 + axis], atol=1e-9 * np.abs(column).max())
+
+
+def test_bins_change_a_slow_regressor_little(model, bins):
+    """A regressor that follows the rate, of unit size, bin by bin against step by step."""
+    square = model.rates[:, 1] ** 2
+    exact = model.whitened(model.rate_error(np.eye(3)[None, :, 2, None] * square[:, None, None]))[:, 0]
+    binned = unlisted._observed(model, bins, 2, bins.rates[:, [1]] ** 2)[:, 0]
+    assert np.linalg.norm(binned - exact) < 0.02 * np.linalg.norm(exact)
+
+
+def test_every_family_is_about_each_axis_with_columns_that_can_be_seen(model, families):
+    assert set(Counter(name for name, _ in families).values()) == {3}
+    for options in families.values():
+        assert options
+        for columns in options:
+            assert columns.shape[0] == model.size
+            assert np.isfinite(columns).all()
+            assert (np.linalg.norm(columns, axis=0) > 0).all()
+
+
+def test_errors_of_references_leave_the_steps_before_them_alone(model, families):
+    """A step of the references inside one interval shows in no other interval."""
+    for columns in families["references step at a time", "x"]:
+        shown = {model.observation_block[row // 3] for row in np.flatnonzero(np.abs(columns[:, 0]) > 1e-9)}
+        before = [k for k in range(len(model.blocks)) if k < min(shown)]
+        assert all(np.abs(columns[model.blocks[k].rows]).max() == 0 for k in before)
+
+
+def test_periods_beside_the_orbit_need_no_orbit(model, families):
+    waves = families["bias of another period", "z"]
+    assert len(waves) == unlisted.PERIODS
+    assert {columns.shape[1] for columns in waves} == {2}
