@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
+from matplotlib.ticker import LogLocator, NullFormatter
 
 from studies.report.checks import Check, at_least, at_most, extremes
 from studies.report.entry import Entry, Report
@@ -107,6 +108,9 @@ def _ladder_figure(table: pd.DataFrame) -> Draw:
         floor = shown.loc[shown["rung"] == LAST, "floor_deg"]
         on.hlines(floor, np.arange(len(names)) - 0.4, np.arange(len(names)) + 0.4, color="0.2", lw=1.5, label="floor")
         on.set_xticks(range(len(names)), names)
+        on.yaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
+        on.yaxis.set_major_formatter("{x:g}")
+        on.yaxis.set_minor_formatter(NullFormatter())
 
     return sheet(Panel(draw, y="held-out error, RMS (deg)", log="y", legend="upper right"), size=(9.0, 3.4))
 
@@ -116,14 +120,14 @@ def _series_figure(rows: pd.DataFrame) -> Draw:
     held, series = of_kind(rows, "held"), of_kind(rows, "series")
     number = held[held["name"] == RUNGS[0]].groupby("trial")["series_deg2"].mean().idxmax()
     panels = []
-    for rung in (RUNGS[0], LAST):
+    for rung, words in ((RUNGS[0], "M0"), (LAST, "all that was found undone")):
         chosen = series[(series["trial"] == number) & (series["name"] == rung)]
         lines = [
             Line(part["t_s"], part[axis], axis if k == 0 else "", COLOURS[axis], "-")
             for k, (_, part) in enumerate(chosen.groupby("interval", sort=False))
             for axis in "xyz"
         ]
-        title = f"trial {number}, predicted from the other trials: {rung}"
+        title = f"trial {number}, predicted from the other trials: {words}"
         panels.append(curves(lines, title=title, x="time (s)", y="error (deg)", legend="upper right"))
     return sheet(*panels, size=(9.0, 3.8), columns=1, sharex=True)
 
