@@ -176,7 +176,10 @@ def load_config(study: Study, path: Path | None = None, changes: Mapping[str, An
         One line with every fault of the result.
     """
     document = read_toml(path) if path else {}
-    config = _validated(study.config, document, str(path) if path else study.name)
+    # Defaults that are replaced need not be valid, such as a folder that is not there.
+    whole = {name: value for name, value in (changes or {}).items() if name in study.config.model_fields}
+    sources = [str(path)] * bool(path) + ["settings"] * bool(whole)
+    config = _validated(study.config, document | whole, " with ".join(sources) or study.name)
     return changed(config, changes) if changes else config
 
 

@@ -2,18 +2,19 @@
 
 from __future__ import annotations
 
-from functools import partial
-from typing import Any
+from collections.abc import Iterator
+from itertools import pairwise
 
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from studies.validation.real_gyro.ladder import LADDER
+from studies.report.tables import by_group
+from studies.validation.real_gyro.prediction import LADDER, LAGGED
 
 Array = NDArray[np.float64]
 
-RUNGS = ("M0", *(f"+ {effect}" for effect in LADDER))
+RUNGS = tuple(rung.name for rung in LADDER)
 LAST = RUNGS[-1]
 BOOTSTRAP = 4000
 INTERVAL = (5.0, 95.0)
@@ -22,209 +23,84 @@ MEASURES = {"end": "end_deg2", "series": "series_deg2"}
 
 
 def of_kind(rows: pd.DataFrame, kind: str) -> pd.DataFrame:
-    """The rows of one kind."""
-    return rows[rows["kind"] == kind].reset_index(drop=True)
+    """The rows of one kind, without the columns of others."""
+    return rows[rows["kind"] == kind].dropna(axis=1, how="all").reset_index(drop=True)
 
 
-def records(rows: pd.DataFrame) -> list[dict[str, Any]]:
-    """Rows as dictionaries."""
-    return [{str(key): value for key, value in row.items()} for row in rows.to_dict("records")]
-
-
-def value_of(table: pd.DataFrame, trial: str, measure: str, rung: str, column: str) -> Any:
+def cell(table: pd.DataFrame, trial: str, measure: str, rung: str, column: str) -> float:
     """One number of the ladder."""
-    chosen = table[(table["trial"] == trial) & (table["measure"] == measure) & (table["rung"] == rung)]
-    return chosen[column].to_numpy()[0]
-
-
-def _interval(squares: Array, rng: np.random.Generator) -> tuple[float, float]:
-    """Bootstrap interval of the RMS, over the intervals."""
-    drawn = rng.integers(0, squares.size, (BOOTSTRAP, squares.size))
-    low, high = np.percentile(np.sqrt(squares[drawn].mean(axis=1)), INTERVAL)
-    return float(low), float(high)
-
-
-def change(before: Array, after: Array, rng: np.random.Generator) -> tuple[float, float]:
-    """Bootstrap interval of the RMS after over that before, the same intervals drawn for both."""
-    drawn = rng.integers(0, before.size, (BOOTSTRAP, before.size))
-    low, high = np.percentile(np.sqrt(after[drawn].mean(axis=1) / before[drawn].mean(axis=1)), INTERVAL)
-    return float(low), float(high)
+    chosen = (table["trial"] == trial) & (table["measure"] == measure) & (table["rung"] == rung)
+    return float(table.loc[chosen, column].iloc[0])
 
 
 def ladder(rows: pd.DataFrame) -> pd.DataFrame:
     """A row per trial, measure and rung: RMS in deg with its interval, the floor, and the share of the gap closed so far."""
     held, floor = of_kind(rows, "held"), of_kind(rows, "floor")
     rng = np.random.default_rng(0)
-    out = []
-    named = sorted({(str(row["unit"]), str(row["trial"])) for row in records(held)})
-    for unit, trial in [*named, (EVERY, EVERY)]:
-        own = held if trial == EVERY else held[held["trial"] == trial]
-        under = floor if trial == EVERY else floor[floor["trial"] == trial]
+
+    def lines(own: pd.DataFrame, under: pd.DataFrame) -> Iterator[dict[str, object]]:
         for measure, column in MEASURES.items():
-            first = own[own["name"] == RUNGS[0]][column].to_numpy(float)
-            least = float(under[column].mean())
+            first, least = own.loc[own["name"] == RUNGS[0], column].mean(), under[column].mean()
             for name in RUNGS:
-                squares = own[own["name"] == name][column].to_numpy(float)
-                low, high = _interval(squares, rng)
-                gap = first.mean() - least
-                out.append(
-                    {
-                        "unit": unit,
-                        "trial": trial,
-                        "measure": measure,
-                        "rung": name,
-                        "intervals": squares.size,
-                        "rms_deg": float(np.sqrt(squares.mean())),
-                        "low_deg": low,
-                        "high_deg": high,
-                        "floor_deg": float(np.sqrt(least)),
-                        "closed": float((first.mean() - squares.mean()) / gap) if gap > 0 else np.nan,
-                    }
-                )
-    return pd.DataFrame(out)
+                squares = own.loc[own["name"] == name, column].to_numpy(float)
+                drawn = squares[rng.integers(0, squares.size, (BOOTSTRAP, squares.size))]
+                low, high = np.percentile(np.sqrt(drawn.mean(axis=1)), INTERVAL)
+                yield {
+                    "measure": measure,
+                    "rung": name,
+                    "intervals": squares.size,
+                    "rms_deg": float(np.sqrt(squares.mean())),
+                    "low_deg": low,
+                    "high_deg": high,
+                    "floor_deg": float(np.sqrt(least)),
+                    "closed": float((first - squares.mean()) / (first - least)) if first > least else np.nan,
+                }
+
+    parts = [(unit, trial, own, floor[floor["trial"] == trial]) for (unit, trial), own in held.groupby(["unit", "trial"])]
+    parts.append((EVERY, EVERY, held, floor))
+    return pd.DataFrame([{"unit": unit, "trial": trial, **line} for unit, trial, *both in parts for line in lines(*both)])
 
 
 def wide(table: pd.DataFrame) -> pd.DataFrame:
     """The ladder for people: a row per trial, "end / series" in deg, and the 90 % interval of the last."""
-    out = []
-    for trial in table["trial"].unique():
-        cell = partial(value_of, table, trial)
-        row = {"unit": cell("end", LAST, "unit"), "trial": trial}
-        for name in RUNGS:
-            row[name] = " / ".join(f"{cell(measure, name, 'rms_deg'):.2f}" for measure in MEASURES)
-        row["90 % of the last"] = " / ".join(
-            f"{cell(measure, LAST, 'low_deg'):.2f}–{cell(measure, LAST, 'high_deg'):.2f}" for measure in MEASURES
-        )
-        row["floor"] = " / ".join(f"{cell(measure, LAST, 'floor_deg'):.2f}" for measure in MEASURES)
-        out.append(row)
-    return pd.DataFrame(out)
+
+    def line(part: pd.DataFrame) -> dict[str, object]:
+        trial = str(part["trial"].iloc[0])
+
+        def both(rung: str, form: str, *columns: str) -> str:
+            return " / ".join(form.format(*(cell(part, trial, measure, rung, one) for one in columns)) for measure in MEASURES)
+
+        return {
+            **{rung: both(rung, "{:.2f}", "rms_deg") for rung in RUNGS},
+            "90 % of the last": both(LAST, "{:.2f}–{:.2f}", "low_deg", "high_deg"),
+            "floor": both(LAST, "{:.2f}", "floor_deg"),
+        }
+
+    return by_group(table, ["unit", "trial"], line)
 
 
-def tried(rows: pd.DataFrame) -> pd.DataFrame:
-    """What was tried beside the last rung: RMS over all trials, and its ratio to that rung with a 90 % interval."""
-    keys = ["unit", "trial", "interval"]
-    base = of_kind(rows, "held")
-    base = base[base["name"] == LAST].set_index(keys).sort_index()
+def steps(rows: pd.DataFrame) -> pd.DataFrame:
+    """What each step of the ladder does to the RMS over the series, per unit, with a 90 % interval over the intervals."""
+    held = of_kind(rows, "held")
+    squares = held.pivot_table(values="series_deg2", index=["unit", "trial", "interval"], columns="name")
     rng = np.random.default_rng(0)
     out = []
-    for name, part in of_kind(rows, "tried").groupby("name", sort=False):
-        other = part.set_index(keys).sort_index()
-        same = base.loc[other.index]
-        for measure, column in MEASURES.items():
-            before, after = same[column].to_numpy(float), other[column].to_numpy(float)
-            low, high = change(before, after, rng)
-            ratio = float(np.sqrt(after.mean() / before.mean()))
-            out.append(
-                {
-                    "tried": name,
-                    "measure": measure,
-                    "rms_deg": float(np.sqrt(after.mean())),
-                    "ratio": ratio,
-                    "ratio_low": low,
-                    "ratio_high": high,
-                }
-            )
+    for before, after in [*pairwise(RUNGS), (LAST, LAGGED)]:
+        if after not in squares:
+            continue
+        for unit, part in squares[[before, after]].dropna().groupby("unit"):
+            one, two = part[before].to_numpy(float), part[after].to_numpy(float)
+            drawn = rng.integers(0, one.size, (BOOTSTRAP, one.size))
+            low, high = np.percentile(np.sqrt(two[drawn].mean(axis=1) / one[drawn].mean(axis=1)), INTERVAL)
+            ratio, better = float(np.sqrt(two.mean() / one.mean())), int(np.count_nonzero(two < one))
+            line = {"step": after, "unit": unit, "ratio": ratio, "ratio_low": low, "ratio_high": high}
+            out.append({**line, "better": better, "intervals": one.size})
     return pd.DataFrame(out)
 
 
-def diagnoses(rows: pd.DataFrame) -> pd.DataFrame:
-    """A row per trial and turn: verdict, probabilities, causes with their sizes."""
-    out = []
-    causes = of_kind(rows, "cause")
-    for row in records(of_kind(rows, "diagnosis").sort_values(["turn", "unit", "trial"])):
-        own = causes[(causes["trial"] == row["trial"]) & (causes["turn"] == row["turn"])]
-        text = "; ".join(f"{c['name']} {c['size']:.4g} ± {c['size_sigma']:.2g} {c['size_unit']}" for c in records(own))
-        out.append(
-            {
-                "turn": "as recorded" if row["turn"] == 1 else "time offset undone",
-                "unit": row["unit"],
-                "trial": row["trial"],
-                "verdict": row["text"],
-                "late, probability": row["timing"],
-                "unlisted, probability": row["unknown"],
-                "causes": text,
-                "likeliest explanation of the attitudes": f"{row['name']} ({row['probability']:.2f})",
-            }
-        )
-    return pd.DataFrame(out)
-
-
-def sizes(rows: pd.DataFrame) -> pd.DataFrame:
-    """Time offset of each trial by itself against its unit's mean, and the offset found on the others."""
-    own = of_kind(rows, "own")
+def delays(rows: pd.DataFrame) -> pd.DataFrame:
+    """The delay of each trial by itself, and as found on the others."""
     fits = of_kind(rows, "fit")
-    fits = fits[fits["name"] == LAST]
-    out = []
-    for unit, part in own.groupby("unit", sort=True):
-        mean = part["size"].mean()
-        for row in records(part):
-            others = fits[fits["trial"] == row["trial"]]["size"]
-            out.append(
-                {
-                    "unit": unit,
-                    "trial": row["trial"],
-                    "offset_ms": 1e3 * row["size"],
-                    "formal_sigma_ms": 1e3 * row["size_sigma"],
-                    "from_unit_mean_ms": 1e3 * (row["size"] - mean) if len(part) > 1 else np.nan,
-                    "on_others_ms": 1e3 * others.mean(),
-                }
-            )
-    return pd.DataFrame(out)
-
-
-def samples(rows: pd.DataFrame) -> pd.DataFrame:
-    """What the samples show: share of the zero bin, repeats against chance."""
-    out = []
-    zero = of_kind(rows, "zero")
-    for row in records(of_kind(rows, "repeats").sort_values(["unit", "trial"])):
-        own = zero[zero["trial"] == row["trial"]]
-        beside = own[own["bin"].abs() == 1]["count"].mean() if len(own) else np.nan
-        out.append(
-            {
-                "unit": row["unit"],
-                "trial": row["trial"],
-                "zero_over_neighbours": float(own[own["bin"] == 0]["count"].sum() / beside) if beside else np.nan,
-                "repeats": row["count"],
-                "by_chance": row["expected"],
-                "repeats_in_motion": row["moving_count"],
-                "by_chance_in_motion": row["moving_expected"],
-                "runs_of_two_or_more": row["long_runs"],
-            }
-        )
-    return pd.DataFrame(out)
-
-
-def remaining(rows: pd.DataFrame) -> pd.DataFrame:
-    """What is left of the turns, a row per trial: mean squares over time as white error of the references plus a random walk.
-
-    A turn over a time T has the variance 2 s² + w² T per axis; the share along the turn would be a third if it had no
-    preference.
-    """
-    increments = of_kind(rows, "increments")
-    info = {row["trial"]: row for row in records(of_kind(rows, "trial"))}
-    out = []
-    for (unit, trial), part in increments.groupby(["unit", "trial"], sort=True):
-        weight = part["count"]
-        mean = (part["series_deg2"] * weight).groupby(part["lag_s"]).sum() / weight.groupby(part["lag_s"]).sum()
-        along = (part["parallel_deg2"] * weight).groupby(part["lag_s"]).sum() / weight.groupby(part["lag_s"]).sum()
-        T = mean.index.to_numpy(float)
-        # Relative errors are alike at all lags.
-        X = np.column_stack([np.full(T.size, 6.0), 3.0 * T]) / mean.to_numpy()[:, None]
-        white, walk = np.linalg.lstsq(X, np.ones(T.size), rcond=None)[0]
-        by_rate = part.groupby("name")["series_deg2"].mean()
-        out.append(
-            {
-                "unit": unit,
-                "trial": trial,
-                "rate_deg_s": info[trial]["rate"],
-                "stated_sigma_deg": info[trial]["sigma"],
-                "white_deg": float(np.sqrt(max(white, 0.0))),
-                "stated_arw_deg_sqrt_s": info[trial]["arw"],
-                "walk_deg_sqrt_s": float(np.sqrt(max(walk, 0.0))),
-                "rms_0.05s_deg": float(np.sqrt(mean.iloc[0])),
-                "rms_4s_deg": float(np.sqrt(mean.iloc[-1])),
-                "faster_over_slower": float(np.sqrt(by_rate["faster"] / by_rate["slower"])),
-                "share_along_turn": float((along / mean).mean()),
-            }
-        )
-    return pd.DataFrame(out)
+    others = fits[fits["name"] == LAST].groupby("trial")["delay_ms"].mean()
+    own = of_kind(rows, "trial")[["unit", "trial", "delay_ms", "formal_sigma_ms"]]
+    return own.assign(on_others_ms=own["trial"].map(others))

@@ -9,13 +9,18 @@ from pathlib import Path
 from typing import Any, ClassVar, Self
 
 import numpy as np
+from numpy.typing import NDArray
 from pydantic import model_validator
 
+from diagnosis.detectors.gap_interpolation import filled
+from diagnosis.detectors.lattice import lattice_step
+from diagnosis.detectors.samples import examine
 from gyrocal import Attitudes, InputError, Recording
 from gyrocal.recording import reference_rows
 from studies.montecarlo.study import GridConfig
 from studies.validation import broad
 
+Array = NDArray[np.float64]
 Row = dict[str, Any]  # of the study's table
 
 ROOT = Path(__file__).parents[3]
@@ -74,21 +79,47 @@ class Loaded:
     number : of the trial
     trial : as it is on file
     recording : the same as a recording, tags and samples untouched
+    whole : the same with one interval over everything tracked, for tests of the samples
     """
 
     number: str
     trial: broad.Trial
     recording: Recording
+    whole: Recording
 
     @property
     def motions(self) -> tuple[str, ...]:
         """Names of the intervals with motion."""
         return tuple(interval.name for interval in self.recording.intervals if interval.activity != "rest")
 
+    @property
+    def repeats(self) -> NDArray[np.bool_]:
+        """(n,) samples that repeat the one before on all axes."""
+        rates = self.recording.gyro.rates
+        return np.append(False, (rates[1:] == rates[:-1]).all(axis=1))
+
+    @cached_property
+    def stale(self) -> NDArray[np.bool_]:
+        """(n,) repeats that are more than chance by the tests of the samples."""
+        return self.repeats & examine(self.whole).filled
+
+    def repaired(self, cut: bool, bridged: bool) -> Array:
+        """(n, 3) raw rates, rad/s: those cut toward zero put in the middle of what they stand for, stale samples bridged.
+
+        Half a step for each reading is exact on average in motion, and needs no noise level, which cut readings hide at rest.
+        """
+        gyro = self.recording.gyro
+        step = np.array([lattice_step(gyro.rates[:, axis]) for axis in range(3)])
+        on_lattice = cut & (step > 0)
+        counts = np.rint(gyro.rates[:, on_lattice] / step[on_lattice])
+        rates = gyro.rates.copy()
+        rates[:, on_lattice] += 0.5 * step[on_lattice] * np.sign(counts)
+        return filled(gyro.t_s, rates, self.stale, gyro.sample_s)[0] if bridged else rates
+
     @cached_property
     def first_rest(self) -> slice:
-        """Samples of the first rest."""
-        for first, stop in broad.runs(self.trial.still):
+        """Samples of the first rest, as far as they are inside the whole interval."""
+        for first, stop in broad.runs(self.trial.still & (self.trial.t_s >= self.whole.intervals[0].start_s)):
             if (stop - first) * self.trial.sample_s >= broad.SHORTEST_REST_S:
                 return slice(first, stop)
         raise InputError(f"{self.trial.name}: no rest of {broad.SHORTEST_REST_S:g} s to take the bias from")
@@ -101,16 +132,18 @@ class Loaded:
         attitudes = Attitudes(own.t_s[rows], own.quaternions[rows], own.sigma[rows])
         return replace(self, recording=replace(self.recording, intervals=kept, attitudes=attitudes))
 
-    def seen(self, recording: Recording) -> Loaded:
-        """With another recording of the same motion, cut to the intervals of this one."""
-        times = self.recording.attitudes.t_s
-        rows = np.searchsorted(recording.attitudes.t_s, times - 1e-9)
-        own = recording.attitudes
-        attitudes = Attitudes(times, own.quaternions[rows], self.recording.attitudes.sigma)
-        return replace(self, recording=replace(self.recording, gyro=recording.gyro, attitudes=attitudes))
+    def flown_again(self, rates: Array, attitudes: Attitudes) -> Loaded:
+        """With other samples, and other attitudes at the references' times among those given."""
+        own = self.recording.attitudes
+        rows = np.searchsorted(attitudes.t_s, own.t_s - 1e-9)
+        seen = Attitudes(own.t_s, attitudes.quaternions[rows], own.sigma)
+        gyro = replace(self.recording.gyro, rates=rates)
+        whole = replace(self.whole, gyro=gyro)
+        return replace(self, recording=replace(self.recording, gyro=gyro, attitudes=seen), whole=whole)
 
 
 def load(config: RealConfig, number: str) -> Loaded:
     """A trial by its number."""
     trial = broad.read(config.files(number)[0])
-    return Loaded(number, trial, broad.to_recording(trial, spacing_s=config.spacing_s).recording)
+    cut, whole = (broad.to_recording(trial, how, config.spacing_s).recording for how in ("motion", "whole"))
+    return Loaded(number, trial, cut, whole)

@@ -74,6 +74,8 @@ def test_a_configuration_file(tmp_path):
     path.write_text("cases = 5\nstep_s = 1.0\n")
     with pytest.raises(InputError, match=r"study\.toml: step_s: Extra inputs are not permitted"):
         load_config(DRAWS, path)
+    with pytest.raises(InputError, match=r"study\.toml with settings: step_s: Extra inputs are not permitted"):
+        load_config(DRAWS, path, {"entropy": 3})
 
 
 @pytest.mark.parametrize(
