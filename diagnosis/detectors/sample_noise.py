@@ -22,6 +22,7 @@ import scipy.ndimage
 import scipy.stats
 from numpy.typing import NDArray
 
+from diagnosis.detectors.readout_noise import AVERAGES, Readout, readout
 from diagnosis.detectors.report import AXES, IMPOSSIBLE, SampleReport, SampleTest, Symptom, arcs, consecutive
 from gyrocal.recording import Recording
 
@@ -96,6 +97,21 @@ def level_in_motion(x: Array, usable: list[tuple[int, int]]) -> Level | None:
     return Level(high, high_error, float("nan"), float("nan"))
 
 
+def readout_of(x: Array, usable: list[tuple[int, int]], expected: float) -> Readout | None:
+    """Readout noise in some runs of samples, if that explains their noise better than white noise of another level."""
+    powers: list[float] = []
+    errors: list[float] = []
+    averages: list[int] = []
+    for m in AVERAGES:
+        means = [x[low : high - (high - low) % m].reshape(-1, m).mean(axis=1) for low, high in usable]
+        power, error, count = _mean_square(means, ORDERS[-1])
+        if count >= FEWEST / AVERAGED and power > 0:
+            powers.append(m * power)
+            errors.append(m * error)
+            averages.append(m)
+    return readout(np.array(powers), np.array(errors), averages, expected, ORDERS[-1])
+
+
 def _power(order: int) -> float:
     """Variance of a difference of unit white noise."""
     return float(comb(2 * order, order))
@@ -139,6 +155,7 @@ def noise(
     usable = arcs(quiet & consecutive(recording, quiet) & measured)
     moving = arcs(used & consecutive(recording, used) & measured)
     found: dict[int, Level] = {}
+    readings: dict[int, Readout] = {}
     for axis in range(3):
         if coarse[axis] and steps[axis] > COARSE_NOISE * sigma:
             continue
@@ -170,10 +187,32 @@ def noise(
                 )
             )  # fmt: skip
         found[axis] = one
-    _name(report, found, sigma, coarse)
+        if p < report.event_p and factor > 1 and not coarse[axis]:
+            reading = readout_of(x, usable, expected)
+            if reading is not None:
+                readings[axis] = reading
+                _read_out(report, axis, reading, factor, min(p, p_colour), sigma, recording.gyro.sample_s)
+    _name(report, {axis: one for axis, one in found.items() if axis not in readings}, sigma)
 
 
-def _name(report: SampleReport, found: dict[int, Level], sigma: float, coarse: Mask) -> None:
+def _read_out(report: SampleReport, axis: int, found: Readout, factor: float, p: float, sigma: float, sample_s: float) -> None:
+    """Readout noise is a symptom; it adds nothing to the noise of the angle turned. White noise beside it may be another."""
+    size, error = (float(np.rad2deg(value) * 3600 * sample_s) for value in (found.reading, found.sigma))
+    text = f"the noise of the samples rises with the frequency as that of readings of the angle of {size:.3g} arcsec"
+    report.symptoms.append(Symptom("readout_noise", AXES[axis], size, "arcsec", error, {}, p, text, found.probability))
+    report.noise_factor[axis] = factor
+    if found.as_stated:
+        return
+    white = float(np.sqrt(found.white)) / sigma
+    error = 0.5 * found.white_sigma / sigma**2 / white
+    p_white = max(float(2 * scipy.stats.norm.sf(abs(white - 1) / error)), IMPOSSIBLE)
+    report.density[:, axis] *= white**2
+    if p_white < report.event_p:
+        text = f"beside readout noise, the white noise of the samples is {white:.3f} times what is stated"
+        report.symptoms.append(Symptom("white_noise_level", AXES[axis], white, "factor", error, {}, p_white, text))
+
+
+def _name(report: SampleReport, found: dict[int, Level], sigma: float) -> None:
     """White noise of another level is one symptom, noise of another colour is another."""
     tests = {(test.statistic, test.axis): test for test in report.tests}
     factors, errors = np.ones(3), np.full(3, np.inf)

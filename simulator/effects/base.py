@@ -89,6 +89,7 @@ ON_REFERENCES = ("reference", "random_reference", "reference_noise")
 
 SYMPTOMS = (
     "white_noise_level",  # white noise of the samples other than stated
+    "readout_noise",  # noise of the samples whose spectrum rises as f²
     "noise_colour",  # noise of the samples that is not white
     "lattice_rounded",  # readings are multiples of a step, rounded to it
     "lattice_cut",  # readings are multiples of a step, cut toward zero

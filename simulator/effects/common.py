@@ -16,6 +16,7 @@ Array = NDArray[np.float64]
 
 DEG = float(np.deg2rad(1.0))  # rad
 DEG_H = DEG / 3600  # rad/s
+ARCSEC = DEG / 3600  # rad
 PPM = 1e-6
 DAY = 86400.0
 HOUR = 3600.0
@@ -141,6 +142,23 @@ def gauss_markov(rng: np.random.Generator, t_s: Array, time_constant_s: float) -
 def markov(t_s: Array, time_constant_s: float) -> Array:
     """Covariance of a first-order Gauss–Markov process of unit variance at some times, (c,) → (c, c)."""
     return np.asarray(np.exp(-np.abs(np.subtract.outer(t_s, t_s)) / time_constant_s))
+
+
+def reference_arc(around: Surroundings) -> tuple[float, float]:
+    """Median spacing of the references, s, infinite without a series; and the longest interval that they cover, s."""
+    references = around.references
+    inside = np.diff(references.interval) == 0
+    if not inside.any():
+        return float("inf"), 0.0
+    longest = max(float(np.ptp(references.t_s[references.interval == k])) for k in np.unique(references.interval))
+    return float(np.median(np.diff(references.t_s)[inside])), longest
+
+
+def noise_power(quiet: int, tests: SampleTests) -> float:
+    """Power of the noise of so many quiet samples, over that stated, at which the test of its level shows it."""
+    relative = np.sqrt(2 / quiet * tests.correlated)
+    level, spread = -scipy.special.ndtri(tests.event_p / 2) * relative, scipy.special.ndtri(tests.power) * relative
+    return float((1 + level) / (1 - spread)) if spread < 1 else np.inf
 
 
 def no_orbit(around: Surroundings) -> str | None:

@@ -14,6 +14,8 @@ from typing import Any
 import click
 
 COMMANDS = {  # the first sentence of each, which its own help begins with
+    "allan": "Overlapping Allan deviation of the noise in RECORDING, with confidence bands and the noise terms of "
+    "IEEE Std 952.",
     "baseline": "Recompute the baseline of recovered parameters and show what moved; exit status 1 if something did.",
     "calibrate": "Calibrate the gyro of RECORDING, a folder with recording.toml, gyro and attitude tables.",
     "diagnose": "Say whether RECORDING departs from the baseline simulator, where, by which effect, and how far that closes "

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import io
 import textwrap
 from collections.abc import Sequence
 from typing import Any
@@ -33,15 +32,6 @@ MOST_PANELS = 8  # intervals with panels of their own
 REACHED = 0.02  # of a cause's largest trace: an axis with less of it shows nothing
 STRONGEST = 12.0  # −log10 p at which the colours end
 DISCOVERY_RATE = 0.05
-NO_METADATA: dict[str, None] = {"Date": None, "Creator": None, "Format": None, "Type": None}
-
-
-def svg(figure: Figure) -> bytes:
-    """A figure as SVG whose bytes depend on nothing but what it shows."""
-    out = io.BytesIO()
-    with mpl.rc_context(STYLE):
-        figure.savefig(out, format="svg", dpi=100, metadata=NO_METADATA)
-    return out.getvalue()
 
 
 def most_telling(table: pd.DataFrame, weight: pd.Series, most: int) -> list[str]:

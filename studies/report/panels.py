@@ -4,6 +4,7 @@ A panel draws on axes it is given; `drawn` puts panels side by side in a figure,
 SVG bytes do not depend on the day or the run.
 """
 
+import io
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -37,6 +38,7 @@ RED, TEAL, DARK, GREY = "#d1495b", "#00798c", "#30343f", "0.6"
 COLOURS = {"x": RED, "y": TEAL, "z": DARK}
 LINES = {"x": "-.", "y": "--", "z": "-"}  # N draws the pitch rate dashed
 SMALL = 7  # font size of ticks and legends
+NO_METADATA: dict[str, None] = {"Date": None, "Creator": None, "Format": None, "Type": None}
 MANY = 200  # points of a line: more are drawn as pixels
 
 
@@ -145,6 +147,14 @@ def save(figure: Figure, path: Path) -> Path:
     with mpl.rc_context(STYLE), replacing(path) as file:
         figure.savefig(file, format=path.suffix[1:], dpi=160, metadata=metadata)
     return path
+
+
+def svg(figure: Figure) -> bytes:
+    """A figure as SVG whose bytes depend on nothing but what it shows."""
+    out = io.BytesIO()
+    with mpl.rc_context(STYLE):
+        figure.savefig(out, format="svg", dpi=100, metadata=NO_METADATA)
+    return out.getvalue()
 
 
 @dataclass(frozen=True)

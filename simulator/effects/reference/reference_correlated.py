@@ -10,8 +10,10 @@ import numpy as np
 from simulator.effects.base import Array, Effect, Parameter, ProcessTimes, References, Setting, Surroundings, Trial, Value
 from simulator.effects.common import DEG, gauss_markov, index, log_uniform, markov, number
 
-SPACINGS = (1.5, 3.0, 6.0, 12.0, 24.0, 48.0)  # of the references: time constants that are tried
-LONGEST = 2.0  # intervals: a longer time constant looks like a constant offset
+SHORTEST = 1.5  # spacings of the references: shorter ones look white
+LONGEST = 1.0  # intervals: a longer time constant looks like a constant offset
+OCTAVES = 1.0  # between time constants that are tried, or more where there would be too many of them
+MOST = 7
 
 
 def any_time_constant(rng: np.random.Generator, around: Surroundings) -> Value:
@@ -34,15 +36,18 @@ class ReferenceCorrelated(Effect):
         return np.asarray(DEG**2 * markov(at.t_s, number(parameters, "time_constant_s")))
 
     def trials(self, around: Surroundings) -> Sequence[Trial]:
-        """Time constants an octave apart, from what the references' spacing can show to what an interval can."""
+        """Time constants evenly spaced in their logarithm, from what the references' spacing can show to what an interval can."""
         references = around.references
         inside = np.diff(references.interval) == 0
         if not inside.any():
             return ()
         spacing = float(np.median(np.diff(references.t_s)[inside]))
         longest = max(float(np.ptp(references.t_s[references.interval == k])) for k in np.unique(references.interval))
-        constants = [factor * spacing for factor in SPACINGS if factor * spacing < LONGEST * longest]
-        return tuple(Trial({"time_constant_s": constant}, 1 / len(constants)) for constant in constants)
+        low, high = SHORTEST * spacing, LONGEST * longest
+        if not high > low:
+            return ()
+        constants = np.geomspace(low, high, min(MOST, int(np.ceil(np.log2(high / low) / OCTAVES)) + 1))
+        return tuple(Trial({"time_constant_s": float(constant)}, 1 / constants.size) for constant in constants)
 
     def missing(self, around: Surroundings) -> str | None:
         """It needs references that follow one another."""

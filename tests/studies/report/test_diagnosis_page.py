@@ -12,7 +12,7 @@ import pytest
 from rich.console import Console
 
 from simulator.effects.sensor import ALL_EFFECTS
-from studies.report import diagnosis_figures, diagnosis_summary
+from studies.report import diagnosis_figures, diagnosis_summary, panels
 from studies.report import diagnosis_page as diagnosis_report
 from studies.report import diagnosis_words as words
 from tests.diagnosis_cases import CASES, regressors, residuals
@@ -284,7 +284,7 @@ def test_unlikely_tables(tmp_path):
     diagnosis_report.write(odd, tmp_path / "page.html")
     assert set(Page((tmp_path / "page.html").read_text()).figures) == {"residuals", "closure"}
     statistics = base.details.statistics.assign(axis=None, interval=None)
-    assert diagnosis_figures.svg(diagnosis_figures.statistics_figure(statistics))
+    assert panels.svg(diagnosis_figures.statistics_figure(statistics))
 
 
 def test_many_references_and_intervals_stay_small():

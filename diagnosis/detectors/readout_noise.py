@@ -1,0 +1,87 @@
+"""Whether too much noise of the samples is white, or readout noise of the angle.
+
+White noise of variance w and readout noise of the angle, whose differences over a sample have the variance 2 q², leave in the
+differences of order d of means over m samples, times m and over C(2d, d),
+
+    C_m = w + a q²/m,    a = C(2d + 2, d + 1)/C(2d, d),
+
+since the mean of m differences of readings is the difference of two readings over m. Too much white noise is the same at all
+m; readout noise falls as 1/m to a level that is as stated. Both have one number, and the smaller χ² says which it is; the ratio
+of their likelihoods is the odds. Where neither fits, both together may. IEEE Std 952, annex C.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from math import comb
+
+import numpy as np
+import scipy.stats
+from numpy.typing import NDArray
+from scipy.special import expit
+
+Array = NDArray[np.float64]
+
+AVERAGES = (1, 2, 4, 8)  # samples in a mean
+FITS = 1e-3  # p-value from which on noise is explained
+CLEAR = 5.0  # sigmas of either part, where both are needed
+
+
+@dataclass(frozen=True)
+class Readout:
+    """Readout noise of an axis.
+
+    Attributes
+    ----------
+    reading, sigma : standard deviation of a reading over a sample's length, rad/s
+    white, white_sigma : variance of the white noise beside it, (rad/s)²
+    as_stated : whether that is as stated
+    probability : that the excess is readout noise and not white
+    """
+
+    reading: float
+    sigma: float
+    white: float
+    white_sigma: float
+    as_stated: bool
+    probability: float
+
+
+def readout(powers: Array, errors: Array, averages: Sequence[int], expected: float, order: int) -> Readout | None:
+    """Readout noise, if that explains the powers better than white noise does.
+
+    Parameters
+    ----------
+    powers, errors : (k,) C_m and their standard errors, (rad/s)²
+    averages : m
+    expected : w as stated
+    order : of the differences
+    """
+    if len(powers) < 3 or expected <= 0:
+        return None
+    share = comb(2 * order + 2, order + 1) / comb(2 * order, order) / np.asarray(averages, dtype=float)
+    weight = 1 / errors
+    level = float(np.sum(powers * weight**2) / np.sum(weight**2))
+    white_chi2 = float(np.sum(((powers - level) * weight) ** 2))
+    square = float(np.sum((powers - expected) * share * weight**2) / np.sum((share * weight) ** 2))
+    chi2 = float(np.sum(((powers - expected - square * share) * weight) ** 2))
+    free = len(powers) - 1
+    if square > 0 and chi2 < white_chi2 and scipy.stats.chi2.sf(chi2, free) > FITS:
+        error = float(1 / np.sqrt(np.sum((share * weight) ** 2)))
+        return Readout(
+            float(np.sqrt(square)), 0.5 * error / float(np.sqrt(square)), expected, 0.0, True,
+            float(expit(0.5 * (white_chi2 - chi2))),
+        )  # fmt: skip
+    design = np.column_stack([np.ones(len(powers)), share]) * weight[:, None]
+    covariance = np.linalg.inv(design.T @ design)
+    white, square = (float(value) for value in covariance @ design.T @ (powers * weight))
+    chi2 = float(np.sum(((powers - white - square * share) * weight) ** 2))
+    clear = square > CLEAR * np.sqrt(covariance[1, 1]) and white > CLEAR * np.sqrt(covariance[0, 0])
+    if not clear or scipy.stats.chi2.sf(white_chi2, free) > FITS or scipy.stats.chi2.sf(chi2, free - 1) < FITS:
+        return None
+    error = float(np.sqrt(covariance[1, 1]))
+    return Readout(
+        float(np.sqrt(square)), 0.5 * error / float(np.sqrt(square)), white, float(np.sqrt(covariance[0, 0])), False,
+        float(expit(0.5 * (white_chi2 - chi2))),
+    )  # fmt: skip

@@ -1,0 +1,107 @@
+"""Least squares of the logarithms of an Allan deviation: the estimates, the covariance of their errors, and a set's minimum."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.optimize
+from numpy.typing import NDArray
+from scipy.special import digamma, polygamma
+
+from gyrocal.allan.covariance import estimate_covariance
+from gyrocal.allan.deviation import Deviation
+from gyrocal.allan.terms import ANGLE_WHITE, MARKOV, allan_variance
+
+Array = NDArray[np.float64]
+
+SHIFT = 1e-4  # of the logarithm of a time constant, for a derivative
+LARGEST_LOG = 80.0  # of a coefficient: beyond it a term is nothing, or everything
+
+
+@dataclass(frozen=True)
+class Problem:
+    """What is fitted: logarithms (t,), the inverse factor of their covariance (t, t), what is known, and the times."""
+
+    logs: Array
+    whitening: Array
+    known: Array
+    tau_s: Array
+
+    @property
+    def spread(self) -> float:
+        """Logarithm of the determinant of the covariance."""
+        return float(-2 * np.log(np.diag(self.whitening)).sum())
+
+    def shares(self, terms: tuple[str, ...], logs: Array) -> Array:
+        """(terms, t) Allan variance of each term."""
+        constant = self.time_constant_s(logs) if MARKOV in terms else 1.0
+        squares = np.exp(2 * np.clip(logs[: len(terms)], -LARGEST_LOG, LARGEST_LOG))
+        return np.array([square * allan_variance(t, self.tau_s, constant) for t, square in zip(terms, squares, strict=True)])
+
+    def time_constant_s(self, logs: Array) -> float:
+        """The last number, kept between half a sample's and twice the longest averaging time."""
+        return float(np.exp(np.clip(logs[-1], np.log(0.5 * self.tau_s[0]), np.log(2 * self.tau_s[-1]))))
+
+    def residuals(self, terms: tuple[str, ...], logs: Array) -> Array:
+        """(t,) whitened."""
+        return np.asarray(self.whitening @ (self.logs - np.log(self.known + self.shares(terms, logs).sum(axis=0))))
+
+    def jacobian(self, terms: tuple[str, ...], logs: Array) -> Array:
+        """(t, n) derivative of the whitened residuals."""
+        shares = self.shares(terms, logs)
+        total = self.known + shares.sum(axis=0)
+        rows = [2 * share / total for share in shares]
+        if MARKOV in terms:
+            moved = np.append(logs[:-1], logs[-1] + SHIFT)
+            rows.append((self.shares(terms, moved) - shares).sum(axis=0) / total / SHIFT)
+        return np.asarray(-self.whitening @ np.array(rows).T)
+
+    def minimum(self, terms: tuple[str, ...], start: Array) -> tuple[Array, float]:
+        """The numbers at which χ² is least, and that χ²."""
+        found = scipy.optimize.least_squares(
+            lambda x: self.residuals(terms, x), start, jac=lambda x: self.jacobian(terms, x), method="lm", max_nfev=200
+        )
+        x = np.clip(found.x, -LARGEST_LOG, LARGEST_LOG)
+        if MARKOV in terms:
+            x[-1] = np.log(self.time_constant_s(x))
+        return x, float(2 * found.cost)
+
+
+def problem_of(found: Deviation, floor: Array, squares: Mapping[str, float], time_constant_s: float) -> Problem:
+    """Logarithms of the estimates and the covariance of their errors under some terms.
+
+    Parameters
+    ----------
+    found : the estimates
+    floor : (t,) Allan variance of what is known, whose share of each estimate scatters as that of angle white noise
+    squares, time_constant_s : of the terms, as for `estimate_covariance`
+    """
+    own = _relative(found, squares, time_constant_s)
+    if floor.any():
+        share = floor / (floor + _variance(found, squares, time_constant_s))
+        white = _relative(found, {ANGLE_WHITE: 1.0}, 1.0)
+        crossed = np.sqrt(np.diag(own) * np.diag(white)) * share * (1 - share)
+        V = own * np.outer(1 - share, 1 - share) + white * np.outer(share, share) + 2 * np.diag(crossed)
+    else:
+        V = own
+    degrees = 2 / np.diag(V)
+    # A ramp alone does not scatter: its estimate is worth more than a χ² of the noise, but no more than that of all samples.
+    degrees = np.clip(degrees, 0.5, max(found.lengths))
+    scale = np.sqrt(polygamma(1, degrees / 2) / np.diag(V))
+    covariance = V * np.outer(scale, scale) + 1e-6 * np.eye(len(V))
+    logs = np.log(found.variance) - (digamma(degrees / 2) - np.log(degrees / 2))
+    return Problem(logs, np.linalg.inv(np.linalg.cholesky(covariance)), floor, found.tau_s)
+
+
+def _variance(found: Deviation, squares: Mapping[str, float], time_constant_s: float) -> Array:
+    """(t,) Allan variance of some terms."""
+    parts = (square * allan_variance(term, found.tau_s, time_constant_s) for term, square in squares.items())
+    return np.asarray(sum(parts, np.zeros(found.factors.size)))
+
+
+def _relative(found: Deviation, squares: Mapping[str, float], time_constant_s: float) -> Array:
+    """(t, t) covariance of the estimates under some terms, relative to what they should be."""
+    expected = _variance(found, squares, time_constant_s)
+    return np.asarray(estimate_covariance(found, squares, time_constant_s) / np.outer(expected, expected))

@@ -1,0 +1,85 @@
+"""The noise terms of IEEE Std 952, annex C, by their generalised covariance.
+
+Every statistic of second differences of the angle θ follows from a function κ(t) with Cov[Σ a_i θ(t_i), Σ b_j θ(t_j)] =
+Σ a_i b_j κ(t_i − t_j) for all weights that annihilate a constant and a trend. Then E z² = 6 κ(0) − 8 κ(τ) + 2 κ(2τ), the Allan
+variance is that over 2τ², and covariances of Allan variances follow too (`gyrocal.allan.covariance`).
+
+| term                   | spectrum of the rate, two-sided  | κ(t)                              | Allan variance       |
+|------------------------|----------------------------------|-----------------------------------|----------------------|
+| angle white noise Q    | Q² τ₀ (2πf)²                     | Q² where t = 0                    | 3 Q²/τ²              |
+| angle random walk N    | N²                               | −N² |t|/2                         | N²/τ                 |
+| bias instability B     | B²/(2π f)                        | B² t² ln|t|/(2π)                  | 2 ln 2 B²/π          |
+| rate random walk K     | K²/(2πf)²                        | K² |t|³/12                        | K² τ/3               |
+| Markov noise σ, T      | 2σ²T/(1 + (2πfT)²)               | −σ²T² s(|t|/T), s = x − 1 + e^(−x) | from κ               |
+| rate ramp R            | none: a trend                    | none                              | R² τ²/2              |
+| sinusoid Ω, f₀         | a line                           | none                              | Ω² sin⁴(πf₀τ)/(πf₀τ)² |
+
+Q is the standard deviation of the angle's white noise: that of a readout, or q/√12 of counts of size q, which the standard
+calls quantization noise. All but the ramp and the sinusoid are linear in the square of their coefficient.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+ANGLE_WHITE, RANDOM_WALK, FLICKER, RATE_WALK, MARKOV, RAMP = TERMS = (
+    "angle white noise",
+    "angle random walk",
+    "bias instability",
+    "rate random walk",
+    "Markov noise",
+    "rate ramp",
+)
+RANDOM = TERMS[:5]
+ALPHA = {ANGLE_WHITE: 2, RANDOM_WALK: 0, FLICKER: -1, RATE_WALK: -2, MARKOV: -2, RAMP: -2}
+"""Exponent of the spectrum where a term is the strongest. Markov noise has 0 beyond its time constant, and with −2 too few
+degrees of freedom rather than too many; over a ramp the noise under it is not seen, and is taken as the reddest."""
+
+
+def covariance(term: str, t_s: Array, time_constant_s: float = 1.0) -> Array:
+    """κ(t) of a random term per square of its coefficient, without the part of angle white noise at t = 0; as t_s."""
+    t = np.abs(np.asarray(t_s, dtype=float))
+    if term == ANGLE_WHITE:
+        return np.zeros_like(t)
+    if term == RANDOM_WALK:
+        return np.asarray(-0.5 * t)
+    if term == FLICKER:
+        return np.asarray(t**2 * np.log(np.where(t > 0, t, 1.0)) / (2 * np.pi))
+    if term == RATE_WALK:
+        return np.asarray(t**3 / 12)
+    if term == MARKOV:
+        return np.asarray(-(time_constant_s**2) * _settling(t / time_constant_s))
+    raise ValueError(f"{term} is not random")
+
+
+def _settling(x: Array) -> Array:
+    """x − 1 + e^(−x), by its series where that loses digits."""
+    return np.asarray(np.where(x < 1e-3, x**2 / 2 - x**3 / 6 + x**4 / 24, x + np.expm1(-x)))
+
+
+def allan_variance(term: str, tau_s: Array, time_constant_s: float = 1.0) -> Array:
+    """Allan variance of a term per square of its coefficient, as tau_s."""
+    tau = np.asarray(tau_s, dtype=float)
+    if term == ANGLE_WHITE:
+        return np.asarray(3 / tau**2)
+    if term == RANDOM_WALK:
+        return np.asarray(1 / tau)
+    if term == FLICKER:
+        return np.full_like(tau, 2 * np.log(2) / np.pi)
+    if term == RATE_WALK:
+        return np.asarray(tau / 3)
+    if term == RAMP:
+        return np.asarray(tau**2 / 2)
+    x = tau / time_constant_s
+    # Where τ is far below T the two parts of κ nearly cancel: 8 s(x) − 2 s(2x) with s(x) = x − 1 + e^(−x).
+    difference = np.where(x < 1e-2, 4 * x**3 / 3 - x**4 + 7 * x**5 / 15, 8 * _settling(x) - 2 * _settling(2 * x))
+    return np.asarray(difference / (2 * x**2))
+
+
+def sinusoid_variance(amplitude: float, frequency_hz: float, tau_s: Array) -> Array:
+    """Allan variance of a sinusoid, as tau_s."""
+    angle = np.pi * frequency_hz * np.asarray(tau_s, dtype=float)
+    return np.asarray((amplitude * np.sin(angle) ** 2 / angle) ** 2)

@@ -1,0 +1,64 @@
+"""Bias correlated in time: first-order Gauss–Markov noise of the rate, autocovariance size² exp(−|Δt|/τ).
+
+IEEE Std 952, annex C: a spectrum 2 size² τ/(1 + (2πfτ)²), so that the Allan deviation rises to 0.617 size near 1.9 τ and falls
+again. Unlike a random walk it returns. The time constant is tried from what the references' spacing can show to what an
+interval can; a longer one is a random walk, or a bias of its own in each interval.
+"""
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from simulator.effects.base import Array, Effect, Parameter, ProcessTimes, Setting, Stream, Surroundings, Trial, Value
+from simulator.effects.common import DEG_H, gauss_markov, index, log_uniform, markov, number, reference_arc
+
+SHORTEST = 1.0  # spacing of the references
+LONGEST = 1.0  # intervals
+RATIO = 3.0  # between time constants that are tried
+
+
+def any_time_constant(rng: np.random.Generator, around: Surroundings) -> Value:
+    """From twice the references' spacing to a third of the longest interval, s."""
+    spacing, arc = reference_arc(around)
+    return log_uniform(rng, 2 * spacing, max(arc / 3, 2.1 * spacing))
+
+
+class BiasMarkov(Effect):
+    """See the module."""
+
+    def wander(self, rng: np.random.Generator, stream: Stream, setting: Setting) -> Array:
+        """The process on its axis, in true time over the gaps too."""
+        out = np.zeros((len(stream.t_s), 3))
+        process = gauss_markov(rng, stream.t_s, number(setting.parameters, "time_constant_s"))
+        out[:, index(setting.axis)] = setting.size * DEG_H * process
+        return out
+
+    def covariance(self, at: ProcessTimes, parameters: Mapping[str, Value]) -> Array:
+        """exp(−|Δt|/τ)."""
+        return np.asarray(DEG_H**2 * markov(at.t_s, number(parameters, "time_constant_s")))
+
+    def trials(self, around: Surroundings) -> Sequence[Trial]:
+        """Time constants evenly spaced in their logarithm."""
+        spacing, arc = reference_arc(around)
+        if not arc > 2 * spacing:
+            return ()
+        low, high = SHORTEST * spacing, LONGEST * arc
+        constants = np.geomspace(low, high, max(2, int(np.ceil(np.log(high / low) / np.log(RATIO))) + 1))
+        return tuple(Trial({"time_constant_s": float(constant)}, 1 / constants.size) for constant in constants)
+
+    def missing(self, around: Surroundings) -> str | None:
+        """It needs references that follow one another."""
+        return None if self.trials(around) else "it needs a series of references"
+
+
+EFFECT = BiasMarkov(
+    name="bias_markov",
+    summary="bias correlated in time (Markov)",
+    unit="deg/h",
+    stage="random_rate",
+    prior=(5e-3, 20.0),
+    bounds=(0.0, 1e9),
+    parameters=(Parameter("time_constant_s", "s", 600.0, "time constant", 1e-3, 1e9, draw=any_time_constant),),
+    meaning="The gyro's bias wanders and returns, within a time constant.",
+    kin="wandering bias",
+)

@@ -1,0 +1,58 @@
+"""Angle white noise: the angle that the gyro reads out has white noise v with the standard deviation size.
+
+raw_k += (v_{k+1} − v_k)/Δt, IEEE Std 952, annex C: a spectrum of the rate that rises as f², and the Allan variance 3 size²/τ².
+Rates are differences of readings. Counts of size q make size = q/√12, "quantization noise". Where samples follow one another
+it does not add up: of the angle turned, only the first and the last reading are in error. Each stretch of samples without a
+hole begins with a reading of its own.
+"""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from simulator.effects.base import Array, Effect, SampleTests, Setting, Smallest, Stream, Surroundings
+from simulator.effects.common import ARCSEC, index, log_uniform, noise_power, runs, sample_sigma_deg
+
+FEWEST = 200  # quiet samples
+DIFFERENCED = 20 / 6  # variance of second differences of differences of white noise, over that of white noise
+
+
+class NoiseAngleWhite(Effect):
+    """See the module."""
+
+    def apply(self, rng: np.random.Generator, samples: Array, stream: Stream, setting: Setting) -> Array:
+        """With the differences of the readings' noise added."""
+        out = samples.copy()
+        for part in runs(stream):
+            reading = setting.size * ARCSEC * rng.standard_normal(part.stop - part.start + 1)
+            out[part, index(setting.axis)] += np.diff(reading) / stream.duration_s[part]
+        return out
+
+    def draw_size(self, rng: np.random.Generator, around: Surroundings, axis: str | None) -> float:
+        """Differences from half the noise of a sample to three times that."""
+        return float(np.deg2rad(sample_sigma_deg(around))) * around.sample_s / ARCSEC * log_uniform(rng, 0.5, 3.0)
+
+    def missing(self, around: Surroundings) -> str | None:
+        """It is told from noise as stated."""
+        return None if around.arw > 0 else "the recording states no gyro noise"
+
+    def smallest(self, around: Surroundings, tests: SampleTests) -> Sequence[Smallest]:
+        """Second differences show the variance σ² + 10/3 (size/Δt)², and must pass the test of the level of the noise."""
+        n = sum(tests.quiet)
+        if n < FEWEST or around.arw == 0:
+            return [Smallest(None, np.inf, f"needs {FEWEST} quiet samples of a gyro with stated noise")]
+        excess = noise_power(n, tests)
+        sigma = around.arw / np.sqrt(around.sample_s)
+        return [Smallest(None, float(sigma * around.sample_s * np.sqrt((excess - 1) / DIFFERENCED)) / ARCSEC, "any one axis")]
+
+
+EFFECT = NoiseAngleWhite(
+    name="noise_angle_white",
+    summary="angle white noise, readout noise of the angle",
+    unit="arcsec",
+    stage="pickup",
+    prior=(1e-3, 100.0),
+    bounds=(0.0, 1e6),
+    meaning="The angle that the gyro reads out is noisy; the rates, its differences, have more noise the higher the frequency.",
+    symptom="readout_noise",
+)

@@ -1,0 +1,216 @@
+"""Allan deviation of a recording's noise about each axis, its confidence bands, lines, and the terms of IEEE Std 952.
+
+Lines are taken out first, found in the spectrum as those of a diagnosis are, since a sinusoid is a bump of an Allan deviation
+that other terms could pass for. What the references add where they were taken out of the rates is known, and no term.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from diagnosis.detectors.report import SampleReport
+from diagnosis.detectors.spectral_lines import Line, lines
+from gyrocal import Recording
+from gyrocal.allan import Deviation, Fit, TermEstimate, fit_terms, overlapping_allan_deviation
+from gyrocal.allan.terms import ANGLE_WHITE, FLICKER, MARKOV, RAMP, RANDOM_WALK, RATE_WALK, sinusoid_variance
+from simulator.streams import generator
+from studies.allan.rates import Stretch, stretches
+
+Array = NDArray[np.float64]
+
+AXES = "xyz"
+CONFIDENCE = 0.95
+DRAWS = 32  # of the references' errors
+DEG, HOUR = float(np.rad2deg(1.0)), 3600.0
+UNITS = {  # of a coefficient: from radians and seconds to the unit shown
+    ANGLE_WHITE: ("arcsec", DEG * 3600),
+    RANDOM_WALK: ("deg/√h", DEG * np.sqrt(HOUR)),
+    FLICKER: ("deg/h", DEG * HOUR),
+    RATE_WALK: ("deg/h/√h", DEG * HOUR * np.sqrt(HOUR)),
+    MARKOV: ("deg/h", DEG * HOUR),
+    RAMP: ("deg/h/h", DEG * HOUR * HOUR),
+}
+RATE_UNIT, RATE = "deg/h", DEG * HOUR
+
+
+@dataclass(frozen=True)
+class Sinusoid:
+    """Lines of one axis.
+
+    Attributes
+    ----------
+    found : the lines, each with its amplitude and sigma in rad/s
+    upper : amplitude that a line hidden in the spectrum may have at most, rad/s; 95 %
+    """
+
+    found: tuple[Line, ...]
+    upper: float
+
+
+@dataclass(frozen=True)
+class AxisNoise:
+    """Noise of one axis, in radians and seconds.
+
+    Attributes
+    ----------
+    deviation : with the lines in it
+    low, high : (t,) confidence limits of the deviation
+    model : (t,) Allan variance of the terms, the lines and the references
+    references : (t,) that of the references' errors alone
+    fit : the terms
+    sinusoid : the lines
+    """
+
+    deviation: Deviation
+    low: Array
+    high: Array
+    model: Array
+    references: Array
+    fit: Fit
+    sinusoid: Sinusoid
+
+
+@dataclass(frozen=True)
+class Analysis:
+    """Noise of a recording.
+
+    Attributes
+    ----------
+    recording : title
+    arw : stated angle random walk, rad/√s
+    stretches : what it rests on
+    axes : x, y, z
+    notes : what to know of it
+    """
+
+    recording: str
+    arw: float
+    stretches: tuple[Stretch, ...]
+    axes: tuple[AxisNoise, ...]
+    notes: tuple[str, ...]
+
+    def to_json(self) -> dict[str, Any]:
+        """Everything as numbers with their units."""
+        return {
+            "recording": self.recording,
+            "stated_angle_random_walk": {"value": self.arw * UNITS[RANDOM_WALK][1], "unit": UNITS[RANDOM_WALK][0]},
+            "confidence": CONFIDENCE,
+            "stretches": [stretch_row(one) for one in self.stretches],
+            "axes": {axis: _axis_json(one) for axis, one in zip(AXES, self.axes, strict=True)},
+            "notes": list(self.notes),
+        }
+
+
+def analyse(recording: Recording, interval: str | None = None) -> Analysis:
+    """Allan deviation and noise terms of a recording, or of one of its intervals.
+
+    Raises
+    ------
+    InputError
+        There is no such interval, or no stretch of samples shows the gyro's noise.
+    """
+    parts, notes = stretches(recording, interval)
+    sinusoids, clean = _without_lines(recording, parts)
+    return Analysis(
+        recording.title,
+        recording.gyro.arw,
+        parts,
+        tuple(_axis(recording.gyro.sample_s, parts, k, clean, sinusoids[k]) for k in range(3)),
+        notes,
+    )
+
+
+def _axis(sample_s: float, parts: tuple[Stretch, ...], axis: int, clean: list[Array], sinusoid: Sinusoid) -> AxisNoise:
+    deviation = overlapping_allan_deviation([one.rates[:, axis] for one in parts], sample_s)
+    floor = _reference_variance(sample_s, parts, axis)
+    fit = fit_terms(overlapping_allan_deviation([rates[:, axis] for rates in clean], sample_s), floor)
+    low, high = deviation.band(fit.degrees, CONFIDENCE)
+    tones = (sinusoid_variance(line.amplitude, line.frequency_hz, deviation.tau_s) for line in sinusoid.found)
+    return AxisNoise(deviation, low, high, sum(tones, fit.model), floor, fit, sinusoid)
+
+
+def _reference_variance(sample_s: float, parts: tuple[Stretch, ...], axis: int) -> Array:
+    """(t,) Allan variance that errors of the references make where they are taken out of the rates."""
+    draws = DRAWS if any(not one.rest for one in parts) else 1
+    found = []
+    for case in range(draws):
+        rng = generator(0, case, "allan references")
+        drawn = [one.drawn(rng)[:, axis] for one in parts]
+        found.append(overlapping_allan_deviation(drawn, sample_s).variance)
+    return np.asarray(np.mean(found, axis=0))
+
+
+def _without_lines(recording: Recording, parts: tuple[Stretch, ...]) -> tuple[list[Sinusoid], list[Array]]:
+    """The lines of each axis, and the rates of each stretch without them."""
+    rates, used = recording.gyro.rates.copy(), np.zeros(recording.gyro.t_s.size, dtype=bool)
+    for one in parts:
+        used[one.samples] = True
+        rates[one.samples] = one.rates
+    none = np.zeros(used.size, dtype=bool)
+    report = SampleReport([], [], rates, np.zeros_like(rates), none, none)
+    found = lines(report, recording, used, used)
+    tests = {test.axis: test for test in report.tests}
+    sinusoids = []
+    for axis in range(3):
+        own = tuple(line for line in found if line.axis == axis)
+        test = tests.get(AXES[axis])
+        # Of a line whose power exceeds the level around it P times the amplitude scatters by 1/√(2P) of itself.
+        power = np.log(used.size / 2) - np.log(test.p_value) if test else np.nan
+        upper = np.deg2rad(test.value) * (1 + 1.645 / np.sqrt(2 * power)) if test and not own else np.nan
+        sinusoids.append(Sinusoid(own, float(upper)))
+    waves = np.zeros_like(rates)
+    for line in found:
+        waves[:, line.axis] += line.waveform
+    return sinusoids, [one.rates - waves[one.samples] for one in parts]
+
+
+def stretch_row(one: Stretch) -> dict[str, Any]:
+    """A stretch in a few words."""
+    return {
+        "interval": one.interval,
+        "start_s": float(one.edges[0]),
+        "stop_s": float(one.edges[-1]),
+        "samples": len(one.rates),
+        "rates": "rest, raw" if one.rest else "residual",
+        "references": one.references,
+        "p_constant_rate": one.p_value,
+    }
+
+
+def shown(estimate: TermEstimate) -> TermEstimate:
+    """An estimate in the unit shown."""
+    factor = UNITS[estimate.term][1]
+    return replace(estimate, value=estimate.value * factor, sigma=estimate.sigma * factor, upper=estimate.upper * factor)
+
+
+def _axis_json(one: AxisNoise) -> dict[str, Any]:
+    terms = {}
+    for estimate in map(shown, one.fit.estimates):
+        entry = {"seen": estimate.seen, "unit": UNITS[estimate.term][0], "value": estimate.value, "sigma": estimate.sigma}
+        entry["upper_95"] = estimate.upper
+        if estimate.term == MARKOV:
+            entry |= {"time_constant_s": estimate.time_constant_s, "time_constant_sigma_s": estimate.time_constant_sigma_s}
+        terms[estimate.term] = entry
+    lines_found = [
+        {"frequency_hz": line.frequency_hz, "amplitude": line.amplitude * RATE, "sigma": line.sigma * RATE, "unit": RATE_UNIT}
+        for line in one.sinusoid.found
+    ]
+    return {
+        "tau_s": one.deviation.tau_s,
+        "deviation_deg_h": one.deviation.deviation * RATE,
+        "low_deg_h": one.low * RATE,
+        "high_deg_h": one.high * RATE,
+        "model_deg_h": np.sqrt(one.model) * RATE,
+        "references_deg_h": np.sqrt(one.references) * RATE,
+        "equivalent_degrees_of_freedom": one.fit.degrees,
+        "terms": terms,
+        "sinusoids": lines_found,
+        "sinusoid_upper_95_deg_h": one.sinusoid.upper * RATE,
+        "chi2": one.fit.chi2,
+        "dof": one.fit.dof,
+        "as_well": [list(terms) for terms in one.fit.alternatives],
+    }

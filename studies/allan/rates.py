@@ -1,0 +1,208 @@
+"""The noise of a gyro in a recording, as stretches of rates of which the motion is taken out.
+
+Only stretches count in which the mean rate does not visibly change from one twenty samples to the next. In such a stretch the
+references decide. Where they agree with a constant rate, A(t) = exp(−[ω×]t) A₀ with ω and A₀ fitted to them, it is a *rest*: a
+constant rate does not enter second differences, and the raw rates are used as they are. Where they deny it, what they say of
+the motion is taken out of the calibrated rates: the mean over each sample of the rate of a cubic spline through them.
+That puts the references' own errors into the rates; how much these add to each Allan variance is found by drawing them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cache
+
+import numpy as np
+import scipy.interpolate
+import scipy.stats
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from diagnosis.detectors.report import arcs, consecutive, inside
+from diagnosis.detectors.sample_noise import local_noise, quiet
+from gyrocal import GyroParameters, InputError, Recording, UnobservableError, calibrate
+from gyrocal.attitude import cross_matrix
+from gyrocal.recording import Interval, reference_rows
+
+Array = NDArray[np.float64]
+
+MARGIN = 60  # samples beside a visible motion that are left out, since it may have begun gently
+DENIED = 1e-4  # p-value of a constant rate, below which the references deny it
+FEWEST_REFERENCES = 5  # for a spline
+ITERATIONS = 6  # of the fit of a constant rate
+
+
+@dataclass(frozen=True)
+class Stretch:
+    """Samples that follow one another, without the motion of the body.
+
+    Attributes
+    ----------
+    interval : name
+    samples : of the recording
+    rest : whether the body turned at a constant rate, and the raw rates are used
+    references : how many there are in it
+    p_value : of a constant rate by the references, NaN where they cannot tell
+    rates : (n, 3) rad/s, along the gyros for a rest, in body axes otherwise
+    reference_sigma : (r, 3) rad, and reference_t_s : (r,) s; of those that were taken out, none for a rest
+    edges : (n + 1,) begin of each sample and end of the last, s
+    """
+
+    interval: str
+    samples: slice
+    rest: bool
+    references: int
+    p_value: float
+    rates: Array
+    reference_sigma: Array
+    reference_t_s: Array
+    edges: Array
+
+    def drawn(self, rng: np.random.Generator) -> Array:
+        """Rates (n, 3) that errors of the references make, rad/s; zero for a rest."""
+        if self.rest:
+            return np.zeros_like(self.rates)
+        errors = rng.standard_normal(self.reference_sigma.shape) * self.reference_sigma
+        angle = scipy.interpolate.CubicSpline(self.reference_t_s, errors)(self.edges)
+        return np.asarray(np.diff(angle, axis=0) / np.diff(self.edges)[:, None])
+
+
+def stretches(recording: Recording, interval: str | None = None) -> tuple[tuple[Stretch, ...], tuple[str, ...]]:
+    """The stretches of a recording, or of one interval, that show the gyro's noise; and what to know of them.
+
+    Raises
+    ------
+    InputError
+        There is no such interval, or nothing is left.
+    """
+    names = [one.name for one in recording.intervals]
+    if interval is not None and interval not in names:
+        raise InputError(f"--interval {interval}: no such interval; there are {', '.join(names)}")
+    notes: list[str] = []
+
+    @cache
+    def calibration() -> tuple[GyroParameters, list[str]]:
+        return _calibration(recording)  # costs seconds, and only a motion asks for it
+
+    used = inside(recording)
+    sigma = recording.gyro.arw / np.sqrt(recording.gyro.sample_s)
+    still = quiet(recording.gyro.rates, local_noise(recording.gyro.rates, sigma, np.zeros(3, dtype=bool), np.zeros(3)))
+    found, lost = [], 0
+    for one in recording.intervals:
+        if interval in (None, one.name):
+            for low, high in _runs(recording, one, used & still):
+                stretch = _stretch(recording, one, slice(low, high), lambda: calibration()[0])
+                lost += stretch is None
+                found += [] if stretch is None else [stretch]
+    if lost:
+        notes.append(f"{lost} stretch(es) moved and had fewer than {FEWEST_REFERENCES} references to say how; left out")
+    if not found:
+        where = "the recording" if interval is None else f"interval {interval}"
+        raise InputError(f"no stretch of {where} shows the gyro's noise: all of it moves, or it is shorter than 256 samples")
+    if not all(stretch.rest for stretch in found):
+        notes += calibration()[1]
+    if any(np.isnan(stretch.p_value) for stretch in found):
+        notes.append("Without references inside a stretch nobody says that the body did not move: slow motion counts as noise")
+    return tuple(found), tuple(notes)
+
+
+def _calibration(recording: Recording) -> tuple[GyroParameters, list[str]]:
+    """G and b of the recording's own calibration, as stated where it cannot be calibrated."""
+    try:
+        return calibrate(recording).parameters, []
+    except UnobservableError:
+        stated = GyroParameters(recording.gyro.apriori_G, recording.gyro.apriori_bias)
+        return stated, ["These maneuvers do not determine G and b: the motion is taken out with the stated ones"]
+
+
+def _runs(recording: Recording, interval: Interval, usable: NDArray[np.bool_]) -> list[tuple[int, int]]:
+    """Unbroken runs of usable samples of an interval, without what is next to a visible motion."""
+    t = recording.gyro.t_s
+    first, last = np.searchsorted(t, [interval.start_s - 1e-6, interval.stop_s - recording.gyro.sample_s + 1e-6], side="left")
+    own = np.zeros_like(usable)
+    own[first:last] = usable[first:last]
+    out = []
+    for low, high in arcs(own & (consecutive(recording, own) | _begins(own))):
+        begin = low if low == first else low + MARGIN
+        end = high if high == last else high - MARGIN
+        if end - begin >= 256:
+            out.append((int(begin), int(end)))
+    return out
+
+
+def _begins(own: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """The first sample of each run."""
+    return own & ~np.append(False, own[:-1])
+
+
+def _stretch(recording: Recording, interval: Interval, part: slice, parameters: Callable[[], GyroParameters]) -> Stretch | None:
+    """One stretch; None if it moves and too few references say how."""
+    gyro, attitudes = recording.gyro, recording.attitudes
+    rows = reference_rows(attitudes.t_s, interval)
+    end = gyro.t_s[part.stop - 1] + gyro.sample_s
+    rows = rows[(attitudes.t_s[rows] >= gyro.t_s[part.start] - 1e-6) & (attitudes.t_s[rows] <= end + 1e-6)]
+    t, turned, sigma = attitudes.t_s[rows], Rotation.from_quat(attitudes.quaternions[rows]), attitudes.sigma[rows]
+    p = constant_rate_p(t, turned, sigma) if rows.size > 2 else float("nan")
+    if not p < DENIED:
+        edges = np.append(gyro.t_s[part], end)
+        return Stretch(interval.name, part, True, rows.size, p, gyro.rates[part], np.empty((0, 3)), np.empty(0), edges)
+    if rows.size < FEWEST_REFERENCES:
+        return None
+    low, high = np.searchsorted(gyro.t_s[part], [t[0] - 1e-6, t[-1] - gyro.sample_s + 1e-6])
+    part = slice(part.start + int(low), part.start + int(high))
+    if part.stop - part.start < 256:
+        return None
+    edges = np.append(gyro.t_s[part], gyro.t_s[part.stop - 1] + gyro.sample_s)
+    attitude = interpolated(t, turned, edges)
+    motion = (attitude[:-1].inv() * attitude[1:]).as_rotvec() / np.diff(edges)[:, None]
+    G, bias = parameters().G, parameters().bias
+    rates = gyro.rates[part] @ G.T + bias - motion
+    return Stretch(interval.name, part, False, rows.size, p, rates, sigma, t, edges)
+
+
+def interpolated(t_s: Array, attitudes: Rotation, at_s: Array) -> Rotation:
+    """Attitudes at other times by a cubic spline of quaternions, in which nothing is assumed of the rate at the ends."""
+    q = attitudes.as_quat()
+    same = np.sign(np.sum(q[1:] * q[:-1], axis=1))
+    q[1:] *= np.cumprod(np.where(same == 0, 1.0, same))[:, None]
+    return Rotation.from_quat(scipy.interpolate.CubicSpline(t_s, q)(at_s))
+
+
+def constant_rate_p(t_s: Array, attitudes: Rotation, sigma: Array) -> float:
+    """P-value of attitudes being those of a constant rate in body axes, with errors of the stated size.
+
+    Parameters
+    ----------
+    t_s : (m,) times, s; at least three
+    attitudes : m rotations from body to inertial axes
+    sigma : (m, 3) of their errors, rad
+    """
+    since = t_s - t_s[0]
+    start, rate = attitudes[0], _first_rate(since, attitudes)
+    weights = 1 / sigma.reshape(-1)
+    for _ in range(ITERATIONS):
+        ahead = Rotation.from_rotvec(since[:, None] * rate)
+        left = (attitudes.inv() * (start * ahead)).as_rotvec()
+        # A change of ω turns the attitude by the mean over the time since the start of ω seen from the body axes then.
+        back = ahead.inv().as_matrix()
+        design = np.concatenate([back, since[:, None, None] * _mean_turn(since, rate)], axis=2).reshape(-1, 6)
+        step = np.linalg.lstsq(design * weights[:, None], -left.reshape(-1) * weights, rcond=None)[0]
+        start, rate = start * Rotation.from_rotvec(step[:3]), rate + step[3:]
+    chi2 = float(np.sum((left.reshape(-1) * weights) ** 2))
+    return float(scipy.stats.chi2.sf(chi2, 3 * t_s.size - 6))
+
+
+def _first_rate(since: Array, attitudes: Rotation) -> Array:
+    """Median rate from one reference to the next."""
+    step = (attitudes[:-1].inv() * attitudes[1:]).as_rotvec() / np.diff(since)[:, None]
+    return np.asarray(np.median(step, axis=0))
+
+
+def _mean_turn(since: Array, rate: Array) -> Array:
+    """(m, 3, 3) mean of exp(−[ω×]s) over s from zero to each time: I − (1 − cos φ)/φ [u×] + (1 − sin φ/φ) [u×]²."""
+    size = float(np.linalg.norm(rate))
+    unit = rate / max(size, 1e-300)
+    cross = cross_matrix(unit)
+    angle = np.maximum(size * since, 1e-9)[:, None, None]
+    return np.asarray(np.eye(3) - (1 - np.cos(angle)) / angle * cross + (1 - np.sin(angle) / angle) * (cross @ cross))

@@ -1,0 +1,160 @@
+"""What ``gyrocal allan`` shows: the figure, the table of the terms beside what the recording states, and a page with both."""
+
+from __future__ import annotations
+
+from functools import partial
+
+import numpy as np
+import pandas as pd
+from matplotlib.figure import Figure
+from rich.console import Console
+
+from gyrocal.allan.terms import MARKOV, RANDOM_WALK, allan_variance
+from studies.allan.analysis import AXES, RATE, RATE_UNIT, UNITS, Analysis, AxisNoise, shown, stretch_row
+from studies.report import tables
+from studies.report.html import Picture, document, heading, paragraph, table_of
+from studies.report.html import shown as figure_of
+from studies.report.panels import DARK, GREY, RED, TEAL, Line, Panel, curves, drawn
+from studies.report.tables import NO_VALUE
+
+SINUSOID = "sinusoid"
+OFF = 4.0  # sigma, from which on a departure from what is stated is worth a sentence
+MEANINGS = {
+    "angle white noise": "readout noise of the angle, whose differences are the rates; of counts, a step of √12 times it",
+    "angle random walk": "white noise of the rate",
+    "bias instability": "1/f noise of the rate; the floor of the deviation is 0.664 times it",
+    "rate random walk": "a bias that wanders without returning",
+    "Markov noise": "a bias that wanders and returns within a time constant",
+    "rate ramp": "a bias that drifts evenly",
+    SINUSOID: "a bias that swings with one period, or a vibration",
+}
+NOTE = (
+    "Sigma is that of the terms that are seen, all others taken as zero; a bound is one-sided, 95 %. Not seen: the deviation "
+    "is explained as well without it."
+)
+CAPTION = (
+    "Overlapping Allan deviation with its 95 % band (χ² with the equivalent degrees of freedom of Greenhall & Riley for the "
+    "strongest term at each time), the sum of the fitted terms, each term by itself, and the stated angle random walk."
+)
+
+
+def terms_table(found: Analysis) -> pd.DataFrame:
+    """A row for each term and axis, as texts."""
+    rows = []
+    for name, axis in zip(AXES, found.axes, strict=True):
+        for one in axis.fit.estimates:
+            estimate, unit = shown(one), UNITS[one.term][0]
+            row = {"axis": name, "term": one.term, "value": "not seen", "sigma": NO_VALUE, "unit": unit}
+            row |= {"time constant": NO_VALUE, "stated": NO_VALUE}
+            if estimate.seen:
+                row |= {"value": tables.to_sigma(estimate.value, estimate.sigma)}
+                row |= {"sigma": tables.to_sigma(estimate.sigma, estimate.sigma)}
+            else:
+                row["value"] = f"not seen, below {estimate.upper:.2g}"
+            if estimate.seen and one.term == MARKOV:
+                row["time constant"] = f"{estimate.time_constant_s:.3g} ± {estimate.time_constant_sigma_s:.2g} s"
+            if one.term == RANDOM_WALK:
+                row["stated"] = tables.number(found.arw * UNITS[RANDOM_WALK][1])
+            rows.append(row)
+        rows += _sinusoids(name, axis)
+    return pd.DataFrame(rows)
+
+
+def _sinusoids(name: str, axis: AxisNoise) -> list[dict[str, str]]:
+    base = {"axis": name, "term": SINUSOID, "sigma": NO_VALUE, "unit": RATE_UNIT, "time constant": NO_VALUE, "stated": NO_VALUE}
+    if not axis.sinusoid.found:
+        upper = axis.sinusoid.upper * RATE
+        return [base | {"value": "not seen" if np.isnan(upper) else f"not seen, below {upper:.2g}"}]
+    return [
+        base
+        | {
+            "value": tables.to_sigma(line.amplitude * RATE, line.sigma * RATE),
+            "sigma": tables.to_sigma(line.sigma * RATE, line.sigma * RATE),
+            "time constant": f"period {1 / line.frequency_hz:.4g} s",
+        }
+        for line in axis.sinusoid.found
+    ]
+
+
+def remarks(found: Analysis) -> list[str]:
+    """What is found, in sentences."""
+    out = [] if found.arw else ["The recording states no angle random walk."]
+    for name, axis in zip(AXES, found.axes, strict=True):
+        walk = axis.fit.estimate(RANDOM_WALK)
+        if found.arw and not walk.seen:
+            out.append(f"{name}: no angle random walk is seen; it is below {walk.upper / found.arw:.2g} times the stated one.")
+        elif found.arw and abs(walk.value - found.arw) > OFF * walk.sigma:
+            off, ratio = abs(walk.value - found.arw) / walk.sigma, walk.value / found.arw
+            out.append(f"{name}: the angle random walk is {ratio:.3g} times the stated one, {off:.0f} sigma off.")
+        for other in axis.fit.alternatives:
+            out.append(f"{name}: {' + '.join(other)} would fit as well; the deviation cannot tell.")
+    return [*out, *found.notes]
+
+
+def stretches_table(found: Analysis) -> pd.DataFrame:
+    """The stretches that the deviation rests on."""
+    return pd.DataFrame([stretch_row(one) for one in found.stretches])
+
+
+def show(console: Console, found: Analysis) -> None:
+    """Print the tables and the remarks."""
+    tables.terminal(console, "Stretches", stretches_table(found))
+    tables.terminal(console, f"{found.recording}: noise terms of IEEE Std 952", terms_table(found), NOTE)
+    for line in remarks(found):
+        console.print(line, highlight=False, markup=False)
+
+
+def figure(found: Analysis) -> Figure:
+    """The deviation of each axis with its terms."""
+    panels = [_panel(name, axis, found.arw) for name, axis in zip(AXES, found.axes, strict=True)]
+    return drawn(*panels, size=(11.0, 4.2), sharey=True)
+
+
+def _panel(name: str, axis: AxisNoise, arw: float) -> Panel:
+    tau = axis.deviation.tau_s
+    lines = [
+        Line(tau, axis.deviation.deviation * RATE, "deviation, 95 %", TEAL, "o-", axis.low * RATE, axis.high * RATE),
+        Line(tau, np.sqrt(axis.model) * RATE, "all terms", RED, "-"),
+    ]
+    for one, style in zip([one for one in axis.fit.estimates if one.seen], ("--", ":", "-."), strict=False):
+        own = one.value * np.sqrt(allan_variance(one.term, tau, one.time_constant_s))
+        lines.append(Line(tau, own * RATE, one.term, DARK, style))
+    if arw > 0:
+        lines.append(Line(tau, arw / np.sqrt(tau) * RATE, "stated", GREY, "-"))
+    if axis.references.any():
+        lines.append(Line(tau, np.sqrt(axis.references) * RATE, "references", GREY, ":"))
+    return curves(lines, title=name, x="averaging time (s)", y="Allan deviation (deg/h)", log="xy", legend="upper right")
+
+
+def page(found: Analysis) -> str:
+    """A page in HTML; the same analysis gives the same bytes."""
+    table, rests = terms_table(found), stretches_table(found)
+    seen = [not str(value).startswith("not seen") for value in table["value"]]
+    picture = Picture("allan", partial(figure, found), _alt(found), CAPTION)
+    words = "".join(f"<dt>{term}</dt><dd>{text}</dd>" for term, text in MEANINGS.items())
+    texts = rests.map(lambda value: tables.number(value) if isinstance(value, float) else str(value))
+    return document(
+        f"Allan deviation of {found.recording}",
+        [
+            "".join(paragraph(line) for line in remarks(found)),
+            figure_of(picture),
+            heading("Terms of IEEE Std 952"),
+            paragraph(NOTE),
+            table_of(table, seen, ["value", "sigma"]),
+            heading("Stretches"),
+            paragraph("Rests are used as recorded; of the others, what the references say of the motion is taken out."),
+            table_of(texts, [False] * len(texts), ["start_s", "stop_s", "samples", "references"]),
+            heading("Words"),
+            f"<dl>{words}</dl>",
+        ],
+    )
+
+
+def _alt(found: Analysis) -> str:
+    """The figure in words."""
+    parts = []
+    for name, axis in zip(AXES, found.axes, strict=True):
+        deviation = axis.deviation.deviation * RATE
+        tau = axis.deviation.tau_s
+        parts.append(f"{name} from {deviation[0]:.3g} deg/h at {tau[0]:g} s to {deviation[-1]:.3g} deg/h at {tau[-1]:g} s")
+    return f"Allan deviation over averaging time: {'; '.join(parts)}."

@@ -1,0 +1,83 @@
+"""Readout noise of the angle, told from white noise of another level."""
+
+import numpy as np
+import pytest
+
+from diagnosis.detectors.sample_noise import readout_of
+from diagnosis.detectors.samples import examine
+from diagnosis.diagnose import diagnose
+from simulator import scenario
+from simulator.effects import parse
+from simulator.simulate import simulate
+from tests.diagnosis.recordings import recorded
+
+SIGMA = 1e-6  # of a sample
+SAMPLES = 8000
+
+
+def drawn(seed, white=1.0, reading=0.0):
+    """White noise and readout noise, in SIGMA."""
+    rng = np.random.default_rng(seed)
+    return SIGMA * (white * rng.standard_normal(SAMPLES) + reading * np.diff(rng.standard_normal(SAMPLES + 1)))
+
+
+def test_its_size_over_seeds():
+    """At a third of the white noise, eighty per cent more power: found every time, with the sigma that it states."""
+    found = [readout_of(drawn(seed, reading=0.5), [(0, SAMPLES)], SIGMA**2) for seed in range(40)]
+    assert all(one is not None and one.as_stated for one in found)
+    pulls = np.array([(one.reading / SIGMA - 0.5) / (one.sigma / SIGMA) for one in found])
+    assert abs(pulls.mean()) < 4 / np.sqrt(40)
+    assert 0.6 < pulls.std() < 1.4
+
+
+def test_too_much_white_noise_is_none():
+    assert [readout_of(drawn(seed, white=1.5), [(0, SAMPLES)], SIGMA**2) for seed in range(20)] == [None] * 20
+
+
+def test_both_together_are_both_found():
+    for seed in range(10):
+        found = readout_of(drawn(seed, white=2.0, reading=2.0), [(0, SAMPLES)], SIGMA**2)
+        assert found is not None
+        assert not found.as_stated
+        assert abs(found.reading - 2 * SIGMA) < 4 * found.sigma
+        assert abs(found.white - 4 * SIGMA**2) < 4 * found.white_sigma
+
+
+def test_noise_of_another_colour_is_none():
+    """Twice differenced white noise rises as f⁴, and a mean of two samples falls."""
+    for seed in range(10):
+        rng = np.random.default_rng(seed)
+        steep = drawn(seed) + SIGMA * np.diff(rng.standard_normal(SAMPLES + 2), n=2)
+        soft = 2 * np.convolve(drawn(seed, white=1.5), [0.5, 0.5], mode="same")
+        assert readout_of(steep, [(0, SAMPLES)], SIGMA**2) is None
+        assert readout_of(soft, [(0, SAMPLES)], SIGMA**2) is None
+
+
+@pytest.mark.parametrize("seed", range(10))
+def test_the_baseline_has_none(seed):
+    report = examine(recorded(seed))
+    assert not [one for one in report.symptoms if one.kind in ("readout_noise", "white_noise_level", "noise_colour")]
+
+
+@pytest.mark.parametrize("seed", range(2))
+def test_it_is_named_and_not_an_excess_of_white_noise(seed):
+    """On TRMM's plan at a sample of two seconds, about half the white noise of a sample: 0.4 arcsec."""
+    answer = diagnose(recorded(20 + seed, "noise_angle_white:y=0.4"))
+    assert answer.verdict == "named"
+    (cause,) = answer.causes
+    assert cause.label == "noise_angle_white:y"
+    assert abs(cause.size - 0.4) < 3 * cause.sigma
+
+
+def test_it_is_named_at_another_rate():
+    """At ten samples a second a reading of the same noise is a larger rate."""
+    plan = scenario.override(scenario.load("trmm_series"), {"gyro.sample_s": 0.1, "interval": _one_interval()})
+    report = examine(simulate(plan, seed=31, effects=[parse("noise_angle_white:x=0.3")]))
+    (symptom,) = report.symptoms
+    assert (symptom.kind, symptom.axis) == ("readout_noise", "x")
+    assert abs(symptom.size - 0.3) < 3 * symptom.sigma
+
+
+def _one_interval():
+    """An interval of ten minutes."""
+    return [{"name": "hold", "activity": "hold", "start_s": 0.0, "stop_s": 600.0, "mode": "+x"}]

@@ -1,0 +1,25 @@
+"""A bias that wanders and returns: named, or in a group with the other wandering biases, from which it can hardly be told."""
+
+import pytest
+
+from diagnosis.diagnose import diagnose
+from tests.diagnosis.recordings import recorded
+
+
+@pytest.mark.parametrize(
+    ("seed", "axis", "size", "time_constant_s"), [(50, "x", 0.2, 300), (51, "y", 0.3, 600), (53, "z", 0.3, 300)]
+)
+def test_it_is_in_the_group_with_its_size(seed, axis, size, time_constant_s):
+    answer = diagnose(recorded(seed, f"bias_markov:{axis}={size},time_constant_s={time_constant_s}"))
+    assert answer.verdict in ("named", "group")
+    (cause,) = answer.causes
+    assert f"bias_markov:{axis}" in cause.group
+    if cause.label == f"bias_markov:{axis}":
+        assert abs(cause.size - size) < 3 * cause.sigma
+
+
+@pytest.mark.parametrize("seed", range(44, 48))
+def test_the_baseline_has_none(seed):
+    answer = diagnose(recorded(seed))
+    assert answer.verdict == "none"
+    assert not answer.causes

@@ -1,0 +1,131 @@
+import allantools
+import numpy as np
+import pytest
+
+from gyrocal import InputError
+from gyrocal.allan import edf, overlapping_allan_deviation, pooled_edf
+from gyrocal.allan.covariance import estimate_covariance
+from gyrocal.allan.deviation import LARGE
+from gyrocal.allan.terms import ANGLE_WHITE, FLICKER, RANDOM_WALK, RATE_WALK, allan_variance
+from tests.gyrocal.allan import noises
+
+KINDS = {ANGLE_WHITE: (2, noises.angle_white), RANDOM_WALK: (0, noises.random_walk), RATE_WALK: (-2, noises.rate_walk)}
+KINDS[FLICKER] = (-1, noises.flicker)
+
+
+def test_the_deviation_is_that_of_allantools():
+    rates = np.random.default_rng(1).standard_normal(3000).cumsum()
+    found = overlapping_allan_deviation([rates], 0.5)
+    _, theirs, _, counts = allantools.oadev(rates, rate=2.0, data_type="freq", taus=found.tau_s)
+    assert np.allclose(found.deviation, theirs, rtol=1e-9)
+    assert np.array_equal(found.counts, counts)
+
+
+def test_a_difference_by_hand():
+    # Angles 0, 1, 3, 2, 2, … : second differences of one sample are 1, −3, 1 and then zero.
+    found = overlapping_allan_deviation([np.array([1.0, 2, -1, 0, 0, 0, 0, 0])], 1.0, [1])
+    assert found.variance[0] == pytest.approx((1 + 9 + 1) / (2 * 7))
+
+
+def test_stretches_count_together_and_a_constant_rate_does_not_count():
+    rng = np.random.default_rng(2)
+    parts = [rng.standard_normal(n) for n in (900, 1300)]
+    both = overlapping_allan_deviation([parts[0] + 5.0, parts[1] - 7.0], 1.0, [1, 8, 64])
+    own = [overlapping_allan_deviation([part], 1.0, [1, 8, 64]) for part in parts]
+    weighted = sum(one.counts * one.variance for one in own) / sum(one.counts for one in own)
+    assert np.allclose(both.variance, weighted, rtol=1e-9)
+
+
+@pytest.mark.parametrize("alpha", [0, -1, -2])
+@pytest.mark.parametrize("factor", [1, 2, 7, 30])
+def test_degrees_of_freedom_are_those_of_allantools(alpha, factor):
+    theirs = allantools.edf_greenhall(alpha, 2, factor, 1001, overlapping=True, modified=False)
+    assert edf(alpha, factor, 1000) == pytest.approx(theirs, rel=1e-6)
+
+
+@pytest.mark.parametrize("factor", [1, 5, 20])
+def test_degrees_of_freedom_of_angle_white_noise_are_those_of_allantools(factor):
+    theirs = allantools.edf_greenhall(2, 2, factor, 201, overlapping=True, modified=False)
+    assert edf(2, factor, 200) == pytest.approx(theirs, rel=1e-6)
+
+
+@pytest.mark.parametrize("alpha", [0, -1, -2])
+def test_both_sides_of_the_large_factor_agree(alpha):
+    below, above = edf(alpha, LARGE, 9 * LARGE), edf(alpha, LARGE + 1, 9 * (LARGE + 1))
+    assert above == pytest.approx(below, rel=2 / LARGE)
+
+
+@pytest.mark.parametrize("term", sorted(KINDS))
+def test_mean_and_scatter_of_the_deviation_are_as_said(term):
+    """Over 200 records the mean is the closed form, and the variance that of the equivalent degrees of freedom."""
+    alpha, make = KINDS[term]
+    cases, lengths, factors = 200, (700, 500), [8, 32, 128]
+    found = np.array(
+        [
+            overlapping_allan_deviation(
+                [make(np.random.default_rng([7, case, part]), n, 1.0) for part, n in enumerate(lengths)],
+                noises.SAMPLE_S,
+                factors,
+            ).variance
+            for case in range(cases)
+        ]
+    )
+    expected = allan_variance(term, noises.SAMPLE_S * np.array(factors))
+    degrees = np.array([pooled_edf(alpha, m, lengths) for m in factors])
+    scatter = expected * np.sqrt(2 / degrees)
+    # A walk's value at the samples' ends stands for its mean over them: 1 % at eight samples.
+    assert np.all(np.abs(found.mean(axis=0) - expected) < 4 * scatter / np.sqrt(cases) + 0.01 * expected)
+    # The variance of a variance of χ² with ν degrees of freedom has the relative variance (2 + 12/ν)/cases.
+    relative = found.var(axis=0, ddof=1) / scatter**2 - 1
+    assert np.all(np.abs(relative) < 4 * np.sqrt((2 + 12 / degrees) / cases))
+
+
+@pytest.mark.parametrize("term", sorted(KINDS))
+def test_the_covariance_of_estimates_has_the_degrees_of_freedom_on_its_diagonal(term):
+    found = overlapping_allan_deviation([np.random.default_rng(3).standard_normal(n) for n in (2000, 900)], 0.5)
+    V = estimate_covariance(found, {term: 4.0}, 1.0)
+    expected = 4.0 * allan_variance(term, found.tau_s)
+    degrees = [pooled_edf(KINDS[term][0], int(m), found.lengths) for m in found.factors]
+    # Theirs are of angles that are averaged over a sample, ours of angles at its ends: alike once an average has many samples.
+    many = found.factors >= 32
+    assert np.allclose((2 * expected**2 / np.diag(V))[many], np.array(degrees)[many], rtol=0.03)
+
+
+def test_covariance_between_averaging_times():
+    """Of white noise with a ramp, against the scatter over 1000 records."""
+    cases, n, factors, slope = 1000, 400, [1, 4, 32, 64], 2e-3
+    rng = np.random.default_rng(4)
+    found = [
+        overlapping_allan_deviation([noises.random_walk(rng, n, 1.0) + noises.ramp(n, slope)], noises.SAMPLE_S, factors)
+        for _ in range(cases)
+    ]
+    seen = np.cov(np.array([one.variance for one in found]).T)
+    V = estimate_covariance(found[0], {RANDOM_WALK: 1.0, "rate ramp": slope**2}, 1.0)
+    scale = np.sqrt(np.outer(np.diag(V), np.diag(V)))
+    assert np.all(np.abs(seen - V) / scale < 4 * np.sqrt(2 / cases) * 1.5)  # with the heavier tails of χ²
+    assert np.corrcoef(np.array([one.variance for one in found]).T)[2, 3] > 0.5
+
+
+def test_bands_cover_as_they_say():
+    """The 95 % band of white noise holds the truth in 95 % of 400 records, within binomial bounds."""
+    factors, n, cases = [1, 16, 100], 400, 400
+    rng = np.random.default_rng(5)
+    inside = np.zeros(3)
+    degrees = np.array([edf(0, m, n) for m in factors])
+    for _ in range(cases):
+        found = overlapping_allan_deviation([noises.random_walk(rng, n, 1.0)], noises.SAMPLE_S, factors)
+        low, high = found.band(degrees)
+        truth = np.sqrt(allan_variance(RANDOM_WALK, found.tau_s))
+        inside += (low < truth) & (truth < high)
+    assert np.all(np.abs(inside / cases - 0.95) < 4 * np.sqrt(0.95 * 0.05 / cases))
+
+
+def test_what_cannot_be_done_is_said():
+    with pytest.raises(InputError, match="longest stretch has 5 samples"):
+        overlapping_allan_deviation([np.arange(5.0)], 1.0)
+    with pytest.raises(InputError, match="from 1 to 50"):
+        overlapping_allan_deviation([np.arange(100.0)], 1.0, [51])
+    with pytest.raises(InputError, match="alpha must be one of"):
+        edf(3, 1, 100)
+    with pytest.raises(InputError, match="too few for averages over 60"):
+        edf(0, 60, 100)

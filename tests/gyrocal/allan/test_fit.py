@@ -1,0 +1,126 @@
+import numpy as np
+import pytest
+
+from gyrocal import InputError
+from gyrocal.allan import TERMS, allan_variance, fit_terms, overlapping_allan_deviation
+from gyrocal.allan.terms import (
+    ANGLE_WHITE,
+    FLICKER,
+    MARKOV,
+    RAMP,
+    RANDOM,
+    RANDOM_WALK,
+    RATE_WALK,
+    covariance,
+    sinusoid_variance,
+)
+from tests.gyrocal.allan import noises
+
+SAMPLES = 10000
+SEEDS = range(5)
+
+
+def fitted(seed, *parts):
+    """The fit of a sum of noises, each given by a function of a generator and a length."""
+    rng = np.random.default_rng(seed)
+    return fit_terms(overlapping_allan_deviation([sum(part(rng, SAMPLES) for part in parts)], noises.SAMPLE_S))
+
+
+def noise(make, *numbers):
+    return lambda rng, n: make(rng, n, *numbers)
+
+
+WHITE = noise(noises.random_walk, 1.0)
+CASES = {
+    "white": ([WHITE], {RANDOM_WALK: 1.0}),
+    "readout": ([noise(noises.angle_white, 1.0)], {ANGLE_WHITE: 1.0}),
+    "white and readout": ([WHITE, noise(noises.angle_white, 5.0)], {RANDOM_WALK: 1.0, ANGLE_WHITE: 5.0}),
+    "flicker": ([WHITE, noise(noises.flicker, 0.2)], {RANDOM_WALK: 1.0, FLICKER: 0.2}),
+    "walk": ([WHITE, noise(noises.rate_walk, 0.02)], {RANDOM_WALK: 1.0, RATE_WALK: 0.02}),
+    "ramp": ([WHITE, lambda rng, n: noises.ramp(n, 4e-4)], {RANDOM_WALK: 1.0, RAMP: 4e-4}),
+    "Markov": ([WHITE, noise(noises.markov, 0.4, 60.0)], {RANDOM_WALK: 1.0, MARKOV: 0.4}),
+}
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_each_term_is_found_with_its_size(name):
+    """Over five records: the terms that are there are seen nearly always, within four sigma, and no others for sure."""
+    parts, truth = CASES[name]
+    whole, pulls = 0, []
+    for seed in SEEDS:
+        found = fitted(seed, *parts)
+        seen = {one.term for one in found.estimates if one.seen}
+        sets = [seen, *(set(terms) for terms in found.alternatives)]
+        assert set(truth) in sets
+        if seen == set(truth):
+            whole += 1
+            pulls += [(found.estimate(term).value - size) / found.estimate(term).sigma for term, size in truth.items()]
+    assert whole >= len(SEEDS) - 1
+    assert np.abs(pulls).max() < 4
+    assert 0.2 < np.std(pulls) < 2.0  # of at least four numbers
+
+
+def test_the_time_constant_of_markov_noise():
+    found = [fitted(seed, *CASES["Markov"][0]).estimate(MARKOV) for seed in SEEDS]
+    pulls = [
+        (np.log(one.time_constant_s / 60.0)) * one.time_constant_s / one.time_constant_sigma_s for one in found if one.seen
+    ]
+    assert len(pulls) >= 4
+    assert np.abs(pulls).max() < 4
+
+
+@pytest.mark.parametrize("term", [ANGLE_WHITE, FLICKER, RATE_WALK, RAMP])
+def test_a_term_of_the_size_of_its_bound_is_rarely_missed(term):
+    """The bound of white noise alone, put in: the fit then calls that size possible or sees it, in nearly all records."""
+    makers = {ANGLE_WHITE: noises.angle_white, FLICKER: noises.flicker, RATE_WALK: noises.rate_walk}
+    size = float(np.median([fitted(seed, WHITE).estimate(term).upper for seed in SEEDS]))
+    extra = (lambda rng, n: noises.ramp(n, 2 * size)) if term == RAMP else noise(makers[term], 2 * size)
+    covered = 0
+    for seed in SEEDS:
+        estimate = fitted(100 + seed, WHITE, extra).estimate(term)
+        covered += estimate.seen or estimate.upper > 2 * size
+    assert covered >= len(SEEDS) - 1
+
+
+def test_what_is_known_is_no_term():
+    rng = np.random.default_rng(9)
+    rates = noises.random_walk(rng, SAMPLES, 1.0) + noises.angle_white(rng, SAMPLES, 3.0)
+    found = overlapping_allan_deviation([rates], noises.SAMPLE_S)
+    fit = fit_terms(found, 9.0 * allan_variance(ANGLE_WHITE, found.tau_s))
+    assert [one.term for one in fit.estimates if one.seen] == [RANDOM_WALK]
+    assert np.all(np.abs(found.variance / fit.model - 1) < 4 * np.sqrt(2 / fit.degrees))
+
+
+@pytest.mark.parametrize("term", RANDOM)
+@pytest.mark.parametrize("tau", [0.01, 0.3, 0.99, 1.01, 40.0])
+def test_allan_variance_follows_from_the_covariance(term, tau):
+    constant = 30.0
+    at = covariance(term, np.array([0.0, tau, 2 * tau]), constant)
+    z2 = 6 * at[0] - 8 * at[1] + 2 * at[2] + (6.0 if term == ANGLE_WHITE else 0.0)
+    assert allan_variance(term, np.array([tau]), constant)[0] == pytest.approx(z2 / (2 * tau**2), rel=1e-4)
+
+
+def test_markov_noise_is_a_walk_at_short_and_white_at_long_times():
+    constant = 50.0
+    short, long = np.array([0.01]), np.array([1e6])
+    assert allan_variance(MARKOV, short, constant)[0] == pytest.approx(2 / constant * short[0] / 3, rel=1e-3)
+    assert allan_variance(MARKOV, long, constant)[0] == pytest.approx(2 * constant / long[0], rel=1e-3)
+
+
+def test_a_sinusoid_by_its_samples():
+    n, frequency = 200000, 0.0137
+    t = noises.SAMPLE_S * np.arange(n)
+    rates = 2.0 * np.sin(2 * np.pi * frequency * t)
+    found = overlapping_allan_deviation([rates], noises.SAMPLE_S, [4, 32, 73, 200])
+    assert np.allclose(found.variance, sinusoid_variance(2.0, frequency, found.tau_s), rtol=0.01, atol=1e-4)
+
+
+def test_no_noise_is_said():
+    with pytest.raises(InputError, match="no noise to describe"):
+        fit_terms(overlapping_allan_deviation([np.ones(1000)], 1.0))
+    with pytest.raises(InputError, match="too few for terms"):
+        fit_terms(overlapping_allan_deviation([np.random.default_rng(1).standard_normal(20)], 1.0))
+
+
+def test_all_terms_have_an_estimate():
+    assert tuple(one.term for one in fitted(1, WHITE).estimates) == TERMS

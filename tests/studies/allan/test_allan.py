@@ -1,0 +1,148 @@
+"""The command ``gyrocal allan`` and what it rests on."""
+
+import json
+import re
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+from scipy.spatial.transform import Rotation
+
+from gyrocal import GyroParameters, InputError, save
+from gyrocal.allan.terms import ANGLE_WHITE, FLICKER, RANDOM_WALK
+from simulator import scenario
+from simulator.effects import parse
+from simulator.simulate import simulate
+from studies.allan.analysis import analyse, shown
+from studies.allan.rates import constant_rate_p, stretches
+from studies.cli.main import main
+from tests import ROOT
+from tests.builders import piecewise_recording
+
+ARW = np.deg2rad(2.6e-4)
+SWAY, SWAY_S = np.deg2rad(0.02), 900.0
+IDEAL = GyroParameters(np.eye(3), np.zeros(3))
+
+
+def rest(seed, *effects):
+    """A recording of TRMM's six intervals, of which m1 rests for 6000 s."""
+    return simulate(scenario.load("trmm_series"), seed=seed, effects=[parse(text) for text in effects])
+
+
+def swaying(seed):
+    """One interval of an hour in which the body swings about x, with references every minute."""
+    rng = np.random.default_rng(seed)
+    plan = ((((0.0, 0.0, 0.0), 3600.0),),) * 2
+    plain = piecewise_recording(plan, truth=IDEAL, series_s=60.0, sigma_deg=0.002, arw=ARW, rng=rng)
+    turned, rates = [], plain.gyro.rates.copy()
+    for interval in plain.intervals:
+        own = (plain.gyro.t_s >= interval.start_s) & (plain.gyro.t_s < interval.stop_s)
+        at = plain.gyro.t_s[own] - interval.start_s + 0.25
+        rates[own, 0] += SWAY * np.sin(2 * np.pi * at / SWAY_S)
+        since = plain.attitudes.t_s - interval.start_s
+        angle = SWAY * SWAY_S / (2 * np.pi) * (1 - np.cos(2 * np.pi * since / SWAY_S))
+        turned.append(np.where((since >= 0) & (since <= 3600), angle, 0.0))
+    back = Rotation.from_rotvec(np.outer(np.sum(turned, axis=0), [1.0, 0.0, 0.0]))
+    quaternions = (Rotation.from_quat(plain.attitudes.quaternions) * back).as_quat()
+    moved = replace(plain.attitudes, quaternions=quaternions)
+    return replace(plain, gyro=replace(plain.gyro, rates=rates), attitudes=moved)
+
+
+def test_a_clean_rest_has_its_stated_noise_and_no_other():
+    found = analyse(rest(1), "m1")
+    assert [(one.interval, one.rest) for one in found.stretches] == [("m1", True)]
+    for axis in found.axes:
+        assert [one.term for one in axis.fit.estimates if one.seen] == [RANDOM_WALK]
+        walk = axis.fit.estimate(RANDOM_WALK)
+        assert abs(walk.value - found.arw) < 4 * walk.sigma
+        assert not axis.sinusoid.found
+        assert axis.sinusoid.upper > 0
+
+
+def test_flicker_and_a_tone_are_found_on_their_axes():
+    found = analyse(rest(2, "noise_flicker:z=1", "vibration:y=0.0005,apparent_hz=0.1"))
+    x, y, z = found.axes
+    assert not x.sinusoid.found
+    assert not x.fit.estimate(FLICKER).seen
+    (line,) = y.sinusoid.found
+    assert line.frequency_hz == pytest.approx(0.1, rel=1e-3)
+    assert abs(np.rad2deg(line.amplitude) - 0.0005) < 4 * np.rad2deg(line.sigma)
+    estimate = shown(z.fit.estimate(FLICKER))
+    # The simulated 1/f ends an octave above the sampling rate, which adds to the white noise and takes from the flicker.
+    assert estimate.seen
+    assert abs(estimate.value - 1.0) < 4 * estimate.sigma + 0.05
+
+
+def test_motion_that_the_references_show_is_no_noise():
+    found = analyse(swaying(3))
+    assert not any(one.rest for one in found.stretches)
+    walk = found.axes[0].fit.estimate(RANDOM_WALK)
+    assert abs(walk.value - ARW) < 4 * walk.sigma
+    assert not any(one.seen for one in found.axes[0].fit.estimates if one.term not in (RANDOM_WALK, ANGLE_WHITE))
+    # The errors of the references are of the size of angle white noise with their sigma, once an average spans several.
+    last = found.axes[0].deviation.tau_s >= 240
+    expected = 3 * np.deg2rad(0.002) ** 2 / found.axes[0].deviation.tau_s[last] ** 2
+    assert np.allclose(found.axes[0].references[last], expected, rtol=0.5)
+
+
+def test_a_constant_rate_is_a_rest_at_any_rate_and_a_sway_is_none():
+    rng = np.random.default_rng(4)
+    t, rate = np.arange(0.0, 6000.0, 60.0), np.deg2rad([0.01, -0.0656, 0.002])
+    sigma = np.full((t.size, 3), np.deg2rad(0.005))
+    start = Rotation.from_rotvec([0.3, -0.2, 0.9])
+    p = []
+    for _ in range(40):
+        errors = Rotation.from_rotvec(rng.standard_normal(sigma.shape) * sigma)
+        attitudes = start * Rotation.from_rotvec(t[:, None] * rate) * errors
+        p.append(constant_rate_p(t, attitudes, sigma))
+    assert 0.35 < np.mean(p) < 0.65  # uniform: 0.5 ± 0.046
+    sway = Rotation.from_rotvec(np.outer(np.deg2rad(0.05) * np.sin(2 * np.pi * t / 900), [1.0, 0, 0]))
+    assert constant_rate_p(t, attitudes * sway, sigma) < 1e-20
+
+
+def test_without_references_inside_it_is_said():
+    ends = simulate(scenario.load("trmm"), seed=5)
+    _, notes = stretches(ends, "m1")
+    assert any("slow motion counts as noise" in note for note in notes)
+
+
+def test_the_command_writes_what_it_shows(tmp_path):
+    save(rest(6, "noise_excess:x=2"), tmp_path / "rec")
+    files = {name: tmp_path / f"allan.{name}" for name in ("json", "html", "svg")}
+    options = ["--json", files["json"], "--report", files["html"], "--figure", files["svg"], "--interval", "m1"]
+    result = CliRunner().invoke(main, ["allan", str(tmp_path / "rec"), *map(str, options)])
+    assert result.exit_code == 0, result.output
+    assert re.search(r"x: the angle random walk is (2|1\.9\d*|2\.0\d*) times the stated one", result.output)
+    written = json.loads(files["json"].read_text())
+    terms = written["axes"]["x"]["terms"]
+    assert terms[RANDOM_WALK]["value"] == pytest.approx(2 * written["stated_angle_random_walk"]["value"], rel=0.03)
+    assert not terms[FLICKER]["seen"]
+    assert terms[FLICKER]["value"] is None
+    assert terms[FLICKER]["upper_95"] > 0
+    page = files["html"].read_text()
+    assert page.count("data:image/svg+xml;base64,") == 1
+    assert "http" not in page
+    assert "angle random walk" in page
+    assert files["svg"].read_text().startswith("<?xml")
+
+
+def test_bad_input_is_one_line(tmp_path):
+    recording = rest(7)
+    with pytest.raises(InputError, match="no such interval; there are m1, m2"):
+        analyse(recording, "m9")
+    shaken = recording.gyro.rates + np.sin(recording.gyro.t_s / 5)[:, None]
+    with pytest.raises(InputError, match="no stretch of interval m2"):
+        analyse(replace(recording, gyro=replace(recording.gyro, rates=shaken)), "m2")
+    save(recording, tmp_path / "rec")
+    result = CliRunner().invoke(main, ["allan", str(tmp_path / "rec"), "--figure", str(tmp_path / "a.pdf")])
+    assert result.exit_code == 2
+    assert "must end in .svg or .png" in result.output
+
+
+def test_the_example_of_the_page_runs():
+    (block,) = re.findall(r"```python\n(.*?)```", (ROOT / "docs" / "allan.md").read_text(), flags=re.DOTALL)
+    namespace = {}
+    exec(compile(block, "allan.md", "exec"), namespace)
+    walk = namespace["walk"]
+    assert abs(walk.value - 1 / np.sqrt(2)) < 4 * walk.sigma
