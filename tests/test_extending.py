@@ -191,7 +191,7 @@ def tangent(k, count):
 
 SEEN = {
     "bias_eclipse": "bias_eclipse:z=0.4,phase_deg=40",
-    "bias_swing": "bias_swing:x=0.5,period_s=900",
+    "bias_swing": "bias_swing:x=0.15,period_s=900",
     "noise_crosstalk": "noise_crosstalk:y=0.4",
     "reference_third": "reference_third:x=0.05,phase_deg=30",
     "dss_focal": "dss_focal:2=1.5",
@@ -204,7 +204,8 @@ def test_an_effect_from_outside_is_named_with_its_size(example):
     asked = parse(SEEN[example.name])
     scenario = MONTHS if isinstance(example, SensorEffect) else simulator.load("trmm_series")
     answer = diagnose(simulator.simulate(scenario, seed=1, effects=[asked]))
-    assert answer.verdict == "named"
     (cause,) = answer.causes
     assert (cause.effect, cause.axis) == (asked.effect, asked.axis)
+    assert cause.group == (cause.label,)
+    assert cause.probability > 0.8  # a random process may be an imitation in one case of ten, whatever the data
     assert abs(cause.size - asked.size) < 3 * cause.sigma

@@ -3,6 +3,10 @@
 Second differences of three references at even spacing Δt leave nothing of slow errors, whatever their cause. Under M0 their
 variance about body axis i is 6 σ_i² + 2 d_i Δt, d_i the noise density of gyro i as the samples show it; neighbouring ones
 correlate by (−4/6, 1/6), so that the variance of the mean square of n of them is (2/n)(1 + 2 (16 + 1)/36) of its square.
+
+A strong random error of the gyro's rate from one reference to the next makes them larger as well. With an excess of 6 E in
+the variance, white noise of the references adds (−4 E, E) to the covariances of neighbours and of next neighbours, and an error
+of the angle turned that is new in each spacing (−3 E, 0): which is nearer decides.
 """
 
 from __future__ import annotations
@@ -24,6 +28,7 @@ TRIM = 3.0  # robust sigmas beyond which a difference does not count
 TRIMMED = 0.9733  # variance of a normal variable cut there
 FEWEST = 40  # second differences of an axis, below which nothing is said
 UNSEEN = 10.0  # relative error of an axis of which nothing is seen
+COVARIANCE_SPREAD = 3.0  # of the difference of two covariances, over the square of the variance and the number
 TRIMMING = 1.1  # times the variance of a mean square whose limit was estimated
 
 
@@ -60,6 +65,7 @@ class ReferenceNoise:
     correlation, correlation_p : largest correlation between two axes, and the p-value of there being none
     event_p : p-value below which the noise is not as stated
     constancy, constancy_p : largest ratio of the power in one interval, or in motion, to the rest, and the p-value of one
+    of_gyro : whether an excess is rather one of the angle turned in each spacing, and so the gyro's
     """
 
     factor: Array
@@ -71,11 +77,12 @@ class ReferenceNoise:
     constancy: float = 1.0
     constancy_p: float = 1.0
     event_p: float = DEFAULT.sample_event
+    of_gyro: bool = False
 
     @property
     def departs(self) -> bool:
         """Whether the noise is not as stated."""
-        return self.p_value < self.event_p
+        return self.p_value < self.event_p and not self.of_gyro
 
     @property
     def factors(self) -> Array:
@@ -135,11 +142,16 @@ def reference_noise(
     moving = speed > 0.5 * (np.quantile(speed, 0.02) + np.quantile(speed, 0.98))
     owner = series.interval[found.middle]
     groups = [moving, *(owner == number for number in np.unique(owner))]
+    factor, sigma, p, axis = _level(found, kept, enough)
     return ReferenceNoise(
-        *_level(found, kept, enough),
+        factor,
+        sigma,
+        p,
+        axis,
         *_correlation(scaled, kept),
         *_constancy(scaled, kept, groups),
         settings.sample_event,
+        _of_gyro(found, kept, slice(None) if axis is None else slice(axis, axis + 1)),
     )
 
 
@@ -188,6 +200,24 @@ def _level(found: Differences, kept: Mask, enough: Mask) -> tuple[Array, Array, 
     others = float(chi2 - z[odd] ** 2)
     alone = enough.sum() > 1 and scipy.stats.chi2.sf(others, enough.sum() - 1) > 0.01 and z[odd] ** 2 > 12
     return factor, error, max(float(scipy.stats.chi2.sf(chi2, enough.sum())), 1e-300), odd if alone else None
+
+
+def _of_gyro(found: Differences, kept: Mask, axes: slice) -> bool:
+    """Whether an excess of the differences is nearer to that of errors of the angle turned than of the references."""
+    d = np.where(kept, found.values, 0.0)[:, axes]
+    own, stated, walk = kept[:, axes], found.stated[:, axes] / 6, found.walk[:, axes] / 2
+    covariances = []
+    for lag, of_references, of_angle in ((0, 6, 2), (1, -4, -1), (2, 1, 0)):
+        follow = found.middle[lag:] - found.middle[: len(d) - lag] == lag
+        both = (own[lag:] & own[: len(d) - lag]) & follow[:, None]
+        if both.sum() < FEWEST:
+            return False
+        expected = (of_references * stated + of_angle * walk)[lag:]
+        covariances.append(float(np.mean((d[lag:] * d[: len(d) - lag] - expected)[both])))
+    excess = covariances[0] / 6
+    size = float(np.mean(d[own] ** 2))
+    nearer = (covariances[2] - 0.5 * excess) - (covariances[1] + 3.5 * excess)
+    return excess > 0 and nearer < -np.sqrt(COVARIANCE_SPREAD / own.sum()) * size
 
 
 def _correlation(z: Array, kept: Mask) -> tuple[float, float]:

@@ -48,7 +48,7 @@ class SampleCause:
         group = tuple(
             name if symptom.axis is None else f"{name}:{symptom.axis}" for name in (self.effect, self.rival) if name is not None
         )
-        probability = min(settings.most_certain, symptom.probability, 1.0 - min(symptom.p_value * CHANCE, 0.5))
+        probability = min(1.0 - settings.imitation_in_samples, symptom.probability, 1.0 - min(symptom.p_value * CHANCE, 0.5))
         return Cause(
             self.effect, symptom.axis, symptom.size, symptom.unit, symptom.sigma, symptom.parameters,
             probability / len(group), group, probability,

@@ -11,9 +11,9 @@ from simulator.effects.base import Array, Effect, Parameter, ProcessTimes, Refer
 from simulator.effects.common import DEG, gauss_markov, index, log_uniform, markov, number
 
 SHORTEST = 1.5  # spacings of the references: shorter ones look white
-LONGEST = 1.0  # intervals: a longer time constant looks like a constant offset
+LONGEST = 4.0  # intervals: a longer time constant looks like a constant offset
 OCTAVES = 1.0  # between time constants that are tried, or more where there would be too many of them
-MOST = 7
+MOST = 8
 
 
 def any_time_constant(rng: np.random.Generator, around: Surroundings) -> Value:
@@ -36,7 +36,7 @@ class ReferenceCorrelated(Effect):
         return np.asarray(DEG**2 * markov(at.t_s, number(parameters, "time_constant_s")))
 
     def trials(self, around: Surroundings) -> Sequence[Trial]:
-        """Time constants evenly spaced in their logarithm, from what the references' spacing can show to what an interval can."""
+        """Time constants evenly spaced in their logarithm, from what the spacing can show to what an interval can."""
         references = around.references
         inside = np.diff(references.interval) == 0
         if not inside.any():

@@ -62,7 +62,7 @@ def test_a_cause_has_the_numbers_of_its_symptom_and_no_more_certainty_than_allow
         1e-3,
         {"fraction": 0.01},
     )
-    assert sure.probability == DEFAULT.most_certain
+    assert sure.probability == 1 - DEFAULT.imitation_in_samples
     assert doubtful.probability == pytest.approx(1 - 1e-4 * CHANCE)
     assert judged.probability == 0.7
 
