@@ -53,7 +53,7 @@ def test_a_registry_takes_every_file():
     assert set(FAMILIES) <= set(registry)
 
 
-@pytest.mark.parametrize("family", FAMILIES.values(), ids=str)
+@pytest.mark.parametrize("family", FAMILIES.values(), ids=FAMILIES.keys())
 def test_each_has_its_physics_and_source_in_words(family):
     assert "(" in family.meaning
     assert family.summary

@@ -1,0 +1,48 @@
+"""Conformal sets of explanations, and their coverage."""
+
+import math
+
+import numpy as np
+import pytest
+
+from diagnosis.inference.conformal import conformal_set, name_of, score, scores, threshold
+
+POSTERIOR = [(["a"], 0.3), (["unknown"], 0.1), (["b", "a"], 0.6)]
+
+
+def test_scores_are_what_is_likelier():
+    assert scores(POSTERIOR) == {"a + b": 0.0, "a": 0.6, "unknown": pytest.approx(0.9)}
+    assert score(POSTERIOR, ["a", "b"]) == 0.0
+    assert score(POSTERIOR, ["c"]) == 1.0
+    assert scores([([], 1.0)]) == {"none": 0.0, "unknown": 1.0}
+    assert name_of(["z", "a"]) == "a + z"
+
+
+def test_sets_grow_with_the_limit():
+    assert conformal_set(POSTERIOR, 0.0) == ("a + b",)
+    assert conformal_set(POSTERIOR, 0.7) == ("a + b", "a")
+    assert conformal_set(POSTERIOR, 0.95) == ("a + b", "a", "unknown")
+
+
+def test_threshold_is_the_corrected_quantile():
+    assert threshold([0.1 * k for k in range(1, 10)]) == pytest.approx(0.9)  # ⌈10 · 0.9⌉ = 9 of 9
+    assert threshold([0.5] * 8) == math.inf  # too few for nine of ten
+
+
+@pytest.mark.parametrize("sharpness", [1.0, 3.0])
+def test_sets_cover_whatever_the_posterior_is_worth(sharpness):
+    """Posteriors that are overconfident or not: the set covers nine of ten, within the sampling error."""
+    rng = np.random.default_rng(3)
+
+    def drawn(count):
+        out = []
+        for _ in range(count):
+            p = rng.dirichlet([0.4] * 5)
+            truth = rng.choice(5, p=p)
+            stated = p**sharpness / np.sum(p**sharpness)
+            out.append(([([str(k)], float(stated[k])) for k in range(5)], str(truth)))
+        return out
+
+    limit = threshold([score(posterior, [truth]) for posterior, truth in drawn(2000)])
+    held = [truth in conformal_set(posterior, limit) for posterior, truth in drawn(2000)]
+    assert np.mean(held) > 0.9 - 4 * np.sqrt(0.09 * (1 / 2000 + 1 / 2000))

@@ -1,0 +1,83 @@
+"""Scores of the wide check against closed forms."""
+
+import json
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from studies.validation.wide import score
+
+
+def row(kind, outcome, effects="", **changes):
+    """A row of the study with what a score needs."""
+    values = {
+        "kind": kind, "outcome": outcome, "effects": effects, "verdict": "named", "snr": 20.0, "probability": 0.9,
+        "unknown_probability": 0.1, "causes": "[]", "p_values": '{"attitude": 0.5}', "posterior": "[]", "size_sigmas": "[]",
+        "plan": "a", "grade": "b",
+    }  # fmt: skip
+    return values | changes
+
+
+def cause(effect, axis, probability):
+    return {"effect": effect, "axis": axis, "probability": probability, "group": []}
+
+
+def test_rates_count_the_cases_they_are_of():
+    rows = pd.DataFrame(
+        [row("none", "right")] * 3
+        + [row("none", "alarm"), row("single", "right", snr=6.0), row("single", "group"), row("single", "unknown")]
+        + [row("unlisted", "missed"), row("unlisted", "unknown"), row("unlisted", "wrong name", snr=7.0)]
+    )
+    table = score.rates(rows).set_index("what")
+    assert table.loc["no effect: a false alarm", "share"] == 0.25
+    assert table.loc["one effect: right or in the group", "count"] == 2
+    assert table.loc["one effect of SNR 8 and more: right or in the group", "cases"] == 2
+    assert table.loc["unlisted and detected: a confident wrong name", "share"] == 0.5
+    assert table.loc["unlisted of SNR 12 and more: unknown", "cases"] == 2
+    groups = score.by_group(rows, "plan").set_index("kind")
+    assert groups.loc["none", "share"] == 0.75
+    assert groups.loc["unlisted", "wrong_names"] == 1
+
+
+def test_reliability_of_statements():
+    causes = json.dumps([cause("bias_drift", "x", 0.9), cause("bias_drift", "y", 0.5)])
+    rows = pd.DataFrame([row("single", "right", "bias_drift:x", causes=causes), row("none", "right", verdict="none")])
+    stated = score.statements(rows)
+    assert stated["there"].tolist() == [True, False]
+    assert score.brier(stated) == pytest.approx(0.5 * (0.1**2 + 0.5**2))
+    assert score.log_score(stated) == pytest.approx(-0.5 * (np.log(0.9) + np.log(0.5)))
+    assert score.calibration_error(score.reliability(stated)) == pytest.approx(0.5 * (0.1 + 0.5))
+
+
+def test_areas_are_chances():
+    rng = np.random.default_rng(1)
+    a, b = rng.normal(1.0, 1, 60), rng.normal(0.0, 1, 50)
+    assert score.area(a, b) == pytest.approx(np.mean(a[:, None] > b))
+    curve = score.roc(a, b).sort_values("false_positive")
+    area = np.trapezoid(curve["true_positive"], curve["false_positive"])
+    assert area == pytest.approx(score.area(a, b), abs=0.02)
+    right = rng.random(50) < 0.8
+    assert score.open_area(a, b, right) == pytest.approx(np.mean(right[:, None] * (b[:, None] < a)))
+    assert score.open_area(a, b, np.ones(50, bool)) == pytest.approx(score.area(a, b))
+    assert score.false_positive_rate(np.array([0.5, 0.6]), np.array([0.1, 0.55, 0.9])) == pytest.approx(2 / 3)
+
+
+def test_sizes_within_their_sigmas_and_sets():
+    errors = np.random.default_rng(2).standard_normal(4000)
+    table = score.size_coverage(errors).set_index("level")
+    assert table.loc["68 %", "share"] == pytest.approx(0.6827, abs=4 * np.sqrt(0.22 / 4000))
+    sure = json.dumps([{"effects": ["bias_drift:x"], "probability": 1.0}])
+    open_ = json.dumps([{"effects": ["bias_drift:x"], "probability": 0.6}, {"effects": ["unknown"], "probability": 0.4}])
+    rows = pd.DataFrame(
+        [row("single", "right", "bias_drift:x", posterior=sure), row("unlisted", "group", "mine:x", posterior=open_)]
+    )
+    assert score.truth_scores(rows) == [0.0, 0.6]
+    narrow, wide = (score.set_coverage(rows, limit).iloc[0] for limit in (0.0, 0.6))
+    assert (narrow["share"], narrow["mean_length"]) == (0.5, 1.0)
+    assert (wide["share"], wide["mean_length"]) == (1.0, 1.5)
+
+
+def test_detection_is_allowed_its_number_of_tests():
+    rows = pd.DataFrame([row("none", "right", p_values='{"a": 0.01, "b": 0.5, "check: c": 1e-9}')])
+    assert score.detection_scores(rows)[0] == pytest.approx(-np.log10(0.02))
