@@ -177,7 +177,7 @@ class Adopted:
         if isinstance(plan, Replayed):
             return replay(plan.recording, plan.G, plan.bias, effects, seed, case, noise, motion=self.motion)
         rngs = [generator(seed, case, name) if noise else None for name in ("gyro_noise", "reference_noise")]
-        return observe(plan, self.motion, rngs[0], rngs[1], effects=effects, seed=seed, case=case)
+        return observe(plan, self.motion, gyro_rng=rngs[0], reference_rng=rngs[1], effects=effects, seed=seed, case=case)
 
 
 def load(name_or_path: str | os.PathLike[str]) -> Adopted:

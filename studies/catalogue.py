@@ -29,6 +29,7 @@ MODULES = {
     "references": "studies.estimation.references",
     "onboard": "studies.estimation.onboard",
     "blind": "studies.validation.blind",
+    "compare": "studies.validation.compare_check",
     "flight": "studies.natanson.flight_diagnosis",
     "real": "studies.validation.real_gyro",
     "heads": "studies.robertson.heads",

@@ -25,7 +25,7 @@ from studies.report.console import LINE_EVERY_S, console
     "--json", "as_json", type=PATH, help="Write the result as JSON to this file; - for standard output in place of the summary."
 )
 @click.option("--report", type=PATH, help="Write a page with the figures (HTML, needs no network) to this file.")
-@click.option("--adopt", type=PATH, help="Write a scenario of the recording's own plan with the named effects to this file (TOML).")
+@click.option("--adopt", type=PATH, help="Write the recording's own plan with the named effects to this file, a scenario.")
 @click.option(
     "--without", multiple=True, metavar="EFFECT", help="Take an effect off the list, see 'gyrocal effects'; repeatable."
 )
@@ -51,8 +51,8 @@ def command(
         check_writable(path)
     if len({path.resolve() for path in files}) < len(files):
         raise InputError(f"{files[-1]}: --json, --report and --adopt need files of their own")
-    for option, path in (("--report", report), ("--adopt", adopt)):
-        if path == STDOUT:
+    for option, file in (("--report", report), ("--adopt", adopt)):
+        if file == STDOUT:
             raise InputError(f"{option} -: give the name of a file")
     loaded = load(recording)
     with stages("diagnose", LINE_EVERY_S) as progress:

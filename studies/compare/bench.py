@@ -131,9 +131,7 @@ class Bench:
             moved = amplitudes.copy()
             moved[place] += step
             other = _response(scenario, plain, scenario.with_amplitudes(moved))
-            slopes.append(
-                Response((other.rates - stated.rates) / step, (other.references - stated.references) / step)
-            )
+            slopes.append(Response((other.rates - stated.rates) / step, (other.references - stated.references) / step))
         base = ruler.state(plain)
         Q = np.linalg.qr(base.H)[0]
         columns = [ruler.state(slope.taken_out(plain)).z - base.z for slope in slopes]
@@ -161,7 +159,7 @@ class Bench:
         left = self.under(flown)
         if self.fitted and self.places.size:
             z = ruler.state(left).z
-            off = np.linalg.lstsq(self.W, z - self.Q @ (self.Q.T @ z), rcond=None)[0]
+            off = np.asarray(np.linalg.lstsq(self.W, z - self.Q @ (self.Q.T @ z), rcond=None)[0], dtype=float)
             left = self.stated.plus(self.slopes, off).taken_out(flown)
         under = ruler.measure(left)
         bare = under if left is flown else ruler.measure(flown)
@@ -179,8 +177,8 @@ def _check_alike(name: str, recording: Recording, flown: Recording) -> None:
     for what, own, other in pairs:
         if own.shape != other.shape or np.abs(own - other).max() > SAME_TIME_S:
             raise InputError(
-                f"{name}: flies another plan than the recording: {other.size} {what} from {other[0]:g} s to {other[-1]:g} s, not "
-                f"{own.size} from {own[0]:g} s to {own[-1]:g} s; give a scenario of its plan, such as one of 'diagnose --adopt'"
+                f"{name}: flies another plan than the recording: {other.size} {what} from {other[0]:g} to {other[-1]:g} s, not "
+                f"{own.size} from {own[0]:g} to {own[-1]:g} s; give a scenario of its plan, such as one of 'diagnose --adopt'"
             )
     names = [interval.name for interval in recording.intervals]
     if names != [interval.name for interval in flown.intervals]:
@@ -189,7 +187,8 @@ def _check_alike(name: str, recording: Recording, flown: Recording) -> None:
 
 def _predicted(effects: Sequence[Setting]) -> NDArray[np.intp]:
     """Places of the amplitudes of the effects that are functions of the motion."""
-    out, start = [], 0
+    out: list[int] = []
+    start = 0
     for one in effects:
         effect = REGISTRY[one.effect]
         count = effect.amplitudes(one).size
@@ -203,9 +202,7 @@ def _response(scenario: Adopted, plain: Recording, effects: Sequence[Setting]) -
     """What the predicted ones of some effects add to a noise-free flight."""
     predicted = [one for one in effects if REGISTRY[one.effect].stage in PREDICTED]
     shown = scenario.fly(effects=predicted, noise=False) if predicted else plain
-    return Response(
-        shown.gyro.rates - plain.gyro.rates, separation(plain.attitudes.quaternions, shown.attitudes.quaternions)
-    )
+    return Response(shown.gyro.rates - plain.gyro.rates, separation(plain.attitudes.quaternions, shown.attitudes.quaternions))
 
 
 __all__ = ["Bench", "Flight", "Response"]

@@ -53,6 +53,12 @@ class Standing:
     samples: Gap | None
 
     @property
+    def names(self) -> list[str]:
+        """Of the statistics, in words."""
+        parts = self.statistics[["statistic", "of", "axis"]].itertuples(index=False)
+        return [" ".join(part for part in row if part) for row in parts]
+
+    @property
     def extreme(self) -> tuple[int, int]:
         """How many of the judged statistics are among the most extreme 2 %, and how many there are."""
         percentile = self.statistics.loc[self.statistics["judged"], "percentile"]
@@ -121,6 +127,8 @@ def compare(
         raise InputError(f"{runs} runs: at least {FEWEST_FLIGHTS} are needed for a distribution")
     with threadpool_limits(1, user_api="blas"):
         found = calibrate(recording)
+        if found.dof < 1:
+            raise InputError(f"{recording.title}: no more residuals than parameters; there is nothing to compare")
         ruler = Ruler.of(recording, found.parameters)
         baseline = Adopted("the baseline on the recording's own plan", Replayed(recording, found.G, found.bias))
         named = [(BASELINE, baseline), *scenarios]
@@ -169,9 +177,7 @@ def standing(
     under = np.array([flight.under.mean_square for flight in flights])
     samples = np.array([flight.under.samples for flight in flights])
     errors = np.column_stack([[flight.error for flight in flights], under])
-    own = gap(
-        (bare.mean_square, measured.mean_square), (floors[0], float(under.mean())), errors, shift=bench.size_error
-    )
+    own = gap((bare.mean_square, measured.mean_square), (floors[0], float(under.mean())), errors, shift=bench.size_error)
     of_samples = None
     if np.isfinite([bare.samples, floors[1], *samples]).all():
         errors = np.column_stack([[flight.before_samples for flight in flights], samples])
@@ -197,8 +203,8 @@ def table(measured: Measured, flights: Sequence[Measured], fitted: bool) -> pd.D
     fitted : whether the scenario's G and b are those that were found on the recording; they are then not judged
     """
     rows = []
-    for key, value in measured.values.items():
-        drawn = np.array([flight.values.get(key, np.nan) for flight in flights])
+    for key, value in measured.statistics.items():
+        drawn = np.array([flight.statistics.get(key, np.nan) for flight in flights])
         if not (np.isfinite(drawn).all() and np.isfinite(value)):
             continue
         std = float(drawn.std(ddof=1))

@@ -4,35 +4,37 @@
 what the calibration takes up, r ~ N(μ, I) if only rates' and references' white noise are at work, E m = 1 + |μ|²/dof.
 
 **Response.** An effect that is a function of the motion, and not of the noise, has a response that is known: what it adds to
-rates and references in a noise-free flight of the scenario, with less without. A recording is measured *under a scenario* with the
-response of its effects taken out at the sizes a that the scenario states, and then calibrated as any other. Whatever is random
-(processes, noise, all that acts on noisy samples) cannot be taken out and stays, in the recording as in the flights.
+rates and references in a noise-free flight of the scenario, with less without. A recording is measured *under a scenario*
+with the response of its effects taken out at the sizes a that the scenario states, and then calibrated as any other. Whatever
+is random (processes, noise, all that acts on noisy samples) cannot be taken out and stays, in the recording as in the
+flights.
 
 **Gap.** g_s = m_s(R) − E m_s(R'), where R' are flights of the scenario s, measured under it as the recording R is: zero on
 average if the scenario is right. g_0 is that of M0 on the recording's own plan. The shrinkage is ρ = 1 − g_s/g_0.
 
 **Sizes that were fitted to R itself.** Then the response that is taken out of R is nearest to R and not to the truth: with W
-the whitened, projected columns of the k amplitudes, m_s(R) is lower by |W(â − a)|²/dof, k/dof on average. Every flight is treated
-alike: its amplitudes a* are drawn from the posterior N(â, C), it is flown, its own amplitudes are fitted to it by least squares,
-and *their* response is taken out. r is then on the complement of W too, and its distribution depends neither on a nor on â
-(it is pivotal): percentiles of R among the flights are uniform if the scenario is right, and E m_s(R') = (dof − k)/dof.
-What the sizes are off by is what a new recording would show; its expectation under the posterior, tr(W C Wᵀ)/dof, is added to
-g_s, so that g_s is the gap that the scenario leaves *on a new recording*. That is AIC's correction, with the posterior's
-covariance in place of the inverse of WᵀW. Where the sizes are from elsewhere, flights are drawn from the posterior and measured
-at the stated sizes, as R is: a size that is uncertain makes the distribution wider, and no gap.
-The size of random effects cannot be fitted to each flight in this way. Their flights are drawn from the posterior and
-statistics that show the size stand nearer the middle than a uniform percentile would: conservative, as any posterior
-predictive check (Bayarri and Berger, JASA 95 (2000) 1127).
+the whitened, projected columns of the k amplitudes, m_s(R) is lower by |W(â − a)|²/dof, k/dof on average. Every flight is
+treated alike: its amplitudes a* are drawn from the posterior N(â, C), it is flown, its own amplitudes are fitted to it by
+least squares, and *their* response is taken out. r is then on the complement of W too, and its distribution depends neither
+on a nor on â (it is pivotal): percentiles of R among the flights are uniform if the scenario is right, and E m_s(R') = (dof −
+k)/dof. What the sizes are off by is what a new recording would show; its expectation under the posterior, tr(W C Wᵀ)/dof, is
+added to g_s, so that g_s is the gap that the scenario leaves *on a new recording*. That is AIC's correction, with the
+posterior's covariance in place of the inverse of WᵀW. Where the sizes are from elsewhere, flights are drawn from the
+posterior and measured at the stated sizes, as R is: a size that is uncertain makes the distribution wider, and no gap. The
+size of random effects cannot be fitted to each flight in this way. Their flights are drawn from the posterior and statistics
+that show the size stand nearer the middle than a uniform percentile would: conservative, as any posterior predictive check
+(Bayarri and Berger, JASA 95 (2000) 1127).
 
-**Interval.** The flights show how (m_0, m_s) scatter together about their expectations. e_0 = m_0 − (floor_0 + |W a*|²/dof), with
-what the drawn amplitudes a* make of m_0 taken out, since it is the scatter of a recording about *its* truth that is wanted;
-without columns the size's own uncertainty stays in. e_s = m_s − E m_s. With V the covariance of (e_0, e_s), times 1 + 1/n for n
-flights, and κ = g_s/g_0, the truth satisfies g_s − κ g_0 ~ N(0, V_ss − 2 κ V_0s + κ² V_00), so that the interval is the κ with
+**Interval.** The flights show how (m_0, m_s) scatter together about their expectations. e_0 = m_0 − (floor_0 + |W a*|²/dof),
+with what the drawn amplitudes a* make of m_0 taken out, since it is the scatter of a recording about *its* truth that is
+wanted; without columns the size's own uncertainty stays in. e_s = m_s − E m_s. With V the covariance of (e_0, e_s), times 1 +
+1/n for n flights, and κ = g_s/g_0, the truth satisfies g_s − κ g_0 ~ N(0, V_ss − 2 κ V_0s + κ² V_00), so that the interval is
+the κ with
 
     (g_s − κ g_0)² ≤ z² (V_ss − 2 κ V_0s + κ² V_00),    z = 1.645
 
-(E. C. Fieller, J. R. Stat. Soc. B 16 (1954) 175). Where g_0 itself is not clear of zero it is unbounded: without a gap there is
-nothing to shrink.
+(E. C. Fieller, J. R. Stat. Soc. B 16 (1954) 175). Where g_0 itself is not clear of zero it is unbounded: without a gap there
+is nothing to shrink.
 """
 
 from dataclasses import dataclass

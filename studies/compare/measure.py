@@ -28,7 +28,6 @@ from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.signal import periodogram
 
 from diagnosis.model.localization import phases_of
 from gyrocal import NAMES, GyroParameters, attitude
@@ -74,13 +73,13 @@ class Measured:
     ----------
     mean_square : χ²/dof of the calibration
     samples : mean square of the samples' second differences; NaN where too few are quiet
-    values : by statistic
+    statistics : all of them
     x : (12,) calibrated parameters
     """
 
     mean_square: float
     samples: float
-    values: Mapping[Statistic, float]
+    statistics: Mapping[Statistic, float]
     x: Array
 
 
@@ -248,13 +247,12 @@ def thirds(parts: list[Array]) -> Iterator[tuple[str, float]]:
     long = [u for u in parts if len(u) >= FEWEST]
     if not long:
         return
-    found = [periodogram(u, detrend="constant", window="hann") for u in long]
-    frequency = np.concatenate([f for f, _ in found])
-    power = np.concatenate([p for _, p in found])
+    frequency = np.concatenate([np.fft.rfftfreq(u.size) for u in long])
+    power = np.concatenate([hann_power(u - u.mean()) for u in long])
     for number, name in enumerate(("lowest third", "middle third", "highest third")):
         band = (frequency > number / 6) & (frequency <= (number + 1) / 6)
         if band.any():
-            yield name, float(np.sqrt(power[band].mean() / 2))
+            yield name, float(np.sqrt(power[band].mean()))
 
 
 def allan(paths: list[Array], count: int, tau_s: float) -> float:
@@ -267,14 +265,18 @@ def allan(paths: list[Array], count: int, tau_s: float) -> float:
 
 
 def averaged_spectrum(parts: list[Array]) -> tuple[Array, Array]:
-    """Frequencies in cycles a sample, and the spectrum averaged over all segments of the parts; 1 for white noise of variance 1.
+    """Frequencies in cycles a sample, and the spectrum averaged over all segments; 1 for white noise of variance 1.
 
     Segments of `SEGMENT` samples overlap by half; each is rid of its trend and has a Hann window.
     """
     half = SEGMENT // 2
     segments = np.concatenate([np.lib.stride_tricks.sliding_window_view(x, SEGMENT)[::half] for x in parts])
     line = np.linalg.qr(np.vander(np.arange(SEGMENT, dtype=float), 2))[0]
-    window = np.hanning(SEGMENT + 1)[:-1]
-    flat = (segments - (segments @ line) @ line.T) * window
-    power = np.mean(np.abs(np.fft.rfft(flat, axis=1)) ** 2, axis=0) / np.sum(window**2)
-    return np.fft.rfftfreq(SEGMENT), np.asarray(power)
+    power = hann_power(segments - (segments @ line) @ line.T)
+    return np.asarray(np.fft.rfftfreq(SEGMENT), dtype=float), np.asarray(power.mean(axis=0))
+
+
+def hann_power(values: Array) -> Array:
+    """Power of values along the last axis under a Hann window; its mean is 1 for white noise of variance 1."""
+    window = np.hanning(values.shape[-1] + 1)[:-1]
+    return np.asarray(np.abs(np.fft.rfft(values * window)) ** 2 / np.sum(window**2))

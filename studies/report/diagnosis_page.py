@@ -2,16 +2,13 @@
 
 from __future__ import annotations
 
-import base64
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from collections.abc import Iterator
 from functools import partial
 from html import escape
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
-from matplotlib.figure import Figure
 
 from diagnosis.answer import Cause
 from diagnosis.result import Diagnosis
@@ -19,52 +16,10 @@ from simulator.effects.sensor import SENSOR_EFFECTS
 from studies.montecarlo.files import write_text
 from studies.report import diagnosis_figures as figures
 from studies.report import diagnosis_words as words
-from studies.report import sensor_figures, sensor_words, tables
+from studies.report import html, sensor_figures, sensor_words, tables
 
 MOST_FINDINGS = 8
 MOST_STREAM_TESTS = 40
-STYLE = """
-body { font: 16px/1.5 system-ui, "Segoe UI", "DejaVu Sans", sans-serif; color: #1b1f24; margin: 0; background: #fff; }
-main { max-width: 1120px; margin: 0 auto; padding: 24px 32px 64px; }
-h1 { font-size: 24px; margin: 0 0 4px; }
-h2 { font-size: 19px; margin: 40px 0 8px; border-bottom: 1px solid #d0d7de; }
-h3 { font-size: 16px; margin: 20px 0 4px; }
-p, li, dd { max-width: 90ch; }
-p { margin: 6px 0 10px; }
-.answer { border-left: 6px solid #0072b2; background: #f3f7fa; padding: 14px 20px; margin: 16px 0; }
-.answer.gap { border-color: #d55e00; background: #fdf6f1; }
-.answer .verdict { font-size: 19px; font-weight: 600; margin: 0 0 6px; }
-figure { margin: 12px 0 4px; }
-figure img { width: 100%; height: auto; display: block; }
-figcaption, .quiet { color: #57606a; }
-figcaption { font-size: 14px; }
-table { border-collapse: collapse; font-size: 14px; margin: 8px 0; }
-th, td { padding: 3px 12px 3px 0; border-bottom: 1px solid #e4e8ec; text-align: left; vertical-align: top; }
-td.number, th.number { text-align: right; font-variant-numeric: tabular-nums; }
-tr.strong td { font-weight: 600; }
-dt { font-weight: 600; }
-dd { margin: 0 0 6px 0; }
-code { font: 0.92em ui-monospace, "DejaVu Sans Mono", monospace; background: #f0f2f4; padding: 0 3px; border-radius: 3px; }
-@media print { main { padding: 0; } h2 { break-after: avoid; } figure, table { break-inside: avoid; } }
-"""
-
-
-@dataclass(frozen=True)
-class Picture:
-    """A figure of the page.
-
-    Attributes
-    ----------
-    name : of its anchor
-    draw : makes it
-    alt : what it shows, for those who do not see it
-    caption : how to read it
-    """
-
-    name: str
-    draw: Callable[[], Figure]
-    alt: str
-    caption: str
 
 
 def write(diagnosis: Diagnosis, path: Path) -> None:
@@ -74,27 +29,23 @@ def write(diagnosis: Diagnosis, path: Path) -> None:
 
 def page(diagnosis: Diagnosis) -> str:
     """The whole page; the same diagnosis gives the same bytes."""
-    title = escape(f"Diagnosis of {diagnosis.recording}")
+    title = f"Diagnosis of {diagnosis.recording}"
     evidence = [_where(diagnosis), _explanations(diagnosis), _stream(diagnosis)]
     evidence.insert(1, _sensors(diagnosis))
     consequence = [_closure(diagnosis), _calibration(diagnosis)]
     body = consequence + evidence if diagnosis.causes else evidence + consequence
     parts = [_answer(diagnosis), _causes(diagnosis), *body, _limits(diagnosis), _glossary(diagnosis)]
-    head = f'<meta charset="utf-8"><meta name="viewport" content="width=device-width"><title>{title}</title>'
-    return (
-        f'<!doctype html>\n<html lang="en"><head>{head}<style>{STYLE}</style></head>\n'
-        f"<body><main>\n<h1>{title}</h1>\n" + "\n".join(part for part in parts if part) + "\n</main></body></html>\n"
-    )
+    return html.document(title, parts)
 
 
 # ---- sections ------------------------------------------------------------------------------------------------------------
 
 
 def _answer(diagnosis: Diagnosis) -> str:
-    lines = [f'<p class="verdict">{escape(words.verdict(diagnosis))}</p>', _p(words.gap(diagnosis))]
-    lines += [_p(f"{cause.label}: {words.cause_size(cause)}; {words.probability(cause)}.") for cause in diagnosis.causes]
+    lines = [f'<p class="verdict">{escape(words.verdict(diagnosis))}</p>', html.p(words.gap(diagnosis))]
+    lines += [html.p(f"{cause.label}: {words.cause_size(cause)}; {words.probability(cause)}.") for cause in diagnosis.causes]
     if diagnosis.closure is not None:
-        lines.append(_p(words.closure(diagnosis.closure)))
+        lines.append(html.p(words.closure(diagnosis.closure)))
     kind = "answer gap" if diagnosis.present else "answer"
     return f'<div class="{kind}">' + "".join(lines) + "</div>"
 
@@ -102,15 +53,19 @@ def _answer(diagnosis: Diagnosis) -> str:
 def _causes(diagnosis: Diagnosis) -> str:
     if not diagnosis.causes:
         return ""
-    out = [_h2("Cause" if len(diagnosis.causes) == 1 else "Causes")]
+    out = [html.h2("Cause" if len(diagnosis.causes) == 1 else "Causes")]
     for cause in diagnosis.causes:
-        out += [f"<h3><code>{escape(cause.label)}</code></h3>", _p(words.meaning(cause.effect)), _cause_table(cause, diagnosis)]
+        out += [
+            f"<h3><code>{escape(cause.label)}</code></h3>",
+            html.p(words.meaning(cause.effect)),
+            _cause_table(cause, diagnosis),
+        ]
         if cause.label in set(diagnosis.details.regressors["cause"]):
-            out.append(_shown(_regressor_picture(diagnosis, cause)))
+            out.append(html.shown(_regressor_picture(diagnosis, cause)))
         elif cause.effect in SENSOR_EFFECTS:
-            out.append(_p("It is seen in the raw tables of the sensors; see there."))
+            out.append(html.p("It is seen in the raw tables of the sensors; see there."))
         else:
-            out.append(_p("It is seen in the samples themselves; see the gyro stream below."))
+            out.append(html.p("It is seen in the samples themselves; see the gyro stream below."))
     return "".join(out)
 
 
@@ -129,11 +84,11 @@ def _cause_table(cause: Cause, diagnosis: Diagnosis) -> str:
     return f"<table>{cells}</table>"
 
 
-def _regressor_picture(diagnosis: Diagnosis, cause: Cause) -> Picture:
+def _regressor_picture(diagnosis: Diagnosis, cause: Cause) -> html.Picture:
     table = diagnosis.details.regressors
     part = table[table["cause"] == cause.label]
     fit = float(np.corrcoef(part["regressor_deg"], part["residual_deg"])[0, 1]) if part["regressor_deg"].std() > 0 else 0.0
-    return Picture(
+    return html.Picture(
         f"cause-{cause.label.replace(':', '-')}",
         lambda: figures.regressor_figure(table, cause.label),
         f"Residuals that the baseline leaves against what {cause.label} does at the size found, {len(part)} points with a "
@@ -147,8 +102,8 @@ def _regressor_picture(diagnosis: Diagnosis, cause: Cause) -> Picture:
 def _closure(diagnosis: Diagnosis) -> str:
     found = diagnosis.closure
     if found is None:
-        return _h2("How far the gap closes") + _p(words.no_closure(diagnosis))
-    picture = Picture(
+        return html.h2("How far the gap closes") + html.p(words.no_closure(diagnosis))
+    picture = html.Picture(
         "closure",
         lambda: figures.closure_figure(found.by_interval, (found.before, found.after, found.floor), found.measure),
         f"{found.measure} by interval, on held-out data: all together {found.before:.3g} before, {found.after:.3g} after, "
@@ -156,12 +111,12 @@ def _closure(diagnosis: Diagnosis) -> str:
         f"Measured on data that had no part in choosing or fitting ({found.split}). A blue dot on the grey tick: nothing is "
         "left that the baseline's own noise would not show.",
     )
-    return _h2("How far the gap closes") + _p(words.closure(found)) + _shown(picture)
+    return html.h2("How far the gap closes") + html.p(words.closure(found)) + html.shown(picture)
 
 
 def _calibration(diagnosis: Diagnosis) -> str:
     table = words.calibration(diagnosis)
-    out = [_h2("What becomes of the calibration"), _p(words.calibration_change(diagnosis))]
+    out = [html.h2("What becomes of the calibration"), html.p(words.calibration_change(diagnosis))]
     if words.changed(diagnosis):
         moved = pd.to_numeric(table["change in sigma"], errors="coerce").abs() > 3
         note = "Changes and sigmas in ppm for G and deg/h for b; bold: more than three sigma."
@@ -171,29 +126,29 @@ def _calibration(diagnosis: Diagnosis) -> str:
         note = "Sigmas in ppm for G and deg/h for b."
     note = f"ω = G ω_raw + b; G has no unit, b is in deg/h. {note}"
     text = {"parameter", "unit"}
-    return "".join([*out, _table(table, moved, [c for c in table.columns if c not in text]), _p(note, "quiet")])
+    return "".join([*out, html.table(table, moved, [c for c in table.columns if c not in text]), html.p(note, "quiet")])
 
 
 def _where(diagnosis: Diagnosis) -> str:
-    out = [_h2("Where: what the answer rests on")]
+    out = [html.h2("Where: what the answer rests on")]
     found = diagnosis.where[:MOST_FINDINGS]
     items = [
         f"<li>{escape(f'{one.signal}: {one.text}')} <span class=quiet>({escape(words.p_value(one.p_value))})</span></li>"
         for one in found
     ]
-    out.append(f"<ul>{''.join(items)}</ul>" if items else _p("No place departs from the baseline."))
+    out.append(f"<ul>{''.join(items)}</ul>" if items else html.p("No place departs from the baseline."))
     if len(diagnosis.where) > MOST_FINDINGS:
-        out.append(_p(f"And {len(diagnosis.where) - MOST_FINDINGS} more, in the JSON result.", "quiet"))
-    out += [_shown(picture) for picture in _where_pictures(diagnosis)]
+        out.append(html.p(f"And {len(diagnosis.where) - MOST_FINDINGS} more, in the JSON result.", "quiet"))
+    out += [html.shown(picture) for picture in _where_pictures(diagnosis)]
     return "".join(out)
 
 
-def _where_pictures(diagnosis: Diagnosis) -> Iterator[Picture]:
+def _where_pictures(diagnosis: Diagnosis) -> Iterator[html.Picture]:
     statistics, residuals = diagnosis.details.statistics, diagnosis.details.residuals
     if not statistics.empty:
         marked = int(figures.significant(statistics).sum())
         worst = statistics.iloc[int(statistics["p_value"].to_numpy().argmin())]
-        yield Picture(
+        yield html.Picture(
             "map",
             lambda: figures.statistics_figure(statistics),
             f"Map of {len(statistics)} tests by interval, axis and phase; {marked} are significant. The strongest: "
@@ -209,7 +164,7 @@ def _where_pictures(diagnosis: Diagnosis) -> Iterator[Picture]:
         subset = "" if shown == count else f" The {shown} of {count} intervals with the largest residuals."
         after = ", and blue with the causes in the model" if figures.differs(residuals) else ""
         before, left = (figures.in_sigma(residuals, when).max() for when in ("before", "after"))
-        yield Picture(
+        yield html.Picture(
             "residuals",
             lambda: figures.residual_figure(residuals),
             f"Attitude residuals of {count} intervals about x, y and z against time, with the baseline's band; the largest is "
@@ -223,7 +178,7 @@ def _sensors(diagnosis: Diagnosis) -> str:
     sensors = diagnosis.sensors
     if sensors is None:
         return ""
-    out = [_h2("Sun and Earth sensors"), *(_p(sentence) for sentence in sensor_words.sentences(diagnosis))]
+    out = [html.h2("Sun and Earth sensors"), *(html.p(sentence) for sentence in sensor_words.sentences(diagnosis))]
     titles = {"before_deg": "nominal sensors", "after_deg": "with the causes"}
     if not sensors.causes:
         titles.pop("after_deg")
@@ -232,14 +187,14 @@ def _sensors(diagnosis: Diagnosis) -> str:
         if own.empty:
             continue
         rms = [f"{np.sqrt(np.nanmean(own[key] ** 2)):.3g} deg RMS, {title}" for key, title in titles.items()]
-        picture = Picture(
+        picture = html.Picture(
             f"sensor-{name.lower()}",
             partial(sensor_figures.sun_residual_figure, sensors.residuals, name, titles),
             f"Residuals of {name} over the Sun's two angles: {'; '.join(rms)}.",
             "Measured minus predicted by each arc's own attitude and gyro bias; noise and the gyro's random walk leave a "
             "band about zero, the same everywhere in the field of view.",
         )
-        out.append(_shown(picture))
+        out.append(html.shown(picture))
     return "".join(out)
 
 
@@ -249,7 +204,7 @@ def _explanations(diagnosis: Diagnosis) -> str:
         return ""
     best = table.iloc[int(table["probability"].to_numpy().argmax())]
     likeliest = words.together(str(best["effects"]).split(" + ") if best["effects"] else [])
-    picture = Picture(
+    picture = html.Picture(
         "evidence",
         lambda: figures.evidence_figure(table),
         f"Bars of probability and log evidence of {min(len(table), figures.MOST_ROWS)} explanations; the likeliest: "
@@ -258,8 +213,8 @@ def _explanations(diagnosis: Diagnosis) -> str:
         "explanation does not win by having more numbers. Hatched bars contain something that is on no list.",
     )
     unknown = words.percent(diagnosis.unknown_probability)
-    text = _p(f"Something that is not on the list is at work with a probability of {unknown}.")
-    return _h2("The explanations that were compared") + text + _shown(picture)
+    text = html.p(f"Something that is not on the list is at work with a probability of {unknown}.")
+    return html.h2("The explanations that were compared") + text + html.shown(picture)
 
 
 def _stream(diagnosis: Diagnosis) -> str:
@@ -282,7 +237,7 @@ def _stream(diagnosis: Diagnosis) -> str:
     note = "The samples of the gyro, without the references. Bold: less than 1 % chance, all these tests counted."
     if len(ordered) > len(shown):
         note += f" The {len(shown)} least likely of {len(ordered)}."
-    return _h2("The gyro stream") + _p(note) + _table(rows, strong, ["found", "baseline"])
+    return html.h2("The gyro stream") + html.p(note) + html.table(rows, strong, ["found", "baseline"])
 
 
 def _limits(diagnosis: Diagnosis) -> str:
@@ -291,7 +246,7 @@ def _limits(diagnosis: Diagnosis) -> str:
         others = [words.label(member) for member in cause.group if member != cause.label]
         if others:
             notes.append(f"Whether it is {words.listed([cause.label, *others], 'or')}: here they leave nearly the same trace.")
-    return _h2("What this recording cannot tell") + "<ul>" + "".join(f"<li>{escape(note)}</li>" for note in notes) + "</ul>"
+    return html.h2("What this recording cannot tell") + "<ul>" + "".join(f"<li>{escape(note)}</li>" for note in notes) + "</ul>"
 
 
 def _glossary(diagnosis: Diagnosis) -> str:
@@ -305,33 +260,4 @@ def _glossary(diagnosis: Diagnosis) -> str:
         "sigma": "One standard deviation.",
     }
     entries += "".join(f"<dt>{escape(name)}</dt><dd>{escape(text)}</dd>" for name, text in fixed.items())
-    return _h2("Words") + f"<dl>{entries}</dl>"
-
-
-# ---- pieces --------------------------------------------------------------------------------------------------------------
-
-
-def _h2(text: str) -> str:
-    return f"\n<h2>{escape(text)}</h2>\n"
-
-
-def _p(text: str, kind: str = "") -> str:
-    return f"<p{f' class={kind}' if kind else ''}>{escape(text)}</p>\n"
-
-
-def _shown(picture: Picture) -> str:
-    data = base64.b64encode(figures.svg(picture.draw())).decode("ascii")
-    return (
-        f'<figure id="{escape(picture.name)}"><img src="data:image/svg+xml;base64,{data}" alt="{escape(picture.alt)}">'
-        f"<figcaption>{escape(picture.caption)}</figcaption></figure>\n"
-    )
-
-
-def _table(table: pd.DataFrame, strong: pd.Series, numbers: list[str]) -> str:
-    kinds = [" class=number" if column in numbers else "" for column in table.columns]
-    head = "".join(f"<th{kind}>{escape(str(column))}</th>" for column, kind in zip(table.columns, kinds, strict=True))
-    rows = []
-    for bold, row in zip(strong, table.itertuples(index=False), strict=True):
-        cells = "".join(f"<td{kind}>{escape(str(value))}</td>" for value, kind in zip(row, kinds, strict=True))
-        rows.append(f"<tr{' class=strong' if bold else ''}>{cells}</tr>")
-    return f"<table><thead><tr>{head}</tr></thead><tbody>{''.join(rows)}</tbody></table>\n"
+    return html.h2("Words") + f"<dl>{entries}</dl>"
