@@ -28,14 +28,19 @@ from gyrocal.errors import InputError
 from gyrocal.recording import Recording, toml_value, validation_message
 from gyrocal.recording import load as load_recording
 from simulator import scenario as scenarios
-from simulator.effects import REGISTRY, Setting, setting
+from simulator.effects import REGISTRY, Setting, Surroundings, setting
 from simulator.effects.base import Array
-from simulator.replay import replay, replayed
+from simulator.effects.recorded import SMOOTH_S
+from simulator.replay import replayed
 from simulator.scenario import Matrix, Scenario, Vector
-from simulator.simulate import motion, observe
+from simulator.sensors.gyro import raw_rates
+from simulator.simulate import disturbed, motion, observe, surroundings
 from simulator.streams import generator
 from simulator.truth.motion import Motion
 
+WINDOW = (
+    41  # samples over which a replay's motion is smoothed at least: what noise it keeps is then below a tenth of their rate
+)
 TRIES = 1000  # draws that a size may be out of bounds
 SYMMETRIC = 1e-9  # of the standard deviations' product
 NEGATIVE = -1e-9  # eigenvalue of a correlation matrix that is more than rounding
@@ -157,7 +162,22 @@ class Adopted:
     def motion(self) -> Motion:
         """The noise-free motion: the costly part, and the same for every flight."""
         plan = self.plan
-        return motion(plan) if isinstance(plan, Scenario) else replayed(plan.recording, plan.G, plan.bias)
+        if isinstance(plan, Scenario):
+            return motion(plan)
+        window_s = max(SMOOTH_S, WINDOW * plan.recording.gyro.sample_s)
+        return replayed(plan.recording, plan.G, plan.bias, window_s)
+
+    @cached_property
+    def _plain(self) -> tuple[Recording, Surroundings]:
+        """The noise-free flight of a replay without effects, and what effects see of it."""
+        assert isinstance(self.plan, Replayed)
+        recording = self.plan.recording
+        plain = replace(
+            recording,
+            gyro=replace(recording.gyro, rates=raw_rates(self.motion.rates, self.plan.G, self.plan.bias)),
+            attitudes=replace(recording.attitudes, quaternions=self.motion.quaternions),
+        )
+        return plain, surroundings(plain, self.motion)
 
     def fly(
         self, seed: int = 0, case: int = 0, effects: Sequence[Setting] | None = None, noise: bool = True, draw: bool = False
@@ -174,9 +194,10 @@ class Adopted:
         if effects is None:
             effects = self.with_amplitudes(self.drawn(generator(seed, case, "posterior"))) if draw else self.effects
         plan = self.plan
-        if isinstance(plan, Replayed):
-            return replay(plan.recording, plan.G, plan.bias, effects, seed, case, noise, motion=self.motion)
         rngs = [generator(seed, case, name) if noise else None for name in ("gyro_noise", "reference_noise")]
+        if isinstance(plan, Replayed):
+            plain, around = self._plain
+            return disturbed(plain, self.motion, effects, rngs[0], rngs[1], seed, case, around=around)
         return observe(plan, self.motion, gyro_rng=rngs[0], reference_rng=rngs[1], effects=effects, seed=seed, case=case)
 
 

@@ -162,10 +162,10 @@ class Bench:
             off = np.asarray(np.linalg.lstsq(self.W, z - self.Q @ (self.Q.T @ z), rcond=None)[0], dtype=float)
             left = self.stated.plus(self.slopes, off).taken_out(flown)
         under = ruler.measure(left)
-        bare = under if left is flown else ruler.measure(flown)
+        before = under.mean_square if left is flown else ruler.misfit(flown)
         added = self.W @ drawn[self.places]
-        error = bare.mean_square - float(added @ added) / ruler.degrees_of_freedom
-        return Flight(bare.mean_square, bare.samples, error, under)
+        error = before - float(added @ added) / ruler.degrees_of_freedom
+        return Flight(before, ruler.samples_mean_square(flown), error, under)
 
 
 def _check_alike(name: str, recording: Recording, flown: Recording) -> None:

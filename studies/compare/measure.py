@@ -15,11 +15,13 @@ the residuals θ of N (16) that are left, in body axes:
 
 **What smoothing does.** The motion of a recording is known only through its noisy samples and references. A replay flies the
 smoothed motion, which still holds the part of the recording's noise that the smoothing lets through, and adds new noise. Truth
-and references of the replay agree with that motion, so that nothing of it is left in θ. In samples it is there twice below
-the smoothing's corner frequency, about 3.5 samples of the window; where the window is short because the rates change, that is
-everywhere. Samples are therefore looked at only in the upper two octaves and by second differences, and only where the second
-difference of the smoothed rates is below a third of the noise and the window long. What is really motion of the body in
-those two octaves is missing in a replay, and shows as noise of the recording.
+and references of the replay agree with that motion, so that nothing of it is left in θ: statistics of the residuals are free
+of it. In the samples it is there twice, below the corner frequency of the window: a quadratic over n samples lets 9/(4n) of the
+noise's power pass, most of it below 1.5/n cycles a sample. Replays of `simulator.adopted` have windows of 41 samples or more,
+shorter ones only where the rates change. Samples are therefore looked at only in the upper two octaves and by second
+differences, and only where the smoothed rates have next to no second difference, half a window and more away from where they do
+and from the ends. What is really motion of the body in those two octaves is missing in a replay, and shows as noise of the
+recording; a slow motion that the smoothing flattens is missing in both, recording and references of the replay.
 """
 
 from collections.abc import Iterator, Mapping
@@ -34,7 +36,8 @@ from gyrocal import NAMES, GyroParameters, attitude
 from gyrocal.calibration.problem import Problem, State
 from gyrocal.calibration.sampling import measurements
 from gyrocal.recording import Recording
-from simulator.effects.recorded import interval_slices, smoothed_rates
+from simulator.adopted import WINDOW
+from simulator.effects.recorded import SMOOTH_S, interval_slices, smoothed_rates
 from studies.report.units import PPM_DEG_H, PPM_DEG_H_NAMES
 
 Array = NDArray[np.float64]
@@ -46,7 +49,7 @@ FEWEST = 8  # residual rates of an interval for a spectrum, and for a correlatio
 SHORTEST = 64  # quiet samples in a row
 SEGMENT = 64  # samples of a segment of a spectrum
 SMOOTH = 1 / 3  # of the noise: second differences of the motion below it are smooth
-GROWN = 8  # samples to either side of where the motion is not smooth
+GROWN = WINDOW // 2  # samples to either side of where the motion is not smooth: there the window of the smoothing is short
 REPEAT = 1e-12  # rad/s
 
 
@@ -157,8 +160,18 @@ class Ruler:
             values.update(statistics)
         for name, value, unit in zip(NAMES, x * PPM_DEG_H, PPM_DEG_H_NAMES, strict=True):
             values[Statistic("parameter", name, "", unit)] = float(value)
-        samples = [value for key, value in values.items() if key.kind == "samples' mean square"]
-        return Measured(mean_square, float(np.mean(samples)) if samples else float("nan"), values, x)
+        return Measured(mean_square, self.samples_mean_square(recording), values, x)
+
+    def misfit(self, recording: Recording) -> float:
+        """The mean square of a recording's calibration alone."""
+        return self.case(recording).iterate(self.start, ITERATIONS).chi2 / self.degrees_of_freedom
+
+    def samples_mean_square(self, recording: Recording) -> float:
+        """Mean square of the samples' second differences in units of the stated noise's; NaN if too few are quiet."""
+        if not self.quiet or self.noise == 0:
+            return float("nan")
+        second = np.concatenate([np.diff(recording.gyro.rates[part], n=2, axis=0) for part in self.quiet])
+        return float(np.mean(second**2) / (6 * self.noise**2))
 
     # ---- residuals of the attitude ---------------------------------------------------------------------------------------
 
@@ -219,7 +232,7 @@ class Ruler:
 def quiet_stretches(recording: Recording, parameters: GyroParameters, noise: float) -> tuple[slice, ...]:
     """Stretches of samples inside an interval, without a hole, where the smoothed motion has next to no second difference."""
     gyro = recording.gyro
-    smooth = smoothed_rates(recording, parameters.G, parameters.bias)
+    smooth = smoothed_rates(recording, parameters.G, parameters.bias, max(SMOOTH_S, WINDOW * gyro.sample_s))
     out = []
     for part in interval_slices(recording):
         if part.stop - part.start < SHORTEST:
@@ -228,9 +241,8 @@ def quiet_stretches(recording: Recording, parameters: GyroParameters, noise: flo
         calm = np.ones(t.size, dtype=bool)
         rough = np.abs(np.diff(smooth[part], n=2, axis=0)).max(axis=1) > SMOOTH * np.sqrt(6) * noise
         holes = np.diff(t) > 1.5 * gyro.sample_s
-        for at in np.append(np.flatnonzero(rough) + 1, np.flatnonzero(holes)):
+        for at in [0, *np.flatnonzero(rough) + 1, *np.flatnonzero(holes), t.size - 1]:
             calm[max(at - GROWN, 0) : at + GROWN + 1] = False
-        calm[-1] = False  # the last sample may be a shorter one
         edges = np.flatnonzero(np.diff(np.concatenate([[0], calm.astype(np.int8), [0]])))
         out += [slice(part.start + int(a), part.start + int(b)) for a, b in edges.reshape(-1, 2) if b - a >= SHORTEST]
     return tuple(out)

@@ -162,8 +162,8 @@ def _truth(config: CompareConfig, drawn: Drawn, recorded: Recording, scenario: A
     bare, under = [], []
     for flight in range(config.flights):
         again = replace(drawn.world, entropy=config.entropy + 1_000_003 * (flight + 1)).recording(drawn.settings)
-        bare.append(ruler.measure(again).mean_square)
-        under.append(ruler.measure(bench.under(again)).mean_square)
+        bare.append(ruler.misfit(again))
+        under.append(ruler.misfit(bench.under(again)))
     floors = [float(standing.statistics["mean"].iloc[0]) for standing in found.standings]
     dof = ruler.degrees_of_freedom
     before = float(np.mean(bare)) - floors[0]
