@@ -261,7 +261,7 @@ def document(
 
 
 def digest(recording: Recording) -> str:
-    """SHA-256 of a recording's samples, references, stated noises and intervals."""
+    """SHA-256 of a recording's samples, references, stated noises and intervals, as they are when it is loaded from file."""
     hashed = hashlib.sha256()
     gyro, attitudes = recording.gyro, recording.attitudes
     for values in (gyro.t_s, gyro.rates, attitudes.t_s, attitudes.quaternions, attitudes.sigma):
@@ -285,13 +285,12 @@ def _replayed(section: ReplaySection, path: Path, name: str) -> Replayed:
 
 
 def _setting(section: EffectSection, name: str) -> Setting:
+    if section.name in REGISTRY and REGISTRY[section.name].stage == "sensor":
+        raise InputError(f"{name}: effect {section.name} acts on raw sensor tables, not on rates and references")
     try:
-        made = setting(section.name, section.axis, section.size, dict(section.parameters))
+        return setting(section.name, section.axis, section.size, dict(section.parameters))
     except InputError as error:
         raise InputError(f"{name}: effect {error}") from None
-    if REGISTRY[section.name].stage == "sensor":
-        raise InputError(f"{name}: effect {section.name} acts on raw sensor tables, not on rates and references")
-    return made
 
 
 def _covariance(section: PosteriorSection | None, size: int, name: str) -> Array | None:

@@ -65,9 +65,9 @@ class CompareConfig(StudyConfig):
     snr : range of the effects' signal-to-noise ratio in the attitude
     """
 
-    cases: int = 90
-    controls: int = 20
-    flights: int = 100
+    cases: int = 70
+    controls: int = 10
+    flights: int = 60
     snr: Range = (8.0, 40.0)
     scenario: str | Scenario = "trmm_series"
     overrides: dict[str, Scalar] = {  # noqa: RUF012  # pydantic copies it
