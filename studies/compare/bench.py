@@ -125,17 +125,19 @@ class Bench:
         sigma = np.zeros(amplitudes.size) if scenario.covariance is None else np.sqrt(np.diag(scenario.covariance))
         places = _predicted(scenario.effects)
         stated = _response(scenario, plain, scenario.effects)
-        slopes = []
-        for place in places:
+        base = ruler.state(plain)
+        Q = np.linalg.qr(base.H)[0]
+        slopes: list[Response] = []
+        W = np.empty((base.z.size, places.size))
+        for column, place in enumerate(places):
             step = float(sigma[place]) or max(RELATIVE_STEP * abs(float(amplitudes[place])), TINY)
             moved = amplitudes.copy()
             moved[place] += step
             other = _response(scenario, plain, scenario.with_amplitudes(moved))
-            slopes.append(Response((other.rates - stated.rates) / step, (other.references - stated.references) / step))
-        base = ruler.state(plain)
-        Q = np.linalg.qr(base.H)[0]
-        columns = [ruler.state(slope.taken_out(plain)).z - base.z for slope in slopes]
-        W = -np.column_stack(columns) if columns else np.empty((base.z.size, 0))
+            change = Response(other.rates - stated.rates, other.references - stated.references)
+            # By a step as small as its sigma: a unit of an amplitude may be many degrees.
+            W[:, column] = (base.z - ruler.state(change.taken_out(plain)).z) / step
+            slopes.append(Response(change.rates / step, change.references / step))
         return cls(scenario, ruler, fitted, stated, tuple(slopes), places, Q, W - Q @ (Q.T @ W))
 
     @property

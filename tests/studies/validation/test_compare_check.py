@@ -55,7 +55,7 @@ def test_percentiles_and_intervals_that_hold_pass():
     ],
 )
 def test_percentiles_that_are_not_uniform_fail(percentile):
-    found = verdicts(rows(50, np.random.default_rng(2), percentile=percentile))
+    found = verdicts(rows(100, np.random.default_rng(2), percentile=percentile))
     assert sum(verdict == "fail" for verdict in found.values()) == len(PERCENTILES)
 
 
