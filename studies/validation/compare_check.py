@@ -1,10 +1,10 @@
 """Are the percentiles and the interval that ``gyrocal compare`` states what they say?
 
-Each *pair* is a recording of a drawn plan with a drawn effect (those of the blind check), and the scenario that its diagnosis
-writes. The effect that is there is the only one that the diagnosis may name; a draw that it does not name, or that
-cannot be calibrated at all, is drawn again, and counted. If the adopted scenario is right, the percentiles of the recording are uniform over the pairs. The true
-shrinkage is that of new recordings of the true effect, measured under the adopted scenario, and the stated interval must
-cover it.
+Each *pair* is a recording of a drawn plan with a drawn effect (those of the blind check), and the scenario that its
+diagnosis writes. The effect that is there is the only one that the diagnosis may name; a draw that it does not name, or
+that cannot be calibrated at all, is drawn again, and counted. If the adopted scenario is right, the percentiles of the
+recording are uniform over the pairs. The true shrinkage is that of new recordings of the true effect, measured under the
+adopted scenario, and the stated interval must cover it.
 
 *Controls* are recordings of M0 on another craft's plan at 1 and 100 Hz, against M0 on the replayed motion: what the smoothing
 of the motion does to statistics would show there, and the interval of the gap must hold zero.
