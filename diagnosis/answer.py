@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, Literal
 
+import numpy as np
 import pandas as pd
+from numpy.typing import NDArray
 
+Array = NDArray[np.float64]
 Verdict = Literal["none", "named", "group", "unknown", "not identifiable"]
 
 
@@ -61,6 +64,22 @@ class Cause:
     def label(self) -> str:
         """effect:axis."""
         return self.effect if self.axis is None else f"{self.effect}:{self.axis}"
+
+
+@dataclass(frozen=True)
+class Amplitudes:
+    """Amplitudes in which the named effects are linear, with G, b and the start attitudes estimated beside them.
+
+    Attributes
+    ----------
+    labels : (k,) effect:axis that each belongs to
+    values : (k,) in the effect's unit, as of `simulator.effects.base.Effect.amplitudes`
+    covariance : (k, k)
+    """
+
+    labels: tuple[str, ...] = ()
+    values: Array = field(default_factory=lambda: np.empty(0))
+    covariance: Array = field(default_factory=lambda: np.empty((0, 0)))
 
 
 @dataclass(frozen=True)

@@ -9,7 +9,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from diagnosis.answer import Cause, Verdict
+from diagnosis.answer import Amplitudes, Cause, Verdict
 from diagnosis.inference.amplitudes import Fitted
 from diagnosis.inference.attribution import Attribution
 from diagnosis.model import localization
@@ -28,6 +28,7 @@ AXES = "xyz"
 SHOWN_EXPLANATIONS = 12
 WORTH_SHOWING = 1e-4  # probability of an alternative
 KEPT = 0.999  # of the posterior
+TINY = 1e-300
 WORTH_KEEPING = 1e-6  # probability of an explanation in the details
 
 
@@ -48,7 +49,7 @@ def assembled(
     shown = [one.cause(settings) for one in samples if one.effect is not None]
     sure = all(cause.probability >= settings.named for cause in shown)
     verdict, unknown = _verdict(attribution, gap, bool(samples), unlisted, sure)
-    sigma = np.sqrt(np.diag(explained.covariance))
+    sigma = np.sqrt(np.diag(explained.covariance)[:12])
     return Diagnosis(
         recording=model.recording.title,
         verdict=verdict,
@@ -71,7 +72,38 @@ def assembled(
         details=_details(prepared, explained, table),
         p_values=_p_values(prepared, samples, explained),
         posterior=_posterior(samples, explained, gap, settings),
+        amplitudes=amplitudes(explained.fitted, explained.covariance),
     )
+
+
+def amplitudes(fitted: Sequence[Fitted], covariance: Array) -> Amplitudes:
+    """Joint posterior of the effects that have columns of their own.
+
+    The joint covariance holds nonlinear parameters and priors' scales at their best; where the mixture over them is wider, its
+    sigmas are taken with the correlations of the joint one.
+
+    Parameters
+    ----------
+    fitted : the effects that are named
+    covariance : joint covariance of G, b and all amplitudes, see `diagnosis.model.calibration.calibrated`
+    """
+    labels: list[str] = []
+    values: list[float] = []
+    sigmas: list[float] = []
+    places: list[int] = []
+    start = 12
+    for one in fitted:
+        count = one.columns.shape[1]
+        # The columns of a random process are draws of it, those of a dead zone are edges of it: neither are its amplitudes.
+        if EFFECTS[one.effect].has_columns and not one.process and one.amplitudes.size == count:
+            labels += [one.label] * count
+            values += one.amplitudes.tolist()
+            sigmas += one.sigmas.tolist()
+            places += range(start, start + count)
+        start += count
+    joint = covariance[np.ix_(places, places)]
+    wider = np.maximum(1.0, np.array(sigmas) / np.maximum(np.sqrt(np.diag(joint)), TINY))
+    return Amplitudes(tuple(labels), np.array(values), joint * np.outer(wider, wider))
 
 
 def _is_of_a_process(cause: SampleCause, fitted: Sequence[Fitted]) -> bool:

@@ -53,7 +53,7 @@ class Explained:
     fitted : amplitudes of the effects that are named
     checks : of what the named effects leave
     closed : how far the gap closes on held-out data
-    change, covariance : of the calibration with the named effects in the model, (12,) and (12, 12)
+    change, covariance : of the calibration with the named effects in the model, (12,), and of it and their amplitudes
     """
 
     linear: LinearModel

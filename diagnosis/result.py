@@ -10,7 +10,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from diagnosis.answer import Cause, Closure, Finding, Verdict
+from diagnosis.answer import Amplitudes, Cause, Closure, Finding, Verdict
 from diagnosis.inference.conformal import conformal_set
 from diagnosis.sensor_result import SensorDiagnosis
 from diagnosis.settings import DEFAULT
@@ -62,6 +62,7 @@ class Diagnosis:
     p_values : of each test by its name, under M0
     posterior : labels of each explanation with its probability, the likeliest first, to a sum of 0.999; "unknown" stands for
         all that hold something unlisted; without a gap, the empty explanation
+    amplitudes : joint posterior of the effects that are linear, for a scenario with them in it
     """
 
     recording: str
@@ -86,6 +87,7 @@ class Diagnosis:
     sensors: SensorDiagnosis | None = None
     p_values: Mapping[str, float] = field(default_factory=dict)
     posterior: tuple[tuple[tuple[str, ...], float], ...] = ()
+    amplitudes: Amplitudes = field(default_factory=Amplitudes)
 
     @property
     def conformal_90(self) -> tuple[str, ...]:

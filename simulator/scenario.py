@@ -314,7 +314,12 @@ def load(name_or_path: str | os.PathLike[str]) -> Scenario:
     InputError
         There is no such scenario, or one line with every fault of it by its path in the document.
     """
-    return _validated(_document(os.fspath(name_or_path), Path(), ()), os.fspath(name_or_path))
+    return validated(document(name_or_path), os.fspath(name_or_path))
+
+
+def document(name_or_path: str | os.PathLike[str]) -> dict[str, Any]:
+    """A scenario's document as it stands, bases merged in and not validated; arguments and errors as of `load`."""
+    return _document(os.fspath(name_or_path), Path(), ())
 
 
 def override(scenario: Scenario, values: Mapping[str, object]) -> Scenario:
@@ -330,10 +335,10 @@ def override(scenario: Scenario, values: Mapping[str, object]) -> Scenario:
     InputError
         A path leads nowhere, or the result is not a valid scenario.
     """
-    document = _lists(scenario.model_dump(exclude_none=True))
+    changed = _lists(scenario.model_dump(exclude_none=True))
     for path, value in values.items():
-        _assign(document, path, value)
-    return _validated(document, "override")
+        _assign(changed, path, value)
+    return validated(changed, "override")
 
 
 def profiles(scenario: Scenario) -> tuple[Profile, ...]:
@@ -343,9 +348,10 @@ def profiles(scenario: Scenario) -> tuple[Profile, ...]:
     return tuple(interval.profile(orbit, sway) for interval in scenario.interval)
 
 
-def _validated(document: dict[str, Any], source: str) -> Scenario:
+def validated(values: dict[str, Any], source: str) -> Scenario:
+    """The scenario of a document; one `InputError` with every fault, which names the source."""
     try:
-        return Scenario.model_validate(document)
+        return Scenario.model_validate(values)
     except ValidationError as error:
         raise InputError(f"{source}: {validation_message(error)}") from None
 

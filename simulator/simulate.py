@@ -210,6 +210,7 @@ def disturbed(
     seed: int,
     case: int,
     point: bool = False,
+    around: Surroundings | None = None,
 ) -> Recording:
     """A noise-free recording with effects and noise.
 
@@ -218,10 +219,11 @@ def disturbed(
     plain : noise-free rates and true attitudes, with the stated noise, the housekeeping and all else
     motion : what it is a recording of
     point : whether a sample shows the rate at its start
+    around : `surroundings` of these, if they are at hand; the same for every case
     others : as for `observe`
     """
     active = activated(effects, seed, case)
-    around = surroundings(plain, motion, point)
+    around = surroundings(plain, motion, point) if around is None else around
     return replace(
         plain,
         gyro=replace(plain.gyro, rates=readings(around, active, gyro_rng)),

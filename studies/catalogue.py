@@ -30,6 +30,7 @@ MODULES = {
     "onboard": "studies.estimation.onboard",
     "blind": "studies.validation.blind",
     "wide": "studies.validation.wide.report",
+    "compare": "studies.validation.compare_check",
     "flight": "studies.natanson.flight_diagnosis",
     "real": "studies.validation.real_gyro",
     "heads": "studies.robertson.heads",

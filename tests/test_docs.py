@@ -10,6 +10,7 @@ from scipy.spatial.transform import Rotation
 
 import gyrocal
 import simulator.scenario
+from simulator import adopted
 from studies.natanson import reproduce
 from tests import ROOT
 
@@ -69,6 +70,15 @@ def test_scenario_example_is_a_scenario(tmp_path):
     scenario = simulator.load(tmp_path / "mine.toml")
     assert scenario.interval[0].hold.transition_s == 30.0
     simulator.motion(scenario)
+
+
+def test_compare_example_is_a_scenario(tmp_path):
+    (block,) = re.findall(r"```toml\n(.*?)```", (ROOT / "docs" / "compare.md").read_text(), flags=re.DOTALL)
+    gyrocal.save(simulator.simulate(simulator.load("trmm"), seed=1), tmp_path / "rec")
+    (tmp_path / "mine.toml").write_text(re.sub(r'sha256 = ".*?"', "", block))
+    loaded = adopted.load(tmp_path / "mine.toml")
+    assert loaded.covariance.shape == (2, 2)
+    assert loaded.fly(1, draw=True).gyro.rates.shape == loaded.plan.recording.gyro.rates.shape
 
 
 def test_readme_holds_the_committed_summary():

@@ -15,10 +15,10 @@ Array = NDArray[np.float64]
 
 
 def calibrated(model: RecordingModel, effects: Sequence[Fitted]) -> tuple[Array, Array]:
-    """Change of G and b with the effects in the model, (12,), and its covariance (12, 12).
+    """Change of G and b with the effects in the model, (12,), and the joint covariance of it and all amplitudes.
 
     Start attitudes, calibration and the amplitudes of the effects are estimated together, the latter under the prior that
-    their evidence used.
+    their evidence used. The covariance has the twelve parameters first, then the amplitudes, effect after effect.
     """
     Q = np.linalg.qr(model.starts)[0]
     columns = np.hstack([model.calibration, *(effect.columns for effect in effects)])
@@ -30,4 +30,4 @@ def calibrated(model: RecordingModel, effects: Sequence[Fitted]) -> tuple[Array,
     information = (columns * scale).T @ (columns * scale) + np.diag(prior * scale**2)
     covariance = np.linalg.pinv(information, rcond=1e-13, hermitian=True) * np.outer(scale, scale)
     change = covariance @ (columns.T @ y)
-    return np.asarray(change[:12]), np.asarray(covariance[:12, :12])
+    return np.asarray(change[:12]), np.asarray(covariance)

@@ -28,11 +28,15 @@ MOST_FINDINGS = 6
 
 def phases(model: RecordingModel) -> NDArray[np.str_]:
     """Phase of each reference."""
+    return phases_of(model.observation_t_s, model.observation_block)
+
+
+def phases_of(t_s: Array, interval: NDArray[np.intp]) -> NDArray[np.str_]:
+    """Phase of references (m,) at some times, s, of intervals that follow one another."""
+    parts = [t_s[interval == number] for number in np.unique(interval)]
+    spacing = np.median(np.concatenate([np.diff(t) for t in parts]))
     out = []
-    t_all = model.observation_t_s
-    spacing = np.median(np.concatenate([np.diff(t_all[_rows(model, k)]) for k in range(len(model.blocks))]))
-    for number in range(len(model.blocks)):
-        t = t_all[_rows(model, number)]
+    for t in parts:
         edge = max(1, round(EDGE * t.size))
         phase = np.full(t.size, "hold", dtype="<U5")
         for hole in np.flatnonzero(np.diff(t) > HOLE * spacing):

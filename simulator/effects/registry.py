@@ -19,6 +19,7 @@ from gyrocal.errors import InputError
 from simulator.effects.base import STAGE_NAMES, STAGES, SYMPTOMS, Effect
 
 GROUP = "gyrocal.effects"
+FILE_MODULE = "gyrocal_effects_"  # begins the names of modules that are loaded from files
 
 Kind = TypeVar("Kind", bound=Effect)
 
@@ -102,7 +103,7 @@ class Registry(Mapping[str, Effect]):
         InputError
             The file cannot be read or run, or holds no effect; the message is one line that names it.
         """
-        spec = importlib.util.spec_from_file_location(f"gyrocal_effects_{path.stem}", path)
+        spec = importlib.util.spec_from_file_location(f"{FILE_MODULE}{path.stem}", path)
         if not path.is_file() or spec is None or spec.loader is None:
             raise InputError(f"{path}: no such Python file")
         module = importlib.util.module_from_spec(spec)

@@ -5,13 +5,14 @@ from pathlib import Path
 
 import click
 
+from diagnosis.adopt import scenario
 from diagnosis.diagnose import diagnose
 from gyrocal import InputError, load
 from simulator.effects.sensor import ALL_EFFECTS
 from studies.cli.effect_files import effects_option
 from studies.cli.options import PATH, STDOUT
 from studies.cli.stages import stages
-from studies.montecarlo.files import check_writable, json_text, write_json
+from studies.montecarlo.files import check_writable, json_text, write_json, write_text
 from studies.report import diagnosis_page as diagnosis_report
 from studies.report import diagnosis_summary
 from studies.report.console import LINE_EVERY_S, console
@@ -24,11 +25,14 @@ from studies.report.console import LINE_EVERY_S, console
     "--json", "as_json", type=PATH, help="Write the result as JSON to this file; - for standard output in place of the summary."
 )
 @click.option("--report", type=PATH, help="Write a page with the figures (HTML, needs no network) to this file.")
+@click.option("--adopt", type=PATH, help="Write the recording's own plan with the named effects to this file, a scenario.")
 @click.option(
     "--without", multiple=True, metavar="EFFECT", help="Take an effect off the list, see 'gyrocal effects'; repeatable."
 )
 @click.option("--seed", type=click.IntRange(0), default=0, show_default=True, help="Seed of the random draws.")
-def command(recording: Path, as_json: Path | None, report: Path | None, without: tuple[str, ...], seed: int) -> None:
+def command(
+    recording: Path, as_json: Path | None, report: Path | None, adopt: Path | None, without: tuple[str, ...], seed: int
+) -> None:
     """Say whether RECORDING departs from the baseline simulator, where, by which effect, and how far that closes the gap.
 
     The baseline has a constant G and b, white gyro noise and white reference noise, both as stated. The exit status is 0
@@ -39,15 +43,17 @@ def command(recording: Path, as_json: Path | None, report: Path | None, without:
       gyrocal simulate trmm_series /tmp/rec --effect bias_orbital:z=0.3
       gyrocal diagnose /tmp/rec --report /tmp/report.html --json /tmp/diagnosis.json
       gyrocal diagnose /tmp/rec --without bias_orbital
+      gyrocal diagnose /tmp/rec --adopt /tmp/adopted.toml
     """
     library = _library(without)
-    files = [path for path in (as_json, report) if path is not None and path != STDOUT]
+    files = [path for path in (as_json, report, adopt) if path is not None and path != STDOUT]
     for path in files:
         check_writable(path)
     if len({path.resolve() for path in files}) < len(files):
-        raise InputError(f"{report}: --json and --report need files of their own")
-    if report == STDOUT:
-        raise InputError("--report -: give the name of a file")
+        raise InputError(f"{files[-1]}: --json, --report and --adopt need files of their own")
+    for option, file in (("--report", report), ("--adopt", adopt)):
+        if file == STDOUT:
+            raise InputError(f"{option} -: give the name of a file")
     loaded = load(recording)
     with stages("diagnose", LINE_EVERY_S) as progress:
         result = diagnose(loaded, progress=progress, seed=seed, library=library)
@@ -59,6 +65,10 @@ def command(recording: Path, as_json: Path | None, report: Path | None, without:
         write_json(as_json, result.to_json())
     if report:
         diagnosis_report.write(result, report)
+    if adopt:
+        text, adoption = scenario(result, loaded, recording, adopt)
+        write_text(adopt, text)
+        click.echo(f"{adopt}: {adoption.sentence()}", err=as_json == STDOUT)
 
 
 def _library(without: Sequence[str]) -> list[str] | None:

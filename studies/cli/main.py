@@ -1,4 +1,4 @@
-"""The command line: ``gyrocal reproduce | calibrate | diagnose | plan | simulate | mission | effects | import | study | …``.
+"""The command line: ``gyrocal reproduce | calibrate | diagnose | compare | plan | simulate | mission | effects | study | …``.
 
 A command is a module of its name in this package, loaded only when that command is asked for: numba and pandas take seconds,
 which ``gyrocal --help`` does without. Tables go to standard output, progress and errors to standard error. Bad input ends in
@@ -18,6 +18,7 @@ COMMANDS = {  # the first sentence of each, which its own help begins with
     "IEEE Std 952.",
     "baseline": "Recompute the baseline of recovered parameters and show what moved; exit status 1 if something did.",
     "calibrate": "Calibrate the gyro of RECORDING, a folder with recording.toml, gyro and attitude tables.",
+    "compare": "Fly each SCENARIO many times and show where RECORDING stands among the flights, and how far the gap shrinks.",
     "diagnose": "Say whether RECORDING departs from the baseline simulator, where, by which effect, and how far that closes "
     "the gap.",
     "effects": "List what a gyro, a reference or an attitude sensor can do beyond the baseline; a positive size makes the "

@@ -6,11 +6,14 @@ import click
 import numpy as np
 
 from gyrocal import InputError, calibrate, load, save
+from simulator import adopted
 from simulator import scenario as scenarios
+from simulator.adopted import Replayed
 from simulator.effects.sensor import SENSOR_EFFECTS, described
 from simulator.effects.sensor import parse as parse_effect
 from simulator.replay import replay
 from simulator.simulate import simulate
+from simulator.streams import generator
 from studies.cli.effect_files import effects_option
 from studies.cli.options import PATH, assignment
 from studies.montecarlo.files import check_writable, write_json
@@ -22,6 +25,7 @@ from studies.montecarlo.files import check_writable, write_json
 @click.option("--seed", type=click.IntRange(0), default=0, show_default=True, help="Seed of the random streams.")
 @click.option("--case", type=click.IntRange(0, 2**32 - 1), default=0, show_default=True, help="Case number under that seed.")
 @click.option("--noise-free", is_flag=True, help="Neither gyro nor reference noise.")
+@click.option("--draw", is_flag=True, help="Draw the sizes of SCENARIO's own effects from their posterior, by seed and case.")
 @click.option("--set", "changes", multiple=True, metavar="PATH=VALUE", help="Override a value of the scenario; repeatable.")
 @click.option(
     "--effect",
@@ -39,6 +43,7 @@ def command(
     seed: int,
     case: int,
     noise_free: bool,
+    draw: bool,
     changes: tuple[str, ...],
     effects: tuple[str, ...],
     truth: Path | None,
@@ -49,13 +54,15 @@ def command(
     Lists in a path count from zero: interval.1 is the second interval.
 
     SCENARIO may also be the folder of a recording. It is calibrated, and its motion simulated again with that calibration as
-    truth: same sample tags, reference times, noise as stated and housekeeping.
+    truth: same sample tags, reference times, noise as stated and housekeeping. SCENARIO may hold effects of its own, such as
+    one that 'gyrocal diagnose --adopt' has written; see docs/compare.md.
 
     \b
     Examples:
       gyrocal simulate trmm /tmp/rec --truth /tmp/truth.json
       gyrocal simulate trmm /tmp/gap --effect bias_orbital:y=0.2 --effect g_matrix_step:z=1300,toward=y,time_s=15000
       gyrocal simulate /tmp/rec /tmp/again --effect time_offset=0.5
+      gyrocal simulate adopted.toml /tmp/again --seed 3 --draw
       gyrocal simulate trmm_months /tmp/months --effect dss_head:2=0.28
       gyrocal simulate trmm /tmp/mine --effects mine.py --effect my_effect:z=0.5
       gyrocal simulate trmm_series /tmp/rec --seed 7 --set gyro.arw_deg_per_sqrt_s=1e-4 --set interval.1.slew.0.start_s=120
@@ -66,8 +73,7 @@ def command(
     check_writable(truth)
     noise = not noise_free
     if (Path(scenario) / "recording.toml").exists() and scenario not in scenarios.names():
-        if changes:
-            raise InputError(f"--set {changes[0]}: a recording has no scenario to change; only --effect acts on a replay")
+        _refuse(changes, draw)
         on_sensors = [one.effect for one in settings if one.effect in SENSOR_EFFECTS]
         if on_sensors:
             raise InputError(f"{on_sensors[0]}: acts on raw sensor tables, which a replay keeps as they are; give a scenario")
@@ -76,11 +82,17 @@ def command(
         recording = replay(original, fitted.G, fitted.bias, settings, seed=seed, case=case, noise=noise)
         G, bias_deg_s = fitted.G.tolist(), np.rad2deg(fitted.bias).tolist()
     else:
-        chosen = scenarios.load(scenario)
-        if changes:
-            chosen = scenarios.override(chosen, dict(assignment(change) for change in changes))
-        recording = simulate(chosen, seed=seed, case=case, noise=noise, effects=settings)
-        G, bias_deg_s = chosen.gyro.true_G, chosen.gyro.true_bias_deg_s
+        chosen = adopted.load(scenario)
+        own = chosen.with_amplitudes(chosen.drawn(generator(seed, case, "posterior"))) if draw else chosen.effects
+        settings = [*own, *settings]
+        if isinstance(chosen.plan, Replayed):
+            _refuse(changes)
+            recording = chosen.fly(seed, case, settings, noise)
+            G, bias_deg_s = chosen.plan.G.tolist(), np.rad2deg(chosen.plan.bias).tolist()
+        else:
+            plan = scenarios.override(chosen.plan, dict(assignment(change) for change in changes))
+            recording = simulate(plan, seed=seed, case=case, noise=noise, effects=settings)
+            G, bias_deg_s = plan.gyro.true_G, plan.gyro.true_bias_deg_s
     save(recording, out)
     if truth:
         write_json(truth, {"G": G, "bias_deg_s": bias_deg_s, "effects": [described(setting) for setting in settings]})
@@ -88,3 +100,11 @@ def command(
         f"{out}: {len(recording.intervals)} intervals, {recording.gyro.t_s.size} gyro samples, "
         f"{recording.attitudes.t_s.size} reference attitudes"
     )
+
+
+def _refuse(changes: tuple[str, ...], draw: bool = False) -> None:
+    """Options that a replay of a recording does not have."""
+    if changes:
+        raise InputError(f"--set {changes[0]}: a recording has no scenario to change; only --effect acts on a replay")
+    if draw:
+        raise InputError("--draw: a recording has no posterior to draw from; give the file of 'gyrocal diagnose --adopt'")

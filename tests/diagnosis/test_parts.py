@@ -153,7 +153,7 @@ def test_calibration_with_the_effect_in_covers_the_truth(plan, prepared, linear)
     for name, effects in (("with", numbers), ("without", [])):
         change, covariance = calibrated(model, effects)
         error = np.append(model.G.ravel(), model.bias) + change - truth
-        nees[name] = error @ np.linalg.solve(covariance, error)
+        nees[name] = error @ np.linalg.solve(covariance[:12, :12], error)
     assert scipy.stats.chi2.sf(nees["with"], 12) > 1e-3
     assert nees["without"] > nees["with"]
 

@@ -1,0 +1,104 @@
+"""The scenario that a diagnosis stands for: the recording's own plan, flown with the effects that were named.
+
+Only a verdict that names effects puts any in: of a group the first, whose size and calibration are stated. Effects that have
+columns bring the joint posterior of their amplitudes; of one that the samples show, or of a random process, the size has
+a sigma and correlates with nothing. Nonlinear parameters, such as the time of a step, are held as found.
+"""
+
+from __future__ import annotations
+
+import os
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from diagnosis.answer import Amplitudes, Cause
+from diagnosis.result import Diagnosis
+from gyrocal.recording import Recording
+from simulator.adopted import digest, document
+from simulator.effects import REGISTRY, Setting, setting
+
+Array = NDArray[np.float64]
+
+NAMING = ("named", "group")
+
+
+@dataclass(frozen=True)
+class Adoption:
+    """What is put into the simulator.
+
+    Attributes
+    ----------
+    effects : with their sizes; none without a named cause
+    covariance : (k, k) of their amplitudes, effect after effect
+    left_out : causes that a replay cannot fly, such as those of raw sensor tables
+    reason : why there are no effects, or ""
+    """
+
+    effects: tuple[Setting, ...]
+    covariance: Array
+    left_out: tuple[str, ...]
+    reason: str
+
+    def sentence(self) -> str:
+        """What was written, for people."""
+        if not self.effects:
+            return f"a scenario without effects: {self.reason}"
+        note = f"; {', '.join(self.left_out)} left out, which acts on raw sensor tables" if self.left_out else ""
+        return f"a scenario with {', '.join(one.label() for one in self.effects)}{note}"
+
+
+def adopted(diagnosis: Diagnosis) -> Adoption:
+    """The effects that a diagnosis names, and the posterior of their amplitudes."""
+    if diagnosis.verdict not in NAMING:
+        reason = "there is no gap" if diagnosis.verdict == "none" else f"the cause is {diagnosis.verdict}"
+        return Adoption((), np.empty((0, 0)), (), reason)
+    flyable = [cause for cause in diagnosis.causes if REGISTRY[cause.effect].stage != "sensor"]
+    left_out = tuple(cause.label for cause in diagnosis.causes if cause not in flyable)
+    parts = [_amplitudes(cause, diagnosis.amplitudes) for cause in flyable]
+    effects = tuple(one for one, _, _ in parts)
+    places = [(places, sigma) for _, places, sigma in parts]
+    sizes = [max(len(own), 1) for own, _ in places]
+    covariance = np.zeros((sum(sizes), sum(sizes)))
+    starts = np.cumsum([0, *sizes])
+    for i, (rows, sigma) in enumerate(places):
+        if not rows:
+            covariance[starts[i], starts[i]] = sigma**2
+        for j, (columns, _) in enumerate(places):
+            block = diagnosis.amplitudes.covariance[np.ix_(rows, columns)]
+            if block.size:
+                covariance[starts[i] : starts[i + 1], starts[j] : starts[j + 1]] = block
+    reason = "" if effects else "its causes act on raw sensor tables, which a replay keeps as they are"
+    return Adoption(effects, covariance, left_out, reason)
+
+
+def scenario(diagnosis: Diagnosis, recording: Recording, folder: Path, out: Path) -> tuple[str, Adoption]:
+    """The scenario as TOML, and what is in it.
+
+    Parameters
+    ----------
+    diagnosis : of the recording
+    recording : as diagnosed
+    folder : the recording's
+    out : the file that the text is for; it names the recording's folder relative to its own
+    """
+    adoption = adopted(diagnosis)
+    where = os.path.relpath(folder.resolve(), out.resolve().parent)
+    title = f"{recording.title}, {' with '.join(['flown again', *(one.label() for one in adoption.effects)])}"
+    G, bias = diagnosis.G, diagnosis.bias
+    return document(title, where, digest(recording), G, bias, adoption.effects, adoption.covariance), adoption
+
+
+def _amplitudes(cause: Cause, found: Amplitudes) -> tuple[Setting, list[int], float]:
+    """The setting of a cause, the places of its amplitudes among those found, and its sigma where there are none."""
+    effect = REGISTRY[cause.effect]
+    known = {parameter.name for parameter in effect.parameters}
+    parameters = {name: value for name, value in cause.parameters.items() if name in known}
+    made = setting(cause.effect, cause.axis, cause.size, parameters)
+    places = [k for k, label in enumerate(found.labels) if label == cause.label]
+    if len(places) != effect.amplitudes(made).size:
+        return made, [], cause.sigma
+    size, held = effect.from_amplitudes(found.values[places])
+    return setting(cause.effect, cause.axis, size, {**parameters, **held}), places, cause.sigma

@@ -1,0 +1,313 @@
+"""Scenarios with effects in them, and with the posterior of the effects' sizes: what a diagnosis has found, flown again.
+
+A scenario file may hold, beside or in place of a plan of its own, three more tables:
+
+- ``[replay]``: the plan is that of a recording, whose motion is simulated again (`simulator.replay`) with true_G and
+  true_bias_deg_s. The folder is relative to the file; sha256 is that of the samples and references (`digest`), so that sizes
+  are not flown on data that have changed since they were found.
+- ``[[effect]]``: name, axis where it has one, size in the effect's unit, parameters.
+- ``[posterior]``: the covariance of all amplitudes, effect after effect in the file's order. The amplitudes a of an effect are
+  those in which it is linear (`Effect.amplitudes`), such as size·cos φ and size·sin φ of a sine with free phase, so that
+  a ~ N(a₀, C) is a posterior that a linear fit really has. A draw whose size is out of the effect's bounds is drawn again.
+
+G and b are not drawn: whoever calibrates a flight finds them again, and its residuals do not depend on them.
+"""
+
+import hashlib
+import os
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from pathlib import Path
+from typing import Annotated
+
+import numpy as np
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+
+from gyrocal.errors import InputError
+from gyrocal.recording import Recording, toml_value, validation_message
+from gyrocal.recording import load as load_recording
+from simulator import scenario as scenarios
+from simulator.effects import REGISTRY, Setting, Surroundings, setting
+from simulator.effects.base import Array
+from simulator.effects.recorded import SMOOTH_S
+from simulator.replay import replayed
+from simulator.scenario import Matrix, Scenario, Vector
+from simulator.sensors.gyro import raw_rates
+from simulator.simulate import disturbed, motion, observe, surroundings
+from simulator.streams import generator
+from simulator.truth.motion import Motion
+
+WINDOW = (
+    41  # samples over which a replay's motion is smoothed at least: what noise it keeps is then below a tenth of their rate
+)
+TRIES = 1000  # draws that a size may be out of bounds
+SYMMETRIC = 1e-9  # of the standard deviations' product
+NEGATIVE = -1e-9  # eigenvalue of a correlation matrix that is more than rounding
+
+
+class _Model(BaseModel):
+    model_config = ConfigDict(extra="forbid", frozen=True, strict=True, allow_inf_nan=False)
+
+
+class ReplaySection(_Model):
+    """The recording whose motion is the plan, and the gyro that flies it."""
+
+    recording: str = Field(min_length=1)
+    sha256: str | None = None
+    true_G: Matrix
+    true_bias_deg_s: Vector
+
+
+class EffectSection(_Model):
+    """An effect with its numbers."""
+
+    name: str
+    axis: str | None = None
+    size: float
+    parameters: dict[str, float | int | str] = {}
+
+
+class PosteriorSection(_Model):
+    """Covariance of the amplitudes of all effects."""
+
+    covariance: Annotated[tuple[Annotated[tuple[float, ...], Field(strict=False)], ...], Field(strict=False)]
+
+
+class _Additions(_Model):
+    """What may stand in a file beside a scenario's own keys."""
+
+    replay: ReplaySection | None = None
+    effect: Annotated[tuple[EffectSection, ...], Field(strict=False)] = ()
+    posterior: PosteriorSection | None = None
+
+
+@dataclass(frozen=True)
+class Replayed:
+    """A plan taken over from a recording: its motion, and the gyro that flies it.
+
+    Attributes
+    ----------
+    recording : whose tags, reference times, stated noises and tables a flight has
+    G, bias : (3, 3), (3,) rad/s
+    """
+
+    recording: Recording
+    G: Array
+    bias: Array
+
+
+@dataclass(frozen=True)
+class Adopted:
+    """A scenario with effects and their posterior.
+
+    Attributes
+    ----------
+    title : for people
+    plan : a scenario, or a recording's
+    effects : as stated
+    covariance : (k, k) of all amplitudes; None if the file has no posterior
+    """
+
+    title: str
+    plan: Scenario | Replayed
+    effects: tuple[Setting, ...] = ()
+    covariance: Array | None = None
+
+    @property
+    def amplitudes(self) -> Array:
+        """(k,) as stated, effect after effect."""
+        return np.concatenate([np.empty(0), *(REGISTRY[one.effect].amplitudes(one) for one in self.effects)])
+
+    def with_amplitudes(self, amplitudes: Array) -> tuple[Setting, ...]:
+        """The effects with other amplitudes (k,).
+
+        Raises
+        ------
+        InputError
+            A size is out of its effect's bounds.
+        """
+        out, start = [], 0
+        for one in self.effects:
+            effect = REGISTRY[one.effect]
+            count = effect.amplitudes(one).size
+            size, held = effect.from_amplitudes(amplitudes[start : start + count])
+            out.append(setting(one.effect, one.axis, size, {**one.parameters, **held}))
+            start += count
+        return tuple(out)
+
+    def drawn(self, rng: np.random.Generator) -> Array:
+        """Amplitudes (k,) drawn from the posterior; those stated if there is none.
+
+        Raises
+        ------
+        InputError
+            Next to no draw is within the bounds of the sizes.
+        """
+        if self.covariance is None or not self.effects:
+            return self.amplitudes
+        values, vectors = np.linalg.eigh(self.covariance)
+        root = vectors * np.sqrt(np.maximum(values, 0.0))
+        fault: InputError | None = None
+        for _ in range(TRIES):
+            try:
+                amplitudes = self.amplitudes + root @ rng.standard_normal(len(values))
+                self.with_amplitudes(amplitudes)
+                return np.asarray(amplitudes)
+            except InputError as error:
+                fault = error
+        raise InputError(f"{self.title}: {TRIES} draws from the posterior were all out of bounds, the last one: {fault}")
+
+    @cached_property
+    def motion(self) -> Motion:
+        """The noise-free motion: the costly part, and the same for every flight."""
+        plan = self.plan
+        if isinstance(plan, Scenario):
+            return motion(plan)
+        window_s = max(SMOOTH_S, WINDOW * plan.recording.gyro.sample_s)
+        return replayed(plan.recording, plan.G, plan.bias, window_s)
+
+    @cached_property
+    def _plain(self) -> tuple[Recording, Surroundings]:
+        """The noise-free flight of a replay without effects, and what effects see of it."""
+        assert isinstance(self.plan, Replayed)
+        recording = self.plan.recording
+        plain = replace(
+            recording,
+            gyro=replace(recording.gyro, rates=raw_rates(self.motion.rates, self.plan.G, self.plan.bias)),
+            attitudes=replace(recording.attitudes, quaternions=self.motion.quaternions),
+        )
+        return plain, surroundings(plain, self.motion)
+
+    def fly(
+        self, seed: int = 0, case: int = 0, effects: Sequence[Setting] | None = None, noise: bool = True, draw: bool = False
+    ) -> Recording:
+        """One flight.
+
+        Parameters
+        ----------
+        seed, case : of the random streams
+        effects : in place of those stated
+        noise : whether gyro and references have their white noise
+        draw : whether the sizes are drawn from the posterior, from a stream of the case
+        """
+        if effects is None:
+            effects = self.with_amplitudes(self.drawn(generator(seed, case, "posterior"))) if draw else self.effects
+        plan = self.plan
+        rngs = [generator(seed, case, name) if noise else None for name in ("gyro_noise", "reference_noise")]
+        if isinstance(plan, Replayed):
+            plain, around = self._plain
+            return disturbed(plain, self.motion, effects, rngs[0], rngs[1], seed, case, around=around)
+        return observe(plan, self.motion, gyro_rng=rngs[0], reference_rng=rngs[1], effects=effects, seed=seed, case=case)
+
+
+def load(name_or_path: str | os.PathLike[str]) -> Adopted:
+    """Load a scenario with what may stand beside it; any scenario is one without effects.
+
+    Raises
+    ------
+    InputError
+        One line: there is no such scenario, a fault by its path, or a recording that is not the one the sizes are from.
+    """
+    name = os.fspath(name_or_path)
+    # A replay needs no scenario keys; and a base is merged first, so that an effect can be put into a built-in scenario.
+    path = Path(name)
+    values = dict(scenarios.document(name))
+    added = {key: values.pop(key) for key in ("replay", "effect", "posterior") if key in values}
+    try:
+        extra = _Additions.model_validate(added)
+    except ValidationError as error:
+        raise InputError(f"{name}: {validation_message(error)}") from None
+    plan: Scenario | Replayed
+    if extra.replay is None:
+        plan = scenarios.validated(values, name)
+        title = plan.title
+    else:
+        title = str(values.pop("title", extra.replay.recording))
+        if values:
+            raise InputError(f"{name}: {', '.join(values)}: a replay takes its plan from the recording; leave it out")
+        plan = _replayed(extra.replay, path, name)
+    effects = tuple(_setting(one, name) for one in extra.effect)
+    made = Adopted(title, plan, effects)
+    return replace(made, covariance=_covariance(extra.posterior, made.amplitudes.size, name))
+
+
+def document(
+    title: str, recording: str, digest: str, G: Array, bias: Array, effects: Sequence[Setting], covariance: Array
+) -> str:
+    """The TOML of an adopted scenario; arguments as of the tables in the module's text, bias in rad/s."""
+    lines = [
+        f"title = {toml_value(title)}",
+        "",
+        "[replay]",
+        f"recording = {toml_value(recording)}",
+        f"sha256 = {toml_value(digest)}",
+        f"true_G = {toml_value(np.asarray(G).tolist())}",
+        f"true_bias_deg_s = {toml_value(np.rad2deg(bias).tolist())}",
+    ]
+    for one in effects:
+        lines += ["", "[[effect]]", f"name = {toml_value(one.effect)}"]
+        if one.axis is not None:
+            lines.append(f"axis = {toml_value(one.axis)}")
+        lines.append(f"size = {toml_value(one.size)}  # {REGISTRY[one.effect].unit}")
+        if one.parameters:
+            inside = ", ".join(f"{key} = {toml_value(value)}" for key, value in one.parameters.items())
+            lines.append(f"parameters = {{ {inside} }}")
+    if effects:
+        names = [one.label() for one in effects for _ in REGISTRY[one.effect].amplitudes(one)]
+        lines += ["", "[posterior]", f"# of the amplitudes of {', '.join(names)}"]
+        lines.append(f"covariance = {toml_value(covariance.tolist())}")
+    return "\n".join([*lines, ""])
+
+
+def digest(recording: Recording) -> str:
+    """SHA-256 of a recording's samples, references, stated noises and intervals, as they are when it is loaded from file."""
+    hashed = hashlib.sha256()
+    gyro, attitudes = recording.gyro, recording.attitudes
+    for values in (gyro.t_s, gyro.rates, attitudes.t_s, attitudes.quaternions, attitudes.sigma):
+        hashed.update(np.ascontiguousarray(values).tobytes())
+    about = [gyro.sample_s, gyro.arw, *((i.name, i.start_s, i.stop_s) for i in recording.intervals)]
+    hashed.update(repr(about).encode())
+    return hashed.hexdigest()
+
+
+def _replayed(section: ReplaySection, path: Path, name: str) -> Replayed:
+    folder = Path(section.recording)
+    recording = load_recording(folder if folder.is_absolute() else path.parent / folder)
+    if section.sha256 not in (None, digest(recording)):
+        raise InputError(
+            f"{name}: replay.recording {section.recording} is not what it was when its effects were found; adopt it again"
+        )
+    G = np.array(section.true_G)
+    if abs(np.linalg.det(G)) < scenarios.SMALLEST_DETERMINANT:
+        raise InputError(f"{name}: replay.true_G must be invertible")
+    return Replayed(recording, G, np.deg2rad(section.true_bias_deg_s))
+
+
+def _setting(section: EffectSection, name: str) -> Setting:
+    if section.name in REGISTRY and REGISTRY[section.name].stage == "sensor":
+        raise InputError(f"{name}: effect {section.name} acts on raw sensor tables, not on rates and references")
+    try:
+        return setting(section.name, section.axis, section.size, dict(section.parameters))
+    except InputError as error:
+        raise InputError(f"{name}: effect {error}") from None
+
+
+def _covariance(section: PosteriorSection | None, size: int, name: str) -> Array | None:
+    if section is None:
+        return None
+    try:
+        values = np.array(section.covariance, dtype=float).reshape(len(section.covariance), -1)
+    except ValueError:
+        values = np.empty((0, 1))
+    if values.shape != (size, size) and size:
+        raise InputError(f"{name}: posterior.covariance must be {size}×{size}, a row for each amplitude of the effects")
+    sigma = np.sqrt(np.maximum(np.diag(values), 0.0))
+    scale = np.where(sigma > 0, sigma, 1.0)
+    scaled = values / np.outer(scale, scale)
+    if size and (np.abs(scaled - scaled.T).max() > SYMMETRIC or np.linalg.eigvalsh(scaled)[0] < NEGATIVE):
+        raise InputError(f"{name}: posterior.covariance must be symmetric with no negative eigenvalue")
+    return values
+
+
+__all__ = ["Adopted", "Replayed", "digest", "document", "load"]

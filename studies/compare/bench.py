@@ -1,0 +1,210 @@
+"""A scenario ready to be flown many times and measured as a recording is; see `studies.compare.gap` for the reasoning."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gyrocal import GyroParameters
+from gyrocal.errors import InputError
+from gyrocal.recording import Recording
+from simulator.adopted import Adopted, Replayed, digest
+from simulator.effects import REGISTRY, Setting
+from simulator.streams import generator
+from simulator.truth.rotation import perturbed, separation
+from studies.compare.measure import Measured, Ruler
+
+Array = NDArray[np.float64]
+
+# Stages whose effects are functions of the motion; what comes later in the chain acts on samples with noise in them.
+PREDICTED = ("rate", "filter", "clock", "threshold", "reference")
+RELATIVE_STEP = 1e-3  # of an amplitude without a sigma, for its response
+TINY = 1e-12
+SAME_TIME_S = 1e-3
+
+
+@dataclass(frozen=True)
+class Response:
+    """What is added to raw rates (n, 3), rad/s, and to references, e (m, 3), rad."""
+
+    rates: Array
+    references: Array
+
+    def taken_out(self, recording: Recording) -> Recording:
+        """A recording without it."""
+        if not self.rates.any() and not self.references.any():
+            return recording
+        gyro, attitudes = recording.gyro, recording.attitudes
+        return replace(
+            recording,
+            gyro=replace(gyro, rates=gyro.rates - self.rates),
+            attitudes=replace(attitudes, quaternions=perturbed(attitudes.quaternions, -self.references)),
+        )
+
+    def plus(self, others: Sequence["Response"], shares: Array) -> "Response":
+        """With shares of others added."""
+        rates, references = self.rates, self.references
+        for other, share in zip(others, shares, strict=True):
+            rates, references = rates + share * other.rates, references + share * other.references
+        return Response(rates, references)
+
+
+@dataclass(frozen=True)
+class Flight:
+    """What one flight gave.
+
+    Attributes
+    ----------
+    before, before_samples : m_0 of attitude and samples: nothing taken out
+    error : e_0, `before` less its expectation for the sizes that were flown, but for the floor of M0
+    under : measured under the scenario
+    """
+
+    before: float
+    before_samples: float
+    error: float
+    under: Measured
+
+
+@dataclass(frozen=True)
+class Bench:
+    """A scenario with all that its flights have in common.
+
+    Attributes
+    ----------
+    scenario : what is flown
+    ruler : for flights of its plan
+    fitted : whether its sizes were fitted to the very recording that is compared
+    stated : response at the stated sizes
+    slopes : response per unit of each amplitude of effects that are predicted
+    places : (k,) of these amplitudes among all
+    Q : (N, p) orthonormal basis of what the calibration takes up, whitened
+    W : (N, k) whitened columns of the amplitudes, projected off Q
+    """
+
+    scenario: Adopted
+    ruler: Ruler
+    fitted: bool
+    stated: Response
+    slopes: tuple[Response, ...]
+    places: NDArray[np.intp]
+    Q: Array
+    W: Array
+
+    @classmethod
+    def of(cls, scenario: Adopted, recording: Recording, recorded: Ruler, name: str) -> "Bench":
+        """Make a scenario ready.
+
+        A replay is flown on the plan of the recording that is compared, whichever recording it was adopted from.
+
+        Parameters
+        ----------
+        scenario : what is flown
+        recording : that is compared
+        recorded : its ruler
+        name : for an error
+
+        Raises
+        ------
+        InputError
+            A scenario with a plan of its own has other samples or references than the recording, or an effect cannot act.
+        """
+        plan, fitted, start = scenario.plan, False, GyroParameters.from_vector(recorded.start)
+        if isinstance(plan, Replayed):
+            fitted = digest(plan.recording) == digest(recording)
+            if not fitted:
+                scenario = replace(scenario, plan=Replayed(recording, plan.G, plan.bias))
+        else:
+            start = GyroParameters(np.array(plan.gyro.true_G), np.deg2rad(plan.gyro.true_bias_deg_s))
+        plain = scenario.fly(effects=(), noise=False)
+        _check_alike(name, recording, plain)
+        # Stretches of quiet samples are those of the recording, so that the same samples of all are looked at.
+        ruler = replace(Ruler.of(plain, start), quiet=recorded.quiet)
+        amplitudes = scenario.amplitudes
+        sigma = np.zeros(amplitudes.size) if scenario.covariance is None else np.sqrt(np.diag(scenario.covariance))
+        places = _predicted(scenario.effects)
+        stated = _response(scenario, plain, scenario.effects)
+        base = ruler.state(plain)
+        Q = np.linalg.qr(base.H)[0]
+        slopes: list[Response] = []
+        W = np.empty((base.z.size, places.size))
+        for column, place in enumerate(places):
+            step = float(sigma[place]) or max(RELATIVE_STEP * abs(float(amplitudes[place])), TINY)
+            moved = amplitudes.copy()
+            moved[place] += step
+            other = _response(scenario, plain, scenario.with_amplitudes(moved))
+            change = Response(other.rates - stated.rates, other.references - stated.references)
+            # By a step as small as its sigma: a unit of an amplitude may be many degrees.
+            W[:, column] = (base.z - ruler.state(change.taken_out(plain)).z) / step
+            slopes.append(Response(change.rates / step, change.references / step))
+        return cls(scenario, ruler, fitted, stated, tuple(slopes), places, Q, W - Q @ (Q.T @ W))
+
+    @property
+    def size_error(self) -> float:
+        """tr(W C Wᵀ)/dof: what sizes that were fitted are expected to be off by, in the misfit of a new recording."""
+        C = self.scenario.covariance
+        if not self.fitted or C is None:
+            return 0.0
+        own = C[np.ix_(self.places, self.places)]
+        return float(np.sum((self.W @ own) * self.W)) / self.ruler.degrees_of_freedom
+
+    def under(self, recording: Recording) -> Recording:
+        """A recording with the stated response taken out."""
+        return self.stated.taken_out(recording)
+
+    def fly(self, seed: int, case: int) -> Flight:
+        """One flight, its sizes drawn from the posterior."""
+        scenario, ruler = self.scenario, self.ruler
+        drawn = scenario.drawn(generator(seed, case, "posterior"))
+        flown = scenario.fly(seed, case, scenario.with_amplitudes(drawn))
+        left = self.under(flown)
+        if self.fitted and self.places.size:
+            z = ruler.state(left).z
+            off = np.asarray(np.linalg.lstsq(self.W, z - self.Q @ (self.Q.T @ z), rcond=None)[0], dtype=float)
+            left = self.stated.plus(self.slopes, off).taken_out(flown)
+        under = ruler.measure(left)
+        before = under.mean_square if left is flown else ruler.misfit(flown)
+        added = self.W @ drawn[self.places]
+        error = before - float(added @ added) / ruler.degrees_of_freedom
+        return Flight(before, ruler.samples_mean_square(flown), error, under)
+
+
+def _check_alike(name: str, recording: Recording, flown: Recording) -> None:
+    """A flight must have the recording's samples and references, or the statistics would not be of the same things."""
+    pairs = (
+        ("gyro samples", recording.gyro.t_s, flown.gyro.t_s),
+        ("reference attitudes", recording.attitudes.t_s, flown.attitudes.t_s),
+    )
+    for what, own, other in pairs:
+        if own.shape != other.shape or np.abs(own - other).max() > SAME_TIME_S:
+            raise InputError(
+                f"{name}: flies another plan than the recording: {other.size} {what} from {other[0]:g} to {other[-1]:g} s, not "
+                f"{own.size} from {own[0]:g} to {own[-1]:g} s; give a scenario of its plan, such as one of 'diagnose --adopt'"
+            )
+    names = [interval.name for interval in recording.intervals]
+    if names != [interval.name for interval in flown.intervals]:
+        raise InputError(f"{name}: has intervals of other names than the recording's {', '.join(names)}")
+
+
+def _predicted(effects: Sequence[Setting]) -> NDArray[np.intp]:
+    """Places of the amplitudes of the effects that are functions of the motion."""
+    out: list[int] = []
+    start = 0
+    for one in effects:
+        effect = REGISTRY[one.effect]
+        count = effect.amplitudes(one).size
+        if effect.stage in PREDICTED:
+            out += range(start, start + count)
+        start += count
+    return np.array(out, dtype=np.intp)
+
+
+def _response(scenario: Adopted, plain: Recording, effects: Sequence[Setting]) -> Response:
+    """What the predicted ones of some effects add to a noise-free flight."""
+    predicted = [one for one in effects if REGISTRY[one.effect].stage in PREDICTED]
+    shown = scenario.fly(effects=predicted, noise=False) if predicted else plain
+    return Response(shown.gyro.rates - plain.gyro.rates, separation(plain.attitudes.quaternions, shown.attitudes.quaternions))
+
+
+__all__ = ["Bench", "Flight", "Response"]

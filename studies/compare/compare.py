@@ -1,0 +1,235 @@
+"""A recording compared with scenarios: statistics beside the distribution of the flights, and the gap before and after."""
+
+from collections.abc import Callable, Sequence
+from contextlib import AbstractContextManager, nullcontext
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import joblib
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+from threadpoolctl import threadpool_limits
+
+from gyrocal import calibrate
+from gyrocal.errors import InputError
+from gyrocal.recording import Recording
+from simulator.adopted import Adopted, Replayed
+from studies.compare.bench import Bench, Flight
+from studies.compare.gap import Gap, gap
+from studies.compare.measure import Measured, Ruler
+
+Array = NDArray[np.float64]
+Display = Callable[[str, int], AbstractContextManager[Callable[[int], None]]]
+
+BASELINE = "M0"
+CHUNK = 5  # flights that are handed out together
+FEWEST_FLIGHTS = 20
+EXTREME = 0.01  # percentile from either end that counts as extreme
+COLUMNS = ("statistic", "of", "axis", "unit", "recording", "mean", "std", "p05", "p95", "percentile", "z", "judged")
+
+
+@dataclass(frozen=True)
+class Standing:
+    """Where a recording stands in one scenario.
+
+    Attributes
+    ----------
+    name : of the scenario
+    title : its own
+    effects : labels of its effects
+    fitted : whether its sizes, or its G and b, were found on this very recording
+    statistics : a row a statistic, `COLUMNS`; percentile in 0 … 1 with ties counted half, empty where the scenario took the
+        number over from the recording
+    gap, samples : before and after, of the attitude and of the samples; the latter is None where too few samples are quiet
+    """
+
+    name: str
+    title: str
+    effects: tuple[str, ...]
+    fitted: bool
+    statistics: pd.DataFrame
+    gap: Gap
+    samples: Gap | None
+
+    @property
+    def names(self) -> list[str]:
+        """Of the statistics, in words."""
+        parts = self.statistics[["statistic", "of", "axis"]].itertuples(index=False)
+        return [" ".join(part for part in row if part) for row in parts]
+
+    @property
+    def extreme(self) -> tuple[int, int]:
+        """How many of the judged statistics are among the most extreme 2 %, and how many there are."""
+        percentile = self.statistics.loc[self.statistics["judged"], "percentile"]
+        return int(((percentile < EXTREME) | (percentile > 1 - EXTREME)).sum()), len(percentile)
+
+    def to_json(self) -> dict[str, Any]:
+        """As in docs/compare.md."""
+        return {
+            "scenario": self.name,
+            "title": self.title,
+            "effects": list(self.effects),
+            "fitted_to_this_recording": self.fitted,
+            "gap": asdict(self.gap),
+            "gap_of_samples": None if self.samples is None else asdict(self.samples),
+            "extreme": {"count": self.extreme[0], "of": self.extreme[1], "expected": 2 * EXTREME * self.extreme[1]},
+            "statistics": self.statistics.to_dict("records"),
+        }
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """The whole result: M0 first, then the scenarios as given."""
+
+    recording: str
+    runs: int
+    seed: int
+    standings: tuple[Standing, ...]
+
+    def to_json(self) -> dict[str, Any]:
+        """The result as one object, format 1."""
+        return {
+            "format": 1,
+            "recording": self.recording,
+            "runs": self.runs,
+            "seed": self.seed,
+            "scenarios": [standing.to_json() for standing in self.standings],
+        }
+
+
+def compare(
+    recording: Recording,
+    scenarios: Sequence[tuple[str, Adopted]],
+    *,
+    runs: int = 200,
+    seed: int = 0,
+    jobs: int = 1,
+    progress: Display | None = None,
+) -> Comparison:
+    """Fly scenarios, and M0 on the recording's own plan, and see where the recording stands.
+
+    Parameters
+    ----------
+    recording : what is compared
+    scenarios : name and scenario of each
+    runs : flights of each
+    seed : root of the random streams; flights depend on it and their number only
+    jobs : processes
+    progress : (label, flights) to a context with a function that is told how many more are done
+
+    Raises
+    ------
+    InputError
+        The recording cannot be calibrated, a scenario's plan has nothing in common with it, or there are too few runs.
+    """
+    if runs < FEWEST_FLIGHTS:
+        raise InputError(f"{runs} runs: at least {FEWEST_FLIGHTS} are needed for a distribution")
+    with threadpool_limits(1, user_api="blas"):
+        found = calibrate(recording)
+        if found.dof < 1:
+            raise InputError(f"{recording.title}: no more residuals than parameters; there is nothing to compare")
+        ruler = Ruler.of(recording, found.parameters)
+        baseline = Adopted("the baseline on the recording's own plan", Replayed(recording, found.G, found.bias))
+        named = [(BASELINE, baseline), *scenarios]
+        benches = [Bench.of(scenario, recording, ruler, name) for name, scenario in named]
+        bare = ruler.measure(recording)
+        standings: list[Standing] = []
+        floors = (float("nan"), float("nan"))
+        for (name, scenario), bench in zip(named, benches, strict=True):
+            flights = flown(bench, name, runs, seed, jobs, progress)
+            if not standings:
+                floors = (mean_of([f.before for f in flights]), mean_of([f.before_samples for f in flights]))
+            measured = ruler.measure(bench.under(recording))
+            standings.append(standing(name, scenario, bench, bare, measured, flights, floors))
+    return Comparison(recording.title, runs, seed, tuple(standings))
+
+
+def flown(bench: Bench, name: str, runs: int, seed: int, jobs: int, progress: Display | None) -> list[Flight]:
+    """All flights of a scenario, in the order of their numbers."""
+    parts = [range(first, min(first + CHUNK, runs)) for first in range(0, runs, CHUNK)]
+    pool = joblib.Parallel(n_jobs=jobs, return_as="generator", max_nbytes=None)
+    out: list[Flight] = []
+    with _shown(progress, name, runs) as advance:
+        for flights in pool(joblib.delayed(_some)(bench, seed, part) for part in parts):
+            out += flights
+            advance(len(flights))
+    return out
+
+
+def standing(
+    name: str,
+    scenario: Adopted,
+    bench: Bench,
+    bare: Measured,
+    measured: Measured,
+    flights: Sequence[Flight],
+    floors: tuple[float, float],
+) -> Standing:
+    """Where a recording stands among the flights of a scenario.
+
+    Parameters
+    ----------
+    bare, measured : the recording's statistics as it is, and under the scenario
+    flights : of the scenario
+    floors : E m_0 under M0, of attitude and samples
+    """
+    under = np.array([flight.under.mean_square for flight in flights])
+    samples = np.array([flight.under.samples for flight in flights])
+    errors = np.column_stack([[flight.error for flight in flights], under])
+    own = gap((bare.mean_square, measured.mean_square), (floors[0], float(under.mean())), errors, shift=bench.size_error)
+    of_samples = None
+    if np.isfinite([bare.samples, floors[1], *samples]).all():
+        errors = np.column_stack([[flight.before_samples for flight in flights], samples])
+        of_samples = gap((bare.samples, measured.samples), (floors[1], float(samples.mean())), errors)
+    return Standing(
+        name=name,
+        title=scenario.title,
+        effects=tuple(one.label() for one in scenario.effects),
+        fitted=bench.fitted,
+        statistics=table(measured, [flight.under for flight in flights], bench.fitted),
+        gap=own,
+        samples=of_samples,
+    )
+
+
+def table(measured: Measured, flights: Sequence[Measured], fitted: bool) -> pd.DataFrame:
+    """A row for each statistic that the recording and all flights have.
+
+    Parameters
+    ----------
+    measured : of the recording
+    flights : of the scenario
+    fitted : whether the scenario's G and b are those that were found on the recording; they are then not judged
+    """
+    rows = []
+    for key, value in measured.statistics.items():
+        drawn = np.array([flight.statistics.get(key, np.nan) for flight in flights])
+        if not (np.isfinite(drawn).all() and np.isfinite(value)):
+            continue
+        std = float(drawn.std(ddof=1))
+        below = float((drawn < value).mean() + 0.5 * (drawn == value).mean())
+        judged = std > 0 and not (fitted and key.kind == "parameter")
+        rows.append(
+            (
+                key.kind, key.of, key.axis, key.unit, value, float(drawn.mean()), std,
+                float(np.quantile(drawn, 0.05)), float(np.quantile(drawn, 0.95)),
+                below if judged else float("nan"), (value - float(drawn.mean())) / std if judged else float("nan"), judged,
+            )
+        )  # fmt: skip
+    return pd.DataFrame(rows, columns=list(COLUMNS))
+
+
+def mean_of(values: Sequence[float]) -> float:
+    """Mean; NaN if one is."""
+    return float(np.mean(values))
+
+
+def _some(bench: Bench, seed: int, cases: range) -> list[Flight]:
+    """Flights of some numbers, in a worker."""
+    with threadpool_limits(1, user_api="blas"):
+        return [bench.fly(seed, case) for case in cases]
+
+
+def _shown(progress: Display | None, name: str, runs: int) -> AbstractContextManager[Callable[[int], None]]:
+    return nullcontext(lambda count: None) if progress is None else progress(f"compare: {name}", runs)

@@ -1,0 +1,294 @@
+"""Statistics of one recording, by the same code for a real or simulated recording and for every flight of a scenario.
+
+A recording is calibrated (G, b; three iterations of N section IV from the plan's parameters), and its statistics are those of
+the residuals θ of N (16) that are left, in body axes:
+
+- *mean square*: χ²/dof, θ whitened by the calibrator's own covariance of noise as stated
+- *rms*: of each interval and axis, and of each phase of the intervals (start, slew, hold, end) and axis
+- *residual rate* u_j = (θ_j − R_j θ_{j−1})/Δt_j, R_j the rotation between two references: its correlation from one reference
+  to the next (−½ where references' noise is all there is), its spectrum in thirds of the band up to half the references'
+  rate, and its overlapping Allan deviation over 1, 2, 4 … references
+- *samples*: rates of the gyro where the body's motion is smooth; mean square of second differences in units of that of the
+  stated noise, 6 σ²; their correlation from one to the next (−⅔ for white noise); spectrum in the two upper octaves; the
+  largest one, and the share of samples that repeat the one before
+- *parameters*: the calibrated G and b
+
+**What smoothing does.** The motion of a recording is known only through its noisy samples and references. A replay flies the
+smoothed motion, which still holds the part of the recording's noise that the smoothing lets through, and adds new noise. Truth
+and references of the replay agree with that motion, so that nothing of it is left in θ: statistics of the residuals are free
+of it. In the samples it is there twice, below the corner frequency of the window: a quadratic over n samples lets 9/(4n) of the
+noise's power pass, most of it below 1.5/n cycles a sample. Replays of `simulator.adopted` have windows of 41 samples or more,
+shorter ones only where the rates change. Samples are therefore looked at only in the upper two octaves and by second
+differences, and only where the smoothed rates have next to no second difference, half a window and more away from where they do
+and from the ends. What is really motion of the body in those two octaves is missing in a replay, and shows as noise of the
+recording; a slow motion that the smoothing flattens is missing in both, recording and references of the replay.
+"""
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from diagnosis.model.localization import phases_of
+from gyrocal import NAMES, GyroParameters, attitude
+from gyrocal.calibration.problem import Problem, State
+from gyrocal.calibration.sampling import measurements
+from gyrocal.recording import Recording
+from simulator.adopted import WINDOW
+from simulator.effects.recorded import SMOOTH_S, interval_slices, smoothed_rates
+from studies.report.units import PPM_DEG_H, PPM_DEG_H_NAMES
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.intp]
+
+AXES = "xyz"
+ITERATIONS = 3
+FEWEST = 8  # residual rates of an interval for a spectrum, and for a correlation of all of them
+SHORTEST = 64  # quiet samples in a row
+SEGMENT = 64  # samples of a segment of a spectrum
+SMOOTH = 1 / 3  # of the noise: second differences of the motion below it are smooth
+GROWN = WINDOW // 2  # samples to either side of where the motion is not smooth: there the window of the smoothing is short
+REPEAT = 1e-12  # rad/s
+
+
+@dataclass(frozen=True)
+class Statistic:
+    """What a number is: its kind, what it is of, the axis, and its unit."""
+
+    kind: str
+    of: str
+    axis: str
+    unit: str
+
+    @property
+    def name(self) -> str:
+        """In words."""
+        return " ".join(part for part in (self.kind, self.of, self.axis) if part)
+
+
+@dataclass(frozen=True)
+class Measured:
+    """Statistics of one recording.
+
+    Attributes
+    ----------
+    mean_square : χ²/dof of the calibration
+    samples : mean square of the samples' second differences; NaN where too few are quiet
+    statistics : all of them
+    x : (12,) calibrated parameters
+    """
+
+    mean_square: float
+    samples: float
+    statistics: Mapping[Statistic, float]
+    x: Array
+
+
+@dataclass(frozen=True)
+class Ruler:
+    """How recordings of one plan are measured: made of one of them, and the same for all.
+
+    Attributes
+    ----------
+    problem : the calibration problem
+    start : (12,) parameters to start from
+    names : of the intervals
+    t_s : (m,) times of the residuals
+    quiet : stretches of samples where the motion is smooth
+    noise : stated noise of a sample, rad/s
+    sample_s : s
+    """
+
+    problem: Problem
+    start: Array
+    names: tuple[str, ...]
+    t_s: Array
+    quiet: tuple[slice, ...]
+    noise: float
+    sample_s: float
+
+    @classmethod
+    def of(cls, recording: Recording, start: GyroParameters) -> "Ruler":
+        """For recordings with these sample tags, reference times and stated noises."""
+        prepared = measurements(recording)
+        gyro = recording.gyro
+        noise = gyro.arw / np.sqrt(gyro.sample_s)
+        return cls(
+            problem=Problem.of(recording, prepared),
+            start=start.vector,
+            names=tuple(interval.name for interval in recording.intervals),
+            t_s=recording.attitudes.t_s[prepared.row],
+            quiet=quiet_stretches(recording, start, noise),
+            noise=noise,
+            sample_s=gyro.sample_s,
+        )
+
+    @property
+    def degrees_of_freedom(self) -> int:
+        """Of the calibration."""
+        return 3 * len(self.t_s) - len(NAMES)
+
+    @cached_property
+    def arc(self) -> Indices:
+        """(m,) interval of each residual."""
+        return self.problem.measurements.arcs.arc
+
+    @cached_property
+    def parts(self) -> tuple[Indices, ...]:
+        """Residuals of each interval, in the order of time."""
+        return tuple(np.flatnonzero(self.arc == number) for number in range(len(self.names)))
+
+    def case(self, recording: Recording) -> Problem:
+        """The problem with another recording of the same plan."""
+        return self.problem.with_case(recording.gyro.rates, attitude.matrix_from_quaternion(recording.attitudes.quaternions))
+
+    def state(self, recording: Recording) -> State:
+        """Whitened residuals and sensitivities at the start."""
+        return self.case(recording).state(GyroParameters.from_vector(self.start))
+
+    def measure(self, recording: Recording) -> Measured:
+        """Calibrate a recording and compute its statistics."""
+        problem = self.case(recording)
+        found = problem.iterate(self.start, ITERATIONS)
+        theta, x = found.theta[-1], found.x[-1]
+        values: dict[Statistic, float] = {}
+        mean_square = found.chi2 / self.degrees_of_freedom
+        values[Statistic("mean square", "of the calibration", "", "1")] = mean_square
+        for statistics in (self._rms(theta), self._rates(problem.A, theta), self._samples(recording)):
+            values.update(statistics)
+        for name, value, unit in zip(NAMES, x * PPM_DEG_H, PPM_DEG_H_NAMES, strict=True):
+            values[Statistic("parameter", name, "", unit)] = float(value)
+        return Measured(mean_square, self.samples_mean_square(recording), values, x)
+
+    def misfit(self, recording: Recording) -> float:
+        """The mean square of a recording's calibration alone."""
+        return self.case(recording).iterate(self.start, ITERATIONS).chi2 / self.degrees_of_freedom
+
+    def samples_mean_square(self, recording: Recording) -> float:
+        """Mean square of the samples' second differences in units of the stated noise's; NaN if too few are quiet."""
+        if not self.quiet or self.noise == 0:
+            return float("nan")
+        second = np.concatenate([np.diff(recording.gyro.rates[part], n=2, axis=0) for part in self.quiet])
+        return float(np.mean(second**2) / (6 * self.noise**2))
+
+    # ---- residuals of the attitude ---------------------------------------------------------------------------------------
+
+    def _rms(self, theta: Array) -> Iterator[tuple[Statistic, float]]:
+        phase = phases_of(self.t_s, self.arc) if len(self.t_s) > len(self.names) else np.full(len(self.t_s), "end")
+        groups = [(f"interval {name}", rows) for name, rows in zip(self.names, self.parts, strict=True)]
+        groups += [(f"phase {name}", np.flatnonzero(phase == name)) for name in ("start", "slew", "hold", "end")]
+        for name, rows in [*groups, ("all", np.arange(len(theta)))]:
+            for k, axis in enumerate(AXES):
+                if rows.size:
+                    yield Statistic("rms", name, axis, "deg"), float(np.rad2deg(np.sqrt(np.mean(theta[rows, k] ** 2))))
+
+    def _rates(self, A: Array, theta: Array) -> Iterator[tuple[Statistic, float]]:
+        """Statistics of the residual rates."""
+        prepared = self.problem.measurements
+        turns, spacing = [], []
+        for rows in self.parts:
+            references = np.append(prepared.start[rows[0]], prepared.row[rows])
+            R = A[references[1:]] @ np.swapaxes(A[references[:-1]], 1, 2)
+            before = np.vstack([np.zeros(3), theta[rows[:-1]]])
+            turns.append(theta[rows] - np.einsum("mij,mj->mi", R, before))
+            spacing.append(np.diff(np.append(0.0, prepared.elapsed_s[rows])))
+        rates = [np.rad2deg(turn / dt[:, None]) * 3600 for turn, dt in zip(turns, spacing, strict=True)]
+        tau = float(np.median(np.concatenate(spacing)))
+        for k, axis in enumerate(AXES):
+            own = [rate[:, k] for rate in rates]
+            if sum(len(u) - 1 for u in own) >= FEWEST:
+                yield Statistic("residual rate", "lag-1 correlation", axis, "1"), lag_one(own)
+            for name, level in thirds(own):
+                yield Statistic("residual rate", f"spectrum, {name}", axis, "deg/h"), level
+            path = [np.append(0.0, np.cumsum(np.rad2deg(turn[:, k]) * 3600)) for turn in turns]
+            count = 1
+            while sum(max(len(one) - 2 * count, 0) for one in path) >= 2 * FEWEST * count:
+                of = f"Allan deviation at {count} reference{'s' if count > 1 else ''}"
+                yield Statistic("residual rate", of, axis, "deg/h"), allan(path, count, tau)
+                count *= 2
+
+    # ---- samples ---------------------------------------------------------------------------------------------------------
+
+    def _samples(self, recording: Recording) -> Iterator[tuple[Statistic, float]]:
+        if not self.quiet or self.noise == 0:
+            return
+        for k, axis in enumerate(AXES):
+            parts = [recording.gyro.rates[part, k] for part in self.quiet]
+            second = [np.diff(x, n=2) / (np.sqrt(6) * self.noise) for x in parts]
+            joined = np.concatenate(second)
+            yield Statistic("samples' mean square", "", axis, "1"), float(np.mean(joined**2))
+            yield Statistic("samples", "lag-1 correlation", axis, "1"), lag_one(second)
+            yield Statistic("samples", "largest", axis, "sigma"), float(np.abs(joined).max())
+            repeats = np.concatenate([np.abs(np.diff(x)) < REPEAT for x in parts])
+            yield Statistic("samples", "repeated", axis, "1"), float(repeats.mean())
+            frequency, power = averaged_spectrum(parts)
+            for name, low, high in (("octave below the highest", 0.125, 0.25), ("highest octave", 0.25, 0.5)):
+                band = (frequency > low) & (frequency <= high)
+                yield Statistic("samples", f"spectrum, {name}", axis, "1"), float(power[band].mean() / self.noise**2)
+
+
+def quiet_stretches(recording: Recording, parameters: GyroParameters, noise: float) -> tuple[slice, ...]:
+    """Stretches of samples inside an interval, without a hole, where the smoothed motion has next to no second difference."""
+    gyro = recording.gyro
+    smooth = smoothed_rates(recording, parameters.G, parameters.bias, max(SMOOTH_S, WINDOW * gyro.sample_s))
+    out = []
+    for part in interval_slices(recording):
+        if part.stop - part.start < SHORTEST:
+            continue
+        t = gyro.t_s[part]
+        calm = np.ones(t.size, dtype=bool)
+        rough = np.abs(np.diff(smooth[part], n=2, axis=0)).max(axis=1) > SMOOTH * np.sqrt(6) * noise
+        holes = np.diff(t) > 1.5 * gyro.sample_s
+        for at in [0, *np.flatnonzero(rough) + 1, *np.flatnonzero(holes), t.size - 1]:
+            calm[max(at - GROWN, 0) : at + GROWN + 1] = False
+        edges = np.flatnonzero(np.diff(np.concatenate([[0], calm.astype(np.int8), [0]])))
+        out += [slice(part.start + int(a), part.start + int(b)) for a, b in edges.reshape(-1, 2) if b - a >= SHORTEST]
+    return tuple(out)
+
+
+def lag_one(parts: list[Array]) -> float:
+    """Σ u_j u_{j+1}/Σ u_j² over pairs of neighbours within the parts."""
+    square = sum(float(u @ u) for u in parts)
+    return sum(float(u[1:] @ u[:-1]) for u in parts) / square if square > 0 else float("nan")
+
+
+def thirds(parts: list[Array]) -> Iterator[tuple[str, float]]:
+    """Root of the mean power in each third of the band up to half the rate of the references, of the longer parts."""
+    long = [u for u in parts if len(u) >= FEWEST]
+    if not long:
+        return
+    frequency = np.concatenate([np.fft.rfftfreq(u.size) for u in long])
+    power = np.concatenate([hann_power(u - u.mean()) for u in long])
+    for number, name in enumerate(("lowest third", "middle third", "highest third")):
+        band = (frequency > number / 6) & (frequency <= (number + 1) / 6)
+        if band.any():
+            yield name, float(np.sqrt(power[band].mean()))
+
+
+def allan(paths: list[Array], count: int, tau_s: float) -> float:
+    """Overlapping Allan deviation of rates from their running sums, in the paths' unit a second.
+
+    σ² = ⟨(x_{j+2n} − 2 x_{j+n} + x_j)²⟩/(2 (nτ)²), IEEE Std 952, over all parts; τ is the usual spacing.
+    """
+    second = np.concatenate([x[2 * count :] - 2 * x[count:-count] + x[: -2 * count] for x in paths if len(x) > 2 * count])
+    return float(np.sqrt(np.mean(second**2) / 2) / (count * tau_s))
+
+
+def averaged_spectrum(parts: list[Array]) -> tuple[Array, Array]:
+    """Frequencies in cycles a sample, and the spectrum averaged over all segments; 1 for white noise of variance 1.
+
+    Segments of `SEGMENT` samples overlap by half; each is rid of its trend and has a Hann window.
+    """
+    half = SEGMENT // 2
+    segments = np.concatenate([np.lib.stride_tricks.sliding_window_view(x, SEGMENT)[::half] for x in parts])
+    line = np.linalg.qr(np.vander(np.arange(SEGMENT, dtype=float), 2))[0]
+    power = hann_power(segments - (segments @ line) @ line.T)
+    return np.asarray(np.fft.rfftfreq(SEGMENT), dtype=float), np.asarray(power.mean(axis=0))
+
+
+def hann_power(values: Array) -> Array:
+    """Power of values along the last axis under a Hann window; its mean is 1 for white noise of variance 1."""
+    window = np.hanning(values.shape[-1] + 1)[:-1]
+    return np.asarray(np.abs(np.fft.rfft(values * window)) ** 2 / np.sum(window**2))

@@ -1,0 +1,153 @@
+"""A comparison for people: in the terminal, and as one HTML page that needs no network."""
+
+from collections.abc import Callable
+from html import escape
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from rich.console import Console
+
+from studies.compare.compare import Comparison, Standing
+from studies.compare.gap import Gap
+from studies.montecarlo.files import write_text
+from studies.report import html, tables
+from studies.report.panels import GREY, RED, TEAL, Panel, drawn
+
+MOST = 12  # statistics of a scenario that the terminal shows
+EXTREME_Z = 3.0
+HOW = (
+    "The gap is the mean square of the whitened residuals above what the scenario's own flights leave, in units of what noise "
+    "as stated leaves; zero if the scenario is right. It is what a new recording would show."
+)
+WHERE = "percentile: share of the flights below the recording, ties counted half; z: from their mean, in their scatter."
+
+
+def show(console: Console, comparison: Comparison) -> None:
+    """Print the gaps, then the statistics that stand out most under each scenario."""
+    tables.terminal(console, f"{comparison.recording}: the gap, {comparison.runs} flights each", gaps(comparison), HOW)
+    for standing in comparison.standings:
+        note = WHERE if standing is comparison.standings[-1] else ""
+        title = f"Under {standing.name}, the {MOST} statistics furthest from the flights' mean"
+        tables.terminal(console, title, statistics(standing).head(MOST), note)
+    for line in sentences(comparison):
+        console.print(line, highlight=False, markup=False)
+
+
+def gaps(comparison: Comparison) -> pd.DataFrame:
+    """A row for each scenario, as texts."""
+    rows = []
+    for standing in comparison.standings:
+        gap = standing.gap
+        count, of = standing.extreme
+        row = {
+            "scenario": standing.name,
+            "effects": ", ".join(standing.effects) or "none",
+            "gap": _with(gap.after, gap.after_90),
+            "shrinkage": "" if standing is comparison.standings[0] else _shrinkage(gap),
+            "gap of the samples": "" if standing.samples is None else _with(standing.samples.after, standing.samples.after_90),
+            "beyond 1 % at either end": f"{count} of {of}",
+        }
+        rows.append(row)
+    return pd.DataFrame(rows)
+
+
+def statistics(standing: Standing) -> pd.DataFrame:
+    """The judged statistics as texts, the furthest from the flights' mean first."""
+    judged = standing.statistics.assign(name=standing.names)
+    judged = judged[judged["judged"]]
+    judged = judged.iloc[np.argsort(-judged["z"].abs().to_numpy(), kind="stable")]
+    return pd.DataFrame(
+        {
+            "statistic": judged["name"].to_numpy(),
+            "unit": judged["unit"].to_numpy(),
+            "recording": [tables.number(value) for value in judged["recording"]],
+            "flights, 5 to 95 %": [
+                f"{tables.number(low)} to {tables.number(high)}" for low, high in zip(judged["p05"], judged["p95"], strict=True)
+            ],
+            "percentile": [f"{100 * value:.1f}" for value in judged["percentile"]],
+            "z": [f"{value:+.1f}" for value in judged["z"]],
+        }
+    )
+
+
+def sentences(comparison: Comparison) -> list[str]:
+    """What it comes to."""
+    out = []
+    baseline = comparison.standings[0].gap
+    if baseline.before_90[0] <= 0 <= baseline.before_90[1]:
+        out.append("Under M0 the interval of the gap holds zero: the attitude alone shows no gap.")
+    for standing in comparison.standings[1:]:
+        low, high = standing.gap.shrinkage_90
+        if np.isfinite([low, high]).all():
+            words = f"the gap shrinks by {_percent(standing.gap.shrinkage, low, high)}, the 90 % interval in brackets"
+        else:
+            words = "how far the gap shrinks cannot be told, since there is none in the attitude that is clear of zero"
+        fitted = "; its sizes are from this recording, and the flights are treated alike" if standing.fitted else ""
+        out.append(f"With {standing.name}: {words}{fitted}.")
+    return out
+
+
+def write(comparison: Comparison, path: Path) -> None:
+    """Write the page."""
+    title = f"{comparison.recording} beside its scenarios"
+    lines = "".join(html.paragraph(line) for line in sentences(comparison))
+    table = gaps(comparison)
+    parts = [
+        f'<div class="answer">{lines}</div>',
+        html.heading("The gap"),
+        html.paragraph(f"{HOW} {comparison.runs} flights of each scenario, seed {comparison.seed}; intervals of 90 %."),
+        html.table_of(table, pd.Series(False, index=table.index), []),
+        html.heading("Where the recording stands"),
+        html.paragraph(WHERE),
+        html.shown(
+            html.Picture(
+                "standing",
+                _figure(comparison),
+                "Distance of every statistic of the recording from the mean of the flights, by scenario.",
+                "A dot is a statistic; if the scenario is right, 95 % are within two.",
+            )
+        ),
+    ]
+    for standing in comparison.standings:
+        shown = statistics(standing)
+        strong = pd.Series([abs(float(z)) > EXTREME_Z for z in shown["z"]])
+        parts += [
+            f"<h3>Under <code>{escape(standing.name)}</code>: {escape(standing.title)}</h3>",
+            html.table_of(shown, strong, ["recording", "flights, 5 to 95 %", "percentile", "z"]),
+        ]
+    write_text(path, html.document(title, parts))
+
+
+def _figure(comparison: Comparison) -> Callable[[], Figure]:
+    def panel(standing: Standing) -> Panel:
+        judged = standing.statistics[standing.statistics["judged"]]
+        kinds = list(dict.fromkeys(judged["statistic"]))
+
+        def draw(axes: Axes) -> None:
+            rows = [kinds.index(kind) for kind in judged["statistic"]]
+            z = judged["z"].to_numpy()
+            axes.axvspan(-2, 2, color=GREY, alpha=0.2, linewidth=0)
+            axes.scatter(z, rows, s=12, c=np.where(np.abs(z) > EXTREME_Z, RED, TEAL))
+
+        return Panel(draw, standing.name, "z of the recording among the flights", rows=kinds)
+
+    def make() -> Figure:
+        panels = [panel(standing) for standing in comparison.standings]
+        return drawn(*panels, size=(10, 2.6 * len(panels)), columns=1)
+
+    return make
+
+
+def _with(value: float, interval: tuple[float, float]) -> str:
+    return f"{value:.3g} ({interval[0]:.3g} to {interval[1]:.3g})"
+
+
+def _shrinkage(gap: Gap) -> str:
+    return _percent(gap.shrinkage, *gap.shrinkage_90) if np.isfinite(gap.shrinkage_90).all() else "no gap before"
+
+
+def _percent(value: float, low: float, high: float) -> str:
+    return f"{100 * value:.0f} % ({100 * low:.0f} to {100 * high:.0f} %)"

@@ -1,0 +1,89 @@
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from diagnosis.adopt import adopted, scenario
+from diagnosis.answer import Amplitudes
+from diagnosis.diagnose import diagnose
+from gyrocal import load, save
+from simulator import adopted as scenarios
+from simulator.effects import REGISTRY, parse
+from tests import diagnosis_cases
+from tests.diagnosis.recordings import recorded
+
+ORBITAL = "bias_orbital:z=0.3,phase_deg=60"
+
+
+@pytest.fixture(scope="module")
+def found():
+    return diagnose(recorded(5, ORBITAL), library=["bias_orbital"])
+
+
+def test_the_posterior_holds_the_truth(found):
+    adoption = adopted(found)
+    assert [one.label() for one in adoption.effects] == ["bias_orbital:z"]
+    effect = REGISTRY["bias_orbital"]
+    off = effect.amplitudes(adoption.effects[0]) - effect.amplitudes(parse(ORBITAL))
+    assert off @ np.linalg.solve(adoption.covariance, off) < 18.4  # χ² of two, one in 10 000
+    # The sigma of the size that is stated is that of the amplitudes, along them.
+    (cause,) = found.causes
+    along = effect.amplitudes(adoption.effects[0]) / cause.size
+    assert np.sqrt(along @ adoption.covariance @ along) == pytest.approx(cause.sigma, rel=0.1)
+
+
+def test_two_effects_have_a_joint_posterior():
+    found = diagnose(recorded(5, ORBITAL, "bias_drift:x=0.02"), library=["bias_orbital", "bias_drift"])
+    adoption = adopted(found)
+    assert {one.label() for one in adoption.effects} == {"bias_orbital:z", "bias_drift:x"}
+    assert adoption.covariance.shape == (3, 3)
+    assert np.linalg.eigvalsh(adoption.covariance)[0] > 0
+    assert np.abs(adoption.covariance - np.diag(np.diag(adoption.covariance))).max() > 0
+
+
+@pytest.mark.parametrize("case", ["none", "unknown", "not_identifiable"])
+def test_a_verdict_that_names_nothing_adopts_nothing(case):
+    adoption = adopted(getattr(diagnosis_cases, case)())
+    assert adoption.effects == ()
+    assert "without effects" in adoption.sentence()
+
+
+def test_an_effect_of_the_samples_brings_its_own_sigma():
+    found = diagnosis_cases.stream_effect()
+    adoption = adopted(found)
+    assert len(adoption.effects) == len(found.causes)
+    np.testing.assert_allclose(np.diag(adoption.covariance), [cause.sigma**2 for cause in found.causes])
+
+
+def test_effects_with_and_without_amplitudes_keep_their_places(found):
+    (cause,) = found.causes
+    noise = replace(cause, effect="noise_excess", axis="x", size=1.4, sigma=0.05, unit="factor", parameters={})
+    both = replace(found, causes=(noise, cause))
+    covariance = adopted(both).covariance
+    assert covariance[0, 0] == pytest.approx(0.05**2)
+    np.testing.assert_array_equal(covariance[1:, 1:], adopted(found).covariance)
+    assert not covariance[0, 1:].any()
+
+
+def test_effects_on_raw_sensor_tables_are_left_out(found):
+    (cause,) = found.causes
+    head = replace(cause, effect="dss_head", axis="2", size=0.3, sigma=0.01, unit="deg", parameters={})
+    adoption = adopted(replace(found, causes=(cause, head)))
+    assert [one.label() for one in adoption.effects] == ["bias_orbital:z"]
+    assert "dss_head:2" in adoption.sentence()
+    alone = adopted(replace(found, causes=(head,), amplitudes=Amplitudes()))
+    assert alone.effects == ()
+    assert "raw sensor tables" in alone.sentence()
+
+
+def test_the_text_is_a_scenario_of_the_recording(found, tmp_path):
+    save(recorded(5, ORBITAL), tmp_path / "rec")
+    recording = load(tmp_path / "rec")
+    (tmp_path / "out").mkdir()
+    text, _ = scenario(found, recording, tmp_path / "rec", tmp_path / "out" / "a.toml")
+    (tmp_path / "out" / "a.toml").write_text(text)
+    loaded = scenarios.load(tmp_path / "out" / "a.toml")
+    assert loaded.effects == adopted(found).effects
+    np.testing.assert_allclose(loaded.covariance, adopted(found).covariance)
+    np.testing.assert_allclose(loaded.plan.bias, found.bias)
+    assert 'recording = "../rec"' in text

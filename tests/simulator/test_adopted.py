@@ -1,0 +1,135 @@
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from gyrocal import calibrate, load, save
+from gyrocal.errors import InputError
+from simulator import adopted, scenario
+from simulator.effects import parse
+from simulator.simulate import simulate
+
+OVERRIDES = {"gyro.sample_s": 4.0, "reference.every_s": 240.0}
+ORBITAL = "bias_orbital:z=0.3,phase_deg=40"
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    """A recording on file."""
+    plan = scenario.override(scenario.load("trmm_series"), OVERRIDES)
+    path = tmp_path_factory.mktemp("adopted") / "rec"
+    save(simulate(plan, seed=3, effects=[parse(ORBITAL)]), path)
+    return path
+
+
+@pytest.fixture(scope="module")
+def recording(folder):
+    """As it is on file: writing degrees rounds the last bit."""
+    return load(folder)
+
+
+@pytest.fixture
+def written(tmp_path, folder, recording):
+    """A function that writes a scenario of the recording with some effects and a covariance."""
+    found = calibrate(recording)
+
+    def write(effects=(), covariance=None, **changes):
+        settings = [parse(text) for text in effects]
+        count = sum(adopted.REGISTRY[one.effect].amplitudes(one).size for one in settings)
+        covariance = np.zeros((count, count)) if covariance is None else np.array(covariance)
+        text = adopted.document("again", str(folder), adopted.digest(recording), found.G, found.bias, settings, covariance)
+        for old, new in changes.items():
+            assert old in text
+            text = text.replace(old, new, 1)
+        (tmp_path / "a.toml").write_text(text)
+        return tmp_path / "a.toml"
+
+    return write
+
+
+def test_what_is_written_is_what_is_read(written, recording):
+    loaded = adopted.load(written([ORBITAL, "noise_excess:x=1.5"], np.diag([4e-4, 1e-4, 0.01])))
+    assert [one.label() for one in loaded.effects] == ["bias_orbital:z", "noise_excess:x"]
+    np.testing.assert_allclose(loaded.amplitudes, [0.3 * np.cos(np.radians(40)), 0.3 * np.sin(np.radians(40)), 1.5])
+    np.testing.assert_array_equal(np.diag(loaded.covariance), [4e-4, 1e-4, 0.01])
+    np.testing.assert_array_equal(loaded.plan.recording.gyro.rates, recording.gyro.rates)
+    np.testing.assert_allclose(loaded.plan.G, calibrate(recording).G, rtol=0, atol=1e-15)
+
+
+def test_a_flight_has_the_recordings_plan_and_other_noise(written, recording):
+    loaded = adopted.load(written([ORBITAL]))
+    one, other, again = loaded.fly(1, 0), loaded.fly(1, 1), loaded.fly(1, 0)
+    np.testing.assert_array_equal(one.gyro.t_s, recording.gyro.t_s)
+    np.testing.assert_array_equal(one.attitudes.t_s, recording.attitudes.t_s)
+    np.testing.assert_array_equal(one.gyro.rates, again.gyro.rates)
+    sigma = recording.gyro.arw / np.sqrt(recording.gyro.sample_s)
+    # Durations are those of the sample, but for the last of an interval.
+    assert np.std(one.gyro.rates - other.gyro.rates) == pytest.approx(np.sqrt(2) * sigma, rel=0.03)
+
+
+def test_amplitudes_are_drawn_from_their_joint_posterior(written):
+    C = np.array([[4e-4, 3e-4], [3e-4, 9e-4]])
+    loaded = adopted.load(written([ORBITAL], C))
+    draws = np.array([loaded.drawn(np.random.default_rng(k)) for k in range(4000)])
+    np.testing.assert_allclose(draws.mean(axis=0), loaded.amplitudes, rtol=0, atol=4 * np.sqrt(np.diag(C) / 4000).max())
+    np.testing.assert_allclose(np.cov(draws.T), C, rtol=0.12)
+    (setting,) = loaded.with_amplitudes(draws[0])
+    np.testing.assert_allclose(adopted.REGISTRY["bias_orbital"].amplitudes(setting), draws[0])
+
+
+def test_draws_stay_within_the_bounds_of_a_size(written):
+    loaded = adopted.load(written(["rate_deadzone:x=0.001"], [[1e-6]]))
+    draws = [loaded.drawn(np.random.default_rng(k))[0] for k in range(200)]
+    assert min(draws) >= 0
+    impossible = adopted.load(written(["rate_deadzone:x=0.001"], [[1e-6]], **{"size = 0.001": "size = 0.0"}))
+    assert impossible.drawn(np.random.default_rng(0))[0] >= 0
+
+
+def test_drawn_flights_differ_in_their_sizes_and_are_repeatable(written):
+    loaded = adopted.load(written([ORBITAL], np.diag([1e-2, 1e-2])))
+    quiet = {"noise": False, "draw": True}
+    one, other = loaded.fly(1, 0, **quiet), loaded.fly(1, 1, **quiet)
+    np.testing.assert_array_equal(one.gyro.rates, loaded.fly(1, 0, **quiet).gyro.rates)
+    assert np.abs(one.gyro.rates - other.gyro.rates).max() > np.radians(0.02 / 3600)
+
+
+def test_any_scenario_is_one_without_effects_and_may_be_given_some(tmp_path):
+    assert adopted.load("trmm").effects == ()
+    path = tmp_path / "mine.toml"
+    path.write_text('base = "trmm"\n[[effect]]\nname = "bias_drift"\naxis = "x"\nsize = 0.5\n')
+    loaded = adopted.load(path)
+    plain = simulate(scenario.load("trmm"), seed=2)
+    np.testing.assert_array_equal(loaded.fly(2, effects=()).gyro.rates, plain.gyro.rates)
+    np.testing.assert_array_equal(
+        loaded.fly(2).gyro.rates, simulate(scenario.load("trmm"), seed=2, effects=[parse("bias_drift:x=0.5")]).gyro.rates
+    )
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "text"),
+    [
+        ('recording = "', 'recording = "gone', "not a folder"),
+        ('sha256 = "', 'sha256 = "0', "not what it was"),
+        ('name = "bias_orbital"', 'name = "bias_orbitl"', "did you mean bias_orbital"),
+        ("size = 0.3", "size = inf", "finite"),
+        ("size = 0.3", "sise = 0.3", "sise"),
+        ("[replay]", "mode = 1\n[replay]", "a replay takes its plan from the recording"),
+        ("covariance = [[0.0, 0.0], [0.0, 0.0]]", "covariance = [[0.0]]", "must be 2×2"),
+        ("covariance = [[0.0, 0.0], [0.0, 0.0]]", "covariance = [[1.0, 0.0], [0.0]]", "must be 2×2"),
+        ("covariance = [[0.0, 0.0], [0.0, 0.0]]", "covariance = [[1.0, 2.0], [2.0, 1.0]]", "no negative eigenvalue"),
+        ("covariance = [[0.0, 0.0], [0.0, 0.0]]", "covariance = [[1.0, 0.5], [0.2, 1.0]]", "symmetric"),
+        ('name = "bias_orbital"\naxis = "z"', 'name = "dss_head"\naxis = "1"', "raw sensor tables"),
+    ],
+)
+def test_faults_are_one_line_that_names_the_file(written, old, new, text):
+    path = written([ORBITAL], **{old: new})
+    with pytest.raises(InputError, match=text) as caught:
+        adopted.load(path)
+    assert "\n" not in str(caught.value)
+
+
+def test_a_recording_that_has_changed_has_another_digest(recording):
+    rates = recording.gyro.rates.copy()
+    rates[7, 1] += 1e-12
+    changed = replace(recording, gyro=replace(recording.gyro, rates=rates))
+    assert adopted.digest(changed) != adopted.digest(recording)

@@ -1,0 +1,95 @@
+"""The commands ``gyrocal diagnose --adopt`` and ``gyrocal compare`` as a user types them."""
+
+import json
+import re
+
+import pytest
+
+from studies.cli.main import main
+from tests import ROOT
+
+SMALL = ("--set", "gyro.sample_s=4", "--set", "reference.every_s=240")
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory):
+    """Folder with a recording and the scenario that its diagnosis adopts."""
+    from click.testing import CliRunner
+
+    folder = tmp_path_factory.mktemp("compare")
+    run = CliRunner().invoke
+    effect = ("--effect", "bias_orbital:z=0.4,phase_deg=60")
+    assert run(main, ["simulate", "trmm_series", str(folder / "rec"), *SMALL, *effect]).exit_code == 0
+    shown = run(main, ["diagnose", str(folder / "rec"), "--adopt", str(folder / "a.toml")])
+    assert shown.exit_code == 0
+    assert "a scenario with bias_orbital:z" in shown.stdout
+    return folder
+
+
+def test_an_adopted_scenario_closes_the_gap(run_cli, made):
+    page, result = made / "page.html", made / "result.json"
+    shown = run_cli(
+        "compare", str(made / "rec"), str(made / "a.toml"), "--runs", "30", "--json", str(result), "--report", str(page)
+    )
+    assert shown.exit_code == 0, shown.output
+    assert "the gap shrinks by" in shown.stdout
+    document = json.loads(result.read_text())
+    baseline, adopted = document["scenarios"]
+    assert baseline["scenario"] == "M0"
+    assert adopted["effects"] == ["bias_orbital:z"]
+    assert adopted["fitted_to_this_recording"]
+    low, high = adopted["gap"]["shrinkage_90"]
+    assert low <= 1 <= high
+    assert page.read_text().startswith("<!doctype html>")
+    keys = re.findall(r"`(\w+)`", (ROOT / "docs" / "compare.md").read_text().split("## JSON")[1])
+    assert set(adopted) <= set(keys)
+    assert set(adopted["gap"]) <= set(keys)
+    assert set(adopted["statistics"][0]) <= set(keys)
+
+
+def test_json_on_standard_output_is_alone(run_cli, made):
+    shown = run_cli("compare", str(made / "rec"), "--runs", "20", "--json", "-")
+    assert [one["scenario"] for one in json.loads(shown.stdout)["scenarios"]] == ["M0"]
+
+
+def test_an_adopted_scenario_is_flown_and_drawn(run_cli, made):
+    sizes = []
+    for seed in ("1", "2"):
+        out = made / f"again{seed}"
+        truth = made / f"truth{seed}.json"
+        shown = run_cli("simulate", str(made / "a.toml"), str(out), "--seed", seed, "--draw", "--truth", str(truth))
+        assert shown.exit_code == 0, shown.output
+        sizes.append(json.loads(truth.read_text())["effects"][0]["size"])
+    assert sizes[0] != sizes[1]
+    assert sizes == pytest.approx([0.4, 0.4], abs=0.15)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "text"),
+    [
+        (("compare", "REC", "trmm"), "flies another plan"),
+        (("compare", "REC", "nowhere.toml"), "neither a file nor a built-in scenario"),
+        (("compare", "REC", "trmm", "trmm"), "give each scenario once"),
+        (("compare", "REC", "--report", "-"), "give the name of a file"),
+        (("compare", "REC", "--json", "OUT", "--report", "OUT"), "need files of their own"),
+        (("diagnose", "REC", "--adopt", "-"), "give the name of a file"),
+        (("diagnose", "REC", "--adopt", "OUT", "--json", "OUT"), "need files of their own"),
+        (("simulate", "REC", "OUT", "--draw"), "no posterior to draw from"),
+        (("simulate", "SCENARIO", "OUT", "--set", "gyro.sample_s=1"), "no scenario to change"),
+    ],
+)
+def test_bad_input_is_one_line(run_cli, made, arguments, text):
+    places = {"REC": made / "rec", "OUT": made / "out", "SCENARIO": made / "a.toml"}
+    shown = run_cli(*(str(places.get(argument, argument)) for argument in arguments))
+    assert shown.exit_code == 2
+    (line,) = shown.stderr.strip().splitlines()
+    assert text in line
+
+
+def test_a_changed_recording_is_refused(run_cli, made, tmp_path):
+    text = (made / "a.toml").read_text().replace('recording = "rec"', f'recording = "{made / "other"}"')
+    (tmp_path / "b.toml").write_text(text)
+    assert run_cli("simulate", "trmm_series", str(made / "other"), *SMALL, "--seed", "9").exit_code == 0
+    shown = run_cli("compare", str(made / "rec"), str(tmp_path / "b.toml"))
+    assert shown.exit_code == 2
+    assert "not what it was" in shown.stderr

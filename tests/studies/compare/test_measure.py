@@ -1,0 +1,71 @@
+import numpy as np
+import pytest
+from scipy.signal import periodogram
+
+from gyrocal import calibrate
+from studies.compare import measure
+from studies.compare.measure import Ruler
+from tests.studies.compare.recordings import recorded
+
+
+@pytest.fixture(scope="module")
+def recording():
+    return recorded(1)
+
+
+@pytest.fixture(scope="module")
+def measured(recording):
+    return Ruler.of(recording, calibrate(recording).parameters).measure(recording)
+
+
+def test_the_calibration_is_the_calibrators(recording, measured):
+    found = calibrate(recording)
+    assert measured.mean_square == pytest.approx(found.chi2 / found.dof, rel=1e-9)
+    np.testing.assert_allclose(measured.x, found.parameters.vector, rtol=0, atol=1e-11)
+
+
+def test_rms_is_that_of_the_calibrators_residuals(recording, measured):
+    table = calibrate(recording).residuals
+    own = table[table["interval"] == "m2"]
+    values = {statistic.name: value for statistic, value in measured.statistics.items()}
+    assert values["rms interval m2 y"] == pytest.approx(np.sqrt(np.mean(own["after_pitch_deg"] ** 2)), rel=1e-6)
+    assert values["rms all z"] == pytest.approx(np.sqrt(np.mean(table["after_yaw_deg"] ** 2)), rel=1e-6)
+
+
+def test_white_noise_has_the_statistics_of_white_noise():
+    x = [np.random.default_rng(k).standard_normal(4000) for k in range(5)]
+    n = sum(map(len, x))
+    assert abs(measure.lag_one(x)) < 4 / np.sqrt(n)
+    assert measure.lag_one([np.diff(one, n=2) for one in x]) == pytest.approx(-2 / 3, abs=4 / np.sqrt(n))
+    _, power = measure.averaged_spectrum(x)
+    np.testing.assert_allclose(power[4:-1], 1, atol=0.2)
+    for count in (1, 4):
+        # σ² of white noise of the rate falls as 1/n.
+        paths = [np.append(0, np.cumsum(one)) for one in x]
+        assert measure.allan(paths, count, 1.0) == pytest.approx(1 / np.sqrt(count), rel=0.05)
+
+
+def test_the_power_is_scipys():
+    u = np.random.default_rng(3).standard_normal(50)
+    _, other = periodogram(u, detrend="constant", window="hann")
+    np.testing.assert_allclose(2 * measure.hann_power(u - u.mean())[1:-1], other[1:-1])
+
+
+def test_allan_deviation_of_a_ramp():
+    # A rate ramp R t has σ = R τ/√2.
+    path = 0.5 * 0.3 * np.arange(200.0) ** 2
+    assert measure.allan([path], 8, 1.0) == pytest.approx(0.3 * 8 / np.sqrt(2))
+
+
+def test_quiet_samples_are_away_from_the_slews(recording):
+    parameters = calibrate(recording).parameters
+    noise = recording.gyro.arw / np.sqrt(recording.gyro.sample_s)
+    stretches = measure.quiet_stretches(recording, parameters, noise)
+    assert stretches
+    for part in stretches:
+        second = np.diff(recording.gyro.rates[part], n=2, axis=0)
+        assert np.sqrt(np.mean(second**2)) < 1.1 * np.sqrt(6) * noise
+    quiet = np.concatenate([np.arange(part.start, part.stop) for part in stretches])
+    t = recording.gyro.t_s[quiet]
+    yaw = next(one for one in recording.intervals if one.name == "m2")
+    assert not ((t > yaw.start_s + 50) & (t < yaw.start_s + 150)).any()  # it speeds up from 60 s on
