@@ -49,6 +49,7 @@ def assembled(
     shown = [one.cause(settings) for one in samples if one.effect is not None]
     sure = all(cause.probability >= settings.named for cause in shown)
     verdict, unknown = _verdict(attribution, gap, bool(samples), unlisted, sure)
+    unknown = 1 - (1 - unknown) * float(np.prod([cause.group_probability for cause in shown]))
     sigma = np.sqrt(np.diag(explained.covariance)[:12])
     return Diagnosis(
         recording=model.recording.title,
@@ -156,20 +157,31 @@ def _p_values(prepared: Prepared, samples: Sequence[SampleCause], explained: Exp
 def _posterior(
     samples: Sequence[SampleCause], explained: Explained, gap: bool, settings: DiagnosisSettings
 ) -> tuple[tuple[tuple[str, ...], float], ...]:
-    """Probability of each explanation, with what the samples show in all of them; to a sum of `KEPT`."""
-    shown = tuple(one.cause(settings).label for one in samples if one.effect is not None)
+    """Probability of each explanation, those of the samples and of the attitude together; to a sum of `KEPT`."""
     if any(one.effect is None for one in samples):
         return ((("unknown",), 1.0),)
-    return posterior(explained.attribution if gap else None, shown)
+    shown: dict[tuple[str, ...], float] = {(): 1.0}
+    for one in samples:
+        cause = one.cause(settings)
+        share = cause.group_probability / len(cause.group)
+        shown = {(*labels, name): p * share for labels, p in shown.items() for name in cause.group}
+    found: dict[tuple[str, ...], float] = {}
+    for labels, p in posterior(explained.attribution if gap else None):
+        for own, share in shown.items():
+            both = labels if "unknown" in labels else (*own, *(label for label in labels if label not in own))
+            found[both] = found.get(both, 0.0) + p * share
+    # What the samples show may be an imitation, too.
+    found[("unknown",)] = found.get(("unknown",), 0.0) + 1 - sum(found.values())
+    return likeliest({labels: p for labels, p in found.items() if p > 0})
 
 
-def posterior(attribution: Attribution | None, shown: tuple[str, ...] = ()) -> tuple[tuple[tuple[str, ...], float], ...]:
-    """Probability of each explanation, with labels that are in all of them; to a sum of `KEPT`."""
+def posterior(attribution: Attribution | None) -> tuple[tuple[tuple[str, ...], float], ...]:
+    """Probability of each explanation of the data of a linear model, to a sum of `KEPT`; the empty one without a gap."""
     if attribution is None:
-        return ((shown, 1.0),)
+        return (((), 1.0),)
     found: dict[tuple[str, ...], float] = {}
     for one in attribution.ranked:
-        labels = ("unknown",) if one.unlisted else (*shown, *(label for label in sorted(one.labels) if label not in shown))
+        labels = ("unknown",) if one.unlisted else tuple(sorted(one.labels))
         found[labels] = found.get(labels, 0.0) + one.probability
     return likeliest(found)
 
