@@ -104,9 +104,8 @@ def doubted(model: LinearModel, attribution: Attribution, p_value: float, settin
     p_value : of all checks of what the named model leaves together
     """
     shares = [settings.random_imitation if _is_random(model, slot) else settings.imitation for slot in attribution.slots]
-    right = float(np.prod([1 - share for share in shares]))
-    odds = (1 - right) / right / _against(p_value)
-    left = 1 / (1 + (1 - attribution.unknown) * odds)
+    own = [_left(share, attribution, p_value) for share in shares]
+    left = _left(1 - float(np.prod([1 - share for share in shares])), attribution, p_value)
     unknown = 1 - (1 - attribution.unknown) * left
     imitated = " with ".join(slot.group[0][0] for slot in attribution.slots)
     ranked = [replace(one, probability=one.probability * left) for one in attribution.ranked]
@@ -115,14 +114,19 @@ def doubted(model: LinearModel, attribution: Attribution, p_value: float, settin
     if unknown > settings.unknown:
         return Attribution("unknown", attribution.best, (), unknown, tuple(ranked))
     slots = [
-        replace(slot, probability=slot.probability * left, group=tuple((name, p * left) for name, p in slot.group))
-        for slot in attribution.slots
+        replace(slot, probability=slot.probability * part, group=tuple((name, p * part) for name, p in slot.group))
+        for slot, part in zip(attribution.slots, own, strict=True)
     ]
     return Attribution(_verdict(slots, settings), attribution.best, _shown(slots, settings), unknown, tuple(ranked))
 
 
 def _is_random(model: LinearModel, slot: Slot) -> bool:
     return model.candidate(slot.member).process
+
+
+def _left(share: float, attribution: Attribution, p_value: float) -> float:
+    """What is left of the probabilities beside an imitation with this prior share."""
+    return 1 / (1 + (1 - attribution.unknown) * share / (1 - share) / _against(p_value))
 
 
 def _against(p_value: float) -> float:

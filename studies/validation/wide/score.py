@@ -173,7 +173,7 @@ def brier(stated: pd.DataFrame) -> float:
 def log_score(stated: pd.DataFrame) -> float:
     """Mean of −log of the probability given to what was the case."""
     p = np.where(stated["there"], stated["probability"], 1 - stated["probability"])
-    return float(-np.log(np.clip(p, 1e-12, None)).mean())
+    return float(-np.log(np.clip(p, 1e-12, None)).mean()) if len(stated) else np.nan
 
 
 # ---- rankings ------------------------------------------------------------------------------------------------------------
@@ -191,7 +191,7 @@ def area(positive: ArrayLike, negative: ArrayLike) -> float:
 def roc(positive: ArrayLike, negative: ArrayLike) -> pd.DataFrame:
     """False and true positive rate at every score."""
     a, b = np.asarray(positive, dtype=float), np.asarray(negative, dtype=float)
-    levels = np.unique(np.concatenate([a, b, [np.inf]]))[::-1]
+    levels = np.unique(np.concatenate([a, b, [np.inf]]))[::-1] if a.size and b.size else np.empty(0)
     return pd.DataFrame(
         {"false_positive": [float((b >= x).mean()) for x in levels], "true_positive": [float((a >= x).mean()) for x in levels]}
     )
