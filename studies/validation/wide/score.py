@@ -338,6 +338,9 @@ def summary(rows: pd.DataFrame) -> pd.DataFrame:
         ("unknown: open-set AUC", lambda: open_area(unlisted, listed, right)),
         ("unknown: false positive rate at 95 % recall", lambda: false_positive_rate(unlisted, listed)),
         ("risk averaged over the coverage", lambda: float(risk["risk"].mean())),
-        ("sizes: p-value that Φ(d) is uniform", lambda: float(scipy.stats.kstest(errors, "norm").pvalue)),
+        (
+            "sizes: p-value that Φ(d) is uniform",
+            lambda: float(scipy.stats.kstest(errors, "norm").pvalue) if errors.size > 2 else np.nan,
+        ),
     )
     return pd.DataFrame([(name, value()) for name, value in lines], columns=["score", "value"])
