@@ -32,6 +32,7 @@ MODULES = {
     "flight": "studies.natanson.flight_diagnosis",
     "real": "studies.validation.real_gyro",
     "heads": "studies.robertson.heads",
+    "import": "studies.validation.imports",
 }
 
 

@@ -322,7 +322,7 @@ def calibrate(
     corrections: list[GyroParameters] = []
     history: list[Array] = []
     converged = False
-    first = state = problem.state(start)
+    first = state = _first_state(problem, recording, start)
     judged = observability(state.H / problem.scale, plausible, names)
     if judged.unobservable and apriori_covariance is None:
         raise UnobservableError(
@@ -369,6 +369,17 @@ def calibrate(
             else dict(zip(names, np.sqrt(np.diag(apriori_covariance)).tolist(), strict=True)),
         },
     )
+
+
+def _first_state(problem: Problem, recording: Recording, start: GyroParameters) -> State:
+    """The state at the parameters to start from; where residuals are too large, an error that says what would fit."""
+    try:
+        return problem.state(start)
+    except InputError as error:
+        from gyrocal.importing.agreement import explained
+
+        reason = explained(recording, start.G, start.bias)
+        raise InputError(f"{error}; {reason}" if reason else str(error)) from None
 
 
 def residual_table(
