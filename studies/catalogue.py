@@ -33,6 +33,7 @@ MODULES = {
     "real": "studies.validation.real_gyro",
     "heads": "studies.robertson.heads",
     "import": "studies.validation.imports",
+    "sentinel2a": "studies.validation.sentinel2a",
 }
 
 
