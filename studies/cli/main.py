@@ -20,6 +20,7 @@ COMMANDS = {  # the first sentence of each, which its own help begins with
     "the gap.",
     "effects": "List what a gyro, a reference or an attitude sensor can do beyond the baseline; a positive size makes the "
     "gyro read high.",
+    "export": "Write a recording in another format.",
     "import": "Turn data of another format into a recording.",
     "mission": "Fly TRMM's Mission Mode from launch and write telemetry, yaw updates, slews and orbits as Parquet to "
     "the folder OUT.",
