@@ -31,6 +31,7 @@ INTERVAL_S = (30.0, 1800.0)
 REFERENCES = 150  # of an interval, at most
 GAP = 1.5  # samples without a gyro reading
 SPEED_S = 1.0
+LATE = 6.0  # samples; a gyro whose filter or tag is later by less is taken as it is
 HOLE = 5.0  # times the usual spacing without an attitude
 FEWEST_PAIRS = 12
 MOST_PAIRS = 600
@@ -102,7 +103,7 @@ def build(streams: Streams, mapping: Mapping, check: bool = True) -> Imported:
     windows = motion_of(streams, rates, joined)
     if windows is None:
         raise InputError("too few attitudes within the gyro's time to compare the two")
-    said += _agree(windows, mapping, check)
+    said += _agree(windows, mapping, LATE * streams.sample_s if check else np.inf)
     still = noise.rests(rates, streams.sample_s, _speed(joined, streams.t_s))
     said.append(f"{len(still)} rest(s) found" if still else "no rest found")
     bias = _bias(mapping, rates, still, windows, said)
@@ -264,8 +265,11 @@ def _check_overlap(streams: Streams, joined: Together) -> None:
     )
 
 
-def _agree(windows: Motion, mapping: Mapping, check: bool) -> list[str]:
-    """Refuse what does not fit; what is left of the motion, in words."""
+def _agree(windows: Motion, mapping: Mapping, late_s: float) -> list[str]:
+    """Refuse what does not fit; what is left of the motion, in words.
+
+    A time offset of up to late_s is taken, and said: a gyro's own delay is for a diagnosis to find. Infinite refuses nothing.
+    """
     _, (unit, *_) = spec(mapping.gyro, "gyro")
     _, (time_unit, *_) = spec(mapping.time, "time")
     order, reverse = "", False
@@ -275,7 +279,10 @@ def _agree(windows: Motion, mapping: Mapping, check: bool) -> list[str]:
     reverse = any(DIRECTIONS.get(word, False) for word in words)
     found = agreement(windows, unit, {"unix": "s"}.get(time_unit, time_unit), order, reverse)
     if not found.fits:
-        if check:
+        offset_alone = found.better and all(one.count == 1 and 0 < abs(one.offset_s) <= late_s for one in found.better)
+        if np.isfinite(late_s) and offset_alone:
+            return [f"{found.sentence}; an offset as small as this is not undone"]
+        if np.isfinite(late_s):
             raise InputError(found.sentence)
         return [f"imported unchecked although {found.sentence}"]
     return [f"rates and attitudes fit each other: {100 * found.as_read.residual:.2g} % of the motion is left"]

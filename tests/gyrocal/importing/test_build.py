@@ -102,6 +102,12 @@ def test_tables_of_different_times_say_which_unit_would_do(data):
     assert "with the attitudes' time unit 1000 times finer" in refusal(wrong, {"time": "timestamp_ms:s"})
 
 
+def test_a_delay_of_a_few_samples_is_said_and_not_refused(data):
+    mapping = checked(RIGHT | {"attitude_offset_s": 0.05}, "mapping")
+    made = build(streams(data.gyro, data.attitude, mapping), mapping)
+    assert any("-0.05 s added" in text and "not undone" in text for text in made.assumed)
+
+
 def test_a_gap_ends_an_interval(data):
     mapping = checked(RIGHT | {"interval_s": 1000.0}, "mapping")
     holed = data.gyro[(data.gyro.index < 5000) | (data.gyro.index > 5100)]
