@@ -40,6 +40,7 @@ Mask = NDArray[np.bool_]
 ANCHOR = 1e3  # sigmas of a reference: what is known of the anchor before it is used itself
 ITERATIONS = 3
 SAME_TIME_S = 1e-6
+GAP = 1.5  # samples
 
 
 @dataclass(frozen=True)
@@ -110,7 +111,8 @@ def predict(
     ----------
     recording : its interval that holds from_s, or is the last to begin before it, is the stretch
     from_s : references later than this are not used
-    times : (k,) s, of the prediction; each end of a gyro sample after from_s by default
+    times : (k,) s, of the prediction; each end of a gyro sample after from_s, to
+        its first gap, by default
     apriori_covariance : (12, 12) P₀ of the recording's a-priori parameters, see `prior_covariance`
 
     Raises
@@ -125,7 +127,9 @@ def predict(
     interval = max(begun, key=lambda one: one.start_s)
     stop = gyro.t_s[-1] + gyro.sample_s
     if times is None:
-        times = np.append(gyro.t_s, stop)
+        gaps = np.flatnonzero((np.diff(gyro.t_s) > GAP * gyro.sample_s) & (gyro.t_s[1:] > from_s))
+        last = int(gaps[0]) if gaps.size else gyro.t_s.size - 1
+        times = np.append(gyro.t_s[: last + 1], gyro.t_s[last] + gyro.sample_s)
         times = times[times > from_s]
     times = np.asarray(times, dtype=float)
     if times.size == 0 or times[-1] > stop + SAME_TIME_S:
