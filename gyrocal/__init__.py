@@ -26,6 +26,8 @@ Symbols
     of residuals that correlate.
 """
 
+from importlib.metadata import version as _version
+
 from gyrocal.calibration.davenport import CalibrationResult, RecursiveCalibrator, calibrate, residual_table
 from gyrocal.calibration.observability import Observability
 from gyrocal.calibration.parameters import NAMES, GyroParameters, select
@@ -48,6 +50,8 @@ from gyrocal.sensors.alignment import together as align_together
 from gyrocal.sensors.earth import EarthModel, EarthSensor
 from gyrocal.sensors.series import SensorModel, SensorSeries
 from gyrocal.sensors.sun import SunModel, SunSensor, trmm_sun_sensors
+
+__version__ = _version("gyrocal")
 
 __all__ = [
     "NAMES",
@@ -80,6 +84,7 @@ __all__ = [
     "SunModel",
     "SunSensor",
     "UnobservableError",
+    "__version__",
     "align_in_two_steps",
     "align_together",
     "batch",

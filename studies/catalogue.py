@@ -34,6 +34,8 @@ MODULES = {
     "flight": "studies.natanson.flight_diagnosis",
     "real": "studies.validation.real_gyro",
     "heads": "studies.robertson.heads",
+    "import": "studies.validation.imports",
+    "sentinel2a": "studies.validation.sentinel2a",
 }
 
 

@@ -35,7 +35,7 @@ from gyrocal.calibration.problem import Problem, State
 from gyrocal.calibration.propagation import Psi, StreamingPropagation
 from gyrocal.calibration.sampling import Measurements, Resampling, measurements
 from gyrocal.errors import InputError, UnobservableError
-from gyrocal.recording import Recording
+from gyrocal.recording import Recording, arrays
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -210,6 +210,40 @@ class CalibrationResult:
             }
         )
 
+    def to_frame(self) -> pd.DataFrame:
+        """`summary`, under the name that other libraries give such a table."""
+        return self.summary()
+
+    def _facts(self) -> list[tuple[str, str]]:
+        """What was found, a row a quantity."""
+        deg = np.rad2deg(1.0)
+        rows = [
+            ("recording", self.recording),
+            ("iterations", f"{len(self.corrections)}, {'converged' if self.converged else 'NOT converged'}"),
+            ("chi2", f"{self.chi2:.1f} of {self.dof}, p = {self.p_value:.3g}"),
+        ]
+        for i, axis in enumerate(AXES):
+            values = " ".join(f"{value:+.6f}" for value in self.G[i])
+            rows.append(
+                (f"G_{axis}x … G_{axis}z", f"{values}  ± {' '.join(f'{s:.1e}' for s in self.sigma[3 * i : 3 * i + 3])}")
+            )
+        for i, axis in enumerate(AXES):
+            rows.append((f"b_{axis}", f"{deg * self.bias[i]:+.6g} ± {deg * self.sigma[9 + i]:.2g} deg/s"))
+        if self.observability.unobservable:
+            rows.append(("not found", "; ".join(self.observability.unobservable)))
+        return rows
+
+    def __repr__(self) -> str:
+        return arrays.text("CalibrationResult", self._facts())
+
+    def _repr_html_(self) -> str:
+        return arrays.page("CalibrationResult", self._facts())
+
+    @property
+    def bias_deg_s(self) -> Array:
+        """(3,) calibrated b, deg/s."""
+        return np.asarray(np.rad2deg(self.bias))
+
     def to_json(self) -> dict[str, Any]:
         """The result as plain values, degrees and deg/s."""
         unit = np.array([1.0] * 9 + [np.rad2deg(1.0)] * 3)
@@ -322,7 +356,7 @@ def calibrate(
     corrections: list[GyroParameters] = []
     history: list[Array] = []
     converged = False
-    first = state = problem.state(start)
+    first = state = _first_state(problem, recording, start)
     judged = observability(state.H / problem.scale, plausible, names)
     if judged.unobservable and apriori_covariance is None:
         raise UnobservableError(
@@ -369,6 +403,17 @@ def calibrate(
             else dict(zip(names, np.sqrt(np.diag(apriori_covariance)).tolist(), strict=True)),
         },
     )
+
+
+def _first_state(problem: Problem, recording: Recording, start: GyroParameters) -> State:
+    """The state at the parameters to start from; where residuals are too large, an error that says what would fit."""
+    try:
+        return problem.state(start)
+    except InputError as error:
+        from gyrocal.importing.agreement import explained
+
+        reason = explained(recording, start.G, start.bias)
+        raise InputError(f"{error}; {reason}" if reason else str(error)) from None
 
 
 def residual_table(

@@ -10,7 +10,7 @@ from __future__ import annotations
 import json
 import os
 import tomllib
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from datetime import datetime
 from itertools import pairwise
@@ -18,7 +18,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator
 
 from gyrocal.errors import InputError
@@ -128,6 +128,108 @@ class Recording:
         _check_attitudes(self.attitudes)
         _check_intervals(self.intervals)
         _check_references(self.attitudes.t_s, self.intervals)
+
+    @classmethod
+    def from_arrays(
+        cls,
+        t_s: ArrayLike,
+        rates: ArrayLike,
+        reference_t_s: ArrayLike,
+        quaternions: ArrayLike,
+        *,
+        sigma: ArrayLike,
+        arw: float,
+        sample_s: float | None = None,
+        G: ArrayLike | None = None,
+        bias: ArrayLike = (0.0, 0.0, 0.0),
+        intervals: Sequence[Interval] | None = None,
+        title: str = "arrays",
+        epoch: str = "2000-01-01T00:00:00",
+        time_scale: str = "seconds of the arrays",
+    ) -> Recording:
+        """A recording of arrays.
+
+        Parameters
+        ----------
+        t_s, rates : (n,) starts of the samples, s, and (n, k) raw rates of k gyros, rad/s
+        reference_t_s, quaternions : (m,) s, and (m, 4) inertial to body, scalar last
+        sigma : 1-sigma of the references per body axis, rad; (m, 3), (3,) or one number
+        arw : angle random walk, rad/sqrt(s)
+        sample_s : s; the median spacing by default
+        G : (3, k) a-priori G, needed if k is not 3: then the recording holds the body rates G ω_raw
+        bias : (3,) a-priori b, rad/s
+        intervals : one over all references by default
+        title, epoch, time_scale : of the recording
+
+        Raises
+        ------
+        InputError
+            Shapes do not fit, or the recording would not be valid.
+        """
+        from gyrocal.recording.arrays import from_arrays
+
+        return from_arrays(
+            t_s,
+            rates,
+            reference_t_s,
+            quaternions,
+            sigma=sigma,
+            arw=arw,
+            sample_s=sample_s,
+            G=G,
+            bias=bias,
+            intervals=intervals,
+            title=title,
+            epoch=epoch,
+            time_scale=time_scale,
+        )
+
+    @classmethod
+    def from_frame(cls, gyro: pd.DataFrame, attitude: pd.DataFrame, *, arw_deg_per_sqrt_s: float, **options: Any) -> Recording:
+        """A recording of two tables with the columns of the files, in degrees.
+
+        Parameters
+        ----------
+        gyro : t_s, rate_x_deg_s … z
+        attitude : t_s, q1 … q4, sigma_x_deg … z
+        arw_deg_per_sqrt_s : angle random walk
+        options : bias_deg_s, and what else `from_arrays` takes by name
+
+        Raises
+        ------
+        InputError
+            A column is missing, or the recording would not be valid.
+        """
+        from gyrocal.recording.arrays import from_frame
+
+        return from_frame(gyro, attitude, arw_deg_per_sqrt_s=arw_deg_per_sqrt_s, **options)
+
+    def to_frame(self, table: str = "gyro") -> pd.DataFrame:
+        """A table with the columns of the files, in degrees.
+
+        Parameters
+        ----------
+        table : "gyro", "attitude", or one of the optional tables that the recording has
+
+        Raises
+        ------
+        InputError
+            It has none of that name.
+        """
+        frames = _frames(self)
+        if table not in frames:
+            raise InputError(f"{table}: no such table; there are {', '.join(frames)}")
+        return frames[table].copy()
+
+    def __repr__(self) -> str:
+        from gyrocal.recording import arrays
+
+        return arrays.text("Recording", arrays.facts(self))
+
+    def _repr_html_(self) -> str:
+        from gyrocal.recording import arrays
+
+        return arrays.page("Recording", arrays.facts(self))
 
 
 class _Model(BaseModel):
@@ -267,20 +369,9 @@ def load(folder: str | os.PathLike[str]) -> Recording:
 
 def save(recording: Recording, folder: str | os.PathLike[str]) -> None:
     """Write a recording; the folder is made, and an existing recording in it is replaced file by file, each atomically."""
-    import pandas as pd  # late: 65 MiB that a Monte Carlo worker does without
-
     folder = Path(folder)
     folder.mkdir(parents=True, exist_ok=True)
-    gyro, attitudes = recording.gyro, recording.attitudes
-    frames = {
-        "gyro": pd.DataFrame(np.column_stack([gyro.t_s, np.rad2deg(gyro.rates)]), columns=["t_s", *RATE_COLUMNS]),
-        "attitude": pd.DataFrame(
-            np.column_stack([attitudes.t_s, attitudes.quaternions, np.rad2deg(attitudes.sigma)]),
-            columns=["t_s", *QUATERNION_COLUMNS, *SIGMA_COLUMNS],
-        ),
-        **recording.tables,
-        **(sensor_tables.frames(recording.sensors) if recording.sensors is not None else {}),
-    }
+    frames = _frames(recording)
     for name in ("gyro", "attitude", *OPTIONAL_TABLES):
         if name not in frames:  # of a recording that was here before
             (folder / f"{name}.parquet").unlink(missing_ok=True)
@@ -290,6 +381,22 @@ def save(recording: Recording, folder: str | os.PathLike[str]) -> None:
             frame.to_parquet(file, index=False)
     with replacing(folder / "recording.toml") as file:
         file.write(_header_text(recording).encode())
+
+
+def _frames(recording: Recording) -> dict[str, pd.DataFrame]:
+    """The tables of a recording as they are on file."""
+    import pandas as pd  # late: 65 MiB that a Monte Carlo worker does without
+
+    gyro, attitudes = recording.gyro, recording.attitudes
+    return {
+        "gyro": pd.DataFrame(np.column_stack([gyro.t_s, np.rad2deg(gyro.rates)]), columns=["t_s", *RATE_COLUMNS]),
+        "attitude": pd.DataFrame(
+            np.column_stack([attitudes.t_s, attitudes.quaternions, np.rad2deg(attitudes.sigma)]),
+            columns=["t_s", *QUATERNION_COLUMNS, *SIGMA_COLUMNS],
+        ),
+        **recording.tables,
+        **(sensor_tables.frames(recording.sensors) if recording.sensors is not None else {}),
+    }
 
 
 def toml_value(value: object) -> str:

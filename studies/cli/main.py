@@ -23,11 +23,13 @@ COMMANDS = {  # the first sentence of each, which its own help begins with
     "the gap.",
     "effects": "List what a gyro, a reference or an attitude sensor can do beyond the baseline; a positive size makes the "
     "gyro read high.",
+    "export": "Write a recording in another format.",
     "import": "Turn data of another format into a recording.",
     "mission": "Fly TRMM's Mission Mode from launch and write telemetry, yaw updates, slews and orbits as Parquet to "
     "the folder OUT.",
     "plan": "Say what SCENARIO (a built-in name or a TOML file) will show: the smallest visible size of each "
     "effect, which pairs cannot be told apart, and which extra maneuver helps most.",
+    "predict": "Carry the attitude of RECORDING on from a time by gyro alone, with its covariance.",
     "reproduce": "Reproduce the two papers beside the flight's values.",
     "scenarios": "List the built-in scenarios, or print one as TOML, to be copied and changed.",
     "simulate": "Simulate SCENARIO (a built-in name or a TOML file) and write the recording to the folder OUT.",

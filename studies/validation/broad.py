@@ -16,8 +16,10 @@ import pandas as pd
 import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
-from gyrocal import Attitudes, GyroStream, InputError, Interval, Recording, attitude, propagate
-from gyrocal.calibration.sampling import measurements
+from gyrocal import Attitudes, GyroStream, InputError, Interval, Recording
+from gyrocal.importing.noise import axis_sigma as axis_sigma
+from gyrocal.importing.noise import increment_residuals as increment_residuals
+from gyrocal.importing.noise import runs as runs
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
@@ -45,8 +47,6 @@ STILL_S = 1.0  # rest counts as such so far from any movement
 SHORTEST_REST_S = 3.0
 ALLAN_S = 0.1  # where the Allan deviation of the rests is read
 FEWEST_INCREMENTS = 12  # for a sigma of its own at rest, or in motion
-MAD_TO_SIGMA = 1.4826
-CLIP = 4.0  # increments beyond so many robust sigmas are left out of the preliminary fit
 
 
 @dataclass(frozen=True)
@@ -136,12 +136,6 @@ class Imported:
             ("bias from the first rest x, y, z", f"{vector(recording.gyro.apriori_bias, 4)} deg/s"),
         ]
         return pd.DataFrame(rows, columns=["what", "value"])
-
-
-def runs(mask: Mask) -> list[tuple[int, int]]:
-    """First and one past the last index of each run of True."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[0], mask.astype(np.int8), [0]])))
-    return [(int(first), int(stop)) for first, stop in zip(edges[::2], edges[1::2], strict=True)]
 
 
 def read(path: Path) -> Trial:
@@ -274,57 +268,6 @@ def rest_bias(trial: Trial) -> Array:
         if (stop - first) * trial.sample_s >= SHORTEST_REST_S:
             return np.asarray(-trial.rates[first:stop].mean(axis=0))
     raise InputError(f"{trial.name}: no rest of {SHORTEST_REST_S:g} s to take the bias from")
-
-
-def increment_residuals(recording: Recording) -> tuple[Array, Array]:
-    """What a preliminary fit leaves of the turns between successive references.
-
-    G, bias and a time offset between gyro and references are fitted by least squares and forgotten: without them their effect
-    would be taken for reference noise.
-
-    Parameters
-    ----------
-    recording : intervals that hold two references each
-
-    Returns
-    -------
-    (m, 3) residuals in the body axes of the second reference, rad, and (m, 3, 3) rotations from the first to it
-    """
-    prepared = measurements(recording)
-    gyro = recording.gyro
-    run = propagate(prepared.arcs, gyro.apriori_G, gyro.apriori_bias)
-    A = attitude.matrix_from_quaternion(recording.attitudes.quaternions)
-    theta = attitude.residual(A[prepared.row], run.R @ A[prepared.start])
-    at = np.searchsorted(gyro.t_s, recording.attitudes.t_s - 0.5 * gyro.sample_s)
-    rate = gyro.rates[np.minimum(at, len(gyro.rates) - 1)]
-    shift = rate[prepared.row] - np.einsum("mij,mj->mi", run.R, rate[prepared.start])
-    columns = np.concatenate([run.Theta, shift[:, :, None]], axis=2).reshape(3 * len(theta), -1)
-    columns = columns / np.maximum(np.sqrt(np.mean(np.square(columns), axis=0)), np.finfo(float).tiny)
-    keep = np.ones(len(theta), dtype=bool)
-    left = theta
-    for _ in range(3):
-        rows = np.repeat(keep, 3)
-        solution = np.linalg.lstsq(columns[rows], theta.ravel()[rows], rcond=1e-10)[0]
-        left = theta - (columns @ solution).reshape(-1, 3)
-        size = np.linalg.norm(left, axis=1)
-        keep = size <= CLIP * max(float(np.median(size)), np.finfo(float).tiny)
-    return left, run.R
-
-
-def axis_sigma(left: Array, R: Array, gyro_variance: float) -> Array:
-    """Reference 1-sigma per body axis (3,) rad from residuals e₁ − R e₀ + gyro noise of increments.
-
-    Their variance is σ_a² + Σ_b R_ab² σ_b² + that of the gyro, gyro_variance in rad². It is taken about the median: a bias at
-    rest other than that in motion is no scatter.
-    """
-    left = left - np.median(left, axis=0)
-    variance = np.square(MAD_TO_SIGMA * np.median(np.abs(left), axis=0)) - gyro_variance
-    mixing = np.eye(3) + np.mean(np.square(R), axis=0)
-    # Negative where noise alone made the difference: then axes are not told apart.
-    squares = np.linalg.solve(mixing, variance)
-    if (squares <= 0).any():
-        squares = np.full(3, max(float(variance.mean()) / 2, 0.0))
-    return np.asarray(np.sqrt(squares))
 
 
 def to_recording(trial: Trial, intervals: str | float = "motion", spacing_s: float = 1.0) -> Imported:

@@ -16,6 +16,7 @@ from diagnosis.detectors.gap_interpolation import filled
 from diagnosis.detectors.lattice import lattice_step
 from diagnosis.detectors.samples import examine
 from gyrocal import Attitudes, InputError, Recording
+from gyrocal.importing.noise import runs
 from gyrocal.recording import reference_rows
 from studies.montecarlo.study import GridConfig
 from studies.validation import broad
@@ -119,7 +120,7 @@ class Loaded:
     @cached_property
     def first_rest(self) -> slice:
         """Samples of the first rest, as far as they are inside the whole interval."""
-        for first, stop in broad.runs(self.trial.still & (self.trial.t_s >= self.whole.intervals[0].start_s)):
+        for first, stop in runs(self.trial.still & (self.trial.t_s >= self.whole.intervals[0].start_s)):
             if (stop - first) * self.trial.sample_s >= broad.SHORTEST_REST_S:
                 return slice(first, stop)
         raise InputError(f"{self.trial.name}: no rest of {broad.SHORTEST_REST_S:g} s to take the bias from")

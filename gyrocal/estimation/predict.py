@@ -1,0 +1,251 @@
+"""The attitude carried on by gyro alone, with its covariance.
+
+From a time t₀ on, with the rates adjusted by parameters x, the gyro propagates an anchor attitude to A_prop(t) = R(t) A₀. The
+true attitude is exp([c×]) A_prop with, to first order (see `gyrocal.calibration.covariance` for the signs),
+
+    c(t) = R(t) (a + w(t)) + Θ(t) Δx
+
+a the error of the anchor, w the gyro's integrated white noise in the axes of t₀, and Δx = x − x_true. A reference at t_j says
+θ_j = c(t_j) + e_j. All of these are Gaussian, with the joint covariance
+
+    cov(c(s), c(t)) = R(s) (σ_a² + ARW² min(s, t)) R(t)ᵀ + Θ(s) P₀ Θ(t)ᵀ,    cov(e_j) = diag(σ_j²)
+
+so that c at any time, and Δx, follow from the references used by conditioning, E[c | θ] = C V⁻¹ θ. That is the best linear
+estimate; it counts no reference twice, and knows that the attitude at the last reference and the parameters correlate. Δx is
+applied and all is done again, since Θ is linearised.
+
+P₀ is what is known of x without the references of this stretch. The combinations of x that they leave free stay as wide as P₀
+makes them; they do no harm to the prediction for as long as the motion goes on in the same way.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+import scipy.linalg
+from numpy.typing import NDArray
+
+from gyrocal import attitude
+from gyrocal.calibration.observability import PLAUSIBLE_RANGE
+from gyrocal.calibration.parameters import GyroParameters
+from gyrocal.calibration.propagation import propagate
+from gyrocal.calibration.sampling import measurements
+from gyrocal.errors import InputError
+from gyrocal.recording import Attitudes, Interval, Recording
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+ANCHOR = 1e3  # sigmas of a reference: what is known of the anchor before it is used itself
+ITERATIONS = 3
+SAME_TIME_S = 1e-6
+GAP = 1.5  # samples
+
+
+@dataclass(frozen=True)
+class Prediction:
+    """Attitudes by gyro, conditioned on references.
+
+    Attributes
+    ----------
+    t_s : (k,) s since the epoch
+    A : (k, 3, 3) inertial to body
+    covariance : (k, 3, 3) of their errors about the body's axes, rad²
+    parameters : G and b, with what the references say of them
+    parameter_covariance : (12, 12) G dimensionless, b rad/s
+    used : references that were used
+    chi2, dof : of the residuals of these references about what was predicted before they were seen, and their number
+    """
+
+    t_s: Array
+    A: Array
+    covariance: Array
+    parameters: GyroParameters
+    parameter_covariance: Array
+    used: int
+    chi2: float
+    dof: int
+
+    @property
+    def sigma(self) -> Array:
+        """(k, 3) 1-sigma about each body axis, rad."""
+        return np.asarray(np.sqrt(np.diagonal(self.covariance, axis1=1, axis2=2)))
+
+
+def prior_covariance(
+    sigma_G: float | None = None,
+    sigma_bias: float | None = None,
+    sigma_mounting: float = 0.0,
+    sigma_scale: float = 0.0,
+    G: Array | None = None,
+) -> Array:
+    """(12, 12) P₀: elements of G and b by themselves, a common rotation of all gyros, and a common scale factor.
+
+    Parameters
+    ----------
+    sigma_G, sigma_bias : 1-sigma of each element of G and of b (rad/s); the plausible ranges of
+        `gyrocal.calibration.observability` if None
+    sigma_mounting : 1-sigma about each axis, rad
+    sigma_scale : 1-sigma
+    G : (3, 3) that the rotation and the scale factor act on; the identity by default
+    """
+    plausible = PLAUSIBLE_RANGE
+    own = np.where(
+        np.arange(12) < 9, plausible if sigma_G is None else sigma_G, plausible if sigma_bias is None else sigma_bias
+    )
+    P = np.diag(np.square(own))
+    G = np.eye(3) if G is None else G
+    directions = [sigma_mounting * attitude.cross_matrix(e) @ G for e in np.eye(3)] + [sigma_scale * G]
+    for direction in directions:
+        P[:9, :9] += np.outer(direction.ravel(), direction.ravel())
+    return np.asarray(P)
+
+
+def predict(
+    recording: Recording, from_s: float, times: Array | None = None, apriori_covariance: Array | None = None
+) -> Prediction:
+    """Carry the attitude on from a time by gyro alone.
+
+    Parameters
+    ----------
+    recording : its interval that holds from_s, or is the last to begin before it, is the stretch
+    from_s : references later than this are not used
+    times : (k,) s, of the prediction; each end of a gyro sample after from_s, to
+        its first gap, by default
+    apriori_covariance : (12, 12) P₀ of the recording's a-priori parameters, see `prior_covariance`
+
+    Raises
+    ------
+    InputError
+        There are no references before from_s, or no gyro samples after it.
+    """
+    gyro = recording.gyro
+    begun = [one for one in recording.intervals if one.start_s < from_s]
+    if not begun:
+        raise InputError(f"no interval begins before {from_s:g} s; the first starts at {recording.intervals[0].start_s:g} s")
+    interval = max(begun, key=lambda one: one.start_s)
+    stop = gyro.t_s[-1] + gyro.sample_s
+    if times is None:
+        gaps = np.flatnonzero((np.diff(gyro.t_s) > GAP * gyro.sample_s) & (gyro.t_s[1:] > from_s))
+        last = int(gaps[0]) if gaps.size else gyro.t_s.size - 1
+        times = np.append(gyro.t_s[: last + 1], gyro.t_s[last] + gyro.sample_s)
+        times = times[times > from_s]
+    times = np.asarray(times, dtype=float)
+    if times.size == 0 or times[-1] > stop + SAME_TIME_S:
+        raise InputError(f"the gyro ends at {stop:g} s, and nothing can be predicted beyond it")
+    t_ref = recording.attitudes.t_s
+    used = (t_ref >= interval.start_s - SAME_TIME_S) & (t_ref <= from_s)
+    return conditioned(recording, used, times, apriori_covariance)
+
+
+def conditioned(recording: Recording, used: Mask, times: Array, apriori_covariance: Array | None = None) -> Prediction:
+    """Attitudes at any times of one gap-free stretch, from the references that are to be used.
+
+    Parameters
+    ----------
+    recording : the recording
+    used : (m,) which references
+    times : (k,) s, ascending
+    apriori_covariance : (12, 12) P₀
+
+    Raises
+    ------
+    InputError
+        No reference is used, a time is not after the first reference, or the gyro does not cover the stretch.
+    """
+    references = recording.attitudes
+    rows = np.flatnonzero(used)
+    anchor = int(np.searchsorted(references.t_s, min(times[0], references.t_s[rows[0]]) - SAME_TIME_S)) if rows.size else 0
+    if rows.size < 2 or np.any(np.diff(times) <= 0):
+        raise InputError("a prediction needs two references or more, and ascending times")
+    if times[0] < references.t_s[anchor] - SAME_TIME_S:
+        anchor -= 1
+    if anchor < 0:
+        raise InputError(f"no attitude to start from at or before {times[0]:g} s")
+    P0 = prior_covariance() if apriori_covariance is None else apriori_covariance
+    start_s = float(references.t_s[anchor])
+    anchor_sigma = ANCHOR * float(references.sigma[anchor].max())
+    walks = (anchor_sigma, recording.gyro.arw)
+    at = np.union1d(times, references.t_s[rows])
+    at = at[np.concatenate([[True], np.diff(at) > SAME_TIME_S])]
+    at = at[at > start_s + SAME_TIME_S]
+    stretch = _stretch(recording, anchor, at)
+    prepared = measurements(stretch)
+    A0 = attitude.matrix_from_quaternion(references.quaternions[anchor])
+    A_obs = attitude.matrix_from_quaternion(references.quaternions[rows])
+    place = _places(start_s, at, references.t_s[rows])
+    wanted = _places(start_s, at, times)
+    x0 = np.concatenate([recording.gyro.apriori_G.ravel(), recording.gyro.apriori_bias])
+    x = x0.copy()
+    for _ in range(ITERATIONS):
+        run = propagate(prepared.arcs, x[:9].reshape(3, 3), x[9:])
+        R = np.concatenate([np.eye(3)[None], run.R])
+        Theta = np.concatenate([np.zeros((1, 3, 12)), run.Theta])
+        elapsed = np.concatenate([[0.0], at - start_s])
+        theta = attitude.residual(A_obs, R[place] @ A0)
+        # Both means: c has that of Θ (x − x₀), whose covariance is P₀.
+        z = (theta - Theta[place] @ (x - x0)).ravel()
+        V = _covariance(R, Theta, elapsed, place, place, walks, P0)
+        V[np.diag_indices_from(V)] += np.square(references.sigma[rows]).ravel()
+        scale = 1 / np.sqrt(np.diag(V))
+        factor = scipy.linalg.cho_factor(V * np.outer(scale, scale), lower=True)
+        weighted = scale * scipy.linalg.cho_solve(factor, scale * z)
+        K_x = np.einsum("pq,jiq->pji", P0, Theta[place]).reshape(12, -1)
+        C = _covariance(R, Theta, elapsed, wanted, place, walks, P0)
+        c = (C @ weighted).reshape(-1, 3) + Theta[wanted] @ (x - x0)
+        move = K_x @ weighted + (x - x0)
+        A = attitude.rotation_matrix(c) @ R[wanted] @ A0
+        P_x = P0 - (K_x * scale) @ scipy.linalg.cho_solve(factor, (K_x * scale).T)
+        half = scipy.linalg.solve_triangular(factor[0], (C * scale).T, lower=True)
+        x = x - move
+    learnt = half.reshape(len(half), times.size, 3)
+    walk = anchor_sigma**2 + recording.gyro.arw**2 * elapsed[wanted]
+    blocks = walk[:, None, None] * np.eye(3) + np.einsum("kip,pq,kjq->kij", Theta[wanted], P0, Theta[wanted], optimize=True)
+    blocks = blocks - np.einsum("nki,nkj->kij", learnt, learnt, optimize=True)
+    return Prediction(
+        times,
+        np.asarray(A),
+        np.asarray(0.5 * (blocks + blocks.transpose(0, 2, 1))),
+        GyroParameters.from_vector(x),
+        np.asarray(0.5 * (P_x + P_x.T)),
+        int(rows.size),
+        float(z @ weighted),
+        int(z.size),
+    )
+
+
+def _places(start_s: float, at: Array, times: Array) -> NDArray[np.intp]:
+    """Positions of times among the start and the outputs."""
+    nodes = np.concatenate([[start_s], at])
+    return np.searchsorted(nodes, times - 2 * SAME_TIME_S)
+
+
+def _stretch(recording: Recording, anchor: int, at: Array) -> Recording:
+    """One interval from the anchor to the last of some times, each of which is a reference in name."""
+    references = recording.attitudes
+    t_s = np.concatenate([[references.t_s[anchor]], at])
+    q = np.tile(references.quaternions[anchor], (t_s.size, 1))
+    return replace(
+        recording,
+        attitudes=Attitudes(t_s, q, np.tile(references.sigma[anchor], (t_s.size, 1))),
+        intervals=(Interval("prediction", "", float(t_s[0]), float(t_s[-1])),),
+        tables={},
+        sensors=None,
+    )
+
+
+def _covariance(
+    R: Array,
+    Theta: Array,
+    elapsed: Array,
+    left: NDArray[np.intp],
+    right: NDArray[np.intp],
+    walks: tuple[float, float],
+    P0: Array,
+) -> Array:
+    """cov(c(s), c(t)) of times left by times right, (3 left, 3 right); walks are σ_a and the ARW."""
+    walk = walks[0] ** 2 + walks[1] ** 2 * np.minimum.outer(elapsed[left], elapsed[right])
+    blocks = np.einsum("aik,bjk,ab->aibj", R[left], R[right], walk, optimize=True)
+    a, b = Theta[left].reshape(-1, 12), Theta[right].reshape(-1, 12)
+    return np.asarray(blocks.reshape(len(a), len(b)) + a @ P0 @ b.T)

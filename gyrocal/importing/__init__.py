@@ -1,0 +1,77 @@
+"""Recordings from anyone's tables: what the columns mean is told, what is not told is estimated, and both are written down.
+
+A `Mapping` says what the columns are. `streams` reads them in SI units on one clock, `sensors` makes one body's attitudes of
+several sensors', `agreement` asks whether rates and attitudes fit each other as they are read and how else they would, `noise`
+estimates, and `build` puts it together. See docs/import.md.
+"""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from gyrocal.errors import InputError
+from gyrocal.files import replacing
+from gyrocal.importing.mapping import Mapping, checked, load_mapping
+from gyrocal.recording import save, toml_value
+
+if TYPE_CHECKING:
+    from gyrocal.importing.build import Imported
+
+NOTES = "import.toml"  # beside recording.toml; a recording is read without it
+
+__all__ = ["NOTES", "Mapping", "checked", "import_csv", "load_mapping", "write"]
+
+
+def import_csv(
+    gyro_file: str | os.PathLike[str],
+    attitude_file: str | os.PathLike[str] | None = None,
+    *,
+    mapping: Mapping | None = None,
+    check: bool = True,
+    **entries: Any,
+) -> Imported:
+    """A recording of one or two CSV tables.
+
+    Parameters
+    ----------
+    gyro_file, attitude_file : paths; without the second the first holds both
+    mapping : what the columns mean
+    check : whether tables that do not fit each other are refused
+    entries : in place of a mapping, its entries, e.g. ``time="timestamp_ms:ms", gyro="gx,gy,gz:deg/s",
+        quat="qw,qx,qy,qz:body-to-inertial"``
+
+    Raises
+    ------
+    InputError
+        One line saying what is wrong, and where rates and attitudes do not fit each other, how they would.
+    """
+    from gyrocal.importing.build import build
+    from gyrocal.importing.streams import read_csv, streams
+
+    if mapping is None:
+        mapping = checked(entries, "mapping")
+    elif entries:
+        raise InputError("give a mapping or its entries, not both")
+    table = read_csv(Path(gyro_file))
+    other = read_csv(Path(attitude_file)) if attitude_file is not None else table
+    return build(streams(table, other, mapping), mapping, check)
+
+
+def write(imported: Imported, folder: str | os.PathLike[str]) -> None:
+    """Write the recording, and beside it `NOTES`: the mapping and what was assumed."""
+    save(imported.recording, folder)
+    entries = imported.mapping.model_dump(exclude_none=True, exclude_defaults=True)
+    lines = ["# How this recording was imported.", "assumed = ["]
+    lines += [f"    {toml_value(text)}," for text in imported.assumed] + ["]", "", "[mapping]"]
+    lines += [f"{key} = {_inline(value)}" for key, value in entries.items()]
+    with replacing(Path(folder) / NOTES) as file:
+        file.write(("\n".join(lines) + "\n").encode())
+
+
+def _inline(value: Any) -> str:
+    """A TOML value; a dictionary as an inline table."""
+    if isinstance(value, dict):
+        return "{" + ", ".join(f"{toml_value(key)} = {toml_value(item)}" for key, item in value.items()) + "}"
+    return toml_value(value)

@@ -1,0 +1,351 @@
+"""Do the rates fit the attitudes as they are read, and if not, how would they?
+
+Over windows between two attitudes the mean body rate follows from the attitudes, dA/dt = −[ω×] A, and from the gyro:
+
+    w_ref = s Π w_gyro(t + τ) + b + noise
+
+with s = 1, Π = I and τ = 0 if everything is read rightly; b is the gyro's bias. A wrong reading changes s (unit of rate or of
+time), Π (order and sign of the axes), τ (time tags) or w_ref itself (order of the quaternion's elements, its direction). All
+combinations of these are tried. For one reading of the attitudes and one τ, with centred sums
+
+    |w_ref − s Π w − b|² = Σ|w_ref|² − 2 s tr(Πᵀ Σ w_ref wᵀ) + s² Σ|w|²
+
+gives all s and Π at once. τ is where the magnitudes of both rates correlate best, which no s, Π, or reading of a direction
+changes. Of what fits nearly as well as the best, the reading that changes least is named; several of the same number of
+changes are named together, since the data cannot tell them apart.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import permutations, product
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from gyrocal.recording import Recording
+
+Array = NDArray[np.float64]
+
+WINDOWS = 60  # at least so many in a recording, as far as there are attitudes
+MOST_WINDOWS = 4000
+TURN = np.deg2rad(20.0)  # of a window: the mean rate of more is not that of the axes at its ends
+FITS = 0.1  # residual over motion of rates that are read rightly: errors of G and noise
+HOPELESS = 0.5
+BETTER = 0.5  # times the residual as read: an alternative must fit so much better
+ALIKE = 1.25  # times the best residual: as good
+LARGE_DRIFT = np.deg2rad(10.0)  # by a bias over the longest interval
+LONGEST_LAG = 0.25  # of the recording
+UNIT_RATIOS = {  # how much larger a rate is read if the unit on the left is taken for the one on the right
+    ("deg/s", "rad/s"): 180 / np.pi,
+    ("rad/s", "deg/s"): np.pi / 180,
+    ("deg/s", "deg/h"): 1 / 3600,
+    ("deg/h", "deg/s"): 3600.0,
+    ("deg/h", "rad/s"): 3600 * 180 / np.pi,
+    ("rad/s", "deg/h"): np.pi / 180 / 3600,
+}
+TIME_RATIOS = {  # how much longer a time is read
+    ("ms", "s"): 1e3,
+    ("us", "s"): 1e6,
+    ("ns", "s"): 1e9,
+    ("s", "ms"): 1e-3,
+    ("us", "ms"): 1e3,
+    ("ns", "ms"): 1e6,
+    ("s", "us"): 1e-6,
+    ("ms", "us"): 1e-3,
+    ("ns", "us"): 1e3,
+}
+GAINED = 0.7  # of 1 − correlation: an offset that leaves more has gained nothing
+ORDER_WORDS = {-1: "the quaternion's scalar part first (scalar-first)", 1: "the quaternion's scalar part last (scalar-last)"}
+DIRECTION_WORDS = {
+    False: "the attitude from inertial to body (inertial-to-body)",
+    True: "the attitude from body to inertial (body-to-inertial)",
+}
+
+
+@dataclass(frozen=True)
+class Reading:
+    """One way to read the tables.
+
+    Attributes
+    ----------
+    changes : what is to be changed, in words; empty as they are read
+    count : how many things these are; each axis that another takes the place of is one
+    residual : RMS of w_ref − s Π w − b over that of the motion
+    offset_s : τ, s; the attitudes' tags are too late by it
+    bias : (3,) b, rad/s
+    """
+
+    changes: tuple[str, ...]
+    count: int
+    residual: float
+    offset_s: float
+    bias: Array
+
+
+@dataclass(frozen=True)
+class Agreement:
+    """How the tables fit each other.
+
+    Attributes
+    ----------
+    as_read : the reading that was asked about
+    better : those that fit better and change least; empty if what was asked fits, or nothing does
+    """
+
+    as_read: Reading
+    better: tuple[Reading, ...]
+
+    @property
+    def fits(self) -> bool:
+        """Whether the rates agree with the attitudes as read."""
+        return not self.better and self.as_read.residual <= HOPELESS
+
+    @property
+    def sentence(self) -> str:
+        """What is wrong, and what would fit."""
+        lead = f"rates and attitudes do not fit each other: {100 * self.as_read.residual:.0f} % of the motion is left"
+        if not self.better:
+            return (
+                f"{lead}, and no other unit, order of elements, direction, order or sign of axes or time offset fits; "
+                "are they of the same body and time?"
+            )
+        ways = " or ".join(" and ".join(one.changes) for one in self.better)
+        return f"{lead}; {100 * min(one.residual for one in self.better):.1f} % with {ways}"
+
+
+@dataclass(frozen=True)
+class Motion:
+    """Mean rates by both sides over windows.
+
+    Attributes
+    ----------
+    start_s, stop_s : (n,) of the windows
+    rows : (n, 2) attitudes at their ends
+    t_s, angle : gyro tags with the end of the last sample, and the integral of the rates (., 3) up to each
+    q : (m, 4) attitudes, inertial to body, scalar last
+    """
+
+    start_s: Array
+    stop_s: Array
+    rows: NDArray[np.intp]
+    t_s: Array
+    angle: Array
+    q: Array
+
+    def gyro(self, offset_s: float = 0.0) -> tuple[Array, NDArray[np.bool_]]:
+        """Mean rates (n, 3) of the gyro, its tags offset, and the windows that it covers."""
+        a, b = self.start_s + offset_s, self.stop_s + offset_s
+        inside = (a >= self.t_s[0]) & (b <= self.t_s[-1])
+        turn = np.stack([np.interp(b, self.t_s, x) - np.interp(a, self.t_s, x) for x in self.angle.T], axis=1)
+        return turn / (b - a)[:, None], inside
+
+    def attitudes(self, roll: int = 0, reverse: bool = False, reversed_before: bool = False) -> Array:
+        """Mean body rates (n, 3) of the attitudes, read in another way.
+
+        Parameters
+        ----------
+        roll : places by which the elements of the quaternions on file are moved on
+        reverse : whether the direction is the other one
+        reversed_before : whether the quaternions on file have been conjugated to be these
+        """
+        conjugate = np.array([-1.0, -1.0, -1.0, 1.0]) if reversed_before else np.ones(4)
+        turned = Rotation.from_quat(np.roll(self.q * conjugate, roll, axis=1) * conjugate)
+        if reverse:
+            turned = turned.inv()
+        # A is the inverse of scipy's rotation, and A(t + Δt) Aᵀ = exp(−[ω×]Δt).
+        body = turned[self.rows[:, 0]].inv() * turned[self.rows[:, 1]]
+        return np.asarray(body.as_rotvec() / (self.stop_s - self.start_s)[:, None])
+
+
+def motion(t_s: Array, rates: Array, sample_s: float, t_ref: Array, q: Array, count: int = WINDOWS) -> Motion | None:
+    """Windows over what both sides cover; None if there are too few.
+
+    Parameters
+    ----------
+    t_s, rates, sample_s : gyro tags (n,), raw or adjusted rates (n, 3) rad/s, length of a sample
+    t_ref, q : attitudes, (m,) s and (m, 4) inertial to body, scalar last
+    count : of windows side by side, as far as none turns by more than `TURN`
+    """
+    edges = np.append(t_s, t_s[-1] + sample_s)
+    angle = np.concatenate([np.zeros((1, 3)), np.cumsum(rates * np.diff(edges)[:, None], axis=0)])
+    inside = np.flatnonzero((t_ref >= edges[0]) & (t_ref <= edges[-1]))
+    if inside.size < 4:
+        return None
+    step = float(np.median(np.diff(t_ref[inside])))
+    turned = Rotation.from_quat(q[inside])
+    speed = np.percentile((turned[:-1].inv() * turned[1:]).magnitude() / np.diff(t_ref[inside]), 90)
+    length = min(TURN / max(float(speed), 1e-12), (t_ref[inside[-1]] - t_ref[inside[0]]) / count)
+    stride = max(int(length / step), 1)
+    first, last = inside[:-stride], inside[stride:]
+    whole = t_ref[last] - t_ref[first] < 1.5 * stride * step
+    if whole.sum() < 3:
+        return None
+    chosen = np.flatnonzero(whole)
+    chosen = chosen[:: max(chosen.size // MOST_WINDOWS, 1)]
+    rows = np.stack([first[chosen], last[chosen]], axis=1)
+    return Motion(t_ref[rows[:, 0]], t_ref[rows[:, 1]], rows, edges, angle, q)
+
+
+def agreement(windows: Motion, unit: str = "", time_unit: str = "", order: str = "", reverse: bool = False) -> Agreement:
+    """How rates and attitudes fit, as read and otherwise.
+
+    Parameters
+    ----------
+    windows : of both
+    unit, time_unit : as which they are read; others are tried in their place
+    order : "scalar-first" or "scalar-last" as which quaternions are read; "" tries no other
+    reverse : whether the quaternions on file have been conjugated to be inertial to body
+    """
+    as_read = _as_read(windows)
+    if as_read.residual <= FITS:
+        return Agreement(as_read, ())
+    ways = _ways(windows, order, reverse)
+    scales = _scales(unit, time_unit)
+    tried = [one for words, reference in ways for one in _readings(windows, reference, words, 0.0, scales)]
+    if min((one.residual for one in tried), default=np.inf) > FITS:
+        for words, reference in ways:
+            offset = _offset(windows, reference)
+            tried += _readings(windows, reference, words, offset, scales) if offset else []
+    best = min((one.residual for one in tried), default=np.inf)
+    if best > min(BETTER * as_read.residual, HOPELESS):
+        return Agreement(as_read, ())
+    good = [one for one in tried if one.residual <= max(ALIKE * best, best + 0.02)]
+    fewest = min(one.count for one in good)
+    chosen = sorted((one for one in good if one.count == fewest), key=lambda one: one.residual)
+    return Agreement(as_read, tuple(chosen[:3]))
+
+
+def _ways(windows: Motion, order: str, reverse: bool) -> list[tuple[tuple[str, ...], Array]]:
+    """All readings of the attitudes: what each changes, and the mean rates by it."""
+    out: list[tuple[tuple[str, ...], Array]] = []
+    for roll in {"": (0,), "scalar-first": (0, 1), "scalar-last": (0, -1)}[order]:
+        for other in (False, True):
+            words = [ORDER_WORDS[roll]] if roll else []
+            words += [DIRECTION_WORDS[reverse]] if other else []
+            out.append((tuple(words), windows.attitudes(roll, other, reverse)))
+    return out
+
+
+def explained(recording: Recording, G: Array, bias: Array) -> str:
+    """Why residuals of a recording are so large, with the parameters it starts from; empty if that cannot be told.
+
+    Parameters
+    ----------
+    G, bias : (3, 3) and (3,) rad/s, as the rates are adjusted with
+    """
+    gyro, references = recording.gyro, recording.attitudes
+    windows = motion(gyro.t_s, gyro.rates @ G.T + bias, gyro.sample_s, references.t_s, references.quaternions)
+    if windows is None:
+        return ""
+    found = agreement(windows, "deg/s", "s", "scalar-last", False)
+    if not found.fits:
+        return found.sentence if found.better else ""
+    missing = found.as_read.bias
+    longest = max(one.stop_s - one.start_s for one in recording.intervals)
+    if np.linalg.norm(missing) * longest < LARGE_DRIFT:
+        return ""
+    values = ", ".join(f"{value:.4g}" for value in np.rad2deg(bias + missing))
+    return (
+        f"rates and attitudes fit each other with a bias of {values} deg/s: give it as apriori_bias_deg_s, as the mean "
+        f"of a rest would, or split the intervals, of which the longest has {longest:.6g} s"
+    )
+
+
+def _as_read(windows: Motion) -> Reading:
+    reference = windows.attitudes()
+    gyro, inside = windows.gyro()
+    reference, gyro = reference[inside], gyro[inside]
+    if len(reference) < 3:
+        return Reading((), 0, np.inf, 0.0, np.zeros(3))
+    bias = np.asarray((reference - gyro).mean(axis=0))
+    plain = _rms(reference - gyro) / _rms(reference)
+    centred = _rms(reference - gyro - bias) / _rms(reference - reference.mean(axis=0))
+    return Reading((), 0, float(min(plain, centred)), 0.0, bias)
+
+
+def _readings(
+    windows: Motion, reference: Array, words: tuple[str, ...], offset: float, scales: dict[str, float]
+) -> list[Reading]:
+    """The best of all s and Π for one reading of the attitudes at one time offset."""
+    gyro, inside = windows.gyro(offset)
+    if inside.sum() < 3:
+        return []
+    late = (f"{offset:+.3g} s added to the attitudes' time tags",) if offset else ()
+    return [
+        Reading((*words, *one.changes, *late), one.count + len(words) + len(late), one.residual, offset, one.bias)
+        for one in _fits(reference[inside], gyro[inside], scales)
+    ]
+
+
+def _fits(reference: Array, gyro: Array, scales: dict[str, float]) -> list[Reading]:
+    """The best of all s and Π."""
+    mean_r, mean_g = reference.mean(axis=0), gyro.mean(axis=0)
+    r, g = reference - mean_r, gyro - mean_g
+    whole = float(np.sum(r * r))
+    cross, own = r.T @ g, float(np.sum(g * g))
+    out = []
+    for name, scale in scales.items():
+        for words, Pi in TURNS:
+            left = max(whole - 2 * scale * float(np.sum(Pi * cross)) + scale**2 * own, 0.0)
+            if left < whole:
+                changes = tuple(filter(None, (name, words)))
+                moved = int(np.sum(np.diag(Pi) != 1)) + bool(name)
+                bias = np.asarray(mean_r - scale * Pi @ mean_g)
+                out.append(Reading(changes, moved, float(np.sqrt(left / whole)), 0.0, bias))
+    return sorted(out, key=lambda one: (one.residual, one.count))[:8]
+
+
+def _offset(windows: Motion, reference: Array) -> float:
+    """τ at which the magnitudes of both rates correlate best, s; 0 if they do so no better than as they are."""
+    span = windows.stop_s[-1] - windows.start_s[0]
+    speed = np.linalg.norm(reference, axis=1)
+    length = float(np.median(windows.stop_s - windows.start_s))
+    steps = np.arange(-LONGEST_LAG * span, LONGEST_LAG * span, max(length, span / 2000))
+    scores = np.array([_correlation(windows, speed, tau) for tau in steps])
+    if not np.isfinite(scores).any():
+        return 0.0
+    best = float(steps[int(np.nanargmax(scores))])
+    for fine in (length / 8, length / 40, length / 200):
+        near = best + fine * np.arange(-6, 7)
+        scores = np.array([_correlation(windows, speed, tau) for tau in near])
+        if np.isfinite(scores).any():
+            best = float(near[int(np.nanargmax(scores))])
+    at_zero, gained = _correlation(windows, speed, 0.0), _correlation(windows, speed, best)
+    return best if np.isnan(at_zero) or 1 - gained < GAINED * (1 - at_zero) else 0.0
+
+
+def _correlation(windows: Motion, speed: Array, tau: float) -> float:
+    gyro, inside = windows.gyro(tau)
+    if inside.sum() < max(3, 0.5 * inside.size):
+        return np.nan
+    a, b = speed[inside], np.linalg.norm(gyro[inside], axis=1)
+    a, b = a - a.mean(), b - b.mean()
+    return float(np.sum(a * b) / max(np.sqrt(np.sum(a * a) * np.sum(b * b)), np.finfo(float).tiny))
+
+
+def _scales(unit: str, time_unit: str) -> dict[str, float]:
+    out = {"": 1.0}
+    out |= {f"the gyro in {true}, not {read}": 1 / ratio for (true, read), ratio in UNIT_RATIOS.items() if read == unit}
+    # Times that are read too long make the attitudes' rates too small.
+    out |= {f"times in {true}, not {read}": 1 / ratio for (true, read), ratio in TIME_RATIOS.items() if read == time_unit}
+    return out
+
+
+def _turns() -> list[tuple[str, Array]]:
+    """The 48 orders and signs of three axes, with words for those that are not as read."""
+    out = []
+    for order, signs in product(permutations(range(3)), product((1, -1), repeat=3)):
+        Pi = np.zeros((3, 3))
+        Pi[range(3), order] = signs
+        names = ",".join(f"{'-' if sign < 0 else ''}{'xyz'[k]}" for sign, k in zip(signs, order, strict=True))
+        out.append(("" if names == "x,y,z" else f"the gyro's axes as {names}", Pi))
+    return sorted(out, key=lambda one: one[0] != "")
+
+
+def _rms(values: Array) -> float:
+    return max(float(np.sqrt(np.mean(np.sum(np.square(values), axis=1)))), np.finfo(float).tiny)
+
+
+TURNS = _turns()

@@ -1,0 +1,145 @@
+"""Folders of the EuRoC form (ASL dataset format), and Kalibr's imu.yaml.
+
+``mav0/imu0/data.csv`` holds nanoseconds of unix time and rates in rad/s about the IMU's axes S; ``imu0/sensor.yaml`` the gyro's
+noise density, which is the angle random walk. A reference folder, such as ``vicon0`` or ``state_groundtruth_estimate0``, has
+quaternions with the scalar part first that take the axes of its own sensor R to the world; ``T_BS`` of its ``sensor.yaml``
+takes that sensor's axes to the body's, whose axes are the IMU's where ``T_BS`` of ``imu0`` is the identity.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from gyrocal.errors import InputError
+from gyrocal.importing.build import Imported, build
+from gyrocal.importing.mapping import checked
+from gyrocal.importing.streams import read_csv, streams
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+Array = NDArray[np.float64]
+
+REFERENCES = ("vicon0", "state_groundtruth_estimate0", "mocap0")
+RATES = tuple(f"w_RS_S_{axis}" for axis in "xyz")
+ELEMENTS = tuple(f"q_RS_{element}" for element in "wxyz")
+ESTIMATED = "state_groundtruth_estimate0"
+
+
+def read_yaml(path: Path) -> dict[str, Any]:
+    """A YAML file of keys and values; OpenCV's first line is skipped.
+
+    Raises
+    ------
+    InputError
+        It cannot be read, or PyYAML is not installed.
+    """
+    try:
+        import yaml
+    except ImportError:
+        raise InputError(f"{path}: PyYAML is needed to read it: pip install 'gyrocal[formats]'") from None
+    try:
+        text = path.read_text(encoding="utf-8")
+        found = yaml.safe_load("\n".join(line for line in text.splitlines() if not line.startswith("%")))
+    except (OSError, UnicodeDecodeError, yaml.YAMLError) as fault:
+        raise InputError(f"{path}: cannot be read as YAML: {' '.join(str(fault).split())}") from None
+    if not isinstance(found, dict):
+        raise InputError(f"{path}: not a file of keys and values")
+    return found
+
+
+def noise_density(path: Path) -> float:
+    """Angle random walk, deg/sqrt(s), of Kalibr's imu.yaml or EuRoC's sensor.yaml: rad/s/sqrt(Hz) is rad/sqrt(s).
+
+    Raises
+    ------
+    InputError
+        There is no positive gyroscope_noise_density.
+    """
+    entries = read_yaml(path)
+    value = entries.get("gyroscope_noise_density", next(iter(entries.values()), None))
+    if isinstance(value, dict):  # imu0: {gyroscope_noise_density: …}
+        value = value.get("gyroscope_noise_density")
+    if isinstance(value, bool) or not isinstance(value, int | float) or not 0 < value < 1:
+        raise InputError(f"{path}: gyroscope_noise_density must be a positive number of rad/s/sqrt(Hz)")
+    return float(np.rad2deg(value))
+
+
+def import_euroc(folder: Path, reference: str | None = None, stated_noise: bool = True, **entries: Any) -> Imported:
+    """A recording of a folder of the EuRoC form.
+
+    Parameters
+    ----------
+    folder : with mav0 in it, or mav0 itself
+    reference : the folder with the attitudes; the first of `REFERENCES` that is there by default
+    stated_noise : whether the noise density of ``imu0/sensor.yaml`` is used; otherwise it is estimated
+    entries : of the mapping, beyond the columns
+
+    Raises
+    ------
+    InputError
+        A file or a column is missing, or rates and attitudes do not fit each other.
+    """
+    root = folder / "mav0" if (folder / "mav0").is_dir() else folder
+    there = [name for name in REFERENCES if (root / name / "data.csv").is_file()]
+    if not (root / "imu0" / "data.csv").is_file() or not (there or reference):
+        raise InputError(f"{folder}: not a folder of the EuRoC form: mav0/imu0/data.csv and one of {', '.join(REFERENCES)}")
+    chosen = reference or there[0]
+    gyro, attitude = read_csv(root / "imu0" / "data.csv"), read_csv(root / chosen / "data.csv")
+    said = [f"attitudes are those of {chosen}"]
+    if chosen == ESTIMATED:
+        said.append(f"{ESTIMATED} was estimated with the gyro itself: what it says of the gyro is not independent of it")
+    sheet = root / "imu0" / "sensor.yaml"
+    if stated_noise and "arw_deg_per_sqrt_s" not in entries and sheet.is_file():
+        entries["arw_deg_per_sqrt_s"] = noise_density(sheet)
+        said.append("the angle random walk is the noise density of imu0/sensor.yaml")
+    names = _columns(attitude, ELEMENTS, chosen)
+    turn = _turn(root, chosen)
+    if np.abs(turn - np.eye(3)).max() > 1e-9:
+        q = np.roll(attitude[names].to_numpy(dtype=float), -1, axis=1)
+        # q takes the reference sensor's axes to the world, and T_BS those of the IMU to them.
+        attitude[names] = np.roll((Rotation.from_quat(q) * Rotation.from_matrix(turn)).as_quat(), 1, axis=1)
+        said.append("the attitudes are turned from the reference sensor's axes to the IMU's by the T_BS of both")
+    made = {
+        "time": f"{_time(gyro)}:ns",
+        "attitude_time": f"{_time(attitude)}:ns",
+        "gyro": f"{','.join(_columns(gyro, RATES, 'imu0'))}:rad/s",
+        "quat": f"{','.join(names)}:scalar-first:body-to-world",
+        "title": f"EuRoC form, {root.resolve().parent.name}",
+    }
+    mapping = checked(made | entries, str(folder))
+    found = streams(gyro, attitude, mapping)
+    return build(type(found)(**{**vars(found), "assumed": (*said, *found.assumed)}), mapping)
+
+
+def _columns(table: pd.DataFrame, wanted: tuple[str, ...], where: str) -> list[str]:
+    """Columns by the first word of their names: "w_RS_S_x [rad s^-1]"."""
+    found = {str(name).split()[0]: str(name) for name in table.columns}
+    missing = [name for name in wanted if name not in found]
+    if missing:
+        raise InputError(f"{where}/data.csv: no column {', '.join(missing)}; there are {', '.join(found)}")
+    return [found[name] for name in wanted]
+
+
+def _time(table: pd.DataFrame) -> str:
+    return str(table.columns[0])
+
+
+def _turn(root: Path, reference: str) -> Array:
+    """(3, 3) from the IMU's axes to those of the reference sensor; the identity where no file says otherwise."""
+    turns = []
+    for name in (reference, "imu0"):
+        path = root / name / "sensor.yaml"
+        matrix = read_yaml(path).get("T_BS") if path.is_file() else None
+        data = np.array(matrix["data"], dtype=float) if isinstance(matrix, dict) and "data" in matrix else np.eye(4)
+        R = data.reshape(4, 4)[:3, :3] if data.size == 16 else np.zeros((3, 3))
+        if np.abs(R @ R.T - np.eye(3)).max() > 1e-3:
+            raise InputError(f"{path}: T_BS is not a rigid motion of 4×4 numbers")
+        turns.append(np.asarray(Rotation.from_matrix(R).as_matrix()))
+    # Both take their sensor's axes to the body's.
+    return np.asarray(turns[0].T @ turns[1])

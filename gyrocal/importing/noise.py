@@ -1,0 +1,141 @@
+"""What a recording's own numbers say of its noise: rests, gyro bias, angle random walk, sigma of the attitudes.
+
+None of these needs more than rates and attitudes that agree roughly. Each is an estimate that its reader may replace.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gyrocal import attitude
+from gyrocal.calibration.propagation import propagate
+from gyrocal.calibration.sampling import measurements
+from gyrocal.recording import Recording
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+WINDOW_S = 0.5  # in which the scatter of the rates tells rest from motion
+FEWEST = 5  # samples in it
+QUIET = 2.5  # times the quietest scatter
+SLOW = 0.02  # of the motion: a body that turns slower is at rest, as far as the attitudes tell
+SHORTEST_REST_S = 3.0
+ALLAN_S = 0.1  # where the Allan deviation is read
+MAD_TO_SIGMA = 1.4826
+CLIP = 4.0  # increments beyond so many robust sigmas are left out of the preliminary fit
+
+
+def runs(mask: Mask) -> list[tuple[int, int]]:
+    """First and one past the last index of each stretch of True."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], mask.astype(np.int8), [0]])))
+    return [(int(first), int(stop)) for first, stop in zip(edges[::2], edges[1::2], strict=True)]
+
+
+def rests(rates: Array, sample_s: float, speed: Array) -> list[tuple[int, int]]:
+    """Stretches of samples at rest: the rates scatter as little as anywhere, and the attitudes do not turn.
+
+    Parameters
+    ----------
+    rates : (n, 3) rad/s
+    speed : (n,) magnitude of the body rate by the attitudes about each sample, rad/s
+    """
+    size = max(round(WINDOW_S / sample_s), FEWEST)
+    count = len(rates) // size
+    if count < 4:
+        return []
+    parts = rates[: count * size].reshape(count, size, 3)
+    scatter = np.sqrt(np.mean(parts.var(axis=1), axis=1))
+    turning = np.array([np.median(part) for part in speed[: count * size].reshape(count, size)])
+    motion = float(np.sqrt(np.mean(np.square(speed))))
+    still = (scatter <= QUIET * np.percentile(scatter, 5)) & (turning <= SLOW * motion)
+    out = []
+    for first, stop in runs(still):
+        # A window at either end may hold the beginning of a motion.
+        a, b = (first + 1) * size, (stop - 1) * size
+        if (b - a) * sample_s >= SHORTEST_REST_S:
+            out.append((a, b))
+    return out
+
+
+def allan_walk(stretches: list[Array], sample_s: float) -> Array | None:
+    """Angle random walk (k,) rad/sqrt(s) of white rate noise: overlapping Allan deviation near `ALLAN_S`, times its root.
+
+    Parameters
+    ----------
+    stretches : rates (n, k) each, rad/s, constant but for noise and slow drift
+
+    Returns
+    -------
+    None if no stretch is long enough.
+    """
+    m = max(round(ALLAN_S / sample_s), 1)
+    squares = []
+    for rates in stretches:
+        if len(rates) >= 3 * m:
+            sums = np.cumsum(np.concatenate([np.zeros((1, rates.shape[1])), rates]), axis=0)
+            means = (sums[m:] - sums[:-m]) / m
+            squares.append(np.square(means[m:] - means[:-m]))
+    if not squares:
+        return None
+    return np.asarray(np.sqrt(0.5 * np.concatenate(squares).mean(axis=0) * m * sample_s))
+
+
+def third_differences(rates: Array, sample_s: float) -> Array:
+    """Upper bound (k,) rad/sqrt(s) of the angle random walk in motion, which third differences of the rates all but remove.
+
+    The variance of x₀ − 3x₁ + 3x₂ − x₃ of white noise is 20 times its own.
+    """
+    third = np.diff(rates, n=3, axis=0)
+    return np.asarray(MAD_TO_SIGMA * np.median(np.abs(third), axis=0) / np.sqrt(20.0) * np.sqrt(sample_s))
+
+
+def increment_residuals(recording: Recording) -> tuple[Array, Array]:
+    """What a preliminary fit leaves of the turns between successive references.
+
+    G, bias and a time offset between gyro and references are fitted by least squares and forgotten: without them their effect
+    would be taken for reference noise.
+
+    Parameters
+    ----------
+    recording : intervals that hold two references each
+
+    Returns
+    -------
+    (m, 3) residuals in the body axes of the second reference, rad, and (m, 3, 3) rotations from the first to it
+    """
+    prepared = measurements(recording)
+    gyro = recording.gyro
+    run = propagate(prepared.arcs, gyro.apriori_G, gyro.apriori_bias)
+    A = attitude.matrix_from_quaternion(recording.attitudes.quaternions)
+    theta = attitude.residual(A[prepared.row], run.R @ A[prepared.start])
+    at = np.searchsorted(gyro.t_s, recording.attitudes.t_s - 0.5 * gyro.sample_s)
+    rate = gyro.rates[np.minimum(at, len(gyro.rates) - 1)]
+    shift = rate[prepared.row] - np.einsum("mij,mj->mi", run.R, rate[prepared.start])
+    columns = np.concatenate([run.Theta, shift[:, :, None]], axis=2).reshape(3 * len(theta), -1)
+    columns = columns / np.maximum(np.sqrt(np.mean(np.square(columns), axis=0)), np.finfo(float).tiny)
+    keep = np.ones(len(theta), dtype=bool)
+    left = theta
+    for _ in range(3):
+        rows = np.repeat(keep, 3)
+        solution = np.linalg.lstsq(columns[rows], theta.ravel()[rows], rcond=1e-10)[0]
+        left = theta - (columns @ solution).reshape(-1, 3)
+        size = np.linalg.norm(left, axis=1)
+        keep = size <= CLIP * max(float(np.median(size)), np.finfo(float).tiny)
+    return left, run.R
+
+
+def axis_sigma(left: Array, R: Array, gyro_variance: float) -> Array:
+    """Reference 1-sigma per body axis (3,) rad from residuals e₁ − R e₀ + gyro noise of increments.
+
+    Their variance is σ_a² + Σ_b R_ab² σ_b² + that of the gyro, gyro_variance in rad². It is taken about the median: a bias at
+    rest other than that in motion is no scatter.
+    """
+    left = left - np.median(left, axis=0)
+    variance = np.square(MAD_TO_SIGMA * np.median(np.abs(left), axis=0)) - gyro_variance
+    mixing = np.eye(3) + np.mean(np.square(R), axis=0)
+    # Negative where noise alone made the difference: then axes are not told apart.
+    squares = np.linalg.solve(mixing, variance)
+    if (squares <= 0).any():
+        squares = np.full(3, max(float(variance.mean()) / 2, 0.0))
+    return np.asarray(np.sqrt(squares))

@@ -1,0 +1,257 @@
+"""Gyro samples and attitudes of somebody's tables, on one clock and in SI units, before anything is estimated.
+
+A rate column's sample k is the mean over the sample that its tag starts, is the middle of, or ends. The differences of an
+accumulated angle are means over the time between two tags exactly, whatever lies between.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gyrocal.errors import InputError
+from gyrocal.importing import units
+from gyrocal.importing.mapping import Mapping, attitude_quaternions, spec
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+Array = NDArray[np.float64]
+
+UNDATED = "2000-01-01T00:00:00"  # epoch of files without a date
+WRAPS = (2.0**16, 2.0**24, 2.0**32, 360.0, 2 * np.pi)
+NEAR = 0.02  # of a wrap: how near a jump must come to it to be one
+
+
+@dataclass(frozen=True)
+class Sensor:
+    """Attitudes by one sensor.
+
+    Attributes
+    ----------
+    name : of the sensor; empty if there is only one
+    t_s : (m,) s since the epoch
+    q : (m, 4) A(q), inertial to the sensor's own axes, scalar last
+    """
+
+    name: str
+    t_s: Array
+    q: Array
+
+
+@dataclass(frozen=True)
+class Streams:
+    """What the tables hold.
+
+    Attributes
+    ----------
+    t_s : (n,) starts of the gyro's samples, s since the epoch
+    raw : (n, k) rates of the k gyros about their own axes, rad/s
+    sample_s : s between samples
+    channels : names of the gyros
+    sensors : the attitudes, the first sensor's axes being the body's
+    epoch, time_scale : as in a recording
+    assumed : what was taken for granted, a sentence each
+    """
+
+    t_s: Array
+    raw: Array
+    sample_s: float
+    channels: tuple[str, ...]
+    sensors: tuple[Sensor, ...]
+    epoch: str
+    time_scale: str
+    assumed: tuple[str, ...]
+
+
+def read_csv(path: Path) -> pd.DataFrame:
+    """A CSV table, its separator found.
+
+    Raises
+    ------
+    InputError
+        It cannot be read.
+    """
+    import pandas as pd
+
+    if not path.is_file():
+        raise InputError(f"{path}: no such file")
+    try:
+        frame = pd.read_csv(path, index_col=False, skipinitialspace=True)
+        if frame.shape[1] == 1:
+            frame = pd.read_csv(path, index_col=False, skipinitialspace=True, sep=None, engine="python")
+    except Exception as fault:  # pandas raises a zoo of types for a damaged file
+        raise InputError(f"{path}: cannot be read as CSV: {' '.join(str(fault).split())}") from None
+    if frame.empty:
+        raise InputError(f"{path}: no rows")
+    frame.columns = [str(name).strip().removeprefix("#").strip() for name in frame.columns]
+    return frame
+
+
+def streams(gyro: pd.DataFrame, attitude: pd.DataFrame, mapping: Mapping) -> Streams:
+    """Both tables as the mapping reads them.
+
+    Raises
+    ------
+    InputError
+        A column is missing or does not hold what the mapping says.
+    """
+    clock_g, raw, channels, assumed = _gyro(gyro, mapping)
+    named, clocks, said = _attitudes(attitude, mapping)
+    assumed += said
+    clock_g, clocks = _one_scale([clock_g, *clocks])
+    scale = clock_g.scale
+    start = min(int(one.whole.min()) for one in (clock_g, *clocks))
+    origin = start if scale else 0
+    if scale:
+        epoch = units.epoch_of(origin, scale).replace(tzinfo=None).isoformat() + ("Z" if scale == "UTC" else "")
+    else:
+        epoch = mapping.epoch or UNDATED
+        assumed.append("the time tags carry no date: the epoch is " + ("the given one" if mapping.epoch else epoch))
+    offset = mapping.attitude_offset_s
+    if offset:
+        assumed.append(f"{offset:g} s added to the time tags of the attitudes")
+    sensors = tuple(
+        Sensor(name, *_ordered(one.since(origin) + offset, q, f"attitude {name}".strip()))
+        for (name, q), one in zip(named, clocks, strict=True)
+    )
+    t_s, raw = _ordered(clock_g.since(origin), raw, "gyro")
+    t_s, raw, sample_s, said = _samples(t_s, raw, mapping)
+    time_scale = scale or "seconds of the file"
+    return Streams(t_s, raw, sample_s, channels, sensors, epoch, time_scale, (*assumed, *said))
+
+
+def _gyro(frame: pd.DataFrame, mapping: Mapping) -> tuple[units.Clock, Array, tuple[str, ...], list[str]]:
+    names, words = spec(mapping.gyro, "gyro")
+    tags, unit = spec(mapping.time, "time")
+    if mapping.gyro_by is not None:
+        frame, names = _side_by_side(frame, mapping.gyro_by, tags, names)
+    values = numbers(frame, names, "gyro")
+    good = np.isfinite(values).all(axis=1)
+    assumed = [] if good.all() else [f"{int((~good).sum())} gyro rows without numbers are left out"]
+    if len(words) != 1:
+        raise InputError(f"gyro: {mapping.gyro!r} must have one unit")
+    clock = units.clock(_picked(frame, tags, "time").iloc[np.flatnonzero(good)], _word(unit, "time"))
+    return clock, values[good], tuple(name.removeprefix("-") for name in names), assumed
+
+
+def _side_by_side(frame: pd.DataFrame, by: str, tags: list[str], names: list[str]) -> tuple[pd.DataFrame, list[str]]:
+    """Rows of several gyros as one row a time: a column a gyro, in the order in which they first come."""
+    _picked(frame, [by, *tags, *names], "gyro")
+    if len(names) != 1:
+        raise InputError(f"gyro: with gyro_by = {by!r} one column is wanted, not {len(names)}")
+    order = [str(name) for name in frame[by].unique()]
+    table = frame.assign(**{by: frame[by].astype(str)}).pivot_table(index=tags, columns=by, values=names[0], aggfunc="first")
+    return table[order].reset_index(), order
+
+
+def _attitudes(frame: pd.DataFrame, mapping: Mapping) -> tuple[list[tuple[str, Array]], list[units.Clock], list[str]]:
+    kind = mapping.attitude
+    text = str(getattr(mapping, kind))
+    names, _ = spec(text, kind)
+    tags, unit = spec(mapping.attitude_time or mapping.time, "attitude_time")
+    parts = [("", frame)]
+    if mapping.attitude_by is not None:
+        _picked(frame, [mapping.attitude_by], "attitude")
+        parts = [(str(name), part) for name, part in frame.groupby(mapping.attitude_by, sort=False)]
+    named, clocks, assumed = [], [], []
+    for name, part in parts:
+        values = numbers(part, names, kind)
+        good = np.isfinite(values).all(axis=1)
+        if not good.any():
+            raise InputError(f"{kind}: no row of {', '.join(names)} holds numbers")
+        if not good.all():
+            assumed.append(f"{int((~good).sum())} attitude rows without numbers are left out".strip())
+        named.append((name, attitude_quaternions(kind, text, values[good])))
+        clocks.append(
+            units.clock(_picked(part, tags, "attitude_time").iloc[np.flatnonzero(good)], _word(unit, "attitude_time"))
+        )
+    return named, clocks, assumed
+
+
+def numbers(frame: pd.DataFrame, names: list[str], what: str) -> Array:
+    """Columns (rows, names) as numbers, those with a minus before the name with the other sign."""
+    import pandas as pd
+
+    plain = [name.removeprefix("-") if name not in frame.columns else name for name in names]
+    sign = [-1.0 if name not in frame.columns else 1.0 for name in names]
+    chosen = _picked(frame, plain, what)
+    for name in plain:
+        if not pd.api.types.is_numeric_dtype(chosen[name]) or pd.api.types.is_bool_dtype(chosen[name]):
+            raise InputError(f"{what}: column {name} holds {chosen[name].dtype}, not numbers")
+    return np.asarray(chosen.to_numpy(dtype=np.float64) * sign)
+
+
+def _picked(frame: pd.DataFrame, names: list[str], what: str) -> pd.DataFrame:
+    missing = [name for name in names if name not in frame.columns]
+    if missing:
+        raise InputError(f"{what}: no column {', '.join(missing)}; there are {', '.join(map(str, frame.columns))}")
+    return frame[names]
+
+
+def _word(words: list[str], what: str) -> str:
+    if len(words) != 1:
+        raise InputError(f"{what}: one unit is wanted, not {':'.join(words)}")
+    return words[0]
+
+
+def _one_scale(clocks: list[units.Clock]) -> tuple[units.Clock, list[units.Clock]]:
+    """All clocks in one scale: as they are if they share it, otherwise UTC."""
+    if len({one.scale for one in clocks}) > 1:
+        for what, one in zip(("time", *["attitude_time"] * (len(clocks) - 1)), clocks, strict=True):
+            units.expect_date(one, what)
+        clocks = [units.to_utc(one) for one in clocks]
+    return clocks[0], clocks[1:]
+
+
+def _ordered(t_s: Array, values: Array, what: str) -> tuple[Array, Array]:
+    """Rows in the order of time, each time once."""
+    order = np.argsort(t_s, kind="stable")
+    t_s, values = t_s[order], values[order]
+    first = np.concatenate([[True], np.diff(t_s) > 0])
+    if first.sum() < 3:
+        raise InputError(f"{what}: {int(first.sum())} rows of different times; is the time column right?")
+    return t_s[first], values[first]
+
+
+def _samples(t_s: Array, raw: Array, mapping: Mapping) -> tuple[Array, Array, float, list[str]]:
+    """Starts, rates and length of the gyro's samples."""
+    _, words = spec(mapping.gyro, "gyro")
+    factor, accumulated = units.gyro_factor(words[0], mapping.lsb)
+    spacing = np.diff(t_s)
+    sample_s = float(np.median(spacing))
+    if accumulated:
+        step, said = _unwrapped(np.diff(raw, axis=0), mapping.wrap)
+        rates = factor * step / spacing[:, None]
+        return t_s[:-1], rates, sample_s, [*said, "rates are differences of accumulated angles"]
+    if mapping.wrap is not None:
+        raise InputError("wrap: goes with accumulated angles, not with rates")
+    late = {"start": 0.0, "middle": 0.5, "end": 1.0}[mapping.tag] * sample_s
+    said = [f"a gyro time tag is the {mapping.tag} of its sample"]
+    close = np.concatenate([[False], spacing < 0.5 * sample_s])
+    if close.any():
+        said.append(f"{int(close.sum())} gyro rows closer than half a sample to the one before are left out")
+        t_s, raw = t_s[~close], raw[~close]
+    return t_s - late, factor * raw, sample_s, said
+
+
+def _unwrapped(step: Array, wrap: float | None) -> tuple[Array, list[str]]:
+    """Differences of an accumulated angle without the jumps at its wrap, which is guessed where it is not given."""
+    said: list[str] = []
+    if wrap is None:
+        typical = max(float(np.median(np.abs(step))), np.finfo(float).tiny)
+        jumps = np.abs(step[np.abs(step) > 20 * typical])
+        if jumps.size == 0:
+            return step, said
+        room = [float(np.abs(jumps / one - 1).max()) for one in WRAPS]
+        if min(room) > NEAR:
+            raise InputError(
+                f"gyro: the accumulated angle jumps by {jumps.max():.6g}; if it wraps there, say where: --wrap VALUE"
+            )
+        wrap = WRAPS[int(np.argmin(room))]
+        said = [f"the accumulated angle wraps at {wrap:.9g}, as {jumps.size} jumps of it say"]
+    return step - wrap * np.round(step / wrap), said

@@ -1,0 +1,206 @@
+"""Units and time tags of other people's files, as rad/s and seconds from an epoch.
+
+A unit of angle says that the gyro's column is an accumulated angle, one of angle per time that it is a rate. Counts are either,
+by the unit of their LSB.
+
+GPS time runs without leap seconds from 1980-01-06; UTC, and with it unix time, is behind by those inserted since then.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from datetime import UTC, datetime, timedelta
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gyrocal.errors import InputError
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+Array = NDArray[np.float64]
+
+DEGREE = float(np.deg2rad(1.0))
+ANGLE_UNITS = {"rad": 1.0, "deg": DEGREE, "arcsec": DEGREE / 3600}
+RATE_UNITS = {
+    "rad/s": 1.0,
+    "deg/s": DEGREE,
+    "deg/h": DEGREE / 3600,
+    "mrad/s": 1e-3,
+    "mdeg/s": 1e-3 * DEGREE,
+    "arcsec/s": DEGREE / 3600,
+}
+COUNTS = "counts"
+TIME_UNITS = {"s": 0, "ms": 3, "us": 6, "ns": 9, "unix": 0}  # decimal places of a second
+CALENDARS = ("iso", "gps")
+
+UNIX_EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
+GPS_EPOCH = datetime(1980, 1, 6, tzinfo=UTC)
+WEEK_S = 604800
+UNIX_RANGE_S = (631152000, 4102444800)  # 1990 to 2100: numbers in between are taken for unix time
+# Months from whose first day UTC is one more second behind GPS time; announced by the IERS in its Bulletin C.
+LEAP_MONTHS = (
+    "1981-07", "1982-07", "1983-07", "1985-07", "1988-01", "1990-01", "1991-01", "1992-07", "1993-07",
+    "1994-07", "1996-01", "1997-07", "1999-01", "2006-01", "2009-01", "2012-07", "2015-07", "2017-01",
+)  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Clock:
+    """Time tags of a table.
+
+    Attributes
+    ----------
+    whole : (n,) whole seconds, exact
+    part : (n,) what is left of a second, s
+    scale : "UTC" for unix time and ISO 8601, "GPS", or "" for seconds from an unknown start
+    """
+
+    whole: NDArray[np.int64]
+    part: Array
+    scale: str
+
+    def since(self, second: int) -> Array:
+        """(n,) s since a whole second."""
+        return np.asarray((self.whole - second) + self.part)
+
+
+def leap_seconds(utc: datetime) -> int:
+    """GPS time minus UTC, s, at a time in UTC."""
+    return sum(utc >= datetime.fromisoformat(f"{month}-01T00:00:00+00:00") for month in LEAP_MONTHS)
+
+
+def epoch_of(second: int, scale: str) -> datetime:
+    """The date of a whole second of a clock; its tzinfo is UTC whatever the scale."""
+    return {"UTC": UNIX_EPOCH, "GPS": GPS_EPOCH}[scale] + timedelta(seconds=second)
+
+
+def expect_date(clock: Clock, what: str) -> None:
+    """Refuse tags without a date that would have one in another unit.
+
+    Raises
+    ------
+    InputError
+        With the unit that fits.
+    """
+    if clock.scale:
+        return
+    low, high = UNIX_RANGE_S
+    for by, words in ((1e3, "1000 times finer (ms for s, us for ms)"), (1e6, "10^6 times finer"), (1e9, "10^9 times finer")):
+        if low <= clock.whole[0] / by <= high:
+            raise InputError(f"{what}: the first tag, {clock.whole[0]} s, is no date; it is unix time if its unit is {words}")
+        if low <= clock.whole[0] * by <= high:
+            raise InputError(f"{what}: the first tag, {clock.whole[0]} s, is no date; is its unit too fine by {by:g}?")
+
+
+def to_utc(clock: Clock) -> Clock:
+    """GPS tags as UTC ones; UTC ones as they are.
+
+    Raises
+    ------
+    InputError
+        The tags have no epoch.
+    """
+    if clock.scale == "UTC":
+        return clock
+    if clock.scale != "GPS":
+        raise InputError("time: one table has dates and the other seconds from an unknown start; give both the same kind")
+    shift = round((GPS_EPOCH - UNIX_EPOCH).total_seconds())
+    behind = leap_seconds(epoch_of(int(clock.whole[0]), "GPS"))
+    return Clock(clock.whole + shift - behind, clock.part, "UTC")
+
+
+def clock(columns: pd.DataFrame, unit: str) -> Clock:
+    """Time tags of one column, or of GPS week and second of the week in two.
+
+    Raises
+    ------
+    InputError
+        The unit is not known, or the column does not hold such times.
+    """
+    import pandas as pd
+
+    name = ", ".join(map(str, columns.columns))
+    if unit == "iso":
+        try:
+            stamps = pd.to_datetime(columns.iloc[:, 0], utc=True, format="ISO8601").astype("datetime64[ns, UTC]")
+        except (ValueError, TypeError) as fault:
+            raise InputError(f"time: column {name} is not ISO 8601: {' '.join(str(fault).split())}") from None
+        return _parted(stamps.astype("int64").to_numpy(), 9, "UTC")
+    if unit not in TIME_UNITS and unit != "gps":
+        raise InputError(f"time: unit {unit} of {name} is not known; known are {', '.join((*TIME_UNITS, *CALENDARS))}")
+    values = [_numeric(columns.iloc[:, k], name) for k in range(columns.shape[1])]
+    if unit == "gps":
+        if len(values) == 2:
+            seconds = _parted(values[1], 0, "GPS")
+            return Clock(seconds.whole + values[0].astype(np.int64) * WEEK_S, seconds.part, "GPS")
+        return _parted(values[0], 0, "GPS")
+    made = _parted(values[0], TIME_UNITS[unit], "")
+    calendar = unit == "unix" or UNIX_RANGE_S[0] <= made.whole[0] <= UNIX_RANGE_S[1]
+    return Clock(made.whole, made.part, "UTC" if calendar else "")
+
+
+def _numeric(column: pd.Series, name: str) -> NDArray[np.generic]:
+    import pandas as pd
+
+    if not pd.api.types.is_numeric_dtype(column) or pd.api.types.is_bool_dtype(column):
+        raise InputError(f"time: column {name} holds {column.dtype}, not numbers; dates are iso")
+    values: NDArray[np.generic] = column.to_numpy()
+    if not np.isfinite(values.astype(float)).all():
+        raise InputError(f"time: column {name}, row {int(np.argmax(~np.isfinite(values.astype(float))))}: not a finite number")
+    if np.abs(values.astype(float)).max() >= 2.0**63:
+        raise InputError(f"time: column {name} has values beyond 2^63")
+    return values
+
+
+def _parted(values: NDArray[np.generic], places: int, scale: str) -> Clock:
+    """Whole seconds and the rest; integers, which nanoseconds of unix time need, stay exact."""
+    if np.issubdtype(values.dtype, np.integer):
+        unit = 10**places
+        whole = values.astype(np.int64) // unit
+        return Clock(whole, (values.astype(np.int64) - whole * unit) / unit, scale)
+    seconds = values.astype(np.float64) / 10**places
+    floor = np.floor(seconds)
+    return Clock(floor.astype(np.int64), seconds - floor, scale)
+
+
+def quantity(text: str, what: str) -> tuple[float, str]:
+    """Number and unit of a text such as "5e-9 rad".
+
+    Raises
+    ------
+    InputError
+        It is not a number and a unit of angle or rate.
+    """
+    number, _, unit = text.strip().partition(" ")
+    unit = unit.strip()
+    try:
+        value = float(number)
+    except ValueError:
+        value = np.nan
+    if not np.isfinite(value) or unit not in ANGLE_UNITS | RATE_UNITS:
+        units = ", ".join((*RATE_UNITS, *ANGLE_UNITS))
+        raise InputError(f"{what}: {text!r} is not a number and a unit, as in '5e-9 rad'; units are {units}")
+    return value, unit
+
+
+def gyro_factor(unit: str, lsb: str | None) -> tuple[float, bool]:
+    """What a column's number is multiplied with to be rad/s or rad, and whether it is an accumulated angle.
+
+    Raises
+    ------
+    InputError
+        The unit is not known, or counts have no LSB.
+    """
+    if unit == COUNTS:
+        if lsb is None:
+            raise InputError("gyro: counts need the size of one, e.g. --lsb '0.0175 deg/s', or '5e-9 rad' of accumulated angle")
+        value, of = quantity(lsb, "lsb")
+        return value * (ANGLE_UNITS | RATE_UNITS)[of], of in ANGLE_UNITS
+    if lsb is not None:
+        raise InputError(f"lsb: goes with counts, not with {unit}")
+    if unit not in ANGLE_UNITS | RATE_UNITS:
+        raise InputError(f"gyro: unit {unit} is not known; known are {', '.join((*RATE_UNITS, *ANGLE_UNITS, COUNTS))}")
+    return (ANGLE_UNITS | RATE_UNITS)[unit], unit in ANGLE_UNITS

@@ -1,0 +1,65 @@
+"""The command ``gyrocal predict``: the attitude carried on by gyro alone."""
+
+from pathlib import Path
+
+import click
+import numpy as np
+import pandas as pd
+
+from gyrocal import attitude, load
+from gyrocal.estimation.predict import Prediction, predict, prior_covariance
+from studies.cli.options import PATH
+from studies.montecarlo.files import check_writable, write_csv
+from studies.report import tables as render
+from studies.report.console import console
+
+ROWS = 12  # shown
+ARCSEC = 3600.0
+
+
+@click.command("predict")
+@click.argument("recording", type=PATH)
+@click.option("--from", "from_s", type=float, required=True, help="References later than this, s, are not used.")
+@click.option("--out", type=PATH, help="Write the prediction as CSV: t_s, q1 … q4, sigma_x_arcsec … z.")
+@click.option("--prior-sigma-g", type=float, default=None, help="A-priori 1-sigma of each element of G; 0.01 by default.")
+@click.option("--prior-sigma-bias", type=float, default=None, help="A-priori 1-sigma of each bias, deg/s; 10 deg/h by default.")
+@click.option("--prior-mounting", type=float, default=0.0, help="A-priori 1-sigma of a rotation of all gyros together, deg.")
+@click.option("--prior-scale", type=float, default=0.0, help="A-priori 1-sigma of a common scale factor.")
+def command(
+    recording: Path,
+    from_s: float,
+    out: Path | None,
+    prior_sigma_g: float | None,
+    prior_sigma_bias: float | None,
+    prior_mounting: float,
+    prior_scale: float,
+) -> None:
+    """Carry the attitude of RECORDING on from a time by gyro alone, with its covariance.
+
+    The references up to that time, of the interval that holds it, and the a-priori parameters with their sigmas say where it
+    starts and how the gyro is to be read. See docs/predict.md.
+
+    \b
+    Example:
+      gyrocal simulate trmm_series /tmp/rec --seed 1
+      gyrocal predict /tmp/rec --from 3000 --out /tmp/prediction.csv
+    """
+    check_writable(out)
+    loaded = load(recording)
+    bias = None if prior_sigma_bias is None else float(np.deg2rad(prior_sigma_bias))
+    P0 = prior_covariance(prior_sigma_g, bias, float(np.deg2rad(prior_mounting)), prior_scale, loaded.gyro.apriori_G)
+    found = predict(loaded, from_s, None, P0)
+    whole = table(found)
+    if out:
+        write_csv(out, whole, digits=12)
+    note = f"{found.used} references used; their χ² about what was known before them is {found.chi2:.1f} of {found.dof}."
+    chosen = np.unique(np.linspace(0, len(whole) - 1, ROWS).round().astype(int))
+    render.terminal(console(), f"Attitude by gyro alone from {from_s:g} s", whole.iloc[chosen], note)
+
+
+def table(found: Prediction) -> pd.DataFrame:
+    """A row a time: inertial to body, scalar last, and 1-sigma about the body's axes."""
+    q = attitude.quaternion_from_matrix(found.A)
+    sigma = np.rad2deg(found.sigma) * ARCSEC
+    columns = {"t_s": found.t_s} | {f"q{k + 1}": q[:, k] for k in range(4)}
+    return pd.DataFrame(columns | {f"sigma_{axis}_arcsec": sigma[:, k] for k, axis in enumerate("xyz")})

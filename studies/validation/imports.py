@@ -1,0 +1,158 @@
+"""Does an import lead to a right calibration without an edit, and is a wrong mapping named?
+
+Each case draws the log of a MEMS gyro beside motion capture (`studies.validation.mems_log`): two tables, deg/s, milliseconds of
+unix time, quaternions with the scalar part first. They are imported by the mapping that is right, which tells nothing of bias,
+noise or intervals, and calibrated as they are. Then ten mappings that are wrong in one thing each are tried on the same tables:
+each must be refused with an error that names that thing, and nothing else, as what would fit.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping as Entries
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from scipy.stats import chi2
+
+from gyrocal import NAMES, InputError, calibrate
+from gyrocal.importing import checked
+from gyrocal.importing.build import build
+from gyrocal.importing.streams import streams
+from studies.montecarlo.statistics import binomial_interval
+from studies.montecarlo.study import Row, Streams, Study, StudyConfig
+from studies.report.checks import Check, at_least, at_most
+from studies.report.entry import Entry, Report
+from studies.report.tables import Table
+from studies.report.units import PPM_DEG_H, PPM_DEG_H_NAMES, columns
+from studies.validation.mems_log import SECONDS, Log, log
+
+RIGHT: dict[str, Any] = {
+    "time": "timestamp_ms:ms",
+    "gyro": "gx,gy,gz:deg/s",
+    "quat": "qw,qx,qy,qz:body-to-inertial",
+}
+OFFSET_S = 0.35
+NEAR_S = 0.02  # how near a named time offset must come
+# What is wrong, how, and what must be named; {} stands for a time offset.
+WRONG: Entries[str, tuple[dict[str, Any], str]] = {
+    "rad/s for deg/s": ({"gyro": "gx,gy,gz:rad/s"}, "the gyro in deg/s, not rad/s"),
+    "deg/h for deg/s": ({"gyro": "gx,gy,gz:deg/h"}, "the gyro in deg/s, not deg/h"),
+    "scalar last for first": (
+        {"quat": "qw,qx,qy,qz:body-to-inertial:scalar-last"},
+        "the quaternion's scalar part first (scalar-first)",
+    ),
+    "conjugate": ({"quat": "qw,qx,qy,qz:inertial-to-body"}, "the attitude from body to inertial (body-to-inertial)"),
+    "axes swapped": ({"gyro": "gy,gx,gz:deg/s"}, "the gyro's axes as y,x,z"),
+    "sign of an axis": ({"gyro": "gx,-gy,gz:deg/s"}, "the gyro's axes as x,-y,z"),
+    "axes in a cycle": ({"gyro": "gy,gz,gx:deg/s"}, "the gyro's axes as z,x,y"),
+    "s for ms": ({"time": "timestamp_ms:s"}, "times in ms, not s"),
+    "us for ms": ({"time": "timestamp_ms:us"}, "times in ms, not us"),
+    "time offset": ({"attitude_offset_s": OFFSET_S}, "{} s added to the attitudes' time tags"),
+}
+BOUND = 4.0  # sigma
+
+
+class ImportConfig(StudyConfig):
+    """What the study runs.
+
+    Attributes
+    ----------
+    cases : logs
+    seconds : length of each
+    """
+
+    cases: int = 100
+    seconds: float = SECONDS
+
+
+def refusal(data: Log, changes: dict[str, Any]) -> str:
+    """The error that a mapping with changes ends in; empty if it is taken."""
+    mapping = checked(RIGHT | changes, "mapping")
+    try:
+        build(streams(data.gyro, data.attitude, mapping), mapping)
+    except InputError as error:
+        return str(error)
+    return ""
+
+
+def is_named(message: str, wanted: str) -> bool:
+    """Whether a refusal names what is wanted as the only way that fits."""
+    found = re.search(r" % with (.*)$", message)
+    if found is None or "{}" not in wanted:
+        return found is not None and found.group(1) == wanted
+    number = re.fullmatch(re.escape(wanted).replace(r"\{\}", r"([-+][\d.e-]+)"), found.group(1))
+    return number is not None and abs(float(number.group(1)) + OFFSET_S) < NEAR_S
+
+
+def case(config: ImportConfig, number: int, streams_of: Streams) -> list[Row]:
+    """The calibration of an import, and a row for every wrong mapping."""
+    data = log(streams_of.generator("log"), config.seconds)
+    mapping = checked(RIGHT, "mapping")
+    result = calibrate(build(streams(data.gyro, data.attitude, mapping), mapping).recording)
+    error = result.parameters.vector - np.concatenate([data.G.ravel(), data.bias])
+    row: dict[str, Any] = {"kind": "right", "named": True, "chi2_per_dof": result.chi2 / result.dof}
+    row["nees"] = float(error @ np.linalg.solve(result.covariance, error))
+    row |= dict(zip(columns("error"), (error * PPM_DEG_H).tolist(), strict=True))
+    row |= dict(zip(columns("sigma"), (result.sigma * PPM_DEG_H).tolist(), strict=True))
+    rows: list[Row] = [row]
+    for kind, (changes, wanted) in WRONG.items():
+        message = refusal(data, changes)
+        rows.append({"kind": kind, "named": is_named(message, wanted), "message": message})
+    return rows
+
+
+STUDY = Study("studies.validation.imports:STUDY", ImportConfig, case)
+
+
+def parameters_table(rows: pd.DataFrame) -> pd.DataFrame:
+    """Errors of each parameter in its sigmas."""
+    right = rows[rows["kind"] == "right"]
+    errors, sigmas = right[columns("error")].to_numpy(float), right[columns("sigma")].to_numpy(float)
+    z = errors / sigmas
+    return pd.DataFrame(
+        {
+            "parameter": NAMES,
+            "unit": PPM_DEG_H_NAMES,
+            "sigma": sigmas.mean(axis=0),
+            "rms_error": np.sqrt(np.mean(np.square(errors), axis=0)),
+            "mean_in_standard_errors": errors.mean(axis=0) / (errors.std(axis=0, ddof=1) / np.sqrt(len(errors))),
+            "largest_error_in_sigma": np.abs(z).max(axis=0),
+            f"share_within_{BOUND:g}_sigma": np.mean(np.abs(z) <= BOUND, axis=0),
+        }
+    )
+
+
+def named_table(rows: pd.DataFrame) -> pd.DataFrame:
+    """How often each wrong mapping is named, with an interval of 95 %."""
+    out = []
+    for kind in WRONG:
+        part = rows[rows["kind"] == kind]["named"].astype(bool)
+        low, high = binomial_interval(int(part.sum()), len(part))
+        out.append({"wrong": kind, "trials": len(part), "named": int(part.sum()), "low": low, "high": high})
+    return pd.DataFrame(out)
+
+
+NEES = "The mean NEES of the twelve parameters; its bounds are those of a consistent covariance at 99 %."
+
+
+def report(config: ImportConfig, rows: pd.DataFrame) -> Report:
+    """Errors in sigmas, and how often a wrong mapping is named."""
+    table, named = parameters_table(rows), named_table(rows)
+    nees = rows[rows["kind"] == "right"]["nees"].astype(float)
+    bounds = tuple(float(x) / len(nees) for x in chi2.ppf([0.005, 0.995], 12 * len(nees)))
+    checks = [
+        Check("largest error of a parameter", float(table["largest_error_in_sigma"].max()), at_most(BOUND), "sigma"),
+        Check("mean NEES", float(nees.mean()), (bounds[0], bounds[1]), "", NEES),
+    ]
+    for line in named.to_dict("records"):
+        checks.append(Check(f"named: {line['wrong']}", line["named"] / line["trials"], at_least(0.95)))
+    tables = {
+        "parameters": Table("Calibration of an import, nothing edited", table),
+        "named": Table("Wrong mappings, and how often the right one is named alone", named),
+    }
+    return Report(tables, {}, tuple(checks))
+
+
+ENTRY = Entry(STUDY, "somebody's tables: is the calibration of an import right, and is a wrong mapping named?", report)

@@ -1,0 +1,77 @@
+"""The log of a simulated MEMS gyro beside a motion-capture system, as two tables that somebody might have.
+
+Body rates are sums of sines about each axis between two rests. They are constant over each sample of the gyro, so that the
+attitude is an exact product of rotations by scipy, none of the calibrator's own propagation. ω = G ω_raw + b, as everywhere.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+Array = NDArray[np.float64]
+
+SAMPLE_S = 0.01
+EVERY = 10  # gyro samples between attitudes
+SECONDS = 180.0
+REST_S = 6.0
+TONES = 4  # about each axis
+RATES_DEG_S = (10.0, 30.0)
+FREQUENCIES_HZ = (0.05, 0.6)
+G_SIGMA = 0.01
+BIAS_DEG_S = 0.4
+ARW_DEG_PER_SQRT_S = 0.005
+SIGMA_DEG = 0.1
+UNIX_MS = 1_700_000_000_123
+
+
+@dataclass(frozen=True)
+class Log:
+    """Both tables and the truth.
+
+    Attributes
+    ----------
+    gyro : timestamp_ms (unix time), gx, gy, gz (deg/s)
+    attitude : timestamp_ms, qw, qx, qy, qz: body to world
+    G, bias : (3, 3), and (3,) rad/s
+    """
+
+    gyro: pd.DataFrame
+    attitude: pd.DataFrame
+    G: Array
+    bias: Array
+
+
+def log(rng: np.random.Generator, seconds: float = SECONDS) -> Log:
+    """Draw a motion, a gyro and their noise."""
+    count = round(seconds / SAMPLE_S)
+    t = np.arange(count) * SAMPLE_S
+    size, frequency, phase = (rng.uniform(*room, (TONES, 3)) for room in (RATES_DEG_S, FREQUENCIES_HZ, (0.0, 2 * np.pi)))
+    omega = np.sum(size * np.sin(2 * np.pi * frequency * t[:, None, None] + phase), axis=1)
+    rising = np.clip(np.minimum(t - REST_S, seconds - REST_S - t), 0.0, 1.0)
+    omega = np.deg2rad(omega * rising[:, None])
+    G = np.eye(3) + rng.normal(size=(3, 3)) * G_SIGMA
+    bias = np.deg2rad(BIAS_DEG_S) * rng.choice([-1.0, 1.0], 3)
+    white = rng.normal(size=(count, 3)) * np.deg2rad(ARW_DEG_PER_SQRT_S) / np.sqrt(SAMPLE_S)
+    raw = np.linalg.solve(G, (omega - bias).T).T + white
+    bodies = _attitudes(omega, Rotation.random(random_state=rng).as_matrix())[::EVERY]
+    error = Rotation.from_rotvec(rng.normal(size=(len(bodies), 3)) * np.deg2rad(SIGMA_DEG))
+    q = np.roll((Rotation.from_matrix(bodies) * error).as_quat(), 1, axis=1)
+    step_ms = round(1e3 * SAMPLE_S)
+    gyro = pd.DataFrame(np.rad2deg(raw), columns=["gx", "gy", "gz"])
+    attitude = pd.DataFrame(q, columns=["qw", "qx", "qy", "qz"])
+    gyro.insert(0, "timestamp_ms", UNIX_MS + step_ms * np.arange(count))
+    attitude.insert(0, "timestamp_ms", UNIX_MS + step_ms * EVERY * np.arange(len(q)))
+    return Log(gyro, attitude, G, bias)
+
+
+def _attitudes(omega: Array, start: Array) -> Array:
+    """(n + 1, 3, 3) body-to-world matrices: C ← C exp([ω×]Δt)."""
+    steps = Rotation.from_rotvec(omega * SAMPLE_S).as_matrix()
+    out = np.empty((len(steps) + 1, 3, 3))
+    out[0] = start
+    for k, step in enumerate(steps):
+        out[k + 1] = out[k] @ step
+    return out

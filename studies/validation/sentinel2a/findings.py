@@ -1,0 +1,214 @@
+"""What the first 65 s tell.
+
+Drift: with e(t) what an attitude of the trackers differs by from the one that the gyro carries along from a single start, the
+drift over τ is e(t + τ) − R e(t), R the turn between the two: what the gyro alone would be wrong by after τ, with the noise of
+both attitudes in it. All pairs of 10 Hz attitudes τ apart are taken; the number is the RMS over them and the three axes. *Held
+out* is a third of the time at once: parameters come from the other two, and pairs with an end or both in that third count.
+"""
+
+from __future__ import annotations
+
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.signal import periodogram
+
+from gyrocal import Attitudes, Interval, Recording, attitude, calibrate, propagate
+from gyrocal.calibration.sampling import measurements
+from gyrocal.estimation.predict import Prediction, conditioned, predict
+from studies.validation.sentinel2a.flown import ARCSEC, LSB_RAD, Flown, known
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+DRIFTS_S = (10.0, 30.0, 60.0)
+THIRDS = 3
+CHECK_FROM_S = (22.0, 33.0, 43.0)
+BLOCK_S = 7.0
+SLOW_HZ = 4.0  # tones are looked for below
+
+MODELS: dict[str, dict[str, bool] | None] = {
+    "nominal count, as imported": None,
+    "mounting": {"scale": False, "bias": False},
+    "mounting and scale factor": {"bias": False},
+    "mounting, scale factor, shape and bias": {},
+}
+
+
+def carried(flown: Flown, used: Mask, prior: Array | None) -> tuple[Prediction, Array]:
+    """A fit to the references used, and e (m, 3), rad, of all dense attitudes about the gyro alone from the first one on."""
+    recording, dense = flown.recording, flown.dense
+    # The prediction's times do not matter here: its parameters do.
+    times = recording.attitudes.t_s[1:]
+    fit = conditioned(recording, used, times, known(False, False, False) if prior is None else prior)
+    inside = dense.t_s >= recording.gyro.t_s[0]
+    t_s, q = dense.t_s[inside], dense.q[inside]
+    whole = Recording(
+        recording.title,
+        recording.epoch,
+        recording.gyro,
+        Attitudes(t_s, q, np.full((t_s.size, 3), 1e-5)),
+        (Interval("all", "", float(t_s[0]), float(t_s[-1])),),
+    )
+    run = propagate(measurements(whole).arcs, fit.parameters.G, fit.parameters.bias)
+    A = attitude.matrix_from_quaternion(q)
+    R = np.concatenate([np.eye(3)[None], run.R])
+    return fit, np.concatenate([attitude.residual(A, R @ A[0]), t_s[:, None], R.reshape(-1, 9)], axis=1)
+
+
+def drift(path: Array, over_s: float, within: tuple[float, float] = (-np.inf, np.inf)) -> Array:
+    """(n, 3) drifts over a time, rad, of the pairs with an end within some times."""
+    e, t, R = path[:, :3], path[:, 3], path[:, 4:].reshape(-1, 3, 3)
+    later = np.searchsorted(t, t + over_s - 0.05)
+    first = np.flatnonzero(later < t.size)
+    later = later[first]
+    inside = (t >= within[0]) & (t <= within[1])
+    chosen = inside[first] | inside[later]
+    first, later = first[chosen], later[chosen]
+    turn = R[later] @ R[first].transpose(0, 2, 1)
+    return np.asarray(e[later] - np.einsum("nij,nj->ni", turn, e[first]))
+
+
+def rms(values: Array) -> float:
+    """Root mean square over rows and axes."""
+    return float(np.sqrt(np.mean(np.square(values)))) if values.size else float("nan")
+
+
+def drift_rows(flown: Flown) -> list[dict[str, Any]]:
+    """Drift over each time by each model, fitted to all and held out."""
+    t_ref = flown.recording.attitudes.t_s
+    edges = np.linspace(t_ref[0], t_ref[-1], THIRDS + 1)
+    rows = []
+    for model, options in MODELS.items():
+        prior = None if options is None else known(**options)
+        _, whole = carried(flown, np.ones(t_ref.size, dtype=bool), prior)
+        held: dict[float, list[Array]] = {over: [] for over in DRIFTS_S}
+        for third in pairwise(edges.tolist()):
+            _, path = carried(flown, (t_ref < third[0]) | (t_ref > third[1]), prior)
+            for over in DRIFTS_S:
+                held[over].append(drift(path, over, third))
+        for over in DRIFTS_S:
+            row = {"kind": "drift", "what": model, "over_s": over}
+            row |= {
+                "fitted_arcsec": rms(drift(whole, over)) * ARCSEC,
+                "held_out_arcsec": rms(np.concatenate(held[over])) * ARCSEC,
+            }
+            rows.append(row)
+    return rows
+
+
+def noise_rows(flown: Flown) -> list[dict[str, Any]]:
+    """Parity of the gyros, tracker against tracker, and each tracker's own noise."""
+    parity = flown.imported.parity[:, 0] * ARCSEC * flown.recording.gyro.sample_s
+    fresh = parity - parity.mean()
+    values = {
+        "parity of a gyro, mean": (float(parity.mean()), "arcsec/s"),
+        "parity of a gyro, scatter of 1 s": (float(parity.std(ddof=1)), "arcsec"),
+        "parity, correlation of successive seconds": (float(fresh[1:] @ fresh[:-1] / (fresh @ fresh)), ""),
+        "angle random walk of the body rates, at most": (flown.recording.gyro.arw * ARCSEC, "arcsec/sqrt(s)"),
+    }
+    ((name, apart),) = flown.dense.apart.items()
+    first = next(iter(flown.dense.mounting))
+    turn = np.arccos(np.clip((np.trace(flown.dense.mounting[name]) - 1) / 2, -1, 1))
+    values[f"angle of the turn from {name} to {first}"] = (float(np.rad2deg(turn)), "deg")
+    size = round(BLOCK_S / float(np.median(np.diff(flown.dense.t_s))))
+    blocks = apart[: len(apart) // size * size].reshape(-1, size, 3).mean(axis=1)
+    for k, axis in enumerate("xyz"):
+        values[f"{name} against {first} about {first} {axis}"] = (float(apart[:, k].std() * ARCSEC), "arcsec")
+        values[f"means of {BLOCK_S:g} s of {name} against {first} about {first} {axis}"] = (
+            float(blocks[:, k].std() * ARCSEC),
+            "arcsec",
+        )
+        for tracker, sigma in flown.sigma.items():
+            values[f"1-sigma of {tracker} about its {axis}, second differences"] = (float(sigma[k] * ARCSEC), "arcsec")
+    return [{"kind": "noise", "what": what, "value": value, "unit": unit} for what, (value, unit) in values.items()]
+
+
+def parameter_rows(flown: Flown) -> list[dict[str, Any]]:
+    """G and b, the size of a count, and what of it cannot be told apart."""
+    fit = calibrate(flown.recording, apriori_covariance=known())
+    omega = flown.recording.gyro.rates[flown.recording.gyro.t_s < 64.0]
+    mean = omega.mean(axis=0)
+    along = mean / np.linalg.norm(mean)
+    # A common scale factor s and a bias b∥ along the mean rate turn the body by s |ω| + b∥.
+    scale = np.concatenate([np.eye(3).ravel() / 3, np.zeros(3)])
+    bias = np.concatenate([np.zeros(9), along])
+    both = scale * np.linalg.norm(mean) + bias
+    sigma = {name: float(np.sqrt(v @ fit.covariance @ v)) for name, v in (("s", scale), ("b", bias), ("sum", both))}
+    correlation = float(scale @ fit.covariance @ bias / (sigma["s"] * sigma["b"]))
+    size = float(scale @ fit.parameters.vector)
+    deg_h = np.rad2deg(1.0) * 3600
+    values = {
+        "mean rate": (float(np.rad2deg(np.linalg.norm(mean))), 0.0, "deg/s"),
+        "RMS of the rate about its mean": (float(np.rad2deg(omega.std(axis=0)).max()), 0.0, "deg/s"),
+        "angle of a count": (LSB_RAD * size * 1e9, LSB_RAD * sigma["s"] * 1e9, "nrad"),
+        "common scale factor": (1e6 * (size - 1), 1e6 * sigma["s"], "ppm"),
+        "bias along the mean rate": (float(bias @ fit.parameters.vector) * deg_h, sigma["b"] * deg_h, "deg/h"),
+        "scale factor times mean rate plus bias along it": (
+            float(both @ fit.parameters.vector - np.linalg.norm(mean)) * deg_h,
+            sigma["sum"] * deg_h,
+            "deg/h",
+        ),
+        "correlation of the errors of scale factor and bias along": (correlation, 0.0, ""),
+        "chi2 per degree of freedom": (fit.chi2 / fit.dof, 0.0, ""),
+    }
+    rows = [
+        {"kind": "parameter", "what": what, "value": value, "sigma": s, "unit": unit}
+        for what, (value, s, unit) in values.items()
+    ]
+    return rows + [{"kind": "not identifiable", "what": text} for text in fit.observability.unobservable]
+
+
+def left_rows(flown: Flown) -> list[dict[str, Any]]:
+    """What is left about the fit, of both trackers together and of each about its own axes: size, correlation, strongest tone.
+
+    A tone that both trackers have may be motion that gyros read once a second do not show; one of a single tracker is its own.
+    """
+    recording, dense = flown.recording, flown.dense
+    inside = dense.t_s > recording.attitudes.t_s[0]
+    times = dense.t_s[inside]
+    found = conditioned(recording, np.ones(recording.attitudes.t_s.size, dtype=bool), times, known())
+    left = {"both, body": attitude.residual(attitude.matrix_from_quaternion(dense.q)[inside], found.A)}
+    for name, M in dense.mounting.items():
+        t, A = flown.tracker(name)
+        left[name] = attitude.residual(A[np.searchsorted(t, times - 0.01)], M.T @ found.A)
+    rate = 1 / float(np.median(np.diff(times)))
+    lag = round(0.5 * rate)
+    rows = []
+    for name, values in left.items():
+        for axis, x in zip("xyz", (values - values.mean(axis=0)).T * ARCSEC, strict=True):
+            f, power = periodogram(x, rate)
+            below = (f > 0) & (f < SLOW_HZ)
+            best = int(np.argmax(np.where(below, power, 0.0)))
+            row = {"kind": "left", "what": f"{name} {axis}", "rms_arcsec": float(x.std())}
+            row |= {"correlation_after_0.1_s": float(x[1:] @ x[:-1] / (x @ x))}
+            row |= {"correlation_after_0.5_s": float(x[lag:] @ x[:-lag] / (x @ x)), "tone_hz": float(f[best])}
+            row["tone_amplitude_arcsec"] = float(np.sqrt(2 * power[best] * (f[1] - f[0])))
+            rows.append(row | {"tone_over_median_power": float(power[best] / np.median(power[below]))})
+    return rows
+
+
+def check_rows(flown: Flown) -> list[dict[str, Any]]:
+    """Predictions inside the first 65 s against the trackers' own attitudes, in sigmas."""
+    rows = []
+    for start in CHECK_FROM_S:
+        for name, M in flown.dense.mounting.items():
+            t, A = flown.tracker(name)
+            chosen = t > start
+            found = predict(flown.recording, start, t[chosen], known())
+            error = attitude.residual(A[chosen], M.T @ found.A)
+            sigma = np.sqrt(np.diagonal(reading_covariance(flown, name, found), axis1=1, axis2=2))
+            for k, axis in enumerate("xyz"):
+                row = {"kind": "check", "what": f"{name} {axis}", "from_s": start}
+                row |= {"rms_arcsec": rms(error[:, k]) * ARCSEC, "sigma_arcsec": rms(sigma[:, k]) * ARCSEC}
+                rows.append(row | {"rms_in_sigma": rms(error[:, k] / sigma[:, k])})
+    return rows
+
+
+def reading_covariance(flown: Flown, name: str, found: Prediction) -> Array:
+    """(k, 3, 3) rad² about a tracker's own axes, of its reading less the prediction: attitude, mounting and its own noise."""
+    M = flown.dense.mounting[name]
+    own = np.diag(np.square(flown.sigma[name]))
+    return np.asarray(M.T @ (found.covariance + flown.mounting_covariance) @ M + own)

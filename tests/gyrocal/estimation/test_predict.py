@@ -1,0 +1,114 @@
+"""The attitude by gyro alone: unbiased, with the covariance of its errors, and none of what it was not told."""
+
+import re
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from gyrocal import GyroParameters, InputError, attitude
+from gyrocal.estimation.predict import conditioned, predict, prior_covariance
+from tests import ROOT
+from tests.builders import RPO, TRUTH, mean_bounds, piecewise_recording
+
+DEG_S = np.deg2rad(1.0)
+PLAN = (
+    (
+        ((0.0, -RPO, 0.0), 200.0),
+        ((0.1 * DEG_S, 0.0, 0.0), 200.0),
+        ((0.0, 0.0, 0.15 * DEG_S), 200.0),
+        ((0.05 * DEG_S, -0.1 * DEG_S, 0.0), 200.0),
+        ((0.0, 0.08 * DEG_S, -0.1 * DEG_S), 200.0),
+    ),
+)
+SIGMA_G, SIGMA_BIAS, FROM_S = 2e-3, np.deg2rad(2.0 / 3600), 650.0
+P0 = prior_covariance(SIGMA_G, SIGMA_BIAS)
+ARW = 2e-7
+QUIET = piecewise_recording(PLAN, series_s=20.0)
+
+
+def drawn(seed):
+    """A noisy recording whose a-priori parameters are drawn about the truth."""
+    rng = np.random.default_rng(seed)
+    start = GyroParameters.from_vector(TRUTH.vector + rng.normal(size=12) * np.sqrt(np.diag(P0)))
+    return piecewise_recording(PLAN, series_s=20.0, rng=rng, arw=ARW, apriori=start)
+
+
+def error(found):
+    """(k, 3) of a prediction at the times of references, against the attitudes without noise."""
+    rows = np.searchsorted(QUIET.attitudes.t_s, found.t_s - 1e-6)
+    return attitude.residual(attitude.matrix_from_quaternion(QUIET.attitudes.quaternions[rows]), found.A)
+
+
+def test_without_noise_the_truth_is_predicted():
+    gyro = replace(QUIET.gyro, apriori_G=TRUTH.G, apriori_bias=TRUTH.bias, arw=1e-12)
+    sharp = replace(QUIET, gyro=gyro, attitudes=replace(QUIET.attitudes, sigma=QUIET.attitudes.sigma * 1e-4))
+    found = predict(sharp, FROM_S, np.array([700.0, 1000.0]), prior_covariance(1e-9, 1e-12))
+    np.testing.assert_allclose(error(found), 0.0, atol=1e-8)
+
+
+def test_errors_have_the_covariance_that_is_claimed():
+    cases, times = 60, np.array([660.0, 800.0, 1000.0])
+    nees = np.zeros((cases, times.size))
+    whole = np.zeros(cases)
+    chi2 = np.zeros(cases)
+    for seed in range(cases):
+        found = predict(drawn(seed), FROM_S, times, P0)
+        nees[seed] = np.einsum("ki,kij,kj->k", error(found), np.linalg.inv(found.covariance), error(found))
+        off = found.parameters.vector - TRUTH.vector
+        whole[seed] = off @ np.linalg.solve(found.parameter_covariance, off)
+        chi2[seed] = found.chi2 - found.dof + 3  # three of the residuals made the anchor
+    low, high = mean_bounds(3, cases)
+    assert ((nees.mean(axis=0) > low) & (nees.mean(axis=0) < high)).all(), nees.mean(axis=0)
+    low, high = mean_bounds(12, cases)
+    assert low < whole.mean() < high
+    assert abs(chi2.mean()) < 4 * np.sqrt(2 * found.dof / cases)
+
+
+def test_a_claim_without_the_parameters_is_refuted():
+    errors = []
+    for seed in range(20):
+        found = predict(drawn(seed), FROM_S, np.array([1000.0]), prior_covariance(1e-9, 1e-12))
+        errors.append(error(found)[0] / found.sigma[0])
+    assert np.mean(np.square(errors)) > 10.0
+
+
+def test_times_inside_are_smoothed_and_a_hole_is_bridged():
+    recording = drawn(3)
+    t = recording.attitudes.t_s
+    hole = (t > 300.0) & (t < 500.0)
+    found = conditioned(recording, ~hole, t[hole], P0)
+    middle, edge = found.sigma[len(found.sigma) // 2], found.sigma[0]
+    assert (middle > edge).all()
+    assert (np.abs(error(found)) < 4.5 * found.sigma).all()
+    seen = conditioned(recording, np.ones_like(hole), t[hole], P0)
+    assert (seen.sigma < found.sigma).all()
+
+
+def test_a_common_rotation_and_scale_are_widened_alone():
+    G = TRUTH.G
+    P = prior_covariance(1e-12, 1e-15, 0.1, 0.01, G)
+    turned = (attitude.cross_matrix(np.array([0.0, 0.0, 1.0])) @ G).ravel()
+    np.testing.assert_allclose(P[:9, :9] @ turned / (0.1**2 * (turned @ turned)), turned, atol=1e-3)
+    assert np.linalg.matrix_rank(P[:9, :9], tol=1e-9) == 4
+
+
+@pytest.mark.parametrize(
+    ("from_s", "times", "words"),
+    [
+        (-5.0, None, "no interval begins before"),
+        (1e6, None, "the gyro ends at"),
+        (500.0, np.array([2000.0]), "the gyro ends at"),
+    ],
+)
+def test_what_cannot_be_predicted_is_said(from_s, times, words):
+    with pytest.raises(InputError, match=words):
+        predict(QUIET, from_s, times)
+
+
+def test_the_page_s_example():
+    (block,) = re.findall(r"```python\n(.*?)```", (ROOT / "docs" / "predict.md").read_text(), flags=re.DOTALL)
+    namespace = {}
+    exec(compile(block, "predict.md", "exec"), namespace)
+    sigma = namespace["found"].sigma
+    assert (sigma[-1] > sigma[0]).all()

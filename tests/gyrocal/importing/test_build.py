@@ -1,0 +1,244 @@
+"""From tables to recordings: sensors joined, rests, noise, intervals, and what is refused."""
+
+from dataclasses import replace
+from itertools import pairwise
+
+import numpy as np
+import pandas as pd
+import pytest
+from scipy.spatial.transform import Rotation
+
+import gyrocal
+from gyrocal import InputError, attitude, importing
+from gyrocal.importing import agreement, checked, noise
+from gyrocal.importing.build import build, estimated_mounting, motion_of
+from gyrocal.importing.sensors import together
+from gyrocal.importing.streams import Sensor, Streams, streams
+from studies.validation import mems_log
+from studies.validation.imports import RIGHT, WRONG, is_named, refusal
+from tests.builders import piecewise_recording
+
+
+@pytest.fixture(scope="module")
+def data():
+    return mems_log.log(np.random.default_rng(5), seconds=120.0)
+
+
+@pytest.fixture(scope="module")
+def imported(data):
+    mapping = checked(RIGHT, "mapping")
+    return build(streams(data.gyro, data.attitude, mapping), mapping)
+
+
+def test_noise_bias_and_rests_are_found(imported, data):
+    gyro = imported.recording.gyro
+    assert np.rad2deg(gyro.arw) == pytest.approx(mems_log.ARW_DEG_PER_SQRT_S, rel=0.05)
+    assert np.rad2deg(imported.recording.attitudes.sigma) == pytest.approx(mems_log.SIGMA_DEG, rel=0.15)
+    # At rest G ω_raw + b = 0 up to noise; the bias to start from has G = I.
+    np.testing.assert_allclose(gyro.apriori_bias, np.linalg.solve(data.G, data.bias), rtol=0.02)
+    assert "2 rest(s) found" in imported.assumed
+
+
+def test_every_attitude_used_is_in_one_interval(imported):
+    intervals = imported.recording.intervals
+    assert all(b.start_s > a.stop_s for a, b in pairwise(intervals))
+    assert max(one.stop_s - one.start_s for one in intervals) < 31
+
+
+def test_calibration_without_an_edit(imported, data):
+    result = gyrocal.calibrate(imported.recording)
+    error = result.parameters.vector - np.concatenate([data.G.ravel(), data.bias])
+    assert (np.abs(error) < 4 * result.sigma).all()
+    assert result.converged
+
+
+@pytest.mark.parametrize("kind", WRONG)
+def test_a_wrong_mapping_is_named(data, kind):
+    changes, wanted = WRONG[kind]
+    message = refusal(data, changes)
+    assert is_named(message, wanted), message
+
+
+def test_two_faults_are_named_together(data):
+    message = refusal(data, {"gyro": "gx,gy,gz:rad/s", "quat": "qw,qx,qy,qz:inertial-to-body"})
+    assert message.endswith("the attitude from body to inertial (body-to-inertial) and the gyro in deg/s, not rad/s")
+
+
+def test_a_scalar_last_file_read_as_scalar_first(data):
+    table = data.attitude[["timestamp_ms", "qx", "qy", "qz", "qw"]].set_axis(["timestamp_ms", "a", "b", "c", "d"], axis=1)
+    for direction in ("body-to-world", "world-to-body"):
+        turned = table if direction == "body-to-world" else table.assign(a=-table["a"], b=-table["b"], c=-table["c"])
+        message = refusal(replace(data, attitude=turned), {"quat": f"a,b,c,d:{direction}:scalar-first"})
+        assert message.endswith(" % with the quaternion's scalar part last (scalar-last)")
+
+
+def test_another_bodys_attitudes_fit_nothing(data):
+    other = mems_log.log(np.random.default_rng(6), seconds=120.0)
+    message = refusal(replace(data, attitude=other.attitude), {})
+    assert "are they of the same body and time?" in message
+
+
+def test_unchecked_tables_are_taken_and_it_is_written_down(data):
+    mapping = checked(RIGHT | {"gyro": "gy,gx,gz:deg/s"}, "mapping")
+    made = build(streams(data.gyro, data.attitude, mapping), mapping, check=False)
+    assert any("imported unchecked although" in text and "y,x,z" in text for text in made.assumed)
+
+
+def test_notes_stand_beside_a_recording_of_the_same_format(imported, tmp_path):
+    importing.write(imported, tmp_path)
+    again = gyrocal.load(tmp_path)
+    np.testing.assert_allclose(again.gyro.rates, imported.recording.gyro.rates, rtol=1e-15)
+    notes = gyrocal.recording.read_toml(tmp_path / importing.NOTES)
+    assert notes["mapping"] == RIGHT
+    assert notes["assumed"] == list(imported.assumed)
+
+
+def test_tables_of_different_times_say_which_unit_would_do(data):
+    later = data.attitude.assign(timestamp_ms=data.attitude["timestamp_ms"] + 10**7)
+    assert "is one of the time tags offset?" in refusal(replace(data, attitude=later), {})
+    started = data.attitude["timestamp_ms"] - mems_log.UNIX_MS
+    g = data.gyro.assign(timestamp_ms=(data.gyro["timestamp_ms"] - mems_log.UNIX_MS) / 1000)
+    wrong = replace(data, gyro=g, attitude=data.attitude.assign(timestamp_ms=started))
+    assert "with the attitudes' time unit 1000 times finer" in refusal(wrong, {"time": "timestamp_ms:s"})
+
+
+def test_a_delay_of_a_few_samples_is_said_and_not_refused(data):
+    mapping = checked(RIGHT | {"attitude_offset_s": 0.05}, "mapping")
+    made = build(streams(data.gyro, data.attitude, mapping), mapping)
+    assert any("-0.05 s added" in text and "not undone" in text for text in made.assumed)
+
+
+def test_a_gap_ends_an_interval(data):
+    mapping = checked(RIGHT | {"interval_s": 1000.0}, "mapping")
+    holed = data.gyro[(data.gyro.index < 5000) | (data.gyro.index > 5100)]
+    made = build(streams(holed, data.attitude, mapping), mapping)
+    first, second = made.recording.intervals
+    assert first.stop_s <= second.start_s
+    gyrocal.calibrate(made.recording)
+
+
+def test_a_large_bias_is_named_by_the_calibration():
+    recording = piecewise_recording(series_s=50.0)
+    biased = replace(recording, gyro=replace(recording.gyro, rates=recording.gyro.rates + np.deg2rad(0.03)))
+    with pytest.raises(InputError, match=r"too large to linearise.*with a bias of -0.03\d*, -0.0\d*, -0.0\d* deg/s"):
+        gyrocal.calibrate(biased)
+
+
+def test_a_wrong_unit_is_named_by_the_calibration(imported):
+    gyro = imported.recording.gyro
+    with pytest.raises(InputError, match="the gyro in rad/s, not deg/s"):
+        gyrocal.calibrate(replace(imported.recording, gyro=replace(gyro, rates=np.deg2rad(gyro.rates))))
+
+
+# Several sensors and gyros, in closed form.
+
+MOUNTING = Rotation.from_rotvec([0.3, 1.0, -0.4])  # second sensor's axes to the first's
+
+
+def turning(n=3000, dt=0.1, rng=None):
+    """Body-to-inertial rotations at constant rates about an axis that changes, and the rates."""
+    t = dt * np.arange(n)
+    omega = np.deg2rad(np.column_stack([np.sin(0.05 * t), 2 * np.cos(0.021 * t), np.sin(0.033 * t + 1)]))
+    steps = Rotation.from_rotvec(omega * dt).as_matrix()
+    bodies = np.empty((n + 1, 3, 3))
+    bodies[0] = np.eye(3)
+    for k, step in enumerate(steps):
+        bodies[k + 1] = bodies[k] @ step
+    return t, omega, Rotation.from_matrix(bodies[:-1])
+
+
+def test_two_sensors_are_one_body():
+    rng = np.random.default_rng(8)
+    t, _, body = turning()
+    own, its = np.deg2rad([0.001, 0.002, 0.008]), np.deg2rad([0.002, 0.001, 0.01])
+    errors = [Rotation.from_rotvec(rng.normal(size=(t.size, 3)) * sigma) for sigma in (own, its)]
+    first = Sensor("A", t, (body * errors[0]).as_quat())
+    second = Sensor("B", t, (body * MOUNTING * errors[1]).as_quat())
+    joined = together((first, second), None)
+    angle = (Rotation.from_matrix(joined.mounting["B"]).inv() * MOUNTING).magnitude()
+    assert angle < 4 * np.deg2rad(0.01) / np.sqrt(t.size)
+    for name, sigma in (("A", own), ("B", its)):
+        # Second differences of n samples of white noise: 35/18 of the variance of as many independent ones.
+        np.testing.assert_allclose(joined.sigma[name], sigma, rtol=4 * np.sqrt(35 / 18 / 2 / t.size))
+    weighted = together((first, second), {"A": own, "B": its})
+    error = attitude.residual(attitude.matrix_from_quaternion(weighted.q), body.as_matrix().transpose(0, 2, 1))
+    nees = np.einsum("ni,ij,nj->n", error, np.linalg.inv(weighted.covariance), error)
+    assert nees.mean() == pytest.approx(3.0, abs=4 * np.sqrt(6 / t.size))
+
+
+def four(mirror=1.0, rng=None, walk=0.0):
+    """Streams of a tetrahedron of gyros, turned against the body, and the body's attitudes."""
+    t, omega, body = turning()
+    axes = np.array(importing.mapping.TETRAHEDRON) * [1.0, 1.0, mirror]
+    own = MOUNTING.inv().apply(omega)
+    noise_of = 0.0 if rng is None else rng.normal(size=(t.size, 4)) * walk / np.sqrt(0.1)
+    sensor = Sensor("", t, body.as_quat())
+    return Streams(t, own @ axes.T + noise_of, 0.1, tuple("1234"), (sensor,), "", "s", ()), omega
+
+
+@pytest.mark.parametrize("mirror", [1.0, -1.0])
+def test_the_mounting_of_a_tetrahedron_is_estimated(mirror):
+    made, omega = four(mirror)
+    G = checked(RIGHT | {"axes": "tetrahedron"}, "x").directions(4)
+    windows = motion_of(made, made.raw @ G.T, together(made.sensors, None))
+    C = estimated_mounting(windows, mirrored=True)
+    assert np.sign(np.linalg.det(C)) == mirror
+    np.testing.assert_allclose(made.raw @ (C @ G).T, omega, atol=2e-3 * np.abs(omega).max())
+    assert np.linalg.det(estimated_mounting(windows, mirrored=False)) > 0
+
+
+def test_parity_is_free_of_motion_and_has_the_gyros_noise():
+    walk = np.deg2rad(1e-5)
+    made, _ = four(rng=np.random.default_rng(2), walk=walk)
+    entries = {"axes": "tetrahedron", "mounting": "estimate", "sigma_deg": [1e-4] * 3, "bias_deg_s": [0.0] * 3}
+    found = build(made, checked(RIGHT | entries, "x"))
+    assert found.parity.shape == (3000, 1)
+    assert found.parity.std() == pytest.approx(walk / np.sqrt(0.1), rel=0.06)
+    # The least-squares rate of four unit vectors in a tetrahedron has 3/4 of one gyro's variance.
+    assert found.recording.gyro.arw == pytest.approx(walk * np.sqrt(0.75), rel=0.1)
+    faulty = replace(made, raw=made.raw + np.outer(made.t_s > 150.0, [0, 0, 1e-4, 0]))
+    moved = build(faulty, checked(RIGHT | entries | {"arw_deg_per_sqrt_s": 1e-5}, "x"), check=False).parity[:, 0]
+    step = moved[1600:].mean() - moved[:1400].mean()
+    assert abs(step) == pytest.approx(1e-4 / 2, rel=0.02)  # a tetrahedron's parity row is (±1, ±1, ±1, ±1) / 2
+    housekeeping = found.recording.tables["housekeeping"]
+    assert list(housekeeping.columns) == ["t_s", *(f"gyro_{k}_deg_s" for k in "1234"), "parity_1_deg_s"]
+
+
+def test_rests_of_a_body_that_turns_steadily_are_none():
+    rng = np.random.default_rng(0)
+    rates = np.tile(np.deg2rad([0.0, 0.06, 0.0]), (600, 1)) + rng.normal(size=(600, 3)) * 1e-7
+    assert noise.rests(rates, 0.1, np.full(600, np.deg2rad(0.06))) == []
+    still = np.where(np.arange(600) < 100, 0.0, np.deg2rad(0.06))
+    ((first, stop),) = noise.rests(
+        np.where(still[:, None] > 0, rates * 10 + rng.normal(size=(600, 3)) * 1e-3, rates), 0.1, still
+    )
+    assert 0 <= first <= 10
+    assert 90 <= stop <= 100
+
+
+def test_walk_of_white_rates():
+    rng = np.random.default_rng(4)
+    rates = rng.normal(size=(20000, 3)) * 1e-3 / np.sqrt(0.01)
+    np.testing.assert_allclose(noise.allan_walk([rates], 0.01), 1e-3, rtol=0.05)
+    np.testing.assert_allclose(noise.third_differences(rates, 0.01), 1e-3, rtol=0.05)
+    assert noise.allan_walk([rates[:20]], 0.01) is None
+
+
+def test_a_single_axis_leaves_what_it_cannot_tell_in_the_message(data):
+    t, omega, _ = turning(600)
+    about_z = np.column_stack([np.zeros(600), np.zeros(600), omega[:, 1]])
+    angle = np.concatenate([[0.0], np.cumsum(about_z[:-1, 2] * 0.1)])
+    q = Rotation.from_rotvec(np.outer(angle, [0, 0, 1.0])).as_quat()
+    windows = agreement.motion(t, -about_z, 0.1, t, q)
+    found = agreement.agreement(windows, "deg/s", "s", "scalar-last")
+    assert not found.fits
+    # A sign and a direction are one change each, and turns about one axis do not tell them apart.
+    assert " or " in found.sentence
+    assert "x,y,-z" in found.sentence
+    assert "inertial-to-body" in found.sentence
+
+
+def test_summary_has_what_was_assumed(imported):
+    table = imported.summary()
+    assert isinstance(table, pd.DataFrame)
+    assert set(imported.assumed) <= set(table["value"])

@@ -1,0 +1,99 @@
+"""Attitudes in every convention are the same A(q)."""
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from gyrocal import InputError, attitude
+from gyrocal.importing import mapping
+
+BODY = Rotation.random(20, rng=np.random.default_rng(3))  # active: body to inertial
+A = BODY.as_matrix().transpose(0, 2, 1)  # inertial to body
+
+
+def first(rotation):
+    return np.roll(rotation.as_quat(), 1, axis=1)
+
+
+WAYS = {
+    "quat qw,qx,qy,qz:body-to-inertial": first(BODY),
+    "quat qx,qy,qz,qw:body-to-world": BODY.as_quat(),
+    "quat q0,q1,q2,q3:body-to-world": first(BODY),
+    "quat q1,q2,q3,q4:scalar-last:body-to-inertial": BODY.as_quat(),
+    "quat a,b,c,d:inertial-to-body:scalar-first": first(BODY.inv()),
+    "euler yaw,pitch,roll:deg:ZYX:body-to-world": BODY.as_euler("ZYX", degrees=True),
+    "euler a,b,c:rad:xyz:body-to-inertial": BODY.as_euler("xyz"),
+    "euler a,b,c:rad:XZX:world-to-body": BODY.inv().as_euler("XZX"),
+    "matrix a,b,c,d,e,f,g,h,i:body-to-inertial": BODY.as_matrix().reshape(-1, 9),
+    "matrix a,b,c,d,e,f,g,h,i:inertial-to-body": A.reshape(-1, 9),
+}
+
+
+@pytest.mark.parametrize("way", WAYS)
+def test_every_way_to_write_an_attitude(way):
+    kind, text = way.split(" ", 1)
+    found = attitude.matrix_from_quaternion(mapping.attitude_quaternions(kind, text, WAYS[way]))
+    np.testing.assert_allclose(found, A, atol=1e-12)
+
+
+def test_euler_angles_by_hand():
+    # Yaw by 90 deg, then pitch by 90 deg about the turned y: the body's x points down, its y to −x of the world.
+    q = mapping.attitude_quaternions("euler", "y,p,r:deg:ZYX:body-to-world", np.array([[90.0, 90.0, 0.0]]))
+    body_in_world = attitude.matrix_from_quaternion(q)[0].T
+    np.testing.assert_allclose(body_in_world, [[0, -1, 0], [0, 0, 1], [-1, 0, 0]], atol=1e-15)
+
+
+@pytest.mark.parametrize(
+    ("kind", "text", "values", "words"),
+    [
+        ("quat", "q1,q2,q3,q4:body-to-inertial", np.eye(4), "scalar part first or last"),
+        ("quat", "qw,qx,qy,qz", np.eye(4), "is not COLUMNS:UNIT"),
+        ("quat", "qw,qx,qy,qz:scalar-first", np.eye(4), "must say one direction"),
+        ("quat", "qw,qx,qy,qz:body-to-inertial:deg", np.eye(4), "deg is not understood"),
+        ("quat", "qw,qx,qy:body-to-inertial", np.eye(3), "4 columns are needed, not 3"),
+        (
+            "quat",
+            "qw,qx,qy,qz:body-to-inertial",
+            np.array([[1, 0, 0, 0], [1, 1, 0, 0.0]]),
+            "row 1: the four do not have norm 1",
+        ),
+        ("euler", "a,b,c:ZYX:body-to-world", np.zeros((1, 3)), "must say deg or rad"),
+        ("euler", "a,b,c:deg:ZZX:body-to-world", np.zeros((1, 3)), "ZZX"),
+        ("matrix", "a,b,c,d,e,f,g,h,i:body-to-world", -np.eye(3).reshape(1, 9), "are not a rotation matrix"),
+    ],
+)
+def test_what_an_attitude_lacks_is_said(kind, text, values, words):
+    with pytest.raises(InputError, match=words):
+        mapping.attitude_quaternions(kind, text, values)
+
+
+BASE = {"time": "t:s", "gyro": "x,y,z:deg/s", "quat": "w,x,y,z:body-to-world"}
+
+
+@pytest.mark.parametrize(
+    ("entries", "words"),
+    [
+        ({"gyro": None}, "gyro is missing"),
+        ({"euler": "a,b,c:deg:ZYX:body-to-world"}, "give one of quat, euler and matrix"),
+        ({"quat": None}, "give one of quat, euler and matrix"),
+        ({"sample_s": 1.0}, "sample_s: Extra inputs"),
+        ({"interval_s": -1.0}, "interval_s"),
+    ],
+)
+def test_what_a_mapping_lacks_is_said(entries, words):
+    with pytest.raises(InputError, match=words):
+        mapping.checked(BASE | entries, "mine.toml")
+
+
+def test_directions_of_gyros():
+    tetrahedron = mapping.checked(BASE | {"axes": "tetrahedron"}, "x").directions(4)
+    axes = np.array(mapping.TETRAHEDRON)
+    np.testing.assert_allclose(tetrahedron @ axes, np.eye(3), atol=1e-15)
+    np.testing.assert_allclose(axes @ axes.T - np.eye(4), -(1 - np.eye(4)) / 3, atol=1e-15)
+    np.testing.assert_array_equal(mapping.checked(BASE, "x").directions(3), np.eye(3))
+    with pytest.raises(InputError, match="other than three give the gyros' axes"):
+        mapping.checked(BASE, "x").directions(4)
+    with pytest.raises(InputError, match="do not measure all three"):
+        mapping.checked(BASE | {"axes": [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [1.0, 1.0, 0.0]]}, "x").directions(3)
+    with pytest.raises(InputError, match="three rows of 4 numbers"):
+        mapping.checked(BASE | {"G": [[1.0, 0.0, 0.0]] * 3}, "x").directions(4)

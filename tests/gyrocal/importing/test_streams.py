@@ -1,0 +1,117 @@
+"""Tables as gyro samples and attitudes: accumulated angles, several sensors in one table, tags."""
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from gyrocal import InputError
+from gyrocal.importing import checked
+from gyrocal.importing.streams import read_csv, streams
+
+BASE = {"time": "t:s", "gyro": "x,y,z:deg/s", "quat": "w,a,b,c:body-to-world:scalar-first"}
+
+
+def gyro(n=20, dt=0.5):
+    t = dt * np.arange(n)
+    return pd.DataFrame({"t": t, "x": t, "y": 2 * t, "z": -t})
+
+
+def attitudes(n=10):
+    return pd.DataFrame({"t": 1.0 * np.arange(n), "w": 1.0, "a": 0.0, "b": 0.0, "c": 0.0})
+
+
+def made(g=None, a=None, **changes):
+    return streams(gyro() if g is None else g, attitudes() if a is None else a, checked(BASE | changes, "x"))
+
+
+def test_rates_and_signs():
+    found = made(gyro="y,-x,z:deg/s")
+    np.testing.assert_allclose(np.rad2deg(found.raw), np.column_stack([gyro()["y"], -gyro()["x"], gyro()["z"]]), rtol=1e-14)
+    assert found.sample_s == 0.5
+    assert found.time_scale == "seconds of the file"
+
+
+@pytest.mark.parametrize(("tag", "start"), [("start", 0.0), ("middle", -0.25), ("end", -0.5)])
+def test_a_tag_is_the_start_middle_or_end_of_a_sample(tag, start):
+    assert made(tag=tag).t_s[0] == start
+
+
+def test_an_accumulated_angle_that_wraps_is_a_rate():
+    t = np.arange(200.0)
+    rate = np.array([1000.0, -700.0, 300.0])  # counts/s
+    counts = (np.outer(t, rate) + np.array([30000, 0, -100])).astype(np.int64)
+    wrapped = (counts + 2**15) % 2**16 - 2**15
+    table = pd.DataFrame(np.column_stack([t, wrapped]), columns=["t", "x", "y", "z"])
+    assert (np.abs(np.diff(wrapped, axis=0)) > 2**15).any()
+    for wrap in ({}, {"wrap": 65536.0}):
+        found = made(table, gyro="x,y,z:counts", lsb="1e-6 rad", **wrap)
+        np.testing.assert_allclose(found.raw, np.tile(rate * 1e-6, (199, 1)), rtol=1e-12)
+    assert any("wraps at 65536" in text for text in made(table, gyro="x,y,z:counts", lsb="1e-6 rad").assumed)
+
+
+def test_a_jump_that_is_no_wrap_is_refused():
+    table = gyro()
+    table.loc[10:, "x"] += 1e5
+    with pytest.raises(InputError, match="say where: --wrap"):
+        made(table, gyro="x,y,z:deg")
+
+
+def test_rows_of_several_gyros_and_sensors_in_one_table():
+    g = gyro().melt(id_vars="t", var_name="gyro", value_name="rate").sample(frac=1.0, random_state=1)
+    g = g.sort_values("gyro", kind="stable")
+    a = pd.concat([attitudes().assign(name="A"), attitudes().assign(name="B", t=attitudes()["t"] + 0.01)])
+    found = made(g, a, gyro="rate:deg/s", gyro_by="gyro", attitude_by="name")
+    np.testing.assert_allclose(found.raw, made().raw)
+    assert found.channels == ("x", "y", "z")
+    assert [one.name for one in found.sensors] == ["A", "B"]
+    assert found.sensors[1].t_s[0] == 0.01
+
+
+def test_rows_without_numbers_and_rows_twice_are_left_out():
+    g, a = gyro(), attitudes()
+    g.loc[3, "y"] = np.nan
+    a.loc[[0, 4], "w"] = np.nan
+    g = pd.concat([g, g.iloc[[7]]])
+    found = made(g, a)
+    assert len(found.t_s) == 19
+    assert len(found.sensors[0].t_s) == 8
+    assert "1 gyro rows without numbers are left out" in found.assumed
+
+
+def test_gps_and_unix_time_meet():
+    g, a = gyro(), attitudes()
+    g["t"] += 1_281_614_528.0  # 2020-08-16T12:02:08 GPS
+    a["t"] += 1_597_579_310.0  # the same in unix time
+    found = made(g, a, time="t:gps", attitude_time="t:unix")
+    assert found.epoch == "2020-08-16T12:01:50Z"
+    assert found.sensors[0].t_s[0] == found.t_s[0] == 0.0
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"gyro": "x,y,w:deg/s"}, "gyro: no column w; there are t, x, y, z"),
+        ({"time": "t"}, "is not COLUMNS:UNIT"),
+        ({"attitude_by": "sensor"}, "no column sensor"),
+        ({"gyro": "x,y,z:deg/s", "wrap": 360.0}, "goes with accumulated angles"),
+    ],
+)
+def test_what_is_wrong_is_said(changes, words):
+    with pytest.raises(InputError, match=words):
+        made(**changes)
+
+
+def test_one_table_dated_and_the_other_not():
+    a = attitudes()
+    a["t"] = a["t"] * 1000 + 1_700_000_000_000
+    with pytest.raises(InputError, match="attitude_time: the first tag"):
+        made(gyro().assign(t=gyro()["t"] + 1_700_000_000), a)
+
+
+def test_csv_with_other_separators_and_comments_in_the_header(tmp_path):
+    (tmp_path / "a.csv").write_text("#timestamp; x; y\n1; 2; 3\n4; 5; 6\n")
+    table = read_csv(tmp_path / "a.csv")
+    assert list(table.columns) == ["timestamp", "x", "y"]
+    assert table["y"].tolist() == [3, 6]
+    with pytest.raises(InputError, match="no such file"):
+        read_csv(tmp_path / "b.csv")

@@ -1,0 +1,66 @@
+"""The command line of the import, and the page that says how it is used."""
+
+import re
+
+import numpy as np
+import pytest
+
+import gyrocal
+from studies.validation import imports, mems_log
+from tests import ROOT
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    out = tmp_path_factory.mktemp("log")
+    data = mems_log.log(np.random.default_rng(9), seconds=60.0)
+    data.gyro.to_csv(out / "gyro.csv", index=False)
+    # The last attitude is at the end of the last gyro sample and has no row in a table of both.
+    data.attitude[:-1].to_csv(out / "mocap.csv", index=False)
+    data.gyro.merge(data.attitude, how="left", on="timestamp_ms").to_csv(out / "both.csv", index=False)
+    return out
+
+
+OPTIONS = [word for key, value in imports.RIGHT.items() for word in (f"--{key}", value)]
+
+
+def test_two_tables_one_table_and_a_mapping_file_are_the_same(run_cli, folder):
+    files = str(folder / "gyro.csv"), str(folder / "mocap.csv")
+    first = run_cli("import", "csv", *files, str(folder / "a"), *OPTIONS)
+    assert first.exit_code == 0, first.stderr
+    assert "2 rest(s) found" in first.stdout
+    (folder / "mine.toml").write_text("\n".join(f'{key} = "{value}"' for key, value in imports.RIGHT.items()))
+    second = run_cli("import", "csv", str(folder / "both.csv"), str(folder / "b"), "--mapping", str(folder / "mine.toml"))
+    assert second.exit_code == 0, second.stderr
+    a, b = gyrocal.load(folder / "a"), gyrocal.load(folder / "b")
+    np.testing.assert_array_equal(a.attitudes.quaternions, b.attitudes.quaternions)
+    np.testing.assert_array_equal(a.gyro.apriori_bias, b.gyro.apriori_bias)
+    done = run_cli("calibrate", str(folder / "a"))
+    assert done.exit_code == 0, done.stderr
+
+
+def test_faults_are_one_line_and_status_2(run_cli, folder):
+    files = str(folder / "gyro.csv"), str(folder / "mocap.csv"), str(folder / "c")
+    wrong = [word.replace("deg/s", "rad/s") for word in OPTIONS]
+    for arguments, words in (
+        ((*files, *wrong), "the gyro in deg/s, not rad/s"),
+        ((*files, *OPTIONS[2:]), "time is missing"),
+        ((files[0], *OPTIONS), "give GYRO.csv, ATTITUDE.csv and the folder OUT"),
+        ((*files, "--mapping", str(folder / "none.toml")), "no such file"),
+    ):
+        result = run_cli("import", "csv", *arguments)
+        assert result.exit_code == 2
+        assert words in result.stderr
+        assert result.stderr.count("\n") == 1
+        assert not (folder / "c").exists()
+    assert run_cli("import", "csv", *files, *wrong, "--unchecked").exit_code == 0
+    again = run_cli("import", "csv", *files, *OPTIONS)
+    assert again.exit_code == 2
+    assert "--force" in again.stderr
+
+
+def test_the_page_s_example_finds_the_bias():
+    (block,) = re.findall(r"```python\n(.*?)```", (ROOT / "docs" / "import.md").read_text(), flags=re.DOTALL)
+    namespace = {}
+    exec(compile(block, "import.md", "exec"), namespace)
+    assert np.abs(np.abs(np.rad2deg(namespace["result"].bias)) - 0.4).max() < 0.02
