@@ -96,7 +96,7 @@ def fitted(trials: Sequence[Loaded], rung: Rung) -> Fit:
         change, covariance = calibrated(model, found)
         delay, sigma = (found[0].size, found[0].sigma) if found else (0.0, 0.0)
         now = Fit(now.G + change[:9].reshape(3, 3), now.bias + change[9:], now.delay + delay, sigma)
-        steps = np.abs(change) / np.sqrt(np.diag(covariance))
+        steps = np.abs(change) / np.sqrt(np.diag(covariance)[:12])
         if max(steps.max(), abs(delay) / sigma if found else 0.0) < SETTLED:
             break
     return now
