@@ -16,6 +16,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from gyrocal import GyroParameters
+from simulator.scenario import Scenario
 
 Array = NDArray[np.float64]
 
@@ -72,6 +73,12 @@ def durations() -> Array:
     rows = table("table1_intervals")
     length = pd.to_datetime(rows["stop_utc"]) - pd.to_datetime(rows["start_utc"])
     return np.asarray(length.dt.total_seconds(), dtype=float)
+
+
+def flew(scenario: Scenario) -> bool:
+    """Whether a scenario has the intervals of N Table 1, with references at their ends: only then do its numbers compare."""
+    lengths = [interval.stop_s - interval.start_s for interval in scenario.interval]
+    return scenario.reference.at == "ends" and np.array_equal(lengths, durations())
 
 
 def paper_rms(values: Array) -> Array:
