@@ -21,6 +21,7 @@ from simulator.scenario import Scenario
 Array = NDArray[np.float64]
 
 STEPS = (0.5, 1.0, 2.0)
+MANEUVERS = [(0, False), (1, False), (0, False), (2, False), (0, True), (1, False)]  # slews, and a hold, of N's intervals
 ROTATIONS = ("roll", "pitch", "yaw")
 _ROTATION_COLUMNS = [f"{name}_deg" for name in ROTATIONS]
 
@@ -76,9 +77,10 @@ def durations() -> Array:
 
 
 def flew(scenario: Scenario) -> bool:
-    """Whether a scenario has the intervals of N Table 1, with references at their ends: only then do its numbers compare."""
+    """Whether a scenario has the intervals and maneuvers of N Table 1, references at their ends: only then it compares."""
     lengths = [interval.stop_s - interval.start_s for interval in scenario.interval]
-    return scenario.reference.at == "ends" and np.array_equal(lengths, durations())
+    maneuvers = [(len(interval.slew), interval.hold is not None) for interval in scenario.interval]
+    return scenario.reference.at == "ends" and np.array_equal(lengths, durations()) and maneuvers == MANEUVERS
 
 
 def paper_rms(values: Array) -> Array:

@@ -62,6 +62,7 @@ def flight_part(scenario: Scenario, products: Products, entropy: int) -> None:
             "max": float(scan["clean_gap_rms_deg"].max()),
             "timings": len(scan),
             "share_below_assumed": float(np.mean(scan["clean_gap_rms_deg"] < assumed)),
+            "held_out": slew_timings.held_out(scan, slew_timings.timing_of(scenario)),
             "centred_smooth": flight_gap.clean_gap_rms(flight_gap.predict(centred(scenario))),
             "print": float(np.sqrt(np.mean(np.diag(covariance)))),
         },
@@ -133,6 +134,15 @@ def own_part(scenario: Scenario, timings: dict[str, Scenario], products: Product
         "own_calibration_rms_deg": {
             name: {f"{row['step_s']:g}": row["rms_difference_deg"] for row in own_residuals.agreement(one).to_dict("records")}
             for name, one in by_timings.items()
+        },
+        "own_calibration": {
+            f"{row['step_s']:g}": {
+                "as_printed_deg": row["as_printed_deg"],
+                "rms_of_the_others_deg": row["rms_of_the_others_deg"],
+                "steepest": row["steepest"],
+                "gradient_deg": row["gradient_deg"],
+            }
+            for row in agreement.to_dict("records")
         },
         "own_calibration_farthest": {f"{row['step_s']:g}": row["farthest"] for row in agreement.to_dict("records")},
         "own_digits_changed": {

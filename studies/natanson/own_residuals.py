@@ -2,9 +2,10 @@
 
 The observed attitudes at the intervals' ends are set so that the residuals under the pre-launch parameters of N Table 3 are the
 flight's of N Table 2. Then the calibrator solves for the twelve parameters with equal weights, in gyro space as N did. What
-comes out is set beside what N found: parameters beside N Table 3, residuals beside the calibrated columns of N Table 2. The true
-parameters hardly take part: those the raw rates are made with turn the motion by a thousandth of itself, and the pre-launch
-ones in place of R (9) move no residual by more than 0.0007 deg. The flight's noise is in its 18 numbers, on both sides alike.
+comes out is set beside what N found: parameters beside N Table 3, residuals beside the calibrated columns of N Table 2. The
+true parameters hardly take part: those the raw rates are made with turn the motion by a thousandth of itself, and the
+pre-launch ones in place of R (9) move no residual by more than 0.0007 deg. The flight's noise is in its 18 numbers, on both
+sides alike.
 
 N Table 5's second iteration is the second-order term of the first one, and so tells which parameters N iterated in. Printed are
 corrections to b and to G⁻¹; their signs are those of x_old − x_new, where the first iteration's are of x_new − x_old (all

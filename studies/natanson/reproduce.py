@@ -27,6 +27,7 @@ from studies.natanson.flight_part import flight_part, gap_note, summary_rows
 from studies.natanson.paper_forms import LAYOUTS, paper_form, ways_form
 from studies.natanson.paper_tables import PaperTablesConfig
 from studies.natanson.products import Products
+from studies.natanson.questions import question_table
 from studies.report import panels
 from studies.report import tables as render
 from studies.report.console import progress
@@ -172,6 +173,7 @@ def write(folder: Path, config: PaperTablesConfig, scenario: Scenario, products:
         f"{config.cases} seeds, entropy {config.entropy}; `gyrocal reproduce` makes this page.",
         "",
         render.markdown("Summary", summary_table(products.summary), WORDS.strip() if flown else ""),
+        render.markdown("What parts simulated and flown", question_table(products.summary)) if flown else "",
         gap_note(products.summary) if flown else "No flight stands beside this scenario.",
         "",
     ]

@@ -88,24 +88,42 @@ def timing_scan(scenario: Scenario) -> pd.DataFrame:
     flown, clean = flight.residuals("prelaunch"), without_noise()
     still = [k for k in range(len(scenario.interval)) if k not in SLEWING]
     kept = predict(scenario)[still]
-    squares = {
-        timing: np.array([np.sum((cells[still] - kept) ** 2) for cells in (flown, clean)])
-        for timing in product(*SCANNED.values())
-        if all(_flyable(scenario.interval[k], Timing(*timing)) for k in SLEWING)
-    }
+    timings = [
+        timing for timing in product(*SCANNED.values()) if all(_flyable(scenario.interval[k], Timing(*timing)) for k in SLEWING)
+    ]
+    # Sums of squares of both gaps, over the intervals without slews and over each with them.
+    of_still = np.array([np.sum((cells[still] - kept) ** 2) for cells in (flown, clean)])
+    of_slewing = {}
     for k in SLEWING:
-        own = {timing: timing if k == MINUS_Y else timing[:3] for timing in squares}
+        own = {timing: timing if k == MINUS_Y else timing[:3] for timing in timings}
         different = list(dict.fromkeys(own.values()))
         theta, _ = outcomes([_flown_with(scenario.interval[k], Timing(*(*values, 0.0)[:4])) for values in different])
         found = dict(zip(different, theta, strict=True))
-        for timing in squares:
-            squares[timing] += [np.sum((cells[k] - found[own[timing]]) ** 2) for cells in (flown, clean)]
-    rows = [
-        dict(zip(SCANNED, timing, strict=True))
-        | dict(zip(("gap_rms_deg", "clean_gap_rms_deg"), np.sqrt(total / flown.size), strict=True))
-        for timing, total in squares.items()
-    ]
-    return pd.DataFrame(rows)
+        values = np.array([found[own[timing]] for timing in timings])
+        of_slewing[k] = np.array([np.sum((cells[k] - values) ** 2, axis=1) for cells in (flown, clean)])
+    gap, clean_gap = np.sqrt((of_still[:, None] + sum(of_slewing.values())) / flown.size)
+    table = pd.DataFrame(timings, columns=list(SCANNED)).assign(gap_rms_deg=gap, clean_gap_rms_deg=clean_gap)
+    return table.assign(**{_of_interval(k): np.sqrt(both[1] / len(flight.ROTATIONS)) for k, both in of_slewing.items()})
+
+
+def _of_interval(k: int) -> str:
+    return f"clean_gap_{k + 1}_rms_deg"
+
+
+def held_out(scan: pd.DataFrame, assumed: Timing) -> dict[str, float]:
+    """Clean gap of the three slewing intervals, each with the scanned timing that is best for the other two; RMS, deg.
+
+    The stay in -y forward is left as assumed where that interval is the one held out. "before" has the assumed timings.
+    """
+    mine = np.all([scan[name] == getattr(assumed, name) for name in SCANNED], axis=0)
+    before, after = [], []
+    for k in SLEWING:
+        rest = [_of_interval(other) for other in SLEWING if other != k]
+        candidates = scan[scan["stay_s"] == assumed.stay_s] if k == MINUS_Y else scan
+        best = np.square(candidates[rest]).sum(axis=1).idxmin()
+        before.append(float(scan.loc[mine, _of_interval(k)].iloc[0]) if mine.any() else float("nan"))
+        after.append(float(scan.loc[best, _of_interval(k)]))
+    return {"before": float(flight.rms(np.array(before))), "after": float(flight.rms(np.array(after)))}
 
 
 def scan_by_value(scan: pd.DataFrame) -> pd.DataFrame:
