@@ -49,6 +49,7 @@ class OrbitSection(_Model):
     raan_deg: float = 0.0
     argument_of_latitude_deg: float = 0.0
     j2: bool = False
+    nadir: Literal["geocentric", "geodetic"] = "geocentric"
 
     def circular_orbit(self) -> CircularOrbit:
         """The orbit in metres and radians."""
@@ -58,6 +59,7 @@ class OrbitSection(_Model):
             node=radians(self.raan_deg),
             latitude_argument=radians(self.argument_of_latitude_deg),
             j2=self.j2,
+            geodetic=self.nadir == "geodetic",
         )
 
 

@@ -10,6 +10,8 @@ With an a-priori covariance P₀ about x₀, W starts at P₀⁻¹ and u at P₀
 the prior twice. N (29) as printed has the opposite sign of N (16); see `gyrocal.attitude`. A sign slip here diverges: the
 tests recover known parameters from noise-free data.
 
+x is (G, b), or each gyro's own scale factor, axis and bias, as N has it: see `gyrocal.calibration.gyro_space`.
+
 `RecursiveCalibrator` takes samples and forgets them. `calibrate` does a whole recording with the compiled pass, iterates, and
 accepts series of reference attitudes, whose residuals correlate within an interval: then C is the joint covariance of a
 group of residuals, see `gyrocal.calibration.covariance`.
@@ -29,8 +31,9 @@ from numpy.typing import NDArray
 from gyrocal import attitude
 from gyrocal.calibration import normal_equations as accumulation
 from gyrocal.calibration.covariance import CovarianceModel
+from gyrocal.calibration.gyro_space import Parametrisation, space_of
 from gyrocal.calibration.observability import PLAUSIBLE_BIAS, PLAUSIBLE_G, PLAUSIBLE_RANGE, Observability, observability
-from gyrocal.calibration.parameters import AXES, NAMES, GyroParameters, select
+from gyrocal.calibration.parameters import AXES, GyroParameters, select
 from gyrocal.calibration.problem import Problem, State
 from gyrocal.calibration.propagation import Psi, StreamingPropagation
 from gyrocal.calibration.sampling import Measurements, Resampling, measurements
@@ -44,6 +47,7 @@ Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
 
 ROTATION_NAMES = ("roll", "pitch", "yaw")
+DEGREES = np.array([1.0] * 9 + [np.rad2deg(1.0)] * 3)  # of twelve parameters, biases in deg/s
 SINGULAR = 1e-14  # eigenvalue of a correlation matrix that is rounding
 
 
@@ -54,15 +58,14 @@ class Accumulation:
 
     Parameters
     ----------
-    names : the solved-for parameters
-    apriori_covariance : (p, p) P₀, G dimensionless and b in rad/s, or None
+    columns : (p,) positions of the solved-for parameters among the twelve
+    apriori_covariance : (p, p) P₀, biases in rad/s and the others dimensionless, or None
     apriori_error : (p,) x − x₀, zero at the first iteration
     """
 
-    def __init__(self, names: tuple[str, ...], apriori_covariance: Array | None = None, apriori_error: Array | None = None):
-        self.columns = [NAMES.index(name) for name in names]
-        self.scale = PLAUSIBLE_RANGE[self.columns]
-        p = len(names)
+    def __init__(self, columns: Indices, apriori_covariance: Array | None = None, apriori_error: Array | None = None):
+        self.scale = PLAUSIBLE_RANGE[columns]
+        p = len(columns)
         self.W: Array = np.zeros((p, p))
         self.u: Array = np.zeros(p)
         if apriori_covariance is not None:
@@ -91,6 +94,7 @@ class RecursiveCalibrator:
     solve_for : see `gyrocal.calibration.parameters.select`
     psi : "full" or "linear"
     apriori_covariance : (p, p) or None
+    parametrisation : "gain" or "gyro", see `gyrocal.calibration.gyro_space`
     """
 
     def __init__(
@@ -100,11 +104,15 @@ class RecursiveCalibrator:
         solve_for: str | Iterable[str] = "all",
         psi: Psi = "full",
         apriori_covariance: Array | None = None,
+        parametrisation: Parametrisation = "gain",
     ):
         self.parameters = parameters
-        self.names = select(solve_for)
+        self._space = space_of(parametrisation)
+        self.names = select(solve_for, self._space.names)
+        self._columns = np.array([self._space.names.index(name) for name in self.names])
+        self._jacobian = self._space.jacobian(parameters)[:, self._columns]
         self._arw, self._psi = arw, psi
-        self._sums = Accumulation(self.names, apriori_covariance)
+        self._sums = Accumulation(self._columns, apriori_covariance)
 
     def start(self, A_obs: Array, sigma: Array) -> None:
         """Begin a maneuver at the observed attitude A_obs (3, 3), with 1-sigma (3,) rad per body axis."""
@@ -120,17 +128,17 @@ class RecursiveCalibrator:
         R = self._pass.R
         theta = attitude.residual(A_obs, R @ self._A)
         C = np.diag(np.square(sigma)) + R @ self._C @ R.T + self._arw**2 * self._pass.t * np.eye(3)
-        Theta = self._pass.Theta[:, self._sums.columns] * self._sums.scale
+        Theta = self._pass.Theta @ self._jacobian * self._sums.scale
         white = accumulation.whiten(C, np.column_stack([Theta, theta]))
         self._sums.add(white[:, :-1], white[:, -1])
         return theta
 
     def solve(self) -> tuple[GyroParameters, Array]:
-        """Corrected parameters and their covariance (p, p) after the last maneuver, N (33)."""
+        """Corrected parameters, and the covariance (p, p) of those solved for, after the last maneuver, N (33)."""
         correction, P = self._sums.solve()
-        x = self.parameters.vector
-        x[self._sums.columns] -= correction
-        return GyroParameters.from_vector(x), P
+        x = self._space.vector(self.parameters)
+        x[self._columns] -= correction
+        return self._space.parameters(x), P
 
 
 @dataclass(frozen=True)
@@ -142,8 +150,8 @@ class CalibrationResult:
     recording : title of the recording
     parameters : calibrated G and b
     initial : G and b the calibration started from
-    solved_for : names of the estimated parameters, in the order of the covariance's non-zero rows
-    covariance : (12, 12) in the order of `NAMES`, zero for held parameters; G dimensionless, b rad/s
+    solved_for : names of the estimated parameters, of the parametrisation
+    own_covariance : (12, 12) of the parametrisation's twelve, zero for held ones; biases in rad/s, the others dimensionless
     covariance_model : "full", "references only", or "given" for a C per interval or one V of all residuals
     psi : "full" or "linear"
     corrections : the change of (G, b) made by each iteration
@@ -154,13 +162,14 @@ class CalibrationResult:
     observability : singular values and combinations not found
     options : what it was asked with (step_s, resampling, max_gap_s, held_s, prior sigmas by parameter), for the record
     chi2, dof : weighted square sum of the residuals after, with a prior's own term, and its degrees of freedom
+    parametrisation : "gain" or "gyro", see `gyrocal.calibration.gyro_space`
     """
 
     recording: str
     parameters: GyroParameters
     initial: GyroParameters
     solved_for: tuple[str, ...]
-    covariance: Array
+    own_covariance: Array
     covariance_model: str
     psi: Psi
     corrections: tuple[GyroParameters, ...]
@@ -171,6 +180,7 @@ class CalibrationResult:
     chi2: float
     dof: int
     options: Mapping[str, Any]
+    parametrisation: Parametrisation = "gain"
 
     @property
     def G(self) -> Array:
@@ -183,8 +193,14 @@ class CalibrationResult:
         return self.parameters.bias
 
     @property
+    def covariance(self) -> Array:
+        """(12, 12) of G and b in the order of `gyrocal.NAMES`; b in rad/s. In (G, b) zero for held parameters."""
+        J = space_of(self.parametrisation).jacobian(self.parameters)
+        return self.own_covariance if self.parametrisation == "gain" else np.asarray(J @ self.own_covariance @ J.T)
+
+    @property
     def sigma(self) -> Array:
-        """(12,) formal 1-sigma in the order of `NAMES`; zero for held parameters."""
+        """(12,) formal 1-sigma of G and b in the order of `gyrocal.NAMES`."""
         return np.asarray(np.sqrt(np.diag(self.covariance)))
 
     @property
@@ -193,20 +209,20 @@ class CalibrationResult:
         return float(scipy.special.chdtrc(self.dof, self.chi2)) if self.dof > 0 else float("nan")
 
     def summary(self) -> pd.DataFrame:
-        """A row per parameter: initial, calibrated, correction and sigma; biases in deg/s, G dimensionless."""
+        """A row per parameter of the parametrisation: initial, calibrated, correction and sigma; biases in deg/s."""
         import pandas as pd  # late: 65 MiB that a Monte Carlo worker does without
 
-        unit = np.array([1.0] * 9 + [np.rad2deg(1.0)] * 3)
-        initial, final = self.initial.vector * unit, self.parameters.vector * unit
+        space = space_of(self.parametrisation)
+        initial, final = space.vector(self.initial) * DEGREES, space.vector(self.parameters) * DEGREES
         return pd.DataFrame(
             {
-                "parameter": NAMES,
+                "parameter": space.names,
                 "unit": ["1"] * 9 + ["deg/s"] * 3,
                 "initial": initial,
                 "calibrated": final,
                 "correction": final - initial,
-                "sigma": self.sigma * unit,
-                "solved": [name in self.solved_for for name in NAMES],
+                "sigma": np.sqrt(np.diag(self.own_covariance)) * DEGREES,
+                "solved": [name in self.solved_for for name in space.names],
             }
         )
 
@@ -246,8 +262,7 @@ class CalibrationResult:
 
     def to_json(self) -> dict[str, Any]:
         """The result as plain values, degrees and deg/s."""
-        unit = np.array([1.0] * 9 + [np.rad2deg(1.0)] * 3)
-        sigma = self.sigma * unit
+        sigma = self.sigma * DEGREES
         rows = [
             {
                 "interval": row["interval"],
@@ -261,6 +276,7 @@ class CalibrationResult:
             "format": 1,
             "recording": self.recording,
             "psi": self.psi,
+            "parametrisation": self.parametrisation,
             "iterations": len(self.corrections),
             "converged": self.converged,
             "G": self.G.tolist(),
@@ -268,7 +284,8 @@ class CalibrationResult:
             "sigma_G": sigma[:9].reshape(3, 3).tolist(),
             "sigma_bias_deg_s": sigma[9:].tolist(),
             "parameters": list(self.solved_for),
-            "covariance": (self.covariance * np.outer(unit, unit)).tolist(),
+            "estimates": self.summary().query("solved").drop(columns="solved").to_dict("records"),
+            "covariance": (self.covariance * np.outer(DEGREES, DEGREES)).tolist(),
             "covariance_model": self.covariance_model,
             "corrections": [{"G": c.G.tolist(), "bias_deg_s": np.rad2deg(c.bias).tolist()} for c in self.corrections],
             "residuals": rows,
@@ -303,6 +320,7 @@ def calibrate(
     max_gap_s: float | None = None,
     plausible_G: float = PLAUSIBLE_G,
     plausible_bias: float = PLAUSIBLE_BIAS,
+    parametrisation: Parametrisation = "gain",
 ) -> CalibrationResult:
     """Calibrate the gyro of a recording.
 
@@ -310,19 +328,22 @@ def calibrate(
     ----------
     recording : gyro stream, reference attitudes (ends only, or a series), intervals
     initial : parameters to start from; the recording's a-priori ones by default
-    solve_for : parameters to estimate, the rest is held; see `gyrocal.calibration.parameters.select`
+    solve_for : parameters to estimate, the rest is held; names of the parametrisation, or groups of them, see
+        `gyrocal.calibration.parameters.select`
     psi : "full" N (11), or "linear" for Davenport's conventional form
     iterations : exactly so many; None iterates to the tolerance
     max_iterations : bound on the iterations to tolerance
-    tolerance_G, tolerance_bias : largest last correction of an element of G and of b (rad/s)
-    apriori_covariance : (p, p) of the solved-for parameters about `initial`; G dimensionless, b rad/s
+    tolerance_G, tolerance_bias : largest last correction of a parameter without unit, and of a bias (rad/s)
+    apriori_covariance : (p, p) of the solved-for parameters about `initial`; biases in rad/s, the others dimensionless
     covariance_model : "full" with gyro noise and shared references, or "references only", the paper's C
     interval_covariance : (intervals, 3, 3) C of each interval's residuals, rad², instead of a model
     residual_covariance : (3m, 3m) V of all m residuals together, rad², interval by interval in the order of time, instead;
         see `gyrocal.estimation.reference_covariance`
     step_s, resampling, max_gap_s : see `gyrocal.calibration.sampling.measurements`
-    plausible_G, plausible_bias : how far elements of G and of b (rad/s) may plausibly be off; a combination the data do not
-        determine better than that counts as not found
+    plausible_G, plausible_bias : how far parameters without unit, and biases (rad/s), may plausibly be off; a combination the
+        data do not determine better than that counts as not found
+    parametrisation : "gain" iterates in G and b of R (7); "gyro" in each gyro's own scale factor, axis and bias, as N did, and
+        can calibrate one gyro alone (solve_for="gyro_x"); see `gyrocal.calibration.gyro_space`
 
     Returns
     -------
@@ -335,7 +356,8 @@ def calibrate(
     InputError
         The recording or an argument cannot be used.
     """
-    names = select(solve_for)
+    space = space_of(parametrisation)
+    names = select(solve_for, space.names)
     p = len(names)
     limit = max_iterations if iterations is None else iterations
     if limit < 1:
@@ -347,12 +369,13 @@ def calibrate(
     given = _checked_interval_covariance(interval_covariance, len(recording.intervals))
     prepared = measurements(recording, step_s, resampling, max_gap_s)
     joint = _checked_residual_covariance(residual_covariance, len(prepared.row))
-    problem = Problem.of(recording, prepared, names, psi, covariance_model, given, joint)
+    problem = Problem.of(recording, prepared, names, psi, covariance_model, given, joint, parametrisation)
     plausible = np.where(problem.columns < 9, plausible_G, plausible_bias)
     if not (np.isfinite(plausible).all() and (plausible > 0).all()):
         raise InputError("plausible_G and plausible_bias must be positive and finite")
     start = initial or GyroParameters(recording.gyro.apriori_G, recording.gyro.apriori_bias)
-    x, columns = start.vector, problem.columns
+    x0, columns = space.vector(start), problem.columns
+    x, parameters = x0, start
     corrections: list[GyroParameters] = []
     history: list[Array] = []
     converged = False
@@ -360,18 +383,19 @@ def calibrate(
     judged = observability(state.H / problem.scale, plausible, names)
     if judged.unobservable and apriori_covariance is None:
         raise UnobservableError(
-            _unobservable_message(recording, len(state.theta), judged.unobservable, plausible, problem.columns),
+            _unobservable_message(recording, len(state.theta), judged.unobservable, plausible, problem),
             judged.unobservable,
         )
     for _ in range(limit):
-        sums = Accumulation(names, apriori_covariance, (x - start.vector)[columns])
+        sums = Accumulation(columns, apriori_covariance, (x - x0)[columns])
         sums.add(state.H, state.z)
         step = np.zeros(12)
         step[columns], P = sums.solve()
         x = x - step
-        corrections.append(GyroParameters.from_vector(-step))
+        before, parameters = parameters, space.parameters(x)
+        corrections.append(GyroParameters.from_vector(parameters.vector - before.vector))
         history.append(state.theta)
-        state = problem.state(GyroParameters.from_vector(x))
+        state = problem.state(parameters)
         converged = bool(np.abs(step[:9]).max() <= tolerance_G and np.abs(step[9:]).max() <= tolerance_bias)
         if converged and iterations is None:
             break
@@ -379,10 +403,10 @@ def calibrate(
     covariance[np.ix_(columns, columns)] = P
     return CalibrationResult(
         recording=recording.title,
-        parameters=GyroParameters.from_vector(x),
+        parameters=parameters,
         initial=start,
         solved_for=names,
-        covariance=covariance,
+        own_covariance=covariance,
         covariance_model=problem.model,
         psi=psi,
         corrections=tuple(corrections),
@@ -390,7 +414,7 @@ def calibrate(
         residuals=_residual_table(recording, prepared, first, state),
         history=(*history, state.theta),
         observability=judged,
-        chi2=state.chi2 + _prior_chi2(x - start.vector, columns, apriori_covariance),
+        chi2=state.chi2 + _prior_chi2(x - x0, columns, apriori_covariance),
         # A prior adds p equations and the solution takes p away.
         dof=3 * len(state.theta) - (p if apriori_covariance is None else 0),
         options={
@@ -402,6 +426,7 @@ def calibrate(
             if apriori_covariance is None
             else dict(zip(names, np.sqrt(np.diag(apriori_covariance)).tolist(), strict=True)),
         },
+        parametrisation=parametrisation,
     )
 
 
@@ -468,15 +493,16 @@ def _prior_chi2(change: Array, columns: Indices, apriori_covariance: Array | Non
 
 
 def _unobservable_message(
-    recording: Recording, references: int, combinations: tuple[str, ...], plausible: Array, columns: Indices
+    recording: Recording, references: int, combinations: tuple[str, ...], plausible: Array, problem: Problem
 ) -> str:
-    """One line; references is the number of residual vectors, plausible and columns are those of the solved-for parameters."""
+    """One line; references is the number of residual vectors, plausible that of the solved-for parameters."""
     intervals = len(recording.intervals)
     equations = 3 * references
     lead = f"{equations} equations for {len(plausible)} parameters: " if equations < len(plausible) else ""
-    biases = columns >= 9
-    ranges = {f"{value:g} in G" for value in plausible[~biases]}
-    ranges |= {f"{np.rad2deg(value) * 3600:.3g} deg/h in b" for value in plausible[biases]}
+    biases = problem.columns >= 9
+    matrix, bias = ("G", "b") if problem.parametrisation == "gain" else ("s and u", "c")
+    ranges = {f"{value:g} in {matrix}" for value in plausible[~biases]}
+    ranges |= {f"{np.rad2deg(value) * 3600:.3g} deg/h in {bias}" for value in plausible[biases]}
     return (
         f"{lead}{len(combinations)} parameter combination(s) cannot be found from {intervals} interval(s) "
         f"with the stated noise to within their plausible range ({', '.join(sorted(ranges))}): {'; '.join(combinations)}; "

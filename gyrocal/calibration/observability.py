@@ -17,6 +17,7 @@ Array = NDArray[np.float64]
 PLAUSIBLE_G = 0.01
 PLAUSIBLE_BIAS = float(np.deg2rad(10 / 3600))
 PLAUSIBLE_RANGE = np.array([PLAUSIBLE_G] * 9 + [PLAUSIBLE_BIAS] * 3)
+BIAS_LETTERS = ("b", "c")  # that the names of biases begin with, in both parametrisations
 ROUNDING = 1e-11  # singular values this far below the largest are rounding, however small the stated noise
 
 
@@ -70,8 +71,8 @@ def _name_combination(direction: Array, scale: Array, names: tuple[str, ...]) ->
     """One direction as "G_yy - 0.0656 deg/s b_y": what may be added to the parameters without the data noticing."""
     keep = np.flatnonzero(np.abs(direction) > 0.01 * np.abs(direction).max())
     physical = direction * scale
-    elements = [k for k in keep if names[k].startswith("G")]
-    biases = [k for k in keep if names[k].startswith("b")]
+    biases = [k for k in keep if names[k].startswith(BIAS_LETTERS)]
+    elements = [k for k in keep if k not in biases]
     lead = max(elements or biases, key=lambda k: abs(physical[k]))
     physical = physical / physical[lead]
     terms = [(physical[k], f"{abs(physical[k]):.3g} {names[k]}") for k in elements]

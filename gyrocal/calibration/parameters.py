@@ -1,8 +1,8 @@
 """Gyro parameters: G and b, or bias, scale factor and two misalignments per gyro.
 
 R (7): ω = G ω_raw + b, rows of G are body axes, columns gyros. The per-gyro form is that of N Table 3: the scale factor of
-gyro i is G[i, i], its misalignment relative to body axis j is G[i, j] in radians, its bias b[i]. So gyro i owns row i, and
-one gyro can be calibrated alone (N section II, the SOHO case). The two forms are one-to-one.
+gyro i is G[i, i], its misalignment relative to body axis j is G[i, j] in radians, its bias b[i]. The two forms are one-to-one.
+That gyro i owns row i holds to first order only; what a gyro itself does is in `gyrocal.calibration.gyro_space`.
 
 R (7) also writes G = M S with M a matrix of unit columns (the directions of the gyro axes' images in the body) and S the
 diagonal of their lengths; `misalignment_and_scale` gives that factorisation.
@@ -29,13 +29,17 @@ NAMES = tuple(f"G_{i}{j}" for i in AXES for j in AXES) + tuple(f"b_{i}" for i in
 SCALE_FACTORS = tuple(f"G_{i}{i}" for i in AXES)
 MISALIGNMENTS = tuple(f"G_{i}{j}" for i in AXES for j in AXES if i != j)
 BIASES = tuple(f"b_{i}" for i in AXES)
-GROUPS = {
-    "all": NAMES,
-    "bias": BIASES,
-    "scale": SCALE_FACTORS,
-    "misalignment": MISALIGNMENTS,
-    **{f"gyro_{i}": (*(f"G_{i}{j}" for j in AXES), f"b_{i}") for i in AXES},
-}
+
+
+def groups(names: tuple[str, ...] = NAMES) -> dict[str, tuple[str, ...]]:
+    """Names that stand for several of twelve parameters: nine of a matrix by rows, then three biases."""
+    return {
+        "all": names,
+        "bias": names[9:],
+        "scale": names[:9:4],
+        "misalignment": tuple(name for k, name in enumerate(names[:9]) if k % 4),
+        **{f"gyro_{axis}": (*names[3 * i : 3 * i + 3], names[9 + i]) for i, axis in enumerate(AXES)},
+    }
 
 
 @dataclass(frozen=True)
@@ -121,13 +125,14 @@ class GyroParameters:
         )
 
 
-def select(names: str | Iterable[str]) -> tuple[str, ...]:
-    """Parameter names to solve for, in the order of `NAMES`.
+def select(names: str | Iterable[str], known: tuple[str, ...] = NAMES) -> tuple[str, ...]:
+    """Parameter names to solve for, in the order of the known ones.
 
     Parameters
     ----------
     names : names or groups ("all", "bias", "scale", "misalignment", "gyro_x", "gyro_y", "gyro_z"), as a sequence or
         separated by commas; a leading "-" takes out what follows, "all,-misalignment" is all but the misalignments
+    known : the twelve names of the parametrisation
 
     Raises
     ------
@@ -135,13 +140,14 @@ def select(names: str | Iterable[str]) -> tuple[str, ...]:
         An unknown name, or nothing left.
     """
     parts = [part.strip() for part in names.split(",")] if isinstance(names, str) else list(names)
+    of_group = groups(known)
     chosen: set[str] = set()
     for part in parts:
         key = part.removeprefix("-")
-        members = set(GROUPS.get(key, (key,)))
-        if not members <= set(NAMES):
-            raise InputError(f"unknown parameter {key!r}; known: {', '.join((*GROUPS, *NAMES))}")
+        members = set(of_group.get(key, (key,)))
+        if not members <= set(known):
+            raise InputError(f"unknown parameter {key!r}; known: {', '.join((*of_group, *known))}")
         chosen = chosen - members if part.startswith("-") else chosen | members
     if not chosen:
         raise InputError("no parameter is left to solve for")
-    return tuple(name for name in NAMES if name in chosen)
+    return tuple(name for name in known if name in chosen)

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from gyrocal import attitude
 from gyrocal.calibration import normal_equations as accumulation
 from gyrocal.calibration.covariance import JOINT, MODEL_CODES, CovarianceModel, chained, residual_covariance
+from gyrocal.calibration.gyro_space import Parametrisation, space_of
 from gyrocal.calibration.observability import PLAUSIBLE_RANGE
 from gyrocal.calibration.parameters import NAMES, GyroParameters
 from gyrocal.calibration.propagation import Psi, propagate
@@ -84,6 +85,7 @@ class Problem:
     model : covariance model, or "given"
     given : (intervals, 3, 3) C of each interval's residuals, with "given"
     joint : (3m, 3m) V of all residuals, with "given", in place of `given`
+    parametrisation : "gain" or "gyro", see `gyrocal.calibration.gyro_space`; the names are of its parameters
     """
 
     measurements: Measurements
@@ -95,6 +97,7 @@ class Problem:
     model: str = "full"
     given: Array | None = None
     joint: Array | None = None
+    parametrisation: Parametrisation = "gain"
 
     @classmethod
     def of(
@@ -106,16 +109,19 @@ class Problem:
         model: CovarianceModel = "full",
         given: Array | None = None,
         joint: Array | None = None,
+        parametrisation: Parametrisation = "gain",
     ) -> "Problem":
         """Prepare a recording."""
         A = attitude.matrix_from_quaternion(recording.attitudes.quaternions)
         code = model if given is None and joint is None else "given"
-        return cls(measurements, A, recording.attitudes.sigma, recording.gyro.arw, names, psi, code, given, joint)
+        sigma, arw = recording.attitudes.sigma, recording.gyro.arw
+        return cls(measurements, A, sigma, arw, names, psi, code, given, joint, parametrisation)
 
     @cached_property
     def columns(self) -> Indices:
         """(p,) positions of the solved-for parameters among the twelve."""
-        return np.array([NAMES.index(name) for name in self.names])
+        known = space_of(self.parametrisation).names
+        return np.array([known.index(name) for name in self.names])
 
     @cached_property
     def scale(self) -> Array:
@@ -169,12 +175,19 @@ class Problem:
                 "are the rates in deg/s, the quaternions scalar last and inertial to body, the a-priori G and bias right, "
                 "and is the step or a held gap not too long?"
             )
-        Theta = accumulation.sensitivity(propagation.S, self.columns, self.scale)
+        Theta = self._sensitivity(propagation.S, parameters)
         start, row, elapsed_s, sigma = self._references
         options = (*self.groups, prepared.arcs.arc, start, row, elapsed_s, sigma, *self._covariance)
         H, z = accumulation.whitened(theta, Theta, propagation.R, *options)
         alone = [self._alone(propagation.R, k) for k in range(len(theta))]
         return State(theta, attitude.residual_linear(A_obs, propagation.R @ A_start), np.sqrt(np.array(alone)), H, z)
+
+    def _sensitivity(self, S: Array, parameters: GyroParameters) -> Array:
+        """Θ D (3m, p) with respect to the solved-for parameters."""
+        if self.parametrisation == "gain":
+            return np.asarray(accumulation.sensitivity(S, self.columns, self.scale))
+        J = space_of(self.parametrisation).jacobian(parameters)[:, self.columns] * self.scale
+        return np.asarray(accumulation.sensitivity(S, np.arange(12), PLAUSIBLE_RANGE) @ (J / PLAUSIBLE_RANGE[:, None]))
 
     def _alone(self, R: Array, k: int) -> Array:
         """(3,) variance of residual k by itself, rad²."""
@@ -186,7 +199,7 @@ class Problem:
         return np.diag(residual_covariance(R[one], arc, start[one], row[one], elapsed_s[one], sigma, *self._covariance))
 
     def iterate(self, x: Array, iterations: int, psi: Psi | None = None, look_back: bool = True) -> Iterates:
-        """A fixed number of iterations without a prior, compiled from end to end.
+        """A fixed number of iterations in (G, b) without a prior, compiled from end to end.
 
         Parameters
         ----------
@@ -195,6 +208,8 @@ class Problem:
         psi : in place of the problem's
         look_back : whether to propagate once more for the residuals after the last iteration; NaN without
         """
+        if self.parametrisation != "gain":
+            raise InputError("compiled iterations are those of the parametrisation 'gain'")
         arcs = self.measurements.arcs
         x = np.ascontiguousarray(x, dtype=float)
         values: tuple[Any, ...] = accumulation.iterate(

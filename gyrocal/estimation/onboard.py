@@ -125,8 +125,8 @@ class OnBoardCalibrator:
         self.estimator, self.apriori, self.names = estimator, apriori, select(solve_for)
         self._x = apriori.vector
         self._reference = np.diag(np.zeros(3) if reference_sigma is None else np.square(reference_sigma))
-        self._sums = Accumulation(self.names, apriori_covariance)
-        self._columns: Indices = np.array(self._sums.columns)
+        self._columns: Indices = np.array([NAMES.index(name) for name in self.names])
+        self._sums = Accumulation(self._columns, apriori_covariance)
         held = [name for name in self.names if name not in estimator.names] if through_filter else []
         self._held: Indices = np.array([NAMES.index(name) for name in held], dtype=np.intp)
         self._held_among = [self.names.index(name) for name in held]

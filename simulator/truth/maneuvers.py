@@ -1,7 +1,7 @@
 """What the spacecraft does in one calibration interval, as an analytic body rate.
 
-Every attitude here is the LVLH attitude A_li(t) followed by single-axis turns, A = R(e_m, α_m) … R(e_1, α_1) A_li, and a turn
-changes a rate to
+Every attitude here is that of the frame the orbit's nadir makes, A_li(t), by default LVLH (see `simulator.truth.nadir`),
+followed by single-axis turns, A = R(e_m, α_m) … R(e_1, α_1) A_li, and a turn changes a rate to
 
     ω ← R(e, α) ω + α' e
 
@@ -33,7 +33,8 @@ from scipy.optimize import root
 
 from gyrocal.errors import InputError
 from simulator.truth.integration import NODES, Trajectory, accumulate, integrate, magnus
-from simulator.truth.orbit import CircularOrbit, lvlh_attitude, lvlh_rate
+from simulator.truth.nadir import pointing_attitude, pointing_rate
+from simulator.truth.orbit import CircularOrbit
 from simulator.truth.rotation import quaternion, separation, turn_matrix, turned
 
 Array = NDArray[np.float64]
@@ -215,14 +216,14 @@ class Profile:
 
     def tracking_rate(self, tau: Array) -> Array:
         """Body rate of mode and slews alone, without hold and sway, rad/s; (n,) s → (n, 3)."""
-        omega = turned(AXES[2], np.full(tau.shape, self.yaw), lvlh_rate(self.orbit, self.start_s + tau))
+        omega = turned(AXES[2], np.full(tau.shape, self.yaw), pointing_rate(self.orbit, self.start_s + tau))
         for slew in self.slews:
             omega = turned(slew.axis, slew.angles(tau), omega) + slew.rates(tau)[:, None] * slew.axis
         return omega
 
     def tracking_attitude(self, tau: Array) -> Array:
         """Closed-form attitude of mode and slews alone, inertial to body; (n,) s → (n, 3, 3)."""
-        A = turn_matrix(AXES[2], np.full(tau.shape, self.yaw)) @ lvlh_attitude(self.orbit, self.start_s + tau)
+        A = turn_matrix(AXES[2], np.full(tau.shape, self.yaw)) @ pointing_attitude(self.orbit, self.start_s + tau)
         for slew in self.slews:
             A = turn_matrix(slew.axis, slew.angles(tau)) @ A
         return A

@@ -38,6 +38,7 @@ class CircularOrbit:
     node : right ascension of the ascending node at the epoch, rad
     latitude_argument : argument of latitude at the epoch, rad
     j2 : whether the node regresses
+    geodetic : whether pointing modes hold z to geodetic nadir, see `simulator.truth.nadir`; to the Earth's centre otherwise
     """
 
     altitude: float
@@ -45,6 +46,7 @@ class CircularOrbit:
     node: float = 0.0
     latitude_argument: float = 0.0
     j2: bool = False
+    geodetic: bool = False
 
     @property
     def radius(self) -> float:

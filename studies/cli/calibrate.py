@@ -8,7 +8,8 @@ import click
 import numpy as np
 
 from gyrocal import GyroParameters, InputError, calibrate, load, select
-from gyrocal.calibration.observability import PLAUSIBLE_G
+from gyrocal.calibration.gyro_space import Parametrisation, space_of
+from gyrocal.calibration.observability import BIAS_LETTERS, PLAUSIBLE_G
 from studies.cli.options import PATH
 from studies.montecarlo.files import check_writable, write_json
 from studies.report import calibration as calibration_report
@@ -32,11 +33,18 @@ from studies.report.console import console
     "--iterations", type=click.IntRange(1), default=None, help="Number of iterations; by default until they change nothing."
 )
 @click.option(
+    "--parametrisation",
+    type=click.Choice(["gain", "gyro"]),
+    default="gain",
+    show_default=True,
+    help="Iterate in G and b, or in each gyro's own scale factor s, axis u and bias c, as N did.",
+)
+@click.option(
     "--solve-for",
     default="all",
     show_default=True,
-    help="Parameters (G_xx … b_z) or groups (all, bias, scale, misalignment, gyro_x: row x of G with b_x), comma separated; "
-    "a leading - excludes: all,-misalignment.",
+    help="Parameters (G_xx … b_z; in gyro space s_x, u_xy … c_z) or groups (all, bias, scale, misalignment, gyro_x: in gyro "
+    "space that gyro alone, else row x of G with b_x), comma separated; a leading - excludes: all,-misalignment.",
 )
 @click.option(
     "--step",
@@ -59,7 +67,7 @@ from studies.report.console import console
     show_default=True,
     help="Covariance of the residuals: with gyro noise and references shared by neighbours, or the references alone as in N.",
 )
-@click.option("--prior-sigma-g", type=float, default=None, help="A-priori sigma (1-sigma) of each element of G.")
+@click.option("--prior-sigma-g", type=float, default=None, help="A-priori sigma (1-sigma) of each parameter but the biases.")
 @click.option("--prior-sigma-bias", type=float, default=None, help="A-priori sigma of each bias, deg/s.")
 @click.option(
     "--plausible-g",
@@ -86,6 +94,7 @@ def command(
     plausible_g: float,
     plausible_bias: float,
     solve_for: str,
+    parametrisation: Parametrisation,
     **options: Any,
 ) -> None:
     """Calibrate the gyro of RECORDING, a folder with recording.toml, gyro and attitude tables.
@@ -96,16 +105,18 @@ def command(
     Example:
       gyrocal simulate trmm /tmp/rec --truth /tmp/truth.json
       gyrocal calibrate /tmp/rec --truth /tmp/truth.json --json /tmp/result.json
+      gyrocal calibrate /tmp/rec --parametrisation gyro --solve-for gyro_z
     """
     check_writable(as_json)
     known = _read_truth(truth) if truth else None
     result = calibrate(
         load(recording),
         solve_for=solve_for,
-        apriori_covariance=_prior(select(solve_for), prior_sigma_g, prior_sigma_bias),
+        apriori_covariance=_prior(select(solve_for, space_of(parametrisation).names), prior_sigma_g, prior_sigma_bias),
         covariance_model="full" if covariance == "full" else "references only",
         plausible_G=plausible_g,
         plausible_bias=float(np.deg2rad(plausible_bias / 3600)),
+        parametrisation=parametrisation,
         **options,
     )
     calibration_report.show(console(), result, options["iterations"] is None, known)
@@ -120,7 +131,7 @@ def _prior(names: tuple[str, ...], sigma_G: float | None, sigma_bias: float | No
         raise InputError("give both --prior-sigma-g and --prior-sigma-bias, or neither")
     if not (1e-15 < sigma_G < 1e6 and 1e-15 < sigma_bias < 1e6):
         raise InputError("--prior-sigma-g and --prior-sigma-bias must be positive and below 1e6")
-    return np.diag([(sigma_G if name.startswith("G") else np.deg2rad(sigma_bias)) ** 2 for name in names])
+    return np.diag([(np.deg2rad(sigma_bias) if name.startswith(BIAS_LETTERS) else sigma_G) ** 2 for name in names])
 
 
 def _read_truth(path: Path) -> GyroParameters:

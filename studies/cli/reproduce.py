@@ -7,9 +7,10 @@ from typing import Any
 import click
 
 from gyrocal import InputError
-from studies.cli.options import PATH
+from studies.cli.options import PATH, assignment
 from studies.montecarlo.files import check_writable, write_json
 from studies.natanson import reproduce
+from studies.natanson.paper_tables import PaperTablesConfig
 from studies.report.console import console
 from studies.robertson import report as mission_report
 from studies.robertson.runs import DAYS, MissionStudy
@@ -27,6 +28,10 @@ FOLDERS = {"natanson": reproduce.DEFAULT_FOLDER, "robertson": mission_report.DEF
     help="Folder to write to; with both papers, the one that holds 'reproduction' and 'mission'; 'results' by default.",
 )
 @click.option("--cases", type=click.IntRange(2), default=200, show_default=True, help="natanson: seeds of the Monte Carlo.")
+@click.option("--scenario", default="trmm", show_default=True, help="natanson: built-in name or TOML file to calibrate on.")
+@click.option(
+    "--set", "changes", multiple=True, metavar="PATH=VALUE", help="natanson: a value of the scenario by its path; repeatable."
+)
 @click.option("--entropy", type=click.IntRange(0), default=1998, show_default=True, help="Seed of all random streams.")
 @click.option("--seeds", type=click.IntRange(1), default=2, show_default=True, help="robertson: seeds of the months.")
 @click.option("--slews", type=click.IntRange(2), default=20, show_default=True, help="robertson: seeds of the yaw maneuver.")
@@ -43,6 +48,8 @@ def command(
     paper: str | None,
     out: Path | None,
     cases: int,
+    scenario: str,
+    changes: tuple[str, ...],
     entropy: int,
     seeds: int,
     slews: int,
@@ -58,10 +65,16 @@ def command(
     Examples:
       gyrocal reproduce
       gyrocal reproduce --paper natanson --cases 50 --out /tmp/trmm
+      gyrocal reproduce --paper natanson --set gyro.arw_deg_per_sqrt_s=1e-4 --out /tmp/quiet
+      gyrocal reproduce --paper natanson --scenario mine.toml --out /tmp/mine
       gyrocal reproduce --paper robertson --seeds 1 --out /tmp/mission
     """
     if not 1.0 <= days <= LONGEST_DAYS:
         raise InputError(f"--days {days:g}: must be between 1 and {LONGEST_DAYS:g}")
+    if paper != "natanson" and (scenario != "trmm" or changes):
+        raise InputError("--scenario and --set are of one paper: give --paper natanson with them")
+    if (scenario != "trmm" or changes) and out is None:
+        raise InputError(f"{FOLDERS['natanson']} holds the flight's own: give --out FOLDER with another scenario")
     check_writable(as_json)
     workers, terminal = jobs or os.cpu_count() or 1, console()
     study = MissionStudy(days=days, seeds=seeds, slews=slews, entropy=entropy)
@@ -71,7 +84,9 @@ def command(
             continue
         folder = default if out is None else out if paper else out / default.name
         if name == "natanson":
-            summaries[name] = reproduce.run(folder, cases, workers, entropy, terminal)
+            overrides = dict(assignment(change) for change in changes)
+            config = PaperTablesConfig(cases=cases, entropy=entropy, scenario=scenario, overrides=overrides)
+            summaries[name] = reproduce.run(folder, config, workers, terminal)
         else:
             summaries[name] = mission_report.run(folder, study, workers, terminal)
     if as_json:

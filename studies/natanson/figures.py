@@ -40,14 +40,15 @@ def natanson_figures(scenario: Scenario, folder: Path) -> list[Path]:
 
 
 def flight_gap_figure(comparison: pd.DataFrame, distribution: pd.DataFrame, path: Path) -> Path:
-    """Flown and predicted pre-launch residuals of every interval and axis, with the Monte Carlo's 5–95 % range.
+    """Flown and predicted residuals of every interval and axis, with the Monte Carlo's 5–95 % range; below, the clean gap.
 
     Parameters
     ----------
-    comparison : the 18 numbers, as made by `studies.natanson.flight_gap.comparison`
+    comparison : the 18 numbers, as made by `studies.natanson.flight_gap.comparison`, and the clean gap with fitted timings
     distribution : rows of Table 2, pre-launch at 0.5 s, in the same order
     """
     drawn: list[Panel] = []
+    below: list[Panel] = []
     for name, rows in comparison.groupby("axis", sort=False):
         x, spread = rows["interval"].to_numpy(), distribution.loc[rows.index]
         lines = [
@@ -56,12 +57,22 @@ def flight_gap_figure(comparison: pd.DataFrame, distribution: pd.DataFrame, path
         ]
         axes: dict[str, Any] = {
             "x": "calibration interval",
-            "y": "residual before calibration (deg)",
+            "y": "" if drawn else "residual before calibration (deg)",
             "ticks": x,
             "levels": [0],
         }
         drawn.append(panels.curves(lines, title=str(name), legend="" if drawn else "best", **axes))
-    return panels.sheet(*drawn, size=(8.0, 3.2), sharey=True)(path)
+        gaps = [
+            Line(x, rows[f"clean_gap{column}_deg"], label, colour, mark)
+            for column, label, colour, mark in (
+                ("", "timings assumed", panels.TEAL, "_"),
+                ("_common", "four common fitted", panels.DARK, "+"),
+                ("_each", "nine fitted", panels.RED, "x"),
+            )
+        ]
+        legend = "" if below else "best"
+        below.append(panels.curves(gaps, title="", legend=legend, **(axes | {"y": "" if below else "clean gap (deg)"})))
+    return panels.sheet(*drawn, *below, size=(8.0, 6.0), columns=3, sharey="row")(path)
 
 
 def error_figure(errors: np.ndarray, sigmas: np.ndarray, names: list[str], path: Path) -> Path:

@@ -16,10 +16,12 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from gyrocal import GyroParameters
+from simulator.scenario import Scenario
 
 Array = NDArray[np.float64]
 
 STEPS = (0.5, 1.0, 2.0)
+MANEUVERS = [(0, False), (1, False), (0, False), (2, False), (0, True), (1, False)]  # slews, and a hold, of N's intervals
 ROTATIONS = ("roll", "pitch", "yaw")
 _ROTATION_COLUMNS = [f"{name}_deg" for name in ROTATIONS]
 
@@ -72,6 +74,13 @@ def durations() -> Array:
     rows = table("table1_intervals")
     length = pd.to_datetime(rows["stop_utc"]) - pd.to_datetime(rows["start_utc"])
     return np.asarray(length.dt.total_seconds(), dtype=float)
+
+
+def flew(scenario: Scenario) -> bool:
+    """Whether a scenario has the intervals and maneuvers of N Table 1, references at their ends: only then it compares."""
+    lengths = [interval.stop_s - interval.start_s for interval in scenario.interval]
+    maneuvers = [(len(interval.slew), interval.hold is not None) for interval in scenario.interval]
+    return scenario.reference.at == "ends" and np.array_equal(lengths, durations()) and maneuvers == MANEUVERS
 
 
 def paper_rms(values: Array) -> Array:

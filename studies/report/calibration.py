@@ -5,7 +5,8 @@ import pandas as pd
 from rich.console import Console
 
 from gyrocal import CalibrationResult, GyroParameters
-from gyrocal.calibration.davenport import ROTATION_NAMES
+from gyrocal.calibration.davenport import DEGREES, ROTATION_NAMES
+from gyrocal.calibration.gyro_space import space_of
 from studies.report import tables
 
 DOUBT = 0.01  # p-value below which the fit is called bad, and above one minus which too good
@@ -28,8 +29,7 @@ def show(console: Console, result: CalibrationResult, to_tolerance: bool, truth:
 def parameter_table(result: CalibrationResult, truth: GyroParameters | None = None) -> pd.DataFrame:
     """Parameters as texts, each to two digits of its sigma."""
     summary = result.summary()
-    unit = np.array([1.0] * 9 + [np.rad2deg(1.0)] * 3)
-    known = None if truth is None else truth.vector * unit
+    known = None if truth is None else space_of(result.parametrisation).vector(truth) * DEGREES
     rows = []
     for k, row in summary.iterrows():
         sigma = row["sigma"]

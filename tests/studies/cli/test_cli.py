@@ -244,6 +244,11 @@ def test_reproduce_writes_everything_and_repeats_itself(run_cli, tmp_path):
     assert {"published", "fitted"} <= set(summary["flight_gap_rms_deg"])
     assert summary["flight_gap_rms_deg"]["fitted"] < summary["flight_gap_rms_deg"]["published"] <= 0.022
     assert summary["minus_y_rate_rpo"]["favoured"] == -1
+    assert set(summary["clean_gap_rms_deg"]) == {"assumed", "common", "each"}
+    assert 0.0062 > summary["clean_gap_rms_deg"]["assumed"] > summary["clean_gap_rms_deg"]["common"] > 0.003
+    assert set(summary["table5_second_iteration"]) == {"gyro_space", "gain_space"}
+    keys = {"correlation", "rms_1e6_G", "rms_1e8_deg_s", "cells_beyond_3_sigma"}
+    assert all(keys <= set(found) for found in summary["table5_second_iteration"].values())
     assert {"G", "bias_deg_s"} == set(summary["second_iteration_max"]) == set(summary["psi_difference_max"])
     assert set(summary["coverage"]) == {"68", "95", "99.7"}
     assert {"value", "bounds"} <= set(summary["nees"])
@@ -258,6 +263,40 @@ def test_reproduce_writes_everything_and_repeats_itself(run_cli, tmp_path):
     other = json.loads((tmp_path / "b" / "manifest.json").read_text())
     # Figures, tables and numbers are the same to the bit.
     assert manifest["files"] == other["files"]
+
+
+def test_another_scenario_is_reproduced_without_the_flight(run_cli, tmp_path):
+    options = ("--set", "interval.1.stop_s=13500.0", "--set", "gyro.arw_deg_per_sqrt_s=1e-4", "--cases", "3", "--jobs", "1")
+    result = run_cli("reproduce", "--paper", "natanson", *options, "--out", str(tmp_path))
+    assert result.exit_code == 0, result.stderr
+    summary = json.loads((tmp_path / "summary.json").read_text())
+    assert "clean_gap_rms_deg" not in summary
+    assert {"nees", "coverage", "printed_digits"} <= set(summary)
+    assert json.loads((tmp_path / "manifest.json").read_text())["config"]["overrides"]["interval.1.stop_s"] == 13500.0
+    page = (tmp_path / "tables.md").read_text()
+    assert "No flight stands beside this scenario" in page
+    assert r"\|" not in page
+    refused = run_cli("reproduce", "--set", "gyro.arw_deg_per_sqrt_s=1e-4", "--out", str(tmp_path))
+    assert refused.exit_code == 2
+    assert "--paper natanson" in refused.stderr
+    refused = run_cli("reproduce", "--paper", "natanson", "--scenario", "trmm_series")
+    assert refused.exit_code == 2
+    assert "--out FOLDER" in refused.stderr
+
+
+def test_one_gyro_is_calibrated_by_the_command(run_cli, tmp_path):
+    assert run_cli("simulate", "trmm", str(tmp_path / "rec"), "--set", "gyro.sample_s=5.0").exit_code == 0
+    path = tmp_path / "result.json"
+    options = ("--parametrisation", "gyro", "--solve-for", "gyro_z", "--json", str(path))
+    result = run_cli("calibrate", str(tmp_path / "rec"), *options, "--prior-sigma-g", "1e-2", "--prior-sigma-bias", "1e-3")
+    assert result.exit_code == 0, result.stderr
+    document = json.loads(path.read_text())
+    assert document["parameters"] == ["u_zx", "u_zy", "s_z", "c_z"]
+    assert [row["parameter"] for row in document["estimates"]] == document["parameters"]
+    assert document["options"]["prior_sigma"]["s_z"] == 1e-2
+    refused = run_cli("calibrate", str(tmp_path / "rec"), "--parametrisation", "gyro", "--solve-for", "G_zz")
+    assert refused.exit_code == 2
+    assert "unknown parameter 'G_zz'" in refused.stderr
 
 
 def test_a_reproduction_that_was_stopped_goes_on(run_cli, tmp_path, monkeypatch):

@@ -12,7 +12,7 @@ from simulator.simulate import motion, observe
 from simulator.streams import generator
 from studies.montecarlo import engine
 from studies.montecarlo.study import Streams, load_config
-from studies.natanson import flight, flight_gap
+from studies.natanson import flight, flight_gap, slew_directions, slew_timings
 from studies.natanson.flight_diagnosis import baselines, numbers, report, simulated_tables, table
 from studies.natanson.flight_diagnosis.builder import RATE, TIMING, Point, linear_model
 from studies.natanson.flight_diagnosis.diagnosis import FALSE_ALARM, UNKNOWN, diagnose, settled
@@ -64,12 +64,12 @@ def test_predictions_are_those_of_the_flight_gap():
     prediction = numbers.motion(table.flown(), PRESENT).prediction
     np.testing.assert_allclose(prediction, flight_gap.predict(PRESENT.scenario), atol=3e-4)
     other = numbers.motion(table.flown(), PRESENT, flips=(1, 3)).prediction
-    reversed_ = flight_gap.with_minus_y_rate(flight_gap.with_yaw_directions(PRESENT.scenario, -1, -1), 1)
+    reversed_ = slew_directions.with_minus_y_rate(slew_directions.with_yaw_directions(PRESENT.scenario, -1, -1), 1)
     np.testing.assert_allclose(other, flight_gap.predict(reversed_), atol=3e-4)
 
 
 def test_common_timings_are_those_of_the_scenario():
-    timing, common = flight_gap.timing_of(PRESENT.scenario), BY_AXIS["common"]
+    timing, common = slew_timings.timing_of(PRESENT.scenario), BY_AXIS["common"]
     sections = PRESENT.scenario.interval
     wanted = np.array(
         [timing.delay_s, timing.slew_rate_deg_s * (1 - timing.ramp_fraction), timing.ramp_fraction, timing.stay_s]

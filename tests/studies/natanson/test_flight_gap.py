@@ -5,19 +5,55 @@ import dataclasses
 import numpy as np
 import pytest
 
+from gyrocal import calibrate
 from simulator import scenario as scenarios
-from studies.natanson import flight, flight_gap
+from simulator import simulate
+from studies.natanson import flight, flight_gap, slew_directions, slew_timings
+from studies.natanson.flight_diagnosis.baselines import centred
 
 TRMM = scenarios.load("trmm")
 
 
 def test_gap_without_fitted_timing():
-    gap = flight_gap.gap_rms(flight_gap.predict(TRMM))
-    assert gap <= 0.022
-    # Not luck of one guess: every guess of the common timings that can be flown stays below it.
-    scan = flight_gap.timing_scan(TRMM)
-    assert len(scan) >= 12
-    assert scan["gap_rms_deg"].max() <= 0.022
+    predicted = flight_gap.predict(TRMM)
+    assert flight_gap.gap_rms(predicted) <= 0.022
+    assert flight_gap.clean_gap_rms(predicted) <= 0.0062
+    np.testing.assert_allclose(flight_gap.comparison(TRMM)["clean_gap_deg"], (flight_gap.without_noise() - predicted).ravel())
+
+
+def test_scan_is_the_prediction_at_every_timing():
+    # Not luck of one guess: every guess of the common timings that can be flown stays near it.
+    scan = slew_timings.timing_scan(TRMM)
+    assert len(scan) > 100
+    assert scan["gap_rms_deg"].max() <= 0.025
+    assert scan["clean_gap_rms_deg"].max() <= 0.0225
+    # The scan flies coarse samples, 1e-4 deg off.
+    for row in scan.iloc[[0, 70, -1]].to_dict("records"):
+        names = ("delay_s", "slew_rate_deg_s", "ramp_fraction", "stay_s")
+        timing = slew_timings.Timing(*(row[name] for name in names))
+        predicted = flight_gap.predict(scenarios.override(TRMM, timing.overrides(TRMM)))
+        assert row["gap_rms_deg"] == pytest.approx(flight_gap.gap_rms(predicted), abs=2e-4)
+        assert row["clean_gap_rms_deg"] == pytest.approx(flight_gap.clean_gap_rms(predicted), abs=2e-4)
+    people = slew_timings.scan_by_value(scan)
+    assert people["clean_gap_min_deg"].min() == scan["clean_gap_rms_deg"].min()
+    assert people.groupby("timing").size().to_dict() == {name: len(values) for name, values in slew_timings.SCANNED.items()}
+
+
+def test_slews_in_the_middle_and_all_ramp_are_told_apart():
+    predicted = flight_gap.predict(centred(TRMM))
+    assert flight_gap.gap_rms(predicted) == pytest.approx(0.0231, abs=1e-4)
+    assert flight_gap.clean_gap_rms(predicted) > 3 * flight_gap.clean_gap_rms(flight_gap.predict(TRMM))
+
+
+def test_clean_gap_is_free_of_the_noise():
+    """Noise enters residuals before and after alike: what a simulated calibration leaves of the clean gap is second order."""
+    recording = simulate(TRMM, seed=3)
+    result = calibrate(recording, initial=flight.parameters("prelaunch"), iterations=2)
+    before, after = (result.residuals[[f"{w}_{n}_deg" for n in flight.ROTATIONS]].to_numpy() for w in ("before", "after"))
+    predicted = flight_gap.predict(TRMM, truth=result.parameters)
+    noise = flight.rms((before - predicted).ravel())
+    assert noise > 0.005
+    assert flight.rms((before - after - predicted).ravel()) < 0.05 * noise
 
 
 def test_prediction_reproduces_the_flights_residuals_after_calibration():
@@ -37,14 +73,16 @@ def test_prediction_does_not_move(num_regression):
 
 
 def test_fitted_common_timing_narrows_the_gap():
-    fit = flight_gap.fit_common(TRMM)
+    fit = slew_timings.fit_common(TRMM)
+    assert fit.clean_gap_rms_deg < 0.7 * flight_gap.clean_gap_rms(flight_gap.predict(TRMM))
     assert fit.gap_rms_deg < flight_gap.gap_rms(flight_gap.predict(TRMM))
     assert fit.dof == 18 - 4
+    assert fit.clean_gap_rms_deg == pytest.approx(flight_gap.clean_gap_rms(flight_gap.predict(fit.scenario)))
     assert fit.gap_rms_deg == pytest.approx(flight_gap.gap_rms(flight_gap.predict(fit.scenario)))
 
 
 def test_minus_y_rate_of_plus_one_rpo_is_rejected():
-    table = flight_gap.minus_y_rate_test(TRMM).set_index("rate_rpo")
+    table = slew_directions.minus_y_rate_test(TRMM).set_index("rate_rpo")
     assert table.loc[-1, "gap_rms_deg"] < 0.03
     assert table.loc[-1, "fitted_gap_rms_deg"] < 0.03
     # +1 RPO misses by ten times the flight's noise with any timing that can be flown: slews of 0.1 to 0.6 deg/s on average,
@@ -55,8 +93,8 @@ def test_minus_y_rate_of_plus_one_rpo_is_rejected():
 
 @pytest.mark.parametrize(("k", "sign"), [(1, 1), (5, -1)])
 def test_yaw_directions(k, sign):
-    right = flight_gap.gap_rms(flight_gap.predict(flight_gap.with_yaw_directions(TRMM, sign, sign)), [k])
-    wrong = flight_gap.gap_rms(flight_gap.predict(flight_gap.with_yaw_directions(TRMM, -sign, -sign)), [k])
+    right = flight_gap.gap_rms(flight_gap.predict(slew_directions.with_yaw_directions(TRMM, sign, sign)), [k])
+    wrong = flight_gap.gap_rms(flight_gap.predict(slew_directions.with_yaw_directions(TRMM, -sign, -sign)), [k])
     assert right < 0.02
     assert wrong > 0.1
 
@@ -68,7 +106,7 @@ def test_residual_has_the_sign_of_n16():
 
 
 def test_timing_reads_back_and_overrides():
-    timing = flight_gap.timing_of(TRMM)
+    timing = slew_timings.timing_of(TRMM)
     assert dataclasses.astuple(timing) == pytest.approx((60.0, 0.25, 0.1, 3600.0))
     again = scenarios.override(TRMM, timing.overrides(TRMM))
     np.testing.assert_allclose(flight_gap.predict(again), flight_gap.predict(TRMM), atol=1e-12)
@@ -93,10 +131,10 @@ def test_noise_from_the_spread_between_steps():
 
 
 def test_a_fit_says_which_timings_stopped_at_a_bound():
-    fit = flight_gap.fit_each(TRMM)
+    fit = slew_timings.fit_each(TRMM)
     assert fit.count == 9
     assert fit.dof == 9
     assert set(fit.at_bound) <= set(fit.timings)
     assert "m2 slew start_s" in fit.at_bound
-    low, high = flight_gap.BOUNDS["stay_s"]
+    low, high = slew_timings.BOUNDS["stay_s"]
     assert low <= fit.timings["m4 stay_s"] <= high

@@ -8,7 +8,7 @@ import scipy.stats
 from gyrocal import NAMES, GyroParameters
 from simulator import scenario as scenarios
 from studies.montecarlo import engine, statistics
-from studies.natanson import flight, paper_tables
+from studies.natanson import flight, paper_forms, paper_tables
 
 CASES = 200
 
@@ -120,3 +120,76 @@ def test_resampling_and_control_are_settings(config):
     full = alone.query("covariance == 'full' and psi == 'full'")["second_G_xy"].iloc[0]
     # At the sample itself nothing is skipped nor averaged.
     assert rows.query("case == 1 and step_s == 0.5 and psi == 'full'")["second_G_xy"].iloc[0] == full
+
+
+def with_seventh(scenario):
+    """The scenario with one more interval, -x forward, after its last."""
+    last = scenario.interval[-1]
+    length = scenario.interval[2].stop_s - scenario.interval[2].start_s
+    start = last.stop_s + 600.0
+    seventh = scenario.interval[2].model_copy(update={"name": "m7", "start_s": start, "stop_s": start + length})
+    return scenario.model_copy(update={"interval": (*scenario.interval, seventh)})
+
+
+@pytest.mark.parametrize("kind", ["seven intervals", "many references"])
+def test_any_number_of_intervals_and_references(kind):
+    if kind == "seven intervals":
+        scenario, labels = with_seventh(scenarios.load("trmm")), [str(k) for k in range(1, 8)]
+    else:
+        changes = {"reference.at": "series", "reference.every_s": 2000.0}
+        scenario = scenarios.override(scenarios.load("trmm"), changes)
+        labels = ["1.1", "1.2", "1.3", "2", "3.1", "3.2", "3.3", "4.1", "4.2", "5.1", "5.2", "5.3", "6"]
+    config = paper_tables.PaperTablesConfig(cases=3, steps_s=(2.0, 4.0), scenario=scenario, overrides={"gyro.sample_s": 2.0})
+    rows = pd.concat([paper_tables.run_case(config, number) for number in range(3)], ignore_index=True)
+    assert paper_tables.labels(rows) == labels
+    report = paper_tables.report(config, rows)
+    table2 = report.tables["residuals"].data
+    assert [str(k) for k in table2["interval"].drop_duplicates()] == labels
+    assert len(report.tables["residuals"].for_people()) == 3 * len(labels)
+    assert table2["flight"].isna().all()
+    assert report.tables["parameters"].data["flight"].isna().all()
+    assert report.tables["corrections"].data["flight"].isna().all()
+    start = dict(zip(NAMES, rows.filter(like="initial_").iloc[0], strict=True))
+    assert start["G_xy"] == scenario.gyro.apriori_G[0][1]
+
+
+def test_the_flight_stands_beside_its_own_intervals_only():
+    trmm = scenarios.load("trmm")
+    assert flight.flew(trmm)
+    assert flight.flew(scenarios.override(trmm, {"gyro.arw_deg_per_sqrt_s": 1e-4}))
+    assert not flight.flew(with_seventh(trmm))
+    assert not flight.flew(scenarios.override(trmm, {"interval.1.stop_s": 13500.0}))
+    assert not flight.flew(scenarios.load("trmm_series"))
+
+
+def test_forms_are_those_of_the_paper(rows):
+    table2 = paper_forms.paper_form(paper_tables.table2(rows), "table2")
+    assert list(table2.columns) == ["interval", "axis", "pre-launch, Δt = 0.5 s", "1st iteration, Δt = 0.5 s"]
+    cell = table2.query("interval == 3 and axis == 'pitch'")["pre-launch, Δt = 0.5 s"].item()
+    assert cell.startswith("-0.433 | ")
+    table3 = paper_forms.paper_form(paper_tables.table3(rows), "table3").set_index(["quantity", "gyro"])
+    assert list(table3.index[:4]) == [("bias_deg_s", "x"), ("bias_deg_s", "y"), ("bias_deg_s", "z"), ("scale_factor", "x")]
+    assert table3.loc[("misalignment_z_deg", "y"), "pre-launch"] == "-0.033000"
+    assert table3.loc[("misalignment_z_deg", "y"), "1st iteration, Δt = 0.5 s"].startswith("-0.124000 | ")
+    table5 = paper_forms.paper_form(paper_tables.table5(rows), "table5")
+    assert list(table5.columns[3:]) == ["1st iteration, Δt = 0.5 s", "2nd iteration, Δt = 0.5 s"]
+    ways = paper_forms.ways_form(paper_tables.table3(rows), "table3").set_index(["quantity", "gyro"])
+    assert list(ways.columns[1:]) == [f"{psi} ψ, {n} iteration" for n in ("1st", "2nd") for psi in ("full", "linear")]
+    linear = paper_tables.choose(rows, 0.5, psi="linear")["second_G_yy"]
+    assert ways.loc[("scale_factor", "y"), "linear ψ, 2nd iteration"].startswith(f"{linear.mean():.6f} ± ")
+
+
+def test_second_iteration_changes_printed_digits(rows):
+    """N's criterion, counted by hand for one case: about four of 18 cells flip, since each moves by up to half of a digit."""
+    first, second = (
+        paper_tables.choose(rows, 0.5)[[f"{phase}_{k}_{axis}" for k in range(1, 7) for axis in flight.ROTATIONS]].to_numpy()
+        for phase in ("first", "second")
+    )
+    changed = np.sum(
+        [[f"{a:.3f}" != f"{b:.3f}" for a, b in zip(*case, strict=True)] for case in zip(first, second, strict=True)], axis=1
+    )
+    table = paper_tables.printed_digits(rows).query("psi == 'full'").iloc[0]
+    # A residual of -0.0001 prints as -0.000: two of the same number.
+    assert table["table2_changed_mean"] == pytest.approx(changed.mean(), abs=0.5)
+    assert table["table2_unchanged_share"] < 0.1
+    assert 0.2 < table["largest_median_mdeg"] < 0.7

@@ -1,7 +1,14 @@
 """CI regression of recovered parameters: ``gyrocal baseline`` shows what moved, ``gyrocal baseline --write`` accepts it."""
 
-import pandas as pd
+from dataclasses import replace
 
+import numpy as np
+import pandas as pd
+import pytest
+
+from gyrocal import CalibrationResult, GyroParameters, RecursiveCalibrator, calibrate
+from gyrocal.calibration.davenport import Accumulation
+from gyrocal.calibration.problem import Problem
 from studies.validation import baseline
 from tests import ROOT
 
@@ -24,6 +31,85 @@ def test_a_small_change_is_seen():
     assert table["quantity"].tolist() == ["second_b_x_deg_h"]
     assert baseline.moved(stored, stored).empty
     assert not baseline.moved(stored, stored.head(3)).empty
+
+
+def test_the_other_ways_are_those_of_the_function():
+    """Held values of three ways of one recording: one and the same to rounding."""
+    stored = baseline.read(STORED)
+    values = [column for column in stored.columns if column not in baseline.KEYS]
+    for _, rows in stored[stored["way"].isin(baseline.WAYS)].groupby("parametrisation"):
+        assert len(rows) == 3
+        np.testing.assert_allclose(rows[values].to_numpy()[1:], rows[values].to_numpy()[[0, 0]], rtol=1e-8, atol=0)
+
+
+def longer(parameters, start):
+    """Parameters whose step from the start is longer by 1e-6 of itself."""
+    return GyroParameters.from_vector(parameters.vector + 1e-6 * (parameters.vector - start.vector))
+
+
+def recursive(patch):
+    solve = RecursiveCalibrator.solve
+
+    def slipped(self):
+        parameters, P = solve(self)
+        return longer(parameters, self.parameters), P
+
+    patch.setattr(RecursiveCalibrator, "solve", slipped)
+
+
+def function(patch):
+    def slipped(*arguments, **options):
+        result = calibrate(*arguments, **options)
+        return replace(result, parameters=longer(result.parameters, result.initial))
+
+    patch.setattr(baseline, "calibrate", slipped)
+
+
+def document(patch):
+    to_json = CalibrationResult.to_json
+
+    def slipped(self):
+        return to_json(replace(self, parameters=longer(self.parameters, self.initial)))
+
+    patch.setattr(CalibrationResult, "to_json", slipped)
+
+
+def step(patch):
+    """The step of `calibrate()` itself, and of what is built on its sums."""
+    solve = Accumulation.solve
+    patch.setattr(Accumulation, "solve", lambda self: ((1 + 1e-6) * solve(self)[0], solve(self)[1]))
+
+
+@pytest.mark.parametrize(
+    ("slip", "ways"),
+    [
+        (function, {"calibrate()"}),
+        (document, {"gyrocal calibrate"}),
+        (recursive, {"RecursiveCalibrator"}),
+        (step, set(baseline.WAYS)),
+    ],
+)
+def test_a_step_longer_by_a_millionth_is_seen_in_any_way(slip, ways, monkeypatch):
+    stored = baseline.read(STORED)
+    slip(monkeypatch)
+    for way in ways:
+        old = stored[stored["way"] == way].reset_index(drop=True)
+        table = baseline.moved(old, baseline.one_way(way))
+        assert set(table["parametrisation"]) == {"gain", "gyro"}
+        assert table["quantity"].str.startswith("first_").sum() > 12
+
+
+def test_a_step_of_the_compiled_iterations_longer_by_a_millionth_is_seen(monkeypatch):
+    iterate = Problem.iterate
+
+    def slipped(self, *arguments, **options):
+        found = iterate(self, *arguments, **options)
+        return replace(found, x=found.x + 1e-6 * (found.x - found.x[0]))
+
+    monkeypatch.setattr(Problem, "iterate", slipped)
+    stored = baseline.read(STORED)
+    old = stored[stored["way"] == baseline.COMPILED].reset_index(drop=True)
+    assert len(baseline.moved(old, baseline.compiled())) > 100
 
 
 def test_command_shows_what_moved(run_cli, tmp_path):

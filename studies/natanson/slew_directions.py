@@ -1,0 +1,63 @@
+"""Which way the spacecraft turned: the rate of -y forward, and the yaw maneuvers, by the gap of each direction.
+
+A gap with fitted timings says that no timing that can be flown saves the other direction.
+"""
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from simulator.scenario import Scenario, override
+from studies.natanson import flight
+from studies.natanson.flight_gap import MINUS_Y, YAW_INTERVALS, gap_rms, predict
+from studies.natanson.slew_timings import fit_interval
+
+Array = NDArray[np.float64]
+
+
+def with_minus_y_rate(scenario: Scenario, sign: int) -> Scenario:
+    """The scenario with ω_x = sign RPO in interval 4: −1 is −y forward, +1 needs +y forward, the slews reversed."""
+    slews = scenario.interval[MINUS_Y].slew
+    return override(
+        scenario, {f"interval.{MINUS_Y}.slew.{j}.angle_deg": -sign * -abs(s.angle_deg) * (-1) ** j for j, s in enumerate(slews)}
+    )
+
+
+def with_yaw_directions(scenario: Scenario, second: int, sixth: int) -> Scenario:
+    """The scenario with the given signs of the 180 deg yaws in intervals 2 and 6."""
+    return override(
+        scenario,
+        {f"interval.{k}.slew.0.angle_deg": 180.0 * sign for k, sign in zip(YAW_INTERVALS, (second, sixth), strict=True)},
+    )
+
+
+def _gaps(candidate: Scenario, k: int) -> dict[str, float]:
+    """Gap of interval k with the scenario's timings, and with its own fitted to the three numbers free of noise."""
+    fitted = fit_interval(candidate, k)
+    return {"gap_rms_deg": gap_rms(predict(candidate), [k]), "fitted_gap_rms_deg": gap_rms(predict(fitted), [k])}
+
+
+def minus_y_rate_test(scenario: Scenario) -> pd.DataFrame:
+    """Gap of interval 4 for either sign of its rate, with the scenario's timings and with its own fitted to that sign.
+
+    The fitted gap of the favoured sign says little, three timings being fitted to three numbers; that of the other says that
+    no timing that can be flown saves it.
+    """
+    rows = []
+    for sign in (-1, 1):
+        candidate = with_minus_y_rate(scenario, sign)
+        gap = flight.residuals("prelaunch")[MINUS_Y] - predict(candidate)[MINUS_Y]
+        row = {"rate_rpo": sign, "mode": "-y forward" if sign < 0 else "+y forward", **_gaps(candidate, MINUS_Y)}
+        rows.append(row | {f"gap_{name}_deg": value for name, value in zip(flight.ROTATIONS, gap, strict=True)})
+    return pd.DataFrame(rows)
+
+
+def yaw_direction_test(scenario: Scenario) -> pd.DataFrame:
+    """Gap of intervals 2 and 6 for each direction of their yaw maneuvers, with and without fitted timings."""
+    return pd.DataFrame(
+        [
+            {"interval": k + 1, "yaw_deg": 180 * sign, **_gaps(with_yaw_directions(scenario, sign, sign), k)}
+            for k in YAW_INTERVALS
+            for sign in (1, -1)
+        ]
+    )

@@ -1,0 +1,301 @@
+"""Timings of the slews, which N and R leave open: those assumed, a scan over others, and those that fit the flight.
+
+Timings are fitted to the clean gap (see `studies.natanson.flight_gap`): the residuals before calibration hold noise, which
+timings would fit as well.
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, fields
+from itertools import product
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+from scipy.optimize import minimize
+
+from gyrocal import InputError
+from simulator.scenario import IntervalSection, Scenario, override
+from studies.natanson import flight
+from studies.natanson.flight_diagnosis.table import outcomes
+from studies.natanson.flight_diagnosis.timings import slewing
+from studies.natanson.flight_gap import (
+    COARSE_SAMPLE_S,
+    HOLD,
+    MINUS_Y,
+    YAW_INTERVALS,
+    clean_gap_rms,
+    gap_rms,
+    predict,
+    without_noise,
+)
+
+Array = NDArray[np.float64]
+
+SLEWING = (*YAW_INTERVALS, MINUS_Y)
+
+
+@dataclass(frozen=True)
+class Timing:
+    """Timings common to all maneuvers, where N and R leave them open.
+
+    Attributes
+    ----------
+    delay_s : from an interval's start to its first slew
+    slew_rate_deg_s : rate all slews coast at
+    ramp_fraction : share of a slew spent on speeding up, and again on slowing down
+    stay_s : from the middle of the slew into -y forward to the middle of the slew out of it
+    """
+
+    delay_s: float
+    slew_rate_deg_s: float
+    ramp_fraction: float
+    stay_s: float
+
+    def overrides(self, scenario: Scenario) -> dict[str, float]:
+        """What to override in a TRMM scenario."""
+        out: dict[str, float] = {}
+        for k in SLEWING:
+            for j, slew in enumerate(scenario.interval[k].slew):
+                duration = abs(slew.angle_deg) / (self.slew_rate_deg_s * (1 - self.ramp_fraction))
+                path = f"interval.{k}.slew.{j}"
+                out[f"{path}.start_s"] = self.delay_s + (self.stay_s if j else 0.0)
+                out[f"{path}.duration_s"] = duration
+                out[f"{path}.ramp_fraction"] = self.ramp_fraction
+        return out
+
+
+def timing_of(scenario: Scenario) -> Timing:
+    """The common timing a TRMM scenario was written with, read off its -y forward interval."""
+    into, back = scenario.interval[MINUS_Y].slew
+    rate = abs(into.angle_deg) / (into.duration_s * (1 - into.ramp_fraction))
+    return Timing(into.start_s, rate, into.ramp_fraction, back.start_s - into.start_s)
+
+
+SCANNED = {
+    "delay_s": (0.0, 30.0, 60.0, 90.0, 120.0),
+    "slew_rate_deg_s": (0.2, 0.25, 0.3, 0.35),
+    "ramp_fraction": (0.02, 0.1, 0.3, 0.5),
+    "stay_s": (3400.0, 3600.0, 3800.0),
+}
+
+
+def timing_scan(scenario: Scenario) -> pd.DataFrame:
+    """Gap and clean gap over a grid of all four common timings together; slews that do not fit their interval are left out.
+
+    It says how much the numbers without a fit owe to the guess. An interval without slews keeps its residuals, and those of the
+    yaw maneuvers do not depend on the stay.
+    """
+    flown, clean = flight.residuals("prelaunch"), without_noise()
+    still = [k for k in range(len(scenario.interval)) if k not in SLEWING]
+    kept = predict(scenario)[still]
+    timings = [
+        timing for timing in product(*SCANNED.values()) if all(_flyable(scenario.interval[k], Timing(*timing)) for k in SLEWING)
+    ]
+    # Sums of squares of both gaps, over the intervals without slews and over each with them.
+    of_still = np.array([np.sum((cells[still] - kept) ** 2) for cells in (flown, clean)])
+    of_slewing = {}
+    for k in SLEWING:
+        own = {timing: timing if k == MINUS_Y else timing[:3] for timing in timings}
+        different = list(dict.fromkeys(own.values()))
+        theta, _ = outcomes([_flown_with(scenario.interval[k], Timing(*(*values, 0.0)[:4])) for values in different])
+        found = dict(zip(different, theta, strict=True))
+        values = np.array([found[own[timing]] for timing in timings])
+        of_slewing[k] = np.array([np.sum((cells[k] - values) ** 2, axis=1) for cells in (flown, clean)])
+    gap, clean_gap = np.sqrt((of_still[:, None] + sum(of_slewing.values())) / flown.size)
+    table = pd.DataFrame(timings, columns=list(SCANNED)).assign(gap_rms_deg=gap, clean_gap_rms_deg=clean_gap)
+    return table.assign(**{_of_interval(k): np.sqrt(both[1] / len(flight.ROTATIONS)) for k, both in of_slewing.items()})
+
+
+def _of_interval(k: int) -> str:
+    return f"clean_gap_{k + 1}_rms_deg"
+
+
+def held_out(scan: pd.DataFrame, assumed: Timing) -> dict[str, float]:
+    """Clean gap of the three slewing intervals, each with the scanned timing that is best for the other two; RMS, deg.
+
+    The stay in -y forward is left as assumed where that interval is the one held out. "before" has the assumed timings.
+    """
+    mine = np.all([scan[name] == getattr(assumed, name) for name in SCANNED], axis=0)
+    before, after = [], []
+    for k in SLEWING:
+        rest = [_of_interval(other) for other in SLEWING if other != k]
+        candidates = scan[scan["stay_s"] == assumed.stay_s] if k == MINUS_Y else scan
+        best = np.square(candidates[rest]).sum(axis=1).idxmin()
+        before.append(float(scan.loc[mine, _of_interval(k)].iloc[0]) if mine.any() else float("nan"))
+        after.append(float(scan.loc[best, _of_interval(k)]))
+    return {"before": float(flight.rms(np.array(before))), "after": float(flight.rms(np.array(after)))}
+
+
+def scan_by_value(scan: pd.DataFrame) -> pd.DataFrame:
+    """The scan for people: the smallest and largest clean gap at each value of each timing, whatever the others are."""
+    return pd.DataFrame(
+        [
+            {"timing": name, "value": value, "clean_gap_min_deg": gaps.min(), "clean_gap_max_deg": gaps.max()}
+            for name in SCANNED
+            for value, gaps in scan.groupby(name)["clean_gap_rms_deg"]
+        ]
+    )
+
+
+def _duration(section: IntervalSection, timing: Timing) -> float:
+    return abs(section.slew[0].angle_deg) / (timing.slew_rate_deg_s * (1 - timing.ramp_fraction))
+
+
+def _flyable(section: IntervalSection, timing: Timing) -> bool:
+    """Whether the slews fit into their interval, and the stay between them."""
+    duration = _duration(section, timing)
+    stay = timing.stay_s if len(section.slew) > 1 else duration
+    return duration <= stay and timing.delay_s + duration + (len(section.slew) - 1) * stay <= section.stop_s - section.start_s
+
+
+def _flown_with(section: IntervalSection, timing: Timing) -> IntervalSection:
+    return slewing(section, timing.delay_s, _duration(section, timing), timing.ramp_fraction, timing.stay_s)
+
+
+@dataclass(frozen=True)
+class TimingFit:
+    """A fit of timings to the 18 numbers free of noise.
+
+    Attributes
+    ----------
+    scenario : with the fitted timings
+    timings : fitted values by name
+    at_bound : names of those that stopped at a bound
+    clean_gap_rms_deg, gap_rms_deg : what is left of both
+    dof : numbers less fitted values
+    """
+
+    scenario: Scenario
+    timings: Mapping[str, float]
+    at_bound: tuple[str, ...]
+    clean_gap_rms_deg: float
+    gap_rms_deg: float
+    dof: int
+
+    @property
+    def count(self) -> int:
+        """How many values were fitted."""
+        return len(self.timings)
+
+
+# What can be flown: slews from 0.1 to 0.6 deg/s on average, and a stay in -y forward of "about one hour".
+BOUNDS = {"delay_s": (0.0, 300.0), "slew_rate_deg_s": (0.15, 0.6), "ramp_fraction": (0.02, 0.5), "stay_s": (3000.0, 4000.0)}
+MEAN_RATES_DEG_S = (0.1, 0.6)
+TRANSITION_BOUNDS_S = (10.0, 600.0)
+UNFLYABLE = 1.0  # deg, what timings that do not fit into their interval cost
+STARTS = (0.2, 0.5, 0.8)  # of the way through the bounds, beside the scenario's own timings
+
+
+@dataclass(frozen=True)
+class _Search:
+    """Timings to fit: their names, where to start, (n, 2) bounds, and the overrides that set them."""
+
+    names: tuple[str, ...]
+    start: Array
+    bounds: Array
+    changes: Callable[[Array], dict[str, float]]
+
+    def at_bound(self, x: Array) -> tuple[str, ...]:
+        """Names of those within a thousandth of their range of a bound."""
+        near = np.min(np.abs(x[:, None] - self.bounds), axis=1) < 1e-3 * np.ptp(self.bounds, axis=1)
+        return tuple(name for name, stopped in zip(self.names, near, strict=True) if stopped)
+
+
+def fit_common(scenario: Scenario) -> TimingFit:
+    """Fit the four timings common to all maneuvers."""
+    base = timing_of(scenario)
+    names = tuple(field.name for field in fields(Timing))
+    search = _Search(
+        names=names,
+        start=np.array([getattr(base, name) for name in names]),
+        bounds=np.array([BOUNDS[name] for name in names]),
+        changes=lambda x: Timing(*map(float, x)).overrides(scenario),
+    )
+    return _fitted(scenario, [(search, _minimise(scenario, search, sorted(SLEWING)))])  # the others hold no slew
+
+
+def fit_each(scenario: Scenario) -> TimingFit:
+    """Fit the timings of each maneuver by itself, nine values for the twelve numbers of four intervals.
+
+    It shows how far timing alone can go: an interval's three numbers leave one degree of freedom, or none, and a timing that
+    stops at its bound has been asked for more than it can give.
+    """
+    parts = []
+    for k in (*SLEWING, HOLD):
+        search = _timings_of(scenario, k)
+        parts.append((search, _minimise(scenario, search, [k])))
+    return _fitted(scenario, parts)
+
+
+def fit_interval(scenario: Scenario, k: int) -> Scenario:
+    """The scenario with the timings of interval k fitted to its three numbers, within what can be flown."""
+    search = _timings_of(scenario, k)
+    return override(scenario, search.changes(_minimise(scenario, search, [k])))
+
+
+def _timings_of(scenario: Scenario, k: int) -> _Search:
+    """Timings to fit of one interval: of its slews, which last equally long, or of its hold."""
+    interval, path = scenario.interval[k], f"interval.{k}"
+    if interval.hold:
+        return _Search(
+            names=(f"{interval.name} hold start_s", f"{interval.name} hold transition_s"),
+            start=np.array([interval.hold.start_s, interval.hold.transition_s]),
+            bounds=np.array([(0.0, 300.0), TRANSITION_BOUNDS_S]),
+            changes=lambda x: {f"{path}.hold.start_s": float(x[0]), f"{path}.hold.transition_s": float(x[1])},
+        )
+    slews = interval.slew
+    slowest, fastest = (abs(slews[0].angle_deg) / rate for rate in MEAN_RATES_DEG_S)
+    names = [f"{interval.name} slew start_s", f"{interval.name} slew duration_s"]
+    start, bounds = [slews[0].start_s, slews[0].duration_s], [BOUNDS["delay_s"], (fastest, slowest)]
+    if len(slews) > 1:
+        names.append(f"{interval.name} stay_s")
+        start.append(slews[1].start_s - slews[0].start_s)
+        bounds.append(BOUNDS["stay_s"])
+
+    def changes(x: Array) -> dict[str, float]:
+        out = {f"{path}.slew.{j}.duration_s": float(x[1]) for j in range(len(slews))}
+        return out | {f"{path}.slew.{j}.start_s": float(x[0] + (x[2] if j else 0.0)) for j in range(len(slews))}
+
+    return _Search(tuple(names), np.array(start), np.array(bounds), changes)
+
+
+def _fitted(scenario: Scenario, parts: list[tuple[_Search, Array]]) -> TimingFit:
+    timings: dict[str, float] = {}
+    at_bound: tuple[str, ...] = ()
+    for search, x in parts:
+        scenario = override(scenario, search.changes(x))
+        timings |= dict(zip(search.names, map(float, x), strict=True))
+        at_bound += search.at_bound(x)
+    predicted = predict(scenario)
+    return TimingFit(scenario, timings, at_bound, clean_gap_rms(predicted), gap_rms(predicted), 18 - len(timings))
+
+
+def _minimise(scenario: Scenario, search: _Search, intervals: Sequence[int]) -> Array:
+    """Nelder–Mead on the clean gap of some intervals from several starts; timings that cannot be flown count as a degree."""
+    coarse = _coarse(scenario)
+    flown = without_noise()[list(intervals)]
+    low, high = search.bounds.T
+
+    def cost(y: Array) -> float:
+        try:
+            changed = override(coarse, search.changes(low + y * (high - low)))
+            some = changed.model_copy(update={"interval": tuple(changed.interval[k] for k in intervals)})
+            return float(flight.rms((predict(some) - flown).ravel()))
+        except InputError:
+            return UNFLYABLE
+
+    count = len(search.names)
+    # Between bounds, the scenario's own timings first; then along the box's diagonal, for a valley elsewhere.
+    starts = [np.clip((search.start - low) / (high - low), 0, 1), *(np.full(count, share) for share in STARTS)]
+    options = {"xatol": 1e-4, "fatol": 1e-6, "maxfev": 60 * count}
+    best = min(
+        (minimize(cost, y, method="Nelder-Mead", bounds=[(0, 1)] * count, options=options) for y in starts),
+        key=lambda found: found.fun,
+    )
+    if best.fun >= UNFLYABLE:
+        raise InputError(f"no timing of {', '.join(search.names)} that can be flown was found")
+    return np.asarray(low + np.clip(best.x, 0, 1) * (high - low))
+
+
+def _coarse(scenario: Scenario) -> Scenario:
+    return override(scenario, {"gyro.sample_s": COARSE_SAMPLE_S})

@@ -1,0 +1,241 @@
+"""The calibrator against one that shares nothing with it: ψ by quadrature, its own columns and normal equations."""
+
+import numpy as np
+import pytest
+from numpy.polynomial.legendre import leggauss
+from scipy.spatial.transform import Rotation
+
+from gyrocal import NAMES, GyroParameters, InputError, RecursiveCalibrator, UnobservableError, attitude, calibrate
+from gyrocal.calibration.gyro_space import GYRO_NAMES, SPACES, from_gyros, gyro_jacobian, to_gyros
+from gyrocal.calibration.sampling import measurements
+from tests.builders import PLAN, TRUTH, piecewise_recording
+
+PRELAUNCH = GyroParameters(
+    np.eye(3) + np.deg2rad([[0, -0.036, 0.006], [0.059, 0, -0.033], [0.005, 0.03, 0]]), np.deg2rad([-1.41e-4, 1.58e-4, 0.86e-4])
+)
+NODES, WEIGHTS = leggauss(10)
+ARW = np.deg2rad(2e-4)
+
+
+@pytest.fixture(scope="module")
+def noisy():
+    return piecewise_recording(arw=ARW, rng=np.random.default_rng(12), sample_s=10.0, series_s=300.0)
+
+
+def columns(space, raw, G, bias):
+    """F (n, 3, 12) of each step, from the gyro equation alone."""
+    n, identity = len(raw), np.eye(3)
+    if space == "gain":
+        parts = [raw[:, [j]] * identity[i] for i in range(3) for j in range(3)]
+        return np.stack([*parts, *np.broadcast_to(identity[:, None], (3, n, 3))], axis=2)
+    # ω = K⁻¹ (ω_raw − c): implicit differentiation of s_i (u_i · ω) + c_i = ω_raw,i.
+    K = np.linalg.inv(G)
+    omega = np.linalg.solve(K, (raw + K @ bias).T).T
+    scale = np.sqrt((K**2).sum(axis=1))
+    out = np.empty((n, 3, 12))
+    for i in range(3):
+        u = K[i] / scale[i]
+        for j in range(3):
+            along = u if i == j else scale[i] * (identity[j] - u[j] / u[i] * identity[i])
+            out[:, :, 3 * i + j] = -np.linalg.solve(K, identity[i]) * (omega @ along)[:, None]
+        out[:, :, 9 + i] = -np.linalg.solve(K, identity[i])
+    return out
+
+
+def psi_by_quadrature(omega, dt, linear):
+    """∫₀^Δt exp(−[ω×]τ) dτ, (n, 3, 3)."""
+    if linear:
+        return dt * np.broadcast_to(np.eye(3), (len(omega), 3, 3))
+    return sum(
+        0.5 * dt * w * Rotation.from_rotvec(-omega * 0.5 * dt * (1 + x)).as_matrix()
+        for x, w in zip(NODES, WEIGHTS, strict=True)
+    )
+
+
+def evaluated(recording, space, G, bias, linear):
+    """Residuals (3m,), Θ (3m, 12) and V (3m, 3m) of a recording whose references fall on its samples, interval by interval."""
+    theta, Theta, V = [], [], []
+    t_ref, q, sigma = recording.attitudes.t_s, recording.attitudes.quaternions, recording.attitudes.sigma
+    for interval in recording.intervals:
+        rows = np.flatnonzero((t_ref >= interval.start_s - 1e-6) & (t_ref <= interval.stop_s + 1e-6))
+        A = Rotation.from_quat(q[rows]).inv().as_matrix()
+        inside = (recording.gyro.t_s > interval.start_s - 1e-6) & (recording.gyro.t_s < interval.stop_s - 1e-6)
+        raw, t, dt = recording.gyro.rates[inside], recording.gyro.t_s[inside], recording.gyro.sample_s
+        omega = raw @ G.T + bias
+        steps = Rotation.from_rotvec(-omega * dt).as_matrix()
+        moved = psi_by_quadrature(omega, dt, linear) @ columns(space, raw, G, bias)
+        R, sensitivity, turns, spans = np.eye(3), np.zeros((3, 12)), [], []
+        for k in range(len(raw)):
+            R, sensitivity = steps[k] @ R, moved[k] + steps[k] @ sensitivity
+            at = np.flatnonzero(np.abs(t_ref[rows] - t[k] - dt) < 1e-6)
+            if at.size:
+                theta.append(Rotation.from_matrix(A[at[0]] @ (R @ A[0]).T).as_rotvec())
+                Theta.append(sensitivity)
+                turns.append(R)
+                spans.append((at[0], t[k] + dt - interval.start_s))
+        block = np.zeros((3 * len(turns), 3 * len(turns)))
+        for a, (row_a, T_a) in enumerate(spans):
+            for b, (_, T_b) in enumerate(spans):
+                value = turns[a] @ (np.diag(sigma[rows[0]] ** 2) + ARW**2 * min(T_a, T_b) * np.eye(3)) @ turns[b].T
+                block[3 * a : 3 * a + 3, 3 * b : 3 * b + 3] = value + (a == b) * np.diag(sigma[rows[row_a]] ** 2)
+        V.append(block)
+    return np.concatenate(theta), np.concatenate(Theta), V
+
+
+def oracle(recording, space, iterations, linear=False):
+    """G and b by the normal equations of each iteration, in parameters of their own and at a scale of their own."""
+    G, bias = PRELAUNCH.G, PRELAUNCH.bias
+    size = np.array([1e-3] * 9 + [1e-6] * 3)
+    for _ in range(iterations):
+        theta, Theta, V = evaluated(recording, space, G, bias, linear)
+        N, u, low = np.zeros((12, 12)), np.zeros(12), 0
+        for block in V:
+            high = low + len(block)
+            H = Theta[low:high] * size
+            N += H.T @ np.linalg.solve(block, H)
+            u += H.T @ np.linalg.solve(block, theta[low:high])
+            low = high
+        step = size * np.linalg.solve(N, u)
+        if space == "gain":
+            G, bias = G - step[:9].reshape(3, 3), bias - step[9:]
+        else:
+            K = np.linalg.inv(G)
+            scale = np.sqrt((K**2).sum(axis=1))
+            axes, offset = K / scale[:, None], -K @ bias - step[9:]
+            for i in range(3):
+                others = [j for j in range(3) if j != i]
+                axes[i, others] -= step[3 * i : 3 * i + 3][others]
+                axes[i, i] = np.sqrt(1 - np.sum(axes[i, others] ** 2))
+                scale[i] -= step[4 * i]
+            G = np.linalg.inv(np.diag(scale) @ axes)
+            bias = -G @ offset
+    return G, bias
+
+
+def flat(theta):
+    return np.asarray(theta).ravel()
+
+
+@pytest.mark.parametrize("space", ["gain", "gyro"])
+@pytest.mark.parametrize("psi", ["full", "linear"])
+def test_the_independent_implementation_agrees(noisy, space, psi):
+    G, bias = oracle(noisy, space, 2, psi == "linear")
+    result = calibrate(noisy, initial=PRELAUNCH, iterations=2, psi=psi, parametrisation=space)
+    np.testing.assert_allclose(result.G, G, rtol=0, atol=1e-13)
+    np.testing.assert_allclose(result.bias, bias, rtol=0, atol=1e-16)
+    theta = evaluated(noisy, space, G, bias, psi == "linear")[0]
+    np.testing.assert_allclose(np.rad2deg(flat(result.history[-1])), np.rad2deg(flat(theta)), rtol=0, atol=1e-11)
+
+
+def test_both_parametrisations_have_one_minimum_and_different_ways_to_it(noisy):
+    # Weights that do not depend on the parameters, so that the minimum does not either.
+    weights = {"initial": PRELAUNCH, "residual_covariance": np.eye(3 * len(measurements(noisy).row)) * 1e-8}
+    gain, gyro = (calibrate(noisy, parametrisation=space, **weights) for space in ("gain", "gyro"))
+    np.testing.assert_allclose(gyro.G, gain.G, rtol=0, atol=2e-11)
+    np.testing.assert_allclose(gyro.bias, gain.bias, rtol=0, atol=1e-14)
+    np.testing.assert_allclose(gyro.sigma, gain.sigma, rtol=1e-6)
+    correlation = [one.covariance / np.outer(one.sigma, one.sigma) for one in (gyro, gain)]
+    np.testing.assert_allclose(*correlation, rtol=0, atol=1e-6)
+    first = [result.corrections[0].vector for result in (gain, gyro)]
+    assert np.abs(first[0] - first[1])[:9].max() > 1e-7
+
+
+@pytest.mark.parametrize("axis", "xyz")
+def test_one_gyro_is_calibrated_alone(axis):
+    """Only this gyro is off: its own scale factor, axis and bias bring all of G and b back; row i of G does not."""
+    recording = piecewise_recording()
+    i = "xyz".index(axis)
+    y = to_gyros(TRUTH)
+    own = [3 * i, 3 * i + 1, 3 * i + 2, 9 + i]
+    y[own] += [1e-3, -1.5e-3, 2e-3, 1e-6]
+    off = from_gyros(y)
+    gyro = calibrate(recording, initial=off, solve_for=f"gyro_{axis}", parametrisation="gyro")
+    assert gyro.solved_for == tuple(GYRO_NAMES[k] for k in own)
+    assert gyro.converged
+    np.testing.assert_allclose(gyro.G, TRUTH.G, rtol=0, atol=1e-11)
+    np.testing.assert_allclose(gyro.bias, TRUTH.bias, rtol=0, atol=1e-14)
+    held = [k for k in range(12) if k not in own]
+    np.testing.assert_allclose(to_gyros(gyro.parameters)[held], y[held], rtol=0, atol=1e-14)
+    assert (np.flatnonzero(np.diag(gyro.own_covariance)) == sorted(own)).all()
+    row = calibrate(recording, initial=off, solve_for=f"gyro_{axis}")
+    assert np.abs(row.G - TRUTH.G).max() > 1e-7
+
+
+def test_gyro_space_is_the_reading_of_each_gyro():
+    omega = np.random.default_rng(3).normal(size=(40, 3)) * 0.01
+    y = to_gyros(TRUTH)
+    raw = TRUTH.raw(omega)
+    for i in range(3):
+        axis = y[3 * i : 3 * i + 3].copy()
+        others = [j for j in range(3) if j != i]
+        axis[i] = np.sqrt(1 - axis[others] @ axis[others])
+        np.testing.assert_allclose(y[4 * i] * omega @ axis + y[9 + i], raw[:, i], rtol=0, atol=1e-16)
+    np.testing.assert_allclose(from_gyros(y).vector, TRUTH.vector, rtol=0, atol=1e-15)
+
+
+def test_jacobian_is_the_derivative():
+    y, h = to_gyros(PRELAUNCH), np.array([1e-4] * 9 + [1e-6] * 3)
+    for k in range(12):
+        step = h[k] * np.eye(12)[k]
+        # Central differences, Richardson's: exact to the fifth order.
+        once, twice = ((from_gyros(y + m * step).vector - from_gyros(y - m * step).vector) / (2 * m * h[k]) for m in (1, 2))
+        np.testing.assert_allclose(gyro_jacobian(PRELAUNCH)[:, k], (4 * once - twice) / 3, rtol=0, atol=2e-11)
+    np.testing.assert_array_equal(SPACES["gain"].jacobian(PRELAUNCH), np.eye(12))
+
+
+def test_recursive_calibrator_equals_the_batch_in_gyro_space():
+    recording = piecewise_recording(arw=ARW, rng=np.random.default_rng(3), sample_s=10.0)
+    batch = calibrate(recording, initial=PRELAUNCH, iterations=1, parametrisation="gyro", solve_for="all,-c_y")
+    recursive = RecursiveCalibrator(PRELAUNCH, arw=ARW, parametrisation="gyro", solve_for="all,-c_y")
+    A, sigma = attitude.matrix_from_quaternion(recording.attitudes.quaternions), recording.attitudes.sigma
+    prepared = measurements(recording)
+    for j, interval in enumerate(recording.intervals):
+        recursive.start(A[prepared.start[j]], sigma[prepared.start[j]])
+        for raw in recording.gyro.rates[(recording.gyro.t_s >= interval.start_s) & (recording.gyro.t_s < interval.stop_s)]:
+            recursive.sample(raw, 10.0)
+        recursive.finish(A[prepared.row[j]], sigma[prepared.row[j]])
+    parameters, P = recursive.solve()
+    np.testing.assert_allclose(parameters.vector[:9], batch.parameters.vector[:9], rtol=0, atol=1e-12)
+    np.testing.assert_allclose(parameters.bias, batch.bias, rtol=0, atol=1e-15)
+    keep = [k for k, name in enumerate(GYRO_NAMES) if name != "c_y"]
+    np.testing.assert_allclose(P, batch.own_covariance[np.ix_(keep, keep)], rtol=1e-7)
+
+
+def test_sigmas_of_gyro_space_are_those_of_its_own_parameters(noisy):
+    prior = np.diag([1e-3**2] * 9 + [1e-6**2] * 3)
+    result = calibrate(noisy, initial=PRELAUNCH, parametrisation="gyro", apriori_covariance=prior)
+    summary = result.summary().set_index("parameter")
+    assert list(summary.index) == list(GYRO_NAMES)
+    y = to_gyros(result.parameters)
+    assert summary.loc["s_y", "calibrated"] == y[4]
+    assert summary.loc["c_z", "calibrated"] == pytest.approx(np.rad2deg(y[11]))
+    assert (summary["sigma"].to_numpy()[:9] < 1e-3).all()
+    document = result.to_json()
+    assert document["parametrisation"] == "gyro"
+    assert [row["parameter"] for row in document["estimates"]] == list(GYRO_NAMES)
+    assert np.shape(document["covariance"]) == (12, 12)
+    assert np.sqrt(document["covariance"][0][0]) == pytest.approx(document["sigma_G"][0][0])
+
+
+def test_what_gyro_space_cannot_describe_is_refused():
+    recording = piecewise_recording()
+    swapped = GyroParameters(np.eye(3)[[1, 0, 2]], np.zeros(3))
+    with pytest.raises(InputError, match="axis of gyro x, y is more than 84 deg"):
+        calibrate(recording, initial=swapped, parametrisation="gyro")
+    with pytest.raises(InputError, match="unknown parametrisation 'axes'"):
+        calibrate(recording, parametrisation="axes")
+    with pytest.raises(InputError, match=r"unknown parameter 'G_xx'; known: all, .*s_x, u_xy"):
+        calibrate(recording, parametrisation="gyro", solve_for="G_xx")
+    assert set(NAMES).isdisjoint(GYRO_NAMES)
+
+
+def test_what_is_free_is_named_in_the_parameters_of_gyro_space():
+    plan = tuple((((0.0, -0.001, 0.0), 600.0 + 60 * k),) for k in range(6))
+    recording = piecewise_recording(plan, arw=ARW, rng=np.random.default_rng(8))
+    with pytest.raises(UnobservableError, match=r"deg/h in c.*s and u|s and u.*deg/h in c") as caught:
+        calibrate(recording, solve_for="s_y,c_y", parametrisation="gyro")
+    (name,) = caught.value.combinations
+    assert name.startswith("1 s_y + ")
+    assert name.endswith("deg/s c_y")
+    with pytest.raises(UnobservableError):
+        calibrate(piecewise_recording(PLAN[:3]), parametrisation="gyro")
