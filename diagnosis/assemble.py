@@ -213,7 +213,7 @@ def _checks_note(explained: Explained) -> tuple[str, ...]:
     failed = [check for check in explained.checks if check.p_value < 1e-3]
     if not failed or explained.attribution is None or explained.attribution.slots:
         return ()
-    best = explained.attribution.ranked[0].labels
+    best = [explained.linear.candidate(member).label for member in explained.attribution.best.members]
     words = ", ".join(f"{check.name} (p = {check.p_value:.1g})" for check in failed)
     return (f"The likeliest explanation, {' with '.join(best)}, would not leave residuals like these: {words}",)
 

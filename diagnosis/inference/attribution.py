@@ -109,7 +109,7 @@ def doubted(model: LinearModel, attribution: Attribution, p_value: float, settin
     unknown = 1 - (1 - attribution.unknown) * left
     imitated = " with ".join(slot.group[0][0] for slot in attribution.slots)
     ranked = [replace(one, probability=one.probability * left) for one in attribution.ranked]
-    imitation = Ranked((f"something unlisted that imitates {imitated}",), 1 - left, attribution.best.log_evidence, True)
+    imitation = Ranked((f"an imitation of {imitated}",), 1 - left, attribution.best.log_evidence, True)
     ranked = sorted([*ranked, imitation], key=lambda one: -one.probability)
     if unknown > settings.unknown:
         return Attribution("unknown", attribution.best, (), unknown, tuple(ranked))
