@@ -27,7 +27,7 @@ from studies.robertson.windows import ANGLES, NUMBERS, Number, factor, simulated
 LANDED = ("boresight_elevation=0", "printed_coefficients=1")
 HORIZON = "horizon_noise=0.0287"
 WALK = "gyro_walk:y=0.018"
-DRAWS = 300
+DRAWS = 200
 POST = PERIODS[2]
 
 
@@ -80,9 +80,10 @@ def ladder(windows: Mapping[tuple[str, ...], pd.DataFrame]) -> list[dict[str, An
         rows = windows[rung.effects]
         values = simulated(rows, rung.against)
         record: dict[str, Any] = {"effect": rung.name, "setting": " ".join(rung.effects) or "nominal"}
-        for name, numbers in groups(used).items():
-            low, high = interval(rows, rung.against, numbers)
-            record |= {name: factor(values, numbers), f"{name}_low": low, f"{name}_high": high}
+        own, drawn = groups(used), redrawn(rows, rung.against)
+        for name, numbers in own.items():
+            low, high = np.quantile([factor(one, numbers) for one in drawn], [0.16, 0.84])
+            record |= {name: factor(values, numbers), f"{name}_low": float(low), f"{name}_high": float(high)}
         out.append(record)
     return out
 
@@ -98,16 +99,14 @@ def groups(used: Sequence[Number] = ()) -> dict[str, list[Number]]:
     }
 
 
-def interval(rows: pd.DataFrame, against: str, numbers: Sequence[Number]) -> tuple[float, float]:
-    """0.16 and 0.84 quantiles of a factor over windows drawn anew within each period."""
+def redrawn(rows: pd.DataFrame, against: str) -> list[dict[Number, float]]:
+    """R Table 3's numbers of windows drawn anew within each period, `DRAWS` times."""
     rng = generator(1998, 0, "ladder_intervals")
     parts = [rows[rows["period"] == period] for period in PERIODS]
-    values = []
-    for _ in range(DRAWS):
-        drawn = pd.concat([part.iloc[rng.integers(0, len(part), len(part))] for part in parts])
-        values.append(factor(simulated(drawn, against), numbers))
-    low, high = np.quantile(values, [0.16, 0.84])
-    return float(low), float(high)
+    return [
+        simulated(pd.concat([part.iloc[rng.integers(0, len(part), len(part))] for part in parts]), against)
+        for _ in range(DRAWS)
+    ]
 
 
 def numbers_table(windows: Mapping[tuple[str, ...], pd.DataFrame], published: Mapping[Number, float]) -> pd.DataFrame:

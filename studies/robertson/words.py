@@ -25,13 +25,13 @@ NOT_PUBLISHED = (
     "default, `solved`, is mounted so that the ground's fit, made at sun angles of 8 to 12°, finds R (3): after its upload the "
     "updates are near noise at those angles and grow away from them. R's 0.10° between the uploads is reached in part.",
     "**(c, d) of R (6)** as printed move yaw by 0.005° (DSS-1) and 0.003° (DSS-2) only. Computed for the raised boresights, "
-    "DSS-1's are the printed ones with a zero slipped in c; DSS-2's are so in c, with two zeros, and not in d, whose sign is the "
-    "other one. The months fly the computed ones.",
-    "**R's asymmetry of +x and −x forward** follows from the sun angle: before February 27 +x forward has the Sun within 15° of "
-    "the XZ plane, where the alignment was made, and −x forward up to 58°. An alignment made near one sun angle is used far from "
-    "it; see the tables by sun angle and from end to end.",
-    "**What is left.** The diagnosis keeps something unknown beside what it finds. Of single numbers: roll before any upload is "
-    "too large, updates with the alignment too small, and the scatter of the x bias with the alignment is three times the "
+    "DSS-1's are the printed ones with a zero slipped in c; DSS-2's are so in c, with two zeros, and not in d, whose sign is "
+    "the other one. The months fly the computed ones.",
+    "**R's asymmetry of +x and −x forward** follows from the sun angle: before February 27 +x forward has the Sun within 15° "
+    "of the XZ plane, where the alignment was made, and −x forward up to 58°. An alignment made near one sun angle is used far "
+    "from it; see the tables by sun angle and from end to end.",
+    "**What is left.** The diagnosis keeps something unknown beside what it finds. Of single numbers: roll before any upload "
+    "is too large, updates with the alignment too small, and the scatter of the x bias with the alignment is three times the "
     "flight's. That last one is the sum of R (8)'s share and of the ground's yaw reference, whose error ψ looks like a bias of "
     "∓n ψ about x; in the flight the two cancelled more than here.",
     "**The node at launch**, 46°, is chosen so that the Sun crosses the orbit plane on December 13, when N has a yaw maneuver. "
