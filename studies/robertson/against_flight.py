@@ -161,7 +161,7 @@ def ladder_figure(rungs: pd.DataFrame) -> Draw:
     lines = [Line(x, rungs[name], words[name], colour, "o-") for name, colour in colours.items()]
     names = ", ".join(f"{k} {name}" for k, name in zip(x, rungs["effect"], strict=True))
     panel = curves(lines, x="rung", y="RMS factor, simulated to flown", ticks=x.tolist(), levels=(1.3,))
-    return sheet(panel, size=(8.0, 3.6), columns=1, legend="outside upper right", title=names)
+    return sheet(panel, size=(8.0, 3.8), columns=1, legend="outside lower center", title=names)
 
 
 def sun_angle_figure(months: Sequence[MissionRun]) -> Draw:
