@@ -4,27 +4,13 @@ Published by R: orbit, mass, four wheels in a pyramid, control at 2 Hz, the sens
 the heads' angles, (c, d) of R (6), R (9), the days of the uploads. Not published, and chosen here: inertia, wheels and
 torquers, gains, disturbances, noises, the tilt of the sun sensors. What is published of the gyro before launch is in N Table 3.
 
-Mounting of the sun sensors
-    The ground's alignment, R (3), was solved without knowing of the β heads' angles. How the sensors were really mounted is not
-    published, nor which way round the sensors' axes and the Euler angles are counted. A fit of M over the field of view takes
-    up the turn e₃ of a β head, and of the other two for DSS-2 up to 0.03° about the boresight. Four truths:
+How the sun sensors are mounted is in `simulator.mission_mode.mounting`.
 
-    "solved" : M_true = M X(e₃) with M = I and R (3), so that the ground's fit finds R (3), and β is right once it is uploaded.
-               At the yaw update DSS-2 differs from DSS-1 by 0.156° before the alignment is uploaded, by 0 after. The default.
-    "added"  : R (3) is how DSS-2 is mounted, and the heads' angles come on top: 0.093° before, 0.249° after.
-    "heads"  : the sensors are mounted as designed, the heads' angles are all there is: 0.249° before, 0.405° after.
-    "alike"  : as "heads", with R's numbers for frames whose x is alike in both sensors, toward +Z, and Euler angles that turn
-               the head and not the axes: 0.115° before, 0.041° after.
-
-    In runs of a day they give yaw updates of 0.30, 0.20, 0.51 and 0.24° before any upload and 0.02, 0.51, 0.83 and 0.07° after
-    the alignment; R has 0.24 and 0.10°. "alike" comes nearest and is not the default: its axes were tried until it did, and
-    from its truth a fit finds 0.115° of yaw and nothing about y, not R (3) with 0.156°, and 0.114° about both other axes. Of
-    the four only "solved" is what R (3) would be found from. In it and in "alike" yaw is counted so that DSS-1 is right, R's
-    M = I for DSS-1.
 Coefficients
     R (6) with the published (c, d) moves yaw by 0.005° (DSS-1) and 0.003° (DSS-2). What (6) is for, the least error of β where
     the Sun crosses the XY plane, is `crossing_compensation`; it is found from the sensors as they are, better than the ground
-    could, and so is a bound on what (6) can do. Uploads take the published pair unless asked for the other.
+    could, and so is a bound on what (6) can do. With the boresights raised it gives DSS-1 (1.00046, 0.000078), R's 1.000047
+    and 0.000085 with a zero slipped in c. Uploads take the computed pair unless asked for the published one.
 """
 
 from __future__ import annotations
@@ -35,6 +21,8 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from simulator.mission_mode.mounting import BORESIGHTS, R3_M, Mounting, mounted
+from simulator.mission_mode.onboard_attitude import head_angle
 from simulator.mission_mode.wheels import EQUAL_ELEVATION
 from simulator.sensors import sun as sun_sensor
 from simulator.sensors.earth import Filter, TrueEarthSensor
@@ -42,7 +30,6 @@ from simulator.sensors.sun import TrueSunSensor
 from simulator.truth.orbit import CircularOrbit
 
 Array = NDArray[np.float64]
-Mounting = Literal["solved", "added", "heads", "alike"]
 Forward = Literal["+x", "-x"]
 
 EPOCH = "1997-11-27T21:30:00+00:00"  # R: launched November 27, 1997; near the launch's hour
@@ -54,7 +41,6 @@ R9_BIAS = np.deg2rad([-1.549155e-4, 1.978161e-4, 0.7820254e-4])
 # N Table 3 before launch: misalignments -0.036, 0.006; 0.059, -0.033; 0.005, 0.030 deg.
 PRELAUNCH_G = np.eye(3) + np.deg2rad([[0.0, -0.036, 0.006], [0.059, 0.0, -0.033], [0.005, 0.030, 0.0]])
 PRELAUNCH_BIAS = np.deg2rad([-1.41e-4, 1.58e-4, 0.86e-4])
-R3_M = 1e-3 * np.array([[999.996, -1.98736, -1.99437], [1.9928, 999.994, 2.7292], [1.98893, -2.73316, 999.994]])
 PENETRATION_BIASES = np.deg2rad([-0.1574, 0.04635, -0.09414, -0.05382])
 INERTIA = np.array([[8500.0, 40.0, -120.0], [40.0, 6000.0, 60.0], [-120.0, 60.0, 9500.0]])  # kg m², not published
 R6 = ((1.000047, 8.5e-5), (0.999977, 5.3e-5))  # (c, d) of DSS-1 and DSS-2
@@ -75,6 +61,8 @@ class Spacecraft:
     drag_swing : its day-night part; the force is drag (1 + swing × cosine of the Sun's zenith angle)
     pressure_arm : (3,) from the centre of mass to that of pressure, m
     gravity_gradient : whether it acts
+    scan_torque : of an instrument that scans about body z out of balance, N m, turning in the body's XY plane
+    scan_rate : of the scan, rad/s
     """
 
     inertia: Array = field(
@@ -89,6 +77,8 @@ class Spacecraft:
     drag_swing: float = 0.4
     pressure_arm: Array = field(default_factory=lambda: np.array([0.1, 0.05, 0.2]))
     gravity_gradient: bool = True
+    scan_torque: float = 0.0
+    scan_rate: float = 2 * np.pi * 31.6 / 60
 
 
 @dataclass(frozen=True)
@@ -100,13 +90,15 @@ class TrueGyro:
     G : (3, 3)
     bias : (3,) b at the start, rad/s
     arw : angle random walk, rad/√s
-    rrw : random walk of b, rad/s/√s
+    rrw : random walk of b, rad/s/√s, one for all axes or (3,)
+    orbital : (3, 2) of b, amplitudes by the cosine and the sine of the argument of latitude, rad/s
     """
 
     G: Array = field(default_factory=lambda: R9_G)
     bias: Array = field(default_factory=lambda: R9_BIAS)
     arw: float = float(np.deg2rad(2.6e-4))
-    rrw: float = 0.0
+    rrw: float | Array = 0.0
+    orbital: Array = field(default_factory=lambda: np.zeros((3, 2)))
 
 
 @dataclass(frozen=True)
@@ -143,6 +135,7 @@ class Controller:
     damping : ζ
     integral_s : time constant of the integral part, s: gain I ω² / integral_s
     integral_limit : largest integral of an error, rad s
+    bias_gain : share of what a yaw update says of the yaw bias that is taken; 1 as R words it
     inertia : (3,) what the gains and the feed-forward are formed with, kg m²
     unloading : k of the cross-product law, 1/s
     geodetic_rate : whether the rate commanded is that of the geodetic frame, or of geocentric LVLH
@@ -154,6 +147,7 @@ class Controller:
     damping: float = 0.8
     integral_s: float = 300.0
     integral_limit: float = 1.0
+    bias_gain: float = 1.0
     inertia: Array = field(default_factory=lambda: np.array([8500.0, 6000.0, 9500.0]))
     unloading: float = 2e-3
     geodetic_rate: bool = True
@@ -177,6 +171,30 @@ class YawManeuver:
 
 
 @dataclass(frozen=True)
+class HorizonError:
+    """What the radiance of the CO₂ horizon does to the Earth sensor's angles.
+
+    Attributes
+    ----------
+    sigma, time_constant_s : of a first-order Markov process in each quadrant, rad and s
+    season : how much lower the limb stands per sine of its latitude on January 15, rad; with a cosine through the year. The
+        winter hemisphere's stratosphere is colder and its horizon lower
+    """
+
+    sigma: float = 0.0
+    time_constant_s: float = 250.0
+    season: float = 0.0
+
+
+@dataclass(frozen=True)
+class EphemerisError:
+    """On-board ephemeris less truth, in node and inclination, rad: R (δi sin u − δΩ sin i cos u) across the track."""
+
+    node: float = 0.0
+    inclination: float = 0.0
+
+
+@dataclass(frozen=True)
 class MissionConfig:
     """A run.
 
@@ -185,6 +203,11 @@ class MissionConfig:
     epoch : ISO 8601, UTC
     orbit : with node and argument of latitude at the epoch
     spacecraft, gyro, sun_sensors, earth_sensor : as they are; the Earth sensor's filter is that of the tables
+    boresights : tilt and elevation of the sun sensors' nominal boresights that the computer holds, rad
+    mounting : how the sun sensors sit, which the axes of the alignment's upload go with
+    printed_coefficients : whether the second upload has (c, d) of R (6) as printed, or as computed
+    filter_off_first : whether the S filter is turned off with the first upload, or with the second; R does not date it
+    horizon, ephemeris : errors that the nominal spacecraft does not have
     magnetometer_sigma : 1-sigma of an axis, T
     controller : the control law
     tables : on board at the start
@@ -202,6 +225,12 @@ class MissionConfig:
     gyro: TrueGyro = field(default_factory=TrueGyro)
     sun_sensors: tuple[TrueSunSensor, TrueSunSensor] = field(default_factory=lambda: mounted())
     earth_sensor: TrueEarthSensor = field(default_factory=lambda: TrueEarthSensor(biases=PENETRATION_BIASES))
+    boresights: tuple[float, float] = BORESIGHTS
+    mounting: Mounting = "solved"
+    printed_coefficients: bool = False
+    filter_off_first: bool = True
+    horizon: HorizonError = field(default_factory=HorizonError)
+    ephemeris: EphemerisError = field(default_factory=EphemerisError)
     magnetometer_sigma: float = 3e-7
     controller: Controller = field(default_factory=Controller)
     tables: OnBoardTables = field(default_factory=OnBoardTables)
@@ -209,26 +238,6 @@ class MissionConfig:
     forward: Forward = "-x"
     maneuvers: tuple[YawManeuver, ...] = ()
     substeps: int = 1
-
-
-def mounted(mounting: Mounting = "solved") -> tuple[TrueSunSensor, TrueSunSensor]:
-    """TRMM's sun sensors with the flight's heads; see the module's text for what mounting means."""
-    heads = sun_sensor.HEAD_DSS1, sun_sensor.HEAD_DSS2
-    turns = [np.eye(3), np.eye(3)]
-    if mounting == "alike":
-        # To first order the other sense of the angles is their negative, and x and y reversed is e₁ and e₃ negative.
-        heads = -heads[0], heads[1] * np.array([1.0, -1.0, 1.0])
-        turns = [_about_x(heads[0][2]), _about_x(-heads[0][2])]
-    elif mounting == "solved":
-        turns = [M @ _about_x(head[2]) for M, head in zip((np.eye(3), R3_M), heads, strict=True)]
-    elif mounting == "added":
-        turns[1] = R3_M
-    return sun_sensor.trmm_sun_sensors(misalignments=(turns[0], turns[1]), heads=heads)
-
-
-def _about_x(angle: float) -> Array:
-    c, s = np.cos(angle), np.sin(angle)
-    return np.array([[1.0, 0.0, 0.0], [0.0, c, s], [0.0, -s, c]])
 
 
 def compensated(coefficients: Array, c: float, d: float) -> Array:
@@ -239,23 +248,29 @@ def compensated(coefficients: Array, c: float, d: float) -> Array:
     return out
 
 
-def crossing_compensation(sensor: TrueSunSensor, on_board: Array, nominal: Array) -> tuple[float, float]:
+def crossing_compensation(
+    sensor: TrueSunSensor, on_board: Array, nominal: Array, coefficients: Array = sun_sensor.BETA
+) -> tuple[float, float]:
     """(c, d) of R (6) for the least error of β at the yaw update.
 
-    Least squares over tan β with the Sun in the body's XY plane, 0° to 58.4° from the XZ plane, and α read as it is.
+    Least squares over the bracket of R (5) with the Sun in the body's XY plane, 0° to 58.4° from the XZ plane, and α read as
+    it is.
 
     Parameters
     ----------
     sensor : as it is
     on_board : (3, 3) M on board
     nominal : (3, 3) N
+    coefficients : (9,) b on board, before
     """
     side = np.sign(nominal[0, 2])
     angle = np.deg2rad(np.linspace(0.0, 58.4, 50))
     body = np.stack([side * np.cos(angle), -np.sin(angle), np.zeros_like(angle)], axis=-1)
-    seen = np.array([sun_sensor.head_tangents(x, y, z, sensor.head) for x, y, z in body @ sensor.alignment])
+    seen = [sun_sensor.head_tangents(x, y, z, sensor.head) for x, y, z in body @ sensor.alignment]
+    counts = [sun_sensor.counts_of(*one, sensor.coefficients_alpha, sensor.coefficients_beta)[1] for one in seen]
+    bracket = np.tan(np.array([head_angle(count, coefficients) for count in counts]) - coefficients[8])
     wanted = body @ nominal @ on_board
-    slope, offset = np.polyfit(seen[:, 1], wanted[:, 1] / wanted[:, 2], 1)
+    slope, offset = np.polyfit(bracket, np.tan(np.arctan(wanted[:, 1] / wanted[:, 2]) - coefficients[8]), 1)
     return float(slope), float(offset)
 
 
@@ -275,32 +290,35 @@ def filter_upload(before: OnBoardTables) -> OnBoardTables:
     return replace(before, bias=None, s_filter="off")
 
 
-def coefficient_upload(before: OnBoardTables, sensors: tuple[TrueSunSensor, TrueSunSensor] | None = None) -> OnBoardTables:
-    """R's second upload, February 27 and 28: the gyro's R (9), and b coefficients by R (6) with the published (c, d).
+def coefficient_upload(before: OnBoardTables, config: MissionConfig | None = None) -> OnBoardTables:
+    """R's second upload, February 27 and 28: the gyro's R (9), and b coefficients by R (6).
 
     Parameters
     ----------
     before : tables they change
-    sensors : as they are, to take (c, d) from `crossing_compensation` instead
+    config : whose sensors (c, d) are computed for, by `crossing_compensation`; None for the published pairs
     """
     factors = R6
-    if sensors is not None:
-        pairs = zip(sensors, before.misalignments, sun_sensor.trmm_alignments(), strict=True)
-        first, second = (crossing_compensation(*pair) for pair in pairs)
+    if config is not None:
+        parts = config.sun_sensors, before.misalignments, sun_sensor.trmm_alignments(*config.boresights)
+        first, second = (crossing_compensation(*own) for own in zip(*parts, before.coefficients_beta, strict=True))
         factors = first, second
     beta = np.stack([compensated(b, *cd) for b, cd in zip(before.coefficients_beta, factors, strict=True)])
     return replace(before, G=R9_G, bias=R9_BIAS, coefficients_beta=beta)
 
 
-def period_tables(mounting: Mounting = "solved", published: bool = True) -> dict[str, OnBoardTables]:
-    """Tables of R Table 3's periods: precalibration, calibration1, postcalibration; the S filter is off in the last two.
+def uploads(config: MissionConfig) -> tuple[OnBoardTables, OnBoardTables]:
+    """Tables of both uploads."""
+    first = alignment_upload(config.tables, config.mounting)
+    if config.filter_off_first:
+        first = filter_upload(first)
+    second = coefficient_upload(first, None if config.printed_coefficients else config)
+    return first, filter_upload(second) if not config.filter_off_first else second
 
-    Parameters
-    ----------
-    mounting : of the sensors the tables are for
-    published : whether (c, d) are R's, or those of `crossing_compensation`
-    """
-    first = OnBoardTables()
-    second = replace(filter_upload(alignment_upload(first, mounting)), bias=PRELAUNCH_BIAS)
-    third = coefficient_upload(second, None if published else mounted(mounting))
-    return {"precalibration": first, "calibration1": second, "postcalibration": third}
+
+def period_tables(config: MissionConfig | None = None) -> dict[str, OnBoardTables]:
+    """Tables of R Table 3's periods: precalibration, calibration1, postcalibration, each with a bias to start from."""
+    config = config or MissionConfig()
+    first, second = uploads(config)
+    third = replace(second, bias=R9_BIAS)
+    return {"precalibration": config.tables, "calibration1": replace(first, bias=PRELAUNCH_BIAS), "postcalibration": third}

@@ -13,6 +13,7 @@ estimate − ε.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 
@@ -25,14 +26,11 @@ from simulator.mission_mode.config import (
     DAY,
     Forward,
     MissionConfig,
-    Mounting,
     OnBoardTables,
     YawManeuver,
-    alignment_upload,
-    coefficient_upload,
-    filter_upload,
+    uploads,
 )
-from simulator.mission_mode.loop import fly
+from simulator.mission_mode.loop import YEARLY, fly
 from simulator.mission_mode.magnetic_field import DIPOLE, sidereal_angle
 from simulator.mission_mode.state import NEVER, ORBIT_COLUMNS, TELEMETRY, UPDATES, Plant, Sensors, Slew, State, Tables
 from simulator.mission_mode.target_frame import commanded_attitude
@@ -45,6 +43,7 @@ from simulator.truth.sun import julian_date, sun_vector
 
 Array = NDArray[np.float64]
 
+COLDEST = "1998-01-15T00:00:00+00:00"  # when the horizon's season is at its largest
 SUN_STEP = 600.0  # s; the Sun is interpolated linearly between, in error by less than 1e-8 rad
 AXES = ("roll", "pitch", "yaw")
 SECONDS_PER_HOUR = 3600.0
@@ -58,7 +57,8 @@ class MissionRun:
     Attributes
     ----------
     telemetry : every so many cycles: t_s, error_*_deg and estimate_*_deg of roll, pitch, yaw, bias_yaw_deg_h on board,
-        wheel_*_nms (momentum), quadrants used by the Earth sensor, normal (0 from a yaw maneuver's start to the next update)
+        wheel_*_nms (momentum), quadrants used by the Earth sensor, normal (0 from a yaw maneuver's start to the next update),
+        raw_*_deg_s (gyro's rate over the cycle before), angle_*_deg (penetration angles before the table's biases)
     updates : a row a yaw update: t_s, sensor (1, 2), update_deg, bias_deg_h (new), bias_solved (whether it was solved for),
         measured_deg, error_yaw_deg (true), forward ("+x", "-x"), sun_angle_deg (Sun's angle from the body's XZ plane toward −Y)
     slews : a row a yaw maneuver: start_s, stop_s, forward after it; pointing_*_deg, the true error at its end;
@@ -115,29 +115,26 @@ def simulate_mission(
     return _Flight(config, cycles, seed).fly(every, telemetry, progress)
 
 
-def flight_schedule(config: MissionConfig, days: float, mounting: Mounting = "solved", published: bool = True) -> MissionConfig:
+def flight_schedule(config: MissionConfig, days: float) -> MissionConfig:
     """The config with R's uploads on their days, and a yaw maneuver whenever the Sun crosses the orbit plane.
 
-    Alignment on December 11, the gyro and DSS coefficients on February 27, 1998; the S filter is turned off with the first.
+    Alignment on December 11, the gyro and DSS coefficients on February 27, 1998.
     A maneuver is centred on its crossing.
 
     Parameters
     ----------
     config : epoch, orbit, sensors and first tables are taken from it
     days : for how long maneuvers are planned
-    mounting : how the config's sensors are mounted, which the alignment's axes go with
-    published : whether the second upload's (c, d) are R's, or those of `crossing_compensation`
     """
     start = julian_date(config.epoch)
     days_of = [(julian_date(date) - start) * DAY for date in ("1997-12-11T12:00:00+00:00", "1998-02-27T12:00:00+00:00")]
-    second = filter_upload(alignment_upload(config.tables, mounting))
-    third = coefficient_upload(second, None if published else config.sun_sensors)
+    second, third = uploads(config)
     moments = plane_crossings(config.epoch, config.orbit, days)
     standard = YawManeuver(0.0)
     maneuvers = tuple(replace(standard, start_s=float(t) - 0.5 * standard.duration_s) for t in moments)
     forward: Forward = "+x" if sun_angle(config.epoch, config.orbit, 0.0) > 0 else "-x"
-    uploads = ((days_of[0], second), (days_of[1], third))
-    return replace(config, uploads=uploads, maneuvers=maneuvers, forward=forward)
+    dated = (days_of[0], second), (days_of[1], third)
+    return replace(config, uploads=dated, maneuvers=maneuvers, forward=forward)
 
 
 class _Flight:
@@ -146,14 +143,15 @@ class _Flight:
     def __init__(self, config: MissionConfig, cycles: int, seed: int):
         self.config, self.cycles = config, cycles
         self.cycle = config.controller.cycle_s
-        self.rng = generator(seed, 0, "mission_mode")
+        self.rng, self.extra = generator(seed, 0, "mission_mode"), generator(seed, 0, "mission_effects")
+        self.wander = generator(seed, 0, "mission_walk")
         orbits = int((cycles - 1) * self.cycle / config.orbit.period) + 1
         self.plant = _plant(config, cycles * self.cycle)
         self.orbits = np.zeros((orbits, ORBIT_COLUMNS))
         self.updates = np.empty((2 * orbits + 4, len(UPDATES)))
         self.tables = config.tables
         self.forward = config.forward
-        self.state = _initial(config)
+        self.state = _initial(config, self.extra)
 
     def fly(self, every: int, telemetry: Array, progress: Callable[[int], None] | None) -> MissionRun:
         """All of it."""
@@ -163,7 +161,7 @@ class _Flight:
             sensors = _sensors(self.config, self.tables)
             tables = _tables(self.config, self.tables)
             outputs = every, telemetry, self.updates, count, self.orbits
-            count = fly(self.rng, k, at, self.plant, sensors, tables, slew, self.state, *outputs)
+            count = fly(self.rng, self.extra, self.wander, k, at, self.plant, sensors, tables, slew, self.state, *outputs)
             k = at
             if what == "day" and progress is not None:
                 progress(1)
@@ -213,10 +211,12 @@ class _Flight:
 
     def _result(self, telemetry: Array, count: int, slews: list[dict[str, float | str]]) -> MissionRun:
         rows = pd.DataFrame(telemetry, columns=list(TELEMETRY))
-        angles = [name for name in TELEMETRY if name.startswith(("error", "estimate"))]
-        rows[angles] = np.rad2deg(rows[angles])
+        angles = [name for name in TELEMETRY if name.startswith(("error", "estimate", "angle"))]
+        rates = [name for name in TELEMETRY if name.startswith("raw")]
+        rows[[*angles, *rates]] = np.rad2deg(rows[[*angles, *rates]])
         rows["bias_yaw"] = np.rad2deg(rows["bias_yaw"]) * SECONDS_PER_HOUR
-        rows = rows.rename(columns={**{name: f"{name}_deg" for name in angles}, "bias_yaw": "bias_yaw_deg_h"})
+        units = {**dict.fromkeys(angles, "deg"), **dict.fromkeys(rates, "deg_s"), "bias_yaw": "deg_h"}
+        rows = rows.rename(columns={name: f"{name}_{unit}" for name, unit in units.items()})
         return MissionRun(
             rows,
             self._update_table(count),
@@ -268,6 +268,7 @@ def _plant(config: MissionConfig, span: float) -> Plant:
     axes = pyramid(body.elevation)
     start = julian_date(config.epoch)
     moments = np.arange(0.0, span + 2 * SUN_STEP, SUN_STEP)
+    carried = orbit.inclination + config.ephemeris.inclination
     return Plant(
         dt=config.controller.cycle_s,
         substeps=config.substeps,
@@ -289,6 +290,9 @@ def _plant(config: MissionConfig, span: float) -> Plant:
         nodal_rate=orbit.nodal_rate,
         cos_i=float(np.cos(orbit.inclination)),
         sin_i=float(np.sin(orbit.inclination)),
+        on_board=np.array([config.ephemeris.node, np.cos(carried), np.sin(carried)]),
+        scan_torque=body.scan_torque,
+        scan_rate=body.scan_rate,
         radius=orbit.radius,
         sidereal=sidereal_angle(start),
         dipole=DIPOLE,
@@ -303,10 +307,15 @@ def _sensors(config: MissionConfig, tables: OnBoardTables) -> Sensors:
     return Sensors(
         inverse_G=np.asarray(np.linalg.inv(gyro.G)),
         gyro_sigma=gyro.arw / float(np.sqrt(cycle)),
-        walk_sigma=gyro.rrw * float(np.sqrt(cycle)),
+        walk_sigma=np.broadcast_to(np.asarray(gyro.rrw, dtype=float), 3) * np.sqrt(cycle),
+        orbital=np.ascontiguousarray(gyro.orbital, dtype=float),
         magnetometer_sigma=config.magnetometer_sigma,
         earth=earth.constants,
         earth_gain=earth.gain(cycle),
+        horizon_keep=float(np.exp(-cycle / config.horizon.time_constant_s)),
+        horizon_sigma=config.horizon.sigma,
+        horizon_season=config.horizon.season,
+        season_phase=YEARLY * (julian_date(config.epoch) - julian_date(COLDEST)) * DAY,
         alignments=np.stack([sensor.alignment for sensor in pair]),
         heads=np.stack([sensor.head for sensor in pair]),
         a=np.stack([sensor.coefficients_alpha for sensor in pair]),
@@ -322,7 +331,7 @@ def _tables(config: MissionConfig, tables: OnBoardTables) -> Tables:
     return Tables(
         G=np.ascontiguousarray(tables.G, dtype=float),
         penetration_biases=np.asarray(tables.penetration_biases, dtype=float),
-        alignments=np.ascontiguousarray(np.stack(trmm_alignments()) @ tables.misalignments),
+        alignments=np.ascontiguousarray(np.stack(trmm_alignments(*config.boresights)) @ tables.misalignments),
         a=np.ascontiguousarray(tables.coefficients_alpha),
         b=np.ascontiguousarray(tables.coefficients_beta),
         inertia=np.asarray(law.inertia, dtype=float),
@@ -330,13 +339,14 @@ def _tables(config: MissionConfig, tables: OnBoardTables) -> Tables:
         derivative=2 * law.damping * law.inertia * law.bandwidth,
         integral=stiffness / law.integral_s,
         integral_limit=law.integral_limit,
+        bias_gain=law.bias_gain,
         unloading=law.unloading,
         geodetic=law.geodetic_rate,
         gyro_slews=law.gyro_slews,
     )
 
 
-def _initial(config: MissionConfig) -> State:
+def _initial(config: MissionConfig, rng: np.random.Generator) -> State:
     """On the commanded frame and turning with it, the wheels at rest, the estimate right."""
     cycle, orbit = config.controller.cycle_s, config.orbit
     yaw = 0.0 if config.forward == "+x" else np.pi
@@ -357,6 +367,7 @@ def _initial(config: MissionConfig) -> State:
         bias=np.array(bias, dtype=float),
         s_filter=np.full(4, np.nan),
         quadrants=np.ones(4, dtype=np.bool_),
-        past=np.zeros((2, 3)),
+        horizon=config.horizon.sigma * rng.standard_normal(4) if config.horizon.sigma > 0 else np.zeros(4),
+        past=np.zeros((max(1, math.floor(1.0 / cycle + 1e-9)), 3)),
         memory=np.array([0.0, NEVER, 0.0, 0.0]),
     )

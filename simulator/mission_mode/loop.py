@@ -24,30 +24,64 @@ from simulator.mission_mode.state import NEVER, Plant, Sensors, Slew, State, Tab
 from simulator.mission_mode.target_frame import geodetic_axes, lvlh_axes, rotation_between, turn_about_z
 from simulator.mission_mode.wheels import WHEELS, distribute, unloading_moment
 from simulator.sensors.earth import measure, roll_pitch
+from simulator.sensors.horizon import COSINES, SINES
 from simulator.sensors.sun import sensor_counts
 
 Array = NDArray[np.float64]
 
+YEARLY = 2 * math.pi / (365.25 * 86400.0)  # rad/s
 SHORTEST_BIAS_INTERVAL = 600.0  # s; updates closer than that set the yaw and leave the bias
 
 
 @numba.njit(cache=True, nogil=True)
 def _gyro(
-    rng: np.random.Generator, plant: Plant, sensors: Sensors, state: State, tables: Tables, apparent: Array, turned: Array
+    rng: np.random.Generator,
+    wander: np.random.Generator,
+    u: float,
+    plant: Plant,
+    sensors: Sensors,
+    state: State,
+    tables: Tables,
+    apparent: Array,
+    turned: Array,
+    raw: Array,
 ) -> None:  # pragma: no cover - compiled
-    """On-board rotation over the last cycle in turned (3,), rad, and ω − G ω_raw of it in apparent (3,), rad/s."""
-    dt = plant.dt
+    """On-board rotation over the last cycle in turned (3,), rad, ω − G ω_raw of it in apparent and ω_raw in raw (3,), rad/s."""
+    dt, c, s = plant.dt, math.cos(u), math.sin(u)
     d = state.turned / dt - state.true_bias
-    inverse = sensors.inverse_G
-    raw_x = inverse[0, 0] * d[0] + inverse[0, 1] * d[1] + inverse[0, 2] * d[2] + sensors.gyro_sigma * rng.standard_normal()
-    raw_y = inverse[1, 0] * d[0] + inverse[1, 1] * d[1] + inverse[1, 2] * d[2] + sensors.gyro_sigma * rng.standard_normal()
-    raw_z = inverse[2, 0] * d[0] + inverse[2, 1] * d[1] + inverse[2, 2] * d[2] + sensors.gyro_sigma * rng.standard_normal()
     for i in range(3):
-        rate = tables.G[i, 0] * raw_x + tables.G[i, 1] * raw_y + tables.G[i, 2] * raw_z
+        d[i] -= c * sensors.orbital[i, 0] + s * sensors.orbital[i, 1]
+    inverse = sensors.inverse_G
+    for i in range(3):
+        raw[i] = inverse[i, 0] * d[0] + inverse[i, 1] * d[1] + inverse[i, 2] * d[2]
+        raw[i] += sensors.gyro_sigma * rng.standard_normal()
+    for i in range(3):
+        rate = tables.G[i, 0] * raw[0] + tables.G[i, 1] * raw[1] + tables.G[i, 2] * raw[2]
         apparent[i] = state.turned[i] / dt - rate
         turned[i] = (rate + state.bias[i]) * dt
-        if sensors.walk_sigma > 0.0:
-            state.true_bias[i] += sensors.walk_sigma * rng.standard_normal()
+        if sensors.walk_sigma[i] > 0.0:
+            state.true_bias[i] += sensors.walk_sigma[i] * wander.standard_normal()
+
+
+@numba.njit(cache=True, nogil=True)
+def _horizon(
+    rng: np.random.Generator, t: float, A: Array, position: Array, sensors: Sensors, state: State, angles: Array
+) -> None:  # pragma: no cover - compiled
+    """What the horizon's radiance adds to the penetration angles (4,), rad.
+
+    A first-order Markov process in each quadrant, and the limb lower by `horizon_season` times the sine of its latitude. The
+    line of sight at the nominal angle η from nadir touches a sphere at cos η from the subsatellite point's direction:
+    its unit position is r̂ sin η + d cos η, with d the quadrant's horizontal direction and sin η = a/r.
+    """
+    season = sensors.horizon_season * math.cos(YEARLY * t + sensors.season_phase)
+    sine, cosine = math.sin(sensors.earth.nominal), math.cos(sensors.earth.nominal)
+    radius = math.sqrt(position[0] ** 2 + position[1] ** 2 + position[2] ** 2)
+    for i in range(4):
+        if sensors.horizon_sigma > 0.0:
+            grown = sensors.horizon_sigma * math.sqrt(1.0 - sensors.horizon_keep**2)
+            state.horizon[i] = sensors.horizon_keep * state.horizon[i] + grown * rng.standard_normal()
+        latitude = sine * position[2] / radius + cosine * (COSINES[i] * A[0, 2] + SINES[i] * A[1, 2])
+        angles[i] += state.horizon[i] - season * latitude
 
 
 @numba.njit(cache=True, nogil=True)
@@ -89,7 +123,7 @@ def _yaw_update(
     interval = t - state.memory[1]
     solve = state.memory[1] > NEVER and interval >= SHORTEST_BIAS_INTERVAL
     if solve:
-        state.bias[2] += size / interval
+        state.bias[2] += tables.bias_gain * size / interval
     state.estimate[2] = measured
     state.memory[1], state.memory[2] = t, 0.0
     updates[count, 0], updates[count, 1], updates[count, 2], updates[count, 3] = t, i + 1.0, size, state.bias[2]
@@ -165,12 +199,19 @@ def _outer_torque(
     torque[0] = m_y * B_z - m_z * B_y + arm[1] * f_z - arm[2] * f_y
     torque[1] = m_z * B_x - m_x * B_z + arm[2] * f_x - arm[0] * f_z
     torque[2] = m_x * B_y - m_y * B_x + arm[0] * f_y - arm[1] * f_x
+    if plant.scan_torque > 0.0:
+        # The mean over the cycle of a torque that turns with a scanning instrument about body z.
+        a, b, share = plant.scan_rate * t, plant.scan_rate * (t + plant.dt), plant.scan_torque / (plant.scan_rate * plant.dt)
+        torque[0] += share * (math.sin(b) - math.sin(a))
+        torque[1] += share * (math.cos(a) - math.cos(b))
     return largest
 
 
 @numba.njit(cache=True, nogil=True)
 def fly(
     rng: np.random.Generator,
+    extra: np.random.Generator,
+    wander: np.random.Generator,
     first: int,
     last: int,
     plant: Plant,
@@ -189,11 +230,13 @@ def fly(
     Parameters
     ----------
     rng : source of randomness
+    extra, wander : those of the horizon's noise and of the walk of the gyro's bias, so that the rest is the same with and
+        without
     first, last : numbers of cycles; cycle k is at k Δt
     plant, sensors, tables, slew : constant through these cycles
     state : brought up to date
     every : cycles from one row of telemetry to the next
-    telemetry : (rows, 14) as TELEMETRY; row k // every is written, as far as there are rows
+    telemetry : (rows, 21) as TELEMETRY; row k // every is written, as far as there are rows
     updates : (rows, 7) as UPDATES
     count : rows of updates used so far
     orbits : (r, 24) rows by orbit as ORBIT_COLUMNS; added to
@@ -207,23 +250,24 @@ def fly(
     before, error, moved, turned = np.empty((3, 3)), np.empty(3), np.empty(3), np.empty(3)
     apparent, rate, momentum, torque, outer = np.empty(3), np.empty(3), np.empty(3), np.empty(3), np.empty(3)
     noise, angles, wheel_torque, reaction = np.empty(8), np.empty(4), np.empty(WHEELS), np.empty(3)
-    sun, position, held = np.empty(3), np.empty(3), np.empty(3)
+    sun, position, held, raw, seen = np.empty(3), np.empty(3), np.empty(3), np.empty(3), np.empty(4)
     period = 2.0 * math.pi / plant.mean_motion
     for k in range(first, last):
         t = k * dt
         u, node = plant.latitude_argument + plant.mean_motion * t, plant.node + plant.nodal_rate * t
-        lvlh_axes(u, node, plant.cos_i, plant.sin_i, lvlh)
+        lvlh_axes(u, node + plant.on_board[0], plant.on_board[1], plant.on_board[2], lvlh)
         geodetic_axes(lvlh, plant.radius, frame)
         yaw = yaw_command(t, slew)
         turn_about_z(frame, yaw)
         rotation_between(state.frame, frame, moved)
         if not tables.geodetic:
             # The rate of geocentric LVLH, whose axes are taken as those of the commanded frame.
-            lvlh_axes(u - plant.mean_motion * dt, node - plant.nodal_rate * dt, plant.cos_i, plant.sin_i, before)
+            earlier = node - plant.nodal_rate * dt + plant.on_board[0]
+            lvlh_axes(u - plant.mean_motion * dt, earlier, plant.on_board[1], plant.on_board[2], before)
             turn_about_z(before, yaw_command(t - dt, slew))
             turn_about_z(lvlh, yaw)
             rotation_between(before, lvlh, moved)
-            turn_about_z(lvlh, -yaw)
+        lvlh_axes(u, node, plant.cos_i, plant.sin_i, lvlh)
         at = t / plant.sun_step
         index = int(at)
         share = at - index
@@ -241,15 +285,17 @@ def fly(
         elif slew.duration > 0.0 and t <= slew.start:
             state.probe[:] = error
         # On board.
-        _gyro(rng, plant, sensors, state, tables, apparent, turned)
+        _gyro(rng, wander, u, plant, sensors, state, tables, apparent, turned, raw)
         propagate_error(state.estimate, turned, moved)
         if slewing:
             propagate_error(state.probe, turned, moved)
         for j in range(8):
             noise[j] = rng.standard_normal()
         measure(A, frame, position, sun, noise, sensors.earth_gain, sensors.earth, state.s_filter, state.quadrants, angles)
+        _horizon(extra, t, A, position, sensors, state, angles)
         used = 0
         for j in range(4):
+            seen[j] = angles[j]
             angles[j] -= tables.penetration_biases[j]
             used += 1 if state.quadrants[j] else 0
         if used >= 3 and not (slewing and tables.gyro_slews):
@@ -277,8 +323,11 @@ def fly(
             for j in range(WHEELS):
                 telemetry[row, 8 + j] = state.wheels[j]
             telemetry[row, 12], telemetry[row, 13] = used, 1.0 if normal else 0.0
+            telemetry[row, 14:17], telemetry[row, 17:21] = raw, seen
         for i in range(3):
-            state.past[1, i], state.past[0, i] = state.past[0, i], error[i]
+            for j in range(len(state.past) - 1, 0, -1):
+                state.past[j, i] = state.past[j - 1, i]
+            state.past[0, i] = error[i]
             state.moved[i], state.turned[i], reaction[i], held[i] = moved[i], 0.0, 0.0, momentum[i]
             for j in range(3):
                 state.frame[i, j] = frame[i, j]

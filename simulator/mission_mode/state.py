@@ -21,6 +21,8 @@ TELEMETRY = (
     *(f"wheel_{i}_nms" for i in range(1, WHEELS + 1)),
     "quadrants",
     "normal",
+    *(f"raw_{axis}" for axis in "xyz"),
+    *(f"angle_{i}" for i in range(1, 5)),
 )
 UPDATES = ("t_s", "sensor", "update", "bias", "bias_solved", "measured", "error_yaw")
 ORBIT_COLUMNS = 24
@@ -54,6 +56,9 @@ class Plant(NamedTuple):
     nodal_rate: float
     cos_i: float
     sin_i: float
+    on_board: Array  # (3,) node's error, cos and sin of the inclination of the ephemeris on board
+    scan_torque: float
+    scan_rate: float
     radius: float
     sidereal: float
     dipole: Array
@@ -66,10 +71,15 @@ class Sensors(NamedTuple):
 
     inverse_G: Array
     gyro_sigma: float
-    walk_sigma: float
+    walk_sigma: Array  # (3,)
+    orbital: Array  # (3, 2) amplitudes of the bias by cosine and sine of the argument of latitude, rad/s
     magnetometer_sigma: float
     earth: Constants
     earth_gain: float
+    horizon_keep: float  # share of the horizon's error that is left after a cycle
+    horizon_sigma: float  # rad
+    horizon_season: float  # rad, of the limb's height with the sine of its latitude
+    season_phase: float  # rad, at the epoch
     alignments: Array
     heads: Array
     a: Array
@@ -91,6 +101,7 @@ class Tables(NamedTuple):
     derivative: Array
     integral: Array
     integral_limit: float
+    bias_gain: float
     unloading: float
     geodetic: bool
     gyro_slews: bool
@@ -122,7 +133,8 @@ class State(NamedTuple):
     bias: Array  # (3,) on board, rad/s
     s_filter: Array  # (4,)
     quadrants: Flags  # (4,)
-    past: Array  # (2, 3) true errors of the last two cycles, rad
+    horizon: Array  # (4,) error of the horizon in each quadrant, rad
+    past: Array  # (n, 3) true errors of the n cycles before, a second's worth, the latest first, rad
     memory: Array  # (4,) Sun's height over the XY plane; time of the last update; 1 from a slew to the next update; cycles
 
 
@@ -162,6 +174,8 @@ def count_orbit(
         row[8 + i] = max(row[8 + i], abs(error[i]))
         row[11 + i] = max(row[11 + i], abs(knowledge))
         row[17 + i] += apparent[i]
-        if state.memory[3] >= 2.0:
-            low = min(error[i], state.past[0, i], state.past[1, i])
-            row[14 + i] = max(row[14 + i], max(error[i], state.past[0, i], state.past[1, i]) - low)
+        if state.memory[3] >= len(state.past):
+            low, high = error[i], error[i]
+            for k in range(len(state.past)):
+                low, high = min(low, state.past[k, i]), max(high, state.past[k, i])
+            row[14 + i] = max(row[14 + i], high - low)

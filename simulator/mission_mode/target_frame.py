@@ -98,7 +98,9 @@ def rotation_between(before: Array, after: Array, out: Array) -> None:  # pragma
         out[i] *= scale
 
 
-def commanded_attitude(orbit: CircularOrbit, t: Array, yaw: Array | float = 0.0) -> Array:
+def commanded_attitude(
+    orbit: CircularOrbit, t: Array, yaw: Array | float = 0.0, node_error: float = 0.0, inclination_error: float = 0.0
+) -> Array:
     """Attitude matrices of the commanded frame, inertial to commanded.
 
     Parameters
@@ -106,6 +108,7 @@ def commanded_attitude(orbit: CircularOrbit, t: Array, yaw: Array | float = 0.0)
     orbit : the orbit
     t : (n,) s since its epoch
     yaw : (n,) or one yaw κ from the velocity, rad
+    node_error, inclination_error : of the ephemeris that the frame is formed of, rad
 
     Returns
     -------
@@ -114,9 +117,10 @@ def commanded_attitude(orbit: CircularOrbit, t: Array, yaw: Array | float = 0.0)
     times = np.atleast_1d(np.asarray(t, dtype=float))
     yaws = np.broadcast_to(np.asarray(yaw, dtype=float), times.shape)
     out, lvlh = np.empty((len(times), 3, 3)), np.empty((3, 3))
-    cos_i, sin_i = math.cos(orbit.inclination), math.sin(orbit.inclination)
+    carried = orbit.inclination + inclination_error
+    cos_i, sin_i = math.cos(carried), math.sin(carried)
     for k, time in enumerate(times):
-        u, node = orbit.latitude_argument + orbit.mean_motion * time, orbit.node + orbit.nodal_rate * time
+        u, node = orbit.latitude_argument + orbit.mean_motion * time, orbit.node + node_error + orbit.nodal_rate * time
         lvlh_axes(u, node, cos_i, sin_i, lvlh)
         geodetic_axes(lvlh, orbit.radius, out[k])
         turn_about_z(out[k], yaws[k])

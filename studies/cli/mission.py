@@ -1,6 +1,7 @@
 """The command ``gyrocal mission``: fly the Mission Mode loop and write what it leaves."""
 
 import math
+from collections.abc import Sequence
 from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
@@ -11,8 +12,10 @@ import numpy as np
 import pandas as pd
 
 from gyrocal import InputError
-from simulator.mission_mode.config import DAY, MissionConfig, Mounting, mounted, period_tables
+from simulator.mission_mode.config import DAY, MissionConfig, period_tables
+from simulator.mission_mode.effects import MISSION_EFFECTS, MissionSetting, applied, parse
 from simulator.mission_mode.flight import AXES, MissionRun, flight_schedule, simulate_mission
+from simulator.mission_mode.mounting import Mounting, mounted
 from studies.cli.options import PATH, STDOUT
 from studies.montecarlo.files import check_writable, json_text, write_json, write_parquet
 from studies.report import tables as render
@@ -42,6 +45,13 @@ MOST_ROWS = 20_000_000  # of telemetry, 2 GB
     show_default=True,
     help="How the sun sensors are mounted, which is not published; see docs/mission.md.",
 )
+@click.option(
+    "--effect",
+    "effects",
+    multiple=True,
+    metavar="NAME[:AXIS]=SIZE[,PARAMETER=VALUE…]",
+    help=f"What is not nominal; may be repeated. There are {', '.join(MISSION_EFFECTS)}; see docs/mission.md.",
+)
 @click.option("--every", "every_s", type=float, default=60.0, show_default=True, help="Interval between rows of telemetry, s.")
 @click.option(
     "--json", "as_json", type=PATH, help="Write the summary as JSON to this file; - for standard output in place of the tables."
@@ -54,6 +64,7 @@ def command(
     tables: str | None,
     calibrated: bool,
     mounting: Mounting,
+    effects: tuple[str, ...],
     every_s: float,
     as_json: Path | None,
     force: bool,
@@ -67,22 +78,24 @@ def command(
     Examples:
       gyrocal mission /tmp/mission --days 30
       gyrocal mission /tmp/day --days 1 --calibrated --every 10 --json /tmp/day.json
+      gyrocal mission /tmp/gap --days 30 --effect horizon_noise=0.03,tau_s=250 --effect gyro_walk:y=0.01
     """
     if calibrated and tables not in (None, "postcalibration"):
         raise InputError(f"--calibrated and --tables {tables} exclude each other")
     tables = "postcalibration" if calibrated else tables or "flight"
     every = _cycles(days, every_s)
+    settings = [parse(text) for text in effects]
     if not force and any((out / f"{name}.parquet").exists() for name in TABLES):
         raise InputError(f"{out}: tables of a run are there already; choose another folder, or replace them with --force")
     check_writable(None if as_json == STDOUT else as_json)
     out.mkdir(parents=True, exist_ok=True)
-    config = _config(days, tables, mounting)
+    config = _config(days, tables, mounting, settings)
     with progress("mission, simulated days", math.ceil(days) - 1, quiet=days <= 1) as advance:
         run = simulate_mission(config, days=days, seed=seed, telemetry_every=every, progress=advance)
     for name in TABLES:
         write_parquet(out / f"{name}.parquet", getattr(run, name))
     stretches = summary(run, config, days)
-    document = {"days": days, "seed": seed, "tables": tables, "mounting": mounting}
+    document: dict[str, Any] = {"days": days, "seed": seed, "tables": tables, "mounting": mounting, "effects": list(effects)}
     document |= {"stretches": stretches.to_dict("records"), "slews": run.slews.to_dict("records")}
     if as_json == STDOUT:
         click.echo(json_text(document))
@@ -104,12 +117,12 @@ def _cycles(days: float, every_s: float) -> int:
     return round(every_s / cycle)
 
 
-def _config(days: float, tables: str, mounting: Mounting) -> MissionConfig:
-    base = replace(MissionConfig(), sun_sensors=mounted(mounting))
-    schedule = flight_schedule(base, days, mounting)
+def _config(days: float, tables: str, mounting: Mounting, settings: Sequence[MissionSetting]) -> MissionConfig:
+    base = applied(replace(MissionConfig(), mounting=mounting, sun_sensors=mounted(mounting)), settings)
+    schedule = flight_schedule(base, days)
     if tables == "flight":
         return schedule
-    return replace(schedule, uploads=(), tables=period_tables(mounting)[tables])
+    return replace(schedule, uploads=(), tables=period_tables(base)[tables])
 
 
 def summary(run: MissionRun, config: MissionConfig, days: float) -> pd.DataFrame:

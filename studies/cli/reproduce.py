@@ -33,14 +33,14 @@ FOLDERS = {"natanson": reproduce.DEFAULT_FOLDER, "robertson": mission_report.DEF
     "--set", "changes", multiple=True, metavar="PATH=VALUE", help="natanson: a value of the scenario by its path; repeatable."
 )
 @click.option("--entropy", type=click.IntRange(0), default=1998, show_default=True, help="Seed of all random streams.")
-@click.option("--seeds", type=click.IntRange(1), default=2, show_default=True, help="robertson: seeds of the months.")
+@click.option("--seeds", type=click.IntRange(1), default=1, show_default=True, help="robertson: seeds of the months.")
 @click.option("--slews", type=click.IntRange(2), default=20, show_default=True, help="robertson: seeds of the yaw maneuver.")
 @click.option(
     "--days",
     type=float,
     default=DAYS,
     show_default=True,
-    help="robertson: days flown from launch; fewer leave R's later periods empty.",
+    help="robertson: days flown from launch; fewer leave R's later periods empty and the ladder out.",
 )
 @click.option("--jobs", type=click.IntRange(1), default=None, help="Processes or threads; the CPU count by default.")
 @click.option("--json", "as_json", type=PATH, help="Also write the summary here; of both papers, under their names.")
@@ -77,7 +77,7 @@ def command(
         raise InputError(f"{FOLDERS['natanson']} holds the flight's own: give --out FOLDER with another scenario")
     check_writable(as_json)
     workers, terminal = jobs or os.cpu_count() or 1, console()
-    study = MissionStudy(days=days, seeds=seeds, slews=slews, entropy=entropy)
+    study = MissionStudy(days=days, seeds=seeds, slews=slews, entropy=entropy, windows=days >= DAYS)
     summaries: dict[str, dict[str, Any]] = {}
     for name, default in FOLDERS.items():
         if paper not in (None, name):

@@ -4,6 +4,7 @@
 `slew`: the yaw maneuvers of N's intervals 2 and 6, with the gyro's parameters of before and after its calibration, over seeds.
 `yaw`: eight orbits early in December and in March, with telemetry every 10 s.
 `spikes`: four orbits with the Sun passing through a quadrant of the Earth sensor, for three states of the S filter.
+`window`: single orbits through the months with effects, see `studies.robertson.windows` and `studies.robertson.ladder`.
 `mounting`: a day for each way in which the sun sensors may be mounted and each set of tables.
 
 A flight is a case of a study, so that what was flown stays when a run is stopped; its rows are those of its tables.
@@ -24,18 +25,19 @@ import pyarrow.parquet as pq
 from pydantic import Field
 
 from simulator.mission_mode.calendar import sun_angle
-from simulator.mission_mode.config import DAY, MissionConfig, Mounting, OnBoardTables, YawManeuver, mounted, period_tables
+from simulator.mission_mode.config import DAY, MissionConfig, OnBoardTables, YawManeuver, period_tables
 from simulator.mission_mode.flight import MissionRun, flight_schedule, simulate_mission
+from simulator.mission_mode.mounting import Mounting, mounted
 from simulator.sensors.earth import Filter
 from studies.montecarlo.study import GridConfig, Streams, Study
+from studies.robertson.calendar import FIRST_DAYS as FIRST_DAYS
+from studies.robertson.calendar import PERIODS as PERIODS
+from studies.robertson.calendar import day_of as day_of
+from studies.robertson.calendar import moved as moved
+from studies.robertson.ladder import SETS
+from studies.robertson.windows import COUNTS, window
 
 DAYS = 154.2  # from launch to the end of April 1998
-PERIODS = ("precalibration", "calibration1", "postcalibration")
-FIRST_DAYS = {  # UTC, of R Table 3's periods; each ends where the next one starts but for the last days of February
-    "precalibration": ("1997-11-27T21:30:00+00:00", "1997-12-11T12:00:00+00:00"),
-    "calibration1": ("1997-12-11T12:00:00+00:00", "1998-02-27T12:00:00+00:00"),
-    "postcalibration": ("1998-03-01T00:00:00+00:00", "1998-05-01T00:00:00+00:00"),
-}
 MANEUVERS = {"+x to -x": "1997-12-13T13:20:00+00:00", "-x to +x": "1998-01-14T20:57:00+00:00"}  # N Table 1, UTC
 SLEW_TABLES = ("calibration1", "postcalibration")  # both maneuvers came after the alignment's upload
 ORBITS_TO_SLEW = 4.5  # before the maneuver, for yaw updates to settle
@@ -52,6 +54,7 @@ KEPT = {  # tables of each kind of flight that are made use of
     "slew": ("slews",),
 }
 
+WINDOW = "window"
 Name = tuple[str, ...]  # of a flight: its kind, and which it is of its kind
 Runs = dict[Name, MissionRun]
 
@@ -65,18 +68,20 @@ class MissionStudy(GridConfig):
     seeds : of the months
     slews : seeds of the yaw maneuver
     mounting_days : of each run of a mounting
+    windows : whether the ladder's windows are flown
     entropy : seeds are counted from it
     """
 
     axes: ClassVar = ("seeds", "slews")
     days: float = Field(default=DAYS, gt=0)
-    seeds: int = Field(default=2, ge=1)
+    seeds: int = Field(default=1, ge=1)
     slews: int = Field(default=20, ge=1)
     mounting_days: float = Field(default=1.0, gt=0)
+    windows: bool = True
 
     def points(self) -> list[Name]:
         """Name of each flight, the longest first."""
-        return list(flights(self))
+        return [*flights(self), *(windows() if self.windows else ())]
 
 
 @dataclass(frozen=True)
@@ -93,24 +98,6 @@ class Flight:
         return simulate_mission(
             self.config, seconds=self.seconds, seed=self.seed, telemetry_every=self.telemetry_every, progress=lambda days: None
         )
-
-
-def moved(config: MissionConfig, days: float) -> MissionConfig:
-    """The config so many days later, without maneuvers and uploads, flying with the axis forward that keeps the Sun on −Y."""
-    t = days * DAY
-    orbit = replace(
-        config.orbit,
-        node=config.orbit.node + config.orbit.nodal_rate * t,
-        latitude_argument=config.orbit.latitude_argument + config.orbit.mean_motion * t,
-    )
-    epoch = (pd.Timestamp(config.epoch) + pd.Timedelta(days=days)).isoformat()
-    ahead = float(sun_angle(config.epoch, config.orbit, t)) > 0
-    return replace(config, epoch=epoch, orbit=orbit, forward="+x" if ahead else "-x", maneuvers=(), uploads=())
-
-
-def day_of(moment: str, config: MissionConfig) -> float:
-    """Days from the config's epoch to a moment, UTC."""
-    return float((pd.Timestamp(moment) - pd.Timestamp(config.epoch)).total_seconds() / DAY)
 
 
 def slew_flight(config: MissionConfig, tables: OnBoardTables, maneuver: str) -> MissionConfig:
@@ -137,8 +124,9 @@ def flights(study: MissionStudy) -> dict[Name, Flight]:
     for k in range(study.seeds):
         out["months", str(k)] = Flight(schedule, study.days * DAY, first + k)
     for mounting in get_args(Mounting):
-        for name, own in period_tables(mounting).items():
-            config = replace(base, sun_sensors=mounted(mounting), tables=own)
+        sat = replace(base, mounting=mounting, sun_sensors=mounted(mounting))
+        for name, own in period_tables(sat).items():
+            config = replace(sat, tables=own)
             out["mounting", mounting, name] = Flight(config, study.mounting_days * DAY, first)
     for name, day in YAW_DAYS.items():
         out["yaw", name] = Flight(replace(moved(base, day), tables=tables[name]), YAW_ORBITS * period, first, 20)
@@ -156,6 +144,9 @@ def flights(study: MissionStudy) -> dict[Name, Flight]:
 def case(config: MissionStudy, number: int, streams: Streams) -> list[dict[str, Any]]:
     """A flight: a row for each row of the tables that are made use of."""
     name = config.points()[number]
+    if name[0] == WINDOW:
+        _, effects, period, k = name
+        return [{"table": WINDOW, **window(SETS[int(effects)], period, int(k), COUNTS[period], config.entropy)}]
     run = flights(config)[name].fly()
     return [{"table": table, **row} for table in KEPT[name[0]] for row in getattr(run, table).to_dict("records")]
 
@@ -170,7 +161,26 @@ def runs(config: MissionStudy, path: Path) -> Runs:
     return {
         flight: MissionRun(**{name: _table(rows, number, name) for name in names})
         for number, flight in enumerate(config.points())
+        if flight[0] != WINDOW
     }
+
+
+def windows() -> list[Name]:
+    """Names of the ladder's windows: set of effects, period, and number within it."""
+    return [
+        (WINDOW, str(place), period, str(k))
+        for place in range(len(SETS))
+        for period, count in COUNTS.items()
+        for k in range(count)
+    ]
+
+
+def window_rows(path: Path) -> dict[tuple[str, ...], pd.DataFrame]:
+    """The windows of each set of effects from the study's table."""
+    rows = pq.read_table(path, filters=pc.field("table") == WINDOW)
+    rows = rows.select([name for name in rows.column_names if rows[name].null_count < len(rows)]).to_pandas()
+    each = sum(COUNTS.values())
+    return {effects: rows.iloc[k * each : (k + 1) * each].reset_index(drop=True) for k, effects in enumerate(SETS)}
 
 
 def _table(rows: pa.Table, number: int, name: str) -> pd.DataFrame:

@@ -14,17 +14,26 @@ LEAD = """
 The Mission Mode loop of R, flown from launch to the end of April 1998: rigid body, four wheels, control at 2 Hz, roll and pitch
 from the Earth sensor, yaw by gyro with two updates an orbit by the sun sensors, R's uploads on their days. `gyrocal reproduce
 --paper robertson` makes this page; [docs/mission.md](../../docs/mission.md) says what the loop does. R is Robertson et al.
-(1999), N is Natanson (1998). The periods are R's: before December 11, to February 27, March and April. "Ground" here is the
-truth; the flight's was a batch solution, whose own errors are in the flight's numbers and not in these.
+(1999), N is Natanson (1998). The periods are R's: before December 11, to February 27, March and April. R's attitude accuracy
+is on board minus ground batch. The months are compared with the truth; R's own statistic, and everything of the ladder, is
+formed of single orbits with a ground batch over the flown telemetry.
 """
 
 NOT_PUBLISHED = (
     "**How the sun sensors were mounted.** R gives the alignment that the ground solved for, R (3), and the angles of the β "
-    "heads, not how the sensors sat. The default, `solved`, is mounted so that a fit of R's equation (2) over the field of "
-    "view finds R (3). So what is uploaded is what is true, and after the upload the updates are near noise by construction: "
-    "R's 0.10° between the uploads is not reproduced. Other mountings are in the table below; none gives all of R's values.",
-    "**(c, d) of R (6)** are published, but move yaw by 0.005° (DSS-1) and 0.003° (DSS-2) only. With the default mounting "
-    "there is nothing left for them to mend; the flight's second fall of the updates, 0.10° to 0.04°, is not explained here.",
+    "heads, not how the sensors sat. The boresights are raised to where R's own words put them, 29.4° toward zenith. The "
+    "default, `solved`, is mounted so that the ground's fit, made at sun angles of 8 to 12°, finds R (3): after its upload the "
+    "updates are near noise at those angles and grow away from them. R's 0.10° between the uploads is reached in part.",
+    "**(c, d) of R (6)** as printed move yaw by 0.005° (DSS-1) and 0.003° (DSS-2) only. Computed for the raised boresights, "
+    "DSS-1's are the printed ones with a zero slipped in c; DSS-2's are so in c, with two zeros, and not in d, whose sign is "
+    "the other one. The months fly the computed ones.",
+    "**R's asymmetry of +x and −x forward** follows from the sun angle: before February 27 +x forward has the Sun within 15° "
+    "of the XZ plane, where the alignment was made, and −x forward up to 58°. An alignment made near one sun angle is used far "
+    "from it; see the tables by sun angle and from end to end.",
+    "**What is left.** The diagnosis keeps something unknown beside what it finds. Of single numbers: roll before any upload "
+    "is too large, updates with the alignment too small, and the scatter of the x bias with the alignment is three times the "
+    "flight's. That last one is the sum of R (8)'s share and of the ground's yaw reference, whose error ψ looks like a bias of "
+    "∓n ψ about x; in the flight the two cancelled more than here.",
     "**The node at launch**, 46°, is chosen so that the Sun crosses the orbit plane on December 13, when N has a yaw maneuver. "
     "The other dates follow, and are a check.",
     "**Inertia, wheels, torquers, gains, disturbances, noises, the sun sensors' tilt and transfer coefficients, the Earth "
@@ -50,9 +59,9 @@ def checks(tables: dict[str, pd.DataFrame], summary: dict[str, Any]) -> list[Che
     seeds, by_slew = summary["largest_seed_range_deg"], gaps(tables["table2"])
     out = [Check("range over the seeds of an accuracy or update, largest", _value(seeds), None, "deg")]
     for name, one in summary["requirements"]["postcalibration"].items():
-        out.append(
-            Check(f"R's {name}, calibrated, worst axis", _value(one["worst_axis_deg"]), at_most(one["limit_deg"]), "deg")
-        )
+        # Nothing in the nominal spacecraft shakes it, so that its stability is no answer to R's requirement.
+        limit = None if name == "stability" else at_most(one["limit_deg"])
+        out.append(Check(f"R's {name}, calibrated, worst axis", _value(one["worst_axis_deg"]), limit, "deg"))
     difference = tables["biases"].query("axis == 'z' and forward == '-x minus +x'")
     for period, value in zip(difference["period"], difference["simulated_minus_formula_deg_h"], strict=True):
         out.append(Check(f"z bias in {period}, −x less +x forward, simulated minus R (8)", value, None, "deg/h"))

@@ -20,7 +20,7 @@ from studies.robertson import runs as runs_module
 from studies.robertson.runs import KEPT, STUDY, MissionStudy, flights, runs
 from studies.robertson.words import NOT_PUBLISHED
 
-SHORT = MissionStudy(days=1.5, seeds=1, slews=2, mounting_days=0.2)
+SHORT = MissionStudy(days=1.5, seeds=1, slews=2, mounting_days=0.2, windows=False)
 
 
 @pytest.fixture(scope="module")

@@ -1,0 +1,216 @@
+"""What may be wrong with the nominal Mission Mode, by name: `gyrocal mission --effect NAME=SIZE[,PARAMETER=VALUE…]`.
+
+An effect changes the config that the loop flies. Sizes are in the effect's unit; zero is the nominal spacecraft unless the
+text says otherwise. They are effects of a whole spacecraft in its control loop and not of a recording, and so are apart from
+those of `simulator.effects`, which act on a gyro stream and its references.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from gyrocal.errors import InputError
+from simulator.mission_mode.config import DAY, HorizonError, MissionConfig, compensated
+from simulator.mission_mode.mounting import ALIGNED_AT, mounted
+from simulator.sensors.sun import trmm_alignments
+
+Parameters = Mapping[str, float]
+Change = Callable[[MissionConfig, float, Parameters], MissionConfig]
+DEG_H = math.radians(1.0) / 3600.0  # rad/s
+AXES = "xyz"
+
+
+@dataclass(frozen=True)
+class MissionEffect:
+    """An effect.
+
+    Attributes
+    ----------
+    name, unit, summary : for the command line
+    bounds : of the size
+    change : from a config, a size and parameters to the config with the effect
+    parameters : names with their defaults
+    axes : axes it may be about; "" for none
+    """
+
+    name: str
+    unit: str
+    summary: str
+    bounds: tuple[float, float]
+    change: Change
+    parameters: Mapping[str, float] = field(default_factory=dict)
+    axes: str = ""
+
+
+@dataclass(frozen=True)
+class MissionSetting:
+    """An effect with its size and parameters; the axis is among the parameters, as its number."""
+
+    effect: str
+    size: float
+    parameters: Parameters
+
+    def label(self) -> str:
+        """The name, with its axis if it has one."""
+        return f"{self.effect}:{AXES[int(self.parameters['axis'])]}" if "axis" in self.parameters else self.effect
+
+
+def _elevation(config: MissionConfig, size: float, own: Parameters) -> MissionConfig:
+    boresights = math.radians(own["tilt_deg"]), -math.radians(size)
+    return replace(config, boresights=boresights, sun_sensors=mounted(config.mounting, boresights))
+
+
+def _horizon_noise(config: MissionConfig, size: float, own: Parameters) -> MissionConfig:
+    horizon = replace(config.horizon, sigma=math.radians(size), time_constant_s=own["tau_s"])
+    return replace(config, horizon=horizon)
+
+
+def _horizon_season(config: MissionConfig, size: float, own: Parameters) -> MissionConfig:
+    return replace(config, horizon=replace(config.horizon, season=math.radians(size)))
+
+
+def _transfer(config: MissionConfig, size: float, own: Parameters) -> MissionConfig:
+    """The true β of DSS-2 has another scale than the tables, about the angle at which the ground aligned it.
+
+    B_true = (1 + s) B − s B₀ with the bracket B of R (5), and B₀ that of the yaw update at the alignment's sun angle: an
+    alignment made there has taken out what the scale does there.
+    """
+    first, second = config.sun_sensors
+    angle = math.radians(ALIGNED_AT[1])
+    sun = np.array([-math.cos(angle), -math.sin(angle), 0.0]) @ trmm_alignments(*config.boresights)[1]
+    return replace(
+        config,
+        sun_sensors=(
+            first,
+            replace(
+                second, coefficients_beta=compensated(second.coefficients_beta, 1.0 + size, -size * float(sun[1] / sun[2]))
+            ),
+        ),
+    )
+
+
+def _walk(config: MissionConfig, size: float, own: Parameters) -> MissionConfig:
+    rrw = np.broadcast_to(np.asarray(config.gyro.rrw, dtype=float), 3).copy()
+    rrw[int(own["axis"])] = size * DEG_H / math.sqrt(DAY)
+    return replace(config, gyro=replace(config.gyro, rrw=rrw))
+
+
+def _orbital(config: MissionConfig, size: float, own: Parameters) -> MissionConfig:
+    orbital, phase = np.array(config.gyro.orbital, dtype=float), math.radians(own["phase_deg"])
+    orbital[int(own["axis"])] += size * DEG_H * np.array([math.cos(phase), math.sin(phase)])
+    return replace(config, gyro=replace(config.gyro, orbital=orbital))
+
+
+def _gain(config: MissionConfig, size: float, own: Parameters) -> MissionConfig:
+    return replace(config, controller=replace(config.controller, bias_gain=size))
+
+
+def _cross_track(config: MissionConfig, size: float, own: Parameters) -> MissionConfig:
+    angle, phase = 1e3 * size / config.orbit.radius, math.radians(own["phase_deg"])
+    node = -angle * math.cos(phase) / math.sin(config.orbit.inclination)
+    return replace(config, ephemeris=replace(config.ephemeris, node=node, inclination=angle * math.sin(phase)))
+
+
+def _scan(config: MissionConfig, size: float, own: Parameters) -> MissionConfig:
+    body = replace(config.spacecraft, scan_torque=size, scan_rate=2 * math.pi * own["rpm"] / 60.0)
+    return replace(config, spacecraft=body)
+
+
+def _printed(config: MissionConfig, size: float, own: Parameters) -> MissionConfig:
+    return replace(config, printed_coefficients=size > 0)
+
+
+def _late_filter(config: MissionConfig, size: float, own: Parameters) -> MissionConfig:
+    return replace(config, filter_off_first=size <= 0)
+
+
+def _unsquare(config: MissionConfig, size: float, own: Parameters) -> MissionConfig:
+    """Heads so many times as far from square as recorded, on sensors that sit as they do."""
+    first, second = (replace(one, head=size * one.head) for one in config.sun_sensors)
+    return replace(config, sun_sensors=(first, second))
+
+
+TAU_S = HorizonError().time_constant_s
+ALL = (
+    MissionEffect(
+        "boresight_elevation", "deg", "the sun sensors look so far toward zenith; nominal is 29.4", (-40.0, 40.0), _elevation,
+        {"tilt_deg": 20.0},
+    ),
+    MissionEffect("head_sense", "times", "the β heads' angles times this; nominal is 1", (-3.0, 3.0), _unsquare),
+    MissionEffect("printed_coefficients", "", "1: the second upload has (c, d) of R (6) as printed", (0.0, 1.0), _printed),
+    MissionEffect("late_filter_upload", "", "1: the S filter is turned off with the second upload", (0.0, 1.0), _late_filter),
+    MissionEffect("dss_transfer", "1", "the β head of DSS-2 has another scale than the tables", (-0.05, 0.05), _transfer),
+    MissionEffect(
+        "horizon_noise", "deg", "radiance of the horizon: noise of each quadrant that is correlated in time", (0.0, 1.0),
+        _horizon_noise, {"tau_s": TAU_S},
+    ),
+    MissionEffect(
+        "horizon_season", "deg", "the winter hemisphere's limb is lower, by this times the sine of the latitude in January",
+        (-1.0, 1.0), _horizon_season,
+    ),
+    MissionEffect("gyro_walk", "deg/h/sqrt(day)", "random walk of the gyro's bias", (0.0, 10.0), _walk, axes=AXES),
+    MissionEffect(
+        "gyro_orbital", "deg/h", "the gyro's bias swings with the argument of latitude", (-10.0, 10.0), _orbital,
+        {"phase_deg": 0.0}, AXES,
+    ),
+    MissionEffect("bias_gain", "1", "share of a yaw update that goes into the yaw bias; nominal is 1", (0.0, 1.9), _gain),
+    MissionEffect(
+        "cross_track", "km", "the ephemeris on board is off across the track, with the sine of the latitude argument",
+        (-100.0, 100.0), _cross_track, {"phase_deg": 0.0},
+    ),
+    MissionEffect("scan_torque", "N m", "an instrument scans about z out of balance", (0.0, 10.0), _scan, {"rpm": 31.6}),
+)  # fmt: skip
+MISSION_EFFECTS: Mapping[str, MissionEffect] = {one.name: one for one in ALL}
+
+
+def parse(text: str) -> MissionSetting:
+    """A setting from NAME[:AXIS]=SIZE[,PARAMETER=VALUE…].
+
+    Raises
+    ------
+    InputError
+        One line that says what is wrong with it.
+    """
+    head, *rest = (part.strip() for part in text.split(","))
+    label, _, size = (part.strip() for part in head.partition("="))
+    name, _, axis = (part.strip() for part in label.partition(":"))
+    effect = MISSION_EFFECTS.get(name)
+    if effect is None:
+        raise InputError(f"effect {name or text}: Mission Mode has none of that name; there are {', '.join(MISSION_EFFECTS)}")
+    values = dict(effect.parameters)
+    for part in rest:
+        key, _, value = (piece.strip() for piece in part.partition("="))
+        if key not in effect.parameters:
+            raise InputError(f"{name}: no parameter {key}; it has {', '.join(effect.parameters) or 'none'}")
+        values[key] = _number(name, key, value)
+    if bool(axis) != bool(effect.axes) or axis not in effect.axes:
+        raise InputError(f"{name}: " + (f"give an axis, {name}:{effect.axes[-1]}=SIZE" if effect.axes else "has no axis"))
+    if axis:
+        values["axis"] = float(effect.axes.index(axis))
+    low, high = effect.bounds
+    number = _number(name, "size", size)
+    if not low <= number <= high:
+        raise InputError(f"{name}: size {number:g} is not within {low:g} and {high:g} {effect.unit}".rstrip())
+    return MissionSetting(name, number, values)
+
+
+def _number(name: str, what: str, value: str) -> float:
+    try:
+        number = float(value)
+    except ValueError:
+        raise InputError(f"{name}: {what} '{value}' is not a number") from None
+    if not math.isfinite(number):
+        raise InputError(f"{name}: {what} '{value}' is not a finite number")
+    return number
+
+
+def applied(config: MissionConfig, settings: Sequence[MissionSetting]) -> MissionConfig:
+    """The config with effects, in the order of `ALL` whatever the order given: a mounting comes before what changes it."""
+    order = list(MISSION_EFFECTS)
+    for one in sorted(settings, key=lambda setting: order.index(setting.effect)):
+        config = MISSION_EFFECTS[one.effect].change(config, one.size, one.parameters)
+    return config

@@ -1,0 +1,141 @@
+"""How the sun sensors sit: where they look, and the mounting that a ground's alignment would read as R (3).
+
+Boresights
+    "The bore-sight orientations were chosen so as to maximize the time during which DSS data was available." Twice 96° of an
+    orbit can be seen, unless the Earth hides it: below the local horizontal down to the dip acos(R/r), 18.6° at 350 km. A
+    boresight in the body's XY plane wastes what lies below; raised toward zenith by half the field less the dip,
+
+        48° − 18.6° = 29.4°,
+
+    the lower edge of the field is the limb itself, and more would give up at the limb without gaining at the zenith, where
+    the Sun is past the limb for as long. The tilt toward −Y hardly matters (`studies.robertson.geometry`) and stays a guess.
+    The yaw update, with the Sun in the XY plane, is then at α = +29.4° (DSS-1) and −29.4° (DSS-2), and the β heads' angles
+    act through tan α = ±0.56.
+Mounting
+    The ground's alignment, R (3), was solved without knowing of the β heads' angles. How the sensors were really mounted is not
+    published, nor which way round the sensors' axes and the Euler angles are counted. Four truths:
+
+    "solved" : the mounting from which the ground's fit finds M = I for DSS-1 and R (3) for DSS-2. The fit is over a rotation of
+               all sensors and M of DSS-2 (R's second algorithm, with penetration biases that leave roll and pitch free), of
+               the Sun's path through both fields at the sun angles that December had before the first upload, 8 to 12°. It
+               puts the zero of the heads' error there, and the error at the update grows with the sun angle's distance
+               from them. The default.
+    "added"  : R (3) is how DSS-2 is mounted, and the heads' angles come on top.
+    "heads"  : the sensors are mounted as designed, the heads' angles are all there is.
+    "alike"  : as "heads", with R's numbers for frames whose x is alike in both sensors, toward +Z, and Euler angles that turn
+               the head and not the axes.
+"""
+
+from functools import lru_cache
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from simulator.sensors import sun as sun_sensor
+from simulator.sensors.sun import TrueSunSensor
+from simulator.truth.orbit import EARTH_RADIUS
+
+Array = NDArray[np.float64]
+Mounting = Literal["solved", "added", "heads", "alike"]
+
+ALTITUDE = 350e3  # m
+DIP = float(np.arccos(EARTH_RADIUS / (EARTH_RADIUS + ALTITUDE)))  # rad, of the limb below the local horizontal
+ELEVATION = DIP - sun_sensor.HALF_FOV  # rad, toward +Z, nadir: raised toward zenith
+BORESIGHTS = (float(sun_sensor.TILT), float(ELEVATION))
+R3_M = 1e-3 * np.array([[999.996, -1.98736, -1.99437], [1.9928, 999.994, 2.7292], [1.98893, -2.73316, 999.994]])
+ALIGNED_AT = (8.0, 10.0, 12.0)  # deg, sun angles of the ground's alignment
+PATH_STEP = 2.0  # deg of the Sun's path
+NEWTON = 4  # steps; the first leaves 1e-5 of the angles
+
+
+def mounted(mounting: Mounting = "solved", boresights: tuple[float, float] = BORESIGHTS) -> tuple[TrueSunSensor, TrueSunSensor]:
+    """TRMM's sun sensors with the flight's heads; see the module's text for what mounting means.
+
+    Parameters
+    ----------
+    mounting : how they sit
+    boresights : nominal tilt toward −Y and elevation toward nadir, rad
+    """
+    heads = sun_sensor.HEAD_DSS1, sun_sensor.HEAD_DSS2
+    turns = np.eye(3), np.eye(3)
+    if mounting == "alike":
+        # To first order the other sense of the angles is their negative, and x and y reversed is e₁ and e₃ negative.
+        heads = -heads[0], heads[1] * np.array([1.0, -1.0, 1.0])
+        turns = _turn([-heads[0][2], 0.0, 0.0]), _turn([heads[0][2], 0.0, 0.0])
+    elif mounting == "solved":
+        turns = solved_turns(boresights)
+    elif mounting == "added":
+        turns = np.eye(3), R3_M
+    return sun_sensor.trmm_sun_sensors(boresights[0], turns, heads, boresights[1])
+
+
+@lru_cache(maxsize=8)
+def solved_turns(boresights: tuple[float, float]) -> tuple[Array, Array]:
+    """M of both sensors as they sit, (3, 3) each, for which `ground_fit` finds no common rotation and R (3)."""
+    U, _, V = np.linalg.svd(R3_M)
+    wanted = np.concatenate([np.zeros(3), Rotation.from_matrix(U @ V).as_rotvec()])
+    turns = np.zeros(6)
+    for _ in range(NEWTON):
+        found = ground_fit(turns, boresights)
+        step = 1e-5
+        J = np.stack([(ground_fit(turns + step * axis, boresights) - found) / step for axis in np.eye(6)], axis=1)
+        turns = turns - np.linalg.solve(J, found - wanted)
+    return _turn(turns[:3]), _turn(turns[3:])
+
+
+def ground_fit(turns: Array, boresights: tuple[float, float], angles_deg: tuple[float, ...] = ALIGNED_AT) -> Array:
+    """What a fit that takes the heads for square finds of sensors with the flight's heads.
+
+    Parameters
+    ----------
+    turns : (6,) rotation vectors of M of DSS-1 and DSS-2 as they sit, rad
+    boresights : nominal tilt and elevation, rad
+    angles_deg : sun angles of the data
+
+    Returns
+    -------
+    (6,) common rotation of the body and rotation vector of DSS-2's M, rad
+    """
+    sun = sun_path(angles_deg)
+    seen = []
+    for N, turn, head in zip(
+        sun_sensor.trmm_alignments(*boresights),
+        (turns[:3], turns[3:]),
+        (sun_sensor.HEAD_DSS1, sun_sensor.HEAD_DSS2),
+        strict=True,
+    ):
+        s = sun @ (N @ _turn(turn))
+        tangents = np.array([sun_sensor.head_tangents(x, y, z, head) if z > 0.05 else (np.inf, np.inf) for x, y, z in s])
+        view = (np.abs(tangents) <= np.tan(sun_sensor.HALF_FOV)).all(axis=1)
+        seen.append((sun[view], N, np.arctan(tangents[view])))
+
+    def error(x: Array) -> Array:
+        parts = []
+        for (path, N, angles), turn in zip(seen, (np.zeros(3), x[3:]), strict=True):
+            s = path @ _turn(x[:3]).T @ N @ _turn(turn)
+            parts.append(np.arctan2(s[:, :2], s[:, 2:]) - angles)
+        return np.concatenate(parts).ravel()
+
+    x = np.zeros(6)
+    for _ in range(NEWTON):
+        e, step = error(x), 1e-6
+        J = np.stack([(error(x + step * axis) - e) / step for axis in np.eye(6)], axis=1)
+        x = x - np.linalg.lstsq(J, e, rcond=None)[0]
+    return x
+
+
+def sun_path(angles_deg: tuple[float, ...]) -> Array:
+    """(n, 3) directions of the Sun in the body, `PATH_STEP` of an orbit apart, where it is not eclipsed, at some sun angles."""
+    height = np.deg2rad(np.arange(0.0, 360.0, PATH_STEP))
+    parts = []
+    for angle in np.deg2rad(angles_deg):
+        c = np.cos(angle)
+        sun = np.stack([c * np.cos(height), np.full_like(height, -np.sin(angle)), -c * np.sin(height)], axis=-1)
+        parts.append(sun[sun[:, 2] < np.sin(DIP)])
+    return np.concatenate(parts)
+
+
+def _turn(vector: Array | list[float]) -> Array:
+    return np.asarray(Rotation.from_rotvec(vector).as_matrix())

@@ -1,0 +1,117 @@
+"""Single orbits through the months, each flown for itself with some effects and solved on the ground.
+
+Two orbits with the tables of the day let the yaw updates settle, the third is R's "at least a full orbit of data": its
+on-board attitude is compared with the ground's batch and with the truth, and its batch gives a bias. Days are spread evenly
+over each of R's periods; a walk of the gyro's bias goes on from day to day by a path of its own, the same in every rung.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from simulator.mission_mode.config import DAY, MissionConfig, period_tables
+from simulator.mission_mode.effects import applied, parse
+from simulator.mission_mode.flight import simulate_mission
+from simulator.streams import generator
+from studies.robertson import flown
+from studies.robertson.calendar import FIRST_DAYS, PERIODS, day_of, moved
+from studies.robertson.ground import AXES, solution
+
+Array = NDArray[np.float64]
+Number = tuple[str, str, str]  # parameter, axis and period of R Table 3
+
+SETTLING = 2.0  # orbits before the one that is solved, four yaw updates
+COUNTS = {"precalibration": 4, "calibration1": 10, "postcalibration": 8}
+SETTLED_UPDATES = 3
+ANGLES = ("attitude_accuracy_deg", "yaw_update_deg")
+NUMBERS: tuple[Number, ...] = tuple(
+    (parameter, axis, period)
+    for period in PERIODS
+    for parameter, axes in (("attitude_accuracy_deg", AXES), ("yaw_update_deg", ("yaw",)), ("gyro_bias_std_deg_h", "xyz"))
+    for axis in axes
+    if parameter in ANGLES or period != PERIODS[0]
+)
+"""R Table 3's 18 numbers."""
+
+
+def days(period: str, count: int) -> Array:
+    """Days from launch of a period's windows."""
+    start, stop = (day_of(moment, MissionConfig()) for moment in FIRST_DAYS[period])
+    return np.asarray(start + (stop - start) * (np.arange(count) + 0.5) / count)
+
+
+def window(effects: Sequence[str], period: str, k: int, count: int, entropy: int) -> dict[str, Any]:
+    """One orbit, solved; a row of numbers, those of a ground with the tables found later beginning with "later_"."""
+    config = applied(MissionConfig(), [parse(text) for text in effects])
+    tables, day = period_tables(config), float(days(period, count)[k])
+    seed = entropy + 1000 * PERIODS.index(period) + k
+    flying = replace(moved(config, day), tables=tables[period])
+    flying = replace(flying, gyro=replace(flying.gyro, bias=flying.gyro.bias + walked(flying, day, entropy)))
+    span = config.orbit.period
+    run = simulate_mission(flying, seconds=(SETTLING + 1.0) * span, seed=seed, telemetry_every=1)
+    sent = run.telemetry[run.telemetry["t_s"] >= SETTLING * span]
+    row: dict[str, Any] = {"period": period, "day": day, "forward": flying.forward}
+    row["yaw_update_deg"] = float(run.updates["update_deg"].abs()[SETTLED_UPDATES:].mean())
+    row["sun_angle_deg"] = float(run.updates["sun_angle_deg"].mean())
+    row |= solution(flying, sent, tables[period], generator(seed, 0, "ground_sun_sensors")).row()
+    if period == PERIODS[0]:
+        later = solution(flying, sent, tables["calibration1"], generator(seed, 0, "ground_sun_sensors")).row()
+        row |= {f"later_{name}": value for name, value in later.items() if name.startswith("onboard_minus_ground")}
+    return row
+
+
+def walked(config: MissionConfig, day: float, entropy: int) -> Array:
+    """How far the bias has walked since launch, (3,) rad/s; the same path in units of a day's step whatever its size."""
+    rrw = np.broadcast_to(np.asarray(config.gyro.rrw, dtype=float), 3)
+    steps = generator(entropy, 0, "bias_walk").standard_normal((400, 3))
+    return np.asarray(rrw * np.sqrt(DAY) * steps[: round(day)].sum(axis=0))
+
+
+def simulated(rows: pd.DataFrame, against: str = "onboard_minus_ground") -> dict[Number, float]:
+    """R Table 3's numbers of windows; against "onboard_minus_true" for the truth in place of the ground."""
+    out = {}
+    for parameter, axis, period in NUMBERS:
+        own = rows[rows["period"] == period]
+        if parameter == "attitude_accuracy_deg":
+            value = own[f"{against}_{axis}_deg"].mean()
+        elif parameter == "yaw_update_deg":
+            value = own["yaw_update_deg"].mean()
+        else:
+            value = own[f"bias_{axis}_deg_h"].std()
+        out[parameter, axis, period] = float(value)
+    return out
+
+
+def scatter(rows: pd.DataFrame) -> dict[Number, float]:
+    """Relative standard error of each number by the windows' scatter, which the flight's own finite record shares."""
+    out = {}
+    for parameter, axis, period in NUMBERS:
+        own = rows[rows["period"] == period]
+        n = len(own)
+        if parameter == "gyro_bias_std_deg_h":
+            out[parameter, axis, period] = float(1 / np.sqrt(2 * (n - 1)))
+        else:
+            values = (
+                own["yaw_update_deg"] if axis == "yaw" and parameter in ANGLES[1:] else own[f"onboard_minus_ground_{axis}_deg"]
+            )
+            out[parameter, axis, period] = float(values.std() / np.sqrt(n) / values.mean())
+    return out
+
+
+def published() -> dict[Number, float]:
+    """R Table 3."""
+    return {number: flown.performance(*number) for number in NUMBERS}
+
+
+def factor(values: Mapping[Number, float], numbers: Sequence[Number]) -> float:
+    """RMS factor between simulated and flown over some numbers: exp of the RMS of the logarithm of their ratio."""
+    if not numbers:
+        return float("nan")
+    logs = [np.log(values[one] / flown.performance(*one)) for one in numbers]
+    return float(np.exp(np.sqrt(np.mean(np.square(logs)))))

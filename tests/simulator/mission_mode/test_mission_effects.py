@@ -1,0 +1,140 @@
+"""Effects of Mission Mode by name: each against its closed form, with the nominal run beside it; bad input in one line."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from gyrocal.errors import InputError
+from simulator.mission_mode.config import Controller, MissionConfig, Spacecraft, period_tables
+from simulator.mission_mode.effects import ALL, applied, parse
+from simulator.mission_mode.flight import _initial, simulate_mission
+from simulator.streams import generator
+
+NOMINAL = replace(MissionConfig(), tables=period_tables()["postcalibration"])
+DEG_H = math.radians(1.0) / 3600.0
+
+
+def flown(*effects, seconds=6000.0, every=1, base=NOMINAL):
+    return simulate_mission(applied(base, [parse(one) for one in effects]), seconds=seconds, seed=3, telemetry_every=every)
+
+
+@pytest.fixture(scope="module")
+def nominal():
+    return flown()
+
+
+def test_an_effect_of_no_size_changes_nothing(nominal):
+    same = flown("horizon_noise=0", "horizon_season=0", "gyro_orbital:x=0", "bias_gain=1", "cross_track=0", "scan_torque=0")
+    assert same.telemetry.equals(nominal.telemetry)
+
+
+def test_horizon_noise_has_its_size_and_time_constant(nominal):
+    """Angles with less those without are the process and the body's answer to it, a small part in one time constant."""
+    size, tau = 0.5, 60.0
+    angles = nominal.telemetry.filter(like="angle_").columns
+    loose = replace(NOMINAL, controller=replace(Controller(), bandwidth=np.full(3, 1e-3)))
+    with_it, without = (flown(*own, base=loose) for own in ((f"horizon_noise={size},tau_s={tau:g}",), ()))
+    error = (with_it.telemetry[angles] - without.telemetry[angles]).to_numpy()
+    # What four quadrants have in common, and the alternate one, turn no body.
+    for pattern in ((1.0, 1.0, 1.0, 1.0), (1.0, -1.0, 1.0, -1.0)):
+        common = error @ np.array(pattern) / 2.0
+        assert common.std() == pytest.approx(size, rel=0.25)
+        lag = round(tau / 0.5)
+        assert np.corrcoef(common[lag:], common[:-lag])[0, 1] == pytest.approx(math.exp(-1.0), abs=0.2)
+
+
+def test_a_scan_swings_the_body_by_its_torque_over_inertia():
+    """T/(I ω²) about x, far above the controller's bandwidth; the cycle's mean of the torque is 9 % less at 31.6 rpm."""
+    torque, rate = 10.0, 2 * math.pi * 31.6 / 60
+    fast = replace(NOMINAL, controller=replace(Controller(), cycle_s=0.25))
+    swing = (flown(f"scan_torque={torque:g}", base=fast, seconds=300.0).telemetry["error_roll_deg"]
+             - flown(base=fast, seconds=300.0).telemetry["error_roll_deg"]).to_numpy()[600:].copy()  # fmt: skip
+    expected = math.degrees(torque / (Spacecraft().inertia[0, 0] * rate**2))
+    swing -= np.convolve(swing, np.ones(30) / 30, mode="same")
+    assert np.abs(swing[30:-30]).max() == pytest.approx(expected, rel=0.1)
+
+
+def test_an_orbital_bias_is_in_the_raw_rate(nominal):
+    size = 5.0
+    with_it = flown(f"gyro_orbital:x={size:g},phase_deg=90")
+    change = (with_it.telemetry["raw_x_deg_s"] - nominal.telemetry["raw_x_deg_s"]) * 3600.0
+    u = NOMINAL.orbit.mean_motion * nominal.telemetry["t_s"].to_numpy()
+    slow = np.polynomial.polynomial.polyfit(np.sin(u), change, 1)
+    # raw = G⁻¹ (ω − b), so that the bias is taken off.
+    assert slow[1] == pytest.approx(-size, rel=0.1)
+
+
+@pytest.mark.parametrize("gain", [0.5, 1.3])
+def test_updates_settle_at_the_difference_over_one_less_half_the_gain(gain):
+    """Measurements alternate by ±d/2; with a bias of ±B in turn |u| = d + B T and 2 B T = g |u|, so |u| = d/(1 − g/2)."""
+    base = replace(NOMINAL, tables=period_tables()["precalibration"])
+    sizes = flown(f"bias_gain={gain:g}", base=base, seconds=40_000.0, every=120).updates["update_deg"].abs().to_numpy()[8:]
+    one = flown("bias_gain=1", base=base, seconds=40_000.0, every=120).updates["update_deg"].abs().to_numpy()[8:]
+    assert sizes.mean() == pytest.approx(one.mean() / 2 / (1 - gain / 2), rel=0.15)
+
+
+def test_cross_track_leans_the_frame_on_board(nominal):
+    """The computer's frame is off by δ/r in roll, which the Earth sensor does not see: the body leans the other way from it."""
+    kilometres = 20.0
+    with_it = flown(f"cross_track={kilometres:g}")
+    change = (with_it.telemetry["error_roll_deg"] - nominal.telemetry["error_roll_deg"]).to_numpy()[2000:]
+    assert np.abs(change).max() == pytest.approx(math.degrees(1e3 * kilometres / NOMINAL.orbit.radius), rel=0.15)
+
+
+def test_the_season_leans_the_horizon(nominal):
+    change = flown("horizon_season=1").telemetry["estimate_roll_deg"] - nominal.telemetry["estimate_roll_deg"]
+    other = flown("horizon_season=-1").telemetry["error_roll_deg"] - nominal.telemetry["error_roll_deg"]
+    assert np.abs(other[2000:]).max() > 0.1
+    assert np.abs(change[2000:]).mean() < 0.3 * np.abs(other[2000:]).mean()  # the controller takes it out of the estimate
+
+
+def test_a_walk_spreads_the_bias():
+    """b after a time t has the scatter size √t; one axis only."""
+    days = 0.02
+    config = applied(NOMINAL, [parse("gyro_walk:y=10")])
+    assert config.gyro.rrw[1] == pytest.approx(10 * DEG_H / math.sqrt(86400.0))
+    assert config.gyro.rrw[[0, 2]].tolist() == [0.0, 0.0]
+    ends = []
+    for seed in range(12):
+        run = simulate_mission(config, days=days, seed=seed, telemetry_every=1)
+        same = simulate_mission(NOMINAL, days=days, seed=seed, telemetry_every=1)
+        difference = run.telemetry["raw_y_deg_s"] - same.telemetry["raw_y_deg_s"]
+        ends.append(float(difference.iloc[-60:].mean()) * 3600.0)
+    assert np.std(ends) == pytest.approx(10 * math.sqrt(days), rel=0.6)
+
+
+@pytest.mark.parametrize(("cycle", "cycles"), [(0.25, 4), (0.5, 2), (1.0, 1)])
+def test_the_stability_window_is_a_second(cycle, cycles):
+    """Cycles before the present one that a second holds, whatever the cycle."""
+    config = replace(NOMINAL, controller=replace(Controller(), cycle_s=cycle))
+    assert len(_initial(config, generator(0, 0, "mission_effects")).past) == cycles
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("horizon=1", "none of that name"),
+        ("horizon_noise", "not a number"),
+        ("horizon_noise=nan", "not a finite number"),
+        ("horizon_noise=-1", "not within"),
+        ("horizon_noise=0.1,tau=5", "no parameter tau"),
+        ("gyro_walk=1", "give an axis"),
+        ("gyro_walk:w=1", "give an axis"),
+        ("bias_gain:x=1", "has no axis"),
+    ],
+)
+def test_bad_settings_are_refused(text, message):
+    with pytest.raises(InputError, match=message):
+        parse(text)
+
+
+def test_every_effect_acts():
+    for effect in ALL:
+        size = 1.0 if effect.bounds[1] >= 1.0 and effect.name != "bias_gain" else 0.5 * effect.bounds[1]
+        text = f"{effect.name}{':x' if effect.axes else ''}={size:g}"
+        size = parse(text).size
+        changed = applied(NOMINAL, [parse(text)]) if effect.name != "head_sense" else applied(NOMINAL, [parse("head_sense=-1")])
+        assert repr(changed) != repr(NOMINAL), effect.name
+        assert parse(text).label().startswith(effect.name)
