@@ -3,6 +3,9 @@
 Both use differences of the sixth order, which leave nothing of a motion that is slow beside the sampling. Under M0 those of two
 gyros are independent, so that their correlation coefficient over n differences has the variance Σρ²/n, with Σρ² the sum of
 their squared autocorrelations; and their mean square is the same in every interval, at rest and in motion.
+
+A motion that is not slow beside the sampling would pass for noise. It leaves far less in differences of the tenth order: parts
+in which the two orders disagree are not compared.
 """
 
 from __future__ import annotations
@@ -20,9 +23,21 @@ from simulator.effects.recorded import interval_slices
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
-ORDER = 6
-POWER = comb(2 * ORDER, ORDER)  # variance of a difference of unit white noise
-AUTOCORRELATION = comb(4 * ORDER, 2 * ORDER) / POWER**2  # sum of the squared autocorrelations
+ORDER, HIGHER = 6, 10
+AGREE = 3.0  # sigmas of the difference up to which the two orders say the same
+
+
+def power_of(order: int) -> int:
+    """Variance of a difference of unit white noise."""
+    return comb(2 * order, order)
+
+
+def autocorrelation_of(order: int) -> float:
+    """Sum of the squared autocorrelations of differences of white noise."""
+    return comb(4 * order, 2 * order) / power_of(order) ** 2
+
+
+AUTOCORRELATION = autocorrelation_of(ORDER)
 TRIM = 5.0  # robust sigmas beyond which a difference does not count
 FEWEST = 400  # differences of a part, below which it is not compared
 NOTABLE = 0.05  # relative difference of the variance that matters
@@ -53,9 +68,9 @@ def constancy(report: SampleReport, recording: Recording, used: Mask) -> None:
     """Noise that differs between intervals, or between slow and fast motion."""
     good = used & inside(recording) & ~report.filled & ~report.clipped
     follows = consecutive(recording, good)
-    whole = np.convolve(follows, np.ones(ORDER, dtype=int))[: follows.size] == ORDER
+    whole = np.convolve(follows, np.ones(HIGHER, dtype=int))[: follows.size] == HIGHER
     place = np.flatnonzero(whole)
-    d = np.diff(report.rates, ORDER, axis=0)[place - ORDER]
+    differences = {order: _scaled(report.rates, place, order) for order in (ORDER, HIGHER)}
     rate = np.linalg.norm(report.rates[place], axis=1)
     interval = np.full(report.rates.shape[0], -1)
     for number, part in enumerate(interval_slices(recording)):
@@ -63,13 +78,13 @@ def constancy(report: SampleReport, recording: Recording, used: Mask) -> None:
     owner = interval[place]
     fast = rate > 0.5 * (np.quantile(rate, 0.02) + np.quantile(rate, 0.98)) if rate.size else np.zeros(0, dtype=bool)
     for axis in range(3):
-        z = d[:, axis] / np.sqrt(POWER)
+        z, higher = (differences[order][:, axis] for order in (ORDER, HIGHER))
         if z.size < 2 * FEWEST or not np.any(z):
             continue
-        scale = float(np.median(np.abs(z))) / 0.6745
-        kept = np.abs(z) < 2 * TRIM * scale
-        groups = [kept & fast, kept & ~fast, *(kept & (owner == number) for number in np.unique(owner))]
-        p, ratio, count = _least(z, kept, [group for group in groups if group.sum() >= FEWEST])
+        kept = np.abs(z) < 2 * TRIM * float(np.median(np.abs(z))) / 0.6745
+        parts = [kept & fast, kept & ~fast, *(kept & (owner == number) for number in np.unique(owner))]
+        groups = [part for part in parts if part.sum() >= FEWEST and _at_rest(z[part], higher[part])]
+        p, ratio, count = _least(z, higher, kept, groups)
         text = f"the noise of gyro {AXES[axis]} is {np.sqrt(ratio):.2f} times that of the whole in one part of the recording"
         report.tests.append(SampleTest("noise_constancy", AXES[axis], ratio, 1.0, p, "noise_constancy", text))
         if p < report.event_p and abs(ratio - 1) > 2 * NOTABLE:
@@ -77,13 +92,25 @@ def constancy(report: SampleReport, recording: Recording, used: Mask) -> None:
             report.symptoms.append(Symptom("noise_constancy", AXES[axis], ratio, "of its power", error, {}, p, text))
 
 
-def _least(z: Array, kept: Mask, groups: list[Mask]) -> tuple[float, float, int]:
+def _scaled(rates: Array, place: NDArray[np.intp], order: int) -> Array:
+    """Differences that end at some samples, (n, 3), scaled to the noise of one."""
+    return np.asarray(np.diff(rates, order, axis=0)[place - order] / np.sqrt(power_of(order)))
+
+
+def _at_rest(z: Array, higher: Array) -> bool:
+    """Whether differences of both orders show the same noise, so that no motion is left in the lower one."""
+    low, high = float(np.mean(z**2)), float(np.mean(higher**2))
+    errors = [np.sqrt(2 * autocorrelation_of(order) / z.size) for order in (ORDER, HIGHER)]
+    return abs(low - high) < AGREE * float(np.hypot(low * errors[0], high * errors[1]))
+
+
+def _least(z: Array, higher: Array, kept: Mask, groups: list[Mask]) -> tuple[float, float, int]:
     """The smallest p-value of a group having the power of the rest, corrected for their number; its ratio and size."""
     best = (1.0, 1.0, 0)
     for group in groups:
         rest = kept & ~group
         n, m = int(group.sum()), int(rest.sum())
-        if min(n, m) < FEWEST:
+        if min(n, m) < FEWEST or not _at_rest(z[rest], higher[rest]):
             continue
         ratio = float(np.mean(z[group] ** 2) / np.mean(z[rest] ** 2))
         sigma = float(np.sqrt(2 * AUTOCORRELATION * (1 / n + 1 / m)))

@@ -113,6 +113,16 @@ def test_noise_that_two_gyros_share_and_noise_that_grows_with_the_motion(plan, t
     assert ("noise_constancy", "x") in [(found.kind, found.axis) for found in report.symptoms]
 
 
+def test_motion_that_is_fast_beside_the_sampling_is_no_noise(plan, truth):
+    """A swing of nine samples in one interval leaves a trace in the sixth differences, and next to none in the tenth."""
+    recording = _recording(plan, truth, 3)
+    t, first = recording.gyro.t_s, recording.intervals[0]
+    rates = recording.gyro.rates.copy()
+    rates[:, 0] += np.where((t >= first.start_s) & (t < first.stop_s), np.deg2rad(0.06) * np.sin(2 * np.pi * 0.22 * t), 0.0)
+    report = stream.examine(replace(recording, gyro=replace(recording.gyro, rates=rates)))
+    assert [found.kind for found in report.symptoms if found.kind.startswith("noise")] == []
+
+
 def test_repairs_bring_the_reading_back(plan, truth):
     """Repaired rates against those without the effect, same noise."""
     clean = _recording(plan, truth, 4).gyro.rates
