@@ -30,7 +30,6 @@ from gyrocal.recording import load as load_recording
 from simulator import scenario as scenarios
 from simulator.effects import REGISTRY, Setting, Surroundings, setting
 from simulator.effects.base import Array
-from simulator.effects.recorded import SMOOTH_S
 from simulator.replay import replayed
 from simulator.scenario import Matrix, Scenario, Vector
 from simulator.sensors.gyro import raw_rates
@@ -38,9 +37,6 @@ from simulator.simulate import disturbed, motion, observe, surroundings
 from simulator.streams import generator
 from simulator.truth.motion import Motion
 
-WINDOW = (
-    41  # samples over which a replay's motion is smoothed at least: what noise it keeps is then below a tenth of their rate
-)
 TRIES = 1000  # draws that a size may be out of bounds
 SYMMETRIC = 1e-9  # of the standard deviations' product
 NEGATIVE = -1e-9  # eigenvalue of a correlation matrix that is more than rounding
@@ -164,8 +160,7 @@ class Adopted:
         plan = self.plan
         if isinstance(plan, Scenario):
             return motion(plan)
-        window_s = max(SMOOTH_S, WINDOW * plan.recording.gyro.sample_s)
-        return replayed(plan.recording, plan.G, plan.bias, window_s)
+        return replayed(plan.recording, plan.G, plan.bias)
 
     @cached_property
     def _plain(self) -> tuple[Recording, Surroundings]:

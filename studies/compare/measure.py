@@ -36,8 +36,7 @@ from gyrocal import NAMES, GyroParameters, attitude
 from gyrocal.calibration.problem import Problem, State
 from gyrocal.calibration.sampling import measurements
 from gyrocal.recording import Recording
-from simulator.adopted import WINDOW
-from simulator.effects.recorded import SMOOTH_S, interval_slices, smoothed_rates
+from simulator.effects.recorded import interval_slices, smoothed_rates
 from studies.report.units import PPM_DEG_H, PPM_DEG_H_NAMES
 
 Array = NDArray[np.float64]
@@ -48,6 +47,8 @@ ITERATIONS = 3
 FEWEST = 8  # residual rates of an interval for a spectrum, and for a correlation of all of them
 SHORTEST = 64  # quiet samples in a row
 SEGMENT = 64  # samples of a segment of a spectrum
+WINDOW = 41  # samples over which the motion is smoothed at least, to see where it is smooth
+MOTION_S = 20.0  # s; a longer window says nothing more of where the motion is smooth
 SMOOTH = 1 / 3  # of the noise: second differences of the motion below it are smooth
 GROWN = WINDOW // 2  # samples to either side of where the motion is not smooth: there the window of the smoothing is short
 REPEAT = 1e-12  # rad/s
@@ -232,7 +233,7 @@ class Ruler:
 def quiet_stretches(recording: Recording, parameters: GyroParameters, noise: float) -> tuple[slice, ...]:
     """Stretches of samples inside an interval, without a hole, where the smoothed motion has next to no second difference."""
     gyro = recording.gyro
-    smooth = smoothed_rates(recording, parameters.G, parameters.bias, max(SMOOTH_S, WINDOW * gyro.sample_s))
+    smooth = smoothed_rates(recording, parameters.G, parameters.bias, max(MOTION_S, WINDOW * gyro.sample_s))
     out = []
     for part in interval_slices(recording):
         if part.stop - part.start < SHORTEST:

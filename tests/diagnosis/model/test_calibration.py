@@ -71,7 +71,7 @@ def test_calibration_with_the_effect_in_covers_the_truth(label, text):
     for name, fitted in (("with", effects), ("without", [])):
         change, covariance = calibrated(model, fitted)
         error = vector(model) + change - truth()
-        nees[name] = error @ np.linalg.solve(covariance, error)
+        nees[name] = error @ np.linalg.solve(covariance[:12, :12], error)
     assert scipy.stats.chi2.sf(nees["with"], 12) > 1e-3
     assert nees["without"] > nees["with"]
 
@@ -86,7 +86,7 @@ def test_without_effects_nothing_changes():
 
 def test_effects_in_the_model_only_add_to_the_uncertainty():
     model, effects = named("bias_orbital:z", "bias_orbital:z=0.3,phase_deg=25")
-    alone, together = calibrated(model, [])[1], calibrated(model, effects)[1]
+    alone, together = calibrated(model, [])[1], calibrated(model, effects)[1][:12, :12]
     assert (np.diag(together) >= np.diag(alone) * (1 - 1e-9)).all()
     assert (np.diag(together) > 1.05 * np.diag(alone)).any()
 
