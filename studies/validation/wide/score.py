@@ -6,8 +6,8 @@ sets are scored in the terms of their own fields:
 - **Reliability**: each cause that is stated has a probability p and is there or not, o ∈ {0, 1}. The Brier score is the mean of
   (p − o)², the log score that of −log |1 − o − p|, and the expected calibration error the mean over bins of |mean p − mean o|,
   weighted by the statements in them (Naeini, Cooper and Hauskrecht, AAAI 2015).
-- **Detection**: the p-value of the attitude and of the samples' tests orders recordings with and without an effect; the area
-  under its ROC is the chance that one with an effect has the smaller one.
+- **Detection**: the p-value of the gap orders recordings with and without an effect; the area under its ROC is the chance that
+  one with an effect has the smaller one.
 - **Unknown**: the stated probability of it orders detections of unlisted and of listed effects. Open-set AUC (Wang et al.,
   NeurIPS 2022) is the chance that a listed effect is rightly named *and* has less of it than an unlisted one.
 - **Risk against coverage** (El-Yaniv and Wiener, JMLR 11, 2010): of the answers with a cause, the share of wrong ones among
@@ -198,13 +198,8 @@ def roc(positive: ArrayLike, negative: ArrayLike) -> pd.DataFrame:
 
 
 def detection_scores(rows: pd.DataFrame) -> Array:
-    """−log10 of the smallest p-value of an answer's tests of M0, with an allowance for their number."""
-    return np.array([_smallest(json.loads(row["p_values"])) for row in records(rows)])
-
-
-def _smallest(p_values: dict[str, float]) -> float:
-    own = [value for name, value in p_values.items() if not name.startswith("check: ")]
-    return float(-np.log10(max(min(own) * len(own), 1e-300))) if own else 0.0
+    """−log10 of the p-value of the gap as a whole, in which a line that is a motion of the body has no part."""
+    return np.asarray(-np.log10(np.maximum(rows["p_value"].to_numpy(float), 1e-300)))
 
 
 def missed_by_snr(rows: pd.DataFrame, false_alarms: float = 0.01) -> pd.DataFrame:

@@ -78,6 +78,7 @@ def test_sizes_within_their_sigmas_and_sets():
     assert (wide["share"], wide["mean_length"]) == (1.0, 1.5)
 
 
-def test_detection_is_allowed_its_number_of_tests():
-    rows = pd.DataFrame([row("none", "right", p_values='{"a": 0.01, "b": 0.5, "check: c": 1e-9}')])
-    assert score.detection_scores(rows)[0] == pytest.approx(-np.log10(0.02))
+def test_detection_is_by_the_gap_as_a_whole():
+    rows = pd.DataFrame([row("none", "right", p_value=0.01), row("single", "right", "bias_drift:x", p_value=0.0)])
+    assert score.detection_scores(rows).tolist() == [2.0, 300.0]
+    assert score.missed_by_snr(rows)["count"].tolist() == [0]
