@@ -10,7 +10,7 @@ import scipy.special
 from numpy.typing import NDArray
 
 from gyrocal.errors import InputError
-from simulator.effects.base import AXES, Parameter, SampleTests, Setting, Smallest, Stream, Surroundings, Value
+from simulator.effects.base import AXES, Parameter, SampleTests, Setting, Smallest, Stream, Surroundings, Trial, Value
 
 Array = NDArray[np.float64]
 
@@ -152,6 +152,15 @@ def reference_arc(around: Surroundings) -> tuple[float, float]:
         return float("inf"), 0.0
     longest = max(float(np.ptp(references.t_s[references.interval == k])) for k in np.unique(references.interval))
     return float(np.median(np.diff(references.t_s)[inside])), longest
+
+
+def time_constants(low: float, high: float, ratio: float, most: int = 100) -> tuple[Trial, ...]:
+    """Trials of ``time_constant_s`` from low to high, s, a ratio apart or more and even in their logarithm."""
+    if not high > low:
+        return ()
+    count = int(np.ceil(np.log(high / low) / np.log(ratio))) + 1
+    constants = np.geomspace(low, high, int(np.clip(count, 2, most)))
+    return tuple(Trial({"time_constant_s": float(constant)}, 1 / constants.size) for constant in constants)
 
 
 def noise_power(quiet: int, tests: SampleTests) -> float:

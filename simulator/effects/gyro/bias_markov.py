@@ -10,7 +10,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from simulator.effects.base import Array, Effect, Parameter, ProcessTimes, Setting, Stream, Surroundings, Trial, Value
-from simulator.effects.common import DEG_H, gauss_markov, index, log_uniform, markov, number, reference_arc
+from simulator.effects.common import DEG_H, gauss_markov, index, log_uniform, markov, number, reference_arc, time_constants
 
 SHORTEST = 1.0  # spacing of the references
 LONGEST = 1.0  # intervals
@@ -42,9 +42,7 @@ class BiasMarkov(Effect):
         spacing, arc = reference_arc(around)
         if not arc > 2 * spacing:
             return ()
-        low, high = SHORTEST * spacing, LONGEST * arc
-        constants = np.geomspace(low, high, max(2, int(np.ceil(np.log(high / low) / np.log(RATIO))) + 1))
-        return tuple(Trial({"time_constant_s": float(constant)}, 1 / constants.size) for constant in constants)
+        return time_constants(SHORTEST * spacing, LONGEST * arc, RATIO)
 
     def missing(self, around: Surroundings) -> str | None:
         """It needs references that follow one another."""

@@ -8,11 +8,11 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from simulator.effects.base import Array, Effect, Parameter, ProcessTimes, References, Setting, Surroundings, Trial, Value
-from simulator.effects.common import DEG, gauss_markov, index, log_uniform, markov, number
+from simulator.effects.common import DEG, gauss_markov, index, log_uniform, markov, number, reference_arc, time_constants
 
 SHORTEST = 1.5  # spacings of the references: shorter ones look white
 LONGEST = 4.0  # intervals: a longer time constant looks like a constant offset
-OCTAVES = 1.0  # between time constants that are tried, or more where there would be too many of them
+RATIO = 2.0  # between time constants that are tried, or more where there would be too many of them
 MOST = 8
 
 
@@ -37,17 +37,8 @@ class ReferenceCorrelated(Effect):
 
     def trials(self, around: Surroundings) -> Sequence[Trial]:
         """Time constants evenly spaced in their logarithm, from what the spacing can show to what an interval can."""
-        references = around.references
-        inside = np.diff(references.interval) == 0
-        if not inside.any():
-            return ()
-        spacing = float(np.median(np.diff(references.t_s)[inside]))
-        longest = max(float(np.ptp(references.t_s[references.interval == k])) for k in np.unique(references.interval))
-        low, high = SHORTEST * spacing, LONGEST * longest
-        if not high > low:
-            return ()
-        constants = np.geomspace(low, high, min(MOST, int(np.ceil(np.log2(high / low) / OCTAVES)) + 1))
-        return tuple(Trial({"time_constant_s": float(constant)}, 1 / constants.size) for constant in constants)
+        spacing, longest = reference_arc(around)
+        return time_constants(SHORTEST * spacing, LONGEST * longest, RATIO, MOST)
 
     def missing(self, around: Surroundings) -> str | None:
         """It needs references that follow one another."""
