@@ -91,7 +91,7 @@ def _neighbours(report: SampleReport, places: list[Mask], total: int, noise: Arr
     """Whether the samples beside outliers are as noisy as all others: what disturbs them too is not a single sample's fault.
 
     Summed with the signs of the outliers, the readings at some distance are noise of variance m σ² about zero, for m outliers;
-    less a median of the samples around, (1 + π/14) times that.
+    less the median of 41 samples around, (1 + π/82) times that.
     """
     aligned = np.zeros(len(BESIDE))
     for axis, bad in enumerate(places):

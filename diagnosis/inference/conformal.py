@@ -7,7 +7,7 @@ The posterior orders the explanations of a recording. The score of an explanatio
 zero for the likeliest and one for what the posterior does not hold at all. Of n recordings with known truth, those of the
 setting part of the validation, the ⌈(n + 1) 0.9⌉-th smallest score of the truth is the threshold τ, and the set of a new
 recording is {k : s_k ≤ τ}. It covers the truth with a probability of at least 0.9 if that recording is exchangeable with the n
-(Vovk, Gammerman and Shafer, Algorithmic Learning in a Random World, 2005, proposition 2.3), and at most 0.9 + 1/(n + 1) more
+(Vovk, Gammerman and Shafer, Algorithmic Learning in a Random World, 2005), and at most 0.9 + 1/(n + 1) more
 than ties allow. An explanation with anything unlisted in it is ``unknown``, a member like any other; so is ``none``.
 """
 

@@ -16,9 +16,8 @@ from diagnosis.model import localization as where
 from diagnosis.model.calibration import calibrated
 from diagnosis.model.candidates import linear_model
 from diagnosis.model.prepare import prepare
-from diagnosis.model.processes import factor, markov
 from simulator import scenario
-from simulator.effects import EFFECTS, ProcessTimes, parse
+from simulator.effects import EFFECTS, parse
 from simulator.simulate import simulate
 
 
@@ -107,29 +106,6 @@ def test_a_gyro_without_bias_is_no_dead_zone(plan):
     changes = {"gyro.true_bias_deg_s": (0.0, 0.0, 0.0), "gyro.true_G": np.eye(3).tolist()}
     answer = diagnose(simulate(scenario.override(plan, changes), seed=25))
     assert answer.verdict == "none"  # whatever the samples look like, no rate is missing in the attitude
-
-
-def test_kernels_by_their_definitions(prepared):
-    t = np.linspace(0, 5000, 60)
-    assert np.allclose(markov(t, 700.0)[3, 9], np.exp(-(t[9] - t[3]) / 700))
-    cells = prepared.model.cells
-    K = EFFECTS["bias_random_walk"].covariance(ProcessTimes(cells.t_s, cells.run_s, cells.interval), {"gaps": "hold"})
-    hours = (prepared.model.cells.run_s - prepared.model.cells.run_s.min()) / 3600
-    assert np.allclose(np.diag(K), hours * np.deg2rad(1 / 3600) ** 2)
-    F = factor(K)
-    assert np.allclose(F @ F.T, K, atol=1e-6 * K.max())
-
-
-def test_flicker_has_a_flat_allan_variance_at_its_floor():
-    """Allan variance of the kernel at cluster times inside its range: 2 ln 2/π B², IEEE Std 952."""
-    step = 20.0
-    t = step * np.arange(800)
-    at = ProcessTimes(t, t, np.zeros(t.size, dtype=np.intp))
-    K = EFFECTS["noise_flicker"].covariance(at, {}) / np.deg2rad(1 / 3600) ** 2
-    for clusters in (25, 60, 150):
-        weight = np.zeros(800)
-        weight[:clusters], weight[clusters : 2 * clusters] = -1 / clusters, 1 / clusters
-        assert 0.5 * weight @ K @ weight == pytest.approx(2 * np.log(2) / np.pi, rel=0.15)
 
 
 def test_amplitudes_agree_with_least_squares_and_the_truth(prepared, linear):

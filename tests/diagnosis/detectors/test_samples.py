@@ -123,6 +123,44 @@ def test_motion_that_is_fast_beside_the_sampling_is_no_noise(plan, truth):
     assert [found.kind for found in report.symptoms if found.kind.startswith("noise")] == []
 
 
+def swaying(recording, frequency_hz=0.02):
+    """A body that never rests: its rates swing by hundreds of sigmas on all axes."""
+    t = recording.gyro.t_s[:, None]
+    sway = np.deg2rad(0.2) * np.sin(2 * np.pi * frequency_hz * t + np.arange(3.0))
+    return replace(recording, gyro=replace(recording.gyro, rates=recording.gyro.rates + sway))
+
+
+@pytest.mark.parametrize(("text", "found"), [("", []), ("noise_excess=1.3", ["white_noise_level"])])
+def test_the_level_of_noise_shows_in_motion(plan, truth, text, found):
+    recording = _recording(plan, truth, 5, *([text] if text else []))
+    report = stream.examine(swaying(recording))
+    assert [symptom.kind for symptom in report.symptoms] == found
+    if found:
+        (symptom,) = report.symptoms
+        assert abs(symptom.size - 1.3) < 4 * symptom.sigma
+
+
+def test_a_tone_shows_above_the_band_of_a_motion(plan, truth):
+    report = stream.examine(swaying(_recording(plan, truth, 6, "vibration:y=1e-4,apparent_hz=0.41")))
+    fast = [line for line in report.lines if line.frequency_hz > 0.1]
+    assert [line.axis for line in fast] == [1]
+    assert fast[0].frequency_hz == pytest.approx(0.41, abs=1e-3)
+    assert abs(np.rad2deg(fast[0].amplitude) - 1e-4) < 4 * np.rad2deg(fast[0].sigma)
+
+
+@pytest.mark.parametrize("tail", [0.0, 0.3])
+def test_outliers_that_disturb_their_neighbours_are_more_than_outliers(plan, truth, tail):
+    recording = _recording(plan, truth, 7)
+    rates = recording.gyro.rates.copy()
+    places = np.random.default_rng(8).choice(np.arange(100, len(rates) - 100, 50), 30, replace=False)
+    for lag in range(4):
+        rates[places + lag, 0] += np.deg2rad(0.01) * (tail**lag if lag else 1.0)
+    report = stream.examine(replace(recording, gyro=replace(recording.gyro, rates=rates)))
+    kinds = {symptom.kind for symptom in report.symptoms}
+    assert ("outlier_neighbours" in kinds) == (tail > 0)
+    assert "outliers" in kinds
+
+
 def test_repairs_bring_the_reading_back(plan, truth):
     """Repaired rates against those without the effect, same noise."""
     clean = _recording(plan, truth, 4).gyro.rates
