@@ -102,10 +102,10 @@ class DiagnosisSettings:
         "thirty tests a recording leave 0.03 % false alarms",
     )
     line: float = threshold(
-        1e-8,
-        "p-value below which a line of the spectrum of the samples is one",
+        1e-6,
+        "p-value below which a line of the spectrum of the samples is one, all frequencies counted",
         "probability",
-        "the level of the spectrum around a line is itself estimated, and lines are looked for at thousands of frequencies",
+        "three gyros leave 0.0003 % false lines of white noise, whose strongest line has the p-value that is stated",
     )
 
     def describe(self) -> list[dict[str, Any]]:

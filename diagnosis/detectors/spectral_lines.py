@@ -28,15 +28,16 @@ CLEAR_LINE = 5.0  # sigmas of its amplitude over all arcs, for a line to be a to
 SHORTEST = 256  # samples of a segment
 HALVINGS = 6  # lengths of segments that are tried, from the longest arc down
 LEVEL_BINS = 61  # of the spectrum, over which the level around a line is taken
-MUCH_MORE = 1.3  # times as many samples as there are quiet ones, from which on those in motion are worth a look
-MOST_LINES = 4  # of one axis
+MANY = 8  # segments side by side, from which on overlapping ones are averaged too
+MOST_LINES = 4  # of one axis in one look
+MOST_PEAKS = 8  # that are tried for them; what a fit leaves of a line is a peak again
 AVERAGED_CYCLES = (4, 4.5, 5, 5.5, 6, 7, 8, 9, 10)  # of a line, over which the motion beside it may be followed
 SUDDEN = 6.0  # robust sigmas beyond which a sample does not count
 DEGREE = 6  # of the polynomial that follows it
 PART_CYCLES = 12  # of a line in a part of the samples in which its amplitude is compared
 MOST_PARTS = 8  # of one arc
 UNSTEADY = 0.1  # relative change of the amplitude that a tone may have
-STEADY_P = 1e-3  # of the amplitudes being one
+STEADY_SHARE, STEADY_SIGMAS = 0.75, 2.5  # of the parts, and how far these may be off
 STRONG = 30.0  # times the white noise: what a motion has, and no chance
 NEXT = 3.0  # factor from one frequency of a motion to the next
 MARGIN = 3.0  # on the highest of them, up to which a line belongs to the motion
@@ -69,45 +70,62 @@ class Line:
 
 
 def lines(report: SampleReport, recording: Recording, quiet: Mask, used: Mask) -> list[Line]:
-    """The lines of each axis, the strongest first, in quiet samples and in all that can be used."""
-    looks = [_Look(arcs(quiet & consecutive(recording, quiet)), beyond=False)]
-    if np.count_nonzero(used) > MUCH_MORE * np.count_nonzero(quiet):
-        looks.append(_Look(arcs(used & consecutive(recording, used)), beyond=True))
-    looks = [look for look in looks if look.arcs]
+    """The lines of each axis: first those beyond the motion, in all samples that can be used, then any in quiet ones."""
+    looks = [_Look(arcs(used & consecutive(recording, used)), beyond=True)]
+    looks.append(_Look(arcs(quiet & consecutive(recording, quiet)), beyond=False))
     out: list[Line] = []
-    if not looks:
-        return out
     for axis in range(3):
-        x = report.rates[:, axis].copy()
-        for number in range(MOST_LINES):
-            peak, found = _strongest(x, looks, recording.gyro.sample_s)
-            p = peak.p_value
-            if number == 0:
-                report.tests.append(
-                    SampleTest(
-                        "strongest_line", AXES[axis], float(np.rad2deg(peak.amplitude)), 0.0, p, None,
-                        f"strongest line at {peak.frequency_hz:.4f} Hz, {np.rad2deg(peak.amplitude):.3g} deg/s",
-                    )
-                )  # fmt: skip
+        out += _of_axis(report, [look for look in looks if look.arcs], recording, axis)
+    return out
+
+
+def _of_axis(report: SampleReport, looks: list[_Look], recording: Recording, axis: int) -> list[Line]:
+    """The lines of an axis, and the note of the strongest; those of each look are counted apart: slow motions are many."""
+    x, found, strongest = report.rates[:, axis].copy(), list[_Found](), NO_PEAK
+    for look in looks:
+        most = len(found) + MOST_LINES
+        for number in range(MOST_PEAKS):
+            peak = _strongest(x, look, recording.gyro.sample_s)
+            if number == 0 and peak.p_value <= strongest.p_value:
+                strongest = peak
             # Rounding a slow motion makes lines of its own.
-            if p >= report.line_p or report.lattice[axis]:
+            if peak.p_value >= report.line_p or report.lattice[axis] or len(found) == most:
                 break
-            line = _tone(x, recording, axis, peak, found)
+            line = _tone(x, recording, axis, peak, look.arcs)
             if line is None:
                 break
-            out.append(line)
             x = x - line.waveform
-    return out
+            before = next((one for one in found if abs(one.line.frequency_hz - line.frequency_hz) < one.width_hz), None)
+            if before is None:
+                found.append(_Found(line, peak.width_hz))
+            else:  # what the fit left of it
+                before.line = replace(before.line, waveform=before.line.waveform + line.waveform)
+    p = min(1.0, strongest.p_value * max(len(looks), 1))
+    text = f"strongest line at {strongest.frequency_hz:.4f} Hz, {np.rad2deg(strongest.amplitude):.3g} deg/s"
+    report.tests.append(SampleTest("strongest_line", AXES[axis], float(np.rad2deg(strongest.amplitude)), 0.0, p, None, text))
+    return [one.line for one in found]
 
 
 @dataclass(frozen=True)
 class _Peak:
-    """The strongest line of a spectrum."""
+    """The strongest line of a spectrum, and the half width of a tone's peak in it."""
 
     p_value: float
     frequency_hz: float
     amplitude: float
     isolated: bool
+    width_hz: float
+
+
+NO_PEAK = _Peak(1.0, 0.0, 0.0, False, 0.0)
+
+
+@dataclass
+class _Found:
+    """A line, and up to which distance in frequency another one is what a fit left of it."""
+
+    line: Line
+    width_hz: float
 
 
 @dataclass(frozen=True)
@@ -118,29 +136,32 @@ class _Look:
     beyond: bool
 
 
-def _strongest(x: Array, looks: list[_Look], sample_s: float) -> tuple[_Peak, list[tuple[int, int]]]:
-    """The strongest line of spectra averaged over segments, of the arcs and the length of segments that show it best.
+def _strongest(x: Array, look: _Look, sample_s: float) -> _Peak:
+    """The strongest line of spectra averaged over segments, of the length of segments that shows it best.
 
     Long segments gather the power of a tone in one bin, short ones use more of the arcs.
     """
-    peaks = []
-    for look in looks:
-        longest = max(high - low for low, high in look.arcs)
-        for length in sorted({max(longest >> k, SHORTEST) for k in range(HALVINGS)}):
-            peaks.append((_peak(x, look, length, sample_s), look.arcs))
-    best, found = min(peaks, key=lambda pair: pair[0].p_value)
-    return replace(best, p_value=min(1.0, best.p_value * len(peaks))), found
+    longest = max(high - low for low, high in look.arcs)
+    lengths = sorted({max(longest >> k, SHORTEST) for k in range(HALVINGS)})
+    peaks = [_peak(x, look, length, sample_s) for length in lengths]
+    best = min(peaks, key=lambda peak: peak.p_value)
+    return replace(best, p_value=min(1.0, best.p_value * len(peaks)))
 
 
 def _peak(x: Array, look: _Look, n: int, sample_s: float) -> _Peak:
-    """The strongest line of the spectrum averaged over all segments of n samples."""
-    segments = [x[start : start + n] for low, high in look.arcs for start in range(low, high - n + 1, n)]
+    """The strongest line of the spectrum averaged over all segments of n samples, which overlap where there are many."""
     # A window keeps the body's slow motion out of the frequencies looked at; where it moves, one of far lower side lobes.
     window = scipy.signal.windows.blackmanharris(n, sym=False) if look.beyond else scipy.signal.windows.hann(n, sym=False)
-    spectra = np.abs(np.fft.rfft(scipy.signal.detrend(np.array(segments), axis=1) * window, axis=1)) ** 2 / np.sum(window**2)
+    many = sum((high - low) // n for low, high in look.arcs) >= MANY
+    step = n // (3 if look.beyond else 2) if many else n
+    starts = [np.arange(low, high - n + 1, step) for low, high in look.arcs]
+    segments = np.array([x[start : start + n] for own in starts for start in own])
+    if not len(segments):
+        return NO_PEAK
+    spectra = np.abs(np.fft.rfft(scipy.signal.detrend(segments, axis=1) * window, axis=1)) ** 2 / np.sum(window**2)
     spectrum = spectra.mean(axis=0)
     frequency = np.fft.rfftfreq(n, sample_s)
-    count = len(segments)
+    count = _independent([own.size for own in starts], window, step)
     lowest = FEWEST_CYCLES / (n * sample_s)
     # Against the level around it, so that coloured noise is no line. The median of a mean of `count` exponentials:
     median = float(scipy.stats.gamma.median(count)) / count
@@ -150,14 +171,25 @@ def _peak(x: Array, look: _Look, n: int, sample_s: float) -> _Peak:
         lowest = max([lowest, _edge(frequency[spectrum > STRONG * white]), *frequency[around > ISOLATED * white]])
     allowed = np.flatnonzero((frequency > lowest) & (frequency < frequency[-1] * (1 - 1 / n)))
     if allowed.size < 20:
-        return _Peak(1.0, 0.0, 0.0, False)
-    power = spectrum[allowed] / np.maximum(np.maximum(around, 0.5 * white)[allowed], 1e-300)
+        return NO_PEAK
+    # Of few bins, the level around may be low by chance; the white noise is that of many.
+    power = spectrum[allowed] / np.maximum(np.maximum(around, white)[allowed], 1e-300)
     k = int(allowed[np.argmax(power)])
     p = min(1.0, allowed.size * float(scipy.stats.gamma.sf(count * float(power.max()), count)))
     amplitude = 2 * np.sqrt(spectrum[k] * np.sum(window**2)) / np.sum(window)
     beside = spectrum[max(k - LEVEL_BINS // 2, 0) : k + LEVEL_BINS // 2]
     isolated = float(np.median(beside)) / median < ISOLATED * white
-    return _Peak(max(p, IMPOSSIBLE), float(frequency[k]), float(amplitude), isolated)
+    width = (4 if look.beyond else 2) * float(frequency[1])
+    return _Peak(max(p, IMPOSSIBLE), float(frequency[k]), float(amplitude), isolated, width)
+
+
+def _independent(counts: list[int], window: Array, step: int) -> float:
+    """Number of independent segments that as many overlapping ones are worth (Welch 1967)."""
+    n, total, shared = window.size, float(sum(counts)), 0.0
+    for j in range(1, (n - 1) // step + 1):
+        alike = float(window[: n - j * step] @ window[j * step :] / (window @ window)) ** 2
+        shared += 2 * alike * sum(max(count - j, 0) for count in counts) / total
+    return total / (1 + shared)
 
 
 def _edge(strong: Array) -> float:
@@ -178,12 +210,11 @@ def _tone(x: Array, recording: Recording, axis: int, peak: _Peak, found: list[tu
     width = max(1.5 / span, 1.0 / (SHORTEST * sample))
     trial = peak.frequency_hz + np.arange(-width, width, 0.05 / span)
     trial = trial[trial > 0]
-    power = np.zeros(trial.size)
-    for low, high in found:
-        y = _without_motion(x[low:high], peak.frequency_hz * sample)
-        y = np.where(_calm(y), y, 0.0)
-        power += np.abs(_transform(y, recording.gyro.t_s[low:high], trial)) ** 2 / y.size
-    f = float(trial[int(np.argmax(power))])
+    level = [_without_motion(x[low:high], peak.frequency_hz * sample) for low, high in found]
+    level = [np.where(_calm(y), y, 0.0) for y in level]
+    f = trial[int(np.argmax(_power(level, found, recording, trial)))]
+    near = np.linspace(f - 0.1 / span, f + 0.1 / span, 9)
+    f = _top(near, _power(level, found, recording, near))
     squares, samples, noise, waveform = 0.0, 0, 0.0, np.zeros_like(x)
     amplitudes, sigmas = [], []
     for low, high in found:
@@ -208,6 +239,22 @@ def _tone(x: Array, recording: Recording, axis: int, peak: _Peak, found: list[tu
     error = float(np.sqrt(2 * noise / samples / samples))
     steady = _is_steady(np.array(amplitudes), np.array(sigmas))
     return Line(axis, f, size, error, peak.p_value, waveform, peak.isolated, steady) if size > CLEAR_LINE * error else None
+
+
+def _power(level: list[Array], found: list[tuple[int, int]], recording: Recording, trial: Array) -> Array:
+    """Power of a tone at each of some frequencies evenly spaced, over all arcs."""
+    power = np.zeros(trial.size)
+    for y, (low, high) in zip(level, found, strict=True):
+        power += np.abs(_transform(y, recording.gyro.t_s[low:high], trial)) ** 2 / y.size
+    return power
+
+
+def _top(trial: Array, power: Array) -> float:
+    """Where a parabola through the powers has its top."""
+    at = (trial - trial.mean()) / np.ptp(trial)
+    _, slope, curvature = np.polynomial.polynomial.polyfit(at, power / max(float(power.max()), 1e-300), 2)
+    top = -slope / (2 * curvature) if curvature < 0 else 0.0
+    return float(trial.mean() + np.ptp(trial) * np.clip(top, -0.5, 0.5))
 
 
 def _without_motion(x: Array, cycles: float) -> Array:
@@ -252,10 +299,12 @@ def _transform(y: Array, t: Array, frequencies: Array) -> Array:
 
 
 def _is_steady(amplitudes: Array, sigmas: Array) -> bool:
-    """Whether amplitudes of several parts are one, within their noise and a tenth of it."""
+    """Whether amplitudes of several parts are one, within their noise and a tenth of it.
+
+    Where the body starts or stops to turn, a part may be off; the amplitude of a sway is off in most of them.
+    """
     if amplitudes.size < 2:
         return False
-    weights = 1 / sigmas**2
-    mean = float(weights @ amplitudes / weights.sum())
-    chi2 = float(np.sum((amplitudes - mean) ** 2 / (sigmas**2 + (UNSTEADY * mean) ** 2)))
-    return bool(scipy.stats.chi2.sf(chi2, amplitudes.size - 1) > STEADY_P)
+    middle = float(np.median(amplitudes))
+    off = np.abs(amplitudes - middle) / np.hypot(sigmas, UNSTEADY * middle)
+    return bool(np.quantile(off, STEADY_SHARE) < STEADY_SIGMAS)

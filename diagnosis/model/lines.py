@@ -36,8 +36,8 @@ BAND = 3.0  # factor on a frequency of the body's motion, up to which the next l
 def judged_lines(report: SampleReport, model: RecordingModel, silent: Set[int] = frozenset()) -> bool:
     """Take the lines that are vibrations out of the samples, and note them as symptoms; whether there were any.
 
-    Lines that are motions of the body stay where they are, and so do those of gyros that are silent in a dead zone, whose edges
-    make lines of their own.
+    Lines that are motions of the body stay where they are, and so do those in the band of motion of gyros that are silent in a
+    dead zone, whose edges make lines of their own.
     """
     ratios = [log_ratio(model, line) for line in report.lines]
     moving = [
@@ -49,9 +49,9 @@ def judged_lines(report: SampleReport, model: RecordingModel, silent: Set[int] =
     half_rate_hz = 0.5 / model.recording.gyro.sample_s
     found = False
     for line, ratio in zip(report.lines, ratios, strict=True):
-        if line.axis in silent:
-            continue
         alone = line.isolated and line.steady and line.frequency_hz > edge
+        if line.axis in silent and not alone:
+            continue
         density = float(np.log(OCTAVES * line.frequency_hz / half_rate_hz))
         odds = (BEYOND + density if alone else WITHIN) + ratio
         if odds > 0 and line.frequency_hz < FASTEST_BIAS_HZ and _periodic_odds(line, half_rate_hz) > 0:
