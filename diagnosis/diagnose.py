@@ -21,7 +21,7 @@ from diagnosis.inference.search import NOTHING, Explanation, Search
 from diagnosis.merge import merged
 from diagnosis.model.calibration import calibrated
 from diagnosis.model.candidates import linear_model
-from diagnosis.model.dead_zone import dead_zone_groups
+from diagnosis.model.dead_zone import dead_zone_groups, shown_by_passes
 from diagnosis.model.layout import layout
 from diagnosis.model.linear import LinearModel
 from diagnosis.model.prepare import Prepared, prepare
@@ -123,7 +123,7 @@ def explain(
     linear = linear_model(model, effects, dead_zone_groups(prepared, effects), settings)
     search = Search(linear, settings)
     tell("null distribution", 0.3)
-    p = p_value(search, seed, settings.null_draws)
+    p = min(p_value(search, seed, settings.null_draws), shown_by_passes(prepared.dead))
     attribution: Attribution | None = None
     fitted: tuple[Fitted, ...] = ()
     checks: tuple[Check, ...] = ()

@@ -14,7 +14,8 @@ there is no candidate. Whether rates are missing there is for the attitude to sa
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
 
 import numpy as np
 import scipy.ndimage
@@ -23,6 +24,7 @@ from numpy.typing import NDArray
 from scipy.stats import multivariate_normal
 
 from diagnosis.detectors.gap_interpolation import runs
+from diagnosis.detectors.zone_passes import Zone
 from gyrocal.recording import Recording
 
 Array = NDArray[np.float64]
@@ -43,12 +45,12 @@ NONZERO = 6.0  # sigmas from which a window's mean is a rate
 LEAK = 0.2  # of the usual slow rate: what misalignments leak of the body's rate
 TELLING = 1.5  # times that, from which on the smallest rate that is read says something of the zone
 EDGE_SHARE = 0.02  # quantile of the nonzero means that stands for the smallest rate that is read
-EDGE_WINDOWS = 10  # nonzero means within a third above it, from which on the edge itself was crossed
 EDGE = 0.1  # relative error of a half width from means on the edge
 MOST_ODDS = 60.0
 ZERO_WINDOW = 41  # samples, of which some must read zero
 ZERO_SHARE = 0.05
-MOST_PARTS = 40  # parts with a rate of their own
+MOST_PARTS = 40  # parts with a rate of their own, the longest ones; others have this number
+SEEN = 1.0  # log odds from which on passes show a zone
 
 
 @dataclass(frozen=True)
@@ -63,6 +65,8 @@ class DeadZoneEvidence:
     alive : smallest steady rate that is read, rad/s, an upper limit; infinite if there is none
     crossed : whether the motion crosses the edge, so that `alive` is the half width
     usual : usual size of the slow raw rates of this axis, rad/s
+    expected : (n,) rate that may be missing in each sample, in usual rates
+    passed : whether the motion was seen to pass through the zone
     """
 
     axis: int
@@ -71,9 +75,13 @@ class DeadZoneEvidence:
     alive: float
     crossed: bool
     usual: float
+    expected: Array
+    passed: bool = False
 
 
-def dead_zone_evidence(recording: Recording, rates: Array, noise: Array, usual: float) -> list[DeadZoneEvidence]:
+def dead_zone_evidence(
+    recording: Recording, rates: Array, noise: Array, usual: float, zones: Mapping[int, Zone]
+) -> list[DeadZoneEvidence]:
     """Gyros whose slow readings are zero in runs.
 
     Parameters
@@ -82,11 +90,32 @@ def dead_zone_evidence(recording: Recording, rates: Array, noise: Array, usual: 
     rates : (n, 3) raw rates, repaired, rad/s
     noise : (3,) white noise of a sample, rad/s
     usual : usual size of slow raw rates, that of the biases, rad/s
+    zones : of gyros whose motion was seen to pass through one
     """
     if usual <= 0:
         return []
-    found = (_of_axis(recording, rates[:, axis], float(noise[axis]), axis, usual) for axis in range(3) if noise[axis] > 0)
-    return [one for one in found if one is not None]
+    noisy = [axis for axis in range(3) if noise[axis] > 0]
+    found = {axis: _of_axis(recording, rates[:, axis], float(noise[axis]), axis, usual) for axis in noisy}
+    passed = {axis: of_passes(axis, found) for axis, found in zones.items()}
+    return [one for axis in noisy if (one := _likelier(found[axis], passed.get(axis))) is not None]
+
+
+def _likelier(rest: DeadZoneEvidence | None, passed: DeadZoneEvidence | None) -> DeadZoneEvidence | None:
+    """What rests show, or what passes show; both speak for the zone whose edge was passed."""
+    if rest is None or passed is None:
+        return rest or passed
+    return replace(passed, log_odds=passed.log_odds + max(rest.log_odds, 0.0)) if passed.log_odds > SEEN else rest
+
+
+def of_passes(axis: int, found: Zone) -> DeadZoneEvidence | None:
+    """What one gyro shows where the motion passes through its zone; None if that is next to nothing."""
+    if found.log_odds < SEEN:
+        return None
+    part = np.full(found.dead.size, -1)
+    for number, (low, high) in enumerate(sorted(runs(found.dead), key=lambda run: run[0] - run[1])):
+        part[low:high] = min(number, MOST_PARTS)
+    size = found.half_width
+    return DeadZoneEvidence(axis, part, min(found.log_odds, MOST_ODDS), size, True, size, found.expected / size, True)
 
 
 def of_zero_samples(recording: Recording, axis: int, smallest: float, usual: float) -> DeadZoneEvidence | None:
@@ -104,7 +133,9 @@ def of_zero_samples(recording: Recording, axis: int, smallest: float, usual: flo
     part = np.full(zero.size, -1)
     for number, (low, high) in enumerate(runs(often)[:MOST_PARTS]):
         part[low:high] = number
-    return DeadZoneEvidence(axis, part, MOST_ODDS, smallest, True, max(usual, smallest)) if (part >= 0).any() else None
+    if not (part >= 0).any():
+        return None
+    return DeadZoneEvidence(axis, part, MOST_ODDS, smallest, True, max(usual, smallest), np.ones(zero.size))
 
 
 def half_width(one: DeadZoneEvidence, missing: Array) -> tuple[float, float]:
@@ -167,9 +198,8 @@ def _of_axis(recording: Recording, x: Array, noise: float, axis: int, usual: flo
     alive = float(rates[int(EDGE_SHARE * rates.size)]) if rates.size else np.inf
     if alive < TELLING * NONZERO * sigma:  # the noise, not the zone, says which rates pass for zero
         alive = np.inf
-    near = int(np.sum(rates < 1.33 * alive)) if np.isfinite(alive) else 0
     odds = min(_log_odds(np.array(means), np.array(sigmas), usual), MOST_ODDS)
-    return DeadZoneEvidence(axis, part, odds, alive, near >= EDGE_WINDOWS, usual)
+    return DeadZoneEvidence(axis, part, odds, alive, False, usual, np.ones(x.size))
 
 
 def _windows(recording: Recording, x: Array, count: int) -> list[tuple[int, Array]]:

@@ -14,6 +14,7 @@ from gyrocal.recording import Recording
 
 if TYPE_CHECKING:
     from diagnosis.detectors.spectral_lines import Line
+    from diagnosis.detectors.zone_passes import Zone
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -87,6 +88,7 @@ class SampleReport:
     smooth : (n, 3) repaired raw rates without their noise: what effects follow, since a regressor with the noise of the
         residuals in it would explain that noise
     hidden : (3,) whether a coarse lattice hides the gyro's slow motion for long
+    zones : of the gyros whose motion seems to pass through a dead zone
     lattice : (3,) whether readings lie on one that is coarser than the noise
     lines : lines of the spectrum, before the attitude was asked whether the body moves so
     motions : of these, those that are motions of the body
@@ -108,6 +110,7 @@ class SampleReport:
     event_p: float = DEFAULT.sample_event
     line_p: float = DEFAULT.line
     undecided: bool = False
+    zones: dict[int, Zone] = field(default_factory=dict)
     hidden: Mask = field(default_factory=lambda: np.zeros(3, dtype=bool))
     lattice: Mask = field(default_factory=lambda: np.zeros(3, dtype=bool))
 

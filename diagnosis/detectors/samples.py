@@ -11,6 +11,7 @@ clipping) cannot happen at all under M0 and are given the smallest p.
 from __future__ import annotations
 
 import numpy as np
+import scipy.ndimage
 from numpy.typing import NDArray
 
 from diagnosis.detectors.clipping import saturation
@@ -22,6 +23,7 @@ from diagnosis.detectors.report import AXES, IMPOSSIBLE, SampleReport, SampleTes
 from diagnosis.detectors.sample_noise import local_noise, noise, quiet
 from diagnosis.detectors.spectral_lines import lines
 from diagnosis.detectors.stale_samples import stale_samples
+from diagnosis.detectors.zone_passes import zone
 from diagnosis.settings import DEFAULT, DiagnosisSettings
 from gyrocal.recording import Recording
 from simulator.effects.recorded import interval_slices
@@ -32,6 +34,8 @@ Mask = NDArray[np.bool_]
 
 COARSE = 0.05  # a lattice finer than this share of the noise is the number format, not the gyro
 HIDING = 2.0  # noise sigmas in a step, above which a lattice hides slow motion
+CERTAIN = 8.0  # log odds of a dead zone from which on its edges are left out of the other tests
+BESIDE = 10  # samples beside an edge
 FAR = 8.0  # noise sigmas from its neighbours at which a value was not measured
 
 
@@ -61,6 +65,11 @@ def examine(recording: Recording, lattice: Kind | None = None, settings: Diagnos
     saturation(report, recording, used, coarse, steps, sigma)
     if sigma > 0:
         local = local_noise(report.rates, sigma, coarse, steps)
+        parts = interval_slices(recording)
+        found = {axis: zone(report.rates[:, axis], parts, sigma) for axis in range(3) if not coarse[axis]}
+        report.zones = {axis: one for axis, one in found.items() if one is not None}
+        # The jumps at the edges of a zone are neither noise nor motion.
+        used = used & ~_near_edges(report)
         still = used & quiet(report.rates, local)
         spikes(report, recording, still, local, np.where(coarse, steps, 0.0))
         report.lines = lines(report, recording, still, used)
@@ -73,6 +82,15 @@ def examine(recording: Recording, lattice: Kind | None = None, settings: Diagnos
         _off_the_lattice(report, recording, steps, coarse, cut, sigma)
     report.smooth = smoothed_rates(report.rates, recording)
     return report
+
+
+def _near_edges(report: SampleReport) -> Mask:
+    """Samples beside an edge of a zone that passes show for certain."""
+    jumps = np.zeros(report.clipped.size, dtype=bool)
+    for one in report.zones.values():
+        if one.log_odds > CERTAIN:
+            jumps[1:] |= np.diff(one.dead)
+    return np.asarray(scipy.ndimage.binary_dilation(jumps, iterations=BESIDE)) if jumps.any() else jumps
 
 
 def smoothed_rates(rates: Array, recording: Recording) -> Array:

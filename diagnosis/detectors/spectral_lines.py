@@ -210,11 +210,11 @@ def _tone(x: Array, recording: Recording, axis: int, peak: _Peak, found: list[tu
     width = max(1.5 / span, 1.0 / (SHORTEST * sample))
     trial = peak.frequency_hz + np.arange(-width, width, 0.05 / span)
     trial = trial[trial > 0]
-    level = [_without_motion(x[low:high], peak.frequency_hz * sample) for low, high in found]
-    level = [np.where(_calm(y), y, 0.0) for y in level]
-    f = trial[int(np.argmax(_power(level, found, recording, trial)))]
-    near = np.linspace(f - 0.1 / span, f + 0.1 / span, 9)
-    f = _top(near, _power(level, found, recording, near))
+    levels = [_without_motion(x[low:high], peak.frequency_hz * sample) for low, high in found]
+    levels = [np.where(_calm(y), y, 0.0) for y in levels]
+    best = float(trial[int(np.argmax(_power(levels, found, recording, trial)))])
+    near = np.linspace(best - 0.1 / span, best + 0.1 / span, 9)
+    f = _top(near, _power(levels, found, recording, near))
     squares, samples, noise, waveform = 0.0, 0, 0.0, np.zeros_like(x)
     amplitudes, sigmas = [], []
     for low, high in found:
@@ -241,10 +241,10 @@ def _tone(x: Array, recording: Recording, axis: int, peak: _Peak, found: list[tu
     return Line(axis, f, size, error, peak.p_value, waveform, peak.isolated, steady) if size > CLEAR_LINE * error else None
 
 
-def _power(level: list[Array], found: list[tuple[int, int]], recording: Recording, trial: Array) -> Array:
+def _power(levels: list[Array], found: list[tuple[int, int]], recording: Recording, trial: Array) -> Array:
     """Power of a tone at each of some frequencies evenly spaced, over all arcs."""
     power = np.zeros(trial.size)
-    for y, (low, high) in zip(level, found, strict=True):
+    for y, (low, high) in zip(levels, found, strict=True):
         power += np.abs(_transform(y, recording.gyro.t_s[low:high], trial)) ** 2 / y.size
     return power
 

@@ -14,6 +14,7 @@ leaves (`diagnosis.inference.checks`) weigh it: a p-value p is worth a Bayes fac
 
 from __future__ import annotations
 
+import math
 from collections import defaultdict
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -132,7 +133,7 @@ def _left(share: float, attribution: Attribution, p_value: float) -> float:
 def _against(p_value: float) -> float:
     """Bayes factor for a model against its failure, at most, of a p-value of its checks."""
     p = max(p_value, 1e-300)
-    return float(-np.e * p * np.log(p)) if p < 1 / np.e else 1.0
+    return float(-math.e * p * math.log(p)) if p < 1 / np.e else 1.0
 
 
 def _verdict(slots: Sequence[Slot], settings: DiagnosisSettings) -> Verdict:

@@ -15,7 +15,8 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from diagnosis.detectors.deadzone import DeadZoneEvidence, half_width
+from diagnosis.detectors.deadzone import MOST_PARTS, DeadZoneEvidence, half_width
+from diagnosis.detectors.zone_passes import TRIED
 from diagnosis.model.candidates import Group
 from diagnosis.model.linear import Parameters
 from diagnosis.model.prepare import Prepared
@@ -29,7 +30,9 @@ AXES = "xyz"
 UNSEEN = 0.5  # usual size of the motion inside the zone beside the rates that are missing
 DIFFERENCE = 0.4  # usual size of the differences between runs beside what they have in common
 SCALES = (0.3, 3.0)  # of the amplitudes, in usual rates
-MOST_ODDS = 4.0  # that the samples may give it: their model of the motion is a rough one, and the attitude must show it
+MOST_ODDS = 4.0  # that rests may give it: their model of the motion is a rough one, and the attitude must show it
+MOST_PASSED = 25.0  # the same of passes through the zone
+TRIALS = 3 * TRIED  # half widths and gyros
 LEAST_ODDS = -10.0  # that they may hold against it
 
 
@@ -37,9 +40,9 @@ def missing(model: RecordingModel, one: DeadZoneEvidence) -> Array:
     """Observations of a missing rate, deg/s: in all runs alike, and its difference in each; (N, 1 + runs)."""
     step = np.searchsorted(model.recording.gyro.t_s, model.t_s, side="right") - 1
     part = one.part[step]
-    numbers = np.unique(part[part >= 0])
+    numbers = np.unique(part[(part >= 0) & (part < MOST_PARTS)])
     low = np.zeros((model.t_s.size, 3, 1 + numbers.size))
-    low[part >= 0, one.axis, 0] = -np.deg2rad(1.0)
+    low[part >= 0, one.axis, 0] = -np.deg2rad(1.0) * one.expected[step][part >= 0]
     for k, number in enumerate(numbers):
         low[part == number, one.axis, 1 + k] = -DIFFERENCE * np.deg2rad(1.0)
     return model.reading(low)
@@ -52,6 +55,11 @@ def unseen_motion(model: RecordingModel, one: DeadZoneEvidence) -> Array:
     share = np.add.reduceat(dead, model.cells.first) / (model.cells.last - model.cells.first)
     factor = UNSEEN * np.deg2rad(1.0) * np.diag(share)[:, share > 0]
     return on_cells(model, one.axis, factor)
+
+
+def shown_by_passes(dead: Sequence[DeadZoneEvidence]) -> float:
+    """Bound on the p-value under M0 of what passes through a zone show, 1/(odds) of the likeliest of all tried half widths."""
+    return float(np.exp(-max((one.log_odds - np.log(TRIALS) for one in dead if one.passed), default=0.0)).clip(0.0, 1.0))
 
 
 def dead_zone_groups(prepared: Prepared, effects: Sequence[Effect]) -> list[Group]:
@@ -81,7 +89,7 @@ def _group(model: RecordingModel, one: DeadZoneEvidence, effect: Effect) -> Grou
         weights=np.full(2, 0.5),
         limits=(max(effect.prior[0], SCALES[0] * usual), min(effect.prior[1], SCALES[1] * usual)),
         unit=effect.unit,
-        log_odds=float(np.clip(one.log_odds, LEAST_ODDS, MOST_ODDS)),
+        log_odds=float(np.clip(one.log_odds, LEAST_ODDS, MOST_PASSED if one.passed else MOST_ODDS)),
         read=read,
         size_sigma=lambda size: half_width_sigma(one, size),
     )

@@ -129,7 +129,7 @@ def _dead(recording: Recording, report: SampleReport, bias: Array) -> tuple[Dead
     usual = usual_slow_rate(recording, report.rates, np.maximum(np.abs(bias), np.abs(recording.gyro.apriori_bias)))
     found = [
         one
-        for one in dead_zone_evidence(recording, report.rates, report.noise, usual)
+        for one in dead_zone_evidence(recording, report.rates, report.noise, usual, report.zones)
         if AXES[one.axis] not in {*coarse, *exact}
     ]
     for axis, symptom in exact.items():

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from diagnosis.detectors import samples as stream
+from diagnosis.detectors import spectral_lines
 from diagnosis.detectors.clipping import _is_plateau
 from diagnosis.detectors.lattice import lattice_step, mean_reading, sweep_odds, undone
 from diagnosis.settings import DEFAULT
@@ -77,6 +78,30 @@ def test_a_tone_is_found_with_its_amplitude_and_frequency(plan, truth, amplitude
         assert line.isolated
         assert line.steady
         assert report.symptoms == []  # whether it is a vibration, the attitude says
+
+
+@pytest.mark.parametrize(("arcs", "beyond"), [([4000] * 6, False), ([700] * 40, True), ([20000, 3000, 3000], False)])
+def test_the_p_value_of_the_strongest_line_holds_for_white_noise(arcs, beyond):
+    edges = np.cumsum([0, *arcs])
+    look = spectral_lines._Look(list(zip(edges[:-1], edges[1:], strict=True)), beyond)
+    p = [
+        spectral_lines._strongest(np.random.default_rng(seed).standard_normal(edges[-1]), look, 0.1).p_value
+        for seed in range(120)
+    ]
+    assert np.mean(np.array(p) < 0.05) < 0.05 + 3 * np.sqrt(0.05 * 0.95 / 120)
+    assert min(p) > 1e-5
+
+
+def test_a_strong_tone_is_one_line_and_slow_motions_do_not_hide_it(plan, truth):
+    """What its fit leaves is no second line, and lines of slow motions are counted apart."""
+    recording = _recording(plan, truth, 4)
+    t = recording.gyro.t_s
+    slow = sum(np.deg2rad(0.02 / k) * np.sin(2 * np.pi * (0.011 * k) * t + k) for k in range(1, 8))
+    tone = np.deg2rad(0.05) * np.sin(2 * np.pi * 0.41 * t)
+    rates = recording.gyro.rates + np.column_stack([slow + tone, tone, 0 * t])
+    report = stream.examine(replace(recording, gyro=replace(recording.gyro, rates=rates)))
+    assert [line.axis for line in report.lines if abs(line.frequency_hz - 0.41) < 0.02] == [0, 1]
+    assert [line.frequency_hz for line in report.lines if line.axis == 1] == [pytest.approx(0.41, abs=1e-4)]
 
 
 def test_other_numbers_of_a_symptom(plan, truth):

@@ -1,0 +1,143 @@
+"""A dead zone seen where the motion passes through it: no reading lies between zero and its edge.
+
+Means of the reading over short windows, in units of a half width s that is tried, lie in the core (below 0.35), the hole (0.35
+to 0.85), three bands above the edge (from 1, 1.5 and 2 to 2.5), or far off. A pass is the way from the core to far off, or
+back. A body that speeds up or slows down stays in the hole about as long as in a band of the same width; with o windows in the
+band that it passes fastest, since it may rest in one or on the border of two, their number h in the hole is negative binomial
+with the mean ρ o. A gyro with a dead zone of half width s reads zero in the core and in the hole, and only a window across the
+edge falls into the hole: h is Poisson with a mean below one. The log odds are summed over the passes, with the ratio ρ and the
+dispersion that favour the motion most, and with a few odd passes allowed to it, so that no single one decides. Passes too fast
+to have some windows in each band tell nothing, nor do those in which the body rests in one.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import nbinom, poisson
+
+from diagnosis.detectors.gap_interpolation import runs
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.intp]
+
+RESOLVED = 6.0  # sigmas of a window's mean in the half width
+LONGEST = 2000  # samples of a window
+CORE, HOLE = 0.35, 0.85
+LEVELS = (CORE, HOLE, 1.0, 1.5, 2.0, 2.5)  # upper ends of core, hole, edge and three bands, in half widths
+TRIED = 60  # half widths
+FEWEST_IN_BAND = 2  # windows of a pass that tells something
+RESTING = 4  # times as many windows in one band as in another, beyond which the body rests in it
+FEWEST_PASSES = 3
+STRADDLING = 0.7  # mean number of windows across the edge
+RATIOS = (0.35, 0.5, 0.7, 1.0, 1.4, 2.0)  # of the time in the hole to that in the band, of a real motion
+DISPERSIONS = (2.0, 20.0)  # shape of the negative binomial
+ODD = 0.03  # share of odd passes of a real motion
+FEWEST_WINDOWS = 8  # of an interval
+
+
+@dataclass(frozen=True)
+class Zone:
+    """A dead zone that passes show.
+
+    Attributes
+    ----------
+    half_width : rad/s
+    log_odds : in its favour
+    dead : (n,) samples in it
+    expected : (n,) the rate that the readings before and after lead one to expect there, rad/s; zero elsewhere
+    """
+
+    half_width: float
+    log_odds: float
+    dead: NDArray[np.bool_]
+    expected: Array
+
+
+def zone(x: Array, parts: Sequence[slice], noise: float) -> Zone | None:
+    """The dead zone of one gyro that its passes show best; None if none is likelier than a motion.
+
+    Parameters
+    ----------
+    x : (n,) raw rates, rad/s
+    parts : samples of each interval
+    noise : white noise of a sample, rad/s
+    """
+    if noise <= 0:
+        return None
+    top = float(np.quantile(np.abs(x), 0.9))
+    low = max(RESOLVED * noise / np.sqrt(LONGEST), 1e-4 * top)
+    if top <= low:
+        return None
+    sums = [np.append(0.0, np.cumsum(x[part])) for part in parts]
+    tried = np.geomspace(low, top, TRIED)
+    odds = [_log_odds(sums, float(size), noise) for size in tried]
+    best = int(np.argmax(odds))
+    if odds[best] <= 0:
+        return None
+    size = float(tried[best])
+    dead, expected = _inside(x, parts, size, noise)
+    return Zone(size, odds[best], dead, expected)
+
+
+def _window(size: float, noise: float) -> int:
+    return max(1, int(np.ceil((RESOLVED * noise / size) ** 2)))
+
+
+def _means(total: Array, count: int) -> Array:
+    """Means over windows of `count` samples, from cumulated sums."""
+    return np.asarray(np.diff(total[::count]) / count)
+
+
+def _log_odds(sums: Sequence[Array], size: float, noise: float) -> float:
+    """log odds of a zone of some half width, over the passes of all intervals."""
+    count = _window(size, noise)
+    found = [_passes(_means(total, count) / size) for total in sums if total.size > FEWEST_WINDOWS * count]
+    if not found:
+        return 0.0
+    hole, band = np.concatenate(found, axis=1)
+    telling = band >= FEWEST_IN_BAND
+    if telling.sum() < FEWEST_PASSES:
+        return 0.0
+    h, o = hole[telling], band[telling]
+    dead = poisson.logpmf(h, STRADDLING)
+    motion = max(
+        float(np.sum(np.logaddexp(np.log1p(-ODD) + nbinom.logpmf(h, shape, shape / (shape + ratio * o)), np.log(ODD) + dead)))
+        for ratio in RATIOS
+        for shape in DISPERSIONS
+    )
+    return float(dead.sum()) - motion
+
+
+def _passes(u: Array) -> Indices:
+    """(2, passes) windows in the hole and in the band that is passed fastest, on each way between the core and far off.
+
+    None are counted in the bands where the body rests in one of them.
+    """
+    level = np.digitize(np.abs(u), LEVELS)
+    ends = np.flatnonzero((level == 0) | (level == len(LEVELS)))
+    change = np.flatnonzero(np.diff(level[ends]) != 0)
+    begin, end = ends[change], ends[change + 1]
+    counts = [np.append(0, np.cumsum(level == one)) for one in (1, 3, 4, 5)]
+    hole, *bands = (count[end] - count[begin + 1] for count in counts)
+    fastest, slowest = np.min(bands, axis=0), np.max(bands, axis=0)
+    return np.array([hole, np.where(slowest <= RESTING * (fastest + 1), fastest, 0)])
+
+
+def _inside(x: Array, parts: Sequence[slice], size: float, noise: float) -> tuple[NDArray[np.bool_], Array]:
+    """Samples in the zone, and the rate to expect there: a straight line between the edges it was entered and left by."""
+    count = _window(size, noise)
+    dead, expected = np.zeros(x.size, dtype=bool), np.zeros(x.size)
+    for part in parts:
+        own = x[part]
+        u = own[: own.size // count * count].reshape(-1, count).mean(axis=1) / size
+        for a, b in runs(np.abs(u) < 0.5 * (CORE + HOLE)):
+            low, high = a * count, b * count if b < u.size else own.size
+            dead[part.start + low : part.start + high] = True
+            if a and b < u.size:
+                edges = np.sign([u[a - 1], u[b]]) * size
+                expected[part.start + low : part.start + high] = np.interp(np.arange(low, high), [low, high], edges)
+    return dead, expected

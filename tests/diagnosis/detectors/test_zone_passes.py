@@ -1,0 +1,63 @@
+"""Passes through a dead zone: its half width where there is one, nothing where a body moves, rests or swings."""
+
+import numpy as np
+import pytest
+
+from diagnosis.detectors.zone_passes import _passes, zone
+
+NOISE = 1e-3  # rad/s, of a sample
+SAMPLES = 40_000
+PARTS = (slice(0, SAMPLES // 2), slice(SAMPLES // 2, SAMPLES))
+
+
+def _motion(seed, kind):
+    """A rate that passes zero: swings of some periods, turns from a rest at some rate, or steps of a slow drift."""
+    rng = np.random.default_rng(seed)
+    t = np.arange(SAMPLES) / 10.0
+    if kind == "swing":
+        return sum(rng.uniform(0.02, 0.05) * np.sin(2 * np.pi * t / rng.uniform(150, 400) + rng.uniform(0, 6)) for _ in range(2))
+    rest = rng.uniform(-0.04, 0.04)
+    turns = np.interp(t % 400, [0, 150, 200, 250, 400], [0, 0, 1, 0, 0]) * rng.choice([-0.2, 0.2], 11)[(t // 400).astype(int)]
+    return rest + turns
+
+
+def _read(rate, half_width, seed):
+    shown = np.where(np.abs(rate) < half_width, 0.0, rate)
+    return shown + NOISE * np.random.default_rng([seed, 1]).standard_normal(rate.size)
+
+
+@pytest.mark.parametrize("half_width", [0.008, 0.015])
+def test_the_half_width_is_found(half_width):
+    for seed in range(5):
+        found = zone(_read(_motion(seed, "swing"), half_width, seed), PARTS, NOISE)
+        assert found is not None
+        assert found.log_odds > 8
+        assert found.half_width == pytest.approx(half_width, rel=0.25)
+
+
+def test_the_rate_that_is_missing_is_expected_between_the_edges():
+    rate, half_width = _motion(3, "swing"), 0.012
+    found = zone(_read(rate, half_width, 3), PARTS, NOISE)
+    inside = np.abs(rate) < half_width
+    assert np.mean(found.dead == inside) > 0.98
+    both = found.dead & inside & (found.expected != 0)
+    assert np.std(found.expected[both] - rate[both]) < 0.5 * np.std(rate[both])
+
+
+@pytest.mark.parametrize("kind", ["swing", "turns"])
+def test_a_real_motion_shows_no_zone(kind):
+    odds = [found.log_odds if (found := zone(_read(_motion(seed, kind), 0.0, seed), PARTS, NOISE)) else 0.0 for seed in range(40)]
+    assert max(odds) < 4
+    assert np.mean(np.array(odds) > 1) < 0.1
+
+
+def test_passes_are_counted_between_core_and_far():
+    u = np.array([0.1, 0.5, 1.2, 1.7, 2.2, 3.0, 2.2, 2.1, 1.7, 1.2, 0.2, 0.6, 0.1])
+    hole, band = _passes(u)
+    assert hole.tolist() == [1, 0]
+    assert band.tolist() == [1, 1]
+
+
+def test_nothing_to_see_is_no_zone():
+    assert zone(np.zeros(SAMPLES), PARTS, NOISE) is None
+    assert zone(_motion(1, "swing"), PARTS, 0.0) is None
