@@ -1,6 +1,7 @@
 """Stream tests: each finds its effect with its size, and nothing in M0."""
 
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -83,7 +84,7 @@ def test_a_tone_is_found_with_its_amplitude_and_frequency(plan, truth, amplitude
 @pytest.mark.parametrize(("arcs", "beyond"), [([4000] * 6, False), ([700] * 40, True), ([20000, 3000, 3000], False)])
 def test_the_p_value_of_the_strongest_line_holds_for_white_noise(arcs, beyond):
     edges = np.cumsum([0, *arcs])
-    look = spectral_lines._Look(list(zip(edges[:-1], edges[1:], strict=True)), beyond)
+    look = spectral_lines._Look(list(pairwise(edges)), beyond)
     p = [
         spectral_lines._strongest(np.random.default_rng(seed).standard_normal(edges[-1]), look, 0.1).p_value
         for seed in range(120)
