@@ -36,6 +36,7 @@ STRADDLING = 0.7  # mean number of windows across the edge
 RATIOS = (0.35, 0.5, 0.7, 1.0, 1.4, 2.0)  # of the time in the hole to that in the band, of a real motion
 DISPERSIONS = (2.0, 20.0)  # shape of the negative binomial
 ODD = 0.03  # share of odd passes of a real motion
+DIPPED = 0.6  # mean rate of a motion that comes back to the edge where it went in, in half widths
 FEWEST_WINDOWS = 8  # of an interval
 
 
@@ -128,7 +129,10 @@ def _passes(u: Array) -> Indices:
 
 
 def _inside(x: Array, parts: Sequence[slice], size: float, noise: float) -> tuple[NDArray[np.bool_], Array]:
-    """Samples in the zone, and the rate to expect there: a straight line between the edges it was entered and left by."""
+    """Samples in the zone, and the rate to expect there.
+
+    From one edge to the other that is a straight line; a rate that comes back to the edge it went in by went some way down.
+    """
     count = _window(size, noise)
     dead, expected = np.zeros(x.size, dtype=bool), np.zeros(x.size)
     for part in parts:
@@ -138,6 +142,7 @@ def _inside(x: Array, parts: Sequence[slice], size: float, noise: float) -> tupl
             low, high = a * count, b * count if b < u.size else own.size
             dead[part.start + low : part.start + high] = True
             if a and b < u.size:
-                edges = np.sign([u[a - 1], u[b]]) * size
-                expected[part.start + low : part.start + high] = np.interp(np.arange(low, high), [low, high], edges)
+                entry, exit_ = np.sign([u[a - 1], u[b]]) * size
+                between = np.linspace(entry, exit_, high - low) if entry != exit_ else DIPPED * entry
+                expected[part.start + low : part.start + high] = between
     return dead, expected
