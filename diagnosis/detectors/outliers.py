@@ -8,8 +8,10 @@ import scipy.signal
 import scipy.stats
 from numpy.typing import NDArray
 
+from diagnosis.detectors.likeness import of_heights, of_times
 from diagnosis.detectors.report import AXES, IMPOSSIBLE, SampleReport, SampleTest, Symptom, consecutive, inside
 from gyrocal.recording import Recording
+from simulator.effects.recorded import interval_slices
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -71,7 +73,7 @@ def spikes(report: SampleReport, recording: Recording, quiet: Mask, noise: Array
     report.symptoms.append(
         Symptom(
             "outliers", AXES[strongest] if alone else None, float(np.rad2deg(seen)), "deg/s", float(np.rad2deg(error)),
-            {"fraction": float(fraction)}, p,
+            {"fraction": float(fraction)}, p, likeness=_likeness(report, recording, places, limits),
         )
     )  # fmt: skip
     _neighbours(report, places, total, noise)
@@ -85,6 +87,18 @@ def spikes(report: SampleReport, recording: Recording, quiet: Mask, noise: Array
         good = ~bad
         report.rates[bad, axis] = np.interp(t[bad], t[good], x[good])
         report.filled |= bad
+
+
+def _likeness(report: SampleReport, recording: Recording, places: list[Mask], limits: list[float]) -> float:
+    """Of the times of outliers, counted from their interval's start, and of how far they exceed their limit."""
+    starts = np.array([part.start for part in interval_slices(recording)])
+    times, heights = [], []
+    for axis, bad in enumerate(places):
+        own = np.flatnonzero(bad)
+        times.append(own - starts[np.clip(np.searchsorted(starts, own, side="right") - 1, 0, None)])
+        x = report.rates[:, axis]
+        heights.append(np.abs(x - scipy.ndimage.median_filter(x, 7, mode="nearest"))[bad] - limits[axis])
+    return min(1.0, 2 * min(of_times(np.concatenate(times)), of_heights(np.concatenate(heights))))
 
 
 def _neighbours(report: SampleReport, places: list[Mask], total: int, noise: Array) -> None:

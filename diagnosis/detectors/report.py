@@ -59,6 +59,7 @@ class Symptom:
     text : a sentence
     probability : that an effect is at work and not a motion of the body, where that was weighed
     rival : another of the symptoms that this may be as well
+    likeness : p-value of how it behaves, if it is what its kind says (`diagnosis.detectors.likeness`)
     """
 
     kind: str
@@ -71,6 +72,7 @@ class Symptom:
     text: str = ""
     probability: float = 1.0
     rival: str | None = None
+    likeness: float = 1.0
 
 
 @dataclass

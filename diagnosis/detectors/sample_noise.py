@@ -22,6 +22,7 @@ import scipy.ndimage
 import scipy.stats
 from numpy.typing import NDArray
 
+from diagnosis.detectors.likeness import of_noise
 from diagnosis.detectors.readout_noise import AVERAGES, Readout, readout
 from diagnosis.detectors.report import AXES, IMPOSSIBLE, SampleReport, SampleTest, Symptom, arcs, consecutive
 from gyrocal.recording import Recording
@@ -192,7 +193,8 @@ def noise(
             if reading is not None:
                 readings[axis] = reading
                 _read_out(report, axis, reading, factor, min(p, p_colour), sigma, recording.gyro.sample_s)
-    _name(report, {axis: one for axis, one in found.items() if axis not in readings}, sigma)
+    alike = {axis: of_noise([report.rates[low:high, axis] for low, high in usable]) for axis in found if not coarse[axis]}
+    _name(report, {axis: one for axis, one in found.items() if axis not in readings}, sigma, alike)
 
 
 def _read_out(report: SampleReport, axis: int, found: Readout, factor: float, p: float, sigma: float, sample_s: float) -> None:
@@ -212,7 +214,7 @@ def _read_out(report: SampleReport, axis: int, found: Readout, factor: float, p:
         report.symptoms.append(Symptom("white_noise_level", AXES[axis], white, "factor", error, {}, p_white, text))
 
 
-def _name(report: SampleReport, found: dict[int, Level], sigma: float) -> None:
+def _name(report: SampleReport, found: dict[int, Level], sigma: float, alike: dict[int, float]) -> None:
     """White noise of another level is one symptom, noise of another colour is another."""
     tests = {(test.statistic, test.axis): test for test in report.tests}
     factors, errors = np.ones(3), np.full(3, np.inf)
@@ -249,4 +251,5 @@ def _name(report: SampleReport, found: dict[int, Level], sigma: float) -> None:
         size = float(np.mean(factors[axes]))
         error = float(np.sqrt(np.mean(errors[axes] ** 2) / len(axes)))
         p = min(tests["noise_level", AXES[axis]].p_value for axis in axes)
-        report.symptoms.append(Symptom("white_noise_level", name, size, "factor", error, {}, p))
+        likeness = min(1.0, len(axes) * min(alike.get(axis, 1.0) for axis in axes))
+        report.symptoms.append(Symptom("white_noise_level", name, size, "factor", error, {}, p, likeness=likeness))

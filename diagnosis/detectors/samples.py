@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from diagnosis.detectors.clipping import saturation
 from diagnosis.detectors.gap_interpolation import filled, runs
 from diagnosis.detectors.lattice import ODDS, Kind, lattice_step, sweep_odds, undone
+from diagnosis.detectors.likeness import of_runs
 from diagnosis.detectors.noise_structure import constancy, together
 from diagnosis.detectors.outliers import spikes
 from diagnosis.detectors.report import AXES, IMPOSSIBLE, SampleReport, SampleTest, Symptom, consecutive, inside
@@ -155,8 +156,18 @@ def _stale(report: SampleReport, recording: Recording, used: Mask, coarse: Mask)
     parameters: dict[str, float | str] = {"fraction": found.fraction}
     kind = "repeats" if _is_measured(rates, found.mask) else "filled_samples"
     text = "" if kind == "repeats" else "samples repeat a value that is far from its neighbours, so that it was filled in"
-    report.symptoms.append(Symptom(kind, None, found.size, "samples", found.sigma, parameters, found.p_value, text))
+    alike = _run_likeness(found.mask, recording) if not coarse.any() else 1.0
+    report.symptoms.append(
+        Symptom(kind, None, found.size, "samples", found.sigma, parameters, found.p_value, text, likeness=alike)
+    )
     _fill(report, recording, found.mask)
+
+
+def _run_likeness(repeated: Mask, recording: Recording) -> float:
+    """Of the runs of repeats, counted from their interval's start; those of a lattice may be chance and are not judged."""
+    low, high = np.array(runs(repeated)).T
+    starts = np.array([part.start for part in interval_slices(recording)])
+    return of_runs(low - starts[np.clip(np.searchsorted(starts, low, side="right") - 1, 0, None)], high - low)
 
 
 def _is_measured(rates: Array, repeated: Mask) -> bool:

@@ -127,10 +127,10 @@ def _is_random(model: LinearModel, slot: Slot) -> bool:
 
 def _left(share: float, attribution: Attribution, p_value: float) -> float:
     """What is left of the probabilities beside an imitation with this prior share."""
-    return 1 / (1 + (1 - attribution.unknown) * share / (1 - share) / _against(p_value))
+    return 1 / (1 + (1 - attribution.unknown) * share / (1 - share) / against(p_value))
 
 
-def _against(p_value: float) -> float:
+def against(p_value: float) -> float:
     """Bayes factor for a model against its failure, at most, of a p-value of its checks."""
     p = max(p_value, 1e-300)
     return float(-math.e * p * math.log(p)) if p < 1 / np.e else 1.0

@@ -8,13 +8,14 @@ a line, which the attitude judges (`diagnosis.model.lines`).
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence, Set
 from dataclasses import dataclass
 
 import numpy as np
 
 from diagnosis.answer import Cause, Finding
 from diagnosis.detectors.report import Symptom
+from diagnosis.inference.attribution import against
 from diagnosis.model.prepare import Prepared
 from diagnosis.settings import DiagnosisSettings
 from simulator.effects.base import Detection, Effect, SampleView
@@ -48,11 +49,17 @@ class SampleCause:
         group = tuple(
             name if symptom.axis is None else f"{name}:{symptom.axis}" for name in (self.effect, self.rival) if name is not None
         )
-        probability = min(1.0 - settings.imitation_in_samples, symptom.probability, 1.0 - min(symptom.p_value * CHANCE, 0.5))
+        probability = min(1.0 - imitated(symptom, settings), symptom.probability, 1.0 - min(symptom.p_value * CHANCE, 0.5))
         return Cause(
             self.effect, symptom.axis, symptom.size, symptom.unit, symptom.sigma, symptom.parameters,
             probability / len(group), group, probability,
         )  # fmt: skip
+
+
+def imitated(symptom: Symptom, settings: DiagnosisSettings) -> float:
+    """Probability that something unlisted imitates a symptom: its prior share, weighed by how the symptom behaves."""
+    odds = settings.imitation_in_samples / (1 - settings.imitation_in_samples) / against(symptom.likeness)
+    return odds / (1 + odds)
 
 
 def sample_causes(prepared: Prepared, effects: Sequence[Effect], settings: DiagnosisSettings) -> tuple[SampleCause, ...]:
@@ -68,11 +75,20 @@ def sample_causes(prepared: Prepared, effects: Sequence[Effect], settings: Diagn
     covered = {effect.symptom for effect, own in detected.items() if own}
     own_test = {effect.symptom for effect in detected}
     found = [
-        SampleCause(one, None if one.kind in own_test else claims.get(one.kind), _finding(prepared, one), claims.get(one.rival))
+        SampleCause(one, _claimed(one, claims, own_test, settings), _finding(prepared, one), claims.get(one.rival))
         for one in symptoms
         if one.kind not in covered
     ]
     return (*found, *(_detected(one) for own in detected.values() for one in own))
+
+
+def _claimed(
+    symptom: Symptom, claims: Mapping[str | None, str], own_test: Set[str | None], settings: DiagnosisSettings
+) -> str | None:
+    """The effect that a symptom is a sign of; None if it is none's, or behaves as that effect's would not."""
+    if symptom.kind in own_test or imitated(symptom, settings) > settings.unknown:
+        return None
+    return claims.get(symptom.kind)
 
 
 def _reference_symptoms(prepared: Prepared, settings: DiagnosisSettings) -> list[Symptom]:

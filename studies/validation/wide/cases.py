@@ -89,7 +89,10 @@ def world_of(spec: Spec, case: int) -> World:
     chosen, lot = part(spec.part), spec.rng(case, "plan")
     kind, grade = str(lot.choice(chosen.plans)), str(lot.choice(chosen.grades))
     for number in range(PLANS):
-        plan = drawn_plan(spec.rng(case, f"plan:{number}"), KINDS[kind], GRADES[grade], f"wide {spec.part} {case}")
+        try:
+            plan = drawn_plan(spec.rng(case, f"plan:{number}"), KINDS[kind], GRADES[grade], f"wide {spec.part} {case}")
+        except InputError:  # an interval without two references
+            continue
         evidence = Evidence(plan)
         if evidence.model_error < DESCRIBED and evidence.sigmas[:9].max() < DETERMINED:
             return World(spec, case, kind, grade, plan, evidence)

@@ -1,0 +1,142 @@
+"""Whether what the samples show looks like the fault that it is taken for.
+
+A test of the samples sees that something is there; which fault it is follows from how that behaves. Repeats of a telemetry that
+misses samples begin at random and last a geometric time; outliers of lost counts come at random with exponential heights; white
+noise of another level is normal, and as strong from one moment to the next. The p-value of what is seen, under that, weighs the
+cause against something unlisted (`diagnosis.inference.attribution`).
+
+The statistics are general. Of times counted in samples, the strongest of the periods up to `LONGEST`: for a period q the
+resultant R² = |Σ exp(2πi k/q)|²/m of m random times has an exponential distribution of mean one. Of lengths and heights, the
+largest distance of their distribution to that of the fault with the mean that they have (Lilliefors), against draws of it.
+Of noise, the kurtosis of differences, and the mean log of its power in short windows, which lulls and bursts lower: their
+distribution comes from draws of white noise.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import scipy.stats
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.intp]
+
+LONGEST = 64  # samples, of a period
+FEWEST = 8  # times, lengths or heights, below which nothing is said
+MOST = 2000  # of them that are looked at
+DRAWS = 2000
+WINDOW = 6  # differences whose power is taken together
+FEWEST_WINDOWS = 60
+ORDER = 2  # of the differences
+
+
+def of_runs(starts: Indices, lengths: Indices, seed: int = 0) -> float:
+    """P-value of runs of repeats that begin at random and last a geometric time.
+
+    Parameters
+    ----------
+    starts : first sample of each run, counted from its interval's first
+    lengths : samples
+    """
+    if starts.size < FEWEST:
+        return 1.0
+    mean = float(lengths.mean())
+    kept = lengths[:MOST]
+    regular = of_times(starts)
+    if mean < 1.05:  # nearly all runs are of one sample: nothing to compare
+        return regular
+    odd = _lilliefors(
+        kept, lambda rng, shape: rng.geometric(1 / mean, shape), lambda x, m: 1 - (1 - 1 / m) ** np.floor(x), seed
+    )
+    return min(1.0, 2 * min(regular, odd))
+
+
+def of_times(times: Indices) -> float:
+    """P-value of the strongest period of times that are random, in samples."""
+    if times.size < FEWEST:
+        return 1.0
+    periods = np.arange(2, LONGEST + 1)
+    angle = 2 * np.pi * (times[None, :MOST] % periods[:, None]) / periods[:, None]
+    resultant = np.abs(np.exp(1j * angle).sum(axis=1)) ** 2 / angle.shape[1]
+    resultant[0] *= 0.5  # of period 2 it is real: χ² with one degree of freedom
+    return min(1.0, periods.size * float(np.exp(-resultant.max())))
+
+
+def of_heights(beyond: Array, seed: int = 0) -> float:
+    """P-value of heights beyond a limit that are exponential."""
+    if beyond.size < FEWEST:
+        return 1.0
+    return _lilliefors(beyond[:MOST], lambda rng, shape: rng.exponential(1.0, shape), lambda x, m: 1 - np.exp(-x / m), seed)
+
+
+def _lilliefors(
+    values: NDArray[np.number],
+    draw: Callable[[np.random.Generator, tuple[int, int]], NDArray[np.number]],
+    distribution: Callable[[Array, Array], Array],
+    seed: int,
+) -> float:
+    """P-value of the largest distance of an empirical distribution to that with its own mean, against draws."""
+    rng = np.random.default_rng(seed)
+    draws = max(200, min(DRAWS, int(2e6 / values.size)))
+
+    def distance(rows: NDArray[np.number]) -> Array:
+        x = np.sort(rows.astype(float), axis=1)
+        expected = distribution(x, x.mean(axis=1, keepdims=True))
+        upper = np.arange(1, x.shape[1] + 1) / x.shape[1]
+        # Of equal values, only the last shows the empirical distribution.
+        last = np.append(np.diff(x, axis=1) > 0, np.ones((len(x), 1), dtype=bool), axis=1)
+        return np.asarray(np.max(np.where(last, np.abs(upper - expected), 0.0), axis=1))
+
+    own = float(distance(values[None])[0])
+    others = distance(draw(rng, (draws, values.size)))
+    return _beyond(own, others)
+
+
+def of_noise(parts: list[Array], seed: int = 0) -> float:
+    """P-value of noise that is normal, and as strong from one moment to the next.
+
+    Parameters
+    ----------
+    parts : runs of samples in which nothing but noise is fast
+    """
+    powers, fourth, count = [], 0.0, 0
+    for part in parts:
+        d = np.diff(part, ORDER)
+        d = d[: d.size // WINDOW * WINDOW]
+        powers.append(np.mean(d.reshape(-1, WINDOW) ** 2, axis=1))
+        fourth += float(np.sum(d**4))
+        count += d.size
+    power = np.concatenate([np.empty(0), *powers])
+    if power.size < FEWEST_WINDOWS:
+        return 1.0
+    if not power.all():
+        return 0.0
+    lull = float(np.log(power.mean()) - np.mean(np.log(power)))
+    peak = fourth / count / float(power.mean()) ** 2
+    return min(
+        1.0, 2 * min(_compared(value, *moments, power.size) for value, moments in zip((lull, peak), _WHITE, strict=True))
+    )
+
+
+def _compared(value: float, mean: float, sigma: float, windows: int) -> float:
+    return float(2 * scipy.stats.norm.sf(abs(value - mean) / (sigma / np.sqrt(windows))))
+
+
+def _white(windows: int = 400, draws: int = 400) -> tuple[tuple[float, float], tuple[float, float]]:
+    """Mean and sigma, times √windows, of both statistics of white noise."""
+    x = np.random.default_rng(1).standard_normal((draws, windows * WINDOW + ORDER))
+    d = np.diff(x, ORDER, axis=1).reshape(draws, windows, WINDOW)
+    power = np.mean(d**2, axis=2)
+    lull = np.log(power.mean(axis=1)) - np.log(power).mean(axis=1)
+    peak = np.mean(d**4, axis=(1, 2)) / power.mean(axis=1) ** 2
+    scale = np.sqrt(windows)
+    return (float(lull.mean()), float(lull.std() * scale)), (float(peak.mean()), float(peak.std() * scale))
+
+
+_WHITE = _white()
+
+
+def _beyond(own: float, others: Array) -> float:
+    return (1 + int(np.sum(others >= own))) / (1 + others.size)

@@ -1,0 +1,68 @@
+"""Likeness: p-values hold for the fault that is named, and fall for others that leave the same symptom."""
+
+import numpy as np
+import pytest
+
+from diagnosis.detectors import likeness
+from simulator.effects.gyro.stale_samples import stale_mask
+
+SEEDS = 60
+SHARE = 0.1
+MOST = SHARE + 3 * np.sqrt(SHARE * (1 - SHARE) / SEEDS)  # of p-values below that share
+
+
+def _runs(mask):
+    edges = np.diff(np.concatenate([[0], mask.astype(int), [0]]))
+    starts = np.flatnonzero(edges == 1)
+    return starts, np.flatnonzero(edges == -1) - starts
+
+
+def _noise(seed):
+    rng = np.random.default_rng(seed)
+    return [rng.standard_normal(size) for size in (900, 2500, 400)]
+
+
+@pytest.mark.parametrize("mean_run", [1.0, 3.5])
+def test_repeats_of_missed_samples_look_like_that(mean_run):
+    p = [likeness.of_runs(*_runs(stale_mask(np.random.default_rng(seed), 20_000, mean_run, 0.02))) for seed in range(SEEDS)]
+    assert np.mean(np.array(p) < SHARE) < MOST
+
+
+def test_repeats_that_are_regular_do_not():
+    rng = np.random.default_rng(3)
+    packets = 16 * np.sort(rng.choice(1000, 60, replace=False))
+    assert likeness.of_runs(packets, np.ones(60, dtype=int)) < 1e-6  # at the head of packets
+    random = np.sort(rng.choice(16_000, 60, replace=False))
+    assert likeness.of_runs(random, np.full(60, 7)) < 1e-3  # all as long
+
+
+def test_exponential_heights_look_like_that_and_steps_of_a_word_do_not():
+    p = [likeness.of_heights(np.random.default_rng(seed).exponential(2.0, 40), seed) for seed in range(SEEDS)]
+    assert np.mean(np.array(p) < SHARE) < MOST
+    bits = 2.0 ** -np.random.default_rng(1).integers(0, 3, 60) + 0.001 * np.random.default_rng(2).standard_normal(60)
+    assert likeness.of_heights(bits) < 0.01
+
+
+def test_white_noise_looks_like_that():
+    p = [likeness.of_noise(_noise(seed)) for seed in range(SEEDS)]
+    assert np.mean(np.array(p) < SHARE) < MOST
+
+
+@pytest.mark.parametrize("kind", ["lulls", "bursts", "heavy tails"])
+def test_noise_that_comes_and_goes_does_not(kind):
+    parts = _noise(7)
+    for part in parts:
+        if kind == "lulls":  # packets filled by straight lines
+            for start in range(0, part.size - 60, 120):
+                part[start : start + 12] = np.linspace(part[start], part[start + 11], 12) + 1e-6 * part[start : start + 12]
+        elif kind == "bursts":
+            part[::1] *= np.where(np.arange(part.size) % 400 < 60, 2.5, 1.0)
+        else:
+            part *= np.abs(np.random.default_rng(part.size).standard_t(4, part.size))
+    assert likeness.of_noise(parts) < 1e-4
+
+
+def test_too_little_says_nothing():
+    assert likeness.of_runs(np.arange(5), np.ones(5, dtype=int)) == 1.0
+    assert likeness.of_heights(np.ones(3)) == 1.0
+    assert likeness.of_noise([np.ones(20)]) == 1.0
