@@ -40,6 +40,7 @@ def autocorrelation_of(order: int) -> float:
 AUTOCORRELATION = autocorrelation_of(ORDER)
 TRIM = 5.0  # robust sigmas beyond which a difference does not count
 FEWEST = 400  # differences of a part, below which it is not compared
+EFFICIENCY = 0.37  # of the median of absolute values, for the scale of normal noise
 NOTABLE = 0.05  # relative difference of the variance that matters
 
 
@@ -113,8 +114,13 @@ def _least(z: Array, higher: Array, kept: Mask, groups: list[Mask]) -> tuple[flo
         if min(n, m) < FEWEST or not _at_rest(z[rest], higher[rest]):
             continue
         ratio = float(np.mean(z[group] ** 2) / np.mean(z[rest] ** 2))
-        sigma = float(np.sqrt(2 * AUTOCORRELATION * (1 / n + 1 / m)))
-        p = min(1.0, 2 * len(groups) * float(scipy.stats.norm.sf(abs(np.log(ratio)) / sigma)))
+        # Each mean square is about χ² with n/Σρ² degrees of freedom.
+        compared = scipy.stats.f(n / AUTOCORRELATION, m / AUTOCORRELATION)
+        # A jerk adds to the mean square and not to the median.
+        middle = float(np.log(np.median(np.abs(z[group])) / np.median(np.abs(z[rest]))))
+        spread = float(np.sqrt(AUTOCORRELATION / (2 * EFFICIENCY) * (1 / n + 1 / m)))
+        chances = min(compared.sf(ratio), compared.cdf(ratio)), scipy.stats.norm.sf(abs(middle) / spread)
+        p = min(1.0, 2 * len(groups) * float(max(chances)))
         if p < best[0]:
             best = (max(p, IMPOSSIBLE), ratio, n)
     return best
