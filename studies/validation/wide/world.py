@@ -82,7 +82,8 @@ class World:
         """Evidence of an effect."""
         effect = effect_of(one.effect)
         if effect.implements("columns") or effect.implements("reference_columns") or effect.implements("retimed"):
-            return float(np.linalg.norm(self.evidence.seen(self.difference([one]))))
+            seen = self.evidence.attitude if one.effect in EFFECTS else self.evidence.seen
+            return float(np.linalg.norm(seen(self.difference([one]))))
         evidence, draws, levels = self.evidence, [], []
         for draw in range(1, DRAWS + 1):
             change, noise = self.difference([one], draw), self.noise(draw)
