@@ -25,6 +25,7 @@ Array = NDArray[np.float64]
 
 AVERAGES = (1, 2, 4, 8)  # samples in a mean
 FITS = 1e-3  # p-value from which on noise is explained
+UNDECIDED = 8.0  # difference of χ², up to which the worse of the two is possible, too
 CLEAR = 5.0  # sigmas of either part, where both are needed
 
 
@@ -49,7 +50,7 @@ class Readout:
 
 
 def readout(powers: Array, errors: Array, averages: Sequence[int], expected: float, order: int) -> Readout | None:
-    """Readout noise, if that explains the powers better than white noise does.
+    """Readout noise, if that explains the powers better than white noise does, or nearly as well.
 
     Parameters
     ----------
@@ -67,7 +68,7 @@ def readout(powers: Array, errors: Array, averages: Sequence[int], expected: flo
     square = float(np.sum((powers - expected) * share * weight**2) / np.sum((share * weight) ** 2))
     chi2 = float(np.sum(((powers - expected - square * share) * weight) ** 2))
     free = len(powers) - 1
-    if square > 0 and chi2 < white_chi2 and scipy.stats.chi2.sf(chi2, free) > FITS:
+    if square > 0 and chi2 < white_chi2 + UNDECIDED and scipy.stats.chi2.sf(chi2, free) > FITS:
         error = float(1 / np.sqrt(np.sum((share * weight) ** 2)))
         return Readout(
             float(np.sqrt(square)), 0.5 * error / float(np.sqrt(square)), expected, 0.0, True,

@@ -34,6 +34,7 @@ HALF = 20  # samples on either side of one in the test for quiet
 MOVING = 20.0  # sigmas of the change of the mean that count as visible; a slew's are hundreds, those of a vibration a few
 ORDERS = (2, 6)  # of the differences, the more efficient first
 IN_MOTION = (6, 10)  # the same where the body never rests
+CLEARLY = 0.98  # probability from which on readout noise is no white noise
 AGREE = 3.0  # sigmas of their difference up to which two orders agree
 AVERAGED = 4  # samples in the means that show the colour
 FEWEST = 200  # differences, below which nothing is said
@@ -157,6 +158,7 @@ def noise(
     moving = arcs(used & consecutive(recording, used) & measured)
     found: dict[int, Level] = {}
     readings: dict[int, Readout] = {}
+    undecided: set[int] = set()  # where the excess may be readout noise, though white noise is likelier
     for axis in range(3):
         if coarse[axis] and steps[axis] > COARSE_NOISE * sigma:
             continue
@@ -190,18 +192,22 @@ def noise(
         found[axis] = one
         if p < report.event_p and factor > 1 and not coarse[axis]:
             reading = readout_of(x, usable, expected)
-            if reading is not None:
+            if reading is not None and reading.probability < 0.5:
+                undecided.add(axis)
+            elif reading is not None:
                 readings[axis] = reading
                 _read_out(report, axis, reading, factor, min(p, p_colour), sigma, recording.gyro.sample_s)
     alike = {axis: of_noise([report.rates[low:high, axis] for low, high in usable]) for axis in found if not coarse[axis]}
-    _name(report, {axis: one for axis, one in found.items() if axis not in readings}, sigma, alike)
+    _name(report, {axis: one for axis, one in found.items() if axis not in readings}, sigma, alike, undecided)
 
 
 def _read_out(report: SampleReport, axis: int, found: Readout, factor: float, p: float, sigma: float, sample_s: float) -> None:
     """Readout noise is a symptom; it adds nothing to the noise of the angle turned. White noise beside it may be another."""
     size, error = (float(np.rad2deg(value) * 3600 * sample_s) for value in (found.reading, found.sigma))
     text = f"the noise of the samples rises with the frequency as that of readings of the angle of {size:.3g} arcsec"
-    report.symptoms.append(Symptom("readout_noise", AXES[axis], size, "arcsec", error, {}, p, text, found.probability))
+    rival = "white_noise_level" if found.as_stated and found.probability < CLEARLY else None
+    likely = 1.0 if rival else found.probability
+    report.symptoms.append(Symptom("readout_noise", AXES[axis], size, "arcsec", error, {}, p, text, likely, rival))
     report.noise_factor[axis] = factor
     if found.as_stated:
         return
@@ -214,7 +220,7 @@ def _read_out(report: SampleReport, axis: int, found: Readout, factor: float, p:
         report.symptoms.append(Symptom("white_noise_level", AXES[axis], white, "factor", error, {}, p_white, text))
 
 
-def _name(report: SampleReport, found: dict[int, Level], sigma: float, alike: dict[int, float]) -> None:
+def _name(report: SampleReport, found: dict[int, Level], sigma: float, alike: dict[int, float], undecided: set[int]) -> None:
     """White noise of another level is one symptom, noise of another colour is another."""
     tests = {(test.statistic, test.axis): test for test in report.tests}
     factors, errors = np.ones(3), np.full(3, np.inf)
@@ -251,5 +257,6 @@ def _name(report: SampleReport, found: dict[int, Level], sigma: float, alike: di
         size = float(np.mean(factors[axes]))
         error = float(np.sqrt(np.mean(errors[axes] ** 2) / len(axes)))
         p = min(tests["noise_level", AXES[axis]].p_value for axis in axes)
+        rival = "readout_noise" if undecided.issuperset(axes) else None
         likeness = min(1.0, len(axes) * min(alike.get(axis, 1.0) for axis in axes))
-        report.symptoms.append(Symptom("white_noise_level", name, size, "factor", error, {}, p, likeness=likeness))
+        report.symptoms.append(Symptom("white_noise_level", name, size, "factor", error, {}, p, rival=rival, likeness=likeness))
