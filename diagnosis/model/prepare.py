@@ -15,12 +15,15 @@ from numpy.typing import NDArray
 
 from diagnosis.detectors.deadzone import DeadZoneEvidence, dead_zone_evidence, of_zero_samples, usual_slow_rate
 from diagnosis.detectors.reference_noise import ReferenceNoise, ReferenceSeries, reference_noise
-from diagnosis.detectors.report import SampleReport
+from diagnosis.detectors.report import SampleReport, inside
 from diagnosis.detectors.samples import examine, smoothed_rates
+from diagnosis.model.gate import check_residuals
 from diagnosis.model.lines import judged_lines
 from diagnosis.model.recording import RecordingModel, linearised
 from diagnosis.settings import DEFAULT, DiagnosisSettings
+from gyrocal.calibration.gate import LargeResidualError
 from gyrocal.calibration.observability import PLAUSIBLE_RANGE
+from gyrocal.calibration.sampling import measurements
 from gyrocal.errors import InputError
 from gyrocal.recording import Interval, Recording, reference_rows
 
@@ -64,13 +67,19 @@ def prepare(recording: Recording, settings: DiagnosisSettings = DEFAULT) -> Prep
     InputError
         The stream does not cover the intervals, or nothing is left of them.
     """
-    report = examine(recording, settings=settings)
-    model, sigma, pieces = _first(recording, report)
+    if inside(recording).sum() < 2 * len(recording.intervals):
+        measurements(recording)  # says which interval lacks samples
+    if not inside(recording).any():
+        raise InputError("no gyro sample starts inside any interval")
+    report, (model, sigma, pieces) = _readable(recording, settings)
     if report.undecided:
         cut = examine(recording, lattice="cut", settings=settings)
-        other = _first(recording, cut)
-        gain = _misfit(model) - _misfit(other[0])
-        if gain > CLEARLY:
+        try:
+            other = _first(recording, cut)
+            gain = _misfit(model) - _misfit(other[0])
+        except LargeResidualError:
+            other, gain = None, -np.inf
+        if other is not None and gain > CLEARLY:
             report, (model, sigma, pieces) = cut, other
         elif gain > -CLEARLY:
             report.symptoms = [
@@ -108,6 +117,21 @@ def _reference_noise(
     return None if noise is not None and (noise.axis in blind or len(blind) == 3) else noise
 
 
+def _readable(
+    recording: Recording, settings: DiagnosisSettings
+) -> tuple[SampleReport, tuple[RecordingModel, Array, tuple[Interval, ...]]]:
+    """What the samples show and the first model, with readings on a lattice taken in the way in which they fit at all."""
+    report = examine(recording, settings=settings)
+    try:
+        return report, _first(recording, report)
+    except LargeResidualError:
+        kinds = {symptom.kind for symptom in report.symptoms if symptom.kind.startswith("lattice")}
+        if not kinds:
+            raise
+        other = examine(recording, lattice="rounded" if "lattice_cut" in kinds else "cut", settings=settings)
+        return other, _first(recording, other)
+
+
 def _first(recording: Recording, report: SampleReport) -> tuple[RecordingModel, Array, tuple[Interval, ...]]:
     """The model with the references as stated, its sigma, and the intervals it is propagated over."""
     pieces = unclipped(recording, report)
@@ -142,11 +166,18 @@ def _dead(recording: Recording, report: SampleReport, bias: Array) -> tuple[Dead
 def _calibrated(
     recording: Recording, report: SampleReport, pieces: tuple[Interval, ...], reference_sigma: Array
 ) -> tuple[RecordingModel, Array]:
-    """The model about its own calibration, and the (12,) sigma of that."""
+    """The model about its own calibration, and the (12,) sigma of that.
+
+    Raises
+    ------
+    InputError
+        Rates and references do not fit each other, before the calibration or after it.
+    """
     G, bias = recording.gyro.apriori_G.copy(), recording.gyro.apriori_bias.copy()
     sigma = PLAUSIBLE_RANGE
     for _ in range(ITERATIONS):
         model = linearised(recording, G, bias, report.rates, report.smooth, report.density, pieces, reference_sigma)
+        check_residuals(model, report.rates)
         change, covariance = _step(model)
         sigma = np.sqrt(np.diag(covariance))
         if np.abs(change / sigma).max() < SETTLED:

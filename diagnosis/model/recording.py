@@ -40,6 +40,7 @@ from gyrocal.calibration.propagation import Arcs, propagate
 from gyrocal.calibration.sampling import Measurements, measurements
 from gyrocal.recording import Attitudes, Interval, Recording, reference_rows
 from simulator.effects import References, Stream, Surroundings, forward_axes
+from simulator.effects.recorded import housekeeping_at
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
@@ -179,13 +180,6 @@ class RecordingModel:
     def stream(self) -> Stream:
         """The steps as the effects see them."""
         orbit = self.recording.orbit
-        table = self.recording.tables.get("housekeeping")
-        housekeeping = {}
-        if table is not None:
-            tags = table["t_s"].to_numpy(float)
-            housekeeping = {
-                str(name): np.interp(self.t_s, tags, table[name].to_numpy(float)) for name in table.columns if name != "t_s"
-            }
         return Stream(
             t_s=self.t_s,
             duration_s=self.dt,
@@ -194,7 +188,7 @@ class RecordingModel:
             intervals=tuple(block.steps for block in self.blocks),
             orbit_period_s=orbit.period_s if orbit is not None else float("nan"),
             span_s=(self.recording.intervals[0].start_s, self.recording.intervals[-1].stop_s),
-            housekeeping=housekeeping,
+            housekeeping=housekeeping_at(self.recording, self.t_s),
         )
 
     @cached_property

@@ -31,6 +31,7 @@ from numpy.typing import NDArray
 from gyrocal import attitude
 from gyrocal.calibration import normal_equations as accumulation
 from gyrocal.calibration.covariance import CovarianceModel
+from gyrocal.calibration.gate import LargeResidualError, refusal
 from gyrocal.calibration.gyro_space import Parametrisation, space_of
 from gyrocal.calibration.observability import PLAUSIBLE_BIAS, PLAUSIBLE_G, PLAUSIBLE_RANGE, Observability, observability
 from gyrocal.calibration.parameters import AXES, GyroParameters, select
@@ -379,7 +380,7 @@ def calibrate(
     corrections: list[GyroParameters] = []
     history: list[Array] = []
     converged = False
-    first = state = _first_state(problem, recording, start)
+    first = state = _state(problem, recording, start, start)
     judged = observability(state.H / problem.scale, plausible, names)
     if judged.unobservable and apriori_covariance is None:
         raise UnobservableError(
@@ -395,7 +396,7 @@ def calibrate(
         before, parameters = parameters, space.parameters(x)
         corrections.append(GyroParameters.from_vector(parameters.vector - before.vector))
         history.append(state.theta)
-        state = problem.state(parameters)
+        state = _state(problem, recording, parameters, start)
         converged = bool(np.abs(step[:9]).max() <= tolerance_G and np.abs(step[9:]).max() <= tolerance_bias)
         if converged and iterations is None:
             break
@@ -430,15 +431,15 @@ def calibrate(
     )
 
 
-def _first_state(problem: Problem, recording: Recording, start: GyroParameters) -> State:
-    """The state at the parameters to start from; where residuals are too large, an error that says what would fit."""
+def _state(problem: Problem, recording: Recording, parameters: GyroParameters, start: GyroParameters) -> State:
+    """The state at some parameters; where residuals are too large, an error that says where and what would fit at the start."""
     try:
-        return problem.state(start)
-    except InputError as error:
-        from gyrocal.importing.agreement import explained
-
-        reason = explained(recording, start.G, start.bias)
-        raise InputError(f"{error}; {reason}" if reason else str(error)) from None
+        return problem.state(parameters)
+    except LargeResidualError as error:
+        prepared = problem.measurements
+        interval = recording.intervals[prepared.arcs.arc[error.output]].name
+        t_s = recording.attitudes.t_s[prepared.row[error.output]]
+        raise refusal(error, recording, interval, t_s, start.G, start.bias) from None
 
 
 def residual_table(
@@ -452,7 +453,7 @@ def residual_table(
 ) -> pd.DataFrame:
     """Residuals under given parameters, nothing estimated; columns as in `CalibrationResult.residuals`, "before" only."""
     prepared = measurements(recording, step_s, resampling, max_gap_s)
-    state = Problem.of(recording, prepared, psi=psi).state(parameters)
+    state = _state(Problem.of(recording, prepared, psi=psi), recording, parameters, parameters)
     table = _residual_table(recording, prepared, state, state)
     return table[[column for column in table.columns if not column.startswith("after")]]
 

@@ -17,6 +17,7 @@ changes are named together, since the data cannot tell them apart.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from itertools import permutations, product
 
@@ -56,8 +57,19 @@ TIME_RATIOS = {  # how much longer a time is read
     ("ms", "us"): 1e-3,
     ("ns", "us"): 1e3,
 }
+RATE_FACTORS = {  # of rates on file, which have one unit: a prefix or a conversion that was forgotten or made twice
+    f"the rates {words}": factor
+    for number, factor in (("1000", 1e3), ("3600", 3600.0), ("57.296", 180 / np.pi), ("206265", 3600 * 180 / np.pi))
+    for words, factor in ((f"divided by {number}", 1 / factor), (f"times {number}", factor))
+}
 GAINED = 0.7  # of 1 − correlation: an offset that leaves more has gained nothing
-ORDER_WORDS = {-1: "the quaternion's scalar part first (scalar-first)", 1: "the quaternion's scalar part last (scalar-last)"}
+ELEMENTS = (0, 1, 2, 3)  # of a quaternion, in the order in which they are read
+ORDERS = {  # in which they may be instead
+    "": {},
+    "scalar-last": {(1, 2, 3, 0): "the quaternion's scalar part first (scalar-first)"},
+    "scalar-first": {(3, 0, 1, 2): "the quaternion's scalar part last (scalar-last)"},
+}
+EXCHANGED = {(1, 0, 2, 3): "q1 and q2 exchanged", (2, 1, 0, 3): "q1 and q3 exchanged", (0, 2, 1, 3): "q2 and q3 exchanged"}
 DIRECTION_WORDS = {
     False: "the attitude from inertial to body (inertial-to-body)",
     True: "the attitude from body to inertial (body-to-inertial)",
@@ -141,17 +153,17 @@ class Motion:
         turn = np.stack([np.interp(b, self.t_s, x) - np.interp(a, self.t_s, x) for x in self.angle.T], axis=1)
         return turn / (b - a)[:, None], inside
 
-    def attitudes(self, roll: int = 0, reverse: bool = False, reversed_before: bool = False) -> Array:
+    def attitudes(self, order: tuple[int, ...] = ELEMENTS, reverse: bool = False, reversed_before: bool = False) -> Array:
         """Mean body rates (n, 3) of the attitudes, read in another way.
 
         Parameters
         ----------
-        roll : places by which the elements of the quaternions on file are moved on
+        order : places of the elements of the quaternions on file
         reverse : whether the direction is the other one
         reversed_before : whether the quaternions on file have been conjugated to be these
         """
         conjugate = np.array([-1.0, -1.0, -1.0, 1.0]) if reversed_before else np.ones(4)
-        turned = Rotation.from_quat(np.roll(self.q * conjugate, roll, axis=1) * conjugate)
+        turned = Rotation.from_quat((self.q * conjugate)[:, order] * conjugate)
         if reverse:
             turned = turned.inv()
         # A is the inverse of scipy's rotation, and A(t + Δt) Aᵀ = exp(−[ω×]Δt).
@@ -188,7 +200,14 @@ def motion(t_s: Array, rates: Array, sample_s: float, t_ref: Array, q: Array, co
     return Motion(t_ref[rows[:, 0]], t_ref[rows[:, 1]], rows, edges, angle, q)
 
 
-def agreement(windows: Motion, unit: str = "", time_unit: str = "", order: str = "", reverse: bool = False) -> Agreement:
+def agreement(
+    windows: Motion,
+    unit: str = "",
+    time_unit: str = "",
+    order: str = "",
+    reverse: bool = False,
+    factors: Mapping[str, float] | None = None,
+) -> Agreement:
     """How rates and attitudes fit, as read and otherwise.
 
     Parameters
@@ -197,12 +216,15 @@ def agreement(windows: Motion, unit: str = "", time_unit: str = "", order: str =
     unit, time_unit : as which they are read; others are tried in their place
     order : "scalar-first" or "scalar-last" as which quaternions are read; "" tries no other
     reverse : whether the quaternions on file have been conjugated to be inertial to body
+    factors : of the rates that are tried beside those of units, with their words
     """
     as_read = _as_read(windows)
     if as_read.residual <= FITS:
         return Agreement(as_read, ())
     ways = _ways(windows, order, reverse)
-    scales = _scales(unit, time_unit)
+    units = list(_scales(unit, "").values())  # name what factors would only number
+    numbered = {words: factor for words, factor in (factors or {}).items() if not np.isclose(factor, units).any()}
+    scales = _scales(unit, time_unit) | numbered
     tried = [one for words, reference in ways for one in _readings(windows, reference, words, 0.0, scales)]
     if min((one.residual for one in tried), default=np.inf) > FITS:
         for words, reference in ways:
@@ -220,11 +242,14 @@ def agreement(windows: Motion, unit: str = "", time_unit: str = "", order: str =
 def _ways(windows: Motion, order: str, reverse: bool) -> list[tuple[tuple[str, ...], Array]]:
     """All readings of the attitudes: what each changes, and the mean rates by it."""
     out: list[tuple[tuple[str, ...], Array]] = []
-    for roll in {"": (0,), "scalar-first": (0, 1), "scalar-last": (0, -1)}[order]:
+    for places, word in {ELEMENTS: "", **ORDERS[order]}.items():
         for other in (False, True):
-            words = [ORDER_WORDS[roll]] if roll else []
-            words += [DIRECTION_WORDS[reverse]] if other else []
-            out.append((tuple(words), windows.attitudes(roll, other, reverse)))
+            words = tuple(filter(None, (word, DIRECTION_WORDS[reverse] if other else "")))
+            out.append((words, windows.attitudes(places, other, reverse)))
+    # An exchange with the other direction as well is a turn of the axes, and those are tried for every reading.
+    out += [
+        ((word,), windows.attitudes(places, False, reverse)) for places, word in EXCHANGED.items() if order == "scalar-last"
+    ]
     return out
 
 
@@ -236,10 +261,12 @@ def explained(recording: Recording, G: Array, bias: Array) -> str:
     G, bias : (3, 3) and (3,) rad/s, as the rates are adjusted with
     """
     gyro, references = recording.gyro, recording.attitudes
+    if not gyro.rates.any():
+        return "all rates are zero"
     windows = motion(gyro.t_s, gyro.rates @ G.T + bias, gyro.sample_s, references.t_s, references.quaternions)
     if windows is None:
         return ""
-    found = agreement(windows, "deg/s", "s", "scalar-last", False)
+    found = agreement(windows, "deg/s", "s", "scalar-last", factors=RATE_FACTORS)
     if not found.fits:
         return found.sentence if found.better else ""
     missing = found.as_read.bias

@@ -259,7 +259,7 @@ class _AttitudeHeader(_Model):
 
 
 class _OrbitHeader(_Model):
-    period_s: float = Field(gt=0)
+    period_s: float = Field(ge=1.0, le=1e9)  # nothing that a spacecraft flies
     altitude_km: float
     inclination_deg: float
 
