@@ -39,6 +39,6 @@ def blind_spot(degrees_of_freedom: int, G: Array, sigma_G: Array, apriori_G: Arr
         return None
     about = ", ".join(f"{value:.3g}" for value in np.rad2deg(turn))
     return (
-        f"The calibration turns the gyro's axes by {np.rad2deg(angle):.3g} deg ({about} deg about x, y, z), more than a "
-        "gyro is plausibly misaligned; a constant offset of the references does the same, and this recording cannot tell the two apart"
+        f"The calibration turns the gyro's axes by {np.rad2deg(angle):.3g} deg ({about} deg about x, y, z), more than any "
+        "plausible misalignment; a constant offset of the references does the same, and this recording cannot tell them apart"
     )

@@ -23,7 +23,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_valida
 
 from gyrocal.errors import InputError
 from gyrocal.files import replacing
-from gyrocal.recording import sensor_tables
+from gyrocal.recording import bounds, sensor_tables
 from gyrocal.recording.sensor_tables import SensorTables
 
 if TYPE_CHECKING:
@@ -324,6 +324,7 @@ def load(folder: str | os.PathLike[str]) -> Recording:
     if not folder.is_dir():
         raise InputError(f"{folder}: not a folder; a recording is a folder with recording.toml in it")
     path = folder / "recording.toml"
+    bounds.check_header(path)
     try:
         header = _Header.model_validate(read_toml(path))
     except ValidationError as error:
@@ -473,6 +474,7 @@ def _read_table(folder: Path, name: str, required: tuple[str, ...]) -> tuple[str
     path = _find_table(folder, name)
     if path is None:
         raise InputError(f"{folder}: neither {name}.parquet nor {name}.csv is there")
+    bounds.check_table(path)
     try:
         frame = pd.read_parquet(path) if path.suffix == ".parquet" else pd.read_csv(path, index_col=False)
     except pd.errors.EmptyDataError:
