@@ -90,10 +90,12 @@ def linear_model(
     settings : priors
     rivals : whether unlisted rivals compete
     """
-    groups = [*listed(model, effects), *further]
-    if rivals:
-        groups += list(unlisted_groups(model))
-    return assembled(model, groups, {effect.name: effect for effect in effects}, settings)
+    return assembled(
+        model,
+        [*listed(model, effects), *further, *(unlisted_groups(model) if rivals else ())],
+        {effect.name: effect for effect in effects},
+        settings,
+    )
 
 
 def placed(
@@ -149,6 +151,7 @@ def assembled(
 ) -> LinearModel:
     """Groups side by side, as the linear model of a recording."""
     candidates, W = placed(groups, model.projected, settings, model.size)
+    del groups  # whose columns W has, hundreds of megabytes
 
     def refine(linear: LinearModel, member: Member) -> LinearModel:
         effect = effects.get(linear.candidate(member).effect)

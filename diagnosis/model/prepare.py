@@ -8,6 +8,7 @@ noise. Whether a line in the samples is a vibration or a motion of the body is d
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -28,6 +29,7 @@ from gyrocal.errors import InputError
 from gyrocal.recording import Interval, Recording, reference_rows
 
 Array = NDArray[np.float64]
+Progress = Callable[[str, float], None]
 
 AXES = "xyz"
 ITERATIONS = 10
@@ -59,8 +61,14 @@ class Prepared:
     notes: tuple[str, ...]
 
 
-def prepare(recording: Recording, settings: DiagnosisSettings = DEFAULT) -> Prepared:
+def prepare(recording: Recording, settings: DiagnosisSettings = DEFAULT, tell: Progress = lambda text, share: None) -> Prepared:
     """Examine the samples, calibrate under M0 by Gauss–Newton on the linear model, and linearise there.
+
+    Parameters
+    ----------
+    recording : what was recorded
+    settings : thresholds
+    tell : called with a text and the share done of a whole diagnosis
 
     Raises
     ------
@@ -71,7 +79,7 @@ def prepare(recording: Recording, settings: DiagnosisSettings = DEFAULT) -> Prep
         measurements(recording)  # says which interval lacks samples
     if not inside(recording).any():
         raise InputError("no gyro sample starts inside any interval")
-    report, (model, sigma, pieces) = _readable(recording, settings)
+    report, (model, sigma, pieces) = _readable(recording, settings, tell)
     if report.undecided:
         cut = examine(recording, lattice="cut", settings=settings)
         try:
@@ -87,6 +95,7 @@ def prepare(recording: Recording, settings: DiagnosisSettings = DEFAULT) -> Prep
             ]
     dead = _dead(recording, report, model.bias)
     likely = {one.axis for one in dead if one.log_odds > LIKELY}
+    tell("gyro samples: lines and references", 0.08)
     if judged_lines(report, model, likely):
         report.smooth = smoothed_rates(report.rates, recording)
         model, sigma = _calibrated(recording, report, pieces, recording.attitudes.sigma)
@@ -118,10 +127,12 @@ def _reference_noise(
 
 
 def _readable(
-    recording: Recording, settings: DiagnosisSettings
+    recording: Recording, settings: DiagnosisSettings, tell: Progress
 ) -> tuple[SampleReport, tuple[RecordingModel, Array, tuple[Interval, ...]]]:
     """What the samples show and the first model, with readings on a lattice taken in the way in which they fit at all."""
+    tell("gyro samples: noise, lines, outliers", 0.01)
     report = examine(recording, settings=settings)
+    tell("gyro samples: first calibration", 0.06)
     try:
         return report, _first(recording, report)
     except LargeResidualError:

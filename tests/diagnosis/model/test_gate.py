@@ -8,11 +8,16 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from diagnosis.detectors.samples import examine
+from diagnosis.inference import null
+from diagnosis.inference.search import Search
+from diagnosis.model import recording as recordings
+from diagnosis.model.candidates import linear_model
 from diagnosis.model.gate import check_residuals
 from diagnosis.model.prepare import prepare
 from diagnosis.model.recording import linearised
 from gyrocal import InputError, calibrate
 from gyrocal.calibration.gate import LargeResidualError
+from simulator.effects import EFFECTS
 from tests.corpus_recordings import slews
 
 
@@ -106,3 +111,32 @@ def test_the_gate_asks_the_repaired_stream():
     with pytest.raises(LargeResidualError):
         check_residuals(linearised(wrong, G, bias), spoilt)
     check_residuals(linearised(wrong, G, bias, examine(one).rates), examine(one).rates)
+
+
+def test_the_stages_of_the_samples_are_told():
+    told = []
+    prepare(recording(), tell=lambda text, share: told.append((share, text)))
+    assert len(told) >= 3
+    assert told == sorted(told)
+    assert all(text.startswith("gyro samples: ") for _, text in told)
+
+
+def test_columns_are_projected_some_at_a_time(monkeypatch):
+    """The same columns, and values alone, whatever the number that is projected together."""
+    model = prepare(recording()).model
+    columns = np.random.default_rng(3).standard_normal((model.size, 50))
+    whole = columns - model.nuisance @ (model.nuisance.T @ columns)
+    for at_once in (1, 7, 50, 1000):
+        monkeypatch.setattr(recordings, "AT_ONCE", at_once)
+        np.testing.assert_allclose(model.projected(columns), whole, rtol=0, atol=1e-13)
+        np.testing.assert_allclose(model.projected(columns[:, 3]), whole[:, 3], rtol=0, atol=1e-13)
+    assert np.abs(model.nuisance.T @ model.projected(columns)).max() < 1e-12
+
+
+def test_the_null_distribution_is_drawn_some_at_a_time(monkeypatch):
+    linear = linear_model(prepare(recording()).model, [EFFECTS["bias_drift"], EFFECTS["bias_random_walk"]], rivals=False)
+    found = []
+    for at_once in (7, 250):
+        monkeypatch.setattr(null, "AT_ONCE", at_once)
+        found.append(null.p_value(Search(linear), 5, 100))
+    assert found[0] == found[1] > 0.01
