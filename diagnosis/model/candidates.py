@@ -11,9 +11,10 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+import scipy.linalg
 from numpy.typing import NDArray
 
-from diagnosis.model import processes, unlisted
+from diagnosis.model import periods, processes, unlisted
 from diagnosis.model.folds import SPLIT, folds
 from diagnosis.model.linear import (
     VISIBLE,
@@ -25,7 +26,9 @@ from diagnosis.model.linear import (
     exactly,
     first_amplitude,
     scales_of,
+    spaced,
 )
+from diagnosis.model.periods import Found
 from diagnosis.model.recording import RecordingModel
 from diagnosis.settings import DEFAULT, DiagnosisSettings
 from simulator.effects.base import Effect, ProcessTimes, Surroundings, Value
@@ -36,6 +39,9 @@ AXES = "xyz"
 LONGEST_STEP_GAP = 300.0  # s between the times a step is tried at, before refinement
 MOST_STEP_TIMES = 14  # times a step is tried at inside an interval
 FINE_STEP_TIMES = 48  # times around one that was found
+FINE_PERIODS = 8  # to either side of one that was found
+MOST_ALIASES = 8  # of a period, around which the same is done
+NEARLY, ENOUGH = 0.03, 12.0  # share of χ² and χ² by which an alias may explain less
 BETWEEN_INTERVALS = 0.5  # prior of a step in a gap between intervals
 ALREADY_ON = 1.0  # s before the first sample, when a switched column is on throughout
 
@@ -46,7 +52,7 @@ class Group:
 
     Attributes
     ----------
-    effect, axis, listed, unit, process, positive, log_odds, read, size_sigma, shifted : as in `Candidate`
+    effect, axis, listed, unit, process, positive, log_odds, read, size_sigma, shifted, scanned : as in `Candidate`
     columns : per option (N, k) whitened columns
     parameters : per option
     weights : (o,) prior share of each option
@@ -71,6 +77,7 @@ class Group:
     size_sigma: Callable[[float], float] = exactly
     shifted: bool = False
     scales: Array | None = None
+    scanned: bool = False
 
 
 def linear_model(
@@ -79,6 +86,7 @@ def linear_model(
     further: Sequence[Group] = (),
     settings: DiagnosisSettings = DEFAULT,
     rivals: bool = True,
+    scan: bool = True,
 ) -> LinearModel:
     """The linear model of a recording.
 
@@ -89,10 +97,12 @@ def linear_model(
     further : candidates that tests of the samples bring
     settings : priors
     rivals : whether unlisted rivals compete
+    scan : whether the data are scanned for swings of any period; if not, some periods stand for all of them
     """
-    groups = [*listed(model, effects), *further]
+    found = periods.swings(model) if scan else {}
+    groups = [*listed(model, effects, found), *further]
     if rivals:
-        groups += list(unlisted_groups(model))
+        groups += list(unlisted_groups(model, found, effects))
     return assembled(model, groups, {effect.name: effect for effect in effects}, settings)
 
 
@@ -138,7 +148,7 @@ def placed(
         candidates.append(
             Candidate(
                 group.effect, group.axis, group.listed, prior, tuple(options), scales, group.unit, group.process,
-                group.positive, group.log_odds, group.read, group.size_sigma, group.shifted,
+                group.positive, group.log_odds, group.read, group.size_sigma, group.shifted, group.scanned,
             )
         )  # fmt: skip
     return tuple(candidates), np.hstack(columns) if columns else np.empty((size, 0))
@@ -154,6 +164,8 @@ def assembled(
         effect = effects.get(linear.candidate(member).effect)
         if effect is None:
             return linear
+        if effect.scanned:
+            return with_finer_periods(model, linear, member, effect)
         finer = with_finer_process if linear.candidate(member).process else with_finer_times
         return finer(model, linear, member, effect)
 
@@ -174,17 +186,20 @@ def assembled(
 # ---- listed effects ------------------------------------------------------------------------------------------------------
 
 
-def listed(model: RecordingModel, effects: Sequence[Effect]) -> Iterator[Group]:
-    """The effects that have columns or a covariance and can be seen in this recording."""
+def listed(model: RecordingModel, effects: Sequence[Effect], found: Found) -> Iterator[Group]:
+    """The effects that have columns or a covariance and can be seen in this recording; `found` by a scan for periods."""
     around = model.around
     for effect in effects:
         if effect.missing(around) is not None:
             continue
         if effect.has_columns:
             for axis in effect.axes or (None,):
-                yield (
-                    switched_group(model, effect, axis, around) if effect.switched else plain_group(model, effect, axis, around)
-                )
+                if effect.scanned and found:
+                    yield scanned_group(model, effect, str(axis), found)
+                elif effect.switched:
+                    yield switched_group(model, effect, axis, around)
+                else:
+                    yield plain_group(model, effect, axis, around)
         elif effect.is_process:
             yield from process_groups(model, effect, around)
 
@@ -325,6 +340,83 @@ def with_finer_times(model: RecordingModel, linear: LinearModel, member: Member,
     return linear.with_options(member.candidate, [*coarse, *finer], W, model.projected(W))
 
 
+# ---- the period of a swing -----------------------------------------------------------------------------------------------
+
+
+def scanned_group(model: RecordingModel, effect: Effect, axis: str, found: Found) -> Group:
+    """An effect that swings with any period, with an option for each period that a scan of the data has kept."""
+    options = found[effect.on_references, AXES.index(axis)].options
+    columns = swing_columns(model, effect, axis, np.array([one.frequency for one in options]))
+    parameters = [period_parameters(one.frequency, one.width) for one in options]
+    group = _group(effect, axis, columns, parameters, [float(np.exp(one.log_weight)) for one in options])
+    # What a size shows grows with the period: the scales are those of all options, not only of the strongest.
+    norms = np.array([np.linalg.norm(model.projected(part), axis=0).max() for part in columns])
+    low, high = max(effect.prior[0], VISIBLE[0] / norms.max()), min(effect.prior[1], VISIBLE[1] / norms.min())
+    return replace(group, scanned=True, scales=spaced(low, high))
+
+
+def period_parameters(frequency: float, width: float) -> Parameters:
+    """Period, s, and the sigma of a period that may be anywhere between an option and its neighbours; both from Hz."""
+    return {"period_s": 1 / frequency, "period_sigma_s": width / np.sqrt(12) / frequency**2}
+
+
+def swing_columns(model: RecordingModel, effect: Effect, axis: str, frequencies: Array) -> list[Array]:
+    """(N, 2) whitened columns of a swing at several frequencies, Hz, in the effect's unit: that of the first decides on it."""
+    found = periods.columns(model, AXES.index(axis), effect.on_references, frequencies)
+    exact = columns_of(model, effect, axis, {"period_s": 1 / float(frequencies[0])})
+    factor = float(np.sum(found[0] * exact) / np.sum(found[0] ** 2))
+    return [factor * part for part in found]
+
+
+def with_finer_periods(model: RecordingModel, linear: LinearModel, member: Member, effect: Effect) -> LinearModel:
+    """The linear model with more periods of a swing, close together around the one at which a member is held and its aliases.
+
+    Each of these options keeps half of its prior; the new ones, which reach to its neighbours, share as much as it had.
+    """
+    entry = linear.candidate(member)
+    if not entry.scanned:
+        return linear
+    held = _aliases(linear, member)
+    beside = np.array([k for k in range(-FINE_PERIODS, FINE_PERIODS + 1) if k]) / FINE_PERIODS
+    near = np.array([_frequency(one) + _width(one) * beside for one in held])
+    W = np.hstack(swing_columns(model, effect, str(entry.axis), near.ravel()))
+    start = linear.W.shape[1]
+    finer = [
+        Option(start + 2 * (beside.size * k + i), 2, one.log_weight - float(np.log(beside.size)), parameters)
+        for k, one in enumerate(held)
+        for i, parameters in enumerate(period_parameters(float(f), _width(one) / FINE_PERIODS) for f in near[k])
+    ]
+    options = [replace(one, log_weight=one.log_weight - np.log(2)) if one in held else one for one in entry.options]
+    return linear.with_options(member.candidate, [*options, *finer], W, model.projected(W))
+
+
+def _aliases(linear: LinearModel, member: Member) -> list[Option]:
+    """The option at which a swing is held, and others, none next to another, that explain nearly as much by themselves."""
+    options, first = linear.candidate(member).options, linear.option(member)
+    explained = {one.start: _explained(linear, one) for one in options}
+    least = (1 - NEARLY) * explained[first.start] - ENOUGH
+    found = [first]
+    for one in sorted(options, key=lambda one: -explained[one.start]):
+        apart = all(abs(_frequency(one) - _frequency(other)) > 2 * FINE_PERIODS * _width(first) for other in found)
+        if len(found) < MOST_ALIASES and explained[one.start] >= least and apart:
+            found.append(one)
+    return found
+
+
+def _explained(linear: LinearModel, option: Option) -> float:
+    """χ² that an option explains by itself."""
+    return float(np.sum((scipy.linalg.orth(linear.X[:, option.columns]).T @ linear.y) ** 2))
+
+
+def _frequency(option: Option) -> float:
+    return 1 / float(option.parameters["period_s"])
+
+
+def _width(option: Option) -> float:
+    """Between an option of a swing and its neighbours, Hz."""
+    return float(option.parameters["period_sigma_s"]) * float(np.sqrt(12)) * _frequency(option) ** 2
+
+
 # ---- the time constant of a process --------------------------------------------------------------------------------------
 
 
@@ -362,8 +454,11 @@ def _halfway(entry: Candidate, held: Option) -> list[Parameters]:
 # ---- unlisted rivals -----------------------------------------------------------------------------------------------------
 
 
-def unlisted_groups(model: RecordingModel) -> Iterator[Group]:
+def unlisted_groups(model: RecordingModel, found: Found, effects: Sequence[Effect]) -> Iterator[Group]:
     """Every discrepancy that is on no list, with an amplitude of any size."""
+    named = [effect.on_references for effect in effects if effect.scanned]
+    for one in periods.families(model, found, named):
+        yield replace(_rival(one.name, one.axis, one.columns, False), weights=one.weights, scanned=True)
     for family in unlisted.families(model):
         yield _rival(family.name, family.axis, family.columns, False)
     for process in processes.unlisted(model):
