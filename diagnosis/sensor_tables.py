@@ -113,7 +113,7 @@ def explain_tables(
     about_m0 = tables_of(fits, effects)
     linear = linear_model(about_m0, effects, settings)
     noise, search = _search(linear, settings)
-    p = p_value(search, seed, settings)
+    p = p_value(search, seed, settings.null_draws)
     attribution: Attribution | None = None
     fitted: tuple[Fitted, ...] = ()
     closed: Closure | None = None

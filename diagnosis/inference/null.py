@@ -12,14 +12,14 @@ from numpy.typing import NDArray
 from scipy.special import logsumexp
 
 from diagnosis.inference.search import Search
-from diagnosis.settings import DiagnosisSettings
+from diagnosis.settings import DEFAULT
 
 Array = NDArray[np.float64]
 
 TINY = 1e-300
 
 
-def p_value(search: Search, seed: int, settings: DiagnosisSettings) -> float:
+def p_value(search: Search, seed: int, draws: int, scanned_share: float = DEFAULT.scanned_share) -> float:
     """P-value of the evidence averaged over all candidates.
 
     It comes from draws of M0, and beyond what those can resolve from the bound P(B ≥ c) ≤ 1/c on an average of likelihood
@@ -29,9 +29,9 @@ def p_value(search: Search, seed: int, settings: DiagnosisSettings) -> float:
     ----------
     search : over the candidates
     seed : of the draws
-    settings : their number, and what share of the false alarms a scan may have
+    draws : their number
+    scanned_share : of the false alarms, that what a scan has chosen may have
     """
-    draws = settings.null_draws
     observed = search.null_statistic(search.correlation[:, None])[0]
     rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=tuple(b"diagnosis_null")))
     noise = search.model.projected(rng.standard_normal((search.model.y.size, draws)))
@@ -44,4 +44,4 @@ def p_value(search: Search, seed: int, settings: DiagnosisSettings) -> float:
         return max(usual, TINY)
     prior = float(logsumexp([candidate.log_prior for candidate in listed]))
     of_scan = float(np.exp(min(prior - search.null_statistic(search.correlation[:, None], scanned=True)[0], 0.0)))
-    return max(min(usual / (1 - settings.scanned_share), of_scan / settings.scanned_share, 1.0), TINY)
+    return max(min(usual / (1 - scanned_share), of_scan / scanned_share, 1.0), TINY)

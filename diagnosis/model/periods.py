@@ -48,7 +48,8 @@ PEAKS = 12  # best frequencies that are kept, no two of one peak in terms of an 
 ALIASES = 6  # others near each of the best of them, which differ by the gaps between intervals
 ALIASED = 3  # peaks that have them
 REPEATED = 4  # best periods at which a swing that is no sine is tried
-SHAPE = 3  # its harmonics
+SHAPE = 3  # its harmonics of any phase
+HIGHEST = 7  # its highest harmonic that is locked to the fundamental
 DOUBLED = 2  # best periods that may be the second harmonics of others
 SCALES = (3.0, 10.0, 30.0, 100.0, 300.0)  # signal-to-noise ratios of the amplitudes by which frequencies are compared
 
@@ -265,8 +266,9 @@ def columns(model: RecordingModel, axis: int, on_references: bool, frequencies: 
 def families(model: RecordingModel, found: Found, listed: Collection[bool]) -> Iterator[Repeating]:
     """Unlisted rivals that repeat with any period: not as a sine, and as a sine where no listed effect does.
 
-    The amplitudes of the harmonics are as likely to be large as those of a shape with jumps, whose k-th one falls as 1/k. A
-    period whose fundamental is weak is found at its second harmonic.
+    The k-th harmonic of a shape with jumps falls as 1/k. The second and the third one may have any phase; or those of a square
+    wave, sin kθ/k of odd k, or these and those of even k, as in a sawtooth, are locked to the phase θ of the fundamental. That
+    has less freedom, so that a weak harmonic tells more. A period whose fundamental is weak is found at its second harmonic.
 
     Parameters
     ----------
@@ -278,16 +280,33 @@ def families(model: RecordingModel, found: Found, listed: Collection[bool]) -> I
         what = "references repeat" if on_references else "bias repeats"
         doubled = [replace(one, frequency=0.5 * one.frequency) for one in swing.options[:DOUBLED]]
         shapes = [*swing.options[:REPEATED], *doubled]
-        orders = np.arange(1, SHAPE + 1)
-        every = columns(model, axis, on_references, np.outer([one.frequency for one in shapes], orders).ravel())
-        options = [
-            np.hstack([part / order for part, order in zip(every[SHAPE * k : SHAPE * (k + 1)], orders, strict=True)])
-            for k in range(len(shapes))
-        ]
-        yield _repeating(model, f"{what} with a period, not as a sine", axis, options, shapes)
+        options, at = [], []
+        for one in shapes:
+            several = shaped(model, columns(model, axis, on_references, one.frequency * np.arange(1, HIGHEST + 1)))
+            options += several
+            at += [replace(one, log_weight=one.log_weight - float(np.log(len(several))))] * len(several)
+        yield _repeating(model, f"{what} with a period, not as a sine", axis, options, at)
         if on_references not in listed:
             options = columns(model, axis, on_references, np.array([one.frequency for one in swing.options]))
             yield _repeating(model, f"{what} with another period", axis, options, swing.options)
+
+
+def shaped(model: RecordingModel, waves: Sequence[Array]) -> list[Array]:
+    """Shapes that repeat, each as (N, k) columns of which the first two are sine and cosine of the fundamental.
+
+    Parameters
+    ----------
+    model : the recording
+    waves : (N, 2) sine and cosine of each order, the fundamental first
+    """
+    falling = [wave / order for order, wave in enumerate(waves, 1)]
+    X = model.projected(waves[0])
+    sine, cosine = np.linalg.lstsq(X, model.y, rcond=None)[0]
+    theta = np.arctan2(cosine, sine)
+    # sin k(ωt + φ) of sine and cosine of kωt
+    locked = [wave @ [np.cos(k * theta), np.sin(k * theta)] for k, wave in enumerate(falling, 1)]
+    odd, even = sum(locked[2::2], np.zeros(len(X))), sum(locked[1::2], np.zeros(len(X)))
+    return [np.hstack(falling[:SHAPE]), np.column_stack([waves[0], odd]), np.column_stack([waves[0], odd, even])]
 
 
 def _repeating(model: RecordingModel, name: str, axis: int, options: list[Array], at: Sequence[Kept]) -> Repeating:
