@@ -11,10 +11,9 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-import scipy.linalg
 from numpy.typing import NDArray
 
-from diagnosis.model import periods, processes, unlisted
+from diagnosis.model import periods, processes, repeating, unlisted
 from diagnosis.model.folds import SPLIT, folds
 from diagnosis.model.linear import (
     VISIBLE,
@@ -30,6 +29,7 @@ from diagnosis.model.linear import (
 )
 from diagnosis.model.periods import Found
 from diagnosis.model.recording import RecordingModel
+from diagnosis.model.swings import columns_of, period_parameters, swing_columns, with_finer_periods
 from diagnosis.settings import DEFAULT, DiagnosisSettings
 from simulator.effects.base import Effect, ProcessTimes, Surroundings, Value
 
@@ -39,9 +39,6 @@ AXES = "xyz"
 LONGEST_STEP_GAP = 300.0  # s between the times a step is tried at, before refinement
 MOST_STEP_TIMES = 14  # times a step is tried at inside an interval
 FINE_STEP_TIMES = 48  # times around one that was found
-FINE_PERIODS = 8  # to either side of one that was found
-MOST_ALIASES = 8  # of a period, around which the same is done
-NEARLY, ENOUGH = 0.03, 12.0  # share of χ² and χ² by which an alias may explain less
 BETWEEN_INTERVALS = 0.5  # prior of a step in a gap between intervals
 ALREADY_ON = 1.0  # s before the first sample, when a switched column is on throughout
 
@@ -99,10 +96,10 @@ def linear_model(
     rivals : whether unlisted rivals compete
     scan : whether the data are scanned for swings of any period; if not, some periods stand for all of them
     """
-    found = periods.swings(model) if scan else {}
+    found = periods.swings(model) if scan else None
     groups = [*listed(model, effects, found), *further]
     if rivals:
-        groups += list(unlisted_groups(model, found, effects))
+        groups += list(unlisted_groups(model, found or {}, effects))
     return assembled(model, groups, {effect.name: effect for effect in effects}, settings)
 
 
@@ -186,7 +183,7 @@ def assembled(
 # ---- listed effects ------------------------------------------------------------------------------------------------------
 
 
-def listed(model: RecordingModel, effects: Sequence[Effect], found: Found) -> Iterator[Group]:
+def listed(model: RecordingModel, effects: Sequence[Effect], found: Found | None) -> Iterator[Group]:
     """The effects that have columns or a covariance and can be seen in this recording; `found` by a scan for periods."""
     around = model.around
     for effect in effects:
@@ -194,21 +191,15 @@ def listed(model: RecordingModel, effects: Sequence[Effect], found: Found) -> It
             continue
         if effect.has_columns:
             for axis in effect.axes or (None,):
-                if effect.scanned and found:
-                    yield scanned_group(model, effect, str(axis), found)
+                if effect.scanned and found is not None:
+                    if found:
+                        yield scanned_group(model, effect, str(axis), found)
                 elif effect.switched:
                     yield switched_group(model, effect, axis, around)
                 else:
                     yield plain_group(model, effect, axis, around)
         elif effect.is_process:
             yield from process_groups(model, effect, around)
-
-
-def columns_of(model: RecordingModel, effect: Effect, axis: str | None, parameters: Mapping[str, Value]) -> Array:
-    """(N, k) whitened columns of an effect per unit of its amplitudes."""
-    if effect.on_references:
-        return model.whitened(model.reference_error(effect.reference_columns(model.references, axis, parameters)))
-    return model.whitened(model.reading(effect.columns(model.stream, axis, parameters)))
 
 
 def plain_group(model: RecordingModel, effect: Effect, axis: str | None, around: Surroundings) -> Group:
@@ -350,71 +341,9 @@ def scanned_group(model: RecordingModel, effect: Effect, axis: str, found: Found
     parameters = [period_parameters(one.frequency, one.width) for one in options]
     group = _group(effect, axis, columns, parameters, [float(np.exp(one.log_weight)) for one in options])
     # What a size shows grows with the period: the scales are those of all options, not only of the strongest.
-    norms = np.array([np.linalg.norm(model.projected(part), axis=0).max() for part in columns])
+    norms = np.array([max(np.linalg.norm(model.projected(part), axis=0).max(), 1e-300) for part in columns])
     low, high = max(effect.prior[0], VISIBLE[0] / norms.max()), min(effect.prior[1], VISIBLE[1] / norms.min())
     return replace(group, scanned=True, scales=spaced(low, high))
-
-
-def period_parameters(frequency: float, width: float) -> Parameters:
-    """Period, s, and the sigma of a period that may be anywhere between an option and its neighbours; both from Hz."""
-    return {"period_s": 1 / frequency, "period_sigma_s": width / np.sqrt(12) / frequency**2}
-
-
-def swing_columns(model: RecordingModel, effect: Effect, axis: str, frequencies: Array) -> list[Array]:
-    """(N, 2) whitened columns of a swing at several frequencies, Hz, in the effect's unit: that of the first decides on it."""
-    found = periods.columns(model, AXES.index(axis), effect.on_references, frequencies)
-    exact = columns_of(model, effect, axis, {"period_s": 1 / float(frequencies[0])})
-    factor = float(np.sum(found[0] * exact) / np.sum(found[0] ** 2))
-    return [factor * part for part in found]
-
-
-def with_finer_periods(model: RecordingModel, linear: LinearModel, member: Member, effect: Effect) -> LinearModel:
-    """The linear model with more periods of a swing, close together around the one at which a member is held and its aliases.
-
-    Each of these options keeps half of its prior; the new ones, which reach to its neighbours, share as much as it had.
-    """
-    entry = linear.candidate(member)
-    if not entry.scanned:
-        return linear
-    held = _aliases(linear, member)
-    beside = np.array([k for k in range(-FINE_PERIODS, FINE_PERIODS + 1) if k]) / FINE_PERIODS
-    near = np.array([_frequency(one) + _width(one) * beside for one in held])
-    W = np.hstack(swing_columns(model, effect, str(entry.axis), near.ravel()))
-    start = linear.W.shape[1]
-    finer = [
-        Option(start + 2 * (beside.size * k + i), 2, one.log_weight - float(np.log(beside.size)), parameters)
-        for k, one in enumerate(held)
-        for i, parameters in enumerate(period_parameters(float(f), _width(one) / FINE_PERIODS) for f in near[k])
-    ]
-    options = [replace(one, log_weight=one.log_weight - np.log(2)) if one in held else one for one in entry.options]
-    return linear.with_options(member.candidate, [*options, *finer], W, model.projected(W))
-
-
-def _aliases(linear: LinearModel, member: Member) -> list[Option]:
-    """The option at which a swing is held, and others, none next to another, that explain nearly as much by themselves."""
-    options, first = linear.candidate(member).options, linear.option(member)
-    explained = {one.start: _explained(linear, one) for one in options}
-    least = (1 - NEARLY) * explained[first.start] - ENOUGH
-    found = [first]
-    for one in sorted(options, key=lambda one: -explained[one.start]):
-        apart = all(abs(_frequency(one) - _frequency(other)) > 2 * FINE_PERIODS * _width(first) for other in found)
-        if len(found) < MOST_ALIASES and explained[one.start] >= least and apart:
-            found.append(one)
-    return found
-
-
-def _explained(linear: LinearModel, option: Option) -> float:
-    """χ² that an option explains by itself."""
-    return float(np.sum((scipy.linalg.orth(linear.X[:, option.columns]).T @ linear.y) ** 2))
-
-
-def _frequency(option: Option) -> float:
-    return 1 / float(option.parameters["period_s"])
-
-
-def _width(option: Option) -> float:
-    """Between an option of a swing and its neighbours, Hz."""
-    return float(option.parameters["period_sigma_s"]) * float(np.sqrt(12)) * _frequency(option) ** 2
 
 
 # ---- the time constant of a process --------------------------------------------------------------------------------------
@@ -457,7 +386,7 @@ def _halfway(entry: Candidate, held: Option) -> list[Parameters]:
 def unlisted_groups(model: RecordingModel, found: Found, effects: Sequence[Effect]) -> Iterator[Group]:
     """Every discrepancy that is on no list, with an amplitude of any size."""
     named = [effect.on_references for effect in effects if effect.scanned]
-    for one in periods.families(model, found, named):
+    for one in repeating.families(model, found, named):
         yield replace(_rival(one.name, one.axis, one.columns, False), weights=one.weights, scanned=True)
     for family in unlisted.families(model):
         yield _rival(family.name, family.axis, family.columns, False)

@@ -2,9 +2,9 @@
 
 A cause may be named only if it explains the data better than anything that behaves alike but is something else. The rivals
 are therefore broad: rate errors that follow the rate in other ways (products, cubes, cross axes), that run with the time
-since an interval's start or with mission time, that repeat with any period (`diagnosis.model.periods`), that are locked to the
-orbit's harmonics, that differ from interval to interval, plain random ones at several time scales, and the same on the side of
-the references. Narrow rivals let an unlisted effect pass as its nearest listed neighbour.
+since an interval's start or with mission time, that repeat with any period (`diagnosis.model.repeating`), that are locked to
+the orbit's harmonics, that differ from interval to interval, plain random ones at several time scales, and the same on the side
+of the references. Narrow rivals let an unlisted effect pass as its nearest listed neighbour.
 
 Each family gives columns per unit amplitude; amplitudes are taken in terms of what the recording can show, since nothing is
 known of them.

@@ -7,9 +7,10 @@ import pytest
 
 from diagnosis.inference.evidence import log_bayes
 from diagnosis.inference.search import Search
-from diagnosis.model import periods
-from diagnosis.model.candidates import columns_of, linear_model, swing_columns
+from diagnosis.model import periods, repeating
+from diagnosis.model.candidates import linear_model
 from diagnosis.model.linear import Member
+from diagnosis.model.swings import columns_of, swing_columns
 from simulator.effects import EFFECTS
 from tests.diagnosis.recordings import prepared
 
@@ -144,7 +145,7 @@ def test_finer_periods_are_around_each_alias_and_share_its_prior(swinging):
 
 def test_rivals_repeat_but_not_as_a_sine_that_may_be_named(model):
     found = periods.swings(model)
-    groups = {(one.name, one.axis): one for one in periods.families(model, found, [False])}
+    groups = {(one.name, one.axis): one for one in repeating.families(model, found, [False])}
     names = {name for name, _ in groups}
     assert names == {
         "bias repeats with a period, not as a sine",
@@ -171,7 +172,7 @@ def test_harmonics_are_locked_to_the_phase_of_the_fundamental(model):
         error[:, 0, 0] = shape
         y = model.prepared(model.reference_error(error))[:, 0]
         about = replace_y(model, y)
-        options = periods.shaped(about, periods.columns(model, 0, True, np.arange(1, 8) / period))
+        options = repeating.shaped(about, periods.columns(model, 0, True, np.arange(1, 8) / period))
         left = [1 - _chi2(model, part, y) / float(y @ y) for part in (options[place][:, :2], options[place])]
         assert left[1] < 0.45 * left[0]
 
