@@ -122,7 +122,7 @@ def explain(
     linear = linear_model(model, effects, dead_zone_groups(prepared, effects), settings)
     search = Search(linear, settings)
     tell("null distribution", 0.3)
-    p = min(p_value(search, seed, settings.null_draws), shown_by_passes(prepared.dead))
+    p = min(p_value(search, seed, settings.null_draws, settings.scanned_share), shown_by_passes(prepared.dead))
     attribution: Attribution | None = None
     fitted: tuple[Fitted, ...] = ()
     checks: tuple[Check, ...] = ()

@@ -65,6 +65,8 @@ class Registry(Mapping[str, Effect]):
             raise InputError(f"{name}: prior must be two sizes above zero, the smaller one first")
         if effect.switched and "time_s" not in {parameter.name for parameter in effect.parameters}:
             raise InputError(f"{name}: is switched on at a time, and needs a parameter time_s")
+        if effect.scanned and "period_s" not in {parameter.name for parameter in effect.parameters}:
+            raise InputError(f"{name}: its period is scanned for, and needs a parameter period_s")
         self.effects[name] = effect
 
     def remove(self, name: str) -> None:
