@@ -30,7 +30,7 @@ def read(path: Path) -> pd.DataFrame:
     Raises
     ------
     ValueError
-        It does not hold what it states.
+        It does not hold what it states, or has two columns of one name.
     OSError, pyarrow.ArrowException
         It is no Parquet file, or a page has another checksum than it states.
     """
@@ -40,6 +40,9 @@ def read(path: Path) -> pd.DataFrame:
     stated = (table.schema.metadata or {}).get(CONTENT)
     if not about.num_rows == counted == table.num_rows or (stated is not None and stated != digest(table)):
         raise ValueError("it is damaged: it does not hold the rows that were written")
+    twice = sorted({name for name in table.column_names if table.column_names.count(name) > 1})
+    if twice:
+        raise ValueError(f"column {', '.join(twice)} is there more than once")
     return table.to_pandas()
 
 
