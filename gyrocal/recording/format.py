@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import json
 import os
-import re
 import tomllib
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -41,7 +40,6 @@ OPTIONAL_TABLES = ("housekeeping", *sensor_tables.NAMES)
 FORWARD = ("+x", "-x", "+y", "-y", "none")
 NORM_TOLERANCE = 1e-6  # |q| - 1 of a quaternion written with 7 digits
 TIME_TOLERANCE_S = 1e-6  # rounding of a time tag some years after the epoch
-CONTROL = re.compile("[\x00-\x1f\x7f-\x9f\u2028\u2029\ud800-\udfff]")  # and halves of what UTF-16 has as pairs
 LARGEST_RATE = float(np.deg2rad(1e5))  # no gyro measures more
 SIGMA_RANGE = (float(np.deg2rad(1e-9)), float(np.deg2rad(180.0)))  # nothing outside is the sigma of an attitude
 
@@ -127,7 +125,6 @@ class Recording:
     sensors: SensorTables | None = None
 
     def __post_init__(self) -> None:
-        _check_text(self)
         _check_gyro(self.gyro)
         _check_attitudes(self.attitudes)
         _check_intervals(self.intervals)
@@ -529,19 +526,6 @@ def _column(frame: pd.DataFrame, name: str) -> Array:
 
 def _columns(frame: pd.DataFrame, names: tuple[str, ...]) -> Array:
     return np.ascontiguousarray(frame[list(names)].to_numpy(dtype=np.float64))
-
-
-def _check_text(recording: Recording) -> None:
-    """What people read is text: other characters move a terminal's cursor and break a figure's file."""
-    named = [("title", recording.title), ("epoch", recording.epoch), ("time_scale", recording.time_scale)]
-    for number, one in enumerate(recording.intervals):
-        named += [(f"interval {number}: name", one.name), (f"interval {number}: activity", one.activity)]
-    for table, frame in recording.tables.items():
-        named += [(f"{table}: column", str(column)) for column in frame.columns]
-    for what, text in named:
-        found = CONTROL.search(text)
-        if found:
-            raise InputError(f"{what} {text!a} has the control character U+{ord(found[0]):04X}; take it out")
 
 
 def _check_times(t_s: Array, what: str) -> None:

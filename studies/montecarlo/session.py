@@ -68,10 +68,11 @@ def known(folder: Path, config_sha256: str) -> dict[str, Any] | None:
     path = folder / MANIFEST
     try:
         manifest = json.loads(path.read_text(encoding="utf-8"))
-        found, _, _ = manifest["config_sha256"], manifest["chunk"], manifest["runs"]
+        found, _ = manifest["config_sha256"], range(manifest["chunk"])
+        _ = [(run["commit"], run["python"]) for run in manifest["runs"]]
     except FileNotFoundError:
         return None
-    except (ValueError, KeyError, TypeError):
+    except (ValueError, KeyError, TypeError, RecursionError):
         raise InputError(f"{path}: is not the manifest of a Monte Carlo study; choose another folder") from None
     if found != config_sha256:
         hashes = f"its hash is {found[:12]}, this one's {config_sha256[:12]}"

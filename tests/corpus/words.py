@@ -245,7 +245,13 @@ def small_files() -> Iterator[Bad]:
         steps = () if text.startswith("steps") else ("--set", "steps_s=[5.0]")
         given = [one for one in study if not (text.startswith("cases=") and one in ("--cases", "2"))]
         yield Bad("study setting", text, (*given, *steps, "--set", text))
-    for kind, text in {"empty": "", "no JSON": "{", "a list": "[]", "no runs": '{"config_sha256": "", "chunk": 1}'}.items():
+    for kind, text in {
+        "empty": "",
+        "no JSON": "{",
+        "a list": "[]",
+        "no runs": '{"config_sha256": "", "chunk": 1}',
+        "runs of words": '{"config_sha256": "", "chunk": 1, "runs": ["a"]}',
+    }.items():
         yield Bad("manifest", kind, (*study, "--set", "steps_s=[5.0]"), lambda folder, text=text: _manifest(folder, text))
     deep = "[" * 100_000
     yield Bad("manifest", "deep", (*study, "--set", "steps_s=[5.0]"), lambda folder: _manifest(folder, deep))

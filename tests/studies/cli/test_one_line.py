@@ -4,18 +4,22 @@ import errno
 import json
 import sys
 import warnings
+from dataclasses import replace
+from xml.etree import ElementTree
 
 import pandas as pd
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
+from matplotlib.figure import Figure
 
-from gyrocal import InputError, Recording, load, save
+from gyrocal import InputError, load, save
 from gyrocal.recording import csv_file
 from simulator import scenario as scenarios
 from studies.cli import scenarios as command
 from studies.cli.main import main
 from studies.report import console as consoles
+from studies.report import panels
 from tests.gyrocal.recording.test_parquet import recording
 
 
@@ -162,18 +166,21 @@ def test_a_chain_of_scenarios_has_an_end(tmp_path):
     assert scenarios.load(tmp_path / "1480.toml") == scenarios.load("trmm")
 
 
-@pytest.mark.parametrize(
-    ("change", "said"),
-    [
-        ({"title": "\x1b[2Ja"}, "title '.x1b.2Ja' has the control character U.001B"),
-        ({"epoch": "2000-01-01\n"}, "epoch"),
-        ({"tables": {"housekeeping": pd.DataFrame({"t_s": [0.0], "a\x00": [1.0]})}}, "housekeeping: column"),
-    ],
-)
-def test_text_of_a_recording_has_no_control_characters(change, said):
-    given = recording()
-    with pytest.raises(InputError, match=said):
-        Recording(**(vars(given) | change))
+def test_control_characters_of_a_title_reach_neither_terminal_nor_figure(run_cli, tmp_path):
+    save(replace(recording(), title="\x1b[2Jred\x00"), tmp_path / "rec")
+    assert load(tmp_path / "rec").title == "\x1b[2Jred\x00"
+    shown = run_cli("calibrate", str(tmp_path / "rec"), "--prior-sigma-g", "1e-3", "--prior-sigma-bias", "1e-3")
+    assert shown.exit_code == 0, shown.stderr
+    assert f"{consoles.MISSING}[2Jred{consoles.MISSING}" in shown.stdout
+    figure = Figure()
+    figure.subplots().set_title("\x1b[2Jred\x00 ψ")
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        panels.save(figure, tmp_path / "a.svg")
+        pages = [(tmp_path / "a.svg").read_bytes(), panels.svg(figure)]
+    for page in pages:
+        assert ElementTree.fromstring(page).tag.endswith("svg")
+        assert b"[2Jred" in page
 
 
 def test_control_characters_do_not_reach_a_terminal(capsys):
