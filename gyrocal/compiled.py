@@ -115,9 +115,10 @@ def _parents(package: str) -> Iterator[Path]:
         yield Path(told) / _of_place(beside)
     yield beside
     yield Path(os.environ.get("XDG_CACHE_HOME") or Path("~/.cache").expanduser()) / "gyrocal" / _of_place(beside)
-    temporary = Path(tempfile.gettempdir()) / f"gyrocal-{os.getuid()}"
-    if _private(temporary):
-        yield temporary / _of_place(beside)
+    if hasattr(os, "getuid"):
+        temporary = Path(tempfile.gettempdir()) / f"gyrocal-{os.getuid()}"
+        if _private(temporary):
+            yield temporary / _of_place(beside)
 
 
 def _of_place(beside: Path) -> str:
