@@ -34,6 +34,7 @@ Matrix = Annotated[tuple[Vector, Vector, Vector], Field(strict=False)]
 TOUCH_TOLERANCE = 1e-6  # s; intervals closer than this touch
 JOIN_TOLERANCE = 1e-8  # attitude matrix elements of two intervals that touch
 MOST_SAMPLES = 2e7
+MOST_BASES = 30  # of a scenario, one of the other
 SMALLEST_DETERMINANT = 1e-3  # of a G that counts as invertible
 
 
@@ -371,6 +372,8 @@ def _document(name: str, folder: Path, inside: tuple[str, ...]) -> dict[str, Any
     identity = name if name in names() else str(path.resolve())
     if identity in inside:
         raise InputError(f"{name}: scenario bases form a circle: {' -> '.join((*inside, identity))}")
+    if len(inside) > MOST_BASES:
+        raise InputError(f"{inside[0]}: more than {MOST_BASES} scenarios are one another's base; write what they say into one")
     if name in names():
         with resources.as_file(resources.files("simulator") / "scenarios" / f"{name}.toml") as builtin:
             document = read_toml(builtin)

@@ -13,6 +13,7 @@ import tomllib
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from datetime import datetime
+from functools import partial
 from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
@@ -22,7 +23,7 @@ from numpy.typing import ArrayLike, NDArray
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator
 
 from gyrocal.errors import InputError
-from gyrocal.files import replacing
+from gyrocal.files import held, write_together
 from gyrocal.recording import bounds, sensor_tables
 from gyrocal.recording.sensor_tables import SensorTables
 
@@ -323,6 +324,11 @@ def load(folder: str | os.PathLike[str]) -> Recording:
     folder = Path(folder)
     if not folder.is_dir():
         raise InputError(f"{folder}: not a folder; a recording is a folder with recording.toml in it")
+    with held(folder, shared=True):
+        return _load(folder)
+
+
+def _load(folder: Path) -> Recording:
     path = folder / "recording.toml"
     bounds.check_header(path)
     try:
@@ -369,19 +375,15 @@ def load(folder: str | os.PathLike[str]) -> Recording:
 
 
 def save(recording: Recording, folder: str | os.PathLike[str]) -> None:
-    """Write a recording; the folder is made, and an existing recording in it is replaced file by file, each atomically."""
-    folder = Path(folder)
-    folder.mkdir(parents=True, exist_ok=True)
+    """Write a recording; the folder is made, and an existing recording in it is replaced as a whole or, after an error, not."""
+    from gyrocal.recording import parquet  # late, as pandas
+
     frames = _frames(recording)
-    for name in ("gyro", "attitude", *OPTIONAL_TABLES):
-        if name not in frames:  # of a recording that was here before
-            (folder / f"{name}.parquet").unlink(missing_ok=True)
-        (folder / f"{name}.csv").unlink(missing_ok=True)
-    for name, frame in frames.items():
-        with replacing(folder / f"{name}.parquet") as file:
-            frame.to_parquet(file, index=False)
-    with replacing(folder / "recording.toml") as file:
-        file.write(_header_text(recording).encode())
+    absent = [f"{name}.parquet" for name in ("gyro", "attitude", *OPTIONAL_TABLES) if name not in frames]
+    text = [f"{name}.csv" for name in ("gyro", "attitude", *OPTIONAL_TABLES)]  # of a recording that was here before
+    files = {f"{name}.parquet": partial(parquet.write, frame) for name, frame in frames.items()}
+    header = _header_text(recording).encode()
+    write_together(Path(folder), {**files, "recording.toml": lambda file: file.write(header)}, (*absent, *text))
 
 
 def _frames(recording: Recording) -> dict[str, pd.DataFrame]:
@@ -471,12 +473,14 @@ def _find_table(folder: Path, name: str) -> Path | None:
 def _read_table(folder: Path, name: str, required: tuple[str, ...]) -> tuple[str, pd.DataFrame]:
     import pandas as pd  # late: 65 MiB that a Monte Carlo worker does without
 
+    from gyrocal.recording import csv_file
+
     path = _find_table(folder, name)
     if path is None:
         raise InputError(f"{folder}: neither {name}.parquet nor {name}.csv is there")
     bounds.check_table(path)
     try:
-        frame = pd.read_parquet(path) if path.suffix == ".parquet" else pd.read_csv(path, index_col=False)
+        frame = _read_parquet(path) if path.suffix == ".parquet" else csv_file.read(path)
     except pd.errors.EmptyDataError:
         raise InputError(f"{path}: the file is empty") from None
     except Exception as fault:  # pyarrow and pandas raise a zoo of types for a damaged file
@@ -503,6 +507,12 @@ def _read_table(folder: Path, name: str, required: tuple[str, ...]) -> tuple[str
                 f"{path}: column {column}, row {bad[0]}: not a finite number ({bad.size} such); drop or repair these rows"
             )
     return path.name, frame
+
+
+def _read_parquet(path: Path) -> pd.DataFrame:
+    from gyrocal.recording import parquet  # late, as pandas; and a recording in CSV does without it
+
+    return parquet.read(path)
 
 
 def _sensors(folder: Path, tables: Mapping[str, pd.DataFrame]) -> SensorTables | None:

@@ -112,7 +112,7 @@ class Registry(Mapping[str, Effect]):
         try:
             spec.loader.exec_module(module)
             return self.register_all(_effects_of(module))
-        except Exception as fault:  # anything may be in it
+        except (Exception, SystemExit) as fault:  # anything may be in it
             raise InputError(f"{path}: {_one_line(fault)}") from fault
 
     def register_all(self, effects: Iterable[Effect]) -> list[Effect]:
@@ -161,7 +161,7 @@ def _effects_of(found: object) -> list[Effect]:
     raise InputError(f"gives {type(found).__name__}, not an Effect or several")
 
 
-def _one_line(fault: Exception) -> str:
+def _one_line(fault: BaseException) -> str:
     """What went wrong, in one line; the kind of error too unless it is bad input."""
     words = " ".join(str(fault).split())
     return words if isinstance(fault, InputError) else f"{type(fault).__name__}: {words}"

@@ -94,6 +94,8 @@ class ConsistencyConfig(StudyConfig):
             given = self.dispersions.get(path)
             if not isinstance(given, Normal) or given.mode == "factor":
                 raise ValueError(f"dispersions: {path} must be normal, absolute or an offset: it is the prior")
+        if self.cases <= 2 * len(PATHS):
+            raise ValueError(f"cases: more than {2 * len(PATHS)} are needed to judge {len(PATHS)} parameters together")
         if self.sampler != "random":
             raise ValueError('sampler: must be "random", since the limits are those of independent cases')
         return self

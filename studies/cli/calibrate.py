@@ -15,6 +15,10 @@ from studies.montecarlo.files import check_writable, write_json
 from studies.report import calibration as calibration_report
 from studies.report.console import console
 
+MOST_ITERATIONS = 1000  # a handful converge, or none do
+LARGEST = 1e6  # of what is plausible, or known before
+TRUTH_BYTES = 1_000_000  # of a file with twelve numbers and a list of effects
+
 
 @click.command("calibrate")
 @click.argument("recording", type=PATH)
@@ -30,7 +34,10 @@ from studies.report.console import console
     help="How residuals depend on G and b within a step, ψ of N (11): exact, or to first order in the angle turned.",
 )
 @click.option(
-    "--iterations", type=click.IntRange(1), default=None, help="Number of iterations; by default until they change nothing."
+    "--iterations",
+    type=click.IntRange(1, MOST_ITERATIONS),
+    default=None,
+    help="Number of iterations; by default until they change nothing.",
 )
 @click.option(
     "--parametrisation",
@@ -108,6 +115,8 @@ def command(
       gyrocal calibrate /tmp/rec --parametrisation gyro --solve-for gyro_z
     """
     check_writable(as_json)
+    if not (0 < plausible_g < LARGEST and 0 < plausible_bias < LARGEST):
+        raise InputError(f"--plausible-g and --plausible-bias must be plausible: positive and below {LARGEST:g}")
     known = _read_truth(truth) if truth else None
     result = calibrate(
         load(recording),
@@ -129,14 +138,18 @@ def _prior(names: tuple[str, ...], sigma_G: float | None, sigma_bias: float | No
         return None
     if sigma_G is None or sigma_bias is None:
         raise InputError("give both --prior-sigma-g and --prior-sigma-bias, or neither")
-    if not (1e-15 < sigma_G < 1e6 and 1e-15 < sigma_bias < 1e6):
+    if not (1e-15 < sigma_G < LARGEST and 1e-15 < sigma_bias < LARGEST):
         raise InputError("--prior-sigma-g and --prior-sigma-bias must be positive and below 1e6")
     return np.diag([(np.deg2rad(sigma_bias) if name.startswith(BIAS_LETTERS) else sigma_G) ** 2 for name in names])
 
 
 def _read_truth(path: Path) -> GyroParameters:
     try:
-        document = json.loads(path.read_text(encoding="utf-8"))
+        with path.open("rb") as file:
+            text = file.read(TRUTH_BYTES + 1)
+        if len(text) > TRUTH_BYTES:
+            raise ValueError(f"it has more than {TRUTH_BYTES} bytes")
+        document = json.loads(text)
         return GyroParameters(np.array(document["G"], dtype=float), np.deg2rad(np.array(document["bias_deg_s"], dtype=float)))
-    except (KeyError, TypeError, ValueError) as fault:
+    except (KeyError, TypeError, ValueError, RecursionError) as fault:
         raise InputError(f"{path}: not a truth file with G and bias_deg_s: {fault}") from None

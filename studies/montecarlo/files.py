@@ -10,7 +10,7 @@ import numpy as np
 import pandas as pd
 
 from gyrocal.errors import InputError
-from gyrocal.files import regular, replacing
+from gyrocal.files import replaced, replacing
 
 
 def write_bytes(path: Path, data: bytes) -> None:
@@ -43,7 +43,7 @@ def write_csv(path: Path, table: pd.DataFrame, digits: int = 9) -> None:
 def write_parquet(path: Path, table: pd.DataFrame) -> None:
     """Write a table as Parquet."""
     with replacing(path) as file:
-        table.to_parquet(file, index=False)
+        table.to_parquet(file, index=False, write_page_checksum=True)
 
 
 def plain(value: Any) -> Any:
@@ -72,6 +72,9 @@ def check_writable(path: Path | None) -> None:
     if not path.parent.is_dir():
         raise InputError(f"{path}: no folder {path.parent}")
     # A regular file is replaced, which its folder must allow; a device or a pipe is only written to.
-    replaced = regular(path)
-    if (replaced and not os.access(replaced.parent, os.W_OK)) or (path.exists() and not os.access(path, os.W_OK)):
+    try:
+        allowed = os.access(path.parent if replaced(path) else path, os.W_OK)
+    except OSError as error:
+        raise InputError(f"{path}: {error.strerror}") from None
+    if not allowed or (path.exists() and not os.access(path, os.W_OK)):
         raise InputError(f"{path}: cannot be written")

@@ -8,6 +8,7 @@ import errno
 import fcntl
 import json
 import logging
+import os
 import time
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping
@@ -47,7 +48,8 @@ def locked(folder: Path) -> Iterator[None]:
         Another process holds it.
     """
     folder.mkdir(parents=True, exist_ok=True)
-    with (folder / ".lock").open("w") as file:
+    # Neither through a link nor emptying what is there: nothing is written to it.
+    with os.fdopen(os.open(folder / ".lock", os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW, 0o666), "w") as file:
         try:
             fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except OSError:
@@ -66,10 +68,11 @@ def known(folder: Path, config_sha256: str) -> dict[str, Any] | None:
     path = folder / MANIFEST
     try:
         manifest = json.loads(path.read_text(encoding="utf-8"))
-        found, _, _ = manifest["config_sha256"], manifest["chunk"], manifest["runs"]
+        found, _ = manifest["config_sha256"], range(manifest["chunk"])
+        _ = [(run["commit"], run["python"]) for run in manifest["runs"]]
     except FileNotFoundError:
         return None
-    except (ValueError, KeyError, TypeError):
+    except (ValueError, KeyError, TypeError, RecursionError):
         raise InputError(f"{path}: is not the manifest of a Monte Carlo study; choose another folder") from None
     if found != config_sha256:
         hashes = f"its hash is {found[:12]}, this one's {config_sha256[:12]}"

@@ -5,7 +5,7 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
-from rich.console import Console
+from rich.console import Console, ConsoleOptions, RenderableType
 from rich.progress import (
     BarColumn,
     MofNCompleteColumn,
@@ -16,16 +16,30 @@ from rich.progress import (
     TimeElapsedColumn,
     TimeRemainingColumn,
 )
+from rich.segment import Segment
 from rich.text import Text
 
+from studies.report.printable import CONTROL
+
 LINE_EVERY_S = 60.0
+MISSING = "\ufffd"
 WIDTH = 200  # without a terminal there is none to fold tables to: wide enough for the widest
+
+
+class _Printable(Console):
+    """A console that shows the control characters of a text as one that is missing: in a file's words they are not meant."""
+
+    def render(self, renderable: RenderableType, options: ConsoleOptions | None = None) -> Iterator[Segment]:
+        """The pieces of what is printed, before the console adds what it says to the terminal itself."""
+        for piece in super().render(renderable, options):
+            lines = (CONTROL.sub(MISSING, line) for line in piece.text.split("\n"))
+            yield piece if piece.control else piece._replace(text="\n".join(lines))
 
 
 def console() -> Console:
     """Standard output, for tables."""
     terminal = sys.stdout.isatty()
-    return Console(width=None if terminal else WIDTH, soft_wrap=not terminal)
+    return _Printable(width=None if terminal else WIDTH, soft_wrap=not terminal)
 
 
 class _Rate(ProgressColumn):

@@ -19,6 +19,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from gyrocal.files import replacing
 from studies.montecarlo.statistics import CONSISTENT
+from studies.report.printable import well_formed
 
 Array = NDArray[np.float64]
 Draw = Callable[[Path], Path]
@@ -143,9 +144,10 @@ def sheet(*panels: Panel, **options: Any) -> Draw:
 
 def save(figure: Figure, path: Path) -> Path:
     """Write SVG (and PNG for a .png path) with stable bytes."""
-    metadata = {"Date": None} if path.suffix == ".svg" else {}
+    out, vector = io.BytesIO(), path.suffix == ".svg"
     with mpl.rc_context(STYLE), replacing(path) as file:
-        figure.savefig(file, format=path.suffix[1:], dpi=160, metadata=metadata)
+        figure.savefig(out, format=path.suffix[1:], dpi=160, metadata={"Date": None} if vector else {})
+        file.write(well_formed(out.getvalue()) if vector else out.getvalue())
     return path
 
 
@@ -154,7 +156,7 @@ def svg(figure: Figure) -> bytes:
     out = io.BytesIO()
     with mpl.rc_context(STYLE):
         figure.savefig(out, format="svg", dpi=100, metadata=NO_METADATA)
-    return out.getvalue()
+    return well_formed(out.getvalue())
 
 
 @dataclass(frozen=True)
