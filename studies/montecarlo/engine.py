@@ -32,9 +32,12 @@ from studies.montecarlo.backends import Executor, Name, open_backend
 from studies.montecarlo.calm import calm
 from studies.montecarlo.cases import Task, run_cases
 from studies.montecarlo.manifest import WORK, write_manifest
-from studies.montecarlo.session import Interrupted, Session, known, locked
+from studies.montecarlo.provenance import changes, listed, made_with
+from studies.montecarlo.session import Interrupted, Session, known, locked, stoppable
+from studies.montecarlo.sources import uses_attribute
 from studies.montecarlo.store import Parts, table_of
-from studies.montecarlo.study import Streams, Study, StudyConfig, config_sha256, find, resolved
+from studies.montecarlo.study import GridConfig, Streams, Study, StudyConfig, config_sha256, find, folder_of, resolved
+from studies.montecarlo.until import Until, looks
 
 __all__ = ["Interrupted", "Name", "Outcome", "Rerun", "Streams", "Study", "StudyConfig", "rerun", "run", "silent"]
 
@@ -129,6 +132,8 @@ def run(
     progress: Display = silent,
     keep: Collection[int] = (),
     retry_failed: bool = False,
+    until: Until | None = None,
+    mix: bool = False,
 ) -> Outcome:
     """Run a study, or what is left of it, and write its table.
 
@@ -136,7 +141,8 @@ def run(
     ----------
     study : what to run
     config : its configuration
-    folder : where it is written; if it holds a part of the same study, that is resumed
+    folder : where it is written; if it holds a part of the same study, that is resumed, and if it holds the same study with
+        fewer cases, only the others are computed
     backend : where the cases run, see `studies.montecarlo.backends`
     jobs : workers; by default as many as there are cores
     scheduler : address of a dask scheduler
@@ -145,48 +151,55 @@ def run(
         ``functools.partial(studies.report.console.progress, console)``
     keep : cases whose recordings are kept
     retry_failed : run failed cases of earlier runs again
+    until : stop as soon as this is met; the configuration's number of cases is then the most there may be
+    mix : let rows stand beside those of an earlier run with other sources, or on another machine
 
     Raises
     ------
     InputError
-        The configuration cannot be used, the folder holds another study, or it cannot be written (`StorageError`).
+        The configuration cannot be used, the folder holds another study or rows that were made otherwise, or it cannot be
+        written (`StorageError`).
     Interrupted
-        Ctrl-C; what has ended is kept.
+        Ctrl-C, SIGTERM or SIGHUP; what has ended is kept.
     """
     task_for, ready = _prepare(study, config)
     if keep and study.recording is None:
         raise InputError(f"study {study.name}: has no recordings to keep")
     for case in keep:
         _check_case(config, case)
+    if until and not may_grow(study, ready):
+        raise InputError(f"study {study.name}: --until needs rows that do not depend on the number of cases")
     folder = Path(folder)
-    with locked(folder):
+    with locked(folder), stoppable():
         document = about(study, config)
-        sha256 = document["config_sha256"]
-        earlier = known(folder, sha256)
+        earlier = _earlier(study, ready, document, folder)
         document["chunk"] = _chunk(config.cases, chunk, earlier, folder)
-        parts = Parts(folder, config.cases, document["chunk"], sha256)
-        session = Session(parts, task_for, document, earlier["runs"] if earlier else [], backend)
+        parts = _parts(study, ready, folder, document["chunk"], earlier)
+        session = Session(parts, task_for, document, earlier, backend, made_with(study), mix)
+        missing = session.survey(retry_failed)
+        resumed = session.done
         table = folder / "table.parquet"
         with session.ending():
-            missing = session.survey(retry_failed)
-            resumed = session.done
             session.write("running")
             if missing:
                 with calm() as messages, _opened(backend, jobs, scheduler) as workers:
                     try:
-                        with progress(study.name, config.cases - resumed) as advance:
-                            session.finish(workers, missing, advance)
+                        with progress(study.name, sum(map(len, missing))) as advance:
+                            stop = _finish(session, workers, missing, advance, until)
                     finally:
                         session.run["jobs"] = workers.jobs
                 session.count(messages)
+                if stop < config.cases:
+                    document = about(study, config.model_copy(update={"cases": stop}))
+                    session.end_at(stop, document)
             for case in keep:
                 _keep(study, ready, case, folder)
-            parts.write_table(table)
+            session.parts.write_table(table)
             manifest = session.write("complete")
     return Outcome(
         folder=folder,
         table=table,
-        cases=config.cases,
+        cases=manifest["cases"],
         resumed=resumed,
         failures=dict(sorted(session.failures.items())),
         warnings=dict(session.warnings),
@@ -194,6 +207,60 @@ def run(
         cpu_s=session.cpu_s,
         manifest=manifest,
     )
+
+
+def _finish(
+    session: Session, workers: Executor, missing: list[range], advance: Callable[[int], None], until: Until | None
+) -> int:
+    """Run the missing cases, or as many as the criterion asks for; returns how many cases the study has."""
+    parts = session.parts
+    if until is None:
+        session.finish(workers, missing, advance)
+        return parts.cases
+    for stop in looks(parts.cases, parts.chunk):
+        session.finish(workers, [cases for cases in missing if cases.stop <= stop], advance)
+        missing = [cases for cases in missing if cases.stop > stop]
+        width = until.half_width(parts.values(until.column, stop))
+        session.about["until"] = {"asked": str(until), "half_width": width, "met": width < until.limit}
+        if width < until.limit:
+            break
+    return stop
+
+
+def may_grow(study: Study, config: StudyConfig) -> bool:
+    """Whether the rows of the first cases are the same however many follow."""
+    stratified = config.sampler == "lhs" and config.dispersions
+    return not (isinstance(config, GridConfig) or stratified or uses_attribute(study, "cases"))
+
+
+def _earlier(study: Study, ready: StudyConfig, document: Mapping[str, Any], folder: Path) -> dict[str, Any] | None:
+    """Manifest of the same study in the folder, with as many cases or fewer; None if there is none.
+
+    Raises
+    ------
+    InputError
+        The folder holds another study, or one that cannot be continued.
+    """
+    found = known(folder)
+    if found is None or found["config_sha256"] == document["config_sha256"]:
+        return found
+    before = found.get("cases")
+    if before and found["config_sha256"] == config_sha256(study, ready, before):
+        if before < ready.cases and may_grow(study, ready):
+            return found
+        why = "it cannot have fewer" if before > ready.cases else "its rows depend on the number of cases"
+        raise InputError(f"{folder}: holds this study with cases: {before} → {ready.cases}, and {why}; choose another folder")
+    settings = {"study": found.get("study"), **found.get("config", {})}, {"study": document["study"], **document["config"]}
+    scenarios = {"scenario": found.get("scenario")}, {"scenario": document["scenario"]}
+    what = listed(changes(*settings) or changes(*scenarios)) or "the order of the dispersions"
+    raise InputError(f"{folder}: holds a study with another configuration ({what}); choose another folder")
+
+
+def _parts(study: Study, ready: StudyConfig, folder: Path, chunk: int, earlier: Mapping[str, Any] | None) -> Parts:
+    """The parts of a study; those written when it had another number of cases are its own, if its rows do not depend on it."""
+    growing = may_grow(study, ready)
+    same = {config_sha256(study, ready), *([earlier["config_sha256"]] if earlier else [])}
+    return Parts(folder, ready.cases, chunk, config_sha256(study, ready, 0 if growing else None), frozenset(same))
 
 
 def _chunk(cases: int, wanted: int | None, earlier: Mapping[str, Any] | None, folder: Path) -> int:
@@ -247,28 +314,28 @@ def rerun(study: Study, config: StudyConfig, case: int, folder: Path) -> Rerun:
     task_for, ready = _prepare(study, config)
     _check_case(config, case)
     folder = Path(folder)
-    sha256 = config_sha256(study, ready)
-    manifest = known(folder, sha256)
+    manifest = _earlier(study, ready, about(study, config), folder)
     # First, since the case may end this process.
     recording = _keep(study, ready, case, folder) if study.recording else None
     result = run_cases(task_for(range(case, case + 1)))
     rows = table_of(result.rows).to_pandas()
     same = None
     if manifest:
-        before = Parts(folder, config.cases, manifest["chunk"], sha256).rows_of(case)
+        before = _parts(study, ready, folder, manifest["chunk"], manifest).rows_of(case)
         same = None if before is None else _same(before, rows)
     return Rerun(rows, result.tracebacks.get(case, ""), recording, same)
 
 
 def _prepare(study: Study, config: StudyConfig) -> tuple[Callable[[range], Task], StudyConfig]:
     """What makes a task of a range of cases, and the resolved configuration."""
-    if find(study.name) != study:
+    folder = folder_of(study)
+    if find(study.name, folder) != study:
         raise InputError(f"study {study.name}: what stands there is not the study of that name")
     if type(config) is not study.config:
         raise InputError(f"study {study.name}: needs a {study.config.__name__}, not a {type(config).__name__}")
     ready = resolved(config)
     text = ready.model_dump_json()
-    return lambda cases: Task(study.name, text, cases), study.config.model_validate_json(text)
+    return lambda cases: Task(study.name, text, cases, folder), study.config.model_validate_json(text)
 
 
 def _check_case(config: StudyConfig, case: int) -> None:

@@ -317,17 +317,25 @@ def test_another_configuration_is_refused_in_one_line(tmp_path):
     config = DrawsConfig(cases=6)
     table = serial(DRAWS, config, tmp_path).table
     before = table.read_bytes()
-    for other in (DrawsConfig(cases=7), DrawsConfig(cases=6, entropy=1), DrawsConfig(cases=6, scenario="trmm_series")):
-        with pytest.raises(InputError, match=r"holds a study with another configuration.*choose another folder") as caught:
+    for other, difference in (
+        (DrawsConfig(cases=6, entropy=1), r"entropy: 1998 → 1"),
+        (DrawsConfig(cases=6, size=3, steps_s=(0.5, 2.0)), r"size: 50 → 3, steps_s.1: 1.0 → 2.0"),
+        (DrawsConfig(cases=6, scenario="trmm_series"), r"scenario: trmm → trmm_series"),
+        (DrawsConfig(cases=6, overrides={"gyro.sample_s": 1.0}), r"overrides.gyro.sample_s: – → 1.0"),
+        (DrawsConfig(cases=5), r"cases: 6 → 5, and it cannot have fewer"),
+    ):
+        with pytest.raises(InputError, match=rf"{difference}.*choose another folder") as caught:
             serial(DRAWS, other, tmp_path)
         assert "\n" not in str(caught.value)
-    with pytest.raises(InputError, match="another configuration"):
+    with pytest.raises(InputError, match=r"study: tests\.engine_studies:DRAWS → tests\.engine_studies:STEPS"):
         rerun(STEPS, config, 0, tmp_path)
     # Also if nothing but the parts is left to tell.
     (tmp_path / "manifest.json").unlink()
     with pytest.raises(InputError, match=r"part-000000\.parquet: belongs to a study with another configuration"):
         serial(DRAWS, DrawsConfig(cases=6, entropy=1), tmp_path)
+    assert not (tmp_path / "manifest.json").exists()
     assert table.read_bytes() == before
+    assert serial(DRAWS, config, tmp_path).resumed == 6
 
 
 def test_a_scenario_file_that_changes_is_another_configuration(tmp_path):
@@ -336,7 +344,7 @@ def test_a_scenario_file_that_changes_is_another_configuration(tmp_path):
     config = DrawsConfig(cases=4, scenario=str(scenario))
     table = serial(DRAWS, config, tmp_path / "study").table.read_bytes()
     scenario.write_text('base = "trmm"\n[gyro]\narw_deg_per_sqrt_s = 2e-4\n')
-    with pytest.raises(InputError, match="another configuration"):
+    with pytest.raises(InputError, match=r"\(scenario.gyro.arw_deg_per_sqrt_s: 0.0001 → 0.0002\)"):
         serial(DRAWS, config, tmp_path / "study")
     moved = tmp_path / "moved.toml"
     moved.write_text('base = "trmm"\n[gyro]\narw_deg_per_sqrt_s = 1e-4\n')
@@ -360,14 +368,6 @@ def test_one_run_at_a_time(tmp_path):
     with locked(tmp_path), pytest.raises(InputError, match="another run is at work in this folder"):
         serial(DRAWS, DrawsConfig(cases=4), tmp_path)
     serial(DRAWS, DrawsConfig(cases=4), tmp_path)
-
-
-def test_rows_of_two_versions_of_the_program_are_reported(tmp_path, monkeypatch):
-    config = DrawsConfig(cases=4)
-    serial(DRAWS, config, tmp_path)
-    monkeypatch.setattr("studies.montecarlo.manifest.commit", lambda: "another")
-    assert any("another version of the program" in text for text in serial(DRAWS, config, tmp_path).warnings)
-    assert manifest(tmp_path)["runs"][1]["commit"] == "another"
 
 
 @pytest.fixture
