@@ -94,7 +94,9 @@ class Outcome:
         failed = (
             f", {len(self.failures)} failed ({which}; see {self.folder / 'failures'})" if self.failures else ", none failed"
         )
-        return f"{self.cases} cases{resumed}{failed}; {self.wall_s:.1f} s, {self.cpu_s:.1f} s of CPU"
+        until = self.manifest.get("until")
+        met = f", {until['asked']} is {'met' if until['met'] else 'NOT met'}: {until['half_width']:.3g}" if until else ""
+        return f"{self.cases} cases{resumed}{failed}{met}; {self.wall_s:.1f} s, {self.cpu_s:.1f} s of CPU"
 
 
 @dataclass(frozen=True)
@@ -181,6 +183,7 @@ def run(
         table = folder / "table.parquet"
         with session.ending():
             session.write("running")
+            stop = config.cases
             if missing:
                 with calm() as messages, _opened(backend, jobs, scheduler) as workers:
                     try:
@@ -189,9 +192,10 @@ def run(
                     finally:
                         session.run["jobs"] = workers.jobs
                 session.count(messages)
-                if stop < config.cases:
-                    document = about(study, config.model_copy(update={"cases": stop}))
-                    session.end_at(stop, document)
+            elif until:
+                stop = _finish(session, None, missing, lambda count: None, until)
+            if stop < config.cases:
+                session.end_at(stop, about(study, config.model_copy(update={"cases": stop})))
             for case in keep:
                 _keep(study, ready, case, folder)
             session.parts.write_table(table)
@@ -200,7 +204,7 @@ def run(
         folder=folder,
         table=table,
         cases=manifest["cases"],
-        resumed=resumed,
+        resumed=min(resumed, manifest["cases"]),
         failures=dict(sorted(session.failures.items())),
         warnings=dict(session.warnings),
         wall_s=session.wall_s,
@@ -210,16 +214,17 @@ def run(
 
 
 def _finish(
-    session: Session, workers: Executor, missing: list[range], advance: Callable[[int], None], until: Until | None
+    session: Session, workers: Executor | None, missing: list[range], advance: Callable[[int], None], until: Until | None
 ) -> int:
     """Run the missing cases, or as many as the criterion asks for; returns how many cases the study has."""
     parts = session.parts
-    if until is None:
-        session.finish(workers, missing, advance)
-        return parts.cases
-    for stop in looks(parts.cases, parts.chunk):
-        session.finish(workers, [cases for cases in missing if cases.stop <= stop], advance)
-        missing = [cases for cases in missing if cases.stop > stop]
+    for stop in looks(parts.cases, parts.chunk) if until else [parts.cases]:
+        now = [cases for cases in missing if cases.stop <= stop]
+        missing = missing[len(now) :]
+        if workers and now:
+            session.finish(workers, now, advance)
+        if until is None:
+            break
         width = until.half_width(parts.values(until.column, stop))
         session.about["until"] = {"asked": str(until), "half_width": width, "met": width < until.limit}
         if width < until.limit:

@@ -231,8 +231,8 @@ class Session:
         """The study has enough with so many cases: what it is, and its parts, are from now on of these."""
         self.parts = replace(self.parts, cases=cases)
         self.about |= about
-        for index in [index for index in self.begun_with if index >= len(self.parts)]:
-            del self.begun_with[index]
+        self.done = cases
+        self.failures = {case: error for case, error in self.failures.items() if case < cases}
 
     def _store(self, cases: range, result: Result) -> None:
         """Store the rest of a part; its tracebacks first, so that a part that is there is complete."""

@@ -467,7 +467,7 @@ def start(tmp_path: Path, backend: str, cases: int = 60) -> tuple[subprocess.Pop
                 run(DRAWS, config, Path({str(folder)!r}), backend={backend!r}, jobs=2, chunk=2)
             except GyrocalError as error:
                 print(error)
-                sys.exit(2)
+                sys.exit(error.exit_status)
     """
     script = tmp_path / "script.py"
     script.write_text(textwrap.dedent(code))
@@ -530,15 +530,24 @@ def processes_of(session: int) -> list[str]:
     return found
 
 
-@pytest.mark.parametrize("backend", ["serial", "threads", "loky", "dask"])
-def test_ctrl_c_stops_cleanly_and_says_how_to_resume(backend, tmp_path):
+@pytest.mark.parametrize(
+    ("backend", "number", "how"),
+    [
+        ("serial", signal.SIGTERM, "interrupted by SIGTERM"),
+        ("threads", signal.SIGINT, "interrupted"),
+        ("loky", signal.SIGINT, "interrupted"),
+        ("loky", signal.SIGHUP, "interrupted by SIGHUP"),
+        ("dask", signal.SIGINT, "interrupted"),
+    ],
+)
+def test_a_signal_stops_cleanly_and_says_how_to_resume(backend, number, how, tmp_path):
     if backend == "dask":
         pytest.importorskip("distributed")
     process, config, folder = start(tmp_path, backend)
-    os.killpg(process.pid, signal.SIGINT)  # as a terminal does: to the workers too
+    os.killpg(process.pid, number)  # as a terminal or a batch system does: to the workers too
     output, errors = process.communicate(timeout=DEADLINE_S)
-    assert process.returncode == 2
-    assert output.startswith("interrupted; ")
+    assert process.returncode == 128 + number
+    assert output.startswith(f"{how}; ")
     assert output.endswith("the same command resumes\n")
     assert errors == ""
     done = manifest(folder)["done"]
@@ -552,9 +561,30 @@ def test_interrupted_in_this_process(tmp_path, monkeypatch):
     def press(label, total):
         raise KeyboardInterrupt
 
-    with pytest.raises(Interrupted, match="0 of 20 cases are finished"):
+    with pytest.raises(Interrupted, match="0 of 20 cases are finished") as caught:
         serial(DRAWS, DrawsConfig(), tmp_path, progress=press)
+    assert caught.value.exit_status == 130
     assert not multiprocessing.active_children()
+
+
+def test_signals_are_as_before_after_a_run_and_ignored_ones_stay_so(tmp_path):
+    before = signal.getsignal(signal.SIGTERM)
+    hangup = signal.signal(signal.SIGHUP, signal.SIG_IGN)  # as under nohup
+    seen = []
+
+    @contextmanager
+    def look(label, total):
+        seen.append((signal.getsignal(signal.SIGTERM), signal.getsignal(signal.SIGHUP)))
+        yield lambda count: None
+
+    try:
+        serial(DRAWS, DrawsConfig(cases=2, size=3), tmp_path, progress=look)
+        assert signal.getsignal(signal.SIGHUP) == signal.SIG_IGN
+    finally:
+        signal.signal(signal.SIGHUP, hangup)
+    assert seen[0][0] != before
+    assert seen[0][1] == signal.SIG_IGN
+    assert signal.getsignal(signal.SIGTERM) == before
 
 
 # Memory
