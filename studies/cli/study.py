@@ -10,6 +10,7 @@ from studies import catalogue
 from studies.cli.options import PATH, assignment
 from studies.montecarlo import engine
 from studies.montecarlo.files import check_writable, write_json
+from studies.montecarlo.until import Until
 from studies.report import tables as render
 from studies.report.console import console
 
@@ -34,6 +35,14 @@ from studies.report.console import console
 @click.option("--rerun", "again", type=click.IntRange(0), default=None, help="Repeat this one case and keep its recording.")
 @click.option("--keep", multiple=True, type=click.IntRange(0), help="Keep the recording of this case; repeatable.")
 @click.option("--retry-failed", is_flag=True, help="Run failed cases of an earlier run again.")
+@click.option(
+    "--until",
+    metavar="COLUMN<LIMIT",
+    default=None,
+    help="Stop when the 95 % half-width of a column's mean, or of p95(COLUMN), std(COLUMN) …, is below a limit; --cases is "
+    "then the most there may be. The column may be 'failed'.",
+)
+@click.option("--mix", is_flag=True, help="Keep rows that other sources, or another machine, have made beside new ones.")
 @click.option("--json", "as_json", type=PATH, help="Write counts and failures as JSON; what was found is in the report.")
 def command(
     name: str | None,
@@ -44,9 +53,12 @@ def command(
     entropy: int | None,
     again: int | None,
     as_json: Path | None,
+    until: str | None,
     **options: Any,
 ) -> None:
     """Run the study NAME; without a name, list the studies.
+
+    NAME may be a file with a STUDY of your own, such as ./mystudy.py.
 
     A study runs many cases, writes a row or more for each, and reports on them in OUT/report.md. The rows do not depend on
     --backend or --jobs. Ctrl-C stops cleanly, and the same command then continues where it stopped.
@@ -63,12 +75,13 @@ def command(
         render.terminal(console(), "Studies", table)
         return
     check_writable(as_json)
-    folder = out or Path("results") / "studies" / name
+    folder = out or Path("results") / "studies" / (Path(name).stem if catalogue.is_file(name) else name)
     settings = dict(assignment(change) for change in changes)
     settings |= {key: value for key, value in (("cases", cases), ("entropy", entropy)) if value is not None}
     if again is not None:
         _show_rerun(catalogue.rerun(name, folder, settings, again, config), folder)
         return
+    options["until"] = Until.parse(until) if until else None
     terminal = console()
     outcome = catalogue.run(name, folder, settings, terminal, config, **options)
     terminal.print(outcome.summary(), highlight=False, markup=False)
@@ -76,7 +89,8 @@ def command(
         click.echo(f"gyrocal: warning, {count} times: {message}", err=True)
     if as_json:
         failures = {str(case): error for case, error in outcome.failures.items()}
-        write_json(as_json, {"study": name, "folder": str(folder), "cases": outcome.cases, "failures": failures})
+        about = {"study": name, "folder": str(folder), "cases": outcome.cases, "failures": failures}
+        write_json(as_json, about | {"until": outcome.manifest.get("until")})
 
 
 def _show_rerun(result: engine.Rerun, folder: Path) -> None:

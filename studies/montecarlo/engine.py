@@ -15,6 +15,7 @@ resumed, or repeated by `rerun`, bit for bit. The folder of a study holds
 A case that raises or kills its worker is a row with its error; everything else goes on.
 """
 
+import json
 import logging
 import shutil
 from collections import Counter
@@ -31,7 +32,7 @@ from gyrocal.errors import GyrocalError, InputError
 from studies.montecarlo.backends import Executor, Name, open_backend
 from studies.montecarlo.calm import calm
 from studies.montecarlo.cases import Task, run_cases
-from studies.montecarlo.manifest import WORK, write_manifest
+from studies.montecarlo.manifest import WORK, digest, write_manifest
 from studies.montecarlo.provenance import changes, listed, made_with
 from studies.montecarlo.session import Interrupted, Session, known, locked, stoppable
 from studies.montecarlo.sources import uses_attribute
@@ -286,8 +287,12 @@ def _chunk(cases: int, wanted: int | None, earlier: Mapping[str, Any] | None, fo
 
 
 def work_folder(folder: Path, study: Study, config: StudyConfig) -> Path:
-    """Where a study runs whose rows are not kept, in the folder of what is made of them; of each configuration its own."""
-    return Path(folder) / WORK / config_sha256(study, resolved(config))[:12]
+    """Where a study runs whose rows are not kept, in the folder of what is made of them.
+
+    Of each configuration, sources and machine its own, so that what another one left unfinished is never in the way.
+    """
+    made = config_sha256(study, resolved(config)) + json.dumps(made_with(study).as_dict(), sort_keys=True)
+    return Path(folder) / WORK / digest(made.encode())[:12]
 
 
 def publish(outcome: Outcome, folder: Path, **about: Any) -> None:
