@@ -19,7 +19,8 @@ def of_columns(config: Any, rows: pd.DataFrame) -> Report:
     }
     texts = rows.select_dtypes(exclude=["number", "bool"]).drop(columns=list(RESERVED), errors="ignore")
     counts = [
-        texts[name].value_counts().rename_axis("value").reset_index(name="rows").assign(column=name).head(20) for name in texts
+        texts[name].value_counts().rename_axis("value").reset_index(name="rows").assign(column=str(name)).head(20)
+        for name in texts
     ]
     if counts:
         table = pd.concat(counts, ignore_index=True)[["column", "value", "rows"]]

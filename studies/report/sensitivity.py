@@ -161,9 +161,9 @@ def _by_case(rows: pd.DataFrame) -> tuple[pd.DataFrame, pd.DataFrame]:
     drawn = [str(name) for name in rows if str(name).startswith(DISPERSED)]
     kept = [name for name in rows.select_dtypes(["number", "bool"]) if name not in {*drawn, *RESERVED}]
     numbers = rows[kept].astype(float).groupby(rows["case"]).mean()
-    finite = numbers.loc[:, np.isfinite(numbers).all()]
-    inputs = rows[drawn].groupby(rows["case"]).first().rename(columns=lambda name: name.removeprefix(DISPERSED))
-    return inputs, finite
+    finite = numbers[[name for name in kept if np.isfinite(numbers[name]).all()]]
+    inputs = pd.DataFrame(rows[drawn].groupby(rows["case"]).first())
+    return inputs.rename(columns=lambda name: str(name).removeprefix(DISPERSED)), finite
 
 
 def _ranked(inputs: pd.DataFrame, outputs: pd.DataFrame) -> pd.DataFrame:

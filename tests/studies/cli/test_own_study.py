@@ -3,10 +3,14 @@
 import json
 import re
 import sys
+from dataclasses import replace
 
 import pandas as pd
 import pytest
 
+from gyrocal import InputError
+from studies import catalogue
+from studies.montecarlo.cases import Task, run_cases
 from tests import ROOT
 
 MINE = '''"""How well the mean of some noise is known."""
@@ -46,12 +50,9 @@ def mine(tmp_path, monkeypatch):
             del sys.modules[module]
 
 
-@pytest.mark.parametrize("backend", ["serial", "loky"])
-def test_a_file_is_run_by_its_path(backend, mine, run_cli, tmp_path):
+def test_a_file_is_run_by_its_path(mine, run_cli, tmp_path):
     out = tmp_path / "out"
-    found = run_cli(
-        "study", str(mine), "--cases", "60", "--backend", backend, "--jobs", "2", "--out", str(out), "--set", "size=30"
-    )
+    found = run_cli("study", str(mine), "--cases", "60", "--backend", "serial", "--out", str(out), "--set", "size=30")
     assert found.exit_code == 0, found.output
     assert "How well the mean of some noise is known" in (out / "report.md").read_text()
     columns = pd.read_csv(out / "columns.csv").set_index("column")
@@ -63,7 +64,21 @@ def test_a_file_is_run_by_its_path(backend, mine, run_cli, tmp_path):
     assert {mine.name, mine.name.replace("mine", "helper")} <= set(sources)
 
 
-def test_its_help_stops_it_and_ranks_what_drives_it(mine, run_cli, tmp_path):
+def test_a_worker_finds_the_file_by_its_folder(mine):
+    """As a fresh process does, where neither the module nor its folder is known."""
+    study = catalogue.of_file(mine).study
+    path, modules = list(sys.path), [name for name in sys.modules if str(mine.stem).partition("_")[2] in name]
+    sys.path.remove(str(mine.parent))
+    for name in modules:
+        del sys.modules[name]
+    task = Task(study.name, study.config(cases=2).model_dump_json(), range(2))
+    with pytest.raises(InputError, match="cannot be imported"):
+        run_cases(task)
+    assert [row["error"] for row in run_cases(replace(task, folder=str(mine.parent))).rows] == ["", ""]
+    sys.path[:] = path
+
+
+def test_it_stops_when_told_and_ranks_what_drives_it(mine, run_cli, tmp_path):
     out = tmp_path / "out"
     arguments = ["study", str(mine), "--cases", "500", "--backend", "serial", "--out", str(out), "--until", "std(mean)<0.1"]
     spread = 'dispersions.gyro.arw_deg_per_sqrt_s={kind="loguniform", low=1e-5, high=1e-3}'
