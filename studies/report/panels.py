@@ -4,9 +4,7 @@ A panel draws on axes it is given; `drawn` puts panels side by side in a figure,
 SVG bytes do not depend on the day or the run.
 """
 
-import hashlib
 import io
-import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -21,6 +19,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from gyrocal.files import replacing
 from studies.montecarlo.statistics import CONSISTENT
+from studies.report.stable_ids import stable
 
 Array = NDArray[np.float64]
 Draw = Callable[[Path], Path]
@@ -41,9 +40,6 @@ COLOURS = {"x": RED, "y": TEAL, "z": DARK}
 LINES = {"x": "-.", "y": "--", "z": "-"}  # N draws the pitch rate dashed
 SMALL = 7  # font size of ticks and legends
 NO_METADATA: dict[str, None] = {"Date": None, "Creator": None, "Format": None, "Type": None}
-# What matplotlib names by a hash: a marker, or a clip path or hatch from its name to its end; and where such names stand.
-DEFINED = re.compile(rb'<path id="(m[0-9a-f]{10})".*?/>|<(clipPath|pattern)[^>]* id="([a-z][0-9a-f]{10})".*?</\2>', re.DOTALL)
-HASHED = re.compile(rb'(id="|#)([a-z][0-9a-f]{10})(?=["\')])')
 MANY = 200  # points of a line: more are drawn as pixels
 
 
@@ -162,20 +158,7 @@ def _saved(figure: Figure, form: str, dpi: int, metadata: dict[str, None]) -> by
     out = io.BytesIO()
     with mpl.rc_context(STYLE):
         figure.savefig(out, format=form, dpi=dpi, metadata=metadata)
-    return with_stable_ids(out.getvalue()) if form == "svg" else out.getvalue()
-
-
-def with_stable_ids(svg: bytes) -> bytes:
-    """An SVG in which what is defined once is called by what is written there, its numbers rounded to the file's digits.
-
-    Matplotlib's names of clip paths, markers and hatches are hashes of the exact floats, the last bits of which differ from
-    machine to machine. Of two figures in one page, what has the same name still is the same.
-    """
-    names = {}
-    for found in DEFINED.finditer(svg):
-        name = found[1] or found[3]
-        names[name] = name[:1] + hashlib.sha256(found[0].replace(name, b"")).hexdigest()[:10].encode()
-    return HASHED.sub(lambda found: found[1] + names.get(found[2], found[2]), svg)
+    return stable(out.getvalue()) if form == "svg" else out.getvalue()
 
 
 @dataclass(frozen=True)
