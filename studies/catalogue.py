@@ -23,6 +23,7 @@ from studies.report import sensitivity
 from studies.report.columns import of_columns
 from studies.report.console import progress
 from studies.report.entry import Entry
+from studies.report.junit import Verdict, of_checks, write_junit
 
 MODULES = {
     "paper": "studies.natanson.paper_tables",
@@ -129,6 +130,7 @@ def run(
     changes: Mapping[str, Any],
     console: Console,
     config: Path | None = None,
+    junit: Path | None = None,
     **options: Any,
 ) -> engine.Outcome:
     """Run a study to its end and write and show its report.
@@ -139,14 +141,15 @@ def run(
     folder : where rows and report are written; a part of the same study that is there is resumed
     changes : settings by dotted path, over those of the file config
     console : for the report
+    junit : a file for what was found, as tests
     options : how and where it runs, as of `engine.run`; none of them changes its rows
     """
     chosen = entry(name)
     if name == "blind":  # three processes of its own
         from studies.validation import blind
 
-        if options.get("until"):
-            raise InputError("study blind: its cases are sealed together; --until is not for it")
+        if junit or options.get("until"):
+            raise InputError("study blind: its cases are sealed and scored together; neither --until nor --junit is for it")
         return blind.run(folder, changes, console, config, options.get("jobs"))
     settings = load_config(chosen.study, config, changes)
     name = Path(name).stem
@@ -161,10 +164,14 @@ def run(
     report.write(made, f"Study {name}: {chosen.summary}", folder)
     write_manifest(folder, outcome.manifest)
     report.show(made, console)
+    if junit:
+        failed = [Verdict(f"case {case}", error) for case, error in outcome.failures.items()]
+        write_junit(junit, f"gyrocal study {name}", str(folder), [*of_checks(made.checks), *failed])
     return outcome
 
 
 def rerun(name: str, folder: Path, changes: Mapping[str, Any], case: int, config: Path | None = None) -> engine.Rerun:
-    """Repeat one case of a study and keep its recording."""
-    chosen = entry(name)
-    return engine.rerun(chosen.study, load_config(chosen.study, config, changes), case, folder)
+    """Repeat one case of a study and keep its recording; without settings, those of the study in the folder."""
+    study = entry(name).study
+    found = None if changes or config else engine.config_in(study, folder)
+    return engine.rerun(study, found or load_config(study, config, changes), case, folder)

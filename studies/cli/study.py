@@ -32,7 +32,13 @@ from studies.report.console import console
 @click.option("--backend", type=click.Choice(["serial", "threads", "loky", "dask"]), default="loky", show_default=True)
 @click.option("--jobs", type=click.IntRange(1), default=None, help="Workers; the CPU count by default.")
 @click.option("--scheduler", default=None, help="Address of a dask scheduler, with --backend dask.")
-@click.option("--rerun", "again", type=click.IntRange(0), default=None, help="Repeat this one case and keep its recording.")
+@click.option(
+    "--rerun",
+    "again",
+    type=click.IntRange(0),
+    default=None,
+    help="Repeat this one case of the study in the folder and keep its recording.",
+)
 @click.option("--keep", multiple=True, type=click.IntRange(0), help="Keep the recording of this case; repeatable.")
 @click.option("--retry-failed", is_flag=True, help="Run failed cases of an earlier run again.")
 @click.option(
@@ -44,6 +50,7 @@ from studies.report.console import console
 )
 @click.option("--mix", is_flag=True, help="Keep rows that other sources, or another machine, have made beside new ones.")
 @click.option("--json", "as_json", type=PATH, help="Write counts and failures as JSON; what was found is in the report.")
+@click.option("--junit", type=PATH, help="Write what was found as tests to this file, JUnit's XML; a failed case is one too.")
 def command(
     name: str | None,
     out: Path | None,
@@ -54,6 +61,7 @@ def command(
     again: int | None,
     as_json: Path | None,
     until: str | None,
+    junit: Path | None,
     **options: Any,
 ) -> None:
     """Run the study NAME; without a name, list the studies.
@@ -67,23 +75,33 @@ def command(
     Examples:
       gyrocal study
       gyrocal study psi --set 'steps_s=[0.5,2.0]' --out /tmp/psi
-      gyrocal study paper --cases 1000 --set overrides.gyro.arw_deg_per_sqrt_s=1e-4
-      gyrocal study paper --rerun 17
+      gyrocal study paper --cases 20 --set overrides.gyro.arw_deg_per_sqrt_s=1e-4 --out /tmp/paper
+      gyrocal study paper --out /tmp/paper --rerun 17
+      gyrocal study ./mystudy.py --cases 500 --until 'p95(largest_error_ppm)<20'
     """
-    if name is None:
-        table = pd.DataFrame([{"study": key, "what": catalogue.summary(key)} for key in catalogue.MODULES])
-        render.terminal(console(), "Studies", table)
-        return
     check_writable(as_json)
+    if name is None:
+        studies = [{"study": key, "what": catalogue.summary(key)} for key in catalogue.MODULES]
+        render.terminal(console(), "Studies", pd.DataFrame(studies))
+        if as_json:
+            write_json(as_json, {"studies": studies})
+        return
+    check_writable(junit)
     folder = out or Path("results") / "studies" / (Path(name).stem if catalogue.is_file(name) else name)
     settings = dict(assignment(change) for change in changes)
     settings |= {key: value for key, value in (("cases", cases), ("entropy", entropy)) if value is not None}
     if again is not None:
-        _show_rerun(catalogue.rerun(name, folder, settings, again, config), folder)
+        result = catalogue.rerun(name, folder, settings, again, config)
+        _show_rerun(result, folder)
+        if as_json:
+            rows = result.rows.to_dict("records")
+            write_json(
+                as_json, {"study": name, "case": again, "rows": rows, "same": result.same, "traceback": result.traceback}
+            )
         return
     options["until"] = Until.parse(until) if until else None
     terminal = console()
-    outcome = catalogue.run(name, folder, settings, terminal, config, **options)
+    outcome = catalogue.run(name, folder, settings, terminal, config, junit=junit, **options)
     terminal.print(outcome.summary(), highlight=False, markup=False)
     for message, count in outcome.warnings.items():
         click.echo(f"gyrocal: warning, {count} times: {message}", err=True)

@@ -26,6 +26,7 @@ from pathlib import Path
 from typing import Any
 
 import pandas as pd
+from pydantic import ValidationError
 
 from gyrocal import save
 from gyrocal.errors import GyrocalError, InputError
@@ -306,6 +307,15 @@ def publish(outcome: Outcome, folder: Path, **about: Any) -> None:
     """
     write_manifest(folder, outcome.manifest | about)
     shutil.rmtree(Path(folder) / WORK)
+
+
+def config_in(study: Study, folder: Path) -> StudyConfig | None:
+    """Configuration of the study that a folder holds, as it was given; None without one that this study can have."""
+    found = known(folder)
+    try:
+        return study.config.model_validate_json(json.dumps(found["config"])) if found else None
+    except (KeyError, ValidationError):
+        return None
 
 
 def rerun(study: Study, config: StudyConfig, case: int, folder: Path) -> Rerun:

@@ -30,7 +30,7 @@ from typing import Any, ClassVar, Self, TypeVar
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator, model_validator
 
-from gyrocal.errors import InputError
+from gyrocal.errors import InputError, hint
 from gyrocal.recording import Recording, read_toml, validation_message
 from simulator import scenario as scenarios
 from simulator.scenario import Scenario
@@ -216,7 +216,7 @@ def changed(config: Config, changes: Mapping[str, Any]) -> Config:
     for path, value in changes.items():
         head = path.partition(".")[0]
         if head not in type(config).model_fields:
-            raise InputError(f"{path}: there is no such setting; there are {', '.join(type(config).model_fields)}")
+            raise InputError(f"{path}: there is no such setting; {hint(head, type(config).model_fields)}")
         _assign(document, path, path, value)
     return _validated(type(config), document, "settings")
 
@@ -246,7 +246,7 @@ def _validated(kind: type[Config], document: dict[str, Any], source: str) -> Con
     except TypeError as error:
         raise InputError(f"{source}: {error}") from None
     except ValidationError as error:
-        raise InputError(f"{source}: {validation_message(error)}") from None
+        raise InputError(f"{source}: {validation_message(error, kind)}") from None
 
 
 def resolved(config: Config) -> Config:
