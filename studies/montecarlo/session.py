@@ -197,6 +197,10 @@ class Session:
         if not self.done or not self.before:
             return
         folder, before = self.parts.folder, self.before
+        if not more:  # this run makes no rows: what made them stays in the manifest
+            for name in ("sources", "machine"):
+                self.about.pop(name)
+                self.about |= {name: before[name]} if name in before else {}
         if "sources" not in before:
             self.count({f"{folder}: its {self.done} finished cases are of a version that did not note what made them": 1})
             return

@@ -148,6 +148,10 @@ def test_a_finished_study_is_reported_on_any_machine(tmp_path, monkeypatch):
     run(DRAWS, config, tmp_path, backend="serial")
     on_another_machine(monkeypatch, simd="X86_V2")
     assert run(DRAWS, config, tmp_path, backend="serial").resumed == 4
+    # The manifest still says what made the rows: more of them there are refused.
+    assert json.loads((tmp_path / "manifest.json").read_text())["machine"] == machine()
+    with pytest.raises(InputError, match="computed elsewhere"):
+        run(DRAWS, DrawsConfig(cases=8, size=3), tmp_path, backend="serial")
 
 
 def test_a_worker_that_differs_is_refused(tmp_path, monkeypatch):
@@ -169,6 +173,7 @@ def test_a_folder_of_before_the_sources_were_noted_goes_on_with_a_warning(tmp_pa
     path.write_text(json.dumps(document))
     outcome = run(DRAWS, config, tmp_path, backend="serial")
     assert outcome.resumed == 4
+    assert "sources" not in json.loads(path.read_text())
     assert any("did not note what made them" in text for text in outcome.warnings)
 
 
