@@ -6,7 +6,7 @@
 Case i draws from children of ``SeedSequence(entropy, spawn_key=(i,))`` alone, so its row is the same on every backend,
 resumed, or repeated by `rerun`, bit for bit. The folder of a study holds
 
-- ``manifest.json``: configuration and its hash, versions, commit, seeds, backend, times, failures
+- ``manifest.json``: configuration and its hash, the sources' hashes, versions, machine, commit, seeds, backend, times, failures
 - ``parts/``: the rows of each finished chunk (`studies.montecarlo.store`); what makes a study resumable
 - ``failures/``: a traceback for each failed case
 - ``cases/``: recordings of single cases, on demand

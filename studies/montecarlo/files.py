@@ -37,9 +37,9 @@ def write_json(path: Path, value: Any) -> None:
 
 def write_csv(path: Path, table: pd.DataFrame, digits: int = 9) -> None:
     """Write a table as CSV, its numbers with so many digits, also those beside texts in a column."""
-    mixed = [name for name in table if table[name].dtype == object]
-    short = {name: [float(f"{one:.{digits}g}") if isinstance(one, float) else one for one in table[name]] for name in mixed}
-    table = table.assign(**short)
+    table = table.copy()
+    for name in [name for name in table if table[name].dtype == object]:
+        table[name] = [float(f"{one:.{digits}g}") if isinstance(one, float) else one for one in table[name]]
     write_text(path, table.to_csv(index=False, float_format=f"%.{digits}g"))
 
 
