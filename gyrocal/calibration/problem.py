@@ -68,6 +68,25 @@ class Iterates:
     P: Array
     chi2: float
 
+    def checked(self) -> "Iterates":
+        """These, if each iteration was within what one linearisation can correct, as `Problem.state` asks; they must look back.
+
+        Raises
+        ------
+        InputError
+            They diverged: a residual is beyond `LARGEST_RESIDUAL`, or a number is not finite.
+        """
+        largest = np.linalg.norm(self.theta, axis=2).max(axis=1)
+        if not (largest <= LARGEST_RESIDUAL).all():  # NaN too
+            k = int(np.argmax(~(largest <= LARGEST_RESIDUAL)))
+            when = f"after iteration {k}" if k else "under the parameters to start from"
+            raise InputError(
+                f"diverged: an attitude residual of {np.rad2deg(largest[k]):.1f} deg {when} is too large to linearise"
+            )
+        if not (np.isfinite(self.x).all() and np.isfinite(self.P).all() and (np.diag(self.P) >= 0).all()):
+            raise InputError("diverged: the estimate or its covariance is not finite")
+        return self
+
 
 @dataclass(frozen=True)
 class Problem:

@@ -25,6 +25,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_valida
 from gyrocal.errors import InputError
 from gyrocal.files import held, write_together
 from gyrocal.recording import bounds, sensor_tables
+from gyrocal.recording.faults import validation_message
 from gyrocal.recording.sensor_tables import SensorTables
 
 if TYPE_CHECKING:
@@ -290,13 +291,6 @@ class _Header(_Model):
         return value
 
 
-def validation_message(error: ValidationError) -> str:
-    """All faults of a validated document in one line, each by its path."""
-    return "; ".join(
-        f"{'.'.join(str(part) for part in fault['loc']) or 'document'}: {fault['msg']}" for fault in error.errors()
-    )
-
-
 def read_toml(path: Path) -> dict[str, Any]:
     """Read a TOML file; every failure is an `InputError` that names the file."""
     try:
@@ -334,7 +328,7 @@ def _load(folder: Path) -> Recording:
     try:
         header = _Header.model_validate(read_toml(path))
     except ValidationError as error:
-        raise InputError(f"{path}: {validation_message(error)}") from None
+        raise InputError(f"{path}: {validation_message(error, _Header)}") from None
     gyro_name, gyro = _read_table(folder, "gyro", ("t_s", *RATE_COLUMNS))
     attitude_name, attitude = _read_table(folder, "attitude", ("t_s", *QUATERNION_COLUMNS, *SIGMA_COLUMNS))
     tables = {name: _read_table(folder, name, ("t_s",))[1] for name in OPTIONAL_TABLES if _find_table(folder, name)}

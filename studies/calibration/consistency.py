@@ -30,6 +30,7 @@ from pydantic import Field, model_validator
 
 from gyrocal import NAMES, GyroParameters, calibrate
 from simulator import scenario as scenarios
+from studies.calibration.prepared import converged
 from studies.montecarlo import statistics
 from studies.montecarlo.dispersions import Dispersion, Normal, scenario_value
 from studies.montecarlo.statistics import CONSISTENT, OVER_CONFIDENT, UNDER_CONFIDENT, binomial_band
@@ -122,6 +123,7 @@ def case(config: ConsistencyConfig, case: int, streams: Streams) -> list[dict[st
         "references only": calibrate(seen, initial=start, covariance_model="references only"),
     }
     rows = [judged(name, r.parameters.vector - truth, r.covariance) for name, r in found.items()]
+    found = {name: converged(result) for name, result in found.items()}
     right = found["with prior"]
     for name, (scale, shift) in CONTROLS.items():
         rows.append(judged(name, right.parameters.vector - truth + shift * right.sigma, scale**2 * right.covariance))

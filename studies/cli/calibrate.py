@@ -10,6 +10,7 @@ import numpy as np
 from gyrocal import GyroParameters, InputError, calibrate, load, select
 from gyrocal.calibration.gyro_space import Parametrisation, space_of
 from gyrocal.calibration.observability import BIAS_LETTERS, PLAUSIBLE_G
+from studies.cli.fail_on import compared, end, parsed
 from studies.cli.options import PATH
 from studies.montecarlo.files import check_writable, write_json
 from studies.report import calibration as calibration_report
@@ -18,6 +19,7 @@ from studies.report.console import console
 MOST_ITERATIONS = 1000  # a handful converge, or none do
 LARGEST = 1e6  # of what is plausible, or known before
 TRUTH_BYTES = 1_000_000  # of a file with twelve numbers and a list of effects
+CONDITIONS = ("p", "condition")  # what --fail-on may ask
 
 
 @click.command("calibrate")
@@ -91,6 +93,13 @@ TRUTH_BYTES = 1_000_000  # of a file with twelve numbers and a list of effects
     default=None,
     help="Longest run of missing samples, s, over which the last rate is held; longer ones are an error.",
 )
+@click.option(
+    "--fail-on",
+    multiple=True,
+    metavar="CONDITION",
+    help="End with status 3 if this holds: 'p<0.001' of the residuals' p-value, or 'condition>100'; repeatable.",
+)
+@click.option("--junit", type=PATH, help="Write each --fail-on as a test to this file, JUnit's XML.")
 def command(
     recording: Path,
     as_json: Path | None,
@@ -102,6 +111,8 @@ def command(
     plausible_bias: float,
     solve_for: str,
     parametrisation: Parametrisation,
+    fail_on: tuple[str, ...],
+    junit: Path | None,
     **options: Any,
 ) -> None:
     """Calibrate the gyro of RECORDING, a folder with recording.toml, gyro and attitude tables.
@@ -113,10 +124,14 @@ def command(
       gyrocal simulate trmm /tmp/rec --truth /tmp/truth.json
       gyrocal calibrate /tmp/rec --truth /tmp/truth.json --json /tmp/result.json
       gyrocal calibrate /tmp/rec --parametrisation gyro --solve-for gyro_z
+      gyrocal calibrate /tmp/rec --fail-on 'p<0.001' --junit /tmp/calibration.xml
     """
-    check_writable(as_json)
+    for path in (as_json, junit):
+        check_writable(path)
     if not (0 < plausible_g < LARGEST and 0 < plausible_bias < LARGEST):
         raise InputError(f"--plausible-g and --plausible-bias must be plausible: positive and below {LARGEST:g}")
+    for text in fail_on:
+        parsed(text, CONDITIONS)
     known = _read_truth(truth) if truth else None
     result = calibrate(
         load(recording),
@@ -131,6 +146,8 @@ def command(
     calibration_report.show(console(), result, options["iterations"] is None, known)
     if as_json:
         write_json(as_json, result.to_json())
+    known_numbers = dict(zip(CONDITIONS, (float(result.p_value), float(result.observability.condition)), strict=True))
+    end("calibrate", str(recording), compared(fail_on, known_numbers), junit)
 
 
 def _prior(names: tuple[str, ...], sigma_G: float | None, sigma_bias: float | None) -> np.ndarray | None:

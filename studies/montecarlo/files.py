@@ -36,7 +36,10 @@ def write_json(path: Path, value: Any) -> None:
 
 
 def write_csv(path: Path, table: pd.DataFrame, digits: int = 9) -> None:
-    """Write a table as CSV, its numbers with so many digits."""
+    """Write a table as CSV, its numbers with so many digits, also those beside texts in a column."""
+    table = table.copy()
+    for name in [name for name in table if table[name].dtype == object]:
+        table[name] = [float(f"{one:.{digits}g}") if isinstance(one, float) else one for one in table[name]]
     write_text(path, table.to_csv(index=False, float_format=f"%.{digits}g"))
 
 

@@ -20,6 +20,7 @@ from numpy.typing import ArrayLike, NDArray
 from gyrocal.files import replacing
 from studies.montecarlo.statistics import CONSISTENT
 from studies.report.printable import well_formed
+from studies.report.stable_ids import stable
 
 Array = NDArray[np.float64]
 Draw = Callable[[Path], Path]
@@ -144,19 +145,21 @@ def sheet(*panels: Panel, **options: Any) -> Draw:
 
 def save(figure: Figure, path: Path) -> Path:
     """Write SVG (and PNG for a .png path) with stable bytes."""
-    out, vector = io.BytesIO(), path.suffix == ".svg"
-    with mpl.rc_context(STYLE), replacing(path) as file:
-        figure.savefig(out, format=path.suffix[1:], dpi=160, metadata={"Date": None} if vector else {})
-        file.write(well_formed(out.getvalue()) if vector else out.getvalue())
+    with replacing(path) as file:
+        file.write(_saved(figure, path.suffix[1:], 160, {"Date": None} if path.suffix == ".svg" else {}))
     return path
 
 
 def svg(figure: Figure) -> bytes:
     """A figure as SVG whose bytes depend on nothing but what it shows."""
+    return _saved(figure, "svg", 100, NO_METADATA)
+
+
+def _saved(figure: Figure, form: str, dpi: int, metadata: dict[str, None]) -> bytes:
     out = io.BytesIO()
     with mpl.rc_context(STYLE):
-        figure.savefig(out, format="svg", dpi=100, metadata=NO_METADATA)
-    return well_formed(out.getvalue())
+        figure.savefig(out, format=form, dpi=dpi, metadata=metadata)
+    return stable(well_formed(out.getvalue())) if form == "svg" else out.getvalue()
 
 
 @dataclass(frozen=True)

@@ -76,7 +76,7 @@ BASE = {"time": "t:s", "gyro": "x,y,z:deg/s", "quat": "w,x,y,z:body-to-world"}
         ({"gyro": None}, "gyro is missing"),
         ({"euler": "a,b,c:deg:ZYX:body-to-world"}, "give one of quat, euler and matrix"),
         ({"quat": None}, "give one of quat, euler and matrix"),
-        ({"sample_s": 1.0}, "sample_s: Extra inputs"),
+        ({"sample_s": 1.0}, "sample_s: is not known"),
         ({"interval_s": -1.0}, "interval_s"),
     ],
 )
