@@ -1,4 +1,4 @@
-"""Folders of the EuRoC form (ASL dataset format), and Kalibr's imu.yaml.
+"""Folders of the EuRoC form (ASL dataset format).
 
 ``mav0/imu0/data.csv`` holds nanoseconds of unix time and rates in rad/s about the IMU's axes S; ``imu0/sensor.yaml`` the gyro's
 noise density, which is the angle random walk. A reference folder, such as ``vicon0`` or ``state_groundtruth_estimate0``, has
@@ -17,6 +17,7 @@ from scipy.spatial.transform import Rotation
 
 from gyrocal.errors import InputError
 from gyrocal.importing.build import Imported, build
+from gyrocal.importing.kalibr import noise_density, read_yaml
 from gyrocal.importing.mapping import checked
 from gyrocal.importing.streams import read_csv, streams
 
@@ -29,45 +30,6 @@ REFERENCES = ("vicon0", "state_groundtruth_estimate0", "mocap0")
 RATES = tuple(f"w_RS_S_{axis}" for axis in "xyz")
 ELEMENTS = tuple(f"q_RS_{element}" for element in "wxyz")
 ESTIMATED = "state_groundtruth_estimate0"
-
-
-def read_yaml(path: Path) -> dict[str, Any]:
-    """A YAML file of keys and values; OpenCV's first line is skipped.
-
-    Raises
-    ------
-    InputError
-        It cannot be read, or PyYAML is not installed.
-    """
-    try:
-        import yaml
-    except ImportError:
-        raise InputError(f"{path}: PyYAML is needed to read it: pip install 'gyrocal[formats]'") from None
-    try:
-        text = path.read_text(encoding="utf-8")
-        found = yaml.safe_load("\n".join(line for line in text.splitlines() if not line.startswith("%")))
-    except (OSError, UnicodeDecodeError, yaml.YAMLError) as fault:
-        raise InputError(f"{path}: cannot be read as YAML: {' '.join(str(fault).split())}") from None
-    if not isinstance(found, dict):
-        raise InputError(f"{path}: not a file of keys and values")
-    return found
-
-
-def noise_density(path: Path) -> float:
-    """Angle random walk, deg/sqrt(s), of Kalibr's imu.yaml or EuRoC's sensor.yaml: rad/s/sqrt(Hz) is rad/sqrt(s).
-
-    Raises
-    ------
-    InputError
-        There is no positive gyroscope_noise_density.
-    """
-    entries = read_yaml(path)
-    value = entries.get("gyroscope_noise_density", next(iter(entries.values()), None))
-    if isinstance(value, dict):  # imu0: {gyroscope_noise_density: …}
-        value = value.get("gyroscope_noise_density")
-    if isinstance(value, bool) or not isinstance(value, int | float) or not 0 < value < 1:
-        raise InputError(f"{path}: gyroscope_noise_density must be a positive number of rad/s/sqrt(Hz)")
-    return float(np.rad2deg(value))
 
 
 def import_euroc(folder: Path, reference: str | None = None, stated_noise: bool = True, **entries: Any) -> Imported:
