@@ -8,6 +8,7 @@ takes that sensor's axes to the body's, whose axes are the IMU's where ``T_BS`` 
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -32,7 +33,9 @@ ELEMENTS = tuple(f"q_RS_{element}" for element in "wxyz")
 ESTIMATED = "state_groundtruth_estimate0"
 
 
-def import_euroc(folder: Path, reference: str | None = None, stated_noise: bool = True, **entries: Any) -> Imported:
+def import_euroc(
+    folder: str | os.PathLike[str], reference: str | None = None, stated_noise: bool = True, **entries: Any
+) -> Imported:
     """A recording of a folder of the EuRoC form.
 
     Parameters
@@ -47,6 +50,7 @@ def import_euroc(folder: Path, reference: str | None = None, stated_noise: bool 
     InputError
         A file or a column is missing, or rates and attitudes do not fit each other.
     """
+    folder = Path(folder)
     root = folder / "mav0" if (folder / "mav0").is_dir() else folder
     there = [name for name in REFERENCES if (root / name / "data.csv").is_file()]
     if not (root / "imu0" / "data.csv").is_file() or not (there or reference):

@@ -24,7 +24,7 @@ from gyrocal.recording import Recording, toml_value
 Array = NDArray[np.float64]
 
 
-def read_yaml(path: Path) -> dict[str, Any]:
+def read_yaml(path: str | os.PathLike[str]) -> dict[str, Any]:
     """A YAML file of keys and values; OpenCV's first line is skipped.
 
     Raises
@@ -37,7 +37,7 @@ def read_yaml(path: Path) -> dict[str, Any]:
     except ImportError:
         raise InputError(f"{path}: PyYAML is needed to read it: pip install 'gyrocal[formats]'") from None
     try:
-        text = path.read_text(encoding="utf-8")
+        text = Path(path).read_text(encoding="utf-8")
         found = yaml.safe_load("\n".join(line for line in text.splitlines() if not line.startswith("%")))
     except (OSError, UnicodeDecodeError, yaml.YAMLError) as fault:
         raise InputError(f"{path}: cannot be read as YAML: {' '.join(str(fault).split())}") from None
@@ -46,7 +46,7 @@ def read_yaml(path: Path) -> dict[str, Any]:
     return found
 
 
-def noise_density(path: Path) -> float:
+def noise_density(path: str | os.PathLike[str]) -> float:
     """Angle random walk, deg/sqrt(s), of Kalibr's imu.yaml or EuRoC's sensor.yaml: rad/s/sqrt(Hz) is rad/sqrt(s).
 
     Raises

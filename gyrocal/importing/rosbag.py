@@ -9,6 +9,7 @@ The package ``rosbags`` reads both kinds of bags without ROS.
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -35,7 +36,11 @@ NANO = 10**9
 
 
 def import_bag(
-    path: Path, imu_topic: str | None = None, pose_topic: str | None = None, estimate_mounting: bool = False, **entries: Any
+    path: str | os.PathLike[str],
+    imu_topic: str | None = None,
+    pose_topic: str | None = None,
+    estimate_mounting: bool = False,
+    **entries: Any,
 ) -> Imported:
     """A recording of a bag.
 
@@ -51,6 +56,7 @@ def import_bag(
     InputError
         The bag or a topic cannot be read, or rates and attitudes do not fit each other.
     """
+    path = Path(path)
     gyro, attitude, said = read_bag(path, imu_topic, pose_topic)
     made: dict[str, Any] = {
         "time": "t:ns",
@@ -65,7 +71,7 @@ def import_bag(
 
 
 def read_bag(
-    path: Path, imu_topic: str | None = None, pose_topic: str | None = None
+    path: str | os.PathLike[str], imu_topic: str | None = None, pose_topic: str | None = None
 ) -> tuple[pd.DataFrame, pd.DataFrame, list[str]]:
     """Gyro (x, y, z, t) and attitudes (qx, qy, qz, qw, t) of a bag as tables, t in ns, and what was taken for granted.
 
@@ -74,6 +80,7 @@ def read_bag(
     InputError
         The bag or a topic cannot be read.
     """
+    path = Path(path)
     try:
         from rosbags.highlevel import AnyReader
         from rosbags.typesys import Stores, get_typestore

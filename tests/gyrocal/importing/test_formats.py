@@ -13,7 +13,6 @@ import gyrocal
 from gyrocal import InputError, attitude
 from gyrocal.importing import aem, euroc, kalibr
 from studies.validation import mems_log
-from tests import ROOT
 from tests.builders import piecewise_recording
 
 RECORDING = replace(
@@ -248,10 +247,3 @@ def test_kalibr_s_imu_yaml(tmp_path):
 def test_a_folder_that_is_not_of_the_form(tmp_path):
     with pytest.raises(InputError, match="not a folder of the EuRoC form"):
         euroc.import_euroc(tmp_path)
-
-
-def test_the_page_s_example():
-    (block,) = re.findall(r"```python\n(.*?)```", (ROOT / "docs" / "formats.md").read_text(), flags=re.DOTALL)
-    namespace = {}
-    exec(compile(block, "formats.md", "exec"), namespace)
-    np.testing.assert_allclose(namespace["found"].q, namespace["recording"].attitudes.quaternions, atol=1e-15)
