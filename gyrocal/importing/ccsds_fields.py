@@ -20,10 +20,10 @@ from gyrocal.recording import Recording
 
 Array = NDArray[np.float64]
 
-BODY_FRAMES = ("SC_BODY", "SC BODY", "IMU_FRAME", "GYRO_", "STARTRACKER", "AST_", "BODY")
+BODY_FRAMES = ("SC_BODY", "SC BODY", "IMU_FRAME", "GYRO_", "STARTRACKER", "AST_", "BODY", "INSTRUMENT", "SENSOR_")
 BODY = "SC_BODY_1"
 TAI_GPS_S = 19
-NORM = 1e-6
+NORM = 1e-3  # of numbers with four digits, as the standard's own examples have them
 NANO = 10**9
 
 

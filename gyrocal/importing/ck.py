@@ -38,7 +38,6 @@ Array = NDArray[np.float64]
 
 INERTIAL = {1: "J2000", 17: "ECLIPJ2000", 13: "GALACTIC"}
 BUILT_IN = 21  # SPICE's inertial frames have the numbers 1 to 21
-NORM = 1e-6
 DIRECTORY = 100
 CONJUGATE = np.array([1.0, -1.0, -1.0, -1.0])
 TICKS = (10**9, 10**6, 10**3)  # a second; the finest that a double still counts is written
@@ -89,7 +88,7 @@ def read_pointing(path: str | os.PathLike[str], instrument: int | None = None) -
     read = [_segment(one, path) for one in chosen]
     ticks, q = np.concatenate([t for t, _ in read]), np.concatenate([q for _, q in read])
     norm = np.linalg.norm(q, axis=1)
-    bad = np.flatnonzero(~(np.abs(norm - 1) <= NORM))
+    bad = np.flatnonzero(~(np.abs(norm - 1) <= fields.NORM))
     if bad.size:
         raise InputError(f"{path}: quaternion {bad[0] + 1} has norm {norm[bad[0]]:.9g}, not 1")
     order = np.argsort(ticks, kind="stable")

@@ -19,8 +19,9 @@ FORCE = click.option("--force", is_flag=True, help="Replace a recording that is 
 SPACING = click.option("--spacing", "spacing_s", type=float, help="Least time between references, s.")
 ESTIMATE = click.option("--estimate-noise", is_flag=True, help="Estimate the noise although the file states it.")
 TABLE = (
-    click.option("--time", metavar="COLUMN:UNIT", required=True, help="As of import csv; a date, as the attitudes have."),
-    click.option("--gyro", metavar="COLUMNS:UNIT", required=True, help="As of import csv."),
+    click.option("--mapping", "file", type=PATH, help="Mapping of the gyro's table as TOML, as of import csv."),
+    click.option("--time", metavar="COLUMN:UNIT", help="As of import csv; a date, as the attitudes have."),
+    click.option("--gyro", metavar="COLUMNS:UNIT", help="As of import csv."),
     click.option("--lsb", metavar="'SIZE UNIT'", help="As of import csv."),
     SPACING,
     FORCE,
@@ -45,11 +46,16 @@ def _write(imported: Imported, out: Path) -> None:
     render.terminal(console(), str(out), imported.summary())
 
 
-def _joined(gyro_file: Path, read: aem.Aem, out: Path, given: dict[str, Any], said: tuple[str, ...] = ()) -> None:
-    """A recording of a gyro's table and attitudes of a message."""
+def _joined(
+    gyro_file: Path, read: aem.Aem, out: Path, given: dict[str, Any], stated: dict[str, Any], said: tuple[str, ...] = ()
+) -> None:
+    """A recording of a gyro's table and attitudes of a message; what the user gives goes before what the message states."""
     attitude, entries = aem.table(read)
-    entries |= {name: value for name, value in given.items() if value is not None}
-    mapping = importing.checked({"title": read.title} | entries, "options")
+    file = given.pop("file")
+    own = importing.load_mapping(file) if file else {}
+    options = {name: value for name, value in given.items() if value is not None}
+    entries = {"title": read.title} | stated | own | entries | options
+    mapping = importing.checked(entries, str(file) if file else "options")
     found = streams(read_csv(gyro_file), attitude, mapping)
     _write(build(type(found)(**{**vars(found), "assumed": (*said, *found.assumed)}), mapping), out)
 
@@ -67,7 +73,7 @@ def aem_command(gyro_file: Path, message: Path, out: Path, force: bool, **option
       gyrocal import aem gyro.csv attitude.aem /tmp/rec --time time:iso --gyro gx,gy,gz:deg/s
     """
     refuse_existing(out, force)
-    _joined(gyro_file, aem.read_aem(message), out, options)
+    _joined(gyro_file, aem.read_aem(message), out, options, {})
 
 
 @click.command("acm")
@@ -85,8 +91,8 @@ def acm_command(gyro_file: Path, message: Path, out: Path, force: bool, estimate
     """
     refuse_existing(out, force)
     read = acm.read_acm(message)
-    entries, said = ({}, ()) if estimate_noise else acm.noise(read)
-    _joined(gyro_file, read.attitudes, out, entries | options, said)
+    stated, said = ({}, ()) if estimate_noise else acm.noise(read)
+    _joined(gyro_file, read.attitudes, out, options, stated, said)
 
 
 @click.command("ck")
@@ -114,7 +120,7 @@ def ck_command(
       gyrocal import ck gyro.csv attitude.bc clock.tsc /tmp/rec --time time:iso --gyro gx,gy,gz:deg/s
     """
     refuse_existing(out, force)
-    _joined(gyro_file, ck.read_ck(kernel, sclk, instrument, spacecraft), out, options)
+    _joined(gyro_file, ck.read_ck(kernel, sclk, instrument, spacecraft), out, options, {})
 
 
 @click.command("euroc")

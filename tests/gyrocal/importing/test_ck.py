@@ -260,8 +260,12 @@ def test_a_gyro_and_a_ck_are_calibrated_and_the_way_back(run_cli, tmp_path):
     made = Recording.from_arrays(t, np.zeros((t.size, 3)), t, q, sigma=1e-3, arw=1e-6, epoch=epoch, time_scale="UTC")
     ck.write_ck(made, tmp_path / "a.bc", tmp_path / "a.tsc")
     arguments = [str(tmp_path / name) for name in ("gyro.csv", "a.bc", "a.tsc", "rec")]
-    done = run_cli("import", "ck", *arguments, "--time", "time:iso", "--gyro", "gx,gy,gz:deg/s")
+    refused = run_cli("import", "ck", *arguments, "--time", "time:iso")
+    assert (refused.exit_code, "gyro is missing" in refused.stderr) == (2, True)
+    (tmp_path / "mine.toml").write_text('time = "time:iso"\ngyro = "gx,gy,gz:deg/s"\ntitle = "mine"\n')
+    done = run_cli("import", "ck", *arguments, "--mapping", str(tmp_path / "mine.toml"))
     assert done.exit_code == 0, done.stderr
+    assert gyrocal.load(tmp_path / "rec").title == "mine"
     result = gyrocal.calibrate(gyrocal.load(tmp_path / "rec"))
     error = result.parameters.vector - np.concatenate([log.G.ravel(), log.bias])
     assert np.abs(error / result.sigma).max() < 4

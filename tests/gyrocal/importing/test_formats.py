@@ -139,6 +139,7 @@ def test_time_systems(tmp_path, system, behind):
         ({"system": "TDB"}, "time system TDB"),
         ({"kind": "EULER_ANGLE"}, "attitude type EULER_ANGLE"),
         ({"q": "0 0 0 0.9"}, "attitude 1 has norm 0.9"),
+        ({"q": "0 0 0.708 0.708"}, "attitude 1 has norm 1.001"),
         ({"q": "0 0 x 1"}, "line 16"),
         ({"q": "0 0 1"}, "line 16: four numbers"),
         ({"q": "0 0 nan 1"}, "attitude 1 has norm nan"),
