@@ -5,13 +5,14 @@ from dataclasses import replace
 import numpy as np
 import pandas as pd
 import pytest
-import yaml
 
 import gyrocal
 from gyrocal import InputError
 from gyrocal.importing import build, csv_files, import_csv, kalibr, load_mapping, mapping, streams
 from studies.validation import mems_log
 from tests.builders import piecewise_recording
+
+yaml = pytest.importorskip("yaml")
 
 RECORDING = piecewise_recording(series_s=100.0, arw=2e-6)
 
