@@ -19,6 +19,7 @@ group of residuals, see `gyrocal.calibration.covariance`.
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from importlib import metadata
@@ -30,6 +31,7 @@ from numpy.typing import NDArray
 
 from gyrocal import attitude
 from gyrocal.calibration import normal_equations as accumulation
+from gyrocal.calibration import shown
 from gyrocal.calibration.covariance import CovarianceModel
 from gyrocal.calibration.gate import LargeResidualError, refusal
 from gyrocal.calibration.gyro_space import Parametrisation, space_of
@@ -43,9 +45,13 @@ from gyrocal.recording import Recording, arrays
 
 if TYPE_CHECKING:
     import pandas as pd
+    import xarray
+    from matplotlib.axes import Axes
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
+
+logger = logging.getLogger(__name__)
 
 ROTATION_NAMES = ("roll", "pitch", "yaw")
 DEGREES = np.array([1.0] * 9 + [np.rad2deg(1.0)] * 3)  # of twelve parameters, biases in deg/s
@@ -259,7 +265,27 @@ class CalibrationResult:
     @property
     def bias_deg_s(self) -> Array:
         """(3,) calibrated b, deg/s."""
-        return np.asarray(np.rad2deg(self.bias))
+        return self.parameters.bias_deg_s
+
+    @property
+    def sigma_bias_deg_s(self) -> Array:
+        """(3,) formal 1-sigma of b, deg/s."""
+        return np.asarray(np.rad2deg(self.sigma[9:]))
+
+    def to_xarray(self) -> xarray.Dataset:
+        """Parameters, their covariance and residuals as one labelled data set, in degrees; xarray is an optional extra."""
+        return shown.to_xarray(self)
+
+    def plot_residuals(self, ax: Axes | None = None, *, before: bool = False) -> Axes:
+        """Residuals after the calibration over time, deg, with the sigma expected of each; with those before if asked.
+
+        They are drawn on ax, or on one of a new figure.
+        """
+        return shown.plot_residuals(self, ax, before)
+
+    def plot_parameters(self, ax: Axes | None = None) -> Axes:
+        """Corrections of the solved-for parameters in sigmas, on ax or on one of a new figure; the values are the labels."""
+        return shown.plot_parameters(self, ax)
 
     def to_json(self) -> dict[str, Any]:
         """The result as plain values, degrees and deg/s."""
@@ -400,6 +426,7 @@ def calibrate(
         converged = bool(np.abs(step[:9]).max() <= tolerance_G and np.abs(step[9:]).max() <= tolerance_bias)
         if converged and iterations is None:
             break
+    logger.debug("%s: %d iterations, %sconverged", recording.title, len(corrections), "" if converged else "not ")
     covariance = np.zeros((12, 12))
     covariance[np.ix_(columns, columns)] = P
     return CalibrationResult(

@@ -77,8 +77,8 @@ class Iterates:
             They diverged: a residual is beyond `LARGEST_RESIDUAL`, or a number is not finite.
         """
         largest = np.linalg.norm(self.theta, axis=2).max(axis=1)
-        if not (largest <= LARGEST_RESIDUAL).all():  # NaN too
-            k = int(np.argmax(~(largest <= LARGEST_RESIDUAL)))
+        if not (largest <= gate.LARGEST_RESIDUAL).all():  # NaN too
+            k = int(np.argmax(~(largest <= gate.LARGEST_RESIDUAL)))
             when = f"after iteration {k}" if k else "under the parameters to start from"
             raise InputError(
                 f"diverged: an attitude residual of {np.rad2deg(largest[k]):.1f} deg {when} is too large to linearise"

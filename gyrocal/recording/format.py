@@ -30,6 +30,8 @@ from gyrocal.recording.sensor_tables import SensorTables
 
 if TYPE_CHECKING:
     import pandas as pd
+    import xarray
+    from matplotlib.axes import Axes
 
 Array = NDArray[np.float64]
 
@@ -85,6 +87,21 @@ class GyroStream:
     apriori_G: Array = field(default_factory=lambda: np.eye(3))
     apriori_bias: Array = field(default_factory=lambda: np.zeros(3))
 
+    @property
+    def rates_deg_s(self) -> Array:
+        """(n, 3) raw rates, deg/s."""
+        return np.asarray(np.rad2deg(self.rates))
+
+    @property
+    def arw_deg_per_sqrt_s(self) -> float:
+        """Angle random walk, deg/sqrt(s)."""
+        return float(np.rad2deg(self.arw))
+
+    @property
+    def apriori_bias_deg_s(self) -> Array:
+        """(3,) a-priori b, deg/s."""
+        return np.asarray(np.rad2deg(self.apriori_bias))
+
 
 @dataclass(frozen=True)
 class Attitudes:
@@ -100,6 +117,11 @@ class Attitudes:
     t_s: Array
     quaternions: Array
     sigma: Array
+
+    @property
+    def sigma_deg(self) -> Array:
+        """(m, 3) 1-sigma per body axis, deg."""
+        return np.asarray(np.rad2deg(self.sigma))
 
 
 @dataclass(frozen=True)
@@ -222,6 +244,35 @@ class Recording:
         if table not in frames:
             raise InputError(f"{table}: no such table; there are {', '.join(frames)}")
         return frames[table].copy()
+
+    def to_xarray(self) -> xarray.Dataset:
+        """Rates, references and intervals as one labelled data set, in degrees; xarray is an optional extra.
+
+        Raises
+        ------
+        InputError
+            It is not installed.
+        """
+        from gyrocal.recording import arrays
+
+        return arrays.to_xarray(self)
+
+    def plot_allan(self, ax: Axes | None = None, *, interval: str | None = None) -> Axes:
+        """Overlapping Allan deviation of the raw rates about each axis, deg/s, beside the stated angle random walk.
+
+        Parameters
+        ----------
+        ax : to draw on; one of a new figure by default
+        interval : of this interval with whatever moves in it; of the rests by default
+
+        Raises
+        ------
+        InputError
+            There is no rest, no such interval, or too few samples.
+        """
+        from gyrocal.allan.plot import plot_allan
+
+        return plot_allan(self, ax, interval)
 
     def __repr__(self) -> str:
         from gyrocal.recording import arrays
