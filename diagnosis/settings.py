@@ -37,7 +37,7 @@ class DiagnosisSettings:
     scanned_share: float = threshold(
         0.05,
         "share of the attitude test's false alarms that the scan for swings of any period may have",
-        "share",
+        "probability",
         "by judgement; a swing needs 3 more of natural log evidence for it, and the other test loses next to nothing",
     )
     unlisted_share: float = threshold(
