@@ -2,12 +2,12 @@
 
 The stream is cut into pieces, 32 of which run side by side as a batch of lanes (see `gyrocal.calibration.propagation`). The
 pass reads (steps, 4, lanes) of [ω_raw Δt, Δt], so that a step of all lanes is a row of vectors; a recording has a row for each
-sample. Packing is the transposition between the two, and costs as much memory traffic as the stream is long. So it is done a
-stretch of CHUNK steps at a time, right before these are propagated: they are then still in the second-level cache, and a long
-stream is never written to memory a second time.
+sample. Packing is the transposition between the two. It is done by squares of eight steps and eight lanes, which are transposed
+in registers, and a chunk of steps at a time, right before these are propagated: then the chunk is still in the second-level
+cache, and a long stream need not be written to memory and read again.
 
-The lanes read at 32 distant places at once, more than the processor follows by itself. Hence the prefetching: without it,
-packing a stream that is not in the caches takes three times as long.
+The lanes read at 32 distant places at once, more than a processor follows by itself. Hence the prefetching: without it, packing
+a stream that is not in the caches takes three times as long.
 """
 
 from math import sqrt
@@ -29,9 +29,10 @@ Stream = tuple[Array, Indices, Array, bool]
 
 LANES = 32
 TILE = 2
-CHUNK = 128  # steps, 128 KiB; a multiple of TILE
-AHEAD = 16  # steps from what is packed to what is fetched
+CHUNK = 256  # steps, 256 KiB; a multiple of WIDTH and of TILE
+AHEAD = 32  # steps from what is packed to what is fetched
 DOUBLE = 8  # bytes
+WIDTH = 8  # lanes and steps that make a square
 
 
 def packed_shape(pieces: Pieces) -> tuple[int, int, int, int]:
@@ -54,6 +55,52 @@ def _prefetching(_typing: Any, _address: Any) -> Any:
 
 
 _prefetch: Any = intrinsic(_prefetching)
+
+
+def _square_packing(_typing: Any, _rates: Any, _dt: Any, _out: Any, _largest: Any) -> Any:
+    """Pack a square: eight consecutive samples of eight lanes.
+
+    Arguments are addresses: of the eight lanes' addresses of their rates, and of their durations; of the first place of the
+    first lane to pack to; and of the eight lanes' largest |ω_raw Δt|².
+    """
+
+    def generate(_context: Any, builder: Any, _signature: Any, arguments: Any) -> Any:
+        number, vector = ir.IntType(64), ir.VectorType(ir.DoubleType(), WIDTH)
+        rates, dt, out, largest = arguments
+
+        def place(address: Any, doubles: int, kind: Any = vector) -> Any:
+            return builder.inttoptr(builder.add(address, number(DOUBLE * doubles)), kind.as_pointer())
+
+        def shuffled(one: Any, other: Any, order: list[int]) -> Any:
+            return builder.shuffle_vector(one, other, ir.Constant(ir.VectorType(ir.IntType(32), WIDTH), order))
+
+        def transposed(lanes: Any, doubles: int) -> list[Any]:
+            """Eight doubles of each of eight lanes, as the eight lanes of each of eight doubles."""
+            rows = [builder.load(place(lane, doubles), align=DOUBLE) for lane in lanes]
+            for half in (1, 2, 4):  # swap the off-diagonal blocks of that size
+                for i in (i for i in range(WIDTH) if not i & half):
+                    one, other = rows[i], rows[i + half]
+                    rows[i] = shuffled(one, other, [j + WIDTH - half if j & half else j for j in range(WIDTH)])
+                    rows[i + half] = shuffled(one, other, [j + WIDTH if j & half else j + half for j in range(WIDTH)])
+            return rows
+
+        of_rates, of_dt = ([builder.load(place(table, lane, number)) for lane in range(WIDTH)] for table in (rates, dt))
+        values = [row for column in range(3) for row in transposed(of_rates, WIDTH * column)]
+        most = builder.load(place(largest, 0), align=DOUBLE)
+        for step, h in enumerate(transposed(of_dt, 0)):
+            turns = [builder.fmul(value, h) for value in values[3 * step : 3 * step + 3]]
+            for channel, value in enumerate([*turns, h]):
+                builder.store(value, place(out, LANES * (4 * step + channel)), align=DOUBLE)
+            x, y, z = (builder.fmul(turn, turn) for turn in turns)
+            size = builder.fadd(builder.fadd(x, y), z)
+            most = builder.select(builder.fcmp_ordered(">", size, most), size, most)
+        builder.store(most, place(largest, 0), align=DOUBLE)
+        return None
+
+    return types.void(*[types.intp] * 4), generate
+
+
+_pack_square: Any = intrinsic(_square_packing)
 
 
 @numba.njit(cache=True, nogil=True)
@@ -85,19 +132,26 @@ def pack_chunk(stream: Stream, pieces: Pieces, batch: int, low: int, out: Array)
             row[lane] = sample[first[lane]]
             count[lane] = min(lengths[piece] - low, len(out))
     full = count.min()
-    largest = np.zeros(LANES)
-    next_rates, next_dt = rates.ctypes.data + 3 * DOUBLE * AHEAD, dt.ctypes.data + DOUBLE * 2 * AHEAD
-    # Two loops, since the compiler gathers only where no lane has a choice.
-    for k in range(full if in_order else 0):
+    largest = np.zeros(LANES)  # |ω_raw Δt|²
+    rates_at, dt_at = np.empty(LANES, np.intp), np.empty(LANES, np.intp)  # addresses
+    squares = full // WIDTH * WIDTH if in_order else 0  # steps in squares
+    for k in range(0, squares, WIDTH):
         for lane in range(LANES):
-            _put(rates, row[lane] + uintp(k), dt[first[lane] + uintp(k)], out, k, lane, largest)
-        if k % 2 == 0:  # a cache line holds 2⅔ samples, and 8 durations
-            for lane in range(LANES):
-                _prefetch(next_rates + 3 * DOUBLE * np.intp(row[lane] + uintp(k)))
-        if k % 8 == 0:
-            for lane in range(LANES):
-                _prefetch(next_dt + DOUBLE * np.intp(first[lane] + uintp(k)))
-    for k in range(0 if in_order else full):
+            rates_at[lane] = rates.ctypes.data + 3 * DOUBLE * np.intp(row[lane] + uintp(k))
+            dt_at[lane] = dt.ctypes.data + DOUBLE * np.intp(first[lane] + uintp(k))
+        for lane in range(0, LANES, WIDTH):
+            here = DOUBLE * lane
+            _pack_square(
+                rates_at.ctypes.data + here,
+                dt_at.ctypes.data + here,
+                out.ctypes.data + DOUBLE * 4 * LANES * k + here,
+                largest.ctypes.data + here,
+            )
+        for lane in range(LANES):
+            for column in range(3):  # a cache line is eight doubles long
+                _prefetch(rates_at[lane] + DOUBLE * (3 * AHEAD + WIDTH * column))
+            _prefetch(dt_at[lane] + DOUBLE * AHEAD)
+    for k in range(squares, full):
         for lane in range(LANES):
             step = first[lane] + uintp(k)
             _put(rates, uintp(sample[step]), dt[step], out, k, lane, largest)
@@ -115,7 +169,7 @@ def pack_chunk(stream: Stream, pieces: Pieces, batch: int, low: int, out: Array)
 def _put(
     rates: Array, sample: int, h: float, out: Array, k: int, lane: int, largest: Array
 ) -> None:  # pragma: no cover - compiled
-    """[ω_raw Δt, Δt] of one step into its place, and the largest |ω_raw Δt|² of each lane."""
+    """Pack one step of one lane."""
     x, y, z = rates[sample, uintp(0)] * h, rates[sample, uintp(1)] * h, rates[sample, uintp(2)] * h
     out[k, 0, lane], out[k, 1, lane], out[k, 2, lane], out[k, 3, lane] = x, y, z, h
     largest[lane] = max(largest[lane], x * x + y * y + z * z)

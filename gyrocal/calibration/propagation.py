@@ -174,10 +174,11 @@ class Arcs:
 
     @property
     def stream(self) -> Stream:
-        """The steps as they are packed."""
+        """The steps as they are packed, which reads rates and durations by their address."""
+        dt = np.ascontiguousarray(self.dt, dtype=float)
         if self.fine is None:
-            return np.ascontiguousarray(self.rates), self.sample, self.dt, self._unbroken
-        return self.raw, np.arange(len(self.dt)), self.dt, True
+            return np.ascontiguousarray(self.rates, dtype=float), self.sample, dt, self._unbroken
+        return self.raw, np.arange(len(dt)), dt, True
 
     @cached_property
     def _unbroken(self) -> bool:

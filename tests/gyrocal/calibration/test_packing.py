@@ -10,7 +10,7 @@ from gyrocal.calibration.packing import CHUNK, LANES, unbroken
 G = np.eye(3) + 1e-3 * np.arange(9).reshape(3, 3)
 BIAS = np.array([1e-5, -2e-5, 3e-5])
 # Pieces of several chunks and of less than one; in the last, outputs enough for a second batch of lanes, one of them of a step.
-OUTPUTS = {"one": [0, 20_011], "short": [0, 3, 501], "several": [0, 1, *range(300, 21_000, 501)]}
+OUTPUTS = {"one": [0, 20_011], "short": [0, 3, 501], "several": [0, 1, *range(600, 42_000, 1003)]}
 
 
 def arcs_of(edges, sample=None, size=0.01):
@@ -60,6 +60,17 @@ def test_a_long_stream_is_packed_on_the_way_to_the_same_bits(edges, psi, size, m
     np.testing.assert_array_equal(passing.R, kept.R)
     np.testing.assert_array_equal(passing.S, kept.S)
     assert max(arcs.pieces[1]) > CHUNK or edges == OUTPUTS["short"]
+
+
+def test_rates_and_durations_of_any_layout_and_kind_are_packed():
+    # The packing reads memory by its address.
+    arcs = arcs_of(OUTPUTS["one"])
+    rates = np.round(1e6 * arcs.rates).astype(np.float32)
+    spread = np.repeat(arcs.dt, 2)[::2]
+    ends = arcs.first, arcs.last, arcs.arc
+    other = Arcs(np.asfortranarray(rates), spread, arcs.sample, *ends)
+    expected = Arcs(rates.astype(float), arcs.dt, arcs.sample, *ends)
+    np.testing.assert_array_equal(other.increments, expected.increments)
 
 
 def test_averaged_steps_are_packed_on_the_way_too(monkeypatch):
