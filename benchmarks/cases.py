@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from benchmarks.streams import ENTROPY, Flight
 from gyrocal import attitude
-from gyrocal.calibration.propagation import packed_shape
+from gyrocal.calibration.packing import packed_shape
 from simulator.simulate import realise
 from simulator.streams import generator
 from studies.montecarlo.workspace import workspace

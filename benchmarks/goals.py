@@ -22,6 +22,9 @@ class Goal:
 GOALS = {
     "kernel_vs_c_48k": Goal(1.2),
     "kernel_vs_c_4800k": Goal(1.6),
+    "pack_vs_kernel_48k": Goal(0.5),
+    "pack_vs_kernel_4800k": Goal(0.5),
+    "case_vs_c_48k": Goal(4.2),  # two thirds of what it was while drawing called the generator for every number
     "textbook_vs_kernel": Goal(4000, most=False),
     "gtsam_vs_kernel": Goal(200, most=False),
     "lanes_vs_rows": Goal(3, most=False),

@@ -14,8 +14,9 @@ from typing import Any
 
 from benchmarks import c_kernel, mission_loop, oracle, references
 from benchmarks.goals import judged
+from benchmarks.loading import loaders
 from benchmarks.machine import machine
-from benchmarks.streams import Flight, disagreement, run_packed
+from benchmarks.streams import Flight, disagreement, run_packed, run_unpacked
 from benchmarks.timing import Candidate, interleaved
 from studies.montecarlo.manifest import commit
 
@@ -25,9 +26,11 @@ Say = Callable[[str], None]
 METHOD = (
     "One thread. The candidates of a comparison take turns, one untimed and one timed call each a round, and the least time of "
     "each is kept; a ratio is between two such times. The project's kernel and the C kernel start from increments already "
-    "packed, each in its own layout, and end with R and the sums of every interval; packing is timed apart. Processor time a "
-    "case is the least mean over a block of 1000 cases; every count of cases runs in a fresh process. The long run of "
-    "Mission Mode is flown once, compiled before; as plain Python it runs in a process of its own, in turn with the compiled."
+    "packed, each in its own layout, and end with R and the sums of every interval; packing is what the first pass over a "
+    "recording's own rows takes longer. Loading is from the files, read before, to the residuals at the a-priori parameters. "
+    "Processor time a case is the least mean over a block of 1000 cases; every count of cases runs in a fresh process. The "
+    "long run of Mission Mode is flown once, compiled before; as plain Python it runs in a process of its own, in turn with "
+    "the compiled."
 )
 AGREEMENT = 1e-12  # relative, of any candidate with the project's kernel at 48 000 samples
 LONG_AGREEMENT = 1e-10  # at ten and a hundred times as many steps their rounding adds up
@@ -43,6 +46,7 @@ class Effort:
     Attributes
     ----------
     sizes : factor on the number of samples → rounds of kernel and C
+    loads : rounds of loading a recording of the largest size
     scouting : rounds of the first comparison of the C variants
     variants : C variants to compile
     slow : rounds of gtsam, scipy, least squares
@@ -52,6 +56,7 @@ class Effort:
     """
 
     sizes: dict[int, int] = field(default_factory=lambda: {1: 400, 10: 60, 100: 12})
+    loads: int = 2
     scouting: int = 30
     variants: tuple[c_kernel.Variant, ...] = c_kernel.VARIANTS
     slow: int = 10
@@ -64,7 +69,7 @@ class Effort:
     )
 
 
-QUICK = Effort({1: 20}, 3, c_kernel.QUICK_VARIANTS, 2, (1, 100), (1.0, 120.0, 1), ((4000, 60, 1),))
+QUICK = Effort({1: 20}, 1, 3, c_kernel.QUICK_VARIANTS, 2, (1, 100), (1.0, 120.0, 1), ((4000, 60, 1),))
 LEFT_OUT = "left out by --quick"
 
 
@@ -83,8 +88,11 @@ def run(quick: bool = False, say: Say = lambda text: None) -> dict[str, Any]:
         say("the kernel against C")
         kept = _scouted(libraries, flight, effort.scouting)
         growth = [_growth(flight, finer, rounds, kept) for finer, rounds in effort.sizes.items()]
+    say("from the file to the residuals")
+    load_ms, checks = _loads(flight, max(effort.sizes), effort.loads)
     say("the kernel against a textbook loop, gtsam and scipy")
-    others, checks = _others(flight, effort, reasons)
+    others, apart = _others(flight, effort, reasons)
+    checks |= apart
     say("least squares against the calibrator")
     solvers, checks["least_squares_G"] = _solvers(flight, effort.slow)
     say("Monte Carlo cases")
@@ -93,7 +101,7 @@ def run(quick: bool = False, say: Say = lambda text: None) -> dict[str, Any]:
     diagnoses = [_alone("benchmarks.diagnosis", *one) for one in effort.diagnoses]
     say("the Mission Mode loop")
     mission = mission_loop.run(*effort.mission)
-    document = _document(growth, others | solvers, cases, diagnoses, mission, reasons)
+    document = _document(growth, load_ms, others | solvers, cases, diagnoses, mission, reasons)
     return {
         "command": "python -m benchmarks" + (" --quick" if quick else ""),
         "commit": commit(),
@@ -112,7 +120,7 @@ def _libraries(variants: tuple[c_kernel.Variant, ...], reasons: dict[str, str]) 
         try:
             libraries = c_kernel.build(variants, Path(folder))
         except RuntimeError as error:
-            reasons.update(dict.fromkeys(("kernel_vs_c_48k", "kernel_vs_c_4800k"), str(error)))
+            reasons.update(dict.fromkeys(("kernel_vs_c_48k", "kernel_vs_c_4800k", "case_vs_c_48k"), str(error)))
             libraries = {}
         yield libraries
 
@@ -140,7 +148,8 @@ def _growth(flight: Flight, finer: int, rounds: int, libraries: Libraries) -> di
     _check(f"C at {len(arcs.dt)} samples", apart, AGREEMENT if finer == 1 else LONG_AGREEMENT)
     candidates = {repr(variant): Candidate(call, rounds) for variant, call in calls.items()}
     candidates["kernel"] = Candidate(lambda: run_packed(arcs, parameters), rounds)
-    candidates["packing"] = Candidate(lambda: arcs.with_rates(arcs.rates).increments, max(rounds // 2, 1))
+    candidates["first_pass"] = Candidate(lambda: run_unpacked(arcs, parameters), rounds)
+    _check(f"the first pass over {len(arcs.dt)} samples", disagreement(run_unpacked(arcs, parameters), expected), AGREEMENT)
     ms = interleaved(candidates)
     best = min(calls, key=lambda variant: ms[repr(variant)], default=None)
     c_ms = None if best is None else ms[repr(best)]
@@ -149,10 +158,20 @@ def _growth(flight: Flight, finer: int, rounds: int, libraries: Libraries) -> di
         "kernel_ms": ms["kernel"],
         "c_ms": c_ms,
         "kernel_vs_c": None if c_ms is None else ms["kernel"] / c_ms,
-        "packing_ms": ms["packing"],
+        "packing_ms": ms["first_pass"] - ms["kernel"],
+        "pack_vs_kernel": ms["first_pass"] / ms["kernel"] - 1,
         "c_variant": None if best is None else asdict(best),
         "c_disagreement": apart,
     }
+
+
+def _loads(flight: Flight, finer: int, rounds: int) -> tuple[dict[str, float], dict[str, float]]:
+    """Times (ms) from the file to the residuals, by kind of file, and how far those of the two are apart, rad."""
+    with loaders(flight, finer) as calls:
+        parquet, csv = (call() for call in calls.values())
+        apart = float(abs(parquet - csv).max())
+        _check("residuals from CSV", apart, AGREEMENT)
+        return interleaved({name: Candidate(call, rounds) for name, call in calls.items()}), {"load_csv": apart}
 
 
 def _others(flight: Flight, effort: Effort, reasons: dict[str, str]) -> tuple[dict[str, float], dict[str, float]]:
@@ -212,6 +231,7 @@ def _alone(module: str, *arguments: int) -> dict[str, Any]:
 
 def _document(
     growth: list[dict[str, Any]],
+    load_ms: dict[str, float],
     ms: dict[str, float],
     cases: list[dict[str, Any]],
     diagnoses: list[dict[str, Any]],
@@ -219,12 +239,21 @@ def _document(
     reasons: dict[str, str],
 ) -> dict[str, Any]:
     """The numbers under the names they are asked for by."""
-    against_c = [row["kernel_vs_c"] for row in growth] + [None] * (3 - len(growth))
+    against_c, packing = (
+        [row[name] for row in growth] + [None] * (3 - len(growth)) for name in ("kernel_vs_c", "pack_vs_kernel")
+    )
+    longest_ms = growth[2]["kernel_ms"] if len(growth) > 2 else None
     by_count = {row["cases"]: row for row in cases}
     counted = max((row for row in cases if row["cases"] >= 100), key=lambda row: row["cases"])
+    cpu_ms = counted["cpu_ms_per_case_least"] or counted["cpu_ms_per_case_mean"]
     ratios = {
         "kernel_vs_c_48k": against_c[0],
         "kernel_vs_c_4800k": against_c[2],
+        "pack_vs_kernel_48k": packing[0],
+        "pack_vs_kernel_4800k": packing[2],
+        "load_vs_kernel_4800k": longest_ms and load_ms["parquet"] / longest_ms,
+        "load_csv_vs_kernel_4800k": longest_ms and load_ms["csv"] / longest_ms,
+        "case_vs_c_48k": growth[0]["c_ms"] and cpu_ms / growth[0]["c_ms"],
         "textbook_vs_kernel": ms["textbook"] / ms["kernel"],
         "gtsam_vs_kernel": ms["gtsam"] / ms["kernel"] if "gtsam" in ms else None,
         "least_squares_vs_davenport": ms["least_squares"] / ms["davenport"],
@@ -241,9 +270,9 @@ def _document(
             reasons.setdefault(name, LEFT_OUT)
     return {
         "ratios": ratios,
-        "cpu_ms_per_case": counted["cpu_ms_per_case_least"] or counted["cpu_ms_per_case_mean"],
+        "cpu_ms_per_case": cpu_ms,
         "peak_rss_mb": peaks,
         "mission_loop": mission,
         "growth": {"samples": growth, "cases": cases, "diagnoses": diagnoses},
-        "absolute_ms": ms,
+        "absolute_ms": ms | {f"load_{name}": value for name, value in load_ms.items()},
     }

@@ -59,7 +59,8 @@ def show(document: dict[str, Any], console: Console) -> None:
     console.print(table)
     _show_growth(document, console)
     times = ", ".join(f"{name} {value:.4g}" for name, value in document["absolute_ms"].items())
-    console.print(f"For information, ms at {document['growth']['samples'][0]['samples']} samples: {times}", highlight=False)
+    sizes = [row["samples"] for row in document["growth"]["samples"]]
+    console.print(f"For information, ms at {sizes[0]} samples (loads: {sizes[-1]}): {times}", highlight=False)
     loop = document["mission_loop"]
     console.print(
         f"Mission Mode, simulated s per s: compiled {loop['compiled_simulated_s_per_s']:.4g} over {loop['days']:g} days, plain "
@@ -79,7 +80,7 @@ def _cell(value: float | str | None) -> str:
 
 def _show_growth(document: dict[str, Any], console: Console) -> None:
     for of, names in {
-        "samples": ("samples", "kernel_ms", "c_ms", "kernel_vs_c", "packing_ms"),
+        "samples": ("samples", "kernel_ms", "c_ms", "kernel_vs_c", "packing_ms", "pack_vs_kernel"),
         "cases": ("cases", "wall_s", "cpu_ms_per_case_mean", "page_faults_per_case", "peak_rss_mb"),
         "diagnoses": ("samples", "references", "effects", "verdict", "cpu_s", "peak_rss_mb"),
     }.items():

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from gyrocal import Arcs, GyroParameters, Recording
 from gyrocal.calibration.problem import Problem
-from gyrocal.calibration.propagation import Propagation, propagate_packed
+from gyrocal.calibration.propagation import Propagation, propagate, propagate_packed
 from gyrocal.calibration.sampling import measurements
 from simulator import scenario as scenarios
 from simulator.scenario import Scenario
@@ -72,6 +72,11 @@ def run_packed(arcs: Arcs, parameters: GyroParameters) -> Propagation:
     """The project's kernel on increments that are packed already (they are kept once asked for)."""
     options = (arcs.ends, arcs.last, arcs.arc, parameters.G, parameters.bias, False, False)
     return Propagation(*propagate_packed(arcs.increments, arcs.increments, *options))
+
+
+def run_unpacked(arcs: Arcs, parameters: GyroParameters) -> Propagation:
+    """The first pass over a recording's own rows: the same, and what packing adds to it."""
+    return propagate(arcs.with_rates(arcs.rates), parameters.G, parameters.bias)
 
 
 def disagreement(result: Propagation, expected: Propagation) -> float:

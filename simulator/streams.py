@@ -8,6 +8,7 @@ other as it was. Entropies are hashed, not added to: neighbouring ones share not
 import numpy as np
 
 MAX_CASE = 2**32  # a larger number takes two words of the spawn key, and could meet another case's name there
+WORD = 2**32 - 1
 
 
 def generator(entropy: int, case: int, name: str) -> np.random.Generator:
@@ -26,5 +27,10 @@ def generator(entropy: int, case: int, name: str) -> np.random.Generator:
     """
     if not 0 <= case < MAX_CASE:
         raise ValueError(f"case must be in [0, 2**32), not {case}")
-    sequence = np.random.SeedSequence(entropy, spawn_key=(case, *name.encode()))
+    if entropy < 0:
+        raise ValueError(f"entropy must not be negative, not {entropy}")
+    # SeedSequence puts the spawn key behind the entropy, of four words at least. Given as one array, it need not convert number
+    # by number, which takes longer than all the rest.
+    words = [int(entropy) >> low & WORD for low in range(0, max(4 * 32, int(entropy).bit_length()), 32)]
+    sequence = np.random.SeedSequence(np.array([*words, case, *name.encode()], dtype=np.uint32))
     return np.random.Generator(np.random.SFC64(sequence))

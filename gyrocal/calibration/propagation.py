@@ -37,18 +37,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gyrocal.attitude import cross_matrix, rotation_matrix
+from gyrocal.calibration.packing import CHUNK, LANES, TILE, Pieces, Stream, pack_chunk, pack_increments, packed_shape, unbroken
 from gyrocal.compiled import compiled
 
 Array = NDArray[np.float64]
 Psi = Literal["full", "linear"]
 Indices = NDArray[np.intp]
-Pieces = tuple[Indices, Indices]
 Columns = Callable[[Array, Array, float], Array]
 
-LANES = 32
-TILE = 2
-BLOCK = 32
 CACHE_LINE = 8  # doubles
+KEPT = 2**18  # steps whose increments stay packed, 8 MB; more are packed anew in each pass, faster than they could be read
 GROUP = 4  # regressors carried by one pass
 
 SERIES_LIMIT = 0.1  # rad; below it the series of c and d are exact to rounding, above it the closed forms are
@@ -174,14 +172,24 @@ class Arcs:
         """One past the last step of each piece."""
         return self.pieces[0] + self.pieces[1]
 
+    @property
+    def stream(self) -> Stream:
+        """The steps as they are packed, which reads rates and durations by their address."""
+        dt = np.ascontiguousarray(self.dt, dtype=float)
+        if self.fine is None:
+            return np.ascontiguousarray(self.rates, dtype=float), self.sample, dt, self._unbroken
+        return self.raw, np.arange(len(dt)), dt, True
+
+    @cached_property
+    def _unbroken(self) -> bool:
+        return bool(unbroken(self.sample, *self.pieces)) if self.fine is None else True
+
     @cached_property
     def _packed(self) -> tuple[Array, float]:
         # Kept, since every iteration and every ψ uses it again.
-        direct = self.fine is None
-        source = (np.ascontiguousarray(self.rates), self.sample) if direct else (self.raw, np.arange(len(self.dt)))
         # numpy's allocation, not numba's: it asks for huge pages, and a fault for every 4 KiB costs as much as the packing.
         increments = np.empty(packed_shape(self.pieces)) if self.workspace is None else self.workspace
-        return increments, float(pack_increments(*source, self.dt, *self.pieces, increments))
+        return increments, float(pack_increments(self.stream, self.pieces, increments))
 
     @property
     def increments(self) -> Array:
@@ -196,17 +204,17 @@ class Arcs:
     def with_rates(self, rates: Array, workspace: Array | None = None) -> "Arcs":
         """The same steps over another stream of raw rates, (samples, 3) rad/s, packed into the workspace if there is one."""
         new = replace(self, rates=rates, workspace=workspace)
-        for name in ("pieces", "ends", "_longest"):  # they do not depend on the rates
+        for name in ("pieces", "ends", "longest_step", "_unbroken"):  # they do not depend on the rates
             new.__dict__[name] = getattr(self, name)
         return new
 
     def beyond_series(self, G: Array, bias: Array) -> bool:
-        """Whether a step may turn too far for the series: |G h + b Δt| ≤ ‖G‖ |h| + |b| Δt of the largest step."""
-        # The Frobenius norm bounds the spectral one, and needs no singular values.
-        return sqrt(np.vdot(G, G)) * self.largest_increment + sqrt(np.vdot(bias, bias)) * self._longest >= SERIES_LIMIT
+        """Whether a step may turn too far for the series."""
+        return bool(_beyond_series(G, bias, self.largest_increment, self.longest_step))
 
     @cached_property
-    def _longest(self) -> float:
+    def longest_step(self) -> float:
+        """Duration of the longest step, s."""
         return float(self.dt.max())
 
 
@@ -248,6 +256,10 @@ def propagate(arcs: Arcs, G: Array, bias: Array, psi: Psi = "full", regressors: 
         S holds 4 + q regressors.
     """
     G, bias = np.ascontiguousarray(G, dtype=float), np.ascontiguousarray(bias, dtype=float)
+    if regressors is None and len(arcs.dt) > KEPT:
+        return Propagation(
+            *propagate_stream(arcs.stream, arcs.pieces, arcs.longest_step, arcs.last, arcs.arc, G, bias, psi == "linear")
+        )
     options = (arcs.ends, arcs.last, arcs.arc, G, bias, psi == "linear", arcs.beyond_series(G, bias))
     R, S = propagate_packed(arcs.increments, arcs.increments, *options)
     if regressors is None:
@@ -310,45 +322,9 @@ def _averages(rates: Array, sample: Indices, fine: Indices, fine_dt: Array) -> A
     return out
 
 
-def packed_shape(pieces: Pieces) -> tuple[int, int, int, int]:
-    """Shape of packed increments: batches, steps in whole tiles, 4, lanes."""
-    return -(-len(pieces[0]) // LANES), -(-int(pieces[1].max()) // TILE) * TILE, 4, LANES
-
-
-@compiled
-def pack_increments(
-    rates: Array, sample: Indices, dt: Array, starts: Indices, lengths: Indices, out: Array
-) -> float:  # pragma: no cover - compiled
-    """[ω_raw Δt, Δt] of each step into out (batch, step, 4, lane), zero where a piece is short; returns the largest |ω_raw Δt|.
-
-    Step k's rate is that of its sample. Done in blocks that stay in the first-level cache, along each lane within one.
-    """
-    pieces = len(starts)
-    depth = out.shape[1]
-    largest = 0.0
-    for batch in range(out.shape[0]):
-        for low in range(0, depth, BLOCK):
-            for lane in range(LANES):
-                piece = batch * LANES + lane
-                filled = min(max(lengths[piece] - low, 0), BLOCK) if piece < pieces else 0
-                for k in range(filled):
-                    step = starts[piece] + low + k
-                    h = dt[step]
-                    x, y, z = rates[sample[step], 0] * h, rates[sample[step], 1] * h, rates[sample[step], 2] * h
-                    out[batch, low + k, 0, lane] = x
-                    out[batch, low + k, 1, lane] = y
-                    out[batch, low + k, 2, lane] = z
-                    out[batch, low + k, 3, lane] = h
-                    largest = max(largest, x * x + y * y + z * z)
-                for k in range(low + filled, min(low + BLOCK, depth)):
-                    for q in range(4):
-                        out[batch, k, q, lane] = 0.0
-    return sqrt(largest)
-
-
 @compiled
 def pack(values: Array, starts: Indices, lengths: Indices) -> Array:  # pragma: no cover - compiled
-    """Rows of (n, 4) `values` laid out as `pack_increments` does."""
+    """Rows of (n, 4) `values` laid out as `gyrocal.calibration.packing.pack_increments` does."""
     out = np.zeros(((len(starts) + LANES - 1) // LANES, (lengths.max() + TILE - 1) // TILE * TILE, 4, LANES))
     for piece in range(len(starts)):
         batch, lane = piece // LANES, piece % LANES
@@ -378,9 +354,52 @@ def propagate_packed(
     ends : one past the last step of each piece
     last, arc : of the outputs, as in `Arcs`
     """
-    out = np.empty((len(increments), 45, LANES))
+    out = _at_start(len(increments))
     for batch in range(len(increments)):
         _lanes(increments[batch], weights[batch], G, bias, linear, beyond_series, out[batch])
+    return _joined(out, ends, last, arc)
+
+
+@compiled
+def propagate_stream(
+    stream: Stream, pieces: Pieces, longest: float, last: Indices, arc: Indices, G: Array, bias: Array, linear: bool
+) -> tuple[Array, Array]:  # pragma: no cover - compiled
+    """As `propagate_packed` with the increments as weights, the same to the bit, of a stream that is packed on the way.
+
+    Parameters
+    ----------
+    longest : duration of the longest step, s
+    """
+    starts, lengths = pieces
+    out = _at_start((len(starts) + LANES - 1) // LANES)
+    chunk = np.empty((CHUNK, 4, LANES))
+    depth = lengths.max()
+    for batch in range(len(out)):
+        for low in range(0, depth, CHUNK):
+            steps = chunk[: min(CHUNK, (depth - low + TILE - 1) // TILE * TILE)]
+            largest = pack_chunk(stream, pieces, batch, low, steps)
+            _lanes(steps, steps, G, bias, linear, _beyond_series(G, bias, largest, longest), out[batch])
+    return _joined(out, starts + lengths, last, arc)
+
+
+@compiled
+def _beyond_series(G: Array, bias: Array, largest: float, longest: float) -> bool:  # pragma: no cover - compiled
+    """Whether a step may reach the limit of the series: |G h + b Δt| ≤ ‖G‖ |h| + |b| Δt of the largest and longest step."""
+    # The Frobenius norm bounds the spectral one, and needs no singular values.
+    return sqrt((G * G).sum()) * largest + sqrt((bias * bias).sum()) * longest >= SERIES_LIMIT
+
+
+@compiled
+def _at_start(batches: int) -> Array:  # pragma: no cover - compiled
+    """State of the lanes before their first step, (batches, 45, lanes): P = I (0–8), S = 0 (9–44)."""
+    out = np.zeros((batches, 45, LANES))
+    out[:, 0], out[:, 4], out[:, 8] = 1.0, 1.0, 1.0
+    return out
+
+
+@compiled
+def _joined(out: Array, ends: Indices, last: Indices, arc: Indices) -> tuple[Array, Array]:  # pragma: no cover - compiled
+    """R (m, 3, 3) and S (m, 4, 3, 3) at every output, the pieces (batches, 45, lanes) chained."""
     R_out, S_out = np.empty((len(arc), 3, 3)), np.empty((len(arc), GROUP, 3, 3))
     P, P_new, S = np.eye(3), np.empty((3, 3)), np.zeros((GROUP, 3, 3))
     piece = 0
@@ -413,7 +432,7 @@ def propagate_packed(
 def _lanes(
     increments: Array, weights: Array, G: Array, bias: Array, linear: bool, beyond_series: bool, out: Array
 ) -> None:  # pragma: no cover - compiled
-    """One batch: (steps, 4, lanes) of [ω_raw Δt, Δt] and of [h Δt] → out (45, lanes) = P (9), then S of four regressors (36).
+    """One batch: (steps, 4, lanes) of [ω_raw Δt, Δt] and of [h Δt] carry out (45, lanes) = P (9), S (36) on.
 
     The workspace is local with literal sizes: passed in, the compiler stops vectorising over the lanes. Its
     lanes start on a cache line, which numba's arrays do only by chance: loads that straddle two cost a third of the speed.
@@ -427,7 +446,10 @@ def _lanes(
     v = _to_cache_line(state)
     for i in range(3):
         for lane in range(LANES):
-            state[i, i, v + lane] = 1.0
+            for j in range(3):
+                state[i, j, v + lane] = out[3 * i + j, lane]
+                for q in range(4):
+                    state[i, 3 + 3 * q + j, v + lane] = out[9 + 9 * q + 3 * i + j, lane]
     for first in range(0, steps, TILE):  # packing pads to whole tiles
         for t in range(TILE):
             k = first + t

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gyrocal.compiled import compiled
+from simulator.draws import add_normals, layers, state_words
 
 Array = NDArray[np.float64]
 
@@ -30,7 +31,7 @@ def raw_rates(omega: Array, G: Array, bias: Array) -> Array:
 def with_white_noise(rng: np.random.Generator, rates: Array, arw: float, duration: Array, out: Array | None = None) -> Array:
     """Rates with the white noise of the three gyros' samples added, rad/s.
 
-    Drawing and adding in one compiled loop is two to three times faster than numpy's own; the numbers are the same to the bit.
+    Drawing and adding in one compiled loop is several times faster than numpy's own; the numbers are the same to the bit.
 
     Parameters
     ----------
@@ -44,12 +45,17 @@ def with_white_noise(rng: np.random.Generator, rates: Array, arw: float, duratio
     -------
     (n, 3)
     """
-    return np.asarray(_add_noise(rng, rates, arw / np.sqrt(duration), np.empty_like(rates) if out is None else out))
+    out = np.empty_like(rates) if out is None else out
+    words = state_words(rng)
+    if words is None:
+        _add_noise(rng, rates, arw / np.sqrt(duration), out)
+    else:
+        add_normals(rng, words, layers(), rates, arw, duration, out)
+    return out
 
 
 @compiled
-def _add_noise(rng: np.random.Generator, rates: Array, sigma: Array, out: Array) -> Array:  # pragma: no cover - compiled
+def _add_noise(rng: np.random.Generator, rates: Array, sigma: Array, out: Array) -> None:  # pragma: no cover - compiled
     for k in range(len(rates)):
         for i in range(3):
             out[k, i] = rates[k, i] + rng.standard_normal() * sigma[k]
-    return out

@@ -16,8 +16,9 @@ from numpy.typing import NDArray
 
 from gyrocal import NAMES, GyroParameters
 from gyrocal.calibration.covariance import CovarianceModel
+from gyrocal.calibration.packing import packed_shape
 from gyrocal.calibration.problem import Problem
-from gyrocal.calibration.propagation import Psi, packed_shape
+from gyrocal.calibration.propagation import Psi
 from gyrocal.calibration.sampling import Resampling, measurements
 from studies.calibration.prepared import Flown, noise_of, shared, true_parameters
 from studies.montecarlo import statistics

@@ -120,6 +120,11 @@ def test_quick_run_writes_every_key_and_nothing_of_the_machine(tmp_path):
     assert {
         "kernel_vs_c_48k",
         "kernel_vs_c_4800k",
+        "pack_vs_kernel_48k",
+        "pack_vs_kernel_4800k",
+        "load_vs_kernel_4800k",
+        "load_csv_vs_kernel_4800k",
+        "case_vs_c_48k",
         "textbook_vs_kernel",
         "gtsam_vs_kernel",
         "least_squares_vs_davenport",

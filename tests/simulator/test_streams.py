@@ -29,6 +29,19 @@ def test_neighbouring_entropies_and_cases_share_nothing():
     assert np.abs(correlation).max() < 5.5 / np.sqrt(1000)
 
 
+@pytest.mark.parametrize("entropy", [0, 1998, 2**32, 2**127 + 5, 2**200 + 17])
+def test_a_stream_is_the_child_of_its_seed_sequence(entropy):
+    for key in [(0, b"gyro_noise"), (2**32 - 1, b""), (7, "größe".encode())]:
+        child = np.random.SFC64(np.random.SeedSequence(entropy, spawn_key=(key[0], *key[1])))
+        ours = generator(entropy, key[0], key[1].decode()).bit_generator
+        np.testing.assert_array_equal(ours.random_raw(5), child.random_raw(5))
+
+
+def test_a_negative_entropy_is_refused():
+    with pytest.raises(ValueError, match="entropy must not be negative"):
+        generator(-1, 0, "gyro_noise")
+
+
 @pytest.mark.parametrize("case", [-1, 2**32])
 def test_a_case_out_of_range_is_refused(case):
     with pytest.raises(ValueError, match="case must be in"):

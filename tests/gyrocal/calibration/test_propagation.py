@@ -7,7 +7,8 @@ from scipy.integrate import quad_vec
 from scipy.spatial.transform import Rotation
 
 from gyrocal import Arcs, StreamingPropagation, propagate, psi_matrix
-from gyrocal.calibration.propagation import LANES, SERIES_LIMIT, psi_coefficients
+from gyrocal.calibration.packing import LANES
+from gyrocal.calibration.propagation import SERIES_LIMIT, psi_coefficients
 
 RNG = np.random.default_rng(20)
 G = np.eye(3) + 1e-3 * RNG.normal(size=(3, 3))

@@ -2,6 +2,7 @@
 
 import json
 import shlex
+from types import SimpleNamespace
 from xml.etree import ElementTree
 
 import pytest
@@ -132,3 +133,28 @@ def test_commands_write_json(recording, run_cli, tmp_path):
     assert {"study": "paper", "what": json.loads(out.read_text())["studies"][0]["what"]} in json.loads(out.read_text())[
         "studies"
     ]
+
+
+@pytest.mark.parametrize(
+    ("verdict", "present", "asked", "status"),
+    [
+        ("unknown", True, ["gap"], 3),
+        ("unknown", True, ["unknown"], 3),
+        ("named", True, ["unknown"], 0),
+        ("named", True, ["unknown", "gap"], 3),
+        ("none", False, ["gap", "unknown"], 0),
+    ],
+)
+def test_a_diagnosis_fails_on_a_gap_or_on_an_unknown_one(
+    verdict, present, asked, status, recording, run_cli, tmp_path, monkeypatch
+):
+    answer = SimpleNamespace(verdict=verdict, present=present, p_value=1e-9, to_json=lambda: {"verdict": verdict})
+    monkeypatch.setattr("studies.cli.diagnose.diagnose", lambda *arguments, **options: answer)
+    options = [text for name in asked for text in ("--fail-on", name)]
+    report = tmp_path / "out.xml"
+    found = run_cli("diagnose", str(recording), *options, "--json", "-", "--junit", str(report))
+    assert found.exit_code == status, found.output
+    assert json.loads(found.stdout) == {"verdict": verdict}  # the answer is written before the status
+    suite = ElementTree.parse(report).getroot()[0]
+    assert [case.get("name") for case in suite] == asked
+    assert int(suite.get("failures")) == sum({"gap": present, "unknown": verdict == "unknown"}[name] for name in asked)

@@ -1,0 +1,186 @@
+"""A stream of rates in the order in which the lanes of the compiled pass read it.
+
+The stream is cut into pieces, 32 of which run side by side as a batch of lanes (see `gyrocal.calibration.propagation`). The
+pass reads (steps, 4, lanes) of [ω_raw Δt, Δt], so that a step of all lanes is a row of vectors; a recording has a row for each
+sample. Packing is the transposition between the two. It is done by squares of eight steps and eight lanes, which are transposed
+in registers, and a chunk of steps at a time, right before these are propagated: then the chunk is still in the second-level
+cache, and a long stream need not be written to memory and read again.
+
+The lanes read at 32 distant places at once, more than a processor follows by itself. Hence the prefetching: without it, packing
+a stream that is not in the caches takes three times as long.
+"""
+
+from math import sqrt
+from typing import Any
+
+import numpy as np
+from llvmlite import ir
+from numba import uintp
+from numba.core import types
+from numba.extending import intrinsic
+from numpy.typing import NDArray
+
+from gyrocal.compiled import compiled
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.intp]
+Pieces = tuple[Indices, Indices]
+# Raw rates (samples, 3) rad/s; the sample that each step holds; duration of each step, s; whether that is `unbroken`.
+Stream = tuple[Array, Indices, Array, bool]
+
+LANES = 32
+TILE = 2
+CHUNK = 256  # steps, 256 KiB; a multiple of WIDTH and of TILE
+AHEAD = 32  # steps from what is packed to what is fetched
+DOUBLE = 8  # bytes
+WIDTH = 8  # lanes and steps that make a square
+
+
+def packed_shape(pieces: Pieces) -> tuple[int, int, int, int]:
+    """Shape of packed increments: batches, steps in whole tiles, 4, lanes."""
+    return -(-len(pieces[0]) // LANES), -(-int(pieces[1].max()) // TILE) * TILE, 4, LANES
+
+
+def _prefetching(_typing: Any, _address: Any) -> Any:
+    """Ask for the cache line at an address, which may lie outside of all memory."""
+
+    def generate(_context: Any, builder: Any, _signature: Any, arguments: Any) -> Any:
+        byte, number = ir.IntType(8).as_pointer(), ir.IntType(32)
+        kind = ir.FunctionType(ir.VoidType(), [byte, number, number, number])
+        function = builder.module.declare_intrinsic("llvm.prefetch", [byte], kind)
+        read, keep, data = number(0), number(3), number(1)
+        builder.call(function, [builder.inttoptr(arguments[0], byte), read, keep, data])
+        return None
+
+    return types.void(types.intp), generate
+
+
+_prefetch: Any = intrinsic(_prefetching)
+
+
+def _square_packing(_typing: Any, _rates: Any, _dt: Any, _out: Any, _largest: Any) -> Any:
+    """Pack a square: eight consecutive samples of eight lanes.
+
+    Arguments are addresses: of the eight lanes' addresses of their rates, and of their durations; of the first place of the
+    first lane to pack to; and of the eight lanes' largest |ω_raw Δt|².
+    """
+
+    def generate(_context: Any, builder: Any, _signature: Any, arguments: Any) -> Any:
+        number, vector = ir.IntType(64), ir.VectorType(ir.DoubleType(), WIDTH)
+        rates, dt, out, largest = arguments
+
+        def place(address: Any, doubles: int, kind: Any = vector) -> Any:
+            return builder.inttoptr(builder.add(address, number(DOUBLE * doubles)), kind.as_pointer())
+
+        def shuffled(one: Any, other: Any, order: list[int]) -> Any:
+            return builder.shuffle_vector(one, other, ir.Constant(ir.VectorType(ir.IntType(32), WIDTH), order))
+
+        def transposed(lanes: Any, doubles: int) -> list[Any]:
+            """Eight doubles of each of eight lanes, as the eight lanes of each of eight doubles."""
+            rows = [builder.load(place(lane, doubles), align=DOUBLE) for lane in lanes]
+            for half in (1, 2, 4):  # swap the off-diagonal blocks of that size
+                for i in (i for i in range(WIDTH) if not i & half):
+                    one, other = rows[i], rows[i + half]
+                    rows[i] = shuffled(one, other, [j + WIDTH - half if j & half else j for j in range(WIDTH)])
+                    rows[i + half] = shuffled(one, other, [j + WIDTH if j & half else j + half for j in range(WIDTH)])
+            return rows
+
+        of_rates, of_dt = ([builder.load(place(table, lane, number)) for lane in range(WIDTH)] for table in (rates, dt))
+        values = [row for column in range(3) for row in transposed(of_rates, WIDTH * column)]
+        most = builder.load(place(largest, 0), align=DOUBLE)
+        for step, h in enumerate(transposed(of_dt, 0)):
+            turns = [builder.fmul(value, h) for value in values[3 * step : 3 * step + 3]]
+            for channel, value in enumerate([*turns, h]):
+                builder.store(value, place(out, LANES * (4 * step + channel)), align=DOUBLE)
+            x, y, z = (builder.fmul(turn, turn) for turn in turns)
+            size = builder.fadd(builder.fadd(x, y), z)
+            most = builder.select(builder.fcmp_ordered(">", size, most), size, most)
+        builder.store(most, place(largest, 0), align=DOUBLE)
+        return None
+
+    return types.void(*[types.intp] * 4), generate
+
+
+_pack_square: Any = intrinsic(_square_packing)
+
+
+@compiled
+def unbroken(sample: Indices, starts: Indices, lengths: Indices) -> bool:  # pragma: no cover - compiled
+    """Whether the steps of every piece hold one sample after the other, none twice and none left out."""
+    for piece in range(len(starts)):
+        for k in range(starts[piece] + 1, starts[piece] + lengths[piece]):
+            if sample[k] != sample[k - 1] + 1:
+                return False
+    return True
+
+
+@compiled
+def pack_chunk(stream: Stream, pieces: Pieces, batch: int, low: int, out: Array) -> float:  # pragma: no cover - compiled
+    """Pack steps `low` and following of a batch's pieces into out (steps, 4, lanes), zero where a piece is short.
+
+    Returns
+    -------
+    Largest |ω_raw Δt| of these steps, rad.
+    """
+    rates, sample, dt, in_order = stream
+    starts, lengths = pieces
+    # Of each lane: its first step here, the sample of that, and how many steps it has here.
+    first, row, count = np.zeros(LANES, np.uintp), np.zeros(LANES, np.uintp), np.zeros(LANES, np.intp)
+    for lane in range(LANES):
+        piece = batch * LANES + lane
+        if piece < len(starts) and low < lengths[piece]:
+            first[lane] = starts[piece] + low
+            row[lane] = sample[first[lane]]
+            count[lane] = min(lengths[piece] - low, len(out))
+    full = count.min()
+    largest = np.zeros(LANES)  # |ω_raw Δt|²
+    rates_at, dt_at = np.empty(LANES, np.intp), np.empty(LANES, np.intp)  # addresses
+    squares = full // WIDTH * WIDTH if in_order else 0  # steps in squares
+    for k in range(0, squares, WIDTH):
+        for lane in range(LANES):
+            rates_at[lane] = rates.ctypes.data + 3 * DOUBLE * np.intp(row[lane] + uintp(k))
+            dt_at[lane] = dt.ctypes.data + DOUBLE * np.intp(first[lane] + uintp(k))
+        for lane in range(0, LANES, WIDTH):
+            here = DOUBLE * lane
+            _pack_square(
+                rates_at.ctypes.data + here,
+                dt_at.ctypes.data + here,
+                out.ctypes.data + DOUBLE * 4 * LANES * k + here,
+                largest.ctypes.data + here,
+            )
+        for lane in range(LANES):
+            for column in range(3):  # a cache line is eight doubles long
+                _prefetch(rates_at[lane] + DOUBLE * (3 * AHEAD + WIDTH * column))
+            _prefetch(dt_at[lane] + DOUBLE * AHEAD)
+    for k in range(squares, full):
+        for lane in range(LANES):
+            step = first[lane] + uintp(k)
+            _put(rates, uintp(sample[step]), dt[step], out, k, lane, largest)
+    for lane in range(LANES):
+        for k in range(full, count[lane]):
+            step = first[lane] + uintp(k)
+            _put(rates, uintp(sample[step]), dt[step], out, k, lane, largest)
+        for k in range(count[lane], len(out)):
+            for q in range(4):
+                out[k, q, lane] = 0.0
+    return sqrt(largest.max())
+
+
+@compiled(inline="always")
+def _put(
+    rates: Array, sample: int, h: float, out: Array, k: int, lane: int, largest: Array
+) -> None:  # pragma: no cover - compiled
+    """Pack one step of one lane."""
+    x, y, z = rates[sample, uintp(0)] * h, rates[sample, uintp(1)] * h, rates[sample, uintp(2)] * h
+    out[k, 0, lane], out[k, 1, lane], out[k, 2, lane], out[k, 3, lane] = x, y, z, h
+    largest[lane] = max(largest[lane], x * x + y * y + z * z)
+
+
+@compiled
+def pack_increments(stream: Stream, pieces: Pieces, out: Array) -> float:  # pragma: no cover - compiled
+    """Pack a whole stream into out (batches, steps, 4, lanes); returns the largest |ω_raw Δt| rad."""
+    largest = 0.0
+    for batch in range(len(out)):
+        for low in range(0, out.shape[1], CHUNK):
+            largest = max(largest, pack_chunk(stream, pieces, batch, low, out[batch, low : low + CHUNK]))
+    return largest

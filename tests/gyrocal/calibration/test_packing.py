@@ -1,0 +1,92 @@
+"""Packed increments hold every step where its lane reads it, and a pass that packs on its way is the packed pass to the bit."""
+
+import numpy as np
+import pytest
+
+from gyrocal import Arcs, propagate
+from gyrocal.calibration import propagation
+from gyrocal.calibration.packing import CHUNK, LANES, unbroken
+
+G = np.eye(3) + 1e-3 * np.arange(9).reshape(3, 3)
+BIAS = np.array([1e-5, -2e-5, 3e-5])
+# Pieces of several chunks and of less than one; in the last, outputs enough for a second batch of lanes, one of them of a step.
+OUTPUTS = {"one": [0, 20_011], "short": [0, 3, 501], "several": [0, 1, *range(600, 42_000, 1003)]}
+
+
+def arcs_of(edges, sample=None, size=0.01):
+    """Arcs of random rates and durations between the edges; the sample of each step is its own by default."""
+    rng = np.random.default_rng(4)
+    steps = edges[-1]
+    sample = np.arange(steps) if sample is None else sample
+    rates = rng.normal(size=(sample.max() + 1, 3)) * size
+    edges = np.array(edges)
+    return Arcs(rates, rng.uniform(0.2, 0.5, steps), sample, edges[:-1], edges[1:], np.zeros(len(edges) - 1, dtype=int))
+
+
+@pytest.mark.parametrize("edges", OUTPUTS.values(), ids=OUTPUTS)
+@pytest.mark.parametrize("spread", [1, 2], ids=["each sample", "every other sample"])
+def test_every_step_is_where_its_lane_reads_it(edges, spread):
+    arcs = arcs_of(edges, spread * np.arange(edges[-1]))
+    starts, lengths = arcs.pieces
+    packed = arcs.increments.copy()
+    for piece, (start, length) in enumerate(zip(starts, lengths, strict=True)):
+        lane = packed[piece // LANES, :, :, piece % LANES]
+        steps = slice(start, start + length)
+        np.testing.assert_array_equal(lane[:length, :3], arcs.raw[steps] * arcs.dt[steps, None])
+        np.testing.assert_array_equal(lane[:length, 3], arcs.dt[steps])
+        lane[:length] = 0
+    assert not packed.any(), "steps beyond a piece's end turn nothing"
+    assert arcs.largest_increment == pytest.approx(np.linalg.norm(arcs.raw * arcs.dt[:, None], axis=1).max(), rel=1e-15)
+
+
+def test_a_workspace_is_overwritten_whole():
+    arcs = arcs_of(OUTPUTS["several"])
+    workspace = np.full(arcs.increments.shape, np.nan)
+    assert arcs.with_rates(arcs.rates, workspace).increments is workspace
+    np.testing.assert_array_equal(workspace, arcs.increments)
+
+
+@pytest.mark.parametrize("edges", OUTPUTS.values(), ids=OUTPUTS)
+@pytest.mark.parametrize("psi", ["full", "linear"])
+@pytest.mark.parametrize("size", [0.01, 1.0], ids=["in the series", "beyond it"])
+def test_a_long_stream_is_packed_on_the_way_to_the_same_bits(edges, psi, size, monkeypatch):
+    arcs = arcs_of(edges, size=size)
+    kept = propagate(arcs, G, BIAS, psi)
+    monkeypatch.setattr(propagation, "KEPT", 0)
+    again = arcs.with_rates(arcs.rates)
+    passing = propagate(again, G, BIAS, psi)
+    assert "_packed" in arcs.__dict__
+    assert "_packed" not in again.__dict__
+    np.testing.assert_array_equal(passing.R, kept.R)
+    np.testing.assert_array_equal(passing.S, kept.S)
+    assert max(arcs.pieces[1]) > CHUNK or edges == OUTPUTS["short"]
+
+
+def test_rates_and_durations_of_any_layout_and_kind_are_packed():
+    # The packing reads memory by its address.
+    arcs = arcs_of(OUTPUTS["one"])
+    rates = np.round(1e6 * arcs.rates).astype(np.float32)
+    spread = np.repeat(arcs.dt, 2)[::2]
+    ends = arcs.first, arcs.last, arcs.arc
+    other = Arcs(np.asfortranarray(rates), spread, arcs.sample, *ends)
+    expected = Arcs(rates.astype(float), arcs.dt, arcs.sample, *ends)
+    np.testing.assert_array_equal(other.increments, expected.increments)
+
+
+def test_averaged_steps_are_packed_on_the_way_too(monkeypatch):
+    whole = arcs_of([0, 9000])
+    fine = np.arange(0, 9001, 4)
+    dt = np.add.reduceat(whole.dt, fine[:-1])
+    ends = np.array([0]), np.array([len(dt)]), np.array([0])
+    kept, again = (Arcs(whole.rates, dt, whole.sample, *ends, fine, whole.dt) for _ in range(2))
+    expected = propagate(kept, G, BIAS)
+    monkeypatch.setattr(propagation, "KEPT", 0)
+    np.testing.assert_array_equal(propagate(again, G, BIAS).S, expected.S)
+
+
+def test_samples_left_out_or_held_twice_break_a_piece():
+    starts, lengths = np.array([0, 4]), np.array([4, 4])
+    # Between pieces a sample may be held again: a reference cuts it in two.
+    assert unbroken(np.array([5, 6, 7, 8, 8, 9, 10, 11]), starts, lengths)
+    assert not unbroken(np.array([5, 6, 6, 8, 8, 9, 10, 11]), starts, lengths)
+    assert not unbroken(np.array([5, 6, 7, 8, 8, 9, 10, 12]), starts, lengths)
