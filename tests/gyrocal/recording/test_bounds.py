@@ -8,7 +8,7 @@ import pandas as pd
 import pytest
 
 from gyrocal import InputError, load, save
-from gyrocal.recording import bounds
+from gyrocal.recording import bounds, parquet
 from tests.builders import piecewise_recording
 
 FILES = ("recording.toml", "gyro.parquet", "attitude.parquet", "housekeeping.parquet")
@@ -60,7 +60,7 @@ def test_rows_are_counted_before_they_are_read(folder, monkeypatch):
     monkeypatch.setattr(bounds, "MOST_VALUES", 4 * rows)
     load(folder)
     monkeypatch.setattr(bounds, "MOST_VALUES", 4 * rows - 1)
-    monkeypatch.setattr(pd, "read_parquet", lambda *arguments, **options: pytest.fail("it was read"))
+    monkeypatch.setattr(parquet, "read", lambda *arguments, **options: pytest.fail("it was read"))
     assert f"gyro.parquet: {rows} rows of 4 columns are more than can be read" in refusal(folder)
 
 
