@@ -1,5 +1,6 @@
 """The command ``gyrocal diagnose``: what departs from the baseline simulator, where, and which effect explains it."""
 
+import math
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -13,9 +14,13 @@ from studies.cli.effect_files import effects_option
 from studies.cli.options import PATH, STDOUT
 from studies.cli.stages import stages
 from studies.montecarlo.files import check_writable, json_text, write_json, write_text
+from studies.report import diagnosis_card, diagnosis_summary
 from studies.report import diagnosis_page as diagnosis_report
-from studies.report import diagnosis_summary
 from studies.report.console import LINE_EVERY_S, console
+from studies.report.made import made_of
+from studies.report.panels import save
+
+PICTURES = (".svg", ".png")
 
 
 @click.command("diagnose")
@@ -25,13 +30,20 @@ from studies.report.console import LINE_EVERY_S, console
     "--json", "as_json", type=PATH, help="Write the result as JSON to this file; - for standard output in place of the summary."
 )
 @click.option("--report", type=PATH, help="Write a page with the figures (HTML, needs no network) to this file.")
+@click.option("--card", type=PATH, help="Write the answer on one screen as a picture to this file, .svg or .png.")
 @click.option("--adopt", type=PATH, help="Write the recording's own plan with the named effects to this file, a scenario.")
 @click.option(
     "--without", multiple=True, metavar="EFFECT", help="Take an effect off the list, see 'gyrocal effects'; repeatable."
 )
 @click.option("--seed", type=click.IntRange(0), default=0, show_default=True, help="Seed of the random draws.")
 def command(
-    recording: Path, as_json: Path | None, report: Path | None, adopt: Path | None, without: tuple[str, ...], seed: int
+    recording: Path,
+    as_json: Path | None,
+    report: Path | None,
+    card: Path | None,
+    adopt: Path | None,
+    without: tuple[str, ...],
+    seed: int,
 ) -> None:
     """Say whether RECORDING departs from the baseline simulator, where, by which effect, and how far that closes the gap.
 
@@ -46,14 +58,16 @@ def command(
       gyrocal diagnose /tmp/rec --adopt /tmp/adopted.toml
     """
     library = _library(without)
-    files = [path for path in (as_json, report, adopt) if path is not None and path != STDOUT]
+    files = [path for path in (as_json, report, card, adopt) if path is not None and path != STDOUT]
     for path in files:
         check_writable(path)
     if len({path.resolve() for path in files}) < len(files):
-        raise InputError(f"{files[-1]}: --json, --report and --adopt need files of their own")
-    for option, file in (("--report", report), ("--adopt", adopt)):
+        raise InputError(f"{files[-1]}: --json, --report, --card and --adopt need files of their own")
+    for option, file in (("--report", report), ("--card", card), ("--adopt", adopt)):
         if file == STDOUT:
             raise InputError(f"{option} -: give the name of a file")
+    if card is not None and card.suffix not in PICTURES:
+        raise InputError(f"--card {card}: the name must end in {' or '.join(PICTURES)}")
     loaded = load(recording)
     with stages("diagnose", LINE_EVERY_S) as progress:
         result = diagnose(loaded, progress=progress, seed=seed, library=library)
@@ -63,8 +77,11 @@ def command(
         diagnosis_summary.show(console(), result)
     if as_json and as_json != STDOUT:
         write_json(as_json, result.to_json())
+    orbit_s = loaded.orbit.period_s if loaded.orbit is not None else math.nan
     if report:
-        diagnosis_report.write(result, report)
+        diagnosis_report.write(result, report, made_of(loaded), orbit_s)
+    if card:
+        save(diagnosis_card.figure(diagnosis_card.card(result, orbit_s), result.recording), card)
     if adopt:
         text, adoption = scenario(result, loaded, recording, adopt)
         write_text(adopt, text)

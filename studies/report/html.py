@@ -52,6 +52,7 @@ figcaption, .made { font-size: 14px; }
 .drawing svg * { stroke-linejoin: round; stroke-linecap: butt; }
 .drawing svg.fixed { background: #ffffff; fill: #000000; }
 .pieces { display: none; }
+.bar svg { display: block; width: 100%; max-width: 640px; height: auto; margin-top: 8px; }
 .scroll { overflow-x: auto; position: relative; max-width: 100%; margin: 8px 0; }
 table { border-collapse: collapse; font-size: 14px; }
 caption { text-align: left; color: var(--quiet); padding: 2px 0; }
