@@ -131,7 +131,7 @@ def page(found: Analysis, made: Made | None = None) -> str:
     """A page in HTML; the same analysis gives the same bytes but for how it was made."""
     table, rests = terms_table(found), stretches_table(found)
     seen = [not str(value).startswith("not seen") for value in table["value"]]
-    picture = Picture("allan", partial(figure, found), _alt(found), CAPTION)
+    picture = Picture("allan", partial(figure, found), alt(found), CAPTION)
     words = "".join(f"<dt>{term}</dt><dd>{text}</dd>" for term, text in MEANINGS.items())
     texts = rests.map(lambda value: tables.number(value) if isinstance(value, float) else str(value))
     return document(
@@ -152,7 +152,7 @@ def page(found: Analysis, made: Made | None = None) -> str:
     )
 
 
-def _alt(found: Analysis) -> str:
+def alt(found: Analysis) -> str:
     """The figure in words."""
     parts = []
     for name, axis in zip(AXES, found.axes, strict=True):

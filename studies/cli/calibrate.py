@@ -13,12 +13,15 @@ from gyrocal.calibration.observability import BIAS_LETTERS, PLAUSIBLE_G
 from studies.cli.options import PATH
 from studies.montecarlo.files import check_writable, write_json
 from studies.report import calibration as calibration_report
+from studies.report import calibration_page
 from studies.report.console import console
+from studies.report.made import made_of
 
 
 @click.command("calibrate")
 @click.argument("recording", type=PATH)
 @click.option("--json", "as_json", type=PATH, help="Write the result as JSON to this file.")
+@click.option("--report", type=PATH, help="Write a page with the figures (HTML, needs no network) to this file.")
 @click.option(
     "--truth", type=PATH, help="JSON with the true G and bias_deg_s, as written by simulate --truth; the errors are shown."
 )
@@ -87,6 +90,7 @@ from studies.report.console import console
 def command(
     recording: Path,
     as_json: Path | None,
+    report: Path | None,
     truth: Path | None,
     covariance: str,
     prior_sigma_g: float | None,
@@ -105,12 +109,17 @@ def command(
     Example:
       gyrocal simulate trmm /tmp/rec --truth /tmp/truth.json
       gyrocal calibrate /tmp/rec --truth /tmp/truth.json --json /tmp/result.json
+      gyrocal calibrate /tmp/rec --report /tmp/calibration.html
       gyrocal calibrate /tmp/rec --parametrisation gyro --solve-for gyro_z
     """
-    check_writable(as_json)
+    for path in (as_json, report):
+        check_writable(path)
+    if as_json and report and as_json.resolve() == report.resolve():
+        raise InputError("--json and --report need files of their own")
     known = _read_truth(truth) if truth else None
+    loaded = load(recording)
     result = calibrate(
-        load(recording),
+        loaded,
         solve_for=solve_for,
         apriori_covariance=_prior(select(solve_for, space_of(parametrisation).names), prior_sigma_g, prior_sigma_bias),
         covariance_model="full" if covariance == "full" else "references only",
@@ -122,6 +131,8 @@ def command(
     calibration_report.show(console(), result, options["iterations"] is None, known)
     if as_json:
         write_json(as_json, result.to_json())
+    if report:
+        calibration_page.write(result, loaded, report, options["iterations"] is None, known, made_of(loaded))
 
 
 def _prior(names: tuple[str, ...], sigma_G: float | None, sigma_bias: float | None) -> np.ndarray | None:
