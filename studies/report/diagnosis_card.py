@@ -22,6 +22,7 @@ from diagnosis.answer import Cause, Closure, Finding
 from diagnosis.result import Diagnosis
 from simulator.effects.sensor import ALL_EFFECTS as EFFECTS
 from studies.report import diagnosis_words as words
+from studies.report import next_flight as flights
 from studies.report import panels
 from studies.report.panels import STYLE
 
@@ -55,7 +56,7 @@ def card(diagnosis: Diagnosis, orbit_s: float = math.nan, next_flight: str = "")
     ----------
     diagnosis : the answer
     orbit_s : period of the orbit, NaN if unknown; an hour is then what pointing is told for
-    next_flight : what to fly next, in a sentence; "" where that was not asked
+    next_flight : what to fly next, in a sentence, of `studies.report.next_flight`; without a plan by default
     """
     lines = [("Is there a gap?", _gap(diagnosis))]
     if diagnosis.causes:
@@ -65,8 +66,7 @@ def card(diagnosis: Diagnosis, orbit_s: float = math.nan, next_flight: str = "")
     lines.append(("How far does it close?", words.closed_in_short(diagnosis)))
     if diagnosis.causes:
         lines.append(("What does it cost in pointing?", pointing(diagnosis.details.regressors, orbit_s)))
-    if next_flight:
-        lines.append(("What to fly next?", next_flight))
+    lines.append(("What to fly next?", next_flight or flights.sentence(diagnosis)))
     lines.append(("What can it not tell?", _limits(diagnosis)))
     return Card(headline(diagnosis), tuple(lines), diagnosis.closure)
 
