@@ -10,8 +10,10 @@ from studies import catalogue
 from studies.cli.options import PATH, assignment
 from studies.montecarlo import engine
 from studies.montecarlo.files import check_writable, write_json
+from studies.report import study_page
 from studies.report import tables as render
 from studies.report.console import console
+from studies.report.made import made_of
 
 
 @click.command("study")
@@ -34,6 +36,7 @@ from studies.report.console import console
 @click.option("--rerun", "again", type=click.IntRange(0), default=None, help="Repeat this one case and keep its recording.")
 @click.option("--keep", multiple=True, type=click.IntRange(0), help="Keep the recording of this case; repeatable.")
 @click.option("--retry-failed", is_flag=True, help="Run failed cases of an earlier run again.")
+@click.option("--report", type=PATH, help="Write a page with the figures (HTML, needs no network) to this file.")
 @click.option("--json", "as_json", type=PATH, help="Write counts and failures as JSON; what was found is in the report.")
 def command(
     name: str | None,
@@ -43,6 +46,7 @@ def command(
     cases: int | None,
     entropy: int | None,
     again: int | None,
+    report: Path | None,
     as_json: Path | None,
     **options: Any,
 ) -> None:
@@ -54,7 +58,7 @@ def command(
     \b
     Examples:
       gyrocal study
-      gyrocal study psi --set 'steps_s=[0.5,2.0]' --out /tmp/psi
+      gyrocal study psi --set 'steps_s=[0.5,2.0]' --out /tmp/psi --report /tmp/psi.html
       gyrocal study paper --cases 1000 --set overrides.gyro.arw_deg_per_sqrt_s=1e-4
       gyrocal study paper --rerun 17
     """
@@ -62,7 +66,8 @@ def command(
         table = pd.DataFrame([{"study": key, "what": catalogue.summary(key)} for key in catalogue.MODULES])
         render.terminal(console(), "Studies", table)
         return
-    check_writable(as_json)
+    for path in (as_json, report):
+        check_writable(path)
     folder = out or Path("results") / "studies" / name
     settings = dict(assignment(change) for change in changes)
     settings |= {key: value for key, value in (("cases", cases), ("entropy", entropy)) if value is not None}
@@ -74,6 +79,8 @@ def command(
     terminal.print(outcome.summary(), highlight=False, markup=False)
     for message, count in outcome.warnings.items():
         click.echo(f"gyrocal: warning, {count} times: {message}", err=True)
+    if report:
+        study_page.write(folder, report, made_of())
     if as_json:
         failures = {str(case): error for case, error in outcome.failures.items()}
         write_json(as_json, {"study": name, "folder": str(folder), "cases": outcome.cases, "failures": failures})

@@ -6,13 +6,10 @@ The page is made of the folders of results alone, so that it says what they hold
 
 from __future__ import annotations
 
-import json
 import re
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass
 from html import escape
 from pathlib import Path
-from typing import Any
 
 import pandas as pd
 
@@ -22,6 +19,7 @@ from studies.report import committed, html, markdown
 from studies.report.claims import Claim, Found, Judged, judged
 from studies.report.html import Html, folded, heading, paragraph, slug, table_of
 from studies.report.made import Made
+from studies.report.source import Source
 from studies.report.tables import NO_VALUE
 from studies.robertson.claims import CLAIMS as ROBERTSON
 
@@ -42,43 +40,6 @@ FIRST = ("flight_gap.svg", "ladder.svg")  # figures that a paper's part begins w
 WORTH = 0.5  # probability from which on a cause is named in the answer
 AGREE = 1.1  # factor between simulated and flown numbers that agree
 PERIOD_WORDS = {"precalibration": "before any upload", "calibration1": "with the alignment", "postcalibration": "calibrated"}
-
-
-@dataclass(frozen=True)
-class Source:
-    """A folder of results and how it was made.
-
-    Attributes
-    ----------
-    folder : with its ``manifest.json``
-    manifest : what that says
-    """
-
-    folder: Path
-    manifest: Mapping[str, Any]
-
-    @classmethod
-    def of(cls, folder: Path) -> Source:
-        """The folder with its manifest."""
-        path = folder / "manifest.json"
-        return cls(folder, json.loads(path.read_text(encoding="utf-8")) if path.is_file() else {})
-
-    def made(self, file: str) -> str:
-        """Command, commit and hash that make a file again, as HTML."""
-        command = self.manifest.get("command") or f"gyrocal study {self.folder.name}"
-        commit, sha256 = self.manifest.get("commit") or "unknown", self.manifest.get("files", {}).get(file, "unknown")
-        return (
-            f'<p class="made"><code>{escape(command)}</code> at commit <code>{escape(commit[:12] + commit[40:])}</code>; '
-            f"<code>{escape(file)}</code>, SHA-256 <code>{escape(sha256[:16])}</code></p>\n"
-        )
-
-    def figure(self, file: str, alt: str) -> str:
-        """A figure of the folder, with what makes it."""
-        path = self.folder / file
-        if not path.is_file():
-            return ""
-        name = f"{self.folder.name}-{path.stem}"
-        return html.figure(name, path.read_bytes(), alt, alt) + self.made(file)
 
 
 def write(path: Path, folders: Mapping[str, Path], studies: Path, made: Made) -> None:
@@ -273,10 +234,6 @@ def _study(folder: Path, title: str, open_: bool = False) -> str:
     first = next((k for k, one in enumerate(parts) if one.title), len(parts))
     shown, rest = (parts[: first + 1], parts[first + 1 :]) if open_ else ([], parts)
 
-    def of(some: Sequence[markdown.Section]) -> str:
-        return "".join(
-            (f"<h4>{escape(one.title)}</h4>\n" if one.title else "") + markdown.rendered(one, source.figure) for one in some
-        )
-
     head = f'<h3 id="study-{slug(folder.name)}">{escape(name)}</h3>\n'
-    return head + of(shown) + folded(f"{folder.name}: tables and figures", of(rest) + source.made("report.md"))
+    body = source.sections(rest, 4) + source.made("report.md")
+    return head + source.sections(shown, 4) + folded(f"{folder.name}: tables and figures", body)
