@@ -30,7 +30,7 @@ from studies.natanson.products import Products
 from studies.natanson.questions import question_table
 from studies.report import panels
 from studies.report import tables as render
-from studies.report.committed import settled
+from studies.report.committed import DIGITS, settled
 from studies.report.console import progress
 
 DEFAULT_FOLDER = Path("build") / "reproduction"
@@ -188,7 +188,7 @@ def write(folder: Path, config: PaperTablesConfig, scenario: Scenario, products:
         "",
     ]
     for name, table in products.tables.items():
-        write_csv(folder / f"{name}.csv", table.data)
+        write_csv(folder / f"{name}.csv", table.data, digits=DIGITS)
         text = render.markdown(table.title, table.for_people(), table.note, table.formats)
         write_text(folder / f"{name}.md", text)
         sections.append(text)

@@ -19,7 +19,7 @@ from studies.montecarlo import engine
 from studies.montecarlo.files import write_csv, write_json, write_text
 from studies.report import checks
 from studies.report import tables as render
-from studies.report.committed import settled
+from studies.report.committed import DIGITS, settled
 from studies.report.console import progress
 from studies.robertson import biases, figures, mountings, performance, slews, words
 from studies.robertson.against_flight import NOTES as MORE_NOTES
@@ -231,7 +231,7 @@ def _write(
     further = beside.tables if beside else {}
     drawn |= {one(folder / f"{name}.svg").name: title for name, (title, one) in (beside.figures if beside else {}).items()}
     for name, table in {**tables, **extra, **further}.items():
-        write_csv(folder / f"{name}.csv", table, digits=6)
+        write_csv(folder / f"{name}.csv", table, digits=DIGITS)
     found = words.checks(tables, summary)
     sections = [
         "# Mission Mode beside the flight",
