@@ -52,6 +52,9 @@ figcaption, .made { font-size: 14px; }
 .drawing svg * { stroke-linejoin: round; stroke-linecap: butt; }
 .drawing svg.fixed { background: #ffffff; fill: #000000; }
 .pieces { display: none; }
+.value { position: fixed; pointer-events: none; background: var(--ink); color: var(--paper); padding: 1px 6px;
+  font-size: 13px; }
+.value[hidden] { display: none; }
 .bar svg { display: block; width: 100%; max-width: 640px; height: auto; margin-top: 8px; }
 .scroll { overflow-x: auto; position: relative; max-width: 100%; margin: 8px 0; }
 table { border-collapse: collapse; font-size: 14px; }
@@ -77,6 +80,31 @@ footer { border-top: 1px solid var(--line); color: var(--quiet); font-size: 14px
   h2, h3 { break-after: avoid; } figure, tr { break-inside: avoid; } .scroll, .drawing { overflow: visible; } }
 """
 
+# Shows what a place in a figure stands for, of a marker nearby or of the pointer; a page is whole without it.
+SCRIPT = """
+(() => {
+  const out = document.createElement('output'); out.className = 'value'; out.hidden = true; document.body.append(out);
+  const at = (v, a, b, lo, hi, scale) => { const s = (v - a) / (b - a);
+    return scale === 'log' ? lo * Math.pow(hi / lo, s) : lo + s * (hi - lo); };
+  document.querySelectorAll('svg.whole[data-axes]').forEach(svg => {
+    const axes = svg.dataset.axes.split(',').map(one => one.split(' ').map((v, k) => k < 8 ? parseFloat(v) : v));
+    const marks = [...svg.querySelectorAll('use[x][y]')].map(u => ['x', 'y'].map(k => parseFloat(u.getAttribute(k))));
+    svg.addEventListener('pointerleave', () => { out.hidden = true; });
+    svg.addEventListener('pointermove', event => {
+      const p = new DOMPoint(event.clientX, event.clientY).matrixTransform(svg.getScreenCTM().inverse());
+      const own = axes.find(a => p.x > a[0] && p.x < a[2] && p.y > a[1] && p.y < a[3]);
+      out.hidden = !own; if (!own) return;
+      const within = (m, k) => m[k] > own[k] + 0.5 && m[k] < own[k + 2] - 0.5;
+      const inside = marks.filter(m => within(m, 0) && within(m, 1));
+      let place = [p.x, p.y], least = 8;
+      inside.forEach(m => { const d = Math.hypot(m[0] - p.x, m[1] - p.y); if (d < least) { least = d; place = m; } });
+      const x = at(place[0], own[0], own[2], own[4], own[5], own[8]), y = at(place[1], own[3], own[1], own[6], own[7], own[9]);
+      out.textContent = `${x.toPrecision(4)}; ${y.toPrecision(4)}`;
+      out.style.left = `${event.clientX + 12}px`; out.style.top = `${event.clientY + 12}px`;
+    });
+  });
+})();
+"""
 LONG = 90  # characters of a cell, which is not made narrow in a narrow window
 
 
@@ -114,12 +142,13 @@ def document(title: str, parts: Iterable[str], made: Made | None = None, content
         first = body.find("<h2")
         body = f"{body[:first]}{_contents(body)}{body[first:]}"
     head = '<meta charset="utf-8"><meta name="viewport" content="width=device-width, initial-scale=1">'
+    script = f"<script>{SCRIPT}</script>\n" if "data-axes=" in body else ""
     foot = f"<footer>{made.line()}</footer>\n" if made else ""
     return (
         f'<!doctype html>\n<html lang="en"><head>{head}<title>{escape(short or title)}</title>'
         f"<style>{STYLE}{svg.palette(body)}</style></head>\n"
         f'<body>\n<a class="skip" href="#content">To the content</a>\n<header><h1>{escape(title)}</h1></header>\n'
-        f'<main id="content">\n{body}\n</main>\n{foot}</body></html>\n'
+        f'<main id="content">\n{body}\n</main>\n{foot}{script}</body></html>\n'
     )
 
 

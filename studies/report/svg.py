@@ -2,7 +2,8 @@
 
 Inside a page a figure follows the page's light or dark colours and stacks its panels where the window is narrow. For that
 a file of `svg_bytes` says where its panels are (attribute ``data-panels``, in points), unless a panel needs its neighbour's
-labels, and whether its colours must stay as they are (``data-fixed``: a map, whose numbers are written on its colours).
+labels; whether its colours must stay as they are (``data-fixed``: a map, whose numbers are written on its colours); and what
+places in its axes stand for (``data-axes``), from which a page's script tells values.
 """
 
 from __future__ import annotations
@@ -40,8 +41,23 @@ def svg_bytes(figure: Figure, dpi: int = 130) -> bytes:
     with mpl.rc_context(STYLE):
         figure.savefig(out, format="svg", dpi=dpi, metadata=NO_METADATA)
     marks = f' data-panels="{_places(figure)}"' if _stand_alone(figure) else ""
+    marks += f' data-axes="{_scales(figure)}"'
     marks += ' data-fixed="yes"' if any(isinstance(one, QuadMesh) for axes in figure.axes for one in axes.collections) else ""
     return out.getvalue().replace(b"<svg ", f"<svg{marks} ".encode(), 1)
+
+
+def _scales(figure: Figure) -> str:
+    """Left, top, right and bottom of each pair of axes in points, its limits and scales: what a place in it stands for."""
+    width, height = (size * POINTS for size in figure.get_size_inches())
+    out = []
+    for axes in figure.axes:
+        x, y = (axes.get_xscale(), axes.get_yscale())
+        if {x, y} <= {"linear", "log"}:
+            box = axes.get_position()
+            place = (box.x0 * width, (1 - box.y1) * height, box.x1 * width, (1 - box.y0) * height)
+            limits = (*axes.get_xlim(), *axes.get_ylim())
+            out.append(" ".join([*(f"{one:.1f}" for one in place), *(f"{one:.6g}" for one in limits), x, y]))
+    return ",".join(out)
 
 
 def _stand_alone(figure: Figure) -> bool:
@@ -78,7 +94,7 @@ def inline(data: bytes, name: str, label: str) -> str:
     """
     text = _HEAD.sub(b"", data, count=1).decode()
     text = re.sub(r"<metadata>.*?</metadata>|<!--.*?-->|<style[^>]*>.*?</style>", "", text, flags=re.DOTALL)
-    panels, fixed = re.search(r'data-panels="([^"]*)"', text[:600]), 'data-fixed="yes"' in text[:600]
+    panels, fixed = re.search(r'data-panels="([^"]*)"', text[:4000]), 'data-fixed="yes"' in text[:4000]
     used = set(re.findall(r'href="#([^"]+)"|url\(#([^)]+)\)', text))
     kept = {one or other for one, other in used}
     text = re.sub(r'\bid="([^"]+)"', lambda found: f'id="{name}-{found[1]}"' if found[1] in kept else "", text)
@@ -87,12 +103,14 @@ def inline(data: bytes, name: str, label: str) -> str:
     )
     text = re.sub(r"\s*\n\s*", " ", _FONT.sub("", text)).replace(" >", ">")
     body = text if fixed else _COLOUR.sub(lambda found: f"var(--c-{found[1].lower()})", text)
-    box = re.search(r'viewBox="([^"]+)"', body)
+    box, axes = re.search(r'viewBox="([^"]+)"', body), re.search(r'data-axes="([^"]*)"', text[:4000])
     size = box[1] if box else "0 0 100 100"
     inner = body[body.index(">") + 1 : body.rindex("</svg>")]
     own = " fixed" if fixed else ""
     width = float(size.split()[2])
-    whole = f'<svg class="whole{own}" role="img" aria-label="{label}" viewBox="{size}" style="max-width:{width * 1.5:.0f}px">'
+    scales = f' data-axes="{axes[1]}"' if axes and axes[1] else ""
+    look = f'viewBox="{size}"{scales} style="max-width:{width * 1.5:.0f}px"'
+    whole = f'<svg class="whole{own}" role="img" aria-label="{label}" {look}>'
     if not panels:
         return f'<div class="drawing" tabindex="0" role="group" aria-label="{label}">{whole}{inner}</svg></div>'
     pieces = "".join(
