@@ -32,6 +32,8 @@ GREY = 0.08  # saturation below which a colour is a grey
 
 _COLOUR = re.compile(r"#([0-9a-fA-F]{6})\b")
 _FONT = re.compile(r"font-family: [^;\"]*;?\s*")
+_PLACES = re.compile(r'\b(?:d|x|y)="[^"]*"')
+_LONG = re.compile(r"(\d\.\d\d)\d+")  # a hundredth of a point is not seen
 _HEAD = re.compile(rb"^.*?(?=<svg)", re.DOTALL)
 
 
@@ -102,6 +104,7 @@ def inline(data: bytes, name: str, label: str) -> str:
         re.sub(r'(?:xlink:)?href="#', f'href="#{name}-', text).replace("url(#", f"url(#{name}-").replace("xlink:href", "href")
     )
     text = re.sub(r"\s*\n\s*", " ", _FONT.sub("", text)).replace(" >", ">")
+    text = _PLACES.sub(lambda found: _LONG.sub(r"\1", found[0]), text)
     body = text if fixed else _COLOUR.sub(lambda found: f"var(--c-{found[1].lower()})", text)
     box, axes = re.search(r'viewBox="([^"]+)"', body), re.search(r'data-axes="([^"]*)"', text[:4000])
     size = box[1] if box else "0 0 100 100"
