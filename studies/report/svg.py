@@ -11,6 +11,7 @@ from __future__ import annotations
 import colorsys
 import io
 import re
+import zlib
 from typing import Any
 
 import matplotlib as mpl
@@ -91,33 +92,33 @@ def inline(data: bytes, name: str, label: str) -> str:
     Parameters
     ----------
     data : SVG, of `svg_bytes` or of a file
-    name : its own in the page; the names of its parts begin with it
+    name : its own in the page, of which the names of its parts are made
     label : what it shows, for those who do not see it; escaped
     """
     text = _HEAD.sub(b"", data, count=1).decode()
     text = re.sub(r"<metadata>.*?</metadata>|<!--.*?-->|<style[^>]*>.*?</style>", "", text, flags=re.DOTALL)
     panels, fixed = re.search(r'data-panels="([^"]*)"', text[:4000]), 'data-fixed="yes"' in text[:4000]
     used = set(re.findall(r'href="#([^"]+)"|url\(#([^)]+)\)', text))
-    kept = {one or other for one, other in used}
-    text = re.sub(r'\bid="([^"]+)"', lambda found: f'id="{name}-{found[1]}"' if found[1] in kept else "", text)
-    text = (
-        re.sub(r'(?:xlink:)?href="#', f'href="#{name}-', text).replace("url(#", f"url(#{name}-").replace("xlink:href", "href")
-    )
+    start = f"i{zlib.crc32(name.encode()) % 36**4}"  # of the names of its parts: short, since there are thousands
+    own = {one or other: f"{start}-{k}" for k, (one, other) in enumerate(sorted(used))}
+    text = re.sub(r'\bid="([^"]+)"', lambda found: f'id="{own[found[1]]}"' if found[1] in own else "", text)
+    text = re.sub(r'(?:xlink:)?href="#([^"]+)"', lambda found: f'href="#{own[found[1]]}"', text)
+    text = re.sub(r"url\(#([^)]+)\)", lambda found: f"url(#{own[found[1]]})", text).replace("xlink:href", "href")
     text = re.sub(r"\s*\n\s*", " ", _FONT.sub("", text)).replace(" >", ">")
     text = _PLACES.sub(lambda found: _LONG.sub(r"\1", found[0]), text)
     body = text if fixed else _COLOUR.sub(lambda found: f"var(--c-{found[1].lower()})", text)
     box, axes = re.search(r'viewBox="([^"]+)"', body), re.search(r'data-axes="([^"]*)"', text[:4000])
     size = box[1] if box else "0 0 100 100"
     inner = body[body.index(">") + 1 : body.rindex("</svg>")]
-    own = " fixed" if fixed else ""
+    kept = " fixed" if fixed else ""
     width = float(size.split()[2])
     scales = f' data-axes="{axes[1]}"' if axes and axes[1] else ""
     look = f'viewBox="{size}"{scales} style="max-width:{width * 1.5:.0f}px"'
-    whole = f'<svg class="whole{own}" role="img" aria-label="{label}" {look}>'
+    whole = f'<svg class="whole{kept}" role="img" aria-label="{label}" {look}>'
     if not panels:
         return f'<div class="drawing" tabindex="0" role="group" aria-label="{label}">{whole}{inner}</svg></div>'
     pieces = "".join(
-        f'<svg class="piece{own}" viewBox="{place}" aria-hidden="true"><use href="#{name}-all"/></svg>'
+        f'<svg class="piece{kept}" viewBox="{place}" aria-hidden="true"><use href="#{name}-all"/></svg>'
         for place in panels[1].split(",")
     )
     return f'<div class="drawing stacks">{whole}<g id="{name}-all">{inner}</g></svg><div class="pieces">{pieces}</div></div>'
