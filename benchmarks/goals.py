@@ -31,6 +31,9 @@ GOALS = {
     "peak_rss_10000_over_100": Goal(1.02),  # flat
     "cached_start_s": Goal(1.5),
     "mission_30_days_s": Goal(60),
+    "diagnosis_cpu_s_1000k": Goal(20),
+    "diagnosis_peak_rss_mb_1000k": Goal(1000),
+    "diagnosis_cpu_s_10000k": Goal(60),
 }
 
 
@@ -38,6 +41,7 @@ def judged(document: dict[str, Any]) -> dict[str, dict[str, Any]]:
     """Every number with a goal, and the ratios without: value, goal, and met; null where not measured or without a goal."""
     peaks = document["peak_rss_mb"]
     flat = peaks["10000"] / peaks["100"] if peaks["10000"] and peaks["100"] else None
+    million, ten_million = (_costs(document, count) for count in (10**6, 10**7))
     values = {
         **document["ratios"],
         "cpu_ms_per_case": document["cpu_ms_per_case"],
@@ -45,8 +49,16 @@ def judged(document: dict[str, Any]) -> dict[str, dict[str, Any]]:
         "peak_rss_10000_over_100": flat,
         "cached_start_s": next(row["process_s"] for row in document["growth"]["cases"] if row["cases"] == 1),
         "mission_30_days_s": document["mission_loop"]["wall_s_30_days"],
+        "diagnosis_cpu_s_1000k": million.get("cpu_s"),
+        "diagnosis_peak_rss_mb_1000k": million.get("peak_rss_mb"),
+        "diagnosis_cpu_s_10000k": ten_million.get("cpu_s"),
     }
     return {name: _judged(value, GOALS.get(name)) for name, value in values.items()}
+
+
+def _costs(document: dict[str, Any], samples: int) -> dict[str, Any]:
+    """Row of the diagnosis of so many samples, empty if it was not measured."""
+    return next((row for row in document["growth"]["diagnoses"] if row["samples"] == samples), {})
 
 
 def _judged(value: float | None, goal: Goal | None) -> dict[str, Any]:

@@ -32,6 +32,7 @@ METHOD = (
 AGREEMENT = 1e-12  # relative, of any candidate with the project's kernel at 48 000 samples
 LONG_AGREEMENT = 1e-10  # at ten and a hundred times as many steps their rounding adds up
 FAULTS = 50  # a case; more means that arrays go back to the system and are mapped anew for every case
+ALL_EFFECTS = 1000  # more than there are
 KEPT = 6  # C variants that stay in after the first comparison
 
 
@@ -47,6 +48,7 @@ class Effort:
     slow : rounds of gtsam, scipy, least squares
     cases : numbers of Monte Carlo cases
     mission : days of Mission Mode, seconds of it compiled and plain in turn, rounds
+    diagnoses : samples, references and effects of each diagnosis
     """
 
     sizes: dict[int, int] = field(default_factory=lambda: {1: 400, 10: 60, 100: 12})
@@ -55,9 +57,14 @@ class Effort:
     slow: int = 10
     cases: tuple[int, ...] = (1, 10, 100, 1000, 10_000)
     mission: tuple[float, float, int] = (30.0, 6000.0, 3)
+    diagnoses: tuple[tuple[int, int, int], ...] = (
+        *((samples, 2000, ALL_EFFECTS) for samples in (10**4, 10**5, 10**6, 10**7)),
+        *((10**5, references, ALL_EFFECTS) for references in (50, 200, 20_000)),
+        *((10**5, 2000, effects) for effects in (1, 10)),
+    )
 
 
-QUICK = Effort({1: 20}, 3, c_kernel.QUICK_VARIANTS, 2, (1, 100), (1.0, 120.0, 1))
+QUICK = Effort({1: 20}, 3, c_kernel.QUICK_VARIANTS, 2, (1, 100), (1.0, 120.0, 1), ((4000, 60, 1),))
 LEFT_OUT = "left out by --quick"
 
 
@@ -82,9 +89,11 @@ def run(quick: bool = False, say: Say = lambda text: None) -> dict[str, Any]:
     solvers, checks["least_squares_G"] = _solvers(flight, effort.slow)
     say("Monte Carlo cases")
     cases = [_cases(count) for count in effort.cases]
+    say("diagnoses")
+    diagnoses = [_alone("benchmarks.diagnosis", *one) for one in effort.diagnoses]
     say("the Mission Mode loop")
     mission = mission_loop.run(*effort.mission)
-    document = _document(growth, others | solvers, cases, mission, reasons)
+    document = _document(growth, others | solvers, cases, diagnoses, mission, reasons)
     return {
         "command": "python -m benchmarks" + (" --quick" if quick else ""),
         "commit": commit(),
@@ -189,16 +198,23 @@ def _solvers(flight: Flight, rounds: int) -> tuple[dict[str, float], float]:
 def _cases(count: int) -> dict[str, Any]:
     """So many cases in a fresh process, with the time from its start to its end."""
     start = time.perf_counter()
-    command = [sys.executable, "-m", "benchmarks.cases", str(count)]
+    result = _alone("benchmarks.cases", count)
+    return {**result, "process_s": time.perf_counter() - start}
+
+
+def _alone(module: str, *arguments: int) -> dict[str, Any]:
+    """What a module prints, run in a fresh process."""
+    command = [sys.executable, "-m", module, *map(str, arguments)]
     done = subprocess.run(command, cwd=Path(__file__).parents[1], capture_output=True, text=True, check=True)
     result: dict[str, Any] = json.loads(done.stdout)
-    return {**result, "process_s": time.perf_counter() - start}
+    return result
 
 
 def _document(
     growth: list[dict[str, Any]],
     ms: dict[str, float],
     cases: list[dict[str, Any]],
+    diagnoses: list[dict[str, Any]],
     mission: dict[str, Any],
     reasons: dict[str, str],
 ) -> dict[str, Any]:
@@ -228,6 +244,6 @@ def _document(
         "cpu_ms_per_case": counted["cpu_ms_per_case_least"] or counted["cpu_ms_per_case_mean"],
         "peak_rss_mb": peaks,
         "mission_loop": mission,
-        "growth": {"samples": growth, "cases": cases},
+        "growth": {"samples": growth, "cases": cases, "diagnoses": diagnoses},
         "absolute_ms": ms,
     }

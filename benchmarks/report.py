@@ -72,16 +72,20 @@ def show(document: dict[str, Any], console: Console) -> None:
     console.print(f"{cpu['cpu']}, {cpu['cores']} cores; {cpu['compiler'] or 'no C compiler'}", highlight=False)
 
 
+def _cell(value: float | str | None) -> str:
+    """Counts whole, measurements with four digits."""
+    return "null" if value is None else str(value) if isinstance(value, int | str) else f"{value:.4g}"
+
+
 def _show_growth(document: dict[str, Any], console: Console) -> None:
     for of, names in {
         "samples": ("samples", "kernel_ms", "c_ms", "kernel_vs_c", "packing_ms"),
         "cases": ("cases", "wall_s", "cpu_ms_per_case_mean", "page_faults_per_case", "peak_rss_mb"),
+        "diagnoses": ("samples", "references", "effects", "verdict", "cpu_s", "peak_rss_mb"),
     }.items():
         table = Table(*names)
         for row in document["growth"][of]:
-            table.add_row(
-                *("null" if row[name] is None else f"{row[name]:.7g}" if name == of else f"{row[name]:.4g}" for name in names)
-            )
+            table.add_row(*(_cell(row[name]) for name in names))
         console.print(table)
     variant = document["growth"]["samples"][0]["c_variant"]
     if variant:

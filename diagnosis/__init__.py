@@ -10,7 +10,8 @@ The way of a recording through `diagnosis.diagnose`, file by file:
 2. `model.prepare`: the calibration under M0 and the white noise there is, on `model.recording`, which linearises the recording;
    `model.lines` asks the attitude whether a line of the samples is a motion of the body.
 3. `model.symptoms`: which effects claim what the samples show.
-4. `model.candidates`, with `model.unlisted`, `model.processes` and `model.dead_zone`: the linear model of what could be there.
+4. `model.candidates`, with `model.unlisted`, `model.repeating`, `model.processes` and `model.dead_zone`: the linear model of
+   what could be there; `model.periods` scans the data for swings of any period.
 5. `inference.null`: whether there is a gap at all.
 6. `inference.search`, on `inference.evidence`: sets of effects and their posterior.
 7. `inference.attribution`: what may be named.

@@ -10,6 +10,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from diagnosis.answer import Amplitudes, Cause, Verdict
+from diagnosis.identifiable import blind_spot
 from diagnosis.inference.amplitudes import Fitted
 from diagnosis.inference.attribution import Attribution
 from diagnosis.model import localization
@@ -51,6 +52,10 @@ def assembled(
     verdict, unknown = _verdict(attribution, gap, bool(samples), unlisted, sure)
     unknown = 1 - (1 - unknown) * float(np.prod([cause.group_probability for cause in shown]))
     sigma = np.sqrt(np.diag(explained.covariance)[:12])
+    gyro = model.recording.gyro
+    blind = blind_spot(model.degrees_of_freedom, model.G, prepared.sigma[:9].reshape(3, 3), gyro.apriori_G)
+    if verdict == "none" and blind:
+        verdict = "not identifiable"
     return Diagnosis(
         recording=model.recording.title,
         verdict=verdict,
@@ -68,7 +73,13 @@ def assembled(
         sigma_bias=sigma[9:],
         baseline_G=model.G,
         baseline_bias=model.bias,
-        notes=(*_checks_note(explained), *_motion_notes(prepared), *_likely(explained, settings), *prepared.notes),
+        notes=(
+            *filter(None, (blind,)),
+            *_checks_note(explained),
+            *_motion_notes(prepared),
+            *_likely(explained, settings),
+            *prepared.notes,
+        ),
         runtime_s=runtime_s,
         details=_details(prepared, explained, table),
         p_values=_p_values(prepared, samples, explained),

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -24,7 +24,7 @@ from diagnosis.model.candidates import linear_model
 from diagnosis.model.dead_zone import dead_zone_groups, shown_by_passes
 from diagnosis.model.layout import layout
 from diagnosis.model.linear import LinearModel
-from diagnosis.model.prepare import Prepared, prepare
+from diagnosis.model.prepare import Prepared, Progress, prepare
 from diagnosis.model.symptoms import SampleCause, sample_causes
 from diagnosis.result import Diagnosis
 from diagnosis.sensor_tables import diagnose_sensors
@@ -36,7 +36,6 @@ from simulator.effects.base import Effect
 from simulator.effects.sensor import ALL_EFFECTS, SENSOR_EFFECTS
 
 Array = NDArray[np.float64]
-Progress = Callable[[str, float], None]
 
 REFINED = 3  # of the likeliest explanations, around whose members options are made finer
 
@@ -95,7 +94,7 @@ def diagnose(
     with threadpool_limits(1, user_api="blas"):
         effects = nameable(library)
         tell("gyro samples", 0.0)
-        prepared = prepare(recording, settings)
+        prepared = prepare(recording, settings, tell)
         samples = sample_causes(prepared, effects, settings)
         explained = explain(prepared, effects, settings, seed, tell)
         found = assembled(prepared, samples, explained, settings, time.perf_counter() - began)
@@ -123,7 +122,7 @@ def explain(
     linear = linear_model(model, effects, dead_zone_groups(prepared, effects), settings)
     search = Search(linear, settings)
     tell("null distribution", 0.3)
-    p = min(p_value(search, seed, settings.null_draws), shown_by_passes(prepared.dead))
+    p = min(p_value(search, seed, settings.null_draws, settings.scanned_share), shown_by_passes(prepared.dead))
     attribution: Attribution | None = None
     fitted: tuple[Fitted, ...] = ()
     checks: tuple[Check, ...] = ()

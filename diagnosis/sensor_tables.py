@@ -23,6 +23,7 @@ from diagnosis.model.linear import LinearModel
 from diagnosis.model.sensors.arcs import FittedArc, MisfitError, arcs_of, fit_arc, fitted_arcs
 from diagnosis.model.sensors.columns import GYRO, Held, held_error
 from diagnosis.model.sensors.orthogonal import identifiable, orthogonal_labels
+from diagnosis.model.sensors.reading import misread, misread_angles
 from diagnosis.model.sensors.refine import refined
 from diagnosis.model.sensors.residuals import findings, residual_table
 from diagnosis.model.sensors.tables import Noise, Tables, in_noise, linear_model, noise_of, tables_of
@@ -57,6 +58,7 @@ class ExplainedTables:
     closed : how far the gap closes on days left out
     rejected : what an alignment calibration would say, beside what is named
     notes : what was left out
+    misfits : of each arc that does not fit the nominal sensors at all, while others do
     """
 
     fits: tuple[FittedArc, ...]
@@ -70,6 +72,7 @@ class ExplainedTables:
     closed: Closure | None
     rejected: tuple[Rejected, ...]
     notes: tuple[str, ...]
+    misfits: tuple[str, ...] = ()
 
 
 def diagnose_sensors(
@@ -89,10 +92,13 @@ def diagnose_sensors(
     InputError
         The tables cannot be used.
     """
+    wrong = misread(recording) or misread_angles(recording)
+    if wrong is not None:
+        return _nothing_fits(wrong, settings)
     try:
         explained = explain_tables(recording, effects, settings, seed)
     except MisfitError as error:
-        return _nothing_fits(error, settings)
+        return _nothing_fits(str(error), settings)
     return _assembled(explained, settings)
 
 
@@ -107,7 +113,7 @@ def explain_tables(
         The measurements of no arc fit the nominal sensors.
     """
     arcs, skipped = arcs_of(recording)
-    fits, unfitted = fitted_arcs(arcs)
+    fits, unfitted, misfits = fitted_arcs(arcs)
     if not effects:
         raise InputError("no sensor effect may be named")
     about_m0 = tables_of(fits, effects)
@@ -134,8 +140,9 @@ def explain_tables(
             rejected = _rejected(linear, search, attribution, fitted, effects)
     p = min(p, noise.p_value)
     return ExplainedTables(
-        tuple(fits), about_m0, linear, search, noise, p, attribution, fitted, closed, rejected, (*skipped, *unfitted)
-    )
+        tuple(fits), about_m0, linear, search, noise, p, attribution, fitted, closed, rejected, (*skipped, *unfitted),
+        tuple(misfits),
+    )  # fmt: skip
 
 
 def _search(linear: LinearModel, settings: DiagnosisSettings) -> tuple[Noise, Search]:
@@ -187,6 +194,8 @@ def _rejected(
 def verdict_of(explained: ExplainedTables) -> tuple[Verdict, bool, Attribution | None]:
     """Verdict, whether there is a gap, and the attribution that stands behind it."""
     attribution = explained.attribution
+    if explained.misfits:
+        return "unknown", True, attribution
     if attribution is None:
         return ("unknown", True, None) if explained.noise.factor > 1 else ("none", False, None)
     if attribution.ranked[0].labels == (GYRO,) and explained.noise.factor == 1:  # no matter of the sensors
@@ -199,18 +208,19 @@ def _assembled(explained: ExplainedTables, settings: DiagnosisSettings) -> Senso
     y = explained.about_m0.y
     dof = explained.linear.dof
     held = {one.label: Held(one.amplitudes, one.parameters) for one in explained.fitted}
-    where = (*_noise_finding(explained.noise), *findings(explained.about_m0, settings.false_alarm_rate)) if present else ()
+    misfits = [Finding(ANY, None, None, None, "fit", 0.0, TINY, text) for text in explained.misfits]
+    where = (*misfits, *_noise_finding(explained.noise), *findings(explained.about_m0, settings.false_alarm_rate))
     return SensorDiagnosis(
         verdict=verdict,
         present=present,
-        p_value=explained.p_value,
+        p_value=TINY if misfits else explained.p_value,
         false_alarm_rate=settings.false_alarm_rate,
         mean_square=float(y @ y) / dof,
         dof=dof,
-        where=where,
+        where=where if present else (),
         causes=causes_of(attribution, explained.fitted),
         alternatives=alternatives(attribution),
-        unknown_probability=min(1.0, float(attribution.unknown)) if attribution else float(present),
+        unknown_probability=min(1.0, float(attribution.unknown)) if attribution and not misfits else float(present),
         closure=_in_order(explained),
         rejected=explained.rejected,
         notes=(
@@ -220,7 +230,7 @@ def _assembled(explained: ExplainedTables, settings: DiagnosisSettings) -> Senso
             *explained.notes,
             *_noise_note(explained),
         ),
-        posterior=posterior(attribution) if attribution or not present else ((("unknown",), 1.0),),
+        posterior=((("unknown",), 1.0),) if misfits or (present and not attribution) else posterior(attribution),
         residuals=residual_table(explained.fits, held),
         explanations=explanation_table(explained.attribution),
     )
@@ -257,9 +267,9 @@ def _noise_finding(noise: Noise) -> tuple[Finding, ...]:
     return (Finding(ANY, None, None, None, "noise", noise.factor, noise.p_value, text),)
 
 
-def _nothing_fits(error: MisfitError, settings: DiagnosisSettings) -> SensorDiagnosis:
-    """The answer where the measurements of no arc fit the nominal sensors."""
-    text = f"the sensor tables do not fit the nominal sensors: {error}"
+def _nothing_fits(why: str, settings: DiagnosisSettings) -> SensorDiagnosis:
+    """The answer where the measurements do not fit the nominal sensors at all, and why."""
+    text = f"the sensor tables do not fit the nominal sensors: {why}"
     return SensorDiagnosis(
         verdict="unknown",
         present=True,

@@ -29,10 +29,16 @@ class DiagnosisSettings:
         "a fifth of the 1 % that a diagnosis as a whole may alarm falsely, the rest being shared by the tests of the samples",
     )
     null_draws: int = threshold(
-        1000,
+        1060,
         "simulated observations of M0 for the null distribution of the attitude test",
         "draws",
-        "resolves 0.002 by two draws",
+        "resolves 0.0019 by two draws",
+    )
+    scanned_share: float = threshold(
+        0.05,
+        "share of the attitude test's false alarms that the scan for swings of any period may have",
+        "share",
+        "by judgement; a swing needs 3 more of natural log evidence for it, and the other test loses next to nothing",
     )
     unlisted_share: float = threshold(
         0.2, "prior probability that what is at work is on no list", "probability", "by judgement; four in five known effects"

@@ -26,6 +26,7 @@ Symbols
     of residuals that correlate.
 """
 
+import logging as _logging
 from importlib.metadata import version as _version
 
 from gyrocal.calibration.davenport import CalibrationResult, RecursiveCalibrator, calibrate, residual_table
@@ -52,6 +53,7 @@ from gyrocal.sensors.series import SensorModel, SensorSeries
 from gyrocal.sensors.sun import SunModel, SunSensor, trmm_sun_sensors
 
 __version__ = _version("gyrocal")
+_logging.getLogger("gyrocal").addHandler(_logging.NullHandler())  # a library is silent until its user listens
 
 __all__ = [
     "NAMES",

@@ -1,5 +1,16 @@
 """Errors a user can meet; the command line turns each into one line and exit status 2."""
 
+from collections.abc import Iterable
+
+
+def hint(name: str, known: Iterable[str]) -> str:
+    """What somebody may have meant by a name that there is not: the nearest known names, or all of them."""
+    from difflib import get_close_matches  # only when something is wrong
+
+    names = list(known)
+    near = get_close_matches(name, names, n=3)
+    return f"did you mean {' or '.join(near)}?" if near else f"there are {', '.join(names)}"
+
 
 class GyrocalError(Exception):
     """Base of all errors that the input, not the program, is the cause of."""

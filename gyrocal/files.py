@@ -2,27 +2,45 @@
 
 What is written goes to a temporary file of its own beside the target and takes the target's place when it is complete. Only a
 regular file, or nothing, is replaced in this way: a pipe, a device or an open file (``/dev/stdout``, ``/dev/null``, a shell's
-``/dev/fd/63``) is written to directly, and a symbolic link stays and its target is replaced. Nothing is forced to the disk.
+``/dev/fd/63``) is written to directly. A symbolic link in the target's place is refused: somebody else may have put it there,
+and to replace the link itself would leave an old result where it led. Files of a folder that belong together are all made
+before the first takes its place, and who reads them meanwhile waits. Nothing is forced to the disk.
 """
 
+import errno
 import os
 import re
 import secrets
-from collections.abc import Iterator
-from contextlib import contextmanager
+import tempfile
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import BinaryIO
+from typing import Any, BinaryIO
 
 TEMPORARY = ".tmp"  # how the names of temporary files end
 
 
-def regular(path: Path) -> Path | None:
-    """The regular file that a path leads to, there or not yet; None if it leads to a pipe, a device or an open file."""
-    # /dev/stdout, or a descriptor under /dev/fd, which leads to /proc: a link to whatever the shell opened, a file too.
-    opened = re.fullmatch("/dev|/proc/[^/]+/fd", os.path.realpath(path.parent)) and path.is_symlink()
-    if opened or (path.exists() and not path.is_file()):
-        return None
-    return Path(os.path.realpath(path))
+LINK = "is a symbolic link, which is not written through; give the file that it leads to, or remove it"
+
+
+def is_opened(path: Path) -> bool:
+    """Whether a path is /dev/stdout or a descriptor under /dev/fd, which leads to /proc: a link to what the shell opened."""
+    return bool(re.fullmatch("/dev|/proc/[^/]+/fd", os.path.realpath(path.parent))) and path.is_symlink()
+
+
+def replaced(path: Path) -> bool:
+    """Whether what is written takes the place of a path: of a regular file or of nothing; else it is written into it.
+
+    Raises
+    ------
+    OSError
+        It is a symbolic link.
+    """
+    if is_opened(path):
+        return False
+    if path.is_symlink():
+        raise OSError(errno.ELOOP, LINK, str(path))
+    return path.is_file() or not path.exists()
 
 
 @contextmanager
@@ -35,10 +53,9 @@ def replacing(path: str | os.PathLike[str]) -> Iterator[BinaryIO]:
         The file cannot be written; its name is the path's.
     """
     path = Path(path)
-    target = regular(path)
-    temporary = target and target.with_name(f"{target.name}.{secrets.token_hex(4)}{TEMPORARY}")
+    temporary = path.with_name(f"{path.name}.{secrets.token_hex(4)}{TEMPORARY}") if path.name else path
     try:
-        if temporary is None or target is None:
+        if not replaced(path):
             with open(path, "ab") as file:
                 yield file
             return
@@ -46,11 +63,11 @@ def replacing(path: str | os.PathLike[str]) -> Iterator[BinaryIO]:
         with open(temporary, "xb") as file, _removed_on_error(temporary):
             yield file
             file.close()
-            os.replace(temporary, target)
+            os.replace(temporary, path)
     except OSError as error:
-        if error.errno is None or error.filename not in (None, str(temporary)):
+        if error.filename not in (None, str(temporary)):
             raise
-        raise OSError(error.errno, error.strerror, str(path)) from error
+        raise OSError(error.errno or errno.EIO, error.strerror or str(error), str(path)) from error
 
 
 @contextmanager
@@ -60,3 +77,54 @@ def _removed_on_error(path: Path) -> Iterator[None]:
     except BaseException:
         path.unlink(missing_ok=True)
         raise
+
+
+def write_together(folder: Path, files: Mapping[str, Callable[[BinaryIO], Any]], without: Iterable[str] = ()) -> None:
+    """Write files of a folder that belong together; after an error the old ones stay, all of them.
+
+    For the few renames that put them in their places the last one is missing: who is killed there leaves a folder that is seen
+    to be incomplete, never old and new files side by side.
+
+    Parameters
+    ----------
+    folder : is made if need be
+    files : what writes each file, by its name; the last one is that without which the others are nothing
+    without : names of files that must not be there beside them
+
+    Raises
+    ------
+    OSError
+        One cannot be written; its name is the file's.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    for name in files:
+        if not replaced(folder / name):
+            raise OSError(errno.EEXIST, "is there already, and no regular file", str(folder / name))
+    with tempfile.TemporaryDirectory(prefix=".", suffix=TEMPORARY, dir=folder) as made:
+        for name, write in files.items():
+            try:
+                with replacing(Path(made) / name) as file:
+                    write(file)
+            except OSError as error:
+                raise OSError(error.errno or errno.EIO, error.strerror or str(error), str(folder / name)) from error
+        with held(folder):
+            for name in (*list(files)[-1:], *without):
+                (folder / name).unlink(missing_ok=True)
+            for name in files:
+                os.replace(Path(made) / name, folder / name)
+
+
+@contextmanager
+def held(folder: Path, shared: bool = False) -> Iterator[None]:
+    """Hold a folder against those that would change its files, or shared, read them; where locks do not work, do without."""
+    opened = None
+    with suppress(ImportError, OSError):
+        import fcntl
+
+        opened = os.open(folder, os.O_RDONLY)
+        fcntl.flock(opened, fcntl.LOCK_SH if shared else fcntl.LOCK_EX)
+    try:
+        yield
+    finally:
+        if opened is not None:
+            os.close(opened)

@@ -212,7 +212,7 @@ def load(name_or_path: str | os.PathLike[str]) -> Adopted:
     try:
         extra = _Additions.model_validate(added)
     except ValidationError as error:
-        raise InputError(f"{name}: {validation_message(error)}") from None
+        raise InputError(f"{name}: {validation_message(error, _Additions)}") from None
     plan: Scenario | Replayed
     if extra.replay is None:
         plan = scenarios.validated(values, name)

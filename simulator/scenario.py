@@ -22,7 +22,7 @@ from typing import Annotated, Any, Literal
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, ValidationInfo, field_validator
 
-from gyrocal.errors import InputError
+from gyrocal.errors import InputError, hint
 from gyrocal.recording import read_toml, validation_message
 from simulator.truth.maneuvers import MODE_YAW, Hold, Profile, Slew, Sway
 from simulator.truth.orbit import CircularOrbit
@@ -34,6 +34,7 @@ Matrix = Annotated[tuple[Vector, Vector, Vector], Field(strict=False)]
 TOUCH_TOLERANCE = 1e-6  # s; intervals closer than this touch
 JOIN_TOLERANCE = 1e-8  # attitude matrix elements of two intervals that touch
 MOST_SAMPLES = 2e7
+MOST_BASES = 30  # of a scenario, one of the other
 SMALLEST_DETERMINANT = 1e-3  # of a G that counts as invertible
 
 
@@ -304,7 +305,7 @@ def names() -> tuple[str, ...]:
 def text(name: str) -> str:
     """TOML of a built-in scenario, as it is on file."""
     if name not in names():
-        raise InputError(f"{name}: no built-in scenario; there are {', '.join(names())}")
+        raise InputError(f"{name}: no built-in scenario; {hint(name, names())}")
     return resources.files("simulator").joinpath("scenarios", f"{name}.toml").read_text(encoding="utf-8")
 
 
@@ -355,7 +356,7 @@ def validated(values: dict[str, Any], source: str) -> Scenario:
     try:
         return Scenario.model_validate(values)
     except ValidationError as error:
-        raise InputError(f"{source}: {validation_message(error)}") from None
+        raise InputError(f"{source}: {validation_message(error, Scenario)}") from None
 
 
 def _document(name: str, folder: Path, inside: tuple[str, ...]) -> dict[str, Any]:
@@ -371,13 +372,15 @@ def _document(name: str, folder: Path, inside: tuple[str, ...]) -> dict[str, Any
     identity = name if name in names() else str(path.resolve())
     if identity in inside:
         raise InputError(f"{name}: scenario bases form a circle: {' -> '.join((*inside, identity))}")
+    if len(inside) > MOST_BASES:
+        raise InputError(f"{inside[0]}: more than {MOST_BASES} scenarios are one another's base; write what they say into one")
     if name in names():
         with resources.as_file(resources.files("simulator") / "scenarios" / f"{name}.toml") as builtin:
             document = read_toml(builtin)
     elif path.is_file():
         document = read_toml(path)
     else:
-        raise InputError(f"{name}: neither a file nor a built-in scenario; built in are {', '.join(names())}")
+        raise InputError(f"{name}: neither a file nor a built-in scenario; {hint(name, names())}")
     base = document.pop("base", None)
     if base is None:
         return document

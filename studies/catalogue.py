@@ -1,20 +1,29 @@
 """The studies a user can name, and running one: engine, report, files."""
 
 import importlib
+import importlib.util
+import sys
+import traceback
 from collections.abc import Mapping
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
+from types import ModuleType
 from typing import Any
 
 from rich.console import Console
 
 from gyrocal import InputError
+from gyrocal.errors import hint
 from studies.montecarlo import engine
 from studies.montecarlo.manifest import write_manifest
-from studies.montecarlo.study import load_config
+from studies.montecarlo.study import Study, load_config
 from studies.report import entry as report
+from studies.report import sensitivity
+from studies.report.columns import of_columns
 from studies.report.console import progress
 from studies.report.entry import Entry
+from studies.report.junit import Verdict, of_checks, write_junit
 
 MODULES = {
     "paper": "studies.natanson.paper_tables",
@@ -40,21 +49,71 @@ MODULES = {
 
 
 def entry(name: str) -> Entry:
-    """The study of a name.
+    """The study of a name, or of a file with a STUDY in it.
 
     Raises
     ------
     InputError
-        There is none of that name, or it is about an effect that has been taken out.
+        There is none of that name, or it is about an effect that has been taken out; the file holds no study.
     """
+    if is_file(name):
+        return of_file(Path(name))
     if name not in MODULES:
-        raise InputError(f"{name}: no such study; there are {', '.join(MODULES)}")
+        raise InputError(f"{name}: no such study; {hint(name, MODULES)}")
     try:
         found = importlib.import_module(MODULES[name]).ENTRY
     except ImportError as error:
         raise InputError(f"study {name} cannot be loaded: {error}") from error
     assert isinstance(found, Entry)
     return found
+
+
+def is_file(name: str) -> bool:
+    """Whether a name is the path of a file."""
+    return name.endswith(".py") or "/" in name
+
+
+def of_file(path: Path) -> Entry:
+    """The ENTRY of a file, or its STUDY with a report on all columns; the file is imported as a module of its name.
+
+    Raises
+    ------
+    InputError
+        It cannot be imported, holds no study, or a study of another name.
+    """
+    module = _imported(path)
+    found = getattr(module, "ENTRY", None)
+    study = getattr(module, "STUDY", None) if found is None else found.study
+    if not isinstance(study, Study):
+        raise InputError(f"{path}: has no STUDY; see docs/studies.md for an example")
+    where, _, attribute = study.name.partition(":")
+    if where != path.stem or getattr(module, attribute, None) != study:
+        raise InputError(f'{path}: its STUDY is called {study.name!r}; call it "{path.stem}:STUDY"')
+    described = (module.__doc__ or path.stem).strip().splitlines()[0]
+    return found if isinstance(found, Entry) else Entry(study, described, of_columns)
+
+
+def _imported(path: Path) -> ModuleType:
+    """A file as the module of its name; its folder is where Python looks last, also for what stands beside it."""
+    name, folder = path.stem, str(path.resolve().parent)
+    if not path.is_file():
+        raise InputError(f"{path}: no such file")
+    if not name.isidentifier():
+        raise InputError(f"{path}: cannot be imported by this name; use letters, digits and underscores")
+    if folder not in sys.path:
+        sys.path.append(folder)
+    importlib.invalidate_caches()
+    try:
+        place = importlib.util.find_spec(name)
+        if place is None or place.origin is None or Path(place.origin).resolve() != path.resolve():
+            raise InputError(f"{path}: another module is called {name}; give the file another name")
+        return importlib.import_module(name)
+    except InputError:
+        raise
+    except (Exception, SystemExit) as error:  # whatever the file does
+        lines = [entry.lineno for entry in traceback.extract_tb(error.__traceback__) if Path(entry.filename).stem == name]
+        where = f"{path}, line {lines[-1]}" if lines else str(path)
+        raise InputError(f"{where}: {type(error).__name__}: {' '.join(str(error).split())}") from None
 
 
 def summary(name: str) -> str:
@@ -71,6 +130,7 @@ def run(
     changes: Mapping[str, Any],
     console: Console,
     config: Path | None = None,
+    junit: Path | None = None,
     **options: Any,
 ) -> engine.Outcome:
     """Run a study to its end and write and show its report.
@@ -81,27 +141,37 @@ def run(
     folder : where rows and report are written; a part of the same study that is there is resumed
     changes : settings by dotted path, over those of the file config
     console : for the report
+    junit : a file for what was found, as tests
     options : how and where it runs, as of `engine.run`; none of them changes its rows
     """
     chosen = entry(name)
     if name == "blind":  # three processes of its own
         from studies.validation import blind
 
+        if junit or options.get("until"):
+            raise InputError("study blind: its cases are sealed and scored together; neither --until nor --junit is for it")
         return blind.run(folder, changes, console, config, options.get("jobs"))
     settings = load_config(chosen.study, config, changes)
+    name = Path(name).stem
     outcome = engine.run(chosen.study, settings, folder, progress=partial(progress, quiet=console.quiet), **options)
     rows = outcome.load()
     good = rows[rows["error"] == ""].reset_index(drop=True)
     if good.empty:
         raise InputError(f"{folder}: every case failed, the first one with {rows['error'].iloc[0]}")
-    made = chosen.report(settings, good)
+    made = chosen.report(settings.model_copy(update={"cases": outcome.cases}), good)
+    if settings.dispersions:
+        made = replace(made, tables={**made.tables, **sensitivity.tables(rows)})
     report.write(made, f"Study {name}: {chosen.summary}", folder)
     write_manifest(folder, outcome.manifest)
     report.show(made, console)
+    if junit:
+        failed = [Verdict(f"case {case}", error) for case, error in outcome.failures.items()]
+        write_junit(junit, f"gyrocal study {name}", str(folder), [*of_checks(made.checks), *failed])
     return outcome
 
 
 def rerun(name: str, folder: Path, changes: Mapping[str, Any], case: int, config: Path | None = None) -> engine.Rerun:
-    """Repeat one case of a study and keep its recording."""
-    chosen = entry(name)
-    return engine.rerun(chosen.study, load_config(chosen.study, config, changes), case, folder)
+    """Repeat one case of a study and keep its recording; without settings, those of the study in the folder."""
+    study = entry(name).study
+    found = None if changes or config else engine.config_in(study, folder)
+    return engine.rerun(study, found or load_config(study, config, changes), case, folder)

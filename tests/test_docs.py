@@ -6,11 +6,13 @@ import re
 
 import numpy as np
 import pandas as pd
+import pytest
 from scipy.spatial.transform import Rotation
 
 import gyrocal
 import simulator.scenario
 from simulator import adopted
+from studies.cli import export, import_
 from studies.natanson import reproduce
 from studies.natanson.questions import question_table
 from tests import ROOT
@@ -50,6 +52,38 @@ def test_recording_example_makes_a_recording(tmp_path):
         header.replace("stop_s = 6000.0", "stop_s = 600.0").replace("sample_s = 0.5", "sample_s = 1.0")
     )
     assert gyrocal.load(folder).intervals[0].name == "m1"
+
+
+PAGES = sorted(path.relative_to(ROOT).as_posix() for path in (ROOT / "docs" / "formats").glob("*.md"))
+
+
+@pytest.mark.parametrize("page", [*PAGES, "docs/broad.md"])
+def test_examples_of_formats(page):
+    if page.endswith(("ros.md", "euroc.md", "kalibr.md")):
+        pytest.importorskip("rosbags.highlevel" if page.endswith("ros.md") else "yaml")
+    (block,) = re.findall(r"```python\n(.*?)```", (ROOT / page).read_text(), flags=re.DOTALL)
+    namespace = {}
+    exec(compile(block, page, "exec"), namespace)
+    if "found" in namespace:
+        np.testing.assert_allclose(namespace["found"].q, namespace["recording"].attitudes.quaternions, rtol=0, atol=1e-15)
+    if "result" in namespace:
+        assert np.abs(np.abs(namespace["result"].bias_deg_s) - 0.4).max() < 0.02
+    if page.endswith("acm.md"):
+        np.testing.assert_allclose(np.rad2deg(namespace["message"].gyro_bias[0]), [-1e-4, 0, 2e-4], atol=1e-18)
+    if page.endswith("kalibr.md"):
+        assert np.deg2rad(namespace["noise_density"](namespace["path"])) == pytest.approx(1e-6)
+    if page.endswith("csv.md"):
+        assert pd.read_csv(f"{namespace['folder']}/attitude.csv")["unix_ns"].tolist() == [
+            1597579328000000000,
+            1597579338000000000,
+        ]
+
+
+def test_every_format_has_its_page():
+    listed = set(re.findall(r"\((formats/[a-z]+\.md)\)", (ROOT / "docs" / "formats.md").read_text()))
+    assert {f"docs/{name}" for name in listed} == set(PAGES)
+    commands = {*import_.command.commands, *export.command.commands}
+    assert {"csv", "aem", "acm", "ck", "euroc", "bag", "broad", "kalibr"} == commands
 
 
 def test_references_example_finds_its_alignment(capsys):

@@ -29,8 +29,12 @@ def saturation(report: SampleReport, recording: Recording, used: Mask, coarse: M
         largest = float(np.abs(x).max())
         at = np.abs(x) >= largest * (1 - 1e-12)
         count = int((at & ~held[used]).sum())
-        found = count >= FEWEST_CLIPPED and (
-            not coarse[axis] or _is_plateau(at, float(steps[axis]) / sigma if sigma else np.inf)
+        found = (
+            largest > 0
+            and count >= FEWEST_CLIPPED
+            and (  # a gyro that reads zero throughout is dead, not clipped
+                not coarse[axis] or _is_plateau(at, float(steps[axis]) / sigma if sigma else np.inf)
+            )
         )
         report.tests.append(
             SampleTest(

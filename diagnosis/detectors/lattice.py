@@ -115,6 +115,7 @@ def undone(x: Array, sample_s: float, step: float, sigma: float, kind: Kind) -> 
 
 def _inverted(mean: Array, grid: Array, curve: Array) -> tuple[Array, Array]:
     """True readings whose mean is given, and the slope of the mean there."""
-    rising = np.maximum.accumulate(curve + 1e-9 * (grid - grid[0]))
+    # The grid is symmetric about zero: on a flat stair its middle is taken, not an edge.
+    rising = np.maximum.accumulate(curve + 1e-9 * grid)
     true = np.interp(mean, rising, grid)
     return true, np.interp(true, grid, np.gradient(curve, grid))

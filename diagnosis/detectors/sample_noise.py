@@ -46,6 +46,8 @@ SLACK = 0.1  # departure of the noise factor that rounding to a few sigmas makes
 
 def local_noise(rates: Array, sigma: float, coarse: Mask, steps: Array) -> Array:
     """(3,) robust noise of a sample, at least what is stated."""
+    if len(rates) <= ORDERS[-1]:
+        return np.full(3, sigma)
     robust = np.median(np.abs(_differences(rates, ORDERS[-1])), axis=0) / 0.6745 / np.sqrt(_power(ORDERS[-1]))
     floor = np.where(coarse, np.sqrt(sigma**2 + steps**2 / 12), 0.0)
     return np.asarray(np.maximum(np.where(robust > 0, robust, sigma), floor))

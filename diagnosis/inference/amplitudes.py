@@ -27,6 +27,8 @@ REACH = 6.0  # of that grid to either side of the likeliest scale, as a factor
 NEGLIGIBLE = 1e-6  # probability of an option below which it is left out
 TIME = "time_s"
 TIME_WIDTH = "time_sigma_s"  # of an option: what is not known of its own time
+PERIOD = "period_s"
+PERIOD_WIDTH = "period_sigma_s"  # the same of a period
 
 
 @dataclass(frozen=True)
@@ -101,6 +103,8 @@ def _one(search: Search, members: tuple[Member, ...], place: int) -> Fitted:
         shown: Parameters = dict(option.parameters)
     else:
         parts = [_normal(*products[k], entry.scales, entry.positive) for k in alike]
+        if entry.scanned:
+            parts = _in_phase([weights[k] for k in alike], parts, alike.index(member.option))
         values, spread = _mixture(weights[alike] / weights[alike].sum(), *zip(*parts, strict=True))
         size, more = entry.read(values)
         sigma = float(np.hypot(_length_sigma(values, spread), entry.size_sigma(size)))
@@ -152,10 +156,29 @@ def _mixture(weights: Array, means: Sequence[Array], covariances: Sequence[Array
     return mean, spread
 
 
+def _in_phase(weights: Sequence[Array], parts: Sequence[tuple[Array, Array]], held: int) -> list[tuple[Array, Array]]:
+    """Amplitudes of sines of different periods, each turned to the phase of the one at which the member is held.
+
+    Far from the middle of the data the phase changes with the period while size and fit hardly do.
+    """
+    means = [w @ mean / w.sum() for w, (mean, _) in zip(weights, parts, strict=True)]
+    out = []
+    for own, (mean, covariance) in zip(means, parts, strict=True):
+        angle = np.arctan2(means[held][1], means[held][0]) - np.arctan2(own[1], own[0])
+        turn = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
+        out.append((mean @ turn.T, turn @ covariance @ turn.T))
+    return out
+
+
 def _parameters(entry: Candidate, weights: Array, best: int) -> Parameters:
     """Parameters of the best option, and mean and sigma of the numbers that differ between the options."""
-    shown = {name: value for name, value in entry.options[best].parameters.items() if name != TIME_WIDTH}
+    shown = {name: value for name, value in entry.options[best].parameters.items() if name not in (TIME_WIDTH, PERIOD_WIDTH)}
     share = weights.sum(axis=1)
+    if PERIOD_WIDTH in entry.options[best].parameters:
+        # Of the option itself, since its phase is that of its own period.
+        others = np.array([[float(one.parameters[name]) for name in (PERIOD, PERIOD_WIDTH)] for one in entry.options])
+        away = (others[:, 0] - float(shown[PERIOD])) ** 2 + others[:, 1] ** 2
+        shown[PERIOD_WIDTH] = float(np.sqrt(share @ away / share.sum()))
     if TIME in shown:
         alike = [
             k

@@ -1,18 +1,26 @@
-"""Whether there is a gap: the evidence of all candidates together against its distribution under M0."""
+"""Whether there is a gap: the evidence of all candidates together against its distribution under M0.
+
+Options that a scan has chosen for the data at hand have no such distribution over other data. Their evidence, averaged over all
+options that were tried, is bounded instead: an average B of likelihood ratios has P(B ≥ c) ≤ 1/c under M0, and what was not
+kept only adds to it. The two tests share the rate of false alarms (`DiagnosisSettings.scanned_share`).
+"""
 
 from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import logsumexp
 
 from diagnosis.inference.search import Search
+from diagnosis.settings import DEFAULT
 
 Array = NDArray[np.float64]
 
 TINY = 1e-300
+AT_ONCE = 250  # draws
 
 
-def p_value(search: Search, seed: int, draws: int) -> float:
+def p_value(search: Search, seed: int, draws: int, scanned_share: float = DEFAULT.scanned_share) -> float:
     """P-value of the evidence averaged over all candidates.
 
     It comes from draws of M0, and beyond what those can resolve from the bound P(B ≥ c) ≤ 1/c on an average of likelihood
@@ -23,11 +31,20 @@ def p_value(search: Search, seed: int, draws: int) -> float:
     search : over the candidates
     seed : of the draws
     draws : their number
+    scanned_share : of the false alarms, that what a scan has chosen may have
     """
     observed = search.null_statistic(search.correlation[:, None])[0]
     rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=tuple(b"diagnosis_null")))
     noise = search.model.projected(rng.standard_normal((search.model.y.size, draws)))
-    null = search.null_statistic(search.model.X.T @ noise)
+    # Some at a time: there are thousands of candidates' columns, and several numbers for each of their products.
+    parts = [search.null_statistic(search.model.X.T @ noise[:, k : k + AT_ONCE]) for k in range(0, draws, AT_ONCE)]
+    null = np.concatenate(parts)
     simulated = (1 + int(np.sum(null >= observed))) / (1 + draws)
     bound = float(np.exp(-max(observed, 0.0)))
-    return max(min(simulated, bound) if bound < 1 / (1 + draws) else simulated, TINY)
+    usual = min(simulated, bound) if bound < 1 / (1 + draws) else simulated
+    listed = [candidate for candidate in search.model.candidates if candidate.scanned and candidate.listed]
+    if not listed:
+        return max(usual, TINY)
+    prior = float(logsumexp([candidate.log_prior for candidate in listed]))
+    of_scan = float(np.exp(min(prior - search.null_statistic(search.correlation[:, None], scanned=True)[0], 0.0)))
+    return max(min(usual / (1 - scanned_share), of_scan / scanned_share, 1.0), TINY)

@@ -115,12 +115,13 @@ class Search:
         option, scale = np.unravel_index(int(np.argmax(table + weights[:, None])), table.shape)
         return Score(averaged(table, weights), float(table[option, scale]), int(option), int(scale))
 
-    def null_statistic(self, correlation: Array) -> Array:
-        """log of the evidence averaged over all candidates with their priors, for many observations at once.
+    def null_statistic(self, correlation: Array, scanned: bool = False) -> Array:
+        """log of the evidence averaged over candidates with their priors, for many observations at once.
 
         Parameters
         ----------
         correlation : (p, d) Xᵀy of d observations
+        scanned : of the listed candidates whose options a scan has chosen, or of all the others
 
         Returns
         -------
@@ -128,6 +129,8 @@ class Search:
         """
         parts = []
         for number, candidate in enumerate(self.model.candidates):
+            if candidate.scanned != scanned or (scanned and not candidate.listed):
+                continue
             if self.gram.uniform(number):
                 gram, places = self.gram.of(number)
                 groups = [(gram, correlation[places], candidate.log_weights)]
@@ -141,7 +144,7 @@ class Search:
                 parts.append(
                     logsumexp(table + weights[:, None, None], axis=(0, 1)) - np.log(candidate.scales.size) + candidate.log_prior
                 )
-        return np.asarray(logsumexp(np.array(parts), axis=0))
+        return np.asarray(logsumexp(np.array(parts), axis=0)) if parts else np.full(correlation.shape[1], -np.inf)
 
     # ---- sets ------------------------------------------------------------------------------------------------------------
 

@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from diagnosis.model import processes, unlisted
+from diagnosis.model import periods, processes, repeating, unlisted
 from diagnosis.model.folds import SPLIT, folds
 from diagnosis.model.linear import (
     VISIBLE,
@@ -25,8 +25,11 @@ from diagnosis.model.linear import (
     exactly,
     first_amplitude,
     scales_of,
+    spaced,
 )
+from diagnosis.model.periods import Found
 from diagnosis.model.recording import RecordingModel
+from diagnosis.model.swings import columns_of, period_parameters, swing_columns, with_finer_periods
 from diagnosis.settings import DEFAULT, DiagnosisSettings
 from simulator.effects.base import Effect, ProcessTimes, Surroundings, Value
 
@@ -46,7 +49,7 @@ class Group:
 
     Attributes
     ----------
-    effect, axis, listed, unit, process, positive, log_odds, read, size_sigma, shifted : as in `Candidate`
+    effect, axis, listed, unit, process, positive, log_odds, read, size_sigma, shifted, scanned : as in `Candidate`
     columns : per option (N, k) whitened columns
     parameters : per option
     weights : (o,) prior share of each option
@@ -71,6 +74,7 @@ class Group:
     size_sigma: Callable[[float], float] = exactly
     shifted: bool = False
     scales: Array | None = None
+    scanned: bool = False
 
 
 def linear_model(
@@ -79,6 +83,7 @@ def linear_model(
     further: Sequence[Group] = (),
     settings: DiagnosisSettings = DEFAULT,
     rivals: bool = True,
+    scan: bool = True,
 ) -> LinearModel:
     """The linear model of a recording.
 
@@ -89,11 +94,15 @@ def linear_model(
     further : candidates that tests of the samples bring
     settings : priors
     rivals : whether unlisted rivals compete
+    scan : whether the data are scanned for swings of any period; if not, some periods stand for all of them
     """
-    groups = [*listed(model, effects), *further]
-    if rivals:
-        groups += list(unlisted_groups(model))
-    return assembled(model, groups, {effect.name: effect for effect in effects}, settings)
+    found = periods.swings(model) if scan else None
+    return assembled(
+        model,
+        [*listed(model, effects, found), *further, *(unlisted_groups(model, found or {}, effects) if rivals else ())],
+        {effect.name: effect for effect in effects},
+        settings,
+    )
 
 
 def placed(
@@ -138,7 +147,7 @@ def placed(
         candidates.append(
             Candidate(
                 group.effect, group.axis, group.listed, prior, tuple(options), scales, group.unit, group.process,
-                group.positive, group.log_odds, group.read, group.size_sigma, group.shifted,
+                group.positive, group.log_odds, group.read, group.size_sigma, group.shifted, group.scanned,
             )
         )  # fmt: skip
     return tuple(candidates), np.hstack(columns) if columns else np.empty((size, 0))
@@ -149,11 +158,14 @@ def assembled(
 ) -> LinearModel:
     """Groups side by side, as the linear model of a recording."""
     candidates, W = placed(groups, model.projected, settings, model.size)
+    del groups  # whose columns W has, hundreds of megabytes
 
     def refine(linear: LinearModel, member: Member) -> LinearModel:
         effect = effects.get(linear.candidate(member).effect)
         if effect is None:
             return linear
+        if effect.scanned:
+            return with_finer_periods(model, linear, member, effect)
         finer = with_finer_process if linear.candidate(member).process else with_finer_times
         return finer(model, linear, member, effect)
 
@@ -174,26 +186,23 @@ def assembled(
 # ---- listed effects ------------------------------------------------------------------------------------------------------
 
 
-def listed(model: RecordingModel, effects: Sequence[Effect]) -> Iterator[Group]:
-    """The effects that have columns or a covariance and can be seen in this recording."""
+def listed(model: RecordingModel, effects: Sequence[Effect], found: Found | None) -> Iterator[Group]:
+    """The effects that have columns or a covariance and can be seen in this recording; `found` by a scan for periods."""
     around = model.around
     for effect in effects:
         if effect.missing(around) is not None:
             continue
         if effect.has_columns:
             for axis in effect.axes or (None,):
-                yield (
-                    switched_group(model, effect, axis, around) if effect.switched else plain_group(model, effect, axis, around)
-                )
+                if effect.scanned and found is not None:
+                    if found:
+                        yield scanned_group(model, effect, str(axis), found)
+                elif effect.switched:
+                    yield switched_group(model, effect, axis, around)
+                else:
+                    yield plain_group(model, effect, axis, around)
         elif effect.is_process:
             yield from process_groups(model, effect, around)
-
-
-def columns_of(model: RecordingModel, effect: Effect, axis: str | None, parameters: Mapping[str, Value]) -> Array:
-    """(N, k) whitened columns of an effect per unit of its amplitudes."""
-    if effect.on_references:
-        return model.whitened(model.reference_error(effect.reference_columns(model.references, axis, parameters)))
-    return model.whitened(model.reading(effect.columns(model.stream, axis, parameters)))
 
 
 def plain_group(model: RecordingModel, effect: Effect, axis: str | None, around: Surroundings) -> Group:
@@ -325,6 +334,21 @@ def with_finer_times(model: RecordingModel, linear: LinearModel, member: Member,
     return linear.with_options(member.candidate, [*coarse, *finer], W, model.projected(W))
 
 
+# ---- the period of a swing -----------------------------------------------------------------------------------------------
+
+
+def scanned_group(model: RecordingModel, effect: Effect, axis: str, found: Found) -> Group:
+    """An effect that swings with any period, with an option for each period that a scan of the data has kept."""
+    options = found[effect.on_references, AXES.index(axis)].options
+    columns = swing_columns(model, effect, axis, np.array([one.frequency for one in options]))
+    parameters = [period_parameters(one.frequency, one.width) for one in options]
+    group = _group(effect, axis, columns, parameters, [float(np.exp(one.log_weight)) for one in options])
+    # What a size shows grows with the period: the scales are those of all options, not only of the strongest.
+    norms = np.array([max(np.linalg.norm(model.projected(part), axis=0).max(), 1e-300) for part in columns])
+    low, high = max(effect.prior[0], VISIBLE[0] / norms.max()), min(effect.prior[1], VISIBLE[1] / norms.min())
+    return replace(group, scanned=True, scales=spaced(low, high))
+
+
 # ---- the time constant of a process --------------------------------------------------------------------------------------
 
 
@@ -362,8 +386,11 @@ def _halfway(entry: Candidate, held: Option) -> list[Parameters]:
 # ---- unlisted rivals -----------------------------------------------------------------------------------------------------
 
 
-def unlisted_groups(model: RecordingModel) -> Iterator[Group]:
+def unlisted_groups(model: RecordingModel, found: Found, effects: Sequence[Effect]) -> Iterator[Group]:
     """Every discrepancy that is on no list, with an amplitude of any size."""
+    named = [effect.on_references for effect in effects if effect.scanned]
+    for one in repeating.families(model, found, named):
+        yield replace(_rival(one.name, one.axis, one.columns, False), weights=one.weights, scanned=True)
     for family in unlisted.families(model):
         yield _rival(family.name, family.axis, family.columns, False)
     for process in processes.unlisted(model):

@@ -84,6 +84,8 @@ class Candidate:
     read : from amplitudes (k,) to the size and further parameters
     size_sigma : from the size to the sigma that reading it off the amplitudes adds to theirs
     shifted : whether the last column of each option is a shift; `read` gets the other amplitudes
+    scanned : whether its options are those periods of a sine, of all that were tried, which a scan has found to explain most:
+        their prior shares add up to less than one, and phases of different options do not compare
     """
 
     effect: str
@@ -99,6 +101,7 @@ class Candidate:
     read: Callable[[Array], tuple[float, Parameters]] = first_amplitude
     size_sigma: Callable[[float], float] = exactly
     shifted: bool = False
+    scanned: bool = False
 
     @property
     def label(self) -> str:
@@ -241,7 +244,11 @@ def scales_of(largest: float, limits: tuple[float, float], visible: tuple[float,
     if not largest > 0:
         return np.empty(0)
     low, high = max(limits[0], visible[0] / largest), min(limits[1], visible[1] / largest)
+    return spaced(low, high)
+
+
+def spaced(low: float, high: float) -> Array:
+    """Scales from one to another, evenly spaced in log; none if there are none between."""
     if low >= high:
         return np.empty(0)
-    count = max(3, round(PER_DECADE * np.log10(high / low)) + 1)
-    return np.geomspace(low, high, count)
+    return np.geomspace(low, high, max(3, round(PER_DECADE * np.log10(high / low)) + 1))

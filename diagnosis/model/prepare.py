@@ -8,6 +8,7 @@ noise. Whether a line in the samples is a vibration or a motion of the body is d
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -15,16 +16,20 @@ from numpy.typing import NDArray
 
 from diagnosis.detectors.deadzone import DeadZoneEvidence, dead_zone_evidence, of_zero_samples, usual_slow_rate
 from diagnosis.detectors.reference_noise import ReferenceNoise, ReferenceSeries, reference_noise
-from diagnosis.detectors.report import SampleReport
+from diagnosis.detectors.report import SampleReport, inside
 from diagnosis.detectors.samples import examine, smoothed_rates
+from diagnosis.model.gate import check_residuals
 from diagnosis.model.lines import judged_lines
 from diagnosis.model.recording import RecordingModel, linearised
 from diagnosis.settings import DEFAULT, DiagnosisSettings
+from gyrocal.calibration.gate import LargeResidualError
 from gyrocal.calibration.observability import PLAUSIBLE_RANGE
+from gyrocal.calibration.sampling import measurements
 from gyrocal.errors import InputError
 from gyrocal.recording import Interval, Recording, reference_rows
 
 Array = NDArray[np.float64]
+Progress = Callable[[str, float], None]
 
 AXES = "xyz"
 ITERATIONS = 10
@@ -56,21 +61,33 @@ class Prepared:
     notes: tuple[str, ...]
 
 
-def prepare(recording: Recording, settings: DiagnosisSettings = DEFAULT) -> Prepared:
+def prepare(recording: Recording, settings: DiagnosisSettings = DEFAULT, tell: Progress = lambda text, share: None) -> Prepared:
     """Examine the samples, calibrate under M0 by Gauss–Newton on the linear model, and linearise there.
+
+    Parameters
+    ----------
+    recording : what was recorded
+    settings : thresholds
+    tell : called with a text and the share done of a whole diagnosis
 
     Raises
     ------
     InputError
         The stream does not cover the intervals, or nothing is left of them.
     """
-    report = examine(recording, settings=settings)
-    model, sigma, pieces = _first(recording, report)
+    if inside(recording).sum() < 2 * len(recording.intervals):
+        measurements(recording)  # says which interval lacks samples
+    if not inside(recording).any():
+        raise InputError("no gyro sample starts inside any interval")
+    report, (model, sigma, pieces) = _readable(recording, settings, tell)
     if report.undecided:
         cut = examine(recording, lattice="cut", settings=settings)
-        other = _first(recording, cut)
-        gain = _misfit(model) - _misfit(other[0])
-        if gain > CLEARLY:
+        try:
+            other = _first(recording, cut)
+            gain = _misfit(model) - _misfit(other[0])
+        except LargeResidualError:
+            other, gain = None, -np.inf
+        if other is not None and gain > CLEARLY:
             report, (model, sigma, pieces) = cut, other
         elif gain > -CLEARLY:
             report.symptoms = [
@@ -78,6 +95,7 @@ def prepare(recording: Recording, settings: DiagnosisSettings = DEFAULT) -> Prep
             ]
     dead = _dead(recording, report, model.bias)
     likely = {one.axis for one in dead if one.log_odds > LIKELY}
+    tell("gyro samples: lines and references", 0.08)
     if judged_lines(report, model, likely):
         report.smooth = smoothed_rates(report.rates, recording)
         model, sigma = _calibrated(recording, report, pieces, recording.attitudes.sigma)
@@ -106,6 +124,23 @@ def _reference_noise(
     )
     noise = reference_noise(series, np.median(report.density, axis=0), recording.gyro.t_s, silent, settings)
     return None if noise is not None and (noise.axis in blind or len(blind) == 3) else noise
+
+
+def _readable(
+    recording: Recording, settings: DiagnosisSettings, tell: Progress
+) -> tuple[SampleReport, tuple[RecordingModel, Array, tuple[Interval, ...]]]:
+    """What the samples show and the first model, with readings on a lattice taken in the way in which they fit at all."""
+    tell("gyro samples: noise, lines, outliers", 0.01)
+    report = examine(recording, settings=settings)
+    tell("gyro samples: first calibration", 0.06)
+    try:
+        return report, _first(recording, report)
+    except LargeResidualError:
+        kinds = {symptom.kind for symptom in report.symptoms if symptom.kind.startswith("lattice")}
+        if not kinds:
+            raise
+        other = examine(recording, lattice="rounded" if "lattice_cut" in kinds else "cut", settings=settings)
+        return other, _first(recording, other)
 
 
 def _first(recording: Recording, report: SampleReport) -> tuple[RecordingModel, Array, tuple[Interval, ...]]:
@@ -142,11 +177,18 @@ def _dead(recording: Recording, report: SampleReport, bias: Array) -> tuple[Dead
 def _calibrated(
     recording: Recording, report: SampleReport, pieces: tuple[Interval, ...], reference_sigma: Array
 ) -> tuple[RecordingModel, Array]:
-    """The model about its own calibration, and the (12,) sigma of that."""
+    """The model about its own calibration, and the (12,) sigma of that.
+
+    Raises
+    ------
+    InputError
+        Rates and references do not fit each other, before the calibration or after it.
+    """
     G, bias = recording.gyro.apriori_G.copy(), recording.gyro.apriori_bias.copy()
     sigma = PLAUSIBLE_RANGE
     for _ in range(ITERATIONS):
         model = linearised(recording, G, bias, report.rates, report.smooth, report.density, pieces, reference_sigma)
+        check_residuals(model, report.rates)
         change, covariance = _step(model)
         sigma = np.sqrt(np.diag(covariance))
         if np.abs(change / sigma).max() < SETTLED:

@@ -91,6 +91,8 @@ def orthogonal(columns: Array, gram: Array, F: Array, share: float = INFORMATION
     F : (c, k) factor of the covariance
     share : of the information that is kept
     """
+    if not F.shape[1]:  # a covariance of zero, such as that of a walk over cells of one time
+        return columns[:, :0]
     moved = F.T @ gram @ F
     information = share * float(np.sum(moved**2))
     strongest = [max(len(moved) - MOST_COLUMNS, 0), len(moved) - 1]

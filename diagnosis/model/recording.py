@@ -40,6 +40,7 @@ from gyrocal.calibration.propagation import Arcs, propagate
 from gyrocal.calibration.sampling import Measurements, measurements
 from gyrocal.recording import Attitudes, Interval, Recording, reference_rows
 from simulator.effects import References, Stream, Surroundings, forward_axes
+from simulator.effects.recorded import housekeeping_at
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
@@ -48,6 +49,7 @@ MOST_CELLS = 320  # cells of a recording; random processes cost the cube of it
 MOST_STEPS = 60_000  # steps on which columns are made
 MOST_OBSERVATIONS = 500  # attitudes that enter the model; its cost grows with the square of them
 FEWEST_OBSERVATIONS = 10  # of an interval that are left by averaging; with few of them its motion would be lost
+AT_ONCE = 1024  # columns that are projected together
 RANK = 1e-9  # relative size below which a nuisance column adds nothing to the others
 
 
@@ -179,13 +181,6 @@ class RecordingModel:
     def stream(self) -> Stream:
         """The steps as the effects see them."""
         orbit = self.recording.orbit
-        table = self.recording.tables.get("housekeeping")
-        housekeeping = {}
-        if table is not None:
-            tags = table["t_s"].to_numpy(float)
-            housekeeping = {
-                str(name): np.interp(self.t_s, tags, table[name].to_numpy(float)) for name in table.columns if name != "t_s"
-            }
         return Stream(
             t_s=self.t_s,
             duration_s=self.dt,
@@ -194,7 +189,7 @@ class RecordingModel:
             intervals=tuple(block.steps for block in self.blocks),
             orbit_period_s=orbit.period_s if orbit is not None else float("nan"),
             span_s=(self.recording.intervals[0].start_s, self.recording.intervals[-1].stop_s),
-            housekeeping=housekeeping,
+            housekeeping=housekeeping_at(self.recording, self.t_s),
         )
 
     @cached_property
@@ -303,8 +298,12 @@ class RecordingModel:
         return np.asarray(U[:, s > RANK * s[0]])
 
     def projected(self, columns: Array) -> Array:
-        """Whitened columns with the nuisance parameters' part taken out."""
-        return columns - self.nuisance @ (self.nuisance.T @ columns)
+        """Whitened columns with the nuisance parameters' part taken out, some at a time: ten thousand are a gigabyte thrice."""
+        basis, out = self.nuisance, np.empty_like(columns)
+        for first in range(0, columns.shape[-1] if columns.ndim > 1 else 1, AT_ONCE):
+            some = (..., slice(first, first + AT_ONCE)) if columns.ndim > 1 else ...
+            np.subtract(columns[some], basis @ (basis.T @ columns[some]), out=out[some])
+        return out
 
     def prepared(self, columns: Array) -> Array:
         """Whitened and projected."""

@@ -2,9 +2,9 @@
 
 A cause may be named only if it explains the data better than anything that behaves alike but is something else. The rivals
 are therefore broad: rate errors that follow the rate in other ways (products, cubes, cross axes), that run with the time
-since an interval's start, with mission time or with any period, that are locked to the orbit's harmonics, that differ from
-interval to interval, plain random ones at several time scales, and the same on the side of the references. Narrow rivals let
-an unlisted effect pass as its nearest listed neighbour.
+since an interval's start or with mission time, that repeat with any period (`diagnosis.model.repeating`), that are locked to
+the orbit's harmonics, that differ from interval to interval, plain random ones at several time scales, and the same on the side
+of the references. Narrow rivals let an unlisted effect pass as its nearest listed neighbour.
 
 Each family gives columns per unit amplitude; amplitudes are taken in terms of what the recording can show, since nothing is
 known of them.
@@ -26,7 +26,7 @@ Array = NDArray[np.float64]
 AXES = "xyz"
 DAY = 86400.0
 WARM_UP = (200.0, 600.0, 1800.0)  # s
-PERIODS = 28  # of the scan for any period
+PERIODS = 14  # counted from the start of each interval
 
 
 @dataclass(frozen=True)
@@ -173,9 +173,7 @@ def _in_time(model: RecordingModel, bins: Bins) -> Iterator[Family]:
         waves = [_wave(t, orbit / k) for k in (2, 3, 4)]
         yield from _several(model, bins, "bias at a harmonic of the orbit rate", waves)
     if longest > 2 * shortest:
-        waves = [_wave(t, period) for period in np.geomspace(shortest, 2.5 * longest, PERIODS)]
-        yield from _several(model, bins, "bias of another period", waves)
-        waves = [_wave(since, period) for period in np.geomspace(shortest, 2.5 * longest, PERIODS // 2)]
+        waves = [_wave(since, period) for period in np.geomspace(shortest, 2.5 * longest, PERIODS)]
         yield from _several(model, bins, "bias of a period counted from each interval's start", waves)
         # The phases of a period are coherent over the gaps between intervals only if it is known to the gaps' length.
         if len(model.blocks) > 1:
@@ -201,8 +199,6 @@ def _on_references(model: RecordingModel) -> Iterator[Family]:
     begin = np.array([model.t_s[block.steps.start] for block in model.blocks])
     since = t - begin[model.interval_of_reference][:, None]
     orbit = model.stream.orbit_period_s
-    longest = max(float(block.elapsed_s[-1]) for block in model.blocks)
-    shortest = max(4.0 * float(np.median(np.diff(model.recording.attitudes.t_s))), longest / 60)
     w = np.concatenate([model.rates[_step_at(model, number)] for number in range(len(model.blocks))])
     groups: list[tuple[str, list[Array]]] = [
         ("references run with the time since an interval's start", [since, *(np.exp(-since / tau) for tau in WARM_UP[1:])]),
@@ -213,10 +209,6 @@ def _on_references(model: RecordingModel) -> Iterator[Family]:
     ]
     if np.isfinite(orbit):
         groups.append(("references at a higher harmonic of the orbit rate", [_wave(t, orbit / k) for k in (3, 4, 6)]))
-    if longest > 2 * shortest:
-        groups.append(
-            ("references of another period", [_wave(t, period) for period in np.geomspace(shortest, 2.5 * longest, PERIODS)])
-        )
     for name, options in groups:
         if not options:
             continue

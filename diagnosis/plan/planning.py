@@ -59,7 +59,7 @@ def plan(
     model = noise_free(scenario)
     every = signatures(model, names)
     tell("candidates", 0.05)
-    power = PowerOf(linear_model(model, list(EFFECTS.values()), settings=settings), seed, settings)
+    power = PowerOf(linear_model(model, list(EFFECTS.values()), settings=settings, scan=False), seed, settings)
     tell("smallest visible sizes", 0.15)
     seen = list(columns_seen(every, power, tell))
     random = random_columns(model, names)

@@ -21,9 +21,10 @@ gives what their residuals then have: a C of each interval by itself, or one V o
 
 from typing import Literal
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
+
+from gyrocal.compiled import compiled
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
@@ -50,7 +51,7 @@ def chained(first_rows: Indices, last_rows: Indices) -> list[list[int]]:
     return groups
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def residual_covariance(
     R: Array,
     interval: Indices,

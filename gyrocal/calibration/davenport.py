@@ -19,6 +19,7 @@ group of residuals, see `gyrocal.calibration.covariance`.
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from importlib import metadata
@@ -30,7 +31,9 @@ from numpy.typing import NDArray
 
 from gyrocal import attitude
 from gyrocal.calibration import normal_equations as accumulation
+from gyrocal.calibration import shown
 from gyrocal.calibration.covariance import CovarianceModel
+from gyrocal.calibration.gate import LargeResidualError, refusal
 from gyrocal.calibration.gyro_space import Parametrisation, space_of
 from gyrocal.calibration.observability import PLAUSIBLE_BIAS, PLAUSIBLE_G, PLAUSIBLE_RANGE, Observability, observability
 from gyrocal.calibration.parameters import AXES, GyroParameters, select
@@ -42,9 +45,13 @@ from gyrocal.recording import Recording, arrays
 
 if TYPE_CHECKING:
     import pandas as pd
+    import xarray
+    from matplotlib.axes import Axes
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
+
+logger = logging.getLogger(__name__)
 
 ROTATION_NAMES = ("roll", "pitch", "yaw")
 DEGREES = np.array([1.0] * 9 + [np.rad2deg(1.0)] * 3)  # of twelve parameters, biases in deg/s
@@ -258,7 +265,27 @@ class CalibrationResult:
     @property
     def bias_deg_s(self) -> Array:
         """(3,) calibrated b, deg/s."""
-        return np.asarray(np.rad2deg(self.bias))
+        return self.parameters.bias_deg_s
+
+    @property
+    def sigma_bias_deg_s(self) -> Array:
+        """(3,) formal 1-sigma of b, deg/s."""
+        return np.asarray(np.rad2deg(self.sigma[9:]))
+
+    def to_xarray(self) -> xarray.Dataset:
+        """Parameters, their covariance and residuals as one labelled data set, in degrees; xarray is an optional extra."""
+        return shown.to_xarray(self)
+
+    def plot_residuals(self, ax: Axes | None = None, *, before: bool = False) -> Axes:
+        """Residuals after the calibration over time, deg, with the sigma expected of each; with those before if asked.
+
+        They are drawn on ax, or on one of a new figure.
+        """
+        return shown.plot_residuals(self, ax, before)
+
+    def plot_parameters(self, ax: Axes | None = None) -> Axes:
+        """Corrections of the solved-for parameters in sigmas, on ax or on one of a new figure; the values are the labels."""
+        return shown.plot_parameters(self, ax)
 
     def to_json(self) -> dict[str, Any]:
         """The result as plain values, degrees and deg/s."""
@@ -379,7 +406,7 @@ def calibrate(
     corrections: list[GyroParameters] = []
     history: list[Array] = []
     converged = False
-    first = state = _first_state(problem, recording, start)
+    first = state = _state(problem, recording, start, start)
     judged = observability(state.H / problem.scale, plausible, names)
     if judged.unobservable and apriori_covariance is None:
         raise UnobservableError(
@@ -395,10 +422,11 @@ def calibrate(
         before, parameters = parameters, space.parameters(x)
         corrections.append(GyroParameters.from_vector(parameters.vector - before.vector))
         history.append(state.theta)
-        state = problem.state(parameters)
+        state = _state(problem, recording, parameters, start)
         converged = bool(np.abs(step[:9]).max() <= tolerance_G and np.abs(step[9:]).max() <= tolerance_bias)
         if converged and iterations is None:
             break
+    logger.debug("%s: %d iterations, %sconverged", recording.title, len(corrections), "" if converged else "not ")
     covariance = np.zeros((12, 12))
     covariance[np.ix_(columns, columns)] = P
     return CalibrationResult(
@@ -430,15 +458,15 @@ def calibrate(
     )
 
 
-def _first_state(problem: Problem, recording: Recording, start: GyroParameters) -> State:
-    """The state at the parameters to start from; where residuals are too large, an error that says what would fit."""
+def _state(problem: Problem, recording: Recording, parameters: GyroParameters, start: GyroParameters) -> State:
+    """The state at some parameters; where residuals are too large, an error that says where and what would fit at the start."""
     try:
-        return problem.state(start)
-    except InputError as error:
-        from gyrocal.importing.agreement import explained
-
-        reason = explained(recording, start.G, start.bias)
-        raise InputError(f"{error}; {reason}" if reason else str(error)) from None
+        return problem.state(parameters)
+    except LargeResidualError as error:
+        prepared = problem.measurements
+        interval = recording.intervals[prepared.arcs.arc[error.output]].name
+        t_s = recording.attitudes.t_s[prepared.row[error.output]]
+        raise refusal(error, recording, interval, t_s, start.G, start.bias) from None
 
 
 def residual_table(
@@ -452,7 +480,7 @@ def residual_table(
 ) -> pd.DataFrame:
     """Residuals under given parameters, nothing estimated; columns as in `CalibrationResult.residuals`, "before" only."""
     prepared = measurements(recording, step_s, resampling, max_gap_s)
-    state = Problem.of(recording, prepared, psi=psi).state(parameters)
+    state = _state(Problem.of(recording, prepared, psi=psi), recording, parameters, parameters)
     table = _residual_table(recording, prepared, state, state)
     return table[[column for column in table.columns if not column.startswith("after")]]
 

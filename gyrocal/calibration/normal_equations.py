@@ -11,12 +11,12 @@ on arrays of one prepared `Problem` (see `gyrocal.calibration.problem`) and hold
 
 from math import atan2, sqrt
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
 from gyrocal.calibration.covariance import residual_covariance
 from gyrocal.calibration.propagation import propagate_packed
+from gyrocal.compiled import compiled
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
@@ -24,7 +24,7 @@ Indices = NDArray[np.intp]
 SMALL_SINE = 1e-9  # below it a rotation vector is its sine to rounding
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def residuals(R: Array, A_start: Array, A_obs: Array) -> Array:  # pragma: no cover - compiled
     """θ (m, 3) of N (16), exp([θ×]) = A_obs (R A_start)ᵀ; the full rotation vector, below half a turn."""
     m = len(R)
@@ -49,7 +49,7 @@ def residuals(R: Array, A_start: Array, A_obs: Array) -> Array:  # pragma: no co
     return theta
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def whiten(V: Array, values: Array) -> Array:  # pragma: no cover - compiled
     """L⁻¹ values with V = L Lᵀ; values (r, c)."""
     L = np.linalg.cholesky(V)
@@ -66,7 +66,7 @@ def whiten(V: Array, values: Array) -> Array:  # pragma: no cover - compiled
     return out
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def sensitivity(S: Array, columns: Indices, scale: Array) -> Array:  # pragma: no cover - compiled
     """Θ D (3m, p) from the regressor sums S (m, 4, 3, 3); column k of the twelve is G[k // 3, k % 3], or b[k − 9]."""
     m, p = len(S), len(columns)
@@ -80,7 +80,7 @@ def sensitivity(S: Array, columns: Indices, scale: Array) -> Array:  # pragma: n
     return out
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def whitened(
     theta: Array,
     Theta: Array,
@@ -121,7 +121,7 @@ def whitened(
     return out[:, :p], out[:, p].copy()
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def accumulate(H: Array, z: Array) -> tuple[Array, Array]:  # pragma: no cover - compiled
     """W = Hᵀ H and u = Hᵀ z, N (31)–(32)."""
     rows, p = H.shape
@@ -137,7 +137,7 @@ def accumulate(H: Array, z: Array) -> tuple[Array, Array]:  # pragma: no cover -
     return W, u
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def iterate(
     iterations: int,
     x: Array,

@@ -88,6 +88,11 @@ class GyroParameters:
         return cls(G, bias)
 
     @property
+    def bias_deg_s(self) -> Array:
+        """(3,) b, deg/s."""
+        return np.asarray(np.rad2deg(self.bias))
+
+    @property
     def scale_factor(self) -> Array:
         """(3,) scale factor of each gyro, the diagonal of G."""
         return np.diag(self.G).copy()

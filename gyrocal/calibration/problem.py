@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gyrocal import attitude
+from gyrocal.calibration import gate
 from gyrocal.calibration import normal_equations as accumulation
 from gyrocal.calibration.covariance import JOINT, MODEL_CODES, CovarianceModel, chained, residual_covariance
 from gyrocal.calibration.gyro_space import Parametrisation, space_of
@@ -25,8 +26,6 @@ from gyrocal.recording import Recording
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
-
-LARGEST_RESIDUAL = np.deg2rad(30.0)  # far outside what one linearisation can correct; wrong units look like this
 
 
 @dataclass(frozen=True)
@@ -68,6 +67,25 @@ class Iterates:
     theta: Array
     P: Array
     chi2: float
+
+    def checked(self) -> "Iterates":
+        """These, if each iteration was within what one linearisation can correct, as `Problem.state` asks; they must look back.
+
+        Raises
+        ------
+        InputError
+            They diverged: a residual is beyond `LARGEST_RESIDUAL`, or a number is not finite.
+        """
+        largest = np.linalg.norm(self.theta, axis=2).max(axis=1)
+        if not (largest <= gate.LARGEST_RESIDUAL).all():  # NaN too
+            k = int(np.argmax(~(largest <= gate.LARGEST_RESIDUAL)))
+            when = f"after iteration {k}" if k else "under the parameters to start from"
+            raise InputError(
+                f"diverged: an attitude residual of {np.rad2deg(largest[k]):.1f} deg {when} is too large to linearise"
+            )
+        if not (np.isfinite(self.x).all() and np.isfinite(self.P).all() and (np.diag(self.P) >= 0).all()):
+            raise InputError("diverged: the estimate or its covariance is not finite")
+        return self
 
 
 @dataclass(frozen=True)
@@ -160,7 +178,7 @@ class Problem:
 
         Raises
         ------
-        InputError
+        gyrocal.calibration.gate.LargeResidualError
             A residual is too large to be corrected by linearisation.
         """
         prepared = self.measurements
@@ -168,13 +186,7 @@ class Problem:
             propagation = propagate(prepared.arcs, parameters.G, parameters.bias, self.psi)
         A_start, A_obs = self.A[prepared.start], self.A[prepared.row]
         theta = accumulation.residuals(propagation.R, A_start, A_obs)
-        largest = np.linalg.norm(theta, axis=1).max() if np.isfinite(propagation.R).all() else np.inf
-        if not largest <= LARGEST_RESIDUAL:
-            raise InputError(
-                f"an attitude residual of {np.rad2deg(largest):.1f} deg is too large to linearise; "
-                "are the rates in deg/s, the quaternions scalar last and inertial to body, the a-priori G and bias right, "
-                "and is the step or a held gap not too long?"
-            )
+        gate.check(np.where(np.isfinite(propagation.R).all(axis=2), theta, np.inf))
         Theta = self._sensitivity(propagation.S, parameters)
         start, row, elapsed_s, sigma = self._references
         options = (*self.groups, prepared.arcs.arc, start, row, elapsed_s, sigma, *self._covariance)

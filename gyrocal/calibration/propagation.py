@@ -33,11 +33,11 @@ from functools import cached_property
 from math import sqrt
 from typing import Literal
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
 from gyrocal.attitude import cross_matrix, rotation_matrix
+from gyrocal.compiled import compiled
 
 Array = NDArray[np.float64]
 Psi = Literal["full", "linear"]
@@ -262,7 +262,7 @@ def propagate(arcs: Arcs, G: Array, bias: Array, psi: Psi = "full", regressors: 
     return Propagation(R, np.concatenate(sums, axis=1)[:, : GROUP + count])
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def cut(first: Indices, last: Indices) -> tuple[Indices, Indices]:  # pragma: no cover - compiled
     """Start and length of pieces that end at every output and fill whole batches of lanes with little padding.
 
@@ -294,7 +294,7 @@ def cut(first: Indices, last: Indices) -> tuple[Indices, Indices]:  # pragma: no
     return starts, lengths
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def _averages(rates: Array, sample: Indices, fine: Indices, fine_dt: Array) -> Array:  # pragma: no cover - compiled
     """Raw rate of every step, (n, 3): the mean over its fine steps, each by its duration."""
     out = np.empty((len(fine) - 1, 3))
@@ -315,7 +315,7 @@ def packed_shape(pieces: Pieces) -> tuple[int, int, int, int]:
     return -(-len(pieces[0]) // LANES), -(-int(pieces[1].max()) // TILE) * TILE, 4, LANES
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def pack_increments(
     rates: Array, sample: Indices, dt: Array, starts: Indices, lengths: Indices, out: Array
 ) -> float:  # pragma: no cover - compiled
@@ -346,7 +346,7 @@ def pack_increments(
     return sqrt(largest)
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def pack(values: Array, starts: Indices, lengths: Indices) -> Array:  # pragma: no cover - compiled
     """Rows of (n, 4) `values` laid out as `pack_increments` does."""
     out = np.zeros(((len(starts) + LANES - 1) // LANES, (lengths.max() + TILE - 1) // TILE * TILE, 4, LANES))
@@ -358,7 +358,7 @@ def pack(values: Array, starts: Indices, lengths: Indices) -> Array:  # pragma: 
     return out
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def propagate_packed(
     increments: Array,
     weights: Array,
@@ -409,7 +409,7 @@ def propagate_packed(
     return R_out, S_out
 
 
-@numba.njit(cache=True, nogil=True, fastmath={"contract"})
+@compiled(fastmath={"contract"})
 def _lanes(
     increments: Array, weights: Array, G: Array, bias: Array, linear: bool, beyond_series: bool, out: Array
 ) -> None:  # pragma: no cover - compiled
@@ -486,13 +486,13 @@ def _lanes(
                     out[9 + 9 * q + 3 * i + j, lane] = state[i, 3 + 3 * q + j, v + lane]
 
 
-@numba.njit(inline="always")
+@compiled(inline="always")
 def _to_cache_line(values: Array) -> int:  # pragma: no cover - compiled
     """Doubles from the start of an array to the next cache line, 0 to 7."""
     return (-values.ctypes.data >> 3) & (CACHE_LINE - 1)
 
 
-@numba.njit(inline="always")
+@compiled(inline="always")
 def _sensitivity(
     tile: Array, t: int, lane: int, x: float, y: float, z: float, c: float, d: float
 ) -> None:  # pragma: no cover - compiled
@@ -507,7 +507,7 @@ def _sensitivity(
     tile[t, 9, lane], tile[t, 10, lane], tile[t, 11, lane] = xz - cy, yz + cx, 1 - xx - yy
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def _closed_coefficients(f: float) -> tuple[float, float]:  # pragma: no cover - compiled
     """c and d of φ² = f where the series no longer serves."""
     phi = sqrt(f)

@@ -114,6 +114,11 @@ class BatchResult:
     covariance_model: BatchCovariance
 
     @property
+    def bias_deg_s(self) -> Array:
+        """(3,) b, deg/s."""
+        return np.asarray(np.rad2deg(self.bias))
+
+    @property
     def attitude_covariance(self) -> Array:
         """(3k, 3k) of the attitudes at the wanted times, which correlate through epoch, bias and gyro noise; rad²."""
         return self.joint[len(self.covariance) :, len(self.covariance) :]

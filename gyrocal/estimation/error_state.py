@@ -28,9 +28,10 @@ Then A ← exp([θ̂×]) A and x ← x − Δx̂, and the state starts from zero
 
 from math import cos, sin, sqrt
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
+
+from gyrocal.compiled import compiled
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
@@ -39,7 +40,7 @@ SERIES_LIMIT = 1.0  # rad; the closed forms below lose up to five digits of a co
 SERIES_TERMS = 9
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def step_integrals(phi: float) -> tuple[float, float, float, float]:  # pragma: no cover - compiled
     """c, d, e, f of a step that turns by phi ≥ 0 rad."""
     x = phi * phi
@@ -61,7 +62,7 @@ def step_integrals(phi: float) -> tuple[float, float, float, float]:  # pragma: 
     return c, d, e, f
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def transition(
     x: Array, raw: Array, dt: float, columns: Indices, R: Array, B: Array
 ) -> tuple[float, float, float]:  # pragma: no cover - compiled
@@ -99,7 +100,7 @@ def transition(
     return wx, wy, wz
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def process_noise(
     angle: tuple[float, float, float], dt: float, arw: float, walk: float
 ) -> tuple[Array, Array, float]:  # pragma: no cover - compiled
@@ -124,7 +125,7 @@ def process_noise(
     return Q, cross, w * dt
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def propagate_covariance(
     P: Array, R: Array, B: Array, Q: Array, cross: Array, bias_variance: float
 ) -> None:  # pragma: no cover - compiled
@@ -153,7 +154,7 @@ def propagate_covariance(
             P[i, i] += bias_variance
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def turn(A: Array, R: Array) -> None:  # pragma: no cover - compiled
     """A ← R A in place."""
     for j in range(3):
@@ -162,7 +163,7 @@ def turn(A: Array, R: Array) -> None:  # pragma: no cover - compiled
             A[i, j] = R[i, 0] * x + R[i, 1] * y + R[i, 2] * z
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def advance(
     A: Array,
     P: Array,
@@ -215,7 +216,7 @@ def advance(
         t = until
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def gain(P: Array, H: Array, sigma: Array, z: Array) -> tuple[Array, Array, float]:  # pragma: no cover - compiled
     """K (n, m), S (m, m) and zᵀS⁻¹z of a measurement, H (m, 3)."""
     n, m = len(P), len(z)
@@ -239,7 +240,7 @@ def gain(P: Array, H: Array, sigma: Array, z: Array) -> tuple[Array, Array, floa
     return K, S, nis
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def joseph(P: Array, K: Array, H: Array, sigma: Array) -> None:  # pragma: no cover - compiled
     """P ← (I − K H) P (I − K H)ᵀ + K N Kᵀ in place, N = diag(σ²)."""
     n, m = K.shape

@@ -97,6 +97,11 @@ class FilterRun:
         """(k, 3) b, rad/s."""
         return np.asarray(self.x[:, 9:])
 
+    @property
+    def bias_deg_s(self) -> Array:
+        """(k, 3) b, deg/s."""
+        return np.asarray(np.rad2deg(self.bias))
+
 
 def run(
     estimator: KalmanFilter,

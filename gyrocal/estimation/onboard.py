@@ -49,7 +49,6 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
@@ -57,6 +56,7 @@ from gyrocal import attitude
 from gyrocal.calibration.davenport import Accumulation
 from gyrocal.calibration.normal_equations import whiten
 from gyrocal.calibration.parameters import NAMES, GyroParameters, select
+from gyrocal.compiled import compiled
 from gyrocal.errors import InputError
 from gyrocal.estimation.error_state import Indices, transition, turn
 from gyrocal.estimation.filter_run import covering
@@ -285,7 +285,7 @@ def recorded(
     return recording, np.array([one.C for one in maneuvers])
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def _carry_sensitivity(
     x: Array, raw: Array, dt: float, held: Indices, R: Array, B: Array, S_e: Array, S_x: Array
 ) -> None:  # pragma: no cover - compiled
@@ -295,7 +295,7 @@ def _carry_sensitivity(
     S_e[:] = R @ S_e + B @ S_x + B_held
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def _carry_maneuver(
     x: Array,
     raw: Array,

@@ -41,6 +41,7 @@ ANCHOR = 1e3  # sigmas of a reference: what is known of the anchor before it is 
 ITERATIONS = 3
 SAME_TIME_S = 1e-6
 GAP = 1.5  # samples
+LARGEST_SIGMA = 1e6  # of what is known before; one beyond is a mistake, and its square may be no number
 
 
 @dataclass(frozen=True)
@@ -89,7 +90,16 @@ def prior_covariance(
     sigma_mounting : 1-sigma about each axis, rad
     sigma_scale : 1-sigma
     G : (3, 3) that the rotation and the scale factor act on; the identity by default
+
+    Raises
+    ------
+    InputError
+        A sigma is negative, or larger than any gyro's.
     """
+    sigmas = {"sigma_G": sigma_G, "sigma_bias": sigma_bias, "sigma_mounting": sigma_mounting, "sigma_scale": sigma_scale}
+    for name, value in sigmas.items():
+        if value is not None and not 0 <= value < LARGEST_SIGMA:
+            raise InputError(f"prior {name} {value:g}: must not be negative, and below {LARGEST_SIGMA:g}")
     plausible = PLAUSIBLE_RANGE
     own = np.where(
         np.arange(12) < 9, plausible if sigma_G is None else sigma_G, plausible if sigma_bias is None else sigma_bias

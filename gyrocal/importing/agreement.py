@@ -17,20 +17,18 @@ changes are named together, since the data cannot tell them apart.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from itertools import permutations, product
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
+from gyrocal.importing.motion import ELEMENTS, Motion, motion
 from gyrocal.recording import Recording
 
 Array = NDArray[np.float64]
 
-WINDOWS = 60  # at least so many in a recording, as far as there are attitudes
-MOST_WINDOWS = 4000
-TURN = np.deg2rad(20.0)  # of a window: the mean rate of more is not that of the axes at its ends
 FITS = 0.1  # residual over motion of rates that are read rightly: errors of G and noise
 HOPELESS = 0.5
 BETTER = 0.5  # times the residual as read: an alternative must fit so much better
@@ -56,8 +54,18 @@ TIME_RATIOS = {  # how much longer a time is read
     ("ms", "us"): 1e-3,
     ("ns", "us"): 1e3,
 }
+RATE_FACTORS = {  # of rates on file, which have one unit: a prefix or a conversion that was forgotten or made twice
+    f"the rates {words}": factor
+    for number, factor in (("1000", 1e3), ("3600", 3600.0), ("57.296", 180 / np.pi), ("206265", 3600 * 180 / np.pi))
+    for words, factor in ((f"divided by {number}", 1 / factor), (f"times {number}", factor))
+}
 GAINED = 0.7  # of 1 − correlation: an offset that leaves more has gained nothing
-ORDER_WORDS = {-1: "the quaternion's scalar part first (scalar-first)", 1: "the quaternion's scalar part last (scalar-last)"}
+ORDERS = {  # in which they may be instead
+    "": {},
+    "scalar-last": {(1, 2, 3, 0): "the quaternion's scalar part first (scalar-first)"},
+    "scalar-first": {(3, 0, 1, 2): "the quaternion's scalar part last (scalar-last)"},
+}
+EXCHANGED = {(1, 0, 2, 3): "q1 and q2 exchanged", (2, 1, 0, 3): "q1 and q3 exchanged", (0, 2, 1, 3): "q2 and q3 exchanged"}
 DIRECTION_WORDS = {
     False: "the attitude from inertial to body (inertial-to-body)",
     True: "the attitude from body to inertial (body-to-inertial)",
@@ -115,80 +123,14 @@ class Agreement:
         return f"{lead}; {100 * min(one.residual for one in self.better):.1f} % with {ways}"
 
 
-@dataclass(frozen=True)
-class Motion:
-    """Mean rates by both sides over windows.
-
-    Attributes
-    ----------
-    start_s, stop_s : (n,) of the windows
-    rows : (n, 2) attitudes at their ends
-    t_s, angle : gyro tags with the end of the last sample, and the integral of the rates (., 3) up to each
-    q : (m, 4) attitudes, inertial to body, scalar last
-    """
-
-    start_s: Array
-    stop_s: Array
-    rows: NDArray[np.intp]
-    t_s: Array
-    angle: Array
-    q: Array
-
-    def gyro(self, offset_s: float = 0.0) -> tuple[Array, NDArray[np.bool_]]:
-        """Mean rates (n, 3) of the gyro, its tags offset, and the windows that it covers."""
-        a, b = self.start_s + offset_s, self.stop_s + offset_s
-        inside = (a >= self.t_s[0]) & (b <= self.t_s[-1])
-        turn = np.stack([np.interp(b, self.t_s, x) - np.interp(a, self.t_s, x) for x in self.angle.T], axis=1)
-        return turn / (b - a)[:, None], inside
-
-    def attitudes(self, roll: int = 0, reverse: bool = False, reversed_before: bool = False) -> Array:
-        """Mean body rates (n, 3) of the attitudes, read in another way.
-
-        Parameters
-        ----------
-        roll : places by which the elements of the quaternions on file are moved on
-        reverse : whether the direction is the other one
-        reversed_before : whether the quaternions on file have been conjugated to be these
-        """
-        conjugate = np.array([-1.0, -1.0, -1.0, 1.0]) if reversed_before else np.ones(4)
-        turned = Rotation.from_quat(np.roll(self.q * conjugate, roll, axis=1) * conjugate)
-        if reverse:
-            turned = turned.inv()
-        # A is the inverse of scipy's rotation, and A(t + Δt) Aᵀ = exp(−[ω×]Δt).
-        body = turned[self.rows[:, 0]].inv() * turned[self.rows[:, 1]]
-        return np.asarray(body.as_rotvec() / (self.stop_s - self.start_s)[:, None])
-
-
-def motion(t_s: Array, rates: Array, sample_s: float, t_ref: Array, q: Array, count: int = WINDOWS) -> Motion | None:
-    """Windows over what both sides cover; None if there are too few.
-
-    Parameters
-    ----------
-    t_s, rates, sample_s : gyro tags (n,), raw or adjusted rates (n, 3) rad/s, length of a sample
-    t_ref, q : attitudes, (m,) s and (m, 4) inertial to body, scalar last
-    count : of windows side by side, as far as none turns by more than `TURN`
-    """
-    edges = np.append(t_s, t_s[-1] + sample_s)
-    angle = np.concatenate([np.zeros((1, 3)), np.cumsum(rates * np.diff(edges)[:, None], axis=0)])
-    inside = np.flatnonzero((t_ref >= edges[0]) & (t_ref <= edges[-1]))
-    if inside.size < 4:
-        return None
-    step = float(np.median(np.diff(t_ref[inside])))
-    turned = Rotation.from_quat(q[inside])
-    speed = np.percentile((turned[:-1].inv() * turned[1:]).magnitude() / np.diff(t_ref[inside]), 90)
-    length = min(TURN / max(float(speed), 1e-12), (t_ref[inside[-1]] - t_ref[inside[0]]) / count)
-    stride = max(int(length / step), 1)
-    first, last = inside[:-stride], inside[stride:]
-    whole = t_ref[last] - t_ref[first] < 1.5 * stride * step
-    if whole.sum() < 3:
-        return None
-    chosen = np.flatnonzero(whole)
-    chosen = chosen[:: max(chosen.size // MOST_WINDOWS, 1)]
-    rows = np.stack([first[chosen], last[chosen]], axis=1)
-    return Motion(t_ref[rows[:, 0]], t_ref[rows[:, 1]], rows, edges, angle, q)
-
-
-def agreement(windows: Motion, unit: str = "", time_unit: str = "", order: str = "", reverse: bool = False) -> Agreement:
+def agreement(
+    windows: Motion,
+    unit: str = "",
+    time_unit: str = "",
+    order: str = "",
+    reverse: bool = False,
+    factors: Mapping[str, float] | None = None,
+) -> Agreement:
     """How rates and attitudes fit, as read and otherwise.
 
     Parameters
@@ -197,12 +139,15 @@ def agreement(windows: Motion, unit: str = "", time_unit: str = "", order: str =
     unit, time_unit : as which they are read; others are tried in their place
     order : "scalar-first" or "scalar-last" as which quaternions are read; "" tries no other
     reverse : whether the quaternions on file have been conjugated to be inertial to body
+    factors : of the rates that are tried beside those of units, with their words
     """
     as_read = _as_read(windows)
     if as_read.residual <= FITS:
         return Agreement(as_read, ())
     ways = _ways(windows, order, reverse)
-    scales = _scales(unit, time_unit)
+    units = list(_scales(unit, "").values())  # name what factors would only number
+    numbered = {words: factor for words, factor in (factors or {}).items() if not np.isclose(factor, units).any()}
+    scales = _scales(unit, time_unit) | numbered
     tried = [one for words, reference in ways for one in _readings(windows, reference, words, 0.0, scales)]
     if min((one.residual for one in tried), default=np.inf) > FITS:
         for words, reference in ways:
@@ -220,11 +165,14 @@ def agreement(windows: Motion, unit: str = "", time_unit: str = "", order: str =
 def _ways(windows: Motion, order: str, reverse: bool) -> list[tuple[tuple[str, ...], Array]]:
     """All readings of the attitudes: what each changes, and the mean rates by it."""
     out: list[tuple[tuple[str, ...], Array]] = []
-    for roll in {"": (0,), "scalar-first": (0, 1), "scalar-last": (0, -1)}[order]:
+    for places, word in {ELEMENTS: "", **ORDERS[order]}.items():
         for other in (False, True):
-            words = [ORDER_WORDS[roll]] if roll else []
-            words += [DIRECTION_WORDS[reverse]] if other else []
-            out.append((tuple(words), windows.attitudes(roll, other, reverse)))
+            words = tuple(filter(None, (word, DIRECTION_WORDS[reverse] if other else "")))
+            out.append((words, windows.attitudes(places, other, reverse)))
+    # An exchange with the other direction as well is a turn of the axes, and those are tried for every reading.
+    out += [
+        ((word,), windows.attitudes(places, False, reverse)) for places, word in EXCHANGED.items() if order == "scalar-last"
+    ]
     return out
 
 
@@ -236,10 +184,12 @@ def explained(recording: Recording, G: Array, bias: Array) -> str:
     G, bias : (3, 3) and (3,) rad/s, as the rates are adjusted with
     """
     gyro, references = recording.gyro, recording.attitudes
+    if not gyro.rates.any():
+        return "all rates are zero"
     windows = motion(gyro.t_s, gyro.rates @ G.T + bias, gyro.sample_s, references.t_s, references.quaternions)
     if windows is None:
         return ""
-    found = agreement(windows, "deg/s", "s", "scalar-last", False)
+    found = agreement(windows, "deg/s", "s", "scalar-last", factors=RATE_FACTORS)
     if not found.fits:
         return found.sentence if found.better else ""
     missing = found.as_read.bias

@@ -1,4 +1,4 @@
-"""Folders of the EuRoC form (ASL dataset format), and Kalibr's imu.yaml.
+"""Folders of the EuRoC form (ASL dataset format).
 
 ``mav0/imu0/data.csv`` holds nanoseconds of unix time and rates in rad/s about the IMU's axes S; ``imu0/sensor.yaml`` the gyro's
 noise density, which is the angle random walk. A reference folder, such as ``vicon0`` or ``state_groundtruth_estimate0``, has
@@ -8,6 +8,7 @@ takes that sensor's axes to the body's, whose axes are the IMU's where ``T_BS`` 
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -17,6 +18,7 @@ from scipy.spatial.transform import Rotation
 
 from gyrocal.errors import InputError
 from gyrocal.importing.build import Imported, build
+from gyrocal.importing.kalibr import noise_density, read_yaml
 from gyrocal.importing.mapping import checked
 from gyrocal.importing.streams import read_csv, streams
 
@@ -31,46 +33,9 @@ ELEMENTS = tuple(f"q_RS_{element}" for element in "wxyz")
 ESTIMATED = "state_groundtruth_estimate0"
 
 
-def read_yaml(path: Path) -> dict[str, Any]:
-    """A YAML file of keys and values; OpenCV's first line is skipped.
-
-    Raises
-    ------
-    InputError
-        It cannot be read, or PyYAML is not installed.
-    """
-    try:
-        import yaml
-    except ImportError:
-        raise InputError(f"{path}: PyYAML is needed to read it: pip install 'gyrocal[formats]'") from None
-    try:
-        text = path.read_text(encoding="utf-8")
-        found = yaml.safe_load("\n".join(line for line in text.splitlines() if not line.startswith("%")))
-    except (OSError, UnicodeDecodeError, yaml.YAMLError) as fault:
-        raise InputError(f"{path}: cannot be read as YAML: {' '.join(str(fault).split())}") from None
-    if not isinstance(found, dict):
-        raise InputError(f"{path}: not a file of keys and values")
-    return found
-
-
-def noise_density(path: Path) -> float:
-    """Angle random walk, deg/sqrt(s), of Kalibr's imu.yaml or EuRoC's sensor.yaml: rad/s/sqrt(Hz) is rad/sqrt(s).
-
-    Raises
-    ------
-    InputError
-        There is no positive gyroscope_noise_density.
-    """
-    entries = read_yaml(path)
-    value = entries.get("gyroscope_noise_density", next(iter(entries.values()), None))
-    if isinstance(value, dict):  # imu0: {gyroscope_noise_density: …}
-        value = value.get("gyroscope_noise_density")
-    if isinstance(value, bool) or not isinstance(value, int | float) or not 0 < value < 1:
-        raise InputError(f"{path}: gyroscope_noise_density must be a positive number of rad/s/sqrt(Hz)")
-    return float(np.rad2deg(value))
-
-
-def import_euroc(folder: Path, reference: str | None = None, stated_noise: bool = True, **entries: Any) -> Imported:
+def import_euroc(
+    folder: str | os.PathLike[str], reference: str | None = None, stated_noise: bool = True, **entries: Any
+) -> Imported:
     """A recording of a folder of the EuRoC form.
 
     Parameters
@@ -85,6 +50,7 @@ def import_euroc(folder: Path, reference: str | None = None, stated_noise: bool 
     InputError
         A file or a column is missing, or rates and attitudes do not fit each other.
     """
+    folder = Path(folder)
     root = folder / "mav0" if (folder / "mav0").is_dir() else folder
     there = [name for name in REFERENCES if (root / name / "data.csv").is_file()]
     if not (root / "imu0" / "data.csv").is_file() or not (there or reference):

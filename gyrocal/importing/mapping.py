@@ -158,7 +158,7 @@ def checked(entries: dict[str, Any], source: str) -> Mapping:
     try:
         made = Mapping.model_validate(entries)
     except ValidationError as error:
-        raise InputError(f"{source}: {validation_message(error)}") from None
+        raise InputError(f"{source}: {validation_message(error, Mapping)}") from None
     _ = made.attitude
     return made
 

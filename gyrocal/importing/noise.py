@@ -1,6 +1,6 @@
-"""What a recording's own numbers say of its noise: rests, gyro bias, angle random walk, sigma of the attitudes.
+"""What a recording's own numbers say of its noise: angle random walk, and sigma of the attitudes.
 
-None of these needs more than rates and attitudes that agree roughly. Each is an estimate that its reader may replace.
+Neither needs more than rates and attitudes that agree roughly. Each is an estimate that its reader may replace.
 """
 
 from __future__ import annotations
@@ -14,48 +14,10 @@ from gyrocal.calibration.sampling import measurements
 from gyrocal.recording import Recording
 
 Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 
-WINDOW_S = 0.5  # in which the scatter of the rates tells rest from motion
-FEWEST = 5  # samples in it
-QUIET = 2.5  # times the quietest scatter
-SLOW = 0.02  # of the motion: a body that turns slower is at rest, as far as the attitudes tell
-SHORTEST_REST_S = 3.0
 ALLAN_S = 0.1  # where the Allan deviation is read
 MAD_TO_SIGMA = 1.4826
 CLIP = 4.0  # increments beyond so many robust sigmas are left out of the preliminary fit
-
-
-def runs(mask: Mask) -> list[tuple[int, int]]:
-    """First and one past the last index of each stretch of True."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[0], mask.astype(np.int8), [0]])))
-    return [(int(first), int(stop)) for first, stop in zip(edges[::2], edges[1::2], strict=True)]
-
-
-def rests(rates: Array, sample_s: float, speed: Array) -> list[tuple[int, int]]:
-    """Stretches of samples at rest: the rates scatter as little as anywhere, and the attitudes do not turn.
-
-    Parameters
-    ----------
-    rates : (n, 3) rad/s
-    speed : (n,) magnitude of the body rate by the attitudes about each sample, rad/s
-    """
-    size = max(round(WINDOW_S / sample_s), FEWEST)
-    count = len(rates) // size
-    if count < 4:
-        return []
-    parts = rates[: count * size].reshape(count, size, 3)
-    scatter = np.sqrt(np.mean(parts.var(axis=1), axis=1))
-    turning = np.array([np.median(part) for part in speed[: count * size].reshape(count, size)])
-    motion = float(np.sqrt(np.mean(np.square(speed))))
-    still = (scatter <= QUIET * np.percentile(scatter, 5)) & (turning <= SLOW * motion)
-    out = []
-    for first, stop in runs(still):
-        # A window at either end may hold the beginning of a motion.
-        a, b = (first + 1) * size, (stop - 1) * size
-        if (b - a) * sample_s >= SHORTEST_REST_S:
-            out.append((a, b))
-    return out
 
 
 def allan_walk(stretches: list[Array], sample_s: float) -> Array | None:

@@ -76,14 +76,14 @@ def read_csv(path: Path) -> pd.DataFrame:
     InputError
         It cannot be read.
     """
-    import pandas as pd
+    from gyrocal.recording import csv_file
 
     if not path.is_file():
         raise InputError(f"{path}: no such file")
     try:
-        frame = pd.read_csv(path, index_col=False, skipinitialspace=True)
+        frame = csv_file.read(path, skipinitialspace=True)
         if frame.shape[1] == 1:
-            frame = pd.read_csv(path, index_col=False, skipinitialspace=True, sep=None, engine="python")
+            frame = csv_file.read(path, skipinitialspace=True, sep=None, engine="python")
     except Exception as fault:  # pandas raises a zoo of types for a damaged file
         raise InputError(f"{path}: cannot be read as CSV: {' '.join(str(fault).split())}") from None
     if frame.empty:
@@ -132,6 +132,8 @@ def _gyro(frame: pd.DataFrame, mapping: Mapping) -> tuple[units.Clock, Array, tu
         frame, names = _side_by_side(frame, mapping.gyro_by, tags, names)
     values = numbers(frame, names, "gyro")
     good = np.isfinite(values).all(axis=1)
+    if not good.any():
+        raise InputError(f"gyro: no row of {', '.join(names)} holds numbers")
     assumed = [] if good.all() else [f"{int((~good).sum())} gyro rows without numbers are left out"]
     if len(words) != 1:
         raise InputError(f"gyro: {mapping.gyro!r} must have one unit")
@@ -179,6 +181,9 @@ def numbers(frame: pd.DataFrame, names: list[str], what: str) -> Array:
 
     plain = [name.removeprefix("-") if name not in frame.columns else name for name in names]
     sign = [-1.0 if name not in frame.columns else 1.0 for name in names]
+    twice = sorted({name for name in plain if plain.count(name) > 1})
+    if twice:
+        raise InputError(f"{what}: column {', '.join(twice)} is named twice")
     chosen = _picked(frame, plain, what)
     for name in plain:
         if not pd.api.types.is_numeric_dtype(chosen[name]) or pd.api.types.is_bool_dtype(chosen[name]):

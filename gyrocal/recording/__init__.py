@@ -1,5 +1,6 @@
 """A recording: gyro stream, reference attitudes and raw sensor tables; loaded, validated and saved."""
 
+from gyrocal.recording.faults import validation_message
 from gyrocal.recording.format import (
     Attitudes,
     GyroStream,
@@ -11,7 +12,6 @@ from gyrocal.recording.format import (
     reference_rows,
     save,
     toml_value,
-    validation_message,
 )
 
 __all__ = [

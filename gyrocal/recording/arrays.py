@@ -17,6 +17,7 @@ from gyrocal.recording import format as on_file
 
 if TYPE_CHECKING:
     import pandas as pd
+    import xarray
 
     from gyrocal.recording.format import Interval, Recording
 
@@ -92,6 +93,42 @@ def from_frame(gyro: pd.DataFrame, attitude: pd.DataFrame, *, arw_deg_per_sqrt_s
         sigma=np.deg2rad(attitude[list(on_file.SIGMA_COLUMNS)].to_numpy(dtype=np.float64)),
         arw=float(np.deg2rad(arw_deg_per_sqrt_s)),
         **options,
+    )
+
+
+def to_xarray(recording: Recording) -> xarray.Dataset:
+    """See `gyrocal.Recording.to_xarray`."""
+    try:
+        import xarray
+    except ImportError:
+        raise InputError("to_xarray needs xarray: pip install 'gyrocal[xarray]'") from None
+    gyro, attitudes = recording.gyro, recording.attitudes
+    seconds, deg_s = {"units": "s"}, {"units": "deg/s"}
+    return xarray.Dataset(
+        {
+            "rate_deg_s": (("t_s", "gyro"), gyro.rates_deg_s, deg_s),
+            "quaternion": (("reference_t_s", "element"), attitudes.quaternions, {"maps": "inertial to body, scalar last"}),
+            "sigma_deg": (("reference_t_s", "body"), attitudes.sigma_deg, {"units": "deg"}),
+            "apriori_G": (("body", "gyro"), gyro.apriori_G),
+            "apriori_bias_deg_s": ("body", gyro.apriori_bias_deg_s, deg_s),
+            "start_s": ("interval", [one.start_s for one in recording.intervals], seconds),
+            "stop_s": ("interval", [one.stop_s for one in recording.intervals], seconds),
+        },
+        {
+            "t_s": ("t_s", gyro.t_s, seconds),
+            "reference_t_s": ("reference_t_s", attitudes.t_s, seconds),
+            "gyro": list("xyz"),
+            "body": list("xyz"),
+            "element": list(on_file.QUATERNION_COLUMNS),
+            "interval": [one.name for one in recording.intervals],
+        },
+        {
+            "title": recording.title,
+            "epoch": recording.epoch,
+            "time_scale": recording.time_scale,
+            "sample_s": gyro.sample_s,
+            "arw_deg_per_sqrt_s": gyro.arw_deg_per_sqrt_s,
+        },
     )
 
 

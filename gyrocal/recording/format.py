@@ -13,6 +13,7 @@ import tomllib
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from datetime import datetime
+from functools import partial
 from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
@@ -22,12 +23,15 @@ from numpy.typing import ArrayLike, NDArray
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator
 
 from gyrocal.errors import InputError
-from gyrocal.files import replacing
-from gyrocal.recording import sensor_tables
+from gyrocal.files import held, write_together
+from gyrocal.recording import bounds, sensor_tables
+from gyrocal.recording.faults import validation_message
 from gyrocal.recording.sensor_tables import SensorTables
 
 if TYPE_CHECKING:
     import pandas as pd
+    import xarray
+    from matplotlib.axes import Axes
 
 Array = NDArray[np.float64]
 
@@ -83,6 +87,21 @@ class GyroStream:
     apriori_G: Array = field(default_factory=lambda: np.eye(3))
     apriori_bias: Array = field(default_factory=lambda: np.zeros(3))
 
+    @property
+    def rates_deg_s(self) -> Array:
+        """(n, 3) raw rates, deg/s."""
+        return np.asarray(np.rad2deg(self.rates))
+
+    @property
+    def arw_deg_per_sqrt_s(self) -> float:
+        """Angle random walk, deg/sqrt(s)."""
+        return float(np.rad2deg(self.arw))
+
+    @property
+    def apriori_bias_deg_s(self) -> Array:
+        """(3,) a-priori b, deg/s."""
+        return np.asarray(np.rad2deg(self.apriori_bias))
+
 
 @dataclass(frozen=True)
 class Attitudes:
@@ -98,6 +117,11 @@ class Attitudes:
     t_s: Array
     quaternions: Array
     sigma: Array
+
+    @property
+    def sigma_deg(self) -> Array:
+        """(m, 3) 1-sigma per body axis, deg."""
+        return np.asarray(np.rad2deg(self.sigma))
 
 
 @dataclass(frozen=True)
@@ -221,6 +245,35 @@ class Recording:
             raise InputError(f"{table}: no such table; there are {', '.join(frames)}")
         return frames[table].copy()
 
+    def to_xarray(self) -> xarray.Dataset:
+        """Rates, references and intervals as one labelled data set, in degrees; xarray is an optional extra.
+
+        Raises
+        ------
+        InputError
+            It is not installed.
+        """
+        from gyrocal.recording import arrays
+
+        return arrays.to_xarray(self)
+
+    def plot_allan(self, ax: Axes | None = None, *, interval: str | None = None) -> Axes:
+        """Overlapping Allan deviation of the raw rates about each axis, deg/s, beside the stated angle random walk.
+
+        Parameters
+        ----------
+        ax : to draw on; one of a new figure by default
+        interval : of this interval with whatever moves in it; of the rests by default
+
+        Raises
+        ------
+        InputError
+            There is no rest, no such interval, or too few samples.
+        """
+        from gyrocal.allan.plot import plot_allan
+
+        return plot_allan(self, ax, interval)
+
     def __repr__(self) -> str:
         from gyrocal.recording import arrays
 
@@ -259,7 +312,7 @@ class _AttitudeHeader(_Model):
 
 
 class _OrbitHeader(_Model):
-    period_s: float = Field(gt=0)
+    period_s: float = Field(ge=1.0, le=1e9)  # nothing that a spacecraft flies
     altitude_km: float
     inclination_deg: float
 
@@ -289,13 +342,6 @@ class _Header(_Model):
         return value
 
 
-def validation_message(error: ValidationError) -> str:
-    """All faults of a validated document in one line, each by its path."""
-    return "; ".join(
-        f"{'.'.join(str(part) for part in fault['loc']) or 'document'}: {fault['msg']}" for fault in error.errors()
-    )
-
-
 def read_toml(path: Path) -> dict[str, Any]:
     """Read a TOML file; every failure is an `InputError` that names the file."""
     try:
@@ -323,11 +369,17 @@ def load(folder: str | os.PathLike[str]) -> Recording:
     folder = Path(folder)
     if not folder.is_dir():
         raise InputError(f"{folder}: not a folder; a recording is a folder with recording.toml in it")
+    with held(folder, shared=True):
+        return _load(folder)
+
+
+def _load(folder: Path) -> Recording:
     path = folder / "recording.toml"
+    bounds.check_header(path)
     try:
         header = _Header.model_validate(read_toml(path))
     except ValidationError as error:
-        raise InputError(f"{path}: {validation_message(error)}") from None
+        raise InputError(f"{path}: {validation_message(error, _Header)}") from None
     gyro_name, gyro = _read_table(folder, "gyro", ("t_s", *RATE_COLUMNS))
     attitude_name, attitude = _read_table(folder, "attitude", ("t_s", *QUATERNION_COLUMNS, *SIGMA_COLUMNS))
     tables = {name: _read_table(folder, name, ("t_s",))[1] for name in OPTIONAL_TABLES if _find_table(folder, name)}
@@ -368,19 +420,15 @@ def load(folder: str | os.PathLike[str]) -> Recording:
 
 
 def save(recording: Recording, folder: str | os.PathLike[str]) -> None:
-    """Write a recording; the folder is made, and an existing recording in it is replaced file by file, each atomically."""
-    folder = Path(folder)
-    folder.mkdir(parents=True, exist_ok=True)
+    """Write a recording; the folder is made, and an existing recording in it is replaced as a whole or, after an error, not."""
+    from gyrocal.recording import parquet  # late, as pandas
+
     frames = _frames(recording)
-    for name in ("gyro", "attitude", *OPTIONAL_TABLES):
-        if name not in frames:  # of a recording that was here before
-            (folder / f"{name}.parquet").unlink(missing_ok=True)
-        (folder / f"{name}.csv").unlink(missing_ok=True)
-    for name, frame in frames.items():
-        with replacing(folder / f"{name}.parquet") as file:
-            frame.to_parquet(file, index=False)
-    with replacing(folder / "recording.toml") as file:
-        file.write(_header_text(recording).encode())
+    absent = [f"{name}.parquet" for name in ("gyro", "attitude", *OPTIONAL_TABLES) if name not in frames]
+    text = [f"{name}.csv" for name in ("gyro", "attitude", *OPTIONAL_TABLES)]  # of a recording that was here before
+    files = {f"{name}.parquet": partial(parquet.write, frame) for name, frame in frames.items()}
+    header = _header_text(recording).encode()
+    write_together(Path(folder), {**files, "recording.toml": lambda file: file.write(header)}, (*absent, *text))
 
 
 def _frames(recording: Recording) -> dict[str, pd.DataFrame]:
@@ -470,11 +518,14 @@ def _find_table(folder: Path, name: str) -> Path | None:
 def _read_table(folder: Path, name: str, required: tuple[str, ...]) -> tuple[str, pd.DataFrame]:
     import pandas as pd  # late: 65 MiB that a Monte Carlo worker does without
 
+    from gyrocal.recording import csv_file
+
     path = _find_table(folder, name)
     if path is None:
         raise InputError(f"{folder}: neither {name}.parquet nor {name}.csv is there")
+    bounds.check_table(path)
     try:
-        frame = pd.read_parquet(path) if path.suffix == ".parquet" else pd.read_csv(path, index_col=False)
+        frame = _read_parquet(path) if path.suffix == ".parquet" else csv_file.read(path)
     except pd.errors.EmptyDataError:
         raise InputError(f"{path}: the file is empty") from None
     except Exception as fault:  # pyarrow and pandas raise a zoo of types for a damaged file
@@ -501,6 +552,12 @@ def _read_table(folder: Path, name: str, required: tuple[str, ...]) -> tuple[str
                 f"{path}: column {column}, row {bad[0]}: not a finite number ({bad.size} such); drop or repair these rows"
             )
     return path.name, frame
+
+
+def _read_parquet(path: Path) -> pd.DataFrame:
+    from gyrocal.recording import parquet  # late, as pandas; and a recording in CSV does without it
+
+    return parquet.read(path)
 
 
 def _sensors(folder: Path, tables: Mapping[str, pd.DataFrame]) -> SensorTables | None:

@@ -109,6 +109,11 @@ class AlignmentResult:
         return {model.name: model.sensor.misalignment for model in self.models if isinstance(model, SunModel)}
 
     @property
+    def bias_deg_s(self) -> Array:
+        """(3,) b, deg/s."""
+        return np.asarray(np.rad2deg(self.bias))
+
+    @property
     def penetration_biases(self) -> dict[str, Array]:
         """(4,) of each Earth sensor, rad."""
         return {model.name: model.sensor.biases for model in self.models if isinstance(model, EarthModel)}

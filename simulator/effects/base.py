@@ -191,6 +191,7 @@ class Effect:
     sign : "positive" if a negative size means nothing, or another effect
     weight : prior probability beside that of the other effects, which have 1
     switched : its column is switched on at the parameter time_s, whose values a diagnosis chooses itself
+    scanned : its columns are a sine's of the parameter period_s, whose values a diagnosis finds by a scan of the data
     symptom : one of `SYMPTOMS`, the statistic of the samples that shows it
     kin : what it shares with effects that are nearly the same to any diagnosis; a blind check never puts two of them together
     """
@@ -210,6 +211,7 @@ class Effect:
     sign: Literal["any", "positive"] = "any"
     weight: float = 1.0
     switched: bool = False
+    scanned: bool = False
     symptom: str | None = None
     kin: str = ""
 

@@ -4,6 +4,7 @@ from simulator.effects.gyro import (
     bias_drift,
     bias_markov,
     bias_orbital,
+    bias_periodic,
     bias_random_walk,
     bias_step,
     bias_temperature,
@@ -29,6 +30,7 @@ from simulator.effects.reference import (
     reference_mode_offset,
     reference_noise_excess,
     reference_orbital,
+    reference_periodic,
 )
 from simulator.effects.registry import REGISTRY
 from simulator.effects.sensor import dss_head, dss_misalignment, esa_bias, esa_nadir, esa_s_filter, esa_sun_intrusion
@@ -38,6 +40,7 @@ BUILT_IN = (
     bias_drift,
     bias_step,
     bias_orbital,
+    bias_periodic,
     bias_temperature,
     bias_random_walk,
     bias_markov,
@@ -59,6 +62,7 @@ BUILT_IN = (
     reference_mode_offset,
     reference_orbital,
     reference_horizon,
+    reference_periodic,
     reference_correlated,
     reference_noise_excess,
     dss_head,

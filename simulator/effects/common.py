@@ -4,11 +4,11 @@ from collections.abc import Mapping
 from itertools import pairwise
 from typing import Literal
 
-import numba
 import numpy as np
 import scipy.special
 from numpy.typing import NDArray
 
+from gyrocal.compiled import compiled
 from gyrocal.errors import InputError
 from simulator.effects.base import AXES, Parameter, SampleTests, Setting, Smallest, Stream, Surroundings, Trial, Value
 
@@ -199,7 +199,7 @@ def smallest_steps(around: Surroundings, tests: SampleTests) -> list[Smallest]:
     return out
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def recursion(decay: Array, drive: Array) -> Array:  # pragma: no cover - compiled
     """x_k = decay_k x_{k−1} + drive_k from x_{−1} = 0, (n,)."""
     out = np.empty_like(drive)

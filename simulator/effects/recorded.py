@@ -18,6 +18,7 @@ from simulator.sensors.gyro import raw_rates
 
 SMOOTH_S = np.inf  # s, longest window of the smoothing: as long as the motion allows
 TIME_TOLERANCE = 1e-6  # s
+FILLER = 1e15  # housekeeping as large as this is no measurement
 
 
 def interval_slices(recording: Recording) -> tuple[slice, ...]:
@@ -120,15 +121,20 @@ def _stream(recording: Recording, t_s: Array, duration: Array, rates: Array, raw
 
 
 def housekeeping_at(recording: Recording, t_s: Array) -> dict[str, Array]:
-    """Numeric housekeeping columns at some times, linear between their rows, missing values left out; (n,) each."""
+    """Numeric housekeeping columns at some times, linear between their rows in order of time; (n,) each.
+
+    Missing values, and fillers in their place, are left out.
+    """
     table = recording.tables.get("housekeeping")
     out: dict[str, Array] = {}
     if table is None:
         return out
+    tags = table["t_s"].to_numpy(dtype=float)
+    order = np.argsort(tags, kind="stable")
     for name in table.columns:
         if name != "t_s" and table[name].dtype.kind in "biuf":
-            values = table[name].to_numpy(dtype=float)
-            good = np.isfinite(values)
+            values = table[name].to_numpy(dtype=float)[order]
+            good = np.abs(values) < FILLER
             if good.any():
-                out[str(name)] = np.interp(t_s, table["t_s"].to_numpy(dtype=float)[good], values[good])
+                out[str(name)] = np.interp(t_s, tags[order][good], values[good])
     return out

@@ -65,6 +65,8 @@ class Registry(Mapping[str, Effect]):
             raise InputError(f"{name}: prior must be two sizes above zero, the smaller one first")
         if effect.switched and "time_s" not in {parameter.name for parameter in effect.parameters}:
             raise InputError(f"{name}: is switched on at a time, and needs a parameter time_s")
+        if effect.scanned and "period_s" not in {parameter.name for parameter in effect.parameters}:
+            raise InputError(f"{name}: its period is scanned for, and needs a parameter period_s")
         self.effects[name] = effect
 
     def remove(self, name: str) -> None:
@@ -110,7 +112,7 @@ class Registry(Mapping[str, Effect]):
         try:
             spec.loader.exec_module(module)
             return self.register_all(_effects_of(module))
-        except Exception as fault:  # anything may be in it
+        except (Exception, SystemExit) as fault:  # anything may be in it
             raise InputError(f"{path}: {_one_line(fault)}") from fault
 
     def register_all(self, effects: Iterable[Effect]) -> list[Effect]:
@@ -159,7 +161,7 @@ def _effects_of(found: object) -> list[Effect]:
     raise InputError(f"gives {type(found).__name__}, not an Effect or several")
 
 
-def _one_line(fault: Exception) -> str:
+def _one_line(fault: BaseException) -> str:
     """What went wrong, in one line; the kind of error too unless it is bad input."""
     words = " ".join(str(fault).split())
     return words if isinstance(fault, InputError) else f"{type(fault).__name__}: {words}"

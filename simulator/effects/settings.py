@@ -5,11 +5,10 @@
 'y'
 """
 
-import difflib
 import math
 from collections.abc import Mapping
 
-from gyrocal.errors import InputError
+from gyrocal.errors import InputError, hint
 from simulator.effects.base import Effect, Parameter, Setting, Value
 from simulator.effects.registry import REGISTRY
 
@@ -76,9 +75,7 @@ def described(chosen: Setting) -> dict[str, object]:
 def _effect(name: str) -> Effect:
     if name in REGISTRY:
         return REGISTRY[name]
-    near = difflib.get_close_matches(name, REGISTRY, n=3)
-    hint = f"did you mean {' or '.join(near)}?" if near else f"there are {', '.join(REGISTRY)}"
-    raise InputError(f"{name}: no such effect; {hint}")
+    raise InputError(f"{name}: no such effect; {hint(name, REGISTRY)}")
 
 
 def _usage(effect: Effect) -> str:

@@ -13,10 +13,10 @@ it changes in `State`, and what it writes grows with the rows asked for only.
 
 import math
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
+from gyrocal.compiled import compiled
 from simulator.mission_mode.magnetic_field import EARTH_RATE, dipole_field
 from simulator.mission_mode.onboard_attitude import half_turn, propagate_error, sun_azimuth
 from simulator.mission_mode.rigid_body import attitude_matrix, rigid_body_step
@@ -33,7 +33,7 @@ YEARLY = 2 * math.pi / (365.25 * 86400.0)  # rad/s
 SHORTEST_BIAS_INTERVAL = 600.0  # s; updates closer than that set the yaw and leave the bias
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def _gyro(
     rng: np.random.Generator,
     wander: np.random.Generator,
@@ -63,7 +63,7 @@ def _gyro(
             state.true_bias[i] += sensors.walk_sigma[i] * wander.standard_normal()
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def _horizon(
     rng: np.random.Generator, t: float, A: Array, position: Array, sensors: Sensors, state: State, angles: Array
 ) -> None:  # pragma: no cover - compiled
@@ -84,7 +84,7 @@ def _horizon(
         angles[i] += state.horizon[i] - season * latitude
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def _yaw_update(
     rng: np.random.Generator,
     t: float,
@@ -131,7 +131,7 @@ def _yaw_update(
     return count + 1
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def _wanted_torque(
     rate: Array, moved: Array, momentum: Array, integrate: bool, plant: Plant, state: State, tables: Tables, torque: Array
 ) -> None:  # pragma: no cover - compiled
@@ -156,7 +156,7 @@ def _wanted_torque(
         )
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def _outer_torque(
     rng: np.random.Generator,
     t: float,
@@ -207,7 +207,7 @@ def _outer_torque(
     return largest
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def fly(
     rng: np.random.Generator,
     extra: np.random.Generator,
@@ -340,7 +340,7 @@ def fly(
     return count
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def _body(
     plant: Plant, state: State, momentum: Array, torque: Array, reaction: Array, lvlh: Array
 ) -> None:  # pragma: no cover - compiled

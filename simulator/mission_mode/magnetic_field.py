@@ -16,9 +16,10 @@ Rotation of the Earth
 
 import math
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
+
+from gyrocal.compiled import compiled
 
 Array = NDArray[np.float64]
 
@@ -33,7 +34,7 @@ def sidereal_angle(julian_date: float) -> float:
     return math.radians((280.46061837 + 360.98564736629 * (julian_date - J2000)) % 360.0)
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def dipole_field(
     x: float, y: float, z: float, angle: float, dipole: Array
 ) -> tuple[float, float, float]:  # pragma: no cover - compiled

@@ -21,14 +21,15 @@ from one update to the next. The sign of d turns, the drift has the wrong sense,
 
 import math
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
+
+from gyrocal.compiled import compiled
 
 Array = NDArray[np.float64]
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def propagate_error(error: Array, turned: Array, moved: Array) -> None:  # pragma: no cover - compiled
     """Equation (1) in place, to second order in the frame's turn.
 
@@ -46,14 +47,14 @@ def propagate_error(error: Array, turned: Array, moved: Array) -> None:  # pragm
     error[2] = z - f_z + 0.5 * (a * f_y - b * f_x) + turned[2] - c
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def head_angle(count: float, k: Array) -> float:  # pragma: no cover - compiled
     """Angle of a head's count by R (5) with coefficients k (9,), rad."""
     bracket = k[0] + k[1] * count + k[2] * math.sin(k[3] * count + k[4]) + k[5] * math.sin(k[6] * count + k[7])
     return math.atan(bracket) + k[8]
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def sun_azimuth(n_alpha: float, n_beta: float, a: Array, b: Array, alignment: Array) -> float:  # pragma: no cover - compiled
     """Azimuth of the Sun about body z, from x toward y, by R (5), (4) and (1).
 
@@ -73,7 +74,7 @@ def sun_azimuth(n_alpha: float, n_beta: float, a: Array, b: Array, alignment: Ar
     return math.atan2(y, x)
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def half_turn(angle: float) -> float:  # pragma: no cover - compiled
     """An angle brought to −π ≤ angle < π, rad."""
     return (angle + math.pi) % (2.0 * math.pi) - math.pi

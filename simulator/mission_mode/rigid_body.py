@@ -18,16 +18,17 @@ The integral of the rate over the step, what a gyro shows, has the weights of th
 
 import math
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
+
+from gyrocal.compiled import compiled
 
 Array = NDArray[np.float64]
 Triple = tuple[float, float, float]
 Quad = tuple[float, float, float, float]
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def attitude_matrix(q: Array, out: Array) -> None:  # pragma: no cover - compiled
     """A(q), inertial to body, of a quaternion (4,), scalar last, into out (3, 3)."""
     x, y, z, w = q[0], q[1], q[2], q[3]
@@ -36,7 +37,7 @@ def attitude_matrix(q: Array, out: Array) -> None:  # pragma: no cover - compile
     out[2, 0], out[2, 1], out[2, 2] = 2 * (x * z + y * w), 2 * (y * z - x * w), 1 - 2 * (x * x + y * y)
 
 
-@numba.njit(cache=True, nogil=True, inline="always")
+@compiled(inline="always")
 def _matvec(M: Array, x: float, y: float, z: float) -> Triple:  # pragma: no cover - compiled
     return (
         M[0, 0] * x + M[0, 1] * y + M[0, 2] * z,
@@ -45,7 +46,7 @@ def _matvec(M: Array, x: float, y: float, z: float) -> Triple:  # pragma: no cov
     )
 
 
-@numba.njit(cache=True, nogil=True, inline="always")
+@compiled(inline="always")
 def _acceleration(
     inertia: Array, inverse: Array, q: Quad, w: Triple, h: Triple, torque: Triple, z: Triple, gradient: float
 ) -> Triple:  # pragma: no cover - compiled
@@ -65,7 +66,7 @@ def _acceleration(
     )
 
 
-@numba.njit(cache=True, nogil=True, inline="always")
+@compiled(inline="always")
 def _turning(q: Quad, w: Triple) -> Quad:  # pragma: no cover - compiled
     """q' of (1)."""
     a, b, c, d = q
@@ -73,7 +74,7 @@ def _turning(q: Quad, w: Triple) -> Quad:  # pragma: no cover - compiled
     return (d * x + b * z - c * y, d * y - a * z + c * x, d * z + a * y - b * x, -a * x - b * y - c * z)
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def rigid_body_step(
     q: Array,
     omega: Array,

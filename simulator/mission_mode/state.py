@@ -3,10 +3,10 @@
 import math
 from typing import NamedTuple
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
+from gyrocal.compiled import compiled
 from simulator.mission_mode.wheels import WHEELS
 from simulator.sensors.earth import Constants
 
@@ -138,7 +138,7 @@ class State(NamedTuple):
     memory: Array  # (4,) Sun's height over the XY plane; time of the last update; 1 from a slew to the next update; cycles
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def yaw_command(t: float, slew: Slew) -> float:  # pragma: no cover - compiled
     """Yaw commanded at a time; the rate's ramps are smoothsteps, as in `simulator.truth.maneuvers.Slew`."""
     if slew.duration <= 0.0 or t <= slew.start:
@@ -153,7 +153,7 @@ def yaw_command(t: float, slew: Slew) -> float:  # pragma: no cover - compiled
     return slew.yaw + slew.angle * share / (1.0 - r)
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def count_orbit(
     row: Array, error: Array, apparent: Array, normal: bool, three: bool, momentum: Array, largest: float, state: State
 ) -> None:  # pragma: no cover - compiled

@@ -20,10 +20,10 @@ The rate on board is therefore that of the geodetic frame: the rotation from one
 
 import math
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
+from gyrocal.compiled import compiled
 from simulator.sensors.horizon import FLATTENING
 from simulator.truth.orbit import EARTH_RADIUS, CircularOrbit
 
@@ -33,7 +33,7 @@ SQUARED_ECCENTRICITY = FLATTENING * (2 - FLATTENING)
 ROUNDS = 3  # of the iteration for the latitude; leaves less than 1e-9 rad at any latitude from 350 km
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def lvlh_axes(u: float, node: float, cos_i: float, sin_i: float, out: Array) -> None:  # pragma: no cover - compiled
     """LVLH axes as in `simulator.truth.orbit`, the rows of out (3, 3), at an argument of latitude and a node, rad."""
     cu, su, cn, sn = math.cos(u), math.sin(u), math.cos(node), math.sin(node)
@@ -42,7 +42,7 @@ def lvlh_axes(u: float, node: float, cos_i: float, sin_i: float, out: Array) -> 
     out[2, 0], out[2, 1], out[2, 2] = -cu * cn + su * cos_i * sn, -cu * sn - su * cos_i * cn, -su * sin_i
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def geodetic_axes(lvlh: Array, radius: float, out: Array) -> None:  # pragma: no cover - compiled
     """Rows of the geodetic frame.
 
@@ -71,7 +71,7 @@ def geodetic_axes(lvlh: Array, radius: float, out: Array) -> None:  # pragma: no
     out[2, 0], out[2, 1], out[2, 2] = d_x, d_y, d_z
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def turn_about_z(frame: Array, yaw: float) -> None:  # pragma: no cover - compiled
     """Turn the rows of a frame (3, 3) by a yaw about its own z, rad, in place."""
     cosine, sine = math.cos(yaw), math.sin(yaw)
@@ -80,7 +80,7 @@ def turn_about_z(frame: Array, yaw: float) -> None:  # pragma: no cover - compil
         frame[0, j], frame[1, j] = cosine * x + sine * y, cosine * y - sine * x
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def rotation_between(before: Array, after: Array, out: Array) -> None:  # pragma: no cover - compiled
     """Small rotation vector φ with after = exp(−[φ×]) before, rad, in out (3,); relative error |φ|⁴/15.
 

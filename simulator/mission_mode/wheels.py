@@ -16,9 +16,10 @@ Unloading
 
 import math
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
+
+from gyrocal.compiled import compiled
 
 Array = NDArray[np.float64]
 
@@ -33,7 +34,7 @@ def pyramid(elevation: float = EQUAL_ELEVATION) -> Array:
     return np.concatenate([flat, np.full((1, WHEELS), math.sin(elevation))])
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def distribute(
     torque: Array, distribution: Array, momentum: Array, torque_limit: float, momentum_limit: float, dt: float, out: Array
 ) -> None:  # pragma: no cover - compiled
@@ -59,7 +60,7 @@ def distribute(
         out[i] = (after - momentum[i]) / dt
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def unloading_moment(
     h_x: float, h_y: float, h_z: float, b_x: float, b_y: float, b_z: float, gain: float, limit: float
 ) -> tuple[float, float, float]:  # pragma: no cover - compiled

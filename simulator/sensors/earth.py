@@ -39,10 +39,10 @@ import math
 from dataclasses import dataclass, field
 from typing import Literal, NamedTuple
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
+from gyrocal.compiled import compiled
 from simulator.sensors.horizon import COSINES, POLAR_RADIUS, QUADRANTS, SINES, Horizon, hidden
 from simulator.sensors.horizon import penetration as penetration
 from simulator.truth.orbit import EARTH_RADIUS
@@ -152,7 +152,7 @@ class TrueEarthSensor:
         return -math.expm1(-sample_s / self.s_time_constant)
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def toward_sun(A: Array, sun: Array, quadrant: int, nominal: float) -> float:  # pragma: no cover - compiled
     """Cosine of the angle between a quadrant's nominal limb direction and the Sun, sun (3,) an inertial unit vector."""
     x = A[0, 0] * sun[0] + A[0, 1] * sun[1] + A[0, 2] * sun[2]
@@ -161,7 +161,7 @@ def toward_sun(A: Array, sun: Array, quadrant: int, nominal: float) -> float:  #
     return math.sin(nominal) * (COSINES[quadrant] * x + SINES[quadrant] * y) + math.cos(nominal) * z
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def intrusion(
     A: Array, position: Array, sun: Array, quadrant: int, nominal: float, cos_field: float
 ) -> bool:  # pragma: no cover - compiled
@@ -179,7 +179,7 @@ def intrusion(
     return toward_sun(A, sun, quadrant, nominal) > cos_field and not hidden(position, sun, EARTH_RADIUS, POLAR_RADIUS)
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def limb_signal(angle: float, offset: float, width: float) -> float:  # pragma: no cover - compiled
     """Sum of the three limb detectors' signals at a penetration angle, in units of the Earth's radiance."""
     total = 0.0
@@ -189,7 +189,7 @@ def limb_signal(angle: float, offset: float, width: float) -> float:  # pragma: 
     return total
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def filtered_s(
     state: float, S: float, used: bool, was_used: bool, gain: float, mode: int, restart: float
 ) -> float:  # pragma: no cover - compiled
@@ -213,7 +213,7 @@ def filtered_s(
     return state + gain * (S - state)
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def measure(
     A: Array,
     A_onboard: Array,
@@ -257,7 +257,7 @@ def measure(
         angles[i] = round(angle / constants.step) * constants.step if constants.step > 0.0 else angle
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def roll_pitch(angles: Array, used: Flags) -> tuple[float, float]:  # pragma: no cover - compiled
     """Roll ρ and pitch ϑ of the body from the horizon's bisector, rad, of one sample of angles (4,) and flags (4,).
 
@@ -303,7 +303,7 @@ def observe(
     return angles, used
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def _observe(
     rng: np.random.Generator,
     constants: Constants,

@@ -7,9 +7,10 @@ N² T whatever the sampling. A sample that averages the rate over Δt has an ang
 is N/√Δt.
 """
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
+
+from gyrocal.compiled import compiled
 
 Array = NDArray[np.float64]
 
@@ -46,7 +47,7 @@ def with_white_noise(rng: np.random.Generator, rates: Array, arw: float, duratio
     return np.asarray(_add_noise(rng, rates, arw / np.sqrt(duration), np.empty_like(rates) if out is None else out))
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def _add_noise(rng: np.random.Generator, rates: Array, sigma: Array, out: Array) -> Array:  # pragma: no cover - compiled
     for k in range(len(rates)):
         for i in range(3):

@@ -34,10 +34,10 @@ Nadirs
 import math
 from dataclasses import dataclass
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
+from gyrocal.compiled import compiled
 from simulator.truth.orbit import EARTH_RADIUS, CircularOrbit, lvlh_attitude
 
 Array = NDArray[np.float64]
@@ -73,7 +73,7 @@ class Horizon:
         return math.asin((EARTH_RADIUS + self.co2_height) / (EARTH_RADIUS + self.altitude))
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def limb_angle(
     A: Array, position: Array, cos_azimuth: float, sin_azimuth: float, a: float, c: float
 ) -> float:  # pragma: no cover - compiled
@@ -107,7 +107,7 @@ def limb_angle(
     return math.atan2(beta + math.sqrt(discriminant), -gamma)
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def penetration(
     A: Array, position: Array, quadrant: int, a: float, c: float, nominal: float
 ) -> float:  # pragma: no cover - compiled
@@ -127,7 +127,7 @@ def penetration(
     return limb_angle(A, position, COSINES[quadrant], SINES[quadrant], a, c) - nominal
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def hidden(position: Array, direction: Array, a: float, c: float) -> bool:  # pragma: no cover - compiled
     """Whether a line of sight from a position (3,), m, along a direction (3,) meets the ellipsoid of semi-axes a, c, m."""
     p0, p1, p2 = position[0] / a, position[1] / a, position[2] / c
@@ -141,7 +141,7 @@ def orbit_position(orbit: CircularOrbit, t: Array) -> Array:
     return np.asarray(-orbit.radius * lvlh_attitude(orbit, t)[..., 2, :])
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def penetrations(A: Array, position: Array, a: float, c: float, nominal: float) -> Array:  # pragma: no cover - compiled
     """True penetration angles (n, 4), rad, of attitudes (n, 3, 3) at positions (n, 3), m; the rest as in `penetration`."""
     out = np.empty((len(A), QUADRANTS))

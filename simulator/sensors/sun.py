@@ -29,9 +29,10 @@ them all (0.0083° a count at the boresight), and sines of 0.02° and 0.01°.
 from dataclasses import dataclass
 from math import cos, sin, tan
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
+
+from gyrocal.compiled import compiled
 
 Array = NDArray[np.float64]
 Counts = NDArray[np.int64]
@@ -108,7 +109,7 @@ def trmm_sun_sensors(
     return first, second
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def head_tangents(s_x: float, s_y: float, s_z: float, head: Array) -> tuple[float, float]:  # pragma: no cover - compiled
     """Tangents (tan α, tan β') that the heads see of a direction s in the α head's frame, s_z > 0; head (3,) rad."""
     c1, s1 = cos(head[0]), sin(head[0])
@@ -119,7 +120,7 @@ def head_tangents(s_x: float, s_y: float, s_z: float, head: Array) -> tuple[floa
     return s_x / s_z, (c3 * y2 + s3 * z1) / (c3 * z1 - s3 * y2)
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def _count(tangent: float, k: Array) -> float:  # pragma: no cover - compiled
     """Count N, unrounded, at which R (5) with coefficients k (9,) gives an angle of this tangent."""
     offset = tan(k[8])
@@ -136,13 +137,13 @@ def _count(tangent: float, k: Array) -> float:  # pragma: no cover - compiled
     return N
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def counts_of(tan_alpha: float, tan_beta: float, a: Array, b: Array) -> tuple[float, float]:  # pragma: no cover - compiled
     """Counts (N_α, N_β), unrounded, of two tangents; a, b (9,) coefficients of R (5)."""
     return _count(tan_alpha, a), _count(tan_beta, b)
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def sensor_counts(
     A: Array,
     sun: Array,
@@ -215,7 +216,7 @@ def observe(rng: np.random.Generator | None, sensor: TrueSunSensor, A: Array, su
     return counts, visible
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def _observe(
     A: Array,
     sun: Array,

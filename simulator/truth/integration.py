@@ -24,10 +24,10 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from math import sqrt
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
+from gyrocal.compiled import compiled
 from simulator.truth.rotation import cross
 
 Array = NDArray[np.float64]
@@ -89,7 +89,7 @@ def magnus(omega: Array, h: Array) -> tuple[Array, Array]:
     return angle + cross(20 * a1 + a3 - c1, a2 + c2) / 240, angle
 
 
-@numba.njit(cache=True)
+@compiled
 def accumulate(start: Array, sigma: Array) -> Array:
     """Attitudes after each rotation of a sequence, A_k = exp(−[σ_k×]) A_{k−1}.
 

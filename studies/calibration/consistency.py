@@ -30,6 +30,7 @@ from pydantic import Field, model_validator
 
 from gyrocal import NAMES, GyroParameters, calibrate
 from simulator import scenario as scenarios
+from studies.calibration.prepared import converged
 from studies.montecarlo import statistics
 from studies.montecarlo.dispersions import Dispersion, Normal, scenario_value
 from studies.montecarlo.statistics import CONSISTENT, OVER_CONFIDENT, UNDER_CONFIDENT, binomial_band
@@ -94,6 +95,8 @@ class ConsistencyConfig(StudyConfig):
             given = self.dispersions.get(path)
             if not isinstance(given, Normal) or given.mode == "factor":
                 raise ValueError(f"dispersions: {path} must be normal, absolute or an offset: it is the prior")
+        if self.cases <= 2 * len(PATHS):
+            raise ValueError(f"cases: more than {2 * len(PATHS)} are needed to judge {len(PATHS)} parameters together")
         if self.sampler != "random":
             raise ValueError('sampler: must be "random", since the limits are those of independent cases')
         return self
@@ -120,6 +123,7 @@ def case(config: ConsistencyConfig, case: int, streams: Streams) -> list[dict[st
         "references only": calibrate(seen, initial=start, covariance_model="references only"),
     }
     rows = [judged(name, r.parameters.vector - truth, r.covariance) for name, r in found.items()]
+    found = {name: converged(result) for name, result in found.items()}
     right = found["with prior"]
     for name, (scale, shift) in CONTROLS.items():
         rows.append(judged(name, right.parameters.vector - truth + shift * right.sigma, scale**2 * right.covariance))

@@ -125,9 +125,16 @@ def after_each(rows: pd.DataFrame) -> pd.DataFrame:
 
     Cases that do not converge count in `converged`, a share, and are left out of the rest.
     """
-    values = [name for name in rows if str(name).startswith(("residual_", "initial_", "left_", "error_", "correction_"))]
+    values = [
+        name
+        for name in rows.columns.astype(str)
+        if name.startswith(("residual_", "initial_", "left_", "error_", "correction_"))
+    ]
     keys = ["direction", "noise", "factor"]
     table = rows[rows["converged"]].groupby(keys)[values].median()
+    # To what is no rounding: sigma, parts of one, and deg/s.
+    decimals = {name: 8 if name.startswith("left_") else 12 if name.endswith("_G") else 15 for name in values}
+    table = table.round(decimals)
     table.insert(0, "converged", rows.groupby(keys)["converged"].mean())
     return table.reset_index()
 

@@ -145,7 +145,8 @@ def estimates(config: NoiseConfig, prepared: _Prepared, arw_deg: float, sigma_de
     sigma = np.full_like(prepared.problem.sigma, np.deg2rad(sigma_deg))
     problem = replace(prepared.problem, arw=float(np.deg2rad(arw_deg)), sigma=sigma)
     noise = noise_of(streams)
-    return np.array([problem.with_case(*flown.realise(noise)).iterate(flown.initial, 2).x[-1] for _ in range(config.seeds)])
+    cases = (problem.with_case(*flown.realise(noise)) for _ in range(config.seeds))
+    return np.array([one.iterate(flown.initial, 2).checked().x[-1] for one in cases])
 
 
 STUDY = Study("studies.calibration.noise:STUDY", NoiseConfig, case)

@@ -8,7 +8,7 @@ from typing import Any, Self, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from gyrocal import GyroParameters, attitude
+from gyrocal import CalibrationResult, GyroParameters, InputError, attitude
 from gyrocal.recording import Recording
 from simulator.scenario import Scenario
 from simulator.simulate import noise_free_rates, observe, realise
@@ -29,6 +29,19 @@ def true_parameters(scenario: Scenario) -> GyroParameters:
 def apriori_parameters(scenario: Scenario) -> GyroParameters:
     """G and b that a scenario's calibration starts from."""
     return GyroParameters(np.array(scenario.gyro.apriori_G), np.deg2rad(scenario.gyro.apriori_bias_deg_s))
+
+
+def converged(result: CalibrationResult) -> CalibrationResult:
+    """A calibration that was to converge, if it did: one that did not is a failed case, not a row like the others.
+
+    Raises
+    ------
+    InputError
+        It did not.
+    """
+    if not result.converged:
+        raise InputError(f"diverged: the calibration still moves after {len(result.corrections)} iterations")
+    return result
 
 
 def noise_of(streams: Streams) -> Noise:

@@ -84,7 +84,7 @@ class _Prepared:
 def _prepared(config: TimestepConfig, flown: Flown) -> _Prepared:
     measured = {way: measurements(flown.plain, *way) for way in config.ways(flown.scenario.gyro.sample_s)}
     problems = {way: Problem.of(flown.plain, one) for way, one in measured.items()}
-    held = {way: problem.iterate(flown.initial, ITERATIONS).x[-1] - flown.truth for way, problem in problems.items()}
+    held = {way: problem.iterate(flown.initial, ITERATIONS).checked().x[-1] - flown.truth for way, problem in problems.items()}
     return _Prepared(flown, next(iter(measured.values())).elapsed_s[:, None], problems, held)
 
 
@@ -97,8 +97,8 @@ def case(config: TimestepConfig, number: int, streams: Streams) -> list[dict[str
     finer: tuple[float, Array] | None = None
     for way, problem in prepared.problems.items():
         step, resampling = way
-        result = problem.with_case(rates, A).iterate(flown.initial, ITERATIONS)
-        gyro = problem.with_case(rates, A_true).iterate(flown.initial, ITERATIONS)
+        result = problem.with_case(rates, A).iterate(flown.initial, ITERATIONS).checked()
+        gyro = problem.with_case(rates, A_true).iterate(flown.initial, ITERATIONS).checked()
         arw = np.nan
         if resampling == "skip":
             if finer is not None:

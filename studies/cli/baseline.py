@@ -6,6 +6,7 @@ import click
 
 from gyrocal import InputError
 from studies.cli.options import PATH
+from studies.montecarlo.files import check_writable, write_json
 from studies.report import tables as render
 from studies.report.console import console
 from studies.validation import baseline
@@ -16,7 +17,8 @@ from studies.validation import baseline
 @click.option(
     "--file", "path", type=PATH, default=None, help="CSV file of the baseline; results/baseline/recovered.csv by default."
 )
-def command(regenerate: bool, path: Path | None) -> None:
+@click.option("--json", "as_json", type=PATH, help="Write what moved as JSON to this file.")
+def command(regenerate: bool, path: Path | None, as_json: Path | None) -> None:
     """Recompute the baseline of recovered parameters and show what moved; exit status 1 if something did.
 
     The baseline holds the parameters that fixed simulated recordings are calibrated to, so that a change of the code that
@@ -26,10 +28,13 @@ def command(regenerate: bool, path: Path | None) -> None:
     Example:
       gyrocal baseline --write
     """
+    check_writable(as_json)
     path = path or baseline.default_path()
     new = baseline.recovered()
     if path.exists():
         table = baseline.moved(baseline.read(path), new)
+        if as_json:
+            write_json(as_json, {"file": str(path), "moved": table.to_dict("records")})
         if table.empty:
             click.echo(f"{path}: nothing moved by more than {baseline.RTOL:g} of itself")
         else:

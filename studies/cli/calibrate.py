@@ -10,12 +10,18 @@ import numpy as np
 from gyrocal import GyroParameters, InputError, calibrate, load, select
 from gyrocal.calibration.gyro_space import Parametrisation, space_of
 from gyrocal.calibration.observability import BIAS_LETTERS, PLAUSIBLE_G
+from studies.cli.fail_on import compared, end, parsed
 from studies.cli.options import PATH
 from studies.montecarlo.files import check_writable, write_json
 from studies.report import calibration as calibration_report
 from studies.report import calibration_page
 from studies.report.console import console
 from studies.report.made import made_of
+
+MOST_ITERATIONS = 1000  # a handful converge, or none do
+LARGEST = 1e6  # of what is plausible, or known before
+TRUTH_BYTES = 1_000_000  # of a file with twelve numbers and a list of effects
+CONDITIONS = ("p", "condition")  # what --fail-on may ask
 
 
 @click.command("calibrate")
@@ -33,7 +39,10 @@ from studies.report.made import made_of
     help="How residuals depend on G and b within a step, ψ of N (11): exact, or to first order in the angle turned.",
 )
 @click.option(
-    "--iterations", type=click.IntRange(1), default=None, help="Number of iterations; by default until they change nothing."
+    "--iterations",
+    type=click.IntRange(1, MOST_ITERATIONS),
+    default=None,
+    help="Number of iterations; by default until they change nothing.",
 )
 @click.option(
     "--parametrisation",
@@ -87,6 +96,13 @@ from studies.report.made import made_of
     default=None,
     help="Longest run of missing samples, s, over which the last rate is held; longer ones are an error.",
 )
+@click.option(
+    "--fail-on",
+    multiple=True,
+    metavar="CONDITION",
+    help="End with status 3 if this holds: 'p<0.001' of the residuals' p-value, or 'condition>100'; repeatable.",
+)
+@click.option("--junit", type=PATH, help="Write each --fail-on as a test to this file, JUnit's XML.")
 def command(
     recording: Path,
     as_json: Path | None,
@@ -99,6 +115,8 @@ def command(
     plausible_bias: float,
     solve_for: str,
     parametrisation: Parametrisation,
+    fail_on: tuple[str, ...],
+    junit: Path | None,
     **options: Any,
 ) -> None:
     """Calibrate the gyro of RECORDING, a folder with recording.toml, gyro and attitude tables.
@@ -111,11 +129,17 @@ def command(
       gyrocal calibrate /tmp/rec --truth /tmp/truth.json --json /tmp/result.json
       gyrocal calibrate /tmp/rec --report /tmp/calibration.html
       gyrocal calibrate /tmp/rec --parametrisation gyro --solve-for gyro_z
+      gyrocal calibrate /tmp/rec --fail-on 'p<0.001' --junit /tmp/calibration.xml
     """
-    for path in (as_json, report):
+    files = [path for path in (as_json, report, junit) if path is not None]
+    for path in files:
         check_writable(path)
-    if as_json and report and as_json.resolve() == report.resolve():
-        raise InputError("--json and --report need files of their own")
+    if len({path.resolve() for path in files}) < len(files):
+        raise InputError("--json, --report and --junit need files of their own")
+    if not (0 < plausible_g < LARGEST and 0 < plausible_bias < LARGEST):
+        raise InputError(f"--plausible-g and --plausible-bias must be plausible: positive and below {LARGEST:g}")
+    for text in fail_on:
+        parsed(text, CONDITIONS)
     known = _read_truth(truth) if truth else None
     loaded = load(recording)
     result = calibrate(
@@ -133,6 +157,8 @@ def command(
         write_json(as_json, result.to_json())
     if report:
         calibration_page.write(result, loaded, report, options["iterations"] is None, known, made_of(loaded))
+    known_numbers = dict(zip(CONDITIONS, (float(result.p_value), float(result.observability.condition)), strict=True))
+    end("calibrate", str(recording), compared(fail_on, known_numbers), junit)
 
 
 def _prior(names: tuple[str, ...], sigma_G: float | None, sigma_bias: float | None) -> np.ndarray | None:
@@ -140,14 +166,18 @@ def _prior(names: tuple[str, ...], sigma_G: float | None, sigma_bias: float | No
         return None
     if sigma_G is None or sigma_bias is None:
         raise InputError("give both --prior-sigma-g and --prior-sigma-bias, or neither")
-    if not (1e-15 < sigma_G < 1e6 and 1e-15 < sigma_bias < 1e6):
+    if not (1e-15 < sigma_G < LARGEST and 1e-15 < sigma_bias < LARGEST):
         raise InputError("--prior-sigma-g and --prior-sigma-bias must be positive and below 1e6")
     return np.diag([(np.deg2rad(sigma_bias) if name.startswith(BIAS_LETTERS) else sigma_G) ** 2 for name in names])
 
 
 def _read_truth(path: Path) -> GyroParameters:
     try:
-        document = json.loads(path.read_text(encoding="utf-8"))
+        with path.open("rb") as file:
+            text = file.read(TRUTH_BYTES + 1)
+        if len(text) > TRUTH_BYTES:
+            raise ValueError(f"it has more than {TRUTH_BYTES} bytes")
+        document = json.loads(text)
         return GyroParameters(np.array(document["G"], dtype=float), np.deg2rad(np.array(document["bias_deg_s"], dtype=float)))
-    except (KeyError, TypeError, ValueError) as fault:
+    except (KeyError, TypeError, ValueError, RecursionError) as fault:
         raise InputError(f"{path}: not a truth file with G and bias_deg_s: {fault}") from None

@@ -9,15 +9,18 @@ import click
 from diagnosis.adopt import scenario
 from diagnosis.diagnose import diagnose
 from gyrocal import InputError, load
+from gyrocal.errors import hint
 from simulator import scenario as scenarios
 from simulator.effects.sensor import ALL_EFFECTS
 from studies.cli.effect_files import effects_option
+from studies.cli.fail_on import end
 from studies.cli.options import PATH, STDOUT
 from studies.cli.stages import stages
 from studies.montecarlo.files import check_writable, json_text, write_json, write_text
 from studies.report import diagnosis_card, diagnosis_summary, next_flight
 from studies.report import diagnosis_page as diagnosis_report
 from studies.report.console import LINE_EVERY_S, console
+from studies.report.junit import Verdict
 from studies.report.made import made_of
 from studies.report.panels import save
 
@@ -42,6 +45,13 @@ PICTURES = (".svg", ".png")
 @click.option(
     "--without", multiple=True, metavar="EFFECT", help="Take an effect off the list, see 'gyrocal effects'; repeatable."
 )
+@click.option(
+    "--fail-on",
+    type=click.Choice(["gap", "unknown"]),
+    multiple=True,
+    help="End with status 3 if there is a gap, or if its cause is unknown; repeatable.",
+)
+@click.option("--junit", type=PATH, help="Write each --fail-on as a test to this file, JUnit's XML.")
 @click.option("--seed", type=click.IntRange(0), default=0, show_default=True, help="Seed of the random draws.")
 def command(
     recording: Path,
@@ -52,11 +62,14 @@ def command(
     adopt: Path | None,
     without: tuple[str, ...],
     seed: int,
+    fail_on: tuple[str, ...],
+    junit: Path | None,
 ) -> None:
     """Say whether RECORDING departs from the baseline simulator, where, by which effect, and how far that closes the gap.
 
     The baseline has a constant G and b, white gyro noise and white reference noise, both as stated. The exit status is 0
-    whatever the answer. Raw tables of sun and Earth sensors with an ephemeris are diagnosed too. See docs/diagnosis.md.
+    whatever the answer, but for --fail-on. Raw tables of sun and Earth sensors with an ephemeris are diagnosed too. See
+    docs/diagnosis.md.
 
     \b
     Examples:
@@ -65,14 +78,15 @@ def command(
       gyrocal diagnose /tmp/rec --card /tmp/card.png --plan trmm_series
       gyrocal diagnose /tmp/rec --without bias_orbital
       gyrocal diagnose /tmp/rec --adopt /tmp/adopted.toml
+      gyrocal diagnose /tmp/rec --fail-on unknown --junit /tmp/diagnosis.xml
     """
     library = _library(without)
-    files = [path for path in (as_json, report, card, adopt) if path is not None and path != STDOUT]
+    files = [path for path in (as_json, report, card, adopt, junit) if path is not None and path != STDOUT]
     for path in files:
         check_writable(path)
     if len({path.resolve() for path in files}) < len(files):
-        raise InputError(f"{files[-1]}: --json, --report, --card and --adopt need files of their own")
-    for option, file in (("--report", report), ("--card", card), ("--adopt", adopt)):
+        raise InputError(f"{files[-1]}: --json, --report, --card, --adopt and --junit need files of their own")
+    for option, file in (("--report", report), ("--card", card), ("--adopt", adopt), ("--junit", junit)):
         if file == STDOUT:
             raise InputError(f"{option} -: give the name of a file")
     if card is not None and card.suffix not in PICTURES:
@@ -100,11 +114,14 @@ def command(
         text, adoption = scenario(result, loaded, recording, adopt)
         write_text(adopt, text)
         click.echo(f"{adopt}: {adoption.sentence()}", err=as_json == STDOUT)
+    holds = {"gap": result.present, "unknown": result.verdict == "unknown"}
+    said = f"{result.verdict}, p = {result.p_value:.2g}"
+    end("diagnose", str(recording), [Verdict(name, said if holds[name] else "") for name in fail_on], junit)
 
 
 def _library(without: Sequence[str]) -> list[str] | None:
     """Effects that may be named; None for all."""
     for name in without:
         if name not in ALL_EFFECTS:
-            raise InputError(f"--without {name}: no such effect; there are {', '.join(ALL_EFFECTS)}")
+            raise InputError(f"--without {name}: no such effect; {hint(name, ALL_EFFECTS)}")
     return [name for name in ALL_EFFECTS if name not in without] if without else None

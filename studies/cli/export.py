@@ -1,13 +1,38 @@
 """The command group ``gyrocal export``: recordings in other formats."""
 
+import json
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import click
+import numpy as np
+from numpy.typing import NDArray
 
-from gyrocal import load
-from gyrocal.importing.aem import write_aem
+from gyrocal import InputError, load
+from gyrocal.importing import acm, aem, ck, csv_files, kalibr
+from gyrocal.importing.ccsds import Form
 from studies.cli.options import PATH
 from studies.montecarlo.files import check_writable
+
+CALIBRATION = click.option(
+    "--calibration", type=PATH, metavar="RESULT.json", help="Of gyrocal calibrate --json: its values are written too."
+)
+FORM = click.option("--form", type=click.Choice(["kvn", "xml"]), default="kvn", show_default=True, help="Of the message.")
+
+
+def message(function: Callable[..., None]) -> Callable[..., None]:
+    """The options of a command that writes a CCSDS message."""
+    for option in (
+        click.option("--frame", default="ICRF", show_default=True, help="The inertial frame, REF_FRAME_A."),
+        click.option(
+            "--id", "object_id", default="UNKNOWN", show_default=True, help="The object's designator, e.g. 1997-074A."
+        ),
+        click.option("--object", "object_name", default="UNKNOWN", show_default=True, help="OBJECT_NAME."),
+        FORM,
+    ):
+        function = option(function)
+    return function
 
 
 @click.group("export")
@@ -17,16 +42,91 @@ def command() -> None:
     \b
     Example:
       gyrocal export aem /tmp/rec /tmp/attitude.aem --object TRMM --id 1997-074A
+      gyrocal export ck /tmp/rec /tmp/attitude.bc /tmp/clock.tsc --instrument -95000
     """
 
 
 @command.command("aem")
 @click.argument("recording", type=PATH)
 @click.argument("out", type=PATH)
-@click.option("--object", "object_name", default="UNKNOWN", show_default=True, help="OBJECT_NAME.")
-@click.option("--id", "object_id", default="UNKNOWN", show_default=True, help="OBJECT_ID, e.g. 1997-074A.")
-@click.option("--frame", default="ICRF", show_default=True, help="The inertial frame, REF_FRAME_A.")
-def aem_command(recording: Path, out: Path, object_name: str, object_id: str, frame: str) -> None:
-    """Write the reference attitudes of RECORDING as a CCSDS Attitude Ephemeris Message (version 2, KVN) to the file OUT."""
+@message
+def aem_command(recording: Path, out: Path, object_name: str, object_id: str, frame: str, form: Form) -> None:
+    """Write the reference attitudes of RECORDING as a CCSDS Attitude Ephemeris Message (version 2) to the file OUT."""
     check_writable(out)
-    write_aem(load(recording), out, object_name=object_name, object_id=object_id, frame=frame)
+    aem.write_aem(load(recording), out, object_name=object_name, object_id=object_id, frame=frame, form=form)
+
+
+@command.command("acm")
+@click.argument("recording", type=PATH)
+@click.argument("out", type=PATH)
+@CALIBRATION
+@message
+def acm_command(
+    recording: Path, out: Path, calibration: Path | None, object_name: str, object_id: str, frame: str, form: Form
+) -> None:
+    """Write the reference attitudes of RECORDING with their variances as a CCSDS Attitude Comprehensive Message to OUT.
+
+    With --calibration the gyro's bias and its variances are in it.
+    """
+    check_writable(out)
+    found = _calibration(calibration)
+    acm.write_acm(
+        load(recording),
+        out,
+        bias=found.get("bias"),
+        bias_sigma=found.get("sigma"),
+        object_name=object_name,
+        object_id=object_id,
+        frame=frame,
+        form=form,
+    )
+
+
+@command.command("ck")
+@click.argument("recording", type=PATH)
+@click.argument("out", type=PATH)
+@click.argument("sclk", type=PATH)
+@click.option("--instrument", type=int, default=-999000, show_default=True, help="NAIF number; its clock is instrument / 1000.")
+@click.option("--frame", type=int, default=1, show_default=True, help="NAIF number of the inertial frame; 1 is J2000.")
+def ck_command(recording: Path, out: Path, sclk: Path, instrument: int, frame: int) -> None:
+    """Write the reference attitudes of RECORDING as a SPICE C-kernel of type 3 to OUT, and its spacecraft clock to SCLK."""
+    check_writable(out)
+    check_writable(sclk)
+    ck.write_ck(load(recording), out, sclk, instrument=instrument, frame=frame)
+
+
+@command.command("kalibr")
+@click.argument("recording", type=PATH)
+@click.argument("out", type=PATH)
+@CALIBRATION
+@click.option("--random-walk", type=float, help="Of the bias, rad/s/sqrt(s); Kalibr needs one, and no recording states it.")
+@click.option("--topic", default="/imu0", show_default=True, help="rostopic.")
+def kalibr_command(recording: Path, out: Path, calibration: Path | None, random_walk: float | None, topic: str) -> None:
+    """Write the noise of the gyro of RECORDING as Kalibr's imu.yaml to OUT; with --calibration its matrices too."""
+    check_writable(out)
+    found = _calibration(calibration)
+    kalibr.write_imu_yaml(load(recording), out, G=found.get("G"), bias=found.get("bias"), random_walk=random_walk, topic=topic)
+
+
+@command.command("csv")
+@click.argument("recording", type=PATH)
+@click.argument("out", type=click.Path(path_type=Path, file_okay=False))
+def csv_command(recording: Path, out: Path) -> None:
+    """Write RECORDING as gyro.csv, attitude.csv and the mapping.toml that reads them to the folder OUT."""
+    csv_files.write_csv(load(recording), out)
+
+
+def _calibration(path: Path | None) -> dict[str, NDArray[np.float64]]:
+    """G, bias and its sigma of a result, in rad/s; nothing without one."""
+    if path is None:
+        return {}
+    try:
+        read: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
+        numbers = {name: np.array(read[name], dtype=np.float64) for name in ("G", "bias_deg_s", "sigma_bias_deg_s")}
+    except (ValueError, TypeError, KeyError) as fault:
+        raise InputError(f"{path}: not a result of gyrocal calibrate --json: {fault}") from None
+    return {
+        "G": numbers["G"],
+        "bias": np.deg2rad(numbers["bias_deg_s"]),
+        "sigma": np.deg2rad(numbers["sigma_bias_deg_s"]),
+    }

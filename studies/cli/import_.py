@@ -6,9 +6,8 @@ from typing import Any
 import click
 
 from gyrocal import InputError, importing, save
-from gyrocal.importing import aem, euroc
-from gyrocal.importing.build import build
-from gyrocal.importing.streams import read_csv, streams
+from studies.cli import import_formats
+from studies.cli.import_formats import refuse_existing
 from studies.cli.options import PATH
 from studies.report import tables as render
 from studies.report.console import console
@@ -25,6 +24,10 @@ def command() -> None:
         --quat qw,qx,qy,qz:body-to-inertial
       gyrocal import broad 05_undisturbed_slow_rotation_with_breaks_B.parquet /tmp/rec
     """
+
+
+for one in import_formats.COMMANDS:
+    command.add_command(one)
 
 
 @command.command("csv")
@@ -62,78 +65,13 @@ def csv_command(files: tuple[Path, ...], file: Path | None, unchecked: bool, for
     if len(files) not in (2, 3):
         raise InputError("give GYRO.csv, ATTITUDE.csv and the folder OUT, or one table with both and OUT")
     *tables, out = files
-    _refuse_existing(out, force)
+    refuse_existing(out, force)
     entries = importing.load_mapping(file) if file else {}
     entries |= {name: value for name, value in options.items() if value is not None}
     mapping = importing.checked(entries, str(file) if file else "options")
     imported = importing.import_csv(*tables, mapping=mapping, check=not unchecked)
     importing.write(imported, out)
     render.terminal(console(), str(out), imported.summary())
-
-
-@command.command("aem")
-@click.argument("gyro_file", type=PATH, metavar="GYRO.csv")
-@click.argument("message", type=PATH, metavar="ATTITUDE.aem")
-@click.argument("out", type=click.Path(path_type=Path, file_okay=False))
-@click.option("--time", metavar="COLUMN:UNIT", required=True, help="As of import csv; a date, as the message has.")
-@click.option("--gyro", metavar="COLUMNS:UNIT", required=True, help="As of import csv.")
-@click.option("--lsb", metavar="'SIZE UNIT'", help="As of import csv.")
-@click.option("--spacing", "spacing_s", type=float, help="Least time between references, s.")
-@click.option("--force", is_flag=True, help="Replace a recording that is in OUT already.")
-def aem_command(gyro_file: Path, message: Path, out: Path, force: bool, **options: Any) -> None:
-    """Import a gyro's table and a CCSDS Attitude Ephemeris Message (version 2, KVN). See docs/formats.md.
-
-    \b
-    Example:
-      gyrocal import aem gyro.csv attitude.aem /tmp/rec --time time:iso --gyro gx,gy,gz:deg/s
-    """
-    _refuse_existing(out, force)
-    read = aem.read_aem(message)
-    attitude, entries = aem.table(read)
-    given = {name: value for name, value in options.items() if value is not None}
-    mapping = importing.checked({"title": read.title} | entries | given, "options")
-    imported = build(streams(read_csv(gyro_file), attitude, mapping), mapping)
-    importing.write(imported, out)
-    render.terminal(console(), str(out), imported.summary())
-
-
-@command.command("euroc")
-@click.argument("folder", type=PATH)
-@click.argument("out", type=click.Path(path_type=Path, file_okay=False))
-@click.option(
-    "--reference", help="Folder with the attitudes; the first that is there by default: vicon0, state_groundtruth_estimate0."
-)
-@click.option("--imu", type=PATH, help="Kalibr's imu.yaml, for the gyro's noise density.")
-@click.option("--estimate-noise", is_flag=True, help="Estimate the gyro's noise although imu0/sensor.yaml states it.")
-@click.option("--spacing", "spacing_s", type=float, help="Least time between references, s.")
-@click.option("--force", is_flag=True, help="Replace a recording that is in OUT already.")
-def euroc_command(
-    folder: Path,
-    out: Path,
-    reference: str | None,
-    imu: Path | None,
-    estimate_noise: bool,
-    spacing_s: float | None,
-    force: bool,
-) -> None:
-    """Import FOLDER of the EuRoC form (mav0/imu0 and mav0/vicon0 or another reference). See docs/formats.md.
-
-    \b
-    Example:
-      gyrocal import euroc V1_01_easy /tmp/rec
-    """
-    _refuse_existing(out, force)
-    entries: dict[str, Any] = {} if spacing_s is None else {"spacing_s": spacing_s}
-    if imu is not None:
-        entries["arw_deg_per_sqrt_s"] = euroc.noise_density(imu)
-    imported = euroc.import_euroc(folder, reference, not estimate_noise, **entries)
-    importing.write(imported, out)
-    render.terminal(console(), str(out), imported.summary())
-
-
-def _refuse_existing(out: Path, force: bool) -> None:
-    if (out / "recording.toml").exists() and not force:
-        raise InputError(f"{out}: a recording is there already; choose another folder, or replace it with --force")
 
 
 @command.command("broad")
@@ -157,7 +95,7 @@ def broad_command(file: Path, out: Path, intervals: str, spacing_s: float, force
       gyrocal import broad 05_undisturbed_slow_rotation_with_breaks_B.parquet /tmp/rec
       gyrocal calibrate /tmp/rec
     """
-    _refuse_existing(out, force)
+    refuse_existing(out, force)
     imported = broad.to_recording(broad.read(file), _intervals(intervals), spacing_s)
     save(imported.recording, out)
     render.terminal(console(), str(out), imported.summary())

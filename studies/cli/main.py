@@ -1,17 +1,23 @@
 """The command line: ``gyrocal reproduce | calibrate | diagnose | compare | plan | simulate | mission | effects | study | …``.
 
 A command is a module of its name in this package, loaded only when that command is asked for: numba and pandas take seconds,
-which ``gyrocal --help`` does without. Tables go to standard output, progress and errors to standard error. Bad input ends in
-one line and exit status 2.
+which ``gyrocal --help`` does without. Tables go to standard output, progress and errors to standard error. Bad input and
+wrong use end in one line and exit status 2. Warnings wait until the command has ended: after an error the error says it all.
 """
 
+import contextlib
+import errno
 import importlib
+import os
 import sys
 import warnings
+from collections.abc import Iterator
 from keyword import iskeyword
-from typing import Any
+from typing import Any, NoReturn
 
 import click
+
+from studies.report.printable import printable
 
 COMMANDS = {  # the first sentence of each, which its own help begins with
     "allan": "Overlapping Allan deviation of the noise in RECORDING, with confidence bands and the noise terms of "
@@ -60,33 +66,68 @@ class Commands(click.Group):
         with formatter.section("Commands"):
             formatter.write_dl(rows)
 
+    def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
+        """Options before the command."""
+        with _in_one_line(ctx):
+            return super().parse_args(ctx, args)
+
     def invoke(self, ctx: click.Context) -> Any:
         """Run a command."""
-        try:
-            with warnings.catch_warnings():
-                warnings.showwarning = _warn
-                return super().invoke(ctx)
-        except OSError as error:
-            click.echo(f"gyrocal: {error.filename or 'file'}: {error.strerror or error}", err=True)
-            ctx.exit(2)
-        except Exception as error:
-            # Whoever raised one has loaded its class.
-            errors = sys.modules.get("gyrocal.errors")
-            if errors is None or not isinstance(error, errors.GyrocalError):
-                raise
-            click.echo(f"gyrocal: {' '.join(str(error).split())}", err=True)
-            ctx.exit(getattr(error, "exit_status", 2))
+        with _in_one_line(ctx), _warnings():
+            return super().invoke(ctx)
 
 
-def _warn(message: Warning | str, *where: Any, **options: Any) -> None:
-    """A warning as one line."""
-    click.echo(f"gyrocal: warning: {' '.join(str(message).split())}", err=True)
+@contextlib.contextmanager
+def _in_one_line(ctx: click.Context) -> Iterator[None]:
+    """End whatever is no fault of the program in one line."""
+    try:
+        yield
+    except click.UsageError as error:
+        if type(error).__name__ == "NoArgsIsHelpError":  # of newer versions of click: the help itself
+            raise
+        command = (error.ctx or ctx).command_path
+        _end(ctx, f"{error.format_message()} See '{command} --help'.", where=command)
+    except MemoryError as error:
+        _end(ctx, f"not enough memory: {error}" if str(error) else "not enough memory")
+    except OSError as error:
+        if error.errno == errno.EPIPE and error.filename is None:
+            raise  # click ends quietly: whoever read the tables has read enough
+        _end(ctx, f"{os.fsdecode(error.filename or 'standard output or a file')}: {error.strerror or error}")
+    except Exception as error:
+        # Whoever raised one has loaded its class.
+        errors = sys.modules.get("gyrocal.errors")
+        if errors is None or not isinstance(error, errors.GyrocalError):
+            raise
+        _end(ctx, str(error), getattr(error, "exit_status", 2))
 
 
-@click.group(cls=Commands, context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100})
+def _end(ctx: click.Context, message: str, status: int = 2, where: str = "gyrocal") -> NoReturn:
+    click.echo(printable(f"{where}: {message}"), err=True)
+    ctx.exit(status)
+
+
+@contextlib.contextmanager
+def _warnings() -> Iterator[None]:
+    """Show warnings when all has gone well: the project's own in a line each, those of the packages it uses in one line."""
+    with warnings.catch_warnings(record=True) as met:
+        yield
+    own = dict.fromkeys(str(one.message) for one in met if one.category is UserWarning)
+    numeric = dict.fromkeys(str(one.message) for one in met if one.category is not UserWarning)
+    lines = [*own, *(["while computing: " + "; ".join(numeric) + "; look whether the results can be meant"] if numeric else [])]
+    for line in lines:
+        click.echo(printable(f"gyrocal: warning: {line}"), err=True)
+
+
+@click.group("gyrocal", cls=Commands, context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100})
 @click.version_option(package_name="gyrocal")
 def main() -> None:
     """In-flight gyro calibration: simulate it, run it, validate it."""
+    sys.stdout, sys.stderr = sys.stdout or _nowhere(), sys.stderr or _nowhere()
     for stream in (sys.stdout, sys.stderr):
         if hasattr(stream, "reconfigure"):  # a terminal that cannot show ψ shows ? instead of a traceback
             stream.reconfigure(errors="replace")
+
+
+def _nowhere() -> Any:
+    """What stands in for a stream that the shell has closed."""
+    return open(os.devnull, "w", encoding="utf-8")  # open as long as the program runs

@@ -110,7 +110,7 @@ def _cycles(days: float, every_s: float) -> int:
     cycle = MissionConfig().controller.cycle_s
     if not cycle / DAY <= days <= LONGEST_DAYS:
         raise InputError(f"--days {days:g}: must be between one cycle, {cycle:g} s, and {LONGEST_DAYS:g} days")
-    if not math.isfinite(every_s) or every_s < cycle or abs(every_s / cycle - round(every_s / cycle)) > 1e-9:
+    if not math.isfinite(every_s / cycle) or every_s < cycle or abs(every_s / cycle - round(every_s / cycle)) > 1e-9:
         raise InputError(f"--every {every_s:g}: must be a multiple of the cycle, {cycle:g} s")
     if days * DAY / every_s > MOST_ROWS:
         raise InputError(f"--every {every_s:g}: {days * DAY / every_s:.0f} rows of telemetry are too many")

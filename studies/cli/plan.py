@@ -8,6 +8,7 @@ import click
 
 from diagnosis.plan import appended, maneuvers, plan
 from gyrocal import InputError
+from gyrocal.errors import hint
 from gyrocal.recording import read_toml
 from simulator import scenario as scenarios
 from simulator.effects import EFFECTS
@@ -66,7 +67,7 @@ def command(
     """
     for name in effects:
         if name not in EFFECTS:
-            raise InputError(f"--effect {name}: no such effect; there are {', '.join(EFFECTS)}")
+            raise InputError(f"--effect {name}: no such effect; {hint(name, EFFECTS)}")
     check_writable(None if as_json == STDOUT else as_json)
     check_writable(report)
     if report and as_json and report.resolve() == as_json.resolve():

@@ -1,17 +1,35 @@
 """The command ``gyrocal scenarios``: the built-in scenarios, listed or printed."""
 
+from pathlib import Path
+
 import click
 
 from simulator import scenario as scenarios
+from studies.cli.options import PATH
+from studies.montecarlo.files import check_writable, write_json
 
 
 @click.command("scenarios")
 @click.argument("name", required=False)
-def command(name: str | None) -> None:
+@click.option(
+    "--json", "as_json", type=PATH, help="Write names and titles, or the scenario of that name, as JSON to this file."
+)
+def command(name: str | None, as_json: Path | None) -> None:
     """List the built-in scenarios, or print one as TOML, to be copied and changed.
 
     \b
     Example:
+      gyrocal scenarios
       gyrocal scenarios trmm > mine.toml
     """
-    click.echo(scenarios.text(name) if name else "\n".join(scenarios.names()))
+    check_writable(as_json)
+    if name:
+        click.echo(scenarios.text(name))
+        if as_json:
+            write_json(as_json, scenarios.load(name).model_dump(mode="json"))
+        return
+    titles = {one: str(scenarios.document(one).get("title", "")) for one in scenarios.names()}
+    width = max(map(len, titles))
+    click.echo("\n".join(f"{one:{width}}  {title}" for one, title in titles.items()))
+    if as_json:
+        write_json(as_json, {"scenarios": [{"name": one, "title": title} for one, title in titles.items()]})

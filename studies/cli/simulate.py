@@ -36,6 +36,7 @@ from studies.montecarlo.files import check_writable, write_json
 )
 @effects_option
 @click.option("--truth", type=PATH, help="Also write the injected G, bias and effects as JSON to this file.")
+@click.option("--json", "as_json", type=PATH, help="Write what was made as JSON to this file.")
 @click.option("--force", is_flag=True, help="Replace a recording that is in OUT already.")
 def command(
     scenario: str,
@@ -47,6 +48,7 @@ def command(
     changes: tuple[str, ...],
     effects: tuple[str, ...],
     truth: Path | None,
+    as_json: Path | None,
     force: bool,
 ) -> None:
     """Simulate SCENARIO (a built-in name or a TOML file) and write the recording to the folder OUT.
@@ -71,6 +73,7 @@ def command(
         raise InputError(f"{out}: a recording is there already; choose another folder, or replace it with --force")
     settings = [parse_effect(text) for text in effects]
     check_writable(truth)
+    check_writable(as_json)
     noise = not noise_free
     if (Path(scenario) / "recording.toml").exists() and scenario not in scenarios.names():
         _refuse(changes, draw)
@@ -96,6 +99,11 @@ def command(
     save(recording, out)
     if truth:
         write_json(truth, {"G": G, "bias_deg_s": bias_deg_s, "effects": [described(setting) for setting in settings]})
+    if as_json:
+        counts = {"intervals": len(recording.intervals), "gyro_samples": recording.gyro.t_s.size}
+        effects_done = [described(setting) for setting in settings]
+        about = {"folder": str(out), "title": recording.title, "seed": seed, "case": case, "effects": effects_done}
+        write_json(as_json, about | counts | {"reference_attitudes": recording.attitudes.t_s.size})
     click.echo(
         f"{out}: {len(recording.intervals)} intervals, {recording.gyro.t_s.size} gyro samples, "
         f"{recording.attitudes.t_s.size} reference attitudes"

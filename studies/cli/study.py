@@ -10,6 +10,7 @@ from studies import catalogue
 from studies.cli.options import PATH, assignment
 from studies.montecarlo import engine
 from studies.montecarlo.files import check_writable, write_json
+from studies.montecarlo.until import Until
 from studies.report import study_page
 from studies.report import tables as render
 from studies.report.console import console
@@ -33,11 +34,26 @@ from studies.report.made import made_of
 @click.option("--backend", type=click.Choice(["serial", "threads", "loky", "dask"]), default="loky", show_default=True)
 @click.option("--jobs", type=click.IntRange(1), default=None, help="Workers; the CPU count by default.")
 @click.option("--scheduler", default=None, help="Address of a dask scheduler, with --backend dask.")
-@click.option("--rerun", "again", type=click.IntRange(0), default=None, help="Repeat this one case and keep its recording.")
+@click.option(
+    "--rerun",
+    "again",
+    type=click.IntRange(0),
+    default=None,
+    help="Repeat this one case of the study in the folder and keep its recording.",
+)
 @click.option("--keep", multiple=True, type=click.IntRange(0), help="Keep the recording of this case; repeatable.")
 @click.option("--retry-failed", is_flag=True, help="Run failed cases of an earlier run again.")
 @click.option("--report", type=PATH, help="Write a page with the figures (HTML, needs no network) to this file.")
+@click.option(
+    "--until",
+    metavar="COLUMN<LIMIT",
+    default=None,
+    help="Stop when the 95 % half-width of a column's mean, or of p95(COLUMN), std(COLUMN) …, is below a limit; --cases is "
+    "then the most there may be. The column may be 'failed'.",
+)
+@click.option("--mix", is_flag=True, help="Keep rows that other sources, or another machine, have made beside new ones.")
 @click.option("--json", "as_json", type=PATH, help="Write counts and failures as JSON; what was found is in the report.")
+@click.option("--junit", type=PATH, help="Write what was found as tests to this file, JUnit's XML; a failed case is one too.")
 def command(
     name: str | None,
     out: Path | None,
@@ -48,9 +64,13 @@ def command(
     again: int | None,
     report: Path | None,
     as_json: Path | None,
+    until: str | None,
+    junit: Path | None,
     **options: Any,
 ) -> None:
     """Run the study NAME; without a name, list the studies.
+
+    NAME may be a file with a STUDY of your own, such as ./mystudy.py.
 
     A study runs many cases, writes a row or more for each, and reports on them in OUT/report.md. The rows do not depend on
     --backend or --jobs. Ctrl-C stops cleanly, and the same command then continues where it stopped.
@@ -59,23 +79,34 @@ def command(
     Examples:
       gyrocal study
       gyrocal study psi --set 'steps_s=[0.5,2.0]' --out /tmp/psi --report /tmp/psi.html
-      gyrocal study paper --cases 1000 --set overrides.gyro.arw_deg_per_sqrt_s=1e-4
-      gyrocal study paper --rerun 17
+      gyrocal study paper --cases 20 --set overrides.gyro.arw_deg_per_sqrt_s=1e-4 --out /tmp/paper
+      gyrocal study paper --out /tmp/paper --rerun 17
+      gyrocal study ./mystudy.py --cases 500 --until 'p95(largest_error_ppm)<20'
     """
+    check_writable(as_json)
     if name is None:
-        table = pd.DataFrame([{"study": key, "what": catalogue.summary(key)} for key in catalogue.MODULES])
-        render.terminal(console(), "Studies", table)
+        studies = [{"study": key, "what": catalogue.summary(key)} for key in catalogue.MODULES]
+        render.terminal(console(), "Studies", pd.DataFrame(studies))
+        if as_json:
+            write_json(as_json, {"studies": studies})
         return
-    for path in (as_json, report):
+    for path in (junit, report):
         check_writable(path)
-    folder = out or Path("results") / "studies" / name
+    folder = out or Path("results") / "studies" / (Path(name).stem if catalogue.is_file(name) else name)
     settings = dict(assignment(change) for change in changes)
     settings |= {key: value for key, value in (("cases", cases), ("entropy", entropy)) if value is not None}
     if again is not None:
-        _show_rerun(catalogue.rerun(name, folder, settings, again, config), folder)
+        result = catalogue.rerun(name, folder, settings, again, config)
+        _show_rerun(result, folder)
+        if as_json:
+            rows = result.rows.to_dict("records")
+            write_json(
+                as_json, {"study": name, "case": again, "rows": rows, "same": result.same, "traceback": result.traceback}
+            )
         return
+    options["until"] = Until.parse(until) if until else None
     terminal = console()
-    outcome = catalogue.run(name, folder, settings, terminal, config, **options)
+    outcome = catalogue.run(name, folder, settings, terminal, config, junit=junit, **options)
     terminal.print(outcome.summary(), highlight=False, markup=False)
     for message, count in outcome.warnings.items():
         click.echo(f"gyrocal: warning, {count} times: {message}", err=True)
@@ -83,7 +114,8 @@ def command(
         study_page.write(folder, report, made_of())
     if as_json:
         failures = {str(case): error for case, error in outcome.failures.items()}
-        write_json(as_json, {"study": name, "folder": str(folder), "cases": outcome.cases, "failures": failures})
+        about = {"study": name, "folder": str(folder), "cases": outcome.cases, "failures": failures}
+        write_json(as_json, about | {"until": outcome.manifest.get("until")})
 
 
 def _show_rerun(result: engine.Rerun, folder: Path) -> None:

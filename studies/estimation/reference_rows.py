@@ -13,6 +13,7 @@ from gyrocal.estimation.full_filter import FullFilterResult
 from gyrocal.estimation.mekf import KalmanFilter
 from gyrocal.estimation.reference_covariance import interval_covariance, residual_covariance
 from gyrocal.estimation.smoother import smooth
+from studies.calibration.prepared import converged
 from studies.estimation.filter_cases import (
     Z,
     fly,
@@ -119,7 +120,7 @@ def calibrations(streams: Streams, truth: GyroParameters, arw: float) -> Rows:
                 BLOCKS: calibrate(recording, interval_covariance=interval_covariance(batches, setup.intervals, setup.arw)),
                 INDEPENDENT: calibrate(recording),
             }
-            rows += [_calibrated(setup.name, source, name, result, truth) for name, result in results.items()]
+            rows += [_calibrated(setup.name, source, name, converged(result), truth) for name, result in results.items()]
     one = on_board_case(streams.generator("timeline"), truth=truth, arw=arw)
     found, P = one.onboard.solve()
     rows.append(_solved("timeline", FILTER, CARRIED, found.vector, P, truth))

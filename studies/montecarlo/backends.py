@@ -11,6 +11,7 @@ that shared its fate can be tried again alone.
   to import the study. Nothing else is asked of them, no common file system either.
 """
 
+import asyncio
 import contextlib
 import logging
 import os
@@ -35,9 +36,15 @@ T = TypeVar("T")
 
 IDLE_S = 60.0  # after which a warm worker ends
 FOLLOW_S = 0.5  # how often a worker looks whether its parent is alive
-CONNECT_S = 30.0
+CONNECT_S = 4.0  # to a scheduler
+WORKERS_S = 30.0  # for its first worker
 RETRIES = 2  # of a dask task that a connection or a lost worker's result failed
-IGNORE_INTERRUPTS = "import signal\nsignal.signal(signal.SIGINT, signal.SIG_IGN)\n"  # run in dask's workers as they start
+# What ends the study, and is left to the parent where a terminal or a batch system sends it to every process.
+ENDING = {signal.SIGINT, signal.SIGTERM, signal.SIGHUP}
+IGNORE_INTERRUPTS = """import signal
+signal.signal(signal.SIGINT, signal.SIG_IGN)
+signal.signal(signal.SIGHUP, signal.SIG_IGN)
+"""  # run in dask's workers as they start, which their nanny may end by SIGTERM
 PER_WORKER = 2  # tasks in flight per worker: one that runs, one that waits
 
 
@@ -156,8 +163,9 @@ class _Threads(Executor):
 
 
 def _start_worker() -> None:
-    """Leave Ctrl-C, which the terminal sends to every process, to the parent, and end when that was killed."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    """Leave Ctrl-C, which the terminal sends to every process, and its kin to the parent, and end when that was killed."""
+    for number in ENDING:
+        signal.signal(number, signal.SIG_IGN)
     threading.Thread(target=_follow, args=(os.getppid(),), daemon=True).start()
 
 
@@ -168,26 +176,34 @@ def _follow(parent: int) -> None:
     os._exit(1)
 
 
+@contextlib.contextmanager
+def _held_back() -> Iterator[None]:
+    """What would end the study waits, also for the processes that are started meanwhile."""
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, ENDING)
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
 class _Loky(Executor):
     def __init__(self, run: Any, jobs: int, scheduler: str | None = None) -> None:
         super().__init__(run, jobs)
         # Started together with the first worker, this helper would (in Python 3.11) let Ctrl-C through to it.
-        resource_tracker.ensure_running()
+        with _held_back():
+            resource_tracker.ensure_running()
 
     def _pool(self) -> Any:
         return get_reusable_executor(max_workers=self.jobs, timeout=IDLE_S, initializer=_start_worker)
 
     def submit(self, task: Task) -> Future[Result]:
         # Workers that are started here inherit that Ctrl-C is held back, and are safe from it before `_start_worker`.
-        before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
-        try:
+        with _held_back():
             # The pool may be found broken only now; asked for again it is a new one.
             for _ in range(self.jobs):
                 with contextlib.suppress(BrokenProcessPool, ShutdownExecutorError):
                     return self._pool().submit(self.run, task)
             return self._pool().submit(self.run, task)
-        finally:
-            signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
     def result(self, future: Future[Result]) -> Result | None:
         try:
@@ -200,6 +216,33 @@ class _Loky(Executor):
             self._pool().shutdown(wait=True, kill_workers=True)
 
 
+def _knock(distributed: Any, address: str) -> None:
+    """Shake hands with a scheduler; a client that meets none would log, and wait once more when it is thrown away.
+
+    Raises
+    ------
+    InputError
+        Nobody answers, or somebody who is no scheduler, or the address is none.
+    """
+
+    async def shake() -> None:
+        comm = await distributed.comm.connect(address, timeout=CONNECT_S)
+        await comm.close()
+
+    def run() -> str:
+        try:
+            asyncio.run(asyncio.wait_for(shake(), CONNECT_S))
+        except Exception as error:  # a port of something else answers anything
+            return " ".join(str(error).split()) or type(error).__name__
+        return ""
+
+    # In a thread of its own: where there is an event loop, as in a notebook, no second one may run.
+    with ThreadPoolExecutor(1) as thread:
+        fault = thread.submit(run).result()
+    if fault:
+        raise InputError(f"dask scheduler {address!r}: {fault}; give it as tcp://HOST:PORT, and see that it runs")
+
+
 class _Dask(Executor):
     def __init__(self, run: Any, jobs: int, scheduler: str | None = None) -> None:
         super().__init__(run, jobs)
@@ -209,6 +252,8 @@ class _Dask(Executor):
         except ImportError:
             raise InputError('--backend dask needs the extra: pip install "gyrocal[dask]"') from None
         self.distributed = distributed
+        if scheduler is not None:
+            _knock(distributed, scheduler)
         self.resources = contextlib.ExitStack()
         try:
             if scheduler is None:
@@ -225,10 +270,10 @@ class _Dask(Executor):
                     )
                 )
             self.client = self.resources.enter_context(distributed.Client(scheduler, timeout=CONNECT_S, set_as_default=False))
-            self.client.wait_for_workers(1, timeout=CONNECT_S)
+            self.client.wait_for_workers(1, timeout=WORKERS_S)
         except (OSError, TimeoutError, ValueError) as error:
             self.resources.close()
-            raise InputError(f"dask scheduler {scheduler}: {' '.join(str(error).split())}") from None
+            raise InputError(f"dask scheduler {scheduler!r}: {' '.join(str(error).split())}") from None
         except BaseException:
             self.resources.close()
             raise

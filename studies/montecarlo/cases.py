@@ -19,6 +19,7 @@ from typing import Any
 import numpy as np
 
 from studies.montecarlo.calm import calm
+from studies.montecarlo.provenance import MadeWith, made_with
 from studies.montecarlo.study import DISPERSED, RESERVED, Streams, Study, StudyConfig, dispersed_values, find
 
 LONGEST_ERROR = 500  # characters of an error in a row
@@ -35,11 +36,13 @@ class Task:
     study : name of the study
     config : its resolved configuration as JSON
     cases : numbers of the cases
+    folder : where the study's module is, if it is a single file; else empty
     """
 
     study: str
     config: str
     cases: range
+    folder: str = ""
 
 
 @dataclass(frozen=True)
@@ -52,12 +55,14 @@ class Result:
     tracebacks : text for each failed case's file
     cpu_s : CPU time of the cases
     warnings : how often each warning was given
+    made_with : the worker's `made_with`; None if it died
     """
 
     rows: list[dict[str, Any]]
     tracebacks: dict[int, str]
     cpu_s: float = 0.0
     warnings: Counter[str] = field(default_factory=Counter)
+    made_with: MadeWith | None = None
 
     @property
     def failures(self) -> dict[int, str]:
@@ -77,7 +82,8 @@ def run_cases(task: Task, stopped: Callable[[], bool] = lambda: False) -> Result
     task : what to run
     stopped : asked before each case whether to give up; raises `Stopped` if so
     """
-    study, config = _prepared(task.study, task.config)
+    study = find(task.study, task.folder)
+    config = _config(study, task.config)
     rows: list[dict[str, Any]] = []
     kinds: dict[str, str] = {}
     tracebacks: dict[int, str] = {}
@@ -93,7 +99,7 @@ def run_cases(task: Task, stopped: Callable[[], bool] = lambda: False) -> Result
             except (Exception, SystemExit) as error:
                 tracebacks[case] = "".join(traceback.format_exception(error))
                 rows.append({"case": case, "error": _one_line(error)})
-        return Result(rows, tracebacks, clock() - start, messages)
+        return Result(rows, tracebacks, clock() - start, messages, made_with(study))
 
 
 def killed(task: Task) -> Result:
@@ -108,14 +114,14 @@ def merged(results: Iterable[Result]) -> Result:
     whole = Result([], {})
     for one in results:
         tracebacks, warnings = whole.tracebacks | one.tracebacks, whole.warnings + one.warnings
-        whole = Result(whole.rows + one.rows, tracebacks, whole.cpu_s + one.cpu_s, warnings)
+        whole = Result(whole.rows + one.rows, tracebacks, whole.cpu_s + one.cpu_s, warnings, one.made_with or whole.made_with)
     return whole
 
 
 @lru_cache(maxsize=4)
-def _prepared(name: str, config: str) -> tuple[Study, StudyConfig]:
-    study = find(name)
-    return study, study.config.model_validate_json(config)
+def _config(study: Study, text: str) -> StudyConfig:
+    """The configuration for a study as it is now: one that was edited and imported anew is another one."""
+    return study.config.model_validate_json(text)
 
 
 def _case_rows(study: Study, config: StudyConfig, case: int, kinds: dict[str, str]) -> list[dict[str, Any]]:

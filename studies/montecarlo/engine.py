@@ -6,7 +6,7 @@
 Case i draws from children of ``SeedSequence(entropy, spawn_key=(i,))`` alone, so its row is the same on every backend,
 resumed, or repeated by `rerun`, bit for bit. The folder of a study holds
 
-- ``manifest.json``: configuration and its hash, versions, commit, seeds, backend, times, failures
+- ``manifest.json``: configuration and its hash, the sources' hashes, versions, machine, commit, seeds, backend, times, failures
 - ``parts/``: the rows of each finished chunk (`studies.montecarlo.store`); what makes a study resumable
 - ``failures/``: a traceback for each failed case
 - ``cases/``: recordings of single cases, on demand
@@ -15,6 +15,7 @@ resumed, or repeated by `rerun`, bit for bit. The folder of a study holds
 A case that raises or kills its worker is a row with its error; everything else goes on.
 """
 
+import json
 import logging
 import shutil
 from collections import Counter
@@ -25,16 +26,20 @@ from pathlib import Path
 from typing import Any
 
 import pandas as pd
+from pydantic import ValidationError
 
 from gyrocal import save
 from gyrocal.errors import GyrocalError, InputError
 from studies.montecarlo.backends import Executor, Name, open_backend
 from studies.montecarlo.calm import calm
 from studies.montecarlo.cases import Task, run_cases
-from studies.montecarlo.manifest import WORK, write_manifest
-from studies.montecarlo.session import Interrupted, Session, known, locked
+from studies.montecarlo.manifest import WORK, digest, write_manifest
+from studies.montecarlo.provenance import changes, listed, made_with
+from studies.montecarlo.session import Interrupted, Session, known, locked, stoppable
+from studies.montecarlo.sources import uses_attribute
 from studies.montecarlo.store import Parts, table_of
-from studies.montecarlo.study import Streams, Study, StudyConfig, config_sha256, find, resolved
+from studies.montecarlo.study import GridConfig, Streams, Study, StudyConfig, config_sha256, find, folder_of, resolved
+from studies.montecarlo.until import Until, looks
 
 __all__ = ["Interrupted", "Name", "Outcome", "Rerun", "Streams", "Study", "StudyConfig", "rerun", "run", "silent"]
 
@@ -91,7 +96,9 @@ class Outcome:
         failed = (
             f", {len(self.failures)} failed ({which}; see {self.folder / 'failures'})" if self.failures else ", none failed"
         )
-        return f"{self.cases} cases{resumed}{failed}; {self.wall_s:.1f} s, {self.cpu_s:.1f} s of CPU"
+        until = self.manifest.get("until")
+        met = f", {until['asked']} is {'met' if until['met'] else 'NOT met'}: {until['half_width']:.3g}" if until else ""
+        return f"{self.cases} cases{resumed}{failed}{met}; {self.wall_s:.1f} s, {self.cpu_s:.1f} s of CPU"
 
 
 @dataclass(frozen=True)
@@ -129,6 +136,8 @@ def run(
     progress: Display = silent,
     keep: Collection[int] = (),
     retry_failed: bool = False,
+    until: Until | None = None,
+    mix: bool = False,
 ) -> Outcome:
     """Run a study, or what is left of it, and write its table.
 
@@ -136,7 +145,8 @@ def run(
     ----------
     study : what to run
     config : its configuration
-    folder : where it is written; if it holds a part of the same study, that is resumed
+    folder : where it is written; if it holds a part of the same study, that is resumed, and if it holds the same study with
+        fewer cases, only the others are computed
     backend : where the cases run, see `studies.montecarlo.backends`
     jobs : workers; by default as many as there are cores
     scheduler : address of a dask scheduler
@@ -145,55 +155,119 @@ def run(
         ``functools.partial(studies.report.console.progress, console)``
     keep : cases whose recordings are kept
     retry_failed : run failed cases of earlier runs again
+    until : stop as soon as this is met; the configuration's number of cases is then the most there may be
+    mix : let rows stand beside those of an earlier run with other sources, or on another machine
 
     Raises
     ------
     InputError
-        The configuration cannot be used, the folder holds another study, or it cannot be written (`StorageError`).
+        The configuration cannot be used, the folder holds another study or rows that were made otherwise, or it cannot be
+        written (`StorageError`).
     Interrupted
-        Ctrl-C; what has ended is kept.
+        Ctrl-C, SIGTERM or SIGHUP; what has ended is kept.
     """
     task_for, ready = _prepare(study, config)
     if keep and study.recording is None:
         raise InputError(f"study {study.name}: has no recordings to keep")
     for case in keep:
         _check_case(config, case)
+    if until and not may_grow(study, ready):
+        raise InputError(f"study {study.name}: --until needs rows that do not depend on the number of cases")
     folder = Path(folder)
-    with locked(folder):
+    with locked(folder), stoppable():
         document = about(study, config)
-        sha256 = document["config_sha256"]
-        earlier = known(folder, sha256)
+        earlier = _earlier(study, ready, document, folder)
         document["chunk"] = _chunk(config.cases, chunk, earlier, folder)
-        parts = Parts(folder, config.cases, document["chunk"], sha256)
-        session = Session(parts, task_for, document, earlier["runs"] if earlier else [], backend)
+        parts = _parts(study, ready, folder, document["chunk"], earlier)
+        session = Session(parts, task_for, document, earlier, backend, made_with(study), mix)
+        missing = session.survey(retry_failed)
+        resumed = session.done
         table = folder / "table.parquet"
         with session.ending():
-            missing = session.survey(retry_failed)
-            resumed = session.done
             session.write("running")
+            stop = config.cases
             if missing:
                 with calm() as messages, _opened(backend, jobs, scheduler) as workers:
                     try:
-                        with progress(study.name, config.cases - resumed) as advance:
-                            session.finish(workers, missing, advance)
+                        with progress(study.name, sum(map(len, missing))) as advance:
+                            stop = _finish(session, workers, missing, advance, until)
                     finally:
                         session.run["jobs"] = workers.jobs
                 session.count(messages)
+            elif until:
+                stop = _finish(session, None, missing, lambda count: None, until)
+            if stop < config.cases:
+                session.end_at(stop, about(study, config.model_copy(update={"cases": stop})))
             for case in keep:
                 _keep(study, ready, case, folder)
-            parts.write_table(table)
+            session.parts.write_table(table)
             manifest = session.write("complete")
     return Outcome(
         folder=folder,
         table=table,
-        cases=config.cases,
-        resumed=resumed,
+        cases=manifest["cases"],
+        resumed=min(resumed, manifest["cases"]),
         failures=dict(sorted(session.failures.items())),
         warnings=dict(session.warnings),
         wall_s=session.wall_s,
         cpu_s=session.cpu_s,
         manifest=manifest,
     )
+
+
+def _finish(
+    session: Session, workers: Executor | None, missing: list[range], advance: Callable[[int], None], until: Until | None
+) -> int:
+    """Run the missing cases, or as many as the criterion asks for; returns how many cases the study has."""
+    parts = session.parts
+    for stop in looks(parts.cases, parts.chunk) if until else [parts.cases]:
+        now = [cases for cases in missing if cases.stop <= stop]
+        missing = missing[len(now) :]
+        if workers and now:
+            session.finish(workers, now, advance)
+        if until is None:
+            break
+        width = until.half_width(parts.values(until.column, stop))
+        session.about["until"] = {"asked": str(until), "half_width": width, "met": width < until.limit}
+        if width < until.limit:
+            break
+    return stop
+
+
+def may_grow(study: Study, config: StudyConfig) -> bool:
+    """Whether the rows of the first cases are the same however many follow."""
+    stratified = config.sampler == "lhs" and config.dispersions
+    return not (isinstance(config, GridConfig) or stratified or uses_attribute(study, "cases"))
+
+
+def _earlier(study: Study, ready: StudyConfig, document: Mapping[str, Any], folder: Path) -> dict[str, Any] | None:
+    """Manifest of the same study in the folder, with as many cases or fewer; None if there is none.
+
+    Raises
+    ------
+    InputError
+        The folder holds another study, or one that cannot be continued.
+    """
+    found = known(folder)
+    if found is None or found["config_sha256"] == document["config_sha256"]:
+        return found
+    before = found.get("cases")
+    if before and found["config_sha256"] == config_sha256(study, ready, before):
+        if before < ready.cases and may_grow(study, ready):
+            return found
+        why = "it cannot have fewer" if before > ready.cases else "its rows depend on the number of cases"
+        raise InputError(f"{folder}: holds this study with cases: {before} → {ready.cases}, and {why}; choose another folder")
+    settings = {"study": found.get("study"), **found.get("config", {})}, {"study": document["study"], **document["config"]}
+    scenarios = {"scenario": found.get("scenario")}, {"scenario": document["scenario"]}
+    what = listed(changes(*settings) or changes(*scenarios)) or "the order of the dispersions"
+    raise InputError(f"{folder}: holds a study with another configuration ({what}); choose another folder")
+
+
+def _parts(study: Study, ready: StudyConfig, folder: Path, chunk: int, earlier: Mapping[str, Any] | None) -> Parts:
+    """The parts of a study; those written when it had another number of cases are its own, if its rows do not depend on it."""
+    growing = may_grow(study, ready)
+    same = {config_sha256(study, ready), *([earlier["config_sha256"]] if earlier else [])}
+    return Parts(folder, ready.cases, chunk, config_sha256(study, ready, 0 if growing else None), frozenset(same))
 
 
 def _chunk(cases: int, wanted: int | None, earlier: Mapping[str, Any] | None, folder: Path) -> int:
@@ -214,8 +288,12 @@ def _chunk(cases: int, wanted: int | None, earlier: Mapping[str, Any] | None, fo
 
 
 def work_folder(folder: Path, study: Study, config: StudyConfig) -> Path:
-    """Where a study runs whose rows are not kept, in the folder of what is made of them; of each configuration its own."""
-    return Path(folder) / WORK / config_sha256(study, resolved(config))[:12]
+    """Where a study runs whose rows are not kept, in the folder of what is made of them.
+
+    Of each configuration, sources and machine its own, so that what another one left unfinished is never in the way.
+    """
+    made = config_sha256(study, resolved(config)) + json.dumps(made_with(study).as_dict(), sort_keys=True)
+    return Path(folder) / WORK / digest(made.encode())[:12]
 
 
 def publish(outcome: Outcome, folder: Path, **about: Any) -> None:
@@ -229,6 +307,15 @@ def publish(outcome: Outcome, folder: Path, **about: Any) -> None:
     """
     write_manifest(folder, outcome.manifest | about)
     shutil.rmtree(Path(folder) / WORK)
+
+
+def config_in(study: Study, folder: Path) -> StudyConfig | None:
+    """Configuration of the study that a folder holds, as it was given; None without one that this study can have."""
+    found = known(folder)
+    try:
+        return study.config.model_validate_json(json.dumps(found["config"])) if found else None
+    except (KeyError, ValidationError):
+        return None
 
 
 def rerun(study: Study, config: StudyConfig, case: int, folder: Path) -> Rerun:
@@ -247,28 +334,28 @@ def rerun(study: Study, config: StudyConfig, case: int, folder: Path) -> Rerun:
     task_for, ready = _prepare(study, config)
     _check_case(config, case)
     folder = Path(folder)
-    sha256 = config_sha256(study, ready)
-    manifest = known(folder, sha256)
+    manifest = _earlier(study, ready, about(study, config), folder)
     # First, since the case may end this process.
     recording = _keep(study, ready, case, folder) if study.recording else None
     result = run_cases(task_for(range(case, case + 1)))
     rows = table_of(result.rows).to_pandas()
     same = None
     if manifest:
-        before = Parts(folder, config.cases, manifest["chunk"], sha256).rows_of(case)
+        before = _parts(study, ready, folder, manifest["chunk"], manifest).rows_of(case)
         same = None if before is None else _same(before, rows)
     return Rerun(rows, result.tracebacks.get(case, ""), recording, same)
 
 
 def _prepare(study: Study, config: StudyConfig) -> tuple[Callable[[range], Task], StudyConfig]:
     """What makes a task of a range of cases, and the resolved configuration."""
-    if find(study.name) != study:
+    folder = folder_of(study)
+    if find(study.name, folder) != study:
         raise InputError(f"study {study.name}: what stands there is not the study of that name")
     if type(config) is not study.config:
         raise InputError(f"study {study.name}: needs a {study.config.__name__}, not a {type(config).__name__}")
     ready = resolved(config)
     text = ready.model_dump_json()
-    return lambda cases: Task(study.name, text, cases), study.config.model_validate_json(text)
+    return lambda cases: Task(study.name, text, cases, folder), study.config.model_validate_json(text)
 
 
 def _check_case(config: StudyConfig, case: int) -> None:

@@ -10,7 +10,7 @@ import numpy as np
 import pandas as pd
 
 from gyrocal.errors import InputError
-from gyrocal.files import regular, replacing
+from gyrocal.files import replaced, replacing
 
 
 def write_bytes(path: Path, data: bytes) -> None:
@@ -36,14 +36,17 @@ def write_json(path: Path, value: Any) -> None:
 
 
 def write_csv(path: Path, table: pd.DataFrame, digits: int = 9) -> None:
-    """Write a table as CSV, its numbers with so many digits."""
+    """Write a table as CSV, its numbers with so many digits, also those beside texts in a column."""
+    table = table.copy()
+    for name in [name for name in table if table[name].dtype == object]:
+        table[name] = [float(f"{one:.{digits}g}") if isinstance(one, float) else one for one in table[name]]
     write_text(path, table.to_csv(index=False, float_format=f"%.{digits}g"))
 
 
 def write_parquet(path: Path, table: pd.DataFrame) -> None:
     """Write a table as Parquet."""
     with replacing(path) as file:
-        table.to_parquet(file, index=False)
+        table.to_parquet(file, index=False, write_page_checksum=True)
 
 
 def plain(value: Any) -> Any:
@@ -72,6 +75,9 @@ def check_writable(path: Path | None) -> None:
     if not path.parent.is_dir():
         raise InputError(f"{path}: no folder {path.parent}")
     # A regular file is replaced, which its folder must allow; a device or a pipe is only written to.
-    replaced = regular(path)
-    if (replaced and not os.access(replaced.parent, os.W_OK)) or (path.exists() and not os.access(path, os.W_OK)):
+    try:
+        allowed = os.access(path.parent if replaced(path) else path, os.W_OK)
+    except OSError as error:
+        raise InputError(f"{path}: {error.strerror}") from None
+    if not allowed or (path.exists() and not os.access(path, os.W_OK)):
         raise InputError(f"{path}: cannot be written")

@@ -8,10 +8,14 @@ import errno
 import fcntl
 import json
 import logging
+import os
+import signal
+import threading
 import time
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -20,6 +24,7 @@ from studies.montecarlo.backends import Executor
 from studies.montecarlo.cases import Result, Task, killed, merged
 from studies.montecarlo.files import write_bytes
 from studies.montecarlo.manifest import MANIFEST, versions, write_manifest
+from studies.montecarlo.provenance import MadeWith, changes, edited, listed
 from studies.montecarlo.store import PartInfo, Parts
 
 logger = logging.getLogger(__name__)
@@ -28,9 +33,24 @@ SEEDS = "SeedSequence(entropy, spawn_key=(case, *name.encode()))"
 
 
 class Interrupted(GyrocalError):  # noqa: N818  # an event, not a fault
-    """The study was stopped; the message says how far it is and that the same command resumes it."""
+    """The study was stopped; the message says how far it is and that the same command resumes it.
 
-    exit_status = 130  # as shells have it for what Ctrl-C ended
+    Attributes
+    ----------
+    exit_status : as shells have it for what a signal ended, 130 for Ctrl-C
+    """
+
+    def __init__(self, message: str, number: int = signal.SIGINT) -> None:
+        super().__init__(message)
+        self.exit_status = 128 + number
+
+
+class _Told(KeyboardInterrupt):
+    """A signal that is to end the run as Ctrl-C does."""
+
+    def __init__(self, number: int) -> None:
+        super().__init__()
+        self.number = number
 
 
 class StorageError(InputError):
@@ -47,7 +67,8 @@ def locked(folder: Path) -> Iterator[None]:
         Another process holds it.
     """
     folder.mkdir(parents=True, exist_ok=True)
-    with (folder / ".lock").open("w") as file:
+    # Neither through a link nor emptying what is there: nothing is written to it.
+    with os.fdopen(os.open(folder / ".lock", os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW, 0o666), "w") as file:
         try:
             fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except OSError:
@@ -55,25 +76,46 @@ def locked(folder: Path) -> Iterator[None]:
         yield
 
 
-def known(folder: Path, config_sha256: str) -> dict[str, Any] | None:
-    """Manifest of the same study in the folder, None if there is none.
+@contextmanager
+def stoppable() -> Iterator[None]:
+    """SIGTERM and SIGHUP raise what Ctrl-C does, once; one that is ignored, as under nohup, stays so."""
+    if threading.current_thread() is not threading.main_thread():
+        yield  # only the main thread may say what signals do
+        return
+    before = {number: signal.getsignal(number) for number in (signal.SIGTERM, signal.SIGHUP)}
+    before = {number: handler for number, handler in before.items() if handler not in (signal.SIG_IGN, None)}
+
+    def tell(number: int, frame: object) -> None:
+        for one in before:
+            signal.signal(one, signal.SIG_IGN)
+        raise _Told(number)
+
+    try:
+        for number in before:
+            signal.signal(number, tell)
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
+def known(folder: Path) -> dict[str, Any] | None:
+    """Manifest of the study in a folder, None if there is none.
 
     Raises
     ------
     InputError
-        The folder holds another study.
+        It is no manifest of a study.
     """
     path = folder / MANIFEST
     try:
         manifest = json.loads(path.read_text(encoding="utf-8"))
-        found, _, _ = manifest["config_sha256"], manifest["chunk"], manifest["runs"]
+        _ = manifest["config_sha256"], range(manifest["chunk"])
+        _ = [(run["commit"], run["python"]) for run in manifest["runs"]]
     except FileNotFoundError:
         return None
-    except (ValueError, KeyError, TypeError):
+    except (ValueError, KeyError, TypeError, RecursionError):
         raise InputError(f"{path}: is not the manifest of a Monte Carlo study; choose another folder") from None
-    if found != config_sha256:
-        hashes = f"its hash is {found[:12]}, this one's {config_sha256[:12]}"
-        raise InputError(f"{folder}: holds a study with another configuration ({hashes}); choose another folder")
     return dict(manifest)
 
 
@@ -85,8 +127,10 @@ class Session:
     parts : the parts of the study, in its folder
     task_for : makes a task of a range of cases
     about : what the manifest says of the study: its name, configuration, hash …, as plain values
-    earlier : the manifest's entries of earlier runs
+    earlier : the manifest of earlier runs
     backend : where the cases run
+    made_with : sources and machine of this run
+    mix : whether its rows may stand beside rows made with others
 
     Attributes
     ----------
@@ -102,20 +146,21 @@ class Session:
         parts: Parts,
         task_for: Callable[[range], Task],
         about: Mapping[str, Any],
-        earlier: list[dict[str, Any]],
+        earlier: Mapping[str, Any] | None,
         backend: str,
+        made_with: MadeWith,
+        mix: bool = False,
     ) -> None:
-        self.parts, self.task_for, self.earlier = parts, task_for, earlier
+        self.parts, self.task_for, self.before, self.made_with, self.mix = parts, task_for, earlier or {}, made_with, mix
         self.begun = time.monotonic()
-        made_with = versions(["distributed"] if backend == "dask" else [])
-        self.about = {**about, **made_with}
-        self.run = {"status": "running", "backend": backend, "jobs": None, "resumed": 0, "wall_s": 0.0, **made_with}
+        installed = versions(["distributed"] if backend == "dask" else [])
+        self.about = {**about, **installed, **made_with.as_dict()}
+        status = {"status": "running", "backend": backend, "jobs": None, "resumed": 0, "wall_s": 0.0}
+        self.run = {**status, **installed, "machine": made_with.machine}
         self.done, self.cpu_s = 0, 0.0
         self.failures: dict[int, str] = {}
         self.warnings: Counter[str] = Counter()
-        if any(run[name] != made_with[name] for run in earlier for name in ("commit", "python")):
-            mixed = f"{parts.folder}: earlier runs were of another version of the program; rows of both are mixed"
-            self.count({mixed: 1})
+        self.begun_with: dict[int, PartInfo] = {}  # parts that hold only their first cases
 
     def count(self, warnings: Mapping[str, int]) -> None:
         """Add to the run's warnings; each is logged when it is first met."""
@@ -124,53 +169,102 @@ class Session:
                 logger.warning(text)
         self.warnings.update(warnings)
 
-    def survey(self, retry_failed: bool) -> list[int]:
-        """Numbers of the parts that are still to be made; damaged ones are set aside."""
+    def survey(self, retry_failed: bool) -> list[range]:
+        """The cases that are still to be computed, part by part; damaged parts are set aside."""
         self.parts.remove_temporary()
         missing = []
         for index in range(len(self.parts)):
-            info = self.parts.inspect(index)
+            info, cases = self.parts.inspect(index), self.parts.range(index)
             if isinstance(info, str):
                 aside = self.parts.set_aside(index)
                 self.count({f"{self.parts.path(index)} is damaged ({info}); set aside as {aside.name} and computed again": 1})
             if not isinstance(info, PartInfo) or (retry_failed and info.failures):
-                missing.append(index)
-            else:
-                self._add(index, info.failures, info.cpu_s)
+                missing.append(cases)
+                continue
+            self._add(range(cases.start, info.stop), info.failures, info.cpu_s)
+            if info.stop < cases.stop:
+                self.begun_with[index] = info
+                missing.append(range(info.stop, cases.stop))
         self.run["resumed"] = self.done
+        self._compare(bool(missing))
         return missing
 
-    def finish(self, workers: Executor, missing: list[int], advance: Callable[[int], None]) -> None:
-        """Run the missing parts; a chunk whose worker died is run again, each case alone."""
-        index_of = {self.parts.range(index): index for index in missing}
+    def _compare(self, more: bool) -> None:
+        """Refuse finished rows, and more of them, that this program, here, would make otherwise.
+
+        Raises
+        ------
+        InputError
+            The sources have changed, or rows are to be computed and the machine is another one.
+        """
+        if not self.done or not self.before:
+            return
+        folder, before = self.parts.folder, self.before
+        if not more:  # this run makes no rows: what made them stays in the manifest
+            for name in ("sources", "machine"):
+                self.about.pop(name)
+                self.about |= {name: before[name]} if name in before else {}
+        if "sources" not in before:
+            self.count({f"{folder}: its {self.done} finished cases are of a version that did not note what made them": 1})
+            return
+        files = edited(before["sources"], self.made_with.sources)
+        other = changes(before["machine"], self.made_with.machine) if more else []
+        if not files and not other:
+            return
+        finished = f"{folder}: {self.done} finished cases were computed"
+        if self.mix:
+            self.count({f"{finished} with other sources or on another machine, and are kept as they are": 1})
+        elif files:
+            raise InputError(f"{finished} before {listed(files)} changed; choose another folder, or keep them with --mix")
+        else:
+            raise InputError(f"{finished} elsewhere ({listed(other)}); choose another folder, or go on with --mix")
+
+    def finish(self, workers: Executor, missing: list[range], advance: Callable[[int], None]) -> None:
+        """Run the missing cases; a chunk whose worker died is run again, each case alone."""
         died = []
-        for task, result in workers.results(map(self.task_for, index_of)):
+        for task, result in workers.results(map(self.task_for, missing)):
             if result is None:
                 died.append(task)
             else:
-                self._store(index_of[task.cases], result)
+                self._store(task.cases, result)
                 advance(len(task.cases))
         for task in died:
             singles = [self.task_for(range(case, case + 1)) for case in task.cases]
             alone = (result or killed(single) for single, result in workers.results(singles, alone=True))
-            self._store(index_of[task.cases], merged(alone))
+            self._store(task.cases, merged(alone))
             advance(len(task.cases))
 
-    def _store(self, index: int, result: Result) -> None:
-        """Store a part; its tracebacks first, so that a part that is there is complete."""
-        folder = self.parts.folder / "failures"
-        for case in self.parts.range(index):
+    def end_at(self, cases: int, about: Mapping[str, Any]) -> None:
+        """The study has enough with so many cases: what it is, and its parts, are from now on of these."""
+        self.parts = replace(self.parts, cases=cases)
+        self.about |= about
+        self.done = cases
+        self.failures = {case: error for case, error in self.failures.items() if case < cases}
+
+    def _store(self, cases: range, result: Result) -> None:
+        """Store the rest of a part; its tracebacks first, so that a part that is there is complete."""
+        if result.made_with not in (None, self.made_with) and not self.mix:
+            raise InputError(f"a worker differs ({self._difference(result.made_with)}); make them alike, or go on with --mix")
+        folder, index = self.parts.folder / "failures", cases.start // self.parts.chunk
+        for case in cases:
             path = folder / f"case-{case:06d}.txt"
             if case in result.tracebacks:
                 write_bytes(path, result.tracebacks[case].encode())
             else:
                 path.unlink(missing_ok=True)  # it failed in an earlier run
-        self.parts.write(index, result.rows, result.cpu_s)
-        self._add(index, result.failures, result.cpu_s)
+        begun = self.begun_with.get(index)
+        rows = [*(self.parts.rows(index) if begun else []), *result.rows]
+        self.parts.write(index, rows, result.cpu_s + (begun.cpu_s if begun else 0.0))
+        self._add(cases, result.failures, result.cpu_s)
         self.count(result.warnings)
 
-    def _add(self, index: int, failures: Mapping[int, str], cpu_s: float) -> None:
-        self.done += len(self.parts.range(index))
+    def _difference(self, theirs: MadeWith) -> str:
+        """Where a worker differs from this process."""
+        files, own = edited(self.made_with.sources, theirs.sources), self.made_with.machine
+        return listed([*(f"source {path}" for path in files), *changes(own, theirs.machine)])
+
+    def _add(self, cases: range, failures: Mapping[int, str], cpu_s: float) -> None:
+        self.done += len(cases)
         self.failures.update(failures)
         self.cpu_s += cpu_s
 
@@ -190,7 +284,7 @@ class Session:
             "failed": len(self.failures),
             "failures": {str(case): self.failures[case] for case in sorted(self.failures)},
             "warnings": dict(self.warnings),
-            "runs": [*self.earlier, self.run],
+            "runs": [*self.before.get("runs", []), self.run],
         }
         write_manifest(self.parts.folder, document, complete=status == "complete")
         return document
@@ -205,7 +299,9 @@ class Session:
                 self.write("interrupted")
             safe = f"{self.done} of {self.parts.cases} cases are finished and kept in {self.parts.folder}"
             if isinstance(error, KeyboardInterrupt):
-                raise Interrupted(f"interrupted; {safe}; the same command resumes") from None
+                number = getattr(error, "number", signal.SIGINT)
+                how = "" if number == signal.SIGINT else f" by {signal.Signals(number).name}"
+                raise Interrupted(f"interrupted{how}; {safe}; the same command resumes", number) from None
             if isinstance(error, OSError):
                 full = error.errno in (errno.ENOSPC, errno.EDQUOT)
                 how = "free some space, and the same command resumes" if full else "the same command resumes"

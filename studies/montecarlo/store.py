@@ -20,7 +20,7 @@ import pyarrow as pa
 import pyarrow.compute as pc
 import pyarrow.parquet as pq
 
-from gyrocal.errors import GyrocalError, InputError
+from gyrocal.errors import GyrocalError, InputError, hint
 from gyrocal.files import TEMPORARY, replacing
 from studies.montecarlo.files import write_bytes
 
@@ -37,10 +37,12 @@ class PartInfo:
     ----------
     failures : error of each failed case
     cpu_s : CPU time of its cases
+    stop : end of its cases; below that of its range, where the study had fewer cases when it was written
     """
 
     failures: dict[int, str]
     cpu_s: float
+    stop: int
 
 
 def table_of(rows: Sequence[Mapping[str, Any]]) -> pa.Table:
@@ -65,12 +67,14 @@ class Parts:
     cases : number of cases
     chunk : cases in a part
     config_sha256 : hash of the configuration
+    same : hashes of configurations whose rows are the same, but for the number of cases
     """
 
     folder: Path
     cases: int
     chunk: int
     config_sha256: str
+    same: frozenset[str] = frozenset()
 
     def __len__(self) -> int:
         return -(-self.cases // self.chunk)
@@ -95,10 +99,10 @@ class Parts:
         Parameters
         ----------
         index : of the part
-        rows : of its cases
+        rows : of its cases, in their order
         cpu_s : CPU time of its cases
         """
-        cases, sink = self.range(index), pa.BufferOutputStream()
+        cases, sink = range(self.range(index).start, rows[-1]["case"] + 1), pa.BufferOutputStream()
         about = {"config_sha256": self.config_sha256, "first": cases.start, "stop": cases.stop, "cpu_s": cpu_s}
         table = table_of(rows).replace_schema_metadata({METADATA: json.dumps(about)})
         pq.write_table(table, sink, write_page_checksum=True)
@@ -122,13 +126,39 @@ class Parts:
             numbers, errors = (table.column(name).to_pylist() for name in FAILED)
         except (OSError, pa.ArrowException, KeyError, ValueError) as error:
             return " ".join(str(error).split()) or type(error).__name__
-        if about["config_sha256"] != self.config_sha256:
+        if about["config_sha256"] not in {self.config_sha256, *self.same}:
             raise InputError(f"{path}: belongs to a study with another configuration; choose another folder")
         expected = self.range(index)
-        if sorted(set(numbers)) != list(expected):
-            return f"it does not hold the cases {expected.start} to {expected.stop - 1}"
+        stop = min(max(about["stop"], expected.start + 1), expected.stop)
+        if sorted(set(numbers)) != list(range(expected.start, stop)):
+            return f"it does not hold the cases {expected.start} to {stop - 1}"
         failures = {number: error for number, error in zip(numbers, errors, strict=True) if error}
-        return PartInfo(failures, about["cpu_s"])
+        return PartInfo(failures, about["cpu_s"], stop)
+
+    def rows(self, index: int) -> list[dict[str, Any]]:
+        """The rows of a part that is there, as they were written."""
+        rows: list[dict[str, Any]] = pq.ParquetFile(self.path(index)).read().to_pylist()
+        return rows
+
+    def values(self, column: str, stop: int) -> pd.DataFrame:
+        """Columns case, error and another of the first cases, which are there.
+
+        Raises
+        ------
+        InputError
+            No case has that column.
+        """
+        tables: list[pa.Table] = []
+        names: dict[str, None] = {}
+        for index in range(-(-stop // self.chunk)):
+            with pq.ParquetFile(self.path(index)) as file:
+                here = file.schema_arrow.names
+                names |= dict.fromkeys(here)
+                tables.append(file.read([*FAILED, *([column] if column in here else [])]).replace_schema_metadata(None))
+        if column not in names:
+            raise InputError(f"{column}: the rows have no such column; {hint(column, names)}")
+        found = pa.concat_tables(tables, promote_options="permissive").to_pandas()
+        return found[found["case"] < stop]
 
     def rows_of(self, case: int) -> pd.DataFrame | None:
         """The rows of one case; None if they are not there or damaged."""

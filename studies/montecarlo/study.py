@@ -19,6 +19,7 @@ path: a scenario file that changes, or that a worker could not read, can then no
 import hashlib
 import importlib
 import json
+import sys
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
@@ -29,7 +30,7 @@ from typing import Any, ClassVar, Self, TypeVar
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator, model_validator
 
-from gyrocal.errors import InputError
+from gyrocal.errors import InputError, hint
 from gyrocal.recording import Recording, read_toml, validation_message
 from simulator import scenario as scenarios
 from simulator.scenario import Scenario
@@ -143,8 +144,13 @@ class Study:
     recording: Callable[[Any, int, Streams], Recording] | None = None
 
 
-def find(name: str) -> Study:
+def find(name: str, folder: str = "") -> Study:
     """The study of a name.
+
+    Parameters
+    ----------
+    name : module:attribute
+    folder : where else to look for the module
 
     Raises
     ------
@@ -152,6 +158,8 @@ def find(name: str) -> Study:
         It cannot be imported from there.
     """
     module, _, attribute = name.partition(":")
+    if folder and folder not in sys.path:
+        sys.path.append(folder)
     try:
         study = getattr(importlib.import_module(module), attribute)
     except (ImportError, AttributeError, ValueError) as error:
@@ -159,6 +167,13 @@ def find(name: str) -> Study:
     if not isinstance(study, Study) or study.name != name or module == "__main__":
         raise InputError(f"study {name}: what stands there is not the study of that name")
     return study
+
+
+def folder_of(study: Study) -> str:
+    """Folder of a study whose module is a single file, where a worker finds it; empty for a module of a package."""
+    module = study.name.partition(":")[0]
+    file = getattr(sys.modules.get(module), "__file__", None)
+    return str(Path(file).resolve().parent) if file and "." not in module else ""
 
 
 def load_config(study: Study, path: Path | None = None, changes: Mapping[str, Any] | None = None) -> Any:
@@ -201,7 +216,7 @@ def changed(config: Config, changes: Mapping[str, Any]) -> Config:
     for path, value in changes.items():
         head = path.partition(".")[0]
         if head not in type(config).model_fields:
-            raise InputError(f"{path}: there is no such setting; there are {', '.join(type(config).model_fields)}")
+            raise InputError(f"{path}: there is no such setting; {hint(head, type(config).model_fields)}")
         _assign(document, path, path, value)
     return _validated(type(config), document, "settings")
 
@@ -231,7 +246,7 @@ def _validated(kind: type[Config], document: dict[str, Any], source: str) -> Con
     except TypeError as error:
         raise InputError(f"{source}: {error}") from None
     except ValidationError as error:
-        raise InputError(f"{source}: {validation_message(error)}") from None
+        raise InputError(f"{source}: {validation_message(error, kind)}") from None
 
 
 def resolved(config: Config) -> Config:
@@ -247,9 +262,9 @@ def resolved(config: Config) -> Config:
     return config.model_copy(update={"scenario": scenario, "overrides": {}})
 
 
-def config_sha256(study: Study, config: StudyConfig) -> str:
-    """SHA-256 of the study's name and resolved configuration, as canonical JSON."""
-    document = config.model_dump(mode="json") | {"cases": config.cases}
+def config_sha256(study: Study, config: StudyConfig, cases: int | None = None) -> str:
+    """SHA-256 of the study's name and resolved configuration, as canonical JSON; if asked for with another number of cases."""
+    document = config.model_dump(mode="json") | {"cases": config.cases if cases is None else cases}
     # Sorted keys must not hide the order of the dispersions, on which the Sobol dimensions depend.
     document["dispersions"] = list(document["dispersions"].items())
     text = json.dumps({"study": study.name, "config": document}, sort_keys=True, separators=(",", ":"), ensure_ascii=False)

@@ -100,7 +100,7 @@ def case(config: PaperTablesConfig, number: int, streams: Streams) -> list[dict[
     for variant in prepared.variants:
         step, resampling, psi, model = variant
         problem = problems[step, resampling, model]
-        result = problem.iterate(flown.initial, 2, psi)
+        result = problem.iterate(flown.initial, 2, psi).checked()
         labels = residual_labels(problem.measurements.arcs.arc)
         row: dict[str, object] = dict(zip(KEYS, variant, strict=True))
         for phase, theta in zip(PHASES.values(), np.rad2deg(result.theta), strict=True):

@@ -164,6 +164,8 @@ def _parameter(name: str, value: float | str, cause: Cause, diagnosis: Diagnosis
         return f"at {value:.0f} s since the epoch{_place(value, diagnosis.details.residuals)}"
     if name == "phase_deg":
         return f"phase {value:.0f}° at the epoch"
+    if name == "period_s":
+        return f"with a period of {value:.5g} s"
     if name == "apparent_hz":
         return f"seen at {value:.5g} Hz"
     if name == "fraction":

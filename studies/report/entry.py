@@ -14,7 +14,7 @@ from studies.report import checks as rendering
 from studies.report import tables as rendered
 from studies.report.checks import Check
 from studies.report.panels import Draw
-from studies.report.tables import Table
+from studies.report.tables import DIGITS, Table
 
 CHECKS = "What was found"
 
@@ -61,10 +61,10 @@ def write(report: Report, title: str, folder: Path) -> None:
     """Write checks and tables as Markdown and, each by its name, as CSV, the figures as SVG."""
     lines = [f"# {title}", "", *_sentences(report), ""]
     if report.checks:
-        write_csv(folder / "checks.csv", rendering.frame(report.checks))
+        write_csv(folder / "checks.csv", rendering.frame(report.checks), DIGITS)
         lines.append(rendered.markdown(CHECKS, rendering.shown(report.checks)))
     for name, table in report.tables.items():
-        write_csv(folder / f"{name}.csv", table.data)
+        write_csv(folder / f"{name}.csv", table.data, table.digits)
         lines.append(rendered.markdown(table.title, table.for_people(), table.note, table.formats))
     for name, draw in report.figures.items():
         draw(folder / f"{name}.svg")

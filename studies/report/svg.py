@@ -19,6 +19,9 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.collections import QuadMesh
 from matplotlib.figure import Figure
 
+from studies.report.printable import well_formed
+from studies.report.stable_ids import stable
+
 STYLE: dict[Any, Any] = {
     "svg.hashsalt": "gyrocal",
     "svg.fonttype": "none",
@@ -46,7 +49,7 @@ def svg_bytes(figure: Figure, dpi: int = 130) -> bytes:
     marks = f' data-panels="{_places(figure)}"' if _stand_alone(figure) else ""
     marks += f' data-axes="{_scales(figure)}"'
     marks += ' data-fixed="yes"' if any(isinstance(one, QuadMesh) for axes in figure.axes for one in axes.collections) else ""
-    return out.getvalue().replace(b"<svg ", f"<svg{marks} ".encode(), 1)
+    return stable(well_formed(out.getvalue())).replace(b"<svg ", f"<svg{marks} ".encode(), 1)
 
 
 def _scales(figure: Figure) -> str:

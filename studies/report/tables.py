@@ -18,6 +18,9 @@ from rich.table import Table as RichTable
 from studies.report.units import heading
 
 NO_VALUE = "–"
+# Significant ones in CSV files: between BLAS kernels and vector units numbers differ by some 1e-13 of themselves, and by 1e-8
+# where they are small differences of large ones, such as the mean of errors; seldom does that turn a sixth digit.
+DIGITS = 6
 FOLDED = 24  # characters of a text, which a narrow terminal folds to no less
 
 
@@ -32,6 +35,7 @@ class Table:
     note : a sentence on how to read it
     formats : format of a column, such as ".3f", where few digits are not the right ones
     shown : the form for people, where the table itself is long; or the columns they see
+    digits : significant ones of its numbers in the CSV file
     """
 
     title: str
@@ -39,6 +43,7 @@ class Table:
     note: str = ""
     formats: Mapping[str, str] = field(default_factory=dict)
     shown: pd.DataFrame | list[str] | None = None
+    digits: int = DIGITS
 
     def for_people(self) -> pd.DataFrame:
         """What people see."""

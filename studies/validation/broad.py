@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from gyrocal import Attitudes, GyroStream, InputError, Interval, Recording
 from gyrocal.importing.noise import axis_sigma as axis_sigma
 from gyrocal.importing.noise import increment_residuals as increment_residuals
-from gyrocal.importing.noise import runs as runs
+from gyrocal.importing.rests import runs as runs
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]

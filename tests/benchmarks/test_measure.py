@@ -90,7 +90,10 @@ def test_goals_are_judged_both_ways():
         "ratios": {"kernel_vs_c_48k": None, "least_squares_vs_davenport": 20.0},
         "cpu_ms_per_case": 2.0,
         "peak_rss_mb": {"100": 200.0, "10000": 210.0},
-        "growth": {"cases": [{"cases": 1, "process_s": 1.0}]},
+        "growth": {
+            "cases": [{"cases": 1, "process_s": 1.0}],
+            "diagnoses": [{"samples": 10**6, "cpu_s": 19.0, "peak_rss_mb": 1001.0}],
+        },
         "mission_loop": {"wall_s_30_days": 61.0},
     }
     met = {name: row["met"] for name, row in judged(document).items()}
@@ -100,6 +103,9 @@ def test_goals_are_judged_both_ways():
     assert met["peak_rss_mb_10000"] is True
     assert met["peak_rss_10000_over_100"] is False
     assert met["mission_30_days_s"] is False
+    assert met["diagnosis_cpu_s_1000k"] is True
+    assert met["diagnosis_peak_rss_mb_1000k"] is False
+    assert met["diagnosis_cpu_s_10000k"] is None
 
 
 def test_quick_run_writes_every_key_and_nothing_of_the_machine(tmp_path):

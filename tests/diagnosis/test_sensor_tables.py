@@ -166,23 +166,60 @@ def test_both_posteriors_are_one(head):
     assert head.posterior[0][0] == ("dss_head:2",)
 
 
-@pytest.mark.parametrize("what", ["other angle", "other sensor", "degrees"])
-def test_tables_that_fit_nothing_are_no_nominal_sensors(what):
-    """Where no arc can be fitted, or nothing explains what is left, the answer is unknown and says why."""
+def _turned(table, name):
+    return replace(table, **{name: getattr(table, name)[:, [1, 0, 2]]})
+
+
+MISREAD = {
+    "heads": (lambda t: {"sun": replace(t.sun, counts=t.sun.counts[:, ::-1])}, "with count_alpha and count_beta exchanged"),
+    "sensors": (lambda t: {"sun": replace(t.sun, sensor=3 - t.sun.sensor)}, "with sensors 1 and 2 exchanged"),
+    "Sun": (lambda t: {"ephemeris": replace(t.ephemeris, sun=-t.ephemeris.sun)}, "with the Sun's direction reversed"),
+    "axes of the Sun": (lambda t: {"ephemeris": _turned(t.ephemeris, "sun")}, "with sun_x, sun_y and sun_z as y,x,z"),
+    "axes": (lambda t: {"ephemeris": _turned(t.ephemeris, "position")}, "position_x, position_y and position_z as y,x,z"),
+    "radians": (lambda t: {"earth": replace(t.earth, angles=np.deg2rad(t.earth.angles))}, "penetration angles in rad, not deg"),
+    "degrees": (lambda t: {"earth": replace(t.earth, angles=np.rad2deg(t.earth.angles))}, "angles divided by 57.296"),
+    "quadrants": (
+        lambda t: {"earth": replace(t.earth, angles=np.roll(t.earth.angles, 1, 1), used=np.roll(t.earth.used, 1, 1))},
+        "the quadrants in the order 2, 3, 4, 1",
+    ),
+    "zeros": (lambda t: {"sun": replace(t.sun, counts=0 * t.sun.counts)}, "no usual misreading of the tables explains that"),
+}
+
+
+@pytest.mark.parametrize("what", MISREAD)
+def test_tables_that_fit_nothing_are_unknown_and_the_reading_that_fits_is_named(what):
     recording = recorded()
-    sun, earth = recording.sensors.sun, recording.sensors.earth
-    wrong = {
-        "other angle": {"sun": replace(sun, counts=sun.counts[:, ::-1])},
-        "other sensor": {"sun": replace(sun, sensor=3 - sun.sensor)},
-        "degrees": {"earth": replace(earth, angles=np.rad2deg(earth.angles))},
-    }[what]
-    found = diagnose(replace(recording, sensors=replace(recording.sensors, **wrong)))
-    assert (found.verdict, found.present) == ("unknown", True)
-    assert found.unknown_probability == pytest.approx(1.0)
+    change, words = MISREAD[what]
+    found = diagnose(replace(recording, sensors=replace(recording.sensors, **change(recording.sensors))))
+    assert (found.verdict, found.present, found.unknown_probability) == ("unknown", True, 1.0)
     assert not found.causes
     assert "do not fit the nominal sensors" in found.where[0].text
+    assert words in found.where[0].text
     assert found.where[0].p_value < 1e-100
-    assert (found.to_json()["mean_square"] is None) == (what != "degrees")
+    assert found.to_json()["mean_square"] is None
+
+
+def test_noise_that_no_reading_explains_is_unknown():
+    recording = recorded()
+    earth = recording.sensors.earth
+    wrong = replace(earth, angles=20 * earth.angles)
+    found = diagnose(replace(recording, sensors=replace(recording.sensors, earth=wrong)))
+    assert (found.verdict, found.present, found.causes) == ("unknown", True, ())
+    assert found.unknown_probability == pytest.approx(1.0)
+    assert "do not fit the nominal sensors" in found.where[0].text
+    assert found.to_json()["mean_square"] > 100
+
+
+def test_one_day_that_does_not_fit_is_no_note():
+    """The other days are nominal, and the answer is still that something unknown is at work."""
+    recording = recorded()
+    sun, (day, *_) = recording.sensors.sun, recording.intervals
+    own = (sun.t_s >= day.start_s) & (sun.t_s <= day.stop_s)
+    wrong = replace(sun, counts=np.where(own[:, None], sun.counts[:, ::-1], sun.counts))
+    found = diagnose(replace(recording, sensors=replace(recording.sensors, sun=wrong)))
+    assert (found.verdict, found.present, found.causes) == ("unknown", True, ())
+    assert found.where[0].text.startswith(f"{day.name}: ")
+    assert found.posterior == ((("unknown",), 1.0),)
 
 
 # ---- bad input ---------------------------------------------------------------------------------------------------------------
@@ -195,7 +232,6 @@ def test_tables_that_cannot_be_used_are_one_line():
         (None, "no raw sensor tables"),
         (SensorTables(tables.sun, tables.earth), "no ephemeris table"),
         (replace(tables, earth=None), "no arc of the recording can be used"),
-        (replace(tables, sun=replace(tables.sun, counts=tables.sun.counts[:, ::-1] * 0)), "no arc"),
     ):
         with pytest.raises(InputError, match=message) as caught:
             diagnose(replace(recording, sensors=sensors))

@@ -1,15 +1,23 @@
 """The one way in which files are written: whole or not at all, and never in place of what is no regular file."""
 
+import json
 import os
+import resource
 import stat
 import subprocess
 import sys
 import threading
 
+import numpy as np
+import pandas as pd
 import pytest
+from matplotlib.figure import Figure
 
-from gyrocal import files
+from gyrocal import InputError, files, save
 from gyrocal.files import replacing
+from studies.montecarlo.files import check_writable, write_csv, write_json, write_parquet
+from studies.report import panels
+from tests.gyrocal.recording.test_parquet import recording
 
 
 def write(path, data=b"new"):
@@ -73,15 +81,69 @@ def test_what_lies_at_the_temporary_name_is_neither_followed_nor_removed(tmp_pat
     assert trap.is_symlink()
 
 
-def test_a_link_stays_and_its_target_is_replaced(tmp_path):
+@pytest.mark.parametrize("to", ["there/a.json", "not/there", "/dev/null"])
+def test_a_link_is_neither_written_through_nor_replaced(tmp_path, to):
     (tmp_path / "there").mkdir()
-    target, link = tmp_path / "there" / "a.json", tmp_path / "link.json"
-    link.symlink_to(target)
-    for data in (b"one", b"two"):  # not there yet, and there
-        write(link, data)
-        assert link.is_symlink()
-        assert target.read_bytes() == data
-    assert os.listdir(tmp_path / "there") == ["a.json"]
+    (tmp_path / "there" / "a.json").write_bytes(b"of somebody else")
+    link = tmp_path / "link.json"
+    link.symlink_to(to)
+    with pytest.raises(OSError, match="symbolic link") as caught:
+        write(link)
+    assert caught.value.filename == str(link)
+    assert os.readlink(link) == to
+    assert (tmp_path / "there" / "a.json").read_bytes() == b"of somebody else"
+    with pytest.raises(InputError, match=r"link\.json: is a symbolic link"):
+        check_writable(link)
+
+
+def test_six_writers_of_one_file_all_succeed(tmp_path):
+    path, faults, start = tmp_path / "a.json", [], threading.Barrier(6)
+
+    def writer(number):
+        start.wait()
+        try:
+            for _ in range(20):
+                write_json(path, {"number": number, "filling": [number] * 1000})
+        except BaseException as fault:
+            faults.append(fault)
+
+    threads = [threading.Thread(target=writer, args=(number,)) for number in range(6)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert faults == []
+    found = json.loads(path.read_text())
+    assert set(found["filling"]) == {found["number"]}
+    assert os.listdir(tmp_path) == ["a.json"]
+
+
+@pytest.mark.parametrize("name", ["a.json", "a.csv", "a.parquet", "a.svg", "a.png", "rec/gyro.parquet"])
+def test_every_output_that_does_not_fit_names_its_file_and_leaves_the_old_one(tmp_path, name):
+    """A limit to the size of a file, in place of a full disk: the system refuses to write on."""
+    path, table = tmp_path / name, pd.DataFrame({"x": np.random.default_rng(0).normal(size=20_000)})
+    path.parent.mkdir(exist_ok=True)
+    path.write_bytes(b"old")
+    writers = {
+        "a.json": lambda: write_json(path, table["x"].tolist()),
+        "a.csv": lambda: write_csv(path, table),
+        "a.parquet": lambda: write_parquet(path, table),
+        "a.svg": lambda: panels.save(figure, path),
+        "a.png": lambda: panels.save(figure, path),
+        "rec/gyro.parquet": lambda: save(recording(count=20_000), path.parent),
+    }
+    figure = Figure()
+    figure.subplots().plot(table["x"][:2000])
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (4096, before[1]))
+    try:
+        with pytest.raises(OSError, match="File too large") as caught:
+            writers[name]()
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, before)
+    assert caught.value.filename == str(path)
+    assert path.read_bytes() == b"old"
+    assert os.listdir(path.parent) == [path.name]
 
 
 def test_a_descriptor_that_is_a_file_is_added_to(tmp_path):
@@ -111,7 +173,9 @@ def test_a_device_stays_one():
 
 @pytest.mark.parametrize("to_file", [False, True])
 def test_standard_output_is_written_to_whatever_it_is(to_file, tmp_path):
-    code = "import sys; from tests.gyrocal.test_files import write; print('before', flush=True); write('/dev/stdout')"
+    code = (
+        "from gyrocal.files import replacing\nprint('before', flush=True)\nwith replacing('/dev/stdout') as f: f.write(b'new')"
+    )
     if to_file:
         with (tmp_path / "out").open("wb") as out:
             subprocess.run([sys.executable, "-c", code], check=True, stdout=out)

@@ -307,8 +307,8 @@ def _nearest(path: GyroArc, t: Array) -> NDArray[np.intp]:
     return np.minimum(path.node(t), len(path.t) - 1)
 
 
-def fitted_arcs(arcs: list[Arc]) -> tuple[list[FittedArc], list[str]]:
-    """Fits of all arcs, and what is said of those that cannot be fitted.
+def fitted_arcs(arcs: list[Arc]) -> tuple[list[FittedArc], list[str], list[str]]:
+    """Fits of all arcs, what is said of those that cannot be fitted, and of those that do not fit the nominal sensors at all.
 
     Raises
     ------
@@ -317,14 +317,18 @@ def fitted_arcs(arcs: list[Arc]) -> tuple[list[FittedArc], list[str]]:
     InputError
         No arc can be fitted for another reason.
     """
-    done, notes, faults = [], [], []
+    done: list[FittedArc] = []
+    notes: list[str] = []
+    misfits: list[str] = []
     for arc in arcs:
         try:
             done.append(fit_arc(arc))
+        except MisfitError as error:
+            misfits.append(str(error))
         except (UnobservableError, InputError) as error:
-            faults.append(error)
             notes.append(f"{arc.name} is left out of the sensors' diagnosis: {error}")
     if not done:
-        kind = MisfitError if any(isinstance(fault, MisfitError) for fault in faults) else InputError
-        raise kind(f"no arc can be fitted under the nominal sensors; {notes[0]}")
-    return done, notes
+        raise (MisfitError if misfits else InputError)(
+            f"no arc can be fitted under the nominal sensors; {[*misfits, *notes][0]}"
+        )
+    return done, notes, misfits

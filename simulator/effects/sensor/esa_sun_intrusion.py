@@ -13,9 +13,9 @@ with g = 1 at the first of an arc, as the filter of `simulator.sensors.earth` ha
 from collections.abc import Mapping
 from dataclasses import replace
 
-import numba
 import numpy as np
 
+from gyrocal.compiled import compiled
 from simulator.effects.base import Parameter, Setting, Value
 from simulator.effects.sensor.base import DEG, EARTH_SENSOR, S_FILTER_TIME, Array, SensorEffect, Sightings
 from simulator.sensors.horizon import AZIMUTHS, POLAR_RADIUS, Horizon
@@ -54,7 +54,7 @@ class EsaSunIntrusion(SensorEffect):
         return sun, -DEG * amplitudes[0] * _recurrence(1 - taken, taken * inside)
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def _recurrence(kept: Array, added: Array) -> Array:  # pragma: no cover - compiled
     """x_k = kept_k x_{k−1} + added_k from zero; all (n, q)."""
     out = np.empty_like(kept)

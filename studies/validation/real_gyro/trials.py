@@ -16,7 +16,7 @@ from diagnosis.detectors.gap_interpolation import filled
 from diagnosis.detectors.lattice import lattice_step
 from diagnosis.detectors.samples import examine
 from gyrocal import Attitudes, InputError, Recording
-from gyrocal.importing.noise import runs
+from gyrocal.importing.rests import runs
 from gyrocal.recording import reference_rows
 from studies.montecarlo.study import GridConfig
 from studies.validation import broad

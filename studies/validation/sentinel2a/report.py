@@ -64,6 +64,7 @@ def report(config: SentinelConfig, rows: pd.DataFrame) -> Report:
             prediction,
             "sigma is that of a tracker's reading about its own axes, attitude_sigma that of the attitude alone.",
             shown=prediction.iloc[::SHOWN][[name for name in prediction.columns if "attitude" not in str(name)]],
+            digits=9,  # of quaternions
         ),
     }
     return Report(tables, {}, tuple(checks), (ATTRIBUTION,))

@@ -24,10 +24,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
+from gyrocal.compiled import compiled
 from simulator.effects.base import Array
 from simulator.truth.integration import accumulate
 from simulator.truth.rotation import matrix, perturbed, separation
@@ -162,7 +162,7 @@ def _places(t_s: Array, intervals: Sequence[slice], reference_t_s: Array, sample
     return begin + inside, u - inside, interval
 
 
-@numba.njit(cache=True)
+@compiled
 def _whitened(
     y: Array, t: Array, interval: Indices, R: Array, sigma: Array, arw: float
 ) -> Array:  # pragma: no cover - compiled

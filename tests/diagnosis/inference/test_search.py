@@ -156,6 +156,30 @@ def test_p_value_is_uniform_under_m0_and_small_with_an_effect(projected):
     assert p_value(Search(strong), 0, 99) < 1e-20
 
 
+def test_what_a_scan_has_chosen_alarms_by_the_bound_on_its_evidence():
+    """Options chosen for the data, with their share of all that were tried: no more false alarms, and a strong one is seen."""
+    rng = np.random.default_rng(15)
+    tried, share, alarms = 400, 0.05, 0
+    every = np.linalg.qr(rng.standard_normal((500, tried)))[0] * 10.0
+    other = rng.standard_normal((500, 1))
+
+    def tested(y, seed):
+        best = np.argsort(-np.abs(every.T @ y))[:5]
+        model = linear_model([other, [every[:, [k]] for k in best]], y)
+        entry = model.candidates[1]
+        options = tuple(replace(one, log_weight=-float(np.log(tried))) for one in entry.options)
+        model = replace(model, candidates=(model.candidates[0], replace(entry, options=options, scanned=True)))
+        return Search(model), p_value(Search(model), seed, 199, share)
+
+    for seed in range(150):
+        alarms += tested(rng.standard_normal(500), seed)[1] < 0.02
+    assert alarms <= 9  # 3 are expected at most
+    search, p = tested(rng.standard_normal(500) + 1.4 * every[:, 3], 0)
+    average = search.null_statistic(search.correlation[:, None], scanned=True)[0] - search.model.candidates[1].log_prior
+    assert p == pytest.approx(np.exp(-average) / share)
+    assert p < 1e-6
+
+
 def test_total_is_the_log_of_the_sum():
     rng = np.random.default_rng(14)
     found = Search(linear_model([rng.standard_normal((20, 1)) for _ in range(3)], rng.standard_normal(20))).explanations()

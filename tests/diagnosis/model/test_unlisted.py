@@ -65,7 +65,7 @@ def test_errors_of_references_leave_the_steps_before_them_alone(model, families)
         assert all(np.abs(columns[model.blocks[k].rows]).max() == 0 for k in before)
 
 
-def test_periods_beside_the_orbit_need_no_orbit(model, families):
-    waves = families["bias of another period", "z"]
+def test_periods_from_an_interval_s_start_need_no_orbit(families):
+    waves = families["bias of a period counted from each interval's start", "z"]
     assert len(waves) == unlisted.PERIODS
     assert {columns.shape[1] for columns in waves} == {2}

@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 
 import gyrocal
 from gyrocal import InputError, attitude, importing
-from gyrocal.importing import agreement, checked, noise
+from gyrocal.importing import agreement, checked, motion, noise, rests
 from gyrocal.importing.build import build, estimated_mounting, motion_of
 from gyrocal.importing.sensors import together
 from gyrocal.importing.streams import Sensor, Streams, streams
@@ -207,9 +207,9 @@ def test_parity_is_free_of_motion_and_has_the_gyros_noise():
 def test_rests_of_a_body_that_turns_steadily_are_none():
     rng = np.random.default_rng(0)
     rates = np.tile(np.deg2rad([0.0, 0.06, 0.0]), (600, 1)) + rng.normal(size=(600, 3)) * 1e-7
-    assert noise.rests(rates, 0.1, np.full(600, np.deg2rad(0.06))) == []
+    assert rests.rests(rates, 0.1, np.full(600, np.deg2rad(0.06))) == []
     still = np.where(np.arange(600) < 100, 0.0, np.deg2rad(0.06))
-    ((first, stop),) = noise.rests(
+    ((first, stop),) = rests.rests(
         np.where(still[:, None] > 0, rates * 10 + rng.normal(size=(600, 3)) * 1e-3, rates), 0.1, still
     )
     assert 0 <= first <= 10
@@ -229,7 +229,7 @@ def test_a_single_axis_leaves_what_it_cannot_tell_in_the_message(data):
     about_z = np.column_stack([np.zeros(600), np.zeros(600), omega[:, 1]])
     angle = np.concatenate([[0.0], np.cumsum(about_z[:-1, 2] * 0.1)])
     q = Rotation.from_rotvec(np.outer(angle, [0, 0, 1.0])).as_quat()
-    windows = agreement.motion(t, -about_z, 0.1, t, q)
+    windows = motion.motion(t, -about_z, 0.1, t, q)
     found = agreement.agreement(windows, "deg/s", "s", "scalar-last")
     assert not found.fits
     # A sign and a direction are one change each, and turns about one axis do not tell them apart.

@@ -1,5 +1,6 @@
 """Recordings from memory, what they look like, and how a user's own script fares with the library."""
 
+import logging
 import re
 import subprocess
 import sys
@@ -11,7 +12,7 @@ import gyrocal
 from gyrocal import InputError, Recording
 from gyrocal.importing.mapping import TETRAHEDRON
 from tests import ROOT
-from tests.builders import piecewise_recording
+from tests.builders import PLAN, piecewise_recording
 
 RECORDING = piecewise_recording(series_s=100.0)
 
@@ -90,6 +91,105 @@ def test_on_a_screen_everything_is_short():
     assert "<script>" not in escaped
 
 
+def test_units_are_in_the_names_beside_those_in_radians():
+    result = gyrocal.calibrate(RECORDING)
+    np.testing.assert_allclose(result.sigma_bias_deg_s, np.rad2deg(result.sigma[9:]))
+    np.testing.assert_allclose(result.parameters.bias_deg_s, result.bias_deg_s)
+    np.testing.assert_allclose(RECORDING.gyro.rates_deg_s, RECORDING.to_frame().to_numpy()[:, 1:])
+    np.testing.assert_allclose(RECORDING.attitudes.sigma_deg, np.rad2deg(RECORDING.attitudes.sigma))
+    np.testing.assert_allclose(arrays(bias=[np.pi, 0, 0]).gyro.apriori_bias_deg_s, [180, 0, 0])
+    assert arrays(arw=np.pi).gyro.arw_deg_per_sqrt_s == pytest.approx(180)
+    for name in gyrocal.__all__:
+        one = getattr(gyrocal, name)
+        if isinstance(one, type) and (hasattr(one, "bias") or "bias" in getattr(one, "__dataclass_fields__", {})):
+            assert hasattr(one, "bias_deg_s"), name
+
+
+def test_labelled_arrays_are_those_of_the_recording_and_of_the_result(monkeypatch):
+    pytest.importorskip("xarray")
+    data = RECORDING.to_xarray()
+    assert data["rate_deg_s"].attrs["units"] == "deg/s"
+    assert data.attrs["sample_s"] == RECORDING.gyro.sample_s
+    np.testing.assert_array_equal(data["rate_deg_s"].sel(gyro="y"), RECORDING.to_frame()["rate_y_deg_s"])
+    first = RECORDING.intervals[0]
+    here = data.sel(reference_t_s=slice(first.start_s, first.stop_s))
+    assert here["quaternion"].shape == (31, 4)
+    assert data["stop_s"].sel(interval=first.name) == first.stop_s
+    result = gyrocal.calibrate(RECORDING)
+    found = result.to_xarray()
+    np.testing.assert_array_equal(found["bias_deg_s"], result.bias_deg_s)
+    assert found["G"].sel(body="x", gyro="z") == result.G[0, 2]
+    spread = found["covariance"].sel(parameter="b_y", other="b_y")
+    assert float(spread) == pytest.approx(float(found["sigma_bias_deg_s"].sel(body="y")) ** 2)
+    assert found["after_deg"].sel(rotation="yaw").shape == (len(result.residuals),)
+    monkeypatch.setitem(sys.modules, "xarray", None)
+    for thing in (RECORDING, result):
+        with pytest.raises(InputError, match=r"pip install 'gyrocal\[xarray\]'"):
+            thing.to_xarray()
+
+
+def test_drawings_are_axes_that_show_the_numbers():
+    import matplotlib.pyplot as plt
+
+    result = gyrocal.calibrate(RECORDING)
+    ax = result.plot_residuals()
+    assert "deg" in ax.get_ylabel()
+    assert len(ax.get_legend().get_texts()) == 3
+    drawn = ax.lines[0].get_xydata()
+    np.testing.assert_array_equal(drawn, result.residuals[["t_s", "after_roll_deg"]])
+    same = plt.subplots()[1]
+    assert result.plot_residuals(same, before=True) is same
+    np.testing.assert_array_equal(same.lines[1].get_ydata(), result.residuals["before_roll_deg"])
+    ax = gyrocal.calibrate(RECORDING, solve_for="scale,bias").plot_parameters()
+    labels = [text.get_text() for text in ax.get_yticklabels()]
+    assert [label.partition(" ")[0] for label in labels] == ["G_xx", "G_yy", "G_zz", "b_x", "b_y", "b_z"]
+    ax = result.plot_parameters()
+    labels = [text.get_text() for text in ax.get_yticklabels()]
+    assert labels[0].startswith(f"G_xx = {result.G[0, 0]:.6g} ± ")
+    assert labels[-1].startswith(f"b_z = {result.bias_deg_s[2]:.6g} ± ")
+    assert labels[-1].endswith(" deg/s")
+    expected = (result.bias - RECORDING.gyro.apriori_bias) / result.sigma[9:]
+    np.testing.assert_allclose(ax.lines[0].get_xdata()[9:], expected, rtol=1e-9)
+    plt.close("all")
+
+
+def test_the_allan_deviation_of_white_noise_falls_as_stated():
+    import matplotlib.pyplot as plt
+
+    arw, sample_s, n = 1e-5, 0.01, 6000
+    t = sample_s * np.arange(n)
+    rates = np.random.default_rng(5).normal(size=(n, 3)) * arw / np.sqrt(sample_s)
+    rates[3000:3500] += np.sin(np.arange(500) / 20)[:, None]  # a motion between two rests
+    q = [0.0, 0.0, 0.0, 1.0]
+    when = np.array([0.0, 10.0, 20.0, 29.0, 36.0, 45.0, 59.0])
+    turned = [q] * 4 + [[np.sqrt(0.5), 0.0, 0.0, np.sqrt(0.5)]] * 3
+    given = {"sigma": 1e-4, "arw": arw}
+    made = Recording.from_arrays(t, rates, when, turned, **given)
+    ax = made.plot_allan()
+    for line in ax.lines[:3]:
+        tau, deviation = line.get_xydata().T
+        near = (tau > 0.02) & (tau < 0.5)
+        np.testing.assert_allclose(deviation[near], np.rad2deg(arw) / np.sqrt(tau[near]), rtol=0.15)
+    np.testing.assert_allclose(ax.lines[3].get_ydata(), np.rad2deg(arw) / np.sqrt(ax.lines[3].get_xdata()))
+    # All of the interval has the motion in it, on either side of a hole.
+    hole = np.abs(t - 10.0) > 1.0
+    whole = Recording.from_arrays(t[hole], rates[hole], when, turned, **given).plot_allan(interval="whole")
+    assert whole.lines[0].get_ydata().max() > 10 * ax.lines[0].get_ydata().max()
+    with pytest.raises(InputError, match="no interval 'x'; there are whole"):
+        made.plot_allan(interval="x")
+    with pytest.raises(InputError, match="no rest was found"):
+        piecewise_recording(PLAN[:1]).plot_allan()
+    plt.close("all")
+
+
+def test_the_library_tells_those_who_listen(caplog, capsys):
+    with caplog.at_level("DEBUG", logger="gyrocal"):
+        gyrocal.calibrate(RECORDING)
+    assert "converged" in caplog.text
+    assert any(isinstance(one, logging.NullHandler) for one in logging.getLogger("gyrocal").handlers)
+    assert capsys.readouterr() == ("", "")
+
+
 def test_version_and_module_are_those_of_the_package():
     assert gyrocal.__version__.count(".") == 2
     done = subprocess.run([sys.executable, "-m", "gyrocal", "--version"], capture_output=True, text=True, check=True, cwd=ROOT)
@@ -115,6 +215,10 @@ import numpy as np
 
 import gyrocal
 from gyrocal.importing import import_csv
+from gyrocal.importing.acm import write_acm
+from gyrocal.importing.aem import read_aem, write_aem
+from gyrocal.importing.ck import read_ck, write_ck
+from gyrocal.importing.rosbag import import_bag
 
 
 def bias_of(folder: str) -> list[float]:
@@ -130,14 +234,24 @@ def bias_of(folder: str) -> list[float]:
     result = gyrocal.calibrate(made, solve_for="bias", psi="full")
     values: list[float] = result.bias_deg_s.tolist()
     print(result.to_frame()["sigma"].sum(), made.to_frame("gyro").shape, gyrocal.__version__)
+    result.plot_residuals(before=True).set_title(made.plot_allan().get_title())
+    print(result.plot_parameters().get_xlabel(), made.to_xarray().sizes, result.parameters.bias_deg_s.sum())
     return values
+
+
+def exported(folder: str) -> float:
+    recording = import_bag(folder, imu_topic="/imu0").recording
+    write_aem(recording, "a.aem", form="xml")
+    write_acm(recording, "a.acm", bias=[0.0, 0.0, 0.0], bias_sigma=[1e-9, 1e-9, 1e-9])
+    write_ck(recording, "a.bc", "a.tsc", instrument=-95000)
+    return float(read_ck("a.bc", "a.tsc").q[0, 3] - read_aem("a.aem").q[0, 3])
 
 
 def imported(path: str) -> float:
     return import_csv(path, time="t:s", gyro="x,y,z:deg/s", quat="w,x,y,z:body-to-world").recording.gyro.arw
 
 
-print(bias_of("/tmp"), np.rad2deg(imported("log.csv")))
+print(bias_of("/tmp"), exported("bag"), np.rad2deg(imported("log.csv")))
 """
 
 

@@ -141,8 +141,14 @@ BAD_INPUT = {
         edit_table("attitude", lambda f: pd.concat([f, f.tail(1).assign(t_s=900.0)])),
         "row 4: reference at t_s = 900.0 lies outside every interval",
     ),
-    "unknown key": (edit_header('kind = "rate"', 'kind = "rate"\nfilter = 3'), "gyro.filter: Extra inputs"),
-    "wrong unit of a key": (edit_header("arw_deg_per_sqrt_s", "arw_deg_per_sqrt_h"), "gyro.arw_deg_per_sqrt_s: Field required"),
+    "unknown key": (
+        edit_header('kind = "rate"', 'kind = "rate"\nfilter = 3'),
+        "gyro.filter: is not known; there are sample_s, kind",
+    ),
+    "wrong unit of a key": (
+        edit_header("arw_deg_per_sqrt_s", "arw_deg_per_sqrt_h"),
+        "gyro.arw_deg_per_sqrt_s: is missing; gyro.arw_deg_per_sqrt_h: is not known; did you mean arw_deg_per_sqrt_s?",
+    ),
     "NaN in the header": (edit_header("sample_s = 0.5", "sample_s = nan"), "gyro.sample_s"),
     "text for a number": (edit_header("sample_s = 0.5", 'sample_s = "0.5"'), "gyro.sample_s"),
     "singular G": (

@@ -53,9 +53,11 @@ SIZE = {"scale_asymmetry": 1e4, "scale_quadratic": 1e5, "g_matrix_step": 1e4, "t
 
 
 def variants(name):
-    """Parameters that the columns hold fixed: step times in a gap, inside an interval, inside a sample."""
+    """Parameters that the columns hold fixed: a period, step times in a gap, inside an interval, inside a sample."""
     names = {parameter.name for parameter in EFFECTS[name].parameters}
     times = [{"time_s": t} for t in (1500.0, 2500.0, 4100.2)] if "time_s" in names else [{}]
+    if "period_s" in names:
+        times = [{"period_s": 370.0}]
     return [{**t, "toward": toward} for t in times for toward in AXES] if "toward" in names else times
 
 
@@ -106,6 +108,10 @@ def test_a_positive_size_reads_high_as_written():
         "bias_drift:z=3": (2, 3 * DEG_H * t / 86400),
         "bias_step:x=0.2,time_s=1500": (0, 0.2 * DEG_H * (t > 1500)),
         "bias_orbital:y=0.2,phase_deg=30": (1, 0.2 * DEG_H * np.sin(n * t + np.pi / 6)),
+        "bias_periodic:x=0.2,period_s=700,phase_deg=30": (
+            0,
+            0.2 * DEG_H * np.sin(2 * np.pi * t / 700 + np.pi / 6) * np.sinc(MOTION.duration_s / 700),
+        ),
         "bias_temperature:z=0.5": (2, 0.5 * DEG_H * (T - T.mean())),
         "scale_asymmetry:y=700": (1, 7e-4 * np.abs(omega[:, 1])),
         "scale_quadratic:z=9e4": (2, 9e-2 * omega[:, 2] * np.abs(np.rad2deg(omega[:, 2]))),
@@ -136,6 +142,7 @@ def test_reference_effects_in_closed_form():
     expected = {
         "reference_orbital:x=0.02,phase_deg=40": np.outer(0.02 * np.sin(n * t + np.deg2rad(40)), [1, 0, 0]),
         "reference_horizon:y=0.02,phase_deg=40": np.outer(0.02 * np.sin(2 * n * t + np.deg2rad(40)), [0, 1, 0]),
+        "reference_periodic:z=0.02,period_s=300": np.outer(0.02 * np.sin(2 * np.pi * t / 300), [0, 0, 1]),
         "reference_mode_offset:z=0.1": np.outer(0.1 * (t > 2460), [0, 0, 1]),
     }
     for text, values in expected.items():

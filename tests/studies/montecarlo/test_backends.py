@@ -1,7 +1,9 @@
 import gc
 import importlib.util
+import socket
 import sys
 import threading
+import time
 import warnings
 
 import numpy as np
@@ -9,6 +11,7 @@ import pytest
 import threadpoolctl
 
 from gyrocal.errors import InputError
+from studies.montecarlo import backends
 from studies.montecarlo.backends import open_backend, windowed
 from studies.montecarlo.calm import MOST_MESSAGES, OTHER_MESSAGES, calm
 from studies.montecarlo.cases import Task, run_cases
@@ -67,11 +70,33 @@ def test_a_cluster_is_found_by_its_address(reference, tmp_path):
 
 
 @needs_dask
-def test_a_scheduler_that_does_not_answer(monkeypatch, tmp_path):
-    monkeypatch.setattr("studies.montecarlo.backends.CONNECT_S", 0.3)
-    with pytest.raises(InputError, match=r"dask scheduler tcp://127\.0\.0\.1:9: "):
-        run(DRAWS, DrawsConfig(), tmp_path, backend="dask", scheduler="tcp://127.0.0.1:9")
-    gc.collect()  # a socket left open would warn here
+@pytest.mark.parametrize("address", ["tcp://127.0.0.1:9", "nowhere", "http://127.0.0.1:9", ""])
+def test_a_bad_scheduler_address_fails_at_once_in_one_line(address, monkeypatch, tmp_path, caplog):
+    assert backends.CONNECT_S < 5
+    monkeypatch.setattr(backends, "CONNECT_S", 0.3)
+    begun = time.monotonic()
+    with pytest.raises(InputError, match=rf"dask scheduler '{address}': .*tcp://HOST:PORT") as caught:
+        run(DRAWS, DrawsConfig(), tmp_path, backend="dask", scheduler=address)
+    assert "\n" not in str(caught.value)
+    assert time.monotonic() - begun < 5
+    gc.collect()  # a socket left open, or a client that waits once more, would show here
+    assert time.monotonic() - begun < 5
+    assert not caplog.messages
+
+
+@needs_dask
+def test_a_port_that_is_no_scheduler(tmp_path):
+    """Something else that answers, with what dask takes for the length of an answer."""
+    with socket.create_server(("127.0.0.1", 0)) as server:
+
+        def answer():
+            one, _ = server.accept()
+            with one:
+                one.sendall(b"HTTP/1.1 400 Bad Request\r\n\r\n")
+
+        threading.Thread(target=answer, daemon=True).start()
+        with pytest.raises(InputError, match="see that it runs"):
+            run(DRAWS, DrawsConfig(), tmp_path, backend="dask", scheduler=f"tcp://127.0.0.1:{server.getsockname()[1]}")
 
 
 def test_dask_is_optional(monkeypatch):

@@ -317,17 +317,25 @@ def test_another_configuration_is_refused_in_one_line(tmp_path):
     config = DrawsConfig(cases=6)
     table = serial(DRAWS, config, tmp_path).table
     before = table.read_bytes()
-    for other in (DrawsConfig(cases=7), DrawsConfig(cases=6, entropy=1), DrawsConfig(cases=6, scenario="trmm_series")):
-        with pytest.raises(InputError, match=r"holds a study with another configuration.*choose another folder") as caught:
+    for other, difference in (
+        (DrawsConfig(cases=6, entropy=1), r"entropy: 1998 → 1"),
+        (DrawsConfig(cases=6, size=3, steps_s=(0.5, 2.0)), r"size: 50 → 3, steps_s.1: 1.0 → 2.0"),
+        (DrawsConfig(cases=6, scenario="trmm_series"), r"scenario: trmm → trmm_series"),
+        (DrawsConfig(cases=6, overrides={"gyro.sample_s": 1.0}), r"overrides.gyro.sample_s: – → 1.0"),
+        (DrawsConfig(cases=5), r"cases: 6 → 5, and it cannot have fewer"),
+    ):
+        with pytest.raises(InputError, match=rf"{difference}.*choose another folder") as caught:
             serial(DRAWS, other, tmp_path)
         assert "\n" not in str(caught.value)
-    with pytest.raises(InputError, match="another configuration"):
+    with pytest.raises(InputError, match=r"study: tests\.engine_studies:DRAWS → tests\.engine_studies:STEPS"):
         rerun(STEPS, config, 0, tmp_path)
     # Also if nothing but the parts is left to tell.
     (tmp_path / "manifest.json").unlink()
     with pytest.raises(InputError, match=r"part-000000\.parquet: belongs to a study with another configuration"):
         serial(DRAWS, DrawsConfig(cases=6, entropy=1), tmp_path)
+    assert not (tmp_path / "manifest.json").exists()
     assert table.read_bytes() == before
+    assert serial(DRAWS, config, tmp_path).resumed == 6
 
 
 def test_a_scenario_file_that_changes_is_another_configuration(tmp_path):
@@ -336,7 +344,7 @@ def test_a_scenario_file_that_changes_is_another_configuration(tmp_path):
     config = DrawsConfig(cases=4, scenario=str(scenario))
     table = serial(DRAWS, config, tmp_path / "study").table.read_bytes()
     scenario.write_text('base = "trmm"\n[gyro]\narw_deg_per_sqrt_s = 2e-4\n')
-    with pytest.raises(InputError, match="another configuration"):
+    with pytest.raises(InputError, match=r"\(scenario.gyro.arw_deg_per_sqrt_s: 0.0001 → 0.0002\)"):
         serial(DRAWS, config, tmp_path / "study")
     moved = tmp_path / "moved.toml"
     moved.write_text('base = "trmm"\n[gyro]\narw_deg_per_sqrt_s = 1e-4\n')
@@ -360,14 +368,6 @@ def test_one_run_at_a_time(tmp_path):
     with locked(tmp_path), pytest.raises(InputError, match="another run is at work in this folder"):
         serial(DRAWS, DrawsConfig(cases=4), tmp_path)
     serial(DRAWS, DrawsConfig(cases=4), tmp_path)
-
-
-def test_rows_of_two_versions_of_the_program_are_reported(tmp_path, monkeypatch):
-    config = DrawsConfig(cases=4)
-    serial(DRAWS, config, tmp_path)
-    monkeypatch.setattr("studies.montecarlo.manifest.commit", lambda: "another")
-    assert any("another version of the program" in text for text in serial(DRAWS, config, tmp_path).warnings)
-    assert manifest(tmp_path)["runs"][1]["commit"] == "another"
 
 
 @pytest.fixture
@@ -467,7 +467,7 @@ def start(tmp_path: Path, backend: str, cases: int = 60) -> tuple[subprocess.Pop
                 run(DRAWS, config, Path({str(folder)!r}), backend={backend!r}, jobs=2, chunk=2)
             except GyrocalError as error:
                 print(error)
-                sys.exit(2)
+                sys.exit(error.exit_status)
     """
     script = tmp_path / "script.py"
     script.write_text(textwrap.dedent(code))
@@ -530,15 +530,24 @@ def processes_of(session: int) -> list[str]:
     return found
 
 
-@pytest.mark.parametrize("backend", ["serial", "threads", "loky", "dask"])
-def test_ctrl_c_stops_cleanly_and_says_how_to_resume(backend, tmp_path):
+@pytest.mark.parametrize(
+    ("backend", "number", "how"),
+    [
+        ("serial", signal.SIGTERM, "interrupted by SIGTERM"),
+        ("threads", signal.SIGINT, "interrupted"),
+        ("loky", signal.SIGINT, "interrupted"),
+        ("loky", signal.SIGHUP, "interrupted by SIGHUP"),
+        ("dask", signal.SIGINT, "interrupted"),
+    ],
+)
+def test_a_signal_stops_cleanly_and_says_how_to_resume(backend, number, how, tmp_path):
     if backend == "dask":
         pytest.importorskip("distributed")
     process, config, folder = start(tmp_path, backend)
-    os.killpg(process.pid, signal.SIGINT)  # as a terminal does: to the workers too
+    os.killpg(process.pid, number)  # as a terminal or a batch system does: to the workers too
     output, errors = process.communicate(timeout=DEADLINE_S)
-    assert process.returncode == 2
-    assert output.startswith("interrupted; ")
+    assert process.returncode == 128 + number
+    assert output.startswith(f"{how}; ")
     assert output.endswith("the same command resumes\n")
     assert errors == ""
     done = manifest(folder)["done"]
@@ -552,9 +561,30 @@ def test_interrupted_in_this_process(tmp_path, monkeypatch):
     def press(label, total):
         raise KeyboardInterrupt
 
-    with pytest.raises(Interrupted, match="0 of 20 cases are finished"):
+    with pytest.raises(Interrupted, match="0 of 20 cases are finished") as caught:
         serial(DRAWS, DrawsConfig(), tmp_path, progress=press)
+    assert caught.value.exit_status == 130
     assert not multiprocessing.active_children()
+
+
+def test_signals_are_as_before_after_a_run_and_ignored_ones_stay_so(tmp_path):
+    before = signal.getsignal(signal.SIGTERM)
+    hangup = signal.signal(signal.SIGHUP, signal.SIG_IGN)  # as under nohup
+    seen = []
+
+    @contextmanager
+    def look(label, total):
+        seen.append((signal.getsignal(signal.SIGTERM), signal.getsignal(signal.SIGHUP)))
+        yield lambda count: None
+
+    try:
+        serial(DRAWS, DrawsConfig(cases=2, size=3), tmp_path, progress=look)
+        assert signal.getsignal(signal.SIGHUP) == signal.SIG_IGN
+    finally:
+        signal.signal(signal.SIGHUP, hangup)
+    assert seen[0][0] != before
+    assert seen[0][1] == signal.SIG_IGN
+    assert signal.getsignal(signal.SIGTERM) == before
 
 
 # Memory

@@ -30,6 +30,8 @@ def test_tables(tmp_path):
     table = pd.DataFrame({"x": [1 / 3, np.nan], "name": ["a", "b"]})
     files.write_csv(tmp_path / "a.csv", table, 3)
     assert (tmp_path / "a.csv").read_text() == "x,name\n0.333,a\n,b\n"
+    files.write_csv(tmp_path / "a.csv", pd.DataFrame({"x": [1 / 3, "b", 12345678]}, dtype=object), 3)
+    assert (tmp_path / "a.csv").read_text() == "x\n0.333\nb\n12345678\n"
     files.write_parquet(tmp_path / "a.parquet", table)
     pd.testing.assert_frame_equal(pd.read_parquet(tmp_path / "a.parquet"), table)
     assert sorted(os.listdir(tmp_path)) == ["a.csv", "a.parquet"]

@@ -1,0 +1,90 @@
+"""A diagnosis in a process of its own: ``python -m benchmarks.diagnosis SAMPLES REFERENCES EFFECTS`` prints its cost as JSON.
+
+The recording is M0: twenty intervals at 100 Hz, each a rest, a slew and another rest, with white noise as stated. What numba
+compiles is loaded before by a small diagnosis, which is not counted; the recording itself is, in memory. The effects are the
+first so many of the list, with all unlisted rivals.
+"""
+
+from __future__ import annotations
+
+import json
+import sys
+import time
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from benchmarks.cases import peak_rss_mb
+from diagnosis.diagnose import diagnose
+from gyrocal import Attitudes, GyroStream, Interval, Recording
+from simulator.effects import EFFECTS
+
+Array = NDArray[np.float64]
+
+SAMPLE_S = 0.01
+INTERVALS = 20
+GAP_S = 300.0
+SLEW = np.deg2rad(1.5)
+AXES = np.vstack([np.eye(3), -np.eye(3), np.full((1, 3), 1 / np.sqrt(3)), [[np.sqrt(0.5), -np.sqrt(0.5), 0.0]]])
+ARW = float(np.deg2rad(1.5e-4))
+SIGMA = float(np.deg2rad(0.005))
+SEED = 20260501
+
+
+def recording(samples: int, references: int) -> Recording:
+    """A recording of M0 with about so many samples and references."""
+    rng = np.random.default_rng(SEED)
+    count = max(samples // INTERVALS, 100)
+    length, each = count * SAMPLE_S, max(references // INTERVALS, 2)
+    slew_s = min(60.0, length / 3)
+    t_s, rates, t_ref, attitudes, intervals = [], [], [], [], []
+    for number in range(INTERVALS):
+        start, axis = number * (length + GAP_S), AXES[number % len(AXES)]
+        own = SAMPLE_S * np.arange(count)
+        # The mean rate of a sample is what the angle gains in it.
+        angle = _turned(np.append(own, length), length, slew_s)
+        t_s.append(start + own)
+        rates.append(np.diff(angle)[:, None] / SAMPLE_S * axis)
+        times = np.linspace(0.0, length, each)
+        t_ref.append(start + times)
+        turned = Rotation.from_rotvec(_turned(times, length, slew_s)[:, None] * axis)  # as a matrix, Aᵀ of an attitude A
+        error = Rotation.from_rotvec(SIGMA * rng.normal(size=(each, 3)))
+        attitudes.append((Rotation.from_rotvec([0.3, 0.2 * number, -0.9]) * turned * error).as_quat())
+        intervals.append(Interval(f"i{number + 1}", "rest, slew, rest", start, start + length))
+    noisy = np.concatenate(rates)
+    noisy += rng.normal(size=noisy.shape) * ARW / np.sqrt(SAMPLE_S)
+    when = np.concatenate(t_ref)
+    return Recording(
+        title=f"{noisy.shape[0]} samples, {when.size} references",
+        epoch="2000-01-01T00:00:00Z",
+        gyro=GyroStream(np.concatenate(t_s), noisy, SAMPLE_S, ARW),
+        attitudes=Attitudes(when, np.concatenate(attitudes), np.full((when.size, 3), SIGMA)),
+        intervals=tuple(intervals),
+    )
+
+
+def _turned(t_s: Array, length: float, slew_s: float) -> Array:
+    """Angle turned since the start of an interval of some length, whose slew starts after a third of it, rad."""
+    return np.asarray(SLEW * np.clip(t_s - length / 3, 0.0, slew_s))
+
+
+def run(samples: int, references: int, effects: int) -> dict[str, float | int | str]:
+    """Cost of one diagnosis."""
+    library = list(EFFECTS)[:effects]
+    diagnose(recording(2000, 40), library=library)
+    one = recording(samples, references)
+    cpu = time.process_time()
+    found = diagnose(one, library=library)
+    return {
+        "samples": int(one.gyro.t_s.size),
+        "references": int(one.attitudes.t_s.size),
+        "effects": len(library),
+        "verdict": found.verdict,
+        "cpu_s": time.process_time() - cpu,
+        "peak_rss_mb": peak_rss_mb(),
+    }
+
+
+if __name__ == "__main__":
+    print(json.dumps(run(*map(int, sys.argv[1:4]))))

@@ -1,0 +1,44 @@
+"""Recordings that cannot show whether there is a gap.
+
+An answer without a gap says that the recording shows nothing which the baseline would not do. Two kinds of recordings show
+nothing of it because they cannot. One has no more observations than M0 has parameters. In the other, the calibration turns the
+gyro's axes by more than those of a gyro are plausibly misaligned. A constant error of the references does the same: they are
+wrong by a rotation E for A_obs = E A, and propagating them takes rates in the axes of E, so that G becomes E G exactly. No
+recording of rates and reference attitudes tells the two apart.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from gyrocal.calibration.observability import PLAUSIBLE_G
+
+Array = NDArray[np.float64]
+
+IMPLAUSIBLE = 3.0  # plausible ranges of an element of G: a rotation by more is no misalignment that a gyro has
+CLEAR = 5.0  # standard errors
+
+
+def blind_spot(degrees_of_freedom: int, G: Array, sigma_G: Array, apriori_G: Array) -> str | None:
+    """Why a recording without a visible gap cannot show whether there is one; None if it can.
+
+    Parameters
+    ----------
+    degrees_of_freedom : observations less nuisance parameters
+    G, sigma_G : (3, 3) as calibrated under M0, and standard errors
+    apriori_G : (3, 3) what the gyro is known to be
+    """
+    if degrees_of_freedom <= 0:
+        return "M0 has as many parameters as this recording has observations, so that no gap could be seen"
+    U, _, V = np.linalg.svd(G @ np.linalg.inv(apriori_G))
+    turn = Rotation.from_matrix(U @ V if np.linalg.det(U @ V) > 0 else np.eye(3)).as_rotvec()
+    angle = float(np.linalg.norm(turn))
+    if angle < max(IMPLAUSIBLE * PLAUSIBLE_G, CLEAR * float(np.linalg.norm(sigma_G))):
+        return None
+    about = ", ".join(f"{value:.3g}" for value in np.rad2deg(turn))
+    return (
+        f"The calibration turns the gyro's axes by {np.rad2deg(angle):.3g} deg ({about} deg about x, y, z), more than any "
+        "plausible misalignment; a constant offset of the references does the same, and this recording cannot tell them apart"
+    )

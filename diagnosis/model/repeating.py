@@ -1,0 +1,86 @@
+"""Discrepancies that repeat with any period and are on no list: shapes that are no sine, and sines that may not be named.
+
+Their periods are those that `diagnosis.model.periods` has found to explain most as a sine.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterator, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from diagnosis.model.periods import Found, Kept, columns
+from diagnosis.model.recording import RecordingModel
+
+Array = NDArray[np.float64]
+
+AXES = "xyz"
+REPEATED = 4  # best periods at which a swing that is no sine is tried
+SHAPE = 3  # its harmonics of any phase
+HIGHEST = 7  # its highest harmonic that is locked to the fundamental
+DOUBLED = 2  # best periods that may be the second harmonics of others
+
+
+@dataclass(frozen=True)
+class Repeating:
+    """An unlisted rival that repeats: name, body axis, columns and prior share of each option."""
+
+    name: str
+    axis: str
+    columns: list[Array]
+    weights: Array
+
+
+def families(model: RecordingModel, found: Found, listed: Collection[bool]) -> Iterator[Repeating]:
+    """Unlisted rivals that repeat with any period: not as a sine, and as a sine where no listed effect does.
+
+    The k-th harmonic of a shape with jumps falls as 1/k. The second and the third one may have any phase; or those of a square
+    wave, sin kθ/k of odd k, or these and those of even k, as in a sawtooth, are locked to the phase θ of the fundamental. That
+    has less freedom, so that a weak harmonic tells more. A period whose fundamental is weak is found at its second harmonic.
+
+    Parameters
+    ----------
+    model : the recording
+    found : by the scan
+    listed : for which kinds of error, of the references or not, a swing may be named
+    """
+    for (on_references, axis), swing in found.items():
+        what = "references repeat" if on_references else "bias repeats"
+        doubled = [replace(one, frequency=0.5 * one.frequency) for one in swing.options[:DOUBLED]]
+        shapes = [*swing.options[:REPEATED], *doubled]
+        options, at = [], []
+        for one in shapes:
+            several = shaped(model, columns(model, axis, on_references, one.frequency * np.arange(1.0, HIGHEST + 1)))
+            options += several
+            at += [replace(one, log_weight=one.log_weight - float(np.log(len(several))))] * len(several)
+        yield _repeating(model, f"{what} with a period, not as a sine", axis, options, at)
+        if on_references not in listed:
+            options = columns(model, axis, on_references, np.array([one.frequency for one in swing.options]))
+            yield _repeating(model, f"{what} with another period", axis, options, swing.options)
+
+
+def shaped(model: RecordingModel, waves: Sequence[Array]) -> list[Array]:
+    """Shapes that repeat, each as (N, k) columns of which the first two are sine and cosine of the fundamental.
+
+    Parameters
+    ----------
+    model : the recording
+    waves : (N, 2) sine and cosine of each order, the fundamental first
+    """
+    falling = [wave / order for order, wave in enumerate(waves, 1)]
+    X = model.projected(waves[0])
+    sine, cosine = np.linalg.lstsq(X, model.y, rcond=None)[0]
+    theta = np.arctan2(cosine, sine)
+    # sin k(ωt + φ) of sine and cosine of kωt
+    locked = [wave @ [np.cos(k * theta), np.sin(k * theta)] for k, wave in enumerate(falling, 1)]
+    odd, even = sum(locked[2::2], np.zeros(len(X))), sum(locked[1::2], np.zeros(len(X)))
+    return [np.hstack(falling[:SHAPE]), np.column_stack([waves[0], odd]), np.column_stack([waves[0], odd, even])]
+
+
+def _repeating(model: RecordingModel, name: str, axis: int, options: list[Array], at: Sequence[Kept]) -> Repeating:
+    """With columns of which the first two have unit size together, so that amplitudes at different periods compare."""
+    sizes = [float(np.linalg.norm(model.projected(part[:, :2]))) for part in options]
+    scaled = [part / max(size, 1e-300) for part, size in zip(options, sizes, strict=True)]
+    return Repeating(name, AXES[axis], scaled, np.exp([one.log_weight for one in at]))

@@ -1,0 +1,74 @@
+"""Residuals too large to be linearised, and the line that refuses them: where, how large, and which reading would fit.
+
+Rates in another unit, quaternions in another order or axes that are exchanged leave residuals of many tens of degrees, and a
+linear correction of those would be a number that means nothing.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gyrocal.errors import InputError
+from gyrocal.recording import Recording
+
+Array = NDArray[np.float64]
+
+LARGEST_RESIDUAL = float(np.deg2rad(30.0))  # far outside what one linearisation can correct; wrong units look like this
+
+
+class LargeResidualError(InputError):
+    """A residual is too large to be corrected by linearisation.
+
+    Attributes
+    ----------
+    angle : of the residual, rad; infinite where the rates cannot be propagated
+    output : its place among all
+    """
+
+    def __init__(self, message: str, angle: float = np.inf, output: int = 0):
+        super().__init__(message)
+        self.angle = angle
+        self.output = output
+
+
+def check(theta: Array) -> None:
+    """Refuse residuals (m, 3) rad of which one is too large, or not a number.
+
+    Raises
+    ------
+    LargeResidualError
+        For the largest of them.
+    """
+    angle = np.linalg.norm(theta, axis=1)
+    angle = np.where(np.isfinite(angle), angle, np.inf)
+    worst = int(np.argmax(angle))
+    if angle[worst] > LARGEST_RESIDUAL:
+        raise _error(float(angle[worst]), worst)
+
+
+def refusal(
+    error: LargeResidualError, recording: Recording, interval: str, t_s: float, G: Array, bias: Array
+) -> LargeResidualError:
+    """The same error with the interval and the time, and the reading of the tables that would fit if there is one.
+
+    Parameters
+    ----------
+    error : of `check`
+    recording : what was recorded
+    interval, t_s : name of the interval, and time of the reference attitude, s since the epoch
+    G, bias : (3, 3), (3,) rad/s that the calibration starts from
+    """
+    from gyrocal.importing.agreement import explained  # late: needed only for a recording that is refused
+
+    reason = explained(recording, G, bias)
+    return _error(error.angle, error.output, f"interval {interval}, t_s = {t_s}: ", f"; {reason}" if reason else "")
+
+
+def _error(angle: float, output: int, where: str = "", reason: str = "") -> LargeResidualError:
+    text = (
+        f"{where}an attitude residual of {np.rad2deg(angle):.1f} deg is too large to linearise; "
+        "are the rates in deg/s, the quaternions scalar last and inertial to body, the a-priori G and bias right, "
+        f"and is the step or a held gap not too long?{reason}"
+    )
+    return LargeResidualError(text, angle, output)

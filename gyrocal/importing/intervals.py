@@ -1,0 +1,90 @@
+"""Calibration intervals of references: where they begin and end, and which references they keep.
+
+Intervals are as long as the turn that errors of a percent in G still leave linear, hold a few hundred references at most, and
+end at gaps of either side. Each begins at a reference of its own, so that residuals of different intervals do not correlate.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gyrocal.errors import InputError
+from gyrocal.importing.mapping import Mapping
+from gyrocal.importing.sensors import Together
+from gyrocal.recording import GyroStream, Interval
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.intp]
+
+TURN = np.deg2rad(720.0)  # of an interval, summed: one percent of G is then 7 deg
+INTERVAL_S = (30.0, 1800.0)
+REFERENCES = 150  # of an interval, at most
+GAP = 1.5  # samples without a gyro reading
+HOLE = 5.0  # times the usual spacing without an attitude
+
+
+def intervals(gyro: GyroStream, joined: Together, mapping: Mapping, said: list[str]) -> list[Indices]:
+    """Rows of the attitudes of each interval.
+
+    Raises
+    ------
+    InputError
+        None has two.
+    """
+    t_ref, sample_s = joined.t_s, gyro.sample_s
+    stop = np.append(gyro.t_s[1:], gyro.t_s[-1] + sample_s)
+    gap = np.flatnonzero(stop - gyro.t_s > GAP * sample_s)
+    # Stretches of the gyro without a gap: from the start of a sample to the end of the last before a gap.
+    starts = np.concatenate([[gyro.t_s[0]], stop[gap]])
+    stops = np.concatenate([gyro.t_s[gap] + sample_s, [stop[-1]]])
+    if gap.size:
+        said.append(f"{gap.size} gap(s) of the gyro longer than {GAP:g} samples end an interval")
+    usual = float(np.median(np.diff(t_ref)))
+    holes = np.diff(t_ref) > HOLE * usual
+    turned = np.concatenate([[0.0], np.cumsum(np.linalg.norm(gyro.rates + gyro.apriori_bias, axis=1) * (stop - gyro.t_s))])
+    turn_at = np.interp(t_ref, np.append(gyro.t_s, stop[-1]), turned)
+    span = float(np.clip(stop[-1] - gyro.t_s[0], *INTERVAL_S))
+    least = mapping.spacing_s or max(usual, min(span, _longest(mapping, turn_at, t_ref)) / REFERENCES)
+    chosen: list[list[int]] = []
+    stretch = np.searchsorted(starts, t_ref + 1e-9, side="right") - 1
+    now: list[int] = []
+    for row, time in enumerate(t_ref):
+        k = stretch[row]
+        if k < 0 or time > stops[k] + 1e-9:
+            continue
+        if now:
+            apart = stretch[now[-1]] != k or bool(holes[now[-1] : row].any())
+            long = time - t_ref[now[0]] > (mapping.interval_s or INTERVAL_S[1]) or (
+                mapping.interval_s is None
+                and turn_at[row] - turn_at[now[0]] > TURN
+                and time - t_ref[now[0]] > min(INTERVAL_S[0], 0.25 * (t_ref[-1] - t_ref[0]))
+            )
+            if apart or long or len(now) >= 4 * REFERENCES:
+                chosen.append(now)
+                now = []
+            elif time - t_ref[now[-1]] < (1 - 1e-6) * least:
+                continue
+        now.append(row)
+    chosen = [rows for rows in [*chosen, now] if len(rows) >= 2]
+    if not chosen:
+        raise InputError("no interval has two attitudes within the gyro's time")
+    said.append(f"references at least {least:.4g} s apart are used, of those {usual:.4g} s apart")
+    said.append(f"{len(chosen)} interval(s) made, each with a first reference of its own")
+    return [np.array(rows) for rows in chosen]
+
+
+def _longest(mapping: Mapping, turn_at: Array, t_ref: Array) -> float:
+    """Length of an interval by the turn allowed in it, s."""
+    if mapping.interval_s is not None:
+        return mapping.interval_s
+    rate = (turn_at[-1] - turn_at[0]) / (t_ref[-1] - t_ref[0])
+    return float(np.clip(TURN / max(rate, 1e-12), *INTERVAL_S))
+
+
+def named(t_ref: Array, rows: Indices, still: list[tuple[int, int]], t_s: Array, number: int) -> Interval:
+    """The interval of some rows of the attitudes, named by its number and by what the body does in it."""
+    start, stop = float(t_ref[rows[0]]), float(t_ref[rows[-1]])
+    resting = sum(max(min(stop, t_s[b - 1]) - max(start, t_s[a]), 0.0) for a, b in still)
+    activity = "rest" if resting > 0.9 * (stop - start) else "motion and rest" if resting > 0 else "motion"
+    return Interval(f"part {number}", activity, start, stop)

@@ -1,0 +1,89 @@
+"""Mean rates by gyro and by attitudes over the same windows, whatever way either is read."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+Array = NDArray[np.float64]
+
+ELEMENTS = (0, 1, 2, 3)  # of a quaternion, in the order in which they are read
+WINDOWS = 60  # at least so many in a recording, as far as there are attitudes
+MOST_WINDOWS = 4000
+TURN = np.deg2rad(20.0)  # of a window: the mean rate of more is not that of the axes at its ends
+
+
+@dataclass(frozen=True)
+class Motion:
+    """Mean rates by both sides over windows.
+
+    Attributes
+    ----------
+    start_s, stop_s : (n,) of the windows
+    rows : (n, 2) attitudes at their ends
+    t_s, angle : gyro tags with the end of the last sample, and the integral of the rates (., 3) up to each
+    q : (m, 4) attitudes, inertial to body, scalar last
+    """
+
+    start_s: Array
+    stop_s: Array
+    rows: NDArray[np.intp]
+    t_s: Array
+    angle: Array
+    q: Array
+
+    def gyro(self, offset_s: float = 0.0) -> tuple[Array, NDArray[np.bool_]]:
+        """Mean rates (n, 3) of the gyro, its tags offset, and the windows that it covers."""
+        a, b = self.start_s + offset_s, self.stop_s + offset_s
+        inside = (a >= self.t_s[0]) & (b <= self.t_s[-1])
+        turn = np.stack([np.interp(b, self.t_s, x) - np.interp(a, self.t_s, x) for x in self.angle.T], axis=1)
+        return turn / (b - a)[:, None], inside
+
+    def attitudes(self, order: tuple[int, ...] = ELEMENTS, reverse: bool = False, reversed_before: bool = False) -> Array:
+        """Mean body rates (n, 3) of the attitudes, read in another way.
+
+        Parameters
+        ----------
+        order : places of the elements of the quaternions on file
+        reverse : whether the direction is the other one
+        reversed_before : whether the quaternions on file have been conjugated to be these
+        """
+        conjugate = np.array([-1.0, -1.0, -1.0, 1.0]) if reversed_before else np.ones(4)
+        turned = Rotation.from_quat((self.q * conjugate)[:, order] * conjugate)
+        if reverse:
+            turned = turned.inv()
+        # A is the inverse of scipy's rotation, and A(t + Δt) Aᵀ = exp(−[ω×]Δt).
+        body = turned[self.rows[:, 0]].inv() * turned[self.rows[:, 1]]
+        return np.asarray(body.as_rotvec() / (self.stop_s - self.start_s)[:, None])
+
+
+def motion(t_s: Array, rates: Array, sample_s: float, t_ref: Array, q: Array, count: int = WINDOWS) -> Motion | None:
+    """Windows over what both sides cover; None if there are too few.
+
+    Parameters
+    ----------
+    t_s, rates, sample_s : gyro tags (n,), raw or adjusted rates (n, 3) rad/s, length of a sample
+    t_ref, q : attitudes, (m,) s and (m, 4) inertial to body, scalar last
+    count : of windows side by side, as far as none turns by more than `TURN`
+    """
+    edges = np.append(t_s, t_s[-1] + sample_s)
+    angle = np.concatenate([np.zeros((1, 3)), np.cumsum(rates * np.diff(edges)[:, None], axis=0)])
+    inside = np.flatnonzero((t_ref >= edges[0]) & (t_ref <= edges[-1]))
+    if inside.size < 4:
+        return None
+    step = float(np.median(np.diff(t_ref[inside])))
+    turned = Rotation.from_quat(q[inside])
+    speed = np.percentile((turned[:-1].inv() * turned[1:]).magnitude() / np.diff(t_ref[inside]), 90)
+    length = min(TURN / max(float(speed), 1e-12), (t_ref[inside[-1]] - t_ref[inside[0]]) / count)
+    stride = max(int(length / step), 1)
+    first, last = inside[:-stride], inside[stride:]
+    whole = t_ref[last] - t_ref[first] < 1.5 * stride * step
+    if whole.sum() < 3:
+        return None
+    chosen = np.flatnonzero(whole)
+    chosen = chosen[:: max(chosen.size // MOST_WINDOWS, 1)]
+    rows = np.stack([first[chosen], last[chosen]], axis=1)
+    return Motion(t_ref[rows[:, 0]], t_ref[rows[:, 1]], rows, edges, angle, q)

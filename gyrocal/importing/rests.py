@@ -1,0 +1,65 @@
+"""Where a body rests, by what its gyro and its attitudes say."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+WINDOW_S = 0.5  # in which the scatter of the rates tells rest from motion
+FEWEST = 5  # samples in it
+QUIET = 2.5  # times the quietest scatter
+SLOW = 0.02  # of the motion: a body that turns slower is at rest, as far as the attitudes tell
+SHORTEST_REST_S = 3.0
+SPEED_S = 1.0
+
+
+def runs(mask: Mask) -> list[tuple[int, int]]:
+    """First and one past the last index of each stretch of True."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], mask.astype(np.int8), [0]])))
+    return [(int(first), int(stop)) for first, stop in zip(edges[::2], edges[1::2], strict=True)]
+
+
+def rests(rates: Array, sample_s: float, speed: Array) -> list[tuple[int, int]]:
+    """Stretches of samples at rest: the rates scatter as little as anywhere, and the attitudes do not turn.
+
+    Parameters
+    ----------
+    rates : (n, 3) rad/s
+    speed : (n,) magnitude of the body rate by the attitudes about each sample, rad/s
+    """
+    size = max(round(WINDOW_S / sample_s), FEWEST)
+    count = len(rates) // size
+    if count < 4:
+        return []
+    parts = rates[: count * size].reshape(count, size, 3)
+    scatter = np.sqrt(np.mean(parts.var(axis=1), axis=1))
+    turning = np.array([np.median(part) for part in speed[: count * size].reshape(count, size)])
+    motion = float(np.sqrt(np.mean(np.square(speed))))
+    still = (scatter <= QUIET * np.percentile(scatter, 5)) & (turning <= SLOW * motion)
+    out = []
+    for first, stop in runs(still):
+        # A window at either end may hold the beginning of a motion.
+        a, b = (first + 1) * size, (stop - 1) * size
+        if (b - a) * sample_s >= SHORTEST_REST_S:
+            out.append((a, b))
+    return out
+
+
+def speed(t_ref: Array, q: Array, t_s: Array) -> Array:
+    """(n,) speed by the attitudes over `SPEED_S` about the gyro's tags, rad/s: so long that their noise does not count.
+
+    Parameters
+    ----------
+    t_ref, q : (m,) s and (m, 4) A(q)
+    t_s : (n,) s
+    """
+    later = np.minimum(np.searchsorted(t_ref, t_ref + SPEED_S), t_ref.size - 1)
+    rows = np.flatnonzero(later > np.arange(later.size))
+    turned = Rotation.from_quat(q)
+    elapsed = t_ref[later[rows]] - t_ref[rows]
+    found = (turned[rows].inv() * turned[later[rows]]).magnitude() / elapsed
+    return np.interp(t_s, t_ref[rows] + 0.5 * elapsed, found)

@@ -1,0 +1,137 @@
+"""ROS bags, 1 and 2: a gyro's Imu messages beside attitudes of motion capture or odometry.
+
+angular_velocity is in rad/s about the sensor's axes. A pose's quaternion (x, y, z, w) takes the axes of the body, or of
+child_frame_id, to those of header.frame_id: body-to-world, the scalar part last. Times are those of the headers; where these
+are zero, those at which the bag was written. The orientation in an Imu message is not used: it comes from the gyro itself.
+
+The package ``rosbags`` reads both kinds of bags without ROS.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from gyrocal.errors import InputError
+from gyrocal.importing.build import Imported, build
+from gyrocal.importing.mapping import checked
+from gyrocal.importing.streams import streams
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+IMU = "sensor_msgs/msg/Imu"
+POSES: dict[str, Callable[[Any], Any]] = {
+    "geometry_msgs/msg/PoseStamped": lambda message: message.pose.orientation,
+    "geometry_msgs/msg/PoseWithCovarianceStamped": lambda message: message.pose.pose.orientation,
+    "geometry_msgs/msg/TransformStamped": lambda message: message.transform.rotation,
+    "nav_msgs/msg/Odometry": lambda message: message.pose.pose.orientation,
+}
+ODOMETRY = "nav_msgs/msg/Odometry"
+NANO = 10**9
+
+
+def import_bag(
+    path: str | os.PathLike[str],
+    imu_topic: str | None = None,
+    pose_topic: str | None = None,
+    estimate_mounting: bool = False,
+    **entries: Any,
+) -> Imported:
+    """A recording of a bag.
+
+    Parameters
+    ----------
+    path : a file of ROS 1, or a folder or file of ROS 2
+    imu_topic, pose_topic : of the gyro and of the attitudes; where the bag has one of a kind, that one
+    estimate_mounting : whether the rotation from the gyro's axes to those of the pose is found from the rates of both
+    entries : of the mapping, beyond the columns
+
+    Raises
+    ------
+    InputError
+        The bag or a topic cannot be read, or rates and attitudes do not fit each other.
+    """
+    path = Path(path)
+    gyro, attitude, said = read_bag(path, imu_topic, pose_topic)
+    made: dict[str, Any] = {
+        "time": "t:ns",
+        "gyro": "x,y,z:rad/s",
+        "quat": "qx,qy,qz,qw:scalar-last:body-to-world",
+        "title": f"bag {path.resolve().stem}",
+    }
+    made |= {"mounting": "estimate"} if estimate_mounting else {}
+    mapping = checked(made | entries, str(path))
+    found = streams(gyro, attitude, mapping)
+    return build(type(found)(**{**vars(found), "assumed": (*said, *found.assumed)}), mapping)
+
+
+def read_bag(
+    path: str | os.PathLike[str], imu_topic: str | None = None, pose_topic: str | None = None
+) -> tuple[pd.DataFrame, pd.DataFrame, list[str]]:
+    """Gyro (x, y, z, t) and attitudes (qx, qy, qz, qw, t) of a bag as tables, t in ns, and what was taken for granted.
+
+    Raises
+    ------
+    InputError
+        The bag or a topic cannot be read.
+    """
+    path = Path(path)
+    try:
+        from rosbags.highlevel import AnyReader
+        from rosbags.typesys import Stores, get_typestore
+    except ImportError:
+        raise InputError(f"{path}: rosbags is needed to read it: pip install 'gyrocal[ros]'") from None
+    if not path.exists():
+        raise InputError(f"{path}: no such file")
+    try:
+        # Bags of ROS 2 need not hold the definitions of their messages; those of these have not changed.
+        with AnyReader([path], default_typestore=get_typestore(Stores.LATEST)) as reader:
+            gyro_topic = _chosen(reader, (IMU,), imu_topic, "--imu-topic", path)
+            other_topic = _chosen(reader, tuple(POSES), pose_topic, "--pose-topic", path)
+            gyro, said = _table(reader, gyro_topic, lambda message: message.angular_velocity, ["x", "y", "z"])
+            kind = reader.topics[other_topic].msgtype
+            attitude, more = _table(reader, other_topic, POSES[str(kind)], ["qx", "qy", "qz", "qw"])
+    except InputError:
+        raise
+    except Exception as fault:  # a damaged bag raises a zoo of types
+        raise InputError(f"{path}: cannot be read as a bag: {' '.join(str(fault).split())}") from None
+    said = [f"rates are those of {gyro_topic}, attitudes those of {other_topic}", *said, *more]
+    if kind == ODOMETRY:
+        said.append(f"{other_topic} is odometry: if it uses this gyro, what it says of the gyro is not independent of it")
+    return gyro, attitude, said
+
+
+def _chosen(reader: Any, kinds: tuple[str, ...], topic: str | None, option: str, path: Path) -> str:
+    """The topic of a kind of messages that is asked for, or the only one."""
+    there = sorted(name for name, one in reader.topics.items() if one.msgtype in kinds)
+    if topic is None and len(there) == 1:
+        return str(there[0])
+    if topic in there:
+        return str(topic)
+    words = ", ".join(kind.rpartition("/")[2] for kind in kinds)
+    problem = f"no topic {topic} of {words}" if topic else f"several topics of {words}" if there else f"no topic of {words}"
+    raise InputError(f"{path}: {problem}; {f'give {option}: ' if there else 'there are '}{', '.join(there or reader.topics)}")
+
+
+def _table(reader: Any, topic: str, vector: Callable[[Any], Any], names: list[str]) -> tuple[pd.DataFrame, list[str]]:
+    """Nanoseconds and numbers of a topic's messages."""
+    import pandas as pd
+
+    connections = [one for one in reader.connections if one.topic == topic]
+    tags, written, rows = [], [], []
+    for connection, recorded, raw in reader.messages(connections=connections):
+        message = reader.deserialize(raw, connection.msgtype)
+        stamp, values = message.header.stamp, vector(message)
+        tags.append(stamp.sec * NANO + stamp.nanosec)
+        written.append(recorded)
+        rows.append([getattr(values, name[-1]) for name in names])
+    said = []
+    if not any(tags):
+        tags, said = written, [f"the headers of {topic} have no time: those at which the bag was written are used"]
+    table = pd.DataFrame(np.array(rows, dtype=np.float64).reshape(-1, len(names)), columns=names)
+    return table.assign(t=np.array(tags, dtype=np.int64)), said

@@ -1,0 +1,62 @@
+"""Tables of a recording as Parquet, so that damage is seen when they are read.
+
+Pages carry checksums, but what says where they lie, what is in them and how many rows there are does not: there one wrong byte
+can read a column in place of another. So the file also states the SHA-256 of what is in the table. A file of another program
+may state neither; then what it states of its rows must at least agree.
+"""
+
+import hashlib
+from pathlib import Path
+from typing import Any, BinaryIO
+
+import pandas as pd
+import pyarrow as pa
+import pyarrow.compute as pc
+import pyarrow.parquet as pq
+
+CONTENT = b"gyrocal.sha256"
+
+
+def write(frame: pd.DataFrame, file: BinaryIO) -> None:
+    """Write a table with checksums, its index left out."""
+    table = pa.Table.from_pandas(frame, preserve_index=False)
+    table = table.replace_schema_metadata({**(table.schema.metadata or {}), CONTENT: digest(table)})
+    pq.write_table(table, file, write_page_checksum=True)
+
+
+def read(path: Path) -> pd.DataFrame:
+    """Read a table.
+
+    Raises
+    ------
+    ValueError
+        It does not hold what it states, or has two columns of one name.
+    OSError, pyarrow.ArrowException
+        It is no Parquet file, or a page has another checksum than it states.
+    """
+    with pq.ParquetFile(path, page_checksum_verification=True) as file:
+        about, table = file.metadata, file.read()
+    counted = sum(about.row_group(k).num_rows for k in range(about.num_row_groups))
+    stated = (table.schema.metadata or {}).get(CONTENT)
+    if not about.num_rows == counted == table.num_rows or (stated is not None and stated != digest(table)):
+        raise ValueError("it is damaged: it does not hold the rows that were written")
+    twice = sorted({name for name in table.column_names if table.column_names.count(name) > 1})
+    if twice:
+        raise ValueError(f"column {', '.join(twice)} is there more than once")
+    return table.to_pandas()
+
+
+def digest(table: pa.Table) -> bytes:
+    """SHA-256 of the names, types and values of a table's columns, in hexadecimal."""
+    hashed = hashlib.sha256()
+    for name, column in zip(table.column_names, table.columns, strict=True):
+        for part in (repr(name).encode(), *_bytes(column)):
+            hashed.update(part)
+    return hashed.hexdigest().encode()
+
+
+def _bytes(column: Any) -> list[bytes]:
+    """A column's type and values, however it is cut into chunks; of text and the like, which have many types, the values."""
+    if not pa.types.is_primitive(column.type):
+        return [repr(column.to_pylist()).encode()]
+    return [str(column.type).encode(), pc.is_valid(column).to_numpy().tobytes(), pc.drop_null(column).to_numpy().tobytes()]

@@ -1,0 +1,61 @@
+"""What effects that swing with a period of their own have in common: size · sin(2π t/P + φ), t since the epoch.
+
+Amplitudes (size cos φ, size sin φ) make it linear; the period is not. Where nothing states it, it may be any between what the
+spacing of the references can show and the whole time from the first of them to the last, even in its logarithm. One phase goes
+through all intervals, so that two periods are told apart by how they differ over the whole time, gaps included.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from simulator.effects.base import Array, Effect, Parameter, Setting, Surroundings, Trial, Value
+from simulator.effects.common import PHASE, from_phase_amplitudes, log_uniform, phase_amplitudes, reference_arc
+
+SHORTEST = 2.5  # spacings of the references; a swing is sampled twice in a period at least
+DRAWN = (1.2, 1.5)  # periods of a blind check: from so many times the shortest one to so many times the longest interval
+TRIALS = 16  # periods of a plan, for which nothing can be scanned
+
+
+def period_band(around: Surroundings) -> tuple[float, float] | None:
+    """Shortest and longest period that can show, s; None without a series of references."""
+    spacing, arc = reference_arc(around)
+    if not arc > 2 * SHORTEST * spacing:
+        return None
+    return SHORTEST * spacing, float(np.ptp(around.references.t_s))
+
+
+def any_period(rng: np.random.Generator, around: Surroundings) -> Value:
+    """From what the references can show to somewhat more than an interval, s."""
+    spacing, arc = reference_arc(around)
+    low = DRAWN[0] * SHORTEST * spacing
+    return log_uniform(rng, low, max(min(DRAWN[1] * arc, float(np.ptp(around.references.t_s))), 1.1 * low))
+
+
+PERIOD = Parameter("period_s", "s", 1000.0, "period", 1e-3, 1e12, draw=any_period)
+
+
+@dataclass(frozen=True)
+class Periodic(Effect):
+    """An effect that swings with any period."""
+
+    parameters: tuple[Parameter, ...] = (PERIOD, PHASE)
+    scanned: bool = True
+
+    def amplitudes(self, setting: Setting) -> Array:
+        """(size cos φ, size sin φ)."""
+        return phase_amplitudes(setting)
+
+    def from_amplitudes(self, amplitudes: Array) -> tuple[float, dict[str, Value]]:
+        """Size and phase."""
+        return from_phase_amplitudes(amplitudes)
+
+    def trials(self, around: Surroundings) -> Sequence[Trial]:
+        """Some periods, evenly spaced in their logarithm."""
+        band = period_band(around)
+        return () if band is None else tuple(Trial({"period_s": float(p)}, 1 / TRIALS) for p in np.geomspace(*band, TRIALS))
+
+    def missing(self, around: Surroundings) -> str | None:
+        """It needs references that follow one another."""
+        return None if period_band(around) else "it needs a series of references"

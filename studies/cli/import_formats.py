@@ -1,0 +1,192 @@
+"""The commands of ``gyrocal import`` for files of a known form, whose columns nobody has to name."""
+
+from pathlib import Path
+from typing import Any
+
+import click
+
+from gyrocal import InputError, importing
+from gyrocal.importing import acm, aem, ck, euroc, kalibr, rosbag
+from gyrocal.importing.build import Imported, build
+from gyrocal.importing.streams import read_csv, streams
+from studies.cli.options import PATH
+from studies.report import tables as render
+from studies.report.console import console
+
+OUT = click.argument("out", type=click.Path(path_type=Path, file_okay=False))
+GYRO = click.argument("gyro_file", type=PATH, metavar="GYRO.csv")
+FORCE = click.option("--force", is_flag=True, help="Replace a recording that is in OUT already.")
+SPACING = click.option("--spacing", "spacing_s", type=float, help="Least time between references, s.")
+ESTIMATE = click.option("--estimate-noise", is_flag=True, help="Estimate the noise although the file states it.")
+TABLE = (
+    click.option("--mapping", "file", type=PATH, help="Mapping of the gyro's table as TOML, as of import csv."),
+    click.option("--time", metavar="COLUMN:UNIT", help="As of import csv; a date, as the attitudes have."),
+    click.option("--gyro", metavar="COLUMNS:UNIT", help="As of import csv."),
+    click.option("--lsb", metavar="'SIZE UNIT'", help="As of import csv."),
+    SPACING,
+    FORCE,
+)
+
+
+def refuse_existing(out: Path, force: bool) -> None:
+    """Refuse to write where a recording is."""
+    if (out / "recording.toml").exists() and not force:
+        raise InputError(f"{out}: a recording is there already; choose another folder, or replace it with --force")
+
+
+def of_table(function: Any) -> Any:
+    """The options of a command that reads the gyro from a table."""
+    for option in reversed(TABLE):
+        function = option(function)
+    return function
+
+
+def _write(imported: Imported, out: Path) -> None:
+    importing.write(imported, out)
+    render.terminal(console(), str(out), imported.summary())
+
+
+def _joined(
+    gyro_file: Path, read: aem.Aem, out: Path, given: dict[str, Any], stated: dict[str, Any], said: tuple[str, ...] = ()
+) -> None:
+    """A recording of a gyro's table and attitudes of a message; what the user gives goes before what the message states."""
+    attitude, entries = aem.table(read)
+    file = given.pop("file")
+    own = importing.load_mapping(file) if file else {}
+    options = {name: value for name, value in given.items() if value is not None}
+    entries = {"title": read.title} | stated | own | entries | options
+    mapping = importing.checked(entries, str(file) if file else "options")
+    found = streams(read_csv(gyro_file), attitude, mapping)
+    _write(build(type(found)(**{**vars(found), "assumed": (*said, *found.assumed)}), mapping), out)
+
+
+@click.command("aem")
+@GYRO
+@click.argument("message", type=PATH, metavar="ATTITUDE.aem")
+@OUT
+@of_table
+def aem_command(gyro_file: Path, message: Path, out: Path, force: bool, **options: Any) -> None:
+    """Import a gyro's table and a CCSDS Attitude Ephemeris Message (version 2, KVN or XML). See docs/formats/aem.md.
+
+    \b
+    Example:
+      gyrocal import aem gyro.csv attitude.aem /tmp/rec --time time:iso --gyro gx,gy,gz:deg/s
+    """
+    refuse_existing(out, force)
+    _joined(gyro_file, aem.read_aem(message), out, options, {})
+
+
+@click.command("acm")
+@GYRO
+@click.argument("message", type=PATH, metavar="ATTITUDE.acm")
+@OUT
+@ESTIMATE
+@of_table
+def acm_command(gyro_file: Path, message: Path, out: Path, force: bool, estimate_noise: bool, **options: Any) -> None:
+    """Import a gyro's table and a CCSDS Attitude Comprehensive Message (KVN or XML). See docs/formats/acm.md.
+
+    \b
+    Example:
+      gyrocal import acm gyro.csv attitude.acm /tmp/rec --time time:iso --gyro gx,gy,gz:deg/s
+    """
+    refuse_existing(out, force)
+    read = acm.read_acm(message)
+    stated, said = ({}, ()) if estimate_noise else acm.noise(read)
+    _joined(gyro_file, read.attitudes, out, options, stated, said)
+
+
+@click.command("ck")
+@GYRO
+@click.argument("kernel", type=PATH, metavar="ATTITUDE.bc")
+@click.argument("sclk", type=PATH, metavar="CLOCK.tsc")
+@OUT
+@click.option("--instrument", type=int, help="NAIF number of the instrument, e.g. -82000; that of the kernel if it has one.")
+@click.option("--spacecraft", type=int, help="NAIF number of the spacecraft whose clock it is; instrument / 1000 by default.")
+@of_table
+def ck_command(
+    gyro_file: Path,
+    kernel: Path,
+    sclk: Path,
+    out: Path,
+    instrument: int | None,
+    spacecraft: int | None,
+    force: bool,
+    **options: Any,
+) -> None:
+    """Import a gyro's table and SPICE attitudes, a C-kernel with its spacecraft clock. See docs/formats/ck.md.
+
+    \b
+    Example:
+      gyrocal import ck gyro.csv attitude.bc clock.tsc /tmp/rec --time time:iso --gyro gx,gy,gz:deg/s
+    """
+    refuse_existing(out, force)
+    _joined(gyro_file, ck.read_ck(kernel, sclk, instrument, spacecraft), out, options, {})
+
+
+@click.command("euroc")
+@click.argument("folder", type=PATH)
+@OUT
+@click.option(
+    "--reference", help="Folder with the attitudes; the first that is there by default: vicon0, state_groundtruth_estimate0."
+)
+@click.option("--imu", type=PATH, help="Kalibr's imu.yaml, for the gyro's noise density.")
+@ESTIMATE
+@SPACING
+@FORCE
+def euroc_command(
+    folder: Path,
+    out: Path,
+    reference: str | None,
+    imu: Path | None,
+    estimate_noise: bool,
+    spacing_s: float | None,
+    force: bool,
+) -> None:
+    """Import FOLDER of the EuRoC form (mav0/imu0 and mav0/vicon0 or another reference). See docs/formats/euroc.md.
+
+    \b
+    Example:
+      gyrocal import euroc V1_01_easy /tmp/rec
+    """
+    refuse_existing(out, force)
+    _write(euroc.import_euroc(folder, reference, not estimate_noise, **_entries(spacing_s, imu)), out)
+
+
+@click.command("bag")
+@click.argument("bag", type=PATH)
+@OUT
+@click.option("--imu-topic", help="Topic of the Imu messages; the only one by default.")
+@click.option("--pose-topic", help="Topic of the attitudes: PoseStamped, Odometry and the like; the only one by default.")
+@click.option("--estimate-mounting", is_flag=True, help="Find the rotation from the gyro's axes to those of the pose.")
+@click.option("--imu", type=PATH, help="Kalibr's imu.yaml, for the gyro's noise density.")
+@click.option("--tag", type=click.Choice(["start", "middle", "end"]), help="Part of a sample that its tag times; start.")
+@SPACING
+@FORCE
+def bag_command(
+    bag: Path,
+    out: Path,
+    imu_topic: str | None,
+    pose_topic: str | None,
+    estimate_mounting: bool,
+    imu: Path | None,
+    tag: str | None,
+    spacing_s: float | None,
+    force: bool,
+) -> None:
+    """Import BAG of ROS 1 or 2: Imu messages, and PoseStamped, Odometry or the like. See docs/formats/ros.md.
+
+    \b
+    Example:
+      gyrocal import bag flight.bag /tmp/rec --imu-topic /imu0 --pose-topic /vicon/pose
+    """
+    refuse_existing(out, force)
+    entries = _entries(spacing_s, imu) | ({} if tag is None else {"tag": tag})
+    _write(rosbag.import_bag(bag, imu_topic, pose_topic, estimate_mounting, **entries), out)
+
+
+def _entries(spacing_s: float | None, imu: Path | None) -> dict[str, Any]:
+    entries: dict[str, Any] = {} if spacing_s is None else {"spacing_s": spacing_s}
+    return entries if imu is None else entries | {"arw_deg_per_sqrt_s": kalibr.noise_density(imu)}
+
+
+COMMANDS = (aem_command, acm_command, ck_command, euroc_command, bag_command)

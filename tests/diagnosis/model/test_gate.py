@@ -1,0 +1,142 @@
+"""The gate of a diagnosis: what it refuses, what it says then, and the real faults that it lets pass."""
+
+from dataclasses import replace
+from functools import lru_cache
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from diagnosis.detectors.samples import examine
+from diagnosis.inference import null
+from diagnosis.inference.search import Search
+from diagnosis.model import recording as recordings
+from diagnosis.model.candidates import linear_model
+from diagnosis.model.gate import check_residuals
+from diagnosis.model.prepare import prepare
+from diagnosis.model.recording import linearised
+from gyrocal import InputError, calibrate
+from gyrocal.calibration.gate import LargeResidualError
+from simulator.effects import EFFECTS
+from tests.corpus_recordings import slews
+
+
+@lru_cache
+def recording():
+    return slews(seed=2)
+
+
+def with_rates(change):
+    gyro = recording().gyro
+    return replace(recording(), gyro=replace(gyro, rates=change(gyro.rates)))
+
+
+def with_quaternions(change):
+    return replace(recording(), attitudes=replace(recording().attitudes, quaternions=change(recording().attitudes.quaternions)))
+
+
+MISREAD = {
+    "deg/h for deg/s": (lambda: with_rates(lambda x: 3600 * x), "with the gyro in deg/h, not deg/s"),
+    "rad/s for deg/s": (lambda: with_rates(np.deg2rad), "with the gyro in rad/s, not deg/s"),
+    "rates x 1000": (lambda: with_rates(lambda x: 1000 * x), "with times in ms, not s or the rates divided by 1000"),
+    "converted twice": (lambda: with_rates(np.rad2deg), "with the rates divided by 57.296"),
+    "axes": (lambda: with_rates(lambda x: x[:, [1, 0, 2]] * [1, 1, -1]), "with the gyro's axes as y,x,-z"),
+    "scalar first": (lambda: with_quaternions(lambda q: np.roll(q, 1, axis=1)), "with the quaternion's scalar part first"),
+    "direction": (lambda: with_quaternions(lambda q: q * [-1, -1, -1, 1]), "with the attitude from inertial to body"),
+    "q1 and q3": (lambda: with_quaternions(lambda q: q[:, [2, 1, 0, 3]]), "with q1 and q3 exchanged"),
+    "zero": (lambda: with_rates(np.zeros_like), "all rates are zero"),
+    "bias": (lambda: with_rates(lambda x: x + 0.02), "fit each other with a bias of -1.146, -1.146, -1.146 deg/s"),
+}
+
+
+@pytest.mark.parametrize("kind", MISREAD)
+def test_what_the_calibration_refuses_the_diagnosis_refuses_in_the_same_line(kind):
+    make, words = MISREAD[kind]
+    wrong = make()
+    with pytest.raises(InputError) as said:
+        calibrate(wrong)
+    assert words in str(said.value)
+    assert str(said.value).startswith("interval m")
+    assert "t_s = " in str(said.value)
+    assert "\n" not in str(said.value)
+    with pytest.raises(LargeResidualError) as caught:
+        prepare(wrong)
+    assert str(caught.value) == str(said.value)
+
+
+def outlier(angle_deg, row):
+    def turned(q):
+        out = q.copy()
+        out[row] = (Rotation.from_quat(q[row]) * Rotation.from_rotvec(np.deg2rad([angle_deg, 0.0, 0.0]))).as_quat()
+        return out
+
+    return lambda: with_quaternions(turned)
+
+
+REAL = {
+    "time offset": lambda: replace(
+        recording(), gyro=replace(recording().gyro, rates=np.roll(recording().gyro.rates, 5, axis=0))
+    ),
+    "step of 300 deg/h": lambda: with_rates(lambda x: x + np.deg2rad(300 / 3600) * (np.arange(len(x)) > 700)[:, None]),
+    "clipped": lambda: with_rates(lambda x: np.clip(x, -0.01, 0.01)),
+    "coarse lattice": lambda: with_rates(lambda x: np.round(x / np.deg2rad(0.5)) * np.deg2rad(0.5)),
+    "spikes of 300 sigma": lambda: with_rates(lambda x: x + 1.5e-3 * (np.arange(len(x)) % 97 == 5)[:, None]),
+    "outlier": outlier(60.0, 30),
+    "outlier at the start": outlier(170.0, 21),
+    "outlier at the end": outlier(60.0, 41),
+    "wrong signs": lambda: with_quaternions(lambda q: q * np.where(np.arange(len(q)) % 2, 1, -1)[:, None]),
+}
+
+
+@pytest.mark.parametrize("kind", REAL)
+def test_real_faults_pass(kind):
+    wrong = REAL[kind]()
+    model = prepare(wrong).model
+    assert model.size > 100
+
+
+def test_many_outliers_do_not_pass():
+    """They would be a wrong reading that by chance leaves every second reference where it is."""
+    wrong = with_quaternions(lambda q: np.where((np.arange(len(q)) % 5 == 2)[:, None], np.roll(q, 1, axis=1), q))
+    with pytest.raises(LargeResidualError):
+        prepare(wrong)
+
+
+def test_the_gate_asks_the_repaired_stream():
+    """One sample in seven reads 30 deg/s too much: no reading fits the raw rates, and the repaired ones are within noise."""
+    one = recording()
+    spoilt = one.gyro.rates + np.deg2rad(30.0) * (np.arange(len(one.gyro.rates)) % 7 == 5)[:, None]
+    wrong = replace(one, gyro=replace(one.gyro, rates=spoilt))
+    G, bias = one.gyro.apriori_G, one.gyro.apriori_bias
+    with pytest.raises(LargeResidualError):
+        check_residuals(linearised(wrong, G, bias), spoilt)
+    check_residuals(linearised(wrong, G, bias, examine(one).rates), examine(one).rates)
+
+
+def test_the_stages_of_the_samples_are_told():
+    told = []
+    prepare(recording(), tell=lambda text, share: told.append((share, text)))
+    assert len(told) >= 3
+    assert told == sorted(told)
+    assert all(text.startswith("gyro samples: ") for _, text in told)
+
+
+def test_columns_are_projected_some_at_a_time(monkeypatch):
+    """The same columns, and values alone, whatever the number that is projected together."""
+    model = prepare(recording()).model
+    columns = np.random.default_rng(3).standard_normal((model.size, 50))
+    whole = columns - model.nuisance @ (model.nuisance.T @ columns)
+    for at_once in (1, 7, 50, 1000):
+        monkeypatch.setattr(recordings, "AT_ONCE", at_once)
+        np.testing.assert_allclose(model.projected(columns), whole, rtol=0, atol=1e-13)
+        np.testing.assert_allclose(model.projected(columns[:, 3]), whole[:, 3], rtol=0, atol=1e-13)
+    assert np.abs(model.nuisance.T @ model.projected(columns)).max() < 1e-12
+
+
+def test_the_null_distribution_is_drawn_some_at_a_time(monkeypatch):
+    linear = linear_model(prepare(recording()).model, [EFFECTS["bias_drift"], EFFECTS["bias_random_walk"]], rivals=False)
+    found = []
+    for at_once in (7, 250):
+        monkeypatch.setattr(null, "AT_ONCE", at_once)
+        found.append(null.p_value(Search(linear), 5, 100))
+    assert found[0] == found[1] > 0.01

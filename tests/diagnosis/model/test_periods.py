@@ -1,0 +1,184 @@
+"""The scan for swings of any period: its products against columns made at once, what its grid loses, and its prior."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from diagnosis.inference.evidence import log_bayes
+from diagnosis.inference.search import Search
+from diagnosis.model import periods, repeating
+from diagnosis.model.candidates import linear_model
+from diagnosis.model.linear import Member
+from diagnosis.model.swings import columns_of, swing_columns
+from simulator.effects import EFFECTS
+from tests.diagnosis.recordings import prepared
+
+BIAS = "bias_periodic:z=0.4,period_s=1307,phase_deg=25"
+KINDS = [(False, 2), (True, 0)]
+
+
+@pytest.fixture(scope="module")
+def model():
+    return prepared(3).model
+
+
+@pytest.fixture(scope="module")
+def at(model):
+    return periods.grid(model)
+
+
+@pytest.fixture(scope="module")
+def swinging():
+    return prepared(4, BIAS).model
+
+
+def replace_y(model, y):
+    """The model with other observations; `y` is computed once, and kept beside the fields."""
+    about = replace(model)
+    about.__dict__["y"] = y
+    return about
+
+
+def _chi2(model, columns, y):
+    X = model.projected(columns)
+    return float(y @ X @ np.linalg.lstsq(X, y, rcond=None)[0])
+
+
+def test_the_grid_has_all_periods_once_but_the_orbits(model, at):
+    span = np.ptp(model.recording.attitudes.t_s)
+    assert at.step == pytest.approx(0.25 / span)
+    tried = at.tried.ravel()
+    np.testing.assert_allclose(np.diff(tried), at.step, rtol=1e-6)
+    allowed = np.isfinite(at.log_weight.ravel())
+    assert tried[allowed].min() >= 1 / span
+    assert 1 / tried[allowed].max() >= 2.5 * 120
+    assert np.exp(at.log_weight).sum() == pytest.approx(1.0)
+    # Even in the logarithm of the period: the share of an octave is the same anywhere.
+    share = [np.exp(at.log_weight)[(at.tried >= f) & (at.tried < 2 * f)].sum() for f in (1e-5, 1.3e-3)]
+    assert share[0] == pytest.approx(share[1], rel=0.02)
+    for order in (1, 2, 3, 4):
+        orbit = order / model.stream.orbit_period_s
+        assert np.abs(tried[allowed] - orbit).min() > 0.9 / span
+
+
+@pytest.mark.parametrize(("on_references", "axis"), KINDS)
+def test_the_scan_scores_as_the_columns_themselves_do(swinging, on_references, axis):
+    """Evidence at the best of its scales, from columns that are made for a frequency and projected."""
+    at = periods.grid(swinging)
+    found = periods.waves(swinging, at, axis, on_references)
+    for j in (3, 40, 120):
+        # Exact in the middle; farthest from it, at low frequencies, the curve of a wave over an interval is not quite its own.
+        for place, tolerance in ((at.tried.shape[1] // 2, 0.02), (0, 0.06)):
+            frequency = at.tried[j, place]
+            own = periods.columns(swinging, axis, on_references, np.array([frequency]))[0]
+            X = swinging.projected(own)
+            gram = X.T @ X
+            scales = np.array(periods.SCALES) / np.sqrt(0.5 * np.trace(gram))
+            expected = log_bayes(gram[None], (X.T @ swinging.y)[None], scales).max()
+            score = found.scores(np.array([[frequency]]), np.array([j]))[0, 0]
+            assert score == pytest.approx(expected, abs=tolerance * abs(expected) + 0.3)
+
+
+def test_columns_of_cells_are_those_of_the_effect(model):
+    """In the effect's unit, with the mean of the wave over a cell, by more than a hundredth only where the body turns."""
+    for name, axis in (("bias_periodic", "y"), ("reference_periodic", "x")):
+        effect = EFFECTS[name]
+        frequencies = 1 / np.array([350.0, 1300.0, 9000.0])
+        for frequency, made in zip(frequencies, swing_columns(model, effect, axis, frequencies), strict=True):
+            exact = model.projected(columns_of(model, effect, axis, {"period_s": 1 / frequency}))
+            away = np.linalg.norm(model.projected(made) - exact) / np.linalg.norm(exact)
+            assert away < (0.03 if name == "bias_periodic" else 1e-9)
+
+
+@pytest.mark.parametrize(("on_references", "axis"), KINDS)
+def test_what_lies_between_two_frequencies_keeps_its_chi2(model, at, on_references, axis):
+    """A swing half a step from the grid loses about 5 % of what it would explain, and one on the finer grid next to nothing."""
+    rng = np.random.default_rng(5)
+    lost, fine = [], []
+    for _ in range(12):
+        j, k = rng.integers(10, at.made.size - 10), rng.integers(at.tried.shape[1])
+        true = at.tried[j, k] + 0.5 * at.step
+        amplitudes = rng.standard_normal(2)
+        own = periods.columns(model, axis, on_references, true + at.step * np.array([0.0, 0.5, -0.5, 1 / 16]))
+        y = model.projected(own[0] @ amplitudes)
+        whole = float(y @ y)
+        lost.append(1 - max(_chi2(model, own[1], y), _chi2(model, own[2], y)) / whole)
+        fine.append(1 - _chi2(model, own[3], y) / whole)
+    assert np.mean(lost) < 0.08
+    assert max(lost) < 0.16  # two bundles of data at the ends of the span would lose 1 − cos²(π/8)
+    assert max(fine) < 0.004
+
+
+def test_a_swing_between_the_periods_is_kept_and_found(swinging):
+    found = periods.swings(swinging)[False, 2]
+    best = 1 / found.options[0].frequency
+    assert abs(best - 1307) < 1.5  # within an alias
+    assert any(abs(1 / one.frequency - 1307) < 0.2 for one in found.options)
+    frequencies = [one.frequency for one in found.options]
+    assert len(set(frequencies)) == len(frequencies)
+    assert sum(np.exp(one.log_weight) for one in found.options) < 0.01
+
+
+def test_finer_periods_are_around_each_alias_and_share_its_prior(swinging):
+    made = linear_model(swinging, [EFFECTS["bias_periodic"], EFFECTS["bias_orbital"]], rivals=False)
+    k = made.find("bias_periodic:z")
+    member = Search(made).settled((Member(k, 0, 0),)).members[0]
+    finer = made.refine(made, member)
+    before, after = made.candidates[k], finer.candidates[k]
+    new = after.options[len(before.options) :]
+    assert len(new) % 16 == 0
+    shares = np.exp(after.log_weights)
+    assert shares[len(before.options) :].sum() == pytest.approx(
+        2 * (np.exp(before.log_weights) - shares[: len(before.options)]).sum()
+    )
+    chosen = Search(finer).settled((member,)).members[0]
+    option = finer.option(chosen)
+    np.testing.assert_allclose(finer.X[:, option.columns], finer.projected(finer.W[:, option.columns]), atol=1e-12)
+    # Twice is finer still; what is not scanned for stays as it is.
+    again = finer.refine(finer, chosen)
+    widths = [min(float(one.parameters["period_sigma_s"]) for one in model.candidates[k].options) for model in (finer, again)]
+    assert widths[1] < 0.2 * widths[0]
+    orbital = Member(made.find("bias_orbital:z"), 0, 0)
+    assert made.refine(made, orbital) is made
+
+
+def test_rivals_repeat_but_not_as_a_sine_that_may_be_named(model):
+    found = periods.swings(model)
+    groups = {(one.name, one.axis): one for one in repeating.families(model, found, [False])}
+    names = {name for name, _ in groups}
+    assert names == {
+        "bias repeats with a period, not as a sine",
+        "references repeat with a period, not as a sine",
+        "references repeat with another period",
+    }
+    shape = groups["bias repeats with a period, not as a sine", "z"]
+    assert {part.shape[1] for part in shape.columns} == {6, 3, 4}
+    for part in shape.columns:
+        assert np.linalg.norm(model.projected(part[:, :2])) == pytest.approx(1.0)
+    # The third harmonic of a swing of the bias is a third as large, and turns the attitude by another third.
+    for part in shape.columns[::3]:
+        assert np.linalg.norm(model.projected(part[:, 4:])) < 0.5
+    # All of them share the prior of the period.
+    assert shape.weights[:3].sum() == pytest.approx(np.exp(found[False, 2].options[0].log_weight))
+
+
+def test_harmonics_are_locked_to_the_phase_of_the_fundamental(model):
+    """A square wave and a sawtooth of any phase are in the span of their columns, but for their highest harmonics."""
+    period, t = 3000.0, model.references.t_s
+    theta = 2 * np.pi * t / period + 0.9
+    for place, shape in ((1, np.sign(np.sin(theta))), (2, (theta / (2 * np.pi)) % 1 - 0.5)):
+        error = np.zeros((t.size, 3, 1))
+        error[:, 0, 0] = shape
+        y = model.prepared(model.reference_error(error))[:, 0]
+        about = replace_y(model, y)
+        options = repeating.shaped(about, periods.columns(model, 0, True, np.arange(1, 8) / period))
+        left = [1 - _chi2(model, part, y) / float(y @ y) for part in (options[place][:, :2], options[place])]
+        assert left[1] < 0.45 * left[0]
+
+
+def test_a_plan_scans_no_data(model):
+    made = linear_model(model, [EFFECTS["bias_periodic"]], rivals=False, scan=False)
+    assert not [one for one in made.candidates if one.scanned]
+    periodic = made.candidates[made.find("bias_periodic:x")]
+    assert np.exp(periodic.log_weights).sum() == pytest.approx(1.0)

@@ -1,0 +1,45 @@
+"""Recordings that cannot show a gap: with no observations to spare, or with axes turned by gyro or references, nobody knows."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from diagnosis.diagnose import diagnose
+from diagnosis.identifiable import blind_spot
+from studies.report.diagnosis_words import verdict
+from tests.corpus_recordings import QUICK, slews
+
+
+def turned(recording, offset_deg):
+    """The recording with a constant rotation E of its references, A_obs = E A."""
+    q = Rotation.from_quat(recording.attitudes.quaternions) * Rotation.from_rotvec(np.deg2rad(offset_deg))
+    return replace(recording, attitudes=replace(recording.attitudes, quaternions=q.as_quat()))
+
+
+def test_a_large_offset_of_the_references_is_not_identifiable():
+    found = diagnose(turned(slews(seed=4), [0.0, 3.0, 0.0]), settings=QUICK)
+    assert (found.verdict, found.present, found.causes) == ("not identifiable", False, ())
+    assert "3 deg" in found.notes[0]
+    assert "constant offset of the references" in found.notes[0]
+    assert verdict(found) == "This recording cannot show whether there is a gap."
+
+
+def test_a_misalignment_that_a_gyro_may_have_is_calibrated():
+    found = diagnose(turned(slews(seed=4), [0.0, 0.3, 0.0]), settings=QUICK)
+    assert found.verdict == "none"
+    # E G with E a turn of the body by the same angle the other way, see the module.
+    assert abs(found.G[0, 2] - found.G[2, 0]) / 2 == pytest.approx(np.deg2rad(0.3), rel=0.05)
+
+
+def test_the_rotation_is_that_of_the_axes_alone():
+    G = Rotation.from_rotvec([0.0, 0.0, 0.05]).as_matrix() @ np.diag([1.02, 0.98, 1.0])
+    assert "about x, y, z" in str(blind_spot(6, G, np.full((3, 3), 1e-4), np.eye(3)))
+    assert blind_spot(6, np.diag([1.1, 0.9, 1.0]), np.full((3, 3), 1e-4), np.eye(3)) is None  # scale factors turn nothing
+    assert blind_spot(6, G, np.full((3, 3), 0.02), np.eye(3)) is None  # within its own error
+    assert blind_spot(6, G, np.full((3, 3), 1e-4), G) is None
+
+
+def test_without_observations_to_spare_no_gap_could_be_seen():
+    assert "as many parameters" in str(blind_spot(0, np.eye(3), np.full((3, 3), 1e-4), np.eye(3)))

@@ -1,0 +1,116 @@
+"""Recordings as CSV tables and as Kalibr's imu.yaml, and back."""
+
+from dataclasses import replace
+
+import numpy as np
+import pandas as pd
+import pytest
+
+import gyrocal
+from gyrocal import InputError
+from gyrocal.importing import build, csv_files, import_csv, kalibr, load_mapping, mapping, streams
+from studies.validation import mems_log
+from tests.builders import piecewise_recording
+
+yaml = pytest.importorskip("yaml")
+
+RECORDING = piecewise_recording(series_s=100.0, arw=2e-6)
+
+
+@pytest.fixture(scope="module")
+def imported():
+    log = mems_log.log(np.random.default_rng(31), seconds=60.0)
+    made = mapping.checked(
+        {"time": "timestamp_ms:ms", "gyro": "gx,gy,gz:deg/s", "quat": "qw,qx,qy,qz:body-to-world", "title": 'a "log"'}, "here"
+    )
+    return build.build(streams.streams(log.gyro, log.attitude, made), made).recording
+
+
+@pytest.mark.parametrize(
+    ("scale", "epoch", "columns"),
+    [
+        ("UTC", "2023-11-14T22:13:20.125Z", ["unix_ns"]),
+        ("UTC", "2023-11-15T00:13:20.125+02:00", ["unix_ns"]),
+        ("GPS", "2023-11-14T22:13:38.125", ["gps_week", "gps_second"]),
+        ("trial", "2000-01-01T00:00:00", ["t_s"]),
+    ],
+)
+def test_tables_are_read_as_the_recording_that_they_are_of(imported, tmp_path, scale, epoch, columns):
+    source = replace(imported, time_scale=scale, epoch=epoch)
+    csv_files.write_csv(source, tmp_path)
+    table = pd.read_csv(tmp_path / "gyro.csv")
+    assert list(table.columns)[: len(columns)] == columns
+    if scale == "UTC":
+        assert table["unix_ns"][0] == 1_700_000_000_125_000_000 + round(1e9 * source.gyro.t_s[0])
+    if scale == "GPS":  # 22:13:38.125 on Tuesday of week 2288
+        assert (table["gps_week"][0], table["gps_second"][0]) == (2288, 2 * 86400 + 80018.125 + source.gyro.t_s[0])
+    entries = load_mapping(tmp_path / "mapping.toml") | {"spacing_s": 1e-3}
+    again = import_csv(tmp_path / "gyro.csv", tmp_path / "attitude.csv", mapping=mapping.checked(entries, "mapping")).recording
+    shift = source.gyro.t_s[0] - again.gyro.t_s[0]
+    np.testing.assert_allclose(again.gyro.rates, source.gyro.rates, rtol=0, atol=1e-15)
+    np.testing.assert_allclose(again.gyro.t_s + shift, source.gyro.t_s, rtol=0, atol=1e-8)
+    rows = np.searchsorted(source.attitudes.t_s, again.attitudes.t_s + shift - 1e-6)
+    np.testing.assert_allclose(again.attitudes.quaternions, source.attitudes.quaternions[rows], rtol=0, atol=1e-15)
+    np.testing.assert_allclose(again.attitudes.sigma, source.attitudes.sigma[rows], rtol=1e-12)
+    np.testing.assert_allclose(again.gyro.apriori_bias, source.gyro.apriori_bias, rtol=1e-12)
+    assert again.gyro.arw == pytest.approx(source.gyro.arw, rel=1e-12)
+    assert again.title == 'a "log"'
+    if scale == "trial":
+        assert again.epoch == epoch
+
+
+def test_a_recording_goes_out_as_csv_and_comes_back(run_cli, imported, tmp_path):
+    gyrocal.save(imported, tmp_path / "rec")
+    done = run_cli("export", "csv", str(tmp_path / "rec"), str(tmp_path / "out"))
+    assert done.exit_code == 0, done.stderr
+    files = [str(tmp_path / "out" / name) for name in ("gyro.csv", "attitude.csv")]
+    again = run_cli("import", "csv", *files, str(tmp_path / "again"), "--mapping", str(tmp_path / "out" / "mapping.toml"))
+    assert again.exit_code == 0, again.stderr
+    np.testing.assert_allclose(gyrocal.load(tmp_path / "again").gyro.rates, imported.gyro.rates, rtol=0, atol=1e-15)
+
+
+def test_scale_and_misalignment_by_hand():
+    # A gyro whose axes are turned by +90 deg about z against the body reads (y, −x, z) of body rates; its x reads double.
+    G = np.linalg.inv(np.diag([2.0, 1.0, 1.0]) @ np.array([[0.0, 1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, 1.0]]))
+    M, C = kalibr.scale_and_misalignment(G)
+    np.testing.assert_allclose(M, np.diag([2.0, 1.0, 1.0]), atol=1e-15)
+    np.testing.assert_allclose(C, [[0, 1, 0], [-1, 0, 0], [0, 0, 1]], atol=1e-15)
+
+
+def test_a_calibration_goes_out_as_kalibr_s_model(run_cli, tmp_path):
+    gyrocal.save(RECORDING, tmp_path / "rec")
+    result = gyrocal.calibrate(RECORDING)
+    done = run_cli("calibrate", str(tmp_path / "rec"), "--json", str(tmp_path / "result.json"))
+    assert done.exit_code == 0, done.stderr
+    path = tmp_path / "imu.yaml"
+    arguments = ["--calibration", str(tmp_path / "result.json"), "--random-walk", "1e-5", "--topic", "/imu0"]
+    done = run_cli("export", "kalibr", str(tmp_path / "rec"), str(path), *arguments)
+    assert done.exit_code == 0, done.stderr
+    read = yaml.safe_load(path.read_text())
+    M, C = (np.array(read["gyroscopes"][name]) for name in ("M", "C_gyro_i"))
+    assert np.triu(M, 1).tolist() == np.zeros((3, 3)).tolist()
+    np.testing.assert_allclose(C @ C.T, np.eye(3), atol=1e-14)
+    assert np.linalg.det(C) > 0
+    np.testing.assert_allclose(M @ C, np.linalg.inv(result.G), rtol=0, atol=1e-12)
+    assert read["gyroscope_random_walk"] == 1e-5
+    assert (read["update_rate"], read["rostopic"], read["model"]) == (2.0, "/imu0", "scale-misalignment")
+    assert np.deg2rad(kalibr.noise_density(path)) == pytest.approx(2e-6, rel=1e-12)
+    # What Kalibr's gyro of these matrices and this bias reads is what the recording's gyro reads.
+    rate = np.array([0.01, -0.02, 0.005])
+    offset = [float(word) for word in path.read_text().rpartition("anew: [")[2].partition("]")[0].split(",")]
+    np.testing.assert_allclose(M @ C @ rate + offset, result.parameters.raw(rate[None])[0], rtol=0, atol=1e-12)
+
+
+def test_what_is_not_kalibr_s_is_said(tmp_path):
+    path = tmp_path / "imu.yaml"
+    kalibr.write_imu_yaml(replace(RECORDING, gyro=replace(RECORDING.gyro, arw=1e-5)), path)
+    assert yaml.safe_load(path.read_text()).keys() == {"gyroscope_noise_density", "rostopic", "update_rate"}
+    assert yaml.safe_load(path.read_text())["gyroscope_noise_density"] == 1e-5
+    for recording, given, words in (
+        (replace(RECORDING, gyro=replace(RECORDING.gyro, arw=0.0)), {}, "angle random walk is zero"),
+        (RECORDING, {"G": np.eye(3)}, "give G and bias"),
+        (RECORDING, {"random_walk": 0.0}, "random walk of the bias must be positive"),
+        (RECORDING, {"G": -np.eye(3), "bias": np.zeros(3)}, "of right-handed axes"),
+    ):
+        with pytest.raises(InputError, match=words):
+            kalibr.write_imu_yaml(recording, path, **given)

@@ -1,0 +1,90 @@
+"""What is refused before it is read: pipes, devices, and tables that claim more than a recording can be."""
+
+import os
+import shutil
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from gyrocal import InputError, load, save
+from gyrocal.recording import bounds
+from tests.builders import piecewise_recording
+
+FILES = ("recording.toml", "gyro.parquet", "attitude.parquet", "housekeeping.parquet")
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("bounds") / "whole"
+    recording = piecewise_recording(series_s=100.0)
+    save(recording, folder)
+    pd.DataFrame({"t_s": recording.gyro.t_s, "gyro_temperature_c": 20.0}).to_parquet(folder / "housekeeping.parquet")
+    return folder
+
+
+@pytest.fixture
+def folder(whole, tmp_path):
+    return shutil.copytree(whole, tmp_path / "recording")
+
+
+def refusal(folder):
+    with pytest.raises(InputError) as caught:
+        load(folder)
+    assert "\n" not in str(caught.value)
+    return str(caught.value)
+
+
+@pytest.mark.parametrize("name", FILES)
+def test_a_pipe_is_refused_and_not_waited_for(name, folder):
+    (folder / name).unlink()
+    os.mkfifo(folder / name)
+    assert refusal(folder).startswith(f"{folder / name}: not a regular file")
+
+
+@pytest.mark.parametrize("name", FILES)
+def test_a_device_is_refused(name, folder):
+    (folder / name).unlink()
+    (folder / name).symlink_to("/dev/zero")
+    assert refusal(folder).startswith(f"{folder / name}: not a regular file")
+
+
+def test_a_link_to_a_file_is_read(folder, tmp_path):
+    (folder / "gyro.parquet").rename(tmp_path / "elsewhere")
+    (folder / "gyro.parquet").symlink_to(tmp_path / "elsewhere")
+    assert load(folder).gyro.t_s.size > 1000
+
+
+def test_rows_are_counted_before_they_are_read(folder, monkeypatch):
+    rows = len(pd.read_parquet(folder / "gyro.parquet"))
+    monkeypatch.setattr(bounds, "MOST_VALUES", 4 * rows)
+    load(folder)
+    monkeypatch.setattr(bounds, "MOST_VALUES", 4 * rows - 1)
+    monkeypatch.setattr(pd, "read_parquet", lambda *arguments, **options: pytest.fail("it was read"))
+    assert f"gyro.parquet: {rows} rows of 4 columns are more than can be read" in refusal(folder)
+
+
+def test_many_columns_are_refused(folder):
+    frame = pd.DataFrame(np.zeros((2, bounds.MOST_COLUMNS + 1)), columns=[f"c{k}" for k in range(bounds.MOST_COLUMNS + 1)])
+    frame.to_parquet(folder / "housekeeping.parquet")
+    assert "1001 columns, of 1000 at most" in refusal(folder)
+    (folder / "housekeeping.parquet").unlink()
+    (folder / "housekeeping.csv").write_text("t_s" + ",c" * 200_000 + "\n")
+    assert "200001 columns, of 1000 at most" in refusal(folder)
+
+
+def test_a_description_that_is_too_long_is_not_parsed(folder, monkeypatch):
+    monkeypatch.setattr(bounds, "LARGEST_FOOTER", 100)
+    assert "what describes its columns has" in refusal(folder)
+
+
+def test_a_header_that_is_none(folder):
+    with (folder / "recording.toml").open("ab") as file:
+        file.truncate(bounds.LARGEST_HEADER + 1)
+    assert "no header of a recording" in refusal(folder)
+
+
+@pytest.mark.parametrize("content", [b"", b"PAR1", b"\x00" * 100 + b"PAR1", b"\xff" * 100 + b"PAR1"])
+def test_damaged_files_are_left_to_the_reader(content, folder):
+    (folder / "gyro.parquet").write_bytes(content)
+    assert "cannot be read" in refusal(folder) or "bytes" in refusal(folder)

@@ -1,0 +1,204 @@
+"""Whatever is wrong, one line says it; and nothing that a file holds reaches the terminal as it is."""
+
+import errno
+import json
+import sys
+import warnings
+from dataclasses import replace
+from xml.etree import ElementTree
+
+import pandas as pd
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+from matplotlib.figure import Figure
+
+from gyrocal import InputError, load, save
+from gyrocal.recording import csv_file
+from simulator import scenario as scenarios
+from studies.cli import scenarios as command
+from studies.cli.main import main
+from studies.report import console as consoles
+from studies.report import panels, svg
+from tests.gyrocal.recording.test_parquet import recording
+
+
+@pytest.fixture
+def rec(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    save(recording(), tmp_path / "rec")
+    return tmp_path / "rec"
+
+
+@pytest.mark.parametrize(
+    ("arguments", "text"),
+    [
+        (("--nothing",), "gyrocal: No such option"),
+        (("nothing",), "gyrocal: No such command 'nothing'."),
+        (("calibrate",), "gyrocal calibrate: Missing argument 'RECORDING'."),
+        (("calibrate", "rec", "more"), "gyrocal calibrate: Got unexpected extra argument"),
+        (("calibrate", "rec", "--step", "1,5"), "'1,5' is not a valid float"),
+        (("calibrate", "rec", "--psi", "half"), "'half' is not one of"),
+        (("calibrate", "rec", "--iterations", "100000000"), "1<=x<=1000"),
+        (("calibrate", "rec", "--plausible-g", "1e308"), "plausible"),
+        (("import", "csv"), "gyrocal import csv: Missing argument"),
+        (("mission", "out", "--days", "1", "--every", "1e308"), "must be a multiple of the cycle"),
+        (("predict", "rec", "--from", "10", "--prior-scale", "nan"), "sigma_scale nan"),
+        (("predict", "rec", "--from", "10", "--prior-sigma-g", "-1"), "sigma_G -1"),
+        (("study", "consistency", "--cases", "2", "--out", "out"), "more than 24 are needed"),
+        (("calibrate", "\x1b[31mred"), r"\x1b[31mred: not a folder"),
+    ],
+)
+def test_wrong_use_ends_in_one_line_and_status_2(run_cli, rec, arguments, text):
+    result = run_cli(*arguments)
+    assert result.exit_code == 2
+    assert result.stderr.count("\n") == 1
+    assert text in result.stderr
+    assert "\x1b" not in result.stderr
+
+
+def test_no_command_at_all_shows_the_help(run_cli):
+    assert "Commands:" in run_cli().output
+
+
+def warned(*met):
+    def names():
+        for category, message in met:
+            warnings.warn(message, category, stacklevel=1)
+        return ("trmm",)
+
+    return names
+
+
+def test_warnings_come_at_the_end_in_one_line_each_kind(run_cli, monkeypatch):
+    met = [(RuntimeWarning, "overflow\nmet"), (RuntimeWarning, "divide"), (RuntimeWarning, "divide"), (UserWarning, "left out")]
+    monkeypatch.setattr(command.scenarios, "names", warned(*met))
+    with warnings.catch_warnings():
+        warnings.simplefilter("always")
+        result = run_cli("scenarios")
+    assert result.exit_code == 0
+    own, numeric = result.stderr.splitlines()
+    assert own == "gyrocal: warning: left out"
+    assert numeric == "gyrocal: warning: while computing: overflow met; divide; look whether the results can be meant"
+
+
+def test_after_an_error_the_error_says_it_all(run_cli, monkeypatch):
+    def text(name):
+        warnings.warn("overflow", RuntimeWarning, stacklevel=1)
+        raise InputError("wrong")
+
+    monkeypatch.setattr(command.scenarios, "text", text)
+    with warnings.catch_warnings():
+        warnings.simplefilter("always")
+        result = run_cli("scenarios", "trmm")
+    assert (result.exit_code, result.stderr) == (2, "gyrocal: wrong\n")
+
+
+@pytest.mark.parametrize(
+    ("fault", "status", "said"),
+    [
+        (MemoryError("Unable to allocate 8 TiB"), 2, "gyrocal: not enough memory: Unable to allocate 8 TiB\n"),
+        (OSError(errno.ENOSPC, "No space left on device"), 2, "gyrocal: standard output or a file: No space left on device\n"),
+        (OSError(errno.ENOSPC, "No space left on device", "a.json"), 2, "gyrocal: a.json: No space left on device\n"),
+        (OSError(errno.EPIPE, "Broken pipe"), 1, ""),
+    ],
+)
+def test_faults_of_the_system_are_one_line(run_cli, monkeypatch, fault, status, said):
+    def text(name):
+        raise fault
+
+    monkeypatch.setattr(command.scenarios, "text", text)
+    result = run_cli("scenarios", "trmm")
+    assert (result.exit_code, result.stderr) == (status, said)
+
+
+def test_a_closed_standard_output_is_no_fault(monkeypatch, tmp_path):
+    monkeypatch.setattr(sys, "stdout", None)
+    monkeypatch.setattr(sys, "stderr", None)
+    main(["effects", "--json", str(tmp_path / "a.json")], standalone_mode=False)
+    sys.stdout.close()
+    sys.stderr.close()
+    assert json.loads((tmp_path / "a.json").read_text())["effects"]
+
+
+@pytest.mark.parametrize(
+    ("edit", "said"),
+    [
+        (lambda lines: [line.replace(".", ",") for line in lines], "more fields than the header"),
+        (lambda lines: [lines[0], *(line + ",7" for line in lines[1:])], "more fields than the header"),
+        (lambda lines: [*lines[:5], lines[5] + ",7", *lines[6:]], "more fields than the header|Expected 4 fields"),
+        (lambda lines: ["# by hand", *lines], "more fields than the header|Expected 1 fields"),
+    ],
+)
+def test_fields_of_a_row_are_not_lost(run_cli, rec, edit, said):
+    lines = pd.read_parquet(rec / "gyro.parquet").to_csv(index=False).splitlines()
+    (rec / "gyro.parquet").unlink()
+    (rec / "gyro.csv").write_text("\n".join(edit(lines)) + "\n")
+    with warnings.catch_warnings():
+        warnings.simplefilter("default")
+        result = run_cli("calibrate", "rec")
+        with pytest.raises(InputError, match=said):
+            load(rec)
+    assert result.exit_code == 2
+    assert result.stderr.count("\n") == 1
+
+
+def test_a_comma_at_the_end_of_rows_is_no_column(tmp_path):
+    (tmp_path / "a.csv").write_text("x,y\n1,2,\n3,4,\n")
+    assert csv_file.read(tmp_path / "a.csv").to_numpy().tolist() == [[1, 2], [3, 4]]
+
+
+@pytest.mark.parametrize("text", ["[" * 100_000, '{"G": ' + "[" * 5000 + "]" * 5000 + "}", "[" + "0," * 600_000 + "0]"])
+def test_a_truth_file_that_is_none_is_refused(run_cli, rec, tmp_path, text):
+    (tmp_path / "truth.json").write_text(text)
+    result = run_cli("calibrate", "rec", "--truth", "truth.json")
+    assert result.exit_code == 2
+    assert "truth.json: not a truth file" in result.stderr
+    assert result.stderr.count("\n") == 1
+
+
+def test_a_chain_of_scenarios_has_an_end(tmp_path):
+    for number in range(1500):
+        (tmp_path / f"{number}.toml").write_text(f'base = "{number + 1}.toml"\n')
+    (tmp_path / "1500.toml").write_text('base = "trmm"\n')
+    with pytest.raises(InputError, match=r"0\.toml: more than 30 scenarios"):
+        scenarios.load(tmp_path / "0.toml")
+    assert scenarios.load(tmp_path / "1480.toml") == scenarios.load("trmm")
+
+
+def test_control_characters_of_a_title_reach_neither_terminal_nor_figure(run_cli, tmp_path):
+    save(replace(recording(), title="\x1b[2Jred\x00"), tmp_path / "rec")
+    assert load(tmp_path / "rec").title == "\x1b[2Jred\x00"
+    shown = run_cli("calibrate", str(tmp_path / "rec"), "--prior-sigma-g", "1e-3", "--prior-sigma-bias", "1e-3")
+    assert shown.exit_code == 0, shown.stderr
+    assert f"{consoles.MISSING}[2Jred{consoles.MISSING}" in shown.stdout
+    figure = Figure()
+    figure.subplots().set_title("\x1b[2Jred\x00 ψ")
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        panels.save(figure, tmp_path / "a.svg")
+        pages = [(tmp_path / "a.svg").read_bytes(), svg.svg_bytes(figure)]
+    for page in pages:
+        assert ElementTree.fromstring(page).tag.endswith("svg")
+        assert b"[2Jred" in page
+
+
+def test_control_characters_do_not_reach_a_terminal(capsys):
+    consoles.console().print("a\x1b[31mb\x9bc\nd", markup=False)
+    shown = capsys.readouterr().out
+    assert shown == f"a{consoles.MISSING}[31mb{consoles.MISSING}c\nd\n"
+
+
+def test_an_effect_file_that_exits_does_not_end_the_program(run_cli, tmp_path):
+    (tmp_path / "mine.py").write_text("import sys; sys.exit(3)")
+    result = run_cli("effects", "--effects", str(tmp_path / "mine.py"))
+    assert result.exit_code == 2
+    assert "mine.py" in result.stderr
+
+
+def test_a_column_that_is_there_twice_is_refused(rec):
+    frame = pd.read_parquet(rec / "gyro.parquet")
+    made = pa.Table.from_pandas(frame, preserve_index=False)
+    pq.write_table(pa.table([*made.columns, made.column(0)], names=[*made.column_names, "t_s"]), rec / "gyro.parquet")
+    with pytest.raises(InputError, match="column t_s is there more than once"):
+        load(rec)

@@ -1,0 +1,136 @@
+"""A study of one's own: a file with a STUDY, run by its path."""
+
+import json
+import re
+import sys
+from dataclasses import replace
+
+import pandas as pd
+import pytest
+
+from gyrocal import InputError
+from studies import catalogue
+from studies.montecarlo.cases import Task, run_cases
+from tests import ROOT
+
+MINE = '''"""How well the mean of some noise is known."""
+
+import numpy as np
+
+from {helper} import scale
+from studies.montecarlo.study import Streams, Study, StudyConfig
+
+
+class Mine(StudyConfig):
+    size: int = 20
+
+
+def case(config: Mine, number: int, streams: Streams) -> dict[str, object]:
+    draws = scale() * streams.generator("noise").standard_normal(config.size)
+    return {{"mean": draws.mean(), "good": bool(draws.mean() > 0), "kind": "even" if number % 2 == 0 else "odd"}}
+
+
+STUDY = Study("{name}:STUDY", Mine, case)
+'''
+
+
+@pytest.fixture
+def mine(tmp_path, monkeypatch):
+    """A file with a study, in a folder of its own, of a name that no other test uses."""
+    monkeypatch.setattr(sys, "path", list(sys.path))
+    known = set(sys.modules)
+    number = abs(hash(str(tmp_path)))
+    name, helper = f"mine_{number}", f"helper_{number}"
+    (tmp_path / f"{helper}.py").write_text("def scale():\n    return 2.0\n")
+    path = tmp_path / f"{name}.py"
+    path.write_text(MINE.format(name=name, helper=helper))
+    yield path
+    for module in set(sys.modules) - known:
+        if module in (name, helper):
+            del sys.modules[module]
+
+
+def test_a_file_is_run_by_its_path(mine, run_cli, tmp_path):
+    out = tmp_path / "out"
+    found = run_cli("study", str(mine), "--cases", "60", "--backend", "serial", "--out", str(out), "--set", "size=30")
+    assert found.exit_code == 0, found.output
+    assert "How well the mean of some noise is known" in (out / "report.md").read_text()
+    columns = pd.read_csv(out / "columns.csv").set_index("column")
+    rows = pd.read_parquet(out / "table.parquet")
+    assert columns.loc["mean", "mean"] == pytest.approx(rows["mean"].mean(), rel=1e-5)
+    assert columns.loc["good", "mean"] == pytest.approx(rows["good"].mean(), rel=1e-5)
+    assert pd.read_csv(out / "texts.csv")["rows"].tolist() == [30, 30]
+    sources = json.loads((out / "manifest.json").read_text())["sources"]
+    assert {mine.name, mine.name.replace("mine", "helper")} <= set(sources)
+
+
+def test_a_worker_finds_the_file_by_its_folder(mine):
+    """As a fresh process does, where neither the module nor its folder is known."""
+    study = catalogue.of_file(mine).study
+    path, modules = list(sys.path), [name for name in sys.modules if str(mine.stem).partition("_")[2] in name]
+    sys.path.remove(str(mine.parent))
+    for name in modules:
+        del sys.modules[name]
+    task = Task(study.name, study.config(cases=2).model_dump_json(), range(2))
+    with pytest.raises(InputError, match="cannot be imported"):
+        run_cases(task)
+    assert [row["error"] for row in run_cases(replace(task, folder=str(mine.parent))).rows] == ["", ""]
+    sys.path[:] = path
+
+
+def test_it_stops_when_told_and_ranks_what_drives_it(mine, run_cli, tmp_path):
+    out = tmp_path / "out"
+    arguments = ["study", str(mine), "--cases", "500", "--backend", "serial", "--out", str(out), "--until", "std(mean)<0.1"]
+    spread = 'dispersions.gyro.arw_deg_per_sqrt_s={kind="loguniform", low=1e-5, high=1e-3}'
+    found = run_cli(*arguments, "--set", spread, "--json", str(tmp_path / "out.json"))
+    assert found.exit_code == 0, found.output
+    assert "half-width of std(mean) < 0.1 is met" in found.stdout
+    assert json.loads((tmp_path / "out.json").read_text())["until"]["met"] is True
+    table = pd.read_csv(out / "dispersions.csv")
+    # The noise of this study knows nothing of the scenario.
+    assert (table["dispersion"] == "gyro.arw_deg_per_sqrt_s").all()
+    assert (table["low"] < 0.05).all()
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("x = 1\n", "has no STUDY"),
+        ("import nothing_of_that_name\n", "line 1: ModuleNotFoundError: No module named 'nothing_of_that_name'"),
+        ("def\n", "SyntaxError"),
+        ("raise SystemExit(3)\n", "line 1: SystemExit: 3"),
+        (
+            MINE.format(name="other", helper="json").replace("scale\n", "loads as scale\n"),
+            "its STUDY is called 'other:STUDY'; call it",
+        ),
+    ],
+)
+def test_a_file_that_cannot_be_run_is_one_line(text, message, mine, run_cli):
+    mine.write_text(text)
+    found = run_cli("study", str(mine))
+    assert found.exit_code == 2
+    assert message in found.stderr
+    assert re.fullmatch(r"gyrocal: [^\n]*\n", found.stderr)
+
+
+@pytest.mark.parametrize(
+    ("name", "message"), [("json.py", "another module is called json"), ("a-b.py", "cannot be imported by this name")]
+)
+def test_names_that_cannot_be_imported(name, message, mine, run_cli):
+    path = mine.rename(mine.with_name(name))
+    found = run_cli("study", str(path))
+    assert (found.exit_code, message in found.stderr) == (2, True)
+    assert "no such file" in run_cli("study", str(mine)).stderr
+
+
+def test_the_example_of_the_docs_runs(run_cli, tmp_path, monkeypatch):
+    blocks = re.findall(r"```python\n(.*?)```", (ROOT / "docs" / "studies.md").read_text(), flags=re.DOTALL)
+    assert len(blocks) == 1
+    monkeypatch.setattr(sys, "path", list(sys.path))
+    (tmp_path / "mystudy.py").write_text(blocks[0])
+    found = run_cli(
+        "study", str(tmp_path / "mystudy.py"), "--cases", "3", "--backend", "serial", "--out", str(tmp_path / "out")
+    )
+    sys.modules.pop("mystudy", None)
+    assert found.exit_code == 0, found.output
+    assert "3 cases, none failed" in found.stdout

@@ -1,0 +1,134 @@
+"""What scripts rely on: exit statuses, JUnit's XML, JSON, and names that were meant."""
+
+import json
+import shlex
+from xml.etree import ElementTree
+
+import pytest
+
+from gyrocal import InputError, save
+from simulator import load, simulate
+from studies.cli.fail_on import compared
+from studies.report.checks import Check
+from studies.report.junit import Verdict, of_checks, write_junit
+
+
+@pytest.fixture(scope="module")
+def recording(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("scripts") / "rec"
+    save(simulate(load("trmm"), seed=1), folder)
+    return folder
+
+
+@pytest.mark.parametrize(
+    ("condition", "status"), [("p<0.001", 0), ("p>0.001", 3), ("condition<1e9", 3), ("condition > 1e9", 0)]
+)
+def test_a_calibration_fails_on_a_condition(condition, status, recording, run_cli, tmp_path):
+    report = tmp_path / "out.xml"
+    found = run_cli("calibrate", str(recording), "--fail-on", condition, "--junit", str(report))
+    assert found.exit_code == status, found.output
+    assert "G_xx" in found.stdout
+    suite = ElementTree.parse(report).getroot()[0]
+    assert suite.attrib == {
+        "name": "gyrocal calibrate",
+        "tests": "1",
+        "errors": "0",
+        "skipped": "0",
+        "failures": str(status // 3),
+    }
+    assert suite[0].get("classname") == str(recording)
+    assert len(suite[0]) == status // 3
+
+
+@pytest.mark.parametrize("condition", ["p", "p<", "p<x", "p<nan", "q<1", "p<=0.1", ""])
+def test_a_condition_that_is_none_is_refused_before_the_work(condition, recording, run_cli):
+    found = run_cli("calibrate", str(recording), "--fail-on", condition)
+    assert found.exit_code == 2
+    assert "give NAME<LIMIT or NAME>LIMIT, where NAME is p or condition" in found.stderr
+    assert found.stdout == ""
+
+
+def test_what_is_not_known_fails():
+    assert compared(["p<0.001"], {"p": float("nan")}) == [Verdict("p<0.001", "p is not known")]
+    assert compared(["p<0.001"], {"p": 0.001}) == [Verdict("p<0.001")]
+    with pytest.raises(InputError):
+        compared(["x<1"], {"p": 0.5})
+
+
+def test_checks_as_tests(tmp_path):
+    checks = [
+        Check("inside", 1.0, (0.0, 2.0), "deg"),
+        Check("outside", 3.0, (0.0, 2.0), "deg"),
+        Check("a note", 5.0),
+        Check("a word", "bad", "good"),
+    ]
+    verdicts = of_checks(checks)
+    assert [bool(one.failure) for one in verdicts] == [False, True, False, True]
+    assert [bool(one.skipped) for one in verdicts] == [False, False, True, False]
+    assert verdicts[1].failure == "3 deg, asked 0 to 2"
+    write_junit(tmp_path / "a.xml", "s", "rec\x1b[31m <&>", verdicts)
+    suite = ElementTree.parse(tmp_path / "a.xml").getroot()[0]
+    assert [case.get("name") for case in suite] == [check.name for check in checks]
+    assert suite[0].get("classname") == "rec\ufffd[31m <&>"
+    assert (suite.get("tests"), suite.get("failures"), suite.get("skipped")) == ("4", "2", "1")
+
+
+def test_a_study_as_tests_and_its_own_example_of_a_rerun(run_cli, tmp_path):
+    """The lines of `study --help`, in a folder of the test's own and with fewer cases."""
+    text = run_cli("study", "--help").stdout
+    lines = [line.strip() for line in text.splitlines() if line.strip().startswith("gyrocal study paper")]
+    assert len(lines) == 2
+    out = str(tmp_path / "paper")
+    first, again = (shlex.split(line.replace("/tmp/paper", out).replace("--cases 20", "--cases 18"))[1:] for line in lines)
+    found = run_cli(*first, "--backend", "serial", "--junit", str(tmp_path / "a.xml"))
+    assert found.exit_code == 0, found.output
+    assert int(ElementTree.parse(tmp_path / "a.xml").getroot()[0].get("tests")) > 1
+    found = run_cli(*again, "--json", str(tmp_path / "rerun.json"))
+    assert found.exit_code == 0, found.output
+    assert "The rows are those of the study" in found.stdout
+    document = json.loads((tmp_path / "rerun.json").read_text())
+    assert (document["case"], document["same"], document["rows"][0]["case"]) == (17, True, 17)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["study", "pape"], "pape: no such study; did you mean paper?"),
+        (["study", "psi", "--set", "step_s=[1.0]"], "step_s: there is no such setting; did you mean steps_s?"),
+        (["study", "psi", "--set", "steps_s=[0.0]"], "steps_s: must be one or more different numbers above zero"),
+        (["study", "paper", "--set", "overrides.gyro.arw_deg_per_sqrt=1"], "is not known; did you mean arw_deg_per_sqrt_s?"),
+        (["study", "paper", "--until", "nees"], "give it as COLUMN<LIMIT"),
+        (["simulate", "trm", "OUT"], "trm: neither a file nor a built-in scenario; did you mean trmm"),
+        (["scenarios", "trmm_serie"], "did you mean trmm_series"),
+        (["diagnose", "OUT", "--without", "bias_orbitl"], "did you mean bias_orbital"),
+        (["plan", "trmm", "--effect", "bias_orbitl"], "did you mean bias_orbital"),
+    ],
+)
+def test_what_was_meant_is_said(arguments, message, run_cli, tmp_path):
+    found = run_cli(*[str(tmp_path / "out") if one == "OUT" else one for one in arguments])
+    assert found.exit_code == 2
+    assert message in found.stderr
+    assert found.stderr.count("\n") == 1
+
+
+def test_scenarios_have_titles(run_cli, tmp_path):
+    found = run_cli("scenarios", "--json", str(tmp_path / "a.json"))
+    lines = found.stdout.splitlines()
+    assert any(line.startswith("trmm ") and "TRMM in-flight gyro calibration" in line for line in lines)
+    listed = json.loads((tmp_path / "a.json").read_text())["scenarios"]
+    assert [one["name"] for one in listed] == [line.split()[0] for line in lines]
+    assert all(one["title"] for one in listed)
+    assert run_cli("scenarios", "trmm", "--json", str(tmp_path / "b.json")).exit_code == 0
+    assert json.loads((tmp_path / "b.json").read_text())["gyro"]["sample_s"] == 0.5
+
+
+def test_commands_write_json(recording, run_cli, tmp_path):
+    out = tmp_path / "out.json"
+    made = run_cli("simulate", "trmm", str(tmp_path / "rec"), "--effect", "time_offset=0.5", "--json", str(out))
+    assert made.exit_code == 0, made.output
+    document = json.loads(out.read_text())
+    assert (document["intervals"], document["effects"][0]["effect"]) == (6, "time_offset")
+    assert run_cli("study", "--json", str(out)).exit_code == 0
+    assert {"study": "paper", "what": json.loads(out.read_text())["studies"][0]["what"]} in json.loads(out.read_text())[
+        "studies"
+    ]

@@ -1,0 +1,245 @@
+"""Rows of two sources, machines or numbers of cases never stand beside each other unnoticed."""
+
+import importlib
+import json
+import sys
+import textwrap
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from gyrocal.errors import InputError
+from studies.montecarlo import provenance
+from studies.montecarlo.engine import run
+from studies.montecarlo.machine import machine
+from studies.montecarlo.session import known
+from studies.montecarlo.sources import sources
+from studies.montecarlo.study import Study
+from tests import ROOT
+from tests.engine_studies import DRAWS, DrawsConfig
+
+STUDY = '''
+    """A study in a file."""
+    from helping_hand import factor
+    from studies.montecarlo.study import Study, StudyConfig
+
+
+    class MyConfig(StudyConfig):
+        cases: int = 8
+
+
+    def case(config, number, streams):
+        """One row."""
+        return {"x": factor(2.0) * streams.generator("x").standard_normal()}
+
+
+    def report(rows):
+        return rows.mean()
+
+
+    STUDY = Study("my_own_study:STUDY", MyConfig, case)
+'''
+HELPER = "def factor(x):\n    return x\n"
+
+
+@pytest.fixture
+def my_study(tmp_path, monkeypatch):
+    """Writes a study and what it imports, edited as told, and imports it anew."""
+    monkeypatch.setattr(sys, "path", [str(tmp_path), *sys.path])
+    monkeypatch.setattr(sys, "dont_write_bytecode", True)
+
+    def write(old: str = "", new: str = "", helper: str = HELPER) -> Study:
+        (tmp_path / "helping_hand.py").write_text(helper)
+        (tmp_path / "my_own_study.py").write_text(textwrap.dedent(STUDY).replace(old, new))
+        importlib.invalidate_caches()
+        for name in ("my_own_study", "helping_hand"):
+            sys.modules.pop(name, None)
+        provenance.sources.cache_clear()
+        importlib.import_module("studies.montecarlo.sources")._module.cache_clear()
+        return importlib.import_module("my_own_study").STUDY
+
+    yield write
+    for name in ("my_own_study", "helping_hand"):
+        sys.modules.pop(name, None)
+
+
+def serial(study, folder, cases=8, **options):
+    return run(study, study.config(cases=cases), folder, backend="serial", **options)
+
+
+@pytest.mark.parametrize(
+    ("edit", "file"),
+    [
+        ({"old": "factor(2.0)", "new": "factor(3.0)"}, "my_own_study.py"),
+        ({"helper": HELPER.replace("return x", "return 2 * x")}, "helping_hand.py"),
+    ],
+)
+def test_an_edited_study_is_refused_and_the_file_is_named(edit, file, my_study, tmp_path):
+    folder = tmp_path / "out"
+    table = serial(my_study(), folder).load()
+    edited = my_study(**edit)
+    manifest = (folder / "manifest.json").read_bytes()
+    with pytest.raises(InputError, match=rf"8 finished cases were computed before {file} changed; choose another folder"):
+        serial(edited, folder)
+    assert (folder / "manifest.json").read_bytes() == manifest
+    mixed = serial(edited, folder, mix=True)
+    assert mixed.load().equals(table)
+    assert any("other sources" in text for text in mixed.warnings)
+    other = serial(edited, tmp_path / "other").load()
+    assert not np.allclose(other["x"], table["x"])
+
+
+@pytest.mark.parametrize(
+    "edit",
+    [
+        {"old": '"""One row."""', "new": '"""One row of the table."""  # as ever'},
+        {"old": "rows.mean()", "new": "rows.median()"},  # nothing that the rows depend on
+        {"helper": "# A comment\n" + HELPER},
+    ],
+)
+def test_words_and_reports_may_be_edited(edit, my_study, tmp_path):
+    serial(my_study(), tmp_path / "out")
+    assert serial(my_study(**edit), tmp_path / "out").resumed == 8
+
+
+def test_the_sources_of_a_study_are_what_its_rows_depend_on():
+    noise = importlib.import_module("studies.calibration.noise").STUDY
+    found = sources(noise)
+    assert {"studies/calibration/noise.py", "studies/calibration/prepared.py", "gyrocal/calibration/covariance.py"} <= set(
+        found
+    )
+    assert {"simulator/sensors/gyro.py", "simulator/__init__.py", "studies/data/flight/table2_residuals.csv"} & set(found)
+    # Its report draws figures; its rows do not.
+    assert not {"studies/report/panels.py", "studies/cli/main.py", "studies/montecarlo/engine.py"} & set(found)
+    late = sources(importlib.import_module("studies.validation.wide.study").STUDY)
+    # An import inside a function, and a data file beside a module.
+    assert {"diagnosis/diagnose.py", "studies/validation/wide/split.json"} <= set(late)
+
+
+def test_a_manifest_says_what_decides_the_last_digits(tmp_path):
+    run(DRAWS, DrawsConfig(cases=2, size=3), tmp_path, backend="serial")
+    document = json.loads((tmp_path / "manifest.json").read_text())
+    assert {"system", "python", "numpy", "scipy", "numba", "blas", "simd"} <= document["machine"].keys()
+    assert document["runs"][0]["machine"] == document["machine"] == machine()
+    assert document["sources"]["tests/engine_studies.py"]
+
+
+def on_another_machine(monkeypatch, **differences):
+    there = machine() | differences
+    monkeypatch.setattr(provenance, "machine", lambda: there)
+
+
+def test_a_resume_elsewhere_is_refused_and_mixes_only_if_told(tmp_path, monkeypatch):
+    config = DrawsConfig(cases=12, size=3)
+    run(DRAWS, config, tmp_path, backend="serial", chunk=4)
+    (tmp_path / "parts" / "part-000001.parquet").unlink()
+    on_another_machine(monkeypatch, blas="openblas 0.3.30 Zen", numpy="2.0.0")
+    with pytest.raises(InputError, match=r"computed elsewhere \(numpy: .* → 2.0.0, blas: .* → openblas 0.3.30 Zen\).*--mix"):
+        run(DRAWS, config, tmp_path, backend="serial")
+    outcome = run(DRAWS, config, tmp_path, backend="serial", mix=True)
+    assert any("another machine" in text for text in outcome.warnings)
+    runs = json.loads((tmp_path / "manifest.json").read_text())["runs"]
+    assert [one["machine"]["blas"] for one in runs] == [machine()["blas"], "openblas 0.3.30 Zen"]
+
+
+def test_a_finished_study_is_reported_on_any_machine(tmp_path, monkeypatch):
+    config = DrawsConfig(cases=4, size=3)
+    run(DRAWS, config, tmp_path, backend="serial")
+    on_another_machine(monkeypatch, simd="X86_V2")
+    assert run(DRAWS, config, tmp_path, backend="serial").resumed == 4
+    # The manifest still says what made the rows: more of them there are refused.
+    assert json.loads((tmp_path / "manifest.json").read_text())["machine"] == machine()
+    with pytest.raises(InputError, match="computed elsewhere"):
+        run(DRAWS, DrawsConfig(cases=8, size=3), tmp_path, backend="serial")
+
+
+def test_a_worker_that_differs_is_refused(tmp_path, monkeypatch):
+    here = provenance.made_with(DRAWS)
+    there = replace(here, machine=here.machine | {"numpy": "2.0.0"})
+    monkeypatch.setattr("studies.montecarlo.cases.made_with", lambda study: there)
+    config = DrawsConfig(cases=4, size=3)
+    with pytest.raises(InputError, match=r"a worker differs \(numpy: .* → 2.0.0\); make them alike"):
+        run(DRAWS, config, tmp_path, backend="serial")
+    assert run(DRAWS, config, tmp_path, backend="serial", mix=True).cases == 4
+
+
+def test_a_folder_of_before_the_sources_were_noted_goes_on_with_a_warning(tmp_path):
+    config = DrawsConfig(cases=4, size=3)
+    run(DRAWS, config, tmp_path, backend="serial")
+    path = tmp_path / "manifest.json"
+    document = json.loads(path.read_text())
+    del document["sources"], document["machine"]
+    path.write_text(json.dumps(document))
+    outcome = run(DRAWS, config, tmp_path, backend="serial")
+    assert outcome.resumed == 4
+    assert "sources" not in json.loads(path.read_text())
+    assert any("did not note what made them" in text for text in outcome.warnings)
+
+
+def test_what_was_committed_without_parts_is_computed_anew(tmp_path):
+    """As in results/studies: a table and a manifest of other sources, and no parts."""
+    config = DrawsConfig(cases=4, size=3)
+    table = run(DRAWS, config, tmp_path, backend="serial").table.read_bytes()
+    for part in (tmp_path / "parts").iterdir():
+        part.unlink()
+    path = tmp_path / "manifest.json"
+    document = json.loads(path.read_text())
+    document["sources"] = {"tests/engine_studies.py": "0"}
+    path.write_text(json.dumps(document))
+    outcome = run(DRAWS, config, tmp_path, backend="serial")
+    assert outcome.resumed == 0
+    assert outcome.table.read_bytes() == table
+
+
+def test_committed_manifests_are_read():
+    folders = [path.parent for path in (ROOT / "results" / "studies").glob("*/manifest.json")]
+    assert len(folders) > 15
+    assert all(known(folder)["config_sha256"] for folder in folders)
+
+
+# More cases of a finished study
+
+
+@pytest.mark.parametrize("chunk", [1, 3, 64])
+def test_a_finished_study_grows_and_only_what_is_new_is_computed(chunk, tmp_path):
+    flag, folder = tmp_path / "flag", tmp_path / "study"
+
+    def config(cases):
+        return DrawsConfig(cases=cases, flag=str(flag), fail=(3, 17), label=True, size=3)
+
+    run(DRAWS, config(10), folder, backend="serial", chunk=chunk)
+    flag.unlink()
+    outcome = run(DRAWS, config(25), folder, backend="serial")
+    assert flag.stat().st_size == 15
+    assert (outcome.cases, outcome.resumed, sorted(outcome.failures)) == (25, 10, [3, 17])
+    assert outcome.table.read_bytes() == run(DRAWS, config(25), tmp_path / "whole", backend="serial").table.read_bytes()
+    flag.unlink()
+    assert run(DRAWS, config(25), folder, backend="serial").resumed == 25
+    assert not flag.exists()
+    assert json.loads((folder / "manifest.json").read_text())["cases"] == 25
+
+
+@pytest.mark.parametrize("path", ["gyro.arw_deg_per_sqrt_s"])
+def test_a_study_whose_rows_depend_on_the_number_of_cases_does_not_grow(path, tmp_path):
+    dispersions = {path: {"kind": "loguniform", "low": 1e-5, "high": 1e-3}}
+
+    def config(cases, sampler):
+        text = json.dumps({"cases": cases, "size": 3, "dispersions": dispersions, "sampler": sampler})
+        return DrawsConfig.model_validate_json(text)
+
+    for sampler in ("random", "sobol"):
+        before = run(DRAWS, config(4, sampler), tmp_path / sampler, backend="serial").load()
+        after = run(DRAWS, config(9, sampler), tmp_path / sampler, backend="serial").load()
+        assert after.head(4).equals(before)
+        assert after[f"disp:{path}"].nunique() == 9
+    run(DRAWS, config(4, "lhs"), tmp_path / "lhs", backend="serial")
+    with pytest.raises(InputError, match="cases: 4 → 9, and its rows depend on the number of cases"):
+        run(DRAWS, config(9, "lhs"), tmp_path / "lhs", backend="serial")
+
+
+def test_a_study_that_reads_the_number_of_cases_does_not_grow(my_study, tmp_path):
+    study = my_study("factor(2.0)", "factor(2.0) / config.cases")
+    serial(study, tmp_path / "out")
+    with pytest.raises(InputError, match="its rows depend on the number of cases"):
+        serial(study, tmp_path / "out", cases=9)
