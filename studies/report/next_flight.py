@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from diagnosis.diagnose import Progress
 from diagnosis.plan import Extra, Plan, plan
+from diagnosis.plan.result import Progress
 from diagnosis.result import Diagnosis
 from simulator.effects import EFFECTS
 from simulator.scenario import Scenario
