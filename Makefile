@@ -1,13 +1,14 @@
-# The two commands of the README, each from a bare checkout: make reproduce, make test.
+# The two commands of the README, each from a bare checkout: make reproduce, make test. Neither changes a committed file.
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 PIP := $(BIN)/python -m pip --disable-pip-version-check install --quiet --constraint constraints.txt
 
-.PHONY: reproduce test bench baseline clean help
+.PHONY: reproduce results test bench baseline clean help
 
 help:
-	@echo "make reproduce   reproduce both papers beside TRMM's flight; tables and figures in results/reproduction and results/mission"
+	@echo "make reproduce   reproduce both papers beside TRMM's flight; one page in build/index.html"
+	@echo "make results     the same into results/, to be committed"
 	@echo "make test        ruff, mypy, import-linter and pytest"
 	@echo "make baseline    show what moved against results/baseline, and replace it"
 	@echo "make bench       measure the kernel against C, a textbook loop, gtsam and scipy; results/benchmarks"
@@ -15,6 +16,9 @@ help:
 
 reproduce: $(VENV)/run.stamp
 	$(BIN)/gyrocal reproduce
+
+results: $(VENV)/run.stamp
+	$(BIN)/gyrocal reproduce --out results
 
 test: $(VENV)/dev.stamp
 	$(BIN)/ruff check .

@@ -186,6 +186,8 @@ class Effect:
     axis_optional : no axis means all of them
     parameters : beside the size
     meaning : a sentence for the report of a diagnosis; the summary by default
+    says : what is so when it is at work, as the first words of a sentence, see `sentence`
+    ways : what {way} in it stands for at a positive and at a negative size
     sign : "positive" if a negative size means nothing, or another effect
     weight : prior probability beside that of the other effects, which have 1
     switched : its column is switched on at the parameter time_s, whose values a diagnosis chooses itself
@@ -204,6 +206,8 @@ class Effect:
     axis_optional: bool = False
     parameters: tuple[Parameter, ...] = ()
     meaning: str = ""
+    says: str = ""
+    ways: tuple[str, ...] = ()
     sign: Literal["any", "positive"] = "any"
     weight: float = 1.0
     switched: bool = False
@@ -237,6 +241,21 @@ class Effect:
     def in_samples(self) -> bool:
         """Whether it changes the samples themselves or the white noise, and shows in their statistics."""
         return self.implements("apply") or self.implements("noise_factor")
+
+    def sentence(self, axis: str | None, value: float, size: str) -> str:
+        """What is so when it is at work, in plain words: a clause without a capital or a full stop.
+
+        Parameters
+        ----------
+        axis : of the body, or None for all
+        value : the size in its unit; its sign says which way
+        size : the same without its sign as it is to be shown, with the unit behind the number
+        """
+        gyro = f"the {axis} gyro" if axis else "every gyro"
+        words = {"gyro": gyro, "whose": f"{gyro}'s", "axis": axis or "every axis", "size": size, "number": size.split(" ")[0]}
+        if self.ways:
+            words["way"] = self.ways[value < 0]
+        return self.says.format(**words) if self.says else f"{self.summary} ({size}{f', axis {axis}' if axis else ''})"
 
     # ---- what it does, by stage ------------------------------------------------------------------------------------------
 

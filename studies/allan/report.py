@@ -14,6 +14,7 @@ from studies.allan.analysis import AXES, RATE, RATE_UNIT, UNITS, Analysis, AxisN
 from studies.report import tables
 from studies.report.html import Picture, document, heading, paragraph, table_of
 from studies.report.html import shown as figure_of
+from studies.report.made import Made
 from studies.report.panels import DARK, GREY, RED, TEAL, Line, Panel, curves, drawn
 from studies.report.tables import NO_VALUE
 
@@ -126,11 +127,11 @@ def _panel(name: str, axis: AxisNoise, arw: float) -> Panel:
     return curves(lines, title=name, x="averaging time (s)", y="Allan deviation (deg/h)", log="xy", legend="upper right")
 
 
-def page(found: Analysis) -> str:
-    """A page in HTML; the same analysis gives the same bytes."""
+def page(found: Analysis, made: Made | None = None) -> str:
+    """A page in HTML; the same analysis gives the same bytes but for how it was made."""
     table, rests = terms_table(found), stretches_table(found)
     seen = [not str(value).startswith("not seen") for value in table["value"]]
-    picture = Picture("allan", partial(figure, found), _alt(found), CAPTION)
+    picture = Picture("allan", partial(figure, found), alt(found), CAPTION)
     words = "".join(f"<dt>{term}</dt><dd>{text}</dd>" for term, text in MEANINGS.items())
     texts = rests.map(lambda value: tables.number(value) if isinstance(value, float) else str(value))
     return document(
@@ -147,10 +148,11 @@ def page(found: Analysis) -> str:
             heading("Words"),
             f"<dl>{words}</dl>",
         ],
+        made,
     )
 
 
-def _alt(found: Analysis) -> str:
+def alt(found: Analysis) -> str:
     """The figure in words."""
     parts = []
     for name, axis in zip(AXES, found.axes, strict=True):

@@ -10,6 +10,7 @@ from studies.allan.analysis import analyse
 from studies.cli.options import PATH
 from studies.montecarlo.files import check_writable, write_json, write_text
 from studies.report.console import console
+from studies.report.made import made_of
 from studies.report.panels import save
 
 FORMATS = (".svg", ".png")
@@ -40,11 +41,12 @@ def command(recording: Path, interval: str | None, as_json: Path | None, report:
         raise InputError("--json, --report and --figure need files of their own")
     if figure is not None and figure.suffix not in FORMATS:
         raise InputError(f"--figure {figure}: the name must end in {' or '.join(FORMATS)}")
-    found = analyse(load(recording), interval)
+    loaded = load(recording)
+    found = analyse(loaded, interval)
     allan_report.show(console(), found)
     if as_json:
         write_json(as_json, found.to_json())
     if report:
-        write_text(report, allan_report.page(found))
+        write_text(report, allan_report.page(found, made_of(loaded)))
     if figure:
         save(allan_report.figure(found), figure)

@@ -14,7 +14,9 @@ from studies.cli.fail_on import compared, end, parsed
 from studies.cli.options import PATH
 from studies.montecarlo.files import check_writable, write_json
 from studies.report import calibration as calibration_report
+from studies.report import calibration_page
 from studies.report.console import console
+from studies.report.made import made_of
 
 MOST_ITERATIONS = 1000  # a handful converge, or none do
 LARGEST = 1e6  # of what is plausible, or known before
@@ -25,6 +27,7 @@ CONDITIONS = ("p", "condition")  # what --fail-on may ask
 @click.command("calibrate")
 @click.argument("recording", type=PATH)
 @click.option("--json", "as_json", type=PATH, help="Write the result as JSON to this file.")
+@click.option("--report", type=PATH, help="Write a page with the figures (HTML, needs no network) to this file.")
 @click.option(
     "--truth", type=PATH, help="JSON with the true G and bias_deg_s, as written by simulate --truth; the errors are shown."
 )
@@ -103,6 +106,7 @@ CONDITIONS = ("p", "condition")  # what --fail-on may ask
 def command(
     recording: Path,
     as_json: Path | None,
+    report: Path | None,
     truth: Path | None,
     covariance: str,
     prior_sigma_g: float | None,
@@ -123,18 +127,23 @@ def command(
     Example:
       gyrocal simulate trmm /tmp/rec --truth /tmp/truth.json
       gyrocal calibrate /tmp/rec --truth /tmp/truth.json --json /tmp/result.json
+      gyrocal calibrate /tmp/rec --report /tmp/calibration.html
       gyrocal calibrate /tmp/rec --parametrisation gyro --solve-for gyro_z
       gyrocal calibrate /tmp/rec --fail-on 'p<0.001' --junit /tmp/calibration.xml
     """
-    for path in (as_json, junit):
+    files = [path for path in (as_json, report, junit) if path is not None]
+    for path in files:
         check_writable(path)
+    if len({path.resolve() for path in files}) < len(files):
+        raise InputError("--json, --report and --junit need files of their own")
     if not (0 < plausible_g < LARGEST and 0 < plausible_bias < LARGEST):
         raise InputError(f"--plausible-g and --plausible-bias must be plausible: positive and below {LARGEST:g}")
     for text in fail_on:
         parsed(text, CONDITIONS)
     known = _read_truth(truth) if truth else None
+    loaded = load(recording)
     result = calibrate(
-        load(recording),
+        loaded,
         solve_for=solve_for,
         apriori_covariance=_prior(select(solve_for, space_of(parametrisation).names), prior_sigma_g, prior_sigma_bias),
         covariance_model="full" if covariance == "full" else "references only",
@@ -146,6 +155,8 @@ def command(
     calibration_report.show(console(), result, options["iterations"] is None, known)
     if as_json:
         write_json(as_json, result.to_json())
+    if report:
+        calibration_page.write(result, loaded, report, options["iterations"] is None, known, made_of(loaded))
     known_numbers = dict(zip(CONDITIONS, (float(result.p_value), float(result.observability.condition)), strict=True))
     end("calibrate", str(recording), compared(fail_on, known_numbers), junit)
 

@@ -15,6 +15,7 @@ from studies.compare.compare import BASELINE, FEWEST_FLIGHTS, compare
 from studies.montecarlo.files import check_writable, json_text, write_json
 from studies.report import comparison as comparison_report
 from studies.report.console import console, progress
+from studies.report.made import made_of
 
 
 @click.command("compare")
@@ -73,7 +74,7 @@ def command(
     if as_json and as_json != STDOUT:
         write_json(as_json, found.to_json())
     if report:
-        comparison_report.write(found, report)
+        comparison_report.write(found, report, made_of(loaded))
 
 
 def _from_file(effect: str) -> bool:

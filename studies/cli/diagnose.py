@@ -1,5 +1,6 @@
 """The command ``gyrocal diagnose``: what departs from the baseline simulator, where, and which effect explains it."""
 
+import math
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -9,16 +10,21 @@ from diagnosis.adopt import scenario
 from diagnosis.diagnose import diagnose
 from gyrocal import InputError, load
 from gyrocal.errors import hint
+from simulator import scenario as scenarios
 from simulator.effects.sensor import ALL_EFFECTS
 from studies.cli.effect_files import effects_option
 from studies.cli.fail_on import end
 from studies.cli.options import PATH, STDOUT
 from studies.cli.stages import stages
 from studies.montecarlo.files import check_writable, json_text, write_json, write_text
+from studies.report import diagnosis_card, diagnosis_summary, next_flight
 from studies.report import diagnosis_page as diagnosis_report
-from studies.report import diagnosis_summary
 from studies.report.console import LINE_EVERY_S, console
 from studies.report.junit import Verdict
+from studies.report.made import made_of
+from studies.report.panels import save
+
+PICTURES = (".svg", ".png")
 
 
 @click.command("diagnose")
@@ -28,6 +34,13 @@ from studies.report.junit import Verdict
     "--json", "as_json", type=PATH, help="Write the result as JSON to this file; - for standard output in place of the summary."
 )
 @click.option("--report", type=PATH, help="Write a page with the figures (HTML, needs no network) to this file.")
+@click.option("--card", type=PATH, help="Write the answer on one screen as a picture to this file, .svg or .png.")
+@click.option(
+    "--plan",
+    "flown",
+    metavar="SCENARIO",
+    help="The scenario that was flown, a built-in name or a TOML file: page and card then say which extra maneuver helps most.",
+)
 @click.option("--adopt", type=PATH, help="Write the recording's own plan with the named effects to this file, a scenario.")
 @click.option(
     "--without", multiple=True, metavar="EFFECT", help="Take an effect off the list, see 'gyrocal effects'; repeatable."
@@ -44,6 +57,8 @@ def command(
     recording: Path,
     as_json: Path | None,
     report: Path | None,
+    card: Path | None,
+    flown: str | None,
     adopt: Path | None,
     without: tuple[str, ...],
     seed: int,
@@ -60,30 +75,41 @@ def command(
     Examples:
       gyrocal simulate trmm_series /tmp/rec --effect bias_orbital:z=0.3
       gyrocal diagnose /tmp/rec --report /tmp/report.html --json /tmp/diagnosis.json
+      gyrocal diagnose /tmp/rec --card /tmp/card.png --plan trmm_series
       gyrocal diagnose /tmp/rec --without bias_orbital
       gyrocal diagnose /tmp/rec --adopt /tmp/adopted.toml
       gyrocal diagnose /tmp/rec --fail-on unknown --junit /tmp/diagnosis.xml
     """
     library = _library(without)
-    files = [path for path in (as_json, report, adopt, junit) if path is not None and path != STDOUT]
+    files = [path for path in (as_json, report, card, adopt, junit) if path is not None and path != STDOUT]
     for path in files:
         check_writable(path)
     if len({path.resolve() for path in files}) < len(files):
-        raise InputError(f"{files[-1]}: --json, --report, --adopt and --junit need files of their own")
-    for option, file in (("--report", report), ("--adopt", adopt), ("--junit", junit)):
+        raise InputError(f"{files[-1]}: --json, --report, --card, --adopt and --junit need files of their own")
+    for option, file in (("--report", report), ("--card", card), ("--adopt", adopt), ("--junit", junit)):
         if file == STDOUT:
             raise InputError(f"{option} -: give the name of a file")
+    if card is not None and card.suffix not in PICTURES:
+        raise InputError(f"--card {card}: the name must end in {' or '.join(PICTURES)}")
+    if flown and not (report or card):
+        raise InputError("--plan is for the page and the card: give --report or --card with it")
+    scenario_flown = scenarios.load(flown) if flown else None
     loaded = load(recording)
     with stages("diagnose", LINE_EVERY_S) as progress:
         result = diagnose(loaded, progress=progress, seed=seed, library=library)
+        found = next_flight.planned(result, scenario_flown, progress, seed) if scenario_flown else None
     if as_json == STDOUT:
         click.echo(json_text(result.to_json()))
     else:
         diagnosis_summary.show(console(), result)
     if as_json and as_json != STDOUT:
         write_json(as_json, result.to_json())
+    fly = next_flight.sentence(result, found)
+    orbit_s = loaded.orbit.period_s if loaded.orbit is not None else math.nan
     if report:
-        diagnosis_report.write(result, report)
+        diagnosis_report.write(result, report, made_of(loaded), orbit_s, fly)
+    if card:
+        save(diagnosis_card.figure(diagnosis_card.card(result, orbit_s, fly), result.recording), card)
     if adopt:
         text, adoption = scenario(result, loaded, recording, adopt)
         write_text(adopt, text)

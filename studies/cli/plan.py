@@ -15,9 +15,10 @@ from simulator.effects import EFFECTS
 from studies.cli.effect_files import effects_option
 from studies.cli.options import PATH, STDOUT
 from studies.cli.stages import stages
-from studies.montecarlo.files import check_writable, json_text, write_json
+from studies.montecarlo.files import check_writable, json_text, write_json, write_text
 from studies.report import plan as plan_report
 from studies.report.console import console
+from studies.report.made import made_of
 
 
 @click.command("plan")
@@ -41,6 +42,7 @@ from studies.report.console import console
 @click.option(
     "--json", "as_json", type=PATH, help="Write the result as JSON to this file; - for standard output in place of the tables."
 )
+@click.option("--report", type=PATH, help="Write a page with all tables (HTML, needs no network) to this file.")
 @click.option("--seed", type=click.IntRange(0), default=0, show_default=True, help="Seed of the random draws.")
 def command(
     scenario: str,
@@ -49,6 +51,7 @@ def command(
     no_extras: bool,
     named: bool,
     as_json: Path | None,
+    report: Path | None,
     seed: int,
 ) -> None:
     """Say what SCENARIO (a built-in name or a TOML file) will show: the smallest visible size of each effect, which pairs
@@ -59,18 +62,23 @@ def command(
     \b
     Examples:
       gyrocal plan trmm_series
-      gyrocal plan trmm --json /tmp/plan.json
+      gyrocal plan trmm --json /tmp/plan.json --report /tmp/plan.html
       gyrocal plan mine.toml --effect bias_orbital --effect time_offset --extra roll.toml --named
     """
     for name in effects:
         if name not in EFFECTS:
             raise InputError(f"--effect {name}: no such effect; {hint(name, EFFECTS)}")
     check_writable(None if as_json == STDOUT else as_json)
+    check_writable(report)
+    if report and as_json and report.resolve() == as_json.resolve():
+        raise InputError("--json and --report need files of their own")
     chosen = scenarios.load(scenario)
     extras = {} if no_extras else dict(maneuvers(chosen))
     extras |= _read_extras(chosen, files)
     with stages("plan") as tell:
         found = plan(chosen, effects=effects or None, extras=extras, named=named, progress=tell, seed=seed)
+    if report:
+        write_text(report, plan_report.page(found, made_of()))
     if as_json == STDOUT:
         click.echo(json_text(found.to_json()))
         return

@@ -6,12 +6,14 @@ import click
 import numpy as np
 import pandas as pd
 
-from gyrocal import attitude, load
+from gyrocal import InputError, attitude, load
 from gyrocal.estimation.predict import Prediction, predict, prior_covariance
 from studies.cli.options import PATH
-from studies.montecarlo.files import check_writable, write_csv, write_json
+from studies.montecarlo.files import check_writable, write_csv, write_json, write_text
+from studies.report import prediction_page
 from studies.report import tables as render
 from studies.report.console import console
+from studies.report.made import made_of
 
 ROWS = 12  # shown
 ARCSEC = 3600.0
@@ -21,6 +23,7 @@ ARCSEC = 3600.0
 @click.argument("recording", type=PATH)
 @click.option("--from", "from_s", type=float, required=True, help="References later than this, s, are not used.")
 @click.option("--out", type=PATH, help="Write the prediction as CSV: t_s, q1 … q4, sigma_x_arcsec … z.")
+@click.option("--report", type=PATH, help="Write a page with the figure (HTML, needs no network) to this file.")
 @click.option("--json", "as_json", type=PATH, help="Write the prediction, and how its start fits, as JSON to this file.")
 @click.option("--prior-sigma-g", type=float, default=None, help="A-priori 1-sigma of each element of G; 0.01 by default.")
 @click.option("--prior-sigma-bias", type=float, default=None, help="A-priori 1-sigma of each bias, deg/s; 10 deg/h by default.")
@@ -30,6 +33,7 @@ def command(
     recording: Path,
     from_s: float,
     out: Path | None,
+    report: Path | None,
     as_json: Path | None,
     prior_sigma_g: float | None,
     prior_sigma_bias: float | None,
@@ -44,10 +48,13 @@ def command(
     \b
     Example:
       gyrocal simulate trmm_series /tmp/rec --seed 1
-      gyrocal predict /tmp/rec --from 3000 --out /tmp/prediction.csv
+      gyrocal predict /tmp/rec --from 3000 --out /tmp/prediction.csv --report /tmp/prediction.html
     """
-    check_writable(out)
-    check_writable(as_json)
+    files = [path for path in (out, report, as_json) if path is not None]
+    for path in files:
+        check_writable(path)
+    if len({path.resolve() for path in files}) < len(files):
+        raise InputError("--out, --report and --json need files of their own")
     loaded = load(recording)
     bias = None if prior_sigma_bias is None else float(np.deg2rad(prior_sigma_bias))
     P0 = prior_covariance(prior_sigma_g, bias, float(np.deg2rad(prior_mounting)), prior_scale, loaded.gyro.apriori_G)
@@ -55,6 +62,8 @@ def command(
     whole = table(found)
     if out:
         write_csv(out, whole, digits=12)
+    if report:
+        write_text(report, prediction_page.page(found, loaded.title, from_s, whole, made_of(loaded)))
     if as_json:
         start = {"recording": loaded.title, "from_s": from_s, "used": found.used, "chi2": found.chi2, "dof": found.dof}
         write_json(as_json, start | {"prediction": whole.to_dict("records")})

@@ -5,18 +5,24 @@ from pathlib import Path
 from typing import Any
 
 import click
+from rich.console import Console
 
 from gyrocal import InputError
 from studies.cli.options import PATH, assignment
 from studies.montecarlo.files import check_writable, write_json
 from studies.natanson import reproduce
 from studies.natanson.paper_tables import PaperTablesConfig
+from studies.report import committed, index_page
+from studies.report import tables as render
 from studies.report.console import console
+from studies.report.made import made_of
 from studies.robertson import report as mission_report
 from studies.robertson.runs import DAYS, MissionStudy
 
 LONGEST_DAYS = 200.0
 FOLDERS = {"natanson": reproduce.DEFAULT_FOLDER, "robertson": mission_report.DEFAULT_FOLDER}
+COMMITTED = Path("results")
+MOST_MOVED = 20  # numbers shown of those that moved
 
 
 @click.command("reproduce")
@@ -25,7 +31,7 @@ FOLDERS = {"natanson": reproduce.DEFAULT_FOLDER, "robertson": mission_report.DEF
     "--out",
     type=PATH,
     default=None,
-    help="Folder to write to; with both papers, the one that holds 'reproduction' and 'mission'; 'results' by default.",
+    help="Folder to write to; with both papers, the one that holds 'reproduction', 'mission' and the page; 'build' by default.",
 )
 @click.option("--cases", type=click.IntRange(2), default=200, show_default=True, help="natanson: seeds of the Monte Carlo.")
 @click.option("--scenario", default="trmm", show_default=True, help="natanson: built-in name or TOML file to calibrate on.")
@@ -60,6 +66,8 @@ def command(
     """Reproduce the two papers beside the flight's values.
 
     natanson: the gyro calibration, N Tables 2-5 and Figures 1-3. robertson: the Mission Mode, R Tables 1-3 and Figures 7-13.
+    What is made is compared with the committed results; 'make results', which is --out results, replaces these. With both
+    papers, a page (index.html) leads from every claim of theirs to what was found; its path is the last line.
 
     \b
     Examples:
@@ -79,15 +87,36 @@ def command(
     workers, terminal = jobs or os.cpu_count() or 1, console()
     study = MissionStudy(days=days, seeds=seeds, slews=slews, entropy=entropy, windows=days >= DAYS)
     summaries: dict[str, dict[str, Any]] = {}
-    for name, default in FOLDERS.items():
-        if paper not in (None, name):
-            continue
-        folder = default if out is None else out if paper else out / default.name
+    folders = {name: _folder(name, out, paper) for name in FOLDERS if paper in (None, name)}
+    before = {name: committed.read(COMMITTED / FOLDERS[name].name) for name in folders}
+    for name, folder in folders.items():
         if name == "natanson":
             overrides = dict(assignment(change) for change in changes)
             config = PaperTablesConfig(cases=cases, entropy=entropy, scenario=scenario, overrides=overrides)
             summaries[name] = reproduce.run(folder, config, workers, terminal)
         else:
             summaries[name] = mission_report.run(folder, study, workers, terminal)
+    for name, folder in folders.items():
+        _compare(committed.read(folder), before[name], terminal)
     if as_json:
         write_json(as_json, summaries[paper] if paper else summaries)
+    if not paper:
+        page = (out or FOLDERS["natanson"].parent) / "index.html"
+        index_page.write(page, folders, COMMITTED / "studies", made_of())
+        click.echo(page)
+
+
+def _folder(name: str, out: Path | None, paper: str | None) -> Path:
+    """Where a paper's results go."""
+    return FOLDERS[name] if out is None else out if paper else out / FOLDERS[name].name
+
+
+def _compare(now: committed.Results | None, then: committed.Results | None, terminal: Console) -> None:
+    """Say what agrees with the committed results and what moved."""
+    if now is None:
+        return
+    comparable = then is not None and then.config == now.config
+    differences = committed.moved(now, then) if then and comparable else None
+    if differences is not None and len(differences):
+        render.terminal(terminal, f"Moved against {then.folder if then else ''}", differences.head(MOST_MOVED).astype(str))
+    terminal.print(committed.sentence(now, then, differences), highlight=False, markup=False)

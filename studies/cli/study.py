@@ -11,8 +11,10 @@ from studies.cli.options import PATH, assignment
 from studies.montecarlo import engine
 from studies.montecarlo.files import check_writable, write_json
 from studies.montecarlo.until import Until
+from studies.report import study_page
 from studies.report import tables as render
 from studies.report.console import console
+from studies.report.made import made_of
 
 
 @click.command("study")
@@ -41,6 +43,7 @@ from studies.report.console import console
 )
 @click.option("--keep", multiple=True, type=click.IntRange(0), help="Keep the recording of this case; repeatable.")
 @click.option("--retry-failed", is_flag=True, help="Run failed cases of an earlier run again.")
+@click.option("--report", type=PATH, help="Write a page with the figures (HTML, needs no network) to this file.")
 @click.option(
     "--until",
     metavar="COLUMN<LIMIT",
@@ -59,6 +62,7 @@ def command(
     cases: int | None,
     entropy: int | None,
     again: int | None,
+    report: Path | None,
     as_json: Path | None,
     until: str | None,
     junit: Path | None,
@@ -74,7 +78,7 @@ def command(
     \b
     Examples:
       gyrocal study
-      gyrocal study psi --set 'steps_s=[0.5,2.0]' --out /tmp/psi
+      gyrocal study psi --set 'steps_s=[0.5,2.0]' --out /tmp/psi --report /tmp/psi.html
       gyrocal study paper --cases 20 --set overrides.gyro.arw_deg_per_sqrt_s=1e-4 --out /tmp/paper
       gyrocal study paper --out /tmp/paper --rerun 17
       gyrocal study ./mystudy.py --cases 500 --until 'p95(largest_error_ppm)<20'
@@ -86,7 +90,8 @@ def command(
         if as_json:
             write_json(as_json, {"studies": studies})
         return
-    check_writable(junit)
+    for path in (junit, report):
+        check_writable(path)
     folder = out or Path("results") / "studies" / (Path(name).stem if catalogue.is_file(name) else name)
     settings = dict(assignment(change) for change in changes)
     settings |= {key: value for key, value in (("cases", cases), ("entropy", entropy)) if value is not None}
@@ -105,6 +110,8 @@ def command(
     terminal.print(outcome.summary(), highlight=False, markup=False)
     for message, count in outcome.warnings.items():
         click.echo(f"gyrocal: warning, {count} times: {message}", err=True)
+    if report:
+        study_page.write(folder, report, made_of())
     if as_json:
         failures = {str(case): error for case, error in outcome.failures.items()}
         about = {"study": name, "folder": str(folder), "cases": outcome.cases, "failures": failures}

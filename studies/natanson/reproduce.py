@@ -30,9 +30,10 @@ from studies.natanson.products import Products
 from studies.natanson.questions import question_table
 from studies.report import panels
 from studies.report import tables as render
+from studies.report.committed import DIGITS, settled
 from studies.report.console import progress
 
-DEFAULT_FOLDER = Path("results") / "reproduction"
+DEFAULT_FOLDER = Path("build") / "reproduction"
 TITLES = {
     "table2": "N Table 2: residuals (deg)",
     "table3": "N Table 3: calibration parameters",
@@ -100,6 +101,7 @@ def run(
     monte_carlo_part(rows, scenario, products)
     if any(interval.slew for interval in scenario.interval):
         products.add("psi_sweep", "Linear against full ψ over slew rate and step, noise-free", psi.run(scenario))
+    products.summary = settled(products.summary)
     write(folder, config, scenario, products, rows)
     write_json(folder / "summary.json", products.summary)
     wall_s = round(time.monotonic() - started, 2)
@@ -186,7 +188,7 @@ def write(folder: Path, config: PaperTablesConfig, scenario: Scenario, products:
         "",
     ]
     for name, table in products.tables.items():
-        write_csv(folder / f"{name}.csv", table.data)
+        write_csv(folder / f"{name}.csv", table.data, digits=DIGITS)
         text = render.markdown(table.title, table.for_people(), table.note, table.formats)
         write_text(folder / f"{name}.md", text)
         sections.append(text)

@@ -14,6 +14,7 @@ from studies.compare.compare import Comparison, Standing
 from studies.compare.gap import Gap
 from studies.montecarlo.files import write_text
 from studies.report import html, tables
+from studies.report.made import Made
 from studies.report.panels import GREY, RED, TEAL, Panel, drawn
 
 MOST = 12  # statistics of a scenario that the terminal shows
@@ -90,8 +91,8 @@ def sentences(comparison: Comparison) -> list[str]:
     return out
 
 
-def write(comparison: Comparison, path: Path) -> None:
-    """Write the page."""
+def write(comparison: Comparison, path: Path, made: Made | None = None) -> None:
+    """Write the page, with how it was made."""
     title = f"{comparison.recording} beside its scenarios"
     lines = "".join(html.paragraph(line) for line in sentences(comparison))
     table = gaps(comparison)
@@ -118,7 +119,7 @@ def write(comparison: Comparison, path: Path) -> None:
             f"<h3>Under <code>{escape(standing.name)}</code>: {escape(standing.title)}</h3>",
             html.table_of(shown, strong, ["recording", "flights, 5 to 95 %", "percentile", "z"]),
         ]
-    write_text(path, html.document(title, parts))
+    write_text(path, html.document(title, parts, made))
 
 
 def _figure(comparison: Comparison) -> Callable[[], Figure]:

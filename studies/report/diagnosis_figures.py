@@ -21,9 +21,7 @@ from studies.report.panels import STYLE, Line
 
 Array = NDArray[np.float64]
 
-# Okabe and Ito's palette.
-BEFORE, AFTER, OTHER, FLOOR = "#d55e00", "#0072b2", "#e69f00", "0.35"
-AXIS_COLOURS = {"x": "#d55e00", "y": "#009e73", "z": "#0072b2"}
+BEFORE, AFTER, OTHER, FLOOR = panels.RED, panels.BLUE, panels.ORANGE, "0.35"
 AXIS_MARKERS = {"x": "o", "y": "s", "z": "^"}
 AXIS_TITLES = {"x": "x (roll)", "y": "y (pitch)", "z": "z (yaw)"}
 WIDTH = 11.0  # inches: the width of the page
@@ -150,7 +148,7 @@ def regressor_figure(regressors: pd.DataFrame, cause: str) -> Figure:
     part = part[part["axis"].isin(reach[reach >= REACHED * reach.max()].index)]
     points = []
     for name, rows in part.groupby("axis"):
-        look = AXIS_COLOURS[str(name)], AXIS_MARKERS[str(name)]
+        look = panels.COLOURS[str(name)], AXIS_MARKERS[str(name)]
         points.append(Line(rows["regressor_deg"], rows["residual_deg"], f"axis {name}", *look, size=3.2))
     limits = part["regressor_deg"].agg(["min", "max"])
     slope = Line(limits, limits, "slope 1: the size found", "black", "-")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from functools import partial
 from html import escape
@@ -14,40 +15,49 @@ from diagnosis.answer import Cause
 from diagnosis.result import Diagnosis
 from simulator.effects.sensor import SENSOR_EFFECTS
 from studies.montecarlo.files import write_text
+from studies.report import diagnosis_card, sensor_figures, sensor_words, tables
 from studies.report import diagnosis_figures as figures
 from studies.report import diagnosis_words as words
-from studies.report import sensor_figures, sensor_words, tables
 from studies.report.html import Picture, document, heading, paragraph, shown, table_of
+from studies.report.made import Made
 
 MOST_FINDINGS = 8
 MOST_STREAM_TESTS = 40
 
 
-def write(diagnosis: Diagnosis, path: Path) -> None:
-    """Write the page."""
-    write_text(path, page(diagnosis))
+def write(diagnosis: Diagnosis, path: Path, made: Made | None = None, orbit_s: float = math.nan, next_flight: str = "") -> None:
+    """Write the page; what else it takes is as of `page`."""
+    write_text(path, page(diagnosis, made, orbit_s, next_flight))
 
 
-def page(diagnosis: Diagnosis) -> str:
-    """The whole page; the same diagnosis gives the same bytes."""
+def page(diagnosis: Diagnosis, made: Made | None = None, orbit_s: float = math.nan, next_flight: str = "") -> str:
+    """The whole page; the same diagnosis gives the same bytes but for how it was made.
+
+    Parameters
+    ----------
+    diagnosis : the answer
+    made : for the footer
+    orbit_s, next_flight : as of `studies.report.diagnosis_card.card`
+    """
     evidence = [_where(diagnosis), _explanations(diagnosis), _stream(diagnosis)]
     evidence.insert(1, _sensors(diagnosis))
     consequence = [_closure(diagnosis), _calibration(diagnosis)]
     body = consequence + evidence if diagnosis.causes else evidence + consequence
-    parts = [_answer(diagnosis), _causes(diagnosis), *body, _limits(diagnosis), _glossary(diagnosis)]
-    return document(f"Diagnosis of {diagnosis.recording}", parts)
+    card = diagnosis_card.card(diagnosis, orbit_s, next_flight)
+    kind = {"none": "", "named": "gap", "group": "gap", "unknown": "gap", "not identifiable": "open"}[diagnosis.verdict]
+    parts = [paragraph(f"Diagnosis of {diagnosis.recording}", "quiet"), diagnosis_card.html(card, kind)]
+    parts += [_answer(diagnosis), _causes(diagnosis), *body, _limits(diagnosis), _glossary(diagnosis)]
+    return document(card.headline, parts, made, short=f"Diagnosis of {diagnosis.recording}")
 
 
 # ---- sections ------------------------------------------------------------------------------------------------------------
 
 
 def _answer(diagnosis: Diagnosis) -> str:
-    lines = [f'<p class="verdict">{escape(words.verdict(diagnosis))}</p>', paragraph(words.gap(diagnosis))]
+    lines = [heading("The answer in the words of the list of effects"), paragraph(words.verdict(diagnosis))]
+    lines.append(paragraph(words.gap(diagnosis)))
     lines += [paragraph(f"{cause.label}: {words.cause_size(cause)}; {words.probability(cause)}.") for cause in diagnosis.causes]
-    if diagnosis.closure is not None:
-        lines.append(paragraph(words.closure(diagnosis.closure)))
-    kind = "answer gap" if diagnosis.present else "answer"
-    return f'<div class="{kind}">' + "".join(lines) + "</div>"
+    return "".join(lines)
 
 
 def _causes(diagnosis: Diagnosis) -> str:
@@ -80,7 +90,7 @@ def _cause_table(cause: Cause, diagnosis: Diagnosis) -> str:
         rows["one of these at work"] = words.percent(cause.group_probability)
     else:
         rows["indistinguishable from"] = "no other effect on the list"
-    cells = "".join(f"<tr><th>{escape(name)}</th><td>{escape(value)}</td></tr>" for name, value in rows.items())
+    cells = "".join(f"<tr><th scope=row>{escape(name)}</th><td>{escape(value)}</td></tr>" for name, value in rows.items())
     return f"<table>{cells}</table>"
 
 

@@ -16,6 +16,8 @@ from studies.report import tables
 
 UNLISTED = "Not on the list of effects: the description says how it behaves, not what causes it."
 ROUNDING = 1e-3  # sigmas: a change of a parameter below which there is none
+TOO_LITTLE = "The held-out data show too little of the gap to measure how far it closes"
+ALL = 0.995  # closed share that is shown as all of it
 WIDEST_SHARE = 2.0  # width of the 90 % interval of a closed share, above which the share says nothing
 ALWAYS_HIDDEN = (
     "Constant errors of G and b are removed by the calibration and are not a gap. "
@@ -192,19 +194,34 @@ def _place(t_s: float, residuals: pd.DataFrame) -> str:
 def closure(found: Closure) -> str:
     """How far the gap closes."""
     low, high = (100 * share for share in found.interval_90)
+    share = _share_closed(found)
+    shown = f"{share} of the gap is closed on held-out data" if share else TOO_LITTLE
     return (
-        f"{_share_closed(found)} (90 % interval {low:.0f} to {high:.0f} %; held out: {found.split}). The {found.measure} is "
+        f"{shown} (90 % interval {low:.0f} to {high:.0f} %; held out: {found.split}). The {found.measure} is "
         f"{found.before:.3g} under the baseline and {found.after:.3g} with the cause in the model; noise alone would leave "
         f"{found.floor:.3g}."
     )
 
 
+def closed_in_short(diagnosis: Diagnosis) -> str:
+    """How far the gap closes, without the numbers behind it."""
+    found = diagnosis.closure
+    if found is None:
+        return no_closure(diagnosis)
+    share, (low, high) = _share_closed(found), (100 * one for one in found.interval_90)
+    return (
+        f"{share} of it ({low:.0f} to {high:.0f} %), on data that took no part in finding the cause."
+        if share
+        else f"{TOO_LITTLE}."
+    )
+
+
 def _share_closed(found: Closure) -> str:
-    """The share, unless the gap that held-out data show is as small as the scatter of its measure."""
+    """The share: all or none of it where it is beyond that; "" if the held-out gap is as small as its measure's scatter."""
     low, high = found.interval_90
     if high - low > WIDEST_SHARE:
-        return "The held-out data show too little of the gap to measure how far it closes"
-    return f"{100 * found.closed:.0f} % of the gap is closed on held-out data"
+        return ""
+    return "All" if found.closed >= ALL else "None" if found.closed <= 0 else f"{100 * found.closed:.0f} %"
 
 
 def no_closure(diagnosis: Diagnosis) -> str:

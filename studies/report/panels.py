@@ -4,7 +4,6 @@ A panel draws on axes it is given; `drawn` puts panels side by side in a figure,
 SVG bytes do not depend on the day or the run.
 """
 
-import io
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -19,14 +18,12 @@ from numpy.typing import ArrayLike, NDArray
 
 from gyrocal.files import replacing
 from studies.montecarlo.statistics import CONSISTENT
-from studies.report.printable import well_formed
-from studies.report.stable_ids import stable
+from studies.report import svg
 
 Array = NDArray[np.float64]
 Draw = Callable[[Path], Path]
 
-STYLE: dict[Any, Any] = {
-    "svg.hashsalt": "gyrocal",
+STYLE: dict[Any, Any] = svg.STYLE | {
     "font.size": 9,
     "axes.spines.top": False,
     "axes.spines.right": False,
@@ -36,11 +33,11 @@ STYLE: dict[Any, Any] = {
     "lines.linewidth": 1.4,
     "legend.frameon": False,
 }
-RED, TEAL, DARK, GREY = "#d1495b", "#00798c", "#30343f", "0.6"
+# Tol's vibrant scheme, and near-black: apart for every kind of colour vision.
+RED, TEAL, BLUE, ORANGE, DARK, GREY = "#cc3311", "#009988", "#0077bb", "#e0661a", "#30343f", "0.6"
 COLOURS = {"x": RED, "y": TEAL, "z": DARK}
 LINES = {"x": "-.", "y": "--", "z": "-"}  # N draws the pitch rate dashed
 SMALL = 7  # font size of ticks and legends
-NO_METADATA: dict[str, None] = {"Date": None, "Creator": None, "Format": None, "Type": None}
 MANY = 200  # points of a line: more are drawn as pixels
 
 
@@ -126,6 +123,8 @@ def drawn(
         grid = figure.subplots(rows, columns, squeeze=False, width_ratios=widths, sharex=sharex, sharey=sharey)
         for axes, panel in zip(grid.ravel(), panels, strict=True):
             panel.on(axes)
+            # Each panel keeps the numbers at its axes, so that it can stand alone in a narrow window.
+            axes.tick_params(labelleft=True, labelbottom=True)
             if sharey is True and axes is not grid[0, 0]:
                 axes.set_ylabel("")
         if title:
@@ -145,21 +144,12 @@ def sheet(*panels: Panel, **options: Any) -> Draw:
 
 def save(figure: Figure, path: Path) -> Path:
     """Write SVG (and PNG for a .png path) with stable bytes."""
-    with replacing(path) as file:
-        file.write(_saved(figure, path.suffix[1:], 160, {"Date": None} if path.suffix == ".svg" else {}))
+    with mpl.rc_context(STYLE), replacing(path) as file:
+        if path.suffix == ".svg":
+            file.write(svg.svg_bytes(figure))
+        else:
+            figure.savefig(file, format=path.suffix[1:], dpi=160)
     return path
-
-
-def svg(figure: Figure) -> bytes:
-    """A figure as SVG whose bytes depend on nothing but what it shows."""
-    return _saved(figure, "svg", 100, NO_METADATA)
-
-
-def _saved(figure: Figure, form: str, dpi: int, metadata: dict[str, None]) -> bytes:
-    out = io.BytesIO()
-    with mpl.rc_context(STYLE):
-        figure.savefig(out, format=form, dpi=dpi, metadata=metadata)
-    return stable(well_formed(out.getvalue())) if form == "svg" else out.getvalue()
 
 
 @dataclass(frozen=True)

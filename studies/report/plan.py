@@ -4,7 +4,8 @@ import pandas as pd
 from rich.console import Console
 
 from diagnosis.plan import LIMIT_SNR, POWER, Extra, Pair, Plan, Visible
-from studies.report import tables
+from studies.report import html, tables
+from studies.report.made import Made
 
 MOST_PAIRS = 25
 WORDS = {"not identifiable": "never", "implausible": "never", "not available": "not testable", "visible": tables.NO_VALUE}
@@ -31,6 +32,38 @@ def show(console: Console, found: Plan) -> None:
         tables.terminal(console, "What an extra maneuver brings", extras_table(found.extras), note)
     for line in found.notes:
         console.print(f"- {line}.", highlight=False, markup=False)
+
+
+def page(found: Plan, made: Made | None = None) -> str:
+    """The plan as one page: the answer, then the tables."""
+    power = (
+        f"Seen: with probability {POWER:.0%}, at a false-alarm rate of {found.false_alarm_rate:.1%}; at a typical time and "
+        "phase, and at the best and the worst. A range is over the axes."
+    )
+    text = headline(found)
+    parts = [html.paragraph(f"What {found.scenario} would show", "quiet")]
+    parts += [html.heading("Smallest visible size"), html.paragraph(power), _plain(effects_table(found.effects))]
+    parts.append(html.heading("What cannot be told apart"))
+    parts.append(
+        html.paragraph(
+            f"Pairs that cannot be told apart below a signal-to-noise ratio of {LIMIT_SNR:g}. Share: of the first one's "
+            "signature that the second imitates."
+            if found.pairs
+            else f"Every pair can be told apart by a signal-to-noise ratio of {LIMIT_SNR:g}."
+        )
+    )
+    parts.append(_plain(pairs_table(found.pairs)) if found.pairs else "")
+    if found.extras:
+        ratio = (
+            "Ratio: smallest visible size with the maneuver over that without it, median over effects; 0.5 is twice as good."
+        )
+        parts += [html.heading("What an extra maneuver brings"), html.paragraph(ratio), _plain(extras_table(found.extras))]
+    parts += [html.heading("Limits of this scenario"), html.bullets(f"{note}." for note in found.notes)]
+    return html.document(text[0].upper() + text[1:], parts, made, contents=True, short=f"Plan of {found.scenario}")
+
+
+def _plain(table: pd.DataFrame) -> str:
+    return html.table_of(table.astype(str))
 
 
 def headline(found: Plan) -> str:

@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from studies.report import panels
 from studies.report.panels import Line
 
-BEFORE, BETWEEN, AFTER = "#d55e00", "#999999", "#0072b2"
+BEFORE, BETWEEN, AFTER = panels.RED, "#999999", panels.BLUE
 COLOURS = {"before_deg": BEFORE, "after_deg": AFTER}
 MOST_POINTS = 1500
 

@@ -19,6 +19,7 @@ from studies.montecarlo import engine
 from studies.montecarlo.files import write_csv, write_json, write_text
 from studies.report import checks
 from studies.report import tables as render
+from studies.report.committed import DIGITS, settled
 from studies.report.console import progress
 from studies.robertson import biases, figures, mountings, performance, slews, words
 from studies.robertson.against_flight import NOTES as MORE_NOTES
@@ -27,7 +28,7 @@ from studies.robertson.against_flight import AgainstFlight, section
 from studies.robertson.runs import PERIODS, SLEW_TABLES, SPIKE_FILTERS, STUDY, MissionStudy, Runs, window_rows
 from studies.robertson.runs import runs as flown_runs
 
-DEFAULT_FOLDER = Path("results") / "mission"
+DEFAULT_FOLDER = Path("build") / "mission"
 TITLES = {
     "table2": "R Table 2: attitude error of the yaw maneuver (deg, propagated minus true)",
     "table3": "R Table 3: Mission Mode performance",
@@ -76,7 +77,7 @@ def run(
     tables = make_tables(runs, months, what)
     summary = summarise(tables, runs)
     beside = section(window_rows(outcome.table), months, tables["table2"], what.entropy) if what.windows else None
-    summary |= beside.summary if beside else {}
+    summary = settled(summary | (beside.summary if beside else {}))
     _write(folder, what, runs, months, tables, summary, beside)
     wall_s = round(time.monotonic() - started, 2)
     seeds = {"entropy": what.entropy, "stream": "generator(entropy + k, 0, 'mission_mode') of seed k"}
@@ -230,7 +231,7 @@ def _write(
     further = beside.tables if beside else {}
     drawn |= {one(folder / f"{name}.svg").name: title for name, (title, one) in (beside.figures if beside else {}).items()}
     for name, table in {**tables, **extra, **further}.items():
-        write_csv(folder / f"{name}.csv", table, digits=6)
+        write_csv(folder / f"{name}.csv", table, digits=DIGITS)
     found = words.checks(tables, summary)
     sections = [
         "# Mission Mode beside the flight",

@@ -21,6 +21,8 @@ class BiasDrift(Effect):
 EFFECT = BiasDrift(
     name="bias_drift",
     summary="bias grows linearly over mission time",
+    says="{whose} bias {way} by {size}",
+    ways=("rises", "falls"),
     unit="deg/h per day",
     stage="rate",
     prior=(2e-4, 1.0),

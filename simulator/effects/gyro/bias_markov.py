@@ -52,6 +52,7 @@ class BiasMarkov(Effect):
 EFFECT = BiasMarkov(
     name="bias_markov",
     summary="bias correlated in time (Markov)",
+    says="{whose} bias wanders by {size} and comes back",
     unit="deg/h",
     stage="random_rate",
     prior=(5e-3, 20.0),

@@ -32,6 +32,7 @@ class BiasOrbital(Effect):
 EFFECT = BiasOrbital(
     name="bias_orbital",
     summary="bias varies sinusoidally at orbit rate",
+    says="{whose} bias swings by ±{size} once an orbit",
     unit="deg/h",
     stage="rate",
     prior=(5e-3, 10.0),

@@ -27,6 +27,7 @@ class BiasPeriodic(Periodic):
 EFFECT = BiasPeriodic(
     name="bias_periodic",
     summary="bias swings with a period of its own",
+    says="{whose} bias swings by ±{size} with a period of its own",
     unit="deg/h",
     stage="rate",
     prior=(5e-3, 20.0),

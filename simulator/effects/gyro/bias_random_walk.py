@@ -59,6 +59,7 @@ class BiasRandomWalk(Effect):
 EFFECT = BiasRandomWalk(
     name="bias_random_walk",
     summary="rate random walk of the bias",
+    says="{whose} bias wanders without returning, by {size}",
     unit="deg/h/√h",
     stage="random_rate",
     prior=(5e-3, 20.0),

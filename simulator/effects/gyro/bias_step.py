@@ -20,6 +20,8 @@ class BiasStep(Effect):
 EFFECT = BiasStep(
     name="bias_step",
     summary="bias jumps at one time and stays",
+    says="{whose} bias jumps {way} by {size} and stays there",
+    ways=("up", "down"),
     unit="deg/h",
     stage="rate",
     prior=(5e-3, 50.0),

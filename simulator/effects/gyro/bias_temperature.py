@@ -46,6 +46,8 @@ class BiasTemperature(Effect):
 EFFECT = BiasTemperature(
     name="bias_temperature",
     summary="bias follows a housekeeping temperature",
+    says="{whose} bias {way} by {size} with a temperature",
+    ways=("rises", "falls"),
     unit="deg/h per K",
     stage="rate",
     prior=(1e-3, 10.0),

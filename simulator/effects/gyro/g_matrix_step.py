@@ -33,6 +33,7 @@ class GMatrixStep(Effect):
 EFFECT = GMatrixStep(
     name="g_matrix_step",
     summary="an element G[axis, toward] steps at one time",
+    says="{whose} scale or alignment jumps by {size} at one time",
     unit="ppm",
     stage="rate",
     prior=(20.0, 5e4),

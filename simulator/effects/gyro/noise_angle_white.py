@@ -49,6 +49,7 @@ class NoiseAngleWhite(Effect):
 EFFECT = NoiseAngleWhite(
     name="noise_angle_white",
     summary="angle white noise, readout noise of the angle",
+    says="the angle that {gyro} reads out is noisy by {size}",
     unit="arcsec",
     stage="pickup",
     prior=(1e-3, 100.0),

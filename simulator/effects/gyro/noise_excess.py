@@ -46,6 +46,7 @@ class NoiseExcess(Effect):
 EFFECT = NoiseExcess(
     name="noise_excess",
     summary="white gyro noise is other than stated",
+    says="{whose} white noise is {size} times what is stated",
     unit="factor",
     stage="white_noise",
     prior=(0.1, 30.0),

@@ -43,6 +43,7 @@ class NoiseFlicker(Effect):
 EFFECT = NoiseFlicker(
     name="noise_flicker",
     summary="bias instability, 1/f noise of the rate",
+    says="{whose} bias never settles and wavers by {size}",
     unit="deg/h",
     stage="random_rate",
     prior=(5e-3, 20.0),

@@ -39,6 +39,7 @@ def _usual_rates(around: Surroundings) -> Array:
 EFFECT = RateDeadzone(
     name="rate_deadzone",
     summary="small rates read zero",
+    says="{gyro} does not feel rates below {size}",
     unit="deg/s",
     stage="threshold",
     prior=(1e-5, 1.0),

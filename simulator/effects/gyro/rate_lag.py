@@ -53,6 +53,7 @@ class RateLag(Effect):
 EFFECT = RateLag(
     name="rate_lag",
     summary="first-order lag of the gyro output",
+    says="the gyro's readings trail the motion by {size}",
     unit="s",
     stage="filter",
     prior=(5e-3, 10.0),

@@ -33,6 +33,7 @@ class RateQuantization(Effect):
 EFFECT = RateQuantization(
     name="rate_quantization",
     summary="output rounded to a step",
+    says="the gyro's readings are rounded to steps of {size}",
     unit="deg/s",
     stage="resolution",
     prior=(1e-6, 1.0),

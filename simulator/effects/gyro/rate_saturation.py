@@ -39,6 +39,7 @@ class RateSaturation(Effect):
 EFFECT = RateSaturation(
     name="rate_saturation",
     summary="output clipped",
+    says="{gyro} cuts off rates above {size}",
     unit="deg/s",
     stage="range",
     prior=(1e-2, 3e3),

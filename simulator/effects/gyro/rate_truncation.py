@@ -35,6 +35,7 @@ class RateTruncation(Effect):
 EFFECT = RateTruncation(
     name="rate_truncation",
     summary="output cut toward zero to a step",
+    says="the gyro's readings are cut down to steps of {size}",
     unit="deg/s",
     stage="resolution",
     prior=(1e-6, 1.0),

@@ -23,6 +23,7 @@ class ScaleAsymmetry(Effect):
 EFFECT = ScaleAsymmetry(
     name="scale_asymmetry",
     summary="scale factor differs with the sign of the rate",
+    says="{gyro} reads turns one way {size} too large and the other way as much too small",
     unit="ppm",
     stage="rate",
     prior=(10.0, 5e4),

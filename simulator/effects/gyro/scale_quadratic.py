@@ -24,6 +24,8 @@ class ScaleQuadratic(Effect):
 EFFECT = ScaleQuadratic(
     name="scale_quadratic",
     summary="scale factor grows with the rate, odd non-linearity",
+    says="{whose} scale factor {way} by {size} of turning rate",
+    ways=("grows", "shrinks"),
     unit="ppm per deg/s",
     stage="rate",
     prior=(50.0, 3e5),

@@ -50,6 +50,7 @@ class Spikes(Effect):
 EFFECT = Spikes(
     name="spikes",
     summary="outliers in the gyro samples",
+    says="single samples of {gyro} are far off, by about {size}",
     unit="deg/s",
     stage="outliers",
     prior=(1e-3, 1e2),

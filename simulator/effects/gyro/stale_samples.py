@@ -60,6 +60,7 @@ class StaleSamples(Effect):
 EFFECT = StaleSamples(
     name="stale_samples",
     summary="telemetry repeats the previous sample",
+    says="telemetry repeats old samples of the gyro, in runs of {number} on average",
     unit="samples, mean run",
     stage="telemetry",
     prior=(1.0, 100.0),

@@ -33,6 +33,8 @@ class TimeOffset(Effect):
 EFFECT = TimeOffset(
     name="time_offset",
     summary="gyro tags late (+) against the reference clock",
+    says="the gyro's time tags are {size} {way}",
+    ways=("late", "early"),
     unit="s",
     stage="clock",
     prior=(5e-3, 10.0),

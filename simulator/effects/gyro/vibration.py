@@ -59,6 +59,7 @@ class Vibration(Effect):
 EFFECT = Vibration(
     name="vibration",
     summary="structural tone, aliased by sampling",
+    says="{gyro} picks up a steady vibration of {size}",
     unit="deg/s",
     stage="pickup",
     prior=(1e-5, 1.0),

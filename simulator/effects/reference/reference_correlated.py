@@ -48,6 +48,7 @@ class ReferenceCorrelated(Effect):
 EFFECT = ReferenceCorrelated(
     name="reference_correlated",
     summary="reference error correlated in time",
+    says="errors of the reference attitude about {axis}, of {size}, last for a while",
     unit="deg",
     stage="random_reference",
     prior=(5e-4, 5.0),

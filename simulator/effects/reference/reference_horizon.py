@@ -9,6 +9,7 @@ from simulator.effects.reference.harmonic import ReferenceHarmonic
 EFFECT = ReferenceHarmonic(
     name="reference_horizon",
     summary="reference error at twice orbit rate",
+    says="the reference attitude swings by ±{size} about {axis} twice an orbit",
     unit="deg",
     stage="reference",
     prior=(5e-4, 5.0),

@@ -56,6 +56,7 @@ def _carried_on(references: References) -> NDArray[np.str_]:
 EFFECT = ReferenceModeOffset(
     name="reference_mode_offset",
     summary="reference offset in -x forward against other modes",
+    says="the reference attitude is off by {size} about {axis} in -x forward",
     unit="deg",
     stage="reference",
     prior=(5e-4, 5.0),

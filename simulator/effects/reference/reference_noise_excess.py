@@ -44,6 +44,7 @@ class ReferenceNoiseExcess(Effect):
 EFFECT = ReferenceNoiseExcess(
     name="reference_noise_excess",
     summary="reference noise is other than stated",
+    says="the noise of the reference attitude about {axis} is {size} times what is stated",
     unit="factor",
     stage="reference_noise",
     prior=(0.1, 30.0),

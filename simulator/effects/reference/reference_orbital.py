@@ -6,6 +6,7 @@ from simulator.effects.reference.harmonic import ReferenceHarmonic
 EFFECT = ReferenceHarmonic(
     name="reference_orbital",
     summary="reference error sinusoidal at orbit rate",
+    says="the reference attitude swings by ±{size} about {axis} once an orbit",
     unit="deg",
     stage="reference",
     prior=(5e-4, 5.0),

@@ -22,6 +22,7 @@ class ReferencePeriodic(Periodic):
 EFFECT = ReferencePeriodic(
     name="reference_periodic",
     summary="reference error swings with a period of its own",
+    says="the reference attitude swings by ±{size} about {axis} with a period of its own",
     unit="deg",
     stage="reference",
     prior=(5e-4, 5.0),

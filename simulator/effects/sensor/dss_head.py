@@ -49,6 +49,7 @@ class DssHead(VectorEffect):
 EFFECT = DssHead(
     name="dss_head",
     summary="the heads of a sun sensor are not at right angles",
+    says="the two heads of sun sensor {axis} are {size} off a right angle",
     unit="deg",
     stage="sensor",
     prior=(3e-3, 2.0),

@@ -43,6 +43,7 @@ class DssMisalignment(VectorEffect):
 EFFECT = DssMisalignment(
     name="dss_misalignment",
     summary="DSS-2 is turned against DSS-1",
+    says="one sun sensor is turned by {size} against the other",
     unit="deg",
     stage="sensor",
     prior=(3e-3, 2.0),

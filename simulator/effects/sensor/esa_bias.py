@@ -32,6 +32,7 @@ class EsaBias(VectorEffect):
 EFFECT = EsaBias(
     name="esa_bias",
     summary="penetration-angle biases of the Earth sensor's quadrants",
+    says="the quadrants of the Earth sensor read up to {size} high or low",
     unit="deg",
     stage="sensor",
     prior=(3e-3, 2.0),

@@ -82,6 +82,7 @@ def _limbs(sightings: Sightings, a: float, c: float, nominal: float) -> Array:
 EFFECT = EsaNadir(
     name="esa_nadir",
     summary="part of the Earth's flattening is missing in the penetration angles",
+    says="the Earth sensor takes the Earth for rounder than it is, by {number} of its flattening",
     unit="flattenings",
     stage="sensor",
     prior=(0.01, 2.0),

@@ -42,6 +42,7 @@ class EsaSFilter(SensorEffect):
 EFFECT = EsaSFilter(
     name="esa_s_filter",
     summary="the S filter starts from a wrong value when a quadrant returns",
+    says="the Earth sensor errs by up to {size} after the Sun has passed through its view",
     unit="deg",
     stage="sensor",
     prior=(0.01, 5.0),

@@ -82,6 +82,7 @@ FIELDS, CONSTANTS = (3.5, 5.0, 7.0), (20.0, 60.0, 180.0)
 EFFECT = EsaSunIntrusion(
     name="esa_sun_intrusion",
     summary="the Sun in a quadrant of the Earth sensor is not excluded",
+    says="the Sun in its view pulls the Earth sensor off by up to {size}",
     unit="deg",
     stage="sensor",
     prior=(0.01, 10.0),

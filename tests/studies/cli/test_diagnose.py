@@ -1,15 +1,18 @@
 """The command ``gyrocal diagnose`` as a user types it."""
 
+import dataclasses
 import json
 import re
 
 import pytest
 
+from diagnosis.plan import Extra, Plan
 from gyrocal import InputError
 from simulator.effects.sensor import ALL_EFFECTS
 from studies.cli import diagnose as cli_diagnose
 from studies.cli.main import main
 from studies.cli.stages import stages
+from studies.report import next_flight
 from tests import ROOT
 from tests.diagnosis_cases import CASES
 
@@ -56,6 +59,41 @@ def test_any_verdict_is_a_success(run_cli, asked, rec, case, tmp_path):
     assert page.read_text().startswith("<!doctype html>")
 
 
+def test_card_is_a_picture_and_a_plan_says_what_to_fly(run_cli, asked, rec, tmp_path, monkeypatch):
+    asked["case"] = "group"
+    monkeypatch.setattr(next_flight, "plan", lambda scenario, **_: planned(scenario.title))
+    card, page = tmp_path / "card.svg", tmp_path / "page.html"
+    shown = run_cli("diagnose", rec, "--card", str(card), "--report", str(page), "--plan", "trmm")
+    assert shown.exit_code == 0, shown.output
+    for text in (card.read_text(), page.read_text()):
+        assert "a roll (0.3 h): it tells apart what here cannot be told apart." in text
+    assert run_cli("diagnose", rec, "--card", str(tmp_path / "card.png")).exit_code == 0
+    assert (tmp_path / "card.png").read_bytes().startswith(b"\x89PNG")
+
+
+def planned(title):
+    """A plan that one maneuver of two improves."""
+    extras = (
+        Extra("a turn", 1.5, 0.5, {"time_offset": 0.4, "rate_lag": 0.5}, (), 1, ()),
+        Extra("a roll", 0.3, 0.9, {"time_offset": 0.8}, (("rate_lag", "time_offset"),), 1, ()),
+    )
+    return Plan(title, 0.01, 1.0, 1, (), (), extras, (), 0.0)
+
+
+def test_the_next_maneuver_follows_the_plan():
+    group, named, unknown, none = (CASES[case]() for case in ("group", "named", "unknown", "none"))
+    assert next_flight.sentence(group, planned("x")).startswith("a roll (0.3 h)")
+    assert next_flight.sentence(named, planned("x")) == "No extra maneuver on the list would show much more of it."
+    helped = dataclasses.replace(planned("x").extras[0], by_effect={"bias_orbital:z": 0.25})
+    better = dataclasses.replace(planned("x"), extras=(helped,))
+    assert (
+        next_flight.sentence(named, better) == "a turn (1.5 h): it would show the cause at 0.25 times the size that shows now."
+    )
+    assert "--plan SCENARIO" in next_flight.sentence(unknown)
+    assert next_flight.sentence(none) == "Nothing is called for."
+    assert next_flight.suspects(group) == ["time_offset", "rate_lag"]
+
+
 def test_json_is_the_result(run_cli, asked, rec, tmp_path):
     assert run_cli("diagnose", rec, "--json", str(tmp_path / "result.json")).exit_code == 0
     assert json.loads((tmp_path / "result.json").read_text()) == CASES["named"]().to_json()
@@ -87,6 +125,9 @@ def test_effects_are_taken_off_the_list(run_cli, asked, rec):
         (("REC", "--json", "DIR/none/result.json"), "no folder"),
         (("REC", "--json", "DIR/same", "--report", "DIR/same"), "files of their own"),
         (("REC", "--report", "-"), "name of a file"),
+        (("REC", "--card", "DIR/card.jpg"), "must end in .svg or .png"),
+        (("REC", "--plan", "trmm"), "give --report or --card"),
+        (("REC", "--card", "DIR/card.svg", "--plan", "nothing"), "nothing"),
     ],
 )
 def test_bad_input_is_one_line_before_the_work(run_cli, asked, rec, tmp_path, arguments, text):

@@ -19,7 +19,7 @@ from simulator import scenario as scenarios
 from studies.cli import scenarios as command
 from studies.cli.main import main
 from studies.report import console as consoles
-from studies.report import panels
+from studies.report import panels, svg
 from tests.gyrocal.recording.test_parquet import recording
 
 
@@ -177,7 +177,7 @@ def test_control_characters_of_a_title_reach_neither_terminal_nor_figure(run_cli
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         panels.save(figure, tmp_path / "a.svg")
-        pages = [(tmp_path / "a.svg").read_bytes(), panels.svg(figure)]
+        pages = [(tmp_path / "a.svg").read_bytes(), svg.svg_bytes(figure)]
     for page in pages:
         assert ElementTree.fromstring(page).tag.endswith("svg")
         assert b"[2Jred" in page

@@ -9,6 +9,7 @@ from rich.console import Console
 from diagnosis.plan import Extra, Pair, Plan, Visible
 from studies.cli import plan as cli_plan
 from studies.report import plan as plan_report
+from tests.pages import checked
 
 INF, NAN = float("inf"), float("nan")
 FOUND = Plan(
@@ -136,3 +137,16 @@ def test_a_plan_without_pairs_or_extras_is_shown(capsys):
     shown = capsys.readouterr().out
     assert "Every pair can be told apart" in shown
     assert "extra maneuver" not in shown
+
+
+def test_the_page_holds_the_tables(run_cli, asked, tmp_path):
+    page = tmp_path / "plan.html"
+    assert run_cli("plan", "trmm", "--report", str(page)).exit_code == 0
+    words = checked(page.read_text()).words
+    for text in ("2 of 3 effects can be seen", "bias_drift:xy", "roll", "A note.", "SNR to separate", "gyrocal "):
+        assert text.lower() in words.lower()
+    alone = plan_report.page(replace(FOUND, pairs=(), extras=()))
+    assert "Every pair can be told apart" in checked(alone).words
+    refused = run_cli("plan", "trmm", "--report", str(page), "--json", str(page))
+    assert refused.exit_code == 2
+    assert "files of their own" in refused.stderr

@@ -1,10 +1,9 @@
 """What a diagnosis says on the terminal and on its page, for one of each verdict."""
 
-import base64
 import dataclasses
+import html
 import io
 import re
-from html.parser import HTMLParser
 
 import numpy as np
 import pandas as pd
@@ -12,10 +11,12 @@ import pytest
 from rich.console import Console
 
 from simulator.effects.sensor import ALL_EFFECTS
-from studies.report import diagnosis_figures, diagnosis_summary, panels
+from studies.report import diagnosis_card, diagnosis_figures, diagnosis_summary, svg
 from studies.report import diagnosis_page as diagnosis_report
 from studies.report import diagnosis_words as words
+from tests import ROOT
 from tests.diagnosis_cases import CASES, regressors, residuals
+from tests.pages import checked
 
 EVERYWHERE = {"map", "residuals"}
 FIGURES = {
@@ -27,31 +28,6 @@ FIGURES = {
     "not identifiable": EVERYWHERE | {"evidence"},
     "stream": EVERYWHERE | {"evidence"},
 }
-
-
-class Page(HTMLParser):
-    """Figures by name, and whether every element that is opened is closed."""
-
-    VOID = ("meta", "img", "br")
-
-    def __init__(self, text):
-        super().__init__()
-        self.open, self.figures, self.alts, self.resources = [], {}, {}, []
-        self.feed(text)
-
-    def handle_starttag(self, tag, attrs):
-        attributes = dict(attrs)
-        self.resources += [value for name, value in attrs if name in ("src", "href", "data", "srcset", "poster")]
-        if tag == "figure":
-            self.figures[attributes["id"]] = None
-        if tag == "img":
-            name = next(reversed(self.figures))
-            self.figures[name], self.alts[name] = attributes["src"], attributes["alt"]
-        if tag not in self.VOID:
-            self.open.append(tag)
-
-    def handle_endtag(self, tag):
-        assert self.open.pop() == tag
 
 
 @pytest.fixture(scope="module")
@@ -228,31 +204,82 @@ def test_calibration_changes_are_in_ppm_and_degrees_an_hour():
 
 @pytest.mark.parametrize("case", CASES)
 def test_page_is_whole_and_needs_no_network(pages, case):
-    text = pages[case]
-    page = Page(text)
-    assert page.open == []
+    page = checked(pages[case])
     assert set(page.figures) == FIGURES[case]
-    assert page.resources
-    assert all(resource.startswith("data:image/svg+xml;base64,") for resource in page.resources)
-    for source in page.figures.values():
-        picture = base64.b64decode(source.removeprefix("data:image/svg+xml;base64,"))
-        assert picture.rstrip().endswith(b"</svg>")
-        links = re.findall(rb'(?:xlink:href|src|url\()="?([^")]*)', picture)
-        assert all(link.startswith((b"#", b"data:image/png")) for link in links)
-    assert "http" not in re.sub(r'src="[^"]*"', "", text)
-    assert len(text.encode()) < 1_500_000
-    assert all(len(alt) > 60 for alt in page.alts.values())
+    assert all(len(alt) > 60 for alt in page.figures.values())
 
 
 @pytest.mark.parametrize("case", CASES)
 def test_page_begins_with_the_answer(pages, case):
     diagnosis = CASES[case]()
-    body = pages[case].split("<body>")[1]
-    assert body.index(words.verdict(diagnosis)) < body.index("<h2>")
+    first, rest = pages[case].split("<body>")[1].split("<h2", 1)
+    assert f"<h1>{html.escape(diagnosis_card.headline(diagnosis))}</h1>" in first
+    assert not re.search(r"[a-z]+_[a-z]+", " ".join(diagnosis_card.names(diagnosis_card.card(diagnosis))))
+    assert not any(name in first for name in ALL_EFFECTS)
+    assert html.escape(words.verdict(diagnosis)) in rest
     for cause in diagnosis.causes:
-        assert words.cause_size(cause) in body
-        assert words.meaning(cause.effect).replace("'", "&#x27;") in body
-    assert diagnosis.notes[0] in body
+        assert words.cause_size(cause) in first
+        assert html.escape(words.meaning(cause.effect)) in rest
+    assert diagnosis.notes[0] in rest
+
+
+@pytest.mark.parametrize(
+    ("case", "headline"),
+    [
+        ("named", "The z gyro's bias swings by ±0.11 deg/h once an orbit"),
+        ("group", "Either the gyro's time tags are 0.52 s late, or the gyro's readings trail the motion by some amount"),
+        ("unknown", "Something is at work that is on no list of known causes"),
+        ("stream", "The gyro's readings are rounded to steps of 0.000278 deg/s"),
+    ],
+)
+def test_headline_is_plain(case, headline):
+    assert diagnosis_card.headline(CASES[case]()) == headline
+
+
+def test_every_effect_has_a_sentence_of_its_own():
+    said = {effect.sentence("y" if effect.axes else None, -2.0, "2.0 u") for effect in ALL_EFFECTS.values()}
+    assert len(said) == len(ALL_EFFECTS)
+    for name, effect in ALL_EFFECTS.items():
+        assert effect.says, name
+        assert not re.search(r"[{}_]", effect.sentence(None, 1.0, "2.0 u"))
+    assert ALL_EFFECTS["time_offset"].sentence(None, -2.0, "2 s").endswith("2 s early")
+
+
+def test_pointing_is_the_largest_swing_within_an_orbit():
+    t = np.arange(0.0, 9000.0, 60.0)
+    table = pd.DataFrame({"cause": "c", "interval": "m1", "axis": "z", "t_s": t, "regressor_deg": t / 3600})
+    assert "errs by up to 5400 arcsec about z in an orbit" in diagnosis_card.pointing(table, 5400.0)
+    assert "3600 arcsec about z in an hour" in diagnosis_card.pointing(table, float("nan"))
+    ends = table.iloc[[0, -1]]
+    assert "arcsec about z in 149 min" in diagnosis_card.pointing(ends, 5400.0)
+    assert "in the samples" in diagnosis_card.pointing(table.iloc[:0], 5400.0)
+
+
+def test_reliability_is_the_one_that_was_measured():
+    committed = pd.read_csv(ROOT / "results" / "studies" / "wide" / "reliability.csv")
+    pd.testing.assert_frame_equal(diagnosis_card._measured(), committed)
+    row = committed[committed["statements"] > 20].iloc[0]
+    said = diagnosis_card.reliability((row["from"] + row["to"]) / 2)
+    assert f"Of {row['statements']:.0f} statements" in said
+    assert f"{100 * row['there']:.0f} % were right" in said
+    assert "not known" in diagnosis_card.reliability(0.9999)
+
+
+@pytest.mark.parametrize(("closed", "text"), [(1.31, "All of it (69 to 192 %)"), (-0.1, "None of it"), (0.5, "50 % of it")])
+def test_a_share_beyond_the_whole_is_all_of_it(closed, text):
+    found = dataclasses.replace(CASES["named"]().closure, closed=closed, interval_90=(0.69, 1.92))
+    assert words.closed_in_short(dataclasses.replace(CASES["named"](), closure=found)).startswith(text)
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_card_is_a_picture(case, tmp_path):
+    diagnosis = CASES[case]()
+    drawn = diagnosis_card.figure(diagnosis_card.card(diagnosis, 5490.0), "see $x$")
+    height = drawn.get_figheight() * drawn.dpi
+    assert all(0 <= text.get_window_extent().y0 <= height for text in drawn.texts)
+    text = svg.svg_bytes(drawn).decode()
+    assert "see $x$" in text
+    assert text.count("<text") > len(drawn.texts) - 1
 
 
 def test_page_is_the_same_every_time(pages):
@@ -282,9 +309,9 @@ def test_unlikely_tables(tmp_path):
     empty = {name: getattr(base.details, name).iloc[:0] for name in ("statistics", "explanations", "stream", "regressors")}
     odd = dataclasses.replace(base, details=dataclasses.replace(base.details, residuals=few, **empty))
     diagnosis_report.write(odd, tmp_path / "page.html")
-    assert set(Page((tmp_path / "page.html").read_text()).figures) == {"residuals", "closure"}
+    assert set(checked((tmp_path / "page.html").read_text()).figures) == {"residuals", "closure"}
     statistics = base.details.statistics.assign(axis=None, interval=None)
-    assert panels.svg(diagnosis_figures.statistics_figure(statistics))
+    assert svg.svg_bytes(diagnosis_figures.statistics_figure(statistics))
 
 
 def test_many_references_and_intervals_stay_small():

@@ -1,0 +1,304 @@
+"""A calibration as one page: whether to believe it, then parameters, residuals, correlations, what is determined, noise."""
+
+from __future__ import annotations
+
+from functools import partial
+from html import escape
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from gyrocal import CalibrationResult, GyroParameters, InputError, Recording
+from gyrocal.calibration.davenport import ROTATION_NAMES
+from studies.allan import report as allan_report
+from studies.allan.analysis import analyse
+from studies.montecarlo.files import write_text
+from studies.report import calibration as words
+from studies.report import tables
+from studies.report.html import Picture, bullets, document, heading, paragraph, shown, table_of
+from studies.report.made import Made
+from studies.report.panels import BLUE, DARK, GREY, RED, Line, Panel, curves, drawn, heat_map
+
+UNITS = {"1": ("ppm", 1e6), "rad": ("µrad", 1e6), "deg/s": ("deg/h", 3600.0)}  # of a table's, what figures show
+TIGHT = 0.95  # correlation from which on two parameters are found together rather than each
+MOST_NAMES = 3
+WIDTH = 11.0
+
+
+def write(
+    result: CalibrationResult,
+    recording: Recording,
+    path: Path,
+    to_tolerance: bool = True,
+    truth: GyroParameters | None = None,
+    made: Made | None = None,
+) -> None:
+    """Write the page; what it takes is as of `page`."""
+    write_text(path, page(result, recording, to_tolerance, truth, made))
+
+
+def page(
+    result: CalibrationResult,
+    recording: Recording,
+    to_tolerance: bool = True,
+    truth: GyroParameters | None = None,
+    made: Made | None = None,
+) -> str:
+    """The whole page.
+
+    Parameters
+    ----------
+    result : of the calibration
+    recording : as calibrated, for the noise of its samples
+    to_tolerance : whether it was to iterate until nothing changes
+    truth : known parameters; None if they are not
+    made : for the footer
+    """
+    kind, title = headline(result, to_tolerance)
+    items = "".join(f"<dt>{escape(question)}</dt><dd>{escape(answer)}</dd>" for question, answer in answers(result))
+    parts = [
+        paragraph(f"Calibration of {result.recording}", "quiet"),
+        f'<section class="answer {kind}" aria-label="The answer"><dl>{items}</dl></section>\n',
+        heading("Parameters"),
+        shown(Picture("forest", partial(forest, result), _forest_alt(result), FOREST)),
+        table_of(words.parameter_table(result, truth), None, NUMBERS),
+        heading("Residuals before and after"),
+        shown(Picture("residuals", partial(residual_figure, result), _residual_alt(result), RESIDUALS)),
+        heading("What the data determine"),
+        *_determined(result),
+        heading("Noise of the samples"),
+        *_noise(recording),
+        heading("What speaks for and against it"),
+        bullets(words.remarks(result)),
+    ]
+    return document(title, parts, made, contents=True, short=f"Calibration of {result.recording}")
+
+
+NUMBERS = ("initial", "calibrated", "sigma", "correction", "in sigma", "error", "error in sigma")
+FOREST = (
+    "Corrections to what the calibration started from, with one sigma (thick) and three (thin). Those whose thin line crosses "
+    "zero are not told from no correction."
+)
+RESIDUALS = (
+    "One point a reference attitude, in the order of the intervals (dotted lines between them). In the grey band, two sigma "
+    "either way, is what the stated noise explains."
+)
+
+
+# ---- the first screen ----------------------------------------------------------------------------------------------------
+
+
+def headline(result: CalibrationResult, to_tolerance: bool) -> tuple[str, str]:
+    """Kind of the answer, and the answer in a sentence."""
+    if result.observability.unobservable:
+        return "open", f"{len(result.observability.unobservable)} of the parameters' combinations are not found by the data"
+    if to_tolerance and not result.converged:
+        return "gap", "The calibration did not converge"
+    if result.dof <= 0:
+        return "open", "The parameters are found, and nothing is left to check them with"
+    if result.p_value < words.DOUBT:
+        return "gap", "Do not believe it yet: what is left is more than the stated noise explains"
+    if result.p_value > 1 - words.DOUBT:
+        return "open", "What is left is less than the stated noise: it is stated too large"
+    return "", "The calibration fits: what is left is what the stated noise explains"
+
+
+def answers(result: CalibrationResult) -> list[tuple[str, str]]:
+    """(question, answer), in the order in which they are read."""
+    table = _shown(result)
+    most = table.loc[table["in_sigma"].abs().nlargest(MOST_NAMES).index]
+    changes = "; ".join(
+        f"{r['parameter']} by {_short(r['correction'], '+')} {r['unit']} ({abs(r['in_sigma']):.0f} sigma)"
+        for r in most.to_dict("records")
+    )
+    sigmas = "; ".join(
+        f"{_short(part['sigma'].min())} to {_short(part['sigma'].max())} {unit}"
+        for unit, part in table.groupby("unit", sort=False)
+    )
+    residuals = "; ".join(f"{name} {before:.4f} to {after:.4f} deg" for name, (before, after) in _rms(result).items())
+    return [
+        ("Can it be believed?", words.fit_remark(result)),
+        ("What changed most?", f"{changes}."),
+        ("How well are they known?", f"One sigma: {sigmas}."),
+        ("What is left of the residuals (RMS)?", f"{residuals}."),
+        ("Is everything determined?", _observability(result)),
+        ("What to do next?", next_step(result)),
+    ]
+
+
+def _observability(result: CalibrationResult) -> str:
+    free = result.observability.unobservable
+    if free:
+        return f"No: not found by the data are {'; '.join(free)}."
+    pairs = _tight(result)
+    more = f"; found together rather than each: {', '.join(f'{a} and {b}' for a, b in pairs[:MOST_NAMES])}" if pairs else ""
+    return (
+        f"Yes: the worst combination is known {result.observability.singular_values[-1]:.0f} times better than its plausible "
+        f"range{more}."
+    )
+
+
+def next_step(result: CalibrationResult) -> str:
+    """What the result asks for."""
+    if result.observability.unobservable:
+        return "Fly a maneuver that turns about what is missing: gyrocal plan says of a scenario what each maneuver brings."
+    if result.dof <= 0:
+        return "Add reference attitudes or intervals, so that something is left to check with."
+    if result.p_value < words.DOUBT:
+        worst = words.worst_residual(result)
+        return f"{worst} Ask gyrocal diagnose which effect makes the residuals too large, and where.".strip()
+    if result.p_value > 1 - words.DOUBT:
+        return "State the noise of gyro and references as it is: gyrocal allan measures the gyro's."
+    return "Use it. gyrocal predict carries the attitude on by gyro with its covariance, which held-out references can check."
+
+
+def _short(value: float, sign: str = "") -> str:
+    """A number to three digits, without an exponent where that can be."""
+    return f"{float(f'{value:.3g}'):{sign}g}"
+
+
+def _rms(result: CalibrationResult) -> dict[str, tuple[float, float]]:
+    """Root mean square of the residuals before and after, deg, by axis."""
+    table = result.residuals
+
+    def of(name: str) -> float:
+        return float(np.sqrt(np.mean(np.square(table[f"{name}_deg"]))))
+
+    return {name: (of(f"before_{name}"), of(f"after_{name}")) for name in ROTATION_NAMES}
+
+
+def _shown(result: CalibrationResult) -> pd.DataFrame:
+    """The solved parameters in the units that figures have."""
+    table = result.summary().query("solved").copy()
+    scales = [UNITS.get(unit, (unit, 1.0)) for unit in table["unit"]]
+    factors = np.array([factor for _, factor in scales])
+    table["unit"] = [unit for unit, _ in scales]
+    for name in ("correction", "sigma"):
+        table[name] = table[name].to_numpy(dtype=float) * factors
+    table["in_sigma"] = table["correction"] / table["sigma"]
+    return table
+
+
+# ---- figures -------------------------------------------------------------------------------------------------------------
+
+
+def forest(result: CalibrationResult) -> Figure:
+    """Corrections with their sigmas, a line a parameter, a panel a unit."""
+    groups = list(_shown(result).groupby("unit", sort=False))
+    made = [_forest_panel(str(unit), part) for unit, part in groups]
+    return drawn(*made, size=(WIDTH, 0.3 * max(len(part) for _, part in groups) + 1.0))
+
+
+def _forest_panel(unit: str, part: pd.DataFrame) -> Panel:
+    def draw(axes: Axes) -> None:
+        rows, value, sigma = np.arange(len(part)), part["correction"], part["sigma"]
+        axes.errorbar(value, rows, xerr=3 * sigma, fmt="none", ecolor=DARK, elinewidth=0.8, capsize=2)
+        axes.errorbar(value, rows, xerr=sigma, fmt="o", color=BLUE, elinewidth=3, markersize=4)
+        axes.axvline(0, color="0.4", linewidth=0.8)
+        axes.margins(x=0.08)
+
+    return Panel(draw, x=f"correction ({unit})", rows=list(part["parameter"]))
+
+
+def residual_figure(result: CalibrationResult) -> Figure:
+    """Residuals before and after by axis, over the references, with what the covariance model expects."""
+    table = result.residuals
+    number = np.arange(len(table))
+    first = table.groupby("interval", sort=False).ngroup().diff().to_numpy() > 0
+    edges = [float(k) - 0.5 for k in np.flatnonzero(first)] if first.sum() <= 24 else []
+    made = []
+    for when, colour in (("before", RED), ("after", BLUE)):
+        for name in ROTATION_NAMES:
+            sigma = table[f"sigma_{name}_deg"].to_numpy(dtype=float)
+            lines = [
+                Line(number, 0 * sigma, "", GREY, "-", -2 * sigma, 2 * sigma),
+                Line(number, table[f"{when}_{name}_deg"], when, colour, "o" if when == "before" else "s", size=3.0),
+            ]
+            x = "reference" if when == "after" else ""
+            made.append(curves(lines, x=x, y=f"{name} {when} (deg)", at=edges))
+    return drawn(*made, size=(WIDTH, 5.0), columns=len(ROTATION_NAMES))
+
+
+def correlations(result: CalibrationResult) -> pd.DataFrame:
+    """Correlation of the solved parameters."""
+    names = list(result.summary()["parameter"])
+    solved = [names.index(name) for name in result.solved_for]
+    covariance = result.own_covariance[np.ix_(solved, solved)]
+    sigma = np.sqrt(np.diag(covariance))
+    return pd.DataFrame(covariance / np.outer(sigma, sigma), index=list(result.solved_for), columns=list(result.solved_for))
+
+
+def _pairs(result: CalibrationResult) -> list[tuple[float, str, str]]:
+    """Size of the correlation of each two parameters with their names, the strongest first."""
+    found = correlations(result)
+    names, values = [str(name) for name in found.index], np.abs(found.to_numpy(dtype=float))
+    return sorted(((float(values[i, j]), names[i], names[j]) for i in range(len(names)) for j in range(i)), reverse=True)
+
+
+def _tight(result: CalibrationResult) -> list[tuple[str, str]]:
+    """Pairs of parameters that are found together, the tightest first."""
+    return [(a, b) for share, a, b in _pairs(result) if share > TIGHT]
+
+
+def _determined(result: CalibrationResult) -> list[str]:
+    values, found = result.observability.singular_values, correlations(result)
+    strongest = "".join(f" The strongest is {share:.2f}, of {a} and {b}." for share, a, b in _pairs(result)[:1])
+
+    def spectrum() -> Figure:
+        line = Line(np.arange(1, values.size + 1), np.maximum(values, 1e-3), "", BLUE, "o-")
+        return drawn(
+            curves(
+                [line], log="y", levels=[1.0], x="combination", y="plausible range over sigma", ticks=range(1, values.size + 1)
+            ),
+            size=(WIDTH / 2, 3.2),
+        )
+
+    return [
+        paragraph(_observability(result)),
+        shown(
+            Picture(
+                "observability",
+                spectrum,
+                f"{values.size} combinations of the parameters by how well the data determine them, from {values[0]:.3g} to "
+                f"{values[-1]:.3g} times their plausible range.",
+                "How many times better than its plausible range each combination is known; below the dashed line the data say "
+                "nothing new.",
+            )
+        ),
+        shown(
+            Picture(
+                "correlations",
+                lambda: drawn(heat_map(found.round(1) + 0.0, "{:.1f}"), size=(7.5, 5.6)),
+                f"Map of the correlations of {len(found)} parameters.{strongest}",
+                "Correlation of each two parameters. Near ±1 only a combination of the two is known well.",
+            )
+        ),
+    ]
+
+
+def _noise(recording: Recording) -> list[str]:
+    try:
+        found = analyse(recording)
+    except InputError as error:
+        return [paragraph(f"No Allan deviation: {error}")]
+    terms = allan_report.terms_table(found)
+    seen = [not str(value).startswith("not seen") for value in terms["value"]]
+    picture = Picture("allan", partial(allan_report.figure, found), allan_report.alt(found), allan_report.CAPTION)
+    return [bullets(allan_report.remarks(found)), shown(picture), table_of(terms, seen, ["value", "sigma"])]
+
+
+def _forest_alt(result: CalibrationResult) -> str:
+    table = _shown(result)
+    cells = ", ".join(
+        f"{r['parameter']} {tables.to_sigma(r['correction'], r['sigma'])} ± {r['sigma']:.2g} {r['unit']}"
+        for r in table.to_dict("records")
+    )
+    return f"Corrections of {len(table)} parameters: {cells}."
+
+
+def _residual_alt(result: CalibrationResult) -> str:
+    cells = ", ".join(f"{name} from {before:.4f} to {after:.4f} deg" for name, (before, after) in _rms(result).items())
+    return f"Residuals of {len(result.residuals)} reference attitudes; RMS {cells}."

@@ -1,0 +1,104 @@
+"""Claims of a paper, each beside what was found: it agrees, the paper slips, or the question is open.
+
+A verdict and the sentence beside it are computed from the results; only the claim is typed, with its place in the paper.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Literal
+
+import pandas as pd
+
+from studies.report.committed import Results
+
+Verdict = Literal["agrees", "the paper slips", "open"]
+NOT_FLOWN = "This run did not fly what it takes."
+
+
+@dataclass(frozen=True)
+class Found:
+    """What a paper's reproduction found.
+
+    Attributes
+    ----------
+    results : of the reproduction
+    studies : folder of the studies' results
+    """
+
+    results: Results
+    studies: Path
+
+    def __getitem__(self, path: str) -> Any:
+        """A number of the summary; `KeyError` if it is not there, or none."""
+        value = self.results.summary[path]
+        if value is None:
+            raise KeyError(path)
+        return value
+
+    def table(self, name: str) -> pd.DataFrame:
+        """A table of the reproduction."""
+        return self.results.tables[name]
+
+    def study(self, name: str, table: str) -> pd.DataFrame:
+        """A table of a study."""
+        path = self.studies / name / f"{table}.csv"
+        if not path.is_file():
+            raise KeyError(path)
+        return pd.read_csv(path)
+
+
+Judge = Callable[[Found], tuple[Verdict, str]]
+
+
+@dataclass(frozen=True)
+class Claim:
+    """A claim of a paper.
+
+    Attributes
+    ----------
+    where : its place in the paper
+    text : what the paper says
+    evidence : title of the section that the verdict rests on
+    judge : verdict and what was found, in a sentence
+    about : what it is about, in a few words
+    """
+
+    where: str
+    text: str
+    evidence: str
+    judge: Judge
+    about: str = ""
+
+
+@dataclass(frozen=True)
+class Judged:
+    """A claim with its verdict."""
+
+    claim: Claim
+    verdict: Verdict
+    found: str
+
+
+def judged(claims: Sequence[Claim], found: Found) -> list[Judged]:
+    """Every claim with its verdict; open where a run has not what it takes."""
+    out = []
+    for claim in claims:
+        try:
+            verdict, text = claim.judge(found)
+        except (KeyError, IndexError):
+            verdict, text = "open", NOT_FLOWN
+        out.append(Judged(claim, verdict, text))
+    return out
+
+
+def agrees_if(condition: bool, otherwise: Verdict = "open") -> Verdict:
+    """A verdict by a condition."""
+    return "agrees" if condition else otherwise
+
+
+def slips_if(condition: bool) -> Verdict:
+    """The paper slips, or what it prints holds."""
+    return "the paper slips" if condition else "agrees"

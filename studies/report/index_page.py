@@ -1,0 +1,239 @@
+"""The page of a reproduction: do simulation and flight agree, where not, why, and how far the gap shrinks; then every claim of
+both papers, every table and figure, the sealed checks of the diagnosis, and the studies, each with what makes it again.
+
+The page is made of the folders of results alone, so that it says what they hold; figures are taken in as they are there.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Collection, Mapping, Sequence
+from html import escape
+from pathlib import Path
+
+import pandas as pd
+
+from studies.montecarlo.files import write_text
+from studies.natanson.claims import CLAIMS as NATANSON
+from studies.report import committed, html, markdown
+from studies.report.claims import Claim, Found, Judged, judged
+from studies.report.html import Html, folded, heading, paragraph, slug, table_of
+from studies.report.made import Made
+from studies.report.source import Source
+from studies.report.tables import NO_VALUE
+from studies.robertson.claims import CLAIMS as ROBERTSON
+
+TITLE = "TRMM simulated beside TRMM flown: gyro calibration and Mission Mode"
+PAPERS = {
+    "natanson": ("N: Natanson (1998), the gyro calibration", "tables.md", NATANSON),
+    "robertson": ("R: Robertson et al. (1999), the Mission Mode", "report.md", ROBERTSON),
+}
+CHECKS = {  # studies that measure how far the diagnosis can be believed, first to last
+    "blind": "The sealed check, at home: TRMM's maneuvers",
+    "blind_withheld": "The sealed check, withheld effects",
+    "wide_first": "The wide check, abroad: its first cases",
+    "wide": "The wide check, abroad: further cases",
+}
+KINDS = {"agrees": "good", "the paper slips": "bad", "open": "open"}
+FAR = 3.0  # sigma
+FIRST = ("flight_gap.svg", "ladder.svg")  # figures that a paper's part begins with
+WORTH = 0.5  # probability from which on a cause is named in the answer
+AGREE = 1.1  # factor between simulated and flown numbers that agree
+PERIOD_WORDS = {"precalibration": "before any upload", "calibration1": "with the alignment", "postcalibration": "calibrated"}
+
+
+def write(path: Path, folders: Mapping[str, Path], studies: Path, made: Made) -> None:
+    """Write the page.
+
+    Parameters
+    ----------
+    path : of the page
+    folders : of both papers' results, by name
+    studies : folder of the studies' results
+    made : for the footer
+    """
+    write_text(path, page(folders, studies, made))
+
+
+def page(folders: Mapping[str, Path], studies: Path, made: Made | None = None) -> str:
+    """The whole page; a paper without results is left out."""
+    found = {name: Found(results, studies) for name, folder in folders.items() if (results := committed.read(folder))}
+    claims = {name: judged(PAPERS[name][2], one) for name, one in found.items()}
+    evidence = "".join(_paper(name, Source.of(one.results.folder)) for name, one in found.items())
+    evidence += _checks(studies) + _studies(studies)
+    there = set(re.findall(r'\bid="([^"]+)"', evidence))
+    return html.document(TITLE, [_answers(found, claims), _claims(claims, there), evidence], made, contents=True)
+
+
+# ---- the first screen ----------------------------------------------------------------------------------------------------
+
+
+def _answers(found: Mapping[str, Found], claims: Mapping[str, Sequence[Judged]]) -> str:
+    """Do they agree, where not, why, and how far does the gap shrink."""
+    cards = []
+    for name, make in (("natanson", _natanson), ("robertson", _robertson)):
+        if name in found:
+            try:
+                kind, lines = make(found[name], claims[name])
+            except (KeyError, IndexError):
+                kind, lines = "open", {"Do they agree?": "This run did not fly what it takes to say."}
+            items = "".join(f"<dt>{escape(question)}</dt><dd>{escape(text)}</dd>" for question, text in lines.items())
+            cards.append(f'<div class="answer {kind}"><p class="verdict">{escape(PAPERS[name][0])}</p><dl>{items}</dl></div>')
+    return f'<section aria-label="The answer"><div class="cards">{"".join(cards)}</div></section>\n'
+
+
+def _counts(claims: Sequence[Judged]) -> str:
+    count = {verdict: sum(one.verdict == verdict for one in claims) for verdict in KINDS}
+    return (
+        f"Of {len(claims)} claims {count['agrees']} agree, in {count['the paper slips']} the paper slips, "
+        f"{count['open']} are open."
+    )
+
+
+def _natanson(found: Found, claims: Sequence[Judged]) -> tuple[str, dict[str, str]]:
+    clean, rms = found["clean_gap_rms_deg.assumed"], found["flight_gap_rms_deg.flight_rms"]
+    held = [found[f"clean_gap_scan_deg.held_out.{when}"] for when in ("before", "after")]
+    agree = clean < 0.1 * rms
+    first = "Yes" if agree else "No"
+    slips = [one.claim.about or one.claim.where for one in claims if one.verdict == "the paper slips"]
+    return ("" if agree else "gap"), {
+        "Do simulation and flight agree?": f"{first}: the flown residuals are predicted to {clean:.4f} of {rms:.3f} deg RMS. "
+        f"{_counts(claims)}",
+        "Where not?": f"Where the paper slips: {'; '.join(slips)}." if slips else "Nowhere.",
+        "Why?": f"The slews' timings are not published, and explain {clean:.4f} to {found['clean_gap_rms_deg.each']:.4f} deg "
+        f"if they are fitted; print alone leaves {found['clean_gap_scan_deg.print']:.4f}.",
+        "How far does the gap shrink?": f"To {found['clean_gap_rms_deg.common']:.4f} deg with four common timings, "
+        f"{found['clean_gap_rms_deg.each']:.4f} with nine; on intervals that fitted nothing from {held[0]:.4f} to "
+        f"{held[1]:.4f}.",
+    }
+
+
+def _robertson(found: Found, claims: Sequence[Judged]) -> tuple[str, dict[str, str]]:
+    rungs, left = found.table("ladder"), found.table("diagnosis_left")
+    first, last = rungs.iloc[0], rungs.iloc[-1]
+    far = left[left["left_sigmas"].abs() > FAR]
+    steps = "; ".join(f"{_plain(str(one.effect))} {one.factor_18:.2f}" for one in rungs.iloc[1:].itertuples())
+    causes = found.table("diagnosis")
+    listed = causes[(causes["probability"] > WORTH) & ~causes["cause"].str.startswith("unknown")]
+    probable = "".join(f"; {_plain(str(one.cause))}: {one.probability:.2f}" for one in listed.itertuples())
+    where = ", ".join(f"{_plain(str(one.number))} by {one.left_sigmas:+.1f} sigma" for one in far.itertuples())
+    agree = last["factor_unfitted_low"] < AGREE
+    return ("" if agree else "gap"), {
+        "Do simulation and flight agree?": f"{'Yes' if agree else 'In part'}: R Table 3's 18 numbers differ by a factor of "
+        f"{first['factor_18']:.2f} as landed. {_counts(claims)}",
+        "Where not?": f"With what is found put in: {where}." if where else "Nowhere by more than three sigma.",
+        "Why?": f"Factor with each effect put in after the one before: {steps}. Something that is on no list is at work with a "
+        f"probability of {found['diagnosis.unknown']:.2f}{probable}.",
+        "How far does the gap shrink?": f"From a factor of {first['factor_unfitted']:.2f} to {last['factor_unfitted']:.2f} "
+        f"({last['factor_unfitted_low']:.2f} to {last['factor_unfitted_high']:.2f}), on numbers that fitted nothing.",
+    }
+
+
+def _plain(name: str) -> str:
+    """A number, rung or cause of R's ladder in words."""
+    for key, text in PERIOD_WORDS.items():
+        name = name.replace(key, text)
+    return name.replace("_", " ").replace("gyro walk:", "a walk of gyro ")
+
+
+# ---- claims and evidence -------------------------------------------------------------------------------------------------
+
+
+def _claims(claims: Mapping[str, Sequence[Judged]], there: Collection[str]) -> str:
+    """A row a claim; its evidence is linked if it is among what is there."""
+    parts = [heading("Every claim of both papers")] if claims else []
+    for name, found in claims.items():
+        rows = pd.DataFrame(
+            {
+                "where": [one.claim.where for one in found],
+                "the paper says": [one.claim.text for one in found],
+                "verdict": [Html(f'<span class="word {KINDS[one.verdict]}">{one.verdict}</span>') for one in found],
+                "found": [one.found for one in found],
+                "evidence": [_link(anchor(name, one.claim), one.claim, there) for one in found],
+            },
+            dtype=object,
+        )
+        parts += [f"<h3>{escape(PAPERS[name][0])}</h3>\n", paragraph(_counts(found))]
+        parts.append(table_of(rows, label=f"Claims of {PAPERS[name][0]}"))
+    return "".join(parts)
+
+
+def _link(target: str, claim: Claim, there: Collection[str]) -> Html:
+    if target not in there:
+        return Html(NO_VALUE)
+    return Html(f'<a href="#{target}">see<span class="sr"> {escape(claim.where)}</span></a>')
+
+
+def anchor(paper: str, claim: Claim) -> str:
+    """The anchor of a claim's evidence."""
+    return slug(claim.evidence) if claim.evidence.startswith("Study ") else f"{paper}-{slug(claim.evidence)}"
+
+
+def _paper(name: str, source: Source) -> str:
+    """Every figure and table of a paper's reproduction."""
+    title, file, _ = PAPERS[name]
+    text = (source.folder / file).read_text(encoding="utf-8") if (source.folder / file).is_file() else ""
+    drawn: dict[str, str] = {}
+
+    def image(path: str, alt: str) -> str:
+        drawn[path] = alt
+        return source.figure(path, alt)
+
+    bodies = []
+    for section in markdown.sections(text):
+        own = f"{name}-{slug(section.title)}"
+        body = markdown.rendered(section, image)
+        bodies.append(f'<h3 id="{own}">{escape(section.title)}</h3>\n{body}' if section.title else body)
+    others = [path.name for path in sorted(source.folder.glob("*.svg")) if path.name not in drawn]
+    others.sort(key=lambda one: one not in FIRST)
+    figures = "".join(source.figure(one, _caption(one)) for one in others)
+    return f"{heading(title)}{figures}{''.join(bodies)}{source.made(file)}"
+
+
+def _caption(file: str) -> str:
+    """What a figure of N shows, by its file."""
+    return CAPTIONS.get(file, file.removesuffix(".svg").replace("_", " "))
+
+
+CAPTIONS = {
+    "figure1_yaw_maneuvers.svg": "N Figure 1: body rates during both yaw maneuvers, simulated.",
+    "figure2_minus_y_forward.svg": "N Figure 2: body rates in -y forward, simulated.",
+    "figure3_inertial_hold.svg": "N Figure 3: body rates during inertial hold, simulated.",
+    "flight_gap.svg": "Residuals before calibration, flown and predicted, with the simulated 5 to 95 % range over seeds; "
+    "below, the clean gap.",
+    "errors.svg": "Recovered minus injected parameters over their formal sigma, a stroke a case.",
+    "psi_sweep.svg": "Linear against full ψ over slew rate and step.",
+}
+
+
+# ---- checks and studies --------------------------------------------------------------------------------------------------
+
+
+def _checks(studies: Path) -> str:
+    parts = [_study(studies / name, title, open_=True) for name, title in CHECKS.items()]
+    found = "".join(part for part in parts if part)
+    lead = paragraph("Sealed before the diagnosis ran: recordings whose answers it could not see, at home and abroad.")
+    return f"{heading('How far the diagnosis can be believed')}{lead}{found}" if found else ""
+
+
+def _studies(studies: Path) -> str:
+    names = [folder.name for folder in sorted(studies.glob("*/")) if folder.name not in CHECKS]
+    parts = [_study(studies / name, "") for name in names]
+    found = "".join(part for part in parts if part)
+    return f"{heading('The studies')}{found}" if found else ""
+
+
+def _study(folder: Path, title: str, open_: bool = False) -> str:
+    """A study's report: its checks at once, the rest when asked for."""
+    path = folder / "report.md"
+    if not path.is_file():
+        return ""
+    source, text = Source.of(folder), path.read_text(encoding="utf-8")
+    name = title or text.splitlines()[0].removeprefix("# ").removeprefix(f"Study {folder.name}: ")
+    parts = markdown.sections(text)
+    first = next((k for k, one in enumerate(parts) if one.title), len(parts))
+    shown, rest = (parts[: first + 1], parts[first + 1 :]) if open_ else ([], parts)
+
+    head = f'<h3 id="study-{slug(folder.name)}">{escape(name)}</h3>\n'
+    body = source.sections(rest, 4) + source.made("report.md")
+    return head + source.sections(shown, 4) + folded(f"{folder.name}: tables and figures", body)

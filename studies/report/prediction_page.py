@@ -1,0 +1,57 @@
+"""A prediction by gyro alone as one page: how far its attitude is off after which time, and what it rests on."""
+
+from __future__ import annotations
+
+import numpy as np
+import pandas as pd
+from matplotlib.figure import Figure
+
+from gyrocal.estimation.predict import Prediction
+from studies.report.html import Picture, document, heading, paragraph, shown, table_of
+from studies.report.made import Made
+from studies.report.panels import COLOURS, LINES, Line, curves, drawn
+
+ARCSEC = 3600.0  # a degree
+ROWS = 12  # of the table
+
+
+def page(found: Prediction, title: str, from_s: float, table: pd.DataFrame, made: Made | None = None) -> str:
+    """The whole page.
+
+    Parameters
+    ----------
+    found : the prediction
+    title : of the recording
+    from_s : time of the last reference that may be used, s
+    table : a row a time, as the command writes it
+    made : for the footer
+    """
+    sigma = np.rad2deg(found.sigma) * ARCSEC
+    last, length = sigma[-1].max(), found.t_s[-1] - from_s
+    chosen = np.unique(np.linspace(0, len(table) - 1, ROWS).round().astype(int))
+    picture = Picture(
+        "sigma",
+        lambda: _figure(found.t_s - from_s, sigma),
+        f"One sigma of the attitude about x, y and z over {length:.4g} s, from {sigma[0].max():.3g} to {last:.3g} arcsec.",
+        "One sigma about each body axis: what is left of the references' errors, the gyro's noise, and its parameters.",
+    )
+    used = f"{found.used} references are used; their χ² about what was known before them is {found.chi2:.1f} of {found.dof}."
+    return document(
+        f"By gyro alone the attitude is known to {last:.3g} arcsec after {length:.4g} s",
+        [
+            paragraph(f"Prediction of {title} from {from_s:g} s", "quiet"),
+            paragraph(used),
+            heading("How its error grows"),
+            shown(picture),
+            heading("The attitude"),
+            table_of(table.iloc[chosen].map(lambda value: f"{value:.6g}"), None, list(table.columns)),
+        ],
+        made,
+        short=f"Prediction of {title}",
+    )
+
+
+def _figure(t: np.ndarray, sigma: np.ndarray) -> Figure:
+    lines = [Line(t, sigma[:, k], axis, COLOURS[axis], LINES[axis]) for k, axis in enumerate("xyz")]
+    panel = curves(lines, x="s after the last reference", y="sigma (arcsec)", legend="upper left")
+    return drawn(panel, size=(8.0, 3.4))

@@ -1,0 +1,97 @@
+"""The page of a reproduction, made of the committed results."""
+
+import json
+import re
+import shutil
+
+import pandas as pd
+import pytest
+
+from studies.natanson.claims import CLAIMS as NATANSON
+from studies.report import committed, index_page, panels, svg
+from studies.report.claims import Found, judged
+from studies.report.made import Made
+from studies.robertson.claims import CLAIMS as ROBERTSON
+from tests import ROOT
+from tests.pages import BROWSER, SPILT, checked, colours, in_a_browser, least_contrast
+
+RESULTS = ROOT / "results"
+FOLDERS = {"natanson": RESULTS / "reproduction", "robertson": RESULTS / "mission"}
+MADE = Made("1", "2026-01-01", "gyrocal reproduce", "0" * 64)
+
+
+@pytest.fixture(scope="module")
+def text():
+    return index_page.page(FOLDERS, RESULTS / "studies", MADE)
+
+
+@pytest.fixture(scope="module")
+def page(text):
+    return checked(text, most_bytes=5_000_000)
+
+
+def test_the_first_screen_answers_with_the_results_numbers(text):
+    summary = json.loads((FOLDERS["natanson"] / "summary.json").read_text())
+    ladder = pd.read_csv(FOLDERS["robertson"] / "ladder.csv")
+    first = text[text.index("<main") : text.index("<nav")]
+    assert first.count("Do simulation and flight agree?") == first.count("How far does the gap shrink?") == 2
+    assert f"{summary['clean_gap_rms_deg']['assumed']:.4f} of {summary['flight_gap_rms_deg']['flight_rms']:.3f} deg" in first
+    assert f"{ladder['factor_unfitted'].iloc[0]:.2f} to {ladder['factor_unfitted'].iloc[-1]:.2f}" in first
+
+
+def test_every_claim_leads_to_its_evidence(page, text):
+    claims = text[text.index("Every claim of both papers</h2>") : text.index("N: Natanson (1998), the gyro calibration</h2>")]
+    links = re.findall(r'href="#([^"]+)"', claims)
+    assert len(links) == len(NATANSON) + len(ROBERTSON)
+    sections = set(re.findall(r'<h3 id="([^"]+)"', text))
+    assert [one for one in links if one not in sections] == []
+
+
+def test_all_figures_are_there_with_what_makes_them(page, text):
+    files = [path for folder in FOLDERS.values() for path in folder.glob("*.svg")]
+    assert {f"{path.parent.name}-{path.stem}" for path in files} <= set(page.figures)
+    manifest = json.loads((FOLDERS["natanson"] / "manifest.json").read_text())
+    assert manifest["files"]["flight_gap.svg"][:16] in text
+    assert manifest["commit"][:12] in text
+    for name in index_page.CHECKS:
+        assert f'id="study-{name.replace("_", "-")}"' in text
+    assert MADE.sha256 in text
+
+
+def test_a_verdict_follows_the_numbers():
+    """A negative control: with other numbers the same claim has another verdict."""
+    results = committed.read(FOLDERS["natanson"])
+    found = Found(results, RESULTS / "studies")
+    verdicts = {one.claim.text: one.verdict for one in judged(NATANSON, found)}
+    assert verdicts["-y forward turns about x with +1 RPO"] == "the paper slips"
+    turned = {**results.summary, "minus_y_rate_rpo.favoured": 1, "clean_gap_rms_deg.assumed": 0.1}
+    other = Found(committed.Results(results.folder, {}, turned, results.tables), RESULTS / "studies")
+    verdicts = {one.claim.text: one.verdict for one in judged(NATANSON, other)}
+    assert verdicts["-y forward turns about x with +1 RPO"] == "agrees"
+    assert verdicts["18 residuals before calibration"] == "open"
+
+
+def test_what_was_not_flown_is_open(tmp_path):
+    empty = Found(committed.Results(tmp_path, {}, {}, {}), tmp_path)
+    assert {one.verdict for one in judged(ROBERTSON, empty)} == {"open"}
+    shutil.copy(FOLDERS["robertson"] / "manifest.json", tmp_path)
+    (tmp_path / "summary.json").write_text("{}")
+    checked(index_page.page({"robertson": tmp_path}, tmp_path, MADE))
+
+
+@pytest.mark.parametrize("dark", [False, True])
+def test_colours_stand_out(text, dark):
+    own = colours(dark)
+    for name in ("ink", "quiet", "link", "good", "bad", "open"):
+        assert min(svg.contrast(own[name], own[paper]) for paper in ("paper", "soft")) >= 4.5
+    if dark:
+        assert least_contrast(text, dark) >= 4.5
+    for colour in (panels.RED, panels.TEAL, panels.BLUE, panels.ORANGE, panels.DARK):
+        assert svg.contrast(svg.at_night(colour) if dark else colour, own["paper"]) >= 3.0
+
+
+@pytest.mark.skipif(BROWSER is None, reason="no browser is here")
+def test_a_browser_shows_it_narrow_and_wide(tmp_path):
+    narrow, wide = in_a_browser(index_page.page(FOLDERS, tmp_path, MADE), tmp_path).values()
+    assert max(narrow["spill"], wide["spill"]) <= SPILT
+    assert narrow["height"] > wide["height"]
