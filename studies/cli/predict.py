@@ -6,7 +6,7 @@ import click
 import numpy as np
 import pandas as pd
 
-from gyrocal import attitude, load
+from gyrocal import attitude, load, triad
 from gyrocal.estimation.predict import Prediction, predict, prior_covariance
 from studies.cli.options import PATH
 from studies.montecarlo.files import check_writable, write_csv, write_json
@@ -48,7 +48,7 @@ def command(
     """
     check_writable(out)
     check_writable(as_json)
-    loaded = load(recording)
+    loaded = triad(load(recording))
     bias = None if prior_sigma_bias is None else float(np.deg2rad(prior_sigma_bias))
     P0 = prior_covariance(prior_sigma_g, bias, float(np.deg2rad(prior_mounting)), prior_scale, loaded.gyro.apriori_G)
     found = predict(loaded, from_s, None, P0)
