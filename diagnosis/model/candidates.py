@@ -209,7 +209,7 @@ def plain_group(model: RecordingModel, effect: Effect, axis: str | None, around:
     """An effect whose columns are there throughout, with an option for each set of parameters worth trying."""
     trials = effect.trials(around)
     columns = [columns_of(model, effect, axis, trial.parameters) for trial in trials]
-    return _group(effect, axis, columns, [dict(trial.parameters) for trial in trials], [trial.weight for trial in trials])
+    return group_of(effect, axis, columns, [dict(trial.parameters) for trial in trials], [trial.weight for trial in trials])
 
 
 def switched_group(model: RecordingModel, effect: Effect, axis: str | None, around: Surroundings) -> Group:
@@ -226,7 +226,7 @@ def switched_group(model: RecordingModel, effect: Effect, axis: str | None, arou
             for time, width in zip(times, widths, strict=True)
         ]
         shares += (trial.weight * weights).tolist()
-    return _group(effect, axis, columns, parameters, shares)
+    return group_of(effect, axis, columns, parameters, shares)
 
 
 def process_places(model: RecordingModel, effect: Effect) -> tuple[ProcessTimes, Callable[..., Array]]:
@@ -243,11 +243,11 @@ def process_groups(model: RecordingModel, effect: Effect, around: Surroundings) 
     factors = [processes.factor(effect.covariance(at, trial.parameters)) for trial in trials]
     for number, axis in enumerate(effect.axes):
         columns = [make(model, number, factor) for factor in factors]
-        group = _group(effect, axis, columns, [dict(t.parameters) for t in trials], [t.weight for t in trials])
+        group = group_of(effect, axis, columns, [dict(t.parameters) for t in trials], [t.weight for t in trials])
         yield replace(group, process=True)
 
 
-def _group(
+def group_of(
     effect: Effect, axis: str | None, columns: Sequence[Array], parameters: Sequence[Parameters], weights: Sequence[float]
 ) -> Group:
     return Group(

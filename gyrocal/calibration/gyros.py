@@ -512,6 +512,26 @@ def calibrate_gyros(
     )
 
 
+def fitted_to_parity(recording: Recording, start: GyroArray, plausible: tuple[float, float], iterations: int = 3) -> GyroArray:
+    """The gyros whose parity is nearest to zero, within what is plausible; what only attitude sees is left as it was.
+
+    Parameters
+    ----------
+    recording : with or without reference attitudes
+    start : gyros to start from
+    plausible : prior sigma of K, and of c, rad/s
+    iterations : how many
+    """
+    sums, gyros = parity_sums(recording), start
+    prior = np.tile([plausible[0]] * 3 + [plausible[1]], len(start.names))
+    for _ in range(iterations if sums else 0):
+        parts = [one.rows(gyros, recording.gyro.arw) for one in sums]
+        H = np.vstack([*(rows * prior for rows, _ in parts), np.eye(prior.size)])
+        z = np.concatenate([*(values for _, values in parts), (gyros.vector - start.vector) / prior])
+        gyros = gyros.at(gyros.vector - prior * np.linalg.lstsq(H, z, rcond=None)[0])
+    return gyros
+
+
 def _message(combinations: Sequence[str], plausible_K: float, plausible_c: float) -> str:
     return (
         f"{len(combinations)} parameter combination(s) cannot be found with the stated noise to within their plausible range "
@@ -532,4 +552,4 @@ def _residual_table(recording: Recording, measured: Measurements, before: _Attit
     return pd.DataFrame(columns)
 
 
-__all__ = ["GyroArray", "GyrosResult", "calibrate_gyros", "parity_sums"]
+__all__ = ["GyroArray", "GyrosResult", "calibrate_gyros", "fitted_to_parity", "parity_sums"]

@@ -32,10 +32,15 @@ def nominal(gyro: GyroStream) -> tuple[Array, Array]:
     return np.asarray(K), -K @ gyro.apriori_bias
 
 
-def gain(K: Array, chosen: Indices) -> Array:
-    """G (3, n) of the chosen gyros, zero for the others."""
+def gain(K: Array, chosen: Indices, sigma: Array | None = None) -> Array:
+    """G (3, n) of the chosen gyros, zero for the others.
+
+    With the sigmas (n,) of gyros of different noise it is that of weighted least squares, (KᵀWK)⁻¹ KᵀW with W = σ⁻², whose noise
+    is uncorrelated with that of the parity as well.
+    """
+    weight = np.ones(len(chosen)) if sigma is None else sigma.mean() / sigma[chosen]
     G = np.zeros((3, len(K)))
-    G[:, chosen] = np.linalg.pinv(K[chosen])
+    G[:, chosen] = np.linalg.pinv(K[chosen] * weight[:, None]) * weight
     return G
 
 
@@ -54,10 +59,18 @@ def inside(recording: Recording, interval: int) -> tuple[slice, Array]:
     return slice(int(low), int(high)), np.minimum(gyro.sample_s, one.stop_s - gyro.t_s[low:high])
 
 
-def triad(recording: Recording) -> Recording:
-    """The recording of the three body rates that its gyros stand for a priori; one of x, y and z is left as it is.
+def triad(
+    recording: Recording, K: Array | None = None, c: Array | None = None, noise: Array | None = None
+) -> Recording:
+    """The recording of the three body rates that its gyros stand for; one of x, y and z is left as it is.
 
     The noise of its rates has the mean power of the three axes'.
+
+    Parameters
+    ----------
+    recording : any recording
+    K, c : (n, 3) and (n,) rad/s of the gyros; those of its a-priori G and b by default
+    noise : (n,) white noise of each gyro, as a factor of the stated one
 
     Raises
     ------
@@ -69,8 +82,11 @@ def triad(recording: Recording) -> Recording:
     if not recording.attitudes.t_s.size:
         raise InputError("the recording has no reference attitudes; its gyros can only be compared with one another")
     gyro = recording.gyro
-    K = nominal(gyro)[0]
-    rates = np.nan_to_num(gyro.rates) @ np.linalg.pinv(K).T
+    bias = np.array(gyro.apriori_bias) if c is None else np.zeros(3)
+    K = nominal(gyro)[0] if K is None else K
+    read = gyro.rates - (0.0 if c is None else c)
+    factor = np.ones(len(K)) if noise is None else noise
+    rates = np.nan_to_num(read) @ gain(K, np.arange(len(K)), factor).T
     power = []
     for number in range(len(recording.intervals)):
         part, _ = inside(recording, number)
@@ -78,15 +94,15 @@ def triad(recording: Recording) -> Recording:
         begins = recording.intervals[number].start_s + TAG_ROUNDING * gyro.sample_s
         if part.start and gyro.t_s[part.start - 1] + gyro.sample_s > begins:  # a sample that the interval starts in
             part = slice(part.start - 1, part.stop)
-        G = np.linalg.pinv(K[chosen])
-        rates[part] = gyro.rates[part][:, chosen] @ G.T
-        power.append(float(np.sum(G**2)) / 3)
+        G = gain(K, chosen, factor)
+        rates[part] = np.nan_to_num(read[part]) @ G.T
+        power.append(float(np.sum((G * factor) ** 2)) / 3)
     body = replace(
         gyro,
         rates=rates,
         arw=gyro.arw * float(np.sqrt(np.mean(power))),
         apriori_G=np.eye(3),
-        apriori_bias=np.array(gyro.apriori_bias),
+        apriori_bias=bias,
         names=TRIAD,
     )
     return replace(recording, gyro=body, intervals=tuple(replace(one, gyros=None) for one in recording.intervals))
