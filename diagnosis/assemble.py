@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -86,7 +86,7 @@ class Seen:
     motions: tuple[str, ...]
     notes: tuple[str, ...]
     details: Details
-    amplitudes: Amplitudes = Amplitudes()
+    amplitudes: Amplitudes = field(default_factory=Amplitudes)
     gyros: tuple[str, ...] = ("x", "y", "z")
     blind: str | None = None
 
@@ -324,6 +324,7 @@ def explanation_table(attribution: Attribution | None) -> pd.DataFrame:
 
 
 def details(prepared: Prepared, explained: Explained, table: pd.DataFrame) -> Details:
+    """The tables of an answer's figures, of the attitude and the samples."""
     model, fitted = prepared.model, explained.fitted
     contribution = sum((model.projected(one.contribution) for one in fitted), np.zeros(model.size))
     before, band = localization.body_residuals(model, model.y)

@@ -50,6 +50,8 @@ Progress = Callable[[str, float], None]
 BROAD = (10.0 * PLAUSIBLE_G, 10.0 * PLAUSIBLE_BIAS)  # prior sigma of K and c that the model is taken about
 SIGNIFICANT = 0.01  # p-value of an interval's parity, corrected for their number
 NOISE = "white_noise_level"
+NO_DATA = LinearModel(np.empty(0), np.empty((0, 0)), np.empty((0, 0)), (), 0, lambda columns: columns)
+NOTHING_TO_SEE = Explained(NO_DATA, 1.0, None, (), (), None, np.zeros(12), np.zeros((12, 12)))
 
 
 @dataclass(frozen=True)
@@ -82,6 +84,9 @@ def diagnose_gyros(
     began = time.perf_counter()
     if not recording.gyro.arw > 0:
         raise InputError("the recording states no gyro noise, by which gyros are compared; give arw_deg_per_sqrt_s")
+    most = max(recording.switched_on(k).size for k in range(len(recording.intervals)))
+    if most <= 3 and not recording.attitudes.t_s.size:
+        raise InputError("neither more than three gyros at a time nor reference attitudes are there: nothing to compare with")
     tell("gyro samples", 0.0)
     dead = dead_gyros(recording, effects, settings)
     whole = recording
@@ -90,21 +95,21 @@ def diagnose_gyros(
     start = GyroArray(recording.gyro.names, *nominal(recording.gyro))
     gyros, body, more = about(recording, start, tested.noise, settings)
     parity = parity_model(recording, gyros, recording.gyro.arw * tested.noise)
-    if parity is None and body is None:
-        raise InputError("neither more than three gyros at a time nor reference attitudes are left: nothing to compare with")
     symptoms = [*tested.symptoms, *(reference_symptoms(body, settings) if body is not None else [])]
     view = _view(recording, recording.gyro.names)
     own = [effect for effect in effects if not effect.of_arrays]
     samples = (*dead, *claimed(symptoms, tested.tests, own, view, settings))
     notes = (*notes, *tested.notes, *more)
+    if parity is None and body is None:
+        left = "No more than three gyros are left, and no reference attitudes: nothing but the samples could be looked at"
+        seen = _seen_by_parity(whole, start, NOTHING_TO_SEE, tested, (), (*notes, left))
+        return answered(seen, samples, NOTHING_TO_SEE, settings, time.perf_counter() - began)
     if parity is None:
         assert body is not None
         explained = explain(body, [one for one in effects if not one.of_arrays], settings, seed, tell)
         seen = _seen_by_attitude(whole, body, explained, gyros, tested, (*notes, "Without parity, axes are those of the body"))
         return answered(seen, samples, explained, settings, time.perf_counter() - began)
-    gains = np.stack(
-        [gain(gyros.K, recording.switched_on(k), tested.noise) for k in range(len(recording.intervals))]
-    )
+    gains = np.stack([gain(gyros.K, recording.switched_on(k), tested.noise) for k in range(len(recording.intervals))])
     model = ArrayModel(recording, parity, None if body is None else body.model, gains)
     tell("candidates", 0.1)
     linear = array_model(model, effects, settings)
@@ -159,7 +164,7 @@ def without(recording: Recording, names: Sequence[str]) -> tuple[Recording, tupl
     gyro = recording.gyro
     kept = [k for k, name in enumerate(gyro.names) if name not in names]
     K, c = nominal(gyro)
-    G = np.linalg.pinv(K[kept])
+    G = np.asarray(np.linalg.pinv(K[kept]))
     stream = GyroStream(
         gyro.t_s, gyro.rates[:, kept], gyro.sample_s, gyro.arw, G, -G @ c[kept], tuple(gyro.names[k] for k in kept)
     )
@@ -204,9 +209,7 @@ def _of_three(recording: Recording, three: list[int]) -> Recording | None:
     rates = np.nan_to_num(gyro.rates[:, three])
     stream = GyroStream(gyro.t_s, rates, gyro.sample_s, gyro.arw, names=names)
     intervals = tuple(replace(recording.intervals[k], gyros=None) for k in on)
-    return replace(
-        recording, gyro=stream, attitudes=without_attitudes(), intervals=intervals, sensors=None
-    )
+    return replace(recording, gyro=stream, attitudes=without_attitudes(), intervals=intervals, sensors=None)
 
 
 def _distinct(symptoms: Sequence[Symptom]) -> list[Symptom]:
@@ -371,6 +374,12 @@ def _seen_by_parity(
         baseline_bias=gyros.bias,
         motions=(),
         notes=(*notes, note),
-        details=Details(pd.DataFrame(columns=columns), statistics, regressors, explanation_table(explained.attribution), _stream_table(tested)),
+        details=Details(
+            pd.DataFrame(columns=columns),
+            statistics,
+            regressors,
+            explanation_table(explained.attribution),
+            _stream_table(tested),
+        ),
         gyros=gyros.names,
     )

@@ -250,6 +250,7 @@ def process_groups(model: RecordingModel, effect: Effect, around: Surroundings) 
 def group_of(
     effect: Effect, axis: str | None, columns: Sequence[Array], parameters: Sequence[Parameters], weights: Sequence[float]
 ) -> Group:
+    """An effect as a group, by its columns at each set of parameters."""
     return Group(
         effect=effect.name,
         axis=axis,

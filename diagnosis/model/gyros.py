@@ -1,9 +1,9 @@
 """The linear model of several gyros: their parity beside the attitude, and every effect gyro by gyro.
 
-An error f(t) of gyro i is high by f in its own reading. The body rates G ω_raw are then high by G_i f, which the attitude shows,
-and the parity by V_i f, which shows without any attitude. Both are observations of one linear model: attitude rows, then parity
-rows, whose noise does not correlate (`gyrocal.recording.gyros`). What is not of one gyro – errors of the references, late tags of
-all of them – adds nothing to the parity. Without reference attitudes there are parity rows only.
+Where gyro i reads high by f(t), the body rates G ω_raw are high by G_i f, which the attitude shows, and the parity by V_i f,
+which shows without any attitude. Both are observations of one linear model: attitude rows, then parity rows, whose noise does not
+correlate (`gyrocal.recording.gyros`). What is not of one gyro – errors of the references, late tags of all of them – adds
+nothing to the parity. Without reference attitudes there are parity rows only.
 
 Four gyros have one parity residual, in which constant errors of any of them look alike; five or more tell them apart.
 """
@@ -119,7 +119,13 @@ class ArrayModel:
         return self._stream(own.t_s, own.duration_s, own.rates, own.intervals, own.span_s, own.housekeeping)
 
     def _stream(
-        self, t_s: Array, dt: Array, rates: Array, parts: tuple[slice, ...], span: tuple[float, float], more: Mapping[str, Array]
+        self,
+        t_s: Array,
+        dt: Array,
+        rates: Array,
+        parts: tuple[slice, ...],
+        span: tuple[float, float],
+        more: Mapping[str, Array],
     ) -> Stream:
         gyros = self.parity.gyros
         raw = rates @ gyros.K.T + gyros.c
@@ -161,30 +167,48 @@ class ArrayModel:
 
     @cached_property
     def process_times(self) -> ProcessTimes:
-        """Times at which a random process of a gyro is taken: those of the attitude's cells, then of the parity's blocks."""
-        one = self.parity
-        own = (one.middle_s, np.cumsum(one.duration_s) - 0.5 * one.duration_s, one.interval)
+        """Times at which a random process of a gyro is taken: the attitude's cells, or the parity's blocks without attitude."""
         if self.body is None:
-            return ProcessTimes(*own)
+            one = self.parity
+            return ProcessTimes(one.middle_s, np.cumsum(one.duration_s) - 0.5 * one.duration_s, one.interval)
         cells = self.body.cells
         interval = np.array([block.interval for block in self.body.blocks])[cells.interval]
-        parts = zip((cells.t_s, cells.run_s, interval), own, strict=True)
-        return ProcessTimes(*(np.concatenate(pair) for pair in parts))
+        return ProcessTimes(cells.t_s, cells.run_s, interval)
+
+    @cached_property
+    def held(self) -> Array:
+        """(B, times) share of each block of the parity in which each value of a process holds."""
+        one = self.parity
+        if self.body is None:
+            return np.eye(one.first.size)
+        at = self.process_times
+        own = np.empty(one.t_s.size, dtype=np.intp)
+        for number, part in enumerate(one.samples):  # the value nearest in time, of the same interval where there is one
+            there = np.flatnonzero(at.interval == number)
+            there = there if there.size else np.arange(at.t_s.size)
+            own[part] = there[np.searchsorted(0.5 * (at.t_s[there][1:] + at.t_s[there][:-1]), one.t_s[part])]
+        block = np.repeat(np.arange(one.first.size), np.diff(np.append(one.first, one.t_s.size)))
+        out = np.zeros((one.first.size, at.t_s.size))
+        np.add.at(out, (block, own), one.dt)
+        return out / one.duration_s[:, None]
+
+    @cached_property
+    def rival_factors(self) -> tuple[list[Array], Array]:
+        """Factors of the covariances of unlisted errors: correlated over three times, and a level in each interval."""
+        at = self.process_times
+        longest = max(float(np.ptp(at.t_s[at.interval == k])) for k in np.unique(at.interval))
+        together = processes.same(at.interval)
+        taus = (longest / 60, longest / 20, longest / 6)
+        return [processes.factor(together * processes.markov(at.t_s, tau)) for tau in taus], processes.factor(together)
 
     def unit_columns(self, gyro: int) -> Array:
         """(N, times) whitened observations of a unit error of one gyro at each time of a process."""
-        one = self.parity
-        blocks = np.zeros((one.size, one.first.size))
-        blocks[np.arange(one.size), one.block] = one.rows[:, gyro]
+        own = self.parity.reading(gyro, self.held)
         if self.body is None:
-            return blocks
-        interval = np.array([block.interval for block in self.body.blocks])[self.body.cells.interval]
-        weights = -self.gains[interval, :, gyro]  # a reading that is high makes a rate error −G_i
+            return own
+        weights = -self.gains[self.process_times.interval, :, gyro]  # a reading that is high makes a rate error −G_i
         cells = sum((self.body.cell_columns[axis] * weights[:, axis] for axis in range(3)), np.zeros((1, 1)))
-        return np.block([
-            [cells, np.zeros((self.attitude_rows, blocks.shape[1]))],
-            [np.zeros((one.size, cells.shape[1])), blocks],
-        ])  # fmt: skip
+        return np.vstack([cells, own])
 
 
 # ---- candidates ----------------------------------------------------------------------------------------------------------
@@ -222,16 +246,28 @@ def array_model(model: ArrayModel, effects: Sequence[Effect], settings: Diagnosi
 
 def gyro_groups(model: ArrayModel, effects: Sequence[Effect]) -> Iterator[Group]:
     """Effects with columns or a covariance on each gyro, and the unlisted errors of each."""
-    around, names = model.around, model.parity.gyros.names
-    for effect in effects:
-        if effect.missing(around) is not None:
-            continue
-        for gyro, name in enumerate(names):
+    here = [effect for effect in effects if effect.missing(model.around) is None]
+    random = {effect.name: _factors(model, effect) for effect in here if effect.is_process}
+    for gyro, name in enumerate(model.parity.gyros.names):
+        unit = model.unit_columns(gyro)
+        gram = unit.T @ model.projected(unit)
+        for effect in here:
             if effect.has_columns:
                 yield _switched(model, effect, gyro) if effect.switched else _plain(model, effect, gyro)
             elif effect.is_process:
-                yield _process(model, effect, gyro)
-    yield from _rivals(model, names)
+                columns = [processes.orthogonal(unit, gram, F) for F in random[effect.name]]
+                trials = effect.trials(model.around)
+                parameters = [dict(trial.parameters) for trial in trials]
+                made = candidates.group_of(effect, name, columns, parameters, [trial.weight for trial in trials])
+                yield replace(made, process=True)
+        for words, factors in _rivals(model, gyro):
+            columns = [processes.orthogonal(unit, gram, F) for F in factors]
+            shares = np.full(len(columns), 1 / len(columns))
+            yield Group(words, name, False, columns, [{}] * len(columns), shares, (0.0, np.inf), "", True)
+
+
+def _factors(model: ArrayModel, effect: Effect) -> list[Array]:
+    return [processes.factor(effect.covariance(model.process_times, trial.parameters)) for trial in effect.trials(model.around)]
 
 
 def _plain(model: ArrayModel, effect: Effect, gyro: int) -> Group:
@@ -256,42 +292,15 @@ def _switched(model: ArrayModel, effect: Effect, gyro: int) -> Group:
     return candidates.group_of(effect, model.parity.gyros.names[gyro], columns, parameters, shares)
 
 
-def _process(model: ArrayModel, effect: Effect, gyro: int) -> Group:
-    trials = effect.trials(model.around)
-    factors = [processes.factor(effect.covariance(model.process_times, trial.parameters)) for trial in trials]
-    parameters = [dict(trial.parameters) for trial in trials]
-    name = model.parity.gyros.names[gyro]
-    made = candidates.group_of(effect, name, _of_processes(model, gyro, factors), parameters, [t.weight for t in trials])
-    return replace(made, process=True)
-
-
-def _of_processes(model: ArrayModel, gyro: int, factors: Sequence[Array]) -> list[Array]:
-    columns = model.unit_columns(gyro)
-    gram = columns.T @ model.projected(columns)
-    return [processes.orthogonal(columns, gram, F) for F in factors]
-
-
-def _rivals(model: ArrayModel, names: Sequence[str]) -> Iterator[Group]:
+def _rivals(model: ArrayModel, gyro: int) -> Iterator[tuple[str, list[Array]]]:
     """Errors of one gyro that are on no list: of any course in time, following its rate, or of a level in each interval."""
-    at = model.process_times
-    longest = max(float(np.ptp(at.t_s[at.interval == k])) for k in np.unique(at.interval))
-    together = processes.same(at.interval)
-    fast = [processes.factor(together * processes.markov(at.t_s, tau)) for tau in (longest / 60, longest / 20, longest / 6)]
-    levels = processes.factor(together)
-    rate = np.interp(at.t_s, model.stream.t_s, np.zeros(model.stream.t_s.size))
-    for gyro, name in enumerate(names):
-        own = model.stream.rates @ model.parity.gyros.K[gyro]
-        rate = np.interp(at.t_s, model.stream.t_s, own)
-        for words, factors in (
-            ("random error of a gyro, correlated in time", fast),
-            ("bias of a gyro differs between intervals", [levels]),
-            ("scale factor of a gyro differs between intervals", [levels * rate[:, None]]),
-            ("scale factor of a gyro wanders", [fast[2] * rate[:, None]]),
-        ):
-            columns = _of_processes(model, gyro, factors)
-            count = len(columns)
-            shares = np.full(count, 1 / count)
-            yield Group(words, name, False, columns, [{}] * count, shares, (0.0, np.inf), "", True)
+    fast, levels = model.rival_factors
+    own = model.stream.rates @ model.parity.gyros.K[gyro]
+    rate = np.interp(model.process_times.t_s, model.stream.t_s, own)[:, None]
+    yield "random error of a gyro, correlated in time", fast
+    yield "bias of a gyro differs between intervals", [levels]
+    yield "scale factor of a gyro differs between intervals", [levels * rate]
+    yield "scale factor of a gyro wanders", [fast[2] * rate]
 
 
 # ---- the time of a step --------------------------------------------------------------------------------------------------
@@ -336,9 +345,7 @@ def finer_times(model: ArrayModel, linear: LinearModel, member: Member, effect: 
     gyro = model.parity.gyros.names.index(str(entry.axis))
     W = model.switched(effect, gyro, fixed, finer)
     start, weight = linear.W.shape[1], float(np.log(sum(np.exp(o.log_weight) for o in inside) / (2 * finer.size)))
-    more = [
-        Option(start + k, 1, weight, {**fixed, "time_s": float(time), "time_sigma_s": 0.0}) for k, time in enumerate(finer)
-    ]
+    more = [Option(start + k, 1, weight, {**fixed, "time_s": float(time), "time_sigma_s": 0.0}) for k, time in enumerate(finer)]
     coarse = [replace(o, log_weight=o.log_weight - np.log(2)) if o in inside else o for o in entry.options]
     return linear.with_options(member.candidate, [*coarse, *more], W, model.projected(W))
 

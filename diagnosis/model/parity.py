@@ -1,12 +1,12 @@
 """Parity of more gyros than three as whitened observations: what they say of one another, whatever the motion.
 
-In an interval the gyros that were on have parity residuals Vᵀ (ω_raw − c), with VᵀK = 0 (`gyrocal.recording.gyros`). Their means
-over blocks of time are the observations; a mean over T s has the noise ARW²/T in each of the n − 3 components, and nothing
-is lost by it of an error that changes little within a block. An error f(t) of the reading of gyro i adds V_i f̄, with f̄ its mean
-over the block: columns are exact whatever their course.
+In an interval the gyros that were on have parity residuals Vᵀ (ω_raw − c), with VᵀK = 0 (`gyrocal.recording.gyros`). Their
+means over blocks of time are the observations; a mean over T s has the noise ARW²/T in each of the n − 3 components, and
+nothing is lost by it of an error that changes little within a block. An error f(t) of the reading of gyro i adds V_i f̄, with
+f̄ its mean over the block: columns are exact whatever their course.
 
-Nuisance parameters are the K and c of all gyros, −Vᵀ (ΔK ω̄ + Δc). Only their parity is seen here, the rest by the attitude; gyros
-that are switched between intervals have different V and the same K and c.
+Nuisance parameters are the K and c of all gyros, −Vᵀ (ΔK ω̄ + Δc). Only their parity is seen here, the rest by the attitude;
+gyros that are switched between intervals have different V and the same K and c.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from gyrocal.recording.gyros import gain, inside, parity
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
 
-MOST_BLOCKS = 300  # of a recording
+MOST_BLOCKS = 200  # of a recording
 RANK = 1e-9  # relative size below which a nuisance column adds nothing to the others
 
 
@@ -129,7 +129,11 @@ def parity_model(recording: Recording, gyros: GyroArray, arw: Array) -> ParityMo
     """
     parts = [inside(recording, number) for number in range(len(recording.intervals))]
     total = sum(float(dt.sum()) for _, dt in parts)
-    t_s, dts, rates, samples, first, interval, block, rows, observed = [], [], [], [], [], [], [], [], []
+    found: dict[str, list[Array]] = {name: [] for name in ("t_s", "dt", "rates", "rows", "observed")}
+    first: list[Indices] = []
+    interval: list[Indices] = []
+    block: list[Indices] = []
+    samples: list[slice] = []
     count = 0
     for number, (part, dt) in enumerate(parts):
         chosen = recording.switched_on(number)
@@ -147,16 +151,23 @@ def parity_model(recording: Recording, gyros: GyroArray, arw: Array) -> ParityMo
             white = np.linalg.solve(np.linalg.cholesky(V.T * arw**2 @ V), V.T)  # (m, gyros)
             scaled = np.sqrt(duration)[:, None, None] * white
             block.append(np.repeat(sum(part.size for part in first) + np.arange(edges.size), len(white)))
-            rows.append(scaled.reshape(-1, len(gyros.names)))
-            observed.append(np.einsum("bmi,bi->bm", scaled, means).ravel())
-        t_s.append(recording.gyro.t_s[part] + 0.5 * dt)
-        dts.append(dt)
-        rates.append(raw @ gain(gyros.K, chosen, arw).T)
+            found["rows"].append(scaled.reshape(-1, len(gyros.names)))
+            found["observed"].append(np.einsum("bmi,bi->bm", scaled, means).ravel())
+        found["t_s"].append(recording.gyro.t_s[part] + 0.5 * dt)
+        found["dt"].append(dt)
+        found["rates"].append(raw @ gain(gyros.K, chosen, arw).T)
         samples.append(slice(count, count + dt.size))
         first.append(count + edges)
         interval.append(np.full(edges.size, number))
         count += dt.size
-    if not rows:
+    if not block:
         return None
-    joined = [np.concatenate(values) for values in (t_s, dts, rates, first, interval, block, rows, observed)]
-    return ParityModel(gyros, *joined[:3], tuple(samples), *joined[3:])
+    arrays = {name: np.concatenate(values) for name, values in found.items()}
+    return ParityModel(
+        gyros=gyros,
+        samples=tuple(samples),
+        first=np.concatenate(first),
+        interval=np.concatenate(interval),
+        block=np.concatenate(block),
+        **arrays,
+    )

@@ -35,8 +35,8 @@ def nominal(gyro: GyroStream) -> tuple[Array, Array]:
 def gain(K: Array, chosen: Indices, sigma: Array | None = None) -> Array:
     """G (3, n) of the chosen gyros, zero for the others.
 
-    With the sigmas (n,) of gyros of different noise it is that of weighted least squares, (KᵀWK)⁻¹ KᵀW with W = σ⁻², whose noise
-    is uncorrelated with that of the parity as well.
+    With the sigmas (n,) of gyros of different noise it is that of weighted least squares, (KᵀWK)⁻¹ KᵀW with W = σ⁻², whose
+    noise is uncorrelated with that of the parity as well.
     """
     weight = np.ones(len(chosen)) if sigma is None else sigma.mean() / sigma[chosen]
     G = np.zeros((3, len(K)))
@@ -59,9 +59,7 @@ def inside(recording: Recording, interval: int) -> tuple[slice, Array]:
     return slice(int(low), int(high)), np.minimum(gyro.sample_s, one.stop_s - gyro.t_s[low:high])
 
 
-def triad(
-    recording: Recording, K: Array | None = None, c: Array | None = None, noise: Array | None = None
-) -> Recording:
+def triad(recording: Recording, K: Array | None = None, c: Array | None = None, noise: Array | None = None) -> Recording:
     """The recording of the three body rates that its gyros stand for; one of x, y and z is left as it is.
 
     The noise of its rates has the mean power of the three axes'.

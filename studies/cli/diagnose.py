@@ -9,6 +9,7 @@ from diagnosis.adopt import scenario
 from diagnosis.diagnose import diagnose
 from gyrocal import InputError, load
 from gyrocal.errors import hint
+from gyrocal.recording.gyros import need_triad
 from simulator.effects.sensor import ALL_EFFECTS
 from studies.cli.effect_files import effects_option
 from studies.cli.fail_on import end
@@ -54,7 +55,7 @@ def command(
 
     The baseline has a constant G and b, white gyro noise and white reference noise, both as stated. The exit status is 0
     whatever the answer, but for --fail-on. Raw tables of sun and Earth sensors with an ephemeris are diagnosed too. See
-    docs/diagnosis.md.
+    docs/diagnosis.md, and docs/gyros.md for more gyros than three, which are compared with one another as well.
 
     \b
     Examples:
@@ -74,6 +75,8 @@ def command(
         if file == STDOUT:
             raise InputError(f"{option} -: give the name of a file")
     loaded = load(recording)
+    if adopt:
+        need_triad(loaded.gyro)
     with stages("diagnose", LINE_EVERY_S) as progress:
         result = diagnose(loaded, progress=progress, seed=seed, library=library)
     if as_json == STDOUT:

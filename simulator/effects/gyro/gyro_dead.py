@@ -28,7 +28,7 @@ class GyroDead(Effect):
     def detect(self, view: SampleView) -> Sequence[Detection]:
         """Gyros of more than three whose last samples are all the same, while half of those of every other gyro differ."""
         rates = view.rates[view.inside]
-        if rates.shape[1] <= 3:
+        if rates.shape[1] <= 3 or len(rates) < FEWEST:
             return ()
         last = np.array([_equal_at_end(x) for x in rates.T])
         out = []
