@@ -129,7 +129,7 @@ def explain(
     def check(found: LinearModel, members: tuple[Member, ...]) -> tuple[Check, ...]:
         return residual_checks(found, members, layout(model), seed)
 
-    explained = judged(linear, check, settings, seed, tell)
+    explained = judged(linear, check, settings, seed, tell, shown_by_passes(prepared.dead))
     change, covariance = calibrated(model, explained.fitted)
     return replace(explained, change=change, covariance=covariance)
 
@@ -140,6 +140,7 @@ def judged(
     settings: DiagnosisSettings,
     seed: int,
     tell: Progress,
+    shown: float = 1.0,
 ) -> Explained:
     """What a linear model says, whatever it was built from; without a calibration.
 
@@ -148,10 +149,11 @@ def judged(
     linear : the observations and their candidates
     check : checks of what an explanation leaves
     settings, seed, tell : as for `explain`
+    shown : p-value of what shows a gap beside the candidates
     """
     search = Search(linear, settings)
     tell("null distribution", 0.3)
-    p = min(p_value(search, seed, settings.null_draws, settings.scanned_share), shown_by_passes(prepared.dead))
+    p = min(p_value(search, seed, settings.null_draws, settings.scanned_share), shown)
     attribution: Attribution | None = None
     fitted: tuple[Fitted, ...] = ()
     checks: tuple[Check, ...] = ()

@@ -343,7 +343,7 @@ def scanned_group(model: RecordingModel, effect: Effect, axis: str, found: Found
     options = found[effect.on_references, AXES.index(axis)].options
     columns = swing_columns(model, effect, axis, np.array([one.frequency for one in options]))
     parameters = [period_parameters(one.frequency, one.width) for one in options]
-    group = _group(effect, axis, columns, parameters, [float(np.exp(one.log_weight)) for one in options])
+    group = group_of(effect, axis, columns, parameters, [float(np.exp(one.log_weight)) for one in options])
     # What a size shows grows with the period: the scales are those of all options, not only of the strongest.
     norms = np.array([max(np.linalg.norm(model.projected(part), axis=0).max(), 1e-300) for part in columns])
     low, high = max(effect.prior[0], VISIBLE[0] / norms.max()), min(effect.prior[1], VISIBLE[1] / norms.min())

@@ -1,8 +1,8 @@
 """The linear model of several gyros: their parity beside the attitude, and every effect gyro by gyro.
 
 Where gyro i reads high by f(t), the body rates G ω_raw are high by G_i f, which the attitude shows, and the parity by V_i f,
-which shows without any attitude. Both are observations of one linear model: attitude rows, then parity rows, whose noise does not
-correlate (`gyrocal.recording.gyros`). What is not of one gyro – errors of the references, late tags of all of them – adds
+which shows without any attitude. Both are observations of one linear model: attitude rows, then parity rows, whose noise is
+uncorrelated (`gyrocal.recording.gyros`). What is not of one gyro – errors of the references, late tags of all of them – adds
 nothing to the parity. Without reference attitudes there are parity rows only.
 
 Four gyros have one parity residual, in which constant errors of any of them look alike; five or more tell them apart.
@@ -228,7 +228,7 @@ def array_model(model: ArrayModel, effects: Sequence[Effect], settings: Diagnosi
     def refine(linear: LinearModel, member: Member) -> LinearModel:
         entry = linear.candidate(member)
         effect = by_name.get(entry.effect)
-        return linear if effect is None or not effect.switched else finer_times(model, linear, member, effect)
+        return linear if effect is None or not effect.switched else finer_times(model, linear, member, by_name)
 
     return LinearModel(
         y=model.y,
@@ -326,28 +326,63 @@ def step_times(model: ArrayModel) -> tuple[Array, Array, Array]:
     return np.array(times), np.array(widths), np.array(weights)
 
 
-def finer_times(model: ArrayModel, linear: LinearModel, member: Member, effect: Effect) -> LinearModel:
-    """More times of a step around the one at which a member is held; as `candidates.with_finer_times`."""
+def finer_times(model: ArrayModel, linear: LinearModel, member: Member, effects: Mapping[str, Effect]) -> LinearModel:
+    """More times of a step around the one at which a member is held, of every step of every gyro; as `with_finer_times` there.
+
+    Steps of different gyros may look alike. One alone with finer times would win over the others for no other reason.
+    """
     entry, parameters = linear.candidate(member), linear.option(member).parameters
-    fixed = {name: value for name, value in parameters.items() if not name.startswith("time_")}
-    same = [o for o in entry.options if all(o.parameters.get(name) == value for name, value in fixed.items())]
-    times = sorted(float(o.parameters["time_s"]) for o in same)
+    fixed = _fixed(linear.option(member))
+    times = sorted(float(o.parameters["time_s"]) for o in entry.options if _fixed(o) == fixed)
     place = times.index(float(parameters["time_s"]))
     low, high = times[max(place - 2, 0)], times[min(place + 2, len(times) - 1)]
-    inside = [o for o in same if low <= float(o.parameters["time_s"]) <= high and not float(o.parameters["time_sigma_s"])]
     finer = np.linspace(low, high, candidates.FINE_STEP_TIMES)
     held = np.zeros(finer.size, dtype=bool)
     for one in model.recording.intervals:
         held |= (finer > one.start_s) & (finer < one.stop_s)
-    finer = finer[held]
-    if not inside or not finer.size:
+    if not held.any():
         return linear
+    for number, other in enumerate(linear.candidates):
+        effect = effects.get(other.effect)
+        if effect is not None and effect.switched:
+            linear = _with_times(model, linear, number, effect, (low, high), finer[held])
+    return linear
+
+
+def _with_times(
+    model: ArrayModel, linear: LinearModel, number: int, effect: Effect, window: tuple[float, float], finer: Array
+) -> LinearModel:
+    """One candidate with finer times, which take half the prior of those in the window; a gap between intervals keeps its."""
+    entry = linear.candidates[number]
     gyro = model.parity.gyros.names.index(str(entry.axis))
-    W = model.switched(effect, gyro, fixed, finer)
-    start, weight = linear.W.shape[1], float(np.log(sum(np.exp(o.log_weight) for o in inside) / (2 * finer.size)))
-    more = [Option(start + k, 1, weight, {**fixed, "time_s": float(time), "time_sigma_s": 0.0}) for k, time in enumerate(finer)]
-    coarse = [replace(o, log_weight=o.log_weight - np.log(2)) if o in inside else o for o in entry.options]
-    return linear.with_options(member.candidate, [*coarse, *more], W, model.projected(W))
+    coarse, more, columns, start = list(entry.options), [], [], linear.W.shape[1]
+    for fixed in {tuple(sorted(_fixed(o).items())): _fixed(o) for o in entry.options}.values():
+        inside = [
+            k
+            for k, o in enumerate(entry.options)
+            if _fixed(o) == fixed
+            and window[0] <= float(o.parameters["time_s"]) <= window[1]
+            and not float(o.parameters["time_sigma_s"])
+        ]
+        if not inside:
+            continue
+        weight = float(np.log(sum(np.exp(entry.options[k].log_weight) for k in inside) / (2 * finer.size)))
+        more += [
+            Option(start + k, 1, weight, {**fixed, "time_s": float(time), "time_sigma_s": 0.0}) for k, time in enumerate(finer)
+        ]
+        start += finer.size
+        columns.append(model.switched(effect, gyro, fixed, finer))
+        for k in inside:
+            coarse[k] = replace(coarse[k], log_weight=coarse[k].log_weight - np.log(2))
+    if not columns:
+        return linear
+    W = np.hstack(columns)
+    return linear.with_options(number, [*coarse, *more], W, model.projected(W))
+
+
+def _fixed(option: Option) -> dict[str, float | str]:
+    """The parameters of a step beside its time."""
+    return {name: value for name, value in option.parameters.items() if not name.startswith("time_")}
 
 
 # ---- held-out data -------------------------------------------------------------------------------------------------------
