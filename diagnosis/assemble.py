@@ -60,9 +60,7 @@ def assembled(
         notes=prepared.notes,
         details=details(prepared, explained, table),
         amplitudes=amplitudes(explained.fitted, explained.covariance),
-        blind=blind_spot(
-            model.degrees_of_freedom, model.G, prepared.sigma[:9].reshape(3, 3), model.recording.gyro.apriori_G
-        ),
+        blind=blind_spot(model.degrees_of_freedom, model.G, prepared.sigma[:9].reshape(3, 3), model.recording.gyro.apriori_G),
     )
     return answered(seen, samples, explained, settings, runtime_s)
 
@@ -123,7 +121,13 @@ def answered(
         sigma_bias=seen.sigma_bias,
         baseline_G=seen.baseline_G,
         baseline_bias=seen.baseline_bias,
-        notes=(*filter(None, (seen.blind,)), *_checks_note(explained), *seen.motions, *_likely(explained, settings), *seen.notes),
+        notes=(
+            *filter(None, (seen.blind,)),
+            *_checks_note(explained),
+            *seen.motions,
+            *_likely(explained, settings),
+            *seen.notes,
+        ),
         runtime_s=runtime_s,
         details=seen.details,
         p_values=seen.p_values,

@@ -220,7 +220,7 @@ def array_model(model: ArrayModel, effects: Sequence[Effect], settings: Diagnosi
     groups = list(gyro_groups(model, of_gyros))
     if model.body is not None:
         common = [effect for effect in effects if effect.on_references or not effect.axes]
-        widths = [*candidates.listed(model.body, common), *candidates.unlisted_groups(model.body)]
+        widths = [*candidates.listed(model.body, common, None), *candidates.unlisted_groups(model.body, {}, common)]
         groups += [replace(one, columns=[model.stacked(part, None, part.shape[1]) for part in one.columns]) for one in widths]
     by_name = {effect.name: effect for effect in of_gyros}
     found, W = placed(groups, model.projected, settings, model.size)

@@ -36,8 +36,9 @@ from numpy.typing import NDArray
 
 from gyrocal.calibration import normal_equations as accumulation
 from gyrocal.calibration.covariance import FULL, residual_covariance
+from gyrocal.calibration.gate import LARGEST_RESIDUAL
 from gyrocal.calibration.observability import PLAUSIBLE_BIAS, PLAUSIBLE_G, Observability, observability
-from gyrocal.calibration.problem import LARGEST_RESIDUAL, Problem
+from gyrocal.calibration.problem import Problem
 from gyrocal.calibration.propagation import Arcs, Psi, propagate
 from gyrocal.calibration.sampling import Measurements, measurements
 from gyrocal.errors import InputError, UnobservableError
