@@ -12,7 +12,7 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
-from benchmarks import c_kernel, mission_loop, oracle, references
+from benchmarks import c_kernel, gyros, mission_loop, oracle, references
 from benchmarks.goals import judged
 from benchmarks.loading import loaders
 from benchmarks.machine import machine
@@ -95,6 +95,8 @@ def run(quick: bool = False, say: Say = lambda text: None) -> dict[str, Any]:
     checks |= apart
     say("least squares against the calibrator")
     solvers, checks["least_squares_G"] = _solvers(flight, effort.slow)
+    say("more gyros than three")
+    arrays = gyros.run(flight, effort.slow)
     say("Monte Carlo cases")
     cases = [_cases(count) for count in effort.cases]
     say("diagnoses")
@@ -102,12 +104,14 @@ def run(quick: bool = False, say: Say = lambda text: None) -> dict[str, Any]:
     say("the Mission Mode loop")
     mission = mission_loop.run(*effort.mission)
     document = _document(growth, load_ms, others | solvers, cases, diagnoses, mission, reasons)
+    document["ratios"] |= gyros.ratios(arrays)
     return {
         "command": "python -m benchmarks" + (" --quick" if quick else ""),
         "commit": commit(),
         "method": METHOD,
         "machine": machine(),
         **document,
+        "gyros": arrays,
         "agreement": checks,
         "goals": judged(document),
         "reasons": reasons,

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from diagnosis.answer import Amplitudes, Cause, Verdict
+from diagnosis.answer import Amplitudes, Cause, Finding, Verdict
 from diagnosis.identifiable import blind_spot
 from diagnosis.inference.amplitudes import Fitted
 from diagnosis.inference.attribution import Attribution
@@ -18,7 +19,7 @@ from diagnosis.model.prepare import Prepared
 from diagnosis.model.symptoms import SampleCause
 from diagnosis.result import Details, Diagnosis
 from diagnosis.settings import DiagnosisSettings
-from simulator.effects import EFFECTS
+from simulator.effects import ALL_EFFECTS
 
 if TYPE_CHECKING:
     from diagnosis.diagnose import Explained
@@ -41,23 +42,70 @@ def assembled(
     runtime_s: float,
 ) -> Diagnosis:
     """The whole answer."""
-    model, attribution = prepared.model, explained.attribution
+    model = prepared.model
     gap = explained.p_value < settings.false_alarm_rate
     table = localization.statistics(model, model.y)
-    where = [one.finding for one in samples] + (list(localization.findings(table)) if gap else [])
+    sigma = np.sqrt(np.diag(explained.covariance)[:12])
+    seen = Seen(
+        recording=model.recording.title,
+        where=tuple(localization.findings(table)) if gap else (),
+        p_values=p_values(prepared, explained),
+        G=model.G + explained.change[:9].reshape(3, 3),
+        bias=model.bias + explained.change[9:],
+        sigma_G=sigma[:9].reshape(3, 3),
+        sigma_bias=sigma[9:],
+        baseline_G=model.G,
+        baseline_bias=model.bias,
+        motions=_motion_notes(prepared),
+        notes=prepared.notes,
+        details=details(prepared, explained, table),
+        amplitudes=amplitudes(explained.fitted, explained.covariance),
+        blind=blind_spot(model.degrees_of_freedom, model.G, prepared.sigma[:9].reshape(3, 3), model.recording.gyro.apriori_G),
+    )
+    return answered(seen, samples, explained, settings, runtime_s)
+
+
+@dataclass(frozen=True)
+class Seen:
+    """What an answer states beside causes and probabilities, named as in `Diagnosis`; `where` is that of the linear model.
+
+    `blind` says why no gap could be seen, where that is so.
+    """
+
+    recording: str
+    where: tuple[Finding, ...]
+    p_values: dict[str, float]
+    G: Array
+    bias: Array
+    sigma_G: Array
+    sigma_bias: Array
+    baseline_G: Array
+    baseline_bias: Array
+    motions: tuple[str, ...]
+    notes: tuple[str, ...]
+    details: Details
+    amplitudes: Amplitudes = field(default_factory=Amplitudes)
+    gyros: tuple[str, ...] = ("x", "y", "z")
+    blind: str | None = None
+
+
+def answered(
+    seen: Seen, samples: Sequence[SampleCause], explained: Explained, settings: DiagnosisSettings, runtime_s: float
+) -> Diagnosis:
+    """The answer of what is seen and explained, whatever the linear model was built from."""
+    attribution = explained.attribution
+    gap = explained.p_value < settings.false_alarm_rate
+    where = [*(one.finding for one in samples), *seen.where]
     samples = [one for one in samples if not _is_of_a_process(one, explained.fitted)]
     unlisted = any(one.effect is None for one in samples)
     shown = [one.cause(settings) for one in samples if one.effect is not None]
     sure = all(cause.probability >= settings.named for cause in shown)
     verdict, unknown = _verdict(attribution, gap, bool(samples), unlisted, sure)
     unknown = 1 - (1 - unknown) * float(np.prod([cause.group_probability for cause in shown]))
-    sigma = np.sqrt(np.diag(explained.covariance)[:12])
-    gyro = model.recording.gyro
-    blind = blind_spot(model.degrees_of_freedom, model.G, prepared.sigma[:9].reshape(3, 3), gyro.apriori_G)
-    if verdict == "none" and blind:
+    if verdict == "none" and seen.blind:
         verdict = "not identifiable"
     return Diagnosis(
-        recording=model.recording.title,
+        recording=seen.recording,
         verdict=verdict,
         present=gap or bool(samples),
         p_value=float(min([explained.p_value, *(one.symptom.p_value for one in samples)])),
@@ -67,24 +115,25 @@ def assembled(
         alternatives=alternatives(attribution),
         unknown_probability=float(unknown),
         closure=explained.closed,
-        G=model.G + explained.change[:9].reshape(3, 3),
-        bias=model.bias + explained.change[9:],
-        sigma_G=sigma[:9].reshape(3, 3),
-        sigma_bias=sigma[9:],
-        baseline_G=model.G,
-        baseline_bias=model.bias,
+        G=seen.G,
+        bias=seen.bias,
+        sigma_G=seen.sigma_G,
+        sigma_bias=seen.sigma_bias,
+        baseline_G=seen.baseline_G,
+        baseline_bias=seen.baseline_bias,
         notes=(
-            *filter(None, (blind,)),
+            *filter(None, (seen.blind,)),
             *_checks_note(explained),
-            *_motion_notes(prepared),
+            *seen.motions,
             *_likely(explained, settings),
-            *prepared.notes,
+            *seen.notes,
         ),
         runtime_s=runtime_s,
-        details=_details(prepared, explained, table),
-        p_values=_p_values(prepared, samples, explained),
+        details=seen.details,
+        p_values=seen.p_values,
         posterior=_posterior(samples, explained, gap, settings),
-        amplitudes=amplitudes(explained.fitted, explained.covariance),
+        amplitudes=seen.amplitudes,
+        gyros=seen.gyros,
     )
 
 
@@ -107,7 +156,7 @@ def amplitudes(fitted: Sequence[Fitted], covariance: Array) -> Amplitudes:
     for one in fitted:
         count = one.columns.shape[1]
         # The columns of a random process are draws of it, those of a dead zone are edges of it: neither are its amplitudes.
-        if EFFECTS[one.effect].has_columns and not one.process and one.amplitudes.size == count:
+        if ALL_EFFECTS[one.effect].has_columns and not one.process and one.amplitudes.size == count:
             labels += [one.label] * count
             values += one.amplitudes.tolist()
             sigmas += one.sigmas.tolist()
@@ -126,7 +175,7 @@ def _is_of_a_process(cause: SampleCause, fitted: Sequence[Fitted]) -> bool:
     """
     on_references = {"slow_noise": False, "reference_noise_level": True}.get(cause.symptom.kind)
     return on_references is not None and any(
-        one.process and EFFECTS[one.effect].on_references == on_references and cause.symptom.axis in (None, one.axis)
+        one.process and ALL_EFFECTS[one.effect].on_references == on_references and cause.symptom.axis in (None, one.axis)
         for one in fitted
     )
 
@@ -153,7 +202,7 @@ def causes_of(attribution: Attribution | None, fitted: Sequence[Fitted]) -> tupl
     )  # fmt: skip
 
 
-def _p_values(prepared: Prepared, samples: Sequence[SampleCause], explained: Explained) -> dict[str, float]:
+def p_values(prepared: Prepared, explained: Explained) -> dict[str, float]:
     """P-values of all tests: of the attitude, of the samples by statistic and axis, of what a named explanation leaves."""
     out = {"attitude": explained.p_value}
     for test in prepared.samples.tests:
@@ -278,7 +327,8 @@ def explanation_table(attribution: Attribution | None) -> pd.DataFrame:
     )
 
 
-def _details(prepared: Prepared, explained: Explained, table: pd.DataFrame) -> Details:
+def details(prepared: Prepared, explained: Explained, table: pd.DataFrame) -> Details:
+    """The tables of an answer's figures, of the attitude and the samples."""
     model, fitted = prepared.model, explained.fitted
     contribution = sum((model.projected(one.contribution) for one in fitted), np.zeros(model.size))
     before, band = localization.body_residuals(model, model.y)

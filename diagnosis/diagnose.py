@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -23,7 +23,7 @@ from diagnosis.model.calibration import calibrated
 from diagnosis.model.candidates import linear_model
 from diagnosis.model.dead_zone import dead_zone_groups, shown_by_passes
 from diagnosis.model.layout import layout
-from diagnosis.model.linear import LinearModel
+from diagnosis.model.linear import LinearModel, Member
 from diagnosis.model.prepare import Prepared, Progress, prepare
 from diagnosis.model.symptoms import SampleCause, sample_causes
 from diagnosis.result import Diagnosis
@@ -31,7 +31,7 @@ from diagnosis.sensor_tables import diagnose_sensors
 from diagnosis.settings import DEFAULT, DiagnosisSettings
 from gyrocal.errors import InputError
 from gyrocal.recording import Recording
-from simulator.effects import EFFECTS
+from simulator.effects import ARRAY_EFFECTS, EFFECTS
 from simulator.effects.base import Effect
 from simulator.effects.sensor import ALL_EFFECTS, SENSOR_EFFECTS
 
@@ -92,6 +92,10 @@ def diagnose(
     began = time.perf_counter()
     # The matrices are small: threads of the linear algebra would wait for one another more than they work.
     with threadpool_limits(1, user_api="blas"):
+        if recording.is_array:
+            from diagnosis.gyros import diagnose_gyros  # late: it explains as this module does
+
+            return diagnose_gyros(recording, nameable(library, of_arrays=True), settings, seed, tell)
         effects = nameable(library)
         tell("gyro samples", 0.0)
         prepared = prepare(recording, settings, tell)
@@ -101,12 +105,13 @@ def diagnose(
         return found if recording.sensors is None else _with_sensors(found, recording, library, settings, seed)
 
 
-def nameable(library: Sequence[str] | None) -> list[Effect]:
-    """The effects that may be named, in the order of the registry."""
+def nameable(library: Sequence[str] | None, of_arrays: bool = False) -> list[Effect]:
+    """The effects that may be named, in the order of the registry; those of one of several gyros where there are such."""
     unknown = [] if library is None else [name for name in library if name not in ALL_EFFECTS]
     if unknown:
         raise InputError(f"no such effect: {', '.join(sorted(unknown))}; there are {', '.join(ALL_EFFECTS)}")
-    return [effect for name, effect in EFFECTS.items() if library is None or name in library]
+    known = {**EFFECTS, **ARRAY_EFFECTS} if of_arrays else EFFECTS
+    return [effect for name, effect in known.items() if library is None or name in library]
 
 
 def explain(
@@ -120,9 +125,35 @@ def explain(
     model = prepared.model
     tell("candidates", 0.1)
     linear = linear_model(model, effects, dead_zone_groups(prepared, effects), settings)
+
+    def check(found: LinearModel, members: tuple[Member, ...]) -> tuple[Check, ...]:
+        return residual_checks(found, members, layout(model), seed)
+
+    explained = judged(linear, check, settings, seed, tell, shown_by_passes(prepared.dead))
+    change, covariance = calibrated(model, explained.fitted)
+    return replace(explained, change=change, covariance=covariance)
+
+
+def judged(
+    linear: LinearModel,
+    check: Callable[[LinearModel, tuple[Member, ...]], tuple[Check, ...]],
+    settings: DiagnosisSettings,
+    seed: int,
+    tell: Progress,
+    shown: float = 1.0,
+) -> Explained:
+    """What a linear model says, whatever it was built from; without a calibration.
+
+    Parameters
+    ----------
+    linear : the observations and their candidates
+    check : checks of what an explanation leaves
+    settings, seed, tell : as for `explain`
+    shown : p-value of what shows a gap beside the candidates
+    """
     search = Search(linear, settings)
     tell("null distribution", 0.3)
-    p = min(p_value(search, seed, settings.null_draws, settings.scanned_share), shown_by_passes(prepared.dead))
+    p = min(p_value(search, seed, settings.null_draws, settings.scanned_share), shown)
     attribution: Attribution | None = None
     fitted: tuple[Fitted, ...] = ()
     checks: tuple[Check, ...] = ()
@@ -137,15 +168,14 @@ def explain(
         if members:
             linear, members = refined(linear, members)
             fitted = tuple(amplitudes(linear, members))
-            checks = residual_checks(linear, members, layout(model), seed)
+            checks = check(linear, members)
             attribution = doubted(linear, attribution, together(checks), settings)
             if not attribution.slots:
                 members, fitted = (), ()
         tell("held-out data", 0.85)
         if members:
             closed = closure(linear, members)
-    change, covariance = calibrated(model, fitted)
-    return Explained(linear, p, attribution, fitted, checks, closed, change, covariance)
+    return Explained(linear, p, attribution, fitted, checks, closed, np.zeros(12), np.zeros((12, 12)))
 
 
 def explained_finely(search: Search, settings: DiagnosisSettings) -> tuple[LinearModel, list[Explanation]]:

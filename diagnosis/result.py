@@ -63,6 +63,7 @@ class Diagnosis:
     posterior : labels of each explanation with its probability, the likeliest first, to a sum of 0.999; "unknown" stands for
         all that hold something unlisted; without a gap, the empty explanation
     amplitudes : joint posterior of the effects that are linear, for a scenario with them in it
+    gyros : names of the gyros, the columns of G
     """
 
     recording: str
@@ -88,6 +89,7 @@ class Diagnosis:
     p_values: Mapping[str, float] = field(default_factory=dict)
     posterior: tuple[tuple[tuple[str, ...], float], ...] = ()
     amplitudes: Amplitudes = field(default_factory=Amplitudes)
+    gyros: tuple[str, ...] = ("x", "y", "z")
 
     @property
     def conformal_90(self) -> tuple[str, ...]:

@@ -30,6 +30,7 @@ import logging as _logging
 from importlib.metadata import version as _version
 
 from gyrocal.calibration.davenport import CalibrationResult, RecursiveCalibrator, calibrate, residual_table
+from gyrocal.calibration.gyros import GyroArray, GyrosResult, calibrate_gyros
 from gyrocal.calibration.observability import Observability
 from gyrocal.calibration.parameters import NAMES, GyroParameters, select
 from gyrocal.calibration.propagation import Arcs, StreamingPropagation, propagate, psi_matrix
@@ -44,7 +45,7 @@ from gyrocal.estimation.onboard import Maneuver, OnBoardCalibrator
 from gyrocal.estimation.onboard import replay as run_on_board
 from gyrocal.estimation.reference_covariance import interval_covariance, reference_attitudes, residual_covariance
 from gyrocal.estimation.smoother import Smoothed, smooth
-from gyrocal.recording import Attitudes, GyroStream, Interval, Orbit, Recording, load, save
+from gyrocal.recording import Attitudes, GyroStream, Interval, Orbit, Recording, load, save, triad
 from gyrocal.sensors.alignment import AlignmentResult
 from gyrocal.sensors.alignment import in_two_steps as align_in_two_steps
 from gyrocal.sensors.alignment import together as align_together
@@ -66,9 +67,11 @@ __all__ = [
     "EarthSensor",
     "FilterRun",
     "FullFilterResult",
+    "GyroArray",
     "GyroParameters",
     "GyroStream",
     "GyrocalError",
+    "GyrosResult",
     "InputError",
     "Interval",
     "KalmanFilter",
@@ -91,6 +94,7 @@ __all__ = [
     "align_together",
     "batch",
     "calibrate",
+    "calibrate_gyros",
     "interval_covariance",
     "load",
     "propagate",
@@ -104,5 +108,6 @@ __all__ = [
     "save",
     "select",
     "smooth",
+    "triad",
     "trmm_sun_sensors",
 ]

@@ -17,6 +17,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gyrocal.recording import Attitudes, GyroStream, Interval, Orbit, Recording
+from gyrocal.recording.format import TRIAD, without_attitudes
+from gyrocal.recording.gyros import nominal
 from simulator.effects import REGISTRY, Setting, Stream, Surroundings, references_of
 from simulator.effects.chain import activated, readings, referenced
 from simulator.effects.housekeeping import gyro_temperature
@@ -109,10 +111,21 @@ def _part(
 
 
 def noise_free_rates(scenario: Scenario, motion: Motion, G: Array | None = None, bias: Array | None = None) -> Array:
-    """What the uncalibrated gyro would show without noise, (n, 3) rad/s; G and bias as for `observe`."""
+    """What the uncalibrated gyros would show without noise, (n, gyros) rad/s; G and bias as for `observe`."""
     true_G = np.array(scenario.gyro.true_G) if G is None else G
     true_bias = np.deg2rad(scenario.gyro.true_bias_deg_s) if bias is None else bias
-    return raw_rates(motion.rates, true_G, true_bias)
+    unit = raw_rates(motion.rates, true_G, true_bias)
+    if scenario.gyro.array is None:
+        return unit
+    K, c = scenario.gyro.array.true
+    return np.asarray(unit @ K.T + c)
+
+
+def true_gyros(scenario: Scenario) -> tuple[Array, Array]:
+    """K (gyros, 3) and c (gyros,) rad/s of what each gyro truly reads of the body's rate, ω_raw = K ω + c."""
+    K, c = (np.eye(3), np.zeros(3)) if scenario.gyro.array is None else scenario.gyro.array.true
+    K = K @ np.linalg.inv(np.array(scenario.gyro.true_G))
+    return K, c - K @ np.deg2rad(scenario.gyro.true_bias_deg_s)
 
 
 def realise(
@@ -183,6 +196,7 @@ def observe(
     gyro = scenario.gyro
     rates, quaternions = realise(scenario, motion, noise_free_rates(scenario, motion, G, bias), gyro_rng, reference_rng)
     sigma = np.deg2rad(scenario.reference.sigma_deg)
+    apriori_G = np.array(gyro.apriori_G)
     return Recording(
         title=scenario.title,
         epoch=scenario.epoch,
@@ -192,11 +206,14 @@ def observe(
             rates=rates,
             sample_s=gyro.sample_s,
             arw=float(np.deg2rad(gyro.arw_deg_per_sqrt_s)),
-            apriori_G=np.array(gyro.apriori_G),
+            apriori_G=apriori_G if gyro.array is None else apriori_G @ np.linalg.pinv(gyro.array.directions),
             apriori_bias=np.deg2rad(gyro.apriori_bias_deg_s),
+            names=TRIAD if gyro.array is None else gyro.array.gyros,
         ),
-        attitudes=Attitudes(motion.reference_t_s, quaternions, np.tile(sigma, (len(quaternions), 1))),
-        intervals=tuple(Interval(i.name, i.activity, i.start_s, i.stop_s) for i in scenario.interval),
+        attitudes=without_attitudes()
+        if scenario.reference.at == "none"
+        else Attitudes(motion.reference_t_s, quaternions, np.tile(sigma, (len(quaternions), 1))),
+        intervals=tuple(Interval(i.name, i.activity, i.start_s, i.stop_s, None, i.gyros) for i in scenario.interval),
         orbit=Orbit(scenario.orbit.circular_orbit().period, scenario.orbit.altitude_km, scenario.orbit.inclination_deg),
     )
 
@@ -243,6 +260,8 @@ def surroundings(plain: Recording, motion: Motion, point: bool = False) -> Surro
         orbit_period_s=plain.orbit.period_s if plain.orbit else float("nan"),
         span_s=(min(i.start_s for i in plain.intervals), max(i.stop_s for i in plain.intervals)),
         housekeeping=housekeeping_at(plain, t_s),
+        gyros=plain.gyro.names,
+        axes=nominal(plain.gyro)[0] if plain.is_array else None,
     )
     return Surroundings(stream, references_of(plain), plain.gyro.arw, plain.gyro.sample_s, plain.attitudes.sigma)
 

@@ -86,6 +86,18 @@ def test_every_format_has_its_page():
     assert {"csv", "aem", "acm", "ck", "euroc", "bag", "broad", "kalibr"} == commands
 
 
+def test_gyros_example_recovers_the_scale_factor(tmp_path, capsys):
+    (block,) = re.findall(r"```python\n(.*?)```", (ROOT / "docs" / "gyros.md").read_text(), flags=re.DOTALL)
+    namespace = {}
+    exec(compile(block.replace("/tmp/tetrahedron", str(tmp_path)), "gyros.md", "exec"), namespace)
+    result = namespace["result"]
+    assert "sigma_scale_factor" in capsys.readouterr().out
+    error = result.gyros.vector - np.column_stack([namespace["K"], np.zeros(4)]).ravel()
+    assert np.abs(error / np.sqrt(np.diag(result.covariance))).max() < 4.5
+    back = gyrocal.load(tmp_path)
+    assert back.intervals[4].gyros == ("1", "3", "4")
+
+
 def test_references_example_finds_its_alignment(capsys):
     (block,) = re.findall(r"```python\n(.*?)```", (ROOT / "docs" / "references.md").read_text(), flags=re.DOTALL)
     namespace = {}

@@ -209,7 +209,7 @@ def plain_group(model: RecordingModel, effect: Effect, axis: str | None, around:
     """An effect whose columns are there throughout, with an option for each set of parameters worth trying."""
     trials = effect.trials(around)
     columns = [columns_of(model, effect, axis, trial.parameters) for trial in trials]
-    return _group(effect, axis, columns, [dict(trial.parameters) for trial in trials], [trial.weight for trial in trials])
+    return group_of(effect, axis, columns, [dict(trial.parameters) for trial in trials], [trial.weight for trial in trials])
 
 
 def switched_group(model: RecordingModel, effect: Effect, axis: str | None, around: Surroundings) -> Group:
@@ -226,7 +226,7 @@ def switched_group(model: RecordingModel, effect: Effect, axis: str | None, arou
             for time, width in zip(times, widths, strict=True)
         ]
         shares += (trial.weight * weights).tolist()
-    return _group(effect, axis, columns, parameters, shares)
+    return group_of(effect, axis, columns, parameters, shares)
 
 
 def process_places(model: RecordingModel, effect: Effect) -> tuple[ProcessTimes, Callable[..., Array]]:
@@ -243,13 +243,14 @@ def process_groups(model: RecordingModel, effect: Effect, around: Surroundings) 
     factors = [processes.factor(effect.covariance(at, trial.parameters)) for trial in trials]
     for number, axis in enumerate(effect.axes):
         columns = [make(model, number, factor) for factor in factors]
-        group = _group(effect, axis, columns, [dict(t.parameters) for t in trials], [t.weight for t in trials])
+        group = group_of(effect, axis, columns, [dict(t.parameters) for t in trials], [t.weight for t in trials])
         yield replace(group, process=True)
 
 
-def _group(
+def group_of(
     effect: Effect, axis: str | None, columns: Sequence[Array], parameters: Sequence[Parameters], weights: Sequence[float]
 ) -> Group:
+    """An effect as a group, by its columns at each set of parameters."""
     return Group(
         effect=effect.name,
         axis=axis,
@@ -342,7 +343,7 @@ def scanned_group(model: RecordingModel, effect: Effect, axis: str, found: Found
     options = found[effect.on_references, AXES.index(axis)].options
     columns = swing_columns(model, effect, axis, np.array([one.frequency for one in options]))
     parameters = [period_parameters(one.frequency, one.width) for one in options]
-    group = _group(effect, axis, columns, parameters, [float(np.exp(one.log_weight)) for one in options])
+    group = group_of(effect, axis, columns, parameters, [float(np.exp(one.log_weight)) for one in options])
     # What a size shows grows with the period: the scales are those of all options, not only of the strongest.
     norms = np.array([max(np.linalg.norm(model.projected(part), axis=0).max(), 1e-300) for part in columns])
     low, high = max(effect.prior[0], VISIBLE[0] / norms.max()), min(effect.prior[1], VISIBLE[1] / norms.min())

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from diagnosis.answer import Cause, Finding
-from diagnosis.detectors.report import Symptom
+from diagnosis.detectors.report import SampleTest, Symptom
 from diagnosis.inference.attribution import against
 from diagnosis.model.prepare import Prepared
 from diagnosis.settings import DiagnosisSettings
@@ -64,10 +64,21 @@ def imitated(symptom: Symptom, settings: DiagnosisSettings) -> float:
 
 def sample_causes(prepared: Prepared, effects: Sequence[Effect], settings: DiagnosisSettings) -> tuple[SampleCause, ...]:
     """The causes that the samples and the references' noise show by themselves, and the unlisted ones among them."""
+    symptoms = [*prepared.samples.symptoms, *reference_symptoms(prepared, settings)]
+    return claimed(symptoms, prepared.samples.tests, effects, _view(prepared), settings)
+
+
+def claimed(
+    symptoms: Sequence[Symptom],
+    tests: Sequence[SampleTest],
+    effects: Sequence[Effect],
+    view: SampleView,
+    settings: DiagnosisSettings,
+) -> tuple[SampleCause, ...]:
+    """Symptoms with the effects that claim them, and what the effects' own tests find."""
     claims: dict[str | None, str] = {effect.symptom: effect.name for effect in effects if effect.symptom is not None}
-    symptoms = [*prepared.samples.symptoms, *_reference_symptoms(prepared, settings)]
     detected = {
-        effect: [one for one in effect.detect(_view(prepared)) if one.p_value < settings.sample_event]
+        effect: [one for one in effect.detect(view) if one.p_value < settings.sample_event]
         for effect in effects
         if effect.implements("detect")
     }
@@ -75,7 +86,7 @@ def sample_causes(prepared: Prepared, effects: Sequence[Effect], settings: Diagn
     covered = {effect.symptom for effect, own in detected.items() if own}
     own_test = {effect.symptom for effect in detected}
     found = [
-        SampleCause(one, _claimed(one, claims, own_test, settings), _finding(prepared, one), claims.get(one.rival))
+        SampleCause(one, _claimed(one, claims, own_test, settings), _finding(tests, one), claims.get(one.rival))
         for one in symptoms
         if one.kind not in covered
     ]
@@ -91,7 +102,7 @@ def _claimed(
     return claims.get(symptom.kind)
 
 
-def _reference_symptoms(prepared: Prepared, settings: DiagnosisSettings) -> list[Symptom]:
+def reference_symptoms(prepared: Prepared, settings: DiagnosisSettings) -> list[Symptom]:
     """The references' noise, where it is not white noise of the stated size."""
     noise = prepared.reference_noise
     if noise is None:
@@ -117,11 +128,11 @@ def _reference_symptoms(prepared: Prepared, settings: DiagnosisSettings) -> list
     return found
 
 
-def _finding(prepared: Prepared, symptom: Symptom) -> Finding:
+def _finding(all_tests: Sequence[SampleTest], symptom: Symptom) -> Finding:
     if symptom.text:
         signal = "attitude" if symptom.kind.startswith("reference") else "gyro stream"
         return Finding(signal, None, symptom.axis, None, symptom.kind, symptom.size, symptom.p_value, symptom.text)
-    tests = [t for t in prepared.samples.tests if t.symptom == symptom.kind and symptom.axis in (None, t.axis)]
+    tests = [t for t in all_tests if t.symptom == symptom.kind and symptom.axis in (None, t.axis)]
     if not tests:
         return Finding("gyro stream", None, symptom.axis, None, symptom.kind, symptom.size, symptom.p_value, symptom.kind)
     test = min(tests, key=lambda t: t.p_value)

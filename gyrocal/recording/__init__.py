@@ -13,6 +13,7 @@ from gyrocal.recording.format import (
     save,
     toml_value,
 )
+from gyrocal.recording.gyros import triad
 
 __all__ = [
     "Attitudes",
@@ -25,5 +26,6 @@ __all__ = [
     "reference_rows",
     "save",
     "toml_value",
+    "triad",
     "validation_message",
 ]

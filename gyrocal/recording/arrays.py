@@ -52,8 +52,7 @@ def from_arrays(
     wide = np.eye(3) if G is None else np.array(G, dtype=np.float64)
     if wide.shape != (3, raw.shape[1]):
         raise InputError(f"G must be 3×{raw.shape[1]}, a column for each gyro, not {'×'.join(map(str, wide.shape))}")
-    if raw.shape[1] != 3:  # a recording holds three rates: those of the body
-        raw, wide = raw @ wide.T, np.eye(3)
+    names = on_file.TRIAD if raw.shape[1] == 3 else tuple(str(k + 1) for k in range(raw.shape[1]))
     norm = np.linalg.norm(q, axis=1, keepdims=True)
     bad = np.flatnonzero(~(np.abs(norm[:, 0] - 1) < NORM))
     if bad.size:
@@ -68,7 +67,7 @@ def from_arrays(
         title=title,
         epoch=epoch,
         time_scale=time_scale,
-        gyro=on_file.GyroStream(tags, raw, sample_s, arw, wide, np.array(bias, dtype=np.float64)),
+        gyro=on_file.GyroStream(tags, raw, sample_s, arw, wide, np.array(bias, dtype=np.float64), names),
         attitudes=on_file.Attitudes(when, q / norm, spread),
         intervals=whole if intervals is None else tuple(intervals),
     )
@@ -136,16 +135,20 @@ def facts(recording: Recording) -> list[tuple[str, str]]:
     """What a recording is, a row a quantity."""
     gyro, attitudes = recording.gyro, recording.attitudes
     lengths = [one.stop_s - one.start_s for one in recording.intervals]
-    fastest = np.rad2deg(np.linalg.norm(gyro.rates, axis=1).max())
-    sigma = np.rad2deg(np.sqrt(np.mean(np.square(attitudes.sigma), axis=0)))
+    fastest = np.rad2deg(np.nanmax(np.abs(gyro.rates)) if recording.is_array else np.linalg.norm(gyro.rates, axis=1).max())
+    sigma = np.rad2deg(np.sqrt(np.mean(np.square(attitudes.sigma), axis=0))) if attitudes.t_s.size else np.empty(0)
     rows = [
         ("title", recording.title),
         ("epoch", f"{recording.epoch} ({recording.time_scale})"),
         ("gyro", f"{gyro.t_s.size} samples of {gyro.sample_s:.6g} s, {gyro.t_s[0]:.6g} to {gyro.t_s[-1]:.6g} s"),
+        *([("gyros", ", ".join(gyro.names))] if recording.is_array else []),
         ("fastest rate", f"{fastest:.4g} deg/s"),
         ("angle random walk", f"{np.rad2deg(gyro.arw):.4g} deg/sqrt(s)"),
         ("a-priori bias", f"{', '.join(f'{value:.4g}' for value in np.rad2deg(gyro.apriori_bias))} deg/s"),
-        ("references", f"{attitudes.t_s.size}, sigma {', '.join(f'{value:.3g}' for value in sigma)} deg"),
+        (
+            "references",
+            f"{attitudes.t_s.size}, sigma {', '.join(f'{value:.3g}' for value in sigma)} deg" if sigma.size else "none",
+        ),
         ("intervals", f"{len(lengths)} of {min(lengths):.6g} to {max(lengths):.6g} s"),
     ]
     tables = [*recording.tables, *(["sensor tables"] if recording.sensors is not None else [])]

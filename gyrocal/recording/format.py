@@ -3,12 +3,16 @@
 On disk a recording is one folder: ``recording.toml``, ``gyro.parquet`` (or ``.csv``), ``attitude.parquet`` and optional
 tables. Files are in degrees, objects in radians. The gyro sample k is the mean body rate over [t_k, t_k + sample_s) as the
 uncalibrated gyro shows it. Simulated and real data share the format, and nothing in it says which it is.
+
+Format 1 holds the three gyros x, y and z. Format 2 holds any number of named gyros from three on, may say which of them were
+switched on in an interval, and may do without reference attitudes. What format 1 can hold is written in it.
 """
 
 from __future__ import annotations
 
 import json
 import os
+import re
 import tomllib
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -20,7 +24,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, ValidationInfo, field_validator, model_validator
 
 from gyrocal.errors import InputError
 from gyrocal.files import held, write_together
@@ -35,7 +39,9 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 
-FORMAT = 1
+TRIAD = ("x", "y", "z")  # names of the three gyros of format 1
+GYRO_NAME = re.compile(r"[A-Za-z_]*[0-9]+")  # of any other; ends with a digit, so that no body axis looks like it
+MOST_GYROS = 24
 RATE_COLUMNS = ("rate_x_deg_s", "rate_y_deg_s", "rate_z_deg_s")
 QUATERNION_COLUMNS = ("q1", "q2", "q3", "q4")
 SIGMA_COLUMNS = ("sigma_x_deg", "sigma_y_deg", "sigma_z_deg")
@@ -43,6 +49,7 @@ OPTIONAL_TABLES = ("housekeeping", *sensor_tables.NAMES)
 FORWARD = ("+x", "-x", "+y", "-y", "none")
 NORM_TOLERANCE = 1e-6  # |q| - 1 of a quaternion written with 7 digits
 TIME_TOLERANCE_S = 1e-6  # rounding of a time tag some years after the epoch
+SMALLEST_DETERMINANT = 1e-3  # of a G that counts as invertible
 LARGEST_RATE = float(np.deg2rad(1e5))  # no gyro measures more
 SIGMA_RANGE = (float(np.deg2rad(1e-9)), float(np.deg2rad(180.0)))  # nothing outside is the sigma of an attitude
 
@@ -57,6 +64,7 @@ class Interval:
     activity : for people
     start_s, stop_s : s since the epoch
     forward : one of `FORWARD`, the body axis along the velocity throughout; None leaves it to the attitudes
+    gyros : names of those that were switched on; None for all
     """
 
     name: str
@@ -64,6 +72,7 @@ class Interval:
     start_s: float
     stop_s: float
     forward: str | None = None
+    gyros: tuple[str, ...] | None = None
 
 
 @dataclass(frozen=True)
@@ -73,11 +82,12 @@ class GyroStream:
     Attributes
     ----------
     t_s : (n,) sample start times, s since the epoch, strictly increasing
-    rates : (n, 3) raw rates, rad/s
+    rates : (n, gyros) raw rates, rad/s; anything where an interval has a gyro switched off
     sample_s : duration of one sample, s
-    arw : angle random walk, rad/sqrt(s); the noise of one sample's rate is arw / sqrt(sample_s)
-    apriori_G : (3, 3) rows are body axes, columns gyros
+    arw : angle random walk of each gyro, rad/sqrt(s); the noise of one sample's rate is arw / sqrt(sample_s)
+    apriori_G : (3, gyros) rows are body axes, columns gyros
     apriori_bias : (3,) rad/s
+    names : of the gyros
     """
 
     t_s: Array
@@ -86,6 +96,7 @@ class GyroStream:
     arw: float
     apriori_G: Array = field(default_factory=lambda: np.eye(3))
     apriori_bias: Array = field(default_factory=lambda: np.zeros(3))
+    names: tuple[str, ...] = TRIAD
 
     @property
     def rates_deg_s(self) -> Array:
@@ -105,7 +116,7 @@ class GyroStream:
 
 @dataclass(frozen=True)
 class Attitudes:
-    """Reference attitudes.
+    """Reference attitudes; none at all where more than three gyros are to be compared with one another only.
 
     Attributes
     ----------
@@ -149,9 +160,21 @@ class Recording:
 
     def __post_init__(self) -> None:
         _check_gyro(self.gyro)
-        _check_attitudes(self.attitudes)
         _check_intervals(self.intervals)
-        _check_references(self.attitudes.t_s, self.intervals)
+        _check_switched_on(self.gyro, self.intervals)
+        if self.attitudes.t_s.size or not self.is_array:
+            _check_attitudes(self.attitudes)
+            _check_references(self.attitudes.t_s, self.intervals)
+
+    @property
+    def is_array(self) -> bool:
+        """Whether it has other gyros than x, y and z."""
+        return self.gyro.names != TRIAD
+
+    def switched_on(self, interval: int) -> NDArray[np.intp]:
+        """Columns of the gyros that were on in an interval, by its number."""
+        chosen = self.intervals[interval].gyros
+        return np.array([k for k, name in enumerate(self.gyro.names) if chosen is None or name in chosen])
 
     @classmethod
     def from_arrays(
@@ -180,7 +203,7 @@ class Recording:
         sigma : 1-sigma of the references per body axis, rad; (m, 3), (3,) or one number
         arw : angle random walk, rad/sqrt(s)
         sample_s : s; the median spacing by default
-        G : (3, k) a-priori G, needed if k is not 3: then the recording holds the body rates G ω_raw
+        G : (3, k) a-priori G, needed if k is not 3: the gyros are then named "1", "2", …
         bias : (3,) a-priori b, rad/s
         intervals : one over all references by default
         title, epoch, time_scale : of the recording
@@ -293,15 +316,23 @@ class _GyroHeader(_Model):
     sample_s: float = Field(gt=0)
     kind: Literal["rate"]
     arw_deg_per_sqrt_s: float = Field(ge=0, le=1e3)
+    names: list[str] = Field(default=list(TRIAD), min_length=3, max_length=MOST_GYROS)
     apriori_G: list[list[Annotated[float, Field(ge=-100, le=100)]]]
     apriori_bias_deg_s: list[Annotated[float, Field(ge=-1e5, le=1e5)]] = Field(min_length=3, max_length=3)
 
+    @field_validator("names")
+    @classmethod
+    def _named(cls, value: list[str]) -> list[str]:
+        _check_names(tuple(value))
+        return value
+
     @field_validator("apriori_G")
     @classmethod
-    def _three_by_three(cls, value: list[list[float]]) -> list[list[float]]:
-        if len(value) != 3 or any(len(row) != 3 for row in value):
-            raise ValueError("must be 3 rows of 3 numbers")
-        if abs(np.linalg.det(np.array(value))) < 1e-3:
+    def _three_by_gyros(cls, value: list[list[float]], info: ValidationInfo) -> list[list[float]]:
+        gyros = len(info.data.get("names", TRIAD))
+        if len(value) != 3 or any(len(row) != gyros for row in value):
+            raise ValueError(f"must be 3 rows of {gyros} numbers")
+        if not spans(np.array(value)):
             raise ValueError("must be invertible")
         return value
 
@@ -323,10 +354,11 @@ class _IntervalHeader(_Model):
     start_s: float
     stop_s: float
     forward: Literal["+x", "-x", "+y", "-y", "none"] | None = None
+    gyros: list[str] | None = None
 
 
 class _Header(_Model):
-    format: Literal[1]
+    format: Literal[1, 2]
     title: str
     epoch: str
     time_scale: str
@@ -340,6 +372,30 @@ class _Header(_Model):
     def _iso(cls, value: str) -> str:
         datetime.fromisoformat(value)
         return value
+
+    @model_validator(mode="after")
+    def _of_its_format(self) -> _Header:
+        if self.format == 1 and (tuple(self.gyro.names) != TRIAD or any(one.gyros is not None for one in self.interval)):
+            raise ValueError("names of gyros, and gyros of an interval, need format = 2")
+        return self
+
+
+def spans(G: Array) -> bool:
+    """Whether gyros with this G (3, gyros) see all three axes: the product of its singular values is not near zero."""
+    return bool(np.sqrt(max(float(np.linalg.det(G @ G.T)), 0.0)) >= SMALLEST_DETERMINANT)
+
+
+def rate_columns(names: Sequence[str]) -> tuple[str, ...]:
+    """Columns of the gyros' rates on file."""
+    return tuple(f"rate_{name}_deg_s" for name in names)
+
+
+def _check_names(names: tuple[str, ...]) -> None:
+    if names == TRIAD:
+        return
+    wrong = [name for name in names if not GYRO_NAME.fullmatch(name)]
+    if wrong or len(set(names)) < len(names):
+        raise ValueError(f"must be x, y and z, or different names of letters with digits at the end, such as g1; not {names}")
 
 
 def read_toml(path: Path) -> dict[str, Any]:
@@ -380,25 +436,34 @@ def _load(folder: Path) -> Recording:
         header = _Header.model_validate(read_toml(path))
     except ValidationError as error:
         raise InputError(f"{path}: {validation_message(error, _Header)}") from None
-    gyro_name, gyro = _read_table(folder, "gyro", ("t_s", *RATE_COLUMNS))
-    attitude_name, attitude = _read_table(folder, "attitude", ("t_s", *QUATERNION_COLUMNS, *SIGMA_COLUMNS))
+    names = tuple(header.gyro.names)
+    switched = any(one.gyros is not None for one in header.interval)
+    gyro_name, gyro = _read_table(folder, "gyro", ("t_s", *rate_columns(names)), () if not switched else rate_columns(names))
+    attitude_name, attitude = "attitude", None
+    if _find_table(folder, "attitude") is not None or names == TRIAD:
+        attitude_name, attitude = _read_table(folder, "attitude", ("t_s", *QUATERNION_COLUMNS, *SIGMA_COLUMNS))
     tables = {name: _read_table(folder, name, ("t_s",))[1] for name in OPTIONAL_TABLES if _find_table(folder, name)}
     stream = GyroStream(
         t_s=_column(gyro, "t_s"),
-        rates=np.deg2rad(_columns(gyro, RATE_COLUMNS)),
+        rates=np.deg2rad(_columns(gyro, rate_columns(names))),
         sample_s=header.gyro.sample_s,
         arw=float(np.deg2rad(header.gyro.arw_deg_per_sqrt_s)),
         apriori_G=np.array(header.gyro.apriori_G),
         apriori_bias=np.deg2rad(header.gyro.apriori_bias_deg_s),
+        names=names,
     )
-    attitudes = Attitudes(
-        t_s=_column(attitude, "t_s"),
-        quaternions=_columns(attitude, QUATERNION_COLUMNS),
-        sigma=np.deg2rad(_columns(attitude, SIGMA_COLUMNS)),
-    )
+    attitudes = without_attitudes()
+    if attitude is not None:
+        attitudes = Attitudes(
+            t_s=_column(attitude, "t_s"),
+            quaternions=_columns(attitude, QUATERNION_COLUMNS),
+            sigma=np.deg2rad(_columns(attitude, SIGMA_COLUMNS)),
+        )
     sensors = _sensors(folder, tables)
     # Checked here first so that the message can name the file.
-    for name, check in ((gyro_name, lambda: _check_gyro(stream)), (attitude_name, lambda: _check_attitudes(attitudes))):
+    checks = [(gyro_name, lambda: _check_gyro(stream))]
+    checks += [] if attitude is None else [(attitude_name, lambda: _check_attitudes(attitudes))]
+    for name, check in checks:
         try:
             check()
         except InputError as error:
@@ -410,13 +475,21 @@ def _load(folder: Path) -> Recording:
             time_scale=header.time_scale,
             gyro=stream,
             attitudes=attitudes,
-            intervals=tuple(Interval(i.name, i.activity, i.start_s, i.stop_s, i.forward) for i in header.interval),
+            intervals=tuple(
+                Interval(i.name, i.activity, i.start_s, i.stop_s, i.forward, None if i.gyros is None else tuple(i.gyros))
+                for i in header.interval
+            ),
             orbit=Orbit(**header.orbit.model_dump()) if header.orbit else None,
             tables={name: table for name, table in tables.items() if name not in sensor_tables.known(tables)},
             sensors=sensors,
         )
     except InputError as error:
         raise InputError(f"{folder}: {error}") from None
+
+
+def without_attitudes() -> Attitudes:
+    """No reference attitudes at all."""
+    return Attitudes(np.empty(0), np.empty((0, 4)), np.empty((0, 3)))
 
 
 def save(recording: Recording, folder: str | os.PathLike[str]) -> None:
@@ -436,12 +509,15 @@ def _frames(recording: Recording) -> dict[str, pd.DataFrame]:
     import pandas as pd  # late: 65 MiB that a Monte Carlo worker does without
 
     gyro, attitudes = recording.gyro, recording.attitudes
-    return {
-        "gyro": pd.DataFrame(np.column_stack([gyro.t_s, np.rad2deg(gyro.rates)]), columns=["t_s", *RATE_COLUMNS]),
-        "attitude": pd.DataFrame(
+    columns = ["t_s", *rate_columns(gyro.names)]
+    frames = {"gyro": pd.DataFrame(np.column_stack([gyro.t_s, np.rad2deg(gyro.rates)]), columns=columns)}
+    if attitudes.t_s.size:
+        frames["attitude"] = pd.DataFrame(
             np.column_stack([attitudes.t_s, attitudes.quaternions, np.rad2deg(attitudes.sigma)]),
             columns=["t_s", *QUATERNION_COLUMNS, *SIGMA_COLUMNS],
-        ),
+        )
+    return {
+        **frames,
         **recording.tables,
         **(sensor_tables.frames(recording.sensors) if recording.sensors is not None else {}),
     }
@@ -464,11 +540,12 @@ def toml_value(value: object) -> str:
 
 def _header_text(recording: Recording) -> str:
     gyro = recording.gyro
+    second = recording.is_array or any(interval.gyros is not None for interval in recording.intervals)
     sections: list[tuple[str, dict[str, object]]] = [
         (
             "",
             {
-                "format": FORMAT,
+                "format": 2 if second else 1,
                 "title": recording.title,
                 "epoch": recording.epoch,
                 "time_scale": recording.time_scale,
@@ -480,6 +557,7 @@ def _header_text(recording: Recording) -> str:
                 "sample_s": float(gyro.sample_s),
                 "kind": "rate",
                 "arw_deg_per_sqrt_s": float(np.rad2deg(gyro.arw)),
+                **({"names": list(gyro.names)} if second else {}),
                 "apriori_G": gyro.apriori_G.tolist(),
                 "apriori_bias_deg_s": np.rad2deg(gyro.apriori_bias).tolist(),
             },
@@ -498,6 +576,7 @@ def _header_text(recording: Recording) -> str:
                     "start_s": float(interval.start_s),
                     "stop_s": float(interval.stop_s),
                     **({} if interval.forward is None else {"forward": interval.forward}),
+                    **({} if interval.gyros is None else {"gyros": list(interval.gyros)}),
                 },
             )
         )
@@ -515,7 +594,10 @@ def _find_table(folder: Path, name: str) -> Path | None:
     return found[0] if found else None
 
 
-def _read_table(folder: Path, name: str, required: tuple[str, ...]) -> tuple[str, pd.DataFrame]:
+def _read_table(
+    folder: Path, name: str, required: tuple[str, ...], with_holes: tuple[str, ...] = ()
+) -> tuple[str, pd.DataFrame]:
+    """A table and its file's name; columns with holes may hold what is not a number."""
     import pandas as pd  # late: 65 MiB that a Monte Carlo worker does without
 
     from gyrocal.recording import csv_file
@@ -547,7 +629,7 @@ def _read_table(folder: Path, name: str, required: tuple[str, ...]) -> tuple[str
         if not pd.api.types.is_numeric_dtype(frame[column]) or pd.api.types.is_bool_dtype(frame[column]):
             raise InputError(f"{path}: column {column} holds {frame[column].dtype}, not numbers")
         bad = np.flatnonzero(~np.isfinite(frame[column].to_numpy(dtype=float)))
-        if bad.size:
+        if bad.size and column not in with_holes:
             raise InputError(
                 f"{path}: column {column}, row {bad[0]}: not a finite number ({bad.size} such); drop or repair these rows"
             )
@@ -588,8 +670,15 @@ def _check_times(t_s: Array, what: str) -> None:
 
 def _check_gyro(gyro: GyroStream) -> None:
     _check_times(gyro.t_s, "gyro")
-    if gyro.rates.shape != (gyro.t_s.size, 3) or not np.isfinite(gyro.rates).all():
-        raise InputError("gyro: rates must be finite numbers, three a sample")
+    try:
+        _check_names(gyro.names)
+    except ValueError as fault:
+        raise InputError(f"gyro: names {fault}") from None
+    gyros = len(gyro.names)
+    if gyro.rates.shape != (gyro.t_s.size, gyros):
+        raise InputError(f"gyro: rates must be {'three' if gyros == 3 else gyros} a sample")
+    if gyro.apriori_G.shape != (3, gyros) or not spans(gyro.apriori_G):
+        raise InputError(f"gyro: G must be 3×{gyros}, and the gyros' axes must not lie in one plane")
     if not gyro.sample_s > 0:
         raise InputError("gyro: sample_s must be positive")
     fast = np.flatnonzero(np.abs(gyro.rates).max(axis=1) > LARGEST_RATE)
@@ -644,6 +733,27 @@ def _check_intervals(intervals: tuple[Interval, ...]) -> None:
                 f"intervals {first.name} and {second.name} overlap: "
                 f"{second.name} starts at {second.start_s} s, before {first.name} stops at {first.stop_s} s"
             )
+
+
+def _check_switched_on(gyro: GyroStream, intervals: tuple[Interval, ...]) -> None:
+    """Gyros that are on have finite rates, and see all three axes."""
+    switched = any(interval.gyros is not None for interval in intervals)
+    if not switched and not np.isfinite(gyro.rates).all():
+        raise InputError("gyro: rates must be finite numbers")
+    for interval in intervals if switched else ():
+        chosen = gyro.names if interval.gyros is None else interval.gyros
+        unknown = [name for name in chosen if name not in gyro.names]
+        if unknown:
+            raise InputError(f"interval {interval.name}: no gyro {', '.join(unknown)}; there are {', '.join(gyro.names)}")
+        columns = [k for k, name in enumerate(gyro.names) if name in chosen]
+        if len(columns) < 3 or not spans(np.linalg.pinv(np.linalg.pinv(gyro.apriori_G)[columns])):
+            raise InputError(f"interval {interval.name}: its gyros {', '.join(chosen)} do not see all three axes")
+        used = (gyro.t_s > interval.start_s - gyro.sample_s + TIME_TOLERANCE_S) & (
+            gyro.t_s < interval.stop_s - TIME_TOLERANCE_S
+        )
+        bad = np.flatnonzero(used & ~np.isfinite(gyro.rates[:, columns]).all(axis=1))
+        if bad.size:
+            raise InputError(f"interval {interval.name}: gyro row {bad[0]} is not a finite number of a gyro that is on")
 
 
 def reference_rows(t_s: Array, interval: Interval) -> NDArray[np.intp]:

@@ -1,9 +1,9 @@
 """Effects: what a real gyro or attitude sensor does and the baseline simulator does not, one per file.
 
 Each owns itself (`simulator.effects.base`): where in the measuring chain it acts and what it does there, and how a diagnosis
-tries it. `REGISTRY` holds all of them by name, `EFFECTS` those on gyro and references, `SENSOR_EFFECTS` in
-`simulator.effects.sensor` those on sun and Earth sensors. `parse` makes a `Setting` from text and `setting` from its parts. A
-positive size makes the gyro read high.
+tries it. `REGISTRY` holds all of them by name, `EFFECTS` those on gyro and references, `ARRAY_EFFECTS` those of one of several
+gyros, `SENSOR_EFFECTS` in `simulator.effects.sensor` those on sun and Earth sensors. `parse` makes a `Setting` from text and
+`setting` from its parts. A positive size makes the gyro read high.
 """
 
 from simulator.effects.base import (
@@ -24,11 +24,12 @@ from simulator.effects.base import (
 from simulator.effects.builtin import BUILT_IN
 from simulator.effects.flight_mode import forward_axes
 from simulator.effects.recorded import references_of, stream_of, surroundings_of
-from simulator.effects.registry import ALL_EFFECTS, EFFECTS, REGISTRY, Registry
+from simulator.effects.registry import ALL_EFFECTS, ARRAY_EFFECTS, EFFECTS, REGISTRY, Registry
 from simulator.effects.settings import described, parse, setting
 
 __all__ = [
     "ALL_EFFECTS",
+    "ARRAY_EFFECTS",
     "BUILT_IN",
     "EFFECTS",
     "REGISTRY",

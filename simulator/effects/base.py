@@ -194,6 +194,7 @@ class Effect:
     scanned : its columns are a sine's of the parameter period_s, whose values a diagnosis finds by a scan of the data
     symptom : one of `SYMPTOMS`, the statistic of the samples that shows it
     kin : what it shares with effects that are nearly the same to any diagnosis; a blind check never puts two of them together
+    of_arrays : whether it is told apart from others only where there are more gyros than x, y and z
     """
 
     name: str
@@ -214,6 +215,7 @@ class Effect:
     scanned: bool = False
     symptom: str | None = None
     kin: str = ""
+    of_arrays: bool = False
 
     # ---- what it is ------------------------------------------------------------------------------------------------------
 

@@ -8,14 +8,16 @@ Each effect draws from a stream of its own, named after its label, so that addin
 were. Of two with the same label, such as two steps on one axis, the second has "#2" after its name.
 """
 
+import copy
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from gyrocal.errors import InputError
 from simulator.effects.base import STAGES, Array, Effect, Setting, Surroundings
+from simulator.effects.gyros import check_gyro, of_one, standing_in
 from simulator.effects.registry import REGISTRY
 from simulator.sensors.gyro import with_white_noise
 from simulator.streams import generator
@@ -71,6 +73,24 @@ def readings(around: Surroundings, active: Sequence[Active], rng: np.random.Gene
 
 def _passed(one: Active, raw: Array, around: Surroundings, method: str) -> Array:
     """Raw readings behind one effect."""
+    check_gyro(one.setting, one.effect, around.stream.gyros)
+    if around.stream.axes is None:
+        return _through(one, raw, around, method)
+    out = raw.copy()
+    for column, name in enumerate(around.stream.gyros):
+        if one.setting.axis not in (None, name):
+            continue
+        # What has no axis at all, such as late tags or lost samples, is common to all gyros, and so are its draws.
+        rng = one.rng if one.effect.axes else copy.deepcopy(one.rng)
+        alone = replace(one, setting=standing_in(one.setting), rng=rng)
+        own = replace(around, stream=of_one(around.stream, column))
+        shown = np.zeros((len(raw), 3))
+        shown[:, 0] = raw[:, column]
+        out[:, column] = _through(alone, shown, own, method)[:, 0]
+    return out
+
+
+def _through(one: Active, raw: Array, around: Surroundings, method: str) -> Array:
     if method == "columns":
         _check_step_time(one, around)
         return raw + _seen(one, around, one.effect.columns(around.stream, one.setting.axis, one.setting.parameters))
@@ -85,9 +105,10 @@ def _passed(one: Active, raw: Array, around: Surroundings, method: str) -> Array
 
 def _white_noise(around: Surroundings, active: Sequence[Active], rng: np.random.Generator | None) -> Array:
     if rng is None:
-        return np.zeros(3)
+        return np.zeros(len(around.stream.gyros))
     zero = np.zeros_like(around.stream.raw)
-    return with_white_noise(rng, zero, around.arw, around.stream.duration_s) * _factor(active, "white_noise")
+    factor = _factor(active, "white_noise") if around.stream.axes is None else _factor_by_gyro(active, around.stream.gyros)
+    return with_white_noise(rng, zero, around.arw, around.stream.duration_s) * factor
 
 
 def referenced(around: Surroundings, active: Sequence[Active], rng: np.random.Generator | None) -> Array:
@@ -130,6 +151,15 @@ def _factor(active: Sequence[Active], stage: str) -> Array:
     factor = np.ones(3)
     for one in _at(active, stage):
         factor = factor * one.effect.noise_factor(one.setting)
+    return factor
+
+
+def _factor_by_gyro(active: Sequence[Active], gyros: tuple[str, ...]) -> Array:
+    factor = np.ones(len(gyros))
+    for one in _at(active, "white_noise"):
+        check_gyro(one.setting, one.effect, gyros)
+        on = [one.setting.axis in (None, name) for name in gyros]
+        factor[on] *= one.effect.noise_factor(standing_in(one.setting))[0]
     return factor
 
 

@@ -13,7 +13,7 @@ not matter. An interval whose `forward` is given is taken at its word; what its 
 import numpy as np
 from numpy.typing import NDArray
 
-from gyrocal.recording import GyroStream, Interval, Recording, reference_rows
+from gyrocal.recording import GyroStream, Interval, Recording, reference_rows, triad
 from simulator.effects.base import Array
 
 SHORTEST_S = 10.0  # to either side of a reference; half a transition to an inertial hold
@@ -29,15 +29,18 @@ def forward_axes(recording: Recording) -> NDArray[np.str_]:
     t_s = recording.attitudes.t_s
     out = np.full(t_s.size, "", dtype="<U2")
     taken = np.zeros(t_s.size, dtype=bool)
+    gyro = triad(recording).gyro if t_s.size else recording.gyro
     for interval in recording.intervals:
         rows = reference_rows(t_s, interval)
         rows = rows[~taken[rows]]
         taken[rows] = True
+        if not rows.size:
+            continue
         if interval.forward is not None:
             out[rows] = "" if interval.forward == "none" else interval.forward
         elif recording.orbit is not None:
             rate = 2 * np.pi / recording.orbit.period_s
-            out[rows] = _flown(_rates_at(recording.gyro, interval, t_s[rows], NOISE * rate) / rate)
+            out[rows] = _flown(_rates_at(gyro, interval, t_s[rows], NOISE * rate) / rate)
     return out
 
 

@@ -124,15 +124,15 @@ class Registry(Mapping[str, Effect]):
 
 
 class View(Mapping[str, Kind]):
-    """The effects of one kind, either those on the sun and Earth sensors or all others; it follows its registry."""
+    """The effects of one kind: on sun and Earth sensors, of more gyros than three, or all others; it follows its registry."""
 
-    def __init__(self, registry: Registry, kind: type[Kind], on_sensors: bool):
+    def __init__(self, registry: Registry, kind: type[Kind], on_sensors: bool, of_arrays: bool = False):
         self._registry = registry
         self._kind = kind
-        self._on_sensors = on_sensors
+        self._where = (on_sensors, of_arrays)
 
     def _has(self, effect: Effect) -> TypeGuard[Kind]:
-        return isinstance(effect, self._kind) and (effect.stage == "sensor") == self._on_sensors
+        return isinstance(effect, self._kind) and (effect.stage == "sensor", effect.of_arrays) == self._where
 
     def __getitem__(self, name: str) -> Kind:
         effect = self._registry[name]
@@ -170,3 +170,4 @@ def _one_line(fault: BaseException) -> str:
 REGISTRY = Registry()
 ALL_EFFECTS: Mapping[str, Effect] = REGISTRY
 EFFECTS: Mapping[str, Effect] = View(REGISTRY, Effect, on_sensors=False)
+ARRAY_EFFECTS: Mapping[str, Effect] = View(REGISTRY, Effect, on_sensors=False, of_arrays=True)

@@ -9,6 +9,7 @@ import math
 from collections.abc import Mapping
 
 from gyrocal.errors import InputError, hint
+from gyrocal.recording.format import GYRO_NAME
 from simulator.effects.base import Effect, Parameter, Setting, Value
 from simulator.effects.registry import REGISTRY
 
@@ -94,7 +95,8 @@ def _axis(effect: Effect, axis: str | None) -> str | None:
             return None
         words = f"{', '.join(effect.axes[:-1])} or {effect.axes[-1]}"
         raise InputError(f"{effect.name}: which axis? write {_usage(effect)} with {words}")
-    if axis not in effect.axes:
+    of_gyro = effect.stage != "sensor" and not effect.on_references and GYRO_NAME.fullmatch(axis)
+    if axis not in effect.axes and not of_gyro:
         raise InputError(f"{effect.name}: axis '{axis}' must be one of {', '.join(effect.axes)}")
     return axis
 

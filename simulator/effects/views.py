@@ -22,11 +22,13 @@ class Stream:
     t_s : (n,) middle of each sample, s since the epoch
     duration_s : (n,)
     rates : (n, 3) body rates, rad/s: the true ones in the simulator, the best estimate in a diagnosis
-    raw : (n, 3) noise-free raw rates G⁻¹(ω − b), rad/s
+    raw : (n, gyros) noise-free raw rates, of three gyros G⁻¹(ω − b), rad/s
     intervals : the samples of each interval
     orbit_period_s : NaN if unknown
     span_s : first start and last stop of the intervals
     housekeeping : named columns at t_s, (n,) each
+    gyros : names of the gyros
+    axes : (gyros, 3) scale factor times axis of each, where they are not x, y and z
     """
 
     t_s: Array
@@ -37,6 +39,8 @@ class Stream:
     orbit_period_s: float
     span_s: tuple[float, float]
     housekeeping: Mapping[str, Array] = field(default_factory=dict)
+    gyros: tuple[str, ...] = ("x", "y", "z")
+    axes: Array | None = None
 
 
 @dataclass(frozen=True)
@@ -103,11 +107,12 @@ class SampleView:
     ----------
     t_s : (n,) middle of each sample, s since the epoch
     sample_s : length of a sample, s
-    rates : (n, 3) raw rates as recorded, rad/s
-    sigma : (3,) white noise of a sample, rad/s
+    rates : (n, gyros) raw rates as recorded, rad/s
+    sigma : (gyros,) white noise of a sample, rad/s
     inside : (n,) bool, whether a sample lies inside an interval
     intervals : the samples of each interval
-    motion : (n, 3) raw rates without noise, from the references or by smoothing, rad/s; NaN where they are not known
+    motion : (n, gyros) raw rates without noise, from the references or by smoothing, rad/s; NaN where they are not known
+    gyros : names of the gyros
     """
 
     t_s: Array
@@ -117,6 +122,7 @@ class SampleView:
     inside: NDArray[np.bool_]
     intervals: tuple[slice, ...]
     motion: Array
+    gyros: tuple[str, ...] = ("x", "y", "z")
 
 
 @dataclass(frozen=True)

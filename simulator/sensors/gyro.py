@@ -29,21 +29,21 @@ def raw_rates(omega: Array, G: Array, bias: Array) -> Array:
 
 
 def with_white_noise(rng: np.random.Generator, rates: Array, arw: float, duration: Array, out: Array | None = None) -> Array:
-    """Rates with the white noise of the three gyros' samples added, rad/s.
+    """Rates with the white noise of the gyros' samples added, rad/s.
 
     Drawing and adding in one compiled loop is several times faster than numpy's own; the numbers are the same to the bit.
 
     Parameters
     ----------
     rng : source of randomness
-    rates : (n, 3) rad/s
+    rates : (n, gyros) rad/s
     arw : angle random walk, rad/√s
     duration : (n,) time each sample averages over, s
-    out : (n, 3) array to write to; a new one by default
+    out : (n, gyros) array to write to; a new one by default
 
     Returns
     -------
-    (n, 3)
+    (n, gyros)
     """
     out = np.empty_like(rates) if out is None else out
     words = state_words(rng)
@@ -57,5 +57,5 @@ def with_white_noise(rng: np.random.Generator, rates: Array, arw: float, duratio
 @compiled
 def _add_noise(rng: np.random.Generator, rates: Array, sigma: Array, out: Array) -> None:  # pragma: no cover - compiled
     for k in range(len(rates)):
-        for i in range(3):
+        for i in range(rates.shape[1]):
             out[k, i] = rates[k, i] + rng.standard_normal() * sigma[k]

@@ -24,6 +24,7 @@ from diagnosis.detectors.sample_noise import local_noise, quiet
 from gyrocal import GyroParameters, InputError, Recording, UnobservableError, calibrate
 from gyrocal.attitude import cross_matrix
 from gyrocal.recording import Interval, reference_rows
+from gyrocal.recording.gyros import need_triad
 
 Array = NDArray[np.float64]
 
@@ -76,6 +77,7 @@ def stretches(recording: Recording, interval: str | None = None) -> tuple[tuple[
     InputError
         There is no such interval, or nothing is left.
     """
+    need_triad(recording.gyro)
     names = [one.name for one in recording.intervals]
     if interval is not None and interval not in names:
         raise InputError(f"--interval {interval}: no such interval; there are {', '.join(names)}")

@@ -7,7 +7,7 @@ from typing import Any
 import click
 import numpy as np
 
-from gyrocal import GyroParameters, InputError, calibrate, load, select
+from gyrocal import GyroArray, GyroParameters, InputError, Recording, calibrate, calibrate_gyros, load, select
 from gyrocal.calibration.gyro_space import Parametrisation, space_of
 from gyrocal.calibration.observability import BIAS_LETTERS, PLAUSIBLE_G
 from studies.cli.fail_on import compared, end, parsed
@@ -15,6 +15,7 @@ from studies.cli.options import PATH
 from studies.montecarlo.files import check_writable, write_json
 from studies.report import calibration as calibration_report
 from studies.report import calibration_page
+from studies.report import gyros as gyros_report
 from studies.report.console import console
 from studies.report.made import made_of
 
@@ -122,6 +123,7 @@ def command(
     """Calibrate the gyro of RECORDING, a folder with recording.toml, gyro and attitude tables.
 
     G and b of ω = G ω_raw + b are found by Davenport's method. N is Natanson et al., the paper that it follows, see README.md.
+    Of other gyros than x, y and z each one's scale factor, axis and bias are found from attitude and parity, see docs/gyros.md.
 
     \b
     Example:
@@ -140,8 +142,27 @@ def command(
         raise InputError(f"--plausible-g and --plausible-bias must be plausible: positive and below {LARGEST:g}")
     for text in fail_on:
         parsed(text, CONDITIONS)
-    known = _read_truth(truth) if truth else None
     loaded = load(recording)
+    if loaded.is_array:
+        changed = {"solve-for": solve_for != "all", "parametrisation": parametrisation != "gain"}
+        changed |= {"step": options["step_s"] is not None, "covariance": covariance != "full"}
+        changed |= {"junit": junit is not None, "fail-on": bool(fail_on), "report": report is not None}
+        _refuse_for_array(loaded, [name for name, is_changed in changed.items() if is_changed])
+        of_gyros = _read_gyros(truth, loaded.gyro.names) if truth else None
+        found = calibrate_gyros(
+            loaded,
+            psi=options["psi"],
+            iterations=options["iterations"],
+            max_gap_s=options["max_gap_s"],
+            prior_sigma=_sigmas(prior_sigma_g, prior_sigma_bias),
+            plausible_G=plausible_g,
+            plausible_bias=float(np.deg2rad(plausible_bias / 3600)),
+        )
+        gyros_report.show(console(), found, of_gyros)
+        if as_json:
+            write_json(as_json, found.to_json())
+        return
+    known = _read_truth(truth) if truth else None
     result = calibrate(
         loaded,
         solve_for=solve_for,
@@ -161,14 +182,39 @@ def command(
     end("calibrate", str(recording), compared(fail_on, known_numbers), junit)
 
 
+def _refuse_for_array(recording: Recording, changed: list[str]) -> None:
+    """Options that only the calibration of the gyros x, y and z has."""
+    if changed:
+        raise InputError(f"--{changed[0]} is for the gyros x, y and z; there are {', '.join(recording.gyro.names)}")
+
+
+def _read_gyros(path: Path, names: tuple[str, ...]) -> GyroArray:
+    try:
+        document = json.loads(path.read_text(encoding="utf-8"))["gyros"]
+        K, c = np.array(document["K"], dtype=float), np.deg2rad(np.array(document["c_deg_s"], dtype=float))
+        if tuple(document["names"]) != names or K.shape != (len(names), 3) or c.shape != (len(names),):
+            raise ValueError(f"its gyros are not {', '.join(names)}")
+        return GyroArray(names, K, c)
+    except (KeyError, TypeError, ValueError) as fault:
+        raise InputError(f"{path}: not a truth file with names, K and c_deg_s of gyros: {fault}") from None
+
+
 def _prior(names: tuple[str, ...], sigma_G: float | None, sigma_bias: float | None) -> np.ndarray | None:
+    sigmas = _sigmas(sigma_G, sigma_bias)
+    if sigmas is None:
+        return None
+    return np.diag([(sigmas[1] if name.startswith(BIAS_LETTERS) else sigmas[0]) ** 2 for name in names])
+
+
+def _sigmas(sigma_G: float | None, sigma_bias: float | None) -> tuple[float, float] | None:
+    """A-priori sigmas without unit, and of biases in rad/s."""
     if sigma_G is None and sigma_bias is None:
         return None
     if sigma_G is None or sigma_bias is None:
         raise InputError("give both --prior-sigma-g and --prior-sigma-bias, or neither")
     if not (1e-15 < sigma_G < LARGEST and 1e-15 < sigma_bias < LARGEST):
         raise InputError("--prior-sigma-g and --prior-sigma-bias must be positive and below 1e6")
-    return np.diag([(np.deg2rad(sigma_bias) if name.startswith(BIAS_LETTERS) else sigma_G) ** 2 for name in names])
+    return sigma_G, float(np.deg2rad(sigma_bias))
 
 
 def _read_truth(path: Path) -> GyroParameters:

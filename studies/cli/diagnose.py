@@ -10,6 +10,7 @@ from diagnosis.adopt import scenario
 from diagnosis.diagnose import diagnose
 from gyrocal import InputError, load
 from gyrocal.errors import hint
+from gyrocal.recording.gyros import need_triad
 from simulator import scenario as scenarios
 from simulator.effects.sensor import ALL_EFFECTS
 from studies.cli.effect_files import effects_option
@@ -69,7 +70,7 @@ def command(
 
     The baseline has a constant G and b, white gyro noise and white reference noise, both as stated. The exit status is 0
     whatever the answer, but for --fail-on. Raw tables of sun and Earth sensors with an ephemeris are diagnosed too. See
-    docs/diagnosis.md.
+    docs/diagnosis.md, and docs/gyros.md for more gyros than three, which are compared with one another as well.
 
     \b
     Examples:
@@ -95,6 +96,8 @@ def command(
         raise InputError("--plan is for the page and the card: give --report or --card with it")
     scenario_flown = scenarios.load(flown) if flown else None
     loaded = load(recording)
+    if adopt:
+        need_triad(loaded.gyro)
     with stages("diagnose", LINE_EVERY_S) as progress:
         result = diagnose(loaded, progress=progress, seed=seed, library=library)
         found = next_flight.planned(result, scenario_flown, progress, seed) if scenario_flown else None

@@ -6,7 +6,7 @@ import click
 import numpy as np
 import pandas as pd
 
-from gyrocal import InputError, attitude, load
+from gyrocal import InputError, attitude, load, triad
 from gyrocal.estimation.predict import Prediction, predict, prior_covariance
 from studies.cli.options import PATH
 from studies.montecarlo.files import check_writable, write_csv, write_json, write_text
@@ -55,7 +55,7 @@ def command(
         check_writable(path)
     if len({path.resolve() for path in files}) < len(files):
         raise InputError("--out, --report and --json need files of their own")
-    loaded = load(recording)
+    loaded = triad(load(recording))
     bias = None if prior_sigma_bias is None else float(np.deg2rad(prior_sigma_bias))
     P0 = prior_covariance(prior_sigma_g, bias, float(np.deg2rad(prior_mounting)), prior_scale, loaded.gyro.apriori_G)
     found = predict(loaded, from_s, None, P0)

@@ -12,7 +12,7 @@ from simulator.adopted import Replayed
 from simulator.effects.sensor import SENSOR_EFFECTS, described
 from simulator.effects.sensor import parse as parse_effect
 from simulator.replay import replay
-from simulator.simulate import simulate
+from simulator.simulate import simulate, true_gyros
 from simulator.streams import generator
 from studies.cli.effect_files import effects_option
 from studies.cli.options import PATH, assignment
@@ -59,6 +59,8 @@ def command(
     truth: same sample tags, reference times, noise as stated and housekeeping. SCENARIO may hold effects of its own, such as
     one that 'gyrocal diagnose --adopt' has written; see docs/compare.md.
 
+    A gyro of more than three is named in place of an axis, --effect bias_step:4=3,time_s=3000; see docs/gyros.md.
+
     \b
     Examples:
       gyrocal simulate trmm /tmp/rec --truth /tmp/truth.json
@@ -75,6 +77,7 @@ def command(
     check_writable(truth)
     check_writable(as_json)
     noise = not noise_free
+    gyros: dict[str, object] = {}
     if (Path(scenario) / "recording.toml").exists() and scenario not in scenarios.names():
         _refuse(changes, draw)
         on_sensors = [one.effect for one in settings if one.effect in SENSOR_EFFECTS]
@@ -96,9 +99,12 @@ def command(
             plan = scenarios.override(chosen.plan, dict(assignment(change) for change in changes))
             recording = simulate(plan, seed=seed, case=case, noise=noise, effects=settings)
             G, bias_deg_s = plan.gyro.true_G, plan.gyro.true_bias_deg_s
+            if plan.gyro.array is not None:
+                K, c = true_gyros(plan)
+                gyros = {"gyros": {"names": plan.gyro.array.gyros, "K": K.tolist(), "c_deg_s": np.rad2deg(c).tolist()}}
     save(recording, out)
     if truth:
-        write_json(truth, {"G": G, "bias_deg_s": bias_deg_s, "effects": [described(setting) for setting in settings]})
+        write_json(truth, {"G": G, "bias_deg_s": bias_deg_s, **gyros, "effects": [described(setting) for setting in settings]})
     if as_json:
         counts = {"intervals": len(recording.intervals), "gyro_samples": recording.gyro.t_s.size}
         effects_done = [described(setting) for setting in settings]

@@ -11,6 +11,7 @@ import pandas as pd
 from diagnosis.answer import Cause, Closure
 from diagnosis.result import Diagnosis
 from gyrocal import NAMES
+from gyrocal.calibration.parameters import AXES
 from simulator.effects.sensor import ALL_EFFECTS as EFFECTS
 from studies.report import tables
 
@@ -241,7 +242,7 @@ def changed(diagnosis: Diagnosis) -> bool:
 
 
 def calibration(diagnosis: Diagnosis) -> pd.DataFrame:
-    """The twelve parameters as texts: under M0, with the causes in, and what they change.
+    """The parameters G and b as texts: under M0, with the causes in, and what they change.
 
     Values of G have no unit, of b deg/h; changes and sigmas are in ppm and deg/h.
     """
@@ -250,7 +251,7 @@ def calibration(diagnosis: Diagnosis) -> pd.DataFrame:
     before = np.append(diagnosis.baseline_G.ravel(), diagnosis.baseline_bias * per_hour)
     after = np.append(diagnosis.G.ravel(), diagnosis.bias * per_hour)
     sigma = np.append(diagnosis.sigma_G.ravel(), diagnosis.sigma_bias * per_hour)
-    for name, old, new, error in zip(NAMES, before, after, sigma, strict=True):
+    for name, old, new, error in zip(gain_names(diagnosis.gyros), before, after, sigma, strict=True):
         scale, unit = (1e6, "ppm") if name.startswith("G") else (1.0, "deg/h")
         change = (new - old) * scale
         relative = change / error / scale if 0 < error < math.inf else math.nan
@@ -268,6 +269,11 @@ def calibration(diagnosis: Diagnosis) -> pd.DataFrame:
     return pd.DataFrame(rows)
 
 
+def gain_names(gyros: tuple[str, ...]) -> tuple[str, ...]:
+    """Names of G by rows, then of b: those of the calibration for the gyros x, y and z."""
+    return (*(f"G_{axis}{gyro}" for axis in AXES for gyro in gyros), *NAMES[9:])
+
+
 def _unsigned_zero(text: str) -> str:
     return text if float(text) else text.lstrip("+-")
 
@@ -279,14 +285,15 @@ def calibration_change(diagnosis: Diagnosis) -> str:
             return "The causes change nothing in the calibration."
         return "The calibration is the baseline's: no cause is in the model."
     table = calibration(diagnosis)
+    count = len(table)
     table = table.assign(moved=pd.to_numeric(table["change in sigma"], errors="coerce").abs()).query("moved > 1")
     if table.empty:
         return "With the causes in the model no parameter moves by more than its sigma."
     most = table.nlargest(3, "moved")
     texts = [f"{name} by {float(by):+g} {unit}" for name, by, unit in most[["parameter", "change", "unit"]].to_numpy()]
     if len(table) == 1:
-        return f"1 of 12 parameters moves by more than its sigma: {texts[0]}."
-    return f"{len(table)} of 12 parameters move by more than their sigma, most of all {listed(texts, 'and')}."
+        return f"1 of {count} parameters moves by more than its sigma: {texts[0]}."
+    return f"{len(table)} of {count} parameters move by more than their sigma, most of all {listed(texts, 'and')}."
 
 
 def mentioned(diagnosis: Diagnosis) -> list[str]:

@@ -36,11 +36,14 @@ def test_arrays_and_frames_make_the_recording_they_came_from():
         assert made.intervals == RECORDING.intervals
 
 
-def test_four_gyros_are_their_body_rates():
+def test_four_gyros_are_kept_and_have_body_rates():
     axes = np.array(TETRAHEDRON)
     made = arrays(rates=RECORDING.gyro.rates @ axes.T, G=np.linalg.pinv(axes))
-    np.testing.assert_allclose(made.gyro.rates, RECORDING.gyro.rates, atol=1e-16)
-    np.testing.assert_array_equal(made.gyro.apriori_G, np.eye(3))
+    assert made.gyro.names == ("1", "2", "3", "4")
+    assert "gyros" in repr(made)
+    body = gyrocal.triad(made)
+    np.testing.assert_allclose(body.gyro.rates, RECORDING.gyro.rates, atol=1e-16)
+    np.testing.assert_array_equal(body.gyro.apriori_G, np.eye(3))
     with pytest.raises(InputError, match="G must be 3×4"):
         arrays(rates=RECORDING.gyro.rates @ axes.T)
 

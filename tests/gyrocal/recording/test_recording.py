@@ -155,7 +155,7 @@ BAD_INPUT = {
         edit_header("apriori_G = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]", "apriori_G = [[1.0, 0.0, 0.0], [1.0, 0.0, 0.0]"),
         "must be invertible",
     ),
-    "wrong format": (edit_header("format = 1", "format = 2"), "format"),
+    "wrong format": (edit_header("format = 1", "format = 3"), "format"),
     "bad epoch": (edit_header("2000-01-01T00:00:00Z", "yesterday"), "epoch"),
     "not TOML": (edit_header("[gyro]", "[gyro"), "not a TOML file"),
     "no recording.toml": (lambda folder: (folder / "recording.toml").unlink(), "no such file"),

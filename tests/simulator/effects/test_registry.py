@@ -15,7 +15,7 @@ import pytest
 
 import simulator
 from gyrocal import InputError, load
-from simulator.effects import ALL_EFFECTS, BUILT_IN, EFFECTS, REGISTRY, STAGES, Effect, Registry, parse
+from simulator.effects import ALL_EFFECTS, ARRAY_EFFECTS, BUILT_IN, EFFECTS, REGISTRY, STAGES, Effect, Registry, parse
 from simulator.effects import registry as registry_module
 from simulator.effects.base import SYMPTOMS
 from simulator.effects.common import on_axis
@@ -64,9 +64,9 @@ def test_every_stage_has_a_meaning_and_a_built_in_effect():
 
 
 def test_views_tell_sensor_effects_apart_and_follow_the_registry(monkeypatch):
-    assert set(EFFECTS) | set(SENSOR_EFFECTS) == set(ALL_EFFECTS)
+    assert set(EFFECTS) | set(SENSOR_EFFECTS) | set(ARRAY_EFFECTS) == set(ALL_EFFECTS)
     assert not set(EFFECTS) & set(SENSOR_EFFECTS)
-    assert len(EFFECTS) + len(SENSOR_EFFECTS) == len(ALL_EFFECTS)
+    assert len(EFFECTS) + len(SENSOR_EFFECTS) + len(ARRAY_EFFECTS) == len(ALL_EFFECTS)
     assert "dss_head" not in EFFECTS
     monkeypatch.setitem(REGISTRY.effects, "mine", MINE)
     assert EFFECTS["mine"] is ALL_EFFECTS["mine"] is MINE

@@ -1,0 +1,556 @@
+"""Calibration of any number of gyros: scale factor, axis and bias of each, from reference attitudes and from parity.
+
+Gyro i reads ω_raw,i = K_i · ω + c_i + noise, 4n parameters (`gyrocal.recording.gyros`). With G = K⁺ of the gyros that are on,
+ω_adj = G (ω_raw − c) is off by
+
+    δω = ω_adj − ω_true = −G (ΔK ω + Δc)
+
+so that attitude sees the twelve combinations (G ΔK, G Δc), by the compiled pass with the regressors (ω_adj, 1), and nothing
+else. The other 4 (n − 3) are in the parity residuals
+
+    e = Vᵀ (ω_raw − c) = −Vᵀ (ΔK ω + Δc) + Vᵀ noise,    VᵀK = 0.
+
+Both at once determine all; gyros that are switched between intervals only change G and V there. Since G V = 0, the noise of
+the attitude residuals and of the parity is uncorrelated, and each is an accumulation of its own.
+
+Parity without a matrix of samples. e and ŵ = (ω_adj, 1) are linear in (ω_raw, 1), so that Y = Σ (ω_raw, 1)(ω_raw, 1)ᵀ Δt holds
+all that is needed at any K and c: M̂ = Σ ŵ ŵᵀ Δt, X = Σ e ŵᵀ Δt. At the true parameters e and the noise of ŵ are uncorrelated,
+hence E X = 0 and the solution of X = 0 is consistent; but M̂ counts the noise of ŵ as motion, M̂ = M + N with
+N = (number of samples) ARW² G Gᵀ. The estimate Δ = −V X M⁻¹ has the information M_e = M M̂⁻¹ M, for X scatters as M̂ does.
+Source of the correction: Fuller, Measurement Error Models, section 2.2.
+
+The gyro noise that attitude residuals accumulate is that of ω_adj, ARW² G Gᵀ in body axes, which is isotropic for a
+tetrahedron but not for any axes: R_a W R_bᵀ with W = ARW² ∫ Aᵀ G Gᵀ A dt up to the earlier of the two, from the start.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import scipy.special
+from numpy.typing import NDArray
+
+from gyrocal.calibration import normal_equations as accumulation
+from gyrocal.calibration.covariance import FULL, residual_covariance
+from gyrocal.calibration.gate import LARGEST_RESIDUAL
+from gyrocal.calibration.observability import PLAUSIBLE_BIAS, PLAUSIBLE_G, Observability, observability
+from gyrocal.calibration.problem import Problem
+from gyrocal.calibration.propagation import Arcs, Psi, propagate
+from gyrocal.calibration.sampling import Measurements, measurements
+from gyrocal.compiled import compiled
+from gyrocal.errors import InputError, UnobservableError
+from gyrocal.recording import Recording
+from gyrocal.recording.gyros import gain, inside, nominal, parity, triad
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.intp]
+
+ROTATION_NAMES = ("roll", "pitch", "yaw")
+ROUNDING = 1e-12  # relative size of what a singular sum of products leaves
+SETTLED = 1e-4  # sigmas of the last correction
+
+
+@dataclass(frozen=True)
+class GyroArray:
+    """What each of n gyros shows of the body's rate, ω_raw = K ω + c.
+
+    Attributes
+    ----------
+    names : of the gyros
+    K : (n, 3) scale factor times axis, dimensionless
+    c : (n,) what each reads at rest, rad/s
+    """
+
+    names: tuple[str, ...]
+    K: Array
+    c: Array
+
+    @property
+    def scale_factor(self) -> Array:
+        """(n,) of each gyro."""
+        return np.asarray(np.linalg.norm(self.K, axis=1))
+
+    @property
+    def axes(self) -> Array:
+        """(n, 3) unit vectors in body axes."""
+        return np.asarray(self.K / self.scale_factor[:, None])
+
+    @property
+    def G(self) -> Array:
+        """(3, n) of R (7), with all gyros on."""
+        return np.asarray(np.linalg.pinv(self.K))
+
+    @property
+    def bias(self) -> Array:
+        """(3,) b of R (7), rad/s, with all gyros on."""
+        return np.asarray(-self.G @ self.c)
+
+    @property
+    def vector(self) -> Array:
+        """(4n,) K_x, K_y, K_z and c, gyro by gyro."""
+        return np.column_stack([self.K, self.c]).ravel()
+
+    def at(self, vector: Array) -> GyroArray:
+        """The same gyros with other parameters (4n,)."""
+        values = np.reshape(vector, (len(self.names), 4))
+        return GyroArray(self.names, values[:, :3].copy(), values[:, 3].copy())
+
+
+@dataclass(frozen=True)
+class ParitySums:
+    """All that parity says of the intervals in which the same gyros were on.
+
+    Attributes
+    ----------
+    chosen : (k,) columns of those gyros
+    Y : (n + 1, n + 1) Σ (ω_raw, 1)(ω_raw, 1)ᵀ Δt; zero for the others
+    samples : number of samples
+    """
+
+    chosen: Indices
+    Y: Array
+    samples: int
+
+    def moments(self, gyros: GyroArray) -> tuple[Array, Array, Array, Array]:
+        """V (n, m), M̂ (4, 4), X (m, 4) and Σ e eᵀ Δt (m, m) at these parameters."""
+        G, V = gain(gyros.K, self.chosen), parity(gyros.K, self.chosen)
+        B = np.zeros((4, len(self.Y)))
+        B[:3, :-1], B[:3, -1], B[3, -1] = G, -G @ gyros.c, 1.0
+        E = np.column_stack([V.T, -V.T @ gyros.c])
+        return V, B @ self.Y @ B.T, E @ self.Y @ B.T, E @ self.Y @ E.T
+
+    def rows(self, gyros: GyroArray, arw: float) -> tuple[Array, Array]:
+        """H (r, 4n) and z (r,) of Δ, whitened, whose normal equations are those of all samples; r is 4m or less."""
+        V, seen, X, _ = self.moments(gyros)
+        G = gain(gyros.K, self.chosen)
+        true = seen.copy()
+        true[:3, :3] -= self.samples * arw**2 * G @ G.T
+        # M = L Q diag(q) Qᵀ Lᵀ with L Lᵀ = M̂; what is only noise has q ≈ 0 and must not become negative.
+        L, inverse = _root(seen)
+        q, Q = np.linalg.eigh(inverse @ true @ inverse.T)
+        root = L @ Q * np.maximum(q, 0.0)  # root rootᵀ = M M̂⁻¹ M
+        H = np.einsum("im,wk->mkiw", V, root).reshape(V.shape[1] * len(q), -1) / arw
+        return H, -(X @ inverse.T @ Q).ravel() / arw
+
+    def chi2(self, gyros: GyroArray, arw: float) -> float:
+        """Σ eᵀe Δt / ARW²."""
+        return float(np.trace(self.moments(gyros)[3]) / arw**2)
+
+
+def _root(M: Array) -> tuple[Array, Array]:
+    """L (4, r) with L Lᵀ = M, and its pseudo-inverse; motion without noise may leave M singular."""
+    scale = np.sqrt(np.diag(M))
+    scale = np.where(scale > 0, scale, 1.0)
+    values, U = np.linalg.eigh(M / np.outer(scale, scale))
+    kept = values > ROUNDING * values[-1]
+    root, U = np.sqrt(values[kept]), U[:, kept]
+    return scale[:, None] * U * root, (U / root).T / scale
+
+
+def parity_sums(recording: Recording) -> tuple[ParitySums, ...]:
+    """Sums over all samples inside the intervals, for each set of more than three gyros that was on."""
+    found: dict[tuple[int, ...], list[int]] = {}
+    for number in range(len(recording.intervals)):
+        chosen = recording.switched_on(number)
+        if chosen.size > 3:
+            found.setdefault(tuple(chosen.tolist()), []).append(number)
+    out = []
+    for columns, numbers in found.items():
+        n = len(recording.gyro.names)
+        Y, count = np.zeros((n + 1, n + 1)), 0
+        places = np.array([*columns, n])
+        for number in numbers:
+            part, dt = inside(recording, number)
+            values = np.column_stack([recording.gyro.rates[part][:, columns], np.ones(dt.size)])
+            Y[np.ix_(places, places)] += (values * dt[:, None]).T @ values
+            count += dt.size
+        out.append(ParitySums(np.array(columns), Y, count))
+    return tuple(out)
+
+
+@dataclass(frozen=True)
+class _Attitude:
+    """Attitude residuals at some parameters: θ (m, 3), sigma (m, 3), and whitened H (3m, 4n) and z (3m,)."""
+
+    theta: Array
+    sigma: Array
+    H: Array
+    z: Array
+
+
+@dataclass(frozen=True)
+class _Steps:
+    """The steps of a recording and the gyros that were on in each of its arcs."""
+
+    recording: Recording
+    measured: Measurements
+    problem: Problem
+    psi: Psi
+
+    @classmethod
+    def of(cls, recording: Recording, psi: Psi, max_gap_s: float | None) -> _Steps:
+        body = triad(recording)
+        measured = measurements(body, max_gap_s=max_gap_s)
+        return cls(recording, measured, Problem.of(body, measured), psi)
+
+    def state(self, gyros: GyroArray) -> _Attitude:
+        """Evaluate at some parameters.
+
+        Raises
+        ------
+        InputError
+            A residual is too large to be corrected by linearisation.
+        """
+        arcs, arw = self.measured.arcs, self.recording.gyro.arw
+        m = len(arcs.arc)
+        rates, gains = np.empty((arcs.dt.size, 3)), np.empty((m, 3, len(gyros.names)))
+        walk = np.empty((m, 3, 3))
+        for number in np.unique(arcs.arc):
+            outputs = np.flatnonzero(arcs.arc == number)
+            chosen = self.recording.switched_on(int(number))
+            G = gain(gyros.K, chosen)
+            part = slice(int(arcs.first[outputs[0]]), int(arcs.last[outputs[-1]]))
+            own = self.recording.gyro.rates[arcs.sample[part]][:, chosen] - gyros.c[chosen]
+            rates[part], gains[outputs] = own @ G[:, chosen].T, G
+            ends = arcs.last[outputs] - part.start
+            walk[outputs] = noise_walk(rates[part], arcs.dt[part], ends, arw**2 * G @ G.T)
+        with np.errstate(over="ignore", invalid="ignore"):
+            steps = Arcs(rates, arcs.dt, np.arange(len(rates)), arcs.first, arcs.last, arcs.arc)
+            run = propagate(steps, np.eye(3), np.zeros(3), self.psi)
+        A = self.problem.A
+        theta = accumulation.residuals(run.R, A[self.measured.start], A[self.measured.row])
+        largest = np.linalg.norm(theta, axis=1).max() if np.isfinite(run.R).all() else np.inf
+        if not largest <= LARGEST_RESIDUAL:
+            raise InputError(
+                f"an attitude residual of {np.rad2deg(largest):.1f} deg is too large to linearise; "
+                "are the rates in deg/s, the quaternions scalar last and inertial to body, and G and bias right?"
+            )
+        Theta = -np.einsum("mqra,mai->mriq", run.S, gains).reshape(3 * m, -1)
+        return self._whitened(theta, Theta, run.R, walk)
+
+    def _whitened(self, theta: Array, Theta: Array, R: Array, walk: Array) -> _Attitude:
+        made, arc = self.measured, self.measured.arcs.arc
+        values, variance = np.column_stack([Theta, theta.ravel()]), np.empty(theta.size)
+        out = np.empty_like(values)
+        rows, ends = self.problem.groups
+        low = 0
+        for high in ends:
+            own = rows[low:high]
+            V = residual_covariance(
+                R[own], arc[own], made.start[own], made.row[own], made.elapsed_s[own],
+                np.ascontiguousarray(self.problem.sigma), 0.0, FULL, np.zeros((0, 3, 3)),
+            )  # fmt: skip
+            V += _walked(R[own], walk[own], arc[own])
+            places = (3 * own[:, None] + np.arange(3)).ravel()
+            out[places] = accumulation.whiten(V, values[places])
+            variance[places] = np.diag(V)
+            low = high
+        return _Attitude(theta, np.sqrt(variance).reshape(-1, 3), out[:, :-1], out[:, -1])
+
+
+def _walked(R: Array, walk: Array, arc: Indices) -> Array:
+    """(3m, 3m) covariance of accumulated gyro noise; outputs of an arc are in the order of time."""
+    m = len(arc)
+    first = np.minimum.outer(np.arange(m), np.arange(m))
+    same = arc[:, None] == arc[None, :]
+    blocks = np.einsum("aij,abjk,blk->aibl", R, walk[first] * same[:, :, None, None], R)
+    return np.asarray(blocks.reshape(3 * m, 3 * m))
+
+
+@compiled
+def noise_walk(rates: Array, dt: Array, ends: Indices, N: Array) -> Array:  # pragma: no cover - compiled
+    """∫ Aᵀ N A dt from the start of an arc to each of some steps, (m, 3, 3), with A = I at the start.
+
+    Parameters
+    ----------
+    rates, dt : (n, 3) rad/s and (n,) s of the steps
+    ends : (m,) steps done at each output, ascending
+    N : (3, 3) power of the noise in body axes, rad²/s
+    """
+    out = np.empty((len(ends), 3, 3))
+    P, turned, step = np.eye(3), np.zeros((3, 3)), np.empty((3, 3))
+    total = np.zeros((3, 3))
+    k = 0
+    for j in range(len(ends)):
+        while k < ends[j]:
+            turned[:] = P @ N @ P.T
+            total += turned * dt[k]
+            x, y, z = rates[k, 0] * dt[k], rates[k, 1] * dt[k], rates[k, 2] * dt[k]
+            f = x * x + y * y + z * z
+            angle = np.sqrt(f)
+            s, c = (np.sin(angle) / angle, (1 - np.cos(angle)) / f) if angle > 1e-4 else (1 - f / 6, 0.5 - f / 24)
+            step[0, 0], step[0, 1], step[0, 2] = 1 - c * (y * y + z * z), c * x * y - s * z, c * x * z + s * y
+            step[1, 0], step[1, 1], step[1, 2] = c * x * y + s * z, 1 - c * (x * x + z * z), c * y * z - s * x
+            step[2, 0], step[2, 1], step[2, 2] = c * x * z - s * y, c * y * z + s * x, 1 - c * (x * x + y * y)
+            P[:] = P @ step
+            k += 1
+        out[j] = total
+    return out
+
+
+@dataclass(frozen=True)
+class GyrosResult:
+    """What a calibration of any number of gyros found.
+
+    Attributes
+    ----------
+    recording : title of the recording
+    gyros, initial : calibrated, and as started from
+    covariance : (4n, 4n) of K_x, K_y, K_z and c, gyro by gyro; c in rad/s
+    psi : "full" or "linear"
+    iterations, converged : how it was found
+    residuals : a row per interval and reference time: interval, t_s, before and after, and sigma, in degrees
+    observability : singular values and combinations not found
+    chi2, dof : of the attitude residuals and the parity together, a prior's term included
+    parity_chi2, parity_dof : of the parity alone, with the parameters that only it sees taken off
+    prior_sigma : of K and of c (rad/s), None without
+    """
+
+    recording: str
+    gyros: GyroArray
+    initial: GyroArray
+    covariance: Array
+    psi: Psi
+    iterations: int
+    converged: bool
+    residuals: pd.DataFrame
+    observability: Observability
+    chi2: float
+    dof: int
+    parity_chi2: float
+    parity_dof: int
+    prior_sigma: tuple[float, float] | None
+
+    @property
+    def G(self) -> Array:
+        """(3, n) calibrated G."""
+        return self.gyros.G
+
+    @property
+    def bias(self) -> Array:
+        """(3,) calibrated b, rad/s."""
+        return self.gyros.bias
+
+    @property
+    def gain_covariance(self) -> Array:
+        """(3n + 3, 3n + 3) of G by rows, then b."""
+        J = gain_jacobian(self.gyros)
+        return np.asarray(J @ self.covariance @ J.T)
+
+    @property
+    def p_value(self) -> float:
+        """Probability of larger residuals if the noise is as stated."""
+        return float(scipy.special.chdtrc(self.dof, self.chi2)) if self.dof > 0 else float("nan")
+
+    @property
+    def parity_p_value(self) -> float:
+        """The same of the parity alone."""
+        return float(scipy.special.chdtrc(self.parity_dof, self.parity_chi2)) if self.parity_dof > 0 else float("nan")
+
+    def summary(self) -> pd.DataFrame:
+        """A row per gyro: scale factor, turn of its axis from the a-priori one, and bias, each with its sigma."""
+        import pandas as pd  # late: 65 MiB that a Monte Carlo worker does without
+
+        gyros, before = self.gyros, self.initial.axes
+        rows = []
+        for i, name in enumerate(gyros.names):
+            own = self.covariance[4 * i : 4 * i + 4, 4 * i : 4 * i + 4]
+            s, u = gyros.scale_factor[i], gyros.axes[i]
+            # d s = u · dK, d u = (I − u uᵀ) dK / s.
+            across = (np.eye(3) - np.outer(u, u)) / s
+            turn, spread = u - before[i], np.sqrt(np.diag(across @ own[:3, :3] @ across.T))
+            row: dict[str, Any] = {"gyro": name, "scale_factor": s, "sigma_scale_factor": float(np.sqrt(u @ own[:3, :3] @ u))}
+            for k, axis in enumerate("xyz"):
+                row |= {f"misalignment_{axis}_deg": np.rad2deg(turn[k]), f"sigma_{axis}_deg": np.rad2deg(spread[k])}
+            row |= {"bias_deg_s": np.rad2deg(gyros.c[i]), "sigma_bias_deg_s": np.rad2deg(np.sqrt(own[3, 3]))}
+            rows.append(row)
+        return pd.DataFrame(rows)
+
+    def to_json(self) -> dict[str, Any]:
+        """The result as plain values, degrees and deg/s."""
+        n = len(self.gyros.names)
+        sigma = np.sqrt(np.diag(self.gain_covariance))
+        deg = np.tile([1.0, 1.0, 1.0, np.rad2deg(1.0)], n)
+        return {
+            "format": 2,
+            "recording": self.recording,
+            "psi": self.psi,
+            "iterations": self.iterations,
+            "converged": self.converged,
+            "names": list(self.gyros.names),
+            "G": self.G.tolist(),
+            "bias_deg_s": np.rad2deg(self.bias).tolist(),
+            "sigma_G": sigma[: 3 * n].reshape(3, n).tolist(),
+            "sigma_bias_deg_s": np.rad2deg(sigma[3 * n :]).tolist(),
+            "K": self.gyros.K.tolist(),
+            "c_deg_s": np.rad2deg(self.gyros.c).tolist(),
+            "parameters": list(parameter_names(self.gyros.names)),
+            "covariance": (self.covariance * np.outer(deg, deg)).tolist(),
+            "gyros": self.summary().to_dict("records"),
+            "residuals": self.residuals.to_dict("records"),
+            "unobservable": list(self.observability.unobservable),
+            "chi2": self.chi2,
+            "degrees_of_freedom": self.dof,
+            "p_value": self.p_value if self.dof > 0 else None,
+            "parity": {
+                "chi2": self.parity_chi2,
+                "degrees_of_freedom": self.parity_dof,
+                "p_value": self.parity_p_value if self.parity_dof > 0 else None,
+            },
+        }
+
+
+def parameter_names(names: Sequence[str]) -> tuple[str, ...]:
+    """Of the parameters of some gyros, in the order of `GyroArray.vector`."""
+    return tuple(name for gyro in names for name in (*(f"K_{gyro}{axis}" for axis in "xyz"), f"c_{gyro}"))
+
+
+def gain_jacobian(gyros: GyroArray) -> Array:
+    """∂(G by rows, b)/∂(K, c), (3n + 3, 4n): dG = −G dK G + G Gᵀ dKᵀ (I − K G), db = −dG c − G dc."""
+    n, G, K = len(gyros.names), gyros.G, gyros.K
+    J = np.zeros((3 * n + 3, 4 * n))
+    for i in range(n):
+        for j in range(3):
+            dK = np.zeros((n, 3))
+            dK[i, j] = 1.0
+            dG = -G @ dK @ G + G @ G.T @ dK.T @ (np.eye(n) - K @ G)
+            J[:, 4 * i + j] = np.concatenate([dG.ravel(), -dG @ gyros.c])
+        J[3 * n :, 4 * i + 3] = -G[:, i]
+    return J
+
+
+def calibrate_gyros(
+    recording: Recording,
+    *,
+    initial: GyroArray | None = None,
+    psi: Psi = "full",
+    iterations: int | None = None,
+    max_iterations: int = 10,
+    max_gap_s: float | None = None,
+    prior_sigma: tuple[float, float] | None = None,
+    plausible_G: float = PLAUSIBLE_G,
+    plausible_bias: float = PLAUSIBLE_BIAS,
+) -> GyrosResult:
+    """Calibrate each gyro of a recording with three or more of them, in any directions, switched by interval or not.
+
+    Parameters
+    ----------
+    recording : gyro stream, reference attitudes, intervals
+    initial : gyros to start from; those of the recording's a-priori G and b by default
+    psi : "full" or "linear"
+    iterations : exactly so many; None iterates until they change nothing
+    max_iterations : bound on those
+    max_gap_s : see `gyrocal.calibration.sampling.measurements`
+    prior_sigma : of every element of K, and of every c (rad/s), about `initial`
+    plausible_G, plausible_bias : how far elements of K, and c (rad/s), may plausibly be off; a combination that the data do not
+        determine better than that counts as not found
+
+    Raises
+    ------
+    UnobservableError
+        The data leave a combination free and no prior is given.
+    InputError
+        The recording cannot be used, or states no gyro noise, against which attitude and parity are weighed.
+    """
+    stream = recording.gyro
+    limit = max_iterations if iterations is None else iterations
+    if limit < 1:
+        raise InputError(f"at least one iteration is needed, not {limit}")
+    if not stream.arw > 0:
+        raise InputError("the recording states no gyro noise; parity is weighed by it, so give arw_deg_per_sqrt_s")
+    start = initial or GyroArray(stream.names, *nominal(stream))
+    names, n = parameter_names(start.names), len(start.names)
+    steps, sums = _Steps.of(recording, psi, max_gap_s), parity_sums(recording)
+    plausible = np.tile([plausible_G] * 3 + [plausible_bias], n)
+    prior = None if prior_sigma is None else np.tile([prior_sigma[0]] * 3 + [prior_sigma[1]], n)
+    gyros, first = start, steps.state(start)
+    state, converged, done = first, False, 0
+    judged = None
+    while True:
+        parts = [(state.H, state.z), *(one.rows(gyros, stream.arw) for one in sums)]
+        H, z = np.vstack([rows for rows, _ in parts]), np.concatenate([values for _, values in parts])
+        if judged is None:
+            judged = observability(H, plausible, names)
+            if judged.unobservable and prior is None:
+                raise UnobservableError(_message(judged.unobservable, plausible_G, plausible_bias), judged.unobservable)
+        if done == limit or (converged and iterations is None):
+            break
+        if prior is not None:
+            H, z = np.vstack([H, np.diag(1 / prior)]), np.append(z, (gyros.vector - start.vector) / prior)
+        scaled = H * plausible
+        P = np.linalg.inv(scaled.T @ scaled) * np.outer(plausible, plausible)
+        step = np.linalg.lstsq(scaled, z, rcond=None)[0] * plausible
+        gyros = gyros.at(gyros.vector - step)
+        state, done = steps.state(gyros), done + 1
+        converged = bool(np.abs(step / np.sqrt(np.diag(P))).max() < SETTLED)
+    parity_chi2 = sum(one.chi2(gyros, stream.arw) for one in sums)
+    parity_rows = sum(one.samples * (one.chosen.size - 3) for one in sums)
+    seen = np.linalg.matrix_rank(np.vstack([rows * plausible for rows, _ in parts[1:]])) if sums else 0
+    chi2 = float(state.z @ state.z) + parity_chi2
+    if prior is not None:
+        chi2 += float(np.sum(((gyros.vector - start.vector) / prior) ** 2))
+    return GyrosResult(
+        recording=recording.title,
+        gyros=gyros,
+        initial=start,
+        covariance=P,
+        psi=psi,
+        iterations=done,
+        converged=converged,
+        residuals=_residual_table(recording, steps.measured, first, state),
+        observability=judged,
+        chi2=chi2,
+        dof=state.z.size + parity_rows - (4 * n if prior is None else 0),
+        parity_chi2=parity_chi2,
+        parity_dof=parity_rows - int(seen),
+        prior_sigma=prior_sigma,
+    )
+
+
+def fitted_to_parity(recording: Recording, start: GyroArray, plausible: tuple[float, float], iterations: int = 3) -> GyroArray:
+    """The gyros whose parity is nearest to zero, within what is plausible; what only attitude sees is left as it was.
+
+    Parameters
+    ----------
+    recording : with or without reference attitudes
+    start : gyros to start from
+    plausible : prior sigma of K, and of c, rad/s
+    iterations : how many
+    """
+    sums, gyros = parity_sums(recording), start
+    prior = np.tile([plausible[0]] * 3 + [plausible[1]], len(start.names))
+    for _ in range(iterations if sums else 0):
+        parts = [one.rows(gyros, recording.gyro.arw) for one in sums]
+        H = np.vstack([*(rows * prior for rows, _ in parts), np.eye(prior.size)])
+        z = np.concatenate([*(values for _, values in parts), (gyros.vector - start.vector) / prior])
+        gyros = gyros.at(gyros.vector - prior * np.linalg.lstsq(H, z, rcond=None)[0])
+    return gyros
+
+
+def _message(combinations: Sequence[str], plausible_K: float, plausible_c: float) -> str:
+    return (
+        f"{len(combinations)} parameter combination(s) cannot be found with the stated noise to within their plausible range "
+        f"({plausible_K:g} in K, {np.rad2deg(plausible_c) * 3600:.3g} deg/h in c): {'; '.join(combinations)}; "
+        "add maneuvers with other rates, or give an a-priori sigma"
+    )
+
+
+def _residual_table(recording: Recording, measured: Measurements, before: _Attitude, after: _Attitude) -> pd.DataFrame:
+    import pandas as pd  # late: 65 MiB that a Monte Carlo worker does without
+
+    columns: dict[str, Any] = {
+        "interval": [recording.intervals[k].name for k in measured.arcs.arc],
+        "t_s": recording.attitudes.t_s[measured.row],
+    }
+    for label, values in (("before", before.theta), ("after", after.theta), ("sigma", after.sigma)):
+        columns |= {f"{label}_{name}_deg": np.rad2deg(values[:, k]) for k, name in enumerate(ROTATION_NAMES)}
+    return pd.DataFrame(columns)
+
+
+__all__ = ["GyroArray", "GyrosResult", "calibrate_gyros", "fitted_to_parity", "parity_sums"]
