@@ -33,12 +33,21 @@ def table(name: str) -> pd.DataFrame:
         return pd.read_csv(file)
 
 
+@cache
 def residuals(phase: str, step_s: float = 0.5) -> Array:
     """N Table 2, (6, 3) deg; phase "prelaunch" or "calibrated"."""
     rows = table("table2_residuals").query("phase == @phase and step_s == @step_s")
-    return rows[_ROTATION_COLUMNS].to_numpy()
+    return _kept(rows[_ROTATION_COLUMNS].to_numpy())
 
 
+def _kept(values: Array) -> Array:
+    """Values that a fit asks for thousands of times, safe from being changed."""
+    out = values.copy()
+    out.setflags(write=False)
+    return out
+
+
+@cache
 def parameters(phase: str, step_s: float | None = None) -> GyroParameters:
     """N Table 3; phase "prelaunch" (no step) or "calibrated"."""
     rows = table("table3_parameters").query("phase == @phase")
@@ -49,6 +58,7 @@ def parameters(phase: str, step_s: float | None = None) -> GyroParameters:
     return GyroParameters.from_gyros(bias, rows["scale_factor"].to_numpy(), misalignment)
 
 
+@cache
 def calibration() -> GyroParameters:
     """R eq. (9)."""
     rows = table("g_matrix")

@@ -38,6 +38,8 @@ _COLOUR = re.compile(r"#([0-9a-fA-F]{6})\b")
 _FONT = re.compile(r"font-family: [^;\"]*;?\s*")
 _PLACES = re.compile(r'\b(?:d|x|y)="[^"]*"')
 _LONG = re.compile(r"(\d\.\d\d)\d+")  # a hundredth of a point is not seen
+# Markers of one style, one after another: a scatter has thousands.
+_ALIKE = re.compile(r'<use ([^>]*?)style="([^"]*)"/>(?: <use [^>]*?style="\2"/>){2,}')
 _HEAD = re.compile(rb"^.*?(?=<svg)", re.DOTALL)
 
 
@@ -109,6 +111,7 @@ def inline(data: bytes, name: str, label: str) -> str:
     text = re.sub(r"url\(#([^)]+)\)", lambda found: f"url(#{own[found[1]]})", text).replace("xlink:href", "href")
     text = re.sub(r"\s*\n\s*", " ", _FONT.sub("", text)).replace(" >", ">")
     text = _PLACES.sub(lambda found: _LONG.sub(r"\1", found[0]), text)
+    text = _ALIKE.sub(_together, text)
     body = text if fixed else _COLOUR.sub(lambda found: f"var(--c-{found[1].lower()})", text)
     box, axes = re.search(r'viewBox="([^"]+)"', body), re.search(r'data-axes="([^"]*)"', text[:4000])
     size = box[1] if box else "0 0 100 100"
@@ -125,6 +128,12 @@ def inline(data: bytes, name: str, label: str) -> str:
         for place in panels[1].split(",")
     )
     return f'<div class="drawing stacks">{whole}<g id="{name}-all">{inner}</g></svg><div class="pieces">{pieces}</div></div>'
+
+
+def _together(found: re.Match[str]) -> str:
+    """Markers of one style in a group, which has the style."""
+    style = found[2]
+    return f'<g style="{style}">' + found[0].replace(f' style="{style}"', "").replace("> <use", "><use") + "</g>"
 
 
 def palette(page: str) -> str:

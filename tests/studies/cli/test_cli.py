@@ -309,6 +309,7 @@ def test_a_reproduction_that_was_stopped_goes_on(run_cli, tmp_path, monkeypatch)
     assert rows.parent == engine.work_folder(tmp_path, paper_tables.STUDY, config)
     assert rows.parent != engine.work_folder(tmp_path, paper_tables.STUDY, config.model_copy(update={"entropy": 7}))
     (rows.parent / "parts" / "part-000001.parquet").unlink()
+    monkeypatch.setattr(reproduce, "flight_part", lambda *arguments: None)  # what comes after the cases is another test's
     result = run_cli(*arguments)
     assert result.exit_code == 0, result.stderr
     assert json.loads((tmp_path / "manifest.json").read_text())["runs"][-1]["resumed"] == 2

@@ -80,3 +80,11 @@ def test_contrast_is_that_of_wcag():
     assert svg.contrast("#777777", "#ffffff") == pytest.approx(4.48, abs=0.01)
     assert svg.at_night("#ffffff") == svg.DARK[0]
     assert svg.at_night("#000000") == svg.DARK[1]
+
+
+def test_markers_of_one_style_share_it():
+    mark = '<use href="#m" x="{}" y="2" style="fill: red"/>'
+    drawn = f'<svg viewBox="0 0 9 9"><defs><path id="m" d="M 0 0"/></defs><g> {" ".join(map(mark.format, range(4)))} </g></svg>'
+    piece = svg.inline(drawn.encode(), "a", "markers")
+    assert piece.count("fill: red") == 1
+    assert [f'x="{k}"' in piece for k in range(4)] == [True] * 4
