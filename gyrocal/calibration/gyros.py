@@ -92,6 +92,11 @@ class GyroArray:
         return np.asarray(-self.G @ self.c)
 
     @property
+    def bias_deg_s(self) -> Array:
+        """(3,) b of R (7), deg/s."""
+        return np.asarray(np.rad2deg(self.bias))
+
+    @property
     def vector(self) -> Array:
         """(4n,) K_x, K_y, K_z and c, gyro by gyro."""
         return np.column_stack([self.K, self.c]).ravel()
@@ -336,6 +341,11 @@ class GyrosResult:
     def bias(self) -> Array:
         """(3,) calibrated b, rad/s."""
         return self.gyros.bias
+
+    @property
+    def bias_deg_s(self) -> Array:
+        """(3,) calibrated b, deg/s."""
+        return self.gyros.bias_deg_s
 
     @property
     def gain_covariance(self) -> Array:
