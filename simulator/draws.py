@@ -72,7 +72,7 @@ def layers() -> Layers:
 def add_normals(
     rng: np.random.Generator, words: Words, layers: Layers, rates: Array, size: float, duration: Array, out: Array
 ) -> None:  # pragma: no cover - compiled
-    """Rates (n, 3) with `rng.standard_normal()` times size/√duration added to each, into out (n, 3).
+    """Rates (n, gyros) with `rng.standard_normal()` times size/√duration added to each, into out (n, gyros).
 
     Parameters
     ----------
@@ -86,7 +86,7 @@ def add_normals(
         if duration[k] != before:
             before = duration[k]
             sigma = size / np.sqrt(before)
-        for i in range(3):
+        for i in range(rates.shape[1]):
             r = a + n + b
             layer = r & BY_LAYER
             m = np.int64(r >> BELOW_SIGN) & OF_MANTISSA
