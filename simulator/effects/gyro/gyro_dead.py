@@ -56,6 +56,7 @@ def _equal_at_end(x: Array) -> int:
 EFFECT = GyroDead(
     name="gyro_dead",
     summary="one of several gyros reads the same from one time on",
+    says="{whose} readings stop at {size}",
     unit="deg/s",
     stage="telemetry",
     prior=(1e-6, 1.0),

@@ -20,6 +20,7 @@ class GyroScaleStep(Effect):
 EFFECT = GyroScaleStep(
     name="gyro_scale_step",
     summary="scale factor of one of several gyros jumps at one time",
+    says="{whose} scale factor jumps by {size} and stays there",
     unit="ppm",
     stage="rate",
     prior=(20.0, 5e4),

@@ -11,6 +11,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import product
 from typing import Annotated, Any, Literal
 
 import numpy as np
@@ -363,11 +364,12 @@ def _listed_columns(model: RecordingModel) -> list[Array]:
     for effect in EFFECTS.values():
         if not effect.has_columns or effect.switched or effect.missing(model.around) is not None:
             continue
-        for axis in effect.axes or (None,):
+        periods = [trial.parameters for trial in effect.trials(model.around)] if effect.scanned else [{}]
+        for axis, given in product(effect.axes or (None,), periods):
             if effect.on_references:
-                columns = model.reference_error(effect.reference_columns(model.references, axis, {}))
+                columns = model.reference_error(effect.reference_columns(model.references, axis, given))
             else:
-                columns = model.reading(effect.columns(model.stream, axis, {}))
+                columns = model.reading(effect.columns(model.stream, axis, given))
             if columns.any():
                 out.append(columns)
     return out
