@@ -22,6 +22,7 @@ import tempfile
 from collections.abc import Callable, Iterator
 from functools import cache
 from importlib import metadata
+from operator import attrgetter
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -173,8 +174,9 @@ class _Store(NullCache):
         """Keep the code for a signature, if it can be kept."""
         key = self._key(signature, result.codegen)
         path = self._path(key)
+        lifted, code = attrgetter("lifted", "library")(result)
         # Code with addresses in it is of this process; and sources that have changed since it started are not what it runs.
-        if path is None or result.lifted or result.library.has_dynamic_globals or not self._current():
+        if path is None or lifted or code.has_dynamic_globals or not self._current():
             return
         data = dumps((key, result._reduce()))
         try:
