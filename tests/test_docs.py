@@ -18,6 +18,12 @@ from studies.natanson.questions import question_table
 from tests import ROOT
 
 
+def test_readme_states_the_corpus():
+    outcomes = pd.read_csv(ROOT / "results" / "corpus" / "outcomes.csv")["outcome"]
+    assert f"Of {len(outcomes):,} bad inputs" in (ROOT / "README.md").read_text()
+    assert set(outcomes) <= {"refused", "right", "told", "answered"}  # no traceback, nothing silent, nothing endless
+
+
 def test_readme_examples(capsys):
     blocks = re.findall(r"```python\n(.*?)```", (ROOT / "README.md").read_text(), flags=re.DOTALL)
     assert len(blocks) == 2
