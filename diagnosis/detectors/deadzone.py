@@ -6,7 +6,9 @@ run of n such windows has the mean m with the sigma σ/√n. Under M0 the rate i
 readings, which runs share but for the part s₁ that the body's rate leaks into them, and the log odds of runs with the means m
 are
 
-    log N(m; 0, σ²/n) − log N(m; 0, σ²/n + s₀² 1 1ᵀ + s₁² I).
+    log N(m; 0, σ²/n) − log N(m; 0, σ²/n + s₀² 1 1ᵀ + s₁² I),
+
+the latter averaged over that usual size and that of the biases, since a body may rest, when a good gyro reads next to nothing.
 
 A motion that only passes through zero makes no run, since its windows scatter by more than their noise. Where there is no run
 there is no candidate. Whether rates are missing there is for the attitude to say (`diagnosis.model.dead_zone`).
@@ -14,29 +16,32 @@ there is no candidate. Whether rates are missing there is for the attitude to sa
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 import scipy.ndimage
+import scipy.special
 import scipy.stats
 from numpy.typing import NDArray
 from scipy.stats import multivariate_normal
 
 from diagnosis.detectors.gap_interpolation import runs
+from diagnosis.detectors.silence import silent
 from diagnosis.detectors.zone_passes import Zone
 from gyrocal.recording import Recording
+from simulator.effects.recorded import interval_slices
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
 
-WINDOW_S = 5.0  # s, least length of the windows
 WINDOW_SAMPLES = 6  # at least
 LONGEST_WINDOW_S = 60.0  # s
 SLOW_WINDOW_S = 20.0  # s, of the means that show how large slow rates usually are
 RESOLVED = 6.0  # sigmas of a window's mean in the usual slow rate, which make it as long as needed
-SHORTEST_S = 40.0  # s of a run
-SHORTEST_WINDOWS = 4  # of a run
+SHORTEST_WINDOWS = 8  # of a run
+FINER = 4  # times shorter than the windows of the runs are those that say where a gyro is silent
+FAINT = 0.02  # probability of that from which on a rate may be missing
 SLOW = 3.0  # usual rates, up to which a reading is slow
 MOSTLY = 0.5  # share of a slow part that reads zero, for it to count as evidence
 ZERO = 3.5  # sigmas of a window's mean up to which it may be zero
@@ -80,7 +85,7 @@ class DeadZoneEvidence:
 
 
 def dead_zone_evidence(
-    recording: Recording, rates: Array, noise: Array, usual: float, zones: Mapping[int, Zone]
+    recording: Recording, rates: Array, noise: Array, usual: float, bias: float, zones: Mapping[int, Zone]
 ) -> list[DeadZoneEvidence]:
     """Gyros whose slow readings are zero in runs.
 
@@ -89,13 +94,14 @@ def dead_zone_evidence(
     recording : for the intervals
     rates : (n, 3) raw rates, repaired, rad/s
     noise : (3,) white noise of a sample, rad/s
-    usual : usual size of slow raw rates, that of the biases, rad/s
+    usual : usual size of slow raw rates, rad/s
+    bias : that of the gyros' biases, which are what they read at rest, rad/s
     zones : of gyros whose motion was seen to pass through one
     """
     if usual <= 0:
         return []
     noisy = [axis for axis in range(3) if noise[axis] > 0]
-    found = {axis: _of_axis(recording, rates[:, axis], float(noise[axis]), axis, usual) for axis in noisy}
+    found = {axis: _of_axis(recording, rates[:, axis], float(noise[axis]), axis, usual, bias) for axis in noisy}
     passed = {axis: of_passes(axis, found) for axis, found in zones.items()}
     return [one for axis in noisy if (one := _likelier(found[axis], passed.get(axis))) is not None]
 
@@ -168,29 +174,36 @@ def usual_slow_rate(recording: Recording, rates: Array, bias: Array) -> float:
     return max(float(np.sqrt(np.mean(bias**2))), read)
 
 
-def _of_axis(recording: Recording, x: Array, noise: float, axis: int, usual: float) -> DeadZoneEvidence | None:
+def _of_axis(recording: Recording, x: Array, noise: float, axis: int, usual: float, bias: float) -> DeadZoneEvidence | None:
     longest = max(WINDOW_SAMPLES, round(LONGEST_WINDOW_S / recording.gyro.sample_s))
     wanted = min(int((RESOLVED * noise / usual) ** 2), longest)
-    count = max(WINDOW_SAMPLES, round(WINDOW_S / recording.gyro.sample_s), wanted)
+    count = max(WINDOW_SAMPLES, wanted)
     sigma = noise / np.sqrt(count)
-    shortest = max(SHORTEST_WINDOWS, int(np.ceil(SHORTEST_S / (count * recording.gyro.sample_s))))
-    part = np.full(x.size, -1)
-    means, sigmas, others, number = [], [], [], 0
+    zero, slow, others = np.zeros(x.size, dtype=bool), np.zeros(x.size, dtype=bool), []
     for low, windows in _windows(recording, x, count):
-        zero = np.zeros(windows.size, dtype=bool)
+        still = np.zeros(windows.size, dtype=bool)
         for a, b in runs(np.abs(windows) < ZERO * sigma):
-            zero[a:b] = b - a >= shortest and _is_zero(windows[a:b] / sigma)
-        for a, b in runs(np.abs(windows) < max(NONZERO * sigma, SLOW * usual)):
-            if b - a < shortest:
-                continue
-            # A motion that crosses the edge now and then is read in part: also such slow parts may miss a rate.
-            part[low + a * count : low + b * count] = number
-            number += 1
-            own = windows[a:b][zero[a:b]]
-            if own.size > MOSTLY * (b - a):
-                means.append(float(own.mean()))
-                sigmas.append(sigma / np.sqrt(own.size))
-        others.append(windows[~zero])
+            still[a:b] = b - a >= SHORTEST_WINDOWS and _is_zero(windows[a:b] / sigma)
+        zero[low : low + windows.size * count] = np.repeat(still, count)
+        slow[low : low + windows.size * count] = np.repeat(np.abs(windows) < max(NONZERO * sigma, SLOW * usual), count)
+        others.append(windows[~still])
+    intervals = interval_slices(recording)
+    expected = silent(x, intervals, noise, max(1, count // FINER))
+    part, means, sigmas = np.where(expected > FAINT, MOST_PARTS, -1), [], []
+    # A slow motion that crosses the edge now and then has silent moments, which share what is missing in them.
+    rests = [
+        (part_of.start + low, part_of.start + high)
+        for part_of in intervals
+        for low, high in runs((slow | (expected > FAINT))[part_of])
+        if expected[part_of][low:high].sum() >= SHORTEST_WINDOWS * count
+    ]
+    for number, run in enumerate(sorted(rests, key=lambda run: run[0] - run[1])):
+        within = np.arange(*run)[expected[slice(*run)] > FAINT]
+        part[within] = min(number, MOST_PARTS)
+        own = x[within[zero[within]]]
+        if own.size > MOSTLY * within.size:
+            means.append(float(own.mean()))
+            sigmas.append(noise / np.sqrt(own.size))
     if not means:
         return None
     rates = np.abs(np.concatenate(others))
@@ -198,8 +211,8 @@ def _of_axis(recording: Recording, x: Array, noise: float, axis: int, usual: flo
     alive = float(rates[int(EDGE_SHARE * rates.size)]) if rates.size else np.inf
     if alive < TELLING * NONZERO * sigma:  # the noise, not the zone, says which rates pass for zero
         alive = np.inf
-    odds = min(_log_odds(np.array(means), np.array(sigmas), usual), MOST_ODDS)
-    return DeadZoneEvidence(axis, part, odds, alive, False, usual, np.ones(x.size))
+    odds = min(_log_odds(np.array(means), np.array(sigmas), (usual, bias)), MOST_ODDS)
+    return DeadZoneEvidence(axis, part, odds, alive, False, usual, expected)
 
 
 def _windows(recording: Recording, x: Array, count: int) -> list[tuple[int, Array]]:
@@ -219,7 +232,8 @@ def _is_zero(z: Array) -> bool:
     return p > CONSISTENT
 
 
-def _log_odds(means: Array, sigmas: Array, usual: float) -> float:
+def _log_odds(means: Array, sigmas: Array, sizes: Sequence[float]) -> float:
     own = np.diag(sigmas**2)
-    other = own + usual**2 + (LEAK * usual) ** 2 * np.eye(means.size)
-    return float(multivariate_normal.logpdf(means, cov=own) - multivariate_normal.logpdf(means, cov=other))
+    others = [own + size**2 + (LEAK * size) ** 2 * np.eye(means.size) for size in sizes]
+    read = scipy.special.logsumexp([multivariate_normal.logpdf(means, cov=other) for other in others]) - np.log(len(others))
+    return float(multivariate_normal.logpdf(means, cov=own) - read)

@@ -9,12 +9,14 @@ The statistics are general. Of times counted in samples, the strongest of the pe
 resultant R² = |Σ exp(2πi k/q)|²/m of m random times has an exponential distribution of mean one. Of lengths and heights, the
 largest distance of their distribution to that of the fault with the mean that they have (Lilliefors), against draws of it.
 Of noise, the kurtosis of differences, and the mean log of its power in short windows, which lulls and bursts lower: their
-distribution comes from draws of white noise.
+distribution comes from draws of white noise. The power of those windows must not depend on the reading either, as it does where
+a gyro jumps across a dead zone, or where its noise grows with the rate.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import cache
 
 import numpy as np
 import scipy.stats
@@ -30,6 +32,7 @@ DRAWS = 2000
 WINDOW = 6  # differences whose power is taken together
 FEWEST_WINDOWS = 60
 ORDER = 2  # of the differences
+SHARES = (1 / 64, 1 / 32, 1 / 16, 1 / 8, 1 / 4, 1 / 2, 3 / 4, 15 / 16)  # of the windows, from the smallest reading on
 
 
 def of_runs(starts: Indices, lengths: Indices, seed: int = 0) -> float:
@@ -94,18 +97,20 @@ def _lilliefors(
     return _beyond(own, others)
 
 
-def of_noise(parts: list[Array], seed: int = 0) -> float:
-    """P-value of noise that is normal, and as strong from one moment to the next.
+def of_noise(parts: list[Array], order: int = ORDER) -> float:
+    """P-value of noise that is normal, and as strong from one moment to the next and from one reading to another.
 
     Parameters
     ----------
     parts : runs of samples in which nothing but noise is fast
+    order : of the differences that leave nothing of the motion
     """
-    powers, fourth, count = [], 0.0, 0
+    powers, readings, fourth, count = [], [], 0.0, 0
     for part in parts:
-        d = np.diff(part, ORDER)
+        d = np.diff(part, order)
         d = d[: d.size // WINDOW * WINDOW]
         powers.append(np.mean(d.reshape(-1, WINDOW) ** 2, axis=1))
+        readings.append(np.abs(np.mean(part[: d.size].reshape(-1, WINDOW), axis=1)))
         fourth += float(np.sum(d**4))
         count += d.size
     power = np.concatenate([np.empty(0), *powers])
@@ -115,27 +120,32 @@ def of_noise(parts: list[Array], seed: int = 0) -> float:
         return 0.0
     lull = float(np.log(power.mean()) - np.mean(np.log(power)))
     peak = fourth / count / float(power.mean()) ** 2
-    return min(
-        1.0, 2 * min(_compared(value, *moments, power.size) for value, moments in zip((lull, peak), _WHITE, strict=True))
-    )
+    steady = [_compared(value, *moments, power.size) for value, moments in zip((lull, peak), _white(order), strict=True)]
+    return min(1.0, 3 * min(*steady, _over_readings(power, np.concatenate(readings))))
+
+
+def _over_readings(power: Array, reading: Array) -> float:
+    """P-value of a power that is the same at every size of the reading: by ranks (Kruskal and Wallis, JASA 47, 1952)."""
+    order = np.argsort(reading, kind="stable")
+    ends = np.unique((power.size * np.array(SHARES)).astype(int))
+    groups = [power[part] for part in np.split(order, ends) if part.size >= FEWEST]
+    return float(scipy.stats.kruskal(*groups).pvalue) if len(groups) > 1 else 1.0
 
 
 def _compared(value: float, mean: float, sigma: float, windows: int) -> float:
     return float(2 * scipy.stats.norm.sf(abs(value - mean) / (sigma / np.sqrt(windows))))
 
 
-def _white(windows: int = 400, draws: int = 400) -> tuple[tuple[float, float], tuple[float, float]]:
+@cache
+def _white(order: int, windows: int = 400, draws: int = 400) -> tuple[tuple[float, float], tuple[float, float]]:
     """Mean and sigma, times √windows, of both statistics of white noise."""
-    x = np.random.default_rng(1).standard_normal((draws, windows * WINDOW + ORDER))
-    d = np.diff(x, ORDER, axis=1).reshape(draws, windows, WINDOW)
+    x = np.random.default_rng(1).standard_normal((draws, windows * WINDOW + order))
+    d = np.diff(x, order, axis=1).reshape(draws, windows, WINDOW)
     power = np.mean(d**2, axis=2)
     lull = np.log(power.mean(axis=1)) - np.log(power).mean(axis=1)
     peak = np.mean(d**4, axis=(1, 2)) / power.mean(axis=1) ** 2
     scale = np.sqrt(windows)
     return (float(lull.mean()), float(lull.std() * scale)), (float(peak.mean()), float(peak.std() * scale))
-
-
-_WHITE = _white()
 
 
 def _beyond(own: float, others: Array) -> float:

@@ -21,7 +21,7 @@ from diagnosis.model.candidates import Group
 from diagnosis.model.linear import Parameters
 from diagnosis.model.prepare import Prepared
 from diagnosis.model.processes import on_cells
-from diagnosis.model.recording import RecordingModel
+from diagnosis.model.recording import MOST_CELLS, RecordingModel
 from simulator.effects.base import Effect
 
 Array = NDArray[np.float64]
@@ -29,8 +29,8 @@ Array = NDArray[np.float64]
 AXES = "xyz"
 UNSEEN = 0.5  # usual size of the motion inside the zone beside the rates that are missing
 DIFFERENCE = 0.4  # usual size of the differences between runs beside what they have in common
-SCALES = (0.3, 3.0)  # of the amplitudes, in usual rates
-MOST_ODDS = 4.0  # that rests may give it: their model of the motion is a rough one, and the attitude must show it
+SCALES = (0.03, 10.0)  # of the amplitudes, in usual rates
+MOST_ODDS = 10.0  # that rests may give it: their model of the motion is a rough one, and the attitude must show it
 MOST_PASSED = 25.0  # the same of passes through the zone
 TRIALS = 3 * TRIED  # half widths and gyros
 LEAST_ODDS = -10.0  # that they may hold against it
@@ -44,17 +44,19 @@ def missing(model: RecordingModel, one: DeadZoneEvidence) -> Array:
     low = np.zeros((model.t_s.size, 3, 1 + numbers.size))
     low[part >= 0, one.axis, 0] = -np.deg2rad(1.0) * one.expected[step][part >= 0]
     for k, number in enumerate(numbers):
-        low[part == number, one.axis, 1 + k] = -DIFFERENCE * np.deg2rad(1.0)
+        own = part == number
+        low[own, one.axis, 1 + k] = -DIFFERENCE * np.deg2rad(1.0) * (1.0 if one.passed else one.expected[step][own])
     return model.reading(low)
 
 
 def unseen_motion(model: RecordingModel, one: DeadZoneEvidence) -> Array:
     """(N, r) whitened observations of a random rate, deg/s, in each cell of the slow parts."""
     step = np.searchsorted(model.recording.gyro.t_s, model.t_s, side="right") - 1
-    dead = (one.part[step] >= 0).astype(float)
+    # Where passes show the zone its samples are known; at rests a reading is only so likely to be silent.
+    dead = np.where(one.part[step] >= 0, 1.0 if one.passed else one.expected[step], 0.0)
     share = np.add.reduceat(dead, model.cells.first) / (model.cells.last - model.cells.first)
     factor = UNSEEN * np.deg2rad(1.0) * np.diag(share)[:, share > 0]
-    return on_cells(model, one.axis, factor)
+    return on_cells(model, one.axis, factor, share=1.0, most=MOST_CELLS)
 
 
 def shown_by_passes(dead: Sequence[DeadZoneEvidence]) -> float:

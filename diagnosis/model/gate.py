@@ -48,7 +48,7 @@ def check_residuals(model: RecordingModel, rates: Array) -> None:
 
 def _too_large(model: RecordingModel) -> tuple[LargeResidualError | None, Mask]:
     """The error of residuals that are too large, None if none is, and which references it counts."""
-    residuals = np.where(np.isfinite(model.residuals), model.residuals, np.inf)
+    residuals = np.where(np.isfinite(model.off), model.off, np.inf)
     kept = np.ones(len(residuals), dtype=bool)
     if (np.linalg.norm(residuals, axis=1) <= LARGEST_RESIDUAL).all():
         return None, kept

@@ -81,7 +81,7 @@ def factor(K: Array) -> Array:
     return np.asarray(vectors[:, kept] * np.sqrt(values[kept]))
 
 
-def orthogonal(columns: Array, gram: Array, F: Array, share: float = INFORMATION) -> Array:
+def orthogonal(columns: Array, gram: Array, F: Array, share: float = INFORMATION, most: int = MOST_COLUMNS) -> Array:
     """Whitened columns C F turned so that they are orthogonal once projected, without those that cannot be seen.
 
     Parameters
@@ -90,12 +90,13 @@ def orthogonal(columns: Array, gram: Array, F: Array, share: float = INFORMATION
     gram : (c, c) their products once projected
     F : (c, k) factor of the covariance
     share : of the information that is kept
+    most : columns
     """
     if not F.shape[1]:  # a covariance of zero, such as that of a walk over cells of one time
         return columns[:, :0]
     moved = F.T @ gram @ F
     information = share * float(np.sum(moved**2))
-    strongest = [max(len(moved) - MOST_COLUMNS, 0), len(moved) - 1]
+    strongest = [max(len(moved) - most, 0), len(moved) - 1]
     values, vectors = scipy.linalg.eigh(moved, subset_by_index=strongest, check_finite=False)
     kept = np.flatnonzero(values > SEEN * max(values[-1], 1e-300))[::-1]
     enough = int(np.searchsorted(np.cumsum(values[kept] ** 2), information)) + 1
@@ -103,9 +104,9 @@ def orthogonal(columns: Array, gram: Array, F: Array, share: float = INFORMATION
     return np.asarray(columns @ (F @ vectors[:, kept]))
 
 
-def on_cells(model: RecordingModel, axis: int, F: Array, share: float = INFORMATION) -> Array:
+def on_cells(model: RecordingModel, axis: int, F: Array, share: float = INFORMATION, most: int = MOST_COLUMNS) -> Array:
     """(N, r) columns of rate errors F (c, k) over the cells."""
-    return orthogonal(model.cell_columns[axis], model.cell_grams[axis], F, share)
+    return orthogonal(model.cell_columns[axis], model.cell_grams[axis], F, share, most)
 
 
 def on_references(model: RecordingModel, axis: int, F: Array, share: float = INFORMATION) -> Array:

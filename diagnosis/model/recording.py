@@ -12,6 +12,9 @@ axes the integral is a plain running sum, so that every column, and every step o
 sum; a reading that is high by r has δω = −G r. The first reference is one of the observations (ζ = 0), and φ is a nuisance
 parameter.
 
+Where ζ is not small, Aᵀ along the propagated attitude is not Aᵀ along the true one, and the first order is not enough.
+`diagnosis.model.true_path` then takes A along the references, and for ζ the integral of the error along that path.
+
 The nuisance parameters of M0 (φ of every interval, G, b) are projected out: the whitened observations y then are N(0, I) on
 the complement of their columns if M0 is true, and an effect adds its projected column. Nothing else is needed for tests,
 evidence, amplitudes and predictions. Source: Kay, Fundamentals of Statistical Signal Processing II, section 7.7 (the linear
@@ -36,6 +39,7 @@ import scipy.linalg
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from diagnosis.model.true_path import true_path
 from gyrocal.calibration.propagation import Arcs, propagate
 from gyrocal.calibration.sampling import Measurements, measurements
 from gyrocal.recording import Attitudes, Interval, Recording, reference_rows
@@ -127,6 +131,7 @@ class RecordingModel:
     blocks : the intervals
     zeta : (N,) observations, rad
     residuals : (m, 3) ζ of every reference before any averaging, rad
+    off : (m, 3) rotation vectors from the propagated attitudes to the references, inertial axes, rad
     """
 
     recording: Recording
@@ -141,6 +146,7 @@ class RecordingModel:
     blocks: tuple[Block, ...]
     zeta: Array
     residuals: Array
+    off: Array
 
     @property
     def size(self) -> int:
@@ -421,13 +427,16 @@ def linearised(
         angles = np.add.reduceat(stream[samples] * dt[:, None], begin, axis=0) @ G.T + np.outer(length, bias)
         start = Rotation.from_quat(recording.attitudes.quaternions[references[0]])  # as a matrix, Aᵀ
         turned = run.R[arc == number]
-        path = np.concatenate([np.eye(3)[None], turned.transpose(0, 2, 1)])
-        A_T = start.as_matrix() @ path
+        A_T = start.as_matrix() @ np.concatenate([np.eye(3)[None], turned.transpose(0, 2, 1)])
         middle = A_T[:-1] @ Rotation.from_rotvec(0.5 * angles).as_matrix()
         ends = np.searchsorted(own, np.append(own[0], parts.arcs.last[outputs]))
         at = A_T[ends]
         observed = Rotation.from_quat(recording.attitudes.quaternions[references]).inv()
         theta = (observed * Rotation.from_matrix(at)).as_rotvec()
+        off = -np.einsum("mij,mj->mi", at, theta)
+        path, zeta = true_path(off, sigmas[references]), off
+        if path is not None:
+            zeta, at, middle = path.errors, path.turned(at), path.between(ends) @ middle
         elapsed = np.append(0.0, parts.elapsed_s[outputs])
         began = tags[samples[0]] + _offset(tags[samples[0]], recording.attitudes.t_s[references[0]])
         t_s = began + np.cumsum(length) - 0.5 * length
@@ -444,15 +453,15 @@ def linearised(
         block = Block(
             interval, slice(steps, steps + begin.size), slice(rows, stop), references, ends, elapsed, groups, whitener
         )
-        zeta = -np.einsum("mij,mj->mi", at, theta)
-        made.append((t_s, length, raw, middle, at, block.observed(zeta).ravel(), zeta))
+        made.append((t_s, length, raw, middle, at, block.observed(zeta).ravel(), zeta, off))
         blocks.append(block)
         rows, steps = stop, steps + begin.size
-    t_s, dt, raw, to_inertial, at_reference, observations, residuals = (
+    t_s, dt, raw, to_inertial, at_reference, observations, residuals, off = (
         np.concatenate(values) for values in zip(*made, strict=True)
     )
+    rates = raw @ G.T + bias
     return RecordingModel(
-        recording, G, bias, t_s, dt, raw, raw @ G.T + bias, to_inertial, at_reference, tuple(blocks), observations, residuals
+        recording, G, bias, t_s, dt, raw, rates, to_inertial, at_reference, tuple(blocks), observations, residuals, off
     )
 
 

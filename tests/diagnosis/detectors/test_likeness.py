@@ -66,3 +66,11 @@ def test_too_little_says_nothing():
     assert likeness.of_runs(np.arange(5), np.ones(5, dtype=int)) == 1.0
     assert likeness.of_heights(np.ones(3)) == 1.0
     assert likeness.of_noise([np.ones(20)]) == 1.0
+
+
+def test_noise_that_depends_on_the_reading_is_not_white():
+    rng = np.random.default_rng(5)
+    x = np.linspace(-50, 50, 6000)
+    jumps = np.where(np.abs(x) < 2, 3.0, 1.0)
+    assert likeness.of_noise([x + jumps * rng.standard_normal(x.size)]) < 1e-4
+    assert likeness.of_noise([x + rng.standard_normal(x.size)]) > 0.01

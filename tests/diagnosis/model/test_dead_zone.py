@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from diagnosis.detectors.deadzone import EDGE
+from diagnosis.detectors.deadzone import EDGE, MOST_PARTS
 from diagnosis.model import dead_zone
 from simulator.effects import EFFECTS
 from tests.diagnosis.recordings import prepared
@@ -21,14 +21,17 @@ def found():
 
 
 def test_what_is_missing_is_a_rate_in_the_runs_and_nowhere_else(found):
-    (one,) = found.dead
+    (shown,) = found.dead
     model = found.model
+    one = replace(shown, part=np.where(shown.part < MOST_PARTS, shown.part, -1))
     columns = dead_zone.missing(model, one)
     assert columns.shape == (model.size, 2 + one.part.max())
+    # What is too short for a rate of its own shares the common one.
+    assert dead_zone.missing(model, shown).shape == columns.shape
     # All runs alike are the sum of each by itself.
     np.testing.assert_allclose(columns[:, 0], columns[:, 1:].sum(axis=1) / dead_zone.DIFFERENCE, atol=1e-12)
     # Where every sample may miss a rate, that is a bias of the opposite sign.
-    everywhere = dead_zone.missing(model, replace(one, part=np.zeros_like(one.part)))[:, 0]
+    everywhere = dead_zone.missing(model, replace(one, part=np.zeros_like(one.part), expected=np.ones(one.part.size)))[:, 0]
     bias = model.rate_error(np.tile(model.G[:, [one.axis]], (len(model.t_s), 1, 1)))[:, 0]
     np.testing.assert_allclose(everywhere, DEG * bias, atol=1e-9 * np.abs(bias).max() * DEG)
 

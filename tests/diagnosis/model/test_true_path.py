@@ -1,0 +1,61 @@
+"""The path of large attitude errors, against the integral of the error along the true attitude."""
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from diagnosis.model.true_path import true_path
+
+STEP_S, COUNT, EACH = 0.05, 6000, 60
+
+
+def _flown():
+    """Aᵀ along the true and the propagated path, both at every step, and the error of the rates."""
+    t = (np.arange(COUNT) + 0.5) * STEP_S
+    true = np.column_stack([0.02 * np.sin(0.01 * t), 0.03 * np.cos(0.013 * t), 0.01 + 0 * t])
+    error = np.column_stack([2e-3 * np.sin(0.02 * t) + 5e-4, 1.5e-3 * (t > 100), -1e-3 * np.cos(0.005 * t)])
+
+    def path(rates):
+        turns = [Rotation.identity()]
+        for rate in rates:
+            turns.append(turns[-1] * Rotation.from_rotvec(rate * STEP_S))
+        return Rotation.concatenate(turns)
+
+    return path(true), path(true - error), true, error
+
+
+@pytest.fixture(scope="module")
+def flown():
+    return _flown()
+
+
+def test_path_gives_the_integral_where_the_first_order_does_not(flown):
+    true, propagated, rates, error = flown
+    ends = np.arange(0, COUNT + 1, EACH)
+    zeta = (true[ends] * propagated[ends].inv()).as_rotvec()
+    middle = (true[:-1] * Rotation.from_rotvec(0.5 * rates * STEP_S)).as_matrix()
+    integral = np.cumsum(np.einsum("nij,nj->ni", middle, error) * STEP_S, axis=0)
+    exact = np.vstack([np.zeros(3), integral])[ends]
+    path = true_path(zeta, np.full(zeta.shape, 1e-4))
+    assert np.rad2deg(np.abs(zeta).max()) > 10
+    assert np.abs(zeta - exact).max() > 100 * np.abs(path.errors - exact).max()
+    assert np.abs(path.errors - exact).max() < 2e-4
+    begun = (propagated[:-1] * Rotation.from_rotvec(0.5 * (rates - error) * STEP_S)).as_matrix()
+    assert np.abs(path.between(ends) @ begun - middle).max() < 2e-3
+    assert path.turned(propagated[ends].as_matrix()) == pytest.approx(true[ends].as_matrix(), abs=1e-12)
+
+
+def test_small_errors_are_left_as_they_are():
+    zeta = np.random.default_rng(1).normal(0, 1e-4, (50, 3))
+    assert true_path(zeta, np.full((50, 3), 1e-4)) is None
+
+
+def test_noise_of_the_references_adds_next_to_nothing(flown):
+    true, propagated, *_ = flown
+    ends = np.arange(0, COUNT + 1, EACH)
+    sigma = 2e-3
+    zeta = (true[ends] * propagated[ends].inv()).as_rotvec()
+    noise = np.random.default_rng(2).normal(0, sigma, zeta.shape)
+    noisy = (Rotation.from_rotvec(noise) * Rotation.from_rotvec(zeta)).as_rotvec()
+    clean, found = (true_path(one, np.full(zeta.shape, sigma)).errors for one in (zeta, noisy))
+    assert np.abs(found - clean - noise).max() < 0.2 * sigma
