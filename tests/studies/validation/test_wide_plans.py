@@ -25,8 +25,8 @@ def test_a_tumble_is_integrated_to_its_closed_form():
     assert np.abs(separation(path.quaternions, quaternion(closed))).max() < 1e-10
 
 
-# The plans of the kinds without a law of motion of their own, as they were before there were such laws: number of samples and of
-# references, an element of G, and one of the last reference.
+# The plans of the kinds without a law of motion of their own, as they were before there were such laws: number of samples and
+# of references, an element of G, and one of the last reference.
 BEFORE = {
     "slews_and_rests": (87048, 904, 2.6548951812941276e-05, 0.642121732662482),
     "hand_motion": (45541, 3255, 7.860400959651887e-05, -0.5382954357700546),

@@ -68,7 +68,7 @@ class Lot:
         return np.append(0.0, np.cumsum(parts)) / parts.sum() * self.length_s
 
     def step(self, low: float, high: float, angle: float, axis: Array = X, least_s: float = 0.0) -> Slew:
-        """A turn by an angle at a peak rate of the kind's or, if there is no time for it, faster, in at least some time; between two times."""
+        """A turn between two times, at a peak rate of the kind's unless it has a least duration, or no time for it."""
         duration = min(max(1.5 * abs(angle) / self.peak(), least_s), 0.8 * (high - low))
         first = low + float(self.rng.uniform(0.05, 0.95)) * (high - low - duration)
         return Slew(axis / np.linalg.norm(axis), angle, first, duration, float(self.rng.uniform(0.3, 0.5)))
