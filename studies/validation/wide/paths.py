@@ -2,7 +2,8 @@
 
 An interval's body rate is a sum of analytic pieces about axes of the body: a constant, turns with ramps of any share, a scan
 that swings to and fro, sway at several frequencies, and a tumble ω = R(e, λt) w + λ e, whose attitude has the closed form A(t)
-= R(e, λt) exp(−[w×]t) A(0). With an orbit the rate is that of an Earth-pointing `Profile` of the simulator.
+= R(e, λt) exp(−[w×]t) A(0). With an orbit the rate is that of an Earth-pointing `Profile` of the simulator. Or else the motion
+is a law of its own.
 """
 
 from __future__ import annotations
@@ -19,6 +20,7 @@ from simulator.truth.maneuvers import Profile, Slew, Sway
 from simulator.truth.orbit import CircularOrbit
 from simulator.truth.rotation import quaternion, turned
 from studies.validation.wide.kinds import Kind, Span
+from studies.validation.wide.motions import MOTIONS, Lot
 
 QUIET_S = 20.0  # before and after a turn
 
@@ -27,17 +29,26 @@ Rate = Callable[[Array], Array]
 
 @dataclass(frozen=True)
 class Path:
-    """The rate of an interval at local times from 0 to its length, its turns, and the attitude (4,) that it begins in."""
+    """The rate of an interval at local times from 0 to its length, its turns, and the attitude (4,) that it begins in.
+
+    A motion that is a law of its own (`studies.validation.wide.motions`) has breaks: further times where it is not smooth.
+    """
 
     rate: Rate
     length_s: float
     turns: tuple[Slew, ...]
     begin: Array
+    breaks: tuple[float, ...] | None = None
+
+    @property
+    def still(self) -> bool:
+        """Whether nothing is commanded to turn."""
+        return not self.turns and self.breaks is None
 
     @property
     def knots(self) -> Array:
         """Where the rate is not smooth, s."""
-        return np.unique(np.concatenate([[0.0, self.length_s], *(turn.knots for turn in self.turns)]))
+        return np.unique(np.concatenate([[0.0, self.length_s], self.breaks or (), *(turn.knots for turn in self.turns)]))
 
 
 def tumbling(axis: Array, spin: float, w: Array) -> Rate:
@@ -97,3 +108,13 @@ def pointing_path(
         sway = Sway(amplitude, period, rng.uniform(0, 2 * np.pi, 3))
     profile = Profile(orbit, start, start + length, yaw, tuple(turns), None, sway)
     return Path(profile.rate, length, tuple(turns), quaternion(profile.attitude(np.zeros(1)))[0])
+
+
+def lawful_path(
+    rng: np.random.Generator, craft: int, kind: Kind, orbit: CircularOrbit | None, start: float, length: float, begin: Array,
+    frame: Array, number: int,
+) -> Path:  # fmt: skip
+    """A motion that is a law of its own; craft is the seed of what all intervals share."""
+    lot = Lot(rng, np.random.default_rng(craft), kind, length, start, frame, number, orbit)
+    moved = MOTIONS[str(kind.motion)](lot)
+    return Path(moved.rate, length, moved.turns, begin, moved.breaks)

@@ -26,7 +26,7 @@ from simulator.truth.maneuvers import MODE_YAW
 from simulator.truth.motion import Motion
 from simulator.truth.orbit import CircularOrbit
 from studies.validation.wide.kinds import Grade, Kind, Span
-from studies.validation.wide.paths import Path, drawn_turns, free_path, pointing_path
+from studies.validation.wide.paths import Path, drawn_turns, free_path, lawful_path, pointing_path
 
 MOST_SAMPLES, MOST_REFERENCES = 200_000, 4000
 SAME_S = 1e-6  # times closer than this are one
@@ -72,10 +72,13 @@ def drawn_plan(rng: np.random.Generator, kind: Kind, grade: Grade, title: str, w
     through = rng.random() < 0.5  # references go on through slews
     paths, starts, modes = [], [], []
     start, begin, frame = 0.0, _attitude(rng), np.linalg.qr(rng.standard_normal((3, 3)))[0]
+    craft = int(rng.integers(2**63)) if kind.motion else 0
     for number, length in enumerate(lengths):
-        modes.append(str(rng.choice(list(MODE_YAW))) if orbit else None)
-        turns = drawn_turns(rng, kind, length, frame, number)
-        if orbit:
+        modes.append(str(rng.choice(list(MODE_YAW))) if orbit and not kind.motion else None)
+        turns = [] if kind.motion else drawn_turns(rng, kind, length, frame, number)
+        if kind.motion:
+            paths.append(lawful_path(rng, craft, kind, orbit, start, length, begin, frame, number))
+        elif orbit:
             paths.append(pointing_path(rng, kind, orbit, start, length, turns, MODE_YAW[str(modes[-1])]))
         else:
             paths.append(free_path(rng, kind, length, turns, begin, frame))
@@ -151,7 +154,7 @@ def _recorded(
     )
     spans = [(start, start + path.length_s) for start, path in zip(starts, paths, strict=True)]
     rows = zip(spans, modes, strict=True)
-    still = [not path.turns for path in paths]
+    still = [path.still for path in paths]
     plain = Recording(
         title=title,
         epoch="2020-01-01T00:00:00Z",

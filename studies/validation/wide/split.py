@@ -1,5 +1,10 @@
 """The split of the wide world: what sets thresholds, and what scores; ``split.json`` was fixed before any scored case was run.
 
+A scored part serves for one look: once what it scored has been looked at in development, it is material that thresholds may be
+set by. Parts were therefore replaced when what had been scored had been looked at. This is the third version: all families,
+plans and grades that set thresholds or scored before are in the setting part, the scored part has new ones only, which no
+development of the diagnosis has seen, and both have new numbers.
+
 Families, kinds of plans and noise grades of one part are never those of the other, and every random stream of a case has its
 part's own number in its name, so that no entropy makes a case of one part that of the other.
 """

@@ -4,10 +4,27 @@ They were written from the physics of gyros, attitude sensors and telemetry, and
 file can be given to ``--effects`` as it is.
 """
 
-from studies.validation.wide.families import attitude, electrical, mechanical, optical, processing, telemetry, thermal
+from studies.validation.wide.families import (
+    analog,
+    attitude,
+    electrical,
+    interferometers,
+    mechanical,
+    onboard,
+    optical,
+    processing,
+    resonators,
+    rotors,
+    sightings,
+    telemetry,
+    thermal,
+)
 from studies.validation.wide.families.base import Family
 
-MODULES = (thermal, electrical, mechanical, optical, processing, telemetry, attitude)
+MODULES = (
+    *(thermal, electrical, mechanical, optical, processing, telemetry, attitude),
+    *(resonators, interferometers, rotors, analog, onboard, sightings),
+)
 FAMILIES: dict[str, Family] = {one.name: one for module in MODULES for one in module.EFFECTS}
 
 __all__ = ["FAMILIES", "Family"]
