@@ -39,7 +39,7 @@ WINDOW_SAMPLES = 6  # at least
 LONGEST_WINDOW_S = 60.0  # s
 SLOW_WINDOW_S = 20.0  # s, of the means that show how large slow rates usually are
 RESOLVED = 6.0  # sigmas of a window's mean in the usual slow rate, which make it as long as needed
-SHORTEST_WINDOWS = 8  # of a run
+SHORTEST_WINDOWS = 4  # of a run
 FINER = 4  # times shorter than the windows of the runs are those that say where a gyro is silent
 FAINT = 0.02  # probability of that from which on a rate may be missing
 SLOW = 3.0  # usual rates, up to which a reading is slow
@@ -72,6 +72,7 @@ class DeadZoneEvidence:
     usual : usual size of the slow raw rates of this axis, rad/s
     expected : (n,) rate that may be missing in each sample, in usual rates
     passed : whether the motion was seen to pass through the zone
+    silence : (n,) probability that a sample holds no rate, where that is known for less than certain
     """
 
     axis: int
@@ -82,6 +83,13 @@ class DeadZoneEvidence:
     usual: float
     expected: Array
     passed: bool = False
+    silence: Array | None = None
+
+    def strict(self) -> DeadZoneEvidence:
+        """The same with a rate missing only where the gyro is silent, not wherever it reads little."""
+        if self.silence is None:
+            return self
+        return replace(self, part=np.where(self.silence > FAINT, self.part, -1), expected=self.silence)
 
 
 def dead_zone_evidence(
@@ -188,22 +196,21 @@ def _of_axis(recording: Recording, x: Array, noise: float, axis: int, usual: flo
         slow[low : low + windows.size * count] = np.repeat(np.abs(windows) < max(NONZERO * sigma, SLOW * usual), count)
         others.append(windows[~still])
     intervals = interval_slices(recording)
-    expected = silent(x, intervals, noise, max(1, count // FINER))
-    part, means, sigmas = np.where(expected > FAINT, MOST_PARTS, -1), [], []
+    silence = silent(x, intervals, noise, max(1, count // FINER))
+    part, means, sigmas = np.where(silence > FAINT, MOST_PARTS, -1), [], []
     # A slow motion that crosses the edge now and then has silent moments, which share what is missing in them.
     rests = [
-        (part_of.start + low, part_of.start + high)
-        for part_of in intervals
-        for low, high in runs((slow | (expected > FAINT))[part_of])
-        if expected[part_of][low:high].sum() >= SHORTEST_WINDOWS * count
+        (own.start + low, own.start + high)
+        for own in intervals
+        for low, high in runs((slow | (silence > FAINT))[own])
+        if high - low >= SHORTEST_WINDOWS * count
     ]
-    for number, run in enumerate(sorted(rests, key=lambda run: run[0] - run[1])):
-        within = np.arange(*run)[expected[slice(*run)] > FAINT]
-        part[within] = min(number, MOST_PARTS)
-        own = x[within[zero[within]]]
-        if own.size > MOSTLY * within.size:
-            means.append(float(own.mean()))
-            sigmas.append(noise / np.sqrt(own.size))
+    for number, (low, high) in enumerate(sorted(rests, key=lambda run: run[0] - run[1])):
+        part[low:high] = min(number, MOST_PARTS)
+        read = x[low:high][zero[low:high]]
+        if read.size > MOSTLY * (high - low):
+            means.append(float(read.mean()))
+            sigmas.append(noise / np.sqrt(read.size))
     if not means:
         return None
     rates = np.abs(np.concatenate(others))
@@ -212,7 +219,7 @@ def _of_axis(recording: Recording, x: Array, noise: float, axis: int, usual: flo
     if alive < TELLING * NONZERO * sigma:  # the noise, not the zone, says which rates pass for zero
         alive = np.inf
     odds = min(_log_odds(np.array(means), np.array(sigmas), (usual, bias)), MOST_ODDS)
-    return DeadZoneEvidence(axis, part, odds, alive, False, usual, expected)
+    return DeadZoneEvidence(axis, part, odds, alive, False, usual, np.ones(x.size), silence=silence)
 
 
 def _windows(recording: Recording, x: Array, count: int) -> list[tuple[int, Array]]:

@@ -52,7 +52,6 @@ def missing(model: RecordingModel, one: DeadZoneEvidence) -> Array:
 def unseen_motion(model: RecordingModel, one: DeadZoneEvidence) -> Array:
     """(N, r) whitened observations of a random rate, deg/s, in each cell of the slow parts."""
     step = np.searchsorted(model.recording.gyro.t_s, model.t_s, side="right") - 1
-    # Where passes show the zone its samples are known; at rests a reading is only so likely to be silent.
     dead = np.where(one.part[step] >= 0, 1.0 if one.passed else one.expected[step], 0.0)
     share = np.add.reduceat(dead, model.cells.first) / (model.cells.last - model.cells.first)
     factor = UNSEEN * np.deg2rad(1.0) * np.diag(share)[:, share > 0]
@@ -76,19 +75,22 @@ def dead_zone_groups(prepared: Prepared, effects: Sequence[Effect]) -> list[Grou
 
 def _group(model: RecordingModel, one: DeadZoneEvidence, effect: Effect) -> Group:
     usual = float(np.rad2deg(one.usual))
-    rates = model.whitened(missing(model, one))
-    moving = np.hstack([rates, unseen_motion(model, one)])
+    # A rate that crosses the edge to and fro is read in part, one that stays inside not at all: either way of it may be.
+    ways = [one] if one.silence is None else [one, one.strict()]
+    rates = [model.whitened(missing(model, way)) for way in ways]
+    moving = [np.hstack([own, unseen_motion(model, way)]) for own, way in zip(rates, ways, strict=True)]
+    count = max(own.shape[1] for own in rates)
 
     def read(amplitudes: Array) -> tuple[float, Parameters]:
-        return half_width(one, amplitudes[0] + DIFFERENCE * amplitudes[1 : rates.shape[1]])[0], {}
+        return half_width(one, amplitudes[0] + DIFFERENCE * amplitudes[1:count])[0], {}
 
     return Group(
         effect=effect.name,
         axis=AXES[one.axis],
         listed=True,
-        columns=[rates, moving],
-        parameters=[{}, {}],
-        weights=np.full(2, 0.5),
+        columns=[*rates, *moving],
+        parameters=[{} for _ in (*rates, *moving)],
+        weights=np.full(2 * len(ways), 0.5 / len(ways)),
         limits=(max(effect.prior[0], SCALES[0] * usual), min(effect.prior[1], SCALES[1] * usual)),
         unit=effect.unit,
         log_odds=float(np.clip(one.log_odds, LEAST_ODDS, MOST_PASSED if one.passed else MOST_ODDS)),
