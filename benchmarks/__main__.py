@@ -3,7 +3,8 @@
 import os
 
 # One thread, here and in the processes started from here; read when numpy and its BLAS are loaded, so before all imports.
-for _variable in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS"):
+# What numba compiles has no parallel part, and a setting of numba's would have it compiled anew.
+for _variable in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
     os.environ[_variable] = "1"
 
 from pathlib import Path  # noqa: E402

@@ -6,6 +6,7 @@ timings would fit as well.
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, fields
+from functools import lru_cache
 from itertools import product
 
 import numpy as np
@@ -211,7 +212,8 @@ def fit_common(scenario: Scenario) -> TimingFit:
         bounds=np.array([BOUNDS[name] for name in names]),
         changes=lambda x: Timing(*map(float, x)).overrides(scenario),
     )
-    return _fitted(scenario, [(search, _minimise(scenario, search, sorted(SLEWING)))])  # the others hold no slew
+    with_slews = sorted(SLEWING)
+    return _fitted(scenario, [(search, _minimise(scenario, search, with_slews, without_noise()[with_slews]))])
 
 
 def fit_each(scenario: Scenario) -> TimingFit:
@@ -220,17 +222,25 @@ def fit_each(scenario: Scenario) -> TimingFit:
     It shows how far timing alone can go: an interval's three numbers leave one degree of freedom, or none, and a timing that
     stops at its bound has been asked for more than it can give.
     """
-    parts = []
-    for k in (*SLEWING, HOLD):
-        search = _timings_of(scenario, k)
-        parts.append((search, _minimise(scenario, search, [k])))
-    return _fitted(scenario, parts)
+    return _fitted(scenario, [(_timings_of(scenario, k), _own_timings(scenario, k)) for k in (*SLEWING, HOLD)])
 
 
 def fit_interval(scenario: Scenario, k: int) -> Scenario:
     """The scenario with the timings of interval k fitted to its three numbers, within what can be flown."""
-    search = _timings_of(scenario, k)
-    return override(scenario, search.changes(_minimise(scenario, search, [k])))
+    return override(scenario, _timings_of(scenario, k).changes(_own_timings(scenario, k)))
+
+
+def _own_timings(scenario: Scenario, k: int) -> Array:
+    """Timings of interval k fitted to its three numbers."""
+    return _timings_alone(scenario.model_copy(update={"interval": scenario.interval[k : k + 1]}), k)
+
+
+@lru_cache(maxsize=64)
+def _timings_alone(scenario: Scenario, k: int) -> Array:
+    """The same of a scenario that has this interval only; kept, since the direction that was flown is asked for twice."""
+    x = _minimise(scenario, _timings_of(scenario, 0), [0], without_noise()[[k]])
+    x.setflags(write=False)
+    return x
 
 
 def _timings_of(scenario: Scenario, k: int) -> _Search:
@@ -270,10 +280,9 @@ def _fitted(scenario: Scenario, parts: list[tuple[_Search, Array]]) -> TimingFit
     return TimingFit(scenario, timings, at_bound, clean_gap_rms(predicted), gap_rms(predicted), 18 - len(timings))
 
 
-def _minimise(scenario: Scenario, search: _Search, intervals: Sequence[int]) -> Array:
+def _minimise(scenario: Scenario, search: _Search, intervals: Sequence[int], flown: Array) -> Array:
     """Nelder–Mead on the clean gap of some intervals from several starts; timings that cannot be flown count as a degree."""
     coarse = _coarse(scenario)
-    flown = without_noise()[list(intervals)]
     low, high = search.bounds.T
 
     def cost(y: Array) -> float:

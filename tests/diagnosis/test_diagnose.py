@@ -25,7 +25,7 @@ KEYS = json.loads((PRACTICE / "keys.json").read_text()) if PRACTICE.is_dir() els
 
 @pytest.fixture(scope="module")
 def plan():
-    changes = {"gyro.arw_deg_per_sqrt_s": 1.5e-4, "reference.sigma_deg": (0.005, 0.005, 0.008)}
+    changes = {"gyro.arw_deg_per_sqrt_s": 1.5e-4, "reference.sigma_deg": (0.005, 0.005, 0.008), "reference.every_s": 120.0}
     return scenario.override(scenario.load("trmm_series"), changes)
 
 

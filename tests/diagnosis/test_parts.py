@@ -1,10 +1,7 @@
-"""Reference noise, dead zone, random processes, amplitudes, localization and closure on simulated recordings, with controls."""
-
-from dataclasses import replace
+"""Dead zone, amplitudes, residuals in body axes and closure on a simulated recording of the flight's size, with controls."""
 
 import numpy as np
 import pytest
-import scipy.stats
 
 from diagnosis.detectors.deadzone import dead_zone_evidence
 from diagnosis.detectors.samples import examine
@@ -13,7 +10,6 @@ from diagnosis.inference.amplitudes import fit
 from diagnosis.inference.closure import closure, fixed
 from diagnosis.inference.search import Search
 from diagnosis.model import localization as where
-from diagnosis.model.calibration import calibrated
 from diagnosis.model.candidates import linear_model
 from diagnosis.model.prepare import prepare
 from simulator import scenario
@@ -40,56 +36,6 @@ def linear(prepared):
 def _members(linear, *labels):
     """Members at their best options and scales."""
     return Search(linear).of(labels).members
-
-
-def _strong(linear, label, snr):
-    """Response of the middle option of a candidate, of a given signal-to-noise ratio."""
-    options = linear.candidates[linear.find(label)].options
-    X = linear.X[:, options[len(options) // 2].columns][:, 0]
-    return snr * X / np.linalg.norm(X)
-
-
-@pytest.mark.parametrize(("stated", "axis"), [((1, 1, 1), None), ((1.5, 1.5, 1.5), None), ((1, 1.6, 1), 1)])
-def test_reference_noise(plan, stated, axis):
-    recording = simulate(plan, seed=22)
-    sigma = recording.attitudes.sigma / np.array(stated)
-    noise = prepare(replace(recording, attitudes=replace(recording.attitudes, sigma=sigma))).reference_noise
-    assert noise.departs == (stated != (1, 1, 1))
-    if noise.departs:
-        assert noise.axis == axis
-        assert np.abs((noise.factor - stated) / noise.sigma).max() < 4
-
-
-def test_reference_noise_is_blind_to_slow_errors(plan):
-    """Second differences leave a drifting bias and a slow reference error out."""
-    for text in ("bias_orbital:y=1.0", "reference_orbital:x=0.05", "bias_random_walk:z=1.0"):
-        assert not prepare(simulate(plan, seed=23, effects=[parse(text)])).reference_noise.departs
-
-
-def test_a_noisy_gyro_is_no_noise_of_the_references(plan):
-    for seed in (1, 2, 3):
-        found = prepare(simulate(plan, seed=seed, effects=[parse("noise_excess:y=3")])).reference_noise
-        assert found is not None
-        assert not found.departs
-
-
-def test_a_dead_zone_is_no_noise_of_the_references(plan):
-    prepared = prepare(simulate(plan, seed=4, effects=[parse("rate_deadzone:z=9e-4")]))
-    assert 2 in [one.axis for one in prepared.dead]
-    assert prepared.reference_noise is None or not prepared.reference_noise.departs
-
-
-def test_the_search_leaves_a_wrong_set_for_the_right_one(linear):
-    """Whatever the beam began with: members are taken out and exchanged until nothing is better."""
-    right = {"bias_drift:y", "g_matrix_step:x"}
-    strong = replace(linear, y=_strong(linear, "bias_drift:y", 35.0) + _strong(linear, "g_matrix_step:x", 35.0))
-    search = Search(strong)
-    start = search.of(("bias_drift:y", "scale_quadratic:z", "bias_orbital:x"))
-    found = {start.key: start}
-    search._exchange(found)
-    best = max(found.values(), key=lambda explanation: explanation.log_posterior)
-    assert {linear.candidates[k].label for k in best.key} == right
-    assert best.log_posterior > start.log_posterior + 100
 
 
 def test_dead_zone_reads_zero_and_m0_does_not(plan):
@@ -120,44 +66,6 @@ def test_amplitudes_agree_with_least_squares_and_the_truth(prepared, linear):
     assert abs((float(numbers.parameters["phase_deg"]) - 25 + 180) % 360 - 180) < 8
     covariance = np.linalg.inv(X.T @ X)
     assert np.sqrt(np.diag(covariance)).min() * 0.98 <= numbers.sigma <= np.sqrt(np.diag(covariance)).max() * 1.02
-
-
-def test_calibration_with_the_effect_in_covers_the_truth(plan, prepared, linear):
-    model = prepared.model
-    numbers = fit(linear, _members(linear, "bias_orbital:z"))
-    truth = np.append(np.ravel(plan.gyro.true_G), np.deg2rad(plan.gyro.true_bias_deg_s))
-    nees = {}
-    for name, effects in (("with", numbers), ("without", [])):
-        change, covariance = calibrated(model, effects)
-        error = np.append(model.G.ravel(), model.bias) + change - truth
-        nees[name] = error @ np.linalg.solve(covariance[:12, :12], error)
-    assert scipy.stats.chi2.sf(nees["with"], 12) > 1e-3
-    assert nees["without"] > nees["with"]
-
-
-def test_statistics_of_m0_have_uniform_p_values(plan):
-    p = []
-    for seed in (31, 32):
-        model = prepare(simulate(plan, seed=seed)).model
-        p += where.statistics(model, model.y)["p_value"].tolist()
-    assert len(p) > 60
-    assert scipy.stats.kstest(p, "uniform").pvalue > 1e-3
-
-
-def test_where_points_at_the_interval_and_axis(plan):
-    """A turn of the references of one interval about one axis, growing with time."""
-    recording = simulate(plan, seed=33)
-    from scipy.spatial.transform import Rotation
-
-    third = recording.intervals[2]
-    t = recording.attitudes.t_s
-    inside = (t >= third.start_s) & (t <= third.stop_s)
-    angle = np.zeros((t.size, 3))
-    angle[inside, 1] = np.deg2rad(0.03) * np.sin((t[inside] - third.start_s) / 700)
-    q = (Rotation.from_quat(recording.attitudes.quaternions) * Rotation.from_rotvec(-angle)).as_quat()
-    model = prepare(replace(recording, attitudes=replace(recording.attitudes, quaternions=q))).model
-    (first, *_) = where.findings(where.statistics(model, model.y))
-    assert (first.interval, first.axis) == (third.name, "y")
 
 
 def test_residuals_in_body_axes_have_the_sigma_they_state(prepared):

@@ -1,3 +1,5 @@
+from functools import cache
+
 import numpy as np
 import pytest
 
@@ -20,6 +22,7 @@ SAMPLES = 10000
 SEEDS = range(5)
 
 
+@cache
 def fitted(seed, *parts):
     """The fit of a sum of noises, each given by a function of a generator and a length."""
     rng = np.random.default_rng(seed)

@@ -258,13 +258,23 @@ print(bias_of("/tmp"), exported("bag"), np.rad2deg(imported("log.csv")))
 """
 
 
-@pytest.mark.parametrize(("script", "status"), [(SCRIPT, 0), (SCRIPT.replace('psi="full"', 'psi="fully"'), 1)])
-def test_a_user_s_script_is_checked_by_mypy_strict(tmp_path, script, status):
-    path = tmp_path / "mine.py"
-    path.write_text(script)
-    arguments = ["--strict", "--cache-dir", str(tmp_path.parent / "mypy"), "--follow-imports", "silent", str(path)]
+def test_a_user_s_script_is_checked_by_mypy_strict(tmp_path):
+    """One of two files has a wrong word, and the only fault is found in it."""
+    for name, script in (("right", SCRIPT), ("wrong", SCRIPT.replace('psi="full"', 'psi="fully"'))):
+        (tmp_path / f"{name}.py").write_text(script)
+    arguments = [
+        "--strict",
+        "--cache-dir",
+        str(tmp_path / "mypy"),
+        "--follow-imports",
+        "silent",
+        *map(str, tmp_path.glob("*.py")),
+    ]
     done = subprocess.run([sys.executable, "-m", "mypy", *arguments], capture_output=True, text=True, check=False, cwd=ROOT)
-    assert done.returncode == status, done.stdout + done.stderr
+    assert done.returncode == 1, done.stdout + done.stderr
+    fault, summary = done.stdout.splitlines()
+    assert re.match(rf"{re.escape(str(tmp_path / 'wrong.py'))}:\d+: error: .*fully", fault), fault
+    assert "checked 2 source files" in summary
 
 
 def test_the_package_says_that_it_is_typed():

@@ -10,8 +10,7 @@ import pandas as pd
 import pytest
 
 from gyrocal import InputError, Recording, load, save
-from gyrocal.recording import format as recording_format
-from gyrocal.recording import parquet
+from gyrocal.recording import parquet, tables
 
 
 def recording(seed=0, count=60):
@@ -136,4 +135,4 @@ def test_a_table_that_is_a_link_is_not_written_through(tmp_path):
     with pytest.raises(OSError, match="symbolic link"):
         save(recording(), tmp_path / "rec")
     assert victim.read_text() == "of somebody else"
-    assert recording_format._find_table(tmp_path / "rec", "attitude") is None
+    assert tables.find(tmp_path / "rec", "attitude") is None

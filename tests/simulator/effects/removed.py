@@ -1,6 +1,8 @@
-"""Run by test_registry in a copy of the packages: take out the effects of some files one by one, and load everything else.
+"""Run by test_registry in a copy of the packages: take out groups of effects, and load everything else.
 
-Each effect is taken out in a process forked from one that has loaded the other libraries, which is most of the time.
+What needs an effect fails without the group that the effect is in, whatever else is in it. Each effect is in another half of
+the groups, so that of any two effects each is once taken out while the other is there: also an effect that needs another one
+is seen. Each group is taken out in a process forked from one that has loaded the other libraries.
 """
 
 import importlib
@@ -9,6 +11,7 @@ import os
 import pkgutil
 import re
 import sys
+from itertools import combinations
 from pathlib import Path
 
 from click.testing import CliRunner
@@ -45,12 +48,30 @@ def loaded() -> dict[str, list[str]]:
     return {"modules": modules, "commands": commands}
 
 
-def without(path: Path) -> dict[str, list[str]]:
-    """The same with one effect's file and its lines in the list taken out."""
+def grouped(files: list[str]) -> list[list[str]]:
+    """The files in eight groups, each file in four: no two in the same four."""
+    halves = list(combinations(range(8), 4))
+    assert len(files) <= len(halves)
+    own = [halves[37 * number % len(halves)] for number in range(len(files))]  # neighbours in the list are not in the same
+    return [[file for file, half in zip(files, own, strict=True) if group in half] for group in range(8)]
+
+
+def without_names(text: str, names: set[str]) -> str:
+    """The listing without some of its names, in lines of their own and in imports of one line."""
+
+    def rest(found: re.Match[str]) -> str:
+        left = [name for name in found[2].split(", ") if name not in names]
+        return found[1] + ", ".join(left) if left else ""
+
+    return re.sub(rf"(?m)^\s+({'|'.join(names)}),\n", "", re.sub(r"(?m)^(from \S+ import )(\w.*)$", rest, text))
+
+
+def without(files: list[str]) -> dict[str, list[str]]:
+    """What cannot be loaded with the files of some effects and their lines in the list taken out."""
     listing = Path("simulator/effects/builtin.py")
-    text, name, reading, writing = listing.read_text(), path.stem, *os.pipe()
-    listing.write_text(re.sub(rf"(?m)^\s+{name},\n|(?<=import ){name}, |, {name}\b|(?<=import ){name}$", "", text))
-    hidden = path.rename(path.with_suffix(".gone"))
+    text, (reading, writing) = listing.read_text(), os.pipe()
+    listing.write_text(without_names(text, {Path(file).stem for file in files}))
+    hidden = {file: Path(file).rename(f"{file}.gone") for file in files}
     if os.fork() == 0:
         sys.dont_write_bytecode = True
         try:
@@ -60,13 +81,14 @@ def without(path: Path) -> dict[str, list[str]]:
     os.close(writing)
     os.wait()
     listing.write_text(text)
-    hidden.rename(path)
-    with os.fdopen(reading) as file:
-        return json.loads(file.read())
+    for file, gone in hidden.items():
+        gone.rename(file)
+    with os.fdopen(reading) as answer:
+        return json.loads(answer.read())
 
 
 if __name__ == "__main__":
     sys.path.insert(0, os.getcwd())
     for library in LIBRARIES:
         importlib.import_module(library)
-    print(json.dumps({path: without(Path(path)) for path in sys.argv[1:]}))
+    print(json.dumps([{"files": group, **without(group)} for group in grouped(sys.argv[1:])]))

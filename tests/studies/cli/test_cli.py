@@ -2,6 +2,7 @@
 
 import json
 import re
+import shutil
 import subprocess
 import sys
 
@@ -9,6 +10,7 @@ import click
 import numpy as np
 import pandas as pd
 import pytest
+from click.testing import CliRunner
 
 import gyrocal
 from gyrocal import NAMES, load
@@ -18,6 +20,14 @@ from studies.cli.main import COMMANDS, main
 from studies.montecarlo import engine
 from studies.natanson import paper_tables, reproduce
 from tests import ROOT
+
+
+@pytest.fixture(scope="module")
+def trmm_recording(tmp_path_factory):
+    """A recording that `gyrocal simulate trmm` makes; not to be written to."""
+    folder = tmp_path_factory.mktemp("simulated") / "REC"
+    assert CliRunner().invoke(main, ["simulate", "trmm", str(folder)]).exit_code == 0
+    return folder
 
 
 @pytest.mark.parametrize(
@@ -96,9 +106,8 @@ def test_known_truth_is_shown_as_errors(run_cli, tmp_path):
     np.testing.assert_allclose(errors, scenarios.load("trmm").gyro.true_G)
 
 
-def test_remarks_name_what_was_chosen(run_cli, tmp_path):
-    rec = str(tmp_path / "rec")
-    run_cli("simulate", "trmm", rec)
+def test_remarks_name_what_was_chosen(run_cli, trmm_recording):
+    rec = str(trmm_recording)
     assert "They fit the stated noise" in run_cli("calibrate", rec).stdout
     held = run_cli("calibrate", rec, "--solve-for", "gyro_x").stdout
     assert "wrong values of the held parameters" in held
@@ -150,9 +159,8 @@ def test_overrides(run_cli, tmp_path):
     assert recording.attitudes.t_s.size > 12
 
 
-def test_priors_on_the_command_line(run_cli, tmp_path):
-    run_cli("simulate", "trmm", str(tmp_path / "rec"))
-    result = run_cli("calibrate", str(tmp_path / "rec"), "--prior-sigma-g", "1e-3", "--prior-sigma-bias", "1e-3")
+def test_priors_on_the_command_line(run_cli, trmm_recording):
+    result = run_cli("calibrate", str(trmm_recording), "--prior-sigma-g", "1e-3", "--prior-sigma-bias", "1e-3")
     assert result.exit_code == 0
 
 
@@ -193,10 +201,10 @@ def test_priors_on_the_command_line(run_cli, tmp_path):
         (("baseline", "--file", "nowhere.csv"), "no baseline"),
     ],
 )
-def test_bad_arguments_end_in_one_line_and_status_2(run_cli, tmp_path, monkeypatch, arguments, text):
+def test_bad_arguments_end_in_one_line_and_status_2(run_cli, trmm_recording, tmp_path, monkeypatch, arguments, text):
     monkeypatch.chdir(tmp_path)
     if any(argument.startswith("REC") for argument in arguments):
-        run_cli("simulate", "trmm", "REC")
+        shutil.copytree(trmm_recording, "REC")
     result = run_cli(*arguments)
     assert result.exit_code == 2
     assert result.stderr.count("\n") == 1

@@ -1,0 +1,145 @@
+"""What makes the parts of a recording valid; each check raises an `InputError` that says where it is not, and what to do."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gyrocal.errors import InputError
+from gyrocal.recording.names import check_names
+from gyrocal.recording.parts import FORWARD, TIME_TOLERANCE_S, Attitudes, GyroStream, Interval, reference_rows
+
+Array = NDArray[np.float64]
+
+NORM_TOLERANCE = 1e-6  # |q| - 1 of a quaternion written with 7 digits
+SMALLEST_DETERMINANT = 1e-3  # of a G that counts as invertible
+LARGEST_RATE = float(np.deg2rad(1e5))  # no gyro measures more
+SIGMA_RANGE = (float(np.deg2rad(1e-9)), float(np.deg2rad(180.0)))  # nothing outside is the sigma of an attitude
+
+
+def spans(G: Array) -> bool:
+    """Whether gyros with this G (3, gyros) see all three axes: the product of its singular values is not near zero."""
+    return bool(np.sqrt(max(float(np.linalg.det(G @ G.T)), 0.0)) >= SMALLEST_DETERMINANT)
+
+
+def _check_times(t_s: Array, what: str) -> None:
+    if t_s.ndim != 1 or t_s.size == 0:
+        raise InputError(f"{what}: no rows")
+    if not np.isfinite(t_s).all():
+        raise InputError(f"{what}: t_s row {np.flatnonzero(~np.isfinite(t_s))[0]} is not a finite number")
+    back = np.flatnonzero(np.diff(t_s) <= 0)
+    if back.size:
+        row = back[0] + 1
+        raise InputError(f"{what}: time goes backwards or repeats at row {row} (t_s {t_s[row - 1]} then {t_s[row]})")
+
+
+def check_gyro(gyro: GyroStream) -> None:
+    """Times that increase, rates of all gyros, a G that spans the axes, and samples as far apart as they are long."""
+    _check_times(gyro.t_s, "gyro")
+    try:
+        check_names(gyro.names)
+    except ValueError as fault:
+        raise InputError(f"gyro: names {fault}") from None
+    gyros = len(gyro.names)
+    if gyro.rates.shape != (gyro.t_s.size, gyros):
+        raise InputError(f"gyro: rates must be {'three' if gyros == 3 else gyros} a sample")
+    if gyro.apriori_G.shape != (3, gyros) or not spans(gyro.apriori_G):
+        raise InputError(f"gyro: G must be 3×{gyros}, and the gyros' axes must not lie in one plane")
+    if not gyro.sample_s > 0:
+        raise InputError("gyro: sample_s must be positive")
+    fast = np.flatnonzero(np.abs(gyro.rates).max(axis=1) > LARGEST_RATE)
+    if fast.size:
+        raise InputError(f"gyro: the rate in row {fast[0]} is beyond {np.rad2deg(LARGEST_RATE):g} deg/s; is the unit right?")
+    spacing = np.diff(gyro.t_s)
+    if spacing.size and abs(np.median(spacing) - gyro.sample_s) > 0.01 * gyro.sample_s:
+        raise InputError(
+            f"gyro: samples are {np.median(spacing):.6g} s apart, but sample_s is {gyro.sample_s:g}; is sample_s right?"
+        )
+    close = np.flatnonzero(spacing < 0.5 * gyro.sample_s)
+    if close.size:
+        row = close[0] + 1
+        raise InputError(
+            f"gyro: rows {row - 1} and {row} are only {spacing[row - 1]:.6g} s apart; sample_s is {gyro.sample_s:g}"
+        )
+
+
+def check_attitudes(attitudes: Attitudes) -> None:
+    """Times that increase, unit quaternions, and sigmas that an attitude can have."""
+    _check_times(attitudes.t_s, "attitude")
+    count = attitudes.t_s.size
+    if attitudes.quaternions.shape != (count, 4) or attitudes.sigma.shape != (count, 3):
+        raise InputError("attitude: four quaternion elements and three sigmas a row are needed")
+    norms = np.linalg.norm(attitudes.quaternions, axis=1)
+    bad = np.flatnonzero(~(np.abs(norms - 1) <= NORM_TOLERANCE))
+    if bad.size:
+        raise InputError(
+            f"attitude: quaternion in row {bad[0]} has norm {norms[bad[0]]:.9g}, not 1 ({bad.size} such); normalise them"
+        )
+    bad = np.flatnonzero(~((attitudes.sigma >= SIGMA_RANGE[0]) & (attitudes.sigma <= SIGMA_RANGE[1])).all(axis=1))
+    if bad.size:
+        low, high = np.rad2deg(SIGMA_RANGE)
+        raise InputError(f"attitude: sigma in row {bad[0]} is not within {low:g} and {high:g} deg")
+
+
+def check_intervals(intervals: tuple[Interval, ...]) -> None:
+    """Names of their own, a length, and no overlap."""
+    if not intervals:
+        raise InputError("no [[interval]] is given")
+    names = [interval.name for interval in intervals]
+    repeated = sorted({name for name in names if names.count(name) > 1})
+    if repeated:
+        raise InputError(f"interval name {', '.join(repeated)} is used more than once")
+    for interval in intervals:
+        if interval.forward not in (None, *FORWARD):
+            raise InputError(f"interval {interval.name}: forward {interval.forward} must be one of {', '.join(FORWARD)}")
+        if not interval.stop_s > interval.start_s:
+            raise InputError(f"interval {interval.name}: stop_s {interval.stop_s} is not after start_s {interval.start_s}")
+    ordered = sorted(intervals, key=lambda interval: interval.start_s)
+    for first, second in pairwise(ordered):
+        if second.start_s < first.stop_s - TIME_TOLERANCE_S:
+            raise InputError(
+                f"intervals {first.name} and {second.name} overlap: "
+                f"{second.name} starts at {second.start_s} s, before {first.name} stops at {first.stop_s} s"
+            )
+
+
+def check_switched_on(gyro: GyroStream, intervals: tuple[Interval, ...]) -> None:
+    """Gyros that are on have finite rates, and see all three axes."""
+    switched = any(interval.gyros is not None for interval in intervals)
+    if not switched and not np.isfinite(gyro.rates).all():
+        raise InputError("gyro: rates must be finite numbers")
+    for interval in intervals if switched else ():
+        chosen = gyro.names if interval.gyros is None else interval.gyros
+        unknown = [name for name in chosen if name not in gyro.names]
+        if unknown:
+            raise InputError(f"interval {interval.name}: no gyro {', '.join(unknown)}; there are {', '.join(gyro.names)}")
+        columns = [k for k, name in enumerate(gyro.names) if name in chosen]
+        if len(columns) < 3 or not spans(np.linalg.pinv(np.linalg.pinv(gyro.apriori_G)[columns])):
+            raise InputError(f"interval {interval.name}: its gyros {', '.join(chosen)} do not see all three axes")
+        used = (gyro.t_s > interval.start_s - gyro.sample_s + TIME_TOLERANCE_S) & (
+            gyro.t_s < interval.stop_s - TIME_TOLERANCE_S
+        )
+        bad = np.flatnonzero(used & ~np.isfinite(gyro.rates[:, columns]).all(axis=1))
+        if bad.size:
+            raise InputError(f"interval {interval.name}: gyro row {bad[0]} is not a finite number of a gyro that is on")
+
+
+def check_references(t_s: Array, intervals: tuple[Interval, ...]) -> None:
+    """Every interval has a reference to start from and one to reach, and every reference is in an interval."""
+    used = np.zeros(t_s.size, dtype=bool)
+    for interval in intervals:
+        rows = reference_rows(t_s, interval)
+        used[rows] = True
+        if rows.size < 2:
+            raise InputError(
+                f"interval {interval.name}: {rows.size} reference attitude(s) inside "
+                f"[{interval.start_s}, {interval.stop_s}] s; at least two are needed, the first one to start from"
+            )
+    if not used.all():
+        row = np.flatnonzero(~used)[0]
+        raise InputError(
+            f"attitude row {row}: reference at t_s = {t_s[row]} lies outside every interval; "
+            "widen the interval it belongs to or drop it"
+        )

@@ -1,0 +1,116 @@
+"""What a recording is made of: the samples of the gyro, the reference attitudes, the calibration intervals and the orbit."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gyrocal.recording.names import TRIAD
+
+Array = NDArray[np.float64]
+
+FORWARD = ("+x", "-x", "+y", "-y", "none")
+TIME_TOLERANCE_S = 1e-6  # rounding of a time tag some years after the epoch
+
+
+@dataclass(frozen=True)
+class Interval:
+    """One calibration interval; starts and ends in a constant-rate mode.
+
+    Attributes
+    ----------
+    name : of its own
+    activity : for people
+    start_s, stop_s : s since the epoch
+    forward : one of `FORWARD`, the body axis along the velocity throughout; None leaves it to the attitudes
+    gyros : names of those that were switched on; None for all
+    """
+
+    name: str
+    activity: str
+    start_s: float
+    stop_s: float
+    forward: str | None = None
+    gyros: tuple[str, ...] | None = None
+
+
+@dataclass(frozen=True)
+class GyroStream:
+    """Raw gyro samples and what is known of the gyro beforehand.
+
+    Attributes
+    ----------
+    t_s : (n,) sample start times, s since the epoch, strictly increasing
+    rates : (n, gyros) raw rates, rad/s; anything where an interval has a gyro switched off
+    sample_s : duration of one sample, s
+    arw : angle random walk of each gyro, rad/sqrt(s); the noise of one sample's rate is arw / sqrt(sample_s)
+    apriori_G : (3, gyros) rows are body axes, columns gyros
+    apriori_bias : (3,) rad/s
+    names : of the gyros
+    """
+
+    t_s: Array
+    rates: Array
+    sample_s: float
+    arw: float
+    apriori_G: Array = field(default_factory=lambda: np.eye(3))
+    apriori_bias: Array = field(default_factory=lambda: np.zeros(3))
+    names: tuple[str, ...] = TRIAD
+
+    @property
+    def rates_deg_s(self) -> Array:
+        """(n, 3) raw rates, deg/s."""
+        return np.asarray(np.rad2deg(self.rates))
+
+    @property
+    def arw_deg_per_sqrt_s(self) -> float:
+        """Angle random walk, deg/sqrt(s)."""
+        return float(np.rad2deg(self.arw))
+
+    @property
+    def apriori_bias_deg_s(self) -> Array:
+        """(3,) a-priori b, deg/s."""
+        return np.asarray(np.rad2deg(self.apriori_bias))
+
+
+@dataclass(frozen=True)
+class Attitudes:
+    """Reference attitudes; none at all where more than three gyros are to be compared with one another only.
+
+    Attributes
+    ----------
+    t_s : (m,) s since the epoch, strictly increasing
+    quaternions : (m, 4) inertial to body, scalar last
+    sigma : (m, 3) 1-sigma per body axis, rad
+    """
+
+    t_s: Array
+    quaternions: Array
+    sigma: Array
+
+    @property
+    def sigma_deg(self) -> Array:
+        """(m, 3) 1-sigma per body axis, deg."""
+        return np.asarray(np.rad2deg(self.sigma))
+
+
+@dataclass(frozen=True)
+class Orbit:
+    """Orbit of the recording, as far as it is known."""
+
+    period_s: float
+    altitude_km: float
+    inclination_deg: float
+
+
+def without_attitudes() -> Attitudes:
+    """No reference attitudes at all."""
+    return Attitudes(np.empty(0), np.empty((0, 4)), np.empty((0, 3)))
+
+
+def reference_rows(t_s: Array, interval: Interval) -> NDArray[np.intp]:
+    """Indices of the reference attitudes inside an interval, both ends included."""
+    inside = (t_s >= interval.start_s - TIME_TOLERANCE_S) & (t_s <= interval.stop_s + TIME_TOLERANCE_S)
+    return np.flatnonzero(inside)

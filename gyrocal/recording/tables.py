@@ -1,0 +1,106 @@
+"""The tables of a recording: found and read from its folder, and made from what it holds.
+
+Files are in degrees, objects in radians.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gyrocal.errors import InputError
+from gyrocal.recording import bounds, sensor_tables
+from gyrocal.recording.names import QUATERNION_COLUMNS, SIGMA_COLUMNS, rate_columns
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+    from gyrocal.recording.recording import Recording
+
+Array = NDArray[np.float64]
+
+
+def find(folder: Path, name: str) -> Path | None:
+    """The file of a table; None if there is none."""
+    found = [folder / (name + suffix) for suffix in (".parquet", ".csv") if (folder / (name + suffix)).exists()]
+    if len(found) > 1:
+        raise InputError(f"{folder}: both {name}.parquet and {name}.csv are there; keep the one that is meant")
+    return found[0] if found else None
+
+
+def read(folder: Path, name: str, required: tuple[str, ...], with_holes: tuple[str, ...] = ()) -> tuple[str, pd.DataFrame]:
+    """A table and its file's name; columns with holes may hold what is not a number."""
+    import pandas as pd  # late: 65 MiB that a Monte Carlo worker does without
+
+    from gyrocal.recording import csv_file
+
+    path = find(folder, name)
+    if path is None:
+        raise InputError(f"{folder}: neither {name}.parquet nor {name}.csv is there")
+    bounds.check_table(path)
+    try:
+        frame = _read_parquet(path) if path.suffix == ".parquet" else csv_file.read(path)
+    except pd.errors.EmptyDataError:
+        raise InputError(f"{path}: the file is empty") from None
+    except Exception as fault:  # pyarrow and pandas raise a zoo of types for a damaged file
+        raise InputError(f"{path}: cannot be read: {' '.join(str(fault).split())}") from None
+    missing = [column for column in required if column not in frame.columns]
+    if missing:
+        hint = ""
+        close = [str(c) for c in frame.columns if any(str(c).startswith(m.rsplit("_deg", 1)[0]) for m in missing)]
+        if len(frame.columns) == 1:
+            hint = "; is the separator a comma?"
+        elif close:
+            hint = f"; found {', '.join(close)}: convert to the unit in the required name"
+        else:
+            hint = f"; found {', '.join(map(str, frame.columns))}"
+        raise InputError(f"{path}: column {', '.join(missing)} is missing{hint}")
+    if frame.empty:
+        raise InputError(f"{path}: no rows")
+    for column in required:
+        if not pd.api.types.is_numeric_dtype(frame[column]) or pd.api.types.is_bool_dtype(frame[column]):
+            raise InputError(f"{path}: column {column} holds {frame[column].dtype}, not numbers")
+        bad = np.flatnonzero(~np.isfinite(frame[column].to_numpy(dtype=float)))
+        if bad.size and column not in with_holes:
+            raise InputError(
+                f"{path}: column {column}, row {bad[0]}: not a finite number ({bad.size} such); drop or repair these rows"
+            )
+    return path.name, frame
+
+
+def _read_parquet(path: Path) -> pd.DataFrame:
+    from gyrocal.recording import parquet  # late, as pandas; and a recording in CSV does without it
+
+    return parquet.read(path)
+
+
+def column(frame: pd.DataFrame, name: str) -> Array:
+    """A column as numbers (n,)."""
+    return frame[name].to_numpy(dtype=np.float64)
+
+
+def columns(frame: pd.DataFrame, names: tuple[str, ...]) -> Array:
+    """Columns as numbers (n, columns)."""
+    return np.ascontiguousarray(frame[list(names)].to_numpy(dtype=np.float64))
+
+
+def frames(recording: Recording) -> dict[str, pd.DataFrame]:
+    """The tables of a recording as they are on file."""
+    import pandas as pd  # late: 65 MiB that a Monte Carlo worker does without
+
+    gyro, attitudes = recording.gyro, recording.attitudes
+    of_gyro = ["t_s", *rate_columns(gyro.names)]
+    own = {"gyro": pd.DataFrame(np.column_stack([gyro.t_s, np.rad2deg(gyro.rates)]), columns=of_gyro)}
+    if attitudes.t_s.size:
+        own["attitude"] = pd.DataFrame(
+            np.column_stack([attitudes.t_s, attitudes.quaternions, np.rad2deg(attitudes.sigma)]),
+            columns=["t_s", *QUATERNION_COLUMNS, *SIGMA_COLUMNS],
+        )
+    return {
+        **own,
+        **recording.tables,
+        **(sensor_tables.frames(recording.sensors) if recording.sensors is not None else {}),
+    }
