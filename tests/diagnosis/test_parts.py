@@ -89,12 +89,3 @@ def test_closure_of_the_truth_of_nothing_and_of_a_wrong_effect(prepared, linear)
     assert wrong.closed < 0.2
     assert right.floor == pytest.approx(1.0)
     assert set(right.by_interval["interval"]) == {interval.name for interval in prepared.model.recording.intervals}
-
-
-def test_closure_before_is_at_the_floor_for_m0(plan):
-    values = []
-    for seed in (35, 36, 37):
-        model = prepare(simulate(plan, seed=seed)).model
-        linear = linear_model(model, [EFFECTS["bias_drift"]], rivals=False)
-        values.append(closure(linear, _members(linear, "bias_drift:x"), lambda search: []).before)
-    assert abs(np.mean(values) - 1.0) < 4 * np.sqrt(2 / (3 * model.size))

@@ -5,6 +5,7 @@ import re
 import shutil
 import subprocess
 import sys
+from functools import cache
 
 import click
 import numpy as np
@@ -18,7 +19,7 @@ from simulator import scenario as scenarios
 from studies import catalogue
 from studies.cli.main import COMMANDS, main
 from studies.montecarlo import engine
-from studies.natanson import paper_tables, reproduce
+from studies.natanson import paper_tables, reproduce, slew_timings
 from tests import ROOT
 
 
@@ -245,8 +246,9 @@ def test_studies_are_listed(run_cli):
         assert name in listed
 
 
-def test_reproduce_writes_everything_and_repeats_itself(run_cli, tmp_path):
-    result = run_cli("reproduce", "--paper", "natanson", "--cases", "4", "--jobs", "1", "--out", str(tmp_path / "a"))
+def test_reproduce_writes_everything_and_repeats_itself(run_cli, tmp_path, monkeypatch):
+    monkeypatch.setattr(slew_timings, "fit_common", cache(slew_timings.fit_common))  # kept, as fits of single intervals are
+    result = run_cli("reproduce", "--paper", "natanson", "--cases", "2", "--jobs", "1", "--out", str(tmp_path / "a"))
     assert result.exit_code == 0, result.stderr
     summary = json.loads((tmp_path / "a" / "summary.json").read_text())
     assert {"published", "fitted"} <= set(summary["flight_gap_rms_deg"])
@@ -266,7 +268,7 @@ def test_reproduce_writes_everything_and_repeats_itself(run_cli, tmp_path):
     assert expected <= set(manifest["files"])
     for title in reproduce.TITLES.values():
         assert title in result.stdout
-    again = run_cli("reproduce", "--paper", "natanson", "--cases", "4", "--jobs", "1", "--out", str(tmp_path / "b"))
+    again = run_cli("reproduce", "--paper", "natanson", "--cases", "2", "--jobs", "1", "--out", str(tmp_path / "b"))
     assert again.exit_code == 0
     other = json.loads((tmp_path / "b" / "manifest.json").read_text())
     # Figures, tables and numbers are the same to the bit.
@@ -274,7 +276,7 @@ def test_reproduce_writes_everything_and_repeats_itself(run_cli, tmp_path):
 
 
 def test_another_scenario_is_reproduced_without_the_flight(run_cli, tmp_path):
-    options = ("--set", "interval.1.stop_s=13500.0", "--set", "gyro.arw_deg_per_sqrt_s=1e-4", "--cases", "3", "--jobs", "1")
+    options = ("--set", "interval.1.stop_s=13500.0", "--set", "gyro.arw_deg_per_sqrt_s=1e-4", "--cases", "2", "--jobs", "1")
     result = run_cli("reproduce", "--paper", "natanson", *options, "--out", str(tmp_path))
     assert result.exit_code == 0, result.stderr
     summary = json.loads((tmp_path / "summary.json").read_text())
@@ -308,19 +310,19 @@ def test_one_gyro_is_calibrated_by_the_command(run_cli, tmp_path):
 
 
 def test_a_reproduction_that_was_stopped_goes_on(run_cli, tmp_path, monkeypatch):
-    arguments = ("reproduce", "--paper", "natanson", "--cases", "3", "--jobs", "1", "--out", str(tmp_path))
+    arguments = ("reproduce", "--paper", "natanson", "--cases", "2", "--jobs", "1", "--out", str(tmp_path))
     with monkeypatch.context() as patch:
         patch.setattr(reproduce, "flight_part", pressed)  # when all cases are there
         assert run_cli(*arguments).exit_code == 1
     (rows,) = (tmp_path / "work").rglob("table.parquet")
-    config = paper_tables.PaperTablesConfig(cases=3)
+    config = paper_tables.PaperTablesConfig(cases=2)
     assert rows.parent == engine.work_folder(tmp_path, paper_tables.STUDY, config)
     assert rows.parent != engine.work_folder(tmp_path, paper_tables.STUDY, config.model_copy(update={"entropy": 7}))
     (rows.parent / "parts" / "part-000001.parquet").unlink()
     monkeypatch.setattr(reproduce, "flight_part", lambda *arguments: None)  # what comes after the cases is another test's
     result = run_cli(*arguments)
     assert result.exit_code == 0, result.stderr
-    assert json.loads((tmp_path / "manifest.json").read_text())["runs"][-1]["resumed"] == 2
+    assert json.loads((tmp_path / "manifest.json").read_text())["runs"][-1]["resumed"] == 1
     assert not (tmp_path / "work").exists()
 
 

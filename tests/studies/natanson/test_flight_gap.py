@@ -138,3 +138,11 @@ def test_a_fit_says_which_timings_stopped_at_a_bound():
     assert "m2 slew start_s" in fit.at_bound
     low, high = slew_timings.BOUNDS["stay_s"]
     assert low <= fit.timings["m4 stay_s"] <= high
+
+
+def test_a_fit_is_the_same_again_bit_for_bit():
+    """Also that of an interval alone, which is kept."""
+    k = flight_gap.HOLD
+    kept = slew_timings.fit_interval(TRMM, k)
+    slew_timings._timings_alone.cache_clear()
+    assert slew_timings.fit_interval(TRMM, k) == kept
