@@ -16,7 +16,7 @@ from diagnosis.assemble import assembled
 from diagnosis.inference.amplitudes import Fitted, amplitudes, refined
 from diagnosis.inference.attribution import Attribution, attribute, doubted
 from diagnosis.inference.checks import Check, residual_checks, together
-from diagnosis.inference.closure import closure
+from diagnosis.inference.closure import found_by, is_random, learnable, measured
 from diagnosis.inference.null import p_value
 from diagnosis.inference.search import NOTHING, Explanation, Search
 from diagnosis.merge import merged
@@ -177,8 +177,12 @@ def judged(
                 members, fitted = (), ()
         tell("held-out data", 0.85)
         if members:
-            del search  # and its products, which closure has no use for
-            closed = closure(linear, members, tell=lambda done: tell(f"held-out data: part {done + 1}", 0.85 + 0.015 * done))
+            listed, random = learnable(linear, members), is_random(linear, members)
+            # The columns of a long recording are hundreds of megabytes, and only those of the listed effects are needed now.
+            del search
+            linear = linear if linear.room is None else linear.without_columns()
+            told = partial(tell, "held-out data")
+            closed = measured(listed, random, found_by(len(members)), lambda done: told(0.85 + 0.015 * done))
     return Explained(linear, p, attribution, fitted, checks, closed, np.zeros(12), np.zeros((12, 12)))
 
 

@@ -79,7 +79,17 @@ def closure(
     -------
     None where nothing can be held out
     """
-    random = any(model.candidate(member).process and model.candidate(member).listed for member in members)
+    chooser = found_by(len(members)) if choose is None else choose
+    return measured(learnable(model, members), is_random(model, members), chooser, tell)
+
+
+def is_random(model: LinearModel, members: Sequence[Member]) -> bool:
+    """Whether one of the listed effects of an explanation is a random process."""
+    return any(model.candidate(member).process and model.candidate(member).listed for member in members)
+
+
+def learnable(model: LinearModel, members: Sequence[Member]) -> LinearModel:
+    """What a fold learns of, with its whitened columns alone, so that the model it is from may be let go."""
     labels = [model.candidate(member).label for member in members]
     listed = model.keeping(lambda candidate: candidate.listed or candidate.label in labels)
     for label, member in zip(labels, members, strict=True):
@@ -87,17 +97,22 @@ def closure(
         place = listed.find(label)
         assert place is not None
         listed = listed.refine(listed, replace(member, candidate=place))
-    chooser = found_by(len(members)) if choose is None else choose
     chosen, candidates = listed.renumbered()
-    listed, W = replace(listed, candidates=candidates), listed.W[:, chosen]
+    return replace(listed, candidates=candidates, X=model.X[:, :0].copy(), W=listed.W[:, chosen], room=None)
+
+
+def measured(
+    listed: LinearModel, random: bool, choose: Chooser, tell: Callable[[int], None] = lambda done: None
+) -> Closure | None:
+    """Closure of the gap by what each fold learns of some candidates; parameters as of `closure`."""
     parts: list[Array] = []
     left: list[Fold] = []
-    for fold in model.folds(W):
+    for fold in listed.folds(listed.W[:, :]):
         tell(len(left))
-        parts.append(_one(listed, fold, chooser, random))
+        parts.append(_one(listed, fold, choose, random))
         left.append(without_columns(fold))
         del fold  # or its columns would be there while those of the next one are made
-    return summed(parts, left, model.split, random) if parts else None
+    return summed(parts, left, listed.split, random) if parts else None
 
 
 def without_columns(fold: Fold) -> Fold:

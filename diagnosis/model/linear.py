@@ -266,6 +266,11 @@ class LinearModel:
         """The model with some of its candidates only, the columns of the others left where they are."""
         return replace(self, candidates=tuple(candidate for candidate in self.candidates if keep(candidate)))
 
+    def without_columns(self) -> LinearModel:
+        """The model with what its candidates are, but not what they do."""
+        nothing = self.X[:, :0].copy()
+        return replace(self, X=nothing, W=nothing, room=None)
+
     def renumbered(self) -> tuple[Indices, tuple[Candidate, ...]]:
         """Columns that belong to a candidate, and the candidates with their places among these."""
         candidates, places, start = [], [np.empty(0, dtype=np.intp)], 0
