@@ -1,8 +1,9 @@
-"""A diagnosis in a process of its own: ``python -m benchmarks.diagnosis SAMPLES REFERENCES EFFECTS`` prints its cost as JSON.
+"""A diagnosis in a process of its own: ``python -m benchmarks.diagnosis SAMPLES REFERENCES EFFECTS GAP`` prints what it costs.
 
 The recording is M0: twenty intervals at 100 Hz, each a rest, a slew and another rest, with white noise as stated. What numba
 compiles is loaded before by a small diagnosis, which is not counted; the recording itself is, in memory. The effects are the
-first so many of the list, with all unlisted rivals.
+first so many of the list, with all unlisted rivals. With a GAP of 1 the bias of the first gyro steps in the middle, and causes
+are searched for; with 0 there is nothing to find.
 """
 
 from __future__ import annotations
@@ -10,6 +11,7 @@ from __future__ import annotations
 import json
 import sys
 import time
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,6 +32,7 @@ AXES = np.vstack([np.eye(3), -np.eye(3), np.full((1, 3), 1 / np.sqrt(3)), [[np.s
 ARW = float(np.deg2rad(1.5e-4))
 SIGMA = float(np.deg2rad(0.005))
 SEED = 20260501
+STEP_SIGMAS = 10.0  # of a reference, which the step turns the body by in an interval
 
 
 def recording(samples: int, references: int) -> Recording:
@@ -69,22 +72,35 @@ def _turned(t_s: Array, length: float, slew_s: float) -> Array:
     return np.asarray(SLEW * np.clip(t_s - length / 3, 0.0, slew_s))
 
 
-def run(samples: int, references: int, effects: int) -> dict[str, float | int | str]:
-    """Cost of one diagnosis."""
+def with_step(recording: Recording) -> Recording:
+    """The recording with a step of the first gyro's bias between its intervals, in the middle of all."""
+    gyro, middle = recording.gyro, recording.intervals[INTERVALS // 2]
+    rates = gyro.rates.copy()
+    rates[gyro.t_s >= middle.start_s, 0] += STEP_SIGMAS * SIGMA / (middle.stop_s - middle.start_s)
+    return replace(recording, gyro=replace(gyro, rates=rates))
+
+
+def run(samples: int, references: int, effects: int, gap: int) -> dict[str, float | int | str]:
+    """Cost of one diagnosis; the silence is the longest processor time between two tellings of its progress."""
     library = list(EFFECTS)[:effects]
     diagnose(recording(2000, 40), library=library)
     one = recording(samples, references)
+    one = with_step(one) if gap else one
     cpu = time.process_time()
-    found = diagnose(one, library=library)
+    told = [cpu]
+    found = diagnose(one, library=library, progress=lambda text, share: told.append(time.process_time()))
+    told.append(time.process_time())
     return {
         "samples": int(one.gyro.t_s.size),
         "references": int(one.attitudes.t_s.size),
         "effects": len(library),
+        "gap": gap,
         "verdict": found.verdict,
-        "cpu_s": time.process_time() - cpu,
+        "cpu_s": told[-1] - cpu,
+        "silence_s": float(np.diff(told).max()),
         "peak_rss_mb": peak_rss_mb(),
     }
 
 
 if __name__ == "__main__":
-    print(json.dumps(run(*map(int, sys.argv[1:4]))))
+    print(json.dumps(run(*map(int, sys.argv[1:5]))))

@@ -36,6 +36,8 @@ GOALS = {
     "mission_30_days_s": Goal(60),
     "diagnosis_cpu_s_1000k": Goal(20),
     "diagnosis_peak_rss_mb_1000k": Goal(1000),
+    "diagnosis_cpu_s_1000k_gap": Goal(20),
+    "diagnosis_peak_rss_mb_1000k_gap": Goal(1000),
     "diagnosis_cpu_s_10000k": Goal(60),
 }
 
@@ -45,6 +47,7 @@ def judged(document: dict[str, Any]) -> dict[str, dict[str, Any]]:
     peaks = document["peak_rss_mb"]
     flat = peaks["10000"] / peaks["100"] if peaks["10000"] and peaks["100"] else None
     million, ten_million = (_costs(document, count) for count in (10**6, 10**7))
+    explained = _costs(document, 10**6, gap=1)
     values = {
         **document["ratios"],
         "cpu_ms_per_case": document["cpu_ms_per_case"],
@@ -54,14 +57,17 @@ def judged(document: dict[str, Any]) -> dict[str, dict[str, Any]]:
         "mission_30_days_s": document["mission_loop"]["wall_s_30_days"],
         "diagnosis_cpu_s_1000k": million.get("cpu_s"),
         "diagnosis_peak_rss_mb_1000k": million.get("peak_rss_mb"),
+        "diagnosis_cpu_s_1000k_gap": explained.get("cpu_s"),
+        "diagnosis_peak_rss_mb_1000k_gap": explained.get("peak_rss_mb"),
         "diagnosis_cpu_s_10000k": ten_million.get("cpu_s"),
     }
     return {name: _judged(value, GOALS.get(name)) for name, value in values.items()}
 
 
-def _costs(document: dict[str, Any], samples: int) -> dict[str, Any]:
-    """Row of the diagnosis of so many samples, empty if it was not measured."""
-    return next((row for row in document["growth"]["diagnoses"] if row["samples"] == samples), {})
+def _costs(document: dict[str, Any], samples: int, gap: int = 0) -> dict[str, Any]:
+    """Row of the diagnosis of so many samples, with or without a gap, empty if it was not measured."""
+    rows = document["growth"]["diagnoses"]
+    return next((row for row in rows if row["samples"] == samples and row.get("gap", 0) == gap), {})
 
 
 def _judged(value: float | None, goal: Goal | None) -> dict[str, Any]:

@@ -52,7 +52,7 @@ class Effort:
     slow : rounds of gtsam, scipy, least squares
     cases : numbers of Monte Carlo cases
     mission : days of Mission Mode, seconds of it compiled and plain in turn, rounds
-    diagnoses : samples, references and effects of each diagnosis
+    diagnoses : samples, references and effects of each diagnosis, and whether there is a gap in it
     """
 
     sizes: dict[int, int] = field(default_factory=lambda: {1: 400, 10: 60, 100: 12})
@@ -62,14 +62,16 @@ class Effort:
     slow: int = 10
     cases: tuple[int, ...] = (1, 10, 100, 1000, 10_000)
     mission: tuple[float, float, int] = (30.0, 6000.0, 3)
-    diagnoses: tuple[tuple[int, int, int], ...] = (
-        *((samples, 2000, ALL_EFFECTS) for samples in (10**4, 10**5, 10**6, 10**7)),
-        *((10**5, references, ALL_EFFECTS) for references in (50, 200, 20_000)),
-        *((10**5, 2000, effects) for effects in (1, 10)),
+    diagnoses: tuple[tuple[int, int, int, int], ...] = (
+        *((samples, 2000, ALL_EFFECTS, 0) for samples in (10**4, 10**5, 10**6, 10**7)),
+        *((samples, 2000, ALL_EFFECTS, 1) for samples in (10**5, 10**6)),
+        (18_000, 1800, ALL_EFFECTS, 1),  # three minutes at 100 Hz, with ten references a second
+        *((10**5, references, ALL_EFFECTS, 0) for references in (50, 200, 20_000)),
+        *((10**5, 2000, effects, 0) for effects in (1, 10)),
     )
 
 
-QUICK = Effort({1: 20}, 1, 3, c_kernel.QUICK_VARIANTS, 2, (1, 100), (1.0, 120.0, 1), ((4000, 60, 1),))
+QUICK = Effort({1: 20}, 1, 3, c_kernel.QUICK_VARIANTS, 2, (1, 100), (1.0, 120.0, 1), ((4000, 60, 1, 0),))
 LEFT_OUT = "left out by --quick"
 
 

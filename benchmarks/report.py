@@ -82,7 +82,7 @@ def _show_growth(document: dict[str, Any], console: Console) -> None:
     for of, names in {
         "samples": ("samples", "kernel_ms", "c_ms", "kernel_vs_c", "packing_ms", "pack_vs_kernel"),
         "cases": ("cases", "wall_s", "cpu_ms_per_case_mean", "page_faults_per_case", "peak_rss_mb"),
-        "diagnoses": ("samples", "references", "effects", "verdict", "cpu_s", "peak_rss_mb"),
+        "diagnoses": ("samples", "references", "effects", "gap", "verdict", "cpu_s", "silence_s", "peak_rss_mb"),
     }.items():
         table = Table(*names)
         for row in document["growth"][of]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,7 +16,7 @@ from diagnosis.assemble import assembled
 from diagnosis.inference.amplitudes import Fitted, amplitudes, refined
 from diagnosis.inference.attribution import Attribution, attribute, doubted
 from diagnosis.inference.checks import Check, residual_checks, together
-from diagnosis.inference.closure import closure
+from diagnosis.inference.closure import found_by, is_random, learnable, measured
 from diagnosis.inference.null import p_value
 from diagnosis.inference.search import NOTHING, Explanation, Search
 from diagnosis.merge import merged
@@ -124,7 +125,9 @@ def explain(
     """What the attitude says of a recording."""
     model = prepared.model
     tell("candidates", 0.1)
-    linear = linear_model(model, effects, dead_zone_groups(prepared, effects), settings)
+    linear = linear_model(
+        model, effects, dead_zone_groups(prepared, effects), settings, tell=counted(tell, "candidates", 0.1, 0.3, 100)
+    )
 
     def check(found: LinearModel, members: tuple[Member, ...]) -> tuple[Check, ...]:
         return residual_checks(found, members, layout(model), seed)
@@ -151,16 +154,16 @@ def judged(
     settings, seed, tell : as for `explain`
     shown : p-value of what shows a gap beside the candidates
     """
-    search = Search(linear, settings)
-    tell("null distribution", 0.3)
-    p = min(p_value(search, seed, settings.null_draws, settings.scanned_share), shown)
+    search = Search(linear, settings, counted(tell, "explanations", 0.5, 0.6, 1000))
+    told = partial(tell, "null distribution")
+    p = min(p_value(search, seed, settings.null_draws, settings.scanned_share, lambda share: told(0.3 + 0.2 * share)), shown)
     attribution: Attribution | None = None
     fitted: tuple[Fitted, ...] = ()
     checks: tuple[Check, ...] = ()
     closed: Closure | None = None
     if p < settings.false_alarm_rate:
         tell("explanations", 0.5)
-        linear, explanations = explained_finely(search, settings)
+        linear, explanations = explained_finely(search, settings, counted(tell, "finer explanations", 0.6, 0.7, 1000))
         weighed = sorted([*explanations, NOTHING], key=lambda one: -one.log_posterior)
         attribution = attribute(linear, weighed, settings)
         tell("amplitudes", 0.7)
@@ -174,17 +177,30 @@ def judged(
                 members, fitted = (), ()
         tell("held-out data", 0.85)
         if members:
-            closed = closure(linear, members)
+            listed, random = learnable(linear, members), is_random(linear, members)
+            # The columns of a long recording are hundreds of megabytes, and only those of the listed effects are needed now.
+            del search
+            linear = linear if linear.room is None else linear.without_columns()
+            told = partial(tell, "held-out data")
+            closed = measured(listed, random, found_by(len(members)), lambda done: told(0.85 + 0.015 * done))
     return Explained(linear, p, attribution, fitted, checks, closed, np.zeros(12), np.zeros((12, 12)))
 
 
-def explained_finely(search: Search, settings: DiagnosisSettings) -> tuple[LinearModel, list[Explanation]]:
+def counted(tell: Progress, text: str, begin: float, stop: float, usual: int) -> Callable[[int], None]:
+    """Progress of a stage by what is done of it, where how much there is to do is known only roughly."""
+    return lambda count: tell(text, begin + (stop - begin) * count / (count + usual))
+
+
+def explained_finely(
+    search: Search, settings: DiagnosisSettings, tell: Callable[[int], None] = lambda count: None
+) -> tuple[LinearModel, list[Explanation]]:
     """The model with finer options around those of the likeliest explanations, and the explanations found with them.
 
     A step that is tried at a few times only leaves a trace when it happened between two of them, which another step about the
     same axis would explain. Random processes change little between their options.
     """
     found = search.explanations()
+    search.forget()
     linear = search.model
     tried: set[int] = set()
     for explanation in found[:REFINED]:
@@ -192,7 +208,7 @@ def explained_finely(search: Search, settings: DiagnosisSettings) -> tuple[Linea
             if member.candidate not in tried and not linear.candidate(member).process:
                 tried.add(member.candidate)
                 linear = linear.refine(linear, member)
-    return (linear, found) if linear is search.model else (linear, Search(linear, settings).explanations())
+    return (linear, found) if linear is search.model else (linear, Search(linear, settings, tell).explanations())
 
 
 def _with_sensors(

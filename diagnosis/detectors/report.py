@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
@@ -19,8 +20,14 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
+Tell = Callable[[str, float], None]  # what is being done, and the share done
+
 AXES = "xyz"
 IMPOSSIBLE = 1e-300  # p of what M0 cannot do
+
+
+def silent(text: str, share: float) -> None:
+    """Nobody listens."""
 
 
 @dataclass(frozen=True)

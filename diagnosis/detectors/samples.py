@@ -20,7 +20,7 @@ from diagnosis.detectors.lattice import ODDS, Kind, lattice_step, sweep_odds, un
 from diagnosis.detectors.likeness import of_runs
 from diagnosis.detectors.noise_structure import constancy, together
 from diagnosis.detectors.outliers import spikes
-from diagnosis.detectors.report import AXES, IMPOSSIBLE, SampleReport, SampleTest, Symptom, consecutive, inside
+from diagnosis.detectors.report import AXES, IMPOSSIBLE, SampleReport, SampleTest, Symptom, Tell, consecutive, inside, silent
 from diagnosis.detectors.sample_noise import local_noise, noise, quiet
 from diagnosis.detectors.spectral_lines import lines
 from diagnosis.detectors.stale_samples import stale_samples
@@ -40,7 +40,9 @@ BESIDE = 10  # samples beside an edge
 FAR = 8.0  # noise sigmas from its neighbours at which a value was not measured
 
 
-def examine(recording: Recording, lattice: Kind | None = None, settings: DiagnosisSettings = DEFAULT) -> SampleReport:
+def examine(
+    recording: Recording, lattice: Kind | None = None, settings: DiagnosisSettings = DEFAULT, tell: Tell = silent
+) -> SampleReport:
     """All stream tests of a recording, and its repaired stream.
 
     Parameters
@@ -48,7 +50,9 @@ def examine(recording: Recording, lattice: Kind | None = None, settings: Diagnos
     recording : what was recorded
     lattice : how readings on a lattice came there; by default as a sweep through zero shows, rounded if there is none
     settings : thresholds
+    tell : called with what is looked for and the share done
     """
+    tell("lattice, repeats, plateaus", 0.0)
     gyro = recording.gyro
     sigma = gyro.arw / np.sqrt(gyro.sample_s)
     none = np.zeros(gyro.t_s.size, dtype=bool)
@@ -67,21 +71,28 @@ def examine(recording: Recording, lattice: Kind | None = None, settings: Diagnos
     if sigma > 0:
         local = local_noise(report.rates, sigma, coarse, steps)
         parts = interval_slices(recording)
-        found = {axis: zone(report.rates[:, axis], parts, sigma) for axis in range(3) if not coarse[axis]}
+        found = {}
+        for axis in np.flatnonzero(~coarse):
+            tell(f"dead zone of gyro {AXES[axis]}", 0.05 + 0.05 * axis)
+            found[int(axis)] = zone(report.rates[:, axis], parts, sigma)
+        tell("outliers", 0.2)
         report.zones = {axis: one for axis, one in found.items() if one is not None}
         # The jumps at the edges of a zone are neither noise nor motion.
         used = used & ~_near_edges(report)
         still = used & quiet(report.rates, local)
         spikes(report, recording, still, local, np.where(coarse, steps, 0.0))
-        report.lines = lines(report, recording, still, used)
+        report.lines = lines(report, recording, still, used, lambda text, share: tell(text, 0.3 + 0.35 * share))
+        tell("noise level", 0.65)
         noise(report, recording, still, used, sigma, steps, coarse, cut)
         report.noise = sigma * report.noise_factor
         if not coarse.any():
+            tell("noise in common", 0.7)
             together(report, recording, still)
+            tell("noise over time", 0.75)
             constancy(report, recording, used)
         _zero_mass(report, recording, used, coarse)
         _off_the_lattice(report, recording, steps, coarse, cut, sigma)
-    report.smooth = smoothed_rates(report.rates, recording)
+    report.smooth = smoothed_rates(report.rates, recording, lambda text, share: tell(text, 0.8 + 0.2 * share))
     return report
 
 
@@ -94,11 +105,13 @@ def _near_edges(report: SampleReport) -> Mask:
     return np.asarray(scipy.ndimage.binary_dilation(jumps, iterations=BESIDE)) if jumps.any() else jumps
 
 
-def smoothed_rates(rates: Array, recording: Recording) -> Array:
+def smoothed_rates(rates: Array, recording: Recording, tell: Tell = silent) -> Array:
     """Raw rates (n, 3) without their noise, as far as smoothing inside the intervals takes it out."""
     sigma = recording.gyro.arw / np.sqrt(recording.gyro.sample_s)
     out = rates.copy()
-    for part in interval_slices(recording):
+    parts = interval_slices(recording)
+    for number, part in enumerate(parts):
+        tell("motion without noise", number / len(parts))
         out[part] = smoothed(rates[part], recording.gyro.sample_s, np.inf, noise_level(rates[part], sigma))
     return out
 

@@ -9,7 +9,9 @@ A line is a vibration only if the body does not move so. The samples cannot tell
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 import scipy.ndimage
@@ -17,12 +19,13 @@ import scipy.signal
 import scipy.stats
 from numpy.typing import NDArray
 
-from diagnosis.detectors.report import AXES, IMPOSSIBLE, SampleReport, SampleTest, arcs, consecutive
+from diagnosis.detectors.report import AXES, IMPOSSIBLE, SampleReport, SampleTest, Tell, arcs, consecutive, silent
 from gyrocal.recording import Recording
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
+AT_ONCE = 1 << 20  # samples of segments that are transformed together
 FEWEST_CYCLES = 4.0  # of a line in the longest quiet arc: fewer are a trend
 CLEAR_LINE = 5.0  # sigmas of its amplitude over all arcs, for a line to be a tone
 SHORTEST = 256  # samples of a segment
@@ -69,23 +72,24 @@ class Line:
     steady: bool
 
 
-def lines(report: SampleReport, recording: Recording, quiet: Mask, used: Mask) -> list[Line]:
+def lines(report: SampleReport, recording: Recording, quiet: Mask, used: Mask, tell: Tell = silent) -> list[Line]:
     """The lines of each axis: first those beyond the motion, in all samples that can be used, then any in quiet ones."""
     looks = [_Look(arcs(used & consecutive(recording, used)), beyond=True)]
     looks.append(_Look(arcs(quiet & consecutive(recording, quiet)), beyond=False))
     out: list[Line] = []
     for axis in range(3):
-        out += _of_axis(report, [look for look in looks if look.arcs], recording, axis)
+        out += _of_axis(report, [look for look in looks if look.arcs], recording, axis, tell)
     return out
 
 
-def _of_axis(report: SampleReport, looks: list[_Look], recording: Recording, axis: int) -> list[Line]:
+def _of_axis(report: SampleReport, looks: list[_Look], recording: Recording, axis: int, tell: Tell) -> list[Line]:
     """The lines of an axis, and the note of the strongest; those of each look are counted apart: slow motions are many."""
     x, found, strongest = report.rates[:, axis].copy(), list[_Found](), NO_PEAK
     for look in looks:
         most = len(found) + MOST_LINES
         for number in range(MOST_PEAKS):
-            peak = _strongest(x, look, recording.gyro.sample_s)
+            told = partial(tell, f"lines of gyro {AXES[axis]}", (axis + number / MOST_PEAKS) / 3)
+            peak = _strongest(x, look, recording.gyro.sample_s, told)
             if number == 0 and peak.p_value <= strongest.p_value:
                 strongest = peak
             # Rounding a slow motion makes lines of its own.
@@ -136,14 +140,17 @@ class _Look:
     beyond: bool
 
 
-def _strongest(x: Array, look: _Look, sample_s: float) -> _Peak:
+def _strongest(x: Array, look: _Look, sample_s: float, tell: Callable[[], None] = lambda: None) -> _Peak:
     """The strongest line of spectra averaged over segments, of the length of segments that shows it best.
 
     Long segments gather the power of a tone in one bin, short ones use more of the arcs.
     """
     longest = max(high - low for low, high in look.arcs)
     lengths = sorted({max(longest >> k, SHORTEST) for k in range(HALVINGS)})
-    peaks = [_peak(x, look, length, sample_s) for length in lengths]
+    peaks = []
+    for length in lengths:
+        tell()
+        peaks.append(_peak(x, look, length, sample_s))
     best = min(peaks, key=lambda peak: peak.p_value)
     return replace(best, p_value=min(1.0, best.p_value * len(peaks)))
 
@@ -155,12 +162,16 @@ def _peak(x: Array, look: _Look, n: int, sample_s: float) -> _Peak:
     many = sum((high - low) // n for low, high in look.arcs) >= MANY
     step = n // (3 if look.beyond else 2) if many else n
     starts = [np.arange(low, high - n + 1, step) for low, high in look.arcs]
-    segments = np.array([x[start : start + n] for own in starts for start in own])
-    if not len(segments):
+    places = np.concatenate(starts)
+    if not places.size:
         return NO_PEAK
-    spectra = np.abs(np.fft.rfft(scipy.signal.detrend(segments, axis=1) * window, axis=1)) ** 2 / np.sum(window**2)
-    spectrum = spectra.mean(axis=0)
-    frequency = np.fft.rfftfreq(n, sample_s)
+    # Some segments at a time: all of a long recording, three times over and as complex numbers, are gigabytes.
+    spectrum, some = np.zeros(n // 2 + 1), max(1, AT_ONCE // n)
+    for first in range(0, places.size, some):
+        segments = np.array([x[start : start + n] for start in places[first : first + some]])
+        spectra = np.abs(np.fft.rfft(scipy.signal.detrend(segments, axis=1) * window, axis=1)) ** 2 / np.sum(window**2)
+        spectrum += spectra.sum(axis=0) / places.size
+    frequency: Array = np.fft.rfftfreq(n, sample_s).astype(float)
     count = _independent([own.size for own in starts], window, step)
     lowest = FEWEST_CYCLES / (n * sample_s)
     # Against the level around it, so that coloured noise is no line. The median of a mean of `count` exponentials:

@@ -59,7 +59,12 @@ def fixed(labels: tuple[str, ...]) -> Chooser:
     return choose
 
 
-def closure(model: LinearModel, members: Sequence[Member], choose: Chooser | None = None) -> Closure | None:
+def closure(
+    model: LinearModel,
+    members: Sequence[Member],
+    choose: Chooser | None = None,
+    tell: Callable[[int], None] = lambda done: None,
+) -> Closure | None:
     """Closure of the gap on held-out data.
 
     Parameters
@@ -68,23 +73,51 @@ def closure(model: LinearModel, members: Sequence[Member], choose: Chooser | Non
     members : the explanation that is named; it says how many effects a fold looks for, and whether one is a random process.
         Unlisted ones among them weigh what a fold learns from, and predict nothing
     choose : explanations that a fold comes to, given its search; by default the search among the listed effects
+    tell : called with the number of folds that are done, before each
 
     Returns
     -------
     None where nothing can be held out
     """
-    random = any(model.candidate(member).process and model.candidate(member).listed for member in members)
+    chooser = found_by(len(members)) if choose is None else choose
+    return measured(learnable(model, members), is_random(model, members), chooser, tell)
+
+
+def is_random(model: LinearModel, members: Sequence[Member]) -> bool:
+    """Whether one of the listed effects of an explanation is a random process."""
+    return any(model.candidate(member).process and model.candidate(member).listed for member in members)
+
+
+def learnable(model: LinearModel, members: Sequence[Member]) -> LinearModel:
+    """What a fold learns of, with its whitened columns alone, so that the model it is from may be let go."""
     labels = [model.candidate(member).label for member in members]
-    listed = model.only(lambda candidate: candidate.listed or candidate.label in labels)
+    listed = model.keeping(lambda candidate: candidate.listed or candidate.label in labels)
     for label, member in zip(labels, members, strict=True):
         # Options are made finer around what was found; each fold still chooses among all of them.
         place = listed.find(label)
         assert place is not None
         listed = listed.refine(listed, replace(member, candidate=place))
-    chooser = found_by(len(members)) if choose is None else choose
-    folds = list(model.folds(listed.W))
-    parts = [_one(listed, fold, chooser, random) for fold in folds]
-    return summed(parts, folds, model.split, random) if parts else None
+    chosen, candidates = listed.renumbered()
+    return replace(listed, candidates=candidates, X=model.X[:, :0].copy(), W=listed.W[:, chosen], room=None)
+
+
+def measured(
+    listed: LinearModel, random: bool, choose: Chooser, tell: Callable[[int], None] = lambda done: None
+) -> Closure | None:
+    """Closure of the gap by what each fold learns of some candidates; parameters as of `closure`."""
+    parts: list[Array] = []
+    left: list[Fold] = []
+    for fold in listed.folds(listed.W[:, :]):
+        tell(len(left))
+        parts.append(_one(listed, fold, choose, random))
+        left.append(without_columns(fold))
+        del fold  # or its columns would be there while those of the next one are made
+    return summed(parts, left, listed.split, random) if parts else None
+
+
+def without_columns(fold: Fold) -> Fold:
+    """A fold that is done with: its columns are a hundred megabytes of a long recording."""
+    return replace(fold, train_X=fold.train_X[:, :0].copy(), left_X=fold.left_X[:, :0].copy())
 
 
 def of_response(model: LinearModel, response: Array) -> Closure | None:

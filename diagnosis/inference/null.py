@@ -7,6 +7,8 @@ kept only adds to it. The two tests share the rate of false alarms (`DiagnosisSe
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 from numpy.typing import NDArray
 from scipy.special import logsumexp
@@ -20,7 +22,13 @@ TINY = 1e-300
 AT_ONCE = 250  # draws
 
 
-def p_value(search: Search, seed: int, draws: int, scanned_share: float = DEFAULT.scanned_share) -> float:
+def p_value(
+    search: Search,
+    seed: int,
+    draws: int,
+    scanned_share: float = DEFAULT.scanned_share,
+    tell: Callable[[float], None] = lambda share: None,
+) -> float:
     """P-value of the evidence averaged over all candidates.
 
     It comes from draws of M0, and beyond what those can resolve from the bound P(B ≥ c) ≤ 1/c on an average of likelihood
@@ -32,12 +40,16 @@ def p_value(search: Search, seed: int, draws: int, scanned_share: float = DEFAUL
     seed : of the draws
     draws : their number
     scanned_share : of the false alarms, that what a scan has chosen may have
+    tell : called with the share of the draws that are done
     """
     observed = search.null_statistic(search.correlation[:, None])[0]
     rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=tuple(b"diagnosis_null")))
     noise = search.model.projected(rng.standard_normal((search.model.y.size, draws)))
     # Some at a time: there are thousands of candidates' columns, and several numbers for each of their products.
-    parts = [search.null_statistic(search.model.X.T @ noise[:, k : k + AT_ONCE]) for k in range(0, draws, AT_ONCE)]
+    parts = []
+    for k in range(0, draws, AT_ONCE):
+        tell(k / draws)
+        parts.append(search.null_statistic(search.model.X.T @ noise[:, k : k + AT_ONCE]))
     null = np.concatenate(parts)
     simulated = (1 + int(np.sum(null >= observed))) / (1 + draws)
     bound = float(np.exp(-max(observed, 0.0)))

@@ -7,6 +7,7 @@ the discrete parameters). The search keeps a beam of sets, since the best single
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -19,6 +20,7 @@ from diagnosis.model.linear import Candidate, LinearModel, Member
 from diagnosis.settings import DEFAULT, DiagnosisSettings
 
 Array = NDArray[np.float64]
+Indices = NDArray[np.intp]
 
 CHILDREN = 12  # extensions of a set by one more candidate whose options and scales are optimised
 SWEEPS = 2  # over the members of a set, each moved to its best with the others held
@@ -28,6 +30,7 @@ THINNED = 4  # best sets of which every subset with one member fewer is evaluate
 SCREEN_COLUMNS = 24  # strongest columns of a random process, with which it is screened
 LEAST_CHANCE = 0.02  # relative to the likeliest option, such as a time of a step, below which an option is left out
 SMALL = 4  # most columns of groups that are computed together, those of one size at a time
+MOST_KEPT = 4_000_000  # products of columns that are kept
 HOPELESS = 6.0  # by how much the log posterior of a larger set must fall below the best for the search to end
 
 
@@ -75,12 +78,17 @@ NOTHING = Explanation((), 0.0, 0.0)  # the baseline, as likely beforehand as any
 class Search:
     """Evidence of sets of candidates of a linear model."""
 
-    def __init__(self, model: LinearModel, settings: DiagnosisSettings = DEFAULT):
+    def __init__(
+        self, model: LinearModel, settings: DiagnosisSettings = DEFAULT, tell: Callable[[int], None] = lambda count: None
+    ):
         self.model = model
         self.settings = settings
+        self.tell = tell  # called with the number of scores so far, before each
+        self._scored = 0
         self.gram = _Grams(model)
         self.correlation = model.X.T @ model.y
-        self._products: dict[tuple[int, int], Array] = {}
+        self._products: dict[tuple[int, int, int, int], Array] = {}
+        self._kept = 0  # numbers in them
 
     # ---- one candidate ---------------------------------------------------------------------------------------------------
 
@@ -101,7 +109,7 @@ class Search:
         ]
         return np.vstack(parts)
 
-    def _table(self, gram: Array, places: NDArray[np.intp], entry: Candidate, given: Conditioning | None) -> Array:
+    def _table(self, gram: Array, places: Indices, entry: Candidate, given: Conditioning | None) -> Array:
         correlation = self.correlation[places]
         if given is not None:
             gram, correlation = given.reduced_products(gram, correlation, places)
@@ -109,6 +117,8 @@ class Search:
 
     def score(self, candidate: int, given: Conditioning | None, most: int | None = None) -> Score:
         """Average and best of a candidate's evidence."""
+        self.tell(self._scored)
+        self._scored += 1
         weights = self.model.candidates[candidate].log_weights
         table = self.tables(candidate, given, most)
         # Of times that explain the data alike, the one with more prior: a gap between intervals rather than one moment.
@@ -148,22 +158,40 @@ class Search:
 
     # ---- sets ------------------------------------------------------------------------------------------------------------
 
-    def _rows(self, member: Member) -> Array:
-        """(k, p) products of a member's columns but a shift with all columns, kept since a search asks for them often."""
-        key = (member.candidate, member.option)
+    def _with(self, member: Member, places: Indices) -> Array:
+        """(k, n) products of a member's columns but a shift with the columns of a candidate or of one of its options.
+
+        They are kept, since a search asks for them often; but not all of them, which of two random processes are gigabytes.
+        """
+        key = (member.candidate, member.option, int(places[0]) if places.size else 0, places.size)
         if key not in self._products:
-            self._products[key] = self.model.X[:, self.model.design((member,))[0]].T @ self.model.X
+            X = self.model.X
+            found = X[:, self.model.design((member,))[0]].T @ X[:, _as_slice(places)]
+            if self._kept + found.size > MOST_KEPT:
+                self.forget()
+            self._kept += found.size
+            self._products[key] = found
         return self._products[key]
+
+    def forget(self) -> None:
+        """Give back the memory of the products that were kept."""
+        self._products.clear()
+        self._kept = 0
 
     def given(self, members: tuple[Member, ...]) -> Conditioning | None:
         """Inner products given some members, ready to score the others against; None without members."""
         if not members:
             return None
         own, scale, shifts = self.model.design(members)
-        rows = scale[:, None] * np.vstack([self._rows(m) for m in members])
+        alone = [self.model.design((member,))[0] for member in members]
+
+        def rows(places: Indices) -> Array:
+            return scale[:, None] * np.vstack([self._with(member, places) for member in members])
+
         X = self.model.X
         shift = X.T @ X[:, shifts].sum(axis=1) if shifts.size else np.zeros(X.shape[1])
-        given = Conditioning(rows, rows[:, own] * scale, scale * (self.correlation - shift)[own], shift)
+        inner = np.hstack([rows(places) for places in alone]) * scale
+        given = Conditioning(rows, inner, scale * (self.correlation - shift)[own], shift)
         given.log_bayes += float(self.correlation[shifts].sum() - 0.5 * shift[shifts].sum())
         return given
 
@@ -304,7 +332,6 @@ class Search:
         """The set with one more candidate."""
         given = self.given(parent.members)
         assert given is not None
-        given.prepare_all()
         children = []
         for candidate in range(len(self.model.candidates)):
             if candidate in parent.key:
@@ -320,7 +347,7 @@ class Conditioning:
 
     Parameters
     ----------
-    rows : (r, p) products CᵀX with all columns of the model
+    rows : from places (n,) of columns of the model to their products (r, n) with C
     inner : (r, r) CᵀC
     correlation : (r,) Cᵀy, the shifts taken out of y
     shift : (p,) products of the shifts with all columns
@@ -330,28 +357,17 @@ class Conditioning:
     log_bayes : log evidence of what is in
     """
 
-    def __init__(self, rows: Array, inner: Array, correlation: Array, shift: Array):
+    def __init__(self, rows: Callable[[Indices], Array], inner: Array, correlation: Array, shift: Array):
         factor = np.linalg.cholesky(np.eye(len(inner)) + inner)
         self._inverse = scipy.linalg.solve_triangular(factor, np.eye(len(inner)), lower=True, check_finite=False)
         self._rows = rows
         self._shift = shift
-        self._all: Array | None = None
         self._y = self._inverse @ correlation
         self.log_bayes = float(0.5 * self._y @ self._y - np.log(np.diag(factor)).sum())
 
-    def prepare_all(self) -> None:
-        """Prepare for questions about all columns at once."""
-        self._all = self._inverse @ self._rows
-
-    def _reduced(self, places: NDArray[np.intp]) -> Array:
-        if self._all is not None:
-            return np.asarray(self._all[:, places])
-        flat = self._inverse @ self._rows[:, places.ravel()]
-        return np.asarray(flat.reshape(len(flat), *places.shape))
-
-    def reduced_products(self, gram: Array, correlation: Array, places: NDArray[np.intp]) -> tuple[Array, Array]:
+    def reduced_products(self, gram: Array, correlation: Array, places: Indices) -> tuple[Array, Array]:
         """Products XᵀX (o, k, k) and Xᵀy (o, k) of the columns at `places` (o, k), given what is in."""
-        reduced = self._reduced(places)  # (r, o, k)
+        reduced = (self._inverse @ self._rows(places.ravel())).reshape(-1, *places.shape)  # (r, o, k)
         # Products of (o, k, r) and (o, r, l) are far quicker than one sum over all indices.
         turned = reduced.transpose(1, 0, 2)
         gram = gram - np.matmul(turned.transpose(0, 2, 1), turned)
@@ -359,39 +375,45 @@ class Conditioning:
 
 
 class _Grams:
-    """XᵀX of each option."""
+    """XᵀX of each option, made when it is asked for first."""
 
     def __init__(self, model: LinearModel):
-        self._uniform: list[bool] = []
-        self._places: list[NDArray[np.intp] | None] = []
-        self._grams: list[Array | list[Array]] = []
+        self._model = model
+        self._places: list[Indices | None] = []
+        self._together: dict[int, Array] = {}
+        self._single: dict[tuple[int, int], Array] = {}
         for candidate in model.candidates:
             counts = {option.count for option in candidate.options}
             uniform = len(counts) == 1 and next(iter(counts)) <= SMALL
-            self._uniform.append(uniform)
-            if uniform:
-                places = np.array([np.arange(o.start, o.start + o.count) for o in candidate.options])
-                X = model.X[:, places]  # (N, o, k)
-                self._places.append(places)
-                self._grams.append(np.einsum("nok,nol->okl", X, X))
-            else:
-                self._places.append(None)
-                self._grams.append([model.X[:, o.columns].T @ model.X[:, o.columns] for o in candidate.options])
+            self._places.append(
+                np.array([np.arange(o.start, o.start + o.count) for o in candidate.options]) if uniform else None
+            )
 
     def uniform(self, candidate: int) -> bool:
         """Whether all its options have the same small number of columns."""
-        return self._uniform[candidate]
+        return self._places[candidate] is not None
 
-    def of(self, candidate: int) -> tuple[Array, NDArray[np.intp]]:
+    def of(self, candidate: int) -> tuple[Array, Indices]:
         """(o, k, k) and the places (o, k) of the columns."""
-        gram, places = self._grams[candidate], self._places[candidate]
-        assert isinstance(gram, np.ndarray)
+        places = self._places[candidate]
         assert places is not None
-        return gram, places
+        if candidate not in self._together:
+            X = self._model.X[:, places]  # (N, o, k)
+            self._together[candidate] = np.einsum("nok,nol->okl", X, X)
+        return self._together[candidate], places
 
     def single(self, candidate: int, option: int) -> Array:
         """(k, k) of one option."""
-        return np.asarray(self._grams[candidate][option])
+        if (candidate, option) not in self._single:
+            X = self._model.X[:, self._model.candidates[candidate].options[option].columns]
+            self._single[candidate, option] = X.T @ X
+        return self._single[candidate, option]
+
+
+def _as_slice(places: Indices) -> Indices | slice:
+    """Places without a gap as a slice, which needs no copy of the columns."""
+    whole = places.size and places[-1] - places[0] + 1 == places.size and (np.diff(places) == 1).all()
+    return slice(int(places[0]), int(places[-1]) + 1) if whole else places
 
 
 def _ranked(explanations: list[Explanation]) -> list[Explanation]:

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import chain
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,6 +23,8 @@ from diagnosis.model.linear import (
     Member,
     Option,
     Parameters,
+    Restored,
+    Room,
     exactly,
     first_amplitude,
     scales_of,
@@ -40,6 +43,8 @@ LONGEST_STEP_GAP = 300.0  # s between the times a step is tried at, before refin
 MOST_STEP_TIMES = 14  # times a step is tried at inside an interval
 FINE_STEP_TIMES = 48  # times around one that was found
 BETWEEN_INTERVALS = 0.5  # prior of a step in a gap between intervals
+AT_ONCE = 512  # columns that are projected together
+SPARE = 8  # share of all columns that there is room for beside them
 ALREADY_ON = 1.0  # s before the first sample, when a switched column is on throughout
 
 
@@ -84,6 +89,7 @@ def linear_model(
     settings: DiagnosisSettings = DEFAULT,
     rivals: bool = True,
     scan: bool = True,
+    tell: Callable[[int], None] = lambda count: None,
 ) -> LinearModel:
     """The linear model of a recording.
 
@@ -95,11 +101,20 @@ def linear_model(
     settings : priors
     rivals : whether unlisted rivals compete
     scan : whether the data are scanned for swings of any period; if not, some periods stand for all of them
+    tell : called with the number of candidates that are made, before each
     """
+    tell(0)
     found = periods.swings(model) if scan else None
+
+    def made() -> Iterator[Group]:
+        others = unlisted_groups(model, found or {}, effects) if rivals else ()
+        for count, group in enumerate(chain(listed(model, effects, found), further, others)):
+            tell(count)
+            yield group
+
     return assembled(
         model,
-        [*listed(model, effects, found), *further, *(unlisted_groups(model, found or {}, effects) if rivals else ())],
+        list(made()),
         {effect.name: effect for effect in effects},
         settings,
     )
@@ -112,7 +127,18 @@ def placed(
     size: int = 0,
     visible: tuple[float, float] = VISIBLE,
 ) -> tuple[tuple[Candidate, ...], Array]:
-    """Candidates with their places and priors, and all columns side by side.
+    """Candidates with their places and priors, and all columns side by side; see `ordered`."""
+    candidates, columns = ordered(groups, projected, settings, visible)
+    return candidates, np.hstack(columns) if columns else np.empty((size, 0))
+
+
+def ordered(
+    groups: Sequence[Group],
+    projected: Callable[[Array], Array],
+    settings: DiagnosisSettings,
+    visible: tuple[float, float] = VISIBLE,
+) -> tuple[tuple[Candidate, ...], list[Array]]:
+    """Candidates with their places and priors, and the columns of all their options in that order.
 
     Each effect has the same prior, shared by its axes, and so has each rival; what could not be seen is left out.
 
@@ -121,7 +147,6 @@ def placed(
     groups : the candidates
     projected : takes the nuisance parameters out of columns
     settings : priors
-    size : number of observations, for a model without candidates
     visible : signal-to-noise ratios of interest
     """
     names = {group.effect for group in groups if group.listed}
@@ -150,15 +175,33 @@ def placed(
                 group.positive, group.log_odds, group.read, group.size_sigma, group.shifted, group.scanned,
             )
         )  # fmt: skip
-    return tuple(candidates), np.hstack(columns) if columns else np.empty((size, 0))
+    return tuple(candidates), columns
+
+
+def _projected(model: RecordingModel, columns: list[Array]) -> tuple[Room, Restored]:
+    """Columns (N, k) side by side and projected, with room for more; those that are done are taken off the list."""
+    count = sum(part.shape[1] for part in columns)
+    room = Room(np.empty((model.size, count + max(count // SPARE, AT_ONCE))))
+    basis, hidden = model.nuisance, np.empty((model.nuisance.shape[1], count))
+    columns.reverse()
+    while columns:
+        some: list[Array] = []
+        while columns and sum(part.shape[1] for part in some) < AT_ONCE:
+            some.append(columns.pop())
+        part, start = np.hstack(some), room.used
+        room.used += part.shape[1]
+        np.matmul(basis.T, part, out=hidden[:, start : room.used])
+        np.subtract(part, basis @ hidden[:, start : room.used], out=room.memory[:, start : room.used])
+    return room, Restored(room.memory[:, :count], basis, hidden)
 
 
 def assembled(
     model: RecordingModel, groups: Sequence[Group], effects: Mapping[str, Effect], settings: DiagnosisSettings
 ) -> LinearModel:
     """Groups side by side, as the linear model of a recording."""
-    candidates, W = placed(groups, model.projected, settings, model.size)
-    del groups  # whose columns W has, hundreds of megabytes
+    candidates, columns = ordered(groups, model.projected, settings)
+    del groups  # whose columns are hundreds of megabytes
+    room, W = _projected(model, columns)
 
     def refine(linear: LinearModel, member: Member) -> LinearModel:
         effect = effects.get(linear.candidate(member).effect)
@@ -171,7 +214,7 @@ def assembled(
 
     return LinearModel(
         y=model.y,
-        X=model.projected(W),
+        X=W.X,
         W=W,
         candidates=candidates,
         dof=model.degrees_of_freedom,
@@ -179,6 +222,7 @@ def assembled(
         most_effects=settings.largest_set,
         split=SPLIT,
         folds=lambda W: folds(model, W),
+        room=room,
         refine=refine,
     )
 

@@ -4,11 +4,24 @@ Under M0 all observations are jointly normal: noise with the covariance V, and s
 Σ = V + N P₀ Nᵀ. Given the training rows t, the rows s held out have the mean Σ_st Σ_tt⁻¹ ζ_t and the covariance
 C = Σ_ss − Σ_st Σ_tt⁻¹ Σ_ts (Rasmussen & Williams, Gaussian Processes for Machine Learning, section 2.2). Every interval gives
 a part to each fold, so that training sees every motion.
+
+The noise of different intervals is independent, and what they share are a few columns B = N P₀^½. With Cholesky factors K of
+V_tt, interval by interval, the singular values B̃ = K⁻¹B_t = Q S Uᵀ give all of it without a matrix of all rows
+(the matrix inversion lemma, section A.3 there): training values x_t become
+
+    x̃ = K⁻¹x_t,    (I + B̃B̃ᵀ)^−½ x̃ = x̃ − Q (1 − (1 + S²)^−½) Qᵀx̃
+
+in units of their own scatter, and with A = V_st K⁻ᵀ and D = B_s − A B̃ the errors of the prediction are
+
+    x_s − A x̃ − D U (S/(1 + S²)) Qᵀx̃,    C = V_ss − A Aᵀ + D U (1 + S²)⁻¹ Uᵀ Dᵀ,
+
+without differences of the broad priors, in which rounding would show.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import dataclass
 
 import numpy as np
 import scipy.linalg
@@ -24,6 +37,7 @@ PARTS = 8  # of an interval
 SPLIT = "an eighth of each interval at a time"
 START = 0.02  # rad, prior sigma of a start attitude
 BROAD = 10.0  # prior sigma of G and b, in their plausible ranges
+AT_ONCE = 1024  # columns
 
 
 def folds(model: RecordingModel, W: Array, part: NDArray[np.intp] | None = None, biases: Array | None = None) -> Iterator[Fold]:
@@ -36,15 +50,92 @@ def folds(model: RecordingModel, W: Array, part: NDArray[np.intp] | None = None,
     part : (r,) fold of each observation; by default that of `parts`
     biases : (N, q) whitened columns of further biases
     """
-    sigma = joint_covariance(model, biases)
-    columns = unwhitened(model, W)
     names = np.array([model.recording.intervals[block.interval].name for block in model.blocks])
     owner = np.repeat(names[model.observation_block], 3)
     rows = np.repeat(parts(model) if part is None else part, 3)
     for number in np.unique(rows):
         out = rows == number
         if not out.all():
-            yield held_out(sigma, model.zeta, columns, out, owner)
+            yield _held_out(model, W, out, owner, biases)
+
+
+@dataclass(frozen=True)
+class Conditioned:
+    """Some rows of a recording, given the others.
+
+    Attributes
+    ----------
+    train_y, train_X : (t,), (t, p) training observations and columns, in units of their own scatter
+    error_y, error_X : (s,), (s, p) errors of M0's prediction of the others, not whitened
+    noise : (s, s) V_ss − A Aᵀ, their covariance if what all intervals share were known
+    shared : (s, q) D U: what of that they show, along the singular directions of the training rows
+    known : (q,) S: prior sigma over posterior sigma of each direction is √(1 + S²)
+    """
+
+    train_y: Array
+    train_X: Array
+    error_y: Array
+    error_X: Array
+    noise: Array
+    shared: Array
+    known: Array
+
+    @property
+    def covariance(self) -> Array:
+        """(s, s) C."""
+        return self.noise + (self.shared / (1 + self.known**2)) @ self.shared.T
+
+
+def conditioned(model: RecordingModel, W: Array, out: NDArray[np.bool_], biases: Array | None = None) -> Conditioned:
+    """Rows (N,) of a recording that are `out`, and whitened columns W (N, p) there, given the others; see the module."""
+    columns = shared_columns(model, biases)
+    trained = np.cumsum(~out) - 1  # place of each training row among them
+    train_X = np.empty((int((~out).sum()), W.shape[1]))
+    train_y, B = np.empty(len(train_X)), np.empty((len(train_X), columns.shape[1]))
+    alone: list[tuple[Array, Array, Array]] = []
+    V = np.zeros((int(out.sum()), int(out.sum())))
+    done = 0
+    for block in model.blocks:
+        held = out[block.rows]
+        L, x, y, b = block.whitener, W[block.rows], model.zeta[block.rows], columns[block.rows]
+        to, so = np.flatnonzero(~held), np.flatnonzero(held)
+        K = np.asarray(np.linalg.cholesky(L[to] @ L[to].T))
+        own = trained[block.rows][to]
+        turned = _solved(K, L[to])
+        train_X[own], train_y[own], B[own] = turned @ x, _solved(K, np.asarray(y[to])), _solved(K, b[to])
+        A = L[so] @ turned.T
+        place = slice(done, done + so.size)
+        V[place, place] = L[so] @ L[so].T - A @ A.T
+        alone.append((L[so] @ x - A @ train_X[own], y[so] - A @ train_y[own], b[so] - A @ B[own]))
+        done += so.size
+    error_X, error_y, D = (np.concatenate(values) for values in zip(*alone, strict=True))
+    # With as many rows of zeros below, there is a singular value for what no training row shows as well.
+    Q, S, U = np.linalg.svd(np.vstack([B, np.zeros((B.shape[1], B.shape[1]))]), full_matrices=False)
+    Q, D = Q[: len(B)], D @ U.T
+    along_X, along_y = Q.T @ train_X, Q.T @ train_y
+    error_X -= (D * (S / (1 + S**2))) @ along_X
+    error_y = error_y - (D * (S / (1 + S**2))) @ along_y
+    shrunk = Q * (1 - 1 / np.sqrt(1 + S**2))
+    for first in range(0, W.shape[1], AT_ONCE):
+        some = slice(first, first + AT_ONCE)
+        train_X[:, some] -= shrunk @ along_X[:, some]
+    return Conditioned(train_y - shrunk @ along_y, train_X, error_y, error_X, V, D, S)
+
+
+def _held_out(model: RecordingModel, W: Array, out: NDArray[np.bool_], owner: NDArray[np.str_], biases: Array | None) -> Fold:
+    """One part of a recording held out."""
+    found = conditioned(model, W, out, biases)
+    left = np.asarray(np.linalg.cholesky(found.covariance))
+    own = owner[out]
+    return Fold(
+        train_y=found.train_y,
+        train_X=found.train_X,
+        left_y=_solved(left, found.error_y),
+        left_X=_solved(left, found.error_X),
+        log_scale=2 * np.log(np.diag(left)),
+        owner=own,
+        dof={str(name): float(np.sum(own == name)) for name in np.unique(own)},
+    )
 
 
 def held_out(sigma: Array, observed: Array, columns: Array, out: NDArray[np.bool_], owner: NDArray[np.str_]) -> Fold:
@@ -87,15 +178,20 @@ def parts(model: RecordingModel) -> NDArray[np.intp]:
     return np.concatenate(each)
 
 
-def joint_covariance(model: RecordingModel, biases: Array | None = None) -> Array:
-    """(N, N) covariance Σ of all observations under M0, with broad priors on start attitudes, G, b and further biases."""
-    V = np.zeros((model.size, model.size))
-    for block in model.blocks:
-        V[block.rows, block.rows] = block.whitener @ block.whitener.T
+def shared_columns(model: RecordingModel, biases: Array | None = None) -> Array:
+    """(N, q) columns B of what all intervals share, in units of their broad priors: start attitudes, G, b, biases."""
     more = np.empty((model.size, 0)) if biases is None else biases
     own = np.full(more.shape[1], BROAD * PLAUSIBLE_RANGE[-1])
     scale = np.concatenate([np.full(3 * len(model.blocks), START), BROAD * PLAUSIBLE_RANGE, own])
-    columns = unwhitened(model, np.hstack([model.starts, model.calibration, more]) * scale)
+    return unwhitened(model, np.hstack([model.starts, model.calibration, more]) * scale)
+
+
+def joint_covariance(model: RecordingModel) -> Array:
+    """(N, N) covariance Σ of all observations under M0, with broad priors on start attitudes, G and b."""
+    V = np.zeros((model.size, model.size))
+    for block in model.blocks:
+        V[block.rows, block.rows] = block.whitener @ block.whitener.T
+    columns = shared_columns(model)
     return V + columns @ columns.T
 
 

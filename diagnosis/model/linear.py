@@ -19,6 +19,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,6 +31,7 @@ Parameters = dict[str, float | str]
 # Scales of interest, as signal-to-noise ratios of the amplitude's standard deviation: nothing smaller can be seen, and nothing
 # larger than the upper end would be left for a linear model to explain.
 VISIBLE = (1.0, 300.0)
+AT_ONCE = 256  # rows of columns that are restored together
 PER_DECADE = 4  # scales in a decade; the evidence changes little between neighbours
 
 
@@ -147,6 +149,58 @@ class Fold:
 
 
 @dataclass(frozen=True)
+class Restored:
+    """Whitened columns before the projection, by the projected ones and what the projection took: hundreds of megabytes less.
+
+    Attributes
+    ----------
+    X : (N, p) projected columns
+    basis : (N, q) orthonormal basis of the nuisance parameters' columns
+    hidden : (q, p) components of the columns along it
+    """
+
+    X: Array
+    basis: Array
+    hidden: Array
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Of all columns."""
+        return self.X.shape[0], self.X.shape[1]
+
+    def __getitem__(self, place: Any) -> Array:
+        """Some of the columns, by [rows] or [rows, columns]."""
+        rows, columns = place if isinstance(place, tuple) else (place, slice(None))
+        found, basis, hidden = np.array(self.X[rows, columns]), self.basis[rows], self.hidden[:, columns]
+        for first in range(0, len(found), AT_ONCE):  # all at once would be as large again
+            found[first : first + AT_ONCE] += basis[first : first + AT_ONCE] @ hidden
+        return found
+
+
+@dataclass
+class Room:
+    """Memory with room for further columns beside those of a model, which a few more need not be copied for.
+
+    Attributes
+    ----------
+    memory : (N, c)
+    used : columns that are taken; nothing changes them any more
+    """
+
+    memory: Array
+    used: int = 0
+
+    def beside(self, columns: Array, more: Array) -> Array:
+        """Columns and more of them side by side: without a copy if they are the last in this memory, and there is room."""
+        stop = self.used + more.shape[1]
+        if columns.base is not self.memory or columns.shape[1] != self.used or stop > self.memory.shape[1]:
+            return np.hstack([columns, more])
+        self.memory[:, self.used : stop] = more
+        self.used = stop
+        return self.memory[:, :stop]
+
+
+@dataclass(frozen=True)
 class LinearModel:
     """Observations, and the columns of all candidates.
 
@@ -162,13 +216,14 @@ class LinearModel:
     beam : how many sets a search extends by a second, third … effect; few rows afford many
     split : how `folds` parts the data, in words; "" where nothing can be held out
     folds : parts of the data held out in turn, of the model's W
+    room : memory behind X for the columns of further options
     refine : a model with more options around a member's own, for a parameter such as the time of a step that lies between the
         options; the model itself where there is nothing to refine
     """
 
     y: Array
     X: Array
-    W: Array
+    W: Array | Restored
     candidates: tuple[Candidate, ...]
     dof: int
     projected: Callable[[Array], Array] = field(repr=False)
@@ -176,6 +231,7 @@ class LinearModel:
     beam: tuple[int, ...] = (10, 6, 6, 6)
     split: str = ""
     folds: Callable[[Array], Iterable[Fold]] = field(default=lambda W: (), repr=False)
+    room: Room | None = field(default=None, repr=False)
     refine: Callable[[LinearModel, Member], LinearModel] = field(default=lambda model, member: model, repr=False)
 
     def find(self, label: str) -> int | None:
@@ -206,26 +262,44 @@ class LinearModel:
             scales.append(np.full(own.size, self.scale(member)))
         return np.concatenate(places), np.concatenate(scales), np.array(shifts, dtype=np.intp)
 
-    def only(self, keep: Callable[[Candidate], bool]) -> LinearModel:
-        """The model with some of its candidates only."""
-        candidates, places, start = [], [], 0
+    def keeping(self, keep: Callable[[Candidate], bool]) -> LinearModel:
+        """The model with some of its candidates only, the columns of the others left where they are."""
+        return replace(self, candidates=tuple(candidate for candidate in self.candidates if keep(candidate)))
+
+    def without_columns(self) -> LinearModel:
+        """The model with what its candidates are, but not what they do."""
+        nothing = self.X[:, :0].copy()
+        return replace(self, X=nothing, W=nothing, room=None)
+
+    def renumbered(self) -> tuple[Indices, tuple[Candidate, ...]]:
+        """Columns that belong to a candidate, and the candidates with their places among these."""
+        candidates, places, start = [], [np.empty(0, dtype=np.intp)], 0
         for candidate in self.candidates:
-            if not keep(candidate):
-                continue
             options = []
             for option in candidate.options:
                 places.append(np.arange(option.start, option.start + option.count))
                 options.append(replace(option, start=start))
                 start += option.count
             candidates.append(replace(candidate, options=tuple(options)))
-        chosen = np.concatenate(places) if places else np.empty(0, dtype=np.intp)
-        return replace(self, X=self.X[:, chosen], W=self.W[:, chosen], candidates=tuple(candidates))
+        return np.concatenate(places), tuple(candidates)
+
+    def only(self, keep: Callable[[Candidate], bool]) -> LinearModel:
+        """The model with some of its candidates and their columns only."""
+        chosen, candidates = self.keeping(keep).renumbered()
+        return replace(self, X=self.X[:, chosen], W=self.W[:, chosen], candidates=candidates)
 
     def with_options(self, place: int, options: Sequence[Option], W: Array, X: Array) -> LinearModel:
         """The model with other options of one candidate, whose new columns are appended to those there are."""
         candidates = list(self.candidates)
         candidates[place] = replace(candidates[place], options=tuple(options))
-        return replace(self, W=np.hstack([self.W, W]), X=np.hstack([self.X, X]), candidates=tuple(candidates))
+        together = np.hstack([self.X, X]) if self.room is None else self.room.beside(self.X, X)
+        if isinstance(self.W, Restored):
+            taken = self.W.basis.T @ W
+            # A model whose columns have lost more than this basis has others than those that W is restored from.
+            own = together if self.W.X is self.X else np.hstack([self.W.X, W - self.W.basis @ taken])
+            restored = replace(self.W, X=own, hidden=np.hstack([self.W.hidden, taken]))
+            return replace(self, W=restored, X=together, candidates=tuple(candidates))
+        return replace(self, W=np.hstack([self.W, W]), X=together, candidates=tuple(candidates))
 
 
 def scales_of(largest: float, limits: tuple[float, float], visible: tuple[float, float] = VISIBLE) -> Array:

@@ -131,7 +131,7 @@ def _readable(
 ) -> tuple[SampleReport, tuple[RecordingModel, Array, tuple[Interval, ...]]]:
     """What the samples show and the first model, with readings on a lattice taken in the way in which they fit at all."""
     tell("gyro samples: noise, lines, outliers", 0.01)
-    report = examine(recording, settings=settings)
+    report = examine(recording, settings=settings, tell=lambda text, share: tell(f"gyro samples: {text}", 0.01 + 0.05 * share))
     tell("gyro samples: first calibration", 0.06)
     try:
         return report, _first(recording, report)

@@ -146,12 +146,12 @@ def unit_model(
 
     def refine(current: LinearModel, member: Member) -> LinearModel:
         finer = linear.refine(current, member)
-        return finer if finer is current else replace(finer, X=projected(finer.W))
+        return finer if finer is current else replace(finer, X=projected(finer.W[:, :]))
 
     return replace(
         linear,
         y=projected(linear.y),
-        X=projected(linear.W),
+        X=projected(linear.W[:, :]),
         projected=projected,
         dof=linear.dof - basis.shape[1],
         split=SPLIT,

@@ -12,6 +12,7 @@ attitude that is propagated with it, and would be taken for an effect.
 """
 
 from collections.abc import Sequence
+from functools import lru_cache
 
 import numpy as np
 from scipy.interpolate import interp1d
@@ -82,14 +83,19 @@ def _fitted(rates: Array, window: int) -> tuple[Array, float]:
     """Local quadratic of a window at each sample (n,), and its sigma per unit sigma of a sample."""
     block = max(1, window // BLOCKS)
     if block == 1:
-        return savgol_filter(rates, window, ORDER, mode="interp"), float(np.linalg.norm(savgol_coeffs(window, ORDER)))
+        return savgol_filter(rates, window, ORDER, mode="interp"), _weight(window)
     count = len(rates) // block
     means = rates[: count * block].reshape(count, block).mean(axis=1)
     width = min(window // block // 2 * 2 + 1, count - 1 + count % 2)
     middle = block * np.arange(count) + 0.5 * (block - 1)
     estimate = interp1d(middle, savgol_filter(means, width, ORDER, mode="interp"), fill_value="extrapolate")
-    weight = float(np.linalg.norm(savgol_coeffs(width, ORDER))) / np.sqrt(block)
-    return np.asarray(estimate(np.arange(len(rates)))), weight
+    return np.asarray(estimate(np.arange(len(rates)))), _weight(width) / float(np.sqrt(block))
+
+
+@lru_cache(maxsize=256)
+def _weight(window: int) -> float:
+    """Sigma of a local quadratic per unit sigma of a sample; all intervals and axes share a few windows."""
+    return float(np.linalg.norm(savgol_coeffs(window, ORDER)))
 
 
 def _ladder(longest: int) -> list[int]:

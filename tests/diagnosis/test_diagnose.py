@@ -34,7 +34,10 @@ def _labels(diagnosis):
 
 
 def test_m0_has_no_gap_and_says_so(plan):
-    answer = diagnose(simulate(plan, seed=11))
+    told: list[float] = []
+    answer = diagnose(simulate(plan, seed=11), progress=lambda text, share: told.append(share))
+    assert told == sorted(told)
+    assert max(np.diff(told)) < 0.2
     assert answer.verdict == "none"
     assert not answer.present
     assert answer.causes == ()

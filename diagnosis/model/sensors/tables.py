@@ -222,4 +222,4 @@ def in_noise(model: LinearModel, factor: float) -> LinearModel:
 
     if factor == 1.0:
         return model
-    return replace(model, y=model.y / factor, X=model.X / factor, W=model.W / factor, folds=folds)
+    return replace(model, y=model.y / factor, X=model.X / factor, W=model.W[:, :] / factor, folds=folds)

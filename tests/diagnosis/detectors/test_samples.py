@@ -94,6 +94,17 @@ def test_the_p_value_of_the_strongest_line_holds_for_white_noise(arcs, beyond):
     assert min(p) > 1e-5
 
 
+def test_a_spectrum_is_the_same_some_segments_at_a_time(monkeypatch):
+    look = spectral_lines._Look([(0, 6000), (6000, 9000)], False)
+    x = np.random.default_rng(3).standard_normal(9000)
+    whole = spectral_lines._peak(x, look, 600, 0.1)
+    monkeypatch.setattr(spectral_lines, "AT_ONCE", 1800)
+    parts = spectral_lines._peak(x, look, 600, 0.1)
+    assert parts.frequency_hz == whole.frequency_hz
+    assert parts.p_value == pytest.approx(whole.p_value, rel=1e-9)
+    assert parts.amplitude == pytest.approx(whole.amplitude, rel=1e-12)
+
+
 def test_a_strong_tone_is_one_line_and_slow_motions_do_not_hide_it(plan, truth):
     """What its fit leaves is no second line, and lines of slow motions are counted apart."""
     recording = _recording(plan, truth, 4)

@@ -1,0 +1,63 @@
+"""Columns that are kept once: what restores them before the projection, and room for more beside them."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from diagnosis.model.linear import Restored, Room
+from tests.diagnosis.linear_models import linear_model
+
+RNG = np.random.default_rng(1)
+
+
+def test_columns_before_the_projection_are_restored():
+    W, basis = RNG.standard_normal((30, 7)), np.linalg.qr(RNG.standard_normal((30, 4)))[0]
+    hidden = basis.T @ W
+    found = Restored(W - basis @ hidden, basis, hidden)
+    assert found.shape == W.shape
+    for place in (np.s_[:, :], np.s_[:, 2], np.s_[:, [5, 1]], np.s_[3:9], np.s_[3:9, 1:4]):
+        np.testing.assert_allclose(found[place], W[place], atol=1e-13)
+
+
+def test_more_columns_are_beside_the_others_without_a_copy():
+    room = Room(np.empty((5, 6)))
+    room.memory[:, :3], room.used = RNG.standard_normal((5, 3)), 3
+    first, more = room.memory[:, :3], RNG.standard_normal((5, 2))
+    before = first.copy()
+    found = room.beside(first, more)
+    np.testing.assert_array_equal(found, np.hstack([before, more]))
+    assert np.shares_memory(found, first)
+    np.testing.assert_array_equal(first, before)
+
+
+def test_columns_are_copied_where_there_is_no_room_or_others_have_it():
+    room = Room(np.empty((5, 6)))
+    room.memory[:, :3], room.used = RNG.standard_normal((5, 3)), 3
+    first = room.memory[:, :3]
+    one, other = RNG.standard_normal((2, 5, 2))
+    beside = room.beside(first, one)
+    # A second model made from the first columns must not write over those of the first.
+    again = room.beside(first, other)
+    np.testing.assert_array_equal(beside[:, 3:], one)
+    np.testing.assert_array_equal(again[:, 3:], other)
+    full = room.beside(beside, other)
+    assert not np.shares_memory(full, beside)
+    np.testing.assert_array_equal(full, np.hstack([beside, other]))
+    elsewhere = RNG.standard_normal((5, 5))
+    np.testing.assert_array_equal(room.beside(elsewhere, one[:, :1]), np.hstack([elsewhere, one[:, :1]]))
+
+
+@pytest.mark.parametrize("further", [False, True])
+def test_options_that_are_added_keep_the_columns_before_the_projection(further):
+    """Also of a model from whose columns more was taken, such as a bias of each recording of a unit."""
+    W, more = RNG.standard_normal((30, 3)), RNG.standard_normal((30, 2))
+    basis = np.linalg.qr(RNG.standard_normal((30, 4)))[0]
+    hidden = basis.T @ W
+    X = W - basis @ hidden
+    model = replace(linear_model([W], RNG.standard_normal(30)), X=X, W=Restored(X, basis, hidden))
+    model = replace(model, X=0.5 * X) if further else model
+    for _ in range(2):
+        model = model.with_options(0, model.candidates[0].options, more, more - basis @ (basis.T @ more))
+    np.testing.assert_allclose(model.W[:, :], np.hstack([W, more, more]), atol=1e-13)
+    np.testing.assert_allclose(model.X[:, :3], (0.5 if further else 1.0) * X)
