@@ -95,7 +95,7 @@ def statistics(model: RecordingModel, y: Array) -> pd.DataFrame:
                 continue
             for axis in range(3):
                 places = 3 * chosen + axis
-                value, dof = _chi2(r[places], S[np.ix_(places, places)])
+                value, dof = chi2(r[places], S[np.ix_(places, places)])
                 if not dof:
                     continue
                 p = max(float(scipy.stats.chi2.sf(value, dof)), 1e-300)
@@ -107,7 +107,8 @@ def statistics(model: RecordingModel, y: Array) -> pd.DataFrame:
     return pd.DataFrame.from_records(records, columns=columns)
 
 
-def _chi2(r: Array, S: Array) -> tuple[float, int]:
+def chi2(r: Array, S: Array) -> tuple[float, int]:
+    """χ² of residuals (k,) of covariance S (k, k), which may be singular, and its degrees of freedom."""
     values, vectors = np.linalg.eigh(S)
     kept = values > 1e-8 * max(values[-1], 1e-300)
     along = vectors[:, kept].T @ r

@@ -137,7 +137,7 @@ def unit_model(
     linear = linear_model(model, effects, further, settings, rivals)
     names = np.array(owner)[[block.interval for block in model.blocks]]
     part = np.unique(names, return_inverse=True)[1][model.observation_block]
-    own = _own_biases(model, names) if own_bias else np.empty((model.size, 0))
+    own = own_biases(model, names) if own_bias else np.empty((model.size, 0))
     basis = scipy.linalg.orth(model.projected(own)) if own_bias else own
 
     def projected(columns: Array) -> Array:
@@ -160,7 +160,7 @@ def unit_model(
     )
 
 
-def _own_biases(model: RecordingModel, names: NDArray[np.str_]) -> Array:
+def own_biases(model: RecordingModel, names: NDArray[np.str_]) -> Array:
     """(N, 3 recordings) whitened columns of a bias of each recording."""
     kinds = np.unique(names)
     error = np.zeros((model.t_s.size, 3, 3 * kinds.size))

@@ -33,6 +33,7 @@ COMMANDS = {  # the first sentence of each, which its own help begins with
     "import": "Turn data of another format into a recording.",
     "mission": "Fly TRMM's Mission Mode from launch and write telemetry, yaw updates, slews and orbits as Parquet to "
     "the folder OUT.",
+    "next": "Predict the last of a unit's RECORDINGS from all those before it, and compare.",
     "plan": "Say what SCENARIO (a built-in name or a TOML file) will show: the smallest visible size of each "
     "effect, which pairs cannot be told apart, and which extra maneuver helps most.",
     "predict": "Carry the attitude of RECORDING on from a time by gyro alone, with its covariance.",

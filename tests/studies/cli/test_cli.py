@@ -39,6 +39,7 @@ def trmm_recording(tmp_path_factory):
         ("simulate",),
         ("calibrate",),
         ("diagnose",),
+        ("next",),
         ("plan",),
         ("mission",),
         ("effects",),

@@ -1,0 +1,319 @@
+"""The next recording of a unit, predicted from those before it, and compared.
+
+The recordings of one unit are one recording with more intervals (`diagnosis.model.unit`). Those before the next one are
+diagnosed together. What they say of the next one is a joint normal distribution of its reference attitudes, given its motion as
+its own samples show it, and of its references nothing but their times and their sigma:
+
+    e = ζ_s − (prediction by M0) − X_s m,    cov e = C + X_s Γ X_sᵀ,    Γ = (X_tᵀX_t + 1/s²)⁻¹,  m = Γ X_tᵀ y_t
+
+with C and the whitened training rows t of `diagnosis.model.folds`, which hold the noise of gyro and references, and G and b as
+uncertain as the recordings before leave them, and with the columns X of the effects that were named. What no recording before
+can know, such as the start attitudes of the next one's intervals, is projected out. Then eᵀ(cov e)⁻¹e is χ² if nothing has
+changed, and its p-value uniform: by itself for each interval and axis, and for the recording.
+
+Numbers in which an effect is not linear, such as a time constant, are held at their best, as is the scale of its prior.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+import scipy.linalg
+import scipy.stats
+from numpy.typing import NDArray
+
+from diagnosis.answer import Verdict
+from diagnosis.detectors.samples import examine
+from diagnosis.diagnose import Explained, judged, nameable
+from diagnosis.inference.amplitudes import Fitted
+from diagnosis.inference.checks import Check, residual_checks
+from diagnosis.model import processes
+from diagnosis.model.candidates import process_places
+from diagnosis.model.dead_zone import dead_zone_groups, shown_by_passes
+from diagnosis.model.folds import Conditioned, conditioned
+from diagnosis.model.gate import check_residuals
+from diagnosis.model.layout import layout
+from diagnosis.model.linear import LinearModel, Member
+from diagnosis.model.localization import chi2
+from diagnosis.model.prepare import Prepared, Progress, prepare, unclipped
+from diagnosis.model.recording import RecordingModel, linearised
+from diagnosis.model.swings import columns_of
+from diagnosis.model.unit import Unit, joined, own_biases, unit_model
+from diagnosis.settings import DEFAULT, DiagnosisSettings
+from gyrocal.errors import InputError
+from gyrocal.recording import Attitudes, Recording
+from simulator.effects import EFFECTS
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+AXES = "xyz"
+KNOWN = 10.0  # prior over posterior sigma of a shared number, from which on it is predicted and not projected out
+FORMAT = 1
+
+
+@dataclass(frozen=True)
+class Band:
+    """Residuals of one interval about one axis.
+
+    Attributes
+    ----------
+    interval, axis : which
+    residual_deg, band_deg : root mean square of the residuals, and its expectation if nothing has changed
+    effect_deg : root mean square of what the named effects were expected to add
+    chi2, dof, p_value : of them alone
+    """
+
+    interval: str
+    axis: str
+    residual_deg: float
+    band_deg: float
+    effect_deg: float
+    chi2: float
+    dof: int
+    p_value: float
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """A recording beside its prediction.
+
+    Attributes
+    ----------
+    chi2, dof, p_value : of all residuals of the recording together
+    bands : by interval and axis
+    """
+
+    chi2: float
+    dof: int
+    p_value: float
+    bands: tuple[Band, ...]
+
+
+@dataclass(frozen=True)
+class Foretold:
+    """The next recording of a unit beside what those before it predict.
+
+    Attributes
+    ----------
+    recordings, following : names
+    verdict : of the recordings before
+    causes : labels of the effects that the prediction has
+    left_out : labels of named effects that it has not, such as those of single samples
+    predicted : with these effects
+    baseline : with G and b alone
+    """
+
+    recordings: tuple[str, ...]
+    following: str
+    verdict: Verdict
+    causes: tuple[str, ...]
+    left_out: tuple[str, ...]
+    predicted: Comparison
+    baseline: Comparison
+
+    def to_json(self) -> dict[str, Any]:
+        """The document that docs/compare.md describes."""
+        return {
+            "format": FORMAT,
+            "recordings": list(self.recordings),
+            "next": self.following,
+            "verdict": self.verdict,
+            "causes": list(self.causes),
+            "left_out": list(self.left_out),
+            "chi2": self.predicted.chi2,
+            "dof": self.predicted.dof,
+            "p_value": self.predicted.p_value,
+            "baseline_p_value": self.baseline.p_value,
+            "bands": [vars(band) for band in self.predicted.bands],
+        }
+
+
+def foretell(
+    recordings: Mapping[str, Recording],
+    *,
+    own_bias: bool = False,
+    library: Sequence[str] | None = None,
+    settings: DiagnosisSettings = DEFAULT,
+    seed: int = 0,
+    tell: Progress = lambda text, share: None,
+) -> Foretold:
+    """Predict the last of some recordings of one unit from all others, and compare.
+
+    Parameters
+    ----------
+    recordings : by name, in the order in which they were made
+    own_bias : whether each recording has a bias of its own, as after a restart of the gyros
+    library : names of the effects that may be named; all by default
+    settings : thresholds and priors
+    seed : of the null distribution
+    tell : called with a text and the share done
+
+    Raises
+    ------
+    InputError
+        There are fewer than two, they cannot be joined, or one cannot be used.
+    """
+    if len(recordings) < 2:
+        raise InputError("give two recordings of one unit or more: the last is predicted from those before it")
+    unit, last = joined(recordings), list(recordings)[-1]
+    before = _before(unit, last)
+    prepared = prepare(before.recording, settings, tell)
+    explained = _explained(prepared, before, own_bias, library, settings, seed, tell)
+    tell("the next recording", 0.95)
+    model = _whole(prepared, unit, settings)
+    named = explained.attribution.verdict if explained.attribution is not None else "none"
+    made = [(one, _columns(model, one)) for one in explained.fitted]
+    kept = [(one, columns) for one, columns in made if columns is not None]
+    return Foretold(
+        recordings=tuple(recordings)[:-1],
+        following=last,
+        verdict=named,
+        causes=tuple(one.label for one, _ in kept),
+        left_out=tuple(one.label for one, columns in made if columns is None),
+        predicted=compared(model, unit.owner, last, [(_scale(one), columns) for one, columns in kept], own_bias),
+        baseline=compared(model, unit.owner, last, [], own_bias),
+    )
+
+
+def compared(
+    model: RecordingModel, owner: Sequence[str], last: str, effects: Sequence[tuple[float, Array]], own_bias: bool = False
+) -> Comparison:
+    """One recording of a unit beside its prediction from the others.
+
+    Parameters
+    ----------
+    model : all recordings side by side, linearised
+    owner : which recording each interval comes from
+    last : name of the one that is predicted
+    effects : of each, the scale of its prior and its whitened columns (N, k)
+    own_bias : whether each recording has a bias of its own
+    """
+    names = np.array(owner)[[block.interval for block in model.blocks]]
+    out = np.repeat(names[model.observation_block] == last, 3)
+    W = np.hstack([np.empty((model.size, 0)), *(scale * columns for scale, columns in effects)])
+    found = conditioned(model, W, out, own_biases(model, names) if own_bias else None)
+    gain = np.asarray(np.linalg.solve(np.eye(W.shape[1]) + found.train_X.T @ found.train_X, found.train_X.T))
+    expected = found.error_X @ (gain @ found.train_y)
+    spread = np.eye(W.shape[1]) - gain @ found.train_X
+    return _judged(model, found, out, expected, found.error_X @ spread @ found.error_X.T)
+
+
+def _judged(model: RecordingModel, found: Conditioned, out: Mask, expected: Array, more: Array) -> Comparison:
+    """χ² of the errors of a prediction, whose expectation (s,) and covariance (s, s) the effects add to."""
+    known = found.known > KNOWN
+    D = found.shared[:, known]
+    C = found.noise + (D / (1 + found.known[known] ** 2)) @ D.T + more
+    L = np.asarray(np.linalg.cholesky(C))
+    white = scipy.linalg.solve_triangular(
+        L, np.column_stack([found.error_y - expected, expected, found.shared[:, ~known]]), lower=True
+    )
+    # Columns of one size, or the rank would be that of the largest ones.
+    unknown = white[:, 2:] / np.maximum(np.linalg.norm(white[:, 2:], axis=0), 1e-300)
+    Q = scipy.linalg.orth(unknown, rcond=1e-9)
+    left = white[:, :2] - Q @ (Q.T @ white[:, :2])
+    value, dof = float(left[:, 0] @ left[:, 0]), len(L) - Q.shape[1]
+    observed = np.flatnonzero(out[::3])
+    turn = scipy.linalg.block_diag(*(-model.observation_attitude[observed].transpose(0, 2, 1)))
+    M = turn @ L
+    residual, effect = (M @ left).T
+    S = M @ M.T - (M @ Q) @ (M @ Q).T
+    bands = []
+    for number in np.unique(model.observation_block[observed]):
+        name = model.recording.intervals[model.blocks[number].interval].name
+        for axis in range(3):
+            rows = 3 * np.flatnonzero(model.observation_block[observed] == number) + axis
+            own, own_dof = chi2(residual[rows], S[np.ix_(rows, rows)])
+            if own_dof:
+                bands.append(
+                    Band(
+                        interval=name,
+                        axis=AXES[axis],
+                        residual_deg=_rms_deg(residual[rows] ** 2),
+                        band_deg=_rms_deg(np.diag(S)[rows]),
+                        effect_deg=_rms_deg(effect[rows] ** 2),
+                        chi2=own,
+                        dof=own_dof,
+                        p_value=float(scipy.stats.chi2.sf(own, own_dof)),
+                    )
+                )
+    return Comparison(value, dof, float(scipy.stats.chi2.sf(value, dof)), tuple(bands))
+
+
+def _rms_deg(squares: Array) -> float:
+    return float(np.rad2deg(np.sqrt(np.mean(squares))))
+
+
+# ---- the recordings before -----------------------------------------------------------------------------------------------
+
+
+def _before(unit: Unit, last: str) -> Unit:
+    """The unit without its last recording."""
+    whole = unit.recording
+    count = sum(name != last for name in unit.owner)
+    begin = whole.intervals[count].start_s
+    # Between the last interval before and the first of the next one; samples there belong to neither.
+    end = 0.5 * (whole.intervals[count - 1].stop_s + begin)
+    samples, references = whole.gyro.t_s < end, whole.attitudes.t_s < end
+    gyro = replace(whole.gyro, t_s=whole.gyro.t_s[samples], rates=whole.gyro.rates[samples])
+    attitudes = Attitudes(
+        whole.attitudes.t_s[references], whole.attitudes.quaternions[references], whole.attitudes.sigma[references]
+    )
+    return Unit(replace(whole, gyro=gyro, attitudes=attitudes, intervals=whole.intervals[:count]), unit.owner[:count])
+
+
+def _explained(
+    prepared: Prepared,
+    unit: Unit,
+    own_bias: bool,
+    library: Sequence[str] | None,
+    settings: DiagnosisSettings,
+    seed: int,
+    tell: Progress,
+) -> Explained:
+    """What the attitude of the recordings before says."""
+    effects = nameable(library)
+    tell("candidates", 0.1)
+    groups = dead_zone_groups(prepared, effects)
+    linear = unit_model(prepared.model, unit.owner, effects, groups, settings, own_bias=own_bias)
+
+    def check(found: LinearModel, members: tuple[Member, ...]) -> tuple[Check, ...]:
+        return residual_checks(found, members, layout(prepared.model), seed)
+
+    return judged(linear, check, settings, seed, tell, shown_by_passes(prepared.dead))
+
+
+# ---- the next one --------------------------------------------------------------------------------------------------------
+
+
+def _whole(prepared: Prepared, unit: Unit, settings: DiagnosisSettings) -> RecordingModel:
+    """All recordings linearised about the calibration of those before, their noise as it was found there."""
+    report = examine(unit.recording, settings=settings)
+    noise = prepared.reference_noise
+    factors = noise.factors if noise is not None and noise.departs else 1.0
+    model = linearised(
+        unit.recording, prepared.model.G, prepared.model.bias, report.rates, report.smooth, report.density,
+        unclipped(unit.recording, report), unit.recording.attitudes.sigma * factors,
+    )  # fmt: skip
+    check_residuals(model, report.rates)
+    return model
+
+
+def _columns(model: RecordingModel, one: Fitted) -> Array | None:
+    """(N, k) whitened columns of a named effect over all recordings; None of one that has none of its own."""
+    effect = EFFECTS[one.effect]
+    if one.process:
+        at, make = process_places(model, effect)
+        factor = processes.factor(effect.covariance(at, one.parameters))
+        return make(model, AXES.index(str(one.axis)), factor, processes.WHOLE)
+    if not effect.has_columns:
+        return None
+    return columns_of(model, effect, one.axis, one.parameters)
+
+
+def _scale(one: Fitted) -> float:
+    """Scale of the amplitudes under the prior."""
+    return one.size if one.process else one.prior_sigma

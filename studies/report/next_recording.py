@@ -1,0 +1,40 @@
+"""What ``gyrocal next`` prints: whether a recording is as those before it predict, then its intervals and axes."""
+
+import pandas as pd
+from rich.console import Console
+
+from diagnosis.next_recording import Foretold
+from studies.report import tables
+
+NOTE = (
+    "residual: root mean square of the attitude residuals; band: its expectation; effect: what the named effects were expected "
+    "to add; p: of this interval and axis alone"
+)
+
+
+def lines(found: Foretold) -> list[str]:
+    """The result in sentences."""
+    with_effects = f" with {', '.join(found.causes)}" if found.causes else ""
+    one = found.predicted
+    out = [
+        f"{found.following}, predicted from {', '.join(found.recordings)}{with_effects}: χ² {one.chi2:.1f} of {one.dof}, "
+        f"p = {one.p_value:.2g}"
+    ]
+    if found.causes:
+        out.append(f"With G and b alone: p = {found.baseline.p_value:.2g}")
+    if found.verdict in ("unknown", "not identifiable"):
+        out.append(f"The recordings before have a gap whose cause is {found.verdict}: it is not in the prediction")
+    if found.left_out:
+        out.append(f"Named, but not in the prediction: {', '.join(found.left_out)}")
+    return out
+
+
+def show(console: Console, found: Foretold) -> None:
+    """Print all of it."""
+    for line in lines(found):
+        console.print(line, highlight=False, markup=False, emoji=False)
+    tables.terminal(console, "Residuals by interval and axis", _bands(found), NOTE)
+
+
+def _bands(found: Foretold) -> pd.DataFrame:
+    return pd.DataFrame([vars(band) for band in found.predicted.bands])
