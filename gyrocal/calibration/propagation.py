@@ -481,7 +481,7 @@ def _lanes(
     out: Array,
     gyros: Gyros,
 ) -> None:  # pragma: no cover - compiled
-    """One batch: (steps, n + 1, lanes) of [ω_raw Δt, Δt] and (steps, 4, lanes) of [h Δt] carry P (9) and S (36) on, (45, lanes).
+    """One batch: (steps, n + 1, lanes) of [ω_raw Δt, Δt] and (steps, 4, lanes) of [h Δt] carry on P (9), S (36) in out (45).
 
     Without weights the regressors are the body's rates and 1, which the tile holds as φ.
 
