@@ -5,8 +5,9 @@ Cases come in rounds of all set-ups and kinds of fault, so that any number of ro
 the whitened parity and attitude, G, b, K and c projected out. Of a noise that is f times the stated one it is
 √(n (f² − 1 − ln f²)), twice the expected log likelihood ratio of n samples. A dead gyro's is as large as the motion makes it.
 
-A fault is *named* if the gyro is told: every alternative of every cause that is stated is one of that gyro, and its kind among
-them. The library of the diagnosis is the whole one.
+The gyro is *named* if all that the diagnosis says of gyros is of that one: the alternatives of every cause, and the findings,
+which tell a gyro also where its fault may be on no list. The *kind* is named if it is among the alternatives as well. The
+library of the diagnosis is the whole one.
 """
 
 from __future__ import annotations
@@ -15,11 +16,11 @@ import time
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Annotated
+from typing import Annotated, Self
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import Field
+from pydantic import Field, model_validator
 from scipy.optimize import brentq
 
 from diagnosis.diagnose import diagnose
@@ -56,15 +57,23 @@ class GyroFaultsConfig(StudyConfig):
 
     Attributes
     ----------
+    entropy : other than that of the cases whose misses the diagnosis was mended by
     snr : range of the signal-to-noise ratio, log-uniform
     references_s : time between reference attitudes, where there are any
-    overrides : of all the set-ups' scenarios
+    sample_s : of the gyros
     """
 
     cases: int = 400
+    entropy: int = 2014
     snr: Range = (8.0, 60.0)
     references_s: float = Field(default=1200.0, gt=0)
-    overrides: dict[str, Scalar] = {"gyro.sample_s": 4.0}  # noqa: RUF012  # pydantic copies it
+    sample_s: float = Field(default=0.5, gt=0)
+
+    @model_validator(mode="after")
+    def _own_scenarios(self) -> Self:
+        if self.overrides or self.dispersions:
+            raise ValueError("the scenarios are those of the study; change snr, references_s or sample_s")
+        return self
 
 
 @dataclass(frozen=True)
@@ -88,10 +97,10 @@ class World:
 
 
 @lru_cache(maxsize=len(SETUPS))
-def world(array: str, references_s: float, overrides: tuple[tuple[str, Scalar], ...]) -> World:
+def world(array: str, references_s: float, sample_s: float) -> World:
     """A set-up; references_s is zero without reference attitudes."""
     more: dict[str, Scalar] = {"reference.every_s": references_s} if references_s else {"reference.at": "none"}
-    scenario = scenarios.override(scenarios.load(SCENARIOS[array]), {**dict(overrides), **more})
+    scenario = scenarios.override(scenarios.load(SCENARIOS[array]), {"gyro.sample_s": sample_s, **more})
     flown = motion(scenario)
     plain = observe(scenario, flown, gyro_rng=None, reference_rng=None)
     K, c = true_gyros(scenario)
@@ -116,7 +125,7 @@ def set_up(config: GyroFaultsConfig, number: int) -> tuple[World, str, bool, str
     """The world of a case, its gyros, whether there are references, and the kind of fault."""
     array, references = SETUPS[number % len(SETUPS)]
     kind = list(KINDS)[number // len(SETUPS) % len(KINDS)]
-    here = world(array, config.references_s if references else 0.0, tuple(sorted(config.overrides.items())))
+    here = world(array, config.references_s if references else 0.0, config.sample_s)
     return here, array, references, kind
 
 
@@ -196,6 +205,7 @@ def case(config: GyroFaultsConfig, number: int, streams: Streams) -> Row:
     found = diagnose(seen)
     took = time.process_time() - start
     groups = [cause.group for cause in found.causes]
+    found_in = {str(one.axis) for one in found.where} & set(here.truth.names)
     row = {
         "gyros": array,
         "references": references,
@@ -207,9 +217,10 @@ def case(config: GyroFaultsConfig, number: int, streams: Streams) -> Row:
         "verdict": found.verdict,
         "alarm": alarmed(found),
         "said": "; ".join(", ".join(group) for group in groups),
-        "named": named(groups, KINDS[kind], fault.gyro),
-        "wrong": wrong(groups, fault.gyro),
-        "among": any(f"{KINDS[kind]}:{fault.gyro}" in group for group in groups),
+        "found": ", ".join(sorted(found_in)),
+        "named": {*found_in, *of_causes(groups)} == {fault.gyro},
+        "kind": any(f"{KINDS[kind]}:{fault.gyro}" in group for group in groups),
+        "wrong": bool(found_in - {fault.gyro}) or any(fault.gyro not in of_causes([group]) for group in groups),
         "nees": np.nan,
         "cpu_s": took,
     }
@@ -225,15 +236,9 @@ def alarmed(found: Diagnosis) -> bool:
     return found.present or found.verdict != "none"
 
 
-def named(groups: Sequence[Sequence[str]], effect: str, gyro: str) -> bool:
-    """Whether all alternatives of all causes are of the faulty gyro, and the fault is among them."""
-    labels = [label for group in groups for label in group]
-    return bool(gyro) and f"{effect}:{gyro}" in labels and {label.rpartition(":")[2] for label in labels} == {gyro}
-
-
-def wrong(groups: Sequence[Sequence[str]], gyro: str) -> bool:
-    """Whether some cause has no alternative that is of the faulty gyro."""
-    return any(gyro not in {label.rpartition(":")[2] for label in group} for group in groups)
+def of_causes(groups: Sequence[Sequence[str]]) -> set[str]:
+    """The gyros of all alternatives, as effect:gyro."""
+    return {label.rpartition(":")[2] for group in groups for label in group}
 
 
 STUDY = Study("studies.validation.gyro_faults.cases:STUDY", GyroFaultsConfig, case, recording)

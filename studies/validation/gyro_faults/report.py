@@ -16,7 +16,9 @@ SHARED = (
     "Four gyros without reference attitudes have one parity residual, in which steps of any of the four look alike: there the "
     "right answer is a group, and what counts is that no other gyro is named."
 )
-COUNTED = "Named: all alternatives of all causes are of the faulty gyro, the fault among them. Wilson's 95 % intervals."
+COUNTED = (
+    "Named: all that is said of gyros is of the faulty one; its kind may be a group or on no list. Wilson's 95 % intervals."
+)
 
 
 def told_apart(rows: pd.DataFrame) -> pd.Series:
@@ -52,9 +54,10 @@ def report(config: GyroFaultsConfig, rows: pd.DataFrame) -> Report:
         _share("faulty gyro named", clear, "named", at_least(NAMED), COUNTED),
         _share("faulty gyro named without reference attitudes", bare, "named", at_least(NAMED)),
         _share("faulty gyro named with reference attitudes", clear[clear["references"].astype(bool)], "named", at_least(NAMED)),
+        _share("kind of the fault stated, alone or in a group", clear, "kind", None),
         _share("a sound gyro blamed", faulty, "wrong", at_most(FALSE)),
         _share("alarms where nothing is wrong", sound, "alarm", at_most(FALSE)),
-        _share("steps of four gyros without references: fault in the group", shared, "among", None, SHARED),
+        _share("steps of four gyros without references: fault in the group", shared, "kind", None, SHARED),
     ]
     lines = []
     for gyros, own in rows[rows["nees"].notna()].groupby("gyros", sort=False):
@@ -63,9 +66,12 @@ def report(config: GyroFaultsConfig, rows: pd.DataFrame) -> Report:
         bounds = (line["low"], line["high"])
         checks.append(Check(f"mean NEES of the calibration, {gyros}", line["nees_per_dof"], bounds, "NEES/dof"))
     missed = clear[~clear["named"].astype(bool)]
-    columns = ["case", "gyros", "references", "fault", "gyro", "snr", "size", "time_s", "verdict", "said"]
+    columns = ["case", "gyros", "references", "fault", "gyro", "snr", "size", "time_s", "verdict", "said", "found"]
     tables = {
         "named": Table("Named, by set-up and fault", shares(faulty, ["gyros", "references", "fault"], "named"), SHARED),
+        "kinds": Table(
+            "Kind of the fault stated, alone or in a group", shares(faulty, ["gyros", "references", "fault"], "kind")
+        ),
         "alarms": Table("Alarms where nothing is wrong", shares(sound, ["gyros", "references"], "alarm")),
         "missed": Table("Not named though the data tell the gyro", missed[columns]),
         "nees": Table("Calibration of the same recordings without the fault", pd.DataFrame(lines)),
