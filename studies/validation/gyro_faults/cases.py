@@ -147,7 +147,7 @@ def drawn(here: World, kind: str, limits: tuple[float, float], rng: np.random.Ge
             share = target**2 / model.parity.t_s.size
             size = float(np.sqrt(brentq(lambda v, share=share: v - 1 - np.log(v) - share, 1.0, 10.0 + 2 * share)))
             return Fault(names[gyro], setting(effect.name, names[gyro], size), target)
-        time_s = any_step_time(rng, model.around)
+        time_s = float(any_step_time(rng, model.around))
         if kind == "dead":
             size, snr = _dead(here, gyro, time_s, bool(rng.random() < 0.5))
             if snr >= limits[0]:

@@ -7,13 +7,15 @@ import pytest
 from diagnosis.model.parity import parity_model
 from gyrocal import InputError
 from studies.montecarlo.study import Streams, changed
+from studies.validation.gyro_faults import cases
 from studies.validation.gyro_faults.cases import KINDS, SETUPS, STUDY, GyroFaultsConfig, drawn, observed, of_causes, set_up
 from studies.validation.gyro_faults.report import report, told_apart
 
 CONFIG = GyroFaultsConfig(sample_s=4.0)
 
 
-def test_a_round_has_every_kind_of_every_set_up():
+def test_a_round_has_every_kind_of_every_set_up(monkeypatch):
+    monkeypatch.setattr(cases, "world", lambda *settings: settings)
     found = {set_up(CONFIG, number)[1:] for number in range(len(SETUPS) * len(KINDS))}
     assert len(found) == len(SETUPS) * len(KINDS)
 
