@@ -17,7 +17,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from gyrocal import Arcs, GyroParameters
+from gyrocal import Arcs
 from gyrocal.calibration.propagation import SERIES_LIMIT, Propagation
 
 Array = NDArray[np.float64]
@@ -62,7 +62,7 @@ class Packed:
 
     Attributes
     ----------
-    increments : (steps, 4, lanes) of [ω_raw Δt, Δt], zero where a piece is short
+    increments : (steps, gyros + 1, lanes) of [ω_raw Δt, Δt], zero where a piece is short
     pieces : (outputs,) lanes that lead to each output
     """
 
@@ -84,8 +84,8 @@ def compiler_version() -> str | None:
     return said.splitlines()[0]
 
 
-def build(variants: Sequence[Variant], folder: Path) -> dict[Variant, ctypes.CDLL]:
-    """Compile and load the variants.
+def build(variants: Sequence[Variant], folder: Path, gyros: int = 3) -> dict[Variant, ctypes.CDLL]:
+    """Compile and load the variants for so many gyros.
 
     Raises
     ------
@@ -97,10 +97,10 @@ def build(variants: Sequence[Variant], folder: Path) -> dict[Variant, ctypes.CDL
         raise RuntimeError("no C compiler: neither $CC nor cc is there")
     libraries = {}
     for number, variant in enumerate(variants):
-        library = folder / f"kernel{number}.so"
+        library = folder / f"kernel{number}_of_{gyros}.so"
         compiled = library.with_suffix(".o")
         for command in (
-            [path, *COMPILE, *variant.defines(), str(SOURCE), "-o", str(compiled)],
+            [path, *COMPILE, *variant.defines(), f"-DGYROS={gyros}", str(SOURCE), "-o", str(compiled)],
             [path, *LINK, str(compiled), "-o", str(library)],
         ):
             done = subprocess.run(command, capture_output=True, text=True, check=False)
@@ -125,11 +125,12 @@ def pack(arcs: Arcs, lanes: int) -> Packed:
     starts, ends = np.concatenate([e[:-1] for e in edges]), np.concatenate([e[1:] for e in edges])
     if len(starts) > lanes:
         raise ValueError(f"{len(lengths)} outputs need more than {lanes} lanes")
-    increments = _page_aligned((int((ends - starts).max()), 4, lanes))
+    gyros = arcs.raw.shape[1]
+    increments = _page_aligned((int((ends - starts).max()), gyros + 1, lanes))
     for lane, (start, end) in enumerate(zip(starts, ends, strict=True)):
         dt = arcs.dt[start:end]
-        increments[: end - start, :3, lane] = arcs.raw[start:end] * dt[:, None]
-        increments[: end - start, 3, lane] = dt
+        increments[: end - start, :gyros, lane] = arcs.raw[start:end] * dt[:, None]
+        increments[: end - start, gyros, lane] = dt
     return Packed(increments, np.ascontiguousarray(pieces, dtype=np.int_))
 
 
@@ -141,8 +142,8 @@ def _page_aligned(shape: tuple[int, ...]) -> Array:
     return memory[offset : offset + size].reshape(shape)
 
 
-def prepared(library: ctypes.CDLL, packed: Packed, parameters: GyroParameters) -> Callable[[], Propagation]:
-    """A call of the kernel with nothing left to do but its work.
+def prepared(library: ctypes.CDLL, packed: Packed, G: Array, bias: Array) -> Callable[[], Propagation]:
+    """A call of the kernel with nothing left to do but its work; G (3, gyros) and bias (3,) rad/s.
 
     Raises
     ------
@@ -150,8 +151,8 @@ def prepared(library: ctypes.CDLL, packed: Packed, parameters: GyroParameters) -
         A step turns too far for the series.
     """
     increments, pieces = packed.increments, packed.pieces
-    G, bias = np.ascontiguousarray(parameters.G), np.ascontiguousarray(parameters.bias)
-    turned = np.einsum("ij,tjl->til", G, increments[:, :3]) + bias[:, None] * increments[:, 3:]
+    G, bias = np.ascontiguousarray(G), np.ascontiguousarray(bias)
+    turned = np.einsum("ij,tjl->til", G, increments[:, :-1]) + bias[:, None] * increments[:, -1:]
     if np.linalg.norm(turned, axis=1).max() >= SERIES_LIMIT:
         raise ValueError("a step turns too far for the series of the C kernel")
     work = np.empty((SUMS, increments.shape[2]))

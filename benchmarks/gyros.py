@@ -1,58 +1,86 @@
-"""What more gyros than three cost over one pass: their body rates, which then are packed and propagated as those of three.
+"""More gyros than three: the pass over their n columns beside C of the same, and what a first pass packs in addition.
 
-The pass itself is the same for any number of gyros, since attitude sees the body rates G (ω_raw − c) and nothing else
-(`gyrocal.calibration.gyros`). What n gyros add is this product over all samples, 6n flops a sample, and their n columns read.
+What the arithmetic needs more than for three gyros are the products of the columns that are added, 6 (n − 3) flops of some 280
+a sample, and these columns read. The candidates are those of the comparison of three gyros: the C variants that did best there
+are compiled again for n columns.
 """
 
 from __future__ import annotations
 
+import tempfile
+from collections.abc import Sequence
 from functools import partial
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from benchmarks.streams import Flight, disagreement, run_packed
+from benchmarks import c_kernel
+from benchmarks.streams import Flight, disagreement, run_array, run_packed
 from benchmarks.timing import Candidate, interleaved
-from gyrocal import Arcs
+from gyrocal import Arcs, GyroParameters, propagate
+from gyrocal.calibration.propagation import Propagation
 
 TETRAHEDRON = np.array([[1, 1, 1], [1, -1, -1], [-1, 1, -1], [-1, -1, 1]]) / np.sqrt(3)
 GOLDEN = (1 + np.sqrt(5)) / 2
 SIX = np.array([[0, 1, GOLDEN], [0, 1, -GOLDEN], [1, GOLDEN, 0], [-1, GOLDEN, 0], [GOLDEN, 0, 1], [GOLDEN, 0, -1]])
 AXES = {4: TETRAHEDRON, 6: SIX / np.sqrt(1 + GOLDEN**2)}
 AGREEMENT = 1e-12  # relative, of R and the sums with those of three gyros on the same motion
+ITSELF = GyroParameters(np.eye(3), np.zeros(3))
 
 
-def run(flight: Flight, rounds: int) -> list[dict[str, Any]]:
-    """Times (ms) for four and six gyros on the motion of the flight.
+def run(flight: Flight, rounds: int, variants: Sequence[c_kernel.Variant]) -> list[dict[str, Any]]:
+    """Times (ms) for four and six gyros on the motion of the flight; of C null without variants.
 
     Raises
     ------
     AssertionError
-        Their propagation is not that of three gyros.
+        Their propagation is not that of three gyros, or C's is not theirs.
     """
+    return [_of(flight, axes, rounds, variants) for axes in AXES.values()]
+
+
+def _of(flight: Flight, axes: np.ndarray, rounds: int, variants: Sequence[c_kernel.Variant]) -> dict[str, Any]:
+    count, G, bias = len(axes), np.linalg.pinv(axes), np.zeros(3)
     three = flight.arcs()
-    expected, out = run_packed(three, flight.initial), []
-    for count, axes in AXES.items():
-        raw, G = np.ascontiguousarray(three.raw @ axes.T), np.linalg.pinv(axes)
-        arcs = Arcs(raw @ G.T, three.dt, np.arange(len(raw)), three.first, three.last, three.arc)
-        apart = disagreement(run_packed(arcs, flight.initial), expected)
-        if not apart < AGREEMENT:
-            raise AssertionError(f"{count} gyros differ from three by {apart:.1e}, more than {AGREEMENT:g}")
-        ms = interleaved(
-            {
-                "kernel": Candidate(partial(run_packed, arcs, flight.initial), 10 * rounds),
-                "rates": Candidate(partial(np.matmul, raw, G.T), 5 * rounds),
-                "packing": Candidate(partial(_packed, arcs), 5 * rounds),
-            }
-        )
-        out.append({"gyros": count, "samples": len(raw), **{f"{name}_ms": value for name, value in ms.items()}})
+    ends = (three.dt, three.sample, three.first, three.last, three.arc)
+    arcs, body = Arcs(np.ascontiguousarray(three.raw @ axes.T), *ends), Arcs(three.raw, *ends)
+    found = run_array(arcs, G, bias)
+    _same(f"{count} gyros", found, run_packed(body, ITSELF))
+    candidates = {
+        "kernel": Candidate(partial(run_array, arcs, G, bias), rounds),
+        "first_pass": Candidate(lambda: propagate(arcs.with_rates(arcs.rates), G, bias), rounds),
+        "kernel_of_3": Candidate(partial(run_packed, body, ITSELF), rounds),
+    }
+    with tempfile.TemporaryDirectory() as folder:
+        libraries = c_kernel.build(variants, Path(folder), count)
+        for variant, library in libraries.items():
+            call = c_kernel.prepared(library, c_kernel.pack(arcs, variant.lanes), G, bias)
+            _same(f"C of {count} gyros", call(), found)
+            candidates[repr(variant)] = Candidate(call, rounds)
+        ms = interleaved(candidates)
+    return {
+        "gyros": count,
+        "samples": len(arcs.dt),
+        "kernel_ms": ms["kernel"],
+        "c_ms": min((ms[repr(variant)] for variant in variants), default=None),
+        "kernel_of_3_ms": ms["kernel_of_3"],
+        "packing_ms": ms["first_pass"] - ms["kernel"],
+    }
+
+
+def _same(name: str, found: Propagation, expected: Propagation) -> None:
+    apart = disagreement(found, expected)
+    if not apart < AGREEMENT:
+        raise AssertionError(f"{name} differ by {apart:.1e}, more than {AGREEMENT:g}")
+
+
+def ratios(rows: list[dict[str, Any]]) -> dict[str, float | None]:
+    """The pass against C, against that of three gyros, and packing against the pass, by the number of gyros."""
+    out: dict[str, float | None] = {}
+    for row in rows:
+        n, kernel = row["gyros"], row["kernel_ms"]
+        out[f"kernel_vs_c_48k_n{n}"] = row["c_ms"] and kernel / row["c_ms"]
+        out[f"kernel_n{n}_vs_n3"] = kernel / row["kernel_of_3_ms"]
+        out[f"pack_vs_kernel_48k_n{n}"] = row["packing_ms"] / kernel
     return out
-
-
-def _packed(arcs: Arcs) -> object:
-    return arcs.with_rates(arcs.rates).increments
-
-
-def ratios(rows: list[dict[str, Any]]) -> dict[str, float]:
-    """Body rates over the pass, by the number of gyros."""
-    return {f"rates_of_{row['gyros']}_gyros_vs_kernel": row["rates_ms"] / row["kernel_ms"] for row in rows}

@@ -1,10 +1,12 @@
 /* The practical limit of the machine: R and the sums S of four regressors, WIDTH doubles to a vector, VECTORS of them side by
-   side, as gyrocal.propagation derives it. A batch is (steps, 4, LANES) of [w_raw dt, dt]; its result is (45, LANES).
+   side, as gyrocal.propagation derives it. A batch is (steps, GYROS + 1, LANES) of [w_raw dt, dt]; its result is (45, LANES).
+   The regressors are the raw rates of three gyros, or the body's of another number, and 1.
    Only the series for c and d are here, so the caller keeps |w| dt below their limit. */
 
 #include <string.h>
 
 #define LANES (WIDTH * VECTORS)
+#define CHANNELS (GYROS + 1)
 typedef double vec __attribute__((vector_size(8 * WIDTH)));
 typedef double loose __attribute__((vector_size(8 * WIDTH), aligned(8))); /* what the caller's arrays are aligned to */
 
@@ -13,10 +15,12 @@ static inline __attribute__((always_inline)) vec load(const double *from) { retu
 /* tile: phi (0-2), then E = I + c[phi x] + d[phi x]^2 by rows (3-11). */
 static inline __attribute__((always_inline)) void sensitivity(const double *in, const double *G, const double *b, vec *tile)
 {
-    vec h0 = load(in), h1 = load(in + LANES), h2 = load(in + 2 * LANES), dt = load(in + 3 * LANES);
-    vec x = G[0] * h0 + G[1] * h1 + G[2] * h2 + b[0] * dt;
-    vec y = G[3] * h0 + G[4] * h1 + G[5] * h2 + b[1] * dt;
-    vec z = G[6] * h0 + G[7] * h1 + G[8] * h2 + b[2] * dt;
+    vec dt = load(in + GYROS * LANES), x = b[0] * dt, y = b[1] * dt, z = b[2] * dt;
+#pragma GCC unroll 16
+    for (int j = 0; j < GYROS; j++) {
+        vec h = load(in + j * LANES);
+        x += G[j] * h, y += G[GYROS + j] * h, z += G[2 * GYROS + j] * h;
+    }
     vec f = x * x + y * y + z * z;
     vec c = 1. / 2 + f * (-1. / 24 + f * (1. / 720 + f * (-1. / 40320 + f * (1. / 3628800))));
     vec d = 1. / 6 + f * (-1. / 120 + f * (1. / 5040 + f * (-1. / 362880 + f * (1. / 39916800))));
@@ -35,7 +39,7 @@ static inline __attribute__((always_inline)) void row(const double *in, vec tile
     vec s[12];
     for (int k = 0; k < 12; k++) s[k] = state[3 + k];
 #pragma GCC unroll 16
-    for (long t = 0; t < size; t++, in += 4 * LANES) {
+    for (long t = 0; t < size; t++, in += CHANNELS * LANES) {
         const vec *e = tile[t][v];
         vec mx = px * e[3] + py * e[6] + pz * e[9];
         vec my = px * e[4] + py * e[7] + pz * e[10];
@@ -44,7 +48,7 @@ static inline __attribute__((always_inline)) void row(const double *in, vec tile
         py += mz * e[0] - mx * e[2];
         pz += mx * e[1] - my * e[0];
         for (int q = 0; q < 4; q++) {
-            vec h = load(in + q * LANES);
+            vec h = GYROS == 3 || q == 3 ? load(in + (q == 3 ? GYROS : q) * LANES) : e[q];
             s[3 * q] += h * mx, s[3 * q + 1] += h * my, s[3 * q + 2] += h * mz;
         }
     }
@@ -57,12 +61,12 @@ static inline __attribute__((always_inline)) void tile_of_steps(const double *in
 {
 #if ROWS_INSIDE /* a vector through all its rows, then the next one */
     for (long v = 0; v < VECTORS; v++) {
-        for (long t = 0; t < size; t++) sensitivity(in + t * 4 * LANES + v * WIDTH, G, b, tile[t][v]);
+        for (long t = 0; t < size; t++) sensitivity(in + t * CHANNELS * LANES + v * WIDTH, G, b, tile[t][v]);
         for (int i = 0; i < 3; i++) row(in + v * WIDTH, tile, v, size, state[i][v]);
     }
 #else
     for (long t = 0; t < size; t++)
-        for (long v = 0; v < VECTORS; v++) sensitivity(in + t * 4 * LANES + v * WIDTH, G, b, tile[t][v]);
+        for (long v = 0; v < VECTORS; v++) sensitivity(in + t * CHANNELS * LANES + v * WIDTH, G, b, tile[t][v]);
     for (int i = 0; i < 3; i++)
         for (long v = 0; v < VECTORS; v++) row(in + v * WIDTH, tile, v, size, state[i][v]);
 #endif
@@ -75,8 +79,8 @@ static void lanes(const double *in, long steps, const double *G, const double *b
     for (int i = 0; i < 3; i++)
         for (int v = 0; v < VECTORS; v++) state[i][v][i] += 1;
     long first = 0;
-    for (; first + TILE <= steps; first += TILE) tile_of_steps(in + first * 4 * LANES, G, b, TILE, tile, state);
-    for (; first < steps; first++) tile_of_steps(in + first * 4 * LANES, G, b, 1, tile, state);
+    for (; first + TILE <= steps; first += TILE) tile_of_steps(in + first * CHANNELS * LANES, G, b, TILE, tile, state);
+    for (; first < steps; first++) tile_of_steps(in + first * CHANNELS * LANES, G, b, 1, tile, state);
     for (int i = 0; i < 3; i++)
         for (int j = 0; j < 3; j++)
             for (int v = 0; v < VECTORS; v++) {
@@ -117,7 +121,7 @@ void propagate(const double *packed, long batches, long steps, const double *G, 
                long outputs, double *work, double *R, double *S)
 {
     for (long batch = 0; batch < batches; batch++)
-        lanes(packed + batch * steps * 4 * LANES, steps, G, b, work + batch * 45 * LANES);
+        lanes(packed + batch * steps * CHANNELS * LANES, steps, G, b, work + batch * 45 * LANES);
     long piece = 0;
     for (long output = 0; output < outputs; output++) {
         join(work, piece, pieces[output], R + 9 * output, S + 36 * output);

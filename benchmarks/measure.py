@@ -98,7 +98,7 @@ def run(quick: bool = False, say: Say = lambda text: None) -> dict[str, Any]:
     say("least squares against the calibrator")
     solvers, checks["least_squares_G"] = _solvers(flight, effort.slow)
     say("more gyros than three")
-    arrays = gyros.run(flight, effort.slow)
+    arrays = gyros.run(flight, effort.sizes[1], tuple(kept))
     say("Monte Carlo cases")
     cases = [_cases(count) for count in effort.cases]
     say("diagnoses")
@@ -126,7 +126,8 @@ def _libraries(variants: tuple[c_kernel.Variant, ...], reasons: dict[str, str]) 
         try:
             libraries = c_kernel.build(variants, Path(folder))
         except RuntimeError as error:
-            reasons.update(dict.fromkeys(("kernel_vs_c_48k", "kernel_vs_c_4800k", "case_vs_c_48k"), str(error)))
+            of_arrays = (f"kernel_vs_c_48k_n{count}" for count in gyros.AXES)
+            reasons.update(dict.fromkeys(("kernel_vs_c_48k", "kernel_vs_c_4800k", "case_vs_c_48k", *of_arrays), str(error)))
             libraries = {}
         yield libraries
 
@@ -137,7 +138,10 @@ def _scouted(libraries: Libraries, flight: Flight, rounds: int) -> Libraries:
         return libraries
     arcs, parameters = flight.arcs(), flight.initial
     packed = {lanes: c_kernel.pack(arcs, lanes) for lanes in {variant.lanes for variant in libraries}}
-    calls = {variant: c_kernel.prepared(library, packed[variant.lanes], parameters) for variant, library in libraries.items()}
+    calls = {
+        variant: c_kernel.prepared(library, packed[variant.lanes], parameters.G, parameters.bias)
+        for variant, library in libraries.items()
+    }
     ms = interleaved({repr(variant): Candidate(call, rounds) for variant, call in calls.items()})
     return {variant: libraries[variant] for variant in sorted(libraries, key=lambda v: ms[repr(v)])[:KEPT]}
 
@@ -149,7 +153,10 @@ def _growth(flight: Flight, finer: int, rounds: int, libraries: Libraries) -> di
         raise ValueError("the steps are too long for the series both kernels are compared with")
     expected = run_packed(arcs, parameters)
     packed = {lanes: c_kernel.pack(arcs, lanes) for lanes in {variant.lanes for variant in libraries}}
-    calls = {variant: c_kernel.prepared(library, packed[variant.lanes], parameters) for variant, library in libraries.items()}
+    calls = {
+        variant: c_kernel.prepared(library, packed[variant.lanes], parameters.G, parameters.bias)
+        for variant, library in libraries.items()
+    }
     apart = max((disagreement(call(), expected) for call in calls.values()), default=None)
     _check(f"C at {len(arcs.dt)} samples", apart, AGREEMENT if finer == 1 else LONG_AGREEMENT)
     candidates = {repr(variant): Candidate(call, rounds) for variant, call in calls.items()}

@@ -119,7 +119,7 @@ def diagnose_gyros(
 
     explained = judged(linear, check, settings, seed, tell)
     gap = explained.p_value < settings.false_alarm_rate
-    where = parity_findings(model) if gap else ()
+    where = (*gyros_at_fault(explained, gyros.names, settings), *parity_findings(model)) if gap else ()
     if body is None:
         seen = _seen_by_parity(whole, start, explained, tested, where, notes)
         return answered(seen, samples, explained, settings, time.perf_counter() - began)
@@ -291,6 +291,21 @@ def parity_findings(model: ArrayModel) -> tuple[Finding, ...]:
             text = f"the parity of the gyros in {name} is {np.sqrt(value / dof):.2f} times its noise"
             out.append(Finding("parity", name, None, None, "chi2", value, p, text))
     return tuple(sorted(out, key=lambda one: one.p_value))
+
+
+def gyros_at_fault(explained: Explained, names: Sequence[str], settings: DiagnosisSettings) -> tuple[Finding, ...]:
+    """Gyros that are as sure to be at fault as a cause that is named, by whatever it is: also where that is on no list.
+
+    Explanations by an unlisted error of a gyro are of that gyro as well, so that the gyro can be known where its fault is not.
+    """
+    ranked = explained.attribution.ranked if explained.attribution is not None else ()
+    out = []
+    for name in names:
+        share = sum(one.probability for one in ranked if name in {label.rpartition(":")[2] for label in one.labels})
+        if share >= settings.named:
+            text = f"gyro {name} is at fault, by whatever it is, with a probability of {share:.3f}"
+            out.append(Finding("gyro", None, name, None, "probability", share, explained.p_value, text))
+    return tuple(out)
 
 
 # ---- answers -------------------------------------------------------------------------------------------------------------

@@ -45,6 +45,7 @@ MODULES = {
     "heads": "studies.robertson.heads",
     "import": "studies.validation.imports",
     "sentinel2a": "studies.validation.sentinel2a",
+    "gyros": "studies.validation.gyro_faults",
 }
 
 

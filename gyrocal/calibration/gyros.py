@@ -5,8 +5,8 @@ Gyro i reads ω_raw,i = K_i · ω + c_i + noise, 4n parameters (`gyrocal.recordi
 
     δω = ω_adj − ω_true = −G (ΔK ω + Δc)
 
-so that attitude sees the twelve combinations (G ΔK, G Δc), by the compiled pass with the regressors (ω_adj, 1), and nothing
-else. The other 4 (n − 3) are in the parity residuals
+so that attitude sees the twelve combinations (G ΔK, G Δc), by the compiled pass over the n columns of ω_raw, with b = −G c and
+the regressors (ω_adj, 1), and nothing else. The other 4 (n − 3) are in the parity residuals
 
     e = Vᵀ (ω_raw − c) = −Vᵀ (ΔK ω + Δc) + Vᵀ noise,    VᵀK = 0.
 
@@ -20,7 +20,8 @@ N = (number of samples) ARW² G Gᵀ. The estimate Δ = −V X M⁻¹ has the in
 Source of the correction: Fuller, Measurement Error Models, section 2.2.
 
 The gyro noise that attitude residuals accumulate is that of ω_adj, ARW² G Gᵀ in body axes, which is isotropic for a
-tetrahedron but not for any axes: R_a W R_bᵀ with W = ARW² ∫ Aᵀ G Gᵀ A dt up to the earlier of the two, from the start.
+tetrahedron but not for any axes: R_a W R_bᵀ with W = ARW² ∫ Aᵀ G Gᵀ A dt up to the earlier of the two, from the start. Where
+G Gᵀ = ν I that is ν ARW² T.
 """
 
 from __future__ import annotations
@@ -38,7 +39,7 @@ from gyrocal.calibration.covariance import FULL, residual_covariance
 from gyrocal.calibration.gate import LARGEST_RESIDUAL
 from gyrocal.calibration.observability import PLAUSIBLE_BIAS, PLAUSIBLE_G, Observability, observability
 from gyrocal.calibration.problem import Problem
-from gyrocal.calibration.propagation import Arcs, Psi, propagate
+from gyrocal.calibration.propagation import Arcs, Psi, body_sums, propagate
 from gyrocal.calibration.sampling import Measurements, measurements
 from gyrocal.compiled import compiled
 from gyrocal.errors import InputError, UnobservableError
@@ -54,6 +55,8 @@ Indices = NDArray[np.intp]
 ROTATION_NAMES = ("roll", "pitch", "yaw")
 ROUNDING = 1e-12  # relative size of what a singular sum of products leaves
 SETTLED = 1e-4  # sigmas of the last correction
+ALIKE = 1e-9  # relative difference of the noise about the axes that is none
+LARGEST_TURN = 0.02  # rad, that the noise is taken over at once, at its middle: wrong by LARGEST_TURN²/24
 
 
 @dataclass(frozen=True)
@@ -190,19 +193,54 @@ class _Attitude:
 
 
 @dataclass(frozen=True)
+class _Part:
+    """Intervals in which the same gyros were on: their columns, their outputs' positions, and the steps."""
+
+    chosen: Indices
+    outputs: Indices
+    arcs: Arcs
+
+    def walk(self, G: Array, bias: Array, arw: float) -> Array:
+        """ARW² ∫ Aᵀ G Gᵀ A dt up to each output, (outputs, 3, 3)."""
+        steps, N = self.arcs, arw**2 * G @ G.T
+        level = float(np.trace(N)) / 3
+        total = np.concatenate([[0.0], np.cumsum(steps.dt)])
+        begins = steps.first[np.searchsorted(steps.arc, steps.arc)]
+        if np.abs(N - level * np.eye(3)).max() < ALIKE * level:
+            return np.asarray(level * (total[steps.last] - total[begins])[:, None, None] * np.eye(3))
+        out = np.empty((steps.arc.size, 3, 3))
+        for number in np.unique(steps.arc):
+            own = steps.arc == number
+            span = slice(int(steps.first[own][0]), int(steps.last[own][-1]))
+            rates = steps.rates[steps.sample[span]] @ G.T + bias
+            out[own] = noise_walk(rates, steps.dt[span], steps.last[own] - span.start, N)
+        return out
+
+
+@dataclass(frozen=True)
 class _Steps:
-    """The steps of a recording and the gyros that were on in each of its arcs."""
+    """The steps of a recording, by the gyros that were on."""
 
     recording: Recording
     measured: Measurements
     problem: Problem
     psi: Psi
+    parts: tuple[_Part, ...]
 
     @classmethod
     def of(cls, recording: Recording, psi: Psi, max_gap_s: float | None) -> _Steps:
         body = triad(recording)
         measured = measurements(body, max_gap_s=max_gap_s)
-        return cls(recording, measured, Problem.of(body, measured), psi)
+        arcs, found = measured.arcs, dict[tuple[int, ...], list[int]]()
+        for output, number in enumerate(arcs.arc.tolist()):
+            found.setdefault(tuple(recording.switched_on(number).tolist()), []).append(output)
+        parts = []
+        for columns, outputs in found.items():
+            chosen, own = np.array(columns), np.array(outputs)
+            rates = np.ascontiguousarray(recording.gyro.rates[:, chosen])
+            ends = (arcs.first[own], arcs.last[own], arcs.arc[own])
+            parts.append(_Part(chosen, own, Arcs(rates, arcs.dt, arcs.sample, *ends)))
+        return cls(recording, measured, Problem.of(body, measured), psi, tuple(parts))
 
     def state(self, gyros: GyroArray) -> _Attitude:
         """Evaluate at some parameters.
@@ -212,32 +250,25 @@ class _Steps:
         InputError
             A residual is too large to be corrected by linearisation.
         """
-        arcs, arw = self.measured.arcs, self.recording.gyro.arw
-        m = len(arcs.arc)
-        rates, gains = np.empty((arcs.dt.size, 3)), np.empty((m, 3, len(gyros.names)))
-        walk = np.empty((m, 3, 3))
-        for number in np.unique(arcs.arc):
-            outputs = np.flatnonzero(arcs.arc == number)
-            chosen = self.recording.switched_on(int(number))
-            G = gain(gyros.K, chosen)
-            part = slice(int(arcs.first[outputs[0]]), int(arcs.last[outputs[-1]]))
-            own = self.recording.gyro.rates[arcs.sample[part]][:, chosen] - gyros.c[chosen]
-            rates[part], gains[outputs] = own @ G[:, chosen].T, G
-            ends = arcs.last[outputs] - part.start
-            walk[outputs] = noise_walk(rates[part], arcs.dt[part], ends, arw**2 * G @ G.T)
+        m = len(self.measured.arcs.arc)
+        Theta, R, walk = np.empty((m, 3, 4 * len(gyros.names))), np.empty((m, 3, 3)), np.empty((m, 3, 3))
         with np.errstate(over="ignore", invalid="ignore"):
-            steps = Arcs(rates, arcs.dt, np.arange(len(rates)), arcs.first, arcs.last, arcs.arc)
-            run = propagate(steps, np.eye(3), np.zeros(3), self.psi)
+            for part in self.parts:
+                gains = gain(gyros.K, part.chosen)
+                G, bias = gains[:, part.chosen], -gains @ gyros.c
+                run = propagate(part.arcs, G, bias, self.psi)
+                R[part.outputs], walk[part.outputs] = run.R, part.walk(G, bias, self.recording.gyro.arw)
+                S = body_sums(run.S, G, bias)
+                Theta[part.outputs] = -np.einsum("mqra,ai->mriq", S, gains).reshape(len(S), 3, -1)
         A = self.problem.A
-        theta = accumulation.residuals(run.R, A[self.measured.start], A[self.measured.row])
-        largest = np.linalg.norm(theta, axis=1).max() if np.isfinite(run.R).all() else np.inf
+        theta = accumulation.residuals(R, A[self.measured.start], A[self.measured.row])
+        largest = np.linalg.norm(theta, axis=1).max() if np.isfinite(R).all() else np.inf
         if not largest <= LARGEST_RESIDUAL:
             raise InputError(
                 f"an attitude residual of {np.rad2deg(largest):.1f} deg is too large to linearise; "
                 "are the rates in deg/s, the quaternions scalar last and inertial to body, and G and bias right?"
             )
-        Theta = -np.einsum("mqra,mai->mriq", run.S, gains).reshape(3 * m, -1)
-        return self._whitened(theta, Theta, run.R, walk)
+        return self._whitened(theta, Theta.reshape(3 * m, -1), R, walk)
 
     def _whitened(self, theta: Array, Theta: Array, R: Array, walk: Array) -> _Attitude:
         made, arc = self.measured, self.measured.arcs.arc
@@ -264,13 +295,15 @@ def _walked(R: Array, walk: Array, arc: Indices) -> Array:
     m = len(arc)
     first = np.minimum.outer(np.arange(m), np.arange(m))
     same = arc[:, None] == arc[None, :]
-    blocks = np.einsum("aij,abjk,blk->aibl", R, walk[first] * same[:, :, None, None], R)
-    return np.asarray(blocks.reshape(3 * m, 3 * m))
+    blocks = R[:, None] @ (walk[first] * same[:, :, None, None]) @ R.transpose(0, 2, 1)
+    return np.asarray(blocks.transpose(0, 2, 1, 3).reshape(3 * m, 3 * m))
 
 
 @compiled
 def noise_walk(rates: Array, dt: Array, ends: Indices, N: Array) -> Array:  # pragma: no cover - compiled
     """∫ Aᵀ N A dt from the start of an arc to each of some steps, (m, 3, 3), with A = I at the start.
+
+    Steps are taken together until they turn by `LARGEST_TURN`, or an output comes.
 
     Parameters
     ----------
@@ -278,25 +311,44 @@ def noise_walk(rates: Array, dt: Array, ends: Indices, N: Array) -> Array:  # pr
     ends : (m,) steps done at each output, ascending
     N : (3, 3) power of the noise in body axes, rad²/s
     """
-    out = np.empty((len(ends), 3, 3))
-    P, turned, step = np.eye(3), np.zeros((3, 3)), np.empty((3, 3))
-    total = np.zeros((3, 3))
+    out, total = np.empty((len(ends), 3, 3)), np.zeros((3, 3))
+    P, middle, turned = np.eye(3), np.eye(3), np.empty((3, 3))
     k = 0
     for j in range(len(ends)):
         while k < ends[j]:
-            turned[:] = P @ N @ P.T
-            total += turned * dt[k]
-            x, y, z = rates[k, 0] * dt[k], rates[k, 1] * dt[k], rates[k, 2] * dt[k]
-            f = x * x + y * y + z * z
-            angle = np.sqrt(f)
-            s, c = (np.sin(angle) / angle, (1 - np.cos(angle)) / f) if angle > 1e-4 else (1 - f / 6, 0.5 - f / 24)
-            step[0, 0], step[0, 1], step[0, 2] = 1 - c * (y * y + z * z), c * x * y - s * z, c * x * z + s * y
-            step[1, 0], step[1, 1], step[1, 2] = c * x * y + s * z, 1 - c * (x * x + z * z), c * y * z - s * x
-            step[2, 0], step[2, 1], step[2, 2] = c * x * z - s * y, c * y * z + s * x, 1 - c * (x * x + y * y)
-            P[:] = P @ step
-            k += 1
+            x, y, z, span = 0.0, 0.0, 0.0, 0.0
+            while k < ends[j] and x * x + y * y + z * z < LARGEST_TURN**2:
+                x, y, z = x + rates[k, 0] * dt[k], y + rates[k, 1] * dt[k], z + rates[k, 2] * dt[k]
+                span += dt[k]
+                k += 1
+            middle[:] = P
+            _turn(middle, 0.5 * x, 0.5 * y, 0.5 * z)
+            _turn(P, x, y, z)
+            for a in range(3):
+                for b in range(3):
+                    turned[a, b] = middle[a, 0] * N[0, b] + middle[a, 1] * N[1, b] + middle[a, 2] * N[2, b]
+            for a in range(3):
+                for b in range(3):
+                    total[a, b] += span * (
+                        turned[a, 0] * middle[b, 0] + turned[a, 1] * middle[b, 1] + turned[a, 2] * middle[b, 2]
+                    )
         out[j] = total
     return out
+
+
+@compiled
+def _turn(P: Array, x: float, y: float, z: float) -> None:  # pragma: no cover - compiled
+    """P ← P exp([(x, y, z)×]), with A = Pᵀ."""
+    f = x * x + y * y + z * z
+    angle = np.sqrt(f)
+    s, c = (np.sin(angle) / angle, (1 - np.cos(angle)) / f) if angle > 1e-4 else (1 - f / 6, 0.5 - f / 24)
+    for i in range(3):
+        a, b, d = P[i, 0], P[i, 1], P[i, 2]
+        along = c * (a * x + b * y + d * z)
+        rest = 1 - c * f
+        P[i, 0] = rest * a + along * x + s * (b * z - d * y)
+        P[i, 1] = rest * b + along * y + s * (d * x - a * z)
+        P[i, 2] = rest * d + along * z + s * (a * y - b * x)
 
 
 @dataclass(frozen=True)

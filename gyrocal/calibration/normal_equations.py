@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gyrocal.calibration.covariance import residual_covariance
+from gyrocal.calibration.packing import THREE
 from gyrocal.calibration.propagation import propagate_packed
 from gyrocal.compiled import compiled
 
@@ -186,7 +187,7 @@ def iterate(
             chi2 = np.nan
             break
         G, bias = xs[n, :9].copy().reshape(3, 3), xs[n, 9:].copy()
-        R, S = propagate_packed(increments, increments, ends, last, arc, G, bias, linear, beyond_series)
+        R, S = propagate_packed(increments, increments, ends, last, arc, G, bias, linear, beyond_series, THREE)
         thetas[n] = residuals(R, A_start, A_obs)
         H, z = whitened(
             thetas[n],

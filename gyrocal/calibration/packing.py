@@ -1,13 +1,16 @@
 """A stream of rates in the order in which the lanes of the compiled pass read it.
 
 The stream is cut into pieces, 32 of which run side by side as a batch of lanes (see `gyrocal.calibration.propagation`). The
-pass reads (steps, 4, lanes) of [ω_raw Δt, Δt], so that a step of all lanes is a row of vectors; a recording has a row for each
-sample. Packing is the transposition between the two. It is done by squares of eight steps and eight lanes, which are transposed
-in registers, and a chunk of steps at a time, right before these are propagated: then the chunk is still in the second-level
-cache, and a long stream need not be written to memory and read again.
+pass reads (steps, n + 1, lanes) of [ω_raw Δt, Δt] of n gyros, so that a step of all lanes is a row of vectors; a recording has
+a row for each sample. Packing is the transposition between the two. It is done by squares of eight steps and eight lanes,
+which are transposed in registers, and a chunk of steps at a time, right before these are propagated: then the chunk is still
+in the second-level cache, and a long stream need not be written to memory and read again.
 
 The lanes read at 32 distant places at once, more than a processor follows by itself. Hence the prefetching: without it, packing
 a stream that is not in the caches takes three times as long.
+
+The number of gyros is told by the length of a tuple, `gyros_of(n)`: it is part of the type, so that each number is compiled by
+itself, and all loops over gyros are unrolled.
 """
 
 from math import sqrt
@@ -25,20 +28,27 @@ from gyrocal.compiled import compiled
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
 Pieces = tuple[Indices, Indices]
-# Raw rates (samples, 3) rad/s; the sample that each step holds; duration of each step, s; whether that is `unbroken`.
+# Raw rates (samples, n) rad/s; the sample that each step holds; duration of each step, s; whether that is `unbroken`.
 Stream = tuple[Array, Indices, Array, bool]
+Gyros = tuple[int, ...]
 
 LANES = 32
 TILE = 2
-CHUNK = 256  # steps, 256 KiB; a multiple of WIDTH and of TILE
+CHUNK = 256  # steps, 256 KiB of three gyros; a multiple of WIDTH and of TILE
 AHEAD = 32  # steps from what is packed to what is fetched
 DOUBLE = 8  # bytes
 WIDTH = 8  # lanes and steps that make a square
+THREE: Gyros = (0, 0, 0)
 
 
-def packed_shape(pieces: Pieces) -> tuple[int, int, int, int]:
-    """Shape of packed increments: batches, steps in whole tiles, 4, lanes."""
-    return -(-len(pieces[0]) // LANES), -(-int(pieces[1].max()) // TILE) * TILE, 4, LANES
+def gyros_of(count: int) -> Gyros:
+    """What tells the compiled functions of so many gyros."""
+    return (0,) * count
+
+
+def packed_shape(pieces: Pieces, count: int = 3) -> tuple[int, int, int, int]:
+    """Shape of packed increments of so many gyros: batches, steps in whole tiles, gyros and Δt, lanes."""
+    return -(-len(pieces[0]) // LANES), -(-int(pieces[1].max()) // TILE) * TILE, count + 1, LANES
 
 
 def _prefetching(_typing: Any, _address: Any) -> Any:
@@ -58,16 +68,17 @@ def _prefetching(_typing: Any, _address: Any) -> Any:
 _prefetch: Any = intrinsic(_prefetching)
 
 
-def _square_packing(_typing: Any, _rates: Any, _dt: Any, _out: Any, _largest: Any) -> Any:
+def _square_packing(_typing: Any, _rates: Any, _dt: Any, _out: Any, _largest: Any, gyros: Any) -> Any:
     """Pack a square: eight consecutive samples of eight lanes.
 
     Arguments are addresses: of the eight lanes' addresses of their rates, and of their durations; of the first place of the
-    first lane to pack to; and of the eight lanes' largest |ω_raw Δt|².
+    first lane to pack to; and of the eight lanes' largest |ω_raw Δt|². The last argument tells the number of gyros.
     """
+    count = len(gyros)
 
     def generate(_context: Any, builder: Any, _signature: Any, arguments: Any) -> Any:
         number, vector = ir.IntType(64), ir.VectorType(ir.DoubleType(), WIDTH)
-        rates, dt, out, largest = arguments
+        rates, dt, out, largest, _ = arguments
 
         def place(address: Any, doubles: int, kind: Any = vector) -> Any:
             return builder.inttoptr(builder.add(address, number(DOUBLE * doubles)), kind.as_pointer())
@@ -86,19 +97,23 @@ def _square_packing(_typing: Any, _rates: Any, _dt: Any, _out: Any, _largest: An
             return rows
 
         of_rates, of_dt = ([builder.load(place(table, lane, number)) for lane in range(WIDTH)] for table in (rates, dt))
-        values = [row for column in range(3) for row in transposed(of_rates, WIDTH * column)]
         most = builder.load(place(largest, 0), align=DOUBLE)
-        for step, h in enumerate(transposed(of_dt, 0)):
-            turns = [builder.fmul(value, h) for value in values[3 * step : 3 * step + 3]]
-            for channel, value in enumerate([*turns, h]):
-                builder.store(value, place(out, LANES * (4 * step + channel)), align=DOUBLE)
-            x, y, z = (builder.fmul(turn, turn) for turn in turns)
-            size = builder.fadd(builder.fadd(x, y), z)
+        durations, squares = transposed(of_dt, 0), [None] * WIDTH
+        for step, h in enumerate(durations):
+            builder.store(h, place(out, LANES * ((count + 1) * step + count)), align=DOUBLE)
+        for column in range(count):  # eight doubles at a time, which the registers hold whatever the number of gyros
+            for row, value in enumerate(transposed(of_rates, WIDTH * column)):
+                step, gyro = divmod(WIDTH * column + row, count)
+                turn = builder.fmul(value, durations[step])
+                builder.store(turn, place(out, LANES * ((count + 1) * step + gyro)), align=DOUBLE)
+                square, before = builder.fmul(turn, turn), squares[step]
+                squares[step] = square if before is None else builder.fadd(before, square)
+        for size in squares:
             most = builder.select(builder.fcmp_ordered(">", size, most), size, most)
         builder.store(most, place(largest, 0), align=DOUBLE)
         return None
 
-    return types.void(*[types.intp] * 4), generate
+    return types.void(*[types.intp] * 4, gyros), generate
 
 
 _pack_square: Any = intrinsic(_square_packing)
@@ -115,8 +130,10 @@ def unbroken(sample: Indices, starts: Indices, lengths: Indices) -> bool:  # pra
 
 
 @compiled
-def pack_chunk(stream: Stream, pieces: Pieces, batch: int, low: int, out: Array) -> float:  # pragma: no cover - compiled
-    """Pack steps `low` and following of a batch's pieces into out (steps, 4, lanes), zero where a piece is short.
+def pack_chunk(
+    stream: Stream, pieces: Pieces, batch: int, low: int, out: Array, gyros: Gyros
+) -> float:  # pragma: no cover - compiled
+    """Pack steps `low` and following of a batch's pieces into out (steps, n + 1, lanes), zero where a piece is short.
 
     Returns
     -------
@@ -124,6 +141,7 @@ def pack_chunk(stream: Stream, pieces: Pieces, batch: int, low: int, out: Array)
     """
     rates, sample, dt, in_order = stream
     starts, lengths = pieces
+    columns = len(gyros)
     # Of each lane: its first step here, the sample of that, and how many steps it has here.
     first, row, count = np.zeros(LANES, np.uintp), np.zeros(LANES, np.uintp), np.zeros(LANES, np.intp)
     for lane in range(LANES):
@@ -138,49 +156,54 @@ def pack_chunk(stream: Stream, pieces: Pieces, batch: int, low: int, out: Array)
     squares = full // WIDTH * WIDTH if in_order else 0  # steps in squares
     for k in range(0, squares, WIDTH):
         for lane in range(LANES):
-            rates_at[lane] = rates.ctypes.data + 3 * DOUBLE * np.intp(row[lane] + uintp(k))
+            rates_at[lane] = rates.ctypes.data + columns * DOUBLE * np.intp(row[lane] + uintp(k))
             dt_at[lane] = dt.ctypes.data + DOUBLE * np.intp(first[lane] + uintp(k))
         for lane in range(0, LANES, WIDTH):
             here = DOUBLE * lane
             _pack_square(
                 rates_at.ctypes.data + here,
                 dt_at.ctypes.data + here,
-                out.ctypes.data + DOUBLE * 4 * LANES * k + here,
+                out.ctypes.data + DOUBLE * (columns + 1) * LANES * k + here,
                 largest.ctypes.data + here,
+                gyros,
             )
         for lane in range(LANES):
-            for column in range(3):  # a cache line is eight doubles long
-                _prefetch(rates_at[lane] + DOUBLE * (3 * AHEAD + WIDTH * column))
+            for column in range(columns):  # a cache line is eight doubles long
+                _prefetch(rates_at[lane] + DOUBLE * (columns * AHEAD + WIDTH * column))
             _prefetch(dt_at[lane] + DOUBLE * AHEAD)
     for k in range(squares, full):
         for lane in range(LANES):
             step = first[lane] + uintp(k)
-            _put(rates, uintp(sample[step]), dt[step], out, k, lane, largest)
+            _put(rates, uintp(sample[step]), dt[step], out, k, lane, largest, gyros)
     for lane in range(LANES):
         for k in range(full, count[lane]):
             step = first[lane] + uintp(k)
-            _put(rates, uintp(sample[step]), dt[step], out, k, lane, largest)
+            _put(rates, uintp(sample[step]), dt[step], out, k, lane, largest, gyros)
         for k in range(count[lane], len(out)):
-            for q in range(4):
+            for q in range(columns + 1):
                 out[k, q, lane] = 0.0
     return sqrt(largest.max())
 
 
 @compiled(inline="always")
 def _put(
-    rates: Array, sample: int, h: float, out: Array, k: int, lane: int, largest: Array
+    rates: Array, sample: int, h: float, out: Array, k: int, lane: int, largest: Array, gyros: Gyros
 ) -> None:  # pragma: no cover - compiled
     """Pack one step of one lane."""
-    x, y, z = rates[sample, uintp(0)] * h, rates[sample, uintp(1)] * h, rates[sample, uintp(2)] * h
-    out[k, 0, lane], out[k, 1, lane], out[k, 2, lane], out[k, 3, lane] = x, y, z, h
-    largest[lane] = max(largest[lane], x * x + y * y + z * z)
+    size = 0.0
+    for column in range(len(gyros)):
+        turn = rates[sample, uintp(column)] * h
+        out[k, column, lane] = turn
+        size += turn * turn
+    out[k, len(gyros), lane] = h
+    largest[lane] = max(largest[lane], size)
 
 
 @compiled
-def pack_increments(stream: Stream, pieces: Pieces, out: Array) -> float:  # pragma: no cover - compiled
-    """Pack a whole stream into out (batches, steps, 4, lanes); returns the largest |ω_raw Δt| rad."""
+def pack_increments(stream: Stream, pieces: Pieces, out: Array, gyros: Gyros) -> float:  # pragma: no cover - compiled
+    """Pack a whole stream into out (batches, steps, n + 1, lanes); returns the largest |ω_raw Δt| rad."""
     largest = 0.0
     for batch in range(len(out)):
         for low in range(0, out.shape[1], CHUNK):
-            largest = max(largest, pack_chunk(stream, pieces, batch, low, out[batch, low : low + CHUNK]))
+            largest = max(largest, pack_chunk(stream, pieces, batch, low, out[batch, low : low + CHUNK], gyros))
     return largest

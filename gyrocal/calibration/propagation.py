@@ -20,8 +20,9 @@ The linear ψ_k = I Δt is Davenport's conventional form. A rate error δω_k = 
 
 and only P is serial. A column of the form f = e_i h(t) (axis i, regressor h) needs only S_h = Σ h_k M_k Δt_k with
 M_k = P_k ψ_k / Δt_k; the twelve calibration columns are the regressors (ω_raw,x, ω_raw,y, ω_raw,z, 1) times three axes, and
-any other column is a sum of such. M_k follows from P_{k−1} without a second matrix product: R_kᵀψ_k = ψ_kᵀ, hence
-M_k = P_{k−1} E_k with E = I + c[φ×] + d[φ×]², and P_k = P_{k−1} + M_k [φ×].
+any other column is a sum of such. Of other gyros than three, whose ω_raw has n components and G is 3×n, attitude sees no more
+than errors of ω itself, and the regressors are (ω_x, ω_y, ω_z, 1). M_k follows from P_{k−1} without a second matrix product:
+R_kᵀψ_k = ψ_kᵀ, hence M_k = P_{k−1} E_k with E = I + c[φ×] + d[φ×]², and P_k = P_{k−1} + M_k [φ×].
 
 Stretches compose, (R₂, Θ₂)∘(R₁, Θ₁) = (R₂R₁, R₂Θ₁ + Θ₂). So the stream is cut into pieces which run side by side as lanes
 of one vector loop and are joined afterwards; a step of zero duration changes nothing and pads the short pieces.
@@ -37,7 +38,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gyrocal.attitude import cross_matrix, rotation_matrix
-from gyrocal.calibration.packing import CHUNK, LANES, TILE, Pieces, Stream, pack_chunk, pack_increments, packed_shape, unbroken
+from gyrocal.calibration.packing import (
+    CHUNK,
+    LANES,
+    THREE,
+    TILE,
+    Gyros,
+    Pieces,
+    Stream,
+    gyros_of,
+    pack_chunk,
+    pack_increments,
+    packed_shape,
+    unbroken,
+)
 from gyrocal.compiled import compiled
 
 Array = NDArray[np.float64]
@@ -133,7 +147,7 @@ class Arcs:
 
     Attributes
     ----------
-    rates : (samples, 3) raw rates of the gyro stream, rad/s
+    rates : (samples, gyros) raw rates of the gyro stream, rad/s
     dt : (n,) duration of each step, s; the arcs one after another
     sample : (n,) gyro sample whose rate a step holds; where steps average, (fine steps,) that of each step they are made of
     first : (m,) first step of the stretch that leads to output j; an arc's first output starts where the arc starts
@@ -157,7 +171,7 @@ class Arcs:
 
     @cached_property
     def raw(self) -> Array:
-        """(n, 3) raw rate of each step, rad/s."""
+        """(n, gyros) raw rate of each step, rad/s."""
         if self.fine is None or self.fine_dt is None:
             return np.asarray(self.rates[self.sample])
         return np.asarray(_averages(np.ascontiguousarray(self.rates), self.sample, self.fine, self.fine_dt))
@@ -171,6 +185,11 @@ class Arcs:
     def ends(self) -> Indices:
         """One past the last step of each piece."""
         return self.pieces[0] + self.pieces[1]
+
+    @property
+    def gyros(self) -> Gyros:
+        """The number of gyros, as compiled functions are told of it."""
+        return gyros_of(self.rates.shape[1])
 
     @property
     def stream(self) -> Stream:
@@ -188,8 +207,8 @@ class Arcs:
     def _packed(self) -> tuple[Array, float]:
         # Kept, since every iteration and every ψ uses it again.
         # numpy's allocation, not numba's: it asks for huge pages, and a fault for every 4 KiB costs as much as the packing.
-        increments = np.empty(packed_shape(self.pieces)) if self.workspace is None else self.workspace
-        return increments, float(pack_increments(self.stream, self.pieces, increments))
+        increments = np.empty(packed_shape(self.pieces, len(self.gyros))) if self.workspace is None else self.workspace
+        return increments, float(pack_increments(self.stream, self.pieces, increments, self.gyros))
 
     @property
     def increments(self) -> Array:
@@ -202,7 +221,7 @@ class Arcs:
         return self._packed[1]
 
     def with_rates(self, rates: Array, workspace: Array | None = None) -> "Arcs":
-        """The same steps over another stream of raw rates, (samples, 3) rad/s, packed into the workspace if there is one."""
+        """The same steps over another stream of raw rates, (samples, gyros) rad/s, packed into the workspace if given."""
         new = replace(self, rates=rates, workspace=workspace)
         for name in ("pieces", "ends", "longest_step", "_unbroken"):  # they do not depend on the rates
             new.__dict__[name] = getattr(self, name)
@@ -245,7 +264,7 @@ def propagate(arcs: Arcs, G: Array, bias: Array, psi: Psi = "full", regressors: 
     Parameters
     ----------
     arcs : the steps and the wanted times
-    G, bias : (3, 3), and (3,) in rad/s
+    G, bias : (3, gyros), and (3,) in rad/s
     psi : "full" or "linear"
     regressors : (n, q) value of further regressors h at each step, carried after the four of the calibration; the rate error
         of regressor q along axis i is h_q e_i, in rad/s for a unit of its size
@@ -253,15 +272,15 @@ def propagate(arcs: Arcs, G: Array, bias: Array, psi: Psi = "full", regressors: 
     Returns
     -------
     Propagation
-        S holds 4 + q regressors.
+        S holds 4 + q regressors: the raw rates of three gyros, or the body rates of other numbers, then 1.
     """
     G, bias = np.ascontiguousarray(G, dtype=float), np.ascontiguousarray(bias, dtype=float)
+    raw = True if arcs.gyros == THREE else None
     if regressors is None and len(arcs.dt) > KEPT:
-        return Propagation(
-            *propagate_stream(arcs.stream, arcs.pieces, arcs.longest_step, arcs.last, arcs.arc, G, bias, psi == "linear")
-        )
-    options = (arcs.ends, arcs.last, arcs.arc, G, bias, psi == "linear", arcs.beyond_series(G, bias))
-    R, S = propagate_packed(arcs.increments, arcs.increments, *options)
+        steps = (arcs.stream, arcs.pieces, arcs.longest_step)
+        return Propagation(*propagate_stream(*steps, arcs.last, arcs.arc, G, bias, psi == "linear", raw, arcs.gyros))
+    options = (arcs.ends, arcs.last, arcs.arc, G, bias, psi == "linear", arcs.beyond_series(G, bias), arcs.gyros)
+    R, S = propagate_packed(arcs.increments, arcs.increments if raw else None, *options)
     if regressors is None:
         return Propagation(R, S)
     weights = np.asarray(regressors, dtype=float) * arcs.dt[:, None]
@@ -272,6 +291,13 @@ def propagate(arcs: Arcs, G: Array, bias: Array, psi: Psi = "full", regressors: 
         packed = pack(np.ascontiguousarray(weights[:, q : q + GROUP]), *arcs.pieces)
         sums.append(propagate_packed(arcs.increments, packed, *options)[1])
     return Propagation(R, np.concatenate(sums, axis=1)[:, : GROUP + count])
+
+
+def body_sums(S: Array, G: Array, bias: Array) -> Array:
+    """S (m, 4, 3, 3) to the body's rates and 1, of any number of gyros: ω = G ω_raw + b is a sum of the raw rates of three."""
+    if G.shape[1] != len(THREE):
+        return S
+    return np.asarray(np.concatenate([np.einsum("qj,mjra->mqra", np.column_stack([G, bias]), S), S[:, 3:4]], axis=1))
 
 
 @compiled
@@ -308,17 +334,16 @@ def cut(first: Indices, last: Indices) -> tuple[Indices, Indices]:  # pragma: no
 
 @compiled
 def _averages(rates: Array, sample: Indices, fine: Indices, fine_dt: Array) -> Array:  # pragma: no cover - compiled
-    """Raw rate of every step, (n, 3): the mean over its fine steps, each by its duration."""
-    out = np.empty((len(fine) - 1, 3))
+    """Raw rate of every step, (n, gyros): the mean over its fine steps, each by its duration."""
+    out = np.zeros((len(fine) - 1, rates.shape[1]))
     for step in range(len(out)):
-        x, y, z, total = 0.0, 0.0, 0.0, 0.0
+        total = 0.0
         for j in range(fine[step], fine[step + 1]):
-            span = fine_dt[j]
-            total += span
-            x += span * rates[sample[j], 0]
-            y += span * rates[sample[j], 1]
-            z += span * rates[sample[j], 2]
-        out[step, 0], out[step, 1], out[step, 2] = x / total, y / total, z / total
+            total += fine_dt[j]
+            for gyro in range(rates.shape[1]):
+                out[step, gyro] += fine_dt[j] * rates[sample[j], gyro]
+        for gyro in range(rates.shape[1]):
+            out[step, gyro] /= total
     return out
 
 
@@ -337,7 +362,7 @@ def pack(values: Array, starts: Indices, lengths: Indices) -> Array:  # pragma: 
 @compiled
 def propagate_packed(
     increments: Array,
-    weights: Array,
+    weights: Array | None,
     ends: Indices,
     last: Indices,
     arc: Indices,
@@ -345,40 +370,57 @@ def propagate_packed(
     bias: Array,
     linear: bool,
     beyond_series: bool,
+    gyros: Gyros,
 ) -> tuple[Array, Array]:  # pragma: no cover - compiled
     """R (m, 3, 3) and S (m, 4, 3, 3) at every output: run the lanes, then chain the pieces.
 
     Parameters
     ----------
-    increments, weights : packed [ω_raw Δt, Δt] and [h Δt] of four regressors
+    increments, weights : packed [ω_raw Δt, Δt], and [h Δt] of four regressors; None for the body's rates and 1
     ends : one past the last step of each piece
     last, arc : of the outputs, as in `Arcs`
     """
     out = _at_start(len(increments))
     for batch in range(len(increments)):
-        _lanes(increments[batch], weights[batch], G, bias, linear, beyond_series, out[batch])
+        if weights is None:
+            _lanes(increments[batch], None, G, bias, linear, beyond_series, out[batch], gyros)
+        else:
+            _lanes(increments[batch], weights[batch], G, bias, linear, beyond_series, out[batch], gyros)
     return _joined(out, ends, last, arc)
 
 
 @compiled
 def propagate_stream(
-    stream: Stream, pieces: Pieces, longest: float, last: Indices, arc: Indices, G: Array, bias: Array, linear: bool
+    stream: Stream,
+    pieces: Pieces,
+    longest: float,
+    last: Indices,
+    arc: Indices,
+    G: Array,
+    bias: Array,
+    linear: bool,
+    raw: bool | None,
+    gyros: Gyros,
 ) -> tuple[Array, Array]:  # pragma: no cover - compiled
-    """As `propagate_packed` with the increments as weights, the same to the bit, of a stream that is packed on the way.
+    """As `propagate_packed`, the same to the bit, of a stream that is packed on the way.
 
     Parameters
     ----------
     longest : duration of the longest step, s
+    raw : the increments of three gyros are the weights; None for the body's
     """
     starts, lengths = pieces
     out = _at_start((len(starts) + LANES - 1) // LANES)
-    chunk = np.empty((CHUNK, 4, LANES))
+    chunk = np.empty((CHUNK, len(gyros) + 1, LANES))
     depth = lengths.max()
     for batch in range(len(out)):
         for low in range(0, depth, CHUNK):
             steps = chunk[: min(CHUNK, (depth - low + TILE - 1) // TILE * TILE)]
-            largest = pack_chunk(stream, pieces, batch, low, steps)
-            _lanes(steps, steps, G, bias, linear, _beyond_series(G, bias, largest, longest), out[batch])
+            beyond = _beyond_series(G, bias, pack_chunk(stream, pieces, batch, low, steps, gyros), longest)
+            if raw is None:
+                _lanes(steps, None, G, bias, linear, beyond, out[batch], gyros)
+            else:
+                _lanes(steps, steps, G, bias, linear, beyond, out[batch], gyros)
     return _joined(out, starts + lengths, last, arc)
 
 
@@ -430,9 +472,18 @@ def _joined(out: Array, ends: Indices, last: Indices, arc: Indices) -> tuple[Arr
 
 @compiled(fastmath={"contract"})
 def _lanes(
-    increments: Array, weights: Array, G: Array, bias: Array, linear: bool, beyond_series: bool, out: Array
+    increments: Array,
+    weights: Array | None,
+    G: Array,
+    bias: Array,
+    linear: bool,
+    beyond_series: bool,
+    out: Array,
+    gyros: Gyros,
 ) -> None:  # pragma: no cover - compiled
-    """One batch: (steps, 4, lanes) of [ω_raw Δt, Δt] and of [h Δt] carry out (45, lanes) = P (9), S (36) on.
+    """One batch: (steps, n + 1, lanes) of [ω_raw Δt, Δt] and (steps, 4, lanes) of [h Δt] carry on P (9), S (36) in out (45).
+
+    Without weights the regressors are the body's rates and 1, which the tile holds as φ.
 
     The workspace is local with literal sizes: passed in, the compiler stops vectorising over the lanes. Its
     lanes start on a cache line, which numba's arrays do only by chance: loads that straddle two cost a third of the speed.
@@ -454,11 +505,12 @@ def _lanes(
         for t in range(TILE):
             k = first + t
             for lane in range(LANES):
-                h0, h1, h2 = increments[k, 0, lane], increments[k, 1, lane], increments[k, 2, lane]
-                dt = increments[k, 3, lane]
-                x = G[0, 0] * h0 + G[0, 1] * h1 + G[0, 2] * h2 + bias[0] * dt
-                y = G[1, 0] * h0 + G[1, 1] * h1 + G[1, 2] * h2 + bias[1] * dt
-                z = G[2, 0] * h0 + G[2, 1] * h1 + G[2, 2] * h2 + bias[2] * dt
+                h, dt = increments[k, 0, lane], increments[k, len(gyros), lane]
+                x, y, z = G[0, 0] * h, G[1, 0] * h, G[2, 0] * h
+                for j in range(1, len(gyros)):
+                    h = increments[k, j, lane]
+                    x, y, z = x + G[0, j] * h, y + G[1, j] * h, z + G[2, j] * h
+                x, y, z = x + bias[0] * dt, y + bias[1] * dt, z + bias[2] * dt
                 f = x * x + y * y + z * z
                 c = C0 + f * (C1 + f * (C2 + f * (C3 + f * C4)))
                 d = D0 + f * (D1 + f * (D2 + f * (D3 + f * D4)))
@@ -487,13 +539,13 @@ def _lanes(
                     px, py, pz = px + my * z - mz * y, py + mz * x - mx * z, pz + mx * y - my * x
                     if linear:  # ψ = I Δt: M_k = P_k
                         mx, my, mz = px, py, pz
-                    h = weights[first + t, 0, lane]
+                    h = tile[t, 0, u + lane] if weights is None else weights[first + t, 0, lane]
                     s00, s01, s02 = s00 + h * mx, s01 + h * my, s02 + h * mz
-                    h = weights[first + t, 1, lane]
+                    h = tile[t, 1, u + lane] if weights is None else weights[first + t, 1, lane]
                     s10, s11, s12 = s10 + h * mx, s11 + h * my, s12 + h * mz
-                    h = weights[first + t, 2, lane]
+                    h = tile[t, 2, u + lane] if weights is None else weights[first + t, 2, lane]
                     s20, s21, s22 = s20 + h * mx, s21 + h * my, s22 + h * mz
-                    h = weights[first + t, 3, lane]
+                    h = increments[first + t, len(gyros), lane] if weights is None else weights[first + t, 3, lane]
                     s30, s31, s32 = s30 + h * mx, s31 + h * my, s32 + h * mz
                 state[i, 0, v + lane], state[i, 1, v + lane], state[i, 2, v + lane] = px, py, pz
                 state[i, 3, v + lane], state[i, 4, v + lane], state[i, 5, v + lane] = s00, s01, s02

@@ -4,10 +4,10 @@ Times are seconds from EPOCH_TZERO. A line of COV is the diagonal of a covarianc
 COV_REF_FRAME, then, with ANGLE_GYROBIAS, those of the gyro's bias in (deg/s)². SIGMA_V of AD, in deg/√s, is the angle
 random walk.
 
-No sign of GYRO_BIAS is taken for granted on reading: other writers may mean a correction. What is written is what a gyro reads
-too high about the body's axes, the bias of Farrenkopf's model that SIGMA_U and SIGMA_V of the same message belong to,
-ω_measured = ω + bias + noise: with ω = G ω_raw + b it is −b, and a comment says so. What is read is returned with the sign that
-it has on file, and no recording starts from it.
+GYRO_BIAS is defined in annex B4 as the "correction to gyro estimated angular velocity", and in no other place. What is written
+is what has to be added, b of ω = G ω_raw + b, and a comment says so. Its name, and the SIGMA_U and SIGMA_V of the same message,
+are those of Farrenkopf's model ω_measured = ω + bias + noise, whose bias is taken off: other writers may mean that. So no sign
+is taken for granted on reading; what is read is returned with the sign that it has on file, and no recording starts from it.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ Array = NDArray[np.float64]
 NEEDED = ("TIME_SYSTEM", "EPOCH_TZERO")
 ATT_NEEDED = ("REF_FRAME_A", "REF_FRAME_B", "ATT_TYPE")
 BIASED = "ANGLE_GYROBIAS"
-SIGN = "GYRO_BIAS is what the gyro reads too high about the body axes: w = G w_raw - GYRO_BIAS"
+SIGN = "GYRO_BIAS is the correction to be added about the body axes: w = G w_raw + GYRO_BIAS"
 
 
 @dataclass(frozen=True)
@@ -232,7 +232,7 @@ def write_acm(
 
 
 def _bias(bias: ArrayLike | None, sigma: ArrayLike | None) -> tuple[list[str], list[str]]:
-    """−b in deg/s, and its variances in (deg/s)², as they are written; nothing without a bias."""
+    """b in deg/s, and its variances in (deg/s)², as they are written; nothing without a bias."""
     if bias is None and sigma is None:
         return [], []
     b, s = np.asarray(bias, dtype=np.float64), np.asarray(sigma, dtype=np.float64)
@@ -240,4 +240,4 @@ def _bias(bias: ArrayLike | None, sigma: ArrayLike | None) -> tuple[list[str], l
         raise InputError(
             "ACM: bias and bias_sigma are three numbers each, in rad/s; a held bias has no sigma and is not written"
         )
-    return fields.digits(-np.rad2deg(b)), fields.digits(np.square(np.rad2deg(s)))
+    return fields.digits(np.rad2deg(b)), fields.digits(np.square(np.rad2deg(s)))

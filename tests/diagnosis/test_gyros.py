@@ -7,6 +7,10 @@ import pytest
 
 import simulator
 from diagnosis.diagnose import diagnose
+from diagnosis.gyros import NOTHING_TO_SEE, gyros_at_fault
+from diagnosis.inference.attribution import Attribution, Ranked
+from diagnosis.inference.search import Explanation
+from diagnosis.settings import DEFAULT
 from gyrocal import InputError
 from gyrocal.recording.format import without_attitudes
 from simulator.effects import parse
@@ -72,6 +76,18 @@ def test_of_four_with_a_dead_one_three_are_left():
     assert any("left out" in note for note in found.notes)
     bare = answer(simulator.override(FOUR, {"reference.at": "none"}), "gyro_dead:2=0,time_s=20000")
     assert [cause.label for cause in bare.causes] == ["gyro_dead:2"]
+
+
+def test_a_gyro_is_told_where_its_fault_is_not():
+    shares = {("a of a gyro:1",): 0.5, ("bias_step:1",): 0.4, ("bias_step:1", "bias_drift:2"): 0.06, ("late:x",): 0.04}
+    ranked = tuple(Ranked(labels, share, 1.0, False) for labels, share in shares.items())
+    best = Explanation((), 0.0, 0.0)
+    unknown = replace(NOTHING_TO_SEE, attribution=Attribution("unknown", best, (), 0.5, ranked))
+    (found,) = gyros_at_fault(unknown, ("1", "2", "3"), DEFAULT)
+    assert (found.axis, found.signal) == ("1", "gyro")
+    assert found.value == pytest.approx(0.96)
+    assert not gyros_at_fault(unknown, ("1", "2", "3"), replace(DEFAULT, named=0.97))
+    assert not gyros_at_fault(NOTHING_TO_SEE, ("1", "2", "3"), DEFAULT)
 
 
 def test_what_cannot_be_compared_is_said():

@@ -8,7 +8,7 @@ from scipy.linalg import expm
 
 from gyrocal import GyroArray, InputError, UnobservableError, calibrate, calibrate_gyros
 from gyrocal.attitude import cross_matrix
-from gyrocal.calibration.gyros import gain_jacobian, noise_walk, parity_sums
+from gyrocal.calibration.gyros import LARGEST_TURN, gain_jacobian, noise_walk, parity_sums
 from gyrocal.recording.format import without_attitudes
 from gyrocal.recording.gyros import gain
 from tests.builders import RPO, mean_bounds, piecewise_recording
@@ -75,13 +75,13 @@ def test_accumulated_noise_by_hand():
     T = n * dt
     N = np.diag([4.0, 1.0, 2.0])
     found = noise_walk(np.tile([0.0, 0.0, w], (n, 1)), np.full(n, dt), np.array([n // 2, n]), N)[1]
-    # Rz(φ) N Rz(φ)ᵀ = 2.5 (I − zz) + 1.5 (cos 2φ, sin 2φ; sin 2φ, −cos 2φ) + 2 zz, integrated; a step holds its start's.
+    # Rz(φ) N Rz(φ)ᵀ = 2.5 (I − zz) + 1.5 (cos 2φ, sin 2φ; sin 2φ, −cos 2φ) + 2 zz, integrated; steps hold their middle's.
     even, odd = np.sin(2 * w * T) / (2 * w), (1 - np.cos(2 * w * T)) / (2 * w)
     exact = np.diag([2.5 * T, 2.5 * T, 2 * T]) + 1.5 * np.array([[even, odd, 0], [odd, -even, 0], [0, 0, 0]])
-    np.testing.assert_allclose(found, exact, atol=1.5 * w * dt * T)
-    A_T = expm(cross_matrix(np.array([0.3, -0.2, 0.1]) * dt))
+    np.testing.assert_allclose(found, exact, atol=1.5 * T * (2 * LARGEST_TURN) ** 2 / 24)
+    one, other = (expm(share * dt * cross_matrix(np.array([0.3, -0.2, 0.1]))) for share in (0.5, 1.5))
     two = noise_walk(np.tile([0.3, -0.2, 0.1], (2, 1)), np.full(2, dt), np.array([2]), N)[0]
-    np.testing.assert_allclose(two, dt * (N + A_T @ N @ A_T.T), rtol=1e-12)
+    np.testing.assert_allclose(two, dt * (one @ N @ one.T + other @ N @ other.T), rtol=1e-12)
 
 
 def test_jacobian_of_G_and_b_by_differences():

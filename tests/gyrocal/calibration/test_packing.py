@@ -90,3 +90,51 @@ def test_samples_left_out_or_held_twice_break_a_piece():
     assert unbroken(np.array([5, 6, 7, 8, 8, 9, 10, 11]), starts, lengths)
     assert not unbroken(np.array([5, 6, 6, 8, 8, 9, 10, 11]), starts, lengths)
     assert not unbroken(np.array([5, 6, 7, 8, 8, 9, 10, 12]), starts, lengths)
+
+
+@pytest.mark.parametrize(("count", "spread"), [(4, 2), (6, 1)], ids=["four, every other sample", "six, each sample"])
+def test_any_number_of_gyros_is_packed(count, spread):
+    arcs = arcs_of(OUTPUTS["short"], spread * np.arange(OUTPUTS["short"][-1]))
+    rates = np.random.default_rng(5).normal(size=(len(arcs.rates), count))
+    arcs = arcs.with_rates(rates)
+    packed = arcs.increments
+    assert packed.shape[2] == count + 1
+    for piece, (start, length) in enumerate(zip(*arcs.pieces, strict=True)):
+        lane, steps = packed[piece // LANES, :length, :, piece % LANES], slice(start, start + length)
+        np.testing.assert_array_equal(lane[:, :count], arcs.raw[steps] * arcs.dt[steps, None])
+        np.testing.assert_array_equal(lane[:, count], arcs.dt[steps])
+    assert arcs.largest_increment == pytest.approx(np.linalg.norm(arcs.raw * arcs.dt[:, None], axis=1).max(), rel=1e-14)
+
+
+@pytest.mark.parametrize("size", [0.01, 1.0], ids=["in the series", "beyond it"])
+def test_more_gyros_are_the_three_that_they_stand_for(size, monkeypatch):
+    arcs = arcs_of(OUTPUTS["several"], size=size)
+    rng = np.random.default_rng(6)
+    K, c = rng.normal(size=(6, 3)), rng.normal(size=6) * size
+    gain = np.linalg.pinv(K)
+    six = arcs.with_rates(arcs.rates @ K.T + c)
+    body, h = arcs.with_rates(np.ascontiguousarray(arcs.rates)), rng.normal(size=(len(arcs.dt), 2))
+    expected = propagate(body, np.eye(3), np.zeros(3), "linear", h)
+    found = propagate(six, gain, -gain @ c, "linear", h)
+    np.testing.assert_allclose(found.R, expected.R, atol=1e-9 * size)
+    np.testing.assert_allclose(found.S, expected.S, atol=1e-9 * np.abs(expected.S).max())
+    monkeypatch.setattr(propagation, "KEPT", 0)
+    passing = propagate(six.with_rates(six.rates), gain, -gain @ c, "linear")
+    np.testing.assert_array_equal(passing.R, found.R)
+    np.testing.assert_array_equal(passing.S, found.S[:, :4])
+
+
+def test_sums_of_the_body_follow_from_those_of_three_raw_rates():
+    arcs = arcs_of(OUTPUTS["short"])
+    found = propagation.body_sums(propagate(arcs, G, BIAS).S, G, BIAS)
+    expected = propagate(arcs.with_rates(arcs.rates @ G.T + BIAS), np.eye(3), np.zeros(3)).S
+    np.testing.assert_allclose(found, expected, atol=1e-12 * np.abs(expected).max())
+
+
+def test_averaged_steps_of_more_gyros_are_means():
+    whole = arcs_of([0, 90])
+    rates, fine = np.random.default_rng(7).normal(size=(90, 4)), np.arange(0, 91, 4)
+    dt = np.add.reduceat(whole.dt, fine[:-1])
+    arcs = Arcs(rates, dt, whole.sample, np.array([0]), np.array([len(dt)]), np.array([0]), np.append(fine[:-1], 90), whole.dt)
+    expected = np.add.reduceat(rates * whole.dt[:, None], fine[:-1]) / dt[:, None]
+    np.testing.assert_allclose(arcs.raw, expected, rtol=1e-13)

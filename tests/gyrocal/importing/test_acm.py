@@ -28,7 +28,7 @@ def message(tmp_path, request):
 def check(found):
     np.testing.assert_allclose(found.attitudes.q, RECORDING.attitudes.quaternions, rtol=0, atol=1e-15)
     np.testing.assert_allclose(found.sigma, np.sqrt(np.mean(np.square(RECORDING.attitudes.sigma), axis=0)), rtol=1e-12)
-    np.testing.assert_allclose(found.gyro_bias, np.tile(-BIAS, (len(found.attitudes.q), 1)), rtol=1e-12)
+    np.testing.assert_allclose(found.gyro_bias, np.tile(BIAS, (len(found.attitudes.q), 1)), rtol=1e-12)
     np.testing.assert_allclose(found.gyro_bias_sigma, BIAS_SIGMA, rtol=1e-12)
     assert found.arw == pytest.approx(2e-6, rel=1e-12)
     assert (found.attitudes.title, found.attitudes.frames) == ("CRAFT", ("ICRF", "SC_BODY_1"))
@@ -48,7 +48,7 @@ def test_another_implementation_reads_what_is_written_and_writes_what_is_read(me
     data = theirs.segment.data
     states = np.concatenate([np.array(one.att_lines) for one in data.att])
     np.testing.assert_allclose(states[:, 1:5], RECORDING.attitudes.quaternions, rtol=0, atol=1e-12)
-    np.testing.assert_allclose(states[:, 5:], np.tile(-np.rad2deg(BIAS), (len(states), 1)), rtol=1e-12)
+    np.testing.assert_allclose(states[:, 5:], np.tile(np.rad2deg(BIAS), (len(states), 1)), rtol=1e-12)
     variances = np.concatenate([np.array(one.cov_lines) for one in data.cov])
     expected = np.square(np.rad2deg(np.column_stack([RECORDING.attitudes.sigma, np.tile(BIAS_SIGMA, (len(states), 1))])))
     np.testing.assert_allclose(variances[:, 1:], expected, rtol=1e-12)
@@ -172,7 +172,7 @@ def test_a_gyro_and_an_acm_are_calibrated_and_the_result_is_exported(run_cli, tm
     done = run_cli(*arguments, "--calibration", str(tmp_path / "result.json"))
     assert done.exit_code == 0, done.stderr
     found = acm.read_acm(tmp_path / "b.acm")
-    assert (np.abs(-found.gyro_bias[0] - log.bias) < 4 * found.gyro_bias_sigma).all()
+    assert (np.abs(found.gyro_bias[0] - log.bias) < 4 * found.gyro_bias_sigma).all()
     (tmp_path / "result.json").write_text("{}")
     refused = run_cli(*arguments, "--calibration", str(tmp_path / "result.json"))
     assert (refused.exit_code, "not a result of gyrocal calibrate" in refused.stderr) == (2, True)
