@@ -63,6 +63,8 @@ class Spacecraft:
     gravity_gradient : whether it acts
     scan_torque : of an instrument that scans about body z out of balance, N m, turning in the body's XY plane
     scan_rate : of the scan, rad/s
+    array_step : by which the solar arrays are driven about body y, one revolution an orbit, rad; 0 for smoothly
+    array_inertia : of what is driven, about y, kg m²
     """
 
     inertia: Array = field(
@@ -79,6 +81,8 @@ class Spacecraft:
     gravity_gradient: bool = True
     scan_torque: float = 0.0
     scan_rate: float = 2 * np.pi * 31.6 / 60
+    array_step: float = 0.0
+    array_inertia: float = 400.0
 
 
 @dataclass(frozen=True)

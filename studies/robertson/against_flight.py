@@ -12,7 +12,7 @@ import pandas as pd
 
 from simulator.mission_mode.flight import MissionRun
 from studies.report.panels import DARK, RED, TEAL, Draw, Line, curves, sheet
-from studies.robertson import diagnosis, end_to_end, geometry, ladder
+from studies.robertson import diagnosis, end_to_end, geometry, ladder, stability
 from studies.robertson.calendar import PERIODS
 from studies.robertson.figures import YELLOW
 from studies.robertson.performance import AXES, within
@@ -33,6 +33,7 @@ TITLES = {
     "end_to_end": "From end to end: yaw updates by sun angle (deg)",
     "end_to_end_found": "From end to end: what was found, beside R's",
     "table2_change": "R Table 2, before minus after calibration (deg)",
+    "stability": "R Table 1's stability with assumed sources of jitter",
 }
 NOTES = {
     "statistics": "Single orbits through each period, the spacecraft as landed: boresights level, (c, d) as printed. "
@@ -48,6 +49,10 @@ NOTES = {
     "computed: for the least error at the updates of the nominal spacecraft.",
     "end_to_end": "Sensors as designed but for the heads; alignment at sun angles of 8 to 12°.",
     "table2_change": "The noise of the one flown maneuver is in both of R's columns and cancels, as for N.",
+    "stability": "Largest peak to peak within a second over an orbit of the calibrated spacecraft, by the loop's cycle. size: "
+    "assumed, not TRMM's. closed_form: on the axis moved most; size_of_limit: that which alone uses up 0.1°. Steps of the "
+    "arrays last two cycles here while the body drifts back, so that less is flown. The body is rigid; one that rings "
+    "moves more. `gyrocal mission OUT --calibrated --effect scan_torque=1` or `--effect array_step=0.1` flies one.",
 }
 
 
@@ -85,6 +90,7 @@ def section(
         "end_to_end": story.updates,
         "end_to_end_found": story.compared(),
         "table2_change": table2_change(table2),
+        "stability": stability.stability_table(entropy),
     }
     figures = {
         "figure6_geometry": ("R Figure 6: fields of view of the sun sensors", geometry.figure6()),
@@ -108,6 +114,7 @@ def section(
             "c_d": [list(one) for one in story.factors],
             "m_dss_2_deg": story.misalignment.tolist(),
         },
+        "stability": stability.told(tables["stability"]),
     }
     return AgainstFlight(tables, figures, summary)
 

@@ -47,8 +47,7 @@ NOTES = {
     "pointing.",
     "requirements": "simulated: three times the RMS over the period (largest for stability); worst_orbit: of the worst one, "
     "which in the second period comes after a yaw maneuver with a wrong gyro. Stability is not judged: the nominal spacecraft "
-    "has no source of jitter. An instrument that scans out of balance with a torque T at a rate ω swings the body by T/(I ω²): "
-    "a peak to peak of 0.1° takes 81 N m at 31.6 rpm (`--effect scan_torque`), so that R's limit is hardly in danger from it.",
+    "has no source of jitter, and TRMM's are not published; the table of stability says how large some would have to be.",
     "mountings": "A run of a day each; the first four updates are left out.",
     "bias_scatter": "Of the second period, with the simulated share of the two orientations.",
 }
