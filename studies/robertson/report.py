@@ -25,7 +25,7 @@ from studies.robertson import biases, figures, mountings, performance, slews, wo
 from studies.robertson.against_flight import NOTES as MORE_NOTES
 from studies.robertson.against_flight import TITLES as MORE_TITLES
 from studies.robertson.against_flight import AgainstFlight, section
-from studies.robertson.runs import PERIODS, SLEW_TABLES, SPIKE_FILTERS, STUDY, MissionStudy, Runs, window_rows
+from studies.robertson.runs import PERIODS, SLEW_TABLES, SPIKE_FILTERS, STUDY, MissionStudy, Runs, further_rows, window_rows
 from studies.robertson.runs import runs as flown_runs
 
 DEFAULT_FOLDER = Path("build") / "mission"
@@ -75,7 +75,9 @@ def run(
     months = [runs["months", str(k)] for k in range(what.seeds)]
     tables = make_tables(runs, months, what)
     summary = summarise(tables, runs)
-    beside = section(window_rows(outcome.table), months, tables["table2"], what.entropy) if what.windows else None
+    beside = None
+    if what.windows:
+        beside = section(window_rows(outcome.table), further_rows(outcome.table), months, tables["table2"], what.entropy)
     summary = settled(summary | (beside.summary if beside else {}))
     _write(folder, what, runs, months, tables, summary, beside)
     wall_s = round(time.monotonic() - started, 2)

@@ -56,7 +56,7 @@ def told(table: pd.DataFrame) -> dict[str, object]:
             f"{row.source}, {row.cycle_s:g} s": float(value)
             for row, value in zip(flown_rows.itertuples(), largest, strict=True)
         },
-        "size_of_limit": {f"{row.source} ({row.unit})": float(row.size_of_limit) for row in sized.itertuples()},
+        "size_of_limit": {f"{row['source']} ({row['unit']})": float(row["size_of_limit"]) for row in sized.to_dict("records")},
     }
 
 
