@@ -12,7 +12,7 @@ import pandas as pd
 
 from simulator.mission_mode.flight import MissionRun
 from studies.report.panels import DARK, RED, TEAL, Draw, Line, curves, sheet
-from studies.robertson import all_data, diagnosis, end_to_end, geometry, ladder, stability
+from studies.robertson import all_data, diagnosis, end_to_end, geometry, ladder, printed_coefficients, stability
 from studies.robertson.calendar import PERIODS
 from studies.robertson.figures import YELLOW
 from studies.robertson.performance import AXES, within
@@ -30,6 +30,7 @@ TITLES = {
     "all_data_ladder": "R's other data on every rung: Table 2, R (3), R (6), orientation signs",
     "all_data_numbers": "R's other data, number by number",
     "all_data": "What the other data change in the diagnosis",
+    "printed_coefficients": "How probably R (6) is as printed, has lost zeros, or is something else",
     "sun_angles": "Yaw updates by sun angle, sensor and orientation (deg)",
     "availability": "Share of the orbit with sun sensor data, by the boresights' tilt and elevation toward zenith",
     "tangents": "What (c, d) of R (6) say of tan α",
@@ -49,10 +50,11 @@ NOTES = {
     "was chosen with all 18 numbers in view.",
     "diagnosis": "Probability that a cause is at work, in any set; the rest is below 2 %.",
     "all_data_ladder": "R less simulated; no size was fitted on any of it. Sigmas: Table 2's of what R leaves open (duration, "
-    "yaw bias), R (3)'s of the early orbits, R (6)'s of how it is computed. R (3) is nearly put in, by the mounting. Ratios: R "
-    "saw both above one.",
-    "all_data_numbers": "change: before less after calibration, yaw maneuver from +x to −x, deg. m: of DSS-2, deg. c: (c − 1), "
-    "d: of R (6), as printed, 1e-6.",
+    "yaw bias), R (3)'s of the early orbits. R (3) is nearly put in, by the mounting. ln B: how much less likely R (6) is than "
+    "of the nominal mounting. Ratios: R saw both above one.",
+    "all_data_numbers": "change: before less after calibration, yaw maneuver from +x to −x, deg. m: of DSS-2, deg.",
+    "printed_coefficients": "Of the nominal mounting, with prior shares, chosen, of 0.6, 0.1, 0.1, 0.2. sigma: of how it is "
+    "computed.",
     "all_data": "Probability that a cause is at work: of Table 3 alone, and with the other data and signs in the same linear "
     "model; causes of 2 % in either.",
     "sun_angles": "Months of the nominal spacecraft, all updates of the period.",
@@ -104,6 +106,7 @@ def section(
         "all_data_ladder": all_data.rungs_table(windows, further),
         "all_data_numbers": all_data.numbers_table(further),
         "all_data": all_data.probabilities_table(found, together),
+        "printed_coefficients": printed_coefficients.readings(ladder.NOMINAL),
         "sun_angles": updates,
         "availability": share,
         "tangents": numbers,

@@ -9,14 +9,13 @@ R (3)
     The rotation vector of DSS-2's misalignment, as R's first algorithm finds it of flown telemetry of the early orbits. The
     spacecraft's mounting was solved for so that a fit of the Sun's path finds R (3): these three numbers tell effects apart by
     what they add, and are no test of the mounting. Sigma: the scatter between the early orbits, once here and once in flight.
-R (6)
-    c − 1 and d of both sensors, computed for the sensors as they sit. Sigma: the spread between three ways of computing them
-    for the nominal spacecraft, over all sun angles, over those of −x forward, and the closed form at one α. As printed they
-    may have lost zeros: powers of ten are candidates of their own.
 Signs
     "Before uplink of these coefficients the yaw attitude was more accurate, and the yaw updates smaller, in the +X forward
     configuration." A set of effects gives each sign a probability, Φ of the mean logarithm of −x over +x in sigmas of the
     windows' scatter.
+R (6)
+    As printed it may have lost zeros, and how well it can be computed depends on how the sensors sit: a density of its own,
+    `studies.robertson.printed_coefficients`. Signs and R (6) are weighed with the candidates that turn them round or move them.
 """
 
 from __future__ import annotations
@@ -37,10 +36,8 @@ from diagnosis.inference.search import Search
 from diagnosis.model.candidates import Group
 from diagnosis.model.linear import LinearModel
 from diagnosis.settings import DEFAULT
-from gyrocal.sensors.head_compensation import HEADS, PUBLISHED, at_alpha
-from simulator.mission_mode.config import MissionConfig
-from simulator.mission_mode.mounting import ELEVATION, R3_M
-from studies.robertson import flown
+from simulator.mission_mode.mounting import R3_M
+from studies.robertson import flown, printed_coefficients
 from studies.robertson.calendar import PERIODS
 from studies.robertson.diagnosis import (
     NOTHING,
@@ -54,7 +51,7 @@ from studies.robertson.diagnosis import (
     linear_model,
 )
 from studies.robertson.end_to_end import rotation
-from studies.robertson.further import BLOCKS, MANEUVER, NAMES, R3, R6, TABLE2, coefficients
+from studies.robertson.further import BLOCKS, MANEUVER, NAMES, R3, TABLE2
 from studies.robertson.ground import AXES
 from studies.robertson.ladder import NOMINAL, RUNGS
 from studies.robertson.slews import noise_free
@@ -63,41 +60,32 @@ Array = NDArray[np.float64]
 Further = Mapping[tuple[str, ...], Mapping[str, float]]
 
 DURATIONS_S = (600.0, 800.0, 1000.0, 1200.0)
-SLIPS = (10.0, 100.0)
+COMPARED = tuple(name for name in NAMES if BLOCKS[name] in (TABLE2, R3))
 SIGNS = ("yaw accuracy", "yaw update")
 MOST_EFFECTS = 8  # Table 3's and those of the others
 
 
 def observed() -> Array:
-    """What R prints, in the order of `NAMES`."""
+    """What R prints, in the order of `COMPARED`."""
     change = [flown.slew_error(axis, "precalibration") - flown.slew_error(axis, "postcalibration") for axis in AXES]
     turn = np.rad2deg(Rotation.from_matrix(rotation(R3_M)).as_rotvec())
-    printed = [1e6 * value for one in PUBLISHED.values() for value in (one.c - 1, one.d)]
-    return np.array([*change, *turn, *printed])
+    return np.array([*change, *turn])
 
 
 @lru_cache(maxsize=1)
-def method_spread() -> tuple[Array, Array]:
-    """Sigmas of R Table 2's change by what R leaves open, (3,) deg, and of (c, d) by how they are computed, (4,) 1e-6."""
+def unstated_spread() -> Array:
+    """Sigma of R Table 2's change by what R leaves open, (3,) deg."""
     changes = [
         noise_free(MANEUVER, PERIODS[1], solved, one) - noise_free(MANEUVER, PERIODS[2], solved, one)
         for one, solved in product(DURATIONS_S, (True, False))
     ]
-    alpha = {"DSS-1": -ELEVATION, "DSS-2": ELEVATION}
-    closed = [at_alpha(HEADS[name], angle) for name, angle in alpha.items()]
-    ways = [
-        coefficients(MissionConfig()),
-        coefficients(MissionConfig(), (15.0, 58.4)),
-        1e6 * np.array([value for one in closed for value in (one.c - 1, one.d)]),
-    ]
-    return np.std(changes, axis=0, ddof=1), np.std(ways, axis=0, ddof=1)
+    return np.asarray(np.std(changes, axis=0, ddof=1))
 
 
 def sigmas(nominal: Mapping[str, float]) -> Array:
-    """1-sigma of flown minus simulated, in the order of `NAMES`; the printed digits hardly matter."""
-    duration, method = method_spread()
+    """1-sigma of flown minus simulated, in the order of `COMPARED`; the printed digits hardly matter."""
     orbits = np.sqrt(2.0) * np.array([nominal[f"scatter_m_{axis}_deg"] for axis in "xyz"])
-    return np.concatenate([duration, orbits, np.hypot(method, 1 / np.sqrt(12.0))])
+    return np.concatenate([unstated_spread(), orbits])
 
 
 def signs(rows: pd.DataFrame) -> dict[str, tuple[float, float]]:
@@ -117,42 +105,20 @@ def sign_evidence(rows: pd.DataFrame) -> float:
 
 
 def beside(further: Further) -> Beside:
-    """Table 3's companions for the linear model: flown less nominal, sigmas, what each trial changes, slips and rivals."""
-    nominal = further[NOMINAL]
-    base, sigma = np.array([nominal[name] for name in NAMES]), sigmas(nominal)
-    changes = {effects: (np.array([values[name] for name in NAMES]) - base) / sigma for effects, values in further.items()}
-    return Beside(NAMES, tuple(BLOCKS[name] for name in NAMES), (observed() - base) / sigma, changes, tuple(_groups(sigma)))
+    """Table 3's companions for the linear model: flown less nominal, sigmas, what each trial changes, and rivals."""
+    sigma, base = sigmas(further[NOMINAL]), _array(further[NOMINAL])
+    changes = {effects: (_array(values) - base) / sigma for effects, values in further.items()}
+    each = np.eye(len(COMPARED))
+    rivals = [
+        _rival(f"{UNKNOWN} in data beside", block, each[:, [k for k, name in enumerate(COMPARED) if BLOCKS[name] == block]])
+        for block in (TABLE2, R3)
+    ]
+    rivals += [_rival(f"{UNKNOWN} in a number beside", name, each[:, [k]]) for k, name in enumerate(COMPARED)]
+    return Beside(COMPARED, tuple(BLOCKS[name] for name in COMPARED), (observed() - base) / sigma, changes, tuple(rivals))
 
 
-def _groups(sigma: Array) -> list[Group]:
-    """Zeros slipped in each number of R (6), and differences of any size in a block or a number."""
-    each, printed = np.eye(len(NAMES)), observed() / sigma
-    out = []
-    for k, name in enumerate(NAMES):
-        if BLOCKS[name] == R6:
-            # Printed is the number over its slip: what is printed lies so far from the number.
-            columns = [((1.0 - slip) * printed[k] * each[:, k])[:, None] for slip in SLIPS]
-            out.append(_slip(name, columns))
-    for block in (TABLE2, R3, R6):
-        own = each[:, [k for k, name in enumerate(NAMES) if BLOCKS[name] == block]]
-        out.append(_rival(f"{UNKNOWN} in data beside", block, own))
-    return [*out, *(_rival(f"{UNKNOWN} in a number beside", name, each[:, [k]]) for k, name in enumerate(NAMES))]
-
-
-def _slip(name: str, columns: list[Array]) -> Group:
-    return Group(
-        "slipped zeros",
-        name,
-        True,
-        columns,
-        [{"slip": slip} for slip in SLIPS],
-        np.full(len(SLIPS), 1 / len(SLIPS)),
-        (0.0, 1.0),
-        "",
-        shifted=True,
-        scales=np.ones(1),
-        read=lambda _: (1.0, {}),
-    )
+def _array(values: Mapping[str, float]) -> Array:
+    return np.array([values[name] for name in COMPARED])
 
 
 def _rival(effect: str, axis: str, columns: Array) -> Group:
@@ -160,9 +126,9 @@ def _rival(effect: str, axis: str, columns: Array) -> Group:
 
 
 def diagnose(windows: Windows, further: Further) -> Diagnosis:
-    """The diagnosis of Table 3 with R's other data in the same model, and the signs in each explanation's posterior."""
+    """The diagnosis of Table 3 with R's other data: in the same model, or, signs and R (6), in each explanation's posterior."""
     model, sigma = linear_model(windows, beside(further), MOST_EFFECTS)
-    told = sign_odds(model, windows)
+    told = further_odds(model, windows)
     found = [
         replace(one, log_posterior=one.log_posterior + sum(told[member.candidate] for member in one.members))
         for one in [*Search(model).explanations(), NOTHING]
@@ -170,11 +136,15 @@ def diagnose(windows: Windows, further: Further) -> Diagnosis:
     return concluded(model, sigma, sorted(found, key=lambda one: -one.log_posterior))
 
 
-def sign_odds(model: LinearModel, windows: Windows) -> list[float]:
-    """By how much each candidate's windows change ln P of both signs, about the nominal's."""
+def further_odds(model: LinearModel, windows: Windows) -> list[float]:
+    """By how much each candidate as it was flown changes ln P of both signs and of R (6), about the nominal."""
     by_label = {f"{one.effect}:{one.axis}" if one.axis else one.effect: one.setting for one in TRIALS if one.setting}
-    nominal = sign_evidence(windows[NOMINAL])
-    return [sign_evidence(windows[by_label[one.label]]) - nominal if one.label in by_label else 0.0 for one in model.candidates]
+
+    def told(effects: tuple[str, ...]) -> float:
+        return sign_evidence(windows[effects]) + printed_coefficients.evidence(effects)
+
+    nominal = told(NOMINAL)
+    return [told(by_label[one.label]) - nominal if one.label in by_label else 0.0 for one in model.candidates]
 
 
 def probabilities_table(alone: Diagnosis, together: Diagnosis) -> pd.DataFrame:
@@ -186,15 +156,17 @@ def probabilities_table(alone: Diagnosis, together: Diagnosis) -> pd.DataFrame:
 
 def rungs_table(windows: Windows, further: Further) -> pd.DataFrame:
     """R's other data on every rung of the ladder, on which no size was fitted: misses, and the signs' ratios."""
-    printed, sigma = observed(), sigmas(further[NOMINAL])
+    published, sigma = observed(), sigmas(further[NOMINAL])
+    likely = printed_coefficients.evidence(NOMINAL)
     rows: list[dict[str, Any]] = []
     for rung in RUNGS:
-        miss = printed - np.array([further[rung.effects][name] for name in NAMES])
+        miss = published - _array(further[rung.effects])
         row: dict[str, Any] = {"effect": rung.name}
-        for block, unit in ((TABLE2, "deg"), (R3, "deg"), (R6, "1e6")):
-            own = [k for k, name in enumerate(NAMES) if BLOCKS[name] == block]
-            row[f"{block} rms {unit}"] = float(np.sqrt(np.mean(miss[own] ** 2)))
+        for block in (TABLE2, R3):
+            own = [k for k, name in enumerate(COMPARED) if BLOCKS[name] == block]
+            row[f"{block} rms deg"] = float(np.sqrt(np.mean(miss[own] ** 2)))
             row[f"{block} rms sigmas"] = float(np.sqrt(np.mean((miss[own] / sigma[own]) ** 2)))
+        row["R (6) ln B"] = printed_coefficients.evidence(rung.effects) - likely
         for name, (ratio, error) in signs(windows[rung.effects]).items():
             row |= {f"{name}, −x over +x": float(np.exp(ratio)), f"{name}, sigmas": ratio / error}
         rows.append(row)
@@ -203,14 +175,13 @@ def rungs_table(windows: Windows, further: Further) -> pd.DataFrame:
 
 def numbers_table(further: Further) -> pd.DataFrame:
     """Each number: R's, the nominal's and the last rung's, and sigma."""
-    sigma = sigmas(further[NOMINAL])
     return pd.DataFrame(
         {
-            "data": [BLOCKS[name] for name in NAMES],
-            "number": NAMES,
+            "data": [BLOCKS[name] for name in COMPARED],
+            "number": COMPARED,
             "R": observed(),
-            "nominal": [further[NOMINAL][name] for name in NAMES],
-            "last": [further[RUNGS[-1].effects][name] for name in NAMES],
-            "sigma": sigma,
+            "nominal": _array(further[NOMINAL]),
+            "last": _array(further[RUNGS[-1].effects]),
+            "sigma": sigmas(further[NOMINAL]),
         }
     )

@@ -26,7 +26,15 @@ def nominal():
 
 
 def test_an_effect_of_no_size_changes_nothing(nominal):
-    same = flown("horizon_noise=0", "horizon_season=0", "gyro_orbital:x=0", "bias_gain=1", "cross_track=0", "scan_torque=0")
+    same = flown(
+        "horizon_noise=0",
+        "horizon_season=0",
+        "gyro_orbital:x=0",
+        "bias_gain=1",
+        "cross_track=0",
+        "scan_torque=0",
+        "array_step=0",
+    )
     assert same.telemetry.equals(nominal.telemetry)
 
 
