@@ -85,7 +85,7 @@ def orbit_table(scenario: Scenario) -> pd.DataFrame:
                 "orbit": name,
                 "clean_gap_rms_deg": flight_gap.clean_gap_rms(predicted),
                 "gap_rms_deg": flight_gap.gap_rms(predicted),
-                "omega_x_deg_s": float(np.abs(rates[:, 0]).max()),
+                "omega_x_deg_s": round(float(np.abs(rates[:, 0]).max()), 9),  # what is left of zero is the integration's
                 "interval_5_yaw_deg": float(predicted[hold, 2] - plain[hold, 2]),
             }
         )

@@ -24,24 +24,17 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
-from functools import lru_cache, partial
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 from scipy.stats import chi2
 
 from diagnosis.inference.amplitudes import Fitted, fit
 from diagnosis.inference.closure import closure, fixed
-from diagnosis.inference.search import Search
-from diagnosis.model.sensors.arcs import arcs_of, fitted_arcs
-from diagnosis.model.sensors.columns import Held
-from diagnosis.model.sensors.orthogonal import solved_for
 from diagnosis.model.sensors.residuals import residual_table
-from diagnosis.model.sensors.tables import linear_model, tables_of
-from diagnosis.sensor_tables import ExplainedTables, explain_tables, relinearised, verdict_of
-from diagnosis.settings import DEFAULT
+from diagnosis.sensor_tables import ExplainedTables, explain_tables, verdict_of
 from gyrocal.recording import Recording
 from simulator.effects import Setting
 from simulator.effects.sensor import SENSOR_EFFECTS, dss_misalignment, parse
@@ -55,17 +48,8 @@ from studies.report import panels, sensor_figures
 from studies.report.checks import Check, at_most
 from studies.report.entry import Entry, Report
 from studies.report.tables import Table
+from studies.robertson.heads_truth import ALIGNMENT, HEADS, ORTHOGONAL, amplitudes_of, beside_heads, held
 
-Array = NDArray[np.float64]
-
-HEADS = (
-    "dss_head:1=0.08056,e1_deg=0.044,e2_deg=-0.008,e3_deg=0.067",
-    "dss_head:2=0.28156,e1_deg=0.206,e2_deg=0.061,e3_deg=0.182",
-)
-ALIGNMENT = (
-    "dss_misalignment=0.22475,m_x_deg=-0.15648,m_y_deg=-0.11411,m_z_deg=0.11402",
-    "esa_bias=0.19681,bias_1_deg=-0.1574,bias_2_deg=0.04635,bias_3_deg=-0.09414,bias_4_deg=-0.05382",
-)
 STORY: Mapping[str, tuple[str, ...]] = {
     "R": HEADS,  # and what `beside_heads` finds
     "heads": HEADS,
@@ -80,8 +64,6 @@ OTHERS: Mapping[str, tuple[str, ...]] = {
 }
 SCALE, NOISE = 3e-3, 1.5  # of the α head's counts, and of the Earth sensor's noise; on no list
 EFFECTS = tuple(SENSOR_EFFECTS.values())
-ORTHOGONAL = solved_for(EFFECTS)  # what the calibration of the first upload solved for
-NEWTON = 3  # steps; the second leaves 1e-5 deg
 RIGHT = "Right is to name every effect that is there and no other, and to call what is on no list unknown."
 R3 = "R's truth is the misalignment and biases of which, beside the heads, an orthogonal calibration finds R (3)."
 LABELS = {"before": "nominal sensors", "orthogonal": "orthogonal misalignment and biases", "after": "what is named"}
@@ -113,50 +95,6 @@ def settings(truth: str, scenario: Scenario) -> tuple[Setting, ...]:
     """Effects of a truth; none if it is nominal or on no list."""
     stated = tuple(parse(text) for text in {**STORY, **OTHERS}.get(truth, ()))
     return (*stated, *beside_heads(scenario)) if truth == "R" else stated
-
-
-@lru_cache(maxsize=2)
-def beside_heads(scenario: Scenario) -> tuple[Setting, ...]:
-    """Misalignment and biases of which, with R's heads, an orthogonal fit of a scenario finds R (3) and R's biases.
-
-    The heads alone already look like a misalignment, so that R (3) put on top of them is found as something else. The fit is
-    nearly linear in what is there: x ← x + (wanted − found), from x = wanted, on tables without noise.
-    """
-    wanted = [(parse(text), _vector(parse(text))) for text in ALIGNMENT]
-    put = [amplitudes for _, amplitudes in wanted]
-    for _ in range(NEWTON):
-        there = [_setting(one, x) for (one, _), x in zip(wanted, put, strict=True)]
-        found = orthogonal_fit(scenario, [*map(parse, HEADS), *there])
-        put = [x + goal - found[one.effect] for x, (one, goal) in zip(put, wanted, strict=True)]
-    return tuple(_setting(one, x) for (one, _), x in zip(wanted, put, strict=True))
-
-
-def orthogonal_fit(scenario: Scenario, effects: Sequence[Setting]) -> dict[str, Array]:
-    """What a calibration that knows orthogonal matrices and biases only finds of noise-free tables, deg, by effect."""
-    motion = case_motion(scenario)
-    plain = observe(scenario, motion, gyro_rng=None, reference_rng=None)
-    arcs, _ = arcs_of(replace(plain, sensors=sensed(scenario, motion, effects, noise=False)))
-    fits, _, _ = fitted_arcs(arcs)
-    solved = tuple(SENSOR_EFFECTS[name] for name in ORTHOGONAL)
-    model = linear_model(tables_of(fits, solved), solved, DEFAULT)
-    for _ in range(2):  # about what the first found
-        best = Search(model).of(ORTHOGONAL)
-        assert best is not None
-        fitted = fit(model, best.members)
-        again = relinearised(fits, solved, _held(fitted), DEFAULT)
-        model = again if again is not None else model
-    return {one.effect: one.amplitudes for one in fitted}
-
-
-def _vector(setting: Setting) -> Array:
-    effect = SENSOR_EFFECTS[setting.effect]
-    return effect.amplitudes(setting)
-
-
-def _setting(like: Setting, amplitudes: Array) -> Setting:
-    """The same effect with other amplitudes."""
-    size, parameters = SENSOR_EFFECTS[like.effect].from_amplitudes(amplitudes)
-    return replace(like, size=size, parameters=parameters)
 
 
 def recorded(config: StoryConfig, case: int, streams: Streams, truth: str = "R") -> Recording:
@@ -323,7 +261,7 @@ def checks(rows: pd.DataFrame) -> tuple[Check, ...]:
     off = [
         ours[f"orthogonal {one.effect} {k} found"].mean() - value
         for one in map(parse, ALIGNMENT if len(ours) else ())
-        for k, value in enumerate(_vector(one))
+        for k, value in enumerate(amplitudes_of(one))
     ]
     return (
         *(Check(f"share of right answers, {name}", _right(rows, truths), meaning=RIGHT) for name, truths in groups.items()),
@@ -343,14 +281,10 @@ def _residual_figure(config: StoryConfig, path: Path) -> Path:
     seen = explain_tables(recorded(config, 0, Streams(config.entropy, 0)), EFFECTS)
     without = seen.search.of(ORTHOGONAL)
     assert without is not None
-    table = residual_table(seen.fits, _held(seen.fitted))
-    table = table.assign(orthogonal_deg=residual_table(seen.fits, _held(fit(seen.search.model, without.members)))["after_deg"])
+    table = residual_table(seen.fits, held(seen.fitted))
+    table = table.assign(orthogonal_deg=residual_table(seen.fits, held(fit(seen.search.model, without.members)))["after_deg"])
     titles = {f"{name}_deg": label for name, label in LABELS.items()}
     return panels.save(sensor_figures.sun_residual_figure(table, "DSS-2", titles), path)
-
-
-def _held(fitted: Sequence[Fitted]) -> dict[str, Held]:
-    return {one.label: Held(one.amplitudes, one.parameters) for one in fitted}
 
 
 def _gap_figure(gaps: pd.DataFrame, path: Path) -> Path:
