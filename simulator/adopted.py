@@ -208,7 +208,7 @@ def load(name_or_path: str | os.PathLike[str]) -> Adopted:
     # A replay needs no scenario keys; and a base is merged first, so that an effect can be put into a built-in scenario.
     path = Path(name)
     values = dict(scenarios.document(name))
-    added = {key: values.pop(key) for key in ("replay", "effect", "posterior") if key in values}
+    added = {key: values.pop(key) for key in scenarios.BESIDE if key in values}
     try:
         extra = _Additions.model_validate(added)
     except ValidationError as error:

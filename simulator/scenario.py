@@ -35,6 +35,7 @@ Matrix = Annotated[tuple[Vector, Vector, Vector], Field(strict=False)]
 TOUCH_TOLERANCE = 1e-6  # s; intervals closer than this touch
 JOIN_TOLERANCE = 1e-8  # attitude matrix elements of two intervals that touch
 MOST_SAMPLES = 2e7
+BESIDE = ("replay", "effect", "posterior")  # tables of `simulator.adopted`
 MOST_BASES = 30  # of a scenario, one of the other
 SMALLEST_DETERMINANT = 1e-3  # of a G that counts as invertible
 
@@ -371,9 +372,15 @@ def load(name_or_path: str | os.PathLike[str]) -> Scenario:
     Raises
     ------
     InputError
-        There is no such scenario, or one line with every fault of it by its path in the document.
+        There is no such scenario, one line with every fault of it by its path in the document, or it holds effects.
     """
-    return validated(document(name_or_path), os.fspath(name_or_path))
+    name, values = os.fspath(name_or_path), document(name_or_path)
+    beside = [key for key in BESIDE if key in values]
+    if beside:
+        raise InputError(
+            f"{name}: holds [{beside[0]}], which 'gyrocal simulate' and 'gyrocal compare' fly; a plan alone is wanted here"
+        )
+    return validated(values, name)
 
 
 def document(name_or_path: str | os.PathLike[str]) -> dict[str, Any]:

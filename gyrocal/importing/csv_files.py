@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from gyrocal.files import replacing
 from gyrocal.importing.units import GPS_EPOCH, UNIX_EPOCH, UNIX_RANGE_S, WEEK_S
-from gyrocal.recording import Recording, toml_value
+from gyrocal.recording import Recording, reference_rows, toml_value
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -31,19 +31,53 @@ def write_csv(recording: Recording, folder: str | os.PathLike[str]) -> None:
     ``gyrocal import csv FOLDER/gyro.csv FOLDER/attitude.csv OUT --mapping FOLDER/mapping.toml`` makes a recording of them; its
     intervals are made anew, and its references have one sigma per axis, the root mean square of this one's.
     """
+    gyro = recording.to_frame("gyro")
+    rates = [str(name) for name in gyro.columns if str(name).startswith("rate_")]
+    _write(recording, gyro, {"gyro": f"{','.join(rates)}:deg/s"}, folder)
+
+
+def write_packets(recording: Recording, counts: pd.DataFrame, lsb: str, wrap: float, folder: str | os.PathLike[str]) -> None:
+    """Write gyro.csv with accumulated angles in place of rates, attitude.csv and mapping.toml; the folder is made.
+
+    The mapping keeps the recording's references and, but for those with a hole in the references, its intervals, unlike that
+    of `write_csv`.
+
+    Parameters
+    ----------
+    recording : whose attitudes and stated noise are written
+    counts : t_s and a column a gyro
+    lsb, wrap : size of a count with its unit, and after how many it wraps
+    """
+    names = [str(name) for name in counts.columns if name != "t_s"]
+    t_s = recording.attitudes.t_s
+    apart = [float(np.diff(t_s[reference_rows(t_s, one)]).min()) for one in recording.intervals]
+    entries = {
+        "gyro": f"{','.join(names)}:counts",
+        "lsb": lsb,
+        "wrap": float(wrap),
+        "interval_s": max(one.stop_s - one.start_s for one in recording.intervals) + 1.0,
+        "spacing_s": 0.5 * min(apart),
+    }
+    _write(recording, counts, entries, folder)
+
+
+def _write(recording: Recording, gyro: pd.DataFrame, read: dict[str, Any], folder: str | os.PathLike[str]) -> None:
+    """A table of the gyro, one of the attitudes, and the mapping with what reads the former."""
     folder = Path(folder)
     folder.mkdir(parents=True, exist_ok=True)
-    gyro, time = _timed(recording.to_frame("gyro"), recording)
+    gyro, time = _timed(gyro, recording)
     attitude, _ = _timed(recording.to_frame("attitude"), recording)
-    rates = [str(name) for name in gyro.columns if str(name).startswith("rate_")]
-    entries = time | {
-        "gyro": f"{','.join(rates)}:deg/s",
-        "quat": "q1,q2,q3,q4:scalar-last:body-to-inertial",
-        "G": recording.gyro.apriori_G.tolist(),
-        "bias_deg_s": np.rad2deg(recording.gyro.apriori_bias).tolist(),
-        "sigma_deg": np.rad2deg(np.sqrt(np.mean(np.square(recording.attitudes.sigma), axis=0))).tolist(),
-        "title": recording.title,
-    }
+    entries = (
+        time
+        | read
+        | {
+            "quat": "q1,q2,q3,q4:scalar-last:body-to-inertial",
+            "G": recording.gyro.apriori_G.tolist(),
+            "bias_deg_s": np.rad2deg(recording.gyro.apriori_bias).tolist(),
+            "sigma_deg": np.rad2deg(np.sqrt(np.mean(np.square(recording.attitudes.sigma), axis=0))).tolist(),
+            "title": recording.title,
+        }
+    )
     if recording.gyro.arw > 0:
         entries["arw_deg_per_sqrt_s"] = float(np.rad2deg(recording.gyro.arw))
     for name, table in (("gyro", gyro), ("attitude", attitude)):

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from gyrocal.errors import InputError
 from gyrocal.importing.mapping import Mapping
 from gyrocal.importing.sensors import Together
+from gyrocal.importing.streams import GAP
 from gyrocal.recording import GyroStream, Interval
 
 Array = NDArray[np.float64]
@@ -20,7 +21,6 @@ Indices = NDArray[np.intp]
 TURN = np.deg2rad(720.0)  # of an interval, summed: one percent of G is then 7 deg
 INTERVAL_S = (30.0, 1800.0)
 REFERENCES = 150  # of an interval, at most
-GAP = 1.5  # samples without a gyro reading
 HOLE = 5.0  # times the usual spacing without an attitude
 
 

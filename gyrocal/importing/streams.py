@@ -1,7 +1,7 @@
 """Gyro samples and attitudes of somebody's tables, on one clock and in SI units, before anything is estimated.
 
 A rate column's sample k is the mean over the sample that its tag starts, is the middle of, or ends. The differences of an
-accumulated angle are means over the time between two tags exactly, whatever lies between.
+accumulated angle are means over the time between two tags exactly, whatever lies between; across a gap there is none.
 """
 
 from __future__ import annotations
@@ -24,6 +24,7 @@ Array = NDArray[np.float64]
 
 UNDATED = "2000-01-01T00:00:00"  # epoch of files without a date
 WRAPS = (2.0**16, 2.0**24, 2.0**32, 360.0, 2 * np.pi)
+GAP = 1.5  # samples without a gyro reading
 NEAR = 0.02  # of a wrap: how near a jump must come to it to be one
 
 
@@ -230,9 +231,13 @@ def _samples(t_s: Array, raw: Array, mapping: Mapping) -> tuple[Array, Array, fl
     spacing = np.diff(t_s)
     sample_s = float(np.median(spacing))
     if accumulated:
-        step, said = _unwrapped(np.diff(raw, axis=0), mapping.wrap)
-        rates = factor * step / spacing[:, None]
-        return t_s[:-1], rates, sample_s, [*said, "rates are differences of accumulated angles"]
+        # How often it wraps in a gap, and what it does there, nobody knows: no sample begins at the last tag before one.
+        whole = spacing <= GAP * sample_s
+        step, said = _unwrapped(np.diff(raw, axis=0)[whole], mapping.wrap)
+        rates = factor * step / spacing[whole, None]
+        if not whole.all():
+            said.append(f"{int((~whole).sum())} differences over gaps longer than {GAP:g} samples are left out")
+        return t_s[:-1][whole], rates, sample_s, [*said, "rates are differences of accumulated angles"]
     if mapping.wrap is not None:
         raise InputError("wrap: goes with accumulated angles, not with rates")
     late = {"start": 0.0, "middle": 0.5, "end": 1.0}[mapping.tag] * sample_s

@@ -63,6 +63,8 @@ class Spacecraft:
     gravity_gradient : whether it acts
     scan_torque : of an instrument that scans about body z out of balance, N m, turning in the body's XY plane
     scan_rate : of the scan, rad/s
+    array_step : by which the solar arrays are driven about body y, one revolution an orbit, rad; 0 for smoothly
+    array_inertia : of what is driven, about y, kg m²
     """
 
     inertia: Array = field(
@@ -79,6 +81,8 @@ class Spacecraft:
     gravity_gradient: bool = True
     scan_torque: float = 0.0
     scan_rate: float = 2 * np.pi * 31.6 / 60
+    array_step: float = 0.0
+    array_inertia: float = 400.0
 
 
 @dataclass(frozen=True)
@@ -249,12 +253,15 @@ def compensated(coefficients: Array, c: float, d: float) -> Array:
 
 
 def crossing_compensation(
-    sensor: TrueSunSensor, on_board: Array, nominal: Array, coefficients: Array = sun_sensor.BETA
+    sensor: TrueSunSensor,
+    on_board: Array,
+    nominal: Array,
+    coefficients: Array = sun_sensor.BETA,
+    angles_deg: tuple[float, float] = (0.0, 58.4),
 ) -> tuple[float, float]:
     """(c, d) of R (6) for the least error of β at the yaw update.
 
-    Least squares over the bracket of R (5) with the Sun in the body's XY plane, 0° to 58.4° from the XZ plane, and α read as
-    it is.
+    Least squares over the bracket of R (5) with the Sun in the body's XY plane, and α read as it is.
 
     Parameters
     ----------
@@ -262,9 +269,10 @@ def crossing_compensation(
     on_board : (3, 3) M on board
     nominal : (3, 3) N
     coefficients : (9,) b on board, before
+    angles_deg : of the Sun from the XZ plane, from and to
     """
     side = np.sign(nominal[0, 2])
-    angle = np.deg2rad(np.linspace(0.0, 58.4, 50))
+    angle = np.deg2rad(np.linspace(*angles_deg, 50))
     body = np.stack([side * np.cos(angle), -np.sin(angle), np.zeros_like(angle)], axis=-1)
     seen = [sun_sensor.head_tangents(x, y, z, sensor.head) for x, y, z in body @ sensor.alignment]
     counts = [sun_sensor.counts_of(*one, sensor.coefficients_alpha, sensor.coefficients_beta)[1] for one in seen]

@@ -120,6 +120,11 @@ def _scan(config: MissionConfig, size: float, own: Parameters) -> MissionConfig:
     return replace(config, spacecraft=body)
 
 
+def _array(config: MissionConfig, size: float, own: Parameters) -> MissionConfig:
+    body = replace(config.spacecraft, array_step=math.radians(size), array_inertia=own["inertia_kgm2"])
+    return replace(config, spacecraft=body)
+
+
 def _printed(config: MissionConfig, size: float, own: Parameters) -> MissionConfig:
     return replace(config, printed_coefficients=size > 0)
 
@@ -162,7 +167,11 @@ ALL = (
         "cross_track", "km", "the ephemeris on board is off across the track, with the sine of the latitude argument",
         (-100.0, 100.0), _cross_track, {"phase_deg": 0.0},
     ),
-    MissionEffect("scan_torque", "N m", "an instrument scans about z out of balance", (0.0, 10.0), _scan, {"rpm": 31.6}),
+    MissionEffect("scan_torque", "N m", "an instrument scans about z out of balance", (0.0, 100.0), _scan, {"rpm": 31.6}),
+    MissionEffect(
+        "array_step", "deg", "the solar arrays are driven about y in steps, once round an orbit", (0.0, 10.0), _array,
+        {"inertia_kgm2": 400.0},
+    ),
 )  # fmt: skip
 MISSION_EFFECTS: Mapping[str, MissionEffect] = {one.name: one for one in ALL}
 

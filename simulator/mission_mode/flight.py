@@ -293,6 +293,8 @@ def _plant(config: MissionConfig, span: float) -> Plant:
         on_board=np.array([config.ephemeris.node, np.cos(carried), np.sin(carried)]),
         scan_torque=body.scan_torque,
         scan_rate=body.scan_rate,
+        array_step=body.array_step,
+        array_inertia=body.array_inertia,
         radius=orbit.radius,
         sidereal=sidereal_angle(start),
         dipole=DIPOLE,

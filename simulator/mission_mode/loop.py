@@ -204,6 +204,12 @@ def _outer_torque(
         a, b, share = plant.scan_rate * t, plant.scan_rate * (t + plant.dt), plant.scan_torque / (plant.scan_rate * plant.dt)
         torque[0] += share * (math.sin(b) - math.sin(a))
         torque[1] += share * (math.cos(a) - math.cos(b))
+    if plant.array_step > 0.0:
+        # A step δ of the arrays, soon over, turns the body back by (I_a/I) δ: a torque for a cycle, then its opposite.
+        pace = plant.mean_motion / plant.array_step
+        before, now = math.floor(pace * max(t - plant.dt, 0.0)), math.floor(pace * t)
+        after = math.floor(pace * (t + plant.dt))
+        torque[1] -= plant.array_inertia * plant.array_step / plant.dt**2 * ((after - now) - (now - before))
     return largest
 
 

@@ -59,6 +59,8 @@ class Plant(NamedTuple):
     on_board: Array  # (3,) node's error, cos and sin of the inclination of the ephemeris on board
     scan_torque: float
     scan_rate: float
+    array_step: float  # rad; 0 for smoothly
+    array_inertia: float
     radius: float
     sidereal: float
     dipole: Array

@@ -4,7 +4,9 @@ from pathlib import Path
 
 import click
 
+from simulator import adopted
 from simulator import scenario as scenarios
+from simulator.effects import described
 from studies.cli.options import PATH
 from studies.montecarlo.files import check_writable, write_json
 
@@ -26,7 +28,10 @@ def command(name: str | None, as_json: Path | None) -> None:
     if name:
         click.echo(scenarios.text(name))
         if as_json:
-            write_json(as_json, scenarios.load(name).model_dump(mode="json"))
+            flown = adopted.load(name)
+            assert isinstance(flown.plan, scenarios.Scenario)  # none that is built in flies a recording again
+            effects = {"effect": [described(one) for one in flown.effects]} if flown.effects else {}
+            write_json(as_json, flown.plan.model_dump(mode="json") | effects)
         return
     titles = {one: str(scenarios.document(one).get("title", "")) for one in scenarios.names()}
     width = max(map(len, titles))

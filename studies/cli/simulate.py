@@ -6,11 +6,14 @@ import click
 import numpy as np
 
 from gyrocal import InputError, calibrate, load, save
+from gyrocal.importing.csv_files import write_packets
+from gyrocal.importing.units import COUNTS, gyro_factor
 from simulator import adopted
 from simulator import scenario as scenarios
 from simulator.adopted import Replayed
 from simulator.effects.sensor import SENSOR_EFFECTS, described
 from simulator.effects.sensor import parse as parse_effect
+from simulator.packets import packets
 from simulator.replay import replay
 from simulator.simulate import simulate, true_gyros
 from simulator.streams import generator
@@ -37,6 +40,14 @@ from studies.montecarlo.files import check_writable, write_json
 @effects_option
 @click.option("--truth", type=PATH, help="Also write the injected G, bias and effects as JSON to this file.")
 @click.option("--json", "as_json", type=PATH, help="Write what was made as JSON to this file.")
+@click.option(
+    "--packets",
+    "packet_folder",
+    type=click.Path(path_type=Path, file_okay=False),
+    help="Also write the gyro's telemetry as accumulated angles, for 'gyrocal import csv', to this folder.",
+)
+@click.option("--lsb", default="0.05 arcsec", show_default=True, help="Of --packets: size of a count of angle, and its unit.")
+@click.option("--wrap", type=int, default=2**16, show_default=True, help="Of --packets: counts after which a register wraps.")
 @click.option("--force", is_flag=True, help="Replace a recording that is in OUT already.")
 def command(
     scenario: str,
@@ -49,6 +60,9 @@ def command(
     effects: tuple[str, ...],
     truth: Path | None,
     as_json: Path | None,
+    packet_folder: Path | None,
+    lsb: str,
+    wrap: int,
     force: bool,
 ) -> None:
     """Simulate SCENARIO (a built-in name or a TOML file) and write the recording to the folder OUT.
@@ -67,6 +81,7 @@ def command(
       gyrocal simulate trmm /tmp/gap --effect bias_orbital:y=0.2 --effect g_matrix_step:z=1300,toward=y,time_s=15000
       gyrocal simulate /tmp/rec /tmp/again --effect time_offset=0.5
       gyrocal simulate adopted.toml /tmp/again --seed 3 --draw
+      gyrocal simulate trmm /tmp/rec --packets /tmp/sent --lsb '0.8 arcsec' --wrap 65536
       gyrocal simulate trmm_months /tmp/months --effect dss_head:2=0.28
       gyrocal simulate trmm /tmp/mine --effects mine.py --effect my_effect:z=0.5
       gyrocal simulate trmm_series /tmp/rec --seed 7 --set gyro.arw_deg_per_sqrt_s=1e-4 --set interval.1.slew.0.start_s=120
@@ -74,6 +89,7 @@ def command(
     if (out / "recording.toml").exists() and not force:
         raise InputError(f"{out}: a recording is there already; choose another folder, or replace it with --force")
     settings = [parse_effect(text) for text in effects]
+    count = _count_of_angle(lsb)
     check_writable(truth)
     check_writable(as_json)
     noise = not noise_free
@@ -102,6 +118,9 @@ def command(
             if plan.gyro.array is not None:
                 K, c = true_gyros(plan)
                 gyros = {"gyros": {"names": plan.gyro.array.gyros, "K": K.tolist(), "c_deg_s": np.rad2deg(c).tolist()}}
+    if packet_folder:
+        sent = packets(recording, count, wrap, generator(seed, case, "packets"))
+        write_packets(recording, sent, lsb, wrap, packet_folder)
     save(recording, out)
     if truth:
         write_json(truth, {"G": G, "bias_deg_s": bias_deg_s, **gyros, "effects": [described(setting) for setting in settings]})
@@ -114,6 +133,14 @@ def command(
         f"{out}: {len(recording.intervals)} intervals, {recording.gyro.t_s.size} gyro samples, "
         f"{recording.attitudes.t_s.size} reference attitudes"
     )
+
+
+def _count_of_angle(lsb: str) -> float:
+    """Size of a count, rad."""
+    size, of_angle = gyro_factor(COUNTS, lsb)
+    if not of_angle:
+        raise InputError(f"--lsb {lsb}: a packet holds an angle; give the count in rad, deg or arcsec")
+    return size
 
 
 def _refuse(changes: tuple[str, ...], draw: bool = False) -> None:

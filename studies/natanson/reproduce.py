@@ -24,6 +24,7 @@ from studies.montecarlo.files import write_csv, write_json, write_parquet, write
 from studies.montecarlo.study import base_scenario
 from studies.natanson import figures, flight, paper_tables
 from studies.natanson.flight_part import flight_part, gap_note, summary_rows
+from studies.natanson.left_out import left_out
 from studies.natanson.paper_forms import LAYOUTS, paper_form, ways_form
 from studies.natanson.paper_tables import PaperTablesConfig
 from studies.natanson.products import Products
@@ -97,6 +98,7 @@ def run(
     rows = outcome.load()
     if flight.flew(scenario):
         flight_part(scenario, products, config.entropy)
+        left_out(scenario, products, config.entropy)
     products.summary |= {"cases": config.cases, "entropy": config.entropy}
     monte_carlo_part(rows, scenario, products)
     if any(interval.slew for interval in scenario.interval):

@@ -32,7 +32,12 @@ def _before(found: Found) -> tuple[Verdict, str]:
 
 def _stability(found: Found) -> tuple[Verdict, str]:
     value = found[f"requirements.{PERIODS[-1]}.stability.worst_axis_deg"]
-    return "open", f"{value:.4f} deg in a second, but nothing in the simulated spacecraft shakes it: not verified."
+    text = f"{value:.4f} deg in a second, but nothing in the nominal spacecraft shakes it: not verified."
+    try:
+        scan, step = (found[f"stability.size_of_limit.{name}"] for name in ("instrument scan (N m)", "array steps (deg)"))
+    except KeyError:
+        return "open", text
+    return "open", f"{text} The limit would take {scan:.0f} N m of a scan at 31.6 rpm or steps of the arrays of {step:.1f}°."
 
 
 def _performance(found: Found) -> tuple[Verdict, str]:

@@ -13,7 +13,7 @@ all 18 numbers, whole periods are held out: sizes from two periods predict the t
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import pandas as pd
@@ -42,7 +42,7 @@ DIGITS = {"attitude_accuracy_deg": 1e-3, "yaw_update_deg": 1e-2, "gyro_bias_std_
 UNKNOWN = "unknown"
 UNKNOWN_LIMITS = (0.3, 300.0)  # sigmas of a random difference
 MOST_EFFECTS = 4
-BEAM = (20,) * (MOST_EFFECTS - 1)
+BEAM = 20
 WALK_SIZE = 0.02  # deg/h/sqrt(day), that a walk's column is formed with
 NOTHING = Explanation((), 0.0, float(np.log(DEFAULT.unlisted_share)))
 
@@ -87,6 +87,28 @@ TRIALS = (
 
 
 @dataclass(frozen=True)
+class Beside:
+    """Further observations in the model of Table 3, and candidates that act on them alone.
+
+    Attributes
+    ----------
+    names, blocks : (m,) of the observations, and what each belongs to
+    y : (m,) flown less nominal, in sigmas
+    changes : (m,) of each set of effects, in sigmas
+    groups : candidates with columns (m, k)
+    """
+
+    names: tuple[str, ...] = ()
+    blocks: tuple[str, ...] = ()
+    y: Array = field(default_factory=lambda: np.zeros(0))
+    changes: Mapping[tuple[str, ...], Array] = field(default_factory=dict)
+    groups: tuple[Group, ...] = ()
+
+
+ALONE = Beside()
+
+
+@dataclass(frozen=True)
 class Diagnosis:
     """What the numbers say.
 
@@ -95,8 +117,8 @@ class Diagnosis:
     attribution : of the common inference
     fitted : effects of the likeliest explanation
     closed : with whole periods held out; None where nothing listed was found
-    left : (18,) flown minus simulated with the listed effects of the explanation, in sigmas
-    sigma : (18,) of a number
+    left : (n,) flown minus simulated with the listed effects of the explanation, in sigmas; Table 3's 18 numbers first
+    sigma : (18,) of a number of Table 3
     """
 
     attribution: Attribution
@@ -118,45 +140,58 @@ class Diagnosis:
 def diagnose(windows: Windows) -> Diagnosis:
     """Search, attribution, sizes and closure."""
     model, sigma = linear_model(windows)
-    weighed = sorted([*Search(model).explanations(), NOTHING], key=lambda one: -one.log_posterior)
+    return concluded(model, sigma, sorted([*Search(model).explanations(), NOTHING], key=lambda one: -one.log_posterior))
+
+
+def concluded(model: LinearModel, sigma: Array, weighed: list[Explanation]) -> Diagnosis:
+    """The diagnosis that follows from explanations, the likeliest first."""
     attribution = attribute(model, weighed)
     members = list(weighed[0].members)
     fitted = tuple(fit(model, members)) if members else ()
     listed = [one for one in fitted if not one.effect.startswith(UNKNOWN)]
-    explained = sum((one.contribution for one in listed), np.zeros(len(NUMBERS)))
+    explained = sum((one.contribution for one in listed), np.zeros(len(model.y)))
     labels = tuple(model.candidate(member).label for member in members)
     closed = closure(model, members, fixed(labels)) if listed else None
     return Diagnosis(attribution, fitted, closed, model.y - explained, sigma)
 
 
-def linear_model(windows: Windows) -> tuple[LinearModel, Array]:
-    """The model of R Table 3 about the nominal, and each number's sigma (18,)."""
+def linear_model(windows: Windows, beside: Beside = ALONE, most_effects: int = MOST_EFFECTS) -> tuple[LinearModel, Array]:
+    """The model of R Table 3 about the nominal, other observations below it, and each of Table 3's sigmas (18,)."""
     rows = windows[NOMINAL]
     base, flight = _array(simulated(rows)), _array(published())
     relative = _array(scatter(rows))
     digits = np.array([DIGITS[parameter] for parameter, _, _ in NUMBERS]) / np.sqrt(12.0)
     sigma = np.sqrt((relative * base) ** 2 + (relative * flight) ** 2 + digits**2)
-    groups = [*(_group(one, windows, base, sigma) for one in TRIALS), *_rivals()]
-    candidates, W = placed(groups, lambda columns: columns, DEFAULT, len(NUMBERS))
-    y, period = (flight - base) / sigma, np.array([number[2] for number in NUMBERS])
+    more = len(beside.names)
+    groups = [_group(one, windows, base, sigma, beside.changes.get(one.setting, np.zeros(more))) for one in TRIALS]
+    groups += [_padded(group, after=more) for group in _rivals()]
+    groups += [_padded(group, before=len(NUMBERS)) for group in beside.groups]
+    y = np.concatenate([(flight - base) / sigma, beside.y])
+    candidates, W = placed(groups, lambda columns: columns, DEFAULT, len(y))
+    period = np.array([*(number[2] for number in NUMBERS), *beside.blocks])
     model = LinearModel(
         y=y,
         X=W,
         W=W,
         candidates=candidates,
-        dof=len(NUMBERS),
+        dof=len(y),
         projected=lambda values: values,
-        most_effects=MOST_EFFECTS,
-        beam=BEAM,
+        most_effects=most_effects,
+        beam=(BEAM,) * (most_effects - 1),
         split="a period at a time",
         folds=lambda W: (held_out(np.eye(len(y)), y, W, period == name, period) for name in PERIODS),
     )
     return model, sigma
 
 
-def _group(one: Tried, windows: Windows, base: Array, sigma: Array) -> Group:
+def _padded(group: Group, before: int = 0, after: int = 0) -> Group:
+    """A candidate that does nothing to the observations before and after its own."""
+    return replace(group, columns=[np.pad(part, ((before, after), (0, 0))) for part in group.columns])
+
+
+def _group(one: Tried, windows: Windows, base: Array, sigma: Array, further: Array) -> Group:
     rows = windows[one.setting] if one.setting else with_walk(windows[NOMINAL], one)
-    change = ((_array(simulated(rows)) - base) / sigma)[:, None]
+    change = np.concatenate([(_array(simulated(rows)) - base) / sigma, further])[:, None]
     if one.switch:
         return Group(
             one.effect, one.axis, True, [change], [{}], np.ones(1), one.limits, one.unit,

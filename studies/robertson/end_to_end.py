@@ -64,7 +64,7 @@ class Story:
 
     def compared(self) -> pd.DataFrame:
         """What was found beside R's."""
-        published = np.rad2deg(Rotation.from_matrix(_rotation(R3_M)).as_rotvec())
+        published = np.rad2deg(Rotation.from_matrix(rotation(R3_M)).as_rotvec())
         rows = [
             {"what": f"m_{axis} of DSS-2 (deg)", "found": found, "R": one}
             for axis, found, one in zip("xyz", self.misalignment, published, strict=True)
@@ -106,6 +106,12 @@ def story(entropy: int = 1998) -> Story:
 
 def _aligned(base: MissionConfig, tables: OnBoardTables, entropy: int) -> tuple[Array, Array]:
     """M (3, 3) of DSS-2 and penetration biases (4,), means of the early orbits'."""
+    turns, biases = alignments(base, tables, entropy)
+    return np.asarray(Rotation.from_rotvec(turns.mean(axis=0)).as_matrix()), np.asarray(biases.mean(axis=0))
+
+
+def alignments(base: MissionConfig, tables: OnBoardTables, entropy: int) -> tuple[Array, Array]:
+    """What each early orbit alone gives: rotation vectors (n, 3) of M of DSS-2 and penetration biases (n, 4), rad."""
     turns, biases = [], []
     for k, angle in enumerate(np.linspace(*EARLY_DEG, EARLY_ORBITS)):
         config, run = _flown(base, tables, _day(base, angle, FIRST_DAYS["precalibration"]), entropy + 100 + k)
@@ -113,7 +119,7 @@ def _aligned(base: MissionConfig, tables: OnBoardTables, entropy: int) -> tuple[
         found = together(data.series, data.gyro, data.onboard[0], "DSS-1", epoch_s=data.t_s[0])
         turns.append(Rotation.from_matrix(found.misalignment["DSS-2"]).as_rotvec())
         biases.append(found.penetration_biases["ESA"])
-    return np.asarray(Rotation.from_rotvec(np.mean(turns, axis=0)).as_matrix()), np.asarray(np.mean(biases, axis=0))
+    return np.array(turns), np.array(biases)
 
 
 def _factors(
@@ -163,7 +169,7 @@ def _day(base: MissionConfig, angle_deg: float, period: tuple[str, str]) -> floa
     return float(days[np.argmin(np.abs(angle - angle_deg))])
 
 
-def _rotation(M: Array) -> Array:
+def rotation(M: Array) -> Array:
     """The rotation nearest to a published matrix, which is rounded."""
     U, _, V = np.linalg.svd(M)
     return np.asarray(U @ V)

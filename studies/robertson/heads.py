@@ -2,7 +2,8 @@
 
 TRMM's yaw updates were too large after launch. The alignment calibration, which knows orthogonal matrices only, gave DSS-2 the
 matrix R (3); what it left was traced to alignment records by which the β heads of both sensors were not at right angles to the
-α heads. Here months are simulated with those heads, R (3) and R's penetration biases as the truth, and a diagnosis whose M0 has
+α heads. Here months are simulated with those heads, and with the misalignment and biases of which an orthogonal fit, heads and
+all, finds R (3) and R's penetration biases; R (3) itself is what such a fit found, not how DSS-2 sat. A diagnosis whose M0 has
 none of them is asked what is wrong:
 
 (a) how large the gap is under M0;
@@ -32,8 +33,6 @@ from scipy.stats import chi2
 
 from diagnosis.inference.amplitudes import Fitted, fit
 from diagnosis.inference.closure import closure, fixed
-from diagnosis.model.sensors.columns import Held
-from diagnosis.model.sensors.orthogonal import solved_for
 from diagnosis.model.sensors.residuals import residual_table
 from diagnosis.sensor_tables import ExplainedTables, explain_tables, verdict_of
 from gyrocal.recording import Recording
@@ -44,22 +43,15 @@ from simulator.scenario import Scenario
 from simulator.sensors.record import sensed
 from simulator.sensors.suite import SensorSuite
 from simulator.simulate import observe
-from studies.montecarlo.study import Row, Streams, Study, StudyConfig, case_motion, dispersed
+from studies.montecarlo.study import Row, Streams, Study, StudyConfig, base_scenario, case_motion, dispersed
 from studies.report import panels, sensor_figures
 from studies.report.checks import Check, at_most
 from studies.report.entry import Entry, Report
 from studies.report.tables import Table
+from studies.robertson.heads_truth import ALIGNMENT, HEADS, ORTHOGONAL, amplitudes_of, beside_heads, held
 
-HEADS = (
-    "dss_head:1=0.08056,e1_deg=0.044,e2_deg=-0.008,e3_deg=0.067",
-    "dss_head:2=0.28156,e1_deg=0.206,e2_deg=0.061,e3_deg=0.182",
-)
-ALIGNMENT = (
-    "dss_misalignment=0.22475,m_x_deg=-0.15648,m_y_deg=-0.11411,m_z_deg=0.11402",
-    "esa_bias=0.19681,bias_1_deg=-0.1574,bias_2_deg=0.04635,bias_3_deg=-0.09414,bias_4_deg=-0.05382",
-)
 STORY: Mapping[str, tuple[str, ...]] = {
-    "R": (*HEADS, *ALIGNMENT),
+    "R": HEADS,  # and what `beside_heads` finds
     "heads": HEADS,
     "misalignment": ALIGNMENT[:1],
     "nominal": (),
@@ -72,8 +64,8 @@ OTHERS: Mapping[str, tuple[str, ...]] = {
 }
 SCALE, NOISE = 3e-3, 1.5  # of the α head's counts, and of the Earth sensor's noise; on no list
 EFFECTS = tuple(SENSOR_EFFECTS.values())
-ORTHOGONAL = solved_for(EFFECTS)  # what the calibration of the first upload solved for
 RIGHT = "Right is to name every effect that is there and no other, and to call what is on no list unknown."
+R3 = "R's truth is the misalignment and biases of which, beside the heads, an orthogonal calibration finds R (3)."
 LABELS = {"before": "nominal sensors", "orthogonal": "orthogonal misalignment and biases", "after": "what is named"}
 
 
@@ -99,9 +91,10 @@ UNLISTED: Mapping[str, Callable[[SensorSuite], SensorSuite]] = {"transfer functi
 TRUTHS = (*STORY, *OTHERS, *UNLISTED)
 
 
-def settings(truth: str) -> tuple[Setting, ...]:
+def settings(truth: str, scenario: Scenario) -> tuple[Setting, ...]:
     """Effects of a truth; none if it is nominal or on no list."""
-    return tuple(parse(text) for text in {**STORY, **OTHERS}.get(truth, ()))
+    stated = tuple(parse(text) for text in {**STORY, **OTHERS}.get(truth, ()))
+    return (*stated, *beside_heads(scenario)) if truth == "R" else stated
 
 
 def recorded(config: StoryConfig, case: int, streams: Streams, truth: str = "R") -> Recording:
@@ -114,17 +107,22 @@ def recorded(config: StoryConfig, case: int, streams: Streams, truth: str = "R")
         gyro_rng=streams.generator("gyro_noise"),
         reference_rng=streams.generator("reference_noise"),
     )
-    tables = sensed(scenario, motion, settings(truth), streams.entropy, streams.case, change=UNLISTED.get(truth))
+    effects = settings(truth, base_scenario(config))
+    tables = sensed(scenario, motion, effects, streams.entropy, streams.case, change=UNLISTED.get(truth))
     return replace(plain, sensors=tables)
 
 
 def case(config: StoryConfig, number: int, streams: Streams) -> Sequence[Row]:
     """A row for each truth."""
-    return [_row(truth, explain_tables(recorded(config, number, streams, truth), EFFECTS, seed=number)) for truth in TRUTHS]
+    base = base_scenario(config)
+    return [
+        _row(truth, settings(truth, base), explain_tables(recorded(config, number, streams, truth), EFFECTS, seed=number))
+        for truth in TRUTHS
+    ]
 
 
-def _row(truth: str, seen: ExplainedTables) -> dict[str, object]:
-    true = {setting.label() for setting in settings(truth)}
+def _row(truth: str, effects: Sequence[Setting], seen: ExplainedTables) -> dict[str, object]:
+    true = {setting.label() for setting in effects}
     attribution = seen.attribution
     named = {one.label for one in seen.fitted}
     without = seen.search.of(ORTHOGONAL)
@@ -166,7 +164,7 @@ def _numbers(label: str, one: Fitted) -> dict[str, object]:
 
 def report(config: StoryConfig, rows: pd.DataFrame) -> Report:
     """Checks, tables and figures."""
-    verdicts, gaps, sizes = verdict_table(rows), gap_table(rows), size_table(rows)
+    verdicts, gaps, sizes = verdict_table(rows), gap_table(rows), size_table(rows, base_scenario(config))
     return Report(
         {
             "verdicts": Table("What is named", verdicts),
@@ -215,12 +213,12 @@ def gap_table(rows: pd.DataFrame) -> pd.DataFrame:
     return pd.DataFrame(out)
 
 
-def size_table(rows: pd.DataFrame) -> pd.DataFrame:
+def size_table(rows: pd.DataFrame, scenario: Scenario) -> pd.DataFrame:
     """Every angle found under the truths with effects: mean, scatter and formal sigma, beside the truth."""
     out = []
     for truth in (*STORY, *OTHERS):
         own = rows[rows["truth"] == truth]
-        for setting in settings(truth):
+        for setting in settings(truth, scenario) if len(own) else ():
             effect = SENSOR_EFFECTS[setting.effect]
             vector = isinstance(effect, VectorEffect)
             true = effect.amplitudes(setting) if isinstance(effect, VectorEffect) else np.array([setting.size])
@@ -259,9 +257,16 @@ def checks(rows: pd.DataFrame) -> tuple[Check, ...]:
     }
     heads, nominal = (rows[rows["truth"] == truth] for truth in ("heads", "nominal"))
     misled = [heads[f"orthogonal dss_misalignment {k} found"].mean() for k in range(3)]
+    ours = rows[rows["truth"] == "R"]
+    off = [
+        ours[f"orthogonal {one.effect} {k} found"].mean() - value
+        for one in map(parse, ALIGNMENT if len(ours) else ())
+        for k, value in enumerate(amplitudes_of(one))
+    ]
     return (
         *(Check(f"share of right answers, {name}", _right(rows, truths), meaning=RIGHT) for name, truths in groups.items()),
         Check("misalignment that an orthogonal calibration makes of heads alone", float(np.linalg.norm(misled)), unit="deg"),
+        Check("what it makes of R's truth, less R (3) and R's biases", np.abs(off).max(initial=0.0), at_most(0.005), "deg", R3),
         Check("false alarms with nominal sensors", float((nominal["verdict"] != "none").sum()), unit=f"of {len(nominal)}"),
         Check("diagnoses with a wrong name", float((rows["wrong"] > 0).sum()), at_most(0), f"of {len(rows)}"),
     )
@@ -276,14 +281,10 @@ def _residual_figure(config: StoryConfig, path: Path) -> Path:
     seen = explain_tables(recorded(config, 0, Streams(config.entropy, 0)), EFFECTS)
     without = seen.search.of(ORTHOGONAL)
     assert without is not None
-    table = residual_table(seen.fits, _held(seen.fitted))
-    table = table.assign(orthogonal_deg=residual_table(seen.fits, _held(fit(seen.search.model, without.members)))["after_deg"])
+    table = residual_table(seen.fits, held(seen.fitted))
+    table = table.assign(orthogonal_deg=residual_table(seen.fits, held(fit(seen.search.model, without.members)))["after_deg"])
     titles = {f"{name}_deg": label for name, label in LABELS.items()}
     return panels.save(sensor_figures.sun_residual_figure(table, "DSS-2", titles), path)
-
-
-def _held(fitted: Sequence[Fitted]) -> dict[str, Held]:
-    return {one.label: Held(one.amplitudes, one.parameters) for one in fitted}
 
 
 def _gap_figure(gaps: pd.DataFrame, path: Path) -> Path:

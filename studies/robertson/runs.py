@@ -5,6 +5,7 @@
 `yaw`: eight orbits early in December and in March, with telemetry every 10 s.
 `spikes`: four orbits with the Sun passing through a quadrant of the Earth sensor, for three states of the S filter.
 `window`: single orbits through the months with effects, see `studies.robertson.windows` and `studies.robertson.ladder`.
+`further`: what the same effects do to R's other data, see `studies.robertson.further`.
 `mounting`: a day for each way in which the sun sensors may be mounted and each set of tables.
 
 A flight is a case of a study, so that what was flown stays when a run is stopped; its rows are those of its tables.
@@ -25,7 +26,7 @@ import pyarrow.parquet as pq
 from pydantic import Field
 
 from simulator.mission_mode.calendar import sun_angle
-from simulator.mission_mode.config import DAY, MissionConfig, OnBoardTables, YawManeuver, period_tables
+from simulator.mission_mode.config import DAY, MissionConfig, period_tables
 from simulator.mission_mode.flight import MissionRun, flight_schedule, simulate_mission
 from simulator.mission_mode.mounting import Mounting, mounted
 from simulator.sensors.earth import Filter
@@ -34,13 +35,15 @@ from studies.robertson.calendar import FIRST_DAYS as FIRST_DAYS
 from studies.robertson.calendar import PERIODS as PERIODS
 from studies.robertson.calendar import day_of as day_of
 from studies.robertson.calendar import moved as moved
+from studies.robertson.further import further
 from studies.robertson.ladder import SETS
+from studies.robertson.maneuvers import MANEUVERS as MANEUVERS
+from studies.robertson.maneuvers import ORBITS_TO_SLEW
+from studies.robertson.maneuvers import slew_flight as slew_flight
 from studies.robertson.windows import COUNTS, window
 
 DAYS = 154.2  # from launch to the end of April 1998
-MANEUVERS = {"+x to -x": "1997-12-13T13:20:00+00:00", "-x to +x": "1998-01-14T20:57:00+00:00"}  # N Table 1, UTC
 SLEW_TABLES = ("calibration1", "postcalibration")  # both maneuvers came after the alignment's upload
-ORBITS_TO_SLEW = 4.5  # before the maneuver, for yaw updates to settle
 YAW_DAYS = {"precalibration": 6.0, "postcalibration": 100.0}  # from launch; R does not say when its figures 7 and 12 are from
 YAW_ORBITS = 8.0
 SPIKE_ORBITS = 4.0
@@ -54,7 +57,8 @@ KEPT = {  # tables of each kind of flight that are made use of
     "slew": ("slews",),
 }
 
-WINDOW = "window"
+WINDOW, FURTHER = "window", "further"
+OF_SETS = (WINDOW, FURTHER)  # flown for the ladder's sets of effects
 Name = tuple[str, ...]  # of a flight: its kind, and which it is of its kind
 Runs = dict[Name, MissionRun]
 
@@ -81,7 +85,7 @@ class MissionStudy(GridConfig):
 
     def points(self) -> list[Name]:
         """Name of each flight, the longest first."""
-        return [*flights(self), *(windows() if self.windows else ())]
+        return [*flights(self), *([*windows(), *further_names()] if self.windows else ())]
 
 
 @dataclass(frozen=True)
@@ -98,14 +102,6 @@ class Flight:
         return simulate_mission(
             self.config, seconds=self.seconds, seed=self.seed, telemetry_every=self.telemetry_every, progress=lambda days: None
         )
-
-
-def slew_flight(config: MissionConfig, tables: OnBoardTables, maneuver: str) -> MissionConfig:
-    """A run with the yaw maneuver nearest to one of `MANEUVERS`, with these tables throughout."""
-    planned = flight_schedule(config, 60.0).maneuvers
-    start = min(planned, key=lambda one: abs(one.start_s / DAY - day_of(MANEUVERS[maneuver], config))).start_s
-    lead = ORBITS_TO_SLEW * config.orbit.period
-    return replace(moved(config, (start - lead) / DAY), tables=tables, maneuvers=(YawManeuver(lead),))
 
 
 def spike_day(config: MissionConfig) -> float:
@@ -147,6 +143,8 @@ def case(config: MissionStudy, number: int, streams: Streams) -> list[dict[str, 
     if name[0] == WINDOW:
         _, effects, period, k = name
         return [{"table": WINDOW, **window(SETS[int(effects)], period, int(k), COUNTS[period], config.entropy)}]
+    if name[0] == FURTHER:
+        return [{"table": FURTHER, **further(SETS[int(name[1])], config.entropy)}]
     run = flights(config)[name].fly()
     return [{"table": table, **row} for table in KEPT[name[0]] for row in getattr(run, table).to_dict("records")]
 
@@ -161,7 +159,7 @@ def runs(config: MissionStudy, path: Path) -> Runs:
     return {
         flight: MissionRun(**{name: _table(rows, number, name) for name in names})
         for number, flight in enumerate(config.points())
-        if flight[0] != WINDOW
+        if flight[0] not in OF_SETS
     }
 
 
@@ -181,6 +179,18 @@ def window_rows(path: Path) -> dict[tuple[str, ...], pd.DataFrame]:
     rows = rows.select([name for name in rows.column_names if rows[name].null_count < len(rows)]).to_pandas()
     each = sum(COUNTS.values())
     return {effects: rows.iloc[k * each : (k + 1) * each].reset_index(drop=True) for k, effects in enumerate(SETS)}
+
+
+def further_names() -> list[Name]:
+    """Names of what each of the ladder's sets says beside Table 3."""
+    return [(FURTHER, str(place)) for place in range(len(SETS))]
+
+
+def further_rows(path: Path) -> dict[tuple[str, ...], dict[str, float]]:
+    """What each set of effects says beside Table 3, from the study's table."""
+    rows = pq.read_table(path, filters=pc.field("table") == FURTHER)
+    rows = rows.select([name for name in rows.column_names[3:] if rows[name].null_count < len(rows)]).to_pylist()
+    return dict(zip(SETS, rows, strict=True))
 
 
 def _table(rows: pa.Table, number: int, name: str) -> pd.DataFrame:

@@ -75,7 +75,7 @@ def gaps(table: pd.DataFrame) -> dict[str, float]:
     }
 
 
-def noise_free(maneuver: str, tables: str, solved: bool = True) -> Array:
+def noise_free(maneuver: str, tables: str, solved: bool = True, duration_s: float | None = None) -> Array:
     """The miss by G and b alone, propagated minus true, (3,) deg: a turn at constant orbital rate with the loop's yaw profile.
 
     With A_propagated = exp(−[ε×]) A the error grows as ε' = δω − ω × ε, δω the propagated rate minus the true one, so that at
@@ -86,12 +86,13 @@ def noise_free(maneuver: str, tables: str, solved: bool = True) -> Array:
     maneuver : "+x to -x", by +180°, or "-x to +x", by −180°
     tables : "calibration1" with the gyro's parameters of before launch, "postcalibration" with R (9)
     solved : whether the yaw bias is the one solved for before the maneuver, as on board, or the published one
+    duration_s : of the maneuver, s; the simulated one's by default
     """
     G, b = (R9_G, R9_BIAS) if tables == "postcalibration" else (PRELAUNCH_G, PRELAUNCH_BIAS)
     start, sign = (0.0, 1.0) if maneuver == "+x to -x" else (np.pi, -1.0)
     if solved:
         b = np.array([b[0], b[1], solved_bias(G, maneuver[:2])[2]])
-    shape = YawManeuver(0.0)
+    shape = YawManeuver(0.0) if duration_s is None else YawManeuver(0.0, duration_s)
     t, dt, r = (np.arange(STEPS) + 0.5) / STEPS, shape.duration_s / STEPS, shape.ramp_fraction
     rise, fall = np.clip(t / r, 0, 1), np.clip((t - 1 + r) / r, 0, 1)
     rate = sign * np.pi / shape.duration_s / (1 - r) * ((3 - 2 * rise) * rise**2 - (3 - 2 * fall) * fall**2)

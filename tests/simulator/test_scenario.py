@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from gyrocal.errors import InputError
-from simulator import load, names, override
+from simulator import adopted, load, names, override
 from simulator.scenario import profiles
 from tests import ROOT
 
@@ -15,7 +15,13 @@ TRMM = load("trmm")
 def test_built_in_scenarios_load():
     assert {"trmm", "trmm_series"} <= set(names())
     for name in names():
-        load(name)
+        adopted.load(name)
+
+
+def test_a_scenario_with_effects_is_no_plan_alone():
+    """Without them it would be another flight than the one its name says."""
+    with pytest.raises(InputError, match=r"trmm_drift: holds \[effect\]"):
+        load("trmm_drift")
 
 
 def test_trmm_is_the_papers():

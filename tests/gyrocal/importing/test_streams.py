@@ -49,6 +49,17 @@ def test_an_accumulated_angle_that_wraps_is_a_rate():
     assert any("wraps at 65536" in text for text in made(table, gyro="x,y,z:counts", lsb="1e-6 rad").assumed)
 
 
+def test_a_register_that_goes_on_through_a_gap_gives_no_sample_there():
+    t = np.concatenate([np.arange(50.0), 1000.0 + np.arange(50.0)])
+    counts = np.outer(np.arange(100.0), [1000.0, -700.0, 300.0])
+    counts[50:] += [12345.0, -20000.0, 7.0]  # how often it has wrapped in between is not known
+    table = pd.DataFrame(np.column_stack([t, np.mod(counts, 2**16)]), columns=["t", "x", "y", "z"])
+    found = made(table, gyro="x,y,z:counts", lsb="1e-6 rad")
+    np.testing.assert_allclose(found.raw, np.tile([1e-3, -7e-4, 3e-4], (98, 1)), rtol=1e-12)
+    np.testing.assert_array_equal(found.t_s, np.concatenate([t[:49], t[50:99]]))
+    assert any("1 differences over gaps longer than 1.5 samples are left out" in text for text in found.assumed)
+
+
 def test_a_jump_that_is_no_wrap_is_refused():
     table = gyro()
     table.loc[10:, "x"] += 1e5

@@ -26,7 +26,15 @@ def nominal():
 
 
 def test_an_effect_of_no_size_changes_nothing(nominal):
-    same = flown("horizon_noise=0", "horizon_season=0", "gyro_orbital:x=0", "bias_gain=1", "cross_track=0", "scan_torque=0")
+    same = flown(
+        "horizon_noise=0",
+        "horizon_season=0",
+        "gyro_orbital:x=0",
+        "bias_gain=1",
+        "cross_track=0",
+        "scan_torque=0",
+        "array_step=0",
+    )
     assert same.telemetry.equals(nominal.telemetry)
 
 
@@ -138,3 +146,16 @@ def test_every_effect_acts():
         changed = applied(NOMINAL, [parse(text)]) if effect.name != "head_sense" else applied(NOMINAL, [parse("head_sense=-1")])
         assert repr(changed) != repr(NOMINAL), effect.name
         assert parse(text).label().startswith(effect.name)
+
+
+def test_a_step_of_the_arrays_turns_the_body_back_by_its_share_of_the_inertia():
+    """(I_a/I_y) δ in a second, before the controller can answer; smooth driving does nothing."""
+    step, inertia = 2.0, 300.0
+    fast = replace(NOMINAL, controller=replace(Controller(), cycle_s=0.25, bandwidth=np.full(3, 1e-3)))
+    stepped, smooth = (flown(*own, base=fast, seconds=100.0).telemetry["error_pitch_deg"].to_numpy()
+                       for own in ((f"array_step={step:g},inertia_kgm2={inertia:g}",), ()))  # fmt: skip
+    change = stepped - smooth
+    at = step / math.degrees(NOMINAL.orbit.mean_motion)  # s, of the second step
+    before, after = (change[round((at + apart) / 0.25)] for apart in (-1.0, 1.0))
+    assert abs(after - before) == pytest.approx(step * inertia / Spacecraft().inertia[1, 1], rel=0.03)
+    assert abs(change[round((at + 8.0) / 0.25)] - after) < 0.1 * abs(after - before)

@@ -1,5 +1,6 @@
 """The command line of the import, and the page that says how it is used."""
 
+import json
 import re
 
 import numpy as np
@@ -64,3 +65,37 @@ def test_the_page_s_example_finds_the_bias():
     namespace = {}
     exec(compile(block, "import.md", "exec"), namespace)
     assert np.abs(np.abs(np.rad2deg(namespace["result"].bias)) - 0.4).max() < 0.02
+
+
+def test_packets_of_a_simulated_flight_calibrate_to_its_truth(run_cli, tmp_path):
+    """TRMM's intervals sent as 16-bit registers, their wraps and the days between them included."""
+    sent, rec, truth = (str(tmp_path / name) for name in ("sent", "rec", "truth.json"))
+    made = run_cli(
+        "simulate", "trmm", str(tmp_path / "flown"), "--packets", sent, "--lsb", "0.8 arcsec", "--truth", truth,
+        "--set", "gyro.sample_s=2.0", "--seed", "3",
+    )  # fmt: skip
+    assert made.exit_code == 0, made.stderr
+    files = f"{sent}/gyro.csv", f"{sent}/attitude.csv"
+    # References at the ends alone of intervals of a whole turn are too far apart for the check of the motion.
+    read = run_cli("import", "csv", *files, rec, "--mapping", f"{sent}/mapping.toml", "--unchecked")
+    assert read.exit_code == 0, read.stderr
+    flown, back = gyrocal.load(tmp_path / "flown"), gyrocal.load(rec)
+    assert len(back.intervals) == 6
+    np.testing.assert_allclose(back.attitudes.quaternions, flown.attitudes.quaternions, atol=1e-14)
+    shortest_s = 1.0  # the last sample of m5 is cut at its stop
+    np.testing.assert_allclose(back.gyro.rates, flown.gyro.rates, rtol=0, atol=np.deg2rad(0.8 / 3600) / shortest_s)
+    result, wanted = gyrocal.calibrate(back), json.loads((tmp_path / "truth.json").read_text())
+    error = result.parameters.vector - np.concatenate([np.ravel(wanted["G"]), np.deg2rad(wanted["bias_deg_s"])])
+    assert np.abs(error / np.sqrt(np.diag(result.covariance))).max() < 4
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [(("--lsb", "0.1 deg/s"), "a packet holds an angle"), (("--lsb", "0.001 arcsec"), "less than half of 65536")],
+)
+def test_packets_that_cannot_be_are_refused(run_cli, tmp_path, options, words):
+    result = run_cli("simulate", "trmm", str(tmp_path / "a"), "--packets", str(tmp_path / "b"), *options)
+    assert result.exit_code == 2
+    assert words in result.stderr
+    assert len(result.stderr.strip().splitlines()) == 1
+    assert not (tmp_path / "a" / "recording.toml").exists()

@@ -20,6 +20,7 @@ from studies.report import diagnosis_page as diagnosis_report
 from studies.report import sensor_words
 from studies.report.diagnosis_summary import lines
 from studies.robertson import heads as sensor_story
+from studies.robertson import heads_truth
 
 MONTHS = scenario.load("trmm_months")
 DAYS = ("d09", "m1", "m2", "m3", "m4", "m5", "m6", "d25", "d37", "d57", "d73")
@@ -141,6 +142,18 @@ def test_a_broken_table_is_one_line(run_cli, rec, tmp_path):
     assert len(result.stderr.strip().splitlines()) == 1
 
 
+def test_an_orthogonal_fit_of_rs_truth_finds_r3():
+    """And of R (3) put on top of the heads it finds another misalignment, about x by more than R (3)'s own."""
+    few = FEW.model_copy(update={"interval": tuple(one for one in FEW.interval if not one.name.startswith("m"))})
+    wanted = {one.effect: heads_truth.amplitudes_of(one) for one in map(parse, heads_truth.ALIGNMENT)}
+    found = heads_truth.orthogonal_fit(few, sensor_story.settings("R", few))
+    for name, amplitudes in wanted.items():
+        np.testing.assert_allclose(found[name], amplitudes, atol=2e-4)
+    np.testing.assert_allclose(wanted["dss_misalignment"], np.rad2deg([-0.00273, -0.00199, 0.00199]), atol=1e-3)
+    on_top = heads_truth.orthogonal_fit(few, [parse(text) for text in (*heads_truth.HEADS, *heads_truth.ALIGNMENT)])
+    assert on_top["dss_misalignment"][0] - wanted["dss_misalignment"][0] > 0.15
+
+
 def test_the_study_of_the_heads(tmp_path, monkeypatch):
     few = FEW.model_copy(update={"interval": tuple(one for one in FEW.interval if not one.name.startswith("m"))})
     monkeypatch.setattr(sensor_story, "TRUTHS", ("heads", "misalignment", "nominal", "noise"))
@@ -152,6 +165,6 @@ def test_the_study_of_the_heads(tmp_path, monkeypatch):
     assert heads["orthogonal_p"] < 1e-6
     assert heads["log_ratio"] > 50
     assert catalogue.entry("heads") is sensor_story.ENTRY
-    gaps, sizes = sensor_story.gap_table(rows), sensor_story.size_table(rows)
+    gaps, sizes = sensor_story.gap_table(rows), sensor_story.size_table(rows, few)
     assert list(gaps["truth"]) == ["heads", "misalignment", "nominal", "noise"]
     assert (sizes.dropna(subset="RMS error in sigma")["RMS error in sigma"] < 4).all()

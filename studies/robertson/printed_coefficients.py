@@ -1,0 +1,80 @@
+"""How likely R (6) makes sensors that sit in some way: c and d as printed, with zeros slipped, or something else.
+
+The four numbers c − 1 and d are computed for the sensors as they sit, in three ways: over all sun angles, over those of −x
+forward, and in the closed form at one α. The first is what is expected, x; their spread, with the rounding, is its sigma σ,
+and belongs to the mounting: level sensors have next to nothing to compensate, in any way. A printed number p has the density
+
+    Σ_s w_s s N(s p; x, σ)  +  w_u /(2 |p| ln D)
+
+over s = 1, 10 and 100, the zeros that slipped in, and anything of either sign within the decades D. The shares w are chosen
+and stand on nothing but that most numbers are printed as they are; one in five is left for what is not thought of.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+from scipy.special import logsumexp
+from scipy.stats import norm
+
+from gyrocal.sensors.head_compensation import HEADS, PUBLISHED, at_alpha
+from simulator.mission_mode.config import MissionConfig
+from simulator.mission_mode.effects import applied, parse
+from studies.robertson.further import coefficients
+
+Array = NDArray[np.float64]
+
+NUMBERS = tuple(f"{number} of {sensor}" for sensor in PUBLISHED for number in ("c - 1", "d"))
+SLIPS = (1.0, 10.0, 100.0)
+SHARES = (0.6, 0.1, 0.1)
+ELSE = 0.2
+DECADES = 1e4
+LATE_ANGLES_DEG = (15.0, 58.4)  # of −x forward between the uploads
+ROUNDING = 1 / np.sqrt(12.0)  # 1e-6
+
+
+def printed() -> Array:
+    """c − 1 and d of both sensors, (4,) 1e-6."""
+    return 1e6 * np.array([value for one in PUBLISHED.values() for value in (one.c - 1, one.d)])
+
+
+def expected(config: MissionConfig) -> tuple[Array, Array]:
+    """What R (6) should be for the sensors as they sit, and its sigma; (4,) 1e-6 each."""
+    tangent = -config.boresights[1]
+    closed = [at_alpha(HEADS[name], sign * tangent) for name, sign in zip(PUBLISHED, (1.0, -1.0), strict=True)]
+    ways = [
+        coefficients(config),
+        coefficients(config, LATE_ANGLES_DEG),
+        1e6 * np.array([value for one in closed for value in (one.c - 1, one.d)]),
+    ]
+    return ways[0], np.hypot(np.std(ways, axis=0, ddof=1), ROUNDING)
+
+
+def log_parts(config: MissionConfig) -> Array:
+    """(4, 4) ln of each term of the density: of a number, by its slip and, last, of anything else."""
+    p, (x, sigma) = printed(), expected(config)
+    slipped = [np.log(share * s) + norm.logpdf(s * p, x, sigma) for s, share in zip(SLIPS, SHARES, strict=True)]
+    return np.column_stack([*slipped, np.log(ELSE / (2 * np.abs(p) * np.log(DECADES)))])
+
+
+def evidence(effects: Sequence[str]) -> float:
+    """ln of the density of R (6) under a set of effects."""
+    return float(logsumexp(log_parts(configured(effects)), axis=1).sum())
+
+
+def configured(effects: Sequence[str]) -> MissionConfig:
+    """The spacecraft with effects."""
+    return applied(MissionConfig(), [parse(text) for text in effects])
+
+
+def readings(effects: Sequence[str]) -> pd.DataFrame:
+    """Each number as printed and computed, and how probably it is as printed, has lost zeros, or is something else."""
+    config = configured(effects)
+    parts, (x, sigma) = log_parts(config), expected(config)
+    shares = np.exp(parts - logsumexp(parts, axis=1, keepdims=True))
+    rows = {"number": NUMBERS, "printed_1e6": printed(), "computed_1e6": x, "sigma_1e6": sigma}
+    names = ("as_printed", "one_zero", "two_zeros", "something_else")
+    return pd.DataFrame(rows | dict(zip(names, shares.T, strict=True)))
