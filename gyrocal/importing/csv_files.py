@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from gyrocal.files import replacing
 from gyrocal.importing.units import GPS_EPOCH, UNIX_EPOCH, UNIX_RANGE_S, WEEK_S
 from gyrocal.recording import Recording, toml_value
+from gyrocal.recording.trackers import need_one_sensor
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -31,6 +32,7 @@ def write_csv(recording: Recording, folder: str | os.PathLike[str]) -> None:
     ``gyrocal import csv FOLDER/gyro.csv FOLDER/attitude.csv OUT --mapping FOLDER/mapping.toml`` makes a recording of them; its
     intervals are made anew, and its references have one sigma per axis, the root mean square of this one's.
     """
+    need_one_sensor(recording.attitudes)
     folder = Path(folder)
     folder.mkdir(parents=True, exist_ok=True)
     gyro, time = _timed(recording.to_frame("gyro"), recording)
