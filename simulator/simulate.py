@@ -277,7 +277,7 @@ def surroundings(plain: Recording, motion: Motion, point: bool = False) -> Surro
         gyros=plain.gyro.names,
         axes=nominal(plain.gyro)[0] if plain.is_array else None,
     )
-    return Surroundings(stream, references_of(plain), plain.gyro.arw, plain.gyro.sample_s, plain.attitudes.sigma)
+    return Surroundings(stream, references_of(plain, stream), plain.gyro.arw, plain.gyro.sample_s, plain.attitudes.sigma)
 
 
 def with_gyro_temperature(plain: Recording, seed: int = 0, case: int = 0) -> Recording:

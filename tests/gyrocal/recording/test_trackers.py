@@ -150,5 +150,5 @@ def test_what_knows_one_sensor_says_so(tmp_path, recording, act):
 
 def test_sensors_and_rows_must_fit_each_other(recording):
     for changes in ({"sensor": recording.attitudes.sensor + 1}, {"sensor": None}):
-        with pytest.raises(InputError, match="sensor|repeats"):
+        with pytest.raises(InputError, match=r"sensor|repeats"):
             replace(recording, attitudes=replace(recording.attitudes, **changes))
