@@ -21,6 +21,7 @@ from diagnosis.detectors.samples import examine, smoothed_rates
 from diagnosis.model.gate import check_residuals
 from diagnosis.model.lines import judged_lines
 from diagnosis.model.recording import RecordingModel, linearised
+from diagnosis.model.tracker_noise import alike, series_of
 from diagnosis.settings import DEFAULT, DiagnosisSettings
 from gyrocal.calibration.gate import LargeResidualError
 from gyrocal.calibration.observability import PLAUSIBLE_RANGE
@@ -136,27 +137,22 @@ def _reference_noise(
     silent = np.zeros(report.rates.shape, dtype=bool)
     for one in dead:
         silent[:, one.axis] |= (one.part >= 0) & (one.log_odds > LIKELY)
-    recording, density, axes = model.recording, np.median(report.density, axis=0), np.eye(3)
-    own = np.arange(model.reference_rows.size)
+    recording, density = model.recording, np.median(report.density, axis=0)
     if sensor is not None:
-        assert recording.attitudes.sensor is not None
-        own = np.flatnonzero(recording.attitudes.sensor[model.reference_rows] == sensor)
-        own = own[np.lexsort((recording.attitudes.t_s[model.reference_rows[own]], model.interval_of_reference[own]))]
         axes = recording.attitudes.sensors[sensor].M
-        density = axes**2 @ density
-        silent = np.repeat(np.asarray(silent).any(axis=1).reshape(-1, 1), 3, axis=1)
-    times = model.references.t_s[own]
+        hidden = np.repeat(np.asarray(silent).any(axis=1).reshape(-1, 1), 3, axis=1)
+        found = reference_noise(series_of(model, sensor), axes**2 @ density, recording.gyro.t_s, hidden, settings)
+        return found if found is not None and not blind and alike(found) else None
+    times = model.references.t_s
     series = ReferenceSeries(
         t_s=times,
-        interval=model.interval_of_reference[own],
-        sigma=recording.attitudes.sigma[model.reference_rows[own]],
-        to_inertial=model.at_reference[own] @ axes.T if sensor is not None else model.at_reference,
-        residuals=model.residuals[own],
+        interval=model.interval_of_reference,
+        sigma=recording.attitudes.sigma[model.reference_rows],
+        to_inertial=model.at_reference,
+        residuals=model.residuals,
         rates=model.rates[np.clip(np.searchsorted(model.t_s, times), 0, model.t_s.size - 1)],
     )
     noise = reference_noise(series, density, recording.gyro.t_s, silent, settings)
-    if sensor is not None:
-        return None if blind else noise
     return None if noise is not None and (noise.axis in blind or len(blind) == 3) else noise
 
 

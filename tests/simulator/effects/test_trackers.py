@@ -1,5 +1,7 @@
 """Effects of one of several star trackers do what their files say, and only to that tracker."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
@@ -156,3 +158,11 @@ def test_the_true_mounting_is_in_the_references():
     A, before = Rotation.from_quat(turned.attitudes.quaternions).inv(), Rotation.from_quat(PLAIN.attitudes.quaternions)
     e = (A * before).as_rotvec()[own("st2")] @ PLAIN.attitudes.sensors[1].M.T
     assert np.rad2deg(e) == pytest.approx(np.tile(ESTIMATED.reference.tracker[1].misalignment_deg, (len(e), 1)), abs=1e-8)
+
+
+def test_every_one_is_in_the_documentation():
+    text = (Path(__file__).parents[3] / "docs" / "effects.md").read_text()
+    for name, effect in TRACKER_EFFECTS.items():
+        row = next(line for line in text.splitlines() if line.startswith(f"| `{name}` |"))
+        assert f"| {effect.unit} |" in row
+        assert all(f"`{parameter.name}`" in row for parameter in effect.parameters)
