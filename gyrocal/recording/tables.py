@@ -100,7 +100,7 @@ def frames(recording: Recording) -> dict[str, pd.DataFrame]:
             columns=["t_s", *QUATERNION_COLUMNS, *SIGMA_COLUMNS],
         )
         if attitudes.sensor is not None:
-            made["attitude"][trackers.COLUMN] = [attitudes.sensors[k].name for k in attitudes.sensor]
+            own["attitude"][trackers.COLUMN] = [attitudes.sensors[k].name for k in attitudes.sensor]
     return {
         **own,
         **recording.tables,
