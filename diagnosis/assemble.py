@@ -19,6 +19,7 @@ from diagnosis.model.prepare import Prepared
 from diagnosis.model.symptoms import SampleCause
 from diagnosis.result import Details, Diagnosis
 from diagnosis.settings import DiagnosisSettings
+from gyrocal.calibration.trackers import differences
 from simulator.effects import ALL_EFFECTS
 
 if TYPE_CHECKING:
@@ -210,6 +211,11 @@ def p_values(prepared: Prepared, explained: Explained) -> dict[str, float]:
         out[name] = float(test.p_value)
     if prepared.reference_noise is not None:
         out["reference_noise"] = float(prepared.reference_noise.p_value)
+    for name, noise in prepared.tracker_noise:
+        out[f"tracker_noise:{name}"] = float(noise.p_value)
+    for one in differences(prepared.model.recording):
+        if one.dof > 0:
+            out[f"trackers {one.first} and {one.second}"] = one.p_value
     out.update({f"check: {check.name}": check.p_value for check in explained.checks})
     return out
 

@@ -32,7 +32,7 @@ from diagnosis.sensor_tables import diagnose_sensors
 from diagnosis.settings import DEFAULT, DiagnosisSettings
 from gyrocal.errors import InputError
 from gyrocal.recording import Recording
-from simulator.effects import ARRAY_EFFECTS, EFFECTS
+from simulator.effects import ARRAY_EFFECTS, EFFECTS, TRACKER_EFFECTS
 from simulator.effects.base import Effect
 from simulator.effects.sensor import ALL_EFFECTS, SENSOR_EFFECTS
 
@@ -91,13 +91,14 @@ def diagnose(
     """
     tell = progress or (lambda text, share: None)
     began = time.perf_counter()
+    several = recording.attitudes.sensor is not None
     # The matrices are small: threads of the linear algebra would wait for one another more than they work.
     with threadpool_limits(1, user_api="blas"):
         if recording.is_array:
             from diagnosis.gyros import diagnose_gyros  # late: it explains as this module does
 
-            return diagnose_gyros(recording, nameable(library, of_arrays=True), settings, seed, tell)
-        effects = nameable(library)
+            return diagnose_gyros(recording, nameable(library, True, several), settings, seed, tell)
+        effects = nameable(library, of_trackers=several)
         tell("gyro samples", 0.0)
         prepared = prepare(recording, settings, tell)
         samples = sample_causes(prepared, effects, settings)
@@ -106,12 +107,12 @@ def diagnose(
         return found if recording.sensors is None else _with_sensors(found, recording, library, settings, seed)
 
 
-def nameable(library: Sequence[str] | None, of_arrays: bool = False) -> list[Effect]:
-    """The effects that may be named, in the order of the registry; those of one of several gyros where there are such."""
+def nameable(library: Sequence[str] | None, of_arrays: bool = False, of_trackers: bool = False) -> list[Effect]:
+    """The effects that may be named; those of one of several gyros, or of several star trackers, where there are such."""
     unknown = [] if library is None else [name for name in library if name not in ALL_EFFECTS]
     if unknown:
         raise InputError(f"no such effect: {', '.join(sorted(unknown))}; there are {', '.join(ALL_EFFECTS)}")
-    known = {**EFFECTS, **ARRAY_EFFECTS} if of_arrays else EFFECTS
+    known = {**EFFECTS, **(ARRAY_EFFECTS if of_arrays else {}), **(TRACKER_EFFECTS if of_trackers else {})}
     return [effect for name, effect in known.items() if library is None or name in library]
 
 

@@ -45,7 +45,18 @@ from gyrocal.estimation.onboard import Maneuver, OnBoardCalibrator
 from gyrocal.estimation.onboard import replay as run_on_board
 from gyrocal.estimation.reference_covariance import interval_covariance, reference_attitudes, residual_covariance
 from gyrocal.estimation.smoother import Smoothed, smooth
-from gyrocal.recording import Attitudes, GyroStream, Interval, Orbit, Recording, load, save, triad
+from gyrocal.recording import (
+    Attitudes,
+    AttitudeSensor,
+    GyroStream,
+    Interval,
+    Orbit,
+    Recording,
+    load,
+    of_sensor,
+    save,
+    triad,
+)
 from gyrocal.sensors.alignment import AlignmentResult
 from gyrocal.sensors.alignment import in_two_steps as align_in_two_steps
 from gyrocal.sensors.alignment import together as align_together
@@ -60,6 +71,7 @@ __all__ = [
     "NAMES",
     "AlignmentResult",
     "Arcs",
+    "AttitudeSensor",
     "Attitudes",
     "BatchResult",
     "CalibrationResult",
@@ -97,6 +109,7 @@ __all__ = [
     "calibrate_gyros",
     "interval_covariance",
     "load",
+    "of_sensor",
     "propagate",
     "psi_matrix",
     "reference_attitudes",

@@ -22,6 +22,7 @@ import numpy as np
 from scipy.linalg import solveh_banded
 
 from gyrocal.recording import Recording, reference_rows
+from gyrocal.recording.trackers import need_one_sensor
 from simulator.effects import Setting
 from simulator.effects.recorded import SMOOTH_S, durations, interval_slices, smoothed_rates
 from simulator.sensors.gyro import raw_rates
@@ -79,6 +80,7 @@ def replayed(recording: Recording, G: Array, bias: Array, smooth_s: float = SMOO
     G, bias : (3, 3), (3,) rad/s: its calibration
     smooth_s : longest window of the smoothing, s; 0 for none
     """
+    need_one_sensor(recording.attitudes)
     rates = smoothed_rates(recording, G, bias, smooth_s)
     duration = durations(recording)
     quaternions = recording.attitudes.quaternions.copy()

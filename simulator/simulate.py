@@ -16,7 +16,8 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from gyrocal.recording import Attitudes, GyroStream, Interval, Orbit, Recording
+from gyrocal.errors import InputError
+from gyrocal.recording import Attitudes, GyroStream, Interval, Recording
 from gyrocal.recording.format import TRIAD, without_attitudes
 from gyrocal.recording.gyros import nominal
 from simulator.effects import REGISTRY, Setting, Stream, Surroundings, references_of
@@ -28,6 +29,7 @@ from simulator.scenario import Scenario, profiles
 from simulator.sensors.gyro import raw_rates, with_white_noise
 from simulator.sensors.record import sensed
 from simulator.sensors.reference import TIME_TOLERANCE, measured, reference_times
+from simulator.sensors.trackers import orbit_of, tracked
 from simulator.streams import generator
 from simulator.truth.maneuvers import Profile, trajectory
 from simulator.truth.motion import Motion
@@ -57,9 +59,10 @@ def motion(scenario: Scenario, substeps: int = 1) -> Motion:
     substeps : integration steps per gyro sample; one is enough, more only show that it is
     """
     every = scenario.reference.every_s if scenario.reference.at == "series" else None
+    tracked = bool(scenario.reference.tracker)
     point = scenario.gyro.reading == "point"
     tagged = scenario.sensors.every_s if scenario.sensors else None
-    parts = [_part(profile, scenario.gyro.sample_s, every, point, substeps, tagged) for profile in profiles(scenario)]
+    parts = [_part(profile, scenario.gyro.sample_s, every, point, substeps, tagged, tracked) for profile in profiles(scenario)]
     ends = np.cumsum([0] + [part.t_s.size for part in parts])
     tags = np.cumsum([0] + [part.sensor_t_s.size for part in parts])
     reference_t_s = np.concatenate([part.reference_t_s for part in parts])
@@ -86,11 +89,17 @@ def sample_edges(length: float, sample_s: float) -> Array:
 
 
 def _part(
-    profile: Profile, sample_s: float, every: float | None, point: bool, substeps: int, tagged: float | None = None
+    profile: Profile,
+    sample_s: float,
+    every: float | None,
+    point: bool,
+    substeps: int,
+    tagged: float | None = None,
+    moving: bool = False,
 ) -> _Part:
     length = profile.stop_s - profile.start_s
     edges = sample_edges(length, sample_s)
-    reference_tau = reference_times(profile, every)
+    reference_tau = reference_times(profile, every, moving)
     knots = profile.knots[(profile.knots > 0) & (profile.knots < length)]
     # Up to the last before the end, so that intervals that touch share no tag.
     count = int(np.ceil(length / tagged - TIME_TOLERANCE)) if tagged else 0
@@ -149,6 +158,8 @@ def realise(
     -------
     Raw rates (n, 3), rad/s, and reference quaternions (m, 4).
     """
+    if scenario.reference.tracker and reference_rng is not None:
+        raise InputError("references of several trackers are made by observe, a whole recording at a time")
     if gyro_rng is not None:
         rates = with_white_noise(gyro_rng, rates, float(np.deg2rad(scenario.gyro.arw_deg_per_sqrt_s)), motion.duration_s, out)
     quaternions = motion.quaternions
@@ -194,7 +205,8 @@ def observe(
             point=scenario.gyro.reading == "point",
         )
     gyro = scenario.gyro
-    rates, quaternions = realise(scenario, motion, noise_free_rates(scenario, motion, G, bias), gyro_rng, reference_rng)
+    of_one = None if scenario.reference.tracker else reference_rng
+    rates, quaternions = realise(scenario, motion, noise_free_rates(scenario, motion, G, bias), gyro_rng, of_one)
     sigma = np.deg2rad(scenario.reference.sigma_deg)
     apriori_G = np.array(gyro.apriori_G)
     return Recording(
@@ -212,9 +224,11 @@ def observe(
         ),
         attitudes=without_attitudes()
         if scenario.reference.at == "none"
+        else tracked(scenario, motion, reference_rng)
+        if scenario.reference.tracker
         else Attitudes(motion.reference_t_s, quaternions, np.tile(sigma, (len(quaternions), 1))),
         intervals=tuple(Interval(i.name, i.activity, i.start_s, i.stop_s, None, i.gyros) for i in scenario.interval),
-        orbit=Orbit(scenario.orbit.circular_orbit().period, scenario.orbit.altitude_km, scenario.orbit.inclination_deg),
+        orbit=orbit_of(scenario),
     )
 
 
@@ -263,7 +277,7 @@ def surroundings(plain: Recording, motion: Motion, point: bool = False) -> Surro
         gyros=plain.gyro.names,
         axes=nominal(plain.gyro)[0] if plain.is_array else None,
     )
-    return Surroundings(stream, references_of(plain), plain.gyro.arw, plain.gyro.sample_s, plain.attitudes.sigma)
+    return Surroundings(stream, references_of(plain, stream), plain.gyro.arw, plain.gyro.sample_s, plain.attitudes.sigma)
 
 
 def with_gyro_temperature(plain: Recording, seed: int = 0, case: int = 0) -> Recording:

@@ -218,7 +218,7 @@ def _lines(e: Array, layout: Layout) -> Array | None:
     strongest is told by the natural logarithm of the chance of so much power at that frequency, with the sign turned.
     """
     longest = float(layout.since_s.max())
-    gaps = np.diff(layout.t_s)[np.diff(layout.interval) == 0]
+    gaps = np.diff(layout.t_s)[(np.diff(layout.interval) == 0) & (np.diff(layout.t_s) > 0)]
     if not gaps.size or longest < 8 * float(np.median(gaps)):
         return None
     # Nearer to half the rate of the observations a wave has no phase of its own, and its power another distribution.

@@ -17,10 +17,11 @@ Array = NDArray[np.float64]
 def calibrated(model: RecordingModel, effects: Sequence[Fitted]) -> tuple[Array, Array]:
     """Change of G and b with the effects in the model, (12,), and the joint covariance of it and all amplitudes.
 
-    Start attitudes, calibration and the amplitudes of the effects are estimated together, the latter under the prior that
-    their evidence used. The covariance has the twelve parameters first, then the amplitudes, effect after effect.
+    Start attitudes, mountings that are estimated, calibration and the amplitudes of the effects are estimated together, the
+    latter under the prior that their evidence used. The covariance has the twelve parameters first, then the amplitudes, effect
+    after effect.
     """
-    Q = np.linalg.qr(model.starts)[0]
+    Q = np.linalg.qr(model.attitude_nuisance)[0]
     columns = np.hstack([model.calibration, *(effect.columns for effect in effects)])
     columns = columns - Q @ (Q.T @ columns)
     y = model.whitened(model.zeta)

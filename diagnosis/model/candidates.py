@@ -14,7 +14,7 @@ from itertools import chain
 import numpy as np
 from numpy.typing import NDArray
 
-from diagnosis.model import periods, processes, repeating, unlisted
+from diagnosis.model import periods, processes, repeating, trackers, unlisted
 from diagnosis.model.folds import SPLIT, folds
 from diagnosis.model.linear import (
     VISIBLE,
@@ -205,7 +205,7 @@ def assembled(
 
     def refine(linear: LinearModel, member: Member) -> LinearModel:
         effect = effects.get(linear.candidate(member).effect)
-        if effect is None:
+        if effect is None or effect.of_trackers:
             return linear
         if effect.scanned:
             return with_finer_periods(model, linear, member, effect)
@@ -235,6 +235,12 @@ def listed(model: RecordingModel, effects: Sequence[Effect], found: Found | None
     around = model.around
     for effect in effects:
         if effect.missing(around) is not None:
+            continue
+        if effect.of_trackers:
+            yield from (
+                replace(group_of(effect, one.tracker, one.columns, one.parameters, one.weights.tolist()), process=one.process)
+                for one in trackers.listed(model, effect)
+            )
             continue
         if effect.has_columns:
             for axis in effect.axes or (None,):
@@ -440,6 +446,8 @@ def unlisted_groups(model: RecordingModel, found: Found, effects: Sequence[Effec
         yield _rival(family.name, family.axis, family.columns, False)
     for process in processes.unlisted(model):
         yield _rival(process.name, process.axis, process.columns, True)
+    for error in trackers.unlisted(model):
+        yield _rival(error.name, error.tracker, error.columns, error.process)
 
 
 def _rival(name: str, axis: str, columns: Sequence[Array], process: bool) -> Group:

@@ -182,8 +182,9 @@ def shared_columns(model: RecordingModel, biases: Array | None = None) -> Array:
     """(N, q) columns B of what all intervals share, in units of their broad priors: start attitudes, G, b, biases."""
     more = np.empty((model.size, 0)) if biases is None else biases
     own = np.full(more.shape[1], BROAD * PLAUSIBLE_RANGE[-1])
-    scale = np.concatenate([np.full(3 * len(model.blocks), START), BROAD * PLAUSIBLE_RANGE, own])
-    return unwhitened(model, np.hstack([model.starts, model.calibration, more]) * scale)
+    attitude = model.attitude_nuisance
+    scale = np.concatenate([np.full(attitude.shape[1], START), BROAD * PLAUSIBLE_RANGE, own])
+    return unwhitened(model, np.hstack([attitude, model.calibration, more]) * scale)
 
 
 def joint_covariance(model: RecordingModel) -> Array:

@@ -34,7 +34,7 @@ def phases(model: RecordingModel) -> NDArray[np.str_]:
 def phases_of(t_s: Array, interval: NDArray[np.intp]) -> NDArray[np.str_]:
     """Phase of references (m,) at some times, s, of intervals that follow one another."""
     parts = [t_s[interval == number] for number in np.unique(interval)]
-    spacing = np.median(np.concatenate([np.diff(t) for t in parts]))
+    spacing = np.median(np.concatenate([np.diff(np.unique(t)) for t in parts]))
     out = []
     for t in parts:
         edge = max(1, round(EDGE * t.size))

@@ -81,7 +81,7 @@ def grid(model: RecordingModel) -> Grid | None:
     if band is None:
         return None
     t, block = model.observation_t_s, model.observation_block
-    apart = np.diff(t)[np.diff(block) == 0]
+    apart = np.diff(t)[(np.diff(block) == 0) & (np.diff(t) > 0)]
     shortest = max(band[0], SHORTEST * float(np.median(apart)) if apart.size else np.inf)
     span, arc = band[1], max(float(one.elapsed_s[-1]) for one in model.blocks)
     step = STEP / span

@@ -21,6 +21,7 @@ from diagnosis.detectors.samples import examine, smoothed_rates
 from diagnosis.model.gate import check_residuals
 from diagnosis.model.lines import judged_lines
 from diagnosis.model.recording import RecordingModel, linearised
+from diagnosis.model.tracker_noise import alike, series_of
 from diagnosis.settings import DEFAULT, DiagnosisSettings
 from gyrocal.calibration.gate import LargeResidualError
 from gyrocal.calibration.observability import PLAUSIBLE_RANGE
@@ -51,6 +52,7 @@ class Prepared:
     reference_noise : test of the references' noise, None without a series of them
     dead : gyros that read zero for long, and may have a dead zone
     notes : limits of this recording
+    tracker_noise : the test of the references' noise for each of several sensors, by name
     """
 
     model: RecordingModel
@@ -59,6 +61,7 @@ class Prepared:
     reference_noise: ReferenceNoise | None
     dead: tuple[DeadZoneEvidence, ...]
     notes: tuple[str, ...]
+    tracker_noise: tuple[tuple[str, ReferenceNoise], ...] = ()
 
 
 def prepare(recording: Recording, settings: DiagnosisSettings = DEFAULT, tell: Progress = lambda text, share: None) -> Prepared:
@@ -99,21 +102,48 @@ def prepare(recording: Recording, settings: DiagnosisSettings = DEFAULT, tell: P
     if judged_lines(report, model, likely):
         report.smooth = smoothed_rates(report.rates, recording)
         model, sigma = _calibrated(recording, report, pieces, recording.attitudes.sigma)
-    noise = _reference_noise(model, report, dead, settings)
-    if noise is not None and noise.departs:
-        model, sigma = _calibrated(recording, report, pieces, recording.attitudes.sigma * noise.factors)
-    return Prepared(model, report, sigma, noise, dead, _notes(recording, pieces, sigma))
+    found = [
+        (name, _reference_noise(model, report, dead, settings, number))
+        for number, name in ([(None, None)] if recording.attitudes.sensor is None else _named(recording))
+    ]
+    factors = np.ones(recording.attitudes.sigma.shape)
+    owner = np.zeros(len(factors), dtype=np.intp) if recording.attitudes.sensor is None else recording.attitudes.sensor
+    for number, (_, noise) in enumerate(found):
+        if noise is not None and noise.departs:
+            factors[owner == number] = noise.factors
+    if (factors != 1.0).any():
+        model, sigma = _calibrated(recording, report, pieces, recording.attitudes.sigma * factors)
+    of_all = next((noise for name, noise in found if name is None), None)
+    of_each = tuple((name, noise) for name, noise in found if name is not None and noise is not None)
+    return Prepared(model, report, sigma, of_all, dead, _notes(recording, pieces, sigma), of_each)
+
+
+def _named(recording: Recording) -> list[tuple[int | None, str | None]]:
+    return [(number, one.name) for number, one in enumerate(recording.attitudes.sensors)]
 
 
 def _reference_noise(
-    model: RecordingModel, report: SampleReport, dead: tuple[DeadZoneEvidence, ...], settings: DiagnosisSettings
+    model: RecordingModel,
+    report: SampleReport,
+    dead: tuple[DeadZoneEvidence, ...],
+    settings: DiagnosisSettings,
+    sensor: int | None = None,
 ) -> ReferenceNoise | None:
-    """The test of the references' noise, where no gyro hides motion between two references, which would look like it."""
+    """The test of the references' noise, where no gyro hides motion between two references, which would look like it.
+
+    Of one of several sensors it is made about its own axes.
+    """
     blind = set(np.flatnonzero(report.hidden | report.lattice).tolist())
     silent = np.zeros(report.rates.shape, dtype=bool)
     for one in dead:
         silent[:, one.axis] |= (one.part >= 0) & (one.log_odds > LIKELY)
-    recording, times = model.recording, model.references.t_s
+    recording, density = model.recording, np.median(report.density, axis=0)
+    if sensor is not None:
+        axes = recording.attitudes.sensors[sensor].M
+        hidden = np.repeat(np.asarray(silent).any(axis=1).reshape(-1, 1), 3, axis=1)
+        found = reference_noise(series_of(model, sensor), axes**2 @ density, recording.gyro.t_s, hidden, settings)
+        return found if found is not None and not blind and alike(found) else None
+    times = model.references.t_s
     series = ReferenceSeries(
         t_s=times,
         interval=model.interval_of_reference,
@@ -122,7 +152,7 @@ def _reference_noise(
         residuals=model.residuals,
         rates=model.rates[np.clip(np.searchsorted(model.t_s, times), 0, model.t_s.size - 1)],
     )
-    noise = reference_noise(series, np.median(report.density, axis=0), recording.gyro.t_s, silent, settings)
+    noise = reference_noise(series, density, recording.gyro.t_s, silent, settings)
     return None if noise is not None and (noise.axis in blind or len(blind) == 3) else noise
 
 
@@ -203,7 +233,7 @@ def _step(model: RecordingModel) -> tuple[Array, Array]:
 
     A broad prior, ten plausible ranges wide, keeps what cannot be observed where it is.
     """
-    Q = np.linalg.qr(model.starts)[0]
+    Q = np.linalg.qr(model.attitude_nuisance)[0]
     scaled = (model.calibration - Q @ (Q.T @ model.calibration)) * PLAUSIBLE_RANGE
     observed = model.whitened(model.zeta)
     observed = observed - Q @ (Q.T @ observed)
@@ -227,7 +257,7 @@ def unclipped(recording: Recording, report: SampleReport) -> tuple[Interval, ...
         part = np.searchsorted(clipped_times, times)
         for number in np.unique(part):
             chosen = times[part == number]
-            if chosen.size >= 2:
+            if chosen.size >= 2 and chosen[-1] > chosen[0]:
                 name = interval.name if number == part[0] == part[-1] else f"{interval.name}/{number}"
                 out.append(Interval(name, interval.activity, float(chosen[0]), float(chosen[-1])))
     return tuple(out)

@@ -42,9 +42,12 @@ from scipy.spatial.transform import Rotation
 from diagnosis.model.true_path import true_path
 from gyrocal.calibration.propagation import Arcs, propagate
 from gyrocal.calibration.sampling import Measurements, measurements
+from gyrocal.calibration.trackers import Mountings
 from gyrocal.recording import Attitudes, Interval, Recording, reference_rows
+from gyrocal.recording.trackers import kept_rows, to_axes
 from simulator.effects import References, Stream, Surroundings, forward_axes
 from simulator.effects.recorded import housekeeping_at
+from simulator.effects.sky import trackers_of
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
@@ -175,13 +178,18 @@ class RecordingModel:
         return np.concatenate([block.observed(t_s[block.references]) for block in self.blocks])
 
     @cached_property
-    def observation_attitude(self) -> Array:
-        """(r, 3, 3) Aᵀ at the middle one of the references of each observation."""
+    def reference_rows_of_observations(self) -> Indices:
+        """(r,) the middle one of the references of each observation, among those of `references`."""
         out, start = [], 0
         for block in self.blocks:
-            out.append(self.at_reference[start + block.groups + block.counts // 2])
+            out.append(start + block.groups + block.counts // 2)
             start += block.references.size
         return np.concatenate(out)
+
+    @cached_property
+    def observation_attitude(self) -> Array:
+        """(r, 3, 3) Aᵀ at the middle one of the references of each observation."""
+        return self.at_reference[self.reference_rows_of_observations]
 
     @cached_property
     def stream(self) -> Stream:
@@ -204,12 +212,17 @@ class RecordingModel:
         rows = self.reference_rows
         attitudes = self.recording.attitudes
         orbit = self.recording.orbit
+        seen = None
+        if attitudes.sensor is not None:
+            known = housekeeping_at(self.recording, attitudes.t_s[rows])
+            seen = trackers_of(self.recording, rows, self.interval_of_reference, self.stream, known)
         return References(
             t_s=attitudes.t_s[rows],
             quaternions=attitudes.quaternions[rows],
             interval=self.interval_of_reference,
             forward=forward_axes(self.recording)[rows],
             orbit_period_s=orbit.period_s if orbit is not None else float("nan"),
+            trackers=seen,
         )
 
     @cached_property
@@ -262,10 +275,10 @@ class RecordingModel:
     def _at_references(self, increments: Array) -> Array:
         out = np.empty((self.size, increments.shape[2]))
         for block in self.blocks:
-            ends = block.ends
+            ends, place = np.unique(block.ends, return_inverse=True)  # several sensors may have a reference at one time
             parts = np.add.reduceat(increments[block.steps], ends[:-1], axis=0)
             total = np.concatenate([np.zeros((1, *parts.shape[1:])), np.cumsum(parts, axis=0)])
-            out[block.rows] = block.observed(total).reshape(3 * block.groups.size, -1)
+            out[block.rows] = block.observed(total[place]).reshape(3 * block.groups.size, -1)
         return out
 
     # ---- whitening and projection ----------------------------------------------------------------------------------------
@@ -296,9 +309,20 @@ class RecordingModel:
         return self.whitened(out)
 
     @cached_property
+    def mountings(self) -> Array:
+        """(N, q) whitened columns of the misalignments of sensors whose mounting is estimated, whatever their prior."""
+        turns = Mountings.of(self.recording.attitudes).turns[self.reference_rows]
+        return self.whitened(self.reference_error(turns)) if turns.shape[2] else np.empty((self.size, 0))
+
+    @cached_property
+    def attitude_nuisance(self) -> Array:
+        """(N, q) whitened columns of nuisance parameters of the attitude: start errors, and mountings that are estimated."""
+        return self.starts if not self.mountings.shape[1] else np.hstack([self.starts, self.mountings])
+
+    @cached_property
     def nuisance(self) -> Array:
         """(N, q) orthonormal basis of the nuisance parameters' columns."""
-        columns = np.hstack([self.starts, self.calibration])
+        columns = np.hstack([self.attitude_nuisance, self.calibration])
         columns = columns / np.maximum(np.linalg.norm(columns, axis=0), 1e-300)
         U, s, _ = np.linalg.svd(columns, full_matrices=False)
         return np.asarray(U[:, s > RANK * s[0]])
@@ -334,8 +358,8 @@ class RecordingModel:
         length = total / MOST_CELLS * 1.35  # gaps between references leave short ones
         parts: list[tuple[int, int, int]] = []
         for number, block in enumerate(self.blocks):
-            for low, high in pairwise(np.append(block.ends[block.groups], block.ends[-1])):
-                if high == low:
+            for low, high in pairwise(np.append(block.ends[block.groups], block.ends.max())):
+                if high <= low:
                     continue
                 duration = float(self.dt[block.steps][low:high].sum())
                 count = min(max(1, round(duration / length)), int(high - low))
@@ -419,6 +443,7 @@ def linearised(
     for number, own in enumerate(edges):
         outputs = np.flatnonzero(parts.arcs.arc == number)
         references = row_of[np.append(parts.start[outputs[0]], parts.row[outputs])]
+        order, groups = _gathered(recording.attitudes, references, references_each)
         samples = parts.arcs.sample[own[0] : own[-1]]
         dt = parts.arcs.dt[own[0] : own[-1]]
         begin = own[:-1] - own[0]
@@ -439,15 +464,18 @@ def linearised(
             zeta, at, middle = path.errors, path.turned(at), path.between(ends) @ middle
         elapsed = np.append(0.0, parts.elapsed_s[outputs])
         began = tags[samples[0]] + _offset(tags[samples[0]], recording.attitudes.t_s[references[0]])
+        references, ends, elapsed = references[order], ends[order], elapsed[order]
+        at, zeta, off = at[order], zeta[order], off[order]
         t_s = began + np.cumsum(length) - 0.5 * length
-        groups = np.arange(0, references.size, max(1, min(references_each, references.size // FEWEST_OBSERVATIONS)))
         if density is None:
             walk = recording.gyro.arw**2 * elapsed[:, None, None] * np.eye(3)
         else:
             power = np.add.reduceat(density[samples] * dt[:, None], begin, axis=0)
             walk = _walk(middle @ G, power, ends)
-        whitener = np.asarray(np.linalg.cholesky(_covariance(at, sigmas[references], walk, groups)))
-        middle_time = 0.5 * (recording.attitudes.t_s[references[0]] + recording.attitudes.t_s[references[-1]])
+        V = _covariance(_own_axes(recording.attitudes, references, at), sigmas[references], walk, groups, elapsed)
+        whitener = np.asarray(np.linalg.cholesky(V))
+        times = recording.attitudes.t_s[references]
+        middle_time = 0.5 * (times.min() + times.max())
         interval = next(k for k, one in enumerate(recording.intervals) if one.start_s <= middle_time <= one.stop_s)
         stop = rows + 3 * groups.size
         block = Block(
@@ -488,8 +516,29 @@ def _measured(recording: Recording, pieces: Sequence[Interval] | None) -> tuple[
     if pieces is None:
         return measurements(recording), np.arange(attitudes.t_s.size)
     rows = np.unique(np.concatenate([reference_rows(attitudes.t_s, piece) for piece in pieces]))
-    kept = Attitudes(attitudes.t_s[rows], attitudes.quaternions[rows], attitudes.sigma[rows])
-    return measurements(replace(recording, intervals=tuple(pieces), attitudes=kept)), rows
+    return measurements(replace(recording, intervals=tuple(pieces), attitudes=kept_rows(attitudes, rows))), rows
+
+
+def _gathered(attitudes: Attitudes, references: Indices, each: int) -> tuple[Indices, Indices]:
+    """The references of an interval in the order in which they are averaged, and the first of each observation.
+
+    Neighbours of one sensor are averaged, so that what sensors differ in is not lost.
+    """
+    count = references.size
+    width = max(1, min(each, count // FEWEST_OBSERVATIONS))
+    if attitudes.sensor is None or width == 1:
+        return np.arange(count), np.arange(0, count, width)
+    sensor, observation = attitudes.sensor[references], np.empty(count, dtype=np.intp)
+    for one in np.unique(sensor):
+        own = np.flatnonzero(sensor == one)
+        observation[own] = own[np.arange(own.size) // width * width]  # named by its first reference
+    order = np.argsort(observation, kind="stable")
+    return order, np.unique(observation[order], return_index=True)[1]
+
+
+def _own_axes(attitudes: Attitudes, references: Indices, A_T: Array) -> Array:
+    """(m, 3, 3) from the axes in which each reference's sigmas are to inertial ones."""
+    return A_T if attitudes.sensor is None else A_T @ to_axes(attitudes)[references].transpose(0, 2, 1)
 
 
 def _offset(tag: float, first: float) -> float:
@@ -499,13 +548,20 @@ def _offset(tag: float, first: float) -> float:
 
 def _walk(turned: Array, power: Array, ends: Indices) -> Array:
     """(m, 3, 3) covariance of the integrated gyro noise at each reference; power (n, 3) in rad², of each step."""
+    ends, place = np.unique(ends, return_inverse=True)
     added = np.matmul(turned * power[:, None, :], turned.transpose(0, 2, 1))
     total = np.cumsum(np.add.reduceat(added, ends[:-1], axis=0), axis=0)
-    return np.concatenate([np.zeros((1, 3, 3)), total])
+    return np.concatenate([np.zeros((1, 3, 3)), total])[place]
 
 
-def _covariance(A_T: Array, sigma: Array, walk: Array, groups: Indices) -> Array:
-    """(3r, 3r) covariance of an interval's observations, as the module's text has it."""
+def _covariance(A_T: Array, sigma: Array, walk: Array, groups: Indices, elapsed: Array) -> Array:
+    """(3r, 3r) covariance of an interval's observations, as the module's text has it.
+
+    Where observations of several sensors overlap in time, the covariance of two is Σ_k f_ak f_bk ΔW_k over the stretches k
+    between references, f the share of an observation's references that come after a stretch.
+    """
+    if (np.diff(elapsed) < 0).any():
+        return _overlapping(A_T, sigma, walk, groups, elapsed)
     counts = np.diff(np.append(groups, len(walk)))
     within = np.arange(len(walk)) - np.repeat(groups, counts)
     share = np.repeat(counts, counts)
@@ -518,3 +574,16 @@ def _covariance(A_T: Array, sigma: Array, walk: Array, groups: Indices) -> Array
     V = np.array(later[np.minimum.outer(np.arange(count), np.arange(count))])  # (r, r, 3, 3)
     V[np.arange(count), np.arange(count)] = own
     return np.asarray(V.transpose(0, 2, 1, 3).reshape(3 * count, 3 * count))
+
+
+def _overlapping(A_T: Array, sigma: Array, walk: Array, groups: Indices, elapsed: Array) -> Array:
+    """As `_covariance` for references in any order."""
+    counts = np.diff(np.append(groups, len(walk)))
+    order = np.argsort(elapsed, kind="stable")
+    steps = np.diff(walk[order], axis=0, prepend=np.zeros((1, 3, 3)))
+    later = np.add.reduceat((elapsed[:, None] >= elapsed[order]).astype(float), groups, axis=0) / counts[:, None]  # f (r, m)
+    count = groups.size
+    V = np.einsum("ak,kij,bk->aibj", later, steps, later, optimize=True)
+    noise = np.einsum("mij,mj,mkj->mik", A_T, sigma**2, A_T) / (np.repeat(counts, counts) ** 2)[:, None, None]
+    V[np.arange(count), :, np.arange(count)] += np.add.reduceat(noise, groups, axis=0)
+    return np.asarray(V.reshape(3 * count, 3 * count))

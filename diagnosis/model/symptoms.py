@@ -14,6 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from diagnosis.answer import Cause, Finding
+from diagnosis.detectors.reference_noise import ReferenceNoise
 from diagnosis.detectors.report import SampleTest, Symptom
 from diagnosis.inference.attribution import against
 from diagnosis.model.prepare import Prepared
@@ -104,33 +105,41 @@ def _claimed(
 
 def reference_symptoms(prepared: Prepared, settings: DiagnosisSettings) -> list[Symptom]:
     """The references' noise, where it is not white noise of the stated size."""
-    noise = prepared.reference_noise
-    if noise is None:
-        return []
+    if prepared.tracker_noise:
+        return [one for name, noise in prepared.tracker_noise for one in _of_noise(noise, settings, name)]
+    return [] if prepared.reference_noise is None else _of_noise(prepared.reference_noise, settings)
+
+
+def _of_noise(noise: ReferenceNoise, settings: DiagnosisSettings, tracker: str | None = None) -> list[Symptom]:
+    """The same of one test; the noise of one of several trackers has its name in the place of an axis."""
     found = []
+    whose, them = ("the references'", "the references") if tracker is None else (f"{tracker}'s", tracker)
     if noise.correlation_p < settings.sample_event:
-        text = f"the references' noise about two axes correlates by {noise.correlation:.2f}"
+        text = f"{whose} noise about two axes correlates by {noise.correlation:.2f}"
         found.append(
-            Symptom("reference_noise_correlation", None, noise.correlation, "of the noise", 0.0, {}, noise.correlation_p, text)
+            Symptom(
+                "reference_noise_correlation", tracker, noise.correlation, "of the noise", 0.0, {}, noise.correlation_p, text
+            )
         )
     if noise.constancy_p < settings.sample_event:
-        text = f"the references' noise has {noise.constancy:.2f} times the power of the rest in one part of the recording"
+        text = f"{whose} noise has {noise.constancy:.2f} times the power of the rest in one part of the recording"
         found.append(
-            Symptom("reference_noise_constancy", None, noise.constancy, "of its power", 0.0, {}, noise.constancy_p, text)
+            Symptom("reference_noise_constancy", tracker, noise.constancy, "of its power", 0.0, {}, noise.constancy_p, text)
         )
     if noise.departs:
         axis = None if noise.axis is None else AXES[noise.axis]
         place = 0 if noise.axis is None else noise.axis
         sigma = float(1 / np.sqrt(np.sum(1 / noise.sigma**2))) if noise.axis is None else float(noise.sigma[place])
         size = float(noise.factors[place])
-        text = f"second differences of the references scatter {size:.2f} times as much as stated"
-        found.append(Symptom("reference_noise_level", axis, size, "factor", sigma, {}, noise.p_value, text))
+        text = f"second differences of {them} scatter {size:.2f} times as much as stated"
+        kind = "reference_noise_level" if tracker is None else "tracker_noise_level"
+        found.append(Symptom(kind, axis if tracker is None else tracker, size, "factor", sigma, {}, noise.p_value, text))
     return found
 
 
 def _finding(all_tests: Sequence[SampleTest], symptom: Symptom) -> Finding:
     if symptom.text:
-        signal = "attitude" if symptom.kind.startswith("reference") else "gyro stream"
+        signal = "attitude" if symptom.kind.startswith(("reference", "tracker")) else "gyro stream"
         return Finding(signal, None, symptom.axis, None, symptom.kind, symptom.size, symptom.p_value, symptom.text)
     tests = [t for t in all_tests if t.symptom == symptom.kind and symptom.axis in (None, t.axis)]
     if not tests:

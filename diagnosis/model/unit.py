@@ -25,6 +25,7 @@ from diagnosis.model.recording import RecordingModel
 from diagnosis.settings import DEFAULT, DiagnosisSettings
 from gyrocal.errors import InputError
 from gyrocal.recording import Attitudes, Recording
+from gyrocal.recording.trackers import need_one_sensor
 from simulator.effects.base import Effect
 
 Array = NDArray[np.float64]
@@ -62,6 +63,8 @@ def joined(recordings: Mapping[str, Recording]) -> Unit:
     """
     parts = list(recordings.values())
     first = parts[0]
+    for part in parts:
+        need_one_sensor(part.attitudes)
     if any(abs(part.gyro.sample_s - first.gyro.sample_s) > 1e-9 for part in parts):
         raise InputError("recordings of one unit must have samples of one length")
     shifts = _shifts(parts)

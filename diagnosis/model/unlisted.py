@@ -66,9 +66,10 @@ def binned(model: RecordingModel, bin_s: float) -> Bins:
     step = max(1, round(bin_s / float(np.median(model.dt))))
     count = 0
     for number, block in enumerate(model.blocks):
-        inner = np.union1d(np.arange(0, block.steps.stop - block.steps.start, step), block.ends[:-1])
+        length = block.steps.stop - block.steps.start
+        inner = np.union1d(np.arange(0, length, step), block.ends[block.ends < length])
         first.append(inner + block.steps.start)
-        ends.append(np.append(np.searchsorted(inner, block.ends[:-1]), inner.size) + 0)
+        ends.append(np.searchsorted(inner, block.ends))
         interval.append(np.full(inner.size, number))
         count += inner.size
     starts = np.concatenate(first)

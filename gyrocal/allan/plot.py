@@ -9,6 +9,7 @@ import numpy as np
 from gyrocal.allan.deviation import overlapping_allan_deviation
 from gyrocal.errors import InputError
 from gyrocal.importing.rests import rests, speed
+from gyrocal.recording.trackers import need_one_sensor
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -41,6 +42,7 @@ def _stretches(recording: Recording, interval: str | None) -> list[tuple[int, in
     """Samples of an interval without its holes; of the rests without one."""
     gyro, attitudes = recording.gyro, recording.attitudes
     if interval is None:
+        need_one_sensor(attitudes)
         found = rests(gyro.rates @ gyro.apriori_G.T, gyro.sample_s, speed(attitudes.t_s, attitudes.quaternions, gyro.t_s))
         found = [part for first, stop in found for part in _whole(gyro.t_s, first, stop, gyro.sample_s)]
         if not found:

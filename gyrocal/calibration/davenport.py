@@ -40,6 +40,7 @@ from gyrocal.calibration.parameters import AXES, GyroParameters, select
 from gyrocal.calibration.problem import Problem, State
 from gyrocal.calibration.propagation import Psi, StreamingPropagation
 from gyrocal.calibration.sampling import Measurements, Resampling, measurements
+from gyrocal.calibration.trackers import Difference, MountingEstimate, differences, estimate, free_mountings, of_trackers
 from gyrocal.errors import InputError, UnobservableError
 from gyrocal.recording import Recording, arrays
 
@@ -170,6 +171,8 @@ class CalibrationResult:
     options : what it was asked with (step_s, resampling, max_gap_s, held_s, prior sigmas by parameter), for the record
     chi2, dof : weighted square sum of the residuals after, with a prior's own term, and its degrees of freedom
     parametrisation : "gain" or "gyro", see `gyrocal.calibration.gyro_space`
+    mountings : misalignments of the sensors whose mounting is estimated; None where none is
+    differences : of references by several sensors, each two against one another
     """
 
     recording: str
@@ -188,6 +191,8 @@ class CalibrationResult:
     dof: int
     options: Mapping[str, Any]
     parametrisation: Parametrisation = "gain"
+    mountings: MountingEstimate | None = None
+    differences: tuple[Difference, ...] = ()
 
     @property
     def G(self) -> Array:
@@ -325,6 +330,7 @@ class CalibrationResult:
             "options": dict(self.options),
             "version": metadata.version("gyrocal"),
             "gyros": self.parameters.table().to_dict("records"),
+            **of_trackers(self.mountings, self.differences),
         }
 
 
@@ -418,6 +424,7 @@ def calibrate(
         sums.add(state.H, state.z)
         step = np.zeros(12)
         step[columns], P = sums.solve()
+        solved, problem = state, problem.after(state, step[columns])
         x = x - step
         before, parameters = parameters, space.parameters(x)
         corrections.append(GyroParameters.from_vector(parameters.vector - before.vector))
@@ -444,7 +451,7 @@ def calibrate(
         observability=judged,
         chi2=state.chi2 + _prior_chi2(x - x0, columns, apriori_covariance),
         # A prior adds p equations and the solution takes p away.
-        dof=3 * len(state.theta) - (p if apriori_covariance is None else 0),
+        dof=3 * len(state.theta) - (p if apriori_covariance is None else 0) - free_mountings(problem.mountings),
         options={
             "step_s": step_s or recording.gyro.sample_s,
             "resampling": resampling,
@@ -455,6 +462,8 @@ def calibrate(
             else dict(zip(names, np.sqrt(np.diag(apriori_covariance)).tolist(), strict=True)),
         },
         parametrisation=parametrisation,
+        mountings=estimate(problem.mountings, solved.eliminated, P / np.outer(problem.scale, problem.scale)),
+        differences=differences(recording),
     )
 
 

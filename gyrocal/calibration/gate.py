@@ -61,7 +61,7 @@ def refusal(
     """
     from gyrocal.importing.agreement import explained  # late: needed only for a recording that is refused
 
-    reason = explained(recording, G, bias)
+    reason = explained(recording, G, bias) if recording.attitudes.sensor is None else None
     return _error(error.angle, error.output, f"interval {interval}, t_s = {t_s}: ", f"; {reason}" if reason else "")
 
 

@@ -27,7 +27,7 @@ G Gᵀ = ν I that is ν ARW² T.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -41,6 +41,16 @@ from gyrocal.calibration.observability import PLAUSIBLE_BIAS, PLAUSIBLE_G, Obser
 from gyrocal.calibration.problem import Problem
 from gyrocal.calibration.propagation import Arcs, Psi, body_sums, propagate
 from gyrocal.calibration.sampling import Measurements, measurements
+from gyrocal.calibration.trackers import (
+    Difference,
+    Eliminated,
+    MountingEstimate,
+    differences,
+    estimate,
+    free_mountings,
+    of_trackers,
+)
+from gyrocal.calibration.trackers import residual_covariance as of_several
 from gyrocal.compiled import compiled
 from gyrocal.errors import InputError, UnobservableError
 from gyrocal.recording import Recording
@@ -184,12 +194,16 @@ def parity_sums(recording: Recording) -> tuple[ParitySums, ...]:
 
 @dataclass(frozen=True)
 class _Attitude:
-    """Attitude residuals at some parameters: θ (m, 3), sigma (m, 3), and whitened H (3m, 4n) and z (3m,)."""
+    """Attitude residuals at some parameters: θ (m, 3), sigma (m, 3), and whitened H (3m, 4n) and z (3m,).
+
+    Mountings that are estimated are taken out of H and z.
+    """
 
     theta: Array
     sigma: Array
     H: Array
     z: Array
+    eliminated: Eliminated | None = None
 
 
 @dataclass(frozen=True)
@@ -260,7 +274,7 @@ class _Steps:
                 R[part.outputs], walk[part.outputs] = run.R, part.walk(G, bias, self.recording.gyro.arw)
                 S = body_sums(run.S, G, bias)
                 Theta[part.outputs] = -np.einsum("mqra,ai->mriq", S, gains).reshape(len(S), 3, -1)
-        A = self.problem.A
+        A = self.problem.A if self.problem.mountings is None else self.problem.mountings.corrected(self.problem.A)
         theta = accumulation.residuals(R, A[self.measured.start], A[self.measured.row])
         largest = np.linalg.norm(theta, axis=1).max() if np.isfinite(R).all() else np.inf
         if not largest <= LARGEST_RESIDUAL:
@@ -272,22 +286,36 @@ class _Steps:
 
     def _whitened(self, theta: Array, Theta: Array, R: Array, walk: Array) -> _Attitude:
         made, arc = self.measured, self.measured.arcs.arc
-        values, variance = np.column_stack([Theta, theta.ravel()]), np.empty(theta.size)
+        mountings, n = self.problem.mountings, Theta.shape[1]
+        turned = np.empty((theta.size, 0)) if mountings is None else mountings.sensitivity(R, made.start, made.row)
+        values, variance = np.column_stack([Theta, turned, theta.ravel()]), np.empty(theta.size)
         out = np.empty_like(values)
         rows, ends = self.problem.groups
         low = 0
         for high in ends:
             own = rows[low:high]
-            V = residual_covariance(
-                R[own], arc[own], made.start[own], made.row[own], made.elapsed_s[own],
-                np.ascontiguousarray(self.problem.sigma), 0.0, FULL, np.zeros((0, 3, 3)),
-            )  # fmt: skip
+            shared = R[own], arc[own], made.start[own], made.row[own], made.elapsed_s[own]
+            if self.problem.noise is None:
+                V = residual_covariance(*shared, np.ascontiguousarray(self.problem.sigma), 0.0, FULL, np.zeros((0, 3, 3)))
+            else:
+                V = of_several(*shared, self.problem.noise, 0.0)
             V += _walked(R[own], walk[own], arc[own])
             places = (3 * own[:, None] + np.arange(3)).ravel()
             out[places] = accumulation.whiten(V, values[places])
             variance[places] = np.diag(V)
             low = high
-        return _Attitude(theta, np.sqrt(variance).reshape(-1, 3), out[:, :-1], out[:, -1])
+        sigma = np.sqrt(variance).reshape(-1, 3)
+        if mountings is None or not mountings.misalignment.size:
+            return _Attitude(theta, sigma, out[:, :-1], out[:, -1])
+        free = mountings.eliminated(out[:, :n], out[:, -1], out[:, n:-1])
+        return _Attitude(theta, sigma, free.H, free.z, free)
+
+    def after(self, state: _Attitude, change: Array) -> _Steps:
+        """The steps with mountings as they are after a correction (4n,) of the gyros."""
+        mountings = self.problem.mountings
+        if mountings is None:
+            return self
+        return replace(self, problem=replace(self.problem, mountings=mountings.moved(state.eliminated, change)))
 
 
 def _walked(R: Array, walk: Array, arc: Indices) -> Array:
@@ -367,6 +395,8 @@ class GyrosResult:
     chi2, dof : of the attitude residuals and the parity together, a prior's term included
     parity_chi2, parity_dof : of the parity alone, with the parameters that only it sees taken off
     prior_sigma : of K and of c (rad/s), None without
+    mountings : misalignments of the sensors whose mounting is estimated; None where none is
+    differences : of references by several sensors, each two against one another
     """
 
     recording: str
@@ -383,6 +413,8 @@ class GyrosResult:
     parity_chi2: float
     parity_dof: int
     prior_sigma: tuple[float, float] | None
+    mountings: MountingEstimate | None = None
+    differences: tuple[Difference, ...] = ()
 
     @property
     def G(self) -> Array:
@@ -465,6 +497,7 @@ class GyrosResult:
                 "degrees_of_freedom": self.parity_dof,
                 "p_value": self.parity_p_value if self.parity_dof > 0 else None,
             },
+            **of_trackers(self.mountings, self.differences),
         }
 
 
@@ -548,7 +581,8 @@ def calibrate_gyros(
         scaled = H * plausible
         P = np.linalg.inv(scaled.T @ scaled) * np.outer(plausible, plausible)
         step = np.linalg.lstsq(scaled, z, rcond=None)[0] * plausible
-        gyros = gyros.at(gyros.vector - step)
+        gyros, solved = gyros.at(gyros.vector - step), state
+        steps = steps.after(state, step)
         state, done = steps.state(gyros), done + 1
         converged = bool(np.abs(step / np.sqrt(np.diag(P))).max() < SETTLED)
     parity_chi2 = sum(one.chi2(gyros, stream.arw) for one in sums)
@@ -568,10 +602,12 @@ def calibrate_gyros(
         residuals=_residual_table(recording, steps.measured, first, state),
         observability=judged,
         chi2=chi2,
-        dof=state.z.size + parity_rows - (4 * n if prior is None else 0),
+        dof=state.theta.size + parity_rows - (4 * n if prior is None else 0) - free_mountings(steps.problem.mountings),
         parity_chi2=parity_chi2,
         parity_dof=parity_rows - int(seen),
         prior_sigma=prior_sigma,
+        mountings=estimate(steps.problem.mountings, solved.eliminated, P),
+        differences=differences(recording),
     )
 
 

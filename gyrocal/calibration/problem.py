@@ -21,8 +21,11 @@ from gyrocal.calibration.observability import PLAUSIBLE_RANGE
 from gyrocal.calibration.parameters import NAMES, GyroParameters
 from gyrocal.calibration.propagation import Psi, propagate
 from gyrocal.calibration.sampling import Measurements
+from gyrocal.calibration.trackers import Eliminated, Mountings, grouped
+from gyrocal.calibration.trackers import residual_covariance as of_several
 from gyrocal.errors import InputError
 from gyrocal.recording import Recording
+from gyrocal.recording.trackers import covariance as in_body_axes
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
@@ -36,7 +39,9 @@ class State:
     ----------
     theta, theta_linear : (m, 3) residuals by the full rotation vector N (16) and by the linear form N (29), rad
     sigma : (m, 3) 1-sigma of each residual under the covariance model, rad
-    H, z : (3m, p) and (3m,) whitened scaled sensitivity and residuals, group by group
+    H, z : (3m, p) and (3m,) whitened scaled sensitivity and residuals, group by group; with mountings that are estimated,
+        these taken out of them
+    eliminated : how that was done; None where none is
     """
 
     theta: Array
@@ -44,6 +49,7 @@ class State:
     sigma: Array
     H: Array
     z: Array
+    eliminated: Eliminated | None = None
 
     @property
     def chi2(self) -> float:
@@ -104,6 +110,8 @@ class Problem:
     given : (intervals, 3, 3) C of each interval's residuals, with "given"
     joint : (3m, 3m) V of all residuals, with "given", in place of `given`
     parametrisation : "gain" or "gyro", see `gyrocal.calibration.gyro_space`; the names are of its parameters
+    noise : (references, 3, 3) covariance of each in body axes, of references by several sensors; None for `sigma` about them
+    mountings : of sensors whose mounting is estimated, as adjusted so far; None for a single sensor
     """
 
     measurements: Measurements
@@ -116,6 +124,8 @@ class Problem:
     given: Array | None = None
     joint: Array | None = None
     parametrisation: Parametrisation = "gain"
+    noise: Array | None = None
+    mountings: Mountings | None = None
 
     @classmethod
     def of(
@@ -133,7 +143,12 @@ class Problem:
         A = attitude.matrix_from_quaternion(recording.attitudes.quaternions)
         code = model if given is None and joint is None else "given"
         sigma, arw = recording.attitudes.sigma, recording.gyro.arw
-        return cls(measurements, A, sigma, arw, names, psi, code, given, joint, parametrisation)
+        noise = mountings = None
+        if recording.attitudes.sensor is not None:
+            if code != "full":
+                raise InputError(f"covariance '{code}': references of several sensors take the full one")
+            noise, mountings = in_body_axes(recording.attitudes), Mountings.of(recording.attitudes)
+        return cls(measurements, A, sigma, arw, names, psi, code, given, joint, parametrisation, noise, mountings)
 
     @cached_property
     def columns(self) -> Indices:
@@ -152,6 +167,8 @@ class Problem:
         prepared = self.measurements
         if self.joint is not None:
             return np.arange(len(prepared.row)), np.array([len(prepared.row)])
+        if self.noise is not None:
+            return grouped(prepared.arcs.arc, prepared.start, prepared.row)
         arcs, firsts = np.unique(prepared.arcs.arc, return_index=True)
         lasts = np.append(firsts[1:], len(prepared.row)) - 1
         members = [
@@ -184,15 +201,45 @@ class Problem:
         prepared = self.measurements
         with np.errstate(over="ignore", invalid="ignore"):
             propagation = propagate(prepared.arcs, parameters.G, parameters.bias, self.psi)
-        A_start, A_obs = self.A[prepared.start], self.A[prepared.row]
+        A = self.A if self.mountings is None else self.mountings.corrected(self.A)
+        A_start, A_obs = A[prepared.start], A[prepared.row]
         theta = accumulation.residuals(propagation.R, A_start, A_obs)
         gate.check(np.where(np.isfinite(propagation.R).all(axis=2), theta, np.inf))
         Theta = self._sensitivity(propagation.S, parameters)
+        if self.noise is not None:
+            linear = attitude.residual_linear(A_obs, propagation.R @ A_start)
+            return self._of_several(theta, linear, Theta, propagation.R)
         start, row, elapsed_s, sigma = self._references
         options = (*self.groups, prepared.arcs.arc, start, row, elapsed_s, sigma, *self._covariance)
         H, z = accumulation.whitened(theta, Theta, propagation.R, *options)
         alone = [self._alone(propagation.R, k) for k in range(len(theta))]
         return State(theta, attitude.residual_linear(A_obs, propagation.R @ A_start), np.sqrt(np.array(alone)), H, z)
+
+    def _of_several(self, theta: Array, linear: Array, Theta: Array, R: Array) -> State:
+        """The state with references of several sensors."""
+        assert self.noise is not None
+        assert self.mountings is not None
+        made, arw, q = self.measurements, self._covariance[0], self.mountings.misalignment.size
+        values = np.column_stack([Theta, self.mountings.sensitivity(R, made.start, made.row), theta.ravel()])
+        white, variance = np.empty_like(values), np.empty(theta.size)
+        rows, ends = self.groups
+        for own in np.split(rows, ends[:-1]):
+            V = of_several(R[own], made.arcs.arc[own], made.start[own], made.row[own], made.elapsed_s[own], self.noise, arw)
+            places = (3 * own[:, None] + np.arange(3)).ravel()
+            white[places] = accumulation.whiten(V, values[places])
+            variance[places] = np.diag(V)
+        p = Theta.shape[1]
+        H, z, sigma = white[:, :p], white[:, -1], np.sqrt(variance).reshape(-1, 3)
+        if not q:
+            return State(theta, linear, sigma, H, z)
+        free = self.mountings.eliminated(H, z, white[:, p:-1])
+        return State(theta, linear, sigma, free.H, free.z, free)
+
+    def after(self, state: State, change: Array) -> "Problem":
+        """The problem with mountings as they are after a correction Δx (p,) of the solved-for parameters."""
+        if self.mountings is None:
+            return self
+        return replace(self, mountings=self.mountings.moved(state.eliminated, change / self.scale))
 
     def _sensitivity(self, S: Array, parameters: GyroParameters) -> Array:
         """Θ D (3m, p) with respect to the solved-for parameters."""
@@ -220,8 +267,8 @@ class Problem:
         psi : in place of the problem's
         look_back : whether to propagate once more for the residuals after the last iteration; NaN without
         """
-        if self.parametrisation != "gain":
-            raise InputError("compiled iterations are those of the parametrisation 'gain'")
+        if self.parametrisation != "gain" or self.noise is not None:
+            raise InputError("compiled iterations are those of the parametrisation 'gain' and of references by one sensor")
         arcs = self.measurements.arcs
         x = np.ascontiguousarray(x, dtype=float)
         values: tuple[Any, ...] = accumulation.iterate(

@@ -33,6 +33,7 @@ from gyrocal.calibration.propagation import propagate
 from gyrocal.calibration.sampling import measurements
 from gyrocal.errors import InputError
 from gyrocal.recording import Attitudes, Interval, Recording
+from gyrocal.recording.trackers import need_one_sensor
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -165,6 +166,7 @@ def conditioned(recording: Recording, used: Mask, times: Array, apriori_covarian
         No reference is used, a time is not after the first reference, or the gyro does not cover the stretch.
     """
     references = recording.attitudes
+    need_one_sensor(references)
     rows = np.flatnonzero(used)
     anchor = int(np.searchsorted(references.t_s, min(times[0], references.t_s[rows[0]]) - SAME_TIME_S)) if rows.size else 0
     if rows.size < 2 or np.any(np.diff(times) <= 0):

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from gyrocal.errors import InputError
 from gyrocal.importing.units import GPS_EPOCH, UNIX_EPOCH, Clock
 from gyrocal.recording import Recording
+from gyrocal.recording.trackers import need_one_sensor
 
 Array = NDArray[np.float64]
 
@@ -116,6 +117,7 @@ def dated(recording: Recording, what: str) -> tuple[str, datetime]:
     InputError
         They have none.
     """
+    need_one_sensor(recording.attitudes)
     scale = recording.time_scale.upper()
     if scale not in ("UTC", "GPS"):
         raise InputError(f"{what} needs dates in UTC or GPS time; the recording's time scale is {recording.time_scale!r}")

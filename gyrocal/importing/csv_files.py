@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from gyrocal.files import replacing
 from gyrocal.importing.units import GPS_EPOCH, UNIX_EPOCH, UNIX_RANGE_S, WEEK_S
 from gyrocal.recording import Recording, reference_rows, toml_value
+from gyrocal.recording.trackers import need_one_sensor
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -63,6 +64,7 @@ def write_packets(recording: Recording, counts: pd.DataFrame, lsb: str, wrap: fl
 
 def _write(recording: Recording, gyro: pd.DataFrame, read: dict[str, Any], folder: str | os.PathLike[str]) -> None:
     """A table of the gyro, one of the attitudes, and the mapping with what reads the former."""
+    need_one_sensor(recording.attitudes)
     folder = Path(folder)
     folder.mkdir(parents=True, exist_ok=True)
     gyro, time = _timed(gyro, recording)

@@ -14,14 +14,17 @@ from gyrocal.recording.format import (
     toml_value,
 )
 from gyrocal.recording.gyros import triad
+from gyrocal.recording.trackers import AttitudeSensor, of_sensor
 
 __all__ = [
+    "AttitudeSensor",
     "Attitudes",
     "GyroStream",
     "Interval",
     "Orbit",
     "Recording",
     "load",
+    "of_sensor",
     "read_toml",
     "reference_rows",
     "save",

@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from gyrocal.errors import InputError
 from gyrocal.recording import format as on_file
+from gyrocal.recording.trackers import need_one_sensor
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -102,6 +103,7 @@ def to_xarray(recording: Recording) -> xarray.Dataset:
     except ImportError:
         raise InputError("to_xarray needs xarray: pip install 'gyrocal[xarray]'") from None
     gyro, attitudes = recording.gyro, recording.attitudes
+    need_one_sensor(attitudes)
     seconds, deg_s = {"units": "s"}, {"units": "deg/s"}
     return xarray.Dataset(
         {
@@ -149,6 +151,7 @@ def facts(recording: Recording) -> list[tuple[str, str]]:
             "references",
             f"{attitudes.t_s.size}, sigma {', '.join(f'{value:.3g}' for value in sigma)} deg" if sigma.size else "none",
         ),
+        *([("of sensors", ", ".join(one.name for one in attitudes.sensors))] if attitudes.sensors else []),
         ("intervals", f"{len(lengths)} of {min(lengths):.6g} to {max(lengths):.6g} s"),
     ]
     tables = [*recording.tables, *(["sensor tables"] if recording.sensors is not None else [])]

@@ -67,7 +67,11 @@ def check_gyro(gyro: GyroStream) -> None:
 
 def check_attitudes(attitudes: Attitudes) -> None:
     """Times that increase, unit quaternions, and sigmas that an attitude can have."""
-    _check_times(attitudes.t_s, "attitude")
+    if attitudes.sensor is None:
+        _check_times(attitudes.t_s, "attitude")
+    elif (np.diff(attitudes.t_s) < 0).any() or not np.isfinite(attitudes.t_s).all():
+        row = np.argmax(np.diff(attitudes.t_s) < 0) + 1
+        raise InputError(f"attitude: times must be finite and in order; t_s falls at row {row}")
     count = attitudes.t_s.size
     if attitudes.quaternions.shape != (count, 4) or attitudes.sigma.shape != (count, 3):
         raise InputError("attitude: four quaternion elements and three sigmas a row are needed")
@@ -132,7 +136,7 @@ def check_references(t_s: Array, intervals: tuple[Interval, ...]) -> None:
     for interval in intervals:
         rows = reference_rows(t_s, interval)
         used[rows] = True
-        if rows.size < 2:
+        if np.unique(t_s[rows]).size < 2:
             raise InputError(
                 f"interval {interval.name}: {rows.size} reference attitude(s) inside "
                 f"[{interval.start_s}, {interval.stop_s}] s; at least two are needed, the first one to start from"

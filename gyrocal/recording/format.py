@@ -5,7 +5,8 @@ tables. Files are in degrees, objects in radians. The gyro sample k is the mean 
 uncalibrated gyro shows it. Simulated and real data share the format, and nothing in it says which it is.
 
 Format 1 holds the three gyros x, y and z. Format 2 holds any number of named gyros from three on, may say which of them were
-switched on in an interval, and may do without reference attitudes. What format 1 can hold is written in it.
+switched on in an interval, may do without reference attitudes, and may have those of several sensors. What format 1 can hold is
+written in it.
 """
 
 from __future__ import annotations
@@ -20,7 +21,7 @@ import numpy as np
 
 from gyrocal.errors import InputError
 from gyrocal.files import held, write_together
-from gyrocal.recording import checks, header, sensor_tables, tables
+from gyrocal.recording import checks, header, sensor_tables, tables, trackers
 from gyrocal.recording.checks import spans
 from gyrocal.recording.names import (
     GYRO_NAME,
@@ -86,7 +87,8 @@ def _load(folder: Path) -> Recording:
     gyro_name, gyro = tables.read(folder, "gyro", ("t_s", *rates), rates if switched else ())
     attitude_name, attitude = "attitude", None
     if tables.find(folder, "attitude") is not None or names == TRIAD:
-        attitude_name, attitude = tables.read(folder, "attitude", ("t_s", *QUATERNION_COLUMNS, *SIGMA_COLUMNS))
+        wanted = trackers.columns(said.attitude.sensor, ("t_s", *QUATERNION_COLUMNS), SIGMA_COLUMNS)
+        attitude_name, attitude = tables.read(folder, "attitude", wanted)
     optional = {name: tables.read(folder, name, ("t_s",))[1] for name in OPTIONAL_TABLES if tables.find(folder, name)}
     stream = GyroStream(
         t_s=tables.column(gyro, "t_s"),
@@ -98,7 +100,13 @@ def _load(folder: Path) -> Recording:
         names=names,
     )
     attitudes = without_attitudes()
-    if attitude is not None:
+    if attitude is not None and said.attitude.sensor:
+        with _told_of(folder / attitude_name):
+            rows = trackers.read(attitude, said.attitude.sensor, SIGMA_COLUMNS)
+        attitudes = Attitudes(tables.column(attitude, "t_s"), *rows)
+    elif attitude is not None:
+        with _told_of(folder / attitude_name):
+            trackers.check_unnamed(attitude, said.format)
         attitudes = Attitudes(
             t_s=tables.column(attitude, "t_s"),
             quaternions=tables.columns(attitude, QUATERNION_COLUMNS),

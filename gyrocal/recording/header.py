@@ -14,11 +14,12 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, ValidationInfo, field_validator, model_validator
 
 from gyrocal.errors import InputError
-from gyrocal.recording import bounds
+from gyrocal.recording import bounds, trackers
 from gyrocal.recording.checks import spans
 from gyrocal.recording.faults import validation_message
 from gyrocal.recording.names import MOST_GYROS, TRIAD, check_names
 from gyrocal.recording.toml import read_toml, toml_value
+from gyrocal.recording.trackers import SensorHeader
 
 if TYPE_CHECKING:
     from gyrocal.recording.recording import Recording
@@ -54,14 +55,17 @@ class _GyroHeader(_Model):
 
 
 class _AttitudeHeader(_Model):
-    maps: Literal["inertial to body"]
+    maps: Literal["inertial to body", "inertial to sensor"]
     quaternion: Literal["scalar last"]
+    sensor: list[SensorHeader] = []
 
 
 class _OrbitHeader(_Model):
     period_s: float = Field(ge=1.0, le=1e9)  # nothing that a spacecraft flies
     altitude_km: float
     inclination_deg: float
+    raan_deg: float | None = None
+    argument_of_latitude_deg: float | None = None
 
 
 class _IntervalHeader(_Model):
@@ -93,8 +97,12 @@ class Header(_Model):
 
     @model_validator(mode="after")
     def _of_its_format(self) -> Header:
+        trackers.check_header(self.format, self.attitude.maps, self.attitude.sensor)
         if self.format == 1 and (tuple(self.gyro.names) != TRIAD or any(one.gyros is not None for one in self.interval)):
             raise ValueError("names of gyros, and gyros of an interval, need format = 2")
+        orbit = set() if self.orbit is None else self.orbit.model_fields_set
+        if self.format == 1 and orbit & {"raan_deg", "argument_of_latitude_deg"}:
+            raise ValueError("raan_deg and argument_of_latitude_deg of the orbit need format = 2")
         return self
 
 
@@ -116,7 +124,11 @@ def read(path: Path) -> Header:
 def text(recording: Recording) -> str:
     """The header of a recording as it is on file."""
     gyro = recording.gyro
-    second = recording.is_array or any(interval.gyros is not None for interval in recording.intervals)
+    orbit = (
+        {} if recording.orbit is None else {name: value for name, value in vars(recording.orbit).items() if value is not None}
+    )
+    named = recording.is_array or any(interval.gyros is not None for interval in recording.intervals)
+    second = named or bool(recording.attitudes.sensors) or len(orbit) > 3
     sections: list[tuple[str, dict[str, object]]] = [
         (
             "",
@@ -133,15 +145,16 @@ def text(recording: Recording) -> str:
                 "sample_s": float(gyro.sample_s),
                 "kind": "rate",
                 "arw_deg_per_sqrt_s": float(np.rad2deg(gyro.arw)),
-                **({"names": list(gyro.names)} if second else {}),
+                **({"names": list(gyro.names)} if named else {}),
                 "apriori_G": gyro.apriori_G.tolist(),
                 "apriori_bias_deg_s": np.rad2deg(gyro.apriori_bias).tolist(),
             },
         ),
-        ("[attitude]", {"maps": "inertial to body", "quaternion": "scalar last"}),
+        ("[attitude]", {"maps": trackers.maps(recording.attitudes), "quaternion": "scalar last"}),
+        *trackers.header_sections(recording.attitudes),
     ]
-    if recording.orbit:
-        sections.append(("[orbit]", {name: float(value) for name, value in vars(recording.orbit).items()}))
+    if orbit:
+        sections.append(("[orbit]", {name: float(value) for name, value in orbit.items()}))
     for interval in recording.intervals:
         sections.append(
             (

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gyrocal.recording.names import TRIAD
+from gyrocal.recording.trackers import AttitudeSensor
 
 Array = NDArray[np.float64]
 
@@ -81,14 +82,18 @@ class Attitudes:
 
     Attributes
     ----------
-    t_s : (m,) s since the epoch, strictly increasing
+    t_s : (m,) s since the epoch, strictly increasing; of several sensors, for each of them
     quaternions : (m, 4) inertial to body, scalar last
-    sigma : (m, 3) 1-sigma per body axis, rad
+    sigma : (m, 3) 1-sigma per body axis, rad; about the sensor's own axes where sensors are named
+    sensor : (m,) number of the sensor of each, None for a single one in body axes
+    sensors : see `gyrocal.recording.trackers`
     """
 
     t_s: Array
     quaternions: Array
     sigma: Array
+    sensor: NDArray[np.intp] | None = None
+    sensors: tuple[AttitudeSensor, ...] = ()
 
     @property
     def sigma_deg(self) -> Array:
@@ -98,11 +103,13 @@ class Attitudes:
 
 @dataclass(frozen=True)
 class Orbit:
-    """Orbit of the recording, as far as it is known."""
+    """Orbit of the recording, as far as it is known; node and argument of latitude are those at the epoch."""
 
     period_s: float
     altitude_km: float
     inclination_deg: float
+    raan_deg: float | None = None
+    argument_of_latitude_deg: float | None = None
 
 
 def without_attitudes() -> Attitudes:

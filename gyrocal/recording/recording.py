@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from gyrocal.errors import InputError
-from gyrocal.recording import checks
+from gyrocal.recording import checks, trackers
 from gyrocal.recording.names import TRIAD
 from gyrocal.recording.parts import Attitudes, GyroStream, Interval, Orbit
 from gyrocal.recording.sensor_tables import SensorTables
@@ -43,6 +43,7 @@ class Recording:
         if self.attitudes.t_s.size or not self.is_array:
             checks.check_attitudes(self.attitudes)
             checks.check_references(self.attitudes.t_s, self.intervals)
+            trackers.check(self.attitudes)
 
     @property
     def is_array(self) -> bool:

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gyrocal.errors import InputError
-from gyrocal.recording import bounds, sensor_tables
+from gyrocal.recording import bounds, sensor_tables, trackers
 from gyrocal.recording.names import QUATERNION_COLUMNS, SIGMA_COLUMNS, rate_columns
 
 if TYPE_CHECKING:
@@ -96,9 +96,11 @@ def frames(recording: Recording) -> dict[str, pd.DataFrame]:
     own = {"gyro": pd.DataFrame(np.column_stack([gyro.t_s, np.rad2deg(gyro.rates)]), columns=of_gyro)}
     if attitudes.t_s.size:
         own["attitude"] = pd.DataFrame(
-            np.column_stack([attitudes.t_s, attitudes.quaternions, np.rad2deg(attitudes.sigma)]),
+            np.column_stack([attitudes.t_s, trackers.to_sensors(attitudes), np.rad2deg(attitudes.sigma)]),
             columns=["t_s", *QUATERNION_COLUMNS, *SIGMA_COLUMNS],
         )
+        if attitudes.sensor is not None:
+            own["attitude"][trackers.COLUMN] = [attitudes.sensors[k].name for k in attitudes.sensor]
     return {
         **own,
         **recording.tables,

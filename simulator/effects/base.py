@@ -29,6 +29,7 @@ from simulator.effects.views import (
     Smallest,
     Stream,
     Surroundings,
+    Trackers,
     Value,
 )
 
@@ -51,6 +52,7 @@ __all__ = [
     "Stage",
     "Stream",
     "Surroundings",
+    "Trackers",
     "Trial",
     "Value",
     "absent",
@@ -106,6 +108,7 @@ SYMPTOMS = (
     "reference_noise_correlation",  # noise of the references about two axes that goes together
     "reference_noise_constancy",  # noise of the references that differs between intervals or with the motion
     "reference_noise_level",  # white noise of the references other than stated
+    "tracker_noise_level",  # the same of one of several sensors of the references
 )
 
 Method = TypeVar("Method", bound=Callable[..., object])
@@ -195,6 +198,7 @@ class Effect:
     symptom : one of `SYMPTOMS`, the statistic of the samples that shows it
     kin : what it shares with effects that are nearly the same to any diagnosis; a blind check never puts two of them together
     of_arrays : whether it is told apart from others only where there are more gyros than x, y and z
+    of_trackers : whether it is of one of several star trackers, whose name stands in the place of an axis
     """
 
     name: str
@@ -216,6 +220,7 @@ class Effect:
     symptom: str | None = None
     kin: str = ""
     of_arrays: bool = False
+    of_trackers: bool = False
 
     # ---- what it is ------------------------------------------------------------------------------------------------------
 

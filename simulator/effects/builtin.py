@@ -36,6 +36,14 @@ from simulator.effects.reference import (
 )
 from simulator.effects.registry import REGISTRY
 from simulator.effects.sensor import dss_head, dss_misalignment, esa_bias, esa_nadir, esa_s_filter, esa_sun_intrusion
+from simulator.effects.tracker import (
+    tracker_aberration,
+    tracker_field_error,
+    tracker_misalignment,
+    tracker_noise_excess,
+    tracker_thermal,
+    tracker_time_offset,
+)
 
 # In the order in which they are listed.
 BUILT_IN = (
@@ -69,6 +77,12 @@ BUILT_IN = (
     reference_periodic,
     reference_correlated,
     reference_noise_excess,
+    tracker_misalignment,
+    tracker_time_offset,
+    tracker_aberration,
+    tracker_thermal,
+    tracker_field_error,
+    tracker_noise_excess,
     dss_head,
     dss_misalignment,
     esa_bias,

@@ -19,6 +19,7 @@ from gyrocal.errors import InputError
 from simulator.effects.base import STAGES, Array, Effect, Setting, Surroundings
 from simulator.effects.gyros import check_gyro, of_one, standing_in
 from simulator.effects.registry import REGISTRY
+from simulator.effects.tracker.base import rows_of
 from simulator.sensors.gyro import with_white_noise
 from simulator.streams import generator
 from simulator.truth.rotation import perturbed
@@ -67,6 +68,8 @@ def readings(around: Surroundings, active: Sequence[Active], rng: np.random.Gene
             raw = raw + _white_noise(around, active, rng)
             continue
         for one in _at(active, stage.name):
+            if one.effect.of_trackers:  # whose name is no gyro's
+                continue
             raw = _passed(one, raw, around, stage.calls)
     return raw
 
@@ -127,7 +130,9 @@ def referenced(around: Surroundings, active: Sequence[Active], rng: np.random.Ge
     references = around.references
     error = np.zeros((len(references.t_s), 3))
     if rng is not None:
-        error = rng.standard_normal(error.shape) * around.reference_sigma * _factor(active, "reference_noise")
+        error = rng.standard_normal(error.shape) * around.reference_sigma * _reference_factor(around, active)
+        if references.trackers is not None:
+            error = np.einsum("mji,mj->mi", references.trackers.to_axes, error)  # drawn about the axes of each sensor
     for one in active:
         if one.effect.stage == "reference":
             _check_step_time(one, around)
@@ -151,6 +156,16 @@ def _factor(active: Sequence[Active], stage: str) -> Array:
     factor = np.ones(3)
     for one in _at(active, stage):
         factor = factor * one.effect.noise_factor(one.setting)
+    return factor
+
+
+def _reference_factor(around: Surroundings, active: Sequence[Active]) -> Array:
+    """What the white errors of the references are multiplied by, (3,) or (m, 3)."""
+    factor = _factor([one for one in active if not one.effect.of_trackers], "reference_noise")
+    for one in _at(active, "reference_noise"):
+        if one.effect.of_trackers:
+            own = rows_of(around.references, str(one.setting.axis), one.effect)
+            factor = factor * np.where(own[:, None], one.effect.noise_factor(one.setting), 1.0)
     return factor
 
 

@@ -147,7 +147,7 @@ def markov(t_s: Array, time_constant_s: float) -> Array:
 def reference_arc(around: Surroundings) -> tuple[float, float]:
     """Median spacing of the references, s, infinite without a series; and the longest interval that they cover, s."""
     references = around.references
-    inside = np.diff(references.interval) == 0
+    inside = (np.diff(references.interval) == 0) & (np.diff(references.t_s) > 0)
     if not inside.any():
         return float("inf"), 0.0
     longest = max(float(np.ptp(references.t_s[references.interval == k])) for k in np.unique(references.interval))

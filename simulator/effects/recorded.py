@@ -13,6 +13,7 @@ from gyrocal.recording import Recording, reference_rows
 from simulator.effects.base import Array, References, Stream, Surroundings
 from simulator.effects.common import runs
 from simulator.effects.flight_mode import forward_axes
+from simulator.effects.sky import trackers_of
 from simulator.effects.smoothing import noise_level, smoothed
 from simulator.sensors.gyro import raw_rates
 
@@ -71,23 +72,30 @@ def stream_of(recording: Recording, G: Array, bias: Array, smooth_s: float = SMO
     return _stream(recording, recording.gyro.t_s + 0.5 * duration, duration, rates, raw_rates(rates, G, bias))
 
 
-def references_of(recording: Recording) -> References:
-    """The reference attitudes of a recording as an effect on them sees them, row by row."""
-    attitudes = recording.attitudes
+def references_of(recording: Recording, stream: Stream | None = None) -> References:
+    """The reference attitudes of a recording as an effect on them sees them, row by row; those of several need its stream."""
+    attitudes, interval = recording.attitudes, _interval_of(recording)
+    seen = None
+    if attitudes.sensor is not None and stream is not None:
+        seen = trackers_of(
+            recording, np.arange(attitudes.t_s.size), interval, stream, housekeeping_at(recording, attitudes.t_s)
+        )
     return References(
         t_s=attitudes.t_s,
         quaternions=attitudes.quaternions,
-        interval=_interval_of(recording),
+        interval=interval,
         forward=forward_axes(recording),
         orbit_period_s=_period(recording),
+        trackers=seen,
     )
 
 
 def surroundings_of(recording: Recording, G: Array, bias: Array, smooth_s: float = SMOOTH_S) -> Surroundings:
     """All that a recording offers to effects; parameters as for `stream_of`."""
+    stream = stream_of(recording, G, bias, smooth_s)
     return Surroundings(
-        stream=stream_of(recording, G, bias, smooth_s),
-        references=references_of(recording),
+        stream=stream,
+        references=references_of(recording, stream),
         arw=recording.gyro.arw,
         sample_s=recording.gyro.sample_s,
         reference_sigma=recording.attitudes.sigma,

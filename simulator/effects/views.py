@@ -44,6 +44,32 @@ class Stream:
 
 
 @dataclass(frozen=True)
+class Trackers:
+    """Which of several sensors each reference is of, and what it sees.
+
+    Attributes
+    ----------
+    names : of the sensors; the first defines the body's axes
+    sensor : (m,) number of that of each reference
+    to_axes : (m, 3, 3) its mounting, body to sensor; its boresight is its z axis
+    rates : (m, 3) body rates, rad/s
+    path : (m,) angle that its boresight has moved over the sky since the interval's start, rad
+    orbital, annual : (m, 3) velocity on the orbit and of the Earth about the Sun, inertial, in units of that of light; NaN
+        where the orbit's elements are not stated
+    housekeeping : named columns at the references, (m,) each
+    """
+
+    names: tuple[str, ...]
+    sensor: NDArray[np.intp]
+    to_axes: Array
+    rates: Array
+    path: Array
+    orbital: Array
+    annual: Array
+    housekeeping: Mapping[str, Array] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
 class References:
     """The reference attitudes as an effect on them sees them.
 
@@ -54,6 +80,7 @@ class References:
     interval : (m,) index of the interval each belongs to
     forward : (m,) str, the body axis along the velocity, "+x", "-x", …; "" if unknown
     orbit_period_s : NaN if unknown
+    trackers : of references by several sensors, None of one in body axes
     """
 
     t_s: Array
@@ -61,6 +88,7 @@ class References:
     interval: NDArray[np.intp]
     forward: NDArray[np.str_]
     orbit_period_s: float
+    trackers: Trackers | None = None
 
 
 @dataclass(frozen=True)
@@ -92,11 +120,13 @@ class ProcessTimes:
     t_s : (c,) s since the epoch
     run_s : (c,) sampled time up to then, the gaps between intervals left out, s
     interval : (c,) index of the interval
+    path : (c,) angle that a tracker's boresight has moved over the sky since the interval's start, rad; None for others
     """
 
     t_s: Array
     run_s: Array
     interval: NDArray[np.intp]
+    path: Array | None = None
 
 
 @dataclass(frozen=True)

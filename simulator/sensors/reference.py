@@ -15,24 +15,25 @@ Array = NDArray[np.float64]
 TIME_TOLERANCE = 1e-6  # s; times closer than this are one
 
 
-def reference_times(profile: Profile, every: float | None) -> Array:
+def reference_times(profile: Profile, every: float | None, moving: bool = False) -> Array:
     """Local times of an interval's reference attitudes, s, both ends included.
 
     Parameters
     ----------
     profile : the motion
     every : spacing of a series, s, counted from the interval's start; None for the two ends only
+    moving : whether references are taken inside a slew or a transition, too
 
     Returns
     -------
-    (m,) strictly increasing; of a series, those inside a slew or a transition are left out
+    (m,) strictly increasing
     """
     length = profile.stop_s - profile.start_s
     if every is None:
         return np.array([0.0, length])
     inner = every * np.arange(1, int(np.ceil(length / every)))
     inner = inner[inner < length - TIME_TOLERANCE]
-    for start, stop in profile.moving:
+    for start, stop in () if moving else profile.moving:
         inner = inner[(inner <= start) | (inner >= stop)]
     return np.concatenate([[0.0], inner, [length]])
 

@@ -25,6 +25,7 @@ from gyrocal import GyroParameters, InputError, Recording, UnobservableError, ca
 from gyrocal.attitude import cross_matrix
 from gyrocal.recording import Interval, reference_rows
 from gyrocal.recording.gyros import need_triad
+from gyrocal.recording.trackers import need_one_sensor
 
 Array = NDArray[np.float64]
 
@@ -141,6 +142,7 @@ def _begins(own: NDArray[np.bool_]) -> NDArray[np.bool_]:
 def _stretch(recording: Recording, interval: Interval, part: slice, parameters: Callable[[], GyroParameters]) -> Stretch | None:
     """One stretch; None if it moves and too few references say how."""
     gyro, attitudes = recording.gyro, recording.attitudes
+    need_one_sensor(attitudes)
     rows = reference_rows(attitudes.t_s, interval)
     end = gyro.t_s[part.stop - 1] + gyro.sample_s
     rows = rows[(attitudes.t_s[rows] >= gyro.t_s[part.start] - 1e-6) & (attitudes.t_s[rows] <= end + 1e-6)]

@@ -34,7 +34,7 @@ def command(as_json: Path | None) -> None:
             "effect": effect.name,
             "what": effect.summary,
             "unit": effect.unit,
-            "axis": ", ".join(effect.axes) + (" or all" if effect.axis_optional else ""),
+            "axis": "tracker" if effect.of_trackers else ", ".join(effect.axes) + (" or all" if effect.axis_optional else ""),
             "parameters": _parameters(effect),
             "plausible": f"{effect.prior[0]:g} to {effect.prior[1]:g}",
         }

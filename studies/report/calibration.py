@@ -7,7 +7,7 @@ from rich.console import Console
 from gyrocal import CalibrationResult, GyroParameters
 from gyrocal.calibration.davenport import DEGREES, ROTATION_NAMES
 from gyrocal.calibration.gyro_space import space_of
-from studies.report import tables
+from studies.report import tables, trackers
 
 DOUBT = 0.01  # p-value below which the fit is called bad, and above one minus which too good
 LARGE_SHARE = 4.0  # sigma of a single residual worth naming
@@ -24,6 +24,7 @@ def show(console: Console, result: CalibrationResult, to_tolerance: bool, truth:
     tables.terminal(console, "Residuals at the end of each interval", last.assign(t_s=[f"{t:.1f}" for t in last["t_s"]]))
     for line in remarks(result):
         console.print(line, highlight=False, markup=False)
+    trackers.show(console, result.mountings, result.differences)
 
 
 def parameter_table(result: CalibrationResult, truth: GyroParameters | None = None) -> pd.DataFrame:

@@ -7,7 +7,7 @@ import pandas as pd
 from rich.console import Console
 
 from gyrocal import GyroArray, GyrosResult
-from studies.report import tables
+from studies.report import tables, trackers
 
 DOUBT = 0.01  # p-value below which residuals do not fit the stated noise
 UNITS = (("scale factor", "1", 1.0), *((f"misalignment {axis}", "deg", 1.0) for axis in "xyz"), ("bias", "deg/s", 1.0))
@@ -23,6 +23,7 @@ def show(console: Console, result: GyrosResult, truth: GyroArray | None = None) 
     tables.terminal(console, "Residuals at the end of each interval", last.assign(t_s=[f"{t:.1f}" for t in last["t_s"]]))
     for line in remarks(result):
         console.print(line, highlight=False, markup=False)
+    trackers.show(console, result.mountings, result.differences)
 
 
 def parameter_table(result: GyrosResult, truth: GyroArray | None = None) -> pd.DataFrame:

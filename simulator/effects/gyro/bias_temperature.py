@@ -13,7 +13,9 @@ from simulator.effects.common import DEG_H, on_axis
 SUFFIX = "temperature_c"
 
 
-def temperature_column(names: Mapping[str, object], wanted: str = "") -> str:
+def temperature_column(
+    names: Mapping[str, object], wanted: str = "", whose: str = "gyro", effect: str = "bias_temperature"
+) -> str:
     """Name of the column to follow.
 
     Raises
@@ -24,8 +26,8 @@ def temperature_column(names: Mapping[str, object], wanted: str = "") -> str:
     fitting = [name for name in names if (name == wanted if wanted else name.endswith(SUFFIX))]
     if not fitting:
         there = ", ".join(names) or "no housekeeping"
-        raise InputError(f"bias_temperature: no housekeeping column {wanted or '…' + SUFFIX}; there is {there}")
-    return min(fitting, key=lambda name: "gyro" not in name)
+        raise InputError(f"{effect}: no housekeeping column {wanted or '…' + SUFFIX}; there is {there}")
+    return min(fitting, key=lambda name: whose not in name)
 
 
 class BiasTemperature(Effect):

@@ -9,14 +9,14 @@ Sizes are in the unit of the effect, errors in radians; an error is what the sen
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-from gyrocal.errors import InputError
 from simulator.effects.base import Effect, Parameter, Setting, Surroundings, Trial, Value, absent
+from simulator.effects.directed import Directed
 from simulator.sensors.suite import SensorSuite
 
 Array = NDArray[np.float64]
@@ -102,26 +102,8 @@ class SensorEffect(Effect):
 
 
 @dataclass(frozen=True)
-class VectorEffect(SensorEffect):
+class VectorEffect(SensorEffect, Directed):
     """An effect of several angles: its size is their norm, its parameters say the direction and may have any length."""
-
-    def amplitudes(self, setting: Setting) -> Array:
-        """The angles, in degrees."""
-        direction = np.array([float(setting.parameters[one.name]) for one in self.parameters])
-        length = np.linalg.norm(direction)
-        return np.asarray(setting.size * direction / length) if length > 0 else np.zeros(direction.size)
-
-    def from_amplitudes(self, amplitudes: Array) -> tuple[float, dict[str, Value]]:
-        """The norm, and the angles."""
-        named = {one.name: float(value) for one, value in zip(self.parameters, amplitudes, strict=True)}
-        return float(np.linalg.norm(amplitudes)), dict(named)
-
-    def completed(self, setting: Setting) -> Setting:
-        """With the angles themselves in place of their direction."""
-        size, angles = self.from_amplitudes(self.amplitudes(setting))
-        if size == 0:
-            raise InputError(f"{setting.label()}: {', '.join(angles)} are all zero, and it would do nothing; one must not be")
-        return replace(setting, size=size, parameters=angles)
 
 
 def angle(name: str, default: float, summary: str) -> Parameter:

@@ -1,0 +1,272 @@
+"""Reference attitudes of several sensors, such as star trackers, each with axes of its own.
+
+A sensor s is mounted by the constant matrix M, body to sensor, as far as that is known; its reference A_s, inertial to sensor,
+stands for the body attitude Mᵀ A_s. Its white errors have their sigmas about the sensor's own axes, so that in body axes their
+covariance is Mᵀ diag(σ²) M. The true mounting is exp([m×]) M with a small misalignment m about the sensor's axes, which adds
+the constant error e = Mᵀ m to every reference of that sensor. The first sensor defines the body's axes: its m is zero, since
+turning all sensors together cannot be told from turning the body's axes.
+
+On file (format 2) every row of the attitude table names its sensor and holds the quaternion that this sensor measured; in
+memory quaternions are inertial to body by the mountings as stated, like those of a single sensor.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING, Annotated, Any
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
+from scipy.spatial.transform import Rotation
+
+from gyrocal.errors import InputError
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+    from gyrocal.recording.parts import Attitudes
+    from gyrocal.recording.recording import Recording
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.intp]
+
+NAME = re.compile(r"[A-Za-z_]*[0-9]+")  # as a gyro's, so that it can stand in the place of an axis
+MAPS = "inertial to sensor"
+COLUMN = "sensor"
+NORM_TOLERANCE = 1e-6
+
+
+@dataclass(frozen=True)
+class AttitudeSensor:
+    """A sensor of reference attitudes.
+
+    Attributes
+    ----------
+    name : of its own, with a digit at the end
+    mounting : (4,) quaternion, body to sensor, scalar last
+    estimated : whether its misalignment is a parameter of a calibration
+    mounting_sigma : (3,) prior 1-sigma of that about the sensor's axes, rad; None without a prior
+    """
+
+    name: str
+    mounting: Array = field(default_factory=lambda: np.array([0.0, 0.0, 0.0, 1.0]))
+    estimated: bool = False
+    mounting_sigma: Array | None = None
+
+    @property
+    def M(self) -> Array:
+        """(3, 3) body to sensor."""
+        return np.asarray(Rotation.from_quat(self.mounting).as_matrix().T)
+
+
+class SensorHeader(BaseModel):
+    """A sensor as `recording.toml` states it."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, strict=True, allow_inf_nan=False)
+
+    name: str
+    mounting: list[Annotated[float, Field(ge=-1.1, le=1.1)]] = Field(min_length=4, max_length=4)
+    sigma_deg: list[Annotated[float, Field(gt=0, le=180)]] | None = Field(default=None, min_length=3, max_length=3)
+    estimated: bool = False
+    mounting_sigma_deg: list[Annotated[float, Field(gt=0, le=10)]] | None = Field(default=None, min_length=3, max_length=3)
+
+    @field_validator("name")
+    @classmethod
+    def _ends_with_a_digit(cls, value: str) -> str:
+        if not NAME.fullmatch(value):
+            raise ValueError("must be letters with digits at the end, such as st1")
+        return value
+
+    @field_validator("mounting")
+    @classmethod
+    def _unit(cls, value: list[float]) -> list[float]:
+        if abs(np.linalg.norm(value) - 1) > NORM_TOLERANCE:
+            raise ValueError("must be a quaternion of norm 1")
+        return value
+
+    @model_validator(mode="after")
+    def _prior_of_an_estimate(self) -> SensorHeader:
+        if self.mounting_sigma_deg is not None and not self.estimated:
+            raise ValueError("mounting_sigma_deg is the prior of a mounting that is estimated: give estimated = true")
+        return self
+
+    @property
+    def sensor(self) -> AttitudeSensor:
+        """In radians."""
+        prior = None if self.mounting_sigma_deg is None else np.deg2rad(self.mounting_sigma_deg)
+        return AttitudeSensor(self.name, np.array(self.mounting), self.estimated, prior)
+
+
+def check_header(format: int, maps: str, sensors: Sequence[SensorHeader]) -> None:
+    """Raise a `ValueError` where a header's sensors do not fit each other, its format, or what its quaternions map to."""
+    if bool(sensors) != (maps == MAPS):
+        raise ValueError(f'maps = "{MAPS}" and [[attitude.sensor]] need one another')
+    if sensors and format == 1:
+        raise ValueError("[[attitude.sensor]] needs format = 2")
+    names = [one.name for one in sensors]
+    if len(set(names)) < len(names):
+        raise ValueError("names of attitude sensors must differ")
+    if sensors and sensors[0].estimated:
+        raise ValueError(f"the mounting of {names[0]} cannot be estimated: the first sensor defines the axes of the body")
+
+
+def maps(attitudes: Attitudes) -> str:
+    """What the quaternions on file map to."""
+    return MAPS if attitudes.sensors else "inertial to body"
+
+
+def header_sections(attitudes: Attitudes) -> list[tuple[str, dict[str, object]]]:
+    """Sections of recording.toml; none of a single sensor in body axes."""
+    return [
+        (
+            "[[attitude.sensor]]",
+            {
+                "name": one.name,
+                "mounting": one.mounting.tolist(),
+                "estimated": one.estimated,
+                **({} if one.mounting_sigma is None else {"mounting_sigma_deg": np.rad2deg(one.mounting_sigma).tolist()}),
+            },
+        )
+        for one in attitudes.sensors
+    ]
+
+
+# ---- rows of the attitude table ------------------------------------------------------------------------------------------
+
+
+def columns(headers: Sequence[SensorHeader], always: tuple[str, ...], sigmas: tuple[str, ...]) -> tuple[str, ...]:
+    """Columns that the attitude table must have: sigmas may be left out where every sensor states its own."""
+    return always if headers and all(one.sigma_deg for one in headers) else (*always, *sigmas)
+
+
+def read(
+    frame: pd.DataFrame, headers: Sequence[SensorHeader], sigmas: tuple[str, ...]
+) -> tuple[Array, Array, Indices, tuple[AttitudeSensor, ...]]:
+    """Quaternions inertial to body (m, 4), sigmas (m, 3) rad, sensor of each row (m,), and the sensors.
+
+    Raises
+    ------
+    InputError
+        A row names a sensor that is not stated, or none; or its quaternion is none.
+    """
+    sensor, sensors = _sensor_of_rows(frame, [one.name for one in headers]), tuple(one.sensor for one in headers)
+    measured = frame[["q1", "q2", "q3", "q4"]].to_numpy(dtype=np.float64)
+    norms = np.linalg.norm(measured, axis=1)
+    bad = np.flatnonzero(np.abs(norms - 1) > NORM_TOLERANCE)
+    if bad.size:
+        raise InputError(f"quaternion in row {bad[0]} has norm {norms[bad[0]]:.9g}, not 1 ({bad.size} such); normalise them")
+    there = all(name in frame.columns for name in sigmas)
+    own = frame[list(sigmas)].to_numpy(dtype=np.float64) if there else np.array([one.sigma_deg for one in headers])[sensor]
+    return to_body(measured, sensor, sensors), np.deg2rad(own), sensor, sensors
+
+
+def _sensor_of_rows(frame: pd.DataFrame, names: Sequence[str]) -> Indices:
+    if COLUMN not in frame.columns:
+        if len(names) > 1:
+            raise InputError(f"column {COLUMN} is missing, which says of which of {', '.join(names)} a row is")
+        return np.zeros(len(frame), dtype=np.intp)
+    given = frame[COLUMN].astype(str)
+    unknown = sorted(set(given) - set(names))
+    if unknown:
+        raise InputError(f"column {COLUMN}: no [[attitude.sensor]] {', '.join(unknown[:3])}; there are {', '.join(names)}")
+    return np.array([names.index(name) for name in given], dtype=np.intp)
+
+
+def check_unnamed(frame: pd.DataFrame, format: int) -> None:
+    """Raise an `InputError` where rows name sensors that are stated nowhere; format 1 knows none."""
+    if format > 1 and COLUMN in frame.columns:
+        raise InputError(f"attitude: rows name a {COLUMN}, but recording.toml has no [[attitude.sensor]] with its mounting")
+
+
+def to_body(measured: Array, sensor: Indices, sensors: Sequence[AttitudeSensor]) -> Array:
+    """Quaternions inertial to body of those inertial to sensor, (m, 4)."""
+    return np.asarray((Rotation.from_quat(measured) * _mounted(sensor, sensors).inv()).as_quat())
+
+
+def to_sensors(attitudes: Attitudes) -> Array:
+    """Quaternions inertial to sensor, (m, 4), as they stand on file."""
+    if attitudes.sensor is None:
+        return attitudes.quaternions
+    turned = Rotation.from_quat(attitudes.quaternions) * _mounted(attitudes.sensor, attitudes.sensors)
+    return np.asarray(turned.as_quat())
+
+
+def _mounted(sensor: Indices, sensors: Sequence[AttitudeSensor]) -> Rotation:
+    """Of every row, active: as a matrix it is Mᵀ."""
+    return Rotation.from_quat(np.array([one.mounting for one in sensors])[sensor])
+
+
+def check(attitudes: Attitudes) -> None:
+    """Raise an `InputError` where rows and sensors do not fit each other; times rise for each sensor by itself."""
+    sensor, sensors = attitudes.sensor, attitudes.sensors
+    if sensor is None:
+        if sensors:
+            raise InputError("attitude: sensors are stated, but not which row is of which")
+        return
+    if sensor.shape != attitudes.t_s.shape or (sensor.size and not 0 <= sensor.min() <= sensor.max() < len(sensors)):
+        raise InputError("attitude: every row needs one of the sensors")
+    for number, one in enumerate(sensors):
+        own = attitudes.t_s[sensor == number]
+        if (np.diff(own) <= 0).any():
+            raise InputError(f"attitude: time of {one.name} repeats at t_s = {own[1:][np.diff(own) <= 0][0]}")
+
+
+def kept_rows(attitudes: Attitudes, rows: Any) -> Attitudes:
+    """Some of the references, by their rows."""
+    sensor = None if attitudes.sensor is None else attitudes.sensor[rows]
+    return replace(
+        attitudes,
+        t_s=attitudes.t_s[rows],
+        quaternions=attitudes.quaternions[rows],
+        sigma=attitudes.sigma[rows],
+        sensor=sensor,
+    )
+
+
+# ---- one of them ---------------------------------------------------------------------------------------------------------
+
+
+def to_axes(attitudes: Attitudes) -> Array:
+    """(m, 3, 3) M of every row, body to the axes in which its sigmas are; the identity of a single sensor in body axes."""
+    if attitudes.sensor is None:
+        return np.broadcast_to(np.eye(3), (attitudes.t_s.size, 3, 3))
+    return np.array([one.M for one in attitudes.sensors])[attitudes.sensor]
+
+
+def covariance(attitudes: Attitudes) -> Array:
+    """(m, 3, 3) covariance Mᵀ diag(σ²) M of every reference in body axes, rad²."""
+    M = to_axes(attitudes)
+    return np.einsum("mki,mk,mkj->mij", M, attitudes.sigma**2, M)
+
+
+def of_sensor(recording: Recording, name: str) -> Recording:
+    """The recording with the references of one of its sensors alone, which keeps its axes and its mounting as stated.
+
+    Its body axes are those that this mounting stands for, and its sigmas are taken about them: the root of the diagonal of
+    their covariance there.
+
+    Raises
+    ------
+    InputError
+        There is none of that name, or an interval has too few of its references.
+    """
+    attitudes = recording.attitudes
+    names = [one.name for one in attitudes.sensors]
+    if name not in names:
+        raise InputError(f"no attitude sensor {name}; there are {', '.join(names) or 'none that are named'}")
+    own = kept_rows(attitudes, attitudes.sensor == names.index(name))
+    sigma = np.sqrt(np.diagonal(covariance(own), axis1=1, axis2=2))
+    return replace(recording, attitudes=replace(own, sigma=np.asarray(sigma), sensor=None, sensors=()))
+
+
+def need_one_sensor(attitudes: Attitudes) -> None:
+    """Raise an `InputError` for references of several sensors, where only those of one in body axes are understood."""
+    if attitudes.sensor is not None:
+        names = ", ".join(one.name for one in attitudes.sensors)
+        raise InputError(
+            f"this takes reference attitudes of one sensor in body axes, not of {names}; "
+            "gyrocal.of_sensor makes the recording of one of them"
+        )

@@ -1,0 +1,65 @@
+"""A star tracker's low-frequency error: it depends on where the stars are in the field, and changes as they cross it.
+
+About both axes across the boresight a process that forgets over an angle of the sky, not over a time: with s the angle that the
+boresight has moved since the interval's start, the covariance is size² exp(−|Δs|/L), so that its correlation time is L over
+the rate across the boresight, and it stands still in an inertial hold. L is a part of the field of view. Source: the class of
+field-of-view spatial errors of ECSS-E-ST-60-20C, Star sensors terminology and performance specification.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from simulator.effects.base import Array, Parameter, ProcessTimes, References, Setting, Surroundings, Trial, Value
+from simulator.effects.common import ARCSEC, gauss_markov, log_uniform, number
+from simulator.effects.tracker.base import TrackerEffect, rows_of
+
+APART = 1e6  # rad between intervals, over which nothing is remembered
+LENGTHS_DEG = (0.5, 2.0, 8.0)
+
+
+def any_length(rng: np.random.Generator, around: Surroundings) -> Value:
+    """A part of a field of view, deg."""
+    return log_uniform(rng, LENGTHS_DEG[0], LENGTHS_DEG[-1])
+
+
+@dataclass(frozen=True)
+class TrackerFieldError(TrackerEffect):
+    """See the module."""
+
+    def reference_wander(self, rng: np.random.Generator, references: References, setting: Setting) -> Array:
+        """The process about the tracker's x and y, in body axes."""
+        own, seen = rows_of(references, str(setting.axis), self), references.trackers
+        assert seen is not None
+        along = seen.path[own] + APART * references.interval[own]
+        length = float(np.deg2rad(number(setting.parameters, "length_deg")))
+        error = np.zeros((own.size, 3))
+        for axis in range(2):
+            process = setting.size * ARCSEC * gauss_markov(rng, along, length)
+            error[own] += process[:, None] * seen.to_axes[own][:, axis]
+        return error
+
+    def covariance(self, at: ProcessTimes, parameters: Mapping[str, Value]) -> Array:
+        """exp(−|Δs|/L) in each interval."""
+        assert at.path is not None
+        along = at.path + APART * at.interval
+        length = float(np.deg2rad(number(parameters, "length_deg")))
+        return np.asarray(ARCSEC**2 * np.exp(-np.abs(np.subtract.outer(along, along)) / length))
+
+    def trials(self, around: Surroundings) -> Sequence[Trial]:
+        """Parts of a field of view."""
+        return tuple(Trial({"length_deg": length}, 1 / len(LENGTHS_DEG)) for length in LENGTHS_DEG)
+
+
+EFFECT = TrackerFieldError(
+    name="tracker_field_error",
+    summary="a star tracker's error depends on where stars are in its field",
+    says="star tracker {axis} errs by {size}, differently as stars cross its field",
+    unit="arcsec",
+    stage="random_reference",
+    prior=(0.02, 360.0),
+    bounds=(0.0, 36000.0),
+    parameters=(Parameter("length_deg", "deg", 2.0, "over which it changes", 1e-3, 180.0, draw=any_length),),
+    meaning="The star tracker's error across its boresight changes as stars cross its field, the faster the body turns.",
+)

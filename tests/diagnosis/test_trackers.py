@@ -1,0 +1,69 @@
+"""Errors of one of two star trackers are named with its name; two clean ones raise no alarm."""
+
+import numpy as np
+import pytest
+
+import simulator
+from diagnosis.diagnose import diagnose
+from diagnosis.model.recording import MOST_OBSERVATIONS, _covariance, _overlapping, linearised
+from simulator.effects import TRACKER_EFFECTS, parse
+from tests.tracker_cases import AGILE, ESTIMATED, TETRAHEDRON, TURNED_DEG
+
+LIBRARY = (*TRACKER_EFFECTS, "bias_drift", "bias_step")
+
+
+def answer(scenario, *texts, seed=3):
+    return diagnose(simulator.simulate(scenario, seed=seed, effects=[parse(text) for text in texts]), library=LIBRARY)
+
+
+def test_two_clean_trackers_raise_no_alarm():
+    found = answer(AGILE)
+    assert found.verdict == "none"
+    assert found.p_values["trackers st1 and st2"] > 1e-3
+    assert {"tracker_noise:st1", "tracker_noise:st2"} >= {name for name in found.p_values if name.startswith("tracker_noise")}
+
+
+@pytest.mark.parametrize("text", ["tracker_misalignment:st2=5", "tracker_time_offset:st1=0.05", "tracker_aberration:st2=1"])
+def test_an_effect_of_one_tracker_is_named(text):
+    found = answer(AGILE, text)
+    assert [cause.label for cause in found.causes] == [text.partition("=")[0]]
+    assert abs(found.causes[0].size - parse(text).size) < 4 * found.causes[0].sigma
+
+
+def test_a_mounting_that_is_estimated_is_no_effect():
+    assert answer(ESTIMATED).verdict == "none"
+    stated = simulator.override(AGILE, {"reference.tracker.1.misalignment_deg": list(TURNED_DEG)})
+    found = answer(stated)
+    assert [cause.label for cause in found.causes] == ["tracker_misalignment:st2"]
+    assert found.causes[0].size == pytest.approx(3600 * np.linalg.norm(TURNED_DEG), rel=0.05)
+
+
+def test_four_gyros_and_two_trackers_name_the_tracker():
+    found = answer(simulator.override(AGILE, {"gyro.array": TETRAHEDRON}), "tracker_time_offset:st2=0.05")
+    assert [cause.label for cause in found.causes] == ["tracker_time_offset:st2"]
+
+
+def test_covariance_of_observations_that_do_not_overlap_is_the_same_by_both_ways():
+    rng = np.random.default_rng(1)
+    elapsed = np.sort(rng.uniform(0, 100, 8))
+    walk = 1e-9 * elapsed[:, None, None] * np.diag([1.0, 2.0, 3.0])
+    A_T, sigma, groups = np.linalg.qr(rng.normal(size=(8, 3, 3)))[0], rng.uniform(1e-5, 1e-4, (8, 3)), np.array([0, 3, 5])
+    direct = _covariance(A_T, sigma, walk, groups, elapsed)
+    assert np.allclose(_overlapping(A_T, sigma, walk, groups, elapsed), direct, rtol=1e-12, atol=1e-24)
+
+
+def test_many_references_are_averaged_tracker_by_tracker():
+    """χ² of the averaged observations is that of their number: their covariance is right though they overlap in time."""
+    dense = simulator.override(AGILE, {"reference.every_s": 12.0})
+    values = []
+    for seed in range(3):
+        recording = simulator.simulate(dense, seed=seed)
+        assert recording.attitudes.t_s.size > MOST_OBSERVATIONS
+        model = linearised(recording, np.array(AGILE.gyro.true_G), np.deg2rad(AGILE.gyro.true_bias_deg_s))
+        sensor = recording.attitudes.sensor[model.reference_rows]
+        for block in model.blocks:
+            part = sensor[model.interval_of_reference == model.blocks.index(block)]
+            assert all(np.unique(one).size == 1 for one in np.split(part, block.groups[1:]))
+        values.append((float(model.y @ model.y), model.degrees_of_freedom))
+    chi2, dof = np.sum(values, axis=0)
+    assert abs(chi2 - dof) < 4 * np.sqrt(2 * dof)
