@@ -75,7 +75,7 @@ def test_examples_of_formats(page):
     if "result" in namespace:
         assert np.abs(np.abs(namespace["result"].bias_deg_s) - 0.4).max() < 0.02
     if page.endswith("acm.md"):
-        np.testing.assert_allclose(np.rad2deg(namespace["message"].gyro_bias[0]), [-1e-4, 0, 2e-4], atol=1e-18)
+        np.testing.assert_allclose(np.rad2deg(namespace["message"].gyro_bias[0]), [1e-4, 0, -2e-4], atol=1e-18)
     if page.endswith("kalibr.md"):
         assert np.deg2rad(namespace["noise_density"](namespace["path"])) == pytest.approx(1e-6)
     if page.endswith("csv.md"):

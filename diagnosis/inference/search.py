@@ -367,7 +367,7 @@ class Conditioning:
 
     def reduced_products(self, gram: Array, correlation: Array, places: Indices) -> tuple[Array, Array]:
         """Products XᵀX (o, k, k) and Xᵀy (o, k) of the columns at `places` (o, k), given what is in."""
-        reduced = (self._inverse @ self._rows(places.ravel())).reshape(-1, *places.shape)  # (r, o, k)
+        reduced = (self._inverse @ self._rows(places.ravel())).reshape(len(self._inverse), *places.shape)  # (r, o, k)
         # Products of (o, k, r) and (o, r, l) are far quicker than one sum over all indices.
         turned = reduced.transpose(1, 0, 2)
         gram = gram - np.matmul(turned.transpose(0, 2, 1), turned)
