@@ -19,6 +19,7 @@ SERIES = f'base = "trmm_series"\n{COARSE}[reference]\nevery_s = 300.0\n'
 PLACEHOLDERS = {
     "RECORDING": "a recording",
     "OUT": "a folder to be made",
+    "AGAIN": "another one",
     "gyro.csv": "a table of rates",
     "mocap.csv": "a table of attitudes",
     "log.csv": "one table with both",
@@ -50,7 +51,7 @@ def make(folder):
     (folder / "mapping.toml").write_text(MAPPING)
     (folder / "series.toml").write_text(SERIES)
     (folder / "four.toml").write_text(f'base = "trmm_tetrahedron"\n{COARSE}')
-    (folder / "scenario.toml").write_text(f'base = "trmm"\n{COARSE}')
+    (folder / "scenario.toml").write_text('base = "trmm"\n')
     (folder / "roll.toml").write_text(blocks("docs/plan.md", "toml")[0])
     (folder / "mystudy.py").write_text(blocks("docs/own_study.md", "python")[0])
     (folder / "mine.py").write_text(blocks("docs/extending.md", "python")[0])
