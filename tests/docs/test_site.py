@@ -35,29 +35,25 @@ class Loaded(HTMLParser):
             self.labels.append(attributes["aria-label"])
 
 
-@pytest.fixture(scope="module")
-def built(tmp_path_factory):
-    """The folder of the site, and what Sphinx warned of."""
-    folder, warned = tmp_path_factory.mktemp("site"), io.StringIO()
+@pytest.mark.filterwarnings("default")  # those of Sphinx and its extensions are not ours
+def test_the_site_is_built_without_a_warning_and_loads_nothing_from_elsewhere(tmp_path):
+    """One test, since the pages are read once: in a process of its own each check would read them again."""
+    warned, site = io.StringIO(), tmp_path / "site"
     without_sources = {"extensions": ["myst_parser", "sphinx.ext.autodoc", "sphinx.ext.napoleon"]}  # coloured sources are slow
     with patch_docutils(str(ROOT / "docs")), docutils_namespace():
-        app = Sphinx(
-            ROOT, ROOT / "docs", folder / "site", folder / "doctrees", "html", without_sources, status=None, warning=warned
-        )
+        app = Sphinx(ROOT, ROOT / "docs", site, tmp_path / "read", "html", without_sources, status=None, warning=warned)
         app.builder.search = False  # its index is of all pages or none
         app.build(filenames=[str(ROOT / f"{name}.md") for name in WRITTEN])
-    return folder / "site", warned.getvalue(), app.env
+    assert warned.getvalue() == ""
+    assert {page.removesuffix(".md") for page in PAGES} <= set(app.env.found_docs)
+    nothing_is_loaded_from_elsewhere(site)
+    equations_are_drawn_and_can_be_read_out((site / "docs" / "theory.html").read_text(encoding="utf-8"))
+    shapes = (site / "docs" / "api.html").read_text(encoding="utf-8")
+    assert "(..., 3, 3)" in shapes
+    assert "inertial to body, scalar last" in shapes
 
 
-@pytest.mark.filterwarnings("default")  # those of Sphinx and its extensions are not ours
-def test_nothing_is_warned_of_and_every_page_is_there(built):
-    _, warned, env = built
-    assert warned == ""
-    assert {page.removesuffix(".md") for page in PAGES} <= set(env.found_docs)
-
-
-def test_pages_load_nothing_from_elsewhere(built):
-    site = built[0]
+def nothing_is_loaded_from_elsewhere(site):
     for name in WRITTEN:
         page = Loaded((site / f"{name}.html").read_text(encoding="utf-8"))
         assert page.addresses
@@ -67,16 +63,9 @@ def test_pages_load_nothing_from_elsewhere(built):
         assert [one for pair in addresses for one in pair if re.match(r"(https?:)?//", one)] == [], sheet
 
 
-def test_equations_are_drawn_and_can_be_read_out(built):
-    text = (built[0] / "docs" / "theory.html").read_text(encoding="utf-8")
+def equations_are_drawn_and_can_be_read_out(text):
     source = (ROOT / "docs" / "theory.md").read_text(encoding="utf-8")
     equations = [" ".join(one.split()) for one in re.findall(r"^\$\$\n(.*?)\n\$\$$", source, flags=re.MULTILINE | re.DOTALL)]
     assert Loaded(text).labels == equations
     assert len(equations) > 8
     assert "currentColor" in text
-
-
-def test_docstrings_keep_their_equations_and_shapes(built):
-    text = (built[0] / "docs" / "api.html").read_text(encoding="utf-8")
-    assert "(..., 3, 3)" in text
-    assert "inertial to body, scalar last" in text
