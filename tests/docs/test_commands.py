@@ -55,6 +55,7 @@ ONLY_PARSED = {  # why each is not run here
     "gyrocal study paper --backend dask": "needs a scheduler",
     "gyrocal study psi": "a grid of minutes; tests/studies/calibration",
     "gyrocal compare": "tests/studies/cli/test_compare.py",
+    "gyrocal next": "tests/studies/cli/test_next.py",
     "gyrocal diagnose /tmp/months": "tests/diagnosis/test_sensor_tables.py",
     "gyrocal diagnose /tmp/four": "tests/diagnosis/test_gyros.py",
     "gyrocal diagnose --plan": "a plan of all effects takes a minute; tests/studies/report/test_next_flight.py",
