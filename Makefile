@@ -4,12 +4,13 @@ VENV := .venv
 BIN := $(VENV)/bin
 PIP := $(BIN)/python -m pip --disable-pip-version-check install --quiet --constraint constraints.txt
 
-.PHONY: reproduce results test bench baseline clean help
+.PHONY: reproduce results test docs bench baseline clean help
 
 help:
 	@echo "make reproduce   reproduce both papers beside TRMM's flight; one page in build/index.html"
 	@echo "make results     the same into results/, to be committed"
 	@echo "make test        ruff, mypy, import-linter and pytest"
+	@echo "make docs        the documentation as pages, site/index.html"
 	@echo "make baseline    show what moved against results/baseline, and replace it"
 	@echo "make bench       measure the kernel against C, a textbook loop, gtsam and scipy; results/benchmarks"
 	@echo "make clean       remove the virtual environment and the caches"
@@ -27,6 +28,10 @@ test: $(VENV)/dev.stamp
 	$(BIN)/lint-imports
 	$(BIN)/pytest -n 2 --dist worksteal
 
+docs: $(VENV)/dev.stamp
+	$(BIN)/sphinx-build --fail-on-warning --keep-going --quiet -c docs -d build/doctrees . site
+	@echo site/index.html
+
 bench: $(VENV)/dev.stamp
 	$(BIN)/python -m benchmarks
 
@@ -42,7 +47,7 @@ $(VENV)/run.stamp: pyproject.toml constraints.txt | $(BIN)/python
 	@touch $@
 
 $(VENV)/dev.stamp: pyproject.toml constraints.txt | $(BIN)/python
-	$(PIP) --editable '.[dev]'
+	$(PIP) --editable '.[dev,docs]'
 	@touch $@ $(VENV)/run.stamp
 
 clean:

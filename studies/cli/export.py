@@ -9,15 +9,16 @@ import click
 import numpy as np
 from numpy.typing import NDArray
 
-from gyrocal import InputError, load
+from gyrocal import InputError, Recording, load
 from gyrocal.importing import acm, aem, ck, csv_files, kalibr
 from gyrocal.importing.ccsds import Form
-from studies.cli.options import PATH
-from studies.montecarlo.files import check_writable
+from studies.cli.options import PATH, json_file
+from studies.montecarlo.files import check_writable, write_json
 
 CALIBRATION = click.option(
     "--calibration", type=PATH, metavar="RESULT.json", help="Of gyrocal calibrate --json: its values are written too."
 )
+AS_JSON = json_file("which files were made, and of what,")
 FORM = click.option("--form", type=click.Choice(["kvn", "xml"]), default="kvn", show_default=True, help="Of the message.")
 
 
@@ -30,6 +31,7 @@ def message(function: Callable[..., None]) -> Callable[..., None]:
         ),
         click.option("--object", "object_name", default="UNKNOWN", show_default=True, help="OBJECT_NAME."),
         FORM,
+        AS_JSON,
     ):
         function = option(function)
     return function
@@ -42,7 +44,7 @@ def command() -> None:
     \b
     Example:
       gyrocal export aem /tmp/rec /tmp/attitude.aem --object TRMM --id 1997-074A
-      gyrocal export ck /tmp/rec /tmp/attitude.bc /tmp/clock.tsc --instrument -95000
+      gyrocal export ck /tmp/rec /tmp/attitude.bc /tmp/clock.tsc --instrument -95000 --json /tmp/export.json
     """
 
 
@@ -50,10 +52,14 @@ def command() -> None:
 @click.argument("recording", type=PATH)
 @click.argument("out", type=PATH)
 @message
-def aem_command(recording: Path, out: Path, object_name: str, object_id: str, frame: str, form: Form) -> None:
+def aem_command(
+    recording: Path, out: Path, object_name: str, object_id: str, frame: str, form: Form, as_json: Path | None
+) -> None:
     """Write the reference attitudes of RECORDING as a CCSDS Attitude Ephemeris Message (version 2) to the file OUT."""
     check_writable(out)
-    aem.write_aem(load(recording), out, object_name=object_name, object_id=object_id, frame=frame, form=form)
+    loaded = load(recording)
+    aem.write_aem(loaded, out, object_name=object_name, object_id=object_id, frame=frame, form=form)
+    _tell(as_json, loaded, out)
 
 
 @command.command("acm")
@@ -62,16 +68,23 @@ def aem_command(recording: Path, out: Path, object_name: str, object_id: str, fr
 @CALIBRATION
 @message
 def acm_command(
-    recording: Path, out: Path, calibration: Path | None, object_name: str, object_id: str, frame: str, form: Form
+    recording: Path,
+    out: Path,
+    calibration: Path | None,
+    object_name: str,
+    object_id: str,
+    frame: str,
+    form: Form,
+    as_json: Path | None,
 ) -> None:
     """Write the reference attitudes of RECORDING with their variances as a CCSDS Attitude Comprehensive Message to OUT.
 
     With --calibration the gyro's bias and its variances are in it.
     """
     check_writable(out)
-    found = _calibration(calibration)
+    found, loaded = _calibration(calibration), load(recording)
     acm.write_acm(
-        load(recording),
+        loaded,
         out,
         bias=found.get("bias"),
         bias_sigma=found.get("sigma"),
@@ -80,6 +93,7 @@ def acm_command(
         frame=frame,
         form=form,
     )
+    _tell(as_json, loaded, out)
 
 
 @command.command("ck")
@@ -88,11 +102,14 @@ def acm_command(
 @click.argument("sclk", type=PATH)
 @click.option("--instrument", type=int, default=-999000, show_default=True, help="NAIF number; its clock is instrument / 1000.")
 @click.option("--frame", type=int, default=1, show_default=True, help="NAIF number of the inertial frame; 1 is J2000.")
-def ck_command(recording: Path, out: Path, sclk: Path, instrument: int, frame: int) -> None:
+@AS_JSON
+def ck_command(recording: Path, out: Path, sclk: Path, instrument: int, frame: int, as_json: Path | None) -> None:
     """Write the reference attitudes of RECORDING as a SPICE C-kernel of type 3 to OUT, and its spacecraft clock to SCLK."""
     check_writable(out)
     check_writable(sclk)
-    ck.write_ck(load(recording), out, sclk, instrument=instrument, frame=frame)
+    loaded = load(recording)
+    ck.write_ck(loaded, out, sclk, instrument=instrument, frame=frame)
+    _tell(as_json, loaded, out, sclk)
 
 
 @command.command("kalibr")
@@ -101,19 +118,33 @@ def ck_command(recording: Path, out: Path, sclk: Path, instrument: int, frame: i
 @CALIBRATION
 @click.option("--random-walk", type=float, help="Of the bias, rad/s/sqrt(s); Kalibr needs one, and no recording states it.")
 @click.option("--topic", default="/imu0", show_default=True, help="rostopic.")
-def kalibr_command(recording: Path, out: Path, calibration: Path | None, random_walk: float | None, topic: str) -> None:
+@AS_JSON
+def kalibr_command(
+    recording: Path, out: Path, calibration: Path | None, random_walk: float | None, topic: str, as_json: Path | None
+) -> None:
     """Write the noise of the gyro of RECORDING as Kalibr's imu.yaml to OUT; with --calibration its matrices too."""
     check_writable(out)
-    found = _calibration(calibration)
-    kalibr.write_imu_yaml(load(recording), out, G=found.get("G"), bias=found.get("bias"), random_walk=random_walk, topic=topic)
+    found, loaded = _calibration(calibration), load(recording)
+    kalibr.write_imu_yaml(loaded, out, G=found.get("G"), bias=found.get("bias"), random_walk=random_walk, topic=topic)
+    _tell(as_json, loaded, out)
 
 
 @command.command("csv")
 @click.argument("recording", type=PATH)
 @click.argument("out", type=click.Path(path_type=Path, file_okay=False))
-def csv_command(recording: Path, out: Path) -> None:
+@AS_JSON
+def csv_command(recording: Path, out: Path, as_json: Path | None) -> None:
     """Write RECORDING as gyro.csv, attitude.csv and the mapping.toml that reads them to the folder OUT."""
-    csv_files.write_csv(load(recording), out)
+    loaded = load(recording)
+    csv_files.write_csv(loaded, out)
+    _tell(as_json, loaded, *(out / name for name in ("gyro.csv", "attitude.csv", "mapping.toml")))
+
+
+def _tell(as_json: Path | None, recording: Recording, *files: Path) -> None:
+    """What was made of a recording, as JSON."""
+    if as_json:
+        made = {"title": recording.title, "epoch": recording.epoch, "references": recording.attitudes.t_s.size}
+        write_json(as_json, {"recording": made, "files": [str(path) for path in files]})
 
 
 def _calibration(path: Path | None) -> dict[str, NDArray[np.float64]]:

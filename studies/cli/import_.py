@@ -7,10 +7,8 @@ import click
 
 from gyrocal import InputError, importing, save
 from studies.cli import import_formats
-from studies.cli.import_formats import refuse_existing
+from studies.cli.import_formats import AS_JSON, refuse_existing, show
 from studies.cli.options import PATH
-from studies.report import tables as render
-from studies.report.console import console
 from studies.validation import broad
 
 
@@ -22,7 +20,7 @@ def command() -> None:
     Example:
       gyrocal import csv gyro.csv mocap.csv /tmp/rec --time timestamp_ms:ms --gyro gx,gy,gz:deg/s \\
         --quat qw,qx,qy,qz:body-to-inertial
-      gyrocal import broad 05_undisturbed_slow_rotation_with_breaks_B.parquet /tmp/rec
+      gyrocal import broad 05_undisturbed_slow_rotation_with_breaks_B.parquet /tmp/trial
     """
 
 
@@ -50,7 +48,10 @@ for one in import_formats.COMMANDS:
 @click.option("--title", help="Of the recording.")
 @click.option("--unchecked", is_flag=True, help="Import also where rates and attitudes do not fit each other.")
 @click.option("--force", is_flag=True, help="Replace a recording that is in OUT already.")
-def csv_command(files: tuple[Path, ...], file: Path | None, unchecked: bool, force: bool, **options: Any) -> None:
+@AS_JSON
+def csv_command(
+    files: tuple[Path, ...], file: Path | None, unchecked: bool, force: bool, as_json: Path | None, **options: Any
+) -> None:
     """Import GYRO.csv and ATTITUDE.csv, or one table with both, and write the recording to the folder OUT: FILES are these.
 
     What is not stated is estimated, and what was assumed stands in OUT/import.toml. A mapping that does not fit is refused, and
@@ -60,7 +61,7 @@ def csv_command(files: tuple[Path, ...], file: Path | None, unchecked: bool, for
     Examples:
       gyrocal import csv gyro.csv mocap.csv /tmp/rec --time timestamp_ms:ms --gyro gx,gy,gz:deg/s \\
         --quat qw,qx,qy,qz:body-to-inertial
-      gyrocal import csv log.csv /tmp/rec --mapping mine.toml
+      gyrocal import csv log.csv /tmp/again --mapping mine.toml --json /tmp/import.json
     """
     if len(files) not in (2, 3):
         raise InputError("give GYRO.csv, ATTITUDE.csv and the folder OUT, or one table with both and OUT")
@@ -71,7 +72,7 @@ def csv_command(files: tuple[Path, ...], file: Path | None, unchecked: bool, for
     mapping = importing.checked(entries, str(file) if file else "options")
     imported = importing.import_csv(*tables, mapping=mapping, check=not unchecked)
     importing.write(imported, out)
-    render.terminal(console(), str(out), imported.summary())
+    show(imported.recording, imported.summary(), imported.assumed, out, as_json)
 
 
 @command.command("broad")
@@ -85,7 +86,8 @@ def csv_command(files: tuple[Path, ...], file: Path | None, unchecked: bool, for
 )
 @click.option("--spacing", "spacing_s", type=float, default=1.0, show_default=True, help="s between reference attitudes.")
 @click.option("--force", is_flag=True, help="Replace a recording that is in OUT already.")
-def broad_command(file: Path, out: Path, intervals: str, spacing_s: float, force: bool) -> None:
+@AS_JSON
+def broad_command(file: Path, out: Path, intervals: str, spacing_s: float, force: bool, as_json: Path | None) -> None:
     """Import FILE, a trial of BROAD as one Parquet file, and write the recording to the folder OUT.
 
     Raw gyro and optical orientations go in as they are; noise and sigmas are estimated from the trial. See docs/broad.md.
@@ -98,7 +100,7 @@ def broad_command(file: Path, out: Path, intervals: str, spacing_s: float, force
     refuse_existing(out, force)
     imported = broad.to_recording(broad.read(file), _intervals(intervals), spacing_s)
     save(imported.recording, out)
-    render.terminal(console(), str(out), imported.summary())
+    show(imported.recording, imported.summary(), (), out, as_json)
     click.echo(broad.ATTRIBUTION)
 
 

@@ -1,15 +1,18 @@
 """The commands of ``gyrocal import`` for files of a known form, whose columns nobody has to name."""
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import click
+import pandas as pd
 
-from gyrocal import InputError, importing
+from gyrocal import InputError, Recording, importing
 from gyrocal.importing import acm, aem, ck, euroc, kalibr, rosbag
 from gyrocal.importing.build import Imported, build
 from gyrocal.importing.streams import read_csv, streams
-from studies.cli.options import PATH
+from studies.cli.options import PATH, json_file
+from studies.montecarlo.files import write_json
 from studies.report import tables as render
 from studies.report.console import console
 
@@ -18,6 +21,7 @@ GYRO = click.argument("gyro_file", type=PATH, metavar="GYRO.csv")
 FORCE = click.option("--force", is_flag=True, help="Replace a recording that is in OUT already.")
 SPACING = click.option("--spacing", "spacing_s", type=float, help="Least time between references, s.")
 ESTIMATE = click.option("--estimate-noise", is_flag=True, help="Estimate the noise although the file states it.")
+AS_JSON = json_file("what was made, and what was assumed,")
 TABLE = (
     click.option("--mapping", "file", type=PATH, help="Mapping of the gyro's table as TOML, as of import csv."),
     click.option("--time", metavar="COLUMN:UNIT", help="As of import csv; a date, as the attitudes have."),
@@ -25,6 +29,7 @@ TABLE = (
     click.option("--lsb", metavar="'SIZE UNIT'", help="As of import csv."),
     SPACING,
     FORCE,
+    AS_JSON,
 )
 
 
@@ -41,9 +46,30 @@ def of_table(function: Any) -> Any:
     return function
 
 
-def _write(imported: Imported, out: Path) -> None:
+def show(recording: Recording, summary: pd.DataFrame, assumed: Sequence[str], out: Path, as_json: Path | None) -> None:
+    """Say what was made, on the terminal and as JSON, units in the names."""
+    render.terminal(console(), str(out), summary)
+    if as_json:
+        gyro = recording.gyro
+        made = {
+            "folder": str(out),
+            "title": recording.title,
+            "epoch": recording.epoch,
+            "time_scale": recording.time_scale,
+            "gyro_samples": gyro.t_s.size,
+            "sample_s": gyro.sample_s,
+            "arw_deg_per_sqrt_s": gyro.arw_deg_per_sqrt_s,
+            "apriori_bias_deg_s": gyro.apriori_bias_deg_s,
+            "references": recording.attitudes.t_s.size,
+            "intervals": [{"name": one.name, "start_s": one.start_s, "stop_s": one.stop_s} for one in recording.intervals],
+            "assumed": assumed,
+        }
+        write_json(as_json, made)
+
+
+def _write(imported: Imported, out: Path, as_json: Path | None) -> None:
     importing.write(imported, out)
-    render.terminal(console(), str(out), imported.summary())
+    show(imported.recording, imported.summary(), imported.assumed, out, as_json)
 
 
 def _joined(
@@ -51,13 +77,13 @@ def _joined(
 ) -> None:
     """A recording of a gyro's table and attitudes of a message; what the user gives goes before what the message states."""
     attitude, entries = aem.table(read)
-    file = given.pop("file")
+    file, as_json = given.pop("file"), given.pop("as_json")
     own = importing.load_mapping(file) if file else {}
     options = {name: value for name, value in given.items() if value is not None}
     entries = {"title": read.title} | stated | own | entries | options
     mapping = importing.checked(entries, str(file) if file else "options")
     found = streams(read_csv(gyro_file), attitude, mapping)
-    _write(build(type(found)(**{**vars(found), "assumed": (*said, *found.assumed)}), mapping), out)
+    _write(build(type(found)(**{**vars(found), "assumed": (*said, *found.assumed)}), mapping), out, as_json)
 
 
 @click.command("aem")
@@ -133,6 +159,7 @@ def ck_command(
 @ESTIMATE
 @SPACING
 @FORCE
+@AS_JSON
 def euroc_command(
     folder: Path,
     out: Path,
@@ -141,6 +168,7 @@ def euroc_command(
     estimate_noise: bool,
     spacing_s: float | None,
     force: bool,
+    as_json: Path | None,
 ) -> None:
     """Import FOLDER of the EuRoC form (mav0/imu0 and mav0/vicon0 or another reference). See docs/formats/euroc.md.
 
@@ -149,7 +177,7 @@ def euroc_command(
       gyrocal import euroc V1_01_easy /tmp/rec
     """
     refuse_existing(out, force)
-    _write(euroc.import_euroc(folder, reference, not estimate_noise, **_entries(spacing_s, imu)), out)
+    _write(euroc.import_euroc(folder, reference, not estimate_noise, **_entries(spacing_s, imu)), out, as_json)
 
 
 @click.command("bag")
@@ -162,6 +190,7 @@ def euroc_command(
 @click.option("--tag", type=click.Choice(["start", "middle", "end"]), help="Part of a sample that its tag times; start.")
 @SPACING
 @FORCE
+@AS_JSON
 def bag_command(
     bag: Path,
     out: Path,
@@ -172,6 +201,7 @@ def bag_command(
     tag: str | None,
     spacing_s: float | None,
     force: bool,
+    as_json: Path | None,
 ) -> None:
     """Import BAG of ROS 1 or 2: Imu messages, and PoseStamped, Odometry or the like. See docs/formats/ros.md.
 
@@ -181,7 +211,7 @@ def bag_command(
     """
     refuse_existing(out, force)
     entries = _entries(spacing_s, imu) | ({} if tag is None else {"tag": tag})
-    _write(rosbag.import_bag(bag, imu_topic, pose_topic, estimate_mounting, **entries), out)
+    _write(rosbag.import_bag(bag, imu_topic, pose_topic, estimate_mounting, **entries), out, as_json)
 
 
 def _entries(spacing_s: float | None, imu: Path | None) -> dict[str, Any]:

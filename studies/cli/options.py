@@ -8,9 +8,20 @@ import click
 
 from gyrocal import InputError
 from gyrocal.recording import toml_value
+from studies.montecarlo.files import check_writable
 
 PATH = click.Path(path_type=Path)
 STDOUT = Path("-")
+
+
+def json_file(what: str) -> Any:
+    """The option ``--json FILE``, refused before the work where it cannot be written."""
+
+    def writable(_: click.Context, __: click.Parameter, value: Path | None) -> Path | None:
+        check_writable(value)
+        return value
+
+    return click.option("--json", "as_json", type=PATH, callback=writable, help=f"Write {what} as JSON to this file.")
 
 
 def assignment(text: str) -> tuple[str, Any]:

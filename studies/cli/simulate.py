@@ -80,11 +80,11 @@ def command(
       gyrocal simulate trmm /tmp/rec --truth /tmp/truth.json
       gyrocal simulate trmm /tmp/gap --effect bias_orbital:y=0.2 --effect g_matrix_step:z=1300,toward=y,time_s=15000
       gyrocal simulate /tmp/rec /tmp/again --effect time_offset=0.5
-      gyrocal simulate adopted.toml /tmp/again --seed 3 --draw
-      gyrocal simulate trmm /tmp/rec --packets /tmp/sent --lsb '0.8 arcsec' --wrap 65536
+      gyrocal simulate adopted.toml /tmp/flown --seed 3 --draw
+      gyrocal simulate trmm /tmp/counted --packets /tmp/sent --lsb '0.8 arcsec' --wrap 65536
       gyrocal simulate trmm_months /tmp/months --effect dss_head:2=0.28
       gyrocal simulate trmm /tmp/mine --effects mine.py --effect my_effect:z=0.5
-      gyrocal simulate trmm_series /tmp/rec --seed 7 --set gyro.arw_deg_per_sqrt_s=1e-4 --set interval.1.slew.0.start_s=120
+      gyrocal simulate trmm_series /tmp/seven --seed 7 --set gyro.arw_deg_per_sqrt_s=1e-4 --set interval.1.slew.0.start_s=120
     """
     if (out / "recording.toml").exists() and not force:
         raise InputError(f"{out}: a recording is there already; choose another folder, or replace it with --force")

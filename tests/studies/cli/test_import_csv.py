@@ -40,6 +40,24 @@ def test_two_tables_one_table_and_a_mapping_file_are_the_same(run_cli, folder):
     assert done.exit_code == 0, done.stderr
 
 
+def test_import_and_export_say_as_json_what_was_made(run_cli, folder):
+    files, said = (str(folder / "gyro.csv"), str(folder / "mocap.csv")), folder / "said.json"
+    made = run_cli("import", "csv", *files, str(folder / "d"), *OPTIONS, "--json", str(said))
+    assert made.exit_code == 0, made.stderr
+    read, recording = json.loads(said.read_text()), gyrocal.load(folder / "d")
+    assert (read["folder"], read["epoch"]) == (str(folder / "d"), recording.epoch)
+    assert (read["gyro_samples"], read["references"]) == (recording.gyro.t_s.size, recording.attitudes.t_s.size)
+    assert read["arw_deg_per_sqrt_s"] == pytest.approx(recording.gyro.arw_deg_per_sqrt_s, rel=1e-12)
+    np.testing.assert_allclose(read["apriori_bias_deg_s"], recording.gyro.apriori_bias_deg_s, rtol=1e-12)
+    assert [one["stop_s"] for one in read["intervals"]] == [one.stop_s for one in recording.intervals]
+    assert "2 rest(s) found" in read["assumed"]
+    written = run_cli("export", "csv", str(folder / "d"), str(folder / "e"), "--json", str(said))
+    assert written.exit_code == 0, written.stderr
+    read = json.loads(said.read_text())
+    assert read["recording"]["references"] == recording.attitudes.t_s.size
+    assert sorted(read["files"]) == sorted(str(path) for path in (folder / "e").iterdir())
+
+
 def test_faults_are_one_line_and_status_2(run_cli, folder):
     files = str(folder / "gyro.csv"), str(folder / "mocap.csv"), str(folder / "c")
     wrong = [word.replace("deg/s", "rad/s") for word in OPTIONS]

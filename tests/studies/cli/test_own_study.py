@@ -124,7 +124,7 @@ def test_names_that_cannot_be_imported(name, message, mine, run_cli):
 
 
 def test_the_example_of_the_docs_runs(run_cli, tmp_path, monkeypatch):
-    blocks = re.findall(r"```python\n(.*?)```", (ROOT / "docs" / "studies.md").read_text(), flags=re.DOTALL)
+    blocks = re.findall(r"```python\n(.*?)```", (ROOT / "docs" / "own_study.md").read_text(), flags=re.DOTALL)
     assert len(blocks) == 1
     monkeypatch.setattr(sys, "path", list(sys.path))
     (tmp_path / "mystudy.py").write_text(blocks[0])

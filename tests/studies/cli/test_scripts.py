@@ -103,6 +103,8 @@ def test_a_study_as_tests_and_its_own_example_of_a_rerun(run_cli, tmp_path):
         (["scenarios", "trmm_serie"], "did you mean trmm_series"),
         (["diagnose", "OUT", "--without", "bias_orbitl"], "did you mean bias_orbital"),
         (["plan", "trmm", "--effect", "bias_orbitl"], "did you mean bias_orbital"),
+        (["simulat", "trmm", "OUT"], "No such command 'simulat'; did you mean simulate?"),
+        (["export", "aem", "OUT", "OUT", "--json", "none/there.json"], "none/there.json: no folder none"),
     ],
 )
 def test_what_was_meant_is_said(arguments, message, run_cli, tmp_path):

@@ -1,0 +1,88 @@
+"""What stands behind the names of a reader's own files in the docs: one small log in every format, and coarse scenarios."""
+
+import json
+import re
+import shutil
+import tempfile
+
+import numpy as np
+import pandas as pd
+from click.testing import CliRunner
+
+from studies.cli.main import main
+from studies.validation.mems_log import log
+from tests.docs.blocks import blocks
+
+COARSE = "[gyro]\nsample_s = 5.0\n"
+SERIES = f'base = "trmm_series"\n{COARSE}[reference]\nevery_s = 300.0\n'
+# Names in the docs for what a reader has or makes; each is in the folder that its command runs in.
+PLACEHOLDERS = {
+    "RECORDING": "a recording",
+    "OUT": "a folder to be made",
+    "AGAIN": "another one",
+    "gyro.csv": "a table of rates",
+    "mocap.csv": "a table of attitudes",
+    "log.csv": "one table with both",
+    "attitude.aem": "a CCSDS Attitude Ephemeris Message",
+    "attitude.acm": "a CCSDS Attitude Comprehensive Message",
+    "attitude.bc": "a SPICE C-kernel",
+    "clock.tsc": "its spacecraft clock",
+    "V1_01_easy": "a folder of the EuRoC form",
+    "flight.bag": "a bag of ROS 1",
+    "imu.yaml": "Kalibr's noise of a gyro",
+    "05_undisturbed_slow_rotation_with_breaks_B.parquet": "a trial of BROAD",
+    "mine.toml": "a scenario, or the mapping of an import",
+    "roll.toml": "a maneuver",
+    "adopted.toml": "a scenario that a diagnosis has adopted",
+    "mine.py": "effects of one's own",
+    "./mystudy.py": "a study of one's own",
+}
+MAPPING = 'time = "timestamp_ms:ms"\ngyro = "gx,gy,gz:deg/s"\nquat = "qw,qx,qy,qz:body-to-inertial"\n'
+WORDS = ["--time", "timestamp_ms:ms", "--gyro", "gx,gy,gz:deg/s", "--quat", "qw,qx,qy,qz:body-to-inertial"]
+
+
+def make(folder):
+    """All of `PLACEHOLDERS` but OUT in a folder, and ``series.toml`` and ``four.toml``, coarse built-in scenarios."""
+    tables = log(np.random.default_rng(1), seconds=40.0)
+    times = pd.to_datetime(tables.gyro["timestamp_ms"], unit="ms").dt.strftime("%Y-%m-%dT%H:%M:%S.%f")
+    tables.gyro.assign(time=times).to_csv(folder / "gyro.csv", index=False)
+    tables.attitude.to_csv(folder / "mocap.csv", index=False)
+    tables.gyro.merge(tables.attitude, how="left", on="timestamp_ms").to_csv(folder / "log.csv", index=False)
+    (folder / "mapping.toml").write_text(MAPPING)
+    (folder / "series.toml").write_text(SERIES)
+    (folder / "four.toml").write_text(f'base = "trmm_tetrahedron"\n{COARSE}')
+    (folder / "scenario.toml").write_text('base = "trmm"\n')
+    (folder / "roll.toml").write_text(blocks("docs/plan.md", "toml")[0])
+    (folder / "mystudy.py").write_text(blocks("docs/own_study.md", "python")[0])
+    (folder / "mine.py").write_text(blocks("docs/extending.md", "python")[0])
+    run = CliRunner().invoke
+    for words in (
+        ["import", "csv", folder / "gyro.csv", folder / "mocap.csv", folder / "RECORDING", *WORDS],
+        ["calibrate", folder / "RECORDING", "--json", folder / "result.json"],
+        ["export", "aem", folder / "RECORDING", folder / "attitude.aem"],
+        ["export", "acm", folder / "RECORDING", folder / "attitude.acm"],
+        ["export", "ck", folder / "RECORDING", folder / "attitude.bc", folder / "clock.tsc", "--instrument", "-95000"],
+        ["export", "kalibr", folder / "RECORDING", folder / "imu.yaml", "--random-walk", "1e-5"],
+    ):
+        done = run(main, [str(word) for word in words])
+        assert done.exit_code == 0, done.output
+    adopted = re.sub(r'sha256 = ".*?"', "", blocks("docs/compare.md", "toml")[0])
+    (folder / "adopted.toml").write_text(adopted)
+    for page, name in (("euroc", "folder"), ("ros", "path")):
+        made = namespace(f"docs/formats/{page}.md")[name]
+        shutil.move(made, folder / made.name)
+    shutil.move(namespace("docs/broad.md")["path"], folder / "05_undisturbed_slow_rotation_with_breaks_B.parquet")
+
+
+def namespace(page, tmp=None):
+    """What the Python blocks of a page leave, in which ``/tmp`` is another folder."""
+    found = {"__name__": page}
+    for block in blocks(page, "python"):
+        exec(compile(block.replace("/tmp/", f"{tmp or tempfile.gettempdir()}/"), page, "exec"), found)
+    return found
+
+
+def truth(path):
+    """G and bias in deg/s of a result."""
+    read = json.loads(path.read_text())
+    return np.array(read["G"]), np.array(read["bias_deg_s"])
