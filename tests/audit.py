@@ -19,7 +19,9 @@ def judged(packages: list[dict[str, Any]]) -> tuple[str, int]:
     asked = [one for one in packages if "skip_reason" not in one]
     if not asked:
         return "audit: skipped: the registry says nothing of vulnerabilities; nothing was checked", 0
-    found = [f"{one['name']} {one['version']}: {', '.join(each['id'] for each in one['vulns'])}" for one in asked if one["vulns"]]
+    found = [
+        f"{one['name']} {one['version']}: {', '.join(each['id'] for each in one['vulns'])}" for one in asked if one["vulns"]
+    ]
     rest = f"; {len(packages) - len(asked)} could not be checked" if len(asked) < len(packages) else ""
     if not found:
         return f"audit: no known vulnerability in {len(asked)} pinned packages{rest}", 0

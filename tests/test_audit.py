@@ -17,6 +17,9 @@ def test_a_vulnerability_is_named_and_fails():
 
 
 def test_what_was_not_checked_is_not_called_good():
-    assert judged([SKIPPED, SKIPPED]) == ("audit: skipped: the registry says nothing of vulnerabilities; nothing was checked", 0)
+    assert judged([SKIPPED, SKIPPED]) == (
+        "audit: skipped: the registry says nothing of vulnerabilities; nothing was checked",
+        0,
+    )
     assert judged([GOOD, SKIPPED])[0] == "audit: no known vulnerability in 1 pinned packages; 1 could not be checked"
     assert judged([GOOD]) == ("audit: no known vulnerability in 1 pinned packages", 0)

@@ -14,7 +14,7 @@ from gyrocal.recording import reference_rows
 from tests.diagnosis.recordings import recorded
 
 # A diagnosis takes a second: two examples of each, the same in every run.
-FEW = settings(max_examples=2, derandomize=True, database=None, deadline=None, phases=[Phase.generate])
+FEW = settings(max_examples=2, phases=[Phase.generate])
 LIBRARY = ("bias_step", "bias_drift", "scale_asymmetry", "time_offset")
 TIME_S, SIZE = 3000.0, 2.0  # s since the epoch, deg/h
 AXES = "xyz"

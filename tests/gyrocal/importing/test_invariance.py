@@ -12,7 +12,7 @@ from gyrocal.importing.streams import streams
 from studies.validation import mems_log
 from studies.validation.imports import RIGHT
 
-FEW = settings(max_examples=20, derandomize=True, database=None, deadline=None, phases=[Phase.generate])
+FEW = settings(max_examples=20, phases=[Phase.generate])
 # By hand: so much of the unit is one deg/s, or a second.
 RATES = {"deg/s": 1.0, "rad/s": np.pi / 180, "mrad/s": np.pi / 0.18, "mdeg/s": 1e3, "deg/h": 3600.0, "arcsec/s": 3600.0}
 TIMES = {"ms": 1, "us": 10**3, "ns": 10**6}  # of a millisecond
