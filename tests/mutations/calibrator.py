@@ -26,7 +26,7 @@ PROPAGATION = [
     ),
     *of(
         "gyrocal/calibration/propagation.py",
-        f"{PROPAGATED} {CALIBRATION}test_propagation.py",
+        f"{PROPAGATED} {CALIBRATION}test_propagation.py::test_every_length_fills_the_lanes_rightly",
         [
             ("one element of P has the other sign", "px, py, pz = px + my * z - mz * y,", "px, py, pz = px - my * z + mz * y,"),
             ("one element of E has the other sign", "1 - yy - zz, xy - cz, xz + cy", "1 - yy - zz, xy + cz, xz + cy"),
