@@ -52,6 +52,16 @@ def test_what_is_read(by_hand):
     assert found.gyro.apriori_G[0, 1] == 0.2  # rows are body axes
 
 
+def test_a_quaternion_written_with_seven_digits_is_one_and_with_five_is_none(by_hand):
+    path = by_hand / "attitude.csv"
+    text = path.read_text()
+    path.write_text(text.replace("0.6,0,0,0.8,", "0.6,0,0,0.8000004,"))
+    assert gyrocal.load(by_hand).attitudes.quaternions[0, 3] == 0.8000004
+    path.write_text(text.replace("0.6,0,0,0.8,", "0.6,0,0,0.80001,"))
+    with pytest.raises(gyrocal.InputError, match=r"row 0 has norm 1\.000008"):
+        gyrocal.load(by_hand)
+
+
 def test_what_is_written(by_hand, tmp_path):
     gyrocal.save(gyrocal.load(by_hand), tmp_path / "again")
     for name in ("gyro", "attitude"):
