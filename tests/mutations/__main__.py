@@ -39,9 +39,10 @@ def write(rows: dict[str, dict[str, object]]) -> None:
     lines = [
         "## Small faults and the tests that see them",
         "",
-        f"`{COMMAND}`; {len(ordered)} of {len(FAULTS)} faults were run, and {len(alive)} of them seen by no test that was asked.",
+        f"`{COMMAND}`; {len(ordered)} of {len(FAULTS)} faults were run, and {len(alive)} of them seen by no test asked.",
         "Each was alone in a copy of the tree, its compiled code cold; s is the time on a machine that did other work beside.",
         "The commit is that of the sources, with the tests of the day: tests were added for what nothing had seen.",
+        "A source may have had another name then.",
         "",
         "| file | fault | seen by | asked | s | commit |",
         "|---|---|---|---|---|---|",

@@ -33,54 +33,78 @@ ATTITUDE = of(
     ],
 )
 
-FORMAT = of(
-    "gyrocal/recording/format.py",
-    ON_FILE,
-    [
-        (
-            "quaternions are scalar first on file",
-            'QUATERNION_COLUMNS = ("q1", "q2", "q3", "q4")',
-            'QUATERNION_COLUMNS = ("q4", "q1", "q2", "q3")',
-        ),
-        (
-            "rates are read as rad/s",
-            "rates=np.deg2rad(_columns(gyro, rate_columns(names)))",
-            "rates=_columns(gyro, rate_columns(names))",
-        ),
-        (
-            "sigmas are read as rad",
-            "sigma=np.deg2rad(_columns(attitude, SIGMA_COLUMNS))",
-            "sigma=_columns(attitude, SIGMA_COLUMNS)",
-        ),
-        (
-            "the angle random walk is read as rad",
-            "arw=float(np.deg2rad(header.gyro.arw_deg_per_sqrt_s))",
-            "arw=header.gyro.arw_deg_per_sqrt_s",
-        ),
-        (
-            "the a-priori bias is read as rad/s",
-            "apriori_bias=np.deg2rad(header.gyro.apriori_bias_deg_s)",
-            "apriori_bias=np.array(header.gyro.apriori_bias_deg_s)",
-        ),
-        (
-            "G is written with rows for columns",
-            '"apriori_G": gyro.apriori_G.tolist()',
-            '"apriori_G": gyro.apriori_G.T.tolist()',
-        ),
-        ("a time that repeats passes", "back = np.flatnonzero(np.diff(t_s) <= 0)", "back = np.flatnonzero(np.diff(t_s) < 0)"),
-        ("quaternions far from the unit pass", "NORM_TOLERANCE = 1e-6", "NORM_TOLERANCE = 1e-1"),
-        (
-            "intervals that overlap pass",
-            "if second.start_s < first.stop_s - TIME_TOLERANCE_S:",
-            "if second.stop_s < first.stop_s - TIME_TOLERANCE_S:",
-        ),
-        (
-            "sigmas are written about the wrong axes",
-            'SIGMA_COLUMNS = ("sigma_x_deg", "sigma_y_deg", "sigma_z_deg")',
-            'SIGMA_COLUMNS = ("sigma_z_deg", "sigma_y_deg", "sigma_x_deg")',
-        ),
-    ],
-)
+FORMAT = [
+    *of(
+        "gyrocal/recording/names.py",
+        ON_FILE,
+        [
+            (
+                "quaternions are scalar first on file",
+                'QUATERNION_COLUMNS = ("q1", "q2", "q3", "q4")',
+                'QUATERNION_COLUMNS = ("q4", "q1", "q2", "q3")',
+            ),
+            (
+                "sigmas are written about the wrong axes",
+                'SIGMA_COLUMNS = ("sigma_x_deg", "sigma_y_deg", "sigma_z_deg")',
+                'SIGMA_COLUMNS = ("sigma_z_deg", "sigma_y_deg", "sigma_x_deg")',
+            ),
+        ],
+    ),
+    *of(
+        "gyrocal/recording/format.py",
+        ON_FILE,
+        [
+            (
+                "rates are read as rad/s",
+                "rates=np.deg2rad(tables.columns(gyro, rates))",
+                "rates=tables.columns(gyro, rates)",
+            ),
+            (
+                "sigmas are read as rad",
+                "sigma=np.deg2rad(tables.columns(attitude, SIGMA_COLUMNS))",
+                "sigma=tables.columns(attitude, SIGMA_COLUMNS)",
+            ),
+            (
+                "the angle random walk is read as rad",
+                "arw=float(np.deg2rad(said.gyro.arw_deg_per_sqrt_s))",
+                "arw=said.gyro.arw_deg_per_sqrt_s",
+            ),
+            (
+                "the a-priori bias is read as rad/s",
+                "apriori_bias=np.deg2rad(said.gyro.apriori_bias_deg_s)",
+                "apriori_bias=np.array(said.gyro.apriori_bias_deg_s)",
+            ),
+        ],
+    ),
+    *of(
+        "gyrocal/recording/header.py",
+        ON_FILE,
+        [
+            (
+                "G is written with rows for columns",
+                '"apriori_G": gyro.apriori_G.tolist()',
+                '"apriori_G": gyro.apriori_G.T.tolist()',
+            ),
+        ],
+    ),
+    *of(
+        "gyrocal/recording/checks.py",
+        ON_FILE,
+        [
+            (
+                "a time that repeats passes",
+                "back = np.flatnonzero(np.diff(t_s) <= 0)",
+                "back = np.flatnonzero(np.diff(t_s) < 0)",
+            ),
+            ("quaternions far from the unit pass", "NORM_TOLERANCE = 1e-6", "NORM_TOLERANCE = 1e-1"),
+            (
+                "intervals that overlap pass",
+                "if second.start_s < first.stop_s - TIME_TOLERANCE_S:",
+                "if second.stop_s < first.stop_s - TIME_TOLERANCE_S:",
+            ),
+        ],
+    ),
+]
 
 FILES = [
     *of(
