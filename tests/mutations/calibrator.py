@@ -42,25 +42,9 @@ PROPAGATION = [
         ],
     ),
     *of(
-        "gyrocal/calibration/propagation.py",
-        f"{CALIBRATION}test_sampling.py {CALIBRATION}test_packing.py",
-        [
-            (
-                "samples of other durations count alike in a mean",
-                "total += span\n            x += span * rates[sample[j], 0]",
-                "total += span\n            x += rates[sample[j], 0]",
-            )
-        ],
-    ),
-    *of(
         "gyrocal/calibration/packing.py",
         f"{CALIBRATION}test_packing.py {CALIBRATION}test_propagation.py",
         [
-            (
-                "z shows what y does",
-                "rates[sample, uintp(1)] * h, rates[sample, uintp(2)] * h",
-                "rates[sample, uintp(1)] * h, rates[sample, uintp(1)] * h",
-            ),
             (
                 "the end of a short piece is not empty",
                 "for k in range(count[lane], len(out)):",
