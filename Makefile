@@ -4,7 +4,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 PIP := $(BIN)/python -m pip --disable-pip-version-check install --quiet --constraint constraints.txt
 
-.PHONY: reproduce results test docs bench baseline clean help
+.PHONY: reproduce results test docs bench baseline audit clean help
 
 help:
 	@echo "make reproduce   reproduce both papers beside TRMM's flight; one page in build/index.html"
@@ -13,6 +13,7 @@ help:
 	@echo "make docs        the documentation as pages, site/index.html"
 	@echo "make baseline    show what moved against results/baseline, and replace it"
 	@echo "make bench       measure the kernel against C, a textbook loop, gtsam and scipy; results/benchmarks"
+	@echo "make audit       known vulnerabilities of the pinned packages; one line says so where there is no network"
 	@echo "make clean       remove the virtual environment and the caches"
 
 reproduce: $(VENV)/run.stamp
@@ -37,6 +38,10 @@ bench: $(VENV)/dev.stamp
 
 baseline: $(VENV)/run.stamp
 	$(BIN)/gyrocal baseline --write
+
+audit: | $(BIN)/python
+	-@$(PIP) pip-audit
+	@$(BIN)/python -m tests.audit
 
 $(BIN)/python:
 	$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11) and "Python 3.11 or newer is needed; set PYTHON=...")'

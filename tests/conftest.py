@@ -1,8 +1,13 @@
 import pytest
 from click.testing import CliRunner
+from hypothesis import settings
 from threadpoolctl import threadpool_limits
 
 from studies.cli.main import main
+
+# The same examples in every run, and no deadline: a verdict must not hang on how busy the machine is.
+settings.register_profile("suite", deadline=None, derandomize=True, database=None)
+settings.load_profile("suite")
 
 
 @pytest.fixture(scope="session", autouse=True)

@@ -22,6 +22,15 @@ def test_quaternion_is_scalar_last_inertial_to_body():
     np.testing.assert_allclose(attitude.quaternion_from_matrix(A), [0, 0, s, s], atol=1e-15)
 
 
+@pytest.mark.parametrize("angle", [0.0, 1.0, 3.0, 3.3, 5.0, 6.2])
+def test_of_both_quaternions_of_an_attitude_the_scalar_part_is_not_negative(angle):
+    for axis in np.array([[0.6, 0.48, -0.64], [0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -0.6, 0.8]]):
+        A = attitude.rotation_matrix(-angle * axis)
+        q = attitude.quaternion_from_matrix(A)
+        assert q[3] >= 0
+        np.testing.assert_allclose(attitude.matrix_from_quaternion(q), A, atol=1e-14)
+
+
 def test_rate_turns_the_attitude_with_the_stated_sign():
     # dA/dt = -[w x]A: a rate about +z for 90 deg gives the same A as above.
     A = attitude.rotation_matrix(-np.array([0, 0, np.pi / 2]))

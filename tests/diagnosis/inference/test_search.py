@@ -1,6 +1,7 @@
 """The search against sets built on purpose, and its products against conditioning on the columns one by one."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -154,6 +155,15 @@ def test_p_value_is_uniform_under_m0_and_small_with_an_effect(projected):
     assert p_value(Search(strong), 0, 99) < 1e-20
 
 
+@pytest.mark.parametrize(("observed", "expected"), [(0.5, 3 / 10), (2.0, 1 / 10), (4.0, np.exp(-4.0))])
+def test_p_value_counts_the_observation_among_the_draws(observed, expected):
+    """By hand: of nine draws two are above 0.5, none above 2, and from e⁻⁴ < 1/10 on the bound says more than they do."""
+    statistics = iter([np.array([observed]), np.array([1.0, 1.5, *np.zeros(7)])])
+    model = SimpleNamespace(y=np.zeros(3), X=np.zeros((3, 1)), candidates=(), projected=lambda noise: noise)
+    search = SimpleNamespace(model=model, correlation=np.zeros(1), null_statistic=lambda _: next(statistics))
+    assert p_value(search, seed=0, draws=9) == pytest.approx(expected, rel=1e-12)
+
+
 def test_what_a_scan_has_chosen_alarms_by_the_bound_on_its_evidence():
     """Options chosen for the data, with their share of all that were tried: no more false alarms, and a strong one is seen."""
     rng = np.random.default_rng(15)
@@ -174,7 +184,7 @@ def test_what_a_scan_has_chosen_alarms_by_the_bound_on_its_evidence():
     assert alarms <= 9  # 3 are expected at most
     search, p = tested(rng.standard_normal(500) + 1.4 * every[:, 3], 0)
     average = search.null_statistic(search.correlation[:, None], scanned=True)[0] - search.model.candidates[1].log_prior
-    assert p == pytest.approx(np.exp(-average) / share)
+    assert np.log(p) == pytest.approx(-average - np.log(share))  # p itself is below any absolute tolerance
     assert p < 1e-6
 
 

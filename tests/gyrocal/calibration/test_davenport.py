@@ -15,6 +15,7 @@ from gyrocal import (
     residual_table,
 )
 from gyrocal.calibration import normal_equations as accumulation
+from gyrocal.calibration.davenport import Accumulation
 from gyrocal.calibration.problem import Problem
 from gyrocal.calibration.propagation import propagate
 from gyrocal.calibration.sampling import measurements
@@ -150,6 +151,23 @@ def test_apriori_covariance_solves_and_flags_the_unobservable():
     assert len(result.observability.unobservable) >= 3
     assert (result.sigma <= np.sqrt(np.diag(prior)) * (1 + 1e-9)).all()
     assert result.sigma[NAMES.index("G_yy")] < 0.2e-3
+
+
+def test_without_data_the_prior_gives_back_what_it_knows():
+    """Δx = x − x₀ undoes what earlier iterations did, and P is P₀."""
+    columns = np.array([0, 4, 9])
+    prior = np.array([[4e-6, 1e-6, 0.0], [1e-6, 9e-6, 0.0], [0.0, 0.0, 1e-12]])
+    error = np.array([1e-3, -2e-3, 1e-6])
+    step, P = Accumulation(columns, prior, error).solve()
+    np.testing.assert_allclose(step, error, rtol=1e-12)
+    np.testing.assert_allclose(P, prior, rtol=1e-12, atol=1e-24)
+
+
+def test_both_tolerances_must_be_met(ends):
+    """G converges in two iterations, as do the biases; a tolerance that any correction meets does not stop the other."""
+    for tolerance in ({"tolerance_G": 1.0}, {"tolerance_bias": 1.0}):
+        assert len(calibrate(ends, initial=PRELAUNCH, **tolerance).corrections) > 1
+    assert len(calibrate(ends, initial=PRELAUNCH, tolerance_G=1.0, tolerance_bias=1.0).corrections) == 1
 
 
 def test_the_prior_is_counted_once_over_iterations():

@@ -22,6 +22,13 @@ def test_steps_fill_each_interval():
     assert prepared.noise_gain == 1.0
 
 
+def test_elapsed_times_are_from_the_start_of_the_interval():
+    """Noise adds up from there, and not from the reference before."""
+    prepared = measurements(piecewise_recording(PLAN, series_s=3.0))
+    np.testing.assert_allclose(prepared.elapsed_s, [3, 6, 9, 3, 6])
+    np.testing.assert_array_equal(prepared.arcs.arc, [0, 0, 0, 1, 1])
+
+
 def test_reference_inside_a_sample_cuts_it():
     prepared = measurements(piecewise_recording(PLAN, series_s=3.3))
     for first, last, elapsed in zip(prepared.arcs.first, prepared.arcs.last, prepared.elapsed_s, strict=True):

@@ -146,6 +146,15 @@ def test_quantization_rounds_to_the_nearest_multiple():
     np.testing.assert_array_equal(shown("rate_quantization:y=1e-3", 6)[:, [0, 2]], plain[:, [0, 2]])
 
 
+def test_truncation_cuts_toward_zero():
+    step = np.deg2rad(1e-3)
+    plain, cut = simulator.simulate(SCENARIO, seed=6).gyro.rates, shown("rate_truncation=1e-3", 6)
+    np.testing.assert_allclose(cut / step, np.round(cut / step), atol=1e-9)
+    lost = (plain - cut) * np.sign(plain)
+    assert lost.min() > -1e-9 * step
+    assert 0.9 * step < lost.max() < step
+
+
 def test_vibration_is_a_tone_at_the_apparent_frequency():
     tone = (shown("vibration:y=0.01,apparent_hz=0.13,phase_deg=20") - PLAIN.gyro.rates)[:, 1]
     t = MOTION.t_s + 0.5 * MOTION.duration_s

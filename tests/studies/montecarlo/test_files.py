@@ -32,6 +32,8 @@ def test_tables(tmp_path):
     assert (tmp_path / "a.csv").read_text() == "x,name\n0.333,a\n,b\n"
     files.write_csv(tmp_path / "a.csv", pd.DataFrame({"x": [1 / 3, "b", 12345678]}, dtype=object), 3)
     assert (tmp_path / "a.csv").read_text() == "x\n0.333\nb\n12345678\n"
+    files.write_csv(tmp_path / "a.csv", table)  # nine digits unless asked: what is committed is compared by them
+    assert (tmp_path / "a.csv").read_text() == "x,name\n0.333333333,a\n,b\n"
     files.write_parquet(tmp_path / "a.parquet", table)
     pd.testing.assert_frame_equal(pd.read_parquet(tmp_path / "a.parquet"), table)
     assert sorted(os.listdir(tmp_path)) == ["a.csv", "a.parquet"]

@@ -1,0 +1,49 @@
+"""From a p-value to an alarm: a gap is one from the stated rate of false alarms on, of the attitude and of the sensors."""
+
+from importlib import import_module
+
+import numpy as np
+import pytest
+
+from diagnosis.settings import DEFAULT
+from tests.diagnosis.linear_models import linear_model
+
+ATTITUDE, SENSORS = import_module("diagnosis.diagnose"), import_module("diagnosis.sensor_tables")
+
+
+@pytest.fixture(scope="module")
+def model():
+    rng = np.random.default_rng(3)
+    Q = np.linalg.qr(rng.standard_normal((60, 3)))[0] * 8
+    return linear_model([Q[:, [k]] for k in range(3)], 2 * Q[:, 0] + 0.3 * rng.standard_normal(60))
+
+
+@pytest.mark.parametrize("share", [0.5, 0.99, 1.01])
+def test_the_attitude_alarms_at_the_rate_that_is_stated(model, monkeypatch, share):
+    monkeypatch.setattr(ATTITUDE, "p_value", lambda *_: share * DEFAULT.false_alarm_rate)
+    found = ATTITUDE.judged(model, lambda *_: (), DEFAULT, 0, lambda *_: None)
+    assert (found.attribution is not None) == (share < 1)
+
+
+@pytest.mark.parametrize("share", [0.5, 0.99, 1.01])
+def test_the_sensors_alarm_at_the_rate_that_is_stated(model, monkeypatch, share):
+    """With a linear model made by hand in place of that of simulated tables: only the threshold is asked."""
+    made = {
+        "arcs_of": lambda _: ([], ()),
+        "fitted_arcs": lambda _: ([], (), ()),
+        "tables_of": lambda *_: None,
+        "linear_model": lambda *_: model,
+        "relinearised": lambda *_: None,
+        "_rejected": lambda *_: (),
+        "p_value": lambda *_: share * DEFAULT.false_alarm_rate,
+    }
+    for name, function in made.items():
+        monkeypatch.setattr(SENSORS, name, function)
+    found = SENSORS.explain_tables(None, [None])
+    assert (found.attribution is not None) == (share < 1)
+
+
+def test_thresholds_are_those_of_the_validation():
+    """Every validated figure is of these thresholds; who moves one makes the figures anew, and moves it here."""
+    values = (DEFAULT.false_alarm_rate, DEFAULT.named, DEFAULT.unknown, DEFAULT.conformal)
+    assert values == (0.002, 0.9, 0.4, 0.979)

@@ -1,0 +1,226 @@
+"""Faults of the diagnosis: thresholds, evidence, search, attribution, closure, detectors."""
+
+from tests.mutations.fault import of
+
+INFERENCE = "tests/diagnosis/inference/"
+ATTRIBUTION = f"{INFERENCE}test_attribution.py"
+
+THRESHOLDS = [
+    *of(
+        "diagnosis/settings.py",
+        f"{ATTRIBUTION} tests/diagnosis/test_settings.py tests/diagnosis/test_judged.py",
+        [
+            (
+                "an unlisted cause of 80 % is no unknown",
+                "unknown: float = threshold(\n        0.4,",
+                "unknown: float = threshold(\n        0.9,",
+            ),
+            (
+                "a cause of one half is named",
+                "named: float = threshold(\n        0.9,",
+                "named: float = threshold(\n        0.5,",
+            ),
+            (
+                "one recording in five alarms",
+                "false_alarm_rate: float = threshold(\n        0.002,",
+                "false_alarm_rate: float = threshold(\n        0.2,",
+            ),
+        ],
+    ),
+    *of(
+        "diagnosis/diagnose.py",
+        "tests/diagnosis/test_judged.py",
+        [
+            (
+                "the attitude alarms a hundred times too seldom",
+                "if p < settings.false_alarm_rate:",
+                "if p < 0.01 * settings.false_alarm_rate:",
+            )
+        ],
+    ),
+    *of(
+        "diagnosis/sensor_tables.py",
+        "tests/diagnosis/test_judged.py",
+        [
+            (
+                "the sensors alarm a hundred times too seldom",
+                "if p < settings.false_alarm_rate:",
+                "if p < 0.01 * settings.false_alarm_rate:",
+            )
+        ],
+    ),
+    *of(
+        "diagnosis/sensor_tables.py",
+        "tests/diagnosis/test_sensor_tables.py::test_one_day_that_does_not_fit_is_no_note",
+        [("a day that does not fit is a note", 'return "unknown", True, attribution', 'return "none", False, attribution')],
+    ),
+]
+
+EVIDENCE = [
+    *of(
+        "diagnosis/inference/evidence.py",
+        f"{INFERENCE}test_evidence.py {INFERENCE}test_shift.py",
+        [
+            ("Occam's factor is squared", "out = quadratic - 0.5 * np.log(gain)", "out = quadratic - np.log(gain)"),
+            (
+                "an amplitude that is positive has half its prior",
+                "out = out + np.log(2.0) + log_ndtr(z)",
+                "out = out + log_ndtr(z)",
+            ),
+            ("an average is a sum", "- np.log(table.shape[1]))", "- 0.0)"),
+            (
+                "half of a shift has the other sign",
+                "correlation[:, -1] - 0.5 * own[:, -1]",
+                "correlation[:, -1] + 0.5 * own[:, -1]",
+            ),
+        ],
+    ),
+    *of(
+        "diagnosis/inference/search.py",
+        f"{INFERENCE}test_search.py",
+        [
+            (
+                "what is in has the determinant the other way",
+                "- np.log(np.diag(factor)).sum())",
+                "+ np.log(np.diag(factor)).sum())",
+            ),
+            (
+                "further effects cost nothing",
+                "prior += (len(members) - 1) * float(",
+                "prior += 0 * (len(members) - 1) * float(",
+            ),
+            (
+                "what the samples say does not count",
+                "prior = sum(entry.log_prior + entry.log_odds for",
+                "prior = sum(entry.log_prior for",
+            ),
+        ],
+    ),
+    *of(
+        "diagnosis/inference/null.py",
+        f"{INFERENCE}test_search.py",
+        [
+            ("the observation is not one of the draws", "(1 + int(np.sum(null >= observed)))", "int(np.sum(null >= observed))"),
+            ("a scan has all false alarms for itself", "of_scan / scanned_share, 1.0)", "of_scan, 1.0)"),
+        ],
+    ),
+    *of(
+        "diagnosis/inference/amplitudes.py",
+        f"{INFERENCE}test_amplitudes.py",
+        [
+            (
+                "an unknown time does not widen the size",
+                'spread += np.einsum("s,sij->ij", w, C) + (away * w[:, None]).T @ away',
+                'spread += np.einsum("s,sij->ij", w, C)',
+            )
+        ],
+    ),
+    *of(
+        "diagnosis/inference/checks.py",
+        f"{INFERENCE}test_checks.py::test_the_number_of_checks_is_allowed_for",
+        [("the number of checks is not allowed for", "check.p_value * len(checks)", "check.p_value * 1")],
+    ),
+]
+
+ANSWER = [
+    *of(
+        "diagnosis/inference/attribution.py",
+        ATTRIBUTION,
+        [
+            (
+                "what the checks reject is named",
+                '    if unknown > settings.unknown:\n        return Attribution("unknown", attribution.best',
+                '    if unknown > 1.0:\n        return Attribution("unknown", attribution.best',
+            ),
+            ("the bound on a p-value has no logarithm", "float(-math.e * p * math.log(p)) if", "float(math.e * p) if"),
+            (
+                "one sure cause makes all sure",
+                "if all(slot.probability >= settings.named",
+                "if any(slot.probability >= settings.named",
+            ),
+        ],
+    ),
+    *of(
+        "diagnosis/inference/conformal.py",
+        f"{INFERENCE}test_conformal.py",
+        [("the quantile is not corrected", "math.ceil((len(truths) + 1) * level)", "math.ceil(len(truths) * level)")],
+    ),
+    *of(
+        "diagnosis/inference/closure.py",
+        f"{INFERENCE}test_closure.py {INFERENCE}test_shift.py",
+        [
+            ("predictions are added", "after = after - weight * predicted", "after = after + weight * predicted"),
+            ("the floor counts as a gap", "closed = 1.0 - (after - floor) / gap", "closed = 1.0 - after / gap"),
+            ("the interval is a tenth as wide", "spread = 1.645 *", "spread = 0.1645 *"),
+            (
+                "a log score has half its determinant",
+                "more = log + 2 * np.log(np.diag(factor))",
+                "more = log + np.log(np.diag(factor))",
+            ),
+        ],
+    ),
+    *of(
+        "diagnosis/model/sensors/tables.py",
+        "tests/diagnosis/model/test_sensors.py tests/diagnosis/test_sensor_tables.py",
+        [
+            (
+                "the linear part of what was found is taken off twice",
+                "stacked[:, -1] + stacked[:, :-1] @ amplitudes",
+                "stacked[:, -1] - stacked[:, :-1] @ amplitudes",
+            )
+        ],
+    ),
+]
+
+SAMPLES = [
+    *of(
+        "diagnosis/model/dead_zone.py",
+        "tests/diagnosis/model/test_dead_zone.py",
+        [
+            (
+                "the rate that is missing in all runs has the other sign",
+                "-np.deg2rad(1.0) * one.expected",
+                "np.deg2rad(1.0) * one.expected",
+            ),
+            (
+                "the rate that is missing in one run has the other sign",
+                "-DIFFERENCE * np.deg2rad(1.0)",
+                "DIFFERENCE * np.deg2rad(1.0)",
+            ),
+            (
+                "only one gyro could have a dead zone",
+                "effect.weight * len(prepared.dead) / len(AXES)",
+                "effect.weight * len(prepared.dead)",
+            ),
+        ],
+    ),
+    *of(
+        "diagnosis/detectors/deadzone.py",
+        "tests/diagnosis/test_parts.py::test_dead_zone_reads_zero_and_m0_does_not",
+        [
+            (
+                "readings of zero speak against a dead zone",
+                "multivariate_normal.logpdf(means, cov=own) - read",
+                "read - multivariate_normal.logpdf(means, cov=own)",
+            )
+        ],
+    ),
+    *of(
+        "diagnosis/detectors/clipping.py",
+        "tests/diagnosis/detectors/test_samples.py",
+        [("a hundred clipped samples are none", "FEWEST_CLIPPED = 5", "FEWEST_CLIPPED = 500_000")],
+    ),
+    *of(
+        "diagnosis/model/gate.py",
+        "tests/diagnosis/model/test_gate.py",
+        [
+            (
+                "residuals that calibrate refuses pass",
+                "    raise refusal(error, repaired, name",
+                "    refusal(error, repaired, name",
+            )
+        ],
+    ),
+]
+
+FAULTS = [*THRESHOLDS, *EVIDENCE, *ANSWER, *SAMPLES]

@@ -1,0 +1,165 @@
+"""Faults of the studies: pages, what a resumed study keeps, seeds, statistics, formats."""
+
+from tests.mutations.fault import of
+
+MONTECARLO = "tests/studies/montecarlo/"
+
+PAGES = of(
+    "studies/report/html.py",
+    "tests/studies/report/test_html.py",
+    [
+        ("paragraphs are HTML", "{escape(text)}</p>", "{text}</p>"),
+        ("items of lists are HTML", "<li>{escape(text)}</li>", "<li>{text}</li>"),
+        ("cells are HTML", "isinstance(value, Html) else escape(text)", "isinstance(value, Html) else text"),
+        ("headings are HTML", ">{escape(text)}</h{level}>", ">{text}</h{level}>"),
+        ("captions of figures are HTML", "<figcaption>{escape(caption)}", "<figcaption>{caption}"),
+        ("what is folded has a summary in HTML", "<summary>{escape(summary)}", "<summary>{summary}"),
+        ("the title is HTML", "<title>{escape(short or title)}", "<title>{short or title}"),
+    ],
+)
+
+RESUMED = [
+    *of(
+        "studies/montecarlo/store.py",
+        f"{MONTECARLO}test_engine.py::test_a_damaged_part_is_set_aside_and_computed_again",
+        [
+            (
+                "a part of other cases is taken",
+                "if sorted(set(numbers)) != list(range(expected.start, stop)):",
+                "if not numbers:",
+            )
+        ],
+    ),
+    *of(
+        "studies/montecarlo/store.py",
+        f"{MONTECARLO}test_engine.py::test_another_configuration_is_refused_in_one_line {MONTECARLO}test_engine.py",
+        [
+            (
+                "a part of another study is taken",
+                'if about["config_sha256"] not in {self.config_sha256, *self.same}:',
+                'if not about["config_sha256"]:',
+            )
+        ],
+    ),
+    *of(
+        "studies/montecarlo/session.py",
+        f"{MONTECARLO}test_provenance.py",
+        [
+            (
+                "rows of edited sources are mixed",
+                'files = edited(before["sources"], self.made_with.sources)',
+                "files = edited(self.made_with.sources, self.made_with.sources)",
+            ),
+            (
+                "rows of another machine are mixed",
+                'changes(before["machine"], self.made_with.machine) if more else []',
+                'changes(before["machine"], before["machine"]) if more else []',
+            ),
+            (
+                "a study that grows leaves out a case",
+                "missing.append(range(info.stop, cases.stop))",
+                "missing.append(range(info.stop + 1, cases.stop))",
+            ),
+        ],
+    ),
+    *of(
+        "studies/montecarlo/engine.py",
+        f"{MONTECARLO}test_engine.py",
+        [
+            (
+                "a rerun keeps the recording of case 0",
+                "recording = study.recording(config, case, Streams(config.entropy, case))",
+                "recording = study.recording(config, case, Streams(config.entropy, 0))",
+            )
+        ],
+    ),
+]
+
+SEEDS = [
+    *of(
+        "studies/montecarlo/cases.py",
+        f"{MONTECARLO}test_engine.py::test_the_table_holds_every_case_in_order {MONTECARLO}test_engine.py",
+        [
+            (
+                "all cases draw what case 0 does",
+                "made = study.case(config, case, Streams(config.entropy, case))",
+                "made = study.case(config, case, Streams(config.entropy, 0))",
+            )
+        ],
+    ),
+    *of(
+        "studies/montecarlo/study.py",
+        f"{MONTECARLO}test_engine.py::test_neighbouring_entropies_share_no_case",
+        [
+            (
+                "neighbouring entropies share their cases",
+                "return generator(self.entropy, self.case, name)",
+                "return generator(self.entropy + self.case, 0, name)",
+            )
+        ],
+    ),
+    *of(
+        "studies/montecarlo/study.py",
+        f"{MONTECARLO}test_study.py::test_the_hash_is_of_what_the_rows_depend_on",
+        [
+            (
+                "the order of the dispersions is not in the hash",
+                'list(document["dispersions"].items())',
+                'sorted(document["dispersions"].items())',
+            )
+        ],
+    ),
+    *of(
+        "studies/montecarlo/dispersions.py",
+        f"{MONTECARLO}test_dispersions.py",
+        [
+            ("all paths draw alike", 'f"dispersions/{path}"', '"dispersions"'),
+            ("Sobol's blocks overlap", "engine.fast_forward(block * SOBOL_BLOCK)", "engine.fast_forward(block)"),
+            ("a factor is an offset", "else value * draw", "else value + draw"),
+        ],
+    ),
+]
+
+NUMBERS = [
+    *of(
+        "studies/montecarlo/statistics.py",
+        f"{MONTECARLO}test_statistics.py",
+        [
+            (
+                "NEES has one bound for two",
+                "tail = (1 - confidence) / 2\n    lower, upper",
+                "tail = 1 - confidence\n    lower, upper",
+            ),
+            ("all levels count one sigma", "inside = np.abs(errors) <= k * sigmas", "inside = np.abs(errors) <= sigmas"),
+            ("Wilson's interval is off its middle", "middle = share + z**2 / (2 * trials)", "middle = share + z**2 / trials"),
+        ],
+    ),
+    *of(
+        "studies/montecarlo/until.py",
+        f"{MONTECARLO}test_until.py",
+        [("a half-width is a width", "return t * sigma / math.sqrt(n)", "return 2 * t * sigma / math.sqrt(n)")],
+    ),
+    *of(
+        "studies/montecarlo/files.py",
+        f"{MONTECARLO}test_files.py",
+        [("tables have three digits", "table: pd.DataFrame, digits: int = 9)", "table: pd.DataFrame, digits: int = 3)")],
+    ),
+    *of(
+        "studies/cli/fail_on.py",
+        "tests/studies/cli/test_scripts.py::test_what_is_not_known_fails",
+        [
+            (
+                "what is not known does not fail",
+                'met = not (value >= limit if sign == "<" else value <= limit)',
+                'met = value < limit if sign == "<" else value > limit',
+            )
+        ],
+    ),
+    *of(
+        "studies/report/printable.py",
+        "tests/studies/cli/test_one_line.py",
+        [("control characters reach the terminal", 'CONTROL = re.compile("[\\x00-\\x1f', 'CONTROL = re.compile("[\\x00-\\x1a')],
+    ),
+]
+
+FAULTS = [*PAGES, *RESUMED, *SEEDS, *NUMBERS]
