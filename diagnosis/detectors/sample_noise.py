@@ -2,15 +2,14 @@
 
 Differences of order d of the samples leave little of a motion that is slow beside the sampling, the less the higher the order,
 and of white noise of variance σ² the variance C(2d, d) σ². They correlate over d samples, so that the mean square of n of them
-has the relative variance (2/n) C(4d, 2d)/C(2d, d)²: 3.9/n for d = 2, 6.3/n for d = 6. What is left of 32 samples about a cubic
-parabola has 28 degrees of freedom and so the relative variance 2.3/n, next to the least possible. It is taken where it agrees
-with the sixth differences, else the second ones if they do, and the sixth elsewhere. The same of means over m samples have 1/m
-of it if the noise is white. The ratio of the two, m times the second over the first, is the colour: one for white noise, 1/m
+has the relative variance (2/n) C(4d, 2d)/C(2d, d)²: 3.9/n for d = 2, 6.3/n for d = 6. The second differences are taken where
+they agree with the sixth, and the sixth elsewhere. The same differences of means over m samples have 1/m of it if the noise is
+white. The ratio of the two, m times the second over the first, is the colour: one for white noise, 1/m
 for angle white noise (readout noise, whose differences are the rates), more than one for noise that is correlated over several
 samples. IEEE Std 952, annex C.
 
-Where the body never rests, differences of the sixth and the tenth order show the level if they agree: a motion that is left in
-both leaves far less in the higher one. Nothing is said of the colour then.
+Where the body never rests, differences of the sixth and the tenth order show the level if they agree, and if the spectrum is
+level up to the highest frequency, as a motion that is left in both is not. Nothing is said of the colour then.
 """
 
 from __future__ import annotations
@@ -19,6 +18,7 @@ from dataclasses import dataclass
 from math import comb
 
 import numpy as np
+import scipy.fft
 import scipy.ndimage
 import scipy.stats
 from numpy.typing import NDArray
@@ -39,7 +39,10 @@ CLEARLY = 0.98  # probability from which on readout noise is no white noise
 AGREE = 3.0  # sigmas of their difference up to which two orders agree
 AVERAGED = 4  # samples in the means that show the colour
 FEWEST = 200  # differences, below which nothing is said
-BLOCK = 32  # samples about a cubic parabola
+BLOCK = 32  # samples whose spectrum is looked at
+BAND = 4  # cosines of it in a band
+FEWEST_BLOCKS = 12
+FLAT = 4.0  # sigmas between the highest and the lowest of four bands of white noise, at most
 TRIM = 5.0  # robust sigmas beyond which a difference does not count
 WHITE = 0.2  # departure of the colour from one up to which noise is called white
 _CUBIC = np.linalg.qr(np.vander(np.linspace(-1, 1, BLOCK), 4))[0]
@@ -99,7 +102,7 @@ def level_in_motion(x: Array, usable: list[tuple[int, int]]) -> Level | None:
     """Level of the noise of some runs of samples that hold a motion; None where it shows in the differences, too."""
     parts = [x[low:high] for low, high in usable]
     (low, low_error, n), (high, high_error, _) = (_mean_square(parts, order) for order in IN_MOTION)
-    if n < FEWEST or abs(low - high) > AGREE * float(np.hypot(low_error, high_error)):
+    if n < FEWEST or abs(low - high) > AGREE * float(np.hypot(low_error, high_error)) or not _is_flat(parts):
         return None
     return Level(high, high_error, float("nan"), float("nan"))
 
@@ -130,31 +133,25 @@ def _differences(x: Array, order: int) -> Array:
 
 
 def _variance(parts: list[Array]) -> tuple[float, float, int]:
-    """Variance of white noise that some runs of samples show, its standard error, and the number of values behind it.
+    """Variance of white noise that some runs of samples show, its standard error, and the number of differences."""
+    found = [_mean_square(parts, order) for order in ORDERS]
+    (low, low_error, _), (high, high_error, _) = found
+    return found[0] if abs(low - high) < AGREE * float(np.hypot(low_error, high_error)) else found[1]
 
-    The most efficient of three statistics that leaves no more motion than the one that leaves least.
+
+def _is_flat(parts: list[Array]) -> bool:
+    """Whether the upper half of the spectrum of short blocks is level, as that of white noise is and that of a motion is not.
+
+    Medians over the blocks of the power in bands of four cosines each: of χ² with four degrees of freedom, whose median has
+    the relative variance 0.90 over the number of blocks.
     """
-    last = _mean_square(parts, ORDERS[1])
-    for found in (_about_parabolas(parts), _mean_square(parts, ORDERS[0])):
-        if abs(found[0] - last[0]) < AGREE * float(np.hypot(found[1], last[1])):
-            return found
-    return last
-
-
-def _about_parabolas(parts: list[Array]) -> tuple[float, float, int]:
-    """The same from what is left of the samples of short blocks about a cubic parabola of each."""
-    own = [part[: part.size // BLOCK * BLOCK].reshape(-1, BLOCK) for part in parts]
-    blocks = np.concatenate([np.empty((0, BLOCK)), *own])
-    left = blocks - (blocks @ _CUBIC) @ _CUBIC.T
-    if len(left) < FEWEST / BLOCK:
-        return 0.0, np.inf, 0
-    spread = float(np.median(np.abs(left))) / 0.6745
-    kept = left[np.abs(left).max(axis=1) < TRIM * spread] if spread > 0 else left
-    if not len(kept):
-        return 0.0, np.inf, 0
-    free = len(kept) * (BLOCK - _CUBIC.shape[1])
-    variance = float(np.sum(kept**2)) / free
-    return variance, variance * float(np.sqrt(2 / free)), kept.size
+    blocks = np.concatenate([np.empty((0, BLOCK)), *(part[: part.size // BLOCK * BLOCK].reshape(-1, BLOCK) for part in parts)])
+    if len(blocks) < FEWEST_BLOCKS:
+        return False
+    left = blocks - (blocks @ _CUBIC) @ _CUBIC.T  # what is left at the ends would leak into all cosines
+    power = scipy.fft.dct(left, axis=1, norm="ortho")[:, BLOCK // 2 :] ** 2
+    bands = np.median(power.reshape(len(blocks), -1, BAND).mean(axis=2), axis=0)
+    return bool(np.ptp(bands) < FLAT * np.sqrt(2 * 0.90 / len(blocks)) * bands.min())
 
 
 def _mean_square(parts: list[Array], order: int) -> tuple[float, float, int]:

@@ -10,7 +10,7 @@ from diagnosis.detectors import samples as stream
 from diagnosis.detectors import spectral_lines
 from diagnosis.detectors.clipping import _is_plateau
 from diagnosis.detectors.lattice import lattice_step, mean_reading, sweep_odds, undone
-from diagnosis.detectors.sample_noise import level
+from diagnosis.detectors.sample_noise import _is_flat, level_in_motion
 from diagnosis.settings import DEFAULT
 from simulator import scenario
 from simulator.effects import parse
@@ -305,14 +305,14 @@ def test_a_clipped_rate_on_a_coarse_lattice(plan, truth):
     assert not _is_plateau(np.ones(10_000, dtype=bool), step=np.inf)
 
 
-def test_the_level_of_white_noise_has_the_spread_that_is_stated_and_next_to_the_least():
-    """Its sigma is that of 28 degrees of freedom in 32 samples, and a motion that is left turns to differences."""
+def test_a_motion_of_all_frequencies_is_no_level_of_noise():
+    """Jerks have power up to the highest frequency, and less of it there."""
     rng = np.random.default_rng(8)
-    found = [level(rng.standard_normal(4000), [(0, 4000)]) for _ in range(200)]
-    z = np.array([(one.variance - 1) / one.sigma for one in found])
-    assert abs(z.mean()) < 4 / np.sqrt(200)
-    assert 0.8 < z.std() < 1.2
-    assert found[0].sigma == pytest.approx(np.sqrt(2 / (4000 * 28 / 32)), rel=0.1)
-    waves = 30 * np.sin(np.arange(4000) / 3)
-    moved = level(waves + rng.standard_normal(4000), [(0, 4000)])
-    assert moved is None or moved.variance < 1.5
+    white = rng.standard_normal(6000)
+    assert level_in_motion(white, [(0, 6000)]) is not None
+    jerks = np.cumsum(np.cumsum(rng.standard_normal(6000)))
+    shown = [level_in_motion(white + size * jerks, [(0, 6000)]) for size in (0.01, 0.1, 1.0, 10.0, 100.0)]
+    assert all(one is None or abs(one.variance - 1) < 4 * one.sigma for one in shown)
+    assert shown[-1] is None
+    found = [_is_flat([np.random.default_rng(seed).standard_normal(6000)]) for seed in range(100)]
+    assert np.mean(found) > 0.9
