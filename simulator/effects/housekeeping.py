@@ -1,4 +1,4 @@
-"""A gyro temperature for scenarios, which have no housekeeping of their own.
+"""Temperatures: the housekeeping column that an effect follows, and a gyro's for scenarios, which have none of their own.
 
     T(t) = 20 °C + 1.5 K sin(n t + 40°) + 0.05 K/day · (t − t₀) + 0.02 K noise
 
@@ -8,17 +8,20 @@ noise of a thermistor. Rows are 10 s apart through each interval. What the recor
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from gyrocal.errors import InputError
 from simulator.effects.base import Array
 from simulator.effects.common import DAY
 
 if TYPE_CHECKING:
     import pandas as pd
 
-COLUMN = "gyro_temperature_c"
+SUFFIX = "temperature_c"
+COLUMN = f"gyro_{SUFFIX}"
 SPACING_S = 10.0
 MEAN_C, ORBITAL_K, PHASE, DRIFT_K_DAY, NOISE_K = 20.0, 1.5, float(np.deg2rad(40.0)), 0.05, 0.02
 
@@ -42,3 +45,18 @@ def gyro_temperature(rng: np.random.Generator, spans: list[tuple[float, float]],
 
 def _times(start: float, stop: float) -> Array:
     return np.append(np.arange(start, stop, SPACING_S), stop)
+
+
+def temperature_column(names: Mapping[str, object], wanted: str, whose: str, effect: str) -> str:
+    """Name of the housekeeping column that an effect follows: the wanted one, or a temperature, its sensor's before others.
+
+    Raises
+    ------
+    InputError
+        There is none.
+    """
+    fitting = [name for name in names if (name == wanted if wanted else name.endswith(SUFFIX))]
+    if not fitting:
+        there = ", ".join(names) or "no housekeeping"
+        raise InputError(f"{effect}: no housekeeping column {wanted or '…' + SUFFIX}; there is {there}")
+    return min(fitting, key=lambda name: whose not in name)

@@ -31,7 +31,6 @@ PAPERS = {
 CHECKS = {  # studies that measure how far the diagnosis can be believed, first to last
     "blind": "The sealed check, at home: TRMM's maneuvers",
     "blind_withheld": "The sealed check, withheld effects",
-    "wide_first": "The wide check, abroad: its first cases",
     "wide": "The wide check, abroad: further cases",
 }
 KINDS = {"agrees": "good", "the paper slips": "bad", "open": "open"}

@@ -29,6 +29,7 @@ GOOD_ARGUMENTS = {
     ("import", "csv"): ("a.csv", "OUT"),
     ("import", "euroc"): ("folder", "OUT"),
     ("mission",): ("OUT", "--days", "0.01"),
+    ("next",): ("REC", "REC"),
     ("plan",): ("trmm",),
     ("predict",): ("REC", "--from", "100"),
     ("reproduce",): (),

@@ -6,28 +6,9 @@ between its rows. The column may be named; else one whose name ends in temperatu
 
 from collections.abc import Mapping
 
-from gyrocal.errors import InputError
 from simulator.effects.base import Array, Effect, Parameter, Stream, Surroundings, Value
 from simulator.effects.common import DEG_H, on_axis
-
-SUFFIX = "temperature_c"
-
-
-def temperature_column(
-    names: Mapping[str, object], wanted: str = "", whose: str = "gyro", effect: str = "bias_temperature"
-) -> str:
-    """Name of the column to follow.
-
-    Raises
-    ------
-    InputError
-        There is none.
-    """
-    fitting = [name for name in names if (name == wanted if wanted else name.endswith(SUFFIX))]
-    if not fitting:
-        there = ", ".join(names) or "no housekeeping"
-        raise InputError(f"{effect}: no housekeeping column {wanted or '…' + SUFFIX}; there is {there}")
-    return min(fitting, key=lambda name: whose not in name)
+from simulator.effects.housekeeping import SUFFIX, temperature_column
 
 
 class BiasTemperature(Effect):
@@ -35,7 +16,7 @@ class BiasTemperature(Effect):
 
     def columns(self, stream: Stream, axis: str | None, parameters: Mapping[str, Value]) -> Array:
         """T − mean T, as deg/h."""
-        name = temperature_column(stream.housekeeping, str(parameters.get("column", "")))
+        name = temperature_column(stream.housekeeping, str(parameters.get("column", "")), "gyro", self.name)
         temperature = stream.housekeeping[name]
         return on_axis((temperature - temperature.mean()) * DEG_H, axis)
 

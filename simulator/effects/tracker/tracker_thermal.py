@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from simulator.effects.base import Array, Parameter, References, Surroundings, Trackers, Value
 from simulator.effects.common import ARCSEC
 from simulator.effects.directed import Directed
-from simulator.effects.gyro.bias_temperature import SUFFIX, temperature_column
+from simulator.effects.housekeeping import SUFFIX, temperature_column
 from simulator.effects.tracker.base import TrackerColumns
 
 

@@ -63,7 +63,8 @@ def without_names(text: str, names: set[str]) -> str:
         left = [name for name in found[2].split(", ") if name not in names]
         return found[1] + ", ".join(left) if left else ""
 
-    return re.sub(rf"(?m)^\s+({'|'.join(names)}),\n", "", re.sub(r"(?m)^(from \S+ import )(\w.*)$", rest, text))
+    text = re.sub(rf"(?m)^\s+({'|'.join(names)}),\n", "", re.sub(r"(?m)^(from \S+ import )(\w.*)$", rest, text))
+    return re.sub(r"(?m)^from \S+ import \(\n\)\n", "", text)  # of which all names are taken out
 
 
 def without(files: list[str]) -> dict[str, list[str]]:

@@ -7,7 +7,7 @@ import pytest
 
 from gyrocal.errors import InputError
 from simulator import scenario
-from simulator.effects import ARRAY_EFFECTS, EFFECTS
+from simulator.effects import ARRAY_EFFECTS, EFFECTS, TRACKER_EFFECTS
 from simulator.effects.chain import activated
 from simulator.effects.sensor import ALL_EFFECTS, SENSOR_EFFECTS, Sightings, described, parse
 from simulator.sensors import earth as earth_sensor
@@ -139,7 +139,7 @@ def test_first_order_of_a_head():
 
 def test_registry():
     assert not set(SENSOR_EFFECTS) & set(EFFECTS)
-    assert set(ALL_EFFECTS) == set(EFFECTS) | set(ARRAY_EFFECTS) | set(SENSOR_EFFECTS)
+    assert set(ALL_EFFECTS) == set(EFFECTS) | set(ARRAY_EFFECTS) | set(SENSOR_EFFECTS) | set(TRACKER_EFFECTS)
     head = parse("dss_head:2=0.28156")
     np.testing.assert_allclose(np.deg2rad(SENSOR_EFFECTS["dss_head"].amplitudes(head)), HEAD_DSS2, rtol=1e-4)
     assert described(head)["unit"] == "deg"
