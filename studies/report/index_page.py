@@ -31,7 +31,7 @@ PAPERS = {
 CHECKS = {  # studies that measure how far the diagnosis can be believed, first to last
     "blind": "The sealed check, at home: TRMM's maneuvers",
     "blind_withheld": "The sealed check, withheld effects",
-    "wide": "The wide check, abroad: further cases",
+    "wide": "The wide check, abroad",
 }
 KINDS = {"agrees": "good", "the paper slips": "bad", "open": "open"}
 FAR = 3.0  # sigma
