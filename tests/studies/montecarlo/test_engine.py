@@ -479,6 +479,7 @@ def start(tmp_path: Path, backend: str, cases: int = 60) -> tuple[subprocess.Pop
         stderr=subprocess.PIPE,
         text=True,
         start_new_session=True,
+        preexec_fn=lambda: signal.signal(signal.SIGHUP, signal.SIG_DFL),  # under nohup it would be ignored, and stay so
     )
     reached = random.randint(cases // 6, cases // 2)
     wait_for(lambda: process.poll() is not None or (flag.exists() and flag.stat().st_size >= reached))
