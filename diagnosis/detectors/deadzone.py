@@ -65,7 +65,8 @@ class DeadZoneEvidence:
     Attributes
     ----------
     axis : which gyro
-    part : (n,) slow part in which each sample may miss a rate, counted from 0; −1 elsewhere
+    part : (n,) slow part in which each sample may miss a rate, counted from 0, `MOST_PARTS` where that has no rate of its
+        own; −1 elsewhere
     log_odds : in favour of a dead zone, before the attitude is looked at
     alive : smallest steady rate that is read, rad/s, an upper limit; infinite if there is none
     crossed : whether the motion crosses the edge, so that `alive` is the half width
