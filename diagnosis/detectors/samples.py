@@ -155,7 +155,7 @@ def _stale(report: SampleReport, recording: Recording, used: Mask, coarse: Mask)
     equal = np.zeros(rates.shape, dtype=bool)
     equal[1:] = rates[1:] == rates[:-1]
     clipped = (np.abs(rates) >= np.abs(rates[used]).max(axis=0) * (1 - 1e-12)).any(axis=1)
-    found = stale_samples(equal, consecutive(recording, used) & ~clipped, coarse, report.event_p)
+    found = stale_samples(rates, equal, consecutive(recording, used) & ~clipped, coarse, report.event_p)
     if found is None:
         return
     report.tests.append(

@@ -3,7 +3,9 @@
 Off a lattice no two readings are the same. On one, an axis repeats itself often where the rate is steady, and the axes all at
 once with about the product of these chances nearby. Two ways of telling a fault of the telemetry from that:
 
-- where the product is below `RARE`, as in slews, most repeats are faults, and can be bridged; those of chance stand alone;
+- where the product is below `RARE`, as in slews, most repeats are faults, and can be bridged; those of chance stand alone. The
+  chance of an axis is that of the samples nearby or that of samples anywhere whose rate changes as fast, whichever is larger:
+  a body that sways turns about several axes at once, for less time than the chance nearby is taken over;
 - elsewhere faults only add up: repeats on all axes at once are counted, and again with the axes shifted against one another by
   some samples, which leaves each axis as it is and takes away what they share. Faults show on all axes, so that among the other
   samples repeats on an axis have the share e_a = (c_a − C)/(1 − C), of chance alone, C = ∏ c_a, which gives C and how many
@@ -27,6 +29,8 @@ Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
 CHANCE_SAMPLES = 301  # over which the chance of a repeat on a lattice is taken
+CHANCE_CHANGES = 101  # samples of nearly the same change of rate, over which it is taken, too
+SIDE = 2  # samples on either side of a repeat that are left out where the change of rate is taken
 RARE = 0.01  # chance of a repeat on all axes below which a repeat tells something
 NEARLY = 5.0  # times that chance, up to which a run that was found goes on
 FEWEST_TELLING = 500  # such samples, below which nothing is said
@@ -63,11 +67,12 @@ class StaleSamples:
         return (self.count - self.expected) / self.samples
 
 
-def stale_samples(equal: Mask, follows: Mask, coarse: Mask, event_p: float) -> StaleSamples | None:
+def stale_samples(rates: Array, equal: Mask, follows: Mask, coarse: Mask, event_p: float) -> StaleSamples | None:
     """Repeats on all axes; None where nothing can be told.
 
     Parameters
     ----------
+    rates : (n, 3) readings
     equal : (n, 3) reads as the sample before
     follows : (n,) directly follows one, and may be judged
     coarse : (3,) axes on a lattice
@@ -77,8 +82,8 @@ def stale_samples(equal: Mask, follows: Mask, coarse: Mask, event_p: float) -> S
     if coarse.any():
         # On a lattice, readings repeat by chance where the rate is steady: only where that is rare can each be told.
         # Repeats of all axes count here as well, or places with few of the others would be chosen.
-        local = _share(equal)
-        chance = np.prod(np.where(coarse, local, 0.0), axis=1)
+        in_motion = _share_at_change(equal, rates, follows)
+        chance = np.prod(np.where(coarse, np.maximum(_share(equal), in_motion), 0.0), axis=1)
         telling, near = follows & (chance < RARE), follows & (chance < NEARLY * RARE)
         expected = float(chance[telling].sum())
     joint = equal.all(axis=1) & telling
@@ -93,27 +98,27 @@ def stale_samples(equal: Mask, follows: Mask, coarse: Mask, event_p: float) -> S
         for low, high in whole:
             mask[low:high] = True
         # Faults themselves raise the chance above, which makes the test careful and would make runs too long.
-        alone = float(_chance(equal)[telling].sum()) if coarse.all() else expected
+        alone = float(np.maximum(_chance(equal), in_motion.prod(axis=1))[telling].sum()) if coarse.all() else expected
         faulty = max(len(whole) - alone, 1.0)
         size = max((int(mask.sum()) - alone) / faulty, 1.0)
         # A run is at least one sample long, and about geometric; how many are of chance is uncertain as well.
         spread = float(np.hypot(np.sqrt(max(size * (size - 1), 0.05) / faulty), size * np.sqrt(2 * alone) / faulty))
         return StaleSamples(count, n, alone, p, size, spread, mask)
-    together = _together(equal, follows, joint) if coarse.all() else None
+    together = _together(equal, follows, joint, in_motion.prod(axis=1)) if coarse.all() else None
     if together is not None and together.p_value < event_p:
         return together
     return StaleSamples(count, n, expected, p, float("nan"), float("nan"), joint) if n >= FEWEST_TELLING else together
 
 
-def _together(equal: Mask, follows: Mask, sure: Mask) -> StaleSamples | None:
-    """Repeats of all axes at once, beyond those of axes that are shifted against one another."""
+def _together(equal: Mask, follows: Mask, sure: Mask, in_motion: Array) -> StaleSamples | None:
+    """Repeats of all axes at once, beyond those of axes that are shifted against one another and beyond those of their motion."""
     n = int(follows.sum())
     joint = equal.all(axis=1) & follows
     count = int(joint.sum())
     if n == 0 or count > LARGEST_SHARE * n:
         return None
     shifted = _shifted(equal, follows)
-    expected = float(np.mean(shifted))
+    expected = max(float(np.mean(shifted)), float(in_motion[follows].sum()))  # fast motion does not outlast the shifts
     sigma = float(max(np.std(shifted), 0.5 * np.sqrt(expected), 1.0))
     p = float(scipy.stats.norm.sf((count - expected) / sigma)) if count - expected > EXCESS * sigma else 1.0
     if p == 1.0:
@@ -142,6 +147,23 @@ def _chance(equal: Mask) -> Array:
     for _ in range(ROUNDS):
         C = np.prod(e * (1 - C)[:, None] + C[:, None], axis=1)
     return np.asarray(C)
+
+
+def _share_at_change(equal: Mask, rates: Array, follows: Mask) -> Array:
+    """(n, 3) share of repeats among the samples whose rate changes as fast, by the readings on both sides of the repeat.
+
+    A share of faults raises that of each axis, and the product of the axes by far less.
+    """
+    n = len(equal)
+    after = np.minimum(np.arange(n) + SIDE, n - 1)
+    before = np.maximum(np.arange(n) - SIDE - 1, 0)
+    change = np.abs(rates[after] - rates[before])
+    share = np.zeros(equal.shape)
+    where = np.flatnonzero(follows)
+    for axis in range(equal.shape[1]):
+        order = where[np.argsort(change[where, axis], kind="stable")]
+        share[order, axis] = scipy.ndimage.uniform_filter1d(equal[order, axis].astype(float), CHANCE_CHANGES, mode="nearest")
+    return share
 
 
 def _share(mask: Mask) -> Array:
