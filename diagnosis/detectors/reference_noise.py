@@ -7,11 +7,15 @@ correlate by (−4/6, 1/6), so that the variance of the mean square of n of them
 A strong random error of the gyro's rate from one reference to the next makes them larger as well. With an excess of 6 E in
 the variance, white noise of the references adds (−4 E, E) to the covariances of neighbours and of next neighbours, and an error
 of the angle turned that is new in each spacing (−3 E, 0): which is nearer decides.
+
+An error that follows a fast motion, such as late tags make, is as large from one reference to the next and no noise. Where they
+are odd, second differences of what errors of the rates would do that are proportional to them, to their sizes, squares or
+changes are taken out by least squares first; an excess that these explain is none.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import scipy.stats
@@ -28,6 +32,7 @@ TRIM = 3.0  # robust sigmas beyond which a difference does not count
 TRIMMED = 0.9733  # variance of a normal variable cut there
 FEWEST = 40  # second differences of an axis, below which nothing is said
 UNSEEN = 10.0  # relative error of an axis of which nothing is seen
+ROUNDS = 3  # of a fit whose large residuals do not count
 COVARIANCE_SPREAD = 3.0  # of the difference of two covariances, over the square of the variance and the number
 TRIMMING = 1.1  # times the variance of a mean square whose limit was estimated
 
@@ -85,6 +90,11 @@ class ReferenceNoise:
         return self.p_value < self.event_p and not self.of_gyro
 
     @property
+    def odd(self) -> bool:
+        """Whether anything about it is not as that of stated white noise."""
+        return min(self.p_value, self.correlation_p, self.constancy_p) < self.event_p
+
+    @property
     def factors(self) -> Array:
         """(3,) what to multiply the stated sigma with."""
         if not self.departs:
@@ -117,7 +127,12 @@ class Differences:
 
 
 def reference_noise(
-    series: ReferenceSeries, density: Array, gyro_s: Array, dead: Mask, settings: DiagnosisSettings = DEFAULT
+    series: ReferenceSeries,
+    density: Array,
+    gyro_s: Array,
+    dead: Mask,
+    settings: DiagnosisSettings = DEFAULT,
+    motion: Array | None = None,
 ) -> ReferenceNoise | None:
     """Test of the references' noise; None without a series of references.
 
@@ -128,8 +143,12 @@ def reference_noise(
     gyro_s : (n,) times of the gyro samples
     dead : (n, 3) samples in which a gyro may show nothing; what it then misses would pass for noise about its axis
     settings : thresholds
+    motion : (m, 3, k) attitude errors about inertial axes that follow the motion, whose part is taken out
     """
     found = _differences(series, density, gyro_s, dead)
+    if motion is not None:
+        each = [replace(series, residuals=error) for error in np.moveaxis(motion, 2, 0)]
+        found = _without(found, [_differences(one, density, gyro_s, dead) for one in each])
     enough = np.sum(~found.hidden, axis=0) >= FEWEST
     if not enough.any() or not np.all(found.stated > 0):
         return None
@@ -180,6 +199,22 @@ def _differences(series: ReferenceSeries, density: Array, gyro_s: Array, dead: M
         walk=2 * density * before[k - 1, None],
         hidden=missed[last] > missed[first],
     )
+
+
+def _without(found: Differences, motion: list[Differences]) -> Differences:
+    """Differences without what is explained by those of some errors, as large on the whole as noise is that is fitted so."""
+    scale = np.sqrt(found.stated + found.walk)
+    z = found.values / scale
+    X = np.stack([one.values / scale for one in motion], axis=-1)
+    X = X / np.maximum(np.linalg.norm(X[~found.hidden], axis=0), 1e-300)
+    left = z
+    for _ in range(ROUNDS):
+        used = ~found.hidden & (np.abs(left) < TRIM * np.median(np.abs(left), axis=0) / 0.6745)
+        if used.sum() < FEWEST * len(motion):
+            return found
+        amplitudes, _, rank, _ = np.linalg.lstsq(X[used], z[used], rcond=1e-9)
+        left = z - X @ amplitudes
+    return replace(found, values=left * scale * np.sqrt(used.sum() / (used.sum() - rank)))
 
 
 def _level(found: Differences, kept: Mask, enough: Mask) -> tuple[Array, Array, float, int | None]:

@@ -111,7 +111,7 @@ def stale_samples(rates: Array, equal: Mask, follows: Mask, coarse: Mask, event_
 
 
 def _together(equal: Mask, follows: Mask, sure: Mask, in_motion: Array) -> StaleSamples | None:
-    """Repeats of all axes at once, beyond those of axes that are shifted against one another and beyond those of their motion."""
+    """Repeats of all axes at once, beyond those of axes that are shifted against one another and those of their motion."""
     n = int(follows.sum())
     joint = equal.all(axis=1) & follows
     count = int(joint.sum())

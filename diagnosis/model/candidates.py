@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from diagnosis.model import periods, processes, repeating, trackers, unlisted
 from diagnosis.model.folds import SPLIT, folds
+from diagnosis.model.late_tags import delays
 from diagnosis.model.linear import (
     VISIBLE,
     Candidate,
@@ -259,7 +260,13 @@ def plain_group(model: RecordingModel, effect: Effect, axis: str | None, around:
     """An effect whose columns are there throughout, with an option for each set of parameters worth trying."""
     trials = effect.trials(around)
     columns = [columns_of(model, effect, axis, trial.parameters) for trial in trials]
-    return group_of(effect, axis, columns, [dict(trial.parameters) for trial in trials], [trial.weight for trial in trials])
+    parameters, weights = [dict(trial.parameters) for trial in trials], [trial.weight for trial in trials]
+    if effect.stage == "clock":
+        long = delays(model, columns[0], effect.prior)
+        columns += [one.columns for one in long]
+        parameters += [{} for _ in long]
+        weights = [0.5, *(0.5 * one.weight for one in long)] if long else weights
+    return group_of(effect, axis, columns, parameters, weights)
 
 
 def switched_group(model: RecordingModel, effect: Effect, axis: str | None, around: Surroundings) -> Group:

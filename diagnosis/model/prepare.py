@@ -28,6 +28,7 @@ from gyrocal.calibration.observability import PLAUSIBLE_RANGE
 from gyrocal.calibration.sampling import measurements
 from gyrocal.errors import InputError
 from gyrocal.recording import Interval, Recording, reference_rows
+from simulator.effects.timing import delay_columns
 
 Array = NDArray[np.float64]
 Progress = Callable[[str, float], None]
@@ -153,7 +154,20 @@ def _reference_noise(
         rates=model.rates[np.clip(np.searchsorted(model.t_s, times), 0, model.t_s.size - 1)],
     )
     noise = reference_noise(series, density, recording.gyro.t_s, silent, settings)
+    if noise is not None and noise.odd:
+        noise = reference_noise(series, density, recording.gyro.t_s, silent, settings, model.turned_by(_with_motion(model)))
     return None if noise is not None and (noise.axis in blind or len(blind) == 3) else noise
+
+
+def _with_motion(model: RecordingModel) -> Array:
+    """(n, 3, k) errors of readings that follow the motion: each rate on each axis, its size and its square, and its change."""
+    raw = model.raw
+    own = np.zeros((len(raw), 3, 15))
+    for axis in range(3):
+        own[:, axis, 3 * axis : 3 * axis + 3] = raw
+        own[:, axis, 9 + axis] = np.abs(raw[:, axis])
+        own[:, axis, 12 + axis] = raw[:, axis] ** 2
+    return np.concatenate([own, delay_columns(model.stream)], axis=2)
 
 
 def _readable(

@@ -272,13 +272,16 @@ class RecordingModel:
             start += block.references.size
         return np.concatenate(parts).reshape(self.size, -1)
 
+    def turned_by(self, high: Array) -> Array:
+        """Attitude errors at every reference, before any averaging, of a reading that is too high; (n, 3, k) → (m, 3, k)."""
+        error = -np.einsum("ij,njk->nik", self.G, high)
+        increments = np.matmul(self.to_inertial, error) * self.dt[:, None, None]
+        return np.concatenate([_totals(increments, block) for block in self.blocks])
+
     def _at_references(self, increments: Array) -> Array:
         out = np.empty((self.size, increments.shape[2]))
         for block in self.blocks:
-            ends, place = np.unique(block.ends, return_inverse=True)  # several sensors may have a reference at one time
-            parts = np.add.reduceat(increments[block.steps], ends[:-1], axis=0)
-            total = np.concatenate([np.zeros((1, *parts.shape[1:])), np.cumsum(parts, axis=0)])
-            out[block.rows] = block.observed(total[place]).reshape(3 * block.groups.size, -1)
+            out[block.rows] = block.observed(_totals(increments, block)).reshape(3 * block.groups.size, -1)
         return out
 
     # ---- whitening and projection ----------------------------------------------------------------------------------------
@@ -491,6 +494,14 @@ def linearised(
     return RecordingModel(
         recording, G, bias, t_s, dt, raw, rates, to_inertial, at_reference, tuple(blocks), observations, residuals, off
     )
+
+
+def _totals(increments: Array, block: Block) -> Array:
+    """Sums of increments up to each reference of a block, (n, 3, k) of all steps → (m, 3, k)."""
+    ends, place = np.unique(block.ends, return_inverse=True)  # several sensors may have a reference at one time
+    parts = np.add.reduceat(increments[block.steps], ends[:-1], axis=0)
+    total = np.concatenate([np.zeros((1, *parts.shape[1:])), np.cumsum(parts, axis=0)])
+    return np.asarray(total[place])
 
 
 def _steps(parts: Measurements) -> tuple[list[Indices], Indices, Indices, Indices]:
