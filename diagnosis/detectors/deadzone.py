@@ -8,7 +8,8 @@ are
 
     log N(m; 0, σ²/n) − log N(m; 0, σ²/n + s₀² 1 1ᵀ + s₁² I),
 
-the latter averaged over that usual size and that of the biases, since a body may rest, when a good gyro reads next to nothing.
+the latter averaged over that usual size and those of the biases, since a body may rest, when a good gyro reads next to nothing:
+their root mean square and their median, which a step of one of them does not raise.
 
 A motion that only passes through zero makes no run, since its windows scatter by more than their noise. Where there is no run
 there is no candidate. Whether rates are missing there is for the attitude to say (`diagnosis.model.dead_zone`).
@@ -94,7 +95,7 @@ class DeadZoneEvidence:
 
 
 def dead_zone_evidence(
-    recording: Recording, rates: Array, noise: Array, usual: float, bias: float, zones: Mapping[int, Zone]
+    recording: Recording, rates: Array, noise: Array, usual: float, biases: Array, zones: Mapping[int, Zone]
 ) -> list[DeadZoneEvidence]:
     """Gyros whose slow readings are zero in runs.
 
@@ -104,13 +105,14 @@ def dead_zone_evidence(
     rates : (n, 3) raw rates, repaired, rad/s
     noise : (3,) white noise of a sample, rad/s
     usual : usual size of slow raw rates, rad/s
-    bias : that of the gyros' biases, which are what they read at rest, rad/s
+    biases : (3,) sizes of the gyros' biases, which are what they read at rest, rad/s
     zones : of gyros whose motion was seen to pass through one
     """
     if usual <= 0:
         return []
+    sizes = (usual, float(np.sqrt(np.mean(biases**2))), float(np.median(biases)))
     noisy = [axis for axis in range(3) if noise[axis] > 0]
-    found = {axis: _of_axis(recording, rates[:, axis], float(noise[axis]), axis, usual, bias) for axis in noisy}
+    found = {axis: _of_axis(recording, rates[:, axis], float(noise[axis]), axis, sizes) for axis in noisy}
     passed = {axis: of_passes(axis, found) for axis, found in zones.items()}
     return [one for axis in noisy if (one := _likelier(found[axis], passed.get(axis))) is not None]
 
@@ -183,7 +185,8 @@ def usual_slow_rate(recording: Recording, rates: Array, bias: Array) -> float:
     return max(float(np.sqrt(np.mean(bias**2))), read)
 
 
-def _of_axis(recording: Recording, x: Array, noise: float, axis: int, usual: float, bias: float) -> DeadZoneEvidence | None:
+def _of_axis(recording: Recording, x: Array, noise: float, axis: int, sizes: Sequence[float]) -> DeadZoneEvidence | None:
+    usual = sizes[0]
     longest = max(WINDOW_SAMPLES, round(LONGEST_WINDOW_S / recording.gyro.sample_s))
     wanted = min(int((RESOLVED * noise / usual) ** 2), longest)
     count = max(WINDOW_SAMPLES, wanted)
@@ -219,7 +222,7 @@ def _of_axis(recording: Recording, x: Array, noise: float, axis: int, usual: flo
     alive = float(rates[int(EDGE_SHARE * rates.size)]) if rates.size else np.inf
     if alive < TELLING * NONZERO * sigma:  # the noise, not the zone, says which rates pass for zero
         alive = np.inf
-    odds = min(_log_odds(np.array(means), np.array(sigmas), (usual, bias)), MOST_ODDS)
+    odds = min(_log_odds(np.array(means), np.array(sigmas), sizes), MOST_ODDS)
     return DeadZoneEvidence(axis, part, odds, alive, False, usual, np.ones(x.size), silence=silence)
 
 

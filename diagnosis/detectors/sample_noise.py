@@ -46,7 +46,8 @@ FLAT = 4.0  # sigmas between the highest and the lowest of four bands of white n
 TRIM = 5.0  # robust sigmas beyond which a difference does not count
 WHITE = 0.2  # departure of the colour from one up to which noise is called white
 _CUBIC = np.linalg.qr(np.vander(np.linspace(-1, 1, BLOCK), 4))[0]
-COARSE_NOISE = 2.0  # sigmas of noise in a lattice's step, above which the lattice hides the noise
+RESOLVED = 0.34  # variance of the samples in squares of a lattice's step, below which it may be that of a few readings
+OFF_ZERO = 5.0  # sigmas from zero, from which on cutting toward zero is rounding down
 SLACK = 0.1  # departure of the noise factor that rounding to a few sigmas makes by itself
 
 
@@ -165,6 +166,14 @@ def _mean_square(parts: list[Array], order: int) -> tuple[float, float, int]:
     return variance, variance * float(np.sqrt(2 * correlation / kept.size)), int(kept.size)
 
 
+def off_zero(x: Array, step: float, sigma: float) -> Mask:
+    """Samples around which all readings are far from zero, where cutting toward zero is rounding down."""
+    middle = scipy.ndimage.uniform_filter1d(x, HALF, mode="nearest")
+    spread = np.sqrt(np.maximum(scipy.ndimage.uniform_filter1d((x - middle) ** 2, HALF, mode="nearest"), 0.0))
+    near = np.abs(middle) < OFF_ZERO * np.maximum(spread, sigma) + 2 * step
+    return np.asarray(~scipy.ndimage.binary_dilation(near, iterations=HALF))
+
+
 def noise(
     report: SampleReport,
     recording: Recording,
@@ -175,7 +184,7 @@ def noise(
     coarse: Mask,
     cut: Mask,
 ) -> None:
-    """Level and colour of the noise of each axis, beside the lines of the spectrum."""
+    """Level and colour of the noise of each axis, beside the lines of the spectrum; `cut` are those that may be cut."""
     measured = ~scipy.ndimage.binary_dilation(report.filled, iterations=2)
     usable = arcs(quiet & consecutive(recording, quiet) & measured)
     moving = arcs(used & consecutive(recording, used) & measured)
@@ -184,21 +193,22 @@ def noise(
     alike: dict[int, float] = {}
     undecided: set[int] = set()  # where the excess may be readout noise, though white noise is likelier
     for axis in range(3):
-        if coarse[axis] and steps[axis] > COARSE_NOISE * sigma:
-            continue
         x = report.rates[:, axis] - sum((line.waveform for line in report.lines if line.axis == axis), 0.0)
-        one, shown, order = level(x, usable), usable, ORDERS[0]
-        if one is None and not coarse[axis]:
-            one, shown, order = level_in_motion(x, moving), moving, IN_MOTION[0]
+        away = off_zero(x, steps[axis], sigma) if cut[axis] else np.ones(x.size, dtype=bool)
+        rests = arcs(quiet & consecutive(recording, quiet) & measured & away) if cut[axis] else usable
+        one, shown, order = level(x, rests), rests, ORDERS[0]
         if one is None:
+            rest = arcs(used & consecutive(recording, used) & measured & away) if cut[axis] else moving
+            one, shown, order = level_in_motion(x, rest), rest, IN_MOTION[0]
+        if one is None or (coarse[axis] and one.variance < RESOLVED * steps[axis] ** 2):
             continue
         expected = sigma**2 + (steps[axis] ** 2 / 12 if coarse[axis] else 0.0)
         excess = (one.variance - expected) / sigma**2
         factor = float(np.sqrt(max(1 + excess, 1e-6)))
         z = (one.variance - expected) / (one.sigma * expected / max(one.variance, 1e-300))
         p = max(float(2 * scipy.stats.norm.sf(abs(z))), IMPOSSIBLE)
-        # Rounding to a few noise sigmas is not uniform noise, and cutting is not at all near zero.
-        if coarse[axis] and (abs(factor - 1) < SLACK or cut[axis]):
+        # Rounding to a few noise sigmas is not uniform noise.
+        if coarse[axis] and abs(factor - 1) < SLACK:
             p = 1.0
         report.tests.append(
             SampleTest(

@@ -83,7 +83,8 @@ def examine(
         spikes(report, recording, still, local, np.where(coarse, steps, 0.0))
         report.lines = lines(report, recording, still, used, lambda text, share: tell(text, 0.3 + 0.35 * share))
         tell("noise level", 0.65)
-        noise(report, recording, still, used, sigma, steps, coarse, cut)
+        may_be_cut = coarse & (odds > -ODDS) if lattice is None else cut
+        noise(report, recording, still, used, sigma, steps, coarse, may_be_cut)
         report.noise = sigma * report.noise_factor
         if not coarse.any():
             tell("noise in common", 0.7)

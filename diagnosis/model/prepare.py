@@ -206,10 +206,10 @@ def _dead(recording: Recording, report: SampleReport, bias: Array) -> tuple[Dead
         return ()
     exact = {symptom.axis: symptom for symptom in report.symptoms if symptom.kind == "dead_zone"}
     biases = np.maximum(np.abs(bias), np.abs(recording.gyro.apriori_bias))
-    usual, rest = usual_slow_rate(recording, report.rates, biases), float(np.sqrt(np.mean(biases**2)))
+    usual = usual_slow_rate(recording, report.rates, biases)
     found = [
         one
-        for one in dead_zone_evidence(recording, report.rates, report.noise, usual, rest, report.zones)
+        for one in dead_zone_evidence(recording, report.rates, report.noise, usual, biases, report.zones)
         if AXES[one.axis] not in {*coarse, *exact}
     ]
     for axis, symptom in exact.items():

@@ -43,7 +43,7 @@ def test_dead_zone_reads_zero_and_m0_does_not(plan):
         recording = simulate(plan, seed=24, effects=[parse(text)])
         report = examine(recording)
         usual = float(np.deg2rad(1e-4))
-        shown = dead_zone_evidence(recording, report.rates, report.noise, usual, usual, report.zones)
+        shown = dead_zone_evidence(recording, report.rates, report.noise, usual, np.full(3, usual), report.zones)
         odds = {one.axis: one.log_odds for one in shown}
         assert (odds.get(0, 0.0) > 2) == found
 
