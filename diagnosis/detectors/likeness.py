@@ -10,15 +10,18 @@ resultant R² = |Σ exp(2πi k/q)|²/m of m random times has an exponential dist
 largest distance of their distribution to that of the fault with the mean that they have (Lilliefors), against draws of it.
 Of noise, the kurtosis of differences, and the mean log of its power in short windows, which lulls and bursts lower: their
 distribution comes from draws of white noise. The power of those windows must not depend on the reading either, as it does where
-a gyro jumps across a dead zone, or where its noise grows with the rate.
+a gyro jumps across a dead zone, or where its noise grows with the rate. Strong windows in which differences of a higher order
+have less are those of a motion that starts or stops, and are left out; a burst of white noise is as strong in both.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from functools import cache
+from math import comb
 
 import numpy as np
+import scipy.ndimage
 import scipy.stats
 from numpy.typing import NDArray
 
@@ -32,6 +35,10 @@ DRAWS = 2000
 WINDOW = 6  # differences whose power is taken together
 FEWEST_WINDOWS = 60
 ORDER = 2  # of the differences
+HIGHER = 4  # orders above that in which a motion is weaker
+STRONG = 3.0  # times the usual power, from which on a window may be one of a motion
+WEAKER = 1.5  # times its power in the higher order, from which on it is
+SIDES = 5  # windows, over which the two are compared
 SHARES = (1 / 64, 1 / 32, 1 / 16, 1 / 8, 1 / 4, 1 / 2, 3 / 4, 15 / 16)  # of the windows, from the smallest reading on
 
 
@@ -105,23 +112,43 @@ def of_noise(parts: list[Array], order: int = ORDER) -> float:
     parts : runs of samples in which nothing but noise is fast
     order : of the differences that leave nothing of the motion
     """
-    powers, readings, fourth, count = [], [], 0.0, 0
+    powers, fourths, readings = [np.empty(0)], [np.empty(0)], [np.empty(0)]
+    usual = _median_square(parts, order)
     for part in parts:
         d = np.diff(part, order)
-        d = d[: d.size // WINDOW * WINDOW]
-        powers.append(np.mean(d.reshape(-1, WINDOW) ** 2, axis=1))
-        readings.append(np.abs(np.mean(part[: d.size].reshape(-1, WINDOW), axis=1)))
-        fourth += float(np.sum(d**4))
-        count += d.size
-    power = np.concatenate([np.empty(0), *powers])
+        d = d[: d.size // WINDOW * WINDOW].reshape(-1, WINDOW)
+        power = np.mean(d**2, axis=1)
+        strong = power > STRONG * usual
+        moving = scipy.ndimage.binary_dilation(strong & _moving(power, part, order), iterations=SIDES)
+        kept = ~(strong & moving)
+        powers.append(power[kept])
+        fourths.append(np.mean(d[kept] ** 4, axis=1))
+        readings.append(np.abs(np.mean(part[: d.size].reshape(-1, WINDOW), axis=1))[kept])
+    power = np.concatenate(powers)
     if power.size < FEWEST_WINDOWS:
         return 1.0
     if not power.all():
         return 0.0
     lull = float(np.log(power.mean()) - np.mean(np.log(power)))
-    peak = fourth / count / float(power.mean()) ** 2
+    peak = float(np.concatenate(fourths).mean() / power.mean() ** 2)
     steady = [_compared(value, *moments, power.size) for value, moments in zip((lull, peak), _white(order), strict=True)]
     return min(1.0, 3 * min(*steady, _over_readings(power, np.concatenate(readings))))
+
+
+def _median_square(parts: list[Array], order: int) -> float:
+    """Mean square of the differences of normal noise, by their median."""
+    d = np.concatenate([np.empty(0), *(np.diff(part, order) for part in parts)])
+    return float(np.median(np.abs(d)) / 0.6745) ** 2 if d.size else 0.0
+
+
+def _moving(power: Array, part: Array, order: int) -> NDArray[np.bool_]:
+    """Windows around which differences of a higher order have clearly less power, in terms of white noise."""
+    higher = np.diff(part, order + HIGHER)[: power.size * WINDOW]
+    higher = np.pad(higher, (0, power.size * WINDOW - higher.size), mode="edge").reshape(-1, WINDOW)
+    ratio = comb(2 * (order + HIGHER), order + HIGHER) / comb(2 * order, order)
+    both = (scipy.ndimage.uniform_filter1d(one, SIDES) for one in (power * ratio, np.mean(higher**2, axis=1)))
+    low, high = both
+    return np.asarray(low > WEAKER * high)
 
 
 def _over_readings(power: Array, reading: Array) -> float:

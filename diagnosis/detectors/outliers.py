@@ -1,4 +1,9 @@
-"""Single samples far outside of their neighbours."""
+"""Single samples far outside of their neighbours.
+
+Where the body rests, a reading is compared with the median around it. Where it moves all the time, parabolas through the
+samples before and through those after each tell what a reading should be: a spike is far from both, to the same side, and a
+torque that sets in, after which the rate goes on along another line, is not far from either.
+"""
 
 from __future__ import annotations
 
@@ -20,35 +25,33 @@ PARABOLA = 9  # samples of the local parabola
 AROUND = 41  # samples whose median an outlier's neighbours are compared with
 BESIDE = (-3, -2, -1, 1, 2, 3)  # samples from an outlier
 OUTLIER = 6.0  # noise sigmas; one sample in 5e8 under M0
+RESTING = 0.3  # share of the samples in which the body rests, below which all are looked at
+SIDE = 6  # samples to one side that tell what a reading should be
+NEARBY = 101  # over which the size of their usual error is taken
 
 
-def spikes(report: SampleReport, recording: Recording, quiet: Mask, noise: Array, steps: Array) -> None:
+def spikes(report: SampleReport, recording: Recording, quiet: Mask, used: Mask, noise: Array, steps: Array) -> None:
     """Single samples far outside, and the tails of all."""
     follows = quiet & consecutive(recording, quiet) & np.roll(consecutive(recording, quiet), -1)
-    counts, sizes, places, limits = [], [], [], []
+    moving = follows.sum() < RESTING * used.sum()
+    if moving:
+        follows = scipy.ndimage.binary_erosion(used & consecutive(recording, used), iterations=SIDE)
     n = max(int(follows.sum()), 1)
-    for axis in range(3):
-        x = report.rates[:, axis]
-        level = scipy.ndimage.median_filter(x, 7, mode="nearest")
-        scale = noise[axis]
-        deviation = x - level
-        spread = float(np.median(np.abs(deviation[follows]))) / 0.6745 if follows.any() else scale
-        limit = OUTLIER * max(spread, scale) + steps[axis]
-        bad = follows & (np.abs(deviation) > limit)
-        # A repeated or slow event is no spike: both neighbours must be back.
-        neighbours = np.maximum(np.abs(np.roll(deviation, 1)), np.abs(np.roll(deviation, -1)))
-        isolated = bad & (neighbours < 0.5 * np.abs(deviation))
-        limits.append(limit)
-        counts.append(int(isolated.sum()))
-        sizes.append(np.abs(deviation[isolated]))
-        places.append(isolated)
+    look = _in_motion if moving else _at_rest
+    found = [look(report.rates[:, axis], follows, float(noise[axis]), float(steps[axis])) for axis in range(3)]
+    places, limits = [one[0] for one in found], [one[2] for one in found]
+    if moving:  # what all gyros show at once is a jolt of the body
+        near = sum(scipy.ndimage.binary_dilation(place, iterations=SIDE).astype(int) for place in places)
+        places = [place & (near == 1) for place in places]
+    counts = [int(place.sum()) for place in places]
+    sizes = [np.abs(deviation[place]) for place, (_, deviation, _) in zip(places, found, strict=True)]
     expected = 2 * scipy.stats.norm.sf(OUTLIER) * 1.2
     for axis in range(3):
         p = max(float(scipy.stats.poisson.sf(counts[axis] - 1, n * expected)), IMPOSSIBLE)
         report.tests.append(
             SampleTest(
                 "outliers", AXES[axis], counts[axis], n * expected, p if counts[axis] else 1.0, "outliers",
-                f"{counts[axis]} of {n} quiet samples are off by more than {OUTLIER:g} noise sigmas",
+                f"{counts[axis]} of {n} {'' if moving else 'quiet '}samples are off by more than {OUTLIER:g} sigmas",
             )
         )  # fmt: skip
     total = sum(counts)
@@ -73,10 +76,11 @@ def spikes(report: SampleReport, recording: Recording, quiet: Mask, noise: Array
     report.symptoms.append(
         Symptom(
             "outliers", AXES[strongest] if alone else None, float(np.rad2deg(seen)), "deg/s", float(np.rad2deg(error)),
-            {"fraction": float(fraction)}, p, likeness=_likeness(report, recording, places, limits),
+            {"fraction": float(fraction)}, p, likeness=_likeness(recording, places, sizes, limits),
         )
     )  # fmt: skip
-    _neighbours(report, places, total, noise)
+    if not moving:
+        _neighbours(report, places, total, noise)
     # Outside the quiet parts a spike must stand out of the motion as well before it is taken out.
     t = recording.gyro.t_s
     for axis in range(3):
@@ -89,15 +93,37 @@ def spikes(report: SampleReport, recording: Recording, quiet: Mask, noise: Array
         report.filled |= bad
 
 
-def _likeness(report: SampleReport, recording: Recording, places: list[Mask], limits: list[float]) -> float:
+def _at_rest(x: Array, follows: Mask, noise: float, step: float) -> tuple[Mask, Array, float]:
+    """Samples off the median of seven, how far all are off it, and the limit of that."""
+    deviation = x - scipy.ndimage.median_filter(x, 7, mode="nearest")
+    spread = float(np.median(np.abs(deviation[follows]))) / 0.6745 if follows.any() else noise
+    limit = OUTLIER * max(spread, noise) + step
+    # A repeated or slow event is no spike: both neighbours must be back.
+    neighbours = np.maximum(np.abs(np.roll(deviation, 1)), np.abs(np.roll(deviation, -1)))
+    return follows & (np.abs(deviation) > limit) & (neighbours < 0.5 * np.abs(deviation)), deviation, limit
+
+
+def _in_motion(x: Array, follows: Mask, noise: float, step: float) -> tuple[Mask, Array, float]:
+    """The same off what the samples before and those after tell; the limit is that where the motion adds nothing."""
+    weights = np.linalg.pinv(np.vander(np.arange(1.0, SIDE + 1), 3))[-1]  # of a parabola at zero
+    usual = noise * float(np.sqrt(1 + weights @ weights))
+    padded = np.pad(x, SIDE, mode="edge")
+    windows = np.lib.stride_tricks.sliding_window_view(padded, SIDE)
+    sides = np.array([x - windows[: x.size] @ weights[::-1], x - windows[SIDE + 1 :] @ weights])
+    local = scipy.ndimage.median_filter(np.abs(sides), (1, NEARBY), mode="nearest") / 0.6745
+    nearer = np.where(sides[0] * sides[1] > 0, np.abs(sides).min(axis=0), 0.0)
+    bad = follows & (nearer > OUTLIER * np.maximum(local.max(axis=0), usual) + step)
+    return bad, np.sign(sides[0]) * nearer, OUTLIER * usual + step
+
+
+def _likeness(recording: Recording, places: list[Mask], sizes: list[Array], limits: list[float]) -> float:
     """Of the times of outliers, counted from their interval's start, and of how far they exceed their limit."""
     starts = np.array([part.start for part in interval_slices(recording)])
     times, heights = [], []
     for axis, bad in enumerate(places):
         own = np.flatnonzero(bad)
         times.append(own - starts[np.clip(np.searchsorted(starts, own, side="right") - 1, 0, None)])
-        x = report.rates[:, axis]
-        heights.append(np.abs(x - scipy.ndimage.median_filter(x, 7, mode="nearest"))[bad] - limits[axis])
+        heights.append(sizes[axis] - limits[axis])
     return min(1.0, 2 * min(of_times(np.concatenate(times)), of_heights(np.concatenate(heights))))
 
 

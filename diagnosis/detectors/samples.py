@@ -80,7 +80,7 @@ def examine(
         # The jumps at the edges of a zone are neither noise nor motion.
         used = used & ~_near_edges(report)
         still = used & quiet(report.rates, local)
-        spikes(report, recording, still, local, np.where(coarse, steps, 0.0))
+        spikes(report, recording, still, used, local, np.where(coarse, steps, 0.0))
         report.lines = lines(report, recording, still, used, lambda text, share: tell(text, 0.3 + 0.35 * share))
         tell("noise level", 0.65)
         may_be_cut = coarse & (odds > -ODDS) if lattice is None else cut

@@ -11,9 +11,10 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import lru_cache, partial
 
 import numpy as np
+import scipy.fft
 import scipy.ndimage
 import scipy.signal
 import scipy.stats
@@ -27,6 +28,8 @@ Mask = NDArray[np.bool_]
 
 AT_ONCE = 1 << 20  # samples of segments that are transformed together
 FEWEST_CYCLES = 4.0  # of a line in the longest quiet arc: fewer are a trend
+WORTH_A_FIT = 0.01  # p-value of a peak, from which on a tone is fitted to see whether it is one
+FINENESS = 2.0  # times the samples: number of frequencies at which a fit may find a tone in white noise
 CLEAR_LINE = 5.0  # sigmas of its amplitude over all arcs, for a line to be a tone
 SHORTEST = 256  # samples of a segment
 HALVINGS = 6  # lengths of segments that are tried, from the longest arc down
@@ -43,6 +46,8 @@ UNSTEADY = 0.1  # relative change of the amplitude that a tone may have
 STEADY_SHARE, STEADY_SIGMAS = 0.75, 2.5  # of the parts, and how far these may be off
 STRONG = 30.0  # times the white noise: what a motion has, and no chance
 NEXT = 3.0  # factor from one frequency of a motion to the next
+JOLT = 15.0  # medians of the second differences, ten sigmas of noise, from which on the rate jumps
+MOST_JOLTS = 0.02  # share of the samples, above which the body moves fast
 MARGIN = 3.0  # on the highest of them, up to which a line belongs to the motion
 ISOLATED = 2.0  # level around a line over that of the white noise, below which the body shows no other motion there
 
@@ -74,12 +79,25 @@ class Line:
 
 def lines(report: SampleReport, recording: Recording, quiet: Mask, used: Mask, tell: Tell = silent) -> list[Line]:
     """The lines of each axis: first those beyond the motion, in all samples that can be used, then any in quiet ones."""
-    looks = [_Look(arcs(used & consecutive(recording, used)), beyond=True)]
+    smooth = used & ~jolts(report.rates, used)
+    looks = [_Look(arcs(smooth & consecutive(recording, smooth)), beyond=True)]
     looks.append(_Look(arcs(quiet & consecutive(recording, quiet)), beyond=False))
     out: list[Line] = []
     for axis in range(3):
         out += _of_axis(report, [look for look in looks if look.arcs], recording, axis, tell)
     return out
+
+
+def jolts(rates: Array, used: Mask) -> Mask:
+    """(n,) samples beside which a rate jumps or breaks off; none where that is so everywhere, as in fast motion.
+
+    The spectrum of an arc that holds such a moment is full of waves that are neither motion nor noise.
+    """
+    second = np.zeros_like(rates)
+    second[1:-1] = np.abs(np.diff(rates, 2, axis=0))
+    usual = np.median(second[used], axis=0) if used.any() else np.full(3, np.inf)
+    found = scipy.ndimage.binary_dilation((second > JOLT * usual).any(axis=1), iterations=2)
+    return np.asarray(found) if found[used].mean() < MOST_JOLTS else np.zeros_like(found)
 
 
 def _of_axis(report: SampleReport, looks: list[_Look], recording: Recording, axis: int, tell: Tell) -> list[Line]:
@@ -93,10 +111,10 @@ def _of_axis(report: SampleReport, looks: list[_Look], recording: Recording, axi
             if number == 0 and peak.p_value <= strongest.p_value:
                 strongest = peak
             # Rounding a slow motion makes lines of its own.
-            if peak.p_value >= report.line_p or report.lattice[axis] or len(found) == most:
+            if peak.p_value >= WORTH_A_FIT or report.lattice[axis] or len(found) == most:
                 break
             line = _tone(x, recording, axis, peak, look.arcs)
-            if line is None:
+            if line is None or line.p_value >= report.line_p:
                 break
             x = x - line.waveform
             before = next((one for one in found if abs(one.line.frequency_hz - line.frequency_hz) < one.width_hz), None)
@@ -146,7 +164,7 @@ def _strongest(x: Array, look: _Look, sample_s: float, tell: Callable[[], None] 
     Long segments gather the power of a tone in one bin, short ones use more of the arcs.
     """
     longest = max(high - low for low, high in look.arcs)
-    lengths = sorted({max(longest >> k, SHORTEST) for k in range(HALVINGS)})
+    lengths = sorted({scipy.fft.prev_fast_len(max(longest >> k, SHORTEST), real=True) for k in range(HALVINGS)})
     peaks = []
     for length in lengths:
         tell()
@@ -169,7 +187,7 @@ def _peak(x: Array, look: _Look, n: int, sample_s: float) -> _Peak:
     spectrum, some = np.zeros(n // 2 + 1), max(1, AT_ONCE // n)
     for first in range(0, places.size, some):
         segments = np.array([x[start : start + n] for start in places[first : first + some]])
-        spectra = np.abs(np.fft.rfft(scipy.signal.detrend(segments, axis=1) * window, axis=1)) ** 2 / np.sum(window**2)
+        spectra = np.abs(scipy.fft.rfft(scipy.signal.detrend(segments, axis=1) * window, axis=1)) ** 2 / np.sum(window**2)
         spectrum += spectra.sum(axis=0) / places.size
     frequency: Array = np.fft.rfftfreq(n, sample_s).astype(float)
     count = _independent([own.size for own in starts], window, step)
@@ -249,7 +267,10 @@ def _tone(x: Array, recording: Recording, axis: int, peak: _Peak, found: list[tu
     size = float(np.sqrt(max(squares / samples, 0.0)))
     error = float(np.sqrt(2 * noise / samples / samples))
     steady = _is_steady(np.array(amplitudes), np.array(sigmas))
-    return Line(axis, f, size, error, peak.p_value, waveform, peak.isolated, steady) if size > CLEAR_LINE * error else None
+    # A window that keeps the motion out of a spectrum costs half of a tone's power; a fit has all of it.
+    chance = FINENESS * samples * float(np.exp(-0.5 * (size / error) ** 2)) if peak.isolated else 1.0
+    p = max(min(peak.p_value, chance), IMPOSSIBLE)
+    return Line(axis, f, size, error, p, waveform, peak.isolated, steady) if size > CLEAR_LINE * error else None
 
 
 def _power(levels: list[Array], found: list[tuple[int, int]], recording: Recording, trial: Array) -> Array:
@@ -304,9 +325,13 @@ def _transform(y: Array, t: Array, frequencies: Array) -> Array:
     """Fourier integral of y at some frequencies evenly spaced, by the chirp transform."""
     step = frequencies[1] - frequencies[0] if frequencies.size > 1 else 1.0
     dt = float(np.median(np.diff(t)))
-    return np.asarray(
-        scipy.signal.czt(y, frequencies.size, np.exp(-2j * np.pi * step * dt), np.exp(2j * np.pi * frequencies[0] * dt))
-    )
+    return np.asarray(_chirp(y.size, frequencies.size, step * dt, float(frequencies[0]) * dt)(y))
+
+
+@lru_cache(maxsize=2)
+def _chirp(count: int, trials: int, step: float, first: float) -> scipy.signal.CZT:
+    """The chirp transform of so many samples, frequencies in cycles a sample; arcs are often of one length."""
+    return scipy.signal.CZT(count, trials, np.exp(-2j * np.pi * step), np.exp(2j * np.pi * first))
 
 
 def _is_steady(amplitudes: Array, sigmas: Array) -> bool:

@@ -24,7 +24,7 @@ from diagnosis.model.recording import RecordingModel
 
 Array = NDArray[np.float64]
 
-BEYOND = 0.0  # prior log odds of a vibration for a steady tone beyond the band in which the body moves
+BEYOND = 1.0  # prior log odds of a vibration for a steady tone beyond the band in which the body moves
 OCTAVES = 7.0  # natural log of the range of frequencies of a motion
 WITHIN = -10.0  # the same for any other line
 CONFIRMED = -4.0  # log ratio below which the references confirm a motion
