@@ -5,11 +5,13 @@ gyros are independent, so that their correlation coefficient over n differences 
 their squared autocorrelations; and their mean square is the same in every interval, at rest and in motion.
 
 A motion that is not slow beside the sampling would pass for noise. It leaves far less in differences of the tenth order: parts
-in which the two orders disagree are not compared.
+in which the two orders disagree are not compared. Both are of the same samples, so that white noise makes their mean squares,
+scaled to the noise of one sample, differ little: by the variance (2/n) (Σρ_aa² + Σρ_bb² − 2 Σρ_ab²) of its square.
 """
 
 from __future__ import annotations
 
+from functools import cache
 from math import comb
 
 import numpy as np
@@ -35,6 +37,14 @@ def power_of(order: int) -> int:
 def autocorrelation_of(order: int) -> float:
     """Sum of the squared autocorrelations of differences of white noise."""
     return comb(4 * order, 2 * order) / power_of(order) ** 2
+
+
+@cache
+def disagreement_of(low: int, high: int) -> float:
+    """Sum of squared correlations that stands for the difference of the mean squares of two orders."""
+    a, b = ([comb(order, k) * (-1.0) ** k / np.sqrt(power_of(order)) for k in range(order + 1)] for order in (low, high))
+    both = float(np.sum(np.correlate(a, b, "full") ** 2))
+    return autocorrelation_of(low) + autocorrelation_of(high) - 2 * both
 
 
 AUTOCORRELATION = autocorrelation_of(ORDER)
@@ -101,8 +111,7 @@ def _scaled(rates: Array, place: NDArray[np.intp], order: int) -> Array:
 def _at_rest(z: Array, higher: Array) -> bool:
     """Whether differences of both orders show the same noise, so that no motion is left in the lower one."""
     low, high = float(np.mean(z**2)), float(np.mean(higher**2))
-    errors = [np.sqrt(2 * autocorrelation_of(order) / z.size) for order in (ORDER, HIGHER)]
-    return abs(low - high) < AGREE * float(np.hypot(low * errors[0], high * errors[1]))
+    return abs(low - high) < AGREE * high * float(np.sqrt(2 * disagreement_of(ORDER, HIGHER) / z.size))
 
 
 def _least(z: Array, higher: Array, kept: Mask, groups: list[Mask]) -> tuple[float, float, int]:

@@ -27,6 +27,7 @@ BESIDE = (-3, -2, -1, 1, 2, 3)  # samples from an outlier
 OUTLIER = 6.0  # noise sigmas; one sample in 5e8 under M0
 RESTING = 0.3  # share of the samples in which the body rests, below which all are looked at
 SIDE = 6  # samples to one side that tell what a reading should be
+BETWEEN = np.array([1.0, -6.0, 15.0, 0.0, 15.0, -6.0, 1.0]) / 20  # of a quintic through three samples on either side
 NEARBY = 101  # over which the size of their usual error is taken
 
 
@@ -112,6 +113,9 @@ def _in_motion(x: Array, follows: Mask, noise: float, step: float) -> tuple[Mask
     sides = np.array([x - windows[: x.size] @ weights[::-1], x - windows[SIDE + 1 :] @ weights])
     local = scipy.ndimage.median_filter(np.abs(sides), (1, NEARBY), mode="nearest") / 0.6745
     nearer = np.where(sides[0] * sides[1] > 0, np.abs(sides).min(axis=0), 0.0)
+    # A curve that bends within a few samples is off both, but not off what the samples on both sides tell together.
+    between = x - scipy.ndimage.convolve1d(x, BETWEEN, mode="nearest")
+    nearer = np.where((between * sides[0] > 0) & (np.abs(between) > 0.5 * nearer), nearer, 0.0)
     bad = follows & (nearer > OUTLIER * np.maximum(local.max(axis=0), usual) + step)
     return bad, np.sign(sides[0]) * nearer, OUTLIER * usual + step
 

@@ -24,6 +24,7 @@ import scipy.stats
 from numpy.typing import NDArray
 
 from diagnosis.detectors.likeness import of_noise
+from diagnosis.detectors.noise_structure import disagreement_of
 from diagnosis.detectors.readout_noise import AVERAGES, Readout, readout
 from diagnosis.detectors.report import AXES, IMPOSSIBLE, SampleReport, SampleTest, Symptom, arcs, consecutive
 from gyrocal.recording import Recording
@@ -102,8 +103,8 @@ def level(x: Array, usable: list[tuple[int, int]]) -> Level | None:
 def level_in_motion(x: Array, usable: list[tuple[int, int]]) -> Level | None:
     """Level of the noise of some runs of samples that hold a motion; None where it shows in the differences, too."""
     parts = [x[low:high] for low, high in usable]
-    (low, low_error, n), (high, high_error, _) = (_mean_square(parts, order) for order in IN_MOTION)
-    if n < FEWEST or abs(low - high) > AGREE * float(np.hypot(low_error, high_error)) or not _is_flat(parts):
+    (low, _, n), (high, high_error, _) = (_mean_square(parts, order) for order in IN_MOTION)
+    if n < FEWEST or not _agree(low, high, IN_MOTION, n) or not _is_flat(parts):
         return None
     return Level(high, high_error, float("nan"), float("nan"))
 
@@ -136,8 +137,13 @@ def _differences(x: Array, order: int) -> Array:
 def _variance(parts: list[Array]) -> tuple[float, float, int]:
     """Variance of white noise that some runs of samples show, its standard error, and the number of differences."""
     found = [_mean_square(parts, order) for order in ORDERS]
-    (low, low_error, _), (high, high_error, _) = found
-    return found[0] if abs(low - high) < AGREE * float(np.hypot(low_error, high_error)) else found[1]
+    (low, _, n), (high, _, _) = found
+    return found[0] if _agree(low, high, ORDERS, n) else found[1]
+
+
+def _agree(low: float, high: float, orders: tuple[int, int], count: int) -> bool:
+    """Whether two orders of differences of the same samples show one level, so that no motion is left in the lower one."""
+    return abs(low - high) < AGREE * high * float(np.sqrt(2 * disagreement_of(*orders) / max(count, 1)))
 
 
 def _is_flat(parts: list[Array]) -> bool:

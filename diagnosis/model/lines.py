@@ -7,7 +7,7 @@ of that size and frequency say nothing, at whatever frequency that is, and then 
 does so over a band of frequencies and with an amplitude that changes: a line that is not steady, or not alone above the white
 noise, is a motion unless the references deny it, and so is one within the band of such lines. Of a steady tone beyond that band
 only the frequency is known: a vibration may show at any up to half the sampling rate, evenly, a motion is as likely in each
-octave.
+octave. A vibration is picked up by one gyro; a body that rings shows several such tones.
 """
 
 from __future__ import annotations
@@ -24,9 +24,10 @@ from diagnosis.model.recording import RecordingModel
 
 Array = NDArray[np.float64]
 
-BEYOND = 1.0  # prior log odds of a vibration for a steady tone beyond the band in which the body moves
+BEYOND = 0.5  # prior log odds of a vibration for a steady tone beyond the band in which the body moves
 OCTAVES = 7.0  # natural log of the range of frequencies of a motion
 WITHIN = -10.0  # the same for any other line
+SEVERAL = 3.0  # log odds that each further one, of which the references know nothing, takes from all of them
 CONFIRMED = -4.0  # log ratio below which the references confirm a motion
 FASTEST_BIAS_HZ = 0.02  # no thermal or magnetic cause swings a bias faster
 PERIODS = 5.0  # natural log of the range of periods that a bias may have
@@ -46,14 +47,15 @@ def judged_lines(report: SampleReport, model: RecordingModel, silent: Set[int] =
         if ratio < CONFIRMED or not (line.isolated and line.steady)
     ]
     edge = _edge(moving, [line.frequency_hz for line in report.lines])
+    alone = [line.isolated and line.steady and line.frequency_hz > edge for line in report.lines]
+    ringing = sum(one and abs(ratio) < -CONFIRMED for one, ratio in zip(alone, ratios, strict=True))
     half_rate_hz = 0.5 / model.recording.gyro.sample_s
     found = False
-    for line, ratio in zip(report.lines, ratios, strict=True):
-        alone = line.isolated and line.steady and line.frequency_hz > edge
-        if line.axis in silent and not alone:
+    for line, ratio, single in zip(report.lines, ratios, alone, strict=True):
+        if line.axis in silent and not single:
             continue
-        density = float(np.log(OCTAVES * line.frequency_hz / half_rate_hz))
-        odds = (BEYOND + density if alone else WITHIN) + ratio
+        density = float(np.log(OCTAVES * line.frequency_hz / half_rate_hz)) - SEVERAL * max(ringing - 1, 0)
+        odds = (BEYOND + density if single else WITHIN) + ratio
         if odds > 0 and line.frequency_hz < FASTEST_BIAS_HZ and _periodic_odds(line, half_rate_hz) > 0:
             continue  # the attitude has seen that the reading is wrong; what swings it so slowly is more likely a bias
         if odds <= 0:
