@@ -267,8 +267,9 @@ def _tone(x: Array, recording: Recording, axis: int, peak: _Peak, found: list[tu
     size = float(np.sqrt(max(squares / samples, 0.0)))
     error = float(np.sqrt(2 * noise / samples / samples))
     steady = _is_steady(np.array(amplitudes), np.array(sigmas))
-    # A window that keeps the motion out of a spectrum costs half of a tone's power; a fit has all of it.
-    chance = FINENESS * samples * float(np.exp(-0.5 * (size / error) ** 2)) if peak.isolated else 1.0
+    # A window that keeps the motion out of a spectrum costs half of a tone's power; a fit has all of it, two numbers an arc.
+    power = (squares + 4 * noise / samples * len(found)) / (2 * noise / samples)
+    chance = FINENESS * samples * float(scipy.stats.chi2.sf(power, 2 * len(found))) if peak.isolated else 1.0
     p = max(min(peak.p_value, chance), IMPOSSIBLE)
     return Line(axis, f, size, error, p, waveform, peak.isolated, steady) if size > CLEAR_LINE * error else None
 
