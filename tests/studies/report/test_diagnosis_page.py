@@ -11,7 +11,7 @@ import pytest
 from rich.console import Console
 
 from simulator.effects.sensor import ALL_EFFECTS
-from studies.report import diagnosis_card, diagnosis_figures, diagnosis_summary, svg
+from studies.report import card_drawing, diagnosis_card, diagnosis_figures, diagnosis_summary, pointing_cost, svg
 from studies.report import diagnosis_page as diagnosis_report
 from studies.report import diagnosis_words as words
 from tests import ROOT
@@ -248,11 +248,15 @@ def test_every_effect_has_a_sentence_of_its_own():
 def test_pointing_is_the_largest_swing_within_an_orbit():
     t = np.arange(0.0, 9000.0, 60.0)
     table = pd.DataFrame({"cause": "c", "interval": "m1", "axis": "z", "t_s": t, "regressor_deg": t / 3600})
-    assert "errs by up to 5400 arcsec about z in an orbit" in diagnosis_card.pointing(table, 5400.0)
-    assert "3600 arcsec about z in an hour" in diagnosis_card.pointing(table, float("nan"))
+    assert "errs by up to 5400 arcsec about z in an orbit" in pointing_cost.sentence(table, 5400.0)
+    assert "3600 arcsec about z in an hour" in pointing_cost.sentence(table, float("nan"))
     ends = table.iloc[[0, -1]]
-    assert "arcsec about z in 149 min" in diagnosis_card.pointing(ends, 5400.0)
-    assert "in the samples" in diagnosis_card.pointing(table.iloc[:0], 5400.0)
+    assert "arcsec about z in 149 min" in pointing_cost.sentence(ends, 5400.0)
+    turned = pointing_cost.sentence(table.assign(cause="reference_orbital:z"), 5400.0)
+    assert turned.startswith("The references err by up to 8940 arcsec about z, in m1. An attitude carried by gyro errs only")
+    both = pd.concat([table, table.assign(cause="reference_orbital:z")])
+    assert pointing_cost.sentence(both, 5400.0) == pointing_cost.sentence(table, 5400.0)
+    assert "in the samples" in pointing_cost.sentence(table.iloc[:0], 5400.0)
 
 
 def test_reliability_is_the_one_that_was_measured():
@@ -274,7 +278,7 @@ def test_a_share_beyond_the_whole_is_all_of_it(closed, text):
 @pytest.mark.parametrize("case", CASES)
 def test_card_is_a_picture(case, tmp_path):
     diagnosis = CASES[case]()
-    drawn = diagnosis_card.figure(diagnosis_card.card(diagnosis, 5490.0), "see $x$")
+    drawn = card_drawing.figure(diagnosis_card.card(diagnosis, 5490.0), "see $x$")
     height = drawn.get_figheight() * drawn.dpi
     assert all(0 <= text.get_window_extent().y0 <= height for text in drawn.texts)
     text = svg.svg_bytes(drawn).decode()
