@@ -59,7 +59,9 @@ def card(diagnosis: Diagnosis, orbit_s: float = math.nan, next_flight: str = "")
     ]
     if diagnosis.causes:
         lines.append(("What does it cost in pointing?", pointing_cost.sentence(diagnosis.details.regressors, orbit_s)))
-    lines.append(("What next?", f"{next_step.sentence(diagnosis)} {next_flight or flights.sentence(diagnosis)}".strip()))
+    lines.append(("What next?", next_step.sentence(diagnosis)))
+    if diagnosis.verdict != "none":
+        lines.append(("What to fly next?", next_flight or flights.sentence(diagnosis)))
     lines.append(("What can it not tell?", _limits(diagnosis)))
     return Card(headline(diagnosis), tuple(lines), diagnosis.closure)
 

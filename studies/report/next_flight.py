@@ -33,19 +33,19 @@ def sentence(diagnosis: Diagnosis, found: Plan | None = None) -> str:
     found : of `planned`, if a scenario was given
     """
     if diagnosis.verdict == "none":
-        return ""
+        return "Nothing is called for."
     if found is None or not found.extras:
-        return "Which extra maneuver would tell more: gyrocal diagnose RECORDING --plan, with the scenario that was flown."
+        return "gyrocal diagnose --plan SCENARIO, with the scenario that was flown, says which extra maneuver would tell most."
     labels = suspects(diagnosis)
     pairs = {frozenset((a, b)) for a in labels for b in labels if a != b}
     apart = [(len(pairs & {frozenset(pair) for pair in one.resolved}), one) for one in found.extras]
     most, best = max(apart, key=lambda one: (one[0], -one[1].ratio))
     if most:
-        return f"Fly {best.name} ({best.hours:.1f} h): it tells apart what here cannot be told apart."
+        return f"{best.name} ({best.hours:.1f} h): it tells apart what here cannot be told apart."
     ratio, helpful = min(((_ratio(one, labels), one) for one in found.extras), key=lambda one: one[0])
     if ratio > HELPS:
         return "No extra maneuver on the list would show much more of it."
-    return f"Fly {helpful.name} ({helpful.hours:.1f} h): it would show the cause at {ratio:.2g} times the size seen now."
+    return f"{helpful.name} ({helpful.hours:.1f} h): it would show the cause at {ratio:.2g} times the size that shows now."
 
 
 def _ratio(extra: Extra, labels: list[str]) -> float:

@@ -34,7 +34,14 @@ def test_the_first_screen_answers_with_the_results_numbers(text):
     summary = json.loads((FOLDERS["natanson"] / "summary.json").read_text())
     ladder = pd.read_csv(FOLDERS["robertson"] / "ladder.csv")
     first = text[text.index("<main") : text.index("<nav")]
-    assert first.count("Do simulation and flight agree?") == first.count("How far does the gap shrink?") == 2
+    for question in ("Do simulation and flight agree?", "Where not?", "Which cause?", "How sure?", "What next?"):
+        assert first.count(question) == first.count("How far does the gap shrink?") == 2
+    gap = pd.read_csv(FOLDERS["natanson"] / "flight_gap.csv")
+    worst = gap.loc[gap["clean_gap_deg"].abs().idxmax()]
+    assert f"Most in interval {worst['interval']}, {worst['axis']}, by {worst['clean_gap_deg']:+.4f} deg" in first
+    left = pd.read_csv(FOLDERS["robertson"] / "diagnosis_left.csv").set_index("number")["left_sigmas"].abs()
+    assert "Telemetry of the days behind roll before any upload and update before any upload:" in first
+    assert set(left[left > 3].index) == {"roll precalibration", "update precalibration"}
     assert f"{summary['clean_gap_rms_deg']['assumed']:.4f} of {summary['flight_gap_rms_deg']['flight_rms']:.3f} deg" in first
     assert f"{ladder['factor_unfitted'].iloc[0]:.2f} to {ladder['factor_unfitted'].iloc[-1]:.2f}" in first
 
