@@ -76,6 +76,8 @@ def headline(diagnosis: Diagnosis) -> str:
     if diagnosis.verdict == "unknown":
         beside = [clause(cause) for cause in diagnosis.causes]
         more = f"; beside it, {words.listed(beside, 'and')}" if beside else ""
+        if diagnosis.unknown_probability < DEFAULT.named:
+            return f"There is a gap whose cause is not known; it may be on no list of known causes{more}"
         return f"Something is at work that is on no list of known causes{more}"
     if diagnosis.verdict == "not identifiable" or not diagnosis.causes:
         there = "There is a gap, and this" if diagnosis.present else "This"
@@ -138,17 +140,24 @@ def _which(diagnosis: Diagnosis) -> str:
     if diagnosis.verdict == "none":
         return "None is called for."
     if diagnosis.verdict == "unknown":
-        found = [(one[0], share) for one, share in diagnosis.alternatives if len(one) == 1 and not _listed(one[0])]
-        like = [f"{one.replace(':', ', axis ')} ({words.percent(share)})" for one, share in found[:MOST_FINDINGS]]
-        none = f"None of the {len(EFFECTS)} that are known"
-        told.insert(0, f"{none}. It behaves most like this: {words.listed(like, 'or')}" if like else none)
+        like = [f"{_behaviour(one)} ({words.percent(share)})" for one, share in diagnosis.alternatives if not _imitation(one)]
+        surely = diagnosis.unknown_probability >= DEFAULT.named
+        none = f"None of the {len(EFFECTS)} that are known" if surely else "None that could be named"
+        told.insert(0, f"{none}. It behaves most like this: {words.listed(like[:MOST_FINDINGS], 'or')}" if like else none)
     elif not told:
         return "It cannot be told."
     return " ".join(f"{one}." for one in told)
 
 
-def _listed(label: str) -> bool:
-    return label.partition(":")[0] in EFFECTS
+def _imitation(effects: Sequence[str]) -> bool:
+    """Whether an explanation is that what could be named is imitated, which says nothing of how it behaves."""
+    return any(one.startswith("an imitation of ") for one in effects)
+
+
+def _behaviour(effects: Sequence[str]) -> str:
+    """An explanation in plain words, without sizes."""
+    known = [_bare(one) if one.partition(":")[0] in EFFECTS else one.replace(":", ", axis ") for one in effects]
+    return " together with ".join(known)
 
 
 def _capital(text: str) -> str:
@@ -162,7 +171,7 @@ def _sure(diagnosis: Diagnosis) -> str:
     if diagnosis.verdict == "not identifiable":
         return f"This recording cannot tell: a probability of {unknown} for something that is on no list."
     if diagnosis.verdict == "unknown":
-        return f"With a probability of {unknown} it is something that is on no list."
+        return f"With a probability of {unknown} something is at work that is on no list."
     parts = []
     for number, cause in enumerate(diagnosis.causes):
         which = f"{ORDER[number]}: p" if len(diagnosis.causes) > 1 else "P"

@@ -163,8 +163,8 @@ def _where_pictures(diagnosis: Diagnosis) -> Iterator[Picture]:
             lambda: figures.statistics_figure(statistics),
             f"Map of {len(statistics)} tests by interval, axis and phase; {marked} are significant. The strongest: "
             f"{worst['interval']}, axis {worst['axis']}, {worst['phase']}, {words.p_value(float(worst['p_value']))}.",
-            "How far each part of the recording departs from the baseline: darker is further. A star marks what is significant "
-            "among all these tests (about 5 % of the stars may be chance). Grey: no data to test.",
+            "How far each part of the recording departs from the baseline: the stronger its colour, the further. A star marks "
+            "what is significant among all these tests (about 5 % of the stars may be chance). Grey: no data to test.",
         )
     if not residuals.empty:
         count, shown = (

@@ -10,6 +10,7 @@ import pandas as pd
 
 from diagnosis.answer import Cause, Closure
 from diagnosis.result import Diagnosis
+from diagnosis.settings import DEFAULT
 from gyrocal import NAMES
 from gyrocal.calibration.parameters import AXES
 from simulator.effects.sensor import ALL_EFFECTS as EFFECTS
@@ -98,8 +99,9 @@ def verdict(diagnosis: Diagnosis) -> str:
         return "No gap: this recording shows nothing that the baseline simulator would not do."
     if diagnosis.verdict == "unknown":
         beside = f" Beside it there is {listed(causes, 'and')}." if causes else ""
+        known = "that no known effect explains" if diagnosis.unknown_probability >= DEFAULT.named else "of unknown cause"
         return (
-            "There is a gap that no known effect explains: with a probability of "
+            f"There is a gap {known}: with a probability of "
             f"{percent(diagnosis.unknown_probability)} something is at work that is not on the list.{beside}"
         )
     if diagnosis.verdict == "not identifiable":

@@ -10,8 +10,9 @@ import pandas as pd
 import pytest
 from rich.console import Console
 
+from simulator.effects.base import STAGE_NAMES
 from simulator.effects.sensor import ALL_EFFECTS
-from studies.report import card_drawing, diagnosis_card, diagnosis_figures, diagnosis_summary, pointing_cost, svg
+from studies.report import card_drawing, diagnosis_card, diagnosis_figures, diagnosis_summary, next_step, pointing_cost, svg
 from studies.report import diagnosis_page as diagnosis_report
 from studies.report import diagnosis_words as words
 from tests import ROOT
@@ -356,3 +357,37 @@ def test_unlisted_explanations_look_different():
 
     assert hatched("unknown") == [True, True, False]
     assert hatched("pair") == [False, False]
+
+
+def test_the_card_names_no_more_than_is_sure():
+    """What is only likely is hedged, what may yet be on the list is not said to be on none."""
+    base, group = CASES["unknown"](), CASES["group"]()
+    alternatives = ((("bias_drift:y",), 0.5), (("an imitation of bias_drift:y",), 0.49))
+    doubtful = dataclasses.replace(base, unknown_probability=0.49, alternatives=alternatives)
+    assert diagnosis_card.headline(doubtful).startswith("There is a gap whose cause is not known")
+    assert words.verdict(doubtful).startswith("There is a gap of unknown cause: with a probability of 49 %")
+    said = dict(diagnosis_card.card(doubtful).lines)
+    assert (
+        said["Which cause?"]
+        == "None that could be named. It behaves most like this: the y gyro's bias rises by some amount (50 %)."
+    )
+    assert not re.search(r"[a-z]+_[a-z]+", " ".join(diagnosis_card.names(diagnosis_card.card(doubtful))))
+    alone = dataclasses.replace(group.causes[0], group=("time_offset",), probability=0.85, group_probability=0.85)
+    likely = dataclasses.replace(group, causes=(alone,))
+    assert diagnosis_card.headline(likely) == "Most likely the gyro's time tags are 0.52 s late"
+    assert words.verdict(likely) == "There is a gap, most likely by time_offset, but not surely."
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_the_card_answers_six_questions_in_order(case):
+    questions = [question for question, _ in diagnosis_card.card(CASES[case]()).lines]
+    asked = ["Does it agree with the simulator?", "Where not?", "Which cause?", "How sure?", "How far does the gap shrink?"]
+    assert questions[:5] == asked
+    assert "What next?" in questions
+
+
+def test_every_stage_has_a_remedy():
+    assert set(next_step.REMEDIES) == set(STAGE_NAMES)
+    assert "time tags" in next_step.sentence(CASES["group"]())
+    assert next_step.sentence(CASES["none"]()) == "Use the calibration as it is."
+    assert next_step.sentence(CASES["unknown"]()).startswith(f"Look at {CASES['unknown']().where[0].interval} first")

@@ -13,7 +13,7 @@ from studies.report.claims import Found, judged
 from studies.report.made import Made
 from studies.robertson.claims import CLAIMS as ROBERTSON
 from tests import ROOT
-from tests.pages import BROWSER, SPILT, checked, colours, in_a_browser, least_contrast
+from tests.pages import BROWSER, SPILT, browsed, checked, colours, least_contrast
 
 RESULTS = ROOT / "results"
 FOLDERS = {"natanson": RESULTS / "reproduction", "robertson": RESULTS / "mission"}
@@ -99,6 +99,7 @@ def test_colours_stand_out(text, dark):
 
 @pytest.mark.skipif(BROWSER is None, reason="no browser is here")
 def test_a_browser_shows_it_narrow_and_wide(tmp_path):
-    narrow, wide = in_a_browser(index_page.page(FOLDERS, tmp_path, MADE), tmp_path).values()
+    narrow, wide = browsed({"index": index_page.page(FOLDERS, tmp_path, MADE)}, tmp_path).values()
     assert max(narrow["spill"], wide["spill"]) <= SPILT
     assert narrow["height"] > wide["height"]
+    assert wide["enlarged"] > 1.5
