@@ -118,9 +118,9 @@ addEventListener('load', () => { const out = [...document.querySelectorAll('ifra
   const said = [...d.querySelectorAll('body *')].filter(own)
     .map(e => [ratio(rgb(style(e).color), behind(e)), e.textContent.slice(0, 40)]).sort((a, b) => a[0] - b[0])[0];
   const pieces = seen.filter(e => e.classList.contains('piece')).length;
-  const answer = {spill: root.scrollWidth - root.clientWidth, height: root.scrollHeight, pieces,
-    contrast: said[0], faint: said[1], dark: light(behind(d.body)) < 0.1, unreachable: [...d.querySelectorAll('a[href], button, summary')]
-      .filter(e => e.tabIndex < 0).map(e => e.outerHTML)};
+  const controls = [...d.querySelectorAll('a[href], button, summary')];
+  const answer = {spill: root.scrollWidth - root.clientWidth, height: root.scrollHeight, pieces, contrast: said[0],
+    faint: said[1], dark: light(behind(d.body)) < 0.1, unreachable: controls.filter(e => e.tabIndex < 0).map(e => e.outerHTML)};
   const svg = d.querySelector('.stacks svg.whole'), button = d.querySelector('.zoom');
   if (svg && button && !pieces) {
     const at = (kind, x, y) => svg.dispatchEvent(new w.PointerEvent(kind, {clientX: x, clientY: y, bubbles: true}));
