@@ -115,7 +115,8 @@ addEventListener('load', () => { const out = [...document.querySelectorAll('ifra
   const ratio = (a, b) => { const [low, high] = [light(a), light(b)].sort((x, y) => x - y);
     return (high + 0.05) / (low + 0.05); };
   const own = e => [...e.childNodes].some(n => n.nodeType === 3 && n.data.trim()) && !e.closest('svg, script, style, title');
-  const said = [...d.querySelectorAll('body *')].filter(own)
+  const shown = e => e.getClientRects().length > 0 && style(e).visibility === 'visible' && style(e).opacity > 0;
+  const said = [...d.querySelectorAll('body *')].filter(e => own(e) && shown(e))
     .map(e => [ratio(rgb(style(e).color), behind(e)), e.textContent.slice(0, 40)]).sort((a, b) => a[0] - b[0])[0];
   const pieces = seen.filter(e => e.classList.contains('piece')).length;
   const controls = [...d.querySelectorAll('a[href], button, summary')];
@@ -140,9 +141,12 @@ addEventListener('load', () => { const out = [...document.querySelectorAll('ifra
 
 
 def browsed(pages, folder, dark=False, widths=(390, 1280)):
-    """What a browser makes of pages by (name, width): how far each spills over, its least contrast, what its script does."""
+    """What a browser makes of pages by (name, width): how far each spills over, its least contrast, what its script does.
+
+    Pages are texts by name, or names of those that are in the folder.
+    """
     keys = [(name, width) for name in pages for width in widths]
-    for name, text in pages.items():
+    for name, text in pages.items() if isinstance(pages, dict) else ():
         (folder / f"{name}.html").write_text(text)
     frames = "".join(f'<iframe width="{width}" height="800" src="{name}.html"></iframe>' for name, width in keys)
     (folder / "host.html").write_text(f"<!doctype html><body>{frames}<script>{LOOK}</script></body>")
