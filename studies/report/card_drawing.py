@@ -41,8 +41,8 @@ def _bar(closure: Closure | None) -> str:
     )
     label = f"{closure.measure}: {closure.before:.3g} before, {closure.after:.3g} with the cause, {closure.floor:.3g} by noise"
     return (
-        f'<div class="bar"><svg role="img" aria-label="{escape(label)}" viewBox="0 0 640 70" fill="currentColor" '
-        f'font-size="13">{rows}</svg></div>'
+        f'<div class="bar"><p class="quiet">{escape(closure.measure.capitalize())}</p><svg role="img" '
+        f'aria-label="{escape(label)}" viewBox="0 0 640 70" fill="currentColor" font-size="13">{rows}</svg></div>'
     )
 
 

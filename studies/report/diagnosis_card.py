@@ -22,6 +22,7 @@ from studies.report import next_flight as flights
 from studies.report import next_step, pointing_cost
 
 MOST_FINDINGS = 2
+WORTH = 0.01  # probability of an explanation from which on the card tells it
 ORDER = ("First", "Second", "Third", "Fourth", "Fifth", "Sixth", "Seventh", "Eighth")
 
 
@@ -140,7 +141,7 @@ def _which(diagnosis: Diagnosis) -> str:
     if diagnosis.verdict == "none":
         return "None is called for."
     if diagnosis.verdict == "unknown":
-        like = [f"{_behaviour(one)} ({words.percent(share)})" for one, share in diagnosis.alternatives if not _imitation(one)]
+        like = [f"{_behaviour(one)} ({words.percent(share)})" for one, share in diagnosis.alternatives if _telling(one, share)]
         surely = diagnosis.unknown_probability >= DEFAULT.named
         none = f"None of the {len(EFFECTS)} that are known" if surely else "None that could be named"
         told.insert(0, f"{none}. It behaves most like this: {words.listed(like[:MOST_FINDINGS], 'or')}" if like else none)
@@ -149,9 +150,9 @@ def _which(diagnosis: Diagnosis) -> str:
     return " ".join(f"{one}." for one in told)
 
 
-def _imitation(effects: Sequence[str]) -> bool:
-    """Whether an explanation is that what could be named is imitated, which says nothing of how it behaves."""
-    return any(one.startswith("an imitation of ") for one in effects)
+def _telling(effects: Sequence[str], share: float) -> bool:
+    """Whether an explanation says how the gap behaves: no unlikely one, nor that something imitates what could be named."""
+    return share >= WORTH and not any(one.startswith("an imitation of ") for one in effects)
 
 
 def _behaviour(effects: Sequence[str]) -> str:
