@@ -67,7 +67,7 @@ def visit_math(self: Any, node: nodes.math | nodes.math_block) -> None:
     with mpl.rc_context({"svg.fonttype": "path", "svg.hashsalt": project, "mathtext.fontset": "stix"}):
         math_to_image(f"${tex}$", out, dpi=72, format="svg", color="#123456")
     svg = re.sub(r"<metadata>.*?</metadata>", "", out.getvalue().decode(), flags=re.DOTALL)
-    svg = svg[svg.index("<svg") :].replace("#123456", "currentColor")
+    svg = svg[svg.index("<svg") :].replace("#123456", "currentColor").replace("#ffffff", "none")
     svg = re.sub(r'width="([\d.]+)pt" height="([\d.]+)pt"', lambda found: f'width="{1.9 * float(found[1]):.0f}"', svg, count=1)
     tag = "div" if isinstance(node, nodes.math_block) else "span"
     self.body.append(f'<{tag} class="equation" role="img" aria-label="{escape(tex)}">{svg}</{tag}>\n')

@@ -103,27 +103,56 @@ def least_contrast(text, dark):
     return min(found, default=99.0)
 
 
-def in_a_browser(text, folder, widths=(390, 1280)):
-    """What a browser makes of a page in windows of these widths: how far it spills over, and its least text."""
-    (folder / "page.html").write_text(text)
-    frames = "".join(f'<iframe width="{width}" height="800" src="page.html"></iframe>' for width in widths)
-    script = """
-    addEventListener('load', () => { const out = [...document.querySelectorAll('iframe')].map(f => {
-      const d = f.contentDocument, w = f.contentWindow, root = d.documentElement;
-      const seen = [...d.querySelectorAll('.whole, .piece')].filter(e => e.getBoundingClientRect().width > 5);
-      const sizes = seen.flatMap(e => [...e.querySelectorAll('text')].map(t => parseFloat(w.getComputedStyle(t).fontSize)
-        * e.getBoundingClientRect().width / e.viewBox.baseVal.width));
-      return {spill: root.scrollWidth - root.clientWidth, least: Math.min(99, ...sizes), pieces:
-        seen.filter(e => e.classList.contains('piece')).length, height: root.scrollHeight}; });
-      document.body.innerHTML = '<pre id=out>' + JSON.stringify(out) + '</pre>'; });
+LOOK = """
+addEventListener('load', () => { const out = [...document.querySelectorAll('iframe')].map(f => {
+  const d = f.contentDocument, w = f.contentWindow, root = d.documentElement, style = e => w.getComputedStyle(e);
+  const seen = [...d.querySelectorAll('.whole, .piece')].filter(e => e.getBoundingClientRect().width > 5);
+  const rgb = text => { const v = text.match(/[\\d.]+/g).map(Number); return v.length < 4 ? [...v, 1] : v; };
+  const light = v => [0, 1, 2].map(k => v[k] / 255).map(x => x <= 0.04045 ? x / 12.92 : ((x + 0.055) / 1.055) ** 2.4)
+    .reduce((sum, x, k) => sum + x * [0.2126, 0.7152, 0.0722][k], 0);
+  const behind = e => { for (; e; e = e.parentElement) { const v = rgb(style(e).backgroundColor); if (v[3] > 0.5) return v; }
+    return [255, 255, 255, 1]; };
+  const ratio = (a, b) => { const [low, high] = [light(a), light(b)].sort((x, y) => x - y);
+    return (high + 0.05) / (low + 0.05); };
+  const own = e => [...e.childNodes].some(n => n.nodeType === 3 && n.data.trim()) && !e.closest('svg, script, style, title');
+  const shown = e => e.getClientRects().length > 0 && style(e).visibility === 'visible' && style(e).opacity > 0;
+  const said = [...d.querySelectorAll('body *')].filter(e => own(e) && shown(e))
+    .map(e => [ratio(rgb(style(e).color), behind(e)), e.textContent.slice(0, 40)]).sort((a, b) => a[0] - b[0])[0];
+  const pieces = seen.filter(e => e.classList.contains('piece')).length;
+  const controls = [...d.querySelectorAll('a[href], button, summary')];
+  const answer = {spill: root.scrollWidth - root.clientWidth, height: root.scrollHeight, pieces, contrast: said[0],
+    faint: said[1], dark: light(behind(d.body)) < 0.1, unreachable: controls.filter(e => e.tabIndex < 0).map(e => e.outerHTML)};
+  const svg = d.querySelector('.stacks svg.whole'), button = d.querySelector('.zoom');
+  if (svg && button && !pieces) {
+    const at = (kind, x, y) => svg.dispatchEvent(new w.PointerEvent(kind, {clientX: x, clientY: y, bubbles: true}));
+    const a = svg.dataset.axes.split(',')[0].split(' ').map(Number), to = svg.getScreenCTM();
+    const p = new w.DOMPoint((a[0] + a[2]) / 2, (a[1] + a[3]) / 2).matrixTransform(to), before = svg.getAttribute('viewBox');
+    at('pointermove', p.x, p.y);
+    answer.value = /^-?[\\d.e+-]+; -?[\\d.e+-]+$/.test(d.querySelector('output.value').textContent);
+    at('click', p.x, p.y);
+    answer.enlarged = svg.getScreenCTM().a / to.a;
+    svg.parentElement.dispatchEvent(new w.KeyboardEvent('keydown', {key: 'Escape'}));
+    const back = svg.getAttribute('viewBox') === before; button.click();
+    answer.restored = back && svg.getAttribute('viewBox') !== before;
+  }
+  return answer; });
+  document.body.innerHTML = '<pre id=out>' + JSON.stringify(out).replaceAll('<', '&lt;') + '</pre>'; });
+"""
+
+
+def browsed(pages, folder, dark=False, widths=(390, 1280)):
+    """What a browser makes of pages by (name, width): how far each spills over, its least contrast, what its script does.
+
+    Pages are texts by name, or names of those that are in the folder.
     """
-    (folder / "host.html").write_text(f"<!doctype html><body>{frames}<script>{script}</script></body>")
+    keys = [(name, width) for name in pages for width in widths]
+    for name, text in pages.items() if isinstance(pages, dict) else ():
+        (folder / f"{name}.html").write_text(text)
+    frames = "".join(f'<iframe width="{width}" height="800" src="{name}.html"></iframe>' for name, width in keys)
+    (folder / "host.html").write_text(f"<!doctype html><body>{frames}<script>{LOOK}</script></body>")
     options = ["--headless", "--no-sandbox", "--disable-gpu", "--allow-file-access-from-files", "--virtual-time-budget=4000"]
-    profile = f"--user-data-dir={folder / 'profile'}"
+    options += [f"--user-data-dir={folder / 'profile'}", f"--blink-settings=preferredColorScheme={0 if dark else 1}"]
     host = (Path(folder) / "host.html").as_uri()
-    done = subprocess.run(
-        [BROWSER, *options, profile, "--dump-dom", host], capture_output=True, text=True, check=True, timeout=60
-    )
-    return dict(
-        zip(widths, json.loads(unescape(re.search(r'<pre id="out">(.*?)</pre>', done.stdout, re.DOTALL)[1])), strict=True)
-    )
+    done = subprocess.run([BROWSER, *options, "--dump-dom", host], capture_output=True, text=True, check=True, timeout=60)
+    answers = json.loads(unescape(re.search(r'<pre id="out">(.*?)</pre>', done.stdout, re.DOTALL)[1]))
+    return dict(zip(keys, answers, strict=True))

@@ -18,7 +18,7 @@ from studies.cli.fail_on import end
 from studies.cli.options import PATH, STDOUT
 from studies.cli.stages import stages
 from studies.montecarlo.files import check_writable, json_text, write_json, write_text
-from studies.report import diagnosis_card, diagnosis_summary, next_flight
+from studies.report import card_drawing, diagnosis_card, diagnosis_summary, next_flight
 from studies.report import diagnosis_page as diagnosis_report
 from studies.report.console import LINE_EVERY_S, console
 from studies.report.junit import Verdict
@@ -112,7 +112,7 @@ def command(
     if report:
         diagnosis_report.write(result, report, made_of(loaded), orbit_s, fly)
     if card:
-        save(diagnosis_card.figure(diagnosis_card.card(result, orbit_s, fly), result.recording), card)
+        save(card_drawing.figure(diagnosis_card.card(result, orbit_s, fly), result.recording), card)
     if adopt:
         text, adoption = scenario(result, loaded, recording, adopt)
         write_text(adopt, text)

@@ -64,10 +64,8 @@ def statistics(standing: Standing) -> pd.DataFrame:
         {
             "statistic": judged["name"].to_numpy(),
             "unit": judged["unit"].to_numpy(),
-            "recording": [tables.number(value) for value in judged["recording"]],
-            "flights, 5 to 95 %": [
-                f"{tables.number(low)} to {tables.number(high)}" for low, high in zip(judged["p05"], judged["p95"], strict=True)
-            ],
+            "recording": [f"{value:.4g}" for value in judged["recording"]],
+            "flights, 5 to 95 %": [f"{low:.4g} to {high:.4g}" for low, high in zip(judged["p05"], judged["p95"], strict=True)],
             "percentile": [f"{100 * value:.1f}" for value in judged["percentile"]],
             "z": [f"{value:+.1f}" for value in judged["z"]],
         }
@@ -79,7 +77,8 @@ def sentences(comparison: Comparison) -> list[str]:
     out = []
     baseline = comparison.standings[0].gap
     if baseline.before_90[0] <= 0 <= baseline.before_90[1]:
-        out.append("Under M0 the interval of the gap holds zero: the attitude alone shows no gap.")
+        out.append("Under M0 the interval of the gap holds zero: the attitude's mean square shows no gap.")
+    out += [_furthest(standing) for standing in comparison.standings]
     for standing in comparison.standings[1:]:
         low, high = standing.gap.shrinkage_90
         if np.isfinite([low, high]).all():
@@ -91,13 +90,29 @@ def sentences(comparison: Comparison) -> list[str]:
     return out
 
 
+def _furthest(standing: Standing) -> str:
+    """How many single statistics stand apart, how many would by chance, and which does most."""
+    (count, of), judged = standing.extreme, statistics(standing)
+    text = f"Under {standing.name} {count} of {of} statistics are beyond 1 % at either end, {0.02 * of:.1f} by chance"
+    return f"{text}; most of all {judged['statistic'].iloc[0]}, z = {judged['z'].iloc[0]}." if len(judged) else f"{text}."
+
+
+def kind(comparison: Comparison) -> str:
+    """Kind of the answer: a gap, none, or single statistics that stand apart although the mean square does not."""
+    first = comparison.standings[0]
+    if first.gap.before_90[0] > 0:
+        return "gap"
+    judged = first.statistics[first.statistics["judged"]]
+    return "open" if (judged["z"].abs() > EXTREME_Z).any() else ""
+
+
 def write(comparison: Comparison, path: Path, made: Made | None = None) -> None:
     """Write the page, with how it was made."""
     title = f"{comparison.recording} beside its scenarios"
     lines = "".join(html.paragraph(line) for line in sentences(comparison))
     table = gaps(comparison)
     parts = [
-        f'<div class="answer">{lines}</div>',
+        f'<section class="answer {kind(comparison)}" aria-label="The answer">{lines}</section>',
         html.heading("The gap"),
         html.paragraph(f"{HOW} {comparison.runs} flights of each scenario, seed {comparison.seed}; intervals of 90 %."),
         html.table_of(table, pd.Series(False, index=table.index), []),

@@ -6,31 +6,24 @@ No name of an effect is in it; each effect says itself what is so when it is at 
 from __future__ import annotations
 
 import math
-import textwrap
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache
-from html import escape
 from importlib import resources
 
-import matplotlib as mpl
-import numpy as np
 import pandas as pd
-from matplotlib.figure import Figure
 
 from diagnosis.answer import Cause, Closure, Finding
 from diagnosis.result import Diagnosis
+from diagnosis.settings import DEFAULT
 from simulator.effects.sensor import ALL_EFFECTS as EFFECTS
 from studies.report import diagnosis_words as words
 from studies.report import next_flight as flights
-from studies.report import panels
-from studies.report.panels import STYLE
+from studies.report import next_step, pointing_cost
 
-HOUR = 3600.0
-ARCSEC = 3600.0  # a degree
 MOST_FINDINGS = 2
+WORTH = 0.01  # probability of an explanation from which on the card tells it
 ORDER = ("First", "Second", "Third", "Fourth", "Fifth", "Sixth", "Seventh", "Eighth")
-LINE = 92  # characters of a line of the picture
 
 
 @dataclass(frozen=True)
@@ -58,15 +51,18 @@ def card(diagnosis: Diagnosis, orbit_s: float = math.nan, next_flight: str = "")
     orbit_s : period of the orbit, NaN if unknown; an hour is then what pointing is told for
     next_flight : what to fly next, in a sentence, of `studies.report.next_flight`; without a plan by default
     """
-    lines = [("Is there a gap?", _gap(diagnosis))]
+    lines = [
+        ("Does it agree with the simulator?", _gap(diagnosis)),
+        ("Where not?", _where(diagnosis)),
+        ("Which cause?", _which(diagnosis)),
+        ("How sure?", _sure(diagnosis)),
+        ("How far does the gap shrink?", words.closed_in_short(diagnosis)),
+    ]
     if diagnosis.causes:
-        lines.append(("How large?", words.listed([words.cause_size(one) for one in diagnosis.causes], "and") + "."))
-    lines.append(("How sure?", _sure(diagnosis)))
-    lines.append(("Where?", _where(diagnosis)))
-    lines.append(("How far does it close?", words.closed_in_short(diagnosis)))
-    if diagnosis.causes:
-        lines.append(("What does it cost in pointing?", pointing(diagnosis.details.regressors, orbit_s)))
-    lines.append(("What to fly next?", next_flight or flights.sentence(diagnosis)))
+        lines.append(("What does it cost in pointing?", pointing_cost.sentence(diagnosis.details.regressors, orbit_s)))
+    lines.append(("What next?", next_step.sentence(diagnosis)))
+    if diagnosis.verdict != "none":
+        lines.append(("What to fly next?", next_flight or flights.sentence(diagnosis)))
     lines.append(("What can it not tell?", _limits(diagnosis)))
     return Card(headline(diagnosis), tuple(lines), diagnosis.closure)
 
@@ -81,12 +77,15 @@ def headline(diagnosis: Diagnosis) -> str:
     if diagnosis.verdict == "unknown":
         beside = [clause(cause) for cause in diagnosis.causes]
         more = f"; beside it, {words.listed(beside, 'and')}" if beside else ""
+        if diagnosis.unknown_probability < DEFAULT.named:
+            return f"There is a gap whose cause is not known; it may be on no list of known causes{more}"
         return f"Something is at work that is on no list of known causes{more}"
     if diagnosis.verdict == "not identifiable" or not diagnosis.causes:
         there = "There is a gap, and this" if diagnosis.present else "This"
         return f"{there} recording cannot show {'its cause' if diagnosis.present else 'whether there is a gap'}"
-    text = ", and ".join(_either(cause, diagnosis) for cause in diagnosis.causes)
-    return text[0].upper() + text[1:]
+    told = [_either(cause, diagnosis) for cause in diagnosis.causes]
+    text = ("; and " if diagnosis.verdict == "group" else ", and ").join(told)
+    return _capital(text)
 
 
 def clause(cause: Cause) -> str:
@@ -96,12 +95,14 @@ def clause(cause: Cause) -> str:
     return EFFECTS[cause.effect].sentence(cause.axis, cause.size, magnitude(cause))
 
 
-def _either(cause: Cause, diagnosis: Diagnosis) -> str:
-    """A cause, or that it or another one is at work where the recording cannot tell them apart."""
+def _either(cause: Cause, diagnosis: Diagnosis, more: str = "") -> str:
+    """A cause and more of it, or that it or another is at work where these cannot be told apart; with doubt, where there is."""
     others = [_bare(member) for member in cause.group if member != cause.label]
-    if diagnosis.verdict != "group" or not others:
-        return clause(cause)
-    return f"either {clause(cause)}, or {words.listed(others, 'or')}"
+    told = f"{clause(cause)}{more}"
+    if diagnosis.verdict != "group":
+        return told
+    doubt = "" if (cause.group_probability if others else cause.probability) >= DEFAULT.named else "most likely "
+    return f"{doubt}either {told}, or {words.listed(others, 'or')}" if others else f"{doubt}{told}"
 
 
 def _bare(label: str) -> str:
@@ -125,18 +126,53 @@ def magnitude(cause: Cause) -> str:
 
 
 def _gap(diagnosis: Diagnosis) -> str:
-    answer = "Yes" if diagnosis.present else "None is seen"
+    answer = "No, there is a gap" if diagnosis.present else "Yes, no gap is seen"
+    if diagnosis.verdict == "not identifiable" and not diagnosis.present:
+        answer = "This recording cannot show it"
     return (
         f"{answer}: noise as stated would depart so far with {words.p_value(diagnosis.p_value)}; of recordings without a gap "
         f"{100 * diagnosis.false_alarm_rate:g} % would be said to have one."
     )
 
 
+def _which(diagnosis: Diagnosis) -> str:
+    """The causes with their sizes; of an unknown one what it behaves like."""
+    told = [_capital(_either(cause, diagnosis, f" ({words.cause_size(cause)})")) for cause in diagnosis.causes]
+    if diagnosis.verdict == "none":
+        return "None is called for."
+    if diagnosis.verdict == "unknown":
+        like = [f"{_behaviour(one)} ({words.percent(share)})" for one, share in diagnosis.alternatives if _telling(one, share)]
+        surely = diagnosis.unknown_probability >= DEFAULT.named
+        none = f"None of the {len(EFFECTS)} that are known" if surely else "None that could be named"
+        told.insert(0, f"{none}. It behaves most like this: {words.listed(like[:MOST_FINDINGS], 'or')}" if like else none)
+    elif not told:
+        return "It cannot be told."
+    return " ".join(f"{one}." for one in told)
+
+
+def _telling(effects: Sequence[str], share: float) -> bool:
+    """Whether an explanation says how the gap behaves: no unlikely one, nor that something imitates what could be named."""
+    return share >= WORTH and not any(one.startswith("an imitation of ") for one in effects)
+
+
+def _behaviour(effects: Sequence[str]) -> str:
+    """An explanation in plain words, without sizes."""
+    known = [_bare(one) if one.partition(":")[0] in EFFECTS else one.replace(":", ", axis ") for one in effects]
+    return " together with ".join(known)
+
+
+def _capital(text: str) -> str:
+    return text[0].upper() + text[1:]
+
+
 def _sure(diagnosis: Diagnosis) -> str:
     if diagnosis.verdict == "none":
         return "A gap smaller than the noise would not be seen."
-    if not diagnosis.causes:
-        return f"With a probability of {words.percent(diagnosis.unknown_probability)} it is something that is on no list."
+    unknown = words.percent(diagnosis.unknown_probability)
+    if diagnosis.verdict == "not identifiable":
+        return f"This recording cannot tell: a probability of {unknown} for something that is on no list."
+    if diagnosis.verdict == "unknown":
+        return f"With a probability of {unknown} something is at work that is on no list."
     parts = []
     for number, cause in enumerate(diagnosis.causes):
         which = f"{ORDER[number]}: p" if len(diagnosis.causes) > 1 else "P"
@@ -180,120 +216,11 @@ def _place(one: Finding) -> str:
     return f"in the {what}{axis}{interval}{window}"
 
 
-def pointing(regressors: pd.DataFrame, orbit_s: float) -> str:
-    """The largest angle by which the causes turn an attitude that is carried by gyro, within an orbit or an hour.
-
-    The calibration, which takes part of a cause into G and b, is made without it; what is left is what is told.
-
-    Parameters
-    ----------
-    regressors : as of `diagnosis.result.Details`
-    orbit_s : period, NaN if unknown
-    """
-    if regressors.empty:
-        return "It is in the samples themselves and turns no attitude that could be measured here."
-    window, name = (orbit_s, "an orbit") if math.isfinite(orbit_s) else (HOUR, "an hour")
-    keys = ["interval", "axis"]
-    together = regressors.groupby([*keys, "t_s"], sort=False)["regressor_deg"].sum().reset_index()
-    worst = max(((_swing(part, window), key) for key, part in together.groupby(keys, sort=False)), key=lambda one: one[0][0])
-    (angle, length), (interval, axis) = worst
-    within = name if 0.9 * window < length <= window else f"{length / 60:.0f} min"
-    size = f"{float(f'{angle * ARCSEC:.3g}'):g}"
-    return f"Carried by gyro, the attitude errs by up to {size} arcsec about {axis} in {within}, in {interval}."
-
-
-def _swing(part: pd.DataFrame, window: float) -> tuple[float, float]:
-    """Largest change of an angle within a window, deg, and the time that the window spans, s; of an interval at least."""
-    t, angle = part["t_s"].to_numpy(), part["regressor_deg"].to_numpy()
-    if t.size < 2:
-        return 0.0, 0.0
-    step = float(np.diff(t).min())
-    if step > window:
-        return float(np.ptp(angle)), float(np.ptp(t))
-    spans = [angle[(t >= start) & (t <= start + window)] for start in t]
-    return max(float(np.ptp(one)) for one in spans), min(window, float(np.ptp(t)))
-
-
 def _limits(diagnosis: Diagnosis) -> str:
     others = [_bare(member) for cause in diagnosis.causes for member in cause.group if member != cause.label]
     if others:
         return f"Whether it is not rather that {words.listed(list(dict.fromkeys(others)), 'or')}."
     return "Constant errors of scale, alignment and bias, which the calibration takes up, and what is below the noise."
-
-
-# ---- on a page and as a picture ------------------------------------------------------------------------------------------
-
-
-def html(found: Card, kind: str) -> str:
-    """The card as a piece of a page."""
-    items = "".join(f"<dt>{escape(question)}</dt><dd>{escape(answer)}</dd>" for question, answer in found.lines)
-    return f'<section class="answer {kind}" aria-label="The answer"><dl>{items}</dl>{_bar(found.closure)}</section>\n'
-
-
-def _bar(closure: Closure | None) -> str:
-    """The closure as a bar from the floor to what was before."""
-    if closure is None or not math.isfinite(closure.before) or closure.before <= 0:
-        return ""
-    scale = 100 / max(closure.before, closure.after, closure.floor)
-    rows = "".join(
-        f'<text x="0" y="{16 + 22 * k}">{name}</text><rect x="120" y="{5 + 22 * k}" width="{4.6 * scale * value:.1f}" '
-        f'height="14" fill="{colour}"/><text x="{126 + 4.6 * scale * value:.1f}" y="{16 + 22 * k}">{value:.3g}</text>'
-        for k, (name, value, colour) in enumerate(
-            (
-                ("before", closure.before, "var(--bad)"),
-                ("with the cause", closure.after, "var(--link)"),
-                ("noise alone", closure.floor, "var(--quiet)"),
-            )
-        )
-    )
-    label = f"{closure.measure}: {closure.before:.3g} before, {closure.after:.3g} with the cause, {closure.floor:.3g} by noise"
-    return (
-        f'<div class="bar"><svg role="img" aria-label="{escape(label)}" viewBox="0 0 640 70" fill="currentColor" '
-        f'font-size="13">{rows}</svg></div>'
-    )
-
-
-def figure(found: Card, recording: str) -> Figure:
-    """The card as a picture of its own."""
-    texts: list[tuple[str, str]] = [("title", line) for line in textwrap.wrap(found.headline, LINE * 2 // 3)]
-    texts.append(("quiet", recording))
-    for question, answer in found.lines:
-        texts.append(("question", question))
-        texts += [("answer", line) for line in textwrap.wrap(answer, LINE)]
-    bars = found.closure is not None
-    height = sum(_LOOKS[kind][3] for kind, _ in texts) + 0.25 + (0.95 if bars else 0.0)
-    with mpl.rc_context(STYLE):
-        drawn = Figure(figsize=(8.0, height))
-        y = height - 0.15
-        for kind, text in texts:
-            size, weight, colour, step = _LOOKS[kind]
-            drawn.text(0.02, y / height, _literal(text), fontsize=size, fontweight=weight, color=colour, va="top")
-            y -= step
-        if found.closure is not None:
-            axes = drawn.add_axes((0.2, 0.1 / height, 0.7, 0.6 / height))
-            values = (found.closure.before, found.closure.after, found.closure.floor)
-            bar = axes.barh(["before", "with the cause", "noise alone"], values, color=[panels.RED, panels.BLUE, panels.GREY])
-            axes.bar_label(bar, [f"{value:.3g}" for value in values], padding=3, fontsize=8)
-            axes.invert_yaxis()
-            axes.set_axisbelow(True)
-            axes.set_xticks([])
-            axes.grid(visible=False)
-            axes.spines[["bottom", "left"]].set_visible(False)
-            axes.set_title(found.closure.measure, loc="left", fontsize=8)
-    return drawn
-
-
-_LOOKS: dict[str, tuple[float, str, str, float]] = {  # size, weight, colour, inches to the next line
-    "title": (14.0, "bold", "#1b1f24", 0.3),
-    "quiet": (9.0, "normal", "#57606a", 0.28),
-    "question": (9.5, "bold", "#1b1f24", 0.2),
-    "answer": (9.5, "normal", "#1b1f24", 0.22),
-}
-
-
-def _literal(text: str) -> str:
-    """A text in which a dollar is one."""
-    return text.replace("$", r"\$")
 
 
 def names(found: Card) -> Sequence[str]:

@@ -70,11 +70,11 @@ def residual_figure(residuals: pd.DataFrame) -> Figure:
             lines = [allowed, Line(minutes, before, "before: the baseline's own fit", BEFORE, "o", size=3.2, hollow=True)]
             if differs(residuals):
                 lines.append(Line(minutes, after, "after: with the causes in the model", AFTER, ".", size=3.2))
-            title = AXIS_TITLES[axis] if name == names[0] else ""
-            y = f"{_short(name)}\nresidual (deg)" if axis == "x" else ""
+            title = f"{_short(name)}: {AXIS_TITLES[axis]}"
+            y = "residual (deg)" if axis == "x" else ""
             x = "minutes since the interval's first reference" if name == names[-1] else ""
             drawn.append(panels.curves(lines, title=title, x=x, y=y))
-    size = (WIDTH, 1.35 * len(names) + 0.9)
+    size = (WIDTH, 1.55 * len(names) + 0.9)
     return panels.drawn(*drawn, size=size, columns=3, sharey="col", legend="outside upper center")
 
 

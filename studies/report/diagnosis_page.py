@@ -15,7 +15,7 @@ from diagnosis.answer import Cause
 from diagnosis.result import Diagnosis
 from simulator.effects.sensor import SENSOR_EFFECTS
 from studies.montecarlo.files import write_text
-from studies.report import diagnosis_card, sensor_figures, sensor_words, tables
+from studies.report import card_drawing, diagnosis_card, sensor_figures, sensor_words, tables
 from studies.report import diagnosis_figures as figures
 from studies.report import diagnosis_words as words
 from studies.report.html import Picture, document, heading, paragraph, shown, table_of
@@ -45,7 +45,7 @@ def page(diagnosis: Diagnosis, made: Made | None = None, orbit_s: float = math.n
     body = consequence + evidence if diagnosis.causes else evidence + consequence
     card = diagnosis_card.card(diagnosis, orbit_s, next_flight)
     kind = {"none": "", "named": "gap", "group": "gap", "unknown": "gap", "not identifiable": "open"}[diagnosis.verdict]
-    parts = [paragraph(f"Diagnosis of {diagnosis.recording}", "quiet"), diagnosis_card.html(card, kind)]
+    parts = [paragraph(f"Diagnosis of {diagnosis.recording}", "quiet"), card_drawing.html(card, kind)]
     parts += [_answer(diagnosis), _causes(diagnosis), *body, _limits(diagnosis), _glossary(diagnosis)]
     return document(card.headline, parts, made, short=f"Diagnosis of {diagnosis.recording}")
 
@@ -163,8 +163,8 @@ def _where_pictures(diagnosis: Diagnosis) -> Iterator[Picture]:
             lambda: figures.statistics_figure(statistics),
             f"Map of {len(statistics)} tests by interval, axis and phase; {marked} are significant. The strongest: "
             f"{worst['interval']}, axis {worst['axis']}, {worst['phase']}, {words.p_value(float(worst['p_value']))}.",
-            "How far each part of the recording departs from the baseline: darker is further. A star marks what is significant "
-            "among all these tests (about 5 % of the stars may be chance). Grey: no data to test.",
+            "How far each part of the recording departs from the baseline: the stronger its colour, the further. A star marks "
+            "what is significant among all these tests (about 5 % of the stars may be chance). Grey: no data to test.",
         )
     if not residuals.empty:
         count, shown = (

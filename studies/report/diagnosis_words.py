@@ -10,6 +10,7 @@ import pandas as pd
 
 from diagnosis.answer import Cause, Closure
 from diagnosis.result import Diagnosis
+from diagnosis.settings import DEFAULT
 from gyrocal import NAMES
 from gyrocal.calibration.parameters import AXES
 from simulator.effects.sensor import ALL_EFFECTS as EFFECTS
@@ -98,14 +99,17 @@ def verdict(diagnosis: Diagnosis) -> str:
         return "No gap: this recording shows nothing that the baseline simulator would not do."
     if diagnosis.verdict == "unknown":
         beside = f" Beside it there is {listed(causes, 'and')}." if causes else ""
+        known = "that no known effect explains" if diagnosis.unknown_probability >= DEFAULT.named else "of unknown cause"
         return (
-            "There is a gap that no known effect explains: with a probability of "
+            f"There is a gap {known}: with a probability of "
             f"{percent(diagnosis.unknown_probability)} something is at work that is not on the list.{beside}"
         )
     if diagnosis.verdict == "not identifiable":
         if diagnosis.present:
             return "There is a gap, but this recording cannot show what causes it."
         return "This recording cannot show whether there is a gap."
+    if diagnosis.verdict == "group" and not any(len(cause.group) > 1 for cause in diagnosis.causes):
+        return f"There is a gap, most likely by {listed(causes, 'and')}, but not surely."
     if diagnosis.verdict == "group" or not causes:
         return f"There is a gap, and this recording cannot tell apart what explains it: {'; and '.join(groups(diagnosis))}."
     if len(causes) == 1:
@@ -210,11 +214,10 @@ def closed_in_short(diagnosis: Diagnosis) -> str:
     if found is None:
         return no_closure(diagnosis)
     share, (low, high) = _share_closed(found), (100 * one for one in found.interval_90)
-    return (
-        f"{share} of it ({low:.0f} to {high:.0f} %), on data that took no part in finding the cause."
-        if share
-        else f"{TOO_LITTLE}."
-    )
+    if not share:
+        return f"{TOO_LITTLE}."
+    part = f"{share} of it ({low:.0f} to {high:.0f} %)"
+    return f"{part}, once the cause is in the model; measured on data that took no part in finding it."
 
 
 def _share_closed(found: Closure) -> str:

@@ -51,6 +51,10 @@ figcaption, .made { font-size: 14px; }
 .drawing svg { display: block; width: 100%; height: auto; fill: var(--ink); font-family: "DejaVu Sans", Verdana, sans-serif; }
 .drawing svg * { stroke-linejoin: round; stroke-linecap: butt; }
 .drawing svg.fixed { background: #ffffff; fill: #000000; }
+@media screen and (prefers-color-scheme: dark) { .drawing svg.fixed { filter: invert(0.93) hue-rotate(180deg); } }
+.zooms svg.whole { cursor: zoom-in; margin: 0 auto; }
+.zoom { font: inherit; font-size: 14px; color: var(--link); background: var(--soft); border: 1px solid var(--line);
+  border-radius: 4px; padding: 2px 10px; margin: 4px 0; cursor: pointer; }
 .pieces { display: none; }
 .value { position: fixed; pointer-events: none; background: var(--ink); color: var(--paper); padding: 1px 6px;
   font-size: 13px; }
@@ -73,14 +77,15 @@ footer { border-top: 1px solid var(--line); color: var(--quiet); font-size: 14px
   .drawing svg.whole { min-width: 640px; }
   .stacks { overflow: hidden; position: relative; }
   .stacks svg.whole { position: absolute; width: 0; height: 0; min-width: 0; }
-  .pieces { display: grid; gap: 10px; }
+  .pieces { display: grid; gap: 10px; } .zoom { display: none; }
   td:not(.number) { min-width: 8em; } td.long { min-width: 20em; }
 }
-@media print { header, main, footer, nav { max-width: none; padding: 0; } nav, .skip { display: none; }
+@media print { header, main, footer, nav { max-width: none; padding: 0; } nav, .skip, .zoom { display: none; }
   h2, h3 { break-after: avoid; } figure, tr { break-inside: avoid; } .scroll, .drawing { overflow: visible; } }
 """
 
-# Shows what a place in a figure stands for, of a marker nearby or of the pointer; a page is whole without it.
+# Shows what a place in a figure stands for, of a marker nearby or of the pointer, and enlarges one panel of several by a click
+# on it or by a button, until the next click or Escape; a page is whole without it.
 SCRIPT = """
 (() => {
   const out = document.createElement('output'); out.className = 'value'; out.hidden = true; document.body.append(out);
@@ -102,10 +107,27 @@ SCRIPT = """
       out.textContent = `${x.toPrecision(4)}; ${y.toPrecision(4)}`;
       out.style.left = `${event.clientX + 12}px`; out.style.top = `${event.clientY + 12}px`;
     });
+    const box = svg.closest('.stacks'); if (!box) return;
+    const pieces = [...box.querySelectorAll('svg.piece')].map(p => p.getAttribute('viewBox'));
+    const holds = (v, x, y) => { const [l, t, w, h] = v.split(' ').map(Number);
+      return x > l && x < l + w && y > t && y < t + h; };
+    const panels = pieces.filter(v => axes.some(a => holds(v, (a[0] + a[2]) / 2, (a[1] + a[3]) / 2)));
+    const all = svg.getAttribute('viewBox'), wide = svg.style.maxWidth, button = document.createElement('button');
+    let shown = -1;
+    const show = k => { shown = k; svg.setAttribute('viewBox', k < 0 ? all : panels[k]);
+      svg.style.maxWidth = k < 0 ? wide : `${3 * parseFloat(panels[k].split(' ')[2])}px`;
+      svg.style.cursor = k < 0 ? '' : 'zoom-out';
+      button.textContent = k < 0 ? 'Enlarge a panel' : k + 1 < panels.length ? 'Next panel' : 'Whole figure'; };
+    button.type = 'button'; button.className = 'zoom'; box.classList.add('zooms'); box.append(button); show(-1);
+    button.addEventListener('click', () => show(shown + 1 < panels.length ? shown + 1 : -1));
+    box.addEventListener('keydown', event => { if (event.key === 'Escape') show(-1); });
+    svg.addEventListener('click', event => { if (shown >= 0) return show(-1);
+      const p = new DOMPoint(event.clientX, event.clientY).matrixTransform(svg.getScreenCTM().inverse());
+      show(panels.findIndex(v => holds(v, p.x, p.y))); });
   });
 })();
 """
-LONG = 90  # characters of a cell, which is not made narrow in a narrow window
+LONG = 40  # characters of a cell, which is not made narrow in a narrow window
 
 
 @dataclass(frozen=True)

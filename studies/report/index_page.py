@@ -1,5 +1,6 @@
-"""The page of a reproduction: do simulation and flight agree, where not, why, and how far the gap shrinks; then every claim of
-both papers, every table and figure, the sealed checks of the diagnosis, and the studies, each with what makes it again.
+"""The page of a reproduction: do simulation and flight agree, where not, by which cause, how sure that is, how far the gap
+shrinks, and what would be next; then every claim of both papers, every table and figure, the sealed checks of the diagnosis,
+and the studies, each with what makes it again.
 
 The page is made of the folders of results alone, so that it says what they hold; figures are taken in as they are there.
 """
@@ -10,6 +11,7 @@ import re
 from collections.abc import Collection, Mapping, Sequence
 from html import escape
 from pathlib import Path
+from typing import Any
 
 import pandas as pd
 
@@ -68,7 +70,7 @@ def page(folders: Mapping[str, Path], studies: Path, made: Made | None = None) -
 
 
 def _answers(found: Mapping[str, Found], claims: Mapping[str, Sequence[Judged]]) -> str:
-    """Do they agree, where not, why, and how far does the gap shrink."""
+    """Do they agree, where not, by which cause, how sure is it, how far does the gap shrink, and what would be next."""
     cards = []
     for name, make in (("natanson", _natanson), ("robertson", _robertson)):
         if name in found:
@@ -91,20 +93,36 @@ def _counts(claims: Sequence[Judged]) -> str:
 
 def _natanson(found: Found, claims: Sequence[Judged]) -> tuple[str, dict[str, str]]:
     clean, rms = found["clean_gap_rms_deg.assumed"], found["flight_gap_rms_deg.flight_rms"]
-    held = [found[f"clean_gap_scan_deg.held_out.{when}"] for when in ("before", "after")]
+
+    def scan(name: str) -> Any:
+        return found[f"clean_gap_scan_deg.{name}"]
+
+    held = [scan(f"held_out.{when}") for when in ("before", "after")]
     agree = clean < 0.1 * rms
     first = "Yes" if agree else "No"
     slips = [one.claim.about or one.claim.where for one in claims if one.verdict == "the paper slips"]
+    slipped = f"Where the paper slips: {'; '.join(slips)}." if slips else ""
     return ("" if agree else "gap"), {
         "Do simulation and flight agree?": f"{first}: the flown residuals are predicted to {clean:.4f} of {rms:.3f} deg RMS. "
         f"{_counts(claims)}",
-        "Where not?": f"Where the paper slips: {'; '.join(slips)}." if slips else "Nowhere.",
-        "Why?": f"The slews' timings are not published, and explain {clean:.4f} to {found['clean_gap_rms_deg.each']:.4f} deg "
-        f"if they are fitted; print alone leaves {found['clean_gap_scan_deg.print']:.4f}.",
+        "Where not?": f"Most in {_most(found.table('flight_gap'))}. {slipped}",
+        "Which cause?": f"The slews' timings, which are not published, are assumed: fitted, they explain {clean:.4f} to "
+        f"{found['clean_gap_rms_deg.each']:.4f} deg; print alone leaves {scan('print'):.4f}.",
+        "How sure?": f"Of {scan('timings')} timings tried, which leave {scan('min'):.4f} to {scan('max'):.4f} deg, "
+        f"{100 * scan('share_below_assumed'):.0f} % leave less than those assumed. The truth flown is the flight's own "
+        "calibration, so that agreement below its noise proves little.",
         "How far does the gap shrink?": f"To {found['clean_gap_rms_deg.common']:.4f} deg with four common timings, "
         f"{found['clean_gap_rms_deg.each']:.4f} with nine; on intervals that fitted nothing from {held[0]:.4f} to "
         f"{held[1]:.4f}.",
+        "What next?": "The true times of the slews, or the gyro's samples of one maneuver: no paper prints them, and nothing "
+        "else would tell what is left.",
     }
+
+
+def _most(gap: pd.DataFrame) -> str:
+    """Where the clean gap is largest: two of its numbers."""
+    worst = gap.reindex(gap["clean_gap_deg"].abs().sort_values(ascending=False).index).head(2)
+    return " and ".join(f"interval {one.interval}, {one.axis}, by {one.clean_gap_deg:+.4f} deg" for one in worst.itertuples())
 
 
 def _robertson(found: Found, claims: Sequence[Judged]) -> tuple[str, dict[str, str]]:
@@ -114,17 +132,21 @@ def _robertson(found: Found, claims: Sequence[Judged]) -> tuple[str, dict[str, s
     steps = "; ".join(f"{_plain(str(one.effect))} {one.factor_18:.2f}" for one in rungs.iloc[1:].itertuples())
     causes = found.table("diagnosis")
     listed = causes[(causes["probability"] > WORTH) & ~causes["cause"].str.startswith("unknown")]
-    probable = "".join(f"; {_plain(str(one.cause))}: {one.probability:.2f}" for one in listed.itertuples())
+    probable = "".join(f"; {_plain(str(one.cause))} {one.probability:.2f}" for one in listed.itertuples())
     where = ", ".join(f"{_plain(str(one.number))} by {one.left_sigmas:+.1f} sigma" for one in far.itertuples())
+    names = " and ".join(_plain(str(one)) for one in far["number"])
     agree = last["factor_unfitted_low"] < AGREE
     return ("" if agree else "gap"), {
         "Do simulation and flight agree?": f"{'Yes' if agree else 'In part'}: R Table 3's 18 numbers differ by a factor of "
         f"{first['factor_18']:.2f} as landed. {_counts(claims)}",
         "Where not?": f"With what is found put in: {where}." if where else "Nowhere by more than three sigma.",
-        "Why?": f"Factor with each effect put in after the one before: {steps}. Something that is on no list is at work with a "
-        f"probability of {found['diagnosis.unknown']:.2f}{probable}.",
+        "Which cause?": f"Several; the factor with each put in after the one before: {steps}. The rest is unknown.",
+        "How sure?": f"Probabilities: something that is on no list {found['diagnosis.unknown']:.2f}{probable}.",
         "How far does the gap shrink?": f"From a factor of {first['factor_unfitted']:.2f} to {last['factor_unfitted']:.2f} "
         f"({last['factor_unfitted_low']:.2f} to {last['factor_unfitted_high']:.2f}), on numbers that fitted nothing.",
+        "What next?": f"Telemetry of the days behind {names}: no effect on the list explains what is left of them."
+        if names
+        else "Nothing is left that more flight data would have to explain.",
     }
 
 

@@ -71,9 +71,9 @@ def headline(found: Plan) -> str:
     by_effect: dict[str, bool] = {}
     for one in found.effects:
         by_effect[one.effect] = by_effect.get(one.effect, False) or one.verdict == "visible"
-    text = (
-        f"{sum(by_effect.values())} of {len(by_effect)} effects can be seen, {len(found.unordered())} pairs cannot be separated"
-    )
+    count = len(found.unordered())
+    pairs = f"{count} pair{'' if count == 1 else 's'}"
+    text = f"{sum(by_effect.values())} of {len(by_effect)} effects can be seen, {pairs} cannot be separated"
     if found.extras and found.extras[0].ratio < 1:
         text += f"; most is gained by: {found.extras[0].name}"
     resolving = max(found.extras, key=lambda one: len(one.resolved), default=None)

@@ -44,11 +44,17 @@ def page(found: Prediction, title: str, from_s: float, table: pd.DataFrame, made
             heading("How its error grows"),
             shown(picture),
             heading("The attitude"),
-            table_of(table.iloc[chosen].map(lambda value: f"{value:.6g}"), None, list(table.columns)),
+            table_of(table.iloc[chosen].apply(_texts), None, list(table.columns)),
         ],
         made,
         short=f"Prediction of {title}",
     )
+
+
+def _texts(column: pd.Series) -> pd.Series:
+    """Texts of a column, all in one form."""
+    form = "{:.6f}" if str(column.name).startswith("q") else "{:.1f}" if column.name == "t_s" else "{:.2f}"
+    return column.map(form.format)
 
 
 def _figure(t: np.ndarray, sigma: np.ndarray) -> Figure:

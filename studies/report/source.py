@@ -35,8 +35,10 @@ class Source:
         """Command, commit and hash that make a file again, as HTML."""
         command = self.manifest.get("command") or f"gyrocal study {self.folder.name}"
         commit, sha256 = self.manifest.get("commit") or "unknown", self.manifest.get("files", {}).get(file, "unknown")
+        later = self.manifest.get("reported", {}).get("commit", "")
+        again = f", reported from its rows at <code>{escape(_short(later))}</code>" if later else ""
         return (
-            f'<p class="made"><code>{escape(command)}</code> at commit <code>{escape(commit[:12] + commit[40:])}</code>; '
+            f'<p class="made"><code>{escape(command)}</code> at commit <code>{escape(_short(commit))}</code>{again}; '
             f"<code>{escape(file)}</code>, SHA-256 <code>{escape(sha256[:16])}</code></p>\n"
         )
 
@@ -54,3 +56,8 @@ class Source:
             (f"<h{level}>{escape(one.title)}</h{level}>\n" if one.title else "") + markdown.rendered(one, self.figure)
             for one in some
         )
+
+
+def _short(commit: str) -> str:
+    """A commit by twelve digits, and whether there were changes."""
+    return commit[:12] + commit[40:]

@@ -119,6 +119,8 @@ def _cells(table: pd.DataFrame, formats: Mapping[str, str]) -> Iterator[list[str
 
 
 def _text(value: object, form: str | None) -> str:
+    if value is None:
+        return NO_VALUE
     if isinstance(value, bool):
         return "yes" if value else "no"
     if isinstance(value, float):

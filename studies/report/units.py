@@ -22,6 +22,7 @@ ENDINGS = {
     "deg_h": "deg/h",
     "mdeg": "mdeg",
     "deg": "deg",
+    "arcsec": "arcsec",
     "ppm": "ppm",
     "bytes": "bytes",
     "kib": "KiB",

@@ -8,6 +8,7 @@ import pytest
 
 from tests import ROOT
 from tests.docs.blocks import PAGES
+from tests.pages import BROWSER, SPILT, browsed
 
 pytest.importorskip("pydata_sphinx_theme", reason="needs the extra docs")
 pytest.importorskip("myst_parser", reason="needs the extra docs")
@@ -48,9 +49,19 @@ def test_the_site_is_built_without_a_warning_and_loads_nothing_from_elsewhere(tm
     assert {page.removesuffix(".md") for page in PAGES} <= set(app.env.found_docs)
     nothing_is_loaded_from_elsewhere(site)
     equations_are_drawn_and_can_be_read_out((site / "docs" / "theory.html").read_text(encoding="utf-8"))
+    if BROWSER is not None:
+        a_browser_shows_it_narrow_and_wide_light_and_dark(site)
     shapes = (site / "docs" / "api.html").read_text(encoding="utf-8")
     assert "(..., 3, 3)" in shapes
     assert "inertial to body, scalar last" in shapes
+
+
+def a_browser_shows_it_narrow_and_wide_light_and_dark(site):
+    for dark in (False, True):
+        seen = browsed(WRITTEN, site, dark)
+        assert {one["dark"] for one in seen.values()} == {dark}
+        assert {key: one["spill"] for key, one in seen.items() if one["spill"] > SPILT} == {}
+        assert {key: one["faint"] for key, one in seen.items() if one["contrast"] < 4.5} == {}
 
 
 def nothing_is_loaded_from_elsewhere(site):
@@ -68,4 +79,5 @@ def equations_are_drawn_and_can_be_read_out(text):
     equations = [" ".join(one.split()) for one in re.findall(r"^\$\$\n(.*?)\n\$\$$", source, flags=re.MULTILINE | re.DOTALL)]
     assert Loaded(text).labels == equations
     assert len(equations) > 8
-    assert "currentColor" in text
+    drawn = re.findall(r'class="equation".*?</svg>', text, flags=re.DOTALL)
+    assert all("currentColor" in one and not re.search(r"#[0-9a-f]{6}", one) for one in drawn)  # no paper of their own

@@ -10,8 +10,9 @@ import pandas as pd
 import pytest
 from rich.console import Console
 
+from simulator.effects.base import STAGE_NAMES
 from simulator.effects.sensor import ALL_EFFECTS
-from studies.report import diagnosis_card, diagnosis_figures, diagnosis_summary, svg
+from studies.report import card_drawing, diagnosis_card, diagnosis_figures, diagnosis_summary, next_step, pointing_cost, svg
 from studies.report import diagnosis_page as diagnosis_report
 from studies.report import diagnosis_words as words
 from tests import ROOT
@@ -248,11 +249,15 @@ def test_every_effect_has_a_sentence_of_its_own():
 def test_pointing_is_the_largest_swing_within_an_orbit():
     t = np.arange(0.0, 9000.0, 60.0)
     table = pd.DataFrame({"cause": "c", "interval": "m1", "axis": "z", "t_s": t, "regressor_deg": t / 3600})
-    assert "errs by up to 5400 arcsec about z in an orbit" in diagnosis_card.pointing(table, 5400.0)
-    assert "3600 arcsec about z in an hour" in diagnosis_card.pointing(table, float("nan"))
+    assert "errs by up to 5400 arcsec about z in an orbit" in pointing_cost.sentence(table, 5400.0)
+    assert "3600 arcsec about z in an hour" in pointing_cost.sentence(table, float("nan"))
     ends = table.iloc[[0, -1]]
-    assert "arcsec about z in 149 min" in diagnosis_card.pointing(ends, 5400.0)
-    assert "in the samples" in diagnosis_card.pointing(table.iloc[:0], 5400.0)
+    assert "arcsec about z in 149 min" in pointing_cost.sentence(ends, 5400.0)
+    turned = pointing_cost.sentence(table.assign(cause="reference_orbital:z"), 5400.0)
+    assert turned.startswith("The references err by up to 8940 arcsec about z, in m1. An attitude carried by gyro errs only")
+    both = pd.concat([table, table.assign(cause="reference_orbital:z")])
+    assert pointing_cost.sentence(both, 5400.0) == pointing_cost.sentence(table, 5400.0)
+    assert "in the samples" in pointing_cost.sentence(table.iloc[:0], 5400.0)
 
 
 def test_reliability_is_the_one_that_was_measured():
@@ -274,7 +279,7 @@ def test_a_share_beyond_the_whole_is_all_of_it(closed, text):
 @pytest.mark.parametrize("case", CASES)
 def test_card_is_a_picture(case, tmp_path):
     diagnosis = CASES[case]()
-    drawn = diagnosis_card.figure(diagnosis_card.card(diagnosis, 5490.0), "see $x$")
+    drawn = card_drawing.figure(diagnosis_card.card(diagnosis, 5490.0), "see $x$")
     height = drawn.get_figheight() * drawn.dpi
     assert all(0 <= text.get_window_extent().y0 <= height for text in drawn.texts)
     text = svg.svg_bytes(drawn).decode()
@@ -352,3 +357,37 @@ def test_unlisted_explanations_look_different():
 
     assert hatched("unknown") == [True, True, False]
     assert hatched("pair") == [False, False]
+
+
+def test_the_card_names_no_more_than_is_sure():
+    """What is only likely is hedged, what may yet be on the list is not said to be on none."""
+    base, group = CASES["unknown"](), CASES["group"]()
+    alternatives = ((("bias_drift:y",), 0.5), (("an imitation of bias_drift:y",), 0.49), (("rate_lag",), 0.001))
+    doubtful = dataclasses.replace(base, unknown_probability=0.49, alternatives=alternatives)
+    assert diagnosis_card.headline(doubtful).startswith("There is a gap whose cause is not known")
+    assert words.verdict(doubtful).startswith("There is a gap of unknown cause: with a probability of 49 %")
+    said = dict(diagnosis_card.card(doubtful).lines)
+    assert (
+        said["Which cause?"]
+        == "None that could be named. It behaves most like this: the y gyro's bias rises by some amount (50 %)."
+    )
+    assert not re.search(r"[a-z]+_[a-z]+", " ".join(diagnosis_card.names(diagnosis_card.card(doubtful))))
+    alone = dataclasses.replace(group.causes[0], group=("time_offset",), probability=0.85, group_probability=0.85)
+    likely = dataclasses.replace(group, causes=(alone,))
+    assert diagnosis_card.headline(likely) == "Most likely the gyro's time tags are 0.52 s late"
+    assert words.verdict(likely) == "There is a gap, most likely by time_offset, but not surely."
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_the_card_answers_six_questions_in_order(case):
+    questions = [question for question, _ in diagnosis_card.card(CASES[case]()).lines]
+    asked = ["Does it agree with the simulator?", "Where not?", "Which cause?", "How sure?", "How far does the gap shrink?"]
+    assert questions[:5] == asked
+    assert "What next?" in questions
+
+
+def test_every_stage_has_a_remedy():
+    assert set(next_step.REMEDIES) == set(STAGE_NAMES)
+    assert "time tags" in next_step.sentence(CASES["group"]())
+    assert next_step.sentence(CASES["none"]()) == "Use the calibration as it is."
+    assert next_step.sentence(CASES["unknown"]()).startswith(f"Look at {CASES['unknown']().where[0].interval} first")

@@ -13,7 +13,7 @@ from studies.report.claims import Found, judged
 from studies.report.made import Made
 from studies.robertson.claims import CLAIMS as ROBERTSON
 from tests import ROOT
-from tests.pages import BROWSER, SPILT, checked, colours, in_a_browser, least_contrast
+from tests.pages import BROWSER, SPILT, browsed, checked, colours, least_contrast
 
 RESULTS = ROOT / "results"
 FOLDERS = {"natanson": RESULTS / "reproduction", "robertson": RESULTS / "mission"}
@@ -34,7 +34,14 @@ def test_the_first_screen_answers_with_the_results_numbers(text):
     summary = json.loads((FOLDERS["natanson"] / "summary.json").read_text())
     ladder = pd.read_csv(FOLDERS["robertson"] / "ladder.csv")
     first = text[text.index("<main") : text.index("<nav")]
-    assert first.count("Do simulation and flight agree?") == first.count("How far does the gap shrink?") == 2
+    for question in ("Do simulation and flight agree?", "Where not?", "Which cause?", "How sure?", "What next?"):
+        assert first.count(question) == first.count("How far does the gap shrink?") == 2
+    gap = pd.read_csv(FOLDERS["natanson"] / "flight_gap.csv")
+    worst = gap.loc[gap["clean_gap_deg"].abs().idxmax()]
+    assert f"Most in interval {worst['interval']}, {worst['axis']}, by {worst['clean_gap_deg']:+.4f} deg" in first
+    left = pd.read_csv(FOLDERS["robertson"] / "diagnosis_left.csv").set_index("number")["left_sigmas"].abs()
+    assert "Telemetry of the days behind roll before any upload and update before any upload:" in first
+    assert set(left[left > 3].index) == {"roll precalibration", "update precalibration"}
     assert f"{summary['clean_gap_rms_deg']['assumed']:.4f} of {summary['flight_gap_rms_deg']['flight_rms']:.3f} deg" in first
     assert f"{ladder['factor_unfitted'].iloc[0]:.2f} to {ladder['factor_unfitted'].iloc[-1]:.2f}" in first
 
@@ -92,6 +99,7 @@ def test_colours_stand_out(text, dark):
 
 @pytest.mark.skipif(BROWSER is None, reason="no browser is here")
 def test_a_browser_shows_it_narrow_and_wide(tmp_path):
-    narrow, wide = in_a_browser(index_page.page(FOLDERS, tmp_path, MADE), tmp_path).values()
+    narrow, wide = browsed({"index": index_page.page(FOLDERS, tmp_path, MADE)}, tmp_path).values()
     assert max(narrow["spill"], wide["spill"]) <= SPILT
     assert narrow["height"] > wide["height"]
+    assert wide["enlarged"] > 1.5

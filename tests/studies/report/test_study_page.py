@@ -20,7 +20,7 @@ def test_page_is_whole(name):
 
 
 def test_checks_that_fail_are_named(tmp_path):
-    assert study_page.verdict(STUDIES / "timestep") == "This study has no checks."
+    assert study_page.verdict(tmp_path) == "This study has no checks."
     lines = ["check,verdict", "one,pass", "two,fail", "three,note"]
     (tmp_path / "checks.csv").write_text("\n".join(lines))
     assert study_page.verdict(tmp_path) == "1 of 2 checks pass. Not: two."

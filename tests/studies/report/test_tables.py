@@ -93,3 +93,8 @@ def test_what_a_terminal_has_no_room_for_is_named():
         for k in range(9):
             assert (f"{1234.5 + k:g}" in shown) != (f"number {k}" in " ".join(shown.partition("left out")[2].split()))
         assert ("left out" in shown) == (width == 70)
+
+
+def test_what_has_no_value_is_a_dash():
+    text = tables.markdown("t", pd.DataFrame({"a": [None, True]}, dtype=object))
+    assert text.splitlines()[-2:] == ["| – |", "| yes |"]

@@ -1,0 +1,50 @@
+"""What to do after a diagnosis: what mends the cause found, by its stage of the measuring chain, or what to look at."""
+
+from __future__ import annotations
+
+from diagnosis.answer import Cause
+from diagnosis.result import Diagnosis
+from simulator.effects.sensor import ALL_EFFECTS
+
+_IN_MODEL = "Take scale, alignment and bias from the calibration with the cause in it, below"
+_TAGS = "Mend the gyro's time tags or undo its filter, by the size found, and calibrate again"
+_SAMPLES = "Have the gyro's samples mended where they are made, in the unit's settings or its telemetry, and calibrate again"
+_REFERENCES = "Leave the gyro; mend the reference attitudes or take the calibration that allows for their error, below"
+REMEDIES = {
+    "rate": _IN_MODEL,
+    "random_rate": f"{_IN_MODEL}, and repeat it as often as the bias wanders by more than you can bear",
+    "filter": _TAGS,
+    "clock": _TAGS,
+    "threshold": _SAMPLES,
+    "white_noise": "State the gyro's noise as found, and calibrate again: the sigmas change",
+    "pickup": _IN_MODEL,
+    "outliers": _SAMPLES,
+    "range": _SAMPLES,
+    "resolution": _SAMPLES,
+    "telemetry": _SAMPLES,
+    "reference": _REFERENCES,
+    "random_reference": _REFERENCES,
+    "reference_noise": "State the references' noise as found, and calibrate again: the sigmas change",
+    "sensor": "Put the values found into the sensor's model, determine the references again, and calibrate with those",
+}
+
+
+def sentence(diagnosis: Diagnosis) -> str:
+    """What to do, without what to fly."""
+    if diagnosis.verdict == "none":
+        return "Use the calibration as it is."
+    if diagnosis.verdict == "unknown":
+        place = next((one.interval for one in diagnosis.where if one.interval), None)
+        first = f"Look at {place} first: what" if place else "Look at what"
+        return (
+            f"{first} was different there (mode, temperature, sensors in use)? Until it is explained the calibration's errors "
+            "are larger than its sigmas."
+        )
+    if not diagnosis.causes:
+        return "Do not decide by this recording: fly more."
+    remedies = list(dict.fromkeys(_remedy(cause) for cause in diagnosis.causes))
+    return " ".join(f"{one}." for one in remedies)
+
+
+def _remedy(cause: Cause) -> str:
+    return REMEDIES[ALL_EFFECTS[cause.effect].stage] if cause.effect in ALL_EFFECTS else _IN_MODEL
