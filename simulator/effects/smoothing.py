@@ -15,7 +15,6 @@ from collections.abc import Sequence
 from functools import lru_cache
 
 import numpy as np
-from scipy.interpolate import interp1d
 from scipy.ndimage import median_filter
 from scipy.signal import savgol_coeffs, savgol_filter
 
@@ -87,9 +86,18 @@ def _fitted(rates: Array, window: int) -> tuple[Array, float]:
     count = len(rates) // block
     means = rates[: count * block].reshape(count, block).mean(axis=1)
     width = min(window // block // 2 * 2 + 1, count - 1 + count % 2)
-    middle = block * np.arange(count) + 0.5 * (block - 1)
-    estimate = interp1d(middle, savgol_filter(means, width, ORDER, mode="interp"), fill_value="extrapolate")
-    return np.asarray(estimate(np.arange(len(rates)))), _weight(width) / float(np.sqrt(block))
+    estimate = _between(savgol_filter(means, width, ORDER, mode="interp"), block, len(rates))
+    return estimate, _weight(width) / float(np.sqrt(block))
+
+
+def _between(values: Array, block: int, count: int) -> Array:
+    """Values in the middles of blocks, straight lines between them and beyond the first and the last, at each sample (n,)."""
+    at = (np.arange(count) - 0.5 * (block - 1)) / block
+    out = np.interp(at, np.arange(values.size), values)
+    low, high = at < 0, at > values.size - 1
+    out[low] = values[0] + at[low] * (values[1] - values[0])
+    out[high] = values[-1] + (at[high] - (values.size - 1)) * (values[-1] - values[-2])
+    return np.asarray(out)
 
 
 @lru_cache(maxsize=256)

@@ -195,11 +195,11 @@ def reliability(probability: float) -> str:
     rows = _measured()
     rows = rows[(rows["from"] <= probability) & (probability <= rows["to"]) & (rows["statements"] > 0)]
     if rows.empty:
-        return "How often so sure a statement is right is not known: in the sealed checks there was none."
+        return "How often so sure a statement is right is not known: in the checks with sealed answers there was none."
     row = rows.iloc[-1]
     return (
-        f"Of {row['statements']:.0f} statements of {100 * row['from']:.0f} to {100 * row['to']:.0f} % in sealed checks "
-        f"{100 * row['there']:.0f} % were right ({100 * row['low']:.0f} to {100 * row['high']:.0f} %)."
+        f"Of {row['statements']:.0f} statements of {100 * row['from']:.0f} to {100 * row['to']:.0f} % in checks with sealed "
+        f"answers {100 * row['there']:.0f} % were right ({100 * row['low']:.0f} to {100 * row['high']:.0f} %)."
     )
 
 

@@ -227,12 +227,17 @@ def _explanations(diagnosis: Diagnosis) -> str:
     return heading("The explanations that were compared") + text + shown(picture)
 
 
+BODY = "; taken for a motion of the body, not for a fault"  # said of lines that are no vibration
+
+
 def _stream(diagnosis: Diagnosis) -> str:
     table = diagnosis.details.stream
     if table.empty:
         return ""
     ordered = table.sort_values("p_value", kind="stable")
     shown = ordered.head(MOST_STREAM_TESTS)
+    vibrating = {one.axis for one in diagnosis.where if one.statistic == "spectral_line"}
+    moving = (shown["statistic"] == "strongest_line") & ~shown["axis"].isin(vibrating)
     rows = pd.DataFrame(
         {
             "test": [str(name).replace("_", " ") for name in shown["statistic"]],
@@ -240,10 +245,10 @@ def _stream(diagnosis: Diagnosis) -> str:
             "found": [tables.number(value) for value in shown["value"]],
             "baseline": [tables.number(value) for value in shown["expected"]],
             "chance": [words.p_value(p) for p in shown["p_value"]],
-            "what": shown["text"].astype(str).to_numpy(),
+            "what": [f"{text}{BODY if own else ''}" for text, own in zip(shown["text"], moving, strict=True)],
         }
     )
-    strong = (shown["p_value"] * len(table) < 0.01).reset_index(drop=True)
+    strong = ((shown["p_value"] * len(table) < 0.01) & ~moving).reset_index(drop=True)
     note = "The samples of the gyro, without the references. Bold: less than 1 % chance, all these tests counted."
     if len(ordered) > len(shown):
         note += f" The {len(shown)} least likely of {len(ordered)}."
