@@ -100,9 +100,9 @@ def main(words: list[str]) -> int:
     table = pd.DataFrame(found)
     if not words:
         note = (
-            f"`python -m tests.elsewhere` at commit {commit()}: OPENBLAS_CORETYPE {' and '.join(KERNELS)}, each with all of\n"
-            f"numpy's vector units and without {vectors()['no AVX-512']}. Tables are those that a study commits, compared byte for\n"
-            "byte; rows are compared with those of the first combination, differences by the largest number of their column."
+            f"`python -m tests.elsewhere` at commit {commit()}: OPENBLAS_CORETYPE {' and '.join(KERNELS)}, each with all\n"
+            f"of numpy's vector units and without {vectors()['no AVX-512']}. Tables are those that a study commits, compared\n"
+            "byte for byte; rows are compared with those of the first, differences by the largest number of their column."
         )
         folder = ROOT / "results" / "elsewhere"
         write_csv(folder / "elsewhere.csv", table)

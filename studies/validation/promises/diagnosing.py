@@ -10,6 +10,7 @@ from functools import lru_cache
 import numpy as np
 import scipy.stats
 
+from diagnosis.answer import Closure
 from diagnosis.diagnose import diagnose
 from diagnosis.inference import conformal
 from diagnosis.inference.closure import of_response
@@ -18,6 +19,7 @@ from diagnosis.model.prepare import prepare
 from diagnosis.result import Diagnosis
 from diagnosis.settings import DEFAULT
 from gyrocal import InputError
+from gyrocal.recording import Recording
 from simulator import scenario as scenarios
 from simulator.streams import MAX_CASE
 from studies.montecarlo.statistics import LEVELS
@@ -82,18 +84,22 @@ def rows(entropy: int, turn: int) -> list[Row]:
     if kind == "one" and found.closure is not None and _right(one, found):
         low, high = found.closure.interval_90
         made.append(interval("diagnose: closure, right cause", LEVEL_90, low <= WHOLE <= high))
-    if kind == "one" and one.answer["effects"][0]["snr"] is not None:  # what is in the samples alone has no response
-        model = prepare(recording).model
-        response = one.world.response(one.settings)
-        reached = (
-            of_response(linear_model(model, (), rivals=False), model.whitened(response))
-            if response.size == model.size
-            else None
-        )
+    if kind == "one":
+        reached = _reached(one, recording)
         if reached is not None:
             low, high = reached.interval_90
             made.append(interval("diagnose: closure, cause known", LEVEL_90, low <= WHOLE <= high))
     return [{"plan": PLAN, "grade": grade_of(turn), **row} for row in made]
+
+
+def _reached(one: Drawn, recording: Recording) -> Closure | None:
+    """The closure of what was put in; None of an effect in the samples alone, which has no response of the attitude."""
+    if one.answer["effects"][0]["snr"] is None:
+        return None
+    model, response = prepare(recording).model, one.world.response(one.settings)
+    if response.size != model.size:
+        return None
+    return of_response(linear_model(model, (), rivals=False), model.whitened(response))
 
 
 def _scored(one: Drawn, found: Diagnosis) -> dict[str, object]:
