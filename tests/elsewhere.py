@@ -27,14 +27,9 @@ STUDIES = {  # by name, with the number of cases where the study's own takes min
     "psi": None,
     "iterations": None,
     "timestep": None,
-    "noise": None,
-    "estimators": None,
-    "observability": None,
-    "paper": 1000,
-    "onboard": 16,
-    "references": 16,
-    "alignment": 16,
-    "promises": 48,
+    "paper": 300,
+    "references": 4,
+    "promises": 16,
 }
 
 
@@ -106,7 +101,7 @@ def main(words: list[str]) -> int:
         )
         folder = ROOT / "results" / "elsewhere"
         write_csv(folder / "elsewhere.csv", table)
-        write_text(folder / "elsewhere.md", render.markdown("The same studies elsewhere", table, note))
+        write_text(folder / "report.md", render.markdown("The same studies elsewhere", table, note))
     return int((table["tables_that_differ"] != "none").any() or (table["resume_elsewhere"] != "refused").any())
 
 

@@ -59,7 +59,7 @@ def main(cases: int, mean_s: float) -> int:
         f"Mean NEES {nees.mean():.3f}; {sure[0]:.3f} to {sure[1]:.3f} (99 %) if the covariance were exact. So many cases see",
         f"what holding the mean rate over samples of {SAMPLE_S:g} s leaves.",
     ]
-    write_text(folder / "soak.md", render.markdown("A long study, killed at random moments", found, "\n".join(lines)))
+    write_text(folder / "report.md", render.markdown("A long study, killed at random moments", found, "\n".join(lines)))
     return int(not same)
 
 

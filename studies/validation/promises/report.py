@@ -18,6 +18,7 @@ from studies.report.checks import Check
 from studies.report.entry import Entry, Report
 from studies.report.panels import Draw
 from studies.report.tables import Table, by_group
+from studies.validation.promises.plans import GRADES, PLANS
 from studies.validation.promises.study import STUDY, PromisesConfig
 
 CONFIDENCE = 0.99  # of all lines of a table together
@@ -81,7 +82,13 @@ def report(config: PromisesConfig, rows: pd.DataFrame) -> Report:
     whole, by_plan, by_grade = coverage(said, []), coverage(said, ["plan"]), coverage(said, ["grade"])
     cells, mean = coverage(said, ["plan", "grade"]), consistency(rows)
     broken = cells[(cells["verdict"] != KEPT) & ~cells["promise"].isin(CONTROLS)]
+    grades = pd.DataFrame(
+        [{"grade": name, "arw_deg_per_sqrt_s": arw, "sigma_deg": sigma} for name, (arw, sigma) in GRADES.items()]
+    )
     tables = {
+        "grades": Table(
+            "Grades of noise", grades, f"Each with the plans {', '.join(PLANS)}; diagnoses have a plan of their own, drawn."
+        ),
         "promises": Table("Over all plans and grades", whole, SHARE),
         "nees": Table("Covariances: mean NEES", mean, MEAN),
         "by_plan": Table("By plan", by_plan, shown=_wide(by_plan, "plan")),
@@ -102,7 +109,7 @@ def _wide(table: pd.DataFrame, key: str) -> pd.DataFrame:
 def _checks(whole: pd.DataFrame, mean: pd.DataFrame, *parts: pd.DataFrame) -> tuple[Check, ...]:
     out = []
     for row in whole.to_dict("records"):
-        control, name = row["promise"] in CONTROLS, f"{row['promise']}, {100 * row['level']:.0f} %, of {row['cases']}"
+        control, name = row["promise"] in CONTROLS, f"{row['promise']}, {100 * row['level']:.3g} %, of {row['cases']}"
         bounds = (row["low"], 1.0 if row["promise"] in CAUTIOUS else row["high"])
         out.append(Check(name, row["share"], bounds, "", CONTROL if control else SHARE, control))
     for row in mean.to_dict("records"):
@@ -131,7 +138,7 @@ def _figure(whole: pd.DataFrame) -> Draw:
             colour = panels.TEAL if row["verdict"] == KEPT else panels.RED
             axes.plot(row["share"] - row["level"], place, "o", color=colour, markersize=3.5)
 
-    names = [f"{row['promise']}, {100 * row['level']:.0f} %" for row in own]
+    names = [f"{row['promise']}, {100 * row['level']:.3g} %" for row in own]
     panel = panels.Panel(draw_on, "", "share found less share stated", "", at=[0.0], rows=names)
     return panels.sheet(panel, size=(7.6, 0.9 + 0.17 * len(own)))
 
