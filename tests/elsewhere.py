@@ -28,7 +28,6 @@ STUDIES = {  # by name, with the number of cases where the study's own takes min
     "iterations": None,
     "timestep": None,
     "paper": 300,
-    "references": 4,
     "promises": 16,
 }
 
