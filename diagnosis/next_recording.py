@@ -38,7 +38,7 @@ from diagnosis.model.gate import check_residuals
 from diagnosis.model.layout import layout
 from diagnosis.model.linear import LinearModel, Member
 from diagnosis.model.localization import chi2
-from diagnosis.model.prepare import Prepared, Progress, prepare, unclipped
+from diagnosis.model.prepare import Prepared, Progress, check_usable, prepare, unclipped
 from diagnosis.model.recording import RecordingModel, linearised
 from diagnosis.model.swings import columns_of
 from diagnosis.model.unit import Unit, joined, own_biases, unit_model
@@ -160,6 +160,10 @@ def foretell(
     if len(recordings) < 2:
         raise InputError("give two recordings of one unit or more: the last is predicted from those before it")
     unit, last = joined(recordings), list(recordings)[-1]
+    try:
+        check_usable(recordings[last], settings)  # before minutes are spent on those that predict it
+    except InputError as error:
+        raise InputError(f"{last}: {error}") from None
     before = _before(unit, last)
     prepared = prepare(before.recording, settings, tell)
     explained = _explained(prepared, before, own_bias, library, settings, seed, tell)

@@ -1,5 +1,7 @@
 """A sample of the bad inputs; all of them with ``python -m tests.corpus``."""
 
+from functools import cache
+
 import numpy as np
 import pytest
 
@@ -13,7 +15,8 @@ SAMPLE = np.random.default_rng(2026).choice(len(CHEAP), 48, replace=False)
 
 @pytest.fixture(scope="module")
 def given(tmp_path_factory):
-    return good(tmp_path_factory.mktemp("corpus"))
+    """The good recording of a scenario, made when it is first asked for."""
+    return cache(lambda scenario: good(tmp_path_factory.mktemp("corpus"), scenario))
 
 
 def test_there_are_many_and_each_is_named_once():
@@ -23,5 +26,5 @@ def test_there_are_many_and_each_is_named_once():
 
 @pytest.mark.parametrize("number", SAMPLE, ids=lambda number: f"{CHEAP[number].family}: {CHEAP[number].name}"[:60])
 def test_a_bad_input_ends_well(given, tmp_path, number):
-    found = run(CHEAP[number], *given, tmp_path)
+    found = run(CHEAP[number], *given(CHEAP[number].scenario), tmp_path)
     assert found.word in GOOD, found

@@ -79,10 +79,7 @@ def prepare(recording: Recording, settings: DiagnosisSettings = DEFAULT, tell: P
     InputError
         The stream does not cover the intervals, or nothing is left of them.
     """
-    if inside(recording).sum() < 2 * len(recording.intervals):
-        measurements(recording)  # says which interval lacks samples
-    if not inside(recording).any():
-        raise InputError("no gyro sample starts inside any interval")
+    _check_samples(recording)
     report, (model, sigma, pieces) = _readable(recording, settings, tell)
     if report.undecided:
         cut = examine(recording, lattice="cut", settings=settings)
@@ -117,6 +114,19 @@ def prepare(recording: Recording, settings: DiagnosisSettings = DEFAULT, tell: P
     of_all = next((noise for name, noise in found if name is None), None)
     of_each = tuple((name, noise) for name, noise in found if name is not None and noise is not None)
     return Prepared(model, report, sigma, of_all, dead, _notes(recording, pieces, sigma), of_each)
+
+
+def check_usable(recording: Recording, settings: DiagnosisSettings = DEFAULT) -> None:
+    """Raise an `InputError` where `prepare` would, without its tests of lines and noise, which take most of its time."""
+    _check_samples(recording)
+    _readable(recording, settings, lambda text, share: None)
+
+
+def _check_samples(recording: Recording) -> None:
+    if inside(recording).sum() < 2 * len(recording.intervals):
+        measurements(recording)  # says which interval lacks samples
+    if not inside(recording).any():
+        raise InputError("no gyro sample starts inside any interval")
 
 
 def _named(recording: Recording) -> list[tuple[int | None, str | None]]:

@@ -8,6 +8,9 @@ P⁻_{j+1} predicted for the next, and Φ the transition between them,
 where s_j takes the filter's estimate at stop j to the smoothed one, and s⁻_{j+1} the predicted estimate of the next stop to
 its smoothed one. The errors of two stops a ≤ b have the covariance C_a … C_{b−1} P_b|all: reference attitudes from one
 run share the bias and the measurements between them, and their errors correlate.
+
+All of it is linear about the filter's way. An attitude that the filter starts with has an error of second order, θ²/2, which
+the covariance does not know; where it is no longer small beside the noise of the measurements, start nearer.
 """
 
 from dataclasses import dataclass

@@ -168,7 +168,7 @@ def _sensor_of_rows(frame: pd.DataFrame, names: Sequence[str]) -> Indices:
         if len(names) > 1:
             raise InputError(f"column {COLUMN} is missing, which says of which of {', '.join(names)} a row is")
         return np.zeros(len(frame), dtype=np.intp)
-    given = frame[COLUMN].astype(str)
+    given = frame[COLUMN].astype(object).fillna("(empty)").astype(str)
     unknown = sorted(set(given) - set(names))
     if unknown:
         raise InputError(f"column {COLUMN}: no [[attitude.sensor]] {', '.join(unknown[:3])}; there are {', '.join(names)}")

@@ -154,7 +154,7 @@ def _calibration(path: Path | None) -> dict[str, NDArray[np.float64]]:
     try:
         read: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
         numbers = {name: np.array(read[name], dtype=np.float64) for name in ("G", "bias_deg_s", "sigma_bias_deg_s")}
-    except (ValueError, TypeError, KeyError) as fault:
+    except (ValueError, TypeError, KeyError, RecursionError) as fault:
         raise InputError(f"{path}: not a result of gyrocal calibrate --json: {fault}") from None
     return {
         "G": numbers["G"],

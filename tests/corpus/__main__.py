@@ -15,7 +15,7 @@ from click.testing import CliRunner
 from studies.cli.main import main
 from studies.montecarlo.files import write_csv, write_text
 from studies.report import tables as render
-from tests.corpus import headers, tables, words
+from tests.corpus import headers, several, tables, words
 from tests.corpus.cases import Bad
 from tests.corpus.run import GOOD, run
 
@@ -32,6 +32,11 @@ FAMILIES = (
     words.small_files,
     words.outputs,
     words.imports,
+    several.trackers,
+    several.gyros,
+    several.following,
+    several.conditions,
+    several.exports,
 )
 
 
@@ -40,23 +45,26 @@ def everything() -> Iterator[Bad]:
     return chain.from_iterable(family() for family in FAMILIES)
 
 
-def good(work: Path) -> tuple[Path, "np.ndarray"]:
+def good(work: Path, scenario: str) -> tuple[Path, "np.ndarray"]:
     """A good recording, small enough to be read a thousand times, and its truth."""
-    truth = work / "truth.json"
+    truth, folder = work / "truth.json", work / scenario
     options = ["--set", "gyro.sample_s=5.0", "--seed", "1", "--truth", str(truth)]
-    assert CliRunner().invoke(main, ["simulate", "trmm_series", str(work / "good"), *options]).exit_code == 0
+    assert CliRunner().invoke(main, ["simulate", scenario, str(folder), *options]).exit_code == 0
     document = json.loads(truth.read_text())
-    return work / "good", np.array([*np.ravel(document["G"]), *document["bias_deg_s"]])
+    if "gyros" in document:
+        array = document["gyros"]
+        return folder, np.column_stack([array["K"], array["c_deg_s"]]).ravel()
+    return folder, np.array([*np.ravel(document["G"]), *document["bias_deg_s"]])
 
 
 def outcomes(inputs: list[Bad]) -> pd.DataFrame:
     """A row for each input."""
     rows = []
     with tempfile.TemporaryDirectory() as name:
-        recording, truth = good(Path(name))
+        made = {scenario: good(Path(name), scenario) for scenario in dict.fromkeys(bad.scenario for bad in inputs)}
         for number, bad in enumerate(inputs):
             begun = time.monotonic()
-            found = run(bad, recording, truth, Path(name))
+            found = run(bad, *made[bad.scenario], Path(name))
             took = time.monotonic() - begun
             if found.word not in GOOD or "-v" in sys.argv:
                 print(f"{number} {bad.family}: {bad.name}: {found.word}: {found.said[:300]}", flush=True)

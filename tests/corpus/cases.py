@@ -23,6 +23,7 @@ class Bad:
     damage : what is done to TMP before, where the recording lies in TMP/REC
     expected : REFUSED must end in one line and status 2; JUDGED may also be answered, if the calibration is right within
         its sigmas or its misfit is told; FREE may also be answered, for what is unusual and not wrong
+    scenario : that the good recording is of
     """
 
     family: str
@@ -30,3 +31,4 @@ class Bad:
     arguments: tuple[str, ...]
     damage: Callable[[Path], object] = nothing
     expected: str = REFUSED
+    scenario: str = "trmm_series"

@@ -67,7 +67,7 @@ def run(bad: Bad, recording: Path, truth: np.ndarray[Any, Any], work: Path) -> O
     ----------
     bad : the input
     recording : a good recording
-    truth : (12,) its G, row by row, and b in deg/s
+    truth : (12,) its G, row by row, and b in deg/s; of several gyros (4 gyros,), of each its row of K and its c in deg/s
     work : an empty folder
     """
     here = work / "case"
@@ -111,9 +111,17 @@ def _judged(bad: Bad, arguments: list[str], truth: np.ndarray[Any, Any]) -> Outc
     if bad.expected == FREE:
         return Outcome("answered", said)
     found = json.loads(Path("result.json").read_text())
-    values = np.array([*np.ravel(found["G"]), *found["bias_deg_s"]], dtype=float)
-    sigmas = np.array([row["sigma"] for row in found["estimates"]], dtype=float)
+    values, sigmas = _answer(found)
     if values.shape == sigmas.shape and (np.abs(values - truth) <= SIGMAS * sigmas).all():
         return Outcome("right", said)
     told = any(text in result.stdout for text in TOLD)
     return Outcome("told" if told else "silent", said or f"off by {np.nanmax(np.abs(values - truth)):.1e}")
+
+
+def _answer(found: dict[str, Any]) -> tuple[np.ndarray[Any, Any], np.ndarray[Any, Any]]:
+    """What a calibration says, in the order of the truth, and its sigmas."""
+    if "K" in found:
+        values = np.column_stack([found["K"], found["c_deg_s"]]).ravel()
+        return values, np.sqrt(np.diag(np.array(found["covariance"], dtype=float)))
+    values = np.array([*np.ravel(found["G"]), *found["bias_deg_s"]], dtype=float)
+    return values, np.array([row["sigma"] for row in found["estimates"]], dtype=float)

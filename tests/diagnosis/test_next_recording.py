@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 import scipy.stats
 
+from diagnosis import next_recording
 from diagnosis.model.folds import BROAD
 from diagnosis.model.recording import linearised
 from diagnosis.model.swings import columns_of
@@ -133,6 +134,19 @@ def test_from_the_recordings_to_the_comparison(recordings, plan):
     assert document["next"] == "three"
     assert document["p_value"] == found.predicted.p_value
     assert len(document["bands"]) == len(found.predicted.bands)
+
+
+def test_a_last_recording_that_fits_nothing_is_refused_before_the_others_are_diagnosed(recordings, monkeypatch):
+    def prepare(*arguments):
+        raise AssertionError("the recordings before have been prepared")
+
+    monkeypatch.setattr(next_recording, "prepare", prepare)
+    whole = recordings["three"]
+    cut = replace(whole, gyro=replace(whole.gyro, t_s=whole.gyro.t_s[:2], rates=whole.gyro.rates[:2]))
+    other = replace(whole, gyro=replace(whole.gyro, rates=-whole.gyro.rates))
+    for bad, message in ((cut, "three: interval m1: no gyro samples between"), (other, "three: .* too large to linearise")):
+        with pytest.raises(InputError, match=message):
+            foretell({**recordings, "three": bad})
 
 
 def test_one_recording_predicts_nothing(recordings):

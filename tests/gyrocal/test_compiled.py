@@ -116,6 +116,17 @@ def test_the_hash_of_a_layer_takes_in_those_below_it():
     assert len({compiled.sources_hash(layer) for layer in compiled.LAYERS}) == len(compiled.LAYERS)
 
 
+@pytest.mark.parametrize("edited", range(len(compiled.LAYERS)))
+def test_an_edit_changes_the_hash_of_its_layer_and_of_those_above(edited, tmp_path, monkeypatch):
+    for layer in compiled.LAYERS:
+        (tmp_path / layer).write_text("")
+    monkeypatch.setattr(compiled, "_sources", lambda package: iter([tmp_path / package]))
+    before = [compiled.sources_hash(layer) for layer in compiled.LAYERS]
+    (tmp_path / compiled.LAYERS[edited]).write_text("FACTOR = 5.0")
+    after = [compiled.sources_hash(layer) for layer in compiled.LAYERS]
+    assert [a != b for a, b in zip(after, before, strict=True)] == [k >= edited for k in range(len(compiled.LAYERS))]
+
+
 def test_every_compiled_function_is_kept_this_way():
     raw = re.compile(r"numba\.(njit|jit|vectorize|guvectorize)\(")
     found = [path for layer in compiled.LAYERS for path in (ROOT / layer).rglob("*.py") if raw.search(path.read_text())]

@@ -111,6 +111,8 @@ COVARIANCE = [
     ),
     *of(
         "gyrocal/calibration/normal_equations.py",
+        f"{RECOVERED}::test_normal_equations_are_the_products_of_matrices "
+        f"{RECOVERED}::test_sensitivity_has_rows_of_G_by_axis_and_columns_by_gyro "
         f"{RECOVERED}::test_compiled_iterations_are_those_of_calibrate",
         [
             ("W is not symmetric", "W[j, i] = W[i, j]", "W[j, i] = -W[i, j]"),

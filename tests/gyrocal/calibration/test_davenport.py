@@ -1,5 +1,7 @@
 """The calibrator recovers what is known, in every form it is offered in."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.optimize import least_squares
@@ -66,6 +68,9 @@ def test_a_wrong_sign_of_the_residual_would_diverge(ends, monkeypatch):
 
 def test_recursive_calibrator_equals_the_compiled_batch():
     recording = piecewise_recording(arw=np.deg2rad(2e-4), rng=np.random.default_rng(3), sample_s=2.0)
+    references = recording.attitudes
+    # One sigma about all axes would hide in which direction the noise at the start is turned to the end.
+    recording = replace(recording, attitudes=replace(references, sigma=references.sigma * [1.0, 2.0, 5.0]))
     batch = calibrate(recording, iterations=1)
     A = attitude.matrix_from_quaternion(recording.attitudes.quaternions)
     recursive = RecursiveCalibrator(batch.initial, arw=recording.gyro.arw)
@@ -84,6 +89,25 @@ def test_recursive_calibrator_equals_the_compiled_batch():
     np.testing.assert_allclose(P, batch.covariance, rtol=1e-8)
     before = batch.residuals[["before_roll_deg", "before_pitch_deg", "before_yaw_deg"]].to_numpy()
     np.testing.assert_allclose(np.rad2deg(theta), before, atol=1e-10)
+
+
+def test_normal_equations_are_the_products_of_matrices():
+    rng = np.random.default_rng(8)
+    H, z = rng.standard_normal((30, 12)), rng.standard_normal(30)
+    W, u = accumulation.accumulate(H, z)
+    np.testing.assert_allclose(W, H.T @ H, rtol=1e-12, atol=1e-12)
+    np.testing.assert_allclose(u, H.T @ z, rtol=1e-12, atol=1e-12)
+
+
+def test_sensitivity_has_rows_of_G_by_axis_and_columns_by_gyro():
+    rng = np.random.default_rng(9)
+    sums, scale, columns = rng.standard_normal((2, 4, 3, 3)), rng.uniform(1, 2, 12), np.array([0, 1, 5, 6, 10])
+    found = accumulation.sensitivity(sums, columns, scale[: columns.size]).reshape(2, 3, columns.size)
+    for place, name in enumerate(NAMES[k] for k in columns):
+        kind, _, axes = name.partition("_")
+        gyro = "xyz".index(axes[1]) if kind == "G" else 3
+        expected = sums[:, gyro, :, "xyz".index(axes[0])] * scale[place]
+        np.testing.assert_array_equal(found[:, :, place], expected)
 
 
 def test_converged_solution_minimises_the_nonlinear_residual():

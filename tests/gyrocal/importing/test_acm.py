@@ -173,6 +173,7 @@ def test_a_gyro_and_an_acm_are_calibrated_and_the_result_is_exported(run_cli, tm
     assert done.exit_code == 0, done.stderr
     found = acm.read_acm(tmp_path / "b.acm")
     assert (np.abs(found.gyro_bias[0] - log.bias) < 4 * found.gyro_bias_sigma).all()
-    (tmp_path / "result.json").write_text("{}")
-    refused = run_cli(*arguments, "--calibration", str(tmp_path / "result.json"))
-    assert (refused.exit_code, "not a result of gyrocal calibrate" in refused.stderr) == (2, True)
+    for text in ("{}", "[" * 100_000):
+        (tmp_path / "result.json").write_text(text)
+        refused = run_cli(*arguments, "--calibration", str(tmp_path / "result.json"))
+        assert (refused.exit_code, "not a result of gyrocal calibrate" in refused.stderr) == (2, True)

@@ -93,6 +93,7 @@ def test_rows_must_name_their_sensor_and_be_quaternions(tmp_path, recording):
     (tmp_path / "rec" / "attitude.parquet").unlink()
     for frame, message in (
         (table.drop(columns="sensor"), "column sensor is missing"),
+        (table.assign(sensor=None), r"no \[\[attitude.sensor\]\] \(empty\)"),
         (table.assign(q1=2.0), "norm"),
         (table.drop(columns="sigma_x_deg"), "sigma_x_deg is missing"),
         (table.iloc[::-1], "in order"),

@@ -1,0 +1,134 @@
+"""The study of promises: its statistics tell right from wrong, its cases are of all plans and grades."""
+
+from collections import Counter
+from types import SimpleNamespace
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from gyrocal import InputError
+from studies.montecarlo.statistics import LEVELS
+from studies.montecarlo.study import Streams, load_config
+from studies.report.entry import write
+from studies.validation.promises import cases, diagnosing
+from studies.validation.promises.plans import GRADES, PLANS, cell, scenario
+from studies.validation.promises.report import CONTROLS, KEPT, TOO_CAUTIOUS, TOO_SURE, consistency, coverage, report, statements
+from studies.validation.promises.study import STUDY
+
+QUICK = 14  # short slews, MEMS
+COVARIANCE = "calibrate, series"
+
+
+def drawn_rows(scale, count=400, promise=COVARIANCE, dof=12):
+    """Rows of a covariance that is stated so many times too large."""
+    rng = np.random.default_rng(3)
+    places = [cell(number) for number in range(count)]
+    rows = [cases.of_chi2(promise, rng.chisquare(dof) / scale, dof) for _ in places]
+    return pd.DataFrame([{"plan": p, "grade": g, **row} for (p, g), row in zip(places, rows, strict=True)])
+
+
+@pytest.fixture(scope="module")
+def rows():
+    return cases.rows(QUICK, Streams(1998, QUICK))
+
+
+@pytest.mark.parametrize(("scale", "verdict"), [(1.0, KEPT), (0.7, TOO_SURE), (1.4, TOO_CAUTIOUS)])
+def test_a_covariance_that_is_wrong_is_found_out_on_either_side(scale, verdict):
+    found = drawn_rows(scale)
+    said = statements(found)
+    assert set(coverage(said, [])["verdict"]) == {verdict}
+    assert set(consistency(found)["verdict"]) == {verdict}
+
+
+def test_an_interval_is_judged_by_the_level_it_states():
+    def of(share, promise):
+        inside = np.arange(200) < 200 * share
+        table = pd.DataFrame([{"plan": "a", "grade": "b", **cases.interval(promise, 0.9, one)} for one in inside])
+        return coverage(statements(table), [])["verdict"].item()
+
+    assert [of(share, "diagnose: size of a cause") for share in (0.7, 0.9, 1.0)] == [TOO_SURE, KEPT, TOO_CAUTIOUS]
+    # A conformal set is promised to hold the truth at least so often.
+    assert [of(share, "diagnose: conformal set") for share in (0.7, 0.9, 1.0)] == [TOO_SURE, KEPT, KEPT]
+
+
+def test_sixteen_cases_are_of_all_plans_and_grades_in_which_the_noise_is_as_named():
+    assert {cell(number) for number in range(16)} == {(plan, grade) for plan in PLANS for grade in GRADES}
+    for plan in PLANS:
+        for grade, (arw, sigma) in GRADES.items():
+            own = scenario(plan, grade, "trackers")
+            assert own.gyro.arw_deg_per_sqrt_s == arw
+            assert own.reference.tracker[1].sigma_deg[0] == own.reference.sigma_deg[0] == sigma
+
+
+def test_a_case_has_every_promise_once_and_none_is_far_off(rows):
+    assert set(Counter(row["promise"] for row in rows).values()) == {1}
+    families = {row["promise"].partition(",")[0].partition(":")[0] for row in rows}
+    assert families >= {"calibrate", "predict", "trackers", "calibrate_gyros", "batch", "filter", "smoother", "full filter"}
+    assert families >= {"alignment", "next"}
+    for row in rows:
+        assert row["promise"] in CONTROLS or row["nees"] < row["dof"] + 6 * np.sqrt(2 * row["dof"]), row
+
+
+def test_a_wrong_angle_random_walk_breaks_the_promises(monkeypatch, rows):
+    def quieter(own, at, references, streams, name, right=cases.recorded):
+        made = right(own, at, references, streams, name)
+        return cases.replace(made, gyro=cases.replace(made.gyro, arw=made.gyro.arw / 3))
+
+    monkeypatch.setattr(cases, "recorded", quieter)
+    found = {row["promise"]: row["nees"] for row in cases.rows(QUICK, Streams(1998, QUICK))}
+    for row in rows:
+        if row["promise"] in ("calibrate, series", "calibrate, gyro by gyro", "calibrate_gyros, four"):
+            assert found[row["promise"]] > 2 * row["nees"], row["promise"]
+
+
+def answered(one, size, sigma, closed):
+    """What a diagnosis of a drawn case with one effect says, as far as it is read."""
+    effect = one.answer["effects"][0]
+    label = effect["effect"] if effect["axis"] is None else f"{effect['effect']}:{effect['axis']}"
+    cause = {**effect, "size": size, "sigma": sigma, "group": [label], "probability": 1.0, "group_probability": 1.0}
+    calibration = {name: np.eye(3).tolist() for name in ("G", "baseline_G")}
+    document = {"verdict": "named", "causes": [cause], "gap": {"present": True}, "unknown_probability": 0.0, "closure": None}
+    document |= {"calibration": calibration, "runtime_s": 1.0, "posterior": [{"effects": [label], "probability": 1.0}]}
+    return SimpleNamespace(
+        to_json=lambda: document,
+        verdict="named",
+        present=True,
+        closure=SimpleNamespace(interval_90=closed),
+        G=one.world.G,
+        bias=one.world.bias,
+        sigma_G=np.full((3, 3), 1e-6),
+        sigma_bias=np.full(3, 1e-9),
+    )
+
+
+def test_a_diagnosis_is_judged_by_what_was_put_in(monkeypatch):
+    turn = next(turn for turn in range(20) if diagnosing.drawn(1998, turn).answer["kind"] == "one")
+    one = diagnosing.drawn(1998, turn)
+    true = one.answer["effects"][0]["size"]
+    monkeypatch.setattr(diagnosing, "_reached", lambda one, recording: None)
+    for off, closed, inside in ((0.5, (0.8, 1.1), [True, True, True]), (1.5, (0.2, 0.7), [False, True, False])):
+        found = answered(one, true + off * 0.01, 0.01, closed)
+        monkeypatch.setattr(diagnosing, "diagnose", lambda recording, seed, found=found: found)
+        said = diagnosing.rows(1998, turn)
+        named = {(row["promise"], row["level"]): row["inside"] for row in said}
+        size, closure = "diagnose: size of a cause", "diagnose: closure, right cause"
+        assert [named[size, LEVELS["68"]], named[size, LEVELS["95"]], named[closure, 0.9]] == inside
+        assert named["diagnose: conformal set", 0.9]
+        assert named["diagnose: G and b with the cause in", LEVELS["95"]]
+
+
+def test_the_report_has_a_line_and_a_check_for_every_promise(tmp_path, rows):
+    table = pd.DataFrame([{"case": 0, "plan": "short slews", "grade": "MEMS", **row} for row in rows])
+    config = load_config(STUDY, changes={"cases": 1})
+    made = report(config, table)
+    names = " ".join(check.name for check in made.checks)
+    assert all(row["promise"] in names for row in rows)
+    write(made, "Study promises", tmp_path)
+    assert (tmp_path / "coverage.svg").stat().st_size > 0
+    assert "too sure" in (tmp_path / "report.md").read_text()  # N's covariance
+
+
+def test_what_would_have_no_effect_is_refused():
+    with pytest.raises(InputError, match="the study's own"):
+        load_config(STUDY, changes={"overrides.gyro.sample_s": 1.0})
