@@ -46,6 +46,7 @@ MODULES = {
     "import": "studies.validation.imports",
     "sentinel2a": "studies.validation.sentinel2a",
     "gyros": "studies.validation.gyro_faults",
+    "trackers": "studies.validation.tracker_faults",
 }
 
 

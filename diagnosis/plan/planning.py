@@ -106,8 +106,8 @@ def _notes(scenario: Scenario, model: RecordingModel) -> tuple[str, ...]:
             "left beside the calibration; what happens inside an interval shows only by its sum, and few effects can be told "
             "from one another"
         )
-    starts = np.linalg.qr(model.starts)[0]
-    columns = (model.calibration - starts @ (starts.T @ model.calibration)) * PLAUSIBLE_RANGE
+    own = np.linalg.qr(model.attitude_nuisance)[0]
+    columns = (model.calibration - own @ (own.T @ model.calibration)) * PLAUSIBLE_RANGE
     sigma = np.sqrt(np.diag(np.linalg.inv(columns.T @ columns + 1e-2 * np.eye(12))))
     parameters = [f"G_{a}{b}" for a in AXES for b in AXES] + [f"b_{a}" for a in AXES]
     unseen = [name for name, value in zip(parameters, sigma, strict=True) if value > 0.5]
