@@ -169,3 +169,9 @@ def test_what_is_not_kalibr_s_is_said(tmp_path):
     ):
         with pytest.raises(InputError, match=words):
             kalibr.write_imu_yaml(recording, path, **given)
+
+
+def test_kalibr_has_three_gyros(tmp_path):
+    four = simulator.simulate(simulator.override(simulator.load("trmm_tetrahedron"), {"gyro.sample_s": 8.0}), seed=1)
+    with pytest.raises(InputError, match="takes the three gyros x, y and z, not 1, 2, 3, 4"):
+        kalibr.write_imu_yaml(four, tmp_path / "imu.yaml")
