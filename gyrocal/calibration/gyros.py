@@ -625,11 +625,14 @@ def _prior_rows(n: int, sigma: tuple[float, float] | None, covariance: Array | N
         return None if sigma is None else np.diag(1 / np.tile([sigma[0]] * 3 + [sigma[1]], n))
     if sigma is not None:
         raise InputError("give prior_sigma or prior_covariance, not both")
+    wrong = InputError(f"prior_covariance: not a positive definite matrix of {4 * n} rows")
+    if np.shape(covariance) != (4 * n, 4 * n) or not (np.isfinite(covariance).all() and (np.diag(covariance) > 0).all()):
+        raise wrong
+    scale = np.sqrt(np.diag(covariance))
     try:
-        scale = np.sqrt(np.diag(covariance))
         return np.asarray(np.linalg.inv(np.linalg.cholesky(covariance / np.outer(scale, scale))) / scale)
-    except (np.linalg.LinAlgError, FloatingPointError):
-        raise InputError(f"prior_covariance: not a positive definite matrix of {4 * n} rows") from None
+    except np.linalg.LinAlgError:
+        raise wrong from None
 
 
 def fitted_to_parity(recording: Recording, start: GyroArray, plausible: tuple[float, float], iterations: int = 3) -> GyroArray:

@@ -168,5 +168,5 @@ def test_what_is_known_of_all_gyros_together_is_a_prior():
         ({"prior_sigma": (1e-3, 1e-6), "prior_covariance": P}, "not both"),
         ({"prior_covariance": -np.eye(16)}, "not a positive definite matrix of 16 rows"),
     ):
-        with pytest.raises(InputError, match=words), np.errstate(invalid="ignore"):
+        with pytest.raises(InputError, match=words):
             calibrate_gyros(recording, **given)
