@@ -47,6 +47,7 @@ MODULES = {
     "sentinel2a": "studies.validation.sentinel2a",
     "gyros": "studies.validation.gyro_faults",
     "promises": "studies.validation.promises.report",
+    "trackers": "studies.validation.tracker_faults",
 }
 
 

@@ -88,7 +88,7 @@ class Conditioned:
 
 def conditioned(model: RecordingModel, W: Array, out: NDArray[np.bool_], biases: Array | None = None) -> Conditioned:
     """Rows (N,) of a recording that are `out`, and whitened columns W (N, p) there, given the others; see the module."""
-    columns = shared_columns(model, biases)
+    columns, W = shared_columns(model, biases), model.unmixed(W)
     trained = np.cumsum(~out) - 1  # place of each training row among them
     train_X = np.empty((int((~out).sum()), W.shape[1]))
     train_y, B = np.empty(len(train_X)), np.empty((len(train_X), columns.shape[1]))
@@ -179,12 +179,13 @@ def parts(model: RecordingModel) -> NDArray[np.intp]:
 
 
 def shared_columns(model: RecordingModel, biases: Array | None = None) -> Array:
-    """(N, q) columns B of what all intervals share, in units of their broad priors: start attitudes, G, b, biases."""
+    """(N, q) columns B of what all intervals share, in units of their priors: start attitudes, mountings, G, b, biases."""
     more = np.empty((model.size, 0)) if biases is None else biases
     own = np.full(more.shape[1], BROAD * PLAUSIBLE_RANGE[-1])
     attitude = model.attitude_nuisance
     scale = np.concatenate([np.full(attitude.shape[1], START), BROAD * PLAUSIBLE_RANGE, own])
-    return unwhitened(model, np.hstack([attitude, model.calibration, more]) * scale)
+    shared = model.unmixed(np.hstack([attitude, model.calibration, more]) * scale)
+    return unwhitened(model, np.hstack([shared, model.known_mountings]))
 
 
 def joint_covariance(model: RecordingModel) -> Array:
@@ -197,7 +198,7 @@ def joint_covariance(model: RecordingModel) -> Array:
 
 
 def unwhitened(model: RecordingModel, columns: Array) -> Array:
-    """L times whitened columns."""
+    """L times columns."""
     out = np.empty_like(columns)
     for block in model.blocks:
         out[block.rows] = block.whitener @ columns[block.rows]

@@ -61,13 +61,14 @@ def body_residuals(model: RecordingModel, y: Array) -> tuple[Array, Array]:
     """
     residual = np.empty((len(model.observation_attitude), 3))
     sigma = np.empty_like(residual)
+    own_y, nuisance = model.unmixed(y), model.unmixed(model.nuisance)
     for number, block in enumerate(model.blocks):
         rows = _rows(model, number)
-        L, Q = block.whitener, model.nuisance[block.rows]
+        L, Q, C = block.whitener, nuisance[block.rows], model.known_mountings[block.rows]
         A = model.observation_attitude[rows].transpose(0, 2, 1)
-        level = (L @ y[block.rows]).reshape(-1, 3)
+        level = (L @ own_y[block.rows]).reshape(-1, 3)
         residual[rows] = -np.einsum("mij,mj->mi", A, level)
-        S = L @ L.T - (L @ Q) @ (L @ Q).T
+        S = L @ L.T + (L @ C) @ (L @ C).T - (L @ Q) @ (L @ Q).T
         own = S.reshape(len(rows), 3, len(rows), 3)[np.arange(len(rows)), :, np.arange(len(rows)), :]
         sigma[rows] = np.sqrt(np.maximum(np.einsum("mij,mjk,mik->mi", A, own, A), 0.0))
     return residual, sigma
@@ -77,16 +78,17 @@ def statistics(model: RecordingModel, y: Array) -> pd.DataFrame:
     """χ² of each interval, axis and phase: columns interval, axis, phase, statistic, value, dof, p_value, start_s, stop_s."""
     kinds = phases(model)
     records = []
+    own_y, nuisance = model.unmixed(y), model.unmixed(model.nuisance)
     for number, block in enumerate(model.blocks):
         rows = _rows(model, number)
         m = len(rows)
-        L, Q = block.whitener, model.nuisance[block.rows]
+        L, Q, C = block.whitener, nuisance[block.rows], model.known_mountings[block.rows]
         turn = np.zeros((3 * m, 3 * m))
         for k, row in enumerate(rows):
             turn[3 * k : 3 * k + 3, 3 * k : 3 * k + 3] = -model.observation_attitude[row].T
         M = turn @ L
-        r = M @ y[block.rows]
-        S = M @ M.T - (M @ Q) @ (M @ Q).T
+        r = M @ own_y[block.rows]
+        S = M @ M.T + (M @ C) @ (M @ C).T - (M @ Q) @ (M @ Q).T
         t = model.observation_t_s[rows]
         begin = model.recording.intervals[block.interval].start_s
         for phase in PHASES:

@@ -162,6 +162,7 @@ class Waves:
 
 def swings(model: RecordingModel) -> Found:
     """The scan for each kind of error, of the references or not, about each axis; none without a series of references."""
+    model = model.without_priors()  # whose blocks have nothing in common but nuisance parameters
     at = grid(model)
     out: Found = {}
     if at is None:

@@ -20,6 +20,13 @@ the complement of their columns if M0 is true, and an effect adds its projected 
 evidence, amplitudes and predictions. Source: Kay, Fundamentals of Statistical Signal Processing II, section 7.7 (the linear
 model with nuisance parameters).
 
+Mountings of sensors that are estimated without a prior are nuisance parameters as well. Those with a prior covariance P are
+noise that all blocks share: with their columns L⁻¹ C, whitened by the factor L of the covariance of each block,
+
+    S = I + L⁻¹ C P Cᵀ L⁻ᵀ,    S^−½ = I + U ((1 + s²)^−½ − 1) Uᵀ
+
+(U, s the singular vectors and values of L⁻¹ C P^½), and S^−½ L⁻¹ whitens all.
+
 Long recordings are condensed in two ways, neither of which touches the propagation itself. Columns are made on *steps*, each of
 one or more samples with their mean rate, of which there are at most `MOST_STEPS`. Where there are more than `MOST_OBSERVATIONS`
 references, neighbouring ones are averaged to one observation; with W_i the covariance of g at the i-th of n references that are
@@ -29,7 +36,7 @@ observation is Σ_i W_i/n.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import pairwise
@@ -287,7 +294,28 @@ class RecordingModel:
     # ---- whitening and projection ----------------------------------------------------------------------------------------
 
     def whitened(self, columns: Array) -> Array:
-        """L⁻¹ of the columns, (N,) or (N, k)."""
+        """S^−½ L⁻¹ of the columns, (N,) or (N, k), see the module."""
+        return self._mixed(self._by_block(columns), lambda s: 1 / np.sqrt(1 + s**2))
+
+    def unmixed(self, columns: Array) -> Array:
+        """S^½ of whitened columns, (N,) or (N, k): L⁻¹ of what they are of."""
+        return self._mixed(columns, lambda s: np.sqrt(1 + s**2))
+
+    def _mixed(self, columns: Array, share: Callable[[Array], Array]) -> Array:
+        """Each direction that the mountings with a prior have times its share."""
+        if not self.known_mountings.shape[1]:
+            return columns
+        U, s = self._spread
+        return np.asarray(columns + (U * (share(s) - 1)) @ (U.T @ columns))
+
+    @cached_property
+    def _spread(self) -> tuple[Array, Array]:
+        """U (N, q) and s (q,) of L⁻¹ C P^½."""
+        U, s, _ = np.linalg.svd(self.known_mountings, full_matrices=False)
+        return U, s
+
+    def _by_block(self, columns: Array) -> Array:
+        """L⁻¹ of the columns."""
         out = np.empty_like(columns)
         for block in self.blocks:
             out[block.rows] = scipy.linalg.solve_triangular(block.whitener, columns[block.rows], lower=True, check_finite=False)
@@ -312,14 +340,36 @@ class RecordingModel:
         return self.whitened(out)
 
     @cached_property
+    def _estimated(self) -> tuple[Array, Array]:
+        """(N, q) columns of the misalignments of sensors whose mounting is estimated, and (q,) prior sigma of each, rad."""
+        found = Mountings.of(self.recording.attitudes)
+        turns = found.turns[self.reference_rows]
+        return self.reference_error(turns) if turns.shape[2] else np.empty((self.size, 0)), found.prior
+
+    @cached_property
     def mountings(self) -> Array:
-        """(N, q) whitened columns of the misalignments of sensors whose mounting is estimated, whatever their prior."""
-        turns = Mountings.of(self.recording.attitudes).turns[self.reference_rows]
-        return self.whitened(self.reference_error(turns)) if turns.shape[2] else np.empty((self.size, 0))
+        """(N, q) whitened columns of those misalignments that have no prior."""
+        columns, prior = self._estimated
+        return self.whitened(columns[:, ~np.isfinite(prior)])
+
+    @cached_property
+    def known_mountings(self) -> Array:
+        """(N, q) L⁻¹ C P^½, columns of those that have a prior, in units of it."""
+        columns, prior = self._estimated
+        known = np.isfinite(prior)
+        return self._by_block(columns[:, known] * prior[known])
+
+    def without_priors(self) -> RecordingModel:
+        """The model in which every mounting that is estimated is free."""
+        if not self.known_mountings.shape[1]:
+            return self
+        attitudes = self.recording.attitudes
+        sensors = tuple(replace(one, mounting_sigma=None) for one in attitudes.sensors)
+        return replace(self, recording=replace(self.recording, attitudes=replace(attitudes, sensors=sensors)))
 
     @cached_property
     def attitude_nuisance(self) -> Array:
-        """(N, q) whitened columns of nuisance parameters of the attitude: start errors, and mountings that are estimated."""
+        """(N, q) whitened columns of nuisance parameters of the attitude: start errors, and mountings that are free."""
         return self.starts if not self.mountings.shape[1] else np.hstack([self.starts, self.mountings])
 
     @cached_property

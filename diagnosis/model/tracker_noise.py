@@ -56,8 +56,17 @@ def _without_turn(residuals: Array, to_inertial: Array, interval: NDArray[np.int
 def alike(noise: ReferenceNoise) -> bool:
     """Whether noise that departs does so by one factor about all axes; what does not is no white noise stated too small.
 
-    An error in the field of view acts across the boresight only, and changes from one reference to the next like noise.
+    An error in the field of view acts across the boresight only, and changes from one reference to the next like noise: where
+    a factor about x and y alone fits better than one about all three, it is not said to be noise.
     """
-    weight = 1 / noise.sigma**2
-    mean = float(np.sum(weight * noise.factor) / np.sum(weight))
-    return not noise.departs or float(np.sum(weight * (noise.factor - mean) ** 2)) < ALIKE
+    if not noise.departs:
+        return True
+    weight, factor = 1 / noise.sigma**2, noise.factor
+    every, across = _about_mean(weight, factor), _about_mean(weight[:2], factor[:2])
+    return every < min(ALIKE, across + float(weight[2] * (factor[2] - 1) ** 2))
+
+
+def _about_mean(weight: Array, factor: Array) -> float:
+    """χ² of factors about their common one."""
+    mean = np.sum(weight * factor) / np.sum(weight)
+    return float(np.sum(weight * (factor - mean) ** 2))

@@ -146,4 +146,4 @@ def _of_process(
 ) -> Array:
     """Columns of a process about several axes, of one size and independent."""
     F = processes.factor(effect.covariance(at, parameters))
-    return np.hstack([processes.orthogonal(unit, unit.T @ model.projected(unit), F) for unit in units])
+    return np.hstack([processes.orthogonal(unit, unit.T @ model.projected(unit), F, processes.WHOLE) for unit in units])

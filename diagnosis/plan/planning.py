@@ -20,7 +20,7 @@ from diagnosis.plan.visibility import START_SNR, PowerOf, columns_seen, random_s
 from diagnosis.settings import DEFAULT, DiagnosisSettings
 from gyrocal.calibration.observability import PLAUSIBLE_RANGE
 from gyrocal.errors import InputError
-from simulator.effects import EFFECTS
+from simulator.effects import ARRAY_EFFECTS, EFFECTS, TRACKER_EFFECTS
 from simulator.scenario import Scenario
 
 
@@ -49,11 +49,13 @@ def plan(
     Raises
     ------
     InputError
-        There is no such effect, or an extra maneuver is no valid continuation of the scenario.
+        There is no such effect, an extra maneuver is no valid continuation of the scenario, or it has more gyros than three.
     """
     began = time.perf_counter()
     tell = progress or (lambda text, share: None)
     names = _chosen(effects)
+    if scenario.gyro.array is not None:
+        raise InputError("gyro.array: a plan is of the three gyros x, y and z; leave it out to plan for the body's rates")
     longer = {name: appended(scenario, parts) for name, parts in (maneuvers(scenario) if extras is None else extras).items()}
     tell("linear model", 0.0)
     model = noise_free(scenario)
@@ -93,6 +95,10 @@ def plan(
 
 def _chosen(effects: Sequence[str] | None) -> list[str]:
     for name in effects or ():
+        if name in TRACKER_EFFECTS or name in ARRAY_EFFECTS:
+            raise InputError(
+                f"{name}: a plan knows effects of the gyros x, y and z and of all references, not of one of several"
+            )
         if name not in EFFECTS:
             raise InputError(f"{name}: no such effect; there are {', '.join(EFFECTS)}")
     return [name for name in EFFECTS if not effects or name in effects]
@@ -106,8 +112,8 @@ def _notes(scenario: Scenario, model: RecordingModel) -> tuple[str, ...]:
             "left beside the calibration; what happens inside an interval shows only by its sum, and few effects can be told "
             "from one another"
         )
-    starts = np.linalg.qr(model.starts)[0]
-    columns = (model.calibration - starts @ (starts.T @ model.calibration)) * PLAUSIBLE_RANGE
+    own = np.linalg.qr(model.attitude_nuisance)[0]
+    columns = (model.calibration - own @ (own.T @ model.calibration)) * PLAUSIBLE_RANGE
     sigma = np.sqrt(np.diag(np.linalg.inv(columns.T @ columns + 1e-2 * np.eye(12))))
     parameters = [f"G_{a}{b}" for a in AXES for b in AXES] + [f"b_{a}" for a in AXES]
     unseen = [name for name, value in zip(parameters, sigma, strict=True) if value > 0.5]
@@ -119,6 +125,8 @@ def _notes(scenario: Scenario, model: RecordingModel) -> tuple[str, ...]:
         "What follows a temperature is as with the simulator's own gyro temperature; a recording without housekeeping shows it "
         "only as something unknown",
     ]
+    if scenario.reference.tracker:
+        notes.append("Effects of one star tracker are not looked at")
     if scenario.control_motion is not None:
         notes.append("Thresholds in the samples take the control motion for quiet; with a strong one fewer samples count")
     return tuple(notes)

@@ -57,6 +57,11 @@ def samples_seen(scenario: Scenario, model: RecordingModel, effects: Sequence[Ef
     for effect in effects:
         if not effect.in_samples or effect.missing(model.around) is not None:
             continue
+        if effect.on_references and model.references.trackers is not None:
+            yield row_of(
+                effect, "not available", np.inf, "noise of several star trackers is tested of each by itself", "samples", None
+            )
+            continue
         found = effect.smallest(model.around, tests)
         for one in found:
             verdict: Verdict = "visible" if np.isfinite(one.size) else "not identifiable"

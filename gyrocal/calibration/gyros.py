@@ -529,6 +529,7 @@ def calibrate_gyros(
     max_iterations: int = 10,
     max_gap_s: float | None = None,
     prior_sigma: tuple[float, float] | None = None,
+    prior_covariance: Array | None = None,
     plausible_G: float = PLAUSIBLE_G,
     plausible_bias: float = PLAUSIBLE_BIAS,
 ) -> GyrosResult:
@@ -543,6 +544,7 @@ def calibrate_gyros(
     max_iterations : bound on those
     max_gap_s : see `gyrocal.calibration.sampling.measurements`
     prior_sigma : of every element of K, and of every c (rad/s), about `initial`
+    prior_covariance : (4n, 4n) in its place, of K_x, K_y, K_z and c, gyro by gyro; see `gyrocal.calibration.gyro_prior`
     plausible_G, plausible_bias : how far elements of K, and c (rad/s), may plausibly be off; a combination that the data do not
         determine better than that counts as not found
 
@@ -563,7 +565,7 @@ def calibrate_gyros(
     names, n = parameter_names(start.names), len(start.names)
     steps, sums = _Steps.of(recording, psi, max_gap_s), parity_sums(recording)
     plausible = np.tile([plausible_G] * 3 + [plausible_bias], n)
-    prior = None if prior_sigma is None else np.tile([prior_sigma[0]] * 3 + [prior_sigma[1]], n)
+    prior = _prior_rows(n, prior_sigma, prior_covariance)
     gyros, first = start, steps.state(start)
     state, converged, done = first, False, 0
     judged = None
@@ -577,7 +579,7 @@ def calibrate_gyros(
         if done == limit or (converged and iterations is None):
             break
         if prior is not None:
-            H, z = np.vstack([H, np.diag(1 / prior)]), np.append(z, (gyros.vector - start.vector) / prior)
+            H, z = np.vstack([H, prior]), np.append(z, prior @ (gyros.vector - start.vector))
         scaled = H * plausible
         P = np.linalg.inv(scaled.T @ scaled) * np.outer(plausible, plausible)
         step = np.linalg.lstsq(scaled, z, rcond=None)[0] * plausible
@@ -590,7 +592,7 @@ def calibrate_gyros(
     seen = np.linalg.matrix_rank(np.vstack([rows * plausible for rows, _ in parts[1:]])) if sums else 0
     chi2 = float(state.z @ state.z) + parity_chi2
     if prior is not None:
-        chi2 += float(np.sum(((gyros.vector - start.vector) / prior) ** 2))
+        chi2 += float(np.sum((prior @ (gyros.vector - start.vector)) ** 2))
     return GyrosResult(
         recording=recording.title,
         gyros=gyros,
@@ -609,6 +611,28 @@ def calibrate_gyros(
         mountings=estimate(steps.problem.mountings, solved.eliminated, P),
         differences=differences(recording),
     )
+
+
+def _prior_rows(n: int, sigma: tuple[float, float] | None, covariance: Array | None) -> Array | None:
+    """W (4n, 4n) with WᵀW the information of what is known beforehand; None where nothing is.
+
+    Raises
+    ------
+    InputError
+        Both are given, or the covariance is none.
+    """
+    if covariance is None:
+        return None if sigma is None else np.diag(1 / np.tile([sigma[0]] * 3 + [sigma[1]], n))
+    if sigma is not None:
+        raise InputError("give prior_sigma or prior_covariance, not both")
+    wrong = InputError(f"prior_covariance: not a positive definite matrix of {4 * n} rows")
+    if np.shape(covariance) != (4 * n, 4 * n) or not (np.isfinite(covariance).all() and (np.diag(covariance) > 0).all()):
+        raise wrong
+    scale = np.sqrt(np.diag(covariance))
+    try:
+        return np.asarray(np.linalg.inv(np.linalg.cholesky(covariance / np.outer(scale, scale))) / scale)
+    except np.linalg.LinAlgError:
+        raise wrong from None
 
 
 def fitted_to_parity(recording: Recording, start: GyroArray, plausible: tuple[float, float], iterations: int = 3) -> GyroArray:

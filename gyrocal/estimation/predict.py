@@ -10,9 +10,14 @@ a the error of the anchor, w the gyro's integrated white noise in the axes of t�
 
     cov(c(s), c(t)) = R(s) (σ_a² + ARW² min(s, t)) R(t)ᵀ + Θ(s) P₀ Θ(t)ᵀ,    cov(e_j) = diag(σ_j²)
 
+(in the axes of its sensor; of several, also with the misalignment m of each whose mounting is estimated, e = Mᵀ(ν + m), see
+`gyrocal.calibration.trackers`, whose −Mᵀ stand beside Θ as columns of m − m_true)
+
 so that c at any time, and Δx, follow from the references used by conditioning, E[c | θ] = C V⁻¹ θ. That is the best linear
 estimate; it counts no reference twice, and knows that the attitude at the last reference and the parameters correlate. Δx is
 applied and all is done again, since Θ is linearised.
+
+Of more gyros than three x are the twelve of their body rates. Their parity has noise of its own and says nothing of these.
 
 P₀ is what is known of x without the references of this stretch. The combinations of x that they leave free stay as wide as P₀
 makes them; they do no harm to the prediction for as long as the motion goes on in the same way.
@@ -20,7 +25,7 @@ makes them; they do no harm to the prediction for as long as the motion goes on 
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 import scipy.linalg
@@ -31,9 +36,11 @@ from gyrocal.calibration.observability import PLAUSIBLE_RANGE
 from gyrocal.calibration.parameters import GyroParameters
 from gyrocal.calibration.propagation import propagate
 from gyrocal.calibration.sampling import measurements
+from gyrocal.calibration.trackers import MountingEstimate, Mountings
 from gyrocal.errors import InputError
-from gyrocal.recording import Attitudes, Interval, Recording
-from gyrocal.recording.trackers import need_one_sensor
+from gyrocal.estimation.prediction import Prediction
+from gyrocal.recording import Attitudes, Interval, Recording, triad
+from gyrocal.recording.trackers import covariance, kept_rows
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -43,36 +50,6 @@ ITERATIONS = 3
 SAME_TIME_S = 1e-6
 GAP = 1.5  # samples
 LARGEST_SIGMA = 1e6  # of what is known before; one beyond is a mistake, and its square may be no number
-
-
-@dataclass(frozen=True)
-class Prediction:
-    """Attitudes by gyro, conditioned on references.
-
-    Attributes
-    ----------
-    t_s : (k,) s since the epoch
-    A : (k, 3, 3) inertial to body
-    covariance : (k, 3, 3) of their errors about the body's axes, rad²
-    parameters : G and b, with what the references say of them
-    parameter_covariance : (12, 12) G dimensionless, b rad/s
-    used : references that were used
-    chi2, dof : of the residuals of these references about what was predicted before they were seen, and their number
-    """
-
-    t_s: Array
-    A: Array
-    covariance: Array
-    parameters: GyroParameters
-    parameter_covariance: Array
-    used: int
-    chi2: float
-    dof: int
-
-    @property
-    def sigma(self) -> Array:
-        """(k, 3) 1-sigma about each body axis, rad."""
-        return np.asarray(np.sqrt(np.diagonal(self.covariance, axis1=1, axis2=2)))
 
 
 def prior_covariance(
@@ -120,11 +97,13 @@ def predict(
 
     Parameters
     ----------
-    recording : its interval that holds from_s, or is the last to begin before it, is the stretch
+    recording : of any gyros and attitude sensors; its interval that holds from_s, or is the last to begin before it, is the
+        stretch
     from_s : references later than this are not used
     times : (k,) s, of the prediction; each end of a gyro sample after from_s, to
         its first gap, by default
-    apriori_covariance : (12, 12) P₀ of the recording's a-priori parameters, see `prior_covariance`
+    apriori_covariance : (12, 12) P₀ of the recording's a-priori parameters, see `prior_covariance`; of more gyros than three of
+        those of `gyrocal.triad`, with G = I
 
     Raises
     ------
@@ -138,8 +117,7 @@ def predict(
     interval = max(begun, key=lambda one: one.start_s)
     stop = gyro.t_s[-1] + gyro.sample_s
     if times is None:
-        gaps = np.flatnonzero((np.diff(gyro.t_s) > GAP * gyro.sample_s) & (gyro.t_s[1:] > from_s))
-        last = int(gaps[0]) if gaps.size else gyro.t_s.size - 1
+        last = _last_sample(recording, from_s)
         times = np.append(gyro.t_s[: last + 1], gyro.t_s[last] + gyro.sample_s)
         times = times[times > from_s]
     times = np.asarray(times, dtype=float)
@@ -148,6 +126,20 @@ def predict(
     t_ref = recording.attitudes.t_s
     used = (t_ref >= interval.start_s - SAME_TIME_S) & (t_ref <= from_s)
     return conditioned(recording, used, times, apriori_covariance)
+
+
+def _last_sample(recording: Recording, from_s: float) -> int:
+    """The last sample of the gyro before its first gap after a time."""
+    gyro = recording.gyro
+    gaps = np.flatnonzero((np.diff(gyro.t_s) > GAP * gyro.sample_s) & (gyro.t_s[1:] > from_s))
+    return int(gaps[0]) if gaps.size else gyro.t_s.size - 1
+
+
+def steps(recording: Recording, from_s: float, step_s: float) -> Array:
+    """(k,) times of equal steps from a time, s, to the gyro's first gap after it."""
+    gyro = recording.gyro
+    stop = gyro.t_s[_last_sample(recording, from_s)] + gyro.sample_s
+    return np.asarray(from_s + step_s * np.arange(1, max(int((stop - from_s) / step_s + SAME_TIME_S), 0) + 1), dtype=np.float64)
 
 
 def conditioned(recording: Recording, used: Mask, times: Array, apriori_covariance: Array | None = None) -> Prediction:
@@ -165,8 +157,8 @@ def conditioned(recording: Recording, used: Mask, times: Array, apriori_covarian
     InputError
         No reference is used, a time is not after the first reference, or the gyro does not cover the stretch.
     """
+    recording = triad(recording)
     references = recording.attitudes
-    need_one_sensor(references)
     rows = np.flatnonzero(used)
     anchor = int(np.searchsorted(references.t_s, min(times[0], references.t_s[rows[0]]) - SAME_TIME_S)) if rows.size else 0
     if rows.size < 2 or np.any(np.diff(times) <= 0):
@@ -175,7 +167,8 @@ def conditioned(recording: Recording, used: Mask, times: Array, apriori_covarian
         anchor -= 1
     if anchor < 0:
         raise InputError(f"no attitude to start from at or before {times[0]:g} s")
-    P0 = prior_covariance() if apriori_covariance is None else apriori_covariance
+    seen, mountings = kept_rows(references, rows), Mountings.of(references)
+    P0 = _with_mountings(prior_covariance() if apriori_covariance is None else apriori_covariance, references, mountings)
     start_s = float(references.t_s[anchor])
     anchor_sigma = ANCHOR * float(references.sigma[anchor].max())
     walks = (anchor_sigma, recording.gyro.arw)
@@ -185,26 +178,31 @@ def conditioned(recording: Recording, used: Mask, times: Array, apriori_covarian
     stretch = _stretch(recording, anchor, at)
     prepared = measurements(stretch)
     A0 = attitude.matrix_from_quaternion(references.quaternions[anchor])
-    A_obs = attitude.matrix_from_quaternion(references.quaternions[rows])
+    A_obs = attitude.matrix_from_quaternion(seen.quaternions)
+    noise, turns = covariance(seen), mountings.turns[rows]
     place = _places(start_s, at, references.t_s[rows])
     wanted = _places(start_s, at, times)
-    x0 = np.concatenate([recording.gyro.apriori_G.ravel(), recording.gyro.apriori_bias])
+    x0 = np.concatenate([recording.gyro.apriori_G.ravel(), recording.gyro.apriori_bias, np.zeros(turns.shape[2])])
     x = x0.copy()
     for _ in range(ITERATIONS):
-        run = propagate(prepared.arcs, x[:9].reshape(3, 3), x[9:])
+        run = propagate(prepared.arcs, x[:9].reshape(3, 3), x[9:12])
         R = np.concatenate([np.eye(3)[None], run.R])
-        Theta = np.concatenate([np.zeros((1, 3, 12)), run.Theta])
+        Theta = np.zeros((len(R), 3, x.size))
+        Theta[1:, :, :12] = run.Theta
+        own = Theta[place]
+        own[:, :, 12:] = -turns
         elapsed = np.concatenate([[0.0], at - start_s])
-        theta = attitude.residual(A_obs, R[place] @ A0)
+        theta = attitude.residual(attitude.rotation_matrix(-turns @ x[12:]) @ A_obs, R[place] @ A0)
         # Both means: c has that of Θ (x − x₀), whose covariance is P₀.
-        z = (theta - Theta[place] @ (x - x0)).ravel()
-        V = _covariance(R, Theta, elapsed, place, place, walks, P0)
-        V[np.diag_indices_from(V)] += np.square(references.sigma[rows]).ravel()
+        z = (theta - own @ (x - x0)).ravel()
+        V = _covariance(R, elapsed, (place, own), (place, own), walks, P0)
+        each = np.arange(rows.size)
+        V.reshape(rows.size, 3, rows.size, 3)[each, :, each] += noise
         scale = 1 / np.sqrt(np.diag(V))
         factor = scipy.linalg.cho_factor(V * np.outer(scale, scale), lower=True)
         weighted = scale * scipy.linalg.cho_solve(factor, scale * z)
-        K_x = np.einsum("pq,jiq->pji", P0, Theta[place]).reshape(12, -1)
-        C = _covariance(R, Theta, elapsed, wanted, place, walks, P0)
+        K_x = np.einsum("pq,jiq->pji", P0, own).reshape(x.size, -1)
+        C = _covariance(R, elapsed, (wanted, Theta[wanted]), (place, own), walks, P0)
         c = (C @ weighted).reshape(-1, 3) + Theta[wanted] @ (x - x0)
         move = K_x @ weighted + (x - x0)
         A = attitude.rotation_matrix(c) @ R[wanted] @ A0
@@ -215,16 +213,30 @@ def conditioned(recording: Recording, used: Mask, times: Array, apriori_covarian
     walk = anchor_sigma**2 + recording.gyro.arw**2 * elapsed[wanted]
     blocks = walk[:, None, None] * np.eye(3) + np.einsum("kip,pq,kjq->kij", Theta[wanted], P0, Theta[wanted], optimize=True)
     blocks = blocks - np.einsum("nki,nkj->kij", learnt, learnt, optimize=True)
+    told = scipy.linalg.solve_triangular(factor[0], (K_x * scale).T, lower=True)
+    cross = Theta[wanted] @ P0 - np.einsum("nki,np->kip", learnt, told, optimize=True)
+    P_x = np.asarray(0.5 * (P_x + P_x.T))
     return Prediction(
         times,
         np.asarray(A),
         np.asarray(0.5 * (blocks + blocks.transpose(0, 2, 1))),
-        GyroParameters.from_vector(x),
-        np.asarray(0.5 * (P_x + P_x.T)),
+        GyroParameters.from_vector(x[:12]),
+        P_x[:12, :12],
         int(rows.size),
         float(z @ weighted),
         int(z.size),
+        seen.sensors,
+        np.array([np.sqrt(np.mean(np.square(seen.sigma[seen.sensor == k]), axis=0)) for k in range(len(seen.sensors))]),
+        MountingEstimate(mountings.sensors, x[12:], P_x[12:, 12:]),
+        -cross[:, :, 12:],
     )
+
+
+def _with_mountings(P0: Array, references: Attitudes, mountings: Mountings) -> Array:
+    """P₀ with the misalignments that are estimated; one without a prior is as good as unknown."""
+    wide = {one.name: references.sigma[references.sensor == k].max() for k, one in enumerate(references.sensors)}
+    free = np.repeat([ANCHOR * wide[name] for name in mountings.sensors], 3)
+    return scipy.linalg.block_diag(P0, np.diag(np.square(np.where(np.isfinite(mountings.prior), mountings.prior, free))))
 
 
 def _places(start_s: float, at: Array, times: Array) -> NDArray[np.intp]:
@@ -249,15 +261,15 @@ def _stretch(recording: Recording, anchor: int, at: Array) -> Recording:
 
 def _covariance(
     R: Array,
-    Theta: Array,
     elapsed: Array,
-    left: NDArray[np.intp],
-    right: NDArray[np.intp],
+    left: tuple[NDArray[np.intp], Array],
+    right: tuple[NDArray[np.intp], Array],
     walks: tuple[float, float],
     P0: Array,
 ) -> Array:
-    """cov(c(s), c(t)) of times left by times right, (3 left, 3 right); walks are σ_a and the ARW."""
-    walk = walks[0] ** 2 + walks[1] ** 2 * np.minimum.outer(elapsed[left], elapsed[right])
-    blocks = np.einsum("aik,bjk,ab->aibj", R[left], R[right], walk, optimize=True)
-    a, b = Theta[left].reshape(-1, 12), Theta[right].reshape(-1, 12)
+    """cov(c(s), c(t)) of times left by times right, each with its Θ; (3 left, 3 right). walks are σ_a and the ARW."""
+    (at, own), (other, others) = left, right
+    walk = walks[0] ** 2 + walks[1] ** 2 * np.minimum.outer(elapsed[at], elapsed[other])
+    blocks = np.einsum("aik,bjk,ab->aibj", R[at], R[other], walk, optimize=True)
+    a, b = own.reshape(-1, len(P0)), others.reshape(-1, len(P0))
     return np.asarray(blocks.reshape(len(a), len(b)) + a @ P0 @ b.T)

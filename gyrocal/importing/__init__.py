@@ -65,13 +65,6 @@ def write(imported: Imported, folder: str | os.PathLike[str]) -> None:
     entries = imported.mapping.model_dump(exclude_none=True, exclude_defaults=True)
     lines = ["# How this recording was imported.", "assumed = ["]
     lines += [f"    {toml_value(text)}," for text in imported.assumed] + ["]", "", "[mapping]"]
-    lines += [f"{key} = {_inline(value)}" for key, value in entries.items()]
+    lines += [f"{key} = {toml_value(value)}" for key, value in entries.items()]
     with replacing(Path(folder) / NOTES) as file:
         file.write(("\n".join(lines) + "\n").encode())
-
-
-def _inline(value: Any) -> str:
-    """A TOML value; a dictionary as an inline table."""
-    if isinstance(value, dict):
-        return "{" + ", ".join(f"{toml_value(key)} = {toml_value(item)}" for key, item in value.items()) + "}"
-    return toml_value(value)

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Mapping as Entries
+from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import partial
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -12,9 +14,10 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from gyrocal.errors import InputError
+from gyrocal.importing import attitudes
 from gyrocal.importing.agreement import agreement
-from gyrocal.importing.estimates import degrees, reference_sigma, start_bias, walk
-from gyrocal.importing.intervals import intervals, named
+from gyrocal.importing.estimates import carried, degrees, reference_sigma, start_bias, walk
+from gyrocal.importing.intervals import intervals, named, stated
 from gyrocal.importing.mapping import DIRECTIONS, ORDERS, Mapping, scalar_first, spec
 from gyrocal.importing.motion import Motion, motion
 from gyrocal.importing.rests import rests, speed
@@ -27,6 +30,7 @@ Array = NDArray[np.float64]
 logger = logging.getLogger(__name__)
 
 LATE = 6.0  # samples; a gyro whose filter or tag is later by less is taken as it is
+ARRIVES = np.deg2rad(10.0)  # a turn at random is as small as this once in 4000 times
 
 
 @dataclass(frozen=True)
@@ -38,18 +42,15 @@ class Imported:
     recording : the recording
     mapping : as which the tables were read
     assumed : what was taken for granted or estimated, a sentence each
-    mounting, sigma : of each attitude sensor, see `gyrocal.importing.sensors.Together`
-    apart : differences between the attitude sensors, see there
-    parity : (n, k − 3) rad/s: what k gyros say without any attitude; no columns for three
+    sensors : the attitudes of each sensor as they were read
+    joined : the body's by all of them together
     """
 
     recording: Recording
     mapping: Mapping
     assumed: tuple[str, ...]
-    mounting: Entries[str, Array]
-    sigma: Entries[str, Array]
-    apart: Entries[str, Array]
-    parity: Array
+    sensors: tuple[Sensor, ...]
+    joined: Together
 
     def summary(self) -> pd.DataFrame:
         """What was made, a row a quantity, in degrees."""
@@ -79,10 +80,12 @@ def build(streams: Streams, mapping: Mapping, check: bool = True) -> Imported:
         The tables do not overlap, do not fit each other, or are too short.
     """
     said = list(streams.assumed)
-    joined = together(streams.sensors, _stated(mapping, streams.sensors), mapping.spacing_s or 0.0)
+    streams = replace(streams, sensors=attitudes.renamed(streams.sensors, said))
+    joined = together(
+        streams.sensors, attitudes.stated_sigma(mapping, streams.sensors), mapping.spacing_s or 0.0, mapping.body_to_sensor()
+    )
     G = mapping.directions(streams.raw.shape[1])
-    said += _mounted(joined)
-    parity = streams.raw @ _null_space(G).T
+    said += _mounted(joined, mapping)
     _check_overlap(streams, joined)
     if mapping.mounting == "estimate":
         C = estimated_mounting(motion_of(streams, streams.raw @ G.T, joined, 12), mirrored=mapping.axes == "tetrahedron")
@@ -94,29 +97,50 @@ def build(streams: Streams, mapping: Mapping, check: bool = True) -> Imported:
     windows = motion_of(streams, rates, joined)
     if windows is None:
         raise InputError("too few attitudes within the gyro's time to compare the two")
-    said += _agree(windows, mapping, LATE * streams.sample_s if check else np.inf)
+    estimated = partial(_estimated, streams, mapping, rates, joined, windows, streams.raw @ _null_space(G).T)
+    said += _agree(windows, mapping, LATE * streams.sample_s if check else np.inf, lambda: _missed(joined, estimated))
+    gyro, still, chosen = estimated(said)
+    if len(streams.sensors) == 1:
+        sigma = reference_sigma(gyro, joined, chosen, said)
+        used = np.concatenate(chosen)
+        references = Attitudes(joined.t_s[used], joined.q[used], np.tile(sigma, (used.size, 1)))
+    else:
+        references = attitudes.of_sensors(streams.sensors, joined, chosen, mapping, gyro, said)
+    for text in said:
+        logger.info("%s", text)
+    names = attitudes.gyro_names(streams.channels, said)
+    recording = Recording(
+        title=mapping.title or "imported",
+        epoch=streams.epoch,
+        time_scale=streams.time_scale,
+        gyro=replace(gyro, rates=streams.raw, apriori_G=G, names=names),
+        attitudes=references,
+        intervals=tuple(named(joined.t_s, rows, still, streams.t_s, k) for k, rows in enumerate(chosen, 1))
+        if mapping.interval is None
+        else stated(mapping.interval),
+    )
+    return Imported(recording, mapping, tuple(said), streams.sensors, joined)
+
+
+def _estimated(
+    streams: Streams, mapping: Mapping, rates: Array, joined: Together, windows: Motion, parity: Array, said: list[str]
+) -> tuple[GyroStream, list[tuple[int, int]], list[NDArray[np.intp]]]:
+    """Body rates with their bias and noise, rests, and the rows of the attitudes of each interval."""
     still = rests(rates, streams.sample_s, speed(joined.t_s, joined.q, streams.t_s))
     said.append(f"{len(still)} rest(s) found" if still else "no rest found")
     bias = start_bias(mapping, rates, still, windows, said)
     arw = walk(mapping, streams, rates, still, parity, said)
     gyro = GyroStream(streams.t_s, rates, streams.sample_s, arw, np.eye(3), bias)
-    chosen = intervals(gyro, joined, mapping, said)
-    if G.shape[1] == 3:  # as on file; more gyros than three are their least-squares body rates
-        gyro = replace(gyro, rates=streams.raw, apriori_G=G)
-    sigma = reference_sigma(gyro, joined, chosen, said)
-    for text in said:
-        logger.info("%s", text)
-    used = np.concatenate(chosen)
-    recording = Recording(
-        title=mapping.title or "imported",
-        epoch=streams.epoch,
-        time_scale=streams.time_scale,
-        gyro=gyro,
-        attitudes=Attitudes(joined.t_s[used], joined.q[used], np.tile(sigma, (used.size, 1))),
-        intervals=tuple(named(joined.t_s, rows, still, streams.t_s, k) for k, rows in enumerate(chosen, 1)),
-        tables=_tables(streams, parity),
-    )
-    return Imported(recording, mapping, tuple(said), joined.mounting, joined.sigma, joined.apart, parity)
+    return gyro, still, intervals(gyro, joined, mapping, said)
+
+
+def _missed(joined: Together, estimated: Callable[[list[str]], tuple[GyroStream, Any, list[NDArray[np.intp]]]]) -> float:
+    """By how much the gyro misses the next attitude at most, rad; infinite where that cannot be said."""
+    try:
+        gyro, _, chosen = estimated([])
+        return carried(gyro, joined, chosen)
+    except InputError:
+        return np.inf
 
 
 def motion_of(streams: Streams, rates: Array, joined: Together, windows: int | None = None) -> Motion | None:
@@ -148,27 +172,20 @@ def estimated_mounting(windows: Motion | None, mirrored: bool) -> Array:
     return np.asarray(U @ np.diag([1.0, 1.0, sign]) @ Vt)
 
 
-def _stated(mapping: Mapping, sensors: tuple[Sensor, ...]) -> dict[str, Array] | None:
-    if mapping.sigma_deg is None:
-        return None
-    if isinstance(mapping.sigma_deg, dict):
-        return {name: np.deg2rad(values) for name, values in mapping.sigma_deg.items()}
-    return {one.name: np.deg2rad(mapping.sigma_deg) for one in sensors}
-
-
 def _null_space(G: Array) -> Array:
     """Rows (k − 3, k) that the readings of k gyros must give zero with: orthonormal, and at right angles to all motion."""
     return np.asarray(np.linalg.svd(np.linalg.pinv(G))[0][:, 3:].T)
 
 
-def _mounted(joined: Together) -> list[str]:
+def _mounted(joined: Together, mapping: Mapping) -> list[str]:
     said = []
     first, *others = joined.mounting
-    for name in others:
+    for name in others if mapping.mountings is None else []:
         said.append(
-            f"{name} is turned to {first}, the body, by {degrees(_angles(joined.mounting[name]))} deg (rotation vector)"
+            f"{name} is turned to {first}, the body, by {degrees(_angles(joined.mounting[name]))} deg (rotation vector), "
+            "which a calibration estimates anew"
         )
-    for name, sigma in joined.sigma.items():
+    for name, sigma in joined.sigma.items() if mapping.sigma_deg is not None else []:
         said.append(f"1-sigma about the axes of {name or 'the attitudes'}: {degrees(sigma)} deg")
     return said
 
@@ -196,10 +213,12 @@ def _check_overlap(streams: Streams, joined: Together) -> None:
     )
 
 
-def _agree(windows: Motion, mapping: Mapping, late_s: float) -> list[str]:
+def _agree(windows: Motion, mapping: Mapping, late_s: float, carry: Callable[[], float]) -> list[str]:
     """Refuse what does not fit; what is left of the motion, in words.
 
     A time offset of up to late_s is taken, and said: a gyro's own delay is for a diagnosis to find. Infinite refuses nothing.
+    Where attitudes are so far apart that the body turns over between them, their mean rates say nothing: then it counts that
+    the gyro, as read, leads from each to the next, which no wrong reading does several times by chance.
     """
     _, (unit, *_) = spec(mapping.gyro, "gyro")
     _, (time_unit, *_) = spec(mapping.time, "time")
@@ -213,17 +232,11 @@ def _agree(windows: Motion, mapping: Mapping, late_s: float) -> list[str]:
         offset_alone = found.better and all(one.count == 1 and 0 < abs(one.offset_s) <= late_s for one in found.better)
         if np.isfinite(late_s) and offset_alone:
             return [f"{found.sentence}; an offset as small as this is not undone"]
+        if not found.better:
+            missed = carry()
+            if missed < ARRIVES:
+                return [f"the gyro leads from each attitude used to the next within {np.rad2deg(missed):.2g} deg"]
         if np.isfinite(late_s):
             raise InputError(found.sentence)
         return [f"imported unchecked although {found.sentence}"]
     return [f"rates and attitudes fit each other: {100 * found.as_read.residual:.2g} % of the motion is left"]
-
-
-def _tables(streams: Streams, parity: Array) -> dict[str, pd.DataFrame]:
-    """Housekeeping: each gyro's own rate and the parity, where there are more than three gyros."""
-    if not parity.shape[1]:
-        return {}
-    columns = {"t_s": streams.t_s}
-    columns |= {f"gyro_{name}_deg_s": np.rad2deg(x) for name, x in zip(streams.channels, streams.raw.T, strict=True)}
-    columns |= {f"parity_{k}_deg_s": np.rad2deg(x) for k, x in enumerate(parity.T, 1)}
-    return {"housekeeping": pd.DataFrame(columns)}

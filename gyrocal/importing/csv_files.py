@@ -6,6 +6,7 @@ Times that have a date in UTC are nanoseconds of unix time, those of GPS time we
 from __future__ import annotations
 
 import os
+from dataclasses import asdict
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -13,10 +14,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from gyrocal.errors import InputError
 from gyrocal.files import replacing
 from gyrocal.importing.units import GPS_EPOCH, UNIX_EPOCH, UNIX_RANGE_S, WEEK_S
-from gyrocal.recording import Recording, reference_rows, toml_value
-from gyrocal.recording.trackers import need_one_sensor
+from gyrocal.recording import Attitudes, Interval, Recording, toml_value
+from gyrocal.recording.names import TRIAD
+from gyrocal.recording.trackers import COLUMN
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -30,18 +33,16 @@ def write_csv(recording: Recording, folder: str | os.PathLike[str]) -> None:
     """Write gyro.csv, attitude.csv and mapping.toml; the folder is made.
 
     ``gyrocal import csv FOLDER/gyro.csv FOLDER/attitude.csv OUT --mapping FOLDER/mapping.toml`` makes a recording of them; its
-    intervals are made anew, and its references have one sigma per axis, the root mean square of this one's.
+    references have one sigma per axis, of each sensor, the root mean square of this one's.
     """
-    gyro = recording.to_frame("gyro")
-    rates = [str(name) for name in gyro.columns if str(name).startswith("rate_")]
+    gyro = recording.to_frame("gyro").rename(columns=lambda name: str(name).removeprefix("rate_").removesuffix("_deg_s"))
+    gyro = gyro.rename(columns={"t": "t_s", **({} if recording.is_array else {axis: f"rate_{axis}" for axis in TRIAD})})
+    rates = [str(name) for name in gyro.columns if name != "t_s"]
     _write(recording, gyro, {"gyro": f"{','.join(rates)}:deg/s"}, folder)
 
 
 def write_packets(recording: Recording, counts: pd.DataFrame, lsb: str, wrap: float, folder: str | os.PathLike[str]) -> None:
     """Write gyro.csv with accumulated angles in place of rates, attitude.csv and mapping.toml; the folder is made.
-
-    The mapping keeps the recording's references and, but for those with a hole in the references, its intervals, unlike that
-    of `write_csv`.
 
     Parameters
     ----------
@@ -50,38 +51,38 @@ def write_packets(recording: Recording, counts: pd.DataFrame, lsb: str, wrap: fl
     lsb, wrap : size of a count with its unit, and after how many it wraps
     """
     names = [str(name) for name in counts.columns if name != "t_s"]
-    t_s = recording.attitudes.t_s
-    apart = [float(np.diff(t_s[reference_rows(t_s, one)]).min()) for one in recording.intervals]
-    entries = {
-        "gyro": f"{','.join(names)}:counts",
-        "lsb": lsb,
-        "wrap": float(wrap),
-        "interval_s": max(one.stop_s - one.start_s for one in recording.intervals) + 1.0,
-        "spacing_s": 0.5 * min(apart),
-    }
+    entries = {"gyro": f"{','.join(names)}:counts", "lsb": lsb, "wrap": float(wrap)}
     _write(recording, counts, entries, folder)
 
 
 def _write(recording: Recording, gyro: pd.DataFrame, read: dict[str, Any], folder: str | os.PathLike[str]) -> None:
-    """A table of the gyro, one of the attitudes, and the mapping with what reads the former."""
-    need_one_sensor(recording.attitudes)
+    """A table of the gyro, one of the attitudes, and the mapping with what reads the former.
+
+    Raises
+    ------
+    InputError
+        It has no reference attitudes.
+    """
+    if not recording.attitudes.t_s.size:
+        raise InputError("the recording has no reference attitudes, without which its tables are no import")
     folder = Path(folder)
     folder.mkdir(parents=True, exist_ok=True)
-    gyro, time = _timed(gyro, recording)
-    attitude, _ = _timed(recording.to_frame("attitude"), recording)
+    gyro, time, begins_s = _timed(gyro, recording)
+    attitude, _, _ = _timed(recording.to_frame("attitude"), recording)
     entries = (
         time
         | read
         | {
             "quat": "q1,q2,q3,q4:scalar-last:body-to-inertial",
+            **_of_sensors(recording.attitudes),
             "G": recording.gyro.apriori_G.tolist(),
             "bias_deg_s": np.rad2deg(recording.gyro.apriori_bias).tolist(),
-            "sigma_deg": np.rad2deg(np.sqrt(np.mean(np.square(recording.attitudes.sigma), axis=0))).tolist(),
             "title": recording.title,
         }
     )
     if recording.gyro.arw > 0:
         entries["arw_deg_per_sqrt_s"] = float(np.rad2deg(recording.gyro.arw))
+    entries["interval"] = [_span(one, begins_s) for one in recording.intervals]
     for name, table in (("gyro", gyro), ("attitude", attitude)):
         with replacing(folder / f"{name}.csv") as file:
             file.write(table.to_csv(index=False).encode())
@@ -89,20 +90,48 @@ def _write(recording: Recording, gyro: pd.DataFrame, read: dict[str, Any], folde
         file.write("".join(f"{name} = {toml_value(value)}\n" for name, value in entries.items()).encode())
 
 
-def _timed(table: pd.DataFrame, recording: Recording) -> tuple[pd.DataFrame, dict[str, Any]]:
-    """The table with its times, and the entries of a mapping that read them."""
+def _of_sensors(attitudes: Attitudes) -> dict[str, Any]:
+    """What a mapping says of the attitude sensors, or of the only one."""
+
+    def sigma(rows: Any) -> list[float]:
+        return np.rad2deg(np.sqrt(np.mean(np.square(attitudes.sigma[rows]), axis=0))).tolist()
+
+    if attitudes.sensor is None:
+        return {"sigma_deg": sigma(slice(None))}
+    seen = {one.name: attitudes.sensor == number for number, one in enumerate(attitudes.sensors)}
+    priors = {one.name: one.mounting_sigma for one in attitudes.sensors if one.mounting_sigma is not None}
+    free = [one.name for one in attitudes.sensors if one.estimated and one.mounting_sigma is None]
+    said: dict[str, Any] = {
+        "attitude_by": COLUMN,
+        "sigma_deg": {name: sigma(rows) for name, rows in seen.items()},
+        "mountings": {one.name: one.mounting.tolist() for one in attitudes.sensors},
+    }
+    if priors:
+        said["mounting_sigma_deg"] = {name: np.rad2deg(values).tolist() for name, values in priors.items()}
+    return said | ({"estimated_mountings": free} if free else {})
+
+
+def _span(interval: Interval, begins_s: float) -> dict[str, Any]:
+    """An interval as a mapping states it, without what is not said."""
+    values = asdict(interval) | {"start_s": interval.start_s + begins_s, "stop_s": interval.stop_s + begins_s}
+    return {name: value for name, value in values.items() if value is not None}
+
+
+def _timed(table: pd.DataFrame, recording: Recording) -> tuple[pd.DataFrame, dict[str, Any], float]:
+    """The table with its times, the entries of a mapping that read them, and what of the epoch is no whole second, s."""
     scale = recording.time_scale.upper()
     given = datetime.fromisoformat(recording.epoch)
     epoch = given.astimezone(UTC) if given.tzinfo else given.replace(tzinfo=UTC)
-    values = table.drop(columns="t_s")
+    whole, values = epoch.replace(microsecond=0), table.drop(columns="t_s")
     nanoseconds = np.round(table["t_s"].to_numpy(dtype=np.float64) * NANO).astype(np.int64) + epoch.microsecond * 1000
     unix = int((epoch - UNIX_EPOCH).total_seconds() // 1)
     if scale == "UTC" and UNIX_RANGE_S[0] < unix < UNIX_RANGE_S[1]:
         values.insert(0, "unix_ns", unix * NANO + nanoseconds)
-        return values, {"time": "unix_ns:ns"}
+        return values, {"time": "unix_ns:ns", "epoch": whole.isoformat()}, epoch.microsecond / 1e6
     if scale == "GPS":
         seconds = int((epoch - GPS_EPOCH).total_seconds() // 1) + nanoseconds // NANO
         values.insert(0, "gps_week", seconds // WEEK_S)
         values.insert(1, "gps_second", seconds % WEEK_S + nanoseconds % NANO / NANO)
-        return values, {"time": "gps_week,gps_second:gps"}
-    return table, {"time": "t_s:s", "epoch": recording.epoch}
+        said = {"time": "gps_week,gps_second:gps", "epoch": whole.replace(tzinfo=None).isoformat()}
+        return values, said, epoch.microsecond / 1e6
+    return table, {"time": "t_s:s", "epoch": recording.epoch}, 0.0

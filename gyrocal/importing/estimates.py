@@ -7,18 +7,20 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
+from gyrocal import attitude
 from gyrocal.errors import InputError
 from gyrocal.importing import noise
 from gyrocal.importing.mapping import Mapping
 from gyrocal.importing.motion import Motion
 from gyrocal.importing.sensors import Together
-from gyrocal.importing.streams import Streams
+from gyrocal.importing.streams import Sensor, Streams
 from gyrocal.recording import Attitudes, GyroStream, Interval, Recording
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
 
 FEWEST_PAIRS = 12
+FEWEST_ARRIVALS = 3
 MOST_PAIRS = 600
 LEAST_SIGMA = np.deg2rad(2e-9)
 
@@ -51,15 +53,14 @@ def start_bias(mapping: Mapping, rates: Array, still: list[tuple[int, int]], win
 def walk(
     mapping: Mapping, streams: Streams, rates: Array, still: list[tuple[int, int]], parity: Array, said: list[str]
 ) -> float:
-    """Angle random walk of the body rates, rad/sqrt(s)."""
+    """Angle random walk of each gyro, rad/sqrt(s)."""
     if mapping.arw_deg_per_sqrt_s is not None:
         return float(np.deg2rad(mapping.arw_deg_per_sqrt_s))
     if parity.shape[1]:
-        # Parity rows are orthonormal: each has the noise of one gyro; the least-squares rate has that of G.
+        # Parity rows are orthonormal: each has the noise of one gyro.
         walk = noise.allan_walk([parity], streams.sample_s)
         assert walk is not None
-        gain = np.sqrt(np.mean(np.sum(np.square(mapping.directions(streams.raw.shape[1])), axis=1)))
-        arw, how = float(np.sqrt(np.mean(np.square(walk))) * gain), "the parity of the gyros"
+        arw, how = float(np.sqrt(np.mean(np.square(walk)))), "the parity of the gyros"
     else:
         walk = noise.allan_walk([rates[a:b] for a, b in still], streams.sample_s)
         how = f"the Allan deviation of the rests at {noise.ALLAN_S:g} s"
@@ -76,13 +77,10 @@ def reference_sigma(gyro: GyroStream, joined: Together, chosen: list[Indices], s
     """(3,) 1-sigma of the references about the body's axes, rad."""
     if joined.covariance is not None:
         return np.asarray(np.sqrt(np.diag(joined.covariance)))
-    pairs = [pair for rows in chosen for pair in pairwise(rows.tolist())]
-    pairs = pairs[:: -(-len(pairs) // MOST_PAIRS)]
+    pairs = _successive(chosen)
     if len(pairs) < FEWEST_PAIRS:
         raise InputError(f"{len(pairs)} turns between references are too few to take their sigma from; give sigma_deg")
-    left, R = _increments(gyro, joined, pairs)
-    elapsed = float(np.median([joined.t_s[b] - joined.t_s[a] for a, b in pairs]))
-    sigma = noise.axis_sigma(left, R, gyro.arw**2 * elapsed)
+    sigma = _of_turns(gyro, joined.t_s, joined.q, pairs, np.eye(3))
     if not (sigma > LEAST_SIGMA).all():
         raise InputError("the references scatter less than the gyro between two of them: give sigma_deg, or a shorter spacing")
     said.append(
@@ -91,15 +89,57 @@ def reference_sigma(gyro: GyroStream, joined: Together, chosen: list[Indices], s
     return sigma
 
 
-def _increments(gyro: GyroStream, joined: Together, pairs: list[tuple[int, int]]) -> tuple[Array, Array]:
+def sensor_sigma(gyro: GyroStream, sensor: Sensor, M: Array, scatter: Array, chosen: list[Indices], said: list[str]) -> Array:
+    """(3,) 1-sigma of one of several sensors about its own axes, rad.
+
+    What the gyro misses from one attitude to the next, or second differences, whichever is less: motion that a gyro follows
+    adds to the latter, and what a gyro does not follow to both.
+
+    Parameters
+    ----------
+    M : (3, 3) body to sensor
+    scatter : (3,) of its second differences, rad
+    chosen : its rows in each interval
+    """
+    pairs = _successive(chosen)
+    sigma, how = scatter, "second differences"
+    if len(pairs) >= FEWEST_PAIRS:
+        q = attitude.quaternion_from_matrix(M.T @ attitude.matrix_from_quaternion(sensor.q))
+        own = _of_turns(gyro, sensor.t_s, q, pairs, M)
+        if (own > LEAST_SIGMA).all() and own @ own < sigma @ sigma:
+            sigma, how = own, "the turns between its attitudes"
+    said.append(f"1-sigma about the axes of {sensor.name}: {degrees(sigma)} deg, from {how}; errors that last are not in it")
+    return sigma
+
+
+def _successive(chosen: list[Indices]) -> list[tuple[int, int]]:
+    pairs = [pair for rows in chosen for pair in pairwise(rows.tolist())]
+    return pairs[:: max(-(-len(pairs) // MOST_PAIRS), 1)]
+
+
+def _of_turns(gyro: GyroStream, t_s: Array, q: Array, pairs: list[tuple[int, int]], M: Array) -> Array:
+    """(3,) sigma about axes that M takes those of the body to, from the turns between two attitudes (m, 4) of the body."""
+    left, R = noise.increment_residuals(_pieces(gyro, t_s, q, pairs))
+    elapsed = float(np.median([t_s[b] - t_s[a] for a, b in pairs]))
+    return noise.axis_sigma(left @ M.T, M @ R @ M.T, gyro.arw**2 * elapsed)
+
+
+def carried(gyro: GyroStream, joined: Together, chosen: list[Indices]) -> float:
+    """Largest angle by which the gyro, from one attitude used, misses the next, rad; infinite of fewer than three."""
+    pairs = _successive(chosen)
+    if len(pairs) < FEWEST_ARRIVALS:
+        return np.inf
+    theta, *_ = noise.missed(_pieces(gyro, joined.t_s, joined.q, pairs))
+    return float(np.linalg.norm(theta, axis=1).max())
+
+
+def _pieces(gyro: GyroStream, t_s: Array, q: Array, pairs: list[tuple[int, int]]) -> Recording:
+    """A recording whose intervals are from one attitude to another."""
     used = np.unique(np.array(pairs))
-    t_s = joined.t_s
-    return noise.increment_residuals(
-        Recording(
-            title="increments",
-            epoch="",
-            gyro=gyro,
-            attitudes=Attitudes(t_s[used], joined.q[used], np.full((used.size, 3), np.deg2rad(1.0))),
-            intervals=tuple(Interval(str(k), "", float(t_s[a]), float(t_s[b])) for k, (a, b) in enumerate(pairs)),
-        )
+    return Recording(
+        title="increments",
+        epoch="",
+        gyro=gyro,
+        attitudes=Attitudes(t_s[used], q[used], np.full((used.size, 3), np.deg2rad(1.0))),
+        intervals=tuple(Interval(str(k), "", float(t_s[a]), float(t_s[b])) for k, (a, b) in enumerate(pairs)),
     )

@@ -10,10 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gyrocal.errors import InputError
-from gyrocal.importing.mapping import Mapping
+from gyrocal.importing.mapping import Mapping, Span
 from gyrocal.importing.sensors import Together
 from gyrocal.importing.streams import GAP
 from gyrocal.recording import GyroStream, Interval
+from gyrocal.recording.parts import TIME_TOLERANCE_S
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
@@ -33,6 +34,14 @@ def intervals(gyro: GyroStream, joined: Together, mapping: Mapping, said: list[s
         None has two.
     """
     t_ref, sample_s = joined.t_s, gyro.sample_s
+    if mapping.interval is not None:
+        chosen = of_stated(t_ref, mapping.interval, mapping.spacing_s or 0.0)
+        for one, rows in zip(mapping.interval, chosen, strict=True):
+            if len(rows) < 2:
+                raise InputError(
+                    f"interval {one.name}: {len(rows)} attitude(s) from {one.start_s:.9g} to {one.stop_s:.9g} s since the epoch"
+                )
+        return chosen
     stop = np.append(gyro.t_s[1:], gyro.t_s[-1] + sample_s)
     gap = np.flatnonzero(stop - gyro.t_s > GAP * sample_s)
     # Stretches of the gyro without a gap: from the start of a sample to the end of the last before a gap.
@@ -46,7 +55,7 @@ def intervals(gyro: GyroStream, joined: Together, mapping: Mapping, said: list[s
     turn_at = np.interp(t_ref, np.append(gyro.t_s, stop[-1]), turned)
     span = float(np.clip(stop[-1] - gyro.t_s[0], *INTERVAL_S))
     least = mapping.spacing_s or max(usual, min(span, _longest(mapping, turn_at, t_ref)) / REFERENCES)
-    chosen: list[list[int]] = []
+    found: list[list[int]] = []
     stretch = np.searchsorted(starts, t_ref + 1e-9, side="right") - 1
     now: list[int] = []
     for row, time in enumerate(t_ref):
@@ -61,17 +70,38 @@ def intervals(gyro: GyroStream, joined: Together, mapping: Mapping, said: list[s
                 and time - t_ref[now[0]] > min(INTERVAL_S[0], 0.25 * (t_ref[-1] - t_ref[0]))
             )
             if apart or long or len(now) >= 4 * REFERENCES:
-                chosen.append(now)
+                found.append(now)
                 now = []
             elif time - t_ref[now[-1]] < (1 - 1e-6) * least:
                 continue
         now.append(row)
-    chosen = [rows for rows in [*chosen, now] if len(rows) >= 2]
-    if not chosen:
+    found = [rows for rows in [*found, now] if len(rows) >= 2]
+    if not found:
         raise InputError("no interval has two attitudes within the gyro's time")
     said.append(f"references at least {least:.4g} s apart are used, of those {usual:.4g} s apart")
-    said.append(f"{len(chosen)} interval(s) made, each with a first reference of its own")
-    return [np.array(rows) for rows in chosen]
+    said.append(f"{len(found)} interval(s) made, each with a first reference of its own")
+    return [np.array(rows) for rows in found]
+
+
+def of_stated(t_ref: Array, spans: list[Span], spacing_s: float) -> list[Indices]:
+    """Rows of attitudes in each of some intervals, none nearer to the one before than the spacing."""
+    chosen = []
+    for one in spans:
+        rows = np.flatnonzero((t_ref >= one.start_s - TIME_TOLERANCE_S) & (t_ref <= one.stop_s + TIME_TOLERANCE_S))
+        kept: list[int] = []
+        for row in rows.tolist():
+            if not kept or t_ref[row] - t_ref[kept[-1]] >= (1 - 1e-6) * spacing_s:
+                kept.append(row)
+        chosen.append(np.array(kept, dtype=np.intp))
+    return chosen
+
+
+def stated(spans: list[Span]) -> tuple[Interval, ...]:
+    """Intervals as the mapping states them."""
+    return tuple(
+        Interval(one.name, one.activity, one.start_s, one.stop_s, one.forward, None if one.gyros is None else tuple(one.gyros))
+        for one in spans
+    )
 
 
 def _longest(mapping: Mapping, turn_at: Array, t_ref: Array) -> float:

@@ -20,6 +20,7 @@ from numpy.typing import ArrayLike, NDArray
 from gyrocal.errors import InputError
 from gyrocal.files import replacing
 from gyrocal.recording import Recording, toml_value
+from gyrocal.recording.gyros import need_triad
 
 Array = NDArray[np.float64]
 
@@ -118,8 +119,9 @@ def write_imu_yaml(
     Raises
     ------
     InputError
-        A number cannot be Kalibr's.
+        A number cannot be Kalibr's, or the gyros are others than x, y and z.
     """
+    need_triad(recording.gyro)
     if not recording.gyro.arw > 0:
         raise InputError("Kalibr: the recording's angle random walk is zero, and Kalibr takes positive noise only")
     if random_walk is not None and not 0 < random_walk < 1:

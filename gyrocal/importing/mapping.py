@@ -27,6 +27,7 @@ from scipy.spatial.transform import Rotation
 
 from gyrocal.errors import InputError
 from gyrocal.recording import read_toml, validation_message
+from gyrocal.recording.trackers import NORM_TOLERANCE
 
 Array = NDArray[np.float64]
 
@@ -40,6 +41,20 @@ ORDERS = ("scalar-first", "scalar-last")
 TETRAHEDRON = (np.array([[1, 1, 1], [1, -1, -1], [-1, 1, -1], [-1, -1, 1]]) / np.sqrt(3)).tolist()
 
 Vector = Annotated[list[float], Field(min_length=3, max_length=3)]
+Quaternion = Annotated[list[float], Field(min_length=4, max_length=4)]
+
+
+class Span(BaseModel):
+    """An interval as recording.toml has it: s since the epoch, and the gyros that were on."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, strict=True, allow_inf_nan=False)
+
+    name: str
+    activity: str = ""
+    start_s: float
+    stop_s: float
+    forward: Literal["+x", "-x", "+y", "-y", "none"] | None = None
+    gyros: list[str] | None = None
 
 
 class Mapping(BaseModel):
@@ -58,10 +73,15 @@ class Mapping(BaseModel):
     mounting : "estimate" finds the rotation from the gyros' axes to the attitudes'
     tag : which part of a rate's sample its time tags
     attitude_offset_s : added to the attitudes' tags
-    sigma : reference 1-sigma per body axis; a list a sensor with attitude_by
-    arw_deg_per_sqrt_s, bias_deg_s : of the gyro
+    sigma_deg : reference 1-sigma per body axis; with attitude_by about each sensor's own axes, by its name
+    mountings : with attitude_by, quaternion from body to each sensor, scalar last, by its name; estimated if not given
+    mounting_sigma_deg : 1-sigma of those that are to be estimated as well, about the sensor's own axes, by its name
+    estimated_mountings : names of those that are to be estimated without regard to what is stated
+    arw_deg_per_sqrt_s : of each gyro
+    bias_deg_s : of the body, b of ω = G ω_raw + b
     interval_s, spacing_s : longest interval, and least time between references
-    title, epoch : of the recording
+    interval : intervals as in recording.toml, in the place of those that are made
+    title, epoch : of the recording; times of intervals are since the epoch
     """
 
     model_config = ConfigDict(extra="forbid", frozen=True, strict=True, allow_inf_nan=False)
@@ -82,10 +102,14 @@ class Mapping(BaseModel):
     tag: Literal["start", "middle", "end"] = "start"
     attitude_offset_s: float = 0.0
     sigma_deg: Vector | dict[str, Vector] | None = None
+    mountings: dict[str, Quaternion] | None = None
+    mounting_sigma_deg: dict[str, Vector] | None = None
+    estimated_mountings: list[str] | None = None
     arw_deg_per_sqrt_s: float | None = Field(default=None, gt=0)
     bias_deg_s: Vector | None = None
     interval_s: float | None = Field(default=None, gt=0)
     spacing_s: float | None = Field(default=None, gt=0)
+    interval: list[Span] | None = Field(default=None, min_length=1)
     title: str | None = None
     epoch: str | None = None
 
@@ -102,6 +126,30 @@ class Mapping(BaseModel):
         if len(given) != 1:
             raise InputError("attitude: give one of quat, euler and matrix, e.g. --quat qw,qx,qy,qz:body-to-inertial")
         return given[0]
+
+    def body_to_sensor(self) -> dict[str, Array] | None:
+        """(3, 3) of each sensor whose mounting is stated, by name; None where none is.
+
+        Raises
+        ------
+        InputError
+            There is but one sensor, or a quaternion has not norm 1.
+        """
+        if self.mountings is None:
+            if self.mounting_sigma_deg is not None or self.estimated_mountings is not None:
+                raise InputError(
+                    "mounting_sigma_deg, estimated_mountings: go with mountings; one not stated is estimated freely"
+                )
+            return None
+        if self.attitude_by is None:
+            raise InputError("mountings: goes with attitude_by, the column that says which sensor a row is of")
+        for name, q in self.mountings.items():
+            if abs(np.linalg.norm(q) - 1) > NORM_TOLERANCE:
+                raise InputError(f"mountings: {name} must be a quaternion of norm 1")
+        unknown = {*(self.mounting_sigma_deg or {}), *(self.estimated_mountings or [])} - set(self.mountings)
+        if unknown:
+            raise InputError(f"mounting_sigma_deg, estimated_mountings: no mounting of {', '.join(sorted(unknown))} is stated")
+        return {name: np.asarray(Rotation.from_quat(q).as_matrix().T) for name, q in self.mountings.items()}
 
     def directions(self, count: int) -> Array:
         """G (3, count) that the mapping gives: its own, that of its axes, or the identity for three gyros.

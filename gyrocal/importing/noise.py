@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gyrocal import attitude
-from gyrocal.calibration.propagation import propagate
-from gyrocal.calibration.sampling import measurements
+from gyrocal.calibration.propagation import Propagation, propagate
+from gyrocal.calibration.sampling import Measurements, measurements
 from gyrocal.recording import Recording
 
 Array = NDArray[np.float64]
@@ -52,6 +52,14 @@ def third_differences(rates: Array, sample_s: float) -> Array:
     return np.asarray(MAD_TO_SIGMA * np.median(np.abs(third), axis=0) / np.sqrt(20.0) * np.sqrt(sample_s))
 
 
+def missed(recording: Recording) -> tuple[Array, Measurements, Propagation]:
+    """(m, 3) by how much the gyro, from each interval's first reference, misses those after it, rad; arcs and their pass."""
+    prepared = measurements(recording)
+    run = propagate(prepared.arcs, recording.gyro.apriori_G, recording.gyro.apriori_bias)
+    A = attitude.matrix_from_quaternion(recording.attitudes.quaternions)
+    return attitude.residual(A[prepared.row], run.R @ A[prepared.start]), prepared, run
+
+
 def increment_residuals(recording: Recording) -> tuple[Array, Array]:
     """What a preliminary fit leaves of the turns between successive references.
 
@@ -66,11 +74,8 @@ def increment_residuals(recording: Recording) -> tuple[Array, Array]:
     -------
     (m, 3) residuals in the body axes of the second reference, rad, and (m, 3, 3) rotations from the first to it
     """
-    prepared = measurements(recording)
     gyro = recording.gyro
-    run = propagate(prepared.arcs, gyro.apriori_G, gyro.apriori_bias)
-    A = attitude.matrix_from_quaternion(recording.attitudes.quaternions)
-    theta = attitude.residual(A[prepared.row], run.R @ A[prepared.start])
+    theta, prepared, run = missed(recording)
     at = np.searchsorted(gyro.t_s, recording.attitudes.t_s - 0.5 * gyro.sample_s)
     rate = gyro.rates[np.minimum(at, len(gyro.rates) - 1)]
     shift = rate[prepared.row] - np.einsum("mij,mj->mi", run.R, rate[prepared.start])

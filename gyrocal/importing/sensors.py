@@ -1,7 +1,8 @@
-"""Attitudes of several sensors as those of one body, the first sensor's axes being the body's.
+"""Attitudes of several sensors: how they sit towards each other, their noise, and what they say of the body together.
 
-With A_1 and A_2 the attitudes by two sensors at one time, D = A_1 A_2ᵀ takes the second's axes to the body's: a constant M of
-mounting, but for both errors. M is the mean rotation; what is left is exp([d×]) = M A_2 A_1ᵀ.
+With A the body's attitude and A_k that of a sensor at the same time, D = A A_kᵀ takes the sensor's axes to the body's: a
+constant M_kᵀ of its mounting, but for both errors. Where mountings are not stated, the first sensor's axes are the body's and
+that of another one is the mean rotation; what is left is exp([d×]) = D M_k.
 
 A sensor's own noise is told by second differences of its attitude over a lag L,
 
@@ -10,11 +11,13 @@ A sensor's own noise is told by second differences of its attitude over a lag L,
 about its own axes, so that the large error about one sensor's boresight does not hide the small ones of the other. A body that
 speeds up, and jitters, adds to it: it is an upper bound of that noise, and says nothing of errors that last longer than L.
 
-At one time the sensors' attitudes together have the information Σ M diag(σ_k⁻²) Mᵀ, and the mean weighted by it.
+At one time the sensors' attitudes together have the information Σ Mᵀ diag(σ_k⁻²) M, and the mean weighted by it. That mean is
+for what an import asks of the motion; the references of the recording are each sensor's own.
 """
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -28,6 +31,8 @@ from gyrocal.importing.streams import Sensor
 Array = NDArray[np.float64]
 
 FEWEST = 10  # common times
+GAP = 1.5  # of a sensor's usual step: it has dropped out in a longer one
+TURNED = np.deg2rad(2.0)  # of a sensor from its stated mounting: more is another mounting
 
 
 @dataclass(frozen=True)
@@ -37,10 +42,11 @@ class Together:
     Attributes
     ----------
     t_s, q : (m,) s and (m, 4) inertial to body, scalar last
-    covariance : (3, 3) of one attitude's error, rad²; None for a single sensor whose sigma is not known
+    covariance : (3, 3) of one attitude's error that all sensors see, rad²; None for a single sensor whose sigma is not known
     mounting : each sensor's axes to the body's, (3, 3) by name
     sigma : (3,) 1-sigma about each sensor's own axes, rad, by name
-    apart : (m, 3) of each further sensor from the first, M A_k A_1ᵀ as a rotation vector in body axes, rad, by name
+    apart : (m, 3) of each further sensor from the first, exp([d×]) = A_k A_1ᵀ of their body attitudes, rad, by name; NaN where
+        one of them has dropped out
     """
 
     t_s: Array
@@ -51,45 +57,101 @@ class Together:
     apart: dict[str, Array]
 
 
-def together(sensors: tuple[Sensor, ...], stated: dict[str, Array] | None, lag_s: float = 0.0) -> Together:
-    """Join the sensors' attitudes at the first one's times.
+def together(
+    sensors: tuple[Sensor, ...],
+    stated: dict[str, Array] | None,
+    lag_s: float = 0.0,
+    mountings: Mapping[str, Array] | None = None,
+) -> Together:
+    """Join the sensors' attitudes at the first one's times, and at those of others where it has dropped out.
 
     Parameters
     ----------
-    sensors : the first one's axes are the body's
+    sensors : the first one's axes are the body's unless mountings are stated
     stated : 1-sigma about each one's own axes, rad, by name; None estimates it
     lag_s : of the second differences that it is estimated from; one step of a sensor at least
+    mountings : (3, 3) body to sensor of each as stated, by name
 
     Raises
     ------
     InputError
-        They have too few common times, or the stated sigmas are not theirs.
+        They have too few common times, or what is stated is not theirs.
     """
     first = sensors[0]
     if stated is not None and set(stated) != {one.name for one in sensors}:
         raise InputError(f"sigma_deg: give it for {', '.join(one.name or 'the attitudes' for one in sensors)}")
+    if mountings is not None and set(mountings) != {one.name for one in sensors}:
+        raise InputError(f"mountings: give it for {', '.join(one.name for one in sensors)}")
     if len(sensors) == 1:
         covariance = None if stated is None else np.diag(np.square(stated[first.name]))
         return Together(first.t_s, first.q, covariance, {first.name: np.eye(3)}, dict(stated or {}), {})
-    low, high = max(one.t_s[0] for one in sensors), min(one.t_s[-1] for one in sensors)
-    used = (first.t_s >= low) & (first.t_s <= high)
-    if used.sum() < FEWEST:
-        raise InputError(f"attitude: {int(used.sum())} common times of {', '.join(one.name for one in sensors)} are too few")
-    t_s = first.t_s[used]
-    A = attitude.matrix_from_quaternion(first.q[used])
-    mounting, apart = {first.name: np.eye(3)}, {}
+    t_s = _times(sensors)
+    seen = [_seen(one, t_s) for one in sensors]
+    own = [_at(one, t_s) for one in sensors]  # inertial to sensor, (m, 3, 3)
+    mounting = {first.name: np.eye(3) if mountings is None else mountings[first.name].T}
+    A = mounting[first.name] @ own[0]
+    for one, mask, values in zip(sensors[1:], seen[1:], own[1:], strict=True):
+        common = seen[0] & mask
+        if common.sum() < FEWEST:
+            raise InputError(f"attitude: {int(common.sum())} common times of {first.name}, {one.name} are too few")
+        mean = Rotation.from_matrix(A[common] @ values[common].transpose(0, 2, 1)).mean().as_matrix()
+        mounting[one.name] = mean if mountings is None else mountings[one.name].T
+        off = float(Rotation.from_matrix(mounting[one.name].T @ mean).magnitude())
+        if off > TURNED:
+            raise InputError(
+                f"mountings: the attitudes of {first.name} and {one.name} say that {one.name} sits {np.rad2deg(off):.1f} deg "
+                "from where it is stated; are they quaternions from body to sensor, scalar last?"
+            )
     sigma = stated or {one.name: scatter(one, lag_s) for one in sensors}
+    body = [mounting[one.name] @ values for one, values in zip(sensors, own, strict=True)]
+    base = np.array(body[0])
+    for mask, values in zip(seen[:0:-1], body[:0:-1], strict=True):  # of the first that sees
+        base = np.where((seen[0] | ~mask)[:, None, None], base, values)
+    weights = [
+        np.linalg.inv(mounting[one.name] @ np.diag(np.square(sigma[one.name])) @ mounting[one.name].T) for one in sensors
+    ]
+    total = sum(mask[:, None, None] * W for mask, W in zip(seen, weights, strict=True))
+    pulled = sum(
+        mask[:, None] * (attitude.residual(values, base) @ W.T) for mask, values, W in zip(seen, body, weights, strict=True)
+    )
+    shift = np.linalg.solve(np.asarray(total), np.asarray(pulled)[:, :, None])[:, :, 0]
+    apart = {
+        one.name: np.where((seen[0] & mask)[:, None], attitude.residual(values, body[0]), np.nan)
+        for one, mask, values in zip(sensors[1:], seen[1:], body[1:], strict=True)
+    }
+    q = attitude.quaternion_from_matrix(attitude.rotation_matrix(shift) @ base)
+    return Together(t_s, q, np.asarray(np.linalg.inv(sum(weights))), mounting, sigma, apart)
+
+
+def _step(sensor: Sensor) -> float:
+    return float(np.median(np.diff(sensor.t_s)))
+
+
+def _times(sensors: tuple[Sensor, ...]) -> Array:
+    """Times of the first, and of each further one where all before it have dropped out."""
+    t_s = sensors[0].t_s
     for one in sensors[1:]:
-        other = Slerp(one.t_s, Rotation.from_quat(one.q))(t_s)
-        D = A @ other.as_matrix()  # A_2ᵀ is scipy's own matrix
-        M = Rotation.from_matrix(D).mean().as_matrix()
-        mounting[one.name] = M
-        apart[one.name] = attitude.residual(M @ other.inv().as_matrix(), A)
-    weights = {name: np.linalg.inv(M @ np.diag(np.square(sigma[name])) @ M.T) for name, M in mounting.items()}
-    covariance = np.linalg.inv(sum(weights.values()))
-    shift = sum((d @ (covariance @ weights[name]).T for name, d in apart.items()), np.zeros((t_s.size, 3)))
-    q = attitude.quaternion_from_matrix(attitude.rotation_matrix(shift) @ A)
-    return Together(t_s, q, np.asarray(covariance), mounting, sigma, apart)
+        near = (
+            t_s[np.clip(np.searchsorted(t_s, one.t_s), 1, t_s.size - 1)],
+            t_s[np.clip(np.searchsorted(t_s, one.t_s) - 1, 0, None)],
+        )
+        away = np.minimum(np.abs(near[0] - one.t_s), np.abs(near[1] - one.t_s)) > GAP * _step(sensors[0])
+        t_s = np.sort(np.concatenate([t_s, one.t_s[away]]))
+    return t_s
+
+
+def _seen(sensor: Sensor, t_s: Array) -> NDArray[np.bool_]:
+    """(m,) whether a sensor has an attitude at each time, or one soon before and after it."""
+    after = np.clip(np.searchsorted(sensor.t_s, t_s), 1, sensor.t_s.size - 1)
+    short = sensor.t_s[after] - sensor.t_s[after - 1] <= GAP * _step(sensor)
+    inside = (t_s >= sensor.t_s[0]) & (t_s <= sensor.t_s[-1])
+    return np.asarray(inside & (short | np.isin(t_s, sensor.t_s)))
+
+
+def _at(sensor: Sensor, t_s: Array) -> Array:
+    """(m, 3, 3) inertial to the sensor, between its attitudes where it has none."""
+    between = Slerp(sensor.t_s, Rotation.from_quat(sensor.q))(np.clip(t_s, sensor.t_s[0], sensor.t_s[-1]))
+    return np.asarray(between.inv().as_matrix())
 
 
 def scatter(sensor: Sensor, lag_s: float) -> Array:

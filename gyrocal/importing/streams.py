@@ -7,6 +7,7 @@ accumulated angle are means over the time between two tags exactly, whatever lie
 from __future__ import annotations
 
 from dataclasses import dataclass
+from datetime import datetime
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -107,7 +108,7 @@ def streams(gyro: pd.DataFrame, attitude: pd.DataFrame, mapping: Mapping) -> Str
     clock_g, clocks = _one_scale([clock_g, *clocks])
     scale = clock_g.scale
     start = min(int(one.whole.min()) for one in (clock_g, *clocks))
-    origin = start if scale else 0
+    origin = (start if mapping.epoch is None else _second(mapping.epoch, scale)) if scale else 0
     if scale:
         epoch = units.epoch_of(origin, scale).replace(tzinfo=None).isoformat() + ("Z" if scale == "UTC" else "")
     else:
@@ -212,6 +213,20 @@ def _one_scale(clocks: list[units.Clock]) -> tuple[units.Clock, list[units.Clock
             units.expect_date(one, what)
         clocks = [units.to_utc(one) for one in clocks]
     return clocks[0], clocks[1:]
+
+
+def _second(epoch: str, scale: str) -> int:
+    """The whole second of a clock in which an epoch is.
+
+    Raises
+    ------
+    InputError
+        It is no date.
+    """
+    try:
+        return units.second_of(datetime.fromisoformat(epoch), scale)
+    except ValueError as fault:
+        raise InputError(f"epoch: {fault}") from None
 
 
 def _ordered(t_s: Array, values: Array, what: str) -> tuple[Array, Array]:

@@ -77,6 +77,12 @@ def epoch_of(second: int, scale: str) -> datetime:
     return {"UTC": UNIX_EPOCH, "GPS": GPS_EPOCH}[scale] + timedelta(seconds=second)
 
 
+def second_of(date: datetime, scale: str) -> int:
+    """The whole second of a clock in which a date is; one without an offset from UTC is taken as of the clock's own scale."""
+    date = date if date.tzinfo else date.replace(tzinfo=UTC)
+    return (date - {"UTC": UNIX_EPOCH, "GPS": GPS_EPOCH}[scale]) // timedelta(seconds=1)
+
+
 def expect_date(clock: Clock, what: str) -> None:
     """Refuse tags without a date that would have one in another unit.
 

@@ -11,6 +11,7 @@ from diagnosis.diagnose import diagnose
 from gyrocal import InputError, load
 from gyrocal.errors import hint
 from gyrocal.recording.gyros import need_triad
+from gyrocal.recording.trackers import need_one_sensor
 from simulator import scenario as scenarios
 from simulator.effects.sensor import ALL_EFFECTS
 from studies.cli.effect_files import effects_option
@@ -98,6 +99,7 @@ def command(
     loaded = load(recording)
     if adopt:
         need_triad(loaded.gyro)
+        need_one_sensor(loaded.attitudes)
     with stages("diagnose", LINE_EVERY_S) as progress:
         result = diagnose(loaded, progress=progress, seed=seed, library=library)
         found = next_flight.planned(result, scenario_flown, progress, seed) if scenario_flown else None

@@ -11,7 +11,7 @@ from gyrocal import InputError
 from gyrocal.errors import hint
 from gyrocal.recording import read_toml
 from simulator import scenario as scenarios
-from simulator.effects import EFFECTS
+from simulator.effects import ARRAY_EFFECTS, EFFECTS, TRACKER_EFFECTS
 from studies.cli.effect_files import effects_option
 from studies.cli.options import PATH, STDOUT
 from studies.cli.stages import stages
@@ -66,7 +66,7 @@ def command(
       gyrocal plan mine.toml --effect bias_orbital --effect time_offset --extra roll.toml --named
     """
     for name in effects:
-        if name not in EFFECTS:
+        if name not in {**EFFECTS, **TRACKER_EFFECTS, **ARRAY_EFFECTS}:
             raise InputError(f"--effect {name}: no such effect; {hint(name, EFFECTS)}")
     check_writable(None if as_json == STDOUT else as_json)
     check_writable(report)

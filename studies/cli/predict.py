@@ -4,10 +4,9 @@ from pathlib import Path
 
 import click
 import numpy as np
-import pandas as pd
 
-from gyrocal import InputError, attitude, load, triad
-from gyrocal.estimation.predict import Prediction, predict, prior_covariance
+from gyrocal import InputError, load, triad
+from gyrocal.estimation.predict import predict, prior_covariance, steps
 from studies.cli.options import PATH
 from studies.montecarlo.files import check_writable, write_csv, write_json, write_text
 from studies.report import prediction_page
@@ -16,13 +15,14 @@ from studies.report.console import console
 from studies.report.made import made_of
 
 ROWS = 12  # shown
-ARCSEC = 3600.0
+FEWEST_S = 1e-6
 
 
 @click.command("predict")
 @click.argument("recording", type=PATH)
 @click.option("--from", "from_s", type=float, required=True, help="References later than this, s, are not used.")
-@click.option("--out", type=PATH, help="Write the prediction as CSV: t_s, q1 … q4, sigma_x_arcsec … z.")
+@click.option("--out", type=PATH, help="Write the prediction as CSV: t_s, q1 … q4, sigma_x_arcsec … z, and each sensor's.")
+@click.option("--step", "step_s", type=click.FloatRange(FEWEST_S), help="s between rows; the gyro's samples by default.")
 @click.option("--report", type=PATH, help="Write a page with the figure (HTML, needs no network) to this file.")
 @click.option("--json", "as_json", type=PATH, help="Write the prediction, and how its start fits, as JSON to this file.")
 @click.option("--prior-sigma-g", type=float, default=None, help="A-priori 1-sigma of each element of G; 0.01 by default.")
@@ -33,6 +33,7 @@ def command(
     recording: Path,
     from_s: float,
     out: Path | None,
+    step_s: float | None,
     report: Path | None,
     as_json: Path | None,
     prior_sigma_g: float | None,
@@ -58,8 +59,9 @@ def command(
     loaded = triad(load(recording))
     bias = None if prior_sigma_bias is None else float(np.deg2rad(prior_sigma_bias))
     P0 = prior_covariance(prior_sigma_g, bias, float(np.deg2rad(prior_mounting)), prior_scale, loaded.gyro.apriori_G)
-    found = predict(loaded, from_s, None, P0)
-    whole = table(found)
+    times = None if step_s is None else steps(loaded, from_s, step_s)
+    found = predict(loaded, from_s, times, P0)
+    whole = prediction_page.rows(found)
     if out:
         write_csv(out, whole, digits=12)
     if report:
@@ -70,11 +72,3 @@ def command(
     note = f"{found.used} references used; their χ² about what was known before them is {found.chi2:.1f} of {found.dof}."
     chosen = np.unique(np.linspace(0, len(whole) - 1, ROWS).round().astype(int))
     render.terminal(console(), f"Attitude by gyro alone from {from_s:g} s", whole.iloc[chosen], note)
-
-
-def table(found: Prediction) -> pd.DataFrame:
-    """A row a time: inertial to body, scalar last, and 1-sigma about the body's axes."""
-    q = attitude.quaternion_from_matrix(found.A)
-    sigma = np.rad2deg(found.sigma) * ARCSEC
-    columns = {"t_s": found.t_s} | {f"q{k + 1}": q[:, k] for k in range(4)}
-    return pd.DataFrame(columns | {f"sigma_{axis}_arcsec": sigma[:, k] for k, axis in enumerate("xyz")})

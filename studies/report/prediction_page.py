@@ -6,13 +6,35 @@ import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
 
-from gyrocal.estimation.predict import Prediction
+from gyrocal import attitude
+from gyrocal.estimation.prediction import Prediction
 from studies.report.html import Picture, document, heading, paragraph, shown, table_of
 from studies.report.made import Made
 from studies.report.panels import COLOURS, LINES, Line, curves, drawn
 
 ARCSEC = 3600.0  # a degree
 ROWS = 12  # of the table
+
+
+def rows(found: Prediction) -> pd.DataFrame:
+    """A row a time: inertial to body, scalar last, and 1-sigma about the body's axes; the same of each of several sensors.
+
+    A sensor's quaternion is inertial to sensor, sigma that of a reading of it, and attitude_sigma that of the attitude alone,
+    about the sensor's own axes.
+    """
+    columns: dict[str, np.ndarray] = {"t_s": found.t_s} | _of("", found.A, {"sigma": found.sigma})
+    for one in found.sensors:
+        seen = found.of_sensor(one.name)
+        columns |= _of(f"{one.name.lower()}_", seen.A, {"sigma": seen.reading_sigma, "attitude_sigma": seen.sigma})
+    return pd.DataFrame(columns)
+
+
+def _of(prefix: str, A: np.ndarray, sigmas: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
+    q = attitude.quaternion_from_matrix(A)
+    out = {f"{prefix}q{k + 1}": q[:, k] for k in range(4)}
+    for label, sigma in sigmas.items():
+        out |= {f"{prefix}{label}_{axis}_arcsec": np.rad2deg(sigma[:, k]) * ARCSEC for k, axis in enumerate("xyz")}
+    return out
 
 
 def page(found: Prediction, title: str, from_s: float, table: pd.DataFrame, made: Made | None = None) -> str:

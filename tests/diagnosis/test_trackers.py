@@ -5,7 +5,10 @@ import pytest
 
 import simulator
 from diagnosis.diagnose import diagnose
+from diagnosis.model.folds import BROAD, START, joint_covariance, unwhitened
+from diagnosis.model.localization import body_residuals, statistics
 from diagnosis.model.recording import MOST_OBSERVATIONS, _covariance, _overlapping, linearised
+from gyrocal.calibration.observability import PLAUSIBLE_RANGE
 from simulator.effects import TRACKER_EFFECTS, parse
 from tests.tracker_cases import AGILE, ESTIMATED, TETRAHEDRON, TURNED_DEG
 
@@ -36,6 +39,50 @@ def test_a_mounting_that_is_estimated_is_no_effect():
     found = answer(stated)
     assert [cause.label for cause in found.causes] == ["tracker_misalignment:st2"]
     assert found.causes[0].size == pytest.approx(3600 * np.linalg.norm(TURNED_DEG), rel=0.05)
+
+
+PRIOR_DEG = 2e-3
+
+
+def stated(misalignment, sigma=PRIOR_DEG):
+    """Two trackers of which the second is turned, and to be estimated with a prior."""
+    changes = {"reference.tracker.1.estimated": True, "reference.tracker.1.mounting_sigma_deg": [sigma] * 3}
+    return simulator.override(AGILE, {**changes, "reference.tracker.1.misalignment_deg": [misalignment, 0.0, 0.0]})
+
+
+def test_a_mounting_with_a_prior_is_known_as_well_as_that_says():
+    assert answer(stated(PRIOR_DEG)).verdict == "none"
+    found = answer(stated(8 * PRIOR_DEG))
+    assert [cause.label for cause in found.causes] == ["tracker_misalignment:st2"]
+    assert found.causes[0].size == pytest.approx(3600 * 8 * PRIOR_DEG, rel=0.25)
+
+
+def test_a_prior_is_noise_that_all_intervals_share():
+    model = linearised(
+        simulator.simulate(stated(0.0), seed=1), np.array(AGILE.gyro.true_G), np.deg2rad(AGILE.gyro.true_bias_deg_s)
+    )
+    V = np.zeros((model.size, model.size))
+    for block in model.blocks:
+        V[block.rows, block.rows] = block.whitener @ block.whitener.T
+    turns = np.zeros((model.reference_rows.size, 3, 3))
+    own = model.recording.attitudes.sensor[model.reference_rows] == 1
+    turns[own] = model.recording.attitudes.sensors[1].M.T
+    C = model.reference_error(turns) * np.deg2rad(PRIOR_DEG)
+    V += C @ C.T
+    assert np.allclose(model.whitened(model.whitened(V).T), np.eye(model.size), atol=1e-7)
+    assert np.allclose(model.unmixed(model.whitened(C)), model.known_mountings)
+    assert model.nuisance.shape[1] == 3 * len(model.blocks) + 12
+    free = model.without_priors()
+    assert free.nuisance.shape[1] == model.nuisance.shape[1] + 3
+    plain = linearised(simulator.simulate(AGILE, seed=1), model.G, model.bias)
+    starts, calibration = (unwhitened(plain, one) for one in (plain.attitude_nuisance, plain.calibration))
+    broad = np.hstack([starts * START, calibration * BROAD * PLAUSIBLE_RANGE])
+    whole = V + broad @ broad.T
+    assert np.allclose(joint_covariance(model), whole, rtol=1e-9, atol=1e-12 * whole.max())
+    residual, sigma = body_residuals(model, model.y)
+    chi2 = statistics(model, model.y)
+    assert 0.8 < np.sqrt(np.mean((residual / sigma) ** 2)) < 1.2
+    assert chi2["p_value"].min() > 1e-5
 
 
 def test_four_gyros_and_two_trackers_name_the_tracker():

@@ -16,7 +16,7 @@ from simulator.effects.common import ARCSEC, gauss_markov, log_uniform, number
 from simulator.effects.tracker.base import TrackerEffect, rows_of
 
 APART = 1e6  # rad between intervals, over which nothing is remembered
-LENGTHS_DEG = (0.5, 2.0, 8.0)
+LENGTHS_DEG = (0.5, 1.0, 2.0, 4.0, 8.0)
 
 
 def any_length(rng: np.random.Generator, around: Surroundings) -> Value:

@@ -38,7 +38,8 @@ def shares(rows: pd.DataFrame, by: list[str], column: str) -> pd.DataFrame:
     return pd.DataFrame(out, columns=[*by, "cases", column, "share", "low", "high"])
 
 
-def _share(name: str, rows: pd.DataFrame, column: str, bounds: tuple[float, float] | None, meaning: str = "") -> Check:
+def share_check(name: str, rows: pd.DataFrame, column: str, bounds: tuple[float, float] | None, meaning: str = "") -> Check:
+    """How often a column of truth values is true, as a check."""
     hits = int(rows[column].astype(bool).sum())
     value = hits / len(rows) if len(rows) else float("nan")
     return Check(f"{name}, {hits} of {len(rows)}", value, bounds, "", meaning)
@@ -51,13 +52,15 @@ def report(config: GyroFaultsConfig, rows: pd.DataFrame) -> Report:
     clear, shared = rows[told_apart(rows)], faulty[~told_apart(faulty)]
     bare = clear[~clear["references"].astype(bool)]
     checks = [
-        _share("faulty gyro named", clear, "named", at_least(NAMED), COUNTED),
-        _share("faulty gyro named without reference attitudes", bare, "named", at_least(NAMED)),
-        _share("faulty gyro named with reference attitudes", clear[clear["references"].astype(bool)], "named", at_least(NAMED)),
-        _share("kind of the fault stated, alone or in a group", clear, "kind", None),
-        _share("a sound gyro blamed", faulty, "wrong", at_most(FALSE)),
-        _share("alarms where nothing is wrong", sound, "alarm", at_most(FALSE)),
-        _share("steps of four gyros without references: fault in the group", shared, "kind", None, SHARED),
+        share_check("faulty gyro named", clear, "named", at_least(NAMED), COUNTED),
+        share_check("faulty gyro named without reference attitudes", bare, "named", at_least(NAMED)),
+        share_check(
+            "faulty gyro named with reference attitudes", clear[clear["references"].astype(bool)], "named", at_least(NAMED)
+        ),
+        share_check("kind of the fault stated, alone or in a group", clear, "kind", None),
+        share_check("a sound gyro blamed", faulty, "wrong", at_most(FALSE)),
+        share_check("alarms where nothing is wrong", sound, "alarm", at_most(FALSE)),
+        share_check("steps of four gyros without references: fault in the group", shared, "kind", None, SHARED),
     ]
     lines = []
     for gyros, own in rows[rows["nees"].notna()].groupby("gyros", sort=False):

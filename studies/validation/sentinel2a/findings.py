@@ -8,6 +8,7 @@ out* is a third of the time at once: parameters come from the other two, and pai
 
 from __future__ import annotations
 
+from dataclasses import replace
 from itertools import pairwise
 from typing import Any
 
@@ -15,10 +16,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import periodogram
 
-from gyrocal import Attitudes, Interval, Recording, attitude, calibrate, propagate
+from gyrocal import Attitudes, Interval, attitude, calibrate, calibrate_gyros, propagate, triad
 from gyrocal.calibration.sampling import measurements
-from gyrocal.estimation.predict import Prediction, conditioned, predict
-from studies.validation.sentinel2a.flown import ARCSEC, LSB_RAD, Flown, known
+from gyrocal.estimation.predict import conditioned, predict
+from gyrocal.importing.build import Imported
+from gyrocal.recording.gyros import nominal, parity
+from studies.validation.sentinel2a.flown import ARCSEC, LSB_RAD, WINDOW_S, known, known_of_gyros
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -37,25 +40,24 @@ MODELS: dict[str, dict[str, bool] | None] = {
 }
 
 
-def carried(flown: Flown, used: Mask, prior: Array | None) -> tuple[Prediction, Array]:
-    """A fit to the references used, and e (m, 3), rad, of all dense attitudes about the gyro alone from the first one on."""
-    recording, dense = flown.recording, flown.dense
+def carried(flown: Imported, used: Mask, prior: Array | None) -> Array:
+    """e (m, 3), rad, of all attitudes of both trackers together about the gyro alone from the first one on, their times (m, 1)
+    and the turns since then (m, 9); the gyro's parameters are fitted to the references used."""
+    recording, joined = triad(flown.recording), flown.joined
     # The prediction's times do not matter here: its parameters do.
-    times = recording.attitudes.t_s[1:]
+    times = np.unique(recording.attitudes.t_s)[1:]
     fit = conditioned(recording, used, times, known(False, False, False) if prior is None else prior)
-    inside = dense.t_s >= recording.gyro.t_s[0]
-    t_s, q = dense.t_s[inside], dense.q[inside]
-    whole = Recording(
-        recording.title,
-        recording.epoch,
-        recording.gyro,
-        Attitudes(t_s, q, np.full((t_s.size, 3), 1e-5)),
-        (Interval("all", "", float(t_s[0]), float(t_s[-1])),),
+    inside = joined.t_s >= recording.gyro.t_s[0]
+    t_s, q = joined.t_s[inside], joined.q[inside]
+    whole = replace(
+        recording,
+        attitudes=Attitudes(t_s, q, np.full((t_s.size, 3), 1e-5)),
+        intervals=(Interval("all", "", float(t_s[0]), float(t_s[-1])),),
     )
     run = propagate(measurements(whole).arcs, fit.parameters.G, fit.parameters.bias)
     A = attitude.matrix_from_quaternion(q)
     R = np.concatenate([np.eye(3)[None], run.R])
-    return fit, np.concatenate([attitude.residual(A, R @ A[0]), t_s[:, None], R.reshape(-1, 9)], axis=1)
+    return np.concatenate([attitude.residual(A, R @ A[0]), t_s[:, None], R.reshape(-1, 9)], axis=1)
 
 
 def drift(path: Array, over_s: float, within: tuple[float, float] = (-np.inf, np.inf)) -> Array:
@@ -76,17 +78,17 @@ def rms(values: Array) -> float:
     return float(np.sqrt(np.mean(np.square(values)))) if values.size else float("nan")
 
 
-def drift_rows(flown: Flown) -> list[dict[str, Any]]:
+def drift_rows(flown: Imported) -> list[dict[str, Any]]:
     """Drift over each time by each model, fitted to all and held out."""
     t_ref = flown.recording.attitudes.t_s
     edges = np.linspace(t_ref[0], t_ref[-1], THIRDS + 1)
     rows = []
     for model, options in MODELS.items():
         prior = None if options is None else known(**options)
-        _, whole = carried(flown, np.ones(t_ref.size, dtype=bool), prior)
+        whole = carried(flown, np.ones(t_ref.size, dtype=bool), prior)
         held: dict[float, list[Array]] = {over: [] for over in DRIFTS_S}
         for third in pairwise(edges.tolist()):
-            _, path = carried(flown, (t_ref < third[0]) | (t_ref > third[1]), prior)
+            path = carried(flown, (t_ref < third[0]) | (t_ref > third[1]), prior)
             for over in DRIFTS_S:
                 held[over].append(drift(path, over, third))
         for over in DRIFTS_S:
@@ -99,21 +101,23 @@ def drift_rows(flown: Flown) -> list[dict[str, Any]]:
     return rows
 
 
-def noise_rows(flown: Flown) -> list[dict[str, Any]]:
+def noise_rows(flown: Imported) -> list[dict[str, Any]]:
     """Parity of the gyros, tracker against tracker, and each tracker's own noise."""
-    parity = flown.imported.parity[:, 0] * ARCSEC * flown.recording.gyro.sample_s
-    fresh = parity - parity.mean()
+    gyro, attitudes = flown.recording.gyro, flown.recording.attitudes
+    said = gyro.rates @ parity(nominal(gyro)[0], np.arange(len(gyro.names)))[:, 0] * ARCSEC * gyro.sample_s
+    fresh = said - said.mean()
     values = {
-        "parity of a gyro, mean": (float(parity.mean()), "arcsec/s"),
-        "parity of a gyro, scatter of 1 s": (float(parity.std(ddof=1)), "arcsec"),
+        "parity of a gyro, mean": (abs(float(said.mean())), "arcsec/s"),
+        "parity of a gyro, scatter of 1 s": (float(said.std(ddof=1)), "arcsec"),
         "parity, correlation of successive seconds": (float(fresh[1:] @ fresh[:-1] / (fresh @ fresh)), ""),
-        "angle random walk of the body rates, at most": (flown.recording.gyro.arw * ARCSEC, "arcsec/sqrt(s)"),
+        "angle random walk of the body rates, at most": (triad(flown.recording).gyro.arw * ARCSEC, "arcsec/sqrt(s)"),
     }
-    ((name, apart),) = flown.dense.apart.items()
-    first = next(iter(flown.dense.mounting))
-    turn = np.arccos(np.clip((np.trace(flown.dense.mounting[name]) - 1) / 2, -1, 1))
+    ((name, apart),) = flown.joined.apart.items()
+    first = flown.sensors[0].name
+    apart = apart[np.isfinite(apart).all(axis=1)]
+    turn = np.arccos(np.clip((np.trace(flown.joined.mounting[name]) - 1) / 2, -1, 1))
     values[f"angle of the turn from {name} to {first}"] = (float(np.rad2deg(turn)), "deg")
-    size = round(BLOCK_S / float(np.median(np.diff(flown.dense.t_s))))
+    size = round(BLOCK_S / float(np.median(np.diff(flown.joined.t_s))))
     blocks = apart[: len(apart) // size * size].reshape(-1, size, 3).mean(axis=1)
     for k, axis in enumerate("xyz"):
         values[f"{name} against {first} about {first} {axis}"] = (float(apart[:, k].std() * ARCSEC), "arcsec")
@@ -121,60 +125,80 @@ def noise_rows(flown: Flown) -> list[dict[str, Any]]:
             float(blocks[:, k].std() * ARCSEC),
             "arcsec",
         )
-        for tracker, sigma in flown.sigma.items():
-            values[f"1-sigma of {tracker} about its {axis}, second differences"] = (float(sigma[k] * ARCSEC), "arcsec")
+        for number, one in enumerate(attitudes.sensors):
+            sigma = attitudes.sigma[attitudes.sensor == number][0, k]
+            values[f"1-sigma of {one.name} about its {axis}"] = (float(sigma * ARCSEC), "arcsec")
     return [{"kind": "noise", "what": what, "value": value, "unit": unit} for what, (value, unit) in values.items()]
 
 
-def parameter_rows(flown: Flown) -> list[dict[str, Any]]:
-    """G and b, the size of a count, and what of it cannot be told apart."""
-    fit = calibrate(flown.recording, apriori_covariance=known())
-    omega = flown.recording.gyro.rates[flown.recording.gyro.t_s < 64.0]
+def parameter_rows(flown: Imported) -> list[dict[str, Any]]:
+    """The size of a count, the tetrahedron and the mounting by the calibration of four gyros, and what of it cannot be told."""
+    recording = flown.recording
+    fit = calibrate_gyros(recording, prior_covariance=known_of_gyros(flown))
+    body = triad(recording).gyro
+    omega = body.rates[body.t_s < WINDOW_S - 1]
     mean = omega.mean(axis=0)
     along = mean / np.linalg.norm(mean)
-    # A common scale factor s and a bias b∥ along the mean rate turn the body by s |ω| + b∥.
-    scale = np.concatenate([np.eye(3).ravel() / 3, np.zeros(3)])
-    bias = np.concatenate([np.zeros(9), along])
+    # A common scale factor s, that of G K₀, and a bias b∥ along the mean rate turn the body by s |ω| + b∥.
+    K0, _ = nominal(recording.gyro)
+    scale = np.concatenate([K0.T.ravel() / 3, np.zeros(3)])
+    bias = np.concatenate([np.zeros(K0.size), along])
     both = scale * np.linalg.norm(mean) + bias
-    sigma = {name: float(np.sqrt(v @ fit.covariance @ v)) for name, v in (("s", scale), ("b", bias), ("sum", both))}
-    correlation = float(scale @ fit.covariance @ bias / (sigma["s"] * sigma["b"]))
-    size = float(scale @ fit.parameters.vector)
+    vector, covariance = np.concatenate([fit.G.ravel(), fit.bias]), fit.gain_covariance
+    sigma = {name: float(np.sqrt(v @ covariance @ v)) for name, v in (("s", scale), ("b", bias), ("sum", both))}
+    correlation = float(scale @ covariance @ bias / (sigma["s"] * sigma["b"]))
+    size = float(scale @ vector)
     deg_h = np.rad2deg(1.0) * 3600
     values = {
         "mean rate": (float(np.rad2deg(np.linalg.norm(mean))), 0.0, "deg/s"),
         "RMS of the rate about its mean": (float(np.rad2deg(omega.std(axis=0)).max()), 0.0, "deg/s"),
         "angle of a count": (LSB_RAD * size * 1e9, LSB_RAD * sigma["s"] * 1e9, "nrad"),
         "common scale factor": (1e6 * (size - 1), 1e6 * sigma["s"], "ppm"),
-        "bias along the mean rate": (float(bias @ fit.parameters.vector) * deg_h, sigma["b"] * deg_h, "deg/h"),
+        "bias along the mean rate": (float(bias @ vector) * deg_h, sigma["b"] * deg_h, "deg/h"),
         "scale factor times mean rate plus bias along it": (
-            float(both @ fit.parameters.vector - np.linalg.norm(mean)) * deg_h,
+            float(both @ vector - np.linalg.norm(mean)) * deg_h,
             sigma["sum"] * deg_h,
             "deg/h",
         ),
         "correlation of the errors of scale factor and bias along": (correlation, 0.0, ""),
+    }
+    for line in fit.summary().to_dict("records"):
+        values[f"scale factor of {line['gyro']}"] = (1e6 * (line["scale_factor"] - 1), 1e6 * line["sigma_scale_factor"], "ppm")
+        values[f"bias of {line['gyro']}"] = (line["bias_deg_s"] * 3600, line["sigma_bias_deg_s"] * 3600, "deg/h")
+    assert fit.mountings is not None
+    for line in fit.mountings.summary().to_dict("records"):
+        what = f"misalignment of {line['sensor']} about its {line['axis']} from the import's"
+        values[what] = (line["misalignment_arcsec"], line["sigma_arcsec"], "arcsec")
+    (compared,) = fit.differences
+    values |= {
         "chi2 per degree of freedom": (fit.chi2 / fit.dof, 0.0, ""),
+        "parity, chi2 per degree of freedom": (fit.parity_chi2 / fit.parity_dof, 0.0, ""),
+        "tracker against tracker, chi2 per degree of freedom": (compared.chi2 / compared.dof, 0.0, ""),
     }
     rows = [
         {"kind": "parameter", "what": what, "value": value, "sigma": s, "unit": unit}
         for what, (value, s, unit) in values.items()
     ]
-    return rows + [{"kind": "not identifiable", "what": text} for text in fit.observability.unobservable]
+    free = calibrate(triad(recording), apriori_covariance=known()).observability.unobservable
+    return rows + [{"kind": "not identifiable", "what": text} for text in free]
 
 
-def left_rows(flown: Flown) -> list[dict[str, Any]]:
+def left_rows(flown: Imported) -> list[dict[str, Any]]:
     """What is left about the fit, of both trackers together and of each about its own axes: size, correlation, strongest tone.
 
     A tone that both trackers have may be motion that gyros read once a second do not show; one of a single tracker is its own.
     """
-    recording, dense = flown.recording, flown.dense
-    inside = dense.t_s > recording.attitudes.t_s[0]
-    times = dense.t_s[inside]
-    found = conditioned(recording, np.ones(recording.attitudes.t_s.size, dtype=bool), times, known())
-    left = {"both, body": attitude.residual(attitude.matrix_from_quaternion(dense.q)[inside], found.A)}
-    for name, M in dense.mounting.items():
-        t, A = flown.tracker(name)
-        left[name] = attitude.residual(A[np.searchsorted(t, times - 0.01)], M.T @ found.A)
-    rate = 1 / float(np.median(np.diff(times)))
+    recording, joined = flown.recording, flown.joined
+    begin = recording.attitudes.t_s[0]
+    every = np.ones(recording.attitudes.t_s.size, dtype=bool)
+    later = joined.t_s > begin
+    found = conditioned(recording, every, joined.t_s[later], known())
+    left = {"both, body": attitude.residual(attitude.matrix_from_quaternion(joined.q)[later], found.A)}
+    for one in flown.sensors:
+        own = one.t_s > begin
+        shown = conditioned(recording, every, one.t_s[own], known()).of_sensor(one.name)
+        left[one.name] = attitude.residual(attitude.matrix_from_quaternion(one.q)[own], shown.A)
+    rate = 1 / float(np.median(np.diff(joined.t_s)))
     lag = round(0.5 * rate)
     rows = []
     for name, values in left.items():
@@ -190,25 +214,18 @@ def left_rows(flown: Flown) -> list[dict[str, Any]]:
     return rows
 
 
-def check_rows(flown: Flown) -> list[dict[str, Any]]:
-    """Predictions inside the first 65 s against the trackers' own attitudes, in sigmas."""
+def check_rows(flown: Imported) -> list[dict[str, Any]]:
+    """Predictions inside the first 65 s against the trackers' own readings, in sigmas, and their mean error."""
     rows = []
     for start in CHECK_FROM_S:
-        for name, M in flown.dense.mounting.items():
-            t, A = flown.tracker(name)
-            chosen = t > start
-            found = predict(flown.recording, start, t[chosen], known())
-            error = attitude.residual(A[chosen], M.T @ found.A)
-            sigma = np.sqrt(np.diagonal(reading_covariance(flown, name, found), axis1=1, axis2=2))
+        for one in flown.sensors:
+            chosen = one.t_s > start
+            shown = predict(flown.recording, start, one.t_s[chosen], known()).of_sensor(one.name)
+            error = attitude.residual(attitude.matrix_from_quaternion(one.q[chosen]), shown.A)
             for k, axis in enumerate("xyz"):
-                row = {"kind": "check", "what": f"{name} {axis}", "from_s": start}
-                row |= {"rms_arcsec": rms(error[:, k]) * ARCSEC, "sigma_arcsec": rms(sigma[:, k]) * ARCSEC}
-                rows.append(row | {"rms_in_sigma": rms(error[:, k] / sigma[:, k])})
+                sigma = shown.reading_sigma[:, k]
+                row = {"kind": "check", "what": f"{one.name} {axis}", "from_s": start}
+                row |= {"rms_arcsec": rms(error[:, k]) * ARCSEC, "sigma_arcsec": rms(sigma) * ARCSEC}
+                row |= {"rms_in_sigma": rms(error[:, k] / sigma), "mean_arcsec": float(error[:, k].mean()) * ARCSEC}
+                rows.append(row | {"attitude_sigma_arcsec": rms(shown.sigma[:, k]) * ARCSEC})
     return rows
-
-
-def reading_covariance(flown: Flown, name: str, found: Prediction) -> Array:
-    """(k, 3, 3) rad² about a tracker's own axes, of its reading less the prediction: attitude, mounting and its own noise."""
-    M = flown.dense.mounting[name]
-    own = np.diag(np.square(flown.sigma[name]))
-    return np.asarray(M.T @ (found.covariance + flown.mounting_covariance) @ M + own)

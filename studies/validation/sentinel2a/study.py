@@ -19,7 +19,7 @@ class SentinelConfig(StudyConfig):
 def case(config: SentinelConfig, number: int, streams: Streams) -> list[Row]:
     """All that is said of the flight, a row a number; the column `kind` says of what kind."""
     data = flown()
-    rows: list[dict[str, Any]] = [{"kind": "assumed", "what": text} for text in data.imported.assumed]
+    rows: list[dict[str, Any]] = [{"kind": "assumed", "what": text} for text in data.assumed]
     for made in (drift_rows, noise_rows, parameter_rows, left_rows, check_rows, forecast_rows):
         rows += made(data)
     return list(rows)

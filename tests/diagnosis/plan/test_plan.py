@@ -32,6 +32,7 @@ from diagnosis.plan import (
     telling_size,
     visible,
 )
+from diagnosis.plan.samples import samples_seen
 from diagnosis.settings import DEFAULT
 from gyrocal import InputError
 from simulator.effects import EFFECTS, setting
@@ -272,3 +273,32 @@ def test_plan_of_a_scenario_with_references_at_the_ends():
     assert all(value < 1 + 1e-9 for label, value in extra.by_effect.items() if not label.startswith("reference"))
     assert "scale_asymmetry:x" in extra.gained
     assert extra.resolved
+
+
+def test_more_gyros_than_three_are_not_planned_for():
+    with pytest.raises(InputError, match=r"gyro\.array: a plan is of the three gyros"):
+        plan(load("trmm_tetrahedron"))
+    with pytest.raises(InputError, match="gyro_dead: a plan knows effects of the gyros x, y and z"):
+        plan(load("trmm"), effects=["gyro_dead"])
+
+
+SHORT = {"gyro.sample_s": 4.0, "reference.every_s": 300.0}
+
+
+def test_of_several_trackers_a_plan_leaves_out_what_it_does_not_know():
+    tracked = override(load("agile_trackers"), SHORT)
+    (noise,) = samples_seen(tracked, noise_free(tracked), [EFFECTS["reference_noise_excess"]], 5.0)
+    assert noise.verdict == "not available"
+    assert "of each by itself" in noise.text
+    assert "Effects of one star tracker are not looked at" in planning.planning._notes(tracked, noise_free(tracked))
+    with pytest.raises(InputError, match="tracker_time_offset: a plan knows effects"):
+        plan(tracked, effects=["tracker_time_offset"])
+
+
+def test_a_mounting_that_is_estimated_leaves_less_to_see():
+    sizes = []
+    for changes in (SHORT, SHORT | {"reference.tracker.1.estimated": True}):
+        seen = noise_free(override(load("agile_trackers"), changes))
+        sizes.append([np.linalg.norm(one.X[:, 0]) for one in signatures(seen, ["scale_asymmetry", "time_offset"])])
+    assert (np.array(sizes[1]) <= np.array(sizes[0]) * (1 + 1e-9)).all()
+    assert (np.array(sizes[1]) < np.array(sizes[0])).any()

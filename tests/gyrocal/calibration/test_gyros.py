@@ -6,11 +6,13 @@ import numpy as np
 import pytest
 from scipy.linalg import expm
 
+import simulator
 from gyrocal import GyroArray, InputError, UnobservableError, calibrate, calibrate_gyros
-from gyrocal.attitude import cross_matrix
+from gyrocal.attitude import cross_matrix, rotation_matrix
+from gyrocal.calibration.gyro_prior import prior_of_gyros
 from gyrocal.calibration.gyros import LARGEST_TURN, gain_jacobian, noise_walk, parity_sums
 from gyrocal.recording.format import without_attitudes
-from gyrocal.recording.gyros import gain
+from gyrocal.recording.gyros import gain, nominal
 from tests.builders import RPO, mean_bounds, piecewise_recording
 from tests.gyro_arrays import SKEWED, TETRAHEDRON, array_recording
 
@@ -146,3 +148,25 @@ def test_what_is_missing_is_said():
     alone = replace(with_noise_stated(recording), attitudes=without_attitudes())
     with pytest.raises(InputError, match="no reference attitudes"):
         calibrate_gyros(alone)
+
+
+def test_what_is_known_of_all_gyros_together_is_a_prior():
+    recording = simulator.simulate(simulator.override(simulator.load("trmm_tetrahedron"), {"gyro.sample_s": 4.0}), seed=1)
+    K, _ = nominal(recording.gyro)
+    plain = np.tile([1e-3, 1e-3, 1e-3, 1e-6], 4)
+    by_sigma = calibrate_gyros(recording, prior_sigma=(1e-3, 1e-6))
+    by_covariance = calibrate_gyros(recording, prior_covariance=np.diag(plain**2))
+    np.testing.assert_allclose(by_covariance.gyros.vector, by_sigma.gyros.vector, rtol=1e-10)
+    np.testing.assert_allclose(by_covariance.covariance, by_sigma.covariance, rtol=1e-6)
+    assert by_covariance.chi2 == pytest.approx(by_sigma.chi2, rel=1e-9)
+    # A turn of all gyros and a common scale factor are as wide as is said, and nothing else is.
+    P = prior_of_gyros(K, 1e-9, 1e-12, 0.1, 0.01)
+    turned = np.column_stack([K @ rotation_matrix(np.array([0.0, 0.0, 1e-6])).T - K, np.zeros(4)]).ravel() / 1e-6
+    np.testing.assert_allclose(P @ turned / (0.1**2 * (turned @ turned)), turned, atol=2e-4)
+    assert np.linalg.matrix_rank(P, tol=1e-9) == 4
+    for given, words in (
+        ({"prior_sigma": (1e-3, 1e-6), "prior_covariance": P}, "not both"),
+        ({"prior_covariance": -np.eye(16)}, "not a positive definite matrix of 16 rows"),
+    ):
+        with pytest.raises(InputError, match=words):
+            calibrate_gyros(recording, **given)

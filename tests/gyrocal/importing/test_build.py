@@ -14,6 +14,7 @@ from gyrocal.importing import agreement, checked, motion, noise, rests
 from gyrocal.importing.build import build, estimated_mounting, motion_of
 from gyrocal.importing.sensors import together
 from gyrocal.importing.streams import Sensor, Streams, streams
+from gyrocal.recording.gyros import nominal, parity
 from studies.validation import mems_log
 from studies.validation.imports import RIGHT, WRONG, is_named, refusal
 from tests.builders import piecewise_recording
@@ -187,21 +188,73 @@ def test_the_mounting_of_a_tetrahedron_is_estimated(mirror):
     assert np.linalg.det(estimated_mounting(windows, mirrored=False)) > 0
 
 
-def test_parity_is_free_of_motion_and_has_the_gyros_noise():
+def test_four_gyros_stay_four_and_their_parity_has_their_noise():
     walk = np.deg2rad(1e-5)
     made, _ = four(rng=np.random.default_rng(2), walk=walk)
     entries = {"axes": "tetrahedron", "mounting": "estimate", "sigma_deg": [1e-4] * 3, "bias_deg_s": [0.0] * 3}
-    found = build(made, checked(RIGHT | entries, "x"))
-    assert found.parity.shape == (3000, 1)
-    assert found.parity.std() == pytest.approx(walk / np.sqrt(0.1), rel=0.06)
-    # The least-squares rate of four unit vectors in a tetrahedron has 3/4 of one gyro's variance.
-    assert found.recording.gyro.arw == pytest.approx(walk * np.sqrt(0.75), rel=0.1)
-    faulty = replace(made, raw=made.raw + np.outer(made.t_s > 150.0, [0, 0, 1e-4, 0]))
-    moved = build(faulty, checked(RIGHT | entries | {"arw_deg_per_sqrt_s": 1e-5}, "x"), check=False).parity[:, 0]
-    step = moved[1600:].mean() - moved[:1400].mean()
-    assert abs(step) == pytest.approx(1e-4 / 2, rel=0.02)  # a tetrahedron's parity row is (±1, ±1, ±1, ±1) / 2
-    housekeeping = found.recording.tables["housekeeping"]
-    assert list(housekeeping.columns) == ["t_s", *(f"gyro_{k}_deg_s" for k in "1234"), "parity_1_deg_s"]
+    found = build(made, checked(RIGHT | entries, "x")).recording
+    assert found.gyro.names == tuple("1234")
+    assert found.gyro.rates is made.raw
+    assert found.gyro.arw == pytest.approx(walk, rel=0.1)
+    V = parity(nominal(found.gyro)[0], np.arange(4))
+    np.testing.assert_allclose(np.abs(V), 0.5)
+    assert (made.raw @ V).std() == pytest.approx(walk / np.sqrt(0.1), rel=0.06)
+    assert found.tables == {}
+    named = build(replace(made, channels=("a", "b", "c", "d")), checked(RIGHT | entries, "x"))
+    assert named.recording.gyro.names == tuple("1234")
+    assert "the gyros a, b, c, d are named 1, 2, 3, 4" in named.assumed
+
+
+def trackers(rng, sigma, dropped=(100.0, 130.0)):
+    """Streams of three gyros and two trackers, the second of which drops out for a while."""
+    t, omega, body = turning()
+    errors = [Rotation.from_rotvec(rng.normal(size=(t.size, 3)) * one) for one in sigma]
+    seen = (t < dropped[0]) | (t > dropped[1])
+    first = Sensor("one", t, (body * errors[0]).as_quat())
+    second = Sensor("two", t[seen] + 0.02, (body * Rotation.from_rotvec(0.02 * omega) * MOUNTING * errors[1])[seen].as_quat())
+    return Streams(t, omega + 1e-7 * rng.normal(size=omega.shape), 0.1, tuple("xyz"), (first, second), "", "s", ()), t
+
+
+def test_two_trackers_stay_two_with_their_own_noise_and_mounting():
+    sigma = np.deg2rad([[0.001, 0.002, 0.008], [0.002, 0.001, 0.01]])
+    made, t = trackers(np.random.default_rng(9), sigma)
+    found = build(made, checked(RIGHT | {"attitude_by": "sensor", "spacing_s": 1.0}, "x"))
+    references = found.recording.attitudes
+    assert [one.name for one in references.sensors] == ["s1", "s2"]
+    assert [one.estimated for one in references.sensors] == [False, True]
+    assert "the attitude sensors one, two are named s1, s2" in found.assumed
+    for number in range(2):
+        own = references.sensor == number
+        np.testing.assert_allclose(references.sigma[own][0], sigma[number], rtol=0.25)
+        assert np.diff(references.t_s[own]).min() > 0.9
+    assert not ((references.t_s > 100.1) & (references.t_s < 130) & (references.sensor == 1)).any()
+    assert ((references.t_s > 100.1) & (references.t_s < 130)).sum() > 25
+    turned = Rotation.from_matrix(references.sensors[1].M.T).inv() * MOUNTING
+    assert turned.magnitude() < 5 * np.deg2rad(0.01) / np.sqrt(t.size)
+    result = gyrocal.calibrate(found.recording)
+    assert result.p_value > 1e-3
+    assert (np.abs(result.parameters.vector - np.eye(4, 3).ravel()) < 4.5 * result.sigma).all()
+
+
+def test_mountings_that_are_stated_are_kept_or_refused():
+    made, _ = trackers(np.random.default_rng(9), np.full((2, 3), np.deg2rad(0.002)))
+    made = replace(made, sensors=tuple(replace(one, name=f"st{k}") for k, one in enumerate(made.sensors, 1)))
+    stated = {"st1": [0.0, 0.0, 0.0, 1.0], "st2": MOUNTING.as_quat().tolist()}
+    entries = RIGHT | {"attitude_by": "sensor", "mountings": stated, "spacing_s": 1.0, "mounting_sigma_deg": {"st2": [0.1] * 3}}
+    sensors = build(made, checked(entries, "x")).recording.attitudes.sensors
+    np.testing.assert_allclose(sensors[1].mounting, MOUNTING.as_quat(), atol=1e-12)
+    assert sensors[1].estimated
+    np.testing.assert_allclose(np.rad2deg(sensors[1].mounting_sigma), 0.1)
+    for changes, words in (
+        ({"mountings": stated | {"st2": MOUNTING.inv().as_quat().tolist()}}, "sits .* deg from where it is stated"),
+        ({"mountings": {"st1": stated["st1"]}, "mounting_sigma_deg": None}, "mountings: give it for st1, st2"),
+        ({"mountings": stated | {"st1": [0.0, 0.0, 0.0, 2.0]}}, "st1 must be a quaternion of norm 1"),
+        ({"attitude_by": None}, "goes with attitude_by"),
+        ({"mountings": None}, "go with mountings"),
+        ({"estimated_mountings": ["st3"]}, "no mounting of st3 is stated"),
+    ):
+        with pytest.raises(InputError, match=words):
+            build(made, checked(entries | changes, "x"))
 
 
 def test_rests_of_a_body_that_turns_steadily_are_none():

@@ -7,6 +7,7 @@ import pandas as pd
 import pytest
 
 import gyrocal
+import simulator
 from gyrocal import InputError
 from gyrocal.importing import build, csv_files, import_csv, kalibr, load_mapping, mapping, streams
 from studies.validation import mems_log
@@ -24,6 +25,58 @@ def imported():
         {"time": "timestamp_ms:ms", "gyro": "gx,gy,gz:deg/s", "quat": "qw,qx,qy,qz:body-to-world", "title": 'a "log"'}, "here"
     )
     return build.build(streams.streams(log.gyro, log.attitude, made), made).recording
+
+
+def back(folder):
+    """The recording that an import makes of what was exported to a folder."""
+    read = mapping.checked(load_mapping(folder / "mapping.toml"), "mapping")
+    return import_csv(folder / "gyro.csv", folder / "attitude.csv", mapping=read).recording
+
+
+@pytest.mark.parametrize("name", ["trmm", "trmm_tetrahedron", "agile_trackers"])
+def test_a_recording_of_any_kind_comes_back_whole(name, tmp_path):
+    """References at the ends of intervals alone, a whole turn apart; four gyros, one switched off for a while; two trackers."""
+    source = simulator.simulate(simulator.override(simulator.load(name), {"gyro.sample_s": 2.0}), seed=1)
+    if name == "trmm_tetrahedron":
+        off = replace(source.intervals[1], gyros=source.gyro.names[:3])
+        source = replace(source, intervals=(source.intervals[0], off, *source.intervals[2:]))
+    if name == "agile_trackers":
+        first, second = source.attitudes.sensors
+        second = replace(second, estimated=True, mounting_sigma=np.array([1e-5, 2e-5, 3e-5]))
+        source = replace(source, attitudes=replace(source.attitudes, sensors=(first, second)))
+    csv_files.write_csv(source, tmp_path)
+    again = back(tmp_path)
+    assert (again.gyro.names, again.intervals) == (source.gyro.names, source.intervals)
+    np.testing.assert_allclose(again.gyro.t_s, source.gyro.t_s, rtol=0, atol=1e-8)
+    np.testing.assert_allclose(again.gyro.rates, source.gyro.rates, rtol=0, atol=1e-15)
+    np.testing.assert_allclose(again.attitudes.t_s, source.attitudes.t_s, rtol=0, atol=1e-8)
+    np.testing.assert_allclose(again.attitudes.quaternions, source.attitudes.quaternions, rtol=0, atol=1e-15)
+    np.testing.assert_allclose(again.attitudes.sigma, source.attitudes.sigma, rtol=1e-12)
+    assert len(again.attitudes.sensors) == len(source.attitudes.sensors)
+    for one, other in zip(again.attitudes.sensors, source.attitudes.sensors, strict=True):
+        assert (one.name, one.estimated) == (other.name, other.estimated)
+        np.testing.assert_allclose(one.mounting, other.mounting, atol=1e-15)
+    if name == "agile_trackers":
+        assert again.attitudes.sensors[0].mounting_sigma is None
+        np.testing.assert_allclose(again.attitudes.sensors[1].mounting_sigma, [1e-5, 2e-5, 3e-5], rtol=1e-12)
+
+
+def test_references_a_turn_apart_still_refuse_a_wrong_mapping(tmp_path):
+    csv_files.write_csv(
+        simulator.simulate(simulator.override(simulator.load("trmm"), {"gyro.sample_s": 2.0}), seed=1), tmp_path
+    )
+    read = load_mapping(tmp_path / "mapping.toml")
+    for wrong in ({"gyro": read["gyro"].replace("deg/s", "rad/s")}, {"gyro": "rate_y,rate_x,rate_z:deg/s"}):
+        with pytest.raises(InputError, match="do not fit each other"):
+            import_csv(tmp_path / "gyro.csv", tmp_path / "attitude.csv", mapping=mapping.checked(read | wrong, "mapping"))
+
+
+def test_without_references_there_is_nothing_to_import(tmp_path):
+    source = simulator.simulate(
+        simulator.override(simulator.load("trmm_tetrahedron"), {"gyro.sample_s": 4.0, "reference.at": "none"}), seed=1
+    )
+    with pytest.raises(InputError, match="has no reference attitudes"):
+        csv_files.write_csv(source, tmp_path)
 
 
 @pytest.mark.parametrize(
@@ -44,14 +97,16 @@ def test_tables_are_read_as_the_recording_that_they_are_of(imported, tmp_path, s
         assert table["unix_ns"][0] == 1_700_000_000_125_000_000 + round(1e9 * source.gyro.t_s[0])
     if scale == "GPS":  # 22:13:38.125 on Tuesday of week 2288
         assert (table["gps_week"][0], table["gps_second"][0]) == (2288, 2 * 86400 + 80018.125 + source.gyro.t_s[0])
-    entries = load_mapping(tmp_path / "mapping.toml") | {"spacing_s": 1e-3}
-    again = import_csv(tmp_path / "gyro.csv", tmp_path / "attitude.csv", mapping=mapping.checked(entries, "mapping")).recording
-    shift = source.gyro.t_s[0] - again.gyro.t_s[0]
+    again = back(tmp_path)
+    shift = 0.125 if scale in ("UTC", "GPS") else 0.0  # dated times are since the whole second
     np.testing.assert_allclose(again.gyro.rates, source.gyro.rates, rtol=0, atol=1e-15)
-    np.testing.assert_allclose(again.gyro.t_s + shift, source.gyro.t_s, rtol=0, atol=1e-8)
-    rows = np.searchsorted(source.attitudes.t_s, again.attitudes.t_s + shift - 1e-6)
-    np.testing.assert_allclose(again.attitudes.quaternions, source.attitudes.quaternions[rows], rtol=0, atol=1e-15)
-    np.testing.assert_allclose(again.attitudes.sigma, source.attitudes.sigma[rows], rtol=1e-12)
+    np.testing.assert_allclose(again.gyro.t_s - shift, source.gyro.t_s, rtol=0, atol=1e-8)
+    np.testing.assert_allclose(again.attitudes.t_s - shift, source.attitudes.t_s, rtol=0, atol=1e-8)
+    np.testing.assert_allclose(again.attitudes.quaternions, source.attitudes.quaternions, rtol=0, atol=1e-15)
+    np.testing.assert_allclose(again.attitudes.sigma, source.attitudes.sigma, rtol=1e-12)
+    for one, other in zip(again.intervals, source.intervals, strict=True):
+        assert (one.name, one.activity) == (other.name, other.activity)
+        assert (one.start_s - shift, one.stop_s - shift) == pytest.approx((other.start_s, other.stop_s), abs=1e-8)
     np.testing.assert_allclose(again.gyro.apriori_bias, source.gyro.apriori_bias, rtol=1e-12)
     assert again.gyro.arw == pytest.approx(source.gyro.arw, rel=1e-12)
     assert again.title == 'a "log"'
@@ -114,3 +169,9 @@ def test_what_is_not_kalibr_s_is_said(tmp_path):
     ):
         with pytest.raises(InputError, match=words):
             kalibr.write_imu_yaml(recording, path, **given)
+
+
+def test_kalibr_has_three_gyros(tmp_path):
+    four = simulator.simulate(simulator.override(simulator.load("trmm_tetrahedron"), {"gyro.sample_s": 8.0}), seed=1)
+    with pytest.raises(InputError, match="takes the three gyros x, y and z, not 1, 2, 3, 4"):
+        kalibr.write_imu_yaml(four, tmp_path / "imu.yaml")

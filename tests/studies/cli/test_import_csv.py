@@ -94,8 +94,7 @@ def test_packets_of_a_simulated_flight_calibrate_to_its_truth(run_cli, tmp_path)
     )  # fmt: skip
     assert made.exit_code == 0, made.stderr
     files = f"{sent}/gyro.csv", f"{sent}/attitude.csv"
-    # References at the ends alone of intervals of a whole turn are too far apart for the check of the motion.
-    read = run_cli("import", "csv", *files, rec, "--mapping", f"{sent}/mapping.toml", "--unchecked")
+    read = run_cli("import", "csv", *files, rec, "--mapping", f"{sent}/mapping.toml")
     assert read.exit_code == 0, read.stderr
     flown, back = gyrocal.load(tmp_path / "flown"), gyrocal.load(rec)
     assert len(back.intervals) == 6

@@ -4,7 +4,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from gyrocal import attitude
+from gyrocal import attitude, triad
 from studies.validation.sentinel2a import findings
 from studies.validation.sentinel2a.flown import ARCSEC, FOLDER, flown, known
 from studies.validation.sentinel2a.forecast import forecast_rows
@@ -20,8 +20,8 @@ def data():
 
 def test_the_trackers_quaternions_turn_as_the_trackers_say(data):
     table = pd.read_csv(FOLDER / "str.csv")
-    for name in ("STR1", "STR2"):
-        _, A = data.tracker(name)
+    for name, one in zip(("STR1", "STR2"), data.sensors, strict=True):
+        A = attitude.matrix_from_quaternion(one.q)
         t = table[table["str"] == name]["t_s"].to_numpy()
         own = table[table["str"] == name][[f"rate_{axis}_degs" for axis in "xyz"]].to_numpy().mean(axis=0)
         # A(t + Δt) = exp(−[ω×]Δt) A(t)
@@ -30,8 +30,8 @@ def test_the_trackers_quaternions_turn_as_the_trackers_say(data):
 
 
 def test_the_gyros_turn_as_the_trackers_do(data):
-    gyro = data.recording.gyro
-    t, A = data.dense.t_s, attitude.matrix_from_quaternion(data.dense.q)
+    gyro = triad(data.recording).gyro
+    t, A = data.joined.t_s, attitude.matrix_from_quaternion(data.joined.q)
     turn = -attitude.residual(A[100:], A[:-100]) / (t[100:] - t[:-100])[:, None]
     rates = gyro.rates[gyro.t_s < 64.0].mean(axis=0)
     np.testing.assert_allclose(rates, turn.mean(axis=0), atol=0.005 * np.linalg.norm(rates))
@@ -39,8 +39,12 @@ def test_the_gyros_turn_as_the_trackers_do(data):
 
 def test_the_import_is_by_the_mapping_file_alone(data):
     assert data.recording.gyro.t_s.size == 96
-    assert np.rad2deg(np.linalg.norm(data.recording.gyro.rates.mean(axis=0))) == pytest.approx(0.0598, abs=1e-4)
-    assert data.imported.parity.std() * ARCSEC == pytest.approx(0.0243, abs=5e-4)
+    assert data.recording.gyro.names == ("IMU1", "IMU2", "IMU3", "IMU4")
+    assert [(one.name, one.estimated) for one in data.recording.attitudes.sensors] == [("STR1", False), ("STR2", True)]
+    assert np.rad2deg(np.linalg.norm(triad(data.recording).gyro.rates.mean(axis=0))) == pytest.approx(0.0598, abs=1e-4)
+    noise = {row["what"]: row["value"] for row in findings.noise_rows(data)}
+    assert noise["parity of a gyro, scatter of 1 s"] == pytest.approx(0.0243, abs=5e-4)
+    assert noise["angle of the turn from STR2 to STR1"] == pytest.approx(63.98, abs=0.01)
     assert "Contains modified Copernicus Sentinel data 2020." in (FOLDER / "ATTRIBUTION.md").read_text()
     assert all(path.stat().st_size < 2e6 for path in FOLDER.iterdir())
 
@@ -63,8 +67,9 @@ def test_what_97_s_cannot_tell_is_said(data):
     rows = pd.DataFrame(findings.parameter_rows(data))
     values = rows.set_index("what")
     assert values.loc["correlation of the errors of scale factor and bias along", "value"] < -0.95
-    # The combination is known five times better than the bias, which is no better known than beforehand.
-    assert values.loc["bias along the mean rate", "sigma"] > 0.8
+    assert values.loc["tracker against tracker, chi2 per degree of freedom", "value"] == pytest.approx(1.0, abs=0.2)
+    # The combination is known four times better than the bias, which is no better known than beforehand: 1 deg/h of a gyro.
+    assert values.loc["bias along the mean rate", "sigma"] > 0.7
     assert values.loc["scale factor times mean rate plus bias along it", "sigma"] < 0.2
     assert rows[rows["kind"] == "not identifiable"]["what"].str.contains("b_x").any()
     assert known().shape == (12, 12)
@@ -81,7 +86,7 @@ def test_the_committed_prediction_is_that_of_the_code(data):
         q = table[[f"{name}_q{k}" for k in (1, 2, 3, 4)]].to_numpy()
         np.testing.assert_allclose(np.linalg.norm(q, axis=1), 1.0, atol=1e-8)
         # It goes on where the tracker's own attitudes end: to a few sigma about its boresight, its least known axis.
-        t, A = data.tracker(name.upper())
-        step = -attitude.residual(attitude.matrix_from_quaternion(q[:1]), A[-1:])[0]
-        turned = np.deg2rad(0.0598) * (table["t_s"].iloc[0] - t[-1])
+        one = next(sensor for sensor in data.sensors if sensor.name == name.upper())
+        step = -attitude.residual(attitude.matrix_from_quaternion(q[:1]), attitude.matrix_from_quaternion(one.q[-1:]))[0]
+        turned = np.deg2rad(0.0598) * (table["t_s"].iloc[0] - one.t_s[-1])
         assert np.linalg.norm(step) == pytest.approx(turned, abs=4 * 8 / ARCSEC)

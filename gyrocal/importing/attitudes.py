@@ -1,0 +1,106 @@
+"""What an import makes of several attitude sensors, and of the names of gyros and sensors, in a recording."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from gyrocal.importing.estimates import sensor_sigma
+from gyrocal.importing.intervals import of_stated
+from gyrocal.importing.mapping import Mapping
+from gyrocal.importing.sensors import Together
+from gyrocal.importing.streams import Sensor
+from gyrocal.recording import Attitudes, GyroStream
+from gyrocal.recording.names import GYRO_NAME, TRIAD
+from gyrocal.recording.trackers import NAME, AttitudeSensor, to_body
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.intp]
+
+SAME_S = 1e-6
+
+
+def gyro_names(channels: tuple[str, ...], said: list[str]) -> tuple[str, ...]:
+    """Names of a recording's gyros: x, y and z for three, else those of the columns, or numbers where these will not do."""
+    if len(channels) == len(TRIAD):
+        return TRIAD
+    if all(GYRO_NAME.fullmatch(name) for name in channels):
+        return channels
+    numbers = tuple(str(k + 1) for k in range(len(channels)))
+    said.append(f"the gyros {', '.join(channels)} are named {', '.join(numbers)}")
+    return numbers
+
+
+def renamed(sensors: tuple[Sensor, ...], said: list[str]) -> tuple[Sensor, ...]:
+    """Several sensors by names that a recording may have: their own, or numbers where these will not do."""
+    if len(sensors) == 1 or all(NAME.fullmatch(one.name) for one in sensors):
+        return sensors
+    numbers = [f"s{k + 1}" for k in range(len(sensors))]
+    said.append(f"the attitude sensors {', '.join(one.name for one in sensors)} are named {', '.join(numbers)}")
+    return tuple(replace(one, name=name) for one, name in zip(sensors, numbers, strict=True))
+
+
+def stated_sigma(mapping: Mapping, sensors: tuple[Sensor, ...]) -> dict[str, Array] | None:
+    """(3,) 1-sigma of each sensor as the mapping states it, rad, by name."""
+    if mapping.sigma_deg is None:
+        return None
+    if isinstance(mapping.sigma_deg, dict):
+        return {name: np.deg2rad(values) for name, values in mapping.sigma_deg.items()}
+    return {one.name: np.deg2rad(mapping.sigma_deg) for one in sensors}
+
+
+def of_sensors(
+    sensors: tuple[Sensor, ...], joined: Together, chosen: list[Indices], mapping: Mapping, gyro: GyroStream, said: list[str]
+) -> Attitudes:
+    """References of several sensors: each one's own rows nearest to the chosen times of the joined attitudes, or in stated
+    intervals all that are not nearer than the spacing.
+
+    A mounting that is not stated is estimated by a calibration, but for the first sensor's; so is a sigma here.
+    """
+    rows_of: list[list[Indices]] = []
+    for one in sensors:
+        if mapping.interval is not None:
+            rows_of.append(of_stated(one.t_s, mapping.interval, mapping.spacing_s or 0.0))
+        else:
+            rows_of.append([_nearest(one.t_s, joined.t_s[rows]) for rows in chosen])
+    sigma = joined.sigma
+    if mapping.sigma_deg is None:
+        sigma = {
+            one.name: sensor_sigma(gyro, one, joined.mounting[one.name].T, sigma[one.name], rows, said)
+            for one, rows in zip(sensors, rows_of, strict=True)
+        }
+    row = np.concatenate([part for rows in rows_of for part in rows])
+    sensor = np.repeat(np.arange(len(sensors)), [sum(part.size for part in rows) for rows in rows_of])
+    t_s = np.concatenate([one.t_s for one in sensors])
+    start = np.cumsum([0, *(one.t_s.size for one in sensors)])[sensor]
+    order = np.lexsort((sensor, t_s[start + row]))
+    place, sensor = (start + row)[order], sensor[order]
+    known = _known(sensors, joined, mapping)
+    measured = np.concatenate([one.q for one in sensors])[place]
+    return Attitudes(
+        t_s[place], to_body(measured, sensor, known), np.array([sigma[one.name] for one in sensors])[sensor], sensor, known
+    )
+
+
+def _nearest(t_s: Array, wanted: Array) -> Indices:
+    """Rows of some times from the first to the last of the wanted ones, of each the nearest."""
+    inside = np.flatnonzero((t_s >= wanted[0] - SAME_S) & (t_s <= wanted[-1] + SAME_S))
+    if not inside.size:
+        return inside
+    after = np.clip(np.searchsorted(t_s[inside], wanted), 0, inside.size - 1)
+    before = np.maximum(after - 1, 0)
+    nearest = np.where(wanted - t_s[inside][before] < t_s[inside][after] - wanted, before, after)
+    return np.asarray(inside[np.unique(nearest)])
+
+
+def _known(sensors: tuple[Sensor, ...], joined: Together, mapping: Mapping) -> tuple[AttitudeSensor, ...]:
+    out = []
+    for number, one in enumerate(sensors):
+        prior = (mapping.mounting_sigma_deg or {}).get(one.name)
+        free = number > 0 if mapping.mountings is None else one.name in (mapping.estimated_mountings or [])
+        q = Rotation.from_matrix(joined.mounting[one.name]).as_quat()
+        out.append(AttitudeSensor(one.name, q, free or prior is not None, None if prior is None else np.deg2rad(prior)))
+    return tuple(out)
