@@ -39,6 +39,7 @@ HIGHER = 4  # orders above that in which a motion is weaker
 STRONG = 3.0  # times the usual power, from which on a window may be one of a motion
 WEAKER = 1.5  # times its power in the higher order, from which on it is
 SIDES = 5  # windows, over which the two are compared
+WHITE_WINDOWS, WHITE_DRAWS = 400, 400  # of white noise, that show what is usual
 SHARES = (1 / 64, 1 / 32, 1 / 16, 1 / 8, 1 / 4, 1 / 2, 3 / 4, 15 / 16)  # of the windows, from the smallest reading on
 
 
@@ -160,11 +161,12 @@ def _over_readings(power: Array, reading: Array) -> float:
 
 
 def _compared(value: float, mean: float, sigma: float, windows: int) -> float:
-    return float(2 * scipy.stats.norm.sf(abs(value - mean) / (sigma / np.sqrt(windows))))
+    spread = sigma * np.sqrt(1 / windows + 1 / (WHITE_WINDOWS * WHITE_DRAWS))  # the mean is one of draws, too
+    return float(2 * scipy.stats.norm.sf(abs(value - mean) / spread))
 
 
 @cache
-def _white(order: int, windows: int = 400, draws: int = 400) -> tuple[tuple[float, float], tuple[float, float]]:
+def _white(order: int, windows: int = WHITE_WINDOWS, draws: int = WHITE_DRAWS) -> tuple[tuple[float, float], tuple[float, float]]:
     """Mean and sigma, times √windows, of both statistics of white noise."""
     x = np.random.default_rng(1).standard_normal((draws, windows * WINDOW + order))
     d = np.diff(x, order, axis=1).reshape(draws, windows, WINDOW)

@@ -28,6 +28,8 @@ OUTLIER = 6.0  # noise sigmas; one sample in 5e8 under M0
 RESTING = 0.3  # share of the samples in which the body rests, below which all are looked at
 SIDE = 6  # samples to one side that tell what a reading should be
 BETWEEN = np.array([1.0, -6.0, 15.0, 0.0, 15.0, -6.0, 1.0]) / 20  # of a quintic through three samples on either side
+AS_FAR = 0.75  # of its deviation, that a spike is off the curve through its neighbours
+ALONE = 0.2  # of a spike, that may be left beside it
 NEARBY = 101  # over which the size of their usual error is taken
 
 
@@ -41,7 +43,7 @@ def spikes(report: SampleReport, recording: Recording, quiet: Mask, used: Mask, 
     look = _in_motion if moving else _at_rest
     found = [look(report.rates[:, axis], follows, float(noise[axis]), float(steps[axis])) for axis in range(3)]
     places, limits = [one[0] for one in found], [one[2] for one in found]
-    if moving:  # what all gyros show at once is a jolt of the body
+    if moving:  # what two gyros show at once is a jolt of the body
         near = sum(scipy.ndimage.binary_dilation(place, iterations=SIDE).astype(int) for place in places)
         places = [place & (near == 1) for place in places]
     counts = [int(place.sum()) for place in places]
@@ -60,8 +62,8 @@ def spikes(report: SampleReport, recording: Recording, quiet: Mask, used: Mask, 
     if p >= report.event_p or total < 2:
         return
     strongest = int(np.argmax(counts))
-    # Three of three on one axis are 27 times likelier there than on all.
-    alone = counts[strongest] >= 0.95 * total and total >= 3
+    # Two of two on one axis are three times likelier if only that has them.
+    alone = counts[strongest] >= 0.95 * total
     together = np.concatenate(sizes)
     beyond = together - min(limits)
     axes = 1 if alone else 3
@@ -101,7 +103,28 @@ def _at_rest(x: Array, follows: Mask, noise: float, step: float) -> tuple[Mask, 
     limit = OUTLIER * max(spread, noise) + step
     # A repeated or slow event is no spike: both neighbours must be back.
     neighbours = np.maximum(np.abs(np.roll(deviation, 1)), np.abs(np.roll(deviation, -1)))
-    return follows & (np.abs(deviation) > limit) & (neighbours < 0.5 * np.abs(deviation)), deviation, limit
+    far = follows & (np.abs(deviation) > limit) & (neighbours < 0.5 * np.abs(deviation))
+    return _is_single(x, np.where(far, deviation, 0.0), noise), deviation, limit
+
+
+def _is_single(x: Array, deviation: Array, noise: float) -> Mask:
+    """Whether a sample that deviates is alone off the curve through three samples on either side of each.
+
+    It is about as far off its own, and those of the samples beside it show it with the weights that it has in them and nothing
+    else. A motion that bends within a few samples may be far off a median or off what one side tells, but not so.
+    """
+    off = x - scipy.ndimage.convolve1d(x, BETWEEN, mode="nearest")
+    half = len(BETWEEN) // 2
+    found = (off * deviation > 0) & (np.abs(off) > np.maximum(AS_FAR * np.abs(deviation), OUTLIER * noise))
+    spread = noise * float(np.sqrt(1 + BETWEEN @ BETWEEN))
+    for k in np.flatnonzero(found).tolist():
+        low, high = max(k - 2 * half, 0), min(k + 2 * half + 1, x.size)
+        pattern = np.zeros(4 * half + 1)
+        pattern[half : 3 * half + 1] = -BETWEEN
+        pattern[2 * half] = 1.0
+        left = off[low:high] - off[k] * pattern[low - k + 2 * half : high - k + 2 * half]
+        found[k] = np.abs(left).max() < max(ALONE * abs(off[k]), OUTLIER * spread)
+    return np.asarray(found)
 
 
 def _in_motion(x: Array, follows: Mask, noise: float, step: float) -> tuple[Mask, Array, float]:
@@ -113,11 +136,9 @@ def _in_motion(x: Array, follows: Mask, noise: float, step: float) -> tuple[Mask
     sides = np.array([x - windows[: x.size] @ weights[::-1], x - windows[SIDE + 1 :] @ weights])
     local = scipy.ndimage.median_filter(np.abs(sides), (1, NEARBY), mode="nearest") / 0.6745
     nearer = np.where(sides[0] * sides[1] > 0, np.abs(sides).min(axis=0), 0.0)
-    # A curve that bends within a few samples is off both, but not off what the samples on both sides tell together.
-    between = x - scipy.ndimage.convolve1d(x, BETWEEN, mode="nearest")
-    nearer = np.where((between * sides[0] > 0) & (np.abs(between) > 0.5 * nearer), nearer, 0.0)
-    bad = follows & (nearer > OUTLIER * np.maximum(local.max(axis=0), usual) + step)
-    return bad, np.sign(sides[0]) * nearer, OUTLIER * usual + step
+    far = follows & (nearer > OUTLIER * np.maximum(local.max(axis=0), usual) + step)
+    deviation = np.sign(sides[0]) * nearer
+    return _is_single(x, np.where(far, deviation, 0.0), noise), deviation, OUTLIER * usual + step
 
 
 def _likeness(recording: Recording, places: list[Mask], sizes: list[Array], limits: list[float]) -> float:
