@@ -166,14 +166,14 @@ def _compared(value: float, mean: float, sigma: float, windows: int) -> float:
 
 
 @cache
-def _white(order: int, windows: int = WHITE_WINDOWS, draws: int = WHITE_DRAWS) -> tuple[tuple[float, float], tuple[float, float]]:
+def _white(order: int) -> tuple[tuple[float, float], tuple[float, float]]:
     """Mean and sigma, times √windows, of both statistics of white noise."""
-    x = np.random.default_rng(1).standard_normal((draws, windows * WINDOW + order))
-    d = np.diff(x, order, axis=1).reshape(draws, windows, WINDOW)
+    x = np.random.default_rng(1).standard_normal((WHITE_DRAWS, WHITE_WINDOWS * WINDOW + order))
+    d = np.diff(x, order, axis=1).reshape(WHITE_DRAWS, WHITE_WINDOWS, WINDOW)
     power = np.mean(d**2, axis=2)
     lull = np.log(power.mean(axis=1)) - np.log(power).mean(axis=1)
     peak = np.mean(d**4, axis=(1, 2)) / power.mean(axis=1) ** 2
-    scale = np.sqrt(windows)
+    scale = np.sqrt(WHITE_WINDOWS)
     return (float(lull.mean()), float(lull.std() * scale)), (float(peak.mean()), float(peak.std() * scale))
 
 
