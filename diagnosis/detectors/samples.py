@@ -77,8 +77,8 @@ def examine(
             found[int(axis)] = zone(report.rates[:, axis], parts, sigma)
         tell("outliers", 0.2)
         report.zones = {axis: one for axis, one in found.items() if one is not None}
-        # The jumps at the edges of a zone are neither noise nor motion.
-        used = used & ~_near_edges(report)
+        # The jumps at the edges of a zone are neither noise nor motion; of readings beside zeros, some were made zeros.
+        used = used & ~_near_edges(report) & ~_near_zeros(recording, used, coarse, sigma)
         still = used & quiet(report.rates, local)
         spikes(report, recording, still, used, local, np.where(coarse, steps, 0.0))
         report.lines = lines(report, recording, still, used, lambda text, share: tell(text, 0.3 + 0.35 * share))
@@ -91,7 +91,7 @@ def examine(
             together(report, recording, still)
             tell("noise over time", 0.75)
             constancy(report, recording, used)
-        _zero_mass(report, recording, used, coarse)
+        _zero_mass(report, recording, inside(recording), coarse)
         _off_the_lattice(report, recording, steps, coarse, cut, sigma)
     report.smooth = smoothed_rates(report.rates, recording, lambda text, share: tell(text, 0.8 + 0.2 * share))
     return report
@@ -104,6 +104,22 @@ def _near_edges(report: SampleReport) -> Mask:
         if one.log_odds > CERTAIN:
             jumps[1:] |= np.diff(one.dead)
     return np.asarray(scipy.ndimage.binary_dilation(jumps, iterations=BESIDE)) if jumps.any() else jumps
+
+
+def _near_zeros(recording: Recording, used: Mask, coarse: Mask, noise: float) -> Mask:
+    """Samples beside exact zeros of a gyro whose noise goes through its dead zone."""
+    near = np.zeros(used.size, dtype=bool)
+    for axis in np.flatnonzero(~coarse):
+        if _zeros(recording.gyro.rates[used, axis], noise)[1]:
+            near |= recording.gyro.rates[:, axis] == 0.0
+    return np.asarray(scipy.ndimage.binary_dilation(near, iterations=BESIDE)) if near.any() else near
+
+
+def _zeros(x: Array, noise: float) -> tuple[Array, bool]:
+    """Sizes of the readings that are not zero, in order, and whether zeros beside them leave a zone."""
+    other = np.sort(np.abs(x[x != 0.0]))
+    # Zeros beside readings that are as good as zero leave no zone.
+    return other, x.size - other.size >= 3 and other.size > 30 and float(other[:3].mean()) > 0.01 * noise
 
 
 def smoothed_rates(rates: Array, recording: Recording, tell: Tell = silent) -> Array:
@@ -211,10 +227,8 @@ def _zero_mass(report: SampleReport, recording: Recording, used: Mask, coarse: M
     for axis in np.flatnonzero(~coarse):
         x = recording.gyro.rates[used, axis]
         count = int(np.sum(x == 0.0))
-        other = np.sort(np.abs(x[x != 0.0]))
-        # Zeros beside readings that are as good as zero leave no zone.
-        wide = other.size > 30 and other[:3].mean() > 0.01 * float(report.noise[axis])
-        p = IMPOSSIBLE if count >= 3 and wide else 1.0
+        other, zone = _zeros(x, float(report.noise[axis]))
+        p = IMPOSSIBLE if zone else 1.0
         report.tests.append(
             SampleTest("zero_samples", AXES[axis], count, 0.0, p, "dead_zone", f"{count} samples read exactly zero")
         )
