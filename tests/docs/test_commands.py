@@ -53,7 +53,6 @@ ONLY_PARSED = {  # why each is not run here
     "gyrocal study sentinel2a": "tests/studies/validation/test_sentinel2a.py",
     "gyrocal import csv /tmp/s2a": "as above",
     "gyrocal predict /tmp/s2a": "as above",
-    "gyrocal study trackers": "ten seconds a case; tests/studies/validation/test_tracker_faults.py",
     "gyrocal study wide": "minutes a case; tests/studies/validation/test_wide_cases.py",
     "gyrocal study paper --backend dask": "needs a scheduler",
     "gyrocal study psi": "a grid of minutes; tests/studies/calibration",

@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 import gyrocal
 import simulator
 from gyrocal import InputError
-from gyrocal.importing import aem, csv_files
+from gyrocal.importing import aem
 from gyrocal.recording.trackers import covariance
 from simulator.replay import replayed
 from tests.tracker_cases import AGILE, ESTIMATED
@@ -139,7 +139,6 @@ def test_one_of_the_sensors_alone_is_a_recording_as_any_other(recording):
         lambda recording, folder: aem.write_aem(
             recording, folder / "x", object_name="A", object_id="1", frame="J2000", form="kvn"
         ),
-        lambda recording, folder: csv_files.write_csv(recording, folder),
         lambda recording, folder: replayed(recording, np.eye(3), np.zeros(3)),
         lambda recording, folder: recording.to_xarray(),
     ],
