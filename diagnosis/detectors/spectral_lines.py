@@ -93,9 +93,11 @@ def jolts(rates: Array, used: Mask) -> Mask:
 
     The spectrum of an arc that holds such a moment is full of waves that are neither motion nor noise.
     """
+    if not used.any():
+        return np.zeros(used.size, dtype=bool)
     second = np.zeros_like(rates)
     second[1:-1] = np.abs(np.diff(rates, 2, axis=0))
-    usual = np.median(second[used], axis=0) if used.any() else np.full(3, np.inf)
+    usual = np.median(second[used], axis=0)
     found = scipy.ndimage.binary_dilation((second > JOLT * usual).any(axis=1), iterations=2)
     return np.asarray(found) if found[used].mean() < MOST_JOLTS else np.zeros_like(found)
 

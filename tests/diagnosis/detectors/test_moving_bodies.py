@@ -1,0 +1,114 @@
+"""Tests of the samples of a body that never rests: what it does is no fault of its gyros, and a fault still shows."""
+
+import numpy as np
+import pytest
+
+from diagnosis.detectors.noise_structure import disagreement_of, power_of
+from diagnosis.detectors.outliers import OUTLIER, _in_motion
+from diagnosis.detectors.samples import examine
+from diagnosis.detectors.spectral_lines import jolts
+from diagnosis.detectors.stale_samples import stale_samples
+from gyrocal.recording import Attitudes, GyroStream, Interval, Recording
+
+SAMPLES = 20_000
+
+
+def swaying(seed, size=300.0):
+    """Rates (n, 3) in sigmas of their noise, which turn about all axes at once and back."""
+    rng = np.random.default_rng(seed)
+    t = np.arange(SAMPLES)
+    common = np.sin(2 * np.pi * t / 190) + 0.6 * np.sin(2 * np.pi * t / 331)
+    return size * common[:, None] * np.array([1.0, -0.7, 0.5]) + rng.standard_normal((SAMPLES, 3))
+
+
+# ---- two orders of differences -------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(("low", "high"), [(2, 6), (6, 10)])
+def test_two_orders_of_differences_of_white_noise_differ_by_as_much_as_stated(low, high):
+    count, draws = 400, 1500
+    x = np.random.default_rng(5).standard_normal((draws, count + high))
+    means = [np.mean(np.diff(x, order, axis=1)[:, -count:] ** 2, axis=1) / power_of(order) for order in (low, high)]
+    stated = np.sqrt(2 * disagreement_of(low, high) / count)
+    # The standard deviation of so many draws is known to 1/√(2 · 1500).
+    assert np.std(means[0] - means[1]) == pytest.approx(stated, rel=4 / np.sqrt(2 * draws))
+
+
+# ---- repeats on a lattice ------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("step", [2.0, 6.0, 20.0])
+def test_a_body_that_turns_back_repeats_no_reading_by_a_fault(step):
+    for seed in range(3):
+        x = np.round(swaying(seed) / step) * step
+        assert _stale(x) is None or _stale(x).p_value > 1e-6
+
+
+def test_faults_on_a_lattice_still_show():
+    x = np.round(swaying(1) / 2.0) * 2.0
+    for place in np.random.default_rng(2).choice(np.arange(1, SAMPLES - 3), 60, replace=False):
+        x[place : place + 2] = x[place - 1]
+    assert _stale(x).p_value < 1e-6
+
+
+def _stale(x):
+    equal = np.zeros(x.shape, dtype=bool)
+    equal[1:] = x[1:] == x[:-1]
+    return stale_samples(x, equal, np.ones(len(x), dtype=bool), np.ones(3, dtype=bool), 1e-6)
+
+
+# ---- spikes --------------------------------------------------------------------------------------------------------------
+
+
+def bending():
+    """A rate that sets out along another line now and then, within a few samples or at once, in sigmas of its noise."""
+    rng = np.random.default_rng(7)
+    slope = np.repeat(rng.normal(0.0, 60.0, SAMPLES // 100), 100)
+    slope[SAMPLES // 2 :] = np.convolve(slope, np.ones(4) / 4, mode="same")[SAMPLES // 2 :]
+    return np.cumsum(slope) + rng.standard_normal(SAMPLES)
+
+
+def test_a_rate_that_bends_has_no_spikes():
+    assert not _in_motion(bending(), np.ones(SAMPLES, dtype=bool), 1.0, 0.0)[0].any()
+
+
+def test_spikes_of_a_body_in_motion_are_found_with_their_size():
+    x, places = swaying(3)[:, 0], np.arange(500, SAMPLES - 500, 700)
+    x[places] += 40.0
+    found, deviation, limit = _in_motion(x, np.ones(SAMPLES, dtype=bool), 1.0, 0.0)
+    assert set(np.flatnonzero(found)) == set(places)
+    # The nearer of two parabolas: below the spike, by some of their noise.
+    assert abs(np.mean(deviation[places]) - 40.0) < limit / OUTLIER
+
+
+# ---- jolts and zeros -----------------------------------------------------------------------------------------------------
+
+
+def test_a_jolt_is_found_and_fast_motion_is_none():
+    used = np.ones(SAMPLES, dtype=bool)
+    x = np.random.default_rng(1).standard_normal((SAMPLES, 3))
+    x[SAMPLES // 2 :, 1] += 100.0
+    assert set(np.flatnonzero(jolts(x, used))) <= set(range(SAMPLES // 2 - 4, SAMPLES // 2 + 4))
+    assert jolts(x, used).any()
+    always = np.cumsum(np.random.default_rng(2).standard_t(1.0, (SAMPLES, 3)), axis=0)
+    assert not jolts(always, used).any()
+    assert not jolts(x, ~used).any()
+
+
+def test_zeros_behind_the_noise_are_a_dead_zone_and_nothing_else():
+    sample_s, sigma = 0.5, np.deg2rad(1e-4)
+    rates = sigma * np.random.default_rng(4).standard_normal((SAMPLES, 3))
+    rates[SAMPLES // 3 : 2 * SAMPLES // 3] += 30 * sigma
+    rates[np.abs(rates[:, 2]) < 2 * sigma, 2] = 0.0
+    t_s = sample_s * np.arange(SAMPLES)
+    span = float(t_s[-1])
+    recording = Recording(
+        title="rests and a turn",
+        epoch="2020-01-01T00:00:00Z",
+        gyro=GyroStream(t_s, rates, sample_s, sigma * np.sqrt(sample_s)),
+        attitudes=Attitudes(np.array([0.0, span]), np.tile([0.0, 0.0, 0.0, 1.0], (2, 1)), np.full((2, 3), 1e-4)),
+        intervals=(Interval("i1", "rests", 0.0, span),),
+    )
+    (symptom,) = examine(recording).symptoms
+    assert (symptom.kind, symptom.axis) == ("dead_zone", "z")
+    assert symptom.size == pytest.approx(2e-4, rel=0.01)
