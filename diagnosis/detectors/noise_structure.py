@@ -47,6 +47,11 @@ def disagreement_of(low: int, high: int) -> float:
     return autocorrelation_of(low) + autocorrelation_of(high) - 2 * both
 
 
+def agree(low: float, high: float, orders: tuple[int, int], count: int) -> bool:
+    """Whether mean squares of two orders of differences of the same samples show one level, so that the lower has no motion."""
+    return abs(low - high) < AGREE * high * float(np.sqrt(2 * disagreement_of(*orders) / max(count, 1)))
+
+
 AUTOCORRELATION = autocorrelation_of(ORDER)
 TRIM = 5.0  # robust sigmas beyond which a difference does not count
 FEWEST = 400  # differences of a part, below which it is not compared
@@ -110,8 +115,7 @@ def _scaled(rates: Array, place: NDArray[np.intp], order: int) -> Array:
 
 def _at_rest(z: Array, higher: Array) -> bool:
     """Whether differences of both orders show the same noise, so that no motion is left in the lower one."""
-    low, high = float(np.mean(z**2)), float(np.mean(higher**2))
-    return abs(low - high) < AGREE * high * float(np.sqrt(2 * disagreement_of(ORDER, HIGHER) / z.size))
+    return agree(float(np.mean(z**2)), float(np.mean(higher**2)), (ORDER, HIGHER), z.size)
 
 
 def _least(z: Array, higher: Array, kept: Mask, groups: list[Mask]) -> tuple[float, float, int]:

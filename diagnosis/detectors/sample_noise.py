@@ -15,7 +15,6 @@ level up to the highest frequency, as a motion that is left in both is not. Noth
 from __future__ import annotations
 
 from dataclasses import dataclass
-from math import comb
 
 import numpy as np
 import scipy.fft
@@ -24,7 +23,7 @@ import scipy.stats
 from numpy.typing import NDArray
 
 from diagnosis.detectors.likeness import of_noise
-from diagnosis.detectors.noise_structure import disagreement_of
+from diagnosis.detectors.noise_structure import agree, autocorrelation_of, power_of
 from diagnosis.detectors.readout_noise import AVERAGES, Readout, readout
 from diagnosis.detectors.report import AXES, IMPOSSIBLE, SampleReport, SampleTest, Symptom, arcs, consecutive
 from gyrocal.recording import Recording
@@ -37,7 +36,6 @@ MOVING = 20.0  # sigmas of the change of the mean that count as visible; a slew'
 ORDERS = (2, 6)  # of the differences, the more efficient first
 IN_MOTION = (6, 10)  # the same where the body never rests
 CLEARLY = 0.98  # probability from which on readout noise is no white noise
-AGREE = 3.0  # sigmas of their difference up to which two orders agree
 AVERAGED = 4  # samples in the means that show the colour
 FEWEST = 200  # differences, below which nothing is said
 BLOCK = 32  # samples whose spectrum is looked at
@@ -56,7 +54,7 @@ def local_noise(rates: Array, sigma: float, coarse: Mask, steps: Array) -> Array
     """(3,) robust noise of a sample, at least what is stated."""
     if len(rates) <= ORDERS[-1]:
         return np.full(3, sigma)
-    robust = np.median(np.abs(_differences(rates, ORDERS[-1])), axis=0) / 0.6745 / np.sqrt(_power(ORDERS[-1]))
+    robust = np.median(np.abs(_differences(rates, ORDERS[-1])), axis=0) / 0.6745 / np.sqrt(power_of(ORDERS[-1]))
     floor = np.where(coarse, np.sqrt(sigma**2 + steps**2 / 12), 0.0)
     return np.asarray(np.maximum(np.where(robust > 0, robust, sigma), floor))
 
@@ -104,7 +102,7 @@ def level_in_motion(x: Array, usable: list[tuple[int, int]]) -> Level | None:
     """Level of the noise of some runs of samples that hold a motion; None where it shows in the differences, too."""
     parts = [x[low:high] for low, high in usable]
     (low, _, n), (high, high_error, _) = (_mean_square(parts, order) for order in IN_MOTION)
-    if n < FEWEST or not _agree(low, high, IN_MOTION, n) or not _is_flat(parts):
+    if n < FEWEST or not agree(low, high, IN_MOTION, n) or not _is_flat(parts):
         return None
     return Level(high, high_error, float("nan"), float("nan"))
 
@@ -124,11 +122,6 @@ def readout_of(x: Array, usable: list[tuple[int, int]], expected: float) -> Read
     return readout(np.array(powers), np.array(errors), averages, expected, ORDERS[-1])
 
 
-def _power(order: int) -> float:
-    """Variance of a difference of unit white noise."""
-    return float(comb(2 * order, order))
-
-
 def _differences(x: Array, order: int) -> Array:
     """Differences along the first axis."""
     return np.diff(x, order, axis=0)
@@ -138,12 +131,7 @@ def _variance(parts: list[Array]) -> tuple[float, float, int]:
     """Variance of white noise that some runs of samples show, its standard error, and the number of differences."""
     found = [_mean_square(parts, order) for order in ORDERS]
     (low, _, n), (high, _, _) = found
-    return found[0] if _agree(low, high, ORDERS, n) else found[1]
-
-
-def _agree(low: float, high: float, orders: tuple[int, int], count: int) -> bool:
-    """Whether two orders of differences of the same samples show one level, so that no motion is left in the lower one."""
-    return abs(low - high) < AGREE * high * float(np.sqrt(2 * disagreement_of(*orders) / max(count, 1)))
+    return found[0] if agree(low, high, ORDERS, n) else found[1]
 
 
 def _is_flat(parts: list[Array]) -> bool:
@@ -167,9 +155,8 @@ def _mean_square(parts: list[Array], order: int) -> tuple[float, float, int]:
         return 0.0, np.inf, d.size
     spread = float(np.median(np.abs(d))) / 0.6745
     kept = d[np.abs(d) < TRIM * spread] if spread > 0 else d
-    variance = float(np.mean(kept**2)) / _power(order)
-    correlation = comb(4 * order, 2 * order) / _power(order) ** 2
-    return variance, variance * float(np.sqrt(2 * correlation / kept.size)), int(kept.size)
+    variance = float(np.mean(kept**2)) / power_of(order)
+    return variance, variance * float(np.sqrt(2 * autocorrelation_of(order) / kept.size)), int(kept.size)
 
 
 def off_zero(x: Array, step: float, sigma: float) -> Mask:
