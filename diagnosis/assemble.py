@@ -15,6 +15,7 @@ from diagnosis.identifiable import blind_spot
 from diagnosis.inference.amplitudes import Fitted
 from diagnosis.inference.attribution import Attribution
 from diagnosis.model import localization
+from diagnosis.model.misfit import finding as misfit_finding
 from diagnosis.model.prepare import Prepared
 from diagnosis.model.symptoms import SampleCause
 from diagnosis.result import Details, Diagnosis
@@ -32,6 +33,7 @@ SHOWN_EXPLANATIONS = 12
 WORTH_SHOWING = 1e-4  # probability of an alternative
 KEPT = 0.999  # of the posterior
 TINY = 1e-300
+MISFIT = 1e-4  # p-value from which on a statistic of all references is listed
 WORTH_KEEPING = 1e-6  # probability of an explanation in the details
 
 
@@ -49,7 +51,7 @@ def assembled(
     sigma = np.sqrt(np.diag(explained.covariance)[:12])
     seen = Seen(
         recording=model.recording.title,
-        where=tuple(localization.findings(table)) if gap else (),
+        where=(*localization.findings(table), *misfit_finding(explained.left, MISFIT)) if gap else (),
         p_values=p_values(prepared, explained),
         G=model.G + explained.change[:9].reshape(3, 3),
         bias=model.bias + explained.change[9:],
@@ -216,6 +218,7 @@ def p_values(prepared: Prepared, explained: Explained) -> dict[str, float]:
     for one in differences(prepared.model.recording):
         if one.dof > 0:
             out[f"trackers {one.first} and {one.second}"] = one.p_value
+    out.update({f"misfit: {check.name}": check.p_value for check in explained.left})
     out.update({f"check: {check.name}": check.p_value for check in explained.checks})
     return out
 

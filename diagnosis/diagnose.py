@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -14,7 +14,7 @@ from threadpoolctl import threadpool_limits
 from diagnosis.answer import Closure
 from diagnosis.assemble import assembled
 from diagnosis.inference.amplitudes import Fitted, amplitudes, refined
-from diagnosis.inference.attribution import Attribution, attribute, doubted
+from diagnosis.inference.attribution import Attribution, attribute, doubted, unexplained
 from diagnosis.inference.checks import Check, residual_checks, together
 from diagnosis.inference.closure import found_by, is_random, learnable, measured
 from diagnosis.inference.null import p_value
@@ -25,6 +25,7 @@ from diagnosis.model.candidates import linear_model
 from diagnosis.model.dead_zone import dead_zone_groups, shown_by_passes
 from diagnosis.model.layout import layout
 from diagnosis.model.linear import LinearModel, Member
+from diagnosis.model.misfit import errors_of, misfit
 from diagnosis.model.prepare import Prepared, Progress, prepare
 from diagnosis.model.symptoms import SampleCause, sample_causes
 from diagnosis.result import Diagnosis
@@ -52,6 +53,7 @@ class Explained:
     attribution : None without a gap
     fitted : amplitudes of the effects that are named
     checks : of what the named effects leave
+    left : what M0 leaves of all references, before any averaging
     closed : how far the gap closes on held-out data
     change, covariance : of the calibration with the named effects in the model, (12,), and of it and their amplitudes
     """
@@ -64,6 +66,7 @@ class Explained:
     closed: Closure | None
     change: Array
     covariance: Array
+    left: tuple[Check, ...] = ()
 
 
 def diagnose(
@@ -130,12 +133,28 @@ def explain(
         model, effects, dead_zone_groups(prepared, effects), settings, tell=counted(tell, "candidates", 0.1, 0.3, 100)
     )
 
-    def check(found: LinearModel, members: tuple[Member, ...]) -> tuple[Check, ...]:
-        return residual_checks(found, members, layout(model), seed)
+    left = misfit(model)
+    by_name = {effect.name: effect for effect in effects}
 
-    explained = judged(linear, check, settings, seed, tell, shown_by_passes(prepared.dead))
+    def check(found: LinearModel, members: tuple[Member, ...]) -> tuple[Check, ...]:
+        return (*residual_checks(found, members, layout(model), seed), *_left_beside(prepared, found, members, by_name))
+
+    explained = judged(linear, check, settings, seed, tell, shown_by_passes(prepared.dead), together(left) if left else None)
     change, covariance = calibrated(model, explained.fitted)
-    return replace(explained, change=change, covariance=covariance)
+    return replace(explained, change=change, covariance=covariance, left=left)
+
+
+def _left_beside(
+    prepared: Prepared, linear: LinearModel, members: tuple[Member, ...], effects: Mapping[str, Effect]
+) -> tuple[Check, ...]:
+    """What M0 with the named effects leaves of all references, where columns at one set of parameters describe them all."""
+    beside = []
+    for member in members:
+        entry, effect = linear.candidate(member), effects.get(linear.candidate(member).effect)
+        if effect is None or entry.process or not effect.has_columns or effect.stage == "clock":
+            return ()
+        beside.append(errors_of(prepared.model, effect, entry.axis, linear.option(member).parameters))
+    return tuple(replace(one, name=f"{one.name}, of all references") for one in misfit(prepared.model, beside))
 
 
 def judged(
@@ -145,6 +164,7 @@ def judged(
     seed: int,
     tell: Progress,
     shown: float = 1.0,
+    left: float | None = None,
 ) -> Explained:
     """What a linear model says, whatever it was built from; without a calibration.
 
@@ -154,10 +174,13 @@ def judged(
     check : checks of what an explanation leaves
     settings, seed, tell : as for `explain`
     shown : p-value of what shows a gap beside the candidates
+    left : p-value of what M0 leaves of all references, which is a gap but says nothing of its cause; None if it was not asked
     """
     search = Search(linear, settings, counted(tell, "explanations", 0.5, 0.6, 1000))
     told = partial(tell, "null distribution")
-    p = min(p_value(search, seed, settings.null_draws, settings.scanned_share, lambda share: told(0.3 + 0.2 * share)), shown)
+    p = p_value(search, seed, settings.null_draws, settings.scanned_share, lambda share: told(0.3 + 0.2 * share))
+    share = 0.0 if left is None else settings.misfit_share
+    p, left = min(p / (1 - share), shown), 1.0 if left is None else left / share
     attribution: Attribution | None = None
     fitted: tuple[Fitted, ...] = ()
     checks: tuple[Check, ...] = ()
@@ -184,7 +207,9 @@ def judged(
             linear = linear if linear.room is None else linear.without_columns()
             told = partial(tell, "held-out data")
             closed = measured(listed, random, found_by(len(members)), lambda done: told(0.85 + 0.015 * done))
-    return Explained(linear, p, attribution, fitted, checks, closed, np.zeros(12), np.zeros((12, 12)))
+    elif left < settings.false_alarm_rate:
+        attribution = unexplained(left)
+    return Explained(linear, min(p, left, 1.0), attribution, fitted, checks, closed, np.zeros(12), np.zeros((12, 12)))
 
 
 def counted(tell: Progress, text: str, begin: float, stop: float, usual: int) -> Callable[[int], None]:

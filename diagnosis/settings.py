@@ -40,6 +40,12 @@ class DiagnosisSettings:
         "probability",
         "by judgement; a swing needs 3 more of natural log evidence for it, and the other test loses next to nothing",
     )
+    misfit_share: float = threshold(
+        0.05,
+        "share of the attitude test's false alarms that the statistics of all references, which name no cause, may have",
+        "probability",
+        "by judgement, as for the scan: what is no candidate's has to show for certain",
+    )
     unlisted_share: float = threshold(
         0.2, "prior probability that what is at work is on no list", "probability", "by judgement; four in five known effects"
     )

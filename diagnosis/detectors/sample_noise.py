@@ -8,16 +8,19 @@ white. The ratio of the two, m times the second over the first, is the colour: o
 for angle white noise (readout noise, whose differences are the rates), more than one for noise that is correlated over several
 samples. IEEE Std 952, annex C.
 
-Where the body never rests, differences of the sixth and the tenth order show the level if they agree, and if the spectrum is
-level up to the highest frequency, as a motion that is left in both is not. Nothing is said of the colour then.
+Where the body never rests, differences of the sixth and the tenth order show the level if they agree, if the spectrum is
+level up to the highest frequency, as a motion that is left in both is not, and if short blocks have powers that scatter no more
+than those of white noise, as they do where the motion has jerks. Nothing is said of the colour then.
 """
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
 import scipy.fft
+import scipy.linalg
 import scipy.ndimage
 import scipy.stats
 from numpy.typing import NDArray
@@ -44,7 +47,8 @@ FEWEST_BLOCKS = 12
 FLAT = 4.0  # sigmas between the highest and the lowest of four bands of white noise, at most
 TRIM = 5.0  # robust sigmas beyond which a difference does not count
 WHITE = 0.2  # departure of the colour from one up to which noise is called white
-_CUBIC = np.linalg.qr(np.vander(np.linspace(-1, 1, BLOCK), 4))[0]
+QUANTILES = (0.3, 0.85)  # of the blocks' powers; the few that are far out do not count
+EVEN = 3.0  # sigmas between the levels that they show, at most
 RESOLVED = 0.34  # variance of the samples in squares of a lattice's step, below which it may be that of a few readings
 OFF_ZERO = 5.0  # sigmas from zero, from which on cutting toward zero is rounding down
 SLACK = 0.1  # departure of the noise factor that rounding to a few sigmas makes by itself
@@ -102,7 +106,10 @@ def level_in_motion(x: Array, usable: list[tuple[int, int]]) -> Level | None:
     """Level of the noise of some runs of samples that hold a motion; None where it shows in the differences, too."""
     parts = [x[low:high] for low, high in usable]
     (low, _, n), (high, high_error, _) = (_mean_square(parts, order) for order in IN_MOTION)
-    if n < FEWEST or not agree(low, high, IN_MOTION, n) or not _is_flat(parts):
+    if n < FEWEST or not agree(low, high, IN_MOTION, n):
+        return None
+    blocks = _blocks(parts)
+    if not _is_flat(blocks) or not _is_even(blocks):
         return None
     return Level(high, high_error, float("nan"), float("nan"))
 
@@ -134,19 +141,56 @@ def _variance(parts: list[Array]) -> tuple[float, float, int]:
     return found[0] if agree(low, high, ORDERS, n) else found[1]
 
 
-def _is_flat(parts: list[Array]) -> bool:
-    """Whether the upper half of the spectrum of short blocks is level, as that of white noise is and that of a motion is not.
+def _blocks(parts: list[Array]) -> Array:
+    """(b, BLOCK/2) coefficients of the upper half of the spectrum of short blocks, from the highest frequency down.
 
-    Medians over the blocks of the power in bands of four cosines each: of χ² with four degrees of freedom, whose median has
-    the relative variance 0.90 over the number of blocks.
+    Those of white noise of variance σ² are independent and N(0, σ²): the cosines of differences of the sixth order, which
+    leave nothing of a smooth motion for the ends of a block to spread over all frequencies, are whitened with their own
+    covariance.
     """
-    blocks = np.concatenate([np.empty((0, BLOCK)), *(part[: part.size // BLOCK * BLOCK].reshape(-1, BLOCK) for part in parts)])
+    differences = [_differences(part, IN_MOTION[0]) for part in parts if part.size >= BLOCK + IN_MOTION[0]]
+    whole = [one[: one.size // BLOCK * BLOCK].reshape(-1, BLOCK) for one in differences]
+    return np.concatenate([np.empty((0, BLOCK)), *whole]) @ _WHITE.T
+
+
+def _white_cosines() -> Array:
+    """(BLOCK/2, BLOCK) from differences to coefficients that are independent under white noise."""
+    kernel = np.array([(-1.0) ** k * math.comb(IN_MOTION[0], k) for k in range(IN_MOTION[0] + 1)])
+    lags = np.correlate(kernel, kernel, "full")[IN_MOTION[0] :]
+    cosines = scipy.fft.dct(np.eye(BLOCK), axis=0, norm="ortho")[BLOCK // 2 :][::-1]
+    covariance = scipy.linalg.toeplitz(np.append(lags, np.zeros(BLOCK - lags.size)))
+    factor = np.linalg.cholesky(cosines @ covariance @ cosines.T)
+    return np.asarray(scipy.linalg.solve_triangular(factor, cosines, lower=True))
+
+
+_WHITE = _white_cosines()
+
+
+def _is_flat(blocks: Array) -> bool:
+    """Whether the upper half of the spectrum is level, as that of white noise is and that of a motion is not.
+
+    Medians over the blocks of the power in bands of four coefficients each: of χ² with four degrees of freedom, whose median
+    has the relative variance 0.90 over the number of blocks.
+    """
     if len(blocks) < FEWEST_BLOCKS:
         return False
-    left = blocks - (blocks @ _CUBIC) @ _CUBIC.T  # what is left at the ends would leak into all cosines
-    power = scipy.fft.dct(left, axis=1, norm="ortho")[:, BLOCK // 2 :] ** 2
-    bands = np.median(power.reshape(len(blocks), -1, BAND).mean(axis=2), axis=0)
+    bands = np.median((blocks**2).reshape(len(blocks), -1, BAND).mean(axis=2), axis=0)
     return bool(np.ptp(bands) < FLAT * np.sqrt(2 * 0.90 / len(blocks)) * bands.min())
+
+
+def _is_even(blocks: Array) -> bool:
+    """Whether the blocks' powers scatter as those of white noise, and not as with jerks of a motion in some of them.
+
+    Two quantiles of χ² show one level then. The covariance of the quantiles p < q of n values with the density f is
+    p (1 − q)/(n f_p f_q).
+    """
+    power, dof = np.sum(blocks**2, axis=1), blocks.shape[1]
+    of_white = scipy.stats.chi2(dof)
+    at = of_white.ppf(QUANTILES)
+    low, high = np.quantile(power, QUANTILES) / at
+    (p, q), (a, b) = QUANTILES, 1 / (at * of_white.pdf(at))
+    error = np.sqrt((p * (1 - p) * a**2 + q * (1 - q) * b**2 - 2 * p * (1 - q) * a * b) / len(power))
+    return bool(high < (1 + EVEN * error) * low)
 
 
 def _mean_square(parts: list[Array], order: int) -> tuple[float, float, int]:

@@ -22,7 +22,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from diagnosis.answer import Verdict
-from diagnosis.inference.search import Explanation, total
+from diagnosis.inference.search import NOTHING, Explanation, total
 from diagnosis.model.linear import LinearModel, Member
 from diagnosis.settings import DEFAULT, DiagnosisSettings
 
@@ -93,6 +93,13 @@ def attribute(model: LinearModel, explanations: list[Explanation], settings: Dia
     best = _best(listed, probability)
     slots = tuple(_slot(model, best, member, probability, settings) for member in best.members)
     return Attribution(_verdict(slots, settings), best, _shown(slots, settings), unknown, ranked)
+
+
+def unexplained(p_value: float) -> Attribution:
+    """Of a gap that no candidate shows: M0 against something unlisted, as likely beforehand, with the p-value of the gap."""
+    unknown = 1 / (1 + against(p_value))
+    nothing, other = Ranked((), 1 - unknown, 0.0, False), Ranked(("something like no candidate",), unknown, 0.0, True)
+    return Attribution("unknown", NOTHING, (), unknown, (other, nothing))
 
 
 def doubted(model: LinearModel, attribution: Attribution, p_value: float, settings: DiagnosisSettings = DEFAULT) -> Attribution:

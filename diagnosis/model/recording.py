@@ -142,6 +142,8 @@ class RecordingModel:
     zeta : (N,) observations, rad
     residuals : (m, 3) ζ of every reference before any averaging, rad
     off : (m, 3) rotation vectors from the propagated attitudes to the references, inertial axes, rad
+    errors : (m, 3, 3) covariance of the error of every reference, inertial axes, rad²
+    walk : (m, 3, 3) covariance of the integrated gyro noise at every reference, inertial axes, rad²
     """
 
     recording: Recording
@@ -157,6 +159,8 @@ class RecordingModel:
     zeta: Array
     residuals: Array
     off: Array
+    errors: Array
+    walk: Array
 
     @property
     def size(self) -> int:
@@ -525,7 +529,9 @@ def linearised(
         else:
             power = np.add.reduceat(density[samples] * dt[:, None], begin, axis=0)
             walk = _walk(middle @ G, power, ends)
-        V = _covariance(_own_axes(recording.attitudes, references, at), sigmas[references], walk, groups, elapsed)
+        axes = _own_axes(recording.attitudes, references, at)
+        errors = np.einsum("mij,mj,mkj->mik", axes, sigmas[references] ** 2, axes)
+        V = _covariance(errors, walk, groups, elapsed)
         whitener = np.asarray(np.linalg.cholesky(V))
         times = recording.attitudes.t_s[references]
         middle_time = 0.5 * (times.min() + times.max())
@@ -534,15 +540,29 @@ def linearised(
         block = Block(
             interval, slice(steps, steps + begin.size), slice(rows, stop), references, ends, elapsed, groups, whitener
         )
-        made.append((t_s, length, raw, middle, at, block.observed(zeta).ravel(), zeta, off))
+        made.append((t_s, length, raw, middle, at, block.observed(zeta).ravel(), zeta, off, errors, walk))
         blocks.append(block)
         rows, steps = stop, steps + begin.size
-    t_s, dt, raw, to_inertial, at_reference, observations, residuals, off = (
+    t_s, dt, raw, to_inertial, at_reference, observations, residuals, off, errors, walks = (
         np.concatenate(values) for values in zip(*made, strict=True)
     )
     rates = raw @ G.T + bias
     return RecordingModel(
-        recording, G, bias, t_s, dt, raw, rates, to_inertial, at_reference, tuple(blocks), observations, residuals, off
+        recording,
+        G,
+        bias,
+        t_s,
+        dt,
+        raw,
+        rates,
+        to_inertial,
+        at_reference,
+        tuple(blocks),
+        observations,
+        residuals,
+        off,
+        errors,
+        walks,
     )
 
 
@@ -615,14 +635,14 @@ def _walk(turned: Array, power: Array, ends: Indices) -> Array:
     return np.concatenate([np.zeros((1, 3, 3)), total])[place]
 
 
-def _covariance(A_T: Array, sigma: Array, walk: Array, groups: Indices, elapsed: Array) -> Array:
-    """(3r, 3r) covariance of an interval's observations, as the module's text has it.
+def _covariance(errors: Array, walk: Array, groups: Indices, elapsed: Array) -> Array:
+    """(3r, 3r) covariance of an interval's observations, from (m, 3, 3) of its references, as the module's text has it.
 
     Where observations of several sensors overlap in time, the covariance of two is Σ_k f_ak f_bk ΔW_k over the stretches k
     between references, f the share of an observation's references that come after a stretch.
     """
     if (np.diff(elapsed) < 0).any():
-        return _overlapping(A_T, sigma, walk, groups, elapsed)
+        return _overlapping(errors, walk, groups, elapsed)
     counts = np.diff(np.append(groups, len(walk)))
     within = np.arange(len(walk)) - np.repeat(groups, counts)
     share = np.repeat(counts, counts)
@@ -630,14 +650,14 @@ def _covariance(A_T: Array, sigma: Array, walk: Array, groups: Indices, elapsed:
     later = np.add.reduceat(walk / share[:, None, None], groups, axis=0)
     weights = (2 * (share - within) - 1) / share**2
     own = np.add.reduceat(walk * weights[:, None, None], groups, axis=0)
-    own += np.add.reduceat(np.einsum("mij,mj,mkj->mik", A_T, sigma**2, A_T) / (share**2)[:, None, None], groups, axis=0)
+    own += np.add.reduceat(errors / (share**2)[:, None, None], groups, axis=0)
     count = groups.size
     V = np.array(later[np.minimum.outer(np.arange(count), np.arange(count))])  # (r, r, 3, 3)
     V[np.arange(count), np.arange(count)] = own
     return np.asarray(V.transpose(0, 2, 1, 3).reshape(3 * count, 3 * count))
 
 
-def _overlapping(A_T: Array, sigma: Array, walk: Array, groups: Indices, elapsed: Array) -> Array:
+def _overlapping(errors: Array, walk: Array, groups: Indices, elapsed: Array) -> Array:
     """As `_covariance` for references in any order."""
     counts = np.diff(np.append(groups, len(walk)))
     order = np.argsort(elapsed, kind="stable")
@@ -645,6 +665,6 @@ def _overlapping(A_T: Array, sigma: Array, walk: Array, groups: Indices, elapsed
     later = np.add.reduceat((elapsed[:, None] >= elapsed[order]).astype(float), groups, axis=0) / counts[:, None]  # f (r, m)
     count = groups.size
     V = np.einsum("ak,kij,bk->aibj", later, steps, later, optimize=True)
-    noise = np.einsum("mij,mj,mkj->mik", A_T, sigma**2, A_T) / (np.repeat(counts, counts) ** 2)[:, None, None]
+    noise = errors / (np.repeat(counts, counts) ** 2)[:, None, None]
     V[np.arange(count), :, np.arange(count)] += np.add.reduceat(noise, groups, axis=0)
     return np.asarray(V.reshape(3 * count, 3 * count))

@@ -1,0 +1,217 @@
+"""Whether M0 leaves of all references what it should: white innovations of variance one.
+
+The candidates of a diagnosis are seen in at most `MOST_OBSERVATIONS` attitudes, to which neighbouring references are averaged,
+and each looks for something in particular. What is faster than that, or like none of them, has to show as well. So every
+reference is compared with the attitude that the gyro has carried on from those before it: under M0 the residuals ζ of an
+interval are a random walk, the gyro's integrated noise, seen with the references' white noise, and its start is unknown. The
+innovations of a Kalman filter that starts from the interval's first reference,
+
+    v_k = ζ_k − x,    S = P + ΔW_k + R_k,    e_k = L⁻¹ v_k  (L Lᵀ = S),    x ← x + K v_k,    K = (P + ΔW_k) S⁻¹,
+
+are N(0, I) and independent (Kailath, IEEE Transactions on Automatic Control 13, 1968); those of the columns of G and b are
+projected out of them. Their distribution being known, each statistic has its p-value without draws: the sum of squares is
+χ², the share of one interval in it has a beta distribution, and the strongest of the Fourier coefficients an exponential one.
+
+Recordings of several sensors have differences between these in place of it (`diagnosis.model.trackers`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+import scipy.stats
+from numpy.typing import NDArray
+
+from diagnosis.answer import Finding
+from diagnosis.inference.checks import Check
+from diagnosis.model.recording import RANK, RecordingModel
+from gyrocal.compiled import compiled
+from simulator.effects.base import Effect, Value
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+Indices = NDArray[np.intp]
+
+FEWEST = 30  # innovations, below which nothing is said
+SAYS = {  # of each statistic, with its value and what is expected
+    "size": "the innovations of all references have a χ² of {value:.4g} for {expected:.4g} degrees of freedom",
+    "largest": "the largest innovation of all references is {value:.3g} sigma, where {expected:.3g} would be usual",
+    "variance over the intervals": "the innovations of one interval have {value:.3g} times their share of the power",
+    "shape": "the innovations of all references have a kurtosis of {value:.3g}, where normal ones have {expected:.3g}",
+    "correlation in time": "the innovations of all references correlate in time: χ² {value:.4g} for {expected:.4g}",
+    "line of any period": "the innovations of all references have a line of {value:.3g} times their mean power",
+    "dependence on the motion": "the innovations of all references follow the motion: χ² {value:.4g} for {expected:.4g}",
+}
+LAGS = 6
+SHORTEST = 16  # innovations of an interval, from which on lines are looked for in it
+FOLLOWS = 1e-3  # share of a motion that must be left beside the parameters, for the innovations to follow it
+TINY = 1e-300
+
+
+def misfit(model: RecordingModel, beside: Sequence[Array] = ()) -> tuple[Check, ...]:
+    """Statistics of M0's innovations of all references; none where there are too few, or several sensors.
+
+    Parameters
+    ----------
+    model : of the recording, about its calibration under M0
+    beside : (m, 3, k) attitude errors that are estimated with G and b, such as those of a named effect
+    """
+    if model.recording.attitudes.sensor is not None:
+        return ()
+    e, later, taken = innovations(model, beside)
+    dof = e.size - taken.shape[1]
+    if dof < FEWEST:
+        return ()
+    owner = model.interval_of_reference[later]
+    found = {
+        "size": (float(np.sum(e**2)), float(dof), _two_sided(scipy.stats.chi2(dof), float(np.sum(e**2)))),
+        "largest": _largest(e),
+        "variance over the intervals": _over_intervals(e, owner),
+        "shape": _shape(e),
+        "correlation in time": _correlation(e, owner),
+        "line of any period": _line(e, owner),
+        "dependence on the motion": _on_motion(e, _motion(model)[later], taken),
+    }
+    return tuple(Check(name, value, expected, max(p, TINY)) for name, (value, expected, p) in found.items())
+
+
+def finding(checks: Sequence[Check], event_p: float) -> tuple[Finding, ...]:
+    """What the statistics say that speak, for the list of where a recording departs; p-values with an allowance for all."""
+    return tuple(
+        Finding(
+            "attitude", None, None, None, one.name, one.value, min(1.0, one.p_value * len(checks)),
+            SAYS[one.name].format(value=one.value, expected=one.expected),
+        )
+        for one in checks
+        if one.p_value * len(checks) < event_p
+    )  # fmt: skip
+
+
+def errors_of(model: RecordingModel, effect: Effect, axis: str | None, parameters: Mapping[str, Value]) -> Array:
+    """(m, 3, k) attitude errors of an effect with columns at every reference, inertial axes."""
+    if effect.on_references:
+        return -np.matmul(model.at_reference, effect.reference_columns(model.references, axis, parameters))
+    return model.turned_by(effect.columns(model.stream, axis, parameters))
+
+
+def innovations(model: RecordingModel, beside: Sequence[Array] = ()) -> tuple[Array, Mask, Array]:
+    """White innovations about the body axes (k, 3), whose they are (m,), and (3k, q) a basis of what the fit took."""
+    first = np.zeros(len(model.residuals), dtype=bool)
+    first[np.cumsum([0, *(block.references.size for block in model.blocks[:-1])])] = True
+    added = np.diff(model.walk, axis=0, prepend=model.walk[:1])
+    added[first] = 0.0
+    columns = np.concatenate([model.residuals[:, :, None], model.turned_by(_parameters(model.raw)), *beside], axis=2)
+    white = _whitened(columns, added, model.errors, first)[~first]
+    body = np.matmul(model.at_reference[~first].transpose(0, 2, 1), white)
+    y, X = body[:, :, 0].ravel(), body[:, :, 1:].reshape(3 * len(body), -1)
+    U, s, _ = np.linalg.svd(X / np.maximum(np.linalg.norm(X, axis=0), TINY), full_matrices=False)
+    U = U[:, s > RANK * s[0]]
+    return (y - U @ (U.T @ y)).reshape(-1, 3), ~first, U
+
+
+def _parameters(raw: Array) -> Array:
+    """(n, 3, 12) errors of the readings that a change of G and b would take up."""
+    out = np.zeros((len(raw), 3, 12))
+    for axis in range(3):
+        out[:, axis, 3 * axis : 3 * axis + 3] = raw
+        out[:, axis, 9 + axis] = 1.0
+    return out
+
+
+def _motion(model: RecordingModel) -> Array:
+    """(m, 9) rate, its size, and its change about each axis at every reference."""
+    step = np.clip(np.searchsorted(model.t_s, model.references.t_s), 0, model.t_s.size - 1)
+    rates = model.rates[step]
+    change = model.rates[np.minimum(step + 1, model.t_s.size - 1)] - model.rates[np.maximum(step - 1, 0)]
+    return np.column_stack([rates, np.abs(rates), change])
+
+
+def _two_sided(distribution: scipy.stats.rv_continuous, value: float) -> float:
+    return float(min(1.0, 2 * min(distribution.sf(value), distribution.cdf(value))))
+
+
+def _largest(e: Array) -> tuple[float, float, float]:
+    """Of the sizes of all numbers."""
+    value = float(np.abs(e).max())
+    expected = float(scipy.stats.norm.isf(0.5 * (1 - 0.5 ** (1 / e.size))))
+    return value, expected, float(-np.expm1(e.size * np.log1p(-2 * scipy.stats.norm.sf(value))))
+
+
+def _over_intervals(e: Array, owner: Indices) -> tuple[float, float, float]:
+    """Oddest share of the sum of squares that an interval has about an axis, over the share of its numbers."""
+    total, found = float(np.sum(e**2)), []
+    for number in np.unique(owner):
+        own = np.sum(e[owner == number] ** 2, axis=0)
+        count = int(np.sum(owner == number))
+        if 3 * count == e.size:
+            continue
+        share = scipy.stats.beta(0.5 * count, 0.5 * (e.size - count))
+        found += [(_two_sided(share, float(one) / total), float(one) / total * e.size / count) for one in own]
+    p, ratio = min(found, default=(1.0, 1.0))
+    return ratio, 1.0, min(1.0, p * len(found)) if found else 1.0
+
+
+def _shape(e: Array) -> tuple[float, float, float]:
+    """Kurtosis; Anscombe and Glynn, Biometrika 70, 1983."""
+    values = e.ravel()
+    return float(scipy.stats.kurtosis(values, fisher=False)), 3.0, float(scipy.stats.kurtosistest(values).pvalue)
+
+
+def _correlation(e: Array, owner: Indices) -> tuple[float, float, float]:
+    """Square sum of the correlations at some lags about each axis, each over its own scatter."""
+    total, count = 0.0, 0
+    for lag in range(1, LAGS + 1):
+        products = (e[lag:] * e[:-lag])[owner[lag:] == owner[:-lag]]
+        if len(products) < FEWEST:
+            continue
+        total += float(np.sum(products.sum(axis=0) ** 2 / np.sum(products**2, axis=0)))
+        count += 3
+    return total, float(count), float(scipy.stats.chi2.sf(total, count)) if count else 1.0
+
+
+def _line(e: Array, owner: Indices) -> tuple[float, float, float]:
+    """Strongest Fourier coefficient of any interval and axis, as power over the mean; that at half the rate is χ²(1)."""
+    variance = float(np.mean(e**2))
+    best, count, tried = 1.0, 0, 0.0
+    for number in np.unique(owner):
+        own = e[owner == number]
+        if len(own) < SHORTEST:
+            continue
+        power = np.abs(np.fft.rfft(own - own.mean(axis=0), axis=0)[1:]) ** 2 / (len(own) * variance)
+        p = np.exp(-power)
+        if len(own) % 2 == 0:
+            p[-1] = scipy.stats.chi2.sf(power[-1], 1)
+        count += p.size
+        best, tried = min(best, float(p.min())), max(tried, float(power.max()))
+    return tried, float(np.log(max(count, 1))), float(-np.expm1(count * np.log1p(-best))) if best < 1 else 1.0
+
+
+def _on_motion(e: Array, motion: Array, taken: Array) -> tuple[float, float, float]:
+    """Square sum of the innovations' part that follows the motion, in units of their variance."""
+    centred = motion - motion.mean(axis=0)
+    X = np.kron(centred / np.maximum(np.linalg.norm(centred, axis=0), TINY), np.eye(3))
+    U, s, _ = np.linalg.svd(X - taken @ (taken.T @ X), full_matrices=False)
+    U = U[:, s > FOLLOWS]
+    value, count = float(np.sum((U.T @ e.ravel()) ** 2) / np.mean(e**2)), U.shape[1]
+    return value, float(count), float(scipy.stats.chi2.sf(value, count)) if count else 1.0
+
+
+@compiled
+def _whitened(z: Array, added: Array, R: Array, first: Mask) -> Array:  # pragma: no cover - compiled
+    """(m, 3, k) innovations over their root covariance, column by column; zero at the first reference of each interval."""
+    out = np.zeros(z.shape)
+    P, x = np.zeros((3, 3)), np.zeros((3, z.shape[2]))
+    for k in range(len(z)):
+        if first[k]:
+            P, x = R[k].copy(), z[k].copy()
+            continue
+        P = P + added[k]
+        S = P + R[k]
+        v = z[k] - x
+        out[k] = np.linalg.solve(np.linalg.cholesky(S), v)
+        K = np.linalg.solve(S, P).T
+        x = x + K @ v
+        P = P - K @ P
+        P = 0.5 * (P + P.T)
+    return out

@@ -1,0 +1,135 @@
+"""The innovations of all references under M0: against dense whitening, under the null, and with what no candidate can show."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import scipy.stats
+
+from diagnosis.diagnose import diagnose
+from diagnosis.inference.checks import together
+from diagnosis.model import recording as recordings
+from diagnosis.model.misfit import errors_of, finding, innovations, misfit
+from diagnosis.model.recording import linearised
+from gyrocal import calibrate
+from simulator.effects import EFFECTS
+from simulator.truth.rotation import perturbed
+from tests.diagnosis.recordings import prepared, recorded
+
+DRAWS = 300
+
+
+@pytest.fixture(scope="module")
+def model():
+    return prepared(3).model
+
+
+@pytest.fixture(scope="module")
+def drawn(model):
+    """Residuals of M0 at every reference: a random walk of the gyro's noise, and white noise of the references."""
+    rng = np.random.default_rng(41)
+    first = np.flatnonzero(np.diff(model.interval_of_reference, prepend=-1))
+    added = np.diff(model.walk, axis=0, prepend=0.0)
+    added[first] = 0.0
+    walk = np.einsum("mij,dmj->dmi", np.sqrt(np.maximum(added, 0.0)), rng.standard_normal((DRAWS, *model.residuals.shape)))
+    total = np.cumsum(walk, axis=1)
+    noise = np.einsum("mij,dmj->dmi", np.linalg.cholesky(model.errors), rng.standard_normal(walk.shape))
+    return total + noise
+
+
+def with_errors(recording, error):
+    """The recording with errors of the references (m, 3) in body axes, rad."""
+    attitudes = recording.attitudes
+    return replace(recording, attitudes=replace(attitudes, quaternions=perturbed(attitudes.quaternions, error)))
+
+
+def test_the_sum_of_squares_is_that_of_the_dense_model(model):
+    e, later, taken = innovations(model)
+    assert np.sum(e**2) == pytest.approx(model.y @ model.y, rel=1e-9)
+    assert e.size - taken.shape[1] == model.degrees_of_freedom
+    assert later.sum() == len(model.residuals) - len(model.blocks)
+
+
+def test_p_values_are_uniform_under_m0(model, drawn):
+    """Kolmogorov and Smirnov for each statistic; that of all together has the rate it states."""
+    found = [misfit(replace(model, residuals=one)) for one in drawn]
+    for k, check in enumerate(found[0]):
+        p = np.array([checks[k].p_value for checks in found])
+        if check.name == "variance over the intervals":  # Bonferroni's sum is an upper bound
+            assert np.mean(p < 0.2) < 0.2 + 3 * np.sqrt(0.16 / DRAWS)
+        else:
+            assert scipy.stats.kstest(p, "uniform").pvalue > 1e-3, check.name
+    assert np.mean([together(checks) < 0.05 for checks in found]) < 0.05 + 3 * np.sqrt(0.0475 / DRAWS)
+
+
+def test_columns_that_are_estimated_are_projected_out(model):
+    effect = EFFECTS["bias_drift"]
+    column = errors_of(model, effect, "y", {})
+    high = 2e-2 * column[:, :, 0] / np.abs(column).max()
+    plain = {one.name: one.value for one in misfit(model)}
+    beside = {one.name: one.value for one in misfit(replace(model, residuals=model.residuals + high), [column])}
+    hidden = {one.name: one.value for one in misfit(replace(model, residuals=model.residuals + high))}
+    assert beside["size"] == pytest.approx(plain["size"], abs=12)
+    assert hidden["size"] > 10 * plain["size"]
+
+
+def test_errors_of_an_effect_are_its_columns(model):
+    """Without averaging the observations are the references."""
+    for name, axis in (("bias_step", "x"), ("reference_orbital", "z")):
+        effect = EFFECTS[name]
+        trial = effect.trials(model.around)[0]
+        parameters = {**trial.parameters, **({"time_s": float(np.median(model.t_s))} if effect.switched else {})}
+        made = errors_of(model, effect, axis, parameters)
+        if effect.on_references:
+            expected = model.reference_error(effect.reference_columns(model.references, axis, parameters))
+        else:
+            expected = model.reading(effect.columns(model.stream, axis, parameters))
+        np.testing.assert_allclose(made.reshape(model.size, -1), expected, rtol=1e-12, atol=1e-18)
+
+
+def test_what_averaging_hides_is_seen(monkeypatch):
+    """Errors of alternating sign vanish in means of an even number of references, and are no noise of stated size."""
+    recording = recorded(3)
+    alternate = np.where(np.arange(recording.attitudes.t_s.size) % 2, 1.0, -1.0)[:, None] * recording.attitudes.sigma * 1.2
+    result = calibrate(recording)
+    monkeypatch.setattr(recordings, "MOST_OBSERVATIONS", recording.attitudes.t_s.size // 4)
+    clean = linearised(recording, result.G, result.bias)
+    found = linearised(with_errors(recording, alternate), result.G, result.bias)
+    assert found.y @ found.y < clean.y @ clean.y + 5 * np.sqrt(2 * clean.size)
+    checks = {one.name: one.p_value for one in misfit(found)}
+    assert checks["line of any period"] < 1e-6
+    assert checks["size"] < 1e-3
+    assert together(misfit(clean)) > 1e-2
+
+
+def test_a_misfit_without_a_cause_is_unknown():
+    """Noise of one interval's references: no candidate's, and no white noise of all of them."""
+    recording = recorded(5)
+    rng = np.random.default_rng(7)
+    part = recording.intervals[2]
+    inside = (recording.attitudes.t_s >= part.start_s) & (recording.attitudes.t_s <= part.stop_s)
+    more = rng.standard_normal(recording.attitudes.sigma.shape) * recording.attitudes.sigma * 2.0 * inside[:, None]
+    answer = diagnose(with_errors(recording, more))
+    assert answer.verdict == "unknown"
+    assert not answer.causes
+    assert answer.p_value < answer.false_alarm_rate
+    assert any(one.statistic in ("size", "variance over the intervals") for one in answer.where)
+
+
+def test_nothing_is_said_of_few_references():
+    """Two references an interval leave six degrees of freedom beside the twelve parameters."""
+    recording = recorded(3, every_s=1e5)
+    result = calibrate(recording)
+    found = linearised(recording, result.G, result.bias)
+    assert found.degrees_of_freedom == 6
+    assert misfit(found) == ()
+
+
+def test_findings_are_those_that_speak(model):
+    checks = misfit(model)
+    assert finding(checks, 1e-4) == ()
+    odd = [replace(checks[0], p_value=1e-9), *checks[1:]]
+    (one,) = finding(odd, 1e-4)
+    assert one.statistic == "size"
+    assert "χ²" in one.text
+    assert one.p_value == pytest.approx(len(checks) * 1e-9)
