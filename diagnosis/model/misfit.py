@@ -88,6 +88,11 @@ def finding(checks: Sequence[Check], event_p: float) -> tuple[Finding, ...]:
     )  # fmt: skip
 
 
+def first_references(model: RecordingModel) -> Mask:
+    """(m,) which references are the first of an interval."""
+    return np.asarray(np.diff(model.interval_of_reference, prepend=-1) != 0)
+
+
 def errors_of(model: RecordingModel, effect: Effect, axis: str | None, parameters: Mapping[str, Value]) -> Array:
     """(m, 3, k) attitude errors of an effect with columns at every reference, inertial axes."""
     if effect.on_references:
@@ -97,8 +102,7 @@ def errors_of(model: RecordingModel, effect: Effect, axis: str | None, parameter
 
 def innovations(model: RecordingModel, beside: Sequence[Array] = ()) -> tuple[Array, Mask, Array]:
     """White innovations about the body axes (k, 3), whose they are (m,), and (3k, q) a basis of what the fit took."""
-    first = np.zeros(len(model.residuals), dtype=bool)
-    first[np.cumsum([0, *(block.references.size for block in model.blocks[:-1])])] = True
+    first = first_references(model)
     added = np.diff(model.walk, axis=0, prepend=model.walk[:1])
     added[first] = 0.0
     columns = np.concatenate([model.residuals[:, :, None], model.turned_by(_parameters(model.raw)), *beside], axis=2)

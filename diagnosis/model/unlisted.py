@@ -13,173 +13,84 @@ known of them.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 from itertools import combinations_with_replacement, pairwise
 
 import numpy as np
 from numpy.typing import NDArray
 
+from diagnosis.model import unlisted_physics
+from diagnosis.model.bins import AXES, Bins, Family, binned, observed, several, unit
 from diagnosis.model.recording import RecordingModel
 
 Array = NDArray[np.float64]
 
-AXES = "xyz"
 DAY = 86400.0
 WARM_UP = (200.0, 600.0, 1800.0)  # s
 PERIODS = 14  # counted from the start of each interval
 
 
-@dataclass(frozen=True)
-class Family:
-    """A kind of discrepancy.
-
-    Attributes
-    ----------
-    name : what it is, in words
-    axis : body axis it acts about
-    columns : per option, (N, k) whitened columns of unit size
-    """
-
-    name: str
-    axis: str
-    columns: list[Array]
-
-
-@dataclass(frozen=True)
-class Bins:
-    """Short times over which smooth regressors are taken as constant."""
-
-    turned: Array  # (n, 3, 3) Aᵀ dt summed
-    t_s: Array
-    rates: Array  # (n, 3)
-    acceleration: Array  # (n, 3)
-    since_s: Array  # since the interval's start
-    interval: NDArray[np.intp]
-    ends: list[NDArray[np.intp]]  # of each block: bins done at each reference
-
-
-def binned(model: RecordingModel, bin_s: float) -> Bins:
-    """Bins of about `bin_s` that end at every reference."""
-    first: list[NDArray[np.intp]] = []
-    ends: list[NDArray[np.intp]] = []
-    interval = []
-    step = max(1, round(bin_s / float(np.median(model.dt))))
-    count = 0
-    for number, block in enumerate(model.blocks):
-        length = block.steps.stop - block.steps.start
-        inner = np.union1d(np.arange(0, length, step), block.ends[block.ends < length])
-        first.append(inner + block.steps.start)
-        ends.append(np.searchsorted(inner, block.ends))
-        interval.append(np.full(inner.size, number))
-        count += inner.size
-    starts = np.concatenate(first)
-    dt = np.add.reduceat(model.dt, starts)
-    mean = np.add.reduceat(model.rates * model.dt[:, None], starts, axis=0) / dt[:, None]
-    t = np.add.reduceat(model.t_s * model.dt, starts) / dt
-    belongs = np.concatenate(interval)
-    begin = np.array([model.t_s[block.steps.start] for block in model.blocks])
-    acceleration = np.empty_like(mean)
-    for number in range(len(model.blocks)):
-        inside = belongs == number
-        acceleration[inside] = np.gradient(mean[inside], t[inside], axis=0) if inside.sum() > 1 else 0.0
-    return Bins(
-        turned=np.add.reduceat(model.to_inertial * model.dt[:, None, None], starts, axis=0),
-        t_s=t,
-        rates=mean,
-        acceleration=acceleration,
-        since_s=t - begin[belongs],
-        interval=belongs,
-        ends=ends,
-    )
-
-
-def _observed(model: RecordingModel, bins: Bins, axis: int, values: Array) -> Array:
-    """(N, k) whitened columns of rate errors about one axis, (bins, k)."""
-    moved = bins.turned[:, :, axis, None] * values[:, None, :]
-    out = np.empty((model.size, values.shape[1]))
-    for number, block in enumerate(model.blocks):
-        inside = moved[bins.interval == number]
-        total = np.concatenate([np.zeros((1, *inside.shape[1:])), np.cumsum(inside, axis=0)])
-        out[block.rows] = block.observed(total[bins.ends[number]]).reshape(-1, values.shape[1])
-    return model.whitened(out)
-
-
-def _unit(values: Array) -> Array:
-    """Columns scaled to a root mean square of one, so that amplitudes compare."""
-    size = np.sqrt(np.mean(values**2, axis=0))
-    return values / np.where(size > 0, size, 1.0)
-
-
-def families(model: RecordingModel, bin_s: float = 8.0) -> Iterator[Family]:
+def families(model: RecordingModel) -> Iterator[Family]:
     """All families with a few columns; the random ones are in `diagnosis.model.processes`."""
-    bins = binned(model, bin_s)
+    bins = binned(model)
+    yield from unlisted_physics.families(model, bins)
     yield from _rate_following(model, bins)
     yield from _in_time(model, bins)
     yield from _on_references(model)
-
-
-def _several(model: RecordingModel, bins: Bins, name: str, options: list[Array]) -> Iterator[Family]:
-    """One family for each axis from options (bins, k) that do not depend on the axis."""
-    widths = np.cumsum([0] + [option.shape[1] for option in options])
-    together = _unit(np.hstack(options))
-    for axis in range(3):
-        columns = _observed(model, bins, axis, together)
-        yield Family(name, AXES[axis], [columns[:, a:b] for a, b in pairwise(widths)])
 
 
 def _rate_following(model: RecordingModel, bins: Bins) -> Iterator[Family]:
     w, a = bins.rates, bins.acceleration
     speed = np.abs(w)
     products = [w[:, [i]] * w[:, [j]] for i, j in combinations_with_replacement(range(3), 2)]
-    yield from _several(model, bins, "follows a product of rates", products)
+    yield from several(model, bins, "follows a product of rates", products)
     for axis in range(3):
         others = [k for k in range(3) if k != axis]
         across = np.column_stack([speed[:, others], (w * speed)[:, others], np.linalg.norm(w, axis=1)])
-        columns = _observed(model, bins, axis, _unit(across))
+        columns = observed(model, bins, axis, unit(across))
         yield Family("follows the size of another axis' rate", AXES[axis], [columns[:, [k]] for k in range(columns.shape[1])])
-    yield from _several(model, bins, "follows the cube of a rate", [w[:, [k]] ** 3 for k in range(3)])
+    yield from several(model, bins, "follows the cube of a rate", [w[:, [k]] ** 3 for k in range(3)])
     for axis in range(3):
-        columns = _observed(model, bins, axis, _unit(a))
+        columns = observed(model, bins, axis, unit(a))
         # The three axes together are a time offset or a lag; one of them alone is neither.
         yield Family("follows an angular acceleration", AXES[axis], [columns[:, [k]] for k in range(3)])
     mission = (bins.t_s - bins.t_s.mean())[:, None] / DAY
-    yield from _several(model, bins, "scale factor or misalignment drifts", [mission * w[:, [k]] for k in range(3)])
+    yield from several(model, bins, "scale factor or misalignment drifts", [mission * w[:, [k]] for k in range(3)])
     warm = np.exp(-bins.since_s / 1000.0)[:, None]
-    yield from _several(model, bins, "scale factor or misalignment settles after a start", [warm * w[:, [k]] for k in range(3)])
+    yield from several(model, bins, "scale factor or misalignment settles after a start", [warm * w[:, [k]] for k in range(3)])
     orbit = model.stream.orbit_period_s
     if np.isfinite(orbit):
         angle = 2 * np.pi / orbit * bins.t_s
         wave = np.column_stack([np.sin(angle), np.cos(angle)])
-        yield from _several(model, bins, "scale factor or misalignment at orbit rate", [wave * w[:, [k]] for k in range(3)])
+        yield from several(model, bins, "scale factor or misalignment at orbit rate", [wave * w[:, [k]] for k in range(3)])
 
 
 def _in_time(model: RecordingModel, bins: Bins) -> Iterator[Family]:
     since, t = bins.since_s[:, None], bins.t_s[:, None]
     trend = [np.exp(-since / tau) for tau in WARM_UP] + [since]
-    yield from _several(model, bins, "bias runs with the time since an interval's start", trend)
+    yield from several(model, bins, "bias runs with the time since an interval's start", trend)
     own = []
     for values in trend[1:]:
         each = np.zeros((len(values), len(model.blocks)))
         each[np.arange(len(values)), bins.interval] = values[:, 0]
         own.append(each)
-    yield from _several(model, bins, "bias runs in each interval in its own way", own)
+    yield from several(model, bins, "bias runs in each interval in its own way", own)
     span = t - t.min()
     length = max(float(span.max()), 1.0)
     mission = [(span / length) ** 2, *(np.exp(-span / (length * f)) for f in (0.02, 0.1, 0.3))]
-    yield from _several(model, bins, "bias changes with mission time, not linearly", mission)
+    yield from several(model, bins, "bias changes with mission time, not linearly", mission)
     longest = max(float(block.elapsed_s[-1]) for block in model.blocks)
     shortest = max(4.0 * float(np.median(np.diff(model.recording.attitudes.t_s))), longest / 60)
     orbit = model.stream.orbit_period_s
     if np.isfinite(orbit):
         waves = [_wave(t, orbit / k) for k in (2, 3, 4)]
-        yield from _several(model, bins, "bias at a harmonic of the orbit rate", waves)
+        yield from several(model, bins, "bias at a harmonic of the orbit rate", waves)
     if longest > 2 * shortest:
         waves = [_wave(since, period) for period in np.geomspace(shortest, 2.5 * longest, PERIODS)]
-        yield from _several(model, bins, "bias of a period counted from each interval's start", waves)
+        yield from several(model, bins, "bias of a period counted from each interval's start", waves)
         # The phases of a period are coherent over the gaps between intervals only if it is known to the gaps' length.
         if len(model.blocks) > 1:
             apart = [_per_interval(wave, bins.interval, len(model.blocks)) for wave in waves]
-            yield from _several(model, bins, "bias of a period, its phase another in each interval", apart)
+            yield from several(model, bins, "bias of a period, its phase another in each interval", apart)
 
 
 def _per_interval(values: Array, interval: NDArray[np.intp], count: int) -> Array:
@@ -214,7 +125,7 @@ def _on_references(model: RecordingModel) -> Iterator[Family]:
         if not options:
             continue
         widths = np.cumsum([0] + [option.shape[1] for option in options])
-        together = _unit(np.hstack(options))
+        together = unit(np.hstack(options))
         for axis in range(3):
             error = np.zeros((len(t), 3, together.shape[1]))
             error[:, axis] = together

@@ -5,6 +5,7 @@ from collections import Counter
 import numpy as np
 import pytest
 
+from diagnosis.model import bins as bins_of
 from diagnosis.model import unlisted
 from tests.diagnosis.recordings import prepared
 
@@ -16,7 +17,7 @@ def model():
 
 @pytest.fixture(scope="module")
 def bins(model):
-    return unlisted.binned(model, 8.0)
+    return bins_of.binned(model, 8.0)
 
 
 @pytest.fixture(scope="module")
@@ -35,7 +36,7 @@ def test_bins_add_up_to_the_steps(model, bins):
 
 def test_a_constant_regressor_is_the_column_of_a_bias(model, bins):
     for axis in range(3):
-        column = unlisted._observed(model, bins, axis, np.ones((len(bins.t_s), 1)))[:, 0]
+        column = bins_of.observed(model, bins, axis, np.ones((len(bins.t_s), 1)))[:, 0]
         np.testing.assert_allclose(column, model.calibration[:, 9 + axis], atol=1e-9 * np.abs(column).max())
 
 
@@ -43,7 +44,7 @@ def test_bins_change_a_slow_regressor_little(model, bins):
     """A regressor that follows the rate, of unit size, bin by bin against step by step."""
     square = model.rates[:, 1] ** 2
     exact = model.whitened(model.rate_error(np.eye(3)[None, :, 2, None] * square[:, None, None]))[:, 0]
-    binned = unlisted._observed(model, bins, 2, bins.rates[:, [1]] ** 2)[:, 0]
+    binned = bins_of.observed(model, bins, 2, bins.rates[:, [1]] ** 2)[:, 0]
     assert np.linalg.norm(binned - exact) < 0.02 * np.linalg.norm(exact)
 
 
