@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
@@ -11,6 +11,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from diagnosis.answer import Amplitudes, Cause, Finding, Verdict
+from diagnosis.detectors.spectral_lines import Line
 from diagnosis.identifiable import blind_spot
 from diagnosis.inference.amplitudes import Fitted
 from diagnosis.inference.attribution import Attribution
@@ -289,13 +290,24 @@ def _checks_note(explained: Explained) -> tuple[str, ...]:
 
 def _motion_notes(prepared: Prepared) -> tuple[str, ...]:
     """Lines in the spectrum of the samples that are no effect, gyro by gyro."""
-    found: dict[str, list[str]] = {}
-    for line in prepared.samples.motions:
-        found.setdefault(AXES[line.axis], []).append(f"{line.frequency_hz:.4f} Hz")
-    return tuple(
-        f"Gyro {axis} shows spectral lines at {', '.join(lines)}; the references follow them, so they are motions of the body"
-        for axis, lines in found.items()
+    report = prepared.samples
+    return (
+        *_of_lines(report.motions, "the references follow them, so they are motions of the body"),
+        *_of_lines(
+            report.unconfirmed,
+            "they are taken for motions of the body, which the references cannot confirm: a vibration of the gyro alone may look "
+            "the same",
+        ),
     )
+
+
+def _of_lines(lines: Sequence[Line], what: str) -> Iterator[str]:
+    """A sentence for each gyro that shows some lines."""
+    found: dict[int, list[str]] = {}
+    for line in lines:
+        found.setdefault(line.axis, []).append(f"{line.frequency_hz:.4f} Hz")
+    for axis, frequencies in sorted(found.items()):
+        yield f"Gyro {AXES[axis]} shows spectral lines at {', '.join(frequencies)}; {what}"
 
 
 def _likely(explained: Explained, settings: DiagnosisSettings) -> tuple[str, ...]:

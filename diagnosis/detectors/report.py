@@ -100,7 +100,7 @@ class SampleReport:
     zones : of the gyros whose motion seems to pass through a dead zone
     lattice : (3,) whether readings lie on one that is coarser than the noise
     lines : lines of the spectrum, before the attitude was asked whether the body moves so
-    motions : of these, those that are motions of the body
+    motions, unconfirmed : of these, those that are motions of the body as the references see, and those that are taken for such
     event_p, line_p : p-values below which a test of the samples speaks, and below which a line is one
     undecided : readings lie on a lattice, and the samples do not say whether rounded or cut
     """
@@ -116,6 +116,7 @@ class SampleReport:
     smooth: Array = field(default_factory=lambda: np.empty((0, 3)))
     lines: list[Line] = field(default_factory=list)
     motions: list[Line] = field(default_factory=list)
+    unconfirmed: list[Line] = field(default_factory=list)
     event_p: float = DEFAULT.sample_event
     line_p: float = DEFAULT.line
     undecided: bool = False

@@ -59,7 +59,7 @@ def judged_lines(report: SampleReport, model: RecordingModel, silent: Set[int] =
         if odds > 0 and line.frequency_hz < FASTEST_BIAS_HZ and _periodic_odds(line, half_rate_hz) > 0:
             continue  # the attitude has seen that the reading is wrong; what swings it so slowly is more likely a bias
         if odds <= 0:
-            report.motions.append(line)
+            (report.motions if ratio < CONFIRMED else report.unconfirmed).append(line)
             continue
         found = True
         report.rates[:, line.axis] -= line.waveform
