@@ -295,8 +295,7 @@ def _motion_notes(prepared: Prepared) -> tuple[str, ...]:
         *_of_lines(report.motions, "the references follow them, so they are motions of the body"),
         *_of_lines(
             report.unconfirmed,
-            "they are taken for motions of the body, which the references cannot confirm: a vibration of the gyro alone may look "
-            "the same",
+            "they are taken for motions of the body, which no reference can confirm: a vibration of the gyro may look the same",
         ),
     )
 

@@ -8,9 +8,9 @@ parameters of the calibration take up is projected out. The norm of what is left
 **In the samples.** Above a quarter of the sampling rate the plans have next to no motion; there the norm of the change over the
 stated noise, by the Fourier transform of each interval, is that of a filter matched to it. A Hann window keeps what a slow
 change does between its ends from leaking there. Both together, √(a² + s²), is the evidence of a change of known shape.
-What follows the motion, as a scale factor, a delay or a step of G do, has jerks where the motion has them; nobody who does not
-know the motion can tell such a jerk from the body's, so that for listed effects of that kind the attitude counts alone
-(`studies.validation.wide.world`).
+What follows the motion, as a scale factor, a dead zone, a delay or a step of G do, has jerks where the motion has them; nobody
+who does not know the motion can tell such a jerk from the body's, so that for listed effects of that kind the attitude counts
+alone (`studies.validation.wide.world`).
 
 **Of a random change** the shape is not known. With w and w' two draws of its whitened change, E|w|² = tr Λ and E(w·w')² = tr Λ²
 of its covariance Λ; r = (tr Λ)²/tr Λ² equal eigenvalues λ = tr Λ²/tr Λ have these moments, and the Kullback–Leibler divergence

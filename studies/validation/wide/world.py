@@ -81,7 +81,7 @@ class World:
     def strength(self, one: Setting) -> float:
         """Evidence of an effect."""
         effect = effect_of(one.effect)
-        if effect.implements("columns") or effect.implements("reference_columns") or effect.implements("retimed"):
+        if _has_a_shape(effect):
             seen = self.evidence.attitude if one.effect in EFFECTS else self.evidence.seen
             return float(np.linalg.norm(seen(self.difference([one]))))
         evidence, draws, levels = self.evidence, [], []
@@ -104,6 +104,12 @@ class World:
         return replace(
             plain, gyro=replace(plain.gyro, rates=rates), attitudes=replace(plain.attitudes, quaternions=quaternions)
         )
+
+
+def _has_a_shape(effect: Effect) -> bool:
+    """Whether a change is of known shape: made of columns, of a change of the tags, or, as in a dead zone, of the motion."""
+    made = ("columns", "reference_columns", "retimed")
+    return effect.symptom == "dead_zone" or any(effect.implements(one) for one in made)
 
 
 def effect_of(name: str) -> Effect:

@@ -63,6 +63,16 @@ def test_a_case_is_the_same_again_and_has_what_its_kind_says(kind):
         assert names <= set(EFFECTS)
 
 
+@pytest.mark.parametrize("name", ["rate_deadzone", "scale_quadratic"])
+def test_of_what_follows_the_motion_the_attitude_counts_alone(name):
+    """Its jerks are those of the motion, which nobody knows who has the samples only."""
+    world = small_world("free")
+    one = setting(name, "y", EFFECTS[name].prior[1])
+    seen = world.evidence.attitude(world.difference([one]))
+    assert world.strength(one) == pytest.approx(np.linalg.norm(seen)) > 0
+    assert world.strength(one) < np.linalg.norm(world.evidence.seen(world.difference([one])))
+
+
 def test_a_listed_effect_is_not_new():
     world = small_world("free")
     for axis in "xyz":
