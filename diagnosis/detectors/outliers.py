@@ -39,6 +39,8 @@ def spikes(report: SampleReport, recording: Recording, quiet: Mask, used: Mask, 
     moving = follows.sum() < RESTING * used.sum()
     if moving:
         follows = scipy.ndimage.binary_erosion(used & consecutive(recording, used), iterations=SIDE)
+    # Beside a sample that was bridged the motion is known less well than the noise says.
+    follows &= ~scipy.ndimage.binary_dilation(report.filled, iterations=len(BETWEEN) // 2)
     n = max(int(follows.sum()), 1)
     look = _in_motion if moving else _at_rest
     found = [look(report.rates[:, axis], follows, float(noise[axis]), float(steps[axis])) for axis in range(3)]
