@@ -41,6 +41,7 @@ SAYS = {  # of each statistic, with its value and what is expected
     "shape": "the innovations of all references have a kurtosis of {value:.3g}, where normal ones have {expected:.3g}",
     "correlation in time": "the innovations of all references correlate in time: χ² {value:.4g} for {expected:.4g}",
     "line of any period": "the innovations of all references have a line of {value:.3g} times their mean power",
+    "variance with the rate": "the power of the innovations of all references changes with the rate: {value:.3g} sigma",
     "dependence on the motion": "the innovations of all references follow the motion: χ² {value:.4g} for {expected:.4g}",
 }
 LAGS = 6
@@ -71,6 +72,7 @@ def misfit(model: RecordingModel, beside: Sequence[Array] = ()) -> tuple[Check, 
         "shape": _shape(e),
         "correlation in time": _correlation(e, owner),
         "line of any period": _line(e, owner),
+        "variance with the rate": _with_rate(e, np.linalg.norm(_motion(model)[later, :3], axis=1)),
         "dependence on the motion": _on_motion(e, _motion(model)[later], taken),
     }
     return tuple(Check(name, value, expected, max(p, TINY)) for name, (value, expected, p) in found.items())
@@ -189,6 +191,16 @@ def _line(e: Array, owner: Indices) -> tuple[float, float, float]:
         count += p.size
         best, tried = min(best, float(p.min())), max(tried, float(power.max()))
     return tried, float(np.log(max(count, 1))), float(-np.expm1(count * np.log1p(-best))) if best < 1 else 1.0
+
+
+def _with_rate(e: Array, rate: Array) -> tuple[float, float, float]:
+    """Slope of the squares over the rate, in its own sigmas: of numbers with the variance 2 v², v their mean."""
+    weights = rate - rate.mean()
+    if np.sum(weights**2) ** 2 < FEWEST * np.sum(weights**4):  # of a few references alone, which are not normal together
+        return 0.0, 0.0, 1.0
+    squares = np.sum(e**2, axis=1)
+    z = float(np.sum(weights * squares) / np.sqrt(2 / 3 * np.sum(weights**2)) / np.mean(squares))
+    return z, 0.0, float(2 * scipy.stats.norm.sf(abs(z)))
 
 
 def _on_motion(e: Array, motion: Array, taken: Array) -> tuple[float, float, float]:
