@@ -223,7 +223,8 @@ def explained_finely(
     """The model with finer options around those of the likeliest explanations, and the explanations found with them.
 
     A step that is tried at a few times only leaves a trace when it happened between two of them, which another step about the
-    same axis would explain. Random processes change little between their options.
+    same axis would explain. A random process has its weaker columns then; what a strong one would leave without them, another
+    process would explain.
     """
     found = search.explanations()
     search.forget()
@@ -231,7 +232,7 @@ def explained_finely(
     tried: set[int] = set()
     for explanation in found[:REFINED]:
         for member in explanation.members:
-            if member.candidate not in tried and not linear.candidate(member).process:
+            if member.candidate not in tried:
                 tried.add(member.candidate)
                 linear = linear.refine(linear, member)
     return (linear, found) if linear is search.model else (linear, Search(linear, settings, tell).explanations())

@@ -310,8 +310,8 @@ def _columns(model: RecordingModel, one: Fitted) -> Array | None:
     """(N, k) whitened columns of a named effect over all recordings; None of one that has none of its own."""
     effect = EFFECTS[one.effect]
     if one.process:
-        at, make = process_places(model, effect)
-        factor = processes.factor(effect.covariance(at, one.parameters))
+        covariance, make = process_places(model, effect)
+        factor = processes.factor(covariance(one.parameters))
         return make(model, AXES.index(str(one.axis)), factor, processes.WHOLE)
     if not effect.has_columns:
         return None

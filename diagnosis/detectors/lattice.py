@@ -36,7 +36,7 @@ ODDS = 3.0  # log odds that do
 def lattice_step(x: Array) -> float:
     """Step of the lattice all values lie on, 0 if there is none; (n,)."""
     values = np.unique(x)
-    if values.size < 3 or values.size > 0.7 * x.size:
+    if values.size < 3:
         return 0.0
     gaps = np.diff(values)
     gaps = gaps[gaps > 1e-9 * max(float(np.abs(values).max()), 1e-30)]

@@ -12,9 +12,7 @@ of their likelihoods is the odds. Where neither fits, both together may. IEEE St
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
-from math import comb
 
 import numpy as np
 import scipy.stats
@@ -49,19 +47,17 @@ class Readout:
     probability: float
 
 
-def readout(powers: Array, errors: Array, averages: Sequence[int], expected: float, order: int) -> Readout | None:
+def readout(powers: Array, errors: Array, share: Array, expected: float) -> Readout | None:
     """Readout noise, if that explains the powers better than white noise does, or nearly as well.
 
     Parameters
     ----------
-    powers, errors : (k,) C_m and their standard errors, (rad/s)²
-    averages : m
+    powers, errors : (k,) as C_m, and their standard errors, (rad/s)²
+    share : (k,) of q² that each has, as a/m
     expected : w as stated
-    order : of the differences
     """
     if len(powers) < 3 or expected <= 0:
         return None
-    share = comb(2 * order + 2, order + 1) / comb(2 * order, order) / np.asarray(averages, dtype=float)
     weight = 1 / errors
     level = float(np.sum(powers * weight**2) / np.sum(weight**2))
     white_chi2 = float(np.sum(((powers - level) * weight) ** 2))

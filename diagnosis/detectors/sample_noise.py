@@ -9,8 +9,9 @@ for angle white noise (readout noise, whose differences are the rates), more tha
 samples. IEEE Std 952, annex C.
 
 Where the body never rests, differences of the sixth and the tenth order show the level if they agree, if the spectrum is
-level up to the highest frequency, as a motion that is left in both is not, and if short blocks have powers that scatter no more
-than those of white noise, as they do where the motion has jerks. Nothing is said of the colour then.
+level up to the highest frequency or rises as that of readout noise, as a motion that is left in both is not, and if short
+blocks have powers that scatter no more than those of white noise, as they do where the motion has jerks. Nothing is said of the
+colour then.
 """
 
 from __future__ import annotations
@@ -43,6 +44,8 @@ AVERAGED = 4  # samples in the means that show the colour
 FEWEST = 200  # differences, below which nothing is said
 BLOCK = 32  # samples whose spectrum is looked at
 BAND = 4  # cosines of it in a band
+MEDIAN, MEDIAN_SPREAD = 0.839, 0.90  # of χ² with as many degrees of freedom, over these; relative variance of that of many
+SINGLE_SPREAD = 5.43  # the same with one degree of freedom
 FEWEST_BLOCKS = 12
 FLAT = 4.0  # sigmas between the highest and the lowest of four bands of white noise, at most
 TRIM = 5.0  # robust sigmas beyond which a difference does not count
@@ -102,16 +105,25 @@ def level(x: Array, usable: list[tuple[int, int]]) -> Level | None:
     return Level(fine, error, colour, colour * float(np.hypot(error / fine, coarse_error / coarse)))
 
 
-def level_in_motion(x: Array, usable: list[tuple[int, int]]) -> Level | None:
-    """Level of the noise of some runs of samples that hold a motion; None where it shows in the differences, too."""
+def level_in_motion(x: Array, usable: list[tuple[int, int]], expected: float) -> tuple[Level, Readout | None] | None:
+    """Level of the noise of some runs of samples that hold a motion, and readout noise if it is that.
+
+    None where the motion shows in the differences, too: then they have no level, or not the same one in all blocks.
+    """
     parts = [x[low:high] for low, high in usable]
     (low, _, n), (high, high_error, _) = (_mean_square(parts, order) for order in IN_MOTION)
-    if n < FEWEST or not agree(low, high, IN_MOTION, n):
-        return None
     blocks = _blocks(parts)
-    if not _is_flat(blocks) or not _is_even(blocks):
+    if n < FEWEST or len(blocks) < FEWEST_BLOCKS:
         return None
-    return Level(high, high_error, float("nan"), float("nan"))
+    bands = _bands(blocks)
+    powers = np.median(blocks**2, axis=0) / scipy.stats.chi2(1).median()
+    reading = readout(powers, powers * np.sqrt(SINGLE_SPREAD / len(blocks)), _READ_OUT, expected)
+    white = agree(low, high, IN_MOTION, n) and np.ptp(bands) < FLAT * np.sqrt(2 * MEDIAN_SPREAD / len(blocks)) * bands.min()
+    if not white and (reading is None or reading.probability < 0.5):
+        return None
+    if not _is_even(blocks / np.sqrt(powers)):
+        return None
+    return Level(high, high_error, float("nan"), float("nan")), reading
 
 
 def readout_of(x: Array, usable: list[tuple[int, int]], expected: float) -> Readout | None:
@@ -126,7 +138,9 @@ def readout_of(x: Array, usable: list[tuple[int, int]], expected: float) -> Read
             powers.append(m * power)
             errors.append(m * error)
             averages.append(m)
-    return readout(np.array(powers), np.array(errors), averages, expected, ORDERS[-1])
+    order = ORDERS[-1]
+    share = math.comb(2 * order + 2, order + 1) / math.comb(2 * order, order) / np.array(averages, dtype=float)
+    return readout(np.array(powers), np.array(errors), share, expected)
 
 
 def _differences(x: Array, order: int) -> Array:
@@ -153,29 +167,31 @@ def _blocks(parts: list[Array]) -> Array:
     return np.concatenate([np.empty((0, BLOCK)), *whole]) @ _WHITE.T
 
 
+def _covariance(order: int) -> Array:
+    """(BLOCK, BLOCK) of differences of white noise of unit variance."""
+    kernel = np.array([(-1.0) ** k * math.comb(order, k) for k in range(order + 1)])
+    lags = np.correlate(kernel, kernel, "full")[order:]
+    return np.asarray(scipy.linalg.toeplitz(np.append(lags, np.zeros(BLOCK - lags.size))))
+
+
 def _white_cosines() -> Array:
     """(BLOCK/2, BLOCK) from differences to coefficients that are independent under white noise."""
-    kernel = np.array([(-1.0) ** k * math.comb(IN_MOTION[0], k) for k in range(IN_MOTION[0] + 1)])
-    lags = np.correlate(kernel, kernel, "full")[IN_MOTION[0] :]
     cosines = scipy.fft.dct(np.eye(BLOCK), axis=0, norm="ortho")[BLOCK // 2 :][::-1]
-    covariance = scipy.linalg.toeplitz(np.append(lags, np.zeros(BLOCK - lags.size)))
-    factor = np.linalg.cholesky(cosines @ covariance @ cosines.T)
+    factor = np.linalg.cholesky(cosines @ _covariance(IN_MOTION[0]) @ cosines.T)
     return np.asarray(scipy.linalg.solve_triangular(factor, cosines, lower=True))
 
 
 _WHITE = _white_cosines()
+# Power of each of readings of the angle with unit variance, whose differences the rates are.
+_READ_OUT = np.diag(_WHITE @ _covariance(IN_MOTION[0] + 1) @ _WHITE.T).copy()
 
 
-def _is_flat(blocks: Array) -> bool:
-    """Whether the upper half of the spectrum is level, as that of white noise is and that of a motion is not.
+def _bands(blocks: Array) -> Array:
+    """Power in bands of the upper half of the spectrum, from the highest down, as medians over the blocks.
 
-    Medians over the blocks of the power in bands of four coefficients each: of χ² with four degrees of freedom, whose median
-    has the relative variance 0.90 over the number of blocks.
+    Of χ² with four degrees of freedom over four, whose median is 0.839 with the relative variance 0.90 over their number.
     """
-    if len(blocks) < FEWEST_BLOCKS:
-        return False
-    bands = np.median((blocks**2).reshape(len(blocks), -1, BAND).mean(axis=2), axis=0)
-    return bool(np.ptp(bands) < FLAT * np.sqrt(2 * 0.90 / len(blocks)) * bands.min())
+    return np.asarray(np.median((blocks**2).reshape(len(blocks), -1, BAND).mean(axis=2), axis=0) / MEDIAN)
 
 
 def _is_even(blocks: Array) -> bool:
@@ -222,7 +238,7 @@ def noise(
     cut: Mask,
 ) -> None:
     """Level and colour of the noise of each axis, beside the lines of the spectrum; `cut` are those that may be cut."""
-    measured = ~scipy.ndimage.binary_dilation(report.filled, iterations=2)
+    measured = ~scipy.ndimage.binary_dilation(report.filled | report.clipped, iterations=2)
     usable = arcs(quiet & consecutive(recording, quiet) & measured)
     moving = arcs(used & consecutive(recording, used) & measured)
     found: dict[int, Level] = {}
@@ -233,10 +249,11 @@ def noise(
         x = report.rates[:, axis] - sum((line.waveform for line in report.lines if line.axis == axis), 0.0)
         away = off_zero(x, steps[axis], sigma) if cut[axis] else np.ones(x.size, dtype=bool)
         rests = arcs(quiet & consecutive(recording, quiet) & measured & away) if cut[axis] else usable
-        one, shown, order = level(x, rests), rests, ORDERS[0]
+        one, reading, shown, order = level(x, rests), None, rests, ORDERS[0]
         if one is None:
             rest = arcs(used & consecutive(recording, used) & measured & away) if cut[axis] else moving
-            one, shown, order = level_in_motion(x, rest), rest, IN_MOTION[0]
+            in_motion = level_in_motion(x, rest, sigma**2)
+            (one, reading), shown, order = in_motion or (None, None), rest, IN_MOTION[0]
         if one is None or (coarse[axis] and one.variance < RESOLVED * steps[axis] ** 2):
             continue
         expected = sigma**2 + (steps[axis] ** 2 / 12 if coarse[axis] else 0.0)
@@ -266,7 +283,7 @@ def noise(
         if p < report.event_p and not coarse[axis]:
             alike[axis] = of_noise([x[low:high] for low, high in shown], order)
         if p < report.event_p and factor > 1 and not coarse[axis]:
-            reading = readout_of(x, usable, expected)
+            reading = readout_of(x, usable, expected) if order == ORDERS[0] else reading
             if reading is not None and reading.probability < 0.5:
                 undecided.add(axis)
             elif reading is not None:

@@ -35,7 +35,7 @@ from diagnosis.model.periods import Found
 from diagnosis.model.recording import RecordingModel
 from diagnosis.model.swings import columns_of, period_parameters, swing_columns, with_finer_periods
 from diagnosis.settings import DEFAULT, DiagnosisSettings
-from simulator.effects.base import Effect, ProcessTimes, Surroundings, Value
+from simulator.effects.base import Effect, Surroundings, Value
 
 Array = NDArray[np.float64]
 
@@ -286,18 +286,22 @@ def switched_group(model: RecordingModel, effect: Effect, axis: str | None, arou
     return group_of(effect, axis, columns, parameters, shares)
 
 
-def process_places(model: RecordingModel, effect: Effect) -> tuple[ProcessTimes, Callable[..., Array]]:
-    """The times at which a random process takes its values, and what makes columns of a factor of its covariance there."""
+def process_places(
+    model: RecordingModel, effect: Effect
+) -> tuple[Callable[[Mapping[str, Value]], Array], Callable[..., Array]]:
+    """Covariance of a random process where it is seen, by its parameters, and what makes columns of a factor of that."""
     if effect.on_references:
-        return processes.reference_times(model), processes.on_references
-    return processes.cell_times(model), processes.on_cells
+        nodes, first = processes.reference_nodes(model)
+        return lambda parameters: processes.averaged(effect.covariance(nodes, parameters), first), processes.on_references
+    cells = processes.cell_times(model)
+    return lambda parameters: effect.covariance(cells, parameters), processes.on_cells
 
 
 def process_groups(model: RecordingModel, effect: Effect, around: Surroundings) -> Iterator[Group]:
     """A random process about each axis."""
     trials = effect.trials(around)
-    at, make = process_places(model, effect)
-    factors = [processes.factor(effect.covariance(at, trial.parameters)) for trial in trials]
+    covariance, make = process_places(model, effect)
+    factors = [processes.factor(covariance(trial.parameters)) for trial in trials]
     for number, axis in enumerate(effect.axes):
         columns = [make(model, number, factor) for factor in factors]
         group = group_of(effect, axis, columns, [dict(t.parameters) for t in trials], [t.weight for t in trials])
@@ -411,34 +415,48 @@ def scanned_group(model: RecordingModel, effect: Effect, axis: str, found: Found
 
 
 def with_finer_process(model: RecordingModel, linear: LinearModel, member: Member, effect: Effect) -> LinearModel:
-    """The linear model with a random process as a whole at the option where a member is held, and at some beside it.
+    """The linear model with a random process as a whole at the option where a member is held, and at those beside it.
 
-    Those beside it are halfway in log between its parameter and its neighbours', and share its prior; an effect whose options
-    differ in more than one number, or not in numbers, has none.
+    Between them, halfway in log between its parameter and its neighbours', are further ones that share its prior; an effect
+    whose options differ in more than one number, or not in numbers, has no neighbours.
     """
     entry, held = linear.candidate(member), linear.option(member)
-    parameters = [held.parameters, *_halfway(entry, held)]
-    times, make = process_places(model, effect)
-    number, weight, start = AXES.index(str(entry.axis)), held.log_weight - float(np.log(len(parameters))), linear.W.shape[1]
-    columns, made = [], []
-    for one in parameters:
-        columns.append(make(model, number, processes.factor(effect.covariance(times, one)), processes.WHOLE))
-        made.append(Option(start, columns[-1].shape[1], weight, one))
+    beside = _beside(entry, held)
+    halfway = [_between(held.parameters, entry.options[one].parameters) for one in beside]
+    covariance, make = process_places(model, effect)
+    number, weight, start = AXES.index(str(entry.axis)), held.log_weight - float(np.log(1 + len(halfway))), linear.W.shape[1]
+    options, columns = list(entry.options), []
+    wanted = [
+        (member.option, held.parameters, weight),
+        *((one, entry.options[one].parameters, entry.options[one].log_weight) for one in beside),
+        *((None, parameters, weight) for parameters in halfway),
+    ]
+    for place, parameters, own in wanted:
+        columns.append(make(model, number, processes.factor(covariance(parameters)), processes.WHOLE))
+        made = Option(start, columns[-1].shape[1], own, dict(parameters))
+        if place is None:
+            options.append(made)
+        else:
+            options[place] = made
         start += columns[-1].shape[1]
-    options = list(entry.options)
-    options[member.option] = made[0]
     W = np.hstack(columns)
-    return linear.with_options(member.candidate, [*options, *made[1:]], W, model.projected(W))
+    return linear.with_options(member.candidate, options, W, model.projected(W))
 
 
-def _halfway(entry: Candidate, held: Option) -> list[Parameters]:
-    """Parameters halfway in log between those of an option and its neighbours."""
+def _beside(entry: Candidate, held: Option) -> list[int]:
+    """Options whose one parameter is next to that of an option, below and above it."""
     if len(held.parameters) != 1 or any(isinstance(value, str) for value in held.parameters.values()):
         return []
-    ((name, at),) = held.parameters.items()
-    tried = sorted({float(option.parameters[name]) for option in entry.options})
-    place = tried.index(float(at))
-    return [{name: float(np.sqrt(one * tried[place]))} for one in tried[max(place - 1, 0) : place + 2] if one != tried[place]]
+    (name,) = held.parameters
+    order = sorted(range(len(entry.options)), key=lambda one: float(entry.options[one].parameters[name]))
+    place = next(k for k, one in enumerate(order) if entry.options[one] is held)
+    return [order[k] for k in (place - 1, place + 1) if 0 <= k < len(order)]
+
+
+def _between(one: Parameters, other: Parameters) -> Parameters:
+    """The parameter halfway in log between two."""
+    ((name, low),), ((_, high),) = one.items(), other.items()
+    return {name: float(np.sqrt(float(low) * float(high)))}
 
 
 # ---- unlisted rivals -----------------------------------------------------------------------------------------------------

@@ -32,6 +32,7 @@ INFORMATION = 0.95  # share of Σ λ² that the columns have together at least
 WHOLE = 0.9999  # the same where what a process leaves over is looked at
 USUAL_COLUMNS = 72  # that are kept whatever they share
 MOST_COLUMNS = 400
+NODES = 4  # references of an observation at which a process is taken
 
 
 @dataclass(frozen=True)
@@ -64,6 +65,32 @@ def reference_times(model: RecordingModel) -> ProcessTimes:
     return ProcessTimes(t_s=t_s, run_s=t_s - begins[interval] + ends[interval], interval=interval)
 
 
+def reference_nodes(model: RecordingModel) -> tuple[ProcessTimes, NDArray[np.intp]]:
+    """Times of some references of each observation, and the first of each observation among them.
+
+    A process that changes while references are averaged has less of it in their mean, and no sharp peak of its covariance.
+    """
+    counts = np.concatenate([block.counts for block in model.blocks])
+    middle = model.reference_rows_of_observations
+    first = middle - counts // 2
+    chosen = [a + np.linspace(0, n - 1, min(n, NODES)).round().astype(np.intp) for a, n in zip(first, counts, strict=True)]
+    rows = np.concatenate(chosen)
+    t_s, interval = model.references.t_s[rows], model.interval_of_reference[rows]
+    ends = np.cumsum([0.0, *(float(block.elapsed_s[-1]) for block in model.blocks)])
+    begins = np.array([model.references.t_s[model.interval_of_reference == number][0] for number in range(len(model.blocks))])
+    owner = np.cumsum([0, *(len(one) for one in chosen[:-1])])
+    return ProcessTimes(t_s=t_s, run_s=t_s - begins[interval] + ends[interval], interval=interval), owner
+
+
+def averaged(K: Array, first: NDArray[np.intp]) -> Array:
+    """(r, r) covariance of the means of consecutive nodes, from that of the nodes (q, q)."""
+    if len(first) == len(K):
+        return K
+    counts = np.diff(np.append(first, len(K)))
+    sums = np.add.reduceat(np.add.reduceat(K, first, axis=0), first, axis=1)
+    return np.asarray(sums / np.outer(counts, counts))
+
+
 def markov(t: Array, tau: float) -> Array:
     """Covariance of a first-order Markov process of unit variance at times t."""
     return np.asarray(np.exp(-np.abs(np.subtract.outer(t, t)) / tau))
@@ -90,12 +117,13 @@ def orthogonal(columns: Array, gram: Array, F: Array, share: float = INFORMATION
     gram : (c, c) their products once projected
     F : (c, k) factor of the covariance
     share : of the information that is kept
-    most : columns
+    most : columns, where not the whole of it is wanted
     """
     if not F.shape[1]:  # a covariance of zero, such as that of a walk over cells of one time
         return columns[:, :0]
     moved = F.T @ gram @ F
     information = share * float(np.sum(moved**2))
+    most = most if share == INFORMATION else len(moved)
     if share == INFORMATION:
         # Divide and conquer finds all eigenvectors in a quarter of the time that others need for the strongest alone.
         values, vectors = np.linalg.eigh(moved)
