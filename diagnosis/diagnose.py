@@ -133,7 +133,7 @@ def explain(
         model, effects, dead_zone_groups(prepared, effects), settings, tell=counted(tell, "candidates", 0.1, 0.3, 100)
     )
 
-    left = misfit(model)
+    left = misfit(model) if prepared.is_white else ()
     by_name = {effect.name: effect for effect in effects}
 
     def check(found: LinearModel, members: tuple[Member, ...]) -> tuple[Check, ...]:
@@ -149,6 +149,8 @@ def _left_beside(
 ) -> tuple[Check, ...]:
     """What M0 with the named effects leaves of all references, where columns at one set of parameters describe them all."""
     beside = []
+    if not prepared.is_white:
+        return ()
     for member in members:
         entry, effect = linear.candidate(member), effects.get(linear.candidate(member).effect)
         if effect is None or entry.process or not effect.has_columns or effect.stage == "clock":

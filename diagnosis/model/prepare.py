@@ -64,6 +64,11 @@ class Prepared:
     notes: tuple[str, ...]
     tracker_noise: tuple[tuple[str, ReferenceNoise], ...] = ()
 
+    @property
+    def is_white(self) -> bool:
+        """Whether the readings have white noise; those on a lattice coarser than it have errors that are not."""
+        return not (self.samples.lattice | self.samples.hidden).any()
+
 
 def prepare(recording: Recording, settings: DiagnosisSettings = DEFAULT, tell: Progress = lambda text, share: None) -> Prepared:
     """Examine the samples, calibrate under M0 by Gauss–Newton on the linear model, and linearise there.

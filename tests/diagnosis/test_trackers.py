@@ -95,8 +95,9 @@ def test_covariance_of_observations_that_do_not_overlap_is_the_same_by_both_ways
     elapsed = np.sort(rng.uniform(0, 100, 8))
     walk = 1e-9 * elapsed[:, None, None] * np.diag([1.0, 2.0, 3.0])
     A_T, sigma, groups = np.linalg.qr(rng.normal(size=(8, 3, 3)))[0], rng.uniform(1e-5, 1e-4, (8, 3)), np.array([0, 3, 5])
-    direct = _covariance(A_T, sigma, walk, groups, elapsed)
-    assert np.allclose(_overlapping(A_T, sigma, walk, groups, elapsed), direct, rtol=1e-12, atol=1e-24)
+    errors = np.einsum("mij,mj,mkj->mik", A_T, sigma**2, A_T)
+    direct = _covariance(errors, walk, groups, elapsed)
+    assert np.allclose(_overlapping(errors, walk, groups, elapsed), direct, rtol=1e-12, atol=1e-24)
 
 
 def test_many_references_are_averaged_tracker_by_tracker():
