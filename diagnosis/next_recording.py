@@ -37,9 +37,10 @@ from diagnosis.model.folds import Conditioned, conditioned
 from diagnosis.model.gate import check_residuals
 from diagnosis.model.layout import layout
 from diagnosis.model.linear import LinearModel, Member
+from diagnosis.model.linearise import linearised
 from diagnosis.model.localization import chi2
 from diagnosis.model.prepare import Prepared, Progress, check_usable, prepare, unclipped
-from diagnosis.model.recording import RecordingModel, linearised
+from diagnosis.model.recording import RecordingModel
 from diagnosis.model.swings import columns_of
 from diagnosis.model.unit import Unit, joined, own_biases, unit_model
 from diagnosis.settings import DEFAULT, DiagnosisSettings

@@ -19,8 +19,9 @@ from diagnosis.detectors.reference_noise import ReferenceNoise, ReferenceSeries,
 from diagnosis.detectors.report import SampleReport, inside
 from diagnosis.detectors.samples import examine, smoothed_rates
 from diagnosis.model.gate import check_residuals
+from diagnosis.model.linearise import linearised
 from diagnosis.model.lines import judged_lines
-from diagnosis.model.recording import RecordingModel, linearised
+from diagnosis.model.recording import RecordingModel
 from diagnosis.model.tracker_noise import alike, series_of
 from diagnosis.settings import DEFAULT, DiagnosisSettings
 from gyrocal.calibration.gate import LargeResidualError

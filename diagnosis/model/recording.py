@@ -27,16 +27,12 @@ noise that all blocks share: with their columns L⁻¹ C, whitened by the factor
 
 (U, s the singular vectors and values of L⁻¹ C P^½), and S^−½ L⁻¹ whitens all.
 
-Long recordings are condensed in two ways, neither of which touches the propagation itself. Columns are made on *steps*, each of
-one or more samples with their mean rate, of which there are at most `MOST_STEPS`. Where there are more than `MOST_OBSERVATIONS`
-references, neighbouring ones are averaged to one observation; with W_i the covariance of g at the i-th of n references that are
-averaged (counted from zero), the mean has the walk covariance Σ_i (2(n − i) − 1) W_i/n², and its covariance with any later
-observation is Σ_i W_i/n.
+Long recordings are condensed to fewer steps and observations (`diagnosis.model.linearise`).
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import pairwise
@@ -44,14 +40,9 @@ from itertools import pairwise
 import numpy as np
 import scipy.linalg
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
-from diagnosis.model.true_path import true_path
-from gyrocal.calibration.propagation import Arcs, propagate
-from gyrocal.calibration.sampling import Measurements, measurements
 from gyrocal.calibration.trackers import Mountings
-from gyrocal.recording import Attitudes, Interval, Recording, reference_rows
-from gyrocal.recording.trackers import kept_rows, to_axes
+from gyrocal.recording import Recording
 from simulator.effects import References, Stream, Surroundings, forward_axes
 from simulator.effects.recorded import housekeeping_at
 from simulator.effects.sky import trackers_of
@@ -60,9 +51,6 @@ Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
 
 MOST_CELLS = 320  # cells of a recording; random processes cost the cube of it
-MOST_STEPS = 60_000  # steps on which columns are made
-MOST_OBSERVATIONS = 500  # attitudes that enter the model; its cost grows with the square of them
-FEWEST_OBSERVATIONS = 10  # of an interval that are left by averaging; with few of them its motion would be lost
 AT_ONCE = 1024  # columns that are projected together
 RANK = 1e-9  # relative size below which a nuisance column adds nothing to the others
 
@@ -464,207 +452,9 @@ class RecordingModel:
         return np.stack([self.whitened(part) for part in out])
 
 
-def linearised(
-    recording: Recording,
-    G: Array,
-    bias: Array,
-    rates: Array | None = None,
-    smooth: Array | None = None,
-    density: Array | None = None,
-    pieces: Sequence[Interval] | None = None,
-    sigma: Array | None = None,
-) -> RecordingModel:
-    """The linear model of a recording.
-
-    Parameters
-    ----------
-    recording : gyro stream and reference attitudes
-    G, bias : (3, 3), (3,) rad/s: the parameters to linearise about, usually calibrated under M0
-    rates : (samples, 3) raw rates in place of the recording's own, such as repaired ones
-    smooth : (samples, 3) the same without noise, for the columns; a column that holds the noise of the residuals explains it
-    density : (samples, 3) noise density of the raw rates in place of the stated ARW², rad²/s
-    pieces : intervals to propagate over in place of the recording's own, such as its parts between clipped samples
-    sigma : (references, 3) sigma of the references in place of the stated one, rad
-    """
-    parts, row_of = _measured(recording, pieces)
-    stream = recording.gyro.rates if rates is None else rates
-    shown = stream if smooth is None else smooth
-    sigmas = recording.attitudes.sigma if sigma is None else sigma
-    tags = recording.gyro.t_s
-    references_each = max(1, -(-parts.row.size // MOST_OBSERVATIONS))
-    edges, first, last, arc = _steps(parts)
-    run = propagate(Arcs(stream, parts.arcs.dt, parts.arcs.sample, first, last, arc), G, bias)
-    blocks: list[Block] = []
-    made: list[tuple[Array, ...]] = []
-    rows = steps = 0
-    for number, own in enumerate(edges):
-        outputs = np.flatnonzero(parts.arcs.arc == number)
-        references = row_of[np.append(parts.start[outputs[0]], parts.row[outputs])]
-        order, groups = _gathered(recording.attitudes, references, references_each)
-        samples = parts.arcs.sample[own[0] : own[-1]]
-        dt = parts.arcs.dt[own[0] : own[-1]]
-        begin = own[:-1] - own[0]
-        length = np.add.reduceat(dt, begin)
-        raw = np.add.reduceat(shown[samples] * dt[:, None], begin, axis=0) / length[:, None]
-        angles = np.add.reduceat(stream[samples] * dt[:, None], begin, axis=0) @ G.T + np.outer(length, bias)
-        start = Rotation.from_quat(recording.attitudes.quaternions[references[0]])  # as a matrix, Aᵀ
-        turned = run.R[arc == number]
-        A_T = start.as_matrix() @ np.concatenate([np.eye(3)[None], turned.transpose(0, 2, 1)])
-        middle = A_T[:-1] @ Rotation.from_rotvec(0.5 * angles).as_matrix()
-        ends = np.searchsorted(own, np.append(own[0], parts.arcs.last[outputs]))
-        at = A_T[ends]
-        observed = Rotation.from_quat(recording.attitudes.quaternions[references]).inv()
-        theta = (observed * Rotation.from_matrix(at)).as_rotvec()
-        off = -np.einsum("mij,mj->mi", at, theta)
-        path, zeta = true_path(off, sigmas[references]), off
-        if path is not None:
-            zeta, at, middle = path.errors, path.turned(at), path.between(ends) @ middle
-        elapsed = np.append(0.0, parts.elapsed_s[outputs])
-        began = tags[samples[0]] + _offset(tags[samples[0]], recording.attitudes.t_s[references[0]])
-        references, ends, elapsed = references[order], ends[order], elapsed[order]
-        at, zeta, off = at[order], zeta[order], off[order]
-        t_s = began + np.cumsum(length) - 0.5 * length
-        if density is None:
-            walk = recording.gyro.arw**2 * elapsed[:, None, None] * np.eye(3)
-        else:
-            power = np.add.reduceat(density[samples] * dt[:, None], begin, axis=0)
-            walk = _walk(middle @ G, power, ends)
-        axes = _own_axes(recording.attitudes, references, at)
-        errors = np.einsum("mij,mj,mkj->mik", axes, sigmas[references] ** 2, axes)
-        V = _covariance(errors, walk, groups, elapsed)
-        whitener = np.asarray(np.linalg.cholesky(V))
-        times = recording.attitudes.t_s[references]
-        middle_time = 0.5 * (times.min() + times.max())
-        interval = next(k for k, one in enumerate(recording.intervals) if one.start_s <= middle_time <= one.stop_s)
-        stop = rows + 3 * groups.size
-        block = Block(
-            interval, slice(steps, steps + begin.size), slice(rows, stop), references, ends, elapsed, groups, whitener
-        )
-        made.append((t_s, length, raw, middle, at, block.observed(zeta).ravel(), zeta, off, errors, walk))
-        blocks.append(block)
-        rows, steps = stop, steps + begin.size
-    t_s, dt, raw, to_inertial, at_reference, observations, residuals, off, errors, walks = (
-        np.concatenate(values) for values in zip(*made, strict=True)
-    )
-    rates = raw @ G.T + bias
-    return RecordingModel(
-        recording,
-        G,
-        bias,
-        t_s,
-        dt,
-        raw,
-        rates,
-        to_inertial,
-        at_reference,
-        tuple(blocks),
-        observations,
-        residuals,
-        off,
-        errors,
-        walks,
-    )
-
-
 def _totals(increments: Array, block: Block) -> Array:
     """Sums of increments up to each reference of a block, (n, 3, k) of all steps → (m, 3, k)."""
     ends, place = np.unique(block.ends, return_inverse=True)  # several sensors may have a reference at one time
     parts = np.add.reduceat(increments[block.steps], ends[:-1], axis=0)
     total = np.concatenate([np.zeros((1, *parts.shape[1:])), np.cumsum(parts, axis=0)])
     return np.asarray(total[place])
-
-
-def _steps(parts: Measurements) -> tuple[list[Indices], Indices, Indices, Indices]:
-    """Edges of the steps of each arc among its samples, and the arcs that have an output at each of them."""
-    each = max(1, -(-parts.arcs.dt.size // MOST_STEPS))
-    edges, firsts, lasts, arcs = [], [], [], []
-    for number in range(int(parts.arcs.arc[-1]) + 1):
-        outputs = np.flatnonzero(parts.arcs.arc == number)
-        low, stops = int(parts.arcs.first[outputs[0]]), parts.arcs.last[outputs]
-        # Counted afresh from every reference, so that no step reaches across one.
-        between = [np.arange(a, b, each) for a, b in pairwise([low, *stops.tolist()])]
-        own = np.append(np.concatenate(between), stops[-1])
-        edges.append(own)
-        firsts.append(own[:-1])
-        lasts.append(own[1:])
-        arcs.append(np.full(own.size - 1, number))
-    return edges, np.concatenate(firsts), np.concatenate(lasts), np.concatenate(arcs)
-
-
-def _measured(recording: Recording, pieces: Sequence[Interval] | None) -> tuple[Measurements, Indices]:
-    """The arcs of some pieces, and the recording's row of each reference they count."""
-    attitudes = recording.attitudes
-    if pieces is None:
-        return measurements(recording), np.arange(attitudes.t_s.size)
-    rows = np.unique(np.concatenate([reference_rows(attitudes.t_s, piece) for piece in pieces]))
-    return measurements(replace(recording, intervals=tuple(pieces), attitudes=kept_rows(attitudes, rows))), rows
-
-
-def _gathered(attitudes: Attitudes, references: Indices, each: int) -> tuple[Indices, Indices]:
-    """The references of an interval in the order in which they are averaged, and the first of each observation.
-
-    Neighbours of one sensor are averaged, so that what sensors differ in is not lost.
-    """
-    count = references.size
-    width = max(1, min(each, count // FEWEST_OBSERVATIONS))
-    if attitudes.sensor is None or width == 1:
-        return np.arange(count), np.arange(0, count, width)
-    sensor, observation = attitudes.sensor[references], np.empty(count, dtype=np.intp)
-    for one in np.unique(sensor):
-        own = np.flatnonzero(sensor == one)
-        observation[own] = own[np.arange(own.size) // width * width]  # named by its first reference
-    order = np.argsort(observation, kind="stable")
-    return order, np.unique(observation[order], return_index=True)[1]
-
-
-def _own_axes(attitudes: Attitudes, references: Indices, A_T: Array) -> Array:
-    """(m, 3, 3) from the axes in which each reference's sigmas are to inertial ones."""
-    return A_T if attitudes.sensor is None else A_T @ to_axes(attitudes)[references].transpose(0, 2, 1)
-
-
-def _offset(tag: float, first: float) -> float:
-    """From the tag of the first sample to the first reference, where the first step begins."""
-    return first - tag
-
-
-def _walk(turned: Array, power: Array, ends: Indices) -> Array:
-    """(m, 3, 3) covariance of the integrated gyro noise at each reference; power (n, 3) in rad², of each step."""
-    ends, place = np.unique(ends, return_inverse=True)
-    added = np.matmul(turned * power[:, None, :], turned.transpose(0, 2, 1))
-    total = np.cumsum(np.add.reduceat(added, ends[:-1], axis=0), axis=0)
-    return np.concatenate([np.zeros((1, 3, 3)), total])[place]
-
-
-def _covariance(errors: Array, walk: Array, groups: Indices, elapsed: Array) -> Array:
-    """(3r, 3r) covariance of an interval's observations, from (m, 3, 3) of its references, as the module's text has it.
-
-    Where observations of several sensors overlap in time, the covariance of two is Σ_k f_ak f_bk ΔW_k over the stretches k
-    between references, f the share of an observation's references that come after a stretch.
-    """
-    if (np.diff(elapsed) < 0).any():
-        return _overlapping(errors, walk, groups, elapsed)
-    counts = np.diff(np.append(groups, len(walk)))
-    within = np.arange(len(walk)) - np.repeat(groups, counts)
-    share = np.repeat(counts, counts)
-    # Covariance of each observation with any later one, and with itself.
-    later = np.add.reduceat(walk / share[:, None, None], groups, axis=0)
-    weights = (2 * (share - within) - 1) / share**2
-    own = np.add.reduceat(walk * weights[:, None, None], groups, axis=0)
-    own += np.add.reduceat(errors / (share**2)[:, None, None], groups, axis=0)
-    count = groups.size
-    V = np.array(later[np.minimum.outer(np.arange(count), np.arange(count))])  # (r, r, 3, 3)
-    V[np.arange(count), np.arange(count)] = own
-    return np.asarray(V.transpose(0, 2, 1, 3).reshape(3 * count, 3 * count))
-
-
-def _overlapping(errors: Array, walk: Array, groups: Indices, elapsed: Array) -> Array:
-    """As `_covariance` for references in any order."""
-    counts = np.diff(np.append(groups, len(walk)))
-    order = np.argsort(elapsed, kind="stable")
-    steps = np.diff(walk[order], axis=0, prepend=np.zeros((1, 3, 3)))
-    later = np.add.reduceat((elapsed[:, None] >= elapsed[order]).astype(float), groups, axis=0) / counts[:, None]  # f (r, m)
-    count = groups.size
-    V = np.einsum("ak,kij,bk->aibj", later, steps, later, optimize=True)
-    noise = errors / (np.repeat(counts, counts) ** 2)[:, None, None]
-    V[np.arange(count), :, np.arange(count)] += np.add.reduceat(noise, groups, axis=0)
-    return np.asarray(V.reshape(3 * count, 3 * count))

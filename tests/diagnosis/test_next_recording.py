@@ -8,7 +8,7 @@ import scipy.stats
 
 from diagnosis import next_recording
 from diagnosis.model.folds import BROAD
-from diagnosis.model.recording import linearised
+from diagnosis.model.linearise import linearised
 from diagnosis.model.swings import columns_of
 from diagnosis.model.unit import joined
 from diagnosis.next_recording import compared, foretell

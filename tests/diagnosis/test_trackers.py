@@ -6,8 +6,8 @@ import pytest
 import simulator
 from diagnosis.diagnose import diagnose
 from diagnosis.model.folds import BROAD, START, joint_covariance, unwhitened
+from diagnosis.model.linearise import MOST_OBSERVATIONS, _covariance, _overlapping, linearised
 from diagnosis.model.localization import body_residuals, statistics
-from diagnosis.model.recording import MOST_OBSERVATIONS, _covariance, _overlapping, linearised
 from gyrocal.calibration.observability import PLAUSIBLE_RANGE
 from simulator.effects import TRACKER_EFFECTS, parse
 from tests.tracker_cases import AGILE, ESTIMATED, TETRAHEDRON, TURNED_DEG

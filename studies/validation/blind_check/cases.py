@@ -18,7 +18,8 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field
 
-from diagnosis.model.recording import RecordingModel, linearised
+from diagnosis.model.linearise import linearised
+from diagnosis.model.recording import RecordingModel
 from gyrocal.errors import InputError
 from gyrocal.recording import Recording
 from simulator.effects import EFFECTS, Setting, Surroundings, setting

@@ -25,8 +25,8 @@ from scipy.optimize import brentq
 
 from diagnosis.diagnose import diagnose
 from diagnosis.model.gyros import ArrayModel
+from diagnosis.model.linearise import linearised
 from diagnosis.model.parity import parity_model
-from diagnosis.model.recording import linearised
 from diagnosis.result import Diagnosis
 from gyrocal import GyroArray, calibrate_gyros
 from gyrocal.errors import InputError

@@ -11,7 +11,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from diagnosis.model.recording import linearised
+from diagnosis.model.linearise import linearised
 from diagnosis.model.unit import joined
 from diagnosis.next_recording import compared
 from gyrocal import GyroParameters, InputError, attitude, calibrate, calibrate_gyros

@@ -16,7 +16,8 @@ from diagnosis.inference.amplitudes import fit
 from diagnosis.model.calibration import calibrated
 from diagnosis.model.candidates import plain_group
 from diagnosis.model.linear import Member
-from diagnosis.model.recording import RecordingModel, linearised
+from diagnosis.model.linearise import linearised
+from diagnosis.model.recording import RecordingModel
 from diagnosis.model.unit import joined, unit_model
 from gyrocal import Recording
 from simulator.effects.gyro import rate_lag, rate_truncation, stale_samples, time_offset

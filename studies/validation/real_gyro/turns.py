@@ -9,7 +9,7 @@ import numpy as np
 import pandas as pd
 from scipy.spatial.transform import Rotation
 
-from diagnosis.model.recording import linearised
+from diagnosis.model.linearise import linearised
 from gyrocal import Attitudes, Interval
 from studies.report.tables import by_group
 from studies.validation.real_gyro.prediction import Fit, Rung, undone

@@ -23,7 +23,8 @@ from pydantic import Field, model_validator
 from scipy.optimize import brentq
 
 from diagnosis.diagnose import diagnose
-from diagnosis.model.recording import RecordingModel, linearised
+from diagnosis.model.linearise import linearised
+from diagnosis.model.recording import RecordingModel
 from gyrocal import attitude
 from gyrocal.errors import InputError
 from gyrocal.recording import Recording, triad

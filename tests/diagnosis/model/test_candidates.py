@@ -8,7 +8,7 @@ import pytest
 from diagnosis.inference.search import Search
 from diagnosis.model.candidates import Group, assembled, linear_model, placed, step_times, with_finer_times
 from diagnosis.model.linear import Member
-from diagnosis.model.recording import linearised
+from diagnosis.model.linearise import linearised
 from diagnosis.model.swings import columns_of
 from diagnosis.settings import DEFAULT, DiagnosisSettings
 from simulator.effects import EFFECTS, setting

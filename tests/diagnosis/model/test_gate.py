@@ -13,8 +13,8 @@ from diagnosis.inference.search import Search
 from diagnosis.model import recording as recordings
 from diagnosis.model.candidates import linear_model
 from diagnosis.model.gate import check_residuals
+from diagnosis.model.linearise import linearised
 from diagnosis.model.prepare import prepare
-from diagnosis.model.recording import linearised
 from gyrocal import InputError, calibrate
 from gyrocal.calibration.gate import LargeResidualError
 from simulator.effects import EFFECTS

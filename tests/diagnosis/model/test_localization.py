@@ -7,7 +7,7 @@ import pytest
 import scipy.stats
 from scipy.spatial.transform import Rotation
 
-from diagnosis.model import recording as recordings
+from diagnosis.model import linearise
 from diagnosis.model.localization import benjamini_hochberg, body_residuals, findings, holm, phases, statistics
 from diagnosis.model.prepare import prepare
 from tests.diagnosis.recordings import prepared, recorded
@@ -65,7 +65,7 @@ def test_residuals_show_the_error_with_its_sign(turned):
 @pytest.mark.parametrize("averaged", [False, True])
 def test_residuals_in_body_axes_have_the_sigma_they_state(averaged, monkeypatch):
     if averaged:
-        monkeypatch.setattr(recordings, "MOST_OBSERVATIONS", 70)
+        monkeypatch.setattr(linearise, "MOST_OBSERVATIONS", 70)
     rng = np.random.default_rng(34)
     model = prepare(recorded(3)).model
     draws = [body_residuals(model, model.projected(rng.standard_normal(model.size))) for _ in range(40)]

@@ -8,9 +8,9 @@ import scipy.stats
 
 from diagnosis.diagnose import diagnose
 from diagnosis.inference.checks import together
-from diagnosis.model import recording as recordings
+from diagnosis.model import linearise
+from diagnosis.model.linearise import linearised
 from diagnosis.model.misfit import errors_of, finding, innovations, misfit
-from diagnosis.model.recording import linearised
 from gyrocal import calibrate
 from simulator.effects import EFFECTS
 from simulator.truth.rotation import perturbed
@@ -92,7 +92,7 @@ def test_what_averaging_hides_is_seen(monkeypatch):
     recording = recorded(3)
     alternate = np.where(np.arange(recording.attitudes.t_s.size) % 2, 1.0, -1.0)[:, None] * recording.attitudes.sigma * 1.2
     result = calibrate(recording)
-    monkeypatch.setattr(recordings, "MOST_OBSERVATIONS", recording.attitudes.t_s.size // 4)
+    monkeypatch.setattr(linearise, "MOST_OBSERVATIONS", recording.attitudes.t_s.size // 4)
     clean = linearised(recording, result.G, result.bias)
     found = linearised(with_errors(recording, alternate), result.G, result.bias)
     assert found.y @ found.y < clean.y @ clean.y + 5 * np.sqrt(2 * clean.size)

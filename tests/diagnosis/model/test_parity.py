@@ -7,8 +7,8 @@ import pytest
 
 from diagnosis.gyros import parity_checks
 from diagnosis.model.gyros import ArrayModel
+from diagnosis.model.linearise import linearised
 from diagnosis.model.parity import parity_model
-from diagnosis.model.recording import linearised
 from gyrocal import GyroArray, triad
 from gyrocal.recording.gyros import gain, inside
 from simulator.effects import EFFECTS

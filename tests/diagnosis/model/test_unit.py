@@ -9,7 +9,7 @@ from diagnosis.inference.amplitudes import fit
 from diagnosis.inference.closure import closure, fixed
 from diagnosis.inference.search import Search
 from diagnosis.model.linear import Member
-from diagnosis.model.recording import linearised
+from diagnosis.model.linearise import linearised
 from diagnosis.model.unit import APART_S, joined, unit_model
 from gyrocal import InputError
 from simulator import scenario

@@ -10,8 +10,8 @@ from diagnosis import plan as planning
 from diagnosis.inference.null import p_value
 from diagnosis.inference.search import Search
 from diagnosis.model.candidates import linear_model
+from diagnosis.model.linearise import linearised
 from diagnosis.model.prepare import prepare
-from diagnosis.model.recording import linearised
 from diagnosis.plan import (
     EXACT,
     LIMIT_SNR,

@@ -6,7 +6,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from diagnosis.model.recording import linearised
+from diagnosis.model.linearise import linearised
 from gyrocal import calibrate
 from simulator.effects import Setting
 from simulator.scenario import load, override
