@@ -109,3 +109,16 @@ def several(model: RecordingModel, bins: Bins, name: str, options: list[Array]) 
     for axis in range(3):
         columns = observed(model, bins, axis, together)
         yield Family(name, AXES[axis], [columns[:, a:b] for a, b in pairwise(widths)])
+
+
+def on_references(model: RecordingModel, name: str, options: list[Array]) -> Iterator[Family]:
+    """One family for each axis from errors of the references (m, k) that do not depend on the axis; none without options."""
+    if not options:
+        return
+    widths = np.cumsum([0] + [option.shape[1] for option in options])
+    together = unit(np.hstack(options))
+    for axis in range(3):
+        error = np.zeros((len(together), 3, together.shape[1]))
+        error[:, axis] = together
+        columns = model.whitened(model.reference_error(error))
+        yield Family(name, AXES[axis], [columns[:, a:b] for a, b in pairwise(widths)])

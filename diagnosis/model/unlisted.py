@@ -13,13 +13,13 @@ known of them.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from itertools import combinations_with_replacement, pairwise
+from itertools import combinations_with_replacement
 
 import numpy as np
 from numpy.typing import NDArray
 
 from diagnosis.model import unlisted_physics
-from diagnosis.model.bins import AXES, Bins, Family, binned, observed, several, unit
+from diagnosis.model.bins import AXES, Bins, Family, binned, observed, on_references, several, unit
 from diagnosis.model.recording import RecordingModel
 
 Array = NDArray[np.float64]
@@ -122,15 +122,7 @@ def _on_references(model: RecordingModel) -> Iterator[Family]:
     if np.isfinite(orbit):
         groups.append(("references at a higher harmonic of the orbit rate", [_wave(t, orbit / k) for k in (3, 4, 6)]))
     for name, options in groups:
-        if not options:
-            continue
-        widths = np.cumsum([0] + [option.shape[1] for option in options])
-        together = unit(np.hstack(options))
-        for axis in range(3):
-            error = np.zeros((len(t), 3, together.shape[1]))
-            error[:, axis] = together
-            columns = model.whitened(model.reference_error(error))
-            yield Family(name, AXES[axis], [columns[:, a:b] for a, b in pairwise(widths)])
+        yield from on_references(model, name, options)
 
 
 def _step_at(model: RecordingModel, number: int) -> NDArray[np.intp]:

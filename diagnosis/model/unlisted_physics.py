@@ -22,7 +22,7 @@ import numpy as np
 import scipy.signal
 from numpy.typing import NDArray
 
-from diagnosis.model.bins import AXES, Bins, Family, several, unit
+from diagnosis.model.bins import Bins, Family, on_references, several
 from diagnosis.model.recording import RecordingModel
 
 Array = NDArray[np.float64]
@@ -142,11 +142,4 @@ def _of_references(model: RecordingModel, bins: Bins) -> Iterator[Family]:
         ("references follow a housekeeping value", known),
         ("references follow the torque or the sign of the last turn", loads),
     ):
-        kept = [unit(one) for one in options if np.ptp(one, axis=0).any()]
-        for axis in range(3) if kept else ():
-            columns = []
-            for option in kept:
-                error = np.zeros((len(t_s), 3, option.shape[1]))
-                error[:, axis] = option
-                columns.append(model.whitened(model.reference_error(error)))
-            yield Family(name, AXES[axis], columns)
+        yield from on_references(model, name, [one for one in options if np.ptp(one, axis=0).any()])
