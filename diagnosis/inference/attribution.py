@@ -7,7 +7,8 @@ something unlisted have more than `DiagnosisSettings.unknown` of the probability
 No list of unlisted rivals is complete: something else may imitate what would be named. Its prior share is t, the larger the
 more freedom the named effects have (`DiagnosisSettings.imitation`, `random_imitation`), and the checks of what the named model
 leaves (`diagnosis.inference.checks`) weigh it: a p-value p is worth a Bayes factor of at most 1/(−e p ln p) against the model
-(Sellke, Bayarri and Berger, The American Statistician 55, 2001), which is taken for it, so that the odds of an imitation are
+(Sellke, Bayarri and Berger, The American Statistician 55, 2001), which is taken for it. Where the samples show a cause as well,
+with odds of their own, an imitation would have to show it, too. So the odds of an imitation are
 
     t/(1 − t) · 1/(−e p ln p)  for p < 1/e,    t/(1 − t)  otherwise.
 """
@@ -111,7 +112,7 @@ def doubted(model: LinearModel, attribution: Attribution, p_value: float, settin
     attribution : of an explanation that has effects to name
     p_value : of all checks of what the named model leaves together
     """
-    shares = [settings.random_imitation if _is_random(model, slot) else settings.imitation for slot in attribution.slots]
+    shares = [_imitation(model, slot, settings) for slot in attribution.slots]
     own = [_left(share, attribution, p_value) for share in shares]
     left = _left(1 - float(np.prod([1 - share for share in shares])), attribution, p_value)
     unknown = 1 - (1 - attribution.unknown) * left
@@ -128,8 +129,13 @@ def doubted(model: LinearModel, attribution: Attribution, p_value: float, settin
     return Attribution(_verdict(slots, settings), attribution.best, _shown(slots, settings), unknown, tuple(ranked))
 
 
-def _is_random(model: LinearModel, slot: Slot) -> bool:
-    return model.candidate(slot.member).process
+def _imitation(model: LinearModel, slot: Slot, settings: DiagnosisSettings) -> float:
+    """Prior share of what imitates a cause; where the samples show it, too, of something unlisted that acts beside it."""
+    entry = model.candidate(slot.member)
+    share = settings.random_imitation if entry.process else settings.imitation
+    if entry.log_odds <= 0:
+        return share
+    return max(share * float(np.exp(-entry.log_odds)), settings.another * settings.unlisted_share)
 
 
 def _left(share: float, attribution: Attribution, p_value: float) -> float:
