@@ -112,9 +112,8 @@ def doubted(model: LinearModel, attribution: Attribution, p_value: float, settin
     attribution : of an explanation that has effects to name
     p_value : of all checks of what the named model leaves together
     """
-    shares = [_imitation(model, slot, settings) for slot in attribution.slots]
-    own = [_left(share, attribution, p_value) for share in shares]
-    left = _left(1 - float(np.prod([1 - share for share in shares])), attribution, p_value)
+    own = [_left(model, slot, attribution.unknown, p_value, settings) for slot in attribution.slots]
+    left = float(np.prod(own))
     unknown = 1 - (1 - attribution.unknown) * left
     imitated = " with ".join(slot.group[0][0] for slot in attribution.slots)
     ranked = [replace(one, probability=one.probability * left) for one in attribution.ranked]
@@ -129,18 +128,17 @@ def doubted(model: LinearModel, attribution: Attribution, p_value: float, settin
     return Attribution(_verdict(slots, settings), attribution.best, _shown(slots, settings), unknown, tuple(ranked))
 
 
-def _imitation(model: LinearModel, slot: Slot, settings: DiagnosisSettings) -> float:
-    """Prior share of what imitates a cause; where the samples show it, too, of something unlisted that acts beside it."""
+def _left(model: LinearModel, slot: Slot, unknown: float, p_value: float, settings: DiagnosisSettings) -> float:
+    """What is left of the probability of a cause beside what imitates it.
+
+    Where the samples show it, too, an imitation that the checks speak for would have to show it as well; or something unlisted
+    acts beside it.
+    """
     entry = model.candidate(slot.member)
     share = settings.random_imitation if entry.process else settings.imitation
-    if entry.log_odds <= 0:
-        return share
-    return max(share * float(np.exp(-entry.log_odds)), settings.another * settings.unlisted_share)
-
-
-def _left(share: float, attribution: Attribution, p_value: float) -> float:
-    """What is left of the probabilities beside an imitation with this prior share."""
-    return 1 / (1 + (1 - attribution.unknown) * share / (1 - share) / against(p_value))
+    shown = max(float(np.exp(-max(entry.log_odds, 0.0))), settings.another * settings.unlisted_share / share)
+    odds = share / (1 - share) * max(1.0, min(shown, 1.0) / against(p_value))
+    return 1 / (1 + (1 - unknown) * odds)
 
 
 def against(p_value: float) -> float:

@@ -116,13 +116,15 @@ def test_odds_of_an_imitation_follow_the_bound_on_the_p_value():
         assert answer.unknown / (1 - answer.unknown) == pytest.approx(factor / 9, rel=1e-3)
 
 
-@pytest.mark.parametrize(("log_odds", "share"), [(-2.0, 0.1), (1.0, 0.1 / np.e), (5.0, 0.02)])
-def test_what_the_samples_show_is_not_imitated_as_easily(log_odds, share):
-    """Down to what may act beside it, the share of an unlisted one among further effects, 0.1 times 0.2."""
+@pytest.mark.parametrize(("log_odds", "shown"), [(-2.0, 1.0), (1.0, 1 / np.e), (5.0, 0.2)])
+def test_what_the_samples_show_is_not_imitated_as_easily(log_odds, shown):
+    """What the checks say against it counts less, down to what may act beside it: 0.1 times 0.2 over the share of 0.1."""
     model, found = three({(0,): 1.0})
     model = replace(model, candidates=tuple(replace(one, log_odds=log_odds) for one in model.candidates))
-    answer = doubted(model, attribute(model, found), 0.5, DiagnosisSettings(imitation=0.1))
-    assert answer.unknown == pytest.approx(share)
+    settings = DiagnosisSettings(imitation=0.1, unknown=1.0)
+    assert doubted(model, attribute(model, found), 0.5, settings).unknown == pytest.approx(0.1)
+    unknown = doubted(model, attribute(model, found), 0.01, settings).unknown
+    assert unknown / (1 - unknown) == pytest.approx(max(7.988 * shown, 1) / 9, rel=1e-3)
 
 
 def test_what_the_checks_reject_is_unknown():
