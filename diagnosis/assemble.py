@@ -52,7 +52,7 @@ def assembled(
     sigma = np.sqrt(np.diag(explained.covariance)[:12])
     seen = Seen(
         recording=model.recording.title,
-        where=(*localization.findings(table), *misfit_finding(explained.left, MISFIT)) if gap else (),
+        where=_of_attitude(explained, table) if gap else (),
         p_values=p_values(prepared, explained),
         G=model.G + explained.change[:9].reshape(3, 3),
         bias=model.bias + explained.change[9:],
@@ -67,6 +67,12 @@ def assembled(
         blind=blind_spot(model.degrees_of_freedom, model.G, prepared.sigma[:9].reshape(3, 3), model.recording.gyro.apriori_G),
     )
     return answered(seen, samples, explained, settings, runtime_s)
+
+
+def _of_attitude(explained: Explained, table: pd.DataFrame) -> tuple[Finding, ...]:
+    """Parts of the recording, and statistics of all references, that depart; the strongest first."""
+    found = [*localization.findings(table), *misfit_finding(explained.left, MISFIT)]
+    return tuple(sorted(found, key=lambda one: one.p_value))
 
 
 @dataclass(frozen=True)

@@ -25,7 +25,7 @@ from diagnosis.model.candidates import linear_model
 from diagnosis.model.dead_zone import dead_zone_groups, shown_by_passes
 from diagnosis.model.layout import layout
 from diagnosis.model.linear import LinearModel, Member
-from diagnosis.model.misfit import errors_of, misfit
+from diagnosis.model.misfit import Departure, errors_of, misfit
 from diagnosis.model.prepare import Prepared, Progress, prepare
 from diagnosis.model.symptoms import SampleCause, sample_causes
 from diagnosis.result import Diagnosis
@@ -66,7 +66,7 @@ class Explained:
     closed: Closure | None
     change: Array
     covariance: Array
-    left: tuple[Check, ...] = ()
+    left: tuple[Departure, ...] = ()
 
 
 def diagnose(

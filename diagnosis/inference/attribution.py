@@ -99,7 +99,10 @@ def attribute(model: LinearModel, explanations: list[Explanation], settings: Dia
 def unexplained(p_value: float) -> Attribution:
     """Of a gap that no candidate shows: M0 against something unlisted, as likely beforehand, with the p-value of the gap."""
     unknown = 1 / (1 + against(p_value))
-    nothing, other = Ranked((), 1 - unknown, 0.0, False), Ranked(("something like no candidate",), unknown, 0.0, True)
+    nothing, other = (
+        Ranked((), 1 - unknown, 0.0, False),
+        Ranked(("residuals that are not white, as of no candidate",), unknown, 0.0, True),
+    )
     return Attribution("unknown", NOTHING, (), unknown, (other, nothing))
 
 

@@ -18,6 +18,7 @@ Recordings of several sensors have differences between these in place of it (`di
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 import scipy.stats
@@ -33,11 +34,12 @@ Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 Indices = NDArray[np.intp]
 
+AXES = "xyz"
 FEWEST = 30  # innovations, below which nothing is said
 SAYS = {  # of each statistic, with its value and what is expected
     "size": "the innovations of all references have a χ² of {value:.4g} for {expected:.4g} degrees of freedom",
     "largest": "the largest innovation of all references is {value:.3g} sigma, where {expected:.3g} would be usual",
-    "variance over the intervals": "the innovations of one interval have {value:.3g} times their share of the power",
+    "variance over the intervals": "its innovations have {value:.3g} times their share of the power of all",
     "shape": "the innovations of all references have a kurtosis of {value:.3g}, where normal ones have {expected:.3g}",
     "correlation in time": "the innovations of all references correlate in time: χ² {value:.4g} for {expected:.4g}",
     "line of any period": "the innovations of all references have a line of {value:.3g} times their mean power",
@@ -50,7 +52,16 @@ FOLLOWS = 1e-3  # share of a motion that must be left beside the parameters, for
 TINY = 1e-300
 
 
-def misfit(model: RecordingModel, beside: Sequence[Array] = ()) -> tuple[Check, ...]:
+@dataclass(frozen=True)
+class Departure(Check):
+    """A statistic of the innovations, and where it is strongest: interval, axis and time since its start, if it has one."""
+
+    interval: str | None = None
+    axis: int | None = None
+    since_s: float | None = None
+
+
+def misfit(model: RecordingModel, beside: Sequence[Array] = ()) -> tuple[Departure, ...]:
     """Statistics of M0's innovations of all references; none where there are too few, or several sensors.
 
     Parameters
@@ -65,29 +76,54 @@ def misfit(model: RecordingModel, beside: Sequence[Array] = ()) -> tuple[Check, 
     if dof < FEWEST:
         return ()
     owner = model.interval_of_reference[later]
-    found = {
-        "size": (float(np.sum(e**2)), float(dof), _two_sided(scipy.stats.chi2(dof), float(np.sum(e**2)))),
-        "largest": _largest(e),
-        "variance over the intervals": _over_intervals(e, owner),
+    total = float(np.sum(e**2))
+    ratio, p_share, number, axis = _over_intervals(e, owner)
+    row, of_largest = np.unravel_index(int(np.argmax(np.abs(e))), e.shape)
+    motion = _motion(model)[later]
+    plain = {
+        "size": (total, float(dof), _two_sided(scipy.stats.chi2(dof), total)),
         "shape": _shape(e),
         "correlation in time": _correlation(e, owner),
         "line of any period": _line(e, owner),
-        "variance with the rate": _with_rate(e, np.linalg.norm(_motion(model)[later, :3], axis=1)),
-        "dependence on the motion": _on_motion(e, _motion(model)[later], taken),
+        "variance with the rate": _with_rate(e, np.linalg.norm(motion[:, :3], axis=1)),
+        "dependence on the motion": _on_motion(e, motion, taken),
     }
-    return tuple(Check(name, value, expected, max(p, TINY)) for name, (value, expected, p) in found.items())
+    return (
+        *(Departure(name, value, expected, max(p, TINY)) for name, (value, expected, p) in plain.items()),
+        Departure("variance over the intervals", ratio, 1.0, max(p_share, TINY), _name(model, number), axis),
+        Departure("largest", *_largest(e), _name(model, owner[row]), int(of_largest), _since(model)[later][row]),
+    )
 
 
-def finding(checks: Sequence[Check], event_p: float) -> tuple[Finding, ...]:
+def finding(checks: Sequence[Departure], event_p: float) -> tuple[Finding, ...]:
     """What the statistics say that speak, for the list of where a recording departs; p-values with an allowance for all."""
     return tuple(
         Finding(
-            "attitude", None, None, None, one.name, one.value, min(1.0, one.p_value * len(checks)),
-            SAYS[one.name].format(value=one.value, expected=one.expected),
+            "attitude", one.interval, None if one.axis is None else AXES[one.axis],
+            None, one.name, one.value, min(1.0, one.p_value * len(checks)),
+            f"{_place(one)}{SAYS[one.name].format(value=one.value, expected=one.expected)}",
         )
         for one in checks
         if one.p_value * len(checks) < event_p
     )  # fmt: skip
+
+
+def _place(one: Departure) -> str:
+    """Where, as the beginning of a sentence."""
+    if one.interval is None or one.axis is None:
+        return ""
+    when = "" if one.since_s is None else f", {one.since_s:.0f} s after its start"
+    return f"{one.interval}, axis {AXES[one.axis]}{when}: "
+
+
+def _name(model: RecordingModel, block: int) -> str:
+    """Of the interval that a block is, or is a part of."""
+    return model.recording.intervals[model.blocks[block].interval].name
+
+
+def _since(model: RecordingModel) -> Array:
+    """(m,) time of each reference since its block's start, s."""
+    return np.concatenate([block.elapsed_s for block in model.blocks])
 
 
 def first_references(model: RecordingModel) -> Mask:
@@ -141,21 +177,21 @@ def _largest(e: Array) -> tuple[float, float, float]:
     """Of the sizes of all numbers."""
     value = float(np.abs(e).max())
     expected = float(scipy.stats.norm.isf(0.5 * (1 - 0.5 ** (1 / e.size))))
-    return value, expected, float(-np.expm1(e.size * np.log1p(-2 * scipy.stats.norm.sf(value))))
+    return value, expected, max(float(-np.expm1(e.size * np.log1p(-2 * scipy.stats.norm.sf(value)))), TINY)
 
 
-def _over_intervals(e: Array, owner: Indices) -> tuple[float, float, float]:
-    """Oddest share of the sum of squares that an interval has about an axis, over the share of its numbers."""
+def _over_intervals(e: Array, owner: Indices) -> tuple[float, float, int, int]:
+    """Oddest share of the power that a block has about an axis, over that of its numbers; its p-value, block and axis."""
     total, found = float(np.sum(e**2)), []
     for number in np.unique(owner):
-        own = np.sum(e[owner == number] ** 2, axis=0)
         count = int(np.sum(owner == number))
         if 3 * count == e.size:
             continue
         share = scipy.stats.beta(0.5 * count, 0.5 * (e.size - count))
-        found += [(_two_sided(share, float(one) / total), float(one) / total * e.size / count) for one in own]
-    p, ratio = min(found, default=(1.0, 1.0))
-    return ratio, 1.0, min(1.0, p * len(found)) if found else 1.0
+        own = np.sum(e[owner == number] ** 2, axis=0) / total
+        found += [(_two_sided(share, float(own[k])), float(own[k]) * e.size / count, int(number), k) for k in range(3)]
+    p, ratio, block, axis = min(found, default=(1.0, 1.0, 0, 0))
+    return ratio, min(1.0, p * len(found)) if found else 1.0, block, axis
 
 
 def _shape(e: Array) -> tuple[float, float, float]:
