@@ -15,6 +15,7 @@ Mask = NDArray[np.bool_]
 
 FEWEST_CLIPPED = 5
 FEWEST_PLATEAU = 20  # samples in a run of clipped ones on a lattice
+OFTEN = 3  # times as often as any other reading, that the largest stands if it is clipped
 PLATEAU_P = 1e-8  # chance of a steady rate to stand still that long
 
 
@@ -31,7 +32,7 @@ def saturation(report: SampleReport, recording: Recording, used: Mask, coarse: M
         count = int((at & ~held[used]).sum())
         found = (
             largest > 0
-            and count >= FEWEST_CLIPPED
+            and count >= max(FEWEST_CLIPPED, OFTEN * _most_of_others(x[~held[used]], at[~held[used]]))
             and (  # a gyro that reads zero throughout is dead, not clipped
                 not coarse[axis] or _is_plateau(at, float(steps[axis]) / sigma if sigma else np.inf)
             )
@@ -48,6 +49,12 @@ def saturation(report: SampleReport, recording: Recording, used: Mask, coarse: M
         report.symptoms.append(Symptom("plateau", AXES[axis], size, "deg/s", 1e-6 * size, {}, IMPOSSIBLE))
         clipped = used & (np.abs(rates[:, axis]) >= largest * (1 - 1e-12))
         report.clipped |= clipped
+
+
+def _most_of_others(x: Array, at: Mask) -> int:
+    """How often a reading other than zero and the largest stands; floats with few digits repeat, the largest among them."""
+    others = np.abs(x[~at & (x != 0.0)])
+    return int(np.unique(others, return_counts=True)[1].max()) if others.size and not at.all() else 0
 
 
 def _is_plateau(at: Mask, step: float) -> bool:

@@ -37,6 +37,7 @@ COARSE = 0.05  # a lattice finer than this share of the noise is the number form
 HIDING = 2.0  # noise sigmas in a step, above which a lattice hides slow motion
 CERTAIN = 8.0  # log odds of a dead zone from which on its edges are left out of the other tests
 BESIDE = 10  # samples beside an edge
+ALONE = 1e-3  # share of the samples that repeat on one axis and not on all, from which on chance may repeat all
 FAR = 8.0  # noise sigmas from its neighbours at which a value was not measured
 
 
@@ -172,7 +173,10 @@ def _stale(report: SampleReport, recording: Recording, used: Mask, coarse: Mask)
     equal = np.zeros(rates.shape, dtype=bool)
     equal[1:] = rates[1:] == rates[:-1]
     clipped = (np.abs(rates) >= np.abs(rates[used]).max(axis=0) * (1 - 1e-12)).any(axis=1)
-    found = stale_samples(rates, equal, consecutive(recording, used) & ~clipped, coarse, report.event_p)
+    follows = consecutive(recording, used) & ~clipped
+    # Floats with few digits repeat as those of a lattice do, axis by axis.
+    alone = (equal & ~equal.all(axis=1, keepdims=True))[follows].mean(axis=0) > ALONE if follows.any() else coarse
+    found = stale_samples(rates, equal, follows, coarse | alone, report.event_p)
     if found is None:
         return
     report.tests.append(

@@ -355,3 +355,13 @@ def test_jerks_in_some_of_the_blocks_are_no_noise():
     jerks[rng.choice(60_000, 1000, replace=False)] = 8.0
     assert level_in_motion(1.025 * white, [(0, 60_000)], 1.0) is not None
     assert level_in_motion(white + np.cumsum(jerks), [(0, 60_000)], 1.0) is None
+
+
+def test_floats_with_few_digits_neither_clip_nor_repeat(plan, truth):
+    """A short mantissa rounds fast rates coarsely: readings repeat axis by axis, and the largest as often as the others."""
+    recording = _recording(plan, truth, 4)
+    rates = recording.gyro.rates
+    exponent = np.floor(np.log2(np.maximum(np.abs(rates), 1e-30)))
+    short = np.round(rates / 2.0 ** (exponent - 9)) * 2.0 ** (exponent - 9)
+    found = stream.examine(replace(recording, gyro=replace(recording.gyro, rates=short)))
+    assert not {one.kind for one in found.symptoms} & {"plateau", "repeats"}
