@@ -117,6 +117,8 @@ def level_in_motion(x: Array, usable: list[tuple[int, int]], expected: float) ->
         return None
     bands = _bands(blocks)
     powers = np.median(blocks**2, axis=0) / scipy.stats.chi2(1).median()
+    if not powers.all():  # readings that stand still on a lattice in most of the blocks
+        return None
     reading = readout(powers, powers * np.sqrt(SINGLE_SPREAD / len(blocks)), _READ_OUT, expected)
     white = agree(low, high, IN_MOTION, n) and np.ptp(bands) < FLAT * np.sqrt(2 * MEDIAN_SPREAD / len(blocks)) * bands.min()
     if not white and (reading is None or reading.probability < 0.5):
