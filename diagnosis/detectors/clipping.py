@@ -30,13 +30,12 @@ def saturation(report: SampleReport, recording: Recording, used: Mask, coarse: M
         largest = float(np.abs(x).max())
         at = np.abs(x) >= largest * (1 - 1e-12)
         count = int((at & ~held[used]).sum())
-        found = (
-            largest > 0
-            and count >= max(FEWEST_CLIPPED, OFTEN * _most_of_others(x[~held[used]], at[~held[used]]))
-            and (  # a gyro that reads zero throughout is dead, not clipped
-                not coarse[axis] or _is_plateau(at, float(steps[axis]) / sigma if sigma else np.inf)
-            )
-        )
+        # A gyro that reads zero throughout is dead, not clipped.
+        found = largest > 0 and count >= FEWEST_CLIPPED
+        if found and coarse[axis]:
+            found = _is_plateau(at, float(steps[axis]) / sigma if sigma else np.inf)
+        elif found:
+            found = count >= OFTEN * _most_of_others(x[~held[used]], at[~held[used]])
         report.tests.append(
             SampleTest(
                 "clipped_samples", AXES[axis], count, 1.0, IMPOSSIBLE if found else 1.0, "plateau",
