@@ -21,6 +21,7 @@ from studies.report import diagnosis_words as words
 from studies.report import next_flight as flights
 from studies.report import next_step, pointing_cost
 
+FEWEST_STATEMENTS = 5  # of a probability, below which how many of them were right says nothing
 MOST_FINDINGS = 2
 WORTH = 0.01  # probability of an explanation from which on the card tells it
 ORDER = ("First", "Second", "Third", "Fourth", "Fifth", "Sixth", "Seventh", "Eighth")
@@ -193,9 +194,9 @@ def _measured() -> pd.DataFrame:
 def reliability(probability: float) -> str:
     """How often statements of such a probability were right when it was measured."""
     rows = _measured()
-    rows = rows[(rows["from"] <= probability) & (probability <= rows["to"]) & (rows["statements"] > 0)]
+    rows = rows[(rows["from"] <= probability) & (probability <= rows["to"]) & (rows["statements"] >= FEWEST_STATEMENTS)]
     if rows.empty:
-        return "How often so sure a statement is right is not known: in the checks with sealed answers there was none."
+        return "How often so sure a statement is right is not known: the checks with sealed answers had next to none."
     row = rows.iloc[-1]
     return (
         f"Of {row['statements']:.0f} statements of {100 * row['from']:.0f} to {100 * row['to']:.0f} % in checks with sealed "
