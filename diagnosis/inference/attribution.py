@@ -7,10 +7,11 @@ something unlisted have more than `DiagnosisSettings.unknown` of the probability
 No list of unlisted rivals is complete: something else may imitate what would be named. Its prior share is t, the larger the
 more freedom the named effects have (`DiagnosisSettings.imitation`, `random_imitation`), and the checks of what the named model
 leaves (`diagnosis.inference.checks`) weigh it: a p-value p is worth a Bayes factor of at most 1/(−e p ln p) against the model
-(Sellke, Bayarri and Berger, The American Statistician 55, 2001), which is taken for it. Where the samples show a cause as well,
-with odds of their own, an imitation would have to show it, too. So the odds of an imitation are
+(Sellke, Bayarri and Berger, The American Statistician 55, 2001), which is taken for it, so that the odds of an imitation are
 
     t/(1 − t) · 1/(−e p ln p)  for p < 1/e,    t/(1 − t)  otherwise.
+
+Where the samples show a cause as well, with odds of their own, an imitation would have to show it, too: the factor is less.
 """
 
 from __future__ import annotations

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import scipy.stats
 
-from diagnosis.model import processes
+from diagnosis.model import linearise, processes
 from diagnosis.model.candidates import process_groups
 from diagnosis.model.processes import factor, markov, same
 from simulator.effects import EFFECTS, ProcessTimes
@@ -111,3 +111,21 @@ def test_cells_of_a_coarse_recording_stay_few():
     few, many = prepared(3).model, prepared(3, every_s=10.0).model
     assert recorded(3, every_s=10.0).attitudes.t_s.size > 10 * recorded(3).attitudes.t_s.size
     assert many.cells.first.size < 3 * few.cells.first.size
+
+
+def test_a_process_of_averaged_references_has_the_covariance_of_averages(monkeypatch):
+    """Against the mean over all pairs of references of two observations; at the times of the averages it would be too large."""
+    recording = recorded(3)
+    monkeypatch.setattr(linearise, "MOST_OBSERVATIONS", recording.attitudes.t_s.size // 4)
+    model = linearise.linearised(recording, np.eye(3), np.zeros(3))
+    nodes, first = processes.reference_nodes(model)
+    found = processes.averaged(markov(nodes.run_s, 300.0), first)
+    every = model.references.t_s
+    rows = model.reference_rows_of_observations - np.concatenate([block.counts for block in model.blocks]) // 2
+    whole = processes.averaged(markov(every, 300.0), rows)
+    own = model.observation_block
+    within = own[:, None] == own
+    assert found.shape == (len(model.observation_t_s),) * 2
+    np.testing.assert_allclose(found[within], whole[within], atol=0.02)
+    assert np.diag(found).max() <= 1 + 1e-12
+    assert np.median(np.diag(found)) < 0.8
