@@ -34,7 +34,6 @@ SHOWN_EXPLANATIONS = 12
 WORTH_SHOWING = 1e-4  # probability of an alternative
 KEPT = 0.999  # of the posterior
 TINY = 1e-300
-MISFIT = 1e-4  # p-value from which on a statistic of all references is listed
 WORTH_KEEPING = 1e-6  # probability of an explanation in the details
 
 
@@ -52,7 +51,7 @@ def assembled(
     sigma = np.sqrt(np.diag(explained.covariance)[:12])
     seen = Seen(
         recording=model.recording.title,
-        where=_of_attitude(explained, table) if gap else (),
+        where=_of_attitude(explained, table, settings) if gap else (),
         p_values=p_values(prepared, explained),
         G=model.G + explained.change[:9].reshape(3, 3),
         bias=model.bias + explained.change[9:],
@@ -69,9 +68,9 @@ def assembled(
     return answered(seen, samples, explained, settings, runtime_s)
 
 
-def _of_attitude(explained: Explained, table: pd.DataFrame) -> tuple[Finding, ...]:
+def _of_attitude(explained: Explained, table: pd.DataFrame, settings: DiagnosisSettings) -> tuple[Finding, ...]:
     """Parts of the recording, and statistics of all references, that depart; the strongest first."""
-    found = [*localization.findings(table), *misfit_finding(explained.left, MISFIT)]
+    found = [*localization.findings(table), *misfit_finding(explained.left, settings.misfit_share * settings.false_alarm_rate)]
     return tuple(sorted(found, key=lambda one: one.p_value))
 
 

@@ -199,7 +199,14 @@ def test_page_holds_the_committed_wide_check():
     scores = pd.read_csv(folder / "scores.csv").set_index("score")["value"]
     assert f"≤ 0.05 | {scores['expected calibration error']:.3f} |" in text
     assert f"| open-set AUC | ≥ 0.90 | {scores['unknown: open-set AUC']:.2f} |" in text
+    said = pd.read_csv(folder / "reliability.csv").query("`from` >= 0.9")
+    count = said["statements"].sum()
+    share = (said["there"] * said["statements"]).sum() / count
     everything = pd.read_csv(folder / "sets.csv").set_index("what").loc["all"]
+    short = (ROOT / "README.md").read_text()
+    assert f"right in {100 * share:.0f} % of {count:.0f} statements" in short
+    assert f"abroad {everything['cases']:.0f} of other craft" in short
+    assert f"[{everything['cases']:.0f} further cases]" in text
     assert f"| {everything['count']:.0f} of {everything['cases']:.0f}, {everything['mean_length']:.2f} |" in text
 
 

@@ -84,7 +84,11 @@ def lines(report: SampleReport, recording: Recording, quiet: Mask, used: Mask, t
     looks.append(_Look(arcs(quiet & consecutive(recording, quiet)), beyond=False))
     out: list[Line] = []
     for axis in range(3):
-        out += _of_axis(report, [look for look in looks if look.arcs], recording, axis, tell)
+        # Readings that stand still, as those of a gyro that is clipped or dead, have no noise beside which a line would stand.
+        moving = [
+            replace(look, arcs=[arc for arc in look.arcs if np.ptp(report.rates[slice(*arc), axis]) > 0]) for look in looks
+        ]
+        out += _of_axis(report, [look for look in moving if look.arcs], recording, axis, tell)
     return out
 
 

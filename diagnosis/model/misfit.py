@@ -9,8 +9,10 @@ innovations of a Kalman filter that starts from the interval's first reference,
     v_k = ζ_k − x,    S = P + ΔW_k + R_k,    e_k = L⁻¹ v_k  (L Lᵀ = S),    x ← x + K v_k,    K = (P + ΔW_k) S⁻¹,
 
 are N(0, I) and independent (Kailath, IEEE Transactions on Automatic Control 13, 1968); those of the columns of G and b are
-projected out of them. Their distribution being known, each statistic has its p-value without draws: the sum of squares is
-χ², the share of one interval in it has a beta distribution, and the strongest of the Fourier coefficients an exponential one.
+projected out of them. G turns the readings' errors into those of the rates and has an inverse, so that the columns may be
+those of either. The distribution of the innovations being known, each statistic has its p-value without draws: the sum of
+squares is χ², the share of one interval in it has a beta distribution, the Fourier coefficients exponential ones, and sums of
+products are normal.
 
 Recordings of several sensors have differences between these in place of it (`diagnosis.model.trackers`).
 """
@@ -26,7 +28,7 @@ from numpy.typing import NDArray
 
 from diagnosis.answer import Finding
 from diagnosis.inference.checks import Check
-from diagnosis.model.recording import RANK, RecordingModel
+from diagnosis.model.recording import RANK, RecordingModel, parameter_errors
 from gyrocal.compiled import compiled
 from simulator.effects.base import Effect, Value
 
@@ -126,11 +128,6 @@ def _since(model: RecordingModel) -> Array:
     return np.concatenate([block.elapsed_s for block in model.blocks])
 
 
-def first_references(model: RecordingModel) -> Mask:
-    """(m,) which references are the first of an interval."""
-    return np.asarray(np.diff(model.interval_of_reference, prepend=-1) != 0)
-
-
 def errors_of(model: RecordingModel, effect: Effect, axis: str | None, parameters: Mapping[str, Value]) -> Array:
     """(m, 3, k) attitude errors of an effect with columns at every reference, inertial axes."""
     if effect.on_references:
@@ -140,25 +137,16 @@ def errors_of(model: RecordingModel, effect: Effect, axis: str | None, parameter
 
 def innovations(model: RecordingModel, beside: Sequence[Array] = ()) -> tuple[Array, Mask, Array]:
     """White innovations about the body axes (k, 3), whose they are (m,), and (3k, q) a basis of what the fit took."""
-    first = first_references(model)
+    first = np.diff(model.interval_of_reference, prepend=-1) != 0
     added = np.diff(model.walk, axis=0, prepend=model.walk[:1])
     added[first] = 0.0
-    columns = np.concatenate([model.residuals[:, :, None], model.turned_by(_parameters(model.raw)), *beside], axis=2)
+    columns = np.concatenate([model.residuals[:, :, None], model.turned_by(parameter_errors(model.raw)), *beside], axis=2)
     white = _whitened(columns, added, model.errors, first)[~first]
     body = np.matmul(model.at_reference[~first].transpose(0, 2, 1), white)
     y, X = body[:, :, 0].ravel(), body[:, :, 1:].reshape(3 * len(body), -1)
     U, s, _ = np.linalg.svd(X / np.maximum(np.linalg.norm(X, axis=0), TINY), full_matrices=False)
     U = U[:, s > RANK * s[0]]
     return (y - U @ (U.T @ y)).reshape(-1, 3), ~first, U
-
-
-def _parameters(raw: Array) -> Array:
-    """(n, 3, 12) errors of the readings that a change of G and b would take up."""
-    out = np.zeros((len(raw), 3, 12))
-    for axis in range(3):
-        out[:, axis, 3 * axis : 3 * axis + 3] = raw
-        out[:, axis, 9 + axis] = 1.0
-    return out
 
 
 def _motion(model: RecordingModel) -> Array:

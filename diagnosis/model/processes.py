@@ -59,10 +59,7 @@ def cell_times(model: RecordingModel) -> ProcessTimes:
 
 def reference_times(model: RecordingModel) -> ProcessTimes:
     """Times of the observations, for a process of the references."""
-    t_s, interval = model.observation_t_s, model.observation_block
-    ends = np.cumsum([0.0, *(float(block.elapsed_s[-1]) for block in model.blocks)])
-    begins = np.array([t_s[interval == number][0] for number in range(len(model.blocks))])
-    return ProcessTimes(t_s=t_s, run_s=t_s - begins[interval] + ends[interval], interval=interval)
+    return _times(model, model.observation_t_s, model.observation_block)
 
 
 def reference_nodes(model: RecordingModel) -> tuple[ProcessTimes, NDArray[np.intp]]:
@@ -75,11 +72,15 @@ def reference_nodes(model: RecordingModel) -> tuple[ProcessTimes, NDArray[np.int
     first = middle - counts // 2
     chosen = [a + np.linspace(0, n - 1, min(n, NODES)).round().astype(np.intp) for a, n in zip(first, counts, strict=True)]
     rows = np.concatenate(chosen)
-    t_s, interval = model.references.t_s[rows], model.interval_of_reference[rows]
-    ends = np.cumsum([0.0, *(float(block.elapsed_s[-1]) for block in model.blocks)])
-    begins = np.array([model.references.t_s[model.interval_of_reference == number][0] for number in range(len(model.blocks))])
     owner = np.cumsum([0, *(len(one) for one in chosen[:-1])])
-    return ProcessTimes(t_s=t_s, run_s=t_s - begins[interval] + ends[interval], interval=interval), owner
+    return _times(model, model.references.t_s[rows], model.interval_of_reference[rows]), owner
+
+
+def _times(model: RecordingModel, t_s: Array, interval: NDArray[np.intp]) -> ProcessTimes:
+    """Times with those that ran while the gyro was sampled, the gaps between the intervals left out."""
+    ends = np.cumsum([0.0, *(float(block.elapsed_s[-1]) for block in model.blocks)])
+    begins = np.array([t_s[interval == number][0] for number in range(len(model.blocks))])
+    return ProcessTimes(t_s=t_s, run_s=t_s - begins[interval] + ends[interval], interval=interval)
 
 
 def averaged(K: Array, first: NDArray[np.intp]) -> Array:

@@ -316,12 +316,7 @@ class RecordingModel:
     @cached_property
     def calibration(self) -> Array:
         """(N, 12) whitened columns of what G_xx, G_xy, …, G_zz, b_x, b_y, b_z lack: δω = δG ω_raw + δb."""
-        count = len(self.t_s)
-        error = np.zeros((count, 3, 12))
-        for axis in range(3):
-            error[:, axis, 3 * axis : 3 * axis + 3] = self.raw
-            error[:, axis, 9 + axis] = 1.0
-        return self.whitened(self.rate_error(error))
+        return self.whitened(self.rate_error(parameter_errors(self.raw)))
 
     @cached_property
     def starts(self) -> Array:
@@ -450,6 +445,15 @@ class RecordingModel:
         for axis in range(3):
             out[axis][rows, np.arange(count)[:, None]] = -self.observation_attitude[:, :, axis]
         return np.stack([self.whitened(part) for part in out])
+
+
+def parameter_errors(raw: Array) -> Array:
+    """(n, 3, 12) errors of rates of unit errors of G_xx, G_xy, …, G_zz, b_x, b_y, b_z, from the raw rates (n, 3)."""
+    out = np.zeros((len(raw), 3, 12))
+    for axis in range(3):
+        out[:, axis, 3 * axis : 3 * axis + 3] = raw
+        out[:, axis, 9 + axis] = 1.0
+    return out
 
 
 def _totals(increments: Array, block: Block) -> Array:

@@ -365,3 +365,13 @@ def test_floats_with_few_digits_neither_clip_nor_repeat(plan, truth):
     short = np.round(rates / 2.0 ** (exponent - 9)) * 2.0 ** (exponent - 9)
     found = stream.examine(replace(recording, gyro=replace(recording.gyro, rates=short)))
     assert not {one.kind for one in found.symptoms} & {"plateau", "repeats"}
+
+
+def test_a_gyro_that_reads_one_value_throughout_has_no_line(plan, truth):
+    """It is clipped, and what is left of its readings beside any tone is exactly nothing."""
+    recording = _recording(plan, truth, 6)
+    rates = recording.gyro.rates.copy()
+    rates[:, 0] = -0.07
+    found = stream.examine(replace(recording, gyro=replace(recording.gyro, rates=rates)))
+    assert ("plateau", "x") in {(one.kind, one.axis) for one in found.symptoms}
+    assert not [line for line in found.lines if line.axis == 0]

@@ -88,8 +88,8 @@ def test_housekeeping_brings_its_families(model, bins):
 
 
 @pytest.mark.parametrize("follows", ["direction", "past"])
-def test_a_bias_that_follows_it_is_no_random_process(model, bins, follows):
-    """Strong enough that a random process would explain it as well, and named one before."""
+def test_a_bias_that_follows_it_is_unknown(model, bins, follows):
+    """Without these rivals a random walk beside an orbital bias, and a scale asymmetry, explain it and are offered."""
     recording = recorded(3)
     values = {"direction": bins.turned[:, 0, 2] / bins.dt, "past": physics._low_pass(np.abs(bins.rates), bins, 300.0)[:, 1]}
     shape = values[follows]
