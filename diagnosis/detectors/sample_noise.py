@@ -27,6 +27,8 @@ import scipy.stats
 from numpy.typing import NDArray
 
 from diagnosis.detectors.likeness import of_noise
+from diagnosis.detectors.noise_blocks import MEDIAN_SPREAD, READ_OUT, bands_of, blocks_of, is_even
+from diagnosis.detectors.noise_blocks import ORDER as BLOCK_ORDER
 from diagnosis.detectors.noise_structure import agree, autocorrelation_of, power_of
 from diagnosis.detectors.readout_noise import AVERAGES, Readout, readout
 from diagnosis.detectors.report import AXES, IMPOSSIBLE, SampleReport, SampleTest, Symptom, arcs, consecutive
@@ -38,20 +40,15 @@ Mask = NDArray[np.bool_]
 HALF = 20  # samples on either side of one in the test for quiet
 MOVING = 20.0  # sigmas of the change of the mean that count as visible; a slew's are hundreds, those of a vibration a few
 ORDERS = (2, 6)  # of the differences, the more efficient first
-IN_MOTION = (6, 10)  # the same where the body never rests
+IN_MOTION = (BLOCK_ORDER, 10)  # the same where the body never rests
 CLEARLY = 0.98  # probability from which on readout noise is no white noise
 AVERAGED = 4  # samples in the means that show the colour
 FEWEST = 200  # differences, below which nothing is said
-BLOCK = 32  # samples whose spectrum is looked at
-BAND = 4  # cosines of it in a band
-MEDIAN, MEDIAN_SPREAD = 0.839, 0.90  # of χ² with as many degrees of freedom, over these; relative variance of that of many
 SINGLE_SPREAD = 5.43  # the same with one degree of freedom
 FEWEST_BLOCKS = 12
 FLAT = 4.0  # sigmas between the highest and the lowest of four bands of white noise, at most
 TRIM = 5.0  # robust sigmas beyond which a difference does not count
 WHITE = 0.2  # departure of the colour from one up to which noise is called white
-QUANTILES = (0.3, 0.85)  # of the blocks' powers; the few that are far out do not count
-EVEN = 3.0  # sigmas between the levels that they show, at most
 RESOLVED = 0.34  # variance of the samples in squares of a lattice's step, below which it may be that of a few readings
 OFF_ZERO = 5.0  # sigmas from zero, from which on cutting toward zero is rounding down
 SLACK = 0.1  # departure of the noise factor that rounding to a few sigmas makes by itself
@@ -112,18 +109,18 @@ def level_in_motion(x: Array, usable: list[tuple[int, int]], expected: float) ->
     """
     parts = [x[low:high] for low, high in usable]
     (low, _, n), (high, high_error, _) = (_mean_square(parts, order) for order in IN_MOTION)
-    blocks = _blocks(parts)
+    blocks = blocks_of(parts)
     if n < FEWEST or len(blocks) < FEWEST_BLOCKS:
         return None
-    bands = _bands(blocks)
+    bands = bands_of(blocks)
     powers = np.median(blocks**2, axis=0) / scipy.stats.chi2(1).median()
     if not powers.all():  # readings that stand still on a lattice in most of the blocks
         return None
-    reading = readout(powers, powers * np.sqrt(SINGLE_SPREAD / len(blocks)), _READ_OUT, expected)
+    reading = readout(powers, powers * np.sqrt(SINGLE_SPREAD / len(blocks)), READ_OUT, expected)
     white = agree(low, high, IN_MOTION, n) and np.ptp(bands) < FLAT * np.sqrt(2 * MEDIAN_SPREAD / len(blocks)) * bands.min()
     if not white and (reading is None or reading.probability < 0.5):
         return None
-    if not _is_even(blocks / np.sqrt(powers)):
+    if not is_even(blocks / np.sqrt(powers)):
         return None
     return Level(high, high_error, float("nan"), float("nan")), reading
 
@@ -155,60 +152,6 @@ def _variance(parts: list[Array]) -> tuple[float, float, int]:
     found = [_mean_square(parts, order) for order in ORDERS]
     (low, _, n), (high, _, _) = found
     return found[0] if agree(low, high, ORDERS, n) else found[1]
-
-
-def _blocks(parts: list[Array]) -> Array:
-    """(b, BLOCK/2) coefficients of the upper half of the spectrum of short blocks, from the highest frequency down.
-
-    Those of white noise of variance σ² are independent and N(0, σ²): the cosines of differences of the sixth order, which
-    leave nothing of a smooth motion for the ends of a block to spread over all frequencies, are whitened with their own
-    covariance.
-    """
-    differences = [_differences(part, IN_MOTION[0]) for part in parts if part.size >= BLOCK + IN_MOTION[0]]
-    whole = [one[: one.size // BLOCK * BLOCK].reshape(-1, BLOCK) for one in differences]
-    return np.concatenate([np.empty((0, BLOCK)), *whole]) @ _WHITE.T
-
-
-def _covariance(order: int) -> Array:
-    """(BLOCK, BLOCK) of differences of white noise of unit variance."""
-    kernel = np.array([(-1.0) ** k * math.comb(order, k) for k in range(order + 1)])
-    lags = np.correlate(kernel, kernel, "full")[order:]
-    return np.asarray(scipy.linalg.toeplitz(np.append(lags, np.zeros(BLOCK - lags.size))))
-
-
-def _white_cosines() -> Array:
-    """(BLOCK/2, BLOCK) from differences to coefficients that are independent under white noise."""
-    cosines = scipy.fft.dct(np.eye(BLOCK), axis=0, norm="ortho")[BLOCK // 2 :][::-1]
-    factor = np.linalg.cholesky(cosines @ _covariance(IN_MOTION[0]) @ cosines.T)
-    return np.asarray(scipy.linalg.solve_triangular(factor, cosines, lower=True))
-
-
-_WHITE = _white_cosines()
-# Power of each of readings of the angle with unit variance, whose differences the rates are.
-_READ_OUT = np.diag(_WHITE @ _covariance(IN_MOTION[0] + 1) @ _WHITE.T).copy()
-
-
-def _bands(blocks: Array) -> Array:
-    """Power in bands of the upper half of the spectrum, from the highest down, as medians over the blocks.
-
-    Of χ² with four degrees of freedom over four, whose median is 0.839 with the relative variance 0.90 over their number.
-    """
-    return np.asarray(np.median((blocks**2).reshape(len(blocks), -1, BAND).mean(axis=2), axis=0) / MEDIAN)
-
-
-def _is_even(blocks: Array) -> bool:
-    """Whether the blocks' powers scatter as those of white noise, and not as with jerks of a motion in some of them.
-
-    Two quantiles of χ² show one level then. The covariance of the quantiles p < q of n values with the density f is
-    p (1 − q)/(n f_p f_q).
-    """
-    power, dof = np.sum(blocks**2, axis=1), blocks.shape[1]
-    of_white = scipy.stats.chi2(dof)
-    at = of_white.ppf(QUANTILES)
-    low, high = np.quantile(power, QUANTILES) / at
-    (p, q), (a, b) = QUANTILES, 1 / (at * of_white.pdf(at))
-    error = np.sqrt((p * (1 - p) * a**2 + q * (1 - q) * b**2 - 2 * p * (1 - q) * a * b) / len(power))
-    return bool(high < (1 + EVEN * error) * low)
 
 
 def _mean_square(parts: list[Array], order: int) -> tuple[float, float, int]:

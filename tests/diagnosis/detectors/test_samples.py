@@ -10,7 +10,8 @@ from diagnosis.detectors import samples as stream
 from diagnosis.detectors import spectral_lines
 from diagnosis.detectors.clipping import _is_plateau
 from diagnosis.detectors.lattice import lattice_step, mean_reading, sweep_odds, undone
-from diagnosis.detectors.sample_noise import _bands, _blocks, _is_even, level_in_motion
+from diagnosis.detectors.noise_blocks import bands_of, blocks_of, is_even
+from diagnosis.detectors.sample_noise import level_in_motion
 from diagnosis.settings import DEFAULT
 from simulator import scenario
 from simulator.effects import parse
@@ -318,16 +319,16 @@ def test_a_motion_of_all_frequencies_is_no_level_of_noise():
 
 def test_white_noise_in_a_motion_shows_its_level():
     """The coefficients of white noise are independent, with its variance; a swing of a thousand sigmas leaves nothing."""
-    draws = [_blocks([np.random.default_rng(seed).standard_normal(6000)]) for seed in range(100)]
-    bands = np.array([_bands(one) for one in draws])
+    draws = [blocks_of([np.random.default_rng(seed).standard_normal(6000)]) for seed in range(100)]
+    bands = np.array([bands_of(one) for one in draws])
     np.testing.assert_allclose(bands.std(axis=0), np.sqrt(0.90 / len(draws[0])), rtol=0.3)
     np.testing.assert_allclose(bands.mean(axis=0), 1.0, atol=0.03)
-    assert np.mean([_is_even(one) for one in draws]) > 0.95
+    assert np.mean([is_even(one) for one in draws]) > 0.95
     together = np.concatenate(draws)
     np.testing.assert_allclose(together.T @ together / len(together), np.eye(16), atol=5 / np.sqrt(len(together)))
     white = np.random.default_rng(3).standard_normal(20_000)
     swing = 1000 * np.sin(2 * np.pi * 0.04 * np.arange(20_000))
-    np.testing.assert_allclose(_blocks([white + swing]), _blocks([white]), atol=0.1)
+    np.testing.assert_allclose(blocks_of([white + swing]), blocks_of([white]), atol=0.1)
     found, reading = level_in_motion(white + swing, [(0, 20_000)], 1.0)
     assert abs(found.variance - np.var(white)) < 3 * found.sigma
     assert reading is None or reading.probability < 0.5
