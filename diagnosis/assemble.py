@@ -238,8 +238,12 @@ def _posterior(
     shown: dict[tuple[str, ...], float] = {(): 1.0}
     for one in samples:
         cause = one.cause(settings)
-        share = cause.group_probability / len(cause.group)
-        shown = {(*labels, name): p * share for labels, p in shown.items() for name in cause.group}
+        shares = (one.share, *(share for _, share in one.rivals))
+        shown = {
+            (*labels, name): p * cause.group_probability * share
+            for labels, p in shown.items()
+            for name, share in zip(cause.group, shares, strict=True)
+        }
     found: dict[tuple[str, ...], float] = {}
     for labels, p in posterior(explained.attribution if gap else None):
         for own, share in shown.items():

@@ -65,7 +65,7 @@ class Symptom:
     p_value : under M0
     text : a sentence
     probability : that an effect is at work and not a motion of the body, where that was weighed
-    rival : another of the symptoms that this may be as well
+    rivals : other symptoms that this may be as well, about the same axis, with their shares of the probability
     likeness : p-value of how it behaves, if it is what its kind says (`diagnosis.detectors.likeness`)
     """
 
@@ -78,7 +78,7 @@ class Symptom:
     p_value: float
     text: str = ""
     probability: float = 1.0
-    rival: str | None = None
+    rivals: tuple[tuple[str, float], ...] = ()
     likeness: float = 1.0
 
 

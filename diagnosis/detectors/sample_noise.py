@@ -189,7 +189,7 @@ def noise(
     found: dict[int, Level] = {}
     readings: dict[int, Readout] = {}
     alike: dict[int, float] = {}
-    undecided: set[int] = set()  # where the excess may be readout noise, though white noise is likelier
+    undecided: dict[int, float] = {}  # where the excess may be readout noise, though white noise is likelier: probability of it
     for axis in range(3):
         x = report.rates[:, axis] - sum((line.waveform for line in report.lines if line.axis == axis), 0.0)
         away = off_zero(x, steps[axis], sigma) if cut[axis] else np.ones(x.size, dtype=bool)
@@ -230,7 +230,7 @@ def noise(
         if p < report.event_p and factor > 1 and not coarse[axis]:
             reading = readout_of(x, usable, expected) if order == ORDERS[0] else reading
             if reading is not None and reading.probability < 0.5:
-                undecided.add(axis)
+                undecided[axis] = reading.probability
             elif reading is not None:
                 readings[axis] = reading
                 _read_out(report, axis, reading, factor, min(p, p_colour), sigma, recording.gyro.sample_s)
@@ -241,9 +241,9 @@ def _read_out(report: SampleReport, axis: int, found: Readout, factor: float, p:
     """Readout noise is a symptom; it adds nothing to the noise of the angle turned. White noise beside it may be another."""
     size, error = (float(np.rad2deg(value) * 3600 * sample_s) for value in (found.reading, found.sigma))
     text = f"the noise of the samples rises with the frequency as that of readings of the angle of {size:.3g} arcsec"
-    rival = "white_noise_level" if found.as_stated and found.probability < CLEARLY else None
-    likely = 1.0 if rival else found.probability
-    report.symptoms.append(Symptom("readout_noise", AXES[axis], size, "arcsec", error, {}, p, text, likely, rival))
+    rivals = (("white_noise_level", 1 - found.probability),) if found.as_stated and found.probability < CLEARLY else ()
+    likely = 1.0 if rivals else found.probability
+    report.symptoms.append(Symptom("readout_noise", AXES[axis], size, "arcsec", error, {}, p, text, likely, rivals))
     report.noise_factor[axis] = factor
     if found.as_stated:
         return
@@ -256,7 +256,9 @@ def _read_out(report: SampleReport, axis: int, found: Readout, factor: float, p:
         report.symptoms.append(Symptom("white_noise_level", AXES[axis], white, "factor", error, {}, p_white, text))
 
 
-def _name(report: SampleReport, found: dict[int, Level], sigma: float, alike: dict[int, float], undecided: set[int]) -> None:
+def _name(
+    report: SampleReport, found: dict[int, Level], sigma: float, alike: dict[int, float], undecided: dict[int, float]
+) -> None:
     """White noise of another level is one symptom, noise of another colour is another."""
     tests = {(test.statistic, test.axis): test for test in report.tests}
     factors, errors = np.ones(3), np.full(3, np.inf)
@@ -293,6 +295,8 @@ def _name(report: SampleReport, found: dict[int, Level], sigma: float, alike: di
         size = float(np.mean(factors[axes]))
         error = float(np.sqrt(np.mean(errors[axes] ** 2) / len(axes)))
         p = min(tests["noise_level", AXES[axis]].p_value for axis in axes)
-        rival = "readout_noise" if undecided.issuperset(axes) else None
+        rivals = (("readout_noise", min(undecided[axis] for axis in axes)),) if undecided.keys() >= set(axes) else ()
         likeness = min(1.0, len(axes) * min(alike.get(axis, 1.0) for axis in axes))
-        report.symptoms.append(Symptom("white_noise_level", name, size, "factor", error, {}, p, rival=rival, likeness=likeness))
+        report.symptoms.append(
+            Symptom("white_noise_level", name, size, "factor", error, {}, p, rivals=rivals, likeness=likeness)
+        )

@@ -137,16 +137,27 @@ def errors_of(model: RecordingModel, effect: Effect, axis: str | None, parameter
 
 def innovations(model: RecordingModel, beside: Sequence[Array] = ()) -> tuple[Array, Mask, Array]:
     """White innovations about the body axes (k, 3), whose they are (m,), and (3k, q) a basis of what the fit took."""
+    rows = np.concatenate([model.residuals[:, :, None], model.turned_by(parameter_errors(model.raw)), *beside], axis=2)
+    white, later = whitened(model, rows)
+    y, X = white[:, 0], white[:, 1:]
+    U = basis(X)
+    return (y - U @ (U.T @ y)).reshape(-1, 3), later, U
+
+
+def whitened(model: RecordingModel, columns: Array) -> tuple[Array, Mask]:
+    """Attitude errors at every reference, inertial axes, (m, 3, c), as innovations about the body axes (3k, c); whose (m,)."""
     first = np.diff(model.interval_of_reference, prepend=-1) != 0
     added = np.diff(model.walk, axis=0, prepend=model.walk[:1])
     added[first] = 0.0
-    columns = np.concatenate([model.residuals[:, :, None], model.turned_by(parameter_errors(model.raw)), *beside], axis=2)
     white = _whitened(columns, added, model.errors, first)[~first]
     body = np.matmul(model.at_reference[~first].transpose(0, 2, 1), white)
-    y, X = body[:, :, 0].ravel(), body[:, :, 1:].reshape(3 * len(body), -1)
-    U, s, _ = np.linalg.svd(X / np.maximum(np.linalg.norm(X, axis=0), TINY), full_matrices=False)
-    U = U[:, s > RANK * s[0]]
-    return (y - U @ (U.T @ y)).reshape(-1, 3), ~first, U
+    return body.reshape(3 * len(body), -1), ~first
+
+
+def basis(columns: Array) -> Array:
+    """Orthonormal basis of columns (n, c), without what adds nothing to the others."""
+    U, s, _ = np.linalg.svd(columns / np.maximum(np.linalg.norm(columns, axis=0), TINY), full_matrices=False)
+    return np.asarray(U[:, s > RANK * s[0]])
 
 
 def _motion(model: RecordingModel) -> Array:

@@ -22,6 +22,8 @@ from diagnosis.model.gate import check_residuals
 from diagnosis.model.linearise import linearised
 from diagnosis.model.lines import judged_lines
 from diagnosis.model.recording import RecordingModel
+from diagnosis.model.tones.fast import fast_tone
+from diagnosis.model.tones.tone import UNLISTED, without
 from diagnosis.model.tracker_noise import alike, series_of
 from diagnosis.settings import DEFAULT, DiagnosisSettings
 from gyrocal.calibration.gate import LargeResidualError
@@ -36,6 +38,7 @@ Progress = Callable[[str, float], None]
 
 AXES = "xyz"
 ITERATIONS = 10
+MOST_TONES = 3  # of the references, beyond their averages
 SETTLED = 1e-3  # sigmas of the last correction
 CLEARLY = 12.0  # of χ², by which the attitude decides how readings came onto a lattice
 LIKELY = 1.0  # log odds of a dead zone from the samples, from which on its axis is left out of tests that it would mislead
@@ -98,7 +101,8 @@ def prepare(recording: Recording, settings: DiagnosisSettings = DEFAULT, tell: P
             report, (model, sigma, pieces) = cut, other
         elif gain > -CLEARLY:
             report.symptoms = [
-                replace(one, rival="lattice_cut") if one.kind == "lattice_rounded" else one for one in report.symptoms
+                replace(one, rivals=(("lattice_cut", 0.5),)) if one.kind == "lattice_rounded" else one
+                for one in report.symptoms
             ]
     dead = _dead(recording, report, model.bias)
     likely = {one.axis for one in dead if one.log_odds > LIKELY}
@@ -106,6 +110,7 @@ def prepare(recording: Recording, settings: DiagnosisSettings = DEFAULT, tell: P
     if judged_lines(report, model, likely):
         report.smooth = smoothed_rates(report.rates, recording)
         model, sigma = _calibrated(recording, report, pieces, recording.attitudes.sigma)
+    recording, model, sigma = _without_tones(recording, report, pieces, model, sigma, settings)
     found = [
         (name, _reference_noise(model, report, dead, settings, number))
         for number, name in ([(None, None)] if recording.attitudes.sensor is None else _named(recording))
@@ -120,6 +125,29 @@ def prepare(recording: Recording, settings: DiagnosisSettings = DEFAULT, tell: P
     of_all = next((noise for name, noise in found if name is None), None)
     of_each = tuple((name, noise) for name, noise in found if name is not None and noise is not None)
     return Prepared(model, report, sigma, of_all, dead, _notes(recording, pieces, sigma), of_each)
+
+
+def _without_tones(
+    recording: Recording,
+    report: SampleReport,
+    pieces: tuple[Interval, ...],
+    model: RecordingModel,
+    sigma: Array,
+    settings: DiagnosisSettings,
+) -> tuple[Recording, RecordingModel, Array]:
+    """The recording without the tones that only all references show, its model and the sigma of that; they are symptoms."""
+    if (report.lattice | report.hidden).any():
+        return recording, model, sigma
+    for _ in range(MOST_TONES):
+        tone = fast_tone(model, report.rates, settings.sample_event, settings.unlisted_share)
+        if tone is None:
+            break
+        report.symptoms.append(tone.symptom(settings.group_share, settings.unknown))
+        if report.symptoms[-1].kind == UNLISTED:
+            break
+        recording, report.rates = without(recording, report.rates, tone.ways[0][0])
+        model, sigma = _calibrated(recording, report, pieces, recording.attitudes.sigma)
+    return recording, model, sigma
 
 
 def check_usable(recording: Recording, settings: DiagnosisSettings = DEFAULT) -> None:

@@ -35,25 +35,29 @@ class SampleCause:
     symptom : what was seen
     effect : its name, None if no effect that may be named claims the symptom
     finding : for the list of where the recording departs
-    rival : an effect that may be at work in its place
+    rivals : effects that may be at work in its place, with their shares of the probability
     """
 
     symptom: Symptom
     effect: str | None
     finding: Finding
-    rival: str | None = None
+    rivals: tuple[tuple[str, float], ...] = ()
+
+    @property
+    def share(self) -> float:
+        """Of the probability, that it is the effect itself and none of the rivals."""
+        return 1.0 - sum(share for _, share in self.rivals)
 
     def cause(self, settings: DiagnosisSettings) -> Cause:
         """As a cause of the answer."""
         assert self.effect is not None
         symptom = self.symptom
-        group = tuple(
-            name if symptom.axis is None else f"{name}:{symptom.axis}" for name in (self.effect, self.rival) if name is not None
-        )
+        names = (self.effect, *(name for name, _ in self.rivals))
+        group = tuple(name if symptom.axis is None else f"{name}:{symptom.axis}" for name in names)
         probability = min(1.0 - imitated(symptom, settings), symptom.probability, 1.0 - min(symptom.p_value * CHANCE, 0.5))
         return Cause(
             self.effect, symptom.axis, symptom.size, symptom.unit, symptom.sigma, symptom.parameters,
-            probability / len(group), group, probability,
+            probability * self.share, group, probability,
         )  # fmt: skip
 
 
@@ -87,11 +91,16 @@ def claimed(
     covered = {effect.symptom for effect, own in detected.items() if own}
     own_test = {effect.symptom for effect in detected}
     found = [
-        SampleCause(one, _claimed(one, claims, own_test, settings), _finding(tests, one), claims.get(one.rival))
+        SampleCause(one, _claimed(one, claims, own_test, settings), _finding(tests, one), _rivals(one, claims))
         for one in symptoms
         if one.kind not in covered
     ]
     return (*found, *(_detected(one) for own in detected.values() for one in own))
+
+
+def _rivals(symptom: Symptom, claims: Mapping[str | None, str]) -> tuple[tuple[str, float], ...]:
+    """The effects that the symptom's rivals are signs of."""
+    return tuple((claims[kind], share) for kind, share in symptom.rivals if kind in claims)
 
 
 def _claimed(

@@ -98,6 +98,8 @@ SYMPTOMS = (
     "dead_zone",  # small rates read zero
     "plateau",  # the largest readings are all the same
     "spectral_line",  # a tone in the samples
+    "bias_tone",  # a tone in the readings that all references show and no samples
+    "reference_tone",  # a tone of the references
     "outliers",  # single samples far off
     "outlier_neighbours",  # samples beside those that are off as well
     "repeats",  # samples that repeat the one before

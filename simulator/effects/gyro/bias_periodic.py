@@ -32,4 +32,5 @@ EFFECT = BiasPeriodic(
     stage="rate",
     prior=(5e-3, 20.0),
     meaning="The gyro's bias goes up and down with a steady period that is not the orbit's, as with a heater that switches.",
+    symptom="bias_tone",
 )

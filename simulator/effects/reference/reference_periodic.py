@@ -28,4 +28,5 @@ EFFECT = ReferencePeriodic(
     prior=(5e-4, 5.0),
     bounds=(-90.0, 90.0),
     meaning="The reference attitude errs sinusoidally, with a steady period that is not the orbit's.",
+    symptom="reference_tone",
 )

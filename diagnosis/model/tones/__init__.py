@@ -1,0 +1,1 @@
+"""Tones that all references show and their averages do not."""

@@ -1,0 +1,121 @@
+"""Tones that all references show and their averages do not: which, of what, how large; and what is none."""
+
+from dataclasses import replace
+from functools import lru_cache
+
+import numpy as np
+import pytest
+
+from diagnosis.diagnose import diagnose
+from diagnosis.model.linearise import linearised
+from diagnosis.model.tones.fast import fast_tone
+from diagnosis.model.tones.fit import Fit, aliases_of
+from diagnosis.model.tones.peak import strongest
+from diagnosis.model.tones.tone import PICKUP, REFERENCE, UNLISTED, without
+from gyrocal import calibrate
+from simulator.effects import parse
+from simulator.simulate import simulate
+from simulator.truth.rotation import perturbed
+from tests.diagnosis.model.test_lines import plan, recorded, swaying, tone
+
+P, EVERY = 1e-5, 0.5  # s between references, of which two are averaged
+
+
+@lru_cache
+def model_of(*effects, seed=1):
+    recording = (
+        recorded(*effects, every_s=EVERY)
+        if seed == 1
+        else simulate(plan(EVERY), seed=seed, effects=[parse(text) for text in effects])
+    )
+    return modelled(recording)
+
+
+def modelled(recording):
+    result = calibrate(recording)
+    return linearised(recording, result.G, result.bias)
+
+
+def found(model):
+    return fast_tone(model, model.recording.gyro.rates, P, 0.2)
+
+
+def test_a_swing_of_the_references_is_told():
+    first, probability = found(model_of("reference_periodic:z=0.008,period_s=1.7,phase_deg=40")).ways[0]
+    assert (first.kind, first.axis) == (REFERENCE, 2)
+    assert probability > 0.9
+    size, sigma, unit, parameters = first.stated()
+    assert unit == "deg"
+    assert abs(size - 0.008) < 4 * sigma
+    assert parameters["period_s"] == pytest.approx(1.7, rel=1e-3)
+    assert parameters["phase_deg"] == pytest.approx(40.0, abs=np.rad2deg(6 * sigma / size))
+
+
+def test_a_vibration_is_told_from_its_aliases():
+    """The references, half a second apart, see 12.7 Hz as 0.7 Hz; the samples tell."""
+    first, probability = found(model_of("vibration:y=0.2,apparent_hz=12.7")).ways[0]
+    assert (first.kind, first.axis) == (PICKUP, 1)
+    assert probability > 0.9
+    assert first.frequency_hz == pytest.approx(12.7, abs=1e-4)
+    size, sigma, _, _ = first.stated()
+    assert abs(size - 0.2) < 4 * sigma
+
+
+@pytest.mark.parametrize("seed", [2, 3, 4])
+def test_noise_has_no_tone(seed):
+    assert strongest(model_of(seed=seed), 2.0).p_value > 1e-3
+    assert found(model_of(seed=seed)) is None
+
+
+def test_what_follows_the_motion_is_no_tone():
+    """A body that sways at 0.61 Hz, with references that are late, leaves a line at that frequency."""
+    turn = tone(0.3, 0.61)
+    swayed = swaying(recorded(every_s=EVERY), turn)
+    attitudes = swayed.attitudes
+    behind = turn(attitudes.t_s) - turn(attitudes.t_s - 0.02)
+    model = modelled(replace(swayed, attitudes=replace(attitudes, quaternions=perturbed(attitudes.quaternions, behind))))
+    assert strongest(model, P) is not None
+    assert found(model) is None
+
+
+def test_a_wave_that_is_not_steady_is_on_no_list():
+    recording = recorded(every_s=EVERY)
+    attitudes = recording.attitudes
+    error = np.zeros((attitudes.t_s.size, 3))
+    error[:, 1] = np.deg2rad(0.01) * np.sin(2 * np.pi * attitudes.t_s / 1.7) * (attitudes.t_s < 300)
+    wrong = replace(recording, attitudes=replace(attitudes, quaternions=perturbed(attitudes.quaternions, error)))
+    first, probability = found(modelled(wrong)).ways[0]
+    assert first.kind == UNLISTED
+    assert probability > 0.9
+
+
+@pytest.mark.parametrize("effect", ["reference_periodic:z=0.008,period_s=1.7", "vibration:y=0.2,apparent_hz=12.7"])
+def test_without_it_nothing_is_left(effect):
+    model = model_of(effect)
+    recording, rates = without(model.recording, model.recording.gyro.rates, found(model).ways[0][0])
+    assert found(modelled(replace(recording, gyro=replace(recording.gyro, rates=rates)))) is None
+
+
+def test_the_phases_between_intervals_are_those_of_the_waves():
+    """The moved frequency explains as much as the best of all that are whitened afresh."""
+    model = model_of("reference_periodic:z=0.008,period_s=1.7")
+    fit, centre = Fit.of(model), 1 / 1.7 + 4e-4
+    (moved,) = fit.coherent(np.array([centre]), 2, 1e-3)
+    near = centre + np.arange(-1e-3, 1e-3, 2e-5)
+    columns = fit._columns(near, True, [2])
+    chi2 = [fit._chi2(columns[:, 2 * k : 2 * k + 2], fit.taken) for k in range(near.size)]
+    assert moved == pytest.approx(near[int(np.argmax(chi2))], abs=6e-5)
+
+
+def test_aliases_of_a_series():
+    """References half a second apart: f and 2 j ± f, up to half the rate of the samples."""
+    aliases = aliases_of(model_of(), 0.7)
+    assert aliases[:4] == pytest.approx([0.7, 1.3, 2.7, 3.3])
+    assert aliases.max() < 50
+
+
+def test_a_diagnosis_names_it():
+    answer = diagnose(recorded("reference_periodic:z=0.008,period_s=1.7", every_s=EVERY))
+    assert [cause.label for cause in answer.causes] == ["reference_periodic:z"]
+    assert answer.verdict in ("named", "group")
+    assert not answer.p_values.get("misfit: line of any period", 1.0) < 1e-4
