@@ -14,7 +14,7 @@ from diagnosis.answer import Amplitudes, Cause, Finding, Verdict
 from diagnosis.detectors.spectral_lines import Line
 from diagnosis.identifiable import blind_spot
 from diagnosis.inference.amplitudes import Fitted
-from diagnosis.inference.attribution import Attribution
+from diagnosis.inference.attribution import Attribution, Ranked
 from diagnosis.model import localization
 from diagnosis.model.misfit import finding as misfit_finding
 from diagnosis.model.prepare import Prepared
@@ -245,13 +245,29 @@ def _posterior(
             for name, share in zip(cause.group, shares, strict=True)
         }
     found: dict[tuple[str, ...], float] = {}
-    for labels, p in posterior(explained.attribution if gap else None):
+    of_attitude = posterior(explained.attribution) if gap else _without_gap(explained.unseen, bool(samples), settings)
+    for labels, p in of_attitude:
         for own, share in shown.items():
             both = labels if "unknown" in labels else (*own, *(label for label in labels if label not in own))
             found[both] = found.get(both, 0.0) + p * share
     # What the samples show may be an imitation, too.
     found[("unknown",)] = found.get(("unknown",), 0.0) + 1 - sum(found.values())
     return likeliest({labels: p for labels, p in found.items() if p > 0})
+
+
+def _without_gap(
+    unseen: Sequence[Ranked], beside: bool, settings: DiagnosisSettings
+) -> tuple[tuple[tuple[str, ...], float], ...]:
+    """Of M0 and what is too weak to be told; beside what the samples show, all that is one more effect."""
+    if not unseen:
+        return (((), 1.0),)
+    odds = settings.another / (1 - settings.another) if beside else 1.0
+    found: dict[tuple[str, ...], float] = {}
+    for one in unseen:
+        labels = ("unknown",) if one.unlisted else tuple(sorted(one.labels))
+        found[labels] = found.get(labels, 0.0) + one.probability * (odds if labels else 1.0)
+    norm = sum(found.values())
+    return likeliest({labels: p / norm for labels, p in found.items()})
 
 
 def posterior(attribution: Attribution | None) -> tuple[tuple[tuple[str, ...], float], ...]:

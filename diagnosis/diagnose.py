@@ -14,7 +14,7 @@ from threadpoolctl import threadpool_limits
 from diagnosis.answer import Closure
 from diagnosis.assemble import assembled
 from diagnosis.inference.amplitudes import Fitted, amplitudes, refined
-from diagnosis.inference.attribution import Attribution, attribute, doubted, unexplained
+from diagnosis.inference.attribution import Attribution, Ranked, attribute, doubted, unexplained, unseen
 from diagnosis.inference.checks import Check, residual_checks, together
 from diagnosis.inference.closure import found_by, is_random, learnable, measured
 from diagnosis.inference.null import p_value
@@ -54,6 +54,7 @@ class Explained:
     fitted : amplitudes of the effects that are named
     checks : of what the named effects leave
     left : what M0 leaves of all references, before any averaging
+    unseen : without a gap, the probability of M0 and of what is too weak to be told
     closed : how far the gap closes on held-out data
     change, covariance : of the calibration with the named effects in the model, (12,), and of it and their amplitudes
     """
@@ -67,6 +68,7 @@ class Explained:
     change: Array
     covariance: Array
     left: tuple[Departure, ...] = ()
+    unseen: tuple[Ranked, ...] = ()
 
 
 def diagnose(
@@ -181,7 +183,8 @@ def judged(
     search = Search(linear, settings, counted(tell, "explanations", 0.5, 0.6, 1000))
     told = partial(tell, "null distribution")
     p = p_value(search, seed, settings.null_draws, settings.scanned_share, lambda share: told(0.3 + 0.2 * share))
-    share = 0.0 if left is None else settings.misfit_share
+    quiet: tuple[Ranked, ...] = ()
+    share, of_all = (0.0, 1.0) if left is None else (settings.misfit_share, left)
     p, left = min(p / (1 - share), shown), 1.0 if left is None else left / share
     attribution: Attribution | None = None
     fitted: tuple[Fitted, ...] = ()
@@ -211,7 +214,11 @@ def judged(
             closed = measured(listed, random, found_by(len(members)), lambda done: told(0.85 + 0.015 * done))
     elif left < settings.false_alarm_rate:
         attribution = unexplained(left)
-    return Explained(linear, min(p, left, 1.0), attribution, fitted, checks, closed, np.zeros(12), np.zeros((12, 12)))
+    else:
+        quiet = unseen(linear, search.singles(), of_all, settings)
+    return Explained(
+        linear, min(p, left, 1.0), attribution, fitted, checks, closed, np.zeros(12), np.zeros((12, 12)), unseen=quiet
+    )
 
 
 def counted(tell: Progress, text: str, begin: float, stop: float, usual: int) -> Callable[[int], None]:

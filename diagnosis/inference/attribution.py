@@ -107,6 +107,36 @@ def unexplained(p_value: float) -> Attribution:
     return Attribution("unknown", NOTHING, (), unknown, (other, nothing))
 
 
+def unseen(
+    model: LinearModel, explanations: Sequence[Explanation], p_value: float, settings: DiagnosisSettings = DEFAULT
+) -> tuple[Ranked, ...]:
+    """Of a recording without a gap: M0, as likely beforehand as all else, and what may be at work and too weak to be told.
+
+    Parameters
+    ----------
+    model : the candidates
+    explanations : one effect each, with its evidence, which is small
+    p_value : of what M0 leaves of all references, which would show something on no list that no candidate does
+
+    Returns
+    -------
+    All of them, the likeliest first
+    """
+    hidden = float(np.log(settings.unlisted_share / against(p_value)))
+    norm = float(np.logaddexp(total([NOTHING, *explanations]), hidden))
+    found = [
+        Ranked(
+            tuple(model.candidate(member).label for member in one.members),
+            float(np.exp(one.log_posterior - norm)),
+            one.log_evidence,
+            not _is_listed(model, one),
+        )
+        for one in (NOTHING, *explanations)
+    ]
+    found.append(Ranked(("something that no candidate shows",), float(np.exp(hidden - norm)), 0.0, True))
+    return tuple(sorted(found, key=lambda one: -one.probability))
+
+
 def doubted(model: LinearModel, attribution: Attribution, p_value: float, settings: DiagnosisSettings = DEFAULT) -> Attribution:
     """The same, weighed against something unlisted that imitates what would be named.
 

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from diagnosis.inference.attribution import attribute, doubted
+from diagnosis.inference.attribution import against, attribute, doubted, unseen
 from diagnosis.inference.search import NOTHING, Explanation, Search
 from diagnosis.model.linear import Member
 from diagnosis.settings import DiagnosisSettings
@@ -141,3 +141,17 @@ def test_the_baseline_shares_the_probability_but_is_never_named():
     answer = attribute(model, [nothing, *found])
     assert [slot.group[0][0] for slot in answer.slots] == ["e0"]
     assert answer.slots[0].probability == pytest.approx(0.15)
+
+
+@pytest.mark.parametrize("p_value", [0.5, 1e-2])
+def test_without_a_gap_m0_is_as_likely_as_its_evidence(p_value):
+    """M0 has the prior odds one against the rest, and what no candidate shows its share of them."""
+    settings = DiagnosisSettings()
+    model, explanations = three({(0,): 0.10, (1,): 0.05, (2,): 0.02}, (True, True, False))
+    found = unseen(model, explanations, p_value, settings)
+    hidden = settings.unlisted_share / against(p_value)
+    norm = 1 + 0.17 + hidden
+    assert sum(one.probability for one in found) == pytest.approx(1.0)
+    assert [one.probability for one in found if not one.labels] == pytest.approx([1 / norm])
+    assert sum(one.probability for one in found if one.unlisted) == pytest.approx((0.02 + hidden) / norm)
+    assert [one.probability for one in found] == sorted((one.probability for one in found), reverse=True)
