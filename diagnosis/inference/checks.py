@@ -6,6 +6,10 @@ statistics ask whether they are: their size, their correlation in time, lines of
 since an interval's start or with the orbit, dependence on rate, acceleration, mission time and housekeeping, constancy of
 their variance over the intervals and with the rate, and their shape.
 
+A random process has to look like a draw of itself as well. Its contribution C Cᵀ S⁻¹ y, S = I + C Cᵀ, as the data estimate it,
+is asked the same: one bump, a swing or a pattern that a process has swallowed leaves nothing in the innovations, and is a draw
+that hardly ever comes.
+
 The distribution of each statistic comes from draws of the named model itself, with the nuisance parameters projected out of
 them as they are out of the data (Gelman et al., Bayesian Data Analysis, section 6.3). P-values beyond what the draws resolve
 come from a distribution that is fitted to the draws: of a statistic that is a sum, a power or its logarithm is taken which
@@ -38,6 +42,7 @@ FOLD = 12  # bins of a pattern that repeats
 FEWEST = 12  # observations, below which nothing can be checked
 TINY = 1e-300
 TWO_SIDED = "size"  # less of it than expected is as odd as more
+SETTLED = (TWO_SIDED, "correlation in time")  # by the evidence of a process
 LARGEST = "line of any period"  # the one statistic that is a largest value
 
 
@@ -100,10 +105,31 @@ def residual_checks(model: LinearModel, members: Sequence[Member], layout: Layou
     rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=tuple(b"residual_checks")))
     noise = rng.standard_normal((model.y.size, DRAWS))
     drawn = model.projected(noise) + C @ rng.standard_normal((C.shape[1], DRAWS))
-    e = _in_body(
-        scipy.linalg.solve_triangular(L, np.column_stack([model.y - shift, drawn]), lower=True, check_finite=False), layout
-    )
-    return tuple(_check(name, values) for name, values in _statistics(e, layout).items())
+    white = scipy.linalg.solve_triangular(L, np.column_stack([model.y - shift, drawn]), lower=True, check_finite=False)
+    found = [_check(name, values) for name, values in _statistics(_in_body(white, layout), layout).items()]
+    for member in members:
+        if model.candidate(member).process:
+            label = model.candidate(member).label
+            own = _of_process(_estimated(model, member, L, white), layout)
+            found += [_check(name, values, f"{name}, of {label} itself") for name, values in own.items()]
+    return tuple(found)
+
+
+def _of_process(z: Array, layout: Layout) -> dict[str, Array]:
+    """(d,) each statistic of the estimates (N, d) of a process, but those that its evidence has settled."""
+    return {name: values for name, values in _statistics(_in_body(z, layout), layout).items() if name not in SETTLED}
+
+
+def _estimated(model: LinearModel, member: Member, L: Array, white: Array) -> Array:
+    """(N, d) what a random process contributes to the observations, as estimated: over its scatter in the draws, of RMS one.
+
+    Its size is what the data have left of the prior, and says nothing.
+    """
+    places, scales, _ = model.design((member,))
+    C = scales * model.X[:, places]
+    mean = C @ (C.T @ scipy.linalg.solve_triangular(L, white, lower=True, trans="T", check_finite=False))
+    z = mean / np.maximum(np.std(mean[:, 1:], axis=1, keepdims=True), TINY)
+    return np.asarray(z / np.maximum(np.sqrt(np.mean(z**2, axis=0)), TINY))
 
 
 def together(checks: Sequence[Check]) -> float:
@@ -116,10 +142,10 @@ def _in_body(e: Array, layout: Layout) -> Array:
     return np.matmul(layout.axes, e.reshape(layout.t_s.size, 3, -1))
 
 
-def _check(name: str, values: Array) -> Check:
+def _check(name: str, values: Array, says: str | None = None) -> Check:
     """The first value beside those of the draws."""
     value, draws = float(values[0]), values[1:]
-    return Check(name, value, float(np.mean(draws)), float(_p_value(name, np.array([value]), draws)[0]))
+    return Check(says or name, value, float(np.mean(draws)), float(_p_value(name, np.array([value]), draws)[0]))
 
 
 def _p_value(name: str, values: Array, draws: Array) -> Array:

@@ -38,6 +38,19 @@ def model():
     return linear_model([drift, wander], np.zeros(3 * ROWS), rng.standard_normal((3 * ROWS, 12)))
 
 
+@pytest.fixture(scope="module")
+def process(model, layout):
+    """The same, the second of which is a random process about a body axis, correlated over some observations."""
+    apart = np.abs(layout.t_s[:, None] - layout.t_s)
+    factor = np.linalg.cholesky(np.exp(-0.5 * (apart / 150.0) ** 2) + 1e-9 * np.eye(ROWS))
+    columns = np.einsum("rb,rk->rbk", layout.axes[:, 0, :], factor).reshape(3 * ROWS, ROWS)
+    rng = np.random.default_rng(12)
+    drift = np.repeat(np.linspace(-1, 1, ROWS), 3)[:, None]
+    made = linear_model([drift, columns], np.zeros(3 * ROWS), rng.standard_normal((3 * ROWS, 12)))
+    first, second = made.candidates
+    return replace(made, candidates=(first, replace(second, process=True)))
+
+
 def drawn(model, rng, count):
     """Observations of the named model, (N, count)."""
     C = np.hstack([model.scale(m) * model.X[:, model.option(m).columns] for m in MEMBERS])
@@ -81,6 +94,42 @@ def test_data_of_the_named_model_are_rejected_at_the_stated_rate(model, layout, 
     error = 4 * np.sqrt(level / 10_000) + level * (0.2 if level >= 0.01 else 1.0)
     assert np.mean(shares) < level + error
     assert np.mean(shares) > 0.4 * level  # and the checks can speak at all
+
+
+def of_process(model, layout, y):
+    """(d,) each statistic of the process in observations (N, d)."""
+    C = np.hstack([model.scale(m) * model.X[:, model.option(m).columns] for m in MEMBERS])
+    L = np.linalg.cholesky(np.eye(model.y.size) + C @ C.T)
+    return checks._of_process(checks._estimated(model, MEMBERS[1], L, np.linalg.solve(L, y)), layout)
+
+
+@pytest.mark.parametrize("level", [0.05, 0.01, 1e-3])
+def test_draws_of_a_process_are_rejected_at_the_stated_rate(process, layout, level):
+    rng = np.random.default_rng(14)
+    data = drawn(process, rng, 10_000)
+    shares = []
+    for _ in range(4):
+        own = of_process(process, layout, np.column_stack([drawn(process, rng, 1), drawn(process, rng, checks.DRAWS)]))
+        found = of_process(process, layout, data)
+        p = np.min([checks._p_value(name, found[name][1:], own[name][1:]) for name in own], axis=0)
+        shares.append(np.mean(p * len(own) < level))
+    error = 4 * np.sqrt(level / 10_000) + level * (0.3 if level >= 0.01 else 1.5)
+    assert np.mean(shares) < level + error
+
+
+def test_a_bump_is_no_draw_of_a_process(process, layout):
+    """One bump of an interval, which a slow process takes up whole, so that the innovations show nothing."""
+    rng = np.random.default_rng(15)
+    y = process.projected(rng.standard_normal((process.y.size, 1)))[:, 0]
+    values = np.zeros((ROWS, 3))
+    values[:, 0] = np.exp(-0.5 * ((layout.t_s - 8900.0) / 200.0) ** 2)
+    bump = process.projected((40 * along_body(layout, values))[:, None])[:, 0]
+    found = {one.name: one.p_value for one in residual_checks(replace(process, y=y + bump), MEMBERS, layout)}
+    own = [p for name, p in found.items() if name.endswith("itself")]
+    assert min(own) < 1e-4
+    draw = drawn(process, rng, 1)[:, 0]
+    usual = {one.name: one.p_value for one in residual_checks(replace(process, y=draw), MEMBERS, layout)}
+    assert min(p for name, p in usual.items() if name.endswith("itself")) > 1e-3
 
 
 def test_whole_checks_of_the_named_model_seldom_reject(model, layout):
