@@ -101,7 +101,7 @@ def residual_checks(model: LinearModel, members: Sequence[Member], layout: Layou
         return ()
     places, scales, shifts = model.design(members)
     C, shift = scales * model.X[:, places], model.X[:, shifts].sum(axis=1)
-    L = np.linalg.cholesky(np.eye(model.y.size) + C @ C.T)
+    L = np.asarray(np.linalg.cholesky(np.eye(model.y.size) + C @ C.T), dtype=float)
     rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=tuple(b"residual_checks")))
     noise = rng.standard_normal((model.y.size, DRAWS))
     drawn = model.projected(noise) + C @ rng.standard_normal((C.shape[1], DRAWS))

@@ -469,7 +469,14 @@ def unlisted_groups(model: RecordingModel, found: Found, effects: Sequence[Effec
         yield replace(_rival(one.name, one.axis, one.columns, False), weights=one.weights, scanned=True)
     for family in unlisted.families(model):
         yield _rival(family.name, family.axis, family.columns, False)
-    for process in processes.unlisted(model):
+    cells, around = processes.cell_times(model), model.around
+    known = [
+        effect.covariance(cells, trial.parameters)
+        for effect in effects
+        if effect.is_process and not effect.on_references and not effect.of_trackers and effect.missing(around) is None
+        for trial in effect.trials(around)
+    ]
+    for process in processes.unlisted(model, known):
         yield _rival(process.name, process.axis, process.columns, True)
     for error in trackers.unlisted(model):
         yield _rival(error.name, error.tracker, error.columns, error.process)

@@ -6,13 +6,13 @@ are orthogonal, and cut where they cannot be seen any more, a process is a group
 (`diagnosis.inference.evidence`).
 
 Listed processes bring their own covariance (`simulator.effects.base.Effect.covariance`). The unlisted rivals are Markov rate
-errors of several time constants, a level of its own in each interval, processes that follow the rate, and correlated
-references.
+errors of several time constants, unless a listed process is the same, a level of its own in each interval, processes that
+follow the rate, and references that are off by another angle in each interval.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -32,6 +32,7 @@ INFORMATION = 0.95  # share of Σ λ² that the columns have together at least
 WHOLE = 0.9999  # the same where what a process leaves over is looked at
 USUAL_COLUMNS = 72  # that are kept whatever they share
 MOST_COLUMNS = 400
+ALIKE = 0.95  # cosine of two covariances from which on they are one process
 NODES = 4  # references of an observation at which a process is taken
 
 
@@ -149,18 +150,30 @@ def on_references(model: RecordingModel, axis: int, F: Array, share: float = INF
     return orthogonal(model.reference_columns[axis], model.reference_grams[axis], F, share)
 
 
-def unlisted(model: RecordingModel) -> Iterator[Process]:
-    """Random discrepancies that are on no list, about each axis."""
+def is_one_of(K: Array, known: Sequence[Array]) -> bool:
+    """Whether a covariance is that of a process among others, but for its size."""
+    return any(float(np.sum(K * one)) > ALIKE * float(np.linalg.norm(K) * np.linalg.norm(one)) for one in known)
+
+
+def unlisted(model: RecordingModel, known: Sequence[Array] = ()) -> Iterator[Process]:
+    """Random discrepancies that are on no list, about each axis.
+
+    Parameters
+    ----------
+    model : of the recording
+    known : covariances over the cells of processes of the rates that are on the list: a rival is something else
+    """
     cells = model.cells
     longest = max(float(block.elapsed_s[-1]) for block in model.blocks)
     w = np.add.reduceat(model.rates * model.dt[:, None], cells.first, axis=0) / cells.duration_s[:, None]
     separate = same(cells.interval)
-    fast = [factor(separate * markov(cells.t_s, tau)) for tau in (longest / 60, longest / 20, longest / 6)]
+    wandering = [separate * markov(cells.t_s, tau) for tau in (longest / 60, longest / 20, longest / 6)]
+    fast, slow = [factor(K) for K in wandering if not is_one_of(K, known)], factor(wandering[-1])
     levels = factor(separate)
     level_each, slow_each = [], []
     for other in range(3):
         level_each.append(levels * w[:, [other]])
-        slow_each.append(fast[2] * w[:, [other]])
+        slow_each.append(slow * w[:, [other]])
     offsets = factor(np.deg2rad(1.0) * same(model.observation_block))
     for axis, name in enumerate(AXES):
         for words, factors in (
@@ -169,5 +182,6 @@ def unlisted(model: RecordingModel) -> Iterator[Process]:
             ("scale factor or misalignment differs between intervals", level_each),
             ("scale factor or misalignment wanders", slow_each),
         ):
-            yield Process(words, name, [on_cells(model, axis, F) for F in factors])
+            if factors:
+                yield Process(words, name, [on_cells(model, axis, F) for F in factors])
         yield Process("references offset differently in each interval", name, [on_references(model, axis, offsets)])

@@ -101,9 +101,23 @@ def test_a_simulated_process_has_the_power_of_its_columns(name, size, trial, sha
 def test_unlisted_processes_are_about_each_axis_and_can_be_seen():
     made = linear(3)
     names = {candidate.effect for candidate in made.candidates if candidate.process and not candidate.listed}
-    assert len(names) >= 5
+    assert len(names) >= 4
     for name in names:
         assert {c.axis for c in made.candidates if c.effect == name} == set("xyz")
+
+
+def test_a_rival_is_no_process_that_is_on_the_list(model):
+    """Of any size; the others stay."""
+    at, longest = processes.cell_times(model), max(float(block.elapsed_s[-1]) for block in model.blocks)
+    name = "random bias, correlated in time"
+    known = [7.0 * same(at.interval) * markov(at.t_s, longest / share) for share in (20, 6)]
+    count = {one.name: len(one.columns) for one in processes.unlisted(model)}
+    left = {one.name: len(one.columns) for one in processes.unlisted(model, known)}
+    assert (count[name], left[name]) == (3, 1)
+    assert {key: left[key] for key in left if key != name} == {key: count[key] for key in count if key != name}
+    assert name not in {
+        one.name for one in processes.unlisted(model, [*known, same(at.interval) * markov(at.t_s, longest / 60)])
+    }
 
 
 def test_cells_of_a_coarse_recording_stay_few():
