@@ -44,6 +44,8 @@ PART_CYCLES = 12  # of a line in a part of the samples in which its amplitude is
 MOST_PARTS = 8  # of one arc
 UNSTEADY = 0.1  # relative change of the amplitude that a tone may have
 STEADY_SHARE, STEADY_SIGMAS = 0.75, 2.5  # of the parts, and how far these may be off
+NO_NOISE = 1e-60  # (rad/s)², where readings leave nothing beside a line
+BEYOND_REST = 5.0  # sigmas of a power, by which one arc may have more of a tone than the rest of them
 STRONG = 30.0  # times the white noise: what a motion has, and no chance
 NEXT = 3.0  # factor from one frequency of a motion to the next
 JOLT = 15.0  # medians of the second differences, ten sigmas of noise, from which on the rate jumps
@@ -64,7 +66,7 @@ class Line:
     p_value : that the strongest of all lines is chance
     waveform : (n,) the tone in the samples, rad/s; zero outside the quiet arcs
     isolated : whether nothing but white noise is around it in the spectrum, so that the body shows no other motion there
-    steady : whether its amplitude is the same in all parts of the samples, as that of a tone is and that of a sway is not
+    steady : whether its amplitude is the same in all arcs and parts of the samples, as that of a tone is and that of a sway is not
     """
 
     axis: int
@@ -250,9 +252,9 @@ def _tone(x: Array, recording: Recording, axis: int, peak: _Peak, found: list[tu
     best = float(trial[int(np.argmax(_power(levels, found, recording, trial)))])
     near = np.linspace(best - 0.1 / span, best + 0.1 / span, 9)
     f = _top(near, _power(levels, found, recording, near))
-    squares, samples, noise, waveform = 0.0, 0, 0.0, np.zeros_like(x)
-    amplitudes, sigmas = [], []
-    for low, high in found:
+    waveform, amplitudes, sigmas = np.zeros_like(x), list[float](), list[float]()
+    samples, powers, variances = 0, np.zeros(len(found)), np.zeros(len(found))
+    for arc, (low, high) in enumerate(found):
         angle = 2 * np.pi * f * recording.gyro.t_s[low:high]
         waves = np.column_stack([np.cos(angle), np.sin(angle)])
         level = _without_motion(x[low:high], f * sample)
@@ -261,30 +263,29 @@ def _tone(x: Array, recording: Recording, axis: int, peak: _Peak, found: list[tu
         fitted = np.linalg.lstsq(waves[calm], level[calm], rcond=None)[0]
         waveform[low:high] = waves @ fitted
         waves, level = waves[calm], level[calm]
-        left = float(np.mean((level - waves @ fitted) ** 2))
-        squares += (float(fitted @ fitted) - 4 * left / level.size) * level.size
-        noise += left * level.size
+        left = max(float(np.mean((level - waves @ fitted) ** 2)), NO_NOISE)
+        powers[arc], variances[arc] = fitted @ fitted, 2 * left / level.size
         samples += level.size
         count = int(np.clip(level.size * sample * f // PART_CYCLES, 1, MOST_PARTS))
         for part in np.array_split(np.arange(level.size), count):
             own = np.linalg.lstsq(waves[part], level[part], rcond=None)[0]
             amplitudes.append(float(np.hypot(*own)))
             sigmas.append(np.sqrt(2 * left / part.size))
-    size = float(np.sqrt(max(squares / samples, 0.0)))
-    error = float(np.sqrt(2 * noise / samples / samples))
-    steady = _is_steady(np.array(amplitudes), np.array(sigmas))
+    # Each arc counts by the noise that it has: what a turn leaves in one of them is no line of all.
+    power, information = float(np.sum(powers / variances)), float(np.sum(1 / variances))
+    size, error = np.sqrt(max(power - 2 * len(found), 0.0) / information), float(1 / np.sqrt(information))
+    steady = _is_steady(np.array(amplitudes), np.array(sigmas)) and _in_all(powers, variances)
     # A window that keeps the motion out of a spectrum costs half of a tone's power; a fit has all of it, two numbers an arc.
-    power = (squares + 4 * noise / samples * len(found)) / (2 * noise / samples)
     chance = FINENESS * samples * float(scipy.stats.chi2.sf(power, 2 * len(found))) if peak.isolated else 1.0
     p = max(min(peak.p_value, chance), IMPOSSIBLE)
-    return Line(axis, f, size, error, p, waveform, peak.isolated, steady) if size > CLEAR_LINE * error else None
+    return Line(axis, f, float(size), error, p, waveform, peak.isolated, steady) if size > CLEAR_LINE * error else None
 
 
 def _power(levels: list[Array], found: list[tuple[int, int]], recording: Recording, trial: Array) -> Array:
-    """Power of a tone at each of some frequencies evenly spaced, over all arcs."""
+    """Power of a tone at each of some frequencies evenly spaced, over all arcs, each in terms of its own."""
     power = np.zeros(trial.size)
     for y, (low, high) in zip(levels, found, strict=True):
-        power += np.abs(_transform(y, recording.gyro.t_s[low:high], trial)) ** 2 / y.size
+        power += np.abs(_transform(y, recording.gyro.t_s[low:high], trial)) ** 2 / max(float(y @ y), NO_NOISE)
     return power
 
 
@@ -351,3 +352,21 @@ def _is_steady(amplitudes: Array, sigmas: Array) -> bool:
     middle = float(np.median(amplitudes))
     off = np.abs(amplitudes - middle) / np.hypot(sigmas, UNSTEADY * middle)
     return bool(np.quantile(off, STEADY_SHARE) < STEADY_SIGMAS)
+
+
+def _in_all(powers: Array, variances: Array) -> bool:
+    """Whether no arc has more of a line than all others together, as the one has in which a turn of the body rings.
+
+    With its own phase in each, an arc of n samples shows of a tone A the power a² of the mean A² + 2s² and the variance
+    4s² (A² + s²), where s² = 2σ²/n; the others' mean, weighed by 1/s², says what A² is. Parts of an arc, which each show
+    little of a weak line, would not tell.
+    """
+    if powers.size < 2:
+        return True
+    weights = (1.0 - np.eye(powers.size)) / variances
+    weights /= weights.sum(axis=1, keepdims=True)
+    rest = np.maximum(weights @ (powers - 2 * variances), 0.0)
+    own = 4 * variances * (rest + variances)
+    of_others = weights**2 @ (4 * variances**2) + 4 * rest * (weights**2 @ variances)
+    spread = np.sqrt(own + of_others + (2 * UNSTEADY * rest) ** 2)
+    return bool(np.all(powers - 2 * variances - rest < BEYOND_REST * spread))
