@@ -66,7 +66,7 @@ class Line:
     p_value : that the strongest of all lines is chance
     waveform : (n,) the tone in the samples, rad/s; zero outside the quiet arcs
     isolated : whether nothing but white noise is around it in the spectrum, so that the body shows no other motion there
-    steady : whether its amplitude is the same in all arcs and parts of the samples, as that of a tone is and that of a sway is not
+    steady : whether its amplitude is the same in all arcs and their parts, as that of a tone is and that of a sway is not
     """
 
     axis: int

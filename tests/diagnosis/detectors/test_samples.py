@@ -83,6 +83,35 @@ def test_a_tone_is_found_with_its_amplitude_and_frequency(plan, truth, amplitude
         assert report.symptoms == []  # whether it is a vibration, the attitude says
 
 
+def test_what_rings_in_one_arc_is_no_steady_tone(plan, truth):
+    """The same power in one of the arcs, where a turn of the body leaves it, and in all of them."""
+    recording = _recording(plan, truth, 1)
+    t, last = recording.gyro.t_s, recording.intervals[-1]
+    wave = np.sin(2 * np.pi * 0.31 * t)
+    share = np.mean(t >= last.start_s)
+    for where, steady in ((t >= last.start_s, False), (t >= t[0], True)):
+        rates = recording.gyro.rates.copy()
+        rates[:, 1] += np.deg2rad(2e-4) * np.where(where, wave, 0.0) / np.sqrt(1.0 if steady else share)
+        (line,) = stream.examine(replace(recording, gyro=replace(recording.gyro, rates=rates))).lines
+        assert line.axis == 1
+        assert line.frequency_hz == pytest.approx(0.31, abs=1e-3)
+        assert line.steady == steady
+
+
+def test_arcs_that_show_a_tone_each_to_their_noise_are_steady():
+    """Of arcs of any noise, few tones have an arc beyond the rest, and all that are in one arc only do."""
+    rng = np.random.default_rng(2)
+    variances = rng.uniform(0.1, 10.0, (400, 8)) ** 2
+    noise = np.sqrt(variances) * (rng.standard_normal((400, 8)) + 1j * rng.standard_normal((400, 8)))
+    for height in (0.0, 2.0, 40.0):
+        kept = [spectral_lines._in_all(np.abs(height + one) ** 2, own) for one, own in zip(noise, variances, strict=True)]
+        assert np.mean(kept) > 0.95
+    alone = 40.0 * (np.arange(8) == 3) + noise
+    assert not any(
+        spectral_lines._in_all(np.abs(one) ** 2, own) for one, own in zip(alone, variances, strict=True) if own[3] < 4
+    )
+
+
 @pytest.mark.parametrize(("arcs", "beyond"), [([4000] * 6, False), ([700] * 40, True), ([20000, 3000, 3000], False)])
 def test_the_p_value_of_the_strongest_line_holds_for_white_noise(arcs, beyond):
     edges = np.cumsum([0, *arcs])

@@ -1,5 +1,6 @@
 """Lines in the samples of a fast gyro: a body that sways is no vibration, and a vibration is one."""
 
+from copy import copy
 from dataclasses import replace
 from functools import lru_cache
 
@@ -158,3 +159,15 @@ def test_references_that_are_too_few_leave_it_to_the_prior():
     found = prepare(swaying(recorded(every_s=100.0), tone(0.001, 1 / 2.3)))
     (line,) = found.samples.lines
     assert abs(log_ratio(found.model, line)) < 2
+
+
+def test_power_beside_a_line_that_is_none_of_noise_takes_from_what_the_references_tell():
+    """Ten times the noise makes a projection of ten sigmas, which of noise alone would be certain; weighed by its power it is
+    the log ratio of sizes c/10, some tenths."""
+    model, (line,) = (found := prepare(swaying(recorded(), tone(0.002, 1 / 5.1)))).model, found.samples.lines
+    assert log_ratio(model, line) < -10
+    rng, louder, ratios = np.random.default_rng(5), copy(model), []
+    for _ in range(10):
+        vars(louder)["y"] = 10 * rng.standard_normal(model.y.shape)
+        ratios.append(log_ratio(louder, line))
+    assert np.abs(ratios).max() < 4
