@@ -47,6 +47,9 @@ STEADY_SHARE, STEADY_SIGMAS = 0.75, 2.5  # of the parts, and how far these may b
 NO_NOISE = 1e-60  # (rad/s)², where readings leave nothing beside a line
 BEYOND_REST = 5.0  # sigmas of a power, by which one arc may have more of a tone than the rest of them
 STRONG = 30.0  # times the white noise: what a motion has, and no chance
+LOBE = 4  # bins on either side of a line, over which its peak spreads
+OUTSTANDING = 8.0  # times all that leads up to it, from which on a line stands out
+FEWEST_BELOW = 40  # bins below a line that stands out of what leads up to it
 NEXT = 3.0  # factor from one frequency of a motion to the next
 JOLT = 15.0  # medians of the second differences, ten sigmas of noise, from which on the rate jumps
 MOST_JOLTS = 0.02  # share of the samples, above which the body moves fast
@@ -111,11 +114,12 @@ def jolts(rates: Array, used: Mask) -> Mask:
 def _of_axis(report: SampleReport, looks: list[_Look], recording: Recording, axis: int, tell: Tell) -> list[Line]:
     """The lines of an axis, and the note of the strongest; those of each look are counted apart: slow motions are many."""
     x, found, strongest = report.rates[:, axis].copy(), list[_Found](), NO_PEAK
-    for look in looks:
+    sample = recording.gyro.sample_s
+    for look, outstanding in [*((look, True) for look in looks if look.beyond), *((look, False) for look in looks)]:
         most = len(found) + MOST_LINES
         for number in range(MOST_PEAKS):
             told = partial(tell, f"lines of gyro {AXES[axis]}", (axis + number / MOST_PEAKS) / 3)
-            peak = _strongest(x, look, recording.gyro.sample_s, told)
+            peak = _outstanding(x, look, sample) if outstanding else _strongest(x, look, sample, told)
             if number == 0 and peak.p_value <= strongest.p_value:
                 strongest = peak
             # Rounding a slow motion makes lines of its own.
@@ -171,18 +175,25 @@ def _strongest(x: Array, look: _Look, sample_s: float, tell: Callable[[], None] 
 
     Long segments gather the power of a tone in one bin, short ones use more of the arcs.
     """
-    longest = max(high - low for low, high in look.arcs)
-    lengths = sorted({scipy.fft.prev_fast_len(max(longest >> k, SHORTEST), real=True) for k in range(HALVINGS)})
     peaks = []
-    for length in lengths:
+    for length in _lengths(look):
         tell()
         peaks.append(_peak(x, look, length, sample_s))
     best = min(peaks, key=lambda peak: peak.p_value)
     return replace(best, p_value=min(1.0, best.p_value * len(peaks)))
 
 
-def _peak(x: Array, look: _Look, n: int, sample_s: float) -> _Peak:
-    """The strongest line of the spectrum averaged over all segments of n samples, which overlap where there are many."""
+def _lengths(look: _Look) -> list[int]:
+    """Lengths of segments, samples."""
+    longest = max(high - low for low, high in look.arcs)
+    return sorted({scipy.fft.prev_fast_len(max(longest >> k, SHORTEST), real=True) for k in range(HALVINGS)})
+
+
+def _averaged(x: Array, look: _Look, n: int) -> tuple[Array, Array, float]:
+    """The spectrum averaged over all segments of n samples, its window, and how many independent ones it is the mean of.
+
+    Segments overlap where there are many. Where there is none, neither is a spectrum.
+    """
     # A window keeps the body's slow motion out of the frequencies looked at; where it moves, one of far lower side lobes.
     window = scipy.signal.windows.blackmanharris(n, sym=False) if look.beyond else scipy.signal.windows.hann(n, sym=False)
     many = sum((high - low) // n for low, high in look.arcs) >= MANY
@@ -190,15 +201,22 @@ def _peak(x: Array, look: _Look, n: int, sample_s: float) -> _Peak:
     starts = [np.arange(low, high - n + 1, step) for low, high in look.arcs]
     places = np.concatenate(starts)
     if not places.size:
-        return NO_PEAK
+        return np.empty(0), window, 0.0
     # Some segments at a time: all of a long recording, three times over and as complex numbers, are gigabytes.
     spectrum, some = np.zeros(n // 2 + 1), max(1, AT_ONCE // n)
     for first in range(0, places.size, some):
         segments = np.array([x[start : start + n] for start in places[first : first + some]])
         spectra = np.abs(scipy.fft.rfft(scipy.signal.detrend(segments, axis=1) * window, axis=1)) ** 2 / np.sum(window**2)
         spectrum += spectra.sum(axis=0) / places.size
+    return spectrum, window, _independent([own.size for own in starts], window, step)
+
+
+def _peak(x: Array, look: _Look, n: int, sample_s: float) -> _Peak:
+    """The strongest line of the spectrum averaged over all segments of n samples."""
+    spectrum, window, count = _averaged(x, look, n)
+    if not spectrum.size:
+        return NO_PEAK
     frequency: Array = np.fft.rfftfreq(n, sample_s).astype(float)
-    count = _independent([own.size for own in starts], window, step)
     lowest = FEWEST_CYCLES / (n * sample_s)
     # Against the level around it, so that coloured noise is no line. The median of a mean of `count` exponentials:
     median = float(scipy.stats.gamma.median(count)) / count
@@ -216,8 +234,34 @@ def _peak(x: Array, look: _Look, n: int, sample_s: float) -> _Peak:
     amplitude = 2 * np.sqrt(spectrum[k] * np.sum(window**2)) / np.sum(window)
     beside = spectrum[max(k - LEVEL_BINS // 2, 0) : k + LEVEL_BINS // 2]
     isolated = float(np.median(beside)) / median < ISOLATED * white
-    width = (4 if look.beyond else 2) * float(frequency[1])
+    width = (LOBE if look.beyond else 2) * float(frequency[1])
     return _Peak(max(p, IMPOSSIBLE), float(frequency[k]), float(amplitude), isolated, width)
+
+
+def _outstanding(x: Array, look: _Look, sample_s: float) -> _Peak:
+    """The line that stands out most above all of the spectrum on its lower side, whether in the band of the motion or not.
+
+    Motions that turns, waves and their harmonics make have the less power the faster they are. A line that is far above what
+    leads up to it, from a third of its frequency on, is none of them; it would pass for the end of their band, which nothing
+    beyond is looked for in. It is not isolated if motion, and not noise, leads up to it.
+    """
+    best, most = NO_PEAK, OUTSTANDING
+    for n in _lengths(look):
+        spectrum, window, count = _averaged(x, look, n)
+        if not spectrum.size:
+            continue
+        white = float(np.median(spectrum[spectrum.size // 2 :]))
+        inner = spectrum[1:-1]
+        tops = 1 + np.flatnonzero((inner > STRONG * white) & (inner >= spectrum[:-2]) & (inner >= spectrum[2:]))
+        for k in tops[tops > max(NEXT * FEWEST_CYCLES, FEWEST_BELOW)]:
+            below, beside = spectrum[int(k / NEXT) : k - LOBE], spectrum[k + LOBE + 1 : k + LEVEL_BINS]
+            level = max(float(below.max()), float(beside.max(initial=0.0)), white)
+            if spectrum[k] > most * level:
+                most, f = float(spectrum[k] / level), float(k / (n * sample_s))
+                p = float(np.clip(spectrum.size * scipy.stats.gamma.sf(count * most, count), IMPOSSIBLE, 1.0))
+                amplitude = 2 * np.sqrt(spectrum[k] * np.sum(window**2)) / np.sum(window)
+                best = _Peak(p, f, float(amplitude), bool(below.max() < STRONG * white), LOBE / (n * sample_s))
+    return best
 
 
 def _independent(counts: list[int], window: Array, step: int) -> float:

@@ -1,21 +1,22 @@
 """Whether a line in the samples is a vibration or a motion of the body: the attitude decides.
 
-With c the whitened and projected observations of a reading that is too high by the line's waveform, and y those of the
-recording propagated with the line in it, y ~ N(c, I) if the line is a vibration, which the body does not follow, and N(0,
-I) if the body moves so. The log of the likelihood ratio is yᵀc − ½ cᵀc, whose mean is ±½ cᵀc: references that could not see
-a motion of that size and frequency say nothing, at whatever frequency that is, and then the prior remains. Where another
-effect is at work, a bias that walks for one, y has more power than noise at the line's frequency whatever the line is: y ~
-N(·, B I) with B, not less than one, the mean square of y along tones of that gyro beside the line, and the log ratio is 1/B
-of that. A body that sways does so over a band of frequencies and with an amplitude that changes: a line that is not steady,
-or not alone above the white noise, is a motion unless the references deny it, and so is one within the band of such lines.
-Of a steady tone beyond that band only the frequency is known: a vibration may show at any up to half the sampling rate,
-evenly, a motion is as likely in each octave. A vibration is picked up by one gyro; a body that rings shows several such
+With c the whitened and projected observations of all references of a reading that is too high by the line's waveform, and y
+those of the recording propagated with the line in it, y ~ N(c, I) if the line is a vibration, which the body does not follow,
+and N(0, I) if the body moves so. The log of the likelihood ratio is yᵀc − ½ cᵀc, whose mean is ±½ cᵀc: references that could
+not see a motion of that size and frequency say nothing, at whatever frequency that is, and then the prior remains. Where
+another effect is at work, a bias that walks for one, y has more power than noise at the line's frequency whatever the line
+is: y ~ N(·, B I) with B, not less than one, the mean square of y along tones of that gyro beside the line, and the log ratio
+is 1/B of that. A body that sways does so over a band of frequencies and with an amplitude that changes: a line that is not
+steady, or not alone above the white noise, is a motion unless the references deny it, and so is one within the band of such
+lines. Of a steady tone beyond that band only the frequency is known: a vibration may show at any up to half the sampling
+rate, evenly, a motion is as likely in each octave. A vibration is picked up by one gyro; a body that rings shows several such
 tones.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence, Set
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,6 +25,7 @@ from scipy.special import expit
 from diagnosis.detectors.gap_interpolation import runs
 from diagnosis.detectors.report import AXES, SampleReport, Symptom
 from diagnosis.detectors.spectral_lines import Line
+from diagnosis.model.misfit import innovations
 from diagnosis.model.recording import RecordingModel
 
 Array = NDArray[np.float64]
@@ -35,7 +37,7 @@ SEVERAL = 3.0  # log odds that each further one, of which the references know no
 CONFIRMED = -4.0  # log ratio below which the references confirm a motion
 FASTEST_BIAS_HZ = 0.02  # no thermal or magnetic cause swings a bias faster
 PERIODS = 5.0  # natural log of the range of periods that a bias may have
-BESIDE = (-6.0, -5.0, -4.0, -3.0, -2.0, 2.0, 3.0, 4.0, 5.0, 6.0)  # resolutions of the longest arc, to the tones beside a line
+BESIDE = (-8.0, -6.5, -5.0, -3.5, -2.0, 2.0, 3.5, 5.0, 6.5, 8.0)  # resolutions of the longest arc, to the tones beside a line
 BAND = 3.0  # factor on a frequency of the body's motion, up to which the next line belongs to it too
 
 
@@ -49,7 +51,7 @@ def judged_lines(report: SampleReport, model: RecordingModel, silent: Set[int] =
     moving = [
         line.frequency_hz
         for line, ratio in zip(report.lines, ratios, strict=True)
-        if ratio < CONFIRMED or not (line.isolated and line.steady)
+        if ratio < CONFIRMED or not ((line.isolated and line.steady) or WITHIN + ratio > 0)
     ]
     edge = _edge(moving, [line.frequency_hz for line in report.lines])
     alone = [line.isolated and line.steady and line.frequency_hz > edge for line in report.lines]
@@ -101,11 +103,12 @@ def log_ratio(model: RecordingModel, line: Line) -> float:
     beside = line.frequency_hz + np.array(BESIDE) / _longest_s(line, model)
     angle = 2 * np.pi * np.outer(model.recording.gyro.t_s, beside[beside > 0])
     there = (line.waveform != 0.0)[:, None]
-    c, *others = _seen(model, line.axis, np.column_stack([line.waveform, there * np.cos(angle), there * np.sin(angle)])).T
+    waves = np.column_stack([line.waveform, there * np.cos(angle), there * np.sin(angle)])
+    y, (c, *others) = _seen(model, line.axis, waves)
     # In the directions of tones beside it, whatever else is at work shows its power at these frequencies; noise has one.
     Q = np.linalg.qr(np.column_stack([c, *others]))[0]
-    usual = max(float(np.mean((model.y @ Q[:, 1:]) ** 2)), 1.0)
-    return float(model.y @ c - 0.5 * c @ c) / usual
+    usual = max(float(np.mean((y @ Q[:, 1:]) ** 2)), 1.0)
+    return float(y @ c - 0.5 * c @ c) / usual
 
 
 def _longest_s(line: Line, model: RecordingModel) -> float:
@@ -113,8 +116,11 @@ def _longest_s(line: Line, model: RecordingModel) -> float:
     return max(high - low for low, high in runs(line.waveform != 0.0)) * model.recording.gyro.sample_s
 
 
-def _seen(model: RecordingModel, axis: int, waves: Array) -> Array:
-    """Whitened and projected observations of readings of a gyro that are too high by some waveforms, (n, k) → (m, k)."""
+def _seen(model: RecordingModel, axis: int, waves: Array) -> tuple[Array, list[Array]]:
+    """White observations, and the same of readings of a gyro that are too high by each of some waveforms, (n, k).
+
+    Where references are averaged to fewer observations, a fast line is lost in these; their innovations have it still.
+    """
     gyro = model.recording.gyro
     edges = np.append(gyro.t_s, gyro.t_s[-1] + gyro.sample_s)
     begin, end = model.t_s - 0.5 * model.dt, model.t_s + 0.5 * model.dt
@@ -122,4 +128,8 @@ def _seen(model: RecordingModel, axis: int, waves: Array) -> Array:
     for column, wave in enumerate(waves.T):
         turned = np.append(0.0, np.cumsum(wave * gyro.sample_s))
         high[:, axis, column] = (np.interp(end, edges, turned) - np.interp(begin, edges, turned)) / model.dt
-    return np.asarray(model.prepared(model.reading(high)))
+    if model.recording.attitudes.sensor is not None or all((block.counts == 1).all() for block in model.blocks):
+        return model.y, list(model.prepared(model.reading(high)).T)
+    errors = np.moveaxis(model.turned_by(high), 2, 0)
+    y, *columns = (innovations(replace(model, residuals=one))[0].ravel() for one in (model.residuals, *errors))
+    return y, columns
