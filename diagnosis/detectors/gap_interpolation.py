@@ -1,20 +1,23 @@
 """What stands in for samples that show nothing of the motion, and how uncertain it is.
 
-Straight lines through m readings on either side of a run of n bad samples give its edges p₀, p₁ and slopes s₀, s₁; between
-them goes the cubic with these (Hermite's). Over the run's length L = (n + 1)Δt it turns the body by nearly
-nΔt (p₀ + p₁)/2 + L² (s₀ − s₁)/12. The readings are integrated themselves as well, so that their white noise σ gives the angle
-over all n + 2m samples the variance
+A bridge over a run of n bad samples is a linear map W, (n, 2m), of m readings on either side. Straight lines through these
+give the run's edges p₀, p₁ and slopes s₀, s₁; between them goes the cubic with these (Hermite's). Runs of one or two are
+short beside any corner of the rate: there the line between the neighbours does. Where the body swings fast beside the
+sampling, a polynomial through the readings of both sides follows it better.
 
-    2σ²Δt² [m (1 + n/2m)² + c²/S],    c = n(m − 1)/4 + (n + 1)²/12,    S = m(m² − 1)/12
+The readings are integrated themselves as well, so that with w = 1ᵀW their white noise σ gives the angle over all n + 2m
+samples the variance σ²Δt² Σ (1 + w_i)², of which 2m σ²Δt² are their own.
 
-of which m a side is their own. If the rate has a corner in the middle of the run, as where a slew starts, the cubic is off by
-(s₀ − s₁) L²/24; that is taken for a sigma as well. Both are spread over the run as a noise density.
-
-Runs of one or two are short beside any corner: there the line between the neighbours does. Its angle and that of the neighbours
-have the variance (n + 2)²σ²Δt²/2 over the n + 2 samples.
+What the motion adds, the good samples nearby say: the same bridge over n of them in a row misses the angle that they turn by
+e = Δt (w·r − Σ r), of the mean square E e² = M² + σ²Δt² (w·w + n). M² is taken for the variance of what the motion makes of
+the bridge, and the one with the least variance of all is chosen, if it is clearly less. If the rate has a corner in the
+middle of a run of length L = (n + 1)Δt, as where a slew starts, the cubic is off by (s₀ − s₁) L²/24, which nothing nearby
+shows; that is taken for a sigma as well. All of them are spread over the run as a noise density.
 """
 
 from __future__ import annotations
+
+from functools import cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,6 +28,10 @@ Mask = NDArray[np.bool_]
 SIDE = 8  # readings on either side
 SHORT = 2  # samples of a run, up to which a line does
 FEWEST = 3  # readings of a side, for a slope
+POLYNOMIALS = ((2, 3), (3, 3), (3, 5), (4, 5), (6, 5), (4, 7), (6, 7))  # readings of a side and degree, in place of these
+REACH = 150  # samples on either side, in which a bridge is tried
+FEWEST_TRIED, MOST_TRIED = 12, 64  # places, below which nothing is said, and the nearest that count
+CLEARLY = 0.8  # of the variance, below which another bridge is the better one
 
 
 def runs(mask: Mask) -> list[tuple[int, int]]:
@@ -33,7 +40,7 @@ def runs(mask: Mask) -> list[tuple[int, int]]:
     return [(int(a), int(b)) for a, b in zip(edges[::2], edges[1::2], strict=True)]
 
 
-def filled(t_s: Array, rates: Array, bad: Mask, sample_s: float) -> tuple[Array, Array, Array]:
+def filled(t_s: Array, rates: Array, bad: Mask, sample_s: float, sigma: float = 0.0) -> tuple[Array, Array, Array]:
     """Rates with the bad samples bridged.
 
     Parameters
@@ -42,40 +49,65 @@ def filled(t_s: Array, rates: Array, bad: Mask, sample_s: float) -> tuple[Array,
     rates : (n, 3) rad/s
     bad : (n,) samples to bridge
     sample_s : their spacing where none is missing, s
+    sigma : white noise of a reading, rad/s
 
     Returns
     -------
     rates : (n, 3)
     factor : (n,) by which the noise density of a sample grows; runs and their neighbours
-    density : (n, 3) what a corner of the motion inside a long run adds to it, rad²/s
+    density : (n, 3) what the motion adds to it, rad²/s
     """
     out = rates.copy()
     factor, density = np.ones(len(rates)), np.zeros(rates.shape)
     good = np.flatnonzero(~bad)
     for axis in range(3):
         out[bad, axis] = np.interp(t_s[bad], t_s[good], rates[good, axis])
+    follows = np.append(False, np.diff(t_s) < 1.5 * sample_s)
     for low, high in runs(bad):
         n = high - low
         factor[max(low - 1, 0) : high + 1] = 1 + n / 2
-        if n <= SHORT:
-            continue
         before = _side(t_s, bad, range(low - 1, max(low - 1 - SIDE, -1), -1), sample_s)
         after = _side(t_s, bad, range(high, min(high + SIDE, len(rates))), sample_s)
-        if min(before.size, after.size) < FEWEST:
-            continue
         m = min(before.size, after.size)
-        span = float(t_s[high] - t_s[low - 1])
-        u = (t_s[low:high, None] - t_s[low - 1]) / span
-        (p0, s0), (p1, s1) = _line(t_s, rates, before, t_s[low - 1]), _line(t_s, rates, after, t_s[high])
-        out[low:high] = (
-            (1 + 2 * u) * (1 - u) ** 2 * p0
-            + u * (1 - u) ** 2 * span * s0
-            + u**2 * (3 - 2 * u) * p1
-            + u**2 * (u - 1) * span * s1
-        )
-        factor[max(low - 1, 0) : high + 1] = _factor(n, m)
-        density[low:high] = ((s0 - s1) * span**2 / 24) ** 2 / span
+        if not m or not follows[low : high + 1].all():
+            continue
+        near = slice(max(low - REACH, 0), high + REACH)
+        W, of_motion = _chosen(rates[near], bad[near], follows[near], 0.5 * (low + high) - near.start, (n, m), sigma)
+        m = W.shape[1] // 2
+        out[low:high] = W @ np.concatenate([rates[low - m : low], rates[high : high + m]])
+        factor[low - 1 : high + 1] = (float(np.sum((1 + W.sum(axis=0)) ** 2)) - 2 * (m - 1)) / (n + 2)
+        density[low:high] = of_motion * sample_s / n
+        if n > SHORT and min(before.size, after.size) >= FEWEST:
+            span = float(t_s[high] - t_s[low - 1])
+            change = _slope(t_s, rates, before) - _slope(t_s, rates, after)
+            density[low:high] += (change * span**2 / 24) ** 2 / span
     return out, factor, density
+
+
+def _chosen(rates: Array, bad: Mask, follows: Mask, middle: float, run: tuple[int, int], sigma: float) -> tuple[Array, Array]:
+    """The bridge over n samples with m readings at a side, and M² (3,) over Δt², (rad/s)²; zero where nothing says it."""
+    n, most = run
+    usual = _polynomial(n, 1, 1) if n <= SHORT or most < FEWEST else _cubic(n, most)
+    best, least, of_best = usual, np.inf, np.zeros(3)
+    for W in (usual, *(_polynomial(n, m, degree) for m, degree in POLYNOMIALS if m <= most)):
+        m, w = W.shape[1] // 2, W.sum(axis=0)
+        kernel = np.concatenate([w[:m], -np.ones(n), w[m:]])
+        whole = ~np.convolve(bad | ~follows, np.ones(kernel.size, dtype=int), "valid").astype(bool)
+        places = np.flatnonzero(whole)
+        if places.size < FEWEST_TRIED:
+            if W is usual:
+                break
+            continue
+        nearest = places[np.argsort(np.abs(places + 0.5 * kernel.size - middle))[:MOST_TRIED]]
+        missed = np.einsum("pax,x->pa", np.lib.stride_tricks.sliding_window_view(rates, kernel.size, axis=0)[nearest], kernel)
+        of_motion = np.maximum(np.mean(missed**2, axis=0) - sigma**2 * (w @ w + n), 0.0)
+        of_noise = 3 * sigma**2 * float(np.sum((1 + w) ** 2) - 2 * m)
+        variance = float(of_motion.sum()) + of_noise
+        if W is usual and variance * CLEARLY < of_noise:  # no motion that another would follow better
+            return usual, of_motion
+        if variance < (CLEARLY if W is not usual else 1.0) * least:
+            best, least, of_best = W, variance, of_motion
+    return best, of_best
 
 
 def _side(t_s: Array, bad: Mask, places: range, sample_s: float) -> NDArray[np.intp]:
@@ -88,15 +120,33 @@ def _side(t_s: Array, bad: Mask, places: range, sample_s: float) -> NDArray[np.i
     return np.array(kept, dtype=np.intp)
 
 
-def _factor(n: int, m: int) -> float:
-    """Noise density of a run of n and its two neighbours, as the module's text has it, relative to that of good samples."""
-    c = n * (m - 1) / 4 + (n + 1) ** 2 / 12
-    whole = 2 * (m * (1 + n / (2 * m)) ** 2 + 12 * c**2 / (m * (m**2 - 1)))
-    return (whole - 2 * (m - 1)) / (n + 2)
+@cache
+def _polynomial(n: int, m: int, degree: int) -> Array:
+    """(n, 2m) to a run of n from the polynomial nearest to m readings on either side."""
+    at = (np.arange(n + 2 * m) - 0.5 * (n + 2 * m - 1)) / (0.5 * (n + 2 * m))
+    P = np.polynomial.legendre.legvander(at, degree)
+    beside = np.concatenate([P[:m], P[m + n :]])
+    return np.asarray(P[m : m + n] @ np.linalg.pinv(beside))
 
 
-def _line(t_s: Array, rates: Array, places: NDArray[np.intp], at_s: float) -> tuple[Array, Array]:
-    """Value (3,) at a time and slope (3,) of the straight line through some readings."""
+@cache
+def _cubic(n: int, m: int) -> Array:
+    """(n, 2m) to a run of n from the lines through m readings on either side, by Hermite's cubic."""
+    ahead = np.arange(m) - 0.5 * (m - 1)
+    slope = ahead / (ahead @ ahead)
+    none = np.zeros(m)
+    u, span = np.arange(1, n + 1)[:, None] / (n + 1), n + 1
+    p0, s0 = np.append(1 / m + slope * 0.5 * (m - 1), none), np.append(slope, none)
+    p1, s1 = np.append(none, 1 / m - slope * 0.5 * (m - 1)), np.append(none, slope)
+    return np.asarray(
+        (1 + 2 * u) * (1 - u) ** 2 * p0
+        + u * (1 - u) ** 2 * span * s0
+        + u**2 * (3 - 2 * u) * p1
+        + u**2 * (u - 1) * span * s1
+    )  # fmt: skip
+
+
+def _slope(t_s: Array, rates: Array, places: NDArray[np.intp]) -> Array:
+    """(3,) of the straight line through some readings, rad/s²."""
     t = t_s[places] - t_s[places].mean()
-    slope = t @ rates[places] / (t @ t)
-    return rates[places].mean(axis=0) + slope * (at_s - t_s[places].mean()), slope
+    return np.asarray(t @ rates[places] / (t @ t))

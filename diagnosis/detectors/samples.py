@@ -221,7 +221,8 @@ def _is_measured(rates: Array, repeated: Mask) -> bool:
 def _fill(report: SampleReport, recording: Recording, bad: Mask) -> None:
     """Bridge bad samples; what they integrate to is then uncertain."""
     gyro = recording.gyro
-    report.rates, factor, density = filled(gyro.t_s, report.rates, bad, gyro.sample_s)
+    sigma = gyro.arw / np.sqrt(gyro.sample_s)
+    report.rates, factor, density = filled(gyro.t_s, report.rates, bad, gyro.sample_s, sigma)
     report.density = report.density * factor[:, None] + density
     report.filled |= bad
 
