@@ -1,8 +1,11 @@
 """Short blocks of samples in which a smooth motion leaves nothing of itself in the upper half of the spectrum.
 
-Differences of the sixth order leave little of a motion that is slow beside the sampling, before any window could spread it over
-all frequencies. Their cosines from a quarter of the sampling rate on, whitened with their covariance under white noise, tell it
-from readout noise, whose power rises with the frequency, and from a motion with jerks, which is not in all blocks alike.
+Differences of the sixth order leave little of a motion that is slow beside the sampling, before any window could spread it
+over all frequencies. Their cosines from a quarter of the sampling rate on, whitened with their covariance under white noise,
+tell it from readout noise, whose power rises with the frequency, and from a motion with jerks, which is not in all blocks
+alike. A motion has the more power the slower it is, and jerks, too: cosines below a quarter of the sampling rate, whitened
+together with those above, say which blocks are the calmest. Under white noise they are independent of those above, whose
+power that choice leaves alone.
 """
 
 from __future__ import annotations
@@ -19,6 +22,7 @@ Array = NDArray[np.float64]
 
 ORDER = 6  # of the differences
 BLOCK = 32  # samples whose spectrum is looked at
+SLOWEST = 6  # cosine, below which differences leave too little of white noise
 BAND = 4  # cosines of it in a band
 MEDIAN, MEDIAN_SPREAD = 0.839, 0.90  # of χ² with as many degrees of freedom, over these; relative variance of that of many
 QUANTILES = (0.3, 0.85)  # of the blocks' powers; the few that are far out do not count
@@ -34,7 +38,17 @@ def blocks_of(parts: list[Array]) -> Array:
     """
     differences = [np.diff(part, ORDER) for part in parts if part.size >= BLOCK + ORDER]
     whole = [one[: one.size // BLOCK * BLOCK].reshape(-1, BLOCK) for one in differences]
-    return np.concatenate([np.empty((0, BLOCK)), *whole]) @ _WHITE.T
+    return np.concatenate([np.empty((0, BLOCK)), *whole]) @ _WHITE[: BLOCK // 2].T
+
+
+def calmest(parts: list[Array]) -> list[Array]:
+    """The samples of the half of the blocks with the least slow power, (BLOCK + ORDER,) each."""
+    found = [
+        np.lib.stride_tricks.sliding_window_view(part, BLOCK + ORDER)[::BLOCK] for part in parts if part.size >= BLOCK + ORDER
+    ]
+    samples = np.concatenate([np.empty((0, BLOCK + ORDER)), *found])
+    slow = np.sum((np.diff(samples, ORDER, axis=1) @ _WHITE[BLOCK // 2 :].T) ** 2, axis=1)
+    return list(samples[np.sort(np.argsort(slow, kind="stable")[: len(samples) // 2])])
 
 
 def _covariance(order: int) -> Array:
@@ -45,15 +59,15 @@ def _covariance(order: int) -> Array:
 
 
 def _white_cosines() -> Array:
-    """(BLOCK/2, BLOCK) from differences to coefficients that are independent under white noise."""
-    cosines = scipy.fft.dct(np.eye(BLOCK), axis=0, norm="ortho")[BLOCK // 2 :][::-1]
+    """(BLOCK − SLOWEST, BLOCK) from differences to coefficients, downward, that are independent under white noise."""
+    cosines = scipy.fft.dct(np.eye(BLOCK), axis=0, norm="ortho")[SLOWEST:][::-1]
     factor = np.linalg.cholesky(cosines @ _covariance(ORDER) @ cosines.T)
     return np.asarray(scipy.linalg.solve_triangular(factor, cosines, lower=True))
 
 
 _WHITE = _white_cosines()
 # Power of each of readings of the angle with unit variance, whose differences the rates are.
-READ_OUT = np.diag(_WHITE @ _covariance(ORDER + 1) @ _WHITE.T).copy()
+READ_OUT = np.diag(_WHITE @ _covariance(ORDER + 1) @ _WHITE.T)[: BLOCK // 2].copy()
 
 
 def bands_of(blocks: Array) -> Array:

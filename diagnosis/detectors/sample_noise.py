@@ -10,8 +10,9 @@ samples. IEEE Std 952, annex C.
 
 Where the body never rests, differences of the sixth and the tenth order show the level if they agree, if the spectrum is
 level up to the highest frequency or rises as that of readout noise, as a motion that is left in both is not, and if short
-blocks have powers that scatter no more than those of white noise, as they do where the motion has jerks. Nothing is said of the
-colour then.
+blocks have powers that scatter no more than those of white noise, as they do where the motion has jerks; if not in all blocks,
+in the calmest half of them. Nothing is said of the colour then. A body may sway within what seems quiet, which the means show
+as slow noise, and then on two gyros or more; these arcs are taken as moving ones.
 """
 
 from __future__ import annotations
@@ -25,12 +26,13 @@ import scipy.linalg
 import scipy.ndimage
 import scipy.stats
 from numpy.typing import NDArray
+from scipy.special import expit, logit
 
 from diagnosis.detectors.likeness import of_noise
-from diagnosis.detectors.noise_blocks import MEDIAN_SPREAD, READ_OUT, bands_of, blocks_of, is_even
+from diagnosis.detectors.noise_blocks import MEDIAN_SPREAD, READ_OUT, bands_of, blocks_of, calmest, is_even
 from diagnosis.detectors.noise_blocks import ORDER as BLOCK_ORDER
 from diagnosis.detectors.noise_structure import agree, autocorrelation_of, power_of
-from diagnosis.detectors.readout_noise import AVERAGES, Readout, readout
+from diagnosis.detectors.readout_noise import AVERAGES, UNDECIDED, Readout, readout
 from diagnosis.detectors.report import AXES, IMPOSSIBLE, SampleReport, SampleTest, Symptom, arcs, consecutive
 from gyrocal.recording import Recording
 
@@ -49,6 +51,7 @@ FEWEST_BLOCKS = 12
 FLAT = 4.0  # sigmas between the highest and the lowest of four bands of white noise, at most
 TRIM = 5.0  # robust sigmas beyond which a difference does not count
 WHITE = 0.2  # departure of the colour from one up to which noise is called white
+SWAY = 3.0  # sigmas from one of a colour that two gyros show
 RESOLVED = 0.34  # variance of the samples in squares of a lattice's step, below which it may be that of a few readings
 OFF_ZERO = 5.0  # sigmas from zero, from which on cutting toward zero is rounding down
 SLACK = 0.1  # departure of the noise factor that rounding to a few sigmas makes by itself
@@ -105,9 +108,15 @@ def level(x: Array, usable: list[tuple[int, int]]) -> Level | None:
 def level_in_motion(x: Array, usable: list[tuple[int, int]], expected: float) -> tuple[Level, Readout | None] | None:
     """Level of the noise of some runs of samples that hold a motion, and readout noise if it is that.
 
-    None where the motion shows in the differences, too: then they have no level, or not the same one in all blocks.
+    None where the motion shows in the differences, too, in all blocks and in the calmest half of them: then they have no level,
+    or not the same one.
     """
     parts = [x[low:high] for low, high in usable]
+    return _in_blocks(parts, expected) or _in_blocks(calmest(parts), expected)
+
+
+def _in_blocks(parts: list[Array], expected: float) -> tuple[Level, Readout | None] | None:
+    """The same of some parts."""
     (low, _, n), (high, high_error, _) = (_mean_square(parts, order) for order in IN_MOTION)
     blocks = blocks_of(parts)
     if n < FEWEST or len(blocks) < FEWEST_BLOCKS:
@@ -189,12 +198,19 @@ def noise(
     found: dict[int, Level] = {}
     readings: dict[int, Readout] = {}
     alike: dict[int, float] = {}
-    undecided: dict[int, float] = {}  # where the excess may be readout noise, though white noise is likelier: probability of it
-    for axis in range(3):
-        x = report.rates[:, axis] - sum((line.waveform for line in report.lines if line.axis == axis), 0.0)
-        away = off_zero(x, steps[axis], sigma) if cut[axis] else np.ones(x.size, dtype=bool)
-        rests = arcs(quiet & consecutive(recording, quiet) & measured & away) if cut[axis] else usable
-        one, reading, shown, order = level(x, rests), None, rests, ORDERS[0]
+    undecided: dict[int, float] = {}  # probability of readout noise, where white noise is likelier
+    streams = [
+        report.rates[:, axis] - sum((one.waveform for one in report.lines if one.axis == axis), 0.0) for axis in range(3)
+    ]
+    aways = [off_zero(x, steps[k], sigma) if cut[k] else np.ones(x.size, dtype=bool) for k, x in enumerate(streams)]
+    still = [
+        arcs(quiet & consecutive(recording, quiet) & measured & away) if cut[axis] else usable
+        for axis, away in enumerate(aways)
+    ]
+    levels = [level(x, rests) for x, rests in zip(streams, still, strict=True)]
+    sways = _sways([one for axis, one in enumerate(levels) if not coarse[axis]])
+    for axis, (x, away, rests) in enumerate(zip(streams, aways, still, strict=True)):
+        one, reading, shown, order = None if sways else levels[axis], None, rests, ORDERS[0]
         if one is None:
             rest = arcs(used & consecutive(recording, used) & measured & away) if cut[axis] else moving
             in_motion = level_in_motion(x, rest, sigma**2)
@@ -226,7 +242,9 @@ def noise(
             )  # fmt: skip
         found[axis] = one
         if p < report.event_p and not coarse[axis]:
-            alike[axis] = of_noise([x[low:high] for low, high in shown], order)
+            parts = [x[low:high] for low, high in shown]
+            behaves = of_noise(parts if order == ORDERS[0] else calmest(parts), order)
+            alike[axis] = min(1.0, 2 * min(behaves, p_colour))  # white noise has one colour as well
         if p < report.event_p and factor > 1 and not coarse[axis]:
             reading = readout_of(x, usable, expected) if order == ORDERS[0] else reading
             if reading is not None and reading.probability < 0.5:
@@ -235,6 +253,12 @@ def noise(
                 readings[axis] = reading
                 _read_out(report, axis, reading, factor, min(p, p_colour), sigma, recording.gyro.sample_s)
     _name(report, {axis: one for axis, one in found.items() if axis not in readings}, sigma, alike, undecided)
+
+
+def _sways(levels: list[Level | None]) -> bool:
+    """Whether slow noise shows on two gyros or more, so that it is the body's that sways within what seems quiet."""
+    known = [one for one in levels if one is not None and np.isfinite(one.colour)]
+    return sum(one.colour - 1 > max(WHITE, SWAY * one.colour_sigma) for one in known) > 1
 
 
 def _read_out(report: SampleReport, axis: int, found: Readout, factor: float, p: float, sigma: float, sample_s: float) -> None:
@@ -295,7 +319,9 @@ def _name(
         size = float(np.mean(factors[axes]))
         error = float(np.sqrt(np.mean(errors[axes] ** 2) / len(axes)))
         p = min(tests["noise_level", AXES[axis]].p_value for axis in axes)
-        rivals = (("readout_noise", min(undecided[axis] for axis in axes)),) if undecided.keys() >= set(axes) else ()
+        # Noise that all axes have is of one kind: each axis says its part of which.
+        odds = sum(float(logit(undecided[axis])) if axis in undecided else -np.inf for axis in axes)
+        rivals = (("readout_noise", float(expit(odds))),) if odds > -0.5 * UNDECIDED else ()
         likeness = min(1.0, len(axes) * min(alike.get(axis, 1.0) for axis in axes))
         report.symptoms.append(
             Symptom("white_noise_level", name, size, "factor", error, {}, p, rivals=rivals, likeness=likeness)

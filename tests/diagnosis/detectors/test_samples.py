@@ -10,7 +10,7 @@ from diagnosis.detectors import samples as stream
 from diagnosis.detectors import spectral_lines
 from diagnosis.detectors.clipping import _is_plateau
 from diagnosis.detectors.lattice import lattice_step, mean_reading, sweep_odds, undone
-from diagnosis.detectors.noise_blocks import bands_of, blocks_of, is_even
+from diagnosis.detectors.noise_blocks import bands_of, blocks_of, calmest, is_even
 from diagnosis.detectors.sample_noise import level_in_motion
 from diagnosis.settings import DEFAULT
 from simulator import scenario
@@ -378,13 +378,41 @@ def test_readout_noise_in_a_motion_is_told_from_white_noise():
 
 
 def test_jerks_in_some_of_the_blocks_are_no_noise():
-    """Steps of the rate in about half of the blocks, as much power as more noise has."""
+    """Steps of the rate in about half of the blocks, as much power as more noise has: the calmest half shows the noise."""
     rng = np.random.default_rng(12)
     white = rng.standard_normal(60_000)
     jerks = np.zeros(60_000)
     jerks[rng.choice(60_000, 1000, replace=False)] = 8.0
     assert level_in_motion(1.025 * white, [(0, 60_000)], 1.0) is not None
+    found, reading = level_in_motion(white + np.cumsum(jerks), [(0, 60_000)], 1.0)
+    assert abs(found.variance - 1) < 3 * found.sigma
+    assert reading is None or reading.probability < 0.5
+    jerks[rng.choice(60_000, 12_000, replace=False)] = 8.0
     assert level_in_motion(white + np.cumsum(jerks), [(0, 60_000)], 1.0) is None
+
+
+def test_the_calmest_blocks_are_chosen_by_what_their_noise_is_not():
+    """Of white noise they have the power of all; of a body that moves half of the time, those in which it rests."""
+    rng = np.random.default_rng(13)
+    ratios = [np.mean(blocks_of(calmest([x])) ** 2) for x in rng.standard_normal((200, 6000))]
+    assert np.mean(ratios) == pytest.approx(1.0, abs=4 * np.std(ratios) / np.sqrt(200))
+    moving = np.arange(32_000) % 6400 < 3200
+    chosen = calmest([10 * np.cumsum(rng.standard_normal(32_000) * moving) + rng.standard_normal(32_000)])
+    assert np.std(np.concatenate([np.diff(part, 6) for part in chosen])) == pytest.approx(np.sqrt(924), rel=0.05)
+
+
+def test_a_sway_that_two_gyros_show_in_quiet_arcs_is_no_slow_noise(plan, truth):
+    """It is slow beside the samples and fast beside their means; readout noise under it is still told by the upper spectrum."""
+    recording = _recording(plan, truth, 5, "noise_angle_white:y=0.6")
+    sigma = np.deg2rad(1.5e-4) / np.sqrt(recording.gyro.sample_s)
+    waves = np.random.default_rng(6).normal(0.11, 0.02, (3, 30)) / recording.gyro.sample_s
+    sway = np.stack(
+        [np.sin(2 * np.pi * np.outer(recording.gyro.t_s, own) + np.arange(30)).sum(axis=1) for own in waves], axis=1
+    )
+    rates = recording.gyro.rates + 0.2 * sigma * sway
+    report = stream.examine(replace(recording, gyro=replace(recording.gyro, rates=rates)))
+    assert {(one.kind, one.axis) for one in report.symptoms} <= {("readout_noise", "y")}
+    assert report.noise_factor[[0, 2]] == pytest.approx(1.0, abs=0.02)
 
 
 def test_floats_with_few_digits_neither_clip_nor_repeat(plan, truth):
