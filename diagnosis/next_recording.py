@@ -313,7 +313,7 @@ def _columns(model: RecordingModel, one: Fitted) -> Array | None:
     if one.process:
         covariance, make = process_places(model, effect)
         factor = processes.factor(covariance(one.parameters))
-        return make(model, AXES.index(str(one.axis)), factor, processes.WHOLE)
+        return make(model, AXES.index(str(one.axis)), factor, processes.WHOLE / one.size**2)
     if not effect.has_columns:
         return None
     return columns_of(model, effect, one.axis, one.parameters)

@@ -27,6 +27,7 @@ from diagnosis.model.linear import (
     Restored,
     Room,
     exactly,
+    finer,
     first_amplitude,
     scales_of,
     spaced,
@@ -418,21 +419,23 @@ def with_finer_process(model: RecordingModel, linear: LinearModel, member: Membe
     """The linear model with a random process as a whole at the option where a member is held, and at those beside it.
 
     Between them, halfway in log between its parameter and its neighbours', are further ones that share its prior; an effect
-    whose options differ in more than one number, or not in numbers, has no neighbours.
+    whose options differ in more than one number, or not in numbers, has no neighbours. Between the scale at which it is held
+    and its neighbours are further ones, too: what a variance that is off by half leaves of hundreds of amplitudes would be
+    another effect.
     """
     entry, held = linear.candidate(member), linear.option(member)
     beside = _beside(entry, held)
     halfway = [_between(held.parameters, entry.options[one].parameters) for one in beside]
     covariance, make = process_places(model, effect)
     number, weight, start = AXES.index(str(entry.axis)), held.log_weight - float(np.log(1 + len(halfway))), linear.W.shape[1]
-    options, columns = list(entry.options), []
+    options, columns, least = list(entry.options), [], processes.WHOLE / float(entry.scales[member.scale]) ** 2
     wanted = [
         (member.option, held.parameters, weight),
         *((one, entry.options[one].parameters, entry.options[one].log_weight) for one in beside),
         *((None, parameters, weight) for parameters in halfway),
     ]
     for place, parameters, own in wanted:
-        columns.append(make(model, number, processes.factor(covariance(parameters)), processes.WHOLE))
+        columns.append(make(model, number, processes.factor(covariance(parameters)), least))
         made = Option(start, columns[-1].shape[1], own, dict(parameters))
         if place is None:
             options.append(made)
@@ -440,7 +443,7 @@ def with_finer_process(model: RecordingModel, linear: LinearModel, member: Membe
             options[place] = made
         start += columns[-1].shape[1]
     W = np.hstack(columns)
-    return linear.with_options(member.candidate, options, W, model.projected(W))
+    return linear.with_options(member.candidate, options, W, model.projected(W), finer(entry.scales, member.scale))
 
 
 def _beside(entry: Candidate, held: Option) -> list[int]:

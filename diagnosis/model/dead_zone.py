@@ -20,8 +20,8 @@ from diagnosis.detectors.zone_passes import TRIED
 from diagnosis.model.candidates import Group
 from diagnosis.model.linear import Parameters
 from diagnosis.model.prepare import Prepared
-from diagnosis.model.processes import on_cells
-from diagnosis.model.recording import MOST_CELLS, RecordingModel
+from diagnosis.model.processes import on_cells, weakest
+from diagnosis.model.recording import RecordingModel
 from simulator.effects.base import Effect
 
 Array = NDArray[np.float64]
@@ -55,7 +55,7 @@ def unseen_motion(model: RecordingModel, one: DeadZoneEvidence) -> Array:
     dead = np.where(one.part[step] >= 0, 1.0 if one.passed else one.expected[step], 0.0)
     share = np.add.reduceat(dead, model.cells.first) / (model.cells.last - model.cells.first)
     factor = UNSEEN * np.deg2rad(1.0) * np.diag(share)[:, share > 0]
-    return on_cells(model, one.axis, factor, share=1.0, most=MOST_CELLS)
+    return on_cells(model, one.axis, factor, weakest(model.cell_grams[one.axis], factor))
 
 
 def shown_by_passes(dead: Sequence[DeadZoneEvidence]) -> float:

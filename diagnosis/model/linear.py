@@ -32,7 +32,8 @@ Parameters = dict[str, float | str]
 # larger than the upper end would be left for a linear model to explain.
 VISIBLE = (1.0, 300.0)
 AT_ONCE = 256  # rows of columns that are restored together
-PER_DECADE = 4  # scales in a decade; the evidence changes little between neighbours
+PER_DECADE = 4  # scales in a decade; the evidence of a few amplitudes changes little between neighbours
+FINER = 3  # scales between neighbours, for a process that may have hundreds of amplitudes
 
 
 @dataclass(frozen=True)
@@ -288,10 +289,12 @@ class LinearModel:
         chosen, candidates = self.keeping(keep).renumbered()
         return replace(self, X=self.X[:, chosen], W=self.W[:, chosen], candidates=candidates)
 
-    def with_options(self, place: int, options: Sequence[Option], W: Array, X: Array) -> LinearModel:
-        """The model with other options of one candidate, whose new columns are appended to those there are."""
-        candidates = list(self.candidates)
-        candidates[place] = replace(candidates[place], options=tuple(options))
+    def with_options(
+        self, place: int, options: Sequence[Option], W: Array, X: Array, scales: Array | None = None
+    ) -> LinearModel:
+        """The model with other options of one candidate, its new columns appended to those there are, and its scales."""
+        candidates, own = list(self.candidates), self.candidates[place].scales if scales is None else scales
+        candidates[place] = replace(candidates[place], options=tuple(options), scales=own)
         together = np.hstack([self.X, X]) if self.room is None else self.room.beside(self.X, X)
         if isinstance(self.W, Restored):
             taken = self.W.basis.T @ W
@@ -319,6 +322,13 @@ def scales_of(largest: float, limits: tuple[float, float], visible: tuple[float,
         return np.empty(0)
     low, high = max(limits[0], visible[0] / largest), min(limits[1], visible[1] / largest)
     return spaced(low, high)
+
+
+def finer(scales: Array, held: int) -> Array:
+    """The scales with further ones around one of them, `FINER` from it to each neighbour."""
+    beside = [scales[k] for k in (held - 1, held + 1) if 0 <= k < scales.size]
+    more = [np.geomspace(scales[held], one, FINER + 2)[1:-1] for one in beside]
+    return np.unique(np.concatenate([scales, *more]))
 
 
 def spaced(low: float, high: float) -> Array:

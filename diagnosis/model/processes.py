@@ -29,7 +29,7 @@ SEEN = 1e-4  # power relative to the strongest column, below which a column is l
 # Near the smallest size that can be detected, a column of power λ adds to the expected evidence in proportion to λ². A larger
 # process of slow variations shows in its weaker columns too.
 INFORMATION = 0.95  # share of Σ λ² that the columns have together at least
-WHOLE = 0.9999  # the same where what a process leaves over is looked at
+WHOLE = 0.02  # variance of a column beside that of the noise, from which on it counts where the whole process is wanted
 USUAL_COLUMNS = 72  # that are kept whatever they share
 MOST_COLUMNS = 400
 ALIKE = 0.95  # cosine of two covariances from which on they are one process
@@ -110,7 +110,7 @@ def factor(K: Array) -> Array:
     return np.asarray(vectors[:, kept] * np.sqrt(values[kept]))
 
 
-def orthogonal(columns: Array, gram: Array, F: Array, share: float = INFORMATION, most: int = MOST_COLUMNS) -> Array:
+def orthogonal(columns: Array, gram: Array, F: Array, least: float | None = None) -> Array:
     """Whitened columns C F turned so that they are orthogonal once projected, without those that cannot be seen.
 
     Parameters
@@ -118,36 +118,39 @@ def orthogonal(columns: Array, gram: Array, F: Array, share: float = INFORMATION
     columns : (N, c) whitened columns C
     gram : (c, c) their products once projected
     F : (c, k) factor of the covariance
-    share : of the information that is kept
-    most : columns, where not the whole of it is wanted
+    least : power of a column that is kept, where the whole process is wanted at a known scale; by default its strongest columns
     """
     if not F.shape[1]:  # a covariance of zero, such as that of a walk over cells of one time
         return columns[:, :0]
     moved = F.T @ gram @ F
-    information = share * float(np.sum(moved**2))
-    most = most if share == INFORMATION else len(moved)
-    if share == INFORMATION:
-        # Divide and conquer finds all eigenvectors in a quarter of the time that others need for the strongest alone.
-        values, vectors = np.linalg.eigh(moved)
-        values, vectors = values[-most:], vectors[:, -most:]
-    else:
-        # Of the few processes that are named, checks draw data, which go with the signs of the vectors: they stay as they were.
-        strongest = [max(len(moved) - most, 0), len(moved) - 1]
-        values, vectors = scipy.linalg.eigh(moved, subset_by_index=strongest, check_finite=False)
+    if least is not None:
+        # Checks draw data of the few processes that are named, which go with the signs of the vectors: they stay as they were.
+        values, vectors = scipy.linalg.eigh(moved, subset_by_index=[0, len(moved) - 1], check_finite=False)
+        kept = np.flatnonzero(values > least)[::-1]
+        return np.asarray(columns @ (F @ vectors[:, kept if kept.size else [-1]]))
+    information = INFORMATION * float(np.sum(moved**2))
+    # Divide and conquer finds all eigenvectors in a quarter of the time that others need for the strongest alone.
+    values, vectors = np.linalg.eigh(moved)
+    values, vectors = values[-MOST_COLUMNS:], vectors[:, -MOST_COLUMNS:]
     kept = np.flatnonzero(values > SEEN * max(values[-1], 1e-300))[::-1]
     enough = int(np.searchsorted(np.cumsum(values[kept] ** 2), information)) + 1
     kept = kept[: max(enough, USUAL_COLUMNS)]
     return np.asarray(columns @ (F @ vectors[:, kept]))
 
 
-def on_cells(model: RecordingModel, axis: int, F: Array, share: float = INFORMATION, most: int = MOST_COLUMNS) -> Array:
+def weakest(gram: Array, F: Array) -> float:
+    """Power of a column from which on it can be seen beside the strongest, where no scale is known."""
+    return SEEN * float(np.linalg.norm(F.T @ gram @ F, 2)) if F.shape[1] else 0.0
+
+
+def on_cells(model: RecordingModel, axis: int, F: Array, least: float | None = None) -> Array:
     """(N, r) columns of rate errors F (c, k) over the cells."""
-    return orthogonal(model.cell_columns[axis], model.cell_grams[axis], F, share, most)
+    return orthogonal(model.cell_columns[axis], model.cell_grams[axis], F, least)
 
 
-def on_references(model: RecordingModel, axis: int, F: Array, share: float = INFORMATION) -> Array:
+def on_references(model: RecordingModel, axis: int, F: Array, least: float | None = None) -> Array:
     """(N, r) columns of reference errors F (r, k) at the observations."""
-    return orthogonal(model.reference_columns[axis], model.reference_grams[axis], F, share)
+    return orthogonal(model.reference_columns[axis], model.reference_grams[axis], F, least)
 
 
 def is_one_of(K: Array, known: Sequence[Array]) -> bool:

@@ -146,4 +146,6 @@ def _of_process(
 ) -> Array:
     """Columns of a process about several axes, of one size and independent."""
     F = processes.factor(effect.covariance(at, parameters))
-    return np.hstack([processes.orthogonal(unit, unit.T @ model.projected(unit), F, processes.WHOLE) for unit in units])
+    grams = [unit.T @ model.projected(unit) for unit in units]
+    pairs = zip(units, grams, strict=True)
+    return np.hstack([processes.orthogonal(unit, gram, F, processes.weakest(gram, F)) for unit, gram in pairs])

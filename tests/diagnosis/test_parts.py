@@ -52,7 +52,7 @@ def test_a_gyro_without_bias_is_no_dead_zone(plan):
     """Negative control: raw rates that are zero because there is nothing to read."""
     changes = {"gyro.true_bias_deg_s": (0.0, 0.0, 0.0), "gyro.true_G": np.eye(3).tolist()}
     answer = diagnose(simulate(scenario.override(plan, changes), seed=25))
-    assert answer.posterior[0][0] == ()
+    assert "none" in answer.conformal_90
     assert "unknown" in answer.conformal_90
     assert answer.verdict == "none"  # whatever the samples look like, no rate is missing in the attitude
 
