@@ -15,7 +15,7 @@ tones.
 
 from __future__ import annotations
 
-from collections.abc import Sequence, Set
+from collections.abc import Iterable, Iterator, Sequence, Set
 from dataclasses import replace
 
 import numpy as np
@@ -101,14 +101,20 @@ def _periodic_odds(line: Line, half_rate_hz: float) -> float:
 def log_ratio(model: RecordingModel, line: Line) -> float:
     """log of the likelihood of the attitude with the line a vibration, over that with it a motion of the body."""
     beside = line.frequency_hz + np.array(BESIDE) / _longest_s(line, model)
-    angle = 2 * np.pi * np.outer(model.recording.gyro.t_s, beside[beside > 0])
-    there = (line.waveform != 0.0)[:, None]
-    waves = np.column_stack([line.waveform, there * np.cos(angle), there * np.sin(angle)])
-    y, (c, *others) = _seen(model, line.axis, waves)
+    y, (c, *others) = _seen(model, line.axis, _beside(line, model.recording.gyro.t_s, beside[beside > 0]))
     # In the directions of tones beside it, whatever else is at work shows its power at these frequencies; noise has one.
     Q = np.linalg.qr(np.column_stack([c, *others]))[0]
     usual = max(float(np.mean((y @ Q[:, 1:]) ** 2)), 1.0)
     return float(y @ c - 0.5 * c @ c) / usual
+
+
+def _beside(line: Line, t_s: Array, frequencies: Array) -> Iterator[Array]:
+    """The line's waveform (n,), and tones at some frequencies where it is; one at a time: there may be ten million samples."""
+    yield line.waveform
+    there = line.waveform != 0.0
+    for frequency in frequencies:
+        for wave in (np.cos, np.sin):
+            yield there * wave(2 * np.pi * frequency * t_s)
 
 
 def _longest_s(line: Line, model: RecordingModel) -> float:
@@ -116,18 +122,20 @@ def _longest_s(line: Line, model: RecordingModel) -> float:
     return max(high - low for low, high in runs(line.waveform != 0.0)) * model.recording.gyro.sample_s
 
 
-def _seen(model: RecordingModel, axis: int, waves: Array) -> tuple[Array, list[Array]]:
-    """White observations, and the same of readings of a gyro that are too high by each of some waveforms, (n, k).
+def _seen(model: RecordingModel, axis: int, waves: Iterable[Array]) -> tuple[Array, list[Array]]:
+    """White observations, and the same of readings of a gyro that are too high by each of some waveforms, (n,).
 
     Where references are averaged to fewer observations, a fast line is lost in these; their innovations have it still.
     """
     gyro = model.recording.gyro
     edges = np.append(gyro.t_s, gyro.t_s[-1] + gyro.sample_s)
     begin, end = model.t_s - 0.5 * model.dt, model.t_s + 0.5 * model.dt
-    high = np.zeros((model.t_s.size, 3, waves.shape[1]))
-    for column, wave in enumerate(waves.T):
+    rates = []
+    for wave in waves:
         turned = np.append(0.0, np.cumsum(wave * gyro.sample_s))
-        high[:, axis, column] = (np.interp(end, edges, turned) - np.interp(begin, edges, turned)) / model.dt
+        rates.append((np.interp(end, edges, turned) - np.interp(begin, edges, turned)) / model.dt)
+    high = np.zeros((model.t_s.size, 3, len(rates)))
+    high[:, axis] = np.column_stack(rates)
     if model.recording.attitudes.sensor is not None or all((block.counts == 1).all() for block in model.blocks):
         return model.y, list(model.prepared(model.reading(high)).T)
     errors = np.moveaxis(model.turned_by(high), 2, 0)

@@ -11,6 +11,7 @@ Any first cases have the shares of all (`studies.validation.wide.cases`). A row 
 - ``effects``: names and axes, joined by " + "; ``family``: of an unlisted effect, else ""
 - ``snr``: the smallest evidence of the effects, ``separate_snr`` that of a pair with what the other explains taken out,
   ``novelty`` what no listed effect explains of an unlisted one; NaN where there is none
+- ``attitude_snr``: of an unlisted effect, the evidence in the attitude alone
 - ``truth``: JSON, a list of effects with ``effect, axis, size, unit, parameters, snr, separate_snr``
 - ``verdict``, ``said`` (the causes as ``effects``), ``probability`` (of all causes together), ``unknown_probability``,
   ``p_value`` (of the gap)
@@ -97,6 +98,7 @@ def described(drawn: Drawn, number: int) -> dict[str, Any]:
         "family": drawn.settings[0].effect if unlisted else "",
         "snr": min(drawn.snr, default=float("nan")),
         "separate_snr": min(drawn.separate_snr, default=float("nan")),
+        "attitude_snr": world.in_attitude(drawn.settings[0]) if unlisted else float("nan"),
         "novelty": drawn.novelty,
         "truth": json.dumps(plain(drawn.truth())),
     }

@@ -97,6 +97,13 @@ class World:
             )
         return max(of_process(draws), float(np.median(levels)))
 
+    def in_attitude(self, one: Setting) -> float:
+        """The same in the attitude alone, which is what reaches a calibration."""
+        see = self.evidence.attitude
+        if _has_a_shape(effect_of(one.effect)):
+            return float(np.linalg.norm(see(self.difference([one]))))
+        return of_process([see(self.difference([one], draw)) for draw in range(1, DRAWS + 1)])
+
     def recording(self, settings: Sequence[Setting]) -> Recording:
         """What a diagnosis sees."""
         plain = self.plan.plain

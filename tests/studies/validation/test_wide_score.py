@@ -14,7 +14,7 @@ def row(kind, outcome, effects="", **changes):
     values = {
         "kind": kind, "outcome": outcome, "effects": effects, "verdict": "named", "snr": 20.0, "probability": 0.9,
         "unknown_probability": 0.1, "causes": "[]", "p_values": '{"attitude": 0.5}', "posterior": "[]", "size_sigmas": "[]",
-        "plan": "a", "grade": "b",
+        "plan": "a", "grade": "b", "attitude_snr": 20.0,
     }  # fmt: skip
     return values | changes
 
@@ -27,7 +27,7 @@ def test_rates_count_the_cases_they_are_of():
     rows = pd.DataFrame(
         [row("none", "right")] * 3
         + [row("none", "alarm"), row("single", "right", snr=6.0), row("single", "group"), row("single", "unknown")]
-        + [row("unlisted", "missed"), row("unlisted", "unknown"), row("unlisted", "wrong name", snr=7.0)]
+        + [row("unlisted", "missed", attitude_snr=0.1), row("unlisted", "unknown"), row("unlisted", "wrong name", snr=7.0)]
     )
     table = score.rates(rows).set_index("what")
     assert table.loc["no effect: a false alarm", "share"] == 0.25
@@ -35,6 +35,7 @@ def test_rates_count_the_cases_they_are_of():
     assert table.loc["one effect of SNR 8 and more: right or in the group", "cases"] == 2
     assert table.loc["unlisted and detected: a confident wrong name", "share"] == 0.5
     assert table.loc["unlisted of SNR 12 and more: unknown", "cases"] == 2
+    assert table.loc["unlisted of SNR 12 and more in the attitude: unknown", "cases"] == 1
     groups = score.by_group(rows, "plan").set_index("kind")
     assert groups.loc["none", "share"] == 0.75
     assert groups.loc["unlisted", "wrong_names"] == 1
