@@ -11,7 +11,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from diagnosis.answer import Amplitudes, Cause, Finding, Verdict
-from diagnosis.detectors.spectral_lines import Line
+from diagnosis.detectors.spectral_tones import Line
 from diagnosis.identifiable import blind_spot
 from diagnosis.inference.amplitudes import Fitted
 from diagnosis.inference.attribution import Attribution, Ranked

@@ -14,7 +14,7 @@ from diagnosis.settings import DEFAULT
 from gyrocal.recording import Recording
 
 if TYPE_CHECKING:
-    from diagnosis.detectors.spectral_lines import Line
+    from diagnosis.detectors.spectral_tones import Line
     from diagnosis.detectors.zone_passes import Zone
 
 Array = NDArray[np.float64]

@@ -24,7 +24,7 @@ from scipy.special import expit
 
 from diagnosis.detectors.gap_interpolation import runs
 from diagnosis.detectors.report import AXES, SampleReport, Symptom
-from diagnosis.detectors.spectral_lines import Line
+from diagnosis.detectors.spectral_tones import Line
 from diagnosis.model.misfit import innovations
 from diagnosis.model.recording import RecordingModel
 

@@ -13,7 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from diagnosis.detectors.report import SampleReport
-from diagnosis.detectors.spectral_lines import Line, lines
+from diagnosis.detectors.spectral_lines import lines
+from diagnosis.detectors.spectral_tones import Line
 from gyrocal import Recording
 from gyrocal.allan import Deviation, Fit, TermEstimate, fit_terms, overlapping_allan_deviation
 from gyrocal.allan.terms import ANGLE_WHITE, FLICKER, MARKOV, RAMP, RANDOM_WALK, RATE_WALK, sinusoid_variance

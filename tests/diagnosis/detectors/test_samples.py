@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from diagnosis.detectors import samples as stream
-from diagnosis.detectors import spectral_lines
+from diagnosis.detectors import spectral_lines, spectral_tones
 from diagnosis.detectors.clipping import _is_plateau
 from diagnosis.detectors.lattice import lattice_step, mean_reading, sweep_odds, undone
 from diagnosis.detectors.noise_blocks import bands_of, blocks_of, calmest, is_even
@@ -104,11 +104,11 @@ def test_arcs_that_show_a_tone_each_to_their_noise_are_steady():
     variances = rng.uniform(0.1, 10.0, (400, 8)) ** 2
     noise = np.sqrt(variances) * (rng.standard_normal((400, 8)) + 1j * rng.standard_normal((400, 8)))
     for height in (0.0, 2.0, 40.0):
-        kept = [spectral_lines._in_all(np.abs(height + one) ** 2, own) for one, own in zip(noise, variances, strict=True)]
+        kept = [spectral_tones._in_all(np.abs(height + one) ** 2, own) for one, own in zip(noise, variances, strict=True)]
         assert np.mean(kept) > 0.95
     alone = 40.0 * (np.arange(8) == 3) + noise
     assert not any(
-        spectral_lines._in_all(np.abs(one) ** 2, own) for one, own in zip(alone, variances, strict=True) if own[3] < 4
+        spectral_tones._in_all(np.abs(one) ** 2, own) for one, own in zip(alone, variances, strict=True) if own[3] < 4
     )
 
 

@@ -1,0 +1,207 @@
+"""A tone of one gyro by least squares: its frequency, amplitude and waveform, and whether it is one and the same everywhere.
+
+Each arc has its own phase and counts by the noise that it has. The motion that is slow beside the tone is followed by a local
+polynomial and taken out first.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+import scipy.signal
+import scipy.stats
+from numpy.typing import NDArray
+
+from diagnosis.detectors.report import IMPOSSIBLE
+from gyrocal.recording import Recording
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+SHORTEST = 256  # samples of a segment
+FINENESS = 2.0  # times the samples: number of frequencies at which a fit may find a tone in white noise
+CLEAR_LINE = 5.0  # sigmas of its amplitude over all arcs, for a line to be a tone
+AVERAGED_CYCLES = (4, 4.5, 5, 5.5, 6, 7, 8, 9, 10)  # of a line, over which the motion beside it may be followed
+SUDDEN = 6.0  # robust sigmas beyond which a sample does not count
+DEGREE = 6  # of the polynomial that follows it
+PART_CYCLES = 12  # of a line in a part of the samples in which its amplitude is compared
+MOST_PARTS = 8  # of one arc
+UNSTEADY = 0.1  # relative change of the amplitude that a tone may have
+STEADY_SHARE, STEADY_SIGMAS = 0.75, 2.5  # of the parts, and how far these may be off
+NO_NOISE = 1e-60  # (rad/s)², where readings leave nothing beside a line
+BEYOND_REST = 5.0  # sigmas of a power, by which one arc may have more of a tone than the rest of them
+
+
+@dataclass(frozen=True)
+class Line:
+    """A tone of one gyro.
+
+    Attributes
+    ----------
+    axis : which gyro
+    frequency_hz : as sampled
+    amplitude, sigma : rad/s
+    p_value : that the strongest of all lines is chance
+    waveform : (n,) the tone in the samples, rad/s; zero outside the quiet arcs
+    isolated : whether nothing but white noise is around it in the spectrum, so that the body shows no other motion there
+    steady : whether its amplitude is the same in all arcs and their parts, as that of a tone is and that of a sway is not
+    """
+
+    axis: int
+    frequency_hz: float
+    amplitude: float
+    sigma: float
+    p_value: float
+    waveform: Array
+    isolated: bool
+    steady: bool
+
+
+@dataclass(frozen=True)
+class Peak:
+    """The strongest line of a spectrum, and the half width of a tone's peak in it."""
+
+    p_value: float
+    frequency_hz: float
+    amplitude: float
+    isolated: bool
+    width_hz: float
+
+
+def fitted_tone(x: Array, recording: Recording, axis: int, peak: Peak, found: list[tuple[int, int]]) -> Line | None:
+    """Amplitude and frequency of a tone by least squares, arc by arc, each with its own phase.
+
+    The strongest of many lines in one arc may be chance; a tone is there in all of them. None if it is not.
+    """
+    sample = recording.gyro.sample_s
+    longest = max(found, key=lambda arc: arc[1] - arc[0])
+    span = (longest[1] - longest[0]) * sample
+    # The line is as wide as a segment is short; the longest arc resolves it further.
+    width = max(1.5 / span, 1.0 / (SHORTEST * sample))
+    trial = peak.frequency_hz + np.arange(-width, width, 0.05 / span)
+    trial = trial[trial > 0]
+    levels = [_without_motion(x[low:high], peak.frequency_hz * sample) for low, high in found]
+    levels = [np.where(_calm(y), y, 0.0) for y in levels]
+    best = float(trial[int(np.argmax(_power(levels, found, recording, trial)))])
+    near = np.linspace(best - 0.1 / span, best + 0.1 / span, 9)
+    f = _top(near, _power(levels, found, recording, near))
+    waveform, amplitudes, sigmas = np.zeros_like(x), list[float](), list[float]()
+    samples, powers, variances = 0, np.zeros(len(found)), np.zeros(len(found))
+    for arc, (low, high) in enumerate(found):
+        angle = 2 * np.pi * f * recording.gyro.t_s[low:high]
+        waves = np.column_stack([np.cos(angle), np.sin(angle)])
+        level = _without_motion(x[low:high], f * sample)
+        fitted = np.linalg.lstsq(waves, level, rcond=None)[0]
+        calm = _calm(level - waves @ fitted)
+        fitted = np.linalg.lstsq(waves[calm], level[calm], rcond=None)[0]
+        waveform[low:high] = waves @ fitted
+        waves, level = waves[calm], level[calm]
+        left = max(float(np.mean((level - waves @ fitted) ** 2)), NO_NOISE)
+        powers[arc], variances[arc] = fitted @ fitted, 2 * left / level.size
+        samples += level.size
+        count = int(np.clip(level.size * sample * f // PART_CYCLES, 1, MOST_PARTS))
+        for part in np.array_split(np.arange(level.size), count):
+            own = np.linalg.lstsq(waves[part], level[part], rcond=None)[0]
+            amplitudes.append(float(np.hypot(*own)))
+            sigmas.append(np.sqrt(2 * left / part.size))
+    # Each arc counts by the noise that it has: what a turn leaves in one of them is no line of all.
+    power, information = float(np.sum(powers / variances)), float(np.sum(1 / variances))
+    size, error = np.sqrt(max(power - 2 * len(found), 0.0) / information), float(1 / np.sqrt(information))
+    steady = _is_steady(np.array(amplitudes), np.array(sigmas)) and _in_all(powers, variances)
+    # A window that keeps the motion out of a spectrum costs half of a tone's power; a fit has all of it, two numbers an arc.
+    chance = FINENESS * samples * float(scipy.stats.chi2.sf(power, 2 * len(found))) if peak.isolated else 1.0
+    p = max(min(peak.p_value, chance), IMPOSSIBLE)
+    return Line(axis, f, float(size), error, p, waveform, peak.isolated, steady) if size > CLEAR_LINE * error else None
+
+
+def _power(levels: list[Array], found: list[tuple[int, int]], recording: Recording, trial: Array) -> Array:
+    """Power of a tone at each of some frequencies evenly spaced, over all arcs, each in terms of its own."""
+    power = np.zeros(trial.size)
+    for y, (low, high) in zip(levels, found, strict=True):
+        power += np.abs(_transform(y, recording.gyro.t_s[low:high], trial)) ** 2 / max(float(y @ y), NO_NOISE)
+    return power
+
+
+def _top(trial: Array, power: Array) -> float:
+    """Where a parabola through the powers has its top."""
+    at = (trial - trial.mean()) / np.ptp(trial)
+    _, slope, curvature = np.polynomial.polynomial.polyfit(at, power / max(float(power.max()), 1e-300), 2)
+    top = -slope / (2 * curvature) if curvature < 0 else 0.0
+    return float(trial.mean() + np.ptp(trial) * np.clip(top, -0.5, 0.5))
+
+
+def _without_motion(x: Array, cycles: float) -> Array:
+    """Samples without the body's motion that is slow beside a tone of so many cycles in a sample.
+
+    A local polynomial over some cycles of the tone follows the motion, and of the tone next to nothing if its length is well
+    chosen. A slew that begins gently is quiet to the eyes of the noise tests, but would pass for noise of the tone's amplitude.
+    """
+    counts = np.unique(np.round(np.array(AVERAGED_CYCLES) / cycles).astype(np.intp) // 2 * 2 + 1)
+    kernels = [_smoothing(int(count)) for count in counts if DEGREE + 2 < count < x.size]
+    if not kernels:
+        return np.asarray(scipy.signal.detrend(x))
+    kernel = min(kernels, key=lambda kernel: abs(_gain(kernel, cycles)))
+    smooth = scipy.signal.oaconvolve(np.pad(x, kernel.size // 2, mode="edge"), kernel, mode="valid")
+    return np.asarray((x - smooth) / (1 - _gain(kernel, cycles)))
+
+
+def _smoothing(count: int) -> Array:
+    """Weights of the samples in the middle of a local polynomial; in orthogonal polynomials, since windows may be long."""
+    Q = np.linalg.qr(np.polynomial.legendre.legvander(np.linspace(-1, 1, count), DEGREE))[0]
+    return np.asarray(Q @ Q[count // 2])
+
+
+def _gain(kernel: Array, cycles: float) -> float:
+    """Gain of a symmetric smoothing at a frequency in cycles a sample."""
+    return float(kernel @ np.cos(2 * np.pi * cycles * (np.arange(kernel.size) - kernel.size // 2)))
+
+
+def _calm(left: Array) -> Mask:
+    """Samples in which nothing sudden is left of the motion."""
+    spread = float(np.median(np.abs(left))) / 0.6745
+    return np.asarray(np.abs(left) <= SUDDEN * spread)
+
+
+def _transform(y: Array, t: Array, frequencies: Array) -> Array:
+    """Fourier integral of y at some frequencies evenly spaced, by the chirp transform."""
+    step = frequencies[1] - frequencies[0] if frequencies.size > 1 else 1.0
+    dt = float(np.median(np.diff(t)))
+    return np.asarray(_chirp(y.size, frequencies.size, step * dt, float(frequencies[0]) * dt)(y))
+
+
+@lru_cache(maxsize=2)
+def _chirp(count: int, trials: int, step: float, first: float) -> scipy.signal.CZT:
+    """The chirp transform of so many samples, frequencies in cycles a sample; arcs are often of one length."""
+    return scipy.signal.CZT(count, trials, np.exp(-2j * np.pi * step), np.exp(2j * np.pi * first))
+
+
+def _is_steady(amplitudes: Array, sigmas: Array) -> bool:
+    """Whether amplitudes of several parts are one, within their noise and a tenth of it.
+
+    Where the body starts or stops to turn, a part may be off; the amplitude of a sway is off in most of them.
+    """
+    if amplitudes.size < 2:
+        return False
+    middle = float(np.median(amplitudes))
+    off = np.abs(amplitudes - middle) / np.hypot(sigmas, UNSTEADY * middle)
+    return bool(np.quantile(off, STEADY_SHARE) < STEADY_SIGMAS)
+
+
+def _in_all(powers: Array, variances: Array) -> bool:
+    """Whether no arc has more of a line than all others together, as the one has in which a turn of the body rings.
+
+    With its own phase in each, an arc of n samples shows of a tone A the power a² of the mean A² + 2s² and the variance
+    4s² (A² + s²), where s² = 2σ²/n; the others' mean, weighed by 1/s², says what A² is. Parts of an arc, which each show
+    little of a weak line, would not tell.
+    """
+    if powers.size < 2:
+        return True
+    weights = (1.0 - np.eye(powers.size)) / variances
+    weights /= weights.sum(axis=1, keepdims=True)
+    rest = np.maximum(weights @ (powers - 2 * variances), 0.0)
+    own = 4 * variances * (rest + variances)
+    of_others = weights**2 @ (4 * variances**2) + 4 * rest * (weights**2 @ variances)
+    spread = np.sqrt(own + of_others + (2 * UNSTEADY * rest) ** 2)
+    return bool(np.all(powers - 2 * variances - rest < BEYOND_REST * spread))
