@@ -102,10 +102,10 @@ class DiagnosisSettings:
         "in the same cases 47 of 52",
     )
     conformal: float = threshold(
-        0.979,
+        0.861,
         "largest probability of likelier explanations with which one is in the 90 % conformal set",
         "probability",
-        "the 90 % quantile over the 150 cases of the setting part of the wide check",
+        "the 90 % quantile over 149 cases of the setting part of the wide check",
     )
     sample_event: float = threshold(
         1e-5,

@@ -33,7 +33,8 @@ from simulator.effects.smoothing import noise_level, smoothed
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
-COARSE = 0.05  # a lattice finer than this share of the noise is the number format, not the gyro
+COARSE = 0.2  # a lattice finer than this share of the noise is a number format: rounding adds a sixth of a percent to its power
+FIRST = 3.0  # steps of a number format, within which the smallest readings beside its zeros lie
 HIDING = 2.0  # noise sigmas in a step, above which a lattice hides slow motion
 CERTAIN = 8.0  # log odds of a dead zone from which on its edges are left out of the other tests
 BESIDE = 10  # samples beside an edge
@@ -79,7 +80,7 @@ def examine(
         tell("outliers", 0.2)
         report.zones = {axis: one for axis, one in found.items() if one is not None}
         # The jumps at the edges of a zone are neither noise nor motion; of readings beside zeros, some were made zeros.
-        used = used & ~_near_edges(report) & ~_near_zeros(recording, used, coarse, sigma)
+        used = used & ~_near_edges(report) & ~_near_zeros(recording, used, coarse, steps, sigma)
         still = used & quiet(report.rates, local)
         spikes(report, recording, still, used, local, np.where(coarse, steps, 0.0))
         report.lines = lines(report, recording, still, used, lambda text, share: tell(text, 0.3 + 0.35 * share))
@@ -92,7 +93,7 @@ def examine(
             together(report, recording, still)
             tell("noise over time", 0.75)
             constancy(report, recording, used)
-        _zero_mass(report, recording, inside(recording), coarse)
+        _zero_mass(report, recording, inside(recording), coarse, steps)
         _off_the_lattice(report, recording, steps, coarse, cut, sigma)
     report.smooth = smoothed_rates(report.rates, recording, lambda text, share: tell(text, 0.8 + 0.2 * share))
     return report
@@ -107,20 +108,20 @@ def _near_edges(report: SampleReport) -> Mask:
     return np.asarray(scipy.ndimage.binary_dilation(jumps, iterations=BESIDE)) if jumps.any() else jumps
 
 
-def _near_zeros(recording: Recording, used: Mask, coarse: Mask, noise: float) -> Mask:
+def _near_zeros(recording: Recording, used: Mask, coarse: Mask, steps: Array, noise: float) -> Mask:
     """Samples beside exact zeros of a gyro whose noise goes through its dead zone."""
     near = np.zeros(used.size, dtype=bool)
     for axis in np.flatnonzero(~coarse):
-        if _zeros(recording.gyro.rates[used, axis], noise)[1]:
+        if _zeros(recording.gyro.rates[used, axis], noise, steps[axis])[1]:
             near |= recording.gyro.rates[:, axis] == 0.0
     return np.asarray(scipy.ndimage.binary_dilation(near, iterations=BESIDE)) if near.any() else near
 
 
-def _zeros(x: Array, noise: float) -> tuple[Array, bool]:
+def _zeros(x: Array, noise: float, step: float) -> tuple[Array, bool]:
     """Sizes of the readings that are not zero, in order, and whether zeros beside them leave a zone."""
     other = np.sort(np.abs(x[x != 0.0]))
-    # Zeros beside readings that are as good as zero leave no zone.
-    return other, x.size - other.size >= 3 and other.size > 30 and float(other[:3].mean()) > 0.01 * noise
+    # Zeros beside readings that are as good as zero leave no zone, and a number format has zeros beside its first step.
+    return other, x.size - other.size >= 3 and other.size > 30 and float(other[:3].mean()) > max(0.01 * noise, FIRST * step)
 
 
 def smoothed_rates(rates: Array, recording: Recording, tell: Tell = silent) -> Array:
@@ -227,12 +228,12 @@ def _fill(report: SampleReport, recording: Recording, bad: Mask) -> None:
     report.filled |= bad
 
 
-def _zero_mass(report: SampleReport, recording: Recording, used: Mask, coarse: Mask) -> None:
+def _zero_mass(report: SampleReport, recording: Recording, used: Mask, coarse: Mask, steps: Array) -> None:
     """Samples that read exactly zero on no lattice: a dead zone behind the noise."""
     for axis in np.flatnonzero(~coarse):
         x = recording.gyro.rates[used, axis]
         count = int(np.sum(x == 0.0))
-        other, zone = _zeros(x, float(report.noise[axis]))
+        other, zone = _zeros(x, float(report.noise[axis]), float(steps[axis]))
         p = IMPOSSIBLE if zone else 1.0
         report.tests.append(
             SampleTest("zero_samples", AXES[axis], count, 0.0, p, "dead_zone", f"{count} samples read exactly zero")

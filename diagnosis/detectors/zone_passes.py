@@ -7,7 +7,12 @@ band that it passes fastest, since it may rest in one or on the border of two, t
 with the mean ρ o. A gyro with a dead zone of half width s reads zero in the core and in the hole, and only a window across the
 edge falls into the hole: h is Poisson with a mean below one. The log odds are summed over the passes, with the ratio ρ and the
 dispersion that favour the motion most, and with a few odd passes allowed to it, so that no single one decides. Passes too fast
-to have some windows in each band tell nothing, nor do those in which the body rests in one.
+to have some windows in each band tell nothing, nor do those in which the body rests in one or jumps over the core, which it
+would pass in several times as long as a band. Behind a dead zone the rate goes on as it came: the first window outside is at
+the edge, within a few steps of the pass. A body that thrusters push from one steady rate to another leaves a hole as well, and
+is anywhere behind it; in the core it rests at rates that are not zero, where a gyro that is silent reads none but its noise.
+How many windows of the core do so is a binomial number, of a small share under a zone and of any under a motion. All half
+widths that are tried share the odds.
 """
 
 from __future__ import annotations
@@ -17,6 +22,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import betaln, logsumexp
 from scipy.stats import nbinom, poisson
 
 from diagnosis.detectors.gap_interpolation import runs
@@ -35,7 +41,9 @@ FEWEST_PASSES = 3
 STRADDLING = 0.7  # mean number of windows across the edge
 RATIOS = (0.35, 0.5, 0.7, 1.0, 1.4, 2.0)  # of the time in the hole to that in the band, of a real motion
 DISPERSIONS = (2.0, 20.0)  # shape of the negative binomial
-ODD = 0.03  # share of odd passes of a real motion
+ODD = 0.03  # share of odd passes, of a real motion or of a zone
+LOUD = 4.0  # sigmas of a window in the core, beyond which it reads a rate
+STEPS, CERTAIN = 3.0, 3.0  # mean steps and sigmas of a window, within which the first one outside is at the edge
 DIPPED = 0.6  # mean rate of a motion that comes back to the edge where it went in, in half widths
 FEWEST_WINDOWS = 8  # of an interval
 
@@ -75,13 +83,13 @@ def zone(x: Array, parts: Sequence[slice], noise: float) -> Zone | None:
         return None
     sums = [np.append(0.0, np.cumsum(x[part])) for part in parts]
     tried = np.geomspace(low, top, TRIED)
-    odds = [_log_odds(sums, float(size), noise) for size in tried]
-    best = int(np.argmax(odds))
-    if odds[best] <= 0:
+    odds = np.array([_log_odds(sums, float(size), noise) for size in tried])
+    log_odds = float(logsumexp(odds)) - float(np.log(TRIED))
+    if log_odds <= 0:
         return None
-    size = float(tried[best])
+    size = float(tried[int(np.argmax(odds))])
     dead, expected = _inside(x, parts, size, noise)
-    return Zone(size, odds[best], dead, expected)
+    return Zone(size, log_odds, dead, expected)
 
 
 def _window(size: float, noise: float) -> int:
@@ -96,27 +104,45 @@ def _means(total: Array, count: int) -> Array:
 def _log_odds(sums: Sequence[Array], size: float, noise: float) -> float:
     """log odds of a zone of some half width, over the passes of all intervals."""
     count = _window(size, noise)
-    found = [_passes(_means(total, count) / size) for total in sums if total.size > FEWEST_WINDOWS * count]
-    if not found:
+    windows = [_means(total, count) / size for total in sums if total.size > FEWEST_WINDOWS * count]
+    if not windows:
         return 0.0
-    hole, band = np.concatenate(found, axis=1)
+    found = [_passes(u) for u in windows]
+    hole, band, behind = np.concatenate(found, axis=1)
     telling = band >= FEWEST_IN_BAND
     if telling.sum() < FEWEST_PASSES:
         return 0.0
-    h, o = hole[telling], band[telling]
+    h, o = hole[telling].astype(np.intp), band[telling].astype(np.intp)
+    scatter = CERTAIN * noise / size / np.sqrt(count)
+    at_the_edge = np.where(behind[telling] < STEPS + scatter * o / (LEVELS[-1] - 1), np.log1p(-ODD), np.log(ODD))
     dead = poisson.logpmf(h, STRADDLING)
     motion = max(
         float(np.sum(np.logaddexp(np.log1p(-ODD) + nbinom.logpmf(h, shape, shape / (shape + ratio * o)), np.log(ODD) + dead)))
         for ratio in RATIOS
         for shape in DISPERSIONS
     )
-    return float(dead.sum()) - motion
+    return float(np.sum(dead + at_the_edge)) - motion + min(_silent(windows, noise / size / np.sqrt(count)), 0.0)
 
 
-def _passes(u: Array) -> Indices:
-    """(2, passes) windows in the hole and in the band that is passed fastest, on each way between the core and far off.
+def _silent(windows: Sequence[Array], sigma: float) -> float:
+    """log of the likelihood of the core's windows under a zone, in which they read nothing but noise, over that of a motion."""
+    core = [np.abs(u) < CORE for u in windows]
+    inside = [one[1:-1] & one[:-2] & one[2:] for one in core]
+    u = np.concatenate([one[1:-1][own] for one, own in zip(windows, inside, strict=True)])
+    if not u.size:
+        return 0.0
+    steps = np.concatenate([np.diff(one)[own[1:] & own[:-1]] for one, own in zip(windows, core, strict=True)])
+    scatter = max(sigma, float(np.median(np.abs(steps))) / 0.6745 / np.sqrt(2))
+    off = int(np.sum(np.abs(u) > LOUD * scatter))
+    of_zone = betaln(off + 1, u.size - off + 1 / ODD) - betaln(1, 1 / ODD)
+    return float(of_zone - betaln(off + 1, u.size - off + 1))
 
-    None are counted in the bands where the body rests in one of them.
+
+def _passes(u: Array) -> Array:
+    """(3, passes) windows in the hole and in the band that is passed fastest, on each way between the core and far off.
+
+    None are counted in the bands where the body rests in one of them. The third is how far behind the edge the first window
+    outside is, in mean steps from one window to the next.
     """
     level = np.digitize(np.abs(u), LEVELS)
     ends = np.flatnonzero((level == 0) | (level == len(LEVELS)))
@@ -125,7 +151,14 @@ def _passes(u: Array) -> Indices:
     counts = [np.append(0, np.cumsum(level == one)) for one in (1, 3, 4, 5)]
     hole, *bands = (count[end] - count[begin + 1] for count in counts)
     fastest, slowest = np.min(bands, axis=0), np.max(bands, axis=0)
-    return np.array([hole, np.where(slowest <= RESTING * (fastest + 1), fastest, 0)])
+    outside = np.append(np.flatnonzero(level >= 2), level.size - 1)
+    out = level[begin] == 0
+    first = outside[np.where(out, np.searchsorted(outside, begin + 1), np.maximum(np.searchsorted(outside, end) - 1, 0))]
+    behind = (np.abs(u[first]) - 1) * np.sum(bands, axis=0) / (LEVELS[-1] - 1)
+    low, high = np.array(runs(level == 0)).reshape(-1, 2).T
+    stay = (high - low)[np.searchsorted(low, np.where(out, begin, end), side="right") - 1] if low.size else np.zeros(0)
+    even = (slowest <= RESTING * (fastest + 1)) & (RESTING * stay >= fastest)
+    return np.array([hole, np.where(even, fastest, 0), behind])
 
 
 def _inside(x: Array, parts: Sequence[slice], size: float, noise: float) -> tuple[NDArray[np.bool_], Array]:

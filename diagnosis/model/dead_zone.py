@@ -16,7 +16,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from diagnosis.detectors.deadzone import MOST_PARTS, DeadZoneEvidence, half_width
-from diagnosis.detectors.zone_passes import TRIED
 from diagnosis.model.candidates import Group
 from diagnosis.model.linear import Parameters
 from diagnosis.model.prepare import Prepared
@@ -32,7 +31,7 @@ DIFFERENCE = 0.4  # usual size of the differences between runs beside what they 
 SCALES = (0.03, 10.0)  # of the amplitudes, in usual rates
 MOST_ODDS = 4.0  # that rests may give it: their model of the motion is a rough one, and the attitude must show it
 MOST_PASSED = 25.0  # the same of passes through the zone
-TRIALS = 3 * TRIED  # half widths and gyros
+TRIALS = 3  # gyros
 LEAST_ODDS = -10.0  # that they may hold against it
 
 
@@ -59,7 +58,7 @@ def unseen_motion(model: RecordingModel, one: DeadZoneEvidence) -> Array:
 
 
 def shown_by_passes(dead: Sequence[DeadZoneEvidence]) -> float:
-    """Bound on the p-value under M0 of what passes through a zone show, 1/(odds) of the likeliest of all tried half widths."""
+    """Bound on the p-value under M0 of what passes through a zone show, 1/(odds) averaged over all tried half widths."""
     return float(np.exp(-max((one.log_odds - np.log(TRIALS) for one in dead if one.passed), default=0.0)).clip(0.0, 1.0))
 
 

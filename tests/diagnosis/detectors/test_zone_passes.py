@@ -57,9 +57,27 @@ def test_a_real_motion_shows_no_zone(kind):
 
 def test_passes_are_counted_between_core_and_far():
     u = np.array([0.1, 0.5, 1.2, 1.7, 2.2, 3.0, 2.2, 2.1, 1.7, 1.2, 0.2, 0.6, 0.1])
-    hole, band = _passes(u)
+    hole, band, behind = _passes(u)
     assert hole.tolist() == [1, 0]
     assert band.tolist() == [1, 1]
+    assert behind == pytest.approx([0.2 * 3 / 1.5, 0.2 * 4 / 1.5])  # behind the edge by 0.2, in three and four windows
+
+
+def test_a_body_that_jumps_over_the_core_tells_nothing():
+    u = np.array([0.1, *np.linspace(1.05, 2.45, 30), 3.0])
+    assert _passes(u)[1].tolist() == [0]
+    assert _passes(np.append(np.zeros(10), u))[1].tolist() == [10]
+
+
+def test_a_body_that_thrusters_push_from_rate_to_rate_shows_no_zone():
+    """A limit cycle: the rate goes from one steady value to another within a sample."""
+    found = []
+    for seed in range(20):
+        rng = np.random.default_rng(seed)
+        levels = np.repeat(rng.uniform(-3, 3, SAMPLES // 50 + 1), 50)[:SAMPLES] * 30 * NOISE
+        one = zone(levels + NOISE * rng.standard_normal(SAMPLES), PARTS, NOISE)
+        found.append(one.log_odds if one else 0.0)
+    assert max(found) < 2
 
 
 def test_nothing_to_see_is_no_zone():
