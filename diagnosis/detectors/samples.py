@@ -33,7 +33,7 @@ from simulator.effects.smoothing import noise_level, smoothed
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
-COARSE = 0.2  # a lattice finer than this share of the noise is a number format: rounding adds a sixth of a percent to its power
+COARSE = 0.2  # a lattice finer than this share of the noise is a number format: its rounding has 0.3 % of the power
 FIRST = 3.0  # steps of a number format, within which the smallest readings beside its zeros lie
 HIDING = 2.0  # noise sigmas in a step, above which a lattice hides slow motion
 CERTAIN = 8.0  # log odds of a dead zone from which on its edges are left out of the other tests
