@@ -217,6 +217,7 @@ WIDE = {  # rows of the page by those of the results
     "pairs whole, in groups, SNR ≥ 8": "two effects of SNR 8 and more: both right or in the groups",
     "unlisted and detected: confident wrong name": "unlisted and detected: a confident wrong name",
     "unlisted, SNR ≥ 12: unknown": "unlisted of SNR 12 and more: unknown",
+    "unlisted, SNR ≥ 12 in the attitude: unknown": "unlisted of SNR 12 and more in the attitude: unknown",
 }
 
 

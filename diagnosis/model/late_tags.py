@@ -74,8 +74,13 @@ def delays(model: RecordingModel, small: Array, prior: tuple[float, float]) -> l
     found = [(one, path.column(one)) for one, value in zip(tried, values, strict=True) if value < min(values) + FITTING]
     # A fit of the amplitude gains (a − s)² |c|² over it.
     gains = [(_fitted(model, c) - one) ** 2 * float(np.sum(model.projected(c) ** 2)) for one, c in found]
-    shares = np.exp(-0.5 * np.array(gains))
-    return [Delay(c, float(share)) for (_, c), share in zip(found, shares / shares.sum(), strict=True)]
+    return [Delay(c, float(share)) for (_, c), share in zip(found, shares(np.array(gains)), strict=True)]
+
+
+def shares(gains: Array) -> Array:
+    """Shares (d,) of delays that explain χ² less than a fit of their amplitude, by what they explain less."""
+    weights = np.exp(-0.5 * (gains - gains.min()))
+    return np.asarray(weights / weights.sum())
 
 
 class _Path:

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from diagnosis.model.late_tags import delays
+from diagnosis.model.late_tags import delays, shares
 from simulator.effects import EFFECTS
 from tests.diagnosis.recordings import prepared
 
@@ -33,3 +33,8 @@ def test_the_columns_of_a_large_offset_give_it_back_and_leave_noise(size):
 @pytest.mark.parametrize("size", [0.0, 0.05])
 def test_a_small_one_has_no_others(size):
     assert model_and_columns(size)[2] == []
+
+
+def test_shares_of_delays_that_all_explain_far_less_are_numbers():
+    """As where a dead zone makes a gap of hundreds of sigmas, and no delay is anywhere near."""
+    np.testing.assert_allclose(shares(np.array([1e5, 1e5 + 2.0])), [1 / (1 + np.exp(-1)), np.exp(-1) / (1 + np.exp(-1))])
