@@ -179,8 +179,11 @@ def test_repeats_are_bridged(tmp_path):
     write(frame.assign(**dict(zip(names, stale.T, strict=True))), tmp_path / "01_stale.parquet")
     one = load(RealConfig(folder=str(tmp_path), units={"T": ("01",)}), "01")
     assert np.flatnonzero(one.stale).tolist() == repeated.tolist()
+    bridged = one.repaired(cut=False, bridged=True)
+    np.testing.assert_array_equal(np.delete(bridged, repeated, axis=0), np.delete(rates, repeated, axis=0))
     middle = 0.5 * (rates[repeated - 1] + rates[repeated + 1])
-    np.testing.assert_allclose(one.repaired(cut=False, bridged=True)[repeated], middle, atol=1e-12)
+    off_line, off_bridge = (np.sqrt(np.mean((values - rates[repeated]) ** 2)) for values in (middle, bridged[repeated]))
+    assert off_bridge < 1.02 * off_line  # the line through the neighbours, or what follows the motion better
 
 
 def test_absent_trials_are_one_line(tmp_path):
