@@ -145,7 +145,7 @@ def _without_tones(
         report.symptoms.append(tone.symptom(settings.group_share, settings.unknown))
         if report.symptoms[-1].kind == UNLISTED:
             break
-        recording, report.rates = without(recording, report.rates, tone.ways[0][0])
+        recording, report.rates = without(recording, report.rates, tone.listed[0][0])
         model, sigma = _calibrated(recording, report, pieces, recording.attitudes.sigma)
     return recording, model, sigma
 

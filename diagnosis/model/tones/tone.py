@@ -89,12 +89,17 @@ class Tone:
     ways: tuple[tuple[Way, float], ...]
     p_value: float
 
+    @property
+    def listed(self) -> tuple[tuple[Way, float], ...]:
+        """The ways of effects on the list, the likeliest first."""
+        return tuple((way, p) for way, p in self.ways if way.kind != UNLISTED)
+
     def symptom(self, least: float, unknown: float) -> Symptom:
         """As what the tests of the samples write; alternatives about the same axis have at least a share of the probability.
 
         Where something unlisted has more than `unknown` of the probability, it is the symptom of no effect.
         """
-        listed = [(way, p) for way, p in self.ways if way.kind != UNLISTED]
+        listed = self.listed
         first = listed[0][0] if listed else self.ways[0][0]
         text = f"all references show a tone at {self.ways[0][0].frequency_hz:.4g} Hz, too fast for their averages"
         axis = "xyz"[first.axis]

@@ -11,7 +11,7 @@ from diagnosis.model.linearise import linearised
 from diagnosis.model.tones.fast import fast_tone
 from diagnosis.model.tones.fit import Fit, aliases_of
 from diagnosis.model.tones.peak import strongest
-from diagnosis.model.tones.tone import PICKUP, REFERENCE, UNLISTED, without
+from diagnosis.model.tones.tone import BIAS, PICKUP, REFERENCE, UNLISTED, Tone, Way, without
 from gyrocal import calibrate
 from simulator.effects import parse
 from simulator.simulate import simulate
@@ -119,3 +119,14 @@ def test_a_diagnosis_names_it():
     assert [cause.label for cause in answer.causes] == ["reference_periodic:z"]
     assert answer.verdict in ("named", "group")
     assert not answer.p_values.get("misfit: line of any period", 1.0) < 1e-4
+
+
+def test_a_listed_way_is_taken_out_where_the_unlisted_are_likelier_than_each():
+    """What is named is what is taken out, or the same tone would be found again."""
+    shares = ((UNLISTED, 0.38), (REFERENCE, 0.32), (BIAS, 0.30))
+    tone = Tone(tuple((Way(kind, 2, 0.7, np.array([1e-5, 0.0]), 1e-6, 0.0), p) for kind, p in shares), 1e-9)
+    symptom = tone.symptom(0.02, 0.4)
+    assert symptom.kind == tone.listed[0][0].kind == REFERENCE
+    assert symptom.probability == pytest.approx(0.62)
+    assert symptom.rivals == ((BIAS, pytest.approx(0.30 / 0.62)),)
+    assert tone.symptom(0.02, 0.3).kind == UNLISTED
