@@ -106,11 +106,13 @@ def answered(
     gap = explained.p_value < settings.false_alarm_rate
     where = [*(one.finding for one in samples), *seen.where]
     samples = [one for one in samples if not _is_of_a_process(one, explained.fitted)]
-    unlisted = any(one.effect is None for one in samples)
+    unlisted = any(one.unlisted for one in samples)
     shown = [one.cause(settings) for one in samples if one.effect is not None]
     sure = all(cause.probability >= settings.named for cause in shown)
-    verdict, unknown = _verdict(attribution, gap, bool(samples), unlisted, sure)
-    unknown = 1 - (1 - unknown) * float(np.prod([cause.group_probability for cause in shown]))
+    verdict = _verdict(attribution, gap, bool(samples), unlisted, sure)
+    unknown = 0.0 if attribution is None else attribution.unknown
+    left = [0.0 if one.effect is None else one.cause(settings).group_probability for one in samples]
+    unknown = 1 - (1 - unknown) * float(np.prod(left))
     if verdict == "none" and seen.blind:
         verdict = "not identifiable"
     return Diagnosis(
@@ -133,6 +135,7 @@ def answered(
         notes=(
             *filter(None, (seen.blind,)),
             *_checks_note(explained),
+            *_imitations(samples, settings),
             *seen.motions,
             *_likely(explained, settings),
             *seen.notes,
@@ -193,7 +196,7 @@ def _causes(
     samples: Sequence[SampleCause], attribution: Attribution | None, fitted: Sequence[Fitted], settings: DiagnosisSettings
 ) -> tuple[Cause, ...]:
     """The causes that the samples show, and those of the attitude; one that both show is as the samples show it."""
-    shown = [one.cause(settings) for one in samples if one.effect is not None]
+    shown = [one.cause(settings) for one in samples if not one.unlisted]
     labels = {cause.label for cause in shown}
     return (*shown, *(cause for cause in causes_of(attribution, fitted) if cause.label not in labels))
 
@@ -226,6 +229,8 @@ def p_values(prepared: Prepared, explained: Explained) -> dict[str, float]:
             out[f"trackers {one.first} and {one.second}"] = one.p_value
     out.update({f"misfit: {check.name}": check.p_value for check in explained.left})
     out.update({f"check: {check.name}": check.p_value for check in explained.checks})
+    if explained.checks:
+        out["all checks, over the posterior"] = explained.passed
     return out
 
 
@@ -292,16 +297,14 @@ def likeliest(found: Mapping[tuple[str, ...], float]) -> tuple[tuple[tuple[str, 
     return tuple(out)
 
 
-def _verdict(attribution: Attribution | None, gap: bool, shown: bool, unlisted: bool, sure: bool) -> tuple[Verdict, float]:
-    """The verdict, and the probability that something unlisted is at work; `sure` of what the samples show."""
+def _verdict(attribution: Attribution | None, gap: bool, shown: bool, unlisted: bool, sure: bool) -> Verdict:
+    """The verdict; `sure` of what the samples show."""
     if not gap and not shown:
-        return "none", 0.0
+        return "none"
     if unlisted:  # also beside a named cause, which it may have imitated
-        return "unknown", 1.0
+        return "unknown"
     verdict: Verdict = "named" if sure else "group"
-    if attribution is None:
-        return verdict, 0.0
-    return (verdict if attribution.verdict == "named" else attribution.verdict), attribution.unknown
+    return verdict if attribution is None or attribution.verdict == "named" else attribution.verdict
 
 
 def _checks_note(explained: Explained) -> tuple[str, ...]:
@@ -311,6 +314,17 @@ def _checks_note(explained: Explained) -> tuple[str, ...]:
     best = [explained.linear.candidate(member).label for member in explained.attribution.best.members]
     words = ", ".join(f"{check.name} (p = {check.p_value:.1g})" for check in failed)
     return (f"The likeliest explanation, {' with '.join(best)}, would not leave residuals like these: {words}",)
+
+
+def _imitations(samples: Sequence[SampleCause], settings: DiagnosisSettings) -> Iterator[str]:
+    """A sentence for each effect that the samples show, and that would not behave so."""
+    for one in samples:
+        if one.effect is not None and one.imitated:
+            cause = one.cause(settings)
+            yield (
+                f"{cause.label} would show in the samples as something does, but hardly in this way "
+                f"(p = {one.symptom.likeness:.1g}); its probability is {cause.group_probability:.2f}"
+            )
 
 
 def _motion_notes(prepared: Prepared) -> tuple[str, ...]:

@@ -6,6 +6,7 @@ import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
+from itertools import count
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,10 +15,21 @@ from threadpoolctl import threadpool_limits
 from diagnosis.answer import Closure
 from diagnosis.assemble import assembled
 from diagnosis.inference.amplitudes import Fitted, amplitudes, refined
-from diagnosis.inference.attribution import Attribution, Ranked, attribute, doubted, unexplained, unseen
+from diagnosis.inference.attribution import (
+    Attribution,
+    Ranked,
+    against,
+    attribute,
+    averaged_check,
+    doubted,
+    is_listed,
+    unexplained,
+    unseen,
+)
 from diagnosis.inference.checks import Check, residual_checks, together
 from diagnosis.inference.closure import found_by, is_random, learnable, measured
 from diagnosis.inference.null import p_value
+from diagnosis.inference.refinement import explained_finely
 from diagnosis.inference.search import NOTHING, Explanation, Search
 from diagnosis.merge import merged
 from diagnosis.model.calibration import calibrated
@@ -39,8 +51,6 @@ from simulator.effects.sensor import ALL_EFFECTS, SENSOR_EFFECTS
 
 Array = NDArray[np.float64]
 
-REFINED = 3  # of the likeliest explanations, around whose members options are made finer
-
 
 @dataclass(frozen=True)
 class Explained:
@@ -53,6 +63,7 @@ class Explained:
     attribution : None without a gap
     fitted : amplitudes of the effects that are named
     checks : of what the named effects leave
+    passed : p-value of the checks of all listed explanations together, averaged over their posterior
     left : what M0 leaves of all references, before any averaging
     unseen : without a gap, the probability of M0 and of what is too weak to be told
     closed : how far the gap closes on held-out data
@@ -67,6 +78,7 @@ class Explained:
     closed: Closure | None
     change: Array
     covariance: Array
+    passed: float = 1.0
     left: tuple[Departure, ...] = ()
     unseen: tuple[Ranked, ...] = ()
 
@@ -131,17 +143,19 @@ def explain(
     """What the attitude says of a recording."""
     model = prepared.model
     tell("candidates", 0.1)
-    linear = linear_model(
-        model, effects, dead_zone_groups(prepared, effects), settings, tell=counted(tell, "candidates", 0.1, 0.3, 100)
-    )
-
     left = misfit(model) if prepared.is_white else ()
     by_name = {effect.name: effect for effect in effects}
 
     def check(found: LinearModel, members: tuple[Member, ...]) -> tuple[Check, ...]:
         return (*residual_checks(found, members, layout(model), seed), *_left_beside(prepared, found, members, by_name))
 
-    explained = judged(linear, check, settings, seed, tell, shown_by_passes(prepared.dead), together(left) if left else None)
+    dead, of_all = dead_zone_groups(prepared, effects), together(left) if left else None
+    told = counted(tell, "candidates", 0.1, 0.3, 100)
+    # No name for it here: the columns of a long recording are hundreds of megabytes, which are let go before the end.
+    explained = judged(
+        linear_model(model, effects, dead, settings, tell=told),
+        check, settings, seed, tell, shown_by_passes(prepared.dead), of_all,
+    )  # fmt: skip
     change, covariance = calibrated(model, explained.fitted)
     return replace(explained, change=change, covariance=covariance, left=left)
 
@@ -189,6 +203,7 @@ def judged(
     attribution: Attribution | None = None
     fitted: tuple[Fitted, ...] = ()
     checks: tuple[Check, ...] = ()
+    passed = 1.0
     closed: Closure | None = None
     if p < settings.false_alarm_rate:
         tell("explanations", 0.5)
@@ -199,52 +214,48 @@ def judged(
         members = tuple(slot.member for slot in attribution.slots)
         if members:
             linear, members = refined(linear, members)
+            tell("amplitudes", 0.72)
             fitted = tuple(amplitudes(linear, members))
+            tell("checks", 0.74)
             checks = check(linear, members)
-            attribution = doubted(linear, attribution, together(checks), settings)
+            passed = together(checks)
+            if against(passed, settings) < 1:
+                step = map(counted(tell, "checks", 0.75, 0.85, 5), count()).__next__
+                passed = averaged_check(weighed, partial(_checked, linear, check, step), partial(is_listed, linear))
+            attribution = doubted(linear, attribution, passed, settings)
             if not attribution.slots:
                 members, fitted = (), ()
         tell("held-out data", 0.85)
         if members:
-            listed, random = learnable(linear, members), is_random(linear, members)
-            # The columns of a long recording are hundreds of megabytes, and only those of the listed effects are needed now.
             del search
+            listed, random = learnable(linear, members), is_random(linear, members)
+            # Only the columns of the listed effects are needed now.
             linear = linear if linear.room is None else linear.without_columns()
             told = partial(tell, "held-out data")
             closed = measured(listed, random, found_by(len(members)), lambda done: told(0.85 + 0.015 * done))
     elif left < settings.false_alarm_rate:
-        attribution = unexplained(left)
+        attribution = unexplained(left, settings)
     else:
         quiet = unseen(linear, search.singles(), of_all, settings)
     return Explained(
-        linear, min(p, left, 1.0), attribution, fitted, checks, closed, np.zeros(12), np.zeros((12, 12)), unseen=quiet
+        linear, min(p, left, 1.0), attribution, fitted, checks, closed, np.zeros(12), np.zeros((12, 12)), passed, unseen=quiet
     )
+
+
+def _checked(
+    linear: LinearModel,
+    check: Callable[[LinearModel, tuple[Member, ...]], tuple[Check, ...]],
+    tell: Callable[[], None],
+    explanation: Explanation,
+) -> float:
+    """P-value of all checks of an explanation together, told of before."""
+    tell()
+    return together(check(*refined(linear, explanation.members)))
 
 
 def counted(tell: Progress, text: str, begin: float, stop: float, usual: int) -> Callable[[int], None]:
     """Progress of a stage by what is done of it, where how much there is to do is known only roughly."""
     return lambda count: tell(text, begin + (stop - begin) * count / (count + usual))
-
-
-def explained_finely(
-    search: Search, settings: DiagnosisSettings, tell: Callable[[int], None] = lambda count: None
-) -> tuple[LinearModel, list[Explanation]]:
-    """The model with finer options around those of the likeliest explanations, and the explanations found with them.
-
-    A step that is tried at a few times only leaves a trace when it happened between two of them, which another step about the
-    same axis would explain. A random process has its weaker columns then; what a strong one would leave without them, another
-    process would explain.
-    """
-    found = search.explanations()
-    search.forget()
-    linear = search.model
-    tried: set[int] = set()
-    for explanation in found[:REFINED]:
-        for member in explanation.members:
-            if member.candidate not in tried:
-                tried.add(member.candidate)
-                linear = linear.refine(linear, member)
-    return (linear, found) if linear is search.model else (linear, Search(linear, settings, tell).explanations())
 
 
 def _with_sensors(

@@ -89,6 +89,12 @@ class DiagnosisSettings:
         "probability",
         "in the same cases 9 of 12, of a mean probability of 0.67",
     )
+    seen: float = threshold(
+        0.25,
+        "probability that the checks of what is left see that something unlisted imitates what is named",
+        "probability",
+        "of 11 unlisted effects explained by listed ones in the same cases, 3 had p-values below 1e-5, the others above 0.03",
+    )
     chi2_sensors: float = threshold(
         1e-4,
         "p-value of χ² below which the noise of raw sensor tables is taken from their own residuals",
@@ -102,8 +108,8 @@ class DiagnosisSettings:
         "in the same cases 47 of 52",
     )
     conformal: float = threshold(
-        0.861,
-        "largest probability of likelier explanations with which one is in the 90 % conformal set",
+        0.855,
+        "how much less likely than the likeliest, as a share of it, an explanation in the 90 % conformal set may be",
         "probability",
         "the 90 % quantile over 149 cases of the setting part of the wide check",
     )

@@ -1,16 +1,30 @@
-"""Short blocks of samples in which a smooth motion leaves nothing of itself in the upper half of the spectrum.
+"""Short blocks of samples in which a smooth motion leaves next to nothing of itself in most of the spectrum.
 
 Differences of the sixth order leave little of a motion that is slow beside the sampling, before any window could spread it
-over all frequencies. Their cosines from a quarter of the sampling rate on, whitened with their covariance under white noise,
-tell it from readout noise, whose power rises with the frequency, and from a motion with jerks, which is not in all blocks
-alike. A motion has the more power the slower it is, and jerks, too: cosines below a quarter of the sampling rate, whitened
-together with those above, say which blocks are the calmest. Under white noise they are independent of those above, whose
-power that choice leaves alone.
+over all frequencies. Their cosines, whitened from the highest frequency down with their covariance under white noise of
+variance w, are then independent and N(0, w). What is left of a motion has the more power the slower it is: the slowest cosines
+say which blocks are the calmest, each in terms of what is usual for it, and under white noise that choice leaves the power of
+those above alone. Their mean squares P_k say how much noise there is, and of which kind,
+
+    P_k = w + q² R_k + m M_k,
+
+with R_k of readings of the angle with unit variance, whose differences the rates are, which rises with the frequency, and M_k
+of a motion whose second derivative is white noise, as jerks make it, which falls. Where its part m is free, a rest of the
+motion that is too weak to be seen is not taken for noise; w is then known by a quarter worse.
+
+P_k is the mean of the squares below c = 3.5², in units of P_k/κ: jerks are rare and large. Under white noise, with F_n and f_n
+the distribution and the density of χ² with n degrees of freedom at c, κ = F₃/F₁, and P_k over b blocks has the relative
+variance V/b,
+
+    V = (3 F₅ − F₃²/F₁)/(F₃ − (c − κ) c f₁)² = 2.09,
+
+beside 2/b of all squares (Huber, Robust statistics, 1981, section 3.2).
 """
 
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 
 import numpy as np
 import scipy.fft
@@ -22,33 +36,139 @@ Array = NDArray[np.float64]
 
 ORDER = 6  # of the differences
 BLOCK = 32  # samples whose spectrum is looked at
-SLOWEST = 6  # cosine, below which differences leave too little of white noise
-BAND = 4  # cosines of it in a band
-MEDIAN, MEDIAN_SPREAD = 0.839, 0.90  # of χ² with as many degrees of freedom, over these; relative variance of that of many
+SLOWEST = 2  # cosine, below which differences leave too little of white noise
+SHOWING = 26  # cosines from the highest down that show the noise; those below, how calm a block is
+SLOW = 1 / BLOCK  # cycles a sample, up to which a tone leaves nothing in the blocks
+UNREST = 4.0  # times the usual slow power, from which on a block never counts: one in a hundred of white noise
+AT_ZERO, FROM_ZERO = 2.0, 4.0  # sigmas of the least and of the largest reading of a block that passes zero
+SPIKE = 4.5  # sigmas of a sample that is far off
+CUT = 12.25  # of a square in terms of its mean, from which on it does not count
+MEDIAN_SQUARE = float(scipy.stats.chi2(1).median())  # of white noise of unit variance
+ROUNDS = 8  # of finding that mean
 QUANTILES = (0.3, 0.85)  # of the blocks' powers; the few that are far out do not count
 EVEN = 3.0  # sigmas between the levels that they show, at most
+MOVING = 2.0  # sigmas of a motion's power, up to which blocks show none
+FITS = 1e-3  # p-value from which on powers are explained
 
 
 def blocks_of(parts: list[Array]) -> Array:
-    """(b, BLOCK/2) coefficients of the upper half of the spectrum of short blocks, from the highest frequency down.
-
-    Those of white noise of variance σ² are independent and N(0, σ²): the cosines of differences of the sixth order, which
-    leave nothing of a smooth motion for the ends of a block to spread over all frequencies, are whitened with their own
-    covariance.
-    """
+    """(b, BLOCK − SLOWEST) cosines of short blocks, from the highest frequency down; of white noise N(0, σ²) each."""
     differences = [np.diff(part, ORDER) for part in parts if part.size >= BLOCK + ORDER]
     whole = [one[: one.size // BLOCK * BLOCK].reshape(-1, BLOCK) for one in differences]
-    return np.concatenate([np.empty((0, BLOCK)), *whole]) @ _WHITE[: BLOCK // 2].T
+    return np.concatenate([np.empty((0, BLOCK)), *whole]) @ WHITE.T
 
 
-def calmest(parts: list[Array]) -> list[Array]:
-    """The samples of the half of the blocks with the least slow power, (BLOCK + ORDER,) each."""
-    found = [
-        np.lib.stride_tricks.sliding_window_view(part, BLOCK + ORDER)[::BLOCK] for part in parts if part.size >= BLOCK + ORDER
-    ]
-    samples = np.concatenate([np.empty((0, BLOCK + ORDER)), *found])
-    slow = np.sum((np.diff(samples, ORDER, axis=1) @ _WHITE[BLOCK // 2 :].T) ** 2, axis=1)
-    return list(samples[np.sort(np.argsort(slow, kind="stable")[: len(samples) // 2])])
+def samples_of(parts: list[Array]) -> Array:
+    """(b, BLOCK + ORDER) samples of the same blocks."""
+    windows = np.lib.stride_tricks.sliding_window_view
+    found = [windows(part, BLOCK + ORDER)[::BLOCK] for part in parts if part.size >= BLOCK + ORDER]
+    return np.concatenate([np.empty((0, BLOCK + ORDER)), *found])
+
+
+def passes_zero(samples: Array, sigma: float) -> NDArray[np.bool_]:
+    """(b,) blocks whose readings move through zero or set out from there, where a dead zone makes jumps."""
+    smooth = _without_noise(samples)
+    return _reach(smooth, AT_ZERO * sigma) & (np.abs(smooth).max(axis=1) > FROM_ZERO * sigma)
+
+
+def is_near_zero(samples: Array, sigma: float) -> NDArray[np.bool_]:
+    """(b,) blocks whose noise goes through zero or nearly so, where readings that are cut have other noise."""
+    return _reach(_without_noise(samples), FROM_ZERO * sigma)
+
+
+def _without_noise(samples: Array) -> Array:
+    """(b, n) samples less what their upper spectrum shows of noise."""
+    return np.asarray(samples - np.diff(samples, ORDER, axis=1) @ WHITE[:SHOWING].T @ BACK)
+
+
+def _reach(smooth: Array, limit: float) -> NDArray[np.bool_]:
+    """(b,) whether readings come within a limit of zero."""
+    return np.asarray((smooth.min(axis=1) < limit) & (smooth.max(axis=1) > -limit))
+
+
+def has_spike(blocks: Array) -> NDArray[np.bool_]:
+    """(b,) blocks in which one sample is far off its neighbours, as no motion makes it: of white noise one in 4000."""
+    power = np.median(blocks[:, : BLOCK // 2] ** 2) / MEDIAN_SQUARE if len(blocks) else 0.0
+    limit = SPIKE * np.sqrt(power * np.sum(BACK**2, axis=0))
+    return np.asarray((np.abs(blocks[:, :SHOWING] @ BACK) > limit).any(axis=1))
+
+
+def by_calm(blocks: Array) -> NDArray[np.intp]:
+    """Blocks in the order of their slow power, the calmest first, without those that are far from calm."""
+    slow = blocks[:, SHOWING:] ** 2
+    if not len(slow):
+        return np.zeros(0, dtype=np.intp)
+    unrest = np.sum(slow / np.maximum(np.median(slow, axis=0), 1e-300), axis=1)
+    order = np.argsort(unrest, kind="stable")
+    return order[unrest[order] < UNREST * np.median(unrest)]
+
+
+def calmest(parts: list[Array], share: float = 0.5) -> list[Array]:
+    """The samples of the calmest blocks, (BLOCK + ORDER,) each."""
+    order = by_calm(blocks_of(parts))
+    return list(samples_of(parts)[np.sort(order[: int(share * order.size)])])
+
+
+def powers_of(blocks: Array) -> Array:
+    """(k,) mean squares over the blocks, P_k, without those that are far out; zero where most are."""
+    squares = blocks**2
+    power = np.median(squares, axis=0) / MEDIAN_SQUARE
+    for _ in range(ROUNDS):
+        kept = squares < CUT * power
+        power = np.sum(squares * kept, axis=0) / np.maximum(kept.sum(axis=0), 1) / _KAPPA
+    return np.asarray(power)
+
+
+@dataclass(frozen=True)
+class Fit:
+    """White noise in the mean squares of blocks.
+
+    Attributes
+    ----------
+    white, sigma : variance w of a sample and its standard error, in units of the powers
+    fits : whether that explains the powers
+    still : whether no motion shows in them
+    rise : readout noise beside white noise of variance one, in its sigmas
+    """
+
+    white: float
+    sigma: float
+    fits: bool
+    still: bool
+    rise: float
+
+
+def fitted(powers: Array, blocks: int) -> Fit:
+    """White noise that explains the powers of so many blocks, in units of what is stated, and readout noise beside that."""
+    variance = SPREAD / blocks
+    white, motion = _LEVEL @ (_DESIGN.T @ powers)
+    left = powers - _DESIGN @ np.array([white, motion])
+    fits = white > 0 and scipy.stats.chi2.sf(float(left @ left) / (variance * white**2), SHOWING - 2) > FITS
+    still = motion < MOVING * white * float(np.sqrt(_LEVEL[1, 1] * variance))
+    rise = float(_RISE @ (powers - 1) / np.sqrt(_RISE @ _RISE * variance))
+    return Fit(float(white), float(white * np.sqrt(_LEVEL[0, 0] * variance)), bool(fits), bool(still), rise)
+
+
+def smooth_errors(powers: Array, blocks: int) -> Array:
+    """(k,) standard errors of the powers, from powers smoothed by all three parts."""
+    design = np.column_stack([np.ones(SHOWING), READ_OUT, OF_MOTION])
+    smooth = design @ np.linalg.lstsq(design, powers, rcond=None)[0]
+    return np.asarray(np.maximum(smooth, 0.2 * powers.mean()) * np.sqrt(SPREAD / blocks))
+
+
+def is_even(blocks: Array) -> bool:
+    """Whether the blocks' powers scatter as those of white noise, and not as with jerks of a motion in some of them.
+
+    Two quantiles of χ² show one level then. The covariance of the quantiles p < q of n values with the density f is
+    p (1 − q)/(n f_p f_q).
+    """
+    power, dof = np.sum(blocks**2, axis=1), blocks.shape[1]
+    of_white = scipy.stats.chi2(dof)
+    at = of_white.ppf(QUANTILES)
+    low, high = np.quantile(power, QUANTILES) / at
+    (p, q), (a, b) = QUANTILES, 1 / (at * of_white.pdf(at))
+    error = np.sqrt((p * (1 - p) * a**2 + q * (1 - q) * b**2 - 2 * p * (1 - q) * a * b) / len(power))
+    return bool(high < (1 + EVEN * error) * low)
 
 
 def _covariance(order: int) -> Array:
@@ -65,29 +185,25 @@ def _white_cosines() -> Array:
     return np.asarray(scipy.linalg.solve_triangular(factor, cosines, lower=True))
 
 
-_WHITE = _white_cosines()
-# Power of each of readings of the angle with unit variance, whose differences the rates are.
-READ_OUT = np.diag(_WHITE @ _covariance(ORDER + 1) @ _WHITE.T)[: BLOCK // 2].copy()
+def _power_of(order: int) -> Array:
+    """(SHOWING,) power of each of a process whose differences of the given order white noise has in those of the sixth."""
+    return np.diag(WHITE @ _covariance(order) @ WHITE.T)[:SHOWING].copy()
 
 
-def bands_of(blocks: Array) -> Array:
-    """Power in bands of the upper half of the spectrum, from the highest down, as medians over the blocks.
+def _of_the_mean_square() -> tuple[float, float]:
+    """κ and V of the mean of the squares below CUT."""
+    f1, f3, f5 = (float(scipy.stats.chi2(n).cdf(CUT)) for n in (1, 3, 5))
+    kappa = f3 / f1
+    slope = f3 - (CUT - kappa) * CUT * float(scipy.stats.chi2(1).pdf(CUT))
+    return kappa, (3 * f5 - f3**2 / f1) / slope**2
 
-    Of χ² with four degrees of freedom over four, whose median is 0.839 with the relative variance 0.90 over their number.
-    """
-    return np.asarray(np.median((blocks**2).reshape(len(blocks), -1, BAND).mean(axis=2), axis=0) / MEDIAN)
 
-
-def is_even(blocks: Array) -> bool:
-    """Whether the blocks' powers scatter as those of white noise, and not as with jerks of a motion in some of them.
-
-    Two quantiles of χ² show one level then. The covariance of the quantiles p < q of n values with the density f is
-    p (1 − q)/(n f_p f_q).
-    """
-    power, dof = np.sum(blocks**2, axis=1), blocks.shape[1]
-    of_white = scipy.stats.chi2(dof)
-    at = of_white.ppf(QUANTILES)
-    low, high = np.quantile(power, QUANTILES) / at
-    (p, q), (a, b) = QUANTILES, 1 / (at * of_white.pdf(at))
-    error = np.sqrt((p * (1 - p) * a**2 + q * (1 - q) * b**2 - 2 * p * (1 - q) * a * b) / len(power))
-    return bool(high < (1 + EVEN * error) * low)
+WHITE = _white_cosines()
+BACK = WHITE[:SHOWING] @ np.diff(np.eye(BLOCK + ORDER), ORDER, axis=0)  # (SHOWING, BLOCK + ORDER) from samples to cosines
+READ_OUT = _power_of(ORDER + 1)  # R_k
+OF_MOTION = _power_of(ORDER - 2)  # M_k
+_KAPPA, SPREAD = _of_the_mean_square()
+_DESIGN = np.column_stack([np.ones(SHOWING), OF_MOTION])
+_LEVEL = np.linalg.inv(_DESIGN.T @ _DESIGN)
+LEVEL_SPREAD = float(_LEVEL[0, 0]) * SPREAD  # relative variance of w times the blocks
+_RISE = np.linalg.pinv(np.column_stack([READ_OUT, OF_MOTION]))[0]  # q² from powers less than what is stated

@@ -15,6 +15,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+import scipy.linalg
 import scipy.stats
 from numpy.typing import NDArray
 from scipy.special import expit
@@ -47,7 +48,7 @@ class Readout:
     probability: float
 
 
-def readout(powers: Array, errors: Array, share: Array, expected: float) -> Readout | None:
+def readout(powers: Array, errors: Array, share: Array, expected: float, beside: Array | None = None) -> Readout | None:
     """Readout noise, if that explains the powers better than white noise does, or nearly as well.
 
     Parameters
@@ -55,25 +56,29 @@ def readout(powers: Array, errors: Array, share: Array, expected: float) -> Read
     powers, errors : (k,) as C_m, and their standard errors, (rad/s)²
     share : (k,) of q² that each has, as a/m
     expected : w as stated
+    beside : (k,) share of something else of any size, such as the rest of a motion
     """
     if len(powers) < 3 or expected <= 0:
         return None
-    weight = 1 / errors
-    level = float(np.sum(powers * weight**2) / np.sum(weight**2))
-    white_chi2 = float(np.sum(((powers - level) * weight) ** 2))
-    square = float(np.sum((powers - expected) * share * weight**2) / np.sum((share * weight) ** 2))
-    chi2 = float(np.sum(((powers - expected - square * share) * weight) ** 2))
-    free = len(powers) - 1
+    seen, even, rise = powers / errors, 1 / errors, share / errors
+    if beside is not None:
+        # What is at right angles to it, it does not touch.
+        free_of = scipy.linalg.null_space((beside / errors)[None]).T
+        seen, even, rise = free_of @ seen, free_of @ even, free_of @ rise
+    white_chi2 = _left(seen, even * float(seen @ even) / float(even @ even))
+    square = float((seen - expected * even) @ rise) / float(rise @ rise)
+    chi2 = _left(seen, expected * even + square * rise)
+    free = len(seen) - 1
     if square > 0 and chi2 < white_chi2 + UNDECIDED and scipy.stats.chi2.sf(chi2, free) > FITS:
-        error = float(1 / np.sqrt(np.sum((share * weight) ** 2)))
+        error = float(1 / np.sqrt(rise @ rise))
         return Readout(
             float(np.sqrt(square)), 0.5 * error / float(np.sqrt(square)), expected, 0.0, True,
             float(expit(0.5 * (white_chi2 - chi2))),
         )  # fmt: skip
-    design = np.column_stack([np.ones(len(powers)), share]) * weight[:, None]
+    design = np.column_stack([even, rise])
     covariance = np.linalg.inv(design.T @ design)
-    white, square = (float(value) for value in covariance @ design.T @ (powers * weight))
-    chi2 = float(np.sum(((powers - white - square * share) * weight) ** 2))
+    white, square = (float(value) for value in covariance @ design.T @ seen)
+    chi2 = _left(seen, white * even + square * rise)
     clear = square > CLEAR * np.sqrt(covariance[1, 1]) and white > CLEAR * np.sqrt(covariance[0, 0])
     if not clear or scipy.stats.chi2.sf(white_chi2, free) > FITS or scipy.stats.chi2.sf(chi2, free - 1) < FITS:
         return None
@@ -82,3 +87,8 @@ def readout(powers: Array, errors: Array, share: Array, expected: float) -> Read
         float(np.sqrt(square)), 0.5 * error / float(np.sqrt(square)), white, float(np.sqrt(covariance[0, 0])), False,
         float(expit(0.5 * (white_chi2 - chi2))),
     )  # fmt: skip
+
+
+def _left(seen: Array, explained: Array) -> float:
+    """χ² of what is not explained."""
+    return float(np.sum((seen - explained) ** 2))

@@ -8,17 +8,15 @@ white. The ratio of the two, m times the second over the first, is the colour: o
 for angle white noise (readout noise, whose differences are the rates), more than one for noise that is correlated over several
 samples. IEEE Std 952, annex C.
 
-Where the body never rests, differences of the sixth and the tenth order show the level if they agree, if the spectrum is
-level up to the highest frequency or rises as that of readout noise, as a motion that is left in both is not, and if short
-blocks have powers that scatter no more than those of white noise, as they do where the motion has jerks; if not in all blocks,
-in the calmest half of them. Nothing is said of the colour then. A body may sway within what seems quiet, which the means show
+Where the body never rests, or where its samples in motion are so many more that they say clearly better what those at rest
+say, the level is theirs (`diagnosis.detectors.noise_in_motion`). A body may sway within what seems quiet, which the means show
 as slow noise, and then on two gyros or more; these arcs are taken as moving ones.
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import replace
 
 import numpy as np
 import scipy.fft
@@ -29,8 +27,9 @@ from numpy.typing import NDArray
 from scipy.special import expit, logit
 
 from diagnosis.detectors.likeness import of_noise
-from diagnosis.detectors.noise_blocks import MEDIAN_SPREAD, READ_OUT, bands_of, blocks_of, calmest, is_even
 from diagnosis.detectors.noise_blocks import ORDER as BLOCK_ORDER
+from diagnosis.detectors.noise_blocks import SLOW
+from diagnosis.detectors.noise_in_motion import Level, chance_of, level_in_motion, preciser
 from diagnosis.detectors.noise_structure import agree, autocorrelation_of, power_of
 from diagnosis.detectors.readout_noise import AVERAGES, UNDECIDED, Readout, readout
 from diagnosis.detectors.report import AXES, IMPOSSIBLE, SampleReport, SampleTest, Symptom, arcs, consecutive
@@ -42,18 +41,15 @@ Mask = NDArray[np.bool_]
 HALF = 20  # samples on either side of one in the test for quiet
 MOVING = 20.0  # sigmas of the change of the mean that count as visible; a slew's are hundreds, those of a vibration a few
 ORDERS = (2, 6)  # of the differences, the more efficient first
-IN_MOTION = (BLOCK_ORDER, 10)  # the same where the body never rests
 CLEARLY = 0.98  # probability from which on readout noise is no white noise
 AVERAGED = 4  # samples in the means that show the colour
 FEWEST = 200  # differences, below which nothing is said
-SINGLE_SPREAD = 5.43  # the same with one degree of freedom
-FEWEST_BLOCKS = 12
-FLAT = 4.0  # sigmas between the highest and the lowest of four bands of white noise, at most
 TRIM = 5.0  # robust sigmas beyond which a difference does not count
 WHITE = 0.2  # departure of the colour from one up to which noise is called white
 SWAY = 3.0  # sigmas from one of a colour that two gyros show
 RESOLVED = 0.34  # variance of the samples in squares of a lattice's step, below which it may be that of a few readings
 OFF_ZERO = 5.0  # sigmas from zero, from which on cutting toward zero is rounding down
+DITHERED = 1.5  # noise sigmas in a step, up to which rounding adds uniform noise, to 1e-3 of the variance (Widrow, 1956)
 SLACK = 0.1  # departure of the noise factor that rounding to a few sigmas makes by itself
 
 
@@ -75,22 +71,6 @@ def quiet(rates: Array, noise: Array) -> Mask:
     return ~scipy.ndimage.binary_dilation(moving, iterations=HALF)
 
 
-@dataclass(frozen=True)
-class Level:
-    """Noise of one axis.
-
-    Attributes
-    ----------
-    variance, sigma : of a sample, (rad/s)², and the standard error of that
-    colour, colour_sigma : m times the variance of means over that of samples; NaN where there are too few
-    """
-
-    variance: float
-    sigma: float
-    colour: float
-    colour_sigma: float
-
-
 def level(x: Array, usable: list[tuple[int, int]]) -> Level | None:
     """Level and colour of the noise of some runs of samples; None where there are too few."""
     parts = [x[low:high] for low, high in usable]
@@ -103,35 +83,6 @@ def level(x: Array, usable: list[tuple[int, int]]) -> Level | None:
         return Level(fine, error, float("nan"), float("nan"))
     colour = AVERAGED * coarse / fine
     return Level(fine, error, colour, colour * float(np.hypot(error / fine, coarse_error / coarse)))
-
-
-def level_in_motion(x: Array, usable: list[tuple[int, int]], expected: float) -> tuple[Level, Readout | None] | None:
-    """Level of the noise of some runs of samples that hold a motion, and readout noise if it is that.
-
-    None where the motion shows in the differences, too, in all blocks and in the calmest half of them: then they have no level,
-    or not the same one.
-    """
-    parts = [x[low:high] for low, high in usable]
-    return _in_blocks(parts, expected) or _in_blocks(calmest(parts), expected)
-
-
-def _in_blocks(parts: list[Array], expected: float) -> tuple[Level, Readout | None] | None:
-    """The same of some parts."""
-    (low, _, n), (high, high_error, _) = (_mean_square(parts, order) for order in IN_MOTION)
-    blocks = blocks_of(parts)
-    if n < FEWEST or len(blocks) < FEWEST_BLOCKS:
-        return None
-    bands = bands_of(blocks)
-    powers = np.median(blocks**2, axis=0) / scipy.stats.chi2(1).median()
-    if not powers.all():  # readings that stand still on a lattice in most of the blocks
-        return None
-    reading = readout(powers, powers * np.sqrt(SINGLE_SPREAD / len(blocks)), READ_OUT, expected)
-    white = agree(low, high, IN_MOTION, n) and np.ptp(bands) < FLAT * np.sqrt(2 * MEDIAN_SPREAD / len(blocks)) * bands.min()
-    if not white and (reading is None or reading.probability < 0.5):
-        return None
-    if not is_even(blocks / np.sqrt(powers)):
-        return None
-    return Level(high, high_error, float("nan"), float("nan")), reading
 
 
 def readout_of(x: Array, usable: list[tuple[int, int]], expected: float) -> Readout | None:
@@ -192,6 +143,7 @@ def noise(
     cut: Mask,
 ) -> None:
     """Level and colour of the noise of each axis, beside the lines of the spectrum; `cut` are those that may be cut."""
+    rough = coarse & (steps > DITHERED * sigma)
     measured = ~scipy.ndimage.binary_dilation(report.filled | report.clipped, iterations=2)
     usable = arcs(quiet & consecutive(recording, quiet) & measured)
     moving = arcs(used & consecutive(recording, used) & measured)
@@ -208,22 +160,28 @@ def noise(
         for axis, away in enumerate(aways)
     ]
     levels = [level(x, rests) for x, rests in zip(streams, still, strict=True)]
-    sways = _sways([one for axis, one in enumerate(levels) if not coarse[axis]])
+    sways = _sways([one for axis, one in enumerate(levels) if not rough[axis]])
     for axis, (x, away, rests) in enumerate(zip(streams, aways, still, strict=True)):
-        one, reading, shown, order = None if sways else levels[axis], None, rests, ORDERS[0]
-        if one is None:
-            rest = arcs(used & consecutive(recording, used) & measured & away) if cut[axis] else moving
-            in_motion = level_in_motion(x, rest, sigma**2)
-            (one, reading), shown, order = in_motion or (None, None), rest, IN_MOTION[0]
+        expected = sigma**2 + (steps[axis] ** 2 / 12 if coarse[axis] else 0.0)
+        one = None if sways else levels[axis]
+        rest = arcs(used & consecutive(recording, used) & measured & away) if cut[axis] else moving
+        # A line is taken out of the quiet arcs alone.
+        fast = [line for line in report.lines if line.axis == axis and line.frequency_hz * recording.gyro.sample_s > SLOW]
+        beside = one is not None and bool(fast)
+        in_motion = None if beside else level_in_motion(x, rest, expected)
+        if one is None and in_motion is not None:
+            one = in_motion.level
+        elif one is not None and in_motion is not None and preciser(one, in_motion):
+            one = replace(in_motion.level, colour=one.colour, colour_sigma=one.colour_sigma)
+        else:
+            in_motion = None
         if one is None or (coarse[axis] and one.variance < RESOLVED * steps[axis] ** 2):
             continue
-        expected = sigma**2 + (steps[axis] ** 2 / 12 if coarse[axis] else 0.0)
         excess = (one.variance - expected) / sigma**2
         factor = float(np.sqrt(max(1 + excess, 1e-6)))
-        z = (one.variance - expected) / (one.sigma * expected / max(one.variance, 1e-300))
-        p = max(float(2 * scipy.stats.norm.sf(abs(z))), IMPOSSIBLE)
+        p = max(in_motion.p_value if in_motion else chance_of(one, expected), IMPOSSIBLE)
         # Rounding to a few noise sigmas is not uniform noise.
-        if coarse[axis] and abs(factor - 1) < SLACK:
+        if rough[axis] and abs(factor - 1) < SLACK:
             p = 1.0
         report.tests.append(
             SampleTest(
@@ -232,7 +190,7 @@ def noise(
             )
         )  # fmt: skip
         p_colour = 1.0
-        if np.isfinite(one.colour) and not coarse[axis]:
+        if np.isfinite(one.colour) and not rough[axis]:
             p_colour = max(float(2 * scipy.stats.norm.sf(abs(one.colour - 1) / one.colour_sigma)), IMPOSSIBLE)
             report.tests.append(
                 SampleTest(
@@ -241,17 +199,19 @@ def noise(
                 )
             )  # fmt: skip
         found[axis] = one
-        if p < report.event_p and not coarse[axis]:
-            parts = [x[low:high] for low, high in shown]
-            behaves = of_noise(parts if order == ORDERS[0] else calmest(parts), order)
+        if p < report.event_p and not rough[axis]:
+            if in_motion is None or np.isfinite(one.colour):
+                behaves = of_noise([x[low:high] for low, high in rests])
+            else:
+                behaves = of_noise(in_motion.parts, BLOCK_ORDER)
             alike[axis] = min(1.0, 2 * min(behaves, p_colour))  # white noise has one colour as well
-        if p < report.event_p and factor > 1 and not coarse[axis]:
-            reading = readout_of(x, usable, expected) if order == ORDERS[0] else reading
+        if p < report.event_p and factor > 1 and not rough[axis]:
+            reading = in_motion.reading if in_motion else readout_of(x, rests, expected)
             if reading is not None and reading.probability < 0.5:
                 undecided[axis] = reading.probability
             elif reading is not None:
                 readings[axis] = reading
-                _read_out(report, axis, reading, factor, min(p, p_colour), sigma, recording.gyro.sample_s)
+                _read_out(report, axis, reading, factor, min(p, p_colour), sigma, recording.gyro.sample_s, expected)
     _name(report, {axis: one for axis, one in found.items() if axis not in readings}, sigma, alike, undecided)
 
 
@@ -261,7 +221,9 @@ def _sways(levels: list[Level | None]) -> bool:
     return sum(one.colour - 1 > max(WHITE, SWAY * one.colour_sigma) for one in known) > 1
 
 
-def _read_out(report: SampleReport, axis: int, found: Readout, factor: float, p: float, sigma: float, sample_s: float) -> None:
+def _read_out(
+    report: SampleReport, axis: int, found: Readout, factor: float, p: float, sigma: float, sample_s: float, expected: float
+) -> None:
     """Readout noise is a symptom; it adds nothing to the noise of the angle turned. White noise beside it may be another."""
     size, error = (float(np.rad2deg(value) * 3600 * sample_s) for value in (found.reading, found.sigma))
     text = f"the noise of the samples rises with the frequency as that of readings of the angle of {size:.3g} arcsec"
@@ -271,7 +233,7 @@ def _read_out(report: SampleReport, axis: int, found: Readout, factor: float, p:
     report.noise_factor[axis] = factor
     if found.as_stated:
         return
-    white = float(np.sqrt(found.white)) / sigma
+    white = float(np.sqrt(max(1 + (found.white - expected) / sigma**2, 1e-6)))
     error = 0.5 * found.white_sigma / sigma**2 / white
     p_white = max(float(2 * scipy.stats.norm.sf(abs(white - 1) / error)), IMPOSSIBLE)
     report.density[:, axis] *= white**2

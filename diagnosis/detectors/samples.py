@@ -18,6 +18,7 @@ from diagnosis.detectors.clipping import saturation
 from diagnosis.detectors.gap_interpolation import filled, runs
 from diagnosis.detectors.lattice import ODDS, Kind, lattice_step, sweep_odds, undone
 from diagnosis.detectors.likeness import of_runs
+from diagnosis.detectors.noise_patterns import patterns
 from diagnosis.detectors.noise_structure import constancy, together
 from diagnosis.detectors.outliers import spikes
 from diagnosis.detectors.report import AXES, IMPOSSIBLE, SampleReport, SampleTest, Symptom, Tell, consecutive, inside, silent
@@ -36,7 +37,7 @@ Mask = NDArray[np.bool_]
 COARSE = 0.2  # a lattice finer than this share of the noise is a number format: its rounding has 0.3 % of the power
 FIRST = 3.0  # steps of a number format, within which the smallest readings beside its zeros lie
 HIDING = 2.0  # noise sigmas in a step, above which a lattice hides slow motion
-CERTAIN = 8.0  # log odds of a dead zone from which on its edges are left out of the other tests
+CERTAIN = 3.0  # log odds of a dead zone from which on its edges are left out of the other tests
 BESIDE = 10  # samples beside an edge
 ALONE = 1e-3  # share of the samples that repeat on one axis and not on all, from which on chance may repeat all
 FAR = 8.0  # noise sigmas from its neighbours at which a value was not measured
@@ -93,6 +94,8 @@ def examine(
             together(report, recording, still)
             tell("noise over time", 0.75)
             constancy(report, recording, used)
+            tell("patterns of the noise", 0.78)
+            patterns(report, recording, used, steps)
         _zero_mass(report, recording, inside(recording), coarse, steps)
         _off_the_lattice(report, recording, steps, coarse, cut, sigma)
     report.smooth = smoothed_rates(report.rates, recording, lambda text, share: tell(text, 0.8 + 0.2 * share))

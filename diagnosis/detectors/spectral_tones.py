@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from diagnosis.detectors.report import IMPOSSIBLE
 from gyrocal.recording import Recording
+from simulator.effects.recorded import interval_slices
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -44,7 +45,7 @@ class Line:
     frequency_hz : as sampled
     amplitude, sigma : rad/s
     p_value : that the strongest of all lines is chance
-    waveform : (n,) the tone in the samples, rad/s; zero outside the quiet arcs
+    waveform : (n,) the tone in the samples, rad/s; if it is steady, also beside the arcs in which it was found
     isolated : whether nothing but white noise is around it in the spectrum, so that the body shows no other motion there
     steady : whether its amplitude is the same in all arcs and their parts, as that of a tone is and that of a sway is not
     """
@@ -88,7 +89,7 @@ def fitted_tone(x: Array, recording: Recording, axis: int, peak: Peak, found: li
     near = np.linspace(best - 0.1 / span, best + 0.1 / span, 9)
     f = _top(near, _power(levels, found, recording, near))
     waveform, amplitudes, sigmas = np.zeros_like(x), list[float](), list[float]()
-    samples, powers, variances = 0, np.zeros(len(found)), np.zeros(len(found))
+    samples, powers, variances, fits = 0, np.zeros(len(found)), np.zeros(len(found)), list[Array]()
     for arc, (low, high) in enumerate(found):
         angle = 2 * np.pi * f * recording.gyro.t_s[low:high]
         waves = np.column_stack([np.cos(angle), np.sin(angle)])
@@ -97,6 +98,7 @@ def fitted_tone(x: Array, recording: Recording, axis: int, peak: Peak, found: li
         calm = _calm(level - waves @ fitted)
         fitted = np.linalg.lstsq(waves[calm], level[calm], rcond=None)[0]
         waveform[low:high] = waves @ fitted
+        fits.append(fitted)
         waves, level = waves[calm], level[calm]
         left = max(float(np.mean((level - waves @ fitted) ** 2)), NO_NOISE)
         powers[arc], variances[arc] = fitted @ fitted, 2 * left / level.size
@@ -110,10 +112,30 @@ def fitted_tone(x: Array, recording: Recording, axis: int, peak: Peak, found: li
     power, information = float(np.sum(powers / variances)), float(np.sum(1 / variances))
     size, error = np.sqrt(max(power - 2 * len(found), 0.0) / information), float(1 / np.sqrt(information))
     steady = _is_steady(np.array(amplitudes), np.array(sigmas)) and _in_all(powers, variances)
+    if steady:
+        _carry_on(waveform, recording, found, fits, f)
     # A window that keeps the motion out of a spectrum costs half of a tone's power; a fit has all of it, two numbers an arc.
     chance = FINENESS * samples * float(scipy.stats.chi2.sf(power, 2 * len(found))) if peak.isolated else 1.0
     p = max(min(peak.p_value, chance), IMPOSSIBLE)
     return Line(axis, f, float(size), error, p, waveform, peak.isolated, steady) if size > CLEAR_LINE * error else None
+
+
+def _carry_on(
+    waveform: Array, recording: Recording, found: list[tuple[int, int]], fits: list[Array], frequency_hz: float
+) -> None:
+    """A steady tone does not stop at the edges of the arcs: each goes on by as much as its length, or to the middle of a gap.
+
+    A few samples of a strong tone that stay beside the arcs turn the attitude by more than references are off.
+    """
+    for part in interval_slices(recording):
+        own = [k for k, (low, _) in enumerate(found) if part.start <= low < part.stop]
+        for place, k in enumerate(own):
+            low, high = found[k]
+            begin = (found[own[place - 1]][1] + low + 1) // 2 if place else part.start
+            end = (high + found[own[place + 1]][0] + 1) // 2 if place + 1 < len(own) else part.stop
+            for beside in (slice(max(begin, 2 * low - high), low), slice(high, min(end, 2 * high - low))):
+                angle = 2 * np.pi * frequency_hz * recording.gyro.t_s[beside]
+                waveform[beside] = fits[k] @ np.array([np.cos(angle), np.sin(angle)])
 
 
 def _power(levels: list[Array], found: list[tuple[int, int]], recording: Recording, trial: Array) -> Array:

@@ -1,18 +1,20 @@
 """A dead zone seen where the motion passes through it: no reading lies between zero and its edge.
 
 Means of the reading over short windows, in units of a half width s that is tried, lie in the core (below 0.35), the hole (0.35
-to 0.85), three bands above the edge (from 1, 1.5 and 2 to 2.5), or far off. A pass is the way from the core to far off, or
-back. A body that speeds up or slows down stays in the hole about as long as in a band of the same width; with o windows in the
-band that it passes fastest, since it may rest in one or on the border of two, their number h in the hole is negative binomial
-with the mean ρ o. A gyro with a dead zone of half width s reads zero in the core and in the hole, and only a window across the
-edge falls into the hole: h is Poisson with a mean below one. The log odds are summed over the passes, with the ratio ρ and the
-dispersion that favour the motion most, and with a few odd passes allowed to it, so that no single one decides. Passes too fast
-to have some windows in each band tell nothing, nor do those in which the body rests in one or jumps over the core, which it
-would pass in several times as long as a band. Behind a dead zone the rate goes on as it came: the first window outside is at
-the edge, within a few steps of the pass. A body that thrusters push from one steady rate to another leaves a hole as well, and
-is anywhere behind it; in the core it rests at rates that are not zero, where a gyro that is silent reads none but its noise.
-How many windows of the core do so is a binomial number, of a small share under a zone and of any under a motion. All half
-widths that are tried share the odds.
+to 0.85), three bands above the edge (from 1, 1.5 and 2 to 2.5, or half as wide where too few passes tell something), or far
+off. A pass is the way from the core to far off, or back. A body that speeds up or slows down stays in the hole about as long
+as in a band of the same width; with o windows in the band that it passes fastest, since it may rest in one or on the border of
+two, their number h in the hole is negative binomial with the mean ρ o. A gyro with a dead zone of half width s reads zero in
+the core and in the hole, and only a window across the edge falls into the hole: h is Poisson with a mean below one. Passes too
+fast to have some windows in each band tell nothing, nor do those in which the body rests in one or jumps over the core, which
+it would pass in several times as long as a band. Behind a dead zone the rate goes on as it came: the first window outside is
+at the edge, within a few steps of the pass. A body that thrusters push from one steady rate to another leaves a hole as well,
+and is anywhere behind it: at the edge by the chance that so many steps have among those of a band. The log odds are summed
+over the passes, against motions of any ratio ρ and dispersion of which any share of the passes are such jumps, all as likely
+beforehand, and with a few odd passes allowed to either, so that no single one decides. In the core such a body rests at rates
+that are not zero, where a silent gyro reads none but its noise. How many windows of the core read more is a binomial number,
+of a small share under a zone and of any under a motion. All half widths that are tried share the odds. The edge is where the
+density of the passes' readings changes.
 """
 
 from __future__ import annotations
@@ -22,7 +24,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import betaln, logsumexp
+from scipy.special import betaln, logsumexp, xlogy
 from scipy.stats import nbinom, poisson
 
 from diagnosis.detectors.gap_interpolation import runs
@@ -33,18 +35,20 @@ Indices = NDArray[np.intp]
 RESOLVED = 6.0  # sigmas of a window's mean in the half width
 LONGEST = 2000  # samples of a window
 CORE, HOLE = 0.35, 0.85
-LEVELS = (CORE, HOLE, 1.0, 1.5, 2.0, 2.5)  # upper ends of core, hole, edge and three bands, in half widths
+BANDS = (0.5, 0.25)  # width of each of three bands above the edge, in half widths; the narrow ones of a body that turns slowly
 TRIED = 60  # half widths
 FEWEST_IN_BAND = 2  # windows of a pass that tells something
 RESTING = 4  # times as many windows in one band as in another, beyond which the body rests in it
 FEWEST_PASSES = 3
-STRADDLING = 0.7  # mean number of windows across the edge
-RATIOS = (0.35, 0.5, 0.7, 1.0, 1.4, 2.0)  # of the time in the hole to that in the band, of a real motion
+STRADDLING = (0.05, 0.7)  # mean number of windows across the edge: of readings at a moment, and of means
+JUMPS = (0.03, 0.3, 0.97)  # share of passes in which a body jumps over the hole
+RATIOS = (0.5, 0.7, 1.0, 1.4, 2.0)  # of the time in the hole to that in the band, of a real motion
 DISPERSIONS = (2.0, 20.0)  # shape of the negative binomial
 ODD = 0.03  # share of odd passes, of a real motion or of a zone
 LOUD = 4.0  # sigmas of a window in the core, beyond which it reads a rate
 STEPS, CERTAIN = 3.0, 3.0  # mean steps and sigmas of a window, within which the first one outside is at the edge
 DIPPED = 0.6  # mean rate of a motion that comes back to the edge where it went in, in half widths
+EDGES = (0.5, 1.7)  # half widths within which the edge lies of one that was found
 FEWEST_WINDOWS = 8  # of an interval
 
 
@@ -83,11 +87,12 @@ def zone(x: Array, parts: Sequence[slice], noise: float) -> Zone | None:
         return None
     sums = [np.append(0.0, np.cumsum(x[part])) for part in parts]
     tried = np.geomspace(low, top, TRIED)
-    odds = np.array([_log_odds(sums, float(size), noise) for size in tried])
+    odds, widths = np.array([_log_odds(sums, float(size), noise) for size in tried]).T
     log_odds = float(logsumexp(odds)) - float(np.log(TRIED))
     if log_odds <= 0:
         return None
-    size = float(tried[int(np.argmax(odds))])
+    best = int(np.argmax(odds))
+    size = _edge(sums, float(tried[best]), noise, float(widths[best]))
     dead, expected = _inside(x, parts, size, noise)
     return Zone(size, log_odds, dead, expected)
 
@@ -101,27 +106,80 @@ def _means(total: Array, count: int) -> Array:
     return np.asarray(np.diff(total[::count]) / count)
 
 
-def _log_odds(sums: Sequence[Array], size: float, noise: float) -> float:
-    """log odds of a zone of some half width, over the passes of all intervals."""
+def _levels(width: float) -> tuple[float, ...]:
+    """Upper ends of core, hole, edge and three bands of some width, in half widths."""
+    return (CORE, HOLE, *(1.0 + k * width for k in range(4)))
+
+
+def _log_odds(sums: Sequence[Array], size: float, noise: float) -> tuple[float, float]:
+    """log odds of a zone of some half width, over the passes of all intervals, and the width of the bands they are from."""
     count = _window(size, noise)
     windows = [_means(total, count) / size for total in sums if total.size > FEWEST_WINDOWS * count]
-    if not windows:
-        return 0.0
-    found = [_passes(u) for u in windows]
-    hole, band, behind = np.concatenate(found, axis=1)
-    telling = band >= FEWEST_IN_BAND
-    if telling.sum() < FEWEST_PASSES:
-        return 0.0
-    h, o = hole[telling].astype(np.intp), band[telling].astype(np.intp)
-    scatter = CERTAIN * noise / size / np.sqrt(count)
-    at_the_edge = np.where(behind[telling] < STEPS + scatter * o / (LEVELS[-1] - 1), np.log1p(-ODD), np.log(ODD))
-    dead = poisson.logpmf(h, STRADDLING)
-    motion = max(
-        float(np.sum(np.logaddexp(np.log1p(-ODD) + nbinom.logpmf(h, shape, shape / (shape + ratio * o)), np.log(ODD) + dead)))
-        for ratio in RATIOS
-        for shape in DISPERSIONS
-    )
-    return float(np.sum(dead + at_the_edge)) - motion + min(_silent(windows, noise / size / np.sqrt(count)), 0.0)
+    for width in BANDS if windows else ():
+        hole, band, behind = np.concatenate([_passes(u, width) for u in windows], axis=1)
+        telling = band >= FEWEST_IN_BAND
+        if telling.sum() < FEWEST_PASSES:
+            continue
+        h, o = hole[telling].astype(np.intp), band[telling].astype(np.intp)
+        scatter = CERTAIN * noise / size / np.sqrt(count)
+        near = STEPS + scatter * o / (3 * width)
+        odds = _of_passes(h, o, behind[telling] < near, near, (HOLE - CORE) / width)
+        return odds + _silent(windows, noise / size / np.sqrt(count)), width
+    return 0.0, BANDS[0]
+
+
+def _of_passes(h: Indices, o: Indices, at_the_edge: NDArray[np.bool_], near: Array, wide: float = 1.0) -> float:
+    """log odds of a zone against a motion, of the windows in the hole and in the band, and of where each pass goes on.
+
+    Parameters
+    ----------
+    h, o : (p,) windows in the hole, and in the band that is passed fastest
+    at_the_edge : (p,) whether the first window outside is there
+    near : (p,) steps from the edge that count as there
+    wide : width of the hole in bands
+    """
+    there = np.where(at_the_edge, np.log1p(-ODD), np.log(ODD))
+    chance = np.clip(near / o, ODD, 1 - ODD)  # that a jump to anywhere in the bands ends there
+    anywhere = np.where(at_the_edge, np.log(chance), np.log1p(-chance))
+    empty = [poisson.logpmf(h, mean) for mean in STRADDLING]
+    smooth = [nbinom.logpmf(h, shape, shape / (shape + ratio * wide * o)) + there for ratio in RATIOS for shape in DISPERSIONS]
+    of_zone = [
+        np.sum(np.logaddexp(np.log1p(-ODD) + own, np.log(ODD) + nbinom.logpmf(h, 1, 1 / (1 + wide * o))) + there)
+        for own in empty
+    ]
+    of_motion = [
+        np.sum(np.logaddexp(np.log1p(-share) + one, np.log(share) + own + anywhere))
+        for one in smooth
+        for own in empty
+        for share in JUMPS
+    ]
+    return float(logsumexp(of_zone) - np.log(len(of_zone)) - logsumexp(of_motion) + np.log(len(of_motion)))
+
+
+def _edge(sums: Sequence[Array], size: float, noise: float, width: float) -> float:
+    """Half width: where the readings of the passes set in, beside the one that is tried.
+
+    They are a Poisson process of one density in the hole and of another beyond the edge, which is at the likeliest of them.
+    """
+    count, levels = _window(size, noise), _levels(width)
+    found = []
+    for total in sums:
+        if total.size > FEWEST_WINDOWS * count:
+            u = _means(total, count) / size
+            begin, end = _ends(np.digitize(np.abs(u), levels), len(levels))
+            within = np.zeros(u.size + 1)
+            np.add.at(within, begin + 1, 1)
+            np.add.at(within, end, -1)
+            found.append(np.abs(u[np.cumsum(within[:-1]) > 0]))
+    v = np.sort(np.concatenate(found))
+    v = v[(v > CORE) & (v < levels[-1])]
+    below = np.arange(v.size)
+    may_be = np.flatnonzero((v > EDGES[0]) & (v < EDGES[1]))
+    if may_be.size < FEWEST_PASSES:
+        return size
+    n, x = below[may_be], v[may_be]
+    likely = xlogy(n, n / (x - CORE)) + xlogy(v.size - n, (v.size - n) / (levels[-1] - x))
+    return size * float(x[int(np.argmax(likely))])
 
 
 def _silent(windows: Sequence[Array], sigma: float) -> float:
@@ -138,27 +196,33 @@ def _silent(windows: Sequence[Array], sigma: float) -> float:
     return float(of_zone - betaln(off + 1, u.size - off + 1))
 
 
-def _passes(u: Array) -> Array:
+def _passes(u: Array, width: float = BANDS[0]) -> Array:
     """(3, passes) windows in the hole and in the band that is passed fastest, on each way between the core and far off.
 
     None are counted in the bands where the body rests in one of them. The third is how far behind the edge the first window
     outside is, in mean steps from one window to the next.
     """
-    level = np.digitize(np.abs(u), LEVELS)
-    ends = np.flatnonzero((level == 0) | (level == len(LEVELS)))
-    change = np.flatnonzero(np.diff(level[ends]) != 0)
-    begin, end = ends[change], ends[change + 1]
+    levels = _levels(width)
+    level = np.digitize(np.abs(u), levels)
+    begin, end = _ends(level, len(levels))
     counts = [np.append(0, np.cumsum(level == one)) for one in (1, 3, 4, 5)]
     hole, *bands = (count[end] - count[begin + 1] for count in counts)
     fastest, slowest = np.min(bands, axis=0), np.max(bands, axis=0)
     outside = np.append(np.flatnonzero(level >= 2), level.size - 1)
     out = level[begin] == 0
     first = outside[np.where(out, np.searchsorted(outside, begin + 1), np.maximum(np.searchsorted(outside, end) - 1, 0))]
-    behind = (np.abs(u[first]) - 1) * np.sum(bands, axis=0) / (LEVELS[-1] - 1)
+    behind = (np.abs(u[first]) - 1) * np.sum(bands, axis=0) / (3 * width)
     low, high = np.array(runs(level == 0)).reshape(-1, 2).T
     stay = (high - low)[np.searchsorted(low, np.where(out, begin, end), side="right") - 1] if low.size else np.zeros(0)
     even = (slowest <= RESTING * (fastest + 1)) & (RESTING * stay >= fastest)
     return np.array([hole, np.where(even, fastest, 0), behind])
+
+
+def _ends(level: Indices, far: int) -> tuple[Indices, Indices]:
+    """First and last window of each way between the core and far off."""
+    ends = np.flatnonzero((level == 0) | (level == far))
+    change = np.flatnonzero(np.diff(level[ends]) != 0)
+    return ends[change], ends[change + 1]
 
 
 def _inside(x: Array, parts: Sequence[slice], size: float, noise: float) -> tuple[NDArray[np.bool_], Array]:

@@ -17,7 +17,8 @@ from numpy.typing import NDArray
 from scipy.special import log_ndtr, logsumexp
 
 from diagnosis.inference.evidence import log_bayes, unshifted
-from diagnosis.inference.search import Conditioning, Search
+from diagnosis.inference.products import Conditioning
+from diagnosis.inference.search import Search
 from diagnosis.model.linear import Candidate, LinearModel, Member, Parameters
 
 Array = NDArray[np.float64]

@@ -6,10 +6,18 @@ something unlisted have more than `DiagnosisSettings.unknown` of the probability
 
 No list of unlisted rivals is complete: something else may imitate what would be named. Its prior share is t, the larger the
 more freedom the named effects have (`DiagnosisSettings.imitation`, `random_imitation`), and the checks of what the named model
-leaves (`diagnosis.inference.checks`) weigh it: a p-value p is worth a Bayes factor of at most 1/(−e p ln p) against the model
-(Sellke, Bayarri and Berger, The American Statistician 55, 2001), which is taken for it, so that the odds of an imitation are
+leaves (`diagnosis.inference.checks`) weigh it. The p-value p of the checks is uniform under what is named. Under an imitation
+they see it with a probability f (`DiagnosisSettings.seen`), by p-values of any order of magnitude down to p₀ = 10⁻¹⁶ alike, and
+otherwise do not, so that a p-value is worth the Bayes factor
 
-    t/(1 − t) · 1/(−e p ln p)  for p < 1/e,    t/(1 − t)  otherwise.
+    B = 1 − f + f/(p ln(1/p₀))
+
+against what is named, and the odds of an imitation are t/(1 − t) max(B, 1). The largest factor that any distribution of
+p-values could give is 1/(−e p ln p) (Sellke, Bayarri and Berger, The American Statistician 55, 2001); where p is small, B is
+below it.
+
+Where several listed explanations share the probability, it is that of the p-value of all of them, averaged over their posterior
+(Gelman et al., Bayesian Data Analysis, section 6.3): what one of them would not leave, another may.
 
 Where the samples show a cause as well, with odds of their own, an imitation would have to show it, too: the factor is less.
 """
@@ -18,7 +26,7 @@ from __future__ import annotations
 
 import math
 from collections import defaultdict
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -27,6 +35,10 @@ from diagnosis.answer import Verdict
 from diagnosis.inference.search import NOTHING, Explanation, total
 from diagnosis.model.linear import LinearModel, Member
 from diagnosis.settings import DEFAULT, DiagnosisSettings
+
+LEAST = 1e-16  # p-value down to which those of imitations are spread
+WORTH_A_CHECK = 0.02  # share of the listed explanations' probability, from which on one of them is checked
+MOST_CHECKED = 5  # of these
 
 
 @dataclass(frozen=True)
@@ -84,12 +96,12 @@ def attribute(model: LinearModel, explanations: list[Explanation], settings: Dia
             tuple(model.candidate(member).label for member in explanation.members),
             probability[explanation.key],
             explanation.log_evidence,
-            not _is_listed(model, explanation),
+            not is_listed(model, explanation),
         )
         for explanation in explanations
     )
     unknown = sum(one.probability for one in ranked if one.unlisted)
-    listed = [one for one in explanations if one.members and _is_listed(model, one)]
+    listed = [one for one in explanations if one.members and is_listed(model, one)]
     if not listed or unknown > settings.unknown:
         return Attribution("unknown", explanations[0], (), unknown, ranked)
     best = _best(listed, probability)
@@ -97,9 +109,9 @@ def attribute(model: LinearModel, explanations: list[Explanation], settings: Dia
     return Attribution(_verdict(slots, settings), best, _shown(slots, settings), unknown, ranked)
 
 
-def unexplained(p_value: float) -> Attribution:
+def unexplained(p_value: float, settings: DiagnosisSettings = DEFAULT) -> Attribution:
     """Of a gap that no candidate shows: M0 against something unlisted, as likely beforehand, with the p-value of the gap."""
-    unknown = 1 / (1 + against(p_value))
+    unknown = 1 / (1 + against(p_value, settings))
     nothing, other = (
         Ranked((), 1 - unknown, 0.0, False),
         Ranked(("residuals that are not white, as of no candidate",), unknown, 0.0, True),
@@ -122,14 +134,14 @@ def unseen(
     -------
     All of them, the likeliest first
     """
-    hidden = float(np.log(settings.unlisted_share / against(p_value)))
+    hidden = float(np.log(settings.unlisted_share / against(p_value, settings)))
     norm = float(np.logaddexp(total([NOTHING, *explanations]), hidden))
     found = [
         Ranked(
             tuple(model.candidate(member).label for member in one.members),
             float(np.exp(one.log_posterior - norm)),
             one.log_evidence,
-            not _is_listed(model, one),
+            not is_listed(model, one),
         )
         for one in (NOTHING, *explanations)
     ]
@@ -171,14 +183,25 @@ def _left(model: LinearModel, slot: Slot, unknown: float, p_value: float, settin
     entry = model.candidate(slot.member)
     share = settings.random_imitation if entry.process else settings.imitation
     shown = max(float(np.exp(-max(entry.log_odds, 0.0))), settings.another * settings.unlisted_share / share)
-    odds = share / (1 - share) * max(1.0, min(shown, 1.0) / against(p_value))
+    odds = share / (1 - share) * max(1.0, min(shown, 1.0) / against(p_value, settings))
     return 1 / (1 + (1 - unknown) * odds)
 
 
-def against(p_value: float) -> float:
-    """Bayes factor for a model against its failure, at most, of a p-value of its checks."""
-    p = max(p_value, 1e-300)
-    return float(-math.e * p * math.log(p)) if p < 1 / np.e else 1.0
+def against(p_value: float, settings: DiagnosisSettings = DEFAULT) -> float:
+    """Bayes factor for a model against what its checks may see, of their p-value; at most one."""
+    spread = settings.seen / (max(p_value, LEAST) * -math.log(LEAST))
+    return min(1.0, 1 / (1 - settings.seen + spread))
+
+
+def averaged_check(
+    explanations: Sequence[Explanation], check: Callable[[Explanation], float], listed: Callable[[Explanation], bool]
+) -> float:
+    """P-value of the checks, averaged over the posterior of the listed explanations that have enough of it."""
+    entries = [one for one in explanations if one.members and listed(one)]
+    norm = total(entries)
+    weighed = [(float(np.exp(one.log_posterior - norm)), one) for one in entries]
+    kept = [(weight, one) for weight, one in weighed if weight > WORTH_A_CHECK][:MOST_CHECKED]
+    return sum(weight * check(one) for weight, one in kept) / sum(weight for weight, _ in kept)
 
 
 def _verdict(slots: Sequence[Slot], settings: DiagnosisSettings) -> Verdict:
@@ -191,7 +214,8 @@ def _shown(slots: Sequence[Slot], settings: DiagnosisSettings) -> tuple[Slot, ..
     return tuple(replace(slot, group=slot.group[:most]) for slot in slots)
 
 
-def _is_listed(model: LinearModel, explanation: Explanation) -> bool:
+def is_listed(model: LinearModel, explanation: Explanation) -> bool:
+    """Whether all effects of an explanation are listed."""
     return all(model.candidates[k].listed for k in explanation.key)
 
 

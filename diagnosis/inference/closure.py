@@ -33,6 +33,7 @@ Weighted = Sequence[tuple[float, Sequence[Member]]]
 Chooser = Callable[[Search], Weighted]
 
 TINY = 1e-6
+USUAL_SCORES = 1000  # of a fold's search
 LEAST_WEIGHT = 0.005  # of an explanation, below which a fold's prediction does without it
 
 
@@ -63,7 +64,7 @@ def closure(
     model: LinearModel,
     members: Sequence[Member],
     choose: Chooser | None = None,
-    tell: Callable[[int], None] = lambda done: None,
+    tell: Callable[[float], None] = lambda done: None,
 ) -> Closure | None:
     """Closure of the gap on held-out data.
 
@@ -73,7 +74,7 @@ def closure(
     members : the explanation that is named; it says how many effects a fold looks for, and whether one is a random process.
         Unlisted ones among them weigh what a fold learns from, and predict nothing
     choose : explanations that a fold comes to, given its search; by default the search among the listed effects
-    tell : called with the number of folds that are done, before each
+    tell : called with the number of folds that are done, and with parts of one as its search goes on
 
     Returns
     -------
@@ -102,17 +103,23 @@ def learnable(model: LinearModel, members: Sequence[Member]) -> LinearModel:
 
 
 def measured(
-    listed: LinearModel, random: bool, choose: Chooser, tell: Callable[[int], None] = lambda done: None
+    listed: LinearModel, random: bool, choose: Chooser, tell: Callable[[float], None] = lambda done: None
 ) -> Closure | None:
     """Closure of the gap by what each fold learns of some candidates; parameters as of `closure`."""
     parts: list[Array] = []
     left: list[Fold] = []
     for fold in listed.folds(listed.W[:, :]):
         tell(len(left))
-        parts.append(_one(listed, fold, choose, random))
+        own = Search(replace(listed, X=fold.train_X, W=fold.train_X, y=fold.train_y), tell=_counted(tell, len(left)))
+        parts.append(_one(listed, fold, choose(own), random))
         left.append(without_columns(fold))
-        del fold  # or its columns would be there while those of the next one are made
+        del fold, own  # or their columns would be there while those of the next one are made
     return summed(parts, left, listed.split, random) if parts else None
+
+
+def _counted(tell: Callable[[float], None], done: int) -> Callable[[int], None]:
+    """Progress of a fold's search, where how many scores it needs is known only roughly."""
+    return lambda count: tell(done + count / (count + USUAL_SCORES))
 
 
 def without_columns(fold: Fold) -> Fold:
@@ -129,11 +136,10 @@ def of_response(model: LinearModel, response: Array) -> Closure | None:
     return summed(parts, folds, model.split, False) if parts else None
 
 
-def _one(model: LinearModel, fold: Fold, choose: Chooser, random: bool) -> Array:
-    """(s, 3) the measure of each row held out: before, after, floor."""
+def _one(model: LinearModel, fold: Fold, weighted: Weighted, random: bool) -> Array:
+    """(s, 3) the measure of each row held out: before, after, floor; predicted by what the fold has come to."""
     before = fold.left_y
     log = fold.log_scale if random else np.zeros(before.size)
-    weighted = choose(Search(replace(model, X=fold.train_X, W=fold.train_X, y=fold.train_y)))
     if not weighted:
         return np.column_stack([before**2 + log, before**2 + log, 1 + log])
     after = before.copy()

@@ -1,14 +1,17 @@
 """Conformal sets of explanations: a set that holds the truth in nine of ten recordings, whatever the posterior is worth.
 
-The posterior orders the explanations of a recording. The score of an explanation is the probability of all that are likelier,
+The score of an explanation is how much less likely it is than the likeliest,
 
-    s_k = Σ_{p_j > p_k} p_j,
+    s_k = 1 − p_k / max_j p_j,
 
 zero for the likeliest and one for what the posterior does not hold at all. Of n recordings with known truth, those of the
 setting part of the validation, the ⌈(n + 1) 0.9⌉-th smallest score of the truth is the threshold τ, and the set of a new
-recording is {k : s_k ≤ τ}. It covers the truth with a probability of at least 0.9 if that recording is exchangeable with the n
-(Vovk, Gammerman and Shafer, Algorithmic Learning in a Random World, 2005), and at most 0.9 + 1/(n + 1) more
-than ties allow. An explanation with anything unlisted in it is ``unknown``, a member like any other; so is ``none``.
+recording is {k : s_k ≤ τ}, never empty. It covers the truth with a probability of at least 0.9 if that recording is
+exchangeable with the n (Vovk, Gammerman and Shafer, Algorithmic Learning in a Random World, 2005), and at most 0.9 + 1/(n + 1)
+more than ties allow. Ratios of probabilities make shorter sets than the sum of all that are likelier, which one clear answer
+and many small probabilities beside it fill up; on sets of least size see Sadinle, Lei and Wasserman (Journal of the American
+Statistical Association 114, 2019). An explanation with anything unlisted in it is ``unknown``, a member like any other; so is
+``none``.
 """
 
 from __future__ import annotations
@@ -30,12 +33,11 @@ def name_of(labels: Iterable[str]) -> str:
 
 def scores(posterior: Posterior) -> dict[str, float]:
     """Score of each explanation of a posterior, by its name; ``unknown`` is always among them."""
+    most = max((probability for _, probability in posterior), default=MISSING)
     out: dict[str, float] = {}
-    total = 0.0
     for labels, probability in sorted(posterior, key=lambda pair: -pair[1]):
-        out.setdefault(name_of(labels), min(total, MISSING))
-        total += probability
-    out.setdefault(UNKNOWN, min(total, MISSING))
+        out.setdefault(name_of(labels), 1 - probability / most)
+    out.setdefault(UNKNOWN, MISSING)
     return out
 
 

@@ -11,11 +11,11 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
-import scipy.linalg
 from numpy.typing import NDArray
 from scipy.special import logsumexp
 
 from diagnosis.inference.evidence import averaged, log_bayes
+from diagnosis.inference.products import Conditioning, Grams, Products
 from diagnosis.model.linear import Candidate, LinearModel, Member
 from diagnosis.settings import DEFAULT, DiagnosisSettings
 
@@ -29,8 +29,6 @@ EXCHANGED_FOR = 4  # candidates that are optimised in the place of each member
 THINNED = 4  # best sets of which every subset with one member fewer is evaluated too
 SCREEN_COLUMNS = 24  # strongest columns of a random process, with which it is screened
 LEAST_CHANCE = 0.02  # relative to the likeliest option, such as a time of a step, below which an option is left out
-SMALL = 4  # most columns of groups that are computed together, those of one size at a time
-MOST_KEPT = 4_000_000  # products of columns that are kept
 HOPELESS = 6.0  # by how much the log posterior of a larger set must fall below the best for the search to end
 
 
@@ -43,12 +41,14 @@ class Score:
     average : log evidence averaged over options and scales
     best : log evidence of the best option and scale
     option, scale : which these are
+    before : log evidence of the members that are in already
     """
 
     average: float
     best: float
     option: int
     scale: int
+    before: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -85,10 +85,11 @@ class Search:
         self.settings = settings
         self.tell = tell  # called with the number of scores so far, before each
         self._scored = 0
-        self.gram = _Grams(model)
+        self.gram = Grams(model)
         self.correlation = model.X.T @ model.y
-        self._products: dict[tuple[int, int, int, int], Array] = {}
-        self._kept = 0  # numbers in them
+        self._products = Products(model)
+        self._scores: dict[tuple[int, frozenset[Member], int | None], Score] = {}
+        self._given: tuple[tuple[Member, ...], Conditioning | None] = ((), None)  # what was asked for last
 
     # ---- one candidate ---------------------------------------------------------------------------------------------------
 
@@ -115,15 +116,23 @@ class Search:
             gram, correlation = given.reduced_products(gram, correlation, places)
         return log_bayes(gram, correlation, entry.scales, entry.positive, entry.shifted)
 
-    def score(self, candidate: int, given: Conditioning | None, most: int | None = None) -> Score:
-        """Average and best of a candidate's evidence."""
+    def score(self, candidate: int, members: tuple[Member, ...], most: int | None = None) -> Score:
+        """Average and best of a candidate's evidence given some members, with its `most` strongest columns only.
+
+        Scores are kept: most moves of a member to its best, and most exchanges, come back to sets that were looked at before.
+        """
         self.tell(self._scored)
         self._scored += 1
-        weights = self.model.candidates[candidate].log_weights
-        table = self.tables(candidate, given, most)
-        # Of times that explain the data alike, the one with more prior: a gap between intervals rather than one moment.
-        option, scale = np.unravel_index(int(np.argmax(table + weights[:, None])), table.shape)
-        return Score(averaged(table, weights), float(table[option, scale]), int(option), int(scale))
+        key = (candidate, frozenset(members), most)
+        if key not in self._scores:
+            given = self.given(members)
+            weights = self.model.candidates[candidate].log_weights
+            table = self.tables(candidate, given, most)
+            # Of times that explain the data alike, the one with more prior: a gap between intervals rather than one moment.
+            option, scale = np.unravel_index(int(np.argmax(table + weights[:, None])), table.shape)
+            before = 0.0 if given is None else given.log_bayes
+            self._scores[key] = Score(averaged(table, weights), float(table[option, scale]), int(option), int(scale), before)
+        return self._scores[key]
 
     def null_statistic(self, correlation: Array, scanned: bool = False) -> Array:
         """log of the evidence averaged over candidates with their priors, for many observations at once.
@@ -158,35 +167,28 @@ class Search:
 
     # ---- sets ------------------------------------------------------------------------------------------------------------
 
-    def _with(self, member: Member, places: Indices) -> Array:
-        """(k, n) products of a member's columns but a shift with the columns of a candidate or of one of its options.
-
-        They are kept, since a search asks for them often; but not all of them, which of two random processes are gigabytes.
-        """
-        key = (member.candidate, member.option, int(places[0]) if places.size else 0, places.size)
-        if key not in self._products:
-            X = self.model.X
-            found = X[:, self.model.design((member,))[0]].T @ X[:, _as_slice(places)]
-            if self._kept + found.size > MOST_KEPT:
-                self.forget()
-            self._kept += found.size
-            self._products[key] = found
-        return self._products[key]
-
     def forget(self) -> None:
         """Give back the memory of the products that were kept."""
-        self._products.clear()
-        self._kept = 0
+        self._products.forget()
+        self._given = ((), None)
 
     def given(self, members: tuple[Member, ...]) -> Conditioning | None:
         """Inner products given some members, ready to score the others against; None without members."""
         if not members:
             return None
+        if members != self._given[0]:
+            self._given = (members, self._conditioned(members))
+        return self._given[1]
+
+    def _conditioned(self, members: tuple[Member, ...]) -> Conditioning:
+        """Inner products given some members."""
         own, scale, shifts = self.model.design(members)
         alone = [self.model.design((member,))[0] for member in members]
 
+        products = self._products  # and not the search, which keeps what is made here: it would hold on to itself
+
         def rows(places: Indices) -> Array:
-            return scale[:, None] * np.vstack([self._with(member, places) for member in members])
+            return scale[:, None] * np.vstack([products.of(member, places) for member in members])
 
         X = self.model.X
         shift = X.T @ X[:, shifts].sum(axis=1) if shifts.size else np.zeros(X.shape[1])
@@ -202,13 +204,12 @@ class Search:
         for sweep in range(SWEEPS if len(members) > 1 else 1):
             moved = False
             for place, member in enumerate(members):
-                given = self.given(members[:place] + members[place + 1 :])
-                score = self.score(member.candidate, given)
+                score = self.score(member.candidate, members[:place] + members[place + 1 :])
                 new = Member(member.candidate, score.option, score.scale)
                 moved |= new != member
                 members = (*members[:place], new, *members[place + 1 :])
                 occam[place] = score.average - score.best
-                best = score.best + (given.log_bayes if given is not None else 0.0)
+                best = score.best + score.before
             if sweep and not moved:
                 break
         return self._explanation(members, best + float(occam.sum()))
@@ -250,7 +251,7 @@ class Search:
         """Every candidate alone."""
         found = []
         for candidate in range(len(self.model.candidates)):
-            score = self.score(candidate, None)
+            score = self.score(candidate, ())
             found.append(self._explanation((Member(candidate, score.option, score.scale),), score.average))
         return _ranked(found)
 
@@ -330,90 +331,14 @@ class Search:
 
     def _children(self, parent: Explanation, most: int) -> list[Explanation]:
         """The set with one more candidate."""
-        given = self.given(parent.members)
-        assert given is not None
         children = []
         for candidate in range(len(self.model.candidates)):
             if candidate in parent.key:
                 continue
-            score = self.score(candidate, given, SCREEN_COLUMNS)
+            score = self.score(candidate, parent.members, SCREEN_COLUMNS)
             member = Member(candidate, score.option, score.scale)
             children.append(self._explanation((*parent.members, member), parent.log_evidence + score.average))
         return _ranked(children)[:most]
-
-
-class Conditioning:
-    """Inner products given some scaled columns C and shifts that are in already.
-
-    Parameters
-    ----------
-    rows : from places (n,) of columns of the model to their products (r, n) with C
-    inner : (r, r) CᵀC
-    correlation : (r,) Cᵀy, the shifts taken out of y
-    shift : (p,) products of the shifts with all columns
-
-    Attributes
-    ----------
-    log_bayes : log evidence of what is in
-    """
-
-    def __init__(self, rows: Callable[[Indices], Array], inner: Array, correlation: Array, shift: Array):
-        factor = np.linalg.cholesky(np.eye(len(inner)) + inner)
-        self._inverse = scipy.linalg.solve_triangular(factor, np.eye(len(inner)), lower=True, check_finite=False)
-        self._rows = rows
-        self._shift = shift
-        self._y = self._inverse @ correlation
-        self.log_bayes = float(0.5 * self._y @ self._y - np.log(np.diag(factor)).sum())
-
-    def reduced_products(self, gram: Array, correlation: Array, places: Indices) -> tuple[Array, Array]:
-        """Products XᵀX (o, k, k) and Xᵀy (o, k) of the columns at `places` (o, k), given what is in."""
-        reduced = (self._inverse @ self._rows(places.ravel())).reshape(len(self._inverse), *places.shape)  # (r, o, k)
-        # Products of (o, k, r) and (o, r, l) are far quicker than one sum over all indices.
-        turned = reduced.transpose(1, 0, 2)
-        gram = gram - np.matmul(turned.transpose(0, 2, 1), turned)
-        return gram, correlation - self._shift[places] - np.tensordot(self._y, reduced, axes=1)
-
-
-class _Grams:
-    """XᵀX of each option, made when it is asked for first."""
-
-    def __init__(self, model: LinearModel):
-        self._model = model
-        self._places: list[Indices | None] = []
-        self._together: dict[int, Array] = {}
-        self._single: dict[tuple[int, int], Array] = {}
-        for candidate in model.candidates:
-            counts = {option.count for option in candidate.options}
-            uniform = len(counts) == 1 and next(iter(counts)) <= SMALL
-            self._places.append(
-                np.array([np.arange(o.start, o.start + o.count) for o in candidate.options]) if uniform else None
-            )
-
-    def uniform(self, candidate: int) -> bool:
-        """Whether all its options have the same small number of columns."""
-        return self._places[candidate] is not None
-
-    def of(self, candidate: int) -> tuple[Array, Indices]:
-        """(o, k, k) and the places (o, k) of the columns."""
-        places = self._places[candidate]
-        assert places is not None
-        if candidate not in self._together:
-            X = self._model.X[:, places]  # (N, o, k)
-            self._together[candidate] = np.einsum("nok,nol->okl", X, X)
-        return self._together[candidate], places
-
-    def single(self, candidate: int, option: int) -> Array:
-        """(k, k) of one option."""
-        if (candidate, option) not in self._single:
-            X = self._model.X[:, self._model.candidates[candidate].options[option].columns]
-            self._single[candidate, option] = X.T @ X
-        return self._single[candidate, option]
-
-
-def _as_slice(places: Indices) -> Indices | slice:
-    """Places without a gap as a slice, which needs no copy of the columns."""
-    whole = places.size and places[-1] - places[0] + 1 == places.size and (np.diff(places) == 1).all()
-    return slice(int(places[0]), int(places[-1]) + 1) if whole else places
 
 
 def _ranked(explanations: list[Explanation]) -> list[Explanation]:

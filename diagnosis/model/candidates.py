@@ -7,7 +7,7 @@ An effect says itself which columns or which covariance it has, which options ar
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import chain
 
@@ -46,6 +46,7 @@ MOST_STEP_TIMES = 14  # times a step is tried at inside an interval
 FINE_STEP_TIMES = 48  # times around one that was found
 BETWEEN_INTERVALS = 0.5  # prior of a step in a gap between intervals
 AT_ONCE = 512  # columns that are projected together
+BLOCK = 6_000_000  # numbers; what is as large is memory of its own to the system
 SPARE = 8  # share of all columns that there is room for beside them
 ALREADY_ON = 1.0  # s before the first sample, when a switched column is on throughout
 
@@ -110,7 +111,7 @@ def linear_model(
 
     def made() -> Iterator[Group]:
         others = unlisted_groups(model, found or {}, effects) if rivals else ()
-        for count, group in enumerate(chain(listed(model, effects, found), further, others)):
+        for count, group in enumerate(packed(chain(listed(model, effects, found), further, others), model.size)):
             tell(count)
             yield group
 
@@ -120,6 +121,24 @@ def linear_model(
         {effect.name: effect for effect in effects},
         settings,
     )
+
+
+def packed(groups: Iterable[Group], size: int) -> Iterator[Group]:
+    """Groups with their columns (N, k) side by side in large blocks of memory, each of which is given back as a whole.
+
+    Small arrays that are made among others that stay leave holes, which no other program can use.
+    """
+    block = Room(np.empty((size, 0), order="F"))
+    for group in groups:
+        columns = []
+        for part in group.columns:
+            stop = block.used + part.shape[1]
+            if stop > block.memory.shape[1]:
+                block, stop = Room(np.empty((size, max(BLOCK // max(size, 1), part.shape[1])), order="F")), part.shape[1]
+            block.memory[:, block.used : stop] = part
+            columns.append(block.memory[:, block.used : stop])
+            block.used = stop
+        yield replace(group, columns=columns)
 
 
 def placed(
@@ -183,7 +202,8 @@ def ordered(
 def _projected(model: RecordingModel, columns: list[Array]) -> tuple[Room, Restored]:
     """Columns (N, k) side by side and projected, with room for more; those that are done are taken off the list."""
     count = sum(part.shape[1] for part in columns)
-    room = Room(np.empty((model.size, count + max(count // SPARE, AT_ONCE))))
+    # Column by column, so that what is not used yet takes no memory, and columns side by side are products without a copy.
+    room = Room(np.empty((model.size, count + max(count // SPARE, AT_ONCE)), order="F"))
     basis, hidden = model.nuisance, np.empty((model.nuisance.shape[1], count))
     columns.reverse()
     while columns:

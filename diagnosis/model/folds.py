@@ -90,7 +90,7 @@ def conditioned(model: RecordingModel, W: Array, out: NDArray[np.bool_], biases:
     """Rows (N,) of a recording that are `out`, and whitened columns W (N, p) there, given the others; see the module."""
     columns, W = shared_columns(model, biases), model.unmixed(W)
     trained = np.cumsum(~out) - 1  # place of each training row among them
-    train_X = np.empty((int((~out).sum()), W.shape[1]))
+    train_X = np.empty((int((~out).sum()), W.shape[1]), order="F")
     train_y, B = np.empty(len(train_X)), np.empty((len(train_X), columns.shape[1]))
     alone: list[tuple[Array, Array, Array]] = []
     V = np.zeros((int(out.sum()), int(out.sum())))

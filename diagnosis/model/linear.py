@@ -31,7 +31,7 @@ Parameters = dict[str, float | str]
 # Scales of interest, as signal-to-noise ratios of the amplitude's standard deviation: nothing smaller can be seen, and nothing
 # larger than the upper end would be left for a linear model to explain.
 VISIBLE = (1.0, 300.0)
-AT_ONCE = 256  # rows of columns that are restored together
+AT_ONCE = 64  # rows of columns that are restored together
 PER_DECADE = 4  # scales in a decade; the evidence of a few amplitudes changes little between neighbours
 FINER = 3  # scales between neighbours, for a process that may have hundreds of amplitudes
 
@@ -172,9 +172,11 @@ class Restored:
     def __getitem__(self, place: Any) -> Array:
         """Some of the columns, by [rows] or [rows, columns]."""
         rows, columns = place if isinstance(place, tuple) else (place, slice(None))
-        found, basis, hidden = np.array(self.X[rows, columns]), self.basis[rows], self.hidden[:, columns]
+        X, basis, hidden = self.X[rows], self.basis[rows], self.hidden[:, columns]
+        found = np.empty((len(X), *hidden.shape[1:]), order="F")
         for first in range(0, len(found), AT_ONCE):  # all at once would be as large again
-            found[first : first + AT_ONCE] += basis[first : first + AT_ONCE] @ hidden
+            some = slice(first, first + AT_ONCE)
+            found[some] = X[some, columns] + basis[some] @ hidden
         return found
 
 

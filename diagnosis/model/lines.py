@@ -15,7 +15,7 @@ tones.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence, Set
+from collections.abc import Callable, Iterable, Iterator, Sequence, Set
 from dataclasses import replace
 
 import numpy as np
@@ -41,13 +41,21 @@ BESIDE = (-8.0, -6.5, -5.0, -3.5, -2.0, 2.0, 3.5, 5.0, 6.5, 8.0)  # resolutions 
 BAND = 3.0  # factor on a frequency of the body's motion, up to which the next line belongs to it too
 
 
-def judged_lines(report: SampleReport, model: RecordingModel, silent: Set[int] = frozenset()) -> bool:
+def judged_lines(
+    report: SampleReport,
+    model: RecordingModel,
+    silent: Set[int] = frozenset(),
+    tell: Callable[[int], None] = lambda count: None,
+) -> bool:
     """Take the lines that are vibrations out of the samples, and note them as symptoms; whether there were any.
 
     Lines that are motions of the body stay where they are, and so do those in the band of motion of gyros that are silent in a
-    dead zone, whose edges make lines of their own.
+    dead zone, whose edges make lines of their own. `tell` is called with the number of lines that are done, before each.
     """
-    ratios = [log_ratio(model, line) for line in report.lines]
+    ratios = []
+    for count, line in enumerate(report.lines):
+        tell(count)
+        ratios.append(log_ratio(model, line))
     moving = [
         line.frequency_hz
         for line, ratio in zip(report.lines, ratios, strict=True)

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -91,7 +92,7 @@ def prepare(recording: Recording, settings: DiagnosisSettings = DEFAULT, tell: P
     _check_samples(recording)
     report, (model, sigma, pieces) = _readable(recording, settings, tell)
     if report.undecided:
-        cut = examine(recording, lattice="cut", settings=settings)
+        cut = examine(recording, lattice="cut", settings=settings, tell=_examined(tell, "once more, cut", 0.06, 0.08))
         try:
             other = _first(recording, cut)
             gain = _misfit(model) - _misfit(other[0])
@@ -106,11 +107,13 @@ def prepare(recording: Recording, settings: DiagnosisSettings = DEFAULT, tell: P
             ]
     dead = _dead(recording, report, model.bias)
     likely = {one.axis for one in dead if one.log_odds > LIKELY}
-    tell("gyro samples: lines and references", 0.08)
-    if judged_lines(report, model, likely):
+    count = max(len(report.lines), 1)
+    if judged_lines(report, model, likely, lambda done: tell("gyro samples: lines and references", 0.08 + 0.01 * done / count)):
         report.smooth = smoothed_rates(report.rates, recording)
         model, sigma = _calibrated(recording, report, pieces, recording.attitudes.sigma)
+    tell("gyro samples: fast tones of the references", 0.09)
     recording, model, sigma = _without_tones(recording, report, pieces, model, sigma, settings)
+    tell("gyro samples: noise of the references", 0.095)
     found = [
         (name, _reference_noise(model, report, dead, settings, number))
         for number, name in ([(None, None)] if recording.attitudes.sensor is None else _named(recording))
@@ -219,7 +222,7 @@ def _readable(
 ) -> tuple[SampleReport, tuple[RecordingModel, Array, tuple[Interval, ...]]]:
     """What the samples show and the first model, with readings on a lattice taken in the way in which they fit at all."""
     tell("gyro samples: noise, lines, outliers", 0.01)
-    report = examine(recording, settings=settings, tell=lambda text, share: tell(f"gyro samples: {text}", 0.01 + 0.05 * share))
+    report = examine(recording, settings=settings, tell=_examined(tell, "", 0.01, 0.06))
     tell("gyro samples: first calibration", 0.06)
     try:
         return report, _first(recording, report)
@@ -227,8 +230,15 @@ def _readable(
         kinds = {symptom.kind for symptom in report.symptoms if symptom.kind.startswith("lattice")}
         if not kinds:
             raise
-        other = examine(recording, lattice="rounded" if "lattice_cut" in kinds else "cut", settings=settings)
+        way: Literal["rounded", "cut"] = "rounded" if "lattice_cut" in kinds else "cut"
+        other = examine(recording, lattice=way, settings=settings, tell=_examined(tell, f"once more, {way}", 0.06, 0.07))
         return other, _first(recording, other)
+
+
+def _examined(tell: Progress, way: str, begin: float, stop: float) -> Progress:
+    """Progress of a look at the samples, as a part of all."""
+    before = f"gyro samples: {way}: " if way else "gyro samples: "
+    return lambda text, share: tell(before + text, begin + (stop - begin) * share)
 
 
 def _first(recording: Recording, report: SampleReport) -> tuple[RecordingModel, Array, tuple[Interval, ...]]:

@@ -8,7 +8,7 @@ a line, which the attitude judges (`diagnosis.model.lines`).
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence, Set
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -34,6 +34,7 @@ class SampleCause:
     ----------
     symptom : what was seen
     effect : its name, None if no effect that may be named claims the symptom
+    imitated : whether it behaves so unlike that effect that something unlisted is named instead
     finding : for the list of where the recording departs
     rivals : effects that may be at work in its place, with their shares of the probability
     """
@@ -42,6 +43,12 @@ class SampleCause:
     effect: str | None
     finding: Finding
     rivals: tuple[tuple[str, float], ...] = ()
+    imitated: bool = False
+
+    @property
+    def unlisted(self) -> bool:
+        """Whether the answer has to be that something unlisted is at work."""
+        return self.effect is None or self.imitated
 
     @property
     def share(self) -> float:
@@ -63,7 +70,7 @@ class SampleCause:
 
 def imitated(symptom: Symptom, settings: DiagnosisSettings) -> float:
     """Probability that something unlisted imitates a symptom: its prior share, weighed by how the symptom behaves."""
-    odds = settings.imitation_in_samples / (1 - settings.imitation_in_samples) / against(symptom.likeness)
+    odds = settings.imitation_in_samples / (1 - settings.imitation_in_samples) / against(symptom.likeness, settings)
     return odds / (1 + odds)
 
 
@@ -91,7 +98,13 @@ def claimed(
     covered = {effect.symptom for effect, own in detected.items() if own}
     own_test = {effect.symptom for effect in detected}
     found = [
-        SampleCause(one, _claimed(one, claims, own_test, settings), _finding(tests, one), _rivals(one, claims))
+        SampleCause(
+            one,
+            None if one.kind in own_test else claims.get(one.kind),
+            _finding(tests, one),
+            _rivals(one, claims),
+            imitated(one, settings) > settings.unknown,
+        )
         for one in symptoms
         if one.kind not in covered
     ]
@@ -101,15 +114,6 @@ def claimed(
 def _rivals(symptom: Symptom, claims: Mapping[str | None, str]) -> tuple[tuple[str, float], ...]:
     """The effects that the symptom's rivals are signs of."""
     return tuple((claims[kind], share) for kind, share in symptom.rivals if kind in claims)
-
-
-def _claimed(
-    symptom: Symptom, claims: Mapping[str | None, str], own_test: Set[str | None], settings: DiagnosisSettings
-) -> str | None:
-    """The effect that a symptom is a sign of; None if it is none's, or behaves as that effect's would not."""
-    if symptom.kind in own_test or imitated(symptom, settings) > settings.unknown:
-        return None
-    return claims.get(symptom.kind)
 
 
 def reference_symptoms(prepared: Prepared, settings: DiagnosisSettings) -> list[Symptom]:

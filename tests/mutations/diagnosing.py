@@ -76,7 +76,7 @@ EVIDENCE = [
         ],
     ),
     *of(
-        "diagnosis/inference/search.py",
+        "diagnosis/inference/products.py",
         f"{INFERENCE}test_search.py",
         [
             (
@@ -84,6 +84,12 @@ EVIDENCE = [
                 "- np.log(np.diag(factor)).sum())",
                 "+ np.log(np.diag(factor)).sum())",
             ),
+        ],
+    ),
+    *of(
+        "diagnosis/inference/search.py",
+        f"{INFERENCE}test_search.py",
+        [
             (
                 "further effects cost nothing",
                 "prior += (len(members) - 1) * float(",
@@ -132,7 +138,7 @@ ANSWER = [
                 '    if unknown > settings.unknown:\n        return Attribution("unknown", attribution.best',
                 '    if unknown > 1.0:\n        return Attribution("unknown", attribution.best',
             ),
-            ("the bound on a p-value has no logarithm", "float(-math.e * p * math.log(p)) if", "float(math.e * p) if"),
+            ("p-values of imitations have no area", "1 / (1 - settings.seen + spread)", "1 / (1 + spread)"),
             (
                 "one sure cause makes all sure",
                 "if all(slot.probability >= settings.named",

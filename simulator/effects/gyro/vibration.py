@@ -64,6 +64,7 @@ EFFECT = Vibration(
     stage="pickup",
     prior=(1e-5, 1.0),
     bounds=(-1e5, 1e5),
+    sign="positive",
     parameters=(FREQUENCY, PHASE),
     meaning="A steady tone in the samples, at the frequency that sampling makes of it.",
     symptom="spectral_line",

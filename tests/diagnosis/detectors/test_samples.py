@@ -10,8 +10,6 @@ from diagnosis.detectors import samples as stream
 from diagnosis.detectors import spectral_lines, spectral_tones
 from diagnosis.detectors.clipping import _is_plateau
 from diagnosis.detectors.lattice import lattice_step, mean_reading, sweep_odds, undone
-from diagnosis.detectors.noise_blocks import bands_of, blocks_of, calmest, is_even
-from diagnosis.detectors.sample_noise import level_in_motion
 from diagnosis.settings import DEFAULT
 from simulator import scenario
 from simulator.effects import parse
@@ -333,72 +331,6 @@ def test_a_clipped_rate_on_a_coarse_lattice(plan, truth):
     assert not _is_plateau(np.ones(200, dtype=bool), step=8.0)
     assert not _is_plateau(np.ones(50, dtype=bool), step=2.5)
     assert not _is_plateau(np.ones(10_000, dtype=bool), step=np.inf)
-
-
-def test_a_motion_of_all_frequencies_is_no_level_of_noise():
-    """Jerks have power up to the highest frequency, and less of it there."""
-    rng = np.random.default_rng(8)
-    white = rng.standard_normal(6000)
-    assert level_in_motion(white, [(0, 6000)], 1.0) is not None
-    jerks = np.cumsum(np.cumsum(rng.standard_normal(6000)))
-    found = [level_in_motion(white + size * jerks, [(0, 6000)], 1.0) for size in (0.01, 0.1, 1.0, 10.0, 100.0)]
-    assert all(one is None or abs(one[0].variance - 1) < 4 * one[0].sigma for one in found)
-    assert found[-1] is None
-
-
-def test_white_noise_in_a_motion_shows_its_level():
-    """The coefficients of white noise are independent, with its variance; a swing of a thousand sigmas leaves nothing."""
-    draws = [blocks_of([np.random.default_rng(seed).standard_normal(6000)]) for seed in range(100)]
-    bands = np.array([bands_of(one) for one in draws])
-    np.testing.assert_allclose(bands.std(axis=0), np.sqrt(0.90 / len(draws[0])), rtol=0.3)
-    np.testing.assert_allclose(bands.mean(axis=0), 1.0, atol=0.03)
-    assert np.mean([is_even(one) for one in draws]) > 0.95
-    together = np.concatenate(draws)
-    np.testing.assert_allclose(together.T @ together / len(together), np.eye(16), atol=5 / np.sqrt(len(together)))
-    white = np.random.default_rng(3).standard_normal(20_000)
-    swing = 1000 * np.sin(2 * np.pi * 0.04 * np.arange(20_000))
-    np.testing.assert_allclose(blocks_of([white + swing]), blocks_of([white]), atol=0.1)
-    found, reading = level_in_motion(white + swing, [(0, 20_000)], 1.0)
-    assert abs(found.variance - np.var(white)) < 3 * found.sigma
-    assert reading is None or reading.probability < 0.5
-
-
-def test_readout_noise_in_a_motion_is_told_from_white_noise():
-    """Its size by the rise of the spectrum."""
-    rng = np.random.default_rng(9)
-    swing = 1000 * np.sin(2 * np.pi * 0.04 * np.arange(30_000))
-    for size in (0.6, 1.0):
-        x = rng.standard_normal(30_000) + np.diff(size * rng.standard_normal(30_001)) + swing
-        _, reading = level_in_motion(x, [(0, 30_000)], 1.0)
-        assert reading.probability > 0.9
-        assert reading.as_stated
-        assert abs(reading.reading - size) < 4 * reading.sigma
-    _, reading = level_in_motion(1.3 * rng.standard_normal(30_000) + swing, [(0, 30_000)], 1.0)
-    assert reading is None or reading.probability < 0.02
-
-
-def test_jerks_in_some_of_the_blocks_are_no_noise():
-    """Steps of the rate in about half of the blocks, as much power as more noise has: the calmest half shows the noise."""
-    rng = np.random.default_rng(12)
-    white = rng.standard_normal(60_000)
-    jerks = np.zeros(60_000)
-    jerks[rng.choice(60_000, 1000, replace=False)] = 8.0
-    assert level_in_motion(1.025 * white, [(0, 60_000)], 1.0) is not None
-    found, reading = level_in_motion(white + np.cumsum(jerks), [(0, 60_000)], 1.0)
-    assert abs(found.variance - 1) < 3 * found.sigma
-    assert reading is None or reading.probability < 0.5
-    jerks[rng.choice(60_000, 12_000, replace=False)] = 8.0
-    assert level_in_motion(white + np.cumsum(jerks), [(0, 60_000)], 1.0) is None
-
-
-def test_the_calmest_blocks_are_chosen_by_what_their_noise_is_not():
-    """Of white noise they have the power of all; of a body that moves half of the time, those in which it rests."""
-    rng = np.random.default_rng(13)
-    ratios = [np.mean(blocks_of(calmest([x])) ** 2) for x in rng.standard_normal((200, 6000))]
-    assert np.mean(ratios) == pytest.approx(1.0, abs=4 * np.std(ratios) / np.sqrt(200))
-    moving = np.arange(32_000) % 6400 < 3200
-    chosen = calmest([10 * np.cumsum(rng.standard_normal(32_000) * moving) + rng.standard_normal(32_000)])
-    assert np.std(np.concatenate([np.diff(part, 6) for part in chosen])) == pytest.approx(np.sqrt(924), rel=0.05)
 
 
 def test_a_sway_that_two_gyros_show_in_quiet_arcs_is_no_slow_noise(plan, truth):

@@ -47,9 +47,22 @@ def test_the_rate_that_is_missing_is_expected_between_the_edges(seed):
     assert np.sqrt(np.mean((found.expected[both] - rate[both]) ** 2)) < 0.8 * np.sqrt(np.mean(rate[both] ** 2))
 
 
+@pytest.mark.parametrize("half_width", [0.02, 0.03])
+def test_the_edge_is_found_where_a_band_is_passed_in_two_samples(half_width):
+    """A body that never rests: it is in the zone for some samples at a time, and the hole between them is empty."""
+    for seed in range(4):
+        rng = np.random.default_rng(seed)
+        t = np.arange(SAMPLES)
+        rate = sum(rng.uniform(0.1, 0.3) * np.sin(2 * np.pi * t / rng.uniform(150, 400) + rng.uniform(0, 6)) for _ in range(3))
+        assert zone(_read(rate, 0.0, seed), PARTS, NOISE) is None
+        found = zone(_read(rate, half_width, seed), PARTS, NOISE)
+        assert found.log_odds > 5
+        assert found.half_width == pytest.approx(half_width, rel=0.1)
+
+
 @pytest.mark.parametrize("kind", ["swing", "turns"])
 def test_a_real_motion_shows_no_zone(kind):
-    found = [zone(_read(_motion(seed, kind), 0.0, seed), PARTS, NOISE) for seed in range(40)]
+    found = [zone(_read(_motion(seed, kind), 0.0, seed), PARTS, NOISE) for seed in range(20)]
     odds = [one.log_odds if one else 0.0 for one in found]
     assert max(odds) < 4
     assert np.mean(np.array(odds) > 1) < 0.1

@@ -91,7 +91,7 @@ def test_a_time_that_is_not_known_widens_size_and_time():
         replace(o, parameters={"time_s": float(t), "time_sigma_s": 3.0}) for o, t in zip(candidate.options, times, strict=True)
     )
     model = replace(model, candidates=(replace(candidate, options=options),))
-    score = Search(model).score(0, None)
+    score = Search(model).score(0, ())
     (one,) = fit(model, [Member(0, score.option, score.scale)])
     mean, sigma = brute_force(y, steps, np.full(len(steps), 1 / len(steps)), scales)
     assert one.size == pytest.approx(mean, rel=1e-6)
@@ -116,7 +116,7 @@ def test_size_of_a_random_process_is_the_mean_of_its_scale():
     y = rng.standard_normal(40) + 1.5 * X @ rng.standard_normal(25)
     change = {"process": True, "scales": np.geomspace(0.1, 10, 9)}
     model = linear_model([X], y, changes={0: change})
-    score = Search(model).score(0, None)
+    score = Search(model).score(0, ())
     (one,) = fit(model, [Member(0, 0, score.scale)])
     sizes = np.geomspace(0.05, 50, 600)
     log = np.array([scipy.stats.multivariate_normal.logpdf(y, np.zeros(40), np.eye(40) + s**2 * X @ X.T) for s in sizes])

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from diagnosis.inference.attribution import against, attribute, doubted, unseen
+from diagnosis.inference.attribution import against, attribute, averaged_check, doubted, unseen
 from diagnosis.inference.search import NOTHING, Explanation, Search
 from diagnosis.model.linear import Member
 from diagnosis.settings import DiagnosisSettings
@@ -108,12 +108,41 @@ def test_an_imitation_has_its_prior_share_where_the_checks_find_nothing(process)
     assert sum(one.probability for one in answer.ranked) == pytest.approx(1)
 
 
-def test_odds_of_an_imitation_follow_the_bound_on_the_p_value():
-    """Sellke, Bayarri and Berger: p = 0.05 is worth a factor of 2.46 against the model at most, 0.01 of 8."""
-    for p, factor in ((0.05, 2.456), (0.01, 7.988)):
+def test_odds_of_an_imitation_follow_the_p_value():
+    """By hand, with f = 1/4: at p = 0.001 the factor is 3/4 + 250/(16 ln 10) = 7.536."""
+    for p, factor in ((0.5, 1.0), (0.001, 7.536)):
         model, found = three({(0,): 1.0})
-        answer = doubted(model, attribute(model, found), p, DiagnosisSettings(imitation=0.1, unknown=1.0))
+        answer = doubted(model, attribute(model, found), p, DiagnosisSettings(imitation=0.1, unknown=1.0, seen=0.25))
         assert answer.unknown / (1 - answer.unknown) == pytest.approx(factor / 9, rel=1e-3)
+
+
+def test_the_bayes_factor_is_that_of_a_distribution_of_p_values():
+    """The density of p-values under an imitation is one over the factor; it has the area one, and stays below any bound."""
+    settings = DiagnosisSettings(seen=0.25)
+    at = np.linspace(np.log(1e-16), 0, 20001)
+    p = np.exp(at)
+    density = 0.75 + 0.25 / (p * 16 * np.log(10))
+    assert np.trapezoid(density * p, at) == pytest.approx(1.0, abs=1e-3)
+    told = np.array([1 / against(value, settings) for value in p])
+    assert np.allclose(told, np.maximum(density, 1.0))
+    small = p < 0.2
+    assert np.all(told[small] < 1 / (-np.e * p[small] * at[small]))  # Sellke, Bayarri and Berger
+
+
+def test_checks_are_averaged_over_what_may_be_the_case():
+    _, found = three({(0,): 0.7, (1,): 0.28, (2,): 0.01, (0, 1): 0.5}, (True, True, True))
+    found = [one for one in found if len(one.members) == 1]
+    p_values = {frozenset({0}): 1e-6, frozenset({1}): 0.5}
+    asked = []
+
+    def check(one):
+        asked.append(one.key)
+        return p_values[one.key]
+
+    assert averaged_check([NOTHING, *found], check, lambda one: True) == pytest.approx(0.5 * 0.28 / 0.98, rel=1e-4)
+    assert asked == [frozenset({0}), frozenset({1})]  # the third has too little to be asked
+    only = averaged_check([NOTHING, *found], check, lambda one: one.key == frozenset({0}))
+    assert only == pytest.approx(1e-6)
 
 
 @pytest.mark.parametrize(("log_odds", "shown"), [(-2.0, 1.0), (1.0, 1 / np.e), (5.0, 0.2)])
@@ -123,8 +152,8 @@ def test_what_the_samples_show_is_not_imitated_as_easily(log_odds, shown):
     model = replace(model, candidates=tuple(replace(one, log_odds=log_odds) for one in model.candidates))
     settings = DiagnosisSettings(imitation=0.1, unknown=1.0)
     assert doubted(model, attribute(model, found), 0.5, settings).unknown == pytest.approx(0.1)
-    unknown = doubted(model, attribute(model, found), 0.01, settings).unknown
-    assert unknown / (1 - unknown) == pytest.approx(max(7.988 * shown, 1) / 9, rel=1e-3)
+    unknown = doubted(model, attribute(model, found), 0.001, settings).unknown
+    assert unknown / (1 - unknown) == pytest.approx(max(7.536 * shown, 1) / 9, rel=1e-3)
 
 
 def test_what_the_checks_reject_is_unknown():

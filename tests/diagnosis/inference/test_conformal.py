@@ -10,8 +10,8 @@ from diagnosis.inference.conformal import conformal_set, name_of, score, scores,
 POSTERIOR = [(["a"], 0.3), (["unknown"], 0.1), (["b", "a"], 0.6)]
 
 
-def test_scores_are_what_is_likelier():
-    assert scores(POSTERIOR) == {"a + b": 0.0, "a": 0.6, "unknown": pytest.approx(0.9)}
+def test_scores_are_how_much_less_likely():
+    assert scores(POSTERIOR) == {"a + b": 0.0, "a": pytest.approx(0.5), "unknown": pytest.approx(5 / 6)}
     assert score(POSTERIOR, ["a", "b"]) == 0.0
     assert score(POSTERIOR, ["c"]) == 1.0
     assert scores([([], 1.0)]) == {"none": 0.0, "unknown": 1.0}
@@ -21,7 +21,12 @@ def test_scores_are_what_is_likelier():
 def test_sets_grow_with_the_limit():
     assert conformal_set(POSTERIOR, 0.0) == ("a + b",)
     assert conformal_set(POSTERIOR, 0.7) == ("a + b", "a")
-    assert conformal_set(POSTERIOR, 0.95) == ("a + b", "a", "unknown")
+    assert conformal_set(POSTERIOR, 0.9) == ("a + b", "a", "unknown")
+
+
+def test_one_clear_answer_is_alone_beside_many_small_ones():
+    many = [(["a"], 0.6), *(([str(k)], 0.1) for k in range(4))]
+    assert conformal_set(many, 0.8) == ("a",)
 
 
 def test_threshold_is_the_corrected_quantile():

@@ -5,6 +5,7 @@ import pytest
 import scipy.integrate
 import scipy.stats
 
+from diagnosis.inference import evidence
 from diagnosis.inference.evidence import averaged, log_bayes
 from diagnosis.model.linear import scales_of
 
@@ -28,6 +29,22 @@ def test_several_options_scales_and_observations_at_once_are_each_alone():
         for d in range(3):
             alone = log_bayes(gram[[option]], correlation[[option], :, d], scales)
             np.testing.assert_allclose(together[option, :, d], alone[0], atol=1e-12)
+
+
+def test_many_columns_are_scored_as_by_their_eigenvectors(monkeypatch):
+    """A strong process has hundreds of columns, some of which nothing shows; it goes by a tridiagonal form."""
+    rng = np.random.default_rng(16)
+    X = rng.standard_normal((200, 90)) * np.geomspace(30, 1e-4, 90)
+    X[:, 7] = X[:, 3]  # no amplitude of its own
+    y, scales = X @ rng.standard_normal(90) + rng.standard_normal(200), np.geomspace(1e-3, 10, 8)
+    gram, correlation = np.stack([X.T @ X, 4 * X.T @ X]), np.stack([X.T @ y, 2 * X.T @ y])
+    ours = log_bayes(gram, correlation, scales)
+    monkeypatch.setattr(evidence, "MANY", 91)
+    np.testing.assert_allclose(ours, log_bayes(gram, correlation, scales), rtol=1e-11, atol=1e-9)
+    # Where rounding leaves I + s² XᵀX negative, what shows nothing counts as nothing.
+    monkeypatch.setattr(evidence, "MANY", 48)
+    gram = gram - np.eye(90)
+    assert np.isfinite(log_bayes(gram, correlation, scales)).all()
 
 
 @pytest.mark.parametrize("mean", [-3.0, 0.0, 0.4, 8.0])

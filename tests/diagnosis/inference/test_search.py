@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import scipy.stats
 
-from diagnosis.inference import search as search_module
+from diagnosis.inference import products
 from diagnosis.inference.null import p_value
 from diagnosis.inference.search import Search, total
 from diagnosis.model.linear import Member
@@ -44,6 +44,20 @@ def test_conditional_scores_are_those_of_the_columns_themselves():
     for k in (0, 2):
         expected = [normal_ratio(y, np.hstack([C, columns[k] * s])) - normal_ratio(y, C) for s in SCALES]
         assert np.allclose(search.tables(k, given)[0], expected, atol=1e-8)
+
+
+def test_a_score_is_the_same_in_whatever_order_sets_are_looked_at():
+    """Scores are kept by the members that are in, and what those leave is made once for all that come after."""
+    rng = np.random.default_rng(17)
+    columns = [rng.standard_normal((40, k)) for k in (1, 3, 60)]
+    model = linear_model(columns, 2 * rng.standard_normal(40))
+    one, other = Member(1, 0, 2), Member(2, 0, 4)
+    search = Search(model)
+    for members in ((one,), (), (one, other), (other, one), (other,), (one,)):
+        alone = Search(model).score(0, members)
+        kept = search.score(0, members)
+        assert (kept.average, kept.best, kept.before) == pytest.approx((alone.average, alone.best, alone.before), rel=1e-12)
+    assert search.score(0, (one,), 1) == Search(model).score(0, (one,), 1)
 
 
 def test_options_of_different_widths_are_scored_like_others():
@@ -199,7 +213,7 @@ def test_products_that_are_not_kept_are_made_again(monkeypatch):
     columns = [rng.standard_normal((40, k)) for k in (1, 2, 6, 1, 1)]
     y = rng.standard_normal(40) + 2 * columns[0][:, 0] - 2 * columns[3][:, 0]
     kept = Search(linear_model(columns, y)).explanations()
-    monkeypatch.setattr(search_module, "MOST_KEPT", 5)
+    monkeypatch.setattr(products, "MOST_KEPT", 5)
     made = Search(linear_model(columns, y)).explanations()
     assert [one.key for one in made] == [one.key for one in kept]
     np.testing.assert_allclose([one.log_posterior for one in made], [one.log_posterior for one in kept], rtol=1e-10)

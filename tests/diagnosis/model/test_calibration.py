@@ -45,7 +45,7 @@ def test_errors_of_m0s_calibration_are_those_of_its_covariance():
 
 def named(label, *effects, seed=21):
     made = linear(seed, *effects)
-    score = Search(made).score(made.find(label), None)
+    score = Search(made).score(made.find(label), ())
     return prepared(seed, *effects).model, fit(made, [Member(made.find(label), score.option, score.scale)])
 
 

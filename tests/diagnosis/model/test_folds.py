@@ -22,7 +22,7 @@ def model():
 
 def member(made, label):
     search = Search(made)
-    score = search.score(made.find(label), None)
+    score = search.score(made.find(label), ())
     return Member(made.find(label), score.option, score.scale)
 
 

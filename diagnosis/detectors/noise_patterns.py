@@ -1,0 +1,158 @@
+r"""Whether the noise of the samples depends on anything at all: a general question, of no known fault.
+
+Under M0 the noise is white, normal, and independent of everything. Short blocks of samples x split into ê = Bᵀ B x, with B the
+rows that whiten their upper spectrum (`diagnosis.detectors.noise_blocks`, B Bᵀ = 1), and the rest x − ê, which has the motion
+in it. The two have independent noise: whatever is made of the rest and of the time is given beforehand, and ê is
+N(0, σ² Bᵀ B). Only calm blocks count, in which no motion is left in ê, and none that come from zero: a dead zone, which is no
+pattern, jumps there. What is asked of them is in `diagnosis.detectors.noise_questions`. Blocks begin every 37 samples, which is
+prime to all cycles that are asked for. Of two gyros with calm blocks at the same times, the noise must not correlate; with N
+cosines of both, the coefficient has the variance 1/N.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from itertools import combinations
+
+import numpy as np
+import scipy.ndimage
+import scipy.stats
+from numpy.typing import NDArray
+
+from diagnosis.detectors.noise_blocks import (
+    BACK,
+    BLOCK,
+    MEDIAN_SQUARE,
+    ORDER,
+    SHOWING,
+    SLOW,
+    WHITE,
+    by_calm,
+    fitted,
+    is_near_zero,
+    passes_zero,
+    powers_of,
+)
+from diagnosis.detectors.noise_questions import FAR, HIGHEST, Blocks, cycles_of_mean, cycles_of_power, levels, step, uneven
+from diagnosis.detectors.report import AXES, IMPOSSIBLE, SampleReport, SampleTest, Symptom, arcs, consecutive, inside
+from gyrocal.recording import Recording
+from simulator.effects.recorded import interval_slices
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.intp]
+
+STRIDE = 37  # samples from block to block
+FEWEST = 150  # blocks, below which nothing is said
+SHARES = (1.0, 0.75, 0.5, 0.35, 0.25)  # of the blocks, the calmest, of which the first is taken in which no motion shows
+FORMAT = 0.02  # noise sigmas in a step of the readings, from which on it matters at zero whether they are cut
+NOTABLE = 0.01  # of the noise of a sample, or of its power, that matters
+KINDS = 5  # of questions
+IN_COMMON = 0.05  # correlation of the noise of two gyros that matters
+
+
+def patterns(report: SampleReport, recording: Recording, used: NDArray[np.bool_], steps: Array) -> None:
+    """Noise that depends on something, of gyros in which nothing else was found that would make it.
+
+    Parameters
+    ----------
+    report, recording : what the samples showed so far
+    used : (n,) samples that may be looked at
+    steps : (3,) of the lattices that readings lie on, rad/s, zero if on none
+    """
+    good = used & inside(recording)
+    good &= ~scipy.ndimage.binary_dilation(report.filled | report.clipped, iterations=2)
+    size = BLOCK + ORDER
+    runs = arcs(good & consecutive(recording, good))
+    places = np.concatenate([np.empty(0, dtype=np.intp), *(np.arange(low, high - size, STRIDE) for low, high in runs)])
+    fast = {one.axis for one in report.lines if one.frequency_hz * recording.gyro.sample_s > SLOW}
+    spoiled = fast | set(report.zones)
+    falsified = any(one.kind in ("outliers", "repeats", "filled_samples", "plateau") for one in report.symptoms)
+    calms: dict[int, Blocks] = {}
+    for axis in range(3):
+        calm = (
+            None
+            if axis in spoiled or len(places) < FEWEST
+            else _calm(report.rates, recording, places, axis, float(steps[axis]))
+        )
+        if calm is None:
+            continue
+        calms[axis] = calm
+        found = [cycles_of_mean(calm), cycles_of_power(calm), step(calm), levels(calm)]
+        if not falsified:
+            found.append(uneven(calm))
+        best = min(found, key=lambda one: one.p_value)
+        p = min(1.0, max(KINDS * best.p_value, IMPOSSIBLE))
+        text = f"the noise of gyro {AXES[axis]} is not independent of all else: {best.text}"
+        report.tests.append(SampleTest("noise_pattern", AXES[axis], best.size, 0.0, p, "noise_pattern", text))
+        _behaves(report, AXES[axis], p)
+        if p < report.event_p and best.size > NOTABLE:
+            error = best.size / float(scipy.stats.norm.isf(0.5 * p))
+            report.symptoms.append(Symptom("noise_pattern", AXES[axis], best.size, "of the noise", error, {}, p, text))
+    _in_common(report, calms)
+
+
+def _in_common(report: SampleReport, calms: dict[int, Blocks]) -> None:
+    """Noise that two gyros have in common, in the blocks that are calm on both; of a motion, the highest would have none."""
+    for i, j in combinations(sorted(calms), 2):
+        a, b = calms[i], calms[j]
+        _, mine, others = np.intersect1d(a.start[:, 0], b.start[:, 0], return_indices=True)
+        if mine.size < FEWEST:
+            continue
+        x, y = (np.clip(one, -FAR, FAR) for one in (a.cosines[mine], b.cosines[others]))
+        coefficient, highest = (
+            float(np.mean(x[:, :k] * y[:, :k]) / np.sqrt(np.mean(x[:, :k] ** 2) * np.mean(y[:, :k] ** 2)))
+            for k in (SHOWING, HIGHEST)
+        )
+        p = max(float(2 * scipy.stats.norm.sf(abs(coefficient) * np.sqrt(x.size))), IMPOSSIBLE)
+        pair = AXES[i] + AXES[j]
+        text = f"the noise of gyros {AXES[i]} and {AXES[j]} in calm moments correlates by {coefficient:.3f}"
+        report.tests.append(SampleTest("calm_noise_correlation", pair, coefficient, 0.0, p, "noise_correlation", text))
+        known = any(one.kind == "noise_correlation" for one in report.symptoms)
+        if p < report.event_p and min(abs(coefficient), highest * np.sign(coefficient)) > IN_COMMON and not known:
+            error = float(1 / np.sqrt(x.size))
+            report.symptoms.append(Symptom("noise_correlation", None, coefficient, "of the noise", error, {}, p, text))
+
+
+def _correlation(x: Array, y: Array) -> float:
+    return float(np.mean(x * y) / np.sqrt(np.mean(x**2) * np.mean(y**2)))
+
+
+def _behaves(report: SampleReport, axis: str, p: float) -> None:
+    """Noise of another level or colour is that only where it depends on nothing."""
+    for k, one in enumerate(report.symptoms):
+        if one.kind in ("white_noise_level", "readout_noise") and one.axis in (None, axis):
+            own = p if one.axis else min(1.0, len(AXES) * p)
+            report.symptoms[k] = replace(one, likeness=min(one.likeness, own))
+
+
+def _calm(rates: Array, recording: Recording, places: Indices, axis: int, step: float) -> Blocks | None:
+    """The largest share of the calmest blocks in which no motion shows; None where it does in all."""
+    if len(places) < FEWEST:
+        return None
+    window = places[:, None] + np.arange(BLOCK + ORDER)
+    x = rates[window, axis]
+    cosines = np.diff(x, ORDER, axis=1) @ WHITE.T
+    sigma = float(np.sqrt(np.median(cosines[:, :HIGHEST] ** 2) / MEDIAN_SQUARE))
+    order = by_calm(cosines)
+    at_zero = is_near_zero(x, sigma) if step > FORMAT * sigma else passes_zero(x, sigma)
+    order = order[~at_zero[order]]
+    for share in SHARES:
+        chosen = np.sort(order[: int(share * order.size)])
+        if chosen.size < FEWEST:
+            return None
+        powers = powers_of(cosines[chosen, :SHOWING])
+        if powers.all() and fitted(powers / powers.mean(), chosen.size).still:
+            break
+    else:
+        return None
+    sigma, window = float(np.sqrt(powers.mean())), window[chosen]
+    shown = cosines[chosen, :SHOWING] / sigma
+    noise = shown @ BACK
+    rest = x[chosen] - sigma * noise
+    first = np.array([part.start for part in interval_slices(recording)])
+    begin = first[np.searchsorted(first, places[chosen], side="right") - 1]
+    ticks = np.round((recording.gyro.t_s - recording.gyro.t_s[0]) / recording.gyro.sample_s).astype(np.intp)
+    start = np.column_stack([ticks[places[chosen]], ticks[places[chosen]] - ticks[begin]])
+    means = [rates[window, other].mean(axis=1) for other in (axis, (axis + 1) % 3, (axis + 2) % 3)]
+    change = rest[:, -ORDER:].mean(axis=1) - rest[:, :ORDER].mean(axis=1)
+    return Blocks(shown, noise, rest, start, np.column_stack(means), change)

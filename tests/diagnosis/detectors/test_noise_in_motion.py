@@ -1,0 +1,165 @@
+"""Level of the noise of a body that never rests: how precise it is, and that no motion passes for noise."""
+
+import numpy as np
+import pytest
+import scipy.stats
+
+from diagnosis.detectors.noise_blocks import SHOWING, SPREAD, blocks_of, calmest, fitted, has_spike, is_even, powers_of
+from diagnosis.detectors.noise_in_motion import InMotion, Level, level_in_motion, preciser
+
+
+def swing(count, size=1000.0):
+    """A smooth motion, in sigmas of the noise."""
+    return size * np.sin(2 * np.pi * 0.04 * np.arange(count))
+
+
+def steps(rng, count, number, size=8.0):
+    """A rate that changes at once, now and then."""
+    jerks = np.zeros(count)
+    jerks[rng.choice(count, number, replace=False)] = size
+    return np.cumsum(jerks)
+
+
+def found_in(x):
+    return level_in_motion(x, [(0, x.size)], 1.0)
+
+
+# ---- the blocks ----------------------------------------------------------------------------------------------------------
+
+
+def test_cosines_of_white_noise_are_independent_with_its_variance():
+    """A swing of a thousand sigmas leaves nothing of itself."""
+    draws = [blocks_of([np.random.default_rng(seed).standard_normal(6000)])[:, :SHOWING] for seed in range(100)]
+    assert np.mean([is_even(one[:, :16]) for one in draws]) > 0.95
+    together = np.concatenate(draws)
+    np.testing.assert_allclose(together.T @ together / len(together), np.eye(SHOWING), atol=5 / np.sqrt(len(together)))
+    white = np.random.default_rng(3).standard_normal(20_000)
+    np.testing.assert_allclose(blocks_of([white + swing(20_000)])[:, :16], blocks_of([white])[:, :16], atol=0.1)
+
+
+def test_the_mean_square_without_what_is_far_out_has_the_stated_spread():
+    rng = np.random.default_rng(1)
+    powers = np.array([powers_of(rng.standard_normal((400, SHOWING))) for _ in range(100)])
+    assert powers.mean() == pytest.approx(1.0, abs=4 * np.sqrt(SPREAD / 400 / powers.size))
+    assert powers.std() == pytest.approx(np.sqrt(SPREAD / 400), rel=4 / np.sqrt(2 * powers.size))
+    spoiled = rng.standard_normal((4000, SHOWING))
+    spoiled[:40] *= 30
+    assert powers_of(spoiled).mean() == pytest.approx(1.0, abs=0.03)
+
+
+def test_the_calmest_blocks_are_chosen_by_what_their_noise_is_not():
+    """Of white noise they have the power of all; of a body that moves half of the time, those in which it rests."""
+    rng = np.random.default_rng(13)
+    ratios = [np.mean(blocks_of(calmest([x]))[:, :SHOWING] ** 2) for x in rng.standard_normal((200, 6000))]
+    assert np.mean(ratios) == pytest.approx(1.0, abs=4 * np.std(ratios) / np.sqrt(200))
+    moving = np.arange(32_000) % 6400 < 3200
+    chosen = calmest([10 * np.cumsum(rng.standard_normal(32_000) * moving) + rng.standard_normal(32_000)])
+    assert np.std(np.concatenate([np.diff(part, 6) for part in chosen])) == pytest.approx(np.sqrt(924), rel=0.05)
+
+
+# ---- under M0 ------------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(("count", "draws"), [(600, 400), (3000, 300), (20_000, 60)])
+def test_level_and_p_value_are_calibrated(count, draws):
+    """Beside a swing. The two templates go together, so that twice the smaller p-value is a little more than uniform."""
+    rng = np.random.default_rng(count)
+    found = [found_in(rng.standard_normal(count) + swing(count)) for _ in range(draws)]
+    found = [one for one in found if one is not None]
+    assert len(found) > 0.97 * draws
+    pulls = np.array([(one.level.variance - 1) / (one.level.sigma / one.level.variance) for one in found])
+    assert abs(pulls.mean()) < 4 / np.sqrt(len(found))
+    assert pulls.std() == pytest.approx(1.0, abs=4 / np.sqrt(2 * len(found)))
+    p = np.array([one.p_value for one in found])
+    for at in (0.5, 0.1, 0.02):
+        assert scipy.stats.binom.sf(np.sum(p < at) - 1, p.size, at) > 1e-3
+    assert np.mean(p < 0.5) > 0.25
+
+
+def test_jerks_are_no_noise():
+    """Of rates that step at some places or at very many, of every size: the p-value stays above what an alarm needs."""
+    rng = np.random.default_rng(12)
+    least = 1.0
+    for size in (1.0, 3.0, 8.0, 100.0):
+        for number in (20, 200, 2000):
+            x = rng.standard_normal(20_000) + steps(rng, 20_000, number, size)
+            one = found_in(x)
+            least = min(least, 1.0 if one is None else one.p_value)
+    assert least > 1e-3
+    assert found_in(rng.standard_normal(60_000) + steps(rng, 60_000, 12_000)) is None
+
+
+def test_a_motion_of_all_frequencies_is_no_level_of_noise():
+    rng = np.random.default_rng(8)
+    white, jerks = rng.standard_normal(6000), np.cumsum(np.cumsum(rng.standard_normal(6000)))
+    found = [found_in(white + size * jerks) for size in (0.001, 0.01, 0.03, 0.1, 0.3, 1.0, 10.0, 100.0)]
+    assert all(one is None or one.p_value > 1e-3 for one in found)
+    assert found[-1] is None
+
+
+def test_spikes_too_small_for_a_motion_are_no_noise():
+    """One sample in 300 by six sigmas, as many as would have a tenth of the power of the noise."""
+    rng = np.random.default_rng(6)
+    x = rng.standard_normal(40_000) + swing(40_000)
+    x[rng.choice(40_000, 133, replace=False)] += 6.0
+    assert found_in(x).p_value > 1e-3
+    assert 0 < has_spike(blocks_of([rng.standard_normal(400_000)])).mean() < 1e-3
+
+
+def test_the_jumps_of_a_dead_zone_are_no_noise():
+    """Of a body that sways through it, in one block of five; where there is none, all blocks count."""
+    rng = np.random.default_rng(7)
+    rate = 400 * np.sin(np.arange(60_000) / 200)
+    white = rng.standard_normal(60_000)
+    dead = np.where(np.abs(rate) < 6.0, 0.0, rate) + white
+    assert found_in(dead).p_value > 1e-3
+    assert len(found_in(rate + white).parts) > len(found_in(dead).parts)
+
+
+# ---- noise that is not as stated -----------------------------------------------------------------------------------------
+
+
+def test_more_white_noise_is_found_by_what_the_samples_can_show():
+    """Three per cent over 60,000 samples: the best that all of the spectrum could show is 10 sigmas, and this has 7."""
+    rng = np.random.default_rng(12)
+    p = [found_in(1.03 * rng.standard_normal(60_000) + swing(60_000)).p_value for _ in range(10)]
+    assert np.mean(np.array(p) < 1e-5) >= 0.8
+    one = found_in(1.025 * rng.standard_normal(60_000) + steps(rng, 60_000, 600))
+    assert one.p_value < 1e-3
+    assert abs(one.level.variance - 1.025**2) < 4 * one.level.sigma
+
+
+def test_weak_readout_noise_is_found():
+    """Two and a half per cent more power in all of the spectrum, over 60,000 samples."""
+    rng = np.random.default_rng(5)
+    draws = [rng.standard_normal(60_000) + 0.112 * np.diff(rng.standard_normal(60_001)) for _ in range(10)]
+    assert np.mean([found_in(x + swing(60_000)).p_value < 1e-5 for x in draws]) >= 0.7
+
+
+def test_readout_noise_in_a_motion_is_told_from_white_noise():
+    """Its size by the rise of the spectrum."""
+    rng = np.random.default_rng(9)
+    for size in (0.6, 1.0):
+        x = rng.standard_normal(30_000) + np.diff(size * rng.standard_normal(30_001)) + swing(30_000)
+        reading = found_in(x).reading
+        assert reading.probability > 0.9
+        assert reading.as_stated
+        assert abs(reading.reading - size) < 4 * reading.sigma
+    reading = found_in(1.3 * rng.standard_normal(30_000) + swing(30_000)).reading
+    assert reading is None or reading.probability < 0.02
+
+
+def test_the_rise_has_one_sigma_under_m0():
+    rng = np.random.default_rng(2)
+    rises = [fitted(powers_of(rng.standard_normal((300, SHOWING))), 300).rise for _ in range(200)]
+    assert abs(np.mean(rises)) < 4 / np.sqrt(200)
+    assert np.std(rises) == pytest.approx(1.0, abs=4 / np.sqrt(400))
+
+
+# ---- beside a body at rest -----------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(("variance", "sigma", "taken"), [(1.02, 0.01, True), (1.02, 0.09, False), (1.5, 0.01, False)])
+def test_the_level_in_motion_is_taken_where_it_is_clearly_more_precise_and_agrees(variance, sigma, taken):
+    rest = Level(1.0, 0.1, 1.0, 0.1)
+    assert preciser(rest, InMotion(Level(variance, sigma, np.nan, np.nan), 1.0, None, [])) is taken

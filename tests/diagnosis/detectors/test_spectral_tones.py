@@ -1,0 +1,46 @@
+"""A tone by least squares: where it is taken out."""
+
+import numpy as np
+import pytest
+
+from diagnosis.detectors.spectral_tones import Peak, fitted_tone
+from tests.diagnosis.recordings import recorded
+
+HZ, SIZE, NOISE = 0.137, 2e-4, 1e-6  # of the tone, rad/s, and of a sample
+
+
+@pytest.fixture(scope="module")
+def recording():
+    return recorded(3)
+
+
+def _arcs(recording):
+    """Arcs that leave out the first and last 7 samples of each interval, and some in the middle of the first."""
+    t, out = recording.gyro.t_s, []
+    for interval in recording.intervals:
+        low, high = np.searchsorted(t, [interval.start_s - 1e-6, interval.stop_s - 1e-6])
+        out.append((int(low) + 7, int(high) - 7))
+    low, high = out[0]
+    middle = (low + high) // 2
+    return [(low, middle - 20), (middle + 20, high), *out[1:]]
+
+
+def test_a_steady_tone_goes_on_beside_the_arcs_in_which_it_was_found(recording):
+    """A few samples of a strong tone at the edges of an interval turn the attitude by more than references are off."""
+    t = recording.gyro.t_s
+    tone = SIZE * np.sin(2 * np.pi * HZ * t + 0.4)
+    x = tone + NOISE * np.random.default_rng(3).standard_normal(t.size)
+    line = fitted_tone(x, recording, 0, Peak(1e-30, HZ, SIZE, True, 1e-4), _arcs(recording))
+    assert line.steady
+    inside = np.concatenate([np.arange(*np.searchsorted(t, [i.start_s - 1e-6, i.stop_s - 1e-6])) for i in recording.intervals])
+    assert np.abs(line.waveform - tone)[inside].max() < 1e-2 * SIZE
+
+
+def test_a_swing_that_changes_stays_where_it_was_found(recording):
+    t = recording.gyro.t_s
+    low, high = _arcs(recording)[0]
+    swell = np.linspace(0.0, 2.0, t.size) * (1 + np.sin(2 * np.pi * t / (t[high] - t[low]) * 3))
+    x = SIZE * swell * np.sin(2 * np.pi * HZ * t) + NOISE * np.random.default_rng(4).standard_normal(t.size)
+    line = fitted_tone(x, recording, 0, Peak(1e-30, HZ, SIZE, True, 1e-4), _arcs(recording))
+    assert not line.steady
+    assert not line.waveform[:low].any()

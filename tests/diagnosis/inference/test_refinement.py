@@ -1,0 +1,51 @@
+"""Finer options around what explains best, and around what nearly does."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from diagnosis.inference.refinement import beside, explained_finely
+from diagnosis.inference.search import Search
+from diagnosis.model.linear import Option
+from diagnosis.settings import DEFAULT
+from tests.diagnosis.linear_models import linear_model
+
+SIZE = 3.0
+
+
+def between_two_options():
+    """A listed effect whose column lies between its two options, beside a rival that is nearer to it than either, and noise."""
+    rng = np.random.default_rng(21)
+    Q = np.linalg.qr(rng.standard_normal((80, 4)))[0] * 8
+    true = (Q[:, 0] + Q[:, 1]) / np.sqrt(2)
+    rival = 0.9 * true + np.sqrt(1 - 0.9**2) * Q[:, 2]
+    y = SIZE * true + rng.standard_normal(80)
+    columns = [[Q[:, [0]], Q[:, [1]]], rival[:, None], Q[:, [3]]]
+
+    def refine(model, member):
+        entry = model.candidate(member)
+        if member.candidate != 0 or len(entry.options) > 2:
+            return model
+        fine = Option(model.W.shape[1], 1, entry.options[0].log_weight, {})
+        return model.with_options(0, [*entry.options, fine], true[:, None], true[:, None])
+
+    return replace(linear_model(columns, y, changes={1: {"listed": False}}), refine=refine)
+
+
+def test_an_effect_between_two_options_wins_with_finer_ones_against_a_rival_that_was_ahead():
+    model = between_two_options()
+    coarse = Search(model).explanations()[0]
+    assert coarse.key == {1} or 1 in coarse.key
+    finer, found = explained_finely(Search(model), DEFAULT)
+    assert len(finer.candidates[0].options) == 3
+    assert found[0].key == {0}
+    assert found[0].members[0].option == 2
+
+
+def test_only_listed_effects_with_options_and_some_evidence_are_beside():
+    model = between_two_options()
+    search = Search(model)
+    best = search.of(("e1",))
+    assert [(member.candidate, others) for member, others in beside(search, best)] == [
+        (0, ())
+    ]  # the third explains nothing and has no options
