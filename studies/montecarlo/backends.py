@@ -15,6 +15,7 @@ import asyncio
 import contextlib
 import logging
 import os
+import queue
 import signal
 import threading
 from collections.abc import Callable, Collection, Iterable, Iterator
@@ -213,7 +214,13 @@ class _Loky(Executor):
 
     def close(self, finished: bool) -> None:
         if not finished:
-            self._pool().shutdown(wait=True, kill_workers=True)
+            pool = self._pool()
+            # Told to kill its workers, the pool forgets its tasks, but not their numbers, and then looks up the next number in
+            # vain: an error in its thread, in joblib 1.6. Without numbers that wait there is nothing to look up.
+            with contextlib.suppress(AttributeError, queue.Empty):
+                while True:
+                    pool._work_ids.get_nowait()
+            pool.shutdown(wait=True, kill_workers=True)
 
 
 def _knock(distributed: Any, address: str) -> None:

@@ -117,6 +117,21 @@ def test_options_that_mean_nothing(options, message):
         open_backend(run=run_cases, **options)
 
 
+def test_workers_that_are_stopped_leave_no_error_behind(monkeypatch):
+    """Tasks that the pool's thread has not yet handed to a worker wait when all is stopped, as when the disk is full."""
+    raised, hold = [], threading.Event()
+    monkeypatch.setattr(threading, "excepthook", raised.append)
+    pool = open_backend("loky", run_cases, jobs=2)
+    first = pool.submit(task(DrawsConfig(), range(1)))
+    first.add_done_callback(lambda _: hold.wait(60))  # holds the pool's thread, which tells of results and hands out tasks
+    assert pool.result(first).rows
+    waiting = [pool.submit(task(DrawsConfig(), range(k, k + 1))) for k in (1, 2)]
+    threading.Timer(0.5, hold.set).start()
+    pool.close(finished=False)
+    assert not raised
+    assert [pool.result(future) for future in waiting] == [None, None]
+
+
 def test_no_more_than_a_window_is_in_flight():
     """Tasks are taken only as results are: with a million of them, memory holds a window."""
     flying, most, taken = set(), 0, 0
