@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 from diagnosis.inference.search import Explanation, Search
-from diagnosis.model.linear import LinearModel, Member
+from diagnosis.model.linear import LinearModel, Member, Wanted
 from diagnosis.settings import DiagnosisSettings
 
 NEARLY = 0.25  # of a member's log evidence, from which on another effect in its place may be it with finer options
 MOST_BESIDE = 6  # of these
-ROUNDS = 2  # of finer options around a moment
 REFINED = 3  # of the likeliest explanations, around whose members options are made finer
 
 
@@ -24,16 +23,17 @@ def explained_finely(
     process would explain.
     """
     found = search.explanations()
-    places = [(member, _others(explanation, member)) for explanation in found[:REFINED] for member in explanation.members]
+    moments = search.model.moments(search.model, _wanted(search, found[:REFINED]))
+    places = [member for explanation in found[:REFINED] for member in explanation.members]
     places += beside(search, found[0]) if found else []
     search.forget()
-    linear = search.model
+    linear = moments
     tried: set[int] = set()
     # Processes last: their finer scales are numbered anew, and the others of a set are held at theirs.
-    for member, others in sorted(places, key=lambda place: linear.candidate(place[0]).process):
+    for member in sorted(places, key=lambda member: linear.candidate(member).process):
         if member.candidate not in tried:
             tried.add(member.candidate)
-            linear = _finer(linear, member, others)
+            linear = linear.refine(linear, member)
     return (linear, found) if linear is search.model else (linear, Search(linear, settings, tell).explanations())
 
 
@@ -41,26 +41,23 @@ def _others(explanation: Explanation, member: Member) -> tuple[Member, ...]:
     return tuple(one for one in explanation.members if one != member)
 
 
-def _finer(linear: LinearModel, member: Member, others: tuple[Member, ...]) -> LinearModel:
-    """The model with finer options around a member's own, and with finer ones still around the best of these, given others.
-
-    A body that never rests makes another column of a step at each moment, so that one round does not find the moment.
-    """
-    finer = linear.refine(linear, member)
-    for _ in range(ROUNDS - 1):
-        if finer is linear or linear.candidate(member).process or any(finer.candidate(one).process for one in others):
-            return finer
-        linear, score = finer, Search(finer).score(member.candidate, others)
-        finer = linear.refine(linear, Member(member.candidate, score.option, score.scale))
-    return finer
+def _wanted(search: Search, found: Sequence[Explanation]) -> list[Wanted]:
+    """Explanations with one of their members away, and what a step must explain beside the others to be looked at closely."""
+    wanted: dict[frozenset[Member], Wanted] = {}
+    for explanation in found:
+        for member in explanation.members:
+            others = _others(explanation, member)
+            least = NEARLY * search.score(member.candidate, others).best
+            wanted.setdefault(frozenset(others), (others, least))
+    return list(wanted.values())
 
 
-def beside(search: Search, best: Explanation) -> list[tuple[Member, tuple[Member, ...]]]:
+def beside(search: Search, best: Explanation) -> list[Member]:
     """Listed effects that explain nearly as much as a member of an explanation in its place, with the others of it.
 
-    One that is switched on at a time between two that are tried may explain all of it with finer ones.
+    One whose parameter lies between two that are tried may explain all of it with finer ones.
     """
-    found: dict[int, tuple[float, Member, tuple[Member, ...]]] = {}
+    found: dict[int, tuple[float, Member]] = {}
     for member in best.members:
         others = _others(best, member)
         own = search.score(member.candidate, others).best
@@ -69,6 +66,6 @@ def beside(search: Search, best: Explanation) -> list[tuple[Member, tuple[Member
                 continue
             score = search.score(number, others)
             share = score.best / own if own > 0 else 0.0
-            if share > max(NEARLY, found.get(number, (0.0, member, others))[0]):
-                found[number] = share, Member(number, score.option, score.scale), others
-    return [(member, others) for _, member, others in sorted(found.values(), key=lambda one: -one[0])[:MOST_BESIDE]]
+            if share > max(NEARLY, found.get(number, (0.0, member))[0]):
+                found[number] = share, Member(number, score.option, score.scale)
+    return [member for _, member in sorted(found.values(), key=lambda one: -one[0])[:MOST_BESIDE]]

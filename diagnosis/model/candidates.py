@@ -26,6 +26,7 @@ from diagnosis.model.linear import (
     Parameters,
     Restored,
     Room,
+    Wanted,
     exactly,
     finer,
     first_amplitude,
@@ -34,6 +35,7 @@ from diagnosis.model.linear import (
 )
 from diagnosis.model.periods import Found
 from diagnosis.model.recording import RecordingModel
+from diagnosis.model.steps import step_times, switched_columns, with_finer_times, with_moments
 from diagnosis.model.swings import columns_of, period_parameters, swing_columns, with_finer_periods
 from diagnosis.settings import DEFAULT, DiagnosisSettings
 from simulator.effects.base import Effect, Surroundings, Value
@@ -41,14 +43,9 @@ from simulator.effects.base import Effect, Surroundings, Value
 Array = NDArray[np.float64]
 
 AXES = "xyz"
-LONGEST_STEP_GAP = 300.0  # s between the times a step is tried at, before refinement
-MOST_STEP_TIMES = 14  # times a step is tried at inside an interval
-FINE_STEP_TIMES = 48  # times around one that was found
-BETWEEN_INTERVALS = 0.5  # prior of a step in a gap between intervals
 AT_ONCE = 512  # columns that are projected together
 BLOCK = 6_000_000  # numbers; what is as large is memory of its own to the system
 SPARE = 8  # share of all columns that there is room for beside them
-ALREADY_ON = 1.0  # s before the first sample, when a switched column is on throughout
 
 
 @dataclass(frozen=True)
@@ -234,6 +231,9 @@ def assembled(
         finer = with_finer_process if linear.candidate(member).process else with_finer_times
         return finer(model, linear, member, effect)
 
+    def moments(linear: LinearModel, wanted: Sequence[Wanted]) -> LinearModel:
+        return with_moments(model, linear, effects, wanted)
+
     return LinearModel(
         y=model.y,
         X=W.X,
@@ -246,6 +246,7 @@ def assembled(
         folds=lambda W: folds(model, W),
         room=room,
         refine=refine,
+        moments=moments,
     )
 
 
@@ -346,75 +347,6 @@ def group_of(
         weight=effect.weight,
         read=effect.from_amplitudes,
     )
-
-
-# ---- the time of a step --------------------------------------------------------------------------------------------------
-
-
-def step_times(model: RecordingModel, spacing_s: float = LONGEST_STEP_GAP) -> tuple[Array, Array, Array, NDArray[np.intp]]:
-    """Times a step is tried at, how far each may be off where that is not known, their prior weights, and their first steps.
-
-    Between two intervals only the fact can be seen, so the middle of the gap stands for all of it.
-    """
-    times, widths, weights, firsts = [], [], [], []
-    blocks = model.blocks
-    total = sum(float(block.elapsed_s[-1]) for block in blocks)
-    gaps = len(blocks) - 1
-    for number, block in enumerate(blocks):
-        duration = float(block.elapsed_s[-1])
-        if number:
-            end, begin = float(model.t_s[blocks[number - 1].steps.stop - 1]), float(model.t_s[block.steps.start])
-            times.append(0.5 * (end + begin))
-            widths.append((begin - end) / np.sqrt(12))
-            weights.append(BETWEEN_INTERVALS / gaps)
-            firsts.append(block.steps.start)
-        count = int(np.clip(duration / spacing_s, 3, MOST_STEP_TIMES))
-        inside = block.steps.start + (np.arange(1, count + 1) / (count + 1) * (block.steps.stop - block.steps.start)).astype(
-            int
-        )
-        times += [float(model.t_s[k]) for k in inside]
-        widths += [0.0] * count
-        weights += [(1 - BETWEEN_INTERVALS if gaps else 1.0) * duration / total / count] * count
-        firsts += inside.tolist()
-    return np.array(times), np.array(widths), np.array(weights), np.array(firsts)
-
-
-def switched_columns(
-    model: RecordingModel, effect: Effect, axis: str | None, parameters: Mapping[str, Value], firsts: NDArray[np.intp]
-) -> Array:
-    """(N, s) whitened columns of an effect that is switched on at each of several steps."""
-    begin = float(model.t_s[0]) - ALREADY_ON - float(model.dt[0])
-    on = effect.columns(model.stream, axis, {**parameters, "time_s": begin})[:, :, 0]
-    return model.whitened(model.reading_steps(on, firsts))
-
-
-def with_finer_times(model: RecordingModel, linear: LinearModel, member: Member, effect: Effect) -> LinearModel:
-    """The linear model with more times for a step, close together around the one at which a member is held.
-
-    They take over half the prior of the times between which they lie; a gap between intervals keeps its own.
-    """
-    entry, parameters = linear.candidate(member), linear.option(member).parameters
-    if "time_s" not in parameters:
-        return linear
-    fixed = {name: value for name, value in parameters.items() if not name.startswith("time_")}
-    same = [o for o in entry.options if all(o.parameters.get(name) == value for name, value in fixed.items())]
-    times = sorted(float(o.parameters["time_s"]) for o in same)
-    place = times.index(float(parameters["time_s"]))
-    low, high = times[max(place - 2, 0)], times[min(place + 2, len(times) - 1)]
-    firsts = np.unique(np.searchsorted(model.t_s, np.linspace(low, high, FINE_STEP_TIMES)))
-    firsts = firsts[(firsts > 0) & (firsts < model.t_s.size)]
-    inside = [o for o in same if low <= float(o.parameters["time_s"]) <= high and not float(o.parameters["time_sigma_s"])]
-    if not inside or not firsts.size:
-        return linear
-    W = switched_columns(model, effect, entry.axis, fixed, firsts)
-    start = linear.W.shape[1]
-    weight = float(np.log(sum(np.exp(o.log_weight) for o in inside) / (2 * firsts.size)))
-    finer = [
-        Option(start + k, 1, weight, {**fixed, "time_s": float(model.t_s[first]), "time_sigma_s": 0.0})
-        for k, first in enumerate(firsts)
-    ]
-    coarse = [replace(o, log_weight=o.log_weight - np.log(2)) if o in inside else o for o in entry.options]
-    return linear.with_options(member.candidate, [*coarse, *finer], W, model.projected(W))
 
 
 # ---- the period of a swing -----------------------------------------------------------------------------------------------

@@ -18,7 +18,7 @@ from itertools import zip_longest
 import numpy as np
 from numpy.typing import NDArray
 
-from diagnosis.model import candidates, folds, processes
+from diagnosis.model import candidates, folds, processes, steps
 from diagnosis.model.candidates import Group, placed
 from diagnosis.model.linear import Fold, LinearModel, Member, Option
 from diagnosis.model.parity import ParityModel
@@ -154,7 +154,7 @@ class ArrayModel:
 
     def switched(self, effect: Effect, gyro: int, parameters: Mapping[str, Value], times: Array) -> Array:
         """(N, s) whitened columns of an effect on one gyro that is switched on at each of some times."""
-        begin = self.stream.t_s[0] - self.stream.duration_s[0] - candidates.ALREADY_ON
+        begin = self.stream.t_s[0] - self.stream.duration_s[0] - steps.ALREADY_ON
         always = {**parameters, "time_s": float(begin)}
         high = columns_of(effect, self.stream, gyro, always)[:, 0]
         parity = self.parity.reading(gyro, self.parity.means_from(high, times))
@@ -307,7 +307,7 @@ def _rivals(model: ArrayModel, gyro: int) -> Iterator[tuple[str, list[Array]]]:
 
 
 def step_times(model: ArrayModel) -> tuple[Array, Array, Array]:
-    """Times that a step is tried at, how far each may be off, and their prior weights; as `candidates.step_times`."""
+    """Times that a step is tried at, how far each may be off, and their prior weights; as `steps.step_times`."""
     intervals = model.recording.intervals
     spans = sorted((one.start_s, one.stop_s) for one in intervals)
     total, gaps = sum(stop - start for start, stop in spans), len(spans) - 1
@@ -317,12 +317,12 @@ def step_times(model: ArrayModel) -> tuple[Array, Array, Array]:
             end = spans[number - 1][1]
             times.append(0.5 * (end + start))
             widths.append((start - end) / np.sqrt(12))
-            weights.append(candidates.BETWEEN_INTERVALS / gaps)
+            weights.append(steps.BETWEEN_INTERVALS / gaps)
         duration = stop - start
-        count = int(np.clip(duration / candidates.LONGEST_STEP_GAP, 3, candidates.MOST_STEP_TIMES))
+        count = int(np.clip(duration / steps.LONGEST_STEP_GAP, 3, steps.MOST_STEP_TIMES))
         times += (start + np.arange(1, count + 1) / (count + 1) * duration).tolist()
         widths += [0.0] * count
-        weights += [(1 - candidates.BETWEEN_INTERVALS if gaps else 1.0) * duration / total / count] * count
+        weights += [(1 - steps.BETWEEN_INTERVALS if gaps else 1.0) * duration / total / count] * count
     return np.array(times), np.array(widths), np.array(weights)
 
 
@@ -336,7 +336,7 @@ def finer_times(model: ArrayModel, linear: LinearModel, member: Member, effects:
     times = sorted(float(o.parameters["time_s"]) for o in entry.options if _fixed(o) == fixed)
     place = times.index(float(parameters["time_s"]))
     low, high = times[max(place - 2, 0)], times[min(place + 2, len(times) - 1)]
-    finer = np.linspace(low, high, candidates.FINE_STEP_TIMES)
+    finer = np.linspace(low, high, steps.FINE_STEP_TIMES)
     held = np.zeros(finer.size, dtype=bool)
     for one in model.recording.intervals:
         held |= (finer > one.start_s) & (finer < one.stop_s)

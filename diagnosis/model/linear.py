@@ -126,6 +126,9 @@ class Member:
     scale: int
 
 
+Wanted = tuple[tuple[Member, ...], float]  # members, and the log of the likelihood ratio that something beside them must have
+
+
 @dataclass(frozen=True)
 class Fold:
     """One part of the data held out, and the rest to learn from.
@@ -222,6 +225,8 @@ class LinearModel:
     room : memory behind X for the columns of further options
     refine : a model with more options around a member's own, for a parameter such as the time of a step that lies between the
         options; the model itself where there is nothing to refine
+    moments : a model with more options of effects that are switched on, at the moments when they explain most beside each of
+        some sets of members
     """
 
     y: Array
@@ -236,6 +241,7 @@ class LinearModel:
     folds: Callable[[Array], Iterable[Fold]] = field(default=lambda W: (), repr=False)
     room: Room | None = field(default=None, repr=False)
     refine: Callable[[LinearModel, Member], LinearModel] = field(default=lambda model, member: model, repr=False)
+    moments: Callable[[LinearModel, Sequence[Wanted]], LinearModel] = field(default=lambda model, wanted: model, repr=False)
 
     def find(self, label: str) -> int | None:
         """Index of a candidate by its label."""

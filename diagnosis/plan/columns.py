@@ -13,9 +13,10 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from diagnosis.model.candidates import Group, plain_group, process_groups, step_times, switched_columns
+from diagnosis.model.candidates import Group, plain_group, process_groups
 from diagnosis.model.linearise import linearised
 from diagnosis.model.recording import RecordingModel
+from diagnosis.model.steps import step_times, switched_columns
 from simulator.effects import EFFECTS, Effect, Trial
 from simulator.scenario import Scenario
 from simulator.simulate import simulate, with_gyro_temperature

@@ -12,8 +12,8 @@ from typing import Any
 
 import numpy as np
 
-from diagnosis.model.candidates import step_times
 from diagnosis.model.recording import RecordingModel
+from diagnosis.model.steps import step_times
 from diagnosis.plan.columns import GONE, RandomColumns, Signature, median_index, noise_free, random_columns, signatures
 from diagnosis.plan.result import Extra, Pair, Visible, ordered
 from diagnosis.plan.separability import pairs

@@ -46,6 +46,4 @@ def test_only_listed_effects_with_options_and_some_evidence_are_beside():
     model = between_two_options()
     search = Search(model)
     best = search.of(("e1",))
-    assert [(member.candidate, others) for member, others in beside(search, best)] == [
-        (0, ())
-    ]  # the third explains nothing and has no options
+    assert [member.candidate for member in beside(search, best)] == [0]  # the third explains nothing and has no options

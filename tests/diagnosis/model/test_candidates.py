@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 
 from diagnosis.inference.search import Search
-from diagnosis.model.candidates import Group, assembled, linear_model, placed, step_times, with_finer_times
+from diagnosis.model.candidates import Group, assembled, linear_model, placed
 from diagnosis.model.linear import Member
 from diagnosis.model.linearise import linearised
+from diagnosis.model.steps import step_times, with_finer_times
 from diagnosis.model.swings import columns_of
 from diagnosis.settings import DEFAULT, DiagnosisSettings
 from simulator.effects import EFFECTS, setting

@@ -1,0 +1,239 @@
+"""The moment at which an effect is switched on: the times that are tried, and the ones that explain most given the rest.
+
+A step is tried at some times beforehand. On a body that never rests another moment makes another column, so that none of
+those times may be near enough to show at all. Therefore every switched effect is then tried at many times of the recording at
+once. With y the observations, x the column of a step at one of them, and S = 1 + C Cᵀ the covariance of y beside the columns C
+of what else is thought to be there, the log of the likelihood ratio of a step of any size is
+
+    (xᵀS⁻¹y)² / (2 xᵀS⁻¹x),        S⁻¹ = 1 − C (1 + CᵀC)⁻¹ Cᵀ,
+
+the latter by the matrix inversion lemma. Where it peaks, the step gets further options, close enough together to be told apart.
+Their prior is that of the time they span.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+import scipy.linalg
+from numpy.typing import NDArray
+
+from diagnosis.model.linear import LinearModel, Member, Option, Parameters, Wanted
+from diagnosis.model.recording import RecordingModel
+from simulator.effects.base import Effect, Value
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.intp]
+
+LONGEST_STEP_GAP = 300.0  # s between the times a step is tried at, before refinement
+MOST_STEP_TIMES = 14  # times a step is tried at inside an interval
+FINE_STEP_TIMES = 48  # times around one that was found
+BETWEEN_INTERVALS = 0.5  # prior of a step in a gap between intervals
+ALREADY_ON = 1.0  # s before the first sample, when a switched column is on throughout
+SCANNED_TIMES = 600  # that a step is looked for at, over the recording
+MOST_MOMENTS = 4  # steps that get further options beside one set of others
+PEAK = 8.0  # log of a likelihood ratio to the highest, down to which a peak reaches
+
+
+def step_times(model: RecordingModel, spacing_s: float = LONGEST_STEP_GAP) -> tuple[Array, Array, Array, Indices]:
+    """Times a step is tried at, how far each may be off where that is not known, their prior weights, and their first steps.
+
+    Between two intervals only the fact can be seen, so the middle of the gap stands for all of it.
+    """
+    times, widths, weights, firsts = [], [], [], []
+    blocks = model.blocks
+    total = sum(float(block.elapsed_s[-1]) for block in blocks)
+    gaps = len(blocks) - 1
+    for number, block in enumerate(blocks):
+        duration = float(block.elapsed_s[-1])
+        if number:
+            end, begin = float(model.t_s[blocks[number - 1].steps.stop - 1]), float(model.t_s[block.steps.start])
+            times.append(0.5 * (end + begin))
+            widths.append((begin - end) / np.sqrt(12))
+            weights.append(BETWEEN_INTERVALS / gaps)
+            firsts.append(block.steps.start)
+        count = int(np.clip(duration / spacing_s, 3, MOST_STEP_TIMES))
+        inside = block.steps.start + (np.arange(1, count + 1) / (count + 1) * (block.steps.stop - block.steps.start)).astype(
+            int
+        )
+        times += [float(model.t_s[k]) for k in inside]
+        widths += [0.0] * count
+        weights += [(1 - BETWEEN_INTERVALS if gaps else 1.0) * duration / total / count] * count
+        firsts += inside.tolist()
+    return np.array(times), np.array(widths), np.array(weights), np.array(firsts)
+
+
+def switched_columns(
+    model: RecordingModel, effect: Effect, axis: str | None, parameters: Mapping[str, Value], firsts: Indices
+) -> Array:
+    """(N, s) whitened columns of an effect that is switched on at each of several steps."""
+    begin = float(model.t_s[0]) - ALREADY_ON - float(model.dt[0])
+    on = effect.columns(model.stream, axis, {**parameters, "time_s": begin})[:, :, 0]
+    return model.whitened(model.reading_steps(on, firsts))
+
+
+def with_finer_times(model: RecordingModel, linear: LinearModel, member: Member, effect: Effect) -> LinearModel:
+    """The linear model with more times for a step, close together around the one at which a member is held.
+
+    They take over half the prior of the times between which they lie; a gap between intervals keeps its own.
+    """
+    entry, parameters = linear.candidate(member), linear.option(member).parameters
+    if "time_s" not in parameters:
+        return linear
+    fixed = _without_time(parameters)
+    same = [o for o in entry.options if all(o.parameters.get(name) == value for name, value in fixed.items())]
+    times = sorted(float(o.parameters["time_s"]) for o in same)
+    place = times.index(float(parameters["time_s"]))
+    low, high = times[max(place - 2, 0)], times[min(place + 2, len(times) - 1)]
+    firsts = np.unique(np.searchsorted(model.t_s, np.linspace(low, high, FINE_STEP_TIMES)))
+    firsts = firsts[(firsts > 0) & (firsts < model.t_s.size)]
+    inside = [o for o in same if low <= float(o.parameters["time_s"]) <= high and not float(o.parameters["time_sigma_s"])]
+    if not inside or not firsts.size:
+        return linear
+    return _with_times(model, linear, effect, member.candidate, fixed, firsts, inside, 0.5)
+
+
+def _with_times(
+    model: RecordingModel,
+    linear: LinearModel,
+    effect: Effect,
+    place: int,
+    fixed: Parameters,
+    firsts: Indices,
+    givers: Sequence[Option],
+    share: float,
+) -> LinearModel:
+    """The linear model with options of a step at further times, which take a share of the prior of some of those there are."""
+    entry, start = linear.candidates[place], linear.W.shape[1]
+    W = switched_columns(model, effect, entry.axis, fixed, firsts)
+    weight = float(np.log(share * sum(np.exp(one.log_weight) for one in givers) / firsts.size))
+    finer = [
+        Option(start + k, 1, weight, {**fixed, "time_s": float(model.t_s[first]), "time_sigma_s": 0.0})
+        for k, first in enumerate(firsts)
+    ]
+    left = float(np.log1p(-share))
+    coarse = [replace(one, log_weight=one.log_weight + left) if one in givers else one for one in entry.options]
+    return linear.with_options(place, [*coarse, *finer], W, model.projected(W))
+
+
+# ---- looked for over the whole recording ---------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Peak:
+    """Where a step explains most of what some members leave.
+
+    Attributes
+    ----------
+    height : log of its likelihood ratio there
+    candidate : of the linear model
+    fixed : parameters other than its time
+    low, high : steps of the recording between which the peak lies
+    """
+
+    height: float
+    candidate: int
+    fixed: Parameters
+    low: int
+    high: int
+
+
+class Left:
+    """What is left of observations (N,) and columns (N, k) beside some members."""
+
+    def __init__(self, linear: LinearModel, members: Sequence[Member]):
+        places, scales, shifts = linear.design(members)
+        self._C = linear.X[:, places] * scales
+        self._factor = scipy.linalg.cho_factor(np.eye(places.size) + self._C.T @ self._C) if places.size else None
+        self.y = self._of(linear.y - linear.X[:, shifts].sum(axis=1))
+
+    def _of(self, values: Array) -> Array:
+        if self._factor is None:
+            return values
+        return np.asarray(values - self._C @ scipy.linalg.cho_solve(self._factor, self._C.T @ values))
+
+    def log_ratio(self, X: Array) -> Array:
+        """(k,) log of the likelihood ratio of each column with an amplitude of any size."""
+        power = np.einsum("nk,nk->k", X, X)
+        if self._factor is not None:
+            inner = self._C.T @ X
+            power = power - np.einsum("rk,rk->k", inner, scipy.linalg.cho_solve(self._factor, inner))
+        seen = power > 0
+        return np.where(seen, 0.5 * (X.T @ self.y) ** 2 / np.where(seen, power, 1.0), 0.0)
+
+
+def with_moments(
+    model: RecordingModel,
+    linear: LinearModel,
+    effects: Mapping[str, Effect],
+    wanted: Sequence[Wanted],
+) -> LinearModel:
+    """The linear model with further times for the steps that explain most beside some members.
+
+    Parameters
+    ----------
+    model : what the columns are made from
+    linear : of it
+    effects : those that may be named
+    wanted : sets of members, and the log of the likelihood ratio that a step must have beside each
+    """
+    left = [Left(linear, members) for members, _ in wanted]
+    taken = [{member.candidate for member in members} for members, _ in wanted]
+    firsts = np.unique(np.linspace(1, model.t_s.size - 1, min(SCANNED_TIMES, model.t_s.size - 1)).astype(np.intp))
+    found: list[list[Peak]] = [[] for _ in wanted]
+    for candidate, entry in enumerate(linear.candidates):
+        effect = effects.get(entry.effect) if entry.listed else None
+        if effect is None or not effect.switched:
+            continue
+        for fixed in _fixed(option.parameters for option in entry.options):
+            X = model.projected(switched_columns(model, effect, entry.axis, fixed, firsts))
+            for number, one in enumerate(left):
+                if candidate not in taken[number]:
+                    found[number].append(_peak(one.log_ratio(X), firsts, candidate, fixed))
+    chosen: dict[tuple[int, int, int], Peak] = {}
+    for (_, least), peaks in zip(wanted, found, strict=True):
+        for peak in sorted(peaks, key=lambda peak: -peak.height)[:MOST_MOMENTS]:
+            if peak.height > least:
+                chosen.setdefault((peak.candidate, peak.low, peak.high), peak)
+    for peak in chosen.values():
+        linear = _around(model, linear, effects[linear.candidates[peak.candidate].effect], peak)
+    return linear
+
+
+def _around(model: RecordingModel, linear: LinearModel, effect: Effect, peak: Peak) -> LinearModel:
+    """The linear model with further times around a peak."""
+    givers = [
+        one
+        for one in linear.candidates[peak.candidate].options
+        if _without_time(one.parameters) == peak.fixed and not float(one.parameters["time_sigma_s"])
+    ]
+    if not givers:
+        return linear
+    firsts = np.unique(np.linspace(peak.low, peak.high, FINE_STEP_TIMES).astype(np.intp))
+    share = min(0.5, (peak.high - peak.low) / model.t_s.size)
+    return _with_times(model, linear, effect, peak.candidate, peak.fixed, firsts, givers, share)
+
+
+def _without_time(parameters: Parameters) -> Parameters:
+    return {name: value for name, value in parameters.items() if not name.startswith("time_")}
+
+
+def _fixed(parameters: Iterable[Parameters]) -> list[Parameters]:
+    """Each set of parameters but the time, once."""
+    found: list[Parameters] = []
+    for one in parameters:
+        fixed = _without_time(one)
+        if fixed not in found:
+            found.append(fixed)
+    return found
+
+
+def _peak(ratio: Array, firsts: Indices, candidate: int, fixed: Parameters) -> Peak:
+    """The highest peak, and one time further to each side."""
+    top = int(np.argmax(ratio))
+    below = np.flatnonzero(ratio < ratio[top] - PEAK)
+    low = int(below[below < top].max(initial=0))
+    high = int(below[below > top].min(initial=ratio.size - 1))
+    return Peak(float(ratio[top]), candidate, fixed, int(firsts[low]), int(firsts[high]))
