@@ -1,7 +1,8 @@
 """Whether what the samples show looks like the fault that it is taken for.
 
 A test of the samples sees that something is there; which fault it is follows from how that behaves. Repeats of a telemetry that
-misses samples begin at random and last a geometric time; outliers of lost counts come at random with exponential heights; white
+misses samples begin at random and last a geometric time; outliers come at random with heights that are exponential, as
+of lost counts, or scatter about a mean; white
 noise of another level is normal, and as strong from one moment to the next. The p-value of what is seen, under that, weighs the
 cause against something unlisted (`diagnosis.inference.attribution`).
 
@@ -22,6 +23,7 @@ from math import comb
 
 import numpy as np
 import scipy.ndimage
+import scipy.special
 import scipy.stats
 from numpy.typing import NDArray
 
@@ -76,10 +78,16 @@ def of_times(times: Indices) -> float:
 
 
 def of_heights(beyond: Array, seed: int = 0) -> float:
-    """P-value of heights beyond a limit that are exponential."""
+    """P-value of heights beyond a limit that are exponential or scatter about a mean; the larger of the two."""
     if beyond.size < FEWEST:
         return 1.0
-    return _lilliefors(beyond[:MOST], lambda rng, shape: rng.exponential(1.0, shape), lambda x, m: 1 - np.exp(-x / m), seed)
+    kept = beyond[:MOST]
+    tail = _lilliefors(kept, lambda rng, shape: rng.exponential(1.0, shape), lambda x, m: 1 - np.exp(-x / m), seed)
+
+    def about(x: Array, m: Array) -> Array:
+        return np.asarray(scipy.special.ndtr((x - m) / np.maximum(x.std(axis=1, ddof=1, keepdims=True), 1e-300)))
+
+    return max(tail, _lilliefors(kept, lambda rng, shape: rng.standard_normal(shape), about, seed))
 
 
 def _lilliefors(

@@ -1,6 +1,6 @@
 """Single samples far outside of their neighbours.
 
-Where the body rests, a reading is compared with the median around it. Where it moves all the time, parabolas through the
+Where the body rests, a reading is compared with the median around it. Where it moves, parabolas through the
 samples before and through those after each tell what a reading should be: a spike is far from both, to the same side, and a
 torque that sets in, after which the rate goes on along another line, is not far from either.
 """
@@ -9,54 +9,63 @@ from __future__ import annotations
 
 import numpy as np
 import scipy.ndimage
-import scipy.signal
 import scipy.stats
 from numpy.typing import NDArray
 
 from diagnosis.detectors.likeness import of_heights, of_times
-from diagnosis.detectors.report import AXES, IMPOSSIBLE, SampleReport, SampleTest, Symptom, consecutive, inside
+from diagnosis.detectors.report import AXES, IMPOSSIBLE, SampleReport, SampleTest, Symptom, consecutive
 from gyrocal.recording import Recording
 from simulator.effects.recorded import interval_slices
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
-PARABOLA = 9  # samples of the local parabola
 AROUND = 41  # samples whose median an outlier's neighbours are compared with
 BESIDE = (-3, -2, -1, 1, 2, 3)  # samples from an outlier
 OUTLIER = 6.0  # noise sigmas; one sample in 5e8 under M0
-RESTING = 0.3  # share of the samples in which the body rests, below which all are looked at
+RESTING = 0.3  # share of the samples in which the body rests, below which all are looked at as a motion
 SIDE = 6  # samples to one side that tell what a reading should be
 BETWEEN = np.array([1.0, -6.0, 15.0, 0.0, 15.0, -6.0, 1.0]) / 20  # of a quintic through three samples on either side
 AS_FAR = 0.75  # of its deviation, that a spike is off the curve through its neighbours
+AS_HIGH = 0.4  # of the usual spike
 ALONE = 0.2  # of a spike, that may be left beside it
 NEARBY = 101  # over which the size of their usual error is taken
 
 
 def spikes(report: SampleReport, recording: Recording, quiet: Mask, used: Mask, noise: Array, steps: Array) -> None:
     """Single samples far outside, and the tails of all."""
-    follows = quiet & consecutive(recording, quiet) & np.roll(consecutive(recording, quiet), -1)
-    moving = follows.sum() < RESTING * used.sum()
-    if moving:
-        follows = scipy.ndimage.binary_erosion(used & consecutive(recording, used), iterations=SIDE)
+    whole = scipy.ndimage.binary_erosion(used & consecutive(recording, used), iterations=SIDE)
     # Beside a sample that was bridged the motion is known less well than the noise says.
-    follows &= ~scipy.ndimage.binary_dilation(report.filled, iterations=len(BETWEEN) // 2)
-    n = max(int(follows.sum()), 1)
-    look = _in_motion if moving else _at_rest
-    found = [look(report.rates[:, axis], follows, float(noise[axis]), float(steps[axis])) for axis in range(3)]
-    places, limits = [one[0] for one in found], [one[2] for one in found]
-    if moving:  # what two gyros show at once is a jolt of the body
-        near = sum(scipy.ndimage.binary_dilation(place, iterations=SIDE).astype(int) for place in places)
-        places = [place & (near == 1) for place in places]
+    known = ~scipy.ndimage.binary_dilation(report.filled, iterations=len(BETWEEN) // 2)
+    resting = quiet & consecutive(recording, quiet) & np.roll(consecutive(recording, quiet), -1) & known
+    if resting.sum() < RESTING * used.sum():
+        resting[:] = False
+    # A large outlier is no rest, so that what is left is looked at as a motion.
+    moving = whole & known & ~resting
+    n = max(int(resting.sum() + moving.sum()), 1)
+    places, sizes, limits, settled, odd, hiding = [], [], [], [], [], []
+    for axis in range(3):
+        x, level, step = report.rates[:, axis], float(noise[axis]), float(steps[axis])
+        still, off, limit = _at_rest(x, resting, level, step)
+        jumps, beside, most, far, local = _in_motion(x, moving, level, step)
+        odd.append(np.where(far, np.abs(beside), 0.0))
+        hiding.append(np.where(resting, 0.0, local))
+        settled.append(still)
+        places.append(still | jumps)
+        sizes.append(np.abs(np.where(jumps, beside, off)))
+        limits.append(limit if resting.any() else most)
+    # What two gyros show at once while the body moves is a jolt of it.
+    near = sum(scipy.ndimage.binary_dilation(place, iterations=SIDE).astype(int) for place in places)
+    places = [still | (place & (near == 1)) for still, place in zip(settled, places, strict=True)]
     counts = [int(place.sum()) for place in places]
-    sizes = [np.abs(deviation[place]) for place, (_, deviation, _) in zip(places, found, strict=True)]
+    sizes = [size[place] for place, size in zip(places, sizes, strict=True)]
     expected = 2 * scipy.stats.norm.sf(OUTLIER) * 1.2
     for axis in range(3):
         p = max(float(scipy.stats.poisson.sf(counts[axis] - 1, n * expected)), IMPOSSIBLE)
         report.tests.append(
             SampleTest(
                 "outliers", AXES[axis], counts[axis], n * expected, p if counts[axis] else 1.0, "outliers",
-                f"{counts[axis]} of {n} {'' if moving else 'quiet '}samples are off by more than {OUTLIER:g} sigmas",
+                f"{counts[axis]} of {n} samples are off by more than {OUTLIER:g} sigmas",
             )
         )  # fmt: skip
     total = sum(counts)
@@ -84,18 +93,18 @@ def spikes(report: SampleReport, recording: Recording, quiet: Mask, used: Mask, 
             {"fraction": float(fraction)}, p, likeness=_likeness(recording, places, sizes, limits),
         )
     )  # fmt: skip
-    if not moving:
-        _neighbours(report, places, total, noise)
-    # Outside the quiet parts a spike must stand out of the motion as well before it is taken out.
+    if any(still.any() for still in settled):
+        _neighbours(report, settled, sum(int(still.sum()) for still in settled), noise)
+    # Of a gyro that has some, what stands as far out of a motion is taken out as well, though that bends.
     t = recording.gyro.t_s
     for axis in range(3):
-        x = report.rates[:, axis]
-        deviation = x - scipy.ndimage.median_filter(x, 7, mode="nearest")
-        jump = np.abs(deviation) > max(0.4 * seen, 8 * noise[axis])
-        bad = places[axis] | (jump & inside(recording) & ~quiet & (np.abs(_highpass(x)) > 8 * noise[axis]))
+        bad = places[axis] | (odd[axis] > (AS_HIGH * seen if counts[axis] else np.inf))
         good = ~bad
-        report.rates[bad, axis] = np.interp(t[bad], t[good], x[good])
+        report.rates[bad, axis] = np.interp(t[bad], t[good], report.rates[good, axis])
         report.filled |= bad
+        if counts[axis]:  # where the motion hides one, they are noise
+            power = fraction * float(np.mean(sizes[axis] ** 2)) * recording.gyro.sample_s
+            report.density[(hiding[axis] > AS_HIGH * seen) & ~bad, axis] += power
 
 
 def _at_rest(x: Array, follows: Mask, noise: float, step: float) -> tuple[Mask, Array, float]:
@@ -129,8 +138,11 @@ def _is_single(x: Array, deviation: Array, noise: float) -> Mask:
     return np.asarray(found)
 
 
-def _in_motion(x: Array, follows: Mask, noise: float, step: float) -> tuple[Mask, Array, float]:
-    """The same off what the samples before and those after tell; the limit is that where the motion adds nothing."""
+def _in_motion(x: Array, follows: Mask, noise: float, step: float) -> tuple[Mask, Array, float, Mask, Array]:
+    """The same off what the samples before and those after tell; the limit is that where the motion adds nothing.
+
+    The last two are all that are far off, also beside others, and how far off that is at each.
+    """
     weights = np.linalg.pinv(np.vander(np.arange(1.0, SIDE + 1), 3))[-1]  # of a parabola at zero
     usual = noise * float(np.sqrt(1 + weights @ weights))
     padded = np.pad(x, SIDE, mode="edge")
@@ -138,9 +150,10 @@ def _in_motion(x: Array, follows: Mask, noise: float, step: float) -> tuple[Mask
     sides = np.array([x - windows[: x.size] @ weights[::-1], x - windows[SIDE + 1 :] @ weights])
     local = scipy.ndimage.median_filter(np.abs(sides), (1, NEARBY), mode="nearest") / 0.6745
     nearer = np.where(sides[0] * sides[1] > 0, np.abs(sides).min(axis=0), 0.0)
-    far = follows & (nearer > OUTLIER * np.maximum(local.max(axis=0), usual) + step)
+    least = OUTLIER * np.maximum(local.max(axis=0), usual) + step
+    far = follows & (nearer > least)
     deviation = np.sign(sides[0]) * nearer
-    return _is_single(x, np.where(far, deviation, 0.0), noise), deviation, OUTLIER * usual + step
+    return _is_single(x, np.where(far, deviation, 0.0), noise), deviation, OUTLIER * usual + step, far, least
 
 
 def _likeness(recording: Recording, places: list[Mask], sizes: list[Array], limits: list[float]) -> float:
@@ -174,11 +187,3 @@ def _neighbours(report: SampleReport, places: list[Mask], total: int, noise: Arr
     report.tests.append(SampleTest("outlier_neighbours", None, chi2, float(len(BESIDE)), p, "outlier_neighbours", text))
     if p < report.event_p:
         report.symptoms.append(Symptom("outlier_neighbours", None, chi2, "χ²", float(np.sqrt(2 * chi2)), {}, p, text))
-
-
-def _highpass(x: Array) -> Array:
-    """Reading minus the local parabola through its neighbours but not itself, scaled to the noise of a sample."""
-    kernel = scipy.signal.savgol_coeffs(PARABOLA, 2)
-    own = kernel[PARABOLA // 2]
-    residual = x - scipy.ndimage.convolve1d(x, kernel, axis=0, mode="nearest")
-    return np.asarray(residual / np.sqrt(1 - own))

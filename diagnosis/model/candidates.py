@@ -61,6 +61,7 @@ class Group:
     limits : plausible range of the size
     weight : prior of its effect beside that of the others
     scales : as in `Candidate`; by default those within the limits that the columns can show
+    loudest : largest signal-to-noise ratio of interest, where the scales are those by default
     """
 
     effect: str
@@ -80,6 +81,7 @@ class Group:
     shifted: bool = False
     scales: Array | None = None
     scanned: bool = False
+    loudest: float = VISIBLE[1]
 
 
 def linear_model(
@@ -175,7 +177,8 @@ def ordered(
     for group in groups:
         norms = [np.linalg.norm(projected(part), axis=0) for part in group.columns]
         largest = max((float(norm.max()) for norm in norms if norm.size), default=0.0)
-        scales = scales_of(largest, group.limits, visible) if group.scales is None else group.scales
+        shown = visible[0], max(visible[1], group.loudest)
+        scales = scales_of(largest, group.limits, shown) if group.scales is None else group.scales
         if not scales.size:
             continue
         family = (1 - share) / len(names) if group.listed else share / len(rivals)

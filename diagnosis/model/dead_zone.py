@@ -19,7 +19,7 @@ from diagnosis.detectors.deadzone import MOST_PARTS, DeadZoneEvidence, half_widt
 from diagnosis.model.candidates import Group
 from diagnosis.model.linear import Parameters
 from diagnosis.model.prepare import Prepared
-from diagnosis.model.processes import on_cells, weakest
+from diagnosis.model.processes import orthogonal, weakest
 from diagnosis.model.recording import RecordingModel
 from simulator.effects.base import Effect
 
@@ -44,17 +44,41 @@ def missing(model: RecordingModel, one: DeadZoneEvidence) -> Array:
     low[part >= 0, one.axis, 0] = -np.deg2rad(1.0) * one.expected[step][part >= 0]
     for k, number in enumerate(numbers):
         own = part == number
-        low[own, one.axis, 1 + k] = -DIFFERENCE * np.deg2rad(1.0) * (1.0 if one.passed else one.expected[step][own])
+        low[own, one.axis, 1 + k] = -np.deg2rad(1.0) * (1.0 if one.passed else DIFFERENCE * one.expected[step][own])
     return model.reading(low)
 
 
 def unseen_motion(model: RecordingModel, one: DeadZoneEvidence) -> Array:
-    """(N, r) whitened observations of a random rate, deg/s, in each cell of the slow parts."""
+    """(N, r) whitened observations of a random rate, deg/s, in the slow part of each cell: a level, and a slope over it.
+
+    A body that turns about other axes meanwhile turns the blind one with it: what is missing at the beginning of a passage has
+    another direction than at its end.
+    """
     step = np.searchsorted(model.recording.gyro.t_s, model.t_s, side="right") - 1
-    dead = np.where(one.part[step] >= 0, 1.0 if one.passed else one.expected[step], 0.0)
-    share = np.add.reduceat(dead, model.cells.first) / (model.cells.last - model.cells.first)
-    factor = UNSEEN * np.deg2rad(1.0) * np.diag(share)[:, share > 0]
-    return on_cells(model, one.axis, factor, weakest(model.cell_grams[one.axis], factor))
+    silent = one.part[step] >= 0
+    level = np.where(silent, 1.0 if one.passed else one.expected[step], 0.0)
+    low, high = model.cells.first, model.cells.last
+    before = np.append(0, np.cumsum(silent))
+    count = before[high] - before[low]
+    place = np.repeat(np.arange(low.size), high - low)
+    along = (before[:-1] - before[low][place] + 0.5) / np.maximum(count[place], 1)  # of the slow part of the cell
+    parts = [_over_cells(model, one.axis, level * way)[:, count > 0] for way in (np.ones_like(along), 2 * along - 1)]
+    columns = model.whitened(np.hstack(parts))
+    gram, factor = columns.T @ model.projected(columns), UNSEEN * np.deg2rad(1.0) * np.eye(columns.shape[1])
+    return orthogonal(columns, gram, factor, weakest(gram, factor))
+
+
+def _over_cells(model: RecordingModel, axis: int, weights: Array) -> Array:
+    """(N, c) observations of a reading that is too low by `weights` (n,) in the steps of one cell."""
+    turned = (model.to_inertial @ model.G[:, axis]) * (model.dt * weights)[:, None]
+    total = np.vstack([np.zeros(3), np.cumsum(turned, axis=0)])
+    out, low, high = np.zeros((model.size, model.cells.first.size)), model.cells.first, model.cells.last
+    for number, block in enumerate(model.blocks):
+        inside = np.flatnonzero(model.cells.interval == number)
+        done = np.clip(block.steps.start + block.ends[:, None], low[inside], high[inside])
+        added = block.observed(np.moveaxis(total[done] - total[low[inside]], 2, 1))
+        out[np.ix_(np.arange(block.rows.start, block.rows.stop), inside)] = added.reshape(-1, inside.size)
+    return out
 
 
 def shown_by_passes(dead: Sequence[DeadZoneEvidence]) -> float:
@@ -81,7 +105,7 @@ def _group(model: RecordingModel, one: DeadZoneEvidence, effect: Effect) -> Grou
     count = max(own.shape[1] for own in rates)
 
     def read(amplitudes: Array) -> tuple[float, Parameters]:
-        return half_width(one, amplitudes[0] + DIFFERENCE * amplitudes[1:count])[0], {}
+        return half_width(one, amplitudes[0] + (1.0 if one.passed else DIFFERENCE) * amplitudes[1:count])[0], {}
 
     return Group(
         effect=effect.name,
@@ -95,6 +119,7 @@ def _group(model: RecordingModel, one: DeadZoneEvidence, effect: Effect) -> Grou
         log_odds=float(np.clip(one.log_odds, LEAST_ODDS, MOST_PASSED if one.passed else MOST_ODDS)),
         read=read,
         size_sigma=lambda size: half_width_sigma(one, size),
+        loudest=np.inf,  # each of hundreds of amplitudes is that large, and a smaller scale would hold all of them back
     )
 
 

@@ -75,7 +75,7 @@ def test_a_rate_that_bends_has_no_spikes():
 def test_spikes_of_a_body_in_motion_are_found_with_their_size():
     x, places = swaying(3)[:, 0], np.arange(500, SAMPLES - 500, 700)
     x[places] += 40.0
-    found, deviation, limit = _in_motion(x, np.ones(SAMPLES, dtype=bool), 1.0, 0.0)
+    found, deviation, limit, *_ = _in_motion(x, np.ones(SAMPLES, dtype=bool), 1.0, 0.0)
     assert set(np.flatnonzero(found)) == set(places)
     # The nearer of two parabolas: below the spike, by some of their noise.
     assert abs(np.mean(deviation[places]) - 40.0) < limit / OUTLIER
