@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
+from itertools import pairwise
 from typing import Literal
 
 import numpy as np
@@ -43,6 +44,10 @@ MOST_TONES = 3  # of the references, beyond their averages
 SETTLED = 1e-3  # sigmas of the last correction
 CLEARLY = 12.0  # of χ², by which the attitude decides how readings came onto a lattice
 LIKELY = 1.0  # log odds of a dead zone from the samples, from which on its axis is left out of tests that it would mislead
+MOST_SHORT = 200  # stretches between two references that a calibration starts from, where whole intervals lead too far astray
+FEWEST_SHORT = 6
+SETTLED_SHORT = 1e-6  # of G
+IMPLAUSIBLE = 0.2  # change of an element of G
 UNSEEN = 0.5  # of its plausible range: a parameter less certain than that is not observed
 
 
@@ -291,16 +296,53 @@ def _calibrated(
         Rates and references do not fit each other, before the calibration or after it.
     """
     G, bias = recording.gyro.apriori_G.copy(), recording.gyro.apriori_bias.copy()
-    sigma = PLAUSIBLE_RANGE
+    sigma, short = PLAUSIBLE_RANGE, False
     for _ in range(ITERATIONS):
         model = linearised(recording, G, bias, report.rates, report.smooth, report.density, pieces, reference_sigma)
-        check_residuals(model, report.rates)
+        try:
+            check_residuals(model, report.rates)
+        except LargeResidualError:
+            better = None if short else _over_short_pieces(recording, report, pieces, reference_sigma)
+            if better is None:
+                raise
+            (G, bias), short = better, True
+            continue
         change, covariance = _step(model)
         sigma = np.sqrt(np.diag(covariance))
         if np.abs(change / sigma).max() < SETTLED:
             break
         G, bias = G + change[:9].reshape(3, 3), bias + change[9:]
     return model, sigma
+
+
+def _over_short_pieces(
+    recording: Recording, report: SampleReport, pieces: tuple[Interval, ...], reference_sigma: Array
+) -> tuple[Array, Array] | None:
+    """G and b from references next to each other, between which a coarse a-priori calibration does not lead far astray.
+
+    None where they are not plausible, as with rates in another unit, or where even those are too far off.
+    """
+    gaps = [
+        Interval(f"{piece.name}/{number}", piece.activity, float(low), float(high))
+        for piece in pieces
+        for number, (low, high) in enumerate(pairwise(recording.attitudes.t_s[reference_rows(recording.attitudes.t_s, piece)]))
+        if high - low > recording.gyro.sample_s
+    ]
+    some = tuple(gaps[k] for k in np.unique(np.linspace(0, len(gaps) - 1, MOST_SHORT).astype(np.intp))) if gaps else ()
+    if len(some) < FEWEST_SHORT:
+        return None
+    G, bias = recording.gyro.apriori_G.copy(), recording.gyro.apriori_bias.copy()
+    for _ in range(ITERATIONS):
+        model = linearised(recording, G, bias, report.rates, report.smooth, report.density, some, reference_sigma)
+        try:
+            check_residuals(model, report.rates)
+        except LargeResidualError:
+            return None
+        change, _ = _step(model)
+        G, bias = G + change[:9].reshape(3, 3), bias + change[9:]
+        if np.abs(change[:9]).max() < SETTLED_SHORT:
+            break
+    return None if np.abs(G - recording.gyro.apriori_G).max() > IMPLAUSIBLE else (G, bias)
 
 
 def _step(model: RecordingModel) -> tuple[Array, Array]:
