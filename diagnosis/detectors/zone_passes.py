@@ -217,6 +217,8 @@ def _passes(u: Array, width: float = BANDS[0]) -> Array:
     levels = _levels(width)
     level = np.digitize(np.abs(u), levels)
     begin, end = _ends(level, len(levels))
+    if not begin.size:
+        return np.zeros((3, 0))
     counts = [np.append(0, np.cumsum(level == one)) for one in (1, 3, 4, 5)]
     hole, *bands = (count[end] - count[begin + 1] for count in counts)
     fastest, slowest = np.min(bands, axis=0), np.max(bands, axis=0)
@@ -224,7 +226,7 @@ def _passes(u: Array, width: float = BANDS[0]) -> Array:
     out = level[begin] == 0
     first = outside[np.where(out, np.searchsorted(outside, begin + 1), np.maximum(np.searchsorted(outside, end) - 1, 0))]
     behind = (np.abs(u[first]) - 1) * np.sum(bands, axis=0) / (3 * width)
-    low, high = np.array(runs(level == 0)).reshape(-1, 2).T
+    low, high = np.flatnonzero(np.diff(np.concatenate([[False], level == 0, [False]]))).reshape(-1, 2).T
     stay = (high - low)[np.searchsorted(low, np.where(out, begin, end), side="right") - 1] if low.size else np.zeros(0)
     even = (slowest <= RESTING * (fastest + 1)) & (RESTING * stay >= fastest)
     return np.array([hole, np.where(even, fastest, 0), behind])
