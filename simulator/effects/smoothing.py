@@ -17,7 +17,6 @@ from functools import lru_cache
 import numpy as np
 from scipy.linalg import lstsq
 from scipy.ndimage import convolve1d, median_filter
-from scipy.signal import savgol_coeffs
 
 from simulator.effects.base import Array
 
@@ -94,8 +93,8 @@ def _fitted(rates: Array, window: int) -> tuple[Array, float]:
 def _filtered(rates: Array, window: int) -> Array:
     """Local quadratic of an odd window at each sample (n,); at either end, that of the first or the last whole window.
 
-    It is scipy's ``savgol_filter`` to the bit, which solves for the coefficients of a window and for the powers at either end
-    anew each time.
+    It is scipy's ``savgol_filter`` to the bit. That one solves for a window's coefficients anew each time, and comes with all of
+    scipy.signal and scipy.stats, which take each process half a second to load.
     """
     out = convolve1d(rates, _coefficients(window), mode="constant")
     powers, scale = _powers(window)
@@ -110,7 +109,9 @@ def _filtered(rates: Array, window: int) -> Array:
 @lru_cache(maxsize=256)
 def _coefficients(window: int) -> Array:
     """(window,) of a local quadratic; all intervals and axes share a few windows."""
-    return np.asarray(savgol_coeffs(window, ORDER))
+    at = np.arange(window // 2, -(window // 2) - 1, -1, dtype=float)
+    powers = at ** np.arange(ORDER + 1, dtype=float)[:, None]
+    return np.asarray(lstsq(powers, np.eye(ORDER + 1)[0], cond=window * np.finfo(float).eps)[0])
 
 
 @lru_cache(maxsize=256)
