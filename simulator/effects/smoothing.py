@@ -93,8 +93,8 @@ def _fitted(rates: Array, window: int) -> tuple[Array, float]:
 def _filtered(rates: Array, window: int) -> Array:
     """Local quadratic of an odd window at each sample (n,); at either end, that of the first or the last whole window.
 
-    It is scipy's ``savgol_filter`` to the bit. That one solves for a window's coefficients anew each time, and comes with all of
-    scipy.signal and scipy.stats, which take each process half a second to load.
+    It is scipy's ``savgol_filter`` to the bit. That one solves for a window's coefficients anew each time, and comes with all
+    of scipy.signal and scipy.stats, which take each process half a second to load.
     """
     out = convolve1d(rates, _coefficients(window), mode="constant")
     powers, scale = _powers(window)

@@ -113,7 +113,9 @@ def prior():
         flown = table.outcomes([BY_AXIS[axis].moved(sections, u)[k] for u in points_of(nodes)])
         points = points_of([(np.arange(count) + 0.5) / count for count in counts])
         out[k] = tuple(
-            RegularGridInterpolator(nodes, values.reshape(*NODES[axis], -1), method="cubic")(points).reshape(-1, *values.shape[1:])
+            RegularGridInterpolator(nodes, values.reshape(*NODES[axis], -1), method="cubic")(points).reshape(
+                -1, *values.shape[1:]
+            )
             for values in flown
         )
     return out
