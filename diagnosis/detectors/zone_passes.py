@@ -21,6 +21,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -163,7 +164,7 @@ def _poisson(h: Indices, mean: float) -> Array:
     return np.asarray(xlogy(h, mean) - gammaln(h + 1) - mean)
 
 
-def _negative_binomial(h: Indices, shape: float, p: Array) -> Array:
+def _negative_binomial(h: Indices, shape: float, p: NDArray[np.floating[Any]]) -> Array:
     """log of the probability of each count, with the mean shape (1 − p)/p."""
     return np.asarray(gammaln(shape + h) - gammaln(h + 1) - gammaln(shape) + shape * np.log(p) + xlog1py(h, -p))
 
