@@ -249,7 +249,7 @@ def test_studies_are_listed(run_cli):
 
 def test_reproduce_writes_everything_and_repeats_itself(run_cli, tmp_path, monkeypatch):
     monkeypatch.setattr(slew_timings, "fit_common", cache(slew_timings.fit_common))  # kept, as fits of single intervals are
-    monkeypatch.setattr(slew_timings, "STARTS", (0.5,))  # that more starts find no better is another test's
+    monkeypatch.setattr(slew_timings, "STARTS", (0.5,))  # the fit from all of them is another test's
     monkeypatch.setattr(left_out, "drift_table", partial(left_out.drift_table, seeds=3))
     result = run_cli("reproduce", "--paper", "natanson", "--cases", "2", "--jobs", "1", "--out", str(tmp_path / "a"))
     assert result.exit_code == 0, result.stderr
