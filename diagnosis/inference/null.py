@@ -50,7 +50,11 @@ def p_value(
     scanned_share : of the false alarms, that what a scan has chosen may have
     tell : called with the share of the draws that are done
     """
-    observed = search.null_statistic(search.correlation[:, None])[0]
+    return among(search, null_draws(search, seed, draws, tell), scanned_share)
+
+
+def null_draws(search: Search, seed: int, draws: int, tell: Callable[[float], None] = lambda share: None) -> Array:
+    """(draws,) the statistic of draws of M0, which does not depend on what was observed."""
     rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=tuple(b"diagnosis_null")))
     noise = search.model.projected(rng.standard_normal((search.model.y.size, draws)))
     # Some at a time: there are thousands of candidates' columns, and several numbers for each of their products.
@@ -58,7 +62,13 @@ def p_value(
     for k in range(0, draws, AT_ONCE):
         tell(k / draws)
         parts.append(search.null_statistic(search.model.X.T @ noise[:, k : k + AT_ONCE]))
-    null = np.concatenate(parts)
+    return np.concatenate(parts)
+
+
+def among(search: Search, null: Array, scanned_share: float = DEFAULT.scanned_share) -> float:
+    """P-value of what was observed, among the statistics of draws of M0."""
+    observed = search.null_statistic(search.correlation[:, None])[0]
+    draws = null.size
     simulated = (1 + int(np.sum(null >= observed))) / (1 + draws)
     bound = float(np.exp(-max(observed, 0.0)))
     usual = min(simulated, bound) if bound < 1 / (1 + draws) else simulated

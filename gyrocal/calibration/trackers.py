@@ -29,9 +29,9 @@ from itertools import combinations
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import scipy.stats
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
+from scipy.special import chdtrc
 
 from gyrocal import attitude
 from gyrocal.errors import UnobservableError
@@ -273,7 +273,7 @@ class Difference:
     @property
     def p_value(self) -> float:
         """Probability of a larger one if both are as stated; NaN without degrees of freedom."""
-        return float(scipy.stats.chi2.sf(self.chi2, self.dof)) if self.dof > 0 else float("nan")
+        return float(chdtrc(self.dof, self.chi2)) if self.dof > 0 else float("nan")
 
     def to_json(self) -> dict[str, Any]:
         """As plain values."""

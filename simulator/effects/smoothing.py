@@ -15,8 +15,8 @@ from collections.abc import Sequence
 from functools import lru_cache
 
 import numpy as np
-from scipy.ndimage import median_filter
-from scipy.signal import savgol_coeffs, savgol_filter
+from scipy.linalg import lstsq
+from scipy.ndimage import convolve1d, median_filter
 
 from simulator.effects.base import Array
 
@@ -82,12 +82,44 @@ def _fitted(rates: Array, window: int) -> tuple[Array, float]:
     """Local quadratic of a window at each sample (n,), and its sigma per unit sigma of a sample."""
     block = max(1, window // BLOCKS)
     if block == 1:
-        return savgol_filter(rates, window, ORDER, mode="interp"), _weight(window)
+        return _filtered(rates, window), _weight(window)
     count = len(rates) // block
     means = rates[: count * block].reshape(count, block).mean(axis=1)
     width = min(window // block // 2 * 2 + 1, count - 1 + count % 2)
-    estimate = _between(savgol_filter(means, width, ORDER, mode="interp"), block, len(rates))
+    estimate = _between(_filtered(means, width), block, len(rates))
     return estimate, _weight(width) / float(np.sqrt(block))
+
+
+def _filtered(rates: Array, window: int) -> Array:
+    """Local quadratic of an odd window at each sample (n,); at either end, that of the first or the last whole window.
+
+    It is scipy's ``savgol_filter`` to the bit. That one solves for a window's coefficients anew each time, and comes with all
+    of scipy.signal and scipy.stats, which take each process half a second to load.
+    """
+    out = convolve1d(rates, _coefficients(window), mode="constant")
+    powers, scale = _powers(window)
+    half = window // 2
+    for part, own in ((slice(0, window), slice(0, half)), (slice(rates.size - window, None), slice(window - half, window))):
+        c = lstsq(powers, rates[part], cond=window * np.finfo(float).eps)[0] / scale
+        at = np.arange(own.start, own.stop, dtype=float)
+        out[part][own] = ((0.0 * at + c[0]) * at + c[1]) * at + c[2]
+    return np.asarray(out)
+
+
+@lru_cache(maxsize=256)
+def _coefficients(window: int) -> Array:
+    """(window,) of a local quadratic; all intervals and axes share a few windows."""
+    at = np.arange(window // 2, -(window // 2) - 1, -1, dtype=float)
+    powers = at ** np.arange(ORDER + 1, dtype=float)[:, None]
+    return np.asarray(lstsq(powers, np.eye(ORDER + 1)[0], cond=window * np.finfo(float).eps)[0])
+
+
+@lru_cache(maxsize=256)
+def _powers(window: int) -> tuple[Array, Array]:
+    """(window, 3) powers of the samples' numbers, highest first, each of length one, and their lengths before (3,)."""
+    powers = np.arange(window, dtype=float)[:, None] ** np.arange(ORDER, -1, -1, dtype=float)
+    scale = np.sqrt(np.sum(powers * powers, axis=0))
+    return powers / scale, scale
 
 
 def _between(values: Array, block: int, count: int) -> Array:
@@ -100,10 +132,9 @@ def _between(values: Array, block: int, count: int) -> Array:
     return np.asarray(out)
 
 
-@lru_cache(maxsize=256)
 def _weight(window: int) -> float:
-    """Sigma of a local quadratic per unit sigma of a sample; all intervals and axes share a few windows."""
-    return float(np.linalg.norm(savgol_coeffs(window, ORDER)))
+    """Sigma of a local quadratic per unit sigma of a sample."""
+    return float(np.linalg.norm(_coefficients(window)))
 
 
 def _ladder(longest: int) -> list[int]:

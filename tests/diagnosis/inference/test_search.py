@@ -172,7 +172,7 @@ def test_p_value_is_uniform_under_m0_and_small_with_an_effect(projected):
 @pytest.mark.parametrize(("observed", "expected"), [(0.5, 3 / 10), (2.0, 1 / 10), (4.0, np.exp(-4.0))])
 def test_p_value_counts_the_observation_among_the_draws(observed, expected):
     """By hand: of nine draws two are above 0.5, none above 2, and from e⁻⁴ < 1/10 on the bound says more than they do."""
-    statistics = iter([np.array([observed]), np.array([1.0, 1.5, *np.zeros(7)])])
+    statistics = iter([np.array([1.0, 1.5, *np.zeros(7)]), np.array([observed])])
     model = SimpleNamespace(y=np.zeros(3), X=np.zeros((3, 1)), candidates=(), projected=lambda noise: noise)
     search = SimpleNamespace(model=model, correlation=np.zeros(1), null_statistic=lambda _: next(statistics))
     assert p_value(search, seed=0, draws=9) == pytest.approx(expected, rel=1e-12)

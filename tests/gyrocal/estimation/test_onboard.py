@@ -83,7 +83,7 @@ def outcome(cases, openings=None, **options):
 
 
 def test_covariance_over_seeds_with_a_filter_that_runs_through():
-    cases = 50
+    cases = 30
     (own, naive), (white, white_naive) = outcome(cases)
     low, high = mean_bounds(12, cases)
     assert low < own < high

@@ -10,7 +10,7 @@ from studies.montecarlo.engine import run
 from studies.montecarlo.statistics import CONSISTENT
 from studies.montecarlo.study import Streams, load_config
 
-CONFIG = load_config(STUDY, changes={"cases": 3, "memory_samples": [400, 2000]})
+CONFIG = load_config(STUDY, changes={"cases": 2, "memory_samples": [400, 2000]})
 
 
 @pytest.fixture(scope="module")
@@ -22,7 +22,7 @@ def rows(tmp_path_factory):
 
 def test_the_ground_finds_the_same(rows):
     part = rows[(rows["way"] == OPENED) & (rows["covariance"] == OWN)]
-    assert len(part) == 3
+    assert len(part) == 2
     for name in ("apart", "apart_sigma"):
         assert part[name].max() < 1e-9
     assert part["covariance_apart"].max() < 1e-9
@@ -82,7 +82,7 @@ def test_report_has_its_numbers_from_the_rows(rows, tmp_path):
 
 
 def test_memory_may_be_left_out(rows, tmp_path):
-    config = load_config(STUDY, changes={"cases": 3, "memory_samples": []})
+    config = load_config(STUDY, changes={"cases": 2, "memory_samples": []})
     part = rows[rows["part"] == "accuracy"].drop(columns=["samples", "object_bytes", "cost_peak_kib", "cost_kept_kib"])
     made = onboard.report(config, part.reset_index(drop=True))
     assert "memory" not in made.tables

@@ -495,9 +495,10 @@ def wait_for(condition) -> None:
         time.sleep(0.02)  # asking often costs what the others would compute with
 
 
-def check_resumable(config: DrawsConfig, folder: Path, tmp_path: Path) -> None:
+def check_resumable(config: DrawsConfig, folder: Path, tmp_path: Path, monkeypatch) -> None:
     before = manifest(folder)
     Path(config.flag).unlink()
+    monkeypatch.setattr(time, "sleep", lambda seconds: None)  # nobody waits for these cases
     outcome = serial(DRAWS, config, folder)
     assert Path(config.flag).stat().st_size == config.cases - outcome.resumed
     assert outcome.resumed < config.cases
@@ -507,7 +508,7 @@ def check_resumable(config: DrawsConfig, folder: Path, tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("backend", ["serial", "loky"])
-def test_resumed_after_kill_9_the_table_is_the_same_bit_for_bit(backend, tmp_path):
+def test_resumed_after_kill_9_the_table_is_the_same_bit_for_bit(backend, tmp_path, monkeypatch):
     process, config, folder = start(tmp_path, backend)
     process.kill()
     assert process.wait(DEADLINE_S) == -signal.SIGKILL
@@ -515,7 +516,7 @@ def test_resumed_after_kill_9_the_table_is_the_same_bit_for_bit(backend, tmp_pat
     # No worker outlives its study for long.
     wait_for(lambda: not processes_of(process.pid))
     assert process.communicate() == ("", "")
-    check_resumable(config, folder, tmp_path)
+    check_resumable(config, folder, tmp_path, monkeypatch)
 
 
 def processes_of(session: int) -> list[str]:
@@ -541,7 +542,7 @@ def processes_of(session: int) -> list[str]:
         ("dask", signal.SIGINT, "interrupted"),
     ],
 )
-def test_a_signal_stops_cleanly_and_says_how_to_resume(backend, number, how, tmp_path):
+def test_a_signal_stops_cleanly_and_says_how_to_resume(backend, number, how, tmp_path, monkeypatch):
     if backend == "dask":
         pytest.importorskip("distributed")
     process, config, folder = start(tmp_path, backend)
@@ -555,7 +556,7 @@ def test_a_signal_stops_cleanly_and_says_how_to_resume(backend, number, how, tmp
     assert f"{done} of 60 cases are finished and kept in {folder}" in output
     assert manifest(folder)["status"] == "interrupted"
     wait_for(lambda: not processes_of(process.pid))
-    check_resumable(config, folder, tmp_path)
+    check_resumable(config, folder, tmp_path, monkeypatch)
 
 
 def test_interrupted_in_this_process(tmp_path, monkeypatch):

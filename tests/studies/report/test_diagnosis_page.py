@@ -31,9 +31,17 @@ FIGURES = {
 }
 
 
+class Pages(dict):
+    """The page of each case, made when it is first asked for: a worker may have few of the tests."""
+
+    def __missing__(self, name):
+        self[name] = diagnosis_report.page(CASES[name]())
+        return self[name]
+
+
 @pytest.fixture(scope="module")
 def pages():
-    return {name: diagnosis_report.page(make()) for name, make in CASES.items()}
+    return Pages()
 
 
 def summary(diagnosis, width=100):

@@ -9,7 +9,8 @@ from studies.montecarlo.study import Streams, find
 from studies.validation import compare_check as check
 from studies.validation.compare_check import PERCENTILES, CompareConfig
 
-SMALL = {"cases": 4, "controls": 1, "flights": 20}
+COARSE = CompareConfig().overrides | {"gyro.sample_s": 4.0, "reference.every_s": 240.0}
+SMALL = {"cases": 4, "controls": 1, "flights": 20, "overrides": COARSE}
 
 
 def rows(pairs, rng, shrink=1.0, percentile=None):
