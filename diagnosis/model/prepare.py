@@ -47,7 +47,7 @@ LIKELY = 1.0  # log odds of a dead zone from the samples, from which on its axis
 MOST_SHORT = 200  # stretches between two references that a calibration starts from, where whole intervals lead too far astray
 FEWEST_SHORT = 6
 SETTLED_SHORT = 1e-6  # of G
-IMPLAUSIBLE = 0.2  # change of an element of G
+IMPLAUSIBLE = np.array([0.2] * 9 + [np.deg2rad(0.1)] * 3)  # changes of G and b, rad/s
 UNSEEN = 0.5  # of its plausible range: a parameter less certain than that is not observed
 
 
@@ -329,7 +329,7 @@ def _over_short_pieces(
         if high - low > recording.gyro.sample_s
     ]
     some = tuple(gaps[k] for k in np.unique(np.linspace(0, len(gaps) - 1, MOST_SHORT).astype(np.intp))) if gaps else ()
-    if len(some) < FEWEST_SHORT:
+    if len(some) < FEWEST_SHORT or not report.rates.any():
         return None
     G, bias = recording.gyro.apriori_G.copy(), recording.gyro.apriori_bias.copy()
     for _ in range(ITERATIONS):
@@ -342,7 +342,8 @@ def _over_short_pieces(
         G, bias = G + change[:9].reshape(3, 3), bias + change[9:]
         if np.abs(change[:9]).max() < SETTLED_SHORT:
             break
-    return None if np.abs(G - recording.gyro.apriori_G).max() > IMPLAUSIBLE else (G, bias)
+    moved = np.append((G - recording.gyro.apriori_G).ravel(), bias - recording.gyro.apriori_bias)
+    return None if (np.abs(moved) > IMPLAUSIBLE).any() else (G, bias)
 
 
 def _step(model: RecordingModel) -> tuple[Array, Array]:

@@ -2,8 +2,12 @@
 
 from functools import lru_cache
 
+import numpy as np
+from scipy.spatial.transform import Rotation
+
 from diagnosis.model.candidates import linear_model
 from diagnosis.model.prepare import prepare
+from gyrocal.recording import Recording
 from simulator import scenario
 from simulator.effects import EFFECTS, parse
 from simulator.simulate import simulate
@@ -35,3 +39,18 @@ def linear(seed, *effects, sample_s=2.0, every_s=120.0):
     """The linear model of the same, with all effects and rivals."""
     model = prepared(seed, *effects, sample_s=sample_s, every_s=every_s).model
     return linear_model(model, list(EFFECTS.values()))
+
+
+def of_rates(rates, each, sample_s, arw, sigma, seed, **options):
+    """A recording of a body with rates (n, 3) rad/s, by a gyro without error, with a reference after every `each` samples."""
+    rng, gaps = np.random.default_rng(seed), len(rates) // each
+    turns = Rotation.identity(gaps)
+    for k in range(each):
+        turns = turns * Rotation.from_rotvec(rates[k::each] * sample_s)
+    attitudes = [Rotation.identity()]
+    for turn in turns:
+        attitudes.append(attitudes[-1] * turn)
+    noisy = Rotation.concatenate(attitudes) * Rotation.from_rotvec(sigma * rng.standard_normal((gaps + 1, 3)))
+    read = rates + arw / np.sqrt(sample_s) * rng.standard_normal(rates.shape)
+    tags, times = sample_s * np.arange(len(rates)), each * sample_s * np.arange(gaps + 1)
+    return Recording.from_arrays(tags, read, times, noisy.as_quat(), sigma=sigma, arw=arw, **options)

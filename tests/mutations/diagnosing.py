@@ -190,8 +190,8 @@ SAMPLES = [
             ),
             (
                 "the rate that is missing in one run has the other sign",
-                "-DIFFERENCE * np.deg2rad(1.0)",
-                "DIFFERENCE * np.deg2rad(1.0)",
+                "-np.deg2rad(1.0) * (1.0 if one.passed",
+                "np.deg2rad(1.0) * (1.0 if one.passed",
             ),
             (
                 "only one gyro could have a dead zone",

@@ -19,6 +19,7 @@ from gyrocal import InputError, calibrate
 from gyrocal.calibration.gate import LargeResidualError
 from simulator.effects import EFFECTS
 from tests.corpus_recordings import slews
+from tests.diagnosis.recordings import of_rates
 
 
 @lru_cache
@@ -141,3 +142,20 @@ def test_the_null_distribution_is_drawn_some_at_a_time(monkeypatch):
         monkeypatch.setattr(null, "AT_ONCE", at_once)
         found.append(null.p_value(Search(linear), 5, 100))
     assert found[0] == found[1] > 0.01
+
+
+def test_a_coarse_a_priori_calibration_leads_astray_over_an_interval_and_not_between_two_references():
+    """A body that turns by thousands of degrees, and scale factors that are off by 3 %: they are found all the same."""
+    one = tumbling(apriori=np.diag([1.03, 0.97, 1.02]))
+    with pytest.raises(LargeResidualError):
+        check_residuals(linearised(one, one.gyro.apriori_G, one.gyro.apriori_bias), one.gyro.rates)
+    model, sigma = prepare(one).model, prepare(one).sigma
+    assert np.abs((model.G - np.eye(3)).ravel() / sigma[:9]).max() < 5
+    assert np.abs(model.bias / sigma[9:]).max() < 5
+
+
+def tumbling(apriori):
+    """A body that tumbles about changing axes at some 2 deg/s, with a gyro whose true G is the unit matrix."""
+    t_s = 0.5 * np.arange(4800)
+    rates = 0.03 * np.sin(2 * np.pi * t_s[:, None] / np.array([700.0, 1100.0, 1900.0]) + np.arange(3)) + [0.01, 0.02, 0.03]
+    return of_rates(rates, 40, 0.5, 2e-5, 1e-4, 3, G=apriori)

@@ -4,14 +4,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from scipy.spatial.transform import Rotation
 
 from diagnosis.inference.checks import residual_checks
 from diagnosis.model.candidates import linear_model
 from diagnosis.model.layout import layout
 from diagnosis.model.prepare import prepare
-from gyrocal.recording import Recording
 from simulator.effects import EFFECTS
+from tests.diagnosis.recordings import of_rates
 
 RATE = slice(0, 3)
 CHANGE = slice(6, 9)
@@ -22,22 +21,13 @@ def with_readings(model, rates):
     return replace(model, recording=replace(model.recording, gyro=gyro))
 
 
-def resting(seed, gaps=300, each=72, sample_s=0.5, arw=3.8e-5, sigma=7e-5):
+def resting(seed, gaps=300, each=72):
     """A body that slews now and then between two references and hardly sways at them, where the gyro's noise is as large."""
-    rng = np.random.default_rng(seed)
-    t_s = sample_s * np.arange(gaps * each)
+    t_s = 0.5 * np.arange(gaps * each)
     rates = 3e-5 * np.sin(2 * np.pi * t_s[:, None] / np.array([143.0, 217.0, 331.0]) + np.arange(3))
     for gap in range(5, gaps, 10):
         rates[gap * each + 10 : gap * each + 50, gap // 10 % 3] += 0.004 * (-1) ** (gap // 30)
-    turns = Rotation.identity(gaps)
-    for k in range(each):
-        turns = turns * Rotation.from_rotvec(rates[k::each] * sample_s)
-    attitudes = [Rotation.identity()]
-    for turn in turns:
-        attitudes.append(attitudes[-1] * turn)
-    noisy = Rotation.concatenate(attitudes) * Rotation.from_rotvec(sigma * rng.standard_normal((gaps + 1, 3)))
-    read = rates + arw / np.sqrt(sample_s) * rng.standard_normal(rates.shape)
-    return Recording.from_arrays(t_s, read, each * sample_s * np.arange(gaps + 1), noisy.as_quat(), sigma=sigma, arw=arw)
+    return of_rates(rates, each, 0.5, 3.8e-5, 7e-5, seed)
 
 
 def test_the_rate_at_an_observation_holds_no_reading_from_before_it():

@@ -1,0 +1,42 @@
+"""Outliers of a body that rests for a part of the time, which are no rest where they are large."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from diagnosis.detectors.samples import examine
+from tests.diagnosis.recordings import of_rates
+
+SAMPLE_S, ARW = 0.1, 3e-4
+SIGMA = ARW / np.sqrt(SAMPLE_S)
+EVERY = 397
+
+
+def driving(spikes=0.0):
+    """A rover that stands and drives by turns, shaken while it drives; one sample in hundreds of gyro x is off by `spikes`."""
+    rng = np.random.default_rng(8)
+    t_s = SAMPLE_S * np.arange(24_000)
+    drives = (t_s % 240.0 > 150.0)[:, None]
+    turning = 0.05 * np.sin(2 * np.pi * t_s[:, None] / np.array([31.0, 43.0, 57.0])) + 3 * SIGMA * rng.standard_normal(
+        (t_s.size, 3)
+    )
+    made = of_rates(np.where(drives, turning, 0.0), 40, SAMPLE_S, ARW, 3e-4, 1)
+    read = made.gyro.rates.copy()
+    read[50::EVERY, 0] += spikes * rng.choice([-1.0, 1.0], read[50::EVERY, 0].size)
+    return replace(made, gyro=replace(made.gyro, rates=read)), made.gyro.rates
+
+
+def test_outliers_of_a_thousand_sigmas_are_found_and_taken_out():
+    spoilt, clean = driving(1000 * SIGMA)
+    report = examine(spoilt)
+    (symptom,) = [one for one in report.symptoms if one.kind == "outliers"]
+    assert symptom.axis == "x"
+    assert symptom.size == pytest.approx(np.rad2deg(1000 * SIGMA), rel=0.05)
+    assert symptom.parameters["fraction"] == pytest.approx(1 / EVERY, rel=0.1)
+    assert np.abs(report.rates - clean).max() < 20 * SIGMA
+    assert report.rates[:, 1:] == pytest.approx(clean[:, 1:], abs=0)
+
+
+def test_a_rover_that_starts_and_stops_has_none():
+    assert not [one for one in examine(driving()[0]).symptoms if one.kind.startswith("outlier")]
