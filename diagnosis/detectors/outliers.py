@@ -7,6 +7,8 @@ torque that sets in, after which the rate goes on along another line, is not far
 
 from __future__ import annotations
 
+from dataclasses import dataclass, replace
+
 import numpy as np
 import scipy.ndimage
 import scipy.stats
@@ -32,33 +34,37 @@ ALONE = 0.2  # of a spike, that may be left beside it
 NEARBY = 101  # over which the size of their usual error is taken
 
 
+@dataclass(frozen=True)
+class Looked:
+    """What one gyro's readings show of outliers; masks and arrays of all samples.
+
+    Attributes
+    ----------
+    still, moving : outliers while the body rests, and while it moves
+    off : how far each reading is off its neighbours, rad/s
+    limit : from which on one counts, where the motion adds nothing
+    odd : readings in motion that are far off, also beside others
+    hidden : how far off an outlier must be to show in the motion there; zero at rest
+    """
+
+    still: Mask
+    moving: Mask
+    off: Array
+    limit: float
+    odd: Mask
+    hidden: Array
+
+    @property
+    def places(self) -> Mask:
+        """All outliers."""
+        return self.still | self.moving
+
+
 def spikes(report: SampleReport, recording: Recording, quiet: Mask, used: Mask, noise: Array, steps: Array) -> None:
     """Single samples far outside, and the tails of all."""
-    whole = scipy.ndimage.binary_erosion(used & consecutive(recording, used), iterations=SIDE)
-    # Beside a sample that was bridged the motion is known less well than the noise says.
-    known = ~scipy.ndimage.binary_dilation(report.filled, iterations=len(BETWEEN) // 2)
-    resting = quiet & consecutive(recording, quiet) & np.roll(consecutive(recording, quiet), -1) & known
-    if resting.sum() < RESTING * used.sum():
-        resting[:] = False
-    # A large outlier is no rest, so that what is left is looked at as a motion.
-    moving = whole & known & ~resting
-    n = max(int(resting.sum() + moving.sum()), 1)
-    places, sizes, limits, settled, odd, hiding = [], [], [], [], [], []
-    for axis in range(3):
-        x, level, step = report.rates[:, axis], float(noise[axis]), float(steps[axis])
-        still, off, limit = _at_rest(x, resting, level, step)
-        jumps, beside, most, far, local = _in_motion(x, moving, level, step)
-        odd.append(np.where(far, np.abs(beside), 0.0))
-        hiding.append(np.where(resting, 0.0, local))
-        settled.append(still)
-        places.append(still | jumps)
-        sizes.append(np.abs(np.where(jumps, beside, off)))
-        limits.append(limit if resting.any() else most)
-    # What two gyros show at once while the body moves is a jolt of it.
-    near = sum(scipy.ndimage.binary_dilation(place, iterations=SIDE).astype(int) for place in places)
-    places = [still | (place & (near == 1)) for still, place in zip(settled, places, strict=True)]
-    counts = [int(place.sum()) for place in places]
-    sizes = [size[place] for place, size in zip(places, sizes, strict=True)]
+    looked, asked = _looked(report, recording, quiet, used, noise, steps)
+    counts = [int(one.places.sum()) for one in looked]
+    n = max(int(asked.sum()), 1)
     expected = 2 * scipy.stats.norm.sf(OUTLIER) * 1.2
     for axis in range(3):
         p = max(float(scipy.stats.poisson.sf(counts[axis] - 1, n * expected)), IMPOSSIBLE)
@@ -75,36 +81,60 @@ def spikes(report: SampleReport, recording: Recording, quiet: Mask, used: Mask, 
     strongest = int(np.argmax(counts))
     # Two of two on one axis are three times likelier if only that has them.
     alone = counts[strongest] >= 0.95 * total
-    together = np.concatenate(sizes)
-    beyond = together - min(limits)
-    axes = 1 if alone else 3
-    fraction = total / (axes * n)
-    if total > 5 and beyond.std() > 0.5 * beyond.mean():
-        # Outliers of all sizes: what exceeds a limit has, for exponential ones, the mean of all; the others are hidden.
-        seen = float(beyond.mean())
-        fraction *= float(np.exp(min(min(limits) / seen, 5.0)))
-        error = seen * np.sqrt(1 / total + 0.1**2)
-    else:
-        seen = float(together.mean())
-        error = float(np.hypot(together.std(), noise.mean()) / np.sqrt(total))
+    sizes = [one.off[one.places] for one in looked]
+    together, limit = np.concatenate(sizes), min(one.limit for one in looked)
+    beyond = together - limit
+    exponential = total > 5 and beyond.std() > 0.5 * beyond.mean()
+    # Of outliers of all sizes what exceeds a limit has, for exponential ones, the mean of all; the others are hidden.
+    seen = float(beyond.mean() if exponential else together.mean())
+    error = seen * np.sqrt(1 / total + 0.1**2) if exponential else np.hypot(together.std(), noise.mean()) / np.sqrt(total)
+    shown = sum(int((asked & (one.hidden <= AS_HIGH * seen)).sum()) for one in ([looked[strongest]] if alone else looked))
+    fraction = total / max(shown, total) * (float(np.exp(min(limit / seen, 5.0))) if exponential else 1.0)
     report.symptoms.append(
         Symptom(
             "outliers", AXES[strongest] if alone else None, float(np.rad2deg(seen)), "deg/s", float(np.rad2deg(error)),
-            {"fraction": float(fraction)}, p, likeness=_likeness(recording, places, sizes, limits),
+            {"fraction": float(fraction)}, p, likeness=_likeness(recording, looked),
         )
     )  # fmt: skip
-    if any(still.any() for still in settled):
-        _neighbours(report, settled, sum(int(still.sum()) for still in settled), noise)
-    # Of a gyro that has some, what stands as far out of a motion is taken out as well, though that bends.
-    t = recording.gyro.t_s
+    if any(one.still.any() for one in looked):
+        _neighbours(report, [one.still for one in looked], noise)
+    for axis, one in enumerate(looked):
+        if counts[axis]:
+            _taken_out(report, recording, axis, one, seen, fraction)
+
+
+def _looked(
+    report: SampleReport, recording: Recording, quiet: Mask, used: Mask, noise: Array, steps: Array
+) -> tuple[list[Looked], Mask]:
+    """What each gyro shows, and which samples were asked."""
+    whole = scipy.ndimage.binary_erosion(used & consecutive(recording, used), iterations=SIDE)
+    # Beside a sample that was bridged the motion is known less well than the noise says.
+    known = ~scipy.ndimage.binary_dilation(report.filled, iterations=len(BETWEEN) // 2)
+    resting = quiet & consecutive(recording, quiet) & np.roll(consecutive(recording, quiet), -1) & known
+    if resting.sum() < RESTING * used.sum():
+        resting = np.zeros_like(resting)
+    # A large outlier is no rest, so that what is left is looked at as a motion.
+    turning = whole & known & ~resting
+    found = []
     for axis in range(3):
-        bad = places[axis] | (odd[axis] > (AS_HIGH * seen if counts[axis] else np.inf))
-        good = ~bad
-        report.rates[bad, axis] = np.interp(t[bad], t[good], report.rates[good, axis])
-        report.filled |= bad
-        if counts[axis]:  # where the motion hides one, they are noise
-            power = fraction * float(np.mean(sizes[axis] ** 2)) * recording.gyro.sample_s
-            report.density[(hiding[axis] > AS_HIGH * seen) & ~bad, axis] += power
+        x, level, step = report.rates[:, axis], float(noise[axis]), float(steps[axis])
+        still, off, limit = _at_rest(x, resting, level, step)
+        moving, beside, most, odd, least = _in_motion(x, turning, level, step)
+        off = np.abs(np.where(odd, beside, off))
+        found.append(Looked(still, moving, off, limit if resting.any() else most, odd, np.where(resting, 0.0, least)))
+    # What two gyros show at once while the body moves is a jolt of it.
+    near = sum(scipy.ndimage.binary_dilation(one.places, iterations=SIDE).astype(int) for one in found)
+    return [replace(one, moving=one.moving & (near == 1)) for one in found], resting | turning
+
+
+def _taken_out(report: SampleReport, recording: Recording, axis: int, one: Looked, seen: float, fraction: float) -> None:
+    """Bridge the outliers of a gyro, and what stands as far out of a motion; where that hides them, they are noise."""
+    t, x = recording.gyro.t_s, report.rates[:, axis]
+    bad = one.places | (one.odd & (one.off > AS_HIGH * seen))
+    report.rates[bad, axis] = np.interp(t[bad], t[~bad], x[~bad])
+    report.filled |= bad
+    power = fraction * float(np.mean(one.off[one.places] ** 2)) * recording.gyro.sample_s
+    report.density[(one.hidden > AS_HIGH * seen) & ~bad, axis] += power
 
 
 def _at_rest(x: Array, follows: Mask, noise: float, step: float) -> tuple[Mask, Array, float]:
@@ -156,24 +186,24 @@ def _in_motion(x: Array, follows: Mask, noise: float, step: float) -> tuple[Mask
     return _is_single(x, np.where(far, deviation, 0.0), noise), deviation, OUTLIER * usual + step, far, least
 
 
-def _likeness(recording: Recording, places: list[Mask], sizes: list[Array], limits: list[float]) -> float:
+def _likeness(recording: Recording, looked: list[Looked]) -> float:
     """Of the times of outliers, counted from their interval's start, and of how far they exceed their limit."""
     starts = np.array([part.start for part in interval_slices(recording)])
     times, heights = [], []
-    for axis, bad in enumerate(places):
-        own = np.flatnonzero(bad)
+    for one in looked:
+        own = np.flatnonzero(one.places)
         times.append(own - starts[np.clip(np.searchsorted(starts, own, side="right") - 1, 0, None)])
-        heights.append(sizes[axis] - limits[axis])
+        heights.append(one.off[own] - one.limit)
     return min(1.0, 2 * min(of_times(np.concatenate(times)), of_heights(np.concatenate(heights))))
 
 
-def _neighbours(report: SampleReport, places: list[Mask], total: int, noise: Array) -> None:
+def _neighbours(report: SampleReport, places: list[Mask], noise: Array) -> None:
     """Whether the samples beside outliers are as noisy as all others: what disturbs them too is not a single sample's fault.
 
     Summed with the signs of the outliers, the readings at some distance are noise of variance m σ² about zero, for m outliers;
     less the median of 41 samples around, (1 + π/82) times that.
     """
-    aligned = np.zeros(len(BESIDE))
+    aligned, total = np.zeros(len(BESIDE)), sum(int(place.sum()) for place in places)
     for axis, bad in enumerate(places):
         x = report.rates[:, axis]
         deviation = (x - scipy.ndimage.median_filter(x, AROUND, mode="nearest")) / noise[axis]
