@@ -147,10 +147,12 @@ def of_zero_samples(recording: Recording, axis: int, smallest: float, usual: flo
     """
     zero = recording.gyro.rates[:, axis] == 0.0
     often = scipy.ndimage.uniform_filter1d(zero.astype(float), ZERO_WINDOW, mode="nearest") > ZERO_SHARE
-    part = np.full(zero.size, -1, dtype=np.int16)
-    for number, (low, high) in enumerate(runs(often)[:MOST_PARTS]):
-        part[low:high] = number
-    if not (part >= 0).any():
+    # Every zero misses its rate; the longest stretches of them have one of their own, the others share one.
+    part = np.where(zero, MOST_PARTS, -1).astype(np.int16)
+    longest = sorted(runs(often), key=lambda run: run[0] - run[1])[:MOST_PARTS]
+    for number, (low, high) in enumerate(sorted(longest)):
+        part[low:high][zero[low:high]] = number
+    if not longest:
         return None
     return DeadZoneEvidence(axis, part, MOST_ODDS, smallest, True, max(usual, smallest), everywhere(zero.size))
 

@@ -5,10 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from diagnosis.detectors.deadzone import EDGE, MOST_PARTS
+from diagnosis.detectors.deadzone import EDGE, MOST_PARTS, of_zero_samples
 from diagnosis.model import dead_zone
 from simulator.effects import EFFECTS
-from tests.diagnosis.recordings import prepared
+from tests.diagnosis.recordings import prepared, recorded
 
 DEG = np.deg2rad(1.0)
 EFFECT = next(effect for effect in EFFECTS.values() if effect.symptom == "dead_zone")
@@ -63,3 +63,17 @@ def test_the_size_lies_between_what_is_missing_and_what_is_read(found):
     (edge,) = dead_zone.dead_zone_groups(replace(found, dead=(replace(one, crossed=True),)), [EFFECT])
     assert edge.read(np.append(6e-4, np.zeros(runs)))[0] == pytest.approx(9e-4)
     assert edge.size_sigma(6e-4) == pytest.approx(EDGE * 9e-4)
+
+
+def test_every_zero_misses_its_rate_and_the_longest_stretches_have_one_of_their_own():
+    made = recorded(4, sample_s=0.5, every_s=60.0)
+    rates, lengths = made.gyro.rates.copy(), 30 + np.arange(MOST_PARTS + 20)
+    begins = 200 + 150 * np.arange(lengths.size)
+    for begin, length in zip(begins, lengths, strict=True):
+        rates[begin : begin + length, 1] = 0.0
+    one = of_zero_samples(replace(made, gyro=replace(made.gyro, rates=rates)), 1, 1e-6, 1e-6)
+    zero = rates[:, 1] == 0.0
+    np.testing.assert_array_equal(one.part >= 0, zero)
+    for place, begin in enumerate(begins):
+        own = one.part[begin : begin + 30]
+        assert (own == (place - 20 if place >= 20 else MOST_PARTS)).all()
