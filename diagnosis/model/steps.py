@@ -30,10 +30,11 @@ Indices = NDArray[np.intp]
 LONGEST_STEP_GAP = 300.0  # s between the times a step is tried at, before refinement
 MOST_STEP_TIMES = 14  # times a step is tried at inside an interval
 FINE_STEP_TIMES = 48  # times around one that was found
+PEAK_TIMES = 32  # times within a peak of a scan, which is narrower
 BETWEEN_INTERVALS = 0.5  # prior of a step in a gap between intervals
 ALREADY_ON = 1.0  # s before the first sample, when a switched column is on throughout
 SCANNED_TIMES = 600  # that a step is looked for at, over the recording
-MOST_MOMENTS = 4  # steps that get further options beside one set of others
+MOST_MOMENTS = 5  # steps that get further options; each makes every later search slower
 PEAK = 8.0  # log of a likelihood ratio to the highest, down to which a peak reaches
 
 
@@ -192,12 +193,16 @@ def with_moments(
             for number, one in enumerate(left):
                 if candidate not in taken[number]:
                     found[number].append(_peak(one.log_ratio(X), firsts, candidate, fixed))
+    worth = [
+        (peak.height / max(least, 1.0), peak)
+        for (_, least), peaks in zip(wanted, found, strict=True)
+        for peak in peaks
+        if peak.height > max(least, 0.0)
+    ]
     chosen: dict[tuple[int, int, int], Peak] = {}
-    for (_, least), peaks in zip(wanted, found, strict=True):
-        for peak in sorted(peaks, key=lambda peak: -peak.height)[:MOST_MOMENTS]:
-            if peak.height > least:
-                chosen.setdefault((peak.candidate, peak.low, peak.high), peak)
-    for peak in chosen.values():
+    for _, peak in sorted(worth, key=lambda one: -one[0]):
+        chosen.setdefault((peak.candidate, peak.low, peak.high), peak)
+    for peak in list(chosen.values())[:MOST_MOMENTS]:
         linear = _around(model, linear, effects[linear.candidates[peak.candidate].effect], peak)
     return linear
 
@@ -211,7 +216,7 @@ def _around(model: RecordingModel, linear: LinearModel, effect: Effect, peak: Pe
     ]
     if not givers:
         return linear
-    firsts = np.unique(np.linspace(peak.low, peak.high, FINE_STEP_TIMES).astype(np.intp))
+    firsts = np.unique(np.linspace(peak.low, peak.high, PEAK_TIMES).astype(np.intp))
     share = min(0.5, (peak.high - peak.low) / model.t_s.size)
     return _with_times(model, linear, effect, peak.candidate, peak.fixed, firsts, givers, share)
 

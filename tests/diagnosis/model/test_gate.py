@@ -149,9 +149,9 @@ def test_a_coarse_a_priori_calibration_leads_astray_over_an_interval_and_not_bet
     one = tumbling(apriori=np.diag([1.03, 0.97, 1.02]))
     with pytest.raises(LargeResidualError):
         check_residuals(linearised(one, one.gyro.apriori_G, one.gyro.apriori_bias), one.gyro.rates)
-    model, sigma = prepare(one).model, prepare(one).sigma
-    assert np.abs((model.G - np.eye(3)).ravel() / sigma[:9]).max() < 5
-    assert np.abs(model.bias / sigma[9:]).max() < 5
+    prepared = prepare(one)
+    assert np.abs((prepared.model.G - np.eye(3)).ravel() / prepared.sigma[:9]).max() < 5
+    assert np.abs(prepared.model.bias / prepared.sigma[9:]).max() < 5
 
 
 def tumbling(apriori):
