@@ -40,7 +40,6 @@ from diagnosis.model.linear import LinearModel, Member
 from diagnosis.model.misfit import Departure, errors_of, misfit
 from diagnosis.model.prepare import Prepared, Progress, prepare
 from diagnosis.model.symptoms import SampleCause, sample_causes
-from diagnosis.relinearise import beside_the_likeliest
 from diagnosis.result import Diagnosis
 from diagnosis.sensor_tables import diagnose_sensors
 from diagnosis.settings import DEFAULT, DiagnosisSettings
@@ -120,7 +119,6 @@ def diagnose(
         tell("gyro samples", 0.0)
         prepared = prepare(recording, settings, tell)
         samples = sample_causes(prepared, effects, settings)
-        prepared = beside_the_likeliest(prepared, effects, settings)
         explained = explain(prepared, effects, settings, seed, tell)
         found = assembled(prepared, samples, explained, settings, time.perf_counter() - began)
         return found if recording.sensors is None else _with_sensors(found, recording, library, settings, seed)

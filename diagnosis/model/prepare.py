@@ -9,7 +9,7 @@ noise. Whether a line in the samples is a vibration or a motion of the body is d
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Literal
 
@@ -63,7 +63,6 @@ class Prepared:
     reference_noise : test of the references' noise, None without a series of them
     dead : gyros that read zero for long, and may have a dead zone
     notes : limits of this recording
-    linearise : the model about other G and b
     tracker_noise : the test of the references' noise for each of several sensors, by name
     """
 
@@ -73,7 +72,6 @@ class Prepared:
     reference_noise: ReferenceNoise | None
     dead: tuple[DeadZoneEvidence, ...]
     notes: tuple[str, ...]
-    linearise: Callable[[Array, Array], RecordingModel] = field(repr=False)
     tracker_noise: tuple[tuple[str, ReferenceNoise], ...] = ()
 
     @property
@@ -132,14 +130,9 @@ def prepare(recording: Recording, settings: DiagnosisSettings = DEFAULT, tell: P
             factors[owner == number] = noise.factors
     if (factors != 1.0).any():
         model, sigma = _calibrated(recording, report, pieces, recording.attitudes.sigma * factors)
-
-    def linearise(G: Array, bias: Array) -> RecordingModel:
-        stated = recording.attitudes.sigma * factors
-        return linearised(recording, G, bias, report.rates, report.smooth, report.density, pieces, stated)
-
     of_all = next((noise for name, noise in found if name is None), None)
     of_each = tuple((name, noise) for name, noise in found if name is not None and noise is not None)
-    return Prepared(model, report, sigma, of_all, dead, _notes(recording, pieces, sigma), linearise, of_each)
+    return Prepared(model, report, sigma, of_all, dead, _notes(recording, pieces, sigma), of_each)
 
 
 def _without_tones(

@@ -389,11 +389,6 @@ class RecordingModel:
         """Observations less the nuisance parameters."""
         return self.size - self.nuisance.shape[1]
 
-    @property
-    def bent(self) -> bool:
-        """Whether it is linearised about a path between propagation and references, see `diagnosis.model.true_path`."""
-        return not np.array_equal(self.residuals, self.off)
-
     # ---- cells -----------------------------------------------------------------------------------------------------------
 
     @cached_property
