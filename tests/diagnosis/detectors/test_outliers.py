@@ -16,7 +16,7 @@ EVERY = 397
 def driving(spikes=0.0):
     """A rover that stands and drives by turns, shaken while it drives; one sample in hundreds of gyro x is off by `spikes`."""
     rng = np.random.default_rng(8)
-    t_s = SAMPLE_S * np.arange(24_000)
+    t_s = SAMPLE_S * np.arange(14_400)
     drives = (t_s % 240.0 > 150.0)[:, None]
     turning = 0.05 * np.sin(2 * np.pi * t_s[:, None] / np.array([31.0, 43.0, 57.0])) + 3 * SIGMA * rng.standard_normal(
         (t_s.size, 3)

@@ -41,7 +41,7 @@ def test_the_rate_at_an_observation_holds_no_reading_from_before_it():
     np.testing.assert_allclose(change[at + 2 : -1, CHANGE], 0, atol=1e-15)
 
 
-@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("seed", range(2))
 def test_noise_that_is_read_as_a_rate_is_no_dependence_on_it(seed):
     model = prepare(resting(seed)).model
     linear = linear_model(model, [EFFECTS["bias_drift"]], rivals=False)
