@@ -30,7 +30,6 @@ Indices = NDArray[np.intp]
 LONGEST_STEP_GAP = 300.0  # s between the times a step is tried at, before refinement
 MOST_STEP_TIMES = 14  # times a step is tried at inside an interval
 FINE_STEP_TIMES = 48  # times around one that was found
-PEAK_TIMES = 32  # times within a peak of a scan, which is narrower
 BETWEEN_INTERVALS = 0.5  # prior of a step in a gap between intervals
 ALREADY_ON = 1.0  # s before the first sample, when a switched column is on throughout
 SCANNED_TIMES = 600  # that a step is looked for at, over the recording
@@ -216,7 +215,7 @@ def _around(model: RecordingModel, linear: LinearModel, effect: Effect, peak: Pe
     ]
     if not givers:
         return linear
-    firsts = np.unique(np.linspace(peak.low, peak.high, PEAK_TIMES).astype(np.intp))
+    firsts = np.unique(np.linspace(peak.low, peak.high, FINE_STEP_TIMES).astype(np.intp))
     share = min(0.5, (peak.high - peak.low) / model.t_s.size)
     return _with_times(model, linear, effect, peak.candidate, peak.fixed, firsts, givers, share)
 
