@@ -31,6 +31,7 @@ PART_CYCLES = 12  # of a line in a part of the samples in which its amplitude is
 MOST_PARTS = 8  # of one arc
 UNSTEADY = 0.1  # relative change of the amplitude that a tone may have
 STEADY_SHARE, STEADY_SIGMAS = 0.75, 2.5  # of the parts, and how far these may be off
+KEPT_SAMPLES = 1 << 17  # of an arc, below which its chirp transform is small enough to be kept
 NO_NOISE = 1e-60  # (rad/s)², where readings leave nothing beside a line
 BEYOND_REST = 5.0  # sigmas of a power, by which one arc may have more of a tone than the rest of them
 
@@ -169,6 +170,7 @@ def _without_motion(x: Array, cycles: float) -> Array:
     return np.asarray((x - smooth) / (1 - _gain(kernel, cycles)))
 
 
+@lru_cache(maxsize=16)
 def _smoothing(count: int) -> Array:
     """Weights of the samples in the middle of a local polynomial; in orthogonal polynomials, since windows may be long."""
     Q = np.linalg.qr(np.polynomial.legendre.legvander(np.linspace(-1, 1, count), DEGREE))[0]
@@ -187,16 +189,21 @@ def _calm(left: Array) -> Mask:
 
 
 def _transform(y: Array, t: Array, frequencies: Array) -> Array:
-    """Fourier integral of y at some frequencies evenly spaced, by the chirp transform."""
+    """Fourier integral of y at some frequencies evenly spaced, by the chirp transform of y turned by the first of them."""
     step = frequencies[1] - frequencies[0] if frequencies.size > 1 else 1.0
     dt = float(np.median(np.diff(t)))
-    return np.asarray(_chirp(y.size, frequencies.size, step * dt, float(frequencies[0]) * dt)(y))
+    turned = y * np.exp(-2j * np.pi * float(frequencies[0]) * dt * np.arange(y.size))
+    make = _kept_chirp if y.size < KEPT_SAMPLES else _chirp
+    # Steps that differ by rounding are one: over a trial's band of a few resolutions, its last digits turn nothing.
+    return np.asarray(make(y.size, frequencies.size, float(f"{step * dt:.9e}"))(turned))
 
 
-@lru_cache(maxsize=2)
-def _chirp(count: int, trials: int, step: float, first: float) -> scipy.signal.CZT:
-    """The chirp transform of so many samples, frequencies in cycles a sample; arcs are often of one length."""
-    return scipy.signal.CZT(count, trials, np.exp(-2j * np.pi * step), np.exp(2j * np.pi * first))
+def _chirp(count: int, trials: int, step: float) -> scipy.signal.CZT:
+    """The chirp transform of so many samples, from frequency zero on in steps of cycles a sample."""
+    return scipy.signal.CZT(count, trials, np.exp(-2j * np.pi * step))
+
+
+_kept_chirp = lru_cache(maxsize=32)(_chirp)  # lines are many: one for each arc serves them all
 
 
 def _is_steady(amplitudes: Array, sigmas: Array) -> bool:

@@ -40,7 +40,7 @@ def p_value(
     """P-value of the evidence averaged over all candidates.
 
     It comes from draws of M0, and beyond what those can resolve from the bound P(B ≥ c) ≤ 1/c on an average of likelihood
-    ratios.
+    ratios, which needs none.
 
     Parameters
     ----------
@@ -50,6 +50,9 @@ def p_value(
     scanned_share : of the false alarms, that what a scan has chosen may have
     tell : called with the share of the draws that are done
     """
+    bound = float(np.exp(-max(_observed(search), 0.0)))
+    if bound * (1 + draws) < 1:
+        return _with_scanned(search, bound, scanned_share)
     return among(search, null_draws(search, seed, draws, tell), scanned_share)
 
 
@@ -67,11 +70,18 @@ def null_draws(search: Search, seed: int, draws: int, tell: Callable[[float], No
 
 def among(search: Search, null: Array, scanned_share: float = DEFAULT.scanned_share) -> float:
     """P-value of what was observed, among the statistics of draws of M0."""
-    observed = search.null_statistic(search.correlation[:, None])[0]
-    draws = null.size
-    simulated = (1 + int(np.sum(null >= observed))) / (1 + draws)
+    observed = _observed(search)
+    simulated = (1 + int(np.sum(null >= observed))) / (1 + null.size)
     bound = float(np.exp(-max(observed, 0.0)))
-    usual = min(simulated, bound) if bound < 1 / (1 + draws) else simulated
+    return _with_scanned(search, bound if bound * (1 + null.size) < 1 else simulated, scanned_share)
+
+
+def _observed(search: Search) -> float:
+    return float(search.null_statistic(search.correlation[:, None])[0])
+
+
+def _with_scanned(search: Search, usual: float, scanned_share: float) -> float:
+    """P-value of both tests, from that of the candidates whose options no scan has chosen."""
     listed = [candidate for candidate in search.model.candidates if candidate.scanned and candidate.listed]
     if not listed:
         return max(usual, TINY)

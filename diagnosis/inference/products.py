@@ -7,6 +7,7 @@ S = 1 + C Cᵀ. The matrix inversion lemma makes that XᵀX − (CᵀX)ᵀ (1 + 
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 
 import numpy as np
 import scipy.linalg
@@ -17,7 +18,7 @@ from diagnosis.model.linear import LinearModel, Member
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
 
-SMALL = 4  # most columns of groups that are computed together, those of one size at a time
+SMALL = 24  # most columns of options that are computed together, those of one size at a time
 MOST_KEPT = 4_000_000  # products of columns that are kept
 
 
@@ -82,33 +83,51 @@ class Products:
         self._kept = 0
 
 
+@dataclass(frozen=True)
+class Batch:
+    """Options of a candidate that have as many columns each, or the first columns of these.
+
+    Attributes
+    ----------
+    options : (o,) their numbers
+    gram : (o, k, k) XᵀX
+    places : (o, k) of the columns
+    """
+
+    options: Indices
+    gram: Array
+    places: Indices
+
+
 class Grams:
-    """XᵀX of each option, made when it is asked for first."""
+    """XᵀX of the options of candidates, made when they are asked for first; those of few columns side by side."""
 
     def __init__(self, model: LinearModel):
         self._model = model
-        self._places: list[Indices | None] = []
-        self._together: dict[int, Array] = {}
+        self._found: dict[tuple[int, int | None], list[Batch]] = {}
         self._single: dict[tuple[int, int], Array] = {}
-        for candidate in model.candidates:
-            counts = {option.count for option in candidate.options}
-            uniform = len(counts) == 1 and next(iter(counts)) <= SMALL
-            self._places.append(
-                np.array([np.arange(o.start, o.start + o.count) for o in candidate.options]) if uniform else None
-            )
 
-    def uniform(self, candidate: int) -> bool:
-        """Whether all its options have the same small number of columns."""
-        return self._places[candidate] is not None
+    def of(self, candidate: int, most: int | None = None) -> list[Batch]:
+        """All options of a candidate, with the `most` first columns of each only."""
+        key = candidate, most
+        if key not in self._found:
+            options = self._model.candidates[candidate].options
+            counts = np.array([option.count if most is None else min(option.count, most) for option in options])
+            groups = [np.flatnonzero(counts == count) for count in dict.fromkeys(counts.tolist())]
+            self._found[key] = [
+                self._batch(candidate, some, int(counts[own[0]]))
+                for own in groups
+                for some in ([own] if counts[own[0]] <= SMALL else own[:, None])
+            ]
+        return self._found[key]
 
-    def of(self, candidate: int) -> tuple[Array, Indices]:
-        """(o, k, k) and the places (o, k) of the columns."""
-        places = self._places[candidate]
-        assert places is not None
-        if candidate not in self._together:
-            X = self._model.X[:, places]  # (N, o, k)
-            self._together[candidate] = np.einsum("nok,nol->okl", X, X)
-        return self._together[candidate], places
+    def _batch(self, candidate: int, own: Indices, count: int) -> Batch:
+        starts = np.array([self._model.candidates[candidate].options[k].start for k in own])
+        places = starts[:, None] + np.arange(count)
+        if count == 1:  # hundreds of times of a step
+            X = self._model.X[:, _as_slice(places.ravel())]
+            return Batch(own, np.einsum("no,no->o", X, X)[:, None, None], places)
+        return Batch(own, np.array([self.single(candidate, int(k))[:count, :count] for k in own]), places)
 
     def single(self, candidate: int, option: int) -> Array:
         """(k, k) of one option."""

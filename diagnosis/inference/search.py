@@ -96,19 +96,10 @@ class Search:
     def tables(self, candidate: int, given: Conditioning | None, most: int | None = None) -> Array:
         """(o, s) log evidence of a candidate's options and scales given what is in, with its `most` strongest columns only."""
         entry = self.model.candidates[candidate]
-        if self.gram.uniform(candidate):
-            gram, places = self.gram.of(candidate)
-            return self._table(gram, places, entry, given)
-        parts = [
-            self._table(
-                self.gram.single(candidate, k)[None, :most, :most],
-                np.arange(o.start, o.start + o.count)[None, :most],
-                entry,
-                given,
-            )
-            for k, o in enumerate(entry.options)
-        ]
-        return np.vstack(parts)
+        found = np.empty((len(entry.options), entry.scales.size))
+        for batch in self.gram.of(candidate, most):
+            found[batch.options] = self._table(batch.gram, batch.places, entry, given)
+        return found
 
     def _table(self, gram: Array, places: Indices, entry: Candidate, given: Conditioning | None) -> Array:
         correlation = self.correlation[places]
@@ -150,16 +141,9 @@ class Search:
         for number, candidate in enumerate(self.model.candidates):
             if candidate.scanned != scanned or (scanned and not candidate.listed):
                 continue
-            if self.gram.uniform(number):
-                gram, places = self.gram.of(number)
-                groups = [(gram, correlation[places], candidate.log_weights)]
-            else:
-                groups = [
-                    (self.gram.single(number, k)[None], correlation[option.columns][None], np.array([option.log_weight]))
-                    for k, option in enumerate(candidate.options)
-                ]
-            for gram, values, weights in groups:
-                table = log_bayes(gram, values, candidate.scales, candidate.positive, candidate.shifted)  # (o, s, d)
+            for batch in self.gram.of(number):
+                values, weights = correlation[batch.places], candidate.log_weights[batch.options]
+                table = log_bayes(batch.gram, values, candidate.scales, candidate.positive, candidate.shifted)  # (o, s, d)
                 parts.append(
                     logsumexp(table + weights[:, None, None], axis=(0, 1)) - np.log(candidate.scales.size) + candidate.log_prior
                 )

@@ -5,15 +5,21 @@ Under M0 all observations are jointly normal: noise with the covariance V, and s
 C = Σ_ss − Σ_st Σ_tt⁻¹ Σ_ts (Rasmussen & Williams, Gaussian Processes for Machine Learning, section 2.2). Every interval gives
 a part to each fold, so that training sees every motion.
 
-The noise of different intervals is independent, and what they share are a few columns B = N P₀^½. With Cholesky factors K of
-V_tt, interval by interval, the singular values B̃ = K⁻¹B_t = Q S Uᵀ give all of it without a matrix of all rows
-(the matrix inversion lemma, section A.3 there): training values x_t become
+The noise of different intervals is independent, V = L Lᵀ block by block, and what they share are a few columns N P₀^½, which
+are whitened like all others, B = L⁻¹ N P₀^½. Training rows of a block show of whitened values x = L⁻¹ξ what is orthogonal to
+the directions z with (L z)_t = 0, an orthonormal basis Z of L⁻¹E_s; inner products of their own whitened values K⁻¹ξ_t, with
+K Kᵀ = V_tt, are those of
 
-    x̃ = K⁻¹x_t,    (I + B̃B̃ᵀ)^−½ x̃ = x̃ − Q (1 − (1 + S²)^−½) Qᵀx̃
+    x̃ = x − Z Zᵀx,    and    ξ_s − V_st V_tt⁻¹ ξ_t = L_s Z Zᵀx,    V_ss − V_st V_tt⁻¹ V_ts = L_s Z (L_s Z)ᵀ,
 
-in units of their own scatter, and with A = V_st K⁻ᵀ and D = B_s − A B̃ the errors of the prediction are
+so that a part that is held out costs in proportion to its own size. The singular values B̃ = Q S Uᵀ give the rest without a
+matrix of all rows (the matrix inversion lemma, section A.3 there): training values x̃ become
 
-    x_s − A x̃ − D U (S/(1 + S²)) Qᵀx̃,    C = V_ss − A Aᵀ + D U (1 + S²)⁻¹ Uᵀ Dᵀ,
+    (I + B̃B̃ᵀ)^−½ x̃ = x̃ − Q (1 − (1 + S²)^−½) Qᵀx̃
+
+in units of their own scatter, and with D = L_s Z ZᵀB the errors of the prediction are
+
+    L_s Z Zᵀx − D U (S/(1 + S²)) Qᵀx̃,    C = L_s Z (L_s Z)ᵀ + D U (1 + S²)⁻¹ Uᵀ Dᵀ,
 
 without differences of the broad priors, in which rounding would show.
 """
@@ -65,9 +71,10 @@ class Conditioned:
 
     Attributes
     ----------
-    train_y, train_X : (t,), (t, p) training observations and columns, in units of their own scatter
+    train_y, train_X : (N,), (N, p) training observations and columns, in units of their own scatter, turned into as many rows
+        as there are in all
     error_y, error_X : (s,), (s, p) errors of M0's prediction of the others, not whitened
-    noise : (s, s) V_ss − A Aᵀ, their covariance if what all intervals share were known
+    noise : (s, s) L_s Z (L_s Z)ᵀ, their covariance if what all intervals share were known
     shared : (s, q) D U: what of that they show, along the singular directions of the training rows
     known : (q,) S: prior sigma over posterior sigma of each direction is √(1 + S²)
     """
@@ -88,25 +95,21 @@ class Conditioned:
 
 def conditioned(model: RecordingModel, W: Array, out: NDArray[np.bool_], biases: Array | None = None) -> Conditioned:
     """Rows (N,) of a recording that are `out`, and whitened columns W (N, p) there, given the others; see the module."""
-    columns, W = shared_columns(model, biases), model.unmixed(W)
-    trained = np.cumsum(~out) - 1  # place of each training row among them
-    train_X = np.empty((int((~out).sum()), W.shape[1]), order="F")
-    train_y, B = np.empty(len(train_X)), np.empty((len(train_X), columns.shape[1]))
+    B, train_X, train_y = shared_columns(model, biases), model.unmixed(W), model.unmixed(model.whitened(model.zeta))
+    train_X = np.array(train_X, order="F") if train_X is W else train_X
     alone: list[tuple[Array, Array, Array]] = []
     V = np.zeros((int(out.sum()), int(out.sum())))
     done = 0
     for block in model.blocks:
-        held = out[block.rows]
-        L, x, y, b = block.whitener, W[block.rows], model.zeta[block.rows], columns[block.rows]
-        to, so = np.flatnonzero(~held), np.flatnonzero(held)
-        K = np.asarray(np.linalg.cholesky(L[to] @ L[to].T))
-        own = trained[block.rows][to]
-        turned = _solved(K, L[to])
-        train_X[own], train_y[own], B[own] = turned @ x, _solved(K, np.asarray(y[to])), _solved(K, b[to])
-        A = L[so] @ turned.T
+        so = np.flatnonzero(out[block.rows])
+        L, Z = block.whitener, _hidden(block.whitener, so)
+        shown = L[so] @ Z
+        parts = [Z.T @ values[block.rows] for values in (train_X, train_y, B)]
+        for values, part in zip((train_X, train_y, B), parts, strict=True):
+            values[block.rows] -= Z @ part
         place = slice(done, done + so.size)
-        V[place, place] = L[so] @ L[so].T - A @ A.T
-        alone.append((L[so] @ x - A @ train_X[own], y[so] - A @ train_y[own], b[so] - A @ B[own]))
+        V[place, place] = shown @ shown.T
+        alone.append((shown @ parts[0], shown @ parts[1], shown @ parts[2]))
         done += so.size
     error_X, error_y, D = (np.concatenate(values) for values in zip(*alone, strict=True))
     # With as many rows of zeros below, there is a singular value for what no training row shows as well.
@@ -120,6 +123,15 @@ def conditioned(model: RecordingModel, W: Array, out: NDArray[np.bool_], biases:
         some = slice(first, first + AT_ONCE)
         train_X[:, some] -= shrunk @ along_X[:, some]
     return Conditioned(train_y - shrunk @ along_y, train_X, error_y, error_X, V, D, S)
+
+
+def _hidden(L: Array, rows: NDArray[np.intp]) -> Array:
+    """(n, s) orthonormal basis of the whitened values of which the other rows of a block show nothing."""
+    if rows.size == len(L):
+        return np.eye(len(L))
+    units = np.zeros((len(L), rows.size))
+    units[rows, np.arange(rows.size)] = 1.0
+    return np.asarray(np.linalg.qr(_solved(L, units))[0])
 
 
 def _held_out(model: RecordingModel, W: Array, out: NDArray[np.bool_], owner: NDArray[np.str_], biases: Array | None) -> Fold:
@@ -179,13 +191,13 @@ def parts(model: RecordingModel) -> NDArray[np.intp]:
 
 
 def shared_columns(model: RecordingModel, biases: Array | None = None) -> Array:
-    """(N, q) columns B of what all intervals share, in units of their priors: start attitudes, mountings, G, b, biases."""
+    """(N, q) whitened columns B of what all intervals share, in units of their priors: starts, mountings, G, b, biases."""
     more = np.empty((model.size, 0)) if biases is None else biases
     own = np.full(more.shape[1], BROAD * PLAUSIBLE_RANGE[-1])
     attitude = model.attitude_nuisance
     scale = np.concatenate([np.full(attitude.shape[1], START), BROAD * PLAUSIBLE_RANGE, own])
     shared = model.unmixed(np.hstack([attitude, model.calibration, more]) * scale)
-    return unwhitened(model, np.hstack([shared, model.known_mountings]))
+    return np.hstack([shared, model.known_mountings])
 
 
 def joint_covariance(model: RecordingModel) -> Array:
@@ -193,7 +205,7 @@ def joint_covariance(model: RecordingModel) -> Array:
     V = np.zeros((model.size, model.size))
     for block in model.blocks:
         V[block.rows, block.rows] = block.whitener @ block.whitener.T
-    columns = shared_columns(model)
+    columns = unwhitened(model, shared_columns(model))
     return V + columns @ columns.T
 
 

@@ -135,7 +135,8 @@ class Fold:
 
     Attributes
     ----------
-    train_y, train_X : (t,), (t, p) training observations and columns, in units of their own scatter under M0
+    train_y, train_X : (t,), (t, p) training observations and columns, in units of their own scatter under M0; only their inner
+        products matter, so that a builder may turn them
     left_y, left_X : (s,), (s, p) errors of M0's prediction of the part held out, of observations and of columns, in units of
         the scatter of that prediction
     log_scale : (s,) twice the log of what the rows were divided by

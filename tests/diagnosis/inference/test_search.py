@@ -172,10 +172,18 @@ def test_p_value_is_uniform_under_m0_and_small_with_an_effect(projected):
 @pytest.mark.parametrize(("observed", "expected"), [(0.5, 3 / 10), (2.0, 1 / 10), (4.0, np.exp(-4.0))])
 def test_p_value_counts_the_observation_among_the_draws(observed, expected):
     """By hand: of nine draws two are above 0.5, none above 2, and from e⁻⁴ < 1/10 on the bound says more than they do."""
-    statistics = iter([np.array([1.0, 1.5, *np.zeros(7)]), np.array([observed])])
+    draws = np.array([1.0, 1.5, *np.zeros(7)])
     model = SimpleNamespace(y=np.zeros(3), X=np.zeros((3, 1)), candidates=(), projected=lambda noise: noise)
-    search = SimpleNamespace(model=model, correlation=np.zeros(1), null_statistic=lambda _: next(statistics))
+    drawn = False
+
+    def statistic(correlation):
+        nonlocal drawn
+        drawn |= correlation.shape[1] == 9
+        return draws if correlation.shape[1] == 9 else np.array([observed])
+
+    search = SimpleNamespace(model=model, correlation=np.zeros(1), null_statistic=statistic)
     assert p_value(search, seed=0, draws=9) == pytest.approx(expected, rel=1e-12)
+    assert drawn == (observed < 4)  # where the bound decides, nothing is drawn
 
 
 def test_what_a_scan_has_chosen_alarms_by_the_bound_on_its_evidence():
