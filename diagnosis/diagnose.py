@@ -32,9 +32,11 @@ from diagnosis.inference.null import p_value
 from diagnosis.inference.refinement import explained_finely
 from diagnosis.inference.search import NOTHING, Explanation, Search
 from diagnosis.merge import merged
+from diagnosis.model.at_work import known
 from diagnosis.model.calibration import calibrated
 from diagnosis.model.candidates import linear_model
 from diagnosis.model.dead_zone import dead_zone_groups, shown_by_passes
+from diagnosis.model.judgement import judged_anew
 from diagnosis.model.layout import layout
 from diagnosis.model.linear import LinearModel, Member
 from diagnosis.model.misfit import Departure, errors_of, misfit
@@ -118,10 +120,20 @@ def diagnose(
         effects = nameable(library, of_trackers=several)
         tell("gyro samples", 0.0)
         prepared = prepare(recording, settings, tell)
-        samples = sample_causes(prepared, effects, settings)
         explained = explain(prepared, effects, settings, seed, tell)
+        tell("lines and noise, once more", 0.9)
+        again = judged_anew(prepared, known(explained.fitted, {effect.name: effect for effect in effects}), settings)
+        if again is not None:
+            del explained  # whose columns are hundreds of megabytes
+            prepared, explained = again, explain(again, effects, settings, seed, partial(_once_more, tell))
+        samples = sample_causes(prepared, effects, settings)
         found = assembled(prepared, samples, explained, settings, time.perf_counter() - began)
         return found if recording.sensors is None else _with_sensors(found, recording, library, settings, seed)
+
+
+def _once_more(tell: Progress, text: str, share: float) -> None:
+    """Progress of what is done once more, in the last tenth of all."""
+    tell(f"once more: {text}", 0.9 + 0.1 * share)
 
 
 def nameable(library: Sequence[str] | None, of_arrays: bool = False, of_trackers: bool = False) -> list[Effect]:

@@ -90,9 +90,15 @@ class ReferenceNoise:
         return self.p_value < self.event_p and not self.of_gyro
 
     @property
+    def odd_in(self) -> tuple[str, ...]:
+        """What about it is not as that of stated white noise."""
+        found = {"level": self.p_value, "correlation": self.correlation_p, "constancy": self.constancy_p}
+        return tuple(what for what, p in found.items() if p < self.event_p)
+
+    @property
     def odd(self) -> bool:
         """Whether anything about it is not as that of stated white noise."""
-        return min(self.p_value, self.correlation_p, self.constancy_p) < self.event_p
+        return bool(self.odd_in)
 
     @property
     def factors(self) -> Array:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -100,7 +100,8 @@ class SampleReport:
     zones : of the gyros whose motion seems to pass through a dead zone
     lattice : (3,) whether readings lie on one that is coarser than the noise
     lines : lines of the spectrum, before the attitude was asked whether the body moves so
-    motions, unconfirmed : of these, those that are motions of the body as the references see, and those that are taken for such
+    vibrations : of these, those that are none of the body's motions and are taken out of the rates
+    motions, unconfirmed : those that are motions of the body as the references see, and those that are taken for such
     event_p, line_p : p-values below which a test of the samples speaks, and below which a line is one
     undecided : readings lie on a lattice, and the samples do not say whether rounded or cut
     """
@@ -115,6 +116,7 @@ class SampleReport:
     noise: Array = field(default_factory=lambda: np.zeros(3))
     smooth: Array = field(default_factory=lambda: np.empty((0, 3)))
     lines: list[Line] = field(default_factory=list)
+    vibrations: list[Line] = field(default_factory=list)
     motions: list[Line] = field(default_factory=list)
     unconfirmed: list[Line] = field(default_factory=list)
     event_p: float = DEFAULT.sample_event
@@ -123,6 +125,14 @@ class SampleReport:
     zones: dict[int, Zone] = field(default_factory=dict)
     hidden: Mask = field(default_factory=lambda: np.zeros(3, dtype=bool))
     lattice: Mask = field(default_factory=lambda: np.zeros(3, dtype=bool))
+
+    def unjudged(self) -> SampleReport:
+        """The report as it was before any line was judged."""
+        rates = self.rates.copy()
+        for line in self.vibrations:
+            rates[:, line.axis] += line.waveform
+        left = [one for one in self.symptoms if one.kind != "spectral_line"]
+        return replace(self, rates=rates, symptoms=left, vibrations=[], motions=[], unconfirmed=[])
 
 
 def inside(recording: Recording) -> Mask:

@@ -77,6 +77,7 @@ def judged_lines(
             (report.motions if ratio < CONFIRMED else report.unconfirmed).append(line)
             continue
         found = True
+        report.vibrations.append(line)
         report.rates[:, line.axis] -= line.waveform
         report.symptoms.append(_symptom(line, float(expit(odds))))
     return found
