@@ -7,8 +7,9 @@ to a reference attitude becomes one more group of columns beside the twelve of t
 The way of a recording through `diagnosis.diagnose`, file by file:
 
 1. `detectors.samples` and the detector of each symptom beside it: what the samples show, and the stream repaired.
-2. `model.prepare`: the calibration under M0 and the white noise there is, on `model.recording`, which linearises the recording;
-   `model.lines` asks the attitude whether a line of the samples is a motion of the body.
+2. `model.prepare`: the calibration under M0 (`model.baseline`) on `model.recording`, which linearises the recording;
+   `model.judgement` asks the attitude about lines of the samples and the references' noise, and asks anew, without them, once
+   effects were found (`model.at_work`).
 3. `model.symptoms`: which effects claim what the samples show.
 4. `model.candidates`, with `model.unlisted`, `model.repeating`, `model.processes` and `model.dead_zone`: the linear model of
    what could be there; `model.periods` scans the data for swings of any period.

@@ -62,12 +62,12 @@ class Products:
 
     def __init__(self, model: LinearModel):
         self._model = model
-        self._found: dict[tuple[int, int, int, int], Array] = {}
+        self._found: dict[tuple[int, int, bytes], Array] = {}
         self._kept = 0  # numbers in them
 
     def of(self, member: Member, places: Indices) -> Array:
-        """(k, n) products of a member's columns but a shift with the columns of a candidate or of one of its options."""
-        key = (member.candidate, member.option, int(places[0]) if places.size else 0, places.size)
+        """(k, n) products of a member's columns but a shift with other columns of the model."""
+        key = (member.candidate, member.option, places.tobytes())  # the first columns of three options are as many as one has
         if key not in self._found:
             X = self._model.X
             found = X[:, _as_slice(self._model.design((member,))[0])].T @ X[:, _as_slice(places)]

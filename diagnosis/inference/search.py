@@ -99,6 +99,7 @@ class Search:
         found = np.empty((len(entry.options), entry.scales.size))
         for batch in self.gram.of(candidate, most):
             found[batch.options] = self._table(batch.gram, batch.places, entry, given)
+        found[entry.outside] = -np.inf
         return found
 
     def _table(self, gram: Array, places: Indices, entry: Candidate, given: Conditioning | None) -> Array:
@@ -144,6 +145,7 @@ class Search:
             for batch in self.gram.of(number):
                 values, weights = correlation[batch.places], candidate.log_weights[batch.options]
                 table = log_bayes(batch.gram, values, candidate.scales, candidate.positive, candidate.shifted)  # (o, s, d)
+                table[candidate.outside[batch.options]] = -np.inf
                 parts.append(
                     logsumexp(table + weights[:, None, None], axis=(0, 1)) - np.log(candidate.scales.size) + candidate.log_prior
                 )

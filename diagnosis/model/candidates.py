@@ -18,6 +18,7 @@ from diagnosis.model import periods, processes, repeating, trackers, unlisted
 from diagnosis.model.folds import SPLIT, folds
 from diagnosis.model.late_tags import delays
 from diagnosis.model.linear import (
+    EVERY,
     VISIBLE,
     Candidate,
     LinearModel,
@@ -179,14 +180,19 @@ def ordered(
         largest = max((float(norm.max()) for norm in norms if norm.size), default=0.0)
         shown = visible[0], max(visible[1], group.loudest)
         scales = scales_of(largest, group.limits, shown) if group.scales is None else group.scales
+        # What a size of a random process shows differs between its options, each of which has scales of its own.
+        windows = [_window(norm, group.limits, shown) for norm in norms] if group.process and group.scales is None else []
+        if windows and scales.size:
+            scales = spaced(min(low for low, high in windows if low < high), max(high for low, high in windows if low < high))
         if not scales.size:
             continue
         family = (1 - share) / len(names) if group.listed else share / len(rivals)
         options = []
-        for part, weight, parameters in zip(group.columns, group.weights, group.parameters, strict=True):
-            if not part.shape[1] and group.scales is None:  # a process of which nothing can be seen here
+        windows = windows or [EVERY] * len(norms)
+        for part, weight, parameters, window in zip(group.columns, group.weights, group.parameters, windows, strict=True):
+            if not window[0] < window[1]:  # a process of which nothing can be seen here
                 continue
-            options.append(Option(start, part.shape[1], float(np.log(weight)), parameters))
+            options.append(Option(start, part.shape[1], float(np.log(weight)), parameters, window))
             columns.append(part)
             start += part.shape[1]
         prior = float(np.log(group.weight * family / axes[group.effect]))
@@ -197,6 +203,12 @@ def ordered(
             )
         )  # fmt: skip
     return tuple(candidates), columns
+
+
+def _window(norms: Array, limits: tuple[float, float], visible: tuple[float, float]) -> tuple[float, float]:
+    """Range of the scales that an option can show; no range where nothing of it can be seen."""
+    largest = float(norms.max(initial=0.0))
+    return (max(limits[0], visible[0] / largest), min(limits[1], visible[1] / largest)) if largest > 0 else (np.inf, 0.0)
 
 
 def _projected(model: RecordingModel, columns: list[Array]) -> tuple[Room, Restored]:
@@ -391,7 +403,8 @@ def with_finer_process(model: RecordingModel, linear: LinearModel, member: Membe
     ]
     for place, parameters, own in wanted:
         columns.append(make(model, number, processes.factor(covariance(parameters)), least))
-        made = Option(start, columns[-1].shape[1], own, dict(parameters))
+        window = held.window if place is None else options[place].window
+        made = Option(start, columns[-1].shape[1], own, dict(parameters), window)
         if place is None:
             options.append(made)
         else:

@@ -19,6 +19,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -31,8 +32,10 @@ Parameters = dict[str, float | str]
 # Scales of interest, as signal-to-noise ratios of the amplitude's standard deviation: nothing smaller can be seen, and nothing
 # larger than the upper end would be left for a linear model to explain.
 VISIBLE = (1.0, 300.0)
+ROUNDING = 1e-9
 AT_ONCE = 64  # rows of columns that are restored together
 PER_DECADE = 4  # scales in a decade; the evidence of a few amplitudes changes little between neighbours
+EVERY = (0.0, np.inf)  # scale
 FINER = 3  # scales between neighbours, for a process that may have hundreds of amplitudes
 
 
@@ -45,12 +48,14 @@ class Option:
     start, count : its columns among those of the model
     log_weight : log of its prior share among the options of its candidate
     parameters : what is fixed in it, such as the time of a step
+    window : range of the scales that it may have, among those of its candidate
     """
 
     start: int
     count: int
     log_weight: float
     parameters: Parameters
+    window: tuple[float, float] = EVERY
 
     @property
     def columns(self) -> slice:
@@ -111,10 +116,17 @@ class Candidate:
         """The name with its axis, "effect:axis"."""
         return self.effect if self.axis is None else f"{self.effect}:{self.axis}"
 
-    @property
+    @cached_property
+    def outside(self) -> NDArray[np.bool_]:
+        """(o, s) which of the scales an option cannot have."""
+        low, high = np.array([option.window for option in self.options]).T
+        return np.asarray((self.scales < low[:, None] * (1 - ROUNDING)) | (self.scales > high[:, None] * (1 + ROUNDING)))
+
+    @cached_property
     def log_weights(self) -> Array:
-        """(o,) log prior share of each option."""
-        return np.array([option.log_weight for option in self.options])
+        """(o,) log prior share of each option; one with fewer scales has more of it at each, as the average is over all."""
+        own = np.array([option.log_weight for option in self.options])
+        return own - np.log1p(-np.mean(self.outside, axis=1))
 
 
 @dataclass(frozen=True)

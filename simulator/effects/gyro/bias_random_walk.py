@@ -13,12 +13,12 @@ from simulator.effects.base import Array, Effect, Parameter, ProcessTimes, Setti
 from simulator.effects.common import DEG_H, HOUR, index, run_time
 
 GAPS = ("hold", "grow", "reset")
-TRIED = ("hold", "reset")  # over gaps of days a walk that goes on makes levels of their own, and is not seen as a walk
+DRAWN = ("hold", "reset")  # over gaps of days a walk that goes on makes levels of their own, and hardly shows as a walk
 
 
 def any_gaps(rng: np.random.Generator, around: Surroundings) -> Value:
-    """One of the two that are tried."""
-    return str(rng.choice(TRIED))
+    """One of those that show as a walk in any plan."""
+    return str(rng.choice(DRAWN))
 
 
 class BiasRandomWalk(Effect):
@@ -53,7 +53,7 @@ class BiasRandomWalk(Effect):
 
     def trials(self, around: Surroundings) -> Sequence[Trial]:
         """What the walk may do over the gaps."""
-        return tuple(Trial({"gaps": gaps}, 0.5) for gaps in TRIED)
+        return tuple(Trial({"gaps": gaps}, 1 / len(GAPS)) for gaps in GAPS)
 
 
 EFFECT = BiasRandomWalk(

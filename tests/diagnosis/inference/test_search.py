@@ -225,3 +225,14 @@ def test_products_that_are_not_kept_are_made_again(monkeypatch):
     made = Search(linear_model(columns, y)).explanations()
     assert [one.key for one in made] == [one.key for one in kept]
     np.testing.assert_allclose([one.log_posterior for one in made], [one.log_posterior for one in kept], rtol=1e-10)
+
+
+def test_products_of_the_first_columns_of_several_options_are_not_those_of_one():
+    """Three options of 24 columns each, looked at side by side, are as many columns as one of 72."""
+    rng = np.random.default_rng(8)
+    columns = [[rng.standard_normal((90, 72)) for _ in range(3)], rng.standard_normal((90, 1))]
+    search = Search(linear_model(columns, rng.standard_normal(90)))
+    other = (Member(1, 0, 4),)
+    search.score(0, other, 24)
+    after, fresh = search.score(0, other), Search(search.model).score(0, other)
+    assert after == fresh

@@ -4,10 +4,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.special import logsumexp
 
 from diagnosis.inference.search import Search
 from diagnosis.model.candidates import Group, assembled, linear_model, placed
-from diagnosis.model.linear import Member
+from diagnosis.model.linear import LinearModel, Member
 from diagnosis.model.linearise import linearised
 from diagnosis.model.steps import step_times, with_finer_times
 from diagnosis.model.swings import columns_of
@@ -203,3 +204,35 @@ def test_the_sign_of_an_effect_is_that_of_its_candidate(made):
     positive = {candidate.effect for candidate in made.candidates if candidate.positive}
     assert positive == {name for name, effect in EFFECTS.items() if effect.sign == "positive" and made.find(name) is not None}
     assert positive
+
+
+def test_options_of_a_process_have_scales_of_their_own():
+    """A quiet option reaches as far above its noise as a loud one, none beyond, and each has its own prior over its scales."""
+    rng = np.random.default_rng(2)
+    loud, quiet = 100 * rng.standard_normal((80, 3)), rng.standard_normal((80, 3))
+    group = Group(
+        "walk", "x", True, [loud, quiet], [{"gaps": "grow"}, {"gaps": "hold"}], np.array([0.5, 0.5]), (0.0, 1e9), "", True
+    )
+    (entry,), _ = placed([group], lambda X: X, DEFAULT)
+    for k, columns in enumerate((loud, quiet)):
+        largest = np.linalg.norm(columns, axis=0).max()
+        ratios = entry.scales[~entry.outside[k]] * largest
+        assert 1 <= ratios.min() < 2
+        assert 150 < ratios.max() <= 300 * (1 + 1e-9)
+    own = (~entry.outside).sum(axis=1)
+    np.testing.assert_allclose(np.exp(entry.log_weights) * own / entry.scales.size, 0.5, rtol=1e-12)
+    # A search holds neither where it cannot be, and averages over all that it can be.
+    alone = [
+        placed([replace(group, columns=[columns], parameters=[{}], weights=np.ones(1))], lambda X: X, DEFAULT)
+        for columns in (loud, quiet)
+    ]
+    y = 20 * quiet[:, 0] + rng.standard_normal(80)
+
+    def model(candidates, X):
+        return LinearModel(y=y, X=X, W=X, candidates=candidates, dof=80, projected=lambda values: values)
+
+    table = Search(model((entry,), np.hstack([loud, quiet]))).tables(0, None)
+    assert np.all(np.isneginf(table[entry.outside]))
+    both = Search(model((entry,), np.hstack([loud, quiet]))).score(0, ()).average
+    each = [Search(model(*made)).score(0, ()).average for made in alone]
+    assert both == pytest.approx(logsumexp(each) - np.log(2), abs=0.2)
