@@ -27,7 +27,7 @@ SHORT = MissionStudy(days=1.5, seeds=1, slews=2, mounting_days=0.2, windows=Fals
 def short_flight(tmp_path_factory):
     """A study's folder, its flights flown."""
     folder = tmp_path_factory.mktemp("mission")
-    engine.run(STUDY, SHORT, folder, jobs=2)
+    engine.run(STUDY, SHORT, folder, backend="serial")
     return folder
 
 
