@@ -42,7 +42,7 @@ WORDS = ["--time", "timestamp_ms:ms", "--gyro", "gx,gy,gz:deg/s", "--quat", "qw,
 
 
 def make(folder):
-    """All of `PLACEHOLDERS` but OUT in a folder, and ``series.toml``, ``four.toml`` and ``agile.toml``, coarse built-in ones."""
+    """All of `PLACEHOLDERS` but OUT in a folder, and the coarse ``series.toml``, ``four.toml`` and ``agile.toml``."""
     tables = log(np.random.default_rng(1), seconds=40.0)
     times = pd.to_datetime(tables.gyro["timestamp_ms"], unit="ms").dt.strftime("%Y-%m-%dT%H:%M:%S.%f")
     tables.gyro.assign(time=times).to_csv(folder / "gyro.csv", index=False)
