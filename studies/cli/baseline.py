@@ -30,9 +30,12 @@ def command(regenerate: bool, path: Path | None, as_json: Path | None) -> None:
     """
     check_writable(as_json)
     path = path or baseline.default_path()
+    stored = baseline.read(path) if path.exists() else None
+    if stored is None and not regenerate:
+        raise InputError(f"{path}: no baseline there; run in the project's folder, or write one with --write")
     new = baseline.recovered()
-    if path.exists():
-        table = baseline.moved(baseline.read(path), new)
+    if stored is not None:
+        table = baseline.moved(stored, new)
         if as_json:
             write_json(as_json, {"file": str(path), "moved": table.to_dict("records")})
         if table.empty:
@@ -41,8 +44,6 @@ def command(regenerate: bool, path: Path | None, as_json: Path | None) -> None:
             render.terminal(
                 console(), f"{len(table)} values moved by more than {baseline.RTOL:g} of themselves", table.head(40)
             )
-    elif not regenerate:
-        raise InputError(f"{path}: no baseline there; run in the project's folder, or write one with --write")
     if regenerate:
         baseline.write(new, path)
         click.echo(f"{path}: written")

@@ -18,6 +18,7 @@ from studies.montecarlo.study import Study
 
 PACKAGES = ("gyrocal", "simulator", "diagnosis", "studies")
 DATA = (".csv", ".json", ".toml")
+HOLDING = ("body", "orelse", "finalbody", "handlers", "cases")  # what in a statement holds others
 DIGITS = 16  # of a hash, in hexadecimal
 PROJECT = Path(gyrocal.__file__).resolve().parents[1]
 
@@ -110,7 +111,7 @@ def _bound(statement: ast.stmt) -> set[str]:
 
 def _imported(body: Iterable[ast.stmt], module: str, package: bool) -> Iterator[str]:
     """Names of modules that statements import; ``from a import b`` may mean the module a.b."""
-    for node in (node for statement in body for node in ast.walk(statement)):
+    for node in _statements(body):
         if isinstance(node, ast.Import):
             yield from (alias.name for alias in node.names)
         elif isinstance(node, ast.ImportFrom):
@@ -129,11 +130,21 @@ def _hash(body: Sequence[ast.stmt]) -> str:
 
 def _without_docstrings(statement: ast.stmt) -> ast.stmt | None:
     """A statement without text that nothing uses; None if it is nothing else. The tree is changed: it is read for this only."""
-    for node in ast.walk(statement):
+    for node in _statements([statement]):
         inside = getattr(node, "body", None)
         if isinstance(inside, list):
             node.body = [one for one in inside if not _is_text(one)]  # type: ignore[attr-defined]
     return None if _is_text(statement) else statement
+
+
+def _statements(body: Iterable[ast.AST]) -> Iterator[ast.AST]:
+    """Statements and those inside them, without their expressions, which are ten times as many and hold no statement."""
+    waiting = list(body)
+    while waiting:
+        node = waiting.pop()
+        yield node
+        for name in HOLDING:
+            waiting += getattr(node, name, ())
 
 
 def _is_text(statement: ast.stmt) -> bool:

@@ -30,6 +30,7 @@ SHOWN = {page: lines for page in PAGES if (lines := shell(page))} | HELP
 SMALL = (  # what is typed in place of what is shown
     (r"\btrmm_series\b", "series.toml"),
     (r"\btrmm_tetrahedron\b", "four.toml"),
+    (r"\bagile_trackers\b", "agile.toml"),
     (r"(?<=scenario=)mine\.toml", "scenario.toml"),
     (r"bias_orbital:z=0\.[23](,phase_deg=60)?( --seed 1)?|(?<=series.toml /rec )--seed 1 --effect .*", "bias_orbital:z=0.3"),
     (r"^(gyrocal plan )mine\.toml\b", r"\1series.toml"),

@@ -163,6 +163,36 @@ def _places(t_s: Array, intervals: Sequence[slice], reference_t_s: Array, sample
 
 
 @compiled
+def _root(S: Array) -> Array:  # pragma: no cover - compiled
+    """Lower root of a covariance (3, 3); that of numpy, compiled by numba, takes seconds to compile."""
+    L = np.zeros((3, 3))
+    for i in range(3):
+        for j in range(i + 1):
+            left = S[i, j]
+            for a in range(j):
+                left -= L[i, a] * L[j, a]
+            if i > j:
+                L[i, j] = left / L[j, j]
+            elif left > 0.0:
+                L[i, i] = np.sqrt(left)
+            else:
+                raise np.linalg.LinAlgError("a covariance is not positive definite")
+    return L
+
+
+@compiled
+def _under(L: Array, b: Array) -> Array:  # pragma: no cover - compiled
+    """(3,) solution of L x = b."""
+    x = np.empty(3)
+    for i in range(3):
+        x[i] = b[i]
+        for a in range(i):
+            x[i] -= L[i, a] * x[a]
+        x[i] /= L[i, i]
+    return x
+
+
+@compiled
 def _whitened(
     y: Array, t: Array, interval: Indices, R: Array, sigma: Array, arw: float
 ) -> Array:  # pragma: no cover - compiled
@@ -182,12 +212,18 @@ def _whitened(
         P = P + arw * arw * (t[k] - t[k - 1]) * np.eye(3)
         S = P + noise
         innovation = y[k] - x
-        out[used] = np.linalg.solve(np.linalg.cholesky(S), innovation)
+        L = _root(S)
+        white = _under(L, innovation)
+        out[used] = white
         used += 1
-        K = np.linalg.solve(S, P).T
-        x = x + K @ innovation
-        P = P - K @ P
-        P = 0.5 * (P + P.T)
+        half = np.empty((3, 3))  # L⁻¹ P, whose transpose times L⁻¹ is the gain
+        for a in range(3):
+            half[:, a] = _under(L, P[:, a])
+        for i in range(3):
+            for a in range(3):
+                x[i] += half[a, i] * white[a]
+                for j in range(3):
+                    P[i, j] -= half[a, i] * half[a, j]
     return out[:used].copy().ravel()
 
 

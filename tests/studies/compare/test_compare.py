@@ -107,7 +107,7 @@ def test_fitted_flights_lose_a_degree_of_freedom_for_each_amplitude(orbital):
 def test_percentiles_of_m0_are_uniform():
     percentiles, held = [], 0
     for seed in range(20):
-        standing = compare(recorded(100 + seed), [], runs=30, seed=seed).standings[0]
+        standing = compare(recorded(100 + seed), [], runs=20, seed=seed).standings[0]
         table = dict(zip(standing.names, standing.statistics["percentile"], strict=True))
         percentiles.append([table["mean square of the calibration"], table["residual rate lag-1 correlation y"]])
         held += standing.gap.before_90[0] <= 0 <= standing.gap.before_90[1]

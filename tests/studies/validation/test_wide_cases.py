@@ -42,13 +42,12 @@ def test_kinds_come_in_their_shares_in_every_block():
         assert tuple(kinds.count(kind) for kind in ORDER) == MIX
 
 
-def first_of(kind: str) -> int:
-    return next(case for case in range(20) if kind_of(Spec("setting", 2), case) == kind)
+QUICK = dict(zip(ORDER, (1, 3, 6, 10), strict=True))  # of the first twenty cases, one of each kind that is soon drawn
 
 
-@pytest.mark.parametrize("kind", ORDER)
-def test_a_case_is_the_same_again_and_has_what_its_kind_says(kind):
-    case = first_of(kind)
+@pytest.mark.parametrize(("kind", "case"), QUICK.items())
+def test_a_case_is_the_same_again_and_has_what_its_kind_says(kind, case):
+    assert kind_of(Spec("setting", 2), case) == kind
     one, other = draw(Spec("setting", 2), case), draw(Spec("setting", 2), case)
     assert one.truth() == other.truth()
     assert np.array_equal(one.recording().gyro.rates, other.recording().gyro.rates)
