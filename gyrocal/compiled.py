@@ -37,6 +37,7 @@ from gyrocal.files import replacing
 LAYERS = ("gyrocal", "simulator", "diagnosis", "studies")
 PREFIX = f"compiled-{sys.implementation.cache_tag}-"  # of the folders' names
 VERSIONS = (sys.version, numba.__version__, metadata.version("llvmlite"), np.__version__)
+ELSEWHERE = ("NUMBA_CACHE_DIR", "NUMBA_NUM_THREADS")  # settings that change no code; joblib gives its workers the latter
 DIGEST = hashlib.sha256().digest_size
 
 Function = TypeVar("Function", bound=Callable[..., Any])
@@ -138,8 +139,8 @@ def _private(path: Path) -> bool:
 
 
 def _settings() -> list[tuple[str, str]]:
-    """What numba is told by the environment, and may compile differently for."""
-    return sorted(item for item in os.environ.items() if item[0].startswith("NUMBA_") and item[0] != "NUMBA_CACHE_DIR")
+    """What numba is told by the environment, and may compile differently for: not the threads, as nothing here is parallel."""
+    return sorted(item for item in os.environ.items() if item[0].startswith("NUMBA_") and item[0] not in ELSEWHERE)
 
 
 class _Store(NullCache):

@@ -53,11 +53,15 @@ DITHERED = 1.5  # noise sigmas in a step, up to which rounding adds uniform nois
 SLACK = 0.1  # departure of the noise factor that rounding to a few sigmas makes by itself
 
 
-def local_noise(rates: Array, sigma: float, coarse: Mask, steps: Array) -> Array:
-    """(3,) robust noise of a sample, at least what is stated."""
-    if len(rates) <= ORDERS[-1]:
+def local_noise(rates: Array, sigma: float, coarse: Mask, steps: Array, filled: Mask) -> Array:
+    """(3,) robust noise of a sample that was measured, where enough were; what bridges the others has less."""
+    order = ORDERS[-1]
+    if len(rates) <= order:
         return np.full(3, sigma)
-    robust = np.median(np.abs(_differences(rates, ORDERS[-1])), axis=0) / 0.6745 / np.sqrt(power_of(ORDERS[-1]))
+    measured = ~scipy.ndimage.binary_dilation(filled, iterations=order // 2)[order // 2 : filled.size - order // 2]
+    if measured.sum() < FEWEST:
+        measured[:] = True
+    robust = np.median(np.abs(_differences(rates, order)[measured]), axis=0) / 0.6745 / np.sqrt(power_of(order))
     floor = np.where(coarse, np.sqrt(sigma**2 + steps**2 / 12), 0.0)
     return np.asarray(np.maximum(np.where(robust > 0, robust, sigma), floor))
 

@@ -72,7 +72,7 @@ def examine(
     _stale(report, recording, used, coarse)
     saturation(report, recording, used, coarse, steps, sigma)
     if sigma > 0:
-        local = local_noise(report.rates, sigma, coarse, steps)
+        local = local_noise(report.rates, sigma, coarse, steps, report.filled)
         parts = interval_slices(recording)
         found = {}
         for axis in np.flatnonzero(~coarse):

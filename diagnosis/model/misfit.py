@@ -30,6 +30,7 @@ from diagnosis.answer import Finding
 from diagnosis.inference.checks import Check
 from diagnosis.model.recording import RANK, RecordingModel, parameter_errors
 from gyrocal.compiled import compiled
+from gyrocal.small_matrices import root, under
 from simulator.effects.base import Effect, Value
 
 Array = NDArray[np.float64]
@@ -259,10 +260,13 @@ def _whitened(z: Array, added: Array, R: Array, first: Mask) -> Array:  # pragma
             continue
         P = P + added[k]
         S = P + R[k]
-        v = z[k] - x
-        out[k] = np.linalg.solve(np.linalg.cholesky(S), v)
-        K = np.linalg.solve(S, P).T
-        x = x + K @ v
-        P = P - K @ P
-        P = 0.5 * (P + P.T)
+        L = root(S)
+        white, half = under(L, z[k] - x), under(L, P)  # K v = (L⁻¹P)ᵀ L⁻¹v, and K P = (L⁻¹P)ᵀ L⁻¹P
+        out[k] = white
+        for i in range(3):
+            for a in range(3):
+                for j in range(x.shape[1]):
+                    x[i, j] += half[a, i] * white[a, j]
+                for j in range(3):
+                    P[i, j] -= half[a, i] * half[a, j]
     return out

@@ -90,7 +90,9 @@ def stretches(recording: Recording, interval: str | None = None) -> tuple[tuple[
 
     used = inside(recording)
     sigma = recording.gyro.arw / np.sqrt(recording.gyro.sample_s)
-    still = quiet(recording.gyro.rates, local_noise(recording.gyro.rates, sigma, np.zeros(3, dtype=bool), np.zeros(3)))
+    none = np.zeros(recording.gyro.t_s.size, dtype=bool)
+    noise = local_noise(recording.gyro.rates, sigma, np.zeros(3, dtype=bool), np.zeros(3), none)
+    still = quiet(recording.gyro.rates, noise)
     found, lost = [], 0
     for one in recording.intervals:
         if interval in (None, one.name):

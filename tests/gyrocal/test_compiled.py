@@ -84,6 +84,20 @@ def test_signatures_have_files_of_their_own(started):
     assert len(entries(kernel)) == 2
 
 
+def test_threads_change_no_code_and_other_settings_may(started, monkeypatch):
+    """joblib tells its workers how many threads they have, which would else compile all anew."""
+    kernel = started(3.0)
+    assert kernel(2.0) == 6.0
+    monkeypatch.setenv("NUMBA_NUM_THREADS", "1")
+    again = started(3.0)
+    assert again(2.0) == 6.0
+    assert sum(again.stats.cache_hits.values()) == 1
+    monkeypatch.setenv("NUMBA_FASTMATH", "1")
+    other = started(3.0)
+    assert other(2.0) == 6.0
+    assert sum(other.stats.cache_hits.values()) == 0
+
+
 def test_sources_that_change_under_a_process_are_not_taken_for_what_it_runs(started, tmp_path):
     kernel = started(3.0)
     (constants,) = tmp_path.rglob("constants.py")

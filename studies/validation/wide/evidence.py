@@ -28,6 +28,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gyrocal.compiled import compiled
+from gyrocal.small_matrices import root, under
 from simulator.effects.base import Array
 from simulator.truth.integration import accumulate
 from simulator.truth.rotation import matrix, perturbed, separation
@@ -163,36 +164,6 @@ def _places(t_s: Array, intervals: Sequence[slice], reference_t_s: Array, sample
 
 
 @compiled
-def _root(S: Array) -> Array:  # pragma: no cover - compiled
-    """Lower root of a covariance (3, 3); that of numpy, compiled by numba, takes seconds to compile."""
-    L = np.zeros((3, 3))
-    for i in range(3):
-        for j in range(i + 1):
-            left = S[i, j]
-            for a in range(j):
-                left -= L[i, a] * L[j, a]
-            if i > j:
-                L[i, j] = left / L[j, j]
-            elif left > 0.0:
-                L[i, i] = np.sqrt(left)
-            else:
-                raise np.linalg.LinAlgError("a covariance is not positive definite")
-    return L
-
-
-@compiled
-def _under(L: Array, b: Array) -> Array:  # pragma: no cover - compiled
-    """(3,) solution of L x = b."""
-    x = np.empty(3)
-    for i in range(3):
-        x[i] = b[i]
-        for a in range(i):
-            x[i] -= L[i, a] * x[a]
-        x[i] /= L[i, i]
-    return x
-
-
-@compiled
 def _whitened(
     y: Array, t: Array, interval: Indices, R: Array, sigma: Array, arw: float
 ) -> Array:  # pragma: no cover - compiled
@@ -212,13 +183,10 @@ def _whitened(
         P = P + arw * arw * (t[k] - t[k - 1]) * np.eye(3)
         S = P + noise
         innovation = y[k] - x
-        L = _root(S)
-        white = _under(L, innovation)
+        L = root(S)
+        white, half = under(L, innovation.reshape(3, 1))[:, 0], under(L, P)  # (L⁻¹P)ᵀ L⁻¹ is the gain
         out[used] = white
         used += 1
-        half = np.empty((3, 3))  # L⁻¹ P, whose transpose times L⁻¹ is the gain
-        for a in range(3):
-            half[:, a] = _under(L, P[:, a])
         for i in range(3):
             for a in range(3):
                 x[i] += half[a, i] * white[a]

@@ -10,6 +10,7 @@ from diagnosis.detectors import samples as stream
 from diagnosis.detectors import spectral_lines, spectral_tones
 from diagnosis.detectors.clipping import _is_plateau
 from diagnosis.detectors.lattice import lattice_step, mean_reading, sweep_odds, undone
+from diagnosis.detectors.sample_noise import local_noise
 from diagnosis.settings import DEFAULT
 from simulator import scenario
 from simulator.effects import parse
@@ -365,3 +366,16 @@ def test_a_gyro_that_reads_one_value_throughout_has_no_line(plan, truth):
     found = stream.examine(replace(recording, gyro=replace(recording.gyro, rates=rates)))
     assert ("plateau", "x") in {(one.kind, one.axis) for one in found.symptoms}
     assert not [line for line in found.lines if line.axis == 0]
+
+
+@pytest.mark.parametrize("share", [0.0, 0.2])
+def test_the_noise_of_samples_is_that_of_those_that_were_measured(share):
+    """What bridges stale samples is smoother than they are, and would make six sigmas of the others five."""
+    rng = np.random.default_rng(4)
+    rates, filled = rng.standard_normal((20000, 3)), rng.random(20000) < share
+    t = np.arange(20000.0)
+    for axis in range(3):
+        rates[filled, axis] = np.interp(t[filled], t[~filled], rates[~filled, axis])
+    found = local_noise(rates, 1.0, np.zeros(3, dtype=bool), np.zeros(3), filled)
+    count = np.sum(~filled) if share == 0 else 20000 * (1 - share) ** 7
+    np.testing.assert_allclose(found, 1.0, atol=5 * np.sqrt(6.3 / count))

@@ -1,0 +1,41 @@
+"""Roots of covariances (3, 3) and what is under them, for functions that are compiled.
+
+The linear algebra of numpy, as numba compiles it, takes seconds to compile and holds for matrices of any size.
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gyrocal.compiled import compiled
+
+Array = NDArray[np.float64]
+
+
+@compiled
+def root(S: Array) -> Array:  # pragma: no cover - compiled
+    """Lower root L of a covariance, S = L Lᵀ; (3, 3)."""
+    L = np.zeros((3, 3))
+    for i in range(3):
+        for j in range(i + 1):
+            left = S[i, j]
+            for a in range(j):
+                left -= L[i, a] * L[j, a]
+            if i > j:
+                L[i, j] = left / L[j, j]
+            elif left > 0.0:
+                L[i, i] = np.sqrt(left)
+            else:
+                raise np.linalg.LinAlgError("a covariance is not positive definite")
+    return L
+
+
+@compiled
+def under(L: Array, b: Array) -> Array:  # pragma: no cover - compiled
+    """L⁻¹ b of a lower root (3, 3) and columns (3, k)."""
+    x = b.copy()
+    for i in range(3):
+        for j in range(b.shape[1]):
+            for a in range(i):
+                x[i, j] -= L[i, a] * x[a, j]
+            x[i, j] /= L[i, i]
+    return x
