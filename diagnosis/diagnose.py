@@ -118,22 +118,28 @@ def diagnose(
 
             return diagnose_gyros(recording, nameable(library, True, several), settings, seed, tell)
         effects = nameable(library, of_trackers=several)
-        tell("gyro samples", 0.0)
-        prepared = prepare(recording, settings, tell)
-        explained = explain(prepared, effects, settings, seed, tell)
-        tell("lines and noise, once more", 0.9)
-        again = judged_anew(prepared, known(explained.fitted, {effect.name: effect for effect in effects}), settings)
-        if again is not None:
-            del explained  # whose columns are hundreds of megabytes
-            prepared, explained = again, explain(again, effects, settings, seed, partial(_once_more, tell))
+        prepared, explained = explain_recording(recording, effects, settings, seed, tell)
         samples = sample_causes(prepared, effects, settings)
         found = assembled(prepared, samples, explained, settings, time.perf_counter() - began)
         return found if recording.sensors is None else _with_sensors(found, recording, library, settings, seed)
 
 
+def explain_recording(
+    recording: Recording, effects: Sequence[Effect], settings: DiagnosisSettings, seed: int, tell: Progress
+) -> tuple[Prepared, Explained]:
+    """The recording with what its samples show, and what the attitude says of it; parameters as of `diagnose`."""
+    tell("gyro samples", 0.0)
+    prepared = prepare(recording, settings, tell)
+    explained = explain(prepared, effects, settings, seed, tell)
+    once_more = partial(_once_more, tell)
+    at_work = known(explained.fitted, {effect.name: effect for effect in effects})
+    again = judged_anew(prepared, at_work, settings, once_more)
+    return (prepared, explained) if again is None else (again, explain(again, effects, settings, seed, once_more))
+
+
 def _once_more(tell: Progress, text: str, share: float) -> None:
-    """Progress of what is done once more, in the last tenth of all."""
-    tell(f"once more: {text}", 0.9 + 0.1 * share)
+    """Progress of what is done once more, at the end of all."""
+    tell(f"once more: {text}", 0.97 + 0.03 * share)
 
 
 def nameable(library: Sequence[str] | None, of_arrays: bool = False, of_trackers: bool = False) -> list[Effect]:

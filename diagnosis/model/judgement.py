@@ -145,7 +145,12 @@ def judge(
     return Prepared(model, report, sigma, of_all, dead, (), pieces, of_each)
 
 
-def judged_anew(prepared: Prepared, at_work: Sequence[AtWork], settings: DiagnosisSettings) -> Prepared | None:
+def judged_anew(
+    prepared: Prepared,
+    at_work: Sequence[AtWork],
+    settings: DiagnosisSettings,
+    tell: Progress = lambda text, share: None,
+) -> Prepared | None:
     """A recording with its lines and its references' noise judged without some effects; None if the judgement is the same."""
     if not at_work or not (prepared.judged or prepared.samples.lines):
         return None
@@ -155,7 +160,7 @@ def judged_anew(prepared: Prepared, at_work: Sequence[AtWork], settings: Diagnos
         report.smooth = smoothed_rates(report.rates, recording)
     if prepared.judged:
         model, sigma = baseline(recording, report, pieces, recording.attitudes.sigma)
-    again = judge(Unjudged(recording, report, model, sigma, pieces, prepared.dead), settings, at_work=at_work, tones=False)
+    again = judge(Unjudged(recording, report, model, sigma, pieces, prepared.dead), settings, tell, at_work, tones=False)
     return replace(again, notes=prepared.notes) if again.judged != prepared.judged else None
 
 

@@ -44,8 +44,8 @@ def of_the_attitudes(monkeypatch, found):
     """The answer of gyro and references taken as known, which the sensors have no part in."""
     empty = {"causes": (), "closure": None, "where": (), "notes": (), "sensors": None, "posterior": (((), 1.0),)}
     nothing = replace(found, verdict="none", present=False, **empty)
-    for step in ("prepare", "sample_causes", "explain"):
-        monkeypatch.setattr(f"diagnosis.diagnose.{step}", lambda *_: ())
+    monkeypatch.setattr("diagnosis.diagnose.explain_recording", lambda *_: ((), ()))
+    monkeypatch.setattr("diagnosis.diagnose.sample_causes", lambda *_: ())
     monkeypatch.setattr("diagnosis.diagnose.assembled", lambda *_: nothing)
     return nothing
 
