@@ -95,8 +95,8 @@ class Conditioned:
 
 def conditioned(model: RecordingModel, W: Array, out: NDArray[np.bool_], biases: Array | None = None) -> Conditioned:
     """Rows (N,) of a recording that are `out`, and whitened columns W (N, p) there, given the others; see the module."""
-    B, train_X, train_y = shared_columns(model, biases), model.unmixed(W), model.unmixed(model.whitened(model.zeta))
-    train_X = np.array(train_X, order="F") if train_X is W else train_X
+    B, train_y = shared_columns(model, biases), model.unmixed(model.whitened(model.zeta))
+    train_X = np.array(model.unmixed(W[:, :]), order="F")  # of its own, since it is changed in place
     alone: list[tuple[Array, Array, Array]] = []
     V = np.zeros((int(out.sum()), int(out.sum())))
     done = 0

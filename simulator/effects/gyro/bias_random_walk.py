@@ -15,6 +15,8 @@ from simulator.effects.common import DEG_H, HOUR, index, run_time
 GAPS = ("hold", "grow", "reset")
 DRAWN = ("hold", "reset")  # over gaps of days a walk that goes on makes levels of their own, and hardly shows as a walk
 
+SHOWN = 30.0  # times the sampled time, beyond which all that is seen of a walk that goes on are levels, each its own
+
 
 def any_gaps(rng: np.random.Generator, around: Surroundings) -> Value:
     """One of those that show as a walk in any plan."""
@@ -52,8 +54,11 @@ class BiasRandomWalk(Effect):
         return np.asarray(same * np.minimum.outer(within, within) * DEG_H**2)
 
     def trials(self, around: Surroundings) -> Sequence[Trial]:
-        """What the walk may do over the gaps."""
-        return tuple(Trial({"gaps": gaps}, 1 / len(GAPS)) for gaps in GAPS)
+        """What the walk may do over the gaps; one that goes on only where the intervals would show that it is a walk."""
+        stream = around.stream
+        sampled, whole = float(np.sum(stream.duration_s)), float(stream.t_s[-1] - stream.t_s[0])
+        tried = GAPS if whole < SHOWN * sampled else DRAWN
+        return tuple(Trial({"gaps": gaps}, 1 / len(tried)) for gaps in tried)
 
 
 EFFECT = BiasRandomWalk(

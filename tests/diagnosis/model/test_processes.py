@@ -1,5 +1,7 @@
 """Random processes against their covariances, drawn errors and the simulator."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import scipy.stats
@@ -143,3 +145,17 @@ def test_a_process_of_averaged_references_has_the_covariance_of_averages(monkeyp
     np.testing.assert_allclose(found[within], whole[within], atol=0.02)
     assert np.diag(found).max() <= 1 + 1e-12
     assert np.median(np.diag(found)) < 0.8
+
+
+def test_a_walk_goes_on_only_over_gaps_that_leave_it_a_walk():
+    """Over days between intervals of an hour all that would be seen of it are levels, each its own."""
+    around = prepared(3).model.around
+    walk = EFFECTS["bias_random_walk"]
+    stream = around.stream
+    closer = np.concatenate([stream.t_s[part] - stream.t_s[part][0] for part in stream.intervals])
+    closer += np.concatenate([np.full(part.stop - part.start, 2e4 * k) for k, part in enumerate(stream.intervals)])
+    near = replace(around, stream=replace(stream, t_s=closer))
+    for found, gaps in ((around, {"hold", "reset"}), (near, {"hold", "grow", "reset"})):
+        trials = walk.trials(found)
+        assert {trial.parameters["gaps"] for trial in trials} == gaps
+        assert sum(trial.weight for trial in trials) == pytest.approx(1.0)
