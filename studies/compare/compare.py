@@ -3,12 +3,11 @@
 from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import asdict, dataclass
-from functools import partial
 from typing import Any
 
+import joblib
 import numpy as np
 import pandas as pd
-from joblib.externals.loky import get_reusable_executor
 from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
@@ -19,7 +18,6 @@ from simulator.adopted import Adopted, Replayed
 from studies.compare.bench import Bench, Flight
 from studies.compare.gap import Gap, gap
 from studies.compare.measure import Measured, Ruler
-from studies.montecarlo.backends import IDLE_S
 
 Array = NDArray[np.float64]
 Display = Callable[[str, int], AbstractContextManager[Callable[[int], None]]]
@@ -150,10 +148,10 @@ def compare(
 def flown(bench: Bench, name: str, runs: int, seed: int, jobs: int, progress: Display | None) -> list[Flight]:
     """All flights of a scenario, in the order of their numbers."""
     parts = [range(first, min(first + CHUNK, runs)) for first in range(0, runs, CHUNK)]
-    fly, out = partial(_some, bench, seed), list[Flight]()
+    pool = joblib.Parallel(n_jobs=jobs, return_as="generator", max_nbytes=None)
+    out: list[Flight] = []
     with _shown(progress, name, runs) as advance:
-        # Workers of joblib.Parallel are told how many threads numba may have, and would compile everything anew.
-        for flights in map(fly, parts) if jobs == 1 else get_reusable_executor(jobs, timeout=IDLE_S).map(fly, parts):
+        for flights in pool(joblib.delayed(_some)(bench, seed, part) for part in parts):
             out += flights
             advance(len(flights))
     return out

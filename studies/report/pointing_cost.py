@@ -63,15 +63,6 @@ def _swing(part: pd.DataFrame, window: float) -> tuple[float, float]:
     step = float(np.diff(t).min())
     if step > window:
         return float(np.ptp(angle)), float(np.ptp(t))
-    order = np.argsort(t)
-    t, high = t[order], angle[order]
-    low, largest, span = high, 0.0, 1
-    counts = np.searchsorted(t, t + window, side="right") - np.arange(t.size)
-    while True:  # high and low are those of so many values from each on; two such stretches cover up to twice as many values
-        first = np.flatnonzero((counts >= span) & (counts < 2 * span))
-        last = first + counts[first] - span
-        largest = max(largest, float((np.maximum(high[first], high[last]) - np.minimum(low[first], low[last])).max(initial=0)))
-        if 2 * span > counts.max():
-            return largest, min(window, float(np.ptp(t)))
-        high, low = np.maximum(high[:-span], high[span:]), np.minimum(low[:-span], low[span:])
-        span *= 2
+    # What is within a window from one time on is within one up to the last of these, and the other way round.
+    windows = pd.Series(angle, pd.to_timedelta(t, unit="s")).sort_index().rolling(pd.Timedelta(window, "s"), closed="both")
+    return float((windows.max() - windows.min()).max()), min(window, float(np.ptp(t)))
