@@ -63,6 +63,7 @@ def _swing(part: pd.DataFrame, window: float) -> tuple[float, float]:
     step = float(np.diff(t).min())
     if step > window:
         return float(np.ptp(angle)), float(np.ptp(t))
+    length = min(window, float(np.ptp(t)))
     # What is within a window from one time on is within one up to the last of these, and the other way round.
-    windows = pd.Series(angle, pd.to_timedelta(t, unit="s")).sort_index().rolling(pd.Timedelta(window, "s"), closed="both")
-    return float((windows.max() - windows.min()).max()), min(window, float(np.ptp(t)))
+    windows = pd.Series(angle, pd.to_timedelta(t, unit="s")).sort_index().rolling(pd.Timedelta(length, "s"), closed="both")
+    return float((windows.max() - windows.min()).max()), length
