@@ -15,6 +15,7 @@ import scipy.ndimage
 from numpy.typing import NDArray
 
 from diagnosis.detectors.clipping import saturation
+from diagnosis.detectors.denoised import denoised
 from diagnosis.detectors.gap_interpolation import filled, runs
 from diagnosis.detectors.lattice import ODDS, Kind, lattice_step, sweep_odds, undone
 from diagnosis.detectors.likeness import of_runs
@@ -29,7 +30,7 @@ from diagnosis.detectors.zone_passes import zone
 from diagnosis.settings import DEFAULT, DiagnosisSettings
 from gyrocal.recording import Recording
 from simulator.effects.recorded import interval_slices
-from simulator.effects.smoothing import noise_level, smoothed
+from simulator.effects.smoothing import noise_level
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -134,7 +135,7 @@ def smoothed_rates(rates: Array, recording: Recording, tell: Tell = silent) -> A
     parts = interval_slices(recording)
     for number, part in enumerate(parts):
         tell("motion without noise", number / len(parts))
-        out[part] = smoothed(rates[part], recording.gyro.sample_s, np.inf, noise_level(rates[part], sigma))
+        out[part] = denoised(rates[part], recording.gyro.sample_s, noise_level(rates[part], sigma))
     return out
 
 

@@ -190,7 +190,7 @@ def ordered(
         options = []
         windows = windows or [EVERY] * len(norms)
         for part, weight, parameters, window in zip(group.columns, group.weights, group.parameters, windows, strict=True):
-            if not window[0] < window[1]:  # a process of which nothing can be seen here
+            if not window[0] < window[1] or (group.scales is None and not part.shape[1]):  # nothing of it can be seen here
                 continue
             options.append(Option(start, part.shape[1], float(np.log(weight)), parameters, window))
             columns.append(part)

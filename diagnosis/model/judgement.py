@@ -21,6 +21,7 @@ from diagnosis.detectors.samples import smoothed_rates
 from diagnosis.model.at_work import AtWork, without
 from diagnosis.model.baseline import baseline
 from diagnosis.model.lines import judged_lines
+from diagnosis.model.motion import with_motion
 from diagnosis.model.recording import RecordingModel
 from diagnosis.model.tones.fast import fast_tone
 from diagnosis.model.tones.tone import UNLISTED
@@ -140,6 +141,8 @@ def judge(
             factors[owner == number] = noise.factors
     if (factors != 1.0).any():
         model, sigma = baseline(recording, report, pieces, recording.attitudes.sigma * factors)
+    if not (report.lattice | report.hidden).any():  # what these do to a reading is no noise of a known density
+        model = with_motion(model, report, pieces, recording.attitudes.sigma * factors)
     of_all = next((noise for name, noise in found if name is None), None)
     of_each = tuple((name, noise) for name, noise in found if name is not None and noise is not None)
     return Prepared(model, report, sigma, of_all, dead, (), pieces, of_each)

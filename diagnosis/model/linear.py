@@ -32,10 +32,10 @@ Parameters = dict[str, float | str]
 # Scales of interest, as signal-to-noise ratios of the amplitude's standard deviation: nothing smaller can be seen, and nothing
 # larger than the upper end would be left for a linear model to explain.
 VISIBLE = (1.0, 300.0)
-ROUNDING = 1e-9
+ROUNDING = 1e-9  # relative, by which a scale may lie beyond the end of its range
 AT_ONCE = 64  # rows of columns that are restored together
 PER_DECADE = 4  # scales in a decade; the evidence of a few amplitudes changes little between neighbours
-EVERY = (0.0, np.inf)  # scale
+EVERY = (0.0, np.inf)  # window of an option that may have any scale
 FINER = 3  # scales between neighbours, for a process that may have hundreds of amplitudes
 
 

@@ -385,6 +385,14 @@ class RecordingModel:
         return self.prepared(self.zeta)
 
     @property
+    def weighed_residuals(self) -> Array:
+        """(N,) V⁻¹ (z − C θ), of the observations less what the nuisance parameters explain."""
+        out = self._mixed(self.y, lambda s: 1 / np.sqrt(1 + s**2)).copy()
+        for block in self.blocks:
+            out[block.rows] = scipy.linalg.solve_triangular(block.whitener, out[block.rows], lower=True, trans="T")
+        return out
+
+    @property
     def degrees_of_freedom(self) -> int:
         """Observations less the nuisance parameters."""
         return self.size - self.nuisance.shape[1]

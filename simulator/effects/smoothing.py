@@ -52,20 +52,30 @@ def smoothed(rates: Array, sample_s: float, smooth_s: float, sigma: Array) -> Ar
     -------
     (n, 3)
     """
+    return np.column_stack([smoothed_axis(rates[:, axis], sample_s, smooth_s, level)[0] for axis, level in enumerate(sigma)])
+
+
+def smoothed_axis(rates: Array, sample_s: float, smooth_s: float, sigma: float) -> tuple[Array, float]:
+    """Smoothed rates of one axis, (n,), and the degrees of freedom that they have: σ² of the noise is in them so many times.
+
+    These are the sum over the samples of what each contributes to its own estimate, n without smoothing.
+    """
     longest = int(min(smooth_s / sample_s, len(rates) - 1 + len(rates) % 2))
-    if longest < SHORTEST:
-        return rates
-    windows = _ladder(longest)
-    return np.column_stack([
-        _axis(rates[:, axis], windows, level) if level > 0 else rates[:, axis] for axis, level in enumerate(sigma)
-    ])  # fmt: skip
+    if longest < SHORTEST or not sigma > 0:
+        return rates, float(rates.size)
+    return _axis(without_outliers(rates, sigma), _ladder(longest), sigma)
 
 
-def _axis(rates: Array, windows: Sequence[int], sigma: float) -> Array:
-    """One axis, by the longest window at each sample that agrees with the shorter ones; (n,)."""
+def without_outliers(rates: Array, sigma: float) -> Array:
+    """Rates of one axis (n,) with single outliers replaced by the median of five."""
     median = median_filter(rates, size=5, mode="nearest")
-    rates = np.where(np.abs(rates - median) > OUTLIER * sigma, median, rates)
+    return np.where(np.abs(rates - median) > OUTLIER * sigma, median, rates)
+
+
+def _axis(rates: Array, windows: Sequence[int], sigma: float) -> tuple[Array, float]:
+    """One axis, by the longest window at each sample that agrees with the shorter ones; (n,), and its degrees of freedom."""
     best, low, high = rates, rates - AGREEMENT * sigma, rates + AGREEMENT * sigma
+    own = np.ones(len(rates))
     going = np.ones(len(rates), dtype=bool)
     for window in windows:
         estimate, weight = _fitted(rates, window)
@@ -75,7 +85,9 @@ def _axis(rates: Array, windows: Sequence[int], sigma: float) -> Array:
         width = AGREEMENT * sigma * weight
         low, high = np.maximum(low, estimate - width), np.minimum(high, estimate + width)
         best = np.where(going, estimate, best)
-    return np.asarray(best)
+        # A least-squares fit has its own share in the middle of its window as the square of its sigma there.
+        own[going] = weight**2
+    return np.asarray(best), float(own.sum())
 
 
 def _fitted(rates: Array, window: int) -> tuple[Array, float]:

@@ -14,8 +14,9 @@ from simulator.effects.common import DEG_H, HOUR, index, run_time
 
 GAPS = ("hold", "grow", "reset")
 DRAWN = ("hold", "reset")  # over gaps of days a walk that goes on makes levels of their own, and hardly shows as a walk
-
-SHOWN = 30.0  # times the sampled time, beyond which all that is seen of a walk that goes on are levels, each its own
+# Span over sampled time from which on a walk that goes on is not tried: its changes over the gaps are then about √30, or five,
+# times those that are seen within intervals, and what is seen of it are levels, as an asymmetry makes them.
+SHOWN = 30.0
 
 
 def any_gaps(rng: np.random.Generator, around: Surroundings) -> Value:

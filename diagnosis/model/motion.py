@@ -1,0 +1,79 @@
+"""The motion of a body by gyro and references, for columns that do not hold the noise of the residuals.
+
+Columns of effects that follow the rate, such as its cube, are formed of the samples, whose noise is that of the attitude
+which is propagated with them. A column that holds this noise explains it, and a clean gyro seems to have an effect, as
+coefficients of noisy regressors are biased (Fuller, Measurement Error Models, Wiley 1987, section 1.1).
+
+The noise itself is seen in the residuals z, with covariance V, of which it is a part: the best estimate of the noise n(t) of
+the calibrated rates is E[n(t) | z] = E[n(t) zᵀ] V⁻¹ z. In inertial axes an observation at t_k holds −∫n dt up to t_k, so that
+
+    E[n(t) | z] = −P(t) Σ_{t_k > t} u_k,    u = V⁻¹ (z − C θ),
+
+with P the density of the noise and C θ what the nuisance parameters explain by least squares. Rates less this estimate are the
+best linear unbiased estimate of the motion, whose error goes with no residual (Rao, Linear Statistical Inference and Its
+Applications, Wiley 1973, section 5a.2). Smoothing them afterwards leaves that as it is.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from diagnosis.detectors.report import SampleReport
+from diagnosis.detectors.samples import smoothed_rates
+from diagnosis.model.linearise import linearised
+from diagnosis.model.recording import RecordingModel
+from gyrocal.recording import Interval
+
+Array = NDArray[np.float64]
+
+
+def gyro_noise(model: RecordingModel, density: Array | None) -> tuple[Array, Array]:
+    """What the residuals tell of the gyro's noise.
+
+    Parameters
+    ----------
+    model : a recording linearised about its calibration
+    density : (samples, 3) noise density of the raw rates where it is not the stated one, rad²/s
+
+    Returns
+    -------
+    noise : (samples, 3) expected error of the raw rates, rad/s; zero where nothing is propagated
+    turned : (m, 3) rotation vectors from the propagated attitudes to the expected ones at the references, inertial axes, rad
+    """
+    gyro, inverse = model.recording.gyro, np.linalg.inv(model.G)
+    noise, turned = np.zeros(gyro.rates.shape), np.zeros((model.reference_rows.size, 3))
+    weighed, start = model.weighed_residuals, 0
+    for block in model.blocks:
+        t_s, to_inertial = model.t_s[block.steps], model.to_inertial[block.steps]
+        edges = np.append(t_s - 0.5 * model.dt[block.steps], t_s[-1] + 0.5 * model.dt[block.steps][-1])
+        done = block.ends[block.groups + block.counts // 2]
+        # After a step come the observations that end behind it.
+        after = np.zeros((t_s.size + 1, 3))
+        np.add.at(after, done, weighed[block.rows].reshape(-1, 3))
+        after = np.cumsum(after[::-1], axis=0)[::-1][1:]
+        middle = gyro.t_s + 0.5 * gyro.sample_s
+        own = np.flatnonzero((middle > edges[0]) & (middle < edges[-1]))
+        step = np.searchsorted(edges, middle[own], side="right") - 1
+        u = np.einsum("nij,ni->nj", to_inertial[step], after[step])  # in body axes
+        power = (u @ model.G) * density[own] if density is not None else gyro.arw**2 * (u @ inverse.T)
+        noise[own] = -power
+        # The same of each step, by the mean over its samples, turns the attitude.
+        count = np.bincount(step, minlength=t_s.size)
+        mean = np.column_stack([np.bincount(step, noise[own, k], t_s.size) for k in range(3)]) / np.maximum(count, 1)[:, None]
+        moved = -np.einsum("nij,nj->ni", to_inertial, mean @ model.G.T) * model.dt[block.steps, None]
+        total = np.vstack([np.zeros(3), np.cumsum(moved, axis=0)])
+        turned[start : start + block.ends.size] = total[block.ends]
+        start += block.ends.size
+    return noise, turned
+
+
+def with_motion(model: RecordingModel, report: SampleReport, pieces: tuple[Interval, ...], sigma: Array) -> RecordingModel:
+    """The model with columns of the motion that gyro and references show together; sigma (references, 3) rad."""
+    noise, turned = gyro_noise(model, report.density)
+    shown = smoothed_rates(report.rates - noise, model.recording)
+    again = linearised(model.recording, model.G, model.bias, report.rates, shown, report.density, pieces, sigma)
+    return replace(again, at_reference=Rotation.from_rotvec(turned).as_matrix() @ again.at_reference)

@@ -1,0 +1,69 @@
+"""The motion by gyro and references: its columns hold no noise of the residuals, so that a clean gyro shows no effect."""
+
+import numpy as np
+import pytest
+import scipy.signal
+import scipy.stats
+
+from diagnosis.diagnose import diagnose
+from diagnosis.model.bins import binned, observed, unit
+from diagnosis.model.linearise import linearised
+from diagnosis.model.motion import gyro_noise
+from diagnosis.model.prepare import prepare
+from tests.diagnosis.recordings import of_rates
+
+SEEDS = range(6)
+SAMPLE_S, EACH = 0.02, 5  # 50 Hz, and a reference at every fifth sample
+ARW, SIGMA = np.deg2rad(5e-3), np.deg2rad(5e-3)  # 0.035 deg/s in a sample
+SWAY = np.deg2rad([0.4, 0.35, 0.3])
+
+
+def swaying(seed):
+    """Rates (n, 3) of a body that sways about each axis at a frequency of its own, and the recording of a clean gyro."""
+    t_s = SAMPLE_S * np.arange(3000)
+    phases = np.random.default_rng(seed).uniform(0, 2 * np.pi, 3)
+    rates = SWAY * np.sin(2 * np.pi * np.array([0.72, 0.81, 1.5]) * t_s[:, None] + phases)
+    return rates, of_rates(rates, EACH, SAMPLE_S, ARW, SIGMA, seed)
+
+
+@pytest.fixture(scope="module")
+def clean():
+    return [(rates, prepare(recording).model) for rates, recording in map(swaying, SEEDS)]
+
+
+def cube_score(model):
+    """χ² with one degree of freedom of an error of gyro z that follows the cube of its rate."""
+    bins = binned(model)
+    (column,) = observed(model, bins, 2, unit(bins.rates[:, [2]] ** 3)).T
+    # The family's column is whitened, and its part beside the calibration is what can be told from that.
+    basis = np.linalg.qr(np.hstack([model.attitude_nuisance, model.calibration]))[0]
+    column = column - basis @ (basis.T @ column)
+    return float((column @ model.y) ** 2 / (column @ column))
+
+
+def test_a_clean_gyro_does_not_follow_the_cube_of_its_rate(clean):
+    """The scores are χ² with one degree of freedom each; with columns of the readings themselves they are not."""
+    assert scipy.stats.chi2.sf(sum(cube_score(model) for _, model in clean), len(clean)) > 1e-3
+    noisy = [linearised(model.recording, model.G, model.bias) for _, model in clean]
+    assert scipy.stats.chi2.sf(sum(map(cube_score, noisy)), len(noisy)) < 1e-12
+
+
+def test_expected_noise_is_that_of_the_gyro(clean):
+    """Without it the attitude wanders much less, beside what a bias makes."""
+    for rates, model in clean:
+        noise, turned = gyro_noise(model, None)
+        read = model.recording.gyro.rates - rates
+        wanders = [scipy.signal.detrend(np.cumsum(one, axis=0), axis=0).std() for one in (read - noise, read)]
+        assert wanders[0] < 0.5 * wanders[1]
+        # What is expected of the attitude is the integral of what is expected of the rate, with the other sign.
+        block = model.blocks[0]
+        total = np.vstack([np.zeros(3), np.cumsum(noise @ model.G.T * SAMPLE_S, axis=0)])[block.ends]
+        np.testing.assert_allclose(turned, -total, atol=0.02 * np.abs(total).max())
+
+
+def test_a_clean_gyro_of_a_swaying_body_has_no_gap():
+    """Of a noisy one at 50 Hz, 180 s long, with a reference each second."""
+    t_s = SAMPLE_S * np.arange(9000)
+    rates = np.deg2rad([0.17, 2.0, 1.0]) * np.sin(2 * np.pi * np.array([1.77, 0.31, 1.87]) * t_s[:, None])
+    found = diagnose(of_rates(rates, 50, SAMPLE_S, np.deg2rad(4e-3), np.deg2rad(0.02), seed=3))
+    assert found.verdict == "none"
