@@ -32,6 +32,7 @@ from numpy.typing import NDArray
 from gyrocal import attitude
 from gyrocal.calibration import normal_equations as accumulation
 from gyrocal.calibration import shown
+from gyrocal.calibration.attenuation import attenuation
 from gyrocal.calibration.covariance import CovarianceModel
 from gyrocal.calibration.gate import LargeResidualError, refusal
 from gyrocal.calibration.gyro_space import Parametrisation, space_of
@@ -173,6 +174,8 @@ class CalibrationResult:
     parametrisation : "gain" or "gyro", see `gyrocal.calibration.gyro_space`
     mountings : misalignments of the sensors whose mounting is estimated; None where none is
     differences : of references by several sensors, each two against one another
+    attenuation : (12,) expected error of G and b that the noise of the rates makes, see `gyrocal.calibration.attenuation`; None
+        with other covariances than the full one and with references by several sensors
     """
 
     recording: str
@@ -193,6 +196,7 @@ class CalibrationResult:
     parametrisation: Parametrisation = "gain"
     mountings: MountingEstimate | None = None
     differences: tuple[Difference, ...] = ()
+    attenuation: Array | None = None
 
     @property
     def G(self) -> Array:
@@ -315,6 +319,7 @@ class CalibrationResult:
             "bias_deg_s": np.rad2deg(self.bias).tolist(),
             "sigma_G": sigma[:9].reshape(3, 3).tolist(),
             "sigma_bias_deg_s": sigma[9:].tolist(),
+            "attenuation_G": None if self.attenuation is None else self.attenuation[:9].reshape(3, 3).tolist(),
             "parameters": list(self.solved_for),
             "estimates": self.summary().query("solved").drop(columns="solved").to_dict("records"),
             "covariance": (self.covariance * np.outer(DEGREES, DEGREES)).tolist(),
@@ -436,6 +441,17 @@ def calibrate(
     logger.debug("%s: %d iterations, %sconverged", recording.title, len(corrections), "" if converged else "not ")
     covariance = np.zeros((12, 12))
     covariance[np.ix_(columns, columns)] = P
+    expected = None
+    if problem.model == "full" and problem.noise is None:
+        J = space.jacobian(parameters)
+        expected = attenuation(
+            problem.A,
+            problem.sigma,
+            *(prepared.arcs.arc, prepared.start, prepared.row, prepared.elapsed_s),
+            problem.arw * float(np.sqrt(prepared.noise_gain)),
+            parameters.G,
+            J @ covariance @ J.T,
+        )
     return CalibrationResult(
         recording=recording.title,
         parameters=parameters,
@@ -464,6 +480,7 @@ def calibrate(
         parametrisation=parametrisation,
         mountings=estimate(problem.mountings, solved.eliminated, P / np.outer(problem.scale, problem.scale)),
         differences=differences(recording),
+        attenuation=expected,
     )
 
 

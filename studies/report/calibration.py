@@ -4,13 +4,14 @@ import numpy as np
 import pandas as pd
 from rich.console import Console
 
-from gyrocal import CalibrationResult, GyroParameters
+from gyrocal import NAMES, CalibrationResult, GyroParameters
 from gyrocal.calibration.davenport import DEGREES, ROTATION_NAMES
 from gyrocal.calibration.gyro_space import space_of
 from studies.report import tables, trackers
 
 DOUBT = 0.01  # p-value below which the fit is called bad, and above one minus which too good
 LARGE_SHARE = 4.0  # sigma of a single residual worth naming
+NOTABLE = 0.3  # sigma of an expected error worth naming; it makes a sigma 4 % too small
 
 
 def show(console: Console, result: CalibrationResult, to_tolerance: bool, truth: GyroParameters | None = None) -> None:
@@ -66,8 +67,24 @@ def remarks(result: CalibrationResult) -> list[str]:
     held = result.options["held_s"]
     if held > 0:
         lines.append(f"The last rate was held over {held:g} s of missing samples; its error is not in the sigmas.")
+    lines += attenuated(result)
     lines += [f"Not determined by the data, only by the prior: {text}" for text in result.observability.unobservable]
     return lines
+
+
+def attenuated(result: CalibrationResult) -> list[str]:
+    """By how much noise in the rates is expected to make elements of G too small, if that matters beside their sigma."""
+    if result.attenuation is None:
+        return []
+    share = np.divide(result.attenuation, result.sigma, out=np.zeros(12), where=result.sigma > 0)
+    off = [k for k in range(9) if abs(share[k]) > NOTABLE]
+    if not off:
+        return []
+    named = ", ".join(f"{NAMES[k]} {result.attenuation[k]:+.2g} ({abs(share[k]):.1f} sigma)" for k in off)
+    return [
+        "Expected error of G, since between references the body turns hardly more than the noise of the rates, which is in the "
+        f"attitude, too: {named}. It is not taken off the values above, nor in their sigmas."
+    ]
 
 
 def fit_remark(result: CalibrationResult) -> str:

@@ -265,8 +265,8 @@ def test_bad_arguments_are_refused(ends, kwargs, text):
 def test_json_has_the_documented_keys(ends):
     document = calibrate(ends).to_json()
     assert {
-        "format", "recording", "psi", "iterations", "converged", "G", "bias_deg_s", "sigma_G", "sigma_bias_deg_s", "parameters",
-        "covariance", "covariance_model", "corrections", "residuals", "unobservable",
+        "format", "recording", "psi", "iterations", "converged", "G", "bias_deg_s", "sigma_G", "sigma_bias_deg_s",
+        "attenuation_G", "parameters", "covariance", "covariance_model", "corrections", "residuals", "unobservable",
     } <= set(document)  # fmt: skip
     assert document["parameters"] == list(NAMES)
     assert np.shape(document["covariance"]) == (12, 12)

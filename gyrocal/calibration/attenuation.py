@@ -1,0 +1,77 @@
+r"""How far noise in the rates makes G come out too small: errors in variables.
+
+The rates that are propagated are also those that G multiplies. With white noise n of density ARW² in them, the residuals hold
+G n, and so does Θ: for G_ij, Θ_a,ij has the noise ∫ Φ_a(s) e_i n_j(s) ds where θ_a has ∫ Φ_a(s) G n(s) ds, Φ_a(s) being the
+rotation from the time s to residual a. At the solution of N (31)–(33), E[Θᵀ V⁻¹ (Θ Δx + θ_n)] = 0 leaves an error
+
+    E[Δx] = −P E[Θᵀ V⁻¹ θ_n],    E[Θᵀ V⁻¹ θ_n]_ij = ARW² e_iᵀ ∫ M(s) ds G e_j,
+    M(s) = Σ_{a,b after s} Φ_a(s)ᵀ (V⁻¹)_ab Φ_b(s),
+
+the attenuation of regression on a noisy variable (Fuller, Measurement Error Models, Wiley 1987, section 1.1). It is small next
+to sigma where the body turns by much more than the noise between two references, as in the papers' maneuvers, and grows with
+the number of references.
+
+M(s) is the information of all residuals about a turn at s. In inertial axes, differences of residuals that follow each other
+have the block tridiagonal covariance T of the steps between references,
+
+    T_kk = ARW² Δt_k + S_(k−1) + S_k,    T_k,k+1 = −S_k,    S_k = A_kᵀ diag(σ_k²) A_k,
+
+and a turn within step k is in difference k alone, so that M = (T⁻¹)_kk there. By elimination from both ends,
+
+    F_k = T_kk − S_(k−1) F_(k−1)⁻¹ S_(k−1),    B_k = T_kk − S_k B_(k+1)⁻¹ S_k,    (T⁻¹)_kk = (F_k + B_k − T_kk)⁻¹.
+
+A reference that ends one interval and starts the next is taken as two. Within a step M turns with the body; its mean is taken
+from both ends, which is exact where σ is the same about all axes.
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.intp]
+
+
+def information(A: Array, variance: Array, elapsed_s: Array, arw: float) -> Array:
+    """∫ M(s) ds over an interval.
+
+    Parameters
+    ----------
+    A : (m + 1, 3, 3) attitudes at the references of the interval
+    variance : (m + 1, 3) of these about the body axes, rad²
+    elapsed_s : (m,) s from the first to the others
+    arw : rad/sqrt(s)
+
+    Returns
+    -------
+    (3, 3) in body axes, s/rad²
+    """
+    dt = np.diff(elapsed_s, prepend=0.0)
+    S = np.einsum("aji,aj,ajk->aik", A, variance, A)
+    T = arw**2 * dt[:, None, None] * np.eye(3) + S[:-1] + S[1:]
+    forward, backward = T.copy(), T.copy()
+    for k in range(1, len(T)):
+        forward[k] -= S[k] @ np.linalg.solve(forward[k - 1], S[k])
+        backward[-1 - k] -= S[-1 - k] @ np.linalg.solve(backward[-k], S[-1 - k])
+    M = np.linalg.inv(forward + backward - T)
+    ends = [np.einsum("aij,ajk,alk->ail", one, M, one) for one in (A[:-1], A[1:])]
+    return np.asarray(np.einsum("a,aij->ij", 0.5 * dt, ends[0] + ends[1]))
+
+
+def attenuation(
+    A: Array, sigma: Array, arc: Indices, start: Indices, row: Indices, elapsed_s: Array, arw: float, G: Array, P: Array
+) -> Array:
+    """E[Δx] (12,) of G and b, in the order of `gyrocal.NAMES`; b in rad/s.
+
+    Parameters
+    ----------
+    A, sigma : (references, 3, 3) observed attitudes and (references, 3) their 1-sigma, rad
+    arc, start, row, elapsed_s : (m,) of the residuals, as in `gyrocal.calibration.sampling.Measurements`
+    arw : rad/sqrt(s)
+    G, P : (3, 3) calibrated, and the (12, 12) covariance of G and b
+    """
+    total = np.zeros((3, 3))
+    for one in np.unique(arc):
+        own = np.flatnonzero(arc == one)
+        rows = np.append(start[own[0]], row[own])
+        total += information(A[rows], sigma[rows] ** 2, elapsed_s[own], arw)
+    return np.asarray(-P @ np.append((arw**2 * total @ G).ravel(), np.zeros(3)))
