@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
@@ -10,8 +10,8 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
+from diagnosis import notes
 from diagnosis.answer import Amplitudes, Cause, Finding, Verdict
-from diagnosis.detectors.spectral_tones import Line
 from diagnosis.identifiable import blind_spot
 from diagnosis.inference.amplitudes import Fitted
 from diagnosis.inference.attribution import Attribution, Ranked
@@ -59,8 +59,8 @@ def assembled(
         sigma_bias=sigma[9:],
         baseline_G=model.G,
         baseline_bias=model.bias,
-        motions=_motion_notes(prepared),
-        notes=prepared.notes,
+        motions=notes.of_motions(prepared),
+        notes=(*notes.though_it_fits(prepared, samples, explained, gap), *prepared.notes),
         details=details(prepared, explained, table),
         amplitudes=amplitudes(explained.fitted, explained.covariance),
         blind=blind_spot(model.degrees_of_freedom, model.G, prepared.sigma[:9].reshape(3, 3), model.recording.gyro.apriori_G),
@@ -134,10 +134,10 @@ def answered(
         baseline_bias=seen.baseline_bias,
         notes=(
             *filter(None, (seen.blind,)),
-            *_checks_note(explained),
-            *_imitations(samples, settings),
+            *notes.of_checks(explained),
+            *notes.imitations(samples, settings),
             *seen.motions,
-            *_likely(explained, settings),
+            *notes.likely(explained, settings),
             *seen.notes,
         ),
         runtime_s=runtime_s,
@@ -305,64 +305,6 @@ def _verdict(attribution: Attribution | None, gap: bool, shown: bool, unlisted: 
         return "unknown"
     verdict: Verdict = "named" if sure else "group"
     return verdict if attribution is None or attribution.verdict == "named" else attribution.verdict
-
-
-def _checks_note(explained: Explained) -> tuple[str, ...]:
-    failed = [check for check in explained.checks if check.p_value < 1e-3]
-    if not failed or explained.attribution is None or explained.attribution.slots:
-        return ()
-    best = [explained.linear.candidate(member).label for member in explained.attribution.best.members]
-    words = ", ".join(f"{check.name} (p = {check.p_value:.1g})" for check in failed)
-    return (f"The likeliest explanation, {' with '.join(best)}, would not leave residuals like these: {words}",)
-
-
-def _imitations(samples: Sequence[SampleCause], settings: DiagnosisSettings) -> Iterator[str]:
-    """A sentence for each effect that the samples show, and that would not behave so."""
-    for one in samples:
-        if one.effect is not None and one.imitated:
-            cause = one.cause(settings)
-            yield (
-                f"{cause.label} would show in the samples as something does, but hardly in this way "
-                f"(p = {one.symptom.likeness:.1g}); its probability is {cause.group_probability:.2f}"
-            )
-
-
-def _motion_notes(prepared: Prepared) -> tuple[str, ...]:
-    """Lines in the spectrum of the samples that are no effect, gyro by gyro."""
-    report = prepared.samples
-    return (
-        *_of_lines(report.motions, "the references follow them, so they are motions of the body"),
-        *_of_lines(
-            report.unconfirmed,
-            "they are taken for motions of the body, which no reference can confirm: a vibration of the gyro may look the same",
-        ),
-    )
-
-
-def _of_lines(lines: Sequence[Line], what: str) -> Iterator[str]:
-    """A sentence for each gyro that shows some lines."""
-    found: dict[int, list[str]] = {}
-    for line in lines:
-        found.setdefault(line.axis, []).append(f"{line.frequency_hz:.4f} Hz")
-    for axis, frequencies in sorted(found.items()):
-        yield f"Gyro {AXES[axis]} shows spectral lines at {', '.join(frequencies)}; {what}"
-
-
-def _likely(explained: Explained, settings: DiagnosisSettings) -> tuple[str, ...]:
-    """Of an unknown gap: effects that nearly every explanation holds, though none of them is the whole story."""
-    attribution = explained.attribution
-    if attribution is None or attribution.verdict != "unknown":
-        return ()
-    shares: dict[str, float] = {}
-    for one in attribution.ranked:
-        for label in one.labels:
-            shares[label] = shares.get(label, 0.0) + one.probability
-    listed = {candidate.label for candidate in explained.linear.candidates if candidate.listed}
-    return tuple(
-        f"Whatever else is at work, {label} is part of explanations with a total probability of {share:.2f}"
-        for label, share in sorted(shares.items(), key=lambda pair: -pair[1])
-        if label in listed and share >= settings.named
-    )
 
 
 def alternatives(attribution: Attribution | None) -> tuple[tuple[tuple[str, ...], float], ...]:

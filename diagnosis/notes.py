@@ -1,0 +1,107 @@
+"""Sentences of an answer: what speaks against its causes, what moves the body, and why a calibration may see nothing."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+import scipy.special
+
+from diagnosis.detectors.spectral_tones import Line
+from diagnosis.model.linearise import linearised
+from diagnosis.model.misfit import innovations
+from diagnosis.model.prepare import Prepared
+from diagnosis.model.symptoms import SampleCause
+from diagnosis.settings import DiagnosisSettings
+
+if TYPE_CHECKING:
+    from diagnosis.diagnose import Explained
+
+AXES = "xyz"
+FITS = 0.01  # p-value of χ² from which on a calibration says that the residuals fit
+
+
+def though_it_fits(prepared: Prepared, samples: Sequence[SampleCause], explained: Explained, gap: bool) -> tuple[str, ...]:
+    """Why there is a gap although the residuals of a calibration fit the stated noise, where that is so."""
+    own = prepared.model
+    if not (gap or samples) or own.recording.attitudes.sensor is not None:
+        return ()
+    # As a calibration has it: all references, the samples as they are, and the noise as stated.
+    e, _, taken = innovations(linearised(own.recording, own.G, own.bias, pieces=prepared.pieces))
+    chi2, dof = float(np.sum(e**2)), e.size - taken.shape[1]
+    p = float(scipy.special.chdtrc(dof, chi2)) if dof > 0 else 0.0
+    if p < FITS:
+        return ()
+    why = ["the gyro samples show what is hardly left of them over the time between two references"] if samples else []
+    if gap and explained.fitted:
+        left = own.y - sum((own.projected(one.contribution) for one in explained.fitted), np.zeros(own.size))
+        names = " and ".join(one.label for one in explained.fitted)
+        why.append(
+            f"{names} takes {own.y @ own.y - left @ left:.0f} off χ², much for what it adds and little for {dof} residuals"
+        )
+    elif gap:
+        why.append(f"what departs is a few of {dof} residuals, or a pattern in them, for which χ² is no test")
+    return (
+        f"The residuals after a calibration fit the stated noise (χ² = {chi2:.0f} of {dof}, p = {p:.2g}), so that gyrocal "
+        f"calibrate sees no gap; there is one all the same, since {'; and '.join(why)}",
+    )
+
+
+def of_checks(explained: Explained) -> tuple[str, ...]:
+    """Which checks the likeliest explanation fails, where nothing is named for that."""
+    failed = [check for check in explained.checks if check.p_value < 1e-3]
+    if not failed or explained.attribution is None or explained.attribution.slots:
+        return ()
+    best = [explained.linear.candidate(member).label for member in explained.attribution.best.members]
+    words = ", ".join(f"{check.name} (p = {check.p_value:.1g})" for check in failed)
+    return (f"The likeliest explanation, {' with '.join(best)}, would not leave residuals like these: {words}",)
+
+
+def imitations(samples: Sequence[SampleCause], settings: DiagnosisSettings) -> Iterator[str]:
+    """A sentence for each effect that the samples show, and that would not behave so."""
+    for one in samples:
+        if one.effect is not None and one.imitated:
+            cause = one.cause(settings)
+            yield (
+                f"{cause.label} would show in the samples as something does, but hardly in this way "
+                f"(p = {one.symptom.likeness:.1g}); its probability is {cause.group_probability:.2f}"
+            )
+
+
+def of_motions(prepared: Prepared) -> tuple[str, ...]:
+    """Lines in the spectrum of the samples that are no effect, gyro by gyro."""
+    report = prepared.samples
+    return (
+        *_of_lines(report.motions, "the references follow them, so they are motions of the body"),
+        *_of_lines(
+            report.unconfirmed,
+            "they are taken for motions of the body, which no reference can confirm: a vibration of the gyro may look the same",
+        ),
+    )
+
+
+def _of_lines(lines: Sequence[Line], what: str) -> Iterator[str]:
+    """A sentence for each gyro that shows some lines."""
+    found: dict[int, list[str]] = {}
+    for line in lines:
+        found.setdefault(line.axis, []).append(f"{line.frequency_hz:.4f} Hz")
+    for axis, frequencies in sorted(found.items()):
+        yield f"Gyro {AXES[axis]} shows spectral lines at {', '.join(frequencies)}; {what}"
+
+
+def likely(explained: Explained, settings: DiagnosisSettings) -> tuple[str, ...]:
+    """Of an unknown gap: effects that nearly every explanation holds, though none of them is the whole story."""
+    attribution = explained.attribution
+    if attribution is None or attribution.verdict != "unknown":
+        return ()
+    shares: dict[str, float] = {}
+    for one in attribution.ranked:
+        for label in one.labels:
+            shares[label] = shares.get(label, 0.0) + one.probability
+    listed = {candidate.label for candidate in explained.linear.candidates if candidate.listed}
+    return tuple(
+        f"Whatever else is at work, {label} is part of explanations with a total probability of {share:.2f}"
+        for label, share in sorted(shares.items(), key=lambda pair: -pair[1])
+        if label in listed and share >= settings.named
+    )

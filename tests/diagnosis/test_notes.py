@@ -1,0 +1,35 @@
+"""Sentences of an answer: that a calibration sees no gap, and why there is one."""
+
+import pytest
+import scipy.special
+
+from diagnosis.diagnose import diagnose
+from gyrocal import calibrate
+from tests.diagnosis.recordings import recorded
+
+FITTING = "The residuals after a calibration fit"
+
+
+@pytest.mark.parametrize(
+    ("effects", "why"),
+    [
+        pytest.param(("bias_orbital:y=0.05",), "bias_orbital:y takes ", id="a pattern"),
+        pytest.param(("vibration:x=0.002",), "the gyro samples show", id="of the samples"),
+    ],
+)
+def test_a_gap_that_no_calibration_sees_is_told_with_its_reason(effects, why):
+    recording = recorded(3, *effects)
+    found, of_calibration = diagnose(recording), calibrate(recording)
+    assert of_calibration.p_value > 0.01
+    assert found.present
+    (note,) = [one for one in found.notes if one.startswith(FITTING)]
+    assert why in note
+    # The same sum as that of the calibration.
+    assert float(scipy.special.chdtrc(of_calibration.dof, of_calibration.chi2)) == pytest.approx(
+        float(note.split("p = ")[1].split(")")[0]), rel=0.02
+    )
+
+
+def test_without_a_gap_and_with_one_that_a_calibration_sees_nothing_is_said():
+    for recording in (recorded(3), recorded(3, "bias_orbital:y=0.5")):
+        assert not any(one.startswith(FITTING) for one in diagnose(recording).notes)
