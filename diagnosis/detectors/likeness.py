@@ -7,7 +7,8 @@ noise of another level is normal, and as strong from one moment to the next. The
 cause against something unlisted (`diagnosis.inference.attribution`).
 
 The statistics are general. Of times counted in samples, the strongest of the periods up to `LONGEST`: for a period q the
-resultant R² = |Σ exp(2πi k/q)|²/m of m random times has an exponential distribution of mean one. Of lengths and heights, the
+resultant R² = |Σ exp(2πi k/q)|²/m of m random times has an exponential distribution of mean one. Of whatever times may go with,
+the smallest share of all moments that holds some of them. Of lengths and heights, the
 largest distance of their distribution to that of the fault with the mean that they have (Lilliefors), against draws of it.
 Of noise, the kurtosis of differences, and the mean log of its power in short windows, which lulls and bursts lower: their
 distribution comes from draws of white noise. The power of those windows must not depend on the reading either, as it does where
@@ -17,7 +18,7 @@ have less are those of a motion that starts or stops, and are left out; a burst 
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import cache
 from math import comb
 
@@ -88,6 +89,31 @@ def of_heights(beyond: Array, seed: int = 0) -> float:
         return np.asarray(scipy.special.ndtr((x - m) / np.maximum(x.std(axis=1, ddof=1, keepdims=True), 1e-300)))
 
     return max(tail, _lilliefors(kept, lambda rng, shape: rng.standard_normal(shape), about, seed))
+
+
+def of_places(values: Sequence[tuple[Array, Array]]) -> float:
+    """P-value of events that come at random, by the smallest range that holds some of them of whatever they may go with.
+
+    A range that holds a share d of all moments has j of m events or more with a probability of at most C(m, j) j d^(j−1).
+
+    Parameters
+    ----------
+    values : of each quantity, at all moments at which an event would have been seen, and at the events
+    """
+    found = [_nearest(np.sort(every), np.sort(own)) for every, own in values if own.size > 1]
+    return min(1.0, len(values) * min(found, default=1.0))
+
+
+def _nearest(every: Array, own: Array) -> float:
+    """The smallest bound over all numbers of events, each of which is asked."""
+    m = own.size
+    below, up_to = np.searchsorted(every, own, side="left"), np.searchsorted(every, own, side="right")
+    best = 0.0
+    for j in range(2, m + 1):
+        share = max(int((up_to[j - 1 :] - below[: m - j + 1]).min()), 1) / every.size
+        ways = -scipy.special.betaln(m - j + 1, j + 1) - np.log(m + 1)  # log C(m, j)
+        best = min(best, float(ways + np.log(j) + (j - 1) * np.log(share)))
+    return float(min(1.0, (m - 1) * np.exp(best)))
 
 
 def _lilliefors(

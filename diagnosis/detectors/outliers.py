@@ -14,10 +14,9 @@ import scipy.ndimage
 import scipy.stats
 from numpy.typing import NDArray
 
-from diagnosis.detectors.likeness import of_heights, of_times
-from diagnosis.detectors.report import AXES, IMPOSSIBLE, SampleReport, SampleTest, Symptom, consecutive
+from diagnosis.detectors.likeness import MOST, of_heights, of_places, of_times
+from diagnosis.detectors.report import AXES, IMPOSSIBLE, SampleReport, SampleTest, Symptom, circumstances, consecutive
 from gyrocal.recording import Recording
-from simulator.effects.recorded import interval_slices
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -93,7 +92,7 @@ def spikes(report: SampleReport, recording: Recording, quiet: Mask, used: Mask, 
     report.symptoms.append(
         Symptom(
             "outliers", AXES[strongest] if alone else None, float(np.rad2deg(seen)), "deg/s", float(np.rad2deg(error)),
-            {"fraction": float(fraction)}, p, likeness=_likeness(recording, looked),
+            {"fraction": float(fraction)}, p, likeness=_likeness(recording, looked, asked),
         )
     )  # fmt: skip
     if any(one.still.any() for one in looked):
@@ -186,15 +185,19 @@ def _in_motion(x: Array, follows: Mask, noise: float, step: float) -> tuple[Mask
     return _is_single(x, np.where(far, deviation, 0.0), noise), deviation, OUTLIER * usual + step, far, least
 
 
-def _likeness(recording: Recording, looked: list[Looked]) -> float:
-    """Of the times of outliers, counted from their interval's start, and of how far they exceed their limit."""
-    starts = np.array([part.start for part in interval_slices(recording)])
-    times, heights = [], []
+def _likeness(recording: Recording, looked: list[Looked], asked: Mask) -> float:
+    """Of the times of outliers, counted from their interval's start, of what they may go with, and of how high they are."""
+    given = circumstances(recording)
+    times, heights, places = [], [], []
     for one in looked:
-        own = np.flatnonzero(one.places)
-        times.append(own - starts[np.clip(np.searchsorted(starts, own, side="right") - 1, 0, None)])
-        heights.append(one.off[own] - one.limit)
-    return min(1.0, 2 * min(of_times(np.concatenate(times)), of_heights(np.concatenate(heights))))
+        own = np.flatnonzero(one.places)[:MOST]
+        times.append(given.since[one.places])
+        heights.append(one.off[one.places] - one.limit)
+        if own.size > 1:
+            where = asked & (one.hidden <= np.abs(one.off[own]).min())
+            where[own] = True
+            places += [(values[where], values[own]) for values in given.values]
+    return min(1.0, 3 * min(of_times(np.concatenate(times)), of_heights(np.concatenate(heights)), of_places(places)))
 
 
 def _neighbours(report: SampleReport, places: list[Mask], noise: Array) -> None:

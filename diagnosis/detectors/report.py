@@ -7,11 +7,13 @@ from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
+import scipy.ndimage
 from numpy.typing import NDArray
 
 from diagnosis.detectors.gap_interpolation import runs
 from diagnosis.settings import DEFAULT
 from gyrocal.recording import Recording
+from simulator.effects.recorded import interval_slices
 
 if TYPE_CHECKING:
     from diagnosis.detectors.spectral_tones import Line
@@ -23,6 +25,7 @@ Mask = NDArray[np.bool_]
 Tell = Callable[[str, float], None]  # what is being done, and the share done
 
 AXES = "xyz"
+AROUND = 7  # samples, of the median that is a reading without its outlier
 IMPOSSIBLE = 1e-300  # p of what M0 cannot do
 
 
@@ -151,6 +154,29 @@ def consecutive(recording: Recording, used: Mask) -> Mask:
     out = np.zeros(t.size, dtype=bool)
     out[1:] = (np.diff(t) < 1.5 * recording.gyro.sample_s) & used[1:] & used[:-1]
     return out
+
+
+@dataclass(frozen=True)
+class Circumstances:
+    """What a fault of single samples may go with.
+
+    Attributes
+    ----------
+    since : (n,) number of each sample in its interval
+    values : (n,) each: number of the sample, the same in its interval, rate of the body, readings without what stands out
+    """
+
+    since: NDArray[np.intp]
+    values: tuple[Array, ...]
+
+
+def circumstances(recording: Recording) -> Circumstances:
+    """Of the samples of a recording."""
+    starts = np.array([part.start for part in interval_slices(recording)])
+    number = np.arange(recording.gyro.t_s.size)
+    since = number - starts[np.clip(np.searchsorted(starts, number, side="right") - 1, 0, None)]
+    smooth = scipy.ndimage.median_filter(recording.gyro.rates, (AROUND, 1), mode="nearest")
+    return Circumstances(since, (number.astype(float), since.astype(float), np.linalg.norm(smooth, axis=1), *smooth.T))
 
 
 def arcs(mask: Mask) -> list[tuple[int, int]]:

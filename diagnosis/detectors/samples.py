@@ -18,11 +18,23 @@ from diagnosis.detectors.clipping import saturation
 from diagnosis.detectors.denoised import denoised
 from diagnosis.detectors.gap_interpolation import filled, runs
 from diagnosis.detectors.lattice import ODDS, Kind, lattice_step, sweep_odds, undone
-from diagnosis.detectors.likeness import of_runs
+from diagnosis.detectors.likeness import MOST, of_places, of_runs
 from diagnosis.detectors.noise_patterns import patterns
 from diagnosis.detectors.noise_structure import constancy, together
 from diagnosis.detectors.outliers import spikes
-from diagnosis.detectors.report import AXES, IMPOSSIBLE, SampleReport, SampleTest, Symptom, Tell, consecutive, inside, silent
+from diagnosis.detectors.own_repeats import own_repeats
+from diagnosis.detectors.report import (
+    AXES,
+    IMPOSSIBLE,
+    SampleReport,
+    SampleTest,
+    Symptom,
+    Tell,
+    circumstances,
+    consecutive,
+    inside,
+    silent,
+)
 from diagnosis.detectors.sample_noise import local_noise, noise, quiet
 from diagnosis.detectors.spectral_lines import lines
 from diagnosis.detectors.stale_samples import stale_samples
@@ -73,6 +85,7 @@ def examine(
     _stale(report, recording, used, coarse)
     saturation(report, recording, used, coarse, steps, sigma)
     if sigma > 0:
+        own_repeats(report, recording, used, coarse)
         local = local_noise(report.rates, sigma, coarse, steps, report.filled)
         parts = interval_slices(recording)
         found = {}
@@ -195,18 +208,21 @@ def _stale(report: SampleReport, recording: Recording, used: Mask, coarse: Mask)
     parameters: dict[str, float | str] = {"fraction": found.fraction}
     kind = "repeats" if _is_measured(rates, found.mask) else "filled_samples"
     text = "" if kind == "repeats" else "samples repeat a value that is far from its neighbours, so that it was filled in"
-    alike = _run_likeness(found.mask, recording) if not coarse.any() else 1.0
+    alike = _run_likeness(found.mask, follows, recording) if not coarse.any() else 1.0
     report.symptoms.append(
         Symptom(kind, None, found.size, "samples", found.sigma, parameters, found.p_value, text, likeness=alike)
     )
     _fill(report, recording, found.mask)
 
 
-def _run_likeness(repeated: Mask, recording: Recording) -> float:
+def _run_likeness(repeated: Mask, follows: Mask, recording: Recording) -> float:
     """Of the runs of repeats, counted from their interval's start; those of a lattice may be chance and are not judged."""
     low, high = np.array(runs(repeated)).T
-    starts = np.array([part.start for part in interval_slices(recording)])
-    return of_runs(low - starts[np.clip(np.searchsorted(starts, low, side="right") - 1, 0, None)], high - low)
+    given = circumstances(recording)
+    where = follows.copy()
+    where[low] = True
+    places = [(values[where], values[low[:MOST]]) for values in given.values]
+    return min(1.0, 2 * min(of_runs(given.since[low], high - low), of_places(places)))
 
 
 def _is_measured(rates: Array, repeated: Mask) -> bool:

@@ -63,14 +63,20 @@ def judged_lines(
     ]
     edge = _edge(moving, [line.frequency_hz for line in report.lines])
     alone = [line.isolated and line.steady and line.frequency_hz > edge for line in report.lines]
-    ringing = sum(one and abs(ratio) < -CONFIRMED for one, ratio in zip(alone, ratios, strict=True))
     half_rate_hz = 0.5 / model.recording.gyro.sample_s
+    own = [
+        ratio + (BEYOND + float(np.log(OCTAVES * line.frequency_hz / half_rate_hz)) if single else WITHIN)
+        for line, ratio, single in zip(report.lines, ratios, alone, strict=True)
+    ]
+    # A tone so slow that it is a motion by itself says nothing of the others.
+    ringing = sum(
+        single and abs(ratio) < -CONFIRMED and odds > 0 for single, ratio, odds in zip(alone, ratios, own, strict=True)
+    )
     found = False
-    for line, ratio, single in zip(report.lines, ratios, alone, strict=True):
+    for line, ratio, single, by_itself in zip(report.lines, ratios, alone, own, strict=True):
         if line.axis in silent and not single:
             continue
-        density = float(np.log(OCTAVES * line.frequency_hz / half_rate_hz)) - SEVERAL * max(ringing - 1, 0)
-        odds = (BEYOND + density if single else WITHIN) + ratio
+        odds = by_itself - (SEVERAL * max(ringing - 1, 0) if single else 0.0)
         if odds > 0 and line.frequency_hz < FASTEST_BIAS_HZ and _periodic_odds(line, half_rate_hz) > 0:
             continue  # the attitude has seen that the reading is wrong; what swings it so slowly is more likely a bias
         if odds <= 0:

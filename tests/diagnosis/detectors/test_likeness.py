@@ -74,3 +74,24 @@ def test_noise_that_depends_on_the_reading_is_not_white():
     jumps = np.where(np.abs(x) < 2, 3.0, 1.0)
     assert likeness.of_noise([x + jumps * rng.standard_normal(x.size)]) < 1e-4
     assert likeness.of_noise([x + rng.standard_normal(x.size)]) > 0.01
+
+
+def test_events_at_random_moments_look_like_that_whatever_the_readings_do():
+    t = np.arange(20_000)
+    readings = [t.astype(float), np.sin(t / 3000.0), np.round(np.cos(t / 900.0), 1), np.where(t < 15_000, 0.0, 1.0)]
+    for count in (2, 9, 300):
+        p = []
+        for seed in range(SEEDS):
+            own = np.random.default_rng(seed).choice(t.size, count, replace=False)
+            p.append(likeness.of_places([(one, one[own]) for one in readings]))
+        assert np.mean(np.array(p) < SHARE) < MOST
+
+
+def test_events_that_go_with_a_reading_or_come_together_do_not():
+    rng, t = np.random.default_rng(5), np.arange(20_000)
+    reading = np.sin(t / 700.0)
+    passing = np.flatnonzero(np.diff(reading > 0.4))[:8]
+    assert likeness.of_places([(reading, reading[passing]), (t, t[passing])]) < 1e-6
+    burst = 7000 + rng.choice(100, 6, replace=False)
+    among = np.append(rng.choice(t.size, 6, replace=False), burst)
+    assert likeness.of_places([(reading, reading[among]), (t, t[among])]) < 1e-6
