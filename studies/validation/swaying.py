@@ -39,7 +39,7 @@ SNR = (8.0, 60.0)
 SLOWEST_HZ, FASTEST = 3.0, 0.45  # of a vibration, and its share of the sampling rate
 OF_REFERENCES = 0.6  # of their rate: half of it is what they resolve
 ALARMS, NAMED = 0.02, 0.95  # asked for
-TONE = next(one.name for one in EFFECTS.values() if one.symptom == "spectral_line")
+TONE = next((one.name for one in EFFECTS.values() if one.symptom == "spectral_line"), "none")
 
 
 class SwayConfig(StudyConfig):
@@ -100,7 +100,7 @@ def _drawn(config: SwayConfig, number: int, streams: Streams) -> tuple[Recording
     row |= {"axis": "", "vibration_hz": float("nan"), "snr": float("nan"), "size_deg_s": float("nan")}
     if number < config.cases - config.vibrations:
         return made, row
-    rng = streams.generator("vibration")
+    rng = streams.generator("tone")
     snr, axis = _between(rng, SNR), int(rng.integers(3))
     at = float(rng.uniform(max(SLOWEST_HZ, OF_REFERENCES * reference_hz), FASTEST * hz))
     # The sum of squares of a sine over all samples is half their number.
