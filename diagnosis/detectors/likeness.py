@@ -34,6 +34,7 @@ Indices = NDArray[np.intp]
 LONGEST = 64  # samples, of a period
 FEWEST = 8  # times, lengths or heights, below which nothing is said
 MOST = 2000  # of them that are looked at
+SOME = 300  # events, of which any number is asked whether it comes together
 DRAWS = 2000
 WINDOW = 6  # differences whose power is taken together
 FEWEST_WINDOWS = 60
@@ -89,6 +90,11 @@ def of_heights(beyond: Array, seed: int = 0) -> float:
         return np.asarray(scipy.special.ndtr((x - m) / np.maximum(x.std(axis=1, ddof=1, keepdims=True), 1e-300)))
 
     return max(tail, _lilliefors(kept, lambda rng, shape: rng.standard_normal(shape), about, seed))
+
+
+def some(events: Indices, seed: int = 0) -> Indices:
+    """At most `SOME` of events, by chance: the first of them would come together."""
+    return events if events.size <= SOME else np.sort(np.random.default_rng(seed).choice(events, SOME, replace=False))
 
 
 def of_places(values: Sequence[tuple[Array, Array]]) -> float:

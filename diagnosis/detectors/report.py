@@ -25,7 +25,7 @@ Mask = NDArray[np.bool_]
 Tell = Callable[[str, float], None]  # what is being done, and the share done
 
 AXES = "xyz"
-AROUND = 7  # samples, of the median that is a reading without its outlier
+AROUND, BESIDE = 7, 10  # samples of the median that is a reading, and from the one whose fault is not to be in it
 IMPOSSIBLE = 1e-300  # p of what M0 cannot do
 
 
@@ -170,13 +170,21 @@ class Circumstances:
     values: tuple[Array, ...]
 
 
-def circumstances(recording: Recording) -> Circumstances:
-    """Of the samples of a recording."""
-    starts = np.array([part.start for part in interval_slices(recording)])
+def circumstances(recording: Recording, both_sides: bool) -> Circumstances:
+    """Of the samples of a recording.
+
+    A reading is a median of samples beside, since the fault would be in its own: of those on both sides, or of those before,
+    where a fault may go on.
+    """
+    parts = interval_slices(recording)
     number = np.arange(recording.gyro.t_s.size)
-    since = number - starts[np.clip(np.searchsorted(starts, number, side="right") - 1, 0, None)]
-    smooth = scipy.ndimage.median_filter(recording.gyro.rates, (AROUND, 1), mode="nearest")
-    return Circumstances(since, (number.astype(float), since.astype(float), np.linalg.norm(smooth, axis=1), *smooth.T))
+    place = np.clip(np.searchsorted([part.start for part in parts], number, side="right") - 1, 0, None)
+    starts, stops = (np.array(ends)[place] for ends in ([part.start for part in parts], [part.stop - 1 for part in parts]))
+    medians = scipy.ndimage.median_filter(recording.gyro.rates, (AROUND, 1), mode="nearest")
+    before = medians[np.maximum(number - BESIDE, starts)]
+    reading = 0.5 * (before + medians[np.minimum(number + BESIDE, stops)]) if both_sides else before
+    since = number - starts
+    return Circumstances(since, (number.astype(float), since.astype(float), np.linalg.norm(reading, axis=1), *reading.T))
 
 
 def arcs(mask: Mask) -> list[tuple[int, int]]:

@@ -18,7 +18,7 @@ from diagnosis.detectors.clipping import saturation
 from diagnosis.detectors.denoised import denoised
 from diagnosis.detectors.gap_interpolation import filled, runs
 from diagnosis.detectors.lattice import ODDS, Kind, lattice_step, sweep_odds, undone
-from diagnosis.detectors.likeness import MOST, of_places, of_runs
+from diagnosis.detectors.likeness import of_places, of_runs, some
 from diagnosis.detectors.noise_patterns import patterns
 from diagnosis.detectors.noise_structure import constancy, together
 from diagnosis.detectors.outliers import spikes
@@ -218,10 +218,10 @@ def _stale(report: SampleReport, recording: Recording, used: Mask, coarse: Mask)
 def _run_likeness(repeated: Mask, follows: Mask, recording: Recording) -> float:
     """Of the runs of repeats, counted from their interval's start; those of a lattice may be chance and are not judged."""
     low, high = np.array(runs(repeated)).T
-    given = circumstances(recording)
+    given = circumstances(recording, both_sides=False)
     where = follows.copy()
     where[low] = True
-    places = [(values[where], values[low[:MOST]]) for values in given.values]
+    places = [(values[where], values[some(low)]) for values in given.values]
     return min(1.0, 2 * min(of_runs(given.since[low], high - low), of_places(places)))
 
 

@@ -95,3 +95,12 @@ def test_events_that_go_with_a_reading_or_come_together_do_not():
     burst = 7000 + rng.choice(100, 6, replace=False)
     among = np.append(rng.choice(t.size, 6, replace=False), burst)
     assert likeness.of_places([(reading, reading[among]), (t, t[among])]) < 1e-6
+
+
+def test_many_events_are_thinned_by_chance():
+    t = np.arange(100_000.0)
+    own = np.flatnonzero(np.random.default_rng(2).random(t.size) < 0.05)
+    kept = likeness.some(own)
+    assert kept.size == likeness.SOME
+    assert likeness.of_places([(t, t[kept])]) > 0.01
+    assert likeness.of_places([(t, t[own[: likeness.SOME]])]) < 1e-6

@@ -40,3 +40,28 @@ def test_outliers_of_a_thousand_sigmas_are_found_and_taken_out():
 
 def test_a_rover_that_starts_and_stops_has_none():
     assert not [one for one in examine(driving()[0]).symptoms if one.kind.startswith("outlier")]
+
+
+def swinging(places):
+    """A body that swings slowly about all axes, with outliers of 30 sigmas of gyro z at some places of its readings."""
+    t_s = SAMPLE_S * np.arange(14_400)
+    rates = 0.02 * np.sin(2 * np.pi * t_s[:, None] / np.array([170.0, 230.0, 310.0]))
+    made = of_rates(rates, 40, SAMPLE_S, ARW, 3e-4, 1)
+    read = made.gyro.rates.copy()
+    read[places(rates[:, 2]), 2] += 30 * SIGMA
+    return replace(made, gyro=replace(made.gyro, rates=read))
+
+
+@pytest.mark.parametrize(
+    ("places", "likely"),
+    [
+        pytest.param(lambda z: np.sort(np.random.default_rng(4).choice(np.arange(50, 14_350), 10, False)), True, id="random"),
+        pytest.param(lambda z: np.flatnonzero(np.diff(z > 0.005)) + 1, False, id="where a reading passes a value"),
+        pytest.param(lambda z: 5000 + 13 * np.arange(10) ** 2 // 3, False, id="in a burst"),
+    ],
+)
+def test_outliers_of_telemetry_come_at_random_whatever_the_readings_are(places, likely):
+    (symptom,) = [one for one in examine(swinging(places)).symptoms if one.kind == "outliers"]
+    assert symptom.axis == "z"
+    assert (symptom.likeness > 0.01) == likely
+    assert likely or symptom.likeness < 1e-4
