@@ -107,7 +107,7 @@ def of_places(values: Sequence[tuple[Array, Array]]) -> float:
     values : of each quantity, at all moments at which an event would have been seen, and at the events
     """
     found = [_nearest(np.sort(every), np.sort(own)) for every, own in values if own.size > 1]
-    return min(1.0, len(values) * min(found, default=1.0))
+    return min(1.0, len(found) * min(found)) if found else 1.0
 
 
 def _nearest(every: Array, own: Array) -> float:

@@ -56,22 +56,21 @@ def judged_lines(
     for count, line in enumerate(report.lines):
         tell(count)
         ratios.append(log_ratio(model, line))
+    half_rate_hz = 0.5 / model.recording.gyro.sample_s
+    apart = [
+        ratio + BEYOND + float(np.log(OCTAVES * line.frequency_hz / half_rate_hz))
+        for line, ratio in zip(report.lines, ratios, strict=True)
+    ]
     moving = [
         line.frequency_hz
-        for line, ratio in zip(report.lines, ratios, strict=True)
-        if ratio < CONFIRMED or not ((line.isolated and line.steady) or WITHIN + ratio > 0)
+        for line, ratio, odds in zip(report.lines, ratios, apart, strict=True)
+        if ratio < CONFIRMED or (odds <= 0 if line.isolated and line.steady else WITHIN + ratio <= 0)
     ]
     edge = _edge(moving, [line.frequency_hz for line in report.lines])
     alone = [line.isolated and line.steady and line.frequency_hz > edge for line in report.lines]
-    half_rate_hz = 0.5 / model.recording.gyro.sample_s
-    own = [
-        ratio + (BEYOND + float(np.log(OCTAVES * line.frequency_hz / half_rate_hz)) if single else WITHIN)
-        for line, ratio, single in zip(report.lines, ratios, alone, strict=True)
-    ]
-    # A tone so slow that it is a motion by itself says nothing of the others.
-    ringing = sum(
-        single and abs(ratio) < -CONFIRMED and odds > 0 for single, ratio, odds in zip(alone, ratios, own, strict=True)
-    )
+    # A tone within the band of the motions says nothing of those beyond it.
+    ringing = sum(one and abs(ratio) < -CONFIRMED for one, ratio in zip(alone, ratios, strict=True))
+    own = [odds if single else WITHIN + ratio for odds, single, ratio in zip(apart, alone, ratios, strict=True)]
     found = False
     for line, ratio, single, by_itself in zip(report.lines, ratios, alone, own, strict=True):
         if line.axis in silent and not single:

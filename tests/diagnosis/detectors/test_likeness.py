@@ -79,6 +79,7 @@ def test_noise_that_depends_on_the_reading_is_not_white():
 def test_events_at_random_moments_look_like_that_whatever_the_readings_do():
     t = np.arange(20_000)
     readings = [t.astype(float), np.sin(t / 3000.0), np.round(np.cos(t / 900.0), 1), np.where(t < 15_000, 0.0, 1.0)]
+    assert likeness.of_places([]) == likeness.of_places([(readings[0], readings[0][:1])]) == 1.0
     for count in (2, 9, 300):
         p = []
         for seed in range(SEEDS):
