@@ -34,6 +34,7 @@ Indices = NDArray[np.intp]
 LONGEST = 64  # samples, of a period
 FEWEST = 8  # times, lengths or heights, below which nothing is said
 MOST = 2000  # of them that are looked at
+NARROW = 0.02  # of all moments
 SOME = 300  # events, of which any number is asked whether it comes together
 DRAWS = 2000
 WINDOW = 6  # differences whose power is taken together
@@ -100,7 +101,8 @@ def some(events: Indices, seed: int = 0) -> Indices:
 def of_places(values: Sequence[tuple[Array, Array]]) -> float:
     """P-value of events that come at random, by the smallest range that holds some of them of whatever they may go with.
 
-    A range that holds a share d of all moments has j of m events or more with a probability of at most C(m, j) j d^(j−1).
+    A range that holds a share d of all moments has j of m events or more with a probability of at most C(m, j) j d^(j−1). Only
+    ranges of at most `NARROW` count: what happens at rest alone, or in a part of the time, is still the same fault.
 
     Parameters
     ----------
@@ -117,6 +119,8 @@ def _nearest(every: Array, own: Array) -> float:
     best = 0.0
     for j in range(2, m + 1):
         share = max(int((up_to[j - 1 :] - below[: m - j + 1]).min()), 1) / every.size
+        if share > NARROW:
+            break
         ways = -scipy.special.betaln(m - j + 1, j + 1) - np.log(m + 1)  # log C(m, j)
         best = min(best, float(ways + np.log(j) + (j - 1) * np.log(share)))
     return float(min(1.0, (m - 1) * np.exp(best)))

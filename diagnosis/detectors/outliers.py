@@ -15,7 +15,16 @@ import scipy.stats
 from numpy.typing import NDArray
 
 from diagnosis.detectors.likeness import of_heights, of_places, of_times, some
-from diagnosis.detectors.report import AXES, IMPOSSIBLE, SampleReport, SampleTest, Symptom, circumstances, consecutive
+from diagnosis.detectors.report import (
+    AXES,
+    IMPOSSIBLE,
+    SampleReport,
+    SampleTest,
+    Symptom,
+    circumstances,
+    consecutive,
+    since_start,
+)
 from gyrocal.recording import Recording
 
 Array = NDArray[np.float64]
@@ -187,17 +196,17 @@ def _in_motion(x: Array, follows: Mask, noise: float, step: float) -> tuple[Mask
 
 def _likeness(recording: Recording, looked: list[Looked], asked: Mask) -> float:
     """Of the times of outliers, counted from their interval's start, of what they may go with, and of how high they are."""
-    given = circumstances(recording, both_sides=True)
+    since, given = since_start(recording), circumstances(recording)
     times, heights, places = [], [], []
     for one in looked:
         own = some(np.flatnonzero(one.places))
-        times.append(given.since[one.places])
+        times.append(since[one.places])
         heights.append(one.off[one.places] - one.limit)
         if own.size > 1:
             # Of places where the smallest of them would have been seen: none there is chance.
             where = asked & (one.hidden <= np.abs(one.off[own]).min())
             seen = own[where[own]]
-            places += [(values[where], values[seen]) for values in given.values]
+            places += [(values[where], values[seen]) for values in given]
     return min(1.0, 3 * min(of_times(np.concatenate(times)), of_heights(np.concatenate(heights)), of_places(places)))
 
 

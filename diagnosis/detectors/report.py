@@ -156,35 +156,30 @@ def consecutive(recording: Recording, used: Mask) -> Mask:
     return out
 
 
-@dataclass(frozen=True)
-class Circumstances:
-    """What a fault of single samples may go with.
-
-    Attributes
-    ----------
-    since : (n,) number of each sample in its interval
-    values : (n,) each: number of the sample, the same in its interval, rate of the body, readings without what stands out
-    """
-
-    since: NDArray[np.intp]
-    values: tuple[Array, ...]
-
-
-def circumstances(recording: Recording, both_sides: bool) -> Circumstances:
-    """Of the samples of a recording.
-
-    A reading is a median of samples beside, since the fault would be in its own: of those on both sides, or of those before,
-    where a fault may go on.
-    """
-    parts = interval_slices(recording)
+def since_start(recording: Recording) -> NDArray[np.intp]:
+    """(n,) number of each sample in its interval."""
     number = np.arange(recording.gyro.t_s.size)
-    place = np.clip(np.searchsorted([part.start for part in parts], number, side="right") - 1, 0, None)
-    starts, stops = (np.array(ends)[place] for ends in ([part.start for part in parts], [part.stop - 1 for part in parts]))
+    return number - _ends(recording)[0]
+
+
+def circumstances(recording: Recording) -> list[Array]:
+    """(n,) each, what a fault of single samples may go with: their number, that in the interval, rate of the body, readings.
+
+    A reading is a mean of medians of samples on either side, since the fault would be in its own.
+    """
+    starts, stops = _ends(recording)
+    number = np.arange(recording.gyro.t_s.size)
     medians = scipy.ndimage.median_filter(recording.gyro.rates, (AROUND, 1), mode="nearest")
-    before = medians[np.maximum(number - BESIDE, starts)]
-    reading = 0.5 * (before + medians[np.minimum(number + BESIDE, stops)]) if both_sides else before
-    since = number - starts
-    return Circumstances(since, (number.astype(float), since.astype(float), np.linalg.norm(reading, axis=1), *reading.T))
+    reading = 0.5 * (medians[np.maximum(number - BESIDE, starts)] + medians[np.minimum(number + BESIDE, stops)])
+    return [number.astype(float), (number - starts).astype(float), np.linalg.norm(reading, axis=1), *reading.T]
+
+
+def _ends(recording: Recording) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    """(n,) each, the first and the last sample of the interval that each sample is in."""
+    parts = interval_slices(recording)
+    first, last = np.array([part.start for part in parts]), np.array([part.stop - 1 for part in parts])
+    place = np.clip(np.searchsorted(first, np.arange(recording.gyro.t_s.size), side="right") - 1, 0, None)
+    return first[place], last[place]
 
 
 def arcs(mask: Mask) -> list[tuple[int, int]]:

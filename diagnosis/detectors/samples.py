@@ -18,7 +18,7 @@ from diagnosis.detectors.clipping import saturation
 from diagnosis.detectors.denoised import denoised
 from diagnosis.detectors.gap_interpolation import filled, runs
 from diagnosis.detectors.lattice import ODDS, Kind, lattice_step, sweep_odds, undone
-from diagnosis.detectors.likeness import of_places, of_runs, some
+from diagnosis.detectors.likeness import of_runs
 from diagnosis.detectors.noise_patterns import patterns
 from diagnosis.detectors.noise_structure import constancy, together
 from diagnosis.detectors.outliers import spikes
@@ -30,10 +30,10 @@ from diagnosis.detectors.report import (
     SampleTest,
     Symptom,
     Tell,
-    circumstances,
     consecutive,
     inside,
     silent,
+    since_start,
 )
 from diagnosis.detectors.sample_noise import local_noise, noise, quiet
 from diagnosis.detectors.spectral_lines import lines
@@ -208,21 +208,17 @@ def _stale(report: SampleReport, recording: Recording, used: Mask, coarse: Mask)
     parameters: dict[str, float | str] = {"fraction": found.fraction}
     kind = "repeats" if _is_measured(rates, found.mask) else "filled_samples"
     text = "" if kind == "repeats" else "samples repeat a value that is far from its neighbours, so that it was filled in"
-    alike = _run_likeness(found.mask, follows, recording) if not coarse.any() else 1.0
+    alike = _run_likeness(found.mask, recording) if not coarse.any() else 1.0
     report.symptoms.append(
         Symptom(kind, None, found.size, "samples", found.sigma, parameters, found.p_value, text, likeness=alike)
     )
     _fill(report, recording, found.mask)
 
 
-def _run_likeness(repeated: Mask, follows: Mask, recording: Recording) -> float:
+def _run_likeness(repeated: Mask, recording: Recording) -> float:
     """Of the runs of repeats, counted from their interval's start; those of a lattice may be chance and are not judged."""
     low, high = np.array(runs(repeated)).T
-    given = circumstances(recording, both_sides=False)
-    where = follows.copy()
-    where[low] = True
-    places = [(values[where], values[some(low)]) for values in given.values]
-    return min(1.0, 2 * min(of_runs(given.since[low], high - low), of_places(places)))
+    return of_runs(since_start(recording)[low], high - low)
 
 
 def _is_measured(rates: Array, repeated: Mask) -> bool:

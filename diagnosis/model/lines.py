@@ -30,7 +30,7 @@ from diagnosis.model.recording import RecordingModel
 
 Array = NDArray[np.float64]
 
-BEYOND = 0.5  # prior log odds of a vibration for a steady tone beyond the band in which the body moves
+BEYOND = -0.6  # prior log odds of a vibration for a steady tone beyond the band in which the body moves
 OCTAVES = 7.0  # natural log of the range of frequencies of a motion
 WITHIN = -10.0  # the same for any other line
 SEVERAL = 3.0  # log odds that each further one, of which the references know nothing, takes from all of them

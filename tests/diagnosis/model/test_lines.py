@@ -122,9 +122,16 @@ def test_a_diagnosis_names_a_vibration_of_a_fast_gyro():
 
 def test_a_vibration_beside_a_sway_is_told_from_it():
     """On another axis, and beyond the band of the motion on the same one."""
-    found = prepare(swaying(recorded("vibration:z=0.002,apparent_hz=9.0"), tone(0.002, 1 / 5.1)))
+    found = prepare(swaying(recorded("vibration:z=0.002,apparent_hz=31.0"), tone(0.002, 1 / 5.1)))
     assert [(symptom.kind, symptom.axis) for symptom in found.samples.symptoms] == [("spectral_line", "z")]
     assert {line.axis for line in [*found.samples.motions, *found.samples.unconfirmed]} == {1}
+
+
+def test_a_tone_that_no_reference_resolves_is_a_vibration_only_in_the_upper_part_of_the_band():
+    """Structures ring in each octave alike, and a vibration shows evenly: the lower a tone, the likelier it is a motion."""
+    low, high = (prepare(recorded(f"vibration:z=0.002,apparent_hz={hz}")).samples for hz in (9.0, 31.0))
+    assert ([one.axis for one in low.unconfirmed], low.vibrations) == ([2], [])
+    assert ([one.axis for one in high.vibrations], high.unconfirmed) == ([2], [])
 
 
 def test_quiet_samples_show_no_line():
