@@ -142,11 +142,14 @@ def _seen(model: RecordingModel, axis: int, waves: Iterable[Array]) -> tuple[Arr
     Where references are averaged to fewer observations, a fast line is lost in these; their innovations have it still.
     """
     gyro = model.recording.gyro
-    edges = np.append(gyro.t_s, gyro.t_s[-1] + gyro.sample_s)
+    # A sample lasts until the next one, but not over a gap between intervals.
+    stops = np.minimum(gyro.t_s + gyro.sample_s, np.append(gyro.t_s[1:], np.inf))
+    edges = np.column_stack([gyro.t_s, stops]).ravel()
     begin, end = model.t_s - 0.5 * model.dt, model.t_s + 0.5 * model.dt
     rates = []
     for wave in waves:
-        turned = np.append(0.0, np.cumsum(wave * gyro.sample_s))
+        after = np.cumsum(wave * gyro.sample_s)
+        turned = np.column_stack([np.append(0.0, after[:-1]), after]).ravel()
         rates.append((np.interp(end, edges, turned) - np.interp(begin, edges, turned)) / model.dt)
     high = np.zeros((model.t_s.size, 3, len(rates)))
     high[:, axis] = np.column_stack(rates)

@@ -7,13 +7,16 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from diagnosis.detectors.spectral_tones import Line
 from diagnosis.diagnose import diagnose
+from diagnosis.model.linearise import linearised
 from diagnosis.model.lines import log_ratio
 from diagnosis.model.prepare import prepare
 from simulator import scenario
 from simulator.effects import parse
 from simulator.simulate import simulate
 from tests.diagnosis.recordings import NOISE
+from tests.diagnosis.recordings import recorded as series
 
 INTERVALS = [
     {"name": "a", "activity": "+x forward", "start_s": 0.0, "stop_s": 200.0, "mode": "+x"},
@@ -158,6 +161,20 @@ def test_the_log_ratio_is_what_the_references_can_tell():
     unseen = prepare(swaying(recorded(), tone(2e-5, 6.3)))
     (fast,) = unseen.samples.lines
     assert abs(log_ratio(unseen.model, fast)) < 1
+
+
+def test_a_gap_between_intervals_takes_nothing_from_what_a_line_turns():
+    """Slow samples, of which the last before a gap turns as much as any: yᵀc is cᵀc, so of twice the line nothing is left."""
+    effect = "vibration:x=0.2,apparent_hz=0.1834"
+    recording, clean = series(3, effect), series(3)
+    wave = recording.gyro.rates[:, 0] - clean.gyro.rates[:, 0]
+    gaps = np.diff(recording.gyro.t_s) > 1.5 * recording.gyro.sample_s
+    assert gaps.sum() == 5
+    model = linearised(recording, prepare(clean).model.G, prepare(clean).model.bias)
+    line = Line(0, 0.1834, float(np.abs(wave).max()), 1e-7, 1e-9, wave, isolated=True, steady=True)
+    once, twice = (log_ratio(model, replace(line, waveform=factor * wave)) for factor in (1, 2))
+    assert once > 1000
+    assert abs(twice) < 0.05 * once
 
 
 def test_references_that_are_too_few_leave_it_to_the_prior():
