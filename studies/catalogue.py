@@ -39,6 +39,7 @@ MODULES = {
     "onboard": "studies.estimation.onboard",
     "blind": "studies.validation.blind",
     "wide": "studies.validation.wide.report",
+    "withheld": "studies.validation.wide.withheld",
     "sway": "studies.validation.swaying",
     "compare": "studies.validation.compare_check",
     "flight": "studies.natanson.flight_diagnosis",

@@ -111,14 +111,14 @@ def draw(spec: Spec, case: int) -> Drawn:
     if kind == "none":
         return Drawn(kind, world, (), (), (), np.nan)
     if kind == "unlisted":
-        for name in _by_lot(world, part(spec.part).families):
+        for name in by_lot(world, part(spec.part).families):
             for one, snr in placed(world, FAMILIES[name]):
                 novel = novelty(world, one)
                 if novel > NOVEL:
                     return Drawn(kind, world, (one,), (snr,), (snr,), novel)
         raise InputError(f"case {case}: no unlisted effect that differs from the listed ones")
     found: list[tuple[Setting, float, Array]] = []
-    for name in _by_lot(world, EFFECTS):
+    for name in by_lot(world, EFFECTS):
         kin = {EFFECTS[one.effect].kin for one, *_ in found} - {""}
         first = next(placed(world, EFFECTS[name]), None) if EFFECTS[name].kin not in kin else None
         if first is None:
@@ -134,7 +134,7 @@ def draw(spec: Spec, case: int) -> Drawn:
     raise InputError(f"case {case}: too few listed effects that can show in its plan")
 
 
-def _by_lot(world: World, names: Iterable[str]) -> list[str]:
+def by_lot(world: World, names: Iterable[str]) -> list[str]:
     """Names in an order drawn for the case; a further name changes nothing of that of the others."""
     return sorted(names, key=lambda name: float(world.rng(f"lot:{name}").random()))
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import replace
 from itertools import product
 
@@ -17,13 +17,16 @@ from studies.validation.wide.world import World
 MOST_TRIALS, STEP_TIMES = 12, 12
 
 
-def novelty(world: World, one: Setting) -> float:
-    """Norm of what no listed effect with columns explains of an unlisted effect, as it is in the recording."""
+def novelty(world: World, one: Setting, listed: Iterable[Effect] | None = None) -> float:
+    """Norm of what no listed effect with columns explains of an unlisted effect, as it is in the recording.
+
+    Listed are all of the registry, or those that are given.
+    """
     change = world.difference([one])
     response = world.evidence.attitude(change)
     total = float(np.sum(world.evidence.seen(change) ** 2))
     explained = 0.0
-    for effect in EFFECTS.values():
+    for effect in EFFECTS.values() if listed is None else listed:
         if effect.has_columns and effect.missing(world.around) is None:
             for columns in _columns(world, effect):
                 u, s, _ = np.linalg.svd(columns, full_matrices=False)
