@@ -1,8 +1,9 @@
 """Single samples far outside of their neighbours.
 
-Where the body rests, a reading is compared with the median around it. Where it moves, parabolas through the
-samples before and through those after each tell what a reading should be: a spike is far from both, to the same side, and a
-torque that sets in, after which the rate goes on along another line, is not far from either.
+Where the body rests, a reading is compared with the median around it. Where it moves, the samples on either side tell what a
+reading should be, with the weights that do it best in this recording: as far as it is stationary they are those of the inverse
+of its covariance. A thrust or a torque that sets in, after which the rate goes on along another line, departs from that, too:
+a spike explains more of the readings than a step and a bend before it or after it.
 """
 
 from __future__ import annotations
@@ -10,6 +11,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
+import scipy.linalg
 import scipy.ndimage
 import scipy.stats
 from numpy.typing import NDArray
@@ -34,11 +36,14 @@ AROUND = 41  # samples whose median an outlier's neighbours are compared with
 BESIDE = (-3, -2, -1, 1, 2, 3)  # samples from an outlier
 OUTLIER = 6.0  # noise sigmas; one sample in 5e8 under M0
 RESTING = 0.3  # share of the samples in which the body rests, below which all are looked at as a motion
-SIDE = 6  # samples to one side that tell what a reading should be
+SIDE = 6  # samples to either side that tell a spike from a step
+CLEARLY = 4.0  # squared sigmas by which a spike fits better
 BETWEEN = np.array([1.0, -6.0, 15.0, 0.0, 15.0, -6.0, 1.0]) / 20  # of a quintic through three samples on either side
 AS_FAR = 0.75  # of its deviation, that a spike is off the curve through its neighbours
 AS_HIGH = 0.4  # of the usual spike
 ALONE = 0.2  # of a spike, that may be left beside it
+LEAST_POWER = 1e-3  # of the deviations, at a frequency that the motion fills
+FEWEST_FITTED, MOST_FITTED = 300, 200_000  # readings that tell the weights of those around them
 NEARBY = 101  # over which the size of their usual error is taken
 
 
@@ -51,7 +56,7 @@ class Looked:
     still, moving : outliers while the body rests, and while it moves
     off : how far each reading is off its neighbours, rad/s
     limit : from which on one counts, where the motion adds nothing
-    odd : readings in motion that are far off, also beside others
+    odd : readings in motion that are far off, also in a step
     hidden : how far off an outlier must be to show in the motion there; zero at rest
     """
 
@@ -96,7 +101,8 @@ def spikes(report: SampleReport, recording: Recording, quiet: Mask, used: Mask, 
     # Of outliers of all sizes what exceeds a limit has, for exponential ones, the mean of all; the others are hidden.
     seen = float(beyond.mean() if exponential else together.mean())
     error = seen * np.sqrt(1 / total + 0.1**2) if exponential else np.hypot(together.std(), noise.mean()) / np.sqrt(total)
-    shown = sum(int((asked & (one.hidden <= AS_HIGH * seen)).sum()) for one in ([looked[strongest]] if alone else looked))
+    high = max(AS_HIGH * seen, float(together.min()))
+    shown = sum(int((asked & (one.hidden <= high)).sum()) for one in ([looked[strongest]] if alone else looked))
     fraction = total / max(shown, total) * (float(np.exp(min(limit / seen, 5.0))) if exponential else 1.0)
     report.symptoms.append(
         Symptom(
@@ -177,21 +183,68 @@ def _is_single(x: Array, deviation: Array, noise: float) -> Mask:
 
 
 def _in_motion(x: Array, follows: Mask, noise: float, step: float) -> tuple[Mask, Array, float, Mask, Array]:
-    """The same off what the samples before and those after tell; the limit is that where the motion adds nothing.
+    """The same off what the readings around tell of it; the limit is that where the motion adds nothing.
 
-    The last two are all that are far off, also beside others, and how far off that is at each.
+    The last two are all that are further off than the samples beside them, and how far off a reading must be at each.
     """
-    weights = np.linalg.pinv(np.vander(np.arange(1.0, SIDE + 1), 3))[-1]  # of a parabola at zero
-    usual = noise * float(np.sqrt(1 + weights @ weights))
-    padded = np.pad(x, SIDE, mode="edge")
-    windows = np.lib.stride_tricks.sliding_window_view(padded, SIDE)
-    sides = np.array([x - windows[: x.size] @ weights[::-1], x - windows[SIDE + 1 :] @ weights])
-    local = scipy.ndimage.median_filter(np.abs(sides), (1, NEARBY), mode="nearest") / 0.6745
-    nearer = np.where(sides[0] * sides[1] > 0, np.abs(sides).min(axis=0), 0.0)
-    least = OUTLIER * np.maximum(local.max(axis=0), usual) + step
-    far = follows & (nearer > least)
-    deviation = np.sign(sides[0]) * nearer
-    return _is_single(x, np.where(far, deviation, 0.0), noise), deviation, OUTLIER * usual + step, far, least
+    follows = follows.copy()
+    follows[:SIDE] = follows[-SIDE:] = False
+    weights = _best_weights(x, follows)
+    off = x - scipy.ndimage.convolve1d(x, np.concatenate([weights[::-1], [0.0], weights]), mode="nearest")
+    usual = noise * float(np.sqrt(1 + 2 * weights @ weights))
+    level = np.maximum(scipy.ndimage.median_filter(np.abs(off), NEARBY, mode="nearest") / 0.6745, usual)
+    least = OUTLIER * level + step
+    # Beside a spike a reading is off as well, by its share of the spike.
+    highest = np.abs(off) >= scipy.ndimage.maximum_filter1d(np.abs(off), 2 * SIDE + 1, mode="nearest")
+    far = follows & highest & (np.abs(off) > least)
+    single = _is_single(x, np.where(far, off, 0.0), noise)
+    known = _Shapes(weights)
+    for k in np.flatnonzero(single).tolist():
+        single[k] = known.odds(off[k - SIDE : k + SIDE + 1]) > CLEARLY * level[k] ** 2
+    return single, off, OUTLIER * usual + step, far, least
+
+
+def _best_weights(x: Array, follows: Mask) -> Array:
+    """(SIDE,) weights of the readings at each distance, on both sides, that leave the least of a reading; their sum is ½.
+
+    White noise wants the mean of many, and a fast motion a curve through few; the readings tell what theirs want.
+    """
+    places = np.flatnonzero(follows)
+    places = places[:: max(1, -(-places.size // MOST_FITTED))]
+    if places.size < FEWEST_FITTED:
+        half = len(BETWEEN) // 2
+        return np.pad(BETWEEN[half + 1 :], (0, SIDE - half))
+    sides = np.column_stack([x[places - lag] + x[places + lag] - 2 * x[places] for lag in range(1, SIDE + 1)])
+    y, sides = -0.5 * sides[:, 0], sides[:, 1:] - sides[:, :1]
+    for _ in range(2):
+        others = np.asarray(np.linalg.lstsq(sides, y, rcond=None)[0])
+        left = np.abs(y - sides @ others)
+        kept = left <= OUTLIER * np.median(left) / 0.6745
+        y, sides = y[kept], sides[kept]
+    return np.append(0.5 - others.sum(), others)
+
+
+class _Shapes:
+    """Of what readings around a sample are off by, how much a spike explains and how much a step and a bend beside it.
+
+    With K the filter that takes from a reading what those around tell of it, whose usual error is L, the readings x have the
+    inverse covariance K/L², and deviations Kx the covariance L² K. So a shape u, which they show as s = Ku, explains
+    (sᵀ K⁻¹ Kx)² / sᵀ K⁻¹ s, in squared deviations, where K is cut to the samples that are looked at.
+    """
+
+    def __init__(self, weights: Array) -> None:
+        K = np.concatenate([-weights[::-1], [1.0], -weights])
+        t = np.arange(-2.0 * SIDE, 2 * SIDE + 1)
+        after = [t >= late for late in (0, 1)]
+        shapes = [t[:, None] == 0.0, *(np.column_stack([one, one * t]) for one in after)]
+        seen = [scipy.ndimage.convolve1d(one.astype(float), K, axis=0)[SIDE:-SIDE] for one in shapes]
+        values, vectors = np.linalg.eigh(scipy.linalg.toeplitz(np.concatenate([[1.0], -weights, np.zeros(SIDE)])))
+        inverse = vectors / np.maximum(values, LEAST_POWER) @ vectors.T
+        self.spike, *self.steps = (inverse @ one @ np.linalg.inv(one.T @ inverse @ one) @ one.T @ inverse for one in seen)
+
+    def odds(self, off: Array) -> float:
+        """What a spike in the middle explains more than the better of a step and a bend before it and of those after it."""
+        return float(off @ self.spike @ off - max(off @ step @ off for step in self.steps))
 
 
 def _likeness(recording: Recording, looked: list[Looked], asked: Mask) -> float:

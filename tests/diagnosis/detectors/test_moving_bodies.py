@@ -77,7 +77,7 @@ def test_spikes_of_a_body_in_motion_are_found_with_their_size():
     x[places] += 40.0
     found, deviation, limit, *_ = _in_motion(x, np.ones(SAMPLES, dtype=bool), 1.0, 0.0)
     assert set(np.flatnonzero(found)) == set(places)
-    # The nearer of two parabolas: below the spike, by some of their noise.
+    # Readings around tell of it but for the noise of both.
     assert abs(np.mean(deviation[places]) - 40.0) < limit / OUTLIER
 
 
