@@ -36,7 +36,7 @@ EFFECT = GMatrixStep(
     says="{whose} scale or alignment jumps by {size} at one time",
     unit="ppm",
     stage="rate",
-    prior=(20.0, 5e4),
+    prior=(1.0, 5e4),
     bounds=(-1e6, 1e6),
     parameters=(TIME, Parameter("toward", "", None, "body axis whose rate is picked up", choices=AXES, draw=any_axis)),
     meaning="One element of the gyro's scale-factor and misalignment matrix jumps at one time, as after a shock.",

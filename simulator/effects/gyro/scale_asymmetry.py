@@ -26,7 +26,7 @@ EFFECT = ScaleAsymmetry(
     says="{gyro} reads turns one way {size} too large and the other way as much too small",
     unit="ppm",
     stage="rate",
-    prior=(10.0, 5e4),
+    prior=(1.0, 5e4),
     bounds=(-1e6, 1e6),
     meaning="The scale factor differs between the two senses of rotation; positive: both rates read too high.",
 )

@@ -28,7 +28,7 @@ EFFECT = ScaleQuadratic(
     ways=("grows", "shrinks"),
     unit="ppm per deg/s",
     stage="rate",
-    prior=(50.0, 3e5),
+    prior=(0.1, 3e5),
     bounds=(-1e8, 1e8),
     meaning="The scale factor grows with the rate; positive: fast turns read too fast, in both senses.",
 )

@@ -53,7 +53,7 @@ EFFECT = Spikes(
     says="single samples of {gyro} are far off, by about {size}",
     unit="deg/s",
     stage="outliers",
-    prior=(1e-3, 1e2),
+    prior=(1e-6, 1e3),
     bounds=(0.0, 1e4),
     axis_optional=True,
     parameters=(Parameter("fraction", "", FRACTION, "share of the samples", 0.0, 1.0, draw=any_fraction),),

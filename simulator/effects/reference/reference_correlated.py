@@ -51,7 +51,7 @@ EFFECT = ReferenceCorrelated(
     says="errors of the reference attitude about {axis}, of {size}, last for a while",
     unit="deg",
     stage="random_reference",
-    prior=(5e-4, 5.0),
+    prior=(1e-5, 10.0),
     bounds=(0.0, 90.0),
     parameters=(Parameter("time_constant_s", "s", 600.0, "time constant", 1e-3, 1e9, draw=any_time_constant),),
     meaning="Errors of the reference attitude last for a while instead of being new each time.",

@@ -59,7 +59,7 @@ EFFECT = ReferenceModeOffset(
     says="the reference attitude is off by {size} about {axis} in -x forward",
     unit="deg",
     stage="reference",
-    prior=(5e-4, 5.0),
+    prior=(1e-5, 10.0),
     bounds=(-90.0, 90.0),
     parameters=(Parameter("holds", "", "off", "in an inertial hold after -x forward", choices=HOLDS, draw=any_holds),),
     meaning="The reference attitude is offset when flying -x forward, as when another sensor head takes over.",
