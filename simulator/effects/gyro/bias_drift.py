@@ -25,6 +25,6 @@ EFFECT = BiasDrift(
     ways=("rises", "falls"),
     unit="deg/h per day",
     stage="rate",
-    prior=(1e-4, 1e5),
+    prior=(1e-6, 1e5),
     meaning="The gyro's bias grows steadily over the whole mission time; positive: it reads ever higher.",
 )

@@ -55,7 +55,7 @@ EFFECT = BiasMarkov(
     says="{whose} bias wanders by {size} and comes back",
     unit="deg/h",
     stage="random_rate",
-    prior=(1e-3, 1e3),
+    prior=(1e-5, 1e3),
     bounds=(0.0, 1e9),
     parameters=(Parameter("time_constant_s", "s", 600.0, "time constant", 1e-3, 1e9, draw=any_time_constant),),
     meaning="The gyro's bias wanders and returns, within a time constant.",

@@ -35,7 +35,7 @@ EFFECT = BiasOrbital(
     says="{whose} bias swings by ±{size} once an orbit",
     unit="deg/h",
     stage="rate",
-    prior=(1e-3, 1e3),
+    prior=(1e-5, 1e3),
     parameters=(PHASE,),
     meaning="The gyro's bias goes up and down once an orbit, as when sun and shadow warm and cool it.",
 )

@@ -30,7 +30,7 @@ EFFECT = BiasPeriodic(
     says="{whose} bias swings by ±{size} with a period of its own",
     unit="deg/h",
     stage="rate",
-    prior=(1e-3, 1e3),
+    prior=(1e-5, 1e3),
     meaning="The gyro's bias goes up and down with a steady period that is not the orbit's, as with a heater that switches.",
     symptom="bias_tone",
 )

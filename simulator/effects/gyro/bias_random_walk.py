@@ -68,7 +68,7 @@ EFFECT = BiasRandomWalk(
     says="{whose} bias wanders without returning, by {size}",
     unit="deg/h/√h",
     stage="random_rate",
-    prior=(1e-3, 5e3),
+    prior=(1e-5, 5e3),
     bounds=(0.0, 1e9),
     parameters=(Parameter("gaps", "", "hold", "over the gaps between intervals", choices=GAPS, draw=any_gaps),),
     meaning="The gyro's bias wanders without returning (rate random walk).",

@@ -33,7 +33,7 @@ EFFECT = BiasTemperature(
     ways=("rises", "falls"),
     unit="deg/h per K",
     stage="rate",
-    prior=(1e-4, 1e3),
+    prior=(1e-6, 1e3),
     parameters=(Parameter("column", "", "", "housekeeping column; the gyro's temperature if empty", choices=("*",)),),
     meaning="The gyro's bias follows a temperature of the housekeeping data; positive: it reads high when warm.",
 )

@@ -10,11 +10,13 @@ from diagnosis.inference.search import Search
 from diagnosis.model.candidates import Group, assembled, linear_model, placed
 from diagnosis.model.linear import LinearModel, Member
 from diagnosis.model.linearise import linearised
+from diagnosis.model.prepare import prepare
 from diagnosis.model.steps import step_times, with_finer_times
 from diagnosis.model.swings import columns_of
 from diagnosis.settings import DEFAULT, DiagnosisSettings
 from simulator.effects import EFFECTS, setting
-from simulator.simulate import motion, observe
+from simulator.scenario import override
+from simulator.simulate import motion, observe, simulate
 from tests.diagnosis.recordings import linear, plan, prepared
 
 
@@ -236,3 +238,24 @@ def test_options_of_a_process_have_scales_of_their_own():
     both = Search(model((entry,), np.hstack([loud, quiet]))).score(0, ()).average
     each = [Search(model(*made)).score(0, ()).average for made in alone]
     assert both == pytest.approx(logsumexp(each) - np.log(2), abs=0.2)
+
+
+@pytest.mark.parametrize(
+    ("arw_deg", "sigma_deg"),
+    [
+        pytest.param(1e-2, 0.3, id="consumer MEMS"),
+        pytest.param(1e-4, 5e-3, id="fibre-optic"),
+        pytest.param(1e-6, 3e-4, id="HRG"),
+    ],
+)
+def test_sizes_that_show_are_plausible_of_a_gyro_of_any_grade(arw_deg, sigma_deg):
+    """Of all that biases and references may do: where a size is cut off short of what shows, another cause would be named."""
+    changes = {"gyro.arw_deg_per_sqrt_s": arw_deg, "reference.sigma_deg": (sigma_deg,) * 3}
+    recording = simulate(override(plan(), changes), seed=1)
+    made = linear_model(prepare(recording).model, list(EFFECTS.values()))
+    shown = [one for one in made.candidates if one.listed and one.unit.startswith("deg")]
+    for one in shown:
+        norm = max(np.linalg.norm(made.X[:, own.start : own.start + own.count], axis=0).max() for own in one.options)
+        assert norm * one.scales[0] <= 8
+        assert norm * one.scales[-1] >= 25
+    assert len({one.effect for one in shown}) >= 10
