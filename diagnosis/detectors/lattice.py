@@ -8,7 +8,7 @@ A reading x + n of noise n ~ N(0, σ²) on a lattice of step q has the mean
 With noise above q/3 rounding hardly matters; below it f is a staircase. Cutting takes half a step off every rate that is
 larger than one, whatever the noise. Means over a minute are inverted through f; where the rate moves, half a step is given
 back to every reading but zero. What remains is the lattice's own noise, q²/12 a sample where the noise spreads it, and worse
-on a stair.
+on a stair, or where a swing turns round inside a step.
 """
 
 from __future__ import annotations
@@ -25,6 +25,7 @@ Array = NDArray[np.float64]
 Kind = Literal["rounded", "cut"]
 
 MEAN_S = 60.0  # s, of the means that are inverted
+FEW = 20  # readings at least, of those
 REACH = 10  # steps on either side of zero in which f is tabulated
 LEAST_SLOPE = 0.15  # of f, below which nothing more can be said of the rate
 HIDDEN = 0.3  # slope of f below which a reading hides the rate
@@ -90,9 +91,11 @@ def undone(x: Array, sample_s: float, step: float, sigma: float, kind: Kind) -> 
     -------
     The readings, what to multiply their noise density with, and what to add to it, rad²/s; (n,) each.
     """
-    count = min(max(20, round(MEAN_S / sample_s)), x.size)
+    count = min(max(FEW, round(MEAN_S / sample_s)), x.size)
     mean = scipy.ndimage.uniform_filter1d(x, count, mode="nearest")
-    moving = np.abs(np.gradient(mean)) * count > step
+    few = scipy.ndimage.uniform_filter1d(x, min(FEW, x.size), mode="nearest")
+    # A long mean of a fast swing stands still; that of few readings does not.
+    moving = (np.abs(np.gradient(mean)) * count > step) | (np.abs(few - mean) > step + 4 * sigma / np.sqrt(FEW))
     if kind == "rounded" and sigma > SPREAD * step:
         return x, np.ones_like(x), np.zeros_like(x)
     # Away from zero the stairs are all alike, and cut readings are rounded ones half a step nearer to zero.
@@ -106,11 +109,26 @@ def undone(x: Array, sample_s: float, step: float, sigma: float, kind: Kind) -> 
         low, low_slope = _inverted(mean, grid, mean_reading(grid, step, max(sigma, 1e-3 * step), "cut"))
         true = np.where(near, low, true + 0.5 * step * np.sign(mean))
         slope = np.where(near, low_slope, slope)
-    half = 0.5 * step * np.sign(np.round(x / step)) if kind == "cut" else np.zeros_like(x)
+    counts = np.round(x / step)
+    half = 0.5 * step * np.sign(counts) if kind == "cut" else np.zeros_like(x)
     factor = np.where(moving, 1.0, 1.0 / np.clip(slope, LEAST_SLOPE, 1.0) ** 2)
     # On a flat stair the rate may be anywhere in between, and stay there for a while.
     hidden = np.where(~moving & (slope < HIDDEN), (0.3 * step) ** 2 * MEAN_S, 0.0)
-    return x + np.where(moving, half, true - mean), factor, hidden
+    width = step * np.where((kind == "cut") & (counts == 0), 2.0, 1.0)
+    turning = np.where(moving, width**2 / 12 * (held_s(counts, sample_s) - sample_s), 0.0)
+    return x + np.where(moving, half, true - mean), factor, hidden + turning
+
+
+def held_s(counts: Array, sample_s: float) -> Array:
+    """For how long each reading's error keeps its sign, s, one sample's time where the rate passes through its step.
+
+    A rate that turns round inside a step is in error by up to half of it, on one side, for as long as it stays there.
+    """
+    first = np.flatnonzero(np.append(True, np.diff(counts) != 0))
+    length = np.diff(np.append(first, counts.size))
+    way = np.sign(np.diff(counts[first]))
+    passes = np.append(0, way) * np.append(way, 0) > 0
+    return np.repeat(np.where(passes, 1, length), length) * sample_s
 
 
 def _inverted(mean: Array, grid: Array, curve: Array) -> tuple[Array, Array]:

@@ -24,9 +24,10 @@ Where the samples show a cause as well, with odds of their own, an imitation wou
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections import defaultdict
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -161,10 +162,8 @@ def doubted(model: LinearModel, attribution: Attribution, p_value: float, settin
     own = [_left(model, slot, attribution.unknown, p_value, settings) for slot in attribution.slots]
     left = float(np.prod(own))
     unknown = 1 - (1 - attribution.unknown) * left
-    imitated = " with ".join(slot.group[0][0] for slot in attribution.slots)
     ranked = [replace(one, probability=one.probability * left) for one in attribution.ranked]
-    imitation = Ranked((f"an imitation of {imitated}",), 1 - left, attribution.best.log_evidence, True)
-    ranked = sorted([*ranked, imitation], key=lambda one: -one.probability)
+    ranked = sorted([*ranked, *_imitations(attribution, own)], key=lambda one: -one.probability)
     if unknown > settings.unknown:
         return Attribution("unknown", attribution.best, (), unknown, tuple(ranked))
     slots = [
@@ -172,6 +171,23 @@ def doubted(model: LinearModel, attribution: Attribution, p_value: float, settin
         for slot, part in zip(attribution.slots, own, strict=True)
     ]
     return Attribution(_verdict(slots, settings), attribution.best, _shown(slots, settings), unknown, tuple(ranked))
+
+
+def _imitations(attribution: Attribution, own: Sequence[float]) -> Iterator[Ranked]:
+    """Something unlisted in the place of one or more of the causes, the others being what they seem.
+
+    Parameters
+    ----------
+    attribution : its slots are the causes
+    own : of each, the probability that nothing imitates it; independent
+    """
+    names = [slot.group[0][0] for slot in attribution.slots]
+    for true in itertools.product((True, False), repeat=len(names)):
+        if not all(true):
+            probability = math.prod(p if is_true else 1 - p for p, is_true in zip(own, true, strict=True))
+            imitated = " with ".join(name for name, is_true in zip(names, true, strict=True) if not is_true)
+            kept = [name for name, is_true in zip(names, true, strict=True) if is_true]
+            yield Ranked((*kept, f"an imitation of {imitated}"), probability, attribution.best.log_evidence, True)
 
 
 def _left(model: LinearModel, slot: Slot, unknown: float, p_value: float, settings: DiagnosisSettings) -> float:

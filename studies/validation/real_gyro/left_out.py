@@ -7,12 +7,13 @@ from dataclasses import dataclass, replace
 
 from diagnosis.diagnose import diagnose
 from diagnosis.result import Diagnosis
+from diagnosis.settings import DEFAULT
 from gyrocal import InputError
 from studies.validation.real_gyro.prediction import CUT, LADDER, LAG, LATE, Rung
 from studies.validation.real_gyro.trials import Loaded
 
 SUPPORT = 0.5  # share of the other trials whose diagnosis must find the gyro late, or its readings cut
-SURE = 0.95  # probability of a late gyro over all explanations, from which on it is found
+SURE = DEFAULT.named  # probability of a late gyro over all explanations, from which on it is found, as any cause is
 
 
 @dataclass(frozen=True)

@@ -9,7 +9,7 @@ import pytest
 from diagnosis.detectors import samples as stream
 from diagnosis.detectors import spectral_lines, spectral_tones
 from diagnosis.detectors.clipping import _is_plateau
-from diagnosis.detectors.lattice import lattice_step, mean_reading, sweep_odds, undone
+from diagnosis.detectors.lattice import held_s, lattice_step, mean_reading, sweep_odds, undone
 from diagnosis.detectors.sample_noise import local_noise
 from diagnosis.settings import DEFAULT
 from simulator import scenario
@@ -268,6 +268,22 @@ def test_a_slow_rate_comes_back_from_the_lattice(kind, level):
     back, factor, _ = undone(reading, 0.5, 1.0, 0.2, kind)
     assert abs(back.mean() - level) < 0.03 < abs(reading.mean() - level)
     assert (factor >= 1).all()
+
+
+def test_a_swing_comes_back_from_the_cut():
+    """A minute's mean of a swing of eight seconds stands still; half a step is given back to its readings all the same."""
+    at = 0.01 * np.arange(12_000)
+    rate = 30.0 * np.sin(2 * np.pi * at / 8.0)
+    back, _, _ = undone(np.trunc(rate), 0.01, 1.0, 0.1, "cut")
+    turned = 0.01 * np.cumsum(np.c_[np.trunc(rate) - rate, back - rate], axis=0)
+    assert np.abs(turned[:, 0]).max() > 1.8  # half a step for four seconds, less what is near zero
+    assert np.abs(turned[:, 1]).max() < 0.2
+
+
+def test_a_reading_is_held_where_it_goes_back():
+    counts = np.repeat([0.0, 1.0, 2.0, 1.0, 0.0, 1.0], [5, 3, 10, 4, 2, 1])
+    held = np.repeat([5, 1, 10, 1, 2, 1], [5, 3, 10, 4, 2, 1])
+    np.testing.assert_allclose(held_s(counts, 0.5), 0.5 * held)
 
 
 def test_repeats_by_chance_on_a_coarse_lattice_are_none(plan, truth):

@@ -108,6 +108,18 @@ def test_an_imitation_has_its_prior_share_where_the_checks_find_nothing(process)
     assert sum(one.probability for one in answer.ranked) == pytest.approx(1)
 
 
+def test_one_cause_may_be_imitated_and_the_other_not():
+    """Independently, with 0.04 each: either alone with 0.04 * 0.96, both with 0.04 * 0.04."""
+    model, found = three({(0, 1): 1.0})
+    answer = doubted(model, attribute(model, found), 0.5, DiagnosisSettings(imitation=0.04))
+    chances = {one.labels: one.probability for one in answer.ranked}
+    assert chances[("e0", "e1")] == pytest.approx(0.96**2)
+    assert chances[("e0", "an imitation of e1")] == pytest.approx(0.04 * 0.96)
+    assert chances[("e1", "an imitation of e0")] == pytest.approx(0.04 * 0.96)
+    assert chances[("an imitation of e0 with e1",)] == pytest.approx(0.04**2)
+    assert sum(one.probability for one in answer.ranked if one.unlisted) == pytest.approx(answer.unknown)
+
+
 def test_odds_of_an_imitation_follow_the_p_value():
     """By hand, with f = 1/4: at p = 0.001 the factor is 3/4 + 250/(16 ln 10) = 7.536."""
     for p, factor in ((0.5, 1.0), (0.001, 7.536)):
