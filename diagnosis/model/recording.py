@@ -43,7 +43,7 @@ from numpy.typing import NDArray
 
 from gyrocal.calibration.trackers import Mountings
 from gyrocal.recording import Recording
-from simulator.effects import References, Stream, Surroundings, forward_axes
+from simulator.effects import References, Stream, Surroundings, directions_flown
 from simulator.effects.recorded import housekeeping_at
 from simulator.effects.sky import trackers_of
 
@@ -215,12 +215,14 @@ class RecordingModel:
         if attitudes.sensor is not None:
             known = housekeeping_at(self.recording, attitudes.t_s[rows])
             seen = trackers_of(self.recording, rows, self.interval_of_reference, self.stream, known)
+        forward, heading = directions_flown(self.recording)
         return References(
             t_s=attitudes.t_s[rows],
             quaternions=attitudes.quaternions[rows],
             interval=self.interval_of_reference,
-            forward=forward_axes(self.recording)[rows],
+            forward=forward[rows],
             orbit_period_s=orbit.period_s if orbit is not None else float("nan"),
+            heading=heading[rows],
             trackers=seen,
         )
 

@@ -26,8 +26,19 @@ DIRECTIONS = np.array([[1.0, 0.0], [-1.0, 0.0], [0.0, 1.0], [0.0, -1.0]])
 
 def forward_axes(recording: Recording) -> NDArray[np.str_]:
     """The body axis along the velocity at each reference, "+x", "-x", "+y" or "-y"; (m,), "" where there is none."""
+    return directions_flown(recording)[0]
+
+
+def directions_flown(recording: Recording) -> tuple[NDArray[np.str_], Array]:
+    """Where each reference flies.
+
+    Returns
+    -------
+    The body axis along the velocity, (m,), "" where there is none, and the angle of the velocity in the body's xy-plane
+    from +x to +y, (m,) rad, NaN where there is none.
+    """
     t_s = recording.attitudes.t_s
-    out = np.full(t_s.size, "", dtype="<U2")
+    axes, headings = np.full(t_s.size, "", dtype="<U2"), np.full(t_s.size, np.nan)
     taken = np.zeros(t_s.size, dtype=bool)
     gyro = triad(recording).gyro if t_s.size else recording.gyro
     for interval in recording.intervals:
@@ -37,11 +48,15 @@ def forward_axes(recording: Recording) -> NDArray[np.str_]:
         if not rows.size:
             continue
         if interval.forward is not None:
-            out[rows] = "" if interval.forward == "none" else interval.forward
+            if interval.forward != "none":
+                axes[rows] = interval.forward
+                headings[rows] = _angle(DIRECTIONS[AXES == interval.forward])
         elif recording.orbit is not None:
             rate = 2 * np.pi / recording.orbit.period_s
-            out[rows] = _flown(_rates_at(gyro, interval, t_s[rows], NOISE * rate) / rate)
-    return out
+            rates = _rates_at(gyro, interval, t_s[rows], NOISE * rate) / rate
+            axes[rows] = _flown(rates)
+            headings[rows] = np.where(_to_nadir(rates), _angle(_velocity(rates)), np.nan)
+    return axes, headings
 
 
 def _rates_at(gyro: GyroStream, interval: Interval, t_s: Array, accuracy: float) -> Array:
@@ -62,9 +77,9 @@ def _rates_at(gyro: GyroStream, interval: Interval, t_s: Array, accuracy: float)
 def _flown(rates: Array) -> NDArray[np.str_]:
     """Forward axes of the references of an interval, from rates (m, 3) in orbit rates."""
     out = np.full(len(rates), "", dtype="<U2")
-    velocity = np.column_stack([-rates[:, 1], rates[:, 0]])  # ẑ × ω in the xy-plane
+    velocity = _velocity(rates)
     alike = velocity @ DIRECTIONS.T
-    pointing = np.abs(np.linalg.norm(velocity, axis=1) - 1) < NEAR
+    pointing = _to_nadir(rates)
     steady = pointing & (np.abs(rates[:, 2]) < NEAR)
     out[steady] = AXES[alike[steady].argmax(axis=1)]
     for row in np.flatnonzero(pointing & ~steady):
@@ -73,3 +88,18 @@ def _flown(rates: Array) -> NDArray[np.str_]:
         choices = np.isin(AXES, out[list(beside)]) if beside else np.ones(AXES.size, dtype=bool)
         out[row] = AXES[np.where(choices, alike[row], -np.inf).argmax()]
     return out
+
+
+def _velocity(rates: Array) -> Array:
+    """ẑ × ω in the xy-plane, (m, 2), which is the direction of the velocity where the body points to nadir."""
+    return np.column_stack([-rates[:, 1], rates[:, 0]])
+
+
+def _to_nadir(rates: Array) -> NDArray[np.bool_]:
+    """Where the rate across z is that of the orbit."""
+    return np.abs(np.linalg.norm(_velocity(rates), axis=1) - 1) < NEAR
+
+
+def _angle(velocity: Array) -> Array:
+    """From +x to +y, rad."""
+    return np.arctan2(velocity[:, 1], velocity[:, 0])

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from gyrocal.recording import Recording, reference_rows
 from simulator.effects.base import Array, References, Stream, Surroundings
 from simulator.effects.common import runs
-from simulator.effects.flight_mode import forward_axes
+from simulator.effects.flight_mode import directions_flown
 from simulator.effects.sky import trackers_of
 from simulator.effects.smoothing import noise_level, smoothed
 from simulator.sensors.gyro import raw_rates
@@ -80,12 +80,14 @@ def references_of(recording: Recording, stream: Stream | None = None) -> Referen
         seen = trackers_of(
             recording, np.arange(attitudes.t_s.size), interval, stream, housekeeping_at(recording, attitudes.t_s)
         )
+    forward, heading = directions_flown(recording)
     return References(
         t_s=attitudes.t_s,
         quaternions=attitudes.quaternions,
         interval=interval,
-        forward=forward_axes(recording),
+        forward=forward,
         orbit_period_s=_period(recording),
+        heading=heading,
         trackers=seen,
     )
 

@@ -80,6 +80,7 @@ class References:
     interval : (m,) index of the interval each belongs to
     forward : (m,) str, the body axis along the velocity, "+x", "-x", …; "" if unknown
     orbit_period_s : NaN if unknown
+    heading : (m,) rad, angle of the velocity in the body's xy-plane from +x to +y; NaN if unknown, None if all are
     trackers : of references by several sensors, None of one in body axes
     """
 
@@ -88,6 +89,7 @@ class References:
     interval: NDArray[np.intp]
     forward: NDArray[np.str_]
     orbit_period_s: float
+    heading: Array | None = None
     trackers: Trackers | None = None
 
 

@@ -1,8 +1,8 @@
 """Reference offset where the spacecraft flies -x forward: e = size about the axis there, zero elsewhere.
 
-After a yaw turn another sun-sensor head looks at the Sun, with its own misalignment. Which axis is forward follows from how the
-body turns (`simulator.effects.flight_mode`). In an inertial hold none is; whether the head of the mode before it goes on being
-used is not known, and is a parameter.
+After a yaw turn another sun-sensor head looks at the Sun, with its own misalignment. Which way the body flies follows from how
+it turns (`simulator.effects.flight_mode`). At which heading of a turn the head takes over, and whether it goes on being used in
+an inertial hold, which has no heading, is not known; both are parameters.
 """
 
 from collections.abc import Mapping, Sequence
@@ -14,7 +14,10 @@ from simulator.effects.base import Array, Effect, Parameter, References, Surroun
 from simulator.effects.common import DEG, on_axis
 
 BACKWARD = "-x"
+TURNED = ("+x", BACKWARD)  # between which a turn of 180 degrees passes through all headings
 HOLDS = ("off", "on")
+WITHIN_DEG = 90.0
+TRIED_DEG = tuple(range(30, 125, 15))  # headings from -x at which the head may take over
 
 
 def any_holds(rng: np.random.Generator, around: Surroundings) -> Value:
@@ -22,19 +25,30 @@ def any_holds(rng: np.random.Generator, around: Surroundings) -> Value:
     return str(rng.choice(HOLDS))
 
 
+def any_heading(rng: np.random.Generator, around: Surroundings) -> Value:
+    """Anywhere between those tried."""
+    return float(rng.uniform(TRIED_DEG[0], TRIED_DEG[-1]))
+
+
 class ReferenceModeOffset(Effect):
     """See the module."""
 
     def reference_columns(self, references: References, axis: str | None, parameters: Mapping[str, Value]) -> Array:
         """One where -x is forward, as degrees."""
-        forward = _carried_on(references) if parameters.get("holds") == "on" else references.forward
-        return on_axis((forward == BACKWARD) * DEG, axis)
+        return on_axis(np.where(_acts(references, parameters), DEG, 0.0), axis)
 
     def trials(self, around: Surroundings) -> Sequence[Trial]:
-        """Without and with the offset in holds, if there are any."""
-        both = (_carried_on(around.references) != around.references.forward).any()
-        holds = HOLDS if both else HOLDS[:1]
-        return tuple(Trial({"holds": choice}, 1 / len(holds)) for choice in holds)
+        """Each heading and rule for holds that differs in the references it reaches, by the number of headings it stands for."""
+        found: dict[bytes, tuple[dict[str, Value], int]] = {}
+        # That of the simulator is the first of those that reach the same references.
+        for within in sorted(TRIED_DEG, key=lambda angle: abs(angle - WITHIN_DEG)):
+            for holds in HOLDS:
+                parameters: dict[str, Value] = {"holds": holds, "within_deg": float(within)}
+                key = _acts(around.references, parameters).tobytes()
+                first, count = found.get(key, (parameters, 0))
+                found[key] = first, count + 1
+        total = sum(count for _, count in found.values())
+        return tuple(Trial(parameters, count / total) for parameters, count in found.values())
 
     def missing(self, around: Surroundings) -> str | None:
         """It needs references in this mode and in another one, since an offset of all of them cannot be seen."""
@@ -44,12 +58,18 @@ class ReferenceModeOffset(Effect):
         return None if len(flown) > 1 else f"all references are taken with {BACKWARD} forward"
 
 
-def _carried_on(references: References) -> NDArray[np.str_]:
-    """The forward axes, where there is none that of the reference before in the same interval."""
-    out = references.forward.copy()
-    for row in range(1, len(out)):
-        if out[row] == "" and references.interval[row] == references.interval[row - 1]:
-            out[row] = out[row - 1]
+def _acts(references: References, parameters: Mapping[str, Value]) -> NDArray[np.bool_]:
+    """(m,) where the offset acts; where no axis flies forward, as before that in the same interval if it is carried on."""
+    if references.heading is None:
+        out = references.forward == BACKWARD
+    else:
+        within = np.deg2rad(float(parameters.get("within_deg", WITHIN_DEG)))
+        # A reference that is nearer to flying sideways belongs to that mode.
+        out = np.isin(references.forward, TURNED) & (np.cos(references.heading) < -np.cos(within) - 1e-9)
+    if parameters.get("holds") == "on":
+        for row in range(1, len(out)):
+            if references.forward[row] == "" and references.interval[row] == references.interval[row - 1]:
+                out[row] = out[row - 1]
     return out
 
 
@@ -61,6 +81,9 @@ EFFECT = ReferenceModeOffset(
     stage="reference",
     prior=(1e-5, 10.0),
     bounds=(-90.0, 90.0),
-    parameters=(Parameter("holds", "", "off", "in an inertial hold after -x forward", choices=HOLDS, draw=any_holds),),
+    parameters=(
+        Parameter("holds", "", "off", "in an inertial hold after -x forward", choices=HOLDS, draw=any_holds),
+        Parameter("within_deg", "deg", WITHIN_DEG, "heading from -x up to which it acts", 0.0, 180.0, draw=any_heading),
+    ),
     meaning="The reference attitude is offset when flying -x forward, as when another sensor head takes over.",
 )

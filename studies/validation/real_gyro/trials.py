@@ -81,12 +81,14 @@ class Loaded:
     trial : as it is on file
     recording : the same as a recording, tags and samples untouched
     whole : the same with one interval over everything tracked, for tests of the samples
+    filled : (n,) samples that those tests find stale
     """
 
     number: str
     trial: broad.Trial
     recording: Recording
     whole: Recording
+    filled: NDArray[np.bool_]
 
     @property
     def motions(self) -> tuple[str, ...]:
@@ -99,10 +101,10 @@ class Loaded:
         rates = self.recording.gyro.rates
         return np.append(False, (rates[1:] == rates[:-1]).all(axis=1))
 
-    @cached_property
+    @property
     def stale(self) -> NDArray[np.bool_]:
         """(n,) repeats that are more than chance by the tests of the samples."""
-        return self.repeats & examine(self.whole).filled
+        return self.repeats & self.filled
 
     def repaired(self, cut: bool, bridged: bool) -> Array:
         """(n, 3) raw rates, rad/s: those cut toward zero put in the middle of what they stand for, stale samples bridged.
@@ -140,11 +142,12 @@ class Loaded:
         seen = Attitudes(own.t_s, attitudes.quaternions[rows], own.sigma)
         gyro = replace(self.recording.gyro, rates=rates)
         whole = replace(self.whole, gyro=gyro)
-        return replace(self, recording=replace(self.recording, gyro=gyro, attitudes=seen), whole=whole)
+        recording = replace(self.recording, gyro=gyro, attitudes=seen)
+        return replace(self, recording=recording, whole=whole, filled=examine(whole).filled)
 
 
 def load(config: RealConfig, number: str) -> Loaded:
     """A trial by its number."""
     trial = broad.read(config.files(number)[0])
     cut, whole = (broad.to_recording(trial, how, config.spacing_s).recording for how in ("motion", "whole"))
-    return Loaded(number, trial, cut, whole)
+    return Loaded(number, trial, cut, whole, examine(whole).filled)

@@ -7,8 +7,8 @@ import pytest
 
 import simulator
 from gyrocal import InputError, load
-from simulator.effects import forward_axes, parse, references_of, setting
-from simulator.effects.base import Surroundings
+from simulator.effects import directions_flown, forward_axes, parse, references_of, setting
+from simulator.effects.base import References, Surroundings
 from simulator.effects.reference.reference_mode_offset import EFFECT as MODE_OFFSET
 from simulator.truth.rotation import separation
 from tests import SHARED
@@ -57,7 +57,14 @@ def test_a_reference_in_a_slew_belongs_to_the_nearer_mode():
     attitudes = replace(
         recording.attitudes, t_s=t_s, quaternions=np.tile([0.0, 0, 0, 1], (26, 1)), sigma=np.full((26, 3), 1e-4)
     )
-    np.testing.assert_array_equal(forward_axes(replace(recording, attitudes=attitudes)), np.where(t_s < 500, "+x", "-x"))
+    axes, headings = directions_flown(replace(recording, attitudes=attitudes))
+    np.testing.assert_array_equal(axes, np.where(t_s < 500, "+x", "-x"))
+    # A yaw about +z, smooth at its ends, takes the velocity from +x over -y to -x.
+    assert np.all(np.diff(headings[(t_s > 120) & (t_s < 880)]) < 0)
+    # Each is known to a twentieth of a radian (`flight_mode.NOISE`).
+    assert headings[t_s == 480.0][0] + headings[t_s == 520.0][0] == pytest.approx(-np.pi, abs=3 * 0.05 * np.sqrt(2))
+    assert np.abs(headings[t_s < 90]).max() < 0.02
+    assert np.abs(headings[t_s > 910]).min() > np.pi - 0.02
 
 
 @pytest.mark.parametrize(
@@ -122,6 +129,18 @@ def test_both_are_tried_where_there_is_a_hold():
 
 FIRST = [one.model_dump(exclude_none=True) for one in SERIES.interval[:1]]
 BACK = [{"name": "a", "activity": "+x forward", "start_s": 0.0, "stop_s": 900.0, "mode": "-x"}]
+
+
+def test_a_head_takes_over_at_some_heading_of_a_turn():
+    """At 20, 50, 70, 110 and 160 degrees from -x, of which each is reached from a heading of its own on."""
+    heading = np.pi - np.deg2rad([180.0, 160.0, 110.0, -70.0, 50.0, 20.0, 0.0])
+    nothing = np.zeros((7, 4))
+    seen = References(np.arange(7.0), nothing, np.zeros(7, dtype=int), np.array(["+x"] * 3 + ["-x"] * 4), 5500.0, heading)
+    trials = MODE_OFFSET.trials(Surroundings(None, seen, 1e-6, 0.5, np.ones((7, 3))))
+    reached = {tuple(np.flatnonzero(MODE_OFFSET.reference_columns(seen, "z", dict(one.parameters))[:, 2])) for one in trials}
+    assert reached == {(5, 6), (4, 5, 6), (3, 4, 5, 6), (2, 3, 4, 5, 6)}
+    assert sum(one.weight for one in trials) == pytest.approx(1.0)
+    assert trials[0].parameters == {"holds": "off", "within_deg": 90.0}
 
 
 def test_the_offset_without_the_mode_is_refused():
