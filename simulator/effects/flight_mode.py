@@ -50,7 +50,7 @@ def directions_flown(recording: Recording) -> tuple[NDArray[np.str_], Array]:
         if interval.forward is not None:
             if interval.forward != "none":
                 axes[rows] = interval.forward
-                headings[rows] = _angle(DIRECTIONS[AXES == interval.forward])
+                headings[rows] = _angle(DIRECTIONS[np.isin(AXES, interval.forward)])
         elif recording.orbit is not None:
             rate = 2 * np.pi / recording.orbit.period_s
             rates = _rates_at(gyro, interval, t_s[rows], NOISE * rate) / rate

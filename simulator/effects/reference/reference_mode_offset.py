@@ -38,7 +38,7 @@ class ReferenceModeOffset(Effect):
         return on_axis(np.where(_acts(references, parameters), DEG, 0.0), axis)
 
     def trials(self, around: Surroundings) -> Sequence[Trial]:
-        """Each heading and rule for holds that differs in the references it reaches, by the number of headings it stands for."""
+        """Each heading and rule for holds that reaches other references, by the number of headings it stands for."""
         found: dict[bytes, tuple[dict[str, Value], int]] = {}
         # That of the simulator is the first of those that reach the same references.
         for within in sorted(TRIED_DEG, key=lambda angle: abs(angle - WITHIN_DEG)):
