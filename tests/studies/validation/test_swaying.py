@@ -57,7 +57,7 @@ def test_alarms_named_vibrations_and_missed_ones_are_told_apart():
 
 
 def test_bodies_without_an_effect_fit_a_calibration_and_a_vibration_is_as_strong_as_said():
-    fits = [calibrate(recorded(number), plausible_G=1e3, plausible_bias=1e3).p_value for number in (0, 3, 5)]
+    fits = [calibrate(recorded(number), plausible_G=1e3, plausible_bias=1e3).p_value for number in (0, 5)]
     assert min(fits) > 1e-3
     row = swaying._drawn(CONFIG, 7, Streams(CONFIG.entropy, 7))[1]
     still = swaying.recording(SwayConfig(cases=8, vibrations=0), 7, Streams(CONFIG.entropy, 7))
