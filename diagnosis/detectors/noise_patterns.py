@@ -34,7 +34,18 @@ from diagnosis.detectors.noise_blocks import (
     powers_of,
 )
 from diagnosis.detectors.noise_questions import FAR, HIGHEST, Blocks, cycles_of_mean, cycles_of_power, levels, step, uneven
-from diagnosis.detectors.report import AXES, IMPOSSIBLE, SampleReport, SampleTest, Symptom, arcs, consecutive, inside
+from diagnosis.detectors.report import (
+    AXES,
+    IMPOSSIBLE,
+    SampleReport,
+    SampleTest,
+    Symptom,
+    Tell,
+    arcs,
+    consecutive,
+    inside,
+    silent,
+)
 from gyrocal.recording import Recording
 from simulator.effects.recorded import interval_slices
 
@@ -50,7 +61,7 @@ KINDS = 5  # of questions
 IN_COMMON = 0.05  # correlation of the noise of two gyros that matters
 
 
-def patterns(report: SampleReport, recording: Recording, used: NDArray[np.bool_], steps: Array) -> None:
+def patterns(report: SampleReport, recording: Recording, used: NDArray[np.bool_], steps: Array, tell: Tell = silent) -> None:
     """Noise that depends on something, of gyros in which nothing else was found that would make it.
 
     Parameters
@@ -58,6 +69,7 @@ def patterns(report: SampleReport, recording: Recording, used: NDArray[np.bool_]
     report, recording : what the samples showed so far
     used : (n,) samples that may be looked at
     steps : (3,) of the lattices that readings lie on, rad/s, zero if on none
+    tell : called with what is looked at and the share done
     """
     good = used & inside(recording)
     good &= ~scipy.ndimage.binary_dilation(report.filled | report.clipped, iterations=2)
@@ -69,6 +81,7 @@ def patterns(report: SampleReport, recording: Recording, used: NDArray[np.bool_]
     falsified = any(one.kind in ("outliers", "repeats", "filled_samples", "plateau") for one in report.symptoms)
     calms: dict[int, Blocks] = {}
     for axis in range(3):
+        tell(f"patterns of the noise of gyro {AXES[axis]}", axis / len(AXES))
         calm = (
             None
             if axis in spoiled or len(places) < FEWEST

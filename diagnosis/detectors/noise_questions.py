@@ -39,6 +39,7 @@ Indices = NDArray[np.intp]
 LONGEST = 16  # samples, of a cycle
 FAR = 4.0  # sigmas at which what is further out counts as being
 VALUES = 300  # of the reading, at which a step is looked for
+AT_ONCE = 512  # blocks that are looked at, so that memory stays small
 STEPPED = 30  # blocks with a step in them, below which nothing is said
 BINS = 6  # of blocks, in which levels are compared
 HIGHEST = 12  # cosines from the highest down, whose power shows uneven noise
@@ -126,19 +127,26 @@ def _against_scatter(values: Complex) -> Array:
 def step(calm: Blocks) -> Answer:
     """The strongest step of the mean at a value of the reading that blocks pass."""
     values = np.quantile(calm.rest, (np.arange(VALUES) + 0.5) / VALUES)
-    blocks, size = calm.rest.shape
-    where = (np.arange(blocks)[:, None] * (VALUES + 1) + np.searchsorted(values, calm.rest)).ravel()
-    among = [np.bincount(where, one, blocks * (VALUES + 1)) for one in (calm.noise.ravel(), None)]
-    # Of each block and value, the noise and the number of the samples beyond it.
-    sums, beyond = (np.cumsum(one.reshape(blocks, -1)[:, :0:-1], axis=1)[:, ::-1] for one in among)
-    passing = (beyond > 0) & (beyond < size)
-    sums = np.where(passing, sums, 0.0)
-    enough = passing.sum(axis=0) >= STEPPED
-    strength = np.where(enough, sums.sum(axis=0) ** 2 / np.maximum(np.sum(sums**2, axis=0), 1e-300), 0.0)
+    total, squares, passed = np.zeros((3, VALUES))
+    for first in range(0, len(calm.noise), AT_ONCE):
+        sums = _beyond(calm.noise[first : first + AT_ONCE], calm.rest[first : first + AT_ONCE], values)
+        total += sums.sum(axis=0)
+        squares += np.sum(sums**2, axis=0)
+        passed += np.count_nonzero(sums, axis=0)
+    strength = np.where(passed >= STEPPED, total**2 / np.maximum(squares, 1e-300), 0.0)
     best, at = float(strength.max()), float(values[np.argmax(strength)])
     p = min(1.0, VALUES * float(scipy.stats.chi2.sf(best, 1)))
     text = f"its mean has a step where the reading passes {np.rad2deg(at):.4g} deg/s"
     return Answer(p, float(np.sqrt(best / calm.cosines.size)), text)
+
+
+def _beyond(noise: Array, rest: Array, values: Array) -> Array:
+    """(b, v) sums of a block's noise (b, n) where its rest (b, n) is beyond each value, zero where all of it is or none."""
+    blocks, size = rest.shape
+    where = (np.arange(blocks)[:, None] * (values.size + 1) + np.searchsorted(values, rest)).ravel()
+    among = [np.bincount(where, one, blocks * (values.size + 1)) for one in (noise.ravel(), None)]
+    sums, beyond = (np.cumsum(one.reshape(blocks, -1)[:, :0:-1], axis=1)[:, ::-1] for one in among)
+    return np.where((beyond > 0) & (beyond < size), sums, 0.0)
 
 
 def levels(calm: Blocks) -> Answer:

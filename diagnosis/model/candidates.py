@@ -88,7 +88,7 @@ class Group:
 def linear_model(
     model: RecordingModel,
     effects: Sequence[Effect],
-    further: Sequence[Group] = (),
+    further: Iterable[Group] = (),
     settings: DiagnosisSettings = DEFAULT,
     rivals: bool = True,
     scan: bool = True,

@@ -9,7 +9,7 @@ is the scale of the amplitudes; a run in which the attitude denies such a rate s
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -86,14 +86,15 @@ def shown_by_passes(dead: Sequence[DeadZoneEvidence]) -> float:
     return float(np.exp(-max((one.log_odds - np.log(TRIALS) for one in dead if one.passed), default=0.0)).clip(0.0, 1.0))
 
 
-def dead_zone_groups(prepared: Prepared, effects: Sequence[Effect]) -> list[Group]:
+def dead_zone_groups(prepared: Prepared, effects: Sequence[Effect]) -> Iterator[Group]:
     """A candidate for each gyro that may have a dead zone, if an effect claims that symptom."""
     effect = next((one for one in effects if one.symptom == "dead_zone"), None)
     if effect is None:
-        return []
+        return
     # Each gyro could have had one beforehand, also those that show none.
     weight = effect.weight * len(prepared.dead) / len(AXES)
-    return [replace(_group(prepared.model, one, effect), weight=weight) for one in prepared.dead]
+    for one in prepared.dead:
+        yield replace(_group(prepared.model, one, effect), weight=weight)
 
 
 def _group(model: RecordingModel, one: DeadZoneEvidence, effect: Effect) -> Group:

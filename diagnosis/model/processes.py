@@ -140,7 +140,10 @@ def orthogonal(columns: Array, gram: Array, F: Array, least: float | None = None
 
 def weakest(gram: Array, F: Array) -> float:
     """Power of a column from which on it can be seen beside the strongest, where no scale is known."""
-    return SEEN * float(np.linalg.norm(F.T @ gram @ F, 2)) if F.shape[1] else 0.0
+    if not F.shape[1]:
+        return 0.0
+    last = F.shape[1] - 1
+    return SEEN * float(scipy.linalg.eigh(F.T @ gram @ F, eigvals_only=True, subset_by_index=[last, last])[0])
 
 
 def on_cells(model: RecordingModel, axis: int, F: Array, least: float | None = None) -> Array:

@@ -8,7 +8,7 @@ Random processes and steps run on in time as they would within one recording.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from datetime import datetime
 from itertools import pairwise
@@ -123,7 +123,7 @@ def unit_model(
     model: RecordingModel,
     owner: Sequence[str],
     effects: Sequence[Effect],
-    further: Sequence[Group] = (),
+    further: Iterable[Group] = (),
     settings: DiagnosisSettings = DEFAULT,
     rivals: bool = True,
     own_bias: bool = False,

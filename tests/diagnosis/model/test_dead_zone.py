@@ -38,8 +38,8 @@ def test_what_is_missing_is_a_rate_in_the_runs_and_nowhere_else(found):
 
 def test_no_candidate_unless_an_effect_claims_the_symptom(found):
     others = [effect for effect in EFFECTS.values() if effect is not EFFECT]
-    assert dead_zone.dead_zone_groups(found, others) == []
-    assert dead_zone.dead_zone_groups(replace(found, dead=()), [EFFECT]) == []
+    assert not list(dead_zone.dead_zone_groups(found, others))
+    assert not list(dead_zone.dead_zone_groups(replace(found, dead=()), [EFFECT]))
 
 
 def test_a_candidate_has_the_likelihood_of_the_samples_within_bounds(found):
