@@ -187,7 +187,13 @@ ERRORS = [
     *of(
         "simulator/effects/reference/reference_mode_offset.py",
         f"{EFFECTS}test_effects.py::test_reference_effects_in_closed_form {EFFECTS}test_flight_mode.py",
-        [("the offset is in the other modes", "(forward == BACKWARD) * DEG", "(forward != BACKWARD) * DEG")],
+        [
+            (
+                "the offset is in the other modes",
+                "np.where(_acts(references, parameters), DEG, 0.0)",
+                "np.where(_acts(references, parameters), 0.0, DEG)",
+            )
+        ],
     ),
 ]
 
