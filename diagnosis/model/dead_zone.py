@@ -19,7 +19,7 @@ from diagnosis.detectors.deadzone import MOST_PARTS, DeadZoneEvidence, half_widt
 from diagnosis.model.candidates import Group
 from diagnosis.model.linear import Parameters
 from diagnosis.model.prepare import Prepared
-from diagnosis.model.processes import orthogonal, weakest
+from diagnosis.model.processes import SEEN
 from diagnosis.model.recording import RecordingModel
 from simulator.effects.base import Effect
 
@@ -64,8 +64,11 @@ def unseen_motion(model: RecordingModel, one: DeadZoneEvidence) -> Array:
     along = (before[:-1] - before[low][place] + 0.5) / np.maximum(count[place], 1)  # of the slow part of the cell
     parts = [_over_cells(model, one.axis, level * way)[:, count > 0] for way in (np.ones_like(along), 2 * along - 1)]
     columns = model.whitened(np.hstack(parts))
-    gram, factor = columns.T @ model.projected(columns), UNSEEN * np.deg2rad(1.0) * np.eye(columns.shape[1])
-    return orthogonal(columns, gram, factor, weakest(gram, factor))
+    if not columns.shape[1]:
+        return columns
+    powers, turned = np.linalg.eigh(columns.T @ model.projected(columns))
+    seen = np.flatnonzero(powers > SEEN * powers[-1])[::-1]
+    return np.asarray(columns @ turned[:, seen]) * UNSEEN * np.deg2rad(1.0)
 
 
 def _over_cells(model: RecordingModel, axis: int, weights: Array) -> Array:

@@ -122,12 +122,9 @@ def orthogonal(columns: Array, gram: Array, F: Array, least: float | None = None
     """
     if not F.shape[1]:  # a covariance of zero, such as that of a walk over cells of one time
         return columns[:, :0]
-    moved = F.T @ gram @ F
     if least is not None:
-        # Checks draw data of the few processes that are named, which go with the signs of the vectors: they stay as they were.
-        values, vectors = scipy.linalg.eigh(moved, subset_by_index=[0, len(moved) - 1], check_finite=False)
-        kept = np.flatnonzero(values > least)[::-1]
-        return np.asarray(columns @ (F @ vectors[:, kept if kept.size else [-1]]))
+        return whole(columns, gram, F, least)
+    moved = F.T @ gram @ F
     information = INFORMATION * float(np.sum(moved**2))
     # Divide and conquer finds all eigenvectors in a quarter of the time that others need for the strongest alone.
     values, vectors = np.linalg.eigh(moved)
@@ -138,12 +135,18 @@ def orthogonal(columns: Array, gram: Array, F: Array, least: float | None = None
     return np.asarray(columns @ (F @ vectors[:, kept]))
 
 
-def weakest(gram: Array, F: Array) -> float:
-    """Power of a column from which on it can be seen beside the strongest, where no scale is known."""
+def whole(columns: Array, gram: Array, F: Array, least: float | None = None) -> Array:
+    """All columns C F that can be seen, orthogonal once projected; parameters as for `orthogonal`, one at least.
+
+    Where no scale is known, and `least` is None, those that can be seen beside the strongest.
+    """
     if not F.shape[1]:
-        return 0.0
-    last = F.shape[1] - 1
-    return SEEN * float(scipy.linalg.eigh(F.T @ gram @ F, eigvals_only=True, subset_by_index=[last, last])[0])
+        return columns[:, :0]
+    moved = F.T @ gram @ F
+    # Checks draw data of the few processes that are named, which go with the signs of the vectors: they stay as they were.
+    values, vectors = scipy.linalg.eigh(moved, subset_by_index=[0, len(moved) - 1], check_finite=False)
+    kept = np.flatnonzero(values > (SEEN * values[-1] if least is None else least))[::-1]
+    return np.asarray(columns @ (F @ vectors[:, kept if kept.size else [-1]]))
 
 
 def on_cells(model: RecordingModel, axis: int, F: Array, least: float | None = None) -> Array:

@@ -148,4 +148,4 @@ def _of_process(
     F = processes.factor(effect.covariance(at, parameters))
     grams = [unit.T @ model.projected(unit) for unit in units]
     pairs = zip(units, grams, strict=True)
-    return np.hstack([processes.orthogonal(unit, gram, F, processes.weakest(gram, F)) for unit, gram in pairs])
+    return np.hstack([processes.whole(unit, gram, F) for unit, gram in pairs])
