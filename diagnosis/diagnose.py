@@ -31,6 +31,7 @@ from diagnosis.inference.closure import found_by, is_random, learnable, measured
 from diagnosis.inference.null import p_value
 from diagnosis.inference.refinement import explained_finely
 from diagnosis.inference.search import NOTHING, Explanation, Search
+from diagnosis.memory import give_back
 from diagnosis.merge import merged
 from diagnosis.model.at_work import known
 from diagnosis.model.calibration import calibrated
@@ -246,6 +247,7 @@ def judged(
         tell("held-out data", 0.85)
         if members:
             del search
+            give_back()
             listed, random = learnable(linear, members), is_random(linear, members)
             # Only the columns of the listed effects are needed now.
             linear = linear if linear.room is None else linear.without_columns()

@@ -47,10 +47,10 @@ def denoised(rates: Array, sample_s: float, sigma: Array) -> Array:
 
 def _axis(rates: Array, sample_s: float, sigma: float) -> Array:
     """Of both estimates that of the smaller risk, (n,)."""
-    local, freedom = smoothed_axis(rates, sample_s, np.inf, sigma)
+    read = without_outliers(rates, sigma)
+    local, freedom = smoothed_axis(read, sample_s, np.inf, sigma)
     if rates.size < FEWEST or not sigma > 0:
         return local
-    read = without_outliers(rates, sigma)
     waves, of_waves = shrunk(read, sigma)
     return waves if _risk(read, waves, of_waves, sigma) < _risk(read, local, freedom, sigma) else local
 

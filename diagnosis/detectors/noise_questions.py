@@ -118,7 +118,7 @@ def _against_scatter(values: Complex) -> Array:
     a, b, c = np.sum(re**2, axis=0), np.sum(re * im, axis=0), np.sum(im**2, axis=0)
     s, t = re.sum(axis=0), im.sum(axis=0)
     determinant = a * c - b**2
-    flat = determinant < 1e-6 * (a + c) ** 2
+    flat = determinant <= 1e-6 * (a + c) ** 2
     both = (c * s**2 - 2 * b * s * t + a * t**2) / np.where(flat, 1.0, determinant)
     # The tail of χ² with one degree of freedom lies below that with two.
     return np.asarray(np.where(flat, (s**2 + t**2) / np.maximum(a + c, 1e-300), both))

@@ -7,12 +7,16 @@ their squared autocorrelations; and their mean square is the same in every inter
 A motion that is not slow beside the sampling would pass for noise. It leaves far less in differences of the tenth order: parts
 in which the two orders disagree are not compared. Both are of the same samples, so that white noise makes their mean squares,
 scaled to the noise of one sample, differ little: by the variance (2/n) (Σρ_aa² + Σρ_bb² − 2 Σρ_ab²) of its square.
+
+Noise that swells and falls within the intervals shows in short windows of n differences each, of whose mean squares the
+logarithm has the variance 2 Σρ²/n, and that of the squared medians of absolute values twice as much, nearly
+(`spread_of_median`). To be called unsteady, both must scatter more than so, or both be alike from one window to the next.
 """
 
 from __future__ import annotations
 
 from functools import cache
-from math import comb
+from math import comb, factorial
 
 import numpy as np
 import scipy.stats
@@ -52,11 +56,34 @@ def agree(low: float, high: float, orders: tuple[int, int], count: int) -> bool:
     return abs(low - high) < AGREE * high * float(np.sqrt(2 * disagreement_of(*orders) / max(count, 1)))
 
 
+@cache
+def spread_of_median(order: int) -> float:
+    """n times the variance of the logarithm of the squared median of n absolute values, of differences of white noise.
+
+    The median m of |z| has the variance Σ_k C(ρ_k)/(n f²), with f the density of |z| there and C(ρ) the covariance of two
+    being below it, whose series in ρ has the Hermite coefficients of that interval (Mehler).
+    """
+    m = float(scipy.stats.norm.ppf(0.75))
+    density = 2 * float(scipy.stats.norm.pdf(m))
+    lags = np.arange(-order, order + 1)
+    correlation = np.array([(-1.0) ** k * comb(2 * order, order + k) for k in lags]) / power_of(order)
+    own = lags == 0
+    total = 0.25  # of a value with itself, where the series is slow
+    for k in range(2, 40, 2):
+        hermite = np.polynomial.hermite_e.hermeval(m, [0.0] * (k - 1) + [1.0]) * density
+        total += float(hermite**2 / factorial(k) * np.sum(correlation[~own] ** k))
+    return 4 * total / (density * m) ** 2
+
+
 AUTOCORRELATION = autocorrelation_of(ORDER)
 TRIM = 5.0  # robust sigmas beyond which a difference does not count
 FEWEST = 400  # differences of a part, below which it is not compared
+NOTHING = (float("nan"), float("nan"))  # of a window that tells nothing
 EFFICIENCY = 0.37  # of the median of absolute values, for the scale of normal noise
+WINDOWS = 12  # of an axis, below which nothing is said of how they scatter
 NOTABLE = 0.05  # relative difference of the variance that matters
+SPOILT = 3.0  # log odds of a dead zone, from which on the noise comes and goes with it
+SWELLING = 0.01  # of the power, that matters where it comes and goes
 
 
 def together(report: SampleReport, recording: Recording, quiet: Mask) -> None:
@@ -69,6 +96,8 @@ def together(report: SampleReport, recording: Recording, quiet: Mask) -> None:
     if len(d) < FEWEST or not np.all(scale > 0):
         return
     d = d[np.all(np.abs(d) < TRIM * scale, axis=1)]
+    if not d.any(axis=0).all():  # readings that stand still
+        return
     for i, j in ((0, 1), (0, 2), (1, 2)):
         coefficient = float(np.mean(d[:, i] * d[:, j]) / np.sqrt(np.mean(d[:, i] ** 2) * np.mean(d[:, j] ** 2)))
         p = max(float(2 * scipy.stats.norm.sf(abs(coefficient) / np.sqrt(AUTOCORRELATION / len(d)))), IMPOSSIBLE)
@@ -106,6 +135,22 @@ def constancy(report: SampleReport, recording: Recording, used: Mask) -> None:
         if p < report.event_p and abs(ratio - 1) > 2 * NOTABLE:
             error = float(ratio * np.sqrt(2 * AUTOCORRELATION / max(count, 1)))
             report.symptoms.append(Symptom("noise_constancy", AXES[axis], ratio, "of its power", error, {}, p, text))
+            continue
+        if axis in report.zones and report.zones[axis].log_odds > SPOILT:
+            continue
+        p, swell = _swells(_windows(z, higher, kept, owner))
+        text = f"the noise of gyro {AXES[axis]} swells and falls by {100 * swell:.0f} % of its power from window to window"
+        _unsteady(report, axis, SampleTest("noise_steadiness", AXES[axis], swell, 0.0, p, "noise_constancy", text))
+
+
+def _unsteady(report: SampleReport, axis: int, test: SampleTest) -> None:
+    """Keep a test of the noise over time, and what it shows."""
+    report.tests.append(test)
+    if test.p_value < report.event_p and test.value > SWELLING:
+        error = test.value / float(scipy.stats.norm.isf(0.5 * test.p_value))
+        report.symptoms.append(
+            Symptom("noise_constancy", AXES[axis], test.value, "of its power", error, {}, test.p_value, test.text)
+        )
 
 
 def _scaled(rates: Array, place: NDArray[np.intp], order: int) -> Array:
@@ -116,6 +161,40 @@ def _scaled(rates: Array, place: NDArray[np.intp], order: int) -> Array:
 def _at_rest(z: Array, higher: Array) -> bool:
     """Whether differences of both orders show the same noise, so that no motion is left in the lower one."""
     return agree(float(np.mean(z**2)), float(np.mean(higher**2)), (ORDER, HIGHER), z.size)
+
+
+def _windows(z: Array, higher: Array, kept: Mask, owner: NDArray[np.intp]) -> Array:
+    """(w, 2) logarithms of the power in windows, by the mean square and by the median; NaN where a motion is left."""
+    found = []
+    for number in np.unique(owner):
+        own = np.flatnonzero(owner == number)
+        for first in range(0, own.size - FEWEST + 1, FEWEST):
+            window = own[first : first + FEWEST]
+            window = window[kept[window]]
+            if window.size > 0.9 * FEWEST and _at_rest(z[window], higher[window]):
+                middle = np.median(np.abs(z[window]))
+                found.append((float(np.log(np.mean(z[window] ** 2))), float(2 * np.log(middle))) if middle > 0 else NOTHING)
+            else:
+                found.append(NOTHING)
+        found.append(NOTHING)  # the next interval is no neighbour
+    return np.array(found).reshape(-1, 2)
+
+
+def _swells(logs: Array) -> tuple[float, float]:
+    """P-value of steady noise, by the less surprised of both columns, and by how much more than that the first scatters."""
+    there = np.isfinite(logs[:, 0])
+    if there.sum() < WINDOWS:
+        return 1.0, 0.0
+    expected = np.array([2 * AUTOCORRELATION, spread_of_median(ORDER)]) / FEWEST
+    x = (logs - logs[there].mean(axis=0)) / np.sqrt(expected)
+    scatter = np.sum(x[there] ** 2, axis=0)
+    of_scatter = scipy.stats.chi2.sf(scatter, there.sum() - 1)
+    pairs = x[1:] * x[:-1]
+    pairs = pairs[np.isfinite(pairs[:, 0])]
+    alike = pairs.sum(axis=0) / np.maximum(np.sqrt(np.sum(pairs**2, axis=0)), 1e-300)
+    p = 2 * min(float(of_scatter.max()), float(scipy.stats.norm.sf(alike).max()))
+    more = float(np.sqrt(max((scatter[0] / (there.sum() - 1) - 1.0) * expected[0], 0.0)))
+    return min(1.0, max(p, IMPOSSIBLE)), more
 
 
 def _least(z: Array, higher: Array, kept: Mask, groups: list[Mask]) -> tuple[float, float, int]:

@@ -40,6 +40,7 @@ SIDE = 6  # samples to either side that tell a spike from a step
 CLEARLY = 4.0  # squared sigmas by which a spike fits better
 BETWEEN = np.array([1.0, -6.0, 15.0, 0.0, 15.0, -6.0, 1.0]) / 20  # of a quintic through three samples on either side
 AS_FAR = 0.75  # of its deviation, that a spike is off the curve through its neighbours
+ALIKE = 0.02  # of the steps and bends of a motion, which may pass for spikes: a body that is jolted all the time has hundreds
 AS_HIGH = 0.4  # of the usual spike
 ALONE = 0.2  # of a spike, that may be left beside it
 LEAST_POWER = 1e-3  # of the deviations, at a frequency that the motion fills
@@ -78,17 +79,18 @@ def spikes(report: SampleReport, recording: Recording, quiet: Mask, used: Mask, 
     looked, asked = _looked(report, recording, quiet, used, noise, steps)
     counts = [int(one.places.sum()) for one in looked]
     n = max(int(asked.sum()), 1)
-    expected = 2 * scipy.stats.norm.sf(OUTLIER) * 1.2
+    chance = n * 2 * float(scipy.stats.norm.sf(OUTLIER)) * 1.2
+    expected = [chance + ALIKE * float((one.odd & ~one.moving).sum()) for one in looked]
     for axis in range(3):
-        p = max(float(scipy.stats.poisson.sf(counts[axis] - 1, n * expected)), IMPOSSIBLE)
+        p = max(float(scipy.stats.poisson.sf(counts[axis] - 1, expected[axis])), IMPOSSIBLE)
         report.tests.append(
             SampleTest(
-                "outliers", AXES[axis], counts[axis], n * expected, p if counts[axis] else 1.0, "outliers",
+                "outliers", AXES[axis], counts[axis], expected[axis], p if counts[axis] else 1.0, "outliers",
                 f"{counts[axis]} of {n} samples are off by more than {OUTLIER:g} sigmas",
             )
         )  # fmt: skip
     total = sum(counts)
-    p = max(float(scipy.stats.poisson.sf(total - 1, 3 * n * expected)), IMPOSSIBLE) if total else 1.0
+    p = max(float(scipy.stats.poisson.sf(total - 1, sum(expected))), IMPOSSIBLE) if total else 1.0
     if p >= report.event_p or total < 2:
         return
     strongest = int(np.argmax(counts))

@@ -179,8 +179,8 @@ def noise(
             one = replace(in_motion.level, colour=one.colour, colour_sigma=one.colour_sigma)
         else:
             in_motion = None
-        if one is None or (coarse[axis] and one.variance < RESOLVED * steps[axis] ** 2):
-            continue
+        if one is None or not one.variance > 0 or (coarse[axis] and one.variance < RESOLVED * steps[axis] ** 2):
+            continue  # readings that stand still have no noise whose level could be told
         excess = (one.variance - expected) / sigma**2
         factor = float(np.sqrt(max(1 + excess, 1e-6)))
         p = max(in_motion.p_value if in_motion else chance_of(one, expected), IMPOSSIBLE)
@@ -208,7 +208,7 @@ def noise(
                 behaves = of_noise([x[low:high] for low, high in rests])
             else:
                 behaves = of_noise(in_motion.parts, BLOCK_ORDER)
-            alike[axis] = min(1.0, 2 * min(behaves, p_colour))  # white noise has one colour as well
+            alike[axis] = min(1.0, 2 * min(behaves, _white(one)))
         if p < report.event_p and factor > 1 and not rough[axis]:
             reading = in_motion.reading if in_motion else readout_of(x, rests, expected)
             if reading is not None and reading.probability < 0.5:
@@ -217,6 +217,17 @@ def noise(
                 readings[axis] = reading
                 _read_out(report, axis, reading, factor, min(p, p_colour), sigma, recording.gyro.sample_s, expected)
     _name(report, {axis: one for axis, one in found.items() if axis not in readings}, sigma, alike, undecided)
+
+
+def _white(one: Level) -> float:
+    """P-value of a level's colour as that of white noise on a body that may sway a little in what seems quiet.
+
+    A motion adds to the means, up to the departure that is called white; nothing that a body does takes from them.
+    """
+    if not np.isfinite(one.colour):
+        return 1.0
+    beyond = one.colour - 1 - WHITE if one.colour > 1 else 1 - one.colour
+    return float(np.clip(2 * scipy.stats.norm.sf(beyond / one.colour_sigma), IMPOSSIBLE, 1.0))
 
 
 def _sways(levels: list[Level | None]) -> bool:

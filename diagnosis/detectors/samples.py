@@ -15,6 +15,7 @@ import scipy.ndimage
 from numpy.typing import NDArray
 
 from diagnosis.detectors.clipping import saturation
+from diagnosis.detectors.copied_samples import copied_samples
 from diagnosis.detectors.denoised import denoised
 from diagnosis.detectors.gap_interpolation import filled, runs
 from diagnosis.detectors.lattice import ODDS, Kind, lattice_step, sweep_odds, undone
@@ -38,6 +39,7 @@ from diagnosis.detectors.report import (
 from diagnosis.detectors.sample_noise import local_noise, noise, quiet
 from diagnosis.detectors.spectral_lines import lines
 from diagnosis.detectors.stale_samples import stale_samples
+from diagnosis.detectors.straight_samples import straight_samples
 from diagnosis.detectors.zone_passes import zone
 from diagnosis.settings import DEFAULT, DiagnosisSettings
 from gyrocal.recording import Recording
@@ -86,6 +88,8 @@ def examine(
     saturation(report, recording, used, coarse, steps, sigma)
     if sigma > 0:
         own_repeats(report, recording, used, coarse)
+        copied_samples(report, recording, used, sigma)
+        straight_samples(report, recording, used, sigma)
         local = local_noise(report.rates, sigma, coarse, steps, report.filled)
         parts = interval_slices(recording)
         found = {}

@@ -33,6 +33,8 @@ UNSTEADY = 0.1  # relative change of the amplitude that a tone may have
 STEADY_SHARE, STEADY_SIGMAS = 0.75, 2.5  # of the parts, and how far these may be off
 KEPT_SAMPLES = 1 << 17  # of an arc, below which its chirp transform is small enough to be kept
 NO_NOISE = 1e-60  # (rad/s)², where readings leave nothing beside a line
+BESIDE = range(3, 11)  # resolutions of an arc from a tone, at which the noise around it is looked at
+NEARBY = 0.25  # of a tone's frequency, within which that is
 BEYOND_REST = 5.0  # sigmas of a power, by which one arc may have more of a tone than the rest of them
 
 
@@ -90,7 +92,7 @@ def fitted_tone(x: Array, recording: Recording, axis: int, peak: Peak, found: li
     near = np.linspace(best - 0.1 / span, best + 0.1 / span, 9)
     f = _top(near, _power(levels, found, recording, near))
     waveform, amplitudes, sigmas = np.zeros_like(x), list[float](), list[float]()
-    samples, powers, variances, fits = 0, np.zeros(len(found)), np.zeros(len(found)), list[Array]()
+    samples, powers, variances, fits, beside = 0, np.zeros(len(found)), np.zeros(len(found)), list[Array](), list[Array]()
     for arc, (low, high) in enumerate(found):
         angle = 2 * np.pi * f * recording.gyro.t_s[low:high]
         waves = np.column_stack([np.cos(angle), np.sin(angle)])
@@ -103,6 +105,7 @@ def fitted_tone(x: Array, recording: Recording, axis: int, peak: Peak, found: li
         waves, level = waves[calm], level[calm]
         left = max(float(np.mean((level - waves @ fitted) ** 2)), NO_NOISE)
         powers[arc], variances[arc] = fitted @ fitted, 2 * left / level.size
+        beside.append(_beside(level - waves @ fitted, recording.gyro.t_s[low:high][calm], f) / left)
         samples += level.size
         count = int(np.clip(level.size * sample * f // PART_CYCLES, 1, MOST_PARTS))
         for part in np.array_split(np.arange(level.size), count):
@@ -116,9 +119,31 @@ def fitted_tone(x: Array, recording: Recording, axis: int, peak: Peak, found: li
     if steady:
         _carry_on(waveform, recording, found, fits, f)
     # A window that keeps the motion out of a spectrum costs half of a tone's power; a fit has all of it, two numbers an arc.
-    chance = FINENESS * samples * float(scipy.stats.chi2.sf(power, 2 * len(found))) if peak.isolated else 1.0
-    p = max(min(peak.p_value, chance), IMPOSSIBLE)
+    # The averaged spectrum's p-value is not enough of an isolated line: to its bins, a hump of the noise is one, too.
+    chance = FINENESS * samples * float(scipy.stats.chi2.sf(power / _level(beside), 2 * len(found)))
+    p = float(np.clip(chance if peak.isolated else peak.p_value, IMPOSSIBLE, 1.0))
     return Line(axis, f, float(size), error, p, waveform, peak.isolated, steady) if size > CLEAR_LINE * error else None
+
+
+def _beside(left: Array, t_s: Array, frequency_hz: float) -> Array:
+    """Power of what a tone leaves of an arc at frequencies beside it that the arc tells apart; 1 for noise of variance 1."""
+    span = float(t_s[-1] - t_s[0])
+    apart = np.array([k for k in BESIDE if k < NEARBY * frequency_hz * span]) / max(span, 1e-300)
+    trial = np.concatenate([frequency_hz - apart, frequency_hz + apart])
+    waves = np.exp(-2j * np.pi * np.outer(trial, t_s - t_s[0]))
+    return np.asarray(np.abs(waves @ left) ** 2 / left.size)
+
+
+def _level(beside: list[Array]) -> float:
+    """Noise around a tone over that of all frequencies, not less than one: what turns and jolts of a body leave is coloured.
+
+    Where the spectrum has a hump, a frequency in it has more power than white noise, and so have those around it. The median of
+    n powers of noise is ln 2, with the error 1/√n.
+    """
+    powers = np.concatenate(beside)
+    if not powers.size:
+        return 1.0
+    return max(1.0, (float(np.median(powers)) - 1 / np.sqrt(powers.size)) / float(np.log(2)))
 
 
 def _carry_on(

@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
 
-from diagnosis.inference.search import Explanation, Search
+import numpy as np
+
+from diagnosis.inference.search import Explanation, Score, Search
 from diagnosis.model.linear import LinearModel, Member, Wanted
 from diagnosis.settings import DiagnosisSettings
 
 NEARLY = 0.25  # of a member's log evidence, from which on another effect in its place may be it with finer options
 MOST_BESIDE = 6  # of these
+REACH = 12.0  # log evidence below the best process, down to which another may be likelier with finer options
 REFINED = 3  # of the likeliest explanations, around whose members options are made finer
 
 
@@ -24,17 +28,62 @@ def explained_finely(
     """
     found = search.explanations()
     moments = search.model.moments(search.model, _wanted(search, found[:REFINED]))
-    places = [member for explanation in found[:REFINED] for member in explanation.members]
+    likely = found[:REFINED]
+    places = [member for explanation in likely for member in explanation.members]
     places += beside(search, found[0]) if found else []
+    places = [member for member in places if not search.model.candidate(member).process]
+    processes = whole_processes(search.model, likely)
     search.forget()
     linear = moments
-    tried: set[int] = set()
+    for member in {member.candidate: member for member in reversed(places)}.values():
+        linear = linear.refine(linear, member)
     # Processes last: their finer scales are numbered anew, and the others of a set are held at theirs.
-    for member in sorted(places, key=lambda member: linear.candidate(member).process):
-        if member.candidate not in tried:
-            tried.add(member.candidate)
-            linear = linear.refine(linear, member)
+    for member in processes:
+        scales = linear.candidate(member).scales
+        scale = int(np.argmin(np.abs(np.log(scales / search.model.scale(member)))))
+        linear = linear.refine(linear, replace(member, scale=scale))
     return (linear, found) if linear is search.model else (linear, Search(linear, settings, tell).explanations())
+
+
+def whole_processes(model: LinearModel, likely: Sequence[Explanation]) -> list[Member]:
+    """Where random processes explain best with all of their columns: those in some explanations, and those that may be instead.
+
+    Of a strong process the columns that are usual hold a part only, of a short time constant more than of a long one. They
+    favour another option than all columns do, other effects beside it, and that process of several whose part is larger.
+    Each listed process about the same axis is therefore asked with all columns, alone and beside the other members.
+    """
+    random = [
+        (member, explanation) for explanation in likely for member in explanation.members if model.candidate(member).process
+    ]
+    axes = {model.candidate(member).axis for member, _ in random}
+    givens = list(dict.fromkeys([(), *(_others(explanation, member) for member, explanation in random)]))
+    found: dict[tuple[Member, ...], list[tuple[float, Member]]] = {given: [] for given in givens}
+    for number, entry in enumerate(model.candidates):
+        if not (entry.process and entry.listed and entry.axis in axes):
+            continue
+        for given, score in _as_a_whole(model, number, givens):
+            found[given].append((score.best, Member(number, score.option, score.scale)))
+    spots = []
+    for scored in found.values():
+        top = max((best for best, _ in scored), default=0.0)
+        spots += [member for best, member in scored if best > top - REACH]
+    return list({(member.candidate, member.option): member for member in spots}.values())
+
+
+def _as_a_whole(
+    model: LinearModel, number: int, givens: Sequence[tuple[Member, ...]]
+) -> Iterator[tuple[tuple[Member, ...], Score]]:
+    """Scores of a process with all columns that show at the scale that it has alone, given sets without it."""
+    own = [given for given in givens if all(member.candidate != number for member in given)]
+    chosen = sorted({number, *(member.candidate for given in own for member in given)})
+    kept = [model.candidates[place] for place in chosen]
+    small = model.only(lambda candidate: any(candidate is one for one in kept))
+    place = chosen.index(number)
+    alone = Search(small).score(place, ())
+    whole = Search(small.whole(small, Member(place, alone.option, alone.scale)))
+    for given in own:
+        beside = tuple(replace(member, candidate=chosen.index(member.candidate)) for member in given)
+        yield given, whole.score(place, beside)
 
 
 def _others(explanation: Explanation, member: Member) -> tuple[Member, ...]:

@@ -246,6 +246,12 @@ def assembled(
         finer = with_finer_process if linear.candidate(member).process else with_finer_times
         return finer(model, linear, member, effect)
 
+    def whole(linear: LinearModel, member: Member) -> LinearModel:
+        effect = effects.get(linear.candidate(member).effect)
+        if effect is None or effect.of_trackers or not linear.candidate(member).process:
+            return linear
+        return with_whole_process(model, linear, member, effect)
+
     def moments(linear: LinearModel, wanted: Sequence[Wanted]) -> LinearModel:
         return with_moments(model, linear, effects, wanted)
 
@@ -261,6 +267,7 @@ def assembled(
         folds=lambda W: folds(model, W),
         room=room,
         refine=refine,
+        whole=whole,
         moments=moments,
     )
 
@@ -329,6 +336,8 @@ def process_places(
     """Covariance of a random process where it is seen, by its parameters, and what makes columns of a factor of that."""
     if effect.on_references:
         nodes, first = processes.reference_nodes(model)
+        if model.turns_in_observations:
+            return lambda parameters: effect.covariance(nodes, parameters), processes.on_nodes
         return lambda parameters: processes.averaged(effect.covariance(nodes, parameters), first), processes.on_references
     cells = processes.cell_times(model)
     return lambda parameters: effect.covariance(cells, parameters), processes.on_cells
@@ -412,6 +421,20 @@ def with_finer_process(model: RecordingModel, linear: LinearModel, member: Membe
         start += columns[-1].shape[1]
     W = np.hstack(columns)
     return linear.with_options(member.candidate, options, W, model.projected(W), finer(entry.scales, member.scale))
+
+
+def with_whole_process(model: RecordingModel, linear: LinearModel, member: Member, effect: Effect) -> LinearModel:
+    """The linear model with all columns of a random process that can be seen at a member's scale, at each of its options."""
+    entry = linear.candidate(member)
+    covariance, make = process_places(model, effect)
+    number, start = AXES.index(str(entry.axis)), linear.W.shape[1]
+    options, columns, least = [], [], processes.WHOLE / float(entry.scales[member.scale]) ** 2
+    for one in entry.options:
+        columns.append(make(model, number, processes.factor(covariance(one.parameters)), least))
+        options.append(replace(one, start=start, count=columns[-1].shape[1]))
+        start += columns[-1].shape[1]
+    W = np.hstack(columns)
+    return linear.with_options(member.candidate, options, W, linear.projected(W))
 
 
 def _beside(entry: Candidate, held: Option) -> list[int]:

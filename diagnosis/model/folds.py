@@ -34,7 +34,7 @@ import scipy.linalg
 from numpy.typing import NDArray
 
 from diagnosis.model.linear import Fold
-from diagnosis.model.recording import RecordingModel
+from diagnosis.model.recording import Block, RecordingModel
 from gyrocal.calibration.observability import PLAUSIBLE_RANGE
 
 Array = NDArray[np.float64]
@@ -43,7 +43,7 @@ PARTS = 8  # of an interval
 SPLIT = "an eighth of each interval at a time"
 START = 0.02  # rad, prior sigma of a start attitude
 BROAD = 10.0  # prior sigma of G and b, in their plausible ranges
-AT_ONCE = 1024  # columns
+AT_ONCE = 256  # columns; these stay in a processor's cache
 
 
 def folds(model: RecordingModel, W: Array, part: NDArray[np.intp] | None = None, biases: Array | None = None) -> Iterator[Fold]:
@@ -95,34 +95,46 @@ class Conditioned:
 
 def conditioned(model: RecordingModel, W: Array, out: NDArray[np.bool_], biases: Array | None = None) -> Conditioned:
     """Rows (N,) of a recording that are `out`, and whitened columns W (N, p) there, given the others; see the module."""
-    B, train_y = shared_columns(model, biases), model.unmixed(model.whitened(model.zeta))
-    train_X = np.array(model.unmixed(W[:, :]), order="F")  # of its own, since it is changed in place
-    alone: list[tuple[Array, Array, Array]] = []
-    V = np.zeros((int(out.sum()), int(out.sum())))
-    done = 0
-    for block in model.blocks:
-        so = np.flatnonzero(out[block.rows])
-        L, Z = block.whitener, _hidden(block.whitener, so)
-        shown = L[so] @ Z
-        parts = [Z.T @ values[block.rows] for values in (train_X, train_y, B)]
-        for values, part in zip((train_X, train_y, B), parts, strict=True):
-            values[block.rows] -= Z @ part
-        place = slice(done, done + so.size)
-        V[place, place] = shown @ shown.T
-        alone.append((shown @ parts[0], shown @ parts[1], shown @ parts[2]))
-        done += so.size
-    error_X, error_y, D = (np.concatenate(values) for values in zip(*alone, strict=True))
+    parts = [_part(block, np.flatnonzero(out[block.rows])) for block in model.blocks]
+    B, D = _parted(parts, shared_columns(model, biases))
+    train_y, error_y = _parted(parts, model.unmixed(model.whitened(model.zeta)))
     # With as many rows of zeros below, there is a singular value for what no training row shows as well.
     Q, S, U = np.linalg.svd(np.vstack([B, np.zeros((B.shape[1], B.shape[1]))]), full_matrices=False)
     Q, D = Q[: len(B)], D @ U.T
-    along_X, along_y = Q.T @ train_X, Q.T @ train_y
-    error_X -= (D * (S / (1 + S**2))) @ along_X
-    error_y = error_y - (D * (S / (1 + S**2))) @ along_y
-    shrunk = Q * (1 - 1 / np.sqrt(1 + S**2))
+    shrunk, gain = Q * (1 - 1 / np.sqrt(1 + S**2)), D * (S / (1 + S**2))
+    train_X, error_X = np.empty(W.shape, order="F"), np.empty((len(D), W.shape[1]), order="F")
     for first in range(0, W.shape[1], AT_ONCE):
         some = slice(first, first + AT_ONCE)
-        train_X[:, some] -= shrunk @ along_X[:, some]
-    return Conditioned(train_y - shrunk @ along_y, train_X, error_y, error_X, V, D, S)
+        train, error = _parted(parts, model.unmixed(W[:, some]))
+        along = Q.T @ train
+        train_X[:, some], error_X[:, some] = train - shrunk @ along, error - gain @ along
+    along_y = Q.T @ train_y
+    noise = scipy.linalg.block_diag(*(part.shown @ part.shown.T for part in parts))
+    return Conditioned(train_y - shrunk @ along_y, train_X, error_y - gain @ along_y, error_X, noise, D, S)
+
+
+@dataclass(frozen=True)
+class _Part:
+    """What is held out of a block: its rows among all, Z (n, s), and L_s Z (s, s)."""
+
+    rows: slice
+    hidden: Array
+    shown: Array
+
+
+def _part(block: Block, so: NDArray[np.intp]) -> _Part:
+    Z = _hidden(block.whitener, so)
+    return _Part(block.rows, Z, block.whitener[so] @ Z)
+
+
+def _parted(parts: list[_Part], values: Array) -> tuple[Array, Array]:
+    """Whitened values (N,) or (N, k) without what training rows do not show, x̃, and of the rows held out L_s Z Zᵀx."""
+    left, shown = np.array(values, order="F"), []
+    for part in parts:
+        along = part.hidden.T @ values[part.rows]
+        left[part.rows] -= part.hidden @ along
+        shown.append(part.shown @ along)
+    return left, np.concatenate(shown)
 
 
 def _hidden(L: Array, rows: NDArray[np.intp]) -> Array:

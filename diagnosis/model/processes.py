@@ -33,7 +33,6 @@ WHOLE = 0.02  # variance of a column beside that of the noise, from which on it 
 USUAL_COLUMNS = 72  # that are kept whatever they share
 MOST_COLUMNS = 400
 ALIKE = 0.95  # cosine of two covariances from which on they are one process
-NODES = 4  # references of an observation at which a process is taken
 
 
 @dataclass(frozen=True)
@@ -64,16 +63,8 @@ def reference_times(model: RecordingModel) -> ProcessTimes:
 
 
 def reference_nodes(model: RecordingModel) -> tuple[ProcessTimes, NDArray[np.intp]]:
-    """Times of some references of each observation, and the first of each observation among them.
-
-    A process that changes while references are averaged has less of it in their mean, and no sharp peak of its covariance.
-    """
-    counts = np.concatenate([block.counts for block in model.blocks])
-    middle = model.reference_rows_of_observations
-    first = middle - counts // 2
-    chosen = [a + np.linspace(0, n - 1, min(n, NODES)).round().astype(np.intp) for a, n in zip(first, counts, strict=True)]
-    rows = np.concatenate(chosen)
-    owner = np.cumsum([0, *(len(one) for one in chosen[:-1])])
+    """Times of some references of each observation, and the first of each observation among them."""
+    rows, owner = model.nodes
     return _times(model, model.references.t_s[rows], model.interval_of_reference[rows]), owner
 
 
@@ -157,6 +148,11 @@ def on_cells(model: RecordingModel, axis: int, F: Array, least: float | None = N
 def on_references(model: RecordingModel, axis: int, F: Array, least: float | None = None) -> Array:
     """(N, r) columns of reference errors F (r, k) at the observations."""
     return orthogonal(model.reference_columns[axis], model.reference_grams[axis], F, least)
+
+
+def on_nodes(model: RecordingModel, axis: int, F: Array, least: float | None = None) -> Array:
+    """(N, r) columns of reference errors F (q, k) at the nodes of a body that turns while references are averaged."""
+    return orthogonal(model.node_columns[axis], model.node_grams[axis], F, least)
 
 
 def is_one_of(K: Array, known: Sequence[Array]) -> bool:

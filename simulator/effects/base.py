@@ -107,6 +107,8 @@ SYMPTOMS = (
     "noise_correlation",  # noise of the gyros that they have in common
     "noise_constancy",  # noise of the samples that differs between intervals or with the motion
     "own_repeats",  # readings of one gyro that repeat while the others change
+    "copied_samples",  # samples that come a second time
+    "straight_samples",  # samples on straight lines between others
     "noise_pattern",  # noise of the samples that depends on their number, on time, or on readings
     "filled_samples",  # samples that repeat a value which was not measured
     "reference_noise_correlation",  # noise of the references about two axes that goes together

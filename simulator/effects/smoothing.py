@@ -2,10 +2,16 @@
 
 A local quadratic is fitted to the mean rates in a window around each sample (Savitzky and Golay, Analytical Chemistry 36 (1964)
 1627). A long window takes out more noise and bends a slew's ramps; each sample of each axis therefore gets the longest of a
-ladder of windows, up to the whole run, whose estimate still agrees, within the noise of both, with those of all shorter ones
-(Lepski's rule: Goldenshluger and Nemirovski, Mathematical Methods of Statistics 6 (1997) 135). Windows of many samples are
-fitted to means over short blocks of them. Single outliers, further off the median of five than ten sigma, are replaced by that
-median first.
+ladder of windows w_1 < w_2 < …, up to the whole run, whose estimate still agrees, within the noise of both, with those of all
+shorter ones (Lepski's rule: Goldenshluger and Nemirovski, Mathematical Methods of Statistics 6 (1997) 135). From a sample to
+the next that window changes, and the estimate with it by as much as the noise that was allowed for: the motion of a body that
+sways would have steps of a sample's sigma. The estimates x_r of the windows are therefore faded into each other,
+
+    x = x_0 + Σ_r s_r (x_r − x_{r−1}),    s_r = min(s_{r−1}, d_r / ½w_r, 1),
+
+with x_0 the readings and d_r the distance from the nearest sample at which the window w_r disagrees, so that no sample gets
+more of a long window than the rule allows. Windows of many samples are fitted to means over short blocks of them. Single
+outliers, further off the median of five than ten sigma, are replaced by that median first.
 
 An axis at rest needs the long windows: a function such as ω|ω| of a rate that is nothing but noise goes with the noise of the
 attitude that is propagated with it, and would be taken for an effect.
@@ -15,6 +21,7 @@ from collections.abc import Sequence
 from functools import lru_cache
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.linalg import lstsq
 from scipy.ndimage import convolve1d, median_filter
 
@@ -24,6 +31,7 @@ ORDER = 2  # of the local polynomial in the rate
 AGREEMENT = 4.0  # sigma; tens of thousands of samples
 OUTLIER = 10.0  # sigma
 BLOCKS = 33  # of a long window; a quadratic bends little over a thirtieth of it
+SHARP = 11  # samples; a bend within a window so short may be seen in one of them alone
 SHORTEST = 5  # samples; a quadratic through three is no smoothing
 
 
@@ -52,54 +60,87 @@ def smoothed(rates: Array, sample_s: float, smooth_s: float, sigma: Array) -> Ar
     -------
     (n, 3)
     """
-    return np.column_stack([smoothed_axis(rates[:, axis], sample_s, smooth_s, level)[0] for axis, level in enumerate(sigma)])
+    if min(smooth_s / sample_s, len(rates)) < SHORTEST:
+        return rates
+    read = [without_outliers(rates[:, axis], level) for axis, level in enumerate(sigma)]
+    return np.column_stack([smoothed_axis(x, sample_s, smooth_s, level)[0] for x, level in zip(read, sigma, strict=True)])
 
 
 def smoothed_axis(rates: Array, sample_s: float, smooth_s: float, sigma: float) -> tuple[Array, float]:
-    """Smoothed rates of one axis, (n,), and the degrees of freedom that they have: σ² of the noise is in them so many times.
+    """Smoothed rates of one axis without outliers, (n,), and their degrees of freedom: so many times σ² is in them.
 
     These are the sum over the samples of what each contributes to its own estimate, n without smoothing.
     """
     longest = int(min(smooth_s / sample_s, len(rates) - 1 + len(rates) % 2))
     if longest < SHORTEST or not sigma > 0:
         return rates, float(rates.size)
-    return _axis(without_outliers(rates, sigma), _ladder(longest), sigma)
+    return _axis(rates, _ladder(longest), sigma)
 
 
 def without_outliers(rates: Array, sigma: float) -> Array:
-    """Rates of one axis (n,) with single outliers replaced by the median of five."""
+    """Rates of one axis (n,) with single outliers replaced by the median of five; all as they are where there is no noise."""
+    if not sigma > 0:
+        return rates
     median = median_filter(rates, size=5, mode="nearest")
     return np.where(np.abs(rates - median) > OUTLIER * sigma, median, rates)
 
 
 def _axis(rates: Array, windows: Sequence[int], sigma: float) -> tuple[Array, float]:
-    """One axis, by the longest window at each sample that agrees with the shorter ones; (n,), and its degrees of freedom."""
+    """One axis, by the longest windows at each sample that agree with the shorter ones; (n,), and its degrees of freedom."""
     best, low, high = rates, rates - AGREEMENT * sigma, rates + AGREEMENT * sigma
-    own = np.ones(len(rates))
-    going = np.ones(len(rates), dtype=bool)
+    going = np.ones(rates.size, dtype=bool)
+    last, own, last_own = rates, np.ones(rates.size), np.ones(rates.size)
+    trust: Array | None = None  # in the windows up to this one; all of it as long as no sample stops
     for window in windows:
         estimate, weight = _fitted(rates, window)
         going &= (estimate >= low) & (estimate <= high)
-        if not going.any():
-            break
+        stops = ~going if window <= SHARP else _in_a_row(~going)
         width = AGREEMENT * sigma * weight
         low, high = np.maximum(low, estimate - width), np.minimum(high, estimate + width)
-        best = np.where(going, estimate, best)
-        # A least-squares fit has its own share in the middle of its window as the square of its sigma there.
-        own[going] = weight**2
+        share = weight**2  # of a sample in its own estimate, if that is a least-squares fit
+        if stops.any():
+            ramp = _ramp(stops, 0.5 * window)
+            trust = ramp if trust is None else np.minimum(trust, ramp)
+        if trust is None:
+            best, own = estimate, share
+        elif not trust.any():
+            break
+        else:
+            best, own = best + trust * (estimate - last), own + trust * (share - last_own)
+        last, last_own = estimate, share
     return np.asarray(best), float(own.sum())
 
 
-def _fitted(rates: Array, window: int) -> tuple[Array, float]:
-    """Local quadratic of a window at each sample (n,), and its sigma per unit sigma of a sample."""
+def _in_a_row(marked: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Those marked that are three in a row or more; noise alone marks one here and there, and motion all over its bend."""
+    core = marked[:-2] & marked[1:-1] & marked[2:]
+    out = np.zeros(marked.size, dtype=bool)
+    if core.any():
+        for shift in range(3):
+            out[shift : shift + core.size] |= core
+    return out
+
+
+def _ramp(stops: NDArray[np.bool_], length: float) -> Array:
+    """Distance of each sample from the nearest one that stops, over a length; one at most."""
+    at, places = np.arange(stops.size), np.flatnonzero(stops)
+    far = stops.size + int(length)
+    counts = np.diff(np.concatenate([[0], places, [stops.size]]))
+    before = np.repeat(np.concatenate([[-far], places]), counts)
+    after = np.repeat(np.concatenate([places, [stops.size + far]]), counts)
+    return np.asarray(np.minimum(np.minimum(at - before, after - at) / length, 1.0))
+
+
+def _fitted(rates: Array, window: int) -> tuple[Array, Array]:
+    """Local quadratic of a window at each sample (n,), and its sigma per unit sigma of a sample (n,)."""
     block = max(1, window // BLOCKS)
     if block == 1:
-        return _filtered(rates, window), _weight(window)
+        return _filtered(rates, window), _weights(window, len(rates))
     count = len(rates) // block
     means = rates[: count * block].reshape(count, block).mean(axis=1)
     width = min(window // block // 2 * 2 + 1, count - 1 + count % 2)
     estimate = _between(_filtered(means, width), block, len(rates))
-    return estimate, _weight(width) / float(np.sqrt(block))
+    return estimate, _weights(width, len(rates), block) / float(np.sqrt(block))
 
 
 def _filtered(rates: Array, window: int) -> Array:
@@ -144,9 +185,23 @@ def _between(values: Array, block: int, count: int) -> Array:
     return np.asarray(out)
 
 
-def _weight(window: int) -> float:
-    """Sigma of a local quadratic per unit sigma of a sample."""
-    return float(np.linalg.norm(_coefficients(window)))
+def _weights(window: int, count: int, block: int = 1) -> Array:
+    """(count,) sigma of the quadratic of so many blocks at each sample, per unit sigma of a block; at either end it is twice
+    that of the middle.
+    """
+    middle, ends = _sigmas(window)
+    out = np.full(count, middle)
+    at = (np.arange(ends.size * block) - 0.5 * (block - 1)) / block
+    first = np.interp(at, np.arange(ends.size + 1), np.append(ends, middle)) if block > 1 else ends
+    out[: first.size], out[count - first.size :] = first, first[::-1]
+    return out
+
+
+@lru_cache(maxsize=256)
+def _sigmas(window: int) -> tuple[float, Array]:
+    """Sigma of a window's quadratic in its middle, and before that from its first sample on (window // 2,)."""
+    basis = np.linalg.qr(_powers(window)[0])[0]
+    return float(np.linalg.norm(_coefficients(window))), np.asarray(np.linalg.norm(basis, axis=1)[: window // 2])
 
 
 def _ladder(longest: int) -> list[int]:

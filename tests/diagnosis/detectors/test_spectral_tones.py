@@ -44,3 +44,25 @@ def test_a_swing_that_changes_stays_where_it_was_found(recording):
     line = fitted_tone(x, recording, 0, Peak(1e-30, HZ, SIZE, True, 1e-4), _arcs(recording))
     assert not line.steady
     assert not line.waveform[:low].any()
+
+
+def test_a_frequency_in_a_hump_of_the_noise_is_no_tone(recording):
+    """What short turns of a body leave in arcs is coloured: some frequency of a hump has more power than white noise has."""
+    t, arcs, found = recording.gyro.t_s, _arcs(recording), {True: [], False: []}
+    for seed in range(20):
+        white = np.random.default_rng(seed).standard_normal((2, t.size))
+        turning = np.exp(2j * np.pi * HZ * np.arange(t.size) * recording.gyro.sample_s)
+        hump = np.convolve(white[1], (np.hanning(25) / np.linalg.norm(np.hanning(25)) * turning[:25]).real, "same")
+        for humped in found:
+            x = NOISE * (white[0] + 1.2 * hump * humped)
+            line = fitted_tone(x, recording, 0, Peak(1e-30, HZ, SIZE, True, 1e-4), arcs)
+            found[humped].append(1.0 if line is None else line.p_value)
+    assert min(found[True]) > 1e-3
+    assert min(found[False]) > 1e-3
+
+
+def test_a_weak_tone_stands_out_of_white_noise(recording):
+    t, arcs = recording.gyro.t_s, _arcs(recording)
+    size = 14 * NOISE * np.sqrt(2 / t.size)
+    x = size * np.sin(2 * np.pi * HZ * t) + NOISE * np.random.default_rng(5).standard_normal(t.size)
+    assert fitted_tone(x, recording, 0, Peak(1e-30, HZ, size, True, 1e-4), arcs).p_value < 1e-12

@@ -10,7 +10,7 @@ from diagnosis.model import linearise, processes
 from diagnosis.model.candidates import process_groups
 from diagnosis.model.processes import factor, markov, same
 from simulator.effects import EFFECTS, ProcessTimes
-from tests.diagnosis.recordings import linear, prepared, recorded
+from tests.diagnosis.recordings import linear, of_rates, prepared, recorded
 
 
 @pytest.fixture(scope="module")
@@ -159,3 +159,26 @@ def test_a_walk_goes_on_only_over_gaps_that_leave_it_a_walk():
         trials = walk.trials(found)
         assert {trial.parameters["gaps"] for trial in trials} == gaps
         assert sum(trial.weight for trial in trials) == pytest.approx(1.0)
+
+
+def test_errors_of_averaged_references_are_about_the_axes_of_each(monkeypatch):
+    """Columns of the nodes against the error of the residuals that those of single references make."""
+    recording = recorded(3, every_s=30.0)
+    monkeypatch.setattr(linearise, "MOST_OBSERVATIONS", recording.attitudes.t_s.size // 3)
+    model = linearise.linearised(recording, np.eye(3), np.zeros(3))
+    rows, _ = model.nodes
+    assert max(block.counts.max() for block in model.blocks) == 3
+    sizes = np.random.default_rng(2).standard_normal(rows.size)
+    for axis in range(3):
+        error = np.zeros((len(model.at_reference), 3, 1))
+        error[rows, axis, 0] = sizes
+        expected = model.whitened(model.reference_error(error)[:, 0])
+        np.testing.assert_allclose(model.node_columns[axis] @ sizes, expected, atol=1e-9 * np.abs(expected).max())
+
+
+@pytest.mark.parametrize(("turn_deg", "turns"), [(0.0, False), (4.0, False), (20.0, True)])
+def test_turns_between_averaged_references_are_seen(turn_deg, turns, monkeypatch):
+    t_s = 0.5 * np.arange(1200)
+    recording = of_rates(np.deg2rad(turn_deg / 4.0) * np.ones((t_s.size, 3)) / np.sqrt(3), 8, 0.5, 1e-5, 1e-4, 1)
+    monkeypatch.setattr(linearise, "MOST_OBSERVATIONS", recording.attitudes.t_s.size // 2)
+    assert linearise.linearised(recording, np.eye(3), np.zeros(3)).turns_in_observations == turns

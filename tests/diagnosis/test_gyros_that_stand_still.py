@@ -1,0 +1,33 @@
+"""A gyro whose readings do not change: an answer, and no fault of the program."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from diagnosis.diagnose import diagnose
+from tests.diagnosis.detectors.test_own_repeats import NOISE, turning
+
+
+def standing(axes, value, after=0):
+    made = turning()
+    rates = made.gyro.rates.copy()
+    rates[after:, axes] = value
+    return replace(made, gyro=replace(made.gyro, rates=rates))
+
+
+@pytest.mark.parametrize(
+    ("axes", "after"),
+    [pytest.param([0, 1, 2], 0, id="all"), pytest.param([2], 0, id="one"), pytest.param([0], 500, id="one, after a while")],
+)
+def test_it_is_a_gap(axes, after):
+    found = diagnose(standing(axes, 0.0, after))
+    assert found.p_value < 1e-100
+    assert found.verdict == "unknown"
+
+
+@pytest.mark.parametrize("step", [20, 300])
+def test_so_are_readings_on_a_lattice_as_coarse_as_the_motion(step):
+    made = turning()
+    found = diagnose(replace(made, gyro=replace(made.gyro, rates=step * NOISE * np.round(made.gyro.rates / (step * NOISE)))))
+    assert found.p_value < 1e-100
