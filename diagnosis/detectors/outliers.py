@@ -38,6 +38,7 @@ OUTLIER = 6.0  # noise sigmas; one sample in 5e8 under M0
 RESTING = 0.3  # share of the samples in which the body rests, below which all are looked at as a motion
 SIDE = 6  # samples to either side that tell a spike from a step
 CLEARLY = 4.0  # squared sigmas by which a spike fits better
+NO_MORE = float(scipy.stats.chi2.isf(1e-3, 2 * SIDE))  # squared sigmas that it leaves of the readings around: a jolt rings on
 BETWEEN = np.array([1.0, -6.0, 15.0, 0.0, 15.0, -6.0, 1.0]) / 20  # of a quintic through three samples on either side
 AS_FAR = 0.75  # of its deviation, that a spike is off the curve through its neighbours
 ALIKE = 0.02  # of the steps and bends of a motion, which may pass for spikes: a body that is jolted all the time has hundreds
@@ -202,7 +203,8 @@ def _in_motion(x: Array, follows: Mask, noise: float, step: float) -> tuple[Mask
     single = _is_single(x, np.where(far, off, 0.0), noise)
     known = _Shapes(weights)
     for k in np.flatnonzero(single).tolist():
-        single[k] = known.odds(off[k - SIDE : k + SIDE + 1]) > CLEARLY * level[k] ** 2
+        odds, left = known.odds(off[k - SIDE : k + SIDE + 1])
+        single[k] = odds > CLEARLY * level[k] ** 2 and left < NO_MORE * level[k] ** 2
     return single, off, OUTLIER * usual + step, far, least
 
 
@@ -242,11 +244,13 @@ class _Shapes:
         seen = [scipy.ndimage.convolve1d(one.astype(float), K, axis=0)[SIDE:-SIDE] for one in shapes]
         values, vectors = np.linalg.eigh(scipy.linalg.toeplitz(np.concatenate([[1.0], -weights, np.zeros(SIDE)])))
         inverse = vectors / np.maximum(values, LEAST_POWER) @ vectors.T
+        self.all = inverse
         self.spike, *self.steps = (inverse @ one @ np.linalg.inv(one.T @ inverse @ one) @ one.T @ inverse for one in seen)
 
-    def odds(self, off: Array) -> float:
-        """What a spike in the middle explains more than the better of a step and a bend before it and of those after it."""
-        return float(off @ self.spike @ off - max(off @ step @ off for step in self.steps))
+    def odds(self, off: Array) -> tuple[float, float]:
+        """What a spike in the middle explains more than the better of a step and a bend before or after it; what it leaves."""
+        explained = float(off @ self.spike @ off)
+        return explained - max(float(off @ step @ off) for step in self.steps), float(off @ self.all @ off) - explained
 
 
 def _likeness(recording: Recording, looked: list[Looked], asked: Mask) -> float:

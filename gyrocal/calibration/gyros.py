@@ -163,7 +163,7 @@ class ParitySums:
 
 def _root(M: Array) -> tuple[Array, Array]:
     """L (4, r) with L Lᵀ = M, and its pseudo-inverse; motion without noise may leave M singular."""
-    scale = np.sqrt(np.diag(M))
+    scale = np.sqrt(np.maximum(np.diag(M), 0.0))  # rounding may leave a diagonal below zero
     scale = np.where(scale > 0, scale, 1.0)
     values, U = np.linalg.eigh(M / np.outer(scale, scale))
     kept = values > ROUNDING * values[-1]

@@ -17,6 +17,14 @@ so that c at any time, and Δx, follow from the references used by conditioning,
 estimate; it counts no reference twice, and knows that the attitude at the last reference and the parameters correlate. Δx is
 applied and all is done again, since Θ is linearised.
 
+What is known of a and Δx beforehand is up to a million times wider than what is known in the end, and a difference of the two
+would be rounding. So V holds noise alone, V = L Lᵀ, of which the walks w of other times have the covariance C, and S u with
+u ~ N(0, I) are a and Δx, which F takes to c:
+
+    [L⁻¹ F S; I] = Q U,    S u ~ N(S U⁻¹ Qᵀ [L⁻¹ z; 0], T Tᵀ),    T = S U⁻¹
+    c(t) = C V⁻¹ (z − F S u) + F(t) S u
+    cov c(t) = ARW² t − C V⁻¹ Cᵀ + B Bᵀ,    B = (F(t) − C V⁻¹ F) T
+
 Of more gyros than three x are the twelve of their body rates. Their parity has noise of its own and says nothing of these.
 
 P₀ is what is known of x without the references of this stretch. The combinations of x that they leave free stay as wide as P₀
@@ -182,40 +190,45 @@ def conditioned(recording: Recording, used: Mask, times: Array, apriori_covarian
     noise, turns = covariance(seen), mountings.turns[rows]
     place = _places(start_s, at, references.t_s[rows])
     wanted = _places(start_s, at, times)
+    elapsed = np.concatenate([[0.0], at - start_s])
     x0 = np.concatenate([recording.gyro.apriori_G.ravel(), recording.gyro.apriori_bias, np.zeros(turns.shape[2])])
     x = x0.copy()
+    S = scipy.linalg.block_diag(ANCHOR * float(references.sigma[anchor].max()) * np.eye(3), _root(P0))
+    arw, size = recording.gyro.arw, 3 * rows.size
     for _ in range(ITERATIONS):
         run = propagate(prepared.arcs, x[:9].reshape(3, 3), x[9:12])
         R = np.concatenate([np.eye(3)[None], run.R])
-        Theta = np.zeros((len(R), 3, x.size))
-        Theta[1:, :, :12] = run.Theta
-        own = Theta[place]
-        own[:, :, 12:] = -turns
-        elapsed = np.concatenate([[0.0], at - start_s])
+        F = np.zeros((len(R), 3, 3 + x.size))
+        F[:, :, :3], F[1:, :, 3:15] = R, run.Theta
+        own = F[place]
+        own[:, :, 15:] = -turns
         theta = attitude.residual(attitude.rotation_matrix(-turns @ x[12:]) @ A_obs, R[place] @ A0)
         # Both means: c has that of Θ (x − x₀), whose covariance is P₀.
-        z = (theta - own @ (x - x0)).ravel()
-        V = _covariance(R, elapsed, (place, own), (place, own), walks, P0)
+        z = (theta - own[:, :, 3:] @ (x - x0)).ravel()
+        V = _walk(R, elapsed, place, place, arw)
         each = np.arange(rows.size)
         V.reshape(rows.size, 3, rows.size, 3)[each, :, each] += noise
         scale = 1 / np.sqrt(np.diag(V))
-        factor = scipy.linalg.cho_factor(V * np.outer(scale, scale), lower=True)
-        weighted = scale * scipy.linalg.cho_solve(factor, scale * z)
-        K_x = np.einsum("pq,jiq->pji", P0, own).reshape(x.size, -1)
-        C = _covariance(R, elapsed, (wanted, Theta[wanted]), (place, own), walks, P0)
-        c = (C @ weighted).reshape(-1, 3) + Theta[wanted] @ (x - x0)
-        move = K_x @ weighted + (x - x0)
+        L = np.linalg.cholesky(V * np.outer(scale, scale))
+        white = scipy.linalg.solve_triangular(L, scale[:, None] * np.column_stack([own.reshape(size, -1) @ S, z]), lower=True)
+        H, e = white[:, :-1], np.append(white[:, -1], np.zeros(len(S)))
+        Q, U = scipy.linalg.qr(np.vstack([H, np.eye(len(S))]), mode="economic")
+        y = scipy.linalg.solve_triangular(U, Q.T @ e)
+        left = e - Q @ (Q.T @ e)
+        half = scipy.linalg.solve_triangular(L, (_walk(R, elapsed, wanted, place, arw) * scale).T, lower=True)
+        c = (half.T @ (white[:, -1] - H @ y)).reshape(-1, 3) + F[wanted] @ (S @ y) + F[wanted][:, :, 3:] @ (x - x0)
         A = attitude.rotation_matrix(c) @ R[wanted] @ A0
-        P_x = P0 - (K_x * scale) @ scipy.linalg.cho_solve(factor, (K_x * scale).T)
-        half = scipy.linalg.solve_triangular(factor[0], (C * scale).T, lower=True)
-        x = x - move
-    learnt = half.reshape(len(half), times.size, 3)
-    walk = anchor_sigma**2 + recording.gyro.arw**2 * elapsed[wanted]
-    blocks = walk[:, None, None] * np.eye(3) + np.einsum("kip,pq,kjq->kij", Theta[wanted], P0, Theta[wanted], optimize=True)
-    blocks = blocks - np.einsum("nki,nkj->kij", learnt, learnt, optimize=True)
-    told = scipy.linalg.solve_triangular(factor[0], (K_x * scale).T, lower=True)
-    cross = Theta[wanted] @ P0 - np.einsum("nki,np->kip", learnt, told, optimize=True)
-    P_x = np.asarray(0.5 * (P_x + P_x.T))
+        x = x0 - (S @ y)[3:]
+    # cov(u) = T Tᵀ. What is left of c beside its walk is G u, G = F − C₁ V₁⁻¹ F of the references.
+    T = scipy.linalg.solve_triangular(U, S.T, trans="T").T
+    B = np.reshape(
+        F[wanted].reshape(-1, len(S)) @ T - half.T @ scipy.linalg.solve_triangular(U, H.T, trans="T").T, (times.size, 3, -1)
+    )
+    walks = half.reshape(size, times.size, 3)
+    blocks = arw**2 * elapsed[wanted][:, None, None] * np.eye(3) - np.einsum("nki,nkj->kij", walks, walks, optimize=True)
+    blocks = blocks + B @ B.transpose(0, 2, 1)
+    P_x = T[3:] @ T[3:].T
+    cross = B @ T[3:].T
     return Prediction(
         times,
         np.asarray(A),
@@ -223,7 +236,7 @@ def conditioned(recording: Recording, used: Mask, times: Array, apriori_covarian
         GyroParameters.from_vector(x[:12]),
         P_x[:12, :12],
         int(rows.size),
-        float(z @ weighted),
+        float(left @ left),
         int(z.size),
         seen.sensors,
         np.array([np.sqrt(np.mean(np.square(seen.sigma[seen.sensor == k]), axis=0)) for k in range(len(seen.sensors))]),
@@ -259,17 +272,17 @@ def _stretch(recording: Recording, anchor: int, at: Array) -> Recording:
     )
 
 
-def _covariance(
-    R: Array,
-    elapsed: Array,
-    left: tuple[NDArray[np.intp], Array],
-    right: tuple[NDArray[np.intp], Array],
-    walks: tuple[float, float],
-    P0: Array,
-) -> Array:
-    """cov(c(s), c(t)) of times left by times right, each with its Θ; (3 left, 3 right). walks are σ_a and the ARW."""
-    (at, own), (other, others) = left, right
-    walk = walks[0] ** 2 + walks[1] ** 2 * np.minimum.outer(elapsed[at], elapsed[other])
-    blocks = np.einsum("aik,bjk,ab->aibj", R[at], R[other], walk, optimize=True)
-    a, b = own.reshape(-1, len(P0)), others.reshape(-1, len(P0))
-    return np.asarray(blocks.reshape(len(a), len(b)) + a @ P0 @ b.T)
+def _root(P: Array) -> Array:
+    """(p, p) S of a covariance P = S Sᵀ, of any units and rank."""
+    scale = np.sqrt(np.maximum(np.diag(P), 0.0))
+    safe = np.where(scale > 0, scale, 1.0)
+    values, vectors = np.linalg.eigh(P / np.outer(safe, safe))
+    return np.asarray(scale[:, None] * vectors * np.sqrt(np.maximum(values, 0.0)))
+
+
+def _walk(R: Array, elapsed: Array, left: NDArray[np.intp], right: NDArray[np.intp], arw: float) -> Array:
+    """(3 left, 3 right) covariance of the gyro's integrated noise R(t) w(t) at times left and right."""
+    blocks = np.einsum(
+        "aik,bjk,ab->aibj", R[left], R[right], arw**2 * np.minimum.outer(elapsed[left], elapsed[right]), optimize=True
+    )
+    return np.asarray(blocks.reshape(3 * left.size, 3 * right.size))

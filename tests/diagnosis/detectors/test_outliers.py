@@ -98,3 +98,22 @@ def test_spikes_of_a_body_that_never_rests_are_found_at_ten_times_the_noise():
 def test_steps_of_the_rate_are_no_spikes():
     report = examine(thrusting(steps=20.0)[0])
     assert not [one for one in report.symptoms if one.kind.startswith("outlier")]
+
+
+def jolted(seed, width):
+    """A body whose slow swing is struck at random: each stroke rings on for a few samples, as a structure's does."""
+    rng = np.random.default_rng(seed)
+    n, since = 14_400, np.arange(60)
+    rates = 0.02 * np.sin(2 * np.pi * SAMPLE_S * np.arange(n)[:, None] / np.array([17.0, 23.0, 31.0]))
+    for axis in range(3):
+        strokes = np.cumsum(rng.exponential(60.0, n // 30)).astype(int)
+        for at in strokes[strokes < n - 80]:
+            height, period = 40 * SIGMA * rng.standard_normal(), width * rng.uniform(0.5, 2.0)
+            rates[at : at + since.size, axis] += height * np.sin(2 * np.pi * since / period) * np.exp(-since / period)
+    return of_rates(rates, 40, SAMPLE_S, ARW, 3e-4, 1)
+
+
+@pytest.mark.parametrize("width", [3.0, 6.0, 8.0])
+@pytest.mark.parametrize("seed", [0, 1, 2, 3])
+def test_a_jolted_body_that_rings_has_no_outliers(seed, width):
+    assert not [one for one in examine(jolted(seed, width)).symptoms if one.kind.startswith("outlier")]
