@@ -11,8 +11,8 @@ The way of a recording through `diagnosis.diagnose`, file by file:
    `model.judgement` asks the attitude about lines of the samples and the references' noise, and asks anew, without them, once
    effects were found (`model.at_work`).
 3. `model.symptoms`: which effects claim what the samples show.
-4. `model.candidates`, with `model.unlisted`, `model.repeating`, `model.processes` and `model.dead_zone`: the linear model of
-   what could be there; `model.periods` scans the data for swings of any period.
+4. `model.groups`, with `model.unlisted`, `model.repeating`, `model.processes` and `model.dead_zone`: what could be there, which
+   `model.candidates` puts side by side as one linear model; `model.periods` scans the data for swings of any period.
 5. `inference.null`: whether there is a gap at all.
 6. `inference.search`, on `inference.evidence`: sets of effects and their posterior.
 7. `inference.attribution`: what may be named.

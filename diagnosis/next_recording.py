@@ -31,10 +31,10 @@ from diagnosis.diagnose import Explained, judged, nameable
 from diagnosis.inference.amplitudes import Fitted
 from diagnosis.inference.checks import Check, residual_checks
 from diagnosis.model import processes
-from diagnosis.model.candidates import process_places
 from diagnosis.model.dead_zone import dead_zone_groups, shown_by_passes
 from diagnosis.model.folds import Conditioned, conditioned
 from diagnosis.model.gate import check_residuals
+from diagnosis.model.groups import process_places
 from diagnosis.model.layout import layout
 from diagnosis.model.linear import LinearModel, Member
 from diagnosis.model.linearise import linearised

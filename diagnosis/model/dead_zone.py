@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from diagnosis.detectors.deadzone import MOST_PARTS, DeadZoneEvidence, half_width
-from diagnosis.model.candidates import Group
+from diagnosis.model.groups import Group
 from diagnosis.model.linear import Parameters
 from diagnosis.model.prepare import Prepared
 from diagnosis.model.processes import SEEN

@@ -18,8 +18,9 @@ from itertools import zip_longest
 import numpy as np
 from numpy.typing import NDArray
 
-from diagnosis.model import candidates, folds, processes, steps
-from diagnosis.model.candidates import Group, placed
+from diagnosis.model import folds, groups, processes, steps
+from diagnosis.model.candidates import placed
+from diagnosis.model.groups import Group
 from diagnosis.model.linear import Fold, LinearModel, Member, Option
 from diagnosis.model.parity import ParityModel
 from diagnosis.model.recording import RecordingModel
@@ -217,13 +218,13 @@ class ArrayModel:
 def array_model(model: ArrayModel, effects: Sequence[Effect], settings: DiagnosisSettings) -> LinearModel:
     """The linear model of several gyros: effects of each, of the references, and unlisted rivals of both."""
     of_gyros = [effect for effect in effects if effect.axes and acts_on_one(effect)]
-    groups = list(gyro_groups(model, of_gyros))
+    offered = list(gyro_groups(model, of_gyros))
     if model.body is not None:
         common = [effect for effect in effects if effect.on_references or not effect.axes]
-        widths = [*candidates.listed(model.body, common, None), *candidates.unlisted_groups(model.body, {}, common)]
-        groups += [replace(one, columns=[model.stacked(part, None, part.shape[1]) for part in one.columns]) for one in widths]
+        widths = [*groups.listed(model.body, common, None), *groups.unlisted_groups(model.body, {}, common)]
+        offered += [replace(one, columns=[model.stacked(part, None, part.shape[1]) for part in one.columns]) for one in widths]
     by_name = {effect.name: effect for effect in of_gyros}
-    found, W = placed(groups, model.projected, settings, model.size)
+    found, W = placed(offered, model.projected, settings, model.size)
 
     def refine(linear: LinearModel, member: Member) -> LinearModel:
         entry = linear.candidate(member)
@@ -258,7 +259,7 @@ def gyro_groups(model: ArrayModel, effects: Sequence[Effect]) -> Iterator[Group]
                 columns = [processes.orthogonal(unit, gram, F) for F in random[effect.name]]
                 trials = effect.trials(model.around)
                 parameters = [dict(trial.parameters) for trial in trials]
-                made = candidates.group_of(effect, name, columns, parameters, [trial.weight for trial in trials])
+                made = groups.group_of(effect, name, columns, parameters, [trial.weight for trial in trials])
                 yield replace(made, process=True)
         for words, factors in _rivals(model, gyro):
             columns = [processes.orthogonal(unit, gram, F) for F in factors]
@@ -275,7 +276,7 @@ def _plain(model: ArrayModel, effect: Effect, gyro: int) -> Group:
     columns = [model.columns(effect, gyro, trial.parameters) for trial in trials]
     parameters = [dict(trial.parameters) for trial in trials]
     name = model.parity.gyros.names[gyro]
-    return candidates.group_of(effect, name, columns, parameters, [trial.weight for trial in trials])
+    return groups.group_of(effect, name, columns, parameters, [trial.weight for trial in trials])
 
 
 def _switched(model: ArrayModel, effect: Effect, gyro: int) -> Group:
@@ -289,7 +290,7 @@ def _switched(model: ArrayModel, effect: Effect, gyro: int) -> Group:
             for time, width in zip(times, widths, strict=True)
         ]
         shares += (trial.weight * weights).tolist()
-    return candidates.group_of(effect, model.parity.gyros.names[gyro], columns, parameters, shares)
+    return groups.group_of(effect, model.parity.gyros.names[gyro], columns, parameters, shares)
 
 
 def _rivals(model: ArrayModel, gyro: int) -> Iterator[tuple[str, list[Array]]]:

@@ -18,8 +18,9 @@ import pandas as pd
 import scipy.linalg
 from numpy.typing import NDArray
 
-from diagnosis.model.candidates import Group, linear_model
+from diagnosis.model.candidates import linear_model
 from diagnosis.model.folds import folds
+from diagnosis.model.groups import Group
 from diagnosis.model.linear import LinearModel, Member
 from diagnosis.model.recording import RecordingModel
 from diagnosis.settings import DEFAULT, DiagnosisSettings

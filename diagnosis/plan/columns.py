@@ -2,7 +2,7 @@
 
 x is the whitened column of the effect with G, b and the start attitudes projected out (`diagnosis.model.recording`),
 linearised at the scenario's true G and b. A random effect is a covariance instead, X Xᵀ. Columns and options are those that the
-diagnosis itself tries (`diagnosis.model.candidates`).
+diagnosis itself tries (`diagnosis.model.groups`).
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from diagnosis.model.candidates import Group, plain_group, process_groups
+from diagnosis.model.groups import Group, plain_group, process_groups
 from diagnosis.model.linearise import linearised
 from diagnosis.model.recording import RecordingModel
 from diagnosis.model.steps import step_times, switched_columns

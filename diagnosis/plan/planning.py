@@ -8,7 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from diagnosis.model.candidates import AXES, linear_model
+from diagnosis.model.candidates import linear_model
+from diagnosis.model.groups import AXES
 from diagnosis.model.recording import RecordingModel
 from diagnosis.plan.columns import noise_free, random_columns, signatures
 from diagnosis.plan.extras import appended, helped_by, maneuvers

@@ -33,7 +33,7 @@ from scipy.spatial.transform import Rotation
 from scipy.special import log_ndtr
 
 from diagnosis.inference.search import Search
-from diagnosis.model.candidates import Group
+from diagnosis.model.groups import Group
 from diagnosis.model.linear import LinearModel
 from diagnosis.settings import DEFAULT
 from simulator.mission_mode.mounting import R3_M

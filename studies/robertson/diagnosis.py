@@ -24,8 +24,9 @@ from diagnosis.inference.amplitudes import Fitted, fit
 from diagnosis.inference.attribution import Attribution, attribute
 from diagnosis.inference.closure import closure, fixed
 from diagnosis.inference.search import Explanation, Search
-from diagnosis.model.candidates import Group, placed
+from diagnosis.model.candidates import placed
 from diagnosis.model.folds import held_out
+from diagnosis.model.groups import Group
 from diagnosis.model.linear import LinearModel, Parameters
 from diagnosis.settings import DEFAULT
 from simulator.mission_mode.config import MissionConfig

@@ -17,7 +17,8 @@ import scipy.linalg
 from numpy.typing import NDArray
 from scipy.special import chdtrc
 
-from diagnosis.model.candidates import Group, placed
+from diagnosis.model.candidates import placed
+from diagnosis.model.groups import Group
 from diagnosis.model.linear import Fold, LinearModel, exactly, first_amplitude
 from diagnosis.model.sensors.arcs import FittedArc
 from diagnosis.model.sensors.columns import Family, Held, listed_families, rival_families

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from diagnosis.inference.amplitudes import fit
 from diagnosis.model.calibration import calibrated
-from diagnosis.model.candidates import plain_group
+from diagnosis.model.groups import plain_group
 from diagnosis.model.linear import Member
 from diagnosis.model.linearise import linearised
 from diagnosis.model.recording import RecordingModel

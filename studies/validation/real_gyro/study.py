@@ -9,7 +9,7 @@ import numpy as np
 
 from diagnosis.diagnose import diagnose
 from diagnosis.inference.closure import closure, fixed
-from diagnosis.model.candidates import Group
+from diagnosis.model.groups import Group
 from diagnosis.model.linear import Member
 from diagnosis.model.recording import RecordingModel
 from diagnosis.model.unit import unit_model

@@ -7,7 +7,8 @@ import pytest
 from scipy.special import logsumexp
 
 from diagnosis.inference.search import Search
-from diagnosis.model.candidates import Group, assembled, linear_model, placed
+from diagnosis.model.candidates import assembled, linear_model, placed
+from diagnosis.model.groups import Group
 from diagnosis.model.linear import LinearModel, Member
 from diagnosis.model.linearise import linearised
 from diagnosis.model.prepare import prepare

@@ -7,7 +7,7 @@ import pytest
 import scipy.stats
 
 from diagnosis.model import linearise, processes
-from diagnosis.model.candidates import process_groups
+from diagnosis.model.groups import process_groups
 from diagnosis.model.processes import factor, markov, same
 from simulator.effects import EFFECTS, ProcessTimes
 from tests.diagnosis.recordings import linear, of_rates, prepared, recorded

@@ -1,0 +1,207 @@
+"""Every effect that could be named, and every unlisted rival, as a group of columns of a recording.
+
+An effect says itself which columns or which covariance it has, which options are worth trying and how plausible it is
+(`simulator.effects.base.Effect`); here its columns become observations of the recording. Unlisted rivals are those of
+`diagnosis.model.unlisted`, `diagnosis.model.repeating` and `diagnosis.model.processes`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from diagnosis.model import processes, repeating, trackers, unlisted
+from diagnosis.model.late_tags import delays
+from diagnosis.model.linear import VISIBLE, Parameters, exactly, first_amplitude, spaced
+from diagnosis.model.periods import Found
+from diagnosis.model.recording import RecordingModel
+from diagnosis.model.steps import step_times, switched_columns
+from diagnosis.model.swings import columns_of, period_parameters, swing_columns
+from simulator.effects.base import Effect, Surroundings, Value
+
+Array = NDArray[np.float64]
+
+AXES = "xyz"
+
+
+@dataclass(frozen=True)
+class Group:
+    """A candidate before its place in the model is known.
+
+    Attributes
+    ----------
+    effect, axis, listed, unit, process, positive, log_odds, read, size_sigma, shifted, scanned : as in `Candidate`
+    columns : per option (N, k) whitened columns
+    parameters : per option
+    weights : (o,) prior share of each option
+    limits : plausible range of the size
+    weight : prior of its effect beside that of the others
+    scales : as in `Candidate`; by default those within the limits that the columns can show
+    loudest : largest signal-to-noise ratio of interest, where the scales are those by default
+    """
+
+    effect: str
+    axis: str | None
+    listed: bool
+    columns: Sequence[Array]
+    parameters: Sequence[Parameters]
+    weights: Array
+    limits: tuple[float, float]
+    unit: str
+    process: bool = False
+    positive: bool = False
+    weight: float = 1.0
+    log_odds: float = 0.0
+    read: Callable[[Array], tuple[float, Parameters]] = first_amplitude
+    size_sigma: Callable[[float], float] = exactly
+    shifted: bool = False
+    scales: Array | None = None
+    scanned: bool = False
+    loudest: float = VISIBLE[1]
+
+
+# ---- listed effects ------------------------------------------------------------------------------------------------------
+
+
+def listed(model: RecordingModel, effects: Sequence[Effect], found: Found | None) -> Iterator[Group]:
+    """The effects that have columns or a covariance and can be seen in this recording; `found` by a scan for periods."""
+    around = model.around
+    for effect in effects:
+        if effect.missing(around) is not None:
+            continue
+        if effect.of_trackers:
+            yield from (
+                replace(group_of(effect, one.tracker, one.columns, one.parameters, one.weights.tolist()), process=one.process)
+                for one in trackers.listed(model, effect)
+            )
+            continue
+        if effect.has_columns:
+            for axis in effect.axes or (None,):
+                if effect.scanned and found is not None:
+                    if found:
+                        yield scanned_group(model, effect, str(axis), found)
+                elif effect.switched:
+                    yield switched_group(model, effect, axis, around)
+                else:
+                    yield plain_group(model, effect, axis, around)
+        elif effect.is_process:
+            yield from process_groups(model, effect, around)
+
+
+def plain_group(model: RecordingModel, effect: Effect, axis: str | None, around: Surroundings) -> Group:
+    """An effect whose columns are there throughout, with an option for each set of parameters worth trying."""
+    trials = effect.trials(around)
+    columns = [columns_of(model, effect, axis, trial.parameters) for trial in trials]
+    parameters, weights = [dict(trial.parameters) for trial in trials], [trial.weight for trial in trials]
+    if effect.stage == "clock":
+        long = delays(model, columns[0], effect.prior)
+        columns += [one.columns for one in long]
+        parameters += [{} for _ in long]
+        weights = [0.5, *(0.5 * one.weight for one in long)] if long else weights
+    return group_of(effect, axis, columns, parameters, weights)
+
+
+def switched_group(model: RecordingModel, effect: Effect, axis: str | None, around: Surroundings) -> Group:
+    """An effect that is switched on at some time, with an option for each time that is tried."""
+    times, widths, weights, firsts = step_times(model)
+    columns: list[Array] = []
+    parameters: list[Parameters] = []
+    shares: list[float] = []
+    for trial in effect.trials(around):
+        block = switched_columns(model, effect, axis, trial.parameters, firsts)
+        columns += [block[:, [k]] for k in range(times.size)]
+        parameters += [
+            {**trial.parameters, "time_s": float(time), "time_sigma_s": float(width)}
+            for time, width in zip(times, widths, strict=True)
+        ]
+        shares += (trial.weight * weights).tolist()
+    return group_of(effect, axis, columns, parameters, shares)
+
+
+def process_places(
+    model: RecordingModel, effect: Effect
+) -> tuple[Callable[[Mapping[str, Value]], Array], Callable[..., Array]]:
+    """Covariance of a random process where it is seen, by its parameters, and what makes columns of a factor of that."""
+    if effect.on_references:
+        nodes, first = processes.reference_nodes(model)
+        if model.turns_in_observations:
+            return lambda parameters: effect.covariance(nodes, parameters), processes.on_nodes
+        return lambda parameters: processes.averaged(effect.covariance(nodes, parameters), first), processes.on_references
+    cells = processes.cell_times(model)
+    return lambda parameters: effect.covariance(cells, parameters), processes.on_cells
+
+
+def process_groups(model: RecordingModel, effect: Effect, around: Surroundings) -> Iterator[Group]:
+    """A random process about each axis."""
+    trials = effect.trials(around)
+    covariance, make = process_places(model, effect)
+    factors = [processes.factor(covariance(trial.parameters)) for trial in trials]
+    for number, axis in enumerate(effect.axes):
+        columns = [make(model, number, factor) for factor in factors]
+        group = group_of(effect, axis, columns, [dict(t.parameters) for t in trials], [t.weight for t in trials])
+        yield replace(group, process=True)
+
+
+def group_of(
+    effect: Effect, axis: str | None, columns: Sequence[Array], parameters: Sequence[Parameters], weights: Sequence[float]
+) -> Group:
+    """An effect as a group, by its columns at each set of parameters."""
+    return Group(
+        effect=effect.name,
+        axis=axis,
+        listed=True,
+        columns=columns,
+        parameters=parameters,
+        weights=np.array(weights),
+        limits=effect.prior,
+        unit=effect.unit,
+        positive=effect.sign == "positive",
+        weight=effect.weight,
+        read=effect.from_amplitudes,
+    )
+
+
+# ---- the period of a swing -----------------------------------------------------------------------------------------------
+
+
+def scanned_group(model: RecordingModel, effect: Effect, axis: str, found: Found) -> Group:
+    """An effect that swings with any period, with an option for each period that a scan of the data has kept."""
+    options = found[effect.on_references, AXES.index(axis)].options
+    columns = swing_columns(model, effect, axis, np.array([one.frequency for one in options]))
+    parameters = [period_parameters(one.frequency, one.width) for one in options]
+    group = group_of(effect, axis, columns, parameters, [float(np.exp(one.log_weight)) for one in options])
+    # What a size shows grows with the period: the scales are those of all options, not only of the strongest.
+    norms = np.array([max(np.linalg.norm(model.projected(part), axis=0).max(), 1e-300) for part in columns])
+    low, high = max(effect.prior[0], VISIBLE[0] / norms.max()), min(effect.prior[1], VISIBLE[1] / norms.min())
+    return replace(group, scanned=True, scales=spaced(low, high))
+
+
+# ---- unlisted rivals -----------------------------------------------------------------------------------------------------
+
+
+def unlisted_groups(model: RecordingModel, found: Found, effects: Sequence[Effect]) -> Iterator[Group]:
+    """Every discrepancy that is on no list, with an amplitude of any size."""
+    named = [effect.on_references for effect in effects if effect.scanned]
+    for one in repeating.families(model, found, named):
+        yield replace(_rival(one.name, one.axis, one.columns, False), weights=one.weights, scanned=True)
+    for family in unlisted.families(model):
+        yield _rival(family.name, family.axis, family.columns, False)
+    cells, around = processes.cell_times(model), model.around
+    known = [
+        effect.covariance(cells, trial.parameters)
+        for effect in effects
+        if effect.is_process and not effect.on_references and not effect.of_trackers and effect.missing(around) is None
+        for trial in effect.trials(around)
+    ]
+    for process in processes.unlisted(model, known):
+        yield _rival(process.name, process.axis, process.columns, True)
+    for error in trackers.unlisted(model):
+        yield _rival(error.name, error.tracker, error.columns, error.process)
+
+
+def _rival(name: str, axis: str, columns: Sequence[Array], process: bool) -> Group:
+    count = len(columns)
+    return Group(name, axis, False, columns, [{}] * count, np.full(count, 1 / count), (0.0, np.inf), "", process)
