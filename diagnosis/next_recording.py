@@ -311,9 +311,8 @@ def _columns(model: RecordingModel, one: Fitted) -> Array | None:
     """(N, k) whitened columns of a named effect over all recordings; None of one that has none of its own."""
     effect = EFFECTS[one.effect]
     if one.process:
-        covariance, make = process_places(model, effect)
-        factor = processes.factor(covariance(one.parameters))
-        return make(model, AXES.index(str(one.axis)), factor, processes.WHOLE / one.size**2)
+        covariance, places = process_places(model, effect)
+        return processes.whole(places[AXES.index(str(one.axis))], covariance(one.parameters), processes.WHOLE / one.size**2)
     if not effect.has_columns:
         return None
     return columns_of(model, effect, one.axis, one.parameters)

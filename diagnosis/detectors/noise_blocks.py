@@ -48,6 +48,7 @@ ROUNDS = 8  # of finding that mean
 QUANTILES = (0.3, 0.85)  # of the blocks' powers; the few that are far out do not count
 EVEN = 3.0  # sigmas between the levels that they show, at most
 MOVING = 2.0  # sigmas of a motion's power, up to which blocks show none
+BAND = 9  # cosines, a third of those that show the noise, that a motion in one band may have
 FITS = 1e-3  # p-value from which on powers are explained
 
 
@@ -147,6 +148,22 @@ def fitted(powers: Array, blocks: int) -> Fit:
     still = motion < MOVING * white * float(np.sqrt(_LEVEL[1, 1] * variance))
     rise = float(_RISE @ (powers - 1) / np.sqrt(_RISE @ _RISE * variance))
     return Fit(float(white), float(white * np.sqrt(_LEVEL[0, 0] * variance)), bool(fits), bool(still), rise)
+
+
+def outside_bands(powers: Array, expected: float) -> float:
+    """Share of the power above what is expected that is left beside any third of the spectrum, if it were even in it.
+
+    It is one of white noise and 0.77 of readout noise, which have it everywhere. What has it in one band, as a body that shakes
+    with its wheels or its appendages, leaves less than 0.2, which the ends of the blocks spread.
+
+    Parameters
+    ----------
+    powers : (k,) as `powers_of`
+    expected : variance of the white noise that is stated
+    """
+    above = powers / expected - 1
+    inside = np.convolve(above, np.ones(BAND), "valid")
+    return float((above.sum() - inside.max()) / (above.size - BAND) / above.mean())
 
 
 def smooth_errors(powers: Array, blocks: int) -> Array:

@@ -28,8 +28,8 @@ from scipy.special import expit, logit
 
 from diagnosis.detectors.likeness import of_noise
 from diagnosis.detectors.noise_blocks import ORDER as BLOCK_ORDER
-from diagnosis.detectors.noise_blocks import SLOW
-from diagnosis.detectors.noise_in_motion import Level, chance_of, level_in_motion, preciser
+from diagnosis.detectors.noise_blocks import SHOWING, SLOW, blocks_of, outside_bands, powers_of
+from diagnosis.detectors.noise_in_motion import FEWEST_BLOCKS, InMotion, Level, chance_of, level_in_motion, preciser
 from diagnosis.detectors.noise_structure import agree, autocorrelation_of, power_of
 from diagnosis.detectors.readout_noise import AVERAGES, UNDECIDED, Readout, readout
 from diagnosis.detectors.report import AXES, IMPOSSIBLE, SampleReport, SampleTest, Symptom, arcs, consecutive
@@ -50,6 +50,7 @@ SWAY = 3.0  # sigmas from one of a colour that two gyros show
 RESOLVED = 0.34  # variance of the samples in squares of a lattice's step, below which it may be that of a few readings
 OFF_ZERO = 5.0  # sigmas from zero, from which on cutting toward zero is rounding down
 DITHERED = 1.5  # noise sigmas in a step, up to which rounding adds uniform noise, to 1e-3 of the variance (Widrow, 1956)
+ELSEWHERE = 0.3  # share of too much power beside any one band of the spectrum, from which on it is noise of another level
 SLACK = 0.1  # departure of the noise factor that rounding to a few sigmas makes by itself
 
 
@@ -184,6 +185,9 @@ def noise(
         excess = (one.variance - expected) / sigma**2
         factor = float(np.sqrt(max(1 + excess, 1e-6)))
         p = max(in_motion.p_value if in_motion else chance_of(one, expected), IMPOSSIBLE)
+        banded = p < report.event_p and factor > 1 and in_one_band([x[low:high] for low, high in rests], in_motion, expected)
+        if banded:
+            p = 1.0
         # Rounding to a few noise sigmas is not uniform noise.
         if rough[axis] and abs(factor - 1) < SLACK:
             p = 1.0
@@ -194,7 +198,7 @@ def noise(
             )
         )  # fmt: skip
         p_colour = 1.0
-        if np.isfinite(one.colour) and not rough[axis]:
+        if np.isfinite(one.colour) and not rough[axis] and not banded:
             p_colour = max(float(2 * scipy.stats.norm.sf(abs(one.colour - 1) / one.colour_sigma)), IMPOSSIBLE)
             report.tests.append(
                 SampleTest(
@@ -217,6 +221,12 @@ def noise(
                 readings[axis] = reading
                 _read_out(report, axis, reading, factor, min(p, p_colour), sigma, recording.gyro.sample_s, expected)
     _name(report, {axis: one for axis, one in found.items() if axis not in readings}, sigma, alike, undecided)
+
+
+def in_one_band(parts: list[Array], in_motion: InMotion | None, expected: float) -> bool:
+    """Whether the power that runs of samples, or the blocks in motion, have too much of is in one band of the spectrum."""
+    blocks = blocks_of(parts if in_motion is None else in_motion.parts)
+    return len(blocks) >= FEWEST_BLOCKS and outside_bands(powers_of(blocks[:, :SHOWING]), expected) < ELSEWHERE
 
 
 def _white(one: Level) -> float:

@@ -28,7 +28,7 @@ def with_finer_process(model: RecordingModel, linear: LinearModel, member: Membe
     entry, held = linear.candidate(member), linear.option(member)
     beside = _beside(entry, held)
     halfway = [_between(held.parameters, entry.options[one].parameters) for one in beside]
-    covariance, make = process_places(model, effect)
+    covariance, places = process_places(model, effect)
     number, weight, start = AXES.index(str(entry.axis)), held.log_weight - float(np.log(1 + len(halfway))), linear.W.shape[1]
     options, columns, least = list(entry.options), [], processes.WHOLE / float(entry.scales[member.scale]) ** 2
     wanted = [
@@ -37,7 +37,7 @@ def with_finer_process(model: RecordingModel, linear: LinearModel, member: Membe
         *((None, parameters, weight) for parameters in halfway),
     ]
     for place, parameters, own in wanted:
-        columns.append(make(model, number, processes.factor(covariance(parameters)), least))
+        columns.append(processes.whole(places[number], covariance(parameters), least))
         window = held.window if place is None else options[place].window
         made = Option(start, columns[-1].shape[1], own, dict(parameters), window)
         if place is None:
@@ -52,11 +52,11 @@ def with_finer_process(model: RecordingModel, linear: LinearModel, member: Membe
 def with_whole_process(model: RecordingModel, linear: LinearModel, member: Member, effect: Effect) -> LinearModel:
     """The linear model with all columns of a random process that can be seen at a member's scale, at each of its options."""
     entry = linear.candidate(member)
-    covariance, make = process_places(model, effect)
+    covariance, places = process_places(model, effect)
     number, start = AXES.index(str(entry.axis)), linear.W.shape[1]
     options, columns, least = [], [], processes.WHOLE / float(entry.scales[member.scale]) ** 2
     for one in entry.options:
-        columns.append(make(model, number, processes.factor(covariance(one.parameters)), least))
+        columns.append(processes.whole(places[number], covariance(one.parameters), least))
         options.append(replace(one, start=start, count=columns[-1].shape[1]))
         start += columns[-1].shape[1]
     W = np.hstack(columns)

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +18,7 @@ from diagnosis.model import processes, repeating, trackers, unlisted
 from diagnosis.model.late_tags import delays
 from diagnosis.model.linear import VISIBLE, Parameters, exactly, first_amplitude, spaced
 from diagnosis.model.periods import Found
+from diagnosis.model.places import Place
 from diagnosis.model.recording import RecordingModel
 from diagnosis.model.steps import step_times, switched_columns
 from diagnosis.model.swings import columns_of, period_parameters, swing_columns
@@ -121,26 +123,19 @@ def switched_group(model: RecordingModel, effect: Effect, axis: str | None, arou
     return group_of(effect, axis, columns, parameters, shares)
 
 
-def process_places(
-    model: RecordingModel, effect: Effect
-) -> tuple[Callable[[Mapping[str, Value]], Array], Callable[..., Array]]:
-    """Covariance of a random process where it is seen, by its parameters, and what makes columns of a factor of that."""
-    if effect.on_references:
-        nodes, first = processes.reference_nodes(model)
-        if model.turns_in_observations:
-            return lambda parameters: effect.covariance(nodes, parameters), processes.on_nodes
-        return lambda parameters: processes.averaged(effect.covariance(nodes, parameters), first), processes.on_references
-    cells = processes.cell_times(model)
-    return lambda parameters: effect.covariance(cells, parameters), processes.on_cells
+def process_places(model: RecordingModel, effect: Effect) -> tuple[Callable[[Mapping[str, Value]], Array], tuple[Place, ...]]:
+    """Covariance of a random process at the times it is taken at, by its parameters; and where it acts, about each axis."""
+    times = processes.node_times(model) if effect.on_references else processes.cell_times(model)
+    return partial(effect.covariance, times), model.reference_places if effect.on_references else model.cell_places
 
 
 def process_groups(model: RecordingModel, effect: Effect, around: Surroundings) -> Iterator[Group]:
     """A random process about each axis."""
     trials = effect.trials(around)
-    covariance, make = process_places(model, effect)
-    factors = [processes.factor(covariance(trial.parameters)) for trial in trials]
+    covariance, places = process_places(model, effect)
+    covariances = [covariance(trial.parameters) for trial in trials]
     for number, axis in enumerate(effect.axes):
-        columns = [make(model, number, factor) for factor in factors]
+        columns = [processes.usual(places[number], K) for K in covariances]
         group = group_of(effect, axis, columns, [dict(t.parameters) for t in trials], [t.weight for t in trials])
         yield replace(group, process=True)
 

@@ -23,6 +23,7 @@ from diagnosis.model.candidates import placed
 from diagnosis.model.groups import Group
 from diagnosis.model.linear import Fold, LinearModel, Member, Option
 from diagnosis.model.parity import ParityModel
+from diagnosis.model.places import Place
 from diagnosis.model.recording import RecordingModel
 from diagnosis.settings import DiagnosisSettings
 from gyrocal.calibration.observability import PLAUSIBLE_BIAS, PLAUSIBLE_G
@@ -194,13 +195,13 @@ class ArrayModel:
         return out / one.duration_s[:, None]
 
     @cached_property
-    def rival_factors(self) -> tuple[list[Array], Array]:
-        """Factors of the covariances of unlisted errors: correlated over three times, and a level in each interval."""
+    def rival_covariances(self) -> tuple[list[Array], Array]:
+        """Covariances of unlisted errors: correlated over three times, and a level in each interval."""
         at = self.process_times
         longest = max(float(np.ptp(at.t_s[at.interval == k])) for k in np.unique(at.interval))
         together = processes.same(at.interval)
         taus = (longest / 60, longest / 20, longest / 6)
-        return [processes.factor(together * processes.markov(at.t_s, tau)) for tau in taus], processes.factor(together)
+        return [together * processes.markov(at.t_s, tau) for tau in taus], together
 
     def unit_columns(self, gyro: int) -> Array:
         """(N, times) whitened observations of a unit error of one gyro at each time of a process."""
@@ -248,27 +249,27 @@ def array_model(model: ArrayModel, effects: Sequence[Effect], settings: Diagnosi
 def gyro_groups(model: ArrayModel, effects: Sequence[Effect]) -> Iterator[Group]:
     """Effects with columns or a covariance on each gyro, and the unlisted errors of each."""
     here = [effect for effect in effects if effect.missing(model.around) is None]
-    random = {effect.name: _factors(model, effect) for effect in here if effect.is_process}
+    random = {effect.name: _covariances(model, effect) for effect in here if effect.is_process}
     for gyro, name in enumerate(model.parity.gyros.names):
         unit = model.unit_columns(gyro)
-        gram = unit.T @ model.projected(unit)
+        place = Place.of(unit, unit.T @ model.projected(unit))
         for effect in here:
             if effect.has_columns:
                 yield _switched(model, effect, gyro) if effect.switched else _plain(model, effect, gyro)
             elif effect.is_process:
-                columns = [processes.orthogonal(unit, gram, F) for F in random[effect.name]]
+                columns = [processes.usual(place, K) for K in random[effect.name]]
                 trials = effect.trials(model.around)
                 parameters = [dict(trial.parameters) for trial in trials]
                 made = groups.group_of(effect, name, columns, parameters, [trial.weight for trial in trials])
                 yield replace(made, process=True)
-        for words, factors in _rivals(model, gyro):
-            columns = [processes.orthogonal(unit, gram, F) for F in factors]
+        for words, covariances in _rivals(model, gyro):
+            columns = [processes.usual(place, K) for K in covariances]
             shares = np.full(len(columns), 1 / len(columns))
             yield Group(words, name, False, columns, [{}] * len(columns), shares, (0.0, np.inf), "", True)
 
 
-def _factors(model: ArrayModel, effect: Effect) -> list[Array]:
-    return [processes.factor(effect.covariance(model.process_times, trial.parameters)) for trial in effect.trials(model.around)]
+def _covariances(model: ArrayModel, effect: Effect) -> list[Array]:
+    return [effect.covariance(model.process_times, trial.parameters) for trial in effect.trials(model.around)]
 
 
 def _plain(model: ArrayModel, effect: Effect, gyro: int) -> Group:
@@ -295,13 +296,14 @@ def _switched(model: ArrayModel, effect: Effect, gyro: int) -> Group:
 
 def _rivals(model: ArrayModel, gyro: int) -> Iterator[tuple[str, list[Array]]]:
     """Errors of one gyro that are on no list: of any course in time, following its rate, or of a level in each interval."""
-    fast, levels = model.rival_factors
+    fast, levels = model.rival_covariances
     own = model.stream.rates @ model.parity.gyros.K[gyro]
-    rate = np.interp(model.process_times.t_s, model.stream.t_s, own)[:, None]
+    rate = np.interp(model.process_times.t_s, model.stream.t_s, own)
+    along = np.outer(rate, rate)
     yield "random error of a gyro, correlated in time", fast
     yield "bias of a gyro differs between intervals", [levels]
-    yield "scale factor of a gyro differs between intervals", [levels * rate]
-    yield "scale factor of a gyro wanders", [fast[2] * rate]
+    yield "scale factor of a gyro differs between intervals", [levels * along]
+    yield "scale factor of a gyro wanders", [fast[2] * along]
 
 
 # ---- the time of a step --------------------------------------------------------------------------------------------------

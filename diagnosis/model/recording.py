@@ -41,6 +41,7 @@ import numpy as np
 import scipy.linalg
 from numpy.typing import NDArray
 
+from diagnosis.model import places
 from gyrocal.calibration.trackers import Mountings
 from gyrocal.recording import Recording
 from simulator.effects import References, Stream, Surroundings, directions_flown
@@ -52,9 +53,6 @@ Indices = NDArray[np.intp]
 
 MOST_CELLS = 320  # cells of a recording; random processes cost the cube of it
 AT_ONCE = 1024  # columns that are projected together
-NODES = 4  # references of an observation at which a random process is taken
-TURNED = 0.1  # rad, by which a body turns while references are averaged, from which on errors about its axes mix
-FEW_TURNS = 0.01  # share of the observations in which it does, up to which they do not matter
 RANK = 1e-9  # relative size below which a nuisance column adds nothing to the others
 
 
@@ -459,41 +457,17 @@ class RecordingModel:
             out[axis][rows, np.arange(count)[:, None]] = -self.observation_attitude[:, :, axis]
         return np.stack([self.whitened(part) for part in out])
 
-    @cached_property
-    def nodes(self) -> tuple[Indices, Indices]:
-        """Rows of up to `NODES` references of each observation, (q,), and the first of each observation among them (r,).
-
-        A process that changes while references are averaged has less of it in their mean, and no sharp peak of its covariance.
-        """
-        counts = np.concatenate([block.counts for block in self.blocks])
-        first = self.reference_rows_of_observations - counts // 2
-        chosen = [a + np.linspace(0, n - 1, min(n, NODES)).round().astype(np.intp) for a, n in zip(first, counts, strict=True)]
-        return np.concatenate(chosen), np.cumsum([0, *(len(one) for one in chosen[:-1])])
+    # ---- random processes ------------------------------------------------------------------------------------------------
 
     @cached_property
-    def turns_in_observations(self) -> bool:
-        """Whether the body turns while references are averaged, so that an error about one of its axes is about others, too."""
-        rows, first = self.nodes
-        last = np.append(first[1:], rows.size) - 1
-        moved = np.einsum("nij,nij->n", self.at_reference[rows[first]], self.at_reference[rows[last]])  # 1 + 2 cos of the turn
-        return bool(np.mean(moved < 1 + 2 * np.cos(TURNED)) > FEW_TURNS)
+    def cell_places(self) -> tuple[places.Place, ...]:
+        """Where a random error of the rates acts, about each body axis."""
+        return places.of_cells(self)
 
     @cached_property
-    def node_columns(self) -> Array:
-        """(3, N, q) whitened observations of a unit error of each node about each body axis, as the mean over nodes has it."""
-        rows, first = self.nodes
-        counts = np.diff(np.append(first, rows.size))
-        owner = np.repeat(np.arange(first.size), counts)
-        out = np.zeros((3, self.size, rows.size))
-        places = 3 * owner[:, None] + np.arange(3)
-        for axis in range(3):
-            out[axis][places, np.arange(rows.size)[:, None]] = -self.at_reference[rows][:, :, axis] / counts[owner][:, None]
-        return np.stack([self.whitened(part) for part in out])
-
-    @cached_property
-    def node_grams(self) -> Array:
-        """(3, q, q) products of these columns once projected."""
-        return np.stack([part.T @ self.projected(part) for part in self.node_columns])
+    def reference_places(self) -> tuple[places.Place, ...]:
+        """Where a random error of the references acts, about each body axis."""
+        return places.of_references(self)
 
 
 def parameter_errors(raw: Array) -> Array:

@@ -7,7 +7,7 @@ or with mission time, following a rate, at harmonics of the orbit, with a step.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -15,9 +15,10 @@ from numpy.typing import NDArray
 
 from diagnosis.model import processes
 from diagnosis.model.linear import Parameters
+from diagnosis.model.places import Place
 from diagnosis.model.recording import RecordingModel
 from diagnosis.model.swings import columns_of
-from simulator.effects.base import Effect, ProcessTimes, Trackers, Value
+from simulator.effects.base import Effect, ProcessTimes, Trackers
 from simulator.effects.common import harmonic
 from simulator.effects.tracker.base import TrackerEffect
 
@@ -67,7 +68,8 @@ def listed(model: RecordingModel, effect: Effect) -> Iterator[TrackerError]:
             if not own.size:
                 continue
             units = [_unit(model, number, axis, own) for axis in range(ACROSS)]
-            columns = [_of_process(model, units, effect, at, trial.parameters) for trial in trials]
+            places = [Place.of(unit, unit.T @ model.projected(unit)) for unit in units]
+            columns = [_of_process(places, effect.covariance(at, trial.parameters)) for trial in trials]
         yield TrackerError(effect.name, name, columns, parameters, weights, effect.is_process)
 
 
@@ -81,16 +83,15 @@ def unlisted(model: RecordingModel) -> Iterator[TrackerError]:
             continue
         longest = max(float(np.ptp(at.t_s[at.interval == k])) for k in np.unique(at.interval))
         apart = processes.same(at.interval)
-        wander = [processes.factor(apart * processes.markov(at.t_s, max(longest, 1.0) / part)) for part in SLOW]
-        levels = processes.factor(apart)
+        wander = [apart * processes.markov(at.t_s, max(longest, 1.0) / part) for part in SLOW]
         for axis in range(3):
             unit = _unit(model, number, axis, own)
-            gram = unit.T @ model.projected(unit)
-            for words, factors in (
+            place = Place.of(unit, unit.T @ model.projected(unit))
+            for words, covariances in (
                 ("errors of a star tracker correlate in time", wander),
-                ("a star tracker is turned differently in each interval", [levels]),
+                ("a star tracker is turned differently in each interval", [apart]),
             ):
-                columns = [processes.orthogonal(unit, gram, F) for F in factors]
+                columns = [processes.usual(place, K) for K in covariances]
                 yield _rival(words, name, columns, True)
             for words, values in _families(model, seen, number, axis, own, at):
                 yield _rival(words, name, [unit @ part for part in values], False)
@@ -141,11 +142,6 @@ def _unit(model: RecordingModel, number: int, axis: int, own: NDArray[np.intp]) 
     return np.asarray(sum(model.reference_columns[k][:, own] * along[k] for k in range(3)))
 
 
-def _of_process(
-    model: RecordingModel, units: list[Array], effect: Effect, at: ProcessTimes, parameters: Mapping[str, Value]
-) -> Array:
+def _of_process(places: list[Place], K: Array) -> Array:
     """Columns of a process about several axes, of one size and independent."""
-    F = processes.factor(effect.covariance(at, parameters))
-    grams = [unit.T @ model.projected(unit) for unit in units]
-    pairs = zip(units, grams, strict=True)
-    return np.hstack([processes.whole(unit, gram, F) for unit, gram in pairs])
+    return np.hstack([processes.whole(place, K) for place in places])

@@ -4,8 +4,19 @@ import numpy as np
 import pytest
 import scipy.stats
 
-from diagnosis.detectors.noise_blocks import SHOWING, SPREAD, blocks_of, calmest, fitted, has_spike, is_even, powers_of
-from diagnosis.detectors.noise_in_motion import InMotion, Level, level_in_motion, preciser
+from diagnosis.detectors.noise_blocks import (
+    SHOWING,
+    SPREAD,
+    blocks_of,
+    calmest,
+    fitted,
+    has_spike,
+    is_even,
+    outside_bands,
+    powers_of,
+)
+from diagnosis.detectors.noise_in_motion import InMotion, Level, chance_of, level_in_motion, preciser
+from diagnosis.detectors.sample_noise import ELSEWHERE
 
 
 def swing(count, size=1000.0):
@@ -163,3 +174,34 @@ def test_the_rise_has_one_sigma_under_m0():
 def test_the_level_in_motion_is_taken_where_it_is_clearly_more_precise_and_agrees(variance, sigma, taken):
     rest = Level(1.0, 0.1, 1.0, 0.1)
     assert preciser(rest, InMotion(Level(variance, sigma, np.nan, np.nan), 1.0, None, [])) is taken
+
+
+# ---- in one band ---------------------------------------------------------------------------------------------------------
+
+
+def outside(x):
+    return outside_bands(powers_of(blocks_of([x])[:, :SHOWING]), 1.0)
+
+
+def band(rng, count, low, high, power):
+    """Noise in a band of frequencies, in cycles a sample."""
+    spectrum = np.fft.rfft(rng.standard_normal(count))
+    at = np.fft.rfftfreq(count)
+    part = np.fft.irfft(np.where((at > low) & (at < high), spectrum, 0.0), count)
+    return np.sqrt(power) * part / part.std()
+
+
+@pytest.mark.parametrize(("low", "high"), [(0.1, 0.14), (0.25, 0.3), (0.44, 0.5)])
+def test_a_body_that_shakes_in_one_band_has_no_more_noise(low, high):
+    rng = np.random.default_rng(17)
+    x = rng.standard_normal(40_000)
+    assert chance_of(Level(1.2, 0.01, np.nan, np.nan), 1.0) < 1e-20  # what its level would say
+    assert outside(x + band(rng, x.size, low, high, 0.2)) < ELSEWHERE - 0.05
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_white_and_readout_noise_have_more_power_everywhere(seed):
+    rng = np.random.default_rng(seed)
+    x = rng.standard_normal(40_000)
+    assert outside(1.1 * x) > 0.85
+    assert outside(x + np.diff(0.3 * rng.standard_normal(x.size + 1))) > ELSEWHERE + 0.2

@@ -8,9 +8,10 @@ import scipy.stats
 
 from diagnosis.model import linearise, processes
 from diagnosis.model.groups import process_groups
-from diagnosis.model.processes import factor, markov, same
+from diagnosis.model.places import Place, directions, nodes
+from diagnosis.model.processes import markov, same, usual, whole
 from simulator.effects import EFFECTS, ProcessTimes
-from tests.diagnosis.recordings import linear, of_rates, prepared, recorded
+from tests.diagnosis.recordings import linear, prepared, recorded
 
 
 @pytest.fixture(scope="module")
@@ -26,8 +27,6 @@ def test_kernels_by_their_definitions(model):
     K = EFFECTS["bias_random_walk"].covariance(at, {"gaps": "hold"})
     hours = (at.run_s - at.run_s.min()) / 3600
     assert np.allclose(np.diag(K), hours * np.deg2rad(1 / 3600) ** 2)
-    F = factor(K)
-    assert np.allclose(F @ F.T, K, atol=1e-6 * K.max())
 
 
 def test_flicker_has_a_flat_allan_variance_at_its_floor():
@@ -58,7 +57,7 @@ def test_columns_of_a_process_are_orthogonal_and_the_strongest_of_its_covariance
     at = processes.cell_times(model)
     K = markov(at.t_s, tau) * same(at.interval) * np.deg2rad(1e-4) ** 2
     for axis in range(3):
-        C = model.projected(processes.on_cells(model, axis, factor(K)))
+        C = model.projected(usual(model.cell_places[axis], K))
         gram = C.T @ C
         assert np.abs(gram - np.diag(np.diag(gram))).max() < 1e-6 * gram.max()
         assert (np.diff(np.diag(gram)) <= 1e-9 * gram.max()).all()
@@ -68,13 +67,32 @@ def test_columns_of_a_process_are_orthogonal_and_the_strongest_of_its_covariance
 
 
 def test_a_process_of_references_is_the_same_of_their_errors(model):
-    at = processes.reference_times(model)
-    assert at.t_s.size == len(model.observation_t_s)
+    at = processes.node_times(model)
+    assert at.t_s.size == len(model.observation_t_s)  # a reference each
     assert (np.diff(at.run_s) >= 0).all()
     K = markov(at.t_s, 1500.0) * np.deg2rad(0.01) ** 2
-    C = model.projected(processes.on_references(model, 1, factor(K)))
+    C = model.projected(usual(model.reference_places[1], K))
     expected, whole = strongest(model.projected(model.reference_columns[1]), K)
     assert np.abs(C @ C.T - expected).max() < 1e-3 * np.abs(whole).max()
+
+
+def test_all_columns_of_a_process_are_its_covariance():
+    """C K Cᵀ of any columns, a covariance that has a null space, and directions that nuisance parameters hide."""
+    rng = np.random.default_rng(1)
+    C = rng.standard_normal((40, 12))
+    hidden = np.linalg.qr(rng.standard_normal((40, 3)))[0]
+    projected = lambda columns: columns - hidden @ (hidden.T @ columns)  # noqa: E731
+    half = rng.standard_normal((12, 5))
+    K = half @ half.T
+    place = Place.of(C, C.T @ projected(C))
+    X = projected(whole(place, K, 0.0))
+    np.testing.assert_allclose(X @ X.T, projected(C) @ K @ projected(C).T, atol=1e-10)
+    assert X.shape[1] == 5
+    assert np.allclose(X.T @ X, np.diag(np.sum(X**2, axis=0)), atol=1e-9)
+    powers = np.sum(X**2, axis=0)
+    assert whole(place, K, 0.5 * (powers[1] + powers[2])).shape[1] == 2
+    assert whole(place, K, 2 * powers[0]).shape[1] == 1  # one at least
+    assert whole(place, np.zeros((12, 12))).shape[1] == usual(place, np.zeros((12, 12))).shape[1] == 0
 
 
 @pytest.mark.parametrize(
@@ -129,22 +147,24 @@ def test_cells_of_a_coarse_recording_stay_few():
     assert many.cells.first.size < 3 * few.cells.first.size
 
 
-def test_a_process_of_averaged_references_has_the_covariance_of_averages(monkeypatch):
-    """Against the mean over all pairs of references of two observations; at the times of the averages it would be too large."""
+def test_a_process_of_averaged_references_is_that_of_every_reference(monkeypatch):
+    """Covariance of the observations against that of the errors of all references; of one that is fast it is much smaller."""
     recording = recorded(3)
     monkeypatch.setattr(linearise, "MOST_OBSERVATIONS", recording.attitudes.t_s.size // 4)
     model = linearise.linearised(recording, np.eye(3), np.zeros(3))
-    nodes, first = processes.reference_nodes(model)
-    found = processes.averaged(markov(nodes.run_s, 300.0), first)
-    every = model.references.t_s
-    rows = model.reference_rows_of_observations - np.concatenate([block.counts for block in model.blocks]) // 2
-    whole = processes.averaged(markov(every, 300.0), rows)
-    own = model.observation_block
-    within = own[:, None] == own
-    assert found.shape == (len(model.observation_t_s),) * 2
-    np.testing.assert_allclose(found[within], whole[within], atol=0.02)
-    assert np.diag(found).max() <= 1 + 1e-12
-    assert np.median(np.diag(found)) < 0.8
+    every, nodes_s = model.references.t_s, processes.node_times(model).t_s
+    for axis in range(3):
+        error = np.zeros((every.size, 3, every.size))
+        error[:, axis] = np.eye(every.size)
+        unit, place = model.prepared(model.reference_error(error)), model.reference_places[axis]
+        size = {}
+        for tau in (100.0, 1e5):
+            expected = unit @ markov(every, tau) @ unit.T
+            columns = model.projected(place.columns)
+            found = columns @ place.covariance(markov(nodes_s, tau)) @ columns.T
+            assert np.linalg.norm(found - expected) < 0.03 * np.linalg.norm(expected)
+            size[tau] = np.mean(np.diag(place.covariance(markov(nodes_s, tau))))
+        assert size[100.0] < 0.7 * size[1e5]
 
 
 def test_a_walk_goes_on_only_over_gaps_that_leave_it_a_walk():
@@ -162,23 +182,30 @@ def test_a_walk_goes_on_only_over_gaps_that_leave_it_a_walk():
 
 
 def test_errors_of_averaged_references_are_about_the_axes_of_each(monkeypatch):
-    """Columns of the nodes against the error of the residuals that those of single references make."""
+    """Unit errors of the nodes against the error of the residuals that those of single references make."""
     recording = recorded(3, every_s=30.0)
     monkeypatch.setattr(linearise, "MOST_OBSERVATIONS", recording.attitudes.t_s.size // 3)
     model = linearise.linearised(recording, np.eye(3), np.zeros(3))
-    rows, _ = model.nodes
+    rows, _ = nodes(model)
     assert max(block.counts.max() for block in model.blocks) == 3
     sizes = np.random.default_rng(2).standard_normal(rows.size)
     for axis in range(3):
         error = np.zeros((len(model.at_reference), 3, 1))
         error[rows, axis, 0] = sizes
         expected = model.whitened(model.reference_error(error)[:, 0])
-        np.testing.assert_allclose(model.node_columns[axis] @ sizes, expected, atol=1e-9 * np.abs(expected).max())
+        place = model.reference_places[axis]
+        # Directions of up to two hundredths are left out.
+        np.testing.assert_allclose(place.columns @ (place.mean @ sizes), expected, atol=0.02 * np.abs(expected).max())
 
 
-@pytest.mark.parametrize(("turn_deg", "turns"), [(0.0, False), (4.0, False), (20.0, True)])
-def test_turns_between_averaged_references_are_seen(turn_deg, turns, monkeypatch):
-    t_s = 0.5 * np.arange(1200)
-    recording = of_rates(np.deg2rad(turn_deg / 4.0) * np.ones((t_s.size, 3)) / np.sqrt(3), 8, 0.5, 1e-5, 1e-4, 1)
-    monkeypatch.setattr(linearise, "MOST_OBSERVATIONS", recording.attitudes.t_s.size // 2)
-    assert linearise.linearised(recording, np.eye(3), np.zeros(3)).turns_in_observations == turns
+@pytest.mark.parametrize(("turn_deg", "count"), [(0.0, 1), (1.0, 1), (20.0, 2), (150.0, 3)])
+def test_directions_of_errors_of_a_body_that_turns_are_those_that_matter(turn_deg, count):
+    """One where it rests; two of a turn about one axis, and the third of one that tumbles; with all of the errors' mean."""
+    angle = np.deg2rad(turn_deg) * np.linspace(0, 1, 4)
+    along = np.column_stack([np.cos(angle), np.sin(angle), np.sin(angle) ** 2])
+    along /= np.linalg.norm(along, axis=1)[:, None]
+    errors, mean = directions(np.vstack([along, along[:2]]), np.array([0, 4]))
+    assert np.count_nonzero(np.any(errors[:3] != 0, axis=0)) == count
+    assert not np.any(errors[:3, np.any(errors[3:] != 0, axis=0)])
+    np.testing.assert_allclose((errors @ mean.toarray())[:3, :4], along.T / 4, atol=0.02 / np.sqrt(4))
+    np.testing.assert_allclose((errors @ mean.toarray())[3:, 4:], along[:2].T / 2, atol=0.02 / np.sqrt(2))

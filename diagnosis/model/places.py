@@ -1,0 +1,125 @@
+"""Where a random process acts: the observations of unit errors, and what of them is seen once nuisance parameters are out.
+
+Let C (N, c) hold the whitened observations of a unit error at each of c places: a rate error in a cell, or an error of the
+references at an observation. A process of covariance s² K over them adds s² C K Cᵀ to the covariance of the observations. With
+P, the projection that takes the nuisance parameters out, and B (c, g) a root of the products of the projected columns,
+B Bᵀ = Cᵀ P C, let Bᵀ K B = W Λ Wᵀ. Then the columns
+
+    X = C K B W Λ^−½    have    (P X)ᵀ (P X) = Λ    and    (P X)(P X)ᵀ = P C K Cᵀ P
+
+so that they are orthogonal once projected, each of the power λ, and are together the whole process (put B Bᵀ for Cᵀ P C, and
+W Λ Wᵀ for Bᵀ K B). The root depends on the place alone, and each covariance costs one decomposition.
+
+References are averaged to observations. Within one observation the process is taken at a few of its references, the nodes, and
+the body may turn between them. The mean of the errors e_k about one body axis, along u_k in inertial axes, is Σ u_k e_k / n; of
+the three singular directions of [u_1 … u_n]/n those that matter are the unit errors of the observation. Where the body hardly
+turns that is one, the mean itself.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+import scipy.sparse
+from numpy.typing import NDArray
+
+if TYPE_CHECKING:
+    from diagnosis.model.recording import RecordingModel
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.intp]
+
+ROOT = 1e-12  # power of a direction of unit errors beside the strongest, below which nothing is seen of it
+NODES = 4  # references of an observation at which a random process is taken
+# Length of a singular direction beside that of an error that stays along one direction, below which it is left out: what it
+# leaves out of an error that changes over the observation is the square of it.
+ALONG = 0.02
+
+
+@dataclass(frozen=True)
+class Place:
+    """Where a process about one axis acts.
+
+    Attributes
+    ----------
+    columns : (N, c) whitened observations of unit errors
+    root : (c, g) root of the products of the projected columns
+    mean : (c, q) the unit errors of errors at the times of a covariance; None where the times are those of the unit errors
+    """
+
+    columns: Array
+    root: Array
+    mean: scipy.sparse.csr_array | None = None
+
+    @classmethod
+    def of(cls, columns: Array, gram: Array, mean: scipy.sparse.csr_array | None = None) -> Place:
+        """From whitened columns (N, c) and the products of the projected ones (c, c)."""
+        values, vectors = np.linalg.eigh(gram)
+        seen = values > ROOT * max(values[-1], 1e-300)
+        return cls(columns, vectors[:, seen] * np.sqrt(values[seen]), mean)
+
+    def covariance(self, K: Array) -> Array:
+        """Covariance of the unit errors, (c, c), of that at the times of a process, (q, q)."""
+        return K if self.mean is None else np.asarray(self.mean @ (self.mean @ K).T)
+
+    def powers(self, K: Array) -> tuple[Array, Callable[[Indices], Array]]:
+        """Powers of the columns of a process, weakest first, and what makes the columns of some of them; see the module."""
+        moved = self.covariance(K) @ self.root
+        powers, turned = np.linalg.eigh(self.root.T @ moved)
+
+        def columns(kept: Indices) -> Array:
+            return np.asarray(self.columns @ (moved @ (turned[:, kept] / np.sqrt(powers[kept]))))
+
+        return powers, columns
+
+
+def of_cells(model: RecordingModel) -> tuple[Place, ...]:
+    """Of rate errors about each body axis."""
+    return tuple(Place.of(*pair) for pair in zip(model.cell_columns, model.cell_grams, strict=True))
+
+
+def nodes(model: RecordingModel) -> tuple[Indices, Indices]:
+    """Rows of up to `NODES` references of each observation, (q,), and the first of each observation among them (r,).
+
+    A process that changes while references are averaged has less of it in their mean, and no sharp peak of its covariance.
+    """
+    counts = np.concatenate([block.counts for block in model.blocks])
+    first = model.reference_rows_of_observations - counts // 2
+    chosen = [a + np.linspace(0, n - 1, min(n, NODES)).round().astype(np.intp) for a, n in zip(first, counts, strict=True)]
+    return np.concatenate(chosen), np.cumsum([0, *(len(one) for one in chosen[:-1])])
+
+
+def of_references(model: RecordingModel) -> tuple[Place, ...]:
+    """Of errors of the references about each body axis, at the nodes."""
+    rows, first = nodes(model)
+    out = []
+    for axis in range(3):
+        errors, mean = directions(-model.at_reference[rows][:, :, axis], first)
+        columns = model.whitened(errors)
+        out.append(Place.of(columns, columns.T @ model.projected(columns), mean))
+    return tuple(out)
+
+
+def directions(along: Array, first: Indices) -> tuple[Array, scipy.sparse.csr_array]:
+    """Unit errors of the observations, (3r, c), and those of errors at each node (c, q), see the module.
+
+    Parameters
+    ----------
+    along : (q, 3) direction of an error at each node
+    first : (r,) the first node of each observation
+    """
+    counts = np.diff(np.append(first, len(along)))
+    own = first[:, None] + np.arange(counts.max())
+    there = own < (first + counts)[:, None]
+    parts = np.where(there[:, :, None], along[np.minimum(own, len(along) - 1)], 0.0) / counts[:, None, None]
+    U, s, Vt = np.linalg.svd(np.swapaxes(parts, 1, 2), full_matrices=False)  # (r, 3, d), (r, d), (r, d, n)
+    block, which = np.nonzero(s * np.sqrt(counts)[:, None] > ALONG)
+    made = np.arange(block.size)
+    errors = np.zeros((3 * first.size, block.size))
+    errors[3 * block[:, None] + np.arange(3), made[:, None]] = U[block, :, which] * s[block, which][:, None]
+    row, node = np.nonzero(there[block])
+    mean = scipy.sparse.csr_array((Vt[block, which][row, node], (row, own[block][row, node])), shape=(block.size, len(along)))
+    return errors, mean
