@@ -34,6 +34,8 @@ SHOWN_EXPLANATIONS = 12
 WORTH_SHOWING = 1e-4  # probability of an alternative
 KEPT = 0.999  # of the posterior
 TINY = 1e-300
+JUMPS = ("outliers", "noise_constancy", "noise_pattern")  # symptoms that readings make which jump at an edge
+LIKELY = 0.9  # probability of a dead zone, from which on they are its
 WORTH_KEEPING = 1e-6  # probability of an explanation in the details
 
 
@@ -59,8 +61,8 @@ def assembled(
         sigma_bias=sigma[9:],
         baseline_G=model.G,
         baseline_bias=model.bias,
-        motions=notes.of_motions(prepared),
-        notes=(*notes.though_it_fits(prepared, samples, explained, gap), *prepared.notes),
+        motions=(*notes.of_motions(prepared), *notes.of_shaking(samples, prepared)),
+        notes=(*notes.though_it_fits(prepared, samples, explained, gap), *notes.of_rounding(explained), *prepared.notes),
         details=details(prepared, explained, table),
         amplitudes=amplitudes(explained.fitted, explained.covariance),
         blind=blind_spot(model.degrees_of_freedom, model.G, prepared.sigma[:9].reshape(3, 3), model.recording.gyro.apriori_G),
@@ -105,7 +107,7 @@ def answered(
     attribution = explained.attribution
     gap = explained.p_value < settings.false_alarm_rate
     where = [*(one.finding for one in samples), *seen.where]
-    samples = [one for one in samples if not _is_of_a_process(one, explained.fitted)]
+    samples = [one for one in samples if not (_is_of_a_process(one, explained.fitted) or _is_of_a_zone(one, explained))]
     unlisted = any(one.unlisted for one in samples)
     shown = [one.cause(settings) for one in samples if one.effect is not None]
     sure = all(cause.probability >= settings.named for cause in shown)
@@ -190,6 +192,15 @@ def _is_of_a_process(cause: SampleCause, fitted: Sequence[Fitted]) -> bool:
         one.process and ALL_EFFECTS[one.effect].on_references == on_references and cause.symptom.axis in (None, one.axis)
         for one in fitted
     )
+
+
+def _is_of_a_zone(cause: SampleCause, explained: Explained) -> bool:
+    """Whether what a test has seen of a gyro is what the jumps at the edges of its dead zone leave, which the attitude shows."""
+    if cause.symptom.kind not in JUMPS or explained.attribution is None:
+        return False
+    slots = zip(explained.attribution.slots, explained.fitted, strict=True)
+    blind = {one.axis for slot, one in slots if ALL_EFFECTS[one.effect].symptom == "dead_zone" and slot.probability > LIKELY}
+    return cause.symptom.axis in blind
 
 
 def _causes(

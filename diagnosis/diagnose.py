@@ -70,6 +70,7 @@ class Explained:
     left : what M0 leaves of all references, before any averaging
     unseen : without a gap, the probability of M0 and of what is too weak to be told
     closed : how far the gap closes on held-out data
+    rounded : whether what the attitude shows is no more than what rounding to a step beyond the noise leaves
     change, covariance : of the calibration with the named effects in the model, (12,), and of it and their amplitudes
     """
 
@@ -84,6 +85,7 @@ class Explained:
     passed: float = 1.0
     left: tuple[Departure, ...] = ()
     unseen: tuple[Ranked, ...] = ()
+    rounded: bool = False
 
 
 def diagnose(
@@ -175,8 +177,22 @@ def explain(
         linear_model(model, effects, dead, settings, tell=told),
         check, settings, seed, tell, shown_by_passes(prepared.dead), of_all,
     )  # fmt: skip
+    if _is_of_rounding(prepared, explained):
+        explained = replace(explained, attribution=None, fitted=(), checks=(), closed=None, rounded=True)
     change, covariance = calibrated(model, explained.fitted)
     return replace(explained, change=change, covariance=covariance, left=left)
+
+
+def _is_of_rounding(prepared: Prepared, explained: Explained) -> bool:
+    """Whether the attitude shows no more than an error of any course on gyros whose readings have a step beyond their noise.
+
+    Such an error is what rounding leaves: it follows where the rate lies inside a step, which no reading shows.
+    """
+    coarse = {axis for axis, is_coarse in zip("xyz", prepared.samples.lattice, strict=True) if is_coarse}
+    if not coarse or explained.attribution is None:
+        return False
+    random = [one.process and one.axis in coarse and not EFFECTS[one.effect].on_references for one in explained.fitted]
+    return any(random) or not explained.attribution.slots
 
 
 def _left_beside(

@@ -12,7 +12,7 @@ from diagnosis.detectors.spectral_tones import Line
 from diagnosis.model.linearise import linearised
 from diagnosis.model.misfit import innovations
 from diagnosis.model.prepare import Prepared
-from diagnosis.model.symptoms import SampleCause
+from diagnosis.model.symptoms import SHARED, SampleCause
 from diagnosis.settings import DiagnosisSettings
 
 if TYPE_CHECKING:
@@ -48,6 +48,16 @@ def though_it_fits(prepared: Prepared, samples: Sequence[SampleCause], explained
     )
 
 
+def of_rounding(explained: Explained) -> tuple[str, ...]:
+    """That the gap in the attitude is one that rounding leaves, where it is."""
+    if not explained.rounded:
+        return ()
+    return (
+        "The readings have a step beyond their noise. The attitude residuals depart by no more than what that leaves, which "
+        "follows where the rate lies inside a step; another cause of them would not be seen",
+    )
+
+
 def of_checks(explained: Explained) -> tuple[str, ...]:
     """Which checks the likeliest explanation fails, where nothing is named for that."""
     failed = [check for check in explained.checks if check.p_value < 1e-3]
@@ -79,6 +89,17 @@ def of_motions(prepared: Prepared) -> tuple[str, ...]:
             "they are taken for motions of the body, which no reference can confirm: a vibration of the gyro may look the same",
         ),
     )
+
+
+def of_shaking(samples: Sequence[SampleCause], prepared: Prepared) -> Iterator[str]:
+    """That gyros share noise, where that is taken for a motion."""
+    seen = [one for one in prepared.samples.symptoms if one.kind == SHARED]
+    if seen and all(one.symptom.kind != SHARED for one in samples):
+        gyros = sorted({axis for one in seen for axis in str(one.parameters["gyros"])})
+        yield (
+            f"Gyros {', '.join(gyros)} share noise, as on a body that shakes faster than any reference sees; nothing is "
+            "said of the noise of each"
+        )
 
 
 def _of_lines(lines: Sequence[Line], what: str) -> Iterator[str]:

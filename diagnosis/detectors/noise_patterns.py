@@ -123,7 +123,9 @@ def _in_common(report: SampleReport, calms: dict[int, Blocks]) -> None:
         known = any(one.kind == "noise_correlation" for one in report.symptoms)
         if p < report.event_p and min(abs(coefficient), highest * np.sign(coefficient)) > IN_COMMON and not known:
             error = float(1 / np.sqrt(x.size))
-            report.symptoms.append(Symptom("noise_correlation", None, coefficient, "of the noise", error, {}, p, text))
+            report.symptoms.append(
+                Symptom("noise_correlation", None, coefficient, "of the noise", error, {"gyros": pair}, p, text)
+            )
 
 
 def _correlation(x: Array, y: Array) -> float:

@@ -106,7 +106,9 @@ def together(report: SampleReport, recording: Recording, quiet: Mask) -> None:
         report.tests.append(SampleTest("noise_correlation", pair, coefficient, 0.0, p, "noise_correlation", text))
         if p < report.event_p and abs(coefficient) > NOTABLE:
             error = float(np.sqrt(AUTOCORRELATION / len(d)))
-            report.symptoms.append(Symptom("noise_correlation", None, coefficient, "of the noise", error, {}, p, text))
+            report.symptoms.append(
+                Symptom("noise_correlation", None, coefficient, "of the noise", error, {"gyros": pair}, p, text)
+            )
 
 
 def constancy(report: SampleReport, recording: Recording, used: Mask) -> None:

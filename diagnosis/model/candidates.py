@@ -157,7 +157,7 @@ def ordered(
         candidates.append(
             Candidate(
                 group.effect, group.axis, group.listed, prior, tuple(options), scales, group.unit, group.process,
-                group.positive, group.log_odds, group.read, group.size_sigma, group.shifted, group.scanned,
+                group.positive, group.log_odds, group.read, group.size_sigma, group.shifted, group.scanned, group.roughness,
             )
         )  # fmt: skip
     return tuple(candidates), columns

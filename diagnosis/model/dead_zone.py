@@ -32,6 +32,8 @@ SCALES = (0.03, 10.0)  # of the amplitudes, in usual rates
 MOST_ODDS = 4.0  # that rests may give it: their model of the motion is a rough one, and the attitude must show it
 MOST_PASSED = 25.0  # the same of passes through the zone
 TRIALS = 3  # gyros
+# Of the power of what a zone hides: a motion has a course of its own in each passage, and these have a level and a slope.
+ROUGHNESS = 0.02
 LEAST_ODDS = -10.0  # that they may hold against it
 
 
@@ -123,6 +125,7 @@ def _group(model: RecordingModel, one: DeadZoneEvidence, effect: Effect) -> Grou
         log_odds=float(np.clip(one.log_odds, LEAST_ODDS, MOST_PASSED if one.passed else MOST_ODDS)),
         read=read,
         size_sigma=lambda size: half_width_sigma(one, size),
+        roughness=ROUGHNESS,
         loudest=np.inf,  # each of hundreds of amplitudes is that large, and a smaller scale would hold all of them back
     )
 

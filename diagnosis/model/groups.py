@@ -35,7 +35,7 @@ class Group:
 
     Attributes
     ----------
-    effect, axis, listed, unit, process, positive, log_odds, read, size_sigma, shifted, scanned : as in `Candidate`
+    effect, axis, listed, unit, process, positive, log_odds, read, size_sigma, shifted, scanned, roughness : as in `Candidate`
     columns : per option (N, k) whitened columns
     parameters : per option
     weights : (o,) prior share of each option
@@ -63,6 +63,7 @@ class Group:
     scales: Array | None = None
     scanned: bool = False
     loudest: float = VISIBLE[1]
+    roughness: float = 0.0
 
 
 # ---- listed effects ------------------------------------------------------------------------------------------------------
@@ -125,7 +126,7 @@ def switched_group(model: RecordingModel, effect: Effect, axis: str | None, arou
 
 def process_places(model: RecordingModel, effect: Effect) -> tuple[Callable[[Mapping[str, Value]], Array], tuple[Place, ...]]:
     """Covariance of a random process at the times it is taken at, by its parameters; and where it acts, about each axis."""
-    times = processes.node_times(model) if effect.on_references else processes.cell_times(model)
+    times = processes.node_times(model) if effect.on_references else processes.part_times(model)
     return partial(effect.covariance, times), model.reference_places if effect.on_references else model.cell_places
 
 
@@ -133,10 +134,13 @@ def process_groups(model: RecordingModel, effect: Effect, around: Surroundings) 
     """A random process about each axis."""
     trials = effect.trials(around)
     covariance, places = process_places(model, effect)
-    covariances = [covariance(trial.parameters) for trial in trials]
-    for number, axis in enumerate(effect.axes):
-        columns = [processes.usual(places[number], K) for K in covariances]
-        group = group_of(effect, axis, columns, [dict(t.parameters) for t in trials], [t.weight for t in trials])
+    columns: dict[str, list[Array]] = {axis: [] for axis in effect.axes}
+    for trial in trials:
+        K = covariance(trial.parameters)  # one at a time: there may be two thousand times
+        for place, made in zip(places, columns.values(), strict=True):
+            made.append(processes.usual(place, K))
+    for axis, made in columns.items():
+        group = group_of(effect, axis, made, [dict(t.parameters) for t in trials], [t.weight for t in trials])
         yield replace(group, process=True)
 
 

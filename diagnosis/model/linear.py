@@ -94,6 +94,7 @@ class Candidate:
     shifted : whether the last column of each option is a shift; `read` gets the other amplitudes
     scanned : whether its options are those periods of a sine, of all that were tried, which a scan has found to explain most:
         their prior shares add up to less than one, and phases of different options do not compare
+    roughness : power of what its columns may leave of its errors, beside that of what they explain
     """
 
     effect: str
@@ -110,6 +111,7 @@ class Candidate:
     size_sigma: Callable[[float], float] = exactly
     shifted: bool = False
     scanned: bool = False
+    roughness: float = 0.0
 
     @property
     def label(self) -> str:

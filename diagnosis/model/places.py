@@ -10,6 +10,9 @@ B Bᵀ = Cᵀ P C, let Bᵀ K B = W Λ Wᵀ. Then the columns
 so that they are orthogonal once projected, each of the power λ, and are together the whole process (put B Bᵀ for Cᵀ P C, and
 W Λ Wᵀ for Bᵀ K B). The root depends on the place alone, and each covariance costs one decomposition.
 
+A cell may be longer than a process keeps its value, and the body may turn in it. Its rate errors are taken in a few parts; what
+they are together in each of three inertial directions is all that is seen of them once the cell is over.
+
 References are averaged to observations. Within one observation the process is taken at a few of its references, the nodes, and
 the body may turn between them. The mean of the errors e_k about one body axis, along u_k in inertial axes, is Σ u_k e_k / n; of
 the three singular directions of [u_1 … u_n]/n those that matter are the unit errors of the observation. Where the body hardly
@@ -33,6 +36,7 @@ Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
 
 ROOT = 1e-12  # power of a direction of unit errors beside the strongest, below which nothing is seen of it
+PARTS = 3  # of a cell, at which a random process is taken
 NODES = 4  # references of an observation at which a random process is taken
 # Length of a singular direction beside that of an error that stays along one direction, below which it is left out: what it
 # leaves out of an error that changes over the observation is the square of it.
@@ -76,9 +80,31 @@ class Place:
         return powers, columns
 
 
+def cell_parts(model: RecordingModel) -> tuple[Indices, Indices]:
+    """First step of each part of the cells, (q,), and the first part of each cell among them (c,)."""
+    cells = model.cells
+    counts = np.minimum(cells.last - cells.first, PARTS)
+    first = np.cumsum(np.append(0, counts[:-1]))
+    number = np.arange(counts.sum()) - np.repeat(first, counts)
+    steps = np.repeat(cells.last - cells.first, counts)
+    return np.repeat(cells.first, counts) + number * steps // np.repeat(counts, counts), first
+
+
 def of_cells(model: RecordingModel) -> tuple[Place, ...]:
-    """Of rate errors about each body axis."""
-    return tuple(Place.of(*pair) for pair in zip(model.cell_columns, model.cell_grams, strict=True))
+    """Of rate errors about each body axis, in the parts of the cells."""
+    cells, (parts, first) = model.cells, cell_parts(model)
+    turned = np.add.reduceat(model.to_inertial * model.dt[:, None, None], parts, axis=0)  # (q, inertial, body)
+    counts = np.diff(np.append(first, parts.size))
+    turned *= np.repeat(counts / cells.duration_s, counts)[:, None, None]
+    passed = model.passed
+    out = []
+    for axis in range(3):
+        errors, mean = directions(turned[:, :, axis], first)
+        own = np.argmax(np.any(errors.reshape(first.size, 3, -1) != 0, axis=1), axis=0)  # the cell of each unit error
+        along = errors.reshape(first.size, 3, -1)[own, :, np.arange(own.size)] * cells.duration_s[own, None]
+        columns = model.whitened((passed[:, None, own] * along.T).reshape(model.size, -1))
+        out.append(Place.of(columns, columns.T @ model.projected(columns), mean))
+    return tuple(out)
 
 
 def nodes(model: RecordingModel) -> tuple[Indices, Indices]:

@@ -17,7 +17,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from diagnosis.model.places import Place, nodes
+from diagnosis.model.places import Place, cell_parts, nodes
 from diagnosis.model.recording import RecordingModel
 from simulator.effects.base import ProcessTimes
 
@@ -55,6 +55,17 @@ def cell_times(model: RecordingModel) -> ProcessTimes:
     """Times of the cells, for a process of the rates."""
     cells = model.cells
     return ProcessTimes(t_s=cells.t_s, run_s=cells.run_s, interval=cells.interval)
+
+
+def part_times(model: RecordingModel) -> ProcessTimes:
+    """Times of the parts of the cells, see `diagnosis.model.places`."""
+    first, cell = cell_parts(model)
+    last = np.append(first[1:], 0)
+    last[np.append(cell[1:] - 1, first.size - 1)] = model.cells.last
+    counts = np.diff(np.append(cell, first.size))
+    t_s = 0.5 * (model.t_s[first] + model.t_s[last - 1])
+    began = np.repeat(model.cells.run_s - model.cells.t_s, counts)
+    return ProcessTimes(t_s=t_s, run_s=began + t_s, interval=np.repeat(model.cells.interval, counts))
 
 
 def reference_times(model: RecordingModel) -> ProcessTimes:
@@ -126,20 +137,21 @@ def unlisted(model: RecordingModel, known: Sequence[Array] = ()) -> Iterator[Pro
     model : of the recording
     known : covariances over the cells of processes of the rates that are on the list: a rival is something else
     """
-    cells = model.cells
+    cells, at = cell_times(model), part_times(model)
+    first, _ = cell_parts(model)
     longest = max(float(block.elapsed_s[-1]) for block in model.blocks)
-    w = np.add.reduceat(model.rates * model.dt[:, None], cells.first, axis=0) / cells.duration_s[:, None]
-    separate = same(cells.interval)
-    wandering = [separate * markov(cells.t_s, tau) for tau in (longest / 60, longest / 20, longest / 6)]
-    fast = [K for K in wandering if not is_one_of(K, known)]
+    w = np.add.reduceat(model.rates * model.dt[:, None], first, axis=0) / np.add.reduceat(model.dt, first)[:, None]
+    separate, taus = same(at.interval), (longest / 60, longest / 20, longest / 6)
+    new = [tau for tau in taus if not is_one_of(same(cells.interval) * markov(cells.t_s, tau), known)]
+    slow = separate * markov(at.t_s, taus[-1])
     along = [np.outer(w[:, other], w[:, other]) for other in range(3)]
     offsets = np.deg2rad(1.0) ** 2 * same(node_times(model).interval)
     for axis, name in enumerate(AXES):
         for words, covariances in (
-            ("random bias, correlated in time", fast),
+            ("random bias, correlated in time", [separate * markov(at.t_s, tau) for tau in new]),
             ("bias differs between intervals", [separate]),
             ("scale factor or misalignment differs between intervals", [separate * one for one in along]),
-            ("scale factor or misalignment wanders", [wandering[-1] * one for one in along]),
+            ("scale factor or misalignment wanders", [slow * one for one in along]),
         ):
             if covariances:
                 yield Process(words, name, [usual(model.cell_places[axis], K) for K in covariances])

@@ -422,20 +422,22 @@ class RecordingModel:
         return Cells(interval, first, last, 0.5 * (self.t_s[first] + self.t_s[last - 1]), run, lengths)
 
     @cached_property
-    def cell_columns(self) -> Array:
-        """(3, N, c) whitened observations of a unit rate error about each body axis in each cell."""
-        turned = np.add.reduceat(self.to_inertial * self.dt[:, None, None], self.cells.first, axis=0)  # (c, inertial, body)
-        count = len(turned)
-        out = np.zeros((3, self.size, count))
+    def passed(self) -> Array:
+        """(r, c) share of each cell that has passed at each observation."""
+        out = np.zeros((self.size // 3, self.cells.first.size))
         for number, block in enumerate(self.blocks):
             inside = np.flatnonzero(self.cells.interval == number)
             first, last = self.cells.first[inside] - block.steps.start, self.cells.last[inside] - block.steps.start
-            # Share of each cell that has passed at each reference, (m, cells inside).
             share = block.observed(np.clip((block.ends[:, None] - first) / (last - first), 0.0, 1.0))
-            for axis in range(3):
-                part = share[:, None, :] * turned[inside, :, axis].T[None]
-                out[axis][np.ix_(np.arange(block.rows.start, block.rows.stop), inside)] = part.reshape(-1, inside.size)
-        return np.stack([self.whitened(part) for part in out])
+            out[np.ix_(np.arange(block.rows.start // 3, block.rows.stop // 3), inside)] = share
+        return out
+
+    @cached_property
+    def cell_columns(self) -> Array:
+        """(3, N, c) whitened observations of a unit rate error about each body axis in each cell."""
+        turned = np.add.reduceat(self.to_inertial * self.dt[:, None, None], self.cells.first, axis=0)  # (c, inertial, body)
+        made = (self.passed[:, None, :] * turned[:, :, axis].T for axis in range(3))
+        return np.stack([self.whitened(part.reshape(self.size, -1)) for part in made])
 
     @cached_property
     def cell_grams(self) -> Array:

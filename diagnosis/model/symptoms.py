@@ -23,6 +23,8 @@ from simulator.effects.base import Detection, Effect, SampleView
 from simulator.effects.recorded import interval_slices
 
 AXES = "xyz"
+SHARED = "noise_correlation"
+OF_NOISE = ("white_noise_level", "readout_noise", "noise_colour", "slow_noise", "noise_constancy", "noise_pattern")
 CHANCE = 1e3  # tests and looks that the p-value of one symptom is corrected for
 
 
@@ -89,6 +91,7 @@ def claimed(
 ) -> tuple[SampleCause, ...]:
     """Symptoms with the effects that claim them, and what the effects' own tests find."""
     claims: dict[str | None, str] = {effect.symptom: effect.name for effect in effects if effect.symptom is not None}
+    symptoms = symptoms if SHARED in claims else without_shaking(symptoms)
     detected = {
         effect: [one for one in effect.detect(view) if one.p_value < settings.sample_event]
         for effect in effects
@@ -109,6 +112,20 @@ def claimed(
         if one.kind not in covered
     ]
     return (*found, *(_detected(one) for own in detected.values() for one in own))
+
+
+def without_shaking(symptoms: Sequence[Symptom]) -> list[Symptom]:
+    """Symptoms without noise that gyros have in common, and what it does to the noise of each of them.
+
+    A body that shakes faster than any reference sees turns all of its gyros. What they have in common is taken for that, and
+    nothing is said of their noise, unless an effect on the list makes it.
+    """
+    shaken = {axis for one in symptoms if one.kind == SHARED for axis in str(one.parameters["gyros"])}
+    return [
+        one
+        for one in symptoms
+        if one.kind != SHARED and not (one.kind in OF_NOISE and shaken & (set(AXES) if one.axis is None else {one.axis}))
+    ]
 
 
 def _rivals(symptom: Symptom, claims: Mapping[str | None, str]) -> tuple[tuple[str, float], ...]:

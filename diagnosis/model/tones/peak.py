@@ -1,8 +1,9 @@
 """The frequency at which the innovations of all references have a tone that their averages do not show.
 
 Under white noise the power of n innovations at a frequency is exponential, and its sum over some intervals has a gamma
-distribution with a shape of one for each. Noise that is not white has another level at each frequency: a tone stands out of the
-median of those around it as well.
+distribution with a shape of one for each. An interval counts up to half the rate of its own references: beyond that it shows
+its slow errors once more. Noise that is not white has another level at each frequency: a tone stands out of the median of those
+around it as well.
 """
 
 from __future__ import annotations
@@ -43,6 +44,7 @@ def strongest(model: RecordingModel, p_least: float) -> Peak | None:
     parts = [own for own in (np.flatnonzero(interval == k) for k in np.unique(interval)) if own.size >= SHORTEST]
     if not parts:
         return None
+    spacings = [float(np.median(np.diff(t_s[own]))) for own in parts]
     spacing = float(np.median(np.concatenate([np.diff(t_s[own]) for own in parts])))
     longest = max(float(np.ptp(t_s[own])) for own in parts)
     step = 0.5 / longest
@@ -51,12 +53,16 @@ def strongest(model: RecordingModel, p_least: float) -> Peak | None:
     fast = frequencies > 1 / (SLOW * averages)
     if not fast.any():
         return None
-    power = np.sum([powers(e[own], t_s[own], frequencies) for own in parts], axis=0)
-    wide = min(2 * AROUND + 1, len(power))
-    around = scipy.ndimage.median_filter(power, size=(wide, 1), mode="nearest") / scipy.stats.gamma(len(parts)).median()
-    level = np.maximum(around, power.mean(axis=0) / len(parts))  # the noise around it, where it is not white
-    log_p = scipy.stats.gamma.logsf(power / level, len(parts)) + np.log(power.size)
-    log_p[~fast] = 0.0
+    power, count = np.zeros((frequencies.size, 3)), np.zeros((frequencies.size, 1))
+    for own, its in zip(parts, spacings, strict=True):
+        shown = int(np.searchsorted(frequencies, 0.5 / its + 0.5 * step))
+        power[:shown] += powers(e[own], t_s[own], frequencies[:shown])
+        count[:shown] += 1
+    noise = scipy.stats.gamma(np.maximum(count, 1))  # of white noise of variance one
+    around = scipy.ndimage.median_filter(power / noise.median(), size=(min(2 * AROUND + 1, len(power)), 1), mode="nearest")
+    level = np.maximum(around, power.sum(axis=0) / count.sum())  # the noise around it, where it is not white
+    log_p = noise.logsf(power / level) + np.log(power.size)
+    log_p[~fast | (count[:, 0] == 0)] = 0.0
     place = int(np.argmin(log_p.min(axis=1)))
     p = float(np.exp(min(log_p[place].min(), 0.0)))
     return Peak(float(frequencies[place]), step, max(p, TINY)) if p < p_least else None
