@@ -195,7 +195,7 @@ def _is_of_a_process(cause: SampleCause, fitted: Sequence[Fitted]) -> bool:
 
 
 def _is_of_a_zone(cause: SampleCause, explained: Explained) -> bool:
-    """Whether what a test has seen of a gyro is what the jumps at the edges of its dead zone leave, which the attitude shows."""
+    """Whether what a test has seen of a gyro is what jumps at the edges of its dead zone leave, which the attitude shows."""
     if cause.symptom.kind not in JUMPS or explained.attribution is None:
         return False
     slots = zip(explained.attribution.slots, explained.fitted, strict=True)

@@ -107,15 +107,6 @@ def readout_of(x: Array, usable: list[tuple[int, int]], expected: float) -> Read
     return readout(np.array(powers), np.array(errors), share, expected)
 
 
-def _at_rest(x: Array, rests: list[tuple[int, int]], expected: float) -> Readout | None:
-    """Readout noise at rest; where a body still rings, means of several samples hold its motion, and the calm blocks say it."""
-    found = readout_of(x, rests, expected)
-    if found is not None:
-        return found
-    calm = level_in_motion(x, rests, expected)
-    return None if calm is None else calm.reading
-
-
 def _differences(x: Array, order: int) -> Array:
     """Differences along the first axis."""
     return np.diff(x, order, axis=0)
@@ -223,7 +214,11 @@ def noise(
                 behaves = of_noise(in_motion.parts, BLOCK_ORDER)
             alike[axis] = min(1.0, 2 * min(behaves, _white(one)))
         if p < report.event_p and factor > 1 and not rough[axis]:
-            reading = in_motion.reading if in_motion else _at_rest(x, rests, expected)
+            reading = in_motion.reading if in_motion else readout_of(x, rests, expected)
+            if reading is None and p_colour < report.event_p:
+                # Where a body still rings, means of several samples hold its motion, and the calm blocks say it.
+                calm = level_in_motion(x, rests, expected)
+                reading = None if calm is None else calm.reading
             if reading is not None and reading.probability < 0.5:
                 undecided[axis] = reading.probability
             elif reading is not None:
