@@ -8,6 +8,7 @@ import pytest
 
 from diagnosis.diagnose import diagnose
 from diagnosis.model.linearise import linearised
+from diagnosis.model.tones import peak
 from diagnosis.model.tones.fast import fast_tone
 from diagnosis.model.tones.fit import Fit, aliases_of
 from diagnosis.model.tones.peak import strongest
@@ -130,3 +131,19 @@ def test_a_listed_way_is_taken_out_where_the_unlisted_are_likelier_than_each():
     assert symptom.probability == pytest.approx(0.62)
     assert symptom.rivals == ((BIAS, pytest.approx(0.30 / 0.62)),)
     assert tone.symptom(0.02, 0.3).kind == UNLISTED
+
+
+def test_slow_errors_are_no_tone_of_an_interval_with_few_references(monkeypatch):
+    """At the rate of its own references an interval shows its slow errors once more, where others have faster references."""
+    model = model_of()
+    e, later, taken = peak.innovations(model)
+    later = np.flatnonzero(later) if later.dtype == bool else later
+    few = model.interval_of_reference[later] == 0
+    kept = ~few | (np.arange(later.size) % 8 == 0)
+    drift = np.where(few, np.linspace(-8, 8, later.size), 0.0)[:, None]
+    own, t_s = few & kept, model.references.t_s[later]
+    assert (~few).any()
+    assert peak.powers((e + drift)[own], t_s[own], 1 / (8 * EVERY) + np.linspace(-2e-3, 2e-3, 9)).max() > 30
+    monkeypatch.setattr(peak, "innovations", lambda model: ((e + drift)[kept], later[kept], taken))
+    found = strongest(model, 2.0)
+    assert found is None or found.p_value > 1e-3
