@@ -11,7 +11,6 @@ from dataclasses import replace
 from typing import Literal
 
 import numpy as np
-import scipy.stats
 from numpy.typing import NDArray
 
 from diagnosis.detectors.deadzone import DeadZoneEvidence, dead_zone_evidence, of_zero_samples, usual_slow_rate
@@ -33,7 +32,6 @@ Array = NDArray[np.float64]
 
 AXES = "xyz"
 CLEARLY = 12.0  # of χ², by which the attitude decides how readings came onto a lattice
-USUAL = 0.05  # p-value of the attitude residuals, down to which the errors of a coarse lattice explain them
 UNSEEN = 0.5  # of its plausible range: a parameter less certain than that is not observed
 
 
@@ -67,8 +65,6 @@ def prepare(recording: Recording, settings: DiagnosisSettings = DEFAULT, tell: P
                 replace(one, rivals=(("lattice_cut", 0.5),)) if one.kind == "lattice_rounded" else one
                 for one in report.symptoms
             ]
-    if report.lattice.any():
-        model, sigma = _as_rounded(recording, report, model, sigma, pieces)
     dead = _dead(recording, report, model.bias)
     found = judge(Unjudged(recording, report, model, sigma, pieces, dead), settings, tell)
     return replace(found, notes=_notes(recording, pieces, found.sigma))
@@ -117,28 +113,6 @@ def _first(recording: Recording, report: SampleReport) -> tuple[RecordingModel, 
     if not pieces:
         raise InputError("no two reference attitudes are left with unclipped gyro samples between them")
     return *baseline(recording, report, pieces, recording.attitudes.sigma), pieces
-
-
-def _as_rounded(
-    recording: Recording, report: SampleReport, model: RecordingModel, sigma: Array, pieces: tuple[Interval, ...]
-) -> tuple[RecordingModel, Array]:
-    """The model with errors of readings on a coarse lattice that keep their sign for as long as the attitude says.
-
-    An error of variance v that stays for T turns the attitude as white noise of the density v T does. T depends on the motion
-    inside a step, which the readings do not show; it is the least one that leaves the usual χ², and at most from one reference
-    to the next, with half a step of error. What else is at work on that gyro is seen beside that only.
-    """
-    steps = {one.axis: np.deg2rad(one.size) for one in report.symptoms if one.kind.startswith("lattice")}
-    spacing = float(np.median(np.concatenate([np.diff(np.unique(block.elapsed_s)) for block in model.blocks])))
-    most = np.array([steps.get(axis, steps.get(None, 0.0)) ** 2 / 4 * spacing for axis in AXES])
-    usual = float(scipy.stats.chi2(model.degrees_of_freedom).isf(USUAL))
-    while _misfit(model) > usual:
-        raised = np.where(report.lattice & (report.density < most), np.minimum(2 * report.density, most), report.density)
-        if np.array_equal(raised, report.density):
-            break
-        report.density = raised
-        model, sigma = baseline(recording, report, pieces, recording.attitudes.sigma)
-    return model, sigma
 
 
 def _misfit(model: RecordingModel) -> float:
