@@ -54,6 +54,8 @@ from simulator.effects.sensor import ALL_EFFECTS, SENSOR_EFFECTS
 
 Array = NDArray[np.float64]
 
+OF_ITS_OWN = 0.5  # probability of an effect with a shape, from which on a coarse lattice does not explain all
+
 
 @dataclass(frozen=True)
 class Explained:
@@ -186,13 +188,18 @@ def explain(
 def _is_of_rounding(prepared: Prepared, explained: Explained) -> bool:
     """Whether the attitude shows no more than an error of any course on gyros whose readings have a step beyond their noise.
 
-    Such an error is what rounding leaves: it follows where the rate lies inside a step, which no reading shows.
+    Such an error is what rounding leaves: it follows where the rate lies inside a step, which no reading shows. An effect with
+    a shape of its own that most explanations hold is more than that.
     """
     coarse = {axis for axis, is_coarse in zip("xyz", prepared.samples.lattice, strict=True) if is_coarse}
-    if not coarse or explained.attribution is None:
+    attribution = explained.attribution
+    if not coarse or attribution is None:
         return False
-    random = [one.process and one.axis in coarse and not EFFECTS[one.effect].on_references for one in explained.fitted]
-    return any(random) or not explained.attribution.slots
+    if attribution.slots:
+        return all(one.process and one.axis in coarse and not EFFECTS[one.effect].on_references for one in explained.fitted)
+    shaped = {one.label for one in explained.linear.candidates if one.listed and not one.process}
+    shares = [sum(one.probability for one in attribution.ranked if label in one.labels) for label in shaped]
+    return max(shares, default=0.0) < OF_ITS_OWN
 
 
 def _left_beside(

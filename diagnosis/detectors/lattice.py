@@ -114,7 +114,7 @@ def undone(x: Array, sample_s: float, step: float, sigma: float, kind: Kind) -> 
     factor = np.where(moving, 1.0, 1.0 / np.clip(slope, LEAST_SLOPE, 1.0) ** 2)
     # On a flat stair the rate may be anywhere in between, and stay there for as long as the reading does.
     flat = ~moving & (slope < HIDDEN)
-    hidden = np.where(flat, step**2 / 12 * stays_s(np.where(flat, np.round(mean / step), np.nan), sample_s), 0.0)
+    hidden = np.where(flat, step**2 / 12 * MEAN_S, 0.0)
     width = step * np.where((kind == "cut") & (counts == 0), 2.0, 1.0)
     turning = np.where(moving, width**2 / 12 * (held_s(counts, sample_s) - sample_s), 0.0)
     return x + np.where(moving, half, true - mean), factor, hidden + turning
