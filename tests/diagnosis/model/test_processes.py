@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 import scipy.stats
 
-from diagnosis.model import linearise, processes
+from diagnosis.model import linearise, places, processes
 from diagnosis.model.groups import process_groups
 from diagnosis.model.places import Place, cell_parts, directions, nodes
 from diagnosis.model.processes import markov, same, usual, whole
 from simulator.effects import EFFECTS, ProcessTimes
-from tests.diagnosis.recordings import linear, prepared, recorded
+from tests.diagnosis.recordings import linear, of_rates, prepared, recorded
 
 
 @pytest.fixture(scope="module")
@@ -222,3 +222,28 @@ def test_directions_of_errors_of_a_body_that_turns_are_those_that_matter(turn_de
     assert not np.any(errors[:3, np.any(errors[3:] != 0, axis=0)])
     np.testing.assert_allclose((errors @ mean.toarray())[:3, :4], along.T / 4, atol=0.02 / np.sqrt(4))
     np.testing.assert_allclose((errors @ mean.toarray())[3:, 4:], along[:2].T / 2, atol=0.02 / np.sqrt(2))
+
+
+def test_an_error_that_changes_within_a_cell_of_a_spinning_body_has_its_covariance(monkeypatch):
+    """Two turns a cell and a process that forgets within it: what a level in each cell would show is another thing."""
+    monkeypatch.setattr(places, "PARTS", 12)
+    t_s = np.arange(4000) * 0.5
+    rates = np.zeros((t_s.size, 3))
+    rates[:, 2] = 2 * np.pi / 5.0
+    recording = of_rates(rates, 100, 0.5, 1e-6, 1e-4, 1)
+    model = linearise.linearised(recording, np.eye(3), np.zeros(3))
+    tau, steps = 5.0, 2000
+    own = slice(0, steps)
+    error = np.zeros((model.t_s.size, 3, steps))
+    error[np.arange(steps), 0, np.arange(steps)] = 1.0
+    unit = model.whitened(model.rate_error(error))
+    expected = unit @ markov(model.t_s[own], tau) @ unit.T
+    first, _ = cell_parts(model)
+    inside = first < steps
+    place = model.cell_places[0]
+    K = place.covariance(markov(processes.part_times(model).t_s, tau) * np.outer(inside, inside))
+    assert np.linalg.norm(place.columns @ K @ place.columns.T - expected) < 0.05 * np.linalg.norm(expected)
+    cells = model.cells
+    early = cells.first < steps
+    level = model.cell_columns[0] @ (markov(cells.t_s, tau) * np.outer(early, early)) @ model.cell_columns[0].T
+    assert np.linalg.norm(level - expected) > 0.3 * np.linalg.norm(expected)
