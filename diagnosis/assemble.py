@@ -35,7 +35,6 @@ WORTH_SHOWING = 1e-4  # probability of an alternative
 KEPT = 0.999  # of the posterior
 TINY = 1e-300
 JUMPS = ("outliers", "noise_constancy", "noise_pattern")  # symptoms that readings make which jump at an edge
-LIKELY = 0.9  # probability of a dead zone, from which on they are its
 WORTH_KEEPING = 1e-6  # probability of an explanation in the details
 
 
@@ -107,7 +106,9 @@ def answered(
     attribution = explained.attribution
     gap = explained.p_value < settings.false_alarm_rate
     where = [*(one.finding for one in samples), *seen.where]
-    samples = [one for one in samples if not (_is_of_a_process(one, explained.fitted) or _is_of_a_zone(one, explained))]
+    samples = [
+        one for one in samples if not (_is_of_a_process(one, explained.fitted) or _is_of_a_zone(one, explained, settings))
+    ]
     unlisted = any(one.unlisted for one in samples)
     shown = [one.cause(settings) for one in samples if one.effect is not None]
     sure = all(cause.probability >= settings.named for cause in shown)
@@ -194,13 +195,17 @@ def _is_of_a_process(cause: SampleCause, fitted: Sequence[Fitted]) -> bool:
     )
 
 
-def _is_of_a_zone(cause: SampleCause, explained: Explained) -> bool:
+def _is_of_a_zone(cause: SampleCause, explained: Explained, settings: DiagnosisSettings) -> bool:
     """Whether what a test has seen of a gyro is what jumps at the edges of its dead zone leave, which the attitude shows."""
     if cause.symptom.kind not in JUMPS or explained.attribution is None:
         return False
     slots = zip(explained.attribution.slots, explained.fitted, strict=True)
-    blind = {one.axis for slot, one in slots if ALL_EFFECTS[one.effect].symptom == "dead_zone" and slot.probability > LIKELY}
+    blind = {one.axis for slot, one in slots if slot.probability >= settings.named and _is_zone(one)}
     return cause.symptom.axis in blind
+
+
+def _is_zone(one: Fitted) -> bool:
+    return ALL_EFFECTS[one.effect].symptom == "dead_zone"
 
 
 def _causes(

@@ -112,23 +112,11 @@ def undone(x: Array, sample_s: float, step: float, sigma: float, kind: Kind) -> 
     counts = np.round(x / step)
     half = 0.5 * step * np.sign(counts) if kind == "cut" else np.zeros_like(x)
     factor = np.where(moving, 1.0, 1.0 / np.clip(slope, LEAST_SLOPE, 1.0) ** 2)
-    # On a flat stair the rate may be anywhere in between, and stay there for as long as the reading does.
-    flat = ~moving & (slope < HIDDEN)
-    hidden = np.where(flat, step**2 / 12 * MEAN_S, 0.0)
+    # On a flat stair the rate may be anywhere in between, and stay there for a while.
+    hidden = np.where(~moving & (slope < HIDDEN), step**2 / 12 * MEAN_S, 0.0)
     width = step * np.where((kind == "cut") & (counts == 0), 2.0, 1.0)
     turning = np.where(moving, width**2 / 12 * (held_s(counts, sample_s) - sample_s), 0.0)
     return x + np.where(moving, half, true - mean), factor, hidden + turning
-
-
-def stays_s(level: Array, sample_s: float) -> Array:
-    """For how long each value stays what it is, s; each NaN is alone.
-
-    An error of variance v that stays for T and then is another one turns the attitude by a variance of v T² each time, as white
-    noise of the density v T does.
-    """
-    first = np.flatnonzero(np.append(True, np.diff(level) != 0))
-    length = np.diff(np.append(first, level.size))
-    return np.asarray(np.repeat(length, length) * sample_s)
 
 
 def held_s(counts: Array, sample_s: float) -> Array:

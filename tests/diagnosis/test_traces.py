@@ -8,6 +8,7 @@ from diagnosis.assemble import _is_of_a_zone
 from diagnosis.detectors.report import Symptom
 from diagnosis.diagnose import _is_of_rounding
 from diagnosis.model.symptoms import SampleCause
+from diagnosis.settings import DEFAULT
 
 COARSE = SimpleNamespace(samples=SimpleNamespace(lattice=(False, True, False)))
 FINE = SimpleNamespace(samples=SimpleNamespace(lattice=(False, False, False)))
@@ -60,9 +61,9 @@ def seen(kind, axis):
 
 def test_jumps_at_the_edges_of_a_dead_zone_are_no_outliers():
     zone = explained("rate_deadzone:y")
-    assert _is_of_a_zone(seen("outliers", "y"), zone)
-    assert _is_of_a_zone(seen("noise_constancy", "y"), zone)
-    assert not _is_of_a_zone(seen("outliers", "x"), zone)
-    assert not _is_of_a_zone(seen("lattice_rounded", "y"), zone)
-    assert not _is_of_a_zone(seen("outliers", "y"), explained("rate_deadzone:y", probability=0.6))
-    assert not _is_of_a_zone(seen("outliers", "y"), explained("g_matrix_step:y"))
+    assert _is_of_a_zone(seen("outliers", "y"), zone, DEFAULT)
+    assert _is_of_a_zone(seen("noise_constancy", "y"), zone, DEFAULT)
+    assert not _is_of_a_zone(seen("outliers", "x"), zone, DEFAULT)
+    assert not _is_of_a_zone(seen("lattice_rounded", "y"), zone, DEFAULT)
+    assert not _is_of_a_zone(seen("outliers", "y"), explained("rate_deadzone:y", probability=0.6), DEFAULT)
+    assert not _is_of_a_zone(seen("outliers", "y"), explained("g_matrix_step:y"), DEFAULT)

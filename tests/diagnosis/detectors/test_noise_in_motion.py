@@ -16,7 +16,9 @@ from diagnosis.detectors.noise_blocks import (
     powers_of,
 )
 from diagnosis.detectors.noise_in_motion import InMotion, Level, chance_of, level_in_motion, preciser
-from diagnosis.detectors.sample_noise import ELSEWHERE
+from diagnosis.detectors.sample_noise import ELSEWHERE, level
+from diagnosis.detectors.samples import examine
+from tests.diagnosis.recordings import of_rates
 
 
 def swing(count, size=1000.0):
@@ -195,8 +197,11 @@ def band(rng, count, low, high, power):
 def test_a_body_that_shakes_in_one_band_has_no_more_noise(low, high):
     rng = np.random.default_rng(17)
     x = rng.standard_normal(40_000)
-    assert chance_of(Level(1.2, 0.01, np.nan, np.nan), 1.0) < 1e-20  # what its level would say
-    assert outside(x + band(rng, x.size, low, high, 0.2)) < ELSEWHERE - 0.05
+    x += band(rng, x.size, low, high, 0.2)
+    found = level(x, [(0, x.size)])
+    # Of the upper part of the spectrum its level alone would be one of noise.
+    assert low < 0.4 or chance_of(found, 1.0) < 1e-20
+    assert outside(x) < ELSEWHERE - 0.05
 
 
 @pytest.mark.parametrize("seed", range(3))
@@ -205,3 +210,35 @@ def test_white_and_readout_noise_have_more_power_everywhere(seed):
     x = rng.standard_normal(40_000)
     assert outside(1.1 * x) > 0.85
     assert outside(x + np.diff(0.3 * rng.standard_normal(x.size + 1))) > ELSEWHERE + 0.2
+
+
+def symptoms_of(noise, seed=1):
+    """What the samples show of bodies that hardly turn, whose rates have some more noise, in sigmas of the stated one."""
+    arw, sample_s = 1e-5, 0.1
+    swing = np.deg2rad(0.2) * np.sin(2 * np.pi * sample_s * np.arange(len(noise))[:, None] / np.array([400.0, 300.0, 500.0]))
+    return examine(of_rates(swing + arw / np.sqrt(sample_s) * noise, 20, sample_s, arw, 1e-4, seed)).symptoms
+
+
+@pytest.mark.parametrize("low", [0.3, 0.39])
+def test_a_shaking_body_has_no_symptom_and_noise_of_the_same_power_has(low):
+    rng = np.random.default_rng(5)
+    shaking = np.column_stack([band(rng, 12_000, low, low + 0.06, 0.25) for _ in range(3)])
+    assert symptoms_of(shaking) == []
+    assert [one.kind for one in symptoms_of(0.5 * rng.standard_normal((12_000, 3)))] == ["white_noise_level"]
+
+
+def test_readout_noise_shows_where_a_body_still_rings():
+    """Knocks leave a ringing of some sigmas, at a frequency that means of several samples hold."""
+    rng = np.random.default_rng(6)
+    t = np.arange(40_000)
+    knocks = np.zeros(t.size)
+    knocks[rng.choice(t.size, 60, replace=False)] = 6.0
+    decaying = np.exp(-np.arange(400) / 80) * np.sin(2 * np.pi * 0.05 * np.arange(400))
+    ringing = np.convolve(knocks, decaying)[: t.size]
+    reading = np.diff(0.4 * rng.standard_normal((t.size + 1, 3)), axis=0)
+    found = symptoms_of(ringing[:, None] + reading)
+    assert [one.kind for one in found] == ["readout_noise"] * 3
+    sizes = np.array([one.size for one in found])
+    sigmas = np.array([one.sigma for one in found])
+    expected = np.rad2deg(0.4 * 1e-5 / np.sqrt(0.1)) * 3600 * 0.1
+    assert (np.abs(sizes - expected) < 4 * sigmas).all()

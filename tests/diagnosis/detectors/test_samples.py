@@ -9,7 +9,7 @@ import pytest
 from diagnosis.detectors import samples as stream
 from diagnosis.detectors import spectral_lines, spectral_tones
 from diagnosis.detectors.clipping import _is_plateau
-from diagnosis.detectors.lattice import held_s, lattice_step, mean_reading, stays_s, sweep_odds, undone
+from diagnosis.detectors.lattice import held_s, lattice_step, mean_reading, sweep_odds, undone
 from diagnosis.detectors.sample_noise import local_noise
 from diagnosis.settings import DEFAULT
 from simulator import scenario
@@ -395,7 +395,3 @@ def test_the_noise_of_samples_is_that_of_those_that_were_measured(share):
     found = local_noise(rates, 1.0, np.zeros(3, dtype=bool), np.zeros(3), filled)
     count = np.sum(~filled) if share == 0 else 20000 * (1 - share) ** 7
     np.testing.assert_allclose(found, 1.0, atol=5 * np.sqrt(6.3 / count))
-
-
-def test_for_how_long_a_level_stays():
-    assert stays_s(np.array([1.0, 1.0, np.nan, np.nan, 2.0, 2.0, 2.0]), 0.5).tolist() == [1.0, 1.0, 0.5, 0.5, 1.5, 1.5, 1.5]
