@@ -18,7 +18,7 @@ from diagnosis.inference.attribution import Attribution, Ranked
 from diagnosis.model import localization
 from diagnosis.model.misfit import finding as misfit_finding
 from diagnosis.model.prepare import Prepared
-from diagnosis.model.symptoms import SampleCause
+from diagnosis.model.symptoms import OF_NOISE, SampleCause
 from diagnosis.result import Details, Diagnosis
 from diagnosis.settings import DiagnosisSettings
 from gyrocal.calibration.trackers import differences
@@ -114,8 +114,7 @@ def answered(
     sure = all(cause.probability >= settings.named for cause in shown)
     verdict = _verdict(attribution, gap, bool(samples), unlisted, sure)
     unknown = 0.0 if attribution is None else attribution.unknown
-    left = [0.0 if one.effect is None else one.cause(settings).group_probability for one in samples]
-    unknown = 1 - (1 - unknown) * float(np.prod(left))
+    unknown = 1 - (1 - unknown) * float(np.prod(_not_imitated(samples, settings)))
     if verdict == "none" and seen.blind:
         verdict = "not identifiable"
     return Diagnosis(
@@ -257,11 +256,11 @@ def _posterior(
     if any(one.effect is None for one in samples):
         return ((("unknown",), 1.0),)
     shown: dict[tuple[str, ...], float] = {(): 1.0}
-    for one in samples:
+    for one, likely in zip(samples, _not_imitated(samples, settings), strict=True):
         cause = one.cause(settings)
         shares = (one.share, *(share for _, share in one.rivals))
         shown = {
-            (*labels, name): p * cause.group_probability * share
+            (*labels, name): p * likely * share
             for labels, p in shown.items()
             for name, share in zip(cause.group, shares, strict=True)
         }
@@ -274,6 +273,21 @@ def _posterior(
     # What the samples show may be an imitation, too.
     found[("unknown",)] = found.get(("unknown",), 0.0) + 1 - sum(found.values())
     return likeliest({labels: p for labels, p in found.items() if p > 0})
+
+
+def _not_imitated(samples: Sequence[SampleCause], settings: DiagnosisSettings) -> list[float]:
+    """Probability of each that nothing unlisted imitates it, given that nothing imitates those before.
+
+    What imitates an effect on one gyro does so on others: causes of one kind are imitated together or not at all.
+    """
+    found: list[float] = []
+    least: dict[str, float] = {}
+    for one in samples:
+        kind = "noise" if one.symptom.kind in OF_NOISE else one.symptom.kind
+        before = least.get(kind, 1.0)
+        least[kind] = min(before, 0.0 if one.effect is None else one.cause(settings).group_probability)
+        found.append(least[kind] / before if before > 0 else 0.0)
+    return found
 
 
 def _without_gap(

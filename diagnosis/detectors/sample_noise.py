@@ -16,7 +16,9 @@ as slow noise, and then on two gyros or more; these arcs are taken as moving one
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import scipy.fft
@@ -51,6 +53,8 @@ RESOLVED = 0.34  # variance of the samples in squares of a lattice's step, below
 OFF_ZERO = 5.0  # sigmas from zero, from which on cutting toward zero is rounding down
 DITHERED = 1.5  # noise sigmas in a step, up to which rounding adds uniform noise, to 1e-3 of the variance (Widrow, 1956)
 ELSEWHERE = 0.3  # share of too much power beside any one band of the spectrum, from which on it is noise of another level
+LEAST_ERROR = 0.01  # of a noise factor that is compared with others
+ONE_FACTOR = 14.0  # χ² of three noise factors with one mean, below which they are one: a chance of 1e-3
 SLACK = 0.1  # departure of the noise factor that rounding to a few sigmas makes by itself
 
 
@@ -155,7 +159,7 @@ def noise(
     found: dict[int, Level] = {}
     readings: dict[int, Readout] = {}
     alike: dict[int, float] = {}
-    undecided: dict[int, float] = {}  # probability of readout noise, where white noise is likelier
+    read_out: dict[int, Callable[[], None]] = {}
     streams = [
         report.rates[:, axis] - sum((one.waveform for one in report.lines if one.axis == axis), 0.0) for axis in range(3)
     ]
@@ -219,11 +223,15 @@ def noise(
                 # Where a body still rings, means of several samples hold its motion, and the calm blocks say it.
                 calm = level_in_motion(x, rests, expected)
                 reading = None if calm is None else calm.reading
-            if reading is not None and reading.probability < 0.5:
-                undecided[axis] = reading.probability
-            elif reading is not None:
+            if reading is not None:
                 readings[axis] = reading
-                _read_out(report, axis, reading, factor, min(p, p_colour), sigma, recording.gyro.sample_s, expected)
+                read_out[axis] = partial(
+                    _read_out, report, axis, reading, factor, min(p, p_colour), sigma, recording.gyro.sample_s, expected
+                )
+    undecided = _rather_white(readings, _alike(report, found, sigma))
+    readings = {axis: one for axis, one in readings.items() if axis not in undecided}
+    for axis in readings:
+        read_out[axis]()
     _name(report, {axis: one for axis, one in found.items() if axis not in readings}, sigma, alike, undecided)
 
 
@@ -271,6 +279,38 @@ def _read_out(
         report.symptoms.append(Symptom("white_noise_level", AXES[axis], white, "factor", error, {}, p_white, text))
 
 
+def _alike(report: SampleReport, found: dict[int, Level], sigma: float) -> bool:
+    """Whether all three gyros have too much noise, and by one factor."""
+    tests = [test for test in report.tests if test.statistic == "noise_level"]
+    if len(tests) < 3 or any(test.p_value >= report.event_p or test.value < 1 for test in tests):
+        return False
+    factors = np.array([test.value for test in tests])
+    errors = np.array([0.5 * found[AXES.index(str(test.axis))].sigma / sigma**2 / test.value for test in tests])
+    return _are_one(factors, errors)
+
+
+def _are_one(factors: Array, errors: Array) -> bool:
+    """Whether the noise factors of three gyros are one."""
+    weights = 1 / errors**2
+    mean = float(np.sum(factors * weights) / np.sum(weights))
+    return float(np.sum(((factors - mean) / np.maximum(errors, LEAST_ERROR)) ** 2)) < ONE_FACTOR
+
+
+def _rather_white(readings: dict[int, Readout], alike: bool) -> dict[int, float]:
+    """Probability of readout noise of the axes on which white noise is likelier.
+
+    Noise that all gyros have too much of by one factor is of one kind: each says its part of which, and one whose noise is
+    clearly white as much as an undecided one can at most.
+    """
+    own = {axis: one.probability for axis, one in readings.items() if one.as_stated and one.probability < CLEARLY}
+    white = 3 - len(readings)
+    if alike and white and len(own) == len(readings):
+        odds = sum(float(logit(p)) for p in own.values()) - 0.5 * UNDECIDED * white
+        if odds < 0:
+            return dict.fromkeys(own, float(expit(odds)))
+    return {axis: p for axis, p in own.items() if p < 0.5}
+
+
 def _name(
     report: SampleReport, found: dict[int, Level], sigma: float, alike: dict[int, float], undecided: dict[int, float]
 ) -> None:
@@ -303,9 +343,7 @@ def _name(
             report.density[:, axis] *= test.value**2
     if not white:
         return
-    weights = 1 / errors[white] ** 2
-    mean = float(np.sum(factors[white] * weights) / np.sum(weights))
-    common = len(white) == 3 and float(np.sum(((factors - mean) / np.maximum(errors, 0.01)) ** 2)) < 14
+    common = len(white) == 3 and _are_one(factors, errors)
     for name, axes in [(None, white)] if common else [(AXES[axis], [axis]) for axis in white]:
         size = float(np.mean(factors[axes]))
         error = float(np.sqrt(np.mean(errors[axes] ** 2) / len(axes)))

@@ -79,14 +79,14 @@ def test_alternatives_of_small_shares_and_too_many_of_them_are_left_out():
     assert slot.group == (("e0", pytest.approx(0.7)),)
 
 
-@pytest.mark.parametrize(("share", "verdict"), [(0.39, "group"), (0.41, "unknown")])
+@pytest.mark.parametrize(("share", "verdict"), [(0.49, "group"), (0.51, "unknown")])
 def test_what_is_unlisted_counts_together(share, verdict):
     """No explanation with something unlisted is the likeliest, all of them together count."""
     model, found = three({(0,): 1 - share, (1,): share / 2, (0, 2): share / 2}, listed=(True, False, False))
     answer = attribute(model, found)
     assert answer.unknown == pytest.approx(share)
     assert answer.verdict == verdict
-    assert attribute(model, found, DiagnosisSettings(unknown=0.5)).verdict == "group"
+    assert attribute(model, found, DiagnosisSettings(unknown=0.6)).verdict == "group"
 
 
 def test_the_likeliest_number_of_effects_comes_before_the_likeliest_set():
@@ -162,7 +162,7 @@ def test_what_the_samples_show_is_not_imitated_as_easily(log_odds, shown):
     """What the checks say against it counts less, down to what may act beside it: 0.1 times 0.2 over the share of 0.1."""
     model, found = three({(0,): 1.0})
     model = replace(model, candidates=tuple(replace(one, log_odds=log_odds) for one in model.candidates))
-    settings = DiagnosisSettings(imitation=0.1, unknown=1.0)
+    settings = DiagnosisSettings(imitation=0.1, unknown=1.0, unlisted_share=0.2)
     assert doubted(model, attribute(model, found), 0.5, settings).unknown == pytest.approx(0.1)
     unknown = doubted(model, attribute(model, found), 0.001, settings).unknown
     assert unknown / (1 - unknown) == pytest.approx(max(7.536 * shown, 1) / 9, rel=1e-3)
