@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from diagnosis.detectors.sample_noise import readout_of
+from diagnosis.detectors.readout_noise import Readout
+from diagnosis.detectors.sample_noise import _rather_white, readout_of
 from diagnosis.detectors.samples import examine
 from diagnosis.diagnose import diagnose
 from simulator import scenario
@@ -81,3 +82,35 @@ def test_it_is_named_at_another_rate():
 def _one_interval():
     """An interval of ten minutes."""
     return [{"name": "hold", "activity": "hold", "start_s": 0.0, "stop_s": 600.0, "mode": "+x"}]
+
+
+def _readout(probability, as_stated=True):
+    return Readout(1.0, 0.1, 1.0, 0.1, as_stated, probability)
+
+
+@pytest.mark.parametrize(
+    ("readings", "alike", "white"),
+    [
+        ({1: 0.93}, True, {1}),  # two gyros with clearly white noise beside an undecided one of the same factor
+        ({1: 0.93}, False, set()),
+        ({1: 0.99}, True, set()),  # clear by itself
+        ({0: 0.9, 1: 0.9, 2: 0.3}, True, {2}),  # none is clearly white: each by its own
+        ({1: 0.3}, False, {1}),
+    ],
+)
+def test_noise_that_gyros_have_alike_is_of_one_kind(readings, alike, white):
+    assert set(_rather_white({axis: _readout(p) for axis, p in readings.items()}, alike)) == white
+
+
+def test_what_is_beside_white_noise_is_no_question_of_either():
+    assert _rather_white({1: _readout(0.93, as_stated=False)}, alike=True) == {}
+
+
+@pytest.mark.parametrize("seed", [6, 30, 34])
+def test_white_noise_of_three_gyros_is_one_cause_though_one_seems_read_out(seed):
+    """Seeds in which x alone would be called readout noise; so short a recording hardly tells."""
+    changes = {"gyro.sample_s": 0.6, "interval": _one_interval()}
+    plan = scenario.override(scenario.load("trmm_series"), changes)
+    (symptom,) = examine(simulate(plan, seed=seed, effects=[parse("noise_excess=1.4")])).symptoms
+    assert (symptom.kind, symptom.axis) == ("white_noise_level", None)
+    assert abs(symptom.size - 1.4) < 4 * symptom.sigma

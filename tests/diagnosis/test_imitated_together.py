@@ -1,0 +1,40 @@
+"""What imitates an effect on one gyro does so on others: causes of one kind in the samples are imitated together."""
+
+import pytest
+
+from diagnosis.assemble import _not_imitated
+from diagnosis.detectors.report import Symptom
+from diagnosis.model.symptoms import SampleCause
+from diagnosis.settings import DEFAULT
+
+SURE = 1 - DEFAULT.imitation_in_samples
+
+
+def seen(kind, axis, effect="an_effect", probability=1.0):
+    return SampleCause(Symptom(kind, axis, 1.0, "", 0.1, {}, 1e-30, probability=probability), effect, None)
+
+
+@pytest.mark.parametrize(
+    ("samples", "likely"),
+    [
+        ([seen("outliers", "x")], [SURE]),
+        ([seen("outliers", "x"), seen("outliers", "y")], [SURE, 1.0]),  # as one
+        ([seen("outliers", "x"), seen("plateau", "y")], [SURE, SURE]),  # each for itself
+        ([seen("white_noise_level", "x"), seen("readout_noise", "y")], [SURE, 1.0]),  # of the noise, both
+        ([seen("outliers", "x"), seen("outliers", "y", probability=0.6)], [SURE, 0.6 / SURE]),  # the least of them
+        ([seen("outliers", "x", effect=None), seen("outliers", "y")], [0.0, 0.0]),  # one is on no list
+    ],
+)
+def test_causes_of_one_kind_are_imitated_together_or_not_at_all(samples, likely):
+    assert _not_imitated(samples, DEFAULT) == pytest.approx(likely)
+
+
+def test_whatever_their_order_the_probability_that_none_is_imitated_is_the_same():
+    first = [seen("outliers", "x", probability=0.6), seen("outliers", "y"), seen("plateau", "x")]
+    products = []
+    for samples in (first, first[::-1]):
+        product = 1.0
+        for one in _not_imitated(samples, DEFAULT):
+            product *= one
+        products.append(product)
+    assert products == pytest.approx([0.6 * SURE] * 2)
