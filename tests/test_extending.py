@@ -204,7 +204,7 @@ SEEN = {
 def test_an_effect_from_outside_is_named_with_its_size(example):
     """One file each: a rate column, a random process, a change of the samples, of the references, and of a sensor."""
     asked = parse(SEEN[example.name])
-    every_s = 60.0 if example.name in ("bias_swing", "reference_third") else 120.0  # they swing fast
+    every_s = 90.0 if example.name in ("bias_swing", "reference_third") else 120.0  # they swing fast
     series = simulator.override(simulator.load("trmm_series"), {"reference.every_s": every_s})
     scenario = FEW if isinstance(example, SensorEffect) else series
     answer = diagnose(simulator.simulate(scenario, seed=1, effects=[asked]))

@@ -12,7 +12,7 @@ THRESHOLDS = [
         [
             (
                 "an unlisted cause of 80 % is no unknown",
-                "unknown: float = threshold(\n        0.4,",
+                "unknown: float = threshold(\n        0.5,",
                 "unknown: float = threshold(\n        0.9,",
             ),
             (
