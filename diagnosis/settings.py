@@ -89,16 +89,17 @@ class DiagnosisSettings:
         "unlisted of the search had a hundredth of the probability, 27 were right or in the group; of those alone, all",
     )
     random_imitation: float = threshold(
-        0.1,
+        0.2,
         "the same of a random process, which has the freedom to look like many things",
         "probability",
-        "in the same cases 15 of 18 were right or in the group, of a mean probability of 0.87",
+        "in the same cases 15 of 18 were right or in the group, by the rule of succession",
     )
-    seen: float = threshold(
-        0.25,
-        "probability that the checks of what is left see that something unlisted imitates what is named",
-        "probability",
-        "of 11 unlisted effects explained by listed ones in the same cases, 3 had p-values below 1e-5, the others above 0.03",
+    seen_by_checks: float = threshold(
+        0.2,
+        "exponent ξ of the p-values of checks of what is left beside a listed effect that something unlisted imitates, of the "
+        "density ξ p^(ξ − 1)",
+        "1",
+        "maximum likelihood of 11 such p-values in the same cases, none taken for less than 1e-16, whose mean of −ln p is 4.8",
     )
     chi2_sensors: float = threshold(
         1e-4,

@@ -3,18 +3,21 @@
 Under an explanation with the scaled columns C = [s_e X_e …] the observations are y ~ N(0, I + C Cᵀ), so that the innovations
 e = L⁻¹ y, L the Cholesky factor, are independent with variance one, in the order of time within each interval. General
 statistics ask whether they are: their size, their correlation in time, lines of any period, patterns that repeat with the time
-since an interval's start or with the orbit, dependence on rate, acceleration, mission time and housekeeping, constancy of
-their variance over the intervals and with the rate, and their shape.
+since an interval's start or with the orbit, dependence on rate, acceleration, mission time and housekeeping, dependence on the
+attitude (any element of its matrix, as the angle that a table has turned or the direction to something), constancy of their
+variance over the intervals and with the rate, and their shape.
 
 A random process has to look like a draw of itself as well. Its contribution C Cᵀ S⁻¹ y, S = I + C Cᵀ, as the data estimate it,
 is asked the same: one bump, a swing or a pattern that a process has swallowed leaves nothing in the innovations, and is a draw
-that hardly ever comes.
+that hardly ever comes. Its changes from one observation to the next are asked for their shape, since what jumps now and then
+changes as no normal process does; and it may not be too flat either, as a wave is, or what has two values.
 
 The distribution of each statistic comes from draws of the named model itself, with the nuisance parameters projected out of
 them as they are out of the data (Gelman et al., Bayesian Data Analysis, section 6.3). P-values beyond what the draws resolve
 come from a distribution that is fitted to the draws: of a statistic that is a sum, a power or its logarithm is taken which
 leaves the draws without skewness, and that is nearly normal (Box & Cox 1964; the cube root for a sum of squares, the logarithm
-for fourth powers); the strongest of many lines has a Gumbel distribution.
+for fourth powers), or which Pearson's type III describes where even the logarithm is skewed to the right; the strongest of many
+lines has a Gumbel distribution.
 """
 
 from __future__ import annotations
@@ -36,14 +39,16 @@ Indices = NDArray[np.intp]
 
 DRAWS = 1000
 POWERS = (0.0, 1.0)  # that are tried; a negative one would bound how far a statistic can be from its draws
+SKEWED = 0.25  # skewness that less than one set of normal draws in a thousand has by chance
 LAGS = 6
 PERIODS = 48  # of the scan for a line
 FOLD = 12  # bins of a pattern that repeats
 FEWEST = 12  # observations, below which nothing can be checked
 TINY = 1e-300
-TWO_SIDED = "size"  # less of it than expected is as odd as more
-SETTLED = (TWO_SIDED, "correlation in time")  # by the evidence of a process
-LARGEST = "line of any period"  # the one statistic that is a largest value
+VARIES = 1e-3  # of the largest scatter of an element of the attitude, from which on it changes at all
+SIZE, FLAT, JUMPS = "size", "two values or a wave", "jumps"  # less size than expected is as odd as more
+SETTLED = (SIZE, "correlation in time")  # by the evidence of a process
+LINE, ATTITUDE = "line of any period", "dependence on the attitude"  # statistics that are a largest value
 
 
 @dataclass(frozen=True)
@@ -117,7 +122,17 @@ def residual_checks(model: LinearModel, members: Sequence[Member], layout: Layou
 
 def _of_process(z: Array, layout: Layout) -> dict[str, Array]:
     """(d,) each statistic of the estimates (N, d) of a process, but those that its evidence has settled."""
-    return {name: values for name, values in _statistics(_in_body(z, layout), layout).items() if name not in SETTLED}
+    e = _in_body(z, layout)
+    out = {name: values for name, values in _statistics(e, layout).items() if name not in SETTLED}
+    out[FLAT] = _geary(e)
+    out[JUMPS] = 1 / _geary(np.diff(e, axis=0)[np.diff(layout.interval) == 0])
+    return out
+
+
+def _geary(e: Array) -> Array:
+    """(d,) mean size of e (r, 3, d), over its RMS: near one if it is flat, small if it is peaked (Geary, Biometrika 27, 1935)."""
+    size = np.linalg.norm(e, axis=1)
+    return np.asarray(np.mean(size, axis=0) / np.maximum(np.sqrt(np.mean(size**2, axis=0)), TINY))
 
 
 def _estimated(model: LinearModel, member: Member, L: Array, white: Array) -> Array:
@@ -152,7 +167,7 @@ def _p_value(name: str, values: Array, draws: Array) -> Array:
     """P-values of some values (c,) of a statistic, by the distribution of its draws (d,)."""
     if np.ptp(draws) == 0:
         return np.ones_like(values)
-    if name == LARGEST:
+    if name in (LINE, ATTITUDE):
         scale = float(np.std(draws)) * np.sqrt(6) / np.pi
         p = scipy.stats.gumbel_r.sf(values, float(np.mean(draws)) - np.euler_gamma * scale, scale)
     else:
@@ -160,8 +175,17 @@ def _p_value(name: str, values: Array, draws: Array) -> Array:
         power = _without_skewness(draws / middle)
         moved = scipy.special.boxcox(draws / middle, power)
         z = (scipy.special.boxcox(np.maximum(values / middle, TINY), power) - np.mean(moved)) / np.std(moved)
-        p = 2 * scipy.stats.norm.sf(np.abs(z)) if name == TWO_SIDED else scipy.stats.norm.sf(z)
+        p = _normal_or_skewed(z, float(scipy.stats.skew(moved)))
+        if name == SIZE:
+            p = np.minimum(1.0, 2 * np.minimum(p, 1 - p))
     return np.asarray(np.maximum(p, TINY))
+
+
+def _normal_or_skewed(z: Array, skewness: float) -> Array:
+    """Chance of more than z, of a normal distribution, or of Pearson's type III with a skewness to the right that is left."""
+    if skewness < SKEWED:
+        return np.asarray(scipy.stats.norm.sf(z))
+    return np.asarray(scipy.stats.pearson3.sf(z, skewness))
 
 
 def _without_skewness(draws: Array) -> float:
@@ -179,17 +203,18 @@ def _without_skewness(draws: Array) -> float:
 def _statistics(e: Array, layout: Layout) -> dict[str, Array]:
     """(d,) each statistic of e (r, 3, d)."""
     out = {
-        TWO_SIDED: np.sum(e**2, axis=(0, 1)),
+        SIZE: np.sum(e**2, axis=(0, 1)),
         "shape": np.sum(e**4, axis=(0, 1)),
         "correlation in time": _autocorrelation(e, layout.interval),
         "pattern since the interval's start": _folded(e, _bins(layout.since_s, float(layout.since_s.max()))),
         "variance over the intervals": _spread_over(e, layout.interval),
         "variance with the rate": _along(np.sum(e**2, axis=1, keepdims=True) - 3, layout.activity[:, None]),
         "dependence on what is known": _along(e, layout.regressors),
+        ATTITUDE: _largest_along(e, layout.axes.reshape(layout.t_s.size, 9)),
     }
     lines = _lines(e, layout)
     if lines is not None:
-        out[LARGEST] = lines
+        out[LINE] = lines
     if np.isfinite(layout.period_s):
         out["pattern with the orbit"] = _folded(e, _bins(layout.t_s % layout.period_s, layout.period_s))
     return out
@@ -235,6 +260,17 @@ def _along(values: Array, regressors: Array) -> Array:
         return np.ones(values.shape[2])
     unit = scipy.linalg.orth(centred[:, size > 0] / size[size > 0])
     return np.asarray(np.sum(np.einsum("rq,rad->qad", unit, values) ** 2, axis=(0, 1)))
+
+
+def _largest_along(values: Array, regressors: Array) -> Array:
+    """Largest square of the component of values (r, 3, d), about any axis, along any one of the regressors (r, q)."""
+    centred = regressors - regressors.mean(axis=0)
+    size = np.linalg.norm(centred, axis=0)
+    varies = size > VARIES * max(float(size.max()), TINY)
+    if not np.any(varies):
+        return np.ones(values.shape[2])
+    along = np.einsum("rq,rad->qad", centred[:, varies] / size[varies], values)
+    return np.asarray(np.max(along**2, axis=(0, 1)))
 
 
 def _lines(e: Array, layout: Layout) -> Array | None:

@@ -138,7 +138,7 @@ ANSWER = [
                 '    if unknown > settings.unknown:\n        return Attribution("unknown", attribution.best',
                 '    if unknown > 1.0:\n        return Attribution("unknown", attribution.best',
             ),
-            ("p-values of imitations have no area", "1 / (1 - settings.seen + spread)", "1 / (1 + spread)"),
+            ("p-values of imitations have no area", "** (1 - shape) / shape)", "** (1 - shape))"),
             (
                 "one sure cause makes all sure",
                 "if all(slot.probability >= settings.named",

@@ -38,11 +38,16 @@ def model():
     return linear_model([drift, wander], np.zeros(3 * ROWS), rng.standard_normal((3 * ROWS, 12)))
 
 
+def _smooth(layout):
+    """(r, r) covariance that is correlated over some observations."""
+    apart = np.abs(layout.t_s[:, None] - layout.t_s)
+    return np.exp(-0.5 * (apart / 150.0) ** 2) + 1e-9 * np.eye(ROWS)
+
+
 @pytest.fixture(scope="module")
 def process(model, layout):
     """The same, the second of which is a random process about a body axis, correlated over some observations."""
-    apart = np.abs(layout.t_s[:, None] - layout.t_s)
-    factor = np.linalg.cholesky(np.exp(-0.5 * (apart / 150.0) ** 2) + 1e-9 * np.eye(ROWS))
+    factor = np.linalg.cholesky(_smooth(layout))
     columns = np.einsum("rb,rk->rbk", layout.axes[:, 0, :], factor).reshape(3 * ROWS, ROWS)
     rng = np.random.default_rng(12)
     drift = np.repeat(np.linspace(-1, 1, ROWS), 3)[:, None]
@@ -130,6 +135,55 @@ def test_a_bump_is_no_draw_of_a_process(process, layout):
     draw = drawn(process, rng, 1)[:, 0]
     usual = {one.name: one.p_value for one in residual_checks(replace(process, y=draw), MEMBERS, layout)}
     assert min(p for name, p in usual.items() if name.endswith("itself")) > 1e-3
+
+
+def swallowed(process, layout, course, size=40.0, seed=15):
+    """P-values of the checks of a process itself, which has taken up some course (r,) about its axis."""
+    rng = np.random.default_rng(seed)
+    values = np.zeros((ROWS, 3))
+    values[:, 0] = course
+    y = process.projected(np.column_stack([rng.standard_normal(process.y.size), size * along_body(layout, values)])).sum(axis=1)
+    found = residual_checks(replace(process, y=y), MEMBERS, layout)
+    return {one.name.split(",")[0]: one.p_value for one in found if one.name.endswith("itself")}
+
+
+def switching(layout, switches):
+    """(r,) one of two values, in each interval changed at random observations."""
+    rng = np.random.default_rng(16)
+    sign = np.ones(ROWS)
+    for at in rng.choice(ROWS, switches, replace=False):
+        sign[at:] *= -1
+    return sign
+
+
+def test_two_values_are_no_draw_of_a_process(process, layout):
+    found = swallowed(process, layout, switching(layout, 6))
+    assert found["two values or a wave"] < 1e-4
+    assert swallowed(process, layout, np.zeros(ROWS))["two values or a wave"] > 0.01
+
+
+def test_jumps_are_no_draw_of_a_process(process, layout):
+    """Steps up and down, two in a hundred and twenty observations, unlike the steady changes of a process."""
+    steps = np.zeros(ROWS)
+    steps[[47, 101]] = [-1.0, 1.0]
+    found = swallowed(process, layout, np.cumsum(steps))
+    assert found["jumps"] < 1e-3
+    assert swallowed(process, layout, np.zeros(ROWS))["jumps"] > 0.01
+
+
+def test_an_error_that_follows_the_attitude_is_no_draw_of_a_process(process, layout):
+    """A body that turns slowly about one axis: its error is one wave a turn, at the same angles in all intervals."""
+    angle = 2 * np.pi * layout.t_s / 2600.0
+    axes = np.stack([np.eye(3)] * ROWS)
+    axes[:, 1, 1] = axes[:, 2, 2] = np.cos(angle)
+    axes[:, 1, 2], axes[:, 2, 1] = np.sin(angle), -np.sin(angle)
+    turning = replace(layout, axes=axes)
+    columns = np.einsum("rb,rk->rbk", axes[:, 0, :], np.linalg.cholesky(_smooth(layout))).reshape(3 * ROWS, ROWS)
+    X = process.X.copy()
+    X[:, -ROWS:] = columns
+    turned = replace(process, X=X)
+    assert swallowed(turned, turning, np.sin(angle + 0.4), size=10.0)["dependence on the attitude"] < 1e-4
+    assert swallowed(turned, turning, np.zeros(ROWS))["dependence on the attitude"] > 0.01
 
 
 def test_whole_checks_of_the_named_model_seldom_reject(model, layout):
@@ -228,7 +282,7 @@ def test_p_values_of_sums_of_squares_are_those_of_chi_square(degrees):
     found = [checks._p_value("a sum", values, rng.chisquare(degrees, checks.DRAWS)) for _ in range(50)]
     np.testing.assert_allclose(np.log(found).mean(axis=0), np.log(levels), atol=0.35)
     few = scipy.stats.chi2.isf(1 - levels, degrees)
-    both = [checks._p_value(checks.TWO_SIDED, few, rng.chisquare(degrees, checks.DRAWS)) for _ in range(50)]
+    both = [checks._p_value(checks.SIZE, few, rng.chisquare(degrees, checks.DRAWS)) for _ in range(50)]
     assert (np.log(both).mean(axis=0)[1:] < np.log([0.05, 5e-3])).all()
 
 
@@ -236,7 +290,7 @@ def test_p_values_of_the_largest_of_many_are_those_of_gumbel():
     rng = np.random.default_rng(11)
     levels = np.array([0.3, 1e-2, 1e-6])
     values = -np.log(-np.log1p(-levels) / 144)
-    found = [checks._p_value(checks.LARGEST, values, rng.exponential(size=(144, checks.DRAWS)).max(axis=0)) for _ in range(50)]
+    found = [checks._p_value(checks.LINE, values, rng.exponential(size=(144, checks.DRAWS)).max(axis=0)) for _ in range(50)]
     np.testing.assert_allclose(np.log(found).mean(axis=0), np.log(levels), atol=0.2)
 
 
