@@ -17,8 +17,8 @@ against what is named, and the odds of an imitation are t/(1 − t) max(B, 1). T
 Where several listed explanations share the probability, it is that of the p-value of all of them, averaged over their posterior
 (Gelman et al., Bayesian Data Analysis, section 6.3): what one of them would not leave, another may.
 
-Where the samples show a cause as well, with odds of their own, an imitation would have to show it, too: the factor is less. It
-is less as well where something unlisted is beside the cause already, which may be what the checks see; the prior share t is not.
+Where the samples show a cause as well, with odds of their own, an imitation would have to show it, too: the factor is less.
+So it is where something unlisted is beside the cause already, which may be what the checks see; the prior share t is not less.
 """
 
 from __future__ import annotations

@@ -130,7 +130,7 @@ def _of_process(z: Array, layout: Layout) -> dict[str, Array]:
 
 
 def _geary(e: Array) -> Array:
-    """(d,) mean size of e (r, 3, d), over its RMS: near one if it is flat, small if it is peaked (Geary, Biometrika 27, 1935)."""
+    """(d,) mean size of e (r, 3, d), over its RMS: near one if it is flat, small if it is peaked (Geary 1935)."""
     size = np.linalg.norm(e, axis=1)
     return np.asarray(np.mean(size, axis=0) / np.maximum(np.sqrt(np.mean(size**2, axis=0)), TINY))
 

@@ -85,20 +85,29 @@ def test_innovations_of_the_named_model_are_white(model, layout):
     assert size.std() == pytest.approx(np.sqrt(2 * model.dof), rel=0.1)
 
 
-@pytest.mark.parametrize("level", [0.05, 0.01, 1e-3])
-def test_data_of_the_named_model_are_rejected_at_the_stated_rate(model, layout, level):
-    """Six sets of draws give p-values of ten thousand others; counted with the allowance for the number of checks."""
+LEVELS = (0.05, 0.01, 1e-3)
+
+
+@pytest.fixture(scope="module")
+def rejected_data(model, layout):
+    """Shares of ten thousand data of the named model that are rejected at each level, by six sets of draws."""
     rng = np.random.default_rng(4)
     data = statistics(model, layout, drawn(model, rng, 10_000))
     shares = []
     for _ in range(6):
         own = statistics(model, layout, drawn(model, rng, checks.DRAWS))
         p = np.min([checks._p_value(name, data[name], own[name]) for name in own], axis=0)
-        shares.append(np.mean(p * len(own) < level))
+        shares.append([np.mean(p * len(own) < level) for level in LEVELS])
+    return dict(zip(LEVELS, np.mean(shares, axis=0), strict=True))
+
+
+@pytest.mark.parametrize("level", LEVELS)
+def test_data_of_the_named_model_are_rejected_at_the_stated_rate(rejected_data, level):
+    """Counted with the allowance for the number of checks."""
     # Counting errors of the data, and what a thousand draws leave open: a fifth at 0.05 and a factor of two at a thousandth.
     error = 4 * np.sqrt(level / 10_000) + level * (0.2 if level >= 0.01 else 1.0)
-    assert np.mean(shares) < level + error
-    assert np.mean(shares) > 0.4 * level  # and the checks can speak at all
+    assert rejected_data[level] < level + error
+    assert rejected_data[level] > 0.4 * level  # and the checks can speak at all
 
 
 def of_process(model, layout, y):
@@ -108,18 +117,23 @@ def of_process(model, layout, y):
     return checks._of_process(checks._estimated(model, MEMBERS[1], L, np.linalg.solve(L, y)), layout)
 
 
-@pytest.mark.parametrize("level", [0.05, 0.01, 1e-3])
-def test_draws_of_a_process_are_rejected_at_the_stated_rate(process, layout, level):
+@pytest.fixture(scope="module")
+def rejected_processes(process, layout):
+    """The same of draws of a random process, asked about the process itself, by four sets of draws."""
     rng = np.random.default_rng(14)
-    data = drawn(process, rng, 10_000)
+    found = of_process(process, layout, drawn(process, rng, 10_000))
     shares = []
     for _ in range(4):
         own = of_process(process, layout, np.column_stack([drawn(process, rng, 1), drawn(process, rng, checks.DRAWS)]))
-        found = of_process(process, layout, data)
         p = np.min([checks._p_value(name, found[name][1:], own[name][1:]) for name in own], axis=0)
-        shares.append(np.mean(p * len(own) < level))
+        shares.append([np.mean(p * len(own) < level) for level in LEVELS])
+    return dict(zip(LEVELS, np.mean(shares, axis=0), strict=True))
+
+
+@pytest.mark.parametrize("level", LEVELS)
+def test_draws_of_a_process_are_rejected_at_the_stated_rate(rejected_processes, level):
     error = 4 * np.sqrt(level / 10_000) + level * (0.3 if level >= 0.01 else 1.5)
-    assert np.mean(shares) < level + error
+    assert rejected_processes[level] < level + error
 
 
 def test_a_bump_is_no_draw_of_a_process(process, layout):
