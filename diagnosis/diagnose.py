@@ -67,6 +67,7 @@ class Explained:
     p_value : that M0 alone departs so far
     attribution : None without a gap
     fitted : amplitudes of the effects that are named
+    rejected : amplitudes of those that would be, but for the checks of what they leave
     checks : of what the named effects leave
     passed : p-value of the checks of all listed explanations together, averaged over their posterior
     left : what M0 leaves of all references, before any averaging
@@ -88,6 +89,7 @@ class Explained:
     left: tuple[Departure, ...] = ()
     unseen: tuple[Ranked, ...] = ()
     rounded: bool = False
+    rejected: tuple[Fitted, ...] = ()
 
 
 def diagnose(
@@ -132,14 +134,22 @@ def diagnose(
 def explain_recording(
     recording: Recording, effects: Sequence[Effect], settings: DiagnosisSettings, seed: int, tell: Progress
 ) -> tuple[Prepared, Explained]:
-    """The recording with what its samples show, and what the attitude says of it; parameters as of `diagnose`."""
+    """The recording with what its samples show, and what the attitude says of it; parameters as of `diagnose`.
+
+    Lines and the references' noise were judged with all effects in the residuals, and are judged anew without those that are
+    found. Where the checks reject these, a wrong judgement may be why: it is taken back only if they are found again without it.
+    """
     tell("gyro samples", 0.0)
     prepared = prepare(recording, settings, tell)
     explained = explain(prepared, effects, settings, seed, tell)
     once_more = partial(_once_more, tell)
-    at_work = known(explained.fitted, {effect.name: effect for effect in effects})
+    at_work = known(explained.fitted or explained.rejected, {effect.name: effect for effect in effects})
     again = judged_anew(prepared, at_work, settings, once_more)
-    return (prepared, explained) if again is None else (again, explain(again, effects, settings, seed, once_more))
+    if again is None:
+        return prepared, explained
+    anew = explain(again, effects, settings, seed, once_more)
+    found, before = ({(one.effect, one.axis) for one in part} for part in (anew.fitted, explained.rejected))
+    return (again, anew) if before <= found else (prepared, explained)
 
 
 def _once_more(tell: Progress, text: str, share: float) -> None:
@@ -244,6 +254,7 @@ def judged(
     p, left = min(p / (1 - share), shown), 1.0 if left is None else left / share
     attribution: Attribution | None = None
     fitted: tuple[Fitted, ...] = ()
+    rejected: tuple[Fitted, ...] = ()
     checks: tuple[Check, ...] = ()
     passed = 1.0
     closed: Closure | None = None
@@ -266,7 +277,7 @@ def judged(
                 passed = averaged_check(weighed, partial(_checked, linear, check, step), partial(is_listed, linear))
             attribution = doubted(linear, attribution, passed, settings)
             if not attribution.slots:
-                members, fitted = (), ()
+                members, fitted, rejected = (), (), fitted
         tell("held-out data", 0.85)
         if members:
             del search
@@ -281,8 +292,9 @@ def judged(
     else:
         quiet = unseen(linear, search.singles(), of_all, settings)
     return Explained(
-        linear, min(p, left, 1.0), attribution, fitted, checks, closed, np.zeros(12), np.zeros((12, 12)), passed, unseen=quiet
-    )
+        linear, min(p, left, 1.0), attribution, fitted, checks, closed, np.zeros(12), np.zeros((12, 12)), passed,
+        unseen=quiet, rejected=rejected,
+    )  # fmt: skip
 
 
 def _checked(
