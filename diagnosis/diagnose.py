@@ -137,7 +137,7 @@ def explain_recording(
     """The recording with what its samples show, and what the attitude says of it; parameters as of `diagnose`.
 
     Lines and the references' noise were judged with all effects in the residuals, and are judged anew without those that are
-    found. Where the checks reject these, a wrong judgement may be why: it is taken back only if they are found again without it.
+    found. Where the checks reject these, a wrong judgement may be why: it is taken back if they are found again without it.
     """
     tell("gyro samples", 0.0)
     prepared = prepare(recording, settings, tell)
