@@ -88,17 +88,17 @@ class DiagnosisSettings:
         "of 29 explanations without a random process in the setting part of the wide check (149 cases), in which nothing "
         "unlisted of the search had a hundredth of the probability, 27 were right or in the group; of those alone, all",
     )
-    random_imitation: float = threshold(
+    free_imitation: float = threshold(
         0.2,
-        "the same of a random process, which has the freedom to look like many things",
+        "the same of a random process or a swing of any period, free to look like many things",
         "probability",
-        "in the same cases 15 of 18 were right or in the group, by the rule of succession",
+        "in the same cases 15 of 18 with a process and 6 of 9 with a swing were right or in the group: 0.24 +- 0.08 by the "
+        "rule of succession, and 0.2 for processes alone",
     )
     seen_by_checks: float = threshold(
         0.2,
-        "exponent ξ of the p-values of checks of what is left beside a listed effect that something unlisted imitates, of the "
-        "density ξ p^(ξ − 1)",
-        "1",
+        "exponent ξ of the density ξ p^(ξ − 1) of p-values of checks, where something unlisted imitates what is named",
+        "exponent",
         "maximum likelihood of 11 such p-values in the same cases, none taken for less than 1e-16, whose mean of −ln p is 4.8",
     )
     chi2_sensors: float = threshold(
@@ -114,11 +114,11 @@ class DiagnosisSettings:
         "in the same cases 36 of 37, by the rule of succession",
     )
     conformal: float = threshold(
-        0.757,
+        0.633,
         "how much less likely than the likeliest, as a share of it, an explanation in the 90 % conformal set may be",
         "probability",
-        "the 90 % quantile over 149 cases of the setting part of the wide check, answered with the earlier shares of unlisted "
-        "effects and of imitations; reweighed for the present ones it is 0.64, so that sets are rather too long than too short",
+        "the 90 % quantile over 149 cases of the setting part of the wide check, answered with the other thresholds as they "
+        "are, but for the share of what imitates a swing",
     )
     sample_event: float = threshold(
         1e-5,

@@ -70,6 +70,7 @@ class Symptom:
     probability : that an effect is at work and not a motion of the body, where that was weighed
     rivals : other symptoms that this may be as well, about the same axis, with their shares of the probability
     likeness : p-value of how it behaves, if it is what its kind says (`diagnosis.detectors.likeness`)
+    of_line : whether it is a line of the spectrum, which the attitude has judged
     """
 
     kind: str
@@ -83,6 +84,7 @@ class Symptom:
     probability: float = 1.0
     rivals: tuple[tuple[str, float], ...] = ()
     likeness: float = 1.0
+    of_line: bool = False
 
 
 @dataclass
@@ -134,7 +136,7 @@ class SampleReport:
         rates = self.rates.copy()
         for line in self.vibrations:
             rates[:, line.axis] += line.waveform
-        left = [one for one in self.symptoms if one.kind != "spectral_line"]
+        left = [one for one in self.symptoms if not one.of_line]
         return replace(self, rates=rates, symptoms=left, vibrations=[], motions=[], unconfirmed=[])
 
 

@@ -5,7 +5,7 @@ probability of one place in the explanation, they are a *group* of indistinguish
 something unlisted have more than `DiagnosisSettings.unknown` of the probability together, the answer is *unknown*.
 
 No list of unlisted rivals is complete: something else may imitate what would be named. Its prior share is t, the larger the
-more freedom the named effects have (`DiagnosisSettings.imitation`, `random_imitation`), and the checks of what the named model
+more freedom the named effects have (`DiagnosisSettings.imitation`, `free_imitation`), and the checks of what the named model
 leaves (`diagnosis.inference.checks`) weigh it. The p-value p of the checks is uniform under what is named, and has the density
 ξ p^(ξ − 1) under an imitation, ξ < 1 (`DiagnosisSettings.seen_by_checks`), so that a p-value is worth the Bayes factor
 
@@ -196,7 +196,7 @@ def _left(model: LinearModel, slot: Slot, unknown: float, p_value: float, settin
     acts beside it.
     """
     entry = model.candidate(slot.member)
-    share = settings.random_imitation if entry.process else settings.imitation
+    share = settings.free_imitation if entry.process or entry.scanned else settings.imitation
     shown = max(float(np.exp(-max(entry.log_odds, 0.0))), settings.another * settings.unlisted_share / share)
     odds = share / (1 - share) * max(1.0, (1 - unknown) * min(shown, 1.0) / against(p_value, settings))
     return 1 / (1 + odds)

@@ -11,6 +11,10 @@ steady, or not alone above the white noise, is a motion unless the references de
 lines. Of a steady tone beyond that band only the frequency is known: a vibration may show at any up to half the sampling
 rate, evenly, a motion is as likely in each octave. A vibration is picked up by one gyro; a body that rings shows several such
 tones.
+
+What is no motion need not be a vibration either: a bias may swing with any period that the references can follow, and is as
+likely to in each octave of them. Where it is rather that by far, it is left to the search of the attitude, and otherwise each
+is the other's rival.
 """
 
 from __future__ import annotations
@@ -27,6 +31,9 @@ from diagnosis.detectors.report import AXES, SampleReport, Symptom
 from diagnosis.detectors.spectral_tones import Line
 from diagnosis.model.misfit import innovations
 from diagnosis.model.recording import RecordingModel
+from diagnosis.model.tones.tone import BIAS, PICKUP, waves
+from gyrocal.recording import GyroStream
+from simulator.effects.periodic import SHORTEST
 
 Array = NDArray[np.float64]
 
@@ -35,8 +42,8 @@ OCTAVES = 7.0  # natural log of the range of frequencies of a motion
 WITHIN = -10.0  # the same for any other line
 SEVERAL = 3.0  # log odds that each further one, of which the references know nothing, takes from all of them
 CONFIRMED = -4.0  # log ratio below which the references confirm a motion
-FASTEST_BIAS_HZ = 0.02  # no thermal or magnetic cause swings a bias faster
 PERIODS = 5.0  # natural log of the range of periods that a bias may have
+FAR = 0.95  # probability of a swing of the bias, from which on it is left to the search
 BESIDE = (-8.0, -6.5, -5.0, -3.5, -2.0, 2.0, 3.5, 5.0, 6.5, 8.0)  # resolutions of the longest arc, to the tones beside a line
 BAND = 3.0  # factor on a frequency of the body's motion, up to which the next line belongs to it too
 
@@ -56,7 +63,7 @@ def judged_lines(
     for count, line in enumerate(report.lines):
         tell(count)
         ratios.append(log_ratio(model, line))
-    half_rate_hz = 0.5 / model.recording.gyro.sample_s
+    half_rate_hz, fastest_hz = 0.5 / model.recording.gyro.sample_s, _fastest_swing_hz(model)
     apart = [
         ratio + BEYOND + float(np.log(OCTAVES * line.frequency_hz / half_rate_hz))
         for line, ratio in zip(report.lines, ratios, strict=True)
@@ -76,15 +83,16 @@ def judged_lines(
         if line.axis in silent and not single:
             continue
         odds = by_itself - (SEVERAL * max(ringing - 1, 0) if single else 0.0)
-        if odds > 0 and line.frequency_hz < FASTEST_BIAS_HZ and _periodic_odds(line, half_rate_hz) > 0:
-            continue  # the attitude has seen that the reading is wrong; what swings it so slowly is more likely a bias
+        swing = _swing(line, half_rate_hz, fastest_hz)
+        if odds > 0 and swing > FAR:
+            continue
         if odds <= 0:
             (report.motions if ratio < CONFIRMED else report.unconfirmed).append(line)
             continue
         found = True
         report.vibrations.append(line)
         report.rates[:, line.axis] -= line.waveform
-        report.symptoms.append(_symptom(line, float(expit(odds))))
+        report.symptoms.append(_symptom(line, float(expit(odds)), swing, model.recording.gyro))
     return found
 
 
@@ -97,19 +105,45 @@ def _edge(moving: Sequence[float], frequencies: Sequence[float]) -> float:
     return edge
 
 
-def _symptom(line: Line, probability: float) -> Symptom:
+def _symptom(line: Line, probability: float, swing: float, gyro: GyroStream) -> Symptom:
+    """A line that is no motion, as a vibration or as a swing of the bias, the other of which may be its rival."""
     size, sigma = float(np.rad2deg(line.amplitude)), float(np.rad2deg(line.sigma))
     text = f"a line of {size:.3g} deg/s at {line.frequency_hz:.4f} Hz that is no motion of the body"
-    parameters: dict[str, float | str] = {"apparent_hz": line.frequency_hz}
-    return Symptom("spectral_line", AXES[line.axis], size, "deg/s", sigma, parameters, line.p_value, text, probability)
+    kind, other, unit, parameters = PICKUP, BIAS, "deg/s", {"apparent_hz": line.frequency_hz}
+    if swing > 0.5:
+        kind, other, unit = BIAS, PICKUP, "deg/h"
+        parameters = {"period_s": 1 / line.frequency_hz, "phase_deg": _phase_deg(line, gyro)}
+        size, sigma = (3600 * one / np.sinc(line.frequency_hz * gyro.sample_s) for one in (size, sigma))
+    share = min(swing, 1 - swing)
+    rivals = ((other, share),) if share > 0 else ()
+    return Symptom(
+        kind, AXES[line.axis], size, unit, sigma, dict(parameters), line.p_value, text, probability, rivals, of_line=True
+    )
 
 
-def _periodic_odds(line: Line, half_rate_hz: float) -> float:
-    """Prior log odds of a bias that swings with that period over an aliased vibration at that apparent frequency.
+def _phase_deg(line: Line, gyro: GyroStream) -> float:
+    """Phase of a line from the epoch on, in the longest run of samples that hold it."""
+    low, high = max(runs(line.waveform != 0.0), key=lambda run: run[1] - run[0])
+    wave = waves(np.array([line.frequency_hz]), gyro.t_s[low:high] + 0.5 * gyro.sample_s, 0.0)
+    sine, cosine = np.linalg.lstsq(wave, line.waveform[low:high], rcond=None)[0]
+    return float(np.rad2deg(np.arctan2(cosine, sine)))
+
+
+def _swing(line: Line, half_rate_hz: float, fastest_hz: float) -> float:
+    """Probability that a line that is no motion is a swing of the bias, which the references follow up to a frequency.
 
     A vibration may show at any frequency up to half the sampling rate, evenly; periods of a bias are even in their logarithm.
     """
-    return float(np.log(half_rate_hz / (line.frequency_hz * PERIODS)))
+    if line.frequency_hz > fastest_hz:
+        return 0.0
+    return float(expit(np.log(half_rate_hz / (line.frequency_hz * PERIODS))))
+
+
+def _fastest_swing_hz(model: RecordingModel) -> float:
+    """Highest frequency of a swing that the references can follow."""
+    same = np.diff(model.interval_of_reference) == 0
+    spacing = np.diff(model.references.t_s)[same]
+    return 1 / (SHORTEST * float(np.median(spacing))) if spacing.size else 0.0
 
 
 def log_ratio(model: RecordingModel, line: Line) -> float:

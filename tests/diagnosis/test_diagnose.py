@@ -80,7 +80,7 @@ def test_shuffled_residuals_give_no_cause(plan):
     ("text", "label", "unit", "biases"),
     [
         ("bias_orbital:y=0.25,phase_deg=40", "bias_orbital:y", "deg/h", True),
-        ("scale_asymmetry:y=1200", "scale_asymmetry:y", "ppm", True),
+        ("scale_asymmetry:y=1800", "scale_asymmetry:y", "ppm", True),
         ("reference_horizon:x=0.02,phase_deg=-70", "reference_horizon:x", "deg", False),
     ],
 )

@@ -95,16 +95,16 @@ def test_the_likeliest_number_of_effects_comes_before_the_likeliest_set():
     assert [slot.group[0][0] for slot in answer.slots] == ["e0"]
 
 
-@pytest.mark.parametrize("process", [False, True])
-def test_an_imitation_has_its_prior_share_where_the_checks_find_nothing(process):
+@pytest.mark.parametrize(("process", "scanned"), [(False, False), (True, False), (False, True)])
+def test_an_imitation_has_its_prior_share_where_the_checks_find_nothing(process, scanned):
     model, found = three({(0,): 0.99, (1,): 0.01})
-    model = replace(model, candidates=tuple(replace(one, process=process) for one in model.candidates))
-    settings = DiagnosisSettings(imitation=0.04, random_imitation=0.2)
+    model = replace(model, candidates=tuple(replace(one, process=process, scanned=scanned) for one in model.candidates))
+    settings = DiagnosisSettings(imitation=0.04, free_imitation=0.2)
     answer = doubted(model, attribute(model, found), 0.5, settings)
-    share = 0.2 if process else 0.04
+    share = 0.2 if process or scanned else 0.04
     assert answer.unknown == pytest.approx(share)
     assert answer.slots[0].probability == pytest.approx(0.99 * (1 - share))
-    assert answer.verdict == ("group" if process else "named")
+    assert answer.verdict == ("group" if process or scanned else "named")
     assert sum(one.probability for one in answer.ranked) == pytest.approx(1)
 
 
@@ -133,7 +133,7 @@ def test_something_unlisted_beside_a_cause_may_be_what_the_checks_see_but_makes_
     """By hand: prior odds of 1/4 stay; with half of the explanations holding something unlisted, the factor 250 is 125."""
     model, found = three({(0,): 0.5, (0, 1): 0.5}, (True, False, True))
     model = replace(model, candidates=tuple(replace(one, process=process) for one in model.candidates))
-    settings = DiagnosisSettings(imitation=0.2, random_imitation=0.2, unknown=1.0, seen_by_checks=0.25)
+    settings = DiagnosisSettings(imitation=0.2, free_imitation=0.2, unknown=1.0, seen_by_checks=0.25)
     for p, odds in ((0.5, 0.25), (0.0001, 0.25 * 125)):
         answer = doubted(model, attribute(model, found), p, settings)
         assert answer.slots[0].probability == pytest.approx(1 / (1 + odds))

@@ -9,9 +9,11 @@ from scipy.spatial.transform import Rotation
 
 from diagnosis.detectors.spectral_tones import Line
 from diagnosis.diagnose import diagnose
+from diagnosis.model import lines
 from diagnosis.model.linearise import linearised
 from diagnosis.model.lines import log_ratio
 from diagnosis.model.prepare import prepare
+from gyrocal.recording import GyroStream
 from simulator import scenario
 from simulator.effects import parse
 from simulator.simulate import simulate
@@ -213,3 +215,55 @@ def test_a_vibration_within_the_band_of_a_motion_is_one_where_the_references_den
     moved = prepare(swaying(recorded(), lambda t_s: turn(t_s) + tone(0.03 / (2 * np.pi * 1.7), 1.7)(t_s)))
     assert any(abs(line.frequency_hz - 1.7) < 1e-3 for line in moved.samples.motions)
     assert moved.samples.symptoms == []
+
+
+def a_line(frequency_hz, phase=0.7, gap=(0, 0), sample_s=0.1, count=8000):
+    """A line of one gyro, (line, gyro stream), which some samples do not hold."""
+    gyro = GyroStream.__new__(GyroStream)
+    t = 500.0 + sample_s * np.arange(count)
+    for name, value in (("t_s", t), ("sample_s", sample_s)):
+        object.__setattr__(gyro, name, value)
+    wave = 1e-4 * np.sin(2 * np.pi * frequency_hz * (t + 0.5 * sample_s) + phase)
+    wave[gap[0] : gap[1]] = 0.0
+    return Line(2, frequency_hz, 1e-4, 1e-6, 1e-9, wave, isolated=True, steady=True), gyro
+
+
+def test_a_swing_of_a_bias_has_its_amplitude_period_and_phase():
+    """A sample is the mean of the swing: sinc(f d) of it."""
+    line, gyro = a_line(0.31, gap=(1000, 1500))
+    found = lines._symptom(line, 0.97, 0.8, gyro)
+    assert (found.kind, found.unit, found.of_line, found.probability) == ("bias_tone", "deg/h", True, 0.97)
+    assert found.size == pytest.approx(np.rad2deg(1e-4) * 3600 / np.sinc(0.031))
+    assert found.sigma == pytest.approx(np.rad2deg(1e-6) * 3600 / np.sinc(0.031))
+    assert found.parameters["period_s"] == pytest.approx(1 / 0.31)
+    assert found.parameters["phase_deg"] == pytest.approx(np.rad2deg(0.7))
+    assert found.rivals == (("spectral_line", pytest.approx(0.2)),)
+    vibration = lines._symptom(line, 0.97, 0.3, gyro)
+    assert (vibration.kind, vibration.rivals) == ("spectral_line", (("bias_tone", 0.3),))
+    assert lines._symptom(line, 0.97, 0.0, gyro).rivals == ()
+
+
+@pytest.mark.parametrize(
+    ("frequency_hz", "fastest_hz", "expected"),
+    [(0.1, 0.4, 10 / 11), (1.0, 4.0, 0.5), (4.0, 5.0, 0.2), (1.0, 0.9, 0.0)],
+)
+def test_a_swing_is_as_likely_in_each_octave_and_a_vibration_at_each_frequency(frequency_hz, fastest_hz, expected):
+    """Half the sampling rate is 5 Hz, and the periods span five in their logarithm: densities 1/5 and 1/(5 f)."""
+    line, _ = a_line(frequency_hz)
+    assert lines._swing(line, 5.0, fastest_hz) == pytest.approx(expected)
+
+
+def test_a_swing_that_the_samples_show_may_be_either():
+    """References every 0.4 s follow a swing of 1.25 s, and a vibration may show at its frequency, too."""
+    answer = diagnose(recorded("bias_periodic:z=25,period_s=1.25", every_s=0.4))
+    (cause,) = answer.causes
+    assert (cause.effect, cause.axis, set(cause.group)) == ("bias_periodic", "z", {"bias_periodic:z", "vibration:z"})
+    assert abs(cause.size - 25) < 4 * cause.sigma
+    assert answer.verdict == "group"
+
+
+def test_a_slow_swing_that_the_samples_show_is_left_to_the_search():
+    """Of twelve seconds, a hundred times as likely as a vibration at that very frequency: what the references say goes."""
+    found = prepare(recorded("bias_periodic:z=25,period_s=12.0"))
+    assert found.samples.symptoms == []
+    assert found.samples.vibrations == []
