@@ -126,6 +126,11 @@ EVIDENCE = [
         f"{INFERENCE}test_checks.py::test_the_number_of_checks_is_allowed_for",
         [("the number of checks is not allowed for", "check.p_value * len(checks)", "check.p_value * 1")],
     ),
+    *of(
+        "diagnosis/inference/checks.py",
+        f"{INFERENCE}test_checks.py::test_jumps_are_no_draw_of_a_process",
+        [("steady changes are taken for jumps", "out[JUMPS] = 1 / _geary(", "out[JUMPS] = _geary(")],
+    ),
 ]
 
 ANSWER = [
@@ -139,6 +144,11 @@ ANSWER = [
                 '    if unknown > 1.0:\n        return Attribution("unknown", attribution.best',
             ),
             ("p-values of imitations have no area", "** (1 - shape) / shape)", "** (1 - shape))"),
+            (
+                "a companion makes an imitation less likely",
+                "odds = share / (1 - share) * max(1.0, (1 - unknown) *",
+                "odds = (1 - unknown) * share / (1 - share) * max(1.0,",
+            ),
             (
                 "one sure cause makes all sure",
                 "if all(slot.probability >= settings.named",
