@@ -7,8 +7,8 @@ A reading x + n of noise n ~ N(0, σ²) on a lattice of step q has the mean
 
 With noise above q/3 rounding hardly matters; below it f is a staircase. Cutting takes half a step off every rate that is
 larger than one, whatever the noise. Means over a minute are inverted through f; where the rate moves, half a step is given
-back to every reading but zero. What remains is the lattice's own noise, q²/12 a sample where the noise spreads it, and worse
-on a stair, or where a swing turns round inside a step.
+back to every reading but zero, and so it is where the noise spans many steps. What remains is the lattice's own noise, q²/12 a
+sample where the noise spreads it, and worse on a stair, or where a swing turns round inside a step.
 """
 
 from __future__ import annotations
@@ -32,6 +32,9 @@ HIDDEN = 0.3  # slope of f below which a reading hides the rate
 SPREAD = 0.45  # noise over step, above which rounding does nothing to a mean
 FEWEST = 12  # readings near zero in a sweep that can tell cut from rounded
 ODDS = 3.0  # log odds that do
+ABOUT_ZERO = 3  # steps on either side of zero that are compared with it, where the noise spans many more
+TWICE = 1.15  # share of those readings that are zero, over that of cut ones, beyond which something else makes them zero
+FINE = 5.0  # noise over step, above which the stairs of cut readings are lost in it
 
 
 def lattice_step(x: Array) -> float:
@@ -67,6 +70,19 @@ def sweep_odds(x: Array, step: float) -> float:
     return float(scipy.stats.binom.logpmf(zero, near, 1 / 2) - scipy.stats.binom.logpmf(zero, near, 1 / 3))
 
 
+def zero_odds(x: Array, step: float) -> float:
+    """log odds of cut against rounded readings of a lattice far finer than the noise, of how many of those about zero are zero.
+
+    With k steps on either side one in 2k + 1 is zero if they are rounded, and two in 2k + 2 if they are cut, whatever moves.
+    """
+    counts = np.round(x / step)
+    near, zero = int((np.abs(counts) <= ABOUT_ZERO).sum()), int((counts == 0).sum())
+    cut, rounded = 1 / (ABOUT_ZERO + 1), 1 / (2 * ABOUT_ZERO + 1)
+    if near < FEWEST or zero > TWICE * cut * near + 4 * np.sqrt(cut * near):
+        return 0.0
+    return float(scipy.stats.binom.logpmf(zero, near, cut) - scipy.stats.binom.logpmf(zero, near, rounded))
+
+
 def mean_reading(x: Array, step: float, sigma: float, kind: Kind) -> Array:
     """f(x): mean reading at true readings x with noise sigma, within `REACH` steps of zero."""
     shift = 0.5 if kind == "rounded" else 1.0
@@ -96,8 +112,10 @@ def undone(x: Array, sample_s: float, step: float, sigma: float, kind: Kind) -> 
     few = scipy.ndimage.uniform_filter1d(x, min(FEW, x.size), mode="nearest")
     # A long mean of a fast swing stands still; that of few readings does not.
     moving = (np.abs(np.gradient(mean)) * count > step) | (np.abs(few - mean) > step + 4 * sigma / np.sqrt(FEW))
-    if kind == "rounded" and sigma > SPREAD * step:
-        return x, np.ones_like(x), np.zeros_like(x)
+    counts = np.round(x / step)
+    half = 0.5 * step * np.sign(counts) if kind == "cut" else np.zeros_like(x)
+    if (kind == "rounded" and sigma > SPREAD * step) or sigma > FINE * step:
+        return x + half, np.ones_like(x), np.zeros_like(x)
     # Away from zero the stairs are all alike, and cut readings are rounded ones half a step nearer to zero.
     stair = np.linspace(-0.5, 0.5, 401) * step
     level = np.round(mean / step) * step
@@ -109,8 +127,6 @@ def undone(x: Array, sample_s: float, step: float, sigma: float, kind: Kind) -> 
         low, low_slope = _inverted(mean, grid, mean_reading(grid, step, max(sigma, 1e-3 * step), "cut"))
         true = np.where(near, low, true + 0.5 * step * np.sign(mean))
         slope = np.where(near, low_slope, slope)
-    counts = np.round(x / step)
-    half = 0.5 * step * np.sign(counts) if kind == "cut" else np.zeros_like(x)
     factor = np.where(moving, 1.0, 1.0 / np.clip(slope, LEAST_SLOPE, 1.0) ** 2)
     # On a flat stair the rate may be anywhere in between, and stay there for a while.
     hidden = np.where(~moving & (slope < HIDDEN), step**2 / 12 * MEAN_S, 0.0)

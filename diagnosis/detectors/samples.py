@@ -18,7 +18,7 @@ from diagnosis.detectors.clipping import saturation
 from diagnosis.detectors.copied_samples import copied_samples
 from diagnosis.detectors.denoised import denoised
 from diagnosis.detectors.gap_interpolation import filled, runs
-from diagnosis.detectors.lattice import ODDS, Kind, lattice_step, sweep_odds, undone
+from diagnosis.detectors.lattice import ODDS, Kind, lattice_step, sweep_odds, undone, zero_odds
 from diagnosis.detectors.likeness import of_runs
 from diagnosis.detectors.noise_patterns import patterns
 from diagnosis.detectors.noise_structure import constancy, together
@@ -50,6 +50,8 @@ Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
 COARSE = 0.2  # a lattice finer than this share of the noise is a number format: its rounding has 0.3 % of the power
+WORTH = 3.0  # sigmas of the angle random walk over all samples, that half steps must turn by for a finer lattice to matter
+CLEARLY = 12.0  # log odds of cut readings from which on a finer one does
 FIRST = 3.0  # steps of a number format, within which the smallest readings beside its zeros lie
 HIDING = 2.0  # noise sigmas in a step, above which a lattice hides slow motion
 CERTAIN = 3.0  # log odds of a dead zone from which on its edges are left out of the other tests
@@ -79,7 +81,10 @@ def examine(
     used = inside(recording)
     steps = np.array([lattice_step(gyro.rates[used, axis]) for axis in range(3)])
     coarse = steps > COARSE * sigma
-    odds = _cut_odds(gyro.rates[used], steps, coarse)
+    # A finer one is of no consequence if readings were rounded; cut ones are all half a step too near to zero.
+    worth = ~coarse & (sigma > 0) & (0.5 * steps * np.sqrt(used.sum()) > WORTH * sigma)
+    odds = _cut_odds(gyro.rates[used], steps, coarse, worth)
+    coarse = coarse | (worth & (odds > CLEARLY))
     report.undecided = bool(coarse.any()) and lattice is None and float(np.abs(odds).max()) < ODDS
     cut = coarse & (odds > ODDS if lattice is None else lattice == "cut")
     report.lattice = steps > HIDING * sigma
@@ -155,10 +160,15 @@ def smoothed_rates(rates: Array, recording: Recording, tell: Tell = silent) -> A
     return out
 
 
-def _cut_odds(rates: Array, steps: Array, coarse: Mask) -> Array:
-    """(3,) log odds of cut against rounded readings; axes with one step have one converter, and count together."""
-    odds = np.array([sweep_odds(rates[:, k], steps[k]) if coarse[k] else 0.0 for k in range(3)])
-    alike = coarse & (np.abs(steps - np.median(steps[coarse])) < 0.01 * np.median(steps[coarse])) if coarse.any() else coarse
+def _cut_odds(rates: Array, steps: Array, coarse: Mask, fine: Mask) -> Array:
+    """(3,) log odds of cut against rounded readings; axes with one step have one converter, and count together.
+
+    Of those on a `coarse` lattice, and of those on a `fine` one that may matter.
+    """
+    odds = np.array([sweep_odds(x, q) if one else 0.0 for x, q, one in zip(rates.T, steps, coarse, strict=True)])
+    odds += [zero_odds(x, q) if one else 0.0 for x, q, one in zip(rates.T, steps, fine, strict=True)]
+    asked = coarse | fine
+    alike = asked & (np.abs(steps - np.median(steps[asked])) < 0.01 * np.median(steps[asked])) if asked.any() else asked
     return np.where(alike, odds[alike].sum(), odds)
 
 

@@ -5,11 +5,12 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+import scipy.special
 
 from diagnosis.detectors import samples as stream
 from diagnosis.detectors import spectral_lines, spectral_tones
 from diagnosis.detectors.clipping import _is_plateau
-from diagnosis.detectors.lattice import held_s, lattice_step, mean_reading, sweep_odds, undone
+from diagnosis.detectors.lattice import held_s, lattice_step, mean_reading, sweep_odds, undone, zero_odds
 from diagnosis.detectors.sample_noise import local_noise
 from diagnosis.settings import DEFAULT
 from simulator import scenario
@@ -268,6 +269,41 @@ def test_a_slow_rate_comes_back_from_the_lattice(kind, level):
     back, factor, _ = undone(reading, 0.5, 1.0, 0.2, kind)
     assert abs(back.mean() - level) < 0.03 < abs(reading.mean() - level)
     assert (factor >= 1).all()
+
+
+@pytest.mark.parametrize("level", [0.0, 2.0, -40.0])
+def test_readings_cut_far_below_their_noise_come_back(level):
+    """Noise of nine steps: cut readings are half a step nearer to zero, but for the noise that changes the sign."""
+    rng = np.random.default_rng(8)
+    noisy = level + 9.0 * rng.standard_normal(400_000)
+    back, factor, added = undone(np.trunc(noisy), 0.01, 1.0, 9.0, "cut")
+    error = 5 * 9.0 / np.sqrt(400_000)
+    assert abs(np.trunc(noisy).mean() - level + 0.5 * scipy.special.erf(level / 9 / np.sqrt(2))) < error
+    assert abs(back.mean() - level) < error
+    assert (factor == 1).all()
+    assert (added == 0).all()
+
+
+@pytest.mark.parametrize("level", [0.0, 6.0])
+def test_zeros_tell_cut_readings_from_rounded_ones_below_their_noise(level):
+    rng = np.random.default_rng(9)
+    noisy = level + 9.0 * rng.standard_normal(20_000)
+    assert zero_odds(np.trunc(noisy), 1.0) > 50
+    assert zero_odds(np.round(noisy), 1.0) < -30
+    assert zero_odds(np.trunc(noisy) + 500, 1.0) == 0.0  # none near zero
+    dead = np.where(np.abs(noisy) < 2.5, 0.0, np.round(noisy))
+    assert zero_odds(dead, 1.0) == 0.0  # more zeros than cutting makes
+
+
+@pytest.mark.parametrize(("how", "said"), [(np.trunc, ["lattice_cut"]), (np.round, [])])
+def test_a_cut_below_the_noise_is_seen_and_a_number_format_is_not(plan, truth, how, said):
+    clean = _recording(plan, truth, 3)
+    step = 0.11 * clean.gyro.arw / np.sqrt(clean.gyro.sample_s)
+    found = stream.examine(replace(clean, gyro=replace(clean.gyro, rates=how(clean.gyro.rates / step) * step)))
+    assert [one.kind for one in found.symptoms] == said
+    if said:
+        assert found.symptoms[0].axis is None
+        assert found.symptoms[0].size == pytest.approx(np.rad2deg(step), rel=1e-6)
 
 
 def test_a_swing_comes_back_from_the_cut():
