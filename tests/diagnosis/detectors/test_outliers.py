@@ -4,7 +4,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import scipy.stats
 
+from diagnosis.detectors import outliers
+from diagnosis.detectors.report import SampleReport
 from diagnosis.detectors.samples import examine
 from tests.diagnosis.recordings import of_rates
 
@@ -117,3 +120,27 @@ def jolted(seed, width):
 @pytest.mark.parametrize("seed", [0, 1, 2, 3])
 def test_a_jolted_body_that_rings_has_no_outliers(seed, width):
     assert not [one for one in examine(jolted(seed, width)).symptoms if one.kind.startswith("outlier")]
+
+
+def test_outliers_of_one_gyro_speak_although_the_others_motion_passes_for_some(monkeypatch):
+    """Five where next to none is expected are told, as 3 P(N >= 5); of all gyros, of which seven are expected, they are not."""
+    t_s = SAMPLE_S * np.arange(3000)
+    made = of_rates(np.zeros((t_s.size, 3)), 40, SAMPLE_S, ARW, 3e-4, 1)
+    places, odd, none = (np.zeros(t_s.size, dtype=bool) for _ in range(3))
+    places[[300, 777, 1400, 1999, 2500]] = True
+    odd[::17] = True
+    off = np.where(places, 50 * SIGMA, 0.0)
+    quiet = outliers.Looked(none, places, off, 6 * SIGMA, places, np.zeros(t_s.size))
+    jolted = outliers.Looked(none, none, off, 6 * SIGMA, odd, np.zeros(t_s.size))
+    monkeypatch.setattr(outliers, "_looked", lambda *_: ([jolted, quiet, jolted], ~none))
+
+    def found(seen):
+        report = SampleReport([], [], made.gyro.rates.copy(), np.ones((t_s.size, 3)), none, none.copy())
+        report.event_p = seen
+        outliers.spikes(report, made, ~none, ~none, np.full(3, SIGMA), np.zeros(3))
+        return [(one.axis, one.p_value) for one in report.symptoms if one.kind == "outliers"]
+
+    expected = 3000 * 2 * scipy.stats.norm.sf(6.0) * 1.2
+    p = 3 * scipy.stats.poisson.sf(4, expected)
+    assert found(2 * p) == [("y", pytest.approx(p))]
+    assert found(0.5 * p) == []
