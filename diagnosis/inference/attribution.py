@@ -6,13 +6,15 @@ something unlisted have more than `DiagnosisSettings.unknown` of the probability
 
 No list of unlisted rivals is complete: something else may imitate what would be named. Its prior share is t, the larger the
 more freedom the named effects have (`DiagnosisSettings.imitation`, `free_imitation`), and the checks of what the named model
-leaves (`diagnosis.inference.checks`) weigh it. The p-value p of the checks is uniform under what is named, and has the density
-ξ p^(ξ − 1) under an imitation, ξ < 1 (`DiagnosisSettings.seen_by_checks`), so that a p-value is worth the Bayes factor
+leaves (`diagnosis.inference.checks`) weigh it. The p-value p of the checks is uniform under what is named. Under an imitation
+they see it with a probability f (`DiagnosisSettings.seen`), by p-values of any order of magnitude down to p₀ = 10⁻¹⁶ alike, and
+otherwise do not, so that a p-value is worth the Bayes factor
 
-    B = ξ p^(ξ − 1)
+    B = 1 − f + f/(p ln(1/p₀))
 
-against what is named, and the odds of an imitation are t/(1 − t) max(B, 1). The largest factor that any ξ gives is
-1/(−e p ln p) (Sellke, Bayarri and Berger, The American Statistician 55, 2001), which B never exceeds.
+against what is named, and the odds of an imitation are t/(1 − t) max(B, 1). The largest factor that any distribution of
+p-values could give is 1/(−e p ln p) (Sellke, Bayarri and Berger, The American Statistician 55, 2001); where p is small, B is
+below it.
 
 Where several listed explanations share the probability, it is that of the p-value of all of them, averaged over their posterior
 (Gelman et al., Bayesian Data Analysis, section 6.3): what one of them would not leave, another may.
@@ -36,7 +38,7 @@ from diagnosis.inference.search import NOTHING, Explanation, total
 from diagnosis.model.linear import LinearModel, Member
 from diagnosis.settings import DEFAULT, DiagnosisSettings
 
-LEAST = 1e-16  # p-value, below which no other is told from it
+LEAST = 1e-16  # p-value down to which those of imitations are spread
 WORTH_A_CHECK = 0.02  # share of the listed explanations' probability, from which on one of them is checked
 MOST_CHECKED = 5  # of these
 
@@ -204,8 +206,8 @@ def _left(model: LinearModel, slot: Slot, unknown: float, p_value: float, settin
 
 def against(p_value: float, settings: DiagnosisSettings = DEFAULT) -> float:
     """Bayes factor for a model against what its checks may see, of their p-value; at most one."""
-    shape = settings.seen_by_checks
-    return min(1.0, max(p_value, LEAST) ** (1 - shape) / shape)
+    spread = settings.seen / (max(p_value, LEAST) * -math.log(LEAST))
+    return min(1.0, 1 / (1 - settings.seen + spread))
 
 
 def averaged_check(

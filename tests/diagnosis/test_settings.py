@@ -6,7 +6,7 @@ import pytest
 
 from diagnosis.settings import DEFAULT, DiagnosisSettings
 
-UNITS = {"probability", "exponent", "draws", "effects"}
+UNITS = {"probability", "draws", "effects"}
 
 
 @pytest.mark.parametrize("one", fields(DiagnosisSettings), ids=lambda one: one.name)
@@ -17,7 +17,7 @@ def test_every_threshold_is_documented(one):
     )
     assert one.metadata["unit"] in UNITS
     value = getattr(DEFAULT, one.name)
-    assert (0 < value < 1) if one.metadata["unit"] in {"probability", "exponent"} else (isinstance(value, int) and value >= 1)
+    assert (0 < value < 1) if one.metadata["unit"] == "probability" else (isinstance(value, int) and value >= 1)
 
 
 def test_a_description_has_the_values_in_force():

@@ -143,7 +143,7 @@ ANSWER = [
                 '    if unknown > settings.unknown:\n        return Attribution("unknown", attribution.best',
                 '    if unknown > 1.0:\n        return Attribution("unknown", attribution.best',
             ),
-            ("p-values of imitations have no area", "** (1 - shape) / shape)", "** (1 - shape))"),
+            ("p-values of imitations have no area", "1 / (1 - settings.seen + spread)", "1 / (1 + spread)"),
             (
                 "a companion makes an imitation less likely",
                 "odds = share / (1 - share) * max(1.0, (1 - unknown) *",

@@ -121,35 +121,35 @@ def test_one_cause_may_be_imitated_and_the_other_not():
 
 
 def test_odds_of_an_imitation_follow_the_p_value():
-    """By hand, with an exponent of 1/4: at p = 0.0001 the factor is 1000/4."""
-    for p, factor in ((0.5, 1.0), (0.0001, 250.0)):
+    """By hand, with f = 1/4: at p = 0.001 the factor is 3/4 + 250/(16 ln 10) = 7.536."""
+    for p, factor in ((0.5, 1.0), (0.001, 7.536)):
         model, found = three({(0,): 1.0})
-        answer = doubted(model, attribute(model, found), p, DiagnosisSettings(imitation=0.1, unknown=1.0, seen_by_checks=0.25))
-        assert answer.unknown / (1 - answer.unknown) == pytest.approx(factor / 9)
+        answer = doubted(model, attribute(model, found), p, DiagnosisSettings(imitation=0.1, unknown=1.0, seen=0.25))
+        assert answer.unknown / (1 - answer.unknown) == pytest.approx(factor / 9, rel=1e-3)
 
 
 @pytest.mark.parametrize("process", [False, True])
 def test_something_unlisted_beside_a_cause_may_be_what_the_checks_see_but_makes_no_imitation_less_likely(process):
-    """By hand: prior odds of 1/4 stay; with half of the explanations holding something unlisted, the factor 250 is 125."""
+    """By hand: prior odds of 1/4 stay; with half of the explanations holding something unlisted, the factor 7.536 is 3.768."""
     model, found = three({(0,): 0.5, (0, 1): 0.5}, (True, False, True))
     model = replace(model, candidates=tuple(replace(one, process=process) for one in model.candidates))
-    settings = DiagnosisSettings(imitation=0.2, free_imitation=0.2, unknown=1.0, seen_by_checks=0.25)
-    for p, odds in ((0.5, 0.25), (0.0001, 0.25 * 125)):
+    settings = DiagnosisSettings(imitation=0.2, free_imitation=0.2, unknown=1.0, seen=0.25)
+    for p, odds in ((0.5, 0.25), (0.001, 0.25 * 3.768)):
         answer = doubted(model, attribute(model, found), p, settings)
-        assert answer.slots[0].probability == pytest.approx(1 / (1 + odds))
+        assert answer.slots[0].probability == pytest.approx(1 / (1 + odds), rel=1e-4)
 
 
 def test_the_bayes_factor_is_that_of_a_distribution_of_p_values():
     """The density of p-values under an imitation is one over the factor; it has the area one, and stays below any bound."""
-    settings = DiagnosisSettings(seen_by_checks=0.2)
+    settings = DiagnosisSettings(seen=0.25)
     at = np.linspace(np.log(1e-16), 0, 20001)
     p = np.exp(at)
+    density = 0.75 + 0.25 / (p * 16 * np.log(10))
+    assert np.trapezoid(density * p, at) == pytest.approx(1.0, abs=1e-3)
     told = np.array([1 / against(value, settings) for value in p])
-    density = 0.2 * p**-0.8
     assert np.allclose(told, np.maximum(density, 1.0))
-    assert np.trapezoid(density * p, at) == pytest.approx(1 - 1e-16**0.2, abs=1e-5)
-    small = p < np.exp(-1)
-    assert np.all(told[small] <= np.maximum(1 / (-np.e * p[small] * at[small]), 1.0) * (1 + 1e-9))  # Sellke, Bayarri and Berger
+    small = p < 0.2
+    assert np.all(told[small] < 1 / (-np.e * p[small] * at[small]))  # Sellke, Bayarri and Berger
 
 
 def test_checks_are_averaged_over_what_may_be_the_case():
@@ -173,10 +173,10 @@ def test_what_the_samples_show_is_not_imitated_as_easily(log_odds, shown):
     """What the checks say against it counts less, down to what may act beside it: 0.1 times 0.2 over the share of 0.1."""
     model, found = three({(0,): 1.0})
     model = replace(model, candidates=tuple(replace(one, log_odds=log_odds) for one in model.candidates))
-    settings = DiagnosisSettings(imitation=0.1, unknown=1.0, unlisted_share=0.2, seen_by_checks=0.25)
+    settings = DiagnosisSettings(imitation=0.1, unknown=1.0, unlisted_share=0.2)
     assert doubted(model, attribute(model, found), 0.5, settings).unknown == pytest.approx(0.1)
-    unknown = doubted(model, attribute(model, found), 0.0001, settings).unknown
-    assert unknown / (1 - unknown) == pytest.approx(max(250 * shown, 1) / 9)
+    unknown = doubted(model, attribute(model, found), 0.001, settings).unknown
+    assert unknown / (1 - unknown) == pytest.approx(max(7.536 * shown, 1) / 9, rel=1e-3)
 
 
 def test_what_the_checks_reject_is_unknown():
