@@ -107,15 +107,15 @@ def undone(x: Array, sample_s: float, step: float, sigma: float, kind: Kind) -> 
     -------
     The readings, what to multiply their noise density with, and what to add to it, rad²/s; (n,) each.
     """
+    counts = np.round(x / step)
+    half = 0.5 * step * np.sign(counts) if kind == "cut" else np.zeros_like(x)
+    if (kind == "rounded" and sigma > SPREAD * step) or sigma > FINE * step:
+        return x + half, np.ones_like(x), np.zeros_like(x)
     count = min(max(FEW, round(MEAN_S / sample_s)), x.size)
     mean = scipy.ndimage.uniform_filter1d(x, count, mode="nearest")
     few = scipy.ndimage.uniform_filter1d(x, min(FEW, x.size), mode="nearest")
     # A long mean of a fast swing stands still; that of few readings does not.
     moving = (np.abs(np.gradient(mean)) * count > step) | (np.abs(few - mean) > step + 4 * sigma / np.sqrt(FEW))
-    counts = np.round(x / step)
-    half = 0.5 * step * np.sign(counts) if kind == "cut" else np.zeros_like(x)
-    if (kind == "rounded" and sigma > SPREAD * step) or sigma > FINE * step:
-        return x + half, np.ones_like(x), np.zeros_like(x)
     # Away from zero the stairs are all alike, and cut readings are rounded ones half a step nearer to zero.
     stair = np.linspace(-0.5, 0.5, 401) * step
     level = np.round(mean / step) * step

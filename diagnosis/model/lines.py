@@ -31,9 +31,9 @@ from diagnosis.detectors.report import AXES, SampleReport, Symptom
 from diagnosis.detectors.spectral_tones import Line
 from diagnosis.model.misfit import innovations
 from diagnosis.model.recording import RecordingModel
-from diagnosis.model.tones.tone import BIAS, PICKUP, waves
+from diagnosis.model.tones.tone import BIAS, PICKUP, Way, waves
 from gyrocal.recording import GyroStream
-from simulator.effects.periodic import SHORTEST
+from simulator.effects.periodic import period_band
 
 Array = NDArray[np.float64]
 
@@ -63,7 +63,8 @@ def judged_lines(
     for count, line in enumerate(report.lines):
         tell(count)
         ratios.append(log_ratio(model, line))
-    half_rate_hz, fastest_hz = 0.5 / model.recording.gyro.sample_s, _fastest_swing_hz(model)
+    half_rate_hz, band = 0.5 / model.recording.gyro.sample_s, period_band(model.around)
+    fastest_hz = 0.0 if band is None else 1 / band[0]
     apart = [
         ratio + BEYOND + float(np.log(OCTAVES * line.frequency_hz / half_rate_hz))
         for line, ratio in zip(report.lines, ratios, strict=True)
@@ -109,24 +110,24 @@ def _symptom(line: Line, probability: float, swing: float, gyro: GyroStream) -> 
     """A line that is no motion, as a vibration or as a swing of the bias, the other of which may be its rival."""
     size, sigma = float(np.rad2deg(line.amplitude)), float(np.rad2deg(line.sigma))
     text = f"a line of {size:.3g} deg/s at {line.frequency_hz:.4f} Hz that is no motion of the body"
-    kind, other, unit, parameters = PICKUP, BIAS, "deg/s", {"apparent_hz": line.frequency_hz}
+    kind, other, unit = PICKUP, BIAS, "deg/s"
+    parameters: dict[str, float | str] = {"apparent_hz": line.frequency_hz}
     if swing > 0.5:
-        kind, other, unit = BIAS, PICKUP, "deg/h"
-        parameters = {"period_s": 1 / line.frequency_hz, "phase_deg": _phase_deg(line, gyro)}
-        size, sigma = (3600 * one / np.sinc(line.frequency_hz * gyro.sample_s) for one in (size, sigma))
+        kind, other = BIAS, PICKUP
+        size, sigma, unit, parameters = _as_swing(line, gyro).stated()
     share = min(swing, 1 - swing)
     rivals = ((other, share),) if share > 0 else ()
-    return Symptom(
-        kind, AXES[line.axis], size, unit, sigma, dict(parameters), line.p_value, text, probability, rivals, of_line=True
-    )
+    return Symptom(kind, AXES[line.axis], size, unit, sigma, parameters, line.p_value, text, probability, rivals, of_line=True)
 
 
-def _phase_deg(line: Line, gyro: GyroStream) -> float:
-    """Phase of a line from the epoch on, in the longest run of samples that hold it."""
+def _as_swing(line: Line, gyro: GyroStream) -> Way:
+    """The line as a swing of the bias, of which a sample shows the mean, in phase with the longest run that holds it."""
     low, high = max(runs(line.waveform != 0.0), key=lambda run: run[1] - run[0])
     wave = waves(np.array([line.frequency_hz]), gyro.t_s[low:high] + 0.5 * gyro.sample_s, 0.0)
-    sine, cosine = np.linalg.lstsq(wave, line.waveform[low:high], rcond=None)[0]
-    return float(np.rad2deg(np.arctan2(cosine, sine)))
+    found = np.linalg.lstsq(wave, line.waveform[low:high], rcond=None)[0]
+    mean = float(np.sinc(line.frequency_hz * gyro.sample_s))
+    amplitudes = line.amplitude / mean * found / np.hypot(*found)
+    return Way(BIAS, line.axis, line.frequency_hz, amplitudes, line.sigma / mean, 0.0)
 
 
 def _swing(line: Line, half_rate_hz: float, fastest_hz: float) -> float:
@@ -137,13 +138,6 @@ def _swing(line: Line, half_rate_hz: float, fastest_hz: float) -> float:
     if line.frequency_hz > fastest_hz:
         return 0.0
     return float(expit(np.log(half_rate_hz / (line.frequency_hz * PERIODS))))
-
-
-def _fastest_swing_hz(model: RecordingModel) -> float:
-    """Highest frequency of a swing that the references can follow."""
-    same = np.diff(model.interval_of_reference) == 0
-    spacing = np.diff(model.references.t_s)[same]
-    return 1 / (SHORTEST * float(np.median(spacing))) if spacing.size else 0.0
 
 
 def log_ratio(model: RecordingModel, line: Line) -> float:

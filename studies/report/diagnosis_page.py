@@ -12,6 +12,7 @@ import numpy as np
 import pandas as pd
 
 from diagnosis.answer import Cause
+from diagnosis.model.tones.tone import BIAS, PICKUP
 from diagnosis.result import Diagnosis
 from simulator.effects.sensor import SENSOR_EFFECTS
 from studies.montecarlo.files import write_text
@@ -236,7 +237,7 @@ def _stream(diagnosis: Diagnosis) -> str:
         return ""
     ordered = table.sort_values("p_value", kind="stable")
     shown = ordered.head(MOST_STREAM_TESTS)
-    vibrating = {one.axis for one in diagnosis.where if one.statistic == "spectral_line"}
+    vibrating = {one.axis for one in diagnosis.where if one.statistic in (PICKUP, BIAS)}
     moving = (shown["statistic"] == "strongest_line") & ~shown["axis"].isin(vibrating)
     rows = pd.DataFrame(
         {

@@ -108,6 +108,15 @@ def test_an_effect_is_named_with_its_size_and_closes_the_gap(plan, text, label, 
         assert error @ error < before @ before
 
 
+def test_what_is_just_below_the_threshold_stands_alone_all_the_same(plan):
+    """At 1200 ppm the asymmetry has a probability of 0.90, where naming begins; nothing else is offered in its place."""
+    setting = parse("scale_asymmetry:y=1200")
+    (cause,) = diagnose(simulate(plan, seed=15, effects=[setting])).causes
+    assert cause.group == ("scale_asymmetry:y",)
+    assert abs(cause.probability - DEFAULT.named) < 0.02
+    assert abs(cause.size - setting.size) < 3.5 * cause.sigma
+
+
 def test_a_lag_cannot_lead(plan):
     """Tags that are early have the column of a lag with the wrong sign: only the offset is left."""
     answer = diagnose(simulate(plan, seed=20, effects=[parse("time_offset=-0.8")]))

@@ -10,6 +10,7 @@ import pandas as pd
 import pytest
 from rich.console import Console
 
+from diagnosis.answer import Finding
 from simulator.effects.base import STAGE_NAMES
 from simulator.effects.sensor import ALL_EFFECTS
 from studies.report import card_drawing, diagnosis_card, diagnosis_figures, diagnosis_summary, next_step, pointing_cost, svg
@@ -266,6 +267,16 @@ def test_pointing_is_the_largest_swing_within_an_orbit():
     both = pd.concat([table, table.assign(cause="reference_orbital:z")])
     assert pointing_cost.sentence(both, 5400.0) == pointing_cost.sentence(table, 5400.0)
     assert "in the samples" in pointing_cost.sentence(table.iloc[:0], 5400.0)
+
+
+@pytest.mark.parametrize(("kind", "is_motion"), [("spectral_line", False), ("bias_tone", False), ("outliers", True)])
+def test_a_line_is_a_motion_of_the_body_unless_it_is_named_for_something_else(kind, is_motion):
+    found = CASES["named"]()
+    row = {"statistic": "strongest_line", "axis": "z", "value": 1.0, "expected": 0.0, "p_value": 1e-9, "text": "a line"}
+    where = (Finding("gyro stream", None, "z", None, kind, 1.0, 1e-9, "a line"),)
+    details = dataclasses.replace(found.details, stream=pd.DataFrame([row]))
+    page = diagnosis_report._stream(dataclasses.replace(found, where=where, details=details))
+    assert ("taken for a motion of the body" in page) == is_motion
 
 
 def test_reliability_is_the_one_that_was_measured():
