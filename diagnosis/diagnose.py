@@ -248,7 +248,7 @@ def judged(
     """
     search = Search(linear, settings, counted(tell, "explanations", 0.5, 0.6, 1000))
     told = partial(tell, "null distribution")
-    p = p_value(search, seed, settings.null_draws, settings.scanned_share, lambda share: told(0.3 + 0.2 * share))
+    p = p_value(search, seed, settings.null_draws, settings.scanned_share, lambda share: told(0.35 + 0.15 * share))
     quiet: tuple[Ranked, ...] = ()
     share, of_all = (0.0, 1.0) if left is None else (settings.misfit_share, left)
     p, left = min(p / (1 - share), shown), 1.0 if left is None else left / share

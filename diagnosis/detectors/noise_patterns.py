@@ -5,8 +5,9 @@ rows that whiten their upper spectrum (`diagnosis.detectors.noise_blocks`, B B�
 in it. The two have independent noise: whatever is made of the rest and of the time is given beforehand, and ê is
 N(0, σ² Bᵀ B). Only calm blocks count, in which no motion is left in ê, and none that come from zero: a dead zone, which is no
 pattern, jumps there. What is asked of them is in `diagnosis.detectors.noise_questions`. Blocks begin every 37 samples, which is
-prime to all cycles that are asked for. Of two gyros with calm blocks at the same times, the noise must not correlate; with N
-cosines of both, the coefficient has the variance 1/N.
+prime to all cycles that are asked for; where there are more than show what matters, stretches all over the recording are taken.
+Of two gyros with calm blocks at the same times, the noise must not correlate; with N cosines of both, the coefficient has the
+variance 1/N.
 """
 
 from __future__ import annotations
@@ -54,6 +55,8 @@ Indices = NDArray[np.intp]
 
 STRIDE = 37  # samples from block to block
 FEWEST = 150  # blocks, below which nothing is said
+MOST = 15_000  # blocks that are asked: a cycle of a hundredth of the noise then has T² = 39
+TOGETHER = 50  # blocks that follow one another, which are chosen or left out together
 SHARES = (1.0, 0.75, 0.5, 0.35, 0.25)  # of the blocks, the calmest, of which the first is taken in which no motion shows
 FORMAT = 0.02  # noise sigmas in a step of the readings, from which on it matters at zero whether they are cut
 NOTABLE = 0.01  # of the noise of a sample, or of its power, that matters
@@ -76,6 +79,9 @@ def patterns(report: SampleReport, recording: Recording, used: NDArray[np.bool_]
     size = BLOCK + ORDER
     runs = arcs(good & consecutive(recording, good))
     places = np.concatenate([np.empty(0, dtype=np.intp), *(np.arange(low, high - size, STRIDE) for low, high in runs)])
+    if len(places) > MOST:
+        groups = np.array_split(places, len(places) // TOGETHER)
+        places = np.concatenate([groups[k] for k in np.linspace(0, len(groups) - 1, MOST // TOGETHER).astype(np.intp)])
     fast = {one.axis for one in report.lines if one.frequency_hz * recording.gyro.sample_s > SLOW}
     spoiled = fast | set(report.zones)
     falsified = any(one.kind in ("outliers", "repeats", "filled_samples", "plateau") for one in report.symptoms)

@@ -28,6 +28,7 @@ Array = NDArray[np.float64]
 
 TINY = 1e-300
 AT_ONCE = 250  # draws
+ENOUGH = 20  # draws beyond what was observed, after which no more are made
 
 
 def p_value(
@@ -40,7 +41,8 @@ def p_value(
     """P-value of the evidence averaged over all candidates.
 
     It comes from draws of M0, and beyond what those can resolve from the bound P(B ≥ c) ≤ 1/c on an average of likelihood
-    ratios, which needs none.
+    ratios, which needs none. Draws end where `ENOUGH` of them are beyond what was observed: of as many as h of l, the last of
+    them beyond, h/l is a p-value as exact as that of all draws (Besag and Clifford, Biometrika 78 (1991) 301).
 
     Parameters
     ----------
@@ -53,25 +55,41 @@ def p_value(
     bound = float(np.exp(-max(_observed(search), 0.0)))
     if bound * (1 + draws) < 1:
         return _with_scanned(search, bound, scanned_share)
-    return among(search, null_draws(search, seed, draws, tell), scanned_share)
+    null = null_draws(search, seed, draws, tell, _observed(search))
+    if null.size < draws:
+        return _with_scanned(search, ENOUGH / null.size, scanned_share)
+    return among(search, null, scanned_share)
 
 
-def null_draws(search: Search, seed: int, draws: int, tell: Callable[[float], None] = lambda share: None) -> Array:
-    """(draws,) the statistic of draws of M0, which does not depend on what was observed."""
+def null_draws(
+    search: Search,
+    seed: int,
+    draws: int,
+    tell: Callable[[float], None] = lambda share: None,
+    observed: float = np.inf,
+) -> Array:
+    """The statistic of draws of M0, which does not depend on what was observed.
+
+    There are as many as asked for (draws,), or those up to the one at which `ENOUGH` have reached what was observed.
+    """
     rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=tuple(b"diagnosis_null")))
     noise = search.model.projected(rng.standard_normal((search.model.y.size, draws)))
     # Some at a time: there are thousands of candidates' columns, and several numbers for each of their products.
-    parts = []
+    found = np.empty(0)
     for k in range(0, draws, AT_ONCE):
         tell(k / draws)
-        parts.append(search.null_statistic(search.model.X.T @ noise[:, k : k + AT_ONCE]))
-    return np.concatenate(parts)
+        found = np.append(found, search.null_statistic(search.model.X.T @ noise[:, k : k + AT_ONCE]))
+        beyond = np.flatnonzero(found >= observed)
+        if beyond.size >= ENOUGH:
+            return np.asarray(found[: beyond[ENOUGH - 1] + 1])
+    return found
 
 
 def among(search: Search, null: Array, scanned_share: float = DEFAULT.scanned_share) -> float:
     """P-value of what was observed, among the statistics of draws of M0."""
     observed = _observed(search)
-    simulated = (1 + int(np.sum(null >= observed))) / (1 + null.size)
+    beyond = int(np.sum(null >= observed))
+    simulated = (1 + beyond) / (1 + null.size)
     bound = float(np.exp(-max(observed, 0.0)))
     return _with_scanned(search, bound if bound * (1 + null.size) < 1 else simulated, scanned_share)
 

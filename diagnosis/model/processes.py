@@ -11,7 +11,7 @@ follow the rate, and references that are off by another angle in each interval.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -144,15 +144,17 @@ def unlisted(model: RecordingModel, known: Sequence[Array] = ()) -> Iterator[Pro
     separate, taus = same(at.interval), (longest / 60, longest / 20, longest / 6)
     new = [tau for tau in taus if not is_one_of(same(cells.interval) * markov(cells.t_s, tau), known)]
     slow = separate * markov(at.t_s, taus[-1])
-    along = [np.outer(w[:, other], w[:, other]) for other in range(3)]
     offsets = np.deg2rad(1.0) ** 2 * same(node_times(model).interval)
     for axis, name in enumerate(AXES):
-        for words, covariances in (
-            ("random bias, correlated in time", [separate * markov(at.t_s, tau) for tau in new]),
-            ("bias differs between intervals", [separate]),
-            ("scale factor or misalignment differs between intervals", [separate * one for one in along]),
-            ("scale factor or misalignment wanders", [slow * one for one in along]),
-        ):
-            if covariances:
-                yield Process(words, name, [usual(model.cell_places[axis], K) for K in covariances])
+        # One covariance at a time: each is tens of megabytes.
+        kinds: tuple[tuple[str, Iterable[Array]], ...] = (
+            ("random bias, correlated in time", (separate * markov(at.t_s, tau) for tau in new)),
+            ("bias differs between intervals", (separate,)),
+            ("scale factor or misalignment differs between intervals", (separate * np.outer(u, u) for u in w.T)),
+            ("scale factor or misalignment wanders", (slow * np.outer(u, u) for u in w.T)),
+        )
+        for words, covariances in kinds:
+            columns = [usual(model.cell_places[axis], K) for K in covariances]
+            if columns:
+                yield Process(words, name, columns)
         yield Process("references offset differently in each interval", name, [usual(model.reference_places[axis], offsets)])

@@ -25,6 +25,7 @@ from numpy.typing import NDArray
 from scipy.linalg import lstsq
 from scipy.ndimage import convolve1d, median_filter
 
+from gyrocal.compiled import compiled
 from simulator.effects.base import Array
 
 ORDER = 2  # of the local polynomial in the rate
@@ -121,14 +122,19 @@ def _in_a_row(marked: NDArray[np.bool_]) -> NDArray[np.bool_]:
     return out
 
 
-def _ramp(stops: NDArray[np.bool_], length: float) -> Array:
+@compiled
+def _ramp(stops: NDArray[np.bool_], length: float) -> Array:  # pragma: no cover - compiled
     """Distance of each sample from the nearest one that stops, over a length; one at most."""
-    at, places = np.arange(stops.size), np.flatnonzero(stops)
-    far = stops.size + int(length)
-    counts = np.diff(np.concatenate([[0], places, [stops.size]]))
-    before = np.repeat(np.concatenate([[-far], places]), counts)
-    after = np.repeat(np.concatenate([places, [stops.size + far]]), counts)
-    return np.asarray(np.minimum(np.minimum(at - before, after - at) / length, 1.0))
+    out = np.empty(stops.size)
+    away = length
+    for k in range(stops.size):
+        away = 0.0 if stops[k] else away + 1.0
+        out[k] = min(away / length, 1.0)
+    away = length
+    for k in range(stops.size - 1, -1, -1):
+        away = 0.0 if stops[k] else away + 1.0
+        out[k] = min(away / length, out[k])
+    return out
 
 
 def _fitted(rates: Array, window: int) -> tuple[Array, Array]:
@@ -175,14 +181,15 @@ def _powers(window: int) -> tuple[Array, Array]:
     return powers / scale, scale
 
 
-def _between(values: Array, block: int, count: int) -> Array:
+@compiled
+def _between(values: Array, block: int, count: int) -> Array:  # pragma: no cover - compiled
     """Values in the middles of blocks, straight lines between them and beyond the first and the last, at each sample (n,)."""
-    at = (np.arange(count) - 0.5 * (block - 1)) / block
-    out = np.interp(at, np.arange(values.size), values)
-    low, high = at < 0, at > values.size - 1
-    out[low] = values[0] + at[low] * (values[1] - values[0])
-    out[high] = values[-1] + (at[high] - (values.size - 1)) * (values[-1] - values[-2])
-    return np.asarray(out)
+    out = np.empty(count)
+    for k in range(count):
+        at = (k - 0.5 * (block - 1)) / block
+        first = min(max(int(at), 0), values.size - 2)
+        out[k] = values[first] + (at - first) * (values[first + 1] - values[first])
+    return out
 
 
 def _weights(window: int, count: int, block: int = 1) -> Array:

@@ -186,6 +186,41 @@ def test_p_value_counts_the_observation_among_the_draws(observed, expected):
     assert drawn == (observed < 4)  # where the bound decides, nothing is drawn
 
 
+def test_draws_end_where_enough_are_beyond_the_observation():
+    """By hand: of the first 250 draws every fifth is beyond, so that the twentieth of those is the hundredth of all."""
+    model = SimpleNamespace(y=np.zeros(3), X=np.zeros((3, 1)), candidates=(), projected=lambda noise: noise)
+    made = 0
+
+    def statistic(correlation):
+        nonlocal made
+        if correlation.shape[1] == 1:
+            return np.array([0.1])
+        made += correlation.shape[1]
+        return np.where(np.arange(1, correlation.shape[1] + 1) % 5 == 0, 1.0, 0.0)
+
+    search = SimpleNamespace(model=model, correlation=np.zeros(1), null_statistic=statistic)
+    assert p_value(search, seed=0, draws=1000) == pytest.approx(20 / 100, rel=1e-12)
+    assert made == 250
+
+
+def test_the_p_value_of_draws_that_end_early_is_exact():
+    """Of an observation that is one draw more, P(p ≤ h/l) = h/l wherever they can end."""
+    rng = np.random.default_rng(3)
+    model = SimpleNamespace(y=np.zeros(3), X=np.zeros((3, 1)), candidates=(), projected=lambda noise: noise)
+    found = []
+    for _ in range(3000):
+        own = rng.random()
+        search = SimpleNamespace(
+            model=model,
+            correlation=np.zeros(1),
+            null_statistic=lambda c, own=own: np.array([own]) if c.shape[1] == 1 else rng.random(c.shape[1]),
+        )
+        found.append(p_value(search, seed=0, draws=999))
+    for level in (0.025, 0.05, 0.2, 0.5):
+        share = np.mean(np.array(found) <= level)
+        assert abs(share - level) < 4 * np.sqrt(level * (1 - level) / len(found)) + 0.003
+
+
 def test_what_a_scan_has_chosen_alarms_by_the_bound_on_its_evidence():
     """Options chosen for the data, with their share of all that were tried: no more false alarms, and a strong one is seen."""
     rng = np.random.default_rng(15)
