@@ -20,7 +20,7 @@ from math import comb, factorial
 
 import numpy as np
 import scipy.stats
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from diagnosis.detectors.report import AXES, IMPOSSIBLE, SampleReport, SampleTest, Symptom, arcs, consecutive, inside
 from gyrocal.recording import Recording
@@ -51,9 +51,11 @@ def disagreement_of(low: int, high: int) -> float:
     return autocorrelation_of(low) + autocorrelation_of(high) - 2 * both
 
 
-def agree(low: float, high: float, orders: tuple[int, int], count: int) -> bool:
-    """Whether mean squares of two orders of differences of the same samples show one level, so that the lower has no motion."""
-    return abs(low - high) < AGREE * high * float(np.sqrt(2 * disagreement_of(*orders) / max(count, 1)))
+def agree(low: ArrayLike, high: ArrayLike, orders: tuple[int, int], count: ArrayLike) -> Mask:
+    """Whether mean squares of two orders of differences of as many samples show one level, and the lower no motion."""
+    level = np.asarray(high, dtype=float)
+    error = np.sqrt(2 * disagreement_of(*orders) / np.maximum(count, 1))
+    return np.asarray(np.abs(np.subtract(low, level)) < AGREE * level * error)
 
 
 @cache
@@ -78,7 +80,6 @@ def spread_of_median(order: int) -> float:
 AUTOCORRELATION = autocorrelation_of(ORDER)
 TRIM = 5.0  # robust sigmas beyond which a difference does not count
 FEWEST = 400  # differences of a part, below which it is not compared
-NOTHING = (float("nan"), float("nan"))  # of a window that tells nothing
 EFFICIENCY = 0.37  # of the median of absolute values, for the scale of normal noise
 WINDOWS = 12  # of an axis, below which nothing is said of how they scatter
 NOTABLE = 0.05  # relative difference of the variance that matters
@@ -162,24 +163,26 @@ def _scaled(rates: Array, place: NDArray[np.intp], order: int) -> Array:
 
 def _at_rest(z: Array, higher: Array) -> bool:
     """Whether differences of both orders show the same noise, so that no motion is left in the lower one."""
-    return agree(float(np.mean(z**2)), float(np.mean(higher**2)), (ORDER, HIGHER), z.size)
+    return bool(agree(np.mean(z**2), np.mean(higher**2), (ORDER, HIGHER), z.size))
 
 
 def _windows(z: Array, higher: Array, kept: Mask, owner: NDArray[np.intp]) -> Array:
     """(w, 2) logarithms of the power in windows, by the mean square and by the median; NaN where a motion is left."""
-    found = []
+    found = [np.empty((0, 2))]
     for number in np.unique(owner):
         own = np.flatnonzero(owner == number)
-        for first in range(0, own.size - FEWEST + 1, FEWEST):
-            window = own[first : first + FEWEST]
-            window = window[kept[window]]
-            if window.size > 0.9 * FEWEST and _at_rest(z[window], higher[window]):
-                middle = np.median(np.abs(z[window]))
-                found.append((float(np.log(np.mean(z[window] ** 2))), float(2 * np.log(middle))) if middle > 0 else NOTHING)
-            else:
-                found.append(NOTHING)
-        found.append(NOTHING)  # the next interval is no neighbour
-    return np.array(found).reshape(-1, 2)
+        windows = own[: own.size // FEWEST * FEWEST].reshape(-1, FEWEST)
+        there = kept[windows]
+        count = there.sum(axis=1)
+        low, high = (np.sum(np.where(there, one[windows], 0.0) ** 2, axis=1) / np.maximum(count, 1) for one in (z, higher))
+        sizes = np.sort(np.where(there, np.abs(z[windows]), np.inf), axis=1)  # those that do not count are last
+        each = np.arange(count.size)
+        middle = 0.5 * (sizes[each, np.maximum(count - 1, 0) // 2] + sizes[each, np.minimum(count // 2, FEWEST - 1)])
+        good = (count > 0.9 * FEWEST) & agree(low, high, (ORDER, HIGHER), count) & (middle > 0)
+        logs = np.full((count.size, 2), np.nan)
+        logs[good] = np.column_stack([np.log(low[good]), 2 * np.log(middle[good])])
+        found += [logs, np.full((1, 2), np.nan)]  # the next interval is no neighbour
+    return np.concatenate(found)
 
 
 def _swells(logs: Array) -> tuple[float, float]:

@@ -52,13 +52,13 @@ def p_value(
     scanned_share : of the false alarms, that what a scan has chosen may have
     tell : called with the share of the draws that are done
     """
-    bound = float(np.exp(-max(_observed(search), 0.0)))
+    observed = _observed(search)
+    bound = float(np.exp(-max(observed, 0.0)))
     if bound * (1 + draws) < 1:
         return _with_scanned(search, bound, scanned_share)
-    null = null_draws(search, seed, draws, tell, _observed(search))
-    if null.size < draws:
-        return _with_scanned(search, ENOUGH / null.size, scanned_share)
-    return among(search, null, scanned_share)
+    null = null_draws(search, seed, draws, tell, observed)
+    usual = ENOUGH / null.size if null.size < draws else _simulated(observed, null)
+    return _with_scanned(search, usual, scanned_share)
 
 
 def null_draws(
@@ -87,11 +87,14 @@ def null_draws(
 
 def among(search: Search, null: Array, scanned_share: float = DEFAULT.scanned_share) -> float:
     """P-value of what was observed, among the statistics of draws of M0."""
-    observed = _observed(search)
-    beyond = int(np.sum(null >= observed))
-    simulated = (1 + beyond) / (1 + null.size)
+    return _with_scanned(search, _simulated(_observed(search), null), scanned_share)
+
+
+def _simulated(observed: float, null: Array) -> float:
+    """P-value among draws, or beyond what they can resolve the bound on the evidence."""
+    simulated = (1 + int(np.sum(null >= observed))) / (1 + null.size)
     bound = float(np.exp(-max(observed, 0.0)))
-    return _with_scanned(search, bound if bound * (1 + null.size) < 1 else simulated, scanned_share)
+    return bound if bound * (1 + null.size) < 1 else simulated
 
 
 def _observed(search: Search) -> float:

@@ -30,6 +30,7 @@ from gyrocal.calibration.observability import PLAUSIBLE_BIAS, PLAUSIBLE_G
 from gyrocal.recording import Recording
 from simulator.effects import References, Stream, Surroundings
 from simulator.effects.base import Effect, ProcessTimes, Value
+from simulator.effects.common import markov
 from simulator.effects.gyros import acts_on_one, columns_of
 from simulator.effects.recorded import housekeeping_at
 
@@ -201,7 +202,7 @@ class ArrayModel:
         longest = max(float(np.ptp(at.t_s[at.interval == k])) for k in np.unique(at.interval))
         together = processes.same(at.interval)
         taus = (longest / 60, longest / 20, longest / 6)
-        return [together * processes.markov(at.t_s, tau) for tau in taus], together
+        return [together * markov(at.t_s, tau) for tau in taus], together
 
     def unit_columns(self, gyro: int) -> Array:
         """(N, times) whitened observations of a unit error of one gyro at each time of a process."""

@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from diagnosis.model.places import Place, cell_parts, nodes
 from diagnosis.model.recording import RecordingModel
 from simulator.effects.base import ProcessTimes
+from simulator.effects.common import markov
 
 Array = NDArray[np.float64]
 
@@ -84,11 +85,6 @@ def _times(model: RecordingModel, t_s: Array, interval: NDArray[np.intp]) -> Pro
     ends = np.cumsum([0.0, *(float(block.elapsed_s[-1]) for block in model.blocks)])
     begins = np.array([t_s[interval == number][0] for number in range(len(model.blocks))])
     return ProcessTimes(t_s=t_s, run_s=t_s - begins[interval] + ends[interval], interval=interval)
-
-
-def markov(t: Array, tau: float) -> Array:
-    """Covariance of a first-order Markov process of unit variance at times t."""
-    return np.asarray(np.exp(-np.abs(np.subtract.outer(t, t)) / tau))
 
 
 def same(labels: NDArray[np.intp]) -> Array:

@@ -19,7 +19,7 @@ from diagnosis.model.places import Place
 from diagnosis.model.recording import RecordingModel
 from diagnosis.model.swings import columns_of
 from simulator.effects.base import Effect, ProcessTimes, Trackers
-from simulator.effects.common import harmonic
+from simulator.effects.common import harmonic, markov
 from simulator.effects.tracker.base import TrackerEffect
 
 Array = NDArray[np.float64]
@@ -83,7 +83,7 @@ def unlisted(model: RecordingModel) -> Iterator[TrackerError]:
             continue
         longest = max(float(np.ptp(at.t_s[at.interval == k])) for k in np.unique(at.interval))
         apart = processes.same(at.interval)
-        wander = [apart * processes.markov(at.t_s, max(longest, 1.0) / part) for part in SLOW]
+        wander = [apart * markov(at.t_s, max(longest, 1.0) / part) for part in SLOW]
         for axis in range(3):
             unit = _unit(model, number, axis, own)
             place = Place.of(unit, unit.T @ model.projected(unit))

@@ -141,7 +141,11 @@ def gauss_markov(rng: np.random.Generator, t_s: Array, time_constant_s: float) -
 
 def markov(t_s: Array, time_constant_s: float) -> Array:
     """Covariance of a first-order Gauss–Markov process of unit variance at some times, (c,) → (c, c)."""
-    return np.asarray(np.exp(-np.abs(np.subtract.outer(t_s, t_s)) / time_constant_s))
+    # In one piece of memory: there may be thousands of times.
+    lag = np.subtract.outer(t_s, t_s)
+    np.abs(lag, out=lag)
+    lag /= -time_constant_s
+    return np.asarray(np.exp(lag, out=lag))
 
 
 def reference_arc(around: Surroundings) -> tuple[float, float]:

@@ -94,10 +94,8 @@ def _axis(rates: Array, windows: Sequence[int], sigma: float) -> tuple[Array, fl
     trust: Array | None = None  # in the windows up to this one; all of it as long as no sample stops
     for window in windows:
         estimate, weight = _fitted(rates, window)
-        going &= (estimate >= low) & (estimate <= high)
+        _narrowed(estimate, weight, AGREEMENT * sigma, going, low, high)
         stops = ~going if window <= SHARP else _in_a_row(~going)
-        width = AGREEMENT * sigma * weight
-        low, high = np.maximum(low, estimate - width), np.minimum(high, estimate + width)
         share = weight**2  # of a sample in its own estimate, if that is a least-squares fit
         if stops.any():
             ramp = _ramp(stops, 0.5 * window)
@@ -110,6 +108,17 @@ def _axis(rates: Array, windows: Sequence[int], sigma: float) -> tuple[Array, fl
             best, own = best + trust * (estimate - last), own + trust * (share - last_own)
         last, last_own = estimate, share
     return np.asarray(best), float(own.sum())
+
+
+@compiled
+def _narrowed(
+    estimate: Array, weight: Array, width: float, going: NDArray[np.bool_], low: Array, high: Array
+) -> None:  # pragma: no cover - compiled
+    """Which samples go on that lie between the limits of all windows before, and the limits with this one, all in place."""
+    for k in range(estimate.size):
+        going[k] &= low[k] <= estimate[k] <= high[k]
+        low[k] = max(low[k], estimate[k] - width * weight[k])
+        high[k] = min(high[k], estimate[k] + width * weight[k])
 
 
 def _in_a_row(marked: NDArray[np.bool_]) -> NDArray[np.bool_]:
