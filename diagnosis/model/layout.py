@@ -12,7 +12,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from diagnosis.inference.checks import Layout
+from diagnosis.inference.check_statistics import Layout
 from diagnosis.model.recording import RecordingModel
 
 Array = NDArray[np.float64]

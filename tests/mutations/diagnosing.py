@@ -127,7 +127,7 @@ EVIDENCE = [
         [("the number of checks is not allowed for", "check.p_value * len(checks)", "check.p_value * 1")],
     ),
     *of(
-        "diagnosis/inference/checks.py",
+        "diagnosis/inference/check_statistics.py",
         f"{INFERENCE}test_checks.py::test_jumps_are_no_draw_of_a_process",
         [("steady changes are taken for jumps", "out[JUMPS] = 1 / _geary(", "out[JUMPS] = _geary(")],
     ),

@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 import scipy.stats
 
-from diagnosis.inference import checks
-from diagnosis.inference.checks import Check, Layout, residual_checks, together
+from diagnosis.inference import check_statistics, checks
+from diagnosis.inference.check_statistics import Layout
+from diagnosis.inference.checks import Check, residual_checks, together
 from diagnosis.model.linear import Member
 from tests.diagnosis.linear_models import linear_model
 
@@ -66,7 +67,7 @@ def statistics(model, layout, y):
     """(d,) each statistic of observations (N, d), as `residual_checks` makes them."""
     C = np.hstack([model.scale(m) * model.X[:, model.option(m).columns] for m in MEMBERS])
     L = np.linalg.cholesky(np.eye(model.y.size) + C @ C.T)
-    return checks._statistics(checks._in_body(np.linalg.solve(L, y), layout), layout)
+    return check_statistics.of_innovations(checks._in_body(np.linalg.solve(L, y), layout), layout)
 
 
 def checked(model, layout, y):
@@ -114,7 +115,9 @@ def of_process(model, layout, y):
     """(d,) each statistic of the process in observations (N, d)."""
     C = np.hstack([model.scale(m) * model.X[:, model.option(m).columns] for m in MEMBERS])
     L = np.linalg.cholesky(np.eye(model.y.size) + C @ C.T)
-    return checks._of_process(checks._estimated(model, MEMBERS[1], L, np.linalg.solve(L, y)), layout)
+    return check_statistics.of_process(
+        checks._in_body(checks._estimated(model, MEMBERS[1], L, np.linalg.solve(L, y)), layout), layout
+    )
 
 
 @pytest.fixture(scope="module")
@@ -283,9 +286,9 @@ def test_the_number_of_checks_is_allowed_for():
 
 def test_arcs_that_are_too_short_have_no_lines(layout):
     e = np.random.default_rng(9).standard_normal((ROWS, 3, 5))
-    assert checks._lines(e, layout) is not None
+    assert check_statistics._lines(e, layout) is not None
     short = replace(layout, since_s=np.tile(60.0 * np.arange(3), ROWS // 3), interval=np.repeat(np.arange(ROWS // 3), 3))
-    assert checks._lines(e, short) is None
+    assert check_statistics._lines(e, short) is None
 
 
 @pytest.mark.parametrize("degrees", [18, 200])
@@ -296,7 +299,7 @@ def test_p_values_of_sums_of_squares_are_those_of_chi_square(degrees):
     found = [checks._p_value("a sum", values, rng.chisquare(degrees, checks.DRAWS)) for _ in range(50)]
     np.testing.assert_allclose(np.log(found).mean(axis=0), np.log(levels), atol=0.35)
     few = scipy.stats.chi2.isf(1 - levels, degrees)
-    both = [checks._p_value(checks.SIZE, few, rng.chisquare(degrees, checks.DRAWS)) for _ in range(50)]
+    both = [checks._p_value(check_statistics.SIZE, few, rng.chisquare(degrees, checks.DRAWS)) for _ in range(50)]
     assert (np.log(both).mean(axis=0)[1:] < np.log([0.05, 5e-3])).all()
 
 
@@ -304,7 +307,7 @@ def test_p_values_of_the_largest_of_many_are_those_of_gumbel():
     rng = np.random.default_rng(11)
     levels = np.array([0.3, 1e-2, 1e-6])
     values = -np.log(-np.log1p(-levels) / 144)
-    found = [checks._p_value(checks.LINE, values, rng.exponential(size=(144, checks.DRAWS)).max(axis=0)) for _ in range(50)]
+    found = [checks._p_value(check_statistics.LINE, values, rng.exponential(size=(144, checks.DRAWS)).max(axis=0)) for _ in range(50)]
     np.testing.assert_allclose(np.log(found).mean(axis=0), np.log(levels), atol=0.2)
 
 

@@ -1,0 +1,158 @@
+"""Statistics of what should be white noise, of one set of data and of many draws at once; see `diagnosis.inference.checks`."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.linalg
+import scipy.stats
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.intp]
+
+LAGS = 6
+PERIODS = 48  # of the scan for a line
+FOLD = 12  # bins of a pattern that repeats
+TINY = 1e-300
+VARIES = 1e-3  # of the largest scatter of an element of the attitude, from which on it changes at all
+SIZE, FLAT, JUMPS = "size", "two values or a wave", "jumps"  # less size than expected is as odd as more
+SETTLED = (SIZE, "correlation in time")  # by the evidence of a process
+LINE, ATTITUDE = "line of any period", "dependence on the attitude"  # statistics that are a largest value
+
+
+@dataclass(frozen=True)
+class Layout:
+    """What each observation of a linear model stands for.
+
+    Attributes
+    ----------
+    axes : (r, 3, 3) rotation of each observation's three rows to body axes
+    t_s : (r,) time, s
+    since_s : (r,) time since the interval's start, s
+    interval : (r,) its number
+    period_s : of a cycle that patterns may repeat with, such as the orbit; NaN for none
+    regressors : (r, q) what the innovations may depend on, such as rates, accelerations and temperatures
+    activity : (r,) what their variance may depend on, the size of the rate
+    """
+
+    axes: Array
+    t_s: Array
+    since_s: Array
+    interval: Indices
+    period_s: float
+    regressors: Array
+    activity: Array
+
+
+def of_innovations(e: Array, layout: Layout) -> dict[str, Array]:
+    """(d,) each statistic of e (r, 3, d)."""
+    out = {
+        SIZE: np.sum(e**2, axis=(0, 1)),
+        "shape": np.sum(e**4, axis=(0, 1)),
+        "correlation in time": _autocorrelation(e, layout.interval),
+        "pattern since the interval's start": _folded(e, _bins(layout.since_s, float(layout.since_s.max()))),
+        "variance over the intervals": _spread_over(e, layout.interval),
+        "variance with the rate": _along(np.sum(e**2, axis=1, keepdims=True) - 3, layout.activity[:, None]),
+        "dependence on what is known": _along(e, layout.regressors),
+        ATTITUDE: _largest_along(e, layout.axes.reshape(layout.t_s.size, 9)),
+    }
+    lines = _lines(e, layout)
+    if lines is not None:
+        out[LINE] = lines
+    if np.isfinite(layout.period_s):
+        out["pattern with the orbit"] = _folded(e, _bins(layout.t_s % layout.period_s, layout.period_s))
+    return out
+
+
+def of_process(e: Array, layout: Layout) -> dict[str, Array]:
+    """(d,) each statistic of the estimates e (r, 3, d) of a process, but those that its evidence has settled."""
+    out = {name: values for name, values in of_innovations(e, layout).items() if name not in SETTLED}
+    out[FLAT] = _geary(e)
+    out[JUMPS] = 1 / _geary(np.diff(e, axis=0)[np.diff(layout.interval) == 0])
+    return out
+
+
+def _geary(e: Array) -> Array:
+    """(d,) mean size of e (r, 3, d), over its RMS: near one if it is flat, small if it is peaked (Geary 1935)."""
+    size = np.linalg.norm(e, axis=1)
+    return np.asarray(np.mean(size, axis=0) / np.maximum(np.sqrt(np.mean(size**2, axis=0)), TINY))
+
+
+def _autocorrelation(e: Array, interval: Indices) -> Array:
+    total = np.zeros(e.shape[2])
+    for lag in range(1, LAGS + 1):
+        if lag >= len(e):
+            break
+        alike = interval[lag:] == interval[:-lag]
+        products = np.sum(e[lag:][alike] * e[:-lag][alike], axis=0)  # (3, d)
+        total += np.sum(products**2, axis=0) / max(int(alike.sum()), 1)
+    return total
+
+
+def _bins(values: Array, span: float) -> Indices:
+    return np.minimum((values / max(span, 1e-9) * FOLD).astype(np.intp), FOLD - 1)
+
+
+def _folded(e: Array, bins: Indices) -> Array:
+    """Square sum of the means in bins, in units of their variance."""
+    total = np.zeros(e.shape[2])
+    for number in np.unique(bins):
+        own = e[bins == number]
+        total += np.sum(own.sum(axis=0) ** 2, axis=0) / len(own)
+    return total
+
+
+def _spread_over(e: Array, interval: Indices) -> Array:
+    total = np.zeros(e.shape[2])
+    for number in np.unique(interval):
+        own = np.sum(e[interval == number] ** 2 - 1, axis=0)  # (3, d)
+        total += np.sum(own**2, axis=0) / (2 * np.sum(interval == number))
+    return total
+
+
+def _along(values: Array, regressors: Array) -> Array:
+    """Square sum of the components of values (r, 3, d) along the regressors (r, q)."""
+    centred = regressors - regressors.mean(axis=0)
+    size = np.linalg.norm(centred, axis=0)
+    if not np.any(size > 0):
+        return np.ones(values.shape[2])
+    unit = scipy.linalg.orth(centred[:, size > 0] / size[size > 0])
+    return np.asarray(np.sum(np.einsum("rq,rad->qad", unit, values) ** 2, axis=(0, 1)))
+
+
+def _largest_along(values: Array, regressors: Array) -> Array:
+    """Largest square of the component of values (r, 3, d), about any axis, along any one of the regressors (r, q)."""
+    centred = regressors - regressors.mean(axis=0)
+    size = np.linalg.norm(centred, axis=0)
+    varies = size > VARIES * max(float(size.max()), TINY)
+    if not np.any(varies):
+        return np.ones(values.shape[2])
+    along = np.einsum("rq,rad->qad", centred[:, varies] / size[varies], values)
+    return np.asarray(np.max(along**2, axis=(0, 1)))
+
+
+def _lines(e: Array, layout: Layout) -> Array | None:
+    """Strongest line of any period, its phase another in each interval; None if the arcs are too short.
+
+    The power at one frequency has a gamma distribution under the named model, with a shape of one for each interval. The
+    strongest is told by the natural logarithm of the chance of so much power at that frequency, with the sign turned.
+    """
+    longest = float(layout.since_s.max())
+    gaps = np.diff(layout.t_s)[(np.diff(layout.interval) == 0) & (np.diff(layout.t_s) > 0)]
+    if not gaps.size or longest < 8 * float(np.median(gaps)):
+        return None
+    # Nearer to half the rate of the observations a wave has no phase of its own, and its power another distribution.
+    frequencies = np.linspace(1 / longest, 0.5 / float(np.median(gaps)) - 1 / longest, PERIODS)
+    power = np.zeros((PERIODS, 3, e.shape[2]))
+    count = 0
+    for number in np.unique(layout.interval):
+        own = layout.interval == number
+        if own.sum() < 4:
+            continue
+        angle = 2 * np.pi * np.outer(frequencies, layout.since_s[own])
+        waves = np.exp(-1j * angle)
+        power += np.abs(np.einsum("fr,rad->fad", waves, e[own])) ** 2 / own.sum()
+        count += 1
+    return np.asarray(-scipy.stats.gamma.logsf(power.max(axis=(0, 1)), count)) if count else None
