@@ -102,6 +102,7 @@ def rates(rows: pd.DataFrame) -> pd.DataFrame:
         ("unlisted and detected: a confident wrong name", seen, ("wrong name",)),
         ("unlisted and detected: unknown", seen, ("unknown",)),
         (f"unlisted of SNR {CLEAR:g} and more: unknown", clear, ("unknown",)),
+        (f"unlisted of SNR {CLEAR:g} and more, detected: unknown", clear[clear["outcome"] != "missed"], ("unknown",)),
         (f"unlisted of SNR {CLEAR:g} and more in the attitude: unknown", _in_attitude(clear), ("unknown",)),
     ]
     return pd.DataFrame([_rate(name, part["outcome"].isin(outcomes)) for name, part, outcomes in lines])

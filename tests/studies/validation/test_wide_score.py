@@ -35,6 +35,7 @@ def test_rates_count_the_cases_they_are_of():
     assert table.loc["one effect of SNR 8 and more: right or in the group", "cases"] == 2
     assert table.loc["unlisted and detected: a confident wrong name", "share"] == 0.5
     assert table.loc["unlisted of SNR 12 and more: unknown", "cases"] == 2
+    assert table.loc["unlisted of SNR 12 and more, detected: unknown", "share"] == 1
     assert table.loc["unlisted of SNR 12 and more in the attitude: unknown", "cases"] == 1
     groups = score.by_group(rows, "plan").set_index("kind")
     assert groups.loc["none", "share"] == 0.75
