@@ -38,6 +38,7 @@ from diagnosis.model.calibration import calibrated
 from diagnosis.model.candidates import linear_model
 from diagnosis.model.dead_zone import dead_zone_groups, shown_by_passes
 from diagnosis.model.judgement import judged_anew
+from diagnosis.model.jumps import jump_checks
 from diagnosis.model.layout import layout
 from diagnosis.model.linear import LinearModel, Member
 from diagnosis.model.misfit import Departure, errors_of, misfit
@@ -55,6 +56,9 @@ from simulator.effects.sensor import ALL_EFFECTS, SENSOR_EFFECTS
 Array = NDArray[np.float64]
 
 OF_ITS_OWN = 0.5  # probability of an effect with a shape, from which on a coarse lattice does not explain all
+
+
+Checker = Callable[[LinearModel, tuple[Member, ...]], tuple[Check, ...]]  # checks of an explanation
 
 
 @dataclass(frozen=True)
@@ -182,12 +186,15 @@ def explain(
     def check(found: LinearModel, members: tuple[Member, ...]) -> tuple[Check, ...]:
         return (*residual_checks(found, members, layout(model), seed), *_left_beside(prepared, found, members, by_name))
 
+    def jumps(found: LinearModel, members: tuple[Member, ...]) -> tuple[Check, ...]:
+        return jump_checks(model, found, members, by_name)
+
     dead, of_all = dead_zone_groups(prepared, effects), together(left) if left else None
     told = counted(tell, "candidates", 0.1, 0.3, 100)
     # No name for it here: the columns of a long recording are hundreds of megabytes, which are let go before the end.
     explained = judged(
         linear_model(model, effects, dead, settings, tell=told),
-        check, settings, seed, tell, shown_by_passes(prepared.dead), of_all,
+        check, settings, seed, tell, shown_by_passes(prepared.dead), of_all, jumps,
     )  # fmt: skip
     if _is_of_rounding(prepared, explained):
         explained = replace(explained, attribution=None, fitted=(), checks=(), closed=None, rounded=True)
@@ -227,14 +234,20 @@ def _left_beside(
     return tuple(replace(one, name=f"{one.name}, of all references") for one in misfit(prepared.model, beside))
 
 
+def nothing_checked(linear: LinearModel, members: tuple[Member, ...]) -> tuple[Check, ...]:
+    """No checks."""
+    return ()
+
+
 def judged(
     linear: LinearModel,
-    check: Callable[[LinearModel, tuple[Member, ...]], tuple[Check, ...]],
+    check: Checker,
     settings: DiagnosisSettings,
     seed: int,
     tell: Progress,
     shown: float = 1.0,
     left: float | None = None,
+    jumps: Checker = nothing_checked,
 ) -> Explained:
     """What a linear model says, whatever it was built from; without a calibration.
 
@@ -245,6 +258,7 @@ def judged(
     settings, seed, tell : as for `explain`
     shown : p-value of what shows a gap beside the candidates
     left : p-value of what M0 leaves of all references, which is a gap but says nothing of its cause; None if it was not asked
+    jumps : whether a few jumps explain the random processes of an explanation
     """
     search = Search(linear, settings, counted(tell, "explanations", 0.5, 0.6, 1000))
     told = partial(tell, "null distribution")
@@ -275,7 +289,13 @@ def judged(
             if against(passed, settings) < 1:
                 step = map(counted(tell, "checks", 0.75, 0.85, 5), count()).__next__
                 passed = averaged_check(weighed, partial(_checked, linear, check, step), partial(is_listed, linear))
-            attribution = doubted(linear, attribution, passed, settings)
+            found = jumps(linear, members)
+            imitated = together(found)
+            if imitated < 1:
+                one = partial(_checked, linear, jumps, lambda: None)
+                imitated = averaged_check(weighed, one, partial(is_listed, linear))
+            checks = (*checks, *found)
+            attribution = doubted(linear, attribution, passed, settings, 1 / imitated)
             if not attribution.slots:
                 members, fitted, rejected = (), (), fitted
         tell("held-out data", 0.85)
@@ -299,7 +319,7 @@ def judged(
 
 def _checked(
     linear: LinearModel,
-    check: Callable[[LinearModel, tuple[Member, ...]], tuple[Check, ...]],
+    check: Checker,
     tell: Callable[[], None],
     explanation: Explanation,
 ) -> float:

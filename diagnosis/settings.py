@@ -95,6 +95,12 @@ class DiagnosisSettings:
         "in the same cases 15 of 18 with a process and 6 of 9 with a swing were right or in the group: 0.24 +- 0.08 by the "
         "rule of succession, and 0.2 for processes alone",
     )
+    jumping: float = threshold(
+        0.1,
+        "share of what imitates a random process that jumps among a few levels, as a state or a switch does",
+        "probability",
+        "by judgement",
+    )
     seen: float = threshold(
         0.25,
         "probability that the checks of what is left see that something unlisted imitates what is named",

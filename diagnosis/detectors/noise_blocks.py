@@ -129,6 +129,7 @@ class Fit:
     white, sigma : variance w of a sample and its standard error, in units of the powers
     fits : whether that explains the powers
     still : whether no motion shows in them
+    motion : mean power of the motion over them, no less than zero, in units of the powers
     rise : readout noise beside white noise of variance one, in its sigmas
     """
 
@@ -136,6 +137,7 @@ class Fit:
     sigma: float
     fits: bool
     still: bool
+    motion: float
     rise: float
 
 
@@ -147,7 +149,8 @@ def fitted(powers: Array, blocks: int) -> Fit:
     fits = white > 0 and scipy.stats.chi2.sf(float(left @ left) / (variance * white**2), SHOWING - 2) > FITS
     still = motion < MOVING * white * float(np.sqrt(_LEVEL[1, 1] * variance))
     rise = float(_RISE @ (powers - 1) / np.sqrt(_RISE @ _RISE * variance))
-    return Fit(float(white), float(white * np.sqrt(_LEVEL[0, 0] * variance)), bool(fits), bool(still), rise)
+    error, of_motion = float(white * np.sqrt(_LEVEL[0, 0] * variance)), max(float(motion * OF_MOTION.mean()), 0.0)
+    return Fit(float(white), error, bool(fits), bool(still), of_motion, rise)
 
 
 def outside_bands(powers: Array, expected: float) -> float:

@@ -3,8 +3,9 @@
 Of the short blocks (`diagnosis.detectors.noise_blocks`), the largest share of the calmest is taken in which no motion shows:
 in which the spectrum is level, or rises as that of readout noise, and the blocks' powers scatter no more than those of white
 noise, as they do where the motion has jerks. Blocks that pass zero, where a dead zone jumps, count if they show the same
-level. Both templates are asked whether the noise is as stated, white noise of another level and readout noise beside white
-noise as stated, and the smaller p-value counts twice. Nothing is said of the colour.
+level. Where a motion shows in all shares, but the spectrum is level beside a weak one, all that it adds counts as an
+uncertainty of the level. Both templates are asked whether the noise is as stated, white noise of another level and readout
+noise beside white noise as stated, and the smaller p-value counts twice. Nothing is said of the colour.
 """
 
 from __future__ import annotations
@@ -79,7 +80,7 @@ class InMotion:
 def level_in_motion(x: Array, usable: list[tuple[int, int]], expected: float) -> InMotion | None:
     """Noise of some runs of samples that hold a motion, in the largest share of the calmest blocks that shows none.
 
-    None where the motion shows in all shares: then they have no level, or not the same one.
+    Where a motion shows in all shares, it is that of the share that tells the level best beside it; None where no share does.
     """
     samples = samples_of([x[low:high] for low, high in usable])
     blocks = np.diff(samples, ORDER, axis=1) @ WHITE.T
@@ -90,14 +91,17 @@ def level_in_motion(x: Array, usable: list[tuple[int, int]], expected: float) ->
     if not _are_one(blocks[through], blocks[~through]):
         samples, blocks = samples[~through], blocks[~through]
     order = by_calm(blocks)
+    moving: list[InMotion] = []
     for share in CALM_SHARES:
         chosen = np.sort(order[: int(share * order.size)])
         if chosen.size < FEWEST_BLOCKS:
-            return None
+            break
         found = _in_blocks(blocks[chosen, :SHOWING], expected)
+        if found is not None and found.still:
+            return found.of(samples[chosen])
         if found is not None:
-            return InMotion(*found, list(samples[chosen]))
-    return None
+            moving.append(found.of(samples[chosen]))
+    return min(moving, key=lambda one: one.level.sigma, default=None)
 
 
 def _are_one(some: Array, rest: Array) -> bool:
@@ -113,23 +117,40 @@ def _are_one(some: Array, rest: Array) -> bool:
     return bool(abs(one - other) < SAME * np.hypot(error, other_error))
 
 
-def _in_blocks(blocks: Array, expected: float) -> tuple[Level, float, Readout | None] | None:
+@dataclass(frozen=True)
+class _InBlocks:
+    """What some blocks show: whether no motion, and what `InMotion` holds but for the samples."""
+
+    still: bool
+    level: Level
+    p_value: float
+    reading: Readout | None
+
+    def of(self, samples: Array) -> InMotion:
+        return InMotion(self.level, self.p_value, self.reading, list(samples))
+
+
+def _in_blocks(blocks: Array, expected: float) -> _InBlocks | None:
     """Level, p-value and readout noise of some blocks; None where something else shows."""
     powers = powers_of(blocks)
     if not powers.all():  # readings that stand still on a lattice in most of the blocks
         return None
     fit = fitted(powers / expected, len(blocks))
     reading = readout(powers, smooth_errors(powers, len(blocks)), READ_OUT, expected, OF_MOTION)
-    if not fit.still or not (fit.fits or (reading is not None and reading.probability >= 0.5)):
+    if not (fit.fits or (fit.still and reading is not None and reading.probability >= 0.5)):
         return None
     if not is_even(blocks[:, : BLOCK // 2] / np.sqrt(powers[: BLOCK // 2])):
         return None
     if fit.white <= 0:
         return None
-    found = Level(expected * fit.white, expected * fit.sigma, float("nan"), float("nan"))
+    nothing = float("nan")
+    if not fit.still:
+        beside = Level(expected * fit.white, expected * float(np.hypot(fit.sigma, fit.motion)), nothing, nothing)
+        return _InBlocks(False, beside, chance_of(beside, expected), None)
+    found = Level(expected * fit.white, expected * fit.sigma, nothing, nothing)
     free = SHOWING * len(blocks)
     rising = float(scipy.stats.chi2.sf(free + fit.rise * np.sqrt(2 * free), free))
-    return found, min(1.0, 2 * min(chance_of(found, expected), rising)), reading
+    return _InBlocks(True, found, min(1.0, 2 * min(chance_of(found, expected), rising)), reading)
 
 
 def chance_of(one: Level, expected: float) -> float:

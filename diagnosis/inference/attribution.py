@@ -16,6 +16,9 @@ against what is named, and the odds of an imitation are t/(1 − t) max(B, 1). T
 p-values could give is 1/(−e p ln p) (Sellke, Bayarri and Berger, The American Statistician 55, 2001); where p is small, B is
 below it.
 
+Of what imitates a random process, a share (`DiagnosisSettings.jumping`) jumps among a few levels. Its evidence is known
+(`diagnosis.inference.few_jumps`), so that it counts by its own Bayes factor.
+
 Where several listed explanations share the probability, it is that of the p-value of all of them, averaged over their posterior
 (Gelman et al., Bayesian Data Analysis, section 6.3): what one of them would not leave, another may.
 
@@ -151,7 +154,13 @@ def unseen(
     return tuple(sorted(found, key=lambda one: -one.probability))
 
 
-def doubted(model: LinearModel, attribution: Attribution, p_value: float, settings: DiagnosisSettings = DEFAULT) -> Attribution:
+def doubted(
+    model: LinearModel,
+    attribution: Attribution,
+    p_value: float,
+    settings: DiagnosisSettings = DEFAULT,
+    jumps: float = 0.0,
+) -> Attribution:
     """The same, weighed against something unlisted that imitates what would be named.
 
     Parameters
@@ -159,8 +168,9 @@ def doubted(model: LinearModel, attribution: Attribution, p_value: float, settin
     model : the candidates
     attribution : of an explanation that has effects to name
     p_value : of all checks of what the named model leaves together
+    jumps : Bayes factor of an error that jumps among a few levels against the random processes that are named
     """
-    own = [_left(model, slot, attribution.unknown, p_value, settings) for slot in attribution.slots]
+    own = [_left(model, slot, attribution.unknown, p_value, settings, jumps) for slot in attribution.slots]
     left = float(np.prod(own))
     unknown = 1 - (1 - attribution.unknown) * left
     ranked = [replace(one, probability=one.probability * left) for one in attribution.ranked]
@@ -191,7 +201,7 @@ def _imitations(attribution: Attribution, own: Sequence[float]) -> Iterator[Rank
             yield Ranked((*kept, f"an imitation of {imitated}"), probability, attribution.best.log_evidence, True)
 
 
-def _left(model: LinearModel, slot: Slot, unknown: float, p_value: float, settings: DiagnosisSettings) -> float:
+def _left(model: LinearModel, slot: Slot, unknown: float, p_value: float, settings: DiagnosisSettings, jumps: float) -> float:
     """What is left of the probability of a cause beside what imitates it.
 
     Where the samples show it, too, an imitation that the checks speak for would have to show it as well; or something unlisted
@@ -200,8 +210,10 @@ def _left(model: LinearModel, slot: Slot, unknown: float, p_value: float, settin
     entry = model.candidate(slot.member)
     share = settings.free_imitation if entry.process or entry.scanned else settings.imitation
     shown = max(float(np.exp(-max(entry.log_odds, 0.0))), settings.another * settings.unlisted_share / share)
-    odds = share / (1 - share) * max(1.0, (1 - unknown) * min(shown, 1.0) / against(p_value, settings))
-    return 1 / (1 + odds)
+    weight = max(1.0, (1 - unknown) * min(shown, 1.0) / against(p_value, settings))
+    if entry.process:
+        weight += settings.jumping * (1 - unknown) * min(shown, 1.0) * jumps
+    return 1 / (1 + share / (1 - share) * weight)
 
 
 def against(p_value: float, settings: DiagnosisSettings = DEFAULT) -> float:

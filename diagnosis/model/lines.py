@@ -10,8 +10,7 @@ is 1/B of that. A body that sways does so over a band of frequencies and with an
 steady, or not alone above the white noise, is a motion unless the references deny it, and so is one within the band of such
 lines. Of a steady tone beyond that band only the frequency is known: a vibration may show at any up to half the sampling
 rate, evenly, a motion is as likely in each octave. A vibration is picked up by one gyro; a body that rings shows several such
-tones. In 149 recordings of the setting part of the wide check, references left
-open one steady tone beyond the band, which was a vibration (`BEYOND`: odds of 1.5 to 0.5, with half a count for either).
+tones.
 
 What is no motion need not be a vibration either: a bias may swing with any period that the references can follow, and is as
 likely to in each octave of them. Where it is rather that by far, it is left to the search of the attitude, and otherwise each
@@ -38,7 +37,7 @@ from simulator.effects.periodic import period_band
 
 Array = NDArray[np.float64]
 
-BEYOND = 1.0  # prior log odds of a vibration for a steady tone beyond the band in which the body moves
+BEYOND = -0.6  # prior log odds of a vibration for a steady tone beyond the band in which the body moves
 OCTAVES = 7.0  # natural log of the range of frequencies of a motion
 WITHIN = -10.0  # the same for any other line
 SEVERAL = 3.0  # log odds that each further one, of which the references know nothing, takes from all of them

@@ -142,6 +142,28 @@ def test_more_white_noise_is_found_by_what_the_samples_can_show():
     assert abs(one.level.variance - 1.025**2) < 4 * one.level.sigma
 
 
+def bends(rng, count, size):
+    """A motion whose second derivative is white noise, all the time: in the slower cosines of all blocks."""
+    return np.cumsum(np.cumsum(size * rng.standard_normal(count)))
+
+
+def test_beside_a_weak_motion_in_all_blocks_noise_has_a_level_that_is_known_less_well():
+    """Its power counts as an uncertainty: a level as stated is never called another, one of 30 % more power always."""
+    count, moving, as_stated, more = 80_000, 0, [], []
+    for seed in range(20):
+        rng = np.random.default_rng(seed)
+        white, motion = rng.standard_normal(count), bends(rng, count, 0.3)
+        moving += not fitted(powers_of(blocks_of([white + motion])[:, :SHOWING]), count // 38).still
+        one, other = found_in(white + motion), found_in(np.sqrt(1.3) * white + motion)
+        assert other is not None
+        assert abs(other.level.variance - 1.3) < 4 * other.level.sigma
+        more.append(other.p_value)
+        as_stated.append(1.0 if one is None else one.p_value)
+    assert moving > 10
+    assert min(as_stated) > 1e-3
+    assert max(more) < 1e-6
+
+
 def test_weak_readout_noise_is_found():
     """Two and a half per cent more power in all of the spectrum, over 60,000 samples."""
     rng = np.random.default_rng(5)

@@ -307,7 +307,9 @@ def test_p_values_of_the_largest_of_many_are_those_of_gumbel():
     rng = np.random.default_rng(11)
     levels = np.array([0.3, 1e-2, 1e-6])
     values = -np.log(-np.log1p(-levels) / 144)
-    found = [checks._p_value(check_statistics.LINE, values, rng.exponential(size=(144, checks.DRAWS)).max(axis=0)) for _ in range(50)]
+    found = [
+        checks._p_value(check_statistics.LINE, values, rng.exponential(size=(144, checks.DRAWS)).max(axis=0)) for _ in range(50)
+    ]
     np.testing.assert_allclose(np.log(found).mean(axis=0), np.log(levels), atol=0.2)
 
 

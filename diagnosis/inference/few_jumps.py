@@ -1,0 +1,117 @@
+r"""Whether a few jumps explain what a random process is named for.
+
+A state that is on or off, a switch that throws now and then, a step at each slew: what jumps between levels is on no list, and
+a random process that is free to be anything slow takes it up. It can be asked without draws. With y the observations, S_o the
+covariance of what else is named, C the columns of the process and D those of steps at each place, the marginal likelihoods are
+
+    process:    N(y; 0, S_o + C Cᵀ)
+    jumps:      Σ_k 1/K Σ_A k! Π_A w_j N(y; 0, S_o + s² D_A D_Aᵀ),        A of k places, k = 1 … K,
+
+averaged over some sizes s. The prior w of the places is that of the moments, and half of it that of the body's turns and of
+the changes of its rate: what a slew leaves jumps there. One set A found by a search is a lower bound of the sum. A ratio B of
+marginal likelihoods has P(B ≥ b) ≤ 1/b under the process by Markov's inequality, so that 1/B is a p-value of it, and the jumps
+have paid for their number, their places and their sizes.
+
+The set grows by the step that gains most, and each step is moved once to where it gains most beside the others. With b = Dᵀ y
+and G = Dᵀ D, both in the metric of S_o, a step j beside the set A gains g² / 2h,
+
+    g = b_j − G_jA G_AA⁻¹ b_A,        h = G_jj − G_jA G_AA⁻¹ G_Aj.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import scipy.linalg
+from numpy.typing import NDArray
+from scipy.special import gammaln
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.intp]
+
+MOST = 16  # jumps
+SIZES = np.geomspace(3.0, 3000.0, 7)  # sigmas that the usual step of a size shows
+SEEN = 1e-6  # of its power, that a step must have beside others
+TINY = 1e-300
+
+
+def log_odds(y: Array, D: Array, weights: Array, process: Array, others: Array) -> float:
+    """log of the marginal likelihood of a few jumps, at least, over that of a random process; see the module.
+
+    Parameters
+    ----------
+    y : (N,) white observations, the nuisance parameters projected out
+    D : (N, c) projected columns of unit steps, one at each place
+    weights : (c,) prior of a step at each place; their sum is one
+    process : (N, r) scaled columns of the process
+    others : (N, q) scaled columns of what else is named
+    """
+    gain = _of_columns(y, np.hstack([others, process])) - _of_columns(y, others)
+    rest, found = _without(others, y[:, None])[:, 0], _without(others, D)
+    b, G = D.T @ rest, D.T @ found
+    prior = np.log(np.maximum(weights, TINY))
+    sets = [_moved(b, G, prior, chosen) for chosen in _grown(b, G, prior)]
+    if not sets:
+        return -np.inf
+    usual = float(np.sqrt(np.median(np.diag(G))))
+    best = -np.inf
+    for chosen in sets:
+        places = float(gammaln(chosen.size + 1) + prior[chosen].sum())
+        of_sizes = [_evidence(b[chosen], G[np.ix_(chosen, chosen)], size / max(usual, TINY)) for size in SIZES]
+        best = max(best, float(np.logaddexp.reduce(of_sizes)) - np.log(SIZES.size) + places)
+    return best - float(np.log(MOST)) - gain
+
+
+def _evidence(b: Array, G: Array, size: float) -> float:
+    """log of the marginal likelihood of steps of a size over that without any."""
+    M = np.eye(b.size) + size**2 * G
+    factor = scipy.linalg.cho_factor(M, lower=True)
+    log_det = 2 * float(np.sum(np.log(np.diag(factor[0]))))
+    return 0.5 * float(size**2 * b @ scipy.linalg.cho_solve(factor, b)) - 0.5 * log_det
+
+
+def _of_columns(y: Array, C: Array) -> float:
+    """log of the likelihood of y ~ N(0, 1 + C Cᵀ) over that of N(0, 1)."""
+    return _evidence(C.T @ y, C.T @ C, 1.0) if C.shape[1] else 0.0
+
+
+def _without(C: Array, X: Array) -> Array:
+    """(1 + C Cᵀ)⁻¹ X."""
+    if not C.shape[1]:
+        return X
+    return np.asarray(X - C @ np.linalg.solve(np.eye(C.shape[1]) + C.T @ C, C.T @ X))
+
+
+def _grown(b: Array, G: Array, prior: Array) -> list[Indices]:
+    """Sets of one step to `MOST`, each the one before and the step that gains most beside it, its prior (c,) with that."""
+    out: list[Indices] = []
+    chosen = np.empty(0, dtype=np.intp)
+    for _ in range(min(MOST, b.size)):
+        gains = _gains(b, G, prior, chosen)
+        if not np.isfinite(gains.max()):
+            break
+        chosen = np.append(chosen, np.intp(np.argmax(gains)))
+        out.append(chosen)
+    return out
+
+
+def _moved(b: Array, G: Array, prior: Array, chosen: Indices) -> Indices:
+    """Each step where it gains most beside the others."""
+    out = chosen.copy()
+    for k in range(out.size):
+        gains = _gains(b, G, prior, np.delete(out, k))
+        if np.isfinite(gains.max()):
+            out[k] = np.intp(np.argmax(gains))
+    return out
+
+
+def _gains(b: Array, G: Array, prior: Array, chosen: Indices) -> Array:
+    """(c,) what each further step gains beside those chosen, and its prior; −∞ where it is one of them or as good as."""
+    power = np.diag(G)
+    if chosen.size:
+        solved = np.linalg.solve(G[np.ix_(chosen, chosen)], np.column_stack([b[chosen], G[chosen]]))
+        g = b - G[:, chosen] @ solved[:, 0]
+        h = power - np.einsum("ja,aj->j", G[:, chosen], solved[:, 1:])
+    else:
+        g, h = b, power
+    good = h > SEEN * np.maximum(power, TINY)
+    return np.asarray(np.where(good, 0.5 * g**2 / np.where(good, h, 1.0) + prior, -np.inf))

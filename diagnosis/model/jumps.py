@@ -1,0 +1,70 @@
+"""Checks of random processes against a few jumps (`diagnosis.inference.few_jumps`), with the columns of a recording."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from diagnosis.inference.checks import Check
+from diagnosis.inference.few_jumps import log_odds
+from diagnosis.model.linear import LinearModel, Member
+from diagnosis.model.recording import RecordingModel
+from simulator.effects.base import Effect
+
+Array = NDArray[np.float64]
+
+AXES = "xyz"
+TINY = 1e-300
+
+
+def step_columns(model: RecordingModel, axis: int, on_references: bool) -> Array:
+    """(N, c) projected columns of a unit error that sets in with each cell, or each observation, and stays.
+
+    An error of all references that is there from the first on is a rotation, which nothing shows.
+    """
+    columns = model.reference_columns[axis] if on_references else model.cell_columns[axis]
+    return model.projected(np.cumsum(columns[:, ::-1], axis=1)[:, ::-1])
+
+
+def place_weights(model: RecordingModel, on_references: bool) -> Array:
+    """(c,) prior of a step at each place: half of it even, the rest as the body turns there and as its rate changes."""
+    if on_references:
+        at = np.clip(np.searchsorted(model.t_s, model.observation_t_s), 0, model.t_s.size - 1)
+        rates, interval = model.rates[at], model.observation_block
+    else:
+        turned = np.add.reduceat(model.rates * model.dt[:, None], model.cells.first, axis=0)
+        rates, interval = turned / model.cells.duration_s[:, None], model.cells.interval
+    change = np.zeros(len(rates))
+    change[1:] = np.linalg.norm(np.diff(rates, axis=0), axis=1) * (np.diff(interval) == 0)
+    size, even = np.linalg.norm(rates, axis=1), np.full(change.size, 1 / change.size)
+    parts = [one / one.sum() if one.any() else even for one in (change, size)]
+    return np.asarray(0.5 * even + 0.25 * parts[0] + 0.25 * parts[1])
+
+
+def jump_checks(
+    model: RecordingModel, linear: LinearModel, members: Sequence[Member], effects: Mapping[str, Effect]
+) -> tuple[Check, ...]:
+    """Of each random process among the members, whether a few jumps explain it; the p-value is a bound."""
+    found = []
+    for member in members:
+        entry, effect = linear.candidate(member), effects.get(linear.candidate(member).effect)
+        if not entry.process or effect is None or entry.axis is None or effect.of_trackers:
+            continue
+        D = step_columns(model, AXES.index(entry.axis), effect.on_references)
+        own, others = _scaled(linear, (member,)), _scaled(linear, tuple(one for one in members if one != member))
+        _, _, shifts = linear.design(tuple(members))
+        y = linear.y - linear.X[:, shifts].sum(axis=1)
+        odds = log_odds(y, D, place_weights(model, effect.on_references), own, others)
+        p = float(np.exp(-np.clip(odds, 0.0, -np.log(TINY))))
+        found.append(Check(f"a few jumps, of {entry.label} itself", odds, 0.0, p))
+    return tuple(found)
+
+
+def _scaled(linear: LinearModel, members: tuple[Member, ...]) -> Array:
+    """(N, q) scaled columns of members."""
+    if not members:
+        return np.empty((linear.y.size, 0))
+    places, scales, _ = linear.design(members)
+    return np.asarray(scales * linear.X[:, places])
