@@ -41,6 +41,7 @@ STEP = 0.25  # between frequencies that are tried, in units of 1/T
 MADE = 0.0625  # between frequencies at which waves are made, in units of 1/D, at most
 MOST = 300_000  # frequencies; of longer recordings the shortest periods are left out
 HARMONICS = 4  # of the orbit that are left out
+NEAR = 0.25  # of 1/T from one of them, up to which a swing shows nine tenths of what that does
 FINER = 8  # steps of the finer grid in one of the first
 PEAKS = 12  # best frequencies that are kept, no two of one peak in terms of an interval's length
 ALIASES = 6  # others near each of the best of them, which differ by the gaps between intervals
@@ -96,7 +97,7 @@ def grid(model: RecordingModel) -> Grid | None:
     orbit = 1 / model.stream.orbit_period_s
     if np.isfinite(orbit):
         order = np.rint(tried / orbit)
-        allowed &= (np.abs(tried - order * orbit) > lowest) | (order < 1) | (order > HARMONICS)
+        allowed &= (np.abs(tried - order * orbit) > NEAR * lowest) | (order < 1) | (order > HARMONICS)
     if not allowed.any():
         return None
     with np.errstate(divide="ignore"):
