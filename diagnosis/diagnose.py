@@ -38,7 +38,7 @@ from diagnosis.model.calibration import calibrated
 from diagnosis.model.candidates import linear_model
 from diagnosis.model.dead_zone import dead_zone_groups, shown_by_passes
 from diagnosis.model.judgement import judged_anew
-from diagnosis.model.jumps import jump_checks
+from diagnosis.model.jumps import jump_checks, jumps_of
 from diagnosis.model.layout import layout
 from diagnosis.model.linear import LinearModel, Member
 from diagnosis.model.misfit import Departure, errors_of, misfit
@@ -258,7 +258,7 @@ def judged(
     settings, seed, tell : as for `explain`
     shown : p-value of what shows a gap beside the candidates
     left : p-value of what M0 leaves of all references, which is a gap but says nothing of its cause; None if it was not asked
-    jumps : whether a few jumps explain the random processes of an explanation
+    jumps : whether a few jumps explain what an explanation has about one axis
     """
     search = Search(linear, settings, counted(tell, "explanations", 0.5, 0.6, 1000))
     told = partial(tell, "null distribution")
@@ -294,8 +294,12 @@ def judged(
             if imitated < 1:
                 one = partial(_checked, linear, jumps, lambda: None)
                 imitated = averaged_check(weighed, one, partial(is_listed, linear))
+            jumping = {one.name for one in found if one.p_value < 1}
+            factors = {
+                label: 1 / imitated for label in (linear.candidate(one).label for one in members) if jumps_of(label) in jumping
+            }
             checks = (*checks, *found)
-            attribution = doubted(linear, attribution, passed, settings, 1 / imitated)
+            attribution = doubted(linear, attribution, passed, settings, factors)
             if not attribution.slots:
                 members, fitted, rejected = (), (), fitted
         tell("held-out data", 0.85)

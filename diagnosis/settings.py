@@ -97,7 +97,7 @@ class DiagnosisSettings:
     )
     jumping: float = threshold(
         0.1,
-        "share of what imitates a random process that jumps among a few levels, as a state or a switch does",
+        "share of what imitates that jumps among a few levels, as a state or a switch does",
         "probability",
         "by judgement",
     )

@@ -16,7 +16,7 @@ against what is named, and the odds of an imitation are t/(1 − t) max(B, 1). T
 p-values could give is 1/(−e p ln p) (Sellke, Bayarri and Berger, The American Statistician 55, 2001); where p is small, B is
 below it.
 
-Of what imitates a random process, a share (`DiagnosisSettings.jumping`) jumps among a few levels. Its evidence is known
+Of what imitates, a share (`DiagnosisSettings.jumping`) jumps among a few levels. Its evidence is known
 (`diagnosis.inference.few_jumps`), so that it counts by its own Bayes factor.
 
 Where several listed explanations share the probability, it is that of the p-value of all of them, averaged over their posterior
@@ -31,8 +31,9 @@ from __future__ import annotations
 import itertools
 import math
 from collections import defaultdict
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from types import MappingProxyType
 
 import numpy as np
 
@@ -159,7 +160,7 @@ def doubted(
     attribution: Attribution,
     p_value: float,
     settings: DiagnosisSettings = DEFAULT,
-    jumps: float = 0.0,
+    jumps: Mapping[str, float] = MappingProxyType({}),
 ) -> Attribution:
     """The same, weighed against something unlisted that imitates what would be named.
 
@@ -168,7 +169,7 @@ def doubted(
     model : the candidates
     attribution : of an explanation that has effects to name
     p_value : of all checks of what the named model leaves together
-    jumps : Bayes factor of an error that jumps among a few levels against the random processes that are named
+    jumps : Bayes factor of an error that jumps among a few levels against each label that it could imitate
     """
     own = [_left(model, slot, attribution.unknown, p_value, settings, jumps) for slot in attribution.slots]
     left = float(np.prod(own))
@@ -201,7 +202,9 @@ def _imitations(attribution: Attribution, own: Sequence[float]) -> Iterator[Rank
             yield Ranked((*kept, f"an imitation of {imitated}"), probability, attribution.best.log_evidence, True)
 
 
-def _left(model: LinearModel, slot: Slot, unknown: float, p_value: float, settings: DiagnosisSettings, jumps: float) -> float:
+def _left(
+    model: LinearModel, slot: Slot, unknown: float, p_value: float, settings: DiagnosisSettings, jumps: Mapping[str, float]
+) -> float:
     """What is left of the probability of a cause beside what imitates it.
 
     Where the samples show it, too, an imitation that the checks speak for would have to show it as well; or something unlisted
@@ -211,8 +214,7 @@ def _left(model: LinearModel, slot: Slot, unknown: float, p_value: float, settin
     share = settings.free_imitation if entry.process or entry.scanned else settings.imitation
     shown = max(float(np.exp(-max(entry.log_odds, 0.0))), settings.another * settings.unlisted_share / share)
     weight = max(1.0, (1 - unknown) * min(shown, 1.0) / against(p_value, settings))
-    if entry.process:
-        weight += settings.jumping * (1 - unknown) * min(shown, 1.0) * jumps
+    weight += settings.jumping * (1 - unknown) * min(shown, 1.0) * jumps.get(entry.label, 0.0)
     return 1 / (1 + share / (1 - share) * weight)
 
 

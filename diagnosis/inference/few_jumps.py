@@ -1,16 +1,17 @@
-r"""Whether a few jumps explain what a random process is named for.
+r"""Whether a few jumps explain what other effects are named for.
 
-A state that is on or off, a switch that throws now and then, a step at each slew: what jumps between levels is on no list, and
-a random process that is free to be anything slow takes it up. It can be asked without draws. With y the observations, S_o the
-covariance of what else is named, C the columns of the process and D those of steps at each place, the marginal likelihoods are
+A state that is on or off, a switch that throws now and then, a step at each slew: what jumps between levels is on no list. A
+random process that is free to be anything slow takes it up, or several effects that are switched do. It can be asked without
+draws. With y the observations, S_o the covariance of what else is named, C the columns of what may be imitated and D those of
+steps at each place, the marginal likelihoods are
 
-    process:    N(y; 0, S_o + C Cᵀ)
+    named:      N(y; 0, S_o + C Cᵀ)
     jumps:      Σ_k 1/K Σ_A k! Π_A w_j N(y; 0, S_o + s² D_A D_Aᵀ),        A of k places, k = 1 … K,
 
 averaged over some sizes s. The prior w of the places is that of the moments, and half of it that of the body's turns and of
 the changes of its rate: what a slew leaves jumps there. One set A found by a search is a lower bound of the sum. A ratio B of
-marginal likelihoods has P(B ≥ b) ≤ 1/b under the process by Markov's inequality, so that 1/B is a p-value of it, and the jumps
-have paid for their number, their places and their sizes.
+marginal likelihoods has P(B ≥ b) ≤ 1/b under what is named by Markov's inequality, so that 1/B is a p-value of it, and the
+jumps have paid for their number, their places and their sizes.
 
 The set grows by the step that gains most, and each step is moved once to where it gains most beside the others. With b = Dᵀ y
 and G = Dᵀ D, both in the metric of S_o, a step j beside the set A gains g² / 2h,
@@ -34,18 +35,18 @@ SEEN = 1e-6  # of its power, that a step must have beside others
 TINY = 1e-300
 
 
-def log_odds(y: Array, D: Array, weights: Array, process: Array, others: Array) -> float:
-    """log of the marginal likelihood of a few jumps, at least, over that of a random process; see the module.
+def log_odds(y: Array, D: Array, weights: Array, named: Array, others: Array) -> float:
+    """log of the marginal likelihood of a few jumps, at least, over that of what is named; see the module.
 
     Parameters
     ----------
     y : (N,) white observations, the nuisance parameters projected out
     D : (N, c) projected columns of unit steps, one at each place
     weights : (c,) prior of a step at each place; their sum is one
-    process : (N, r) scaled columns of the process
+    named : (N, r) scaled columns of what may be imitated
     others : (N, q) scaled columns of what else is named
     """
-    gain = _of_columns(y, np.hstack([others, process])) - _of_columns(y, others)
+    gain = _of_columns(y, np.hstack([others, named])) - _of_columns(y, others)
     rest, found = _without(others, y[:, None])[:, 0], _without(others, D)
     b, G = D.T @ rest, D.T @ found
     prior = np.log(np.maximum(weights, TINY))

@@ -46,20 +46,31 @@ def place_weights(model: RecordingModel, on_references: bool) -> Array:
 def jump_checks(
     model: RecordingModel, linear: LinearModel, members: Sequence[Member], effects: Mapping[str, Effect]
 ) -> tuple[Check, ...]:
-    """Of each random process among the members, whether a few jumps explain it; the p-value is a bound."""
+    """Whether a few jumps of the rate, or of the references, explain all members about one axis; p-values are bounds."""
     found = []
-    for member in members:
-        entry, effect = linear.candidate(member), effects.get(linear.candidate(member).effect)
-        if not entry.process or effect is None or entry.axis is None or effect.of_trackers:
-            continue
-        D = step_columns(model, AXES.index(entry.axis), effect.on_references)
-        own, others = _scaled(linear, (member,)), _scaled(linear, tuple(one for one in members if one != member))
-        _, _, shifts = linear.design(tuple(members))
-        y = linear.y - linear.X[:, shifts].sum(axis=1)
-        odds = log_odds(y, D, place_weights(model, effect.on_references), own, others)
+    _, _, shifts = linear.design(tuple(members))
+    y = linear.y - linear.X[:, shifts].sum(axis=1)
+    for place in sorted({_place(linear, one, effects) for one in members} - {None}, key=str):
+        assert place is not None
+        axis, on_references = place
+        own = tuple(one for one in members if _place(linear, one, effects) == place)
+        others = tuple(one for one in members if one not in own)
+        D, weights = step_columns(model, AXES.index(axis), on_references), place_weights(model, on_references)
+        odds = log_odds(y, D, weights, _scaled(linear, own), _scaled(linear, others))
         p = float(np.exp(-np.clip(odds, 0.0, -np.log(TINY))))
-        found.append(Check(f"a few jumps, of {entry.label} itself", odds, 0.0, p))
+        found += [Check(jumps_of(linear.candidate(one).label), odds, 0.0, p) for one in own]
     return tuple(found)
+
+
+def jumps_of(label: str) -> str:
+    """Name of the check of what a label does, alone or with others about its axis."""
+    return f"a few jumps, of {label} itself"
+
+
+def _place(linear: LinearModel, member: Member, effects: Mapping[str, Effect]) -> tuple[str, bool] | None:
+    """Axis of a member, and whether it acts on the references; None of what is about no single axis, or of trackers."""
+    entry, effect = linear.candidate(member), effects.get(linear.candidate(member).effect)
+    return None if effect is None or entry.axis is None or effect.of_trackers else (entry.axis, effect.on_references)
 
 
 def _scaled(linear: LinearModel, members: tuple[Member, ...]) -> Array:

@@ -108,6 +108,7 @@ EVIDENCE = [
         [
             ("the observation is not one of the draws", "(1 + int(np.sum(null >= observed)))", "int(np.sum(null >= observed))"),
             ("a scan has all false alarms for itself", "of_scan / scanned_share, 1.0)", "of_scan, 1.0)"),
+            ("draws that end early count themselves", "usual = ENOUGH / null.size", "usual = (ENOUGH + 1) / (null.size + 1)"),
         ],
     ),
     *of(
@@ -131,6 +132,19 @@ EVIDENCE = [
         f"{INFERENCE}test_checks.py::test_jumps_are_no_draw_of_a_process",
         [("steady changes are taken for jumps", "out[JUMPS] = 1 / _geary(", "out[JUMPS] = _geary(")],
     ),
+    *of(
+        "diagnosis/inference/few_jumps.py",
+        f"{INFERENCE}test_few_jumps.py",
+        [
+            ("jumps do not pay for their moments", "+ prior[chosen].sum())", "+ 0.0)"),
+            ("jumps do not pay for their sizes", "- 0.5 * log_det", "- 0.0 * log_det"),
+        ],
+    ),
+    *of(
+        "diagnosis/model/jumps.py",
+        "tests/diagnosis/model/test_jumps.py::test_a_step_at_a_cell_is_the_step_of_the_bias_from_there_on",
+        [("a step is there up to its cell", "columns[:, ::-1], axis=1)[:, ::-1]", "columns, axis=1)")],
+    ),
 ]
 
 ANSWER = [
@@ -146,9 +160,10 @@ ANSWER = [
             ("p-values of imitations have no area", "1 / (1 - settings.seen + spread)", "1 / (1 + spread)"),
             (
                 "a companion makes an imitation less likely",
-                "odds = share / (1 - share) * max(1.0, (1 - unknown) *",
-                "odds = (1 - unknown) * share / (1 - share) * max(1.0,",
+                "weight = max(1.0, (1 - unknown) *",
+                "weight = (1 - unknown) * max(1.0,",
             ),
+            ("jumps are nothing that imitates", "weight += settings.jumping * (1 - unknown)", "weight += 0.0 * (1 - unknown)"),
             (
                 "one sure cause makes all sure",
                 "if all(slot.probability >= settings.named",

@@ -139,6 +139,18 @@ def test_something_unlisted_beside_a_cause_may_be_what_the_checks_see_but_makes_
         assert answer.slots[0].probability == pytest.approx(1 / (1 + odds), rel=1e-4)
 
 
+@pytest.mark.parametrize("factor", [0.0, 20.0, 2000.0])
+def test_jumps_count_by_their_own_bayes_factor(factor):
+    """Odds of an imitation of 1 to 9, a tenth of which jumps; only of the label that they would imitate."""
+    settings = DiagnosisSettings(imitation=0.1, jumping=0.1, unknown=1.0)
+    model, found = three({(0, 1): 1.0})
+    answer = doubted(model, attribute(model, found), 1.0, settings, {model.candidates[0].label: factor})
+    own = {slot.group[0][0]: slot.probability for slot in answer.slots}
+    odds = (1 + 0.1 * factor) / 9
+    assert own[model.candidates[0].label] == pytest.approx(1 / (1 + odds))
+    assert own[model.candidates[1].label] == pytest.approx(0.9)
+
+
 def test_the_bayes_factor_is_that_of_a_distribution_of_p_values():
     """The density of p-values under an imitation is one over the factor; it has the area one, and stays below any bound."""
     settings = DiagnosisSettings(seen=0.25)
