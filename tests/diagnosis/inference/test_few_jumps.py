@@ -57,7 +57,7 @@ def test_the_odds_are_a_lower_bound_of_all_sets_of_jumps(monkeypatch):
 @pytest.mark.parametrize("size", [0.3, 1.0, 5.0])
 def test_a_true_process_is_not_doubted_more_often_than_stated(size):
     """P(B ≥ b) ≤ 1/b, whatever the process."""
-    rng, cases = np.random.default_rng(3), 400
+    rng, cases = np.random.default_rng(3), 150
     C = walk(size)
     odds = [log_odds(C @ rng.standard_normal(COUNT) + rng.standard_normal(COUNT), STEPS, EVEN, C, NONE) for _ in range(cases)]
     for beyond in (3.0, 10.0, 30.0):
