@@ -17,7 +17,8 @@ The way of a recording through `diagnosis.diagnose`, file by file:
 6. `inference.search`, on `inference.evidence`: sets of effects and their posterior.
 7. `inference.attribution`: what may be named.
 8. `inference.amplitudes`: how large the named effects are.
-9. `inference.checks`: whether the named model would give data like these.
+9. `inference.checks`, of the `inference.check_statistics`: whether the named model would give data like these; and
+   `inference.few_jumps` with the columns of `model.jumps`: whether a few jumps would rather.
 10. `inference.closure`, on the folds of the model: how far the gap shrinks on held-out data.
 11. `model.calibration`: G and b with the named effects in the model.
 12. `assemble`: the answer, `result`.

@@ -69,12 +69,14 @@ class InMotion:
     p_value : under white noise as stated, that it has another level or rises as readout noise, both looked at
     reading : readout noise, if that explains it
     parts : the blocks of samples that were used
+    still : whether no motion shows in them
     """
 
     level: Level
     p_value: float
     reading: Readout | None
     parts: list[Array]
+    still: bool = True
 
 
 def level_in_motion(x: Array, usable: list[tuple[int, int]], expected: float) -> InMotion | None:
@@ -96,11 +98,10 @@ def level_in_motion(x: Array, usable: list[tuple[int, int]], expected: float) ->
         chosen = np.sort(order[: int(share * order.size)])
         if chosen.size < FEWEST_BLOCKS:
             break
-        found = _in_blocks(blocks[chosen, :SHOWING], expected)
+        found = _in_blocks(blocks[chosen, :SHOWING], samples[chosen], expected)
         if found is not None and found.still:
-            return found.of(samples[chosen])
-        if found is not None:
-            moving.append(found.of(samples[chosen]))
+            return found
+        moving += [found] if found is not None else []
     return min(moving, key=lambda one: one.level.sigma, default=None)
 
 
@@ -117,21 +118,8 @@ def _are_one(some: Array, rest: Array) -> bool:
     return bool(abs(one - other) < SAME * np.hypot(error, other_error))
 
 
-@dataclass(frozen=True)
-class _InBlocks:
-    """What some blocks show: whether no motion, and what `InMotion` holds but for the samples."""
-
-    still: bool
-    level: Level
-    p_value: float
-    reading: Readout | None
-
-    def of(self, samples: Array) -> InMotion:
-        return InMotion(self.level, self.p_value, self.reading, list(samples))
-
-
-def _in_blocks(blocks: Array, expected: float) -> _InBlocks | None:
-    """Level, p-value and readout noise of some blocks; None where something else shows."""
+def _in_blocks(blocks: Array, samples: Array, expected: float) -> InMotion | None:
+    """What some blocks of samples show; None where that is more than noise and a weak motion."""
     powers = powers_of(blocks)
     if not powers.all():  # readings that stand still on a lattice in most of the blocks
         return None
@@ -146,11 +134,11 @@ def _in_blocks(blocks: Array, expected: float) -> _InBlocks | None:
     nothing = float("nan")
     if not fit.still:
         beside = Level(expected * fit.white, expected * float(np.hypot(fit.sigma, fit.motion)), nothing, nothing)
-        return _InBlocks(False, beside, chance_of(beside, expected), None)
+        return InMotion(beside, chance_of(beside, expected), None, list(samples), still=False)
     found = Level(expected * fit.white, expected * fit.sigma, nothing, nothing)
     free = SHOWING * len(blocks)
     rising = float(scipy.stats.chi2.sf(free + fit.rise * np.sqrt(2 * free), free))
-    return _InBlocks(True, found, min(1.0, 2 * min(chance_of(found, expected), rising)), reading)
+    return InMotion(found, min(1.0, 2 * min(chance_of(found, expected), rising)), reading, list(samples))
 
 
 def chance_of(one: Level, expected: float) -> float:

@@ -52,7 +52,7 @@ def disagreement_of(low: int, high: int) -> float:
 
 
 def agree(low: ArrayLike, high: ArrayLike, orders: tuple[int, int], count: ArrayLike) -> Mask:
-    """Whether mean squares of two orders of differences of as many samples show one level, and the lower no motion."""
+    """Whether mean squares of two orders of differences of the same samples show one level, the lower no motion."""
     level = np.asarray(high, dtype=float)
     error = np.sqrt(2 * disagreement_of(*orders) / np.maximum(count, 1))
     return np.asarray(np.abs(np.subtract(low, level)) < AGREE * level * error)

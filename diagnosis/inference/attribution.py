@@ -17,7 +17,8 @@ p-values could give is 1/(−e p ln p) (Sellke, Bayarri and Berger, The American
 below it.
 
 Of what imitates, a share (`DiagnosisSettings.jumping`) jumps among a few levels. Its evidence is known
-(`diagnosis.inference.few_jumps`), so that it counts by its own Bayes factor.
+(`diagnosis.inference.few_jumps`), so that it counts by its own Bayes factor B_J: the odds are
+t/(1 − t) (max(B, 1) + share × B_J).
 
 Where several listed explanations share the probability, it is that of the p-value of all of them, averaged over their posterior
 (Gelman et al., Bayesian Data Analysis, section 6.3): what one of them would not leave, another may.

@@ -13,8 +13,8 @@ the changes of its rate: what a slew leaves jumps there. One set A found by a se
 marginal likelihoods has P(B ≥ b) ≤ 1/b under what is named by Markov's inequality, so that 1/B is a p-value of it, and the
 jumps have paid for their number, their places and their sizes.
 
-The set grows by the step that gains most, and each step is moved once to where it gains most beside the others. With b = Dᵀ y
-and G = Dᵀ D, both in the metric of S_o, a step j beside the set A gains g² / 2h,
+The set grows by the step that gains most, and each step is moved once to where it gains most beside the others. With
+b = Dᵀ S_o⁻¹ y and G = Dᵀ S_o⁻¹ D, a step j beside the set A gains g² / 2h,
 
     g = b_j − G_jA G_AA⁻¹ b_A,        h = G_jj − G_jA G_AA⁻¹ G_Aj.
 """
@@ -22,9 +22,10 @@ and G = Dᵀ D, both in the metric of S_o, a step j beside the set A gains g² /
 from __future__ import annotations
 
 import numpy as np
-import scipy.linalg
 from numpy.typing import NDArray
 from scipy.special import gammaln
+
+from diagnosis.inference.evidence import averaged, log_bayes
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
@@ -35,51 +36,21 @@ SEEN = 1e-6  # of its power, that a step must have beside others
 TINY = 1e-300
 
 
-def log_odds(y: Array, D: Array, weights: Array, named: Array, others: Array) -> float:
-    """log of the marginal likelihood of a few jumps, at least, over that of what is named; see the module.
+def log_evidence(b: Array, G: Array, weights: Array) -> float:
+    """log of the marginal likelihood of a few jumps beside what else is named, at least, over that of none; see the module.
 
     Parameters
     ----------
-    y : (N,) white observations, the nuisance parameters projected out
-    D : (N, c) projected columns of unit steps, one at each place
+    b, G : (c,) Dᵀ S_o⁻¹ y and (c, c) Dᵀ S_o⁻¹ D, of unit steps at each place
     weights : (c,) prior of a step at each place; their sum is one
-    named : (N, r) scaled columns of what may be imitated
-    others : (N, q) scaled columns of what else is named
     """
-    gain = _of_columns(y, np.hstack([others, named])) - _of_columns(y, others)
-    rest, found = _without(others, y[:, None])[:, 0], _without(others, D)
-    b, G = D.T @ rest, D.T @ found
-    prior = np.log(np.maximum(weights, TINY))
-    sets = [_moved(b, G, prior, chosen) for chosen in _grown(b, G, prior)]
-    if not sets:
-        return -np.inf
-    usual = float(np.sqrt(np.median(np.diag(G))))
+    prior, usual = np.log(np.maximum(weights, TINY)), max(float(np.sqrt(np.median(np.diag(G)))), TINY)
     best = -np.inf
-    for chosen in sets:
+    for chosen in (_moved(b, G, prior, grown) for grown in _grown(b, G, prior)):
+        of_sizes = log_bayes(G[np.ix_(chosen, chosen)][None], b[None, chosen], SIZES / usual)
         places = float(gammaln(chosen.size + 1) + prior[chosen].sum())
-        of_sizes = [_evidence(b[chosen], G[np.ix_(chosen, chosen)], size / max(usual, TINY)) for size in SIZES]
-        best = max(best, float(np.logaddexp.reduce(of_sizes)) - np.log(SIZES.size) + places)
-    return best - float(np.log(MOST)) - gain
-
-
-def _evidence(b: Array, G: Array, size: float) -> float:
-    """log of the marginal likelihood of steps of a size over that without any."""
-    M = np.eye(b.size) + size**2 * G
-    factor = scipy.linalg.cho_factor(M, lower=True)
-    log_det = 2 * float(np.sum(np.log(np.diag(factor[0]))))
-    return 0.5 * float(size**2 * b @ scipy.linalg.cho_solve(factor, b)) - 0.5 * log_det
-
-
-def _of_columns(y: Array, C: Array) -> float:
-    """log of the likelihood of y ~ N(0, 1 + C Cᵀ) over that of N(0, 1)."""
-    return _evidence(C.T @ y, C.T @ C, 1.0) if C.shape[1] else 0.0
-
-
-def _without(C: Array, X: Array) -> Array:
-    """(1 + C Cᵀ)⁻¹ X."""
-    if not C.shape[1]:
-        return X
-    return np.asarray(X - C @ np.linalg.solve(np.eye(C.shape[1]) + C.T @ C, C.T @ X))
+        best = max(best, averaged(of_sizes, np.zeros(1)) + places)
+    return best - float(np.log(MOST))
 
 
 def _grown(b: Array, G: Array, prior: Array) -> list[Indices]:

@@ -1,4 +1,4 @@
-"""Checks of random processes against a few jumps (`diagnosis.inference.few_jumps`), with the columns of a recording."""
+"""Checks of what is named against a few jumps (`diagnosis.inference.few_jumps`), with the columns of a recording."""
 
 from __future__ import annotations
 
@@ -8,9 +8,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from diagnosis.inference.checks import Check
-from diagnosis.inference.few_jumps import log_odds
+from diagnosis.inference.evidence import log_bayes
+from diagnosis.inference.few_jumps import log_evidence
 from diagnosis.model.linear import LinearModel, Member
 from diagnosis.model.recording import RecordingModel
+from diagnosis.model.steps import Left
 from simulator.effects.base import Effect
 
 Array = NDArray[np.float64]
@@ -47,16 +49,17 @@ def jump_checks(
     model: RecordingModel, linear: LinearModel, members: Sequence[Member], effects: Mapping[str, Effect]
 ) -> tuple[Check, ...]:
     """Whether a few jumps of the rate, or of the references, explain all members about one axis; p-values are bounds."""
+    at = [_place(linear, one, effects) for one in members]
     found = []
-    _, _, shifts = linear.design(tuple(members))
-    y = linear.y - linear.X[:, shifts].sum(axis=1)
-    for place in sorted({_place(linear, one, effects) for one in members} - {None}, key=str):
-        assert place is not None
+    for place in dict.fromkeys(one for one in at if one is not None):
         axis, on_references = place
-        own = tuple(one for one in members if _place(linear, one, effects) == place)
+        own = [one for one, its in zip(members, at, strict=True) if its == place]
         others = tuple(one for one in members if one not in own)
-        D, weights = step_columns(model, AXES.index(axis), on_references), place_weights(model, on_references)
-        odds = log_odds(y, D, weights, _scaled(linear, own), _scaled(linear, others))
+        left, D = Left(linear, others), step_columns(model, AXES.index(axis), on_references)
+        jumps = log_evidence(D.T @ left.y, D.T @ left.of(D), place_weights(model, on_references))
+        # An amplitude that can only be positive doubles the density of what is named, at most.
+        doubled = float(np.log(2.0)) * sum(linear.candidate(one).positive for one in own)
+        odds = jumps - (_log_density(linear, tuple(members)) - _log_density(linear, others)) - doubled
         p = float(np.exp(-np.clip(odds, 0.0, -np.log(TINY))))
         found += [Check(jumps_of(linear.candidate(one).label), odds, 0.0, p) for one in own]
     return tuple(found)
@@ -64,7 +67,7 @@ def jump_checks(
 
 def jumps_of(label: str) -> str:
     """Name of the check of what a label does, alone or with others about its axis."""
-    return f"a few jumps, of {label} itself"
+    return f"a few jumps in place of {label}"
 
 
 def _place(linear: LinearModel, member: Member, effects: Mapping[str, Effect]) -> tuple[str, bool] | None:
@@ -73,9 +76,9 @@ def _place(linear: LinearModel, member: Member, effects: Mapping[str, Effect]) -
     return None if effect is None or entry.axis is None or effect.of_trackers else (entry.axis, effect.on_references)
 
 
-def _scaled(linear: LinearModel, members: tuple[Member, ...]) -> Array:
-    """(N, q) scaled columns of members."""
-    if not members:
-        return np.empty((linear.y.size, 0))
-    places, scales, _ = linear.design(members)
-    return np.asarray(scales * linear.X[:, places])
+def _log_density(linear: LinearModel, members: tuple[Member, ...]) -> float:
+    """log of the density of the observations under members at their scales, but for a constant."""
+    places, scales, shifts = linear.design(members)
+    y, C = linear.y - linear.X[:, shifts].sum(axis=1), linear.X[:, places] * scales
+    gain = log_bayes((C.T @ C)[None], (C.T @ y)[None], np.ones(1))[0, 0] if places.size else 0.0
+    return float(gain - 0.5 * y @ y)

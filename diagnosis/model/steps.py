@@ -147,9 +147,10 @@ class Left:
         places, scales, shifts = linear.design(members)
         self._C = linear.X[:, places] * scales
         self._factor = scipy.linalg.cho_factor(np.eye(places.size) + self._C.T @ self._C) if places.size else None
-        self.y = self._of(linear.y - linear.X[:, shifts].sum(axis=1))
+        self.y = self.of(linear.y - linear.X[:, shifts].sum(axis=1))
 
-    def _of(self, values: Array) -> Array:
+    def of(self, values: Array) -> Array:
+        """S⁻¹ of observations or columns."""
         if self._factor is None:
             return values
         return np.asarray(values - self._C @ scipy.linalg.cho_solve(self._factor, self._C.T @ values))

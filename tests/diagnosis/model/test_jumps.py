@@ -30,6 +30,7 @@ def test_a_step_at_a_cell_is_the_step_of_the_bias_from_there_on(model):
 
 
 def test_a_step_of_the_references_is_there_from_its_observation_on(model):
+    """From the first on it is a rotation, which G takes up but for its departure from one of some thousandths."""
     steps = step_columns(model, 2, on_references=True)
     assert np.linalg.norm(steps[:, 0]) < 1e-3 * np.linalg.norm(steps[:, 20])
     difference = model.projected(model.reference_columns[2][:, [7]])[:, 0]
@@ -57,4 +58,4 @@ def test_a_bias_that_is_on_or_off_is_no_random_process():
     answer = diagnose(on_and_off(recorded(5, every_s=60.0), 0.4, [(0.1, 0.27), (0.45, 0.62), (0.7, 0.75)]))
     assert answer.present
     assert answer.verdict == "unknown"
-    assert answer.p_values["check: a few jumps, of bias_random_walk:z itself"] < 0.1
+    assert answer.p_values["check: a few jumps in place of bias_random_walk:z"] < 0.1
