@@ -23,6 +23,7 @@ from diagnosis.inference.attribution import (
     averaged_check,
     doubted,
     is_listed,
+    log_share,
     unexplained,
     unseen,
 )
@@ -38,7 +39,7 @@ from diagnosis.model.calibration import calibrated
 from diagnosis.model.candidates import linear_model
 from diagnosis.model.dead_zone import dead_zone_groups, shown_by_passes
 from diagnosis.model.judgement import judged_anew
-from diagnosis.model.jumps import jump_checks, jumps_of
+from diagnosis.model.jumps import Jumps, few_jumps
 from diagnosis.model.layout import layout
 from diagnosis.model.linear import LinearModel, Member
 from diagnosis.model.misfit import Departure, errors_of, misfit
@@ -186,8 +187,8 @@ def explain(
     def check(found: LinearModel, members: tuple[Member, ...]) -> tuple[Check, ...]:
         return (*residual_checks(found, members, layout(model), seed), *_left_beside(prepared, found, members, by_name))
 
-    def jumps(found: LinearModel, members: tuple[Member, ...]) -> tuple[Check, ...]:
-        return jump_checks(model, found, members, by_name)
+    def jumps(found: LinearModel, members: tuple[Member, ...]) -> tuple[Jumps, ...]:
+        return few_jumps(model, found, members, by_name, settings)
 
     dead, of_all = dead_zone_groups(prepared, effects), together(left) if left else None
     told = counted(tell, "candidates", 0.1, 0.3, 100)
@@ -239,6 +240,11 @@ def nothing_checked(linear: LinearModel, members: tuple[Member, ...]) -> tuple[C
     return ()
 
 
+def no_jumps(linear: LinearModel, members: tuple[Member, ...]) -> tuple[Jumps, ...]:
+    """None are asked about."""
+    return ()
+
+
 def judged(
     linear: LinearModel,
     check: Checker,
@@ -247,7 +253,7 @@ def judged(
     tell: Progress,
     shown: float = 1.0,
     left: float | None = None,
-    jumps: Checker = nothing_checked,
+    jumps: Callable[[LinearModel, tuple[Member, ...]], tuple[Jumps, ...]] = no_jumps,
 ) -> Explained:
     """What a linear model says, whatever it was built from; without a calibration.
 
@@ -289,17 +295,11 @@ def judged(
             if against(passed, settings) < 1:
                 step = map(counted(tell, "checks", 0.75, 0.85, 5), count()).__next__
                 passed = averaged_check(weighed, partial(_checked, linear, check, step), partial(is_listed, linear))
-            found = jumps(linear, members)
-            imitated = together(found)
-            if imitated < 1:
-                one = partial(_checked, linear, jumps, lambda: None)
-                imitated = averaged_check(weighed, one, partial(is_listed, linear))
-            jumping = {one.name for one in found if one.p_value < 1}
-            factors = {
-                label: 1 / imitated for label in (linear.candidate(one).label for one in members) if jumps_of(label) in jumping
-            }
-            checks = (*checks, *found)
-            attribution = doubted(linear, attribution, passed, settings, factors)
+            instead = jumps(linear, members)
+            checks = (*checks, *(one.check for one in instead if one.log_bayes > 0))
+            share = log_share(weighed, attribution.best, partial(is_listed, linear))
+            odds = {one.label: one.log_bayes + one.log_prior + share for one in instead}
+            attribution = doubted(linear, attribution, passed, settings, odds)
             if not attribution.slots:
                 members, fitted, rejected = (), (), fitted
         tell("held-out data", 0.85)

@@ -46,6 +46,7 @@ from diagnosis.settings import DEFAULT, DiagnosisSettings
 LEAST = 1e-16  # p-value down to which those of imitations are spread
 WORTH_A_CHECK = 0.02  # share of the listed explanations' probability, from which on one of them is checked
 MOST_CHECKED = 5  # of these
+MOST_ODDS = 100.0  # log of the odds, from which on more of them change nothing
 
 
 @dataclass(frozen=True)
@@ -170,7 +171,7 @@ def doubted(
     model : the candidates
     attribution : of an explanation that has effects to name
     p_value : of all checks of what the named model leaves together
-    jumps : Bayes factor of an error that jumps among a few levels against each label that it could imitate
+    jumps : log of the odds that an error jumps among a few levels, over its prior share, against each label that it may be
     """
     own = [_left(model, slot, attribution.unknown, p_value, settings, jumps) for slot in attribution.slots]
     left = float(np.prod(own))
@@ -215,7 +216,7 @@ def _left(
     share = settings.free_imitation if entry.process or entry.scanned else settings.imitation
     shown = max(float(np.exp(-max(entry.log_odds, 0.0))), settings.another * settings.unlisted_share / share)
     weight = max(1.0, (1 - unknown) * min(shown, 1.0) / against(p_value, settings))
-    weight += settings.jumping * (1 - unknown) * min(shown, 1.0) * jumps.get(entry.label, 0.0)
+    weight += settings.jumping * (1 - unknown) * min(shown, 1.0) * math.exp(min(jumps.get(entry.label, -math.inf), MOST_ODDS))
     return 1 / (1 + share / (1 - share) * weight)
 
 
@@ -223,6 +224,11 @@ def against(p_value: float, settings: DiagnosisSettings = DEFAULT) -> float:
     """Bayes factor for a model against what its checks may see, of their p-value; at most one."""
     spread = settings.seen / (max(p_value, LEAST) * -math.log(LEAST))
     return min(1.0, 1 / (1 - settings.seen + spread))
+
+
+def log_share(explanations: Sequence[Explanation], best: Explanation, listed: Callable[[Explanation], bool]) -> float:
+    """log of the posterior of an explanation among the listed ones."""
+    return best.log_posterior - total([one for one in explanations if one.members and listed(one)])
 
 
 def averaged_check(

@@ -8,10 +8,11 @@ steps at each place, the marginal likelihoods are
     named:      N(y; 0, S_o + C Cᵀ)
     jumps:      Σ_k 1/K Σ_A k! Π_A w_j N(y; 0, S_o + s² D_A D_Aᵀ),        A of k places, k = 1 … K,
 
-averaged over some sizes s. The prior w of the places is that of the moments, and half of it that of the body's turns and of
-the changes of its rate: what a slew leaves jumps there. One set A found by a search is a lower bound of the sum. A ratio B of
-marginal likelihoods has P(B ≥ b) ≤ 1/b under what is named by Markov's inequality, so that 1/B is a p-value of it, and the
-jumps have paid for their number, their places and their sizes.
+averaged over some sizes s. A state that is on or off has jumps of one size, up and down in turn: D_A is then one column, the
+sum of the steps with alternating signs. Both kinds are as likely. The prior w of the places is that of the moments, and half
+of it that of the body's turns and of the changes of its rate: what a slew leaves jumps there. One set A found by a search is a
+lower bound of the sum. A ratio B of marginal likelihoods has P(B ≥ b) ≤ 1/b under what is named by Markov's inequality, so that
+1/B is a p-value of it, and the jumps have paid for their number, their places and their sizes.
 
 The set grows by the step that gains most, and each step is moved once to where it gains most beside the others. With
 b = Dᵀ S_o⁻¹ y and G = Dᵀ S_o⁻¹ D, a step j beside the set A gains g² / 2h,
@@ -20,6 +21,8 @@ b = Dᵀ S_o⁻¹ y and G = Dᵀ S_o⁻¹ D, a step j beside the set A gains g²
 """
 
 from __future__ import annotations
+
+from collections.abc import Iterator
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,7 +33,8 @@ from diagnosis.inference.evidence import averaged, log_bayes
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
 
-MOST = 16  # jumps
+MOST = 32  # jumps
+PATIENCE = 4  # jumps more without a gain, after which no more are looked for
 SIZES = np.geomspace(3.0, 3000.0, 7)  # sigmas that the usual step of a size shows
 SEEN = 1e-6  # of its power, that a step must have beside others
 TINY = 1e-300
@@ -45,25 +49,31 @@ def log_evidence(b: Array, G: Array, weights: Array) -> float:
     weights : (c,) prior of a step at each place; their sum is one
     """
     prior, usual = np.log(np.maximum(weights, TINY)), max(float(np.sqrt(np.median(np.diag(G)))), TINY)
-    best = -np.inf
-    for chosen in (_moved(b, G, prior, grown) for grown in _grown(b, G, prior)):
-        of_sizes = log_bayes(G[np.ix_(chosen, chosen)][None], b[None, chosen], SIZES / usual)
+    best, reached = -np.inf, 0
+    for number, grown in enumerate(_grown(b, G, prior)):
+        chosen = np.sort(_moved(b, G, prior, grown))
+        gram, own, turns = G[np.ix_(chosen, chosen)], b[chosen], (-1.0) ** np.arange(chosen.size)
+        free = averaged(log_bayes(gram[None], own[None], SIZES / usual), np.zeros(1))
+        of_one_size = np.array([[[turns @ gram @ turns]]]), np.array([[turns @ own]])
+        on_or_off = averaged(log_bayes(*of_one_size, SIZES / usual), np.zeros(1))
         places = float(gammaln(chosen.size + 1) + prior[chosen].sum())
-        best = max(best, averaged(of_sizes, np.zeros(1)) + places)
+        found = float(np.logaddexp(free, on_or_off)) - float(np.log(2.0)) + places
+        if found > best:
+            best, reached = found, number
+        elif number > reached + PATIENCE:
+            break
     return best - float(np.log(MOST))
 
 
-def _grown(b: Array, G: Array, prior: Array) -> list[Indices]:
+def _grown(b: Array, G: Array, prior: Array) -> Iterator[Indices]:
     """Sets of one step to `MOST`, each the one before and the step that gains most beside it, its prior (c,) with that."""
-    out: list[Indices] = []
     chosen = np.empty(0, dtype=np.intp)
     for _ in range(min(MOST, b.size)):
         gains = _gains(b, G, prior, chosen)
         if not np.isfinite(gains.max()):
             break
         chosen = np.append(chosen, np.intp(np.argmax(gains)))
-        out.append(chosen)
-    return out
+        yield chosen
 
 
 def _moved(b: Array, G: Array, prior: Array, chosen: Indices) -> Indices:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,9 +11,11 @@ from numpy.typing import NDArray
 from diagnosis.inference.checks import Check
 from diagnosis.inference.evidence import log_bayes
 from diagnosis.inference.few_jumps import log_evidence
+from diagnosis.inference.search import Search
 from diagnosis.model.linear import LinearModel, Member
 from diagnosis.model.recording import RecordingModel
 from diagnosis.model.steps import Left
+from diagnosis.settings import DEFAULT, DiagnosisSettings
 from simulator.effects.base import Effect
 
 Array = NDArray[np.float64]
@@ -45,24 +48,60 @@ def place_weights(model: RecordingModel, on_references: bool) -> Array:
     return np.asarray(0.5 * even + 0.25 * parts[0] + 0.25 * parts[1])
 
 
-def jump_checks(
-    model: RecordingModel, linear: LinearModel, members: Sequence[Member], effects: Mapping[str, Effect]
-) -> tuple[Check, ...]:
-    """Whether a few jumps of the rate, or of the references, explain all members about one axis; p-values are bounds."""
+@dataclass(frozen=True)
+class Jumps:
+    """Whether a few jumps explain what a member of an explanation is there for, with all others about its axis.
+
+    Attributes
+    ----------
+    label : of the member
+    log_bayes : log of the Bayes factor of the jumps, at least
+    log_prior : what the prior adds where they stand for several causes at once, less the part that is of the others
+    """
+
+    label: str
+    log_bayes: float
+    log_prior: float
+
+    @property
+    def check(self) -> Check:
+        """It as a check, whose p-value is a bound."""
+        return Check(jumps_of(self.label), self.log_bayes, 0.0, float(np.exp(-np.clip(self.log_bayes, 0.0, -np.log(TINY)))))
+
+
+def few_jumps(
+    model: RecordingModel,
+    linear: LinearModel,
+    members: Sequence[Member],
+    effects: Mapping[str, Effect],
+    settings: DiagnosisSettings = DEFAULT,
+) -> tuple[Jumps, ...]:
+    """Whether a few jumps of the rate, or of the references, explain all members about one axis.
+
+    The evidence of the members is averaged over their options and scales, as that of the jumps is. Where several members are
+    about one axis, the jumps are one cause and they are several: all but the likeliest have their prior to pay, and each then
+    has an equal part of the jumps. What the samples say against a member speaks for the jumps.
+    """
     at = [_place(linear, one, effects) for one in members]
-    found = []
+    search, found = Search(linear, settings), []
     for place in dict.fromkeys(one for one in at if one is not None):
         axis, on_references = place
         own = [one for one, its in zip(members, at, strict=True) if its == place]
         others = tuple(one for one in members if one not in own)
         left, D = Left(linear, others), step_columns(model, AXES.index(axis), on_references)
         jumps = log_evidence(D.T @ left.y, D.T @ left.of(D), place_weights(model, on_references))
-        # An amplitude that can only be positive doubles the density of what is named, at most.
-        doubled = float(np.log(2.0)) * sum(linear.candidate(one).positive for one in own)
-        odds = jumps - (_log_density(linear, tuple(members)) - _log_density(linear, others)) - doubled
-        p = float(np.exp(-np.clip(odds, 0.0, -np.log(TINY))))
-        found += [Check(jumps_of(linear.candidate(one).label), odds, 0.0, p) for one in own]
+        named = _log_density(linear, tuple(members)) - _log_density(linear, others) + _occam(search, tuple(members), own)
+        alone = [linear.candidate(one).log_prior for one in own]
+        priors = sum(alone) + sum(min(linear.candidate(one).log_odds, 0.0) for one in own)
+        more = max(alone) - priors - (len(own) - 1) * float(np.log(settings.another)) - float(np.log(len(own)))
+        found += [Jumps(linear.candidate(one).label, jumps - named, more) for one in own]
     return tuple(found)
+
+
+def _occam(search: Search, members: tuple[Member, ...], own: Sequence[Member]) -> float:
+    """log of what is lost as the evidence is averaged over the options and scales of some of the members."""
+    scores = [search.score(one.candidate, tuple(other for other in members if other != one)) for one in own]
+    return sum(one.average - one.best for one in scores)
 
 
 def jumps_of(label: str) -> str:

@@ -144,7 +144,9 @@ def test_jumps_count_by_their_own_bayes_factor(factor):
     """Odds of an imitation of 1 to 9, a tenth of which jumps; only of the label that they would imitate."""
     settings = DiagnosisSettings(imitation=0.1, jumping=0.1, unknown=1.0)
     model, found = three({(0, 1): 1.0})
-    answer = doubted(model, attribute(model, found), 1.0, settings, {model.candidates[0].label: factor})
+    answer = doubted(
+        model, attribute(model, found), 1.0, settings, {model.candidates[0].label: float(np.log(max(factor, 1e-300)))}
+    )
     own = {slot.group[0][0]: slot.probability for slot in answer.slots}
     odds = (1 + 0.1 * factor) / 9
     assert own[model.candidates[0].label] == pytest.approx(1 / (1 + odds))

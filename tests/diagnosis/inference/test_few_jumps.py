@@ -44,8 +44,12 @@ def test_the_evidence_is_a_lower_bound_of_all_sets_of_jumps(monkeypatch):
         for chosen in combinations(range(places), k):
             A = D[:, chosen]
             prior = np.log(0.5) + np.log(k) + np.log(weights[list(chosen)]).sum()
-            of_sizes = [density(S + (size / usual) ** 2 * A @ A.T) for size in few_jumps.SIZES]
-            terms.append(prior + np.logaddexp.reduce(of_sizes) - np.log(len(of_sizes)))
+            kinds = A, A @ (-1.0) ** np.arange(k)[:, None]
+            of_kinds = [
+                np.logaddexp.reduce([density(S + (size / usual) ** 2 * one @ one.T) for size in few_jumps.SIZES])
+                for one in kinds
+            ]
+            terms.append(prior + np.logaddexp(*of_kinds) - np.log(2 * few_jumps.SIZES.size))
     inverse = np.linalg.inv(S)
     found = log_evidence(D.T @ inverse @ y, D.T @ inverse @ D, weights)
     assert found <= np.logaddexp.reduce(terms) - density(S) + 1e-9
@@ -68,6 +72,16 @@ def test_a_state_that_is_on_or_off_is_more_likely_to_have_jumped(levels):
     rng = np.random.default_rng(4)
     y = sum(size * STEPS[:, place] for place, size in levels) + rng.standard_normal(COUNT)
     assert min(log_odds(y, EVEN, walk(size)) for size in (0.3, 1.0, 3.0, 10.0)) > 3
+
+
+def test_a_state_of_two_levels_is_told_by_its_one_size():
+    """The last of its jumps has another size: without one size for all, both are as likely."""
+    rng, places = np.random.default_rng(6), [6, 13, 19, 28, 33, 41, 50]
+    turns, noise = (-1.0) ** np.arange(len(places)), rng.standard_normal(COUNT)
+    two = STEPS[:, places] @ (5.0 * turns) + noise
+    many = STEPS[:, places] @ (5.0 * turns * np.array([1, 2, 0.5, 1, 3, 2, 0.7])) + noise
+    assert log_odds(two, EVEN, walk(3.0)) > 4
+    assert log_odds(two, EVEN, walk(3.0)) - log_odds(many, EVEN, walk(3.0)) > 3
 
 
 def test_jumps_where_they_are_expected_cost_less():
