@@ -4,13 +4,12 @@ Second differences of three references at even spacing Δt leave nothing of slow
 variance about body axis i is 6 σ_i² + 2 d_i Δt, d_i the noise density of gyro i as the samples show it; neighbouring ones
 correlate by (−4/6, 1/6), so that the variance of the mean square of n of them is (2/n)(1 + 2 (16 + 1)/36) of its square.
 
-A strong random error of the gyro's rate from one reference to the next makes them larger as well. With an excess of 6 E in
-the variance, white noise of the references adds (−4 E, E) to the covariances of neighbours and of next neighbours, and an error
-of the angle turned that is new in each spacing (−3 E, 0): which is nearer decides.
+A strong random error of the gyro's rate from one reference to the next makes them larger as well. The covariances of
+neighbours tell which it is (`diagnosis.detectors.reference_excess`).
 
 An error that follows a fast motion, such as late tags make, is as large from one reference to the next and no noise. Where they
 are odd, second differences of what errors of the rates would do that are proportional to them, to their sizes, squares or
-changes are taken out by least squares first; an excess that these explain is none.
+changes, or that drift, are taken out by least squares first; an excess that these explain is none.
 """
 
 from __future__ import annotations
@@ -21,6 +20,7 @@ import numpy as np
 import scipy.stats
 from numpy.typing import NDArray
 
+from diagnosis.detectors.reference_excess import log_odds
 from diagnosis.settings import DEFAULT, DiagnosisSettings
 
 Array = NDArray[np.float64]
@@ -31,9 +31,10 @@ CORRELATED = 1 + 2 * 17 / 36
 TRIM = 3.0  # robust sigmas beyond which a difference does not count
 TRIMMED = 0.9733  # variance of a normal variable cut there
 FEWEST = 40  # second differences of an axis, below which nothing is said
+UNLIKELY = -3.0  # log odds of an excess of the references, below which it is one of the angle turned
+OF_EACH = 4  # second differences for each error that is fitted to them, at least
 UNSEEN = 10.0  # relative error of an axis of which nothing is seen
 ROUNDS = 3  # of a fit whose large residuals do not count
-COVARIANCE_SPREAD = 3.0  # of the difference of two covariances, over the square of the variance and the number
 TRIMMING = 1.1  # times the variance of a mean square whose limit was estimated
 
 
@@ -168,6 +169,11 @@ def reference_noise(
     owner = series.interval[found.middle]
     groups = [moving, *(owner == number for number in np.unique(owner))]
     factor, sigma, p, axis = _level(found, kept, enough)
+    of_gyro = False
+    if p < settings.sample_event and np.any(factor[enough] > 1):
+        axes = slice(None) if axis is None else slice(axis, axis + 1)
+        stated, walk = series.sigma**2, density * np.abs(np.append(np.diff(series.t_s), 0.0))[:, None]
+        of_gyro = log_odds(found.values, kept, found.middle, series.to_inertial, stated, walk, axes) < UNLIKELY
     return ReferenceNoise(
         factor,
         sigma,
@@ -176,7 +182,7 @@ def reference_noise(
         *_correlation(scaled, kept),
         *_constancy(scaled, kept, groups),
         settings.sample_event,
-        _of_gyro(found, kept, slice(None) if axis is None else slice(axis, axis + 1)),
+        of_gyro,
     )
 
 
@@ -216,7 +222,7 @@ def _without(found: Differences, motion: list[Differences]) -> Differences:
     left = z
     for _ in range(ROUNDS):
         used = ~found.hidden & (np.abs(left) < TRIM * np.median(np.abs(left), axis=0) / 0.6745)
-        if used.sum() < FEWEST * len(motion):
+        if used.sum() < OF_EACH * len(motion):
             return found
         amplitudes, _, rank, _ = np.linalg.lstsq(X[used], z[used], rcond=1e-9)
         left = z - X @ amplitudes
@@ -241,24 +247,6 @@ def _level(found: Differences, kept: Mask, enough: Mask) -> tuple[Array, Array, 
     others = float(chi2 - z[odd] ** 2)
     alone = enough.sum() > 1 and scipy.stats.chi2.sf(others, enough.sum() - 1) > 0.01 and z[odd] ** 2 > 12
     return factor, error, max(float(scipy.stats.chi2.sf(chi2, enough.sum())), 1e-300), odd if alone else None
-
-
-def _of_gyro(found: Differences, kept: Mask, axes: slice) -> bool:
-    """Whether an excess of the differences is nearer to that of errors of the angle turned than of the references."""
-    d = np.where(kept, found.values, 0.0)[:, axes]
-    own, stated, walk = kept[:, axes], found.stated[:, axes] / 6, found.walk[:, axes] / 2
-    covariances = []
-    for lag, of_references, of_angle in ((0, 6, 2), (1, -4, -1), (2, 1, 0)):
-        follow = found.middle[lag:] - found.middle[: len(d) - lag] == lag
-        both = (own[lag:] & own[: len(d) - lag]) & follow[:, None]
-        if both.sum() < FEWEST:
-            return False
-        expected = (of_references * stated + of_angle * walk)[lag:]
-        covariances.append(float(np.mean((d[lag:] * d[: len(d) - lag] - expected)[both])))
-    excess = covariances[0] / 6
-    size = float(np.mean(d[own] ** 2))
-    nearer = (covariances[2] - 0.5 * excess) - (covariances[1] + 3.5 * excess)
-    return excess > 0 and nearer < -np.sqrt(COVARIANCE_SPREAD / own.sum()) * size
 
 
 def _correlation(z: Array, kept: Mask) -> tuple[float, float]:

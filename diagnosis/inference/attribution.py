@@ -17,8 +17,9 @@ p-values could give is 1/(−e p ln p) (Sellke, Bayarri and Berger, The American
 below it.
 
 Of what imitates, a share (`DiagnosisSettings.jumping`) jumps among a few levels. Its evidence is known
-(`diagnosis.inference.few_jumps`), so that it counts by its own Bayes factor B_J: the odds are
-t/(1 − t) (max(B, 1) + share × B_J).
+(`diagnosis.inference.few_jumps`), so that it counts by odds B_J of its own, those against all that is named about the axis:
+the odds are t/(1 − t) (max(B, 1) + share × B_J). B_J is the Bayes factor against the best explanation, times the share that
+this has of all listed ones; where it has several members about the axis, one cause in their place is likelier beforehand.
 
 Where several listed explanations share the probability, it is that of the p-value of all of them, averaged over their posterior
 (Gelman et al., Bayesian Data Analysis, section 6.3): what one of them would not leave, another may.

@@ -231,10 +231,14 @@ def _reference_noise(
 
 
 def _with_motion(model: RecordingModel) -> Array:
-    """(n, 3, k) errors of readings that follow the motion: each rate on each axis, its size and its square, and its change."""
-    raw = model.raw
-    own = np.zeros((len(raw), 3, 15))
+    """(n, 3, k) errors of readings that follow the motion: each rate on each axis, its size and its square, and its change.
+
+    So does one of a bias that is not the same in all intervals, where the body turns from one reference to the next.
+    """
+    raw, mission = model.raw, (model.t_s - model.t_s.mean()) / max(float(np.ptp(model.t_s)), 1.0)
+    own = np.zeros((len(raw), 3, 18))
     for axis in range(3):
+        own[:, axis, 15 + axis] = mission
         own[:, axis, 3 * axis : 3 * axis + 3] = raw
         own[:, axis, 9 + axis] = np.abs(raw[:, axis])
         own[:, axis, 12 + axis] = raw[:, axis] ** 2

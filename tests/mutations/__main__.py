@@ -5,6 +5,7 @@ anew. With ``--new`` only faults without a row, or with one that says that nothi
 suite is asked after the tests that the table names, which takes as long as it takes for each that no test sees.
 """
 
+import argparse
 import json
 import os
 import sys
@@ -55,11 +56,21 @@ def write(rows: dict[str, dict[str, object]]) -> None:
     (RESULTS / "mutations.md").write_text("\n".join(lines) + "\n", encoding="utf-8")
 
 
+def parsed(arguments: list[str]) -> argparse.Namespace:
+    """What is asked for on the command line."""
+    parser = argparse.ArgumentParser(prog=COMMAND, description=(__doc__ or "").splitlines()[0])
+    parser.add_argument("words", nargs="*", help="choose the faults whose name has one of these; all by default")
+    parser.add_argument("--new", action="store_true", help="only faults without a row, or that nothing saw")
+    parser.add_argument("--whole", action="store_true", help="ask the whole suite after the tests that the table names")
+    return parser.parse_args(arguments)
+
+
 def main(arguments: list[str]) -> int:
     """Run the chosen faults; the number of those that nothing saw."""
-    words, rows, commit = [one for one in arguments if not one.startswith("--")], known(), run.commit()
+    asked_for, rows, commit = parsed(arguments), known(), run.commit()
+    words = asked_for.words
     chosen = [fault for fault in FAULTS if not words or any(word in fault.name for word in words)]
-    if "--new" in arguments:
+    if asked_for.new:
         chosen = [fault for fault in chosen if not rows.get(fault.name, {}).get("killed_by")]
     run.loaded()
     with tempfile.TemporaryDirectory(prefix="mutations-") as folder:
@@ -67,7 +78,7 @@ def main(arguments: list[str]) -> int:
         for fault in chosen:
             with run.faulty(tree, fault):
                 ran, asked = run.tested(tree, fault.tests), "tests of the table"
-                if not ran.by and "--whole" in arguments:
+                if not ran.by and asked_for.whole:
                     first, asked = ran, "whole suite"
                     ran = run.tested(tree, ["tests"])
                     ran = run.Ran(ran.by, first.seconds + ran.seconds)

@@ -138,12 +138,21 @@ EVIDENCE = [
         [
             ("jumps do not pay for their moments", "+ prior[chosen].sum())", "+ 0.0)"),
             ("jumps do not pay for their number", "return best - float(np.log(MOST))", "return best"),
+            ("jumps of one size go one way", "(-1.0) ** np.arange(chosen.size)", "1.0 ** np.arange(chosen.size)"),
         ],
     ),
     *of(
         "diagnosis/model/jumps.py",
         "tests/diagnosis/model/test_jumps.py::test_a_step_at_a_cell_is_the_step_of_the_bias_from_there_on",
         [("a step is there up to its cell", "columns[:, ::-1], axis=1)[:, ::-1]", "columns, axis=1)")],
+    ),
+    *of(
+        "diagnosis/model/jumps.py",
+        "tests/diagnosis/model/test_jumps.py",
+        [
+            ("two causes about an axis cost no more than one", "more = max(alone) - priors", "more = 0 * priors"),
+            ("what is named is compared at its best", "sum(one.average - one.best for one in scores)", "0.0 * len(scores)"),
+        ],
     ),
 ]
 

@@ -2,7 +2,9 @@
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
+from diagnosis.detectors import reference_excess
 from diagnosis.detectors.reference_noise import ReferenceSeries, reference_noise
 
 COUNT, SPACING, SIGMA = 600, 1.0, 1e-4
@@ -44,3 +46,54 @@ def test_noise_as_stated_has_its_level_without_the_motion():
     left = level_of(motion=MOTION)
     assert not left.odd
     assert np.abs((left.factor - 1) / left.sigma).max() < 4
+
+
+def spinning(rate_deg_s, seed, of_references=1.0, of_angle=0.0, slow=0.0):
+    """A body that spins about an axis near x, references each second, and the level of their noise."""
+    rng = np.random.default_rng(seed)
+    axis = np.array([0.9, 0.1, 0.2]) / np.linalg.norm([0.9, 0.1, 0.2])
+    A = Rotation.from_rotvec(-np.deg2rad(rate_deg_s) * T[:, None] * axis).as_matrix()
+    errors = np.einsum("mji,mj->mi", A, rng.normal(0.0, of_references * SIGMA, (COUNT, 3)))
+    turned = np.cumsum(np.einsum("mji,mj->mi", A, rng.normal(0.0, of_angle * SIGMA, (COUNT, 3))), axis=0)
+    wander = slow * SIGMA * np.cumsum(np.cumsum(rng.normal(size=(COUNT, 3)), axis=0), axis=0) / 100
+    series = ReferenceSeries(
+        t_s=T,
+        interval=np.arange(COUNT) // 50,
+        sigma=np.full((COUNT, 3), SIGMA),
+        to_inertial=A.transpose(0, 2, 1),
+        residuals=errors - turned - wander,
+        rates=np.tile(np.deg2rad(rate_deg_s) * axis, (COUNT, 1)),
+    )
+    return reference_noise(series, DENSITY, T, np.zeros((COUNT, 3), dtype=bool))
+
+
+@pytest.mark.parametrize("rate_deg_s", [0.0, 7.0, 110.0])
+@pytest.mark.parametrize("seed", range(5))
+def test_an_excess_is_told_from_one_of_the_angle_however_fast_the_body_turns(rate_deg_s, seed):
+    of_references = spinning(rate_deg_s, seed, of_references=1.5)
+    assert of_references.departs
+    assert np.abs((of_references.factor - 1.5) / of_references.sigma).max() < 4
+    assert spinning(rate_deg_s, seed, of_references=1.5, slow=30.0).departs
+    of_angle = spinning(rate_deg_s, seed, of_angle=2.0)
+    assert of_angle.p_value < of_angle.event_p
+    assert of_angle.of_gyro
+    assert not of_angle.departs
+
+
+def test_covariances_are_those_of_the_differences_as_they_are_made():
+    """Against D S Dᵀ and E W Eᵀ, with D and E written down row by row."""
+    rng, count, middle = np.random.default_rng(7), 9, np.array([1, 2, 3, 6, 7])
+    A = Rotation.random(count, rng).as_matrix()
+    variance, walk = rng.uniform(1, 2, (count, 3)), rng.uniform(1, 2, (count, 3))
+    D, E = np.zeros((2, 3 * middle.size, 3 * count))
+    for row, k in enumerate(middle):
+        rows = slice(3 * row, 3 * row + 3)
+        for other, weight in ((k - 1, 1), (k, -2), (k + 1, 1)):
+            D[rows, 3 * other : 3 * other + 3] = weight * A[k] @ A[other].T
+        for other, weight in ((k - 1, -1), (k, 1)):
+            E[rows, 3 * other : 3 * other + 3] = weight * A[k] @ A[other].T
+    expected = D @ np.diag(variance.ravel()) @ D.T + E @ np.diag(walk.ravel()) @ E.T
+    banded = reference_excess._banded(A, middle, variance, walk)
+    for below, diagonal in enumerate(banded):
+        np.testing.assert_allclose(diagonal[: diagonal.size - below], np.diagonal(expected, -below), atol=1e-12)
+    assert np.abs(np.tril(expected, -len(banded))).max() < 1e-12

@@ -4,10 +4,15 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import scipy.stats
 
 from diagnosis.diagnose import diagnose
-from diagnosis.model.jumps import place_weights, step_columns
+from diagnosis.inference.few_jumps import log_evidence
+from diagnosis.model.candidates import linear_model
+from diagnosis.model.jumps import few_jumps, place_weights, step_columns
+from diagnosis.model.linear import Member
 from diagnosis.model.steps import switched_columns
+from diagnosis.settings import DEFAULT
 from gyrocal.recording import Recording
 from simulator.effects import EFFECTS
 from tests.diagnosis.recordings import prepared, recorded
@@ -59,3 +64,33 @@ def test_a_bias_that_is_on_or_off_is_no_random_process():
     assert answer.present
     assert answer.verdict == "unknown"
     assert answer.p_values["check: a few jumps in place of bias_random_walk:z"] < 0.1
+
+
+def test_two_causes_that_stand_for_one_state_are_not_named():
+    """A step of the bias with one of G, or a dead zone, fits a state that is on once as well; they are two, and it is one."""
+    answer = diagnose(on_and_off(recorded(5, every_s=60.0), 0.8, [(0.21, 0.33)]))
+    assert answer.verdict == "unknown"
+
+
+def test_what_the_jumps_are_weighed_against(model):
+    """By hand: densities of the observations, averaged over the scales, and the prior of the second cause."""
+    linear = linear_model(model, [EFFECTS["bias_drift"], EFFECTS["scale_quadratic"]])
+    number = {one.label: k for k, one in enumerate(linear.candidates)}
+    members = tuple(Member(number[label], 0, 2) for label in ("bias_drift:z", "scale_quadratic:z"))
+    alone, both = few_jumps(model, linear, members[:1], EFFECTS), few_jumps(model, linear, members, EFFECTS)
+    first, second = (linear.candidate(one) for one in members)
+
+    def log_density(scale):
+        C = linear.X[:, linear.design(members[:1])[0]] * scale
+        return scipy.stats.multivariate_normal.logpdf(linear.y, np.zeros(linear.y.size), np.eye(linear.y.size) + C @ C.T)
+
+    flat = log_density(0.0)
+    of_scales = [log_density(scale) - flat for scale in first.scales]
+    own = np.logaddexp.reduce(of_scales) - np.log(len(of_scales))
+    D = step_columns(model, 2, on_references=False)
+    jumps = log_evidence(D.T @ linear.y, D.T @ D, place_weights(model, False))
+    assert alone[0].log_bayes == pytest.approx(jumps - of_scales[2] - (own - max(of_scales)), abs=1e-6)
+    assert alone[0].log_prior == 0
+    assert {one.label for one in both} == {first.label, second.label}
+    for one in both:
+        assert one.log_prior == pytest.approx(-second.log_prior - np.log(DEFAULT.another) - np.log(2))
