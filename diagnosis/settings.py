@@ -89,17 +89,18 @@ class DiagnosisSettings:
         "unlisted of the search had a hundredth of the probability, 27 were right or in the group; of those alone, all",
     )
     free_imitation: float = threshold(
-        0.2,
+        0.3,
         "the same of a random process or a swing of any period, free to look like many things",
         "probability",
-        "in the same cases 15 of 18 with a process and 6 of 9 with a swing were right or in the group: 0.24 +- 0.08 by the "
-        "rule of succession, and 0.2 for processes alone",
+        "in the same cases 15 of 18 with a process and 6 of 9 with a swing were right or in the group; of two independent "
+        "programs, which brought their own unlisted effects, 7 of 14 and 4 of 11 with a process, which is 0.3 and 0.4 wrong "
+        "at the shares of kinds of the wide check",
     )
     jumping: float = threshold(
-        0.1,
+        0.3,
         "share of what imitates that jumps among a few levels, as a state or a switch does",
         "probability",
-        "by judgement",
+        "of 16 unlisted effects of those two programs that random processes were named for, 8 jump",
     )
     seen: float = threshold(
         0.25,

@@ -11,8 +11,9 @@ steps at each place, the marginal likelihoods are
 averaged over some sizes s. A state that is on or off has jumps of one size, up and down in turn: D_A is then one column, the
 sum of the steps with alternating signs. Both kinds are as likely. The prior w of the places is that of the moments, and half
 of it that of the body's turns and of the changes of its rate: what a slew leaves jumps there. One set A found by a search is a
-lower bound of the sum. A ratio B of marginal likelihoods has P(B ≥ b) ≤ 1/b under what is named by Markov's inequality, so that
-1/B is a p-value of it, and the jumps have paid for their number, their places and their sizes.
+lower bound of the sum. Half of the prior is that of jumps at all of some known moments, such as each turn of the body, where
+there are such; these pay for no places. A ratio B of marginal likelihoods has P(B ≥ b) ≤ 1/b under what is named by Markov's
+inequality, so that 1/B is a p-value of it, and the jumps have paid for their number, their places and their sizes.
 
 The set grows by the step that gains most, and each step is moved once to where it gains most beside the others. With
 b = Dᵀ S_o⁻¹ y and G = Dᵀ S_o⁻¹ D, a step j beside the set A gains g² / 2h,
@@ -22,7 +23,7 @@ b = Dᵀ S_o⁻¹ y and G = Dᵀ S_o⁻¹ D, a step j beside the set A gains g²
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -40,20 +41,21 @@ SEEN = 1e-6  # of its power, that a step must have beside others
 TINY = 1e-300
 
 
-def log_evidence(b: Array, G: Array, weights: Array) -> float:
+def log_evidence(b: Array, G: Array, weights: Array, sets: Sequence[Indices] = ()) -> float:
     """log of the marginal likelihood of a few jumps beside what else is named, at least, over that of none; see the module.
 
     Parameters
     ----------
     b, G : (c,) Dᵀ S_o⁻¹ y and (c, c) Dᵀ S_o⁻¹ D, of unit steps at each place
     weights : (c,) prior of a step at each place; their sum is one
+    sets : places at all of which there may be jumps
     """
     prior, usual = np.log(np.maximum(weights, TINY)), max(float(np.sqrt(np.median(np.diag(G)))), TINY)
     best, reached = -np.inf, 0
     for number, grown in enumerate(_grown(b, G, prior)):
         chosen = np.sort(_moved(b, G, prior, grown))
         gram, own, turns = G[np.ix_(chosen, chosen)], b[chosen], (-1.0) ** np.arange(chosen.size)
-        free = averaged(log_bayes(gram[None], own[None], SIZES / usual), np.zeros(1))
+        free = _of_free_sizes(b, G, chosen, usual)
         of_one_size = np.array([[[turns @ gram @ turns]]]), np.array([[turns @ own]])
         on_or_off = averaged(log_bayes(*of_one_size, SIZES / usual), np.zeros(1))
         places = float(gammaln(chosen.size + 1) + prior[chosen].sum())
@@ -62,7 +64,16 @@ def log_evidence(b: Array, G: Array, weights: Array) -> float:
             best, reached = found, number
         elif number > reached + PATIENCE:
             break
-    return best - float(np.log(MOST))
+    best -= float(np.log(MOST))
+    known = [_of_free_sizes(b, G, own, usual) for own in sets if own.size]
+    if not known:
+        return best
+    return float(np.logaddexp(best, np.logaddexp.reduce(known) - np.log(len(known))) - np.log(2.0))
+
+
+def _of_free_sizes(b: Array, G: Array, chosen: Indices, usual: float) -> float:
+    """log evidence of jumps at some places, each of its own size."""
+    return averaged(log_bayes(G[np.ix_(chosen, chosen)][None], b[None, chosen], SIZES / usual), np.zeros(1))
 
 
 def _grown(b: Array, G: Array, prior: Array) -> Iterator[Indices]:

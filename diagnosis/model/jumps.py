@@ -19,8 +19,10 @@ from diagnosis.settings import DEFAULT, DiagnosisSettings
 from simulator.effects.base import Effect
 
 Array = NDArray[np.float64]
+Indices = NDArray[np.intp]
 
 AXES = "xyz"
+TURNS = 0.2  # of the largest departure from the usual rate of an interval, from which on the body turns
 TINY = 1e-300
 
 
@@ -39,13 +41,37 @@ def place_weights(model: RecordingModel, on_references: bool) -> Array:
         at = np.clip(np.searchsorted(model.t_s, model.observation_t_s), 0, model.t_s.size - 1)
         rates, interval = model.rates[at], model.observation_block
     else:
-        turned = np.add.reduceat(model.rates * model.dt[:, None], model.cells.first, axis=0)
-        rates, interval = turned / model.cells.duration_s[:, None], model.cells.interval
+        rates, interval = _cell_rates(model), model.cells.interval
     change = np.zeros(len(rates))
     change[1:] = np.linalg.norm(np.diff(rates, axis=0), axis=1) * (np.diff(interval) == 0)
     size, even = np.linalg.norm(rates, axis=1), np.full(change.size, 1 / change.size)
     parts = [one / one.sum() if one.any() else even for one in (change, size)]
     return np.asarray(0.5 * even + 0.25 * parts[0] + 0.25 * parts[1])
+
+
+def turn_places(model: RecordingModel, on_references: bool) -> list[Indices]:
+    """Places of a step at every turn of the body, without and with one between every two intervals; none if it always turns."""
+    rates, interval = _cell_rates(model), model.cells.interval
+    usual = np.array([np.median(rates[interval == number], axis=0) for number in range(len(model.blocks))])
+    away = np.linalg.norm(rates - usual[interval], axis=1)
+    turns = away > TURNS * away.max()
+    if not turns.any() or turns.mean() > 0.5:
+        return []
+    begins = turns & np.append(True, ~turns[:-1] | (np.diff(interval) != 0))
+    number = np.cumsum(begins)[turns]
+    middle = np.rint(np.bincount(number, np.flatnonzero(turns))[1:] / np.bincount(number)[1:]).astype(np.intp)
+    between = np.flatnonzero(np.diff(interval)) + 1
+    sets = [middle, np.union1d(middle, between)] if between.size else [middle]
+    if not on_references:
+        return sets
+    places = [np.unique(np.searchsorted(model.observation_t_s, model.t_s[model.cells.first[one]])) for one in sets]
+    return [one[one < model.observation_t_s.size] for one in places]
+
+
+def _cell_rates(model: RecordingModel) -> Array:
+    """(c, 3) mean rate of the body in each cell."""
+    turned = np.add.reduceat(model.rates * model.dt[:, None], model.cells.first, axis=0)
+    return np.asarray(turned / model.cells.duration_s[:, None])
 
 
 @dataclass(frozen=True)
@@ -89,7 +115,8 @@ def few_jumps(
         own = [one for one, its in zip(members, at, strict=True) if its == place]
         others = tuple(one for one in members if one not in own)
         left, D = Left(linear, others), step_columns(model, AXES.index(axis), on_references)
-        jumps = log_evidence(D.T @ left.y, D.T @ left.of(D), place_weights(model, on_references))
+        weights, turns = place_weights(model, on_references), turn_places(model, on_references)
+        jumps = log_evidence(D.T @ left.y, D.T @ left.of(D), weights, turns)
         named = _log_density(linear, tuple(members)) - _log_density(linear, others) + _occam(search, tuple(members), own)
         alone = [linear.candidate(one).log_prior for one in own]
         priors = sum(alone) + sum(min(linear.candidate(one).log_odds, 0.0) for one in own)

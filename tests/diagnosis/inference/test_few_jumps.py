@@ -91,3 +91,21 @@ def test_jumps_where_they_are_expected_cost_less():
     expected = np.full(COUNT, 0.5 / COUNT)
     expected[places] += 0.5 / 3
     assert log_odds(y, expected, walk(2.0)) > log_odds(y, EVEN, walk(2.0)) + 4
+
+
+def test_jumps_at_all_of_known_moments_pay_for_no_places():
+    """Half of the prior is theirs: by the density, written down."""
+    rng = np.random.default_rng(8)
+    places = np.arange(4, COUNT, 8)
+    y = STEPS[:, places] @ rng.normal(0.0, 2.0, places.size) + rng.standard_normal(COUNT)
+    A, usual = STEPS[:, places], np.sqrt(np.median(np.diag(STEPS.T @ STEPS)))
+    flat = scipy.stats.multivariate_normal(np.zeros(COUNT), np.eye(COUNT)).logpdf(y)
+    each = [
+        scipy.stats.multivariate_normal(np.zeros(COUNT), np.eye(COUNT) + (size / usual) ** 2 * A @ A.T).logpdf(y)
+        for size in few_jumps.SIZES
+    ]
+    known = np.logaddexp.reduce(each) - np.log(len(each)) - flat
+    anywhere = log_evidence(STEPS.T @ y, STEPS.T @ STEPS, EVEN)
+    found = log_evidence(STEPS.T @ y, STEPS.T @ STEPS, EVEN, [places])
+    assert found == pytest.approx(np.logaddexp(known, anywhere) - np.log(2.0), abs=1e-8)
+    assert found > anywhere + 5

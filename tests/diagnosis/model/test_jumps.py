@@ -9,8 +9,9 @@ import scipy.stats
 from diagnosis.diagnose import diagnose
 from diagnosis.inference.few_jumps import log_evidence
 from diagnosis.model.candidates import linear_model
-from diagnosis.model.jumps import few_jumps, place_weights, step_columns
+from diagnosis.model.jumps import few_jumps, place_weights, step_columns, turn_places
 from diagnosis.model.linear import Member
+from diagnosis.model.prepare import prepare
 from diagnosis.model.steps import switched_columns
 from diagnosis.settings import DEFAULT
 from gyrocal.recording import Recording
@@ -48,6 +49,30 @@ def test_weights_are_a_prior_that_leaves_no_place_out(model, on_references):
     assert weights.size == step_columns(model, 0, on_references).shape[1]
     assert weights.sum() == pytest.approx(1.0)
     assert weights.min() > 0.4 / weights.size
+
+
+def test_the_turns_of_the_body_are_places_of_their_own(model):
+    """Each is inside a slew of the plan; between two intervals there is one where the second begins."""
+    inside, with_gaps = turn_places(model, False)
+    for cell in inside:
+        block = model.blocks[model.cells.interval[cell]].steps
+        away = np.linalg.norm(model.rates - np.median(model.rates[block], axis=0), axis=1)
+        assert away[model.cells.first[cell] : model.cells.last[cell] + 1].max() > np.deg2rad(0.01)
+    assert set(with_gaps) - set(inside) <= set(np.flatnonzero(np.diff(model.cells.interval)) + 1)
+    assert len(with_gaps) > len(inside)
+    after, _ = turn_places(model, True)
+    times = model.t_s[model.cells.first[inside]]
+    assert (model.observation_t_s[after] >= times[: after.size]).all()
+
+
+def test_a_step_at_each_slew_is_no_random_process():
+    recording = recorded(5, every_s=60.0)
+    model = prepare(recording).model
+    rates = recording.gyro.rates.copy()
+    for cell, size in zip(turn_places(model, False)[0], np.random.default_rng(2).normal(0.0, 0.6, 40), strict=False):
+        rates[recording.gyro.t_s >= model.t_s[model.cells.first[cell]], 1] += np.deg2rad(size) / 3600
+    answer = diagnose(replace(recording, gyro=replace(recording.gyro, rates=rates)))
+    assert answer.verdict == "unknown"
 
 
 def on_and_off(recording: Recording, size_deg_h: float, shares: list[tuple[float, float]]) -> Recording:
@@ -88,7 +113,7 @@ def test_what_the_jumps_are_weighed_against(model):
     of_scales = [log_density(scale) - flat for scale in first.scales]
     own = np.logaddexp.reduce(of_scales) - np.log(len(of_scales))
     D = step_columns(model, 2, on_references=False)
-    jumps = log_evidence(D.T @ linear.y, D.T @ D, place_weights(model, False))
+    jumps = log_evidence(D.T @ linear.y, D.T @ D, place_weights(model, False), turn_places(model, False))
     assert alone[0].log_bayes == pytest.approx(jumps - of_scales[2] - (own - max(of_scales)), abs=1e-6)
     assert alone[0].log_prior == 0
     assert {one.label for one in both} == {first.label, second.label}
