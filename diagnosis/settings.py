@@ -93,14 +93,15 @@ class DiagnosisSettings:
         "the same of a random process or a swing of any period, free to look like many things",
         "probability",
         "in the same cases 15 of 18 with a process and 6 of 9 with a swing were right or in the group; of two independent "
-        "programs, which brought their own unlisted effects, 7 of 14 and 4 of 11 with a process, which is 0.3 and 0.4 wrong "
-        "at the shares of kinds of the wide check",
+        "programs, which brought unlisted effects of their own, 7 of 14 and 4 of 10 with a process: at the shares of kinds of "
+        "the wide check a third is wrong",
     )
     jumping: float = threshold(
         0.3,
         "share of what imitates that jumps among a few levels, as a state or a switch does",
         "probability",
-        "of 16 unlisted effects of those two programs that random processes were named for, 8 jump",
+        "8 of the 13 unlisted effects of those two programs that random processes were named for jump; half of that, since "
+        "other things imitate columns",
     )
     seen: float = threshold(
         0.25,

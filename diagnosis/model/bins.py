@@ -25,12 +25,12 @@ class Family:
     Attributes
     ----------
     name : what it is, in words
-    axis : body axis it acts about
+    axis : body axis it acts about; None for all
     columns : per option, (N, k) whitened columns of unit size
     """
 
     name: str
-    axis: str
+    axis: str | None
     columns: list[Array]
 
 

@@ -201,6 +201,6 @@ def unlisted_groups(model: RecordingModel, found: Found, effects: Sequence[Effec
         yield _rival(error.name, error.tracker, error.columns, error.process)
 
 
-def _rival(name: str, axis: str, columns: Sequence[Array], process: bool) -> Group:
+def _rival(name: str, axis: str | None, columns: Sequence[Array], process: bool) -> Group:
     count = len(columns)
     return Group(name, axis, False, columns, [{}] * count, np.full(count, 1 / count), (0.0, np.inf), "", process)

@@ -2,9 +2,10 @@
 
 A cause may be named only if it explains the data better than anything that behaves alike but is something else. The rivals
 are therefore broad: rate errors that follow the rate in other ways (products, cubes, cross axes), that run with the time
-since an interval's start or with mission time, that repeat with any period (`diagnosis.model.repeating`), that are locked to
-the orbit's harmonics, that differ from interval to interval, plain random ones at several time scales, and the same on the side
-of the references. Narrow rivals let an unlisted effect pass as its nearest listed neighbour.
+since an interval's start or with mission time, which time tags may do as well, that repeat with any period
+(`diagnosis.model.repeating`), that are locked to the orbit's harmonics, that differ from interval to interval, plain random
+ones at several time scales, and the same on the side of the references. Narrow rivals let an unlisted effect pass as its
+nearest listed neighbour.
 
 Each family gives columns per unit amplitude; amplitudes are taken in terms of what the recording can show, since nothing is
 known of them.
@@ -26,6 +27,7 @@ Array = NDArray[np.float64]
 
 DAY = 86400.0
 WARM_UP = (200.0, 600.0, 1800.0)  # s
+SEEN = 1e-6  # of the largest column, that one must have to be seen
 PERIODS = 14  # counted from the start of each interval
 
 
@@ -35,6 +37,7 @@ def families(model: RecordingModel) -> Iterator[Family]:
     yield from unlisted_physics.families(model, bins)
     yield from _rate_following(model, bins)
     yield from _in_time(model, bins)
+    yield of_tags(model, bins)
     yield from _on_references(model)
 
 
@@ -62,6 +65,22 @@ def _rate_following(model: RecordingModel, bins: Bins) -> Iterator[Family]:
         angle = 2 * np.pi / orbit * bins.t_s
         wave = np.column_stack([np.sin(angle), np.cos(angle)])
         yield from several(model, bins, "scale factor or misalignment at orbit rate", [wave * w[:, [k]] for k in range(3)])
+
+
+def of_tags(model: RecordingModel, bins: Bins) -> Family:
+    """Time tags of the samples that run late: the longer an interval lasts, or the mission, or by as much as each interval has.
+
+    Readings that are late by τ show −d(τ ω)/dt more; one delay for all is a listed effect.
+    """
+    since, mission = bins.since_s, bins.t_s - bins.t_s.mean()
+    own = (bins.interval[:, None] == np.arange(len(model.blocks))).astype(float)
+    late, faster = np.column_stack([since, mission, own]), np.zeros(2 + own.shape[1])
+    faster[:2] = 1.0
+    errors = late[:, None, :] * bins.acceleration[:, :, None] + faster * bins.rates[:, :, None]
+    columns = sum(observed(model, bins, axis, errors[:, axis]) for axis in range(3)) / np.maximum(late.max(axis=0), 1.0)
+    seen = np.linalg.norm(columns, axis=0) > SEEN * np.linalg.norm(columns, axis=0).max()
+    options = [columns[:, [0]], columns[:, [1]], columns[:, 2:][:, seen[2:]]]
+    return Family("time tags run late", None, [one for one in options if one.any()])
 
 
 def _in_time(model: RecordingModel, bins: Bins) -> Iterator[Family]:

@@ -1,13 +1,18 @@
 """Discrepancies that are on no list: their columns against closed forms, and their breadth."""
 
 from collections import Counter
+from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.interpolate import CubicSpline
 
 from diagnosis.model import bins as bins_of
 from diagnosis.model import unlisted
+from diagnosis.model.linearise import linearised
 from tests.diagnosis.recordings import prepared
+
+LATE = 1e-5  # of the time since an interval's start, that a reading is late by
 
 
 @pytest.fixture(scope="module")
@@ -49,7 +54,9 @@ def test_bins_change_a_slow_regressor_little(model, bins):
 
 
 def test_every_family_is_about_each_axis_with_columns_that_can_be_seen(model, families):
-    assert set(Counter(name for name, _ in families).values()) == {3}
+    of_axes = Counter(name for name, axis in families if axis is not None)
+    assert set(of_axes.values()) == {3}
+    assert [name for name, axis in families if axis is None] == ["time tags run late"]
     for options in families.values():
         assert options
         for columns in options:
@@ -70,3 +77,19 @@ def test_periods_from_an_interval_s_start_need_no_orbit(families):
     waves = families["bias of a period counted from each interval's start", "z"]
     assert len(waves) == unlisted.PERIODS
     assert {columns.shape[1] for columns in waves} == {2}
+
+
+def test_late_tags_are_what_a_later_reading_leaves(model, bins):
+    """Against readings that are interpolated at the time they are late by, a share of the time since its interval began."""
+    recording = model.recording
+    gyro, rates = recording.gyro, recording.gyro.rates.copy()
+    for interval in recording.intervals:
+        own = (gyro.t_s >= interval.start_s) & (gyro.t_s < interval.stop_s)
+        t_s, length = gyro.t_s[own], gyro.sample_s
+        edges = np.append(t_s, t_s[-1] + length)
+        angle = CubicSpline(edges, np.vstack([np.zeros(3), np.cumsum(rates[own] * length, axis=0)]))
+        late = LATE * (edges - interval.start_s)
+        rates[own] = np.diff(angle(edges) - late[:, None] * angle(edges, 1), axis=0) / length
+    changed = linearised(replace(recording, gyro=replace(gyro, rates=rates)), model.G, model.bias).y - model.y
+    expected = LATE * model.projected(unlisted.of_tags(model, bins).columns[0][:, 0] * max(1.0, bins.since_s.max()))
+    assert np.linalg.norm(changed - expected) < 0.05 * np.linalg.norm(changed)
