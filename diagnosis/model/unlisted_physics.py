@@ -11,7 +11,8 @@ A random process explains anything that is slow. Before one is named, what acts 
 - *the past*: hysteresis keeps the sign of the last turn, or of the last change of the rate, and what a slew has heated or
   charged decays after it, so that an error follows the rate, or its size, through a low-pass filter.
 
-References have star catalogues, aberration and temperatures of their own, and mounts that bend and have play.
+References have star catalogues, aberration and temperatures of their own, signals that come by two ways (an error of twice the
+heading), and mounts that bend, settle after a slew and have play.
 """
 
 from __future__ import annotations
@@ -51,6 +52,12 @@ def _directions(model: RecordingModel, bins: Bins) -> Iterator[Family]:
     if np.isfinite(orbit):
         name = "bias follows a direction that turns with the orbit"
         yield from several(model, bins, name, [_turning(A[:, axis], bins.t_s, orbit, n) for axis in range(3) for n in (1, 2)])
+
+
+def second_harmonics(components: Array) -> Array:
+    """(n, 5) of what is even in a direction (n, 3), such as twice a heading: its products without their trace."""
+    x, y, z = components.T
+    return np.column_stack([x * y, x * z, y * z, x**2 - y**2, 2 * z**2 - x**2 - y**2])
 
 
 def _turning(components: Array, t_s: Array, orbit: float, order: int) -> Array:
@@ -131,15 +138,18 @@ def _of_references(model: RecordingModel, bins: Bins) -> Iterator[Family]:
     A = model.at_reference.transpose(0, 2, 1)
     t_s, orbit = model.references.t_s, model.stream.orbit_period_s
     directions = [A[:, axis] for axis in range(3)]
+    directions += [second_harmonics(A[:, axis]) for axis in range(3)]
     if np.isfinite(orbit):  # as the velocity, whose aberration it is
         directions += [_turning(A[:, axis], t_s, orbit, 1) for axis in range(3)]
     place = np.clip(np.searchsorted(model.t_s, t_s), 0, model.t_s.size - 1)
     known = [(values - values.mean())[place, None] for values in model.stream.housekeeping.values()]
     now = np.clip(np.searchsorted(bins.t_s, t_s), 0, bins.t_s.size - 1)
     loads = [one[now] for axis in range(3) for one in (_last_sign(bins.rates[:, axis], bins), bins.acceleration[:, [axis]])]
+    past = [_low_pass(rates, bins, memory)[now] for memory in MEMORY for rates in (bins.rates, np.abs(bins.rates))]
     for name, options in (
         ("references follow a direction", directions),
         ("references follow a housekeeping value", known),
         ("references follow the torque or the sign of the last turn", loads),
+        ("references follow the rates of the past", [one[:, [axis]] for one in past for axis in range(3)]),
     ):
         yield from on_references(model, name, [one for one in options if np.ptp(one, axis=0).any()])

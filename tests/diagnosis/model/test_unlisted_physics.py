@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from diagnosis.diagnose import diagnose
 from diagnosis.model import unlisted_physics as physics
@@ -99,3 +100,26 @@ def test_a_bias_that_follows_it_is_unknown(model, bins, follows):
     rates = gyro.rates + high[:, None] * np.array([0.0, 1.0, 0.0])
     answer = diagnose(replace(recording, gyro=replace(gyro, rates=rates)))
     assert answer.verdict == "unknown"
+
+
+def test_twice_a_heading_is_a_second_harmonic_of_a_direction():
+    heading = np.linspace(0, 7, 50)
+    direction = np.column_stack([np.cos(heading), np.sin(heading), np.zeros(heading.size)])
+    for wave in (np.sin(2 * heading), np.cos(2 * heading)):
+        left = wave - physics.second_harmonics(direction) @ np.linalg.pinv(physics.second_harmonics(direction)) @ wave
+        assert np.abs(left).max() < 1e-12
+
+
+@pytest.mark.parametrize("follows", ["twice the heading", "the past"])
+def test_references_that_follow_it_are_unknown(model, bins, follows):
+    """Random walks of references, and correlated errors, are free to look like it."""
+    recording = recorded(21, every_s=60.0)
+    references = recording.attitudes
+    forward = Rotation.from_quat(references.quaternions).as_matrix()[:, :, 0]  # body x in inertial axes
+    now = np.clip(np.searchsorted(bins.t_s, references.t_s), 0, bins.t_s.size - 1)
+    past = physics._low_pass(np.abs(bins.rates), bins, 300.0)[now, 2]
+    course = {"twice the heading": forward[:, 0] * forward[:, 2], "the past": past / past.std()}[follows]
+    error = np.zeros((course.size, 3))
+    error[:, 2] = np.deg2rad(0.03) * course
+    turned = (Rotation.from_rotvec(-error) * Rotation.from_quat(references.quaternions).inv()).inv()
+    assert diagnose(replace(recording, attitudes=replace(references, quaternions=turned.as_quat()))).verdict == "unknown"
