@@ -126,9 +126,13 @@ def few_jumps(
 
 
 def _occam(search: Search, members: tuple[Member, ...], own: Sequence[Member]) -> float:
-    """log of what is lost as the evidence is averaged over the options and scales of some of the members."""
+    """log of what is lost as the evidence is averaged over the options and scales of some of the members.
+
+    An amplitude that can only be positive doubles the density, which no density without that knows.
+    """
     scores = [search.score(one.candidate, tuple(other for other in members if other != one)) for one in own]
-    return sum(one.average - one.best for one in scores)
+    doubled = float(np.log(2.0)) * sum(search.model.candidate(one).positive for one in own)
+    return sum(one.average - one.best for one in scores) + doubled
 
 
 def jumps_of(label: str) -> str:
