@@ -35,18 +35,22 @@ class Adoption:
     covariance : (k, k) of their amplitudes, effect after effect
     left_out : causes that a replay cannot fly, such as those of raw sensor tables
     reason : why there are no effects, or ""
+    instead : of each cause that the recording cannot tell from others, its label and theirs
     """
 
     effects: tuple[Setting, ...]
     covariance: Array
     left_out: tuple[str, ...]
     reason: str
+    instead: tuple[tuple[str, tuple[str, ...]], ...] = ()
 
     def sentence(self) -> str:
         """What was written, for people."""
         if not self.effects:
             return f"a scenario without effects: {self.reason}"
         note = f"; {', '.join(self.left_out)} left out, which acts on raw sensor tables" if self.left_out else ""
+        for label, others in self.instead:
+            note += f"; this recording cannot tell {label} from {' or '.join(others)}, of which a copy of the file may have one"
         return f"a scenario with {', '.join(one.label() for one in self.effects)}{note}"
 
 
@@ -71,7 +75,8 @@ def adopted(diagnosis: Diagnosis) -> Adoption:
             if block.size:
                 covariance[starts[i] : starts[i + 1], starts[j] : starts[j + 1]] = block
     reason = "" if effects else "its causes act on raw sensor tables, which a replay keeps as they are"
-    return Adoption(effects, covariance, left_out, reason)
+    others = [(cause.label, tuple(one for one in cause.group if one != cause.label)) for cause in flyable]
+    return Adoption(effects, covariance, left_out, reason, tuple(one for one in others if one[1]))
 
 
 def scenario(diagnosis: Diagnosis, recording: Recording, folder: Path, out: Path) -> tuple[str, Adoption]:

@@ -59,6 +59,9 @@ __all__ = [
     "without_attitudes",
 ]
 
+HEADER = "recording.toml"
+IS_A_RECORDING = f"a recording is a folder with {HEADER} in it"
+
 
 def load(folder: str | os.PathLike[str]) -> Recording:
     """Load and validate a recording.
@@ -74,13 +77,15 @@ def load(folder: str | os.PathLike[str]) -> Recording:
     """
     folder = Path(folder)
     if not folder.is_dir():
-        raise InputError(f"{folder}: not a folder; a recording is a folder with recording.toml in it")
+        raise InputError(f"{folder}: not a folder; {IS_A_RECORDING}")
     with held(folder, shared=True):
+        if not (folder / HEADER).exists():
+            raise InputError(f"{folder / HEADER}: no such file; {IS_A_RECORDING}")
         return _load(folder)
 
 
 def _load(folder: Path) -> Recording:
-    said = header.read(folder / "recording.toml")
+    said = header.read(folder / HEADER)
     names = tuple(said.gyro.names)
     rates = rate_columns(names)
     switched = any(one.gyros is not None for one in said.interval)
@@ -154,4 +159,4 @@ def save(recording: Recording, folder: str | os.PathLike[str]) -> None:
     in_csv = [f"{name}.csv" for name in ("gyro", "attitude", *OPTIONAL_TABLES)]  # of a recording that was here before
     files = {f"{name}.parquet": partial(parquet.write, frame) for name, frame in frames.items()}
     text = header.text(recording).encode()
-    write_together(Path(folder), {**files, "recording.toml": lambda file: file.write(text)}, (*absent, *in_csv))
+    write_together(Path(folder), {**files, HEADER: lambda file: file.write(text)}, (*absent, *in_csv))

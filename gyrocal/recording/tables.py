@@ -54,7 +54,7 @@ def read(folder: Path, name: str, required: tuple[str, ...], with_holes: tuple[s
         if len(frame.columns) == 1:
             hint = "; is the separator a comma?"
         elif close:
-            hint = f"; found {', '.join(close)}: convert to the unit in the required name"
+            hint = f"; found {', '.join(close)}: the name says the unit, so convert it, or rename it if that is its unit"
         else:
             hint = f"; found {', '.join(map(str, frame.columns))}"
         raise InputError(f"{path}: column {', '.join(missing)} is missing{hint}")

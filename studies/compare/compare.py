@@ -1,5 +1,6 @@
 """A recording compared with scenarios: statistics beside the distribution of the flights, and the gap before and after."""
 
+import math
 from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import asdict, dataclass
@@ -39,6 +40,7 @@ class Standing:
     title : its own
     effects : labels of its effects
     fitted : whether its sizes, or its G and b, were found on this very recording
+    flights : their number
     statistics : a row a statistic, `COLUMNS`; percentile in 0 … 1 with ties counted half, empty where the scenario took the
         number over from the recording
     gap, samples : before and after, of the attitude and of the samples; the latter is None where too few samples are quiet
@@ -48,6 +50,7 @@ class Standing:
     title: str
     effects: tuple[str, ...]
     fitted: bool
+    flights: int
     statistics: pd.DataFrame
     gap: Gap
     samples: Gap | None
@@ -57,6 +60,12 @@ class Standing:
         """Of the statistics, in words."""
         parts = self.statistics[["statistic", "of", "axis"]].itertuples(index=False)
         return [" ".join(part for part in row if part) for row in parts]
+
+    @property
+    def by_chance(self) -> float:
+        """How many of the judged statistics would be among these by chance: of N flights few have a rank so far out."""
+        ranks = 2 * math.ceil(EXTREME * self.flights)
+        return self.extreme[1] * ranks / (self.flights + 1)
 
     @property
     def extreme(self) -> tuple[int, int]:
@@ -73,7 +82,7 @@ class Standing:
             "fitted_to_this_recording": self.fitted,
             "gap": asdict(self.gap),
             "gap_of_samples": None if self.samples is None else asdict(self.samples),
-            "extreme": {"count": self.extreme[0], "of": self.extreme[1], "expected": 2 * EXTREME * self.extreme[1]},
+            "extreme": {"count": self.extreme[0], "of": self.extreme[1], "expected": self.by_chance},
             "statistics": self.statistics.to_dict("records"),
         }
 
@@ -187,6 +196,7 @@ def standing(
         title=scenario.title,
         effects=tuple(one.label() for one in scenario.effects),
         fitted=bench.fitted,
+        flights=len(flights),
         statistics=table(measured, [flight.under for flight in flights], bench.fitted),
         gap=own,
         samples=of_samples,

@@ -77,7 +77,8 @@ def sentences(comparison: Comparison) -> list[str]:
     out = []
     baseline = comparison.standings[0].gap
     if baseline.before_90[0] <= 0 <= baseline.before_90[1]:
-        out.append("Under M0 the interval of the gap holds zero: the attitude's mean square shows no gap.")
+        apart = "; single statistics stand apart, which a diagnosis asks as well" if kind(comparison) else ""
+        out.append(f"Under M0 the interval of the gap holds zero: the attitude's mean square shows no gap{apart}.")
     out += [_furthest(standing) for standing in comparison.standings]
     for standing in comparison.standings[1:]:
         low, high = standing.gap.shrinkage_90
@@ -85,7 +86,11 @@ def sentences(comparison: Comparison) -> list[str]:
             words = f"the gap shrinks by {_percent(standing.gap.shrinkage, low, high)}, the 90 % interval in brackets"
         else:
             words = "how far the gap shrinks cannot be told, since there is none in the attitude that is clear of zero"
-        fitted = "; its sizes are from this recording, and the flights are treated alike" if standing.fitted else ""
+        fitted = (
+            "; its sizes are from this recording, and the flights are treated alike"
+            if standing.fitted and standing.effects
+            else ""
+        )
         out.append(f"With {standing.name}: {words}{fitted}.")
     return out
 
@@ -93,7 +98,7 @@ def sentences(comparison: Comparison) -> list[str]:
 def _furthest(standing: Standing) -> str:
     """How many single statistics stand apart, how many would by chance, and which does most."""
     (count, of), judged = standing.extreme, statistics(standing)
-    text = f"Under {standing.name} {count} of {of} statistics are beyond 1 % at either end, {0.02 * of:.1f} by chance"
+    text = f"Under {standing.name} {count} of {of} statistics are beyond 1 % at either end, {standing.by_chance:.1f} by chance"
     return f"{text}; most of all {judged['statistic'].iloc[0]}, z = {judged['z'].iloc[0]}." if len(judged) else f"{text}."
 
 

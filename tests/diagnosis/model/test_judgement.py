@@ -13,7 +13,7 @@ from diagnosis.settings import DEFAULT
 from simulator.effects import EFFECTS
 from tests.diagnosis.recordings import of_rates, prepared, recorded
 
-CHANGE = 5e-3  # of a misalignment, in the middle of the recording
+CHANGE = 2e-2  # of a misalignment, in the middle of the recording
 
 
 def fitted(label, amplitudes, **parameters):

@@ -42,6 +42,16 @@ def test_an_adopted_effect_closes_the_gap(compared):
     assert compared.standings[1].extreme[0] < 5
 
 
+@pytest.mark.parametrize("flights", [20, 60, 100, 150, 200])
+def test_as_many_are_out_by_chance_as_ranks_are_out_there(compared, flights):
+    """Of N flights with the recording each of N + 1 ranks is as likely."""
+    standing = replace(compared.standings[0], flights=flights)
+    ranks = np.arange(flights + 1) / flights
+    share = np.mean((ranks < 0.01) | (ranks > 0.99))
+    assert standing.by_chance == pytest.approx(share * standing.extreme[1])
+    assert standing.to_json()["extreme"]["expected"] == standing.by_chance
+
+
 def test_without_the_effect_nothing_closes(orbital):
     recording, _ = orbital
     found = calibrate(recording)
