@@ -137,7 +137,7 @@ EVIDENCE = [
         f"{INFERENCE}test_few_jumps.py",
         [
             ("jumps do not pay for their moments", "+ prior[chosen].sum())", "+ 0.0)"),
-            ("jumps do not pay for their number", "return best - float(np.log(MOST))", "return best"),
+            ("jumps do not pay for their number", "best -= float(np.log(MOST))", "best -= 0.0"),
             ("jumps of one size go one way", "(-1.0) ** np.arange(chosen.size)", "1.0 ** np.arange(chosen.size)"),
         ],
     ),
