@@ -148,7 +148,7 @@ EVIDENCE = [
     ),
     *of(
         "diagnosis/model/jumps.py",
-        "tests/diagnosis/model/test_jumps.py",
+        "tests/diagnosis/model/test_jumps.py::test_what_the_jumps_are_weighed_against",
         [
             ("two causes about an axis cost no more than one", "more = max(alone) - priors", "more = 0 * priors"),
             ("what is named is compared at its best", "sum(one.average - one.best for one in scores)", "0.0 * len(scores)"),
