@@ -39,7 +39,7 @@ from diagnosis.model.calibration import calibrated
 from diagnosis.model.candidates import linear_model
 from diagnosis.model.dead_zone import dead_zone_groups, shown_by_passes
 from diagnosis.model.judgement import judged_anew
-from diagnosis.model.jumps import Jumps, few_jumps
+from diagnosis.model.jumps import Jumps, jumps_instead
 from diagnosis.model.layout import layout
 from diagnosis.model.linear import LinearModel, Member
 from diagnosis.model.misfit import Departure, errors_of, misfit
@@ -188,7 +188,7 @@ def explain(
         return (*residual_checks(found, members, layout(model), seed), *_left_beside(prepared, found, members, by_name))
 
     def jumps(found: LinearModel, members: tuple[Member, ...]) -> tuple[Jumps, ...]:
-        return few_jumps(model, found, members, by_name, settings)
+        return jumps_instead(model, found, members, by_name, settings)
 
     dead, of_all = dead_zone_groups(prepared, effects), together(left) if left else None
     told = counted(tell, "candidates", 0.1, 0.3, 100)

@@ -31,7 +31,9 @@ CORRELATED = 1 + 2 * 17 / 36
 TRIM = 3.0  # robust sigmas beyond which a difference does not count
 TRIMMED = 0.9733  # variance of a normal variable cut there
 FEWEST = 40  # second differences of an axis, below which nothing is said
-UNLIKELY = -3.0  # log odds of an excess of the references, below which it is one of the angle turned
+# Log odds of an excess of the references, below which it is one of the angle turned: of the two the first is on the list, and
+# white noise of the gyros that is as large would show in the samples as a rule.
+UNLIKELY = -3.0
 OF_EACH = 4  # second differences for each error that is fitted to them, at least
 UNSEEN = 10.0  # relative error of an axis of which nothing is seen
 ROUNDS = 3  # of a fit whose large residuals do not count

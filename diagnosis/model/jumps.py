@@ -23,6 +23,7 @@ Indices = NDArray[np.intp]
 
 AXES = "xyz"
 TURNS = 0.2  # of the largest departure from the usual rate of an interval, from which on the body turns
+ALWAYS = 0.5  # of the cells, from which on a body that turns has no turns to tell apart
 TINY = 1e-300
 
 
@@ -55,7 +56,7 @@ def turn_places(model: RecordingModel, on_references: bool) -> list[Indices]:
     usual = np.array([np.median(rates[interval == number], axis=0) for number in range(len(model.blocks))])
     away = np.linalg.norm(rates - usual[interval], axis=1)
     turns = away > TURNS * away.max()
-    if not turns.any() or turns.mean() > 0.5:
+    if not turns.any() or turns.mean() > ALWAYS:
         return []
     begins = turns & np.append(True, ~turns[:-1] | (np.diff(interval) != 0))
     number = np.cumsum(begins)[turns]
@@ -95,7 +96,7 @@ class Jumps:
         return Check(jumps_of(self.label), self.log_bayes, 0.0, float(np.exp(-np.clip(self.log_bayes, 0.0, -np.log(TINY)))))
 
 
-def few_jumps(
+def jumps_instead(
     model: RecordingModel,
     linear: LinearModel,
     members: Sequence[Member],
@@ -126,9 +127,9 @@ def few_jumps(
 
 
 def _occam(search: Search, members: tuple[Member, ...], own: Sequence[Member]) -> float:
-    """log of what is lost as the evidence is averaged over the options and scales of some of the members.
+    """log of what the evidence of some members loses as it is averaged over their options and scales.
 
-    An amplitude that can only be positive doubles the density, which no density without that knows.
+    `_log_density` does not know that some amplitudes can only be positive, whose prior is twice as dense.
     """
     scores = [search.score(one.candidate, tuple(other for other in members if other != one)) for one in own]
     doubled = float(np.log(2.0)) * sum(search.model.candidate(one).positive for one in own)

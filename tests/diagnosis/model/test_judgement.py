@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from diagnosis.detectors.reference_noise import ReferenceSeries, reference_noise
 from diagnosis.inference.amplitudes import Fitted
 from diagnosis.model.at_work import AtWork, known, without
 from diagnosis.model.judgement import judged_anew
@@ -74,6 +75,32 @@ def test_noise_of_the_references_is_judged_without_what_changes_it():
     # The noise is that which is stated, as without the change.
     sigma, stated = again.model.errors[0], clean.model.errors[0]
     np.testing.assert_allclose(sigma, stated, rtol=1e-6, atol=1e-12 * np.abs(stated).max())
+
+
+def test_what_follows_the_motion_or_drifts_is_no_noise_of_the_references():
+    """Half-way changes of a misalignment, and biases that drift while the body turns, are taken out before it is judged."""
+    small = prepare(spinning(CHANGE / 4))
+    assert small.judged == ()
+    still = spinning(0.0)
+    drift = np.deg2rad(0.02) * np.linspace(-1, 1, still.gyro.t_s.size)[:, None] * [1.0, 0.0, 0.0]
+    drifting = replace(still, gyro=replace(still.gyro, rates=still.gyro.rates + drift))
+    assert prepare(drifting).judged == ()
+    assert misjudged(drifting)
+
+
+def misjudged(recording):
+    """Whether the references' noise is not as stated where nothing that follows the motion is taken out."""
+    model = prepare(recording).model
+    series = ReferenceSeries(
+        t_s=model.references.t_s,
+        interval=model.interval_of_reference,
+        sigma=recording.attitudes.sigma[model.reference_rows],
+        to_inertial=model.at_reference,
+        residuals=model.residuals,
+        rates=np.zeros((model.references.t_s.size, 3)),
+    )
+    silent = np.zeros(recording.gyro.rates.shape, dtype=bool)
+    return reference_noise(series, np.full(3, recording.gyro.arw**2), recording.gyro.t_s, silent).odd
 
 
 def test_what_is_judged_the_same_stays_as_it_is():

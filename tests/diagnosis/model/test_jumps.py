@@ -9,7 +9,7 @@ import scipy.stats
 from diagnosis.diagnose import diagnose
 from diagnosis.inference.few_jumps import log_evidence
 from diagnosis.model.candidates import linear_model
-from diagnosis.model.jumps import few_jumps, place_weights, step_columns, turn_places
+from diagnosis.model.jumps import jumps_instead, place_weights, step_columns, turn_places
 from diagnosis.model.linear import Member
 from diagnosis.model.prepare import prepare
 from diagnosis.model.steps import switched_columns
@@ -102,7 +102,7 @@ def test_what_the_jumps_are_weighed_against(model):
     linear = linear_model(model, [EFFECTS["bias_drift"], EFFECTS["scale_quadratic"]])
     number = {one.label: k for k, one in enumerate(linear.candidates)}
     members = tuple(Member(number[label], 0, 2) for label in ("bias_drift:z", "scale_quadratic:z"))
-    alone, both = few_jumps(model, linear, members[:1], EFFECTS), few_jumps(model, linear, members, EFFECTS)
+    alone, both = jumps_instead(model, linear, members[:1], EFFECTS), jumps_instead(model, linear, members, EFFECTS)
     first, second = (linear.candidate(one) for one in members)
 
     def log_density(scale):

@@ -158,7 +158,7 @@ BAD_INPUT = {
     "wrong format": (edit_header("format = 1", "format = 3"), "format"),
     "bad epoch": (edit_header("2000-01-01T00:00:00Z", "yesterday"), "epoch"),
     "not TOML": (edit_header("[gyro]", "[gyro"), "not a TOML file"),
-    "no recording.toml": (lambda folder: (folder / "recording.toml").unlink(), "no such file"),
+    "no recording.toml": (lambda folder: (folder / "recording.toml").unlink(), "no such file; a recording is a folder"),
     "no gyro": (lambda folder: (folder / "gyro.parquet").unlink(), "neither gyro.parquet nor gyro.csv"),
     "no rows": (edit_table("gyro", lambda f: f.head(0)), "no rows"),
     "empty file": (lambda folder: (folder / "gyro.parquet").write_bytes(b""), "cannot be read"),

@@ -13,6 +13,7 @@ from simulator.effects import parse
 from studies.compare.bench import Bench
 from studies.compare.compare import compare
 from studies.compare.measure import Ruler
+from studies.report.comparison import sentences
 from tests.studies.compare.recordings import plan, recorded
 
 ORBITAL = "bias_orbital:z=0.3,phase_deg=60"
@@ -156,3 +157,14 @@ def test_another_plan_is_refused():
 def test_too_few_runs_are_refused():
     with pytest.raises(InputError, match="at least 20"):
         compare(recorded(1), [], runs=5)
+
+
+def test_sentences_speak_of_sizes_only_where_there_are_some_and_say_why_a_diagnosis_may_see_more(compared):
+    under, adopted_one = compared.standings
+    assert "its sizes are from this recording" in sentences(compared)[-1]
+    bare = replace(compared, standings=(under, replace(adopted_one, effects=())))
+    assert "its sizes" not in sentences(bare)[-1]
+    closed = replace(compared, standings=(replace(under, gap=replace(under.gap, before_90=(-0.1, 0.1))), adopted_one))
+    assert sentences(closed)[0].endswith("shows no gap; single statistics stand apart, which a diagnosis asks as well.")
+    calm = replace(closed.standings[0], statistics=under.statistics.assign(z=0.5))
+    assert sentences(replace(closed, standings=(calm, adopted_one)))[0].endswith("shows no gap.")
