@@ -10,7 +10,7 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from diagnosis.detectors import clipping, outliers, reference_noise, sample_noise, spectral_lines
+from diagnosis.detectors import clipping, reference_noise, sample_noise, single_samples, spectral_lines
 from diagnosis.detectors import samples as stream
 from diagnosis.model.recording import RecordingModel
 from diagnosis.plan.result import POWER, Verdict, Visible
@@ -42,7 +42,7 @@ def sample_tests(scenario: Scenario) -> SampleTests:
         correlated=reference_noise.CORRELATED,
         line_p=DEFAULT.line,
         lowest_line_hz=spectral_lines.FEWEST_CYCLES / (max([1, *quiet]) * scenario.gyro.sample_s),
-        outlier_sigma=outliers.OUTLIER,
+        outlier_sigma=single_samples.OUTLIER,
         fewest_clipped=clipping.FEWEST_CLIPPED,
         coarse=stream.COARSE,
         fewest_references=reference_noise.FEWEST,

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from diagnosis.detectors.noise_structure import disagreement_of, power_of
-from diagnosis.detectors.outliers import OUTLIER, _in_motion
 from diagnosis.detectors.samples import examine
+from diagnosis.detectors.single_samples import OUTLIER, in_motion
 from diagnosis.detectors.spectral_lines import jolts
 from diagnosis.detectors.stale_samples import stale_samples
 from gyrocal.recording import Attitudes, GyroStream, Interval, Recording
@@ -69,13 +69,13 @@ def bending():
 
 
 def test_a_rate_that_bends_has_no_spikes():
-    assert not _in_motion(bending(), np.ones(SAMPLES, dtype=bool), 1.0, 0.0)[0].any()
+    assert not in_motion(bending(), np.ones(SAMPLES, dtype=bool), 1.0, 0.0)[0].any()
 
 
 def test_spikes_of_a_body_in_motion_are_found_with_their_size():
     x, places = swaying(3)[:, 0], np.arange(500, SAMPLES - 500, 700)
     x[places] += 40.0
-    found, deviation, limit, *_ = _in_motion(x, np.ones(SAMPLES, dtype=bool), 1.0, 0.0)
+    found, deviation, limit, *_ = in_motion(x, np.ones(SAMPLES, dtype=bool), 1.0, 0.0)
     assert set(np.flatnonzero(found)) == set(places)
     # Readings around tell of it but for the noise of both.
     assert abs(np.mean(deviation[places]) - 40.0) < limit / OUTLIER
