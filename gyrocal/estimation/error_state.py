@@ -164,6 +164,44 @@ def turn(A: Array, R: Array) -> None:  # pragma: no cover - compiled
 
 
 @compiled
+def step(
+    A: Array, P: Array, x: Array, raw: Array, dt: float, columns: Indices, arw: float, walk: float, R: Array, B: Array
+) -> None:  # pragma: no cover - compiled
+    """Propagate A (3, 3) and P (3 + p, 3 + p) over one step in place, and set its R and B; the others as in `advance`."""
+    angle = transition(x, raw, dt, columns, R, B)
+    Q, cross, bias_variance = process_noise(angle, dt, arw, walk)
+    propagate_covariance(P, R, B, Q, cross, bias_variance)
+    turn(A, R)
+
+
+@compiled
+def corrected(A: Array, theta: Array) -> Array:  # pragma: no cover - compiled
+    """exp([θ×]) A, taken to the nearest orthogonal matrix by a Newton step, A ← ½ A (3 I − AᵀA)."""
+    R, turned = np.empty((3, 3)), np.empty((3, 3))
+    x, y, z = theta[0], theta[1], theta[2]
+    xx, yy, zz = x * x, y * y, z * z
+    squared = xx + yy + zz
+    c, d, _, _ = step_integrals(sqrt(squared))
+    s = 1 - d * squared
+    R[0, 0], R[1, 1], R[2, 2] = 1 - c * (yy + zz), 1 - c * (xx + zz), 1 - c * (xx + yy)
+    R[0, 1], R[1, 0] = c * x * y - s * z, c * x * y + s * z
+    R[0, 2], R[2, 0] = c * x * z + s * y, c * x * z - s * y
+    R[1, 2], R[2, 1] = c * y * z - s * x, c * y * z + s * x
+    for i in range(3):
+        for j in range(3):
+            turned[i, j] = R[i, 0] * A[0, j] + R[i, 1] * A[1, j] + R[i, 2] * A[2, j]
+    for i in range(3):
+        for j in range(3):
+            square = turned[0, i] * turned[0, j] + turned[1, i] * turned[1, j] + turned[2, i] * turned[2, j]
+            R[i, j] = 1.5 - 0.5 * square if i == j else -0.5 * square
+    out = np.empty((3, 3))
+    for i in range(3):
+        for j in range(3):
+            out[i, j] = turned[i, 0] * R[0, j] + turned[i, 1] * R[1, j] + turned[i, 2] * R[2, j]
+    return out
+
+
+@compiled
 def advance(
     A: Array,
     P: Array,
@@ -205,10 +243,7 @@ def advance(
         if t >= stop:
             return k
         until = min(stop, tags[k + 1]) if k + 1 < len(tags) else stop
-        angle = transition(x, rates[k], until - t, columns, R, B)
-        Q, cross, bias_variance = process_noise(angle, until - t, arw, walk)
-        propagate_covariance(P, R, B, Q, cross, bias_variance)
-        turn(A, R)
+        step(A, P, x, rates[k], until - t, columns, arw, walk, R, B)
         for j in range(3 + p):
             a, b, c = Phi[0, j], Phi[1, j], Phi[2, j]
             for i in range(3):

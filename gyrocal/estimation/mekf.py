@@ -22,10 +22,9 @@ import numpy as np
 import scipy.special
 from numpy.typing import NDArray
 
-from gyrocal import attitude
 from gyrocal.calibration.parameters import BIASES, NAMES, GyroParameters, select
 from gyrocal.errors import InputError
-from gyrocal.estimation.error_state import Indices, gain, joseph, process_noise, propagate_covariance, transition, turn
+from gyrocal.estimation.error_state import Indices, corrected, gain, joseph, step
 from gyrocal.sensors.series import SensorModel
 
 Array = NDArray[np.float64]
@@ -128,10 +127,8 @@ class KalmanFilter:
         -------
         R (3, 3) and ψF (3, p) of the step; overwritten by the next.
         """
-        angle = transition(self.x, np.asarray(raw, dtype=float), float(dt), self.columns, self._R, self._B)
-        noise = process_noise(angle, float(dt), self.arw, self.rate_random_walk)
-        propagate_covariance(self.P, self._R, self._B, *noise)
-        turn(self.A, self._R)
+        noise = (self.arw, self.rate_random_walk)
+        step(self.A, self.P, self.x, np.asarray(raw, dtype=float), float(dt), self.columns, *noise, self._R, self._B)
         return self._R, self._B
 
     def update(self, model: SensorModel, row: int, y: Array, sigma: Array) -> Innovation | None:
@@ -147,15 +144,18 @@ class KalmanFilter:
         -------
         The innovation, or None if no number was to be used, or the sensor should see nothing at this attitude.
         """
-        if not np.isfinite(sigma).any():
+        stated = np.isfinite(sigma)
+        if not stated.any():
             return None
         rows = np.array([row])
         expected = model.predict(self.A[None], rows)[0]
-        used = np.isfinite(sigma) & np.isfinite(expected)
+        used = stated & np.isfinite(expected)
         if not used.any():
             return None
-        z = (y - expected)[used]
-        H, sigma = np.ascontiguousarray(model.jacobian(self.A[None], rows)[0][used]), np.ascontiguousarray(sigma[used])
+        z, H = y - expected, model.jacobian(self.A[None], rows)[0]
+        if not used.all():
+            z, H, sigma = z[used], H[used], sigma[used]
+        H, sigma = np.ascontiguousarray(H), np.ascontiguousarray(sigma)
         K, S, nis = gain(self.P, H, sigma, z)
         if self.gate is not None and nis > scipy.special.chdtri(len(z), self.gate):
             self.rejected += 1
@@ -166,8 +166,7 @@ class KalmanFilter:
 
     def correct(self, state: Array) -> None:
         """Move the estimate by an estimated state (n,): A ← exp([θ×]) A, x ← x − Δx."""
-        A = attitude.rotation_matrix(state[:3]) @ self.A
-        self.A = np.asarray(0.5 * A @ (3 * np.eye(3) - A.T @ A))  # a Newton step to the nearest orthogonal matrix
+        self.A = corrected(self.A, state[:3])
         self.x[self.columns] -= state[3:]
 
 

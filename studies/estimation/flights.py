@@ -1,6 +1,7 @@
 """What estimators are tried on: a flight with its gyro, and a sensor of known directions; the truth is the simulator's."""
 
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import ClassVar
 
 import numpy as np
@@ -109,22 +110,28 @@ class DirectionSensor:
         """Numbers per measurement."""
         return 3 * len(self.directions)
 
-    def _in_body(self, A: Array, rows: Indices) -> list[Array]:
-        return [np.asarray(np.einsum("nij,nj->ni", A, r[rows])) for r in self.directions]
+    @cached_property
+    def _inertial(self) -> Array:
+        """(n, 3, directions): all of them side by side, which a filter then turns in one product at every measurement."""
+        return np.stack(self.directions, axis=-1)
+
+    def _in_body(self, A: Array, rows: Indices) -> Array:
+        """(n, directions, 3)."""
+        return np.asarray(np.swapaxes(A @ self._inertial[rows], -1, -2))
 
     def predict(self, A: Array, rows: Indices) -> Array:
         """As in `gyrocal.sensors.series.SensorModel`."""
-        return np.hstack([v @ (self.N @ self.M) for v in self._in_body(A, rows)])
+        return (self._in_body(A, rows) @ (self.N @ self.M)).reshape(len(A), self.size)
 
     def jacobian(self, A: Array, rows: Indices) -> Array:
         """As in `gyrocal.sensors.series.SensorModel`."""
-        return np.concatenate([-(self.N @ self.M).T @ cross_matrix(v) for v in self._in_body(A, rows)], axis=1)
+        return (-(self.N @ self.M).T @ cross_matrix(self._in_body(A, rows))).reshape(len(A), self.size, 3)
 
     def partials(self, A: Array, rows: Indices) -> Array:
         """As in `gyrocal.sensors.series.SensorModel`."""
         if not self.parameters:
             return np.zeros((len(A), self.size, 0))
-        return np.concatenate([self.M.T @ cross_matrix(v @ self.N) for v in self._in_body(A, rows)], axis=1)
+        return (self.M.T @ cross_matrix(self._in_body(A, rows) @ self.N)).reshape(len(A), self.size, 3)
 
     def corrected(self, change: Array) -> "DirectionSensor":
         """As in `gyrocal.sensors.series.SensorModel`."""
