@@ -13,7 +13,7 @@ negligible.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 
 import numpy as np
 from numpy.typing import NDArray
@@ -43,17 +43,23 @@ def estimate_covariance(found: Deviation, squares: Mapping[str, float], time_con
     ramp = np.sqrt(squares.get(RAMP, 0.0)) * found.tau_s**2
     out = np.zeros((len(factors), len(factors)))
     reach_s = DECAY * time_constant_s / found.sample_s
+    coloured = {term: square for term, square in squares.items() if square and term not in (ANGLE_WHITE, RAMP)}
+
+    def kappa(lags: Lags) -> Array:
+        parts = (square * covariance(term, lags * found.sample_s, time_constant_s) for term, square in coloured.items())
+        return np.asarray(sum(parts, np.zeros(len(lags))))
+
     for i, a in enumerate(factors):
         for j, b in enumerate(factors[: i + 1]):
             lags, weights = _lags(a, b, found.lengths, REACH * a + int(min(reach_s, 8 * REACH * a)))
-            c = _smooth(lags, a, b, found.sample_s, squares, time_constant_s)
+            c = _smooth(lags, a, b, kappa)
             total = weights @ (2 * c**2 + 4 * ramp[i] * ramp[j] * c)
             white = squares.get(ANGLE_WHITE, 0.0)
             if white:
                 single = _single(a, b)
                 place = np.array(sorted(single), dtype=np.intp)
                 own = white * np.array([single[int(k)] for k in place])
-                smooth = _smooth(place, a, b, found.sample_s, squares, time_constant_s)
+                smooth = _smooth(place, a, b, kappa)
                 pairs = _pairs(place, a, b, found.lengths)
                 total += pairs @ (4 * smooth * own + 2 * own**2 + 4 * ramp[i] * ramp[j] * own)
             scale = 4.0 * found.counts[i] * found.counts[j] * found.tau_s[i] ** 2 * found.tau_s[j] ** 2
@@ -79,16 +85,17 @@ def _pairs(lags: Lags, a: int, b: int, lengths: tuple[int, ...]) -> Array:
     return total
 
 
-def _smooth(lags: Lags, a: int, b: int, sample_s: float, squares: Mapping[str, float], time_constant_s: float) -> Array:
-    """c_ab at some lags without angle white noise."""
-    out = np.zeros(len(lags))
-    for s, weight in enumerate(ALPHA):
-        for t, other in enumerate(ALPHA):
-            at = np.asarray((lags + s * a - t * b) * sample_s, dtype=float)
-            for term, square in squares.items():
-                if square and term not in (ANGLE_WHITE, RAMP):
-                    out += weight * other * square * covariance(term, at, time_constant_s)
-    return out
+def _smooth(lags: Lags, a: int, b: int, kappa: Callable[[Lags], Array]) -> Array:
+    """c_ab at some lags, ascending, for κ as a function of the lag."""
+    single = _single(a, b)
+    step = int(lags[1] - lags[0])
+    if a % step or b % step or (np.diff(lags) != step).any():
+        return np.asarray(sum(weight * kappa(lags - lag) for lag, weight in single.items()))
+    # Moved by a multiple of their step the lags are mostly the same: κ is asked for once at each, not up to nine times.
+    low, high = int(lags[0]) - max(single), int(lags[-1]) - min(single)
+    at = kappa(np.arange(low, high + 1, step))
+    first = {lag: (int(lags[0]) - lag - low) // step for lag in single}
+    return np.asarray(sum(weight * at[first[lag] : first[lag] + len(lags)] for lag, weight in single.items()))
 
 
 def _single(a: int, b: int) -> dict[int, float]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 import scipy.optimize
@@ -12,7 +13,7 @@ from scipy.special import digamma, polygamma
 
 from gyrocal.allan.covariance import estimate_covariance
 from gyrocal.allan.deviation import Deviation
-from gyrocal.allan.terms import ANGLE_WHITE, MARKOV, allan_variance
+from gyrocal.allan.terms import ANGLE_WHITE, MARKOV, TERMS, allan_variance
 
 Array = NDArray[np.float64]
 
@@ -34,11 +35,19 @@ class Problem:
         """Logarithm of the determinant of the covariance."""
         return float(-2 * np.log(np.diag(self.whitening)).sum())
 
+    @cached_property
+    def _units(self) -> dict[str, Array]:
+        """Allan variance of each term per square of its coefficient, but for Markov noise, whose time constant is fitted."""
+        return {term: allan_variance(term, self.tau_s) for term in TERMS if term != MARKOV}
+
     def shares(self, terms: tuple[str, ...], logs: Array) -> Array:
         """(terms, t) Allan variance of each term."""
-        constant = self.time_constant_s(logs) if MARKOV in terms else 1.0
         squares = np.exp(2 * np.clip(logs[: len(terms)], -LARGEST_LOG, LARGEST_LOG))
-        return np.array([square * allan_variance(t, self.tau_s, constant) for t, square in zip(terms, squares, strict=True)])
+        return squares[:, None] * np.array([self._markov(logs) if term == MARKOV else self._units[term] for term in terms])
+
+    def _markov(self, logs: Array) -> Array:
+        """(t,) Allan variance of Markov noise per square of its coefficient."""
+        return allan_variance(MARKOV, self.tau_s, self.time_constant_s(logs))
 
     def time_constant_s(self, logs: Array) -> float:
         """The last number, kept between half a sample's and twice the longest averaging time."""
@@ -54,19 +63,29 @@ class Problem:
         total = self.known + shares.sum(axis=0)
         rows = [2 * share / total for share in shares]
         if MARKOV in terms:
-            moved = np.append(logs[:-1], logs[-1] + SHIFT)
-            rows.append((self.shares(terms, moved) - shares).sum(axis=0) / total / SHIFT)
+            share, moved = shares[terms.index(MARKOV)], np.append(logs[:-1], logs[-1] + SHIFT)
+            now, then = self._markov(logs), self._markov(moved)
+            rows.append(share * (then / now - 1) / total / SHIFT)
         return np.asarray(-self.whitening @ np.array(rows).T)
 
     def minimum(self, terms: tuple[str, ...], start: Array) -> tuple[Array, float]:
         """The numbers at which χ² is least, and that χ²."""
-        found = scipy.optimize.least_squares(
-            lambda x: self.residuals(terms, x), start, jac=lambda x: self.jacobian(terms, x), method="lm", max_nfev=200
+        # MINPACK's own call: that of `least_squares` with "lm", whose wrappers take as long as all else here.
+        found, _, told, *_ = scipy.optimize.leastsq(
+            lambda x: self.residuals(terms, x),
+            start,
+            Dfun=lambda x: self.jacobian(terms, x),
+            full_output=True,
+            ftol=1e-8,
+            xtol=1e-8,
+            gtol=1e-8,
+            maxfev=200,
+            diag=np.ones(len(start)),
         )
-        x = np.clip(found.x, -LARGEST_LOG, LARGEST_LOG)
+        x = np.clip(found, -LARGEST_LOG, LARGEST_LOG)
         if MARKOV in terms:
             x[-1] = np.log(self.time_constant_s(x))
-        return x, float(2 * found.cost)
+        return x, float(told["fvec"] @ told["fvec"])
 
 
 def problem_of(found: Deviation, floor: Array, squares: Mapping[str, float], time_constant_s: float) -> Problem:

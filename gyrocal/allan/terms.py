@@ -49,7 +49,7 @@ def covariance(term: str, t_s: Array, time_constant_s: float = 1.0) -> Array:
     if term == FLICKER:
         return np.asarray(t**2 * np.log(np.where(t > 0, t, 1.0)) / (2 * np.pi))
     if term == RATE_WALK:
-        return np.asarray(t**3 / 12)
+        return np.asarray(t * t * t / 12)
     if term == MARKOV:
         return np.asarray(-(time_constant_s**2) * _settling(t / time_constant_s))
     raise ValueError(f"{term} is not random")
@@ -57,7 +57,8 @@ def covariance(term: str, t_s: Array, time_constant_s: float = 1.0) -> Array:
 
 def _settling(x: Array) -> Array:
     """x − 1 + e^(−x), by its series where that loses digits."""
-    return np.asarray(np.where(x < 1e-3, x**2 / 2 - x**3 / 6 + x**4 / 24, x + np.expm1(-x)))
+    # Products, since numpy takes the cube and higher powers by logarithms, at the cost of all the rest.
+    return np.asarray(np.where(x < 1e-3, x * x * (1 / 2 - x * (1 / 6 - x / 24)), x + np.expm1(-x)))
 
 
 def allan_variance(term: str, tau_s: Array, time_constant_s: float = 1.0) -> Array:
@@ -75,8 +76,8 @@ def allan_variance(term: str, tau_s: Array, time_constant_s: float = 1.0) -> Arr
         return np.asarray(tau**2 / 2)
     x = tau / time_constant_s
     # Where τ is far below T the two parts of κ nearly cancel: 8 s(x) − 2 s(2x) with s(x) = x − 1 + e^(−x).
-    difference = np.where(x < 1e-2, 4 * x**3 / 3 - x**4 + 7 * x**5 / 15, 8 * _settling(x) - 2 * _settling(2 * x))
-    return np.asarray(difference / (2 * x**2))
+    difference = np.where(x < 1e-2, x * x * x * (4 / 3 - x * (1 - 7 * x / 15)), 8 * _settling(x) - 2 * _settling(2 * x))
+    return np.asarray(difference / (2 * x * x))
 
 
 def sinusoid_variance(amplitude: float, frequency_hz: float, tau_s: Array) -> Array:
