@@ -56,7 +56,7 @@ def smoothstep(x: Array) -> Array:
 def smoothstep_integral(x: Array) -> Array:
     """∫₀ˣ of the smoothstep, x³ − x⁴/2, for x in [0, 1]; constant outside."""
     x = np.clip(x, 0.0, 1.0)
-    return x**3 * (1 - x / 2)
+    return x * x * x * (1 - x / 2)
 
 
 def pulse(x: Array) -> Array:

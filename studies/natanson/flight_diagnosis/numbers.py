@@ -29,6 +29,7 @@ from studies.natanson.flight_diagnosis.table import (
     PUBLISHED_DIGITS,
     Baseline,
     Table,
+    kept_outcomes,
     outcome,
     outcomes,
     present,
@@ -67,7 +68,7 @@ class Motion:
 
     def predicted(self, sections: Sequence[IntervalSection]) -> Array:
         """Residuals (n, 3) of intervals flown in another way, deg."""
-        theta, Theta = outcomes(sections)
+        theta, Theta = kept_outcomes(tuple(sections))
         return np.asarray(theta - Theta @ self.shift)
 
 

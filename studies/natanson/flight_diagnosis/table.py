@@ -123,6 +123,15 @@ def outcome(section: IntervalSection) -> tuple[Array, Array]:
     return theta[0], Theta[0]
 
 
+@lru_cache(maxsize=512)
+def kept_outcomes(sections: tuple[IntervalSection, ...]) -> tuple[Array, Array]:
+    """`outcomes` of the same intervals together, kept: a model about another timing flies the others as it did before."""
+    theta, Theta = outcomes(sections)
+    theta.setflags(write=False)
+    Theta.setflags(write=False)
+    return theta, Theta
+
+
 def reversed_slews(section: IntervalSection) -> IntervalSection:
     """The interval with its slews the other way round: yaws reversed; −y forward becomes +y forward, of the other rate."""
     return section.model_copy(update={"slew": tuple(s.model_copy(update={"angle_deg": -s.angle_deg}) for s in section.slew)})
