@@ -49,10 +49,12 @@ def test_full_covariance_is_that_of_simulated_residuals(gap_s):
     R = propagate(prepared.arcs, TRUTH.G, TRUTH.bias).R
     groups = np.split(problem.groups[0], problem.groups[1][:-1])
     assert len(groups) == (1 if gap_s == 0 else 2)
-    draws = []
+    # The motion is the same in every case: only the noises of the samples and of the references are drawn anew.
+    A, sigma, draws = attitude.matrix_from_quaternion(plain.attitudes.quaternions), plain.attitudes.sigma, []
     for _ in range(cases):
-        noisy = piecewise_recording(PLAN, sample_s=5.0, series_s=100.0, arw=arw, gap_s=gap_s, apriori=TRUTH, rng=rng)
-        draws.append(Problem.of(noisy, measurements(noisy)).state(TRUTH).theta)
+        rates = plain.gyro.rates + rng.normal(size=plain.gyro.rates.shape) * arw / np.sqrt(5.0)
+        seen = Rotation.from_rotvec(rng.normal(size=sigma.shape) * sigma).as_matrix() @ A
+        draws.append(problem.with_case(rates, seen).state(TRUTH).theta)
     draws = np.array(draws)
     for rows in groups:
         per_row = (prepared.arcs.arc, prepared.start, prepared.row, prepared.elapsed_s)
