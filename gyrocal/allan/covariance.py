@@ -46,7 +46,10 @@ def estimate_covariance(found: Deviation, squares: Mapping[str, float], time_con
     coloured = {term: square for term, square in squares.items() if square and term not in (ANGLE_WHITE, RAMP)}
 
     def kappa(lags: Lags) -> Array:
-        parts = (square * covariance(term, lags * found.sample_s, time_constant_s) for term, square in coloured.items())
+        parts = (
+            square * covariance(term, np.asarray(lags * found.sample_s, dtype=np.float64), time_constant_s)
+            for term, square in coloured.items()
+        )
         return np.asarray(sum(parts, np.zeros(len(lags))))
 
     for i, a in enumerate(factors):
