@@ -48,12 +48,13 @@ def _gyro(
 ) -> None:  # pragma: no cover - compiled
     """On-board rotation over the last cycle in turned (3,), rad, ω − G ω_raw of it in apparent and ω_raw in raw (3,), rad/s."""
     dt, c, s = plant.dt, math.cos(u), math.sin(u)
-    d = state.turned / dt - state.true_bias
-    for i in range(3):
-        d[i] -= c * sensors.orbital[i, 0] + s * sensors.orbital[i, 1]
+    # Number by number: an expression of whole arrays takes a second or two to compile, a copy of slices another.
+    d_x = state.turned[0] / dt - state.true_bias[0] - (c * sensors.orbital[0, 0] + s * sensors.orbital[0, 1])
+    d_y = state.turned[1] / dt - state.true_bias[1] - (c * sensors.orbital[1, 0] + s * sensors.orbital[1, 1])
+    d_z = state.turned[2] / dt - state.true_bias[2] - (c * sensors.orbital[2, 0] + s * sensors.orbital[2, 1])
     inverse = sensors.inverse_G
     for i in range(3):
-        raw[i] = inverse[i, 0] * d[0] + inverse[i, 1] * d[1] + inverse[i, 2] * d[2]
+        raw[i] = inverse[i, 0] * d_x + inverse[i, 1] * d_y + inverse[i, 2] * d_z
         raw[i] += sensors.gyro_sigma * rng.standard_normal()
     for i in range(3):
         rate = tables.G[i, 0] * raw[0] + tables.G[i, 1] * raw[1] + tables.G[i, 2] * raw[2]
@@ -289,7 +290,8 @@ def fly(
         if slewing:
             state.memory[1], state.memory[2] = NEVER, 1.0
         elif slew.duration > 0.0 and t <= slew.start:
-            state.probe[:] = error
+            for i in range(3):
+                state.probe[i] = error[i]
         # On board.
         _gyro(rng, wander, u, plant, sensors, state, tables, apparent, turned, raw)
         propagate_error(state.estimate, turned, moved)
@@ -329,7 +331,10 @@ def fly(
             for j in range(WHEELS):
                 telemetry[row, 8 + j] = state.wheels[j]
             telemetry[row, 12], telemetry[row, 13] = used, 1.0 if normal else 0.0
-            telemetry[row, 14:17], telemetry[row, 17:21] = raw, seen
+            for i in range(3):
+                telemetry[row, 14 + i] = raw[i]
+            for j in range(4):
+                telemetry[row, 17 + j] = seen[j]
         for i in range(3):
             for j in range(len(state.past) - 1, 0, -1):
                 state.past[j, i] = state.past[j - 1, i]
