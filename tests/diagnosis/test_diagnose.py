@@ -18,6 +18,7 @@ from simulator import scenario
 from simulator.effects import EFFECTS, parse
 from simulator.simulate import simulate
 from tests import SHARED
+from tests.diagnosis import recordings
 
 PRACTICE = SHARED / "practice"
 KEYS = json.loads((PRACTICE / "keys.json").read_text()) if PRACTICE.is_dir() else {}
@@ -25,8 +26,13 @@ KEYS = json.loads((PRACTICE / "keys.json").read_text()) if PRACTICE.is_dir() els
 
 @pytest.fixture(scope="module")
 def plan():
-    changes = {"gyro.arw_deg_per_sqrt_s": 1.5e-4, "reference.sigma_deg": (0.005, 0.005, 0.008), "reference.every_s": 120.0}
-    return scenario.override(scenario.load("trmm_series"), changes)
+    return recordings.plan()
+
+
+@pytest.fixture(scope="module")
+def fine():
+    """A gyro that is sampled as often as TRMM's: what an asymmetry leaves in the ramps of slews tells it from what is alike."""
+    return recordings.plan(sample_s=0.5)
 
 
 def _labels(diagnosis):
@@ -84,9 +90,9 @@ def test_shuffled_residuals_give_no_cause(plan):
         ("reference_horizon:x=0.02,phase_deg=-70", "reference_horizon:x", "deg", False),
     ],
 )
-def test_an_effect_is_named_with_its_size_and_closes_the_gap(plan, text, label, unit, biases):
+def test_an_effect_is_named_with_its_size_and_closes_the_gap(fine, text, label, unit, biases):
     setting = parse(text)
-    answer = diagnose(simulate(plan, seed=15, effects=[setting]))
+    answer = diagnose(simulate(fine, seed=15, effects=[setting]))
     assert answer.verdict == "named"
     (cause,) = answer.causes
     assert cause.label == label
@@ -98,7 +104,7 @@ def test_an_effect_is_named_with_its_size_and_closes_the_gap(plan, text, label, 
     assert answer.closure is not None
     assert answer.closure.after < answer.closure.before
     # The calibration with the effect in is nearer to the truth than without.
-    true_G, true_bias = np.array(plan.gyro.true_G), np.deg2rad(plan.gyro.true_bias_deg_s)
+    true_G, true_bias = np.array(fine.gyro.true_G), np.deg2rad(fine.gyro.true_bias_deg_s)
     error = np.append((answer.G - true_G).ravel() / answer.sigma_G.ravel(), (answer.bias - true_bias) / answer.sigma_bias)
     before = np.append(
         (answer.baseline_G - true_G).ravel() / answer.sigma_G.ravel(), (answer.baseline_bias - true_bias) / answer.sigma_bias
@@ -108,10 +114,10 @@ def test_an_effect_is_named_with_its_size_and_closes_the_gap(plan, text, label, 
         assert error @ error < before @ before
 
 
-def test_what_is_just_below_the_threshold_stands_alone_all_the_same(plan):
+def test_what_is_just_below_the_threshold_stands_alone_all_the_same(fine):
     """At 1200 ppm the asymmetry has a probability of 0.90, where naming begins; nothing else is offered in its place."""
     setting = parse("scale_asymmetry:y=1200")
-    (cause,) = diagnose(simulate(plan, seed=15, effects=[setting])).causes
+    (cause,) = diagnose(simulate(fine, seed=15, effects=[setting])).causes
     assert cause.group == ("scale_asymmetry:y",)
     assert abs(cause.probability - DEFAULT.named) < 0.02
     assert abs(cause.size - setting.size) < 3.5 * cause.sigma
