@@ -4,7 +4,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 PIP := $(BIN)/python -m pip --disable-pip-version-check install --quiet --constraint constraints.txt
 
-.PHONY: reproduce results test types tests docs bench baseline audit clean help
+.PHONY: reproduce results test types compiled tests docs bench baseline audit clean help
 
 help:
 	@echo "make reproduce   reproduce both papers beside TRMM's flight; one page in build/index.html"
@@ -26,10 +26,14 @@ test: $(VENV)/dev.stamp
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/lint-imports
-	$(MAKE) --jobs 2 types tests
+	$(MAKE) --jobs 2 types compiled
+	$(MAKE) tests
 
 types: $(VENV)/dev.stamp
 	$(BIN)/mypy
+
+compiled: $(VENV)/dev.stamp
+	$(BIN)/python -m tests.compiled
 
 tests: $(VENV)/dev.stamp
 	$(BIN)/pytest -n 2 --dist worksteal

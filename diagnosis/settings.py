@@ -90,11 +90,16 @@ class DiagnosisSettings:
     )
     free_imitation: float = threshold(
         0.3,
-        "the same of a random process or a swing of any period, free to look like many things",
+        "the same of a random process, free to look like many things",
         "probability",
-        "in the same cases 15 of 18 with a process and 6 of 9 with a swing were right or in the group; of two independent "
-        "programs, which brought unlisted effects of their own, 7 of 14 and 4 of 10 with a process: at the shares of kinds of "
-        "the wide check a third is wrong",
+        "of 33 explanations with a process in two such runs 28 were right or in the group; of two independent programs, which "
+        "brought unlisted effects of their own, 7 of 14 and 4 of 16: at the shares of kinds of the wide check a third is wrong",
+    )
+    swing_imitation: float = threshold(
+        0.2,
+        "the same of a swing of any period",
+        "probability",
+        "of 23 of the same two runs and two programs 19 were right or in the group, by the rule of succession",
     )
     jumping: float = threshold(
         0.3,
@@ -123,10 +128,10 @@ class DiagnosisSettings:
         "in the same cases 36 of 37, by the rule of succession",
     )
     conformal: float = threshold(
-        0.621,
+        0.583,
         "how much less likely than the likeliest, as a share of it, an explanation in the 90 % conformal set may be",
         "probability",
-        "the 90 % quantile over 149 cases of the setting part of the wide check",
+        "the 90 % quantile over 299 cases of the setting part of the wide check",
     )
     sample_event: float = threshold(
         1e-5,

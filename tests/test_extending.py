@@ -212,7 +212,8 @@ def test_an_effect_from_outside_is_named_with_its_size(example):
     (cause,) = answer.causes
     assert (cause.effect, cause.axis) == (asked.effect, asked.axis)
     assert cause.group == (cause.label,)
-    # A random process or a swing of any period may be an imitation in one case of five, whatever the data.
+    # A random process or a swing of any period may be an imitation, whatever the data.
     free = not isinstance(example, SensorEffect) and (example.is_process or example.scanned)
-    assert cause.probability > (0.95 * (1 - DEFAULT.free_imitation) if free else 0.8)
+    imitation = DEFAULT.free_imitation if free and example.is_process else DEFAULT.swing_imitation
+    assert cause.probability > (0.95 * (1 - imitation) if free else 0.8)
     assert abs(cause.size - asked.size) < 3 * cause.sigma

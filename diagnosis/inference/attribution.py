@@ -5,10 +5,10 @@ probability of one place in the explanation, they are a *group* of indistinguish
 something unlisted have more than `DiagnosisSettings.unknown` of the probability together, the answer is *unknown*.
 
 No list of unlisted rivals is complete: something else may imitate what would be named. Its prior share is t, the larger the
-more freedom the named effects have (`DiagnosisSettings.imitation`, `free_imitation`), and the checks of what the named model
-leaves (`diagnosis.inference.checks`) weigh it. The p-value p of the checks is uniform under what is named. Under an imitation
-they see it with a probability f (`DiagnosisSettings.seen`), by p-values of any order of magnitude down to p₀ = 10⁻¹⁶ alike, and
-otherwise do not, so that a p-value is worth the Bayes factor
+more freedom the named effects have (`DiagnosisSettings.imitation`, `swing_imitation`, `free_imitation`), and the checks of what
+the named model leaves (`diagnosis.inference.checks`) weigh it. The p-value p of the checks is uniform under what is named.
+Under an imitation they see it with a probability f (`DiagnosisSettings.seen`), by p-values of any order of magnitude down to
+p₀ = 10⁻¹⁶ alike, and otherwise do not, so that a p-value is worth the Bayes factor
 
     B = 1 − f + f/(p ln(1/p₀))
 
@@ -214,7 +214,7 @@ def _left(
     acts beside it.
     """
     entry = model.candidate(slot.member)
-    share = settings.free_imitation if entry.process or entry.scanned else settings.imitation
+    share = settings.free_imitation if entry.process else settings.swing_imitation if entry.scanned else settings.imitation
     shown = max(float(np.exp(-max(entry.log_odds, 0.0))), settings.another * settings.unlisted_share / share)
     weight = max(1.0, (1 - unknown) * min(shown, 1.0) / against(p_value, settings))
     weight += settings.jumping * (1 - unknown) * min(shown, 1.0) * math.exp(min(jumps.get(entry.label, -math.inf), MOST_ODDS))

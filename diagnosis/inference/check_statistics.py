@@ -14,12 +14,16 @@ Indices = NDArray[np.intp]
 
 LAGS = 6
 PERIODS = 48  # of the scan for a line
+CYCLES = np.geomspace(0.5, 8.0, 24)  # in a turn
+TURNS = 0.5  # of a turn, that a body must have made about an axis
 FOLD = 12  # bins of a pattern that repeats
 TINY = 1e-300
 VARIES = 1e-3  # of the largest scatter of an element of the attitude, from which on it changes at all
 SIZE, FLAT, JUMPS = "size", "two values or a wave", "jumps"  # less size than expected is as odd as more
 SETTLED = (SIZE, "correlation in time")  # by the evidence of a process
-LINE, ATTITUDE = "line of any period", "dependence on the attitude"  # statistics that are a largest value
+LINE, ATTITUDE = "line of any period", "dependence on the attitude"
+TURNED = "line of any number of cycles in a turn"
+LARGEST = (LINE, ATTITUDE, TURNED)  # statistics that are a largest value
 
 
 @dataclass(frozen=True)
@@ -35,6 +39,7 @@ class Layout:
     period_s : of a cycle that patterns may repeat with, such as the orbit; NaN for none
     regressors : (r, q) what the innovations may depend on, such as rates, accelerations and temperatures
     activity : (r,) what their variance may depend on, the size of the rate
+    turned : (r, 3) angle turned about each body axis since the interval's start, rad
     """
 
     axes: Array
@@ -44,6 +49,7 @@ class Layout:
     period_s: float
     regressors: Array
     activity: Array
+    turned: Array
 
 
 def of_innovations(e: Array, layout: Layout) -> dict[str, Array]:
@@ -61,6 +67,9 @@ def of_innovations(e: Array, layout: Layout) -> dict[str, Array]:
     lines = _lines(e, layout)
     if lines is not None:
         out[LINE] = lines
+    cycles = _cycles(e, layout)
+    if cycles is not None:
+        out[TURNED] = cycles
     if np.isfinite(layout.period_s):
         out["pattern with the orbit"] = _folded(e, _bins(layout.t_s % layout.period_s, layout.period_s))
     return out
@@ -145,14 +154,30 @@ def _lines(e: Array, layout: Layout) -> Array | None:
         return None
     # Nearer to half the rate of the observations a wave has no phase of its own, and its power another distribution.
     frequencies = np.linspace(1 / longest, 0.5 / float(np.median(gaps)) - 1 / longest, PERIODS)
-    power = np.zeros((PERIODS, 3, e.shape[2]))
+    return _strongest(e, layout.interval, 2 * np.pi * np.outer(frequencies, layout.since_s))
+
+
+def _cycles(e: Array, layout: Layout) -> Array | None:
+    """Strongest line in the angle turned about one axis, its phase another in each interval; None if the body hardly turns.
+
+    A bearing, a ring of teeth or the standing wave of a shell repeats so, at a number of cycles that need not be whole.
+    """
+    found = []
+    for angle in layout.turned.T:
+        if np.ptp(angle) > 2 * np.pi * TURNS:
+            power = _strongest(e, layout.interval, np.outer(CYCLES, angle))
+            found += [] if power is None else [power]
+    return np.max(found, axis=0) if found else None
+
+
+def _strongest(e: Array, interval: Indices, angle: Array) -> Array | None:
+    """Strongest wave of some phases (f, r) but for one in each interval, see `_lines`; None if no interval is long enough."""
+    power = np.zeros((len(angle), 3, e.shape[2]))
     count = 0
-    for number in np.unique(layout.interval):
-        own = layout.interval == number
+    for number in np.unique(interval):
+        own = interval == number
         if own.sum() < 4:
             continue
-        angle = 2 * np.pi * np.outer(frequencies, layout.since_s[own])
-        waves = np.exp(-1j * angle)
-        power += np.abs(np.einsum("fr,rad->fad", waves, e[own])) ** 2 / own.sum()
+        power += np.abs(np.einsum("fr,rad->fad", np.exp(-1j * angle[:, own]), e[own])) ** 2 / own.sum()
         count += 1
     return np.asarray(-scipy.stats.gamma.logsf(power.max(axis=(0, 1)), count)) if count else None

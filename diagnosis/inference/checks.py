@@ -4,8 +4,8 @@ Under an explanation with the scaled columns C = [s_e X_e …] the observations 
 e = L⁻¹ y, L the Cholesky factor, are independent with variance one, in the order of time within each interval. General
 statistics ask whether they are: their size, their correlation in time, lines of any period, patterns that repeat with the time
 since an interval's start or with the orbit, dependence on rate, acceleration, mission time and housekeeping, dependence on the
-attitude (any element of its matrix, as the angle that a table has turned or the direction to something), constancy of their
-variance over the intervals and with the rate, and their shape.
+attitude (any element of its matrix, as the angle that a table has turned or the direction to something), patterns that repeat
+with the angle turned about an axis, constancy of their variance over the intervals and with the rate, and their shape.
 
 A random process has to look like a draw of itself as well. Its contribution C Cᵀ S⁻¹ y, S = I + C Cᵀ, as the data estimate it,
 is asked the same: one bump, a swing or a pattern that a process has swallowed leaves nothing in the innovations, and is a draw
@@ -32,7 +32,7 @@ import scipy.special
 import scipy.stats
 from numpy.typing import NDArray
 
-from diagnosis.inference.check_statistics import ATTITUDE, LINE, SIZE, Layout, of_innovations, of_process
+from diagnosis.inference.check_statistics import LARGEST, SIZE, Layout, of_innovations, of_process
 from diagnosis.model.linear import LinearModel, Member
 
 Array = NDArray[np.float64]
@@ -121,7 +121,7 @@ def _p_value(name: str, values: Array, draws: Array) -> Array:
     """P-values of some values (c,) of a statistic, by the distribution of its draws (d,)."""
     if np.ptp(draws) == 0:
         return np.ones_like(values)
-    if name in (LINE, ATTITUDE):
+    if name in LARGEST:
         scale = float(np.std(draws)) * np.sqrt(6) / np.pi
         p = scipy.stats.gumbel_r.sf(values, float(np.mean(draws)) - np.euler_gamma * scale, scale)
     else:

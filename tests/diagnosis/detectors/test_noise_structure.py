@@ -62,3 +62,13 @@ def test_bursts_are_found():
     for place in rng.integers(0, COUNT - 300, 12):
         louder[place : place + 300, 2] = 2.0
     assert [(one.kind, one.axis) for one in report_of(moving() + drawn(7) * louder).symptoms] == [("noise_constancy", "z")]
+
+
+def test_a_body_that_shakes_nearly_as_fast_as_it_is_sampled_has_no_unsteady_noise(monkeypatch):
+    """Here differences of the sixth and of the tenth order hold as much of it as of white noise, three times as loud."""
+    t = np.arange(COUNT)
+    shaking = np.where(t < 2000, 2.0 * np.sin(2 * np.pi * np.arcsin(1.939 / 2) / np.pi * t), 0.0)[:, None]
+    x = moving() + drawn(8) + shaking * np.array([0.0, 0.0, 1.0])
+    assert report_of(x).symptoms == []
+    monkeypatch.setattr(structure, "RINGING", 0.0)
+    assert [(one.kind, one.axis) for one in report_of(x).symptoms] == [("noise_constancy", "z")]

@@ -99,9 +99,9 @@ def test_the_likeliest_number_of_effects_comes_before_the_likeliest_set():
 def test_an_imitation_has_its_prior_share_where_the_checks_find_nothing(process, scanned):
     model, found = three({(0,): 0.99, (1,): 0.01})
     model = replace(model, candidates=tuple(replace(one, process=process, scanned=scanned) for one in model.candidates))
-    settings = DiagnosisSettings(imitation=0.04, free_imitation=0.2)
+    settings = DiagnosisSettings(imitation=0.04, swing_imitation=0.15, free_imitation=0.3)
     answer = doubted(model, attribute(model, found), 0.5, settings)
-    share = 0.2 if process or scanned else 0.04
+    share = 0.3 if process else 0.15 if scanned else 0.04
     assert answer.unknown == pytest.approx(share)
     assert answer.slots[0].probability == pytest.approx(0.99 * (1 - share))
     assert answer.verdict == ("group" if process or scanned else "named")

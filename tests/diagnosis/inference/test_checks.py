@@ -27,7 +27,8 @@ def layout():
     axes = np.linalg.qr(rng.standard_normal((ROWS, 3, 3)))[0]
     t_s = since + 8000.0 * interval
     regressors = np.column_stack([rates, np.abs(rates), t_s / t_s.max()])
-    return Layout(axes, t_s, since, interval, PERIOD, regressors, np.linalg.norm(rates, axis=1))
+    turned = 5.0 * np.sin(since[:, None] * np.array([0.003, 0.0, 0.007]))
+    return Layout(axes, t_s, since, interval, PERIOD, regressors, np.linalg.norm(rates, axis=1), turned)
 
 
 @pytest.fixture(scope="module")
@@ -201,6 +202,19 @@ def test_an_error_that_follows_the_attitude_is_no_draw_of_a_process(process, lay
     turned = replace(process, X=X)
     assert swallowed(turned, turning, np.sin(angle + 0.4), size=10.0)["dependence on the attitude"] < 1e-4
     assert swallowed(turned, turning, np.zeros(ROWS))["dependence on the attitude"] > 0.01
+
+
+def test_an_error_that_repeats_with_the_angle_turned_is_seen_whatever_the_times(model, layout):
+    """Teeth of a ring, on a body that turns to and fro: 1.3 cycles in a turn about z, which is no line in time."""
+    values = np.zeros((ROWS, 3))
+    values[:, 1] = 1.2 * np.sin(1.3 * layout.turned[:, 2] + layout.interval)
+    noise = drawn(model, np.random.default_rng(18), 1)[:, 0]
+    found = checked(model, layout, noise + model.projected(along_body(layout, values)[:, None])[:, 0])
+    assert found[check_statistics.TURNED].p_value < 1e-6
+    assert found[check_statistics.TURNED].p_value < 1e-3 * found[check_statistics.LINE].p_value
+    assert checked(model, layout, noise)[check_statistics.TURNED].p_value > 0.01
+    resting = replace(layout, turned=0.1 * layout.turned)
+    assert check_statistics.TURNED not in checked(model, resting, noise)
 
 
 def test_whole_checks_of_the_named_model_seldom_reject(model, layout):

@@ -7,7 +7,7 @@ import pytest
 
 from diagnosis.inference.checks import residual_checks
 from diagnosis.model.candidates import linear_model
-from diagnosis.model.layout import layout
+from diagnosis.model.layout import layout, turned
 from diagnosis.model.prepare import prepare
 from simulator.effects import EFFECTS
 from tests.diagnosis.recordings import of_rates
@@ -47,3 +47,12 @@ def test_noise_that_is_read_as_a_rate_is_no_dependence_on_it(seed):
     linear = linear_model(model, [EFFECTS["bias_drift"]], rivals=False)
     found = {one.name: one for one in residual_checks(linear, (), layout(model))}
     assert found["dependence on what is known"].p_value > 1e-3
+
+
+def test_the_angle_turned_begins_anew_with_each_interval():
+    model = prepare(resting(0)).model
+    own = model.blocks[0].steps
+    angle = turned(model)[own]
+    np.testing.assert_allclose(np.diff(angle, axis=0), (model.rates * model.dt[:, None])[own][1:], atol=1e-12)
+    assert all((turned(model)[block.steps.start] == 0).all() for block in model.blocks)
+    np.testing.assert_allclose(layout(model).turned[-1], angle[-1], atol=1e-6)
