@@ -72,14 +72,17 @@ def examine(
     settings : thresholds
     tell : called with what is looked for and the share done
     """
-    tell("lattice, repeats, plateaus", 0.0)
     gyro = recording.gyro
     sigma = gyro.arw / np.sqrt(gyro.sample_s)
     none = np.zeros(gyro.t_s.size, dtype=bool)
     report = SampleReport([], [], gyro.rates.copy(), np.full(gyro.rates.shape, gyro.arw**2), none, none.copy())
     report.event_p, report.line_p = settings.sample_event, settings.line
     used = inside(recording)
-    steps = np.array([lattice_step(gyro.rates[used, axis]) for axis in range(3)])
+    steps = np.zeros(3)
+    for axis in range(3):
+        tell(f"lattice of gyro {AXES[axis]}", 0.005 * axis)
+        steps[axis] = lattice_step(gyro.rates[used, axis])
+    tell("cut or rounded", 0.015)
     coarse = steps > COARSE * sigma
     # A finer one is of no consequence if readings were rounded; cut ones are all half a step too near to zero.
     worth = ~coarse & (sigma > 0) & (0.5 * steps * np.sqrt(used.sum()) > WORTH * sigma)
@@ -89,23 +92,30 @@ def examine(
     cut = coarse & (odds > ODDS if lattice is None else lattice == "cut")
     report.lattice = steps > HIDING * sigma
     _quantization(report, steps, coarse, cut)
+    tell("repeated samples", 0.02)
     _stale(report, recording, used, coarse)
+    tell("plateaus", 0.025)
     saturation(report, recording, used, coarse, steps, sigma)
     if sigma > 0:
+        tell("repeats of one gyro", 0.03)
         own_repeats(report, recording, used, coarse)
+        tell("copied samples", 0.035)
         copied_samples(report, recording, used, sigma)
+        tell("samples on a line", 0.04)
         straight_samples(report, recording, used, sigma)
+        tell("noise here and there", 0.045)
         local = local_noise(report.rates, sigma, coarse, steps, report.filled)
         parts = interval_slices(recording)
         found = {}
-        for axis in np.flatnonzero(~coarse):
+        for axis in np.flatnonzero(~coarse).tolist():
             tell(f"dead zone of gyro {AXES[axis]}", 0.05 + 0.05 * axis)
-            found[int(axis)] = zone(report.rates[:, axis], parts, sigma)
-        tell("outliers", 0.2)
+            found[axis] = zone(report.rates[:, axis], parts, sigma)
+        tell("quiet samples", 0.2)
         report.zones = {axis: one for axis, one in found.items() if one is not None}
         # The jumps at the edges of a zone are neither noise nor motion; of readings beside zeros, some were made zeros.
         used = used & ~_near_edges(report) & ~_near_zeros(recording, used, coarse, steps, sigma)
         still = used & quiet(report.rates, local)
+        tell("outliers", 0.25)
         spikes(report, recording, still, used, local, np.where(coarse, steps, 0.0))
         report.lines = lines(report, recording, still, used, lambda text, share: tell(text, 0.3 + 0.35 * share))
         tell("noise level", 0.65)
