@@ -5,13 +5,14 @@ The score of an explanation is how much less likely it is than the likeliest,
     s_k = 1 − p_k / max_j p_j,
 
 zero for the likeliest and one for what the posterior does not hold at all. Of n recordings with known truth, those of the
-setting part of the validation, the ⌈(n + 1) 0.9⌉-th smallest score of the truth is the threshold τ, and the set of a new
-recording is {k : s_k ≤ τ}, never empty. It covers the truth with a probability of at least 0.9 if that recording is
-exchangeable with the n (Vovk, Gammerman and Shafer, Algorithmic Learning in a Random World, 2005), and at most 0.9 + 1/(n + 1)
-more than ties allow. Ratios of probabilities make shorter sets than the sum of all that are likelier, which one clear answer
-and many small probabilities beside it fill up; on sets of least size see Sadinle, Lei and Wasserman (Journal of the American
-Statistical Association 114, 2019). An explanation with anything unlisted in it is ``unknown``, a member like any other; so is
-``none``.
+setting part of the validation, the k-th smallest score of the truth is the threshold τ, and the set of a new recording is
+{k : s_k ≤ τ}, never empty. If that recording is exchangeable with the n, the coverage of τ is distributed as the k-th smallest
+of n uniform numbers (Vovk, Gammerman and Shafer, Algorithmic Learning in a Random World, 2005). It is 0.9 on average for
+k = ⌈(n + 1) 0.9⌉, and then as often below 0.9 as above. People live with one τ: k is the smallest number for which the coverage
+is at least 0.9 with a confidence of 95 %, P(B(n, 0.9) < k) ≥ 0.95 (Vovk, Machine Learning 92, 2013, proposition 2a). Ratios of
+probabilities make shorter sets than the sum of all that are likelier, which one clear answer and many small probabilities fill
+up; on sets of least size see Sadinle, Lei and Wasserman (Journal of the American Statistical Association 114, 2019). An
+explanation with anything unlisted in it is ``unknown``, a member like any other; so is ``none``.
 """
 
 from __future__ import annotations
@@ -19,11 +20,13 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Sequence
 
+import scipy.stats
+
 Posterior = Sequence[tuple[Sequence[str], float]]
 
 UNKNOWN, NONE = "unknown", "none"
 MISSING = 1.0  # score of an explanation that the posterior does not hold
-COVERED = 0.9
+COVERED, CONFIDENCE = 0.9, 0.95
 
 
 def name_of(labels: Iterable[str]) -> str:
@@ -48,7 +51,7 @@ def score(posterior: Posterior, truth: Iterable[str]) -> float:
 
 def threshold(truths: Sequence[float], level: float = COVERED) -> float:
     """The threshold τ from the scores of the truth of n recordings; infinite where they are too few."""
-    rank = math.ceil((len(truths) + 1) * level)
+    rank = int(scipy.stats.binom.ppf(CONFIDENCE, len(truths), level)) + 1
     return sorted(truths)[rank - 1] if rank <= len(truths) else math.inf
 
 

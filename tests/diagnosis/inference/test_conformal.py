@@ -29,9 +29,15 @@ def test_one_clear_answer_is_alone_beside_many_small_ones():
     assert conformal_set(many, 0.8) == ("a",)
 
 
-def test_threshold_is_the_corrected_quantile():
-    assert threshold([0.1 * k for k in range(1, 10)]) == pytest.approx(0.9)  # ⌈10 · 0.9⌉ = 9 of 9
-    assert threshold([0.5] * 8) == math.inf  # too few for nine of ten
+def test_threshold_is_the_score_that_covers_with_confidence():
+    assert threshold([0.01 * k for k in range(1, 30)]) == pytest.approx(0.29)  # 0.9²⁹ < 0.05: the largest of 29
+    assert threshold([0.5] * 28) == math.inf  # too few for nine of ten with 95 % confidence
+
+
+def test_the_coverage_is_at_least_that_asked_for_with_the_confidence_stated():
+    """Of uniform scores the coverage is the threshold itself; of 299 of them it is below 0.9 in 5 % of the draws, at most."""
+    limits = np.array([threshold(scores) for scores in np.random.default_rng(4).random((2000, 299)).tolist()])
+    assert 0.03 < np.mean(limits < 0.9) < 0.05 + 3 * np.sqrt(0.05 * 0.95 / 2000)
 
 
 @pytest.mark.parametrize("sharpness", [1.0, 3.0])
