@@ -133,6 +133,32 @@ EVIDENCE = [
         [("steady changes are taken for jumps", "out[JUMPS] = 1 / _geary(", "out[JUMPS] = _geary(")],
     ),
     *of(
+        "diagnosis/inference/check_statistics.py",
+        f"{INFERENCE}test_checks.py::test_an_error_that_repeats_with_the_angle_turned_is_seen_whatever_the_times",
+        [("cycles in a turn are counted in time", "np.outer(CYCLES, angle))", "np.outer(CYCLES, layout.since_s))")],
+    ),
+    *of(
+        "diagnosis/inference/conformal.py",
+        f"{INFERENCE}test_conformal.py",
+        [("the coverage is that asked for on average only", "binom.ppf(CONFIDENCE,", "binom.ppf(0.5,")],
+    ),
+    *of(
+        "diagnosis/detectors/noise_structure.py",
+        "tests/diagnosis/detectors/test_noise_structure.py",
+        [
+            (
+                "a body that shakes as fast as it is sampled has noise that swells",
+                "np.abs(np.fft.rfft(windows, axis=1)[:, fast]) ** 2 / ",
+                "np.abs(np.fft.rfft(windows, axis=1)[:, fast]) ** 0 / ",
+            )
+        ],
+    ),
+    *of(
+        "diagnosis/inference/attribution.py",
+        f"{INFERENCE}test_attribution.py",
+        [("a swing is as free as a process", "settings.swing_imitation if", "settings.free_imitation if")],
+    ),
+    *of(
         "diagnosis/inference/few_jumps.py",
         f"{INFERENCE}test_few_jumps.py",
         [
