@@ -138,11 +138,6 @@ EVIDENCE = [
         [("cycles in a turn are counted in time", "np.outer(CYCLES, angle))", "np.outer(CYCLES, layout.since_s))")],
     ),
     *of(
-        "diagnosis/inference/conformal.py",
-        f"{INFERENCE}test_conformal.py",
-        [("the coverage is that asked for on average only", "binom.ppf(CONFIDENCE,", "binom.ppf(0.5,")],
-    ),
-    *of(
         "diagnosis/detectors/noise_structure.py",
         "tests/diagnosis/detectors/test_noise_structure.py",
         [
@@ -209,7 +204,7 @@ ANSWER = [
     *of(
         "diagnosis/inference/conformal.py",
         f"{INFERENCE}test_conformal.py",
-        [("the quantile is not corrected", "math.ceil((len(truths) + 1) * level)", "math.ceil(len(truths) * level)")],
+        [("the coverage is that asked for on average only", "binom.ppf(CONFIDENCE,", "binom.ppf(0.5,")],
     ),
     *of(
         "diagnosis/inference/closure.py",
