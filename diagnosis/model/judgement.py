@@ -20,6 +20,7 @@ from diagnosis.detectors.report import SampleReport
 from diagnosis.detectors.samples import smoothed_rates
 from diagnosis.model.at_work import AtWork, without
 from diagnosis.model.baseline import baseline
+from diagnosis.model.in_progress import steps_at_references
 from diagnosis.model.lines import judged_lines
 from diagnosis.model.motion import with_motion
 from diagnosis.model.recording import RecordingModel
@@ -219,14 +220,13 @@ def _reference_noise(
         hidden = np.repeat(np.asarray(silent).any(axis=1).reshape(-1, 1), 3, axis=1)
         found = reference_noise(series_of(model, sensor), axes**2 @ density, recording.gyro.t_s, hidden, settings)
         return found if found is not None and not blind and alike(found) else None
-    times = model.references.t_s
     series = ReferenceSeries(
-        t_s=times,
+        t_s=model.references.t_s,
         interval=model.interval_of_reference,
         sigma=recording.attitudes.sigma[model.reference_rows],
         to_inertial=model.at_reference,
         residuals=model.residuals,
-        rates=model.rates[np.clip(np.searchsorted(model.t_s, times), 0, model.t_s.size - 1)],
+        rates=model.rates[steps_at_references(model)],
     )
     noise = reference_noise(series, density, recording.gyro.t_s, silent, settings)
     if noise is not None and noise.odd:

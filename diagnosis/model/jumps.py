@@ -12,6 +12,7 @@ from diagnosis.inference.checks import Check
 from diagnosis.inference.evidence import log_bayes
 from diagnosis.inference.few_jumps import log_evidence
 from diagnosis.inference.search import Search
+from diagnosis.model.in_progress import steps_at
 from diagnosis.model.linear import LinearModel, Member
 from diagnosis.model.recording import RecordingModel
 from diagnosis.model.steps import Left
@@ -39,8 +40,8 @@ def step_columns(model: RecordingModel, axis: int, on_references: bool) -> Array
 def place_weights(model: RecordingModel, on_references: bool) -> Array:
     """(c,) prior of a step at each place: half of it even, the rest as the body turns there and as its rate changes."""
     if on_references:
-        at = np.clip(np.searchsorted(model.t_s, model.observation_t_s), 0, model.t_s.size - 1)
-        rates, interval = model.rates[at], model.observation_block
+        interval = model.observation_block
+        rates = model.rates[steps_at(model, model.observation_t_s, interval)]
     else:
         rates, interval = _cell_rates(model), model.cells.interval
     change = np.zeros(len(rates))

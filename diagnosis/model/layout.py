@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from diagnosis.inference.check_statistics import Layout
+from diagnosis.model.in_progress import steps_at
 from diagnosis.model.recording import RecordingModel
 
 Array = NDArray[np.float64]
@@ -27,7 +28,7 @@ def layout(model: RecordingModel) -> Layout:
     """Times, intervals, body axes, and what the observations may depend on."""
     t_s, interval = model.observation_t_s, model.observation_block
     begins = np.array([model.t_s[block.steps.start] for block in model.blocks])
-    place = np.clip(np.searchsorted(model.t_s, t_s), 0, model.t_s.size - 1)
+    place = steps_at(model, t_s, interval)
     rates, before = _rates_beside(model, model.rates[place])
     # The change of the rate since the observation before is what an error of timing follows.
     change = rates - np.vstack([rates[:1], before[:-1]])

@@ -28,6 +28,7 @@ from numpy.typing import NDArray
 
 from diagnosis.answer import Finding
 from diagnosis.inference.checks import Check
+from diagnosis.model.in_progress import steps_at_references
 from diagnosis.model.recording import RANK, RecordingModel, parameter_errors
 from gyrocal.compiled import compiled
 from gyrocal.small_matrices import root, under
@@ -163,9 +164,10 @@ def basis(columns: Array) -> Array:
 
 def _motion(model: RecordingModel) -> Array:
     """(m, 9) rate, its size, and its change about each axis at every reference."""
-    step = np.clip(np.searchsorted(model.t_s, model.references.t_s), 0, model.t_s.size - 1)
+    step = steps_at_references(model)
+    first, last = np.array([(block.steps.start, block.steps.stop - 1) for block in model.blocks])[model.interval_of_reference].T
     rates = model.rates[step]
-    change = model.rates[np.minimum(step + 1, model.t_s.size - 1)] - model.rates[np.maximum(step - 1, 0)]
+    change = model.rates[np.minimum(step + 1, last)] - model.rates[np.maximum(step - 1, first)]
     return np.column_stack([rates, np.abs(rates), change])
 
 

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from diagnosis.detectors.reference_noise import ReferenceNoise, ReferenceSeries
+from diagnosis.model.in_progress import steps_at
 from diagnosis.model.recording import RecordingModel
 
 Array = NDArray[np.float64]
@@ -27,7 +28,7 @@ def series_of(model: RecordingModel, sensor: int) -> ReferenceSeries:
     own = own[np.lexsort((attitudes.t_s[model.reference_rows[own]], model.interval_of_reference[own]))]
     interval, to_inertial = model.interval_of_reference[own], model.at_reference[own] @ attitudes.sensors[sensor].M.T
     times = attitudes.t_s[model.reference_rows[own]]
-    rates = model.rates[np.clip(np.searchsorted(model.t_s, times), 0, model.t_s.size - 1)]
+    rates = model.rates[steps_at(model, times, interval)]
     kept = _steady(rates, interval)
     residuals = _without_turn(model.residuals[own], to_inertial, interval)
     sigma = attitudes.sigma[model.reference_rows[own]]

@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 
 from diagnosis.model import unlisted_physics
 from diagnosis.model.bins import AXES, Bins, Family, binned, observed, on_references, several, unit
+from diagnosis.model.in_progress import steps_at_references
 from diagnosis.model.recording import RecordingModel
 
 Array = NDArray[np.float64]
@@ -130,7 +131,7 @@ def _on_references(model: RecordingModel) -> Iterator[Family]:
     begin = np.array([model.t_s[block.steps.start] for block in model.blocks])
     since = t - begin[model.interval_of_reference][:, None]
     orbit = model.stream.orbit_period_s
-    w = np.concatenate([model.rates[_step_at(model, number)] for number in range(len(model.blocks))])
+    w = model.rates[steps_at_references(model)]
     groups: list[tuple[str, list[Array]]] = [
         ("references run with the time since an interval's start", [since, *(np.exp(-since / tau) for tau in WARM_UP[1:])]),
         ("references drift with mission time", [t - t.mean()]),
@@ -142,12 +143,6 @@ def _on_references(model: RecordingModel) -> Iterator[Family]:
         groups.append(("references at a higher harmonic of the orbit rate", [_wave(t, orbit / k) for k in (3, 4, 6)]))
     for name, options in groups:
         yield from on_references(model, name, options)
-
-
-def _step_at(model: RecordingModel, number: int) -> NDArray[np.intp]:
-    """Step in progress at each reference of a block."""
-    block = model.blocks[number]
-    return np.minimum(block.ends + block.steps.start, block.steps.stop - 1)
 
 
 def _directions(forward: NDArray[np.str_]) -> list[Array]:

@@ -24,6 +24,7 @@ import scipy.signal
 from numpy.typing import NDArray
 
 from diagnosis.model.bins import Bins, Family, on_references, several
+from diagnosis.model.in_progress import bins_at_references, steps_at_references
 from diagnosis.model.recording import RecordingModel
 
 Array = NDArray[np.float64]
@@ -141,9 +142,9 @@ def _of_references(model: RecordingModel, bins: Bins) -> Iterator[Family]:
     directions += [second_harmonics(A[:, axis]) for axis in range(3)]
     if np.isfinite(orbit):  # as the velocity, whose aberration it is
         directions += [_turning(A[:, axis], t_s, orbit, 1) for axis in range(3)]
-    place = np.clip(np.searchsorted(model.t_s, t_s), 0, model.t_s.size - 1)
+    place = steps_at_references(model)
     known = [(values - values.mean())[place, None] for values in model.stream.housekeeping.values()]
-    now = np.clip(np.searchsorted(bins.t_s, t_s), 0, bins.t_s.size - 1)
+    now = bins_at_references(model, bins)
     loads = [one[now] for axis in range(3) for one in (_last_sign(bins.rates[:, axis], bins), bins.acceleration[:, [axis]])]
     past = [_low_pass(rates, bins, memory)[now] for memory in MEMORY for rates in (bins.rates, np.abs(bins.rates))]
     for name, options in (

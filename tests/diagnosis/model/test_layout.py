@@ -10,7 +10,7 @@ from diagnosis.model.candidates import linear_model
 from diagnosis.model.layout import layout, turned
 from diagnosis.model.prepare import prepare
 from simulator.effects import EFFECTS
-from tests.diagnosis.recordings import of_rates
+from tests.diagnosis.recordings import of_rates, prepared
 
 RATE = slice(0, 3)
 CHANGE = slice(6, 9)
@@ -50,9 +50,13 @@ def test_noise_that_is_read_as_a_rate_is_no_dependence_on_it(seed):
 
 
 def test_the_angle_turned_begins_anew_with_each_interval():
-    model = prepare(resting(0)).model
-    own = model.blocks[0].steps
-    angle = turned(model)[own]
-    np.testing.assert_allclose(np.diff(angle, axis=0), (model.rates * model.dt[:, None])[own][1:], atol=1e-12)
-    assert all((turned(model)[block.steps.start] == 0).all() for block in model.blocks)
-    np.testing.assert_allclose(layout(model).turned[-1], angle[-1], atol=1e-6)
+    model = prepared(1).model
+    angle, steps = turned(model), model.rates * model.dt[:, None]
+    assert len(model.blocks) > 1
+    for block in model.blocks:
+        np.testing.assert_allclose(
+            angle[block.steps], np.cumsum(steps[block.steps], axis=0) - steps[block.steps][:1], atol=1e-9
+        )
+    last = np.flatnonzero(np.append(np.diff(model.observation_block) != 0, True))
+    ends = [block.steps.stop - 1 for block in model.blocks]
+    np.testing.assert_allclose(layout(model).turned[last], angle[ends], atol=2 * np.abs(steps).max())
