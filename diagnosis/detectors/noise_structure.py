@@ -5,9 +5,9 @@ gyros are independent, so that their correlation coefficient over n differences 
 their squared autocorrelations; and their mean square is the same in every interval, at rest and in motion.
 
 A motion that is not slow beside the sampling would pass for noise. It leaves far less in differences of the tenth order: parts
-in which the two orders disagree are not compared, nor are those in which a line shows that the body shakes nearly as fast as it
-is sampled, of which both orders may hold as much. Both are of the same samples, so that white noise makes their mean squares,
-scaled to the noise of one sample, differ little: by the variance (2/n) (Σρ_aa² + Σρ_bb² − 2 Σρ_ab²) of its square.
+in which the two orders disagree are not compared. Both are of the same samples, so that white noise makes their mean squares,
+scaled to the noise of one sample, differ little: by the variance (2/n) (Σρ_aa² + Σρ_bb² − 2 Σρ_ab²) of its square. Of a body
+that shakes nearly as fast as it is sampled both orders may hold as much; windows in which a line shows that are left out.
 
 Noise that swells and falls within the intervals shows in short windows of n differences each. Of their mean squares the
 logarithm has the variance 2 Σρ²/n, and that of the squared medians of absolute values twice as much, nearly
@@ -83,8 +83,7 @@ TRIM = 5.0  # robust sigmas beyond which a difference does not count
 FEWEST = 400  # differences of a part, below which it is not compared
 EFFICIENCY = 0.37  # of the median of absolute values, for the scale of normal noise
 FAST = 0.7  # of half the rate of the samples, above which a line counts in differences of the sixth order
-RINGING = 1e-3  # p-value of such a line, below which a window shows a motion
-SELDOM = 0.02  # of the windows of a part, below which it rings by chance
+RINGING = 1e-3  # p-value of such a line, below which a window is left out: one in a thousand of white noise
 WINDOWS = 12  # of an axis, below which nothing is said of how they scatter
 NOTABLE = 0.05  # relative difference of the variance that matters
 SPOILT = 3.0  # log odds of a dead zone, from which on the noise comes and goes with it
@@ -133,7 +132,7 @@ def constancy(report: SampleReport, recording: Recording, used: Mask) -> None:
         z, higher = (differences[order][:, axis] for order in (ORDER, HIGHER))
         if z.size < 2 * FEWEST or not np.any(z):
             continue
-        kept = np.abs(z) < 2 * TRIM * float(np.median(np.abs(z))) / 0.6745
+        kept = (np.abs(z) < 2 * TRIM * float(np.median(np.abs(z))) / 0.6745) & ~_ringing(z, owner)
         parts = [kept & fast, kept & ~fast, *(kept & (owner == number) for number in np.unique(owner))]
         groups = [part for part in parts if part.sum() >= FEWEST and _at_rest(z[part], higher[part])]
         p, ratio, count = _least(z, higher, kept, groups)
@@ -166,10 +165,8 @@ def _scaled(rates: Array, place: NDArray[np.intp], order: int) -> Array:
 
 
 def _at_rest(z: Array, higher: Array) -> bool:
-    """Whether differences of both orders show the same noise, so that no motion is left in them."""
-    windows = z[: z.size // FEWEST * FEWEST].reshape(-1, FEWEST)
-    alike = agree(np.mean(z**2), np.mean(higher**2), (ORDER, HIGHER), z.size)
-    return bool(alike and np.mean(_ringing(windows)) < SELDOM)
+    """Whether differences of both orders show the same noise, so that no motion is left in the lower one."""
+    return bool(agree(np.mean(z**2), np.mean(higher**2), (ORDER, HIGHER), z.size))
 
 
 def _windows(z: Array, higher: Array, kept: Mask, owner: NDArray[np.intp]) -> Array:
@@ -184,24 +181,33 @@ def _windows(z: Array, higher: Array, kept: Mask, owner: NDArray[np.intp]) -> Ar
         sizes = np.sort(np.where(there, np.abs(z[windows]), np.inf), axis=1)  # those that do not count are last
         each = np.arange(count.size)
         middle = 0.5 * (sizes[each, np.maximum(count - 1, 0) // 2] + sizes[each, np.minimum(count // 2, FEWEST - 1)])
-        good = (count > 0.9 * FEWEST) & agree(low, high, (ORDER, HIGHER), count) & (middle > 0) & ~_ringing(z[windows])
+        good = (count > 0.9 * FEWEST) & agree(low, high, (ORDER, HIGHER), count) & (middle > 0)
         logs = np.full((count.size, 2), np.nan)
         logs[good] = np.column_stack([np.log(low[good]), 2 * np.log(middle[good])])
         found += [logs, np.full((1, 2), np.nan)]  # the next interval is no neighbour
     return np.concatenate(found)
 
 
-def _ringing(windows: Array) -> Mask:
-    """Whether differences of sixth order in windows (w, n) have a line near half the rate of the samples.
+def _ringing(z: Array, owner: NDArray[np.intp]) -> Mask:
+    """(n,) differences of sixth order in windows of an interval that have a line near half the rate of the samples.
 
     A body that shakes so fast leaves as much in differences of either order, but no white noise (Fisher's test of the largest
-    ordinate of a periodogram).
+    ordinate of a periodogram). The last window of an interval ends with it.
     """
-    half_turn = np.pi * np.fft.rfftfreq(windows.shape[1])
+    out = np.zeros(z.size, dtype=bool)
+    half_turn = np.pi * np.fft.rfftfreq(FEWEST)
     fast = half_turn > 0.5 * np.pi * FAST
-    power = np.abs(np.fft.rfft(windows, axis=1)[:, fast]) ** 2 / (2 * np.sin(half_turn[fast])) ** (2 * ORDER)
-    share = power.max(axis=1) / np.maximum(power.sum(axis=1), 1e-300)
-    return np.asarray(fast.sum() * (1 - share) ** (fast.sum() - 1.0) < RINGING)
+    gain = (2 * np.sin(half_turn[fast])) ** (2 * ORDER)
+    for number in np.unique(owner):
+        own = np.flatnonzero(owner == number)
+        begins = np.arange(0, own.size - FEWEST + 1, FEWEST)
+        if not begins.size:
+            continue
+        windows = own[np.union1d(begins, own.size - FEWEST)[:, None] + np.arange(FEWEST)]
+        power = np.abs(np.fft.rfft(z[windows], axis=1)[:, fast]) ** 2 / gain
+        share = power.max(axis=1) / np.maximum(power.sum(axis=1), 1e-300)
+        out[windows[gain.size * (1 - share) ** (gain.size - 1.0) < RINGING]] = True
+    return out
 
 
 def _swells(logs: Array) -> tuple[float, float]:

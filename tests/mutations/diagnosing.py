@@ -143,8 +143,8 @@ EVIDENCE = [
         [
             (
                 "a body that shakes as fast as it is sampled has noise that swells",
-                "np.abs(np.fft.rfft(windows, axis=1)[:, fast]) ** 2 / ",
-                "np.abs(np.fft.rfft(windows, axis=1)[:, fast]) ** 0 / ",
+                "np.abs(np.fft.rfft(z[windows], axis=1)[:, fast]) ** 2 / ",
+                "np.abs(np.fft.rfft(z[windows], axis=1)[:, fast]) ** 0 / ",
             )
         ],
     ),
