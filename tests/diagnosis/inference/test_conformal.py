@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 import pytest
+import scipy.stats
 
 from diagnosis.inference.conformal import conformal_set, name_of, score, scores, threshold
 
@@ -35,9 +36,12 @@ def test_threshold_is_the_score_that_covers_with_confidence():
 
 
 def test_the_coverage_is_at_least_that_asked_for_with_the_confidence_stated():
-    """Of uniform scores the coverage is the threshold itself; of 299 of them it is below 0.9 in 5 % of the draws, at most."""
-    limits = np.array([threshold(scores) for scores in np.random.default_rng(4).random((2000, 299)).tolist()])
-    assert 0.03 < np.mean(limits < 0.9) < 0.05 + 3 * np.sqrt(0.05 * 0.95 / 2000)
+    """Of n uniform scores the coverage is the threshold itself, the k-th smallest: below 0.9 if at least k of them are."""
+    count, draws = 299, 2000
+    rank = next(k for k in range(1, count + 1) if scipy.stats.binom.sf(k - 1, count, 0.9) <= 0.05)
+    chance = scipy.stats.binom.sf(rank - 1, count, 0.9)
+    limits = np.array([threshold(scores) for scores in np.random.default_rng(4).random((draws, count)).tolist()])
+    assert np.mean(limits < 0.9) == pytest.approx(chance, abs=4 * np.sqrt(chance * (1 - chance) / draws))
 
 
 @pytest.mark.parametrize("sharpness", [1.0, 3.0])

@@ -41,7 +41,7 @@ from simulator.scenario import load, override
 from simulator.simulate import motion, observe
 from simulator.streams import generator
 
-SEEDS = 16
+SEEDS = 24
 NULLS = 4  # sets of draws of M0, which the simulated recordings take in turn
 CHECKED = ("bias_drift:z", "scale_asymmetry:z", "reference_orbital:x")
 
