@@ -282,6 +282,17 @@ SAMPLES = [
             )
         ],
     ),
+    *of(
+        "diagnosis/model/in_progress.py",
+        "tests/diagnosis/model/test_in_progress.py",
+        [
+            (
+                "what is in progress at the end of an interval is of the next one",
+                "first[interval], stop[interval] - 1",
+                "0, middle_s.size - 1",
+            )
+        ],
+    ),
 ]
 
 FAULTS = [*THRESHOLDS, *EVIDENCE, *ANSWER, *SAMPLES]
