@@ -73,7 +73,8 @@ class DeadZoneEvidence:
     crossed : whether the motion crosses the edge, so that `alive` is the half width
     usual : usual size of the slow raw rates of this axis, rad/s
     expected : (n,) rate that may be missing in each sample, in usual rates
-    passed : whether the motion was seen to pass through the zone
+    passes : shapes (n,) of what is missing where the motion was seen to pass through the zone: the rate to expect, in half
+        widths, the share of a rest's rate, and how the first changes with the log of the time that it takes; else none
     silence : (n,) probability that a sample holds no rate, where that is known for less than certain
     """
 
@@ -84,8 +85,13 @@ class DeadZoneEvidence:
     crossed: bool
     usual: float
     expected: Array
-    passed: bool = False
+    passes: tuple[Array, ...] = ()
     silence: Array | None = None
+
+    @property
+    def passed(self) -> bool:
+        """Whether the motion was seen to pass through the zone."""
+        return bool(self.passes)
 
     def strict(self) -> DeadZoneEvidence:
         """The same with a rate missing only where the gyro is silent, not wherever it reads little."""
@@ -128,11 +134,13 @@ def of_passes(axis: int, found: Zone) -> DeadZoneEvidence | None:
     """What one gyro shows where the motion passes through its zone; None if that is next to nothing."""
     if found.log_odds < SEEN:
         return None
-    part = np.full(found.dead.size, -1, dtype=np.int16)
-    for number, (low, high) in enumerate(sorted(runs(found.dead), key=lambda run: run[0] - run[1])):
+    course = found.course
+    part = np.full(course.dead.size, -1, dtype=np.int16)
+    for number, (low, high) in enumerate(sorted(runs(course.dead), key=lambda run: run[0] - run[1])):
         part[low:high] = min(number, MOST_PARTS)
     size = found.half_width
-    return DeadZoneEvidence(axis, part, min(found.log_odds, MOST_ODDS), size, True, size, found.expected / size, True)
+    shapes = course.expected / size, course.resting, course.slower / size
+    return DeadZoneEvidence(axis, part, min(found.log_odds, MOST_ODDS), size, True, size, shapes[0], shapes)
 
 
 def of_zero_samples(recording: Recording, axis: int, smallest: float, usual: float) -> DeadZoneEvidence | None:

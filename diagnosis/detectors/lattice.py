@@ -30,8 +30,12 @@ REACH = 10  # steps on either side of zero in which f is tabulated
 LEAST_SLOPE = 0.15  # of f, below which nothing more can be said of the rate
 HIDDEN = 0.3  # slope of f below which a reading hides the rate
 SPREAD = 0.45  # noise over step, above which rounding does nothing to a mean
+LAGS = (1, 2, 4, 8)  # samples to either side of a reading near zero, in which the rate may sweep through it
+SWEEP = 12  # steps between those on either side, from which on it does
+EVENLY = 0.35  # of them, by which the two may differ in how far they are off zero, and that are passed in half the time
 FEWEST = 12  # readings near zero in a sweep that can tell cut from rounded
 ODDS = 3.0  # log odds that do
+DECIDED = 8.0  # log odds from which on nothing else is asked
 ABOUT_ZERO = 3  # steps on either side of zero that are compared with it, where the noise spans many more
 TWICE = 1.15  # share of those readings that are zero, over that of cut ones, beyond which something else makes them zero
 FINE = 5.0  # noise over step, above which the stairs of cut readings are lost in it
@@ -59,15 +63,28 @@ def lattice_step(x: Array) -> float:
 def sweep_odds(x: Array, step: float) -> float:
     """log odds of cut against rounded readings from how many are zero while the rate sweeps through it.
 
-    Of the three bins about zero that of zero holds a third if readings are rounded, and half if they are cut.
+    Of the three bins about zero that of zero holds a third if readings are rounded, and half if they are cut. That is so where
+    the rate goes through them at an even pace: where it comes from as far on one side as it goes to on the other, and half as
+    far in half the time. A body that rests for some samples, or turns round there, is in the middle one for another reason.
     """
     counts = np.round(x / step)
-    sweeping = (np.abs(counts - np.roll(counts, 8)) > 12) & (np.abs(np.roll(counts, -8) - counts) > 12)
-    near = int((sweeping & (np.abs(counts) <= 1)).sum())
-    zero = int((sweeping & (counts == 0)).sum())
-    if near < FEWEST:
+    near = np.flatnonzero(np.abs(counts) <= 1)
+    asked = np.ones(near.size, dtype=bool)
+    through = np.zeros(near.size, dtype=bool)
+    halfway = np.full(near.size, np.inf)
+    for lag in LAGS:
+        # The smallest lag at which both sides are far tells.
+        inside = (near >= lag) & (near + lag < counts.size)
+        before, after = counts[np.maximum(near - lag, 0)], counts[np.minimum(near + lag, counts.size - 1)]
+        change = np.abs(after - before)
+        far = asked & inside & (change > SWEEP)
+        through |= far & (before * after < 0) & (np.abs(before + after) < EVENLY * change) & (halfway > EVENLY * change)
+        asked &= ~far
+        halfway = change
+    near_zero, zero = int(through.sum()), int((through & (counts[near] == 0)).sum())
+    if near_zero < FEWEST:
         return 0.0
-    return float(scipy.stats.binom.logpmf(zero, near, 1 / 2) - scipy.stats.binom.logpmf(zero, near, 1 / 3))
+    return float(scipy.stats.binom.logpmf(zero, near_zero, 1 / 2) - scipy.stats.binom.logpmf(zero, near_zero, 1 / 3))
 
 
 def zero_odds(x: Array, step: float) -> float:

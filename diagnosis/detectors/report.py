@@ -108,7 +108,7 @@ class SampleReport:
     vibrations : of these, those that are none of the body's motions and are taken out of the rates
     motions, unconfirmed : those that are motions of the body as the references see, and those that are taken for such
     event_p, line_p : p-values below which a test of the samples speaks, and below which a line is one
-    undecided : readings lie on a lattice, and the samples do not say whether rounded or cut
+    cut_odds : log odds that readings on a lattice were cut and not rounded, where the samples leave that open
     """
 
     tests: list[SampleTest]
@@ -126,7 +126,7 @@ class SampleReport:
     unconfirmed: list[Line] = field(default_factory=list)
     event_p: float = DEFAULT.sample_event
     line_p: float = DEFAULT.line
-    undecided: bool = False
+    cut_odds: float | None = None
     zones: dict[int, Zone] = field(default_factory=dict)
     hidden: Mask = field(default_factory=lambda: np.zeros(3, dtype=bool))
     lattice: Mask = field(default_factory=lambda: np.zeros(3, dtype=bool))

@@ -18,7 +18,7 @@ from diagnosis.detectors.clipping import saturation
 from diagnosis.detectors.copied_samples import copied_samples
 from diagnosis.detectors.denoised import denoised
 from diagnosis.detectors.gap_interpolation import filled, runs
-from diagnosis.detectors.lattice import ODDS, Kind, lattice_step, sweep_odds, undone, zero_odds
+from diagnosis.detectors.lattice import DECIDED, ODDS, Kind, lattice_step, sweep_odds, undone, zero_odds
 from diagnosis.detectors.likeness import of_runs
 from diagnosis.detectors.noise_patterns import patterns
 from diagnosis.detectors.noise_structure import constancy, together
@@ -88,7 +88,9 @@ def examine(
     worth = ~coarse & (sigma > 0) & (0.5 * steps * np.sqrt(used.sum()) > WORTH * sigma)
     odds = _cut_odds(gyro.rates[used], steps, coarse, worth)
     coarse = coarse | (worth & (odds > CLEARLY))
-    report.undecided = bool(coarse.any()) and lattice is None and float(np.abs(odds).max()) < ODDS
+    strongest = float(odds[np.argmax(np.abs(odds))])
+    if coarse.any() and lattice is None and abs(strongest) < DECIDED:
+        report.cut_odds = strongest
     cut = coarse & (odds > ODDS if lattice is None else lattice == "cut")
     report.lattice = steps > HIDING * sigma
     _quantization(report, steps, coarse, cut)
@@ -139,7 +141,7 @@ def _near_edges(report: SampleReport) -> Mask:
     jumps = np.zeros(report.clipped.size, dtype=bool)
     for one in report.zones.values():
         if one.log_odds > CERTAIN:
-            jumps[1:] |= np.diff(one.dead)
+            jumps[1:] |= np.diff(one.course.dead)
     return np.asarray(scipy.ndimage.binary_dilation(jumps, iterations=BESIDE)) if jumps.any() else jumps
 
 

@@ -27,7 +27,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import betaln, gammaln, logsumexp, xlog1py, xlogy
 
-from diagnosis.detectors.gap_interpolation import runs
+from diagnosis.detectors.hidden_course import Course, course
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
@@ -47,7 +47,6 @@ DISPERSIONS = (2.0, 20.0)  # shape of the negative binomial
 ODD = 0.03  # share of odd passes, of a real motion or of a zone
 LOUD = 4.0  # sigmas of a window in the core, beyond which it reads a rate
 STEPS, CERTAIN = 3.0, 3.0  # mean steps and sigmas of a window, within which the first one outside is at the edge
-DIPPED = 0.6  # mean rate of a motion that comes back to the edge where it went in, in half widths
 EDGES = (0.5, 1.7)  # half widths within which the edge lies of one that was found
 FEWEST_WINDOWS = 8  # of an interval
 
@@ -60,14 +59,12 @@ class Zone:
     ----------
     half_width : rad/s
     log_odds : in its favour
-    dead : (n,) samples in it
-    expected : (n,) the rate that the readings before and after lead one to expect there, rad/s; zero elsewhere
+    course : samples in it, and what the readings before and after lead one to expect there
     """
 
     half_width: float
     log_odds: float
-    dead: NDArray[np.bool_]
-    expected: Array
+    course: Course
 
 
 def zone(x: Array, parts: Sequence[slice], noise: float) -> Zone | None:
@@ -93,8 +90,7 @@ def zone(x: Array, parts: Sequence[slice], noise: float) -> Zone | None:
         return None
     best = int(np.argmax(odds))
     size = _edge(sums, float(tried[best]), noise, float(widths[best]))
-    dead, expected = _inside(x, parts, size, noise)
-    return Zone(size, log_odds, dead, expected)
+    return Zone(size, log_odds, course(x, parts, size, _window(size, noise), 0.5 * (CORE + HOLE)))
 
 
 def _window(size: float, noise: float) -> int:
@@ -238,23 +234,3 @@ def _ends(level: Indices, far: int) -> tuple[Indices, Indices]:
     ends = np.flatnonzero((level == 0) | (level == far))
     change = np.flatnonzero(np.diff(level[ends]) != 0)
     return ends[change], ends[change + 1]
-
-
-def _inside(x: Array, parts: Sequence[slice], size: float, noise: float) -> tuple[NDArray[np.bool_], Array]:
-    """Samples in the zone, and the rate to expect there.
-
-    From one edge to the other that is a straight line; a rate that comes back to the edge it went in by went some way down.
-    """
-    count = _window(size, noise)
-    dead, expected = np.zeros(x.size, dtype=bool), np.zeros(x.size)
-    for part in parts:
-        own = x[part]
-        u = own[: own.size // count * count].reshape(-1, count).mean(axis=1) / size
-        for a, b in runs(np.abs(u) < 0.5 * (CORE + HOLE)):
-            low, high = a * count, b * count if b < u.size else own.size
-            dead[part.start + low : part.start + high] = True
-            if a and b < u.size:
-                entry, exit_ = np.sign([u[a - 1], u[b]]) * size
-                between = np.linspace(entry, exit_, high - low) if entry != exit_ else DIPPED * entry
-                expected[part.start + low : part.start + high] = between
-    return dead, expected

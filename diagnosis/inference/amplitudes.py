@@ -26,6 +26,7 @@ Array = NDArray[np.float64]
 FINE_SIZES = 200  # of a random process
 REACH = 6.0  # of that grid to either side of the likeliest scale, as a factor
 NEGLIGIBLE = 1e-6  # probability of an option below which it is left out
+STEP = 1e-3  # of their sigmas, by which amplitudes are changed to see how the size does
 TIME = "time_s"
 TIME_WIDTH = "time_sigma_s"  # of an option: what is not known of its own time
 PERIOD = "period_s"
@@ -108,7 +109,7 @@ def _one(search: Search, members: tuple[Member, ...], place: int) -> Fitted:
             parts = _in_phase([weights[k] for k in alike], parts, alike.index(member.option))
         values, spread = _mixture(weights[alike] / weights[alike].sum(), *zip(*parts, strict=True))
         size, more = entry.read(values)
-        sigma = float(np.hypot(_length_sigma(values, spread), entry.size_sigma(size)))
+        sigma = float(np.hypot(_read_sigma(entry, values, spread), entry.size_sigma(size)))
         shown = {**_parameters(entry, weights, member.option), **more}
     own, _, shifts = model.design((member,))
     return Fitted(
@@ -195,13 +196,18 @@ def _parameters(entry: Candidate, weights: Array, best: int) -> Parameters:
     return shown
 
 
-def _length_sigma(amplitudes: Array, covariance: Array) -> float:
-    """Sigma of the length of the amplitudes."""
-    if not amplitudes.size:
-        return 0.0
-    length = float(np.linalg.norm(amplitudes))
-    along = amplitudes / length if length > 0 else np.full(amplitudes.size, amplitudes.size**-0.5)
-    return float(np.sqrt(max(float(along @ covariance @ along), 0.0)))
+def _read_sigma(entry: Candidate, amplitudes: Array, covariance: Array) -> float:
+    """Sigma of the size that is read off the amplitudes, to first order of their errors."""
+    sigmas = np.sqrt(np.maximum(np.diag(covariance), 0.0))
+    if not np.any(amplitudes):
+        return float(np.linalg.norm(sigmas) / np.sqrt(max(sigmas.size, 1)))
+    steps = STEP * sigmas
+    by_each = np.zeros(sigmas.size)
+    for k in np.flatnonzero(steps):
+        changed = np.where(np.arange(sigmas.size) == k, steps, 0.0)
+        more, less = (entry.read(amplitudes + way * changed)[0] for way in (1, -1))
+        by_each[k] = (more - less) / (2 * steps[k])
+    return float(np.sqrt(max(float(by_each @ covariance @ by_each), 0.0)))
 
 
 def _process_size(entry: Candidate, products: Mapping[int, tuple[Array, Array]], centre: float) -> tuple[float, float]:

@@ -22,11 +22,15 @@ from diagnosis.model.prepare import Prepared
 from diagnosis.model.processes import SEEN
 from diagnosis.model.recording import RecordingModel
 from simulator.effects.base import Effect
+from simulator.effects.common import markov
 
 Array = NDArray[np.float64]
 
 AXES = "xyz"
 UNSEEN = 0.5  # usual size of the motion inside the zone beside the rates that are missing
+SWAYS = (0.015, 0.05, 0.15, 0.5)  # the same where passes tell what to expect, in half widths
+MEMORIES = (10.0,)  # time constants of it in cells, beside none
+NEAR_EDGE = 0.3  # the same near an edge that was passed, of the half width
 DIFFERENCE = 0.4  # usual size of the differences between runs beside what they have in common
 SCALES = (0.03, 10.0)  # of the amplitudes, in usual rates
 MOST_ODDS = 4.0  # that rests may give it: their model of the motion is a rough one, and the attitude must show it
@@ -34,19 +38,26 @@ MOST_PASSED = 25.0  # the same of passes through the zone
 TRIALS = 3  # gyros
 # Of the power of what a zone hides: a motion has a course of its own in each passage, and these have a level and a slope.
 ROUGHNESS = 0.02
+ROUNDING = 1e-9  # of the variance of a motion, below which there is none
 LEAST_ODDS = -10.0  # that they may hold against it
 
 
 def missing(model: RecordingModel, one: DeadZoneEvidence) -> Array:
-    """Observations of a missing rate, deg/s: in all runs alike, and its difference in each; (N, 1 + runs)."""
+    """Observations of a missing rate, deg/s: in all runs alike, and its difference in each; (N, shapes + runs).
+
+    Of a zone that the motion passes through there are three shapes that all runs share, else there is one.
+    """
     step = np.searchsorted(model.recording.gyro.t_s, model.t_s, side="right") - 1
     part = one.part[step]
     numbers = np.unique(part[(part >= 0) & (part < MOST_PARTS)])
-    low = np.zeros((model.t_s.size, 3, 1 + numbers.size))
-    low[part >= 0, one.axis, 0] = -np.deg2rad(1.0) * one.expected[step][part >= 0]
+    shapes = one.passes or (one.expected,)
+    low = np.zeros((model.t_s.size, 3, len(shapes) + numbers.size))
+    for k, shape in enumerate(shapes):
+        low[part >= 0, one.axis, k] = -np.deg2rad(1.0) * shape[step][part >= 0]
     for k, number in enumerate(numbers):
         own = part == number
-        low[own, one.axis, 1 + k] = -np.deg2rad(1.0) * (1.0 if one.passed else DIFFERENCE * one.expected[step][own])
+        of_rest = shapes[1][step][own] if one.passed else DIFFERENCE * one.expected[step][own]
+        low[own, one.axis, len(shapes) + k] = -np.deg2rad(1.0) * of_rest
     return model.reading(low)
 
 
@@ -56,21 +67,57 @@ def unseen_motion(model: RecordingModel, one: DeadZoneEvidence) -> Array:
     A body that turns about other axes meanwhile turns the blind one with it: what is missing at the beginning of a passage has
     another direction than at its end.
     """
+    return _seen(model, UNSEEN * np.hstack(_in_cells(model, one, one.expected)))
+
+
+def motions_inside(model: RecordingModel, one: DeadZoneEvidence, rates: Array) -> list[Array]:
+    """Columns of what is missing where passes tell what to expect, for each size and memory of a sway at rest; (N, k) each.
+
+    Near an edge the rate is off by a share of the half width, from cell to cell. At rest it sways as a Markov process does, and
+    rests differ by as much.
+
+    Parameters
+    ----------
+    model : of the recording
+    one : what the samples show
+    rates : (N, shapes + runs) whitened columns of the missing rate
+    """
+    resting = one.passes[1]
+    shared, own = np.split(rates, [len(one.passes)], axis=1)
+    near = np.hstack(_in_cells(model, one, 1 - resting)) * NEAR_EDGE
+    level, slope = _in_cells(model, one, resting)
+    run_s = model.cells.run_s
+    spacing = float(np.median(np.diff(run_s))) if run_s.size > 1 else 1.0
+    some = ROUNDING * np.eye(run_s.size)
+    levels = [level, *(level @ np.linalg.cholesky(markov(run_s, count * spacing) + some) for count in MEMORIES)]
+    return [
+        np.hstack([shared, min(sway / UNSEEN, 1.0) * own, _seen(model, np.hstack([near, sway * each, sway * slope]))])
+        for sway in SWAYS
+        for each in levels
+    ]
+
+
+def _seen(model: RecordingModel, columns: Array) -> Array:
+    """(N, r) whitened columns of the same covariance that can be seen, deg/s."""
+    columns = model.whitened(columns[:, np.any(columns != 0, axis=0)])
+    if not columns.shape[1]:
+        return columns
+    powers, turned = np.linalg.eigh(columns.T @ model.projected(columns))
+    seen = np.flatnonzero(powers > SEEN * powers[-1])[::-1]
+    return np.asarray(columns @ turned[:, seen]) * np.deg2rad(1.0)
+
+
+def _in_cells(model: RecordingModel, one: DeadZoneEvidence, shape: Array) -> tuple[Array, Array]:
+    """(N, c) observations of a missing rate in the slow part of each cell, of some shape (n,): a level, and a slope over it."""
     step = np.searchsorted(model.recording.gyro.t_s, model.t_s, side="right") - 1
     silent = one.part[step] >= 0
-    level = np.where(silent, 1.0 if one.passed else one.expected[step], 0.0)
+    level = np.where(silent, shape[step], 0.0)
     low, high = model.cells.first, model.cells.last
     before = np.append(0, np.cumsum(silent))
     count = before[high] - before[low]
     place = np.repeat(np.arange(low.size), high - low)
     along = (before[:-1] - before[low][place] + 0.5) / np.maximum(count[place], 1)  # of the slow part of the cell
-    parts = [_over_cells(model, one.axis, level * way)[:, count > 0] for way in (np.ones_like(along), 2 * along - 1)]
-    columns = model.whitened(np.hstack(parts))
-    if not columns.shape[1]:
-        return columns
-    powers, turned = np.linalg.eigh(columns.T @ model.projected(columns))
-    seen = np.flatnonzero(powers > SEEN * powers[-1])[::-1]
-    return np.asarray(columns @ turned[:, seen]) * UNSEEN * np.deg2rad(1.0)
+    return _over_cells(model, one.axis, level), _over_cells(model, one.axis, level * (2 * along - 1))
 
 
 def _over_cells(model: RecordingModel, axis: int, weights: Array) -> Array:
@@ -107,7 +154,10 @@ def _group(model: RecordingModel, one: DeadZoneEvidence, effect: Effect) -> Grou
     # A rate that crosses the edge to and fro is read in part, one that stays inside not at all: either way of it may be.
     ways = [one] if one.silence is None else [one, one.strict()]
     rates = [model.whitened(missing(model, way)) for way in ways]
-    moving = [np.hstack([own, unseen_motion(model, way)]) for own, way in zip(rates, ways, strict=True)]
+    if one.passed:
+        moving = motions_inside(model, one, rates[0])
+    else:
+        moving = [np.hstack([own, unseen_motion(model, way)]) for own, way in zip(rates, ways, strict=True)]
     count = max(own.shape[1] for own in rates)
 
     def read(amplitudes: Array) -> tuple[float, Parameters]:
@@ -119,7 +169,7 @@ def _group(model: RecordingModel, one: DeadZoneEvidence, effect: Effect) -> Grou
         listed=True,
         columns=[*rates, *moving],
         parameters=[{} for _ in (*rates, *moving)],
-        weights=np.full(2 * len(ways), 0.5 / len(ways)),
+        weights=np.repeat([0.5 / len(rates), 0.5 / len(moving)], [len(rates), len(moving)]),
         limits=(max(effect.prior[0], SCALES[0] * usual), min(effect.prior[1], SCALES[1] * usual)),
         unit=effect.unit,
         log_odds=float(np.clip(one.log_odds, LEAST_ODDS, MOST_PASSED if one.passed else MOST_ODDS)),

@@ -8,12 +8,13 @@ noise. What the references say of lines in the samples and of their own noise is
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import expit
 
 from diagnosis.detectors.deadzone import DeadZoneEvidence, dead_zone_evidence, of_zero_samples, usual_slow_rate
+from diagnosis.detectors.lattice import Kind
 from diagnosis.detectors.report import SampleReport, inside
 from diagnosis.detectors.samples import examine
 from diagnosis.model.baseline import baseline
@@ -30,8 +31,10 @@ __all__ = ["Prepared", "Progress", "check_usable", "prepare", "unclipped"]
 
 Array = NDArray[np.float64]
 
+First = tuple[RecordingModel, Array, tuple[Interval, ...]]  # model, sigma of the references, intervals
+
 AXES = "xyz"
-CLEARLY = 12.0  # of χ², by which the attitude decides how readings came onto a lattice
+LEAST_SHARE = 0.02  # probability of the other way in which readings may have come onto a lattice, from which on it is told
 UNSEEN = 0.5  # of its plausible range: a parameter less certain than that is not observed
 
 
@@ -51,20 +54,8 @@ def prepare(recording: Recording, settings: DiagnosisSettings = DEFAULT, tell: P
     """
     _check_samples(recording)
     report, (model, sigma, pieces) = _readable(recording, settings, tell)
-    if report.undecided:
-        cut = examine(recording, lattice="cut", settings=settings, tell=_examined(tell, "once more, cut", 0.06, 0.08))
-        try:
-            other = _first(recording, cut)
-            gain = _misfit(model) - _misfit(other[0])
-        except LargeResidualError:
-            other, gain = None, -np.inf
-        if other is not None and gain > CLEARLY:
-            report, (model, sigma, pieces) = cut, other
-        elif gain > -CLEARLY:
-            report.symptoms = [
-                replace(one, rivals=(("lattice_cut", 0.5),)) if one.kind == "lattice_rounded" else one
-                for one in report.symptoms
-            ]
+    if report.cut_odds is not None:
+        report, (model, sigma, pieces) = _cut_or_rounded(recording, report, (model, sigma, pieces), settings, tell)
     dead = _dead(recording, report, model.bias)
     found = judge(Unjudged(recording, report, model, sigma, pieces, dead), settings, tell)
     return replace(found, notes=_notes(recording, pieces, found.sigma))
@@ -83,9 +74,7 @@ def _check_samples(recording: Recording) -> None:
         raise InputError("no gyro sample starts inside any interval")
 
 
-def _readable(
-    recording: Recording, settings: DiagnosisSettings, tell: Progress
-) -> tuple[SampleReport, tuple[RecordingModel, Array, tuple[Interval, ...]]]:
+def _readable(recording: Recording, settings: DiagnosisSettings, tell: Progress) -> tuple[SampleReport, First]:
     """What the samples show and the first model, with readings on a lattice taken in the way in which they fit at all."""
     tell("gyro samples: noise, lines, outliers", 0.01)
     report = examine(recording, settings=settings, tell=_examined(tell, "", 0.01, 0.06))
@@ -96,9 +85,39 @@ def _readable(
         kinds = {symptom.kind for symptom in report.symptoms if symptom.kind.startswith("lattice")}
         if not kinds:
             raise
-        way: Literal["rounded", "cut"] = "rounded" if "lattice_cut" in kinds else "cut"
+        way: Kind = "rounded" if "lattice_cut" in kinds else "cut"
         other = examine(recording, lattice=way, settings=settings, tell=_examined(tell, f"once more, {way}", 0.06, 0.07))
         return other, _first(recording, other)
+
+
+def _cut_or_rounded(
+    recording: Recording, report: SampleReport, first: First, settings: DiagnosisSettings, tell: Progress
+) -> tuple[SampleReport, First]:
+    """Readings on a lattice as cut or as rounded, whichever samples and references together say is likelier.
+
+    What the references say counts against what is left of them anyway: another error may be at work.
+    """
+    ways: tuple[Kind, Kind] = ("cut", "rounded")
+    if any(symptom.kind == "lattice_rounded" for symptom in report.symptoms):
+        ways = ("rounded", "cut")
+    now, other = ways
+    again = examine(recording, lattice=other, settings=settings, tell=_examined(tell, f"once more, {other}", 0.06, 0.08))
+    try:
+        second = _first(recording, again)
+        misfits = [_misfit(model) for model, _, _ in (first, second)]
+        gain = 0.5 * (misfits[0] - misfits[1]) / max(min(misfits) / first[0].y.size, 1.0)
+    except LargeResidualError:
+        second, gain = first, -np.inf
+    odds = float(report.cut_odds or 0.0)
+    p = float(expit(gain + (odds if other == "cut" else -odds)))
+    if p > 0.5:
+        report, first, other, p = again, second, now, 1 - p
+    if p > LEAST_SHARE:
+        rivals = ((f"lattice_{other}", p),)
+        report.symptoms = [
+            replace(one, rivals=rivals) if one.kind in ("lattice_cut", "lattice_rounded") else one for one in report.symptoms
+        ]
+    return report, first
 
 
 def _examined(tell: Progress, way: str, begin: float, stop: float) -> Progress:
@@ -107,7 +126,7 @@ def _examined(tell: Progress, way: str, begin: float, stop: float) -> Progress:
     return lambda text, share: tell(before + text, begin + (stop - begin) * share)
 
 
-def _first(recording: Recording, report: SampleReport) -> tuple[RecordingModel, Array, tuple[Interval, ...]]:
+def _first(recording: Recording, report: SampleReport) -> First:
     """The model with the references as stated, its sigma, and the intervals it is propagated over."""
     pieces = unclipped(recording, report)
     if not pieces:

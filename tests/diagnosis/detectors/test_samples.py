@@ -338,6 +338,30 @@ def test_lattice_step_and_its_kind():
     assert sweep_odds(np.trunc(sweep), 1.0) > 3
 
 
+@pytest.mark.parametrize("noise", [0.05, 0.6])
+def test_rests_between_turns_say_nothing_of_how_readings_came_onto_a_lattice(noise):
+    """A body that goes from a fast turn to a rest within some samples, and on, is at zero for longer than it passes ±1."""
+    for seed in range(20):
+        rng = np.random.default_rng(seed)
+        turns = rng.choice([-300.0, 300.0], 400) * rng.uniform(0.5, 1.0, 400)
+        stops = rng.integers(3, 8, 400)
+        rate = np.concatenate(
+            [np.append(turn * np.sin(np.linspace(0, np.pi, 15)), np.zeros(n)) for turn, n in zip(turns, stops, strict=True)]
+        )
+        read = np.round(rate + noise * rng.standard_normal(rate.size))
+        assert abs(sweep_odds(read, 1.0)) < 3
+
+
+def test_the_share_of_zeros_tells_how_readings_came_onto_a_lattice_also_for_slow_sweeps():
+    """Through the three bins about zero in three samples, or in a fraction of one."""
+    for pace in (1.0, 2.0, 5.0, 30.0):
+        rng = np.random.default_rng(int(10 * pace))
+        rate = np.concatenate([way * pace * np.arange(-60.0, 60.0) + rng.uniform(-1, 1) for way in rng.choice([-1, 1], 200)])
+        noisy = rate + 0.1 * rng.standard_normal(rate.size)
+        assert sweep_odds(np.round(noisy), 1.0) < -3
+        assert sweep_odds(np.trunc(noisy), 1.0) > 3
+
+
 def test_a_line_in_one_part_only_is_no_steady_tone(plan, truth):
     recording = _recording(plan, truth, 3)
     t = recording.gyro.t_s[2000:2400]

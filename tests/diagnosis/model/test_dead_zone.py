@@ -5,9 +5,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from diagnosis.detectors.deadzone import EDGE, MOST_PARTS, of_zero_samples
+from diagnosis.detectors.deadzone import EDGE, MOST_PARTS, of_passes, of_zero_samples
+from diagnosis.detectors.hidden_course import course
+from diagnosis.detectors.zone_passes import Zone
 from diagnosis.model import dead_zone
 from simulator.effects import EFFECTS
+from simulator.effects.recorded import interval_slices
 from tests.diagnosis.recordings import prepared, recorded
 
 DEG = np.deg2rad(1.0)
@@ -77,3 +80,52 @@ def test_every_zero_misses_its_rate_and_the_longest_stretches_have_one_of_their_
     for place, begin in enumerate(begins):
         own = one.part[begin : begin + 30]
         assert (own == (place - 20 if place >= 20 else MOST_PARTS)).all()
+
+
+@pytest.fixture(scope="module")
+def passed(found):
+    """A gyro of the same recording that is seen to read zero below 0.02 deg/s, which its body passes in every slew."""
+    x, parts = found.samples.rates[:, 2], interval_slices(found.model.recording)
+    zone = Zone(0.02 * DEG, 8.0, course(x, parts, 0.02 * DEG, 20, 0.6))
+    return replace(found, dead=(of_passes(2, zone),))
+
+
+def test_a_zone_that_the_motion_passes_has_its_shapes_and_the_differences_of_rests(passed):
+    model = passed.model
+    (shown,) = passed.dead
+    shown = replace(shown, passes=tuple(np.where(shown.part >= 0, one, 0.0) for one in shown.passes))
+    columns = dead_zone.missing(model, shown)
+    numbers = np.unique(shown.part[(shown.part >= 0) & (shown.part < MOST_PARTS)])
+    assert columns.shape == (model.size, 3 + numbers.size)
+    # A shape in no sample but those of one stretch is that stretch's own.
+    for k, number in enumerate(numbers):
+        only = np.where(shown.part == number, shown.passes[1], 0.0)
+        alone = dead_zone.missing(model, replace(shown, passes=(only, only, only)))
+        np.testing.assert_allclose(alone[:, 0], columns[:, 3 + k], atol=1e-12)
+
+
+def test_the_motion_inside_has_the_covariance_of_its_parts(passed):
+    """Of each size and memory: an error near the edges in each cell, a Markov level of the rests, and slopes."""
+    model = passed.model
+    (shown,) = passed.dead
+    rates = model.whitened(dead_zone.missing(model, shown))
+    made = dead_zone.motions_inside(model, shown, rates)
+    kinds = [(sway, memory) for sway in dead_zone.SWAYS for memory in (0.0, *dead_zone.MEMORIES)]
+    assert len(made) == len(kinds)
+    run_s = model.cells.run_s
+    usual, none = np.median(np.diff(run_s)), np.eye(run_s.size)
+    near = dead_zone.NEAR_EDGE * np.hstack(dead_zone._in_cells(model, shown, 1 - shown.passes[1]))
+    level, slope = dead_zone._in_cells(model, shown, shown.passes[1])
+    for (sway, memory), columns in zip(kinds, made, strict=True):
+        root = np.linalg.cholesky(np.exp(-np.abs(np.subtract.outer(run_s, run_s)) / (memory * usual))) if memory else none
+        parts = DEG * model.projected(model.whitened(np.hstack([near, sway * level @ root, sway * slope])))
+        found = model.projected(columns[:, rates.shape[1] :])
+        wanted = parts @ parts.T
+        np.testing.assert_allclose(found @ found.T, wanted, atol=1e-3 * np.linalg.norm(wanted, 2))
+
+
+def test_the_edge_that_was_passed_is_the_half_width_whatever_is_missing(passed):
+    (group,) = dead_zone.dead_zone_groups(passed, [EFFECT])
+    sizes = {group.read(scale * np.ones(group.columns[0].shape[1]))[0] for scale in (0.0, 1e-3, 1.0)}
+    assert list(sizes) == [pytest.approx(0.02)]
+    assert group.size_sigma(0.02) == pytest.approx(EDGE * 0.02)
