@@ -240,13 +240,13 @@ SAMPLES = [
         [
             (
                 "the rate that is missing in all runs has the other sign",
-                "-np.deg2rad(1.0) * one.expected",
-                "np.deg2rad(1.0) * one.expected",
+                "-np.deg2rad(1.0) * shape",
+                "np.deg2rad(1.0) * shape",
             ),
             (
                 "the rate that is missing in one run has the other sign",
-                "-np.deg2rad(1.0) * (1.0 if one.passed",
-                "np.deg2rad(1.0) * (1.0 if one.passed",
+                "-np.deg2rad(1.0) * of_rest",
+                "np.deg2rad(1.0) * of_rest",
             ),
             (
                 "only one gyro could have a dead zone",
@@ -292,6 +292,44 @@ SAMPLES = [
                 "0, middle_s.size - 1",
             )
         ],
+    ),
+    *of(
+        "diagnosis/detectors/hidden_course.py",
+        "tests/diagnosis/detectors/test_hidden_course.py",
+        [
+            (
+                "a rate leaves a dead zone by the other edge",
+                "edges[0] * A + edges[1] * B",
+                "edges[0] * A - edges[1] * B",
+            ),
+            ("a rest has the whole of its rate at the edges", ", 1 - A - B", ", 1 + 0 * A"),
+        ],
+    ),
+    *of(
+        "diagnosis/model/dead_zone.py",
+        "tests/diagnosis/model/test_dead_zone.py",
+        [("a body at rest in a dead zone sways as much as it may", "sway * each", "each")],
+    ),
+    *of(
+        "diagnosis/detectors/lattice.py",
+        "tests/diagnosis/detectors/test_samples.py",
+        [
+            (
+                "a body that rests between two turns passes through zero",
+                "far & (before * after < 0) & (np.abs(before + after) < EVENLY * change) & (halfway > EVENLY * change)",
+                "far",
+            )
+        ],
+    ),
+    *of(
+        "diagnosis/model/prepare.py",
+        "tests/diagnosis/model/test_prepare.py",
+        [("samples speak against themselves", "gain + (odds if other", "gain - (odds if other")],
+    ),
+    *of(
+        "diagnosis/inference/amplitudes.py",
+        "tests/diagnosis/inference/test_amplitudes.py",
+        [("a size changes by twice of what its amplitude does", "(more - less) / (2 * steps[k])", "(more - less) / steps[k]")],
     ),
 ]
 

@@ -78,6 +78,19 @@ def test_strong_effects_have_the_amplitudes_of_least_squares():
     np.testing.assert_allclose(first.contribution, columns[0] @ first.amplitudes)
 
 
+def test_the_sigma_is_that_of_the_size_that_is_read():
+    """Of a mean of two amplitudes it is less than theirs, and of what no amplitude says it is what reading it adds."""
+    rng = np.random.default_rng(5)
+    columns, y = rng.standard_normal((60, 2)), rng.standard_normal(60) * 3
+    found = {}
+    for name, read in (("mean", lambda a: (0.5 * a.sum(), {})), ("edge", lambda a: (7.0, {}))):
+        changes = {0: {"scales": np.array([1e4]), "read": read, "size_sigma": lambda size: 0.3 * size if size == 7.0 else 0.0}}
+        (found[name],) = fit(linear_model([columns], y, changes=changes), [Member(0, 0, 0)])
+    covariance = np.linalg.inv(columns.T @ columns)
+    assert found["mean"].sigma == pytest.approx(0.5 * np.sqrt(covariance.sum()), rel=1e-5)
+    assert found["edge"].sigma == pytest.approx(2.1, rel=1e-9)
+
+
 def test_a_time_that_is_not_known_widens_size_and_time():
     """Steps at many times in noise: size and time are means over the posterior of the time."""
     rng = np.random.default_rng(4)
