@@ -113,7 +113,7 @@ class Agreement:
     @property
     def sentence(self) -> str:
         """What is wrong, and what would fit."""
-        lead = f"rates and attitudes do not fit each other: {100 * self.as_read.residual:.0f} % of the motion is left"
+        lead = f"rates and attitudes do not fit each other: they differ by {100 * self.as_read.residual:.0f} % of the motion"
         if not self.better:
             return (
                 f"{lead}, and no other unit, order of elements, direction, order or sign of axes or time offset fits; "

@@ -239,4 +239,4 @@ def _agree(windows: Motion, mapping: Mapping, late_s: float, carry: Callable[[],
         if np.isfinite(late_s):
             raise InputError(found.sentence)
         return [f"imported unchecked although {found.sentence}"]
-    return [f"rates and attitudes fit each other: {100 * found.as_read.residual:.2g} % of the motion is left"]
+    return [f"rates and attitudes fit each other: they differ by {100 * found.as_read.residual:.2g} % of the motion"]

@@ -81,7 +81,7 @@ def _alternatives(diagnosis: Diagnosis) -> Iterator[str]:
     for effects, probability in diagnosis.alternatives[:MOST_ALTERNATIVES]:
         yield f"- {words.together(effects)}: {words.percent(probability)}"
     if diagnosis.verdict != "none":
-        yield f"- some effect that is not on the list: {words.percent(diagnosis.unknown_probability)}"
+        yield f"- in all, with some effect that is not on the list: {words.percent(diagnosis.unknown_probability)}"
 
 
 def _sensors(diagnosis: Diagnosis) -> Iterator[str]:
