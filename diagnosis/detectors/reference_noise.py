@@ -232,7 +232,10 @@ def _without(found: Differences, motion: list[Differences]) -> Differences:
 
 
 def _level(found: Differences, kept: Mask, enough: Mask) -> tuple[Array, Array, float, int | None]:
-    """Actual over stated noise and its sigma, (3,) each, the p-value of all being one, and the axis that departs alone."""
+    """Actual over stated noise and its sigma, (3,) each, the p-value of all being one, and the axis that departs alone.
+
+    One does if the others are as stated, or are rather that than all are too large by one factor.
+    """
     sums = np.sum(np.where(kept, found.values**2, 0.0), axis=0) / TRIMMED
     # An axis with too few differences is taken as stated, with no certainty.
     stated = np.where(enough, np.sum(np.where(kept, found.stated, 0.0), axis=0), 1.0)
@@ -247,7 +250,10 @@ def _level(found: Differences, kept: Mask, enough: Mask) -> tuple[Array, Array, 
     chi2 = float(np.sum(z**2))
     odd = int(np.argmax(np.abs(z)))
     others = float(chi2 - z[odd] ** 2)
-    alone = enough.sum() > 1 and scipy.stats.chi2.sf(others, enough.sum() - 1) > 0.01 and z[odd] ** 2 > 12
+    log, weight = np.log(factor[enough]), (factor[enough] / error[enough]) ** 2
+    common = float(np.sum(weight * (log - np.average(log, weights=weight)) ** 2)) if enough.any() else 0.0
+    as_stated = scipy.stats.chi2.sf(others, enough.sum() - 1) > 0.01 or others < common
+    alone = enough.sum() > 1 and as_stated and z[odd] ** 2 > 12
     return factor, error, max(float(scipy.stats.chi2.sf(chi2, enough.sum())), 1e-300), odd if alone else None
 
 

@@ -331,6 +331,11 @@ SAMPLES = [
         "tests/diagnosis/inference/test_amplitudes.py",
         [("a size changes by twice of what its amplitude does", "(more - less) / (2 * steps[k])", "(more - less) / steps[k]")],
     ),
+    *of(
+        "diagnosis/detectors/reference_noise.py",
+        "tests/diagnosis/detectors/test_reference_noise.py",
+        [("all axes are noisier where one is by far", "or others < common", "or others > 1e9 * common")],
+    ),
 ]
 
 FAULTS = [*THRESHOLDS, *EVIDENCE, *ANSWER, *SAMPLES]

@@ -48,6 +48,15 @@ def test_noise_as_stated_has_its_level_without_the_motion():
     assert np.abs((left.factor - 1) / left.sigma).max() < 4
 
 
+@pytest.mark.parametrize(
+    ("excess", "axis"),
+    [((1.0, 3.0, 1.0), 1), ((0.88, 3.0, 1.12), 1), ((3.0, 3.0, 3.0), None), ((2.9, 3.1, 3.0), None), ((1.0, 1.0, 0.4), 2)],
+)
+def test_one_axis_departs_alone_if_the_others_are_rather_as_stated_than_as_it_is(excess, axis):
+    """Also where the others are off by two or three sigmas, which is one in a hundred."""
+    assert level_of(excess=np.array(excess)).axis == axis
+
+
 def spinning(rate_deg_s, seed, of_references=1.0, of_angle=0.0, slow=0.0):
     """A body that spins about an axis near x, references each second, and the level of their noise."""
     rng = np.random.default_rng(seed)
