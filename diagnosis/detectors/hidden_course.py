@@ -67,7 +67,7 @@ def course(x: Array, parts: Sequence[slice], size: float, count: int, inside: fl
     found = Course(np.zeros(x.size, dtype=bool), *(np.zeros(x.size) for _ in range(3)))
     windows = [x[part][: (part.stop - part.start) // count * count].reshape(-1, count).mean(axis=1) / size for part in parts]
     passages = [runs(np.abs(u) < inside) for u in windows]
-    ways = [[(_way(u, a - 1, -1), _way(u, b, 1)) for a, b in one] for u, one in zip(windows, passages, strict=True)]
+    ways = [_ways(u, one) for u, one in zip(windows, passages, strict=True)]
     known = [way for one in ways for both in one for way in both if np.isfinite(way)]
     usual = float(np.median(known)) if known else np.inf
     for part, u, own, own_ways in zip(parts, windows, passages, ways, strict=True):
@@ -83,16 +83,23 @@ def course(x: Array, parts: Sequence[slice], size: float, count: int, inside: fl
     return Course(found.dead, size * found.expected, found.resting, size * found.slower)
 
 
-def _way(u: Array, place: int, step: int) -> float:
-    """Windows that a rate is on its way between an edge and twice as far; NaN where it is not seen to go there."""
-    if not 0 <= place < u.size:
+def _ways(u: Array, passages: Sequence[tuple[int, int]]) -> list[tuple[float, float]]:
+    """Windows that the rate is on its way before and after each passage, see `_way`."""
+    begins, ends = [a for a, _ in passages], [b for _, b in passages]
+    before = [_way(u[low:high][::-1]) for low, high in zip([0, *ends], begins, strict=False)]
+    after = [_way(u[low:high]) for low, high in zip(ends, [*begins[1:], u.size], strict=False)]
+    return list(zip(before, after, strict=True))
+
+
+def _way(outside: Array) -> float:
+    """Windows between an edge and twice as far, of those up to the next passage; NaN where the rate is not seen to go there."""
+    if not outside.size:
         return float("nan")
-    beyond = np.sign(u[place]) * (u[place:] if step > 0 else u[place::-1])
-    far = np.flatnonzero(beyond > FARTHER)
-    back = np.flatnonzero(beyond < 0)
-    if not far.size or (back.size and back[0] < far[0]):
+    beyond = np.sign(outside[0]) * outside
+    far, back = np.argmax(beyond > FARTHER), np.argmax(beyond < 0)
+    if beyond[far] <= FARTHER or (beyond[back] < 0 and back < far):
         return float("nan")
-    return max(float(far[0]), AT_ONCE)
+    return max(float(far), AT_ONCE)
 
 
 def _between(n: int, edges: tuple[float, float], tau: Array) -> tuple[Array, Array]:

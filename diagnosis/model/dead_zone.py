@@ -5,6 +5,9 @@ enters as the candidate's likelihood. In the attitude a rate is missing in those
 show, so it needs a number of its own in each run, and its evidence counts all of them: a drift, a step or an asymmetry, which
 need one number, win over it wherever both explain the data. The rate that is missing is one that this axis usually has, which
 is the scale of the amplitudes; a run in which the attitude denies such a rate speaks against the zone.
+
+Where the motion was seen to pass through the zone, the readings on either side say what is missing
+(`diagnosis.detectors.hidden_course`). What is left of that is a share of the half width near an edge and a sway at rest.
 """
 
 from __future__ import annotations
