@@ -33,6 +33,8 @@ Mask = NDArray[np.bool_]
 
 AROUND = 41  # samples whose median an outlier's neighbours are compared with
 BESIDE = (-3, -2, -1, 1, 2, 3)  # samples from an outlier
+FEWEST_OTHERS = 100  # samples that tell how far off those are anywhere
+OF_NOISE = 1 + np.pi / (2 * AROUND)  # variance of white noise of unit variance off that median
 RESTING = 0.3  # share of the samples in which the body rests, below which all are looked at as a motion
 ALIKE = 0.02  # of the steps and bends of a motion, which may pass for spikes: a body that is jolted all the time has hundreds
 AS_HIGH = 0.4  # of the usual spike
@@ -107,7 +109,7 @@ def spikes(report: SampleReport, recording: Recording, quiet: Mask, used: Mask, 
         )
     )  # fmt: skip
     if any(one.still.any() for one in looked):
-        _neighbours(report, [one.still for one in looked], noise)
+        _neighbours(report, [one.still for one in looked], quiet, noise)
     for axis, one in enumerate(looked):
         if counts[axis]:
             _taken_out(report, recording, axis, one, seen, fraction)
@@ -174,21 +176,27 @@ def _likeness(recording: Recording, looked: list[Looked], asked: Mask) -> float:
     return min(1.0, 3 * min(of_times(np.concatenate(times)), of_heights(np.concatenate(heights)), of_places(places)))
 
 
-def _neighbours(report: SampleReport, places: list[Mask], noise: Array) -> None:
-    """Whether the samples beside outliers are as noisy as all others: what disturbs them too is not a single sample's fault.
+def _neighbours(report: SampleReport, places: list[Mask], quiet: Mask, noise: Array) -> None:
+    """Whether the samples beside outliers are as all others are: what disturbs them too is not a single sample's fault.
 
-    Summed with the signs of the outliers, the readings at some distance are noise of variance m σ² about zero, for m outliers;
-    less the median of 41 samples around, (1 + π/82) times that.
+    Readings at some distances from m outliers, less the median of 41 samples around, are summed with the outliers' signs. As
+    these have nothing to do with what is beside them, the sums have m times the covariance C of deviations at such distances
+    anywhere, that of the noise and of what a body sways by in so few samples. So Sᵀ C⁻¹ S/m is χ².
     """
-    aligned, total = np.zeros(len(BESIDE)), sum(int(place.sum()) for place in places)
+    aligned, C = np.zeros(len(BESIDE)), np.zeros((len(BESIDE), len(BESIDE)))
     for axis, bad in enumerate(places):
         x = report.rates[:, axis]
         deviation = (x - scipy.ndimage.median_filter(x, AROUND, mode="nearest")) / noise[axis]
-        own = np.flatnonzero(bad)
-        own = own[(own >= AROUND) & (own < x.size - AROUND)]
-        for number, lag in enumerate(BESIDE):
-            aligned[number] += float(np.sum(np.sign(deviation[own]) * np.clip(deviation[own + lag], -OUTLIER, OUTLIER)))
-    chi2 = float(np.sum(aligned**2) / max(total, 1) / (1 + np.pi / (2 * AROUND)))
+        clipped = np.clip(deviation, -OUTLIER, OUTLIER)
+        inside = np.zeros(x.size, dtype=bool)
+        inside[AROUND : x.size - AROUND] = True
+        own = np.flatnonzero(bad & inside)
+        signs = np.sign(deviation[own])
+        aligned += np.array([signs @ clipped[own + lag] for lag in BESIDE])
+        others = some(np.flatnonzero(quiet & inside & ~scipy.ndimage.binary_dilation(bad, iterations=AROUND)))
+        around = np.array([clipped[others + lag] for lag in BESIDE])
+        C += own.size * (around @ around.T / others.size if others.size > FEWEST_OTHERS else OF_NOISE * np.eye(len(BESIDE)))
+    chi2 = float(aligned @ np.linalg.solve(C, aligned)) if aligned.any() else 0.0
     p = max(float(scipy.stats.chi2.sf(chi2, len(BESIDE))), IMPOSSIBLE)
     text = f"the samples beside outliers are off as well, χ² = {chi2:.1f} of {len(BESIDE)}"
     report.tests.append(SampleTest("outlier_neighbours", None, chi2, float(len(BESIDE)), p, "outlier_neighbours", text))

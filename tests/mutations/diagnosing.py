@@ -336,6 +336,17 @@ SAMPLES = [
         "tests/diagnosis/detectors/test_reference_noise.py",
         [("all axes are noisier where one is by far", "or others < common", "or others > 1e9 * common")],
     ),
+    *of(
+        "diagnosis/detectors/outliers.py",
+        "tests/diagnosis/detectors/test_outliers.py",
+        [
+            (
+                "a body that sways disturbs the samples beside outliers",
+                "around @ around.T / others.size",
+                "OF_NOISE * np.eye(len(BESIDE))",
+            )
+        ],
+    ),
 ]
 
 FAULTS = [*THRESHOLDS, *EVIDENCE, *ANSWER, *SAMPLES]
