@@ -88,10 +88,10 @@ def examine(
     worth = ~coarse & (sigma > 0) & (0.5 * steps * np.sqrt(used.sum()) > WORTH * sigma)
     odds = _cut_odds(gyro.rates[used], steps, coarse, worth)
     coarse = coarse | (worth & (odds > CLEARLY))
-    strongest = float(odds[np.argmax(np.abs(odds))])
-    if coarse.any() and lattice is None and abs(strongest) < DECIDED:
-        report.cut_odds = strongest
     cut = coarse & (odds > ODDS if lattice is None else lattice == "cut")
+    strongest, mixed = float(odds[np.argmax(np.abs(odds))]), bool(cut.any() and (coarse & ~cut).any())
+    if coarse.any() and lattice is None and not mixed and abs(strongest) < DECIDED:
+        report.cut_odds = strongest
     report.lattice = steps > HIDING * sigma
     _quantization(report, steps, coarse, cut)
     tell("repeated samples", 0.02)

@@ -2,9 +2,11 @@
 
 from dataclasses import replace
 
+import numpy as np
 import pytest
 from scipy.special import expit
 
+from diagnosis.detectors import samples
 from diagnosis.detectors.samples import examine
 from diagnosis.model import prepare
 from diagnosis.settings import DEFAULT
@@ -41,13 +43,19 @@ def test_what_the_references_leave_open_has_the_odds_of_the_samples(odds, monkey
 
 def test_the_gain_counts_against_what_is_left_anyway(monkeypatch):
     """A misfit three times as large as it should be makes the references three times less sure."""
-    misfits = iter([3 * 3330.0 + 12.0, 3 * 3330.0])
     made = recorded(4, "rate_quantization=4e-4", sample_s=1.0, every_s=60.0)
     report = replace(examine(made, lattice="rounded"), cut_odds=0.0)
     first = prepare._first(made, report)
+    misfits = iter([3.0 * first[0].y.size + 12.0, 3.0 * first[0].y.size])
     monkeypatch.setattr(prepare, "_misfit", lambda model: next(misfits))
     found, _ = prepare._cut_or_rounded(made, report, first, DEFAULT, lambda text, share: None)
     ((_, share),) = next(one.rivals for one in found.symptoms if one.kind == "lattice_cut")
-    scale = 3 * 3330.0 / first[0].y.size
-    assert scale > 1
-    assert share == pytest.approx(expit(-6.0 / scale))
+    assert share == pytest.approx(expit(-6.0 / 3.0))
+
+
+def test_gyros_of_which_some_cut_and_some_round_are_taken_as_their_samples_say(monkeypatch):
+    """One question of both ways is none of two converters; of one alike on all axes it is asked."""
+    made = recorded(4, "rate_quantization=1e-3", sample_s=1.0, every_s=60.0)
+    for odds, asked in (([-5.0, 4.0, 4.0], None), ([-5.0, -2.0, 1.0], -5.0), ([4.0, 5.0, 4.0], 5.0), ([-9.0, 1.0, 1.0], None)):
+        monkeypatch.setattr(samples, "_cut_odds", lambda *of, odds=odds: np.array(odds))
+        assert examine(made).cut_odds == asked
