@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from diagnosis.detectors.hidden_course import course
+from diagnosis.detectors.hidden_course import SHARE, course
 
 SIZE, COUNT = 0.01, 1  # rad/s, samples of a window
 INSIDE = 0.6  # half widths
@@ -36,8 +36,8 @@ def test_the_expected_rate_is_the_mean_of_a_process_tied_to_its_edges(n, edges, 
     np.testing.assert_allclose(found.expected[inside], SIZE * wanted, atol=1e-9 * SIZE)
     rest = _tied(n, tau, *(1.0 if edge else None for edge in edges))
     np.testing.assert_allclose(found.resting[inside], 1 - rest, atol=1e-9)
-    change = (_tied(n, tau * 1.001, *(edge or None for edge in edges)) - wanted) / np.log(1.001)
-    np.testing.assert_allclose(found.slower[inside], SIZE * change, atol=0.02 * SIZE)
+    longer, shorter = (_tied(n, tau * (1 + way * SHARE), *(edge or None for edge in edges)) for way in (1, -1))
+    np.testing.assert_allclose(found.slower[inside], SIZE * (longer - shorter) / (2 * SHARE), atol=1e-9 * SIZE)
 
 
 @pytest.mark.parametrize(("level", "rel"), [(0.0, 0.01), (0.3, 0.1)])

@@ -121,7 +121,8 @@ def test_the_motion_inside_has_the_covariance_of_its_parts(passed):
         parts = DEG * model.projected(model.whitened(np.hstack([near, sway * level @ root, sway * slope])))
         found = model.projected(columns[:, rates.shape[1] :])
         wanted = parts @ parts.T
-        np.testing.assert_allclose(found @ found.T, wanted, atol=1e-3 * np.linalg.norm(wanted, 2))
+        # Each column that is left out has less of the strongest one's power than this, and they are orthogonal.
+        np.testing.assert_allclose(found @ found.T, wanted, atol=1.01 * dead_zone.SEEN * np.linalg.norm(wanted, 2))
 
 
 def test_the_edge_that_was_passed_is_the_half_width_whatever_is_missing(passed):
