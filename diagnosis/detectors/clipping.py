@@ -19,8 +19,27 @@ OFTEN = 3  # times as often as any other reading, that the largest stands if it 
 PLATEAU_P = 1e-8  # chance of a steady rate to stand still that long
 
 
-def saturation(report: SampleReport, recording: Recording, used: Mask, coarse: Mask, steps: Array, sigma: float) -> None:
-    """Gyros whose largest reading stands still where no lattice makes it."""
+def saturation(
+    report: SampleReport,
+    recording: Recording,
+    used: Mask,
+    coarse: Mask,
+    rounded_or_cut: tuple[Mask, Mask],
+    steps: Array,
+    sigma: float,
+) -> None:
+    """Gyros whose largest reading stands still where no lattice makes it.
+
+    Parameters
+    ----------
+    report : to which the test, the symptom and the clipped samples are added
+    recording : what was recorded
+    used : (n,) samples inside the intervals
+    coarse : (3,) gyros that read on a lattice
+    rounded_or_cut : (3,) each, whether their readings may have been rounded, and whether they may have been cut toward zero
+    steps : (3,) of the lattices, rad/s
+    sigma : of the noise of a sample, rad/s
+    """
     rates = recording.gyro.rates
     # A largest reading that telemetry repeats stands still on all axes; of a clipped gyro the others go on.
     held = np.zeros(len(rates), dtype=bool)
@@ -44,10 +63,17 @@ def saturation(report: SampleReport, recording: Recording, used: Mask, coarse: M
         )  # fmt: skip
         if not found:
             continue
-        size = float(np.rad2deg(largest))
-        report.symptoms.append(Symptom("plateau", AXES[axis], size, "deg/s", 1e-6 * size, {}, IMPOSSIBLE))
+        below, above = _hidden(float(np.rad2deg(steps[axis])), *(bool(may[axis]) for may in rounded_or_cut))
+        size = float(np.rad2deg(largest)) + 0.5 * (above - below)
+        spread = max((above + below) / np.sqrt(12), 1e-6 * size)
+        report.symptoms.append(Symptom("plateau", AXES[axis], size, "deg/s", spread, {}, IMPOSSIBLE))
         clipped = used & (np.abs(rates[:, axis]) >= largest * (1 - 1e-12))
         report.clipped |= clipped
+
+
+def _hidden(step: float, rounded: bool, cut: bool) -> tuple[float, float]:
+    """How far below and above its reading the level may be at which a gyro is clipped that reads on a lattice of this step."""
+    return 0.5 * step * rounded, step if cut else 0.5 * step * rounded
 
 
 def _most_of_others(x: Array, at: Mask) -> int:

@@ -97,7 +97,9 @@ def examine(
     tell("repeated samples", 0.02)
     _stale(report, recording, used, coarse)
     tell("plateaus", 0.025)
-    saturation(report, recording, used, coarse, steps, sigma)
+    may_be_cut = coarse & (odds > -ODDS) if lattice is None else cut
+    may_be_rounded = coarse & (odds < ODDS) if lattice is None else coarse & ~cut
+    saturation(report, recording, used, coarse, (may_be_rounded, may_be_cut), steps, sigma)
     if sigma > 0:
         tell("repeats of one gyro", 0.03)
         own_repeats(report, recording, used, coarse)
@@ -121,7 +123,6 @@ def examine(
         spikes(report, recording, still, used, local, np.where(coarse, steps, 0.0))
         report.lines = lines(report, recording, still, used, lambda text, share: tell(text, 0.3 + 0.35 * share))
         tell("noise level", 0.65)
-        may_be_cut = coarse & (odds > -ODDS) if lattice is None else cut
         noise(report, recording, still, used, sigma, steps, coarse, may_be_cut)
         report.noise = sigma * report.noise_factor
         if not coarse.any():

@@ -61,6 +61,5 @@ EFFECT = RateLag(
     axes=(),
     meaning="The gyro's output trails the rate, as behind a low-pass filter with this time constant.",
     sign="positive",
-    weight=0.75,  # late tags are commoner than a slow gyro
     kin="delay",
 )
