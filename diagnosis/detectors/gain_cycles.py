@@ -76,18 +76,19 @@ def gain_cycle(x: Array, runs: Sequence[tuple[int, int]], starts: Indices) -> Ga
     if not enough.any():
         return None
     long = [(low, low + (high - low) // 2 * 2) for (low, high), one in zip(runs, enough, strict=True) if one]
-    parts = [x[low:high] for low, high in long]
-    of_product = _waves([one * _smooth(one) for one in parts], starts[enough])
-    of_reading = _waves(parts, starts[enough])
-    open_, half = of_product.asked & of_reading.asked, CYCLES == 0.5
-    asked = starts.shape[1] * int(open_.sum())
+    product, reading = zip(
+        *(_both(x[low:high], first) for (low, high), first in zip(long, starts[enough], strict=True)), strict=True
+    )
+    of_product, of_reading = _together(product), _together(reading)
+    half = CYCLES == 0.5
+    asked = starts.shape[1] * int(of_product.asked.sum())
     if not asked:
         return None
-    strength = of_product.strength()
+    strength = np.abs(of_product.sums) ** 2 / np.maximum(of_product.level, 1e-300)
     # Half the sampling rate has one degree of freedom; in terms of its chance it is compared with the others.
     chance = np.where(half, scipy.stats.chi2.sf(strength, 1), np.exp(-strength))
     rivals = np.maximum(of_reading.rivals, LOSS * of_product.rivals) + BETTER
-    chance = np.where(open_ & (strength > rivals), chance, 1.0)
+    chance = np.where(of_product.asked & (strength > rivals), chance, 1.0)
     way, place = np.unravel_index(int(np.argmin(chance)), chance.shape)
     # A wave has its power at two frequencies, and but at one if that is half the sampling rate.
     weight, waves = (of_product.power, 1.0) if half[place] else (of_product.power / np.sqrt(2.0), 2.0)
@@ -98,7 +99,7 @@ def gain_cycle(x: Array, runs: Sequence[tuple[int, int]], starts: Indices) -> Ga
 
 @dataclass(frozen=True)
 class _Waves:
-    """Sums over all runs: (c, f) of waves, (f,) their level, whether any run is asked, and Σ w y of all of them.
+    """Of one run or the sum of some: (c, f) waves, (f,) their level, whether any run is asked, and Σ w y.
 
     The rivals (f,) are the sums of the strongest powers near each frequency, in terms of their level, where more than chance.
     """
@@ -109,9 +110,22 @@ class _Waves:
     power: float
     rivals: Array
 
-    def strength(self) -> Array:
-        """(c, f) T."""
-        return np.asarray(np.abs(self.sums) ** 2 / np.maximum(self.level, 1e-300))
+    def only(self, asked: NDArray[np.bool_]) -> _Waves:
+        """The same, asked at some frequencies only."""
+        return _Waves(self.sums * asked, self.level * asked, asked, self.power, self.rivals * asked)
+
+
+def _together(runs: Sequence[_Waves]) -> _Waves:
+    asked = np.any([one.asked for one in runs], axis=0)
+    sums, level, rivals = (np.sum([getattr(one, name) for one in runs], axis=0) for name in ("sums", "level", "rivals"))
+    return _Waves(sums, level, asked, sum(one.power for one in runs), rivals)
+
+
+def _both(x: Array, first: Indices) -> tuple[_Waves, _Waves]:
+    """Waves of a run's reading times its smoothed self and of itself, at frequencies beyond the motion of both."""
+    product, reading = _waves(x * _smooth(x), first), _waves(x, first)
+    asked = product.asked & reading.asked
+    return product.only(asked), reading.only(asked)
 
 
 def _smooth(x: Array) -> Array:
@@ -121,25 +135,16 @@ def _smooth(x: Array) -> Array:
     return np.asarray(scipy.signal.oaconvolve(padded, kernel / kernel.sum(), mode="valid"))
 
 
-def _waves(parts: Sequence[Array], starts: Indices) -> _Waves:
-    sums, power = np.zeros((starts.shape[1], CYCLES.size), dtype=complex), 0.0
-    level, rivals, asked = np.zeros(CYCLES.size), np.zeros(CYCLES.size), np.zeros(CYCLES.size, dtype=bool)
-    for own, first in zip(parts, starts, strict=True):
-        n = own.size
-        window = scipy.signal.windows.blackmanharris(n)
-        spectrum: Complex = scipy.fft.rfft((own - own.mean()) * window)
-        bins = np.round(CYCLES * n).astype(np.intp)
-        around, beyond, strongest = _levels(np.abs(spectrum) ** 2, bins)
-        # Within the lobe of zero or of half the sampling rate a wave and its mirror image are not told apart.
-        inner = beyond & (bins > LOBE) & ((bins < n // 2 - LOBE) | (CYCLES == 0.5))
-        turned = np.exp(-1j * np.pi * (CYCLES - bins / n) * (n - 1))
-        turned = turned * np.exp(-2j * np.pi * (first[:, None] * CYCLES % 1.0))
-        sums += np.where(inner, spectrum[bins] * turned, 0.0)
-        level += np.where(inner, around, 0.0)
-        rivals += strongest
-        asked |= inner
-        power += float(window @ own)
-    return _Waves(sums, level, asked, power, rivals)
+def _waves(y: Array, first: Indices) -> _Waves:
+    n = y.size
+    window = scipy.signal.windows.blackmanharris(n)
+    spectrum: Complex = scipy.fft.rfft((y - y.mean()) * window)
+    bins = np.round(CYCLES * n).astype(np.intp)
+    around, beyond, strongest = _levels(np.abs(spectrum) ** 2, bins)
+    # Within the lobe of zero or of half the sampling rate a wave and its mirror image are not told apart.
+    inner = beyond & (bins > LOBE) & ((bins < n // 2 - LOBE) | (CYCLES == 0.5))
+    turned = np.exp(-1j * np.pi * (CYCLES - bins / n) * (n - 1) - 2j * np.pi * (first[:, None] * CYCLES % 1.0))
+    return _Waves(spectrum[bins] * turned, around, inner, float(window @ y), strongest)
 
 
 def _levels(power: Array, bins: Indices) -> tuple[Array, NDArray[np.bool_], Array]:
