@@ -353,6 +353,7 @@ SAMPLES = [
         [
             ("a line that is added is a gain", "rivals = np.maximum(of_reading.rivals, LOSS", "rivals = np.maximum(0.0, LOSS"),
             ("a gain has any cycle", "LOSS * of_product.rivals", "0.0 * of_product.rivals"),
+            ("motion of the reading alone is a gain", "product.asked & reading.asked", "product.asked"),
             ("runs all begin at sample zero", "2j * np.pi * (first[:, None]", "0j * np.pi * (first[:, None]"),
         ],
     ),

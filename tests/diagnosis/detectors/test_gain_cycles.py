@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import scipy.stats
 
-from diagnosis.detectors.gain_cycles import CYCLES, gain_cycle
+from diagnosis.detectors.gain_cycles import CYCLES, _both, _smooth, _waves, gain_cycle
 
 COUNT, SIGMA = 20_000, 1e-3
 T = np.arange(COUNT)
@@ -60,6 +60,17 @@ def test_a_sway_beside_the_turns_is_no_gain():
     sway = 0.5 * np.sin(2 * np.pi * T / 50)
     assert found(RATE + sway).p_value > SIGNIFICANT
     assert found((RATE + sway) * (1 + 4e-4 * np.cos(2 * np.pi * T / 8))).p_value < SIGNIFICANT
+
+
+def test_a_run_is_asked_beyond_the_motion_of_both_its_spectra():
+    """A motion of which smoothing leaves little has a narrower band in the product than in the reading itself."""
+    periods, sizes = (868.5, 815.1, 161.6, 116.5), (0.006, 0.0194, 0.3258, 0.0117)
+    x = sum(size * np.sin(2 * np.pi * T[:4096] / period) for size, period in zip(sizes, periods, strict=True))
+    x = x + SIGMA * np.random.default_rng(175).standard_normal(4096)
+    product, reading = _waves(x * _smooth(x), STARTS[0]).asked, _waves(x, STARTS[0]).asked
+    assert (product & ~reading).any()
+    for one in _both(x, STARTS[0]):
+        np.testing.assert_array_equal(one.asked, product & reading)
 
 
 def test_nothing_is_said_of_short_runs_and_of_readings_without_noise():
