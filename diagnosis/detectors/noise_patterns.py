@@ -20,7 +20,6 @@ import scipy.ndimage
 import scipy.stats
 from numpy.typing import NDArray
 
-from diagnosis.detectors.gain_cycles import GainCycle, gain_cycle
 from diagnosis.detectors.noise_blocks import (
     BACK,
     BLOCK,
@@ -87,12 +86,8 @@ def patterns(report: SampleReport, recording: Recording, used: NDArray[np.bool_]
     spoiled = fast | set(report.zones)
     falsified = any(one.kind in ("outliers", "repeats", "filled_samples", "plateau") for one in report.symptoms)
     calms: dict[int, Blocks] = {}
-    starts = _starts(recording, np.array([low for low, _ in runs], dtype=np.intp))
     for axis in range(3):
         tell(f"patterns of the noise of gyro {AXES[axis]}", axis / len(AXES))
-        gain = None if axis in report.zones else gain_cycle(report.rates[:, axis], runs, starts)
-        if gain is not None:
-            _gain(report, gain, AXES[axis])
         calm = (
             None
             if axis in spoiled or len(places) < FEWEST
@@ -109,8 +104,7 @@ def patterns(report: SampleReport, recording: Recording, used: NDArray[np.bool_]
         text = f"the noise of gyro {AXES[axis]} is not independent of all else: {best.text}"
         report.tests.append(SampleTest("noise_pattern", AXES[axis], best.size, 0.0, p, "noise_pattern", text))
         _behaves(report, AXES[axis], p)
-        known = any(one.kind == "noise_pattern" and one.axis == AXES[axis] for one in report.symptoms)
-        if p < report.event_p and best.size > NOTABLE and not known:
+        if p < report.event_p and best.size > NOTABLE:
             error = best.size / float(scipy.stats.norm.isf(0.5 * p))
             report.symptoms.append(Symptom("noise_pattern", AXES[axis], best.size, "of the noise", error, {}, p, text))
     _in_common(report, calms)
@@ -138,23 +132,6 @@ def _in_common(report: SampleReport, calms: dict[int, Blocks]) -> None:
             report.symptoms.append(
                 Symptom("noise_correlation", None, coefficient, "of the noise", error, {"gyros": pair}, p, text)
             )
-
-
-def _gain(report: SampleReport, found: GainCycle, axis: str) -> None:
-    """A gain that goes with a cycle of the samples."""
-    p = max(found.p_value, IMPOSSIBLE)
-    text = f"the gain of gyro {axis} goes with a cycle of {found.cycle:.4g} samples"
-    report.tests.append(SampleTest("gain_cycle", axis, found.size, 0.0, p, "noise_pattern", text))
-    if p < report.event_p:
-        report.symptoms.append(Symptom("noise_pattern", axis, found.size, "of the reading", found.sigma, {}, p, text))
-
-
-def _starts(recording: Recording, places: Indices) -> Indices:
-    """(r, 2) numbers of some samples, from the recording's and from their interval's start."""
-    first = np.array([part.start for part in interval_slices(recording)])
-    begin = first[np.searchsorted(first, places, side="right") - 1]
-    ticks = np.round((recording.gyro.t_s - recording.gyro.t_s[0]) / recording.gyro.sample_s).astype(np.intp)
-    return np.column_stack([ticks[places], ticks[places] - ticks[begin]])
 
 
 def _behaves(report: SampleReport, axis: str, p: float) -> None:
@@ -189,7 +166,10 @@ def _calm(rates: Array, recording: Recording, places: Indices, axis: int, step: 
     shown = cosines[chosen, :SHOWING] / sigma
     noise = shown @ BACK
     rest = x[chosen] - sigma * noise
-    start = _starts(recording, places[chosen])
+    first = np.array([part.start for part in interval_slices(recording)])
+    begin = first[np.searchsorted(first, places[chosen], side="right") - 1]
+    ticks = np.round((recording.gyro.t_s - recording.gyro.t_s[0]) / recording.gyro.sample_s).astype(np.intp)
+    start = np.column_stack([ticks[places[chosen]], ticks[places[chosen]] - ticks[begin]])
     means = [rates[window, other].mean(axis=1) for other in (axis, (axis + 1) % 3, (axis + 2) % 3)]
     change = rest[:, -ORDER:].mean(axis=1) - rest[:, :ORDER].mean(axis=1)
     return Blocks(shown, noise, rest, start, np.column_stack(means), change)

@@ -186,7 +186,7 @@ def _peak(x: Array, look: _Look, n: int, sample_s: float) -> Peak:
     around = scipy.ndimage.median_filter(spectrum, LEVEL_BINS, mode="nearest") / median
     white = float(np.median(spectrum[spectrum.size // 2 :])) / median
     if look.beyond:
-        lowest = max([lowest, band_edge(frequency[spectrum > STRONG * white]), *frequency[around > ISOLATED * white]])
+        lowest = max([lowest, _edge(frequency[spectrum > STRONG * white]), *frequency[around > ISOLATED * white]])
     allowed = np.flatnonzero((frequency > lowest) & (frequency < frequency[-1] * (1 - 1 / n)))
     if allowed.size < 20:
         return NO_PEAK
@@ -236,7 +236,7 @@ def _independent(counts: list[int], window: Array, step: int) -> float:
     return total / (1 + shared)
 
 
-def band_edge(strong: Array) -> float:
+def _edge(strong: Array) -> float:
     """End of the band of frequencies, each within an octave and a half of the one before, in which the body moves, Hz."""
     apart = np.flatnonzero(strong[1:] > NEXT * np.maximum(strong[:-1], strong[1:2]))
     return float(MARGIN * strong[apart[0] if apart.size else -1]) if strong.size else 0.0

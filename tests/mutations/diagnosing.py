@@ -348,16 +348,6 @@ SAMPLES = [
         ],
     ),
     *of(
-        "diagnosis/detectors/gain_cycles.py",
-        "tests/diagnosis/detectors/test_gain_cycles.py",
-        [
-            ("a line that is added is a gain", "rivals = np.maximum(of_reading.rivals, LOSS", "rivals = np.maximum(0.0, LOSS"),
-            ("a gain has any cycle", "LOSS * of_product.rivals", "0.0 * of_product.rivals"),
-            ("motion of the reading alone is a gain", "product.asked & reading.asked", "product.asked"),
-            ("runs all begin at sample zero", "2j * np.pi * (first[:, None]", "0j * np.pi * (first[:, None]"),
-        ],
-    ),
-    *of(
         "diagnosis/detectors/clipping.py",
         "tests/diagnosis/detectors/test_samples.py::test_the_level_of_a_clipped_rate_is_known_to_a_step_of_its_lattice",
         [("readings cut toward zero are the level", "step if cut else 0.5 * step * rounded", "0.5 * step * rounded")],

@@ -117,7 +117,7 @@ def _swells(x, e):
 @pytest.mark.parametrize(
     ("law", "says"),
     [
-        (_alternates, " goes with a cycle of 2 samples"),
+        (_alternates, "mean goes with a cycle of 2 samples"),
         (_cycles_from_each_start, "mean goes with a cycle"),
         (_cycles_in_power, "power goes with a cycle"),
         (_steps_at_a_value, "step where the reading passes"),
