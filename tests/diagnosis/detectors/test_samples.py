@@ -408,18 +408,19 @@ def test_a_clipped_rate_on_a_coarse_lattice(plan, truth):
     assert _is_plateau(np.ones(200, dtype=bool), step=2.5)
     assert not _is_plateau(np.ones(200, dtype=bool), step=8.0)
     assert not _is_plateau(np.ones(50, dtype=bool), step=2.5)
+    assert not _is_plateau(np.ones(10_000, dtype=bool), step=np.inf)
 
 
 @pytest.mark.parametrize(("effect", "kind"), [("rate_quantization", "rounded"), ("rate_truncation", "cut")])
 def test_the_level_of_a_clipped_rate_is_known_to_a_step_of_its_lattice(plan, truth, effect, kind):
-    step = 5e-4
+    step, exact = 5e-4, 1e-6  # the share of a step to which a lattice is stated
     for seed, part in enumerate((0.02, 0.3, 0.6, 0.9)):
         level = (300 + part) * step
         recording = _recording(plan, truth, seed, f"rate_saturation:z={level}", f"{effect}={step}")
         for known, widest in ((kind, 1.0), (None, 1.5)):  # where it is open how readings came to the lattice, both count
             (plateau,) = (one for one in stream.examine(recording, known).symptoms if one.kind == "plateau")
-            assert step * 0.999 <= np.sqrt(12) * plateau.sigma <= widest * step * 1.001
-            assert abs(plateau.size - level) <= np.sqrt(3) * plateau.sigma * 1.001
+            assert step * (1 - exact) <= np.sqrt(12) * plateau.sigma <= widest * step * (1 + exact)
+            assert abs(plateau.size - level) <= np.sqrt(3) * plateau.sigma * (1 + exact)  # half the width, nothing beyond it
 
 
 def test_a_sway_that_two_gyros_show_in_quiet_arcs_is_no_slow_noise(plan, truth):
