@@ -244,7 +244,7 @@ def p_values(prepared: Prepared, explained: Explained) -> dict[str, float]:
             out[f"trackers {one.first} and {one.second}"] = one.p_value
     out.update({f"misfit: {check.name}": check.p_value for check in explained.left})
     out.update({f"check: {check.name}": check.p_value for check in explained.checks})
-    if explained.checks:
+    if explained.passed is not None:
         out["all checks, over the posterior"] = explained.passed
     return out
 

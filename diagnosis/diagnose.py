@@ -74,7 +74,7 @@ class Explained:
     fitted : amplitudes of the effects that are named
     rejected : amplitudes of those that would be, but for the checks of what they leave
     checks : of what the named effects leave
-    passed : p-value of the checks of all listed explanations together, averaged over their posterior
+    passed : p-value of the checks of all listed explanations together, averaged over their posterior; None without a check
     left : what M0 leaves of all references, before any averaging
     unseen : without a gap, the probability of M0 and of what is too weak to be told
     closed : how far the gap closes on held-out data
@@ -90,7 +90,7 @@ class Explained:
     closed: Closure | None
     change: Array
     covariance: Array
-    passed: float = 1.0
+    passed: float | None = None
     left: tuple[Departure, ...] = ()
     unseen: tuple[Ranked, ...] = ()
     rounded: bool = False
@@ -276,7 +276,7 @@ def judged(
     fitted: tuple[Fitted, ...] = ()
     rejected: tuple[Fitted, ...] = ()
     checks: tuple[Check, ...] = ()
-    passed = 1.0
+    passed: float | None = None
     closed: Closure | None = None
     if p < settings.false_alarm_rate:
         tell("explanations", 0.5)
@@ -291,8 +291,8 @@ def judged(
             fitted = tuple(amplitudes(linear, members))
             tell("checks", 0.74)
             checks = check(linear, members)
-            passed = together(checks)
-            if against(passed, settings) < 1:
+            passed = together(checks) if checks else None
+            if passed is not None and against(passed) < 1:
                 step = map(counted(tell, "checks", 0.75, 0.85, 5), count()).__next__
                 passed = averaged_check(weighed, partial(_checked, linear, check, step), partial(is_listed, linear))
             instead = jumps(linear, members)

@@ -109,13 +109,6 @@ class DiagnosisSettings:
         "8 of the 13 unlisted effects of those two programs that random processes were named for jump; half of that, since "
         "other things imitate columns",
     )
-    seen: float = threshold(
-        0.25,
-        "probability that the checks of what is left see that something unlisted imitates what is named",
-        "probability",
-        "of 11 unlisted effects explained by listed ones in the first 149 cases, 3 had p-values below 0.004, the others above "
-        "0.07; one exponent for all p-values, 0.2 by maximum likelihood, makes them less likely (log likelihood 25 against 31)",
-    )
     chi2_sensors: float = threshold(
         1e-4,
         "p-value of χ² below which the noise of raw sensor tables is taken from their own residuals",

@@ -7,25 +7,24 @@ something unlisted have more than `DiagnosisSettings.unknown` of the probability
 No list of unlisted rivals is complete: something else may imitate what would be named. Its prior share is t, the larger the
 more freedom the named effects have (`DiagnosisSettings.imitation`, `swing_imitation`, `free_imitation`), and the checks of what
 the named model leaves (`diagnosis.inference.checks`) weigh it. The p-value p of the checks is uniform under what is named.
-Under an imitation they see it with a probability f (`DiagnosisSettings.seen`), by p-values of any order of magnitude down to
-p₀ = 10⁻¹⁶ alike, and otherwise do not, so that a p-value is worth the Bayes factor
+Under an imitation its density is α p^(α − 1), the smaller α, the more the checks see of it; α may have any value from 0 to 1
+(Sellke, Bayarri and Berger, The American Statistician 55, 2001), so that a p-value is worth the Bayes factor
 
-    B = 1 − f + f/(p ln(1/p₀))
+    B = ∫₀¹ α p^(α − 1) dα = (1/p − 1 + ln p)/ln² p
 
-against what is named, and the odds of an imitation are t/(1 − t) max(B, 1). The largest factor that any distribution of
-p-values could give is 1/(−e p ln p) (Sellke, Bayarri and Berger, The American Statistician 55, 2001); where p is small, B is
-below it.
+against what is named, and the odds of an imitation are B t/(1 − t). B is one half at p = 1, one at p = 0.17, and below the
+largest factor that any α gives, 1/(−e p ln p), for all p below 1/e.
 
 Of what imitates, a share (`DiagnosisSettings.jumping`) jumps among a few levels. Its evidence is known
 (`diagnosis.inference.few_jumps`), so that it counts by odds B_J of its own, those against all that is named about the axis:
-the odds are t/(1 − t) (max(B, 1) + share × B_J). B_J is the Bayes factor against the best explanation, times the share that
+the odds are t/(1 − t) (B + share × B_J). B_J is the Bayes factor against the best explanation, times the share that
 this has of all listed ones; where it has several members about the axis, one cause in their place is likelier beforehand.
 
 Where several listed explanations share the probability, it is that of the p-value of all of them, averaged over their posterior
 (Gelman et al., Bayesian Data Analysis, section 6.3): what one of them would not leave, another may.
 
-Where the samples show a cause as well, with odds of their own, an imitation would have to show it, too: the factor is less.
-So it is where something unlisted is beside the cause already, which may be what the checks see; the prior share t is not less.
+Where the samples show a cause as well, with odds of their own, an imitation would have to show it, too: a factor B above one is
+less then, though not below one. So it is where something unlisted is beside the cause already, which may be what the checks see.
 """
 
 from __future__ import annotations
@@ -44,7 +43,8 @@ from diagnosis.inference.search import NOTHING, Explanation, total
 from diagnosis.model.linear import LinearModel, Member
 from diagnosis.settings import DEFAULT, DiagnosisSettings
 
-LEAST = 1e-16  # p-value down to which those of imitations are spread
+LEAST = 1e-300  # p-value, below which the factor is that of this one
+CERTAIN = 1e-4  # −log of a p-value, below which the factor is its series
 WORTH_A_CHECK = 0.02  # share of the listed explanations' probability, from which on one of them is checked
 MOST_CHECKED = 5  # of these
 MOST_ODDS = 100.0  # log of the odds, from which on more of them change nothing
@@ -120,7 +120,7 @@ def attribute(model: LinearModel, explanations: list[Explanation], settings: Dia
 
 def unexplained(p_value: float, settings: DiagnosisSettings = DEFAULT) -> Attribution:
     """Of a gap that no candidate shows: M0 against something unlisted, as likely beforehand, with the p-value of the gap."""
-    unknown = 1 / (1 + against(p_value, settings))
+    unknown = 1 / (1 + against(p_value))
     nothing, other = (
         Ranked((), 1 - unknown, 0.0, False),
         Ranked(("residuals that are not white, as of no candidate",), unknown, 0.0, True),
@@ -143,7 +143,7 @@ def unseen(
     -------
     All of them, the likeliest first
     """
-    hidden = float(np.log(settings.unlisted_share / against(p_value, settings)))
+    hidden = float(np.log(settings.unlisted_share / against(p_value)))
     norm = float(np.logaddexp(total([NOTHING, *explanations]), hidden))
     found = [
         Ranked(
@@ -161,7 +161,7 @@ def unseen(
 def doubted(
     model: LinearModel,
     attribution: Attribution,
-    p_value: float,
+    p_value: float | None,
     settings: DiagnosisSettings = DEFAULT,
     jumps: Mapping[str, float] = MappingProxyType({}),
 ) -> Attribution:
@@ -171,7 +171,7 @@ def doubted(
     ----------
     model : the candidates
     attribution : of an explanation that has effects to name
-    p_value : of all checks of what the named model leaves together
+    p_value : of all checks of what the named model leaves together; None where nothing could be checked
     jumps : log of the odds that an error jumps among a few levels, over its prior share, against each label that it may be
     """
     own = [_left(model, slot, attribution.unknown, p_value, settings, jumps) for slot in attribution.slots]
@@ -206,7 +206,12 @@ def _imitations(attribution: Attribution, own: Sequence[float]) -> Iterator[Rank
 
 
 def _left(
-    model: LinearModel, slot: Slot, unknown: float, p_value: float, settings: DiagnosisSettings, jumps: Mapping[str, float]
+    model: LinearModel,
+    slot: Slot,
+    unknown: float,
+    p_value: float | None,
+    settings: DiagnosisSettings,
+    jumps: Mapping[str, float],
 ) -> float:
     """What is left of the probability of a cause beside what imitates it.
 
@@ -216,15 +221,16 @@ def _left(
     entry = model.candidate(slot.member)
     share = settings.free_imitation if entry.process else settings.swing_imitation if entry.scanned else settings.imitation
     shown = max(float(np.exp(-max(entry.log_odds, 0.0))), settings.another * settings.unlisted_share / share)
-    weight = max(1.0, (1 - unknown) * min(shown, 1.0) / against(p_value, settings))
+    factor = 1.0 if p_value is None else 1 / against(p_value)
+    weight = min(factor, max(1.0, (1 - unknown) * min(shown, 1.0) * factor))
     weight += settings.jumping * (1 - unknown) * min(shown, 1.0) * math.exp(min(jumps.get(entry.label, -math.inf), MOST_ODDS))
     return 1 / (1 + share / (1 - share) * weight)
 
 
-def against(p_value: float, settings: DiagnosisSettings = DEFAULT) -> float:
-    """Bayes factor for a model against what its checks may see, of their p-value; at most one."""
-    spread = settings.seen / (max(p_value, LEAST) * -math.log(LEAST))
-    return min(1.0, 1 / (1 - settings.seen + spread))
+def against(p_value: float) -> float:
+    """Bayes factor 1/B for a model against what its checks may see, of their p-value; two at most."""
+    x = -math.log(min(max(p_value, LEAST), 1.0))
+    return 1 / (0.5 + x / 6) if x < CERTAIN else x**2 / (math.expm1(x) - x)
 
 
 def log_share(explanations: Sequence[Explanation], best: Explanation, listed: Callable[[Explanation], bool]) -> float:

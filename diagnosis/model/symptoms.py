@@ -71,8 +71,11 @@ class SampleCause:
 
 
 def imitated(symptom: Symptom, settings: DiagnosisSettings) -> float:
-    """Probability that something unlisted imitates a symptom: its prior share, weighed by how the symptom behaves."""
-    odds = settings.imitation_in_samples / (1 - settings.imitation_in_samples) / against(symptom.likeness, settings)
+    """Probability that something unlisted imitates a symptom: its prior share, or more by how the symptom behaves.
+
+    Most symptoms are asked for a single way in which an imitation might differ, or for none, so that nothing speaks for them.
+    """
+    odds = settings.imitation_in_samples / (1 - settings.imitation_in_samples) / min(against(symptom.likeness), 1.0)
     return odds / (1 + odds)
 
 

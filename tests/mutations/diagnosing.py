@@ -187,12 +187,13 @@ ANSWER = [
                 '    if unknown > settings.unknown:\n        return Attribution("unknown", attribution.best',
                 '    if unknown > 1.0:\n        return Attribution("unknown", attribution.best',
             ),
-            ("p-values of imitations have no area", "1 / (1 - settings.seen + spread)", "1 / (1 + spread)"),
+            ("p-values of imitations have no area", "x**2 / (math.expm1(x) - x)", "x**2 / math.expm1(x)"),
             (
                 "a companion makes an imitation less likely",
-                "weight = max(1.0, (1 - unknown) *",
-                "weight = (1 - unknown) * max(1.0,",
+                "max(1.0, (1 - unknown) *",
+                "(1 - unknown) * max(1.0,",
             ),
+            ("checks without a finding speak for nothing", "weight = min(factor, max(1.0", "weight = max(factor, max(1.0"),
             ("jumps are nothing that imitates", "weight += settings.jumping * (1 - unknown)", "weight += 0.0 * (1 - unknown)"),
             (
                 "one sure cause makes all sure",

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import scipy.integrate
 
 from diagnosis.inference.attribution import against, attribute, averaged_check, doubted, unseen
 from diagnosis.inference.search import NOTHING, Explanation, Search
@@ -96,11 +97,11 @@ def test_the_likeliest_number_of_effects_comes_before_the_likeliest_set():
 
 
 @pytest.mark.parametrize(("process", "scanned"), [(False, False), (True, False), (False, True)])
-def test_an_imitation_has_its_prior_share_where_the_checks_find_nothing(process, scanned):
+def test_an_imitation_has_its_prior_share_where_nothing_is_checked(process, scanned):
     model, found = three({(0,): 0.99, (1,): 0.01})
     model = replace(model, candidates=tuple(replace(one, process=process, scanned=scanned) for one in model.candidates))
     settings = DiagnosisSettings(imitation=0.04, swing_imitation=0.15, free_imitation=0.3)
-    answer = doubted(model, attribute(model, found), 0.5, settings)
+    answer = doubted(model, attribute(model, found), None, settings)
     share = 0.3 if process else 0.15 if scanned else 0.04
     assert answer.unknown == pytest.approx(share)
     assert answer.slots[0].probability == pytest.approx(0.99 * (1 - share))
@@ -111,7 +112,7 @@ def test_an_imitation_has_its_prior_share_where_the_checks_find_nothing(process,
 def test_one_cause_may_be_imitated_and_the_other_not():
     """Independently, with 0.04 each: either alone with 0.04 * 0.96, both with 0.04 * 0.04."""
     model, found = three({(0, 1): 1.0})
-    answer = doubted(model, attribute(model, found), 0.5, DiagnosisSettings(imitation=0.04))
+    answer = doubted(model, attribute(model, found), None, DiagnosisSettings(imitation=0.04))
     chances = {one.labels: one.probability for one in answer.ranked}
     assert chances[("e0", "e1")] == pytest.approx(0.96**2)
     assert chances[("e0", "an imitation of e1")] == pytest.approx(0.04 * 0.96)
@@ -121,20 +122,20 @@ def test_one_cause_may_be_imitated_and_the_other_not():
 
 
 def test_odds_of_an_imitation_follow_the_p_value():
-    """By hand, with f = 1/4: at p = 0.001 the factor is 3/4 + 250/(16 ln 10) = 7.536."""
-    for p, factor in ((0.5, 1.0), (0.001, 7.536)):
+    """By hand: at p = 0.001 the factor is (1000 - 1 - 6.9078) / 47.717 = 20.791, and one half where p is one."""
+    for p, factor in ((1.0, 0.5), (0.001, 20.791)):
         model, found = three({(0,): 1.0})
-        answer = doubted(model, attribute(model, found), p, DiagnosisSettings(imitation=0.1, unknown=1.0, seen=0.25))
+        answer = doubted(model, attribute(model, found), p, DiagnosisSettings(imitation=0.1, unknown=1.0))
         assert answer.unknown / (1 - answer.unknown) == pytest.approx(factor / 9, rel=1e-3)
 
 
 @pytest.mark.parametrize("process", [False, True])
 def test_something_unlisted_beside_a_cause_may_be_what_the_checks_see_but_makes_no_imitation_less_likely(process):
-    """By hand: prior odds of 1/4 stay; with half of the explanations holding something unlisted, the factor 7.536 is 3.768."""
+    """By hand: with half of the explanations holding something unlisted, the factor of 20.791 is 10.396, and one of 1.263 is one."""
     model, found = three({(0,): 0.5, (0, 1): 0.5}, (True, False, True))
     model = replace(model, candidates=tuple(replace(one, process=process) for one in model.candidates))
-    settings = DiagnosisSettings(imitation=0.2, free_imitation=0.2, unknown=1.0, seen=0.25)
-    for p, odds in ((0.5, 0.25), (0.001, 0.25 * 3.768)):
+    settings = DiagnosisSettings(imitation=0.2, free_imitation=0.2, unknown=1.0)
+    for p, odds in ((None, 0.25), (1.0, 0.125), (0.1, 0.25), (0.001, 0.25 * 10.396)):
         answer = doubted(model, attribute(model, found), p, settings)
         assert answer.slots[0].probability == pytest.approx(1 / (1 + odds), rel=1e-4)
 
@@ -145,7 +146,7 @@ def test_jumps_count_by_their_own_bayes_factor(factor):
     settings = DiagnosisSettings(imitation=0.1, jumping=0.1, unknown=1.0)
     model, found = three({(0, 1): 1.0})
     answer = doubted(
-        model, attribute(model, found), 1.0, settings, {model.candidates[0].label: float(np.log(max(factor, 1e-300)))}
+        model, attribute(model, found), None, settings, {model.candidates[0].label: float(np.log(max(factor, 1e-300)))}
     )
     own = {slot.group[0][0]: slot.probability for slot in answer.slots}
     odds = (1 + 0.1 * factor) / 9
@@ -154,16 +155,17 @@ def test_jumps_count_by_their_own_bayes_factor(factor):
 
 
 def test_the_bayes_factor_is_that_of_a_distribution_of_p_values():
-    """The density of p-values under an imitation is one over the factor; it has the area one, and stays below any bound."""
-    settings = DiagnosisSettings(seen=0.25)
-    at = np.linspace(np.log(1e-16), 0, 20001)
-    p = np.exp(at)
-    density = 0.75 + 0.25 / (p * 16 * np.log(10))
-    assert np.trapezoid(density * p, at) == pytest.approx(1.0, abs=1e-3)
-    told = np.array([1 / against(value, settings) for value in p])
-    assert np.allclose(told, np.maximum(density, 1.0))
-    small = p < 0.2
-    assert np.all(told[small] < 1 / (-np.e * p[small] * at[small]))  # Sellke, Bayarri and Berger
+    """The density of p-values under an imitation is one over the factor: that of α p^(α − 1) with any α alike."""
+    exponents, weights = np.polynomial.legendre.leggauss(60)
+    alpha = 0.5 + exponents / 2
+    for p in (1e-8, 1e-3, 0.05, 0.17, 0.5, 0.99, 1 - 1e-5, 1.0):
+        assert 1 / against(p) == pytest.approx(np.sum(weights / 2 * alpha * p ** (alpha - 1)), rel=1e-6)
+    # Its area up to p is the integral of p^α, (p − 1)/ln p.
+    area, _ = scipy.integrate.quad(lambda x: np.exp(-x) / against(np.exp(-x)), -np.log(0.2), 400.0, epsabs=1e-9, limit=500)
+    assert area == pytest.approx((0.2 - 1) / np.log(0.2) - (np.exp(-400) - 1) / -400, rel=1e-5)
+    small = np.geomspace(1e-16, 0.3, 50)
+    assert all(1 / against(p) < 1 / (-np.e * p * np.log(p)) for p in small)  # Sellke, Bayarri and Berger
+    assert 1 / against(0.0) == 1 / against(1e-300)
 
 
 def test_checks_are_averaged_over_what_may_be_the_case():
@@ -188,9 +190,9 @@ def test_what_the_samples_show_is_not_imitated_as_easily(log_odds, shown):
     model, found = three({(0,): 1.0})
     model = replace(model, candidates=tuple(replace(one, log_odds=log_odds) for one in model.candidates))
     settings = DiagnosisSettings(imitation=0.1, unknown=1.0, unlisted_share=0.2)
-    assert doubted(model, attribute(model, found), 0.5, settings).unknown == pytest.approx(0.1)
+    assert doubted(model, attribute(model, found), None, settings).unknown == pytest.approx(0.1)
     unknown = doubted(model, attribute(model, found), 0.001, settings).unknown
-    assert unknown / (1 - unknown) == pytest.approx(max(7.536 * shown, 1) / 9, rel=1e-3)
+    assert unknown / (1 - unknown) == pytest.approx(max(20.791 * shown, 1) / 9, rel=1e-3)
 
 
 def test_what_the_checks_reject_is_unknown():
