@@ -23,8 +23,9 @@ this has of all listed ones; where it has several members about the axis, one ca
 Where several listed explanations share the probability, it is that of the p-value of all of them, averaged over their posterior
 (Gelman et al., Bayesian Data Analysis, section 6.3): what one of them would not leave, another may.
 
-Where the samples show a cause as well, with odds of their own, an imitation would have to show it, too: a factor B above one is
-less then, though not below one. So it is where something unlisted is beside the cause already, which may be what the checks see.
+Where the samples show a cause as well, with odds of their own, an imitation would have to show it, too: a factor B above one
+is less then, though not below one. So it is where something unlisted is beside the cause already, which may be what the checks
+see.
 """
 
 from __future__ import annotations

@@ -121,7 +121,7 @@ def case_row(answer: dict[str, Any], result: dict[str, Any], reached: float | No
         "probability": float(np.prod([cause["probability"] for cause in causes])) if causes else np.nan,
         "unknown_probability": found["unknown_probability"],
         "statements": [[cause["probability"], label(cause["effect"], cause["axis"]) in labels] for cause in causes],
-        "size_sigmas": _size_errors(causes, truth),
+        "size_sigmas": size_errors(causes, truth),
         "closed": found["closure"]["closed"] if found["closure"] else np.nan,
         "closed_true": np.nan if reached is None else reached,
         "G_error": _error(found["calibration"]["G"], answer["true_G"]),
@@ -152,7 +152,7 @@ def _axes_right(causes: Sequence[dict[str, Any]], truth: Sequence[dict[str, Any]
     )
 
 
-def _size_errors(causes: Sequence[dict[str, Any]], truth: Sequence[dict[str, Any]]) -> list[float]:
+def size_errors(causes: Sequence[dict[str, Any]], truth: Sequence[dict[str, Any]]) -> list[float]:
     """(size − true size)/sigma of each cause that is there, on its axis and, where there is one, towards the same other."""
     out = []
     for cause in causes:

@@ -38,7 +38,7 @@ def report(config: WideConfig, rows: pd.DataFrame) -> Report:
             "Probability stated of causes, and how often they were there", score.reliability(score.statements(rows))
         ),
         "missed": Table("Effects missed at 1 % false alarms, over the SNR", score.missed_by_snr(rows)),
-        "sizes": Table("Sizes within their sigmas", score.size_coverage(score.size_errors(rows))),
+        "sizes": Table("Sizes within their sigmas", score.size_table(rows)),
         "sets": Table("Conformal sets of explanations", score.set_coverage(rows, DEFAULT.conformal)),
         **{name: Table(f"Right answers by {title}", score.by_group(rows, name)) for name, title in GROUPS.items()},
         "run_time": Table("Processor time of a case", pd.DataFrame(seconds)),

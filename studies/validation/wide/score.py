@@ -13,7 +13,8 @@ sets are scored in the terms of their own fields:
 - **Risk against coverage** (El-Yaniv and Wiener, JMLR 11, 2010): of the answers with a cause, the share of wrong ones among
   the surest.
 - **Sizes**: d = (size − true size)/sigma; the shares within the normal quantiles, and the distribution of Φ(d), which is
-  uniform where sigma and shape are right.
+  uniform where sigma and shape are right. Steps of lattices, limits and the like are read off the samples and stated to a few
+  digits of a double: their sigma is a bound, not that of an estimate, and they are counted apart.
 - **Conformal sets** (`diagnosis.inference.conformal`): the share that holds the truth, and their length.
 
 Closure is not scored: what the true model reaches on held-out data is not part of a row.
@@ -36,12 +37,14 @@ from simulator.effects import EFFECTS
 from studies.montecarlo.statistics import binomial_interval
 from studies.report.checks import Bounds, Check, at_least, at_most
 from studies.validation.blind_check.score import label
+from studies.validation.blind_check.score import size_errors as size_errors_of
 
 Array = NDArray[np.float64]
 
 DETECTABLE, CLEAR = 8.0, 12.0  # SNR from which most effects must be seen, and unlisted ones told as such
 SNR_BINS = (5.0, 8.0, 12.0, 20.0, 35.0, np.inf)
 STATED = (0.0, 0.2, 0.4, 0.6, 0.8, 0.9, 0.95, 1.0 + 1e-9)
+EXACT = 1e-5  # of a size; a smaller sigma is that of digits
 LEVELS = {"68 %": 0.6827, "95 %": 0.95, "99.7 %": 0.9973}
 UNIFORM = 0.01  # p-value of a test for the uniform distribution
 WITHIN = "The share of the cases, with its 95 % binomial interval in the table of rates."
@@ -259,10 +262,21 @@ def risk_coverage(rows: pd.DataFrame) -> pd.DataFrame:
 # ---- sizes and sets ------------------------------------------------------------------------------------------------------
 
 
-def size_errors(rows: pd.DataFrame) -> Array:
-    """(size − true size)/sigma of every cause that is there."""
-    values = [value for text in rows["size_sigmas"] for value in json.loads(text)]
-    return np.array(values, dtype=float)
+def sizes(rows: pd.DataFrame) -> pd.DataFrame:
+    """(size − true size)/sigma of every cause that is there, and whether the size is read off the samples."""
+    out = []
+    for row in records(rows):
+        truth = json.loads(row["truth"])
+        for cause in json.loads(row["causes"]):
+            exact = 0 < cause["sigma"] <= EXACT * abs(cause["size"])
+            out += [{"error": error, "exact": exact} for error in size_errors_of([cause], truth)]
+    return pd.DataFrame(out, columns=["error", "exact"]).astype({"error": float, "exact": bool})
+
+
+def estimated(rows: pd.DataFrame) -> Array:
+    """(size − true size)/sigma of every cause that is there and has a size with the sigma of an estimate."""
+    found = sizes(rows)
+    return np.asarray(found["error"][~found["exact"]], dtype=float)
 
 
 def size_coverage(errors: Array) -> pd.DataFrame:
@@ -272,6 +286,13 @@ def size_coverage(errors: Array) -> pd.DataFrame:
         found = _rate(name, np.abs(errors) <= scipy.stats.norm.ppf(0.5 + level / 2))
         out.append({"level": name, "expected": level, **{k: found[k] for k in ("cases", "count", "share", "low", "high")}})
     return pd.DataFrame(out)
+
+
+def size_table(rows: pd.DataFrame) -> pd.DataFrame:
+    """The coverage of sizes that are estimated, of those read off the samples, and of all."""
+    found = sizes(rows)
+    parts = {"estimated": ~found["exact"], "read off the samples": found["exact"], "all": found["error"] == found["error"]}
+    return pd.concat([size_coverage(np.asarray(found["error"][own])).assign(sizes=name) for name, own in parts.items()])
 
 
 def set_coverage(rows: pd.DataFrame, limit: float) -> pd.DataFrame:
@@ -292,7 +313,7 @@ def checks(rows: pd.DataFrame, limit: float) -> tuple[Check, ...]:
     table = rates(rows).set_index("what")
     stated = statements(rows)
     unlisted, listed, right = unknown_scores(rows)
-    sizes = size_coverage(size_errors(rows)).set_index("level")
+    levels = size_coverage(estimated(rows)).set_index("level")
     sets = set_coverage(rows, limit).iloc[0]
 
     def of(name: str, bounds: Bounds, column: str = "share") -> Check:
@@ -312,7 +333,7 @@ def checks(rows: pd.DataFrame, limit: float) -> tuple[Check, ...]:
         Check("90 % conformal sets that hold the truth", float(sets["share"]), (0.87, 0.93)),
         Check("mean length of the conformal sets", float(sets["mean_length"]), at_most(1.6)),
     ]
-    for name, line in sizes.iterrows():
+    for name, line in levels.iterrows():
         out.append(Check(f"sizes within {name}", float(line["share"]), _bounds(int(line["cases"]), float(line["expected"]))))
     return tuple(out)
 
@@ -328,7 +349,7 @@ def summary(rows: pd.DataFrame) -> pd.DataFrame:
     stated = statements(rows)
     score, none = detection_scores(rows), (rows["kind"] == "none").to_numpy()
     unlisted, listed, right = unknown_scores(rows)
-    errors = size_errors(rows)
+    errors = estimated(rows)
     risk = risk_coverage(rows)
     lines: Iterable[tuple[str, Callable[[], float]]] = (
         ("Brier score of the stated probabilities", lambda: brier(stated)),

@@ -131,7 +131,7 @@ def test_odds_of_an_imitation_follow_the_p_value():
 
 @pytest.mark.parametrize("process", [False, True])
 def test_something_unlisted_beside_a_cause_may_be_what_the_checks_see_but_makes_no_imitation_less_likely(process):
-    """By hand: with half of the explanations holding something unlisted, the factor of 20.791 is 10.396, and one of 1.263 is one."""
+    """By hand: with half of the explanations holding something unlisted, a factor of 20.791 is 10.396, and 1.263 is one."""
     model, found = three({(0,): 0.5, (0, 1): 0.5}, (True, False, True))
     model = replace(model, candidates=tuple(replace(one, process=process) for one in model.candidates))
     settings = DiagnosisSettings(imitation=0.2, free_imitation=0.2, unknown=1.0)

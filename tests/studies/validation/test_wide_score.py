@@ -80,6 +80,23 @@ def test_sizes_within_their_sigmas_and_sets():
     assert (wide["share"], wide["mean_length"]) == (1.0, 1.5)
 
 
+def test_sizes_that_are_read_off_the_samples_are_counted_apart():
+    truth = json.dumps([{"effect": "rate_quantization", "axis": "x", "size": 1.0, "parameters": {}}])
+
+    def with_size(size, sigma):
+        named = {**cause("rate_quantization", "x", 0.9), "size": size, "sigma": sigma, "parameters": {}}
+        return row("single", "right", "rate_quantization:x", causes=json.dumps([named]), truth=truth)
+
+    rows = pd.DataFrame([with_size(1.0, 1e-6), with_size(1.2, 0.1), with_size(2.0, 0.1)])
+    assert score.estimated(rows) == pytest.approx([2.0, 10.0])
+    table = score.size_table(rows).set_index(["sizes", "level"])
+    assert table.loc[("read off the samples", "68 %"), "count"] == 1
+    assert table.loc[("all", "99.7 %"), ["cases", "count"]].tolist() == [3, 2]
+    assert table.loc[("estimated", "99.7 %"), ["cases", "count"]].tolist() == [2, 1]
+    none = pd.DataFrame([row("none", "right", truth="[]")])
+    assert score.estimated(none).size == 0
+
+
 def test_detection_is_by_the_gap_as_a_whole():
     rows = pd.DataFrame([row("none", "right", p_value=0.01), row("single", "right", "bias_drift:x", p_value=0.0)])
     assert score.detection_scores(rows).tolist() == [2.0, 300.0]
