@@ -29,7 +29,7 @@ from scipy.special import expit
 from diagnosis.detectors.gap_interpolation import runs
 from diagnosis.detectors.report import AXES, SampleReport, Symptom
 from diagnosis.detectors.spectral_tones import Line
-from diagnosis.model.misfit import innovations
+from diagnosis.model.misfit import innovations_of
 from diagnosis.model.recording import RecordingModel
 from diagnosis.model.tones.tone import BIAS, PICKUP, Way, waves
 from gyrocal.recording import GyroStream
@@ -183,6 +183,5 @@ def _seen(model: RecordingModel, axis: int, waves: Iterable[Array]) -> tuple[Arr
     high[:, axis] = np.column_stack(rates)
     if model.recording.attitudes.sensor is not None or all((block.counts == 1).all() for block in model.blocks):
         return model.y, list(model.prepared(model.reading(high)).T)
-    errors = np.moveaxis(model.turned_by(high), 2, 0)
-    y, *columns = (innovations(replace(model, residuals=one))[0].ravel() for one in (model.residuals, *errors))
+    y, *columns = innovations_of(model, np.dstack([model.residuals, model.turned_by(high)])).T
     return y, columns

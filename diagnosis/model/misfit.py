@@ -146,6 +146,13 @@ def innovations(model: RecordingModel, beside: Sequence[Array] = ()) -> tuple[Ar
     return (y - U @ (U.T @ y)).reshape(-1, 3), later, U
 
 
+def innovations_of(model: RecordingModel, errors: Array) -> Array:
+    """(3k, c) innovations of attitude errors at every reference, inertial axes (m, 3, c), beside what a fit would take."""
+    white, _ = whitened(model, errors)
+    U = basis(whitened(model, model.turned_by(parameter_errors(model.raw)))[0])
+    return np.asarray(white - U @ (U.T @ white))
+
+
 def whitened(model: RecordingModel, columns: Array) -> tuple[Array, Mask]:
     """Attitude errors at every reference, inertial axes, (m, 3, c), as innovations about the body axes (3k, c); whose (m,)."""
     first = np.diff(model.interval_of_reference, prepend=-1) != 0
