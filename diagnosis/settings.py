@@ -122,11 +122,10 @@ class DiagnosisSettings:
         "in the first 149 cases 36 of 37, by the rule of succession",
     )
     conformal: float = threshold(
-        0.634,
+        0.762,
         "how much less likely than the likeliest, as a share of it, an explanation in the 90 % conformal set may be",
         "probability",
-        "covers 90 % with 95 % confidence, from 299 cases of the setting part of the wide check, answered when a swing was "
-        "imitated as often as a process; with its own share it would be 0.636",
+        "covers 90 % with 95 % confidence, from 299 cases of the setting part of the wide check",
     )
     sample_event: float = threshold(
         1e-5,
