@@ -34,7 +34,17 @@ from diagnosis.detectors.noise_blocks import (
     passes_zero,
     powers_of,
 )
-from diagnosis.detectors.noise_questions import FAR, HIGHEST, Blocks, cycles_of_mean, cycles_of_power, levels, step, uneven
+from diagnosis.detectors.noise_questions import (
+    FAR,
+    HIGHEST,
+    Blocks,
+    cycles_of_mean,
+    cycles_of_power,
+    levels,
+    step,
+    uneven,
+    waves_of_level,
+)
 from diagnosis.detectors.report import (
     AXES,
     IMPOSSIBLE,
@@ -60,7 +70,7 @@ TOGETHER = 50  # blocks that follow one another, which are chosen or left out to
 SHARES = (1.0, 0.75, 0.5, 0.35, 0.25)  # of the blocks, the calmest, of which the first is taken in which no motion shows
 FORMAT = 0.02  # noise sigmas in a step of the readings, from which on it matters at zero whether they are cut
 NOTABLE = 0.01  # of the noise of a sample, or of its power, that matters
-KINDS = 5  # of questions
+KINDS = 6  # of questions
 IN_COMMON = 0.05  # correlation of the noise of two gyros that matters
 
 
@@ -96,7 +106,7 @@ def patterns(report: SampleReport, recording: Recording, used: NDArray[np.bool_]
         if calm is None:
             continue
         calms[axis] = calm
-        found = [cycles_of_mean(calm), cycles_of_power(calm), step(calm), levels(calm)]
+        found = [cycles_of_mean(calm), cycles_of_power(calm), step(calm), levels(calm), waves_of_level(calm)]
         if not falsified:
             found.append(uneven(calm))
         best = min(found, key=lambda one: one.p_value)
@@ -170,6 +180,10 @@ def _calm(rates: Array, recording: Recording, places: Indices, axis: int, step: 
     begin = first[np.searchsorted(first, places[chosen], side="right") - 1]
     ticks = np.round((recording.gyro.t_s - recording.gyro.t_s[0]) / recording.gyro.sample_s).astype(np.intp)
     start = np.column_stack([ticks[places[chosen]], ticks[places[chosen]] - ticks[begin]])
-    means = [rates[window, other].mean(axis=1) for other in (axis, (axis + 1) % 3, (axis + 2) % 3)]
+    axes = [axis, (axis + 1) % 3, (axis + 2) % 3]
+    means = [rates[window, other].mean(axis=1) for other in axes]
+    middle = places[chosen] + (BLOCK + ORDER) // 2
+    angles = np.cumsum(rates[:, axes], axis=0) * recording.gyro.sample_s
+    turned = angles[middle] - angles[begin]
     change = rest[:, -ORDER:].mean(axis=1) - rest[:, :ORDER].mean(axis=1)
-    return Blocks(shown, noise, rest, start, np.column_stack(means), change)
+    return Blocks(shown, noise, rest, start, np.column_stack(means), change, turned)

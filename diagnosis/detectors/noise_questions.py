@@ -10,6 +10,9 @@ With ê the noise of a block b, n_bi the number of its sample i and w its level 
 - the mean of ê has a **step at one value** of the reading: the sum of ê beyond that value, the largest over values;
 - the **level** differs with the time, the time since the interval's start, a reading, its size or its change, or with those of
   the other gyros: w in bins of each, where a rest of the motion is fitted beside it;
+- the level goes with a **wave** of any period in time, over the whole recording or in one interval alone, or in the angle that
+  one has turned about an axis: Σ_b w_b exp(−2πi f t_b), of which the squared size over Σ_b w_b² is exponential; its maximum
+  has to show again between the halves of the wave, with a rest of the motion fitted beside the level;
 - the noise is **uneven**: whether powers of blocks scatter or go together with the next more than white noise does.
 
 Sums over blocks are compared with their own scatter, T² = sᵀ (Σ_b s_b s_bᵀ)⁻¹ s: blocks in which a motion is left weigh
@@ -25,12 +28,13 @@ from functools import cache
 from math import gcd
 
 import numpy as np
+import scipy.fft
 import scipy.linalg
 import scipy.special
 import scipy.stats
 from numpy.typing import NDArray
 
-from diagnosis.detectors.noise_blocks import BACK, LEVEL_SPREAD, fitted, powers_of
+from diagnosis.detectors.noise_blocks import BACK, CUT, LEVEL_SPREAD, fitted, powers_of
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
@@ -43,6 +47,10 @@ AT_ONCE = 512  # blocks that are looked at, so that memory stays small
 STEPPED = 30  # blocks with a step in them, below which nothing is said
 BINS = 6  # of blocks, in which levels are compared
 HIGHEST = 12  # cosines from the highest down, whose power shows uneven noise
+FINEST_TURN = 64  # of a turn, the shortest wave in the angle turned
+LONGEST_GRID = 1 << 20  # places of a wave
+FEWEST_OF_WAVE = 100  # blocks of an interval, in which waves are looked for
+SHORT, FEW_WAVES = 4, 2  # places in the shortest wave, and times that the longest one fits
 DRAWS = 200_000  # blocks of white noise, that show what is usual
 CYCLES = np.array([h / k for k in range(2, LONGEST + 1) for h in range(1, k // 2 + 1) if gcd(h, k) == 1])
 
@@ -67,6 +75,7 @@ class Blocks:
     start : (b, 2) number of the first sample, from the recording's and from the interval's start
     readings : (b, 3) means of all gyros, this one first
     change : (b,) of this one's reading over a block
+    turned : (b, 3) angles turned since the interval's start, by all gyros, this one first, rad
     """
 
     cosines: Array
@@ -75,6 +84,7 @@ class Blocks:
     start: Indices
     readings: Array
     change: Array
+    turned: Array
 
 
 def cycles_of_mean(calm: Blocks) -> Answer:
@@ -184,6 +194,67 @@ def _given(calm: Blocks) -> Iterator[tuple[str, Array]]:
     for k, whose in enumerate(("the reading", "the next gyro's reading", "the reading of the gyro after the next")):
         yield whose, calm.readings[:, k]
         yield f"the size of {whose}", np.abs(calm.readings[:, k])
+
+
+def waves_of_level(calm: Blocks) -> Answer:
+    """The strongest wave of the level in time or in an angle that is turned."""
+    power = np.mean(np.minimum(calm.cosines**2, CUT), axis=1)
+    best, text, at, asked = 0.0, "", np.empty(0), 0
+    own = np.arange(len(power))
+    for name, clock, place, part in _clocks(calm, own):
+        left = power[part] - power[part].mean()
+        strength, phase, period, count = _strongest(left, clock, place)
+        asked += count
+        if strength > best:
+            best, at, own, text = strength, phase, part, f"its level goes with {name} in waves of {period:.4g}"
+    p = min(1.0, asked * float(np.exp(-best)))
+    if not text:
+        return Answer(1.0, 0.0, "its level goes with no wave")
+    halves = [fitted(powers_of(calm.cosines[own[half]]), int(half.sum())) for half in (np.cos(at) > 0, np.cos(at) <= 0)]
+    counts = np.array([(np.cos(at) > 0).sum(), (np.cos(at) <= 0).sum()], dtype=float)
+    level = np.array([one.white for one in halves])
+    error = float(np.sqrt(np.sum(level**2 * LEVEL_SPREAD / counts)))
+    told = all(one.still and one.fits for one in halves)
+    again = float(scipy.stats.norm.sf((level[0] - level[1]) / error)) if told else 1.0
+    return Answer(max(p, again), float(abs(level[0] - level[1]) / level.mean() / 2), text)
+
+
+def _clocks(calm: Blocks, all_of_them: Indices) -> Iterator[tuple[str, Array, float, Indices]]:
+    """What a level may go with in waves: its name, values of some blocks, the shortest place between them, and which blocks."""
+    spacing = float(np.median(np.diff(calm.start[:, 0])))
+    yield "the number of a sample", calm.start[:, 0].astype(float), spacing, all_of_them
+    begin = calm.start[:, 0] - calm.start[:, 1]
+    for first in np.unique(begin):
+        part = np.flatnonzero(begin == first)
+        if part.size < FEWEST_OF_WAVE:
+            continue
+        if part.size < all_of_them.size:
+            yield "the number of a sample in one interval", calm.start[part, 1].astype(float), spacing, part
+        for k, whose in enumerate(("this gyro", "the next gyro", "the gyro after the next")):
+            yield f"the angle turned about {whose} in one interval", calm.turned[part, k], 2 * np.pi / FINEST_TURN / SHORT, part
+
+
+def _strongest(left: Array, clock: Array, place: float) -> tuple[float, Array, float, int]:
+    """The strongest wave of some values without their mean (b,) in a clock (b,).
+
+    Returns
+    -------
+    Its strength |Σ w e^(−iφ)|²/Σ w², the phase of each value from its crest on, its period, and how many were asked for
+    """
+    begin, span = float(clock.min()), float(np.ptp(clock))
+    place = max(place, span / LONGEST_GRID)
+    count = int(span / place) + 1
+    if count <= 2 * SHORT * FEW_WAVES:
+        return 0.0, np.empty(0), np.inf, 0
+    places = ((clock - begin) / place).astype(np.intp)
+    padded = scipy.fft.next_fast_len(2 * count, real=True)
+    spectrum = scipy.fft.rfft(np.bincount(places, left, count), padded)
+    low, high = FEW_WAVES * padded // count, padded // SHORT
+    strength = np.abs(spectrum[low:high]) ** 2 / max(float(np.sum(left**2)), 1e-300)
+    best = int(np.argmax(strength))
+    frequency = (low + best) / padded
+    phase = 2 * np.pi * frequency * places + np.angle(spectrum[low + best])
+    return float(strength[best]), np.asarray(phase), place / frequency, high - low
 
 
 def uneven(calm: Blocks) -> Answer:
