@@ -11,8 +11,8 @@ With ê the noise of a block b, n_bi the number of its sample i and w its level 
 - the **level** differs with the time, the time since the interval's start, a reading, its size or its change, or with those of
   the other gyros: w in bins of each, where a rest of the motion is fitted beside it;
 - the level goes with a **wave** of any period in time, over the whole recording or in one interval alone, or in the angle that
-  one has turned about an axis: Σ_b w_b exp(−2πi f t_b), of which the squared size over Σ_b w_b² is exponential; its maximum
-  has to show again between the halves of the wave, with a rest of the motion fitted beside the level;
+  one has turned about an axis: Σ_b w_b exp(−2πi f t_b) of the levels without their mean; the strongest has to show again
+  between the halves of the wave, with a rest of the motion fitted beside the level;
 - the noise is **uneven**: whether powers of blocks scatter or go together with the next more than white noise does.
 
 Sums over blocks are compared with their own scatter, T² = sᵀ (Σ_b s_b s_bᵀ)⁻¹ s: blocks in which a motion is left weigh
@@ -125,8 +125,12 @@ def _cycles(calm: Blocks, values: Array, grow: list[tuple[str, Array]], of_what:
 def _against_scatter(values: Complex) -> Array:
     """(f,) T² of the sums of (b, f) complex values, as χ² with two degrees of freedom; of those that are real, with one."""
     re, im = values.real, values.imag
-    a, b, c = np.sum(re**2, axis=0), np.sum(re * im, axis=0), np.sum(im**2, axis=0)
-    s, t = re.sum(axis=0), im.sum(axis=0)
+    return _t2(values.sum(axis=0), np.sum(re**2, axis=0), np.sum(re * im, axis=0), np.sum(im**2, axis=0))
+
+
+def _t2(sums: Complex, a: Array, b: Array, c: Array) -> Array:
+    """(f,) T² of complex sums, with the variances a and c of their real and imaginary parts and the covariance b."""
+    s, t = sums.real, sums.imag
     determinant = a * c - b**2
     flat = determinant <= 1e-6 * (a + c) ** 2
     both = (c * s**2 - 2 * b * s * t + a * t**2) / np.where(flat, 1.0, determinant)
@@ -199,47 +203,46 @@ def _given(calm: Blocks) -> Iterator[tuple[str, Array]]:
 def waves_of_level(calm: Blocks) -> Answer:
     """The strongest wave of the level in time or in an angle that is turned."""
     power = np.mean(np.minimum(calm.cosines**2, CUT), axis=1)
-    best, text, at, asked = 0.0, "", np.empty(0), 0
-    own = np.arange(len(power))
-    for name, clock, place, part in _clocks(calm, own):
-        left = power[part] - power[part].mean()
-        strength, phase, period, count = _strongest(left, clock, place)
+    best, asked, at, text = 0.0, 0, (np.arange(0), np.empty(0)), ""
+    for name, clock, place, part in _clocks(calm):
+        strength, phase, period, count = _strongest(power[part] - power[part].mean(), clock, place)
         asked += count
         if strength > best:
-            best, at, own, text = strength, phase, part, f"its level goes with {name} in waves of {period:.4g}"
-    p = min(1.0, asked * float(np.exp(-best)))
+            best, at, text = strength, (part, phase), f"its level goes with {name} in waves of {period:.4g}"
     if not text:
         return Answer(1.0, 0.0, "its level goes with no wave")
-    halves = [fitted(powers_of(calm.cosines[own[half]]), int(half.sum())) for half in (np.cos(at) > 0, np.cos(at) <= 0)]
-    counts = np.array([(np.cos(at) > 0).sum(), (np.cos(at) <= 0).sum()], dtype=float)
-    level = np.array([one.white for one in halves])
-    error = float(np.sqrt(np.sum(level**2 * LEVEL_SPREAD / counts)))
-    told = all(one.still and one.fits for one in halves)
-    again = float(scipy.stats.norm.sf((level[0] - level[1]) / error)) if told else 1.0
-    return Answer(max(p, again), float(abs(level[0] - level[1]) / level.mean() / 2), text)
+    part, phase = at
+    halves = [part[half] for half in (np.cos(phase) > 0, np.cos(phase) <= 0)]
+    fits = [fitted(powers_of(calm.cosines[half]), half.size) for half in halves]
+    level, count = np.array([one.white for one in fits]), np.array([half.size for half in halves])
+    difference, error = level[0] - level[1], float(np.sqrt(np.sum(level**2 * LEVEL_SPREAD / count)))
+    again = float(scipy.stats.norm.sf(difference / error)) if all(one.still and one.fits for one in fits) else 1.0
+    p = min(1.0, asked * float(np.exp(-0.5 * best)))
+    return Answer(max(p, again), float(abs(difference) / level.mean() / 2), text)
 
 
-def _clocks(calm: Blocks, all_of_them: Indices) -> Iterator[tuple[str, Array, float, Indices]]:
-    """What a level may go with in waves: its name, values of some blocks, the shortest place between them, and which blocks."""
+def _clocks(calm: Blocks) -> Iterator[tuple[str, Array, float, Indices]]:
+    """What a level may go with in waves: its name, its values at some blocks, the spacing of places, and which blocks."""
+    whole, begin = np.arange(len(calm.start)), calm.start[:, 0] - calm.start[:, 1]
     spacing = float(np.median(np.diff(calm.start[:, 0])))
-    yield "the number of a sample", calm.start[:, 0].astype(float), spacing, all_of_them
-    begin = calm.start[:, 0] - calm.start[:, 1]
+    yield "the number of a sample", calm.start[:, 0].astype(float), spacing, whole
     for first in np.unique(begin):
         part = np.flatnonzero(begin == first)
         if part.size < FEWEST_OF_WAVE:
             continue
-        if part.size < all_of_them.size:
+        if part.size < whole.size:
             yield "the number of a sample in one interval", calm.start[part, 1].astype(float), spacing, part
         for k, whose in enumerate(("this gyro", "the next gyro", "the gyro after the next")):
-            yield f"the angle turned about {whose} in one interval", calm.turned[part, k], 2 * np.pi / FINEST_TURN / SHORT, part
+            name = f"the angle turned about the axis of {whose}, in rad, in one interval"
+            yield name, calm.turned[part, k], 2 * np.pi / FINEST_TURN / SHORT, part
 
 
 def _strongest(left: Array, clock: Array, place: float) -> tuple[float, Array, float, int]:
-    """The strongest wave of some values without their mean (b,) in a clock (b,).
+    """The strongest wave of some values without their mean (b,) in a clock (b,), by places of some spacing.
 
     Returns
     -------
-    Its strength |Σ w e^(−iφ)|²/Σ w², the phase of each value from its crest on, its period, and how many were asked for
+    Its T², the phase of each value from its crest on, its period, and for how many it was looked for
     """
     begin, span = float(clock.min()), float(np.ptp(clock))
     place = max(place, span / LONGEST_GRID)
@@ -248,12 +251,14 @@ def _strongest(left: Array, clock: Array, place: float) -> tuple[float, Array, f
         return 0.0, np.empty(0), np.inf, 0
     places = ((clock - begin) / place).astype(np.intp)
     padded = scipy.fft.next_fast_len(2 * count, real=True)
-    spectrum = scipy.fft.rfft(np.bincount(places, left, count), padded)
+    sums, squares = (scipy.fft.rfft(np.bincount(places, one, count), padded) for one in (left, left**2))
     low, high = FEW_WAVES * padded // count, padded // SHORT
-    strength = np.abs(spectrum[low:high]) ** 2 / max(float(np.sum(left**2)), 1e-300)
+    # cos² and sin² of a phase are those of the doubled one.
+    total, doubled = squares[0].real, squares[2 * low : 2 * high : 2]
+    strength = _t2(sums[low:high], 0.5 * (total + doubled.real), 0.5 * doubled.imag, 0.5 * (total - doubled.real))
     best = int(np.argmax(strength))
     frequency = (low + best) / padded
-    phase = 2 * np.pi * frequency * places + np.angle(spectrum[low + best])
+    phase = 2 * np.pi * frequency * places + np.angle(sums[low + best])
     return float(strength[best]), np.asarray(phase), place / frequency, high - low
 
 

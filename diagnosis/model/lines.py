@@ -20,7 +20,6 @@ is the other's rival.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Sequence, Set
-from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray

@@ -111,7 +111,19 @@ def _ages(x, e):
 
 
 def _swells(x, e):
-    x[:, 0] += 0.4 * e[:, 0] * np.sign(np.sin(np.arange(COUNT) / 97))
+    """At random, for about 300 samples each time."""
+    turns = np.random.default_rng(7).random(COUNT) < 1 / 300
+    x[:, 0] += 0.4 * e[:, 0] * (-1.0) ** np.cumsum(turns)
+
+
+def _grows_until_it_is_driven_again(x, e):
+    x[:, 0] += 0.3 * e[:, 0] * np.exp(3 * (np.arange(COUNT) / 1777 % 1.0 - 1))
+
+
+def _is_rough_at_some_angles(x, e):
+    """Of what the second gyro has turned, a thirtieth of a turn each minute."""
+    angle = np.cumsum(SIGMA * x[:, 1])
+    x[:, 0] += 0.3 * e[:, 0] * (np.sin(2.3 * angle) > 0.5)
 
 
 @pytest.mark.parametrize(
@@ -124,6 +136,8 @@ def _swells(x, e):
         (_grows_with_another_reading, "level differs with the next gyro's reading"),
         (_ages, "level differs with the time"),
         (_swells, "swells and falls"),
+        (_grows_until_it_is_driven_again, "level goes with the number of a sample in waves of 17"),
+        (_is_rough_at_some_angles, "level goes with the angle turned about the axis of the next gyro"),
     ],
 )
 def test_what_noise_depends_on_is_said_of_the_gyro_that_has_it(law, says):
