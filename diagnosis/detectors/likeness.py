@@ -8,8 +8,9 @@ cause against something unlisted (`diagnosis.inference.attribution`).
 
 The statistics are general. Of times counted in samples, the strongest of the periods up to `LONGEST`: for a period q the
 resultant R² = |Σ exp(2πi k/q)|²/m of m random times has an exponential distribution of mean one. Of whatever times may go with,
-the smallest share of all moments that holds some of them. Of lengths and heights, the
-largest distance of their distribution to that of the fault with the mean that they have (Lilliefors), against draws of it.
+the smallest share of all moments that holds some of them; the ranks of it must not go with their signs. Of lengths and
+heights, the largest distance of their distribution to that of the fault with the mean that they have (Lilliefors), against
+draws of it.
 Of noise, the kurtosis of differences, and the mean log of its power in short windows, which lulls and bursts lower: their
 distribution comes from draws of white noise. The power of those windows must not depend on the reading either, as it does where
 a gyro jumps across a dead zone, or where its noise grows with the rate. Strong windows in which differences of a higher order
@@ -110,6 +111,24 @@ def of_places(values: Sequence[tuple[Array, Array]]) -> float:
     """
     found = [_nearest(np.sort(every), np.sort(own)) for every, own in values if own.size > 1]
     return min(1.0, len(found) * min(found)) if found else 1.0
+
+
+def of_signs(up: NDArray[np.bool_], values: Sequence[Array]) -> float:
+    """P-value of signs of events that go with nothing, by the ranks of whatever they may go with.
+
+    Parameters
+    ----------
+    up : (m,) which events go up
+    values : of each quantity, (m,) at the events
+    """
+    signs = np.where(up, 1.0, -1.0) - (2 * float(up.mean()) - 1 if up.size else 0.0)
+    if up.size < FEWEST or not signs.any():
+        return 1.0
+    ranks = [scipy.stats.rankdata(one) - 0.5 * (up.size + 1) for one in values]
+    # Their sum over all orders of the signs has this variance (Hájek, Šidák and Sen, Theory of Rank Tests, 1999).
+    variance = [float(np.sum(signs**2) * np.sum(one**2)) / (up.size - 1) for one in ranks]
+    far = max((abs(float(signs @ one)) / np.sqrt(v) for one, v in zip(ranks, variance, strict=True) if v > 0), default=0.0)
+    return min(1.0, len(values) * 2 * float(scipy.stats.norm.sf(far)))
 
 
 def _nearest(every: Array, own: Array) -> float:

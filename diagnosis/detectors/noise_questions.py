@@ -214,8 +214,8 @@ def waves_of_level(calm: Blocks) -> Answer:
     part, phase = at
     halves = [part[half] for half in (np.cos(phase) > 0, np.cos(phase) <= 0)]
     fits = [fitted(powers_of(calm.cosines[half]), half.size) for half in halves]
-    level, count = np.array([one.white for one in fits]), np.array([half.size for half in halves])
-    difference, error = level[0] - level[1], float(np.sqrt(np.sum(level**2 * LEVEL_SPREAD / count)))
+    level, sizes = np.array([one.white for one in fits]), np.array([half.size for half in halves])
+    difference, error = level[0] - level[1], float(np.sqrt(np.sum(level**2 * LEVEL_SPREAD / sizes)))
     again = float(scipy.stats.norm.sf(difference / error)) if all(one.still and one.fits for one in fits) else 1.0
     p = min(1.0, asked * float(np.exp(-0.5 * best)))
     return Answer(max(p, again), float(abs(difference) / level.mean() / 2), text)

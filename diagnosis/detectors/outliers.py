@@ -14,7 +14,7 @@ import scipy.ndimage
 import scipy.stats
 from numpy.typing import NDArray
 
-from diagnosis.detectors.likeness import of_heights, of_places, of_times, some
+from diagnosis.detectors.likeness import of_heights, of_places, of_signs, of_times, some
 from diagnosis.detectors.report import (
     AXES,
     IMPOSSIBLE,
@@ -51,6 +51,7 @@ class Looked:
     limit : from which on one counts, where the motion adds nothing
     odd : readings in motion that are far off, also in a step
     hidden : how far off an outlier must be to show in the motion there; zero at rest
+    up : whether each reading is above its neighbours
     """
 
     still: Mask
@@ -59,6 +60,7 @@ class Looked:
     limit: float
     odd: Mask
     hidden: Array
+    up: Mask
 
     @property
     def places(self) -> Mask:
@@ -143,8 +145,9 @@ def _looked(
         x, level, step = report.rates[:, axis], float(noise[axis]), float(steps[axis])
         still, off, limit = at_rest(x, resting, level, step)
         moving, beside, most, odd, least = in_motion(x, turning, level, step)
-        off = np.abs(np.where(odd, beside, off))
-        found.append(Looked(still, moving, off, limit if resting.any() else most, odd, np.where(resting, 0.0, least)))
+        off = np.where(odd, beside, off)
+        hidden = np.where(resting, 0.0, least)
+        found.append(Looked(still, moving, np.abs(off), limit if resting.any() else most, odd, hidden, off > 0))
     # What two gyros show at once while the body moves is a jolt of it.
     near = sum(scipy.ndimage.binary_dilation(one.places, iterations=SIDE).astype(int) for one in found)
     return [replace(one, moving=one.moving & (near == 1)) for one in found], resting | turning
@@ -161,19 +164,22 @@ def _taken_out(report: SampleReport, recording: Recording, axis: int, one: Looke
 
 
 def _likeness(recording: Recording, looked: list[Looked], asked: Mask) -> float:
-    """Of the times of outliers, counted from their interval's start, of what they may go with, and of how high they are."""
+    """Of the times of outliers, counted from their interval's start, of what they and their signs go with, and of heights."""
     since, given = since_start(recording), circumstances(recording)
-    times, heights, places = [], [], []
+    times, heights, places, signs = [], [], [], [1.0]
     for one in looked:
         own = some(np.flatnonzero(one.places))
         times.append(since[one.places])
         heights.append(one.off[one.places] - one.limit)
+        signs.append(of_signs(one.up[own], [values[own] for values in given]))
         if own.size > 1:
             # Of places where the smallest of them would have been seen: none there is chance.
             where = asked & (one.hidden <= np.abs(one.off[own]).min())
             seen = own[where[own]]
             places += [(values[where], values[seen]) for values in given]
-    return min(1.0, 3 * min(of_times(np.concatenate(times)), of_heights(np.concatenate(heights)), of_places(places)))
+    of_sign = min(1.0, len(looked) * min(signs))
+    found = of_times(np.concatenate(times)), of_heights(np.concatenate(heights)), of_places(places), of_sign
+    return min(1.0, len(found) * min(found))
 
 
 def _neighbours(report: SampleReport, places: list[Mask], quiet: Mask, noise: Array) -> None:

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+import scipy.stats
 
 from diagnosis.detectors import likeness
 from simulator.effects.gyro.stale_samples import stale_mask
@@ -105,3 +106,18 @@ def test_many_events_are_thinned_by_chance():
     assert kept.size == likeness.SOME
     assert likeness.of_places([(t, t[kept])]) > 0.01
     assert likeness.of_places([(t, t[own[: likeness.SOME]])]) < 1e-6
+
+
+def test_signs_that_go_with_nothing_are_random_and_others_are_told():
+    """Also where most are of one sign; a fault that goes with the direction of a turn has signs that do."""
+    p = []
+    for seed in range(SEEDS):
+        rng = np.random.default_rng(seed)
+        p.append(likeness.of_signs(rng.random(40) < 0.8, [rng.standard_normal(40)]))
+    assert scipy.stats.kstest(p, "uniform").pvalue > 1e-3
+    reading = np.random.default_rng(1).standard_normal(30)
+    assert likeness.of_signs(reading > 0, [reading[::-1], reading]) < 1e-5
+    assert likeness.of_signs(reading > 0, [reading[::-1]]) > 1e-3
+    assert likeness.of_signs(np.ones(30, dtype=bool), [reading]) == 1.0
+    assert likeness.of_signs(reading[:5] > 0, [reading[:5]]) == 1.0
+    assert likeness.of_signs(reading > 0, [np.zeros(30)]) == 1.0

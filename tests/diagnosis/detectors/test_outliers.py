@@ -130,8 +130,8 @@ def test_outliers_of_one_gyro_speak_although_the_others_motion_passes_for_some(m
     places[[300, 777, 1400, 1999, 2500]] = True
     odd[::17] = True
     off = np.where(places, 50 * SIGMA, 0.0)
-    quiet = outliers.Looked(none, places, off, 6 * SIGMA, places, np.zeros(t_s.size))
-    jolted = outliers.Looked(none, none, off, 6 * SIGMA, odd, np.zeros(t_s.size))
+    quiet = outliers.Looked(none, places, off, 6 * SIGMA, places, np.zeros(t_s.size), places)
+    jolted = outliers.Looked(none, none, off, 6 * SIGMA, odd, np.zeros(t_s.size), odd)
     monkeypatch.setattr(outliers, "_looked", lambda *_: ([jolted, quiet, jolted], ~none))
 
     def found(seen):
