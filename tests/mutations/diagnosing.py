@@ -268,6 +268,28 @@ SAMPLES = [
         ],
     ),
     *of(
+        "diagnosis/detectors/noise_questions.py",
+        "tests/diagnosis/detectors/test_noise_questions.py",
+        [
+            (
+                "waves of the level do not count as many as were asked",
+                "asked += count",
+                "asked = 1",
+            ),
+            ("a wave need not show between its halves", "Answer(max(p, again)", "Answer(max(p, 0.0)"),
+            (
+                "a wave at few places has the tail of one at any",
+                "doubled = squares[0].real, squares[",
+                "doubled = squares[0].real, 0 * squares[",
+            ),
+        ],
+    ),
+    *of(
+        "diagnosis/detectors/likeness.py",
+        "tests/diagnosis/detectors/test_likeness.py",
+        [("signs are compared with as many of either", " - (2 * float(up.mean()) - 1 if up.size else 0.0)", "")],
+    ),
+    *of(
         "diagnosis/detectors/clipping.py",
         "tests/diagnosis/detectors/test_samples.py",
         [("a hundred clipped samples are none", "FEWEST_CLIPPED = 5", "FEWEST_CLIPPED = 500_000")],
