@@ -182,5 +182,6 @@ def _seen(model: RecordingModel, axis: int, waves: Iterable[Array]) -> tuple[Arr
     high[:, axis] = np.column_stack(rates)
     if model.recording.attitudes.sensor is not None or all((block.counts == 1).all() for block in model.blocks):
         return model.y, list(model.prepared(model.reading(high)).T)
-    y, *columns = innovations_of(model, np.dstack([model.residuals, model.turned_by(high)])).T
+    left, _, _ = innovations_of(model, np.dstack([model.residuals, model.turned_by(high)]))
+    y, *columns = left.T
     return y, columns

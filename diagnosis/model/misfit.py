@@ -139,18 +139,16 @@ def errors_of(model: RecordingModel, effect: Effect, axis: str | None, parameter
 
 def innovations(model: RecordingModel, beside: Sequence[Array] = ()) -> tuple[Array, Mask, Array]:
     """White innovations about the body axes (k, 3), whose they are (m,), and (3k, q) a basis of what the fit took."""
-    rows = np.concatenate([model.residuals[:, :, None], model.turned_by(parameter_errors(model.raw)), *beside], axis=2)
-    white, later = whitened(model, rows)
-    y, X = white[:, 0], white[:, 1:]
-    U = basis(X)
-    return (y - U @ (U.T @ y)).reshape(-1, 3), later, U
+    left, later, U = innovations_of(model, model.residuals[:, :, None], beside)
+    return left.reshape(-1, 3), later, U
 
 
-def innovations_of(model: RecordingModel, errors: Array) -> Array:
-    """(3k, c) innovations of attitude errors at every reference, inertial axes (m, 3, c), beside what a fit would take."""
-    white, _ = whitened(model, errors)
-    U = basis(whitened(model, model.turned_by(parameter_errors(model.raw)))[0])
-    return np.asarray(white - U @ (U.T @ white))
+def innovations_of(model: RecordingModel, errors: Array, beside: Sequence[Array] = ()) -> tuple[Array, Mask, Array]:
+    """The same of any attitude errors at every reference, inertial axes: (m, 3, c) → (3k, c)."""
+    count = errors.shape[2]
+    white, later = whitened(model, np.concatenate([errors, model.turned_by(parameter_errors(model.raw)), *beside], axis=2))
+    y, U = white[:, :count], basis(white[:, count:])
+    return np.asarray(y - U @ (U.T @ y)), later, U
 
 
 def whitened(model: RecordingModel, columns: Array) -> tuple[Array, Mask]:

@@ -25,8 +25,8 @@ def blocks(cosines, turned=None):
     )
 
 
-def noise(seed, scale=1.0):
-    return scale * np.random.default_rng(seed).standard_normal((COUNT, SHOWING))
+def noise(seed):
+    return np.random.default_rng(seed).standard_normal((COUNT, SHOWING))
 
 
 def gate(period):
