@@ -1,4 +1,7 @@
-"""Statistics of what should be white noise, of one set of data and of many draws at once; see `diagnosis.inference.checks`."""
+"""Statistics of what should be white noise, of one set of data and of many draws at once; see `diagnosis.inference.checks`.
+
+The data are the first of all, and the draws come after them.
+"""
 
 from __future__ import annotations
 
@@ -18,6 +21,7 @@ CYCLES = np.geomspace(0.5, 8.0, 24)  # in a turn
 TURNS = 0.5  # of a turn, that a body must have made about an axis
 FOLD = 12  # bins of a pattern that repeats
 TINY = 1e-300
+LEAST_POWER = 1e-6  # of the largest that a wave has in the draws, below which nothing is left of it
 VARIES = 1e-3  # of the largest scatter of an element of the attitude, from which on it changes at all
 SIZE, FLAT, JUMPS = "size", "two values or a wave", "jumps"  # less size than expected is as odd as more
 SETTLED = (SIZE, "correlation in time")  # by the evidence of a process
@@ -143,11 +147,7 @@ def _largest_along(values: Array, regressors: Array) -> Array:
 
 
 def _lines(e: Array, layout: Layout) -> Array | None:
-    """Strongest line of any period, its phase another in each interval; None if the arcs are too short.
-
-    The power at one frequency has a gamma distribution under the named model, with a shape of one for each interval. The
-    strongest is told by the natural logarithm of the chance of so much power at that frequency, with the sign turned.
-    """
+    """Strongest line of any period, its phase another in each interval; None if the arcs are too short."""
     longest = float(layout.since_s.max())
     gaps = np.diff(layout.t_s)[(np.diff(layout.interval) == 0) & (np.diff(layout.t_s) > 0)]
     if not gaps.size or longest < 8 * float(np.median(gaps)):
@@ -171,13 +171,27 @@ def _cycles(e: Array, layout: Layout) -> Array | None:
 
 
 def _strongest(e: Array, interval: Indices, angle: Array) -> Array | None:
-    """Strongest wave of some phases (f, r) but for one in each interval, see `_lines`; None if no interval is long enough."""
+    """Strongest wave of some phases (f, r) but for one in each interval; None if no interval is long enough.
+
+    The power at one frequency about one axis has a gamma distribution under the named model. Its shape would be one for each
+    interval, but where a body hardly turns the wave has no phase of its own, and the parameters that are fitted take a part of
+    its power: shape and scale are those that give the mean and the variance of the draws. The strongest is the one whose cube
+    root is the most sigmas too large (Wilson & Hilferty 1931), and is told by the natural logarithm of the chance of so much
+    power, with the sign turned.
+    """
     power = np.zeros((len(angle), 3, e.shape[2]))
-    count = 0
+    long_enough = False
     for number in np.unique(interval):
         own = interval == number
         if own.sum() < 4:
             continue
         power += np.abs(np.einsum("fr,rad->fad", np.exp(-1j * angle[:, own]), e[own])) ** 2 / own.sum()
-        count += 1
-    return np.asarray(-scipy.stats.gamma.logsf(power.max(axis=(0, 1)), count)) if count else None
+        long_enough = True
+    if not long_enough:
+        return None
+    power = power[power.mean(axis=2) > LEAST_POWER * power.mean(axis=2).max()]
+    mean, variance = (np.maximum(values, TINY) for values in (power[:, 1:].mean(axis=1), power[:, 1:].var(axis=1)))
+    shape, scale = mean**2 / variance, variance / mean
+    away = np.sqrt(9 * shape)[:, None] * (np.cbrt(power / mean[:, None]) - 1 + 1 / (9 * shape)[:, None])
+    one = np.argmax(away, axis=0)
+    return np.asarray(-scipy.stats.gamma.logsf(power[one, np.arange(one.size)], shape[one], scale=scale[one]))

@@ -138,6 +138,17 @@ EVIDENCE = [
         [("cycles in a turn are counted in time", "np.outer(CYCLES, angle))", "np.outer(CYCLES, layout.since_s))")],
     ),
     *of(
+        "diagnosis/inference/check_statistics.py",
+        f"{INFERENCE}test_checks.py::test_lines_in_the_angle_turned_hold_their_rate_where_a_body_rests_but_in_one_interval",
+        [
+            (
+                "power has a phase in each interval",
+                "shape, scale = mean**2 / variance, variance / mean",
+                "shape, scale = np.full_like(mean, len(np.unique(interval))), np.ones_like(mean)",
+            )
+        ],
+    ),
+    *of(
         "diagnosis/detectors/noise_structure.py",
         "tests/diagnosis/detectors/test_noise_structure.py",
         [

@@ -305,6 +305,25 @@ def test_arcs_that_are_too_short_have_no_lines(layout):
     assert check_statistics._lines(e, short) is None
 
 
+def test_lines_in_the_angle_turned_hold_their_rate_where_a_body_rests_but_in_one_interval(layout):
+    """Most of the power of a wave is gone with what each interval has fitted, and the rest has one phase."""
+    rng = np.random.default_rng(17)
+    turned = np.where(layout.interval[:, None] == 0, layout.turned, 1e-3 * layout.turned)
+    layout = replace(layout, turned=turned)
+
+    def statistic(count):
+        e = rng.standard_normal((ROWS, 3, count))
+        for number in np.unique(layout.interval):
+            e[layout.interval == number] -= e[layout.interval == number].mean(axis=0)
+        return check_statistics.of_innovations(e, layout)[check_statistics.TURNED]
+
+    data = statistic(20_000)
+    p = np.mean([np.log(checks._p_value(check_statistics.TURNED, data, statistic(checks.DRAWS))) for _ in range(10)], axis=0)
+    for level in (0.05, 1e-3):
+        assert np.mean(p < np.log(level)) < level + 4 * np.sqrt(level / data.size) + 0.2 * level
+    assert p.min() > np.log(1e-7)
+
+
 @pytest.mark.parametrize("degrees", [18, 200])
 def test_p_values_of_sums_of_squares_are_those_of_chi_square(degrees):
     rng = np.random.default_rng(10)
