@@ -32,7 +32,7 @@ Array = NDArray[np.float64]
 AXES = "xyz"
 UNSEEN = 0.5  # usual size of the motion inside the zone beside the rates that are missing
 SWAYS = (0.015, 0.05, 0.15, 0.5)  # the same where passes tell what to expect, in half widths
-MEMORIES = (10.0,)  # time constants of it in cells, beside none
+MEMORIES = (3.0, 10.0)  # time constants of it in cells, beside none
 NEAR_EDGE = 0.3  # the same near an edge that was passed, of the half width
 DIFFERENCE = 0.4  # usual size of the differences between runs beside what they have in common
 SCALES = (0.03, 10.0)  # of the amplitudes, in usual rates
@@ -73,20 +73,19 @@ def unseen_motion(model: RecordingModel, one: DeadZoneEvidence) -> Array:
     return _seen(model, UNSEEN * np.hstack(_in_cells(model, one, one.expected)))
 
 
-def motions_inside(model: RecordingModel, one: DeadZoneEvidence, rates: Array) -> list[Array]:
+def motions_inside(model: RecordingModel, one: DeadZoneEvidence, shared: Array) -> list[Array]:
     """Columns of what is missing where passes tell what to expect, for each size and memory of a sway at rest; (N, k) each.
 
-    Near an edge the rate is off by a share of the half width, from cell to cell. At rest it sways as a Markov process does, and
-    rests differ by as much.
+    Near an edge the rate is off by a share of the half width, from cell to cell. At rest it sways as a Markov process does,
+    from one rest to the next as well.
 
     Parameters
     ----------
     model : of the recording
     one : what the samples show
-    rates : (N, shapes + runs) whitened columns of the missing rate
+    shared : (N, shapes) whitened columns of the missing rate that all runs share
     """
     resting = one.passes[1]
-    shared, own = np.split(rates, [len(one.passes)], axis=1)
     near = np.hstack(_in_cells(model, one, 1 - resting)) * NEAR_EDGE
     level, slope = _in_cells(model, one, resting)
     run_s = model.cells.run_s
@@ -94,9 +93,7 @@ def motions_inside(model: RecordingModel, one: DeadZoneEvidence, rates: Array) -
     some = ROUNDING * np.eye(run_s.size)
     levels = [level, *(level @ np.linalg.cholesky(markov(run_s, count * spacing) + some) for count in MEMORIES)]
     return [
-        np.hstack([shared, min(sway / UNSEEN, 1.0) * own, _seen(model, np.hstack([near, sway * each, sway * slope]))])
-        for sway in SWAYS
-        for each in levels
+        np.hstack([shared, _seen(model, np.hstack([near, sway * each, sway * slope]))]) for sway in SWAYS for each in levels
     ]
 
 
@@ -158,7 +155,7 @@ def _group(model: RecordingModel, one: DeadZoneEvidence, effect: Effect) -> Grou
     ways = [one] if one.silence is None else [one, one.strict()]
     rates = [model.whitened(missing(model, way)) for way in ways]
     if one.passed:
-        moving = motions_inside(model, one, rates[0])
+        moving = motions_inside(model, one, rates[0][:, : len(one.passes)])
     else:
         moving = [np.hstack([own, unseen_motion(model, way)]) for own, way in zip(rates, ways, strict=True)]
     count = max(own.shape[1] for own in rates)

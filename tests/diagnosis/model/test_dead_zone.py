@@ -108,8 +108,8 @@ def test_the_motion_inside_has_the_covariance_of_its_parts(passed):
     """Of each size and memory: an error near the edges in each cell, a Markov level of the rests, and slopes."""
     model = passed.model
     (shown,) = passed.dead
-    rates = model.whitened(dead_zone.missing(model, shown))
-    made = dead_zone.motions_inside(model, shown, rates)
+    shared = model.whitened(dead_zone.missing(model, shown))[:, : len(shown.passes)]
+    made = dead_zone.motions_inside(model, shown, shared)
     kinds = [(sway, memory) for sway in dead_zone.SWAYS for memory in (0.0, *dead_zone.MEMORIES)]
     assert len(made) == len(kinds)
     run_s = model.cells.run_s
@@ -119,7 +119,7 @@ def test_the_motion_inside_has_the_covariance_of_its_parts(passed):
     for (sway, memory), columns in zip(kinds, made, strict=True):
         root = np.linalg.cholesky(np.exp(-np.abs(np.subtract.outer(run_s, run_s)) / (memory * usual))) if memory else none
         parts = DEG * model.projected(model.whitened(np.hstack([near, sway * level @ root, sway * slope])))
-        found = model.projected(columns[:, rates.shape[1] :])
+        found = model.projected(columns[:, shared.shape[1] :])
         wanted = parts @ parts.T
         # Each column that is left out has less of the strongest one's power than this, and they are orthogonal.
         np.testing.assert_allclose(found @ found.T, wanted, atol=1.01 * dead_zone.SEEN * np.linalg.norm(wanted, 2))
