@@ -242,8 +242,13 @@ def columns(model: RecordingModel, axis: int, on_references: bool, frequencies: 
 
     Over a cell the mean of the wave stands for it.
     """
-    errors = model.reference_columns if on_references else model.cell_columns
-    t, length, _ = times(model, on_references)
-    angle, mean = 2 * np.pi * np.outer(t, frequencies), np.sinc(np.outer(length, frequencies))
-    both = errors[axis] @ np.hstack([np.sin(angle) * mean, np.cos(angle) * mean])
+    t_s = model.references.t_s if on_references else model.cells.t_s
+    angle = 2 * np.pi * np.outer(t_s, frequencies)
+    swing = np.hstack([np.sin(angle), np.cos(angle)])
+    if on_references:
+        errors = np.zeros((t_s.size, 3, swing.shape[1]))
+        errors[:, axis] = swing
+        both = model.whitened(model.reference_error(errors))
+    else:
+        both = model.cell_columns[axis] @ (swing * np.tile(np.sinc(np.outer(model.cells.duration_s, frequencies)), 2))
     return [both[:, [k, k + frequencies.size]] for k in range(frequencies.size)]

@@ -452,11 +452,13 @@ class RecordingModel:
     @cached_property
     def reference_columns(self) -> Array:
         """(3, N, r) whitened observations of a unit error of the references of each observation about each body axis."""
-        count = len(self.observation_attitude)
-        out = np.zeros((3, self.size, count))
+        count = self.observation_t_s.size
         rows = 3 * np.arange(count)[:, None] + np.arange(3)
+        out = np.zeros((3, self.size, count))
         for axis in range(3):
-            out[axis][rows, np.arange(count)[:, None]] = -self.observation_attitude[:, :, axis]
+            errors = np.zeros((len(self.at_reference), 3, 1))
+            errors[:, axis] = 1.0
+            out[axis][rows, np.arange(count)[:, None]] = self.reference_error(errors).reshape(count, 3)
         return np.stack([self.whitened(part) for part in out])
 
     # ---- random processes ------------------------------------------------------------------------------------------------

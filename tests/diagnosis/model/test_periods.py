@@ -7,9 +7,10 @@ import pytest
 
 from diagnosis.inference.evidence import log_bayes
 from diagnosis.inference.search import Search
-from diagnosis.model import periods, repeating
+from diagnosis.model import linearise, periods, repeating
 from diagnosis.model.candidates import linear_model
 from diagnosis.model.linear import Member
+from diagnosis.model.linearise import linearised
 from diagnosis.model.swings import columns_of, swing_columns
 from simulator.effects import EFFECTS
 from tests.diagnosis.recordings import prepared
@@ -90,6 +91,24 @@ def test_columns_of_cells_are_those_of_the_effect(model):
             exact = model.projected(columns_of(model, effect, axis, {"period_s": 1 / frequency}))
             away = np.linalg.norm(model.projected(made) - exact) / np.linalg.norm(exact)
             assert away < (0.03 if name == "bias_periodic" else 1e-9)
+
+
+@pytest.mark.parametrize("axis", ["x", "z"])
+def test_a_body_may_turn_while_references_are_averaged(model, monkeypatch, axis):
+    """The error of each reference is along an axis of the body at that reference, in the columns and in the scan."""
+    monkeypatch.setattr(linearise, "MOST_OBSERVATIONS", model.reference_rows.size // 5)
+    averaged = linearised(model.recording, model.G, model.bias)
+    assert averaged.observation_t_s.size < 0.3 * averaged.reference_rows.size
+    effect, number = EFFECTS["reference_periodic"], "xyz".index(axis)
+    at = periods.grid(averaged)
+    frequency = at.tried[20, at.tried.shape[1] // 2]
+    exact = averaged.projected(columns_of(averaged, effect, axis, {"period_s": 1 / frequency}))
+    (made,) = swing_columns(averaged, effect, axis, np.array([frequency]))
+    np.testing.assert_allclose(averaged.projected(made), exact, atol=1e-9 * np.abs(exact).max())
+    swinging = replace_y(averaged, exact @ np.array([0.03, -0.02]))
+    score = periods.waves(swinging, at, number, True).scores(np.array([[frequency]]), np.array([20]))[0, 0]
+    whole = 0.5 * float(swinging.y @ swinging.y)
+    assert score > 0.97 * whole - 10  # the evidence costs a few for the two amplitudes
 
 
 @pytest.mark.parametrize(("on_references", "axis"), KINDS)
