@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
+import scipy.linalg
 from numpy.typing import NDArray
 
 from diagnosis.model import processes, repeating, trackers, unlisted
@@ -195,10 +196,36 @@ def unlisted_groups(model: RecordingModel, found: Found, effects: Sequence[Effec
         if effect.is_process and not effect.on_references and not effect.of_trackers and effect.missing(around) is None
         for trial in effect.trials(around)
     ]
+    between = steps_between(model, effects)
     for process in processes.unlisted(model, known):
-        yield _rival(process.name, process.axis, process.columns, True)
+        others = [one for one in process.columns if not _is_within(model.projected(one), between[process.axis])]
+        if others:
+            yield _rival(process.name, process.axis, others, True)
     for error in trackers.unlisted(model):
         yield _rival(error.name, error.tracker, error.columns, error.process)
+
+
+def steps_between(model: RecordingModel, effects: Sequence[Effect]) -> dict[str, list[Array]]:
+    """Orthonormal bases (N, k) of what steps of listed effects about each axis look like between two intervals.
+
+    Where there are just two, what has a value of its own in each is a step between them, and no rival of it.
+    """
+    found: dict[str, list[Array]] = {axis: [] for axis in AXES}
+    if len(model.blocks) != 2:
+        return found
+    second = np.array([model.blocks[1].steps.start])
+    for effect in effects:
+        if effect.switched and effect.has_columns and not effect.on_references and effect.missing(model.around) is None:
+            for axis in AXES:
+                steps = [switched_columns(model, effect, axis, one.parameters, second) for one in effect.trials(model.around)]
+                found[axis].append(scipy.linalg.orth(model.projected(np.hstack(steps))))
+    return found
+
+
+def _is_within(columns: Array, bases: Sequence[Array]) -> bool:
+    """Whether some projected columns (N, r) lie in the span of one of the bases, but for a small part of their power."""
+    power = float(np.sum(columns**2))
+    return any(float(np.sum((basis.T @ columns) ** 2)) > processes.ALIKE * power for basis in bases)
 
 
 def _rival(name: str, axis: str | None, columns: Sequence[Array], process: bool) -> Group:

@@ -138,6 +138,22 @@ EVIDENCE = [
         [("cycles in a turn are counted in time", "np.outer(CYCLES, angle))", "np.outer(CYCLES, layout.since_s))")],
     ),
     *of(
+        "diagnosis/model/recording.py",
+        "tests/diagnosis/model/test_periods.py::test_a_body_may_turn_while_references_are_averaged",
+        [
+            (
+                "errors of averaged references are along one attitude",
+                "self.reference_error(errors).reshape(count, 3)",
+                "-self.observation_attitude[:, :, axis]",
+            )
+        ],
+    ),
+    *of(
+        "diagnosis/model/groups.py",
+        "tests/diagnosis/model/test_unlisted.py::test_of_two_intervals_a_value_of_each_is_a_step_between_them",
+        [("a step is a rival of itself", "!= 2:", "!= 0:")],
+    ),
+    *of(
         "diagnosis/inference/check_statistics.py",
         f"{INFERENCE}test_checks.py::test_lines_in_the_angle_turned_hold_their_rate_where_a_body_rests_but_in_one_interval",
         [

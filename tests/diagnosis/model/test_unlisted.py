@@ -9,7 +9,9 @@ from scipy.interpolate import CubicSpline
 
 from diagnosis.model import bins as bins_of
 from diagnosis.model import unlisted
+from diagnosis.model.groups import unlisted_groups
 from diagnosis.model.linearise import linearised
+from simulator.effects import EFFECTS
 from tests.diagnosis.recordings import prepared
 
 LATE = 1e-5  # of the time since an interval's start, that a reading is late by
@@ -93,3 +95,21 @@ def test_late_tags_are_what_a_later_reading_leaves(model, bins):
     changed = linearised(replace(recording, gyro=replace(gyro, rates=rates)), model.G, model.bias).y - model.y
     expected = LATE * model.projected(unlisted.of_tags(model, bins).columns[0][:, 0] * max(1.0, bins.since_s.max()))
     assert np.linalg.norm(changed - expected) < 0.05 * np.linalg.norm(changed)
+
+
+def test_of_two_intervals_a_value_of_each_is_a_step_between_them():
+    """It is a rival of its own where there are three, or where no step is on the list."""
+    model = prepared(3).model
+    two, three = (
+        linearised(model.recording, model.G, model.bias, pieces=model.recording.intervals[:count]) for count in (2, 3)
+    )
+    steps = [EFFECTS["bias_step"], EFFECTS["g_matrix_step"]]
+    rivals = {"bias differs between intervals", "scale factor or misalignment differs between intervals"}
+
+    def left(model, effects):
+        return {one.effect for one in unlisted_groups(model, {}, effects)} & rivals
+
+    assert left(two, steps) == set()
+    assert left(three, steps) == rivals
+    assert left(two, []) == rivals
+    assert left(two, steps[:1]) == {"scale factor or misalignment differs between intervals"}
