@@ -100,6 +100,9 @@ def test_a_body_may_turn_while_references_are_averaged(model, monkeypatch, axis)
     averaged = linearised(model.recording, model.G, model.bias)
     assert averaged.observation_t_s.size < 0.3 * averaged.reference_rows.size
     effect, number = EFFECTS["reference_periodic"], "xyz".index(axis)
+    constant = np.tile(np.eye(3)[number][None, :, None], (averaged.reference_rows.size, 1, 1))
+    whole = averaged.whitened(averaged.reference_error(constant))[:, 0]
+    np.testing.assert_allclose(averaged.reference_columns[number].sum(axis=1), whole, atol=1e-9 * np.abs(whole).max())
     at = periods.grid(averaged)
     frequency = at.tried[20, at.tried.shape[1] // 2]
     exact = averaged.projected(columns_of(averaged, effect, axis, {"period_s": 1 / frequency}))
