@@ -54,9 +54,9 @@ def check_gyro(gyro: GyroStream) -> None:
         raise InputError(f"gyro: the rate in row {fast[0]} is beyond {np.rad2deg(LARGEST_RATE):g} deg/s; is the unit right?")
     spacing = np.diff(gyro.t_s)
     if spacing.size and abs(np.median(spacing) - gyro.sample_s) > 0.01 * gyro.sample_s:
-        raise InputError(
-            f"gyro: samples are {np.median(spacing):.6g} s apart, but sample_s is {gyro.sample_s:g}; is sample_s right?"
-        )
+        ratio = float(np.median(spacing)) / gyro.sample_s
+        remedy = "is t_s in milliseconds? It is in seconds" if abs(ratio - 1e3) < 10.0 else "is sample_s right?"
+        raise InputError(f"gyro: samples are {np.median(spacing):.6g} s apart, but sample_s is {gyro.sample_s:g}; {remedy}")
     close = np.flatnonzero(spacing < 0.5 * gyro.sample_s)
     if close.size:
         row = close[0] + 1

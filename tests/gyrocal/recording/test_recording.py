@@ -116,6 +116,7 @@ BAD_INPUT = {
     "repeated time": (edit_table("gyro", set_value(9, "t_s", 4.0)), "backwards or repeats at row 9"),
     "time backwards in attitude": (edit_table("attitude", set_value(1, "t_s", -1.0)), "backwards or repeats at row 1"),
     "wrong sample_s": (edit_header("sample_s = 0.5", "sample_s = 0.6"), "is sample_s right"),
+    "milliseconds": (edit_table("gyro", lambda f: f.assign(t_s=1e3 * f["t_s"])), "is t_s in milliseconds"),
     "too close samples": (edit_table("gyro", set_value(5, "t_s", 2.1)), "rows 4 and 5 are only"),
     "huge rate": (edit_table("gyro", set_value(5, "rate_x_deg_s", 1e100)), "beyond 100000 deg/s"),
     "huge sigma": (edit_table("attitude", set_value(1, "sigma_x_deg", 1e200)), "sigma in row 1 is not within"),
