@@ -9,7 +9,7 @@ import numpy as np
 import pandas as pd
 
 from diagnosis.answer import Cause, Closure
-from diagnosis.result import Diagnosis
+from diagnosis.result import Details, Diagnosis
 from diagnosis.settings import DEFAULT
 from gyrocal import NAMES
 from gyrocal.calibration.parameters import AXES
@@ -166,7 +166,7 @@ def _parameter(name: str, value: float | str, cause: Cause, diagnosis: Diagnosis
     if not math.isfinite(value):
         return f"{name.replace('_', ' ')} not known"
     if name == "time_s":
-        return f"at {value:.0f} s since the epoch{_place(value, diagnosis.details.residuals)}"
+        return f"at {value:.0f} s since the epoch{_place(value, diagnosis.details)}"
     if name == "phase_deg":
         return f"phase {value:.0f}° at the epoch"
     if name == "period_s":
@@ -181,8 +181,12 @@ def _parameter(name: str, value: float | str, cause: Cause, diagnosis: Diagnosis
     return f"{quantity.replace('_', ' ')} {value:.5g} {unit}" if quantity else f"{name} {value:.5g}"
 
 
-def _place(t_s: float, residuals: pd.DataFrame) -> str:
-    """Which interval a time is in, or between which two."""
+def _place(t_s: float, details: Details) -> str:
+    """Which interval a time is in, or between which two.
+
+    The first residual is that of the first observation, which may be a mean of references and not where the interval starts.
+    """
+    residuals = details.residuals
     if residuals.empty:
         return ""
     spans = residuals.groupby("interval", sort=False)["t_s"].agg(["min", "max"])
@@ -190,7 +194,9 @@ def _place(t_s: float, residuals: pd.DataFrame) -> str:
     inside = spans[(spans["min"] <= t_s) & (t_s <= spans["max"])]
     after = spans[spans["min"] > t_s]
     if len(inside):
-        return f", in {inside.index[0]}, {t_s - inside['min'].iloc[0]:.0f} s after its start"
+        own = details.statistics.loc[details.statistics["interval"] == inside.index[0], "start_s"]
+        first = float(own.min()) if len(own) else 0.0
+        return f", in {inside.index[0]}, {t_s - inside['min'].iloc[0] + first:.0f} s after its start"
     if len(before) and len(after):
         return f", between {before.index[-1]} and {after.index[0]}"
     return ""

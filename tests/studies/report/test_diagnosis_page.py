@@ -11,6 +11,7 @@ import pytest
 from rich.console import Console
 
 from diagnosis.answer import Finding
+from diagnosis.result import Details
 from simulator.effects.base import STAGE_NAMES
 from simulator.effects.sensor import ALL_EFFECTS
 from studies.report import card_drawing, diagnosis_card, diagnosis_figures, diagnosis_summary, next_step, pointing_cost, svg
@@ -410,3 +411,11 @@ def test_every_stage_has_a_remedy():
     assert "time tags" in next_step.sentence(CASES["group"]())
     assert next_step.sentence(CASES["none"]()) == "Use the calibration as it is."
     assert next_step.sentence(CASES["unknown"]()).startswith(f"Look at {CASES['unknown']().where[0].interval} first")
+
+
+def test_a_time_in_an_interval_counts_from_its_start_where_references_are_averaged():
+    """The first observation, of references up to 20 s, is at 10 s."""
+    residuals = pd.DataFrame({"interval": "slews", "t_s": 1010.0 + 20.0 * np.arange(5)})
+    statistics = pd.DataFrame({"interval": ["slews", "slews", "rest"], "start_s": [30.0, 10.0, 0.0]})
+    details = Details(residuals, statistics, *[pd.DataFrame()] * 3)
+    assert words._place(1064.0, details) == ", in slews, 64 s after its start"
