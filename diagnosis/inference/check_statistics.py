@@ -189,6 +189,8 @@ def _strongest(e: Array, interval: Indices, angle: Array) -> Array | None:
         long_enough = True
     if not long_enough:
         return None
+    if not power[:, :, 1:].any():
+        return np.zeros(e.shape[2])
     power = power[power.mean(axis=2) > LEAST_POWER * power.mean(axis=2).max()]
     mean, variance = (np.maximum(values, TINY) for values in (power[:, 1:].mean(axis=1), power[:, 1:].var(axis=1)))
     shape, scale = mean**2 / variance, variance / mean

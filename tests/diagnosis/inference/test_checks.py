@@ -324,6 +324,12 @@ def test_lines_in_the_angle_turned_hold_their_rate_where_a_body_rests_but_in_one
     assert p.min() > np.log(1e-7)
 
 
+def test_a_process_that_nothing_shows_of_has_no_line(layout):
+    found = check_statistics.of_process(np.zeros((ROWS, 3, 20)), layout)
+    assert not found[check_statistics.LINE].any()
+    assert not found[check_statistics.TURNED].any()
+
+
 @pytest.mark.parametrize("degrees", [18, 200])
 def test_p_values_of_sums_of_squares_are_those_of_chi_square(degrees):
     rng = np.random.default_rng(10)
