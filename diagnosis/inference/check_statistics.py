@@ -83,7 +83,8 @@ def of_process(e: Array, layout: Layout) -> dict[str, Array]:
     """(d,) each statistic of the estimates e (r, 3, d) of a process, but those that its evidence has settled."""
     out = {name: values for name, values in of_innovations(e, layout).items() if name not in SETTLED}
     out[FLAT] = _geary(e)
-    out[JUMPS] = 1 / _geary(np.diff(e, axis=0)[np.diff(layout.interval) == 0])
+    changes = _geary(np.diff(e, axis=0)[np.diff(layout.interval) == 0])
+    out[JUMPS] = 1 / np.maximum(changes, TINY)
     return out
 
 
