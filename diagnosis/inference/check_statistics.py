@@ -190,10 +190,11 @@ def _strongest(e: Array, interval: Indices, angle: Array) -> Array | None:
         long_enough = True
     if not long_enough:
         return None
-    if not power[:, :, 1:].any():
+    usual = power[:, :, 1:].mean(axis=2)
+    if not usual.any():
         return np.zeros(e.shape[2])
-    power = power[power.mean(axis=2) > LEAST_POWER * power.mean(axis=2).max()]
-    mean, variance = (np.maximum(values, TINY) for values in (power[:, 1:].mean(axis=1), power[:, 1:].var(axis=1)))
+    power = power[usual > LEAST_POWER * usual.max()]
+    mean, variance = power[:, 1:].mean(axis=1), power[:, 1:].var(axis=1)
     shape, scale = mean**2 / variance, variance / mean
     away = np.sqrt(9 * shape)[:, None] * (np.cbrt(power / mean[:, None]) - 1 + 1 / (9 * shape)[:, None])
     one = np.argmax(away, axis=0)

@@ -320,8 +320,9 @@ def test_lines_in_the_angle_turned_hold_their_rate_where_a_body_rests_but_in_one
     data = statistic(20_000)
     p = np.mean([np.log(checks._p_value(check_statistics.TURNED, data, statistic(checks.DRAWS))) for _ in range(10)], axis=0)
     for level in (0.05, 1e-3):
+        # The counting error of the data, and what the draws leave open of a level: a fifth, as above.
         assert np.mean(p < np.log(level)) < level + 4 * np.sqrt(level / data.size) + 0.2 * level
-    assert p.min() > np.log(1e-7)
+    assert p.min() > np.log(1e-3 / data.size)  # the least of so many is smaller once in a thousand times
 
 
 def test_a_process_that_nothing_shows_of_has_no_line(layout):
