@@ -1,10 +1,11 @@
 """What the observations of a recording stand for, so that checks of what an explanation leaves can be general.
 
-Innovations are asked whether they follow the rate. A rate that is read holds the gyro's noise, and so does the innovation of
-the reference at which it is read: of a body at rest, where there is little else in it, each would follow the other by
-themselves. An innovation is independent of all noise that comes after it. The rate at a reference therefore is the mean of the
-readings that follow it, of as many as bring their noise to `QUIET` of the scatter of the rates, and the rate at the reference
-before, of which a change is told, that of the readings before that one.
+Innovations are asked whether they follow the rate and its changes. A rate that is read holds the gyro's noise, and so do the
+innovations of the references behind it, the more often the more references there are: of a body at rest, where there is little
+else in a rate, each would follow the other by themselves. An innovation is independent of all noise that comes after it. The
+rate at a reference therefore is the mean of the readings that follow it, of as many as bring their noise to `QUIET` of the
+scatter of the rates. An error of timing follows the change of the rate since the reference before; where the noise of a
+reading is `HEARD` by that many innovations, the change until the reference that comes next stands for it.
 """
 
 from __future__ import annotations
@@ -20,6 +21,7 @@ Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
 
 QUIET = 0.25  # of the scatter of the rates, that their noise may have
+HEARD = 0.1  # of the variance of the rates, from which on noise of readings times the number of innovations is too much
 TINY = 1e-300
 OUTLIER = 10.0  # sigma of a reading, beyond which it is replaced by the smoothed one
 
@@ -29,10 +31,7 @@ def layout(model: RecordingModel) -> Layout:
     t_s, interval = model.observation_t_s, model.observation_block
     begins = np.array([model.t_s[block.steps.start] for block in model.blocks])
     place = steps_at(model, t_s, interval)
-    rates, before = _rates_beside(model, model.rates[place])
-    # The change of the rate since the observation before is what an error of timing follows.
-    change = rates - np.vstack([rates[:1], before[:-1]])
-    change[np.diff(interval, prepend=-1) != 0] = 0.0
+    rates, change = motion(model, np.concatenate([block.last_of_each for block in model.blocks]), interval)
     housekeeping = [values[place] for values in model.stream.housekeeping.values()]
     mission = (t_s - t_s.mean()) / max(float(np.ptp(t_s)), 1.0)
     regressors = np.column_stack([rates, np.abs(rates), change, mission, mission**2, *housekeeping])
@@ -56,31 +55,48 @@ def turned(model: RecordingModel) -> Array:
     return np.asarray(out)
 
 
-def _rates_beside(model: RecordingModel, smooth: Array) -> tuple[Array, Array]:
-    """Rates (r, 3) from the readings after the last reference of each observation, and from those before it.
+def motion(model: RecordingModel, references: Indices, block: Indices) -> tuple[Array, Array]:
+    """Rate about each axis at some references, and its change from one to the next, without noise of their innovations.
 
-    Where there are none in its interval, they are the `smooth` ones.
+    Parameters
+    ----------
+    model : of the recording
+    references : (r,) their rows in the recording, in the order of time within each block
+    block : (r,) index of the block of each
+
+    Returns
+    -------
+    rates : (r, 3) rad/s
+    change : (r, 3) since the reference before, or where that would hold their noise until the next, rad/s; 0 without one
     """
-    gyro, after, before = model.recording.gyro, smooth.copy(), smooth.copy()
-    sigma = gyro.arw / np.sqrt(gyro.sample_s)
-    wanted = np.ceil((sigma / (QUIET * np.maximum(smooth.std(axis=0), TINY))) ** 2)
-    place = np.clip(np.searchsorted(model.t_s, gyro.t_s), 0, model.t_s.size - 1)
+    gyro, t_s = model.recording.gyro, model.recording.attitudes.t_s[references]
+    first, stop = np.array([(one.steps.start, one.steps.stop - 1) for one in model.blocks])[block].T
+    smooth = model.rates[np.clip(np.searchsorted(model.t_s, t_s), first, stop)]
+    noise = (gyro.arw**2 / gyro.sample_s) / np.maximum(smooth.var(axis=0), TINY)
+    first, stop = np.searchsorted(gyro.t_s, model.t_s[first]), np.searchsorted(gyro.t_s, model.t_s[stop])
+    most = np.maximum(1, (stop - first) // np.bincount(block)[block])  # no more than lie between two references
+    count = np.clip(np.ceil(noise / QUIET**2).astype(np.intp), 1, most[:, None])
+    at = np.searchsorted(gyro.t_s, t_s - 0.5 * gyro.sample_s)[:, None]
+    total = _sums(model)
+    rates = _means(total, at, np.minimum(at + count, stop[:, None]), smooth)
+    before = _means(total, np.maximum(at - count, first[:, None]), np.minimum(at, stop[:, None]), smooth)
+    starts = np.diff(block, prepend=-1) != 0
+    since, until = np.zeros_like(rates), np.zeros_like(rates)
+    since[1:], until[:-1] = rates[1:] - before[:-1], np.diff(rates, axis=0)
+    since[starts] = until[np.append(starts[1:], True)] = 0.0
+    return rates, np.where(noise * references.size < HEARD, since, until)
+
+
+def _sums(model: RecordingModel) -> Array:
+    """(samples + 1, 3) of the calibrated readings up to each sample; single odd ones are replaced by the smooth rate."""
+    gyro = model.recording.gyro
+    smooth = model.rates[np.clip(np.searchsorted(model.t_s, gyro.t_s), 0, model.t_s.size - 1)]
     readings = gyro.rates @ model.G.T + model.bias
-    odd = np.abs(readings - model.rates[place]) > OUTLIER * sigma
-    total = np.vstack([np.zeros(3), np.cumsum(np.where(odd, model.rates[place], readings), axis=0)])
-    row = 0
-    for block in model.blocks:
-        last = block.references[np.append(block.groups[1:], block.references.size) - 1]
-        at = np.searchsorted(gyro.t_s, model.recording.attitudes.t_s[last] - 0.5 * gyro.sample_s)
-        first, stop = np.searchsorted(gyro.t_s, model.t_s[[block.steps.start, block.steps.stop - 1]])
-        most = max(1, (stop - first) // last.size)  # no more than lie between two observations
-        for axis, count in enumerate(np.clip(wanted, 1, most).astype(np.intp)):
-            for found, low, high in (
-                (after, at, np.minimum(at + count, stop)),
-                (before, np.maximum(at - count, first), np.minimum(at, stop)),
-            ):
-                some = np.flatnonzero(high > low)
-                mean = (total[high[some], axis] - total[low[some], axis]) / (high[some] - low[some])
-                found[row + some, axis] = mean
-        row += last.size
-    return after, before
+    odd = np.abs(readings - smooth) > OUTLIER * gyro.arw / np.sqrt(gyro.sample_s)
+    return np.vstack([np.zeros(3), np.cumsum(np.where(odd, smooth, readings), axis=0)])
+
+
+def _means(total: Array, low: Indices, high: Indices, otherwise: Array) -> Array:
+    """(r, 3) means of the readings from `low` to before `high`, (r, 3) each, of running sums; of none, something else."""
+    low, high, axes = np.broadcast_arrays(low, high, np.arange(3))
+    return np.where(high > low, (total[high, axes] - total[low, axes]) / np.maximum(high - low, 1), otherwise)

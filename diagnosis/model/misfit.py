@@ -28,7 +28,7 @@ from numpy.typing import NDArray
 
 from diagnosis.answer import Finding
 from diagnosis.inference.checks import Check
-from diagnosis.model.in_progress import steps_at_references
+from diagnosis.model.layout import motion
 from diagnosis.model.recording import RANK, RecordingModel, parameter_errors
 from gyrocal.compiled import compiled
 from gyrocal.small_matrices import root, under
@@ -83,14 +83,14 @@ def misfit(model: RecordingModel, beside: Sequence[Array] = ()) -> tuple[Departu
     total = float(np.sum(e**2))
     ratio, p_share, number, axis = _over_intervals(e, owner)
     row, of_largest = np.unravel_index(int(np.argmax(np.abs(e))), e.shape)
-    motion = _motion(model)[later]
+    rates, change = (values[later] for values in motion(model, model.reference_rows, model.interval_of_reference))
     plain = {
         "size": (total, float(dof), _two_sided(scipy.stats.chi2(dof), total)),
         "shape": _shape(e),
         "correlation in time": _correlation(e, owner),
         "line of any period": _line(e, owner),
-        "variance with the rate": _with_rate(e, np.linalg.norm(motion[:, :3], axis=1)),
-        "dependence on the motion": _on_motion(e, motion, taken),
+        "variance with the rate": _with_rate(e, np.linalg.norm(rates, axis=1)),
+        "dependence on the motion": _on_motion(e, np.column_stack([rates, np.abs(rates), change]), taken),
     }
     return (
         *(Departure(name, value, expected, max(p, TINY)) for name, (value, expected, p) in plain.items()),
@@ -165,15 +165,6 @@ def basis(columns: Array) -> Array:
     """Orthonormal basis of columns (n, c), without what adds nothing to the others."""
     U, s, _ = np.linalg.svd(columns / np.maximum(np.linalg.norm(columns, axis=0), TINY), full_matrices=False)
     return np.asarray(U[:, s > RANK * s[0]])
-
-
-def _motion(model: RecordingModel) -> Array:
-    """(m, 9) rate, its size, and its change about each axis at every reference."""
-    step = steps_at_references(model)
-    first, last = np.array([(block.steps.start, block.steps.stop - 1) for block in model.blocks])[model.interval_of_reference].T
-    rates = model.rates[step]
-    change = model.rates[np.minimum(step + 1, last)] - model.rates[np.maximum(step - 1, first)]
-    return np.column_stack([rates, np.abs(rates), change])
 
 
 def _two_sided(distribution: scipy.stats.rv_continuous, value: float) -> float:

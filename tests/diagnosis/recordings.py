@@ -43,3 +43,13 @@ def linear(seed, *effects, sample_s=2.0, every_s=120.0):
 def of_rates(rates, each, sample_s, arw, sigma, seed, **options):
     """A recording of a body with rates (n, 3) rad/s, by a gyro without error, with a reference after every `each` samples."""
     return observed(rates, each, sample_s, arw, sigma, np.random.default_rng(seed), **options)
+
+
+def slews_between_references(gaps, each, sample_s, sway):
+    """(n, 3) rad/s of a body that slews within one gap of ten between references, and hardly sways otherwise."""
+    t_s = sample_s * np.arange(gaps * each)
+    rates = sway * np.sin(2 * np.pi * t_s[:, None] / np.array([143.0, 217.0, 331.0]) + np.arange(3))
+    low, high = each // 7, each - each // 7
+    for gap in range(5, gaps, 10):
+        rates[gap * each + low : gap * each + high, gap // 10 % 3] += 0.004 * (-1) ** (gap // 30)
+    return rates

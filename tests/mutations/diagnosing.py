@@ -138,6 +138,11 @@ EVIDENCE = [
         [("cycles in a turn are counted in time", "np.outer(CYCLES, angle))", "np.outer(CYCLES, layout.since_s))")],
     ),
     *of(
+        "diagnosis/model/layout.py",
+        "tests/diagnosis/model/test_layout.py",
+        [("the rate at a reference is that before it", "at, np.minimum(at + count, stop[:, None])", "at - count, at")],
+    ),
+    *of(
         "diagnosis/model/recording.py",
         "tests/diagnosis/model/test_periods.py::test_a_body_may_turn_while_references_are_averaged",
         [

@@ -11,10 +11,11 @@ from diagnosis.inference.checks import together
 from diagnosis.model import linearise
 from diagnosis.model.linearise import linearised
 from diagnosis.model.misfit import errors_of, finding, innovations, misfit
+from diagnosis.model.prepare import prepare
 from gyrocal import calibrate
 from simulator.effects import EFFECTS
 from simulator.truth.rotation import perturbed
-from tests.diagnosis.recordings import prepared, recorded
+from tests.diagnosis.recordings import of_rates, prepared, recorded, slews_between_references
 
 DRAWS = 300
 
@@ -60,6 +61,14 @@ def test_p_values_are_uniform_under_m0(model, drawn):
         else:
             assert scipy.stats.kstest(p, "uniform").pvalue > 1e-3, check.name
     assert np.mean([together(checks) < 0.05 for checks in found]) < 0.05 + 3 * np.sqrt(0.0475 / DRAWS)
+
+
+@pytest.mark.parametrize("seed", [0, 2])
+def test_noise_of_the_readings_is_no_dependence_on_the_motion(seed):
+    """Of a sway below the noise of a reading at thousands of references, where what the rates hold of the noise adds up."""
+    rates = slews_between_references(2_500, 14, 0.4, 5e-6)
+    found = misfit(prepare(of_rates(rates, 14, 0.4, 3e-5, 5e-5, seed)).model)
+    assert next(one for one in found if one.name == "dependence on the motion").p_value > 1e-3
 
 
 def test_columns_that_are_estimated_are_projected_out(model):
