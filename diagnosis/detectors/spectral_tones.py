@@ -91,26 +91,22 @@ def fitted_tone(x: Array, recording: Recording, axis: int, peak: Peak, found: li
     best = float(trial[int(np.argmax(_power(levels, found, recording, trial)))])
     near = np.linspace(best - 0.1 / span, best + 0.1 / span, 9)
     f = _top(near, _power(levels, found, recording, near))
+    t_s = recording.gyro.t_s
+    f += float(np.clip(_off([_in_arc(x[low:high], t_s[low:high], f, sample) for low, high in found]), -0.1 / span, 0.1 / span))
     waveform, amplitudes, sigmas = np.zeros_like(x), list[float](), list[float]()
     samples, powers, variances, fits, beside = 0, np.zeros(len(found)), np.zeros(len(found)), list[Array](), list[Array]()
     for arc, (low, high) in enumerate(found):
-        angle = 2 * np.pi * f * recording.gyro.t_s[low:high]
-        waves = np.column_stack([np.cos(angle), np.sin(angle)])
-        level = _without_motion(x[low:high], f * sample)
-        fitted = np.linalg.lstsq(waves, level, rcond=None)[0]
-        calm = _calm(level - waves @ fitted)
-        fitted = np.linalg.lstsq(waves[calm], level[calm], rcond=None)[0]
-        waveform[low:high] = waves @ fitted
+        own = _in_arc(x[low:high], t_s[low:high], f, sample)
+        fitted, calm, waves, level = own.fitted, own.calm, own.waves[own.calm], own.level[own.calm]
+        waveform[low:high] = own.plain @ fitted
         fits.append(fitted)
-        waves, level = waves[calm], level[calm]
         left = max(float(np.mean((level - waves @ fitted) ** 2)), NO_NOISE)
         powers[arc], variances[arc] = fitted @ fitted, 2 * left / level.size
-        beside.append(_beside(level - waves @ fitted, recording.gyro.t_s[low:high][calm], f) / left)
+        beside.append(_beside(level - waves @ fitted, t_s[low:high][calm], f) / left)
         samples += level.size
         count = int(np.clip(level.size * sample * f // PART_CYCLES, 1, MOST_PARTS))
         for part in np.array_split(np.arange(level.size), count):
-            own = np.linalg.lstsq(waves[part], level[part], rcond=None)[0]
-            amplitudes.append(float(np.hypot(*own)))
+            amplitudes.append(float(np.hypot(*np.linalg.lstsq(waves[part], level[part], rcond=None)[0])))
             sigmas.append(np.sqrt(2 * left / part.size))
     # Each arc counts by the noise that it has: what a turn leaves in one of them is no line of all.
     power, information = float(np.sum(powers / variances)), float(np.sum(1 / variances))
@@ -123,6 +119,58 @@ def fitted_tone(x: Array, recording: Recording, axis: int, peak: Peak, found: li
     chance = FINENESS * samples * float(scipy.stats.chi2.sf(power / _level(beside), 2 * len(found)))
     p = float(np.clip(chance if peak.isolated else peak.p_value, IMPOSSIBLE, 1.0))
     return Line(axis, f, float(size), error, p, waveform, peak.isolated, steady) if size > CLEAR_LINE * error else None
+
+
+@dataclass(frozen=True)
+class InArc:
+    """A tone in one arc.
+
+    Attributes
+    ----------
+    t_s : (n,) time since its middle, s
+    plain : (n, 2) cosine and sine of the tone's frequency
+    waves, level : (n, 2), (n,) what is left of those and of the readings without the slow motion
+    calm : (n,) samples that count
+    fitted : (2,) the readings' part of the waves
+    """
+
+    t_s: Array
+    plain: Array
+    waves: Array
+    level: Array
+    calm: Mask
+    fitted: Array
+
+
+def _in_arc(x: Array, t_s: Array, frequency_hz: float, sample_s: float) -> InArc:
+    """Least squares in one arc.
+
+    Towards its ends the smoothing follows a tone as well as the motion: what it leaves is fitted to what it leaves of waves.
+    """
+    angle = 2 * np.pi * frequency_hz * t_s
+    plain = np.column_stack([np.cos(angle), np.sin(angle)])
+    level, cosine, sine = (_without_motion(one, frequency_hz * sample_s) for one in (x, *plain.T))
+    waves = np.column_stack([cosine, sine])
+    fitted = np.linalg.lstsq(waves, level, rcond=None)[0]
+    calm = _calm(level - waves @ fitted)
+    fitted = np.linalg.lstsq(waves[calm], level[calm], rcond=None)[0]
+    return InArc(t_s - t_s.mean(), plain, waves, level, calm, np.asarray(fitted))
+
+
+def _off(arcs: list[InArc]) -> float:
+    """How much higher a tone's frequency is than that of the waves which were fitted to it, Hz; one step of Gauss and Newton.
+
+    The ends of arcs and the tone's own image at the negative frequency pull the top of the spectrum.
+    """
+    top, bottom = 0.0, 0.0
+    for one in arcs:
+        waves = one.waves[one.calm]
+        change = 2 * np.pi * one.t_s[one.calm] * (waves @ np.array([one.fitted[1], -one.fitted[0]]))
+        own = change - waves @ np.linalg.lstsq(waves, change, rcond=None)[0]
+        left = one.level[one.calm] - waves @ one.fitted
+        weight = 1 / max(float(np.mean(left**2)), NO_NOISE)
+        top, bottom = top + weight * float(own @ left), bottom + weight * float(own @ own)
+    return top / bottom if bottom > 0 else 0.0
 
 
 def _beside(left: Array, t_s: Array, frequency_hz: float) -> Array:

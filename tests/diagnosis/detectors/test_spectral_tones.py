@@ -66,3 +66,12 @@ def test_a_weak_tone_stands_out_of_white_noise(recording):
     size = 14 * NOISE * np.sqrt(2 / t.size)
     x = size * np.sin(2 * np.pi * HZ * t) + NOISE * np.random.default_rng(5).standard_normal(t.size)
     assert fitted_tone(x, recording, 0, Peak(1e-30, HZ, size, True, 1e-4), arcs).p_value < 1e-12
+
+
+def test_short_arcs_show_the_whole_of_a_slow_tone(recording):
+    """Where an arc has but some tens of cycles, its ends are a good part of it."""
+    t, hz = recording.gyro.t_s, 0.04
+    arcs = [(low, low + 300) for low, high in _arcs(recording) for low in range(low, high - 300, 320)]
+    x = SIZE * np.sin(2 * np.pi * hz * t + 0.4) + NOISE * np.random.default_rng(6).standard_normal(t.size)
+    line = fitted_tone(x, recording, 0, Peak(1e-30, hz, SIZE, True, 1e-4), arcs)
+    assert abs(line.amplitude - SIZE) < 4 * line.sigma
