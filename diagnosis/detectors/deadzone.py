@@ -76,6 +76,7 @@ class DeadZoneEvidence:
     passes : shapes (n,) of what is missing where the motion was seen to pass through the zone: the rate to expect, in half
         widths, the share of a rest's rate, and how the first changes with the log of the time that it takes; else none
     silence : (n,) probability that a sample holds no rate, where that is known for less than certain
+    edge : relative error of `alive` where that is the half width
     """
 
     axis: int
@@ -87,6 +88,7 @@ class DeadZoneEvidence:
     expected: Array
     passes: tuple[Array, ...] = ()
     silence: Array | None = None
+    edge: float = EDGE
 
     @property
     def passed(self) -> bool:
@@ -140,7 +142,8 @@ def of_passes(axis: int, found: Zone) -> DeadZoneEvidence | None:
         part[low:high] = min(number, MOST_PARTS)
     size = found.half_width
     shapes = course.expected / size, course.resting, course.slower / size
-    return DeadZoneEvidence(axis, part, min(found.log_odds, MOST_ODDS), size, True, size, shapes[0], shapes)
+    odds, edge = min(found.log_odds, MOST_ODDS), found.sigma / size
+    return DeadZoneEvidence(axis, part, odds, size, True, size, shapes[0], shapes, edge=edge)
 
 
 def of_zero_samples(recording: Recording, axis: int, smallest: float, usual: float) -> DeadZoneEvidence | None:
@@ -180,7 +183,7 @@ def half_width(one: DeadZoneEvidence, missing: Array) -> tuple[float, float]:
     """
     low, high = float(np.abs(missing).max()), float(np.rad2deg(one.alive))
     if one.crossed:
-        return high, EDGE * high
+        return high, one.edge * high
     if not np.isfinite(high):
         return 1.3 * low, 0.4 * low
     if high > low:

@@ -13,19 +13,23 @@ and is anywhere behind it: at the edge by the chance that so many steps have amo
 over the passes, against motions of any ratio ρ and dispersion of which any share of the passes are such jumps, all as likely
 beforehand, and with a few odd passes allowed to either, so that no single one decides. In the core such a body rests at rates
 that are not zero, where a silent gyro reads none but its noise. How many windows of the core read more is a binomial number,
-of a small share under a zone and of any under a motion. All half widths that are tried share the odds. The edge is where the
-density of the passes' readings changes.
+of a small share under a zone and of any under a motion. All half widths that are tried share the odds.
+
+The edge w is where the density of the passes' readings v rises, blurred by the noise of a window, s: it is
+a + b Φ((v − w)/s) with shares of a and b that are not known, over all of which its likelihood is averaged. How fast a body
+turns beyond the edge is not known either, so that no edge is known to better than that blur. Beforehand an edge has
+the odds of the half widths whose hole ends before it.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import betaln, gammaln, logsumexp, xlog1py, xlogy
+from scipy.special import betaln, gammaln, logsumexp, ndtr, xlog1py, xlogy
 
 from diagnosis.detectors.hidden_course import Course, course
 
@@ -48,7 +52,11 @@ ODD = 0.03  # share of odd passes, of a real motion or of a zone
 LOUD = 4.0  # sigmas of a window in the core, beyond which it reads a rate
 STEPS, CERTAIN = 3.0, 3.0  # mean steps and sigmas of a window, within which the first one outside is at the edge
 EDGES = (0.5, 1.7)  # half widths within which the edge lies of one that was found
+EDGES_TRIED = 121
+STRAY = np.geomspace(0.01, 0.9, 8)  # share of readings that are anywhere, not beyond the edge
 FEWEST_WINDOWS = 8  # of an interval
+GRID = 1000  # readings over which a density is normalised
+TINY = 1e-300
 
 
 @dataclass(frozen=True)
@@ -57,12 +65,13 @@ class Zone:
 
     Attributes
     ----------
-    half_width : rad/s
+    half_width, sigma : rad/s
     log_odds : in its favour
     course : samples in it, and what the readings before and after lead one to expect there
     """
 
     half_width: float
+    sigma: float
     log_odds: float
     course: Course
 
@@ -89,8 +98,8 @@ def zone(x: Array, parts: Sequence[slice], noise: float) -> Zone | None:
     if log_odds <= 0:
         return None
     best = int(np.argmax(odds))
-    size = _edge(sums, float(tried[best]), noise, float(widths[best]))
-    return Zone(size, log_odds, course(x, parts, size, _window(size, noise), 0.5 * (CORE + HOLE)))
+    size, sigma = _edge(sums, float(tried[best]), noise, float(widths[best]), lambda edge: _odds_of_edge(edge, tried, odds))
+    return Zone(size, sigma, log_odds, course(x, parts, size, _window(size, noise), 0.5 * (CORE + HOLE)))
 
 
 def _window(size: float, noise: float) -> int:
@@ -165,10 +174,24 @@ def _negative_binomial(h: Indices, shape: float, p: NDArray[np.floating[Any]]) -
     return np.asarray(gammaln(shape + h) - gammaln(h + 1) - gammaln(shape) + shape * np.log(p) + xlog1py(h, -p))
 
 
-def _edge(sums: Sequence[Array], size: float, noise: float, width: float) -> float:
-    """Half width: where the readings of the passes set in, beside the one that is tried.
+def _odds_of_edge(edge: Array, tried: Array, odds: Array) -> Array:
+    """log odds of a zone with its edge at some rates (k,), rad/s: those of the half widths whose hole ends before the edge."""
+    fitting = edge[:, None] / np.linspace(HOLE, 1.0, 5)
+    return np.asarray(np.interp(np.log(fitting), np.log(tried), odds).max(axis=1))
 
-    They are a Poisson process of one density in the hole and of another beyond the edge, which is at the likeliest of them.
+
+def _edge(
+    sums: Sequence[Array], size: float, noise: float, width: float, odds: Callable[[Array], Array]
+) -> tuple[float, float]:
+    """Half width and its sigma, rad/s: where the readings of the passes set in.
+
+    Parameters
+    ----------
+    sums : cumulated sums of each interval's samples
+    size : half width that was found, rad/s
+    noise : of a sample, rad/s
+    width : of a band, in half widths
+    odds : log odds of a zone with its edge at some rates, rad/s
     """
     count, levels = _window(size, noise), _levels(width)
     found = []
@@ -180,15 +203,29 @@ def _edge(sums: Sequence[Array], size: float, noise: float, width: float) -> flo
             np.add.at(within, begin + 1, 1)
             np.add.at(within, end, -1)
             found.append(np.abs(u[np.cumsum(within[:-1]) > 0]))
-    v = np.sort(np.concatenate(found))
-    v = v[(v > CORE) & (v < levels[-1])]
-    below = np.arange(v.size)
-    may_be = np.flatnonzero((v > EDGES[0]) & (v < EDGES[1]))
-    if may_be.size < FEWEST_PASSES:
-        return size
-    n, x = below[may_be], v[may_be]
-    likely = xlogy(n, n / (x - CORE)) + xlogy(v.size - n, (v.size - n) / (levels[-1] - x))
-    return size * float(x[int(np.argmax(likely))])
+    v = np.concatenate(found)
+    v, blur = v[(v > CORE) & (v < levels[-1])], noise / size / np.sqrt(count)
+    tried = np.linspace(*EDGES, EDGES_TRIED)
+    middle, sigma = _likely_edge(v, tried, blur, levels[-1], odds(size * tried))
+    near = 4 * max(sigma, float(tried[1] - tried[0]))
+    tried = np.linspace(max(middle - near, CORE), middle + near, EDGES_TRIED)
+    middle, sigma = _likely_edge(v, tried, blur, levels[-1], odds(size * tried))
+    return size * middle, size * float(np.hypot(sigma, blur))
+
+
+def _likely_edge(v: Array, tried: Array, blur: float, top: float, odds: Array) -> tuple[float, float]:
+    """Mean and sigma of the edge over some (k,) with odds beforehand, of readings (n,) from core to `top`; in half widths."""
+    span = top - CORE
+    grid = CORE + span * (np.arange(GRID) + 0.5) / GRID
+    likely = np.empty(tried.size)
+    for k, edge in enumerate(tried):
+        beyond = ndtr((v - edge) / blur) / max(float(ndtr((grid - edge) / blur).mean()), TINY)
+        likely[k] = logsumexp(np.log(STRAY[:, None] + (1 - STRAY[:, None]) * beyond).sum(axis=1))
+    likely += odds
+    weights = np.exp(likely - likely.max())
+    weights /= weights.sum()
+    middle = float(weights @ tried)
+    return middle, float(np.sqrt(weights @ (tried - middle) ** 2))
 
 
 def _silent(windows: Sequence[Array], sigma: float) -> float:

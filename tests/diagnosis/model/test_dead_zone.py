@@ -86,7 +86,7 @@ def test_every_zero_misses_its_rate_and_the_longest_stretches_have_one_of_their_
 def passed(found):
     """A gyro of the same recording that is seen to read zero below 0.02 deg/s, which its body passes in every slew."""
     x, parts = found.samples.rates[:, 2], interval_slices(found.model.recording)
-    zone = Zone(0.02 * DEG, 8.0, course(x, parts, 0.02 * DEG, 20, 0.6))
+    zone = Zone(0.02 * DEG, 0.0006 * DEG, 8.0, course(x, parts, 0.02 * DEG, 20, 0.6))
     return replace(found, dead=(of_passes(2, zone),))
 
 
@@ -129,4 +129,4 @@ def test_the_edge_that_was_passed_is_the_half_width_whatever_is_missing(passed):
     (group,) = dead_zone.dead_zone_groups(passed, [EFFECT])
     sizes = {group.read(scale * np.ones(group.columns[0].shape[1]))[0] for scale in (0.0, 1e-3, 1.0)}
     assert list(sizes) == [pytest.approx(0.02)]
-    assert group.size_sigma(0.02) == pytest.approx(EDGE * 0.02)
+    assert group.size_sigma(0.02) == pytest.approx(0.0006)
