@@ -19,7 +19,7 @@ from scipy.special import log_ndtr, logsumexp
 from diagnosis.inference.evidence import log_bayes, unshifted
 from diagnosis.inference.products import Conditioning
 from diagnosis.inference.search import Search
-from diagnosis.model.linear import Candidate, LinearModel, Member, Parameters
+from diagnosis.model.linear import Candidate, LinearModel, Member, Option, Parameters
 
 Array = NDArray[np.float64]
 
@@ -94,8 +94,9 @@ def _one(search: Search, members: tuple[Member, ...], place: int) -> Fitted:
     option = entry.options[member.option]
     table = search.tables(member.candidate, given) + entry.log_weights[:, None]
     weights = np.exp(table - logsumexp(table))
-    # Options with other columns, such as a richer form of the same effect, have amplitudes of another meaning.
-    alike = [k for k, one in enumerate(entry.options) if entry.process or one.count == option.count]
+    # Options with other columns, such as a richer form of the same effect or another element of G, have amplitudes of another
+    # meaning.
+    alike = [k for k, one in enumerate(entry.options) if entry.process or _means_the_same(one, option)]
     alike = [k for k in alike if weights[k].sum() > NEGLIGIBLE or k == member.option]
     products = {k: _products(search, entry, k, given) for k in alike}
     if entry.process:
@@ -116,6 +117,12 @@ def _one(search: Search, members: tuple[Member, ...], place: int) -> Fitted:
         entry.label, entry.effect, entry.axis, entry.unit, size, sigma, shown, model.W[:, own], values,
         np.sqrt(np.maximum(np.diag(spread), 0.0)), model.scale(member), entry.process, model.W[:, shifts].sum(axis=1),
     )  # fmt: skip
+
+
+def _means_the_same(one: Option, other: Option) -> bool:
+    """Whether amplitudes of two options are of one thing, of which only numbers such as its time differ."""
+    named = [{name: value for name, value in each.parameters.items() if isinstance(value, str)} for each in (one, other)]
+    return one.count == other.count and named[0] == named[1]
 
 
 def _products(search: Search, entry: Candidate, number: int, given: Conditioning | None) -> tuple[Array, Array]:

@@ -82,17 +82,21 @@ def with_finer_times(model: RecordingModel, linear: LinearModel, member: Member,
     entry, parameters = linear.candidate(member), linear.option(member).parameters
     if "time_s" not in parameters:
         return linear
-    fixed = _without_time(parameters)
-    same = [o for o in entry.options if all(o.parameters.get(name) == value for name, value in fixed.items())]
-    times = sorted(float(o.parameters["time_s"]) for o in same)
+    times = sorted({float(o.parameters["time_s"]) for o in entry.options})
     place = times.index(float(parameters["time_s"]))
     low, high = times[max(place - 2, 0)], times[min(place + 2, len(times) - 1)]
     firsts = np.unique(np.searchsorted(model.t_s, np.linspace(low, high, FINE_STEP_TIMES)))
     firsts = firsts[(firsts > 0) & (firsts < model.t_s.size)]
-    inside = [o for o in same if low <= float(o.parameters["time_s"]) <= high and not float(o.parameters["time_sigma_s"])]
-    if not inside or not firsts.size:
+    if not firsts.size:
         return linear
-    return _with_times(model, linear, effect, member.candidate, fixed, firsts, inside, 0.5)
+    known = [o for o in entry.options if not float(o.parameters["time_sigma_s"])]
+    inside = [o for o in known if low <= float(o.parameters["time_s"]) <= high]
+    # Of elements of one row, the one whose tried time is nearest to the true one would win over the true one.
+    for fixed in _fixed(option.parameters for option in entry.options):
+        givers = [one for one in inside if _without_time(one.parameters) == fixed]
+        if givers:
+            linear = _with_times(model, linear, effect, member.candidate, fixed, firsts, givers, 0.5)
+    return linear
 
 
 def _with_times(
@@ -199,9 +203,9 @@ def with_moments(
         for peak in peaks
         if peak.height > max(least, 0.0)
     ]
-    chosen: dict[tuple[int, int, int], Peak] = {}
+    chosen: dict[tuple[object, ...], Peak] = {}
     for _, peak in sorted(worth, key=lambda one: -one[0]):
-        chosen.setdefault((peak.candidate, peak.low, peak.high), peak)
+        chosen.setdefault((peak.candidate, *peak.fixed.items(), peak.low, peak.high), peak)
     for peak in list(chosen.values())[:MOST_MOMENTS]:
         linear = _around(model, linear, effects[linear.candidates[peak.candidate].effect], peak)
     return linear

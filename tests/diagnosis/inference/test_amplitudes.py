@@ -167,6 +167,18 @@ def test_options_of_another_meaning_do_not_enter_the_amplitudes():
     assert fit(both, [Member(0, 0, 4)])[0].size == pytest.approx(fit(alone, [Member(0, 0, 4)])[0].size, rel=1e-9)
 
 
+def test_another_element_that_explains_as_much_does_not_enter_the_amplitude():
+    """Rates about two axes go together, one a third of the other: the size told is that of the element told."""
+    rng = np.random.default_rng(9)
+    x = rng.standard_normal((30, 1))
+    y = 4 * x[:, 0] + rng.standard_normal(30)
+    both, alone = linear_model([[x, x / 3]], y), linear_model([x], y)
+    entry = both.candidates[0]
+    named = [replace(one, parameters={"toward": toward}) for one, toward in zip(entry.options, "xz", strict=True)]
+    both = replace(both, candidates=(replace(entry, options=tuple(named)),))
+    assert fit(both, [Member(0, 0, 4)])[0].size == pytest.approx(fit(alone, [Member(0, 0, 4)])[0].size, rel=1e-9)
+
+
 def test_a_size_that_is_read_off_with_an_error_of_its_own_has_both():
     rng = np.random.default_rng(8)
     x = rng.standard_normal((30, 1))

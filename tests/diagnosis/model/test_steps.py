@@ -5,7 +5,7 @@ import pytest
 
 from diagnosis.model.candidates import linear_model
 from diagnosis.model.linear import Member
-from diagnosis.model.steps import FINE_STEP_TIMES, MOST_MOMENTS, Left, with_moments
+from diagnosis.model.steps import FINE_STEP_TIMES, MOST_MOMENTS, Left, with_finer_times, with_moments
 from simulator.effects import EFFECTS
 from tests.diagnosis.recordings import prepared
 
@@ -62,3 +62,16 @@ def test_a_step_that_is_in_already_or_explains_too_little_gets_no_further_times(
     held = Member(place, 0, 0)
     finer = with_moments(model, linear, effects, [((held,), 20.0)])
     assert len(finer.candidates[place].options) == len(linear.candidates[place].options)
+
+
+def test_every_element_of_a_row_gets_the_finer_times(stepped):
+    """Where rates about two axes go together, the element whose tried time is nearest to the true one would win."""
+    model, linear = stepped
+    place = linear.find("g_matrix_step:y")
+    option = next(k for k, one in enumerate(linear.candidates[place].options) if not one.parameters["time_sigma_s"])
+    finer = with_finer_times(model, linear, Member(place, option, 0), SCALE).candidates[place]
+    more = finer.options[len(linear.candidates[place].options) :]
+    times = {toward: [one.parameters["time_s"] for one in more if one.parameters["toward"] == toward] for toward in "xyz"}
+    assert len(times["x"]) > 10
+    assert times["x"] == times["y"] == times["z"]
+    assert np.exp(finer.log_weights).sum() == pytest.approx(np.exp(linear.candidates[place].log_weights).sum())
