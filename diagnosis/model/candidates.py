@@ -33,6 +33,7 @@ from diagnosis.model.linear import (
 from diagnosis.model.recording import RecordingModel
 from diagnosis.model.steps import with_finer_times, with_moments
 from diagnosis.model.swings import with_finer_periods
+from diagnosis.model.true_rates import with_true_rates
 from diagnosis.settings import DEFAULT, DiagnosisSettings
 from simulator.effects.base import Effect
 
@@ -201,7 +202,9 @@ def assembled(
             return linear
         if effect.scanned:
             return with_finer_periods(model, linear, member, effect)
-        finer = with_finer_process if linear.candidate(member).process else with_finer_times
+        if linear.candidate(member).process:
+            return with_finer_process(model, linear, member, effect)
+        finer = with_finer_times if effect.switched else with_true_rates
         return finer(model, linear, member, effect)
 
     def whole(linear: LinearModel, member: Member) -> LinearModel:
