@@ -38,6 +38,9 @@ OF_NOISE = 1 + np.pi / (2 * AROUND)  # variance of white noise of unit variance 
 RESTING = 0.3  # share of the samples in which the body rests, below which all are looked at as a motion
 ALIKE = 0.02  # of the steps and bends of a motion, which may pass for spikes: a body that is jolted all the time has hundreds
 AS_HIGH = 0.4  # of the usual spike
+FEW = 5  # outliers, of which heights show no law
+MANY = 25  # of which the scatter of heights shows whether they are exponential
+ALL_ALIKE = 3.0  # mean smallest heights of exponential outliers, up to which that of some may be one
 
 
 @dataclass(frozen=True)
@@ -97,16 +100,24 @@ def spikes(report: SampleReport, recording: Recording, quiet: Mask, used: Mask, 
     sizes = [one.off[one.places] for one in looked]
     together, limit = np.concatenate(sizes), min(one.limit for one in looked)
     beyond = together - limit
-    exponential = total > 5 and beyond.std() > 0.5 * beyond.mean()
+    uneven = beyond.std() > 0.5 * beyond.mean()
+    if total < MANY:  # whose scatter says little; of n exponential ones the smallest is beyond the limit by an n-th of the mean
+        uneven = uneven or total * beyond.min() < ALL_ALIKE * beyond.mean()
+    exponential = total > FEW and uneven
     # Of outliers of all sizes what exceeds a limit has, for exponential ones, the mean of all; the others are hidden.
     seen = float(beyond.mean() if exponential else together.mean())
-    error = seen * np.sqrt(1 / total + 0.1**2) if exponential else np.hypot(together.std(), noise.mean()) / np.sqrt(total)
+    size, error = seen, np.hypot(together.std(), noise.mean()) / np.sqrt(total)
+    if exponential:
+        error = seen * np.sqrt(1 / total + 0.1**2)
+    elif total <= FEW:  # so few may be all there are, or the highest of many
+        size = 0.5 * (seen + float(beyond.mean()))
+        error = np.hypot(error, max(seen - size, size / np.sqrt(total)))
     high = max(AS_HIGH * seen, float(together.min()))
     shown = sum(int((asked & (one.hidden <= high)).sum()) for one in ([looked[strongest]] if alone else looked))
     fraction = total / max(shown, total) * (float(np.exp(min(limit / seen, 5.0))) if exponential else 1.0)
     report.symptoms.append(
         Symptom(
-            "outliers", AXES[strongest] if alone else None, float(np.rad2deg(seen)), "deg/s", float(np.rad2deg(error)),
+            "outliers", AXES[strongest] if alone else None, float(np.rad2deg(size)), "deg/s", float(np.rad2deg(error)),
             {"fraction": float(fraction)}, p, likeness=_likeness(recording, looked, asked),
         )
     )  # fmt: skip

@@ -98,6 +98,22 @@ def test_spikes_of_a_body_that_never_rests_are_found_at_ten_times_the_noise():
     assert np.abs(report.rates - clean)[found, 0].mean() < 4 * SIGMA
 
 
+@pytest.mark.parametrize("seed", range(8))
+def test_the_size_of_a_few_that_stand_out_of_many_is_no_height_of_theirs(seed):
+    """Of outliers of two sigmas in the mean only those beyond eight are seen; or all there are have one height."""
+    rng = np.random.default_rng(seed)
+    made = of_rates(np.zeros((40_000, 3)), 40, SAMPLE_S, ARW, 3e-4, 1)
+    for size, hit, height in (
+        (2.0, rng.random(40_000) < 0.01, rng.laplace(0.0, 2.0, 40_000)),
+        (30.0, np.arange(40_000) % 6_000 == 3_000, 30.0 * rng.choice([-1.0, 1.0], 40_000)),
+    ):
+        read = made.gyro.rates.copy()
+        read[:, 0] += np.where(hit, height * SIGMA, 0.0)
+        for symptom in examine(replace(made, gyro=replace(made.gyro, rates=read))).symptoms:
+            if symptom.kind == "outliers":
+                assert abs(symptom.size - np.rad2deg(size * SIGMA)) < 3.5 * symptom.sigma
+
+
 def test_steps_of_the_rate_are_no_spikes():
     report = examine(thrusting(steps=20.0)[0])
     assert not [one for one in report.symptoms if one.kind.startswith("outlier")]
