@@ -13,13 +13,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from diagnosis.detectors.report import SampleReport
-from diagnosis.detectors.spectral_lines import lines
+from diagnosis.detectors.spectral_lines import FEWEST_CYCLES, lines
 from diagnosis.detectors.spectral_tones import Line
 from gyrocal import Recording
 from gyrocal.allan import Deviation, Fit, TermEstimate, fit_terms, overlapping_allan_deviation
 from gyrocal.allan.terms import ANGLE_WHITE, FLICKER, MARKOV, RAMP, RANDOM_WALK, RATE_WALK, sinusoid_variance
 from simulator.streams import generator
 from studies.allan.rates import Stretch, stretches
+from studies.allan.steps import Step, step_in
 
 Array = NDArray[np.float64]
 
@@ -46,10 +47,12 @@ class Sinusoid:
     ----------
     found : the lines, each with its amplitude and sigma in rad/s
     upper : amplitude that a line hidden in the spectrum may have at most, rad/s; 95 %
+    longest_s : period up to which lines are looked for
     """
 
     found: tuple[Line, ...]
     upper: float
+    longest_s: float
 
 
 @dataclass(frozen=True)
@@ -64,6 +67,7 @@ class AxisNoise:
     references : (t,) that of the references' errors alone
     fit : the terms
     sinusoid : the lines
+    steps : of the rate inside stretches, each with the stretch's place among all
     """
 
     deviation: Deviation
@@ -73,6 +77,7 @@ class AxisNoise:
     references: Array
     fit: Fit
     sinusoid: Sinusoid
+    steps: tuple[tuple[int, Step], ...]
 
 
 @dataclass(frozen=True)
@@ -101,7 +106,7 @@ class Analysis:
             "stated_angle_random_walk": {"value": self.arw * UNITS[RANDOM_WALK][1], "unit": UNITS[RANDOM_WALK][0]},
             "confidence": CONFIDENCE,
             "stretches": [stretch_row(one) for one in self.stretches],
-            "axes": {axis: _axis_json(one) for axis, one in zip(AXES, self.axes, strict=True)},
+            "axes": {axis: _axis_json(one, self.stretches) for axis, one in zip(AXES, self.axes, strict=True)},
             "notes": list(self.notes),
         }
 
@@ -131,7 +136,9 @@ def _axis(sample_s: float, parts: tuple[Stretch, ...], axis: int, clean: list[Ar
     fit = fit_terms(overlapping_allan_deviation([rates[:, axis] for rates in clean], sample_s), floor)
     low, high = deviation.band(fit.degrees, CONFIDENCE)
     tones = (sinusoid_variance(line.amplitude, line.frequency_hz, deviation.tau_s) for line in sinusoid.found)
-    return AxisNoise(deviation, low, high, sum(tones, fit.model), floor, fit, sinusoid)
+    found = ((place, step_in(rates[:, axis])) for place, rates in enumerate(clean))
+    steps = tuple((place, step) for place, step in found if step is not None)
+    return AxisNoise(deviation, low, high, sum(tones, fit.model), floor, fit, sinusoid, steps)
 
 
 def _reference_variance(sample_s: float, parts: tuple[Stretch, ...], axis: int) -> Array:
@@ -155,14 +162,14 @@ def _without_lines(recording: Recording, parts: tuple[Stretch, ...]) -> tuple[li
     report = SampleReport([], [], rates, np.zeros_like(rates), none, none)
     found = lines(report, recording, used, used)
     tests = {test.axis: test for test in report.tests}
-    sinusoids = []
+    sinusoids, longest_s = [], max(len(one.rates) for one in parts) * recording.gyro.sample_s / FEWEST_CYCLES
     for axis in range(3):
         own = tuple(line for line in found if line.axis == axis)
         test = tests.get(AXES[axis])
         # Of a line whose power exceeds the level around it P times the amplitude scatters by 1/√(2P) of itself.
         power = np.log(used.size / 2) - np.log(test.p_value) if test else np.nan
         upper = np.deg2rad(test.value) * (1 + 1.645 / np.sqrt(2 * power)) if test and not own else np.nan
-        sinusoids.append(Sinusoid(own, float(upper)))
+        sinusoids.append(Sinusoid(own, float(upper), longest_s))
     waves = np.zeros_like(rates)
     for line in found:
         waves[:, line.axis] += line.waveform
@@ -188,7 +195,13 @@ def shown(estimate: TermEstimate) -> TermEstimate:
     return replace(estimate, value=estimate.value * factor, sigma=estimate.sigma * factor, upper=estimate.upper * factor)
 
 
-def _axis_json(one: AxisNoise) -> dict[str, Any]:
+def step_row(place: int, step: Step, parts: tuple[Stretch, ...]) -> dict[str, Any]:
+    """Where and how large a step is."""
+    own = parts[place]
+    return {"interval": own.interval, "time_s": float(own.edges[step.at]), "size": step.size * RATE, "unit": RATE_UNIT}
+
+
+def _axis_json(one: AxisNoise, parts: tuple[Stretch, ...]) -> dict[str, Any]:
     terms = {}
     for estimate in map(shown, one.fit.estimates):
         entry = {"seen": estimate.seen, "unit": UNITS[estimate.term][0], "value": estimate.value, "sigma": estimate.sigma}
@@ -211,6 +224,8 @@ def _axis_json(one: AxisNoise) -> dict[str, Any]:
         "terms": terms,
         "sinusoids": lines_found,
         "sinusoid_upper_95_deg_h": one.sinusoid.upper * RATE,
+        "sinusoid_longest_period_s": one.sinusoid.longest_s,
+        "steps": [step_row(place, step, parts) for place, step in one.steps],
         "chi2": one.fit.chi2,
         "dof": one.fit.dof,
         "as_well": [list(terms) for terms in one.fit.alternatives],

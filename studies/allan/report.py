@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 from rich.console import Console
 
 from gyrocal.allan.terms import MARKOV, RANDOM_WALK, allan_variance
-from studies.allan.analysis import AXES, RATE, RATE_UNIT, UNITS, Analysis, AxisNoise, shown, stretch_row
+from studies.allan.analysis import AXES, RATE, RATE_UNIT, UNITS, Analysis, AxisNoise, shown, step_row, stretch_row
 from studies.report import tables
 from studies.report.html import Picture, document, heading, paragraph, table_of
 from studies.report.html import shown as figure_of
@@ -65,7 +65,8 @@ def _sinusoids(name: str, axis: AxisNoise) -> list[dict[str, str]]:
     base = {"axis": name, "term": SINUSOID, "sigma": NO_VALUE, "unit": RATE_UNIT, "time constant": NO_VALUE, "stated": NO_VALUE}
     if not axis.sinusoid.found:
         upper = axis.sinusoid.upper * RATE
-        return [base | {"value": "not seen" if np.isnan(upper) else f"not seen, below {upper:.2g}"}]
+        period = {"time constant": f"periods up to {axis.sinusoid.longest_s:.3g} s"}
+        return [base | period | {"value": "not seen" if np.isnan(upper) else f"not seen, below {upper:.2g}"}]
     return [
         base
         | {
@@ -87,6 +88,12 @@ def remarks(found: Analysis) -> list[str]:
         elif found.arw and abs(walk.value - found.arw) > OFF * walk.sigma:
             off, ratio = abs(walk.value - found.arw) / walk.sigma, walk.value / found.arw
             out.append(f"{name}: the angle random walk is {ratio:.3g} times the stated one, {off:.0f} sigma off.")
+        for row in (step_row(place, step, found.stretches) for place, step in axis.steps):
+            where = f'{row["size"]:+.3g} {row["unit"]} at {row["time_s"]:.0f} s in "{row["interval"]}"'
+            out.append(
+                f"{name}: one step of the rate, {where}, explains its course far better than a drift: what is told of slow "
+                f"noise and of a ramp is it, in part or as a whole. `gyrocal diagnose` tells such a step from noise."
+            )
         for other in axis.fit.alternatives:
             out.append(f"{name}: {' + '.join(other)} would fit as well; the deviation cannot tell.")
     return [*out, *found.notes]

@@ -16,6 +16,8 @@ from simulator.effects import parse
 from simulator.simulate import simulate
 from studies.allan.analysis import analyse, shown
 from studies.allan.rates import constant_rate_p, stretches
+from studies.allan.report import remarks
+from studies.allan.steps import step_in
 from studies.cli.main import main
 from tests import ROOT
 from tests.builders import piecewise_recording
@@ -73,6 +75,31 @@ def test_flicker_and_a_tone_are_found_on_their_axes():
     # The simulated 1/f ends an octave above the sampling rate, which adds to the white noise and takes from the flicker.
     assert estimate.seen
     assert abs(estimate.value - 1.0) < 4 * estimate.sigma + 0.05
+
+
+def test_a_step_in_a_rest_is_told_beside_the_ramp_that_it_makes():
+    """An Allan deviation has no term for it; of wander and drift nothing of the kind is said."""
+    found = analyse(rest(4, "bias_step:z=8,time_s=3000", "bias_drift:x=8", "noise_flicker:y=1"), "m1")
+    assert not found.axes[0].steps
+    assert not found.axes[1].steps
+    (row,) = found.to_json()["axes"]["z"]["steps"]
+    assert row["interval"] == "m1"
+    assert abs(row["time_s"] - 3000) < 60
+    assert row["size"] == pytest.approx(8, rel=0.05)
+    assert any(line.startswith("z: one step of the rate") for line in remarks(found))
+    assert found.axes[0].sinusoid.longest_s == pytest.approx(
+        found.axes[0].deviation.tau_s[0] * len(found.stretches[0].rates) / 4
+    )
+
+
+@pytest.mark.parametrize("seed", range(10))
+def test_no_step_is_told_of_noise_that_wanders_or_of_a_drift(seed):
+    rng = np.random.default_rng(seed)
+    white, t = rng.standard_normal(6000), np.arange(6000) / 6000
+    walk = np.cumsum(rng.standard_normal(6000))
+    for course in (0 * t, 20 * t, walk, 0.1 * walk, 3 * np.exp(-10 * t), np.sin(8 * np.pi * t)):
+        assert step_in(white + course) is None
+    assert step_in(white + 2.0 * (t > 0.3)).size == pytest.approx(2.0, rel=0.1)
 
 
 def test_motion_that_the_references_show_is_no_noise():
