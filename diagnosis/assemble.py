@@ -138,6 +138,7 @@ def answered(
             *filter(None, (seen.blind,)),
             *notes.of_checks(explained),
             *notes.imitations(samples, settings),
+            *notes.of_units(samples),
             *seen.motions,
             *notes.likely(explained, settings),
             *seen.notes,

@@ -35,6 +35,7 @@ FEWEST = 40  # second differences of an axis, below which nothing is said
 # white noise of the gyros that is as large would show in the samples as a rule.
 UNLIKELY = -3.0
 OF_EACH = 4  # second differences for each error that is fitted to them, at least
+LEAST, FAINTEST = 0.01, 1e-9  # factor, down to which it is told; the less the better it is known
 UNSEEN = 10.0  # relative error of an axis of which nothing is seen
 ROUNDS = 3  # of a fit whose large residuals do not count
 TRIMMING = 1.1  # times the variance of a mean square whose limit was estimated
@@ -241,7 +242,9 @@ def _level(found: Differences, kept: Mask, enough: Mask) -> tuple[Array, Array, 
     stated = np.where(enough, np.sum(np.where(kept, found.stated, 0.0), axis=0), 1.0)
     walk = np.sum(np.where(kept, found.walk, 0.0), axis=0)
     relative = np.sqrt(2 * CORRELATED * TRIMMING / np.maximum(np.sum(~found.hidden, axis=0), 1))
-    factor = np.where(enough, np.sqrt(np.maximum((sums - walk) / stated, 1e-4)), 1.0)
+    # What the gyros' noise may hide of a factor is no factor: it is not told below its own error.
+    least = np.clip(relative * sums / stated, FAINTEST**2, LEAST**2)
+    factor = np.where(enough, np.sqrt(np.maximum((sums - walk) / stated, least)), 1.0)
     error = np.where(enough, 0.5 * relative * (sums / stated) / factor, UNSEEN)
     # A sum of squares has a long upper tail; its cube root is normal (Wilson & Hilferty, 1931).
     spread = relative**2 / 9

@@ -164,7 +164,7 @@ def _of_noise(noise: ReferenceNoise, settings: DiagnosisSettings, tracker: str |
         place = 0 if noise.axis is None else noise.axis
         sigma = float(1 / np.sqrt(np.sum(1 / noise.sigma**2))) if noise.axis is None else float(noise.sigma[place])
         size = float(noise.factors[place])
-        text = f"second differences of {them} scatter {size:.2f} times as much as stated"
+        text = f"second differences of {them} scatter {size:.3g} times as much as stated"
         kind = "reference_noise_level" if tracker is None else "tracker_noise_level"
         found.append(Symptom(kind, axis if tracker is None else tracker, size, "factor", sigma, {}, noise.p_value, text))
     return found
