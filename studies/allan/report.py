@@ -92,7 +92,7 @@ def remarks(found: Analysis) -> list[str]:
             where = f'{row["size"]:+.3g} {row["unit"]} at {row["time_s"]:.0f} s in "{row["interval"]}"'
             out.append(
                 f"{name}: one step of the rate, {where}, explains its course far better than a drift: what is told of slow "
-                f"noise and of a ramp is it, in part or as a whole. `gyrocal diagnose` tells such a step from noise."
+                f"noise and of a ramp is it, in part or as a whole. gyrocal diagnose tells such a step from noise."
             )
         for other in axis.fit.alternatives:
             out.append(f"{name}: {' + '.join(other)} would fit as well; the deviation cannot tell.")

@@ -99,7 +99,8 @@ def fit_remark(result: CalibrationResult) -> str:
         doubtful = ", ".join(suspects(result))
         return f"{text} They are larger than the stated noise allows: do not trust the sigmas. Suspect {doubtful}."
     if result.p_value > 1 - DOUBT:
-        return f"{text} They are smaller than the stated noise: it is stated too large, or the recording is noise-free."
+        why = "it is stated too large (gyrocal diagnose says which noise), or the recording is noise-free"
+        return f"{text} They are smaller than the stated noise: {why}."
     if result.dof < 10:
         return f"{text} They fit the stated noise, but with so few degrees of freedom this is a weak test."
     return f"{text} They fit the stated noise."
@@ -119,7 +120,7 @@ def suspects(result: CalibrationResult) -> list[str]:
     if result.covariance_model == "references only":
         out.append("gyro noise, which this covariance leaves out")
     out += ["sigmas or ARW stated too small", "gyro time tags (a sample is tagged at its start)", "a bad reference attitude"]
-    return [*out, "an effect that is not modelled"]
+    return [*out, "an effect that is not modelled (gyrocal diagnose looks for one)"]
 
 
 def worst_residual(result: CalibrationResult) -> str:
