@@ -138,7 +138,10 @@ def _gap(diagnosis: Diagnosis) -> str:
 
 def _which(diagnosis: Diagnosis) -> str:
     """The causes with their sizes; of an unknown one what it behaves like."""
-    told = [_capital(_either(cause, diagnosis, f" ({words.cause_size(cause)})")) for cause in diagnosis.causes]
+    told = [
+        _capital(_either(cause, diagnosis, f" ({'; '.join([words.cause_size(cause), *words.moment(cause, diagnosis)])})"))
+        for cause in diagnosis.causes
+    ]
     if diagnosis.verdict == "none":
         return "None is called for."
     if diagnosis.verdict == "unknown":

@@ -151,6 +151,11 @@ def parameters(cause: Cause, diagnosis: Diagnosis) -> list[str]:
     return [_parameter(name, value, cause, diagnosis) for name, value in cause.parameters.items()]
 
 
+def moment(cause: Cause, diagnosis: Diagnosis) -> list[str]:
+    """When a cause set in, of one that did at one time."""
+    return [_parameter(name, value, cause, diagnosis) for name, value in cause.parameters.items() if name == "time_s"]
+
+
 def _parameter(name: str, value: float | str, cause: Cause, diagnosis: Diagnosis) -> str:
     if name == "toward":
         if value == cause.axis:

@@ -6,10 +6,12 @@ from diagnosis.answer import Cause
 from diagnosis.result import Diagnosis
 from simulator.effects.sensor import ALL_EFFECTS
 
-_IN_MODEL = "Take scale, alignment and bias from the calibration with the cause in it, below"
+_IN_MODEL = "Take scale, alignment and bias from the calibration with the cause in it, which the answer holds"
 _TAGS = "Mend the gyro's time tags or undo its filter, by the size found, and calibrate again"
 _SAMPLES = "Have the gyro's samples mended where they are made, in the unit's settings or its telemetry, and calibrate again"
-_REFERENCES = "Leave the gyro; mend the reference attitudes or take the calibration that allows for their error, below"
+_REFERENCES = (
+    "Leave the gyro; mend the reference attitudes or take the calibration that allows for their error, which the answer holds"
+)
 REMEDIES = {
     "rate": _IN_MODEL,
     "random_rate": f"{_IN_MODEL}, and repeat it as often as the bias wanders by more than you can bear",
