@@ -1,5 +1,7 @@
 """A plan's answer on the terminal: what is seen from which size on, what is taken for what, which maneuver helps."""
 
+from collections.abc import Mapping
+
 import pandas as pd
 from rich.console import Console
 
@@ -8,6 +10,7 @@ from studies.report import html, tables
 from studies.report.made import Made
 
 MOST_PAIRS = 25
+MOST_HIDDEN = 3
 WORDS = {"not identifiable": "never", "implausible": "never", "not available": "not testable", "visible": tables.NO_VALUE}
 
 
@@ -24,7 +27,7 @@ def show(console: Console, found: Plan) -> None:
         hidden = len(found.pairs) - MOST_PAIRS
         note = f"{hidden} more in the JSON. " if hidden > 0 else ""
         note += "Share: of the first one's signature that the second imitates."
-        tables.terminal(console, title, pairs_table(found.pairs[:MOST_PAIRS]), note)
+        tables.terminal(console, title, pairs_table(found, MOST_PAIRS), note)
     else:
         console.print(f"Every pair can be told apart by a signal-to-noise ratio of {LIMIT_SNR:g}.", highlight=False)
     if found.extras:
@@ -52,7 +55,7 @@ def page(found: Plan, made: Made | None = None) -> str:
             else f"Every pair can be told apart by a signal-to-noise ratio of {LIMIT_SNR:g}."
         )
     )
-    parts.append(_plain(pairs_table(found.pairs)) if found.pairs else "")
+    parts.append(_plain(pairs_table(found)) if found.pairs else "")
     if found.extras:
         ratio = (
             "Ratio: smallest visible size with the maneuver over that without it, median over effects; 0.5 is twice as good."
@@ -73,13 +76,21 @@ def headline(found: Plan) -> str:
         by_effect[one.effect] = by_effect.get(one.effect, False) or one.verdict == "visible"
     count = len(found.unordered())
     pairs = f"{count} pair{'' if count == 1 else 's'}"
-    text = f"{sum(by_effect.values())} of {len(by_effect)} effects can be seen, {pairs} cannot be separated"
+    seen = f"{sum(by_effect.values())} of {len(by_effect)} effects can be seen{_but(found, by_effect)}"
+    text = f"{seen}, {pairs} cannot be separated"
     if found.extras and found.extras[0].ratio < 1:
         text += f"; most is gained by: {found.extras[0].name}"
     resolving = max(found.extras, key=lambda one: len(one.resolved), default=None)
     if resolving is not None and resolving.resolved and resolving is not found.extras[0]:
         text += f"; most pairs are separated by: {resolving.name}"
     return text
+
+
+def _but(found: Plan, by_effect: Mapping[str, bool]) -> str:
+    """Axes about which an effect cannot be seen, of those that can be about another."""
+    hidden = [one.label for one in found.effects if by_effect[one.effect] and one.verdict != "visible"]
+    more = f" and {len(hidden) - MOST_HIDDEN} more" if len(hidden) > MOST_HIDDEN else ""
+    return f" (but not {', '.join(hidden[:MOST_HIDDEN])}{more})" if hidden else ""
 
 
 def effects_table(effects: tuple[Visible, ...]) -> pd.DataFrame:
@@ -129,8 +140,9 @@ def _size(group: list[Visible], name: str) -> str:
     return low if low == high else f"{low} to {high}"
 
 
-def pairs_table(pairs: tuple[Pair, ...]) -> pd.DataFrame:
-    """A row for each effect that another imitates."""
+def pairs_table(found: Plan, most: int | None = None) -> pd.DataFrame:
+    """A row for each effect that another imitates, of at most as many."""
+    known = {one.label: one for one in found.effects}
     return pd.DataFrame(
         [
             {
@@ -138,11 +150,20 @@ def pairs_table(pairs: tuple[Pair, ...]) -> pd.DataFrame:
                 "imitated by": one.other,
                 "share": tables.NO_VALUE if pd.isna(one.share) else _share(one.share),
                 "SNR to separate": "never" if one.snr == float("inf") else tables.number(float(f"{one.snr:.3g}")),
-                "size to separate": "never" if one.size == float("inf") else f"{one.size:.3g}",
+                "size to separate": _separating(one, known.get(one.effect)),
             }
-            for one in pairs
+            for one in found.pairs[:most]
         ]
     )
+
+
+def _separating(pair: Pair, effect: Visible | None) -> str:
+    """Size that tells a pair apart, in its unit, and whether it is a plausible one."""
+    if pair.size == float("inf"):
+        return "never"
+    if effect is None:
+        return f"{pair.size:.3g}"
+    return f"{pair.size:.3g} {effect.unit}{' (not plausible)' if pair.size > effect.plausible[1] else ''}"
 
 
 def _share(value: float) -> str:
