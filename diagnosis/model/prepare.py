@@ -35,6 +35,7 @@ First = tuple[RecordingModel, Array, tuple[Interval, ...]]  # model, sigma of th
 
 AXES = "xyz"
 LEAST_SHARE = 0.02  # probability of the other way in which readings may have come onto a lattice, from which on it is told
+SHOWN = 3.0  # sigmas of a correlation of residuals, down to which it counts
 UNSEEN = 0.5  # of its plausible range: a parameter less certain than that is not observed
 
 
@@ -105,7 +106,8 @@ def _cut_or_rounded(
     try:
         second = _first(recording, again)
         misfits = [_misfit(model) for model, _, _ in (first, second)]
-        gain = 0.5 * (misfits[0] - misfits[1]) / max(min(misfits) / first[0].y.size, 1.0)
+        better = first[0] if misfits[0] < misfits[1] else second[0]
+        gain = 0.5 * (misfits[0] - misfits[1]) / (max(min(misfits) / better.y.size, 1.0) * _alike(better.y))
     except LargeResidualError:
         second, gain = first, -np.inf
     odds = float(report.cut_odds or 0.0)
@@ -136,6 +138,22 @@ def _first(recording: Recording, report: SampleReport) -> First:
 
 def _misfit(model: RecordingModel) -> float:
     return float(model.y @ model.y)
+
+
+def _alike(y: Array) -> float:
+    """How many residuals (3r,) of observations that follow one another say what one would: 1 if they are independent.
+
+    A bias that wanders leaves such as go with any slow error. It is the sum of their correlations over all lags, up to the
+    first that their number does not show.
+    """
+    e = y.reshape(-1, 3) - y.reshape(-1, 3).mean(axis=0)
+    power, total = float(np.sum(e**2)), 1.0
+    for lag in range(1, len(e) // 2):
+        one = float(np.sum(e[lag:] * e[:-lag])) / power
+        if one < SHOWN / np.sqrt(e.size):
+            break
+        total += 2 * one
+    return total
 
 
 def _dead(recording: Recording, report: SampleReport, bias: Array) -> tuple[DeadZoneEvidence, ...]:

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.signal import lfilter
 from scipy.special import expit
 
 from diagnosis.detectors import samples
@@ -42,15 +43,16 @@ def test_what_the_references_leave_open_has_the_odds_of_the_samples(odds, monkey
 
 
 def test_the_gain_counts_against_what_is_left_anyway(monkeypatch):
-    """A misfit three times as large as it should be makes the references three times less sure."""
+    """A misfit twice as large as it should be, of residuals that go by threes, makes the references six times less sure."""
     made = recorded(4, "rate_quantization=4e-4", sample_s=1.0, every_s=60.0)
     report = replace(examine(made, lattice="rounded"), cut_odds=0.0)
     first = prepare._first(made, report)
-    misfits = iter([3.0 * first[0].y.size + 12.0, 3.0 * first[0].y.size])
+    misfits = iter([2.0 * first[0].y.size + 24.0, 2.0 * first[0].y.size])
     monkeypatch.setattr(prepare, "_misfit", lambda model: next(misfits))
+    monkeypatch.setattr(prepare, "_alike", lambda y: 3.0)
     found, _ = prepare._cut_or_rounded(made, report, first, DEFAULT, lambda text, share: None)
     ((_, share),) = next(one.rivals for one in found.symptoms if one.kind == "lattice_cut")
-    assert share == pytest.approx(expit(-6.0 / 3.0))
+    assert share == pytest.approx(expit(-12.0 / 6.0))
 
 
 def test_gyros_of_which_some_cut_and_some_round_are_taken_as_their_samples_say(monkeypatch):
@@ -59,3 +61,23 @@ def test_gyros_of_which_some_cut_and_some_round_are_taken_as_their_samples_say(m
     for odds, asked in (([-5.0, 4.0, 4.0], None), ([-5.0, -2.0, 1.0], -5.0), ([4.0, 5.0, 4.0], 5.0), ([-9.0, 1.0, 1.0], None)):
         monkeypatch.setattr(samples, "_cut_odds", lambda *of, odds=odds: np.array(odds))
         assert examine(made).cut_odds == asked
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_a_bias_that_wanders_does_not_say_how_readings_came_onto_a_lattice(seed):
+    """Errors that stay for a while go with any half step by chance: each counts once, not at every reference."""
+    made = recorded(seed, "rate_quantization=4e-4", "bias_random_walk:x=20", sample_s=1.0, every_s=60.0)
+    report = replace(examine(made, lattice="rounded"), cut_odds=0.0)
+    found, _ = prepare._cut_or_rounded(made, report, prepare._first(made, report), DEFAULT, lambda text, share: None)
+    ((kind, rivals),) = [(one.kind, one.rivals) for one in found.symptoms if one.kind.startswith("lattice")]
+    shares = {kind: 1 - sum(share for _, share in rivals), **dict(rivals)}
+    assert shares["lattice_rounded"] > 0.1
+
+
+def test_residuals_that_follow_one_another_count_by_their_correlation():
+    """Of a first-order process of the correlation a at one step, as many as (1 + a)/(1 − a) say what one would."""
+    rng = np.random.default_rng(3)
+    white = rng.standard_normal((3000, 3))
+    assert prepare._alike(white.ravel()) < 1.3
+    alike = lfilter([1.0], [1.0, -0.9], white, axis=0)
+    assert prepare._alike(alike.ravel()) == pytest.approx(19, rel=0.3)
