@@ -31,6 +31,8 @@ TIME = "time_s"
 TIME_WIDTH = "time_sigma_s"  # of an option: what is not known of its own time
 PERIOD = "period_s"
 PERIOD_WIDTH = "period_sigma_s"  # the same of a period
+PROBABILITY = "_probability"  # of a parameter that is no number, such as the element of G
+CERTAIN = 0.99  # of it, from which on it is not told
 
 
 @dataclass(frozen=True)
@@ -94,9 +96,8 @@ def _one(search: Search, members: tuple[Member, ...], place: int) -> Fitted:
     option = entry.options[member.option]
     table = search.tables(member.candidate, given) + entry.log_weights[:, None]
     weights = np.exp(table - logsumexp(table))
-    # Options with other columns, such as a richer form of the same effect or another element of G, have amplitudes of another
-    # meaning.
-    alike = [k for k, one in enumerate(entry.options) if entry.process or _means_the_same(one, option)]
+    # Options with other columns, such as a richer form of the same effect, have amplitudes of another meaning.
+    alike = [k for k, one in enumerate(entry.options) if entry.process or one.count == option.count]
     alike = [k for k in alike if weights[k].sum() > NEGLIGIBLE or k == member.option]
     products = {k: _products(search, entry, k, given) for k in alike}
     if entry.process:
@@ -105,12 +106,12 @@ def _one(search: Search, members: tuple[Member, ...], place: int) -> Fitted:
         values, spread = mean[member.scale], covariance[member.scale]
         shown: Parameters = dict(option.parameters)
     else:
-        parts = [_normal(*products[k], entry.scales, entry.positive) for k in alike]
-        if entry.scanned:
-            parts = _in_phase([weights[k] for k in alike], parts, alike.index(member.option))
-        values, spread = _mixture(weights[alike] / weights[alike].sum(), *zip(*parts, strict=True))
+        own_kind = [k for k in alike if _named(entry.options[k]) == _named(option)]
+        values, spread = _over(entry, products, weights, own_kind, member.option)
         size, more = entry.read(values)
         sigma = float(np.hypot(_read_sigma(entry, values, spread), entry.size_sigma(size)))
+        if len(own_kind) < len(alike):
+            sigma = _beside(entry, products, weights, alike, member.option, size, sigma)
         shown = {**_parameters(entry, weights, member.option), **more}
     own, _, shifts = model.design((member,))
     return Fitted(
@@ -119,10 +120,45 @@ def _one(search: Search, members: tuple[Member, ...], place: int) -> Fitted:
     )  # fmt: skip
 
 
-def _means_the_same(one: Option, other: Option) -> bool:
-    """Whether amplitudes of two options are of one thing, of which only numbers such as its time differ."""
-    named = [{name: value for name, value in each.parameters.items() if isinstance(value, str)} for each in (one, other)]
-    return one.count == other.count and named[0] == named[1]
+def _named(option: Option) -> Parameters:
+    """What an option is of that is no number, such as an element of G: amplitudes of another one are of another thing."""
+    return {name: value for name, value in option.parameters.items() if isinstance(value, str)}
+
+
+def _over(
+    entry: Candidate, products: Mapping[int, tuple[Array, Array]], weights: Array, some: Sequence[int], held: int
+) -> tuple[Array, Array]:
+    """Mean and covariance of the amplitudes over some options and all scales, those of `held` in their meaning."""
+    parts = [_normal(*products[k], entry.scales, entry.positive) for k in some]
+    if entry.scanned:
+        parts = _in_phase([weights[k] for k in some], parts, some.index(held))
+    return _mixture(weights[some] / weights[some].sum(), *zip(*parts, strict=True))
+
+
+def _beside(
+    entry: Candidate,
+    products: Mapping[int, tuple[Array, Array]],
+    weights: Array,
+    alike: Sequence[int],
+    held: int,
+    size: float,
+    sigma: float,
+) -> float:
+    """Sigma of a size where options of something else, such as another element of G, may be at work in its place.
+
+    Each has a size of its own, and is as likely as its options. Where rates about two axes go together, nothing tells their
+    elements apart, and the size is that of either.
+    """
+    square, total = 0.0, 0.0
+    kinds = [_named(entry.options[k]) for k in alike]
+    for kind in [one for place, one in enumerate(kinds) if one not in kinds[:place]]:
+        some = [k for k, one in zip(alike, kinds, strict=True) if one == kind]
+        share, away = float(weights[some].sum()), sigma**2
+        if held not in some:
+            values, spread = _over(entry, products, weights, some, some[0])
+            away = (entry.read(values)[0] - size) ** 2 + _read_sigma(entry, values, spread) ** 2
+        square, total = square + share * away, total + share
+    return float(np.sqrt(square / total))
 
 
 def _products(search: Search, entry: Candidate, number: int, given: Conditioning | None) -> tuple[Array, Array]:
@@ -183,6 +219,12 @@ def _parameters(entry: Candidate, weights: Array, best: int) -> Parameters:
     """Parameters of the best option, and mean and sigma of the numbers that differ between the options."""
     shown = {name: value for name, value in entry.options[best].parameters.items() if name not in (TIME_WIDTH, PERIOD_WIDTH)}
     share = weights.sum(axis=1)
+    names = _named(entry.options[best])
+    of_names = float(
+        sum(one for one, option in zip(share, entry.options, strict=True) if _named(option) == names) / share.sum()
+    )
+    if of_names < CERTAIN:
+        shown |= {f"{name}{PROBABILITY}": of_names for name in names}
     if PERIOD_WIDTH in entry.options[best].parameters:
         # Of the option itself, since its phase is that of its own period.
         others = np.array([[float(one.parameters[name]) for name in (PERIOD, PERIOD_WIDTH)] for one in entry.options])

@@ -170,6 +170,8 @@ def _parameter(name: str, value: float | str, cause: Cause, diagnosis: Diagnosis
         return f"{name.replace('_', ' ')} {value}"
     if not math.isfinite(value):
         return f"{name.replace('_', ' ')} not known"
+    if name.endswith("_probability"):
+        return f"which of them is not certain: this one with {percent(value)}, and the sigma is over all"
     if name == "time_s":
         return f"at {value:.0f} s since the epoch{_place(value, diagnosis.details)}"
     if name == "phase_deg":

@@ -167,16 +167,27 @@ def test_options_of_another_meaning_do_not_enter_the_amplitudes():
     assert fit(both, [Member(0, 0, 4)])[0].size == pytest.approx(fit(alone, [Member(0, 0, 4)])[0].size, rel=1e-9)
 
 
-def test_another_element_that_explains_as_much_does_not_enter_the_amplitude():
-    """Rates about two axes go together, one a third of the other: the size told is that of the element told."""
+def test_of_two_elements_that_explain_as_much_the_size_may_be_that_of_either():
+    """Rates about two axes go together, one a third of the other: three times the size of its element explains the same."""
     rng = np.random.default_rng(9)
     x = rng.standard_normal((30, 1))
     y = 4 * x[:, 0] + rng.standard_normal(30)
-    both, alone = linear_model([[x, x / 3]], y), linear_model([x], y)
+    both, alone = linear_model([[x, x / 3]], y), fit(linear_model([x], y), [Member(0, 0, 4)])[0]
     entry = both.candidates[0]
     named = [replace(one, parameters={"toward": toward}) for one, toward in zip(entry.options, "xz", strict=True)]
     both = replace(both, candidates=(replace(entry, options=tuple(named)),))
-    assert fit(both, [Member(0, 0, 4)])[0].size == pytest.approx(fit(alone, [Member(0, 0, 4)])[0].size, rel=1e-9)
+    found = fit(both, [Member(0, 0, 4)])[0]
+    assert found.size == pytest.approx(alone.size, rel=1e-9)
+    assert found.parameters["toward"] == "x"
+    share = found.parameters["toward_probability"]
+    assert 0.3 < share < 0.9
+    other = fit(linear_model([x / 3], y), [Member(0, 0, 4)])[0]
+    square = share * alone.sigma**2 + (1 - share) * ((other.size - alone.size) ** 2 + other.sigma**2)
+    assert found.sigma == pytest.approx(np.sqrt(square), rel=1e-6)
+    assert (
+        "toward_probability"
+        not in fit(replace(both, y=0.0 * y + 40 * x[:, 0], candidates=(entry,)), [Member(0, 0, 4)])[0].parameters
+    )
 
 
 def test_a_size_that_is_read_off_with_an_error_of_its_own_has_both():
