@@ -207,7 +207,7 @@ def test_page_holds_the_committed_wide_check():
     assert f"right in {100 * share:.0f} % of {count:.0f} statements" in short
     assert f"abroad {everything['cases']:.0f} of other craft" in short
     assert f"[{everything['cases']:.0f} further cases]" in text
-    assert f"| {everything['count']:.0f} of {everything['cases']:.0f}, {everything['mean_length']:.2f} |" in text
+    assert f"| {everything['count']:.0f} of {everything['cases']:.0f}, {everything['mean_length']:.3f} |" in text
 
 
 WIDE = {  # rows of the page by those of the results
