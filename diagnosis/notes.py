@@ -22,13 +22,13 @@ AXES = "xyz"
 TINY = 1e-300
 FITS = 0.01  # p-value of χ² from which on a calibration says that the residuals fit
 ALIKE = 0.1  # relative, of a noise factor and a ratio of units
-MISTAKEN = {  # factors of the white noise that a number in another unit makes, by effect
-    "noise_excess": (
+MISTAKEN = {  # factors of white noise that a number in another unit makes, by symptom
+    "white_noise_level": (
         (1 / 60, "1/60, as of an angle random walk in deg/√h where deg/√s is asked for"),
         (60.0, "60, as of an angle random walk in deg/√s that was taken for deg/√h"),
         (180 / np.pi, "180/π, as of an angle random walk in rad/√s where deg/√s is asked for"),
     ),
-    "reference_noise_excess": (
+    "reference_noise_level": (
         (1 / 3600, "1/3600, as of sigmas in arcsec where degrees are asked for"),
         (1 / 60, "1/60, as of sigmas in arcmin where degrees are asked for"),
         (3600.0, "3600, as of sigmas in degrees that were taken for arcsec"),
@@ -97,9 +97,9 @@ def imitations(samples: Sequence[SampleCause], settings: DiagnosisSettings) -> I
 def of_units(samples: Sequence[SampleCause]) -> Iterator[str]:
     """That a noise is off by what another unit makes."""
     for one in samples:
-        off = [(abs(np.log(max(one.symptom.size, TINY) / ratio)), what) for ratio, what in MISTAKEN.get(one.effect or "", ())]
+        off = [(abs(np.log(max(one.symptom.size, TINY) / ratio)), what) for ratio, what in MISTAKEN.get(one.symptom.kind, ())]
         least, what = min(off, default=(np.inf, ""))
-        if least < ALIKE:
+        if one.effect is not None and least < ALIKE:
             yield f"{one.effect} is about {what}: look at the number that is stated, and its unit"
 
 
