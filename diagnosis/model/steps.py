@@ -75,7 +75,7 @@ def switched_columns(
 
 
 def with_finer_times(model: RecordingModel, linear: LinearModel, member: Member, effect: Effect) -> LinearModel:
-    """The linear model with more times for a step, close together around the one at which a member is held.
+    """The linear model with more times for a step of any element, close together around the one at which a member is held.
 
     They take over half the prior of the times between which they lie; a gap between intervals keeps its own.
     """

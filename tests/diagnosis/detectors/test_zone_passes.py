@@ -34,7 +34,7 @@ def test_the_half_width_is_found(half_width):
         assert found is not None
         assert found.log_odds > 8
         assert abs(found.half_width - half_width) < 3.5 * found.sigma
-        assert found.sigma < 0.2 * half_width
+        assert found.sigma < 0.2 * half_width  # windows are as long as leaves a blur of a sixth
 
 
 def test_noise_that_is_small_beside_it_leaves_little_of_the_half_width_open():

@@ -78,6 +78,7 @@ def test_residuals_that_follow_one_another_count_by_their_correlation():
     """Of a first-order process of the correlation a at one step, as many as (1 + a)/(1 − a) say what one would."""
     rng = np.random.default_rng(3)
     white = rng.standard_normal((3000, 3))
-    assert prepare._alike(white.ravel()) < 1.3
+    assert prepare._alike(white.ravel()) == 1.0
     alike = lfilter([1.0], [1.0, -0.9], white, axis=0)
-    assert prepare._alike(alike.ravel()) == pytest.approx(19, rel=0.3)
+    # Sokal's error of a sum over M lags of n numbers is √(2(2M + 1)/n): 0.16 with M = 3 · 19.
+    assert prepare._alike(alike.ravel()) == pytest.approx(19, rel=2 * 0.16)
