@@ -4,10 +4,10 @@ Under M0 the noise is white, normal, and independent of everything. Short blocks
 rows that whiten their upper spectrum (`diagnosis.detectors.noise_blocks`, B Bᵀ = 1), and the rest x − ê, which has the motion
 in it. The two have independent noise: whatever is made of the rest and of the time is given beforehand, and ê is
 N(0, σ² Bᵀ B). Only calm blocks count, in which no motion is left in ê, and none that come from zero: a dead zone, which is no
-pattern, jumps there. What is asked of them is in `diagnosis.detectors.noise_questions`. Blocks begin every 37 samples, which is
-prime to all cycles that are asked for; where there are more than show what matters, stretches all over the recording are taken.
-Of two gyros with calm blocks at the same times, the noise must not correlate; with N cosines of both, the coefficient has the
-variance 1/N.
+pattern, jumps there. What is asked of them is in `diagnosis.detectors.noise_questions`; whether single samples stand out, also
+near zero, in `diagnosis.detectors.noise_tails`. Blocks begin every 37 samples, which is prime to all cycles that are asked for;
+where there are more than show what matters, stretches all over the recording are taken. Of two gyros with calm blocks at the
+same times, the noise must not correlate; with N cosines of both, the coefficient has the variance 1/N.
 """
 
 from __future__ import annotations
@@ -45,6 +45,7 @@ from diagnosis.detectors.noise_questions import (
     uneven,
     waves_of_level,
 )
+from diagnosis.detectors.noise_tails import tails
 from diagnosis.detectors.report import (
     AXES,
     IMPOSSIBLE,
@@ -70,7 +71,7 @@ TOGETHER = 50  # blocks that follow one another, which are chosen or left out to
 SHARES = (1.0, 0.75, 0.5, 0.35, 0.25)  # of the blocks, the calmest, of which the first is taken in which no motion shows
 FORMAT = 0.02  # noise sigmas in a step of the readings, from which on it matters at zero whether they are cut
 NOTABLE = 0.01  # of the noise of a sample, or of its power, that matters
-KINDS = 6  # of questions
+KINDS = 7  # of questions
 IN_COMMON = 0.05  # correlation of the noise of two gyros that matters
 
 
@@ -108,7 +109,7 @@ def patterns(report: SampleReport, recording: Recording, used: NDArray[np.bool_]
         calms[axis] = calm
         found = [cycles_of_mean(calm), cycles_of_power(calm), step(calm), levels(calm), waves_of_level(calm)]
         if not falsified:
-            found.append(uneven(calm))
+            found += [uneven(calm), tails(_everywhere(report.rates[:, axis], runs))]
         best = min(found, key=lambda one: one.p_value)
         p = min(1.0, max(KINDS * best.p_value, IMPOSSIBLE))
         text = f"the noise of gyro {AXES[axis]} is not independent of all else: {best.text}"
@@ -152,6 +153,30 @@ def _behaves(report: SampleReport, axis: str, p: float) -> None:
             report.symptoms[k] = replace(one, likeness=min(one.likeness, own))
 
 
+def _everywhere(x: Array, runs: list[tuple[int, int]]) -> Array:
+    """(b, SHOWING) cosines of unit power of blocks that hold each sample once in their inner part, as `_calm` takes them.
+
+    Those that come from zero count as well: the jump of a dead zone is a step.
+    """
+    size, inner = BLOCK + ORDER, BLOCK - ORDER
+    windows = [np.lib.stride_tricks.sliding_window_view(x[low:high], size)[::inner] for low, high in runs if high - low >= size]
+    cosines = np.concatenate([np.diff(one, ORDER, axis=1) @ WHITE.T for one in windows])
+    found = _without_motion(cosines, by_calm(cosines))
+    return cosines[found[0], :SHOWING] / np.sqrt(found[1]) if found else np.empty((0, SHOWING))
+
+
+def _without_motion(cosines: Array, order: Indices) -> tuple[Indices, Array] | None:
+    """The largest share of blocks in an order in which no motion shows, and their powers; None where it does in all."""
+    for share in SHARES:
+        chosen = np.sort(order[: int(share * order.size)])
+        if chosen.size < FEWEST:
+            return None
+        powers = powers_of(cosines[chosen, :SHOWING])
+        if powers.all() and fitted(powers / powers.mean(), chosen.size).still:
+            return chosen, powers
+    return None
+
+
 def _calm(rates: Array, recording: Recording, places: Indices, axis: int, step: float) -> Blocks | None:
     """The largest share of the calmest blocks in which no motion shows; None where it does in all."""
     if len(places) < FEWEST:
@@ -163,15 +188,10 @@ def _calm(rates: Array, recording: Recording, places: Indices, axis: int, step: 
     order = by_calm(cosines)
     at_zero = is_near_zero(x, sigma) if step > FORMAT * sigma else passes_zero(x, sigma)
     order = order[~at_zero[order]]
-    for share in SHARES:
-        chosen = np.sort(order[: int(share * order.size)])
-        if chosen.size < FEWEST:
-            return None
-        powers = powers_of(cosines[chosen, :SHOWING])
-        if powers.all() and fitted(powers / powers.mean(), chosen.size).still:
-            break
-    else:
+    found = _without_motion(cosines, order)
+    if found is None:
         return None
+    chosen, powers = found
     sigma, window = float(np.sqrt(powers.mean())), window[chosen]
     shown = cosines[chosen, :SHOWING] / sigma
     noise = shown @ BACK
