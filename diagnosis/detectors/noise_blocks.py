@@ -114,8 +114,12 @@ def powers_of(blocks: Array) -> Array:
     """(k,) mean squares over the blocks, P_k, without those that are far out; zero where most are."""
     squares = blocks**2
     power = np.median(squares, axis=0) / MEDIAN_SQUARE
+    before: NDArray[np.bool_] | None = None
     for _ in range(ROUNDS):
         kept = squares < CUT * power
+        if before is not None and np.array_equal(kept, before):
+            break
+        before = kept
         power = np.sum(squares * kept, axis=0) / np.maximum(kept.sum(axis=0), 1) / _KAPPA
     return np.asarray(power)
 

@@ -23,7 +23,18 @@ import numpy as np
 import scipy.stats
 from numpy.typing import ArrayLike, NDArray
 
-from diagnosis.detectors.report import AXES, IMPOSSIBLE, SampleReport, SampleTest, Symptom, arcs, consecutive, inside
+from diagnosis.detectors.report import (
+    AXES,
+    IMPOSSIBLE,
+    SampleReport,
+    SampleTest,
+    Symptom,
+    Tell,
+    arcs,
+    consecutive,
+    inside,
+    silent,
+)
 from gyrocal.recording import Recording
 from simulator.effects.recorded import interval_slices
 
@@ -115,8 +126,9 @@ def together(report: SampleReport, recording: Recording, quiet: Mask) -> None:
             )
 
 
-def constancy(report: SampleReport, recording: Recording, used: Mask) -> None:
+def constancy(report: SampleReport, recording: Recording, used: Mask, tell: Tell = silent) -> None:
     """Noise that differs between intervals, or between slow and fast motion."""
+    tell("noise over time: differences", 0.0)
     good = used & inside(recording) & ~report.filled & ~report.clipped
     follows = consecutive(recording, good)
     whole = np.convolve(follows, np.ones(HIGHER, dtype=int))[: follows.size] == HIGHER
@@ -132,9 +144,11 @@ def constancy(report: SampleReport, recording: Recording, used: Mask) -> None:
         z, higher = (differences[order][:, axis] for order in (ORDER, HIGHER))
         if z.size < 2 * FEWEST or not np.any(z):
             continue
+        tell(f"noise of gyro {AXES[axis]} over time", 0.1 + 0.3 * axis)
         kept = (np.abs(z) < 2 * TRIM * float(np.median(np.abs(z))) / 0.6745) & ~_ringing(z, owner)
         parts = [kept & fast, kept & ~fast, *(kept & (owner == number) for number in np.unique(owner))]
         groups = [part for part in parts if part.sum() >= FEWEST and _at_rest(z[part], higher[part])]
+        tell(f"noise of gyro {AXES[axis]} in each interval", 0.2 + 0.3 * axis)
         p, ratio, count = _least(z, higher, kept, groups)
         text = f"the noise of gyro {AXES[axis]} is {np.sqrt(ratio):.2f} times that of the whole in one part of the recording"
         report.tests.append(SampleTest("noise_constancy", AXES[axis], ratio, 1.0, p, "noise_constancy", text))

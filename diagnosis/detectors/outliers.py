@@ -21,8 +21,10 @@ from diagnosis.detectors.report import (
     SampleReport,
     SampleTest,
     Symptom,
+    Tell,
     circumstances,
     consecutive,
+    silent,
     since_start,
 )
 from diagnosis.detectors.single_samples import BETWEEN, OUTLIER, SIDE, at_rest, in_motion
@@ -71,9 +73,17 @@ class Looked:
         return self.still | self.moving
 
 
-def spikes(report: SampleReport, recording: Recording, quiet: Mask, used: Mask, noise: Array, steps: Array) -> None:
+def spikes(
+    report: SampleReport,
+    recording: Recording,
+    quiet: Mask,
+    used: Mask,
+    noise: Array,
+    steps: Array,
+    tell: Tell = silent,
+) -> None:
     """Single samples far outside, and the tails of all."""
-    looked, asked = _looked(report, recording, quiet, used, noise, steps)
+    looked, asked = _looked(report, recording, quiet, used, noise, steps, tell)
     counts = [int(one.places.sum()) for one in looked]
     n = max(int(asked.sum()), 1)
     chance = n * 2 * float(scipy.stats.norm.sf(OUTLIER)) * 1.2
@@ -140,7 +150,7 @@ def _chance(count: int, expected: float) -> float:
 
 
 def _looked(
-    report: SampleReport, recording: Recording, quiet: Mask, used: Mask, noise: Array, steps: Array
+    report: SampleReport, recording: Recording, quiet: Mask, used: Mask, noise: Array, steps: Array, tell: Tell
 ) -> tuple[list[Looked], Mask]:
     """What each gyro shows, and which samples were asked."""
     whole = scipy.ndimage.binary_erosion(used & consecutive(recording, used), iterations=SIDE)
@@ -154,7 +164,9 @@ def _looked(
     found = []
     for axis in range(3):
         x, level, step = report.rates[:, axis], float(noise[axis]), float(steps[axis])
+        tell(f"outliers of gyro {AXES[axis]} at rest", axis / 3)
         still, off, limit = at_rest(x, resting, level, step)
+        tell(f"outliers of gyro {AXES[axis]} in motion", (axis + 0.5) / 3)
         moving, beside, most, odd, least = in_motion(x, turning, level, step)
         off = np.where(odd, beside, off)
         hidden = np.where(resting, 0.0, least)

@@ -33,6 +33,11 @@ def silent(text: str, share: float) -> None:
     """Nobody listens."""
 
 
+def within(tell: Tell, begin: float, stop: float) -> Tell:
+    """Progress of a part of the work, which is so much of all."""
+    return lambda text, share: tell(text, begin + (stop - begin) * share)
+
+
 @dataclass(frozen=True)
 class SampleTest:
     """One statistic.

@@ -34,7 +34,7 @@ from diagnosis.detectors.noise_blocks import SHOWING, SLOW, blocks_of, outside_b
 from diagnosis.detectors.noise_in_motion import FEWEST_BLOCKS, InMotion, Level, chance_of, level_in_motion, preciser
 from diagnosis.detectors.noise_structure import agree, autocorrelation_of, power_of
 from diagnosis.detectors.readout_noise import AVERAGES, UNDECIDED, Readout, readout
-from diagnosis.detectors.report import AXES, IMPOSSIBLE, SampleReport, SampleTest, Symptom, arcs, consecutive
+from diagnosis.detectors.report import AXES, IMPOSSIBLE, SampleReport, SampleTest, Symptom, Tell, arcs, consecutive, silent
 from gyrocal.recording import Recording
 
 Array = NDArray[np.float64]
@@ -71,12 +71,14 @@ def local_noise(rates: Array, sigma: float, coarse: Mask, steps: Array, filled: 
     return np.asarray(np.maximum(np.where(robust > 0, robust, sigma), floor))
 
 
-def quiet(rates: Array, noise: Array) -> Mask:
+def quiet(rates: Array, noise: Array, tell: Tell = silent) -> Mask:
     """Samples around which the mean rate does not visibly change on any axis."""
-    ahead = scipy.ndimage.uniform_filter1d(rates, HALF, axis=0, origin=-HALF // 2, mode="nearest")
-    behind = scipy.ndimage.uniform_filter1d(rates, HALF, axis=0, origin=HALF // 2 - 1, mode="nearest")
-    change = np.abs(ahead - behind) / (noise * np.sqrt(2 / HALF))
-    moving = (change > MOVING).any(axis=1)
+    moving = np.zeros(len(rates), dtype=bool)
+    for axis, level in enumerate(noise):
+        tell(f"quiet samples of gyro {AXES[axis]}", axis / 3)
+        ahead = scipy.ndimage.uniform_filter1d(rates[:, axis], HALF, origin=-HALF // 2, mode="nearest")
+        behind = scipy.ndimage.uniform_filter1d(rates[:, axis], HALF, origin=HALF // 2 - 1, mode="nearest")
+        moving |= np.abs(ahead - behind) / (level * np.sqrt(2 / HALF)) > MOVING
     return ~scipy.ndimage.binary_dilation(moving, iterations=HALF)
 
 
@@ -150,6 +152,7 @@ def noise(
     steps: Array,
     coarse: Mask,
     cut: Mask,
+    tell: Tell = silent,
 ) -> None:
     """Level and colour of the noise of each axis, beside the lines of the spectrum; `cut` are those that may be cut."""
     rough = coarse & (steps > DITHERED * sigma)
@@ -168,9 +171,13 @@ def noise(
         arcs(quiet & consecutive(recording, quiet) & measured & away) if cut[axis] else usable
         for axis, away in enumerate(aways)
     ]
-    levels = [level(x, rests) for x, rests in zip(streams, still, strict=True)]
+    levels: list[Level | None] = []
+    for axis, (x, rests) in enumerate(zip(streams, still, strict=True)):
+        tell(f"noise level of gyro {AXES[axis]} at rest", axis / 6)
+        levels.append(level(x, rests))
     sways = _sways([one for axis, one in enumerate(levels) if not rough[axis]])
     for axis, (x, away, rests) in enumerate(zip(streams, aways, still, strict=True)):
+        tell(f"noise level of gyro {AXES[axis]} in motion", 0.5 + axis / 6)
         expected = sigma**2 + (steps[axis] ** 2 / 12 if coarse[axis] else 0.0)
         one = None if sways else levels[axis]
         rest = arcs(used & consecutive(recording, used) & measured & away) if cut[axis] else moving

@@ -35,6 +35,7 @@ from diagnosis.detectors.report import (
     inside,
     silent,
     since_start,
+    within,
 )
 from diagnosis.detectors.sample_noise import local_noise, noise, quiet
 from diagnosis.detectors.spectral_lines import lines
@@ -105,8 +106,7 @@ def examine(
         own_repeats(report, recording, used, coarse)
         tell("copied samples", 0.035)
         copied_samples(report, recording, used, sigma)
-        tell("samples on a line", 0.04)
-        straight_samples(report, recording, used, sigma)
+        straight_samples(report, recording, used, sigma, within(tell, 0.04, 0.045))
         tell("noise here and there", 0.045)
         local = local_noise(report.rates, sigma, coarse, steps, report.filled)
         parts = interval_slices(recording)
@@ -114,26 +114,34 @@ def examine(
         for axis in np.flatnonzero(~coarse).tolist():
             tell(f"dead zone of gyro {AXES[axis]}", 0.05 + 0.05 * axis)
             found[axis] = zone(report.rates[:, axis], parts, sigma)
-        tell("quiet samples", 0.2)
         report.zones = {axis: one for axis, one in found.items() if one is not None}
         # The jumps at the edges of a zone are neither noise nor motion; of readings beside zeros, some were made zeros.
         used = used & ~_near_edges(report) & ~_near_zeros(recording, used, coarse, steps, sigma)
-        still = used & quiet(report.rates, local)
-        tell("outliers", 0.25)
-        spikes(report, recording, still, used, local, np.where(coarse, steps, 0.0))
-        report.lines = lines(report, recording, still, used, lambda text, share: tell(text, 0.3 + 0.35 * share))
-        tell("noise level", 0.65)
-        noise(report, recording, still, used, sigma, steps, coarse, may_be_cut)
+        still = used & quiet(report.rates, local, within(tell, 0.2, 0.25))
+        spread = np.where(coarse, steps, 0.0)
+        spikes(report, recording, still, used, local, spread, within(tell, 0.25, 0.3))
+        report.lines = lines(report, recording, still, used, within(tell, 0.3, 0.65))
+        noise(
+            report,
+            recording,
+            still,
+            used,
+            sigma,
+            steps,
+            coarse,
+            may_be_cut,
+            within(tell, 0.65, 0.7),
+        )
         report.noise = sigma * report.noise_factor
         if not coarse.any():
             tell("noise in common", 0.7)
             together(report, recording, still)
-            tell("noise over time", 0.75)
-            constancy(report, recording, used)
-            patterns(report, recording, used, steps, lambda text, share: tell(text, 0.77 + 0.03 * share))
+            constancy(report, recording, used, within(tell, 0.75, 0.77))
+            patterns(report, recording, used, steps, within(tell, 0.77, 0.8))
+        tell("zeros", 0.8)
         _zero_mass(report, recording, inside(recording), coarse, steps)
         _off_the_lattice(report, recording, steps, coarse, cut, sigma)
-    report.smooth = smoothed_rates(report.rates, recording, lambda text, share: tell(text, 0.8 + 0.2 * share))
+    report.smooth = smoothed_rates(report.rates, recording, within(tell, 0.8, 1))
     return report
 
 

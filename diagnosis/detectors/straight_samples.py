@@ -21,7 +21,7 @@ import numpy as np
 import scipy.stats
 from numpy.typing import NDArray
 
-from diagnosis.detectors.report import IMPOSSIBLE, SampleReport, SampleTest, Symptom, consecutive
+from diagnosis.detectors.report import AXES, IMPOSSIBLE, SampleReport, SampleTest, Symptom, Tell, consecutive, silent
 from gyrocal.recording import Recording
 
 Array = NDArray[np.float64]
@@ -34,14 +34,15 @@ FEW = 3  # samples on lines, below which a number format that is no power of two
 FEWEST = 100  # second differences, below which nothing is said
 
 
-def straight_samples(report: SampleReport, recording: Recording, used: Mask, sigma: float) -> None:
+def straight_samples(report: SampleReport, recording: Recording, used: Mask, sigma: float, tell: Tell = silent) -> None:
     """Note samples that lie on a line between others."""
+    tell("samples on a line", 0.0)
     rates = recording.gyro.rates
     follows = consecutive(recording, used)
     whole = follows[1:-1] & follows[2:]
     change = np.diff(rates, axis=0)
     whole &= (change[1:] != 0.0).all(axis=1) & (change[:-1] != 0.0).all(axis=1)
-    runs, longest, p = chance(rates, whole, sigma)
+    runs, longest, p = chance(rates, whole, sigma, tell)
     text = f"{int(runs.sum())} samples lie on straight lines between others, in {runs.size} stretches of up to {longest}"
     report.tests.append(SampleTest("straight_samples", None, float(runs.sum()), 0.0, p, "straight_samples", text))
     if p < report.event_p:
@@ -49,7 +50,7 @@ def straight_samples(report: SampleReport, recording: Recording, used: Mask, sig
         report.symptoms.append(Symptom("straight_samples", None, share, "of the samples", 0.0, {}, p, text))
 
 
-def chance(rates: Array, whole: Mask, sigma: float) -> tuple[NDArray[np.intp], int, float]:
+def chance(rates: Array, whole: Mask, sigma: float, tell: Tell = silent) -> tuple[NDArray[np.intp], int, float]:
     """Lengths of the straight stretches, the longest, and the p-value that noise makes them.
 
     Parameters
@@ -57,12 +58,14 @@ def chance(rates: Array, whole: Mask, sigma: float) -> tuple[NDArray[np.intp], i
     rates : (n, 3) readings, rad/s
     whole : (n − 2,) second differences that count
     sigma : stated noise of a sample, rad/s
+    tell : called with what is looked at and the share done
     """
     none = np.zeros(0, dtype=np.intp)
     if int(whole.sum()) < FEWEST or not sigma > 0:
         return none, 0, 1.0
     straight, next_one, first = whole.copy(), np.ones(whole.size), np.ones(whole.size)
-    for x in rates.T:
+    for axis, x in enumerate(rates.T):
+        tell(f"samples of gyro {AXES[axis]} on a line", (axis + 1) / 4)
         second = np.abs(np.diff(x, n=2))
         level = min(sigma, float(np.median(second[whole])) / (MEDIAN * np.sqrt(6)))
         if not level > 0:

@@ -104,17 +104,20 @@ def _wanted(search: Search, found: Sequence[Explanation]) -> list[Wanted]:
 def beside(search: Search, best: Explanation) -> list[Member]:
     """Listed effects that explain nearly as much as a member of an explanation in its place, with the others of it.
 
-    One whose parameter lies between two that are tried may explain all of it with finer ones.
+    One whose parameter lies between two that are tried may explain all of it with finer ones; one that is not linear in the
+    rates, with those that the body has beside it. Each kind has its own places.
     """
     found: dict[int, tuple[float, Member]] = {}
     for member in best.members:
         others = _others(best, member)
         own = search.score(member.candidate, others).best
         for number, entry in enumerate(search.model.candidates):
-            if number in best.key or not entry.listed or entry.process or len(entry.options) == 1:
+            if number in best.key or not entry.listed or entry.process:
                 continue
             score = search.score(number, others)
             share = score.best / own if own > 0 else 0.0
             if share > max(NEARLY, found.get(number, (0.0, member))[0]):
                 found[number] = share, Member(number, score.option, score.scale)
-    return [member for _, member in sorted(found.values(), key=lambda one: -one[0])[:MOST_BESIDE]]
+    ranked = [member for _, member in sorted(found.values(), key=lambda one: -one[0])]
+    alone = {member: len(search.model.candidate(member).options) == 1 for member in ranked}
+    return [member for kind in (False, True) for member in [one for one in ranked if alone[one] is kind][:MOST_BESIDE]]

@@ -7,7 +7,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from diagnosis.detectors.report import SampleReport
+from diagnosis.detectors.report import SampleReport, Tell, silent
 from diagnosis.model.gate import check_residuals
 from diagnosis.model.linearise import linearised
 from diagnosis.model.recording import RecordingModel
@@ -26,7 +26,7 @@ IMPLAUSIBLE = np.array([0.2] * 9 + [np.deg2rad(0.1)] * 3)  # changes of G and b,
 
 
 def baseline(
-    recording: Recording, report: SampleReport, pieces: tuple[Interval, ...], reference_sigma: Array
+    recording: Recording, report: SampleReport, pieces: tuple[Interval, ...], reference_sigma: Array, tell: Tell = silent
 ) -> tuple[RecordingModel, Array]:
     """The model about its own calibration, and the (12,) sigma of that.
 
@@ -37,8 +37,10 @@ def baseline(
     """
     G, bias = recording.gyro.apriori_G.copy(), recording.gyro.apriori_bias.copy()
     sigma, short = PLAUSIBLE_RANGE, False
-    for _ in range(ITERATIONS):
+    for number in range(ITERATIONS):
+        tell(f"first calibration, step {number + 1}", number / ITERATIONS)
         model = linearised(recording, G, bias, report.rates, report.smooth, report.density, pieces, reference_sigma)
+        tell(f"first calibration, step {number + 1}: residuals", (number + 0.5) / ITERATIONS)
         try:
             check_residuals(model, report.rates)
         except LargeResidualError:

@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from diagnosis.detectors.report import SampleReport, Tell, silent
+from diagnosis.detectors.report import SampleReport, Tell, silent, within
 from diagnosis.detectors.samples import smoothed_rates
 from diagnosis.model.linearise import linearised
 from diagnosis.model.recording import RecordingModel
@@ -75,7 +75,9 @@ def with_motion(
     model: RecordingModel, report: SampleReport, pieces: tuple[Interval, ...], sigma: Array, tell: Tell = silent
 ) -> RecordingModel:
     """The model with columns of the motion that gyro and references show together; sigma (references, 3) rad."""
+    tell("noise that gyro and references show", 0.0)
     noise, turned = gyro_noise(model, report.density)
-    shown = smoothed_rates(report.rates - noise, model.recording, tell)
+    shown = smoothed_rates(report.rates - noise, model.recording, within(tell, 0.1, 0.9))
+    tell("model with the motion of both", 0.9)
     again = linearised(model.recording, model.G, model.bias, report.rates, shown, report.density, pieces, sigma)
     return replace(again, at_reference=Rotation.from_rotvec(turned).as_matrix() @ again.at_reference)

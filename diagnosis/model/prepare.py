@@ -57,6 +57,7 @@ def prepare(recording: Recording, settings: DiagnosisSettings = DEFAULT, tell: P
     report, (model, sigma, pieces) = _readable(recording, settings, tell)
     if report.cut_odds is not None:
         report, (model, sigma, pieces) = _cut_or_rounded(recording, report, (model, sigma, pieces), settings, tell)
+    tell("gyro samples: dead zones", 0.08)
     dead = _dead(recording, report, model.bias)
     found = judge(Unjudged(recording, report, model, sigma, pieces, dead), settings, tell)
     return replace(found, notes=_notes(recording, pieces, found.sigma))
@@ -79,9 +80,8 @@ def _readable(recording: Recording, settings: DiagnosisSettings, tell: Progress)
     """What the samples show and the first model, with readings on a lattice taken in the way in which they fit at all."""
     tell("gyro samples: noise, lines, outliers", 0.01)
     report = examine(recording, settings=settings, tell=_examined(tell, "", 0.01, 0.06))
-    tell("gyro samples: first calibration", 0.06)
     try:
-        return report, _first(recording, report)
+        return report, _first(recording, report, _examined(tell, "", 0.06, 0.07))
     except LargeResidualError:
         kinds = {symptom.kind for symptom in report.symptoms if symptom.kind.startswith("lattice")}
         if not kinds:
@@ -128,12 +128,12 @@ def _examined(tell: Progress, way: str, begin: float, stop: float) -> Progress:
     return lambda text, share: tell(before + text, begin + (stop - begin) * share)
 
 
-def _first(recording: Recording, report: SampleReport) -> First:
+def _first(recording: Recording, report: SampleReport, tell: Progress = lambda text, share: None) -> First:
     """The model with the references as stated, its sigma, and the intervals it is propagated over."""
     pieces = unclipped(recording, report)
     if not pieces:
         raise InputError("no two reference attitudes are left with unclipped gyro samples between them")
-    return *baseline(recording, report, pieces, recording.attitudes.sigma), pieces
+    return *baseline(recording, report, pieces, recording.attitudes.sigma, tell), pieces
 
 
 def _misfit(model: RecordingModel) -> float:

@@ -44,11 +44,20 @@ def test_an_effect_between_two_options_wins_with_finer_ones_against_a_rival_that
     assert found[0].members[0].option == 2
 
 
-def test_only_listed_effects_with_options_and_some_evidence_are_beside():
+def test_an_effect_with_one_option_that_explains_nearly_as_much_as_a_rival_is_beside_it():
+    """As one that is not linear in the rate, whose only columns are made at the rates that M0 shows."""
+    model = between_two_options()
+    first = model.candidates[0]
+    model = replace(model, candidates=(replace(first, options=first.options[:1]), *model.candidates[1:]))
+    search = Search(model)
+    assert [member.candidate for member in beside(search, search.of(("e1",)))] == [0]
+
+
+def test_only_listed_effects_with_some_evidence_are_beside():
     model = between_two_options()
     search = Search(model)
     best = search.of(("e1",))
-    assert [member.candidate for member in beside(search, best)] == [0]  # the third explains nothing and has no options
+    assert [member.candidate for member in beside(search, best)] == [0]  # the third explains nothing
 
 
 def truncated_process():
