@@ -1,7 +1,6 @@
 """A tone of one gyro by least squares: its frequency, amplitude and waveform, and whether it is one and the same everywhere.
 
-Each arc has its own phase and counts by the noise that it has. The motion that is slow beside the tone is followed by a local
-polynomial and taken out first.
+Each arc has its own phase and counts by the noise that it has (`diagnosis.detectors.tone_in_arc`).
 """
 
 from __future__ import annotations
@@ -15,24 +14,20 @@ import scipy.stats
 from numpy.typing import NDArray
 
 from diagnosis.detectors.report import IMPOSSIBLE
+from diagnosis.detectors.tone_in_arc import NO_NOISE, calm_samples, frequency_off, in_arc, without_motion
 from gyrocal.recording import Recording
 from simulator.effects.recorded import interval_slices
 
 Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 
 SHORTEST = 256  # samples of a segment
 FINENESS = 2.0  # times the samples: number of frequencies at which a fit may find a tone in white noise
 CLEAR_LINE = 5.0  # sigmas of its amplitude over all arcs, for a line to be a tone
-AVERAGED_CYCLES = (4, 4.5, 5, 5.5, 6, 7, 8, 9, 10)  # of a line, over which the motion beside it may be followed
-SUDDEN = 6.0  # robust sigmas beyond which a sample does not count
-DEGREE = 6  # of the polynomial that follows it
 PART_CYCLES = 12  # of a line in a part of the samples in which its amplitude is compared
 MOST_PARTS = 8  # of one arc
 UNSTEADY = 0.1  # relative change of the amplitude that a tone may have
 STEADY_SHARE, STEADY_SIGMAS = 0.75, 2.5  # of the parts, and how far these may be off
 KEPT_SAMPLES = 1 << 17  # of an arc, below which its chirp transform is small enough to be kept
-NO_NOISE = 1e-60  # (rad/s)², where readings leave nothing beside a line
 BESIDE = range(3, 11)  # resolutions of an arc from a tone, at which the noise around it is looked at
 NEARBY = 0.25  # of a tone's frequency, within which that is
 BEYOND_REST = 5.0  # sigmas of a power, by which one arc may have more of a tone than the rest of them
@@ -86,17 +81,18 @@ def fitted_tone(x: Array, recording: Recording, axis: int, peak: Peak, found: li
     width = max(1.5 / span, 1.0 / (SHORTEST * sample))
     trial = peak.frequency_hz + np.arange(-width, width, 0.05 / span)
     trial = trial[trial > 0]
-    levels = [_without_motion(x[low:high], peak.frequency_hz * sample) for low, high in found]
-    levels = [np.where(_calm(y), y, 0.0) for y in levels]
+    levels = [without_motion(x[low:high], peak.frequency_hz * sample) for low, high in found]
+    levels = [np.where(calm_samples(y), y, 0.0) for y in levels]
     best = float(trial[int(np.argmax(_power(levels, found, recording, trial)))])
     near = np.linspace(best - 0.1 / span, best + 0.1 / span, 9)
     f = _top(near, _power(levels, found, recording, near))
     t_s = recording.gyro.t_s
-    f += float(np.clip(_off([_in_arc(x[low:high], t_s[low:high], f, sample) for low, high in found]), -0.1 / span, 0.1 / span))
+    off = frequency_off([in_arc(x[low:high], t_s[low:high], f, sample) for low, high in found])
+    f += float(np.clip(off, -0.1 / span, 0.1 / span))
     waveform, amplitudes, sigmas = np.zeros_like(x), list[float](), list[float]()
     samples, powers, variances, fits, beside = 0, np.zeros(len(found)), np.zeros(len(found)), list[Array](), list[Array]()
     for arc, (low, high) in enumerate(found):
-        own = _in_arc(x[low:high], t_s[low:high], f, sample)
+        own = in_arc(x[low:high], t_s[low:high], f, sample)
         fitted, calm, waves, level = own.fitted, own.calm, own.waves[own.calm], own.level[own.calm]
         waveform[low:high] = own.plain @ fitted
         fits.append(fitted)
@@ -119,58 +115,6 @@ def fitted_tone(x: Array, recording: Recording, axis: int, peak: Peak, found: li
     chance = FINENESS * samples * float(scipy.stats.chi2.sf(power / _level(beside), 2 * len(found)))
     p = float(np.clip(chance if peak.isolated else peak.p_value, IMPOSSIBLE, 1.0))
     return Line(axis, f, float(size), error, p, waveform, peak.isolated, steady) if size > CLEAR_LINE * error else None
-
-
-@dataclass(frozen=True)
-class InArc:
-    """A tone in one arc.
-
-    Attributes
-    ----------
-    t_s : (n,) time since its middle, s
-    plain : (n, 2) cosine and sine of the tone's frequency
-    waves, level : (n, 2), (n,) what is left of those and of the readings without the slow motion
-    calm : (n,) samples that count
-    fitted : (2,) the readings' part of the waves
-    """
-
-    t_s: Array
-    plain: Array
-    waves: Array
-    level: Array
-    calm: Mask
-    fitted: Array
-
-
-def _in_arc(x: Array, t_s: Array, frequency_hz: float, sample_s: float) -> InArc:
-    """Least squares in one arc.
-
-    Towards its ends the smoothing follows a tone as well as the motion: what it leaves is fitted to what it leaves of waves.
-    """
-    angle = 2 * np.pi * frequency_hz * t_s
-    plain = np.column_stack([np.cos(angle), np.sin(angle)])
-    level, cosine, sine = (_without_motion(one, frequency_hz * sample_s) for one in (x, *plain.T))
-    waves = np.column_stack([cosine, sine])
-    fitted = np.linalg.lstsq(waves, level, rcond=None)[0]
-    calm = _calm(level - waves @ fitted)
-    fitted = np.linalg.lstsq(waves[calm], level[calm], rcond=None)[0]
-    return InArc(t_s - t_s.mean(), plain, waves, level, calm, np.asarray(fitted))
-
-
-def _off(arcs: list[InArc]) -> float:
-    """How much higher a tone's frequency is than that of the waves which were fitted to it, Hz; one step of Gauss and Newton.
-
-    The ends of arcs and the tone's own image at the negative frequency pull the top of the spectrum.
-    """
-    top, bottom = 0.0, 0.0
-    for one in arcs:
-        waves = one.waves[one.calm]
-        change = 2 * np.pi * one.t_s[one.calm] * (waves @ np.array([one.fitted[1], -one.fitted[0]]))
-        own = change - waves @ np.linalg.lstsq(waves, change, rcond=None)[0]
-        left = one.level[one.calm] - waves @ one.fitted
-        weight = 1 / max(float(np.mean(left**2)), NO_NOISE)
-        top, bottom = top + weight * float(own @ left), bottom + weight * float(own @ own)
-    return top / bottom if bottom > 0 else 0.0
 
 
 def _beside(left: Array, t_s: Array, frequency_hz: float) -> Array:
@@ -226,39 +170,6 @@ def _top(trial: Array, power: Array) -> float:
     _, slope, curvature = np.polynomial.polynomial.polyfit(at, power / max(float(power.max()), 1e-300), 2)
     top = -slope / (2 * curvature) if curvature < 0 else 0.0
     return float(trial.mean() + np.ptp(trial) * np.clip(top, -0.5, 0.5))
-
-
-def _without_motion(x: Array, cycles: float) -> Array:
-    """Samples without the body's motion that is slow beside a tone of so many cycles in a sample.
-
-    A local polynomial over some cycles of the tone follows the motion, and of the tone next to nothing if its length is well
-    chosen. A slew that begins gently is quiet to the eyes of the noise tests, but would pass for noise of the tone's amplitude.
-    """
-    counts = np.unique(np.round(np.array(AVERAGED_CYCLES) / cycles).astype(np.intp) // 2 * 2 + 1)
-    kernels = [_smoothing(int(count)) for count in counts if DEGREE + 2 < count < x.size]
-    if not kernels:
-        return np.asarray(scipy.signal.detrend(x))
-    kernel = min(kernels, key=lambda kernel: abs(_gain(kernel, cycles)))
-    smooth = scipy.signal.oaconvolve(np.pad(x, kernel.size // 2, mode="edge"), kernel, mode="valid")
-    return np.asarray((x - smooth) / (1 - _gain(kernel, cycles)))
-
-
-@lru_cache(maxsize=16)
-def _smoothing(count: int) -> Array:
-    """Weights of the samples in the middle of a local polynomial; in orthogonal polynomials, since windows may be long."""
-    Q = np.linalg.qr(np.polynomial.legendre.legvander(np.linspace(-1, 1, count), DEGREE))[0]
-    return np.asarray(Q @ Q[count // 2])
-
-
-def _gain(kernel: Array, cycles: float) -> float:
-    """Gain of a symmetric smoothing at a frequency in cycles a sample."""
-    return float(kernel @ np.cos(2 * np.pi * cycles * (np.arange(kernel.size) - kernel.size // 2)))
-
-
-def _calm(left: Array) -> Mask:
-    """Samples in which nothing sudden is left of the motion."""
-    spread = float(np.median(np.abs(left))) / 0.6745
-    return np.asarray(np.abs(left) <= SUDDEN * spread)
 
 
 def _transform(y: Array, t: Array, frequencies: Array) -> Array:
