@@ -45,6 +45,30 @@ def test_noise_that_is_small_beside_it_leaves_little_of_the_half_width_open():
         assert found.sigma < 0.01 * 0.012
 
 
+def test_one_way_through_the_zone_shows_it():
+    """A body that is slowed down and turns back: the reading jumps to zero and, much later, to the other edge."""
+    t = np.linspace(-1.0, 1.0, SAMPLES // 4)
+    for seed in range(6):
+        rate = 0.5 * t + 0.03 * np.sin(8 * t + seed)
+        parts = (slice(0, rate.size),)
+        found = zone(_read(rate, 0.05, seed), parts, NOISE)
+        assert found.log_odds > 2
+        assert abs(found.half_width - 0.05) < 3.5 * found.sigma
+        assert zone(_read(rate, 0.0, seed), parts, NOISE) is None
+
+
+def test_a_slew_from_rest_to_rest_shows_no_zone():
+    """With ramps of all lengths, from a rest at zero or beside it."""
+    t, odds = np.arange(SAMPLES // 4), []
+    for seed in range(30):
+        rng = np.random.default_rng(seed)
+        ramp = rng.integers(5, 1500)
+        rate = np.interp(t, [3000, 3000 + ramp, 6000, 6000 + ramp], [0.0, 1.0, 1.0, 0.0]) * rng.uniform(0.05, 0.4)
+        found = zone(_read(rate + rng.choice([0.0, 0.003]), 0.0, seed), (slice(0, t.size),), NOISE)
+        odds.append(found.log_odds if found else 0.0)
+    assert max(odds) < 2
+
+
 def test_no_edge_is_where_the_motion_is_seen_to_move():
     """Behind loud noise the passes' readings may set in late; a half width whose hole is full is none for that."""
     tried, odds = np.geomspace(0.5, 2.0, 20), np.where(np.geomspace(0.5, 2.0, 20) < 1.1, 4.0, -40.0)
