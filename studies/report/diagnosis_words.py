@@ -251,7 +251,9 @@ def no_closure(diagnosis: Diagnosis) -> str:
 
 
 def changed(diagnosis: Diagnosis) -> bool:
-    """Whether the calibration is another one with the causes in, beyond rounding."""
+    """Whether there are causes, and the calibration is another one with them in, beyond rounding."""
+    if not diagnosis.causes:
+        return False
     G = np.abs(diagnosis.G - diagnosis.baseline_G) > ROUNDING * diagnosis.sigma_G
     bias = np.abs(diagnosis.bias - diagnosis.baseline_bias) > ROUNDING * diagnosis.sigma_bias
     return bool(G.any() or bias.any())
@@ -295,11 +297,18 @@ def _unsigned_zero(text: str) -> str:
 
 
 def calibration_change(diagnosis: Diagnosis) -> str:
-    """What the causes change in the calibration, in one sentence."""
+    """What the causes change in the calibration, and whether it can be trusted."""
+    if not diagnosis.causes:
+        if not diagnosis.present:
+            return "The calibration is the baseline's: no cause is in the model."
+        return "No cause is in the model: what is at work may have moved G and b by many sigmas. Do not trust the sigmas."
+    beside = " What has no name is not in the model: do not trust the sigmas." if diagnosis.verdict == "unknown" else ""
+    return _moved(diagnosis) + beside
+
+
+def _moved(diagnosis: Diagnosis) -> str:
     if not changed(diagnosis):
-        if diagnosis.causes:
-            return "The causes change nothing in the calibration."
-        return "The calibration is the baseline's: no cause is in the model."
+        return "The causes change nothing in the calibration."
     table = calibration(diagnosis)
     count = len(table)
     table = table.assign(moved=pd.to_numeric(table["change in sigma"], errors="coerce").abs()).query("moved > 1")

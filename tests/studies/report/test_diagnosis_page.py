@@ -419,3 +419,17 @@ def test_a_time_in_an_interval_counts_from_its_start_where_references_are_averag
     statistics = pd.DataFrame({"interval": ["slews", "slews", "rest"], "start_s": [30.0, 10.0, 0.0]})
     details = Details(residuals, statistics, *[pd.DataFrame()] * 3)
     assert words._place(1064.0, details) == ", in slews, 64 s after its start"
+
+
+def test_a_gap_without_a_cause_leaves_no_trust_in_the_calibration():
+    """What is at work has moved G and b, and nothing about it is in the model: not even a change is told."""
+    for case in ("unknown", "not identifiable"):
+        found = dataclasses.replace(CASES[case](), causes=(), present=True)
+        off = dataclasses.replace(found, bias=found.bias + 0.01 * found.sigma_bias)
+        assert "Do not trust the sigmas" in words.calibration_change(off)
+        assert not words.changed(off)
+    nothing = dataclasses.replace(CASES["none"](), causes=())
+    assert words.calibration_change(nothing) == "The calibration is the baseline's: no cause is in the model."
+    beside = dataclasses.replace(CASES["named"](), verdict="unknown")
+    assert words.calibration_change(beside).endswith("do not trust the sigmas.")
+    assert "trust" not in words.calibration_change(CASES["named"]())
