@@ -30,6 +30,8 @@ from gyrocal.recording.trackers import need_one_sensor
 Array = NDArray[np.float64]
 
 MARGIN = 60  # samples beside a visible motion that are left out, since it may have begun gently
+GENTLE = (20, 40, 80, 160)  # samples whose means show that it has, where they are no rest yet
+DEPARTS = 4.0  # sigmas between two such means, one beside the other, from which on the latter belongs to a motion
 DENIED = 1e-4  # p-value of a constant rate, below which the references deny it
 FEWEST_REFERENCES = 5  # for a spline
 ITERATIONS = 6  # of the fit of a constant rate
@@ -96,7 +98,7 @@ def stretches(recording: Recording, interval: str | None = None) -> tuple[tuple[
     found, lost = [], 0
     for one in recording.intervals:
         if interval in (None, one.name):
-            for low, high in _runs(recording, one, used & still):
+            for low, high in _runs(recording, one, used & still, noise):
                 stretch = _stretch(recording, one, slice(low, high), lambda: calibration()[0])
                 lost += stretch is None
                 found += [] if stretch is None else [stretch]
@@ -121,8 +123,8 @@ def _calibration(recording: Recording) -> tuple[GyroParameters, list[str]]:
         return stated, ["These maneuvers do not determine G and b: the motion is taken out with the stated ones"]
 
 
-def _runs(recording: Recording, interval: Interval, usable: NDArray[np.bool_]) -> list[tuple[int, int]]:
-    """Unbroken runs of usable samples of an interval, without what is next to a visible motion."""
+def _runs(recording: Recording, interval: Interval, usable: NDArray[np.bool_], noise: Array) -> list[tuple[int, int]]:
+    """Unbroken runs of usable samples of an interval, without what is next to a visible motion and goes with it."""
     t = recording.gyro.t_s
     first, last = np.searchsorted(t, [interval.start_s - 1e-6, interval.stop_s - recording.gyro.sample_s + 1e-6], side="left")
     own = np.zeros_like(usable)
@@ -131,9 +133,25 @@ def _runs(recording: Recording, interval: Interval, usable: NDArray[np.bool_]) -
     for low, high in arcs(own & (consecutive(recording, own) | _begins(own))):
         begin = low if low == first else low + MARGIN
         end = high if high == last else high - MARGIN
+        x = recording.gyro.rates[begin:end] / noise
+        end -= 0 if high == last else _gentle(x[::-1])
+        begin += 0 if low == first else _gentle(x)
         if end - begin >= 256:
             out.append((int(begin), int(end)))
     return out
+
+
+def _gentle(x: Array) -> int:
+    """How many samples (n, 3), in sigmas, still belong to the motion before them, which ends gently."""
+    left, k = 0, 0
+    while k < len(GENTLE) and left + 2 * GENTLE[k] <= len(x):
+        count = GENTLE[k]
+        near, next_one = (x[left + part * count : left + (part + 1) * count].mean(axis=0) for part in (0, 1))
+        if np.abs(near - next_one).max() > DEPARTS * np.sqrt(2 / count):
+            left, k = left + count, 0
+        else:
+            k += 1
+    return left
 
 
 def _begins(own: NDArray[np.bool_]) -> NDArray[np.bool_]:

@@ -21,6 +21,7 @@ from studies.allan.steps import step_in
 from studies.cli.main import main
 from tests import ROOT
 from tests.builders import piecewise_recording
+from tests.diagnosis.recordings import of_rates
 from tests.pages import checked
 
 ARW = np.deg2rad(2.6e-4)
@@ -112,6 +113,26 @@ def test_motion_that_the_references_show_is_no_noise():
     last = found.axes[0].deviation.tau_s >= 240
     expected = 3 * np.deg2rad(0.002) ** 2 / found.axes[0].deviation.tau_s[last] ** 2
     assert np.allclose(found.axes[0].references[last], expected, rtol=0.5)
+
+
+def slewing(seed):
+    """Rests and four slews of 60 deg that begin and end gently, at 10 Hz, with a reference every ten seconds."""
+    t_s, rates = 0.1 * np.arange(12_000), np.zeros((12_000, 3))
+    for begin, axis in zip((150, 400, 650, 900), [*np.eye(3), np.full(3, -1 / np.sqrt(3))], strict=True):
+        turning = (t_s >= begin) & (t_s < begin + 150)
+        pace = np.deg2rad(60) / 150 * (1 - np.cos(2 * np.pi * (t_s - begin) / 150))
+        rates += np.where(turning, pace, 0.0)[:, None] * axis
+    return of_rates(rates, 100, 0.1, np.deg2rad(1e-3), np.deg2rad(0.003), seed)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_the_gentle_end_of_a_slew_is_no_noise_of_a_rest(seed):
+    """Ends at which two means of up to 160 samples differ by four sigmas belong to the slew; what is left turns by less."""
+    found = analyse(slewing(seed))
+    assert [one.rest for one in found.stretches] == [True] * 5
+    for axis in found.axes:
+        assert not axis.steps
+        assert [one.term for one in axis.fit.estimates if one.seen] == [RANDOM_WALK]
 
 
 def test_a_constant_rate_is_a_rest_at_any_rate_and_a_sway_is_none():
