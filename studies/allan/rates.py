@@ -95,13 +95,15 @@ def stretches(recording: Recording, interval: str | None = None) -> tuple[tuple[
     none = np.zeros(recording.gyro.t_s.size, dtype=bool)
     noise = local_noise(recording.gyro.rates, sigma, np.zeros(3, dtype=bool), np.zeros(3), none)
     still = quiet(recording.gyro.rates, noise)
-    found, lost = [], 0
-    for one in recording.intervals:
-        if interval in (None, one.name):
-            for low, high in _runs(recording, one, used & still, noise):
-                stretch = _stretch(recording, one, slice(low, high), lambda: calibration()[0])
-                lost += stretch is None
-                found += [] if stretch is None else [stretch]
+    chosen = [one for one in recording.intervals if interval in (None, one.name)]
+    runs = [(one, run) for one in chosen for run in _runs(recording, one, used & still, noise)]
+    if not runs:  # a body that moves gently all the time; the references say how
+        runs = [(one, run) for one in chosen for run in _runs(recording, one, used & still, np.full(3, np.inf))]
+    found, lost = list[Stretch](), 0
+    for one, (low, high) in runs:
+        stretch = _stretch(recording, one, slice(low, high), lambda: calibration()[0])
+        lost += stretch is None
+        found += [] if stretch is None else [stretch]
     if lost:
         notes.append(f"{lost} stretch(es) moved and had fewer than {FEWEST_REFERENCES} references to say how; left out")
     if not found:
@@ -124,7 +126,7 @@ def _calibration(recording: Recording) -> tuple[GyroParameters, list[str]]:
 
 
 def _runs(recording: Recording, interval: Interval, usable: NDArray[np.bool_], noise: Array) -> list[tuple[int, int]]:
-    """Unbroken runs of usable samples of an interval, without what is next to a visible motion and goes with it."""
+    """Unbroken runs of usable samples of an interval, without what beside a visible motion goes with it beyond the noise."""
     t = recording.gyro.t_s
     first, last = np.searchsorted(t, [interval.start_s - 1e-6, interval.stop_s - recording.gyro.sample_s + 1e-6], side="left")
     own = np.zeros_like(usable)
