@@ -15,7 +15,7 @@ from scipy.special import expit
 
 from diagnosis.detectors.deadzone import DeadZoneEvidence, dead_zone_evidence, of_zero_samples, usual_slow_rate
 from diagnosis.detectors.lattice import Kind
-from diagnosis.detectors.report import SampleReport, inside
+from diagnosis.detectors.report import SampleReport, inside, within
 from diagnosis.detectors.samples import examine
 from diagnosis.model.baseline import baseline
 from diagnosis.model.judgement import Prepared, Progress, Unjudged, judge
@@ -125,7 +125,7 @@ def _cut_or_rounded(
 def _examined(tell: Progress, way: str, begin: float, stop: float) -> Progress:
     """Progress of a look at the samples, as a part of all."""
     before = f"gyro samples: {way}: " if way else "gyro samples: "
-    return lambda text, share: tell(before + text, begin + (stop - begin) * share)
+    return within(lambda text, share: tell(before + text, share), begin, stop)
 
 
 def _first(recording: Recording, report: SampleReport, tell: Progress = lambda text, share: None) -> First:

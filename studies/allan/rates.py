@@ -1,9 +1,11 @@
 """The noise of a gyro in a recording, as stretches of rates of which the motion is taken out.
 
-Only stretches count in which the mean rate does not visibly change from one twenty samples to the next. In such a stretch the
-references decide. Where they agree with a constant rate, A(t) = exp(−[ω×]t) A₀ with ω and A₀ fitted to them, it is a *rest*: a
-constant rate does not enter second differences, and the raw rates are used as they are. Where they deny it, what they say of
-the motion is taken out of the calibrated rates: the mean over each sample of the rate of a cubic spline through them.
+Only stretches count in which the mean rate does not visibly change from one twenty samples to the next, without what beside a
+motion goes with it beyond the noise; of a body that moves gently all the time nothing would be left, and that stays. In a
+stretch the references decide. Where they agree with a constant rate, A(t) = exp(−[ω×]t) A₀ with ω and A₀ fitted to them, it is
+a *rest*: a constant rate does not enter second differences, and the raw rates are used as they are. Where they deny it, what
+they say of the motion is taken out of the calibrated rates: the mean over each sample of the rate of a cubic spline through
+them.
 That puts the references' own errors into the rates; how much these add to each Allan variance is found by drawing them.
 """
 
@@ -98,7 +100,7 @@ def stretches(recording: Recording, interval: str | None = None) -> tuple[tuple[
     chosen = [one for one in recording.intervals if interval in (None, one.name)]
     runs = [(one, run) for one in chosen for run in _runs(recording, one, used & still, noise)]
     if not runs:  # a body that moves gently all the time; the references say how
-        runs = [(one, run) for one in chosen for run in _runs(recording, one, used & still, np.full(3, np.inf))]
+        runs = [(one, run) for one in chosen for run in _runs(recording, one, used & still, None)]
     found, lost = list[Stretch](), 0
     for one, (low, high) in runs:
         stretch = _stretch(recording, one, slice(low, high), lambda: calibration()[0])
@@ -125,7 +127,7 @@ def _calibration(recording: Recording) -> tuple[GyroParameters, list[str]]:
         return stated, ["These maneuvers do not determine G and b: the motion is taken out with the stated ones"]
 
 
-def _runs(recording: Recording, interval: Interval, usable: NDArray[np.bool_], noise: Array) -> list[tuple[int, int]]:
+def _runs(recording: Recording, interval: Interval, usable: NDArray[np.bool_], noise: Array | None) -> list[tuple[int, int]]:
     """Unbroken runs of usable samples of an interval, without what beside a visible motion goes with it beyond the noise."""
     t = recording.gyro.t_s
     first, last = np.searchsorted(t, [interval.start_s - 1e-6, interval.stop_s - recording.gyro.sample_s + 1e-6], side="left")
@@ -135,9 +137,10 @@ def _runs(recording: Recording, interval: Interval, usable: NDArray[np.bool_], n
     for low, high in arcs(own & (consecutive(recording, own) | _begins(own))):
         begin = low if low == first else low + MARGIN
         end = high if high == last else high - MARGIN
-        x = recording.gyro.rates[begin:end] / noise
-        end -= 0 if high == last else _gentle(x[::-1])
-        begin += 0 if low == first else _gentle(x)
+        if noise is not None:
+            x = recording.gyro.rates[begin:end] / noise
+            end -= 0 if high == last else _gentle(x[::-1])
+            begin += 0 if low == first else _gentle(x)
         if end - begin >= 256:
             out.append((int(begin), int(end)))
     return out
