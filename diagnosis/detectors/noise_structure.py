@@ -11,7 +11,9 @@ that shakes nearly as fast as it is sampled both orders may hold as much; window
 
 Noise that swells and falls within the intervals shows in short windows of n differences each. Of their mean squares the
 logarithm has the variance 2 Σρ²/n, and that of the squared medians of absolute values twice as much, nearly
-(`spread_of_median`). To be called unsteady, both must scatter more than so, or both be alike from one window to the next.
+(`spread_of_median`). To be called unsteady, both must scatter more than so, or both be alike from one window to the next. A
+body that shakes at many rates for a while may fill one window with what both orders take for noise: the loudest one does not
+count.
 """
 
 from __future__ import annotations
@@ -227,8 +229,11 @@ def _ringing(z: Array, owner: NDArray[np.intp]) -> Mask:
 def _swells(logs: Array) -> tuple[float, float]:
     """P-value of steady noise, by the less surprised of both columns, and by how much more than that the first scatters."""
     there = np.isfinite(logs[:, 0])
-    if there.sum() < WINDOWS:
+    if there.sum() <= WINDOWS:
         return 1.0, 0.0
+    logs = logs.copy()
+    logs[np.nanargmax(logs[:, 0])] = np.nan
+    there = np.isfinite(logs[:, 0])
     expected = np.array([2 * AUTOCORRELATION, spread_of_median(ORDER)]) / FEWEST
     x = (logs - logs[there].mean(axis=0)) / np.sqrt(expected)
     scatter = np.sum(x[there] ** 2, axis=0)

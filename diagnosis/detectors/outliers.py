@@ -172,6 +172,7 @@ def _looked(
         hidden = np.where(resting, 0.0, least)
         found.append(Looked(still, moving, np.abs(off), limit if resting.any() else most, odd, hidden, off > 0))
     # What two gyros show at once while the body moves is a jolt of it.
+    tell("outliers that are jolts of the body", 0.95)
     near = sum(scipy.ndimage.binary_dilation(one.places, iterations=SIDE).astype(int) for one in found)
     return [replace(one, moving=one.moving & (near == 1)) for one in found], resting | turning
 

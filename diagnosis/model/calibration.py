@@ -21,12 +21,17 @@ def calibrated(model: RecordingModel, effects: Sequence[Fitted]) -> tuple[Array,
     latter under the prior that their evidence used. The covariance has the twelve parameters first, then the amplitudes, effect
     after effect.
     """
+    return calibrated_beside(model, [(one.columns, one.prior_sigma) for one in effects])
+
+
+def calibrated_beside(model: RecordingModel, effects: Sequence[tuple[Array, float]]) -> tuple[Array, Array]:
+    """The same of effects that are whitened columns (N, k), and the prior sigma of their amplitudes."""
     Q = np.linalg.qr(model.attitude_nuisance)[0]
-    columns = np.hstack([model.calibration, *(effect.columns for effect in effects)])
+    columns = np.hstack([model.calibration, *(part for part, _ in effects)])
     columns = columns - Q @ (Q.T @ columns)
     y = model.whitened(model.zeta)
     y = y - Q @ (Q.T @ y)
-    prior = np.concatenate([1e-2 / PLAUSIBLE_RANGE**2, *(np.full(e.columns.shape[1], 1 / e.prior_sigma**2) for e in effects)])
+    prior = np.concatenate([1e-2 / PLAUSIBLE_RANGE**2, *(np.full(part.shape[1], 1 / sigma**2) for part, sigma in effects)])
     scale = 1.0 / np.maximum(np.linalg.norm(columns, axis=0), 1e-300)
     information = (columns * scale).T @ (columns * scale) + np.diag(prior * scale**2)
     covariance = np.linalg.pinv(information, rcond=1e-13, hermitian=True) * np.outer(scale, scale)

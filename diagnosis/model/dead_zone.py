@@ -19,10 +19,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from diagnosis.detectors.deadzone import MOST_PARTS, DeadZoneEvidence, half_width
+from diagnosis.model.calibration import calibrated_beside
 from diagnosis.model.groups import Group
 from diagnosis.model.linear import Parameters
 from diagnosis.model.prepare import Prepared
-from diagnosis.model.processes import SEEN
+from diagnosis.model.processes import MOST_COLUMNS, SEEN
 from diagnosis.model.recording import RecordingModel
 from simulator.effects.base import Effect
 from simulator.effects.common import markov
@@ -41,12 +42,34 @@ MOST_PASSED = 25.0  # the same of passes through the zone
 TRIALS = 3  # gyros
 # Of the power of what a zone hides: a motion has a course of its own in each passage, and these have a level and a slope.
 ROUGHNESS = 0.02
+CALIBRATED = 3  # times that the input axis is found anew, with what is missing along the last one
+FELT = 0.5  # sigmas that a usual rate must move the residuals by for what it hides to be a column of its own
 ROUNDING = 1e-9  # of the variance of a motion, below which there is none
 LEAST_ODDS = -10.0  # that they may hold against it
 
 
-def missing(model: RecordingModel, one: DeadZoneEvidence) -> Array:
+def input_axis(model: RecordingModel, one: DeadZoneEvidence) -> Array:
+    """(3,) change of the calibrated rate with that of the gyro, G e, as what the zone leaves of the readings tells it.
+
+    M0 has to explain the missing rates with its G, which may be several percent off, and a rate that is missing acts along the
+    true one. It is found as the calibration beside any rate that the zone may hide.
+    """
+    toward, usual = model.G[:, one.axis], float(np.rad2deg(one.usual))
+    for _ in range(CALIBRATED):
+        hidden = model.whitened(missing(model, one, toward))
+        if one.passed:
+            beside = motions_inside(model, one, hidden[:, : len(one.passes)], toward, SWAYS[-1:], ())[0]
+        else:
+            beside = unseen_motion(model, one, toward)
+        change, _ = calibrated_beside(model, [(hidden, usual), (beside, usual)])
+        toward = model.G[:, one.axis] + change[:9].reshape(3, 3)[:, one.axis]
+    return toward
+
+
+def missing(model: RecordingModel, one: DeadZoneEvidence, toward: Array) -> Array:
     """Observations of a missing rate, deg/s: in all runs alike, and its difference in each; (N, shapes + runs).
+
+    `toward` is the gyro's `input_axis`.
 
     Of a zone that the motion passes through there are three shapes that all runs share, else there is one.
     """
@@ -54,26 +77,33 @@ def missing(model: RecordingModel, one: DeadZoneEvidence) -> Array:
     part = one.part[step]
     numbers = np.unique(part[(part >= 0) & (part < MOST_PARTS)])
     shapes = one.passes or (one.expected,)
-    low = np.zeros((model.t_s.size, 3, len(shapes) + numbers.size))
+    low = np.zeros((model.t_s.size, len(shapes) + numbers.size))
     for k, shape in enumerate(shapes):
-        low[part >= 0, one.axis, k] = -np.deg2rad(1.0) * shape[step][part >= 0]
+        low[part >= 0, k] = np.deg2rad(1.0) * shape[step][part >= 0]
     for k, number in enumerate(numbers):
         own = part == number
         of_rest = shapes[1][step][own] if one.passed else DIFFERENCE * one.expected[step][own]
-        low[own, one.axis, len(shapes) + k] = -np.deg2rad(1.0) * of_rest
-    return model.reading(low)
+        low[own, len(shapes) + k] = np.deg2rad(1.0) * of_rest
+    return model.rate_error(toward[:, None] * low[:, None, :])
 
 
-def unseen_motion(model: RecordingModel, one: DeadZoneEvidence) -> Array:
+def unseen_motion(model: RecordingModel, one: DeadZoneEvidence, toward: Array) -> Array:
     """(N, r) whitened observations of a random rate, deg/s, in the slow part of each cell: a level, and a slope over it.
 
     A body that turns about other axes meanwhile turns the blind one with it: what is missing at the beginning of a passage has
     another direction than at its end.
     """
-    return _seen(model, UNSEEN * np.hstack(_in_cells(model, one, one.expected)))
+    return _seen(model, one, UNSEEN * np.hstack(_in_cells(model, one, one.expected, toward)))
 
 
-def motions_inside(model: RecordingModel, one: DeadZoneEvidence, shared: Array) -> list[Array]:
+def motions_inside(
+    model: RecordingModel,
+    one: DeadZoneEvidence,
+    shared: Array,
+    toward: Array,
+    sways: Sequence[float] = SWAYS,
+    memories: Sequence[float] = MEMORIES,
+) -> list[Array]:
     """Columns of what is missing where passes tell what to expect, for each size and memory of a sway at rest; (N, k) each.
 
     Near an edge the rate is off by a share of the half width, from cell to cell. At rest it sways as a Markov process does,
@@ -84,30 +114,32 @@ def motions_inside(model: RecordingModel, one: DeadZoneEvidence, shared: Array) 
     model : of the recording
     one : what the samples show
     shared : (N, shapes) whitened columns of the missing rate that all runs share
+    toward : (3,) the gyro's `input_axis`
+    sways, memories : sizes in half widths and time constants in cells, beside none
     """
     resting = one.passes[1]
-    near = np.hstack(_in_cells(model, one, 1 - resting)) * NEAR_EDGE
-    level, slope = _in_cells(model, one, resting)
+    near = np.hstack(_in_cells(model, one, 1 - resting, toward)) * NEAR_EDGE
+    level, slope = _in_cells(model, one, resting, toward)
     run_s = model.cells.run_s
     spacing = float(np.median(np.diff(run_s))) if run_s.size > 1 else 1.0
     some = ROUNDING * np.eye(run_s.size)
-    levels = [level, *(level @ np.linalg.cholesky(markov(run_s, count * spacing) + some) for count in MEMORIES)]
-    return [
-        np.hstack([shared, _seen(model, np.hstack([near, sway * each, sway * slope]))]) for sway in SWAYS for each in levels
-    ]
+    levels = [level, *(level @ np.linalg.cholesky(markov(run_s, count * spacing) + some) for count in memories)]
+    hidden = [np.hstack([near, sway * each, sway * slope]) for sway in sways for each in levels]
+    return [np.hstack([shared, _seen(model, one, columns)]) for columns in hidden]
 
 
-def _seen(model: RecordingModel, columns: Array) -> Array:
-    """(N, r) whitened columns of the same covariance that can be seen, deg/s."""
+def _seen(model: RecordingModel, one: DeadZoneEvidence, columns: Array) -> Array:
+    """(N, r) whitened columns of the same covariance that can be seen, deg/s: beside the strongest, or beside the noise."""
     columns = model.whitened(columns[:, np.any(columns != 0, axis=0)])
     if not columns.shape[1]:
         return columns
     powers, turned = np.linalg.eigh(columns.T @ model.projected(columns))
-    seen = np.flatnonzero(powers > SEEN * powers[-1])[::-1]
+    faint = min(SEEN * powers[-1], (FELT / one.usual) ** 2)
+    seen = np.flatnonzero(powers > faint)[::-1][:MOST_COLUMNS]
     return np.asarray(columns @ turned[:, seen]) * np.deg2rad(1.0)
 
 
-def _in_cells(model: RecordingModel, one: DeadZoneEvidence, shape: Array) -> tuple[Array, Array]:
+def _in_cells(model: RecordingModel, one: DeadZoneEvidence, shape: Array, toward: Array) -> tuple[Array, Array]:
     """(N, c) observations of a missing rate in the slow part of each cell, of some shape (n,): a level, and a slope over it."""
     step = np.searchsorted(model.recording.gyro.t_s, model.t_s, side="right") - 1
     silent = one.part[step] >= 0
@@ -117,12 +149,12 @@ def _in_cells(model: RecordingModel, one: DeadZoneEvidence, shape: Array) -> tup
     count = before[high] - before[low]
     place = np.repeat(np.arange(low.size), high - low)
     along = (before[:-1] - before[low][place] + 0.5) / np.maximum(count[place], 1)  # of the slow part of the cell
-    return _over_cells(model, one.axis, level), _over_cells(model, one.axis, level * (2 * along - 1))
+    return _over_cells(model, toward, level), _over_cells(model, toward, level * (2 * along - 1))
 
 
-def _over_cells(model: RecordingModel, axis: int, weights: Array) -> Array:
+def _over_cells(model: RecordingModel, toward: Array, weights: Array) -> Array:
     """(N, c) observations of a reading that is too low by `weights` (n,) in the steps of one cell."""
-    turned = (model.to_inertial @ model.G[:, axis]) * (model.dt * weights)[:, None]
+    turned = (model.to_inertial @ toward) * (model.dt * weights)[:, None]
     total = np.vstack([np.zeros(3), np.cumsum(turned, axis=0)])
     out, low, high = np.zeros((model.size, model.cells.first.size)), model.cells.first, model.cells.last
     for number, block in enumerate(model.blocks):
@@ -153,11 +185,12 @@ def _group(model: RecordingModel, one: DeadZoneEvidence, effect: Effect) -> Grou
     usual = float(np.rad2deg(one.usual))
     # A rate that crosses the edge to and fro is read in part, one that stays inside not at all: either way of it may be.
     ways = [one] if one.silence is None else [one, one.strict()]
-    rates = [model.whitened(missing(model, way)) for way in ways]
+    toward = input_axis(model, one)
+    rates = [model.whitened(missing(model, way, toward)) for way in ways]
     if one.passed:
-        moving = motions_inside(model, one, rates[0][:, : len(one.passes)])
+        moving = motions_inside(model, one, rates[0][:, : len(one.passes)], toward)
     else:
-        moving = [np.hstack([own, unseen_motion(model, way)]) for own, way in zip(rates, ways, strict=True)]
+        moving = [np.hstack([own, unseen_motion(model, way, toward)]) for own, way in zip(rates, ways, strict=True)]
     count = max(own.shape[1] for own in rates)
 
     def read(amplitudes: Array) -> tuple[float, Parameters]:

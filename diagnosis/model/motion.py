@@ -12,6 +12,10 @@ the calibrated rates is E[n(t) | z] = E[n(t) zᵀ] V⁻¹ z. In inertial axes an
 with P the density of the noise and C θ what the nuisance parameters explain by least squares. Rates less this estimate are the
 best linear unbiased estimate of the motion, whose error goes with no residual (Rao, Linear Statistical Inference and Its
 Applications, Wiley 1973, section 5a.2). Smoothing them afterwards leaves that as it is.
+
+All this holds where the residuals are of noise. With an error of a hundred sigmas in them the estimate would be a hundred times
+the noise, and the rates without it would be no motion. Where χ² is larger than its degrees of freedom, u √(dof/χ²) stands for
+u, which leaves the estimate as large as noise would make it.
 """
 
 from __future__ import annotations
@@ -46,7 +50,8 @@ def gyro_noise(model: RecordingModel, density: Array | None) -> tuple[Array, Arr
     """
     gyro, inverse = model.recording.gyro, np.linalg.inv(model.G)
     noise, turned = np.zeros(gyro.rates.shape), np.zeros((model.reference_rows.size, 3))
-    weighed, start = model.weighed_residuals, 0
+    excess = float(model.y @ model.y) / max(model.degrees_of_freedom, 1)
+    weighed, start = model.weighed_residuals / np.sqrt(max(excess, 1.0)), 0
     for block in model.blocks:
         t_s, to_inertial = model.t_s[block.steps], model.to_inertial[block.steps]
         edges = np.append(t_s - 0.5 * model.dt[block.steps], t_s[-1] + 0.5 * model.dt[block.steps][-1])

@@ -177,8 +177,14 @@ EVIDENCE = [
                 "a body that shakes as fast as it is sampled has noise that swells",
                 "np.abs(np.fft.rfft(z[windows], axis=1)[:, fast]) ** 2 / ",
                 "np.abs(np.fft.rfft(z[windows], axis=1)[:, fast]) ** 0 / ",
-            )
+            ),
+            ("one window that a motion fills is noise that swells", "logs[np.nanargmax(logs[:, 0])] = np.nan", "pass"),
         ],
+    ),
+    *of(
+        "diagnosis/model/motion.py",
+        "tests/diagnosis/model/test_motion.py",
+        [("any error of the attitude is noise of the gyro", "np.sqrt(max(excess, 1.0))", "1.0")],
     ),
     *of(
         "diagnosis/inference/attribution.py",
@@ -273,13 +279,13 @@ SAMPLES = [
         [
             (
                 "the rate that is missing in all runs has the other sign",
-                "-np.deg2rad(1.0) * shape",
                 "np.deg2rad(1.0) * shape",
+                "-np.deg2rad(1.0) * shape",
             ),
             (
                 "the rate that is missing in one run has the other sign",
-                "-np.deg2rad(1.0) * of_rest",
                 "np.deg2rad(1.0) * of_rest",
+                "-np.deg2rad(1.0) * of_rest",
             ),
             (
                 "only one gyro could have a dead zone",
@@ -363,7 +369,10 @@ SAMPLES = [
     *of(
         "diagnosis/model/dead_zone.py",
         "tests/diagnosis/model/test_dead_zone.py",
-        [("a body at rest in a dead zone sways as much as it may", "sway * each", "each")],
+        [
+            ("a body at rest in a dead zone sways as much as it may", "sway * each", "each"),
+            ("what is missing acts along the input axis of M0", "for _ in range(CALIBRATED)", "for _ in range(0)"),
+        ],
     ),
     *of(
         "diagnosis/detectors/lattice.py",

@@ -76,3 +76,19 @@ def test_a_body_that_shakes_nearly_as_fast_as_it_is_sampled_has_no_unsteady_nois
         with monkeypatch.context() as without:
             without.setattr(structure, "RINGING", 0.0)
             assert [(one.kind, one.axis) for one in report_of(x).symptoms] == [("noise_constancy", "z")]
+
+
+def test_a_body_that_shakes_at_many_rates_for_one_window_has_no_unsteady_noise():
+    """Both orders hold as much of motions between two and three tenths of the samples' rate as of noise, and no line shows."""
+    low, high = structure.ORDER, structure.HIGHER
+    gain = (structure.power_of(high) / structure.power_of(low)) ** (1 / (high - low))
+    middle = np.arcsin(0.5 * np.sqrt(gain)) / np.pi
+    rng = np.random.default_rng(9)
+    tones = np.sum(
+        [np.sin(2 * np.pi * (f * np.arange(COUNT) + rng.random())) for f in np.linspace(middle - 0.03, middle + 0.03, 60)],
+        axis=0,
+    )
+    begin = 10 * structure.FEWEST
+    inside = (np.arange(COUNT) >= begin) & (np.arange(COUNT) < begin + structure.FEWEST - 20)
+    x = moving() + drawn(10) + np.where(inside, 0.25 * tones, 0.0)[:, None] * np.array([0.0, 1.0, 0.0])
+    assert report_of(x).symptoms == []

@@ -8,12 +8,15 @@ import pytest
 from diagnosis.detectors.deadzone import EDGE, MOST_PARTS, of_passes, of_zero_samples
 from diagnosis.detectors.hidden_course import course
 from diagnosis.detectors.zone_passes import Zone
+from diagnosis.diagnose import diagnose
 from diagnosis.model import dead_zone
+from diagnosis.model.prepare import prepare
 from simulator.effects import EFFECTS
 from simulator.effects.recorded import interval_slices
-from tests.diagnosis.recordings import prepared, recorded
+from tests.diagnosis.recordings import of_rates, prepared, recorded
 
 DEG = np.deg2rad(1.0)
+WIDE, WIDE_S = 0.03, 0.25  # half width, deg/s, and the time between two samples, s
 EFFECT = next(effect for effect in EFFECTS.values() if effect.symptom == "dead_zone")
 
 
@@ -27,16 +30,46 @@ def test_what_is_missing_is_a_rate_in_the_runs_and_nowhere_else(found):
     (shown,) = found.dead
     model = found.model
     one = replace(shown, part=np.where(shown.part < MOST_PARTS, shown.part, -1))
-    columns = dead_zone.missing(model, one)
+    toward = model.G[:, one.axis]
+    columns = dead_zone.missing(model, one, toward)
     assert columns.shape == (model.size, 2 + one.part.max())
     # What is too short for a rate of its own shares the common one.
-    assert dead_zone.missing(model, shown).shape == columns.shape
+    assert dead_zone.missing(model, shown, toward).shape == columns.shape
     # All runs alike are the sum of each by itself.
     np.testing.assert_allclose(columns[:, 0], columns[:, 1:].sum(axis=1) / dead_zone.DIFFERENCE, atol=1e-12)
     # Where every sample may miss a rate, that is a bias of the opposite sign.
-    everywhere = dead_zone.missing(model, replace(one, part=np.zeros_like(one.part), expected=np.ones(one.part.size)))[:, 0]
+    all_of_it = replace(one, part=np.zeros_like(one.part), expected=np.ones(one.part.size))
+    everywhere = dead_zone.missing(model, all_of_it, toward)[:, 0]
     bias = model.rate_error(np.tile(model.G[:, [one.axis]], (len(model.t_s), 1, 1)))[:, 0]
     np.testing.assert_allclose(everywhere, DEG * bias, atol=1e-9 * np.abs(bias).max() * DEG)
+
+
+@pytest.fixture(scope="module")
+def wide():
+    """A body that turns slowly to and fro, and a quiet gyro x whose zone it passes through, hundreds of sigmas wide."""
+    t_s = WIDE_S * np.arange(8000)
+    rates = np.deg2rad([0.12, 0.1, 0.08]) * np.sin(2 * np.pi * np.array([1 / 310, 1 / 730, 1 / 170]) * t_s[:, None])
+    rates[np.abs(rates[:, 0]) < WIDE * DEG, 0] = 0.0
+    true = np.deg2rad([0.12, 0.1, 0.08]) * np.sin(2 * np.pi * np.array([1 / 310, 1 / 730, 1 / 170]) * t_s[:, None])
+    made = of_rates(true, 12, WIDE_S, np.deg2rad(1e-4) * np.sqrt(WIDE_S), np.deg2rad(0.004), seed=5)
+    return replace(made, gyro=replace(made.gyro, rates=made.gyro.rates - true + rates))
+
+
+def test_what_is_missing_acts_along_the_true_input_axis(wide):
+    """M0 explains some of what is missing with its G; the column of the true one is (1, 0, 0)."""
+    ready = prepare(wide)
+    (one,) = ready.dead
+    assert one.passed
+    off = [np.abs(column - [1, 0, 0]).max() for column in (ready.model.G[:, 0], dead_zone.input_axis(ready.model, one))]
+    assert off[0] > 0.005
+    assert off[1] < 0.1 * off[0]
+
+
+def test_a_zone_of_hundreds_of_sigmas_is_named_with_its_size(wide):
+    found = diagnose(wide)
+    assert [(one.effect, one.axis) for one in found.causes] == [(EFFECT.name, "x")]
+    assert found.verdict == "named"
+    assert abs(found.causes[0].size - WIDE) < 3 * found.causes[0].sigma
 
 
 def test_no_candidate_unless_an_effect_claims_the_symptom(found):
@@ -94,13 +127,14 @@ def test_a_zone_that_the_motion_passes_has_its_shapes_and_the_differences_of_res
     model = passed.model
     (shown,) = passed.dead
     shown = replace(shown, passes=tuple(np.where(shown.part >= 0, one, 0.0) for one in shown.passes))
-    columns = dead_zone.missing(model, shown)
+    toward = model.G[:, shown.axis]
+    columns = dead_zone.missing(model, shown, toward)
     numbers = np.unique(shown.part[(shown.part >= 0) & (shown.part < MOST_PARTS)])
     assert columns.shape == (model.size, 3 + numbers.size)
     # A shape in no sample but those of one stretch is that stretch's own.
     for k, number in enumerate(numbers):
         only = np.where(shown.part == number, shown.passes[1], 0.0)
-        alone = dead_zone.missing(model, replace(shown, passes=(only, only, only)))
+        alone = dead_zone.missing(model, replace(shown, passes=(only, only, only)), toward)
         np.testing.assert_allclose(alone[:, 0], columns[:, 3 + k], atol=1e-12)
 
 
@@ -108,14 +142,15 @@ def test_the_motion_inside_has_the_covariance_of_its_parts(passed):
     """Of each size and memory: an error near the edges in each cell, a Markov level of the rests, and slopes."""
     model = passed.model
     (shown,) = passed.dead
-    shared = model.whitened(dead_zone.missing(model, shown))[:, : len(shown.passes)]
-    made = dead_zone.motions_inside(model, shown, shared)
+    toward = model.G[:, shown.axis]
+    shared = model.whitened(dead_zone.missing(model, shown, toward))[:, : len(shown.passes)]
+    made = dead_zone.motions_inside(model, shown, shared, toward)
     kinds = [(sway, memory) for sway in dead_zone.SWAYS for memory in (0.0, *dead_zone.MEMORIES)]
     assert len(made) == len(kinds)
     run_s = model.cells.run_s
     usual, none = np.median(np.diff(run_s)), np.eye(run_s.size)
-    near = dead_zone.NEAR_EDGE * np.hstack(dead_zone._in_cells(model, shown, 1 - shown.passes[1]))
-    level, slope = dead_zone._in_cells(model, shown, shown.passes[1])
+    near = dead_zone.NEAR_EDGE * np.hstack(dead_zone._in_cells(model, shown, 1 - shown.passes[1], toward))
+    level, slope = dead_zone._in_cells(model, shown, shown.passes[1], toward)
     for (sway, memory), columns in zip(kinds, made, strict=True):
         root = np.linalg.cholesky(np.exp(-np.abs(np.subtract.outer(run_s, run_s)) / (memory * usual))) if memory else none
         parts = DEG * model.projected(model.whitened(np.hstack([near, sway * level @ root, sway * slope])))

@@ -1,5 +1,7 @@
 """The motion by gyro and references: its columns hold no noise of the residuals, so that a clean gyro shows no effect."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import scipy.signal
@@ -59,6 +61,15 @@ def test_expected_noise_is_that_of_the_gyro(clean):
         block = model.blocks[0]
         total = np.vstack([np.zeros(3), np.cumsum(noise @ model.G.T * SAMPLE_S, axis=0)])[block.ends]
         np.testing.assert_allclose(turned, -total, atol=0.02 * np.abs(total).max())
+
+
+def test_an_error_of_many_sigmas_is_not_taken_for_noise_of_them():
+    """A jump of the bias leaves residuals of hundreds of sigmas; the noise that they show stays as large as noise is."""
+    usual = np.std([gyro_noise(prepare(swaying(seed)[1]).model, None)[0] for seed in SEEDS])
+    recording = swaying(SEEDS[0])[1]
+    rates = recording.gyro.rates + np.where(np.arange(3000) < 1700, 0.0, np.deg2rad(0.05))[:, None] * [0, 1, 0]
+    found, _ = gyro_noise(prepare(replace(recording, gyro=replace(recording.gyro, rates=rates))).model, None)
+    assert np.std(found) < 2 * usual
 
 
 def test_a_clean_gyro_of_a_swaying_body_has_no_gap():
