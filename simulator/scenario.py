@@ -496,6 +496,8 @@ def _document(name: str, folder: Path, inside: tuple[str, ...]) -> dict[str, Any
             document = read_toml(builtin)
     elif path.is_file():
         document = read_toml(path)
+    elif path.is_dir():
+        raise InputError(f"{name}: is a folder; a scenario is wanted here: a TOML file, or one of {', '.join(names())}")
     else:
         raise InputError(f"{name}: neither a file nor a built-in scenario; {hint(name, names())}")
     base = document.pop("base", None)

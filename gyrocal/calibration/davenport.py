@@ -57,6 +57,7 @@ logger = logging.getLogger(__name__)
 
 ROTATION_NAMES = ("roll", "pitch", "yaw")
 DEGREES = np.array([1.0] * 9 + [np.rad2deg(1.0)] * 3)  # of twelve parameters, biases in deg/s
+MOST_SHOWN = 3  # parameter combinations that a refusal names
 SINGULAR = 1e-14  # eigenvalue of a correlation matrix that is rounding
 
 
@@ -557,10 +558,12 @@ def _unobservable_message(
     matrix, bias = ("G", "b") if problem.parametrisation == "gain" else ("s and u", "c")
     ranges = {f"{value:g} in {matrix}" for value in plausible[~biases]}
     ranges |= {f"{np.rad2deg(value) * 3600:.3g} deg/h in {bias}" for value in plausible[biases]}
+    more = f"; and {len(combinations) - MOST_SHOWN} more" if len(combinations) > MOST_SHOWN else ""
     return (
-        f"{lead}{len(combinations)} parameter combination(s) cannot be found from {intervals} interval(s) "
-        f"with the stated noise to within their plausible range ({', '.join(sorted(ranges))}): {'; '.join(combinations)}; "
-        "add maneuvers with other rates, hold parameters that are known better, or give an a-priori covariance"
+        f"{lead}{len(combinations)} parameter combination(s) cannot be found from {intervals} interval(s) with the stated noise "
+        f"to within their plausible range ({', '.join(sorted(ranges))}): {'; '.join(combinations[:MOST_SHOWN])}{more}; "
+        "add maneuvers with other rates, hold parameters that are known better (solve_for, --solve-for) or give what is known "
+        "of them before (apriori_covariance, --prior-sigma-g with --prior-sigma-bias)"
     )
 
 

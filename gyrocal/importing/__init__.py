@@ -8,6 +8,7 @@ estimates, and `build` puts it together. See docs/import.md.
 from __future__ import annotations
 
 import os
+import tomllib
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -20,8 +21,9 @@ if TYPE_CHECKING:
     from gyrocal.importing.build import Imported
 
 NOTES = "import.toml"  # beside recording.toml; a recording is read without it
+NOISE = ("angle random walk", "sigma of the references", "1-sigma about")  # how an estimate of it begins
 
-__all__ = ["NOTES", "Mapping", "checked", "import_csv", "load_mapping", "write"]
+__all__ = ["NOTES", "Mapping", "checked", "estimated_noise", "import_csv", "load_mapping", "write"]
 
 
 def import_csv(
@@ -68,3 +70,12 @@ def write(imported: Imported, folder: str | os.PathLike[str]) -> None:
     lines += [f"{key} = {toml_value(value)}" for key, value in entries.items()]
     with replacing(Path(folder) / NOTES) as file:
         file.write(("\n".join(lines) + "\n").encode())
+
+
+def estimated_noise(folder: str | os.PathLike[str]) -> list[str]:
+    """What an import estimated of the noise of gyro and references, a sentence each; none where nothing of it is known."""
+    try:
+        assumed = tomllib.loads((Path(folder) / NOTES).read_text(encoding="utf-8"))["assumed"]
+        return [text for text in assumed if text.startswith(NOISE)]
+    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError, KeyError, AttributeError, TypeError):
+        return []

@@ -117,14 +117,16 @@ def streams(gyro: pd.DataFrame, attitude: pd.DataFrame, mapping: Mapping) -> Str
     offset = mapping.attitude_offset_s
     if offset:
         assumed.append(f"{offset:g} s added to the time tags of the attitudes")
-    sensors = tuple(
-        Sensor(name, *_ordered(one.since(origin) + offset, q, f"attitude {name}".strip()))
-        for (name, q), one in zip(named, clocks, strict=True)
-    )
-    t_s, raw = _ordered(clock_g.since(origin), raw, "gyro")
+    sensors = []
+    for (name, q), one in zip(named, clocks, strict=True):
+        *ordered, said = _ordered(one.since(origin) + offset, q, f"attitude {name}".strip())
+        sensors.append(Sensor(name, *ordered))
+        assumed += said
+    t_s, raw, said = _ordered(clock_g.since(origin), raw, "gyro")
+    assumed += said
     t_s, raw, sample_s, said = _samples(t_s, raw, mapping)
     time_scale = scale or "seconds of the file"
-    return Streams(t_s, raw, sample_s, channels, sensors, epoch, time_scale, (*assumed, *said))
+    return Streams(t_s, raw, sample_s, channels, tuple(sensors), epoch, time_scale, (*assumed, *said))
 
 
 def _gyro(frame: pd.DataFrame, mapping: Mapping) -> tuple[units.Clock, Array, tuple[str, ...], list[str]]:
@@ -136,11 +138,19 @@ def _gyro(frame: pd.DataFrame, mapping: Mapping) -> tuple[units.Clock, Array, tu
     good = np.isfinite(values).all(axis=1)
     if not good.any():
         raise InputError(f"gyro: no row of {', '.join(names)} holds numbers")
-    assumed = [] if good.all() else [f"{int((~good).sum())} gyro rows without numbers are left out"]
+    assumed = _without_numbers(good, None if mapping.gyro_by else frame.index, "gyro")
     if len(words) != 1:
         raise InputError(f"gyro: {mapping.gyro!r} must have one unit")
     clock = units.clock(_picked(frame, tags, "time").iloc[np.flatnonzero(good)], _word(unit, "time"))
     return clock, values[good], tuple(name.removeprefix("-") for name in names), assumed
+
+
+def _without_numbers(good: NDArray[np.bool_], index: pd.Index | None, what: str) -> list[str]:
+    """What is said of rows that are left out, with the place of the first where the rows are those of the table."""
+    if good.all():
+        return []
+    first = "" if index is None else f", the first of them row {int(index[np.flatnonzero(~good)[0]])}"
+    return [f"{int((~good).sum())} {what} row(s) without numbers are left out{first}"]
 
 
 def _side_by_side(frame: pd.DataFrame, by: str, tags: list[str], names: list[str]) -> tuple[pd.DataFrame, list[str]]:
@@ -168,8 +178,7 @@ def _attitudes(frame: pd.DataFrame, mapping: Mapping) -> tuple[list[tuple[str, A
         good = np.isfinite(values).all(axis=1)
         if not good.any():
             raise InputError(f"{kind}: no row of {', '.join(names)} holds numbers")
-        if not good.all():
-            assumed.append(f"{int((~good).sum())} attitude rows without numbers are left out".strip())
+        assumed += _without_numbers(good, part.index, "attitude")
         named.append((name, attitude_quaternions(kind, text, values[good])))
         clocks.append(
             units.clock(_picked(part, tags, "attitude_time").iloc[np.flatnonzero(good)], _word(unit, "attitude_time"))
@@ -229,14 +238,22 @@ def _second(epoch: str, scale: str) -> int:
         raise InputError(f"epoch: {fault}") from None
 
 
-def _ordered(t_s: Array, values: Array, what: str) -> tuple[Array, Array]:
-    """Rows in the order of time, each time once."""
+def _ordered(t_s: Array, values: Array, what: str) -> tuple[Array, Array, list[str]]:
+    """Rows in the order of time, each time once, and what is said of those that were not."""
+    said = []
+    back = np.flatnonzero(np.diff(t_s) < 0) + 1
+    if back.size:
+        said.append(f"the time goes back {back.size} time(s) in the {what} rows, first to {t_s[back[0]]:.9g} s: put in order")
     order = np.argsort(t_s, kind="stable")
     t_s, values = t_s[order], values[order]
     first = np.concatenate([[True], np.diff(t_s) > 0])
     if first.sum() < 3:
         raise InputError(f"{what}: {int(first.sum())} rows of different times; is the time column right?")
-    return t_s[first], values[first]
+    if not first.all():
+        said.append(
+            f"{int((~first).sum())} {what} row(s) of a time that another one has are left out, the first at {t_s[~first][0]:.9g} s"
+        )
+    return t_s[first], values[first], said
 
 
 def _samples(t_s: Array, raw: Array, mapping: Mapping) -> tuple[Array, Array, float, list[str]]:
@@ -259,7 +276,10 @@ def _samples(t_s: Array, raw: Array, mapping: Mapping) -> tuple[Array, Array, fl
     said = [f"a gyro time tag is the {mapping.tag} of its sample"]
     close = np.concatenate([[False], spacing < 0.5 * sample_s])
     if close.any():
-        said.append(f"{int(close.sum())} gyro rows closer than half a sample to the one before are left out")
+        said.append(
+            f"{int(close.sum())} gyro row(s) closer than half a sample to the one before are left out, the first at "
+            f"{t_s[close][0]:.9g} s"
+        )
         t_s, raw = t_s[~close], raw[~close]
     return t_s - late, factor * raw, sample_s, said
 

@@ -10,6 +10,7 @@ import numpy as np
 from gyrocal import GyroArray, GyroParameters, InputError, Recording, calibrate, calibrate_gyros, load, select
 from gyrocal.calibration.gyro_space import Parametrisation, space_of
 from gyrocal.calibration.observability import BIAS_LETTERS, PLAUSIBLE_G
+from gyrocal.importing import estimated_noise
 from studies.cli.fail_on import compared, end, parsed
 from studies.cli.options import PATH
 from studies.montecarlo.files import check_writable, write_json
@@ -174,6 +175,8 @@ def command(
         **options,
     )
     calibration_report.show(console(), result, options["iterations"] is None, known)
+    for line in calibration_report.of_import(result, estimated_noise(recording)):
+        console().print(line, highlight=False, markup=False)
     if as_json:
         write_json(as_json, result.to_json())
     if report:

@@ -1,5 +1,7 @@
 """What ``gyrocal calibrate`` prints: parameters, residuals, and what speaks for and against believing them."""
 
+from collections.abc import Sequence
+
 import numpy as np
 import pandas as pd
 from rich.console import Console
@@ -104,6 +106,13 @@ def fit_remark(result: CalibrationResult) -> str:
     if result.dof < 10:
         return f"{text} They fit the stated noise, but with so few degrees of freedom this is a weak test."
     return f"{text} They fit the stated noise."
+
+
+def of_import(result: CalibrationResult, estimated: Sequence[str]) -> list[str]:
+    """Where the noise that the residuals do not fit comes from, if an import estimated it."""
+    if not estimated or result.dof <= 0 or DOUBT <= result.p_value <= 1 - DOUBT:
+        return []
+    return [f"The import estimated this noise: {'; '.join(estimated)}. State what is known of it, see docs/import.md."]
 
 
 def suspects(result: CalibrationResult) -> list[str]:

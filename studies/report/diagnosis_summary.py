@@ -63,7 +63,7 @@ def _where(diagnosis: Diagnosis) -> Iterator[str]:
         yield f"- {finding.signal}: {finding.text} ({words.p_value(finding.p_value)})"
     more = len(diagnosis.where) - MOST_FINDINGS
     if more > 0:
-        yield f"and {more} more"
+        yield f"and {more} more, in what --json writes under 'where'"
 
 
 def _causes(diagnosis: Diagnosis) -> Iterator[str]:

@@ -17,7 +17,7 @@ from gyrocal import (
     residual_table,
 )
 from gyrocal.calibration import normal_equations as accumulation
-from gyrocal.calibration.davenport import Accumulation
+from gyrocal.calibration.davenport import MOST_SHOWN, Accumulation
 from gyrocal.calibration.problem import Problem
 from gyrocal.calibration.propagation import propagate
 from gyrocal.calibration.sampling import measurements
@@ -153,7 +153,11 @@ def test_too_few_intervals_end_in_an_error_that_names_what_is_free():
         calibrate(recording)
     # Nine residuals, twelve parameters: at least three combinations are free.
     assert len(caught.value.combinations) >= 3
-    assert all(combination in str(caught.value) for combination in caught.value.combinations)
+    text, free = str(caught.value), caught.value.combinations
+    assert "; ".join(free[:MOST_SHOWN]) in text
+    assert (f"; and {len(free) - MOST_SHOWN} more;" in text) == (len(free) > MOST_SHOWN)
+    # The options of the command line are named as well as the arguments.
+    assert all(name in text for name in ("--solve-for", "apriori_covariance", "--prior-sigma-g", "--prior-sigma-bias"))
 
 
 def test_unchanging_rate_names_scale_against_bias():

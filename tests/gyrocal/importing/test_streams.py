@@ -86,7 +86,10 @@ def test_rows_without_numbers_and_rows_twice_are_left_out():
     found = made(g, a)
     assert len(found.t_s) == 19
     assert len(found.sensors[0].t_s) == 8
-    assert "1 gyro rows without numbers are left out" in found.assumed
+    assert "1 gyro row(s) without numbers are left out, the first of them row 3" in found.assumed
+    assert "2 attitude row(s) without numbers are left out, the first of them row 0" in found.assumed
+    assert f"the time goes back 1 time(s) in the gyro rows, first to {g['t'].iloc[7]:.9g} s: put in order" in found.assumed
+    assert f"1 gyro row(s) of a time that another one has are left out, the first at {g['t'].iloc[7]:.9g} s" in found.assumed
 
 
 def test_gps_and_unix_time_meet():

@@ -2,11 +2,13 @@
 
 import json
 import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 import gyrocal
+from gyrocal import importing
 from studies.validation import imports, mems_log
 from tests import ROOT
 
@@ -38,6 +40,23 @@ def test_two_tables_one_table_and_a_mapping_file_are_the_same(run_cli, folder):
     np.testing.assert_array_equal(a.gyro.apriori_bias, b.gyro.apriori_bias)
     done = run_cli("calibrate", str(folder / "a"))
     assert done.exit_code == 0, done.stderr
+
+
+def test_noise_that_an_import_estimated_and_residuals_deny_is_named(run_cli, folder):
+    files = str(folder / "gyro.csv"), str(folder / "mocap.csv")
+    assert run_cli("import", "csv", *files, str(folder / "estimated"), *OPTIONS).exit_code == 0
+    estimated = importing.estimated_noise(folder / "estimated")
+    assert [text.split(" 0.")[0] for text in estimated] == ["angle random walk", "sigma of the references"]
+    said = " ".join(run_cli("calibrate", str(folder / "estimated")).stdout.split())
+    assert f"The import estimated this noise: {'; '.join(estimated)}." in said
+    made = gyrocal.load(folder / "estimated")
+    wider = (replace(made, attitudes=replace(made.attitudes, sigma=k * made.attitudes.sigma)) for k in np.geomspace(1, 2, 20))
+    gyrocal.save(next(one for one in wider if 0.1 < gyrocal.calibrate(one).p_value < 0.9), folder / "estimated")
+    assert "The import estimated" not in run_cli("calibrate", str(folder / "estimated")).stdout
+    # A recording that is no import, and one whose notes are somebody's own, say nothing.
+    assert importing.estimated_noise(folder) == []
+    (folder / "estimated" / importing.NOTES).write_text("assumed = 3")
+    assert importing.estimated_noise(folder / "estimated") == []
 
 
 def test_import_and_export_say_as_json_what_was_made(run_cli, folder):

@@ -37,6 +37,7 @@ def rec(tmp_path, monkeypatch):
         (("nothing",), "gyrocal: No such command 'nothing'."),
         (("calibrate",), "gyrocal calibrate: Missing argument 'RECORDING'."),
         (("calibrate", "rec", "more"), "gyrocal calibrate: Got unexpected extra argument"),
+        (("plan", "rec"), "rec: is a folder; a scenario is wanted here"),
         (("calibrate", "rec", "--step", "1,5"), "'1,5' is not a valid float"),
         (("calibrate", "rec", "--psi", "half"), "'half' is not one of"),
         (("calibrate", "rec", "--iterations", "100000000"), "1<=x<=1000"),
