@@ -560,8 +560,8 @@ def _unobservable_message(
     ranges |= {f"{np.rad2deg(value) * 3600:.3g} deg/h in {bias}" for value in plausible[biases]}
     more = f"; and {len(combinations) - MOST_SHOWN} more" if len(combinations) > MOST_SHOWN else ""
     return (
-        f"{lead}{len(combinations)} parameter combination(s) cannot be found from {intervals} interval(s) with the stated noise "
-        f"to within their plausible range ({', '.join(sorted(ranges))}): {'; '.join(combinations[:MOST_SHOWN])}{more}; "
+        f"{lead}{len(combinations)} parameter combination(s) cannot be found from {intervals} interval(s) with the stated "
+        f"noise to within their plausible range ({', '.join(sorted(ranges))}): {'; '.join(combinations[:MOST_SHOWN])}{more}; "
         "add maneuvers with other rates, hold parameters that are known better (solve_for, --solve-for) or give what is known "
         "of them before (apriori_covariance, --prior-sigma-g with --prior-sigma-bias)"
     )

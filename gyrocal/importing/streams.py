@@ -250,9 +250,8 @@ def _ordered(t_s: Array, values: Array, what: str) -> tuple[Array, Array, list[s
     if first.sum() < 3:
         raise InputError(f"{what}: {int(first.sum())} rows of different times; is the time column right?")
     if not first.all():
-        said.append(
-            f"{int((~first).sum())} {what} row(s) of a time that another one has are left out, the first at {t_s[~first][0]:.9g} s"
-        )
+        count, begin = int((~first).sum()), float(t_s[~first][0])
+        said.append(f"{count} {what} row(s) of a time that another one has are left out, the first at {begin:.9g} s")
     return t_s[first], values[first], said
 
 
