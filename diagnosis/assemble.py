@@ -1,8 +1,8 @@
-"""The answer of a diagnosis from what its steps have found, with the tables its figures are drawn from."""
+"""The answer of a diagnosis from what its steps have found."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
@@ -10,15 +10,16 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from diagnosis import notes
+from diagnosis import notes, posterior
 from diagnosis.answer import Amplitudes, Cause, Finding, Verdict
+from diagnosis.detail_tables import details
 from diagnosis.identifiable import blind_spot
 from diagnosis.inference.amplitudes import Fitted
-from diagnosis.inference.attribution import Attribution, Ranked
+from diagnosis.inference.attribution import Attribution
 from diagnosis.model import localization
 from diagnosis.model.misfit import finding as misfit_finding
 from diagnosis.model.prepare import Prepared
-from diagnosis.model.symptoms import OF_NOISE, SampleCause
+from diagnosis.model.symptoms import SampleCause
 from diagnosis.result import Details, Diagnosis
 from diagnosis.settings import DiagnosisSettings
 from gyrocal.calibration.trackers import differences
@@ -29,13 +30,10 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 
-AXES = "xyz"
 SHOWN_EXPLANATIONS = 12
 WORTH_SHOWING = 1e-4  # probability of an alternative
-KEPT = 0.999  # of the posterior
 TINY = 1e-300
 JUMPS = ("outliers", "noise_constancy", "noise_pattern")  # symptoms that readings make which jump at an edge
-WORTH_KEEPING = 1e-6  # probability of an explanation in the details
 
 
 def assembled(
@@ -114,7 +112,7 @@ def answered(
     sure = all(cause.probability >= settings.named for cause in shown)
     verdict = _verdict(attribution, gap, bool(samples), unlisted, sure)
     unknown = 0.0 if attribution is None else attribution.unknown
-    unknown = 1 - (1 - unknown) * float(np.prod(_not_imitated(samples, settings)))
+    unknown = 1 - (1 - unknown) * float(np.prod(posterior.not_imitated(samples, settings)))
     if verdict == "none" and seen.blind:
         verdict = "not identifiable"
     return Diagnosis(
@@ -146,7 +144,7 @@ def answered(
         runtime_s=runtime_s,
         details=seen.details,
         p_values=seen.p_values,
-        posterior=_posterior(samples, explained, gap, settings),
+        posterior=posterior.of_all(samples, explained, gap, settings),
         amplitudes=seen.amplitudes,
         gyros=seen.gyros,
     )
@@ -250,84 +248,6 @@ def p_values(prepared: Prepared, explained: Explained) -> dict[str, float]:
     return out
 
 
-def _posterior(
-    samples: Sequence[SampleCause], explained: Explained, gap: bool, settings: DiagnosisSettings
-) -> tuple[tuple[tuple[str, ...], float], ...]:
-    """Probability of each explanation, those of the samples and of the attitude together; to a sum of `KEPT`."""
-    if any(one.effect is None for one in samples):
-        return ((("unknown",), 1.0),)
-    shown: dict[tuple[str, ...], float] = {(): 1.0}
-    for one, likely in zip(samples, _not_imitated(samples, settings), strict=True):
-        cause = one.cause(settings)
-        shares = (one.share, *(share for _, share in one.rivals))
-        shown = {
-            (*labels, name): p * likely * share
-            for labels, p in shown.items()
-            for name, share in zip(cause.group, shares, strict=True)
-        }
-    found: dict[tuple[str, ...], float] = {}
-    of_attitude = posterior(explained.attribution) if gap else _without_gap(explained.unseen, bool(samples), settings)
-    for labels, p in of_attitude:
-        for own, share in shown.items():
-            both = labels if "unknown" in labels else (*own, *(label for label in labels if label not in own))
-            found[both] = found.get(both, 0.0) + p * share
-    # What the samples show may be an imitation, too.
-    found[("unknown",)] = found.get(("unknown",), 0.0) + 1 - sum(found.values())
-    return likeliest({labels: p for labels, p in found.items() if p > 0})
-
-
-def _not_imitated(samples: Sequence[SampleCause], settings: DiagnosisSettings) -> list[float]:
-    """Probability of each that nothing unlisted imitates it, given that nothing imitates those before.
-
-    What imitates an effect on one gyro does so on others: causes of one kind are imitated together or not at all.
-    """
-    found: list[float] = []
-    least: dict[str, float] = {}
-    for one in samples:
-        kind = "noise" if one.symptom.kind in OF_NOISE else one.symptom.kind
-        before = least.get(kind, 1.0)
-        least[kind] = min(before, 0.0 if one.effect is None else one.cause(settings).group_probability)
-        found.append(least[kind] / before if before > 0 else 0.0)
-    return found
-
-
-def _without_gap(
-    unseen: Sequence[Ranked], beside: bool, settings: DiagnosisSettings
-) -> tuple[tuple[tuple[str, ...], float], ...]:
-    """Of M0 and what is too weak to be told; beside what the samples show, all that is one more effect."""
-    if not unseen:
-        return (((), 1.0),)
-    odds = settings.another / (1 - settings.another) if beside else 1.0
-    found: dict[tuple[str, ...], float] = {}
-    for one in unseen:
-        labels = ("unknown",) if one.unlisted else tuple(sorted(one.labels))
-        found[labels] = found.get(labels, 0.0) + one.probability * (odds if labels else 1.0)
-    norm = sum(found.values())
-    return likeliest({labels: p / norm for labels, p in found.items()})
-
-
-def posterior(attribution: Attribution | None) -> tuple[tuple[tuple[str, ...], float], ...]:
-    """Probability of each explanation of the data of a linear model, to a sum of `KEPT`; the empty one without a gap."""
-    if attribution is None:
-        return (((), 1.0),)
-    found: dict[tuple[str, ...], float] = {}
-    for one in attribution.ranked:
-        labels = ("unknown",) if one.unlisted else tuple(sorted(one.labels))
-        found[labels] = found.get(labels, 0.0) + one.probability
-    return likeliest(found)
-
-
-def likeliest(found: Mapping[tuple[str, ...], float]) -> tuple[tuple[tuple[str, ...], float], ...]:
-    """Explanations with their probabilities, the likeliest first, to a sum of `KEPT`."""
-    out, total = [], 0.0
-    for labels, probability in sorted(found.items(), key=lambda pair: -pair[1]):
-        out.append((labels, probability))
-        total += probability
-        if total >= KEPT:
-            break
-    return tuple(out)
-
-
 def _verdict(attribution: Attribution | None, gap: bool, shown: bool, unlisted: bool, sure: bool) -> Verdict:
     """The verdict; `sure` of what the samples show."""
     if not gap and not shown:
@@ -347,56 +267,4 @@ def alternatives(attribution: Attribution | None) -> tuple[tuple[tuple[str, ...]
         (one.labels, one.probability)
         for one in attribution.ranked[:SHOWN_EXPLANATIONS]
         if one.labels and one.labels not in chosen and one.probability > WORTH_SHOWING
-    )
-
-
-def explanation_table(attribution: Attribution | None) -> pd.DataFrame:
-    """All explanations with a probability worth keeping."""
-    ranked = [one for one in attribution.ranked if one.probability >= WORTH_KEEPING] if attribution is not None else []
-    return pd.DataFrame.from_records(
-        [(" + ".join(one.labels), one.probability, one.log_evidence, one.unlisted) for one in ranked],
-        columns=["effects", "probability", "log_evidence", "unlisted"],
-    )
-
-
-def details(prepared: Prepared, explained: Explained, table: pd.DataFrame) -> Details:
-    """The tables of an answer's figures, of the attitude and the samples."""
-    model, fitted = prepared.model, explained.fitted
-    contribution = sum((model.projected(one.contribution) for one in fitted), np.zeros(model.size))
-    before, band = localization.body_residuals(model, model.y)
-    after, _ = localization.body_residuals(model, model.y - contribution)
-    names = np.array([model.recording.intervals[block.interval].name for block in model.blocks])
-    interval = names[model.observation_block]
-    residuals = pd.DataFrame({"interval": interval, "t_s": model.observation_t_s})
-    for label, values in (("before", before), ("band", band), ("after", after)):
-        for k, axis in enumerate(AXES):
-            residuals[f"{label}_{axis}"] = np.rad2deg(values[:, k])
-    regressors = []
-    for one in fitted:
-        own = model.projected(one.contribution)
-        effect, _ = localization.body_residuals(model, own)
-        left, _ = localization.body_residuals(model, model.y - (contribution - own))
-        for k, axis in enumerate(AXES):
-            regressors.append(
-                pd.DataFrame(
-                    {
-                        "cause": one.label,
-                        "interval": interval,
-                        "axis": axis,
-                        "t_s": model.observation_t_s,
-                        "regressor_deg": np.rad2deg(effect[:, k]),
-                        "residual_deg": np.rad2deg(left[:, k]),
-                    }
-                )
-            )
-    columns = ["cause", "interval", "axis", "t_s", "regressor_deg", "residual_deg"]
-    return Details(
-        residuals=residuals,
-        statistics=table,
-        regressors=pd.concat(regressors, ignore_index=True) if regressors else pd.DataFrame(columns=columns),
-        explanations=explanation_table(explained.attribution),
-        stream=pd.DataFrame.from_records(
-            [(t.statistic, t.axis, t.value, t.expected, t.p_value, t.text) for t in prepared.samples.tests],
-            columns=["statistic", "axis", "value", "expected", "p_value", "text"],
-        ),
     )

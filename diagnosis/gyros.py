@@ -21,7 +21,8 @@ import scipy.stats
 from numpy.typing import NDArray
 
 from diagnosis.answer import Finding
-from diagnosis.assemble import Seen, answered, details, explanation_table, p_values
+from diagnosis.assemble import Seen, answered, p_values
+from diagnosis.detail_tables import details, explanation_table
 from diagnosis.detectors.report import SampleReport, SampleTest, Symptom
 from diagnosis.detectors.samples import examine
 from diagnosis.diagnose import Explained, explain, judged

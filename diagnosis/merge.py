@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 from diagnosis.answer import Verdict
-from diagnosis.assemble import likeliest
+from diagnosis.posterior import likeliest
 from diagnosis.result import Diagnosis
 from diagnosis.sensor_result import SensorDiagnosis
 

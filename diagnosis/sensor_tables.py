@@ -13,7 +13,8 @@ from dataclasses import dataclass, replace
 from scipy.special import chdtrc
 
 from diagnosis.answer import Closure, Finding, Verdict
-from diagnosis.assemble import alternatives, causes_of, explanation_table, posterior
+from diagnosis.assemble import alternatives, causes_of
+from diagnosis.detail_tables import explanation_table
 from diagnosis.inference.amplitudes import Fitted, fit
 from diagnosis.inference.attribution import Attribution, attribute, doubted
 from diagnosis.inference.closure import closure, fixed
@@ -27,6 +28,7 @@ from diagnosis.model.sensors.reading import misread, misread_angles
 from diagnosis.model.sensors.refine import refined
 from diagnosis.model.sensors.residuals import findings, residual_table
 from diagnosis.model.sensors.tables import Noise, Tables, in_noise, linear_model, noise_of, tables_of
+from diagnosis.posterior import of_attitude
 from diagnosis.sensor_result import Rejected, SensorDiagnosis
 from diagnosis.settings import DEFAULT, DiagnosisSettings
 from gyrocal.errors import InputError, UnobservableError
@@ -230,7 +232,7 @@ def _assembled(explained: ExplainedTables, settings: DiagnosisSettings) -> Senso
             *explained.notes,
             *_noise_note(explained),
         ),
-        posterior=((("unknown",), 1.0),) if misfits or (present and not attribution) else posterior(attribution),
+        posterior=((("unknown",), 1.0),) if misfits or (present and not attribution) else of_attitude(attribution),
         residuals=residual_table(explained.fits, held),
         explanations=explanation_table(explained.attribution),
     )

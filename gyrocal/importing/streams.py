@@ -138,7 +138,7 @@ def _gyro(frame: pd.DataFrame, mapping: Mapping) -> tuple[units.Clock, Array, tu
     good = np.isfinite(values).all(axis=1)
     if not good.any():
         raise InputError(f"gyro: no row of {', '.join(names)} holds numbers")
-    assumed = _without_numbers(good, None if mapping.gyro_by else frame.index, "gyro")
+    assumed = _without_numbers(np.asarray(good), None if mapping.gyro_by else frame.index, "gyro")
     if len(words) != 1:
         raise InputError(f"gyro: {mapping.gyro!r} must have one unit")
     clock = units.clock(_picked(frame, tags, "time").iloc[np.flatnonzero(good)], _word(unit, "time"))
@@ -178,7 +178,7 @@ def _attitudes(frame: pd.DataFrame, mapping: Mapping) -> tuple[list[tuple[str, A
         good = np.isfinite(values).all(axis=1)
         if not good.any():
             raise InputError(f"{kind}: no row of {', '.join(names)} holds numbers")
-        assumed += _without_numbers(good, part.index, "attitude")
+        assumed += _without_numbers(np.asarray(good), part.index, "attitude")
         named.append((name, attitude_quaternions(kind, text, values[good])))
         clocks.append(
             units.clock(_picked(part, tags, "attitude_time").iloc[np.flatnonzero(good)], _word(unit, "attitude_time"))

@@ -2,9 +2,9 @@
 
 import pytest
 
-from diagnosis.assemble import _not_imitated
 from diagnosis.detectors.report import Symptom
 from diagnosis.model.symptoms import SampleCause
+from diagnosis.posterior import not_imitated
 from diagnosis.settings import DEFAULT
 
 SURE = 1 - DEFAULT.imitation_in_samples
@@ -26,7 +26,7 @@ def seen(kind, axis, effect="an_effect", probability=1.0):
     ],
 )
 def test_causes_of_one_kind_are_imitated_together_or_not_at_all(samples, likely):
-    assert _not_imitated(samples, DEFAULT) == pytest.approx(likely)
+    assert not_imitated(samples, DEFAULT) == pytest.approx(likely)
 
 
 def test_whatever_their_order_the_probability_that_none_is_imitated_is_the_same():
@@ -34,7 +34,7 @@ def test_whatever_their_order_the_probability_that_none_is_imitated_is_the_same(
     products = []
     for samples in (first, first[::-1]):
         product = 1.0
-        for one in _not_imitated(samples, DEFAULT):
+        for one in not_imitated(samples, DEFAULT):
             product *= one
         products.append(product)
     assert products == pytest.approx([0.6 * SURE] * 2)

@@ -1,0 +1,71 @@
+"""The tables that an answer's figures are drawn from."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pandas as pd
+
+from diagnosis.inference.attribution import Attribution
+from diagnosis.model import localization
+from diagnosis.model.prepare import Prepared
+from diagnosis.result import Details
+
+if TYPE_CHECKING:
+    from diagnosis.diagnose import Explained
+
+AXES = "xyz"
+WORTH_KEEPING = 1e-6  # probability of an explanation in the details
+
+
+def explanation_table(attribution: Attribution | None) -> pd.DataFrame:
+    """All explanations with a probability worth keeping."""
+    ranked = [one for one in attribution.ranked if one.probability >= WORTH_KEEPING] if attribution is not None else []
+    return pd.DataFrame.from_records(
+        [(" + ".join(one.labels), one.probability, one.log_evidence, one.unlisted) for one in ranked],
+        columns=["effects", "probability", "log_evidence", "unlisted"],
+    )
+
+
+def details(prepared: Prepared, explained: Explained, table: pd.DataFrame) -> Details:
+    """The tables of an answer's figures, of the attitude and the samples."""
+    model, fitted = prepared.model, explained.fitted
+    contribution = sum((model.projected(one.contribution) for one in fitted), np.zeros(model.size))
+    before, band = localization.body_residuals(model, model.y)
+    after, _ = localization.body_residuals(model, model.y - contribution)
+    names = np.array([model.recording.intervals[block.interval].name for block in model.blocks])
+    interval = names[model.observation_block]
+    residuals = pd.DataFrame({"interval": interval, "t_s": model.observation_t_s})
+    for label, values in (("before", before), ("band", band), ("after", after)):
+        for k, axis in enumerate(AXES):
+            residuals[f"{label}_{axis}"] = np.rad2deg(values[:, k])
+    regressors = []
+    for one in fitted:
+        own = model.projected(one.contribution)
+        effect, _ = localization.body_residuals(model, own)
+        left, _ = localization.body_residuals(model, model.y - (contribution - own))
+        for k, axis in enumerate(AXES):
+            regressors.append(
+                pd.DataFrame(
+                    {
+                        "cause": one.label,
+                        "interval": interval,
+                        "axis": axis,
+                        "t_s": model.observation_t_s,
+                        "regressor_deg": np.rad2deg(effect[:, k]),
+                        "residual_deg": np.rad2deg(left[:, k]),
+                    }
+                )
+            )
+    columns = ["cause", "interval", "axis", "t_s", "regressor_deg", "residual_deg"]
+    return Details(
+        residuals=residuals,
+        statistics=table,
+        regressors=pd.concat(regressors, ignore_index=True) if regressors else pd.DataFrame(columns=columns),
+        explanations=explanation_table(explained.attribution),
+        stream=pd.DataFrame.from_records(
+            [(t.statistic, t.axis, t.value, t.expected, t.p_value, t.text) for t in prepared.samples.tests],
+            columns=["statistic", "axis", "value", "expected", "p_value", "text"],
+        ),
+    )

@@ -1,0 +1,91 @@
+"""Probabilities of explanations: of the attitude, of what the samples show, and of both together."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING
+
+from diagnosis.inference.attribution import Attribution, Ranked
+from diagnosis.model.symptoms import OF_NOISE, SampleCause
+from diagnosis.settings import DiagnosisSettings
+
+if TYPE_CHECKING:
+    from diagnosis.diagnose import Explained
+
+Posterior = tuple[tuple[tuple[str, ...], float], ...]  # labels of each explanation, and its probability
+
+KEPT = 0.999  # of the posterior
+
+
+def of_all(samples: Sequence[SampleCause], explained: Explained, gap: bool, settings: DiagnosisSettings) -> Posterior:
+    """Probability of each explanation, those of the samples and of the attitude together; to a sum of `KEPT`."""
+    if any(one.effect is None for one in samples):
+        return ((("unknown",), 1.0),)
+    shown: dict[tuple[str, ...], float] = {(): 1.0}
+    for one, likely in zip(samples, not_imitated(samples, settings), strict=True):
+        cause = one.cause(settings)
+        shares = (one.share, *(share for _, share in one.rivals))
+        shown = {
+            (*labels, name): p * likely * share
+            for labels, p in shown.items()
+            for name, share in zip(cause.group, shares, strict=True)
+        }
+    found: dict[tuple[str, ...], float] = {}
+    attitude = of_attitude(explained.attribution) if gap else _without_gap(explained.unseen, bool(samples), settings)
+    for labels, p in attitude:
+        for own, share in shown.items():
+            both = labels if "unknown" in labels else (*own, *(label for label in labels if label not in own))
+            found[both] = found.get(both, 0.0) + p * share
+    # What the samples show may be an imitation, too.
+    found[("unknown",)] = found.get(("unknown",), 0.0) + 1 - sum(found.values())
+    return likeliest({labels: p for labels, p in found.items() if p > 0})
+
+
+def not_imitated(samples: Sequence[SampleCause], settings: DiagnosisSettings) -> list[float]:
+    """Probability of each that nothing unlisted imitates it, given that nothing imitates those before.
+
+    What imitates an effect on one gyro does so on others: causes of one kind are imitated together or not at all.
+    """
+    found: list[float] = []
+    least: dict[str, float] = {}
+    for one in samples:
+        kind = "noise" if one.symptom.kind in OF_NOISE else one.symptom.kind
+        before = least.get(kind, 1.0)
+        least[kind] = min(before, 0.0 if one.effect is None else one.cause(settings).group_probability)
+        found.append(least[kind] / before if before > 0 else 0.0)
+    return found
+
+
+def _without_gap(unseen: Sequence[Ranked], beside: bool, settings: DiagnosisSettings) -> Posterior:
+    """Of M0 and what is too weak to be told; beside what the samples show, all that is one more effect."""
+    if not unseen:
+        return (((), 1.0),)
+    odds = settings.another / (1 - settings.another) if beside else 1.0
+    found: dict[tuple[str, ...], float] = {}
+    for one in unseen:
+        labels = ("unknown",) if one.unlisted else tuple(sorted(one.labels))
+        found[labels] = found.get(labels, 0.0) + one.probability * (odds if labels else 1.0)
+    norm = sum(found.values())
+    return likeliest({labels: p / norm for labels, p in found.items()})
+
+
+def of_attitude(attribution: Attribution | None) -> Posterior:
+    """Probability of each explanation of the data of a linear model, to a sum of `KEPT`; the empty one without a gap."""
+    if attribution is None:
+        return (((), 1.0),)
+    found: dict[tuple[str, ...], float] = {}
+    for one in attribution.ranked:
+        labels = ("unknown",) if one.unlisted else tuple(sorted(one.labels))
+        found[labels] = found.get(labels, 0.0) + one.probability
+    return likeliest(found)
+
+
+def likeliest(found: Mapping[tuple[str, ...], float]) -> Posterior:
+    """Explanations with their probabilities, the likeliest first, to a sum of `KEPT`."""
+    out, total = [], 0.0
+    for labels, probability in sorted(found.items(), key=lambda pair: -pair[1]):
+        out.append((labels, probability))
+        total += probability
+        if total >= KEPT:
+            break
+    return tuple(out)
