@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 Verdict = Literal["none", "named", "group", "unknown", "not identifiable"]
+Explanations = tuple[tuple[tuple[str, ...], float], ...]  # labels of each, and its probability; the likeliest first
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from diagnosis import notes, posterior
-from diagnosis.answer import Amplitudes, Cause, Finding, Verdict
+from diagnosis.answer import Amplitudes, Cause, Explanations, Finding, Verdict
 from diagnosis.detail_tables import details
 from diagnosis.identifiable import blind_spot
 from diagnosis.inference.amplitudes import Fitted
@@ -258,7 +258,7 @@ def _verdict(attribution: Attribution | None, gap: bool, shown: bool, unlisted: 
     return verdict if attribution is None or attribution.verdict == "named" else attribution.verdict
 
 
-def alternatives(attribution: Attribution | None) -> tuple[tuple[tuple[str, ...], float], ...]:
+def alternatives(attribution: Attribution | None) -> Explanations:
     """The next best explanations with their probabilities."""
     if attribution is None:
         return ()

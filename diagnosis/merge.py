@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from diagnosis.answer import Verdict
+from diagnosis.answer import Explanations, Verdict
 from diagnosis.posterior import likeliest
 from diagnosis.result import Diagnosis
 from diagnosis.sensor_result import SensorDiagnosis
@@ -39,7 +39,7 @@ def merged(attitude: Diagnosis, sensors: SensorDiagnosis) -> Diagnosis:
     )
 
 
-def _joint(attitude: Diagnosis, sensors: SensorDiagnosis) -> tuple[tuple[tuple[str, ...], float], ...]:
+def _joint(attitude: Diagnosis, sensors: SensorDiagnosis) -> Explanations:
     """Explanations of both together, which are independent of one another."""
     found: dict[tuple[str, ...], float] = {}
     for one, p in attitude.posterior:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
+from diagnosis.answer import Explanations
 from diagnosis.inference.attribution import Attribution, Ranked
 from diagnosis.model.symptoms import OF_NOISE, SampleCause
 from diagnosis.settings import DiagnosisSettings
@@ -12,12 +13,10 @@ from diagnosis.settings import DiagnosisSettings
 if TYPE_CHECKING:
     from diagnosis.diagnose import Explained
 
-Posterior = tuple[tuple[tuple[str, ...], float], ...]  # labels of each explanation, and its probability
-
 KEPT = 0.999  # of the posterior
 
 
-def of_all(samples: Sequence[SampleCause], explained: Explained, gap: bool, settings: DiagnosisSettings) -> Posterior:
+def of_all(samples: Sequence[SampleCause], explained: Explained, gap: bool, settings: DiagnosisSettings) -> Explanations:
     """Probability of each explanation, those of the samples and of the attitude together; to a sum of `KEPT`."""
     if any(one.effect is None for one in samples):
         return ((("unknown",), 1.0),)
@@ -56,7 +55,7 @@ def not_imitated(samples: Sequence[SampleCause], settings: DiagnosisSettings) ->
     return found
 
 
-def _without_gap(unseen: Sequence[Ranked], beside: bool, settings: DiagnosisSettings) -> Posterior:
+def _without_gap(unseen: Sequence[Ranked], beside: bool, settings: DiagnosisSettings) -> Explanations:
     """Of M0 and what is too weak to be told; beside what the samples show, all that is one more effect."""
     if not unseen:
         return (((), 1.0),)
@@ -69,7 +68,7 @@ def _without_gap(unseen: Sequence[Ranked], beside: bool, settings: DiagnosisSett
     return likeliest({labels: p / norm for labels, p in found.items()})
 
 
-def of_attitude(attribution: Attribution | None) -> Posterior:
+def of_attitude(attribution: Attribution | None) -> Explanations:
     """Probability of each explanation of the data of a linear model, to a sum of `KEPT`; the empty one without a gap."""
     if attribution is None:
         return (((), 1.0),)
@@ -80,7 +79,7 @@ def of_attitude(attribution: Attribution | None) -> Posterior:
     return likeliest(found)
 
 
-def likeliest(found: Mapping[tuple[str, ...], float]) -> Posterior:
+def likeliest(found: Mapping[tuple[str, ...], float]) -> Explanations:
     """Explanations with their probabilities, the likeliest first, to a sum of `KEPT`."""
     out, total = [], 0.0
     for labels, probability in sorted(found.items(), key=lambda pair: -pair[1]):

@@ -10,7 +10,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from diagnosis.answer import Amplitudes, Cause, Closure, Finding, Verdict
+from diagnosis.answer import Amplitudes, Cause, Closure, Explanations, Finding, Verdict
 from diagnosis.inference.conformal import conformal_set
 from diagnosis.sensor_result import SensorDiagnosis
 from diagnosis.settings import DEFAULT
@@ -73,7 +73,7 @@ class Diagnosis:
     false_alarm_rate: float
     where: tuple[Finding, ...]
     causes: tuple[Cause, ...]
-    alternatives: tuple[tuple[tuple[str, ...], float], ...]
+    alternatives: Explanations
     unknown_probability: float
     closure: Closure | None
     G: Array
@@ -87,7 +87,7 @@ class Diagnosis:
     details: Details = field(repr=False)
     sensors: SensorDiagnosis | None = None
     p_values: Mapping[str, float] = field(default_factory=dict)
-    posterior: tuple[tuple[tuple[str, ...], float], ...] = ()
+    posterior: Explanations = ()
     amplitudes: Amplitudes = field(default_factory=Amplitudes)
     gyros: tuple[str, ...] = ("x", "y", "z")
 

@@ -7,7 +7,7 @@ from typing import Any
 
 import pandas as pd
 
-from diagnosis.answer import Cause, Closure, Finding, Verdict
+from diagnosis.answer import Cause, Closure, Explanations, Finding, Verdict
 
 
 @dataclass(frozen=True)
@@ -64,12 +64,12 @@ class SensorDiagnosis:
     dof: int
     where: tuple[Finding, ...]
     causes: tuple[Cause, ...]
-    alternatives: tuple[tuple[tuple[str, ...], float], ...]
+    alternatives: Explanations
     unknown_probability: float
     closure: Closure | None
     rejected: tuple[Rejected, ...]
     notes: tuple[str, ...]
-    posterior: tuple[tuple[tuple[str, ...], float], ...]
+    posterior: Explanations
     residuals: pd.DataFrame = field(repr=False)
     explanations: pd.DataFrame = field(repr=False)
 

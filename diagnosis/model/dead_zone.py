@@ -6,6 +6,9 @@ show, so it needs a number of its own in each run, and its evidence counts all o
 need one number, win over it wherever both explain the data. The rate that is missing is one that this axis usually has, which
 is the scale of the amplitudes; a run in which the attitude denies such a rate speaks against the zone.
 
+With m missing of the reading ω = G (ω_raw + m e) + b, and its column is along G e of the true G. M0 has to explain what is
+missing, and its G is off; the product of m and of what that lacks is not linear in them (`input_axis`).
+
 Where the motion was seen to pass through the zone, the readings on either side say what is missing
 (`diagnosis.detectors.hidden_course`). What is left of that is a share of the half width near an edge and a sway at rest.
 """

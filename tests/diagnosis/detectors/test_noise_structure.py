@@ -79,7 +79,7 @@ def test_a_body_that_shakes_nearly_as_fast_as_it_is_sampled_has_no_unsteady_nois
 
 
 def test_a_body_that_shakes_at_many_rates_for_one_window_has_no_unsteady_noise():
-    """Both orders hold as much of motions between two and three tenths of the samples' rate as of noise, and no line shows."""
+    """Both orders hold as much of motions about 0.42 of the samples' rate as of noise; of sixty of them no line shows."""
     low, high = structure.ORDER, structure.HIGHER
     gain = (structure.power_of(high) / structure.power_of(low)) ** (1 / (high - low))
     middle = np.arcsin(0.5 * np.sqrt(gain)) / np.pi
