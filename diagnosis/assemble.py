@@ -26,7 +26,7 @@ from gyrocal.calibration.trackers import differences
 from simulator.effects import ALL_EFFECTS
 
 if TYPE_CHECKING:
-    from diagnosis.diagnose import Explained
+    from diagnosis.explain import Explained
 
 Array = NDArray[np.float64]
 

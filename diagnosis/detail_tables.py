@@ -13,7 +13,7 @@ from diagnosis.model.prepare import Prepared
 from diagnosis.result import Details
 
 if TYPE_CHECKING:
-    from diagnosis.diagnose import Explained
+    from diagnosis.explain import Explained
 
 AXES = "xyz"
 WORTH_KEEPING = 1e-6  # probability of an explanation in the details

@@ -3,48 +3,16 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
-from functools import partial
-from itertools import count
+from collections.abc import Sequence
+from dataclasses import replace
 
-import numpy as np
-from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
-from diagnosis.answer import Closure
 from diagnosis.assemble import assembled
-from diagnosis.inference.amplitudes import Fitted, amplitudes, refined
-from diagnosis.inference.attribution import (
-    Attribution,
-    Ranked,
-    against,
-    attribute,
-    averaged_check,
-    doubted,
-    is_listed,
-    log_share,
-    unexplained,
-    unseen,
-)
-from diagnosis.inference.checks import Check, residual_checks, together
-from diagnosis.inference.closure import found_by, is_random, learnable, measured
-from diagnosis.inference.null import p_value
-from diagnosis.inference.refinement import explained_finely
-from diagnosis.inference.search import NOTHING, Explanation, Search
-from diagnosis.memory import give_back
+from diagnosis.explain import Explained, explain_prepared
 from diagnosis.merge import merged
-from diagnosis.model.at_work import known
-from diagnosis.model.calibration import calibrated
-from diagnosis.model.candidates import linear_model
-from diagnosis.model.dead_zone import dead_zone_groups, shown_by_passes
-from diagnosis.model.judgement import judged_anew
-from diagnosis.model.jumps import Jumps, jumps_instead
-from diagnosis.model.layout import layout
-from diagnosis.model.linear import LinearModel, Member
-from diagnosis.model.misfit import Departure, errors_of, misfit
 from diagnosis.model.prepare import Prepared, Progress, prepare
-from diagnosis.model.symptoms import SampleCause, sample_causes
+from diagnosis.model.symptoms import sample_causes
 from diagnosis.result import Diagnosis
 from diagnosis.sensor_tables import diagnose_sensors
 from diagnosis.settings import DEFAULT, DiagnosisSettings
@@ -53,48 +21,6 @@ from gyrocal.recording import Recording
 from simulator.effects import ARRAY_EFFECTS, EFFECTS, TRACKER_EFFECTS
 from simulator.effects.base import Effect
 from simulator.effects.sensor import ALL_EFFECTS, SENSOR_EFFECTS
-
-Array = NDArray[np.float64]
-
-OF_ITS_OWN = 0.5  # probability of an effect with a shape, from which on a coarse lattice does not explain all
-
-
-Checker = Callable[[LinearModel, tuple[Member, ...]], tuple[Check, ...]]  # checks of an explanation
-
-
-@dataclass(frozen=True)
-class Explained:
-    """What the attitude says.
-
-    Attributes
-    ----------
-    linear : the linear model of the recording
-    p_value : that M0 alone departs so far
-    attribution : None without a gap
-    fitted : amplitudes of the effects that are named
-    rejected : amplitudes of those that would be, but for the checks of what they leave
-    checks : of what the named effects leave
-    passed : p-value of the checks of all listed explanations together, averaged over their posterior; None without a check
-    left : what M0 leaves of all references, before any averaging
-    unseen : without a gap, the probability of M0 and of what is too weak to be told
-    closed : how far the gap closes on held-out data
-    rounded : whether what the attitude shows is no more than what rounding to a step beyond the noise leaves
-    change, covariance : of the calibration with the named effects in the model, (12,), and of it and their amplitudes
-    """
-
-    linear: LinearModel
-    p_value: float
-    attribution: Attribution | None
-    fitted: tuple[Fitted, ...]
-    checks: tuple[Check, ...]
-    closed: Closure | None
-    change: Array
-    covariance: Array
-    passed: float | None = None
-    left: tuple[Departure, ...] = ()
-    unseen: tuple[Ranked, ...] = ()
-    rounded: bool = False
-    rejected: tuple[Fitted, ...] = ()
 
 
 def diagnose(
@@ -130,36 +56,17 @@ def diagnose(
 
             return diagnose_gyros(recording, nameable(library, True, several), settings, seed, tell)
         effects = nameable(library, of_trackers=several)
-        prepared, explained = explain_recording(recording, effects, settings, seed, tell)
-        samples = sample_causes(prepared, effects, settings)
-        found = assembled(prepared, samples, explained, settings, time.perf_counter() - began)
-        return found if recording.sensors is None else _with_sensors(found, recording, library, settings, seed)
+        tell("gyro samples", 0.0)
+        prepared, explained = explain_prepared(prepare(recording, settings, tell), effects, settings, seed, tell)
+        found = answer(prepared, explained, effects, settings, time.perf_counter() - began)
+        return found if recording.sensors is None else with_sensors(found, recording, library, settings, seed)
 
 
-def explain_recording(
-    recording: Recording, effects: Sequence[Effect], settings: DiagnosisSettings, seed: int, tell: Progress
-) -> tuple[Prepared, Explained]:
-    """The recording with what its samples show, and what the attitude says of it; parameters as of `diagnose`.
-
-    Lines and the references' noise were judged with all effects in the residuals, and are judged anew without those that are
-    found. Where the checks reject these, a wrong judgement may be why: it is taken back if they are found again without it.
-    """
-    tell("gyro samples", 0.0)
-    prepared = prepare(recording, settings, tell)
-    explained = explain(prepared, effects, settings, seed, tell)
-    once_more = partial(_once_more, tell)
-    at_work = known(explained.fitted or explained.rejected, {effect.name: effect for effect in effects})
-    again = judged_anew(prepared, at_work, settings, once_more)
-    if again is None:
-        return prepared, explained
-    anew = explain(again, effects, settings, seed, once_more)
-    found, before = ({(one.effect, one.axis) for one in part} for part in (anew.fitted, explained.rejected))
-    return (again, anew) if before <= found else (prepared, explained)
-
-
-def _once_more(tell: Progress, text: str, share: float) -> None:
-    """Progress of what is done once more, at the end of all."""
-    tell(f"once more: {text}", 0.97 + 0.03 * share)
+def answer(
+    prepared: Prepared, explained: Explained, effects: Sequence[Effect], settings: DiagnosisSettings, runtime_s: float
+) -> Diagnosis:
+    """Make the answer of what samples and attitude show; parameters as of `diagnose`."""
+    return assembled(prepared, sample_causes(prepared, effects, settings), explained, settings, runtime_s)
 
 
 def nameable(library: Sequence[str] | None, of_arrays: bool = False, of_trackers: bool = False) -> list[Effect]:
@@ -171,176 +78,10 @@ def nameable(library: Sequence[str] | None, of_arrays: bool = False, of_trackers
     return [effect for name, effect in known.items() if library is None or name in library]
 
 
-def explain(
-    prepared: Prepared,
-    effects: Sequence[Effect],
-    settings: DiagnosisSettings,
-    seed: int,
-    tell: Progress,
-) -> Explained:
-    """What the attitude says of a recording."""
-    model = prepared.model
-    tell("candidates", 0.1)
-    left = misfit(model) if prepared.is_white else ()
-    by_name = {effect.name: effect for effect in effects}
-
-    def check(found: LinearModel, members: tuple[Member, ...]) -> tuple[Check, ...]:
-        return (*residual_checks(found, members, layout(model), seed), *_left_beside(prepared, found, members, by_name))
-
-    def jumps(found: LinearModel, members: tuple[Member, ...]) -> tuple[Jumps, ...]:
-        return jumps_instead(model, found, members, by_name, settings)
-
-    dead, of_all = dead_zone_groups(prepared, effects), together(left) if left else None
-    told = counted(tell, "candidates", 0.1, 0.3, 100)
-    # No name for it here: the columns of a long recording are hundreds of megabytes, which are let go before the end.
-    explained = judged(
-        linear_model(model, effects, dead, settings, tell=told),
-        check, settings, seed, tell, shown_by_passes(prepared.dead), of_all, jumps,
-    )  # fmt: skip
-    if _is_of_rounding(prepared, explained):
-        explained = replace(explained, attribution=None, fitted=(), checks=(), closed=None, rounded=True)
-    change, covariance = calibrated(model, explained.fitted)
-    return replace(explained, change=change, covariance=covariance, left=left)
-
-
-def _is_of_rounding(prepared: Prepared, explained: Explained) -> bool:
-    """Whether the attitude shows no more than an error of any course on gyros whose readings have a step beyond their noise.
-
-    Such an error is what rounding leaves: it follows where the rate lies inside a step, which no reading shows. An effect with
-    a shape of its own that most explanations hold is more than that.
-    """
-    coarse = {axis for axis, is_coarse in zip("xyz", prepared.samples.lattice, strict=True) if is_coarse}
-    attribution = explained.attribution
-    if not coarse or attribution is None:
-        return False
-    if attribution.slots:
-        return all(one.process and one.axis in coarse and not EFFECTS[one.effect].on_references for one in explained.fitted)
-    shaped = {one.label for one in explained.linear.candidates if one.listed and not one.process}
-    shares = [sum(one.probability for one in attribution.ranked if label in one.labels) for label in shaped]
-    return max(shares, default=0.0) < OF_ITS_OWN
-
-
-def _left_beside(
-    prepared: Prepared, linear: LinearModel, members: tuple[Member, ...], effects: Mapping[str, Effect]
-) -> tuple[Check, ...]:
-    """What M0 with the named effects leaves of all references, where columns at one set of parameters describe them all."""
-    beside = []
-    if not prepared.is_white:
-        return ()
-    for member in members:
-        entry, effect = linear.candidate(member), effects.get(linear.candidate(member).effect)
-        if effect is None or entry.process or not effect.has_columns or effect.stage == "clock":
-            return ()
-        beside.append(errors_of(prepared.model, effect, entry.axis, linear.option(member).parameters))
-    return tuple(replace(one, name=f"{one.name}, of all references") for one in misfit(prepared.model, beside))
-
-
-def nothing_checked(linear: LinearModel, members: tuple[Member, ...]) -> tuple[Check, ...]:
-    """No checks."""
-    return ()
-
-
-def no_jumps(linear: LinearModel, members: tuple[Member, ...]) -> tuple[Jumps, ...]:
-    """None are asked about."""
-    return ()
-
-
-def judged(
-    linear: LinearModel,
-    check: Checker,
-    settings: DiagnosisSettings,
-    seed: int,
-    tell: Progress,
-    shown: float = 1.0,
-    left: float | None = None,
-    jumps: Callable[[LinearModel, tuple[Member, ...]], tuple[Jumps, ...]] = no_jumps,
-) -> Explained:
-    """What a linear model says, whatever it was built from; without a calibration.
-
-    Parameters
-    ----------
-    linear : the observations and their candidates
-    check : checks of what an explanation leaves
-    settings, seed, tell : as for `explain`
-    shown : p-value of what shows a gap beside the candidates
-    left : p-value of what M0 leaves of all references, which is a gap but says nothing of its cause; None if it was not asked
-    jumps : whether a few jumps explain what an explanation has about one axis
-    """
-    search = Search(linear, settings, counted(tell, "explanations", 0.5, 0.6, 1000))
-    told = partial(tell, "null distribution")
-    p = p_value(search, seed, settings.null_draws, settings.scanned_share, lambda share: told(0.35 + 0.15 * share))
-    quiet: tuple[Ranked, ...] = ()
-    share, of_all = (0.0, 1.0) if left is None else (settings.misfit_share, left)
-    p, left = min(p / (1 - share), shown), 1.0 if left is None else left / share
-    attribution: Attribution | None = None
-    fitted: tuple[Fitted, ...] = ()
-    rejected: tuple[Fitted, ...] = ()
-    checks: tuple[Check, ...] = ()
-    passed: float | None = None
-    closed: Closure | None = None
-    if p < settings.false_alarm_rate:
-        tell("explanations", 0.5)
-        linear, explanations = explained_finely(search, settings, counted(tell, "finer explanations", 0.6, 0.7, 1000))
-        weighed = sorted([*explanations, NOTHING], key=lambda one: -one.log_posterior)
-        attribution = attribute(linear, weighed, settings)
-        tell("amplitudes", 0.7)
-        members = tuple(slot.member for slot in attribution.slots)
-        if members:
-            linear, members = refined(linear, members)
-            tell("amplitudes", 0.72)
-            fitted = tuple(amplitudes(linear, members))
-            tell("checks", 0.74)
-            checks = check(linear, members)
-            passed = together(checks) if checks else None
-            if passed is not None and against(passed) < 1:
-                step = map(counted(tell, "checks", 0.75, 0.85, 5), count()).__next__
-                passed = averaged_check(weighed, partial(_checked, linear, check, step), partial(is_listed, linear))
-            instead = jumps(linear, members)
-            checks = (*checks, *(one.check for one in instead if one.log_bayes > 0))
-            share = log_share(weighed, attribution.best, partial(is_listed, linear))
-            odds = {one.label: one.log_bayes + one.log_prior + share for one in instead}
-            attribution = doubted(linear, attribution, passed, settings, odds)
-            if not attribution.slots:
-                members, fitted, rejected = (), (), fitted
-        tell("held-out data", 0.85)
-        if members:
-            del search
-            give_back()
-            listed, random = learnable(linear, members), is_random(linear, members)
-            # Only the columns of the listed effects are needed now.
-            linear = linear if linear.room is None else linear.without_columns()
-            told = partial(tell, "held-out data")
-            closed = measured(listed, random, found_by(len(members)), lambda done: told(0.85 + 0.015 * done))
-    elif left < settings.false_alarm_rate:
-        attribution = unexplained(left, settings)
-    else:
-        quiet = unseen(linear, search.singles(), of_all, settings)
-    return Explained(
-        linear, min(p, left, 1.0), attribution, fitted, checks, closed, np.zeros(12), np.zeros((12, 12)), passed,
-        unseen=quiet, rejected=rejected,
-    )  # fmt: skip
-
-
-def _checked(
-    linear: LinearModel,
-    check: Checker,
-    tell: Callable[[], None],
-    explanation: Explanation,
-) -> float:
-    """P-value of all checks of an explanation together, told of before."""
-    tell()
-    return together(check(*refined(linear, explanation.members)))
-
-
-def counted(tell: Progress, text: str, begin: float, stop: float, usual: int) -> Callable[[int], None]:
-    """Progress of a stage by what is done of it, where how much there is to do is known only roughly."""
-    return lambda count: tell(text, begin + (stop - begin) * count / (count + usual))
-
-
-def _with_sensors(
+def with_sensors(
     found: Diagnosis, recording: Recording, library: Sequence[str] | None, settings: DiagnosisSettings, seed: int
 ) -> Diagnosis:
-    """The answer with what the raw sensor tables say."""
+    """Add what the raw sensor tables show to an answer; parameters as of `diagnose`."""
     began = time.perf_counter()
     effects = [effect for name, effect in SENSOR_EFFECTS.items() if library is None or name in library]
     try:
@@ -348,6 +89,3 @@ def _with_sensors(
     except InputError as error:
         return replace(found, notes=(*found.notes, f"The raw sensor tables were not looked at: {error}"))
     return replace(merged(found, sensors), runtime_s=found.runtime_s + time.perf_counter() - began)
-
-
-__all__ = ["Explained", "SampleCause", "diagnose", "explain", "nameable"]

@@ -25,7 +25,7 @@ from diagnosis.assemble import Seen, answered, p_values
 from diagnosis.detail_tables import details, explanation_table
 from diagnosis.detectors.report import SampleReport, SampleTest, Symptom
 from diagnosis.detectors.samples import examine
-from diagnosis.diagnose import Explained, explain, judged
+from diagnosis.explain import Explained, explain, judged
 from diagnosis.inference.checks import Check, residual_checks
 from diagnosis.model import localization
 from diagnosis.model.calibration import calibrated

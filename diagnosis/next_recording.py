@@ -27,7 +27,8 @@ from numpy.typing import NDArray
 
 from diagnosis.answer import Verdict
 from diagnosis.detectors.samples import examine
-from diagnosis.diagnose import Explained, judged, nameable
+from diagnosis.diagnose import nameable
+from diagnosis.explain import Explained, judged
 from diagnosis.inference.amplitudes import Fitted
 from diagnosis.inference.checks import Check, residual_checks
 from diagnosis.model import processes

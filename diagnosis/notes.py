@@ -16,7 +16,7 @@ from diagnosis.model.symptoms import SHARED, SampleCause
 from diagnosis.settings import DiagnosisSettings
 
 if TYPE_CHECKING:
-    from diagnosis.diagnose import Explained
+    from diagnosis.explain import Explained
 
 AXES = "xyz"
 TINY = 1e-300

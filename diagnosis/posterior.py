@@ -11,7 +11,7 @@ from diagnosis.model.symptoms import OF_NOISE, SampleCause
 from diagnosis.settings import DiagnosisSettings
 
 if TYPE_CHECKING:
-    from diagnosis.diagnose import Explained
+    from diagnosis.explain import Explained
 
 KEPT = 0.999  # of the posterior
 

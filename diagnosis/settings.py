@@ -1,9 +1,9 @@
 """Every threshold of the diagnosis, in one place.
 
 A threshold decides something: whether there is a gap, whether a cause is named, whether a test of the samples speaks. Each says
-what it means, its unit, and how it was chosen. Recordings that set a threshold never score it: where the choice came from data,
-they are those of the *setting* part of the validation (`studies.validation`), and the figures in the README come from the
-scored part. Numbers that belong to a method rather than to a decision, such as the length of a window or the points of a grid,
+what it means, its unit, and how it was chosen. Where the choice came from data, they are recordings of the test world's known
+source (`studies.validation.world.sources`), or of its forerunner, the "earlier test world" below, whose scored part was looked
+at in development, too. The figures in the README come from first-sight exams (`studies.validation.exam`) alone. Numbers that belong to a method rather than to a decision, such as the length of a window or the points of a grid,
 stand beside the method.
 """
 
@@ -50,7 +50,7 @@ class DiagnosisSettings:
         0.3,
         "prior probability that what is at work is on no list",
         "probability",
-        "62 explanations in the setting part of the wide check are likeliest with three to eight times the odds of a fifth: "
+        "62 explanations in the earlier test world are likeliest with three to eight times the odds of a fifth: "
         "what stands for the unlisted in the search is never quite what is at work; a step towards that",
     )
     another: float = threshold(
@@ -85,16 +85,16 @@ class DiagnosisSettings:
         0.04,
         "prior probability that what looks like a listed effect is something unlisted that imitates it",
         "probability",
-        "of 29 explanations without a random process in the setting part of the wide check (149 cases), in which nothing "
+        "of 29 explanations without a random process in the earlier test world (149 cases), in which nothing "
         "unlisted of the search had a hundredth of the probability, 27 were right or in the group; of those alone, all",
     )
     free_imitation: float = threshold(
         0.3,
         "the same of a random process, free to look like many things",
         "probability",
-        "of 33 explanations with a process in two runs of the setting part (299 cases) 28 were right or in the group; of two "
+        "of 33 explanations with a process in two runs of the earlier test world (299 cases) 28 were right or in the group; of two "
         "independent programs, which brought unlisted effects of their own, 7 of 14 and 4 of 16: at the shares of kinds of the "
-        "wide check a third is wrong",
+        "earlier test world a third is wrong",
     )
     swing_imitation: float = threshold(
         0.2,
@@ -125,7 +125,7 @@ class DiagnosisSettings:
         0.762,
         "how much less likely than the likeliest, as a share of it, an explanation in the 90 % conformal set may be",
         "probability",
-        "covers 90 % with 95 % confidence, from 299 cases of the setting part of the wide check",
+        "covers 90 % with 95 % confidence, from 299 cases of the earlier test world",
     )
     sample_event: float = threshold(
         1e-5,

@@ -37,20 +37,37 @@ MODULES = {
     "alignment": "studies.estimation.alignment",
     "references": "studies.estimation.references",
     "onboard": "studies.estimation.onboard",
-    "blind": "studies.validation.blind",
-    "wide": "studies.validation.wide.report",
-    "withheld": "studies.validation.wide.withheld",
-    "sway": "studies.validation.swaying",
-    "compare": "studies.validation.compare_check",
+    "world": "studies.validation.world.report",
+    "bench": "studies.validation.world.bench",
+    "compare": "studies.validation.world.compare_check",
     "flight": "studies.natanson.flight_diagnosis",
     "real": "studies.validation.real_gyro",
     "heads": "studies.robertson.heads",
     "import": "studies.validation.imports",
     "sentinel2a": "studies.validation.sentinel2a",
-    "gyros": "studies.validation.gyro_faults",
     "promises": "studies.validation.promises.report",
-    "trackers": "studies.validation.tracker_faults",
 }
+
+
+CHECKOUT = ("studies.validation.world", "studies.validation.exam")  # packages of a checkout that are not installed
+EXAM = "studies.validation.exam.steps"
+
+
+def load_module(name: str) -> Any:
+    """Load the module of a study, or of the exams.
+
+    Raises
+    ------
+    InputError
+        It is part of a checkout, and this is an installed package.
+    """
+    module = EXAM if name == "exam" else MODULES[name]
+    try:
+        return importlib.import_module(module)
+    except ModuleNotFoundError as error:
+        if error.name is None or not error.name.startswith(CHECKOUT):
+            raise InputError(f"{name} cannot be loaded: {error}") from error
+        raise InputError(f"{name}: belongs to the test world, which is not installed; run it from a checkout") from error
 
 
 def entry(name: str) -> Entry:
@@ -66,7 +83,7 @@ def entry(name: str) -> Entry:
     if name not in MODULES:
         raise InputError(f"{name}: no such study; {hint(name, MODULES)}")
     try:
-        found = importlib.import_module(MODULES[name]).ENTRY
+        found = load_module(name).ENTRY
     except ImportError as error:
         raise InputError(f"study {name} cannot be loaded: {error}") from error
     assert isinstance(found, Entry)
@@ -150,12 +167,6 @@ def run(
     options : how and where it runs, as of `engine.run`; none of them changes its rows
     """
     chosen = entry(name)
-    if name == "blind":  # three processes of its own
-        from studies.validation import blind
-
-        if junit or options.get("until"):
-            raise InputError("study blind: its cases are sealed and scored together; neither --until nor --junit is for it")
-        return blind.run(folder, changes, console, config, options.get("jobs"))
     settings = load_config(chosen.study, config, changes)
     name = Path(name).stem
     outcome = engine.run(chosen.study, settings, folder, progress=partial(progress, quiet=console.quiet), **options)

@@ -24,12 +24,14 @@ COMMANDS = {  # the first sentence of each, which its own help begins with
     "allan": "Overlapping Allan deviation of the noise in RECORDING, with confidence bands and the noise terms of "
     "IEEE Std 952.",
     "baseline": "Recompute the baseline of recovered parameters and show what moved; exit status 1 if something did.",
+    "bench": "Diagnose a fixed set of simulated recordings, and compare two runs of it.",
     "calibrate": "Calibrate the gyro of RECORDING, a folder with recording.toml, gyro and attitude tables.",
     "compare": "Fly each SCENARIO many times and show where RECORDING stands among the flights, and how far the gap shrinks.",
     "diagnose": "Say whether RECORDING departs from the baseline simulator, where, by which effect, and how far that closes "
     "the gap.",
     "effects": "List what a gyro, a reference or an attitude sensor can do beyond the baseline; a positive size makes the "
     "gyro read high.",
+    "exam": "Seal, take and verify first-sight exams of the diagnosis.",
     "export": "Write a recording in another format.",
     "import": "Turn data of another format into a recording.",
     "mission": "Fly TRMM's Mission Mode from launch and write telemetry, yaw updates, slews and orbits as Parquet to "

@@ -50,6 +50,22 @@ def sources(study: Study) -> dict[str, str]:
 
 
 @lru_cache(maxsize=64)
+def module_sources(module: str) -> dict[str, str]:
+    """Hash of a module of ours and of all that it imports, by path; packages count only where they are imported themselves."""
+    found: dict[str, str] = {}
+    waiting, seen = [module], set()
+    while waiting:
+        name = waiting.pop()
+        place = None if name in seen else _place(name, module, PROJECT)
+        seen.add(name)
+        if place is not None:
+            text, data, names = _module(name, place)
+            found |= {str(place.relative_to(PROJECT)): text, **data}
+            waiting += names
+    return dict(sorted(found.items()))
+
+
+@lru_cache(maxsize=64)
 def uses_attribute(study: Study, name: str) -> bool:
     """Whether what a study reaches in its own module reads an attribute of that name."""
     nodes = (node for statement in _own(study)[1] for node in ast.walk(statement))

@@ -3,13 +3,14 @@
 from functools import lru_cache
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from diagnosis.model.candidates import linear_model
 from diagnosis.model.prepare import prepare
+from gyrocal.recording import Recording
 from simulator import scenario
 from simulator.effects import EFFECTS, parse
 from simulator.simulate import simulate
-from studies.validation.swaying import observed
 
 NOISE = {"gyro.arw_deg_per_sqrt_s": 1.5e-4, "reference.sigma_deg": (0.005, 0.005, 0.008)}
 
@@ -53,3 +54,18 @@ def slews_between_references(gaps, each, sample_s, sway):
     for gap in range(5, gaps, 10):
         rates[gap * each + low : gap * each + high, gap // 10 % 3] += 0.004 * (-1) ** (gap // 30)
     return rates
+
+
+def observed(rates, each, sample_s, arw, sigma, rng, **options):
+    """A recording of a body with rates (n, 3) rad/s, by a gyro without error, with a reference after every `each` samples."""
+    gaps = len(rates) // each
+    turns = Rotation.identity(gaps)
+    for k in range(each):
+        turns = turns * Rotation.from_rotvec(rates[k::each][:gaps] * sample_s)
+    attitudes = [Rotation.identity()]
+    for turn in turns:
+        attitudes.append(attitudes[-1] * turn)
+    noisy = Rotation.concatenate(attitudes) * Rotation.from_rotvec(sigma * rng.standard_normal((gaps + 1, 3)))
+    read = rates + arw / np.sqrt(sample_s) * rng.standard_normal(rates.shape)
+    tags, times = sample_s * np.arange(len(rates)), each * sample_s * np.arange(gaps + 1)
+    return Recording.from_arrays(tags, read, times, noisy.as_quat(), sigma=sigma, arw=arw, **options)

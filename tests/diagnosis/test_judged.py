@@ -8,7 +8,7 @@ import pytest
 from diagnosis.settings import DEFAULT
 from tests.diagnosis.linear_models import linear_model
 
-ATTITUDE, SENSORS = import_module("diagnosis.diagnose"), import_module("diagnosis.sensor_tables")
+ATTITUDE, SENSORS = import_module("diagnosis.explain"), import_module("diagnosis.sensor_tables")
 
 
 @pytest.fixture(scope="module")

@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from diagnosis import diagnose
+from diagnosis import explain
 from diagnosis.settings import DEFAULT
 from simulator.effects import EFFECTS
 from tests.diagnosis.linear_models import linear_model
@@ -33,10 +33,9 @@ def explained(fitted=(), rejected=()):
 def test_another_judgement_is_taken_only_if_what_was_rejected_is_found_again(monkeypatch, first, second, taken):
     """None stands for nothing that could be taken out of the residuals, so that nothing is judged anew."""
     answers = iter((first, second))
-    monkeypatch.setattr(diagnose, "prepare", lambda *_: "at first")
-    monkeypatch.setattr(diagnose, "explain", lambda *_: next(answers))
-    monkeypatch.setattr(diagnose, "judged_anew", lambda prepared, at_work, *_: "anew" if at_work else None)
-    found = diagnose.explain_recording(None, list(EFFECTS.values()), DEFAULT, 0, lambda text, share: None)
+    monkeypatch.setattr(explain, "explain", lambda *_: next(answers))
+    monkeypatch.setattr(explain, "judged_anew", lambda prepared, at_work, *_: "anew" if at_work else None)
+    found = explain.explain_prepared("at first", list(EFFECTS.values()), DEFAULT, 0, lambda text, share: None)
     assert found == (("anew", second) if taken else ("at first", first))
 
 
@@ -45,9 +44,9 @@ def test_what_the_checks_reject_is_kept():
     rng = np.random.default_rng(1)
     drift = np.linspace(-1, 1, 300)[:, None]
     model = linear_model([drift, rng.standard_normal((300, 1))], 40 * drift[:, 0] + 0.3 * rng.standard_normal(300))
-    found = diagnose.judged(model, lambda *_: (SimpleNamespace(name="size", p_value=1e-12),), DEFAULT, 0, lambda *_: None)
+    found = explain.judged(model, lambda *_: (SimpleNamespace(name="size", p_value=1e-12),), DEFAULT, 0, lambda *_: None)
     assert found.fitted == ()
     assert [one.effect for one in found.rejected] == ["e0"]
-    usual = diagnose.judged(model, lambda *_: (), DEFAULT, 0, lambda *_: None)
+    usual = explain.judged(model, lambda *_: (), DEFAULT, 0, lambda *_: None)
     assert [one.effect for one in usual.fitted] == ["e0"]
     assert usual.rejected == ()

@@ -6,7 +6,7 @@ import pytest
 
 from diagnosis.assemble import _is_of_a_zone
 from diagnosis.detectors.report import Symptom
-from diagnosis.diagnose import _is_of_rounding
+from diagnosis.explain import _is_of_rounding
 from diagnosis.model.symptoms import SampleCause
 from diagnosis.settings import DEFAULT
 

@@ -28,7 +28,7 @@ THRESHOLDS = [
         ],
     ),
     *of(
-        "diagnosis/diagnose.py",
+        "diagnosis/explain.py",
         "tests/diagnosis/test_judged.py",
         [
             (

@@ -14,7 +14,7 @@ from studies.montecarlo import provenance
 from studies.montecarlo.engine import run
 from studies.montecarlo.machine import machine
 from studies.montecarlo.session import known
-from studies.montecarlo.sources import sources
+from studies.montecarlo.sources import module_sources, sources
 from studies.montecarlo.study import Study
 from tests import ROOT
 from tests.engine_studies import DRAWS, DrawsConfig
@@ -112,9 +112,14 @@ def test_the_sources_of_a_study_are_what_its_rows_depend_on():
     assert {"simulator/sensors/gyro.py", "simulator/__init__.py", "studies/data/flight/table2_residuals.csv"} & set(found)
     # Its report draws figures; its rows do not.
     assert not {"studies/report/panels.py", "studies/cli/main.py", "studies/montecarlo/engine.py"} & set(found)
-    late = sources(importlib.import_module("studies.validation.wide.study").STUDY)
-    # An import inside a function, and a data file beside a module.
-    assert {"diagnosis/diagnose.py", "studies/validation/wide/split.json"} <= set(late)
+    # All that a package imports where it is imported itself.
+    assert "diagnosis/diagnose.py" in sources(importlib.import_module("studies.validation.world.study").STUDY)
+
+
+def test_the_sources_of_a_module_do_not_hold_what_imports_it():
+    found = module_sources("diagnosis.model.prepare")
+    assert {"diagnosis/model/prepare.py", "diagnosis/detectors/samples.py", "gyrocal/errors.py"} <= set(found)
+    assert not {"diagnosis/explain.py", "diagnosis/assemble.py", "diagnosis/__init__.py"} & set(found)
 
 
 def test_a_manifest_says_what_decides_the_last_digits(tmp_path):

@@ -44,7 +44,8 @@ def of_the_attitudes(monkeypatch, found):
     """The answer of gyro and references taken as known, which the sensors have no part in."""
     empty = {"causes": (), "closure": None, "where": (), "notes": (), "sensors": None, "posterior": (((), 1.0),)}
     nothing = replace(found, verdict="none", present=False, **empty)
-    monkeypatch.setattr("diagnosis.diagnose.explain_recording", lambda *_: ((), ()))
+    monkeypatch.setattr("diagnosis.diagnose.prepare", lambda *_: ())
+    monkeypatch.setattr("diagnosis.diagnose.explain_prepared", lambda *_: ((), ()))
     monkeypatch.setattr("diagnosis.diagnose.sample_causes", lambda *_: ())
     monkeypatch.setattr("diagnosis.diagnose.assembled", lambda *_: nothing)
     return nothing

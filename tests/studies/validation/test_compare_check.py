@@ -6,11 +6,10 @@ import pytest
 from pydantic import ValidationError
 
 from studies.montecarlo.study import Streams, find
-from studies.validation import compare_check as check
-from studies.validation.compare_check import PERCENTILES, CompareConfig
+from studies.validation.world import compare_check as check
+from studies.validation.world.compare_check import PERCENTILES, CompareConfig
 
-COARSE = CompareConfig().overrides | {"gyro.sample_s": 4.0, "reference.every_s": 240.0}
-SMALL = {"cases": 4, "controls": 1, "flights": 20, "overrides": COARSE}
+SMALL = {"cases": 4, "controls": 1, "flights": 20}
 
 
 def rows(pairs, rng, shrink=1.0, percentile=None):
@@ -41,7 +40,7 @@ def verdicts(table):
 
 
 def test_the_study_is_found_by_its_name():
-    assert find("studies.validation.compare_check:STUDY") == check.STUDY
+    assert find("studies.validation.world.compare_check:STUDY") == check.STUDY
 
 
 def test_percentiles_and_intervals_that_hold_pass():
@@ -82,7 +81,7 @@ def test_a_pair_and_a_control():
     assert pair["kind"] == "pair"
     assert np.isfinite(pair["true_shrinkage"])
     control = check.case(config, 2, Streams(config.entropy, 2))
-    assert control["kind"] == "M0, 1 Hz"
+    assert control["kind"] == "M0, slews_and_rests"
     assert 0 <= control["samples lag-1 correlation z"] <= 1  # the samples are looked at
 
 

@@ -1,0 +1,59 @@
+"""The command ``gyrocal bench``: a fixed set of recordings, diagnosed by two versions of the code and compared."""
+
+import os
+from pathlib import Path
+
+import click
+
+from studies import catalogue
+from studies.cli.options import PATH
+from studies.report import entry
+from studies.report.console import console
+
+
+@click.group("bench")
+def command() -> None:
+    """Diagnose a fixed set of simulated recordings, and compare two runs of it.
+
+    \b
+    Examples:
+      gyrocal bench run build/bench/before
+      gyrocal bench compare build/bench/before build/bench/after
+    """
+
+
+@command.command("run")
+@click.argument("out", type=PATH)
+@click.option("--jobs", type=click.IntRange(1), default=None, help="Worker processes; the CPU count by default.")
+@click.option("--cases", type=click.IntRange(1), default=None, help="Only the first so many recordings.")
+@click.option("--store", type=PATH, default=None, help="Folder of the diagnoses' stages; 'stages' beside OUT by default.")
+def run(out: Path, jobs: int | None, cases: int | None, store: Path | None) -> None:
+    """Diagnose the set with the code as it is, and write rows and report to the folder OUT.
+
+    \b
+    Example:
+      gyrocal bench run build/bench/before
+    """
+    settings: dict[str, object] = {"store": os.path.abspath(store or out.parent / "stages")}
+    settings |= {} if cases is None else {"cases": cases}
+    terminal = console()
+    outcome = catalogue.run("bench", out, settings, terminal, jobs=jobs)
+    terminal.print(outcome.summary(), highlight=False, markup=False)
+
+
+@command.command("compare")
+@click.argument("before", type=PATH)
+@click.argument("after", type=PATH)
+@click.option("--out", type=PATH, default=None, help="Folder for the report; none by default.")
+def compare(before: Path, after: Path, out: Path | None) -> None:
+    """Compare two runs case by case: recordings gained and lost, McNemar's p, processor time and memory.
+
+    \b
+    Example:
+      gyrocal bench compare build/bench/before build/bench/after
+    """
+    bench = catalogue.load_module("bench")
+    made = bench.compare(bench.load_run(before), bench.load_run(after))
+    entry.show(made, console())
+    if out:
+        entry.write(made, f"Bench: {before.name} and {after.name}", out)

@@ -1,0 +1,1 @@
+"""Exam 001: unlisted effects and plans that are met at first sight."""

@@ -1,0 +1,204 @@
+"""``gyrocal bench``: a fixed set of recordings, diagnosed by two versions of the code and compared case by case.
+
+    gyrocal bench run build/bench/before        # with the code as it is
+    gyrocal bench run build/bench/after         # after a change
+    gyrocal bench compare build/bench/before build/bench/after
+
+The set never changes: `PARTS` are numbers of cases of three sources at fixed entropies. A hundred of them are of the source
+``fresh``, written without sight of the diagnosis; of these every table shows counts only, never a case. What each stage of a
+diagnosis found is stored beside the runs (``stages/``, about 10 GB), so that a change of a later stage is run from there
+(`studies.validation.world.stages`).
+
+McNemar's exact test compares two runs: of the recordings that only one of them answers well, both would have half.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pandas as pd
+import scipy.stats
+from pydantic import model_validator
+
+from gyrocal.errors import InputError
+from studies.montecarlo.study import Study
+from studies.report.checks import Check
+from studies.report.entry import Entry, Report
+from studies.report.tables import Table
+from studies.validation.world import score
+from studies.validation.world.answers import GOOD
+from studies.validation.world.cases import ORDER
+from studies.validation.world.report import answers_figure, counts
+from studies.validation.world.study import INSTRUMENTS, WorldConfig, case, recording
+
+FRESH = "fresh"
+PARTS = (("known", 2051, 100), (FRESH, 2052, 100), (INSTRUMENTS, 2053, 42))  # source, entropy, cases
+SUMMARY = "is the diagnosis as right as before a change, case by case"
+
+
+class BenchConfig(WorldConfig):
+    """The fixed set; only the folder of the stages is free, and no row depends on it."""
+
+    cases: int = sum(count for _, _, count in PARTS)
+
+    @model_validator(mode="after")
+    def _fixed(self) -> BenchConfig:
+        default = type(self).model_fields
+        fixed = all(getattr(self, name) == default[name].default for name in ("source", "entropy"))
+        if not fixed or self.overrides or self.dispersions:
+            raise ValueError("the bench is a fixed set: source, entropy, overrides and dispersions cannot be changed")
+        return self
+
+    def part(self, number: int) -> tuple[str, int, int]:
+        """Source, entropy and number of a case within them."""
+        for source, entropy, count in PARTS:
+            if number < count:
+                return source, entropy, number
+            number -= count
+        raise InputError(f"the bench has {type(self).model_fields['cases'].default} cases")
+
+
+STUDY = Study("studies.validation.world.bench:STUDY", BenchConfig, case, recording)
+
+
+def report(config: BenchConfig, rows: pd.DataFrame) -> Report:
+    """Count outcomes and rates of the whole set and of its parts; cases are shown of the known sources only."""
+    good = _good(rows)
+    known = rows[(rows["source"] != FRESH) & ~good]
+    shown = ["case", "source", "kind", "plan", "grade", "effects", "snr", "outcome", "said", "probability"]
+    tables = {
+        "counts": Table("Outcomes by kind", counts(rows)),
+        "parts": Table("Answered well, by source and kind, with 95 % binomial intervals", _by_part(rows, good)),
+        "rates": Table("Rates, with 95 % binomial intervals", score.rates(rows)),
+        "fresh_rates": Table("The same of the fresh recordings alone", score.rates(rows[rows["source"] == FRESH])),
+        "reliability": Table("Probability stated of causes", score.reliability(score.statements(rows))),
+        "sizes": Table("Sizes within their sigmas", score.size_table(rows)),
+        "cost": Table("Processor time and memory of a diagnosis", cost(rows)),
+        "misses": Table("Answered otherwise, known sources only", known[shown]),
+    }
+    checks = (
+        Check("recordings answered well", float(good.mean()), None),
+        Check("processor time of all diagnoses", float(rows["diagnose_s"].sum()), None, "s"),
+        Check("largest peak memory of a diagnosis", float(rows["peak_mb"].max()), None, "MB"),
+    )
+    return Report(tables, {"answers": answers_figure(rows)}, checks)
+
+
+def cost(rows: pd.DataFrame) -> pd.DataFrame:
+    """Summarise processor seconds and peak memory by kind."""
+    groups = rows.groupby("kind", sort=False)
+    out = groups.agg(
+        cases=("case", "size"),
+        median_s=("diagnose_s", "median"),
+        largest_s=("diagnose_s", "max"),
+        all_s=("diagnose_s", "sum"),
+        median_mb=("peak_mb", "median"),
+        largest_mb=("peak_mb", "max"),
+    )
+    return out.reindex([kind for kind in ORDER if kind in out.index]).reset_index()
+
+
+def _good(rows: pd.DataFrame) -> pd.Series:
+    good = [outcome in GOOD[kind] for kind, outcome in zip(rows["kind"], rows["outcome"], strict=True)]
+    return pd.Series(good, index=rows.index, dtype=bool)
+
+
+def _by_part(rows: pd.DataFrame, good: pd.Series) -> pd.DataFrame:
+    out = []
+    for (source, kind), own in rows.assign(good=good).groupby(["source", "kind"], sort=False):
+        line = score.rate(str(kind), own["good"])
+        wrong = int((own["outcome"] == "wrong name").sum())
+        out.append({"source": source, "kind": kind, **{key: line[key] for key in ("cases", "count", "share", "low", "high")}})
+        out[-1]["wrong_names"] = wrong
+    return pd.DataFrame(out)
+
+
+def compare(before: pd.DataFrame, after: pd.DataFrame) -> Report:
+    """Compare two runs of the bench case by case.
+
+    Parameters
+    ----------
+    before, after : rows of the two runs
+
+    Raises
+    ------
+    InputError
+        They are not of the same recordings.
+    """
+    keys = ["case", "source", "kind", "effects"]
+    both = before.merge(after, on=keys, suffixes=("_before", "_after"), validate="one_to_one")
+    if not len(both) or len(both) != max(len(before), len(after)):
+        raise InputError(f"the two runs share {len(both)} of {len(before)} and {len(after)} recordings; run both to their end")
+    for part in ("before", "after"):
+        both[f"good_{part}"] = _good(both.rename(columns={f"outcome_{part}": "outcome"}))
+    kinds = [*[(kind, both[both["kind"] == kind]) for kind in ORDER], ("all", both)]
+    kinds += [(f"{source}, all", both[both["source"] == source]) for source, *_ in PARTS]
+    table = pd.DataFrame([_paired(name, own) for name, own in kinds if len(own)])
+    moved = both[(both["outcome_before"] != both["outcome_after"]) & (both["source"] != FRESH)]
+    shown = ["case", "source", "kind", "effects", "outcome_before", "outcome_after", "said_before", "said_after"]
+    total = table[table["kind"] == "all"].iloc[0]
+    checks = (
+        Check("recordings gained", float(total["gained"]), None),
+        Check("recordings lost", float(total["lost"]), None),
+        Check("McNemar's p", float(total["p"]), None),
+        Check("processor time, after over before", float(total["cpu_ratio"]), None),
+        Check("median peak memory, after over before", float(total["mb_ratio"]), None),
+    )
+    tables = {
+        "paired": Table("Answered well before and after", table, PAIRED),
+        "moved": Table("Outcomes that changed, known sources only", moved[shown]),
+    }
+    return Report(tables, checks=checks)
+
+
+PAIRED = (
+    "Gained and lost are recordings that only the later and only the earlier run answers well, wrong names those with a "
+    "confident wrong name. Times are of recordings that both runs diagnosed from the beginning."
+)
+
+
+def _paired(name: str, both: pd.DataFrame) -> dict[str, object]:
+    """Count gained and lost recordings with McNemar's exact p, and compare the cost."""
+    gained = int((~both["good_before"] & both["good_after"]).sum())
+    lost = int((both["good_before"] & ~both["good_after"]).sum())
+    p = float(scipy.stats.binomtest(gained, gained + lost).pvalue) if gained + lost else 1.0
+    whole = both[(both["stored_before"] == "") & (both["stored_after"] == "")]
+    seconds = {part: float(whole[f"diagnose_s_{part}"].sum()) for part in ("before", "after")}
+    memory = {part: float(whole[f"peak_mb_{part}"].median()) for part in ("before", "after")}
+    return {
+        "kind": name,
+        "recordings": len(both),
+        "good_before": int(both["good_before"].sum()),
+        "good_after": int(both["good_after"].sum()),
+        "gained": gained,
+        "lost": lost,
+        "p": p,
+        "wrong_before": int((both["outcome_before"] == "wrong name").sum()),
+        "wrong_after": int((both["outcome_after"] == "wrong name").sum()),
+        "cpu_s_before": seconds["before"],
+        "cpu_s_after": seconds["after"],
+        "cpu_ratio": seconds["after"] / seconds["before"] if seconds["before"] else float("nan"),
+        "mb_before": memory["before"],
+        "mb_after": memory["after"],
+        "mb_ratio": memory["after"] / memory["before"],
+    }
+
+
+def load_run(folder: Path) -> pd.DataFrame:
+    """Load the rows of a run.
+
+    Raises
+    ------
+    InputError
+        The folder holds no finished run.
+    """
+    table = folder / "table.parquet"
+    if not table.exists():
+        raise InputError(f"{folder}: holds no finished run of the bench; make one with 'gyrocal bench run {folder}'")
+    rows = pd.read_parquet(table)
+    if "outcome" not in rows:
+        raise InputError(f"{folder}: is not a run of the bench")
+    return rows[rows["error"] == ""].reset_index(drop=True)
+
+
+ENTRY = Entry(STUDY, SUMMARY, report)
