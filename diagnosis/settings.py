@@ -3,8 +3,8 @@
 A threshold decides something: whether there is a gap, whether a cause is named, whether a test of the samples speaks. Each says
 what it means, its unit, and how it was chosen. Where the choice came from data, they are recordings of the test world's known
 source (`studies.validation.world.sources`), or of its forerunner, the "earlier test world" below, whose scored part was looked
-at in development, too. The figures in the README come from first-sight exams (`studies.validation.exam`) alone. Numbers that belong to a method rather than to a decision, such as the length of a window or the points of a grid,
-stand beside the method.
+at in development, too. The figures in the README come from first-sight exams (`studies.validation.exam`) alone. Numbers that
+belong to a method rather than to a decision, such as the length of a window or the points of a grid, stand beside the method.
 """
 
 from __future__ import annotations
@@ -92,9 +92,9 @@ class DiagnosisSettings:
         0.3,
         "the same of a random process, free to look like many things",
         "probability",
-        "of 33 explanations with a process in two runs of the earlier test world (299 cases) 28 were right or in the group; of two "
-        "independent programs, which brought unlisted effects of their own, 7 of 14 and 4 of 16: at the shares of kinds of the "
-        "earlier test world a third is wrong",
+        "of 33 explanations with a process in two runs of the earlier test world (299 cases) 28 were right or in the group; of "
+        "two independent programs, which brought unlisted effects of their own, 7 of 14 and 4 of 16: at the shares of kinds of "
+        "the earlier test world a third is wrong",
     )
     swing_imitation: float = threshold(
         0.2,

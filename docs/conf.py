@@ -27,7 +27,7 @@ version = release = gyrocal.__version__
 
 root_doc = "docs/index"
 include_patterns = ["README.md", "CHANGELOG.md", "CONTRIBUTING.md", "docs/**.md", "results/**/report.md"]
-include_patterns += ["results/reproduction/tables.md", "results/corpus/outcomes.md", "results/mutations/mutations.md"]
+include_patterns += ["results/reproduction/tables.md"]
 exclude_patterns = [".*", "build", "dist", "site", "tests", "**/__pycache__", "**/parts", "**/work"]
 extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx.ext.napoleon", "sphinx.ext.viewcode"]
 

@@ -189,7 +189,7 @@ def _sure(diagnosis: Diagnosis) -> str:
 
 @cache
 def _measured() -> pd.DataFrame:
-    """How often what was stated was there, by stated probability; of the wide check."""
+    """How often what was stated was there, by stated probability; of the first-sight exams."""
     with resources.files("studies").joinpath("data", "reliability.csv").open("rb") as file:
         return pd.read_csv(file)
 
@@ -199,11 +199,11 @@ def reliability(probability: float) -> str:
     rows = _measured()
     rows = rows[(rows["from"] <= probability) & (probability <= rows["to"]) & (rows["statements"] >= FEWEST_STATEMENTS)]
     if rows.empty:
-        return "How often so sure a statement is right is not known: the checks with sealed answers had next to none."
+        return "How often so sure a statement is right is not known: the first-sight exams had next to none."
     row = rows.iloc[-1]
     return (
-        f"Of {row['statements']:.0f} statements of {100 * row['from']:.0f} to {100 * row['to']:.0f} % in checks with sealed "
-        f"answers {100 * row['there']:.0f} % were right ({100 * row['low']:.0f} to {100 * row['high']:.0f} %)."
+        f"Of {row['statements']:.0f} statements of {100 * row['from']:.0f} to {100 * row['to']:.0f} % in first-sight "
+        f"exams {100 * row['there']:.0f} % were right ({100 * row['low']:.0f} to {100 * row['high']:.0f} %)."
     )
 
 

@@ -15,7 +15,7 @@ from joblib import Parallel, delayed
 
 from gyrocal.errors import InputError
 from studies.montecarlo import engine
-from studies.montecarlo.files import plain, write_json
+from studies.montecarlo.files import plain, write_csv, write_json
 from studies.montecarlo.manifest import commit, digest, versions
 from studies.validation.world import score
 from studies.validation.world.cases import draw
@@ -24,6 +24,7 @@ from studies.validation.world.study import STUDY, WorldConfig, describe_answer
 from studies.validation.world.world import Spec
 
 FOLDER = Path(__file__).parent
+RELIABILITY = FOLDER.parents[1] / "data" / "reliability.csv"  # what the card of a diagnosis quotes
 GENERATOR = ("families.py", "plans.py")
 SEAL, KEYS, ANSWERS, SCORE = "seal.json", "keys.json", "answers.json", "score.json"
 CASES = 200
@@ -160,6 +161,7 @@ def take(name: str, jobs: int, work: Path, progress: engine.Display = engine.sil
     (folder / KEYS).write_text(keys_text(keys))
     (folder / ANSWERS).write_text(json.dumps(_rounded(plain(answers)), separators=(",", ":")) + "\n")
     write_json(folder / SCORE, score_exam(folder))
+    write_csv(RELIABILITY, pooled_reliability(root))
     return folder / SCORE
 
 
@@ -202,6 +204,12 @@ def score_exam(folder: Path) -> dict[str, Any]:
             )
         )
     )
+
+
+def pooled_reliability(root: Path = FOLDER) -> pd.DataFrame:
+    """Pool all exams' stated probabilities: how often the cause was there, as the card of a diagnosis quotes it."""
+    stated = [score.statements(rows_of(root / name)) for name in exams(root)]
+    return score.reliability(pd.concat(stated, ignore_index=True))
 
 
 def verify(name: str, root: Path = FOLDER) -> list[Fault]:

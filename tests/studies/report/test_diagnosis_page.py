@@ -17,7 +17,7 @@ from simulator.effects.sensor import ALL_EFFECTS
 from studies.report import card_drawing, diagnosis_card, diagnosis_figures, diagnosis_summary, next_step, pointing_cost, svg
 from studies.report import diagnosis_page as diagnosis_report
 from studies.report import diagnosis_words as words
-from tests import ROOT
+from studies.validation.exam.steps import pooled_reliability
 from tests.diagnosis_cases import CASES, regressors, residuals
 from tests.pages import checked
 
@@ -281,7 +281,7 @@ def test_a_line_is_a_motion_of_the_body_unless_it_is_named_for_something_else(ki
 
 
 def test_reliability_is_the_one_that_was_measured():
-    committed = pd.read_csv(ROOT / "results" / "studies" / "wide" / "reliability.csv")
+    committed = pooled_reliability()
     pd.testing.assert_frame_equal(diagnosis_card._measured(), committed)
     row = committed[committed["statements"] > 20].iloc[0]
     said = diagnosis_card.reliability((row["from"] + row["to"]) / 2)
