@@ -11,6 +11,9 @@ from tests.claims import check, freshness, text
 from tests.claims.registry import CLAIMS
 
 
+AT = "It implements the Davenport"  # a place in README
+
+
 @pytest.fixture(scope="module")
 def values():
     return check.values_of(ROOT)
@@ -74,12 +77,7 @@ def test_a_number_of_effects_without_a_result_is_caught(copy):
 
 
 def test_sealed_answers_without_a_seal_are_caught(copy):
-    spoil(
-        copy,
-        "README.md",
-        "It implements the Davenport",
-        "The answers of the world's recordings were sealed.\n\nIt implements the Davenport",
-    )
+    spoil(copy, "README.md", AT, f"The answers of the test world were sealed.\n\n{AT}")
     assert any("only an exam has sealed answers" in one for one in found(copy))
 
 
@@ -91,9 +89,7 @@ def test_the_best_of_several_runs_is_caught(copy):
     again.write_text(json.dumps(json.loads(first.read_text()) | {"exam": "000"}))
     said = found(copy)
     assert any("README.md" in one and "exam_history" in one for one in said)
-    spoil(
-        copy, "README.md", "It implements the Davenport", "It was right in 244 of 256 (95.3 %).\n\nIt implements the Davenport"
-    )
+    spoil(copy, "README.md", AT, f"It was right in 244 of 256 (95.3 %).\n\n{AT}")
     assert any("'244 of 256' is bound to no result" in one for one in found(copy))
 
 

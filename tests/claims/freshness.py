@@ -14,6 +14,8 @@ from studies.montecarlo.study import find
 
 MANIFEST = "manifest.json"
 BESIDE = ("studies/montecarlo/", "studies/report/", "studies/cli/", "tests/")  # run and show what is measured
+IMPORTING = ("gyrocal/importing/", "gyrocal/allan/")  # what a calibration loads and does not use, but for these studies:
+IMPORTED = ("import", "real", "sentinel2a")
 
 
 def changed_sources(folder: Path) -> list[str]:
@@ -27,8 +29,9 @@ def changed_sources(folder: Path) -> list[str]:
         now = _now(document.get("study"), tuple(document.get("modules", ())))
     except InputError as error:
         return [str(error)]
+    beside = BESIDE if folder.name in IMPORTED else (*BESIDE, *IMPORTING)
     names = sorted({*before, *now})
-    return [name for name in names if before.get(name) != now.get(name) and not name.startswith(BESIDE)]
+    return [name for name in names if before.get(name) != now.get(name) and not name.startswith(beside)]
 
 
 @cache
