@@ -10,7 +10,6 @@ from tests import ROOT
 from tests.claims import check, freshness, text
 from tests.claims.registry import CLAIMS
 
-
 AT = "It implements the Davenport"  # a place in README
 
 
