@@ -18,6 +18,7 @@ from studies.montecarlo import engine
 from studies.montecarlo.files import plain, write_csv, write_json
 from studies.montecarlo.manifest import commit, digest, versions
 from studies.validation.world import score
+from studies.validation.world.answers import calibration_errors
 from studies.validation.world.cases import draw
 from studies.validation.world.report import counts
 from studies.validation.world.study import STUDY, WorldConfig, describe_answer
@@ -173,7 +174,10 @@ def rows_of(folder: Path) -> pd.DataFrame:
     for answer in answers:
         key = keys[answer["case"]]
         row = {name: key[name] for name in ("case", "kind", "plan", "grade", "snr", "attitude_snr", "novelty")}
-        row |= {"truth": json.dumps(key["truth"]), "calibration_sigmas": "[]"}
+        row |= {
+            "truth": json.dumps(key["truth"]),
+            "calibration_sigmas": json.dumps(calibration_errors(answer, key["G"], key["bias_deg_s"])),
+        }
         row["effects"] = " + ".join(
             one["effect"] if one["axis"] is None else f"{one['effect']}:{one['axis']}" for one in key["truth"]
         )

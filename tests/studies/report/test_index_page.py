@@ -42,7 +42,9 @@ def test_the_first_screen_answers_with_the_results_numbers(text):
     left = pd.read_csv(FOLDERS["robertson"] / "diagnosis_left.csv").set_index("number")["left_sigmas"].abs()
     assert "Telemetry of the days behind roll before any upload and update before any upload:" in first
     assert set(left[left > 3].index) == {"roll precalibration", "update precalibration"}
-    assert f"{summary['clean_gap_rms_deg']['assumed']:.4f} of {summary['flight_gap_rms_deg']['flight_rms']:.3f} deg" in first
+    assert f"{summary['flight_gap_rms_deg']['flight_rms']:.3f} deg RMS, are predicted to" in first
+    assert f"{summary['clean_gap_rms_deg']['assumed']:.4f} deg. " in first
+    assert "which is circular" in first
     assert f"{ladder['factor_unfitted'].iloc[0]:.2f} to {ladder['factor_unfitted'].iloc[-1]:.2f}" in first
 
 
