@@ -144,11 +144,11 @@ def referenced(around: Surroundings, active: Sequence[Active], rng: np.random.Ge
 
 
 def _at(active: Sequence[Active], stage: str) -> list[Active]:
-    """The effects at one stage; those that do not simply add up are in the order of the registry."""
+    """The effects at one stage; those that do not simply add up are in the order of the registry, others come after them."""
     here = [one for one in active if one.effect.stage == stage]
     if len(here) > 1 and here[0].effect.implements("apply"):
         order = list(REGISTRY)
-        here.sort(key=lambda one: order.index(one.effect.name))
+        here.sort(key=lambda one: order.index(one.effect.name) if one.effect.name in order else len(order))
     return here
 
 

@@ -5,7 +5,7 @@ import pandas as pd
 import pytest
 
 from gyrocal.errors import InputError
-from simulator.effects import EFFECTS, setting
+from simulator.effects import EFFECTS, Setting, setting
 from studies.montecarlo import engine
 from studies.montecarlo.study import load_config
 from studies.validation.world import study as world_study
@@ -178,3 +178,14 @@ def test_a_small_study_runs_and_resumes(tmp_path, monkeypatch):
     again = engine.run(world_study.STUDY, config, tmp_path, backend="serial", chunk=2)
     assert again.resumed == CHEAP
     pd.testing.assert_frame_equal(again.load(), rows)
+
+
+def test_an_effect_outside_the_library_acts_after_a_listed_one_of_its_stage():
+    """Exam 001 lost a case to this: the order of a stage was that of the registry alone."""
+    world = small_world("free")
+    family = next(one for one in find_source("known").families.values() if one.stage == "telemetry")
+    axis, parameters = family.draw(np.random.default_rng(3), world.around)
+    both = [setting("stale_samples", None, 2.0, {"fraction": 0.01}), Setting(family.name, axis, 0.3, parameters)]
+    assert EFFECTS["stale_samples"].stage == family.stage
+    rates, _ = world.observed(both)
+    assert np.array_equal(rates, world.observed(both[::-1])[0])
