@@ -17,8 +17,8 @@ GTSAM_CPP_NS = 152.0  # a sample of gtsam's own benchmark in C++: full navigatio
 EXAMS = Path("studies") / "validation" / "exam"
 HISTORY = {  # columns of the history of exams by the rates of a score
     "false alarms": "no effect: a false alarm",
-    "one effect, SNR ≥ 8: right": "one effect of SNR 8 and more: right or in the group",
-    "two effects, SNR ≥ 8: both right": "two effects of SNR 8 and more: both right or in the groups",
+    "one effect, SNR ≥ 8: right, or in its group": "one effect of SNR 8 and more: right or in the group",
+    "two effects, SNR ≥ 8: both right, or in their groups": "two effects of SNR 8 and more: both right or in the groups",
     "outside the library, SNR ≥ 12: unknown": "unlisted of SNR 12 and more: unknown",
     "outside the library: wrong name": "unlisted and detected: a confident wrong name",
     "mixed: named causes that are there": "mixed: causes stated that are there",
@@ -79,7 +79,11 @@ def scores(root: Path) -> list[dict[str, Any]]:
 def exam_history(root: Path) -> str:
     """Tabulate every exam that was taken, a line a question and a column an exam."""
     every = scores(root)
-    rows = [["recordings", *(str(one["recordings"]) for one in every)], ["code", *(f"`{one['commit'][:7]}`" for one in every)]]
+    rows = [
+        ["recordings", *(str(one["recordings"]) for one in every)],
+        ["not answered", *(str(one["failed"]) for one in every)],
+        ["code", *(f"`{one['commit'][:7]}`" for one in every)],
+    ]
     for title, what in HISTORY.items():
         rates = [{rate["what"]: rate for rate in one["rates"]} for one in every]
         rows.append([title, *(share(rate[what]) if what in rate else "–" for rate in rates)])

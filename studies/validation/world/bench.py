@@ -4,10 +4,10 @@
     gyrocal bench run build/bench/after         # after a change
     gyrocal bench compare build/bench/before build/bench/after
 
-The set never changes: `PARTS` are numbers of cases of three sources at fixed entropies. A hundred of them are of the source
-``fresh``, written without sight of the diagnosis; of these every table shows counts only, never a case. What each stage of a
-diagnosis found is stored beside the runs (``stages/``, about 10 GB), so that a change of a later stage is run from there
-(`studies.validation.world.stages`).
+The set changes only when the families of an exam join it: `PARTS` are numbers of cases of each source at a fixed entropy. A
+hundred of them are of the source ``fresh``, written without sight of the diagnosis; of these every table shows counts only, never
+a case. What each stage of a diagnosis found is stored beside the runs (``stages/``, about 10 GB), so that a change of a later stage
+is run from there (`studies.validation.world.stages`).
 
 McNemar's exact test compares two runs: of the recordings that only one of them answers well, both would have half.
 """
@@ -32,7 +32,7 @@ from studies.validation.world.report import answers_figure, counts
 from studies.validation.world.study import INSTRUMENTS, WorldConfig, case, recording
 
 FRESH = "fresh"
-PARTS = (("known", 2051, 100), (FRESH, 2052, 100), (INSTRUMENTS, 2053, 42))  # source, entropy, cases
+PARTS = (("known", 2051, 75), (FRESH, 2052, 100), ("exam/001", 2054, 25), (INSTRUMENTS, 2053, 42))  # source, entropy, cases
 SUMMARY = "is the diagnosis as right as before a change, case by case"
 
 
