@@ -5,9 +5,9 @@
     gyrocal bench compare build/bench/before build/bench/after
 
 The set changes only when the families of an exam join it: `PARTS` are numbers of cases of each source at a fixed entropy. A
-hundred of them are of the source ``fresh``, written without sight of the diagnosis; of these every table shows counts only, never
-a case. What each stage of a diagnosis found is stored beside the runs (``stages/``, about 10 GB), so that a change of a later stage
-is run from there (`studies.validation.world.stages`).
+hundred of them are of the source ``fresh``, written without sight of the diagnosis; of these every table shows counts only.
+What each stage of a diagnosis found is stored beside the runs (``stages/``, about 10 GB), so that a change of a later stage is
+run from there (`studies.validation.world.stages`).
 
 McNemar's exact test compares two runs: of the recordings that only one of them answers well, both would have half.
 """
