@@ -1,1 +1,1 @@
-"""Validation of the framework itself: blind check, baseline of recovered parameters, a real gyro."""
+"""Validation of the framework itself: the test world, exams, the baseline of recovered parameters, real gyros."""

@@ -8,6 +8,7 @@ import pytest
 
 from diagnosis.diagnose import diagnose
 from gyrocal.errors import InputError
+from studies import catalogue
 from studies.montecarlo.study import load_config
 from studies.validation.world import bench, stages
 from studies.validation.world.cases import draw
@@ -90,3 +91,9 @@ def test_other_instruments_are_diagnosed_as_a_whole(tmp_path):
 def test_a_stage_depends_on_its_own_sources():
     assert stages.stage_hash("samples") != stages.stage_hash("attitude")
     assert np.unique([stages.stage_hash(name) for name in stages.STAGES]).size == len(stages.STAGES)
+
+
+def test_an_installed_package_says_where_the_test_world_is(monkeypatch):
+    monkeypatch.setitem(catalogue.MODULES, "bench", "studies.validation.world.not_there")
+    with pytest.raises(InputError, match="run it from a checkout"):
+        catalogue.load_module("bench")
