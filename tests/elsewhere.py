@@ -2,7 +2,7 @@
 
 ``python -m tests.elsewhere`` runs each study anew under every combination of `KERNELS` and `VECTORS`, in a process of its own,
 compares the tables that a study commits byte for byte and its rows bit for bit, and lets the last one go on with rows of the
-first, which must be refused. It writes results/elsewhere; words choose studies.
+first, which must be refused. It writes build/elsewhere; words choose studies.
 """
 
 import os
@@ -98,7 +98,7 @@ def main(words: list[str]) -> int:
             f"of numpy's vector units and without {vectors()['no AVX-512']}. Tables are those that a study commits, compared\n"
             "byte for byte; rows are compared with those of the first, differences by the largest number of their column."
         )
-        folder = ROOT / "results" / "elsewhere"
+        folder = ROOT / "build" / "elsewhere"
         write_csv(folder / "elsewhere.csv", table)
         write_text(folder / "report.md", render.markdown("The same studies elsewhere", table, note))
     return int((table["tables_that_differ"] != "none").any() or (table["resume_elsewhere"] != "refused").any())

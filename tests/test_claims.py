@@ -2,6 +2,7 @@
 
 import json
 import shutil
+import subprocess
 
 import pytest
 
@@ -131,7 +132,8 @@ def test_values_are_written_before_their_markers_and_into_their_blocks():
 
 def test_the_exams_that_were_taken_hold():
     """Hashes, order of the commits, code and score of every exam, against the history of this checkout."""
-    if not (ROOT / ".git").exists():
-        pytest.skip("needs the history of the repository")
+    shallow = subprocess.run(["git", "rev-parse", "--is-shallow-repository"], cwd=ROOT, capture_output=True, text=True)
+    if shallow.stdout.strip() != "false":
+        pytest.skip("needs the whole history of the repository")
     for name in exams():
         assert [one.text for one in verify(name)] == []

@@ -1,1 +1,1 @@
-"""Bad inputs to every command, made by rules, and how each ends: ``python -m tests.corpus`` writes results/corpus."""
+"""Bad inputs to every command, made by rules, and how each ends: ``python -m tests.corpus`` writes build/corpus."""

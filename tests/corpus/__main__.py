@@ -100,7 +100,7 @@ if __name__ == "__main__":
     table = summary(rows)
     print(table.to_string())
     if not sys.argv[1:]:
-        folder = Path("results/corpus")
+        folder = Path("build/corpus")
         write_csv(folder / "outcomes.csv", rows.drop(columns="s"))
         note = "`python -m tests.corpus`; a row for each input is in outcomes.csv."
         write_text(folder / "outcomes.md", render.markdown("How bad inputs end", table, note))

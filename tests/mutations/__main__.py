@@ -1,4 +1,4 @@
-"""Put each fault into a copy of the tree, run the tests, and write which test saw it: results/mutations.
+"""Put each fault into a copy of the tree, run the tests, and write which test saw it: build/mutations.
 
 ``python -m tests.mutations`` runs all faults; words choose those whose name has one of them, and only their rows are made
 anew. With ``--new`` only faults without a row, or with one that says that nothing saw them, are run; with ``--whole`` the whole
@@ -18,7 +18,7 @@ from tests.mutations import FAULTS, run
 for _name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):  # before numpy is loaded
     os.environ[_name] = "1"
 
-RESULTS = ROOT / "results" / "mutations"
+RESULTS = ROOT / "build" / "mutations"
 COMMAND = "python -m tests.mutations"
 
 

@@ -1,1 +1,1 @@
-"""A long study that is killed at random moments: ``python -m tests.soak`` writes results/soak."""
+"""A long study that is killed at random moments: ``python -m tests.soak`` writes build/soak."""

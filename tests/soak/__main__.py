@@ -50,7 +50,7 @@ def main(cases: int, mean_s: float) -> int:
         nees = pd.read_parquet(runs["undisturbed"].table, columns=["nees"])["nees"]
     print(found.to_string())
     same = len(set(found["table_sha256"])) == 1
-    folder, sure = ROOT / "results" / "soak", DOF + sqrt(2 * DOF / cases) * pd.Series([-2.576, 2.576])
+    folder, sure = ROOT / "build" / "soak", DOF + sqrt(2 * DOF / cases) * pd.Series([-2.576, 2.576])
     write_csv(folder / "soak.csv", found)
     lines = [
         f"`python -m tests.soak {cases} {mean_s:g}` at commit {commit()}: {cases:,} cases, a calibration each, one process at",
