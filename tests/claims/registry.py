@@ -216,7 +216,7 @@ def kernel_ns(root: Path) -> float:
 STUDIES = tuple(
     f"studies/{name}"
     for name in (
-        *("alignment", "compare", "consistency", "estimators", "flight", "heads", "import", "iterations", "noise"),
+        *("alignment", "consistency", "estimators", "flight", "heads", "import", "iterations", "noise"),
         *("observability", "onboard", "promises", "psi", "real", "references", "sentinel2a", "timestep"),
     )
 )
