@@ -37,7 +37,8 @@ from studies.validation.world.plans import Plan
 
 SNR = (8.0, 60.0)
 TRIES = 200  # draws of an effect
-OF_GYROS = {name: {**EFFECTS, **ARRAY_EFFECTS}[name] for name in ("bias_step", "gyro_scale_step", "noise_excess", "gyro_dead")}
+FAULTS = ("bias_step", "gyro_scale_step", "noise_excess", "gyro_dead")
+OF_GYROS = {name: effect for name, effect in {**EFFECTS, **ARRAY_EFFECTS}.items() if name in FAULTS}
 OF_SENSORS = (  # the last two: what an orthogonal alignment found in R (3), and R's penetration biases
     "dss_head:1=0.08,e1_deg=0.044,e2_deg=-0.008,e3_deg=0.067",
     "dss_head:2=0.28,e1_deg=0.206,e2_deg=0.061,e3_deg=0.182",
