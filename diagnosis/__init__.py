@@ -4,7 +4,7 @@ The baseline M0 has a constant G and b, white gyro noise of the stated ARW, and 
 Everything rests on one linear model (`diagnosis.model.linear`): what an unmodelled effect adds to the reading of the gyro or
 to a reference attitude becomes one more group of columns beside the twelve of the calibration.
 
-The way of a recording through `diagnosis.diagnose`, file by file:
+The way of a recording through `diagnosis.diagnose`, file by file (steps 4 to 11 are in `explain`):
 
 1. `detectors.samples` and the detector of each symptom beside it: what the samples show, and the stream repaired.
 2. `model.prepare`: the calibration under M0 (`model.baseline`) on `model.recording`, which linearises the recording;
