@@ -18,7 +18,7 @@ from studies.montecarlo import engine
 from studies.montecarlo.files import plain, write_csv, write_json
 from studies.montecarlo.manifest import commit, digest, versions
 from studies.validation.world import score
-from studies.validation.world.answers import calibration_errors
+from studies.validation.world.answers import calibration_errors, label
 from studies.validation.world.cases import draw
 from studies.validation.world.report import counts
 from studies.validation.world.study import STUDY, WorldConfig, describe_answer
@@ -178,9 +178,7 @@ def rows_of(folder: Path) -> pd.DataFrame:
             "truth": json.dumps(key["truth"]),
             "calibration_sigmas": json.dumps(calibration_errors(answer, key["G"], key["bias_deg_s"])),
         }
-        row["effects"] = " + ".join(
-            one["effect"] if one["axis"] is None else f"{one['effect']}:{one['axis']}" for one in key["truth"]
-        )
+        row["effects"] = " + ".join(label(one["effect"], one["axis"]) for one in key["truth"])
         rows.append(row | describe_answer(key["kind"], key["truth"], answer))
     numbers = ["snr", "attitude_snr", "novelty", "closed", "closed_low", "closed_high", "probability"]
     return pd.DataFrame(rows).astype(dict.fromkeys(numbers, float))

@@ -17,7 +17,6 @@ import pickle
 import resource
 import time
 import zlib
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
@@ -128,5 +127,5 @@ def _peak_mb(place: Path = Path("/proc/self/status")) -> float:
     """Read the peak memory since then."""
     if not place.exists():
         return float(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss) / 1024
-    lines: Callable[[], list[str]] = place.read_text().splitlines
-    return next((float(line.split()[1]) / 1024 for line in lines() if line.startswith("VmHWM")), float("nan"))
+    lines = place.read_text().splitlines()
+    return next((float(line.split()[1]) / 1024 for line in lines if line.startswith("VmHWM")), float("nan"))
