@@ -1,0 +1,174 @@
+"""Estimate variance components of whitened residuals: how much noise of which kind is there beside the stated noise.
+
+Residuals y (N,) with the estimated parameters projected out are modelled as
+
+    y ~ N(0, C),    C = φ I + Σ_k θ_k Z_k Z_kᵀ    on the d-dimensional space of the residuals.
+
+φ is the variance of the white noise relative to the stated one. The columns Z_k (N, r_k) are the factor of the covariance of a
+process of unit variance, such as a rate error of a given correlation time, with the parameters projected out too. The sizes
+maximise the restricted likelihood (REML; Patterson and Thompson, Biometrika 58, 1971). With W = Z √(θ/φ), A = WᵀW, B = I + A
+and u = B⁻¹Wᵀy,
+
+    −2 log L = d log φ + log |B| + (yᵀy − uᵀWᵀy)/φ
+    ∂ log L/∂ log θ_k = ½ (|u_k|²/φ − tr(I − B⁻¹)_kk)
+    ∂ log L/∂ log φ   = ½ (|y − W u|²/φ − d + tr(I − B⁻¹))
+
+so that only the products ZᵀZ, Zᵀy and yᵀy are needed. Where there are more columns than residuals, the same is computed with
+the matrices Z_k Z_kᵀ: with D = I + W Wᵀ and a = D⁻¹ y, log |B| = log |D|, u = Wᵀa and tr(I − B⁻¹)_kk = tr(D⁻¹ W_k W_kᵀ).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+import scipy.linalg
+import scipy.optimize
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+START = 0.3  # share of the excess power that all components have together where the optimisation starts
+PRECISION = 1e-6  # relative change of −log L at which the optimisation ends
+LEAST = 1e-8  # share of the power below which a component is zero
+ROUNDING = 1e-10  # relative size of a singular value that is rounding
+
+
+@dataclass(frozen=True)
+class VarianceComponents:
+    """Sizes of the components, and the whitening by the covariance that they make.
+
+    Attributes
+    ----------
+    noise : φ, variance of the white noise relative to the stated one
+    variances : (K,) θ
+    log_likelihood_gain : log L above that of the stated noise alone, φ = 1 and θ = 0
+    """
+
+    noise: float
+    variances: Array
+    log_likelihood_gain: float
+    basis: Array = field(repr=False)  # (N, r) orthonormal directions in which C is more than φ
+    powers: Array = field(repr=False)  # (r,) C/φ − 1 along them
+
+    def whiten(self, values: Array) -> Array:
+        """Multiply (N,) or (N, k) values by C^(−½)."""
+        shrink = 1.0 - 1.0 / np.sqrt(1.0 + self.powers)
+        along = self.basis.T @ values
+        shrink = shrink if along.ndim == 1 else shrink[:, None]
+        return np.asarray((values - self.basis @ (shrink * along)) / np.sqrt(self.noise))
+
+    def covariance_times(self, values: Array) -> Array:
+        """Multiply (N,) or (N, k) values by C."""
+        along = self.basis.T @ values
+        powers = self.powers if along.ndim == 1 else self.powers[:, None]
+        return np.asarray(self.noise * (values + self.basis @ (powers * along)))
+
+
+def estimate_variance_components(
+    residuals: Array, components: Sequence[Array], dof: float, *, free_noise: bool = True
+) -> VarianceComponents:
+    """Estimate the sizes of noise components by restricted maximum likelihood.
+
+    Parameters
+    ----------
+    residuals : (N,) whitened by the stated noise, the estimated parameters projected out
+    components : K arrays (N, r_k), columns of each process of unit variance, treated in the same way
+    dof : d, degrees of freedom of the residuals
+    free_noise : estimate φ ≥ 1 too; otherwise φ = 1
+
+    Returns
+    -------
+    Components that the residuals do not need have variance 0
+    """
+    power = float(residuals @ residuals)
+    each = np.array([float(np.square(part).sum()) for part in components])
+    if (each <= 0).any():  # a component without effect on the residuals has no size
+        kept = np.flatnonzero(each > 0).tolist()
+        found_ones = estimate_variance_components(residuals, [components[k] for k in kept], dof, free_noise=free_noise)
+        variances = np.zeros(len(components))
+        variances[kept] = found_ones.variances
+        return replace(found_ones, variances=variances)
+    counts = [part.shape[1] for part in components]
+    Z = np.hstack([np.zeros((residuals.size, 0)), *components])
+    owner = np.repeat(np.arange(len(counts)), counts)
+    unit = max(power, dof) / each  # variance with which a component would make all the power alone
+    value_and_slope = _build_likelihood(residuals, components, Z, owner, dof)
+
+    def objective(x: Array) -> tuple[float, Array]:
+        return value_and_slope(float(np.exp(x[0])), np.exp(x[1:]))
+
+    high = max(np.log(max(power, dof) / dof), 1e-9) if free_noise else 0.0
+    excess = max(1.0 - dof / max(power, dof), 0.05)
+    start = np.concatenate([[0.5 * high], np.log(max(START / max(len(counts), 1) * excess, 10 * LEAST) * unit)])
+    bounds = [(0.0, high), *((np.log(LEAST * one), np.log(10 * one)) for one in unit)]
+    options = {"maxiter": 100, "ftol": PRECISION}
+    found = scipy.optimize.minimize(objective, start, jac=True, method="L-BFGS-B", bounds=bounds, options=options)
+    noise, theta = float(np.exp(found.x[0])), np.exp(found.x[1:])
+    theta = np.where(theta > 1.5 * LEAST * unit, theta, 0.0)
+    basis, powers = _spectrum(Z, theta[owner] / noise if len(counts) else np.zeros(0))
+    return VarianceComponents(noise, theta, -float(found.fun) + 0.5 * power, basis, powers)
+
+
+Likelihood = Callable[[float, Array], tuple[float, Array]]
+
+
+def _build_likelihood(
+    residuals: Array, components: Sequence[Array], Z: Array, owner: NDArray[np.intp], dof: float
+) -> Likelihood:
+    """Build −log L but for a constant, with its gradient with respect to log φ and log θ, as a function of φ and θ."""
+    if Z.shape[1] > residuals.size:
+        kernels = np.array([part @ part.T for part in components])
+        return lambda noise, theta: _evaluate_by_kernels(noise, theta, kernels, residuals, dof)
+    gram, along, power = Z.T @ Z, Z.T @ residuals, float(residuals @ residuals)
+    return lambda noise, theta: _evaluate_by_columns(noise, theta, gram, along, power, owner, dof)
+
+
+def _evaluate_by_kernels(noise: float, theta: Array, kernels: Array, y: Array, dof: float) -> tuple[float, Array]:
+    """Evaluate −log L and its gradient from the (K, N, N) matrices Z_k Z_kᵀ."""
+    ratios = theta / noise
+    D = np.tensordot(ratios, kernels, 1)
+    D[np.diag_indices_from(D)] += 1.0
+    factor = scipy.linalg.cholesky(D, lower=True, check_finite=False)
+    a = scipy.linalg.cho_solve((factor, True), y, check_finite=False)
+    inverse, _ = scipy.linalg.lapack.dpotri(factor, lower=1)
+    inverse = np.tril(inverse) + np.tril(inverse, -1).T
+    seen = ratios * (kernels.reshape(len(kernels), -1) @ inverse.ravel())
+    u2 = ratios * (kernels @ a @ a)
+    value = 0.5 * (dof * np.log(noise) + 2 * np.log(np.diag(factor)).sum() + y @ a / noise)
+    slope = -0.5 * np.concatenate([[a @ a / noise - dof + seen.sum()], u2 / noise - seen])
+    return float(value), slope
+
+
+def _evaluate_by_columns(
+    noise: float, theta: Array, gram: Array, along: Array, power: float, owner: NDArray[np.intp], dof: float
+) -> tuple[float, Array]:
+    """Evaluate −log L and its gradient from the products of the columns."""
+    root = np.sqrt(theta[owner] / noise)
+    A = gram * np.outer(root, root)
+    b = root * along
+    B = A + np.eye(root.size)
+    factor = scipy.linalg.cholesky(B, lower=True, check_finite=False)
+    u = scipy.linalg.cho_solve((factor, True), b, check_finite=False)
+    inverse, _ = scipy.linalg.lapack.dpotri(factor, lower=1)
+    seen = 1.0 - np.diag(inverse)
+    value = 0.5 * (dof * np.log(noise) + 2 * np.log(np.diag(factor)).sum() + (power - u @ b) / noise)
+    left = power - 2 * u @ b + u @ A @ u
+    slope = np.empty(theta.size + 1)
+    slope[0] = -0.5 * (left / noise - dof + seen.sum())
+    slope[1:] = -0.5 * np.bincount(owner, u**2 / noise - seen, theta.size)
+    return float(value), slope
+
+
+def _spectrum(Z: Array, ratios: Array) -> tuple[Array, Array]:
+    """Compute directions (N, r) and powers (r,) of Z diag(ratios) Zᵀ that are not zero."""
+    used = ratios > 0
+    W = Z[:, used] * np.sqrt(ratios[used])
+    if not W.shape[1]:
+        return np.zeros((len(Z), 0)), np.zeros(0)
+    small = W.T @ W if W.shape[1] <= W.shape[0] else W @ W.T
+    powers, vectors = np.linalg.eigh(small)
+    kept = powers > ROUNDING * max(powers[-1], 1e-300)
+    powers, vectors = powers[kept], vectors[:, kept]
+    return (W @ (vectors / np.sqrt(powers)) if W.shape[1] <= W.shape[0] else vectors), powers

@@ -1,0 +1,109 @@
+"""Sizes of noise components: recovered in simulations, with the likelihood and the whitening of a dense covariance."""
+
+import numpy as np
+import pytest
+
+from gyrocal.estimation.variance_components import _build_likelihood, estimate_variance_components
+from tests.builders import mean_bounds
+
+ROWS, PARAMETERS = 120, 5
+TIME = np.arange(ROWS, dtype=float)
+
+
+def build_process(time_scale):
+    """Columns of an Ornstein-Uhlenbeck process of unit variance, whose covariance is their product."""
+    return np.linalg.cholesky(np.exp(-np.abs(np.subtract.outer(TIME, TIME)) / time_scale))
+
+
+def build_case(seed, variances, noise=1.0):
+    """Projected residuals, projected components and the projector (N, N), with an orthonormal basis (N, d) of its range."""
+    rng = np.random.default_rng(seed)
+    H = rng.normal(size=(ROWS, PARAMETERS))
+    components = [build_process(20.0), np.repeat(np.eye(12), 10, axis=0), rng.normal(size=(ROWS, 20))]
+    y = np.sqrt(noise) * rng.normal(size=ROWS) + H @ rng.normal(size=PARAMETERS) * 10
+    for part, variance in zip(components, variances, strict=True):
+        y = y + np.sqrt(variance) * part @ rng.normal(size=part.shape[1])
+    basis = np.linalg.qr(H, mode="complete")[0][:, PARAMETERS:]
+    projector = basis @ basis.T
+    return projector @ y, [projector @ part for part in components], basis
+
+
+@pytest.mark.parametrize("chosen", [(1, 2), (0, 1, 2)], ids=["by columns", "by kernels"])
+def test_likelihood_is_that_of_the_dense_covariance_with_its_gradient(chosen):
+    y, components, basis = build_case(1, (2.0, 1.0, 0.5))
+    parts, dof = [components[k] for k in chosen], ROWS - PARAMETERS
+    Z = np.hstack(parts)
+    owner = np.repeat(np.arange(len(parts)), [part.shape[1] for part in parts])
+    evaluate = _build_likelihood(y, parts, Z, owner, dof)
+
+    def evaluate_densely(noise, theta):
+        C = basis.T @ (noise * np.eye(ROWS) + sum(t * part @ part.T for t, part in zip(theta, parts, strict=True))) @ basis
+        r = basis.T @ y
+        return 0.5 * (np.linalg.slogdet(C)[1] + r @ np.linalg.solve(C, r))
+
+    x = np.log(np.array([1.3, 0.7, 2.1, 0.2])[: len(parts) + 1])
+    value, slope = evaluate(np.exp(x[0]), np.exp(x[1:]))
+    assert value == pytest.approx(evaluate_densely(np.exp(x[0]), np.exp(x[1:])), rel=1e-10)
+    for k in range(x.size):
+        ahead, behind = x + 1e-5 * np.eye(x.size)[k], x - 1e-5 * np.eye(x.size)[k]
+        difference = (
+            evaluate_densely(np.exp(ahead[0]), np.exp(ahead[1:])) - evaluate_densely(np.exp(behind[0]), np.exp(behind[1:]))
+        ) / 2e-5
+        assert slope[k] == pytest.approx(difference, rel=1e-5, abs=1e-5)
+
+
+def test_sizes_of_simulated_components_are_recovered():
+    truth, noise, cases = np.array([4.0, 2.0, 0.3]), 1.5, 40
+    found = [estimate_variance_components(*build_case(seed, truth, noise)[:2], ROWS - PARAMETERS) for seed in range(cases)]
+    sizes = np.array([[one.noise, *one.variances] for one in found])
+    error = sizes.mean(axis=0) - [noise, *truth]
+    assert (np.abs(error) < 4 * sizes.std(axis=0) / np.sqrt(cases)).all(), sizes.mean(axis=0)
+    assert np.mean([one.log_likelihood_gain for one in found]) > 30
+
+
+def test_whitened_residuals_have_unit_variance():
+    truth, cases, dof = (4.0, 2.0, 0.3), 40, ROWS - PARAMETERS
+    squares = []
+    for seed in range(cases):
+        y, components, _ = build_case(seed, truth)
+        found = estimate_variance_components(y, components, dof)
+        squares.append(float(np.square(found.whiten(y)).sum()))
+    low, high = mean_bounds(dof, cases)
+    assert low < np.mean(squares) < high
+
+
+def test_without_components_in_the_residuals_nothing_is_gained():
+    cases = 30
+    found = [estimate_variance_components(*build_case(100 + seed, (0, 0, 0))[:2], ROWS - PARAMETERS) for seed in range(cases)]
+    gains = np.array([one.log_likelihood_gain for one in found])
+    assert (gains > -1e-3).all()
+    assert np.median(gains) < 1.5
+    assert gains.max() < 8
+    assert np.median([one.variances[0] for one in found]) < 0.1
+
+
+def test_whitening_is_by_the_dense_root_and_the_product_by_the_dense_covariance():
+    y, components, basis = build_case(3, (4.0, 2.0, 0.3))
+    found = estimate_variance_components(y, components, ROWS - PARAMETERS)
+    C = found.noise * np.eye(ROWS) + sum(t * part @ part.T for t, part in zip(found.variances, components, strict=True))
+    values, vectors = np.linalg.eigh(C)
+    root = vectors @ np.diag(values**-0.5) @ vectors.T
+    X = basis[:, :3]
+    np.testing.assert_allclose(found.whiten(y), root @ y, atol=1e-8)
+    np.testing.assert_allclose(found.whiten(X), root @ X, atol=1e-8)
+    np.testing.assert_allclose(found.covariance_times(y), C @ y, rtol=1e-7, atol=1e-7)
+    np.testing.assert_allclose(found.covariance_times(X), C @ X, rtol=1e-7, atol=1e-7)
+
+
+def test_a_component_without_columns_of_effect_has_no_size():
+    y, components, _ = build_case(4, (4.0, 0.0, 0.0))
+    found = estimate_variance_components(y, [np.zeros((ROWS, 3)), components[0]], ROWS - PARAMETERS)
+    alone = estimate_variance_components(y, [components[0]], ROWS - PARAMETERS)
+    assert found.variances[0] == 0
+    assert found.variances[1] == alone.variances[0]
+
+
+def test_stated_noise_may_be_kept():
+    y, components, _ = build_case(5, (4.0, 0.0, 0.0), noise=2.0)
+    assert estimate_variance_components(y, components, ROWS - PARAMETERS, free_noise=False).noise == 1.0
+    assert estimate_variance_components(y, [], ROWS - PARAMETERS).noise == pytest.approx(y @ y / (ROWS - PARAMETERS), rel=1e-3)
