@@ -22,6 +22,7 @@ from __future__ import annotations
 import logging
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
+from functools import cached_property
 from importlib import metadata
 from typing import TYPE_CHECKING, Any
 
@@ -36,8 +37,11 @@ from gyrocal.calibration.attenuation import attenuation
 from gyrocal.calibration.covariance import CovarianceModel
 from gyrocal.calibration.gate import LargeResidualError, refusal
 from gyrocal.calibration.gyro_space import Parametrisation, space_of
-from gyrocal.calibration.observability import PLAUSIBLE_BIAS, PLAUSIBLE_G, PLAUSIBLE_RANGE, Observability, observability
+from gyrocal.calibration.implausible_values import find_implausible_values
+from gyrocal.calibration.mounting import Mounting, compute_mounting
+from gyrocal.calibration.observability import BIAS_LETTERS, PLAUSIBLE_RANGE, Observability, observability
 from gyrocal.calibration.parameters import AXES, GyroParameters, select
+from gyrocal.calibration.plausible_ranges import PlausibleRanges, estimate_plausible_ranges
 from gyrocal.calibration.problem import Problem, State
 from gyrocal.calibration.propagation import Psi, StreamingPropagation
 from gyrocal.calibration.sampling import Measurements, Resampling, measurements
@@ -57,6 +61,7 @@ logger = logging.getLogger(__name__)
 
 ROTATION_NAMES = ("roll", "pitch", "yaw")
 DEGREES = np.array([1.0] * 9 + [np.rad2deg(1.0)] * 3)  # of twelve parameters, biases in deg/s
+PLAUSIBLE_PRIOR = "plausible ranges"  # in options["prior_from"]
 MOST_SHOWN = 3  # parameter combinations that a refusal names
 SINGULAR = 1e-14  # eigenvalue of a correlation matrix that is rounding
 
@@ -177,6 +182,8 @@ class CalibrationResult:
     differences : of references by several sensors, each two against one another
     attenuation : (12,) expected error of G and b that the noise of the rates makes, see `gyrocal.calibration.attenuation`; None
         with other covariances than the full one and with references by several sensors
+    plausible : grade of the gyro and plausible ranges of G and b; they are the a-priori sigmas where the data leave a
+        combination free and no a-priori covariance is given
     """
 
     recording: str
@@ -198,6 +205,7 @@ class CalibrationResult:
     mountings: MountingEstimate | None = None
     differences: tuple[Difference, ...] = ()
     attenuation: Array | None = None
+    plausible: PlausibleRanges | None = None
 
     @property
     def G(self) -> Array:
@@ -224,6 +232,45 @@ class CalibrationResult:
     def p_value(self) -> float:
         """Probability of a larger chi2 if the noise is as stated; NaN without degrees of freedom."""
         return float(scipy.special.chdtrc(self.dof, self.chi2)) if self.dof > 0 else float("nan")
+
+    @property
+    def has_plausible_prior(self) -> bool:
+        """Whether the plausible ranges served as a-priori sigmas, since the data leave a combination free."""
+        return self.options.get("prior_from") == PLAUSIBLE_PRIOR
+
+    @property
+    def undetermined(self) -> tuple[str, ...]:
+        """Solved-for parameters with a sigma of the data alone beyond their plausible range."""
+        if not self.has_plausible_prior:
+            return ()
+        prior = self.options["prior_sigma"]
+        space = space_of(self.parametrisation)
+        sigma = dict(zip(space.names, np.sqrt(np.diag(self.own_covariance)), strict=True))
+        # As much information from the data as from the prior leaves 1/sqrt(2) of its sigma.
+        return tuple(name for name in self.solved_for if sigma[name] > prior[name] / np.sqrt(2))
+
+    @property
+    def unobservable_sigma(self) -> tuple[float, ...]:
+        """1-sigma of each combination not found, in the unit of the parameter it begins with; biases in rad/s."""
+        if self.plausible is None or not self.observability.unobservable:
+            return ()
+        names = space_of(self.parametrisation).names
+        columns = np.array([names.index(name) for name in self.solved_for])
+        covariance = self.own_covariance[np.ix_(columns, columns)]
+        return tuple(self.observability.combination_sigmas(covariance, self.plausible.vector(columns >= 9)).tolist())
+
+    @cached_property
+    def mounting(self) -> Mounting:
+        """Mounting of the gyro in the body, and scale, from G by polar decomposition."""
+        plausible_G = PLAUSIBLE_RANGE[0] if self.plausible is None else self.plausible.G
+        return compute_mounting(self.G, self.covariance[:9, :9], self.initial.G, plausible_G)
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """Values that no gyro of this grade has, a sentence each."""
+        if self.plausible is None:
+            return ()
+        return find_implausible_values(self.mounting, self.G, self.bias, self.sigma[9:], self.plausible)
 
     def summary(self) -> pd.DataFrame:
         """A row per parameter of the parametrisation: initial, calibrated, correction and sigma; biases in deg/s."""
@@ -264,6 +311,7 @@ class CalibrationResult:
             rows.append((f"b_{axis}", f"{deg * self.bias[i]:+.6g} ± {deg * self.sigma[9 + i]:.2g} deg/s"))
         if self.observability.unobservable:
             rows.append(("not found", "; ".join(self.observability.unobservable)))
+        rows += [("warning", text) for text in self.warnings]
         return rows
 
     def __repr__(self) -> str:
@@ -328,6 +376,11 @@ class CalibrationResult:
             "corrections": [{"G": c.G.tolist(), "bias_deg_s": np.rad2deg(c.bias).tolist()} for c in self.corrections],
             "residuals": rows,
             "unobservable": list(self.observability.unobservable),
+            "unobservable_sigma": self._unobservable_sigma_of_json(),
+            "undetermined_parameters": list(self.undetermined),
+            "plausible_ranges": None if self.plausible is None else self.plausible.to_json(),
+            "mounting": self.mounting.to_json(),
+            "warnings": list(self.warnings),
             "condition": self.observability.condition if np.isfinite(self.observability.condition) else None,
             "chi2": self.chi2,
             "degrees_of_freedom": self.dof,
@@ -338,6 +391,13 @@ class CalibrationResult:
             "gyros": self.parameters.table().to_dict("records"),
             **of_trackers(self.mountings, self.differences),
         }
+
+    def _unobservable_sigma_of_json(self) -> list[float]:
+        """`unobservable_sigma` with combinations of biases alone in deg/s."""
+        return [
+            float(np.rad2deg(sigma)) if text.split()[1].startswith(BIAS_LETTERS) else sigma
+            for text, sigma in zip(self.observability.unobservable, self.unobservable_sigma, strict=True)
+        ]
 
 
 def calibrate(
@@ -357,8 +417,8 @@ def calibrate(
     step_s: float | None = None,
     resampling: Resampling = "average",
     max_gap_s: float | None = None,
-    plausible_G: float = PLAUSIBLE_G,
-    plausible_bias: float = PLAUSIBLE_BIAS,
+    plausible_G: float | None = None,
+    plausible_bias: float | None = None,
     parametrisation: Parametrisation = "gain",
 ) -> CalibrationResult:
     """Calibrate the gyro of a recording.
@@ -379,8 +439,10 @@ def calibrate(
     residual_covariance : (3m, 3m) V of all m residuals together, rad², interval by interval in the order of time, instead;
         see `gyrocal.estimation.reference_covariance`
     step_s, resampling, max_gap_s : see `gyrocal.calibration.sampling.measurements`
-    plausible_G, plausible_bias : how far parameters without unit, and biases (rad/s), may plausibly be off; a combination the
-        data do not determine better than that counts as not found
+    plausible_G, plausible_bias : how far parameters without unit, and biases (rad/s), may plausibly be off; those of the gyro's
+        grade by default, see `gyrocal.calibration.plausible_ranges`. A combination the data do not determine better than that
+        counts as not found; without an a-priori covariance these ranges then are the a-priori sigmas of all solved-for
+        parameters about `initial`
     parametrisation : "gain" iterates in G and b of R (7); "gyro" in each gyro's own scale factor, axis and bias, as N did, and
         can calibrate one gyro alone (solve_for="gyro_x"); see `gyrocal.calibration.gyro_space`
 
@@ -391,7 +453,7 @@ def calibrate(
     Raises
     ------
     UnobservableError
-        The data leave a combination free and no a-priori covariance is given.
+        The data determine no combination, and no a-priori covariance is given.
     InputError
         The recording or an argument cannot be used.
     """
@@ -409,9 +471,8 @@ def calibrate(
     prepared = measurements(recording, step_s, resampling, max_gap_s)
     joint = _checked_residual_covariance(residual_covariance, len(prepared.row))
     problem = Problem.of(recording, prepared, names, psi, covariance_model, given, joint, parametrisation)
-    plausible = np.where(problem.columns < 9, plausible_G, plausible_bias)
-    if not (np.isfinite(plausible).all() and (plausible > 0).all()):
-        raise InputError("plausible_G and plausible_bias must be positive and finite")
+    ranges = estimate_plausible_ranges(recording, plausible_G, plausible_bias)
+    plausible = ranges.vector(problem.columns >= 9)
     start = initial or GyroParameters(recording.gyro.apriori_G, recording.gyro.apriori_bias)
     x0, columns = space.vector(start), problem.columns
     x, parameters = x0, start
@@ -420,11 +481,14 @@ def calibrate(
     converged = False
     first = state = _state(problem, recording, start, start)
     judged = observability(state.H / problem.scale, plausible, names)
+    prior_from = None if apriori_covariance is None else "given"
     if judged.unobservable and apriori_covariance is None:
-        raise UnobservableError(
-            _unobservable_message(recording, len(state.theta), judged.unobservable, plausible, problem),
-            judged.unobservable,
-        )
+        if judged.is_undetermined:
+            raise UnobservableError(
+                _unobservable_message(recording, len(state.theta), judged.unobservable, ranges, problem),
+                judged.unobservable,
+            )
+        apriori_covariance, prior_from = np.diag(plausible**2), PLAUSIBLE_PRIOR
     for _ in range(limit):
         sums = Accumulation(columns, apriori_covariance, (x - x0)[columns])
         sums.add(state.H, state.z)
@@ -477,11 +541,13 @@ def calibrate(
             "prior_sigma": None
             if apriori_covariance is None
             else dict(zip(names, np.sqrt(np.diag(apriori_covariance)).tolist(), strict=True)),
+            "prior_from": prior_from,
         },
         parametrisation=parametrisation,
         mountings=estimate(problem.mountings, solved.eliminated, P / np.outer(problem.scale, problem.scale)),
         differences=differences(recording),
         attenuation=expected,
+        plausible=ranges,
     )
 
 
@@ -548,22 +614,23 @@ def _prior_chi2(change: Array, columns: Indices, apriori_covariance: Array | Non
 
 
 def _unobservable_message(
-    recording: Recording, references: int, combinations: tuple[str, ...], plausible: Array, problem: Problem
+    recording: Recording, references: int, combinations: tuple[str, ...], ranges: PlausibleRanges, problem: Problem
 ) -> str:
-    """One line; references is the number of residual vectors, plausible that of the solved-for parameters."""
+    """One line; references is the number of residual vectors."""
     intervals = len(recording.intervals)
-    equations = 3 * references
-    lead = f"{equations} equations for {len(plausible)} parameters: " if equations < len(plausible) else ""
-    biases = problem.columns >= 9
+    equations, p = 3 * references, problem.columns.size
+    lead = f"{equations} equations for {p} parameters: " if equations < p else ""
     matrix, bias = ("G", "b") if problem.parametrisation == "gain" else ("s and u", "c")
-    ranges = {f"{value:g} in {matrix}" for value in plausible[~biases]}
-    ranges |= {f"{np.rad2deg(value) * 3600:.3g} deg/h in {bias}" for value in plausible[biases]}
+    biases = problem.columns >= 9
+    words = [f"{ranges.G:g} in {matrix}"] if not biases.all() else []
+    words += [f"{ranges.bias_deg_h:.3g} deg/h in {bias}"] if biases.any() else []
     more = f"; and {len(combinations) - MOST_SHOWN} more" if len(combinations) > MOST_SHOWN else ""
     return (
-        f"{lead}{len(combinations)} parameter combination(s) cannot be found from {intervals} interval(s) with the stated "
-        f"noise to within their plausible range ({', '.join(sorted(ranges))}): {'; '.join(combinations[:MOST_SHOWN])}{more}; "
-        "add maneuvers with other rates, hold parameters that are known better (solve_for, --solve-for) or give what is known "
-        "of them before (apriori_covariance, --prior-sigma-g with --prior-sigma-bias)"
+        f"{lead}none of {p} parameter combination(s) can be found from {intervals} interval(s) with the stated noise to "
+        f"within its plausible range ({', '.join(words)}; {ranges.reason}): {'; '.join(combinations[:MOST_SHOWN])}{more}; "
+        "add maneuvers with other rates, hold parameters that are known better (solve_for, --solve-for), state wider plausible "
+        "ranges (--plausible-g, --plausible-bias) or give what is known before (apriori_covariance, --prior-sigma-g with "
+        "--prior-sigma-bias)"
     )
 
 

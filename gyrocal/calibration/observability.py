@@ -1,18 +1,20 @@
 """Which parameter combinations the data determine, from the SVD of the whitened sensitivity.
 
-Rows of H are whitened by the residuals' covariance, columns scaled by a plausible range of each parameter: by default 0.01
-for elements of G (10 000 ppm, 0.6 deg) and 10 deg/h for biases. A singular value is then the plausible range over the sigma
-the data alone would give that combination. Below one the data say nothing new, and the combination counts as not found.
-Counting only exact zeros would not do: noise in the rates makes every Θ of full rank, also where the motion never changes.
+Rows of H are whitened by the residuals' covariance, columns scaled by a plausible range of each parameter, that of the gyro's
+grade (see `gyrocal.calibration.plausible_ranges`): of a space gyro 0.01 for elements of G (10 000 ppm, 0.6 deg) and 10 deg/h
+for biases. A singular value is then the plausible range over the sigma the data alone would give that combination. Below one
+the data say nothing new, and the combination counts as not found. Counting only exact zeros would not do: noise in the rates
+makes every Θ of full rank, also where the motion never changes.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 import scipy.linalg
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
+Indices = NDArray[np.intp]
 
 PLAUSIBLE_G = 0.01
 PLAUSIBLE_BIAS = float(np.deg2rad(10 / 3600))
@@ -29,16 +31,38 @@ class Observability:
     ----------
     singular_values : (p,) plausible range over sigma, descending; zeros where there are fewer residuals than parameters
     unobservable : names of the combinations not found, empty if none
+    directions : (k, p) their directions of unit length in parameters divided by plausible ranges
+    leads : (k,) change of the first-named parameter along each direction, in its own unit
     """
 
     singular_values: Array
     unobservable: tuple[str, ...]
+    directions: Array = field(default_factory=lambda: np.zeros((0, 0)))
+    leads: Array = field(default_factory=lambda: np.zeros(0))
 
     @property
     def condition(self) -> float:
         """Largest over smallest singular value; infinite where a combination has none."""
         low = self.singular_values[-1]
         return float(self.singular_values[0] / low) if low > 0 else float("inf")
+
+    @property
+    def is_undetermined(self) -> bool:
+        """Whether no combination at all is determined better than its plausible range."""
+        return len(self.unobservable) == len(self.singular_values)
+
+    def combination_sigmas(self, covariance: Array, plausible: Array) -> Array:
+        """Compute the 1-sigma (k,) of the combinations that are not found, in the unit of the first-named parameter of each.
+
+        Parameters
+        ----------
+        covariance : (p, p) of the solved-for parameters after the calibration
+        plausible : (p,) plausible range of each parameter
+        """
+        if not self.unobservable:
+            return np.zeros(0)
+        along = self.directions / plausible
+        return np.asarray(np.abs(self.leads) * np.sqrt(np.einsum("kp,pq,kq->k", along, covariance, along)))
 
 
 def observability(whitened: Array, plausible: Array, names: tuple[str, ...]) -> Observability:
@@ -54,26 +78,41 @@ def observability(whitened: Array, plausible: Array, names: tuple[str, ...]) -> 
     rows = np.zeros((max(0, p - len(whitened)), p))
     _, values, directions = np.linalg.svd(np.vstack([whitened * plausible, rows]), full_matrices=False)
     free = (values < 1.0) | (values < ROUNDING * values[0])
-    return Observability(values, _name_combinations(directions[free], plausible, names))
+    basis = _sparse_basis(directions[free])
+    basis = basis / np.linalg.norm(basis, axis=1, keepdims=True)
+    leads = [(direction * plausible)[_leading_parameter(direction, plausible, names)] for direction in basis]
+    texts = tuple(_name_combination(direction, plausible, names) for direction in basis)
+    return Observability(values, texts, basis, np.array(leads))
 
 
-def _name_combinations(directions: Array, scale: Array, names: tuple[str, ...]) -> tuple[str, ...]:
-    """Free directions (k, p) as texts, in a basis as sparse as pivoting makes it."""
+def _sparse_basis(directions: Array) -> Array:
+    """Free directions (k, p) in a basis as sparse as pivoting makes it."""
     if len(directions) == 0:
-        return ()
+        return directions
     _, _, pivots = scipy.linalg.qr(directions, pivoting=True, mode="economic")
     basis = np.linalg.solve(directions[:, pivots[: len(directions)]], directions)
-    order = np.argsort(pivots[: len(directions)])
-    return tuple(_name_combination(basis[k], scale, names) for k in order)
+    return np.asarray(basis[np.argsort(pivots[: len(directions)])])
+
+
+def _named_parameters(direction: Array) -> Indices:
+    """Places of the parameters that take a notable part in a direction."""
+    return np.flatnonzero(np.abs(direction) > 0.01 * np.abs(direction).max())
+
+
+def _leading_parameter(direction: Array, scale: Array, names: tuple[str, ...]) -> int:
+    """Place of the parameter that a combination is named after: no bias if another takes part, then the largest change."""
+    keep = _named_parameters(direction)
+    elements = [k for k in keep if not names[k].startswith(BIAS_LETTERS)]
+    return int(max(elements or keep, key=lambda k: abs(direction[k] * scale[k])))
 
 
 def _name_combination(direction: Array, scale: Array, names: tuple[str, ...]) -> str:
     """One direction as "G_yy - 0.0656 deg/s b_y": what may be added to the parameters without the data noticing."""
-    keep = np.flatnonzero(np.abs(direction) > 0.01 * np.abs(direction).max())
+    keep = _named_parameters(direction)
     physical = direction * scale
     biases = [k for k in keep if names[k].startswith(BIAS_LETTERS)]
     elements = [k for k in keep if k not in biases]
-    lead = max(elements or biases, key=lambda k: abs(physical[k]))
+    lead = _leading_parameter(direction, scale, names)
     physical = physical / physical[lead]
     terms = [(physical[k], f"{abs(physical[k]):.3g} {names[k]}") for k in elements]
     unit = np.rad2deg(1.0) if elements else 1.0

@@ -18,6 +18,7 @@ from gyrocal import (
 )
 from gyrocal.calibration import normal_equations as accumulation
 from gyrocal.calibration.davenport import MOST_SHOWN, Accumulation
+from gyrocal.calibration.observability import PLAUSIBLE_BIAS, PLAUSIBLE_G
 from gyrocal.calibration.problem import Problem
 from gyrocal.calibration.propagation import propagate
 from gyrocal.calibration.sampling import measurements
@@ -147,28 +148,58 @@ def test_subset_is_found_when_the_rest_is_right(ends, solve_for):
     assert (result.sigma[columns] > 0).all()
 
 
-def test_too_few_intervals_end_in_an_error_that_names_what_is_free():
-    recording = piecewise_recording(PLAN[:3])
+def test_too_few_intervals_report_what_is_free_with_the_plausible_ranges_as_prior():
+    result = calibrate(piecewise_recording(PLAN[:3]))
+    free = result.observability.unobservable
+    # Nine residuals, twelve parameters: at least three combinations are free.
+    assert 3 <= len(free) < 12
+    assert result.has_plausible_prior
+    assert result.options["prior_sigma"]["G_xx"] == PLAUSIBLE_G
+    assert result.undetermined
+    document = result.to_json()
+    assert document["unobservable"] == list(free)
+    assert len(document["unobservable_sigma"]) == len(free)
+    assert document["undetermined_parameters"] == list(result.undetermined)
+    # A free combination keeps the sigma of its plausible range, whose length along it is between the parameters' own.
+    assert all(sigma > 0.5 * PLAUSIBLE_G for text, sigma in zip(free, result.unobservable_sigma, strict=True) if "G_" in text)
+
+
+def test_combinations_that_are_found_keep_their_values_beside_free_ones():
+    """With the plausible ranges as prior, a bias seen at rest is that of a calibration that solves for biases alone."""
+    recording = piecewise_recording(((((0.0, 0.0, 0.0), 600.0),),), arw=np.deg2rad(2e-4), rng=np.random.default_rng(3))
+    alone = calibrate(recording, solve_for="bias")
+    result = calibrate(recording)
+    assert alone.observability.unobservable == ()
+    assert len(result.observability.unobservable) >= 6
+    np.testing.assert_allclose(result.bias, alone.bias, rtol=0, atol=0.05 * alone.sigma[9:].max())
+    assert set(result.undetermined) == {name for name in NAMES if name.startswith("G")}
+
+
+def test_a_recording_that_determines_nothing_ends_in_one_line_that_names_what_to_do():
+    recording = piecewise_recording(PLAN[1:2], sigma_deg=20.0)
     with pytest.raises(UnobservableError) as caught:
         calibrate(recording)
-    # Nine residuals, twelve parameters: at least three combinations are free.
-    assert len(caught.value.combinations) >= 3
     text, free = str(caught.value), caught.value.combinations
+    assert len(free) == 12
     assert "; ".join(free[:MOST_SHOWN]) in text
-    assert (f"; and {len(free) - MOST_SHOWN} more;" in text) == (len(free) > MOST_SHOWN)
+    assert f"; and {len(free) - MOST_SHOWN} more;" in text
+    assert "0.01 in G, 10 deg/h in b; space grade, from the stated angle random walk" in text
     # The options of the command line are named as well as the arguments.
-    assert all(name in text for name in ("--solve-for", "apriori_covariance", "--prior-sigma-g", "--prior-sigma-bias"))
+    options = ("--solve-for", "apriori_covariance", "--prior-sigma-g", "--prior-sigma-bias", "--plausible-g", "--plausible-bias")
+    assert all(name in text for name in options)
 
 
 def test_unchanging_rate_names_scale_against_bias():
     plan = tuple((((0.0, -RPO, 0.0), 600.0 + 60 * k),) for k in range(6))
     recording = piecewise_recording(plan, arw=np.deg2rad(2e-4), rng=np.random.default_rng(8))
-    with pytest.raises(UnobservableError) as caught:
-        calibrate(recording, solve_for="G_yy,b_y")
-    (name,) = caught.value.combinations
+    result = calibrate(recording, solve_for="G_yy,b_y")
+    (name,) = result.observability.unobservable
     assert name.startswith("1 G_yy + ")
     # δG_yy ω_raw + δb_y = 0 with ω_raw ≈ −0.0656 deg/s leaves δb_y = +0.0656 deg/s per unit of δG_yy.
     assert float(name.split("+ ")[1].split()[0]) == pytest.approx(0.0656, rel=0.01)
+    # Along it the prior alone counts: δG_yy/0.01 and δb_y/(10 deg/h) have one variance of one together.
+    slope = RPO / PLAUSIBLE_BIAS * PLAUSIBLE_G
+    assert result.unobservable_sigma[0] == pytest.approx(PLAUSIBLE_G / np.hypot(1, slope), rel=0.01)
 
 
 def test_apriori_covariance_solves_and_flags_the_unobservable():
@@ -351,7 +382,9 @@ def test_residual_sigma_is_that_of_the_covariance():
 
 def test_plausible_range_decides_what_counts_as_found():
     recording = piecewise_recording(PLAN[1:2], sigma_deg=1.0)
-    with pytest.raises(UnobservableError, match="9 deg/h in b") as caught:
-        calibrate(recording, solve_for="bias", plausible_bias=np.deg2rad(9 / 3600))
-    assert len(caught.value.combinations) >= 1
+    with pytest.raises(UnobservableError, match="1 deg/h in b") as caught:
+        calibrate(recording, solve_for="bias", plausible_bias=np.deg2rad(1 / 3600))
+    assert len(caught.value.combinations) == 3
+    between = calibrate(recording, solve_for="bias", plausible_bias=np.deg2rad(9 / 3600))
+    assert 1 <= len(between.observability.unobservable)
     assert calibrate(recording, solve_for="bias", plausible_bias=np.deg2rad(100 / 3600)).observability.unobservable == ()

@@ -1,0 +1,171 @@
+"""Plausible ranges of G and b from the gyro's grade.
+
+A calibration compares what the data determine with how far a parameter may plausibly be off. That distance depends on the
+gyro: 10 deg/h is large for a fibre-optic gyro in orbit and nothing for a MEMS gyro in a phone. The stated angle random walk
+(ARW) gives the grade. Where the body rests, the bias in the rest corrects it: a gyro whose bias exceeds the range of its
+grade belongs to the next one.
+
+Grades by ARW follow Yazdi, Ayazi and Najafi, Micromachined Inertial Sensors, Proc. IEEE 86(8), 1998, Table 2: tactical grade
+from 0.05 deg/sqrt(h), rate grade from 0.5. MEMS gyros have become better since; data sheets of consumer parts state 0.004 to
+0.03 deg/s/sqrt(Hz), that is 0.24 to 1.8 deg/sqrt(h). An estimated ARW may be lower, since digital filters remove noise at
+short times. The upper limit of the tactical grade here is therefore 0.1 deg/sqrt(h).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gyrocal import attitude
+from gyrocal.calibration.observability import PLAUSIBLE_BIAS, PLAUSIBLE_G
+from gyrocal.errors import InputError
+from gyrocal.recording import Recording
+
+Array = NDArray[np.float64]
+Grade = Literal["space", "tactical", "MEMS"]
+
+DEG_H = float(np.deg2rad(1 / 3600))  # rad/s
+DEG_SQRT_H = float(np.deg2rad(1 / 60))  # rad/sqrt(s)
+SPACE_ARW = 0.05  # deg/sqrt(h), largest of a space gyro: where the tactical grade of Yazdi et al. begins
+TACTICAL_ARW = 0.1  # deg/sqrt(h), largest of a tactical gyro, see above
+TACTICAL_G = 0.02  # scale factor errors of 0.1 % and a mounting by hand, about 1 deg
+TACTICAL_BIAS = 360 * DEG_H  # 0.1 deg/s from one switching-on to the next
+MEMS_G = 0.1  # data sheets state sensitivities to 3 to 6 %, cross-axis 2 %; a mounting by hand, about 6 deg
+MEMS_BIAS = 36000 * DEG_H  # 10 deg/s, the zero-rate level of consumer data sheets
+REST_SIGMAS = 3.0  # by which the bias in a rest must exceed the range of a grade before the next one is taken
+LONGEST_SPACING_S = 3.0  # between references, of which rests can be seen
+
+
+@dataclass(frozen=True)
+class RestRates:
+    """Mean rates over the rests of a recording.
+
+    Attributes
+    ----------
+    raw : (3,) of the gyros, ω_raw, rad/s
+    reference : (3,) of the body by its reference attitudes, rad/s
+    sigma : 1-sigma of the latter, rad/s
+    """
+
+    raw: Array
+    reference: Array
+    sigma: float
+
+    def bias(self, G: Array) -> Array:
+        """b (3,), rad/s, that fits the rests with some G (3, 3)."""
+        return np.asarray(self.reference - G @ self.raw)
+
+
+@dataclass(frozen=True)
+class PlausibleRanges:
+    """How far G and b may plausibly be off, and why.
+
+    Attributes
+    ----------
+    grade : of the gyro
+    G : of an element of G, dimensionless
+    bias : of an element of b, rad/s
+    reason : how they were chosen, a sentence
+    rest : mean rates over the rests; None where no rest is seen
+    """
+
+    grade: Grade
+    G: float
+    bias: float
+    reason: str
+    rest: RestRates | None = None
+
+    @property
+    def bias_deg_h(self) -> float:
+        """Plausible range of an element of b, deg/h."""
+        return self.bias / DEG_H
+
+    def vector(self, is_bias: NDArray[np.bool_]) -> Array:
+        """(p,) range of each parameter; is_bias (p,) says which are biases.
+
+        Raises
+        ------
+        InputError
+            A range is not positive, or not finite.
+        """
+        if not all(np.isfinite(value) and value > 0 for value in (self.G, self.bias)):
+            raise InputError("plausible_G and plausible_bias must be positive and finite")
+        return np.where(is_bias, self.bias, self.G)
+
+    def to_json(self) -> dict[str, object]:
+        """Plain values, b in deg/h."""
+        return {
+            "grade": self.grade,
+            "G": self.G,
+            "bias_deg_h": self.bias_deg_h,
+            "reason": self.reason,
+        }
+
+
+RANGES: tuple[tuple[Grade, float, float, float], ...] = (
+    ("space", SPACE_ARW, PLAUSIBLE_G, PLAUSIBLE_BIAS),
+    ("tactical", TACTICAL_ARW, TACTICAL_G, TACTICAL_BIAS),
+    ("MEMS", np.inf, MEMS_G, MEMS_BIAS),
+)  # grade, largest ARW in deg/sqrt(h), range of G, range of b in rad/s
+
+
+def estimate_plausible_ranges(
+    recording: Recording, plausible_G: float | None = None, plausible_bias: float | None = None
+) -> PlausibleRanges:
+    """Estimate the gyro's grade and with it the plausible ranges of G and b.
+
+    Parameters
+    ----------
+    recording : with its stated ARW
+    plausible_G, plausible_bias : ranges that are stated in place of those of the grade; the latter in rad/s
+    """
+    arw = recording.gyro.arw / DEG_SQRT_H
+    place = next(k for k, (_, largest, *_) in enumerate(RANGES) if arw <= largest)
+    reason = f"the stated angle random walk of {arw:.2g} deg/sqrt(h)"
+    rest = compute_rest_rates(recording)
+    if rest is not None:
+        size = float(np.abs(rest.bias(recording.gyro.apriori_G)).max())
+        # An error of G in a slow motion is no bias.
+        unsure = REST_SIGMAS * rest.sigma + RANGES[place][2] * float(np.linalg.norm(rest.reference))
+        needed = next((k for k, (*_, bias) in enumerate(RANGES) if size - unsure <= bias), len(RANGES) - 1)
+        if needed > place:
+            reason = f"a bias of {np.rad2deg(size):.2g} deg/s in the rests, beyond the range of {RANGES[place][0]} grade"
+            place = needed
+    grade, _, G, bias = RANGES[place]
+    chosen = PlausibleRanges(grade, G, bias, f"{grade} grade, from {reason}", rest)
+    if plausible_G is None and plausible_bias is None:
+        return chosen
+    G, bias = (own if given is None else given for given, own in ((plausible_G, G), (plausible_bias, bias)))
+    stated = " and ".join(
+        name for name, given in (("plausible_G", plausible_G), ("plausible_bias", plausible_bias)) if given is not None
+    )
+    return replace(chosen, G=G, bias=bias, reason=f"{stated} as stated; {chosen.reason}")
+
+
+def compute_rest_rates(recording: Recording) -> RestRates | None:
+    """Compute the mean rates over the rests of three gyros; None where no rest is seen, or several sensors give attitudes."""
+    from gyrocal.importing.rests import rests, speed  # late: the import's modules use this package
+
+    gyro, references = recording.gyro, recording.attitudes
+    t_ref = references.t_s
+    if recording.is_array or references.sensor is not None or t_ref.size < 4:
+        return None
+    if np.median(np.diff(t_ref)) > LONGEST_SPACING_S or np.ptp(t_ref) < 2 * LONGEST_SPACING_S:
+        return None
+    A = attitude.matrix_from_quaternion(references.quaternions)
+    raw, reference, seconds, variance = np.zeros(3), np.zeros(3), 0.0, 0.0
+    # The speed needs the references in the order of time; an instant that two intervals share stands twice.
+    for first, stop in rests(gyro.rates, gyro.sample_s, speed(t_ref, references.quaternions, gyro.t_s)):
+        rows = np.flatnonzero((t_ref >= gyro.t_s[first]) & (t_ref <= gyro.t_s[stop - 1]))
+        if rows.size < 2 or not t_ref[rows[-1]] > t_ref[rows[0]]:
+            continue
+        elapsed = float(t_ref[rows[-1]] - t_ref[rows[0]])
+        low, high = np.searchsorted(gyro.t_s, t_ref[rows[[0, -1]]])
+        raw += gyro.rates[low:high].mean(axis=0) * elapsed
+        reference -= attitude.residual(A[rows[-1]], A[rows[0]])  # dA/dt = −[ω×] A
+        seconds += elapsed
+        variance += 2 * float(np.max(references.sigma[rows[[0, -1]]])) ** 2
+    return None if seconds == 0 else RestRates(raw / seconds, reference / seconds, float(np.sqrt(variance)) / seconds)
