@@ -37,7 +37,8 @@ from numpy.typing import NDArray
 from gyrocal.calibration import normal_equations as accumulation
 from gyrocal.calibration.covariance import FULL, residual_covariance
 from gyrocal.calibration.gate import LARGEST_RESIDUAL
-from gyrocal.calibration.observability import PLAUSIBLE_BIAS, PLAUSIBLE_G, Observability, observability
+from gyrocal.calibration.observability import Observability, observability
+from gyrocal.calibration.plausible_ranges import PlausibleRanges, estimate_plausible_ranges
 from gyrocal.calibration.problem import Problem
 from gyrocal.calibration.propagation import Arcs, Psi, body_sums, propagate
 from gyrocal.calibration.sampling import Measurements, measurements
@@ -64,6 +65,7 @@ Indices = NDArray[np.intp]
 
 ROTATION_NAMES = ("roll", "pitch", "yaw")
 ROUNDING = 1e-12  # relative size of what a singular sum of products leaves
+MOST_SHOWN = 3  # parameter combinations that a refusal names
 SETTLED = 1e-4  # sigmas of the last correction
 ALIKE = 1e-9  # relative difference of the noise about the axes that is none
 LARGEST_TURN = 0.02  # rad, that the noise is taken over at once, at its middle: wrong by LARGEST_TURN²/24
@@ -394,9 +396,12 @@ class GyrosResult:
     observability : singular values and combinations not found
     chi2, dof : of the attitude residuals and the parity together, a prior's term included
     parity_chi2, parity_dof : of the parity alone, with the parameters that only it sees taken off
-    prior_sigma : of K and of c (rad/s), None without
+    prior_sigma : of K and of c (rad/s), None without; the plausible ranges where the data leave a combination free and no
+        prior is given
     mountings : misalignments of the sensors whose mounting is estimated; None where none is
     differences : of references by several sensors, each two against one another
+    plausible : grade of the gyros and plausible ranges of K and c
+    prior_from : "given", "plausible ranges", or None without a prior
     """
 
     recording: str
@@ -415,6 +420,8 @@ class GyrosResult:
     prior_sigma: tuple[float, float] | None
     mountings: MountingEstimate | None = None
     differences: tuple[Difference, ...] = ()
+    plausible: PlausibleRanges | None = None
+    prior_from: str | None = None
 
     @property
     def G(self) -> Array:
@@ -489,6 +496,8 @@ class GyrosResult:
             "gyros": self.summary().to_dict("records"),
             "residuals": self.residuals.to_dict("records"),
             "unobservable": list(self.observability.unobservable),
+            "plausible_ranges": None if self.plausible is None else self.plausible.to_json(),
+            "prior_from": self.prior_from,
             "chi2": self.chi2,
             "degrees_of_freedom": self.dof,
             "p_value": self.p_value if self.dof > 0 else None,
@@ -530,8 +539,8 @@ def calibrate_gyros(
     max_gap_s: float | None = None,
     prior_sigma: tuple[float, float] | None = None,
     prior_covariance: Array | None = None,
-    plausible_G: float = PLAUSIBLE_G,
-    plausible_bias: float = PLAUSIBLE_BIAS,
+    plausible_G: float | None = None,
+    plausible_bias: float | None = None,
 ) -> GyrosResult:
     """Calibrate each gyro of a recording with three or more of them, in any directions, switched by interval or not.
 
@@ -545,13 +554,14 @@ def calibrate_gyros(
     max_gap_s : see `gyrocal.calibration.sampling.measurements`
     prior_sigma : of every element of K, and of every c (rad/s), about `initial`
     prior_covariance : (4n, 4n) in its place, of K_x, K_y, K_z and c, gyro by gyro; see `gyrocal.calibration.gyro_prior`
-    plausible_G, plausible_bias : how far elements of K, and c (rad/s), may plausibly be off; a combination that the data do not
-        determine better than that counts as not found
+    plausible_G, plausible_bias : how far elements of K, and c (rad/s), may plausibly be off; those of the gyros' grade by
+        default, see `gyrocal.calibration.plausible_ranges`. A combination that the data do not determine better than that is
+        not found; without a prior these ranges then are the a-priori sigmas of all parameters about `initial`
 
     Raises
     ------
     UnobservableError
-        The data leave a combination free and no prior is given.
+        The data determine no combination, and no prior is given.
     InputError
         The recording cannot be used, or states no gyro noise, against which attitude and parity are weighed.
     """
@@ -564,8 +574,10 @@ def calibrate_gyros(
     start = initial or GyroArray(stream.names, *nominal(stream))
     names, n = parameter_names(start.names), len(start.names)
     steps, sums = _Steps.of(recording, psi, max_gap_s), parity_sums(recording)
-    plausible = np.tile([plausible_G] * 3 + [plausible_bias], n)
+    ranges = estimate_plausible_ranges(recording, plausible_G, plausible_bias)
+    plausible = ranges.vector(np.tile([False] * 3 + [True], n))
     prior = _prior_rows(n, prior_sigma, prior_covariance)
+    prior_from = None if prior is None else "given"
     gyros, first = start, steps.state(start)
     state, converged, done = first, False, 0
     judged = None
@@ -575,7 +587,10 @@ def calibrate_gyros(
         if judged is None:
             judged = observability(H, plausible, names)
             if judged.unobservable and prior is None:
-                raise UnobservableError(_message(judged.unobservable, plausible_G, plausible_bias), judged.unobservable)
+                if judged.is_undetermined:
+                    raise UnobservableError(_unobservable_message(judged.unobservable, ranges), judged.unobservable)
+                prior_sigma, prior_from = (ranges.G, ranges.bias), "plausible ranges"
+                prior = _prior_rows(n, prior_sigma, None)
         if done == limit or (converged and iterations is None):
             break
         if prior is not None:
@@ -610,6 +625,8 @@ def calibrate_gyros(
         prior_sigma=prior_sigma,
         mountings=estimate(steps.problem.mountings, solved.eliminated, P),
         differences=differences(recording),
+        plausible=ranges,
+        prior_from=prior_from,
     )
 
 
@@ -655,11 +672,12 @@ def fitted_to_parity(recording: Recording, start: GyroArray, plausible: tuple[fl
     return gyros
 
 
-def _message(combinations: Sequence[str], plausible_K: float, plausible_c: float) -> str:
+def _unobservable_message(combinations: Sequence[str], ranges: PlausibleRanges) -> str:
     return (
-        f"{len(combinations)} parameter combination(s) cannot be found with the stated noise to within their plausible range "
-        f"({plausible_K:g} in K, {np.rad2deg(plausible_c) * 3600:.3g} deg/h in c): {'; '.join(combinations)}; "
-        "add maneuvers with other rates, or give an a-priori sigma"
+        f"none of {len(combinations)} parameter combination(s) can be found with the stated noise to within its plausible "
+        f"range ({ranges.G:g} in K, {ranges.bias_deg_h:.3g} deg/h in c; {ranges.reason}): "
+        f"{'; '.join(combinations[:MOST_SHOWN])}; add maneuvers with other rates, state wider plausible ranges "
+        "(--plausible-g, --plausible-bias), or give an a-priori sigma (--prior-sigma-g with --prior-sigma-bias)"
     )
 
 

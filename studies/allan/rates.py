@@ -121,7 +121,9 @@ def stretches(recording: Recording, interval: str | None = None) -> tuple[tuple[
 def _calibration(recording: Recording) -> tuple[GyroParameters, list[str]]:
     """G and b of the recording's own calibration, as stated where it cannot be calibrated."""
     try:
-        return calibrate(recording).parameters, []
+        found = calibrate(recording)
+        free = found.has_plausible_prior
+        return found.parameters, ["These maneuvers do not determine all of G and b: plausible ranges stand for the rest"] * free
     except UnobservableError:
         stated = GyroParameters(recording.gyro.apriori_G, recording.gyro.apriori_bias)
         return stated, ["These maneuvers do not determine G and b: the motion is taken out with the stated ones"]

@@ -9,7 +9,7 @@ import numpy as np
 
 from gyrocal import GyroArray, GyroParameters, InputError, Recording, calibrate, calibrate_gyros, load, select
 from gyrocal.calibration.gyro_space import Parametrisation, space_of
-from gyrocal.calibration.observability import BIAS_LETTERS, PLAUSIBLE_G
+from gyrocal.calibration.observability import BIAS_LETTERS
 from gyrocal.importing import estimated_noise
 from studies.cli.fail_on import compared, end, parsed
 from studies.cli.options import PATH
@@ -86,11 +86,13 @@ CONDITIONS = ("p", "condition")  # what --fail-on may ask
 @click.option(
     "--plausible-g",
     type=float,
-    default=PLAUSIBLE_G,
-    show_default=True,
-    help="Plausible error of an element of G; what is less certain after the calibration is called unobservable.",
+    default=None,
+    help="Plausible range of an element of G; that of the gyro's grade by default. A combination that the data do not "
+    "determine to within its range is reported as not found.",
 )
-@click.option("--plausible-bias", type=float, default=10.0, show_default=True, help="The same of a bias, deg/h.")
+@click.option(
+    "--plausible-bias", type=float, default=None, help="Plausible range of a bias, deg/h; that of the gyro's grade by default."
+)
 @click.option(
     "--max-gap",
     "max_gap_s",
@@ -113,8 +115,8 @@ def command(
     covariance: str,
     prior_sigma_g: float | None,
     prior_sigma_bias: float | None,
-    plausible_g: float,
-    plausible_bias: float,
+    plausible_g: float | None,
+    plausible_bias: float | None,
     solve_for: str,
     parametrisation: Parametrisation,
     fail_on: tuple[str, ...],
@@ -139,8 +141,9 @@ def command(
         check_writable(path)
     if len({path.resolve() for path in files}) < len(files):
         raise InputError("--json, --report and --junit need files of their own")
-    if not (0 < plausible_g < LARGEST and 0 < plausible_bias < LARGEST):
+    if not all(0 < value < LARGEST for value in (plausible_g, plausible_bias) if value is not None):
         raise InputError(f"--plausible-g and --plausible-bias must be plausible: positive and below {LARGEST:g}")
+    plausible_rate = None if plausible_bias is None else float(np.deg2rad(plausible_bias / 3600))
     for text in fail_on:
         parsed(text, CONDITIONS)
     loaded = load(recording)
@@ -157,7 +160,7 @@ def command(
             max_gap_s=options["max_gap_s"],
             prior_sigma=_sigmas(prior_sigma_g, prior_sigma_bias),
             plausible_G=plausible_g,
-            plausible_bias=float(np.deg2rad(plausible_bias / 3600)),
+            plausible_bias=plausible_rate,
         )
         gyros_report.show(console(), found, of_gyros)
         if as_json:
@@ -170,7 +173,7 @@ def command(
         apriori_covariance=_prior(select(solve_for, space_of(parametrisation).names), prior_sigma_g, prior_sigma_bias),
         covariance_model="full" if covariance == "full" else "references only",
         plausible_G=plausible_g,
-        plausible_bias=float(np.deg2rad(plausible_bias / 3600)),
+        plausible_bias=plausible_rate,
         parametrisation=parametrisation,
         **options,
     )

@@ -9,6 +9,7 @@ from rich.console import Console
 from gyrocal import NAMES, CalibrationResult, GyroParameters
 from gyrocal.calibration.davenport import DEGREES, ROTATION_NAMES
 from gyrocal.calibration.gyro_space import space_of
+from gyrocal.calibration.observability import BIAS_LETTERS
 from studies.report import tables, trackers
 
 DOUBT = 0.01  # p-value below which the fit is called bad, and above one minus which too good
@@ -20,12 +21,14 @@ def show(console: Console, result: CalibrationResult, to_tolerance: bool, truth:
     """Print a result; with the truth, the errors too."""
     how = "converged" if result.converged else "NOT CONVERGED" if to_tolerance else "as many as asked for"
     count = len(result.corrections)
+    for line in result.warnings:
+        console.print(f"Warning: {line}", highlight=False, markup=False)
     title = f"{result.recording}: {count} iteration(s), {how}; {result.psi} ψ, covariance {result.covariance_model}"
     tables.terminal(console, title, parameter_table(result, truth))
     shown = ["interval", "t_s"] + [f"{when}_{axis}_deg" for when in ("before", "after") for axis in ROTATION_NAMES]
     last = result.residuals[shown].groupby("interval", sort=False).tail(1)
     tables.terminal(console, "Residuals at the end of each interval", last.assign(t_s=[f"{t:.1f}" for t in last["t_s"]]))
-    for line in remarks(result):
+    for line in [*remarks(result), *result.mounting.sentences()]:
         console.print(line, highlight=False, markup=False)
     trackers.show(console, result.mountings, result.differences)
 
@@ -47,6 +50,8 @@ def parameter_table(result: CalibrationResult, truth: GyroParameters | None = No
             "correction": number(row["correction"], sigma) if row["solved"] else "",
             "in sigma": f"{row['correction'] / sigma:.1f}" if row["solved"] else "",
         }
+        if result.undetermined:
+            line["found"] = "" if not row["solved"] else "no" if row["parameter"] in result.undetermined else "yes"
         if known is not None:
             error = row["calibrated"] - known[int(str(k))]
             line["error"] = number(error, sigma)
@@ -70,7 +75,23 @@ def remarks(result: CalibrationResult) -> list[str]:
     if held > 0:
         lines.append(f"The last rate was held over {held:g} s of missing samples; its error is not in the sigmas.")
     lines += attenuated(result)
-    lines += [f"Not determined by the data, only by the prior: {text}" for text in result.observability.unobservable]
+    return lines + plausible_remarks(result)
+
+
+def plausible_remarks(result: CalibrationResult) -> list[str]:
+    """The gyro's grade with its plausible ranges, and the combinations that the data do not determine to within them."""
+    ranges, free = result.plausible, result.observability.unobservable
+    if ranges is None:
+        return [f"Not determined by the data, only by the prior: {text}" for text in free]
+    lines = [f"Plausible ranges: {ranges.G:g} in G and {ranges.bias_deg_h:.3g} deg/h in b ({ranges.reason})."]
+    if result.has_plausible_prior:
+        lines.append(
+            f"The data do not determine {len(free)} of {len(result.solved_for)} parameter combinations to within these ranges. "
+            "The ranges are the a-priori sigmas of this calibration."
+        )
+    for text, sigma in zip(free, result.unobservable_sigma, strict=True):
+        value = f"{np.rad2deg(sigma):.2g} deg/s" if text.split()[1].startswith(BIAS_LETTERS) else f"{sigma:.2g}"
+        lines.append(f"Not determined by the data, only by the prior: {text} (1-sigma {value})")
     return lines
 
 
@@ -118,7 +139,7 @@ def of_import(result: CalibrationResult, estimated: Sequence[str]) -> list[str]:
 def suspects(result: CalibrationResult) -> list[str]:
     """What may make residuals too large, the choices of this run first."""
     out = []
-    if result.options["prior_sigma"] is not None:
+    if result.options["prior_sigma"] is not None and not result.has_plausible_prior:
         out.append("a prior that is too tight")
     if len(result.solved_for) < len(result.sigma):
         out.append("wrong values of the held parameters")

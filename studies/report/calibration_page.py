@@ -69,6 +69,8 @@ def page(
         shown(Picture("residuals", partial(residual_figure, result), _residual_alt(result), RESIDUALS)),
         heading("What the data determine"),
         *_determined(result),
+        heading("Mounting of the gyro"),
+        bullets(result.mounting.sentences()),
         heading("Noise of the samples"),
         *_noise(recording),
         heading("What speaks for and against it"),
@@ -93,6 +95,8 @@ RESIDUALS = (
 
 def headline(result: CalibrationResult, to_tolerance: bool) -> tuple[str, str]:
     """Kind of the answer, and the answer in a sentence."""
+    if result.warnings:
+        return "gap", f"Implausible: {result.warnings[0]}"
     if result.observability.unobservable:
         return "open", f"{len(result.observability.unobservable)} of the parameters' combinations are not found by the data"
     if to_tolerance and not result.converged:
@@ -120,6 +124,7 @@ def answers(result: CalibrationResult) -> list[tuple[str, str]]:
     )
     residuals = "; ".join(f"{name} {before:.4f} to {after:.4f} deg" for name, (before, after) in _rms(result).items())
     return [
+        *([("Is it plausible?", " ".join(result.warnings))] if result.warnings else []),
         ("Can it be believed?", words.fit_remark(result)),
         ("What changed most?", f"{changes}."),
         ("How well are they known?", f"One sigma: {sigmas}."),
@@ -132,17 +137,27 @@ def answers(result: CalibrationResult) -> list[tuple[str, str]]:
 def _observability(result: CalibrationResult) -> str:
     free = result.observability.unobservable
     if free:
-        return f"No: not found by the data are {'; '.join(free)}."
+        return f"No: not found by the data are {'; '.join(free)}. {_ranges(result)}".strip()
     pairs = _tight(result)
     more = f"; found together rather than each: {', '.join(f'{a} and {b}' for a, b in pairs[:MOST_NAMES])}" if pairs else ""
     return (
         f"Yes: the worst combination is known {result.observability.singular_values[-1]:.0f} times better than its plausible "
-        f"range{more}."
-    )
+        f"range{more}. {_ranges(result)}"
+    ).strip()
+
+
+def _ranges(result: CalibrationResult) -> str:
+    """The plausible ranges and their origin, a sentence; empty if they are not known."""
+    ranges = result.plausible
+    if ranges is None:
+        return ""
+    return f"Plausible are {ranges.G:g} in G and {ranges.bias_deg_h:.3g} deg/h in b ({ranges.reason})."
 
 
 def next_step(result: CalibrationResult) -> str:
     """What the result asks for."""
+    if result.warnings:
+        return "Check how the recording was made and read: the warning above names the suspects."
     if result.observability.unobservable:
         return "Fly a maneuver that turns about what is missing: gyrocal plan says of a scenario what each maneuver brings."
     if result.dof <= 0:

@@ -60,6 +60,11 @@ def remarks(result: GyrosResult) -> list[str]:
             continue
         text = f"{what}: χ² = {chi2:.1f} with {dof} degrees of freedom, p = {p:.2g}"
         lines.append(f"{text}; {_judged(p)}.")
+    if result.plausible is not None:
+        ranges = result.plausible
+        lines.append(f"Plausible ranges: {ranges.G:g} in K and {ranges.bias_deg_h:.3g} deg/h in c ({ranges.reason}).")
+    if result.prior_from == "plausible ranges":
+        lines.append("The data do not determine all parameters: the ranges are the a-priori sigmas of this calibration.")
     return lines + [f"Not determined by the data, only by the prior: {text}" for text in result.observability.unobservable]
 
 

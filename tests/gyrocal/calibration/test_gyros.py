@@ -132,8 +132,12 @@ def test_parity_of_a_gyro_alone_is_seen_in_chi2():
 def test_what_cannot_be_found_is_named_and_a_prior_helps():
     still = ((((0.0, -RPO, 0.0), 3000.0),),)
     recording, *_ = array_recording(TETRAHEDRON, ARW, np.random.default_rng(6), plan=still, series_s=60.0)
-    with pytest.raises(UnobservableError, match=r"K_1x.*a-priori sigma"):
-        calibrate_gyros(recording)
+    of_ranges = calibrate_gyros(recording)
+    assert of_ranges.prior_from == "plausible ranges"
+    assert "K_1x" in " ".join(of_ranges.observability.unobservable)
+    assert of_ranges.to_json()["plausible_ranges"]["grade"] == "space"
+    with pytest.raises(UnobservableError, match=r"none of 16 parameter .* space grade.*a-priori sigma"):
+        calibrate_gyros(recording, plausible_G=1e-9, plausible_bias=1e-14)
     result = calibrate_gyros(recording, prior_sigma=(1e-3, 1e-5))
     assert result.observability.unobservable
     assert result.converged
