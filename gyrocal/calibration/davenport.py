@@ -44,6 +44,7 @@ from gyrocal.calibration.parameters import AXES, GyroParameters, select
 from gyrocal.calibration.plausible_ranges import PlausibleRanges, estimate_plausible_ranges
 from gyrocal.calibration.problem import Problem, State
 from gyrocal.calibration.propagation import Psi, StreamingPropagation
+from gyrocal.calibration.remainder import NOMINAL, WITH_REMAINDER, Remainder
 from gyrocal.calibration.sampling import Measurements, Resampling, measurements
 from gyrocal.calibration.trackers import Difference, MountingEstimate, differences, estimate, free_mountings, of_trackers
 from gyrocal.errors import InputError, UnobservableError
@@ -184,6 +185,8 @@ class CalibrationResult:
         with other covariances than the full one and with references by several sensors
     plausible : grade of the gyro and plausible ranges of G and b; they are the a-priori sigmas where the data leave a
         combination free and no a-priori covariance is given
+    remainder : misfit beyond the stated noise, and the covariance with it; None until `remainder.add_remainder`
+        estimates it
     """
 
     recording: str
@@ -206,6 +209,7 @@ class CalibrationResult:
     differences: tuple[Difference, ...] = ()
     attenuation: Array | None = None
     plausible: PlausibleRanges | None = None
+    remainder: Remainder | None = None
 
     @property
     def G(self) -> Array:
@@ -227,6 +231,16 @@ class CalibrationResult:
     def sigma(self) -> Array:
         """(12,) formal 1-sigma of G and b in the order of `gyrocal.NAMES`."""
         return np.asarray(np.sqrt(np.diag(self.covariance)))
+
+    @property
+    def recommended(self) -> str:
+        """Which sigmas are recommended: "nominal", or "with_remainder" where the residuals do not fit the stated noise."""
+        return WITH_REMAINDER if self.remainder is not None and self.remainder.is_significant else NOMINAL
+
+    @property
+    def recommended_covariance(self) -> Array:
+        """(12, 12) of G and b that is recommended; b in rad/s."""
+        return self.remainder.covariance if self.remainder is not None and self.remainder.is_significant else self.covariance
 
     @property
     def p_value(self) -> float:
@@ -389,7 +403,19 @@ class CalibrationResult:
             "options": dict(self.options),
             "version": metadata.version("gyrocal"),
             "gyros": self.parameters.table().to_dict("records"),
+            **self._remainder_of_json(),
             **of_trackers(self.mountings, self.differences),
+        }
+
+    def _remainder_of_json(self) -> dict[str, Any]:
+        """Both sigmas, the recommended one and the remainder; null where it was not estimated."""
+        found = self.remainder
+        return {
+            "sigma_nominal": (self.sigma * DEGREES).tolist(),
+            "sigma_with_remainder": None if found is None else (found.sigma * DEGREES).tolist(),
+            "covariance_with_remainder": None if found is None else (found.covariance * np.outer(DEGREES, DEGREES)).tolist(),
+            "recommended": self.recommended,
+            "remainder": None if found is None else found.to_json(),
         }
 
     def _unobservable_sigma_of_json(self) -> list[float]:

@@ -27,6 +27,9 @@ u ~ N(0, I) are a and Δx, which F takes to c:
 
 Of more gyros than three x are the twelve of their body rates. Their parity has noise of its own and says nothing of these.
 
+With a calibration that has a remainder the walk and the errors of the references have its processes too, see
+`gyrocal.estimation.remainder_noise`.
+
 P₀ is what is known of x without the references of this stretch. The combinations of x that they leave free stay as wide as P₀
 makes them; they do no harm to the prediction for as long as the motion goes on in the same way.
 """
@@ -43,10 +46,12 @@ from gyrocal import attitude
 from gyrocal.calibration.observability import PLAUSIBLE_RANGE
 from gyrocal.calibration.parameters import GyroParameters
 from gyrocal.calibration.propagation import propagate
+from gyrocal.calibration.remainder import interpolate_rates
 from gyrocal.calibration.sampling import measurements
 from gyrocal.calibration.trackers import MountingEstimate, Mountings
 from gyrocal.errors import InputError
 from gyrocal.estimation.prediction import Prediction
+from gyrocal.estimation.remainder_noise import MOST_BINS, GyroWalk, RemainderNoise
 from gyrocal.recording import Attitudes, Interval, Recording, triad
 from gyrocal.recording.trackers import covariance, kept_rows
 
@@ -99,7 +104,11 @@ def prior_covariance(
 
 
 def predict(
-    recording: Recording, from_s: float, times: Array | None = None, apriori_covariance: Array | None = None
+    recording: Recording,
+    from_s: float,
+    times: Array | None = None,
+    apriori_covariance: Array | None = None,
+    noise: RemainderNoise | None = None,
 ) -> Prediction:
     """Carry the attitude on from a time by gyro alone.
 
@@ -112,6 +121,7 @@ def predict(
         its first gap, by default
     apriori_covariance : (12, 12) P₀ of the recording's a-priori parameters, see `prior_covariance`; of more gyros than three of
         those of `gyrocal.triad`, with G = I
+    noise : remainder of a calibration, beside the stated noise
 
     Raises
     ------
@@ -133,7 +143,7 @@ def predict(
         raise InputError(f"the gyro ends at {stop:g} s, and nothing can be predicted beyond it")
     t_ref = recording.attitudes.t_s
     used = (t_ref >= interval.start_s - SAME_TIME_S) & (t_ref <= from_s)
-    return conditioned(recording, used, times, apriori_covariance)
+    return conditioned(recording, used, times, apriori_covariance, noise)
 
 
 def _last_sample(recording: Recording, from_s: float) -> int:
@@ -150,7 +160,14 @@ def steps(recording: Recording, from_s: float, step_s: float) -> Array:
     return np.asarray(from_s + step_s * np.arange(1, max(int((stop - from_s) / step_s + SAME_TIME_S), 0) + 1), dtype=np.float64)
 
 
-def conditioned(recording: Recording, used: Mask, times: Array, apriori_covariance: Array | None = None) -> Prediction:
+def conditioned(
+    recording: Recording,
+    used: Mask,
+    times: Array,
+    apriori_covariance: Array | None = None,
+    noise: RemainderNoise | None = None,
+    with_readings: bool = False,
+) -> Prediction:
     """Attitudes at any times of one gap-free stretch, from the references that are to be used.
 
     Parameters
@@ -159,6 +176,8 @@ def conditioned(recording: Recording, used: Mask, times: Array, apriori_covarian
     used : (m,) which references
     times : (k,) s, ascending
     apriori_covariance : (12, 12) P₀
+    noise : remainder of a calibration, beside the stated noise
+    with_readings : whether to compute the covariance of readings too, which takes a matrix of all times and references
 
     Raises
     ------
@@ -178,23 +197,26 @@ def conditioned(recording: Recording, used: Mask, times: Array, apriori_covarian
     seen, mountings = kept_rows(references, rows), Mountings.of(references)
     P0 = _with_mountings(prior_covariance() if apriori_covariance is None else apriori_covariance, references, mountings)
     start_s = float(references.t_s[anchor])
-    anchor_sigma = ANCHOR * float(references.sigma[anchor].max())
-    walks = (anchor_sigma, recording.gyro.arw)
     at = np.union1d(times, references.t_s[rows])
+    remainder = RemainderNoise() if noise is None else noise
+    if any(one.kind == "rate" for one in remainder.processes):
+        at = np.union1d(at, np.linspace(start_s, at[-1], MOST_BINS + 1))
     at = at[np.concatenate([[True], np.diff(at) > SAME_TIME_S])]
     at = at[at > start_s + SAME_TIME_S]
     stretch = _stretch(recording, anchor, at)
     prepared = measurements(stretch)
     A0 = attitude.matrix_from_quaternion(references.quaternions[anchor])
     A_obs = attitude.matrix_from_quaternion(seen.quaternions)
-    noise, turns = covariance(seen), mountings.turns[rows]
+    stated, turns = remainder.factor * covariance(seen), mountings.turns[rows]
+    seen_rates, wanted_rates = (_interpolate_rates(recording, at_s) for at_s in (seen.t_s, times))
+    shared = remainder.reference_covariance(seen.t_s, seen_rates, seen.t_s, seen_rates).reshape(3 * rows.size, -1)
     place = _places(start_s, at, references.t_s[rows])
     wanted = _places(start_s, at, times)
     elapsed = np.concatenate([[0.0], at - start_s])
     x0 = np.concatenate([recording.gyro.apriori_G.ravel(), recording.gyro.apriori_bias, np.zeros(turns.shape[2])])
     x = x0.copy()
     S = scipy.linalg.block_diag(ANCHOR * float(references.sigma[anchor].max()) * np.eye(3), _root(P0))
-    arw, size = recording.gyro.arw, 3 * rows.size
+    size = 3 * rows.size
     for _ in range(ITERATIONS):
         run = propagate(prepared.arcs, x[:9].reshape(3, 3), x[9:12])
         R = np.concatenate([np.eye(3)[None], run.R])
@@ -205,9 +227,10 @@ def conditioned(recording: Recording, used: Mask, times: Array, apriori_covarian
         theta = attitude.residual(attitude.rotation_matrix(-turns @ x[12:]) @ A_obs, R[place] @ A0)
         # Both means: c has that of Θ (x − x₀), whose covariance is P₀.
         z = (theta - own[:, :, 3:] @ (x - x0)).ravel()
-        V = _walk(R, elapsed, place, place, arw)
+        walk = GyroWalk.build(R, F[:, :, 3:15], elapsed, recording.gyro.arw, remainder)
+        V = walk.covariance(place, place) + shared
         each = np.arange(rows.size)
-        V.reshape(rows.size, 3, rows.size, 3)[each, :, each] += noise
+        V.reshape(rows.size, 3, rows.size, 3)[each, :, each] += stated
         scale = 1 / np.sqrt(np.diag(V))
         L = np.linalg.cholesky(V * np.outer(scale, scale))
         white = scipy.linalg.solve_triangular(L, scale[:, None] * np.column_stack([own.reshape(size, -1) @ S, z]), lower=True)
@@ -215,7 +238,7 @@ def conditioned(recording: Recording, used: Mask, times: Array, apriori_covarian
         Q, U = scipy.linalg.qr(np.vstack([H, np.eye(len(S))]), mode="economic")
         y = scipy.linalg.solve_triangular(U, Q.T @ e)
         left = e - Q @ (Q.T @ e)
-        half = scipy.linalg.solve_triangular(L, (_walk(R, elapsed, wanted, place, arw) * scale).T, lower=True)
+        half = scipy.linalg.solve_triangular(L, (walk.covariance(wanted, place) * scale).T, lower=True)
         c = (half.T @ (white[:, -1] - H @ y)).reshape(-1, 3) + F[wanted] @ (S @ y) + F[wanted][:, :, 3:] @ (x - x0)
         A = attitude.rotation_matrix(c) @ R[wanted] @ A0
         x = x0 - (S @ y)[3:]
@@ -225,8 +248,21 @@ def conditioned(recording: Recording, used: Mask, times: Array, apriori_covarian
         F[wanted].reshape(-1, len(S)) @ T - half.T @ scipy.linalg.solve_triangular(U, H.T, trans="T").T, (times.size, 3, -1)
     )
     walks = half.reshape(size, times.size, 3)
-    blocks = arw**2 * elapsed[wanted][:, None, None] * np.eye(3) - np.einsum("nki,nkj->kij", walks, walks, optimize=True)
+    blocks = walk.variances(wanted) - np.einsum("nki,nkj->kij", walks, walks, optimize=True)
     blocks = blocks + B @ B.transpose(0, 2, 1)
+    readings = None
+    if with_readings:
+        gain = half.T + B.reshape(3 * times.size, -1) @ Q[:size].T
+        gain = scipy.linalg.solve_triangular(L, gain.T, lower=True, trans="T").T * scale
+        lasting = remainder.reference_covariance(seen.t_s, seen_rates, times, wanted_rates).reshape(size, times.size, 3)
+        both = np.einsum("tir,rtj->tij", gain.reshape(times.size, 3, size), lasting, optimize=True)
+        own = np.array(
+            [
+                remainder.reference_covariance(*(one := (t[None], w[None])), *one)[0, :, 0]
+                for t, w in zip(times, wanted_rates, strict=True)
+            ]
+        )
+        readings = blocks + own - both - both.transpose(0, 2, 1)
     P_x = T[3:] @ T[3:].T
     cross = B @ T[3:].T
     return Prediction(
@@ -242,7 +278,13 @@ def conditioned(recording: Recording, used: Mask, times: Array, apriori_covarian
         np.array([np.sqrt(np.mean(np.square(seen.sigma[seen.sensor == k]), axis=0)) for k in range(len(seen.sensors))]),
         MountingEstimate(mountings.sensors, x[12:], P_x[12:, 12:]),
         -cross[:, :, 12:],
+        readings,
     )
+
+
+def _interpolate_rates(recording: Recording, t_s: Array) -> Array:
+    """Interpolate the body rate (n, 3) by the a-priori parameters, rad/s."""
+    return interpolate_rates(recording.gyro, recording.gyro.apriori_G, recording.gyro.apriori_bias, t_s)
 
 
 def _with_mountings(P0: Array, references: Attitudes, mountings: Mountings) -> Array:
@@ -278,11 +320,3 @@ def _root(P: Array) -> Array:
     safe = np.where(scale > 0, scale, 1.0)
     values, vectors = np.linalg.eigh(P / np.outer(safe, safe))
     return np.asarray(scale[:, None] * vectors * np.sqrt(np.maximum(values, 0.0)))
-
-
-def _walk(R: Array, elapsed: Array, left: NDArray[np.intp], right: NDArray[np.intp], arw: float) -> Array:
-    """(3 left, 3 right) covariance of the gyro's integrated noise R(t) w(t) at times left and right."""
-    blocks = np.einsum(
-        "aik,bjk,ab->aibj", R[left], R[right], arw**2 * np.minimum.outer(elapsed[left], elapsed[right]), optimize=True
-    )
-    return np.asarray(blocks.reshape(3 * left.size, 3 * right.size))

@@ -62,6 +62,8 @@ class Prediction:
     sensors, noise : of the references, where there are several, and (sensors, 3) 1-sigma of each about its own axes, rad
     mountings : misalignments of those whose mounting is estimated
     cross : (k, 3, q) covariance of the attitudes' errors with those of the misalignments, rad²
+    readings : (k, 3, 3) covariance of a reference at each time less the prediction, with the reference's remainder and without
+        its stated noise, rad²; None where it was not computed
     """
 
     t_s: Array
@@ -76,6 +78,7 @@ class Prediction:
     noise: Array
     mountings: MountingEstimate
     cross: Array
+    readings: Array | None = None
 
     @property
     def sigma(self) -> Array:

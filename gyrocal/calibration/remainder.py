@@ -1,0 +1,426 @@
+"""Estimate the remainder of a calibration: the misfit beyond the stated noise, and the sigmas of G and b that hold with it.
+
+Residuals of real recordings are larger than the stated noise. The remainder models the excess as random processes of the gyro,
+of the references and of their time tags (`gyrocal.calibration.remainder_processes`), and as a factor φ of the variance of all
+stated noise. Their sizes θ_k maximise the restricted likelihood of the residuals that the calibration leaves
+(`gyrocal.estimation.variance_components`). The estimator of the calibration stays as it is. With V the stated covariance of
+the residuals, Θ their sensitivity and P = (Θᵀ V⁻¹ Θ + P₀⁻¹)⁻¹,
+
+    Δx̂ = P Θᵀ V⁻¹ θ = Kᵀ θ,    cov = P + (φ − 1) Kᵀ V K + Σ_k θ_k (M_kᵀ K)ᵀ ρ_k (M_kᵀ K)
+
+with M_k the columns and ρ_k the correlation of each process. This sandwich covariance is that of the reported parameters.
+
+Sizes are estimated from at most `MOST_RESIDUALS` of the residuals, evenly chosen, whose likelihood is exact by itself. The
+influence M_kᵀ K needs no matrix of all residuals and is computed from all of them.
+
+The time scales follow from the recording: from twice the spacing of the references to half the span, in steps of a factor of
+`LEAST_RATIO` or more. With few degrees of freedom the axes share one size, and with very few only φ is estimated.
+
+A remainder is significant where twice the gain of the log likelihood is improbable without one. Each size is zero with a
+probability of one half then, so the gain follows a mixture of χ² distributions with 0 to K degrees of freedom (Self and Liang,
+JASA 82, 1987), weighted as if sizes were independent. Where it is not significant the covariance stays the nominal one.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import scipy.linalg
+import scipy.special
+from numpy.typing import NDArray
+
+from gyrocal.calibration.covariance import residual_covariance
+from gyrocal.calibration.gyro_space import space_of
+from gyrocal.calibration.problem import Problem
+from gyrocal.calibration.propagation import propagate
+from gyrocal.calibration.remainder_processes import (
+    BIASES,
+    BLOCK,
+    MISALIGNMENTS,
+    SCALES,
+    Process,
+    Stretches,
+    build_rate_columns,
+    build_reference_columns,
+    compute_turns,
+    correlate_references,
+    gather_rate_influence,
+    gather_reference_influence,
+)
+from gyrocal.calibration.sampling import measurements
+from gyrocal.estimation.variance_components import VarianceComponents, estimate_variance_components
+from gyrocal.recording import GyroStream, Recording
+
+if TYPE_CHECKING:
+    from gyrocal.calibration.davenport import CalibrationResult
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.intp]
+
+MOST_RESIDUALS = 150  # references that sizes are estimated from; time grows with the cube
+LEAST_RATIO = 3.0  # of successive time scales; closer ones are not told apart
+MOST_TIME_SCALES = 3
+FEWEST_FOR_AXES = 120  # degrees of freedom, from which each axis has a size of its own
+FEWEST_FOR_PROCESSES = 30  # degrees of freedom, below which only the factor of the noise is estimated
+LEAST_VISIBLE = 0.05  # share of a process's power in the residuals; below it the calibration takes it up, unseen
+NOMINAL, WITH_REMAINDER = "nominal", "with_remainder"  # which sigmas are recommended
+SIGNIFICANT = 0.01  # p-value of the likelihood ratio below which the sigmas with remainder are recommended
+RANK = 1e-9  # of singular values and eigenvalues, relative to the largest: below it they are rounding
+DEG_H = float(np.rad2deg(3600.0))
+
+
+@dataclass(frozen=True)
+class Remainder:
+    """The remainder of a calibration.
+
+    Attributes
+    ----------
+    processes : with their sizes; those of size zero are left out
+    noise_factor : φ, of the variance of all stated noise
+    log_likelihood_gain : above that of the stated noise alone
+    p_value : probability of a larger gain without a remainder
+    covariance : (12, 12) of G and b with the remainder; b in rad/s
+    """
+
+    processes: tuple[Process, ...]
+    noise_factor: float
+    log_likelihood_gain: float
+    p_value: float
+    covariance: Array
+
+    @property
+    def is_significant(self) -> bool:
+        """Whether the residuals do not fit the stated noise."""
+        return self.p_value < SIGNIFICANT
+
+    @property
+    def sigma(self) -> Array:
+        """(12,) 1-sigma of G and b with the remainder; b in rad/s."""
+        return np.asarray(np.sqrt(np.diag(self.covariance)))
+
+    @property
+    def gyro(self) -> Array:
+        """(3,) 1-sigma of the rate error about each body axis that lasts, rad/s."""
+        own = [one for one in self.processes if one.kind == "rate" and one.time_scale_s > 0]
+        return np.array([np.sqrt(sum(one.variance for one in own if axis in one.members)) for axis in BIASES])
+
+    @property
+    def rate_noise(self) -> Array:
+        """(3,) root PSD of the white rate error about each body axis beside the stated one, rad/√s."""
+        own = [one for one in self.processes if one.kind == "rate" and one.time_scale_s == 0]
+        return np.array([np.sqrt(sum(one.variance for one in own if axis in one.members)) for axis in BIASES])
+
+    @property
+    def reference(self) -> Array:
+        """(3,) 1-sigma of the references' error about each body axis beside the stated one, rad."""
+        own = [one for one in self.processes if one.kind == "reference"]
+        return np.array([np.sqrt(sum(one.variance for one in own if axis in one.members)) for axis in range(3)])
+
+    @property
+    def delay_s(self) -> float:
+        """1-sigma of the delay of the references' time tags, s."""
+        return float(np.sqrt(sum(one.variance for one in self.processes if one.kind == "delay")))
+
+    @property
+    def time_scale_s(self) -> Array:
+        """(3,) time scale of the rate error about each axis, s: geometric mean of finite ones by variance; NaN if none."""
+        return np.array([_average_time_scale(self.processes, axis) for axis in BIASES])
+
+    def to_json(self) -> dict[str, Any]:
+        """The remainder as plain values; lists are by body axis."""
+        scales = [float(value) if np.isfinite(value) else None for value in self.time_scale_s]
+        return {
+            "gyro_deg_h": (self.gyro * DEG_H).tolist(),
+            "rate_noise_deg_per_sqrt_s": np.rad2deg(self.rate_noise).tolist(),
+            "reference_deg": np.rad2deg(self.reference).tolist(),
+            "time_scale_s": scales,
+            "delay_s": self.delay_s,
+            "noise_factor": self.noise_factor,
+            "log_likelihood_gain": self.log_likelihood_gain,
+            "p_value": self.p_value,
+            "processes": [one.to_json() for one in self.processes],
+        }
+
+
+def read_processes(value: Mapping[str, Any]) -> tuple[Process, ...]:
+    """Read the processes of what `Remainder.to_json` gives."""
+    return tuple(Process.from_json(one) for one in value["processes"])
+
+
+def add_remainder(recording: Recording, result: CalibrationResult) -> CalibrationResult:
+    """Return the same calibration with its remainder estimated.
+
+    Parameters
+    ----------
+    recording : as calibrated
+    result : of `gyrocal.calibrate`
+
+    Returns
+    -------
+    The result as it was, without a remainder, where references are by several sensors or a covariance was given: these
+    residuals have other covariances, and no remainder is estimated for them.
+    """
+    if result.covariance_model == "given" or recording.attitudes.sensor is not None:
+        return result
+    options = result.options
+    prepared = measurements(recording, options["step_s"], options["resampling"], options["max_gap_s"])
+    names, psi, space = result.solved_for, result.psi, result.parametrisation
+    model = "full" if result.covariance_model == "full" else "references only"
+    problem = Problem.of(recording, prepared, names, psi, model, parametrisation=space)  # type: ignore[arg-type]
+    return replace(result, remainder=estimate_remainder(recording, problem, result))
+
+
+def estimate_remainder(recording: Recording, problem: Problem, result: CalibrationResult) -> Remainder:
+    """Estimate the processes of a remainder, and the covariance of the parameters with them.
+
+    Parameters
+    ----------
+    recording : as calibrated
+    problem : of its references by one sensor
+    result : of its calibration
+    """
+    state = problem.state(result.parameters)
+    paths = build_paths(recording, problem, result)
+    columns = problem.columns
+    scaled = result.own_covariance[np.ix_(columns, columns)] / problem.scale[:, None]
+    nominal = result.covariance
+    thin = paths.select(choose_evenly(paths.row.size, MOST_RESIDUALS))
+    J = space_of(problem.parametrisation).jacobian(result.parameters)
+    sizes, processes, dof = _estimate_sizes(thin, state.theta[thin.kept], thin.Theta.reshape(-1, 12) @ J[:, columns], problem)
+    p_value = compute_p_value(sizes.log_likelihood_gain, len(processes) + 1) if dof > 0 else 1.0
+    if p_value >= SIGNIFICANT:
+        return Remainder((), 1.0, sizes.log_likelihood_gain, p_value, nominal)
+    found = tuple(replace(one, variance=float(v)) for one, v in zip(processes, sizes.variances, strict=True) if v > 0)
+    white = state.H @ scaled
+    extra = (sizes.noise - 1.0) * white.T @ white + _propagate_processes(paths, found, _unwhiten(problem, paths.R, white))
+    own = np.zeros((12, 12))
+    own[np.ix_(columns, columns)] = extra
+    covariance = nominal + J @ own @ J.T
+    return Remainder(found, sizes.noise, sizes.log_likelihood_gain, p_value, np.asarray(0.5 * (covariance + covariance.T)))
+
+
+@dataclass(frozen=True)
+class Paths:
+    """How errors reach the residuals of a calibration.
+
+    Attributes
+    ----------
+    kept : (m,) places of these residuals among all
+    R, Theta : (m, 3, 3) and (m, 3, 12), from the start of the interval to each
+    interval, start, row : (m,) interval, and rows of the references that each starts from and is compared with
+    elapsed_s : (m,) s since the start
+    reference_s : (references,) time of each reference, s
+    body_rates : (references, 3) body rate at each, rad/s
+    """
+
+    kept: Indices
+    R: Array
+    Theta: Array
+    interval: Indices
+    start: Indices
+    row: Indices
+    elapsed_s: Array
+    reference_s: Array
+    body_rates: Array
+
+    def select(self, kept: Indices) -> Paths:
+        """Keep some residuals."""
+        names = ("kept", "R", "Theta", "interval", "start", "row", "elapsed_s")
+        return replace(self, **{name: getattr(self, name)[kept] for name in names})
+
+    @cached_property
+    def turns(self) -> Array:
+        """(m, 3, 12) turns by errors that last from one residual to the next."""
+        return compute_turns(self.R, self.Theta, self.interval)
+
+    @cached_property
+    def stretches(self) -> Stretches:
+        """From the residual before, or the start of the interval, to each."""
+        to_s = self.reference_s[self.row]
+        before = np.roll(to_s, 1)
+        first = np.append(True, self.interval[1:] != self.interval[:-1])
+        return Stretches(np.where(first, self.reference_s[self.start], before), to_s, self.interval)
+
+    def directions(self, process: Process, member: int) -> Array:
+        """(references, 3) error of each reference in body axes for a unit of a process."""
+        return self.body_rates if process.kind == "delay" else np.tile(np.eye(3)[member], (self.reference_s.size, 1))
+
+
+def build_paths(recording: Recording, problem: Problem, result: CalibrationResult) -> Paths:
+    """Describe how errors reach the residuals at the calibrated parameters."""
+    made, found = problem.measurements, result.parameters
+    run = propagate(made.arcs, found.G, found.bias)
+    rates = interpolate_rates(recording.gyro, found.G, found.bias, recording.attitudes.t_s)
+    every = np.arange(made.row.size)
+    return Paths(every, run.R, run.Theta, made.arcs.arc, made.start, made.row, made.elapsed_s, recording.attitudes.t_s, rates)
+
+
+def interpolate_rates(gyro: GyroStream, G: Array, bias: Array, t_s: Array) -> Array:
+    """Interpolate the body rate (n, 3) at some times, rad/s; a sample holds from its tag on and counts for its middle."""
+    rates = gyro.rates @ G.T + bias
+    middle = gyro.t_s + 0.5 * gyro.sample_s
+    return np.column_stack([np.interp(t_s, middle, rates[:, k]) for k in range(3)])
+
+
+def choose_evenly(count: int, most: int) -> Indices:
+    """Choose at most so many of `count` places, evenly, the last one included."""
+    return np.unique(np.linspace(0, count - 1, min(count, most)).round().astype(np.intp))
+
+
+def choose_time_scales(stretches: Stretches) -> tuple[float, ...]:
+    """Choose the finite time scales that some stretches can tell apart, s, ascending."""
+    low = 2.0 * float(np.median(stretches.to_s - stretches.from_s))
+    high = max(0.5 * float(stretches.to_s.max() - stretches.from_s.min()), low)
+    count = int(np.clip(1 + np.floor(np.log(high / low) / np.log(LEAST_RATIO)), 1, MOST_TIME_SCALES))
+    return tuple(float(value) for value in (np.geomspace(low, high, count) if count > 1 else [low]))
+
+
+def list_processes(scales: Sequence[float], dof: int) -> tuple[Process, ...]:
+    """List the processes whose sizes the residuals may be able to tell, of unit variance.
+
+    Parameters
+    ----------
+    scales : finite time scales, s, ascending
+    dof : degrees of freedom of the residuals
+    """
+    if dof < FEWEST_FOR_PROCESSES:
+        return ()
+    middle = scales[len(scales) // 2]
+    by_axis = dof >= FEWEST_FOR_AXES
+    biases = [(k,) for k in BIASES] if by_axis else [BIASES]
+    axes = [(k,) for k in range(3)] if by_axis else [(0, 1, 2)]
+    rates = [Process("rate", members, scale) for members in biases for scale in (0.0, *scales, np.inf)]
+    gains = [Process("rate", members, scale) for members in (SCALES, MISALIGNMENTS) for scale in (middle, np.inf)]
+    references = [Process("reference", members, scale) for members in axes for scale in (0.0, *scales[-2:])]
+    delays = [Process("delay", (0,), scale) for scale in (0.0, middle, np.inf)]
+    return (*rates, *gains, *references, *delays)
+
+
+def compute_p_value(gain: float, components: int) -> float:
+    """Compute the probability of a larger gain of the log likelihood by sizes that are all zero in truth."""
+    counts = np.arange(1, components + 1)
+    weights = scipy.special.binom(components, counts) * 0.5**components
+    return float(weights @ scipy.special.chdtrc(counts, 2 * max(gain, 0.0)))
+
+
+def _estimate_sizes(
+    paths: Paths, theta: Array, Theta: Array, problem: Problem
+) -> tuple[VarianceComponents, tuple[Process, ...], int]:
+    """Estimate the sizes of the processes that the residuals show, with these and the degrees of freedom.
+
+    Parameters
+    ----------
+    paths : of m residuals
+    theta : (m, 3) rad
+    Theta : (3m, p) sensitivity to the solved-for parameters
+    problem : whose noise is stated
+    """
+    V = residual_covariance(paths.R, paths.interval, *_references_of(paths, problem))
+    L = np.linalg.cholesky(V)
+
+    def whiten(values: Array) -> Array:
+        return np.asarray(scipy.linalg.solve_triangular(L, values, lower=True, check_finite=False))
+
+    H = whiten(Theta)
+    Q = _basis(H)
+    dof = theta.size - Q.shape[1]
+    y = whiten(theta.ravel())
+    y = y - Q @ (Q.T @ y)
+    columns: dict[tuple[str, int], Array] = {}
+    roots: dict[tuple[bool, float], Array] = {}
+    processes, components = [], []
+    for process in list_processes(choose_time_scales(paths.stretches), dof):
+        key = (process.kind == "rate", process.time_scale_s)
+        if key not in roots:
+            roots[key] = _root(_correlate(paths, process))
+        parts = []
+        for member in process.members:
+            if (process.kind, member) not in columns:
+                columns[process.kind, member] = whiten(_build_columns(paths, process, member))
+            parts.append(columns[process.kind, member] @ roots[key])
+        whole = np.hstack(parts)
+        seen = whole - Q @ (Q.T @ whole)
+        if np.square(seen).sum() > LEAST_VISIBLE * np.square(whole).sum():
+            processes.append(process)
+            components.append(seen)
+    return estimate_variance_components(y, components, max(dof, 1)), tuple(processes), dof
+
+
+def _references_of(paths: Paths, problem: Problem) -> tuple[Any, ...]:
+    """What `residual_covariance` takes beside R and the intervals."""
+    arw, model, given = problem._covariance
+    return paths.start, paths.row, paths.elapsed_s, np.ascontiguousarray(problem.sigma), arw, model, given
+
+
+def _build_columns(paths: Paths, process: Process, member: int) -> Array:
+    """Build (3m, n): the residuals by each value of one member of a process."""
+    if process.kind == "rate":
+        return build_rate_columns(paths.R, paths.turns[:, :, member], paths.interval)
+    return build_reference_columns(paths.R, paths.start, paths.row, paths.directions(process, member))[0]
+
+
+def _correlate(paths: Paths, process: Process, rows: slice = slice(None)) -> Array:
+    """Compute the covariance (rows, n) of the values of a process of unit variance."""
+    if process.kind == "rate":
+        return paths.stretches.covariance(process, rows)
+    times = paths.reference_s[np.unique(np.concatenate([paths.start, paths.row]))]
+    return correlate_references(process, times[rows], times)
+
+
+def _propagate_processes(paths: Paths, processes: Sequence[Process], K: Array) -> Array:
+    """Compute Σ θ (Mᵀ K)ᵀ ρ (Mᵀ K), (p, p), with K (3m, p) residual by residual."""
+    total = np.zeros((K.shape[1], K.shape[1]))
+    for process in processes:
+        for member in process.members:
+            if process.kind == "rate":
+                influence = gather_rate_influence(paths.R, paths.turns[:, :, member], paths.interval, K)
+            else:
+                directions = paths.directions(process, member)
+                influence, _ = gather_reference_influence(paths.R, paths.start, paths.row, directions, K)
+            for low in range(0, len(influence), BLOCK):
+                rows = slice(low, low + BLOCK)
+                total += process.variance * influence[rows].T @ (_correlate(paths, process, rows) @ influence)
+    return total
+
+
+def _unwhiten(problem: Problem, R: Array, white: Array) -> Array:
+    """Multiply (3m, p) group by group by L⁻ᵀ, with V = L Lᵀ; the result is residual by residual."""
+    made = problem.measurements
+    out = np.empty_like(white)
+    rows, ends = problem.groups
+    low = 0
+    for high in ends:
+        own = rows[low:high]
+        arguments = (made.start[own], made.row[own], made.elapsed_s[own], np.ascontiguousarray(problem.sigma))
+        V = residual_covariance(R[own], made.arcs.arc[own], *arguments, *problem._covariance)
+        places = (3 * own[:, None] + np.arange(3)).ravel()
+        out[places] = scipy.linalg.solve_triangular(np.linalg.cholesky(V), white[3 * low : 3 * high], lower=True, trans="T")
+        low = high
+    return out
+
+
+def _basis(H: Array) -> Array:
+    """Orthonormal basis (N, r) of the columns of H."""
+    size = np.linalg.norm(H, axis=0)
+    U, s, _ = np.linalg.svd(H[:, size > 0] / size[size > 0], full_matrices=False)
+    return np.asarray(U[:, s > RANK * s[0]])
+
+
+def _root(C: Array) -> Array:
+    """(n, r) Z of a correlation matrix C = Z Zᵀ."""
+    values, vectors = np.linalg.eigh(C)
+    kept = values > RANK * values[-1]
+    return np.asarray(vectors[:, kept] * np.sqrt(values[kept]))
+
+
+def _average_time_scale(processes: Sequence[Process], axis: int) -> float:
+    """Mean of the logarithms of the finite time scales of one axis by variance; NaN if there are none."""
+    own = [one for one in processes if one.kind == "rate" and axis in one.members and 0 < one.time_scale_s < np.inf]
+    if not own:
+        return float("nan")
+    weights = np.array([one.variance for one in own])
+    return float(np.exp(weights @ np.log([one.time_scale_s for one in own]) / weights.sum()))

@@ -1,0 +1,180 @@
+"""Random processes that a remainder consists of, and how each reaches the attitude residuals.
+
+With the signs of `gyrocal.calibration.covariance`, residual j of an interval is
+
+    θ_j = Θ_j Δx + e_j − R_j e_0 + R_j Σ_{l ≤ j} u_l,p x_p,l,    u_l,p = R_lᵀ (Θ_l − R_l R_{l−1}ᵀ Θ_{l−1})_p.
+
+u_l,p is the turn, in the axes of the start, by an error of parameter p that lasts from reference l − 1 to l only. A *rate*
+process is a wander x_p(t) of some of the twelve parameters: of a bias it is a rate error about a body axis, of an element of G
+it is a rate error proportional to a raw rate. A *reference* process is an error e of the references about a body axis. A
+*delay* process is an error d of their time tags, e = ω d with the body rate ω.
+
+Each process has unit variance times its size. It is white (time scale 0), an Ornstein-Uhlenbeck process with the correlation
+exp(−|Δt|/τ), or constant (time scale ∞): a wander of a parameter keeps constant within an interval, a delay for good. Between
+references stands the mean of x over the stretch. Over stretches of lengths a and b, whose nearest ends are g apart,
+
+    cov = τ²/(a b) (1 − e^{−a/τ}) (1 − e^{−b/τ}) e^{−g/τ},    var = 2 τ/a (1 − τ/a (1 − e^{−a/τ})),
+
+and for white x of power spectral density q, var = q/a.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.intp]
+Kind = Literal["rate", "reference", "delay"]
+
+BIASES = (9, 10, 11)  # places of b_x, b_y, b_z among the twelve parameters
+SCALES = (0, 4, 8)
+MISALIGNMENTS = (1, 2, 3, 5, 6, 7)
+BLOCK = 1000  # rows of a correlation matrix that are made at a time
+SMALL = 1e-4  # of a stretch over a time scale, below which the series of its variance is used
+
+
+@dataclass(frozen=True)
+class Process:
+    """One random process of a remainder.
+
+    Attributes
+    ----------
+    kind : "rate" for a wander of parameters, "reference" or "delay"
+    members : places of the parameters among the twelve, or body axes of the references; each has a process of its own
+    time_scale_s : 0 for white, infinite for constant
+    variance : of a rate process in units of the parameter, (rad/s)² or 1, times s where it is white; of references in rad²; of
+        a delay in s²
+    """
+
+    kind: Kind
+    members: tuple[int, ...]
+    time_scale_s: float
+    variance: float = 1.0
+
+    def to_json(self) -> dict[str, Any]:
+        """The process as plain values; a constant one has no time scale."""
+        finite = np.isfinite(self.time_scale_s)
+        return {
+            "kind": self.kind,
+            "members": list(self.members),
+            "time_scale_s": self.time_scale_s if finite else None,
+            "variance": self.variance,
+        }
+
+    @classmethod
+    def from_json(cls, value: dict[str, Any]) -> Process:
+        """Read what `to_json` gives."""
+        scale = value["time_scale_s"]
+        return cls(value["kind"], tuple(value["members"]), np.inf if scale is None else float(scale), float(value["variance"]))
+
+
+@dataclass(frozen=True)
+class Stretches:
+    """Times over which a wander of parameters is averaged.
+
+    Attributes
+    ----------
+    from_s, to_s : (n,) s
+    interval : (n,) that each belongs to
+    """
+
+    from_s: Array
+    to_s: Array
+    interval: Indices
+
+    def covariance(self, process: Process, rows: slice = slice(None)) -> Array:
+        """Compute the covariance (rows, n) of the means of a process of unit variance."""
+        low, high, own = self.from_s[rows, None], self.to_s[rows, None], self.interval[rows, None]
+        a, b, tau = high - low, self.to_s - self.from_s, process.time_scale_s
+        same = (low == self.from_s) & (high == self.to_s) & (own == self.interval)
+        if tau == 0:
+            return np.where(same, 1 / a, 0.0)
+        if np.isinf(tau):
+            return np.asarray((own == self.interval).astype(np.float64))
+        gap = np.maximum(np.maximum(low - self.to_s, self.from_s - high), 0.0)
+        apart = _mean_of_decay(a / tau) * _mean_of_decay(b / tau) * np.exp(-gap / tau)
+        return np.where(same, _variance_of_mean(a / tau), apart)
+
+
+def correlate_references(process: Process, t_s: Array, others_s: Array) -> Array:
+    """Compute the correlation (n, k) of a process of references or delays at times (n,) and (k,) s."""
+    apart = np.abs(np.subtract.outer(t_s, others_s))
+    if process.time_scale_s == 0:
+        return np.asarray((apart == 0).astype(np.float64))
+    return np.asarray(np.exp(-apart / process.time_scale_s))
+
+
+def compute_turns(R: Array, Theta: Array, interval: Indices) -> Array:
+    """Compute u (m, 3, 12), the turn in the axes of the start by an error that lasts from the output before to each output.
+
+    Parameters
+    ----------
+    R, Theta : (m, 3, 3) and (m, 3, 12), interval by interval in the order of time
+    interval : (m,)
+    """
+    turned = np.einsum("mji,mjp->mip", R, Theta)
+    turns = turned.copy()
+    going_on = interval[1:] == interval[:-1]
+    turns[1:][going_on] -= turned[:-1][going_on]
+    return turns
+
+
+def build_rate_columns(R: Array, turns: Array, interval: Indices) -> Array:
+    """Build (3m, m): the residuals by an error of one parameter in each stretch, with turns (m, 3) of that parameter."""
+    m = len(R)
+    before = (interval[:, None] == interval) & (np.arange(m)[:, None] >= np.arange(m))
+    return np.asarray((np.einsum("aij,lj->ail", R, turns) * before[:, None, :]).reshape(3 * m, m))
+
+
+def gather_rate_influence(R: Array, turns: Array, interval: Indices, K: Array) -> Array:
+    """Multiply K (3m, p) by the transpose of `build_rate_columns`, in linear time; returns (m, p)."""
+    m = len(R)
+    at_start = np.einsum("aji,ajp->aip", R, K.reshape(m, 3, -1))
+    later = np.empty_like(at_start)
+    for own in np.unique(interval):
+        rows = interval == own
+        later[rows] = at_start[rows][::-1].cumsum(axis=0)[::-1]
+    return np.asarray(np.einsum("li,lip->lp", turns, later))
+
+
+def build_reference_columns(R: Array, start: Indices, row: Indices, directions: Array) -> tuple[Array, Indices]:
+    """Build (3m, n): the residuals by an error of each reference along its direction, and the rows (n,) of the references.
+
+    Parameters
+    ----------
+    R : (m, 3, 3)
+    start, row : (m,) rows of the references that each residual starts from and is compared with
+    directions : (references, 3) error of each in body axes for a unit of its size
+    """
+    used = np.unique(np.concatenate([start, row]))
+    m = len(R)
+    columns = np.zeros((m, 3, used.size))
+    each = np.arange(m)
+    columns[each, :, np.searchsorted(used, row)] += directions[row]
+    columns[each, :, np.searchsorted(used, start)] -= np.einsum("aij,aj->ai", R, directions[start])
+    return columns.reshape(3 * m, -1), used
+
+
+def gather_reference_influence(R: Array, start: Indices, row: Indices, directions: Array, K: Array) -> tuple[Array, Indices]:
+    """Multiply K (3m, p) by the transpose of `build_reference_columns`, in linear time; returns (n, p) and the rows (n,)."""
+    used = np.unique(np.concatenate([start, row]))
+    K = K.reshape(len(R), 3, -1)
+    influence = np.zeros((used.size, K.shape[2]))
+    np.add.at(influence, np.searchsorted(used, row), np.einsum("ai,aip->ap", directions[row], K))
+    turned = np.einsum("aij,aj->ai", R, directions[start])
+    np.add.at(influence, np.searchsorted(used, start), -np.einsum("ai,aip->ap", turned, K))
+    return influence, used
+
+
+def _mean_of_decay(x: Array) -> Array:
+    """Compute (1 − e^{−x})/x."""
+    return np.asarray(-np.expm1(-x) / x)
+
+
+def _variance_of_mean(x: Array) -> Array:
+    """Compute 2/x (1 − (1 − e^{−x})/x)."""
+    return np.asarray(np.where(x < SMALL, 1 - x / 3, 2 / x * (1 - _mean_of_decay(x))))

@@ -1,0 +1,161 @@
+"""Check predicted covariances against references that were not used.
+
+A prediction starts at many references of a recording and is compared with later ones, each a given horizon later. The error
+of an axis over the sigma of the difference of reading and prediction, with the reference's own error in it, has a root mean
+square of one where the covariance holds. Parameters come from elsewhere: from the first part of the recording, or from another
+recording of the same gyro.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gyrocal import attitude
+from gyrocal.calibration.remainder import choose_evenly
+from gyrocal.errors import InputError
+from gyrocal.estimation.predict import SAME_TIME_S, conditioned
+from gyrocal.estimation.remainder_noise import KnownCalibration
+from gyrocal.recording import Attitudes, Recording
+from gyrocal.recording.trackers import kept_rows
+
+Array = NDArray[np.float64]
+
+HORIZONS_S = (1.0, 5.0, 20.0)
+MOST_STARTS = 40
+MOST_USED = 60  # references before a start that a prediction uses
+TOLERANCE = 0.3  # of a horizon, within which a reference is compared
+
+
+@dataclass(frozen=True)
+class PredictionErrors:
+    """Errors of predictions over one horizon.
+
+    Attributes
+    ----------
+    horizon_s : s
+    from_s : (n,) starts, s
+    error : (n, 3) reading less prediction about the body axes, rad
+    covariance : (n, 3, 3) of this, rad²
+    """
+
+    horizon_s: float
+    from_s: Array
+    error: Array
+    covariance: Array
+
+    @property
+    def normalised(self) -> Array:
+        """(n, 3) errors over their sigmas."""
+        return np.asarray(self.error / np.sqrt(np.diagonal(self.covariance, axis1=1, axis2=2)))
+
+    @property
+    def normalised_rms(self) -> Array:
+        """(3,) root mean square of the normalised errors by axis; NaN without any."""
+        return np.sqrt(np.mean(np.square(self.normalised), axis=0)) if len(self.error) else np.full(3, np.nan)
+
+    @property
+    def rms(self) -> float:
+        """Root mean square of the angle of the errors, rad; NaN without any."""
+        return float(np.sqrt(np.square(self.error).sum(axis=1).mean())) if len(self.error) else float("nan")
+
+
+def compute_prediction_errors(
+    recording: Recording,
+    known: KnownCalibration,
+    horizons_s: Sequence[float] = HORIZONS_S,
+    most_starts: int = MOST_STARTS,
+    most_used: int = MOST_USED,
+) -> list[PredictionErrors]:
+    """Predict from many starts in a recording, and compare with its later references.
+
+    Parameters
+    ----------
+    recording : with references by one sensor; none of it may be in the calibration
+    known : parameters, their covariance and the remainder, of other data
+    horizons_s : s, ascending
+    most_starts : starts are chosen evenly from all references that have enough references before and after them
+    most_used : latest references before a start that are used
+
+    Returns
+    -------
+    One for each horizon
+    """
+    recording = known.apply(recording)
+    t_s = recording.attitudes.t_s
+    rows = _choose_starts(recording, horizons_s[0], most_starts)
+    found: list[list[tuple[float, Array, Array]]] = [[] for _ in horizons_s]
+    for row in rows:
+        wanted = [_reference_after(recording, row, horizon) for horizon in horizons_s]
+        targets = sorted({one for one in wanted if one is not None})
+        used = _references_before(recording, row, most_used)
+        if not targets:
+            continue
+        try:
+            made = conditioned(recording, used, t_s[targets], known.covariance, known.noise, with_readings=True)
+        except InputError:  # the gyro has a gap there
+            continue
+        if made.readings is None:
+            continue
+        observed = attitude.matrix_from_quaternion(recording.attitudes.quaternions[targets])
+        errors = attitude.residual(observed, made.A)
+        stated = known.noise.factor * np.square(recording.attitudes.sigma[targets])
+        covariance = made.readings + stated[:, :, None] * np.eye(3)
+        for k, one in enumerate(wanted):
+            if one is not None:
+                place = targets.index(one)
+                found[k].append((float(t_s[row]), errors[place], covariance[place]))
+    return [_gather(horizon, ones) for horizon, ones in zip(horizons_s, found, strict=True)]
+
+
+def cut_recording(recording: Recording, from_s: float, to_s: float) -> Recording:
+    """Cut a recording: its references and intervals from one time to another, s, and the gyro samples that cover them."""
+    attitudes, gyro = recording.attitudes, recording.gyro
+    kept = kept_rows(attitudes, (attitudes.t_s >= from_s - SAME_TIME_S) & (attitudes.t_s <= to_s + SAME_TIME_S))
+    intervals = []
+    for one in recording.intervals:
+        inside = kept.t_s[(kept.t_s >= one.start_s - SAME_TIME_S) & (kept.t_s <= one.stop_s + SAME_TIME_S)]
+        if inside.size >= 2:
+            intervals.append(replace(one, start_s=float(inside[0]), stop_s=float(inside[-1])))
+    if not intervals:
+        raise InputError(f"no interval has two references between {from_s:g} and {to_s:g} s")
+    samples = (gyro.t_s >= from_s - 2 * gyro.sample_s) & (gyro.t_s <= to_s + 2 * gyro.sample_s)
+    cut = replace(gyro, t_s=gyro.t_s[samples], rates=gyro.rates[samples])
+    return replace(recording, gyro=cut, attitudes=kept, intervals=tuple(intervals), tables={}, sensors=None)
+
+
+def _choose_starts(recording: Recording, least_s: float, most: int) -> list[int]:
+    """Rows of references inside an interval with at least two before and a span of `least_s` after them."""
+    t_s: Array = recording.attitudes.t_s
+    rows = []
+    for one in recording.intervals:
+        own = np.flatnonzero((t_s >= one.start_s - SAME_TIME_S) & (t_s <= one.stop_s + SAME_TIME_S))
+        rows += [int(row) for row in own[2:] if t_s[row] <= t_s[-1] - least_s]
+    return [rows[k] for k in choose_evenly(len(rows), most)] if rows else []
+
+
+def _references_before(recording: Recording, row: int, most: int) -> NDArray[np.bool_]:
+    """Mask of the latest references up to a row in the interval that holds it."""
+    attitudes: Attitudes = recording.attitudes
+    start_s = max(one.start_s for one in recording.intervals if one.start_s < attitudes.t_s[row] - SAME_TIME_S)
+    used = (attitudes.t_s >= start_s - SAME_TIME_S) & (np.arange(attitudes.t_s.size) <= row)
+    used[: max(row + 1 - most, 0)] = False
+    return np.asarray(used)
+
+
+def _reference_after(recording: Recording, row: int, horizon_s: float) -> int | None:
+    """Row of the reference nearest to a horizon after another one; None if there is none within the tolerance."""
+    t_s = recording.attitudes.t_s
+    wanted = t_s[row] + horizon_s
+    nearest = int(np.abs(t_s - wanted).argmin())
+    return nearest if nearest > row and abs(t_s[nearest] - wanted) <= TOLERANCE * horizon_s else None
+
+
+def _gather(horizon_s: float, ones: list[tuple[float, Array, Array]]) -> PredictionErrors:
+    if not ones:
+        return PredictionErrors(horizon_s, np.zeros(0), np.zeros((0, 3)), np.zeros((0, 3, 3)))
+    times, errors, covariances = zip(*ones, strict=True)
+    return PredictionErrors(horizon_s, np.array(times), np.array(errors), np.array(covariances))
