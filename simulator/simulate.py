@@ -22,7 +22,7 @@ from gyrocal.recording.format import TRIAD, without_attitudes
 from gyrocal.recording.gyros import nominal
 from simulator.effects import REGISTRY, Setting, Stream, Surroundings, references_of
 from simulator.effects.chain import activated, readings, referenced
-from simulator.effects.housekeeping import gyro_temperature
+from simulator.effects.housekeeping import gyro_temperature, table_acceleration
 from simulator.effects.recorded import housekeeping_at
 from simulator.effects.sensor import SENSOR_EFFECTS
 from simulator.scenario import Scenario, profiles
@@ -289,15 +289,26 @@ def with_gyro_temperature(plain: Recording, seed: int = 0, case: int = 0) -> Rec
     return replace(plain, tables={**plain.tables, "housekeeping": table})
 
 
+def with_acceleration(plain: Recording, seed: int = 0, case: int = 0) -> Recording:
+    """Add the accelerations of a body on a rate table to the housekeeping."""
+    attitudes, table = plain.attitudes, plain.tables.get("housekeeping")
+    shown = table_acceleration(generator(seed, case, "acceleration"), attitudes.t_s, attitudes.quaternions)
+    merged = shown if table is None else table.merge(shown, on="t_s", how="outer")
+    return replace(plain, tables={**plain.tables, "housekeeping": merged})
+
+
 def _with_housekeeping(plain: Recording, motion: Motion, effects: Sequence[Setting], seed: int, case: int) -> Recording:
-    """With a gyro temperature, if an effect misses one."""
-    bare = surroundings(plain, motion)
-    lacking = [effect for effect in (REGISTRY[setting.effect] for setting in effects) if effect.missing(bare) is not None]
-    if not lacking:
-        return plain
-    recording = with_gyro_temperature(plain, seed, case)
-    warm = surroundings(recording, motion)
-    return recording if any(effect.missing(warm) is None for effect in lacking) else plain
+    """With a gyro temperature or accelerations, if an effect misses them."""
+    recording = plain
+    for add in (with_gyro_temperature, with_acceleration):
+        around = surroundings(recording, motion)
+        lacking = [effect for effect in (REGISTRY[one.effect] for one in effects) if effect.missing(around) is not None]
+        if not lacking:
+            break
+        more = add(recording, seed, case)
+        around = surroundings(more, motion)
+        recording = more if any(effect.missing(around) is None for effect in lacking) else recording
+    return recording
 
 
 def simulate(

@@ -100,7 +100,7 @@ def plain_group(model: RecordingModel, effect: Effect, axis: str | None, around:
     trials = effect.trials(around)
     columns = [columns_of(model, effect, axis, trial.parameters) for trial in trials]
     parameters, weights = [dict(trial.parameters) for trial in trials], [trial.weight for trial in trials]
-    if effect.stage == "clock":
+    if effect.stage == "clock" and effect.unit == "s":  # one delay, of any length
         long = delays(model, columns[0], effect.prior)
         columns += [one.columns for one in long]
         parameters += [{} for _ in long]

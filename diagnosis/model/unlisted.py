@@ -38,7 +38,9 @@ def families(model: RecordingModel) -> Iterator[Family]:
     yield from unlisted_physics.families(model, bins)
     yield from _rate_following(model, bins)
     yield from _in_time(model, bins)
-    yield of_tags(model, bins)
+    tags = of_tags(model, bins)
+    if tags.columns:
+        yield tags
     yield from _on_references(model)
 
 
@@ -69,18 +71,18 @@ def _rate_following(model: RecordingModel, bins: Bins) -> Iterator[Family]:
 
 
 def of_tags(model: RecordingModel, bins: Bins) -> Family:
-    """Time tags of the samples that run late: the longer an interval lasts, or the mission, or by as much as each interval has.
+    """Compute the columns of time tags that run late: the longer an interval lasts, or by a delay of each interval.
 
-    Readings that are late by τ show −d(τ ω)/dt more; one delay for all is a listed effect.
+    Readings that are late by τ show −d(τ ω)/dt more. One delay for all, one that grows with mission time and one that steps
+    once are listed effects. A single interval therefore has no rival here, and of two intervals a delay of each is no rival.
     """
-    since, mission = bins.since_s, bins.t_s - bins.t_s.mean()
-    own = (bins.interval[:, None] == np.arange(len(model.blocks))).astype(float)
-    late, faster = np.column_stack([since, mission, own]), np.zeros(2 + own.shape[1])
-    faster[:2] = 1.0
+    blocks = len(model.blocks)
+    own = (bins.interval[:, None] == np.arange(blocks)).astype(float)
+    late, faster = np.column_stack([bins.since_s, own]), np.append(1.0, np.zeros(blocks))
     errors = late[:, None, :] * bins.acceleration[:, :, None] + faster * bins.rates[:, :, None]
     columns = sum(observed(model, bins, axis, errors[:, axis]) for axis in range(3)) / np.maximum(late.max(axis=0), 1.0)
     seen = np.linalg.norm(columns, axis=0) > SEEN * np.linalg.norm(columns, axis=0).max()
-    options = [columns[:, [0]], columns[:, [1]], columns[:, 2:][:, seen[2:]]]
+    options = [columns[:, [0]]] * (blocks > 1) + [columns[:, 1:][:, seen[1:]]] * (blocks > 2)
     return Family("time tags run late", None, [one for one in options if one.any()])
 
 

@@ -1,6 +1,7 @@
 """The built-in effects: one line each adds it to the registry."""
 
 from simulator.effects.gyro import (
+    acceleration_sensitivity,
     bias_drift,
     bias_markov,
     bias_orbital,
@@ -8,7 +9,10 @@ from simulator.effects.gyro import (
     bias_random_walk,
     bias_step,
     bias_temperature,
+    clock_drift,
+    clock_slip,
     g_matrix_step,
+    g_matrix_temperature,
     gyro_dead,
     gyro_scale_step,
     noise_angle_white,
@@ -29,6 +33,7 @@ from simulator.effects.gyro import (
 from simulator.effects.reference import (
     reference_correlated,
     reference_horizon,
+    reference_jump,
     reference_mode_offset,
     reference_noise_excess,
     reference_orbital,
@@ -52,6 +57,7 @@ BUILT_IN = (
     bias_orbital,
     bias_periodic,
     bias_temperature,
+    acceleration_sensitivity,
     bias_random_walk,
     bias_markov,
     noise_flicker,
@@ -60,7 +66,10 @@ BUILT_IN = (
     scale_asymmetry,
     scale_quadratic,
     g_matrix_step,
+    g_matrix_temperature,
     time_offset,
+    clock_drift,
+    clock_slip,
     rate_lag,
     rate_quantization,
     rate_deadzone,
@@ -71,6 +80,7 @@ BUILT_IN = (
     stale_samples,
     gyro_scale_step,
     gyro_dead,
+    reference_jump,
     reference_mode_offset,
     reference_orbital,
     reference_horizon,

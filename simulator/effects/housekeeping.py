@@ -1,9 +1,11 @@
-"""Temperatures: the housekeeping column that an effect follows, and a gyro's for scenarios, which have none of their own.
+"""Housekeeping that effects follow: its columns, and a gyro's temperature and accelerations for scenarios, which have none.
 
     T(t) = 20 °C + 1.5 K sin(n t + 40°) + 0.05 K/day · (t − t₀) + 0.02 K noise
 
 with n the orbit rate, t since the epoch and t₀ the first interval's start: the Sun once an orbit, a slow warming, and the
-noise of a thermistor. Rows are 10 s apart through each interval. What the recording shows is what the bias follows.
+noise of a thermistor. Rows are 10 s apart through each interval. Accelerations are those of a body on a rate table: standard
+gravity upward along the inertial z axis, turned into body axes at each reference, with noise of 0.01 m/s². What the recording
+shows is what the bias follows.
 """
 
 from __future__ import annotations
@@ -16,6 +18,7 @@ import numpy as np
 from gyrocal.errors import InputError
 from simulator.effects.base import Array
 from simulator.effects.common import DAY
+from simulator.truth.rotation import matrix
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -23,6 +26,9 @@ if TYPE_CHECKING:
 SUFFIX = "temperature_c"
 COLUMN = f"gyro_{SUFFIX}"
 SPACING_S = 10.0
+STANDARD_GRAVITY = 9.80665  # m/s²
+ACCELERATION = "acceleration_{}_m_s2"  # the end of a column's name, by body axis
+ACCELERATION_NOISE = 0.01  # m/s²
 MEAN_C, ORBITAL_K, PHASE, DRIFT_K_DAY, NOISE_K = 20.0, 1.5, float(np.deg2rad(40.0)), 0.05, 0.02
 
 
@@ -41,6 +47,23 @@ def gyro_temperature(rng: np.random.Generator, spans: list[tuple[float, float]],
     drift = DRIFT_K_DAY * (t_s - spans[0][0]) / DAY
     temperature = MEAN_C + ORBITAL_K * np.sin(2 * np.pi / period_s * t_s + PHASE) + drift
     return pd.DataFrame({"t_s": t_s, COLUMN: temperature + NOISE_K * rng.standard_normal(t_s.size)})
+
+
+def table_acceleration(rng: np.random.Generator, t_s: Array, quaternions: Array) -> pd.DataFrame:
+    """Simulate accelerometers on a rate table: t_s and one column per body axis, m/s².
+
+    Parameters
+    ----------
+    rng : source of the noise
+    t_s : (m,) s since the epoch, in any order
+    quaternions : (m, 4) attitudes then, inertial to body
+    """
+    import pandas as pd
+
+    _, rows = np.unique(t_s, return_index=True)
+    upward = STANDARD_GRAVITY * matrix(quaternions[rows])[:, :, 2]
+    shown = upward + ACCELERATION_NOISE * rng.standard_normal(upward.shape)
+    return pd.DataFrame({"t_s": t_s[rows], **{f"gyro_{ACCELERATION.format(k)}": shown[:, i] for i, k in enumerate("xyz")}})
 
 
 def _times(start: float, stop: float) -> Array:

@@ -33,6 +33,28 @@ def continued(spline: CubicSpline, t: Array) -> Array:
     return np.asarray(spline(inside) + (t - inside)[:, None] * spline(inside, 1))
 
 
+def delayed(raw: Array, stream: Stream, delay_s: Array) -> Array:
+    """Read each sample at [t − delay, t − delay + Δ) in place of [t, t + Δ).
+
+    Parameters
+    ----------
+    raw : (n, 3) noise-free readings, rad/s
+    stream : their tags and durations
+    delay_s : (n,) how late each sample's tag is, s
+
+    Returns
+    -------
+    (n, 3) rad/s
+    """
+    out = raw.copy()
+    for part in runs(stream):
+        duration, late = stream.duration_s[part], delay_s[part]
+        spline, tags = cumulative_angle(raw[part], duration), edges(duration)
+        turned = continued(spline, tags[1:] - late) - continued(spline, tags[:-1] - late)
+        out[part] = turned / duration[:, None]
+    return out
+
+
 def delay_columns(stream: Stream) -> Array:
     """Change of the raw reading per second of a short delay, −dω_raw/dt, on all axes; (n, 3, 1) rad/s per s."""
     out = np.zeros((len(stream.t_s), 3, 1))

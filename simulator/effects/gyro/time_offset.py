@@ -9,8 +9,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from simulator.effects.base import Array, Effect, Setting, Stream, Value
-from simulator.effects.common import runs
-from simulator.effects.timing import continued, cumulative_angle, delay_columns, edges
+from simulator.effects.timing import delay_columns, delayed
 
 
 class TimeOffset(Effect):
@@ -22,12 +21,7 @@ class TimeOffset(Effect):
 
     def retimed(self, raw: Array, stream: Stream, setting: Setting) -> Array:
         """Means over [t − size, t − size + Δ) of the reading."""
-        out = raw.copy()
-        for part in runs(stream):
-            duration = stream.duration_s[part]
-            shifted = continued(cumulative_angle(raw[part], duration), edges(duration) - setting.size)
-            out[part] = np.diff(shifted, axis=0) / duration[:, None]
-        return out
+        return delayed(raw, stream, np.full(len(stream.t_s), setting.size))
 
 
 EFFECT = TimeOffset(

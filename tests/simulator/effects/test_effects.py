@@ -34,6 +34,8 @@ SCENARIO = simulator.override(
 MOTION = simulator.motion(SCENARIO)
 PLAIN = simulator.simulate(SCENARIO, noise=False)
 HOUSEKEEPING = simulator.simulate(SCENARIO, noise=False, effects=[parse("bias_temperature:x=1")])
+ACCELERATIONS = simulator.simulate(SCENARIO, noise=False, effects=[parse("acceleration_sensitivity:x=1,toward=x")])
+MIDDLE_S = MOTION.t_s + 0.5 * MOTION.duration_s
 STREAM = Stream(
     t_s=MOTION.t_s + 0.5 * MOTION.duration_s,
     duration_s=MOTION.duration_s,
@@ -43,19 +45,25 @@ STREAM = Stream(
     orbit_period_s=PLAIN.orbit.period_s,
     span_s=(0.0, 4700.0),
     housekeeping={
-        "gyro_temperature_c": np.interp(
-            MOTION.t_s + 0.5 * MOTION.duration_s, *HOUSEKEEPING.tables["housekeeping"].to_numpy(dtype=float).T
-        )
+        "gyro_temperature_c": np.interp(MIDDLE_S, *HOUSEKEEPING.tables["housekeeping"].to_numpy(dtype=float).T),
+        **{
+            name: np.interp(MIDDLE_S, ACCELERATIONS.tables["housekeeping"]["t_s"], values)
+            for name, values in ACCELERATIONS.tables["housekeeping"].items()
+            if name != "t_s"
+        },
     },
 )
 # Sizes whose effect is far above rounding, and for the timing small enough for a derivative.
-SIZE = {"scale_asymmetry": 1e4, "scale_quadratic": 1e5, "g_matrix_step": 1e4, "time_offset": 1e-3, "rate_lag": 1e-3}
+SIZE = {"scale_asymmetry": 1e4, "scale_quadratic": 1e5, "g_matrix_step": 1e4, "time_offset": 1e-3, "rate_lag": 1e-3,
+        "clock_drift": 0.5, "clock_slip": 1e-3, "g_matrix_temperature": 1e3}  # fmt: skip
 
 
 def variants(name):
     """Parameters that the columns hold fixed: a period, step times in a gap, inside an interval, inside a sample."""
     names = {parameter.name for parameter in EFFECTS[name].parameters}
     times = [{"time_s": t} for t in (1500.0, 2500.0, 4100.2)] if "time_s" in names else [{}]
+    if "begin_s" in names:
+        times = [{"begin_s": 400.0, "end_s": 2500.0}, {"begin_s": 2500.0, "end_s": 1e12}]
     if "period_s" in names:
         times = [{"period_s": 370.0}]
     return [{**t, "toward": toward} for t in times for toward in AXES] if "toward" in names else times
@@ -191,7 +199,7 @@ def test_every_effect_is_described_and_simulated(name):
     assert effect.name == name
     assert effect.summary
     assert 0 < effect.prior[0] < effect.prior[1]
-    given = {"time_s": 2500.0, "toward": "y"}
+    given = {"time_s": 2500.0, "toward": "y", "begin_s": 2500.0, "end_s": 2800.0}
     parameters = {one.name: given[one.name] for one in effect.parameters if one.default is None}
     size = float(np.sqrt(np.prod(effect.prior))) if effect.unit != "factor" else 2.0
     made = setting(name, "z" if effect.axes else None, size, parameters)

@@ -1,0 +1,73 @@
+"""Bias that follows an acceleration: raw += size · (a − mean a)/g₀, a the accelerometer along one axis, in housekeeping.
+
+The g-sensitivity of vibrating and spinning gyros (IEEE Std 1431, drift per g). The columns are those whose names are
+acceleration_x_m_s2, … with anything before; `toward` says which axis' acceleration acts. The constant part is the bias itself.
+"""
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from gyrocal.errors import InputError
+from simulator.effects.base import AXES, Array, Effect, Parameter, Stream, Surroundings, Trial, Value
+from simulator.effects.common import DEG_H, on_axis
+from simulator.effects.housekeeping import ACCELERATION, STANDARD_GRAVITY
+
+LEAST_CHANGE = 1e-3  # g₀, RMS: a steadier acceleration is a bias
+
+
+def any_axis(rng: np.random.Generator, around: Surroundings) -> Value:
+    """One of those whose acceleration is recorded."""
+    return str(rng.choice(_changing(around.stream) or list(AXES)))
+
+
+class AccelerationSensitivity(Effect):
+    """See the module."""
+
+    def columns(self, stream: Stream, axis: str | None, parameters: Mapping[str, Value]) -> Array:
+        """(a − mean a)/g₀, as deg/h."""
+        toward = str(parameters["toward"])
+        name = _column(stream, toward)
+        if name is None:
+            raise InputError(f"{self.name}: the recording has no housekeeping column …{ACCELERATION.format(toward)}")
+        acceleration = stream.housekeeping[name] / STANDARD_GRAVITY
+        return on_axis((acceleration - acceleration.mean()) * DEG_H, axis)
+
+    def trials(self, around: Surroundings) -> Sequence[Trial]:
+        """Each acceleration that changes."""
+        there = _changing(around.stream)
+        return [Trial({"toward": toward}, 1 / len(there)) for toward in there]
+
+    def missing(self, around: Surroundings) -> str | None:
+        """It needs an acceleration that changes."""
+        if not any(_column(around.stream, toward) for toward in AXES):
+            return "the recording has no housekeeping column …acceleration_x_m_s2, …_y_… or …_z_…"
+        return None if _changing(around.stream) else f"no acceleration changes by {LEAST_CHANGE:g} g"
+
+
+def _column(stream: Stream, toward: str) -> str | None:
+    """Name of the housekeeping column of an axis' acceleration, the shortest of several."""
+    return min((name for name in stream.housekeeping if name.endswith(ACCELERATION.format(toward))), key=len, default=None)
+
+
+def _changing(stream: Stream) -> list[str]:
+    """Axes whose recorded acceleration changes."""
+    named = {toward: _column(stream, toward) for toward in AXES}
+    return [
+        toward
+        for toward, name in named.items()
+        if name is not None and float(np.std(stream.housekeeping[name])) > LEAST_CHANGE * STANDARD_GRAVITY
+    ]
+
+
+EFFECT = AccelerationSensitivity(
+    name="acceleration_sensitivity",
+    summary="bias follows a recorded acceleration",
+    says="{whose} bias {way} by {size} with an acceleration",
+    ways=("rises", "falls"),
+    unit="deg/h per g",
+    stage="rate",
+    prior=(1e-3, 1e4),
+    parameters=(Parameter("toward", "", None, "body axis whose acceleration acts", choices=AXES, draw=any_axis),),
+    meaning="The gyro's bias follows an acceleration of the housekeeping data; positive: it reads high where that is positive.",
+)

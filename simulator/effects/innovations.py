@@ -1,0 +1,150 @@
+"""Innovations: how far each reference attitude is off the one that the gyro propagates from the reference before.
+
+From reference k − 1 to k of an interval the gyro turns the body by Φ_k, and the innovation is the rotation vector
+
+    ν_k = log[A_k (Φ_k A_{k−1})ᵀ],        small:  ν_k = e_k − Φ_k e_{k−1} + gyro errors,
+
+of reference errors e, in body axes at k. Constant errors of the gyro's matrix and bias are fitted to all innovations by robust
+least squares and taken out (Huber's weights), so that a recording needs no calibration before. A reference error that lasts
+makes one large innovation where it begins and another one where it ends; a single false reference makes two in a row.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from gyrocal.compiled import compiled
+from simulator.effects.base import Array, Surroundings
+from simulator.truth.rotation import perturbed, separation
+
+PASSES = 2  # of the integration: the second one with the rates of the first one's fit
+ROUNDS = 8  # of the robust fit
+HUBER = 1.5  # sigmas beyond which an innovation counts less
+NORMAL = 0.6745  # median of the absolute value of a standard normal variable
+EARLIEST_S = 1e-6  # two references closer than that are one
+
+
+@dataclass(frozen=True)
+class Innovations:
+    """Innovations of the references of a recording.
+
+    Attributes
+    ----------
+    first, second : (k,) rows of the two references of each step, of the references as they are
+    duration_s : (k,) time between them
+    turned : (k, 3) rotation vector of the body by the gyro, after the fit, rad
+    values : (k, 3) innovations after the fit, rad
+    sigma : (k, 3) their scatter: that of the stated noise, times one factor for all where they scatter more, rad
+    """
+
+    first: NDArray[np.intp]
+    second: NDArray[np.intp]
+    duration_s: Array
+    turned: Array
+    values: Array
+    sigma: Array
+
+
+def compute_innovations(around: Surroundings) -> Innovations:
+    """Compute the innovations of all references that follow one another in an interval and have gyro samples between them."""
+    references, stream = around.references, around.stream
+    order = np.lexsort((references.t_s, references.interval))
+    first, second = order[:-1], order[1:]
+    alike = (references.interval[first] == references.interval[second]) & (references.interval[first] >= 0)
+    duration = references.t_s[second] - references.t_s[first]
+    begin = stream.t_s - 0.5 * stream.duration_s
+    used = alike & (duration > EARLIEST_S)
+    first, second, duration = first[used], second[used], duration[used]
+    start, stop, rates = references.t_s[first], references.t_s[second], stream.rates
+    variance = 2 * np.mean(around.reference_sigma**2, axis=0) + around.arw**2 * duration[:, None]
+    stated, scale = np.sqrt(np.maximum(variance, 1e-30)), 1.0
+    turns, values = np.zeros((first.size, 3)), np.zeros((first.size, 3))
+    for _ in range(PASSES):
+        turns, columns = integrate_turns(begin, rates, start, stop)
+        predicted = perturbed(references.quaternions[first], -turns)
+        values = separation(predicted, references.quaternions[second]) if first.size else values
+        fit, scale = _fit_calibration_errors(values, columns, stated)
+        rates = rates + rates @ fit[:9].reshape(3, 3) + fit[9:]
+        values = values - columns @ fit
+    return Innovations(first, second, duration, turns, values, stated * scale)
+
+
+def _fit_calibration_errors(values: Array, columns: Array, stated: Array) -> tuple[Array, float]:
+    """Fit innovations (k, 3) by columns (k, 3, 12): the coefficients, and the scatter of the rest over the stated one."""
+    fit, scale = np.zeros(columns.shape[2]), 1.0
+    if len(values) <= columns.shape[2]:
+        return fit, scale
+    X, y = columns / stated[:, :, None], values / stated
+    norms = np.maximum(np.linalg.norm(X, axis=(0, 1)), 1e-300)
+    X, weights = X / norms, np.ones(len(values))
+    for _ in range(ROUNDS):
+        root = np.sqrt(weights)[:, None]
+        X_w = (X * root[:, :, None]).reshape(-1, norms.size)
+        fit = np.linalg.lstsq(X_w.T @ X_w, X_w.T @ (y * root).ravel(), rcond=1e-10)[0]
+        size = np.abs(y - X @ fit)
+        scale = max(float(np.median(size)) / NORMAL, 1.0)
+        weights = 1.0 / np.maximum(size.max(axis=1) / (HUBER * scale), 1.0)
+    return fit / norms, scale
+
+
+def integrate_turns(begin_s: Array, rates: Array, start_s: Array, stop_s: Array) -> tuple[Array, Array]:
+    """Integrate the turn of the body between pairs of times at piecewise constant rates.
+
+    Parameters
+    ----------
+    begin_s : (n,) starts of samples in order of time
+    rates : (n, 3) body rates, rad/s
+    start_s, stop_s : (k,) times; where no sample is, the last rate goes on
+
+    Returns
+    -------
+    turns : (k, 3) θ with A(stop) = exp(−[θ×]) A(start), rad
+    columns : (k, 3, 12) innovation, rad, per element M[a, b] of rates that are too low by M ω, a running fastest in the order
+        b, a, and per bias c that they are too low by
+    """
+    if not start_s.size or not begin_s.size:
+        return np.zeros((start_s.size, 3)), np.zeros((start_s.size, 3, 12))
+    low = np.clip(np.searchsorted(begin_s, start_s, side="right") - 1, 0, begin_s.size - 1)
+    quaternions, K = _multiply(begin_s, np.ascontiguousarray(rates), start_s, stop_s, low)
+    columns = -np.moveaxis(K, 1, 2).reshape(start_s.size, 3, 12)
+    return np.asarray(Rotation.from_quat(quaternions).as_rotvec()), columns
+
+
+@compiled
+def _multiply(begin_s, rates, start_s, stop_s, low):  # type: ignore[no-untyped-def]  # pragma: no cover - compiled
+    """Quaternions (k, 4) of the turns, and ∫ R ω_b dt of each b and ∫ R dt, (k, 4, 3, 3), R from a time to the stop."""
+    out, K = np.zeros((start_s.size, 4)), np.zeros((start_s.size, 4, 3, 3))
+    R, before = np.empty((3, 3)), np.empty(3)
+    for k in range(start_s.size):
+        x, y, z, w = 0.0, 0.0, 0.0, 1.0
+        t, i = start_s[k], low[k]
+        while t < stop_s[k]:
+            edge = stop_s[k] if i + 1 >= begin_s.size else min(max(begin_s[i + 1], t), stop_s[k])
+            dt = edge - t
+            a, b, c = rates[i, 0] * dt, rates[i, 1] * dt, rates[i, 2] * dt
+            angle = np.sqrt(a * a + b * b + c * c)
+            s = 0.5 - angle * angle / 48 if angle < 1e-4 else np.sin(0.5 * angle) / angle
+            a, b, c, d = s * a, s * b, s * c, np.cos(0.5 * angle)
+            x, y, z, w = (
+                w * a + x * d + y * c - z * b,
+                w * b - x * c + y * d + z * a,
+                w * c + x * b - y * a + z * d,
+                w * d - x * a - y * b - z * c,
+            )
+            R[0, 0], R[0, 1], R[0, 2] = 1 - 2 * (b * b + c * c), 2 * (a * b + c * d), 2 * (a * c - b * d)
+            R[1, 0], R[1, 1], R[1, 2] = 2 * (a * b - c * d), 1 - 2 * (a * a + c * c), 2 * (b * c + a * d)
+            R[2, 0], R[2, 1], R[2, 2] = 2 * (a * c + b * d), 2 * (b * c - a * d), 1 - 2 * (a * a + b * b)
+            for m in range(4):
+                for col in range(3):
+                    for row in range(3):
+                        before[row] = K[k, m, row, col]
+                    for row in range(3):
+                        K[k, m, row, col] = R[row, 0] * before[0] + R[row, 1] * before[1] + R[row, 2] * before[2]
+                    K[k, m, col, col] += dt if m == 3 else rates[i, m] * dt
+            t, i = edge, i + 1
+        out[k, 0], out[k, 1], out[k, 2], out[k, 3] = x, y, z, w
+    return out, K
