@@ -68,6 +68,7 @@ FEWEST_FOR_AXES = 120  # degrees of freedom, from which each axis has a size of 
 FEWEST_FOR_PROCESSES = 30  # degrees of freedom, below which only the factor of the noise is estimated
 LEAST_VISIBLE = 0.05  # share of a process's power in the residuals; below it the calibration takes it up, unseen
 NOMINAL, WITH_REMAINDER = "nominal", "with_remainder"  # which sigmas are recommended
+NEGLIGIBLE = 0.003  # power of a process in the residuals relative to that of the stated noise; a smaller one is left out
 SIGNIFICANT = 0.01  # p-value of the likelihood ratio below which the sigmas with remainder are recommended
 RANK = 1e-9  # of singular values and eigenvalues, relative to the largest: below it they are rounding
 DEG_H = float(np.rad2deg(3600.0))
@@ -294,7 +295,7 @@ def list_processes(scales: Sequence[float], dof: int) -> tuple[Process, ...]:
     biases = [(k,) for k in BIASES] if by_axis else [BIASES]
     axes = [(k,) for k in range(3)] if by_axis else [(0, 1, 2)]
     rates = [Process("rate", members, scale) for members in biases for scale in (0.0, *scales, np.inf)]
-    gains = [Process("rate", members, scale) for members in (SCALES, MISALIGNMENTS) for scale in (middle, np.inf)]
+    gains = [Process("rate", members, scale) for members in (SCALES, MISALIGNMENTS) for scale in (*scales, np.inf)]
     references = [Process("reference", members, scale) for members in axes for scale in (0.0, *scales[-2:])]
     delays = [Process("delay", (0,), scale) for scale in (0.0, middle, np.inf)]
     return (*rates, *gains, *references, *delays)
@@ -347,7 +348,9 @@ def _estimate_sizes(
         if np.square(seen).sum() > LEAST_VISIBLE * np.square(whole).sum():
             processes.append(process)
             components.append(seen)
-    return estimate_variance_components(y, components, max(dof, 1)), tuple(processes), dof
+    sizes = estimate_variance_components(y, components, max(dof, 1))
+    power = sizes.variances * np.array([np.square(part).sum() for part in components])
+    return replace(sizes, variances=np.where(power > NEGLIGIBLE * dof, sizes.variances, 0.0)), tuple(processes), dof
 
 
 def _references_of(paths: Paths, problem: Problem) -> tuple[Any, ...]:

@@ -210,7 +210,9 @@ def read_calibration(path: Path) -> KnownCalibration:
             noise = RemainderNoise(read_processes(document["remainder"]), float(document["remainder"]["noise_factor"]))
             _check(noise.processes, noise.factor)
         return KnownCalibration(parameters, covariance / np.outer(DEGREES, DEGREES), noise)
-    except (OSError, KeyError, TypeError, ValueError, AttributeError, RecursionError) as fault:
+    except OSError as fault:
+        raise InputError(f"{path}: {fault.strerror}") from None
+    except (KeyError, TypeError, ValueError, AttributeError, RecursionError) as fault:
         raise InputError(f"{path}: not a result of 'gyrocal calibrate --json': {fault}") from None
 
 

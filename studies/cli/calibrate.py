@@ -10,6 +10,7 @@ import numpy as np
 from gyrocal import GyroArray, GyroParameters, InputError, Recording, calibrate, calibrate_gyros, load, select
 from gyrocal.calibration.gyro_space import Parametrisation, space_of
 from gyrocal.calibration.observability import BIAS_LETTERS
+from gyrocal.calibration.remainder import add_remainder
 from gyrocal.importing import estimated_noise
 from studies.cli.fail_on import compared, end, parsed
 from studies.cli.options import PATH
@@ -177,6 +178,7 @@ def command(
         parametrisation=parametrisation,
         **options,
     )
+    result = add_remainder(loaded, result)
     calibration_report.show(console(), result, options["iterations"] is None, known)
     for line in calibration_report.of_import(result, estimated_noise(recording)):
         console().print(line, highlight=False, markup=False)

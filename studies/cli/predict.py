@@ -7,6 +7,7 @@ import numpy as np
 
 from gyrocal import InputError, load, triad
 from gyrocal.estimation.predict import predict, prior_covariance, steps
+from gyrocal.estimation.remainder_noise import RemainderNoise, read_calibration
 from studies.cli.options import PATH
 from studies.montecarlo.files import check_writable, write_csv, write_json, write_text
 from studies.report import prediction_page
@@ -25,6 +26,11 @@ FEWEST_S = 1e-6
 @click.option("--step", "step_s", type=click.FloatRange(FEWEST_S), help="s between rows; the gyro's samples by default.")
 @click.option("--report", type=PATH, help="Write a page with the figure (HTML, needs no network) to this file.")
 @click.option("--json", "as_json", type=PATH, help="Write the prediction, and how its start fits, as JSON to this file.")
+@click.option(
+    "--calibration",
+    type=PATH,
+    help="Result of 'gyrocal calibrate --json' to start from: G, b, their recommended covariance, and the remainder.",
+)
 @click.option("--prior-sigma-g", type=float, default=None, help="A-priori 1-sigma of each element of G; 0.01 by default.")
 @click.option("--prior-sigma-bias", type=float, default=None, help="A-priori 1-sigma of each bias, deg/s; 10 deg/h by default.")
 @click.option("--prior-mounting", type=float, default=0.0, help="A-priori 1-sigma of a rotation of all gyros together, deg.")
@@ -36,6 +42,7 @@ def command(
     step_s: float | None,
     report: Path | None,
     as_json: Path | None,
+    calibration: Path | None,
     prior_sigma_g: float | None,
     prior_sigma_bias: float | None,
     prior_mounting: float,
@@ -44,12 +51,15 @@ def command(
     """Carry the attitude of RECORDING on from a time by gyro alone, with its covariance.
 
     The references up to that time, of the interval that holds it, and the a-priori parameters with their sigmas say where it
-    starts and how the gyro is to be read. See docs/predict.md.
+    starts and how the gyro is to be read. With --calibration the parameters and their covariance are those of an earlier
+    calibration, and its remainder is added to the noise. See docs/predict.md.
 
     \b
-    Example:
+    Examples:
       gyrocal simulate trmm_series /tmp/rec --seed 1
       gyrocal predict /tmp/rec --from 3000 --out /tmp/prediction.csv --report /tmp/prediction.html
+      gyrocal calibrate /tmp/rec --json /tmp/result.json
+      gyrocal predict /tmp/rec --from 3000 --calibration /tmp/result.json
     """
     files = [path for path in (out, report, as_json) if path is not None]
     for path in files:
@@ -59,8 +69,15 @@ def command(
     loaded = triad(load(recording))
     bias = None if prior_sigma_bias is None else float(np.deg2rad(prior_sigma_bias))
     P0 = prior_covariance(prior_sigma_g, bias, float(np.deg2rad(prior_mounting)), prior_scale, loaded.gyro.apriori_G)
+    noise = RemainderNoise()
+    if calibration is not None:
+        priors = (prior_sigma_g, prior_sigma_bias, prior_mounting or None, prior_scale or None)
+        if any(one is not None for one in priors):
+            raise InputError("--calibration has the covariance of G and b: leave out --prior-sigma-g and the other priors")
+        known = read_calibration(calibration)
+        loaded, P0, noise = known.apply(loaded), known.covariance, known.noise
     times = None if step_s is None else steps(loaded, from_s, step_s)
-    found = predict(loaded, from_s, times, P0)
+    found = predict(loaded, from_s, times, P0, noise)
     whole = prediction_page.rows(found)
     if out:
         write_csv(out, whole, digits=12)

@@ -10,10 +10,13 @@ from gyrocal import NAMES, CalibrationResult, GyroParameters
 from gyrocal.calibration.davenport import DEGREES, ROTATION_NAMES
 from gyrocal.calibration.gyro_space import space_of
 from gyrocal.calibration.observability import BIAS_LETTERS
+from gyrocal.calibration.remainder import DEG_H, WITH_REMAINDER
 from studies.report import tables, trackers
 
 DOUBT = 0.01  # p-value below which the fit is called bad, and above one minus which too good
 LARGE_SHARE = 4.0  # sigma of a single residual worth naming
+SMALLEST = 1e-99  # p-value that is written out
+SIGMA_WITH_REMAINDER = "sigma with remainder"  # column
 NOTABLE = 0.3  # sigma of an expected error worth naming; it makes a sigma 4 % too small
 
 
@@ -37,6 +40,7 @@ def parameter_table(result: CalibrationResult, truth: GyroParameters | None = No
     """Parameters as texts, each to two digits of its sigma."""
     summary = result.summary()
     known = None if truth is None else space_of(result.parametrisation).vector(truth) * DEGREES
+    widened = sigma_with_remainder(result)
     rows = []
     for k, row in summary.iterrows():
         sigma = row["sigma"]
@@ -50,6 +54,8 @@ def parameter_table(result: CalibrationResult, truth: GyroParameters | None = No
             "correction": number(row["correction"], sigma) if row["solved"] else "",
             "in sigma": f"{row['correction'] / sigma:.1f}" if row["solved"] else "",
         }
+        if widened is not None:
+            line[SIGMA_WITH_REMAINDER] = number(widened[int(str(k))], widened[int(str(k))]) if row["solved"] else ""
         if result.undetermined:
             line["found"] = "" if not row["solved"] else "no" if row["parameter"] in result.undetermined else "yes"
         if known is not None:
@@ -60,9 +66,52 @@ def parameter_table(result: CalibrationResult, truth: GyroParameters | None = No
     return pd.DataFrame(rows)
 
 
+def sigma_with_remainder(result: CalibrationResult) -> np.ndarray | None:
+    """(12,) sigmas with remainder of the parametrisation's parameters, biases in deg/s; None where they do not differ."""
+    if result.remainder is None or not result.remainder.is_significant:
+        return None
+    J = space_of(result.parametrisation).jacobian(result.parameters)
+    half = np.linalg.solve(J, result.remainder.covariance)
+    return np.asarray(np.sqrt(np.maximum(np.diag(np.linalg.solve(J, half.T)), 0.0)) * DEGREES)
+
+
+def recommendation(result: CalibrationResult) -> list[str]:
+    """Which sigmas are recommended and why, in sentences; empty where no remainder was estimated."""
+    found = result.remainder
+    if found is None:
+        return []
+    if not found.is_significant:
+        return [f"Use the nominal sigmas: a remainder beside the stated noise is not significant (p = {found.p_value:.2g})."]
+    used = result.sigma > 0
+    growth = found.sigma[used] / result.sigma[used]
+    parts = []
+    if found.gyro.any():
+        parts.append(f"rate errors of {_by_axis(found.gyro * DEG_H)} deg/h that last")
+    if found.reference.any():
+        parts.append(f"reference errors of {_by_axis(np.rad2deg(found.reference))} deg")
+    if found.delay_s > 0:
+        parts.append(f"time tags that are off by {_short(found.delay_s * 1e3)} ms")
+    parts.append(f"stated noise with {_short(found.noise_factor)} times its variance")
+    probable = f"p = {found.p_value:.2g}" if found.p_value > SMALLEST else f"p < {SMALLEST:g}"
+    return [
+        f"Use the sigmas with remainder: the residuals do not fit the stated noise (likelihood ratio, {probable}). They are "
+        f"{_short(growth.min())} to {_short(growth.max())} times the nominal ones.",
+        f"The remainder, 1-sigma about x, y, z: {'; '.join(parts)}.",
+    ]
+
+
+def _by_axis(values: np.ndarray) -> str:
+    return ", ".join(_short(value) for value in values)
+
+
+def _short(value: float) -> str:
+    """Format a number to two digits."""
+    return f"{float(f'{value:.2g}'):g}"
+
+
 def remarks(result: CalibrationResult) -> list[str]:
     """What speaks for and against the result, in sentences."""
-    lines = [fit_remark(result)]
+    lines = [fit_remark(result), *recommendation(result)]
     worst = worst_residual(result)
     if worst:
         lines.append(worst)
@@ -120,7 +169,8 @@ def fit_remark(result: CalibrationResult) -> str:
     )
     if result.p_value < DOUBT:
         doubtful = ", ".join(suspects(result))
-        return f"{text} They are larger than the stated noise allows: do not trust the sigmas. Suspect {doubtful}."
+        trust = "" if result.recommended == WITH_REMAINDER else ": do not trust the sigmas"
+        return f"{text} They are larger than the stated noise allows{trust}. Suspect {doubtful}."
     if result.p_value > 1 - DOUBT:
         why = "it is stated too large (gyrocal diagnose says which noise), or the recording is noise-free"
         return f"{text} They are smaller than the stated noise: {why}."

@@ -13,6 +13,7 @@ from matplotlib.figure import Figure
 
 from gyrocal import CalibrationResult, GyroParameters, InputError, Recording
 from gyrocal.calibration.davenport import ROTATION_NAMES
+from gyrocal.calibration.remainder import WITH_REMAINDER
 from studies.allan import report as allan_report
 from studies.allan.analysis import analyse
 from studies.montecarlo.files import write_text
@@ -79,7 +80,7 @@ def page(
     return document(title, parts, made, contents=True, short=f"Calibration of {result.recording}")
 
 
-NUMBERS = ("initial", "calibrated", "sigma", "correction", "in sigma", "error", "error in sigma")
+NUMBERS = ("initial", "calibrated", "sigma", words.SIGMA_WITH_REMAINDER, "correction", "in sigma", "error", "error in sigma")
 FOREST = (
     "Corrections to what the calibration started from, with one sigma (thick) and three (thin). Those whose thin line crosses "
     "zero are not told from no correction."
@@ -103,6 +104,8 @@ def headline(result: CalibrationResult, to_tolerance: bool) -> tuple[str, str]:
         return "gap", "The calibration did not converge"
     if result.dof <= 0:
         return "open", "The parameters are found, and nothing is left to check them with"
+    if result.recommended == WITH_REMAINDER:
+        return "gap", "Use the sigmas with remainder: the residuals are larger than the stated noise"
     if result.p_value < words.DOUBT:
         return "gap", "Do not believe it yet: what is left is more than the stated noise explains"
     if result.p_value > 1 - words.DOUBT:
@@ -126,6 +129,7 @@ def answers(result: CalibrationResult) -> list[tuple[str, str]]:
     return [
         *([("Is it plausible?", " ".join(result.warnings))] if result.warnings else []),
         ("Can it be believed?", words.fit_remark(result)),
+        *([("Which sigmas hold?", " ".join(chosen))] if (chosen := words.recommendation(result)) else []),
         ("What changed most?", f"{changes}."),
         ("How well are they known?", f"One sigma: {sigmas}."),
         ("What is left of the residuals (RMS)?", f"{residuals}."),
