@@ -50,6 +50,7 @@ def import_csv(
         One line saying what is wrong, and where rates and attitudes do not fit each other, how they would.
     """
     from gyrocal.importing.build import build
+    from gyrocal.importing.columns import resolve_columns
     from gyrocal.importing.streams import read_csv, streams
 
     if mapping is None:
@@ -58,6 +59,7 @@ def import_csv(
         raise InputError("give a mapping or its entries, not both")
     table = read_csv(Path(gyro_file))
     other = read_csv(Path(attitude_file)) if attitude_file is not None else table
+    table, other, mapping = resolve_columns(table, other, mapping)
     return build(streams(table, other, mapping), mapping, check)
 
 

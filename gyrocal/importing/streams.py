@@ -71,18 +71,22 @@ class Streams:
 
 
 def read_csv(path: Path) -> pd.DataFrame:
-    """A CSV table, its separator found.
+    """Read a CSV table with one or two header rows, its separator found.
 
     Raises
     ------
     InputError
         It cannot be read.
     """
+    from gyrocal.importing.columns import read_two_headers
     from gyrocal.recording import csv_file
 
     if not path.is_file():
         raise InputError(f"{path}: no such file")
     try:
+        headers = read_two_headers(path)
+        if headers is not None:
+            return csv_file.read(path, skipinitialspace=True, sep=headers[0], skiprows=2, header=None, names=headers[1])
         frame = csv_file.read(path, skipinitialspace=True)
         if frame.shape[1] == 1:
             frame = csv_file.read(path, skipinitialspace=True, sep=None, engine="python")

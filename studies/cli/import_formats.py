@@ -10,6 +10,7 @@ import pandas as pd
 from gyrocal import InputError, Recording, importing
 from gyrocal.importing import acm, aem, ck, euroc, kalibr, rosbag
 from gyrocal.importing.build import Imported, build
+from gyrocal.importing.columns import resolve_columns
 from gyrocal.importing.streams import read_csv, streams
 from studies.cli.options import PATH, json_file
 from studies.montecarlo.files import write_json
@@ -82,7 +83,8 @@ def _joined(
     options = {name: value for name, value in given.items() if value is not None}
     entries = {"title": read.title} | stated | own | entries | options
     mapping = importing.checked(entries, str(file) if file else "options")
-    found = streams(read_csv(gyro_file), attitude, mapping)
+    table, attitude, mapping = resolve_columns(read_csv(gyro_file), attitude, mapping)
+    found = streams(table, attitude, mapping)
     _write(build(type(found)(**{**vars(found), "assumed": (*said, *found.assumed)}), mapping), out, as_json)
 
 
