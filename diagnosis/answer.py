@@ -10,7 +10,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
-Verdict = Literal["none", "named", "group", "unknown", "not identifiable"]
+Verdict = Literal["none", "named", "group", "partial", "unknown", "not identifiable"]
 Explanations = tuple[tuple[tuple[str, ...], float], ...]  # labels of each, and its probability; the likeliest first
 
 
@@ -81,6 +81,67 @@ class Amplitudes:
     labels: tuple[str, ...] = ()
     values: Array = field(default_factory=lambda: np.empty(0))
     covariance: Array = field(default_factory=lambda: np.empty((0, 0)))
+
+
+@dataclass(frozen=True)
+class Regressor:
+    """What a remainder follows.
+
+    Attributes
+    ----------
+    name : in words, with the axis
+    p_value : of a score test in the presence of the remainder, corrected for the number of tests
+    share : of the misfit beyond the stated noise that it explains
+    """
+
+    name: str
+    p_value: float
+    share: float
+
+
+@dataclass(frozen=True)
+class RemainderSummary:
+    """The part of the misfit that no identified cause explains.
+
+    Attributes
+    ----------
+    share, interval_90 : of the held-out misfit, and its 90 % interval
+    gyro_deg_h : (3,) standard deviation of the rate error about each body axis, deg/h
+    reference_deg : (3,) standard deviation of the error of the references about each body axis, deg
+    time_tags_s : standard deviation of the error of the time tags, s
+    rate_share : standard deviation of a rate error in proportion to the rate
+    noise_factor : by which white noise is larger than stated
+    side : "gyro", "reference", "time tags" or "white noise": which of them makes most of it
+    time_scale_s : correlation time of that part; 0 for white noise
+    regressors : what the remainder follows
+    """
+
+    share: float
+    interval_90: tuple[float, float]
+    gyro_deg_h: tuple[float, ...]
+    reference_deg: tuple[float, ...]
+    time_tags_s: float
+    rate_share: float
+    noise_factor: float
+    side: str
+    time_scale_s: float
+    regressors: tuple[Regressor, ...]
+
+    def to_json(self) -> dict[str, Any]:
+        """Return the remainder as in the documented format."""
+        return {
+            "share": self.share,
+            "interval_90": list(self.interval_90),
+            "gyro_deg_h": list(self.gyro_deg_h),
+            "reference_deg": list(self.reference_deg),
+            "time_tags_s": self.time_tags_s,
+            "rate_share": self.rate_share,
+            "noise_factor": self.noise_factor,
+            "side": self.side,
+            "time_scale_s": self.time_scale_s,
+            "regressors": [{"name": one.name, "p_value": one.p_value, "share": one.share} for one in self.regressors],
+            "draft": None,
+        }
 
 
 @dataclass(frozen=True)

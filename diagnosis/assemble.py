@@ -17,6 +17,7 @@ from diagnosis.identifiable import blind_spot
 from diagnosis.inference.amplitudes import Fitted
 from diagnosis.inference.attribution import Attribution
 from diagnosis.model import localization
+from diagnosis.model.calibration import calibrated
 from diagnosis.model.misfit import finding as misfit_finding
 from diagnosis.model.prepare import Prepared
 from diagnosis.model.symptoms import SampleCause
@@ -62,9 +63,17 @@ def assembled(
         notes=(*notes.though_it_fits(prepared, samples, explained, gap), *notes.of_rounding(explained), *prepared.notes),
         details=details(prepared, explained, table),
         amplitudes=amplitudes(explained.fitted, explained.covariance),
+        sigma_nominal=_nominal_sigma(prepared, explained),
         blind=blind_spot(model.degrees_of_freedom, model.G, prepared.sigma[:9].reshape(3, 3), model.recording.gyro.apriori_G),
     )
     return answered(seen, samples, explained, settings, runtime_s)
+
+
+def _nominal_sigma(prepared: Prepared, explained: Explained) -> Array | None:
+    """Sigmas (12,) of G and b with the causes in the model under the stated noise alone, where a remainder is estimated."""
+    if explained.beside is None or not explained.fitted:
+        return None
+    return np.asarray(np.sqrt(np.diag(calibrated(prepared.model, explained.fitted)[1])[:12]))
 
 
 def _of_attitude(explained: Explained, table: pd.DataFrame, settings: DiagnosisSettings) -> tuple[Finding, ...]:
@@ -95,6 +104,7 @@ class Seen:
     amplitudes: Amplitudes = field(default_factory=Amplitudes)
     gyros: tuple[str, ...] = ("x", "y", "z")
     blind: str | None = None
+    sigma_nominal: Array | None = None
 
 
 def answered(
@@ -147,6 +157,9 @@ def answered(
         posterior=posterior.of_all(samples, explained, gap, settings),
         amplitudes=seen.amplitudes,
         gyros=seen.gyros,
+        budget=explained.budget,
+        remainder=None if explained.beside is None else explained.beside.remainder,
+        sigma_nominal=seen.sigma_nominal,
     )
 
 
@@ -252,6 +265,8 @@ def _verdict(attribution: Attribution | None, gap: bool, shown: bool, unlisted: 
     """The verdict; `sure` of what the samples show."""
     if not gap and not shown:
         return "none"
+    if attribution is not None and attribution.verdict == "partial":
+        return "partial"
     if unlisted:  # also beside a named cause, which it may have imitated
         return "unknown"
     verdict: Verdict = "named" if sure else "group"

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from diagnosis.answer import Closure
+from diagnosis.budget import Step, build_budget, convert, predict_held_out
 from diagnosis.inference.amplitudes import Fitted, amplitudes, refined
 from diagnosis.inference.attribution import (
     Attribution,
@@ -28,6 +29,7 @@ from diagnosis.inference.checks import Check, residual_checks, together
 from diagnosis.inference.closure import found_by, is_random, learnable, measured
 from diagnosis.inference.null import p_value
 from diagnosis.inference.refinement import explained_finely
+from diagnosis.inference.replication import estimate_by_part
 from diagnosis.inference.search import NOTHING, Explanation, Search
 from diagnosis.memory import give_back
 from diagnosis.model.at_work import known
@@ -40,6 +42,7 @@ from diagnosis.model.layout import layout
 from diagnosis.model.linear import LinearModel, Member
 from diagnosis.model.misfit import Departure, errors_of, misfit
 from diagnosis.model.prepare import Prepared, Progress
+from diagnosis.remainder_search import BesideRemainder, identify_beside_remainder
 from diagnosis.settings import DiagnosisSettings
 from simulator.effects import EFFECTS
 from simulator.effects.base import Effect
@@ -69,6 +72,8 @@ class Explained:
     unseen : without a gap, the probability of M0 and of what is too weak to be told
     closed : how far the gap closes on held-out data
     rounded : whether what the attitude shows is no more than what rounding to a step beyond the noise leaves
+    beside : effects identified in the presence of a remainder, where the listed effects alone do not explain the data
+    budget : steps of the gap budget on held-out data; none without a gap
     change, covariance : of the calibration with the named effects in the model, (12,), and of it and their amplitudes
     """
 
@@ -85,6 +90,8 @@ class Explained:
     unseen: tuple[Ranked, ...] = ()
     rounded: bool = False
     rejected: tuple[Fitted, ...] = ()
+    beside: BesideRemainder | None = None
+    budget: tuple[Step, ...] = ()
 
 
 def explain_prepared(
@@ -99,11 +106,43 @@ def explain_prepared(
     once_more = partial(_once_more, tell)
     at_work = known(explained.fitted or explained.rejected, {effect.name: effect for effect in effects})
     again = judged_anew(prepared, at_work, settings, once_more)
-    if again is None:
-        return prepared, explained
-    anew = explain(again, effects, settings, seed, once_more)
-    found, before = ({(one.effect, one.axis) for one in part} for part in (anew.fitted, explained.rejected))
-    return (again, anew) if before <= found else (prepared, explained)
+    if again is not None:
+        anew = explain(again, effects, settings, seed, once_more)
+        found, before = ({(one.effect, one.axis) for one in part} for part in (anew.fitted, explained.rejected))
+        prepared, explained = (again, anew) if before <= found else (prepared, explained)
+    return prepared, _add_remainder(prepared, explained, effects, settings, once_more)
+
+
+def _add_remainder(
+    prepared: Prepared, explained: Explained, effects: Sequence[Effect], settings: DiagnosisSettings, tell: Progress
+) -> Explained:
+    """Judge effects in the presence of a remainder where listed effects alone do not explain the data.
+
+    An explanation that needs as many effects as one may have, and a random process among them, stands for a remainder, too.
+    """
+    attribution = explained.attribution
+    if attribution is None or prepared.model.recording.attitudes.sensor is not None:
+        return explained
+    full = len(explained.fitted) == settings.largest_set and any(one.process for one in explained.fitted)
+    model = prepared.model
+    if attribution.verdict != "unknown" and not full:
+        sizes = [estimate_by_part(model, explained.fitted, number) for number in range(len(explained.fitted))]
+        shares = [sum(p for _, p in slot.group) for slot in attribution.slots]
+        held = predict_held_out(model, model, explained.fitted)
+        return replace(explained, budget=build_budget(held, model, explained.fitted, shares, sizes))
+    beside = identify_beside_remainder(model, effects, settings, tell)
+    if not beside.slots:
+        return replace(explained, beside=beside, budget=beside.budget)
+    fitted = tuple(
+        replace(one, columns=convert(beside.model, model, one.columns), shift=convert(beside.model, model, one.shift))
+        for one in beside.fitted
+    )
+    unknown = max(attribution.unknown, 1 - min(slot.probability for slot in beside.slots))
+    return replace(
+        explained, attribution=replace(attribution, verdict="partial", slots=beside.slots, unknown=unknown), fitted=fitted,
+        closed=beside.closed, change=beside.change, covariance=beside.covariance, checks=(), beside=beside,
+        budget=beside.budget,
+    )  # fmt: skip
 
 
 def _once_more(tell: Progress, text: str, share: float) -> None:

@@ -10,7 +10,7 @@ from diagnosis.result import Diagnosis
 from diagnosis.sensor_result import SensorDiagnosis
 
 # What is left unexplained on either side counts for the whole.
-WEIGHT: dict[Verdict, int] = {"none": 0, "named": 1, "group": 2, "not identifiable": 3, "unknown": 4}
+WEIGHT: dict[Verdict, int] = {"none": 0, "named": 1, "group": 2, "partial": 2, "not identifiable": 3, "unknown": 4}
 UNKNOWN = ("unknown",)
 
 

@@ -10,7 +10,8 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from diagnosis.answer import Amplitudes, Cause, Closure, Explanations, Finding, Verdict
+from diagnosis.answer import Amplitudes, Cause, Closure, Explanations, Finding, RemainderSummary, Verdict
+from diagnosis.budget import Step
 from diagnosis.inference.conformal import conformal_set
 from diagnosis.sensor_result import SensorDiagnosis
 from diagnosis.settings import DEFAULT
@@ -46,7 +47,7 @@ class Diagnosis:
     Attributes
     ----------
     recording : title
-    verdict : none, named, group, unknown, not identifiable
+    verdict : none, named, group, partial, unknown, not identifiable
     present, p_value, false_alarm_rate : the gap; p of the whole, and the rate of false alarms the threshold stands for
     where : findings, the strongest first
     causes : one for each effect of the best explanation
@@ -64,6 +65,9 @@ class Diagnosis:
         all that hold something unlisted; without a gap, the empty explanation
     amplitudes : joint posterior of the effects that are linear, for a scenario with them in it
     gyros : names of the gyros, the columns of G
+    budget : steps of the gap budget on held-out data
+    remainder : the part of the misfit that no identified cause explains; None where none is left or estimated
+    sigma_nominal : (12,) sigma of G row by row and b, rad/s, under the stated noise alone; None where it is the only one
     """
 
     recording: str
@@ -90,11 +94,25 @@ class Diagnosis:
     posterior: Explanations = ()
     amplitudes: Amplitudes = field(default_factory=Amplitudes)
     gyros: tuple[str, ...] = ("x", "y", "z")
+    budget: tuple[Step, ...] = ()
+    remainder: RemainderSummary | None = None
+    sigma_nominal: Array | None = None
 
     @property
     def conformal_90(self) -> tuple[str, ...]:
         """Explanations in the set that holds the truth in nine of ten recordings; ``none`` is the baseline."""
         return conformal_set(self.posterior, DEFAULT.conformal)
+
+    def _sigmas(self) -> dict[str, Any]:
+        """Sigmas under the stated noise and with the remainder, G row by row and b in deg/s, and which to use."""
+        own = np.concatenate([self.sigma_G.ravel(), self.sigma_bias])
+        unit = np.concatenate([np.ones(self.sigma_G.size), np.full(3, np.rad2deg(1.0))])
+        nominal = own if self.sigma_nominal is None else self.sigma_nominal
+        return {
+            "sigma_nominal": (nominal * unit).tolist(),
+            "sigma_with_remainder": (own * unit).tolist(),
+            "recommended": "nominal" if self.sigma_nominal is None else "with_remainder",
+        }
 
     def to_json(self) -> dict[str, Any]:
         """The result as one object, format 1."""
@@ -142,7 +160,10 @@ class Diagnosis:
                 "sigma_bias_deg_s": np.rad2deg(self.sigma_bias).tolist(),
                 "baseline_G": self.baseline_G.tolist(),
                 "baseline_bias_deg_s": np.rad2deg(self.baseline_bias).tolist(),
+                **self._sigmas(),
             },
+            "budget": [step.to_json() for step in self.budget],
+            "remainder": None if self.remainder is None else self.remainder.to_json(),
             "p_values": dict(self.p_values),
             "posterior": [{"effects": list(labels), "probability": probability} for labels, probability in self.posterior],
             "conformal_90": list(self.conformal_90),

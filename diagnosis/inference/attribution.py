@@ -119,6 +119,16 @@ def attribute(model: LinearModel, explanations: list[Explanation], settings: Dia
     return Attribution(_verdict(slots, settings), best, _shown(slots, settings), unknown, ranked)
 
 
+def find_slots(
+    model: LinearModel, best: Explanation, explanations: Sequence[Explanation], settings: DiagnosisSettings = DEFAULT
+) -> list[Slot]:
+    """Find the listed effects of an explanation, with their posterior over all explanations, and their alternatives."""
+    norm = total(list(explanations))
+    probability = {one.key: float(np.exp(one.log_posterior - norm)) for one in explanations}
+    listed = [member for member in best.members if model.candidate(member).listed]
+    return [_slot(model, best, member, probability, settings) for member in listed]
+
+
 def unexplained(p_value: float, settings: DiagnosisSettings = DEFAULT) -> Attribution:
     """Of a gap that no candidate shows: M0 against something unlisted, as likely beforehand, with the p-value of the gap."""
     unknown = 1 / (1 + against(p_value))

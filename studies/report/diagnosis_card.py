@@ -86,7 +86,7 @@ def headline(diagnosis: Diagnosis) -> str:
         return f"{there} recording cannot show {'its cause' if diagnosis.present else 'whether there is a gap'}"
     told = [_either(cause, diagnosis) for cause in diagnosis.causes]
     text = ("; and " if diagnosis.verdict == "group" else ", and ").join(told)
-    return _capital(text)
+    return _capital(f"{text}; a part of the gap is left" if diagnosis.verdict == "partial" else text)
 
 
 def clause(cause: Cause) -> str:
@@ -100,7 +100,7 @@ def _either(cause: Cause, diagnosis: Diagnosis, more: str = "") -> str:
     """A cause and more of it, or that it or another is at work where these cannot be told apart; with doubt, where there is."""
     others = [_bare(member) for member in cause.group if member != cause.label]
     told = f"{clause(cause)}{more}"
-    if diagnosis.verdict != "group":
+    if diagnosis.verdict not in ("group", "partial"):
         return told
     doubt = "" if (cause.group_probability if others else cause.probability) >= DEFAULT.named else "most likely "
     return f"{doubt}either {told}, or {words.listed(others, 'or')}" if others else f"{doubt}{told}"

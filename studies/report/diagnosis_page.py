@@ -16,7 +16,7 @@ from diagnosis.model.tones.tone import BIAS, PICKUP
 from diagnosis.result import Diagnosis
 from simulator.effects.sensor import SENSOR_EFFECTS
 from studies.montecarlo.files import write_text
-from studies.report import card_drawing, diagnosis_card, sensor_figures, sensor_words, tables
+from studies.report import card_drawing, diagnosis_card, gap_budget, sensor_figures, sensor_words, tables
 from studies.report import diagnosis_figures as figures
 from studies.report import diagnosis_words as words
 from studies.report.html import Picture, document, heading, paragraph, shown, table_of
@@ -45,8 +45,8 @@ def page(diagnosis: Diagnosis, made: Made | None = None, orbit_s: float = math.n
     consequence = [_closure(diagnosis), _calibration(diagnosis)]
     body = consequence + evidence if diagnosis.causes else evidence + consequence
     card = diagnosis_card.card(diagnosis, orbit_s, next_flight)
-    kind = {"none": "", "named": "gap", "group": "gap", "unknown": "gap", "not identifiable": "open"}[diagnosis.verdict]
-    parts = [paragraph(f"Diagnosis of {diagnosis.recording}", "quiet"), card_drawing.html(card, kind)]
+    kind = {"none": "", "not identifiable": "open"}.get(diagnosis.verdict, "gap")
+    parts = [paragraph(f"Diagnosis of {diagnosis.recording}", "quiet"), _budget(diagnosis), card_drawing.html(card, kind)]
     parts += [_answer(diagnosis), _causes(diagnosis), *body, _limits(diagnosis), _glossary(diagnosis)]
     return document(card.headline, parts, made, short=f"Diagnosis of {diagnosis.recording}")
 
@@ -108,6 +108,22 @@ def _regressor_picture(diagnosis: Diagnosis, cause: Cause) -> Picture:
         "follow the black line; neighbouring points deviate from it together, since gyro noise adds up in an interval. "
         "Right: both over time.",
     )
+
+
+def _budget(diagnosis: Diagnosis) -> str:
+    """The waterfall of the gap budget, which carries the answer, and one sentence for each step."""
+    if not diagnosis.budget:
+        return ""
+    steps = "; ".join(f"{gap_budget.name_step(step)} {step.misfit:.3g}" for step in diagnosis.budget)
+    picture = Picture(
+        "budget",
+        lambda: gap_budget.draw_waterfall(diagnosis.budget),
+        f"Gap budget on held-out data, whitened mean square: {steps}.",
+        "Left: misfit on held-out data and the share that each cause closes, with its 90 % interval. Right: the size of each "
+        "cause in separate parts of the recording, with 90 % bars; the band is the size over all parts.",
+    )
+    said = "".join(paragraph(sentence) for sentence in gap_budget.describe(diagnosis))
+    return heading("Gap budget") + shown(picture) + said
 
 
 def _closure(diagnosis: Diagnosis) -> str:

@@ -10,7 +10,7 @@ from rich.console import Console
 from diagnosis.answer import Cause
 from diagnosis.result import Diagnosis
 from studies.report import diagnosis_words as words
-from studies.report import sensor_words, tables
+from studies.report import gap_budget, sensor_words, tables
 
 MOST_FINDINGS = 4
 MOST_ALTERNATIVES = 4
@@ -42,6 +42,7 @@ def lines(diagnosis: Diagnosis) -> list[str]:
         ("Cause" if len(diagnosis.causes) == 1 else "Causes", _causes(diagnosis)),
         ("Other explanations", _alternatives(diagnosis)),
         ("How far the gap closes", iter([_closure(diagnosis)])),
+        ("Gap budget on held-out data", _budget(diagnosis)),
         ("Raw tables of sun and Earth sensors", _sensors(diagnosis)),
         ("Effect on the calibration", iter([words.calibration_change(diagnosis)])),
     ):
@@ -86,6 +87,13 @@ def _alternatives(diagnosis: Diagnosis) -> Iterator[str]:
 
 def _sensors(diagnosis: Diagnosis) -> Iterator[str]:
     yield from (f"- {sentence}" for sentence in sensor_words.sentences(diagnosis))
+
+
+def _budget(diagnosis: Diagnosis) -> Iterator[str]:
+    for step in diagnosis.budget:
+        share = "" if step.closed is None else f"  {100 * step.closed:5.0f} %"
+        yield f"{gap_budget.name_step(step):32s}{step.misfit:9.3g}{share}"
+    yield from (f"- {sentence}" for sentence in gap_budget.describe(diagnosis))
 
 
 def _closure(diagnosis: Diagnosis) -> str:

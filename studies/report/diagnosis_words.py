@@ -104,6 +104,9 @@ def verdict(diagnosis: Diagnosis) -> str:
             f"There is a gap {known}: with a probability of "
             f"{percent(diagnosis.unknown_probability)} something is at work that is not on the list.{beside}"
         )
+    if diagnosis.verdict == "partial":
+        identified = listed([" or ".join(label(one) for one in cause.group) for cause in diagnosis.causes], "and")
+        return f"There is a gap. Identified: {identified}. A significant remainder is left that no identified cause explains."
     if diagnosis.verdict == "not identifiable":
         if diagnosis.present:
             return "There is a gap, but this recording cannot show what causes it."

@@ -1,0 +1,229 @@
+"""The gap budget: how far each cause closes the misfit on held-out data, and what is left.
+
+A part of every interval is held out in turn (`diagnosis.model.folds`). The parameters of M0 and the amplitudes of the causes
+come from the rest, with the remainder in its noise. The errors of the prediction of the held-out part are whitened by their
+covariance under the stated noise, so that all steps of the budget have one measure: their mean square, which is one for a
+recording without misfit. The steps are the baseline M0, M0 with the first cause, with the first two, and so on. What is left
+above one after the last cause is the remainder.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import scipy.linalg
+from numpy.typing import NDArray
+
+from diagnosis.answer import Closure
+from diagnosis.inference.amplitudes import Fitted
+from diagnosis.inference.replication import PartSize, Replication
+from diagnosis.model.calibration import calibrated_beside
+from diagnosis.model.folds import SPLIT, conditioned, parts, unwhitened
+from diagnosis.model.recording import RecordingModel
+
+Array = NDArray[np.float64]
+
+DRAWS = 2000  # of the bootstrap over held-out parts
+FLOOR = 1.0  # whitened mean square of held-out errors under the stated noise
+TINY = 1e-9
+
+
+@dataclass(frozen=True)
+class Step:
+    """One step of the budget.
+
+    Attributes
+    ----------
+    step : "baseline", the label of a cause, "remainder" or "floor"
+    misfit : whitened mean square of the held-out errors once the step is done
+    misfit_deg : their RMS, deg
+    closed : share of the misfit between baseline and floor that this step closes
+    interval_90 : its 90 % interval
+    probability, size, sigma, unit : of a cause
+    by_part, heterogeneity_p : sizes of a cause by part, see `diagnosis.inference.replication`
+    delta_G, delta_bias_deg_s : (3, 3) and (3,) change of the calibration by this step
+    """
+
+    step: str
+    misfit: float
+    misfit_deg: float
+    closed: float | None = None
+    interval_90: tuple[float, float] | None = None
+    probability: float | None = None
+    size: float | None = None
+    sigma: float | None = None
+    unit: str | None = None
+    by_part: tuple[PartSize, ...] = ()
+    heterogeneity_p: float | None = None
+    delta_G: Array | None = None
+    delta_bias_deg_s: Array | None = None
+
+    def to_json(self) -> dict[str, Any]:
+        """Return the step as in the documented format."""
+        return {
+            "step": self.step,
+            "misfit": self.misfit,
+            "misfit_deg": self.misfit_deg,
+            "closed": self.closed,
+            "interval_90": None if self.interval_90 is None else list(self.interval_90),
+            "probability": self.probability,
+            "size": self.size,
+            "sigma": self.sigma,
+            "unit": self.unit,
+            "by_part": [{"part": one.part, "size": one.size, "sigma": one.sigma} for one in self.by_part],
+            "heterogeneity_p": self.heterogeneity_p,
+            "delta_G": None if self.delta_G is None else self.delta_G.tolist(),
+            "delta_bias_deg_s": None if self.delta_bias_deg_s is None else self.delta_bias_deg_s.tolist(),
+        }
+
+
+@dataclass(frozen=True)
+class HeldOut:
+    """Held-out errors of a sequence of explanations.
+
+    Attributes
+    ----------
+    squares : (parts, steps) sums of whitened squares in each held-out part
+    squares_deg2 : (parts, steps) sums of squares, deg²
+    dof : (parts,) held-out values
+    interval : (parts,) name of the interval of each
+    """
+
+    squares: Array
+    squares_deg2: Array
+    dof: Array
+    interval: tuple[str, ...]
+
+    @property
+    def misfit(self) -> Array:
+        """(steps,) whitened mean square."""
+        return np.asarray(self.squares.sum(axis=0) / self.dof.sum())
+
+    @property
+    def misfit_deg(self) -> Array:
+        """(steps,) RMS, deg."""
+        return np.asarray(np.sqrt(self.squares_deg2.sum(axis=0) / self.dof.sum()))
+
+    def closed(self, before: int, after: int, seed: int = 0) -> tuple[float, tuple[float, float]]:
+        """Compute the share of the baseline's misfit that the steps between two close, and its 90 % interval.
+
+        The interval is that of a bootstrap over the held-out parts.
+        """
+        rng = np.random.default_rng(seed)
+        picks = rng.integers(0, len(self.dof), (DRAWS, len(self.dof)))
+        whole = self.squares[:, 0] - FLOOR * self.dof
+        gained = self.squares[:, before] - self.squares[:, after]
+        total = max(float(whole.sum()), TINY)
+        drawn = whole[picks].sum(axis=1)
+        shares = gained[picks].sum(axis=1) / np.where(np.abs(drawn) > TINY, drawn, TINY)
+        low, high = np.quantile(shares[drawn > 0], [0.05, 0.95]) if (drawn > 0).any() else (-np.inf, np.inf)
+        return float(gained.sum()) / total, (float(low), float(high))
+
+
+def predict_held_out(model: RecordingModel, with_remainder: RecordingModel, effects: Sequence[Fitted]) -> HeldOut:
+    """Predict every held-out part by M0 alone, with the first effect, with the first two, and so on.
+
+    Parameters
+    ----------
+    model : the recording with the stated noise
+    with_remainder : the same with the remainder in its noise, which the columns of the effects are of
+    effects : in the order of the budget
+    """
+    W1 = np.hstack([np.zeros((model.size, 0)), *(one.columns * one.prior_sigma for one in effects)])
+    W0 = convert(with_remainder, model, W1)
+    stops = np.cumsum([0, *(one.columns.shape[1] for one in effects)])
+    shift1 = [one.shift for one in effects]
+    shift0 = [convert(with_remainder, model, one) for one in shift1]
+    W0, W1 = (np.hstack([W, *(s[:, None] for s in shifts)]) for W, shifts in ((W0, shift0), (W1, shift1)))
+    fold = parts(model)
+    block = model.observation_block
+    squares, degrees, dof, names = [], [], [], []
+    for number in np.unique(fold):
+        out = np.repeat(fold == number, 3)
+        if out.all():
+            continue
+        stated, learnt = conditioned(model, W0, out), conditioned(with_remainder, W1, out)
+        factor = np.linalg.cholesky(stated.covariance)
+        errors = []
+        for count in range(len(effects) + 1):
+            own, shifts = slice(0, stops[count]), slice(stops[-1], stops[-1] + count)
+            A, y = learnt.train_X[:, own], learnt.train_y - learnt.train_X[:, shifts].sum(axis=1)
+            a = np.linalg.solve(np.eye(A.shape[1]) + A.T @ A, A.T @ y)
+            errors.append(stated.error_y - stated.error_X[:, own] @ a - stated.error_X[:, shifts].sum(axis=1))
+        e = np.column_stack(errors)
+        white = scipy.linalg.solve_triangular(factor, e, lower=True, check_finite=False)
+        owner = np.repeat(block[fold == number], 3)
+        for one in np.unique(owner):
+            mine = owner == one
+            squares.append((white[mine] ** 2).sum(axis=0))
+            degrees.append((np.rad2deg(e[mine]) ** 2).sum(axis=0))
+            dof.append(float(mine.sum()))
+            names.append(model.recording.intervals[model.blocks[one].interval].name)
+    return HeldOut(np.array(squares), np.array(degrees), np.array(dof), tuple(names))
+
+
+def convert(source: RecordingModel, target: RecordingModel, columns: Array) -> Array:
+    """Convert columns whitened by the noise of one model to those whitened by the noise of another."""
+    return target.whitened(unwhitened(source, source.unmixed(columns)))
+
+
+def summarise_closure(held: HeldOut) -> Closure:
+    """Summarise how far all causes together close the misfit."""
+    last = held.squares.shape[1] - 1
+    closed, interval = held.closed(0, last)
+    names = list(dict.fromkeys(held.interval))
+    rows = [(name, np.array([one == name for one in held.interval])) for name in names]
+    table = pd.DataFrame(
+        {
+            "interval": names,
+            "before": [held.squares[mine, 0].sum() / held.dof[mine].sum() for _, mine in rows],
+            "after": [held.squares[mine, last].sum() / held.dof[mine].sum() for _, mine in rows],
+            "floor": [FLOOR] * len(names),
+            "dof": [held.dof[mine].sum() for _, mine in rows],
+        }
+    )
+    before, after = float(held.misfit[0]), float(held.misfit[last])
+    return Closure("held-out whitened mean square", SPLIT, before, after, FLOOR, closed, interval, table)
+
+
+def build_budget(
+    held: HeldOut,
+    with_remainder: RecordingModel,
+    effects: Sequence[Fitted],
+    probabilities: Sequence[float],
+    replications: Sequence[Replication],
+) -> tuple[Step, ...]:
+    """Build the steps of the budget.
+
+    Parameters
+    ----------
+    held : of `predict_held_out`
+    with_remainder, effects : as given to it
+    probabilities, replications : probability and sizes by part of each effect
+    """
+    misfit, degrees = held.misfit, held.misfit_deg
+    changes = [
+        calibrated_beside(with_remainder, [(one.columns, one.prior_sigma) for one in effects[:count]])[0]
+        for count in range(len(effects) + 1)
+    ]
+    steps = [Step("baseline", float(misfit[0]), float(degrees[0]))]
+    for k, (one, probability, parts_of) in enumerate(zip(effects, probabilities, replications, strict=True)):
+        closed, interval = held.closed(k, k + 1)
+        delta = changes[k + 1] - changes[k]
+        steps.append(
+            Step(
+                one.label, float(misfit[k + 1]), float(degrees[k + 1]), closed, interval, probability, parts_of.mean,
+                max(parts_of.sigma, one.sigma), one.unit, parts_of.parts, parts_of.heterogeneity_p, delta[:9].reshape(3, 3),
+                np.rad2deg(delta[9:]),
+            )
+        )  # fmt: skip
+    left = 1.0 - held.closed(0, len(effects))[0]
+    low, high = held.closed(0, len(effects))[1]
+    steps.append(Step("remainder", float(misfit[-1]), float(degrees[-1]), left, (1 - high, 1 - low)))
+    expected = float(degrees[-1] / np.sqrt(max(misfit[-1], FLOOR)))
+    steps.append(Step("floor", FLOOR, expected))
+    return tuple(steps)

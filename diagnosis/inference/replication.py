@@ -1,0 +1,119 @@
+"""Replication: the size of an effect in separate parts of a recording, and whether the sizes agree.
+
+A listed effect has one size. Its amplitude is estimated in each part, with all other effects in the model. The sizes a_k with
+sigmas s_k agree if Q = Σ (a_k − ā)²/s_k² is χ² distributed (Cochran, Biometrics 10, 1954). Their scatter beyond the sigmas is
+the variance τ² of DerSimonian and Laird (Controlled Clinical Trials 7, 1986), and the mean over the parts, with the weights
+1/(s_k² + τ²), has a sigma that holds even where they do not agree.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.stats
+from numpy.typing import NDArray
+
+from diagnosis.inference.amplitudes import Fitted
+from diagnosis.model.recording import RecordingModel
+
+Array = NDArray[np.float64]
+
+FEWEST_PARTS = 6  # parts of a recording at least; intervals are divided until there are as many
+MOST_WIDE = 4.0  # times the sigma of the best part: a part whose sigma is larger shows nothing
+WIDE_PRIOR = 1e3  # prior sigma of an amplitude in one part, in units of the prior of the whole
+SIGNIFICANT = 3.0  # sigmas by which the mean over the parts differs from zero
+
+
+@dataclass(frozen=True)
+class PartSize:
+    """Size of an effect in one part of the recording: `part` is its name, size and sigma are in the effect's unit."""
+
+    part: str
+    size: float
+    sigma: float
+
+
+@dataclass(frozen=True)
+class Replication:
+    """Sizes of an effect by part.
+
+    Attributes
+    ----------
+    parts : size in each part that shows the effect
+    heterogeneity_p : p-value of Q; 1 where fewer than two parts show the effect
+    mean, sigma : random-effects mean over the parts, and its sigma
+    """
+
+    parts: tuple[PartSize, ...]
+    heterogeneity_p: float
+    mean: float
+    sigma: float
+
+    @property
+    def replicates(self) -> bool:
+        """Whether the mean over the parts differs from zero, and most parts agree on the sign."""
+        if len(self.parts) < 2:
+            return False
+        same = sum(one.size * self.mean > 0 for one in self.parts)
+        return abs(self.mean) > SIGNIFICANT * self.sigma and same > len(self.parts) / 2
+
+
+def name_parts(model: RecordingModel) -> NDArray[np.str_]:
+    """Name the part of the recording that each observation (r,) belongs to: its interval, or a piece of it."""
+    pieces = max(1, -(-FEWEST_PARTS // len(model.blocks)))
+    names = []
+    for block in model.blocks:
+        interval = model.recording.intervals[block.interval].name
+        count = block.groups.size
+        number = np.arange(count) * pieces // max(count, 1)
+        names += [interval if pieces == 1 else f"{interval}, {k + 1} of {pieces}" for k in number]
+    return np.array(names)
+
+
+def estimate_by_part(model: RecordingModel, effects: Sequence[Fitted], number: int) -> Replication:
+    """Estimate the size of one effect in each part of the recording, the other effects held in the model.
+
+    Parameters
+    ----------
+    model : the recording, with the remainder in its noise
+    effects : fitted effects of the explanation, with the columns of this model
+    number : which of them
+    """
+    one = effects[number]
+    if one.process:  # its size is a standard deviation; a part of it has none of its own
+        return Replication((), 1.0, one.size, one.sigma)
+    shape = one.contribution
+    names = np.repeat(name_parts(model), 3)
+    parts = list(dict.fromkeys(names.tolist()))
+    own = np.column_stack([np.where(names == name, shape, 0.0) for name in parts])
+    others = [other.columns * other.prior_sigma for k, other in enumerate(effects) if k != number]
+    columns = model.projected(np.hstack([own, *others]))
+    prior = np.concatenate([np.full(len(parts), WIDE_PRIOR**-2), np.ones(columns.shape[1] - len(parts))])
+    information = columns.T @ columns + np.diag(prior)
+    covariance = np.linalg.inv(information)
+    found = covariance @ (columns.T @ model.y)
+    sizes = found[: len(parts)] * one.size
+    spread = covariance[: len(parts), : len(parts)] * one.size**2
+    return combine_parts(parts, np.asarray(sizes), np.asarray(spread))
+
+
+def combine_parts(names: Sequence[str], sizes: Array, covariance: Array) -> Replication:
+    """Combine the sizes (k,) of an effect by part, with their covariance (k, k), to a random-effects mean."""
+    sigmas = np.sqrt(np.diag(covariance))
+    seen = sigmas <= MOST_WIDE * sigmas.min()
+    shown, sigma = sizes[seen], sigmas[seen]
+    parts = tuple(
+        PartSize(str(name), float(a), float(s)) for name, a, s in zip(np.array(names)[seen], shown, sigma, strict=True)
+    )
+    if shown.size < 2:
+        return Replication(parts, 1.0, float(shown[0]), float(sigma[0]))
+    weights = sigma**-2
+    mean = float(weights @ shown / weights.sum())
+    Q = float(weights @ (shown - mean) ** 2)
+    between = max(0.0, (Q - (shown.size - 1)) / float(weights.sum() - (weights**2).sum() / weights.sum()))
+    weights = 1.0 / (sigma**2 + between)
+    mean = float(weights @ shown / weights.sum())
+    p = float(scipy.stats.chi2.sf(Q, shown.size - 1))
+    return Replication(parts, p, mean, float(weights.sum() ** -0.5))

@@ -1,0 +1,215 @@
+"""Identify effects in the presence of a remainder.
+
+Where no explanation by listed effects fits the stated noise, the sizes of the remainder (`diagnosis.model.remainder`) and the
+explanation are found in turn: the remainder beside the effects of the best explanation, then the posterior of all explanations
+with the remainder in the noise. Effects of a random course are not candidates here, since the remainder describes them.
+
+An effect is identified if
+
+* its posterior in the presence of the remainder, or that of the group it belongs to, reaches the naming threshold. The
+  remainder is estimated with and without it, so that an effect has to explain more than a larger remainder would;
+* its size replicates in separate parts of the recording (`diagnosis.inference.replication`);
+* it closes a share of the misfit on held-out data (`diagnosis.budget`): the 90 % interval of the share is above zero.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+import scipy.special
+from numpy.typing import NDArray
+from scipy.special import expit
+
+from diagnosis.answer import Closure, Regressor, RemainderSummary
+from diagnosis.budget import Step, build_budget, convert, predict_held_out, summarise_closure
+from diagnosis.inference.amplitudes import Fitted, amplitudes, refined
+from diagnosis.inference.attribution import Slot, find_slots
+from diagnosis.inference.replication import Replication, estimate_by_part
+from diagnosis.inference.search import NOTHING, Explanation, Search
+from diagnosis.model.calibration import calibrated
+from diagnosis.model.candidates import linear_model
+from diagnosis.model.linear import LinearModel, Member
+from diagnosis.model.prepare import Progress
+from diagnosis.model.recording import RecordingModel
+from diagnosis.model.remainder import (
+    Process,
+    Remainder,
+    add_remainder,
+    build_processes,
+    estimate_remainder,
+    summarise_remainder,
+)
+from diagnosis.settings import DiagnosisSettings
+from simulator.effects.base import Effect
+
+Array = NDArray[np.float64]
+
+RANK = 1e-8  # relative size of a column that adds nothing to those before it
+SIGNIFICANT = 1e-3  # p-value below which the remainder follows a regressor, all tests counted
+MOST_REGRESSORS = 4  # that are reported
+ROUNDS = 3  # of remainder and explanation in turn
+MOST_EFFECTS = 4  # in one explanation
+
+
+@dataclass(frozen=True)
+class BesideRemainder:
+    """Effects identified in the presence of a remainder.
+
+    Attributes
+    ----------
+    model : the recording with the remainder in its noise
+    remainder : the part of the misfit that no identified cause explains
+    slots : identified effects and what could stand in their place, in the order of the budget
+    fitted : their amplitudes; size and sigma are those over the parts of the recording
+    budget : steps on held-out data
+    closed : how far all causes together close the misfit; None without a cause
+    change, covariance : of the calibration with the causes in the model, see `diagnosis.model.calibration.calibrated`
+    """
+
+    model: RecordingModel
+    remainder: RemainderSummary
+    slots: tuple[Slot, ...]
+    fitted: tuple[Fitted, ...]
+    budget: tuple[Step, ...]
+    closed: Closure | None
+    change: Array
+    covariance: Array
+
+
+def identify_beside_remainder(
+    model: RecordingModel, effects: Sequence[Effect], settings: DiagnosisSettings, tell: Progress
+) -> BesideRemainder:
+    """Identify effects in the presence of a remainder.
+
+    Parameters
+    ----------
+    model : the recording with the stated noise
+    effects : listed effects
+    settings : priors and thresholds
+    tell : progress
+    """
+    shaped = [effect for effect in effects if not effect.is_process]
+    rules = replace(settings, largest_set=MOST_EFFECTS)
+    processes = build_processes(model)
+    columns, labels = np.zeros((model.size, 0)), frozenset[str]()
+    remainder = estimate_remainder(model, processes, columns)
+    for number in range(ROUNDS):
+        tell(f"remainder, round {number + 1}", 0.9 + 0.02 * number)
+        noisy = add_remainder(model, remainder)
+        linear = linear_model(noisy, shaped, (), rules)
+        linear = linear.keeping(lambda candidate: not candidate.process)
+        search = Search(linear, rules)
+        explanations = sorted([*search.explanations(), NOTHING], key=lambda one: -one.log_posterior)
+        best = explanations[0]
+        found = frozenset(linear.candidate(member).label for member in best.members)
+        columns = _prior_columns(model, noisy, linear, best.members)
+        if found == labels and number:
+            break
+        labels = found
+        remainder = estimate_remainder(model, processes, columns, remainder)
+    slots = find_slots(linear, best, explanations, rules)
+    slots = _without_larger_remainder(model, noisy, linear, best, slots, processes, remainder, rules)
+    return _confirmed(model, noisy, linear, remainder, slots, settings)
+
+
+def _prior_columns(model: RecordingModel, noisy: RecordingModel, linear: LinearModel, members: Sequence[Member]) -> Array:
+    """(N, q) columns of some members in units of their priors, whitened by the stated noise."""
+    parts = [np.zeros((model.size, 0))]
+    for member in members:
+        places, scale, _ = linear.design((member,))
+        parts.append(linear.W[:, places] * scale)
+    return convert(noisy, model, np.hstack(parts))
+
+
+def _without_larger_remainder(
+    model: RecordingModel,
+    noisy: RecordingModel,
+    linear: LinearModel,
+    best: Explanation,
+    slots: Sequence[Slot],
+    processes: tuple[Process, ...],
+    remainder: Remainder,
+    settings: DiagnosisSettings,
+) -> list[Slot]:
+    """Multiply the posterior of each effect by that against a larger remainder in its place."""
+    whole = estimate_remainder(model, processes, _prior_columns(model, noisy, linear, best.members), remainder)
+    out = []
+    for slot in slots:
+        others = [member for member in best.members if member != slot.member]
+        less = estimate_remainder(model, processes, _prior_columns(model, noisy, linear, others), remainder)
+        entry, option = linear.candidate(slot.member), linear.option(slot.member)
+        odds = whole.log_likelihood - less.log_likelihood - float(np.log(entry.scales.size)) + option.log_weight
+        share = float(expit(odds + entry.log_prior + np.log(settings.another)))
+        out.append(
+            replace(slot, probability=slot.probability * share, group=tuple((name, p * share) for name, p in slot.group))
+        )
+    return out
+
+
+def _confirmed(
+    model: RecordingModel,
+    noisy: RecordingModel,
+    linear: LinearModel,
+    remainder: Remainder,
+    slots: Sequence[Slot],
+    settings: DiagnosisSettings,
+) -> BesideRemainder:
+    """Keep the effects that are likely, replicate and close a share of the misfit on held-out data."""
+    likely = [slot for slot in slots if sum(p for _, p in slot.group) >= settings.named]
+    while True:
+        fine, members = refined(linear, tuple(slot.member for slot in likely)) if likely else (linear, ())
+        fitted = amplitudes(fine, members)
+        replications = [estimate_by_part(noisy, fitted, number) for number in range(len(fitted))]
+        order = sorted(range(len(fitted)), key=lambda k: -float(np.sum(noisy.projected(fitted[k].contribution) ** 2)))
+        likely, fitted = [likely[k] for k in order], [fitted[k] for k in order]
+        replications = [replications[k] for k in order]
+        shares = [sum(p for _, p in slot.group) for slot in likely]
+        held = predict_held_out(model, noisy, fitted)
+        budget = build_budget(held, noisy, fitted, shares, replications)
+        kept = [_is_confirmed(one, step) for one, step in zip(replications, budget[1:], strict=False)]
+        if all(kept):
+            break
+        likely = [slot for slot, good in zip(likely, kept, strict=True) if good]
+    change, covariance = calibrated(noisy, fitted)
+    sized = [
+        replace(one, size=parts.mean, sigma=max(parts.sigma, one.sigma))
+        for one, parts in zip(fitted, replications, strict=True)
+    ]
+    last = budget[-2]  # before the floor
+    left = summarise_remainder(
+        remainder, last.closed or 0.0, last.interval_90 or (0.0, 0.0), find_regressors(model, noisy, linear, fitted)
+    )
+    return BesideRemainder(
+        noisy, left, tuple(likely), tuple(sized), budget, summarise_closure(held) if fitted else None, change, covariance
+    )
+
+
+def _is_confirmed(replication: Replication, step: Step) -> bool:
+    return replication.replicates and step.interval_90 is not None and step.interval_90[0] > 0
+
+
+def find_regressors(
+    model: RecordingModel, noisy: RecordingModel, linear: LinearModel, fitted: Sequence[Fitted]
+) -> tuple[Regressor, ...]:
+    """Find what the remainder follows: score tests of shapes outside the library, in the presence of the remainder."""
+    left = noisy.y - sum((noisy.projected(one.contribution) for one in fitted), np.zeros(noisy.size))
+    stated = model.y - sum((model.projected(convert(noisy, model, one.contribution)) for one in fitted), np.zeros(model.size))
+    excess = max(float(stated @ stated) - model.degrees_of_freedom, 1.0)
+    out = []
+    tests = [(one, option) for one in linear.candidates if not one.listed for option in one.options]
+    for candidate, option in tests:
+        X = linear.X[:, option.columns]
+        Q, R = np.linalg.qr(X)
+        seen = np.abs(np.diag(R)) > RANK * np.abs(np.diag(R)).max(initial=0.0)
+        statistic = float(np.sum((Q[:, seen].T @ left) ** 2))
+        p = min(1.0, float(scipy.special.chdtrc(seen.sum(), statistic)) * len(tests))
+        if p < SIGNIFICANT:
+            a = np.linalg.lstsq(X, left, rcond=None)[0]
+            gone = stated - model.projected(convert(noisy, model, linear.W[:, option.columns] @ a))
+            out.append(Regressor(candidate.label, p, float(stated @ stated - gone @ gone) / excess))
+    best: dict[str, Regressor] = {}
+    for one in sorted(out, key=lambda one: one.p_value):
+        best.setdefault(one.name, one)
+    return tuple(list(best.values())[:MOST_REGRESSORS])

@@ -1,0 +1,153 @@
+"""The gap budget in words and as a figure: what each cause closes of the misfit, and what is left."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from itertools import pairwise
+
+import matplotlib as mpl
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from diagnosis.answer import RemainderSummary
+from diagnosis.budget import Step
+from diagnosis.result import Diagnosis
+from studies.report import diagnosis_words as words
+from studies.report import panels
+from studies.report.panels import STYLE
+
+WIDTH = 11.0  # inches
+ROW = 0.32  # inches of a row
+HETEROGENEOUS = 0.01  # p-value below which the sizes by part do not agree
+
+
+def name_step(step: Step) -> str:
+    """Name a step for a reader."""
+    return {
+        "baseline": "baseline",
+        "remainder": "remainder: not explained",
+        "floor": "floor: stated noise alone",
+    }.get(step.step, f"with {step.step}")
+
+
+def describe(diagnosis: Diagnosis) -> Iterator[str]:
+    """Describe the budget in sentences: one for each cause, and what is left."""
+    for step in diagnosis.budget:
+        if step.size is None or step.closed is None or step.interval_90 is None:
+            continue
+        low, high = (100 * share for share in step.interval_90)
+        text = f"{step.step} closes {100 * step.closed:.0f} % of the held-out misfit (90 % interval {low:.0f} to {high:.0f} %)"
+        yield f"{text}{_agreement(step)}."
+    if diagnosis.remainder is not None:
+        yield from describe_remainder(diagnosis.remainder)
+
+
+def _agreement(step: Step) -> str:
+    if len(step.by_part) < 2 or step.heterogeneity_p is None:
+        return ""
+    count = len(step.by_part)
+    if step.heterogeneity_p < HETEROGENEOUS:
+        return (
+            f"; its sizes in {count} parts of the recording differ by more than their sigmas (p = {step.heterogeneity_p:.1g})"
+        )
+    return f"; its sizes in {count} parts of the recording agree (p = {step.heterogeneity_p:.2g})"
+
+
+def describe_remainder(left: RemainderSummary) -> Iterator[str]:
+    """Describe the remainder: share, side, size, time scale, and the regressors that it follows."""
+    low, high = (100 * share for share in left.interval_90)
+    yield f"No identified cause explains {100 * left.share:.0f} % of the misfit (90 % interval {low:.0f} to {high:.0f} %)."
+    sides = {
+        "gyro": "the gyro",
+        "reference": "the reference attitudes",
+        "time tags": "the time tags",
+        "white noise": "white noise larger than stated",
+    }
+    lasting = f", with a correlation time of about {left.time_scale_s:.2g} s" if left.time_scale_s > 0 else ""
+    sizes = []
+    if any(left.gyro_deg_h):
+        sizes.append(f"{_by_axis(left.gyro_deg_h)} deg/h of gyro rate")
+    if any(left.reference_deg):
+        sizes.append(f"{_by_axis(left.reference_deg)} deg of reference attitude")
+    if left.time_tags_s > 0:
+        sizes.append(f"{left.time_tags_s:.2g} s of time tags")
+    yield f"Most of it comes from {sides[left.side]}{lasting}. Its sizes (1 sigma, x, y, z): {'; '.join(sizes) or 'none'}."
+    for one in left.regressors:
+        yield f"It {_follows(one.name)} ({words.p_value(one.p_value)}; {100 * one.share:.0f} % of the misfit)."
+
+
+def _follows(name: str) -> str:
+    behaviour, _, axis = name.partition(":")
+    return f"behaves like this: {behaviour}{f', axis {axis}' if axis else ''}"
+
+
+def _by_axis(values: tuple[float, ...]) -> str:
+    return ", ".join(f"{value:.2g}" for value in values)
+
+
+# ---- figure --------------------------------------------------------------------------------------------------------------
+
+
+def draw_waterfall(budget: tuple[Step, ...]) -> Figure:
+    """Draw the waterfall, and beside it the sizes of the causes by part of the recording."""
+    causes = [step for step in budget if len(step.by_part) > 1]
+    with mpl.rc_context(STYLE):
+        rows = max(len(budget), *(len(one.by_part) + 1 for one in causes), 4)
+        height = ROW * rows + 1.2
+        figure = Figure(figsize=(WIDTH, height), layout="constrained")
+        axes = figure.subplots(1, 1 + len(causes), width_ratios=[2.2, *[1.0] * len(causes)], squeeze=False)[0]
+        draw_steps(axes[0], budget)
+        for on, step in zip(axes[1:], causes, strict=True):
+            _draw_parts(on, step)
+    return figure
+
+
+def draw_steps(on: Axes, budget: tuple[Step, ...]) -> None:
+    """Draw the steps of a budget as a waterfall."""
+    explained = [step for step in budget if step.step not in ("remainder", "floor")]
+    floor, last = budget[-1].misfit, explained[-1].misfit
+    spans = [(floor, explained[0].misfit, panels.RED)]
+    spans += [(after.misfit, before.misfit, panels.BLUE) for before, after in pairwise(explained)]
+    spans += [(floor, last, panels.ORANGE), (0.0, floor, panels.GREY)]
+    for row, (step, (low, high, colour)) in enumerate(zip(budget, spans, strict=True)):
+        on.barh(row, high - low, left=low, color=colour, height=0.62)
+        share = "" if step.closed is None or step.interval_90 is None else _share(step)
+        text = f"{step.misfit:.3g}" if step.step in ("baseline", "floor") else share
+        on.annotate(text, (max(high, low), row), xytext=(4, 0), textcoords="offset points", va="center", fontsize=8)
+    on.set_yticks(range(len(budget)), [name_step(step) for step in budget])
+    on.invert_yaxis()
+    on.set_xlim(0, 1.28 * max(step.misfit for step in budget))
+    on.set_xlabel("held-out whitened mean square")
+    on.grid(visible=False)
+
+
+def _share(step: Step) -> str:
+    assert step.closed is not None
+    assert step.interval_90 is not None
+    low, high = (100 * value for value in step.interval_90)
+    return f"{100 * step.closed:.0f} % ({low:.0f} to {high:.0f})"
+
+
+def _draw_parts(on: Axes, step: Step) -> None:
+    sizes, sigmas = (np.array([getattr(one, name) for one in step.by_part]) for name in ("size", "sigma"))
+    rows = np.arange(len(sizes))
+    scale, prefix = _scale(float(np.abs(sizes).max()))
+    on.errorbar(sizes / scale, rows, xerr=1.645 * sigmas / scale, fmt="o", color=panels.BLUE, capsize=2, markersize=4)
+    if step.size is not None and step.sigma is not None:
+        on.axvspan((step.size - step.sigma) / scale, (step.size + step.sigma) / scale, color=panels.BLUE, alpha=0.2, lw=0)
+        on.axvline(step.size / scale, color=panels.BLUE, lw=1)
+    on.axvline(0.0, color="0.5", lw=0.8, ls=":")
+    on.set_yticks(rows, [one.part for one in step.by_part], fontsize=7)
+    on.invert_yaxis()
+    on.set_title(step.step, fontsize=9)
+    on.set_xlabel(f"size ({prefix}{step.unit}), 90 % bars", fontsize=8)
+
+
+def _scale(largest: float) -> tuple[float, str]:
+    """Power of ten in front of the unit, so that ticks are short."""
+    if not largest > 0 or 1e-2 <= largest < 1e5:
+        return 1.0, ""
+    power = 3 * math.floor(math.log10(largest) / 3)
+    return 10.0**power, f"1e{power} "
