@@ -9,8 +9,10 @@ from dataclasses import replace
 from threadpoolctl import threadpool_limits
 
 from diagnosis.assemble import assembled
+from diagnosis.detectors.stream_faults import find_faults, remove_faults
 from diagnosis.explain import Explained, explain_prepared
 from diagnosis.merge import merged
+from diagnosis.model.fault_causes import convert_faults
 from diagnosis.model.prepare import Prepared, Progress, prepare
 from diagnosis.model.symptoms import sample_causes
 from diagnosis.result import Diagnosis
@@ -19,7 +21,7 @@ from diagnosis.settings import DEFAULT, DiagnosisSettings
 from gyrocal.errors import InputError
 from gyrocal.recording import Recording
 from simulator.effects import ARRAY_EFFECTS, EFFECTS, TRACKER_EFFECTS
-from simulator.effects.base import Effect
+from simulator.effects.base import Effect, Fault
 from simulator.effects.sensor import ALL_EFFECTS, SENSOR_EFFECTS
 
 
@@ -57,16 +59,24 @@ def diagnose(
             return diagnose_gyros(recording, nameable(library, True, several), settings, seed, tell)
         effects = nameable(library, of_trackers=several)
         tell("gyro samples", 0.0)
-        prepared, explained = explain_prepared(prepare(recording, settings, tell), effects, settings, seed, tell)
-        found = answer(prepared, explained, effects, settings, time.perf_counter() - began)
+        faults = find_faults(recording, effects)
+        usable = remove_faults(recording, faults)
+        prepared, explained = explain_prepared(prepare(usable, settings, tell), effects, settings, seed, tell)
+        found = answer(prepared, explained, effects, settings, time.perf_counter() - began, faults)
         return found if recording.sensors is None else with_sensors(found, recording, library, settings, seed)
 
 
 def answer(
-    prepared: Prepared, explained: Explained, effects: Sequence[Effect], settings: DiagnosisSettings, runtime_s: float
+    prepared: Prepared,
+    explained: Explained,
+    effects: Sequence[Effect],
+    settings: DiagnosisSettings,
+    runtime_s: float,
+    faults: Sequence[Fault] = (),
 ) -> Diagnosis:
-    """Make the answer of what samples and attitude show; parameters as of `diagnose`."""
-    return assembled(prepared, sample_causes(prepared, effects, settings), explained, settings, runtime_s)
+    """Make the answer of what samples and attitude show, and of faults taken out before; parameters as of `diagnose`."""
+    samples = (*sample_causes(prepared, effects, settings), *convert_faults(faults))
+    return assembled(prepared, samples, explained, settings, runtime_s)
 
 
 def nameable(library: Sequence[str] | None, of_arrays: bool = False, of_trackers: bool = False) -> list[Effect]:

@@ -22,6 +22,7 @@ import numpy as np
 from simulator.effects.views import (
     Array,
     Detection,
+    Fault,
     ProcessTimes,
     References,
     SampleTests,
@@ -42,6 +43,7 @@ __all__ = [
     "Array",
     "Detection",
     "Effect",
+    "Fault",
     "Parameter",
     "ProcessTimes",
     "References",
@@ -84,10 +86,11 @@ STAGES = (
     Stage("reference", "A deterministic error is added to the references: columns times amplitudes.", "reference_columns"),
     Stage("random_reference", "A random error that is not white is added to the references.", "reference_wander"),
     Stage("reference_noise", "White reference noise as stated is added, times the factors of this stage.", "noise_factor"),
+    Stage("reference_telemetry", "References are repeated or falsified on their way.", "replace_references"),
     Stage("sensor", "The sun and Earth sensors differ from their nominal models.", "fitted"),
 )
 STAGE_NAMES = tuple(stage.name for stage in STAGES)
-ON_REFERENCES = ("reference", "random_reference", "reference_noise")
+ON_REFERENCES = ("reference", "random_reference", "reference_noise", "reference_telemetry")
 
 SYMPTOMS = (
     "white_noise_level",  # white noise of the samples other than stated
@@ -315,6 +318,13 @@ class Effect:
         """Random error e of the references, (m, 3) rad."""
         raise NotImplementedError(f"{self.name} is no random process on the references")
 
+    @absent
+    def replace_references(
+        self, rng: np.random.Generator, quaternions: Array, references: References, setting: Setting
+    ) -> Array:
+        """Recorded reference attitudes (m, 4) with some of them repeated or falsified; `references` are the true ones."""
+        raise NotImplementedError(f"{self.name} does not falsify references")
+
     # ---- how a diagnosis tries it ----------------------------------------------------------------------------------------
 
     @absent
@@ -333,6 +343,11 @@ class Effect:
     @absent
     def detect(self, view: SampleView) -> Sequence[Detection]:
         """What a test of its own finds in the samples; for effects that no `symptom` shows."""
+        return ()
+
+    @absent
+    def find_faults(self, around: Surroundings) -> Sequence[Fault]:
+        """Find stretches without a rate or an attitude, from samples and references as recorded at the a-priori calibration."""
         return ()
 
     def completed(self, setting: Setting) -> Setting:

@@ -140,7 +140,10 @@ def referenced(around: Surroundings, active: Sequence[Active], rng: np.random.Ge
             error = error + _seen(one, around, columns)
         elif one.effect.stage == "random_reference":
             error = error + one.effect.reference_wander(one.rng, references, one.setting)
-    return perturbed(references.quaternions, error) if error.any() else references.quaternions
+    shown = perturbed(references.quaternions, error) if error.any() else references.quaternions
+    for one in _at(active, "reference_telemetry"):
+        shown = one.effect.replace_references(one.rng, shown, references, one.setting)
+    return shown
 
 
 def _at(active: Sequence[Active], stage: str) -> list[Active]:

@@ -184,6 +184,22 @@ class Detection:
 
 
 @dataclass(frozen=True)
+class Fault:
+    """A stretch of a recording that shows no rate or no attitude, and the effect that is found to make it.
+
+    Attributes
+    ----------
+    detection : what was found
+    samples : (n,) bool, gyro samples that carry no rate
+    references : (m,) bool, references that carry no attitude
+    """
+
+    detection: Detection
+    samples: NDArray[np.bool_]
+    references: NDArray[np.bool_]
+
+
+@dataclass(frozen=True)
 class SampleTests:
     """The tests of the samples that a diagnosis makes, as far as the smallest size which they show depends on them.
 
