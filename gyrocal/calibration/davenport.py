@@ -37,7 +37,7 @@ from gyrocal.calibration.attenuation import attenuation
 from gyrocal.calibration.covariance import CovarianceModel
 from gyrocal.calibration.gate import LargeResidualError, refusal
 from gyrocal.calibration.gyro_space import Parametrisation, space_of
-from gyrocal.calibration.implausible_values import find_implausible_values
+from gyrocal.calibration.implausible_values import find_combinations_lost_to_misfit, find_implausible_values
 from gyrocal.calibration.mounting import Mounting, compute_mounting
 from gyrocal.calibration.observability import BIAS_LETTERS, PLAUSIBLE_RANGE, Observability, observability
 from gyrocal.calibration.parameters import AXES, GyroParameters, select
@@ -268,10 +268,14 @@ class CalibrationResult:
         """1-sigma of each combination not found, in the unit of the parameter it begins with; biases in rad/s."""
         if self.plausible is None or not self.observability.unobservable:
             return ()
+        columns, covariance = self._solved()
+        return tuple(self.observability.combination_sigmas(covariance, self.plausible.vector(columns >= 9)).tolist())
+
+    def _solved(self) -> tuple[Indices, Array]:
+        """Places (p,) of the solved-for parameters among the twelve, and their covariance (p, p)."""
         names = space_of(self.parametrisation).names
         columns = np.array([names.index(name) for name in self.solved_for])
-        covariance = self.own_covariance[np.ix_(columns, columns)]
-        return tuple(self.observability.combination_sigmas(covariance, self.plausible.vector(columns >= 9)).tolist())
+        return columns, self.own_covariance[np.ix_(columns, columns)]
 
     @cached_property
     def mounting(self) -> Mounting:
@@ -284,7 +288,12 @@ class CalibrationResult:
         """Values that no gyro of this grade has, a sentence each."""
         if self.plausible is None:
             return ()
-        return find_implausible_values(self.mounting, self.G, self.bias, self.sigma[9:], self.plausible)
+        found = find_implausible_values(self.mounting, self.G, self.bias, self.sigma[9:], self.plausible)
+        if self.options.get("prior_from") is not None:
+            return found
+        columns, covariance = self._solved()
+        ranges = self.plausible.vector(columns >= 9)
+        return (*found, *find_combinations_lost_to_misfit(covariance, ranges, self.solved_for, self.chi2, self.dof))
 
     def summary(self) -> pd.DataFrame:
         """A row per parameter of the parametrisation: initial, calibrated, correction and sigma; biases in deg/s."""

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gyrocal.calibration.mounting import Mounting
+from gyrocal.calibration.observability import observability
 from gyrocal.calibration.plausible_ranges import PlausibleRanges
 
 Array = NDArray[np.float64]
@@ -19,6 +20,7 @@ LARGEST_ROTATION = np.deg2rad(10.0)  # from the stated mounting; beyond it, axes
 LARGEST_BIAS = 3.0  # plausible ranges of the grade
 REST_RANGES = 0.1  # plausible ranges, by which b may be off the rests
 REST_SIGMAS = 5.0
+MOST_SHOWN = 3  # parameter combinations that a sentence names
 
 
 def find_implausible_values(
@@ -42,6 +44,41 @@ def find_implausible_values(
         *_find_rotation(mounting),
         *_find_large_bias(bias, plausible),
         *_find_bias_off_rests(G, bias, sigma_bias, plausible),
+    )
+
+
+def find_combinations_lost_to_misfit(
+    covariance: Array, ranges: Array, names: tuple[str, ...], chi2: float, dof: int
+) -> tuple[str, ...]:
+    """Find combinations whose sigma exceeds the plausible range once it is widened by the size of the residuals.
+
+    Residuals that exceed the stated noise widen all sigmas by sqrt(χ²/dof) at least (the Birge ratio).
+
+    Parameters
+    ----------
+    covariance : (p, p) of the solved-for parameters by the stated noise, without a prior
+    ranges : (p,) plausible range of each
+    names : of them
+    chi2, dof : of the residuals after the calibration
+
+    Returns
+    -------
+    One sentence, or nothing.
+    """
+    if dof <= 0 or chi2 <= dof:
+        return ()
+    wider = float(np.sqrt(chi2 / dof))
+    scaled = covariance / np.outer(ranges, ranges)
+    values, directions = np.linalg.eigh(scaled)
+    whitened = directions.T / (np.sqrt(np.maximum(values, np.finfo(float).tiny))[:, None] * wider)
+    lost = observability(whitened / ranges, ranges, names).unobservable
+    if not lost:
+        return ()
+    more = f"; and {len(lost) - MOST_SHOWN} more" if len(lost) > MOST_SHOWN else ""
+    return (
+        f"The residuals exceed the stated noise by a factor of {wider:.3g}. With sigmas as much wider, {len(lost)} of "
+        f"{len(names)} parameter combinations are not determined to within their plausible ranges: "
+        f"{'; '.join(lost[:MOST_SHOWN])}{more}. Do not use their values.",
     )
 
 

@@ -97,7 +97,7 @@ RESIDUALS = (
 def headline(result: CalibrationResult, to_tolerance: bool) -> tuple[str, str]:
     """Kind of the answer, and the answer in a sentence."""
     if result.warnings:
-        return "gap", f"Implausible: {result.warnings[0]}"
+        return "gap", f"Do not use it as it is: {result.warnings[0]}"
     if result.observability.unobservable:
         return "open", f"{len(result.observability.unobservable)} of the parameters' combinations are not found by the data"
     if to_tolerance and not result.converged:

@@ -1,0 +1,171 @@
+"""Grade and plausible ranges of a gyro, its mounting, and values that no gyro has."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from gyrocal import NAMES, GyroParameters, calibrate
+from gyrocal.calibration.implausible_values import find_combinations_lost_to_misfit, find_implausible_values
+from gyrocal.calibration.mounting import compute_mounting, split_polar
+from gyrocal.calibration.plausible_ranges import (
+    DEG_H,
+    DEG_SQRT_H,
+    MEMS_BIAS,
+    MEMS_G,
+    RANGES,
+    RestRates,
+    compute_rest_rates,
+    estimate_plausible_ranges,
+)
+from tests.builders import TRUTH, piecewise_recording
+
+RNG = np.random.default_rng(2)
+MOVES = ((((0.0, 0.0, 0.0), 20.0), ((0.3, -0.2, 0.1), 20.0), ((-0.1, 0.2, -0.3), 20.0), ((0.0, 0.0, 0.0), 20.0)),)
+
+
+@pytest.fixture(scope="module")
+def moving():
+    """A minute of motion between two rests, with a gyro of 0.6 deg/sqrt(h)."""
+    arw = 0.6 * DEG_SQRT_H
+    return piecewise_recording(MOVES, arw=arw, rng=np.random.default_rng(4), sigma_deg=0.05, series_s=1.0, sample_s=0.05)
+
+
+@pytest.mark.parametrize(
+    ("arw", "grade"), [(0.0, "space"), (0.016, "space"), (0.05, "space"), (0.07, "tactical"), (0.3, "MEMS")]
+)
+def test_the_stated_walk_gives_the_grade(arw, grade):
+    recording = piecewise_recording(arw=arw * DEG_SQRT_H)
+    found = estimate_plausible_ranges(recording)
+    assert found.grade == grade
+    assert (found.G, found.bias) == next((G, bias) for name, _, G, bias in RANGES if name == grade)
+    assert f"{grade} grade, from the stated angle random walk of {arw:.2g} deg/sqrt(h)" == found.reason
+
+
+def test_ranges_grow_with_the_grade():
+    assert np.all(np.diff([row[1:] for row in RANGES], axis=0) > 0)
+
+
+def test_what_is_stated_goes_before_the_grade():
+    recording = piecewise_recording(arw=0.3 * DEG_SQRT_H)
+    found = estimate_plausible_ranges(recording, plausible_bias=1e-3)
+    assert (found.G, found.bias) == (MEMS_G, 1e-3)
+    assert found.reason.startswith("plausible_bias as stated; MEMS grade")
+
+
+def test_the_bias_in_a_rest_is_found_and_corrects_the_grade(moving):
+    rest = compute_rest_rates(moving)
+    assert rest is not None
+    np.testing.assert_allclose(rest.bias(TRUTH.G), TRUTH.bias, atol=np.deg2rad(0.01))
+    assert estimate_plausible_ranges(moving).grade == "MEMS"
+    calm = replace(moving.gyro, arw=0.01 * DEG_SQRT_H)
+    assert estimate_plausible_ranges(replace(moving, gyro=calm)).grade == "space"
+    biased = replace(calm, rates=calm.rates + np.deg2rad([0.0, 1.0, 0.0]))
+    found = estimate_plausible_ranges(replace(moving, gyro=biased))
+    assert found.grade == "MEMS"
+    assert "in the rests, beyond the range of space grade" in found.reason
+
+
+def test_a_coast_at_orbit_rate_is_no_bias():
+    """A body that turns slowly all the time rests by its gyro; the references tell the rate from a bias."""
+    slow = (0.0, -1e-3, 0.0)
+    plan = (((slow, 60.0), ((0.3, -0.2, 0.1), 20.0), (slow, 60.0)),)
+    recording = piecewise_recording(plan, arw=0.01 * DEG_SQRT_H, rng=RNG, sigma_deg=0.001, series_s=1.0, sample_s=0.05)
+    assert compute_rest_rates(recording) is not None
+    assert estimate_plausible_ranges(recording).grade == "space"
+
+
+def test_polar_decomposition_and_its_jacobians():
+    rng = np.random.default_rng(7)
+    turn = Rotation.from_rotvec(np.deg2rad([100.0, -30.0, 60.0])).as_matrix()
+    skewed = np.eye(3) + 0.02 * rng.normal(size=(3, 3))
+    for G in (turn @ skewed, -turn @ skewed):
+        R, S = split_polar(G)
+        np.testing.assert_allclose(R @ S, G, atol=1e-14)
+        np.testing.assert_allclose(S, S.T, atol=1e-14)
+        change = 1e-6 * rng.normal(size=(200, 3, 3))
+        moved = [split_polar(G + one) for one in change]
+        rotations = np.array([Rotation.from_matrix(other @ R.T).as_rotvec() for other, _ in moved])
+        found = compute_mounting(G, 1e-12 * np.eye(9), G, 0.01)
+        np.testing.assert_allclose(found.sigma_rotation, rotations.std(axis=0), rtol=0.2)
+        np.testing.assert_allclose(found.sigma_S, np.std([other for _, other in moved], axis=0), rtol=0.25)
+        assert found.is_mirrored == (np.linalg.det(G) < 0)
+        assert found.change == pytest.approx(0.0, abs=1e-7)
+
+
+@pytest.fixture(scope="module")
+def rich():
+    """Turns about each axis and back, without noise, stated as of a MEMS gyro."""
+    rates = 0.2 * np.vstack([np.eye(3), -np.eye(3)])
+    plan = tuple(((tuple(rate), 10.0), (tuple(-rate), 5.0)) for rate in rates)
+    recording = piecewise_recording(plan, series_s=2.5, sample_s=0.1, sigma_deg=0.01)
+    return replace(recording, gyro=replace(recording.gyro, arw=0.3 * DEG_SQRT_H))
+
+
+def test_a_rotation_of_the_references_goes_into_the_mounting_alone(rich):
+    moving = rich
+    turn = Rotation.from_rotvec(np.deg2rad([4.0, -2.0, 3.0]))
+    q = (Rotation.from_quat(moving.attitudes.quaternions) * turn.inv()).as_quat()
+    before = calibrate(moving).mounting
+    after = calibrate(replace(moving, attitudes=replace(moving.attitudes, quaternions=q))).mounting
+    np.testing.assert_allclose(after.S, before.S, atol=1e-6)
+    np.testing.assert_allclose(after.R, turn.as_matrix() @ before.R, atol=1e-6)
+    assert after.to_json()["angle_deg"] == pytest.approx(np.rad2deg(after.angle))
+
+
+def test_motion_about_one_axis_leaves_the_mounting_open():
+    plan = ((((0.0, 0.0, 0.5), 60.0), ((0.0, 0.0, -0.5), 60.0)),)
+    recording = piecewise_recording(plan, arw=0.6 * DEG_SQRT_H, rng=RNG, sigma_deg=0.05, series_s=2.0, sample_s=0.1)
+    result = calibrate(recording)
+    assert result.mounting.undetermined == ("z",)
+    assert "does not determine the rotation about z" in " ".join(result.mounting.sentences())
+    assert set(result.undetermined) == {"G_xx", "G_xy", "G_yx", "G_yy", "G_zx", "G_zy"}
+    assert result.sigma[NAMES.index("G_zz")] < 0.01
+    assert result.warnings == ()
+
+
+def test_values_that_no_gyro_has_are_named(moving):
+    ranges = estimate_plausible_ranges(moving)
+    none = compute_mounting(TRUTH.G, np.zeros((9, 9)), np.eye(3), ranges.G)
+    assert find_implausible_values(none, TRUTH.G, TRUTH.bias, np.full(3, 1e-6), ranges) == ()
+    turn = Rotation.from_rotvec([0.0, 0.0, np.deg2rad(30.0)]).as_matrix()
+    G = turn @ np.diag([1.0, 0.31, 1.0])
+    mounting = compute_mounting(G, np.zeros((9, 9)), np.eye(3), ranges.G)
+    bias = np.array([4 * MEMS_BIAS, 0.0, 0.0])
+    found = find_implausible_values(mounting, G, bias, np.full(3, 1e-6), ranges)
+    assert [text.split()[1] for text in found] == ["scale", "gyro", "bias", "bias"]
+    assert "y 0.31" in found[0]
+    assert "30 deg away from the stated axes" in found[1]
+    assert "4 times the plausible range of the MEMS grade" in found[2]
+    assert "off the bias in the rests" in found[3]
+
+
+def test_a_bias_off_the_rests_by_less_than_its_error_is_no_warning():
+    rest = RestRates(np.zeros(3), np.zeros(3), sigma=100 * DEG_H)
+    ranges = replace(estimate_plausible_ranges(piecewise_recording()), rest=rest)
+    mounting = compute_mounting(np.eye(3), np.zeros((9, 9)), np.eye(3), 0.01)
+    bias = np.array([20 * DEG_H, 0.0, 0.0])
+    assert find_implausible_values(mounting, np.eye(3), bias, np.zeros(3), ranges) == ()
+
+
+def test_a_misfit_widens_sigmas_beyond_the_ranges():
+    covariance, ranges = np.diag([0.5, 0.01]) ** 2, np.ones(2)
+    assert find_combinations_lost_to_misfit(covariance, ranges, ("G_xx", "G_yy"), 90.0, 100) == ()
+    assert find_combinations_lost_to_misfit(covariance, ranges, ("G_xx", "G_yy"), 300.0, 100) == ()
+    (text,) = find_combinations_lost_to_misfit(covariance, ranges, ("G_xx", "G_yy"), 900.0, 100)
+    assert "a factor of 3." in text
+    assert "1 of 2 parameter combinations" in text
+    assert "1 G_xx" in text
+
+
+def test_the_result_holds_grade_mounting_and_warnings(rich):
+    turned = replace(rich.gyro, rates=rich.gyro.rates * [1.0, 1.0, 1.2])
+    result = calibrate(replace(rich, gyro=turned))
+    assert GyroParameters(result.G, result.bias).scale_factor[2] == pytest.approx(TRUTH.G[2, 2] / 1.2, abs=1e-3)
+    document = result.to_json()
+    assert document["plausible_ranges"]["grade"] == "MEMS"
+    assert document["plausible_ranges"]["bias_deg_h"] == pytest.approx(36000)
+    assert "scale factor of z 0.8" in document["warnings"][0]
+    assert document["mounting"]["sentences"] == result.mounting.sentences()
+    assert "warning" in repr(result)
