@@ -11,8 +11,10 @@ combinations of these are tried. For one reading of the attitudes and one τ, wi
     |w_ref − s Π w − b|² = Σ|w_ref|² − 2 s tr(Πᵀ Σ w_ref wᵀ) + s² Σ|w|²
 
 gives all s and Π at once. τ is where the magnitudes of both rates correlate best, which no s, Π, or reading of a direction
-changes. Of what fits nearly as well as the best, the reading that changes least is named; several of the same number of
-changes are named together, since the data cannot tell them apart.
+changes. A rotation of the gyro's axes that is no exchange of axes is tried last: the rotation that maximises
+tr(Πᵀ Σ w_ref wᵀ) follows from a singular value decomposition (Kabsch, Acta Cryst. A32, 1976). Of what fits nearly as well as
+the best, the reading that changes least is named; several of the same number of changes are named together, since the data
+cannot tell them apart.
 """
 
 from __future__ import annotations
@@ -33,6 +35,7 @@ FITS = 0.1  # residual over motion of rates that are read rightly: errors of G a
 HOPELESS = 0.5
 BETTER = 0.5  # times the residual as read: an alternative must fit so much better
 ALIKE = 1.25  # times the best residual: as good
+LEAST_WINDOWS = 6  # from which a rotation of three angles is told
 LARGE_DRIFT = np.deg2rad(10.0)  # by a bias over the longest interval
 LONGEST_LAG = 0.25  # of the recording
 UNIT_RATIOS = {  # how much larger a rate is read if the unit on the left is taken for the one on the right
@@ -93,6 +96,30 @@ class Reading:
 
 
 @dataclass(frozen=True)
+class RotatedReading:
+    """A reading that fits after a rotation of the gyro's axes.
+
+    Attributes
+    ----------
+    changes : what is to be changed beside, in words; empty as the tables are read
+    residual : as of a `Reading`
+    angle : of the rotation, rad
+    """
+
+    changes: tuple[str, ...]
+    residual: float
+    angle: float
+
+    @property
+    def sentence(self) -> str:
+        """What it changes, and how well it fits."""
+        words = " and ".join(
+            (*self.changes, f"--mounting estimate, which rotates the gyro's axes by {np.rad2deg(self.angle):.3g} deg")
+        )
+        return f"{100 * self.residual:.1f} % with {words}"
+
+
+@dataclass(frozen=True)
 class Agreement:
     """How the tables fit each other.
 
@@ -100,10 +127,12 @@ class Agreement:
     ----------
     as_read : the reading that was asked about
     better : those that fit better and change least; empty if what was asked fits, or nothing does
+    rotated : the best with a rotation of the gyro's axes, if it fits much better than all without
     """
 
     as_read: Reading
     better: tuple[Reading, ...]
+    rotated: RotatedReading | None = None
 
     @property
     def fits(self) -> bool:
@@ -114,13 +143,16 @@ class Agreement:
     def sentence(self) -> str:
         """What is wrong, and what would fit."""
         lead = f"rates and attitudes do not fit each other: they differ by {100 * self.as_read.residual:.0f} % of the motion"
+        if not self.better and self.rotated is not None:
+            return f"{lead}; {self.rotated.sentence}"
         if not self.better:
             return (
                 f"{lead}, and no other unit, order of elements, direction, order or sign of axes or time offset fits; "
                 "are they of the same body and time?"
             )
         ways = " or ".join(" and ".join(one.changes) for one in self.better)
-        return f"{lead}; {100 * min(one.residual for one in self.better):.1f} % with {ways}"
+        more = "" if self.rotated is None else f"; {self.rotated.sentence}"
+        return f"{lead}; {100 * min(one.residual for one in self.better):.1f} % with {ways}{more}"
 
 
 def agreement(
@@ -154,12 +186,15 @@ def agreement(
             offset = _offset(windows, reference)
             tried += _readings(windows, reference, words, offset, scales) if offset else []
     best = min((one.residual for one in tried), default=np.inf)
+    rotated = None
+    if best > FITS:
+        rotated = _find_rotation(windows, ways, scales, BETTER * min(best, as_read.residual, 2 * HOPELESS))
     if best > min(BETTER * as_read.residual, HOPELESS):
-        return Agreement(as_read, ())
+        return Agreement(as_read, (), rotated)
     good = [one for one in tried if one.residual <= max(ALIKE * best, best + 0.02)]
     fewest = min(one.count for one in good)
     chosen = sorted((one for one in good if one.count == fewest), key=lambda one: one.residual)
-    return Agreement(as_read, tuple(chosen[:3]))
+    return Agreement(as_read, tuple(chosen[:3]), rotated)
 
 
 def _ways(windows: Motion, order: str, reverse: bool) -> list[tuple[tuple[str, ...], Array]]:
@@ -191,7 +226,9 @@ def explained(recording: Recording, G: Array, bias: Array) -> str:
         return ""
     found = agreement(windows, "deg/s", "s", "scalar-last", factors=RATE_FACTORS)
     if not found.fits:
-        return found.sentence if found.better else ""
+        return found.sentence if found.better or found.rotated else ""
+    if found.rotated is not None:
+        return f"rates and attitudes fit much better if imported anew: {found.rotated.sentence}"
     missing = found.as_read.bias
     longest = max(one.stop_s - one.start_s for one in recording.intervals)
     if np.linalg.norm(missing) * longest < LARGE_DRIFT:
@@ -245,6 +282,42 @@ def _fits(reference: Array, gyro: Array, scales: dict[str, float]) -> list[Readi
                 bias = np.asarray(mean_r - scale * Pi @ mean_g)
                 out.append(Reading(changes, moved, float(np.sqrt(left / whole)), 0.0, bias))
     return sorted(out, key=lambda one: (one.residual, one.count))[:8]
+
+
+def _find_rotation(
+    windows: Motion, ways: list[tuple[tuple[str, ...], Array]], scales: dict[str, float], largest: float
+) -> RotatedReading | None:
+    """Find the reading with a rotation of the gyro's axes that fits best and changes least.
+
+    Parameters
+    ----------
+    largest : residual over motion beyond which no rotation is named
+    """
+    found = []
+    for words, reference in ways:
+        for offset in {0.0, _offset(windows, reference)}:
+            gyro, inside = windows.gyro(offset)
+            if inside.sum() < LEAST_WINDOWS:
+                continue
+            late = (f"{offset:+.3g} s added to the attitudes' time tags",) if offset else ()
+            found += [
+                RotatedReading((*words, *filter(None, (name,)), *late), *_rotate(reference[inside], gyro[inside], scale))
+                for name, scale in scales.items()
+            ]
+    best = min((one.residual for one in found), default=np.inf)
+    good = [one for one in found if one.residual <= max(ALIKE * best, best + 0.02)]
+    return min(good, key=lambda one: (len(one.changes), one.residual)) if best <= largest else None
+
+
+def _rotate(reference: Array, gyro: Array, scale: float) -> tuple[float, float]:
+    """Residual over motion with the best rotation of the gyro's rates (n, 3), and the angle of that rotation, rad."""
+    r, g = reference - reference.mean(axis=0), gyro - gyro.mean(axis=0)
+    U, values, Vt = np.linalg.svd(r.T @ g)
+    sign = float(np.sign(np.linalg.det(U @ Vt)))
+    C = U @ np.diag([1.0, 1.0, sign]) @ Vt
+    whole = max(float(np.sum(r * r)), np.finfo(float).tiny)
+    left = whole - 2 * scale * float(values @ [1.0, 1.0, sign]) + scale**2 * float(np.sum(g * g))
+    return float(np.sqrt(max(left, 0.0) / whole)), float(np.arccos(np.clip((np.trace(C) - 1) / 2, -1.0, 1.0)))
 
 
 def _offset(windows: Motion, reference: Array) -> float:

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     import pandas as pd
 
 SEPARATORS = (",", ";", "\t")
-NUMBER = re.compile(r"#?([1-9][0-9]*)")
+NUMBER = re.compile(r"#?([1-9][0-9]{0,5})")
 SEQUENCE = re.compile("[xyz]{3}|[XYZ]{3}")
 WORDS = {*DIRECTIONS, *ORDERS, *ANGLE_UNITS, *RATE_UNITS, *TIME_UNITS, *CALENDARS, COUNTS}
 

@@ -21,6 +21,11 @@ OUT = click.argument("out", type=click.Path(path_type=Path, file_okay=False))
 GYRO = click.argument("gyro_file", type=PATH, metavar="GYRO.csv")
 FORCE = click.option("--force", is_flag=True, help="Replace a recording that is in OUT already.")
 SPACING = click.option("--spacing", "spacing_s", type=float, help="Least time between references, s.")
+MOUNTING = click.option(
+    "--mounting",
+    type=click.Choice(["as given", "estimate"]),
+    help="estimate: find the rotation from the gyro's axes to those of the attitudes.",
+)
 ESTIMATE = click.option("--estimate-noise", is_flag=True, help="Estimate the noise although the file states it.")
 AS_JSON = json_file("what was made, and what was assumed,")
 TABLE = (
@@ -28,6 +33,7 @@ TABLE = (
     click.option("--time", metavar="COLUMN:UNIT", help="As of import csv; a date, as the attitudes have."),
     click.option("--gyro", metavar="COLUMNS:UNIT", help="As of import csv."),
     click.option("--lsb", metavar="'SIZE UNIT'", help="As of import csv."),
+    MOUNTING,
     SPACING,
     FORCE,
     AS_JSON,
@@ -159,6 +165,7 @@ def ck_command(
 )
 @click.option("--imu", type=PATH, help="Kalibr's imu.yaml, for the gyro's noise density.")
 @ESTIMATE
+@MOUNTING
 @SPACING
 @FORCE
 @AS_JSON
@@ -168,6 +175,7 @@ def euroc_command(
     reference: str | None,
     imu: Path | None,
     estimate_noise: bool,
+    mounting: str | None,
     spacing_s: float | None,
     force: bool,
     as_json: Path | None,
@@ -179,7 +187,8 @@ def euroc_command(
       gyrocal import euroc V1_01_easy /tmp/rec
     """
     refuse_existing(out, force)
-    _write(euroc.import_euroc(folder, reference, not estimate_noise, **_entries(spacing_s, imu)), out, as_json)
+    entries = _entries(spacing_s, imu) | ({} if mounting is None else {"mounting": mounting})
+    _write(euroc.import_euroc(folder, reference, not estimate_noise, **entries), out, as_json)
 
 
 @click.command("bag")
@@ -187,7 +196,8 @@ def euroc_command(
 @OUT
 @click.option("--imu-topic", help="Topic of the Imu messages; the only one by default.")
 @click.option("--pose-topic", help="Topic of the attitudes: PoseStamped, Odometry and the like; the only one by default.")
-@click.option("--estimate-mounting", is_flag=True, help="Find the rotation from the gyro's axes to those of the pose.")
+@click.option("--estimate-mounting", is_flag=True, help="The same as --mounting estimate.")
+@MOUNTING
 @click.option("--imu", type=PATH, help="Kalibr's imu.yaml, for the gyro's noise density.")
 @click.option("--tag", type=click.Choice(["start", "middle", "end"]), help="Part of a sample that its tag times; start.")
 @SPACING
@@ -199,6 +209,7 @@ def bag_command(
     imu_topic: str | None,
     pose_topic: str | None,
     estimate_mounting: bool,
+    mounting: str | None,
     imu: Path | None,
     tag: str | None,
     spacing_s: float | None,
@@ -213,7 +224,7 @@ def bag_command(
     """
     refuse_existing(out, force)
     entries = _entries(spacing_s, imu) | ({} if tag is None else {"tag": tag})
-    _write(rosbag.import_bag(bag, imu_topic, pose_topic, estimate_mounting, **entries), out, as_json)
+    _write(rosbag.import_bag(bag, imu_topic, pose_topic, estimate_mounting or mounting == "estimate", **entries), out, as_json)
 
 
 def _entries(spacing_s: float | None, imu: Path | None) -> dict[str, Any]:

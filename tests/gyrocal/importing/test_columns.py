@@ -1,0 +1,148 @@
+"""Columns by number, names with colons, and tables with two header rows."""
+
+from dataclasses import replace
+
+import numpy as np
+import pandas as pd
+import pytest
+from scipy.spatial.transform import Rotation
+
+import gyrocal
+from gyrocal import InputError, importing
+from gyrocal.importing import agreement, checked
+from gyrocal.importing.build import motion_of
+from gyrocal.importing.columns import join_headers, read_two_headers, resolve_columns
+from gyrocal.importing.sensors import together
+from gyrocal.importing.streams import read_csv, streams
+from studies.validation import mems_log
+from studies.validation.imports import RIGHT, refusal
+from tests.builders import piecewise_recording
+
+GROUPS = "Time (s);Vicon Orientation;;;;IMU Gyroscope;;;"
+ELEMENTS = ";W;X;Y;Z;X;Y;Z;"
+BY_NAME = {
+    "time": "Time (s):ms",
+    "gyro": "IMU Gyroscope X,IMU Gyroscope Y,IMU Gyroscope Z:deg/s",
+    "quat": "Vicon Orientation W,Vicon Orientation X,Vicon Orientation Y,Vicon Orientation Z:body-to-inertial",
+}
+
+
+@pytest.fixture(scope="module")
+def data():
+    return mems_log.log(np.random.default_rng(5), seconds=60.0)
+
+
+@pytest.fixture(scope="module")
+def table(data, tmp_path_factory):
+    """One table with two header rows, a separator at the end of the headers, and rows without."""
+    q = data.attitude.set_index("timestamp_ms").reindex(data.gyro["timestamp_ms"]).reset_index()
+    both = pd.concat([q, data.gyro[["gx", "gy", "gz"]].reset_index(drop=True)], axis=1).dropna()
+    path = tmp_path_factory.mktemp("sticks") / "one.csv"
+    rows = both.to_csv(sep=";", index=False, header=False)
+    path.write_text(f"{GROUPS}\n{ELEMENTS}\n{rows}")
+    return path
+
+
+def test_two_header_rows_are_joined(table):
+    frame = read_csv(table)
+    assert list(frame.columns) == [
+        "Time (s)", "Vicon Orientation W", "Vicon Orientation X", "Vicon Orientation Y", "Vicon Orientation Z",
+        "IMU Gyroscope X", "IMU Gyroscope Y", "IMU Gyroscope Z", "column 9",
+    ]  # fmt: skip
+    assert np.isfinite(frame["IMU Gyroscope Z"]).all()
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {},
+        {"time": "#1:ms", "gyro": "#6,#7,#8:deg/s", "quat": "#2,#3,#4,#5:body-to-inertial"},
+        {"time": "1:ms", "gyro": "6,7,8:deg/s", "quat": "2,3,4,5:body-to-inertial"},
+    ],
+)
+def test_the_whole_mapping_by_name_and_by_number(table, changes):
+    imported = importing.import_csv(table, mapping=checked(BY_NAME | changes, "mapping"), check=False)
+    assert imported.mapping.gyro == BY_NAME["gyro"]
+    assert imported.mapping.quat == BY_NAME["quat"]
+
+
+def test_headers_without_names_and_twice():
+    assert join_headers(["t", "", "a", ""], ["", "", "x", "x"]) == ["t", "column 2", "a x", "a x.1"]
+
+
+@pytest.mark.parametrize("text", ["a,b\n1,2\n3,4\n", "a,b\nx,y\nu,v\n", "t,a\n2020-01-01T00:00:00,nan\n2,3\n", "a,b\n"])
+def test_one_header_row_stays_one(tmp_path, text):
+    (tmp_path / "a.csv").write_text(text)
+    assert read_two_headers(tmp_path / "a.csv") is None
+
+
+def test_numbers_go_behind_names_and_signs_go_along():
+    frame = pd.DataFrame(np.zeros((2, 3)), columns=["t", "1", "b"])
+    mapping = checked({"time": "#1:s", "gyro": "1,-#3,2:rad/s", "quat": "a,b,c,d:body-to-world"}, "mapping")
+    *_, found = resolve_columns(frame, frame.copy(), mapping)
+    assert (found.time, found.gyro, found.quat) == ("t:s", "1,-b,1:rad/s", mapping.quat)
+    with pytest.raises(InputError, match="gyro: no column #4; the table has 3 columns"):
+        resolve_columns(frame, frame, mapping.model_copy(update={"gyro": "#4:rad/s"}))
+
+
+def test_a_time_by_number_is_that_column_of_both_tables():
+    gyro, other = (pd.DataFrame(np.zeros((2, 2)), columns=names) for names in (["t", "a"], ["time", "b"]))
+    mapping = checked({"time": "#1:s", "gyro": "a:rad/s", "quat": "b:body-to-world"}, "mapping")
+    *_, found = resolve_columns(gyro, other, mapping)
+    assert (found.time, found.attitude_time) == ("t:s", "time:s")
+
+
+def test_a_colon_or_a_comma_in_a_name():
+    frame = pd.DataFrame(np.zeros((2, 4)), columns=["t:s", "gyro:x", "gyro:y", "gyro, z"])
+    mapping = checked({"time": "t:s:s", "gyro": "gyro:x,gyro:y,#4:rad/s", "quat": "q:body-to-world"}, "mapping")
+    gyro, same, found = resolve_columns(frame, frame, mapping)
+    assert gyro is same
+    assert found.gyro == "gyro x,gyro y,gyro z:rad/s"
+    assert found.time == "t s:s"
+    assert list(gyro.columns) == ["t s", "gyro x", "gyro y", "gyro z"]
+
+
+TURN = Rotation.from_rotvec(np.deg2rad([30.0, -40.0, 25.0])).as_matrix()
+
+
+def turned(data):
+    rates = data.gyro[["gx", "gy", "gz"]].to_numpy() @ TURN.T
+    return replace(data, gyro=data.gyro.assign(gx=rates[:, 0], gy=rates[:, 1], gz=rates[:, 2]))
+
+
+def test_a_mapping_that_fits_only_after_a_rotation_names_the_option(data):
+    angle = np.rad2deg(np.linalg.norm(Rotation.from_matrix(TURN).as_rotvec()))
+    message = refusal(turned(data), {})
+    assert f"--mounting estimate, which rotates the gyro's axes by {angle:.0f}"[:-1] in message
+    both = refusal(turned(data), {"gyro": "gx,gy,gz:rad/s"})
+    assert "the gyro in deg/s, not rad/s and --mounting estimate" in both
+
+
+def test_a_rotation_of_a_few_degrees_is_let_pass_and_said(data):
+    small = Rotation.from_rotvec(np.deg2rad([0.0, 12.0, 0.0])).as_matrix()
+    rates = data.gyro[["gx", "gy", "gz"]].to_numpy() @ small.T
+    mapping = checked(RIGHT, "mapping")
+    found = streams(data.gyro.assign(gx=rates[:, 0], gy=rates[:, 1], gz=rates[:, 2]), data.attitude, mapping)
+    windows = motion_of(found, found.raw, together(found.sensors, None, 0.0, None))
+    judged = agreement.agreement(windows, "deg/s", "ms", "scalar-first", True)
+    assert judged.fits
+    assert judged.rotated is not None
+    assert np.rad2deg(judged.rotated.angle) == pytest.approx(12.0, abs=1.0)
+    assert (
+        agreement.agreement(
+            motion_of(
+                streams(data.gyro, data.attitude, mapping),
+                np.deg2rad(data.gyro[["gx", "gy", "gz"]].to_numpy()),
+                together(found.sensors, None, 0.0, None),
+            ),
+            "deg/s",
+        ).rotated
+        is None
+    )
+
+
+def test_calibrate_names_the_mounting_of_a_recording_that_is_too_far_off():
+    recording = piecewise_recording(((((0.3, -0.2, 0.1), 60.0), ((-0.1, 0.2, -0.3), 60.0)),), series_s=2.0)
+    rates = recording.gyro.rates @ TURN.T
+    with pytest.raises(InputError, match=r"too large to linearise.*--mounting estimate"):
+        gyrocal.calibrate(replace(recording, gyro=replace(recording.gyro, rates=rates)))
