@@ -1,0 +1,54 @@
+"""The gap budget: effects identified in the presence of a remainder, and the shares that they close on held-out data."""
+
+import numpy as np
+import pytest
+
+from diagnosis.budget import HeldOut
+from diagnosis.remainder_search import identify_beside_remainder
+from diagnosis.settings import DEFAULT
+from simulator.effects import EFFECTS
+from tests.diagnosis.recordings import prepared
+
+REMAINDER = ("bias_markov:y=0.4,time_constant_s=1000", "reference_correlated:x=0.01,time_constant_s=400")
+
+
+def identified(seed, *effects):
+    model = prepared(seed, *effects, *REMAINDER, every_s=300.0).model
+    return identify_beside_remainder(model, list(EFFECTS.values()), DEFAULT, lambda text, share: None)
+
+
+@pytest.fixture(scope="module")
+def orbital():
+    return identified(5, "bias_orbital:z=0.6,phase_deg=25")
+
+
+def test_an_effect_is_identified_beside_a_remainder_with_a_size_that_holds(orbital):
+    assert [one.effect for one in orbital.fitted] == ["bias_orbital"]
+    assert abs(orbital.fitted[0].size - 0.6) < 3 * orbital.fitted[0].sigma
+    assert orbital.slots[0].group[0][1] + sum(p for _, p in orbital.slots[0].group[1:]) >= DEFAULT.named
+
+
+def test_its_steps_lead_from_the_baseline_to_the_floor(orbital):
+    names = [step.step for step in orbital.budget]
+    assert names == ["baseline", "bias_orbital:z", "remainder", "floor"]
+    misfit = [step.misfit for step in orbital.budget]
+    assert misfit[0] > misfit[1] >= misfit[-1] == 1.0
+    closed, left = orbital.budget[1].closed, orbital.budget[2].closed
+    assert closed + left == pytest.approx(1.0, abs=1e-9)
+    assert orbital.budget[1].interval_90[0] <= closed <= orbital.budget[1].interval_90[1]
+    assert closed == pytest.approx((misfit[0] - misfit[1]) / (misfit[0] - 1.0))
+
+
+def test_a_remainder_alone_names_nothing():
+    found = identified(6)
+    assert found.slots == ()
+    assert found.closed is None
+    assert found.remainder.share == pytest.approx(1.0)
+
+
+def test_the_share_closed_is_that_of_the_sums_over_all_parts():
+    squares = np.array([[30.0, 12.0], [26.0, 11.0], [34.0, 13.0]])
+    held = HeldOut(squares, squares, np.array([10.0, 10.0, 10.0]), ("a", "b", "c"))
+    closed, (low, high) = held.closed(0, 1)
+    assert closed == pytest.approx((90 - 36) / (90 - 30))
+    assert low < closed < high
