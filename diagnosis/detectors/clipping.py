@@ -1,10 +1,16 @@
-"""Readings that stand at their largest: a gyro that is clipped, and not a steady rate on a lattice."""
+"""Readings that stand at their largest: a gyro that is clipped, and not one that stops or a steady rate on a lattice.
+
+A clipped gyro stands at the end of its range, on either side of its reading at rest, and its rate runs up to the end: the last
+reading before a plateau is as near to it as readings are to one another. The level at which a gyro stops may be anywhere: other
+readings lie farther from that at rest, or a jump leads to it. The probability is that of the gaps at both ends of all plateaus,
+nearly all of which are small under clipping, and half of them under a stop.
+"""
 
 from __future__ import annotations
 
 import numpy as np
-import scipy.special
 from numpy.typing import NDArray
+from scipy.special import erf, expit
 
 from diagnosis.detectors.gap_interpolation import runs
 from diagnosis.detectors.report import AXES, IMPOSSIBLE, SampleReport, SampleTest, Symptom
@@ -17,6 +23,9 @@ FEWEST_CLIPPED = 5
 FEWEST_PLATEAU = 20  # samples in a run of clipped ones on a lattice
 OFTEN = 3  # times as often as any other reading, that the largest stands if it is clipped
 PLATEAU_P = 1e-8  # chance of a steady rate to stand still that long
+OUTSIDE = 5  # readings before and after a plateau, whose largest change is what a reading changes by there
+REACHED = 2.0  # of those changes, up to which the rate runs up to the plateau
+CLOSE = (0.95, 0.5)  # share of the ends of plateaus at which it does, of a gyro that is clipped and of one that stops
 
 
 def saturation(
@@ -44,6 +53,7 @@ def saturation(
     # A largest reading that telemetry repeats stands still on all axes; of a clipped gyro the others go on.
     held = np.zeros(len(rates), dtype=bool)
     held[1:] = (rates[1:] == rates[:-1]).all(axis=1)
+    at_rest = -np.linalg.solve(recording.gyro.apriori_G, recording.gyro.apriori_bias)
     for axis in range(3):
         x = rates[used, axis]
         largest = float(np.abs(x).max())
@@ -55,20 +65,44 @@ def saturation(
             found = _is_plateau(at, float(steps[axis]) / sigma if sigma else np.inf)
         elif found:
             found = count >= OFTEN * _most_of_others(x[~held[used]], at[~held[used]])
+        clipped = used & (np.abs(rates[:, axis]) >= largest * (1 - 1e-12))
+        probability = compute_probability_of_clipping(rates[:, axis] - at_rest[axis], used, clipped, sigma) if found else 0.0
         report.tests.append(
             SampleTest(
                 "clipped_samples", AXES[axis], count, 1.0, IMPOSSIBLE if found else 1.0, "plateau",
                 f"{count} samples read exactly the largest rate, {np.rad2deg(largest):.4g} deg/s",
             )
         )  # fmt: skip
-        if not found:
+        report.clipped |= clipped & found
+        if probability < 0.5:
             continue
         below, above = _hidden(float(np.rad2deg(steps[axis])), *(bool(may[axis]) for may in rounded_or_cut))
         size = float(np.rad2deg(largest)) + 0.5 * (above - below)
         spread = max((above + below) / np.sqrt(12), 1e-6 * size)
-        report.symptoms.append(Symptom("plateau", AXES[axis], size, "deg/s", spread, {}, IMPOSSIBLE))
-        clipped = used & (np.abs(rates[:, axis]) >= largest * (1 - 1e-12))
-        report.clipped |= clipped
+        report.symptoms.append(Symptom("plateau", AXES[axis], size, "deg/s", spread, {}, IMPOSSIBLE, probability=probability))
+
+
+def compute_probability_of_clipping(x: Array, used: Mask, clipped: Mask, sigma: float) -> float:
+    """Compute the probability that readings at their largest are clipped, against a gyro that stops.
+
+    Parameters
+    ----------
+    x : (n,) readings less the one at rest, rad/s
+    used : (n,) samples inside the intervals
+    clipped : (n,) those at the largest reading
+    sigma : noise of a sample, rad/s
+    """
+    level = float(np.abs(x[clipped]).max())
+    if float(np.abs(x[used]).max()) > level + REACHED * sigma:
+        return 0.0
+    log_odds = 0.0
+    for low, high in runs(clipped):
+        for outside in (x[max(low - OUTSIDE, 0) : low][::-1], x[high : high + OUTSIDE]):
+            if outside.size == OUTSIDE:
+                change = max(float(np.abs(np.diff(outside)).max()), sigma)
+                close = abs(float(x[low] - outside[0])) <= REACHED * change
+                log_odds += np.log(CLOSE[0] / CLOSE[1]) if close else np.log((1 - CLOSE[0]) / (1 - CLOSE[1]))
+    return float(expit(log_odds)) if clipped.sum() < used.sum() else 1.0
 
 
 def _hidden(step: float, rounded: bool, cut: bool) -> tuple[float, float]:
@@ -88,6 +122,6 @@ def _is_plateau(at: Mask, step: float) -> bool:
     A reading stays on its lattice point at best with the probability that noise is less than half a step.
     """
     longest = max(high - low for low, high in runs(at))
-    stays = float(scipy.special.erf(0.5 * step / np.sqrt(2)))
+    stays = float(erf(0.5 * step / np.sqrt(2)))
     chance = np.log(at.size) + longest * np.log(stays) if stays < 1 else 0.0
     return longest >= FEWEST_PLATEAU and chance < np.log(PLATEAU_P)

@@ -1,4 +1,4 @@
-"""Readings on a lattice: its step, whether they were rounded or cut toward zero, and slow rates with that undone.
+"""Readings on a lattice: its step, and slow rates with the lattice undone.
 
 A reading x + n of noise n ~ N(0, σ²) on a lattice of step q has the mean
 
@@ -17,7 +17,6 @@ from typing import Literal
 
 import numpy as np
 import scipy.ndimage
-import scipy.stats
 from numpy.typing import NDArray
 from scipy.special import ndtr
 
@@ -30,14 +29,10 @@ REACH = 10  # steps on either side of zero in which f is tabulated
 LEAST_SLOPE = 0.15  # of f, below which nothing more can be said of the rate
 HIDDEN = 0.3  # slope of f below which a reading hides the rate
 SPREAD = 0.45  # noise over step, above which rounding does nothing to a mean
-LAGS = (1, 2, 4, 8)  # samples to either side of a reading near zero, in which the rate may sweep through it
-SWEEP = 12  # steps between those on either side, from which on it does
-EVENLY = 0.35  # of them, by which the two may differ in how far they are off zero, and that are passed in half the time
-FEWEST = 12  # readings near zero in a sweep that can tell cut from rounded
-ODDS = 3.0  # log odds that do
-DECIDED = 8.0  # log odds from which on nothing else is asked
-ABOUT_ZERO = 3  # steps on either side of zero that are compared with it, where the noise spans many more
-TWICE = 1.15  # share of those readings that are zero, over that of cut ones, beyond which something else makes them zero
+EXACT = 0.02  # steps, by which a value may be off the lattice
+PRINTED = 5e-5  # relative error of a number printed with five digits, by which it may be off as well
+UNTOLD = 0.2  # steps, of what may be off, beyond which a value says nothing of the lattice
+FEWEST_TOLD = 50  # other values, by which the chance of a lattice is less than 1e-19
 FINE = 5.0  # noise over step, above which the stairs of cut readings are lost in it
 
 
@@ -57,47 +52,11 @@ def lattice_step(x: Array) -> float:
         counts = np.round(chosen / step)
         if np.any(counts):
             step = float(counts @ chosen / (counts @ counts))
-    return step if np.abs(values / step - np.round(values / step)).max() < 0.02 else 0.0
-
-
-def sweep_odds(x: Array, step: float) -> float:
-    """log odds of cut against rounded readings from how many are zero while the rate sweeps through it.
-
-    Of the three bins about zero that of zero holds a third if readings are rounded, and half if they are cut. That is so where
-    the rate goes through them at an even pace: where it comes from as far on one side as it goes to on the other, and half as
-    far in half the time. A body that rests for some samples, or turns round there, is in the middle one for another reason.
-    """
-    counts = np.round(x / step)
-    near = np.flatnonzero(np.abs(counts) <= 1)
-    asked = np.ones(near.size, dtype=bool)
-    through = np.zeros(near.size, dtype=bool)
-    halfway = np.full(near.size, np.inf)
-    for lag in LAGS:
-        # The smallest lag at which both sides are far tells.
-        inside = (near >= lag) & (near + lag < counts.size)
-        before, after = counts[np.maximum(near - lag, 0)], counts[np.minimum(near + lag, counts.size - 1)]
-        change = np.abs(after - before)
-        far = asked & inside & (change > SWEEP)
-        through |= far & (before * after < 0) & (np.abs(before + after) < EVENLY * change) & (halfway > EVENLY * change)
-        asked &= ~far
-        halfway = change
-    near_zero, zero = int(through.sum()), int((through & (counts[near] == 0)).sum())
-    if near_zero < FEWEST:
-        return 0.0
-    return float(scipy.stats.binom.logpmf(zero, near_zero, 1 / 2) - scipy.stats.binom.logpmf(zero, near_zero, 1 / 3))
-
-
-def zero_odds(x: Array, step: float) -> float:
-    """log odds of cut against rounded readings of a lattice far finer than the noise, of how many of those about zero are zero.
-
-    With k steps on either side one in 2k + 1 is zero if they are rounded, and two in 2k + 2 if they are cut, whatever moves.
-    """
-    counts = np.round(x / step)
-    near, zero = int((np.abs(counts) <= ABOUT_ZERO).sum()), int((counts == 0).sum())
-    cut, rounded = 1 / (ABOUT_ZERO + 1), 1 / (2 * ABOUT_ZERO + 1)
-    if near < FEWEST or zero > TWICE * cut * near + 4 * np.sqrt(cut * near):
-        return 0.0
-    return float(scipy.stats.binom.logpmf(zero, near, cut) - scipy.stats.binom.logpmf(zero, near, rounded))
+    off = np.abs(values / step - np.round(values / step))
+    allowed = EXACT + PRINTED * np.abs(values / step)
+    told = allowed < UNTOLD
+    exact = off.max() < EXACT or (told.sum() >= FEWEST_TOLD and bool((off < allowed)[told].all()))
+    return step if exact else 0.0
 
 
 def mean_reading(x: Array, step: float, sigma: float, kind: Kind) -> Array:

@@ -18,10 +18,11 @@ from diagnosis.detectors.clipping import saturation
 from diagnosis.detectors.copied_samples import copied_samples
 from diagnosis.detectors.denoised import denoised
 from diagnosis.detectors.gap_interpolation import filled, runs
-from diagnosis.detectors.lattice import DECIDED, ODDS, Kind, lattice_step, sweep_odds, undone, zero_odds
+from diagnosis.detectors.lattice import Kind, lattice_step, undone
 from diagnosis.detectors.likeness import of_runs
 from diagnosis.detectors.noise_patterns import patterns
 from diagnosis.detectors.noise_structure import constancy, together
+from diagnosis.detectors.number_format import SAME, SYMPTOMS, compute_log_posterior
 from diagnosis.detectors.outliers import spikes
 from diagnosis.detectors.own_repeats import own_repeats
 from diagnosis.detectors.report import (
@@ -52,7 +53,8 @@ Mask = NDArray[np.bool_]
 
 COARSE = 0.2  # a lattice finer than this share of the noise is a number format: its rounding has 0.3 % of the power
 WORTH = 3.0  # sigmas of the angle random walk over all samples, that half steps must turn by for a finer lattice to matter
-CLEARLY = 12.0  # log odds of cut readings from which on a finer one does
+DECIDED = 8.0  # log odds of one number format from which on the references are not asked, and a finer lattice matters
+OPEN = 0.05  # probability of another number format, from which on it is told
 FIRST = 3.0  # steps of a number format, within which the smallest readings beside its zeros lie
 HIDING = 2.0  # noise sigmas in a step, above which a lattice hides slow motion
 CERTAIN = 3.0  # log odds of a dead zone from which on its edges are left out of the other tests
@@ -83,23 +85,27 @@ def examine(
     for axis in range(3):
         tell(f"lattice of gyro {AXES[axis]}", 0.005 * axis)
         steps[axis] = lattice_step(gyro.rates[used, axis])
-    tell("cut or rounded", 0.015)
+    tell("repeated samples", 0.015)
     coarse = steps > COARSE * sigma
+    _stale(report, recording, used, coarse)
+    tell("number format", 0.02)
     # A finer one is of no consequence if readings were rounded; cut ones are all half a step too near to zero.
     worth = ~coarse & (sigma > 0) & (0.5 * steps * np.sqrt(used.sum()) > WORTH * sigma)
-    odds = _cut_odds(gyro.rates[used], steps, coarse, worth)
-    coarse = coarse | (worth & (odds > CLEARLY))
-    cut = coarse & (odds > ODDS if lattice is None else lattice == "cut")
+    parts = interval_slices(recording)
+    posterior = compute_log_posterior(gyro.rates, parts, ~report.filled, np.where(coarse | worth, steps, 0.0), sigma)
+    odds = posterior[:, 1] - posterior[:, 0]
+    coarse = coarse | (worth & (odds > DECIDED))
+    # Of readings that keep their sign, those cut toward zero are rounded ones but for a constant.
+    both_signs = bool((coarse & (gyro.rates[used].min(axis=0) < 0) & (gyro.rates[used].max(axis=0) > 0)).any())
+    cut = coarse & both_signs & (odds > 0 if lattice is None else lattice == "cut")
     strongest, mixed = float(odds[np.argmax(np.abs(odds))]), bool(cut.any() and (coarse & ~cut).any())
-    if coarse.any() and lattice is None and not mixed and abs(strongest) < DECIDED:
+    if both_signs and lattice is None and not mixed and abs(strongest) < DECIDED:
         report.cut_odds = strongest
     report.lattice = steps > HIDING * sigma
-    _quantization(report, steps, coarse, cut)
-    tell("repeated samples", 0.02)
-    _stale(report, recording, used, coarse)
+    _quantization(report, steps, coarse, cut, posterior)
     tell("plateaus", 0.025)
-    may_be_cut = coarse & (odds > -ODDS) if lattice is None else cut
-    may_be_rounded = coarse & (odds < ODDS) if lattice is None else coarse & ~cut
+    may_be_cut = coarse & (posterior[:, 1] > np.log(OPEN)) if lattice is None else cut
+    may_be_rounded = coarse & (posterior[:, 0] > np.log(OPEN)) if lattice is None else coarse & ~cut
     saturation(report, recording, used, coarse, (may_be_rounded, may_be_cut), steps, sigma)
     if sigma > 0:
         tell("repeats of one gyro", 0.03)
@@ -109,7 +115,6 @@ def examine(
         straight_samples(report, recording, used, sigma, within(tell, 0.04, 0.045))
         tell("noise here and there", 0.045)
         local = local_noise(report.rates, sigma, coarse, steps, report.filled)
-        parts = interval_slices(recording)
         found = {}
         for axis in np.flatnonzero(~coarse).tolist():
             tell(f"dead zone of gyro {AXES[axis]}", 0.05 + 0.05 * axis)
@@ -181,19 +186,7 @@ def smoothed_rates(rates: Array, recording: Recording, tell: Tell = silent) -> A
     return out
 
 
-def _cut_odds(rates: Array, steps: Array, coarse: Mask, fine: Mask) -> Array:
-    """(3,) log odds of cut against rounded readings; axes with one step have one converter, and count together.
-
-    Of those on a `coarse` lattice, and of those on a `fine` one that may matter.
-    """
-    odds = np.array([sweep_odds(x, q) if one else 0.0 for x, q, one in zip(rates.T, steps, coarse, strict=True)])
-    odds += [zero_odds(x, q) if one else 0.0 for x, q, one in zip(rates.T, steps, fine, strict=True)]
-    asked = coarse | fine
-    alike = asked & (np.abs(steps - np.median(steps[asked])) < 0.01 * np.median(steps[asked])) if asked.any() else asked
-    return np.where(alike, odds[alike].sum(), odds)
-
-
-def _quantization(report: SampleReport, steps: Array, coarse: Mask, cut: Mask) -> None:
+def _quantization(report: SampleReport, steps: Array, coarse: Mask, cut: Mask, posterior: Array) -> None:
     for axis in range(3):
         found = bool(coarse[axis])
         symptom = "lattice_cut" if found and cut[axis] else "lattice_rounded"
@@ -210,13 +203,16 @@ def _quantization(report: SampleReport, steps: Array, coarse: Mask, cut: Mask) -
         if not axes.any():
             continue
         found_steps = steps[axes]
-        common = bool(axes.all()) and np.ptp(found_steps) < 0.01 * found_steps.mean()
+        common = bool(axes.all()) and np.ptp(found_steps) < SAME * found_steps.mean()
         groups = [(None, float(found_steps.mean()))] if common else [(AXES[k], float(steps[k])) for k in np.flatnonzero(axes)]
         for axis_name, step in groups:
             size = float(np.rad2deg(step))
             how = "cut toward zero" if kind == "lattice_cut" else "rounded"
             text = f"all readings are multiples of {size:.4g} deg/s, {how}"
-            report.symptoms.append(Symptom(kind, axis_name, size, "deg/s", 1e-6 * size, {}, IMPOSSIBLE, text))
+            shares = np.exp(posterior[np.flatnonzero(axes)[0] if axis_name is None else AXES.index(axis_name)])
+            others = zip(SYMPTOMS, shares.tolist(), strict=True)
+            rivals = tuple((other, share) for other, share in others if other != kind and share > OPEN)
+            report.symptoms.append(Symptom(kind, axis_name, size, "deg/s", 1e-6 * size, {}, IMPOSSIBLE, text, rivals=rivals))
 
 
 def _stale(report: SampleReport, recording: Recording, used: Mask, coarse: Mask) -> None:

@@ -3,6 +3,9 @@
 Off a lattice no two readings are the same. On one, an axis repeats itself often where the rate is steady, and the axes all at
 once with about the product of these chances nearby. Two ways of telling a fault of the telemetry from that:
 
+Where two axes repeat together for another reason, as those that a calibration in the sensor has mixed, their common repeats
+count as those of one axis.
+
 - where the product is below `RARE`, as in slews, most repeats are faults, and can be bridged; those of chance stand alone. The
   chance of an axis is that of the samples nearby or that of samples anywhere whose rate changes as fast, whichever is larger:
   a body that sways turns about several axes at once, for less time than the chance nearby is taken over;
@@ -83,7 +86,7 @@ def stale_samples(rates: Array, equal: Mask, follows: Mask, coarse: Mask, event_
         # On a lattice, readings repeat by chance where the rate is steady: only where that is rare can each be told.
         # Repeats of all axes count here as well, or places with few of the others would be chosen.
         in_motion = _share_at_change(equal, rates, follows)
-        chance = np.prod(np.where(coarse, np.maximum(_share(equal), in_motion), 0.0), axis=1)
+        chance = _largest_product(equal, np.where(coarse, np.maximum(_share(equal), in_motion), 0.0))
         telling, near = follows & (chance < RARE), follows & (chance < NEARLY * RARE)
         expected = float(chance[telling].sum())
     joint = equal.all(axis=1) & telling
@@ -110,6 +113,16 @@ def stale_samples(rates: Array, equal: Mask, follows: Mask, coarse: Mask, event_
     return StaleSamples(count, n, expected, p, float("nan"), float("nan"), joint) if n >= FEWEST_TELLING else together
 
 
+def _largest_product(equal: Mask, each: Array) -> Array:
+    """(n,) chance that all axes repeat, from that of each axis, or of two that repeat together and the third."""
+    found = np.prod(each, axis=1)
+    for axis in range(3):
+        goes_on = ~equal[:, axis]  # samples without a fault
+        both = _share(np.delete(equal, axis, axis=1).all(axis=1) & goes_on) / np.maximum(_share(goes_on), 1e-3)
+        found = np.maximum(found, both * each[:, axis])
+    return np.asarray(found)
+
+
 def _together(equal: Mask, follows: Mask, sure: Mask, in_motion: Array) -> StaleSamples | None:
     """Repeats of all axes at once, beyond those of axes that are shifted against one another and those of their motion."""
     n = int(follows.sum())
@@ -118,8 +131,9 @@ def _together(equal: Mask, follows: Mask, sure: Mask, in_motion: Array) -> Stale
     if n == 0 or count > LARGEST_SHARE * n:
         return None
     shifted = _shifted(equal, follows)
-    expected = max(float(np.mean(shifted)), float(in_motion[follows].sum()))  # fast motion does not outlast the shifts
-    sigma = float(max(np.std(shifted), 0.5 * np.sqrt(expected), 1.0))
+    # Fast motion does not outlast the shifts.
+    expected = max(float(shifted.mean(axis=1).max()), float(in_motion[follows].sum()))
+    sigma = float(max(shifted.std(axis=1).max(), 0.5 * np.sqrt(expected), 1.0))
     p = float(scipy.stats.norm.sf((count - expected) / sigma)) if count - expected > EXCESS * sigma else 1.0
     if p == 1.0:
         return StaleSamples(count, n, expected, p, float("nan"), float("nan"), sure)
@@ -130,13 +144,18 @@ def _together(equal: Mask, follows: Mask, sure: Mask, in_motion: Array) -> Stale
 
 
 def _shifted(equal: Mask, where: Mask) -> Array:
-    """Repeats of all axes at once if these were shifted against one another, as many as there would be of all samples there."""
-    x, y, z = equal.T
-    counts = []
-    for k in SHIFTS:
-        valid = np.logical_and.reduce([where, np.roll(where, k), np.roll(where, 2 * k)])
-        counts.append(int(np.sum(valid & x & np.roll(y, k) & np.roll(z, 2 * k))) * int(where.sum()) / max(int(valid.sum()), 1))
-    return np.array(counts)
+    """Repeats of all axes at once if these were shifted, as many as there would be of all samples there.
+
+    Rows are of all axes shifted against one another, and of each against the other two, by the shifts of the columns.
+    """
+    ways = np.vstack([[0, 1, 2], np.eye(3, dtype=int)])
+    counts = np.empty((len(ways), len(SHIFTS)))
+    for column, k in enumerate(SHIFTS):
+        for row, way in enumerate(k * ways):
+            valid = np.logical_and.reduce([np.roll(where, shift) for shift in set(way.tolist())])
+            repeats = np.logical_and.reduce([np.roll(one, shift) for one, shift in zip(equal.T, way.tolist(), strict=True)])
+            counts[row, column] = np.sum(valid & repeats) * where.sum() / max(int(valid.sum()), 1)
+    return counts
 
 
 def _chance(equal: Mask) -> Array:

@@ -9,8 +9,8 @@ import scipy.special
 
 from diagnosis.detectors import samples as stream
 from diagnosis.detectors import spectral_lines, spectral_tones
-from diagnosis.detectors.clipping import _is_plateau
-from diagnosis.detectors.lattice import held_s, lattice_step, mean_reading, sweep_odds, undone, zero_odds
+from diagnosis.detectors.clipping import _is_plateau, compute_probability_of_clipping
+from diagnosis.detectors.lattice import held_s, lattice_step, mean_reading, undone
 from diagnosis.detectors.sample_noise import local_noise
 from diagnosis.settings import DEFAULT
 from simulator import scenario
@@ -284,17 +284,6 @@ def test_readings_cut_far_below_their_noise_come_back(level):
     assert (added == 0).all()
 
 
-@pytest.mark.parametrize("level", [0.0, 6.0])
-def test_zeros_tell_cut_readings_from_rounded_ones_below_their_noise(level):
-    rng = np.random.default_rng(9)
-    noisy = level + 9.0 * rng.standard_normal(20_000)
-    assert zero_odds(np.trunc(noisy), 1.0) > 50
-    assert zero_odds(np.round(noisy), 1.0) < -30
-    assert zero_odds(np.trunc(noisy) + 500, 1.0) == 0.0  # none near zero
-    dead = np.where(np.abs(noisy) < 2.5, 0.0, np.round(noisy))
-    assert zero_odds(dead, 1.0) == 0.0  # more zeros than cutting makes
-
-
 @pytest.mark.parametrize(("how", "said"), [(np.trunc, ["lattice_cut"]), (np.round, [])])
 def test_a_cut_below_the_noise_is_seen_and_a_number_format_is_not(plan, truth, how, said):
     clean = _recording(plan, truth, 3)
@@ -333,34 +322,15 @@ def test_lattice_step_and_its_kind():
     x = np.cumsum(rng.standard_normal(5000)) * 4
     assert lattice_step(np.round(x / 0.37) * 0.37) == pytest.approx(0.37, rel=1e-6)
     assert lattice_step(x) == 0.0
-    sweep = 300 * np.sin(np.arange(40_000) / 50)
-    assert sweep_odds(np.round(sweep), 1.0) < -3
-    assert sweep_odds(np.trunc(sweep), 1.0) > 3
 
 
-@pytest.mark.parametrize("noise", [0.05, 0.6])
-def test_rests_between_turns_say_nothing_of_how_readings_came_onto_a_lattice(noise):
-    """A body that goes from a fast turn to a rest within some samples, and on, is at zero for longer than it passes ±1."""
-    for seed in range(20):
-        rng = np.random.default_rng(seed)
-        turns = rng.choice([-300.0, 300.0], 400) * rng.uniform(0.5, 1.0, 400)
-        stops = rng.integers(3, 8, 400)
-        rate = np.concatenate(
-            [np.append(turn * np.sin(np.linspace(0, np.pi, 15)), np.zeros(n)) for turn, n in zip(turns, stops, strict=True)]
-        )
-        read = np.round(rate + noise * rng.standard_normal(rate.size))
-        assert abs(sweep_odds(read, 1.0)) < 3
-
-
-def test_the_share_of_zeros_tells_how_readings_came_onto_a_lattice_also_for_slow_sweeps():
-    """Through the three bins about zero in three samples, or in a fraction of one."""
-    for pace in (1.0, 2.0, 5.0, 20.0):
-        rng = np.random.default_rng(int(10 * pace))
-        begins = rng.uniform(-0.5, 0.5, 2000) * pace
-        rate = np.concatenate([way * pace * np.arange(-30, 31) + begin for begin in begins for way in (-1, 1)])
-        noisy = rate + 0.1 * rng.standard_normal(rate.size)
-        assert sweep_odds(np.round(noisy), 1.0) < -3
-        assert sweep_odds(np.trunc(noisy), 1.0) > 3
+def test_a_lattice_shows_through_numbers_printed_with_five_digits():
+    x = np.round(np.cumsum(np.random.default_rng(9).standard_normal(5000)) * 40) / 2048
+    exponent = np.floor(np.log10(np.maximum(np.abs(x), 1e-9)))
+    printed = np.round(x / 10.0 ** (exponent - 4)) * 10.0 ** (exponent - 4)
+    assert np.abs(printed * 2048 - np.round(printed * 2048)).max() > 0.02
+    assert lattice_step(printed) == pytest.approx(1 / 2048, rel=1e-4)
+    assert lattice_step(printed + 2e-4 * np.random.default_rng(1).standard_normal(x.size)) == 0.0
 
 
 def test_a_line_in_one_part_only_is_no_steady_tone(plan, truth):
@@ -381,9 +351,11 @@ def test_a_repeated_largest_reading_is_not_clipped(plan, truth):
     rates[top : top + 9] = rates[top]
     report = stream.examine(replace(recording, gyro=replace(recording.gyro, rates=rates)))
     assert [found.kind for found in report.symptoms] == ["repeats"]
-    rates[top : top + 9, 0] += np.deg2rad(1e-5) * np.arange(9)  # the other axes go on: that is a clipped one
+    rates[top : top + 9, 0] += np.deg2rad(1e-5) * np.arange(9)  # the other axes go on, and the rate runs up to it
+    rates[top - 5 : top, 1] = rates[top, 1] * np.linspace(0.5, 0.9, 5)
+    rates[top + 9 : top + 14, 1] = rates[top, 1] * np.linspace(0.9, 0.5, 5)
     report = stream.examine(replace(recording, gyro=replace(recording.gyro, rates=rates)))
-    assert [found.kind for found in report.symptoms] == ["repeats", "plateau"]
+    assert {found.kind for found in report.symptoms} >= {"repeats", "plateau"}
 
 
 def test_repeats_among_those_of_a_lattice(plan, truth):
@@ -409,6 +381,38 @@ def test_a_clipped_rate_on_a_coarse_lattice(plan, truth):
     assert not _is_plateau(np.ones(200, dtype=bool), step=8.0)
     assert not _is_plateau(np.ones(50, dtype=bool), step=2.5)
     assert not _is_plateau(np.ones(10_000, dtype=bool), step=np.inf)
+
+
+def swing(level, high):
+    """A swing of 100 about zero with noise of one; where it is beyond `high` it reads `level`."""
+    x = 100 * np.sin(np.arange(5000) / 37.0) + np.random.default_rng(3).standard_normal(5000)
+    return np.where(x > high, level, np.where(x < -high, -level, x)), np.abs(x) > high
+
+
+@pytest.mark.parametrize(
+    ("level", "high", "rest", "clipped"),
+    [
+        (60.0, 60.0, 0.0, True),  # at the end of the range
+        (90.0, 60.0, 0.0, False),  # a jump leads to it
+        (60.0, 60.0, 30.0, False),  # readings on the other side of that at rest are farther from it
+    ],
+)
+def test_a_gyro_that_stops_is_not_clipped(level, high, rest, clipped):
+    x, at = swing(level, high)
+    if rest:
+        at &= x > 0
+    found = compute_probability_of_clipping(x - rest, np.ones(x.size, dtype=bool), at, 1.0)
+    assert (found > 0.99) if clipped else (found < 0.01)
+
+
+def test_two_axes_that_repeat_together_are_no_repeats_of_all(plan, truth):
+    """A calibration in the sensor that mixes two axes makes them repeat at once, far more often than each by chance."""
+    recording = _recording(plan, truth, 7)
+    step = 1.2 * np.deg2rad(1.5e-4) / np.sqrt(recording.gyro.sample_s)
+    counts = np.round(recording.gyro.rates / step)
+    mixed = counts + 1e-3 * counts[:, [1, 0, 2]] * [1.0, 1.0, 0.0]
+    report = stream.examine(replace(recording, gyro=replace(recording.gyro, rates=mixed * step)))
+    assert "repeats" not in {one.kind for one in report.symptoms}
 
 
 @pytest.mark.parametrize(("effect", "kind"), [("rate_quantization", "rounded"), ("rate_truncation", "cut")])

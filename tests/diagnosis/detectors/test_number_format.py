@@ -1,0 +1,102 @@
+"""Number formats: rounded, floored and cut readings, a dead zone of one step, and recordings that leave the format open."""
+
+import numpy as np
+import pytest
+
+from diagnosis.detectors.number_format import (
+    FORMATS,
+    compute_bins,
+    compute_log_likelihood,
+    compute_log_posterior,
+    compute_log_prior,
+)
+
+STEP = 0.37
+HOW = {
+    "rounded": np.round,
+    "floored": np.floor,
+    "cut": np.trunc,
+    "dead_zone": lambda x: np.where(np.abs(x) < 1, 0.0, np.round(x)),
+}
+MOTIONS = {
+    "rest at zero": lambda t: 0.0 * t,
+    "rest": lambda t: 0.3 + 0.0 * t,
+    "slow swing": lambda t: 40 * np.sin(2 * np.pi * t / 3017.3),
+    "fast swing": lambda t: 400 * np.sin(2 * np.pi * t / 151.37),
+}
+
+
+def odds(readings, noise):
+    """Log odds of each format against rounding."""
+    found = compute_log_likelihood([readings * STEP], STEP, noise * STEP)
+    return dict(zip(FORMATS, found - found[0], strict=True))
+
+
+@pytest.mark.parametrize("motion", MOTIONS)
+@pytest.mark.parametrize("noise", [0.1, 0.3, 1.0, 3.0, 10.0])
+def test_no_format_is_taken_for_another_of_the_listed(motion, noise):
+    rng = np.random.default_rng(4)
+    t = np.arange(20_000.0)
+    true = MOTIONS[motion](t) + noise * rng.standard_normal(t.size)
+    found = {name: odds(how(true), noise) for name, how in HOW.items()}
+    assert found["rounded"]["cut"] < 3
+    assert found["floored"]["cut"] < 3
+    assert found["cut"]["cut"] > -3
+    if noise >= 1 and not (motion == "fast swing" and noise > 1):
+        assert found["rounded"]["cut"] < -10
+        assert found["floored"]["cut"] < -10
+        assert found["cut"]["cut"] > max(10, found["cut"]["dead_zone"] + 10)
+        assert found["dead_zone"]["dead_zone"] > 5
+
+
+def test_readings_of_one_sign_and_rests_in_one_bin_leave_the_format_open():
+    rng = np.random.default_rng(5)
+    noisy = 400 + 3 * rng.standard_normal(5000)
+    assert odds(np.trunc(noisy), 3.0) == dict.fromkeys(FORMATS, 0.0)
+    assert odds(np.trunc(0.1 * rng.standard_normal(5000)), 0.1) == dict.fromkeys(FORMATS, 0.0)
+
+
+@pytest.mark.parametrize("noise", [0.05, 0.6])
+def test_rests_between_turns_say_nothing_of_the_format(noise):
+    """A body that goes from a fast turn to a rest within some samples, and on, is at zero for longer than it passes ±1."""
+    for seed in range(20):
+        rng = np.random.default_rng(seed)
+        turns = rng.choice([-300.0, 300.0], 400) * rng.uniform(0.5, 1.0, 400)
+        stops = rng.integers(3, 8, 400)
+        rate = np.concatenate(
+            [np.append(turn * np.sin(np.linspace(0, np.pi, 15)), np.zeros(n)) for turn, n in zip(turns, stops, strict=True)]
+        )
+        assert abs(odds(np.round(rate + noise * rng.standard_normal(rate.size)), noise)["cut"]) < 3
+
+
+@pytest.mark.parametrize("pace", [1.0, 2.0, 5.0, 20.0])
+def test_sweeps_through_zero_tell_the_format_also_in_a_fraction_of_a_sample(pace):
+    rng = np.random.default_rng(int(10 * pace))
+    begins = rng.uniform(-0.5, 0.5, 1000) * pace
+    ramps = [way * pace * np.arange(-30, 31) + begin for begin in begins for way in (-1, 1)]
+    noisy = np.concatenate(ramps) + 0.1 * rng.standard_normal(61 * 2000)
+    assert odds(np.round(noisy), 0.1)["cut"] < -3
+    assert odds(np.trunc(noisy), 0.1)["cut"] > 3
+
+
+def test_bins_cover_the_line_once():
+    counts = np.arange(-5.0, 6.0)
+    for name in FORMATS:
+        low, high = compute_bins(counts, name)
+        np.testing.assert_array_equal(low[1:], high[:-1])
+    assert compute_bins(np.zeros(1), "cut")[1] == 1.0
+    assert compute_bins(np.ones(1), "dead_zone") == (1.0, 1.5)
+
+
+def test_gyros_of_one_step_count_together_and_the_prior_is_that_of_the_effects():
+    rng = np.random.default_rng(6)
+    x = STEP * np.trunc(2 * rng.standard_normal((400, 3)))
+    x[:, 2] *= 1.1
+    steps = STEP * np.array([1.0, 1.0, 1.1])
+    every = np.ones(400, dtype=bool)
+    found = compute_log_posterior(x, [slice(0, 200), slice(200, 400)], every, steps, 2 * STEP)
+    np.testing.assert_array_equal(found[0], found[1])
+    assert found[0, 1] - found[0, 0] > found[2, 1] - found[2, 0] > 0
+    np.testing.assert_allclose(np.exp(found).sum(axis=1), 1.0)
+    rounded, cut, zone = np.exp(compute_log_prior(0.1))
+    assert rounded == cut > 10 * zone > 0
