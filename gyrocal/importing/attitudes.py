@@ -81,7 +81,12 @@ def of_sensors(
     known = _known(sensors, joined, mapping)
     measured = np.concatenate([one.q for one in sensors])[place]
     return Attitudes(
-        t_s[place], to_body(measured, sensor, known), np.array([sigma[one.name] for one in sensors])[sensor], sensor, known
+        t_s=t_s[place],
+        quaternions=to_body(measured, sensor, known),
+        sigma=np.array([sigma[one.name] for one in sensors])[sensor],
+        sensor=sensor,
+        sensors=known,
+        sigma_estimated=mapping.sigma_deg is None,
     )
 
 

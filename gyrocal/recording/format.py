@@ -103,12 +103,13 @@ def _load(folder: Path) -> Recording:
         apriori_G=np.array(said.gyro.apriori_G),
         apriori_bias=np.deg2rad(said.gyro.apriori_bias_deg_s),
         names=names,
+        arw_estimated=said.gyro.arw_estimated,
     )
     attitudes = without_attitudes()
     if attitude is not None and said.attitude.sensor:
         with _told_of(folder / attitude_name):
             rows = trackers.read(attitude, said.attitude.sensor, SIGMA_COLUMNS)
-        attitudes = Attitudes(tables.column(attitude, "t_s"), *rows)
+        attitudes = Attitudes(tables.column(attitude, "t_s"), *rows, sigma_estimated=said.attitude.sigma_estimated)
     elif attitude is not None:
         with _told_of(folder / attitude_name):
             trackers.check_unnamed(attitude, said.format)
@@ -116,6 +117,7 @@ def _load(folder: Path) -> Recording:
             t_s=tables.column(attitude, "t_s"),
             quaternions=tables.columns(attitude, QUATERNION_COLUMNS),
             sigma=np.deg2rad(tables.columns(attitude, SIGMA_COLUMNS)),
+            sigma_estimated=said.attitude.sigma_estimated,
         )
     with _told_of(folder):
         sensors = sensor_tables.read(optional)

@@ -33,6 +33,7 @@ class _GyroHeader(_Model):
     sample_s: float = Field(gt=0)
     kind: Literal["rate"]
     arw_deg_per_sqrt_s: float = Field(ge=0, le=1e3)
+    arw_estimated: bool = False
     names: list[str] = Field(default=list(TRIAD), min_length=3, max_length=MOST_GYROS)
     apriori_G: list[list[Annotated[float, Field(ge=-100, le=100)]]]
     apriori_bias_deg_s: list[Annotated[float, Field(ge=-1e5, le=1e5)]] = Field(min_length=3, max_length=3)
@@ -57,6 +58,7 @@ class _GyroHeader(_Model):
 class _AttitudeHeader(_Model):
     maps: Literal["inertial to body", "inertial to sensor"]
     quaternion: Literal["scalar last"]
+    sigma_estimated: bool = False
     sensor: list[SensorHeader] = []
 
 
@@ -145,12 +147,20 @@ def text(recording: Recording) -> str:
                 "sample_s": float(gyro.sample_s),
                 "kind": "rate",
                 "arw_deg_per_sqrt_s": float(np.rad2deg(gyro.arw)),
+                **({"arw_estimated": True} if gyro.arw_estimated else {}),
                 **({"names": list(gyro.names)} if named else {}),
                 "apriori_G": gyro.apriori_G.tolist(),
                 "apriori_bias_deg_s": np.rad2deg(gyro.apriori_bias).tolist(),
             },
         ),
-        ("[attitude]", {"maps": trackers.maps(recording.attitudes), "quaternion": "scalar last"}),
+        (
+            "[attitude]",
+            {
+                "maps": trackers.maps(recording.attitudes),
+                "quaternion": "scalar last",
+                **({"sigma_estimated": True} if recording.attitudes.sigma_estimated else {}),
+            },
+        ),
         *trackers.header_sections(recording.attitudes),
     ]
     if orbit:

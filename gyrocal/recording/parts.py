@@ -50,6 +50,7 @@ class GyroStream:
     apriori_G : (3, gyros) rows are body axes, columns gyros
     apriori_bias : (3,) rad/s
     names : of the gyros
+    arw_estimated : whether `arw` was estimated from these samples, so that it is no statement of the gyro's noise
     """
 
     t_s: Array
@@ -59,6 +60,7 @@ class GyroStream:
     apriori_G: Array = field(default_factory=lambda: np.eye(3))
     apriori_bias: Array = field(default_factory=lambda: np.zeros(3))
     names: tuple[str, ...] = TRIAD
+    arw_estimated: bool = False
 
     @property
     def rates_deg_s(self) -> Array:
@@ -87,6 +89,7 @@ class Attitudes:
     sigma : (m, 3) 1-sigma per body axis, rad; about the sensor's own axes where sensors are named
     sensor : (m,) number of the sensor of each, None for a single one in body axes
     sensors : see `gyrocal.recording.trackers`
+    sigma_estimated : whether `sigma` was estimated from this recording, so that it is no statement of the references' noise
     """
 
     t_s: Array
@@ -94,6 +97,7 @@ class Attitudes:
     sigma: Array
     sensor: NDArray[np.intp] | None = None
     sensors: tuple[AttitudeSensor, ...] = ()
+    sigma_estimated: bool = False
 
     @property
     def sigma_deg(self) -> Array:

@@ -300,6 +300,7 @@ def to_recording(trial: Trial, intervals: str | float = "motion", spacing_s: flo
         sample_s=trial.sample_s,
         arw=float(np.sqrt(np.mean(np.square(arw)))),
         apriori_bias=bias,
+        arw_estimated=True,
     )
     used = np.unique(np.concatenate([rows for _, _, rows in chosen]))
     still = trial.still[used]
@@ -310,7 +311,7 @@ def to_recording(trial: Trial, intervals: str | float = "motion", spacing_s: flo
         epoch=EPOCH,
         time_scale=TIME_SCALE,
         gyro=gyro,
-        attitudes=Attitudes(trial.t_s[used], trial.quaternions[used], sigma),
+        attitudes=Attitudes(trial.t_s[used], trial.quaternions[used], sigma, sigma_estimated=True),
         intervals=tuple(_interval(trial, name, activity, rows) for name, activity, rows in chosen),
         tables={"housekeeping": _housekeeping(trial)},
     )
