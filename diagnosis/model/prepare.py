@@ -7,6 +7,7 @@ noise. What the references say of lines in the samples and of their own noise is
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
@@ -60,7 +61,7 @@ def prepare(recording: Recording, settings: DiagnosisSettings = DEFAULT, tell: P
     tell("gyro samples: dead zones", 0.08)
     dead = _dead(recording, report, model.bias)
     found = judge(Unjudged(recording, report, model, sigma, pieces, dead), settings, tell)
-    return replace(found, notes=_notes(recording, pieces, found.sigma))
+    return replace(found, notes=(*report_noise_levels(found), *_notes(recording, pieces, found.sigma)))
 
 
 def check_usable(recording: Recording, settings: DiagnosisSettings = DEFAULT) -> None:
@@ -114,11 +115,8 @@ def _cut_or_rounded(
     p = float(expit(gain + (odds if other == "cut" else -odds)))
     if p > 0.5:
         report, first, other, p = again, second, now, 1 - p
-    if p > LEAST_SHARE:
-        rivals = ((f"lattice_{other}", p),)
-        report.symptoms = [
-            replace(one, rivals=rivals) if one.kind in ("lattice_cut", "lattice_rounded") else one for one in report.symptoms
-        ]
+    rivals = ((f"lattice_{other}", p),) if p > LEAST_SHARE else ()
+    report.symptoms = [replace(one, rivals=rivals) if one.kind.startswith("lattice") else one for one in report.symptoms]
     return report, first
 
 
@@ -195,6 +193,18 @@ def unclipped(recording: Recording, report: SampleReport) -> tuple[Interval, ...
                 name = interval.name if number == part[0] == part[-1] else f"{interval.name}/{number}"
                 out.append(Interval(name, interval.activity, float(chosen[0]), float(chosen[-1])))
     return tuple(out)
+
+
+def report_noise_levels(found: Prepared) -> Iterator[str]:
+    """Sentences with the noise that the diagnosis estimated, where the recording states none of its own."""
+    recording, noise = found.model.recording, found.reference_noise
+    if recording.gyro.arw_estimated:
+        levels = ", ".join(f"{level:.3g}" for level in recording.gyro.arw_deg_per_sqrt_s * found.samples.noise_factor)
+        yield f"Angle random walk estimated as {levels} deg/√s about x, y, z; the recording states an estimate only"
+    if recording.attitudes.sigma_estimated and noise is not None:
+        factors = noise.factors if noise.departs else np.ones(3)
+        sigmas = ", ".join(f"{sigma:.3g}" for sigma in np.median(recording.attitudes.sigma_deg, axis=0) * factors)
+        yield f"Noise of the references estimated as {sigmas} deg about x, y, z; the recording states an estimate only"
 
 
 def _notes(recording: Recording, pieces: tuple[Interval, ...], sigma: Array) -> tuple[str, ...]:

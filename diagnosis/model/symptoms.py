@@ -1,4 +1,4 @@
-"""From what the samples show to causes: a symptom is a cause if an effect claims it, and otherwise something unlisted.
+"""Causes that the samples show: each symptom has one posterior over the effects that claim it and the alternatives.
 
 The evidence of a symptom is a test with a p-value under M0, such as readings that lie on a lattice, which noise cannot do. It
 says little of the attitude and the attitude little of it, so that the two are separate parts of one likelihood and need no
@@ -9,7 +9,7 @@ a line, which the attitude judges (`diagnosis.model.lines`).
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -19,13 +19,56 @@ from diagnosis.detectors.report import SampleTest, Symptom
 from diagnosis.inference.attribution import against
 from diagnosis.model.prepare import Prepared
 from diagnosis.settings import DiagnosisSettings
+from gyrocal.recording import Recording
 from simulator.effects.base import Detection, Effect, SampleView
 from simulator.effects.recorded import interval_slices
 
 AXES = "xyz"
 SHARED = "noise_correlation"
 OF_NOISE = ("white_noise_level", "readout_noise", "noise_colour", "slow_noise", "noise_constancy", "noise_pattern")
-CHANCE = 1e3  # tests and looks that the p-value of one symptom is corrected for
+LEAST_P, LARGEST_P = 1e-300, float(np.exp(-1))  # p-values for which the bound on the Bayes factor holds
+TESTS = 30  # of the samples of a recording, over which the prior probability of one more effect is spread
+
+
+@dataclass(frozen=True)
+class SymptomPosterior:
+    """Posterior probabilities of a symptom's explanations; they add up to one.
+
+    Attributes
+    ----------
+    listed : the effect that claims it, or a listed rival
+    imitated : something unlisted that resembles it
+    motion : a motion of the body
+    chance : noise of M0
+    """
+
+    listed: float
+    imitated: float
+    motion: float
+    chance: float
+
+
+def compute_posterior(symptom: Symptom, settings: DiagnosisSettings) -> SymptomPosterior:
+    """Compute the posterior of a symptom's explanations from prior odds and Bayes factors.
+
+    Every explanation is weighed against the listed effects, whose weight is one.
+
+    - *Chance.* One more effect has the prior odds π/(1 − π), spread over `TESTS`. Under M0 the p-value is uniform. Where an
+      effect is at work it is small: over the densities a p^(a−1) with 0 < a < 1, the Bayes factor is at most 1/(−e p ln p)
+      (Sellke, Bayarri and Berger, American Statistician 55, 2001). The weight is the inverse of prior odds times that factor.
+    - *Imitation.* The prior odds are ι/(1 − ι). The p-value of how the symptom behaves is uniform under the listed effect and
+      has any power law under an imitation, which gives the Bayes factor of `against`. A symptom without such a test has one.
+    - *Motion.* Where a likelihood has compared the effect with a motion of the body, its probability r gives the odds
+      (1 − r)/r.
+    """
+    prior = settings.another / (1 - settings.another) / TESTS
+    p = min(max(symptom.p_value, LEAST_P), LARGEST_P)
+    chance = -np.e * p * np.log(p) / prior
+    behaviour = against(symptom.likeness) if symptom.likeness < 1 else 1.0
+    imitation = settings.imitation_in_samples / (1 - settings.imitation_in_samples) / behaviour
+    motion = 1 / max(symptom.probability, LEAST_P) - 1
+    weights = np.array([1.0, imitation, motion, chance])
+    return SymptomPosterior(*(weights / weights.sum()).tolist())
 
 
 @dataclass(frozen=True)
@@ -36,9 +79,9 @@ class SampleCause:
     ----------
     symptom : what was seen
     effect : its name, None if no effect that may be named claims the symptom
-    imitated : whether it behaves so unlike that effect that something unlisted is named instead
     finding : for the list of where the recording departs
     rivals : effects that may be at work in its place, with their shares of the probability
+    imitated : whether an imitation is so probable that something unlisted is the answer
     """
 
     symptom: Symptom
@@ -63,26 +106,22 @@ class SampleCause:
         symptom = self.symptom
         names = (self.effect, *(name for name, _ in self.rivals))
         group = tuple(name if symptom.axis is None else f"{name}:{symptom.axis}" for name in names)
-        probability = min(1.0 - imitated(symptom, settings), symptom.probability, 1.0 - min(symptom.p_value * CHANCE, 0.5))
+        probability = compute_posterior(symptom, settings).listed
         return Cause(
             self.effect, symptom.axis, symptom.size, symptom.unit, symptom.sigma, symptom.parameters,
             probability * self.share, group, probability,
         )  # fmt: skip
 
 
-def imitated(symptom: Symptom, settings: DiagnosisSettings) -> float:
-    """Probability that something unlisted imitates a symptom: its prior share, or more by how the symptom behaves.
-
-    Most symptoms are asked for a single way in which an imitation might differ, or for none, so that nothing speaks for them.
-    """
-    odds = settings.imitation_in_samples / (1 - settings.imitation_in_samples) / min(against(symptom.likeness), 1.0)
-    return odds / (1 + odds)
-
-
 def sample_causes(prepared: Prepared, effects: Sequence[Effect], settings: DiagnosisSettings) -> tuple[SampleCause, ...]:
     """The causes that the samples and the references' noise show by themselves, and the unlisted ones among them."""
-    symptoms = [*prepared.samples.symptoms, *reference_symptoms(prepared, settings)]
+    symptoms = [*stated(prepared.samples.symptoms, prepared.model.recording), *reference_symptoms(prepared, settings)]
     return claimed(symptoms, prepared.samples.tests, effects, _view(prepared), settings)
+
+
+def stated(symptoms: Sequence[Symptom], recording: Recording) -> list[Symptom]:
+    """Leave out the noise level where the recording states none: an import's estimate departs from itself by its error."""
+    return [one for one in symptoms if not (one.kind == "white_noise_level" and recording.gyro.arw_estimated)]
 
 
 def claimed(
@@ -92,42 +131,44 @@ def claimed(
     view: SampleView,
     settings: DiagnosisSettings,
 ) -> tuple[SampleCause, ...]:
-    """Symptoms with the effects that claim them, and what the effects' own tests find."""
+    """Symptoms with the effects that claim them, and what the effects' own tests find.
+
+    The test of an effect's own, with its numbers, stands for the general symptom as well. Something else makes that symptom with
+    the probability which the own test leaves. Symptoms of which chance or a motion is the more probable cause are left out.
+    """
     claims: dict[str | None, str] = {effect.symptom: effect.name for effect in effects if effect.symptom is not None}
-    symptoms = symptoms if SHARED in claims else without_shaking(symptoms)
-    detected = {
-        effect: [one for one in effect.detect(view) if one.p_value < settings.sample_event]
-        for effect in effects
-        if effect.implements("detect")
-    }
-    # Where an effect's own test has found it, that says more than the general symptom which it makes as well.
-    covered = {effect.symptom for effect, own in detected.items() if own}
-    own_test = {effect.symptom for effect in detected}
-    found = [
-        SampleCause(
-            one,
-            None if one.kind in own_test else claims.get(one.kind),
-            _finding(tests, one),
-            _rivals(one, claims),
-            imitated(one, settings) > settings.unknown,
-        )
-        for one in symptoms
-        if one.kind not in covered
-    ]
-    return (*found, *(_detected(one) for own in detected.values() for one in own))
+    if SHARED not in claims:
+        symptoms = weigh_shaking(symptoms, settings)
+    own = [_detected(one) for effect in effects for one in effect.detect(view) if one.p_value < settings.sample_event]
+    own_test = {effect.name for effect in effects if effect.implements("detect")}
+    found = []
+    for one in symptoms:
+        effect = claims.get(one.kind)
+        explained = [
+            compute_posterior(other.symptom, settings).listed for other in own if effect is not None and other.effect == effect
+        ]
+        if effect in own_test:
+            effect = None
+        weighed = replace(one, probability=one.probability * (1 - max(explained, default=0.0)))
+        posterior = compute_posterior(weighed, settings)
+        if posterior.listed + posterior.imitated >= settings.unknown:
+            imitated = posterior.imitated > settings.unknown
+            found.append(SampleCause(weighed, effect, _finding(tests, one), _rivals(one, claims), imitated))
+    return (*found, *own)
 
 
-def without_shaking(symptoms: Sequence[Symptom]) -> list[Symptom]:
-    """Symptoms without noise that gyros have in common, and what it does to the noise of each of them.
+def weigh_shaking(symptoms: Sequence[Symptom], settings: DiagnosisSettings) -> list[Symptom]:
+    """Weigh noise that gyros have in common, and the noise of each of them, against a body that shakes.
 
-    A body that shakes faster than any reference sees turns all of its gyros. What they have in common is taken for that, and
-    nothing is said of their noise, unless an effect on the list makes it.
+    A body that shakes faster than any reference sees turns all of its gyros, and makes all of this noise. Beside it there is
+    something else with the prior probability of one more effect.
     """
     shaken = {axis for one in symptoms if one.kind == SHARED for axis in str(one.parameters["gyros"])}
     return [
-        one
+        replace(one, probability=one.probability * settings.another)
+        if one.kind == SHARED or (one.kind in OF_NOISE and shaken & (set(AXES) if one.axis is None else {one.axis}))
+        else one
         for one in symptoms
-        if one.kind != SHARED and not (one.kind in OF_NOISE and shaken & (set(AXES) if one.axis is None else {one.axis}))
     ]
 
 
@@ -138,12 +179,15 @@ def _rivals(symptom: Symptom, claims: Mapping[str | None, str]) -> tuple[tuple[s
 
 def reference_symptoms(prepared: Prepared, settings: DiagnosisSettings) -> list[Symptom]:
     """The references' noise, where it is not white noise of the stated size."""
+    estimated = prepared.model.recording.attitudes.sigma_estimated
     if prepared.tracker_noise:
-        return [one for name, noise in prepared.tracker_noise for one in _of_noise(noise, settings, name)]
-    return [] if prepared.reference_noise is None else _of_noise(prepared.reference_noise, settings)
+        return [one for name, noise in prepared.tracker_noise for one in _of_noise(noise, settings, estimated, name)]
+    return [] if prepared.reference_noise is None else _of_noise(prepared.reference_noise, settings, estimated)
 
 
-def _of_noise(noise: ReferenceNoise, settings: DiagnosisSettings, tracker: str | None = None) -> list[Symptom]:
+def _of_noise(
+    noise: ReferenceNoise, settings: DiagnosisSettings, sigma_estimated: bool, tracker: str | None = None
+) -> list[Symptom]:
     """The same of one test; the noise of one of several trackers has its name in the place of an axis."""
     found = []
     whose, them = ("the references'", "the references") if tracker is None else (f"{tracker}'s", tracker)
@@ -159,7 +203,7 @@ def _of_noise(noise: ReferenceNoise, settings: DiagnosisSettings, tracker: str |
         found.append(
             Symptom("reference_noise_constancy", tracker, noise.constancy, "of its power", 0.0, {}, noise.constancy_p, text)
         )
-    if noise.departs:
+    if noise.departs and not sigma_estimated:
         axis = None if noise.axis is None else AXES[noise.axis]
         place = 0 if noise.axis is None else noise.axis
         sigma = float(1 / np.sqrt(np.sum(1 / noise.sigma**2))) if noise.axis is None else float(noise.sigma[place])

@@ -8,7 +8,7 @@ import pytest
 
 from diagnosis.detectors.reference_noise import ReferenceNoise
 from diagnosis.detectors.report import Symptom
-from diagnosis.model.symptoms import CHANCE, sample_causes
+from diagnosis.model.symptoms import compute_posterior, reference_symptoms, sample_causes, stated
 from diagnosis.settings import DEFAULT
 from simulator.effects.base import Detection, Effect
 from tests.diagnosis.recordings import prepared
@@ -53,7 +53,7 @@ def test_a_symptom_is_the_effect_that_claims_it_and_otherwise_unlisted():
 def test_a_cause_has_the_numbers_of_its_symptom_and_no_more_certainty_than_allowed():
     sure, doubtful, judged = (
         causes([effect(Claims, "mine", "outliers")], [replace(OUTLIERS, **changes)])[0].cause(DEFAULT)
-        for changes in ({}, {"p_value": 1e-4}, {"probability": 0.7})
+        for changes in ({}, {"p_value": 3e-5}, {"probability": 0.7})
     )
     assert (sure.label, sure.size, sure.unit, sure.sigma, sure.parameters) == (
         "mine:y",
@@ -62,9 +62,43 @@ def test_a_cause_has_the_numbers_of_its_symptom_and_no_more_certainty_than_allow
         1e-3,
         {"fraction": 0.01},
     )
-    assert sure.probability == 1 - DEFAULT.imitation_in_samples
-    assert doubtful.probability == pytest.approx(1 - 1e-4 * CHANCE)
-    assert judged.probability == 0.7
+    assert sure.probability == pytest.approx(1 - DEFAULT.imitation_in_samples)
+    assert 0.7 < doubtful.probability < 0.8
+    assert judged.probability == pytest.approx(1 / (1 / 0.7 + 0.05 / 0.95))
+
+
+def test_the_posterior_of_a_symptom_weighs_chance_imitation_and_motion_at_once():
+    symptom = replace(OUTLIERS, p_value=1e-6, probability=0.8, likeness=0.3)
+    found = compute_posterior(symptom, DEFAULT)
+    assert found.listed + found.imitated + found.motion + found.chance == pytest.approx(1.0)
+    assert found.motion / found.listed == pytest.approx(0.25)
+    assert found.chance / found.listed == pytest.approx(np.e * 1e-6 * np.log(1e6) * 30 * 9)
+    # How it behaves speaks for the effect, or for an imitation.
+    likeness = [compute_posterior(replace(symptom, likeness=p), DEFAULT).imitated for p in (0.5, 1e-2, 1e-4)]
+    assert likeness[0] < 0.04 < likeness[1] < 0.3 < 0.8 < likeness[2]
+    # At the threshold of the tests an effect is more probable than not; of a p-value by chance it is not.
+    assert compute_posterior(replace(OUTLIERS, p_value=DEFAULT.sample_event), DEFAULT).listed > 0.8
+    assert compute_posterior(replace(OUTLIERS, p_value=0.01), DEFAULT).chance > 0.9
+    assert compute_posterior(replace(OUTLIERS, p_value=1.0), DEFAULT).chance > 0.99
+
+
+def test_noise_that_an_import_estimated_is_no_cause():
+    found = prepared(3)
+    recording = found.model.recording
+    level = replace(OUTLIERS, kind="white_noise_level")
+    assert stated([level, OUTLIERS], recording) == [level, OUTLIERS]
+    imported = replace(
+        recording,
+        gyro=replace(recording.gyro, arw_estimated=True),
+        attitudes=replace(recording.attitudes, sigma_estimated=True),
+    )
+    assert stated([level, OUTLIERS], imported) == [OUTLIERS]
+    shared = replace(NOISE, correlation=0.8, correlation_p=1e-9)
+    kinds = [
+        [one.kind for one in reference_symptoms(replace(found, reference_noise=shared, model=model), DEFAULT)]
+        for model in (found.model, replace(found.model, recording=imported))
+    ]
+    assert kinds == [["reference_noise_correlation", "reference_noise_level"], ["reference_noise_correlation"]]
 
 
 def test_an_effects_own_test_says_more_than_the_symptom_it_makes_as_well():
