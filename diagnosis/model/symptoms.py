@@ -133,8 +133,8 @@ def claimed(
 ) -> tuple[SampleCause, ...]:
     """Symptoms with the effects that claim them, and what the effects' own tests find.
 
-    The test of an effect's own, with its numbers, stands for the general symptom as well. Something else makes that symptom with
-    the probability which the own test leaves. Symptoms of which chance or a motion is the more probable cause are left out.
+    The test of an effect's own, with its numbers, stands for the general symptom as well. Something else makes that symptom
+    with the probability which the own test leaves. Symptoms of which chance or a motion is the more probable cause are left out.
     """
     claims: dict[str | None, str] = {effect.symptom: effect.name for effect in effects if effect.symptom is not None}
     if SHARED not in claims:
