@@ -104,6 +104,7 @@ def build(streams: Streams, mapping: Mapping, check: bool = True) -> Imported:
         sigma = reference_sigma(gyro, joined, chosen, said)
         used = np.concatenate(chosen)
         references = Attitudes(joined.t_s[used], joined.q[used], np.tile(sigma, (used.size, 1)))
+        references = replace(references, sigma_estimated=joined.covariance is None)
     else:
         references = attitudes.of_sensors(streams.sensors, joined, chosen, mapping, gyro, said)
     for text in said:
@@ -113,7 +114,7 @@ def build(streams: Streams, mapping: Mapping, check: bool = True) -> Imported:
         title=mapping.title or "imported",
         epoch=streams.epoch,
         time_scale=streams.time_scale,
-        gyro=replace(gyro, rates=streams.raw, apriori_G=G, names=names),
+        gyro=replace(gyro, rates=streams.raw, apriori_G=G, names=names, arw_estimated=mapping.arw_deg_per_sqrt_s is None),
         attitudes=references,
         intervals=tuple(named(joined.t_s, rows, still, streams.t_s, k) for k, rows in enumerate(chosen, 1))
         if mapping.interval is None
@@ -239,4 +240,5 @@ def _agree(windows: Motion, mapping: Mapping, late_s: float, carry: Callable[[],
         if np.isfinite(late_s):
             raise InputError(found.sentence)
         return [f"imported unchecked although {found.sentence}"]
-    return [f"rates and attitudes fit each other: they differ by {100 * found.as_read.residual:.2g} % of the motion"]
+    said = [f"rates and attitudes fit each other: they differ by {100 * found.as_read.residual:.2g} % of the motion"]
+    return said if found.rotated is None else [*said, f"the calibration may start nearer: {found.rotated.sentence}"]
