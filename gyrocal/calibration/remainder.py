@@ -18,7 +18,9 @@ The time scales follow from the recording: from twice the spacing of the referen
 
 A remainder is significant where twice the gain of the log likelihood is improbable without one. Each size is zero with a
 probability of one half then, so the gain follows a mixture of χ² distributions with 0 to K degrees of freedom (Self and Liang,
-JASA 82, 1987), weighted as if sizes were independent. Where it is not significant the covariance stays the nominal one.
+JASA 82, 1987). Processes of similar time scales are hardly told apart, so K is their effective number K²/Σ_kl r_kl², r_kl the
+correlation of their scores, tr(C_k C_l)/√(tr C_k² tr C_l²) of the covariances C_k in the residuals. Where the remainder is not
+significant the covariance stays the nominal one.
 """
 
 from __future__ import annotations
@@ -191,8 +193,10 @@ def estimate_remainder(recording: Recording, problem: Problem, result: Calibrati
     nominal = result.covariance
     thin = paths.select(choose_evenly(paths.row.size, MOST_RESIDUALS))
     J = space_of(problem.parametrisation).jacobian(result.parameters)
-    sizes, processes, dof = _estimate_sizes(thin, state.theta[thin.kept], thin.Theta.reshape(-1, 12) @ J[:, columns], problem)
-    p_value = compute_p_value(sizes.log_likelihood_gain, len(processes) + 1) if dof > 0 else 1.0
+    sizes, processes, dof, effective = _estimate_sizes(
+        thin, state.theta[thin.kept], thin.Theta.reshape(-1, 12) @ J[:, columns], problem
+    )
+    p_value = compute_p_value(sizes.log_likelihood_gain, effective + 1) if dof > 0 else 1.0
     if p_value >= SIGNIFICANT:
         return Remainder((), 1.0, sizes.log_likelihood_gain, p_value, nominal)
     found = tuple(replace(one, variance=float(v)) for one, v in zip(processes, sizes.variances, strict=True) if v > 0)
@@ -295,7 +299,8 @@ def list_processes(scales: Sequence[float], dof: int) -> tuple[Process, ...]:
     biases = [(k,) for k in BIASES] if by_axis else [BIASES]
     axes = [(k,) for k in range(3)] if by_axis else [(0, 1, 2)]
     rates = [Process("rate", members, scale) for members in biases for scale in (0.0, *scales, np.inf)]
-    gains = [Process("rate", members, scale) for members in (SCALES, MISALIGNMENTS) for scale in (*scales, np.inf)]
+    diagonal = [(k,) for k in SCALES] if by_axis else [SCALES]
+    gains = [Process("rate", members, scale) for members in (*diagonal, MISALIGNMENTS) for scale in (0.0, *scales, np.inf)]
     references = [Process("reference", members, scale) for members in axes for scale in (0.0, *scales[-2:])]
     delays = [Process("delay", (0,), scale) for scale in (0.0, middle, np.inf)]
     return (*rates, *gains, *references, *delays)
@@ -308,10 +313,20 @@ def compute_p_value(gain: float, components: int) -> float:
     return float(weights @ scipy.special.chdtrc(counts, 2 * max(gain, 0.0)))
 
 
+def count_effective(components: Sequence[Array]) -> int:
+    """Count the components (N, r_k) that residuals can tell apart, by the correlation of their covariances."""
+    if not components:
+        return 0
+    kernels = np.array([(part @ part.T).ravel() for part in components])
+    products = kernels @ kernels.T
+    size = np.sqrt(np.diag(products))
+    return int(np.ceil(len(components) ** 2 / np.square(products / np.outer(size, size)).sum()))
+
+
 def _estimate_sizes(
     paths: Paths, theta: Array, Theta: Array, problem: Problem
-) -> tuple[VarianceComponents, tuple[Process, ...], int]:
-    """Estimate the sizes of the processes that the residuals show, with these and the degrees of freedom.
+) -> tuple[VarianceComponents, tuple[Process, ...], int, int]:
+    """Estimate the sizes of the processes that the residuals show, with these, the degrees of freedom and `count_effective`.
 
     Parameters
     ----------
@@ -350,7 +365,8 @@ def _estimate_sizes(
             components.append(seen)
     sizes = estimate_variance_components(y, components, max(dof, 1))
     power = sizes.variances * np.array([np.square(part).sum() for part in components])
-    return replace(sizes, variances=np.where(power > NEGLIGIBLE * dof, sizes.variances, 0.0)), tuple(processes), dof
+    sizes = replace(sizes, variances=np.where(power > NEGLIGIBLE * dof, sizes.variances, 0.0))
+    return sizes, tuple(processes), dof, count_effective(components)
 
 
 def _references_of(paths: Paths, problem: Problem) -> tuple[Any, ...]:

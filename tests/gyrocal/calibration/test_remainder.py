@@ -1,0 +1,188 @@
+"""The remainder of a calibration: columns by finite differences, and sigmas that hold in simulations with and without one."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from gyrocal import calibrate
+from gyrocal.calibration.jackknife import cut_into_blocks, estimate_jackknife_covariance
+from gyrocal.calibration.problem import Problem
+from gyrocal.calibration.remainder import (
+    MOST_RESIDUALS,
+    NOMINAL,
+    WITH_REMAINDER,
+    add_remainder,
+    build_paths,
+    choose_evenly,
+    compute_p_value,
+    list_processes,
+    read_processes,
+)
+from gyrocal.calibration.remainder_processes import (
+    Process,
+    Stretches,
+    build_rate_columns,
+    build_reference_columns,
+    gather_rate_influence,
+    gather_reference_influence,
+)
+from gyrocal.calibration.sampling import measurements
+from gyrocal.estimation.remainder_noise import KnownCalibration, RemainderNoise, read_calibration
+from tests.builders import piecewise_recording
+from tests.gyrocal.calibration.remainder_cases import TRUTH, simulate_remainder
+
+RATE, REFERENCE = np.deg2rad(0.1), np.deg2rad(0.2)
+SEEDS = range(10)
+REMAINDERS = {
+    "rate error": {"rate": RATE},
+    "correlated reference error": {"reference": REFERENCE},
+    "delay": {"delay_s": 0.01},
+}
+
+
+def build_problem(recording):
+    """Paths at the truth, with the problem and the state there."""
+    result = calibrate(recording)
+    problem = Problem.of(recording, measurements(recording))
+    return build_paths(recording, problem, replace(result, parameters=TRUTH)), problem, problem.state(TRUTH)
+
+
+def test_rate_columns_are_the_derivative_of_the_residuals_by_an_error_of_one_stretch():
+    recording = simulate_remainder(0)
+    paths, _, state = build_problem(recording)  # residuals of the noise change the derivative by a thousandth
+    gyro, step = recording.gyro, 1e-6
+    for stretch in (3, 17):
+        low, high = paths.stretches.from_s[stretch], paths.stretches.to_s[stretch]
+        own = (gyro.t_s > low - 1e-6) & (gyro.t_s < high - 1e-6)
+        for member in (10, 5):  # b_y and G_yz
+            rates = gyro.rates.copy()
+            along = np.eye(3)[1] if member == 10 else gyro.rates[own, 2:] * np.eye(3)[1]
+            rates[own] += step * np.linalg.solve(TRUTH.G, np.broadcast_to(along, (own.sum(), 3)).T).T
+            moved = replace(recording, gyro=replace(gyro, rates=rates))
+            shifted = Problem.of(moved, measurements(moved)).state(TRUTH)
+            columns = build_rate_columns(paths.R, paths.turns[:, :, member], paths.interval)
+            np.testing.assert_allclose(columns[:, stretch], (shifted.theta - state.theta).ravel() / step, atol=3e-3)
+
+
+def test_influences_are_products_with_the_columns():
+    paths, _, _ = build_problem(simulate_remainder(1))
+    K = np.random.default_rng(0).normal(size=(3 * paths.row.size, 4))
+    turns = paths.turns[:, :, 9]
+    columns = build_rate_columns(paths.R, turns, paths.interval)
+    np.testing.assert_allclose(gather_rate_influence(paths.R, turns, paths.interval, K), columns.T @ K, atol=1e-12)
+    directions = paths.body_rates
+    columns, rows = build_reference_columns(paths.R, paths.start, paths.row, directions)
+    influence, same = gather_reference_influence(paths.R, paths.start, paths.row, directions, K)
+    np.testing.assert_allclose(influence, columns.T @ K, atol=1e-12)
+    np.testing.assert_array_equal(rows, same)
+
+
+@pytest.mark.parametrize("time_scale", [0.3, 5.0, 1e7])
+def test_covariance_of_means_is_the_integral_of_the_correlation(time_scale):
+    stretches = Stretches(np.array([0.0, 1.0, 4.0]), np.array([1.0, 4.0, 4.5]), np.zeros(3, dtype=int))
+    found = stretches.covariance(Process("rate", (9,), time_scale))
+    fine = [np.linspace(a, b, 801) for a, b in zip(stretches.from_s, stretches.to_s, strict=True)]
+    middles = [0.5 * (one[1:] + one[:-1]) for one in fine]
+    expected = [[np.exp(-np.abs(np.subtract.outer(a, b)) / time_scale).mean() for b in middles] for a in middles]
+    np.testing.assert_allclose(found, expected, rtol=2e-3)
+
+
+def test_without_a_remainder_the_nominal_sigmas_stay():
+    for seed in range(5):
+        recording = simulate_remainder(100 + seed)
+        result = add_remainder(recording, calibrate(recording))
+        assert result.recommended == NOMINAL, result.remainder
+        np.testing.assert_allclose(result.remainder.sigma, result.sigma, rtol=0.03)
+
+
+@pytest.mark.parametrize("kind", REMAINDERS)
+def test_errors_of_the_parameters_have_the_covariance_with_remainder(kind):
+    nominal, widened = [], []
+    for seed in SEEDS:
+        recording = simulate_remainder(seed, **REMAINDERS[kind])
+        result = add_remainder(recording, calibrate(recording))
+        error = result.parameters.vector - TRUTH.vector
+        nominal.append(error / result.sigma)
+        widened.append(error / np.sqrt(np.diag(result.recommended_covariance)))
+    # Twelve correlated errors a seed: about five independent ones, and sizes that are estimated.
+    assert 0.65 < np.sqrt(np.mean(np.square(widened))) < 1.4
+    assert np.sqrt(np.mean(np.square(nominal))) > 1.6
+
+
+def test_remainder_has_the_size_and_the_side_of_the_simulation():
+    results = []
+    for seed in SEEDS:
+        recording = simulate_remainder(seed, rate=RATE)
+        results.append(add_remainder(recording, calibrate(recording)).remainder)
+    assert np.sqrt(np.mean([np.square(one.gyro) for one in results])) == pytest.approx(RATE, rel=0.3)
+    assert np.sqrt(np.mean([np.square(one.reference) for one in results])) < 0.3 * REFERENCE
+    delays = []
+    for seed in SEEDS:
+        recording = simulate_remainder(seed, delay_s=0.02)
+        delays.append(add_remainder(recording, calibrate(recording)).remainder.delay_s)
+    assert np.sqrt(np.mean(np.square(delays))) == pytest.approx(0.02, rel=0.6)
+
+
+def test_sigmas_agree_with_the_jackknife():
+    ratios = []
+    for seed in range(3):
+        recording = simulate_remainder(seed, rate=RATE, reference=REFERENCE)
+        result = add_remainder(recording, calibrate(recording))
+        ratios.append(np.sqrt(np.diag(estimate_jackknife_covariance(recording, 12))) / result.remainder.sigma)
+    # A jackknife of twelve blocks is uncertain by a third for each parameter, and biased upwards.
+    assert 0.7 < np.exp(np.mean(np.log(ratios))) < 1.6
+
+
+def test_blocks_are_parts_of_intervals_that_touch():
+    recording = simulate_remainder(0)
+    blocks = cut_into_blocks(recording, 12)
+    assert len(blocks) == 12
+    assert blocks[0].stop_s == blocks[1].start_s
+    assert cut_into_blocks(recording, 6) == recording.intervals
+
+
+def test_result_keeps_its_fields_and_gains_both_sigmas(tmp_path):
+    recording = simulate_remainder(3, rate=RATE, reference=REFERENCE)
+    plain = calibrate(recording)
+    assert plain.to_json()["sigma_with_remainder"] is None
+    result = add_remainder(recording, plain)
+    document = result.to_json()
+    np.testing.assert_array_equal(result.covariance, plain.covariance)
+    assert document["recommended"] == WITH_REMAINDER
+    assert len(document["sigma_nominal"]) == len(document["sigma_with_remainder"]) == 12
+    assert document["remainder"]["noise_factor"] >= 1
+    assert read_processes(document["remainder"]) == result.remainder.processes
+    path = tmp_path / "result.json"
+    path.write_text(json.dumps(document), encoding="utf-8")
+    known, direct = read_calibration(path), KnownCalibration.of(result)
+    np.testing.assert_allclose(known.covariance, direct.covariance, rtol=1e-9)
+    assert known.noise == direct.noise
+    nominal = KnownCalibration.of(plain)
+    assert nominal.noise == RemainderNoise()
+    np.testing.assert_array_equal(nominal.covariance, plain.covariance)
+
+
+def test_gyro_space_gives_the_same_covariance():
+    recording = simulate_remainder(4, rate=RATE)
+    gain = add_remainder(recording, calibrate(recording))
+    gyro = add_remainder(recording, calibrate(recording, parametrisation="gyro"))
+    np.testing.assert_allclose(gyro.remainder.sigma, gain.remainder.sigma, rtol=0.01)
+
+
+def test_few_degrees_of_freedom_have_only_a_noise_factor():
+    assert list_processes((1.0, 10.0), 20) == ()
+    rng = np.random.default_rng(0)
+    recording = piecewise_recording(rng=rng, arw=2e-7)
+    noisy = replace(recording, attitudes=replace(recording.attitudes, sigma=recording.attitudes.sigma / 10))
+    result = add_remainder(noisy, calibrate(noisy))
+    assert result.recommended == WITH_REMAINDER
+    assert result.remainder.noise_factor > 3
+
+
+def test_p_value_and_choice_of_residuals():
+    assert compute_p_value(0.0, 10) == pytest.approx(1 - 0.5**10)
+    assert compute_p_value(50.0, 10) < 1e-12
+    assert choose_evenly(1000, MOST_RESIDUALS).size == MOST_RESIDUALS
+    np.testing.assert_array_equal(choose_evenly(4, 10), np.arange(4))
