@@ -15,7 +15,7 @@ from diagnosis.answer import Amplitudes, Cause, Explanations, Finding, Verdict
 from diagnosis.detail_tables import details
 from diagnosis.identifiable import blind_spot
 from diagnosis.inference.amplitudes import Fitted
-from diagnosis.inference.attribution import Attribution
+from diagnosis.inference.attribution import REMAINDER, Attribution
 from diagnosis.model import localization
 from diagnosis.model.calibration import calibrated
 from diagnosis.model.misfit import finding as misfit_finding
@@ -225,7 +225,10 @@ def _causes(
     """The causes that the samples show, and those of the attitude; one that both show is as the samples show it."""
     shown = [one.cause(settings) for one in samples if not one.unlisted]
     labels = {cause.label for cause in shown}
-    return (*shown, *(cause for cause in causes_of(attribution, fitted) if cause.label not in labels))
+    others = tuple(cause for cause in causes_of(attribution, fitted) if cause.label not in labels)
+    # Beside a remainder, the causes that close most of the misfit come first.
+    first = attribution is not None and attribution.verdict == "partial"
+    return (*others, *shown) if first else (*shown, *others)
 
 
 def causes_of(attribution: Attribution | None, fitted: Sequence[Fitted]) -> tuple[Cause, ...]:
@@ -277,7 +280,8 @@ def alternatives(attribution: Attribution | None) -> Explanations:
     """The next best explanations with their probabilities."""
     if attribution is None:
         return ()
-    chosen = {tuple(slot.group[0][0] for slot in attribution.slots)} if attribution.slots else set()
+    best = tuple(slot.group[0][0] for slot in attribution.slots)
+    chosen = {best, (*best, REMAINDER)} if best else set()
     return tuple(
         (one.labels, one.probability)
         for one in attribution.ranked[:SHOWN_EXPLANATIONS]

@@ -22,6 +22,7 @@ from diagnosis.inference.attribution import (
     doubted,
     is_listed,
     log_share,
+    rank_beside_remainder,
     unexplained,
     unseen,
 )
@@ -138,8 +139,11 @@ def _add_remainder(
         for one in beside.fitted
     )
     unknown = max(attribution.unknown, 1 - min(slot.probability for slot in beside.slots))
+    partial_answer = replace(
+        attribution, verdict="partial", slots=beside.slots, unknown=unknown, ranked=rank_beside_remainder(beside.slots)
+    )
     return replace(
-        explained, attribution=replace(attribution, verdict="partial", slots=beside.slots, unknown=unknown), fitted=fitted,
+        explained, attribution=partial_answer, fitted=fitted,
         closed=beside.closed, change=beside.change, covariance=beside.covariance, checks=(), beside=beside,
         budget=beside.budget,
     )  # fmt: skip

@@ -48,6 +48,7 @@ LEAST = 1e-300  # p-value, below which the factor is that of this one
 CERTAIN = 1e-4  # −log of a p-value, below which the factor is its series
 WORTH_A_CHECK = 0.02  # share of the listed explanations' probability, from which on one of them is checked
 MOST_CHECKED = 5  # of these
+REMAINDER = "a remainder"  # in explanations
 MOST_ODDS = 100.0  # log of the odds, from which on more of them change nothing
 
 
@@ -127,6 +128,16 @@ def find_slots(
     probability = {one.key: float(np.exp(one.log_posterior - norm)) for one in explanations}
     listed = [member for member in best.members if model.candidate(member).listed]
     return [_slot(model, best, member, probability, settings) for member in listed]
+
+
+def rank_beside_remainder(slots: Sequence[Slot]) -> tuple[Ranked, ...]:
+    """Rank the explanations by identified effects and a remainder: each effect or one of its alternatives, independently."""
+    ranked = []
+    for choice in itertools.product(*(slot.group for slot in slots)):
+        probability = math.prod(p for _, p in choice)
+        ranked.append(Ranked((*(name for name, _ in choice), REMAINDER), probability, 0.0, True))
+    ranked.append(Ranked((REMAINDER,), max(0.0, 1 - sum(one.probability for one in ranked)), 0.0, True))
+    return tuple(sorted(ranked, key=lambda one: -one.probability))
 
 
 def unexplained(p_value: float, settings: DiagnosisSettings = DEFAULT) -> Attribution:

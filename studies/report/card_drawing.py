@@ -10,7 +10,7 @@ import matplotlib as mpl
 from matplotlib.figure import Figure
 
 from diagnosis.answer import Closure
-from studies.report import panels
+from studies.report import gap_budget, panels
 from studies.report.diagnosis_card import Card
 from studies.report.panels import STYLE
 
@@ -19,8 +19,9 @@ LINE = 92  # characters of a line of the picture
 
 def html(found: Card, kind: str) -> str:
     """The card as a piece of a page."""
+    bar = "" if found.budget else _bar(found.closure)  # the page draws the budget above the card
     items = "".join(f"<dt>{escape(question)}</dt><dd>{escape(answer)}</dd>" for question, answer in found.lines)
-    return f'<section class="answer {kind}" aria-label="The answer"><dl>{items}</dl>{_bar(found.closure)}</section>\n'
+    return f'<section class="answer {kind}" aria-label="The answer"><dl>{items}</dl>{bar}</section>\n'
 
 
 def _bar(closure: Closure | None) -> str:
@@ -53,8 +54,9 @@ def figure(found: Card, recording: str) -> Figure:
     for question, answer in found.lines:
         texts.append(("question", question))
         texts += [("answer", line) for line in textwrap.wrap(answer, LINE)]
-    bars = found.closure is not None
-    height = sum(_LOOKS[kind][3] for kind, _ in texts) + 0.25 + (0.95 if bars else 0.0)
+    bars = 0.0 if found.closure is None else 0.95
+    bars = 0.28 * len(found.budget) + 0.75 if found.budget else bars
+    height = sum(_LOOKS[kind][3] for kind, _ in texts) + 0.25 + bars
     with mpl.rc_context(STYLE):
         drawn = Figure(figsize=(8.0, height))
         y = height - 0.15
@@ -62,7 +64,10 @@ def figure(found: Card, recording: str) -> Figure:
             size, weight, colour, step = _LOOKS[kind]
             drawn.text(0.02, y / height, _literal(text), fontsize=size, fontweight=weight, color=colour, va="top")
             y -= step
-        if found.closure is not None:
+        if found.budget:
+            axes = drawn.add_axes((0.3, 0.45 / height, 0.66, (bars - 0.6) / height))
+            gap_budget.draw_steps(axes, found.budget)
+        elif found.closure is not None:
             axes = drawn.add_axes((0.2, 0.1 / height, 0.7, 0.6 / height))
             values = (found.closure.before, found.closure.after, found.closure.floor)
             bar = axes.barh(["before", "with the cause", "noise alone"], values, color=[panels.RED, panels.BLUE, panels.GREY])
