@@ -113,7 +113,11 @@ RANGES: tuple[tuple[Grade, float, float, float], ...] = (
 
 
 def estimate_plausible_ranges(
-    recording: Recording, plausible_G: float | None = None, plausible_bias: float | None = None
+    recording: Recording,
+    plausible_G: float | None = None,
+    plausible_bias: float | None = None,
+    *,
+    use_rests: bool = True,
 ) -> PlausibleRanges:
     """Estimate the gyro's grade and with it the plausible ranges of G and b.
 
@@ -121,11 +125,12 @@ def estimate_plausible_ranges(
     ----------
     recording : with its stated ARW
     plausible_G, plausible_bias : ranges that are stated in place of those of the grade; the latter in rad/s
+    use_rests : whether rests may correct the grade; a prediction must not see later references
     """
     arw = recording.gyro.arw / DEG_SQRT_H
     place = next(k for k, (_, largest, *_) in enumerate(RANGES) if arw <= largest)
     reason = f"the stated angle random walk of {arw:.2g} deg/sqrt(h)"
-    rest = compute_rest_rates(recording)
+    rest = compute_rest_rates(recording) if use_rests else None
     if rest is not None:
         size = float(np.abs(rest.bias(recording.gyro.apriori_G)).max())
         # An error of G in a slow motion is no bias.

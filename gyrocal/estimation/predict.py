@@ -45,6 +45,7 @@ from numpy.typing import NDArray
 from gyrocal import attitude
 from gyrocal.calibration.observability import PLAUSIBLE_RANGE
 from gyrocal.calibration.parameters import GyroParameters
+from gyrocal.calibration.plausible_ranges import estimate_plausible_ranges
 from gyrocal.calibration.propagation import propagate
 from gyrocal.calibration.remainder import interpolate_rates
 from gyrocal.calibration.sampling import measurements
@@ -101,6 +102,12 @@ def prior_covariance(
     for direction in directions:
         P[:9, :9] += np.outer(direction.ravel(), direction.ravel())
     return np.asarray(P)
+
+
+def _prior_of_grade(recording: Recording) -> Array:
+    """P₀ (12, 12) with the plausible ranges of the gyro's grade as sigmas."""
+    ranges = estimate_plausible_ranges(recording, use_rests=False)
+    return prior_covariance(ranges.G, ranges.bias)
 
 
 def predict(
@@ -195,7 +202,9 @@ def conditioned(
     if anchor < 0:
         raise InputError(f"no attitude to start from at or before {times[0]:g} s")
     seen, mountings = kept_rows(references, rows), Mountings.of(references)
-    P0 = _with_mountings(prior_covariance() if apriori_covariance is None else apriori_covariance, references, mountings)
+    P0 = _with_mountings(
+        _prior_of_grade(recording) if apriori_covariance is None else apriori_covariance, references, mountings
+    )
     start_s = float(references.t_s[anchor])
     at = np.union1d(times, references.t_s[rows])
     remainder = RemainderNoise() if noise is None else noise

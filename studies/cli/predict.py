@@ -6,6 +6,7 @@ import click
 import numpy as np
 
 from gyrocal import InputError, load, triad
+from gyrocal.calibration.plausible_ranges import estimate_plausible_ranges
 from gyrocal.estimation.predict import predict, prior_covariance, steps
 from gyrocal.estimation.remainder_noise import RemainderNoise, read_calibration
 from studies.cli.options import PATH
@@ -31,8 +32,12 @@ FEWEST_S = 1e-6
     type=PATH,
     help="Result of 'gyrocal calibrate --json' to start from: G, b, their recommended covariance, and the remainder.",
 )
-@click.option("--prior-sigma-g", type=float, default=None, help="A-priori 1-sigma of each element of G; 0.01 by default.")
-@click.option("--prior-sigma-bias", type=float, default=None, help="A-priori 1-sigma of each bias, deg/s; 10 deg/h by default.")
+@click.option(
+    "--prior-sigma-g", type=float, default=None, help="A-priori 1-sigma of each element of G; by default that of its grade."
+)
+@click.option(
+    "--prior-sigma-bias", type=float, default=None, help="The same of each bias, deg/s; by default that of its grade."
+)
 @click.option("--prior-mounting", type=float, default=0.0, help="A-priori 1-sigma of a rotation of all gyros together, deg.")
 @click.option("--prior-scale", type=float, default=0.0, help="A-priori 1-sigma of a common scale factor.")
 def command(
@@ -67,8 +72,10 @@ def command(
     if len({path.resolve() for path in files}) < len(files):
         raise InputError("--out, --report and --json need files of their own")
     loaded = triad(load(recording))
-    bias = None if prior_sigma_bias is None else float(np.deg2rad(prior_sigma_bias))
-    P0 = prior_covariance(prior_sigma_g, bias, float(np.deg2rad(prior_mounting)), prior_scale, loaded.gyro.apriori_G)
+    ranges = estimate_plausible_ranges(loaded, use_rests=False)
+    sigma_g = ranges.G if prior_sigma_g is None else prior_sigma_g
+    sigma_bias = ranges.bias if prior_sigma_bias is None else float(np.deg2rad(prior_sigma_bias))
+    P0 = prior_covariance(sigma_g, sigma_bias, float(np.deg2rad(prior_mounting)), prior_scale, loaded.gyro.apriori_G)
     noise = RemainderNoise()
     if calibration is not None:
         priors = (prior_sigma_g, prior_sigma_bias, prior_mounting or None, prior_scale or None)
