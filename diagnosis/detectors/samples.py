@@ -15,7 +15,6 @@ import scipy.ndimage
 from numpy.typing import NDArray
 
 from diagnosis.detectors.clipping import saturation
-from diagnosis.detectors.copied_samples import copied_samples
 from diagnosis.detectors.denoised import denoised
 from diagnosis.detectors.gap_interpolation import filled, runs
 from diagnosis.detectors.lattice import Kind, lattice_step, undone
@@ -41,7 +40,6 @@ from diagnosis.detectors.report import (
 from diagnosis.detectors.sample_noise import local_noise, noise, quiet
 from diagnosis.detectors.spectral_lines import lines
 from diagnosis.detectors.stale_samples import stale_samples
-from diagnosis.detectors.straight_samples import straight_samples
 from diagnosis.detectors.zone_passes import zone
 from diagnosis.settings import DEFAULT, DiagnosisSettings
 from gyrocal.recording import Recording
@@ -110,9 +108,6 @@ def examine(
     if sigma > 0:
         tell("repeats of one gyro", 0.03)
         own_repeats(report, recording, used, coarse)
-        tell("copied samples", 0.035)
-        copied_samples(report, recording, used, sigma)
-        straight_samples(report, recording, used, sigma, within(tell, 0.04, 0.045))
         tell("noise here and there", 0.045)
         local = local_noise(report.rates, sigma, coarse, steps, report.filled)
         found = {}
