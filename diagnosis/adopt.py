@@ -22,7 +22,7 @@ from simulator.effects import REGISTRY, Setting, setting
 
 Array = NDArray[np.float64]
 
-NAMING = ("named", "group")
+NAMING = ("named", "group", "partial")  # verdicts whose causes are put into a scenario
 
 
 @dataclass(frozen=True)

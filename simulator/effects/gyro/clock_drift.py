@@ -55,9 +55,11 @@ EFFECT = ClockDrift(
     unit="ppm",
     stage="clock",
     prior=(0.1, 500.0),
+    weight=0.1,  # clocks are set wrong more often than they drift or slip by as much: by judgement
     bounds=(-1e5, 1e5),
     axes=(),
     meaning="The clocks of gyro and references run apart: the gyro's tags get later and later against the references (earlier "
     "if negative).",
     kin="delay",
+    drawn=False,
 )

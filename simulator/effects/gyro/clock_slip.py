@@ -36,6 +36,7 @@ EFFECT = ClockSlip(
     unit="s",
     stage="clock",
     prior=(1e-4, 2.0),
+    weight=0.1,  # clocks are set wrong more often than they drift or slip by as much: by judgement
     bounds=(-60.0, 60.0),
     axes=(),
     parameters=(TIME,),
@@ -43,4 +44,5 @@ EFFECT = ClockSlip(
     "twice.",
     switched=True,
     kin="delay",
+    drawn=False,
 )
