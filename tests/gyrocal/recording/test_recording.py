@@ -68,6 +68,19 @@ def test_an_axis_that_cannot_fly_forward_is_refused(folder):
         dataclasses.replace(recording, intervals=(dataclasses.replace(first, forward="+z"), *others))
 
 
+def test_noise_that_was_estimated_is_kept_as_that(folder):
+    recording = load(folder)
+    assert not recording.gyro.arw_estimated
+    assert not recording.attitudes.sigma_estimated
+    assert "estimated" not in (folder / "recording.toml").read_text()
+    gyro = dataclasses.replace(recording.gyro, arw_estimated=True)
+    save(dataclasses.replace(recording, gyro=gyro), folder)
+    assert (load(folder).gyro.arw_estimated, load(folder).attitudes.sigma_estimated) == (True, False)
+    attitudes = dataclasses.replace(recording.attitudes, sigma_estimated=True)
+    save(dataclasses.replace(recording, attitudes=attitudes), folder)
+    assert (load(folder).gyro.arw_estimated, load(folder).attitudes.sigma_estimated) == (False, True)
+
+
 def test_toml_values():
     assert toml_value('a "b" \\ c') == '"a \\"b\\" \\\\ c"'
     assert toml_value([1, 2.5, True]) == "[1, 2.5, true]"

@@ -50,6 +50,8 @@ def test_noise_that_an_import_estimated_and_residuals_deny_is_named(run_cli, fol
     said = " ".join(run_cli("calibrate", str(folder / "estimated")).stdout.split())
     assert f"The import estimated this noise: {'; '.join(estimated)}." in said
     made = gyrocal.load(folder / "estimated")
+    assert made.gyro.arw_estimated
+    assert made.attitudes.sigma_estimated
     wider = (replace(made, attitudes=replace(made.attitudes, sigma=k * made.attitudes.sigma)) for k in np.geomspace(1, 2, 20))
     gyrocal.save(next(one for one in wider if 0.1 < gyrocal.calibrate(one).p_value < 0.9), folder / "estimated")
     assert "The import estimated" not in run_cli("calibrate", str(folder / "estimated")).stdout
