@@ -375,15 +375,9 @@ SAMPLES = [
         ],
     ),
     *of(
-        "diagnosis/detectors/lattice.py",
-        "tests/diagnosis/detectors/test_samples.py",
-        [
-            (
-                "a body that rests between two turns passes through zero",
-                "far & (before * after < 0) & (np.abs(before + after) < EVENLY * change) & (halfway > EVENLY * change)",
-                "far",
-            )
-        ],
+        "diagnosis/detectors/number_format.py",
+        "tests/diagnosis/detectors/test_number_format.py",
+        [("a body that rests between two turns passes through zero", "LOUD = 1.6", "LOUD = 1e6")],
     ),
     *of(
         "diagnosis/model/prepare.py",
