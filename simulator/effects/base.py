@@ -110,8 +110,6 @@ SYMPTOMS = (
     "noise_correlation",  # noise of the gyros that they have in common
     "noise_constancy",  # noise of the samples that differs between intervals or with the motion
     "own_repeats",  # readings of one gyro that repeat while the others change
-    "copied_samples",  # samples that come a second time
-    "straight_samples",  # samples on straight lines between others
     "noise_pattern",  # noise of the samples that depends on their number, on time, or on readings
     "filled_samples",  # samples that repeat a value which was not measured
     "reference_noise_correlation",  # noise of the references about two axes that goes together
@@ -208,6 +206,7 @@ class Effect:
     kin : what it shares with effects that are nearly the same to any diagnosis; a blind check never puts two of them together
     of_arrays : whether it is told apart from others only where there are more gyros than x, y and z
     of_trackers : whether it is of one of several star trackers, whose name stands in the place of an axis
+    drawn : whether the cases of the test world draw it; an effect that came later would change the cases before it
     """
 
     name: str
@@ -230,6 +229,7 @@ class Effect:
     kin: str = ""
     of_arrays: bool = False
     of_trackers: bool = False
+    drawn: bool = True
 
     # ---- what it is ------------------------------------------------------------------------------------------------------
 

@@ -70,4 +70,5 @@ EFFECT = AccelerationSensitivity(
     prior=(1e-3, 1e4),
     parameters=(Parameter("toward", "", None, "body axis whose acceleration acts", choices=AXES, draw=any_axis),),
     meaning="The gyro's bias follows an acceleration of the housekeeping data; positive: it reads high where that is positive.",
+    drawn=False,
 )

@@ -51,4 +51,5 @@ EFFECT = GMatrixTemperature(
         Parameter("column", "", "", "housekeeping column; the gyro's temperature if empty", choices=("*",)),
     ),
     meaning="One element of the gyro's scale-factor and misalignment matrix follows a temperature of the housekeeping data.",
+    drawn=False,
 )

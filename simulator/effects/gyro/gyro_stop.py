@@ -209,4 +209,5 @@ EFFECT = GyroStop(
         Parameter("end_s", "s", None, "time at which it resumes", -1e12, 1e12),
     ),
     meaning="The gyro's reading stops at a level for a while, whatever the motion, and resumes; the size is the level.",
+    drawn=False,
 )

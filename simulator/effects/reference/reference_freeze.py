@@ -94,4 +94,5 @@ EFFECT = ReferenceFreeze(
     parameters=(Parameter("begin_s", "s", None, "first time at which it repeats, since the epoch", -1e12, 1e12),),
     meaning="The reference repeats its last attitude for a while although the body moves; the size is how long at most.",
     sign="positive",
+    drawn=False,
 )

@@ -123,4 +123,5 @@ EFFECT = ReferenceGlitch(
     parameters=(Parameter("fraction", "", 0.01, "share of the references that are off", 0.0, 0.3, draw=any_fraction),),
     meaning="Single references, or up to three in a row, are off by a large random rotation, as when markers are swapped.",
     sign="positive",
+    drawn=False,
 )

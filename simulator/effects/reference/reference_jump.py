@@ -117,4 +117,5 @@ EFFECT = ReferenceJump(
     ),
     meaning="The reference attitude is off by a constant rotation about all axes from one time on and returns later or not, as "
     "when markers are mistaken for one another.",
+    drawn=False,
 )

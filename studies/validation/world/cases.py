@@ -156,7 +156,7 @@ def _drawn(kind: Kind, world: World, found: list[Found], novel: float) -> Drawn:
 def _draw_listed(world: World, count: int) -> list[Found]:
     """Draw so many listed effects, or fewer, whose responses differ."""
     found: list[Found] = []
-    for name in by_lot(world, EFFECTS):
+    for name in by_lot(world, [name for name, effect in EFFECTS.items() if effect.drawn]):
         kin = {EFFECTS[one.effect].kin for one, *_ in found} - {""}
         first = next(placed(world, EFFECTS[name]), None) if EFFECTS[name].kin not in kin else None
         if first is not None and _differs(world, first[0], found):
