@@ -34,7 +34,7 @@ from diagnosis.model.layout import layout
 from diagnosis.model.linear import LinearModel, Member
 from diagnosis.model.parity import ParityModel, parity_model
 from diagnosis.model.prepare import Prepared, prepare
-from diagnosis.model.symptoms import SampleCause, claimed, reference_symptoms, stated
+from diagnosis.model.symptoms import SampleCause, claimed, drop_estimated_levels, reference_symptoms
 from diagnosis.result import Details, Diagnosis
 from diagnosis.settings import DiagnosisSettings
 from gyrocal.calibration.gyros import GyroArray, calibrate_gyros, fitted_to_parity
@@ -96,7 +96,10 @@ def diagnose_gyros(
     start = GyroArray(recording.gyro.names, *nominal(recording.gyro))
     gyros, body, more = about(recording, start, tested.noise, settings)
     parity = parity_model(recording, gyros, recording.gyro.arw * tested.noise)
-    symptoms = [*stated(tested.symptoms, recording), *(reference_symptoms(body, settings) if body is not None else [])]
+    symptoms = [
+        *drop_estimated_levels(tested.symptoms, recording),
+        *(reference_symptoms(body, settings) if body is not None else []),
+    ]
     view = _view(recording, recording.gyro.names)
     own = [effect for effect in effects if not effect.of_arrays]
     samples = (*dead, *claimed(symptoms, tested.tests, own, view, settings))

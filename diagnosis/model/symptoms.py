@@ -115,11 +115,14 @@ class SampleCause:
 
 def sample_causes(prepared: Prepared, effects: Sequence[Effect], settings: DiagnosisSettings) -> tuple[SampleCause, ...]:
     """The causes that the samples and the references' noise show by themselves, and the unlisted ones among them."""
-    symptoms = [*stated(prepared.samples.symptoms, prepared.model.recording), *reference_symptoms(prepared, settings)]
+    symptoms = [
+        *drop_estimated_levels(prepared.samples.symptoms, prepared.model.recording),
+        *reference_symptoms(prepared, settings),
+    ]
     return claimed(symptoms, prepared.samples.tests, effects, _view(prepared), settings)
 
 
-def stated(symptoms: Sequence[Symptom], recording: Recording) -> list[Symptom]:
+def drop_estimated_levels(symptoms: Sequence[Symptom], recording: Recording) -> list[Symptom]:
     """Leave out the noise level where the recording states none: an import's estimate departs from itself by its error."""
     return [one for one in symptoms if not (one.kind == "white_noise_level" and recording.gyro.arw_estimated)]
 
@@ -134,7 +137,8 @@ def claimed(
     """Symptoms with the effects that claim them, and what the effects' own tests find.
 
     The test of an effect's own, with its numbers, stands for the general symptom as well. Something else makes that symptom
-    with the probability which the own test leaves. Symptoms of which chance or a motion is the more probable cause are left out.
+    with the probability which the own test leaves. Symptoms that chance or a motion makes with more than half of the
+    probability are left out.
     """
     claims: dict[str | None, str] = {effect.symptom: effect.name for effect in effects if effect.symptom is not None}
     if SHARED not in claims:

@@ -8,7 +8,7 @@ import pytest
 
 from diagnosis.detectors.reference_noise import ReferenceNoise
 from diagnosis.detectors.report import Symptom
-from diagnosis.model.symptoms import compute_posterior, reference_symptoms, sample_causes, stated
+from diagnosis.model.symptoms import compute_posterior, drop_estimated_levels, reference_symptoms, sample_causes
 from diagnosis.settings import DEFAULT
 from simulator.effects.base import Detection, Effect
 from tests.diagnosis.recordings import prepared
@@ -86,13 +86,13 @@ def test_noise_that_an_import_estimated_is_no_cause():
     found = prepared(3)
     recording = found.model.recording
     level = replace(OUTLIERS, kind="white_noise_level")
-    assert stated([level, OUTLIERS], recording) == [level, OUTLIERS]
+    assert drop_estimated_levels([level, OUTLIERS], recording) == [level, OUTLIERS]
     imported = replace(
         recording,
         gyro=replace(recording.gyro, arw_estimated=True),
         attitudes=replace(recording.attitudes, sigma_estimated=True),
     )
-    assert stated([level, OUTLIERS], imported) == [OUTLIERS]
+    assert drop_estimated_levels([level, OUTLIERS], imported) == [OUTLIERS]
     shared = replace(NOISE, correlation=0.8, correlation_p=1e-9)
     kinds = [
         [one.kind for one in reference_symptoms(replace(found, reference_noise=shared, model=model), DEFAULT)]
