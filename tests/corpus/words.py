@@ -253,6 +253,10 @@ def small_files() -> Iterator[Bad]:
         yield Bad("truth", kind, given, lambda folder, text=text: _write(folder / "truth.json", text))
     for kind in ("nothing", "REC", "/dev/null", "/dev/zero"):
         yield Bad("truth", kind, ("calibrate", "REC", "--truth", kind))
+        yield Bad("calibration", kind, ("predict", "REC", "--from", "100", "--calibration", kind))
+    for kind, text in TRUTHS.items():
+        given = ("predict", "REC", "--from", "100", "--calibration", "truth.json")
+        yield Bad("calibration", kind, given, lambda folder, text=text: _write(folder / "truth.json", text))
     study = ("study", "paper", "--backend", "serial", "--out", "OUT", "--cases", "2", "--set", "overrides.gyro.sample_s=5.0")
     for text in SETTINGS:
         steps = () if text.startswith("steps") else ("--set", "steps_s=[5.0]")
@@ -313,6 +317,8 @@ def imports() -> Iterator[Bad]:
             "gx,gx,gx:deg/s",
             "a,b,c:deg/s",
             "-:deg/s",
+            "#90,#91,#92:deg/s",
+            "#0,1,2:deg/s",
         ),
         "--quat": ("", "q1", "q1,q2,q3,q4", "q1,q2,q3,q4:sideways", "a,b,c,d:body-to-inertial", "q1,q2,q3:body-to-inertial"),
         "--euler": ("", "a,b,c:deg:XYZ", "gx,gy,gz:deg:QQQ:body-to-inertial", "gx,gy,gz:deg:XXZ:body-to-inertial"),

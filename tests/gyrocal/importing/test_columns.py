@@ -1,6 +1,7 @@
 """Columns by number, names with colons, and tables with two header rows."""
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pandas as pd
@@ -100,6 +101,21 @@ def test_a_colon_or_a_comma_in_a_name():
     assert found.gyro == "gyro x,gyro y,gyro z:rad/s"
     assert found.time == "t s:s"
     assert list(gyro.columns) == ["t s", "gyro x", "gyro y", "gyro z"]
+
+
+REAL = Path("/work/shared/real/sticks")
+
+
+@pytest.mark.skipif(not REAL.is_dir(), reason="the recordings of RepoIMU state no licence and are not in the repository")
+@pytest.mark.parametrize("name", ["TStick_Test07_Trial1", "TStick_Test02_Trial1"])
+def test_a_real_stick_gets_through_import_and_calibration(name):
+    """An independent fit found scale factors of one to about a percent and a mounting turned by 2.4 to 2.7 deg (trial 07)."""
+    mapping = checked(BY_NAME | {"time": "Time (s):s", "gyro": BY_NAME["gyro"].replace("deg/s", "rad/s")}, "mapping")
+    result = gyrocal.calibrate(importing.import_csv(REAL / f"{name}.csv", mapping=mapping).recording)
+    assert result.plausible.grade == "MEMS"
+    assert result.warnings == ()
+    np.testing.assert_allclose(np.diag(result.mounting.S), 1.0, atol=0.04)
+    assert np.rad2deg(result.mounting.angle) == pytest.approx(2.6, abs=0.4)
 
 
 TURN = Rotation.from_rotvec(np.deg2rad([30.0, -40.0, 25.0])).as_matrix()
