@@ -197,9 +197,11 @@ def read_calibration(path: Path) -> KnownCalibration:
         The file is no such result.
     """
     try:
-        if path.stat().st_size > LARGEST_BYTES:
+        with path.open("rb") as file:
+            text = file.read(LARGEST_BYTES + 1)
+        if len(text) > LARGEST_BYTES:
             raise ValueError(f"it has more than {LARGEST_BYTES} bytes")
-        document = json.loads(path.read_text(encoding="utf-8"))
+        document = json.loads(text)
         parameters = GyroParameters(np.array(document["G"], dtype=float), np.deg2rad(document["bias_deg_s"]))
         with_remainder = document.get("recommended") == WITH_REMAINDER
         covariance = np.array(document["covariance_with_remainder" if with_remainder else "covariance"], dtype=float)

@@ -63,7 +63,8 @@ def command(
     Examples:
       gyrocal simulate trmm_series /tmp/rec --seed 1
       gyrocal predict /tmp/rec --from 3000 --out /tmp/prediction.csv --report /tmp/prediction.html
-      gyrocal calibrate /tmp/rec --json /tmp/result.json
+      gyrocal simulate trmm_series /tmp/earlier --seed 2
+      gyrocal calibrate /tmp/earlier --json /tmp/result.json
       gyrocal predict /tmp/rec --from 3000 --calibration /tmp/result.json
     """
     files = [path for path in (out, report, as_json) if path is not None]

@@ -112,9 +112,9 @@ def test_what_cannot_be_predicted_is_said(from_s, times, words):
 
 
 def test_the_page_s_example():
-    (block,) = re.findall(r"```python\n(.*?)```", (ROOT / "docs" / "predict.md").read_text(), flags=re.DOTALL)
+    blocks = re.findall(r"```python\n(.*?)```", (ROOT / "docs" / "predict.md").read_text(), flags=re.DOTALL)
     namespace = {}
-    exec(compile(block, "predict.md", "exec"), namespace)
+    exec(compile("\n".join(blocks), "predict.md", "exec"), namespace)
     sigma = namespace["found"].sigma
     assert (sigma[-1] > sigma[0]).all()
 

@@ -5,6 +5,7 @@ import pandas as pd
 
 from gyrocal import save
 from tests.builders import TRUTH, piecewise_recording
+from tests.gyrocal.calibration.remainder_cases import simulate_remainder
 from tests.pages import checked
 
 
@@ -38,3 +39,26 @@ def test_faults_are_one_line(run_cli, tmp_path):
     assert done.exit_code == 2
     assert done.stderr.count("\n") == 1
     assert "no interval begins before" in done.stderr
+
+
+def test_prediction_with_an_earlier_calibration(run_cli, tmp_path):
+    save(simulate_remainder(0, rate=np.deg2rad(0.1)), tmp_path / "earlier")
+    save(simulate_remainder(1, rate=np.deg2rad(0.1)), tmp_path / "rec")
+    result = tmp_path / "result.json"
+    done = run_cli("calibrate", str(tmp_path / "earlier"), "--json", str(result), "--report", str(tmp_path / "c.html"))
+    assert done.exit_code == 0, done.stderr
+    assert "Use the sigmas with remainder" in done.stdout
+    assert "sigma with remainder" in checked((tmp_path / "c.html").read_text()).words
+    given = ("predict", str(tmp_path / "rec"), "--from", "30", "--out")
+    sigma = {}
+    for name, more in {
+        "with": ("--calibration", str(result)),
+        "without": ("--prior-sigma-g", "1e-4", "--prior-sigma-bias", "1e-3"),
+    }.items():
+        done = run_cli(*given, str(tmp_path / f"{name}.csv"), *more)
+        assert done.exit_code == 0, done.stderr
+        sigma[name] = pd.read_csv(tmp_path / f"{name}.csv").filter(like="sigma").iloc[-1]
+    assert (sigma["with"] > 1.5 * sigma["without"]).all()
+    refused = run_cli(*given, str(tmp_path / "p.csv"), "--calibration", str(result), "--prior-scale", "0.1")
+    assert refused.exit_code == 2
+    assert "leave out --prior-sigma-g" in refused.stderr

@@ -1,0 +1,97 @@
+"""Predictions with the remainder of a calibration have errors of the size that they claim, on simulated and real recordings."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from gyrocal import InputError, calibrate
+from gyrocal.calibration.remainder import add_remainder
+from gyrocal.calibration.remainder_processes import Process
+from gyrocal.estimation.predict import predict
+from gyrocal.estimation.prediction_consistency import compute_prediction_errors, cut_recording
+from gyrocal.estimation.remainder_noise import KnownCalibration, RemainderNoise, read_calibration
+from tests.gyrocal.calibration.remainder_cases import TRUTH, simulate_remainder
+
+HALF_S, END_S = 36.0, 72.0
+REMAINDERS = ({}, {"rate": np.deg2rad(0.2)}, {"reference": np.deg2rad(0.2)}, {"delay_s": 0.01})
+
+
+def predict_second_half(recording):
+    first, second = cut_recording(recording, 0.0, HALF_S), cut_recording(recording, HALF_S, END_S)
+    result = add_remainder(first, calibrate(first))
+    known = KnownCalibration.of(result)
+    stated = replace(known, covariance=result.covariance, noise=RemainderNoise())
+    return [compute_prediction_errors(second, one, (1.0, 5.0), most_starts=10) for one in (known, stated)]
+
+
+@pytest.mark.parametrize("remainder", REMAINDERS, ids=["none", "rate error", "correlated reference error", "delay"])
+def test_normalised_errors_in_the_second_half_are_one(remainder):
+    squares = {name: [[], []] for name in ("with", "without")}
+    for seed in range(6):
+        for name, found in zip(squares, predict_second_half(simulate_remainder(seed, **remainder)), strict=True):
+            for k, one in enumerate(found):
+                squares[name][k].append(np.square(one.normalised).mean())
+    with_remainder, without = (np.sqrt(np.mean(squares[name], axis=1)) for name in ("with", "without"))
+    assert ((with_remainder > 0.7) & (with_remainder < 1.4)).all(), with_remainder
+    if remainder:
+        assert without.max() > 1.6, without
+
+
+def test_noise_of_a_prediction_grows_with_each_process():
+    recording = simulate_remainder(0)
+    known = KnownCalibration(TRUTH, np.diag([1e-8] * 12), RemainderNoise())
+    start, times = known.apply(recording), np.array([50.0, 60.0])
+    plain = predict(start, 40.0, times, known.covariance)
+    none = predict(start, 40.0, times, known.covariance, RemainderNoise())
+    np.testing.assert_allclose(none.covariance, plain.covariance, rtol=1e-9)
+    q = np.deg2rad(0.1)
+    for process in (
+        Process("rate", (9, 10, 11), 0.0, q**2),
+        Process("rate", (9, 10, 11), 3.0, q**2),
+        Process("rate", (9, 10, 11), np.inf, q**2),
+        Process("rate", (0, 4, 8), 3.0, 1e-4),
+        Process("reference", (0, 1, 2), 3.0, q**2),
+        Process("delay", (0,), np.inf, 1e-4),
+    ):
+        wider = predict(start, 40.0, times, known.covariance, RemainderNoise((process,)))
+        assert (np.linalg.eigvalsh(wider.covariance - plain.covariance) > -1e-4 * plain.sigma.max() ** 2).all(), process
+        assert (wider.sigma.sum(axis=1) > plain.sigma.sum(axis=1)).all(), process
+
+
+def test_white_rate_errors_are_more_angle_random_walk():
+    recording = simulate_remainder(0)
+    known = KnownCalibration(TRUTH, np.diag([1e-12] * 12), RemainderNoise())
+    start, times = known.apply(recording), np.array([45.0, 60.0])
+    arw = 3 * recording.gyro.arw
+    noisier = replace(start, gyro=replace(start.gyro, arw=float(np.hypot(start.gyro.arw, arw))))
+    expected = predict(noisier, 40.0, times, known.covariance)
+    found = predict(start, 40.0, times, known.covariance, RemainderNoise((Process("rate", (9, 10, 11), 0.0, arw**2),)))
+    np.testing.assert_allclose(found.covariance, expected.covariance, rtol=0.02, atol=1e-8)  # a stretch's turns average
+
+
+def test_bad_results_are_refused(tmp_path):
+    with pytest.raises(InputError, match="No such file"):
+        read_calibration(tmp_path / "absent.json")
+    path = tmp_path / "result.json"
+    for text in ("{", "{}", "[]", '{"G": 1, "bias_deg_s": [0, 0, 0]}'):
+        path.write_text(text, encoding="utf-8")
+        with pytest.raises(InputError, match="not a result of 'gyrocal calibrate --json'"):
+            read_calibration(path)
+
+
+REAL = Path("/work/shared/real/broad")
+
+
+@pytest.mark.skipif(not REAL.is_dir(), reason="the public recordings are not kept in the repository")
+def test_normalised_errors_of_a_real_recording_are_near_one():
+    from studies.validation.broad import read, to_recording
+
+    recording = to_recording(read(REAL / "05_undisturbed_slow_rotation_with_breaks_B.parquet")).recording
+    start_s, stop_s = recording.intervals[0].start_s, recording.intervals[-1].stop_s
+    half_s = 0.5 * (start_s + stop_s)
+    first, second = cut_recording(recording, start_s, half_s), cut_recording(recording, half_s, stop_s)
+    known = KnownCalibration.of(add_remainder(first, calibrate(first)))
+    for one in compute_prediction_errors(second, known):
+        assert 0.8 < np.sqrt(np.mean(np.square(one.normalised))) < 1.25
