@@ -23,6 +23,7 @@ PLACEHOLDERS = {
     "gyro.csv": "a table of rates",
     "mocap.csv": "a table of attitudes",
     "log.csv": "one table with both",
+    "stick.csv": "one table with two header rows",
     "attitude.aem": "a CCSDS Attitude Ephemeris Message",
     "attitude.acm": "a CCSDS Attitude Comprehensive Message",
     "attitude.bc": "a SPICE C-kernel",
@@ -39,6 +40,16 @@ PLACEHOLDERS = {
 }
 MAPPING = 'time = "timestamp_ms:ms"\ngyro = "gx,gy,gz:deg/s"\nquat = "qw,qx,qy,qz:body-to-inertial"\n'
 WORDS = ["--time", "timestamp_ms:ms", "--gyro", "gx,gy,gz:deg/s", "--quat", "qw,qx,qy,qz:body-to-inertial"]
+HEADERS = "Time (s);Vicon Orientation;;;;IMU Gyroscope;;\n;W;X;Y;Z;X;Y;Z\n"
+
+
+def _write_two_headers(tables, path):
+    """Attitudes and rates in rad/s in one table, seconds from its start, with groups above elements."""
+    both = tables.gyro.merge(tables.attitude, how="left", on="timestamp_ms")
+    seconds = (both["timestamp_ms"] - both["timestamp_ms"][0]) / 1000
+    rates = np.deg2rad(both[["gx", "gy", "gz"]])
+    rows = pd.concat([seconds, both[["qw", "qx", "qy", "qz"]], rates], axis=1)
+    path.write_text(HEADERS + rows.to_csv(sep=";", index=False, header=False))
 
 
 def make(folder):
@@ -48,6 +59,7 @@ def make(folder):
     tables.gyro.assign(time=times).to_csv(folder / "gyro.csv", index=False)
     tables.attitude.to_csv(folder / "mocap.csv", index=False)
     tables.gyro.merge(tables.attitude, how="left", on="timestamp_ms").to_csv(folder / "log.csv", index=False)
+    _write_two_headers(tables, folder / "stick.csv")
     (folder / "mapping.toml").write_text(MAPPING)
     (folder / "series.toml").write_text(SERIES)
     (folder / "four.toml").write_text(f'base = "trmm_tetrahedron"\n{COARSE}')
