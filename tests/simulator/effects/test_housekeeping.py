@@ -1,0 +1,82 @@
+"""Effects that follow housekeeping: accelerations and temperatures, by their equation, sign and need of a column."""
+
+from dataclasses import replace
+
+import numpy as np
+import pandas as pd
+import pytest
+
+import simulator
+from diagnosis.diagnose import diagnose
+from gyrocal import InputError
+from simulator.effects import EFFECTS, parse, stream_of, surroundings_of
+from simulator.effects.housekeeping import STANDARD_GRAVITY
+from tests.simulator.effects.test_clock import agile
+from tests.simulator.effects.test_effects import ACCELERATIONS, MIDDLE_S, MOTION, PLAIN, SCENARIO, STREAM
+
+DEG_H = np.deg2rad(1 / 3600)
+
+
+def test_a_positive_sensitivity_reads_high_in_a_positive_acceleration():
+    a = STREAM.housekeeping["gyro_acceleration_y_m_s2"] / STANDARD_GRAVITY
+    made = simulator.simulate(SCENARIO, noise=False, effects=[parse("acceleration_sensitivity:x=30,toward=y")])
+    change = made.gyro.rates - PLAIN.gyro.rates
+    np.testing.assert_allclose(change[:, 0], 30 * DEG_H * (a - a.mean()), atol=1e-12)
+    assert not change[:, 1:].any()
+
+
+def test_accelerations_are_those_of_a_body_on_a_rate_table():
+    """Standard gravity in any attitude, to five sigma of the noise of 0.01 m/s² about each axis."""
+    table = ACCELERATIONS.tables["housekeeping"]
+    norm = np.linalg.norm(table[[f"gyro_acceleration_{k}_m_s2" for k in "xyz"]].to_numpy(), axis=1)
+    np.testing.assert_allclose(norm, STANDARD_GRAVITY, atol=0.05)
+
+
+def test_an_element_of_the_matrix_rises_with_the_temperature():
+    T = STREAM.housekeeping["gyro_temperature_c"]
+    made = simulator.simulate(SCENARIO, noise=False, effects=[parse("g_matrix_temperature:z=500,toward=y")])
+    change = made.gyro.rates - PLAIN.gyro.rates
+    np.testing.assert_allclose(change[:, 2], 5e-4 * MOTION.rates[:, 1] * (T - T.mean()), atol=1e-12)
+    assert T.shape == MIDDLE_S.shape
+    assert not change[:, :2].any()
+
+
+@pytest.mark.parametrize("name", ["acceleration_sensitivity", "g_matrix_temperature"])
+def test_without_its_column_it_is_no_candidate(name):
+    recording = simulator.simulate(agile(), seed=1)
+    around = surroundings_of(recording, recording.gyro.apriori_G, recording.gyro.apriori_bias)
+    assert "no housekeeping column" in EFFECTS[name].missing(around)
+
+
+def test_an_acceleration_that_is_missing_is_one_clear_line():
+    with pytest.raises(InputError, match="acceleration_x_m_s2"):
+        EFFECTS["acceleration_sensitivity"].columns(stream_of(PLAIN, np.eye(3), np.zeros(3)), "x", {"toward": "x"})
+
+
+def warmed(size):
+    """A recording whose temperature rises and falls by 3 K in 370 s each, so that no drift and no orbit looks like it."""
+    recording = simulator.simulate(agile(), seed=4)
+    t_s = np.arange(0.0, 1501.0, 10.0)
+    table = pd.DataFrame({"t_s": t_s, "gyro_temperature_c": 20 + 3 * np.abs(t_s / 370 % 2 - 1)})
+    recording = replace(recording, tables={"housekeeping": table})
+    stream = stream_of(recording, recording.gyro.apriori_G, recording.gyro.apriori_bias)
+    column = EFFECTS["g_matrix_temperature"].columns(stream, "z", {"toward": "z"})[:, :, 0]
+    return replace(recording, gyro=replace(recording.gyro, rates=recording.gyro.rates + size * column))
+
+
+def test_a_diagnosis_names_a_sensitivity_to_acceleration():
+    made = simulator.simulate(agile(), seed=4, effects=[parse("acceleration_sensitivity:x=60,toward=y")])
+    (cause,) = diagnose(made).causes
+    assert (cause.label, cause.parameters["toward"]) == ("acceleration_sensitivity:x", "y")
+    assert cause.size == pytest.approx(60, rel=0.2)
+
+
+def test_a_diagnosis_names_a_matrix_that_follows_temperature():
+    (cause,) = diagnose(warmed(2000.0)).causes
+    assert (cause.label, cause.parameters["toward"]) == ("g_matrix_temperature:z", "z")
+    assert cause.size == pytest.approx(2000, rel=0.2)
+
+
+def test_a_temperature_that_changes_is_no_cause_by_itself():
+    """Negative control."""
+    assert diagnose(warmed(0.0)).causes == ()
