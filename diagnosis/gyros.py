@@ -96,10 +96,8 @@ def diagnose_gyros(
     start = GyroArray(recording.gyro.names, *nominal(recording.gyro))
     gyros, body, more = about(recording, start, tested.noise, settings)
     parity = parity_model(recording, gyros, recording.gyro.arw * tested.noise)
-    symptoms = [
-        *drop_estimated_levels(tested.symptoms, recording),
-        *(reference_symptoms(body, settings) if body is not None else []),
-    ]
+    of_references = [] if body is None else reference_symptoms(body, settings)
+    symptoms = [*drop_estimated_levels(tested.symptoms, recording), *of_references]
     view = _view(recording, recording.gyro.names)
     own = [effect for effect in effects if not effect.of_arrays]
     samples = (*dead, *claimed(symptoms, tested.tests, own, view, settings))
@@ -169,10 +167,8 @@ def without(recording: Recording, names: Sequence[str]) -> tuple[Recording, tupl
     kept = [k for k, name in enumerate(gyro.names) if name not in names]
     K, c = nominal(gyro)
     G = np.asarray(np.linalg.pinv(K[kept]))
-    stream = GyroStream(
-        gyro.t_s, gyro.rates[:, kept], gyro.sample_s, gyro.arw, G, -G @ c[kept], tuple(gyro.names[k] for k in kept),
-        gyro.arw_estimated,
-    )  # fmt: skip
+    left = tuple(gyro.names[k] for k in kept)
+    stream = replace(gyro, rates=gyro.rates[:, kept], apriori_G=G, apriori_bias=-G @ c[kept], names=left)
     intervals = tuple(
         replace(one, gyros=None if one.gyros is None else tuple(name for name in one.gyros if name not in names))
         for one in recording.intervals
