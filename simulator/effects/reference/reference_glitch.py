@@ -58,7 +58,7 @@ class ReferenceGlitch(Effect):
             return ()
         seen = compute_innovations(around)
         z = np.sqrt(np.sum((seen.values / seen.sigma) ** 2, axis=1))
-        lost, sizes, last = np.zeros(references.t_s.size, dtype=bool), [], -1
+        lost, sizes, last, others = np.zeros(references.t_s.size, dtype=bool), [], -1, 0
         for step in np.flatnonzero(z > FAR).tolist():
             if step <= last:
                 continue
@@ -67,7 +67,10 @@ class ReferenceGlitch(Effect):
                 lost[seen.second[step : step + length]] = True
                 sizes.append(float(np.rad2deg(np.linalg.norm(seen.values[step]))))
                 last = step + length
-        if not sizes:
+            else:
+                others += 1
+        # Errors of the gyro leave and do not return, but two of them in a row may undo each other by chance.
+        if len(sizes) <= others:
             return ()
         size, share = float(np.mean(sizes)), float(lost.mean())
         sigma = float(np.std(sizes)) / np.sqrt(len(sizes)) if len(sizes) > 1 else 0.3 * size
