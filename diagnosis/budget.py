@@ -20,10 +20,10 @@ from numpy.typing import NDArray
 
 from diagnosis.answer import Closure
 from diagnosis.inference.amplitudes import Fitted
-from diagnosis.inference.replication import PartSize, Replication
 from diagnosis.model.calibration import calibrated_beside
 from diagnosis.model.folds import SPLIT, conditioned, parts, unwhitened
 from diagnosis.model.recording import RecordingModel
+from diagnosis.replication import PartSize, Replication
 
 Array = NDArray[np.float64]
 
@@ -44,7 +44,7 @@ class Step:
     closed : share of the misfit between baseline and floor that this step closes
     interval_90 : its 90 % interval
     probability, size, sigma, unit : of a cause
-    by_part, heterogeneity_p : sizes of a cause by part, see `diagnosis.inference.replication`
+    by_part, heterogeneity_p : sizes of a cause by part, see `diagnosis.replication`
     delta_G, delta_bias_deg_s : (3, 3) and (3,) change of the calibration by this step
     """
 

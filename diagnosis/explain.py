@@ -30,7 +30,6 @@ from diagnosis.inference.checks import Check, residual_checks, together
 from diagnosis.inference.closure import found_by, is_random, learnable, measured
 from diagnosis.inference.null import p_value
 from diagnosis.inference.refinement import explained_finely
-from diagnosis.inference.replication import estimate_by_part
 from diagnosis.inference.search import NOTHING, Explanation, Search
 from diagnosis.memory import give_back
 from diagnosis.model.at_work import known
@@ -44,6 +43,7 @@ from diagnosis.model.linear import LinearModel, Member
 from diagnosis.model.misfit import Departure, errors_of, misfit
 from diagnosis.model.prepare import Prepared, Progress
 from diagnosis.remainder_search import BesideRemainder, identify_beside_remainder
+from diagnosis.replication import estimate_by_part
 from diagnosis.settings import DiagnosisSettings
 from simulator.effects import EFFECTS
 from simulator.effects.base import Effect

@@ -8,7 +8,7 @@ An effect is identified if
 
 * its posterior in the presence of the remainder, or that of the group it belongs to, reaches the naming threshold. The
   remainder is estimated with and without it, so that an effect has to explain more than a larger remainder would;
-* its size replicates in separate parts of the recording (`diagnosis.inference.replication`);
+* its size replicates in separate parts of the recording (`diagnosis.replication`);
 * it closes a share of the misfit on held-out data (`diagnosis.budget`): the 90 % interval of the share is above zero.
 """
 
@@ -26,7 +26,6 @@ from diagnosis.answer import Closure, Regressor, RemainderSummary
 from diagnosis.budget import Step, build_budget, convert, predict_held_out, summarise_closure
 from diagnosis.inference.amplitudes import Fitted, amplitudes, refined
 from diagnosis.inference.attribution import Slot, find_slots
-from diagnosis.inference.replication import Replication, estimate_by_part
 from diagnosis.inference.search import NOTHING, Explanation, Search
 from diagnosis.model.calibration import calibrated
 from diagnosis.model.candidates import linear_model
@@ -41,6 +40,7 @@ from diagnosis.model.remainder import (
     estimate_remainder,
     summarise_remainder,
 )
+from diagnosis.replication import Replication, estimate_by_part
 from diagnosis.settings import DiagnosisSettings
 from simulator.effects.base import Effect
 

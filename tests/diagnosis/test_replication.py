@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from diagnosis.inference.replication import combine_parts
+from diagnosis.replication import combine_parts
 
 NAMES = [f"part {k}" for k in range(8)]
 
