@@ -183,16 +183,6 @@ BAD_INPUT = {
     "repeated interval name": (edit_header('name = "m2"', 'name = "m1"'), "more than once"),
     "gyro gap": (edit_table("gyro", lambda f: f.drop(index=range(10, 20))), "m1: no gyro samples between 5.0 s and 10.0 s"),
     "gyro ends early": (edit_table("gyro", lambda f: f.head(-9)), "m2: no gyro samples between"),
-    "one interval only": (
-        lambda folder: (
-            edit_table("attitude", lambda f: f.head(2))(folder),
-            edit_header(
-                (folder / "recording.toml").read_text().split("\n\n")[-1],
-                "",
-            )(folder),
-        ),
-        "cannot be found from 1 interval",
-    ),
     "rates off by 2 deg/s": (
         edit_table("gyro", lambda f: f.assign(rate_y_deg_s=f.rate_y_deg_s + 2.0)),
         "too large to linearise; are the rates in deg/s",
