@@ -26,7 +26,7 @@ def test_what_is_drawn_can_be_simulated(name):
             assert (size is not None) == effect.in_samples
         low, high = effect.prior
         made = setting(name, axis, np.sqrt(low * high) if size is None else size, parameters)
-        assert low <= made.size <= high
+        assert low <= abs(made.size) <= high
         drawn.add((axis, *sorted(made.parameters.items())))
     simulator.simulate(SCENARIO, seed=1, effects=[made])
     # Without an axis and parameters there is nothing to draw; the saturation's axis is that of the fastest turn.
