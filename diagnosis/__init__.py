@@ -22,7 +22,7 @@ The way of a recording through `diagnosis.diagnose`, file by file (steps 4 to 11
 10. `inference.closure`, on the folds of the model: how far the gap shrinks on held-out data.
 11. `model.calibration`: G and b with the named effects in the model.
 12. `remainder_search`, where listed effects alone do not explain the data: effects in the presence of `model.remainder`, whose
-   sizes replicate (`replication`); and the gap budget on held-out data (`budget`).
+    sizes replicate (`replication`); and the gap budget on held-out data (`budget`).
 13. `assemble`: the answer, `result`.
 
 Raw sensor tables take the same way from step 4 on, with `model.sensors` as their builder (`sensor_tables`). Thresholds are in
