@@ -20,6 +20,7 @@ from simulator.effects.recorded import surroundings_of
 Mask = NDArray[np.bool_]
 
 FEWEST = 2  # references of an interval that can be propagated
+ZERO = 8.0  # sigmas of a level, within which one gyro that stops there may have a dead zone as well
 MOST_LOST = 0.5  # share of the references, above which they are not taken for exceptions
 
 
@@ -39,7 +40,10 @@ def find_faults(recording: Recording, effects: Sequence[Effect]) -> tuple[Fault,
 
 
 def _is_exception(fault: Fault) -> bool:
-    """Whether most of the recording is left."""
+    """Whether most of the recording is left, and no dead zone of one gyro looks the same."""
+    level = fault.detection
+    if level.axis is not None and abs(level.size) <= ZERO * level.sigma:
+        return False
     return bool(fault.references.mean() < MOST_LOST and fault.samples.mean() < MOST_LOST)
 
 
