@@ -175,17 +175,6 @@ def mission_mountings(root: Path) -> str:
     return _table(rows, ["mounting", *PERIOD_WORDS])
 
 
-def broad_ladder(root: Path) -> str:
-    """Tabulate the held-out errors of the BROAD trials with each effect put in."""
-    rows = _checks(root, "real").set_index("check")["value"]
-    steps = ("M0", "+ time_offset", "+ rate_truncation", "+ stale_samples", "floor")
-    ends, series = (
-        [float(rows[f"error {of}, {step}"]) for step in steps] for of in ("at an interval's end", "over its series")
-    )
-    cells = [f"{end:.2f} / {along:.2f}" for end, along in zip(ends, series, strict=True)]
-    return _table([["all eight trials", *cells]], ["held-out RMS, deg: end / series", *steps])
-
-
 # ---- studies and benchmarks ----------------------------------------------------------------------------------------------
 
 
@@ -217,7 +206,7 @@ STUDIES = tuple(
     f"studies/{name}"
     for name in (
         *("alignment", "consistency", "estimators", "flight", "heads", "import", "iterations", "noise"),
-        *("observability", "onboard", "promises", "psi", "real", "references", "sentinel2a", "timestep"),
+        *("observability", "onboard", "promises", "psi", "references", "sentinel2a", "timestep"),
     )
 )
 
@@ -237,7 +226,6 @@ CLAIMS: dict[str, Claim] = {
     "mission_summary": Claim(("mission",), mission_summary),
     "mission_table3": Claim(("mission",), mission_table3),
     "mission_mountings": Claim(("mission",), mission_mountings),
-    "broad_ladder": Claim(("studies/real",), broad_ladder),
     "mission_18": Claim(("mission",), _mission_factor("factor_18", "factor_unfitted")),
     "mission_12": Claim(("mission",), _mission_factor("factor_12", "factor_12")),
     "mission_loop": Claim(("benchmarks",), lambda root: f"{_benchmark(root)['mission_loop']['plain_vs_compiled']:.0f} times"),
