@@ -1,7 +1,6 @@
 """Predictions with the remainder of a calibration have errors of the size that they claim, on simulated and real recordings."""
 
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -12,6 +11,7 @@ from gyrocal.calibration.remainder_processes import Process
 from gyrocal.estimation.predict import predict
 from gyrocal.estimation.prediction_consistency import compute_prediction_errors, cut_recording
 from gyrocal.estimation.remainder_noise import KnownCalibration, RemainderNoise, read_calibration
+from tests import SHARED
 from tests.gyrocal.calibration.remainder_cases import TRUTH, simulate_remainder
 
 HALF_S, END_S = 36.0, 72.0
@@ -81,7 +81,7 @@ def test_bad_results_are_refused(tmp_path):
             read_calibration(path)
 
 
-REAL = Path("/work/shared/real/broad")
+REAL = SHARED / "real" / "broad"
 
 
 @pytest.mark.skipif(not REAL.is_dir(), reason="the public recordings are not kept in the repository")

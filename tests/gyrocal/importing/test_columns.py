@@ -1,7 +1,6 @@
 """Columns by number, names with colons, and tables with two header rows."""
 
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pandas as pd
@@ -17,6 +16,7 @@ from gyrocal.importing.sensors import together
 from gyrocal.importing.streams import read_csv, streams
 from studies.validation import mems_log
 from studies.validation.imports import RIGHT, refusal
+from tests import SHARED
 from tests.builders import piecewise_recording
 
 GROUPS = "Time (s);Vicon Orientation;;;;IMU Gyroscope;;;"
@@ -103,7 +103,7 @@ def test_a_colon_or_a_comma_in_a_name():
     assert list(gyro.columns) == ["t s", "gyro x", "gyro y", "gyro z"]
 
 
-REAL = Path("/work/shared/real/sticks")
+REAL = SHARED / "real" / "sticks"
 
 
 @pytest.mark.skipif(not REAL.is_dir(), reason="the recordings of RepoIMU state no licence and are not in the repository")
