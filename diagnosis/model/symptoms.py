@@ -8,6 +8,7 @@ a line, which the attitude judges (`diagnosis.model.lines`).
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
@@ -63,7 +64,7 @@ def compute_posterior(symptom: Symptom, settings: DiagnosisSettings) -> SymptomP
     """
     prior = settings.another / (1 - settings.another) / TESTS
     p = min(max(symptom.p_value, LEAST_P), LARGEST_P)
-    chance = -np.e * p * np.log(p) / prior
+    chance = -math.e * p * np.log(p) / prior
     behaviour = against(symptom.likeness) if symptom.likeness < 1 else 1.0
     imitation = settings.imitation_in_samples / (1 - settings.imitation_in_samples) / behaviour
     motion = 1 / max(symptom.probability, LEAST_P) - 1
