@@ -66,6 +66,13 @@ def describe_remainder(left: RemainderSummary) -> Iterator[str]:
         "white noise": "white noise larger than stated",
     }
     lasting = f", with a correlation time of about {left.time_scale_s:.2g} s" if left.time_scale_s > 0 else ""
+    yield f"Most of it comes from {sides[left.side]}{lasting}. Its sizes (1 sigma, x, y, z): {list_sizes(left)}."
+    for one in left.regressors:
+        yield f"It {_follows(one.name)} ({words.p_value(one.p_value)}; {100 * one.share:.0f} % of the misfit)."
+
+
+def list_sizes(left: RemainderSummary) -> str:
+    """List the sizes of a remainder, 1 sigma about x, y and z."""
     sizes = []
     if any(left.gyro_deg_h):
         sizes.append(f"{_by_axis(left.gyro_deg_h)} deg/h of gyro rate")
@@ -73,9 +80,7 @@ def describe_remainder(left: RemainderSummary) -> Iterator[str]:
         sizes.append(f"{_by_axis(left.reference_deg)} deg of reference attitude")
     if left.time_tags_s > 0:
         sizes.append(f"{left.time_tags_s:.2g} s of time tags")
-    yield f"Most of it comes from {sides[left.side]}{lasting}. Its sizes (1 sigma, x, y, z): {'; '.join(sizes) or 'none'}."
-    for one in left.regressors:
-        yield f"It {_follows(one.name)} ({words.p_value(one.p_value)}; {100 * one.share:.0f} % of the misfit)."
+    return "; ".join(sizes) or "none"
 
 
 def _follows(name: str) -> str:
@@ -113,7 +118,7 @@ def draw_steps(on: Axes, budget: tuple[Step, ...]) -> None:
     spans += [(floor, last, panels.ORANGE), (0.0, floor, panels.GREY)]
     for row, (step, (low, high, colour)) in enumerate(zip(budget, spans, strict=True)):
         on.barh(row, high - low, left=low, color=colour, height=0.62)
-        share = "" if step.closed is None or step.interval_90 is None else _share(step)
+        share = "" if step.closed is None or step.interval_90 is None else format_share(step.closed, step.interval_90)
         text = f"{step.misfit:.3g}" if step.step in ("baseline", "floor") else share
         on.annotate(text, (max(high, low), row), xytext=(4, 0), textcoords="offset points", va="center", fontsize=8)
     on.set_yticks(range(len(budget)), [name_step(step) for step in budget])
@@ -123,11 +128,10 @@ def draw_steps(on: Axes, budget: tuple[Step, ...]) -> None:
     on.grid(visible=False)
 
 
-def _share(step: Step) -> str:
-    assert step.closed is not None
-    assert step.interval_90 is not None
-    low, high = (100 * value for value in step.interval_90)
-    return f"{100 * step.closed:.0f} % ({low:.0f} to {high:.0f})"
+def format_share(share: float, interval: tuple[float, float]) -> str:
+    """Format a share with its interval in percent."""
+    low, high = (100 * value for value in interval)
+    return f"{100 * share:.0f} % ({low:.0f} to {high:.0f})"
 
 
 def _draw_parts(on: Axes, step: Step) -> None:

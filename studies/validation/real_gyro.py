@@ -1,0 +1,300 @@
+"""The gap budget of a real gyro: each BROAD trial is imported, calibrated, diagnosed, and its second half predicted.
+
+A case is a trial (`studies.validation.broad`, docs/broad.md). Trials share nothing: sensor units differ, and each trial has its
+own budget. G, b and the remainder of the first half predict the attitudes of the second half from many starts, see
+`gyrocal.estimation.prediction_consistency`. Nothing is drawn at random.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import partial
+from pathlib import Path
+from typing import Any, ClassVar
+
+import numpy as np
+import pandas as pd
+from matplotlib.axes import Axes
+from numpy.typing import NDArray
+from pydantic import Field, ValidationInfo, field_validator
+
+from diagnosis.budget import Step
+from diagnosis.diagnose import diagnose
+from diagnosis.result import Diagnosis
+from gyrocal import Recording, calibrate
+from gyrocal.calibration.davenport import CalibrationResult
+from gyrocal.calibration.remainder import add_remainder
+from gyrocal.estimation.prediction_consistency import compute_prediction_errors, cut_recording
+from gyrocal.estimation.remainder_noise import KnownCalibration
+from studies.montecarlo.manifest import digest
+from studies.montecarlo.study import GridConfig, Streams, Study
+from studies.report import diagnosis_words, gap_budget
+from studies.report.checks import Check
+from studies.report.entry import Entry, Report
+from studies.report.panels import Draw, Panel, sheet
+from studies.report.tables import NO_VALUE, Table
+from studies.validation import broad
+
+Array = NDArray[np.float64]
+Row = dict[str, Any]
+
+ROOT = Path(__file__).parents[2]
+FOLDER = "../shared/real/broad"
+CONSISTENT = (0.8, 1.25)  # RMS of normalised errors where stated covariances hold
+COLUMNS = 2  # of the figure
+STEP_INCHES, PANEL_INCHES = 0.27, 0.85  # height of a step, and of title and axis
+
+PREDICTION = (
+    "Predicted attitudes of the second half have normalised errors with an RMS of one where the covariance holds. "
+    "Errors over long horizons overlap, so those of one trial scatter more than those of all."
+)
+
+
+class RealConfig(GridConfig):
+    """Which trials.
+
+    Attributes
+    ----------
+    folder : of the trials; a relative one counts from the repository
+    trials : names of their files without ending; all of the folder by default
+    """
+
+    axes: ClassVar = ("trials",)
+    folder: str = FOLDER
+    trials: tuple[str, ...] = Field(default=(), validate_default=True)
+
+    @field_validator("trials")
+    @classmethod
+    def _find_trials(cls, value: tuple[str, ...], info: ValidationInfo) -> tuple[str, ...]:
+        folder = (ROOT / info.data.get("folder", FOLDER)).resolve()
+        found = tuple(sorted(path.stem for path in folder.glob("*.parquet")))
+        absent = [name for name in value if name not in found]
+        if absent or not found:
+            raise ValueError(
+                f"no trial {', '.join(absent) or 'at all'} in {folder}; the BROAD trials are not part of this project "
+                "(docs/broad.md says where they come from), point folder at them"
+            )
+        return value or found
+
+    def points(self) -> tuple[str, ...]:
+        """Return the trial of each case."""
+        return self.trials
+
+    def file(self, number: int) -> Path:
+        """Return the file of a case."""
+        return (ROOT / self.folder).resolve() / f"{self.trials[number]}.parquet"
+
+
+# ---- rows ----------------------------------------------------------------------------------------------------------------
+
+
+def read_recording(config: RealConfig, number: int, streams: Streams) -> Recording:
+    """Read a trial as a recording."""
+    return broad.to_recording(broad.read(config.file(number))).recording
+
+
+def run_case(config: RealConfig, number: int, streams: Streams) -> list[Row]:
+    """Calibrate, predict and diagnose a trial; the column `kind` tells rows of the trial, causes, steps and predictions."""
+    recording = read_recording(config, number, streams)
+    predictions = build_prediction_rows(recording)
+    calibration = add_remainder(recording, calibrate(recording))
+    diagnosis = diagnose(recording, seed=config.entropy)
+    trial = {
+        "kind": "trial",
+        **summarise_calibration(calibration),
+        **summarise_diagnosis(diagnosis),
+        "sha256": digest(config.file(number).read_bytes()),
+    }
+    rows = [trial, *build_cause_rows(diagnosis), *build_step_rows(diagnosis), *predictions]
+    return [{"trial": config.trials[number], **row} for row in rows]
+
+
+def summarise_calibration(found: CalibrationResult) -> Row:
+    """Summarise a calibration: χ² per degree of freedom, and the factor by which the remainder widens its sigmas."""
+    widened = 1.0 if found.remainder is None else float(np.median(found.remainder.sigma / found.sigma))
+    return {"chi2_per_dof": found.chi2 / found.dof, "sigmas_widened": widened}
+
+
+def summarise_diagnosis(found: Diagnosis) -> Row:
+    """Summarise an answer: verdict, share of the misfit that all causes close, and the remainder with share, side and size."""
+    row: Row = {"verdict": found.verdict, "unknown_probability": found.unknown_probability}
+    if found.closure is not None:
+        row |= {"closed": found.closure.closed, **split_interval("closed", found.closure.interval_90)}
+    for step in found.budget:
+        if step.step == "remainder":
+            row |= {"remainder": step.closed, **split_interval("remainder", step.interval_90)}
+            row["remainder_deg"] = step.misfit_deg
+    if found.remainder is not None:
+        row |= {"side": found.remainder.side, "size": gap_budget.list_sizes(found.remainder)}
+    return row
+
+
+def split_interval(name: str, interval: tuple[float, float] | None) -> Row:
+    """Split an interval into two columns."""
+    low, high = (np.nan, np.nan) if interval is None else interval
+    return {f"{name}_low": low, f"{name}_high": high}
+
+
+def build_cause_rows(found: Diagnosis) -> list[Row]:
+    """Build a row for each cause, with the probability that it or an indistinguishable one is at work."""
+    return [
+        {
+            "kind": "cause",
+            "cause": one.label,
+            "size": one.size,
+            "sigma": one.sigma,
+            "unit": one.unit,
+            "probability": one.group_probability,
+            "group": ", ".join(one.group),
+        }
+        for one in found.causes
+    ]
+
+
+def build_step_rows(found: Diagnosis) -> list[Row]:
+    """Build a row for each step of the gap budget."""
+    return [
+        {
+            "kind": "step",
+            "step": one.step,
+            "misfit": one.misfit,
+            "misfit_deg": one.misfit_deg,
+            "closed": one.closed,
+            **split_interval("closed", one.interval_90),
+            "size": one.size,
+            "sigma": one.sigma,
+            "unit": one.unit,
+        }
+        for one in found.budget
+    ]
+
+
+def build_prediction_rows(recording: Recording) -> list[Row]:
+    """Build a row for each horizon: errors of predictions in the second half by a calibration of the first half."""
+    start_s, stop_s = recording.intervals[0].start_s, recording.intervals[-1].stop_s
+    half_s = 0.5 * (start_s + stop_s)
+    first, second = cut_recording(recording, start_s, half_s), cut_recording(recording, half_s, stop_s)
+    known = KnownCalibration.of(add_remainder(first, calibrate(first)))
+    return [
+        {
+            "kind": "prediction",
+            "horizon_s": one.horizon_s,
+            "predictions": float(len(one.error)),
+            "rms_deg": float(np.rad2deg(one.rms)),
+            "normalised_rms": float(np.sqrt(np.mean(np.square(one.normalised_rms)))),
+            **{f"normalised_{axis}": float(value) for axis, value in zip("xyz", one.normalised_rms, strict=True)},
+        }
+        for one in compute_prediction_errors(second, known)
+    ]
+
+
+STUDY = Study("studies.validation.real_gyro:STUDY", RealConfig, run_case, read_recording)
+
+
+# ---- report --------------------------------------------------------------------------------------------------------------
+
+
+def select_rows(rows: pd.DataFrame, kind: str) -> pd.DataFrame:
+    """Select the rows of a kind with the columns that they have."""
+    chosen = rows[rows["kind"] == kind].drop(columns=["kind", "case", "error"], errors="ignore")
+    return chosen.dropna(axis=1, how="all").reset_index(drop=True)
+
+
+def build_report(config: RealConfig, rows: pd.DataFrame) -> Report:
+    """Build checks, tables and the figure of all waterfalls."""
+    trials, causes, steps, predictions = (select_rows(rows, kind) for kind in ("trial", "cause", "step", "prediction"))
+    tables = {
+        "trials": Table(
+            "Diagnosis of each trial",
+            trials,
+            "A probability is that of the cause or of one indistinguishable from it. Shares are those of the held-out misfit, "
+            "with 90 % intervals. The remainder has no identified cause.",
+            shown=describe_trials(trials, causes),
+        ),
+        "causes": Table("Causes by effect and axis", causes.sort_values(["cause", "trial"]) if len(causes) else causes),
+        "budget": Table(
+            "Gap budget of each trial",
+            steps,
+            "The misfit is the held-out whitened mean square, one for the stated noise alone.",
+        ),
+        "predictions": Table("Predictions of the second half by a calibration of the first half", predictions),
+    }
+    checks = (*check_verdicts(trials), *check_predictions(predictions))
+    return Report(tables, {"waterfalls": draw_waterfalls(steps)} if len(steps) else {}, checks, (broad.ATTRIBUTION,))
+
+
+def describe_trials(trials: pd.DataFrame, causes: pd.DataFrame) -> pd.DataFrame:
+    """Describe each trial in a row of texts."""
+    by_trial = {name: part.to_dict("records") for name, part in causes.groupby("trial")} if len(causes) else {}
+    return pd.DataFrame(
+        {
+            "trial": row["trial"],
+            "verdict": row["verdict"],
+            "causes": "; ".join(map(describe_cause, by_trial.get(row["trial"], []))) or NO_VALUE,
+            "closed": describe_share(row, "closed"),
+            "remainder": describe_share(row, "remainder"),
+            "side": row.get("side", np.nan),
+            "size": row.get("size", np.nan),
+            "χ² per degree of freedom": row["chi2_per_dof"],
+            "sigmas widened": row["sigmas_widened"],
+        }
+        for row in trials.to_dict("records")
+    ).fillna(NO_VALUE)
+
+
+def describe_cause(row: Row) -> str:
+    """Describe a cause by its size with sigma and its probability."""
+    size = diagnosis_words.sized(row["size"], row["sigma"], row["unit"])
+    return f"{row['cause']} {size} ({diagnosis_words.percent(row['probability'])})"
+
+
+def describe_share(row: Row, name: str) -> str:
+    """Describe a share with its interval."""
+    if pd.isna(row.get(name)):
+        return NO_VALUE
+    return gap_budget.format_share(row[name], (row[f"{name}_low"], row[f"{name}_high"]))
+
+
+def check_verdicts(trials: pd.DataFrame) -> list[Check]:
+    """Count the verdicts."""
+    counts = ", ".join(f"{verdict} {count}" for verdict, count in trials["verdict"].value_counts().items())
+    return [Check(f"verdicts of {len(trials)} trials", counts)]
+
+
+def check_predictions(predictions: pd.DataFrame) -> list[Check]:
+    """Check the normalised errors of all trials over each horizon, and count the trials that are consistent by themselves."""
+    low, high = CONSISTENT
+    checks = []
+    for horizon, part in predictions.groupby("horizon_s"):
+        own = part["normalised_rms"].dropna()
+        rms, inside = float(np.sqrt(np.mean(np.square(own)))), int(own.between(low, high).sum())
+        checks += [
+            Check(f"normalised error over {horizon:g} s, RMS of all trials", rms, CONSISTENT, "", PREDICTION),
+            Check(f"trials with {low:g} to {high:g} over {horizon:g} s, of {len(own)}", inside),
+        ]
+    return checks
+
+
+def draw_waterfalls(steps: pd.DataFrame) -> Draw:
+    """Draw the waterfalls of all trials."""
+    budgets = {str(name): [build_step(row) for row in part.to_dict("records")] for name, part in steps.groupby("trial")}
+    panels = [Panel(draw_budget(budget), title=name, x="held-out whitened mean square") for name, budget in budgets.items()]
+    columns = min(COLUMNS, len(panels))
+    panels += [Panel(Axes.set_axis_off)] * (-len(panels) % columns)
+    height = STEP_INCHES * max(map(len, budgets.values())) + PANEL_INCHES
+    return sheet(*panels, size=(5.5 * columns, height * (len(panels) // columns)), columns=columns)
+
+
+def draw_budget(budget: list[Step]) -> Callable[[Axes], None]:
+    """Draw the waterfall of a budget on given axes."""
+    return partial(gap_budget.draw_steps, budget=tuple(budget))
+
+
+def build_step(row: Row) -> Step:
+    """Build a step of a budget from its row."""
+    interval = None if pd.isna(row["closed"]) else (row["closed_low"], row["closed_high"])
+    closed = None if interval is None else row["closed"]
+    return Step(row["step"], row["misfit"], row["misfit_deg"], closed, interval)
+
+
+ENTRY = Entry(STUDY, "the gap budget of recorded MEMS gyros, and predictions of their second half (BROAD)", build_report)
