@@ -41,7 +41,8 @@ Row = dict[str, Any]
 ROOT = Path(__file__).parents[2]
 FOLDER = "../shared/real/broad"
 CONSISTENT = (0.8, 1.25)  # RMS of normalised errors where stated covariances hold
-COLUMNS = 2  # of the figure
+BUDGET = ["trial", "step", "misfit", "misfit_deg", "closed", "closed_low", "closed_high", "size", "sigma", "unit"]
+ACROSS = 2  # panels of the figure side by side
 STEP_INCHES, PANEL_INCHES = 0.27, 0.85  # height of a step, and of title and axis
 
 PREDICTION = (
@@ -125,7 +126,7 @@ def summarise_diagnosis(found: Diagnosis) -> Row:
             row |= {"remainder": step.closed, **split_interval("remainder", step.interval_90)}
             row["remainder_deg"] = step.misfit_deg
     if found.remainder is not None:
-        row |= {"side": found.remainder.side, "size": gap_budget.list_sizes(found.remainder)}
+        row |= {"remainder_side": found.remainder.side, "remainder_size": gap_budget.list_sizes(found.remainder)}
     return row
 
 
@@ -214,7 +215,7 @@ def build_report(config: RealConfig, rows: pd.DataFrame) -> Report:
         "causes": Table("Causes by effect and axis", causes.sort_values(["cause", "trial"]) if len(causes) else causes),
         "budget": Table(
             "Gap budget of each trial",
-            steps,
+            steps.reindex(columns=BUDGET),
             "The misfit is the held-out whitened mean square, one for the stated noise alone.",
         ),
         "predictions": Table("Predictions of the second half by a calibration of the first half", predictions),
@@ -233,13 +234,13 @@ def describe_trials(trials: pd.DataFrame, causes: pd.DataFrame) -> pd.DataFrame:
             "causes": "; ".join(map(describe_cause, by_trial.get(row["trial"], []))) or NO_VALUE,
             "closed": describe_share(row, "closed"),
             "remainder": describe_share(row, "remainder"),
-            "side": row.get("side", np.nan),
-            "size": row.get("size", np.nan),
+            "side": row.get("remainder_side", np.nan),
+            "size": row.get("remainder_size", np.nan),
             "χ² per degree of freedom": row["chi2_per_dof"],
             "sigmas widened": row["sigmas_widened"],
         }
         for row in trials.to_dict("records")
-    ).fillna(NO_VALUE)
+    )
 
 
 def describe_cause(row: Row) -> str:
@@ -279,7 +280,7 @@ def draw_waterfalls(steps: pd.DataFrame) -> Draw:
     """Draw the waterfalls of all trials."""
     budgets = {str(name): [build_step(row) for row in part.to_dict("records")] for name, part in steps.groupby("trial")}
     panels = [Panel(draw_budget(budget), title=name, x="held-out whitened mean square") for name, budget in budgets.items()]
-    columns = min(COLUMNS, len(panels))
+    columns = min(ACROSS, len(panels))
     panels += [Panel(Axes.set_axis_off)] * (-len(panels) % columns)
     height = STEP_INCHES * max(map(len, budgets.values())) + PANEL_INCHES
     return sheet(*panels, size=(5.5 * columns, height * (len(panels) // columns)), columns=columns)

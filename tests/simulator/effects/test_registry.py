@@ -229,7 +229,7 @@ def test_no_other_file_names_an_effect():
 
 
 # Studies about certain effects, which they take by name of their file.
-ABOUT_EFFECTS = ("studies.validation.real_gyro", "studies.robertson.heads")
+ABOUT_EFFECTS = ("studies.robertson.heads",)
 
 
 def test_everything_else_loads_without_an_effect(tmp_path):
