@@ -7,7 +7,7 @@ own budget. G, b and the remainder of the first half predict the attitudes of th
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from functools import partial
 from pathlib import Path
 from typing import Any, ClassVar
@@ -37,6 +37,7 @@ from studies.validation import broad
 
 Array = NDArray[np.float64]
 Row = dict[str, Any]
+Record = Mapping[Any, Any]  # a row of a table by column
 
 ROOT = Path(__file__).parents[2]
 FOLDER = "../shared/real/broad"
@@ -243,13 +244,13 @@ def describe_trials(trials: pd.DataFrame, causes: pd.DataFrame) -> pd.DataFrame:
     )
 
 
-def describe_cause(row: Row) -> str:
+def describe_cause(row: Record) -> str:
     """Describe a cause by its size with sigma and its probability."""
     size = diagnosis_words.sized(row["size"], row["sigma"], row["unit"])
     return f"{row['cause']} {size} ({diagnosis_words.percent(row['probability'])})"
 
 
-def describe_share(row: Row, name: str) -> str:
+def describe_share(row: Record, name: str) -> str:
     """Describe a share with its interval."""
     if pd.isna(row.get(name)):
         return NO_VALUE
@@ -291,11 +292,11 @@ def draw_budget(budget: list[Step]) -> Callable[[Axes], None]:
     return partial(gap_budget.draw_steps, budget=tuple(budget))
 
 
-def build_step(row: Row) -> Step:
+def build_step(row: Record) -> Step:
     """Build a step of a budget from its row."""
-    interval = None if pd.isna(row["closed"]) else (row["closed_low"], row["closed_high"])
-    closed = None if interval is None else row["closed"]
-    return Step(row["step"], row["misfit"], row["misfit_deg"], closed, interval)
+    if pd.isna(row["closed"]):
+        return Step(row["step"], row["misfit"], row["misfit_deg"])
+    return Step(row["step"], row["misfit"], row["misfit_deg"], row["closed"], (row["closed_low"], row["closed_high"]))
 
 
 ENTRY = Entry(STUDY, "the gap budget of recorded MEMS gyros, and predictions of their second half (BROAD)", build_report)
