@@ -21,6 +21,7 @@ from pydantic import Field, ValidationInfo, field_validator
 from diagnosis.budget import Step
 from diagnosis.diagnose import diagnose
 from diagnosis.result import Diagnosis
+from diagnosis.settings import DEFAULT
 from gyrocal import Recording, calibrate
 from gyrocal.calibration.davenport import CalibrationResult
 from gyrocal.calibration.remainder import add_remainder
@@ -221,7 +222,7 @@ def build_report(config: RealConfig, rows: pd.DataFrame) -> Report:
         ),
         "predictions": Table("Predictions of the second half by a calibration of the first half", predictions),
     }
-    checks = (*check_verdicts(trials), *check_predictions(predictions))
+    checks = (*check_verdicts(trials, causes), *check_predictions(predictions))
     return Report(tables, {"waterfalls": draw_waterfalls(steps)} if len(steps) else {}, checks, (broad.ATTRIBUTION,))
 
 
@@ -257,10 +258,15 @@ def describe_share(row: Record, name: str) -> str:
     return gap_budget.format_share(row[name], (row[f"{name}_low"], row[f"{name}_high"]))
 
 
-def check_verdicts(trials: pd.DataFrame) -> list[Check]:
-    """Count the verdicts."""
+def check_verdicts(trials: pd.DataFrame, causes: pd.DataFrame) -> list[Check]:
+    """Count the verdicts, and list the causes that are identified in every trial."""
     counts = ", ".join(f"{verdict} {count}" for verdict, count in trials["verdict"].value_counts().items())
-    return [Check(f"verdicts of {len(trials)} trials", counts)]
+    sure = causes[causes["probability"] >= DEFAULT.named] if len(causes) else pd.DataFrame({"cause": []})
+    found = [str(cause) for cause, count in sure["cause"].value_counts().sort_index().items() if count == len(trials)]
+    return [
+        Check(f"verdicts of {len(trials)} trials", counts),
+        Check("causes identified in every trial", ", ".join(found) or "none"),
+    ]
 
 
 def check_predictions(predictions: pd.DataFrame) -> list[Check]:

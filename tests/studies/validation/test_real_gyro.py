@@ -65,6 +65,7 @@ def test_report_shows_the_waterfall_and_names_the_licence(rows, folder, tmp_path
     (shown,) = made.tables["trials"].for_people().to_dict("records")
     assert " s (" in shown["causes"]  # a size in s and a probability
     assert "%" in shown["closed"]
+    assert made.check("causes identified in every trial").value == shown["causes"].split()[0]
     entry.write(made, "real", tmp_path)
     text = (tmp_path / "report.md").read_text()
     assert "CC-BY-4.0" in text
@@ -76,6 +77,7 @@ def test_trials_without_misfit_have_a_report_without_figure(folder):
     made = real_gyro.build_report(RealConfig(folder=str(folder)), SHAPE)
     assert made.figures == {}
     assert made.check("verdicts of 2 trials").value == "none 2"
+    assert made.check("causes identified in every trial").value == "none"
     assert made.check("normalised error over 1 s, RMS of all trials").value == pytest.approx(np.sqrt(2.5))
     assert made.check("normalised error over 1 s, RMS of all trials").verdict == "fail"
     assert made.check("trials with 0.8 to 1.25 over 1 s, of 2").value == 1
