@@ -18,12 +18,12 @@ The way of a recording through `diagnosis.diagnose`, file by file (steps 4 to 11
 7. `inference.attribution`: what may be named.
 8. `inference.amplitudes`: how large the named effects are.
 9. `inference.checks`, of the `inference.check_statistics`: whether the named model would give data like these; and
-   `inference.few_jumps` with the columns of `model.jumps`: whether a few jumps would rather.
+   `model.remainder`: whether random errors would rather.
 10. `inference.closure`, on the folds of the model: how far the gap shrinks on held-out data.
 11. `model.calibration`: G and b with the named effects in the model.
 12. `remainder_search`, where listed effects alone do not explain the data: effects in the presence of `model.remainder`, whose
     sizes replicate (`replication`); and the gap budget on held-out data (`budget`).
-13. `assemble`: the answer, `result`.
+13. `assemble`: the answer, `result`; `verdict`, from probabilities alone.
 
 Raw sensor tables take the same way from step 4 on, with `model.sensors` as their builder (`sensor_tables`). Thresholds are in
 `settings`. What a maneuver plan could show is in `plan`.

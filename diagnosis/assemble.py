@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -11,18 +11,20 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from diagnosis import notes, posterior
-from diagnosis.answer import Amplitudes, Cause, Explanations, Finding, Verdict
+from diagnosis.answer import Amplitudes, Cause, Explanations, Finding
 from diagnosis.detail_tables import details
-from diagnosis.identifiable import blind_spot
+from diagnosis.identifiable import explain_blindness
 from diagnosis.inference.amplitudes import Fitted
 from diagnosis.inference.attribution import REMAINDER, Attribution
 from diagnosis.model import localization
 from diagnosis.model.calibration import calibrated
 from diagnosis.model.misfit import finding as misfit_finding
 from diagnosis.model.prepare import Prepared
-from diagnosis.model.symptoms import SampleCause
+from diagnosis.model.symptoms import SampleCause, weigh_consequences
 from diagnosis.result import Details, Diagnosis
 from diagnosis.settings import DiagnosisSettings
+from diagnosis.verdict import decide_verdict
+from gyrocal.calibration.plausible_ranges import estimate_plausible_ranges
 from gyrocal.calibration.trackers import differences
 from simulator.effects import ALL_EFFECTS
 
@@ -34,7 +36,6 @@ Array = NDArray[np.float64]
 SHOWN_EXPLANATIONS = 12
 WORTH_SHOWING = 1e-4  # probability of an alternative
 TINY = 1e-300
-JUMPS = ("outliers", "noise_constancy", "noise_pattern")  # symptoms that readings make which jump at an edge
 
 
 def assembled(
@@ -60,13 +61,20 @@ def assembled(
         baseline_G=model.G,
         baseline_bias=model.bias,
         motions=(*notes.of_motions(prepared), *notes.of_shaking(samples, prepared)),
-        notes=(*notes.though_it_fits(prepared, samples, explained, gap), *notes.of_rounding(explained), *prepared.notes),
+        notes=(*notes.though_it_fits(prepared, samples, explained, gap), *prepared.notes),
         details=details(prepared, explained, table),
         amplitudes=amplitudes(explained.fitted, explained.covariance),
         sigma_nominal=_nominal_sigma(prepared, explained),
-        blind=blind_spot(model.degrees_of_freedom, model.G, prepared.sigma[:9].reshape(3, 3), model.recording.gyro.apriori_G),
+        blind=_explain_blindness(prepared, settings),
     )
     return answered(seen, samples, explained, settings, runtime_s)
+
+
+def _explain_blindness(prepared: Prepared, settings: DiagnosisSettings) -> str | None:
+    model = prepared.model
+    plausible = estimate_plausible_ranges(model.recording)
+    sigma_G = prepared.sigma[:9].reshape(3, 3)
+    return explain_blindness(model.degrees_of_freedom, model.G, sigma_G, model.recording.gyro.apriori_G, plausible.G, settings)
 
 
 def _nominal_sigma(prepared: Prepared, explained: Explained) -> Array | None:
@@ -114,25 +122,23 @@ def answered(
     attribution = explained.attribution
     gap = explained.p_value < settings.false_alarm_rate
     where = [*(one.finding for one in samples), *seen.where]
-    samples = [
-        one for one in samples if not (_is_of_a_process(one, explained.fitted) or _is_of_a_zone(one, explained, settings))
-    ]
-    unlisted = any(one.unlisted for one in samples)
-    shown = [one.cause(settings) for one in samples if one.effect is not None]
-    sure = all(cause.probability >= settings.named for cause in shown)
-    verdict = _verdict(attribution, gap, bool(samples), unlisted, sure)
+    slots = () if attribution is None else attribution.slots
+    named = [(ALL_EFFECTS[one.effect], one.axis, slot.probability) for slot, one in zip(slots, explained.fitted, strict=False)]
+    samples = weigh_consequences(samples, named, settings)
+    causes = _causes(samples, attribution, explained.fitted, settings)
     unknown = 0.0 if attribution is None else attribution.unknown
-    unknown = 1 - (1 - unknown) * float(np.prod(posterior.not_imitated(samples, settings)))
-    if verdict == "none" and seen.blind:
-        verdict = "not identifiable"
+    unknown = 1 - (1 - unknown) * float(np.prod(posterior.list_listed(samples, settings)))
+    present = gap or bool(samples)
+    beside = attribution is not None and attribution.verdict == "partial"
+    verdict = decide_verdict(present, causes, unknown, settings, beside_remainder=beside, blind=bool(seen.blind))
     return Diagnosis(
         recording=seen.recording,
         verdict=verdict,
-        present=gap or bool(samples),
+        present=present,
         p_value=float(min([explained.p_value, *(one.symptom.p_value for one in samples)])),
         false_alarm_rate=settings.false_alarm_rate,
         where=tuple(where),
-        causes=_causes(samples, attribution, explained.fitted, settings),
+        causes=causes,
         alternatives=alternatives(attribution),
         unknown_probability=float(unknown),
         closure=explained.closed,
@@ -145,7 +151,7 @@ def answered(
         notes=(
             *filter(None, (seen.blind,)),
             *notes.of_checks(explained),
-            *notes.imitations(samples, settings),
+            *notes.odd_symptoms(samples, settings),
             *notes.of_units(samples),
             *seen.motions,
             *notes.likely(explained, settings),
@@ -193,42 +199,26 @@ def amplitudes(fitted: Sequence[Fitted], covariance: Array) -> Amplitudes:
     return Amplitudes(tuple(labels), np.array(values), joint * np.outer(wider, wider))
 
 
-def _is_of_a_process(cause: SampleCause, fitted: Sequence[Fitted]) -> bool:
-    """Whether noise that a test has seen is that of a random process which the attitude shows about the same axis.
-
-    A process has noise at all frequencies: that of the rates shows in the samples as noise that is stronger at lower
-    frequencies, that of the references in their second differences.
-    """
-    on_references = {"slow_noise": False, "reference_noise_level": True}.get(cause.symptom.kind)
-    return on_references is not None and any(
-        one.process and ALL_EFFECTS[one.effect].on_references == on_references and cause.symptom.axis in (None, one.axis)
-        for one in fitted
-    )
-
-
-def _is_of_a_zone(cause: SampleCause, explained: Explained, settings: DiagnosisSettings) -> bool:
-    """Whether what a test has seen of a gyro is what jumps at the edges of its dead zone leave, which the attitude shows."""
-    if cause.symptom.kind not in JUMPS or explained.attribution is None:
-        return False
-    slots = zip(explained.attribution.slots, explained.fitted, strict=True)
-    blind = {one.axis for slot, one in slots if slot.probability >= settings.named and _is_zone(one)}
-    return cause.symptom.axis in blind
-
-
-def _is_zone(one: Fitted) -> bool:
-    return ALL_EFFECTS[one.effect].symptom == "dead_zone"
-
-
 def _causes(
     samples: Sequence[SampleCause], attribution: Attribution | None, fitted: Sequence[Fitted], settings: DiagnosisSettings
 ) -> tuple[Cause, ...]:
-    """The causes that the samples show, and those of the attitude; one that both show is as the samples show it."""
-    shown = [one.cause(settings) for one in samples if not one.unlisted]
-    labels = {cause.label for cause in shown}
-    others = tuple(cause for cause in causes_of(attribution, fitted) if cause.label not in labels)
+    """The causes of the samples and of the attitude; one that both show has the smaller sigma and both probabilities."""
+    shown = [one.cause(settings) for one in samples if one.effect is not None]
+    of_attitude = causes_of(attribution, fitted)
+    both = {one.label: one for one in of_attitude if one.label in {other.label for other in shown}}
+    shown = [_joined(one, both[one.label]) if one.label in both else one for one in shown]
+    others = [one for one in of_attitude if one.label not in both]
     # Beside a remainder, the causes that close most of the misfit come first.
     first = attribution is not None and attribution.verdict == "partial"
-    return (*others, *shown) if first else (*shown, *others)
+    return tuple([*others, *shown] if first else [*shown, *others])
+
+
+def _joined(one: Cause, other: Cause) -> Cause:
+    """Join what two independent parts of the data say of one cause."""
+    better = min(one, other, key=lambda cause: cause.sigma)
+    p = 1 - (1 - one.probability) * (1 - other.probability)
+    group_p = 1 - (1 - one.group_probability) * (1 - other.group_probability)
+    return replace(better, probability=p, group_probability=group_p)
 
 
 def causes_of(attribution: Attribution | None, fitted: Sequence[Fitted]) -> tuple[Cause, ...]:
@@ -262,18 +252,6 @@ def p_values(prepared: Prepared, explained: Explained) -> dict[str, float]:
     if explained.passed is not None:
         out["all checks, over the posterior"] = explained.passed
     return out
-
-
-def _verdict(attribution: Attribution | None, gap: bool, shown: bool, unlisted: bool, sure: bool) -> Verdict:
-    """The verdict; `sure` of what the samples show."""
-    if not gap and not shown:
-        return "none"
-    if attribution is not None and attribution.verdict == "partial":
-        return "partial"
-    if unlisted:  # also beside a named cause, which it may have imitated
-        return "unknown"
-    verdict: Verdict = "named" if sure else "group"
-    return verdict if attribution is None or attribution.verdict == "named" else attribution.verdict
 
 
 def alternatives(attribution: Attribution | None) -> Explanations:

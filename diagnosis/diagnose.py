@@ -98,4 +98,4 @@ def with_sensors(
         sensors = diagnose_sensors(recording, effects, settings, seed)
     except InputError as error:
         return replace(found, notes=(*found.notes, f"The raw sensor tables were not looked at: {error}"))
-    return replace(merged(found, sensors), runtime_s=found.runtime_s + time.perf_counter() - began)
+    return replace(merged(found, sensors, settings), runtime_s=found.runtime_s + time.perf_counter() - began)

@@ -19,12 +19,11 @@ from diagnosis.inference.attribution import (
     against,
     attribute,
     averaged_check,
-    doubted,
     is_listed,
-    log_share,
     rank_beside_remainder,
     unexplained,
     unseen,
+    weigh_unlisted,
 )
 from diagnosis.inference.checks import Check, residual_checks, together
 from diagnosis.inference.closure import found_by, is_random, learnable, measured
@@ -37,23 +36,20 @@ from diagnosis.model.calibration import calibrated
 from diagnosis.model.candidates import linear_model
 from diagnosis.model.dead_zone import dead_zone_groups, shown_by_passes
 from diagnosis.model.judgement import judged_anew
-from diagnosis.model.jumps import Jumps, jumps_instead
 from diagnosis.model.layout import layout
 from diagnosis.model.linear import LinearModel, Member
 from diagnosis.model.misfit import Departure, errors_of, misfit
 from diagnosis.model.prepare import Prepared, Progress
+from diagnosis.model.remainder import compare_with_remainder
 from diagnosis.remainder_search import BesideRemainder, identify_beside_remainder
 from diagnosis.replication import estimate_by_part
 from diagnosis.settings import DiagnosisSettings
-from simulator.effects import EFFECTS
 from simulator.effects.base import Effect
 
 Array = NDArray[np.float64]
 
-OF_ITS_OWN = 0.5  # probability of an effect with a shape, from which on a coarse lattice does not explain all
-
-
 Checker = Callable[[LinearModel, tuple[Member, ...]], tuple[Check, ...]]  # checks of an explanation
+Instead = Callable[[Sequence[Fitted]], Sequence[float] | None]  # log Bayes factors of a remainder in the place of effects
 
 
 @dataclass(frozen=True)
@@ -72,7 +68,6 @@ class Explained:
     left : what M0 leaves of all references, before any averaging
     unseen : without a gap, the probability of M0 and of what is too weak to be told
     closed : how far the gap closes on held-out data
-    rounded : whether what the attitude shows is no more than what rounding to a step beyond the noise leaves
     beside : effects identified in the presence of a remainder, where the listed effects alone do not explain the data
     budget : steps of the gap budget on held-out data; none without a gap
     change, covariance : of the calibration with the named effects in the model, (12,), and of it and their amplitudes
@@ -89,7 +84,6 @@ class Explained:
     passed: float | None = None
     left: tuple[Departure, ...] = ()
     unseen: tuple[Ranked, ...] = ()
-    rounded: bool = False
     rejected: tuple[Fitted, ...] = ()
     beside: BesideRemainder | None = None
     budget: tuple[Step, ...] = ()
@@ -170,37 +164,18 @@ def explain(
     def check(found: LinearModel, members: tuple[Member, ...]) -> tuple[Check, ...]:
         return (*residual_checks(found, members, layout(model), seed), *_left_beside(prepared, found, members, by_name))
 
-    def jumps(found: LinearModel, members: tuple[Member, ...]) -> tuple[Jumps, ...]:
-        return jumps_instead(model, found, members, by_name, settings)
+    def instead(fitted: Sequence[Fitted]) -> Sequence[float] | None:
+        return None if model.recording.attitudes.sensor is not None else compare_with_remainder(model, fitted)
 
     dead, of_all = dead_zone_groups(prepared, effects), together(left) if left else None
     told = counted(tell, "candidates", 0.1, 0.3, 100)
     # No name for it here: the columns of a long recording are hundreds of megabytes, which are let go before the end.
     explained = judged(
         linear_model(model, effects, dead, settings, tell=told),
-        check, settings, seed, tell, shown_by_passes(prepared.dead), of_all, jumps,
+        check, settings, seed, tell, shown_by_passes(prepared.dead), of_all, instead,
     )  # fmt: skip
-    if _is_of_rounding(prepared, explained):
-        explained = replace(explained, attribution=None, fitted=(), checks=(), closed=None, rounded=True)
     change, covariance = calibrated(model, explained.fitted)
     return replace(explained, change=change, covariance=covariance, left=left)
-
-
-def _is_of_rounding(prepared: Prepared, explained: Explained) -> bool:
-    """Whether the attitude shows no more than an error of any course on gyros whose readings have a step beyond their noise.
-
-    Such an error is what rounding leaves: it follows where the rate lies inside a step, which no reading shows. An effect with
-    a shape of its own that most explanations hold is more than that.
-    """
-    coarse = {axis for axis, is_coarse in zip("xyz", prepared.samples.lattice, strict=True) if is_coarse}
-    attribution = explained.attribution
-    if not coarse or attribution is None:
-        return False
-    if attribution.slots:
-        return all(one.process and one.axis in coarse and not EFFECTS[one.effect].on_references for one in explained.fitted)
-    shaped = {one.label for one in explained.linear.candidates if one.listed and not one.process}
-    shares = [sum(one.probability for one in attribution.ranked if label in one.labels) for label in shaped]
-    return max(shares, default=0.0) < OF_ITS_OWN
 
 
 def _left_beside(
@@ -223,9 +198,8 @@ def nothing_checked(linear: LinearModel, members: tuple[Member, ...]) -> tuple[C
     return ()
 
 
-def no_jumps(linear: LinearModel, members: tuple[Member, ...]) -> tuple[Jumps, ...]:
-    """None are asked about."""
-    return ()
+def model_no_remainder(fitted: Sequence[Fitted]) -> None:
+    """No remainder is modelled."""
 
 
 def judged(
@@ -236,7 +210,7 @@ def judged(
     tell: Progress,
     shown: float = 1.0,
     left: float | None = None,
-    jumps: Callable[[LinearModel, tuple[Member, ...]], tuple[Jumps, ...]] = no_jumps,
+    instead: Instead = model_no_remainder,
 ) -> Explained:
     """What a linear model says, whatever it was built from; without a calibration.
 
@@ -247,7 +221,7 @@ def judged(
     settings, seed, tell : as for `explain`
     shown : p-value of what shows a gap beside the candidates
     left : p-value of what M0 leaves of all references, which is a gap but says nothing of its cause; None if it was not asked
-    jumps : whether a few jumps explain what an explanation has about one axis
+    instead : log Bayes factors of a remainder in the place of each effect of an explanation
     """
     search = Search(linear, settings, counted(tell, "explanations", 0.5, 0.6, 1000))
     told = partial(tell, "null distribution")
@@ -278,11 +252,7 @@ def judged(
             if passed is not None and against(passed) < 1:
                 step = map(counted(tell, "checks", 0.75, 0.85, 5), count()).__next__
                 passed = averaged_check(weighed, partial(_checked, linear, check, step), partial(is_listed, linear))
-            instead = jumps(linear, members)
-            checks = (*checks, *(one.check for one in instead if one.log_bayes > 0))
-            share = log_share(weighed, attribution.best, partial(is_listed, linear))
-            odds = {one.label: one.log_bayes + one.log_prior + share for one in instead}
-            attribution = doubted(linear, attribution, passed, settings, odds)
+            attribution = weigh_unlisted(linear, attribution, passed, instead(fitted), settings)
             if not attribution.slots:
                 members, fitted, rejected = (), (), fitted
         tell("held-out data", 0.85)

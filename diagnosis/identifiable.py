@@ -10,33 +10,45 @@ recording of rates and reference attitudes tells the two apart.
 from __future__ import annotations
 
 import numpy as np
+import scipy.stats
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from gyrocal.calibration.observability import PLAUSIBLE_G
+from diagnosis.settings import DiagnosisSettings
 
 Array = NDArray[np.float64]
 
-IMPLAUSIBLE = 3.0  # plausible ranges of an element of G: a rotation by more is no misalignment that a gyro has
-CLEAR = 5.0  # standard errors
+OFFSET = 0.1  # rad, prior sigma of a constant rotation of references that are mounted otherwise than stated
 
 
-def blind_spot(degrees_of_freedom: int, G: Array, sigma_G: Array, apriori_G: Array) -> str | None:
-    """Why a recording without a visible gap cannot show whether there is one; None if it can.
+def explain_blindness(
+    degrees_of_freedom: int, G: Array, sigma_G: Array, apriori_G: Array, plausible_G: float, settings: DiagnosisSettings
+) -> str | None:
+    """Explain why a recording without a visible gap cannot show whether there is one; None if it can.
+
+    A rotation of the axes is one that gyros of the grade have, or that and one of the references. The priors of its three
+    components are normal, that of the references by `OFFSET`.
 
     Parameters
     ----------
     degrees_of_freedom : observations less nuisance parameters
     G, sigma_G : (3, 3) as calibrated under M0, and standard errors
     apriori_G : (3, 3) what the gyro is known to be
+    plausible_G : plausible range of an element of G, dimensionless
+    settings : priors
     """
     if degrees_of_freedom <= 0:
         return "M0 has as many parameters as this recording has observations, so that no gap could be seen"
     U, _, V = np.linalg.svd(G @ np.linalg.inv(apriori_G))
     turn = Rotation.from_matrix(U @ V if np.linalg.det(U @ V) > 0 else np.eye(3)).as_rotvec()
-    angle = float(np.linalg.norm(turn))
-    if angle < max(IMPLAUSIBLE * PLAUSIBLE_G, CLEAR * float(np.linalg.norm(sigma_G))):
+    of_gyro = float(np.sqrt(plausible_G**2 + np.sum(sigma_G**2) / 9))
+    prior = settings.another * settings.unlisted_share
+    log_odds = np.log(prior / (1 - prior)) + np.sum(
+        scipy.stats.norm.logpdf(turn, scale=np.hypot(of_gyro, OFFSET)) - scipy.stats.norm.logpdf(turn, scale=of_gyro)
+    )
+    if log_odds < np.log(settings.unknown / (1 - settings.unknown)):
         return None
+    angle = float(np.linalg.norm(turn))
     about = ", ".join(f"{value:.3g}" for value in np.rad2deg(turn))
     return (
         f"The calibration turns the gyro's axes by {np.rad2deg(angle):.3g} deg ({about} deg about x, y, z), more than any "

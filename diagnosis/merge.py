@@ -4,33 +4,38 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from diagnosis.answer import Explanations, Verdict
+from diagnosis.answer import Explanations
 from diagnosis.posterior import likeliest
 from diagnosis.result import Diagnosis
 from diagnosis.sensor_result import SensorDiagnosis
+from diagnosis.settings import DiagnosisSettings
+from diagnosis.verdict import decide_verdict
 
-# What is left unexplained on either side counts for the whole.
-WEIGHT: dict[Verdict, int] = {"none": 0, "named": 1, "group": 2, "partial": 2, "not identifiable": 3, "unknown": 4}
 UNKNOWN = ("unknown",)
 
 
-def merged(attitude: Diagnosis, sensors: SensorDiagnosis) -> Diagnosis:
-    """The result of both: a gap where either has one, the causes of both, the worse of two verdicts.
+def merged(attitude: Diagnosis, sensors: SensorDiagnosis, settings: DiagnosisSettings) -> Diagnosis:
+    """The result of both: a gap where either has one, the causes of both, and the verdict of all of it.
 
     Alternatives and closure are those of the gyro and the references if they show a gap, else those of the sensors.
     """
-    verdict = max((attitude.verdict, sensors.verdict), key=lambda one: WEIGHT[one])
+    present, causes = attitude.present or sensors.present, (*attitude.causes, *sensors.causes)
+    unknown = 1 - (1 - attitude.unknown_probability) * (1 - sensors.unknown_probability)
+    verdict = decide_verdict(
+        present, causes, unknown, settings,
+        beside_remainder=attitude.verdict == "partial", blind="not identifiable" in (attitude.verdict, sensors.verdict),
+    )  # fmt: skip
     leading = sensors if sensors.present and not attitude.present else attitude
     return replace(
         attitude,
         verdict=verdict,
-        present=attitude.present or sensors.present,
+        present=present,
         p_value=min(1.0, 2 * min(attitude.p_value, sensors.p_value)),
         false_alarm_rate=attitude.false_alarm_rate + sensors.false_alarm_rate,
         where=(*attitude.where, *sensors.where),
-        causes=(*attitude.causes, *sensors.causes),
+        causes=causes,
         alternatives=leading.alternatives,
-        unknown_probability=max(attitude.unknown_probability, sensors.unknown_probability),
+        unknown_probability=unknown,
         closure=leading.closure,
         notes=(*sensors.notes, *attitude.notes),
         p_values={**attitude.p_values, "sensor tables": sensors.p_value},

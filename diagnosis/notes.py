@@ -63,16 +63,6 @@ def though_it_fits(prepared: Prepared, samples: Sequence[SampleCause], explained
     )
 
 
-def of_rounding(explained: Explained) -> tuple[str, ...]:
-    """That the gap in the attitude is one that rounding leaves, where it is."""
-    if not explained.rounded:
-        return ()
-    return (
-        "The readings have a step beyond their noise. The attitude residuals depart by no more than what that leaves, which "
-        "follows where the rate lies inside a step; another cause of them would not be seen",
-    )
-
-
 def of_checks(explained: Explained) -> tuple[str, ...]:
     """Which checks the likeliest explanation fails, where nothing is named for that."""
     failed = [check for check in explained.checks if check.p_value < 1e-3]
@@ -83,10 +73,10 @@ def of_checks(explained: Explained) -> tuple[str, ...]:
     return (f"The likeliest explanation, {' with '.join(best)}, would not leave residuals like these: {words}",)
 
 
-def imitations(samples: Sequence[SampleCause], settings: DiagnosisSettings) -> Iterator[str]:
+def odd_symptoms(samples: Sequence[SampleCause], settings: DiagnosisSettings) -> Iterator[str]:
     """A sentence for each effect that the samples show, and that would not behave so."""
     for one in samples:
-        if one.effect is not None and one.imitated:
+        if one.effect is not None and one.symptom.likeness < 1 - settings.named:
             cause = one.cause(settings)
             yield (
                 f"{cause.label} would show in the samples as something does, but hardly in this way "

@@ -18,10 +18,11 @@ KEPT = 0.999  # of the posterior
 
 def of_all(samples: Sequence[SampleCause], explained: Explained, gap: bool, settings: DiagnosisSettings) -> Explanations:
     """Probability of each explanation, those of the samples and of the attitude together; to a sum of `KEPT`."""
-    if any(one.effect is None for one in samples):
-        return ((("unknown",), 1.0),)
     shown: dict[tuple[str, ...], float] = {(): 1.0}
-    for one, likely in zip(samples, not_imitated(samples, settings), strict=True):
+    for one, likely in zip(samples, list_listed(samples, settings), strict=True):
+        if one.effect is None:
+            shown = {labels: p * likely for labels, p in shown.items()}
+            continue
         cause = one.cause(settings)
         shares = (one.share, *(share for _, share in one.rivals))
         shown = {
@@ -35,22 +36,23 @@ def of_all(samples: Sequence[SampleCause], explained: Explained, gap: bool, sett
         for own, share in shown.items():
             both = labels if "unknown" in labels else (*own, *(label for label in labels if label not in own))
             found[both] = found.get(both, 0.0) + p * share
-    # What the samples show may be an imitation, too.
+    # Something unlisted may have made what the samples show.
     found[("unknown",)] = found.get(("unknown",), 0.0) + 1 - sum(found.values())
     return likeliest({labels: p for labels, p in found.items() if p > 0})
 
 
-def not_imitated(samples: Sequence[SampleCause], settings: DiagnosisSettings) -> list[float]:
-    """Probability of each that nothing unlisted imitates it, given that nothing imitates those before.
+def list_listed(samples: Sequence[SampleCause], settings: DiagnosisSettings) -> list[float]:
+    """List the probability of each symptom that nothing unlisted makes it, given that of those before.
 
-    What imitates an effect on one gyro does so on others: causes of one kind are imitated together or not at all.
+    What acts on one gyro acts on others: the symptoms of one kind have one unlisted cause or none.
     """
     found: list[float] = []
     least: dict[str, float] = {}
     for one in samples:
         kind = "noise" if one.symptom.kind in OF_NOISE else one.symptom.kind
         before = least.get(kind, 1.0)
-        least[kind] = min(before, 0.0 if one.effect is None else one.cause(settings).group_probability)
+        listed = one.compute_listed(settings)
+        least[kind] = min(before, listed)
         found.append(least[kind] / before if before > 0 else 0.0)
     return found
 

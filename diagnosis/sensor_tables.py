@@ -16,7 +16,7 @@ from diagnosis.answer import Closure, Finding, Verdict
 from diagnosis.assemble import alternatives, causes_of
 from diagnosis.detail_tables import explanation_table
 from diagnosis.inference.amplitudes import Fitted, fit
-from diagnosis.inference.attribution import Attribution, attribute, doubted
+from diagnosis.inference.attribution import Attribution, attribute, weigh_unlisted
 from diagnosis.inference.closure import closure, fixed
 from diagnosis.inference.null import p_value
 from diagnosis.inference.search import Search
@@ -134,7 +134,7 @@ def explain_tables(
             noise, search = _search(linear, settings)
             attribution = attribute(search.model, search.explanations(), settings)
         if attribution.slots:  # nothing checks what is left in the tables
-            attribution = doubted(search.model, attribution, 1.0, settings)
+            attribution = weigh_unlisted(search.model, attribution, 1.0, None, settings)
         members = tuple(slot.member for slot in attribution.slots)
         if members:
             fitted = tuple(fit(search.model, members))
@@ -193,20 +193,21 @@ def _rejected(
 # ---- the answer ----------------------------------------------------------------------------------------------------------
 
 
-def verdict_of(explained: ExplainedTables) -> tuple[Verdict, bool, Attribution | None]:
+def verdict_of(explained: ExplainedTables, settings: DiagnosisSettings = DEFAULT) -> tuple[Verdict, bool, Attribution | None]:
     """Verdict, whether there is a gap, and the attribution that stands behind it."""
     attribution = explained.attribution
     if explained.misfits:
         return "unknown", True, attribution
     if attribution is None:
         return ("unknown", True, None) if explained.noise.factor > 1 else ("none", False, None)
-    if attribution.ranked[0].labels == (GYRO,) and explained.noise.factor == 1:  # no matter of the sensors
+    of_gyro = sum(one.probability for one in attribution.ranked if set(one.labels) <= {GYRO})
+    if of_gyro > settings.unknown and explained.noise.factor == 1:  # no matter of the sensors
         return "none", False, None
     return attribution.verdict, True, attribution
 
 
 def _assembled(explained: ExplainedTables, settings: DiagnosisSettings) -> SensorDiagnosis:
-    verdict, present, attribution = verdict_of(explained)
+    verdict, present, attribution = verdict_of(explained, settings)
     y = explained.about_m0.y
     dof = explained.linear.dof
     held = {one.label: Held(one.amplitudes, one.parameters) for one in explained.fitted}

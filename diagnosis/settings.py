@@ -60,7 +60,7 @@ class DiagnosisSettings:
         0.9,
         "probability of a cause from which on it is named alone",
         "probability",
-        "what an imitation may have of it is a few percent before any check is looked at, so that 0.95 would name nothing",
+        "what is unlisted may have a few percent of it before any check is looked at, so that 0.95 would name nothing",
     )
     unknown: float = threshold(
         0.5,
@@ -81,43 +81,15 @@ class DiagnosisSettings:
         "effects",
         "sensors are mounted and calibrated one by one; those of TRMM were off by four effects",
     )
-    imitation: float = threshold(
-        0.04,
-        "prior probability that what looks like a listed effect is something unlisted that imitates it",
-        "probability",
-        "of 29 explanations without a random process in the earlier test world (149 cases), in which nothing "
-        "unlisted of the search had a hundredth of the probability, 27 were right or in the group; of those alone, all",
-    )
-    free_imitation: float = threshold(
-        0.3,
-        "the same of a random process, free to look like many things",
-        "probability",
-        "of 33 explanations with a process in two runs of the earlier test world (299 cases) 28 were right or in the group; of "
-        "two independent programs, which brought unlisted effects of their own, 7 of 14 and 4 of 16: at the shares of kinds of "
-        "the earlier test world a third is wrong",
-    )
-    swing_imitation: float = threshold(
-        0.2,
-        "the same of a swing of any period",
-        "probability",
-        "of 23 of the same two runs and two programs 19 were right or in the group, by the rule of succession",
-    )
-    jumping: float = threshold(
-        0.3,
-        "share of what imitates that jumps among a few levels, as a state or a switch does",
-        "probability",
-        "8 of the 13 unlisted effects of those two programs that random processes were named for jump; half of that, since "
-        "other things imitate columns",
-    )
     chi2_sensors: float = threshold(
         1e-4,
         "p-value of χ² below which the noise of raw sensor tables is taken from their own residuals",
         "probability",
         "one table in ten thousand by chance",
     )
-    imitation_in_samples: float = threshold(
+    unlisted_in_samples: float = threshold(
         0.05,
-        "the same of what tests of the samples show",
+        "prior probability that something unlisted makes what a listed effect would show in the samples",
         "probability",
         "in the first 149 cases 36 of 37, by the rule of succession",
     )

@@ -212,8 +212,7 @@ def test_an_effect_from_outside_is_named_with_its_size(example):
     (cause,) = answer.causes
     assert (cause.effect, cause.axis) == (asked.effect, asked.axis)
     assert cause.group == (cause.label,)
-    # A random process or a swing of any period may be an imitation, whatever the data.
-    free = not isinstance(example, SensorEffect) and (example.is_process or example.scanned)
-    imitation = DEFAULT.free_imitation if free and example.is_process else DEFAULT.swing_imitation
-    assert cause.probability > (0.95 * (1 - imitation) if free else 0.8)
+    # A remainder may stand in the place of a random process, whatever the data.
+    random = not isinstance(example, SensorEffect) and example.is_process
+    assert cause.probability > (0.95 * (1 - DEFAULT.unlisted_share) if random else 0.8)
     assert abs(cause.size - asked.size) < 3 * cause.sigma

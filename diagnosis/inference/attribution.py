@@ -4,28 +4,25 @@ A cause is *named* if its probability is at least `DiagnosisSettings.named`. Whe
 probability of one place in the explanation, they are a *group* of indistinguishable alternatives. If the sets that hold
 something unlisted have more than `DiagnosisSettings.unknown` of the probability together, the answer is *unknown*.
 
-No list of unlisted rivals is complete: something else may imitate what would be named. Its prior share is t, the larger the
-more freedom the named effects have (`DiagnosisSettings.imitation`, `swing_imitation`, `free_imitation`), and the checks of what
-the named model leaves (`diagnosis.inference.checks`) weigh it. The p-value p of the checks is uniform under what is named.
-Under an imitation its density is α p^(α − 1), the smaller α, the more the checks see of it; α may have any value from 0 to 1
-(Sellke, Bayarri and Berger, The American Statistician 55, 2001), so that a p-value is worth the Bayes factor
+No list is complete. Something unlisted may act in the place of an effect, or beside the effects. Its prior probability is
+`DiagnosisSettings.unlisted_share` (π) in the place of an effect, and that times `another` beside the effects. Two things weigh
+it:
 
-    B = ∫₀¹ α p^(α − 1) dα = (1/p − 1 + ln p)/ln² p
+- the remainder (`diagnosis.model.remainder`): B_k is the Bayes factor of random errors of estimated size in the place of effect
+  k. What the samples show by themselves speaks against it, since the remainder would have to show that, too.
+- the checks of what the explanation leaves (`diagnosis.inference.checks`). Their p-value p is uniform under the explanation.
+  Where something else is at work its density is α p^(α − 1), the smaller α, the more the checks see of it. α may have any value
+  from 0 to 1 (Sellke, Bayarri and Berger, The American Statistician 55, 2001), so that a p-value is worth the Bayes factor
 
-against what is named, and the odds of an imitation are B t/(1 − t). B is one half at p = 1, one at p = 0.17, and below the
-largest factor that any α gives, 1/(−e p ln p), for all p below 1/e.
+      C = ∫₀¹ α p^(α − 1) dα = (1/p − 1 + ln p)/ln² p
 
-Of what imitates, a share (`DiagnosisSettings.jumping`) jumps among a few levels. Its evidence is known
-(`diagnosis.inference.few_jumps`), so that it counts by odds B_J of its own, those against all that is named about the axis:
-the odds are t/(1 − t) (B + share × B_J). B_J is the Bayes factor against the best explanation, times the share that
-this has of all listed ones; where it has several members about the axis, one cause in their place is likelier beforehand.
+  which is one half at p = 1 and one at p = 0.17.
 
-Where several listed explanations share the probability, it is that of the p-value of all of them, averaged over their posterior
-(Gelman et al., Bayesian Data Analysis, section 6.3): what one of them would not leave, another may.
+The odds of something unlisted in the place of effect k are C B_k π/(1 − π), and those of it beside the effects are C times its
+prior odds.
 
-Where the samples show a cause as well, with odds of their own, an imitation would have to show it, too: a factor B above one
-is less then, though not below one. So it is where something unlisted is beside the cause already, which may be what the checks
-see.
+Where several listed explanations share the probability, p is averaged over their posterior (Gelman et al., Bayesian Data
+Analysis, section 6.3): what one of them would not leave, another may.
 """
 
 from __future__ import annotations
@@ -33,9 +30,8 @@ from __future__ import annotations
 import itertools
 import math
 from collections import defaultdict
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from types import MappingProxyType
 
 import numpy as np
 
@@ -180,27 +176,34 @@ def unseen(
     return tuple(sorted(found, key=lambda one: -one.probability))
 
 
-def doubted(
+def weigh_unlisted(
     model: LinearModel,
     attribution: Attribution,
     p_value: float | None,
+    instead: Sequence[float] | None,
     settings: DiagnosisSettings = DEFAULT,
-    jumps: Mapping[str, float] = MappingProxyType({}),
 ) -> Attribution:
-    """The same, weighed against something unlisted that imitates what would be named.
+    """Weigh what would be named against something unlisted in its place or beside it.
 
     Parameters
     ----------
     model : the candidates
     attribution : of an explanation that has effects to name
-    p_value : of all checks of what the named model leaves together; None where nothing could be checked
-    jumps : log of the odds that an error jumps among a few levels, over its prior share, against each label that it may be
+    p_value : of all checks of what the explanation leaves together; None where nothing could be checked
+    instead : of each slot, log of the Bayes factor of a remainder in its place; None where no remainder is modelled
     """
-    own = [_left(model, slot, attribution.unknown, p_value, settings, jumps) for slot in attribution.slots]
-    left = float(np.prod(own))
+    factor = 1.0 if p_value is None else 1 / against(p_value)
+    beside = settings.another * settings.unlisted_share
+    alone = 1 / (1 + factor * beside / (1 - beside))
+    own = [1.0] * len(attribution.slots)
+    if instead is not None:
+        shown = [max(model.candidate(slot.member).log_odds, 0.0) for slot in attribution.slots]
+        prior = factor * settings.unlisted_share / (1 - settings.unlisted_share)
+        own = [1 / (1 + prior * math.exp(min(one - less, MOST_ODDS))) for one, less in zip(instead, shown, strict=True)]
+    left = alone * math.prod(own)
     unknown = 1 - (1 - attribution.unknown) * left
     ranked = [replace(one, probability=one.probability * left) for one in attribution.ranked]
-    ranked = sorted([*ranked, *_imitations(attribution, own)], key=lambda one: -one.probability)
+    ranked = sorted([*ranked, *_rank_unlisted(attribution, own, alone)], key=lambda one: -one.probability)
     if unknown > settings.unknown:
         return Attribution("unknown", attribution.best, (), unknown, tuple(ranked))
     slots = [
@@ -210,54 +213,27 @@ def doubted(
     return Attribution(_verdict(slots, settings), attribution.best, _shown(slots, settings), unknown, tuple(ranked))
 
 
-def _imitations(attribution: Attribution, own: Sequence[float]) -> Iterator[Ranked]:
-    """Something unlisted in the place of one or more of the causes, the others being what they seem.
+def _rank_unlisted(attribution: Attribution, own: Sequence[float], alone: float) -> Iterator[Ranked]:
+    """Rank the explanations that have a remainder in the place of some causes, or beside all of them.
 
     Parameters
     ----------
     attribution : its slots are the causes
-    own : of each, the probability that nothing imitates it; independent
+    own : of each, the probability that nothing unlisted is in its place; independent
+    alone : probability that nothing unlisted is beside them
     """
     names = [slot.group[0][0] for slot in attribution.slots]
     for true in itertools.product((True, False), repeat=len(names)):
-        if not all(true):
-            probability = math.prod(p if is_true else 1 - p for p, is_true in zip(own, true, strict=True))
-            imitated = " with ".join(name for name, is_true in zip(names, true, strict=True) if not is_true)
-            kept = [name for name, is_true in zip(names, true, strict=True) if is_true]
-            yield Ranked((*kept, f"an imitation of {imitated}"), probability, attribution.best.log_evidence, True)
-
-
-def _left(
-    model: LinearModel,
-    slot: Slot,
-    unknown: float,
-    p_value: float | None,
-    settings: DiagnosisSettings,
-    jumps: Mapping[str, float],
-) -> float:
-    """What is left of the probability of a cause beside what imitates it.
-
-    Where the samples show it, too, an imitation that the checks speak for would have to show it as well; or something unlisted
-    acts beside it.
-    """
-    entry = model.candidate(slot.member)
-    share = settings.free_imitation if entry.process else settings.swing_imitation if entry.scanned else settings.imitation
-    shown = max(float(np.exp(-max(entry.log_odds, 0.0))), settings.another * settings.unlisted_share / share)
-    factor = 1.0 if p_value is None else 1 / against(p_value)
-    weight = min(factor, max(1.0, (1 - unknown) * min(shown, 1.0) * factor))
-    weight += settings.jumping * (1 - unknown) * min(shown, 1.0) * math.exp(min(jumps.get(entry.label, -math.inf), MOST_ODDS))
-    return 1 / (1 + share / (1 - share) * weight)
+        probability = math.prod(p if is_true else 1 - p for p, is_true in zip(own, true, strict=True))
+        kept = [name for name, is_true in zip(names, true, strict=True) if is_true]
+        share = 1 - alone if all(true) else 1.0
+        yield Ranked((*kept, REMAINDER), probability * share, attribution.best.log_evidence, True)
 
 
 def against(p_value: float) -> float:
     """Bayes factor 1/B for a model against what its checks may see, of their p-value; two at most."""
     x = -math.log(min(max(p_value, LEAST), 1.0))
     return 1 / (0.5 + x / 6) if x < CERTAIN else x**2 / (math.expm1(x) - x)
-
-
-def log_share(explanations: Sequence[Explanation], best: Explanation, listed: Callable[[Explanation], bool]) -> float:
-    """log of the posterior of an explanation among the listed ones."""
-    return best.log_posterior - total([one for one in explanations if one.members and listed(one)])
 
 
 def averaged_check(

@@ -24,6 +24,7 @@ from diagnosis.model.in_progress import steps_at_references
 from diagnosis.model.lines import judged_lines
 from diagnosis.model.motion import with_motion
 from diagnosis.model.recording import RecordingModel
+from diagnosis.model.remainder import add_rounding
 from diagnosis.model.tones.fast import fast_tone
 from diagnosis.model.tones.tone import UNLISTED
 from diagnosis.model.tones.tone import without as without_tone
@@ -148,9 +149,17 @@ def judge(
             tell(f"gyro samples: {text}", 0.096 + 0.003 * share)
 
         model = with_motion(model, report, pieces, recording.attitudes.sigma * factors, smoothed)
+    elif report.lattice.any() and recording.attitudes.sensor is None:
+        model = add_rounding(model, np.deg2rad(_coarse_steps(report)))
     of_all = next((noise for name, noise in found if name is None), None)
     of_each = tuple((name, noise) for name, noise in found if name is not None and noise is not None)
     return Prepared(model, report, sigma, of_all, dead, (), pieces, of_each)
+
+
+def _coarse_steps(report: SampleReport) -> Array:
+    """Return the (3,) steps of readings that are coarser than their noise, deg/s; 0 where there are none."""
+    steps = {one.axis: one.value for one in report.tests if one.statistic == "lattice_step"}
+    return np.where(report.lattice, [steps.get(axis, 0.0) for axis in "xyz"], 0.0)
 
 
 def judged_anew(

@@ -38,27 +38,28 @@ class SymptomPosterior:
     Attributes
     ----------
     listed : the effect that claims it, or a listed rival
-    imitated : something unlisted that resembles it
+    unlisted : something unlisted
     motion : a motion of the body
     chance : noise of M0
     """
 
     listed: float
-    imitated: float
+    unlisted: float
     motion: float
     chance: float
 
 
-def compute_posterior(symptom: Symptom, settings: DiagnosisSettings) -> SymptomPosterior:
+def compute_posterior(symptom: Symptom, settings: DiagnosisSettings, claimed: bool = True) -> SymptomPosterior:
     """Compute the posterior of a symptom's explanations from prior odds and Bayes factors.
 
-    Every explanation is weighed against the listed effects, whose weight is one.
+    Every explanation is weighed against the listed effects, whose weight is one. A symptom that no effect claims is that of
+    something unlisted with the same weight.
 
     - *Chance.* One more effect has the prior odds π/(1 − π), spread over `TESTS`. Under M0 the p-value is uniform. Where an
       effect is at work it is small: over the densities a p^(a−1) with 0 < a < 1, the Bayes factor is at most 1/(−e p ln p)
       (Sellke, Bayarri and Berger, American Statistician 55, 2001). The weight is the inverse of prior odds times that factor.
-    - *Imitation.* The prior odds are ι/(1 − ι). The p-value of how the symptom behaves is uniform under the listed effect and
-      has any power law under an imitation, which gives the Bayes factor of `against`. A symptom without such a test has one.
+    - *Unlisted.* The prior odds are ι/(1 − ι). The p-value of how the symptom behaves is uniform under the listed effect and
+      has any power law under something unlisted, which gives the Bayes factor of `against`; without such a test it is one.
     - *Motion.* Where a likelihood has compared the effect with a motion of the body, its probability r gives the odds
       (1 − r)/r.
     """
@@ -66,9 +67,9 @@ def compute_posterior(symptom: Symptom, settings: DiagnosisSettings) -> SymptomP
     p = min(max(symptom.p_value, LEAST_P), LARGEST_P)
     chance = -math.e * p * np.log(p) / prior
     behaviour = against(symptom.likeness) if symptom.likeness < 1 else 1.0
-    imitation = settings.imitation_in_samples / (1 - settings.imitation_in_samples) / behaviour
+    unlisted = settings.unlisted_in_samples / (1 - settings.unlisted_in_samples) / behaviour
     motion = 1 / max(symptom.probability, LEAST_P) - 1
-    weights = np.array([1.0, imitation, motion, chance])
+    weights = np.array([1.0, unlisted, motion, chance] if claimed else [0.0, 1.0, motion, chance])
     return SymptomPosterior(*(weights / weights.sum()).tolist())
 
 
@@ -82,19 +83,17 @@ class SampleCause:
     effect : its name, None if no effect that may be named claims the symptom
     finding : for the list of where the recording departs
     rivals : effects that may be at work in its place, with their shares of the probability
-    imitated : whether an imitation is so probable that something unlisted is the answer
     """
 
     symptom: Symptom
     effect: str | None
     finding: Finding
     rivals: tuple[tuple[str, float], ...] = ()
-    imitated: bool = False
 
-    @property
-    def unlisted(self) -> bool:
-        """Whether the answer has to be that something unlisted is at work."""
-        return self.effect is None or self.imitated
+    def compute_listed(self, settings: DiagnosisSettings) -> float:
+        """Compute the probability that listed effects make the symptom; where none claims it, that nothing unlisted does."""
+        posterior = compute_posterior(self.symptom, settings, self.effect is not None)
+        return posterior.listed if self.effect is not None else 1 - posterior.unlisted
 
     @property
     def share(self) -> float:
@@ -155,11 +154,50 @@ def claimed(
         if effect in own_test:
             effect = None
         weighed = replace(one, probability=one.probability * (1 - max(explained, default=0.0)))
-        posterior = compute_posterior(weighed, settings)
-        if posterior.listed + posterior.imitated >= settings.unknown:
-            imitated = posterior.imitated > settings.unknown
-            found.append(SampleCause(weighed, effect, _finding(tests, one), _rivals(one, claims), imitated))
+        if _is_more_than_chance(weighed, settings):
+            found.append(SampleCause(weighed, effect, _finding(tests, one), _rivals(one, claims)))
     return (*found, *own)
+
+
+def _is_more_than_chance(symptom: Symptom, settings: DiagnosisSettings) -> bool:
+    """Tell whether an effect, listed or not, is likelier than chance and motion together."""
+    posterior = compute_posterior(symptom, settings)
+    return posterior.listed + posterior.unlisted >= settings.unknown
+
+
+def weigh_consequences(
+    samples: Sequence[SampleCause], named: Sequence[tuple[Effect, str | None, float]], settings: DiagnosisSettings
+) -> list[SampleCause]:
+    """Weigh symptoms against what the effects that the attitude shows make in the samples.
+
+    An effect that is at work makes its symptoms, too. One more effect beside it has the prior probability
+    `DiagnosisSettings.another`.
+
+    Parameters
+    ----------
+    samples : causes that the samples show
+    named : effect, axis and probability of the causes that the attitude shows
+    settings : priors
+    """
+    out = []
+    for one in samples:
+        kind, axis = one.symptom.kind, one.symptom.axis
+        made = max((p for effect, its, p in named if axis in (None, its) and kind in list_symptoms(effect)), default=0.0)
+        less = replace(one.symptom, probability=one.symptom.probability * (1 - made * (1 - settings.another)))
+        if _is_more_than_chance(less, settings):
+            out.append(replace(one, symptom=less))
+    return out
+
+
+def list_symptoms(effect: Effect) -> tuple[str, ...]:
+    """List the symptoms that an effect makes beside its own.
+
+    A random process has noise at all frequencies. That of the rates shows in the samples as noise that is stronger at lower
+    frequencies, that of the references in their second differences. Readings jump at the edges of a dead zone.
+    """
+    if effect.is_process:
+        return ("reference_noise_level",) if effect.on_references else ("slow_noise",)
+    return ("outliers", "noise_constancy", "noise_pattern") if effect.symptom == "dead_zone" else ()
 
 
 def weigh_shaking(symptoms: Sequence[Symptom], settings: DiagnosisSettings) -> list[Symptom]:

@@ -15,6 +15,7 @@ import pandas as pd
 
 from diagnosis.answer import Cause, Closure, Finding
 from diagnosis.budget import Step
+from diagnosis.inference.attribution import REMAINDER
 from diagnosis.result import Diagnosis
 from diagnosis.settings import DEFAULT
 from simulator.effects.sensor import ALL_EFFECTS as EFFECTS
@@ -158,8 +159,8 @@ def _which(diagnosis: Diagnosis) -> str:
 
 
 def _telling(effects: Sequence[str], share: float) -> bool:
-    """Whether an explanation says how the gap behaves: no unlikely one, nor that something imitates what could be named."""
-    return share >= WORTH and not any(one.startswith("an imitation of ") for one in effects)
+    """Tell whether an explanation says how the gap behaves: no unlikely one, nor a remainder."""
+    return share >= WORTH and REMAINDER not in effects
 
 
 def _behaviour(effects: Sequence[str]) -> str:

@@ -7,7 +7,8 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from diagnosis.diagnose import diagnose
-from diagnosis.identifiable import blind_spot
+from diagnosis.identifiable import explain_blindness
+from diagnosis.settings import DEFAULT
 from studies.report.diagnosis_words import verdict
 from tests.corpus_recordings import QUICK, slews
 
@@ -33,13 +34,18 @@ def test_a_misalignment_that_a_gyro_may_have_is_calibrated():
     assert abs(found.G[0, 2] - found.G[2, 0]) / 2 == pytest.approx(np.deg2rad(0.3), rel=0.05)
 
 
+def explain(G, sigma=1e-4, apriori=None, plausible=0.01, dof=6):
+    return explain_blindness(dof, G, np.full((3, 3), sigma), np.eye(3) if apriori is None else apriori, plausible, DEFAULT)
+
+
 def test_the_rotation_is_that_of_the_axes_alone():
     G = Rotation.from_rotvec([0.0, 0.0, 0.05]).as_matrix() @ np.diag([1.02, 0.98, 1.0])
-    assert "about x, y, z" in str(blind_spot(6, G, np.full((3, 3), 1e-4), np.eye(3)))
-    assert blind_spot(6, np.diag([1.1, 0.9, 1.0]), np.full((3, 3), 1e-4), np.eye(3)) is None  # scale factors turn nothing
-    assert blind_spot(6, G, np.full((3, 3), 0.02), np.eye(3)) is None  # within its own error
-    assert blind_spot(6, G, np.full((3, 3), 1e-4), G) is None
+    assert "about x, y, z" in str(explain(G))
+    assert explain(np.diag([1.1, 0.9, 1.0])) is None  # scale factors turn nothing
+    assert explain(G, sigma=0.02) is None  # within its own error
+    assert explain(G, apriori=G) is None
+    assert explain(G, plausible=0.1) is None  # as gyros of a coarse grade are mounted
 
 
 def test_without_observations_to_spare_no_gap_could_be_seen():
-    assert "as many parameters" in str(blind_spot(0, np.eye(3), np.full((3, 3), 1e-4), np.eye(3)))
+    assert "as many parameters" in str(explain(np.eye(3), dof=0))

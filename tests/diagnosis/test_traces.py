@@ -1,69 +1,43 @@
-"""What a fault of the samples leaves elsewhere is no further fault: beside a coarse lattice, and at edges of a dead zone."""
-
-from types import SimpleNamespace
+"""What an effect makes elsewhere in the samples is no further effect: jumps at a dead zone's edges, noise of a process."""
 
 import pytest
 
-from diagnosis.assemble import _is_of_a_zone
 from diagnosis.detectors.report import Symptom
-from diagnosis.explain import _is_of_rounding
-from diagnosis.model.symptoms import SampleCause
+from diagnosis.model.symptoms import SampleCause, list_symptoms, weigh_consequences
 from diagnosis.settings import DEFAULT
-
-COARSE = SimpleNamespace(samples=SimpleNamespace(lattice=(False, True, False)))
-FINE = SimpleNamespace(samples=SimpleNamespace(lattice=(False, False, False)))
+from simulator.effects import EFFECTS
 
 
-def candidate(label, listed=True, process=False):
-    effect, _, axis = label.partition(":")
-    return SimpleNamespace(label=label, effect=effect, axis=axis or None, listed=listed, process=process)
+def seen(kind, axis, probability=1.0):
+    return SampleCause(Symptom(kind, axis, 1.0, "deg/s", 0.1, {}, 1e-30, probability=probability), None, None)
 
 
-def explained(*named, ranked=(), probability=0.95):
-    """An answer with named effects, or without one and with the shares of explanations."""
-    candidates = [
-        candidate("g_matrix_step:y"),
-        candidate("bias_markov:y", process=True),
-        candidate("bias_markov:x", process=True),
-        candidate("reference_correlated:y", process=True),
-        candidate("rate_deadzone:y"),
-        candidate("random bias:y", listed=False, process=True),
-    ]
-    by_label = {one.label: one for one in candidates}
-    fitted = tuple(by_label[label] for label in named)
-    attribution = SimpleNamespace(
-        slots=tuple(SimpleNamespace(probability=probability) for _ in named),
-        ranked=tuple(SimpleNamespace(labels=labels, probability=share) for labels, share in ranked),
-    )
-    return SimpleNamespace(linear=SimpleNamespace(candidates=candidates), attribution=attribution, fitted=fitted)
+def weigh(cause, effect, axis="y", probability=1.0):
+    return weigh_consequences([cause], [(EFFECTS[effect], axis, probability)], DEFAULT)
 
 
 @pytest.mark.parametrize(
-    ("answer", "is_its"),
+    ("effect", "kind"),
     [
-        (explained("bias_markov:y"), True),  # a random error of the gyro that is rounded
-        (explained("bias_markov:x"), False),  # of another one
-        (explained("reference_correlated:y"), False),  # not of a gyro
-        (explained("bias_markov:y", "g_matrix_step:y"), False),  # beside an effect that has a shape
-        (explained(ranked=[(("random bias:y",), 1.0)]), True),
-        (explained(ranked=[(("random bias:y", "g_matrix_step:y"), 0.9), (("random bias:y",), 0.1)]), False),
-        (explained(ranked=[(("random bias:y", "g_matrix_step:y"), 0.1), (("random bias:y",), 0.9)]), True),
+        ("rate_deadzone", "outliers"),
+        ("rate_deadzone", "noise_constancy"),
+        ("bias_random_walk", "slow_noise"),
+        ("reference_correlated", "reference_noise_level"),
     ],
 )
-def test_an_error_of_any_course_beside_a_coarse_lattice_is_what_rounding_leaves(answer, is_its):
-    assert _is_of_rounding(COARSE, answer) == is_its
-    assert not _is_of_rounding(FINE, answer)
+def test_what_an_effect_makes_needs_no_other_one(effect, kind):
+    assert kind in list_symptoms(EFFECTS[effect])
+    assert weigh(seen(kind, "y"), effect) == []
+    assert weigh(seen(kind, None), effect) == []  # of all axes
+    assert weigh(seen(kind, "x"), effect) == [seen(kind, "x")]
+    assert len(weigh(seen(kind, "y"), effect, probability=0.2)) == 1
+    assert weigh(seen("plateau", "y"), effect) == [seen("plateau", "y")]
 
 
-def seen(kind, axis):
-    return SampleCause(Symptom(kind, axis, 1.0, "deg/s", 0.1, {}, 1e-30), None, None)
+def test_one_more_effect_has_its_prior_probability():
+    (left,) = weigh(seen("outliers", "y"), "rate_deadzone", probability=0.5)
+    assert left.symptom.probability == pytest.approx(1 - 0.5 * (1 - DEFAULT.another))
 
 
-def test_jumps_at_the_edges_of_a_dead_zone_are_no_outliers():
-    zone = explained("rate_deadzone:y")
-    assert _is_of_a_zone(seen("outliers", "y"), zone, DEFAULT)
-    assert _is_of_a_zone(seen("noise_constancy", "y"), zone, DEFAULT)
-    assert not _is_of_a_zone(seen("outliers", "x"), zone, DEFAULT)
-    assert not _is_of_a_zone(seen("lattice_rounded", "y"), zone, DEFAULT)
-    assert not _is_of_a_zone(seen("outliers", "y"), explained("rate_deadzone:y", probability=0.6), DEFAULT)
-    assert not _is_of_a_zone(seen("outliers", "y"), explained("g_matrix_step:y"), DEFAULT)
+def test_an_effect_with_columns_makes_nothing_in_the_samples():
+    assert list_symptoms(EFFECTS["bias_step"]) == ()

@@ -186,33 +186,6 @@ EVIDENCE = [
         "tests/diagnosis/model/test_motion.py",
         [("any error of the attitude is noise of the gyro", "np.sqrt(max(excess, 1.0))", "1.0")],
     ),
-    *of(
-        "diagnosis/inference/attribution.py",
-        f"{INFERENCE}test_attribution.py",
-        [("a swing is as free as a process", "settings.swing_imitation if", "settings.free_imitation if")],
-    ),
-    *of(
-        "diagnosis/inference/few_jumps.py",
-        f"{INFERENCE}test_few_jumps.py",
-        [
-            ("jumps do not pay for their moments", "+ prior[chosen].sum())", "+ 0.0)"),
-            ("jumps do not pay for their number", "best -= float(np.log(MOST))", "best -= 0.0"),
-            ("jumps of one size go one way", "(-1.0) ** np.arange(chosen.size)", "1.0 ** np.arange(chosen.size)"),
-        ],
-    ),
-    *of(
-        "diagnosis/model/jumps.py",
-        "tests/diagnosis/model/test_jumps.py::test_a_step_at_a_cell_is_the_step_of_the_bias_from_there_on",
-        [("a step is there up to its cell", "columns[:, ::-1], axis=1)[:, ::-1]", "columns, axis=1)")],
-    ),
-    *of(
-        "diagnosis/model/jumps.py",
-        "tests/diagnosis/model/test_jumps.py::test_what_the_jumps_are_weighed_against",
-        [
-            ("two causes about an axis cost no more than one", "more = max(alone) - priors", "more = 0 * priors"),
-            ("what is named is compared at its best", "sum(one.average - one.best for one in scores)", "0.0 * len(scores)"),
-        ],
-    ),
 ]
 
 ANSWER = [
@@ -225,14 +198,13 @@ ANSWER = [
                 '    if unknown > settings.unknown:\n        return Attribution("unknown", attribution.best',
                 '    if unknown > 1.0:\n        return Attribution("unknown", attribution.best',
             ),
-            ("p-values of imitations have no area", "x**2 / (math.expm1(x) - x)", "x**2 / math.expm1(x)"),
+            ("p-values under something unlisted have no area", "x**2 / (math.expm1(x) - x)", "x**2 / math.expm1(x)"),
             (
-                "a companion makes an imitation less likely",
-                "max(1.0, (1 - unknown) *",
-                "(1 - unknown) * max(1.0,",
+                "a remainder makes what the samples show",
+                "math.exp(min(one - less, MOST_ODDS))",
+                "math.exp(min(one, MOST_ODDS))",
             ),
-            ("checks without a finding speak for nothing", "weight = min(factor, max(1.0", "weight = max(factor, max(1.0"),
-            ("jumps are nothing that imitates", "weight += settings.jumping * (1 - unknown)", "weight += 0.0 * (1 - unknown)"),
+            ("what the checks see is beside nothing", "factor * beside / (1 - beside)", "beside / (1 - beside)"),
             (
                 "one sure cause makes all sure",
                 "if all(slot.probability >= settings.named",

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import scipy.integrate
 
-from diagnosis.inference.attribution import against, attribute, averaged_check, doubted, unseen
+from diagnosis.inference.attribution import REMAINDER, against, attribute, averaged_check, unseen, weigh_unlisted
 from diagnosis.inference.search import NOTHING, Explanation, Search
 from diagnosis.model.linear import Member
 from diagnosis.settings import DiagnosisSettings
@@ -96,62 +96,50 @@ def test_the_likeliest_number_of_effects_comes_before_the_likeliest_set():
     assert [slot.group[0][0] for slot in answer.slots] == ["e0"]
 
 
-@pytest.mark.parametrize(("process", "scanned"), [(False, False), (True, False), (False, True)])
-def test_an_imitation_has_its_prior_share_where_nothing_is_checked(process, scanned):
+PRIORS = DiagnosisSettings(unlisted_share=0.2, another=0.1, unknown=1.0)
+BESIDE = 0.02 / 0.98  # prior odds of something unlisted beside the effects
+
+
+def test_without_a_remainder_something_unlisted_has_its_prior_probability():
     model, found = three({(0,): 0.99, (1,): 0.01})
-    model = replace(model, candidates=tuple(replace(one, process=process, scanned=scanned) for one in model.candidates))
-    settings = DiagnosisSettings(imitation=0.04, swing_imitation=0.15, free_imitation=0.3)
-    answer = doubted(model, attribute(model, found), None, settings)
-    share = 0.3 if process else 0.15 if scanned else 0.04
-    assert answer.unknown == pytest.approx(share)
-    assert answer.slots[0].probability == pytest.approx(0.99 * (1 - share))
-    assert answer.verdict == ("group" if process or scanned else "named")
+    answer = weigh_unlisted(model, attribute(model, found), None, None, PRIORS)
+    assert answer.unknown == pytest.approx(0.02)
+    assert answer.slots[0].probability == pytest.approx(0.99)
+    assert answer.verdict == "named"
     assert sum(one.probability for one in answer.ranked) == pytest.approx(1)
 
 
-def test_one_cause_may_be_imitated_and_the_other_not():
-    """Independently, with 0.04 each: either alone with 0.04 * 0.96, both with 0.04 * 0.04."""
+@pytest.mark.parametrize("factor", [1e-6, 1.0, 20.0])
+def test_a_remainder_counts_by_its_bayes_factor(factor):
+    """Prior odds of one to four, times the factor; only of the effect that it would replace."""
     model, found = three({(0, 1): 1.0})
-    answer = doubted(model, attribute(model, found), None, DiagnosisSettings(imitation=0.04))
+    answer = weigh_unlisted(model, attribute(model, found), None, [float(np.log(factor)), -50.0], PRIORS)
+    own = {slot.group[0][0]: slot.probability for slot in answer.slots}
+    assert own == {"e0": pytest.approx(1 / (1 + factor / 4)), "e1": pytest.approx(1.0)}
+    assert answer.verdict == ("named" if factor < 0.1 else "group")
     chances = {one.labels: one.probability for one in answer.ranked}
-    assert chances[("e0", "e1")] == pytest.approx(0.96**2)
-    assert chances[("e0", "an imitation of e1")] == pytest.approx(0.04 * 0.96)
-    assert chances[("e1", "an imitation of e0")] == pytest.approx(0.04 * 0.96)
-    assert chances[("an imitation of e0 with e1",)] == pytest.approx(0.04**2)
+    assert chances["e0", "e1"] == pytest.approx(own["e0"] * 0.98)
+    assert chances["e0", "e1", REMAINDER] == pytest.approx(own["e0"] * 0.02)
+    assert chances["e1", REMAINDER] == pytest.approx(1 - own["e0"])
     assert sum(one.probability for one in answer.ranked if one.unlisted) == pytest.approx(answer.unknown)
 
 
-def test_odds_of_an_imitation_follow_the_p_value():
+def test_odds_of_something_unlisted_follow_the_p_value():
     """By hand: at p = 0.001 the factor is (1000 - 1 - 6.9078) / 47.717 = 20.791, and one half where p is one."""
     for p, factor in ((1.0, 0.5), (0.001, 20.791)):
         model, found = three({(0,): 1.0})
-        answer = doubted(model, attribute(model, found), p, DiagnosisSettings(imitation=0.1, unknown=1.0))
-        assert answer.unknown / (1 - answer.unknown) == pytest.approx(factor / 9, rel=1e-3)
+        answer = weigh_unlisted(model, attribute(model, found), p, None, PRIORS)
+        assert answer.unknown / (1 - answer.unknown) == pytest.approx(factor * BESIDE, rel=1e-3)
+        answer = weigh_unlisted(model, attribute(model, found), p, [0.0], PRIORS)
+        assert answer.slots[0].probability == pytest.approx(1 / (1 + factor / 4), rel=1e-3)
 
 
-@pytest.mark.parametrize("process", [False, True])
-def test_something_unlisted_beside_a_cause_may_be_what_the_checks_see_but_makes_no_imitation_less_likely(process):
-    """By hand: with half of the explanations holding something unlisted, a factor of 20.791 is 10.396, and 1.263 is one."""
-    model, found = three({(0,): 0.5, (0, 1): 0.5}, (True, False, True))
-    model = replace(model, candidates=tuple(replace(one, process=process) for one in model.candidates))
-    settings = DiagnosisSettings(imitation=0.2, free_imitation=0.2, unknown=1.0)
-    for p, odds in ((None, 0.25), (1.0, 0.125), (0.1, 0.25), (0.001, 0.25 * 10.396)):
-        answer = doubted(model, attribute(model, found), p, settings)
-        assert answer.slots[0].probability == pytest.approx(1 / (1 + odds), rel=1e-4)
-
-
-@pytest.mark.parametrize("factor", [0.0, 20.0, 2000.0])
-def test_jumps_count_by_their_own_bayes_factor(factor):
-    """Odds of an imitation of 1 to 9, a tenth of which jumps; only of the label that they would imitate."""
-    settings = DiagnosisSettings(imitation=0.1, jumping=0.1, unknown=1.0)
-    model, found = three({(0, 1): 1.0})
-    answer = doubted(
-        model, attribute(model, found), None, settings, {model.candidates[0].label: float(np.log(max(factor, 1e-300)))}
-    )
-    own = {slot.group[0][0]: slot.probability for slot in answer.slots}
-    odds = (1 + 0.1 * factor) / 9
-    assert own[model.candidates[0].label] == pytest.approx(1 / (1 + odds))
-    assert own[model.candidates[1].label] == pytest.approx(0.9)
+@pytest.mark.parametrize(("log_odds", "shown"), [(-2.0, 1.0), (1.0, 1 / np.e), (5.0, np.exp(-5.0))])
+def test_a_remainder_does_not_make_what_the_samples_show(log_odds, shown):
+    model, found = three({(0,): 1.0})
+    model = replace(model, candidates=tuple(replace(one, log_odds=log_odds) for one in model.candidates))
+    answer = weigh_unlisted(model, attribute(model, found), None, [0.0], PRIORS)
+    assert answer.slots[0].probability == pytest.approx(1 / (1 + shown / 4))
 
 
 def test_the_bayes_factor_is_that_of_a_distribution_of_p_values():
@@ -184,23 +172,12 @@ def test_checks_are_averaged_over_what_may_be_the_case():
     assert only == pytest.approx(1e-6)
 
 
-@pytest.mark.parametrize(("log_odds", "shown"), [(-2.0, 1.0), (1.0, 1 / np.e), (5.0, 0.2)])
-def test_what_the_samples_show_is_not_imitated_as_easily(log_odds, shown):
-    """What the checks say against it counts less, down to what may act beside it: 0.1 times 0.2 over the share of 0.1."""
-    model, found = three({(0,): 1.0})
-    model = replace(model, candidates=tuple(replace(one, log_odds=log_odds) for one in model.candidates))
-    settings = DiagnosisSettings(imitation=0.1, unknown=1.0, unlisted_share=0.2)
-    assert doubted(model, attribute(model, found), None, settings).unknown == pytest.approx(0.1)
-    unknown = doubted(model, attribute(model, found), 0.001, settings).unknown
-    assert unknown / (1 - unknown) == pytest.approx(max(20.791 * shown, 1) / 9, rel=1e-3)
-
-
 def test_what_the_checks_reject_is_unknown():
     model, found = three({(0,): 0.99, (1,): 0.01})
-    answer = doubted(model, attribute(model, found), 1e-6)
+    answer = weigh_unlisted(model, attribute(model, found), 1e-6, [-50.0])
     assert (answer.verdict, answer.slots) == ("unknown", ())
     assert answer.unknown > 0.99
-    assert answer.ranked[0].labels == ("an imitation of e0",)
+    assert answer.ranked[0].labels == ("e0", REMAINDER)
 
 
 def test_the_baseline_shares_the_probability_but_is_never_named():

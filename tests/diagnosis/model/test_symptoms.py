@@ -62,20 +62,24 @@ def test_a_cause_has_the_numbers_of_its_symptom_and_no_more_certainty_than_allow
         1e-3,
         {"fraction": 0.01},
     )
-    assert sure.probability == pytest.approx(1 - DEFAULT.imitation_in_samples)
+    assert sure.probability == pytest.approx(1 - DEFAULT.unlisted_in_samples)
     assert 0.7 < doubtful.probability < 0.8
     assert judged.probability == pytest.approx(1 / (1 / 0.7 + 0.05 / 0.95))
 
 
-def test_the_posterior_of_a_symptom_weighs_chance_imitation_and_motion_at_once():
+def test_the_posterior_of_a_symptom_weighs_chance_motion_and_the_unlisted_at_once():
     symptom = replace(OUTLIERS, p_value=1e-6, probability=0.8, likeness=0.3)
     found = compute_posterior(symptom, DEFAULT)
-    assert found.listed + found.imitated + found.motion + found.chance == pytest.approx(1.0)
+    assert found.listed + found.unlisted + found.motion + found.chance == pytest.approx(1.0)
     assert found.motion / found.listed == pytest.approx(0.25)
     assert found.chance / found.listed == pytest.approx(np.e * 1e-6 * np.log(1e6) * 30 * 9)
-    # How it behaves speaks for the effect, or for an imitation.
-    likeness = [compute_posterior(replace(symptom, likeness=p), DEFAULT).imitated for p in (0.5, 1e-2, 1e-4)]
+    # How it behaves speaks for the effect, or for something unlisted.
+    likeness = [compute_posterior(replace(symptom, likeness=p), DEFAULT).unlisted for p in (0.5, 1e-2, 1e-4)]
     assert likeness[0] < 0.04 < likeness[1] < 0.3 < 0.8 < likeness[2]
+    # What no effect claims is unlisted, or chance and motion.
+    nobodys = compute_posterior(symptom, DEFAULT, claimed=False)
+    assert (nobodys.listed, nobodys.unlisted + nobodys.motion + nobodys.chance) == (0.0, pytest.approx(1.0))
+    assert nobodys.motion / nobodys.unlisted == pytest.approx(0.25)
     # At the threshold of the tests an effect is more probable than not; of a p-value by chance it is not.
     assert compute_posterior(replace(OUTLIERS, p_value=DEFAULT.sample_event), DEFAULT).listed > 0.8
     assert compute_posterior(replace(OUTLIERS, p_value=0.01), DEFAULT).chance > 0.9

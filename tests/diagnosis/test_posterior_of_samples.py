@@ -1,13 +1,13 @@
-"""What imitates an effect on one gyro does so on others: causes of one kind in the samples are imitated together."""
+"""What acts on one gyro acts on others: symptoms of one kind have one unlisted cause or none."""
 
 import pytest
 
 from diagnosis.detectors.report import Symptom
 from diagnosis.model.symptoms import SampleCause, compute_posterior
-from diagnosis.posterior import not_imitated
+from diagnosis.posterior import list_listed
 from diagnosis.settings import DEFAULT
 
-SURE = 1 - DEFAULT.imitation_in_samples
+SURE = 1 - DEFAULT.unlisted_in_samples
 
 
 def seen(kind, axis, effect="an_effect", probability=1.0):
@@ -25,19 +25,19 @@ LESS = compute_posterior(seen("outliers", "y", probability=0.6).symptom, DEFAULT
         ([seen("outliers", "x"), seen("plateau", "y")], [SURE, SURE]),  # each for itself
         ([seen("white_noise_level", "x"), seen("readout_noise", "y")], [SURE, 1.0]),  # of the noise, both
         ([seen("outliers", "x"), seen("outliers", "y", probability=0.6)], [SURE, LESS / SURE]),  # the least of them
-        ([seen("outliers", "x", effect=None), seen("outliers", "y")], [0.0, 0.0]),  # one is on no list
+        ([seen("outliers", "x", effect=None), seen("outliers", "y")], [0.0, 0.0]),  # no effect claims one
     ],
 )
-def test_causes_of_one_kind_are_imitated_together_or_not_at_all(samples, likely):
-    assert not_imitated(samples, DEFAULT) == pytest.approx(likely)
+def test_symptoms_of_one_kind_have_one_unlisted_cause_or_none(samples, likely):
+    assert list_listed(samples, DEFAULT) == pytest.approx(likely)
 
 
-def test_whatever_their_order_the_probability_that_none_is_imitated_is_the_same():
+def test_the_probability_of_nothing_unlisted_does_not_depend_on_the_order():
     first = [seen("outliers", "x", probability=0.6), seen("outliers", "y"), seen("plateau", "x")]
     products = []
     for samples in (first, first[::-1]):
         product = 1.0
-        for one in not_imitated(samples, DEFAULT):
+        for one in list_listed(samples, DEFAULT):
             product *= one
         products.append(product)
     assert products == pytest.approx([LESS * SURE] * 2)
