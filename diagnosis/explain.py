@@ -40,7 +40,6 @@ from diagnosis.model.layout import layout
 from diagnosis.model.linear import LinearModel, Member
 from diagnosis.model.misfit import Departure, errors_of, misfit
 from diagnosis.model.prepare import Prepared, Progress
-from diagnosis.model.remainder import compare_with_remainder
 from diagnosis.remainder_search import BesideRemainder, identify_beside_remainder
 from diagnosis.replication import estimate_by_part
 from diagnosis.settings import DiagnosisSettings
@@ -49,7 +48,6 @@ from simulator.effects.base import Effect
 Array = NDArray[np.float64]
 
 Checker = Callable[[LinearModel, tuple[Member, ...]], tuple[Check, ...]]  # checks of an explanation
-Instead = Callable[[Sequence[Fitted]], Sequence[float] | None]  # log Bayes factors of a remainder in the place of effects
 
 
 @dataclass(frozen=True)
@@ -164,15 +162,12 @@ def explain(
     def check(found: LinearModel, members: tuple[Member, ...]) -> tuple[Check, ...]:
         return (*residual_checks(found, members, layout(model), seed), *_left_beside(prepared, found, members, by_name))
 
-    def instead(fitted: Sequence[Fitted]) -> Sequence[float] | None:
-        return None if model.recording.attitudes.sensor is not None else compare_with_remainder(model, fitted)
-
     dead, of_all = dead_zone_groups(prepared, effects), together(left) if left else None
     told = counted(tell, "candidates", 0.1, 0.3, 100)
     # No name for it here: the columns of a long recording are hundreds of megabytes, which are let go before the end.
     explained = judged(
         linear_model(model, effects, dead, settings, tell=told),
-        check, settings, seed, tell, shown_by_passes(prepared.dead), of_all, instead,
+        check, settings, seed, tell, shown_by_passes(prepared.dead), of_all,
     )  # fmt: skip
     change, covariance = calibrated(model, explained.fitted)
     return replace(explained, change=change, covariance=covariance, left=left)
@@ -198,10 +193,6 @@ def nothing_checked(linear: LinearModel, members: tuple[Member, ...]) -> tuple[C
     return ()
 
 
-def model_no_remainder(fitted: Sequence[Fitted]) -> None:
-    """No remainder is modelled."""
-
-
 def judged(
     linear: LinearModel,
     check: Checker,
@@ -210,7 +201,6 @@ def judged(
     tell: Progress,
     shown: float = 1.0,
     left: float | None = None,
-    instead: Instead = model_no_remainder,
 ) -> Explained:
     """What a linear model says, whatever it was built from; without a calibration.
 
@@ -221,7 +211,6 @@ def judged(
     settings, seed, tell : as for `explain`
     shown : p-value of what shows a gap beside the candidates
     left : p-value of what M0 leaves of all references, which is a gap but says nothing of its cause; None if it was not asked
-    instead : log Bayes factors of a remainder in the place of each effect of an explanation
     """
     search = Search(linear, settings, counted(tell, "explanations", 0.5, 0.6, 1000))
     told = partial(tell, "null distribution")
@@ -252,7 +241,7 @@ def judged(
             if passed is not None and against(passed) < 1:
                 step = map(counted(tell, "checks", 0.75, 0.85, 5), count()).__next__
                 passed = averaged_check(weighed, partial(_checked, linear, check, step), partial(is_listed, linear))
-            attribution = weigh_unlisted(linear, attribution, passed, instead(fitted), settings)
+            attribution = weigh_unlisted(linear, attribution, passed, settings)
             if not attribution.slots:
                 members, fitted, rejected = (), (), fitted
         tell("held-out data", 0.85)

@@ -134,7 +134,7 @@ def explain_tables(
             noise, search = _search(linear, settings)
             attribution = attribute(search.model, search.explanations(), settings)
         if attribution.slots:  # nothing checks what is left in the tables
-            attribution = weigh_unlisted(search.model, attribution, 1.0, None, settings)
+            attribution = weigh_unlisted(search.model, attribution, 1.0, settings)
         members = tuple(slot.member for slot in attribution.slots)
         if members:
             fitted = tuple(fit(search.model, members))

@@ -4,22 +4,20 @@ A cause is *named* if its probability is at least `DiagnosisSettings.named`. Whe
 probability of one place in the explanation, they are a *group* of indistinguishable alternatives. If the sets that hold
 something unlisted have more than `DiagnosisSettings.unknown` of the probability together, the answer is *unknown*.
 
-No list is complete. Something unlisted may act in the place of an effect, or beside the effects. Its prior probability is
-`DiagnosisSettings.unlisted_share` (π) in the place of an effect, and that times `another` beside the effects. Two things weigh
-it:
+No list is complete. Something unlisted may act beside the effects, with the prior probability `another` times `unlisted_share`
+of `DiagnosisSettings`. It is described by a remainder of random errors (`diagnosis.model.remainder`). A listed random process is
+one of these, so that a remainder may stand in its place as well, with the prior probability `unlisted_share`. What the samples
+show of a process by themselves speaks against that, since the remainder would have to show it, too. In the place of an effect
+with a shape of its own a remainder has no evidence: on recordings of the test world it was less by 7 to 100 in log.
 
-- the remainder (`diagnosis.model.remainder`): B_k is the Bayes factor of random errors of estimated size in the place of effect
-  k. What the samples show by themselves speaks against it, since the remainder would have to show that, too.
-- the checks of what the explanation leaves (`diagnosis.inference.checks`). Their p-value p is uniform under the explanation.
-  Where something else is at work its density is α p^(α − 1), the smaller α, the more the checks see of it. α may have any value
-  from 0 to 1 (Sellke, Bayarri and Berger, The American Statistician 55, 2001), so that a p-value is worth the Bayes factor
+The checks of what the explanation leaves (`diagnosis.inference.checks`) weigh both. Their p-value p is uniform under the
+explanation. Where something else is at work its density is α p^(α − 1), the smaller α, the more the checks see of it. α may have
+any value from 0 to 1 (Sellke, Bayarri and Berger, The American Statistician 55, 2001), so that a p-value is worth the Bayes
+factor
 
-      C = ∫₀¹ α p^(α − 1) dα = (1/p − 1 + ln p)/ln² p
+    C = ∫₀¹ α p^(α − 1) dα = (1/p − 1 + ln p)/ln² p
 
-  which is one half at p = 1 and one at p = 0.17.
-
-The odds of something unlisted in the place of effect k are C B_k π/(1 − π), and those of it beside the effects are C times its
-prior odds.
+which is one half at p = 1 and one at p = 0.17. The odds are C times the prior odds.
 
 Where several listed explanations share the probability, p is averaged over their posterior (Gelman et al., Bayesian Data
 Analysis, section 6.3): what one of them would not leave, another may.
@@ -45,7 +43,6 @@ CERTAIN = 1e-4  # −log of a p-value, below which the factor is its series
 WORTH_A_CHECK = 0.02  # share of the listed explanations' probability, from which on one of them is checked
 MOST_CHECKED = 5  # of these
 REMAINDER = "a remainder"  # in explanations
-MOST_ODDS = 100.0  # log of the odds, from which on more of them change nothing
 
 
 @dataclass(frozen=True)
@@ -180,7 +177,6 @@ def weigh_unlisted(
     model: LinearModel,
     attribution: Attribution,
     p_value: float | None,
-    instead: Sequence[float] | None,
     settings: DiagnosisSettings = DEFAULT,
 ) -> Attribution:
     """Weigh what would be named against something unlisted in its place or beside it.
@@ -190,16 +186,11 @@ def weigh_unlisted(
     model : the candidates
     attribution : of an explanation that has effects to name
     p_value : of all checks of what the explanation leaves together; None where nothing could be checked
-    instead : of each slot, log of the Bayes factor of a remainder in its place; None where no remainder is modelled
     """
     factor = 1.0 if p_value is None else 1 / against(p_value)
     beside = settings.another * settings.unlisted_share
     alone = 1 / (1 + factor * beside / (1 - beside))
-    own = [1.0] * len(attribution.slots)
-    if instead is not None:
-        shown = [max(model.candidate(slot.member).log_odds, 0.0) for slot in attribution.slots]
-        prior = factor * settings.unlisted_share / (1 - settings.unlisted_share)
-        own = [1 / (1 + prior * math.exp(min(one - less, MOST_ODDS))) for one, less in zip(instead, shown, strict=True)]
+    own = [_keep(model, slot, factor, settings) for slot in attribution.slots]
     left = alone * math.prod(own)
     unknown = 1 - (1 - attribution.unknown) * left
     ranked = [replace(one, probability=one.probability * left) for one in attribution.ranked]
@@ -211,6 +202,15 @@ def weigh_unlisted(
         for slot, part in zip(attribution.slots, own, strict=True)
     ]
     return Attribution(_verdict(slots, settings), attribution.best, _shown(slots, settings), unknown, tuple(ranked))
+
+
+def _keep(model: LinearModel, slot: Slot, factor: float, settings: DiagnosisSettings) -> float:
+    """Compute the probability that no remainder stands in the place of an effect; `factor` is that of the checks."""
+    entry = model.candidate(slot.member)
+    if not entry.process:
+        return 1.0
+    odds = factor * settings.unlisted_share / (1 - settings.unlisted_share)
+    return 1 / (1 + odds * math.exp(-max(entry.log_odds, 0.0)))
 
 
 def _rank_unlisted(attribution: Attribution, own: Sequence[float], alone: float) -> Iterator[Ranked]:

@@ -29,7 +29,6 @@ import scipy.optimize
 from numpy.typing import NDArray
 
 from diagnosis.answer import Regressor, RemainderSummary
-from diagnosis.inference.amplitudes import Fitted
 from diagnosis.model.folds import shared_columns
 from diagnosis.model.recording import Block, RecordingModel
 
@@ -42,7 +41,6 @@ START = 0.05  # share of the excess power that each process has where the optimi
 LEAST = 1e-6  # share of the power below which a process has the size zero
 PRECISION = 1e-5  # relative change of −log L at which the optimisation ends
 ITERATIONS = 60
-OCCAM = 2.0  # log evidence that each size of a process costs: a log-uniform prior over ten natural units, known to 0.5
 
 Side = Literal["gyro", "reference", "time tags"]
 
@@ -169,7 +167,6 @@ def estimate_remainder(
     effects: Array,
     start: Remainder | None = None,
     *,
-    shift: Array | float = 0.0,
     largest: Array | None = None,
 ) -> Remainder:
     """Estimate the sizes of the remainder by maximum likelihood.
@@ -180,10 +177,9 @@ def estimate_remainder(
     processes : of `build_processes` of the same model
     effects : (N, q) whitened columns of the listed effects in the model, in units of their priors
     start : sizes from which the optimisation starts
-    shift : (N,) what the effects add beside their columns, whitened
     largest : (K,) bounds of the variances where they are known; the white noise then is as stated
     """
-    y = model.unmixed(model.whitened(model.zeta) - shift)
+    y = model.unmixed(model.whitened(model.zeta))
     B = np.hstack([shared_columns(model), model.unmixed(effects)])
     rows = [block.rows for block in model.blocks]
     traces = np.array([sum(float(np.trace(K)) for K in one.blocks) for one in processes])
@@ -213,41 +209,12 @@ def estimate_remainder(
     return Remainder(float(np.exp(found.x[0])), theta, tuple(processes), -float(found.fun))
 
 
-def compute_log_likelihood(model: RecordingModel, remainder: Remainder, effects: Array, shift: Array | float = 0.0) -> float:
+def compute_log_likelihood(model: RecordingModel, remainder: Remainder, effects: Array) -> float:
     """Compute log L for given sizes of the remainder and other effects; parameters as of `estimate_remainder`."""
-    y = model.unmixed(model.whitened(model.zeta) - shift)
+    y = model.unmixed(model.whitened(model.zeta))
     B, rows = np.hstack([shared_columns(model), model.unmixed(effects)]), [block.rows for block in model.blocks]
     value, _ = _negative_log_likelihood(remainder.noise, remainder.variances, y, B, rows, remainder.processes)
     return -value
-
-
-def compare_with_remainder(model: RecordingModel, effects: Sequence[Fitted]) -> tuple[float, ...]:
-    """Compute the log Bayes factor of a remainder in the place of each effect.
-
-    The effect has the largest likelihood over its amplitudes' prior, with the noise as stated. The remainder in its place has
-    the largest likelihood over its sizes, less `OCCAM` for each of them that is above zero.
-
-    Parameters
-    ----------
-    model : the recording under the stated noise
-    effects : of one explanation, with the columns of this model
-    """
-    processes = build_processes(model)
-    none = Remainder(1.0, np.zeros(len(processes)), processes, 0.0)
-
-    def of(kept: Sequence[Fitted]) -> tuple[Array, Array]:
-        columns = [np.zeros((model.size, 0)), *(one.columns * one.prior_sigma for one in kept)]
-        return np.hstack(columns), np.sum([np.zeros(model.size), *(one.shift for one in kept)], axis=0)
-
-    columns, shift = of(effects)
-    named = compute_log_likelihood(model, none, columns, shift)
-    found = []
-    for number in range(len(effects)):
-        columns, shift = of([one for k, one in enumerate(effects) if k != number])
-        instead = estimate_remainder(model, processes, columns, shift=shift)
-        sizes = int((instead.variances > 0).sum()) + (instead.noise > 1 + PRECISION)
-        found.append(instead.log_likelihood - OCCAM * sizes - named)
-    return tuple(found)
 
 
 def add_rounding(model: RecordingModel, steps: Array) -> RecordingModel:

@@ -201,8 +201,8 @@ ANSWER = [
             ("p-values under something unlisted have no area", "x**2 / (math.expm1(x) - x)", "x**2 / math.expm1(x)"),
             (
                 "a remainder makes what the samples show",
-                "math.exp(min(one - less, MOST_ODDS))",
-                "math.exp(min(one, MOST_ODDS))",
+                "odds * math.exp(-max(entry.log_odds, 0.0))",
+                "odds",
             ),
             ("what the checks see is beside nothing", "factor * beside / (1 - beside)", "beside / (1 - beside)"),
             (

@@ -100,27 +100,30 @@ PRIORS = DiagnosisSettings(unlisted_share=0.2, another=0.1, unknown=1.0)
 BESIDE = 0.02 / 0.98  # prior odds of something unlisted beside the effects
 
 
-def test_without_a_remainder_something_unlisted_has_its_prior_probability():
+def of_kind(model, process, **changes):
+    return replace(model, candidates=tuple(replace(one, process=process, **changes) for one in model.candidates))
+
+
+def test_something_unlisted_beside_an_effect_has_its_prior_probability():
     model, found = three({(0,): 0.99, (1,): 0.01})
-    answer = weigh_unlisted(model, attribute(model, found), None, None, PRIORS)
+    answer = weigh_unlisted(model, attribute(model, found), None, PRIORS)
     assert answer.unknown == pytest.approx(0.02)
     assert answer.slots[0].probability == pytest.approx(0.99)
     assert answer.verdict == "named"
     assert sum(one.probability for one in answer.ranked) == pytest.approx(1)
 
 
-@pytest.mark.parametrize("factor", [1e-6, 1.0, 20.0])
-def test_a_remainder_counts_by_its_bayes_factor(factor):
-    """Prior odds of one to four, times the factor; only of the effect that it would replace."""
+def test_a_remainder_may_stand_in_the_place_of_a_random_process():
     model, found = three({(0, 1): 1.0})
-    answer = weigh_unlisted(model, attribute(model, found), None, [float(np.log(factor)), -50.0], PRIORS)
-    own = {slot.group[0][0]: slot.probability for slot in answer.slots}
-    assert own == {"e0": pytest.approx(1 / (1 + factor / 4)), "e1": pytest.approx(1.0)}
-    assert answer.verdict == ("named" if factor < 0.1 else "group")
+    model = of_kind(model, True)
+    answer = weigh_unlisted(model, attribute(model, found), None, PRIORS)
+    assert [slot.probability for slot in answer.slots] == pytest.approx([0.8, 0.8])
+    assert answer.verdict == "group"
     chances = {one.labels: one.probability for one in answer.ranked}
-    assert chances["e0", "e1"] == pytest.approx(own["e0"] * 0.98)
-    assert chances["e0", "e1", REMAINDER] == pytest.approx(own["e0"] * 0.02)
-    assert chances["e1", REMAINDER] == pytest.approx(1 - own["e0"])
+    assert chances["e0", "e1"] == pytest.approx(0.8 * 0.8 * 0.98)
+    assert chances["e0", "e1", REMAINDER] == pytest.approx(0.8 * 0.8 * 0.02)
+    assert chances["e1", REMAINDER] == pytest.approx(0.8 * 0.2)
+    assert chances[(REMAINDER,)] == pytest.approx(0.04)
     assert sum(one.probability for one in answer.ranked if one.unlisted) == pytest.approx(answer.unknown)
 
 
@@ -128,17 +131,17 @@ def test_odds_of_something_unlisted_follow_the_p_value():
     """By hand: at p = 0.001 the factor is (1000 - 1 - 6.9078) / 47.717 = 20.791, and one half where p is one."""
     for p, factor in ((1.0, 0.5), (0.001, 20.791)):
         model, found = three({(0,): 1.0})
-        answer = weigh_unlisted(model, attribute(model, found), p, None, PRIORS)
+        answer = weigh_unlisted(model, attribute(model, found), p, PRIORS)
         assert answer.unknown / (1 - answer.unknown) == pytest.approx(factor * BESIDE, rel=1e-3)
-        answer = weigh_unlisted(model, attribute(model, found), p, [0.0], PRIORS)
+        assert answer.slots[0].probability == 1.0
+        answer = weigh_unlisted(of_kind(model, True), attribute(model, found), p, PRIORS)
         assert answer.slots[0].probability == pytest.approx(1 / (1 + factor / 4), rel=1e-3)
 
 
 @pytest.mark.parametrize(("log_odds", "shown"), [(-2.0, 1.0), (1.0, 1 / np.e), (5.0, np.exp(-5.0))])
 def test_a_remainder_does_not_make_what_the_samples_show(log_odds, shown):
     model, found = three({(0,): 1.0})
-    model = replace(model, candidates=tuple(replace(one, log_odds=log_odds) for one in model.candidates))
-    answer = weigh_unlisted(model, attribute(model, found), None, [0.0], PRIORS)
+    answer = weigh_unlisted(of_kind(model, True, log_odds=log_odds), attribute(model, found), None, PRIORS)
     assert answer.slots[0].probability == pytest.approx(1 / (1 + shown / 4))
 
 
@@ -174,7 +177,7 @@ def test_checks_are_averaged_over_what_may_be_the_case():
 
 def test_what_the_checks_reject_is_unknown():
     model, found = three({(0,): 0.99, (1,): 0.01})
-    answer = weigh_unlisted(model, attribute(model, found), 1e-6, [-50.0])
+    answer = weigh_unlisted(model, attribute(model, found), 1e-6)
     assert (answer.verdict, answer.slots) == ("unknown", ())
     assert answer.unknown > 0.99
     assert answer.ranked[0].labels == ("e0", REMAINDER)
