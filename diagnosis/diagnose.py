@@ -9,6 +9,7 @@ from dataclasses import replace
 from threadpoolctl import threadpool_limits
 
 from diagnosis.assemble import assembled
+from diagnosis.draft import propose_draft
 from diagnosis.detectors.stream_faults import find_faults, remove_faults
 from diagnosis.explain import Explained, explain_prepared
 from diagnosis.merge import merged
@@ -32,6 +33,7 @@ def diagnose(
     seed: int = 0,
     library: Sequence[str] | None = None,
     settings: DiagnosisSettings = DEFAULT,
+    draft: bool = False,
 ) -> Diagnosis:
     """Say whether a recording departs from M0, where, by which cause, and how far the gap shrinks with the cause in.
 
@@ -42,6 +44,7 @@ def diagnose(
     seed : of the null distribution
     library : names of the effects that may be named; all by default
     settings : thresholds and priors
+    draft : whether a function of one regressor is proposed for the remainder, see `diagnosis.draft`
 
     Raises
     ------
@@ -63,6 +66,8 @@ def diagnose(
         usable = remove_faults(recording, faults)
         prepared, explained = explain_prepared(prepare(usable, settings, tell), effects, settings, seed, tell)
         found = answer(prepared, explained, effects, settings, time.perf_counter() - began, faults)
+        if draft and explained.beside is not None:
+            found = replace(found, draft=propose_draft(prepared.model, explained.beside))
         return found if recording.sensors is None else with_sensors(found, recording, library, settings, seed)
 
 
