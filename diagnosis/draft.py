@@ -34,12 +34,12 @@ import scipy.linalg
 from numpy.typing import NDArray
 from scipy.special import logsumexp
 
-from diagnosis.budget import HeldOut
-from diagnosis.model.folds import Conditioned, conditioned, parts, unwhitened
+from diagnosis.budget import HeldOut, convert
+from diagnosis.model.folds import BROAD, Conditioned, conditioned, parts, unwhitened
 from diagnosis.model.recording import RecordingModel
 from diagnosis.model.remainder import add_remainder, build_processes, estimate_remainder
 from diagnosis.remainder_search import BesideRemainder
-from simulator.effects.base import AXES
+from gyrocal.calibration.observability import PLAUSIBLE_RANGE
 from simulator.effects.regressors import Regressor, list_regressors, tabulate
 
 Array = NDArray[np.float64]
@@ -52,6 +52,8 @@ SNR = np.geomspace(2.0, 300.0, 10)  # of the whole function, of which τ is made
 BENDS = (1.0, 30.0, 1000.0)  # ν
 AXES_TRIED = tuple(axes for count in (1, 2, 3) for axes in combinations(range(3), count))
 AGREE = 3  # quarters that choose the same regressor, at least
+TRIED = 6  # shapes of the largest evidence, beside each of which the remainder is estimated anew
+LEAST_EVIDENCE = -1.0  # log, of a shape that is tried
 EVIDENCE = 6.0  # log of the odds against a larger remainder, at least: fewer than one in 400 by chance
 UNITS = {"gyro": ("deg/h", np.deg2rad(1.0) / 3600), "scale": ("ppm", 1e-6), "reference": ("deg", np.deg2rad(1.0))}
 
@@ -140,29 +142,47 @@ def propose_draft(stated: RecordingModel, beside: BesideRemainder) -> Draft | No
     -------
     None where no function of a regressor predicts held-out data better
     """
-    known = sum((one.contribution for one in beside.fitted), np.zeros(stated.size))
-    left = stated.zeta - unwhitened(beside.model, beside.model.unmixed(known))
+    left = stated.zeta - unwhitened(beside.model, beside.model.unmixed(_shift(stated, beside)))
     stated, noisy = replace(stated, zeta=left), replace(beside.model, zeta=left)
     shapes = list(build_shapes(stated))
     if not shapes:
         return None
+    causes = np.hstack([np.zeros((stated.size, 0)), *(one.columns * one.prior_sigma for one in beside.fitted)])
+    free = np.linalg.qr(noisy.projected(causes))[0]
     whitened = noisy.whitened(np.hstack([one.columns for one in shapes]))
-    best = choose_shape(shapes, noisy.projected(whitened), noisy.y)
-    if best.log_evidence <= 0:
+    ranked = rank_shapes(shapes, _without(free, noisy.projected(whitened)), _without(free, noisy.y))
+    known, processes = convert(noisy, stated, causes), build_processes(stated)
+    without = estimate_remainder(stated, processes, known)
+    beside_each = [
+        estimate_remainder(stated, processes, np.hstack([known, stated.whitened(shapes[one.shape].columns) @ one.root]), without)
+        for one in ranked[:TRIED]
+        if one.log_evidence > LEAST_EVIDENCE
+    ]
+    if not beside_each:
         return None
-    chosen, held = _predict_quarters(stated, noisy, shapes, whitened)
-    closed, interval = held.closed(0, 1)
-    if sum(one == best.shape for one in chosen) < min(AGREE, len(chosen)) or not interval[0] > 0:
-        return None
-    shape = shapes[best.shape]
-    columns = stated.whitened(shape.columns)
-    processes = build_processes(stated)
-    without = estimate_remainder(stated, processes, np.zeros((stated.size, 0)))
-    beside_it = estimate_remainder(stated, processes, columns @ best.root, without)
-    log_odds = beside_it.log_likelihood - without.log_likelihood - float(np.log(len(shapes)))
+    place = int(np.argmax([one.log_likelihood for one in beside_each]))
+    best, remainder = ranked[place].shape, beside_each[place]
+    log_odds = remainder.log_likelihood - without.log_likelihood - float(np.log(len(shapes)))
     if log_odds < EVIDENCE:
         return None
-    return _fit_draft(shape, add_remainder(stated, beside_it), closed, interval, log_odds)
+    final = add_remainder(stated, remainder)
+    chosen, held = _predict_quarters(stated, final, shapes, known)
+    closed, interval = held.closed(0, 1)
+    if chosen.count(best) < min(AGREE, len(chosen)) or not interval[0] > 0:
+        return None
+    free = np.linalg.qr(final.projected(convert(stated, final, known)))[0]
+    X, y = _without(free, final.prepared(shapes[best].columns)), _without(free, final.y)
+    return _fit_draft(shapes[best], X, y, closed, interval, log_odds)
+
+
+def _shift(model: RecordingModel, beside: BesideRemainder) -> Array:
+    """(N,) what the identified effects add beside their columns, whitened."""
+    return sum((one.shift for one in beside.fitted), np.zeros(model.size))
+
+
+def _without(basis: Array, columns: Array) -> Array:
+    """Take the directions of an orthonormal basis out of columns."""
+    return np.asarray(columns - basis @ (basis.T @ columns))
 
 
 # ---- shapes --------------------------------------------------------------------------------------------------------------
@@ -211,12 +231,12 @@ def _about_axes(hats: Array) -> Array:
 # ---- choice --------------------------------------------------------------------------------------------------------------
 
 
-def choose_shape(shapes: Sequence[Shape], X: Array, y: Array) -> Choice:
-    """Choose the shape of the largest evidence from whitened columns (N, p) of all shapes and observations (N,)."""
+def rank_shapes(shapes: Sequence[Shape], X: Array, y: Array) -> list[Choice]:
+    """Rank the shapes by their evidence, from whitened columns (N, p) of all of them and observations (N,)."""
     starts = np.cumsum([0, *(one.columns.shape[1] for one in shapes)])
-    parts_of = [X[:, a:b] for a, b in zip(starts, starts[1:], strict=False)]
-    found = [fit_shape(k, one.knots, part.T @ part, part.T @ y) for k, (one, part) in enumerate(zip(shapes, parts_of, strict=True))]
-    return max(found, key=lambda one: one.log_evidence)
+    own = [X[:, a:b] for a, b in zip(starts, starts[1:], strict=False)]
+    found = [fit_shape(k, one.knots, own[k].T @ own[k], own[k].T @ y) for k, one in enumerate(shapes)]
+    return sorted(found, key=lambda one: -one.log_evidence)
 
 
 def fit_shape(number: int, knots: Array, gram: Array, along: Array) -> Choice:
@@ -256,9 +276,16 @@ def _prior_root(knots: Array, bend: float) -> Array:
 
 
 def _predict_quarters(
-    stated: RecordingModel, noisy: RecordingModel, shapes: Sequence[Shape], whitened: Array
+    stated: RecordingModel, noisy: RecordingModel, shapes: Sequence[Shape], causes: Array
 ) -> tuple[list[int], HeldOut]:
-    """Choose a shape without each quarter of the intervals, and predict that quarter under the stated noise."""
+    """Choose a shape without each quarter of the intervals, and predict that quarter under the stated noise.
+
+    Effects that are identified beside the remainder are nuisance parameters. Their columns `causes` (N, q) are whitened by the
+    stated noise, in units of priors.
+    """
+    known = causes / (BROAD * PLAUSIBLE_RANGE[-1])  # which `conditioned` multiplies by
+    causes = convert(stated, noisy, known)
+    whitened = noisy.whitened(np.hstack([one.columns for one in shapes]))
     quarter = parts(stated) * QUARTERS // (parts(stated).max() + 1)
     block = stated.observation_block
     fine = max(1, -(-FEWEST_PIECES // (QUARTERS * len(stated.blocks))))
@@ -267,10 +294,10 @@ def _predict_quarters(
         out = np.repeat(quarter == number, 3)
         if out.all():
             continue
-        learnt = conditioned(noisy, whitened, out)
-        choice = choose_shape(shapes, learnt.train_X, learnt.train_y)
+        learnt = conditioned(noisy, whitened, out, causes)
+        choice = rank_shapes(shapes, learnt.train_X, learnt.train_y)[0]
         chosen.append(choice.shape)
-        told = conditioned(stated, stated.whitened(shapes[choice.shape].columns), out)
+        told = conditioned(stated, stated.whitened(shapes[choice.shape].columns), out, known)
         errors = _errors(told, choice.values if choice.log_evidence > 0 else 0 * choice.values)
         white = scipy.linalg.solve_triangular(np.linalg.cholesky(told.covariance), errors, lower=True, check_finite=False)
         for one in np.unique(block[quarter == number]):
@@ -292,11 +319,10 @@ def _errors(told: Conditioned, values: Array) -> Array:
 
 
 def _fit_draft(
-    shape: Shape, noisy: RecordingModel, closed: float, interval_90: tuple[float, float], log_odds: float
+    shape: Shape, X: Array, y: Array, closed: float, interval_90: tuple[float, float], log_odds: float
 ) -> Draft:
-    """Fit the values of the chosen shape to all data, and centre what G and b take up."""
-    X = noisy.prepared(shape.columns)
-    found = fit_shape(0, shape.knots, X.T @ X, X.T @ noisy.y)
+    """Fit the values of the chosen shape to all data (N, 3k) and (N,), and take out what G and b take up."""
+    found = fit_shape(0, shape.knots, X.T @ X, X.T @ y)
     seen = X @ found.root
     covariance = found.root @ np.linalg.solve(np.eye(seen.shape[1]) + seen.T @ seen, found.root.T)
     unit, scale = UNITS[shape.kind]
