@@ -154,7 +154,9 @@ def propose_draft(stated: RecordingModel, beside: BesideRemainder) -> Draft | No
     known, processes = convert(noisy, stated, causes), build_processes(stated)
     without = estimate_remainder(stated, processes, known)
     beside_each = [
-        estimate_remainder(stated, processes, np.hstack([known, stated.whitened(shapes[one.shape].columns) @ one.root]), without)
+        estimate_remainder(
+            stated, processes, np.hstack([known, stated.whitened(shapes[one.shape].columns) @ one.root]), without
+        )
         for one in ranked[:TRIED]
         if one.log_evidence > LEAST_EVIDENCE
     ]
@@ -318,9 +320,7 @@ def _errors(told: Conditioned, values: Array) -> Array:
 # ---- the draft -----------------------------------------------------------------------------------------------------------
 
 
-def _fit_draft(
-    shape: Shape, X: Array, y: Array, closed: float, interval_90: tuple[float, float], log_odds: float
-) -> Draft:
+def _fit_draft(shape: Shape, X: Array, y: Array, closed: float, interval_90: tuple[float, float], log_odds: float) -> Draft:
     """Fit the values of the chosen shape to all data (N, 3k) and (N,), and take out what G and b take up."""
     found = fit_shape(0, shape.knots, X.T @ X, X.T @ y)
     seen = X @ found.root

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -65,12 +66,12 @@ def tabulate(values: Array, knots: Array, table: Array) -> Array:
 def _of_stream(stream: Stream) -> Iterator[Regressor]:
     w = np.rad2deg(stream.rates)
     for k, axis in enumerate(AXES):
-        yield Regressor(f"rate_{axis}", "deg/s", f"the rate about {axis}", lambda k=k: w[:, k])
+        yield Regressor(f"rate_{axis}", "deg/s", f"the rate about {axis}", partial(_component, w, k))
         yield Regressor(
-            f"acceleration_{axis}", "deg/s²", f"the angular acceleration about {axis}", lambda k=k: _change(stream, w[:, k])
+            f"acceleration_{axis}", "deg/s²", f"the angular acceleration about {axis}", partial(_change, stream, w[:, k])
         )
         yield Regressor(
-            f"turned_{axis}", "deg", f"the angle turned about {axis} in the interval", lambda k=k: _turned(stream, w[:, k])
+            f"turned_{axis}", "deg", f"the angle turned about {axis} in the interval", partial(_turned, stream, w[:, k])
         )
     yield Regressor("speed", "deg/s", "the size of the rate", lambda: np.linalg.norm(w, axis=1))
     yield Regressor("since_start", "s", "the time since the start of the interval", lambda: _since_start(stream))
@@ -78,10 +79,10 @@ def _of_stream(stream: Stream) -> Iterator[Regressor]:
     yield Regressor("mission", "h", "the time since the start", lambda: (stream.t_s - stream.span_s[0]) / HOUR)
     yield from _of_orbit(stream.t_s, stream.orbit_period_s)
     for name, values in stream.housekeeping.items():
-        yield Regressor(name, "as recorded", f"the housekeeping column {name}", lambda values=values: values)
+        yield Regressor(name, "as recorded", f"the housekeeping column {name}", partial(np.asarray, values))
         yield Regressor(
             f"change_of_{name}", "as recorded, per hour", f"the rate of change of the housekeeping column {name}",
-            lambda values=values: HOUR * _change(stream, values),
+            partial(_change, stream, HOUR * values),
         )  # fmt: skip
 
 
@@ -92,7 +93,7 @@ def _of_references(references: References) -> Iterator[Regressor]:
     for k, axis in enumerate(AXES):
         yield Regressor(
             f"turned_{axis}", "deg", f"the angle turned about {axis} in the interval",
-            lambda k=k: _turned_between(references)[:, k],
+            partial(_turned_between, references, k),
         )  # fmt: skip
     yield from _of_orbit(t_s, references.orbit_period_s)
 
@@ -101,6 +102,10 @@ def _of_orbit(t_s: Array, period_s: float) -> Iterator[Regressor]:
     # Beyond a day's orbit no phase repeats in a recording.
     if np.isfinite(period_s) and period_s < DAY:
         yield Regressor("orbit_phase", "deg", "the phase of the orbit", lambda: 360.0 * np.mod(t_s / period_s, 1.0))
+
+
+def _component(values: Array, k: int) -> Array:
+    return np.asarray(values[:, k])
 
 
 def _by_interval(stream: Stream, law: Callable[[slice], Array]) -> Array:
@@ -144,11 +149,11 @@ def _since_first(references: References) -> Array:
     return out
 
 
-def _turned_between(references: References) -> Array:
-    """(m, 3) rotation vector in body axes from the first reference of the interval, deg."""
+def _turned_between(references: References, axis: int) -> Array:
+    """(m,) component of the rotation vector from the first reference of the interval along a body axis, deg."""
     out = np.zeros((references.t_s.size, 3))
     for number in np.unique(references.interval):
         own = np.flatnonzero(references.interval == number)
         turns = Rotation.from_quat(references.quaternions[own])  # body axes seen from inertial ones are its inverse
         out[own] = np.rad2deg((turns[int(np.argmin(references.t_s[own]))].inv() * turns).as_rotvec())
-    return out
+    return np.asarray(out[:, axis])

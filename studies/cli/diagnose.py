@@ -3,6 +3,7 @@
 import math
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import click
@@ -112,8 +113,9 @@ def command(
     if adopt:
         need_triad(loaded.gyro)
         need_one_sensor(loaded.attitudes)
+    run = partial(diagnose, draft=True) if draft else diagnose
     with stages("diagnose", LINE_EVERY_S) as progress:
-        result = diagnose(loaded, progress=progress, seed=seed, library=library, **({"draft": True} if draft else {}))
+        result = run(loaded, progress=progress, seed=seed, library=library)
         found = next_flight.planned(result, scenario_flown, progress, seed) if scenario_flown else None
     if draft:
         result = _write_draft(result, draft)
@@ -134,7 +136,11 @@ def command(
         write_text(adopt, text)
         click.echo(f"{adopt}: {adoption.sentence()}", err=as_json == STDOUT)
     if draft:
-        said = "no draft: no function of one regressor predicts the remainder" if result.draft is None else summarise_draft(result.draft)
+        said = (
+            "no draft: no function of one regressor predicts the remainder"
+            if result.draft is None
+            else summarise_draft(result.draft)
+        )
         click.echo(f"{draft}: {said}", err=as_json == STDOUT)
     holds = {"gap": result.present, "unknown": result.verdict == "unknown"}
     said = f"{result.verdict}, p = {result.p_value:.2g}"
