@@ -1,24 +1,24 @@
 """Propose an effect outside the library: the remainder as a smooth function of one regressor.
 
-The error about each body axis is a function f(r) of a regressor r (`simulator.effects.regressors`): an addition to the readings,
-a share of the own rate, or an error of the references. f is linear between a few knots, and its values there have the prior
+The error about each body axis is a function f(r) of a regressor r (`simulator.effects.regressors`). It is an addition to the
+readings, a share of the own rate, or an error of the references. f is linear between a few knots. Its values there have the prior
 covariance
 
     τ² (4 (u − ½)(u′ − ½) + ν m² (3M − m)/6),    m = min(u, u′),  M = max(u, u′)
 
 with u the place between the outer knots, 0 to 1. The second term is that of an integrated Wiener process, whose posterior mean
-is the smoothing spline with a penalty on f″² (Wahba, Spline Models for Observational Data, 1990, section 1.5). Axes, τ and ν are
-those of the largest evidence
+is the smoothing spline with a penalty on f″² (Wahba, Spline Models for Observational Data, 1990, section 1.5). Axes, τ and ν
+are those of the largest evidence
 
     log E = ½ Σ_j (τ² c_j²/(1 + τ² w_j) − log(1 + τ² w_j))
 
 with w and c the eigenvalues of the products of the whitened columns in units of the prior, and the observations along them.
 
 Nested cross-validation guards against the freedom of the choice. A quarter of each interval is held out at a time. Regressor,
-axes, penalty and values come from the rest, with the remainder in its noise, and predict the quarter. The share closed is that of
-the predictions, whose parts chose nothing. A draft is accepted if
+axes, penalty and values come from the rest, with the remainder in its noise, and predict the quarter. The remainder is estimated
+beside the best shape of the whole recording, since it else absorbs the function. A draft is accepted if
 
-* the 90 % interval of that share lies above zero;
+* the 90 % interval of the share of the misfit that the predictions close lies above zero;
 * most quarters choose the regressor that the whole recording chooses;
 * its evidence exceeds that of a larger remainder in its place, all regressors counted.
 """
@@ -27,7 +27,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from itertools import combinations
+from itertools import combinations, pairwise
 
 import numpy as np
 import scipy.linalg
@@ -44,12 +44,12 @@ from simulator.effects.regressors import Regressor, list_regressors, tabulate
 
 Array = NDArray[np.float64]
 
-KNOTS = 8
+KNOTS = 12
 ENDS = (0.001, 0.999)  # quantiles at the outer knots
 QUARTERS = 4  # of each interval, one of which is held out at a time
 FEWEST_PIECES = 24  # of held-out data that the bootstrap draws from
 SNR = np.geomspace(2.0, 300.0, 10)  # of the whole function, of which τ is made
-BENDS = (1.0, 30.0, 1000.0)  # ν
+BENDS = (1.0, 30.0, 1000.0, 30000.0)  # ν
 AXES_TRIED = tuple(axes for count in (1, 2, 3) for axes in combinations(range(3), count))
 AGREE = 3  # quarters that choose the same regressor, at least
 TRIED = 6  # shapes of the largest evidence, beside each of which the remainder is estimated anew
@@ -213,7 +213,7 @@ def build_shapes(model: RecordingModel) -> Iterator[Shape]:
 
 
 def place_knots(values: Array, weights: Array) -> Array | None:
-    """Place knots (k,) half evenly and half by quantiles of values (n,) with weights (n,); None for values that do not change."""
+    """Place knots (k,) half evenly and half by quantiles of values (n,) with weights (n,); None for constant values."""
     order = np.argsort(values)
     mass = np.cumsum(weights[order])
     quantiles = np.interp(np.linspace(*ENDS, KNOTS), (mass - 0.5 * weights[order]) / mass[-1], values[order])
@@ -236,7 +236,7 @@ def _about_axes(hats: Array) -> Array:
 def rank_shapes(shapes: Sequence[Shape], X: Array, y: Array) -> list[Choice]:
     """Rank the shapes by their evidence, from whitened columns (N, p) of all of them and observations (N,)."""
     starts = np.cumsum([0, *(one.columns.shape[1] for one in shapes)])
-    own = [X[:, a:b] for a, b in zip(starts, starts[1:], strict=False)]
+    own = [X[:, a:b] for a, b in pairwise(starts)]
     found = [fit_shape(k, one.knots, own[k].T @ own[k], own[k].T @ y) for k, one in enumerate(shapes)]
     return sorted(found, key=lambda one: -one.log_evidence)
 
@@ -363,9 +363,9 @@ def render_draft(draft: Draft) -> str:
     )
     return f'''"""Draft of an effect outside the library: the {of[draft.kind]} follows {draft.regressor.words}.
 
-On data that neither chose the regressor nor fitted the table it closes {100 * draft.closed:.0f} % of the held-out misfit, 90 %
-interval {100 * low:.0f} to {100 * high:.0f} %. Size 1 is the function found, with a sigma of {draft.sigma:.2g}. Between the knots it is linear,
-beyond them constant. Its mean, and a part that G takes up, are left out.
+On data that neither chose the regressor nor fitted the table it closes {100 * draft.closed:.0f} % of the misfit
+(90 % interval {100 * low:.0f} to {100 * high:.0f} %). Size 1 is the function found, with a sigma of {draft.sigma:.2g}. It is linear
+between the knots and constant beyond them. Its mean, and the part that G takes up, are left out.
 """
 
 import numpy as np
