@@ -1,8 +1,8 @@
 """Propose an effect outside the library: the remainder as a smooth function of one regressor.
 
 The error about each body axis is a function f(r) of a regressor r (`simulator.effects.regressors`). It is an addition to the
-readings, a share of the own rate, or an error of the references. f is linear between a few knots. Its values there have the prior
-covariance
+readings, a share of the own rate, or an error of the references. f is linear between a few knots. Its values there have
+the prior covariance
 
     τ² (4 (u − ½)(u′ − ½) + ν m² (3M − m)/6),    m = min(u, u′),  M = max(u, u′)
 
@@ -15,11 +15,11 @@ are those of the largest evidence
 with w and c the eigenvalues of the products of the whitened columns in units of the prior, and the observations along them.
 
 Nested cross-validation guards against the freedom of the choice. A quarter of each interval is held out at a time. Regressor,
-axes, penalty and values come from the rest, with the remainder in its noise, and predict the quarter. The remainder is estimated
-beside the best shape of the whole recording, since it else absorbs the function. A draft is accepted if
+axes, penalty and values come from the rest, with the remainder in its noise, and predict the quarter. The remainder is
+estimated beside the best shape of the whole recording, since it else absorbs the function. A draft is accepted if
 
 * the 90 % interval of the share of the misfit that the predictions close lies above zero;
-* most quarters choose the regressor that the whole recording chooses;
+* most quarters choose the regressor that the whole recording chooses, or do not distinguish theirs from it;
 * its evidence exceeds that of a larger remainder in its place, all regressors counted.
 """
 
@@ -51,7 +51,8 @@ FEWEST_PIECES = 24  # of held-out data that the bootstrap draws from
 SNR = np.geomspace(2.0, 300.0, 10)  # of the whole function, of which τ is made
 BENDS = (1.0, 30.0, 1000.0, 30000.0)  # ν
 AXES_TRIED = tuple(axes for count in (1, 2, 3) for axes in combinations(range(3), count))
-AGREE = 3  # quarters that choose the same regressor, at least
+AGREE = 3  # quarters that choose the same regressor, or one that is tied with it, at least
+TIED = 5.0  # log evidence within which two regressors are not distinguished
 TRIED = 6  # shapes of the largest evidence, beside each of which the remainder is estimated anew
 LEAST_EVIDENCE = -1.0  # log, of a shape that is tried
 EVIDENCE = 6.0  # log of the odds against a larger remainder, at least: fewer than one in 400 by chance
@@ -113,8 +114,9 @@ class Draft:
     values, sigmas : (k, 3) about each body axis in `unit`
     unit : deg/h, ppm of the rate, or deg
     sigma : of a common factor of all values
-    closed, interval_90 : share of the held-out misfit and its 90 % interval
+    closed, interval_90 : share of the held-out misfit of M0 that it closes beyond the identified effects, 90 % interval
     log_odds : against a larger remainder in its place
+    tied : names of other drafts that the recording does not distinguish from it
     """
 
     name: str
@@ -128,6 +130,7 @@ class Draft:
     closed: float
     interval_90: tuple[float, float]
     log_odds: float
+    tied: tuple[str, ...] = ()
 
 
 def propose_draft(stated: RecordingModel, beside: BesideRemainder) -> Draft | None:
@@ -168,13 +171,17 @@ def propose_draft(stated: RecordingModel, beside: BesideRemainder) -> Draft | No
     if log_odds < EVIDENCE:
         return None
     final = add_remainder(stated, remainder)
-    chosen, held = _predict_quarters(stated, final, shapes, known)
-    closed, interval = held.closed(0, 1)
-    if chosen.count(best) < min(AGREE, len(chosen)) or not interval[0] > 0:
+    leads, held = _predict_quarters(stated, final, shapes, known, best)
+    closed, interval = held.closed(1, 2)
+    if sum(lead <= TIED for lead in leads) < min(AGREE, len(leads)) or not interval[0] > 0:
         return None
     free = np.linalg.qr(final.projected(convert(stated, final, known)))[0]
     X, y = _without(free, final.prepared(shapes[best].columns)), _without(free, final.y)
-    return _fit_draft(shapes[best], X, y, closed, interval, log_odds)
+    drafted = _fit_draft(shapes[best], X, y, closed, interval, log_odds)
+    tied = [
+        one for one, other in zip(ranked, beside_each, strict=False) if other.log_likelihood > remainder.log_likelihood - TIED
+    ]
+    return replace(drafted, tied=tuple(shapes[one.shape].name for one in tied if one.shape != best))
 
 
 def _shift(model: RecordingModel, beside: BesideRemainder) -> Array:
@@ -278,12 +285,12 @@ def _prior_root(knots: Array, bend: float) -> Array:
 
 
 def _predict_quarters(
-    stated: RecordingModel, noisy: RecordingModel, shapes: Sequence[Shape], causes: Array
-) -> tuple[list[int], HeldOut]:
-    """Choose a shape without each quarter of the intervals, and predict that quarter under the stated noise.
+    stated: RecordingModel, noisy: RecordingModel, shapes: Sequence[Shape], causes: Array, best: int
+) -> tuple[list[float], HeldOut]:
+    """Choose a shape without each quarter of the intervals, and predict that quarter by M0, with the effects, and with it.
 
     Effects that are identified beside the remainder are nuisance parameters. Their columns `causes` (N, q) are whitened by the
-    stated noise, in units of priors.
+    stated noise, in units of priors. Returns the log evidence of each choice over that of the shape `best`, and the errors.
     """
     known = causes / (BROAD * PLAUSIBLE_RANGE[-1])  # which `conditioned` multiplies by
     causes = convert(stated, noisy, known)
@@ -291,17 +298,20 @@ def _predict_quarters(
     quarter = parts(stated) * QUARTERS // (parts(stated).max() + 1)
     block = stated.observation_block
     fine = max(1, -(-FEWEST_PIECES // (QUARTERS * len(stated.blocks))))
-    chosen, squares, degrees, names = [], [], [], []
+    leads, squares, degrees, names = [], [], [], []
     for number in np.unique(quarter):
         out = np.repeat(quarter == number, 3)
         if out.all():
             continue
         learnt = conditioned(noisy, whitened, out, causes)
-        choice = rank_shapes(shapes, learnt.train_X, learnt.train_y)[0]
-        chosen.append(choice.shape)
+        ranked = rank_shapes(shapes, learnt.train_X, learnt.train_y)
+        choice, same = ranked[0], next(one for one in ranked if one.shape == best)
+        leads.append(choice.log_evidence - same.log_evidence)
         told = conditioned(stated, stated.whitened(shapes[choice.shape].columns), out, known)
         errors = _errors(told, choice.values if choice.log_evidence > 0 else 0 * choice.values)
-        white = scipy.linalg.solve_triangular(np.linalg.cholesky(told.covariance), errors, lower=True, check_finite=False)
+        alone = conditioned(stated, np.zeros((stated.size, 0)), out)
+        errors = np.column_stack([alone.error_y, errors])
+        white = np.column_stack([_whiten(alone, errors[:, :1]), _whiten(told, errors[:, 1:])])
         for one in np.unique(block[quarter == number]):
             mine = np.flatnonzero(np.repeat(block[quarter == number] == one, 3))
             for piece in np.array_split(mine, min(fine, mine.size)):
@@ -309,7 +319,12 @@ def _predict_quarters(
                 degrees.append((np.rad2deg(errors[piece]) ** 2).sum(axis=0))
                 names.append(stated.recording.intervals[stated.blocks[one].interval].name)
     table = np.array(squares)
-    return chosen, HeldOut(table[:, :2], np.array(degrees), table[:, 2], tuple(names))
+    return leads, HeldOut(table[:, :3], np.array(degrees), table[:, 3], tuple(names))
+
+
+def _whiten(told: Conditioned, errors: Array) -> Array:
+    factor = np.linalg.cholesky(told.covariance)
+    return np.asarray(scipy.linalg.solve_triangular(factor, errors, lower=True, check_finite=False))
 
 
 def _errors(told: Conditioned, values: Array) -> Array:
@@ -364,8 +379,9 @@ def render_draft(draft: Draft) -> str:
     return f'''"""Draft of an effect outside the library: the {of[draft.kind]} follows {draft.regressor.words}.
 
 On data that neither chose the regressor nor fitted the table it closes {100 * draft.closed:.0f} % of the misfit
-(90 % interval {100 * low:.0f} to {100 * high:.0f} %). Size 1 is the function found, with a sigma of {draft.sigma:.2g}. It is linear
-between the knots and constant beyond them. Its mean, and the part that G takes up, are left out.
+(90 % interval {100 * low:.0f} to {100 * high:.0f} %). Size 1 is the function found, with a sigma of
+{draft.sigma:.2g}. It is linear between the knots and constant beyond them. Its mean, and what G takes up, are left out.
+Drafts that the recording does not distinguish from it: {", ".join(draft.tied) or "none"}.
 """
 
 import numpy as np
