@@ -10,11 +10,13 @@ from threadpoolctl import threadpool_limits
 
 from diagnosis.assemble import assembled
 from diagnosis.detectors.stream_faults import find_faults, remove_faults
+from diagnosis.draft import propose_draft
 from diagnosis.explain import Explained, explain_prepared
 from diagnosis.merge import merged
 from diagnosis.model.fault_causes import convert_faults
 from diagnosis.model.prepare import Prepared, Progress, prepare
 from diagnosis.model.symptoms import sample_causes
+from diagnosis.remainder_search import identify_beside_remainder
 from diagnosis.result import Diagnosis
 from diagnosis.sensor_tables import diagnose_sensors
 from diagnosis.settings import DEFAULT, DiagnosisSettings
@@ -32,6 +34,7 @@ def diagnose(
     seed: int = 0,
     library: Sequence[str] | None = None,
     settings: DiagnosisSettings = DEFAULT,
+    draft: bool = False,
 ) -> Diagnosis:
     """Say whether a recording departs from M0, where, by which cause, and how far the gap shrinks with the cause in.
 
@@ -42,6 +45,7 @@ def diagnose(
     seed : of the null distribution
     library : names of the effects that may be named; all by default
     settings : thresholds and priors
+    draft : whether a function of one regressor is proposed for the remainder, see `diagnosis.draft`
 
     Raises
     ------
@@ -63,7 +67,25 @@ def diagnose(
         usable = remove_faults(recording, faults)
         prepared, explained = explain_prepared(prepare(usable, settings, tell), effects, settings, seed, tell)
         found = answer(prepared, explained, effects, settings, time.perf_counter() - began, faults)
+        if draft:
+            found = _with_draft(found, prepared, explained, effects, settings, tell)
         return found if recording.sensors is None else with_sensors(found, recording, library, settings, seed)
+
+
+def _with_draft(
+    found: Diagnosis,
+    prepared: Prepared,
+    explained: Explained,
+    effects: Sequence[Effect],
+    settings: DiagnosisSettings,
+    tell: Progress,
+) -> Diagnosis:
+    """Propose a function of one regressor for the remainder, or in place of a random process; parameters as of `diagnose`."""
+    beside = explained.beside
+    if beside is None and any(one.process for one in explained.fitted) and prepared.model.recording.attitudes.sensor is None:
+        beside = identify_beside_remainder(prepared.model, effects, settings, tell)
+    proposed = None if beside is None else propose_draft(prepared.model, beside)
+    return found if beside is None or proposed is None else replace(found, draft=proposed, remainder=beside.remainder)
 
 
 def answer(

@@ -40,6 +40,7 @@ from diagnosis.model.layout import layout
 from diagnosis.model.linear import LinearModel, Member
 from diagnosis.model.misfit import Departure, errors_of, misfit
 from diagnosis.model.prepare import Prepared, Progress
+from diagnosis.model.symptoms import sample_causes
 from diagnosis.remainder_search import BesideRemainder, identify_beside_remainder
 from diagnosis.replication import estimate_by_part
 from diagnosis.settings import DiagnosisSettings
@@ -111,14 +112,17 @@ def _add_remainder(
 ) -> Explained:
     """Judge effects in the presence of a remainder where listed effects alone do not explain the data.
 
-    An explanation that needs as many effects as one may have, and a random process among them, stands for a remainder, too.
+    So it is where the samples show something unlisted, and where an explanation needs as many effects as one may have and a
+    random process among them.
     """
     attribution = explained.attribution
     if attribution is None or prepared.model.recording.attitudes.sensor is not None:
         return explained
     full = len(explained.fitted) == settings.largest_set and any(one.process for one in explained.fitted)
     model = prepared.model
-    if attribution.verdict != "unknown" and not full:
+    odd = [one for one in sample_causes(prepared, effects, settings) if one.effect is None]
+    odd = [one for one in odd if one.compute_listed(settings) < 1 - settings.unknown]
+    if attribution.verdict != "unknown" and not full and not odd:
         sizes = [estimate_by_part(model, explained.fitted, number) for number in range(len(explained.fitted))]
         shares = [sum(p for _, p in slot.group) for slot in attribution.slots]
         held = predict_held_out(model, model, explained.fitted)

@@ -5,15 +5,15 @@ probability of one place in the explanation, they are a *group* of indistinguish
 something unlisted have more than `DiagnosisSettings.unknown` of the probability together, the answer is *unknown*.
 
 No list is complete. Something unlisted may act beside the effects, with the prior probability `another` times `unlisted_share`
-of `DiagnosisSettings`. It is described by a remainder of random errors (`diagnosis.model.remainder`). A listed random process is
-one of these, so that a remainder may stand in its place as well, with the prior probability `unlisted_share`. What the samples
-show of a process by themselves speaks against that, since the remainder would have to show it, too. In the place of an effect
-with a shape of its own a remainder has no evidence: on recordings of the test world it was less by 7 to 100 in log.
+of `DiagnosisSettings`. It is described by a remainder of random errors (`diagnosis.model.remainder`). A listed random process
+is one of these, so that a remainder may stand in its place as well, with the prior probability `unlisted_share`. What the
+samples show of a process by themselves speaks against that, since the remainder would have to show it, too. In the place of an
+effect with a shape of its own a remainder has no evidence: on recordings of the test world it was less by 7 to 100 in log.
 
 The checks of what the explanation leaves (`diagnosis.inference.checks`) weigh both. Their p-value p is uniform under the
-explanation. Where something else is at work its density is α p^(α − 1), the smaller α, the more the checks see of it. α may have
-any value from 0 to 1 (Sellke, Bayarri and Berger, The American Statistician 55, 2001), so that a p-value is worth the Bayes
-factor
+explanation. Where something else is at work its density is α p^(α − 1), the smaller α, the more the checks see of it. α may
+have any value from 0 to 1 (Sellke, Bayarri and Berger, The American Statistician 55, 2001), so that a p-value is worth the
+Bayes factor
 
     C = ∫₀¹ α p^(α − 1) dα = (1/p − 1 + ln p)/ln² p
 

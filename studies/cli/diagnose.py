@@ -2,12 +2,16 @@
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import click
 
 from diagnosis.adopt import scenario
 from diagnosis.diagnose import diagnose
+from diagnosis.draft import render_draft, summarise_draft
+from diagnosis.result import Diagnosis
 from gyrocal import InputError, load
 from gyrocal.errors import hint
 from gyrocal.recording.gyros import need_triad
@@ -45,6 +49,12 @@ PICTURES = (".svg", ".png")
 )
 @click.option("--adopt", type=PATH, help="Write the recording's own plan with the named effects to this file, a scenario.")
 @click.option(
+    "--draft",
+    type=PATH,
+    metavar="OUT.py",
+    help="Write a function of one regressor that predicts the remainder to this file, an effect for --effects.",
+)
+@click.option(
     "--without", multiple=True, metavar="EFFECT", help="Take an effect off the list, see 'gyrocal effects'; repeatable."
 )
 @click.option(
@@ -62,6 +72,7 @@ def command(
     card: Path | None,
     flown: str | None,
     adopt: Path | None,
+    draft: Path | None,
     without: tuple[str, ...],
     seed: int,
     fail_on: tuple[str, ...],
@@ -80,15 +91,17 @@ def command(
       gyrocal diagnose /tmp/rec --card /tmp/card.png --plan trmm_series
       gyrocal diagnose /tmp/rec --without bias_orbital
       gyrocal diagnose /tmp/rec --adopt /tmp/adopted.toml
+      gyrocal diagnose /tmp/rec --draft /tmp/draft.py
       gyrocal diagnose /tmp/rec --fail-on unknown --junit /tmp/diagnosis.xml
     """
     library = _library(without)
-    files = [path for path in (as_json, report, card, adopt, junit) if path is not None and path != STDOUT]
+    files = [path for path in (as_json, report, card, adopt, draft, junit) if path is not None and path != STDOUT]
     for path in files:
         check_writable(path)
     if len({path.resolve() for path in files}) < len(files):
-        raise InputError(f"{files[-1]}: --json, --report, --card, --adopt and --junit need files of their own")
-    for option, file in (("--report", report), ("--card", card), ("--adopt", adopt), ("--junit", junit)):
+        raise InputError(f"{files[-1]}: --json, --report, --card, --adopt, --draft and --junit need files of their own")
+    named = (("--report", report), ("--card", card), ("--adopt", adopt), ("--draft", draft), ("--junit", junit))
+    for option, file in named:
         if file == STDOUT:
             raise InputError(f"{option} -: give the name of a file")
     if card is not None and card.suffix not in PICTURES:
@@ -100,9 +113,12 @@ def command(
     if adopt:
         need_triad(loaded.gyro)
         need_one_sensor(loaded.attitudes)
+    run = partial(diagnose, draft=True) if draft else diagnose
     with stages("diagnose", LINE_EVERY_S) as progress:
-        result = diagnose(loaded, progress=progress, seed=seed, library=library)
+        result = run(loaded, progress=progress, seed=seed, library=library)
         found = next_flight.planned(result, scenario_flown, progress, seed) if scenario_flown else None
+    if draft:
+        result = _write_draft(result, draft)
     if as_json == STDOUT:
         click.echo(json_text(result.to_json()))
     else:
@@ -119,9 +135,24 @@ def command(
         text, adoption = scenario(result, loaded, recording, adopt)
         write_text(adopt, text)
         click.echo(f"{adopt}: {adoption.sentence()}", err=as_json == STDOUT)
+    if draft:
+        said = (
+            "no draft: no function of one regressor predicts the remainder"
+            if result.draft is None
+            else summarise_draft(result.draft)
+        )
+        click.echo(f"{draft}: {said}", err=as_json == STDOUT)
     holds = {"gap": result.present, "unknown": result.verdict == "unknown"}
     said = f"{result.verdict}, p = {result.p_value:.2g}"
     end("diagnose", str(recording), [Verdict(name, said if holds[name] else "") for name in fail_on], junit)
+
+
+def _write_draft(result: Diagnosis, path: Path) -> Diagnosis:
+    """Write the draft, if there is one, and name its file in the result."""
+    if result.draft is None or result.remainder is None:
+        return result
+    write_text(path, render_draft(result.draft))
+    return replace(result, remainder=replace(result.remainder, draft=str(path)))
 
 
 def _library(without: Sequence[str]) -> list[str] | None:

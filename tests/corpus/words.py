@@ -43,7 +43,7 @@ GOOD_ARGUMENTS = {
     ("study",): ("paper",),
 }
 NO_NUMBERS = ("", "x", "1,5", "0x10", "1e", "--", "ψ", "1\x1b[31m")
-OUTPUTS = ("--json", "--report", "--figure", "--adopt", "--truth", "--out")
+OUTPUTS = ("--json", "--report", "--figure", "--adopt", "--draft", "--truth", "--out")
 EFFECTS = (
     "",
     "=",

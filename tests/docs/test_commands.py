@@ -94,7 +94,7 @@ DIAGNOSE = diagnose_command.diagnose
 def diagnosed(recording, **options):
     gyro, attitudes = recording.gyro, recording.attitudes
     tables = (gyro.t_s, gyro.rates, attitudes.t_s, attitudes.quaternions)
-    key = (*(one.tobytes() for one in tables), options["seed"], str(options["library"]))
+    key = (*(one.tobytes() for one in tables), options["seed"], str(options["library"]), "draft" in options)
     if key not in DIAGNOSES:
         DIAGNOSES[key] = DIAGNOSE(recording, **options)
     return DIAGNOSES[key]

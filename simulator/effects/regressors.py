@@ -1,0 +1,159 @@
+"""Regressors: known quantities that an error of the gyro, or of the references, may follow.
+
+A draft of a diagnosis (`diagnosis.draft`) is a tabulated function of one regressor. The file it is written to computes the
+regressor by this module, so that a simulation and a diagnosis use the same definition.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from functools import partial
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from gyrocal.errors import InputError
+from simulator.effects.base import AXES, Array, References, Stream
+from simulator.effects.common import DAY, HOUR
+
+SLEW = 0.1  # of the largest rate, above which the body slews
+
+
+@dataclass(frozen=True)
+class Regressor:
+    """A known quantity.
+
+    Attributes
+    ----------
+    name : as in the name of a draft
+    unit : of its values
+    words : for people, such as "the rate about x"
+    compute : returns its values at each sample or reference, (n,)
+    """
+
+    name: str
+    unit: str
+    words: str
+    compute: Callable[[], Array]
+
+
+def list_regressors(seen: Stream | References) -> dict[str, Regressor]:
+    """List the regressors of gyro samples, or of references, by name."""
+    found = _of_stream(seen) if isinstance(seen, Stream) else _of_references(seen)
+    return {one.name: one for one in found}
+
+
+def compute_regressor(seen: Stream | References, name: str) -> Array:
+    """Compute one regressor at each sample or reference, (n,).
+
+    Raises
+    ------
+    InputError
+        The recording does not have it.
+    """
+    known = list_regressors(seen)
+    if name not in known:
+        raise InputError(f"the recording has no {name}; there are {', '.join(known)}")
+    return known[name].compute()
+
+
+def tabulate(values: Array, knots: Array, table: Array) -> Array:
+    """Interpolate a table (k, c) over knots (k,) linearly at some values, constant beyond them; (n,) → (n, c)."""
+    return np.column_stack([np.interp(values, knots, column) for column in np.asarray(table, dtype=float).T])
+
+
+def _of_stream(stream: Stream) -> Iterator[Regressor]:
+    w = np.rad2deg(stream.rates)
+    for k, axis in enumerate(AXES):
+        yield Regressor(f"rate_{axis}", "deg/s", f"the rate about {axis}", partial(_component, w, k))
+        yield Regressor(
+            f"acceleration_{axis}", "deg/s²", f"the angular acceleration about {axis}", partial(_change, stream, w[:, k])
+        )
+        yield Regressor(
+            f"turned_{axis}", "deg", f"the angle turned about {axis} in the interval", partial(_turned, stream, w[:, k])
+        )
+    yield Regressor("speed", "deg/s", "the size of the rate", lambda: np.linalg.norm(w, axis=1))
+    yield Regressor("since_start", "s", "the time since the start of the interval", lambda: _since_start(stream))
+    yield Regressor("since_slew", "s", "the time since the last slew", lambda: _since_slew(stream))
+    yield Regressor("mission", "h", "the time since the start", lambda: (stream.t_s - stream.span_s[0]) / HOUR)
+    yield from _of_orbit(stream.t_s, stream.orbit_period_s)
+    for name, values in stream.housekeeping.items():
+        yield Regressor(name, "as recorded", f"the housekeeping column {name}", partial(np.asarray, values))
+        yield Regressor(
+            f"change_of_{name}", "as recorded, per hour", f"the rate of change of the housekeeping column {name}",
+            partial(_change, stream, HOUR * values),
+        )  # fmt: skip
+
+
+def _of_references(references: References) -> Iterator[Regressor]:
+    t_s = references.t_s
+    yield Regressor("since_start", "s", "the time since the start of the interval", lambda: _since_first(references))
+    yield Regressor("mission", "h", "the time since the start", lambda: (t_s - t_s.min()) / HOUR)
+    for k, axis in enumerate(AXES):
+        yield Regressor(
+            f"turned_{axis}", "deg", f"the angle turned about {axis} in the interval",
+            partial(_turned_between, references, k),
+        )  # fmt: skip
+    yield from _of_orbit(t_s, references.orbit_period_s)
+
+
+def _of_orbit(t_s: Array, period_s: float) -> Iterator[Regressor]:
+    # Beyond a day's orbit no phase repeats in a recording.
+    if np.isfinite(period_s) and period_s < DAY:
+        yield Regressor("orbit_phase", "deg", "the phase of the orbit", lambda: 360.0 * np.mod(t_s / period_s, 1.0))
+
+
+def _component(values: Array, k: int) -> Array:
+    return np.asarray(values[:, k])
+
+
+def _by_interval(stream: Stream, law: Callable[[slice], Array]) -> Array:
+    out = np.zeros(stream.t_s.size)
+    for part in stream.intervals:
+        out[part] = law(part)
+    return out
+
+
+def _change(stream: Stream, values: Array) -> Array:
+    """(n,) time derivative inside the intervals, per second."""
+    return _by_interval(stream, lambda p: np.gradient(values[p], stream.t_s[p]) if p.stop - p.start > 1 else 0 * values[p])
+
+
+def _turned(stream: Stream, rate: Array) -> Array:
+    return _by_interval(stream, lambda p: np.cumsum(rate[p] * stream.duration_s[p]))
+
+
+def _since_start(stream: Stream) -> Array:
+    return _by_interval(stream, lambda p: stream.t_s[p] - stream.t_s[p.start])
+
+
+def _since_slew(stream: Stream) -> Array:
+    """(n,) time since the rate was last that of a slew, or since the start of the interval, s."""
+    speed = np.linalg.norm(stream.rates, axis=1)
+    fast = speed > SLEW * speed.max(initial=0.0)
+
+    def since(part: slice) -> Array:
+        t_s = stream.t_s[part]
+        last = np.maximum.accumulate(np.where(fast[part], np.arange(t_s.size), 0))
+        return t_s - t_s[last]
+
+    return _by_interval(stream, since)
+
+
+def _since_first(references: References) -> Array:
+    out = np.zeros(references.t_s.size)
+    for number in np.unique(references.interval):
+        own = references.interval == number
+        out[own] = references.t_s[own] - references.t_s[own].min()
+    return out
+
+
+def _turned_between(references: References, axis: int) -> Array:
+    """(m,) component of the rotation vector from the first reference of the interval along a body axis, deg."""
+    out = np.zeros((references.t_s.size, 3))
+    for number in np.unique(references.interval):
+        own = np.flatnonzero(references.interval == number)
+        turns = Rotation.from_quat(references.quaternions[own])  # body axes seen from inertial ones are its inverse
+        out[own] = np.rad2deg((turns[int(np.argmin(references.t_s[own]))].inv() * turns).as_rotvec())
+    return np.asarray(out[:, axis])
