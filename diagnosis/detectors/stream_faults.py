@@ -14,13 +14,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gyrocal.recording import Attitudes, Interval, Recording, reference_rows
-from simulator.effects.base import Effect, Fault
+from simulator.effects.base import Effect, Fault, Surroundings
+from simulator.effects.innovations import compute_innovations
 from simulator.effects.recorded import surroundings_of
 
 Mask = NDArray[np.bool_]
 
 FEWEST = 2  # references of an interval that can be propagated
 ZERO = 8.0  # sigmas of a level, within which one gyro that stops there may have a dead zone as well
+ALONG = 0.98  # cosine, which a random direction exceeds in one of a hundred
 MOST_LOST = 0.5  # share of the references, above which they are not taken for exceptions
 
 
@@ -35,8 +37,26 @@ def find_faults(recording: Recording, effects: Sequence[Effect]) -> tuple[Fault,
         left = remove_faults(recording, found)
         around = surroundings_of(left, left.gyro.apriori_G, left.gyro.apriori_bias, 0)
         if effect.missing(around) is None:
-            found += [_in_whole(fault, left, recording) for fault in effect.find_faults(around) if _is_exception(fault)]
+            faults = [
+                fault for fault in effect.find_faults(around) if _is_exception(fault) and not _is_along_rate(fault, around)
+            ]
+            found += [_in_whole(fault, left, recording) for fault in faults]
     return tuple(found)
+
+
+def _is_along_rate(fault: Fault, around: Surroundings) -> bool:
+    """Tell whether all references of a fault are off along the change of the rate, as late time tags make them in a slew."""
+    if not fault.references.any():
+        return False
+    seen = compute_innovations(around)
+    begins = fault.references[seen.second] & ~fault.references[seen.first]
+    if not begins.any():
+        return False
+    at = np.searchsorted(around.stream.t_s, around.references.t_s).clip(0, around.stream.t_s.size - 1)
+    change = around.stream.rates[at[seen.second[begins]]] - around.stream.rates[at[seen.first[begins]]]
+    off = seen.values[begins]
+    along = np.abs(np.sum(off * change, axis=1))
+    return bool((along > ALONG * np.linalg.norm(off, axis=1) * np.linalg.norm(change, axis=1)).all())
 
 
 def _is_exception(fault: Fault) -> bool:
