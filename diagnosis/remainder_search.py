@@ -90,7 +90,7 @@ def identify_beside_remainder(
     settings : priors and thresholds
     tell : progress
     """
-    shaped = [effect for effect in effects if not effect.is_process]
+    rivals = [effect for effect in effects if not (effect.is_process and effect.on_references)]
     rules = replace(settings, largest_set=MOST_EFFECTS)
     processes = build_processes(model)
     columns, labels = np.zeros((model.size, 0)), frozenset[str]()
@@ -98,18 +98,18 @@ def identify_beside_remainder(
     for number in range(ROUNDS):
         tell(f"remainder, round {number + 1}", 0.9 + 0.02 * number)
         noisy = add_remainder(model, remainder)
-        linear = linear_model(noisy, shaped, (), rules)
-        linear = linear.keeping(lambda candidate: not candidate.process)
+        linear = linear_model(noisy, rivals, (), rules)
         search = Search(linear, rules)
         explanations = sorted([*search.explanations(), NOTHING], key=lambda one: -one.log_posterior)
         best = explanations[0]
-        found = frozenset(linear.candidate(member).label for member in best.members)
-        columns = _prior_columns(model, noisy, linear, best.members)
+        shaped = [member for member in best.members if not linear.candidate(member).process]
+        found = frozenset(linear.candidate(member).label for member in shaped)
+        columns = _prior_columns(model, noisy, linear, shaped)
         if found == labels and number:
             break
         labels = found
         remainder = estimate_remainder(model, processes, columns, remainder)
-    slots = find_slots(linear, best, explanations, rules)
+    slots = [slot for slot in find_slots(linear, best, explanations, rules) if not linear.candidate(slot.member).process]
     slots = _without_larger_remainder(model, noisy, linear, best, slots, processes, remainder, rules)
     return _confirmed(model, noisy, linear, remainder, slots, settings)
 

@@ -70,6 +70,7 @@ def report(config: BenchConfig, rows: pd.DataFrame) -> Report:
         "counts": Table("Outcomes by kind", counts(rows)),
         "parts": Table("Answered well, by source and kind, with 95 % binomial intervals", _by_part(rows, good)),
         "rates": Table("Rates, with 95 % binomial intervals", score.rates(rows)),
+        "mixed_rates": Table("Mixed recordings: what is stated beside a remainder", score.mixed_rates(rows)),
         "fresh_rates": Table("The same of the fresh recordings alone", score.rates(rows[rows["source"] == FRESH])),
         "reliability": Table("Probability stated of causes", score.reliability(score.statements(rows))),
         "sizes": Table("Sizes within their sigmas", score.size_table(rows)),

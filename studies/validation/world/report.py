@@ -34,6 +34,7 @@ def report(config: WorldConfig, rows: pd.DataFrame) -> Report:
     tables = {
         "counts": Table("Outcomes by kind", counts(rows)),
         "rates": Table("Rates, with 95 % binomial intervals", score.rates(rows)),
+        "mixed_rates": Table("Mixed recordings: what is stated beside a remainder", score.mixed_rates(rows)),
         "scores": Table("Scores of statements and rankings", score.summary(rows)),
         "reliability": Table(
             "Probability stated of causes, and how often they were there", score.reliability(score.statements(rows))

@@ -33,7 +33,7 @@ from diagnosis.inference import conformal
 from simulator.effects import EFFECTS
 from studies.montecarlo.statistics import binomial_interval
 from studies.report.checks import Bounds, Check, at_least, at_most
-from studies.validation.world.answers import GOOD, NAMING, label, size_errors
+from studies.validation.world.answers import CONFIDENT, GOOD, NAMING, label, size_errors
 
 Array = NDArray[np.float64]
 
@@ -114,6 +114,21 @@ def rates(rows: pd.DataFrame) -> pd.DataFrame:
     out.append(rate("right single cause: 90 % interval of the closure holds 1", _closure(kind["single"])))
     out += [rate(f"G and b within {level} sigma, answered rightly", _calibrated(rows, level)) for level in (1, 2)]
     return pd.DataFrame(out)
+
+
+def mixed_rates(rows: pd.DataFrame) -> pd.DataFrame:
+    """Rates of mixed recordings that the gap budget is judged by."""
+    mixed = rows[rows["kind"] == "mixed"]
+    causes = statements(mixed)
+    sure = causes[causes["probability"] >= CONFIDENT]
+    budget = mixed[mixed["true_closed"].notna() & mixed["closed_low"].notna()]
+    holds = (budget["closed_low"] <= budget["true_closed"]) & (budget["true_closed"] <= budget["closed_high"])
+    lines = [
+        (f"causes stated at {CONFIDENT:g} and more that are there", sure["there"]),
+        ("a confident wrong name", mixed["outcome"] == "wrong name"),
+        ("90 % interval of the share closed holds the true one", holds),
+    ]
+    return pd.DataFrame([rate(name, hits) for name, hits in lines])
 
 
 def _closure(singles: pd.DataFrame) -> pd.Series:

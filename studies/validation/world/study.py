@@ -16,6 +16,7 @@ trackers and raw sensor tables (`studies.validation.world.instruments`). A row h
 - ``verdict``, ``said`` (the causes as ``effects``), ``stated`` and ``stated_right`` (their number), ``probability`` (of all
   together), ``unknown_probability``, ``p_value``, ``closed`` with its 90 % interval, ``outcome``
   (`studies.validation.world.answers`)
+- ``true_closed``: of a mixed recording with a gap budget, the share that its causes close in truth; else NaN
 - ``causes``, ``posterior``: JSON, as the diagnosis states them
 - ``size_sigmas``: JSON, (size − true size)/sigma of each cause that is there; ``calibration_sigmas``: the same of G and b
 - ``make_s``, ``diagnose_s``: processor time, s; ``peak_mb`` of the diagnosis, and the ``stored`` stage that it began from:
@@ -37,6 +38,7 @@ from studies.validation.world.answers import calibration_errors, label, merge_ax
 from studies.validation.world.cases import Drawn, draw
 from studies.validation.world.instruments import DrawnInstrument, draw_instrument
 from studies.validation.world.stages import diagnose_in_stages
+from studies.validation.world.true_share import measure_true_share
 from studies.validation.world.world import Spec
 
 CASES, ENTROPY = 150, 1962
@@ -85,6 +87,9 @@ def case(config: WorldConfig, number: int, streams: Streams) -> dict[str, Any]:
     if isinstance(drawn, Drawn):
         errors = calibration_errors(found.answer, drawn.world.plan.G.tolist(), np.rad2deg(drawn.world.plan.bias).tolist())
     row["calibration_sigmas"] = json.dumps(errors)
+    stated = [step["step"] for step in found.answer["budget"] if step["size"] is not None]
+    measured = isinstance(drawn, Drawn) and drawn.kind == "mixed" and stated
+    row["true_closed"] = measure_true_share(drawn, stated) if measured and isinstance(drawn, Drawn) else float("nan")
     if config.keep_answer:
         row["answer"] = json.dumps(plain({key: value for key, value in found.answer.items() if key != "where"}))
     return row | {"make_s": make_s, "diagnose_s": found.cpu_s, "peak_mb": found.peak_mb, "stored": found.stored}

@@ -110,7 +110,7 @@ def said(*causes, verdict="named", present=True):
         for effect, axis, p, *more in causes
     ]
     gap = {"present": present, "p_value": 0.0 if present else 0.5}
-    return {"verdict": verdict, "causes": stated, "gap": gap, "unknown_probability": 0.1, "closure": None}
+    return {"verdict": verdict, "causes": stated, "gap": gap, "unknown_probability": 0.1, "closure": None, "budget": []}
 
 
 def there(*labels, listed=True):

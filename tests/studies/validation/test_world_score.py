@@ -15,7 +15,7 @@ def row(kind, outcome, effects="", **changes):
         "kind": kind, "outcome": outcome, "effects": effects, "verdict": "named", "snr": 20.0, "probability": 0.9,
         "unknown_probability": 0.1, "causes": "[]", "p_values": '{"attitude": 0.5}', "posterior": "[]", "size_sigmas": "[]",
         "plan": "a", "grade": "b", "attitude_snr": 20.0, "calibration_sigmas": "[]",
-        "closed_low": np.nan, "closed_high": np.nan,
+        "closed_low": np.nan, "closed_high": np.nan, "true_closed": np.nan,
         "truth": json.dumps([truth(one) for one in effects.split(" + ") if one]),
     }  # fmt: skip
     return values | changes
@@ -48,6 +48,20 @@ def test_rates_count_the_cases_they_are_of():
     groups = score.by_group(rows, "plan").set_index("kind")
     assert groups.loc["none", "share"] == 0.75
     assert groups.loc["unlisted", "wrong_names"] == 1
+
+
+def test_rates_of_mixed_recordings():
+    stated = json.dumps([cause("bias_drift", "x", 0.95), cause("bias_drift", "y", 0.95), cause("bias_drift", "z", 0.5)])
+    budget = {"verdict": "partial", "causes": stated, "closed_low": 0.3, "closed_high": 0.5}
+    rows = [
+        row("mixed", "wrong name", "bias_drift:x", true_closed=0.4, **budget),
+        row("mixed", "part", "bias_drift:x + bias_drift:y", true_closed=0.6, **budget),
+        row("mixed", "unknown", "bias_drift:x", verdict="unknown"),
+        row("single", "right", "bias_drift:x", causes=stated, closed_low=0.3, closed_high=0.5),
+    ]
+    table = score.mixed_rates(pd.DataFrame(rows)).set_index("what")
+    assert table["cases"].tolist() == [4, 3, 2]
+    assert table["count"].tolist() == [3, 1, 1]
 
 
 def test_reliability_of_statements():
