@@ -151,14 +151,14 @@ def test_an_effect_left_out_of_the_library_is_unknown(plan):
 
 
 def test_samples_that_show_an_unlisted_effect_leave_nothing_named(plan):
-    """Whatever the attitude seems to say beside it: it may be an imitation of what has no name.
+    """Whatever the attitude seems to say beside it: what has no name may make that, too.
 
     Of z only the slow remainder of the motion is left, by which G_xz may absorb a bias that swings, as it does at seed 9.
     """
     recording = simulate(plan, seed=10, effects=[parse("rate_saturation:z=0.2"), parse("bias_orbital:x=0.3")])
     answer = diagnose(recording, library=[name for name in EFFECTS if name != "rate_saturation"])
     assert answer.verdict == "unknown"
-    assert answer.unknown_probability == 1.0
+    assert answer.unknown_probability > 0.99
     assert [cause.label for cause in answer.causes] == ["bias_orbital:x"]
 
 

@@ -382,7 +382,7 @@ def test_unlisted_explanations_look_different():
 def test_the_card_names_no_more_than_is_sure():
     """What is only likely is hedged, what may yet be on the list is not said to be on none."""
     base, group = CASES["unknown"](), CASES["group"]()
-    alternatives = ((("bias_drift:y",), 0.5), (("an imitation of bias_drift:y",), 0.49), (("rate_lag",), 0.001))
+    alternatives = ((("bias_drift:y",), 0.5), (("a remainder",), 0.49), (("rate_lag",), 0.001))
     doubtful = dataclasses.replace(base, unknown_probability=0.49, alternatives=alternatives)
     assert diagnosis_card.headline(doubtful).startswith("There is a gap whose cause is not known")
     assert words.verdict(doubtful).startswith("There is a gap of unknown cause: with a probability of 49 %")
