@@ -20,8 +20,8 @@ from diagnosis.result import Diagnosis
 from diagnosis.settings import DEFAULT
 from simulator.effects.sensor import ALL_EFFECTS as EFFECTS
 from studies.report import diagnosis_words as words
+from studies.report import gap_budget, next_step, pointing_cost
 from studies.report import next_flight as flights
-from studies.report import next_step, pointing_cost
 
 FEWEST_STATEMENTS = 5  # of a probability, below which how many of them were right says nothing
 MOST_FINDINGS = 2
@@ -153,6 +153,8 @@ def _which(diagnosis: Diagnosis) -> str:
         surely = diagnosis.unknown_probability >= DEFAULT.named
         none = f"None of the {len(EFFECTS)} that are known" if surely else "None that could be named"
         told.insert(0, f"{none}. It behaves most like this: {words.listed(like[:MOST_FINDINGS], 'or')}" if like else none)
+        if diagnosis.remainder is not None:
+            told.append(gap_budget.describe_side(diagnosis.remainder).rstrip("."))
     elif not told:
         return "It cannot be told."
     return " ".join(f"{one}." for one in told)

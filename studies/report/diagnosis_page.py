@@ -115,12 +115,15 @@ def _budget(diagnosis: Diagnosis) -> str:
     if not diagnosis.budget:
         return ""
     steps = "; ".join(f"{gap_budget.name_step(step)} {step.misfit:.3g}" for step in diagnosis.budget)
+    caption = "Misfit on held-out data and the share that each cause closes, with its 90 % interval."
+    if any(len(step.by_part) > 1 for step in diagnosis.budget):
+        caption = f"Left: {caption[0].lower()}{caption[1:]} Right: the size of each cause in separate parts of the recording, "
+        caption += "with 90 % bars; the band is the size over all parts."
     picture = Picture(
         "budget",
         lambda: gap_budget.draw_waterfall(diagnosis.budget),
         f"Gap budget on held-out data, whitened mean square: {steps}.",
-        "Left: misfit on held-out data and the share that each cause closes, with its 90 % interval. Right: the size of each "
-        "cause in separate parts of the recording, with 90 % bars; the band is the size over all parts.",
+        caption,
     )
     said = "".join(paragraph(sentence) for sentence in gap_budget.describe(diagnosis))
     return heading("Gap budget") + shown(picture) + said

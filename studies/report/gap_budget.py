@@ -59,6 +59,13 @@ def describe_remainder(left: RemainderSummary) -> Iterator[str]:
     """Describe the remainder: share, side, size, time scale, and the regressors that it follows."""
     low, high = (100 * share for share in left.interval_90)
     yield f"No identified cause explains {100 * left.share:.0f} % of the misfit (90 % interval {low:.0f} to {high:.0f} %)."
+    yield describe_side(left)
+    for one in left.regressors:
+        yield f"It {_follows(one.name)} ({words.p_value(one.p_value)}; {100 * one.share:.0f} % of the misfit)."
+
+
+def describe_side(left: RemainderSummary) -> str:
+    """Describe where most of a remainder comes from, its time scale and its sizes."""
     sides = {
         "gyro": "the gyro",
         "reference": "the reference attitudes",
@@ -66,9 +73,7 @@ def describe_remainder(left: RemainderSummary) -> Iterator[str]:
         "white noise": "white noise larger than stated",
     }
     lasting = f", with a correlation time of about {left.time_scale_s:.2g} s" if left.time_scale_s > 0 else ""
-    yield f"Most of it comes from {sides[left.side]}{lasting}. Its sizes (1 sigma, x, y, z): {list_sizes(left)}."
-    for one in left.regressors:
-        yield f"It {_follows(one.name)} ({words.p_value(one.p_value)}; {100 * one.share:.0f} % of the misfit)."
+    return f"Most of it comes from {sides[left.side]}{lasting}. Its sizes (1 sigma, x, y, z): {list_sizes(left)}."
 
 
 def list_sizes(left: RemainderSummary) -> str:
@@ -89,7 +94,7 @@ def _follows(name: str) -> str:
 
 
 def _by_axis(values: tuple[float, ...]) -> str:
-    return ", ".join(f"{value:.2g}" for value in values)
+    return ", ".join(np.format_float_positional(value, precision=2, fractional=False, trim="-") for value in values)
 
 
 # ---- figure --------------------------------------------------------------------------------------------------------------
