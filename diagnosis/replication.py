@@ -24,6 +24,7 @@ FEWEST_PARTS = 6  # parts of a recording at least; intervals are divided until t
 MOST_WIDE = 4.0  # times the sigma of the best part: a part whose sigma is larger shows nothing
 WIDE_PRIOR = 1e3  # prior sigma of an amplitude in one part, in units of the prior of the whole
 SIGNIFICANT = 3.0  # sigmas by which the mean over the parts differs from zero
+HETEROGENEOUS = 1e-4  # p-value of Q below which it is not one effect of one size
 
 
 @dataclass(frozen=True)
@@ -53,8 +54,8 @@ class Replication:
 
     @property
     def replicates(self) -> bool:
-        """Whether the mean over the parts differs from zero, and most parts agree on the sign."""
-        if len(self.parts) < 2:
+        """Whether the sizes may be one size that differs from zero, and most parts agree on the sign."""
+        if len(self.parts) < 2 or self.heterogeneity_p < HETEROGENEOUS:
             return False
         same = sum(one.size * self.mean > 0 for one in self.parts)
         return abs(self.mean) > SIGNIFICANT * self.sigma and same > len(self.parts) / 2

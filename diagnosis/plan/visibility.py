@@ -149,9 +149,11 @@ def random_seen(random: Sequence[RandomColumns], power: PowerOf) -> Iterator[Vis
 
 
 def unavailable(model: RecordingModel, effects: Sequence[Effect]) -> Iterator[Visible]:
-    """Effects that this scenario has not what it takes for."""
+    """Effects that this scenario has not what it takes for, and faults of the references that are taken out."""
     for effect in effects:
         reason = effect.missing(model.around)
+        if reason is None and not effect.in_samples and effect.implements("find_faults"):
+            reason = "a fault that is found by itself and taken out; its smallest size is not predicted"
         if reason is not None:
             yield row_of(effect, "not available", np.inf, reason, "samples" if effect.in_samples else "attitude")
 

@@ -115,8 +115,8 @@ def test_an_effect_is_named_with_its_size_and_closes_the_gap(fine, text, label, 
 
 
 def test_what_is_just_below_the_threshold_stands_alone_all_the_same(fine):
-    """At 1200 ppm the asymmetry has a probability of 0.90, where naming begins; nothing else is offered in its place."""
-    setting = parse("scale_asymmetry:y=1200")
+    """At 1000 ppm the asymmetry has a probability of 0.90, where naming begins; nothing else is offered in its place."""
+    setting = parse("scale_asymmetry:y=1000")
     (cause,) = diagnose(simulate(fine, seed=15, effects=[setting])).causes
     assert cause.group == ("scale_asymmetry:y",)
     assert abs(cause.probability - DEFAULT.named) < 0.02
