@@ -87,7 +87,8 @@ def case(config: WorldConfig, number: int, streams: Streams) -> dict[str, Any]:
     if isinstance(drawn, Drawn):
         errors = calibration_errors(found.answer, drawn.world.plan.G.tolist(), np.rad2deg(drawn.world.plan.bias).tolist())
     row["calibration_sigmas"] = json.dumps(errors)
-    stated = [step["step"] for step in found.answer["budget"] if step["size"] is not None]
+    steps = {step["step"] for step in found.answer["budget"] if step["size"] is not None}
+    stated = [name for cause in found.answer["causes"] if steps & set(cause["group"]) for name in cause["group"]]
     measured = isinstance(drawn, Drawn) and drawn.kind == "mixed" and stated
     row["true_closed"] = measure_true_share(drawn, stated) if measured and isinstance(drawn, Drawn) else float("nan")
     if config.keep_answer:
