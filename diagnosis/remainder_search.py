@@ -2,7 +2,8 @@
 
 Where no explanation by listed effects fits the stated noise, the sizes of the remainder (`diagnosis.model.remainder`) and the
 explanation are found in turn: the remainder beside the effects of the best explanation, then the posterior of all explanations
-with the remainder in the noise. Effects of a random course are not candidates here, since the remainder describes them.
+with the remainder in the noise. Random processes of the gyro compete with the other effects, since a walk over the whole
+recording may look like a drift. They are not identified here, since the remainder describes them.
 
 An effect is identified if
 

@@ -45,3 +45,11 @@ def test_the_p_value_of_heterogeneity_is_uniform_and_the_sigma_holds():
     assert abs((p < 0.1).mean() - 0.1) < 3 * np.sqrt(0.1 * 0.9 / 600)
     errors = np.array([(one.mean - 2.0) / one.sigma for one in found])
     assert 0.85 < errors.std() < 1.1  # the scatter that is estimated cannot be negative, so that the sigma is rather wide
+
+
+def test_sizes_of_one_sign_that_differ_beyond_their_errors_do_not_replicate():
+    found = combined([3.0, 3.5, 4.0, 2.5], [0.1] * 4)
+    assert abs(found.mean) > 3 * found.sigma
+    assert found.heterogeneity_p < 1e-4
+    assert not found.replicates
+    assert combined([3.0, 3.5, 4.0, 2.5], [0.6] * 4).replicates

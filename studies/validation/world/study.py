@@ -89,8 +89,9 @@ def case(config: WorldConfig, number: int, streams: Streams) -> dict[str, Any]:
     row["calibration_sigmas"] = json.dumps(errors)
     steps = {step["step"] for step in found.answer["budget"] if step["size"] is not None}
     stated = [name for cause in found.answer["causes"] if steps & set(cause["group"]) for name in cause["group"]]
-    measured = isinstance(drawn, Drawn) and drawn.kind == "mixed" and stated
-    row["true_closed"] = measure_true_share(drawn, stated) if measured and isinstance(drawn, Drawn) else float("nan")
+    row["true_closed"] = float("nan")
+    if isinstance(drawn, Drawn) and drawn.kind == "mixed" and stated:
+        row["true_closed"] = measure_true_share(drawn, stated)
     if config.keep_answer:
         row["answer"] = json.dumps(plain({key: value for key, value in found.answer.items() if key != "where"}))
     return row | {"make_s": make_s, "diagnose_s": found.cpu_s, "peak_mb": found.peak_mb, "stored": found.stored}

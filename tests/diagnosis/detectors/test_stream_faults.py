@@ -1,5 +1,7 @@
 """Stretches without a rate or an attitude: found where they are, not found in other effects, and taken out of the recording."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -7,6 +9,7 @@ import simulator
 from diagnosis.detectors.stream_faults import find_faults, remove_faults
 from diagnosis.diagnose import diagnose
 from simulator.effects import REGISTRY, parse
+from simulator.truth.rotation import perturbed
 from tests.simulator.effects.test_clock import agile
 
 SCENARIOS = {"agile": agile(), "trmm": simulator.load("trmm_series")}
@@ -110,3 +113,20 @@ def test_a_diagnosis_names_the_fault_and_judges_the_rest_well(text):
     answer = diagnose(made("agile", text))
     assert [cause.effect for cause in answer.causes] == [text.partition("=")[0]]
     assert answer.verdict == "named"
+
+
+@pytest.mark.parametrize(("across", "count"), [(False, 0), (True, 1)])
+def test_a_reference_that_is_off_along_the_change_of_the_rate_may_have_a_late_tag(across, count):
+    recording = made("agile")
+    attitudes, gyro = recording.attitudes, recording.gyro
+    rates = gyro.rates[np.searchsorted(gyro.t_s, attitudes.t_s).clip(0, gyro.t_s.size - 1)]
+    change = np.diff(rates, axis=0, prepend=rates[:1])
+    middle = slice(50, len(change) - 50)
+    k = 50 + int(np.argmax(np.linalg.norm(change[middle], axis=1)))
+    along = change[k] / np.linalg.norm(change[k])
+    direction = np.cross(along, np.eye(3)[np.argmin(np.abs(along))]) if across else along
+    off = np.deg2rad(3.0) * direction / np.linalg.norm(direction)
+    quaternions = attitudes.quaternions.copy()
+    quaternions[k : k + 1] = perturbed(quaternions[k : k + 1], off[None])
+    faults = found(replace(recording, attitudes=replace(attitudes, quaternions=quaternions)))
+    assert [fault.detection.effect for fault in faults] == ["reference_glitch"] * count

@@ -1,5 +1,7 @@
 """The remainder: its likelihood against a dense one, its slope against differences, and the sizes that it finds."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import scipy.stats
@@ -9,6 +11,7 @@ from diagnosis.model.remainder import (
     Remainder,
     _negative_log_likelihood,
     add_remainder,
+    add_rounding,
     build_processes,
     compute_log_likelihood,
     estimate_remainder,
@@ -100,3 +103,16 @@ def test_a_bias_that_wanders_is_found_on_the_gyros_side():
     assert max(said.gyro_deg_h[0], said.gyro_deg_h[2]) < 0.5
     noisy = add_remainder(model, found)
     assert float(noisy.y @ noisy.y) / noisy.degrees_of_freedom == pytest.approx(1.0, abs=0.2)
+
+
+def test_what_rounding_adds_is_of_its_axis_and_bounded_by_the_step(model, processes):
+    step = 20 * DEG_H
+    rough = replace(model, zeta=30 * model.zeta)  # far more than the step explains
+    found = add_rounding(rough, np.array([step, 0.0, 0.0]))
+    own = [one for one in processes if (one.side, one.axis) == ("gyro", "x")]
+    for number, (before, after) in enumerate(zip(model.blocks, found.blocks, strict=True)):
+        half = np.linalg.solve(before.whitener, after.whitener)
+        added = half @ half.T - np.eye(len(half))
+        most = step**2 / 3 * sum(one.blocks[number] for one in own)
+        assert np.trace(added) > 0
+        assert np.linalg.eigvalsh(most - added).min() > -1e-9 * np.trace(most)
