@@ -13,7 +13,8 @@ from numpy.typing import NDArray
 from scipy.special import erf, expit
 
 from diagnosis.detectors.gap_interpolation import runs
-from diagnosis.detectors.report import AXES, IMPOSSIBLE, SampleReport, SampleTest, Symptom
+from diagnosis.detectors.number_format import NumberFormats
+from diagnosis.detectors.report import AXES, IMPOSSIBLE, Findings, SampleTest, Symptom
 from gyrocal.recording import Recording
 
 Array = NDArray[np.float64]
@@ -28,28 +29,22 @@ REACHED = 2.0  # of those changes, up to which the rate runs up to the plateau
 CLOSE = (0.95, 0.5)  # share of the ends of plateaus at which it does, of a gyro that is clipped and of one that stops
 
 
-def saturation(
-    report: SampleReport,
-    recording: Recording,
-    used: Mask,
-    coarse: Mask,
-    rounded_or_cut: tuple[Mask, Mask],
-    steps: Array,
-    sigma: float,
-) -> None:
-    """Gyros whose largest reading stands still where no lattice makes it.
+def find_clipping(recording: Recording, used: Mask, formats: NumberFormats, sigma: float) -> tuple[Findings, Mask]:
+    """Find gyros whose largest reading stands still where no lattice makes it.
 
     Parameters
     ----------
-    report : to which the test, the symptom and the clipped samples are added
     recording : what was recorded
     used : (n,) samples inside the intervals
-    coarse : (3,) gyros that read on a lattice
-    rounded_or_cut : (3,) each, whether their readings may have been rounded, and whether they may have been cut toward zero
-    steps : (3,) of the lattices, rad/s
+    formats : of the readings
     sigma : of the noise of a sample, rad/s
+
+    Returns
+    -------
+    Tests and departures, and (n,) samples at the largest reading of such a gyro
     """
-    rates = recording.gyro.rates
+    rates, steps = recording.gyro.rates, formats.steps
+    tests, symptoms, all_clipped = [], [], np.zeros(len(rates), dtype=bool)
     # A largest reading that telemetry repeats stands still on all axes; of a clipped gyro the others go on.
     held = np.zeros(len(rates), dtype=bool)
     held[1:] = (rates[1:] == rates[:-1]).all(axis=1)
@@ -61,25 +56,27 @@ def saturation(
         count = int((at & ~held[used]).sum())
         # A gyro that reads zero throughout is dead, not clipped.
         found = largest > 0 and count >= FEWEST_CLIPPED
-        if found and coarse[axis]:
+        if found and formats.coarse[axis]:
             found = _is_plateau(at, float(steps[axis]) / sigma if sigma else np.inf)
         elif found:
-            found = count >= OFTEN * _most_of_others(x[~held[used]], at[~held[used]])
+            found = count >= OFTEN * _count_most_frequent(x[~held[used]], at[~held[used]])
         clipped = used & (np.abs(rates[:, axis]) >= largest * (1 - 1e-12))
         probability = compute_probability_of_clipping(rates[:, axis] - at_rest[axis], used, clipped, sigma) if found else 0.0
-        report.tests.append(
+        tests.append(
             SampleTest(
                 "clipped_samples", AXES[axis], count, 1.0, IMPOSSIBLE if found else 1.0, "plateau",
                 f"{count} samples read exactly the largest rate, {np.rad2deg(largest):.4g} deg/s",
             )
         )  # fmt: skip
-        report.clipped |= clipped & found
+        all_clipped |= clipped & found
         if probability < 0.5:
             continue
-        below, above = _hidden(float(np.rad2deg(steps[axis])), *(bool(may[axis]) for may in rounded_or_cut))
+        rounded, cut = bool(formats.may_be_rounded[axis]), bool(formats.may_be_cut[axis])
+        below, above = _bound_level(float(np.rad2deg(steps[axis])), rounded, cut)
         size = float(np.rad2deg(largest)) + 0.5 * (above - below)
         spread = max((above + below) / np.sqrt(12), 1e-6 * size)
-        report.symptoms.append(Symptom("plateau", AXES[axis], size, "deg/s", spread, {}, IMPOSSIBLE, probability=probability))
+        symptoms.append(Symptom("plateau", AXES[axis], size, "deg/s", spread, {}, IMPOSSIBLE, probability=probability))
+    return Findings(tuple(tests), tuple(symptoms)), all_clipped
 
 
 def compute_probability_of_clipping(x: Array, used: Mask, clipped: Mask, sigma: float) -> float:
@@ -105,12 +102,12 @@ def compute_probability_of_clipping(x: Array, used: Mask, clipped: Mask, sigma: 
     return float(expit(log_odds)) if clipped.sum() < used.sum() else 1.0
 
 
-def _hidden(step: float, rounded: bool, cut: bool) -> tuple[float, float]:
-    """How far below and above its reading the level may be at which a gyro is clipped that reads on a lattice of this step."""
+def _bound_level(step: float, rounded: bool, cut: bool) -> tuple[float, float]:
+    """Bound the level of clipping below and above its reading on a lattice of this step."""
     return 0.5 * step * rounded, step if cut else 0.5 * step * rounded
 
 
-def _most_of_others(x: Array, at: Mask) -> int:
+def _count_most_frequent(x: Array, at: Mask) -> int:
     """How often a reading other than zero and the largest stands; floats with few digits repeat, the largest among them."""
     others = np.abs(x[~at & (x != 0.0)])
     return int(np.unique(others, return_counts=True)[1].max()) if others.size and not at.all() else 0

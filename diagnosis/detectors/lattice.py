@@ -36,8 +36,8 @@ FEWEST_TOLD = 50  # other values, by which the chance of a lattice is less than 
 FINE = 5.0  # noise over step, above which the stairs of cut readings are lost in it
 
 
-def lattice_step(x: Array) -> float:
-    """Step of the lattice all values lie on, 0 if there is none; (n,)."""
+def find_lattice_step(x: Array) -> float:
+    """Find the step of the lattice that all values (n,) lie on; 0 if there is none."""
     values = np.unique(x)
     if values.size < 3:
         return 0.0
@@ -69,8 +69,8 @@ def mean_reading(x: Array, step: float, sigma: float, kind: Kind) -> Array:
     return out * step
 
 
-def undone(x: Array, sample_s: float, step: float, sigma: float, kind: Kind) -> tuple[Array, Array, Array]:
-    """Readings with the lattice undone as far as their slow part goes.
+def undo_lattice(x: Array, sample_s: float, step: float, sigma: float, kind: Kind) -> tuple[Array, Array, Array]:
+    """Undo a lattice as far as the slow part of the readings goes.
 
     Parameters
     ----------

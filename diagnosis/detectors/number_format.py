@@ -22,11 +22,14 @@ of code. A dead zone has the share of its log-uniform sizes that are one step.
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.special import logsumexp, ndtr
 
+from diagnosis.detectors.lattice import Kind, find_lattice_step
+from diagnosis.detectors.report import AXES, IMPOSSIBLE, Findings, SampleTest, Symptom
 from simulator.effects import ALL_EFFECTS
 
 Array = NDArray[np.float64]
@@ -45,6 +48,91 @@ PHASES = np.linspace(-2.0, 2.0, 33)  # steps, shifts of the mean over which a bl
 TINY = 1e-12
 ONE_STEP = 1.5  # factor either way within which a dead zone is one step wide
 SAME = 0.01  # relative difference of the steps of one converter
+COARSE = 0.2  # a lattice finer than this share of the noise is a number format: its rounding has 0.3 % of the power
+WORTH = 3.0  # sigmas of the angle random walk over all samples, that half steps must turn by for a finer lattice to matter
+DECIDED = 8.0  # log odds of one number format from which on the references are not compared, and a finer lattice matters
+OPEN = 0.05  # probability of another number format, from which on it is reported
+
+
+@dataclass(frozen=True)
+class NumberFormats:
+    """Number formats of the readings of three gyros.
+
+    Attributes
+    ----------
+    steps : (3,) step of the lattice that readings lie on, rad/s; zero if on none
+    log_posterior : (3, 3) of each format for each gyro
+    coarse : (3,) whether the lattice matters beside the noise
+    cut : (3,) whether readings are taken as cut toward zero
+    may_be_rounded, may_be_cut : (3,) whether that is possible
+    cut_odds : log odds that readings were cut and not rounded, where the samples leave that open; else None
+    """
+
+    steps: Array
+    log_posterior: Array
+    coarse: Mask
+    cut: Mask
+    may_be_rounded: Mask
+    may_be_cut: Mask
+    cut_odds: float | None
+
+    def describe(self) -> Findings:
+        """Describe the lattice of each gyro; gyros on one lattice are one departure."""
+        names = np.where(self.cut, "lattice_cut", "lattice_rounded")
+        tests = tuple(self._describe_test(axis, str(names[axis])) for axis in range(3))
+        symptoms: list[Symptom] = []
+        for kind in ("lattice_rounded", "lattice_cut"):
+            axes = np.flatnonzero(self.coarse & (names == kind))
+            steps = self.steps[axes]
+            common = axes.size == 3 and np.ptp(steps) < SAME * steps.mean()
+            each = [(None, axes[0], steps.mean())] if common else [(AXES[k], k, self.steps[k]) for k in axes]
+            symptoms += [self._describe_lattice(kind, name, int(axis), float(step)) for name, axis, step in each]
+        return Findings(tests, tuple(symptoms))
+
+    def _describe_test(self, axis: int, kind: str) -> SampleTest:
+        step = float(np.rad2deg(self.steps[axis]))
+        text = "readings lie on no lattice that matters beside the noise"
+        if self.coarse[axis]:
+            text = f"all readings are multiples of {step:.4g} deg/s"
+        return SampleTest("lattice_step", AXES[axis], step, 0.0, IMPOSSIBLE if self.coarse[axis] else 1.0, kind, text)
+
+    def _describe_lattice(self, kind: str, name: str | None, axis: int, step: float) -> Symptom:
+        size = float(np.rad2deg(step))
+        text = f"all readings are multiples of {size:.4g} deg/s, {'cut toward zero' if kind == 'lattice_cut' else 'rounded'}"
+        shares = zip(SYMPTOMS, np.exp(self.log_posterior[axis]).tolist(), strict=True)
+        rivals = tuple((other, share) for other, share in shares if other != kind and share > OPEN)
+        return Symptom(kind, name, size, "deg/s", 1e-6 * size, {}, IMPOSSIBLE, text, rivals=rivals)
+
+
+def find_number_formats(
+    rates: Array, used: Mask, usable: Mask, parts: Sequence[slice], sigma: float, lattice: Kind | None = None
+) -> NumberFormats:
+    """Find the lattices that readings lie on, and how readings came there.
+
+    Parameters
+    ----------
+    rates : (n, 3) readings, rad/s
+    used, usable : (n,) samples inside the intervals, and samples that were measured
+    parts : samples of each interval
+    sigma : noise of a reading, rad/s
+    lattice : how readings came onto a lattice, if that is known
+    """
+    steps = np.array([find_lattice_step(rates[used, axis]) for axis in range(3)])
+    coarse = steps > COARSE * sigma
+    # A finer one is of no consequence if readings were rounded; cut ones are all half a step too near to zero.
+    worth = ~coarse & (sigma > 0) & (0.5 * steps * np.sqrt(used.sum()) > WORTH * sigma)
+    log_posterior = compute_log_posterior(rates, parts, usable, np.where(coarse | worth, steps, 0.0), sigma)
+    odds = log_posterior[:, 1] - log_posterior[:, 0]
+    coarse = coarse | (worth & (odds > DECIDED))
+    # Readings that keep their sign and are cut toward zero are rounded ones but for a constant.
+    both_signs = bool((coarse & (rates[used].min(axis=0) < 0) & (rates[used].max(axis=0) > 0)).any())
+    cut = coarse & both_signs & (odds > 0 if lattice is None else lattice == "cut")
+    if lattice is not None:
+        return NumberFormats(steps, log_posterior, coarse, cut, coarse & ~cut, cut, None)
+    strongest, mixed = float(odds[np.argmax(np.abs(odds))]), bool(cut.any() and (coarse & ~cut).any())
+    is_open = both_signs and not mixed and abs(strongest) < DECIDED
+    may_be_rounded, may_be_cut = (coarse & (log_posterior[:, k] > np.log(OPEN)) for k in (0, 1))
+    return NumberFormats(steps, log_posterior, coarse, cut, may_be_rounded, may_be_cut, strongest if is_open else None)
 
 
 def compute_log_prior(step: float) -> Array:

@@ -1,7 +1,10 @@
-"""Outliers of the readings: what single samples far outside of their neighbours amount to.
+"""Outliers of the readings: single samples far outside of their neighbours.
 
-Which they are is told by `diagnosis.detectors.single_samples`. Spikes come at random, alone on their gyro and of heights that
-have a law; what several gyros show at once is a jolt of the body.
+The samples on either side tell what a reading should be, with the weights that do it best in this recording: as far as it is
+stationary they are those of the inverse of its covariance. They are estimated for the samples at rest and for those in motion.
+A thrust or a torque that sets in, after which the rate goes on along another line, departs from its neighbours as well: a spike
+explains more of the readings than a step and a bend before it or after it. Spikes come at random, alone on their gyro and with
+heights that have a law; an outlier of several gyros at once in motion is a jolt of the body.
 """
 
 from __future__ import annotations
@@ -18,7 +21,7 @@ from diagnosis.detectors.likeness import of_heights, of_places, of_signs, of_tim
 from diagnosis.detectors.report import (
     AXES,
     IMPOSSIBLE,
-    SampleReport,
+    Findings,
     SampleTest,
     Symptom,
     Tell,
@@ -27,17 +30,22 @@ from diagnosis.detectors.report import (
     silent,
     since_start,
 )
-from diagnosis.detectors.single_samples import BETWEEN, OUTLIER, SIDE, at_rest, in_motion
 from gyrocal.recording import Recording
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
-AROUND = 41  # samples whose median an outlier's neighbours are compared with
-BESIDE = (-3, -2, -1, 1, 2, 3)  # samples from an outlier
-FEWEST_OTHERS = 100  # samples that tell how far off those are anywhere
-OF_NOISE = 1 + np.pi / (2 * AROUND)  # variance of white noise of unit variance off that median
-RESTING = 0.3  # share of the samples in which the body rests, below which all are looked at as a motion
+OUTLIER = 6.0  # noise sigmas; one sample in 5e8 under M0
+SIDE = 6  # samples to either side that tell a spike from a step
+CLEARLY = 4.0  # squared sigmas by which a spike fits better
+NO_MORE = float(scipy.stats.chi2.isf(1e-3, 2 * SIDE))  # squared sigmas that it leaves of the readings around: a jolt rings on
+BETWEEN = np.array([1.0, -6.0, 15.0, 0.0, 15.0, -6.0, 1.0]) / 20  # of a quintic through three samples on either side
+AS_FAR = 0.75  # of its deviation, that a spike is off the curve through its neighbours
+BESIDE = 0.2  # of a spike, that may be left beside it
+LEAST_POWER = 1e-3  # of the deviations, at a frequency that the motion fills
+FEWEST_FITTED, MOST_FITTED = 300, 200_000  # readings that tell the weights of those around them
+NEARBY = 101  # over which the size of their usual error is taken
+RESTING = 0.3  # share of the samples in which the body rests, below which all are taken as a motion
 ALIKE = 0.02  # of the steps and bends of a motion, which may pass for spikes: a body that is jolted all the time has hundreds
 AS_HIGH = 0.4  # of the usual spike
 FEW = 5  # outliers, of which heights show no law
@@ -46,69 +54,118 @@ ALL_ALIKE = 3.0  # mean smallest heights of exponential outliers, up to which th
 
 
 @dataclass(frozen=True)
-class Looked:
-    """What one gyro's readings show of outliers; masks and arrays of all samples.
+class Outliers:
+    """Outliers of one gyro; masks and arrays (n,) of all samples.
 
     Attributes
     ----------
-    still, moving : outliers while the body rests, and while it moves
+    places : outliers
     off : how far each reading is off its neighbours, rad/s
     limit : from which on one counts, where the motion adds nothing
-    odd : readings in motion that are far off, also in a step
-    hidden : how far off an outlier must be to show in the motion there; zero at rest
+    odd : readings that are far off, also in a step
+    hidden : how far off an outlier must be to be visible in the motion there; zero at rest
     up : whether each reading is above its neighbours
     """
 
-    still: Mask
-    moving: Mask
+    places: Mask
     off: Array
     limit: float
     odd: Mask
     hidden: Array
     up: Mask
 
-    @property
-    def places(self) -> Mask:
-        """All outliers."""
-        return self.still | self.moving
+
+@dataclass(frozen=True)
+class OutlierFit:
+    """Outliers of all gyros together.
+
+    Attributes
+    ----------
+    axis : gyro that has them alone; None for all
+    size, sigma : mean height, rad/s
+    seen : mean height of those above the limit, rad/s
+    fraction : share of the samples
+    """
+
+    axis: int | None
+    size: float
+    sigma: float
+    seen: float
+    fraction: float
 
 
-def spikes(
-    report: SampleReport,
+@dataclass(frozen=True)
+class Repair:
+    """A stream without its outliers.
+
+    Attributes
+    ----------
+    rates, density : (n, 3) rad/s and rad²/s
+    filled : (n,) samples that something was put in place of
+    """
+
+    rates: Array
+    density: Array
+    filled: Mask
+
+
+def find_outliers(
     recording: Recording,
+    stream: Repair,
     quiet: Mask,
     used: Mask,
     noise: Array,
     steps: Array,
+    event_p: float,
     tell: Tell = silent,
-) -> None:
-    """Single samples far outside, and the tails of all."""
-    looked, asked = _looked(report, recording, quiet, used, noise, steps, tell)
-    counts = [int(one.places.sum()) for one in looked]
-    n = max(int(asked.sum()), 1)
+) -> tuple[Findings, Repair]:
+    """Find single samples far outside of their neighbours, and bridge them.
+
+    Parameters
+    ----------
+    recording, stream : what was recorded, repaired so far
+    quiet, used : (n,) samples at rest, and all that are judged
+    noise, steps : (3,) of a sample, and of a coarse lattice, rad/s
+    event_p : p-value below which outliers are a departure
+    """
+    found, judged = _find_of_gyros(recording, stream, quiet, used, noise, steps, tell)
+    counts = [int(one.places.sum()) for one in found]
+    n = max(int(judged.sum()), 1)
     chance = n * 2 * float(scipy.stats.norm.sf(OUTLIER)) * 1.2
-    expected = [chance + ALIKE * float((one.odd & ~one.moving).sum()) for one in looked]
-    chances = [_chance(count, usual) for count, usual in zip(counts, expected, strict=True)]
-    for axis, p in enumerate(chances):
-        report.tests.append(
-            SampleTest(
-                "outliers", AXES[axis], counts[axis], expected[axis], p, "outliers",
-                f"{counts[axis]} of {n} samples are off by more than {OUTLIER:g} sigmas",
-            )
-        )  # fmt: skip
-    p, clearest = _chance(sum(counts), sum(expected)), int(np.argmin(chances))
-    if 3 * chances[clearest] < report.event_p <= p:
-        # One gyro of three speaks alone: what the motion of the others passes for is chance.
-        p, looked = 3 * chances[clearest], _only(looked, clearest)
-        counts = [int(one.places.sum()) for one in looked]
-    total = sum(counts)
-    if p >= report.event_p or total < 2:
-        return
-    strongest = int(np.argmax(counts))
+    expected = [chance + ALIKE * float((one.odd & ~one.places).sum()) for one in found]
+    p_values = [_compute_p_value(count, usual) for count, usual in zip(counts, expected, strict=True)]
+    text = f"of {n} samples are off by more than {OUTLIER:g} sigmas"
+    tests = tuple(
+        SampleTest("outliers", AXES[k], counts[k], expected[k], p, "outliers", f"{counts[k]} {text}")
+        for k, p in enumerate(p_values)
+    )
+    p, clearest = _compute_p_value(sum(counts), sum(expected)), int(np.argmin(p_values))
+    if 3 * p_values[clearest] < event_p <= p:
+        # Outliers of one gyro of three: those of the others are the chance that the motion makes.
+        p = 3 * p_values[clearest]
+        found = [one if k == clearest else replace(one, places=np.zeros_like(one.places)) for k, one in enumerate(found)]
+    if p >= event_p or sum(int(one.places.sum()) for one in found) < 2:
+        return Findings(tests), stream
+    fit = _fit_heights(found, judged, noise)
+    symptom = Symptom(
+        "outliers", None if fit.axis is None else AXES[fit.axis], float(np.rad2deg(fit.size)), "deg/s",
+        float(np.rad2deg(fit.sigma)), {"fraction": fit.fraction}, p, likeness=_compute_likeness(recording, found, judged),
+    )  # fmt: skip
+    return Findings(tests, (symptom,)), _repair(recording, stream, found, fit)
+
+
+def _compute_p_value(count: int, expected: float) -> float:
+    """Compute the p-value of as many outliers, of a Poisson distribution; one without any."""
+    return max(float(scipy.stats.poisson.sf(count - 1, expected)), IMPOSSIBLE) if count else 1.0
+
+
+def _fit_heights(found: list[Outliers], judged: Mask, noise: Array) -> OutlierFit:
+    """Fit the law of the heights: exponential above a limit, or scattered about a mean."""
+    counts = [int(one.places.sum()) for one in found]
+    total, strongest = sum(counts), int(np.argmax(counts))
     # Two of two on one axis are three times likelier if only that has them.
     alone = counts[strongest] >= 0.95 * total
-    sizes = [one.off[one.places] for one in looked]
-    together, limit = np.concatenate(sizes), min(one.limit for one in looked)
+    together, limit = np.concatenate([one.off[one.places] for one in found]), min(one.limit for one in found)
     beyond = together - limit
     uneven = beyond.std() > 0.5 * beyond.mean()
     if total < MANY:  # whose scatter says little; of n exponential ones the smallest is beyond the limit by an n-th of the mean
@@ -123,112 +180,165 @@ def spikes(
         size = 0.5 * (seen + float(beyond.mean()))
         error = np.hypot(error, max(seen - size, size / np.sqrt(total)))
     high = max(AS_HIGH * seen, float(together.min()))
-    shown = sum(int((asked & (one.hidden <= high)).sum()) for one in ([looked[strongest]] if alone else looked))
+    shown = sum(int((judged & (one.hidden <= high)).sum()) for one in ([found[strongest]] if alone else found))
     fraction = total / max(shown, total) * (float(np.exp(min(limit / seen, 5.0))) if exponential else 1.0)
-    report.symptoms.append(
-        Symptom(
-            "outliers", AXES[strongest] if alone else None, float(np.rad2deg(size)), "deg/s", float(np.rad2deg(error)),
-            {"fraction": float(fraction)}, p, likeness=_likeness(recording, looked, asked),
-        )
-    )  # fmt: skip
-    if any(one.still.any() for one in looked):
-        _neighbours(report, [one.still for one in looked], quiet, noise)
-    for axis, one in enumerate(looked):
-        if counts[axis]:
-            _taken_out(report, recording, axis, one, seen, fraction)
+    return OutlierFit(strongest if alone else None, size, float(error), seen, float(fraction))
 
 
-def _only(looked: list[Looked], axis: int) -> list[Looked]:
-    """The same without the outliers of other gyros."""
-    none = np.zeros_like(looked[axis].still)
-    return [one if number == axis else replace(one, still=none, moving=none) for number, one in enumerate(looked)]
-
-
-def _chance(count: int, expected: float) -> float:
-    """P-value of as many outliers, of a Poisson distribution; one without any."""
-    return max(float(scipy.stats.poisson.sf(count - 1, expected)), IMPOSSIBLE) if count else 1.0
-
-
-def _looked(
-    report: SampleReport, recording: Recording, quiet: Mask, used: Mask, noise: Array, steps: Array, tell: Tell
-) -> tuple[list[Looked], Mask]:
-    """What each gyro shows, and which samples were asked."""
+def _find_of_gyros(
+    recording: Recording, stream: Repair, quiet: Mask, used: Mask, noise: Array, steps: Array, tell: Tell
+) -> tuple[list[Outliers], Mask]:
+    """Find the outliers of each gyro; also the samples that were judged."""
     whole = scipy.ndimage.binary_erosion(used & consecutive(recording, used), iterations=SIDE)
     # Beside a sample that was bridged the motion is known less well than the noise says.
-    known = ~scipy.ndimage.binary_dilation(report.filled, iterations=len(BETWEEN) // 2)
+    known = ~scipy.ndimage.binary_dilation(stream.filled, iterations=len(BETWEEN) // 2)
     resting = quiet & consecutive(recording, quiet) & np.roll(consecutive(recording, quiet), -1) & known
     if resting.sum() < RESTING * used.sum():
         resting = np.zeros_like(resting)
-    # A large outlier is no rest, so that what is left is looked at as a motion.
     turning = whole & known & ~resting
-    found = []
+    found, moving = [], []
     for axis in range(3):
-        x, level, step = report.rates[:, axis], float(noise[axis]), float(steps[axis])
-        tell(f"outliers of gyro {AXES[axis]} at rest", axis / 3)
-        still, off, limit = at_rest(x, resting, level, step)
-        tell(f"outliers of gyro {AXES[axis]} in motion", (axis + 0.5) / 3)
-        moving, beside, most, odd, least = in_motion(x, turning, level, step)
-        off = np.where(odd, beside, off)
-        hidden = np.where(resting, 0.0, least)
-        found.append(Looked(still, moving, np.abs(off), limit if resting.any() else most, odd, hidden, off > 0))
-    # What two gyros show at once while the body moves is a jolt of it.
-    tell("outliers that are jolts of the body", 0.95)
+        tell(f"outliers of gyro {AXES[axis]}", axis / 3)
+        x, level, step = stream.rates[:, axis], float(noise[axis]), float(steps[axis])
+        parts = [(mask, find_single_samples(x, mask, level, step)) for mask in (resting, turning) if mask.any()]
+        if not parts:
+            parts = [(turning, find_single_samples(x, turning, level, step))]
+        one = parts[-1][1]
+        moving.append(one.places)
+        if len(parts) > 1:
+            rest = parts[0][1]
+            one = Outliers(
+                rest.places | one.places, np.where(resting, rest.off, one.off), rest.limit, one.odd,
+                np.where(resting, 0.0, one.hidden), np.where(resting, rest.up, one.up),
+            )  # fmt: skip
+        found.append(one)
+    # Outliers of two gyros at once while the body moves are a jolt of it.
     near = sum(scipy.ndimage.binary_dilation(one.places, iterations=SIDE).astype(int) for one in found)
-    return [replace(one, moving=one.moving & (near == 1)) for one in found], resting | turning
+    jolts = [one & (near > 1) for one in moving]
+    return [replace(one, places=one.places & ~jolt) for one, jolt in zip(found, jolts, strict=True)], resting | turning
 
 
-def _taken_out(report: SampleReport, recording: Recording, axis: int, one: Looked, seen: float, fraction: float) -> None:
-    """Bridge the outliers of a gyro, and what stands as far out of a motion; where that hides them, they are noise."""
-    t, x = recording.gyro.t_s, report.rates[:, axis]
-    bad = one.places | (one.odd & (one.off > AS_HIGH * seen))
-    report.rates[bad, axis] = np.interp(t[bad], t[~bad], x[~bad])
-    report.filled |= bad
-    power = fraction * float(np.mean(one.off[one.places] ** 2)) * recording.gyro.sample_s
-    report.density[(one.hidden > AS_HIGH * seen) & ~bad, axis] += power
+def _repair(recording: Recording, stream: Repair, found: list[Outliers], fit: OutlierFit) -> Repair:
+    """Bridge the outliers, and what stands as far out of a motion; where that hides them, they are noise."""
+    t_s, rates, density, filled = recording.gyro.t_s, stream.rates.copy(), stream.density.copy(), stream.filled.copy()
+    for axis, one in enumerate(found):
+        if not one.places.any():
+            continue
+        x = rates[:, axis]
+        bad = one.places | (one.odd & (one.off > AS_HIGH * fit.seen))
+        rates[bad, axis] = np.interp(t_s[bad], t_s[~bad], x[~bad])
+        filled |= bad
+        power = fit.fraction * float(np.mean(one.off[one.places] ** 2)) * recording.gyro.sample_s
+        density[(one.hidden > AS_HIGH * fit.seen) & ~bad, axis] += power
+    return Repair(rates, density, filled)
 
 
-def _likeness(recording: Recording, looked: list[Looked], asked: Mask) -> float:
-    """Of the times of outliers, counted from their interval's start, of what they and their signs go with, and of heights."""
+def _compute_likeness(recording: Recording, found: list[Outliers], judged: Mask) -> float:
+    """Compute the p-value of outliers at random: of their times, of what they and their signs go with, and of their heights."""
     since, given = since_start(recording), circumstances(recording)
     times, heights, places, signs = [], [], [], [1.0]
-    for one in looked:
+    for one in found:
         own = some(np.flatnonzero(one.places))
         times.append(since[one.places])
         heights.append(one.off[one.places] - one.limit)
         signs.append(of_signs(one.up[own], [values[own] for values in given]))
         if own.size > 1:
-            # Of places where the smallest of them would have been seen: none there is chance.
-            where = asked & (one.hidden <= np.abs(one.off[own]).min())
+            # Only places where the smallest of them would have been seen count.
+            where = judged & (one.hidden <= one.off[own].min())
             seen = own[where[own]]
             places += [(values[where], values[seen]) for values in given]
-    of_sign = min(1.0, len(looked) * min(signs))
-    found = of_times(np.concatenate(times)), of_heights(np.concatenate(heights)), of_places(places), of_sign
-    return min(1.0, len(found) * min(found))
+    of_sign = min(1.0, len(found) * min(signs))
+    tests = of_times(np.concatenate(times)), of_heights(np.concatenate(heights)), of_places(places), of_sign
+    return min(1.0, len(tests) * min(tests))
 
 
-def _neighbours(report: SampleReport, places: list[Mask], quiet: Mask, noise: Array) -> None:
-    """Whether the samples beside outliers are as all others are: what disturbs them too is not a single sample's fault.
+def find_single_samples(x: Array, judged: Mask, noise: float, step: float) -> Outliers:
+    """Find single samples off what their neighbours tell.
 
-    Readings at some distances from m outliers, less the median of 41 samples around, are summed with the outliers' signs. As
-    these have nothing to do with what is beside them, the sums have m times the covariance C of deviations at such distances
-    anywhere, that of the noise and of what a body sways by in so few samples. So Sᵀ C⁻¹ S/m is χ².
+    Parameters
+    ----------
+    x : (n,) readings of one gyro, rad/s
+    judged : (n,) samples that are judged
+    noise, step : of a sample, and of a coarse lattice, rad/s
     """
-    aligned, C = np.zeros(len(BESIDE)), np.zeros((len(BESIDE), len(BESIDE)))
-    for axis, bad in enumerate(places):
-        x = report.rates[:, axis]
-        deviation = (x - scipy.ndimage.median_filter(x, AROUND, mode="nearest")) / noise[axis]
-        clipped = np.clip(deviation, -OUTLIER, OUTLIER)
-        inside = np.zeros(x.size, dtype=bool)
-        inside[AROUND : x.size - AROUND] = True
-        own = np.flatnonzero(bad & inside)
-        signs = np.sign(deviation[own])
-        aligned += np.array([signs @ clipped[own + lag] for lag in BESIDE])
-        others = some(np.flatnonzero(quiet & inside & ~scipy.ndimage.binary_dilation(bad, iterations=AROUND)))
-        around = np.array([clipped[others + lag] for lag in BESIDE])
-        C += own.size * (around @ around.T / others.size if others.size > FEWEST_OTHERS else OF_NOISE * np.eye(len(BESIDE)))
-    chi2 = float(aligned @ np.linalg.solve(C, aligned)) if aligned.any() else 0.0
-    p = max(float(scipy.stats.chi2.sf(chi2, len(BESIDE))), IMPOSSIBLE)
-    text = f"the samples beside outliers are off as well, χ² = {chi2:.1f} of {len(BESIDE)}"
-    report.tests.append(SampleTest("outlier_neighbours", None, chi2, float(len(BESIDE)), p, "outlier_neighbours", text))
-    if p < report.event_p:
-        report.symptoms.append(Symptom("outlier_neighbours", None, chi2, "χ²", float(np.sqrt(2 * chi2)), {}, p, text))
+    judged = judged.copy()
+    judged[:SIDE] = judged[-SIDE:] = False
+    weights = _fit_weights(x, judged)
+    off = x - scipy.ndimage.convolve1d(x, np.concatenate([weights[::-1], [0.0], weights]), mode="nearest")
+    usual = noise * float(np.sqrt(1 + 2 * weights @ weights))
+    level = np.maximum(scipy.ndimage.median_filter(np.abs(off), NEARBY, mode="nearest") / 0.6745, usual)
+    least = OUTLIER * level + step
+    # Beside a spike a reading is off as well, by its share of the spike.
+    highest = np.abs(off) >= scipy.ndimage.maximum_filter1d(np.abs(off), 2 * SIDE + 1, mode="nearest")
+    far = judged & highest & (np.abs(off) > least)
+    single = _is_single(x, np.where(far, off, 0.0), noise)
+    known = _Shapes(weights)
+    for k in np.flatnonzero(single).tolist():
+        odds, left = known.compare(off[k - SIDE : k + SIDE + 1])
+        single[k] = odds > CLEARLY * level[k] ** 2 and left < NO_MORE * level[k] ** 2
+    return Outliers(single, np.abs(off), OUTLIER * usual + step, far, least, off > 0)
+
+
+def _is_single(x: Array, deviation: Array, noise: float) -> Mask:
+    """Tell whether a sample that deviates is alone off the curve through three samples on either side of each.
+
+    It is about as far off its own, and those of the samples beside it show it with the weights that it has in them and nothing
+    else. A motion that bends within a few samples may be far off a median or off what one side tells, but not so.
+    """
+    off = x - scipy.ndimage.convolve1d(x, BETWEEN, mode="nearest")
+    half = len(BETWEEN) // 2
+    found = (off * deviation > 0) & (np.abs(off) > np.maximum(AS_FAR * np.abs(deviation), OUTLIER * noise))
+    spread = noise * float(np.sqrt(1 + BETWEEN @ BETWEEN))
+    for k in np.flatnonzero(found).tolist():
+        low, high = max(k - 2 * half, 0), min(k + 2 * half + 1, x.size)
+        pattern = np.zeros(4 * half + 1)
+        pattern[half : 3 * half + 1] = -BETWEEN
+        pattern[2 * half] = 1.0
+        left = off[low:high] - off[k] * pattern[low - k + 2 * half : high - k + 2 * half]
+        found[k] = np.abs(left).max() < max(BESIDE * abs(off[k]), OUTLIER * spread)
+    return np.asarray(found)
+
+
+def _fit_weights(x: Array, judged: Mask) -> Array:
+    """Fit the (SIDE,) weights of readings at each distance, on both sides, that predict a reading best; their sum is ½.
+
+    White noise wants the mean of many, and a fast motion a curve through few; the readings tell what theirs want.
+    """
+    places = np.flatnonzero(judged)
+    places = places[:: max(1, -(-places.size // MOST_FITTED))]
+    if places.size < FEWEST_FITTED:
+        half = len(BETWEEN) // 2
+        return np.pad(BETWEEN[half + 1 :], (0, SIDE - half))
+    sides = np.column_stack([x[places - lag] + x[places + lag] - 2 * x[places] for lag in range(1, SIDE + 1)])
+    y, sides = -0.5 * sides[:, 0], sides[:, 1:] - sides[:, :1]
+    for _ in range(2):
+        others = np.asarray(np.linalg.lstsq(sides, y, rcond=None)[0])
+        left = np.abs(y - sides @ others)
+        kept = left <= OUTLIER * np.median(left) / 0.6745
+        y, sides = y[kept], sides[kept]
+    return np.append(0.5 - others.sum(), others)
+
+
+class _Shapes:
+    """Deviations around a sample: how much of them a spike explains, and how much a step and a bend beside it.
+
+    With K the filter that takes from a reading what those around tell of it, whose usual error is L, the readings x have the
+    inverse covariance K/L², and deviations Kx the covariance L² K. So a shape u, which they show as s = Ku, explains
+    (sᵀ K⁻¹ Kx)² / sᵀ K⁻¹ s, in squared deviations, where K is cut to the samples that are looked at.
+    """
+
+    def __init__(self, weights: Array) -> None:
+        K = np.concatenate([-weights[::-1], [1.0], -weights])
+        t = np.arange(-2.0 * SIDE, 2 * SIDE + 1)
+        after = [t >= late for late in (0, 1)]
+        shapes = [t[:, None] == 0.0, *(np.column_stack([one, one * t]) for one in after)]
+        seen = [scipy.ndimage.convolve1d(one.astype(float), K, axis=0)[SIDE:-SIDE] for one in shapes]
+        values, vectors = np.linalg.eigh(scipy.linalg.toeplitz(np.concatenate([[1.0], -weights, np.zeros(SIDE)])))
+        inverse = vectors / np.maximum(values, LEAST_POWER) @ vectors.T
+        self.all = inverse
+        self.spike, *self.steps = (inverse @ one @ np.linalg.inv(one.T @ inverse @ one) @ one.T @ inverse for one in seen)
+
+    def compare(self, off: Array) -> tuple[float, float]:
+        """Compute what a spike explains beyond the better of a step and a bend before or after it, and what it leaves."""
+        explained = float(off @ self.spike @ off)
+        return explained - max(float(off @ step @ off) for step in self.steps), float(off @ self.all @ off) - explained

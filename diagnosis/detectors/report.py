@@ -92,6 +92,14 @@ class Symptom:
     of_line: bool = False
 
 
+@dataclass(frozen=True)
+class Findings:
+    """Tests of the samples, and the departures that they establish."""
+
+    tests: tuple[SampleTest, ...] = ()
+    symptoms: tuple[Symptom, ...] = ()
+
+
 @dataclass
 class SampleReport:
     """What the samples show, and the stream with it repaired as far as that goes.
@@ -135,6 +143,11 @@ class SampleReport:
     zones: dict[int, Zone] = field(default_factory=dict)
     hidden: Mask = field(default_factory=lambda: np.zeros(3, dtype=bool))
     lattice: Mask = field(default_factory=lambda: np.zeros(3, dtype=bool))
+
+    def add(self, findings: Findings) -> None:
+        """Add tests and departures."""
+        self.tests += findings.tests
+        self.symptoms += findings.symptoms
 
     def unjudged(self) -> SampleReport:
         """The report as it was before any line was judged."""

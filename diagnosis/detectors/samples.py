@@ -14,19 +14,20 @@ import numpy as np
 import scipy.ndimage
 from numpy.typing import NDArray
 
-from diagnosis.detectors.clipping import saturation
+from diagnosis.detectors.clipping import find_clipping
 from diagnosis.detectors.denoised import denoised
 from diagnosis.detectors.gap_interpolation import filled, runs
-from diagnosis.detectors.lattice import Kind, lattice_step, undone
+from diagnosis.detectors.lattice import Kind, undo_lattice
 from diagnosis.detectors.likeness import of_runs
 from diagnosis.detectors.noise_patterns import patterns
 from diagnosis.detectors.noise_structure import constancy, together
-from diagnosis.detectors.number_format import SAME, SYMPTOMS, compute_log_posterior
-from diagnosis.detectors.outliers import spikes
-from diagnosis.detectors.own_repeats import own_repeats
+from diagnosis.detectors.number_format import NumberFormats, find_number_formats
+from diagnosis.detectors.outliers import Repair, find_outliers
+from diagnosis.detectors.repeats import Repeats, find_repeats
 from diagnosis.detectors.report import (
     AXES,
     IMPOSSIBLE,
+    Findings,
     SampleReport,
     SampleTest,
     Symptom,
@@ -39,7 +40,6 @@ from diagnosis.detectors.report import (
 )
 from diagnosis.detectors.sample_noise import local_noise, noise, quiet
 from diagnosis.detectors.spectral_lines import lines
-from diagnosis.detectors.stale_samples import stale_samples
 from diagnosis.detectors.zone_passes import zone
 from diagnosis.settings import DEFAULT, DiagnosisSettings
 from gyrocal.recording import Recording
@@ -49,22 +49,17 @@ from simulator.effects.smoothing import noise_level
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
-COARSE = 0.2  # a lattice finer than this share of the noise is a number format: its rounding has 0.3 % of the power
-WORTH = 3.0  # sigmas of the angle random walk over all samples, that half steps must turn by for a finer lattice to matter
-DECIDED = 8.0  # log odds of one number format from which on the references are not asked, and a finer lattice matters
-OPEN = 0.05  # probability of another number format, from which on it is told
 FIRST = 3.0  # steps of a number format, within which the smallest readings beside its zeros lie
 HIDING = 2.0  # noise sigmas in a step, above which a lattice hides slow motion
 CERTAIN = 3.0  # log odds of a dead zone from which on its edges are left out of the other tests
 BESIDE = 10  # samples beside an edge
-ALONE = 1e-3  # share of the samples that repeat on one axis and not on all, from which on chance may repeat all
 FAR = 8.0  # noise sigmas from its neighbours at which a value was not measured
 
 
 def examine(
     recording: Recording, lattice: Kind | None = None, settings: DiagnosisSettings = DEFAULT, tell: Tell = silent
 ) -> SampleReport:
-    """All stream tests of a recording, and its repaired stream.
+    """Test all samples of a recording, and repair the stream.
 
     Parameters
     ----------
@@ -78,36 +73,22 @@ def examine(
     none = np.zeros(gyro.t_s.size, dtype=bool)
     report = SampleReport([], [], gyro.rates.copy(), np.full(gyro.rates.shape, gyro.arw**2), none, none.copy())
     report.event_p, report.line_p = settings.sample_event, settings.line
-    used = inside(recording)
-    steps = np.zeros(3)
-    for axis in range(3):
-        tell(f"lattice of gyro {AXES[axis]}", 0.005 * axis)
-        steps[axis] = lattice_step(gyro.rates[used, axis])
-    tell("repeated samples", 0.015)
-    coarse = steps > COARSE * sigma
-    _stale(report, recording, used, coarse)
+    used, parts = inside(recording), interval_slices(recording)
+    tell("repeated samples", 0.0)
+    repeats = find_repeats(gyro.rates, consecutive(recording, used) & ~_is_largest(gyro.rates, used))
+    if repeats is not None:
+        report.add(_describe_repeats(recording, repeats, settings.sample_event))
+        if repeats.p_value < settings.sample_event:
+            _fill(report, recording, repeats.mask)
     tell("number format", 0.02)
-    # A finer one is of no consequence if readings were rounded; cut ones are all half a step too near to zero.
-    worth = ~coarse & (sigma > 0) & (0.5 * steps * np.sqrt(used.sum()) > WORTH * sigma)
-    parts = interval_slices(recording)
-    posterior = compute_log_posterior(gyro.rates, parts, ~report.filled, np.where(coarse | worth, steps, 0.0), sigma)
-    odds = posterior[:, 1] - posterior[:, 0]
-    coarse = coarse | (worth & (odds > DECIDED))
-    # Of readings that keep their sign, those cut toward zero are rounded ones but for a constant.
-    both_signs = bool((coarse & (gyro.rates[used].min(axis=0) < 0) & (gyro.rates[used].max(axis=0) > 0)).any())
-    cut = coarse & both_signs & (odds > 0 if lattice is None else lattice == "cut")
-    strongest, mixed = float(odds[np.argmax(np.abs(odds))]), bool(cut.any() and (coarse & ~cut).any())
-    if both_signs and lattice is None and not mixed and abs(strongest) < DECIDED:
-        report.cut_odds = strongest
-    report.lattice = steps > HIDING * sigma
-    _quantization(report, steps, coarse, cut, posterior)
-    tell("plateaus", 0.025)
-    may_be_cut = coarse & (posterior[:, 1] > np.log(OPEN)) if lattice is None else cut
-    may_be_rounded = coarse & (posterior[:, 0] > np.log(OPEN)) if lattice is None else coarse & ~cut
-    saturation(report, recording, used, coarse, (may_be_rounded, may_be_cut), steps, sigma)
+    formats = find_number_formats(gyro.rates, used, ~report.filled, parts, sigma, lattice)
+    steps, coarse = formats.steps, formats.coarse
+    report.cut_odds, report.lattice = formats.cut_odds, steps > HIDING * sigma
+    report.add(formats.describe())
+    tell("plateaus", 0.03)
+    findings, report.clipped = find_clipping(recording, used, formats, sigma)
+    report.add(findings)
     if sigma > 0:
-        tell("repeats of one gyro", 0.03)
-        own_repeats(report, recording, used, coarse)
         tell("noise here and there", 0.045)
         local = local_noise(report.rates, sigma, coarse, steps, report.filled)
         found = {}
@@ -118,20 +99,15 @@ def examine(
         # The jumps at the edges of a zone are neither noise nor motion; of readings beside zeros, some were made zeros.
         used = used & ~_near_edges(report) & ~_near_zeros(recording, used, coarse, steps, sigma)
         still = used & quiet(report.rates, local, within(tell, 0.2, 0.25))
+        before = Repair(report.rates, report.density, report.filled)
         spread = np.where(coarse, steps, 0.0)
-        spikes(report, recording, still, used, local, spread, within(tell, 0.25, 0.3))
-        report.lines = lines(report, recording, still, used, within(tell, 0.3, 0.65))
-        noise(
-            report,
-            recording,
-            still,
-            used,
-            sigma,
-            steps,
-            coarse,
-            may_be_cut,
-            within(tell, 0.65, 0.7),
+        findings, after = find_outliers(
+            recording, before, still, used, local, spread, settings.sample_event, within(tell, 0.25, 0.3)
         )
+        report.add(findings)
+        report.rates, report.density, report.filled = after.rates, after.density, after.filled
+        report.lines = lines(report, recording, still, used, within(tell, 0.3, 0.65))
+        noise(report, recording, still, used, sigma, steps, coarse, formats.may_be_cut, within(tell, 0.65, 0.7))
         report.noise = sigma * report.noise_factor
         if not coarse.any():
             tell("noise in common", 0.7)
@@ -139,10 +115,15 @@ def examine(
             constancy(report, recording, used, within(tell, 0.75, 0.77))
             patterns(report, recording, used, steps, within(tell, 0.77, 0.8))
         tell("zeros", 0.8)
-        _zero_mass(report, recording, inside(recording), coarse, steps)
-        _off_the_lattice(report, recording, steps, coarse, cut, sigma)
+        report.add(_find_zeros(recording, report.noise, formats))
+        _off_the_lattice(report, recording, formats, sigma)
     report.smooth = smoothed_rates(report.rates, recording, within(tell, 0.8, 1))
     return report
+
+
+def _is_largest(rates: Array, used: Mask) -> Mask:
+    """(n,) samples at the largest reading of a gyro, where a clipped one stands."""
+    return np.asarray((np.abs(rates) >= np.abs(rates[used]).max(axis=0) * (1 - 1e-12)).any(axis=1))
 
 
 def _near_edges(report: SampleReport) -> Mask:
@@ -181,69 +162,23 @@ def smoothed_rates(rates: Array, recording: Recording, tell: Tell = silent) -> A
     return out
 
 
-def _quantization(report: SampleReport, steps: Array, coarse: Mask, cut: Mask, posterior: Array) -> None:
-    for axis in range(3):
-        found = bool(coarse[axis])
-        symptom = "lattice_cut" if found and cut[axis] else "lattice_rounded"
-        p = IMPOSSIBLE if found else 1.0
-        text = (
-            f"all readings are multiples of {np.rad2deg(steps[axis]):.4g} deg/s"
-            if found
-            else "readings lie on no lattice that matters beside the noise"
-        )
-        report.tests.append(SampleTest("lattice_step", AXES[axis], float(np.rad2deg(steps[axis])), 0.0, p, symptom, text))
-    if not coarse.any():
-        return
-    for kind, axes in (("lattice_rounded", coarse & ~cut), ("lattice_cut", coarse & cut)):
-        if not axes.any():
-            continue
-        found_steps = steps[axes]
-        common = bool(axes.all()) and np.ptp(found_steps) < SAME * found_steps.mean()
-        groups = [(None, float(found_steps.mean()))] if common else [(AXES[k], float(steps[k])) for k in np.flatnonzero(axes)]
-        for axis_name, step in groups:
-            size = float(np.rad2deg(step))
-            how = "cut toward zero" if kind == "lattice_cut" else "rounded"
-            text = f"all readings are multiples of {size:.4g} deg/s, {how}"
-            shares = np.exp(posterior[np.flatnonzero(axes)[0] if axis_name is None else AXES.index(axis_name)])
-            others = zip(SYMPTOMS, shares.tolist(), strict=True)
-            rivals = tuple((other, share) for other, share in others if other != kind and share > OPEN)
-            report.symptoms.append(Symptom(kind, axis_name, size, "deg/s", 1e-6 * size, {}, IMPOSSIBLE, text, rivals=rivals))
-
-
-def _stale(report: SampleReport, recording: Recording, used: Mask, coarse: Mask) -> None:
-    """Samples that repeat the one before on all axes at once, beyond what a coarse lattice makes."""
-    rates = recording.gyro.rates
-    equal = np.zeros(rates.shape, dtype=bool)
-    equal[1:] = rates[1:] == rates[:-1]
-    clipped = (np.abs(rates) >= np.abs(rates[used]).max(axis=0) * (1 - 1e-12)).any(axis=1)
-    follows = consecutive(recording, used) & ~clipped
-    # Floats with few digits repeat as those of a lattice do, axis by axis.
-    alone = (equal & ~equal.all(axis=1, keepdims=True))[follows].mean(axis=0) > ALONE if follows.any() else coarse
-    found = stale_samples(rates, equal, follows, coarse | alone, report.event_p)
-    if found is None:
-        return
-    report.tests.append(
-        SampleTest(
-            "repeated_share", None, found.count / found.samples, found.expected / found.samples, found.p_value,
-            "repeats", f"{found.count} of {found.samples} samples repeat the one before on all axes",
-        )
+def _describe_repeats(recording: Recording, found: Repeats, event_p: float) -> Findings:
+    """Describe repeated samples: held over, or filled in where they are far from their neighbours."""
+    test = SampleTest(
+        "repeated_share", None, found.count / found.samples, found.expected / found.samples, found.p_value,
+        "repeats", f"{found.count} of {found.samples} samples repeat the one before on all axes",
     )  # fmt: skip
-    if found.p_value >= report.event_p:
-        return
-    parameters: dict[str, float | str] = {"fraction": found.fraction}
-    kind = "repeats" if _is_measured(rates, found.mask) else "filled_samples"
+    if found.p_value >= event_p:
+        return Findings((test,))
+    kind = "repeats" if _is_measured(recording.gyro.rates, found.mask) else "filled_samples"
     text = "" if kind == "repeats" else "samples repeat a value that is far from its neighbours, so that it was filled in"
-    alike = _run_likeness(found.mask, recording) if not coarse.any() else 1.0
-    report.symptoms.append(
-        Symptom(kind, None, found.size, "samples", found.sigma, parameters, found.p_value, text, likeness=alike)
-    )
-    _fill(report, recording, found.mask)
-
-
-def _run_likeness(repeated: Mask, recording: Recording) -> float:
-    """Of the runs of repeats, counted from their interval's start; those of a lattice may be chance and are not judged."""
-    low, high = np.array(runs(repeated)).T
-    return of_runs(since_start(recording)[low], high - low)
+    likeness = 1.0
+    if not found.expected and found.mask.any():  # runs of chance have other lengths
+        low, high = np.array(runs(found.mask)).T
+        likeness = of_runs(since_start(recording)[low], high - low)
+    parameters: dict[str, float | str] = {"fraction": found.fraction}
+    symptom = Symptom(kind, None, found.size, "samples", found.sigma, parameters, found.p_value, text, likeness=likeness)
+    return Findings((test,), (symptom,))
 
 
 def _is_measured(rates: Array, repeated: Mask) -> bool:
@@ -269,34 +204,30 @@ def _fill(report: SampleReport, recording: Recording, bad: Mask) -> None:
     report.filled |= bad
 
 
-def _zero_mass(report: SampleReport, recording: Recording, used: Mask, coarse: Mask, steps: Array) -> None:
-    """Samples that read exactly zero on no lattice: a dead zone behind the noise."""
-    for axis in np.flatnonzero(~coarse):
+def _find_zeros(recording: Recording, noise: Array, formats: NumberFormats) -> Findings:
+    """Find samples that read exactly zero on no coarse lattice: a dead zone behind the noise."""
+    tests, symptoms, used = [], [], inside(recording)
+    for axis in np.flatnonzero(~formats.coarse):
         x = recording.gyro.rates[used, axis]
         count = int(np.sum(x == 0.0))
-        other, zone = _zeros(x, float(report.noise[axis]), float(steps[axis]))
-        p = IMPOSSIBLE if zone else 1.0
-        report.tests.append(
-            SampleTest("zero_samples", AXES[axis], count, 0.0, p, "dead_zone", f"{count} samples read exactly zero")
-        )
-        if p < report.event_p:
+        other, zone = _zeros(x, float(noise[axis]), float(formats.steps[axis]))
+        p, text = IMPOSSIBLE if zone else 1.0, f"{count} samples read exactly zero"
+        tests.append(SampleTest("zero_samples", AXES[axis], count, 0.0, p, "dead_zone", text))
+        if zone:
             smallest = float(np.rad2deg(other[:3].mean()))
-            spacing = float(np.rad2deg(other[3:30].mean())) - smallest
-            report.symptoms.append(
-                Symptom("dead_zone", AXES[axis], smallest, "deg/s", max(spacing, 1e-3 * smallest), {}, IMPOSSIBLE)
-            )
+            spacing = max(float(np.rad2deg(other[3:30].mean())) - smallest, 1e-3 * smallest)
+            symptoms.append(Symptom("dead_zone", AXES[axis], smallest, "deg/s", spacing, {}, IMPOSSIBLE))
+    return Findings(tuple(tests), tuple(symptoms))
 
 
-def _off_the_lattice(report: SampleReport, recording: Recording, steps: Array, coarse: Mask, cut: Mask, sigma: float) -> None:
+def _off_the_lattice(report: SampleReport, recording: Recording, formats: NumberFormats, sigma: float) -> None:
     """Undo what the lattice does to slow rates, and account for the noise it makes."""
-    t = recording.gyro.t_s
-    for axis in np.flatnonzero(coarse):
-        q = float(steps[axis])
+    for axis in np.flatnonzero(formats.coarse):
+        q = float(formats.steps[axis])
         report.density[:, axis] += q**2 / 12 * recording.gyro.sample_s
-        kind: Kind = "cut" if cut[axis] else "rounded"
-        for interval in recording.intervals:
-            low, high = np.searchsorted(t, [interval.start_s - 1e-6, interval.stop_s - 1e-6])
-            x, factor, hidden = undone(report.rates[low:high, axis], recording.gyro.sample_s, q, sigma, kind)
-            report.rates[low:high, axis] = x
-            report.density[low:high, axis] = report.density[low:high, axis] * factor + hidden
+        kind: Kind = "cut" if formats.cut[axis] else "rounded"
+        for part in interval_slices(recording):
+            x, factor, hidden = undo_lattice(report.rates[part, axis], recording.gyro.sample_s, q, sigma, kind)
+            report.rates[part, axis] = x
+            report.density[part, axis] = report.density[part, axis] * factor + hidden
             report.hidden[axis] |= bool(np.mean(hidden > 0) > 0.1)

@@ -10,8 +10,7 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from diagnosis.detectors import clipping, reference_noise, sample_noise, single_samples, spectral_lines
-from diagnosis.detectors import samples as stream
+from diagnosis.detectors import clipping, number_format, outliers, reference_noise, sample_noise, spectral_lines
 from diagnosis.model.recording import RecordingModel
 from diagnosis.plan.result import POWER, Verdict, Visible
 from diagnosis.plan.visibility import row_of
@@ -42,9 +41,9 @@ def sample_tests(scenario: Scenario) -> SampleTests:
         correlated=reference_noise.CORRELATED,
         line_p=DEFAULT.line,
         lowest_line_hz=spectral_lines.FEWEST_CYCLES / (max([1, *quiet]) * scenario.gyro.sample_s),
-        outlier_sigma=single_samples.OUTLIER,
+        outlier_sigma=outliers.OUTLIER,
         fewest_clipped=clipping.FEWEST_CLIPPED,
-        coarse=stream.COARSE,
+        coarse=number_format.COARSE,
         fewest_references=reference_noise.FEWEST,
         reference_p=DEFAULT.sample_event,
         trimming=reference_noise.TRIMMING,

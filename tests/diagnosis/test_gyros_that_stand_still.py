@@ -6,7 +6,17 @@ import numpy as np
 import pytest
 
 from diagnosis.diagnose import diagnose
-from tests.diagnosis.detectors.test_own_repeats import NOISE, turning
+from tests.diagnosis.recordings import of_rates
+
+SAMPLE_S, ARW = 0.1, 1e-5
+NOISE = ARW / np.sqrt(SAMPLE_S)
+
+
+def turning(seed=3, count=6000):
+    """A body that turns slowly and less slowly, about all axes."""
+    t_s = SAMPLE_S * np.arange(count)
+    rates = 2e-3 * np.sin(2 * np.pi * t_s[:, None] / np.array([170.0, 230.0, 310.0]))
+    return of_rates(rates, 50, SAMPLE_S, ARW, 2e-5, seed)
 
 
 def standing(axes, value, after=0):

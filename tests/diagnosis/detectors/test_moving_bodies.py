@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 from diagnosis.detectors.noise_structure import disagreement_of, power_of
+from diagnosis.detectors.outliers import OUTLIER, find_single_samples
+from diagnosis.detectors.repeats import find_repeats
 from diagnosis.detectors.samples import examine
-from diagnosis.detectors.single_samples import OUTLIER, in_motion
 from diagnosis.detectors.spectral_lines import jolts
-from diagnosis.detectors.stale_samples import stale_samples
 from gyrocal.recording import Attitudes, GyroStream, Interval, Recording
 
 SAMPLES = 20_000
@@ -52,9 +52,7 @@ def test_faults_on_a_lattice_still_show():
 
 
 def _stale(x):
-    equal = np.zeros(x.shape, dtype=bool)
-    equal[1:] = x[1:] == x[:-1]
-    return stale_samples(x, equal, np.ones(len(x), dtype=bool), np.ones(3, dtype=bool), 1e-6)
+    return find_repeats(x, np.ones(len(x), dtype=bool))
 
 
 # ---- spikes --------------------------------------------------------------------------------------------------------------
@@ -69,16 +67,16 @@ def bending():
 
 
 def test_a_rate_that_bends_has_no_spikes():
-    assert not in_motion(bending(), np.ones(SAMPLES, dtype=bool), 1.0, 0.0)[0].any()
+    assert not find_single_samples(bending(), np.ones(SAMPLES, dtype=bool), 1.0, 0.0).places.any()
 
 
 def test_spikes_of_a_body_in_motion_are_found_with_their_size():
     x, places = swaying(3)[:, 0], np.arange(500, SAMPLES - 500, 700)
     x[places] += 40.0
-    found, deviation, limit, *_ = in_motion(x, np.ones(SAMPLES, dtype=bool), 1.0, 0.0)
-    assert set(np.flatnonzero(found)) == set(places)
+    found = find_single_samples(x, np.ones(SAMPLES, dtype=bool), 1.0, 0.0)
+    assert set(np.flatnonzero(found.places)) == set(places)
     # Readings around tell of it but for the noise of both.
-    assert abs(np.mean(deviation[places]) - 40.0) < limit / OUTLIER
+    assert abs(np.mean(found.off[places]) - 40.0) < found.limit / OUTLIER
 
 
 # ---- jolts and zeros -----------------------------------------------------------------------------------------------------

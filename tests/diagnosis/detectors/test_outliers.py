@@ -7,7 +7,6 @@ import pytest
 import scipy.stats
 
 from diagnosis.detectors import outliers
-from diagnosis.detectors.report import SampleReport
 from diagnosis.detectors.samples import examine
 from tests.diagnosis.recordings import of_rates
 
@@ -146,42 +145,16 @@ def test_outliers_of_one_gyro_speak_although_the_others_motion_passes_for_some(m
     places[[300, 777, 1400, 1999, 2500]] = True
     odd[::17] = True
     off = np.where(places, 50 * SIGMA, 0.0)
-    quiet = outliers.Looked(none, places, off, 6 * SIGMA, places, np.zeros(t_s.size), places)
-    jolted = outliers.Looked(none, none, off, 6 * SIGMA, odd, np.zeros(t_s.size), odd)
-    monkeypatch.setattr(outliers, "_looked", lambda *_: ([jolted, quiet, jolted], ~none))
+    quiet = outliers.Outliers(places, off, 6 * SIGMA, places, np.zeros(t_s.size), places)
+    jolted = outliers.Outliers(none, off, 6 * SIGMA, odd, np.zeros(t_s.size), odd)
+    monkeypatch.setattr(outliers, "_find_of_gyros", lambda *_: ([jolted, quiet, jolted], ~none))
+    stream = outliers.Repair(made.gyro.rates, np.ones((t_s.size, 3)), none)
 
     def found(seen):
-        report = SampleReport([], [], made.gyro.rates.copy(), np.ones((t_s.size, 3)), none, none.copy())
-        report.event_p = seen
-        outliers.spikes(report, made, ~none, ~none, np.full(3, SIGMA), np.zeros(3))
-        return [(one.axis, one.p_value) for one in report.symptoms if one.kind == "outliers"]
+        findings, _ = outliers.find_outliers(made, stream, ~none, ~none, np.full(3, SIGMA), np.zeros(3), seen)
+        return [(one.axis, one.p_value) for one in findings.symptoms if one.kind == "outliers"]
 
     expected = 3000 * 2 * scipy.stats.norm.sf(6.0) * 1.2
     p = 3 * scipy.stats.poisson.sf(4, expected)
     assert found(2 * p) == [("y", pytest.approx(p))]
     assert found(0.5 * p) == []
-
-
-def beside_outliers(seed, sway, disturbed=0.0, samples=8000):
-    """P-value that samples beside outliers are as all others, of three gyros on a body that sways within 41 samples."""
-    rng = np.random.default_rng(seed)
-    t = np.arange(samples)
-    rates = sway * np.sin(2 * np.pi * (t[:, None] / 55.0 + rng.uniform(0, 1, 3))) + rng.standard_normal((samples, 3))
-    places = [np.isin(t, rng.choice(np.arange(100, samples - 100, 20), 12, replace=False)) for _ in range(3)]
-    for axis, bad in enumerate(places):
-        own = np.flatnonzero(bad)
-        signs = rng.choice([-1.0, 1.0], own.size)
-        rates[own, axis] += 20 * signs
-        rates[own + 1, axis] += disturbed * signs
-    none = np.zeros(samples, dtype=bool)
-    report = SampleReport([], [], rates, np.ones((samples, 3)), none, none)
-    outliers._neighbours(report, places, ~none, np.ones(3))
-    return report.tests[0].p_value
-
-
-@pytest.mark.parametrize("sway", [0.0, 1.0, 4.0])
-def test_samples_beside_outliers_of_a_swaying_body_are_as_all_others(sway):
-    """Their p-values are uniform, whatever the body's motion adds to the samples beside; a disturbed one is seen."""
-    values = [beside_outliers(seed, sway) for seed in range(60)]
-    assert scipy.stats.kstest(values, "uniform").pvalue > 1e-3
-    assert beside_outliers(1, sway, disturbed=3.0 + sway) < 1e-5

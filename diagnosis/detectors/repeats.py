@@ -1,0 +1,200 @@
+"""Samples that repeat the one before on all axes at once: a mixture of telemetry faults and of chance.
+
+Continuous noise never repeats. Readings of a coarse number format do, and all axes at once with a probability C, the product
+of their shares e. Those shares are taken among the samples that do not repeat on all axes, so that with the probability
+p = e (1 − C) + C of each axis, C = ∏ p follows by iteration. Readings repeat where the rate is steady: the shares are those of
+samples near in time whose rate changes as fast. Axes may repeat together for another reason, such as the mixing of a
+calibration in the sensor. Repeats of two axes without the third one, which are no fault, show how often.
+
+With a share f of faults a sample repeats with the probability f + (1 − f) C. The likelihood ratio of the best f against f = 0
+is the test (Wilks; f lies on the boundary, which halves the p-value), and f/(f + (1 − f) C) is the probability that a repeat is
+a fault. The number of repeats by chance is known to a few percent only, which takes its part of the evidence.
+
+A fault is followed by another one with the probability r = 1 − 1/size, for runs of the mean length `size`. Each of two
+neighbours may also repeat by chance, so that pairs exceed chance by r + 2 (1 − r) C of the faults.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.ndimage
+import scipy.optimize
+import scipy.stats
+from numpy.typing import NDArray
+
+from diagnosis.detectors.report import IMPOSSIBLE
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+
+@dataclass(frozen=True)
+class RepeatSettings:
+    """Settings of the test.
+
+    Attributes
+    ----------
+    nearby : samples of a stretch of time in which the share of repeats is taken; short beside an orbit
+    alike : of these, samples with nearly the same change of rate, over which it is taken
+    side : samples on either side of a repeat that are left out where the change of rate is taken
+    least_chance : probability by chance on a number format, below which no estimate from so few samples goes
+    alone : share of samples that repeat on one axis only, from which on repeats by chance are possible at all
+    most_chance : the same, above which it is not certain either
+    tied : gain of the log likelihood by a common probability of two axes, from which on these are not independent; odds of 2e4
+    rough : sigma of the number of repeats by chance, relative to it: error of the shares in the recordings of the bench
+    most : share of all samples that repeat by chance, above which faults cannot be told
+    fewest : samples, below which nothing is said
+    sure : probability of a fault from which on a sample is bridged
+    """
+
+    nearby: int = 1500
+    alike: int = 101
+    side: int = 2
+    least_chance: float = 1e-3
+    alone: float = 1e-3
+    most_chance: float = 0.99
+    tied: float = 10.0
+    rough: float = 0.05
+    most: float = 0.5
+    fewest: int = 500
+    sure: float = 0.9
+
+
+SETTINGS = RepeatSettings()
+
+
+@dataclass(frozen=True)
+class Repeats:
+    """Repeated samples.
+
+    Attributes
+    ----------
+    count, samples, expected : repeats among the samples looked at, and how many of them chance makes
+    p_value : of that
+    fraction : share of the samples that are faults
+    size, sigma : mean length of a run of faults and its sigma, samples
+    mask : (n,) samples that are surely faults
+    """
+
+    count: int
+    samples: int
+    expected: float
+    p_value: float
+    fraction: float
+    size: float
+    sigma: float
+    mask: Mask
+
+
+def find_repeats(rates: Array, follows: Mask, settings: RepeatSettings = SETTINGS) -> Repeats | None:
+    """Find samples that repeat the one before on all axes; None where nothing can be told.
+
+    Parameters
+    ----------
+    rates : (n, 3) readings
+    follows : (n,) directly follows a sample of the same interval, and may be judged
+    """
+    equal = np.zeros(rates.shape, dtype=bool)
+    equal[1:] = rates[1:] == rates[:-1]
+    joint = equal.all(axis=1) & follows
+    n, count = int(follows.sum()), int(joint.sum())
+    if n < settings.fewest:
+        return None
+    chance, sigma = np.zeros(len(rates)), 0.0
+    if ((equal & ~joint[:, None])[follows].mean(axis=0) > settings.alone).all():
+        chance = np.maximum(_compute_chance(equal, rates, follows, settings), settings.least_chance)
+        sigma = settings.rough * float(chance[follows].sum())
+        if chance[follows].mean() > settings.most:
+            return None
+    expected = float(chance[follows].sum())
+    fraction, p = _test_share(joint[follows], chance[follows], sigma)
+    posterior = np.where(joint, fraction / np.maximum(fraction + (1 - fraction) * chance, 1e-300), 0.0)
+    size, error = _estimate_run(joint & follows, chance, follows)
+    return Repeats(count, n, expected, p, fraction, size, error, np.asarray(posterior > settings.sure))
+
+
+def _test_share(joint: Mask, chance: Array, sigma: float) -> tuple[float, float]:
+    """Estimate the share of faults and the p-value that there are none; `sigma` is that of the number of repeats by chance."""
+    count = int(joint.sum())
+    if not count:
+        return 0.0, 1.0
+    if not chance.any():
+        return count / joint.size, IMPOSSIBLE if count >= 3 else 1.0
+
+    def compute_log_likelihood(log_share: float) -> float:
+        share = np.exp(log_share)
+        made = share + (1 - share) * chance
+        return float(np.sum(np.log(np.where(joint, made, 1 - made))))
+
+    found = scipy.optimize.minimize_scalar(
+        lambda x: -compute_log_likelihood(x), bounds=(np.log(0.1 / joint.size), np.log(0.99)), method="bounded"
+    )
+    share = float(np.exp(found.x))
+    none = float(np.sum(np.log(np.where(joint, chance, 1 - chance))))
+    # An error of the number of repeats by chance takes its part of the evidence.
+    shrunk = 1 / (1 + sigma**2 / max(float(np.sum(chance * (1 - chance))), 1e-300))
+    ratio = max(-float(found.fun) - none, 0.0) * shrunk
+    return share, max(0.5 * float(scipy.stats.chi2.sf(2 * ratio, 1)), IMPOSSIBLE)
+
+
+def _compute_chance(equal: Mask, rates: Array, follows: Mask, settings: RepeatSettings) -> Array:
+    """(n,) probability that all axes repeat by chance."""
+    n = len(rates)
+    after, before = np.minimum(np.arange(n) + settings.side, n - 1), np.maximum(np.arange(n) - settings.side - 1, 0)
+    change = np.abs(rates[after] - rates[before])
+    others = follows & ~equal.all(axis=1)
+    shares = np.column_stack([_average_alike(equal[:, k], others, change[:, k], settings) for k in range(3)])
+    C = _solve_product(shares)
+    each = shares * (1 - C)[:, None] + C[:, None]
+    found, best = each.prod(axis=1), settings.tied
+    for axis in range(3):
+        pair, lone = np.asarray(np.delete(equal, axis, axis=1).all(axis=1)), follows & ~equal[:, axis]
+        together = _average_alike(pair, lone, np.delete(change, axis, axis=1).max(axis=1), settings)
+        apart = np.delete(each, axis, axis=1).prod(axis=1)
+        gain = _compute_log_likelihood(pair[lone], together[lone]) - _compute_log_likelihood(pair[lone], apart[lone])
+        if gain > best:
+            found, best = each[:, axis] * together, gain
+    return np.asarray(np.minimum(found, settings.most_chance))
+
+
+def _compute_log_likelihood(event: Mask, chance: Array) -> float:
+    p = np.clip(chance, 1e-4, 1 - 1e-4)
+    return float(np.sum(np.log(np.where(event, p, 1 - p))))
+
+
+def _average_alike(repeats: Mask, where: Mask, change: Array, settings: RepeatSettings) -> Array:
+    """(n,) share of repeats among the other samples of a mask that are near in time and whose rate changes as fast."""
+    share = np.zeros(repeats.size)
+    for part in np.array_split(np.arange(repeats.size), max(1, repeats.size // settings.nearby)):
+        order = part[np.argsort(change[part], kind="stable")]
+        all_of_them, own = _count(where[order], settings.alike), _count((repeats & where)[order], settings.alike)
+        share[order] = own / np.maximum(all_of_them, 1.0)
+    return share
+
+
+def _solve_product(shares: Array) -> Array:
+    """(n,) C = ∏ (e (1 − C) + C) of shares e (n, 3)."""
+    C = np.prod(shares, axis=1)
+    for _ in range(30):
+        C = np.prod(shares * (1 - C)[:, None] + C[:, None], axis=1)
+    return np.asarray(C)
+
+
+def _count(mask: Mask, width: int) -> Array:
+    """(n,) number of samples in a window around each, without itself."""
+    values = mask.astype(float)
+    return np.asarray(width * scipy.ndimage.uniform_filter1d(values, width, mode="nearest") - values)
+
+
+def _estimate_run(joint: Mask, chance: Array, follows: Mask) -> tuple[float, float]:
+    """Estimate the mean length of the runs of faults and its sigma."""
+    count, pairs = int(joint.sum()), int(np.sum(joint[1:] & joint[:-1]))
+    c = float(chance[follows].mean())
+    faults = max((count - c * follows.sum()) / (1 - c), 1.0)
+    follow = (pairs - float(np.sum((chance[1:] * chance[:-1])[follows[1:] & follows[:-1]]))) / faults
+    ratio = float(np.clip((follow - 2 * c) / (1 - 2 * c), 0.0, 0.95))
+    error = np.sqrt(max(pairs, 1) + ratio**2 * count) / faults
+    size = 1 / (1 - ratio)
+    return size, float(size**2 * error)
