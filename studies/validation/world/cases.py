@@ -34,6 +34,7 @@ MIX = (5, 8, 4, 4, 4)
 MOST_LISTED = 4  # effects of the library in a mixed recording
 
 PLANS = 60  # tried for a case
+PAIRS = 5  # plans with a grade, tried for a case
 DESCRIBED = 0.3  # norm of the error of a plan's own samples, up to which the baseline describes it
 DETERMINED = 0.03  # sigma of an element of G, up to which a plan determines it
 ALIKE = 0.8  # cosine of two responses above which a pair is one effect to any diagnosis
@@ -94,15 +95,26 @@ def kind_of(spec: Spec, case: int) -> Kind:
 def draw_world(spec: Spec, case: int, plan: str | None = None) -> World:
     """Draw the plan of a case, of a given name or any: the first that the baseline describes and that determines G.
 
+    A grade of the gyro may suit no draw of a plan. Another plan and grade then are drawn.
+
     Raises
     ------
     InputError
         None of many does.
     """
-    source, lot = spec.source, spec.rng(case, "plan")
-    name, drawn_grade = plan or str(lot.choice(sorted(source.plans))), str(lot.choice(sorted(source.grades)))
-    kind = source.plans[name]
-    grade, grade_name = (kind.grade, name) if kind.grade else (source.grades[drawn_grade], drawn_grade)
+    lot = spec.rng(case, "plan")
+    for _ in range(PAIRS):
+        name, grade_name = plan or str(lot.choice(sorted(spec.source.plans))), str(lot.choice(sorted(spec.source.grades)))
+        world = _draw_world(spec, case, name, grade_name)
+        if world is not None:
+            return world
+    raise InputError(f"case {case}: no plan of {PAIRS} that the baseline describes and that determines G")
+
+
+def _draw_world(spec: Spec, case: int, name: str, drawn_grade: str) -> World | None:
+    """Draw a plan of one name and grade; None where no draw of it can be used."""
+    kind = spec.source.plans[name]
+    grade, grade_name = (kind.grade, name) if kind.grade else (spec.source.grades[drawn_grade], drawn_grade)
     draw_plan = kind.draw or partial(drawn_plan, kind=kind)
     for number in range(PLANS):
         try:
@@ -112,7 +124,7 @@ def draw_world(spec: Spec, case: int, plan: str | None = None) -> World:
         evidence = Evidence(made)
         if evidence.model_error < DESCRIBED and evidence.sigmas[:9].max() < DETERMINED:
             return World(spec, case, name, grade_name, made, evidence)
-    raise InputError(f"case {case}: no plan '{name}' of grade {grade_name} that the baseline describes and that determines G")
+    return None
 
 
 def draw(spec: Spec, case: int, kind: Kind | None = None, plan: str | None = None) -> Drawn:
