@@ -130,7 +130,11 @@ def _first(recording: Recording, report: SampleReport, tell: Progress = lambda t
     """The model with the references as stated, its sigma, and the intervals it is propagated over."""
     pieces = unclipped(recording, report)
     if not pieces:
-        raise InputError("no two reference attitudes are left with unclipped gyro samples between them")
+        levels = [f"{one.axis} at {one.size:.4g} {one.unit}" for one in report.symptoms if one.kind == "plateau"]
+        raise InputError(
+            f"gyro {' and '.join(levels)} stands at its largest reading between all reference attitudes, as a clipped gyro does; "
+            "give intervals in which it is not clipped"
+        )
     return *baseline(recording, report, pieces, recording.attitudes.sigma, tell), pieces
 
 
