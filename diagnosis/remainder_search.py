@@ -29,7 +29,7 @@ from diagnosis.inference.amplitudes import Fitted, amplitudes, refined
 from diagnosis.inference.attribution import Slot, find_slots
 from diagnosis.inference.search import NOTHING, Explanation, Search
 from diagnosis.model.calibration import calibrated
-from diagnosis.model.candidates import linear_model
+from diagnosis.model.candidates import linear_model, of_columns
 from diagnosis.model.linear import LinearModel, Member
 from diagnosis.model.prepare import Progress
 from diagnosis.model.recording import RecordingModel
@@ -96,17 +96,21 @@ def identify_beside_remainder(
     processes = build_processes(model)
     columns, labels = np.zeros((model.size, 0)), frozenset[str]()
     remainder = estimate_remainder(model, processes, columns)
+    noisy = add_remainder(model, remainder)
+    linear = linear_model(noisy, rivals, (), rules)
     for number in range(ROUNDS):
         tell(f"remainder, round {number + 1}", 0.9 + 0.02 * number)
-        noisy = add_remainder(model, remainder)
-        linear = linear_model(noisy, rivals, (), rules)
+        if number:
+            before, noisy = noisy, add_remainder(model, remainder)
+            W = convert(before, noisy, linear.W[:, :])
+            linear = of_columns(noisy, linear.candidates, [W], {effect.name: effect for effect in rivals}, rules)
         search = Search(linear, rules)
         explanations = sorted([*search.explanations(), NOTHING], key=lambda one: -one.log_posterior)
         best = explanations[0]
         shaped = [member for member in best.members if not linear.candidate(member).process]
         found = frozenset(linear.candidate(member).label for member in shaped)
         columns = _prior_columns(model, noisy, linear, shaped)
-        if found == labels and number:
+        if found == labels:
             break
         labels = found
         remainder = estimate_remainder(model, processes, columns, remainder)

@@ -99,11 +99,10 @@ def _one(search: Search, members: tuple[Member, ...], place: int) -> Fitted:
     # Options with other columns, such as a richer form of the same effect, have amplitudes of another meaning.
     alike = [k for k, one in enumerate(entry.options) if entry.process or one.count == option.count]
     alike = [k for k in alike if weights[k].sum() > NEGLIGIBLE or k == member.option]
-    products = {k: _products(search, entry, k, given) for k in alike}
+    products = {k: _products(search, member.candidate, k, given) for k in alike}
     if entry.process:
         size, sigma = _process_size(entry, products, entry.scales[member.scale])
-        mean, covariance = _normal(*products[member.option], entry.scales, entry.positive)
-        values, spread = mean[member.scale], covariance[member.scale]
+        (values,), (spread,) = _normal(*products[member.option], entry.scales[[member.scale]], entry.positive)
         shown: Parameters = dict(option.parameters)
     else:
         own_kind = [k for k in alike if _named(entry.options[k]) == _named(option)]
@@ -161,14 +160,12 @@ def _beside(
     return float(np.sqrt(square / total))
 
 
-def _products(search: Search, entry: Candidate, number: int, given: Conditioning | None) -> tuple[Array, Array]:
+def _products(search: Search, candidate: int, number: int, given: Conditioning | None) -> tuple[Array, Array]:
     """XᵀX (k, k) and Xᵀy (k,) of an option given the other members, a shift taken out of y."""
+    entry = search.model.candidates[candidate]
     option = entry.options[number]
     places = np.arange(option.start, option.start + option.count)[None]
-    gram, correlation = (
-        (search.model.X[:, option.columns].T @ search.model.X[:, option.columns])[None],
-        search.correlation[places],
-    )
+    gram, correlation = search.gram.single(candidate, number)[None], search.correlation[places]
     if given is not None:
         gram, correlation = given.reduced_products(gram, correlation, places)
     if entry.shifted:
@@ -181,7 +178,7 @@ def _normal(gram: Array, correlation: Array, scales: Array, positive: bool) -> t
     values, vectors = np.linalg.eigh(gram)
     variance = scales[:, None] ** 2 / (1 + scales[:, None] ** 2 * np.maximum(values, 0.0))  # (s, k)
     mean = (variance * (vectors.T @ correlation)) @ vectors.T
-    covariance = np.einsum("ik,sk,jk->sij", vectors, variance, vectors)
+    covariance = (vectors * variance[:, None]) @ vectors.T
     if positive:  # the moments of a normal variable cut at zero
         sigma = np.sqrt(covariance[:, 0, 0])
         z = mean[:, 0] / sigma

@@ -127,15 +127,6 @@ def without_columns(fold: Fold) -> Fold:
     return replace(fold, train_X=fold.train_X[:, :0].copy(), left_X=fold.left_X[:, :0].copy())
 
 
-def of_response(model: LinearModel, response: Array) -> Closure | None:
-    """What a known truth reaches: the same measure with its response (N,) to the whitened observations taken out."""
-    folds = list(model.folds(response[:, None]))
-    parts = [
-        np.column_stack([fold.left_y**2, (fold.left_y - fold.left_X[:, 0]) ** 2, np.ones(fold.left_y.size)]) for fold in folds
-    ]
-    return summed(parts, folds, model.split, False) if parts else None
-
-
 def _one(model: LinearModel, fold: Fold, weighted: Weighted, random: bool) -> Array:
     """(s, 3) the measure of each row held out: before, after, floor; predicted by what the fold has come to."""
     before = fold.left_y

@@ -19,7 +19,7 @@ Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
 
 SMALL = 24  # most columns of options that are computed together, those of one size at a time
-MOST_KEPT = 4_000_000  # products of columns that are kept
+MOST_KEPT = 8_000_000  # products of columns that are kept
 
 
 class Conditioning:
@@ -27,7 +27,7 @@ class Conditioning:
 
     Parameters
     ----------
-    rows : from places (n,) of columns of the model to their products (r, n) with C
+    rows : from places (n,) of columns of the model, and (r, r) factors, to these times the products (r, n) with C
     inner : (r, r) CᵀC
     correlation : (r,) Cᵀy, the shifts taken out of y
     shift : (p,) products of the shifts with all columns
@@ -37,7 +37,7 @@ class Conditioning:
     log_bayes : log evidence of what is in
     """
 
-    def __init__(self, rows: Callable[[Indices], Array], inner: Array, correlation: Array, shift: Array):
+    def __init__(self, rows: Callable[[Array, Indices], Array], inner: Array, correlation: Array, shift: Array):
         factor = np.linalg.cholesky(np.eye(len(inner)) + inner)
         self._inverse = scipy.linalg.solve_triangular(factor, np.eye(len(inner)), lower=True, check_finite=False)
         self._rows = rows
@@ -47,11 +47,12 @@ class Conditioning:
 
     def reduced_products(self, gram: Array, correlation: Array, places: Indices) -> tuple[Array, Array]:
         """Products XᵀX (o, k, k) and Xᵀy (o, k) of the columns at `places` (o, k), given what is in."""
-        reduced = (self._inverse @ self._rows(places.ravel())).reshape(len(self._inverse), *places.shape)  # (r, o, k)
+        reduced = self._rows(self._inverse, places.ravel()).reshape(len(self._inverse), *places.shape)  # (r, o, k)
         # Products of (o, k, r) and (o, r, l) are far quicker than one sum over all indices.
         turned = reduced.transpose(1, 0, 2)
         gram = gram - np.matmul(turned.transpose(0, 2, 1), turned)
-        return gram, correlation - self._shift[places] - np.tensordot(self._y, reduced, axes=1)
+        along = (self._y @ reduced.reshape(len(reduced), -1)).reshape(places.shape)
+        return gram, correlation - self._shift[places] - along
 
 
 class Products:

@@ -75,15 +75,13 @@ def _as_a_whole(
 ) -> Iterator[tuple[tuple[Member, ...], Score]]:
     """Scores of a process with all columns that show at the scale that it has alone, given sets without it."""
     own = [given for given in givens if all(member.candidate != number for member in given)]
-    chosen = sorted({number, *(member.candidate for given in own for member in given)})
-    kept = [model.candidates[place] for place in chosen]
-    small = model.only(lambda candidate: any(candidate is one for one in kept))
-    place = chosen.index(number)
-    alone = Search(small).score(place, ())
-    whole = Search(small.whole(small, Member(place, alone.option, alone.scale)))
+    members = list(dict.fromkeys(member for given in own for member in given))
+    held = [replace(model.candidate(member), options=(model.option(member),)) for member in members]
+    small = replace(model, candidates=(model.candidates[number], *held)).only(lambda candidate: True)
+    alone = Search(small).score(0, ())
+    whole = Search(small.whole(small, Member(0, alone.option, alone.scale)))
     for given in own:
-        beside = tuple(replace(member, candidate=chosen.index(member.candidate)) for member in given)
-        yield given, whole.score(place, beside)
+        yield given, whole.score(0, tuple(Member(1 + members.index(one), 0, one.scale) for one in given))
 
 
 def _others(explanation: Explanation, member: Member) -> tuple[Member, ...]:

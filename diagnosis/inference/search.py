@@ -169,17 +169,17 @@ class Search:
     def _conditioned(self, members: tuple[Member, ...]) -> Conditioning:
         """Inner products given some members."""
         own, scale, shifts = self.model.design(members)
-        alone = [self.model.design((member,))[0] for member in members]
-
+        stops = np.cumsum([self.model.design((member,))[0].size for member in members])[:-1]
         products = self._products  # and not the search, which keeps what is made here: it would hold on to itself
 
-        def rows(places: Indices) -> Array:
-            return scale[:, None] * np.vstack([products.of(member, places) for member in members])
+        def rows(factors: Array, places: Indices) -> Array:
+            parts = zip(np.split(factors * scale, stops, axis=1), members, strict=True)
+            return np.asarray(sum(part @ products.of(member, places) for part, member in parts))
 
         X = self.model.X
         shift = X.T @ X[:, shifts].sum(axis=1) if shifts.size else np.zeros(X.shape[1])
-        inner = np.hstack([rows(places) for places in alone]) * scale
-        given = Conditioning(rows, inner, scale * (self.correlation - shift)[own], shift)
+        C = X[:, own] * scale
+        given = Conditioning(rows, C.T @ C, scale * (self.correlation - shift)[own], shift)
         given.log_bayes += float(self.correlation[shifts].sum() - 0.5 * shift[shifts].sum())
         return given
 

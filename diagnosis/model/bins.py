@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
+import scipy.sparse
 from numpy.typing import NDArray
 
 from diagnosis.model.recording import RecordingModel
@@ -87,12 +88,13 @@ def binned(model: RecordingModel, bin_s: float | None = None) -> Bins:
 
 def observed(model: RecordingModel, bins: Bins, axis: int, values: Array) -> Array:
     """(N, k) whitened columns of rate errors about one axis, (bins, k)."""
-    moved = bins.turned[:, :, axis, None] * values[:, None, :]
     out = np.empty((model.size, values.shape[1]))
     for number, block in enumerate(model.blocks):
-        inside = moved[bins.interval == number]
-        total = np.concatenate([np.zeros((1, *inside.shape[1:])), np.cumsum(inside, axis=0)])
-        out[block.rows] = block.observed(total[bins.ends[number]]).reshape(-1, values.shape[1])
+        own, (ends, place) = values[bins.interval == number], np.unique(bins.ends[number], return_inverse=True)
+        turned = bins.turned[bins.interval == number, :, axis][: ends[-1]].T.copy()
+        sums = [scipy.sparse.csr_array((along, np.arange(ends[-1]), ends)) @ own[: ends[-1]] for along in turned]
+        total = np.concatenate([np.zeros((1, 3, values.shape[1])), np.cumsum(np.stack(sums, axis=1), axis=0)])
+        out[block.rows] = block.observed(total[place]).reshape(-1, values.shape[1])
     return model.whitened(out)
 
 

@@ -41,7 +41,6 @@ Array = NDArray[np.float64]
 
 AT_ONCE = 512  # columns that are projected together
 BLOCK = 6_000_000  # numbers; what is as large is memory of its own to the system
-SPARE = 8  # share of all columns that there is room for beside them
 
 
 def linear_model(
@@ -74,12 +73,8 @@ def linear_model(
             tell(count)
             yield group
 
-    return assembled(
-        model,
-        list(made()),
-        {effect.name: effect for effect in effects},
-        settings,
-    )
+    candidates, columns = ordered(list(made()), model.projected, settings)
+    return of_columns(model, candidates, columns, {effect.name: effect for effect in effects}, settings)
 
 
 def packed(groups: Iterable[Group], size: int) -> Iterator[Group]:
@@ -174,12 +169,12 @@ def _projected(model: RecordingModel, columns: list[Array]) -> tuple[Room, Resto
     """Columns (N, k) side by side and projected, with room for more; those that are done are taken off the list."""
     count = sum(part.shape[1] for part in columns)
     # Column by column, so that what is not used yet takes no memory, and columns side by side are products without a copy.
-    room = Room(np.empty((model.size, count + max(count // SPARE, AT_ONCE)), order="F"))
+    room = Room(np.empty((model.size, 2 * count + AT_ONCE), order="F"))
     basis, hidden = model.nuisance, np.empty((model.nuisance.shape[1], count))
     columns.reverse()
     while columns:
-        some: list[Array] = []
-        while columns and sum(part.shape[1] for part in some) < AT_ONCE:
+        some, wide = [columns.pop()], AT_ONCE
+        while columns and (wide := wide - some[-1].shape[1]) > 0:
             some.append(columns.pop())
         part, start = np.hstack(some), room.used
         room.used += part.shape[1]
@@ -188,12 +183,14 @@ def _projected(model: RecordingModel, columns: list[Array]) -> tuple[Room, Resto
     return room, Restored(room.memory[:, :count], basis, hidden)
 
 
-def assembled(
-    model: RecordingModel, groups: Sequence[Group], effects: Mapping[str, Effect], settings: DiagnosisSettings
+def of_columns(
+    model: RecordingModel,
+    candidates: tuple[Candidate, ...],
+    columns: list[Array],
+    effects: Mapping[str, Effect],
+    settings: DiagnosisSettings,
 ) -> LinearModel:
-    """Groups side by side, as the linear model of a recording."""
-    candidates, columns = ordered(groups, model.projected, settings)
-    del groups  # whose columns are hundreds of megabytes
+    """The linear model of a recording, by the whitened columns of all candidates in their order."""
     room, W = _projected(model, columns)
 
     def refine(linear: LinearModel, member: Member) -> LinearModel:

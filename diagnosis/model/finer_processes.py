@@ -6,15 +6,19 @@ asked again as a whole.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from diagnosis.model import processes
 from diagnosis.model.groups import AXES, process_places
 from diagnosis.model.linear import Candidate, LinearModel, Member, Option, Parameters, finer
 from diagnosis.model.recording import RecordingModel
 from simulator.effects.base import Effect
+
+Array = NDArray[np.float64]
 
 
 def with_finer_process(model: RecordingModel, linear: LinearModel, member: Member, effect: Effect) -> LinearModel:
@@ -27,40 +31,33 @@ def with_finer_process(model: RecordingModel, linear: LinearModel, member: Membe
     """
     entry, held = linear.candidate(member), linear.option(member)
     beside = _beside(entry, held)
+    weight = held.log_weight - float(np.log(1 + len(beside)))
     halfway = [_between(held.parameters, entry.options[one].parameters) for one in beside]
-    covariance, places = process_places(model, effect)
-    number, weight, start = AXES.index(str(entry.axis)), held.log_weight - float(np.log(1 + len(halfway))), linear.W.shape[1]
-    options, columns, least = list(entry.options), [], processes.WHOLE / float(entry.scales[member.scale]) ** 2
-    wanted = [
-        (member.option, held.parameters, weight),
-        *((one, entry.options[one].parameters, entry.options[one].log_weight) for one in beside),
-        *((None, parameters, weight) for parameters in halfway),
-    ]
-    for place, parameters, own in wanted:
-        columns.append(processes.whole(places[number], covariance(parameters), least))
-        window = held.window if place is None else options[place].window
-        made = Option(start, columns[-1].shape[1], own, dict(parameters), window)
-        if place is None:
-            options.append(made)
-        else:
-            options[place] = made
-        start += columns[-1].shape[1]
-    W = np.hstack(columns)
-    return linear.with_options(member.candidate, options, W, model.projected(W), finer(entry.scales, member.scale))
+    wanted = {member.option: replace(held, log_weight=weight), **{one: entry.options[one] for one in beside}}
+    further = (replace(held, log_weight=weight, parameters=parameters) for parameters in halfway)
+    wanted |= dict(enumerate(further, len(entry.options)))
+    return _as_a_whole(model, linear, member, effect, wanted, finer(entry.scales, member.scale))
 
 
 def with_whole_process(model: RecordingModel, linear: LinearModel, member: Member, effect: Effect) -> LinearModel:
     """The linear model with all columns of a random process that can be seen at a member's scale, at each of its options."""
     entry = linear.candidate(member)
+    return _as_a_whole(model, linear, member, effect, dict(enumerate(entry.options)), entry.scales)
+
+
+def _as_a_whole(
+    model: RecordingModel, linear: LinearModel, member: Member, effect: Effect, wanted: Mapping[int, Option], scales: Array
+) -> LinearModel:
+    """The linear model with all columns that can be seen at a member's scale at some options of it, by their numbers."""
     covariance, places = process_places(model, effect)
-    number, start = AXES.index(str(entry.axis)), linear.W.shape[1]
-    options, columns, least = [], [], processes.WHOLE / float(entry.scales[member.scale]) ** 2
-    for one in entry.options:
-        columns.append(processes.whole(places[number], covariance(one.parameters), least))
-        options.append(replace(one, start=start, count=columns[-1].shape[1]))
+    place = places[AXES.index(str(linear.candidate(member).axis))]
+    options, columns, start = dict(enumerate(linear.candidate(member).options)), [], linear.W.shape[1]
+    for number, one in wanted.items():
+        columns.append(processes.whole(place, covariance(one.parameters), processes.WHOLE / linear.scale(member) ** 2))
+        options[number] = replace(one, start=start, count=columns[-1].shape[1])
         start += columns[-1].shape[1]
     W = np.hstack(columns)
-    return linear.with_options(member.candidate, options, W, linear.projected(W))
+    return linear.with_options(member.candidate, list(options.values()), W, model.projected(W), scales)
 
 
 def _beside(entry: Candidate, held: Option) -> list[int]:

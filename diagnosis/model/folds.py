@@ -149,17 +149,7 @@ def _hidden(L: Array, rows: NDArray[np.intp]) -> Array:
 def _held_out(model: RecordingModel, W: Array, out: NDArray[np.bool_], owner: NDArray[np.str_], biases: Array | None) -> Fold:
     """One part of a recording held out."""
     found = conditioned(model, W, out, biases)
-    left = np.asarray(np.linalg.cholesky(found.covariance))
-    own = owner[out]
-    return Fold(
-        train_y=found.train_y,
-        train_X=found.train_X,
-        left_y=_solved(left, found.error_y),
-        left_X=_solved(left, found.error_X),
-        log_scale=2 * np.log(np.diag(left)),
-        owner=own,
-        dof={str(name): float(np.sum(own == name)) for name in np.unique(own)},
-    )
+    return _fold(found.train_y, found.train_X, found.error_y, found.error_X, found.covariance, owner[out])
 
 
 def held_out(sigma: Array, observed: Array, columns: Array, out: NDArray[np.bool_], owner: NDArray[np.str_]) -> Fold:
@@ -175,18 +165,16 @@ def held_out(sigma: Array, observed: Array, columns: Array, out: NDArray[np.bool
     """
     train = np.asarray(np.linalg.cholesky(sigma[np.ix_(~out, ~out)]))
     gain = _solved(train, sigma[np.ix_(~out, out)])
-    left = np.asarray(np.linalg.cholesky(sigma[np.ix_(out, out)] - gain.T @ gain))
     train_y, train_X = _solved(train, observed[~out]), _solved(train, columns[~out])
-    own = owner[out]
-    return Fold(
-        train_y=train_y,
-        train_X=train_X,
-        left_y=_solved(left, observed[out] - gain.T @ train_y),
-        left_X=_solved(left, columns[out] - gain.T @ train_X),
-        log_scale=2 * np.log(np.diag(left)),
-        owner=own,
-        dof={str(name): float(np.sum(own == name)) for name in np.unique(own)},
-    )
+    error_y, error_X = observed[out] - gain.T @ train_y, columns[out] - gain.T @ train_X
+    return _fold(train_y, train_X, error_y, error_X, sigma[np.ix_(out, out)] - gain.T @ gain, owner[out])
+
+
+def _fold(train_y: Array, train_X: Array, error_y: Array, error_X: Array, covariance: Array, owner: NDArray[np.str_]) -> Fold:
+    """A fold by the errors of its prediction and their covariance."""
+    left = np.asarray(np.linalg.cholesky(covariance))
+    dof = {str(name): float(np.sum(owner == name)) for name in np.unique(owner)}
+    return Fold(train_y, train_X, _solved(left, error_y), _solved(left, error_X), 2 * np.log(np.diag(left)), owner, dof)
 
 
 def parts(model: RecordingModel) -> NDArray[np.intp]:
@@ -210,15 +198,6 @@ def shared_columns(model: RecordingModel, biases: Array | None = None) -> Array:
     scale = np.concatenate([np.full(attitude.shape[1], START), BROAD * PLAUSIBLE_RANGE, own])
     shared = model.unmixed(np.hstack([attitude, model.calibration, more]) * scale)
     return np.hstack([shared, model.known_mountings])
-
-
-def joint_covariance(model: RecordingModel) -> Array:
-    """(N, N) covariance Σ of all observations under M0, with broad priors on start attitudes, G and b."""
-    V = np.zeros((model.size, model.size))
-    for block in model.blocks:
-        V[block.rows, block.rows] = block.whitener @ block.whitener.T
-    columns = unwhitened(model, shared_columns(model))
-    return V + columns @ columns.T
 
 
 def unwhitened(model: RecordingModel, columns: Array) -> Array:

@@ -169,7 +169,7 @@ def group_of(
 
 def scanned_group(model: RecordingModel, effect: Effect, axis: str, found: Found) -> Group:
     """An effect that swings with any period, with an option for each period that a scan of the data has kept."""
-    options = found[effect.on_references, AXES.index(axis)].options
+    options = found[effect.on_references, AXES.index(axis)]
     columns = swing_columns(model, effect, axis, np.array([one.frequency for one in options]))
     parameters = [period_parameters(one.frequency, one.width) for one in options]
     group = group_of(effect, axis, columns, parameters, [float(np.exp(one.log_weight)) for one in options])

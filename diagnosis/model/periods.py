@@ -105,19 +105,7 @@ def grid(model: RecordingModel) -> Grid | None:
         return Grid(np.asarray(made, dtype=float), np.asarray(tried, dtype=float), np.log(share / share.sum()), step)
 
 
-@dataclass(frozen=True)
-class Swing:
-    """What the scan found of one kind of error about one axis.
-
-    Attributes
-    ----------
-    options : frequencies that are worth an option, the best first
-    """
-
-    options: tuple[Kept, ...]
-
-
-Found = dict[tuple[bool, int], Swing]
+Found = dict[tuple[bool, int], tuple[Kept, ...]]  # the best first, by whether the references err, and by body axis
 
 
 @dataclass(frozen=True)
@@ -170,7 +158,7 @@ def swings(model: RecordingModel) -> Found:
         return out
     for on_references in (False, True):
         for axis in range(3):
-            out[on_references, axis] = Swing(kept(at, waves(model, at, axis, on_references)))
+            out[on_references, axis] = kept(at, waves(model, at, axis, on_references))
     return out
 
 

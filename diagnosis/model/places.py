@@ -22,12 +22,14 @@ turns that is one, the mean itself.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 import scipy.sparse
 from numpy.typing import NDArray
+
+from simulator.effects.common import markov
 
 if TYPE_CHECKING:
     from diagnosis.model.recording import RecordingModel
@@ -35,12 +37,28 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
 
-ROOT = 1e-12  # power of a direction of unit errors beside the strongest, below which nothing is seen of it
+TINY = 1e-200
+ROOT = 1e-12  # power added to each direction of unit errors, of that of all of them: rounding leaves some negative
 PARTS = 3  # of a cell, at which a random process is taken
 NODES = 4  # references of an observation at which a random process is taken
 # Length of a singular direction beside that of an error that stays along one direction, below which it is left out: what it
 # leaves out of an error that changes over the observation is the square of it.
 ALONG = 0.02
+
+
+@dataclass(frozen=True)
+class Decomposition:
+    """Directions of unit errors in which smooth processes are decomposed.
+
+    constants : time constants of Markov processes that stand for all, from the spacing of the times to the longest interval
+    share : of the power of a process, below which a direction is left out: the log evidence changes by less than 0.02 (tests)
+    """
+
+    constants: int = 6
+    share: float = 3e-4
+
+
+DECOMPOSITION = Decomposition()
 
 
 @dataclass(frozen=True)
@@ -50,29 +68,48 @@ class Place:
     Attributes
     ----------
     columns : (N, c) whitened observations of unit errors
-    root : (c, g) root of the products of the projected columns
+    gram : (c, c) products of the projected columns
+    root : (c, c) root of them
     mean : (c, q) the unit errors of errors at the times of a covariance; None where the times are those of the unit errors
+    shown : (c,) power along each direction of the root of Markov processes of all time constants, each of the power one in all
     """
 
     columns: Array
+    gram: Array
     root: Array
     mean: scipy.sparse.csr_array | None = None
+    shown: Array | None = None
 
     @classmethod
     def of(cls, columns: Array, gram: Array, mean: scipy.sparse.csr_array | None = None) -> Place:
         """From whitened columns (N, c) and the products of the projected ones (c, c)."""
-        values, vectors = np.linalg.eigh(gram)
-        seen = values > ROOT * max(values[-1], 1e-300)
-        return cls(columns, vectors[:, seen] * np.sqrt(values[seen]), mean)
+        return cls(columns, gram, np.linalg.cholesky(gram + ROOT * max(np.trace(gram), TINY) * np.eye(len(gram))), mean)
+
+    def turned(self, t_s: Array, interval: Indices) -> Place:
+        """The place with a root along the directions in which Markov processes at given times (q,) show, one after another."""
+        spacing = max(float(np.median(np.diff(np.unique(t_s), append=np.max(t_s)))), TINY)  # sensors may share times
+        longest = max(float(np.ptp(t_s[interval == number])) for number in np.unique(interval))
+        total = np.zeros(self.root.shape)
+        for tau in np.geomspace(spacing, max(longest, 2 * spacing), DECOMPOSITION.constants):
+            K = self.covariance(np.equal.outer(interval, interval) * markov(t_s, tau))
+            total += K / max(float(np.vdot(K, self.gram)), TINY)
+        shown, turned = np.linalg.eigh(self.root.T @ total @ self.root)
+        return replace(self, root=self.root @ turned, shown=shown)
 
     def covariance(self, K: Array) -> Array:
         """Covariance of the unit errors, (c, c), of that at the times of a process, (q, q)."""
         return K if self.mean is None else np.asarray(self.mean @ (self.mean @ K).T)
 
-    def powers(self, K: Array) -> tuple[Array, Callable[[Indices], Array]]:
-        """Powers of the columns of a process, weakest first, and what makes the columns of some of them; see the module."""
-        moved = self.covariance(K) @ self.root
-        powers, turned = np.linalg.eigh(self.root.T @ moved)
+    def powers(self, K: Array, share: float = 0.0, least: float = 0.0) -> tuple[Array, Callable[[Indices], Array]]:
+        """Powers of the columns of a process, weakest first, and what makes the columns of some of them; see the module.
+
+        Directions are left out in which a sum of Markov processes has less than the least power, or a share of that of all.
+        """
+        K = self.covariance(K)
+        share = max(share, least / max(float(np.vdot(K, self.gram)), TINY))
+        root = self.root if self.shown is None else self.root[:, self.shown > min(share, self.shown[-1] / 2)]
+        moved = K @ root
+        powers, turned = np.linalg.eigh(root.T @ moved)
 
         def columns(kept: Indices) -> Array:
             return np.asarray(self.columns @ (moved @ (turned[:, kept] / np.sqrt(powers[kept]))))
@@ -103,7 +140,8 @@ def of_cells(model: RecordingModel) -> tuple[Place, ...]:
         own = np.argmax(np.any(errors.reshape(first.size, 3, -1) != 0, axis=1), axis=0)  # the cell of each unit error
         along = errors.reshape(first.size, 3, -1)[own, :, np.arange(own.size)] * cells.duration_s[own, None]
         columns = model.whitened((passed[:, None, own] * along.T).reshape(model.size, -1))
-        out.append(Place.of(columns, columns.T @ model.projected(columns), mean))
+        place = Place.of(columns, columns.T @ model.projected(columns), mean)
+        out.append(place.turned(model.t_s[parts], np.repeat(cells.interval, counts)))
     return tuple(out)
 
 
@@ -125,7 +163,8 @@ def of_references(model: RecordingModel) -> tuple[Place, ...]:
     for axis in range(3):
         errors, mean = directions(-model.at_reference[rows][:, :, axis], first)
         columns = model.whitened(errors)
-        out.append(Place.of(columns, columns.T @ model.projected(columns), mean))
+        place = Place.of(columns, columns.T @ model.projected(columns), mean)
+        out.append(place.turned(model.references.t_s[rows], model.interval_of_reference[rows]))
     return tuple(out)
 
 

@@ -17,7 +17,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from diagnosis.model.places import Place, cell_parts, nodes
+from diagnosis.model.places import DECOMPOSITION, Place, cell_parts, nodes
 from diagnosis.model.recording import RecordingModel
 from simulator.effects.base import ProcessTimes
 from simulator.effects.common import markov
@@ -92,9 +92,9 @@ def same(labels: NDArray[np.intp]) -> Array:
     return np.equal.outer(labels, labels).astype(float)
 
 
-def usual(place: Place, K: Array) -> Array:
+def usual(place: Place, K: Array, share: float = DECOMPOSITION.share) -> Array:
     """The strongest columns (N, r) of a process of covariance K, which hold most of what can be told of it; see `whole`."""
-    powers, columns = place.powers(K)
+    powers, columns = place.powers(K, share)
     kept = _seen(powers, SEEN * _strongest(powers))[:MOST_COLUMNS]
     enough = int(np.searchsorted(np.cumsum(powers[kept] ** 2), INFORMATION * float(np.sum(powers**2)))) + 1
     return columns(kept[: max(enough, USUAL_COLUMNS)])
@@ -106,9 +106,16 @@ def whole(place: Place, K: Array, least: float | None = None) -> Array:
     By default those that can be seen beside the strongest. There is one at least, but of a process that nothing shows of, such
     as a walk over cells of one time.
     """
-    powers, columns = place.powers(K)
+    powers, columns = place.powers(K, least=least or 0.0)
     kept = _seen(powers, SEEN * _strongest(powers) if least is None else least)
     return columns(kept if kept.size else _seen(powers, 0.0)[:1])
+
+
+def of_values(place: Place, values: Array) -> Array:
+    """Columns (N, k) of a process that is a sum of k courses (q, k) with independent amplitudes, the strongest first."""
+    made = values if place.mean is None else place.mean @ values
+    powers, turned = np.linalg.eigh(made.T @ place.gram @ made)
+    return np.asarray(place.columns @ (made @ turned[:, _seen(powers, SEEN * _strongest(powers))]))
 
 
 def _strongest(powers: Array) -> float:
@@ -139,18 +146,21 @@ def unlisted(model: RecordingModel, known: Sequence[Array] = ()) -> Iterator[Pro
     w = np.add.reduceat(model.rates * model.dt[:, None], first, axis=0) / np.add.reduceat(model.dt, first)[:, None]
     separate, taus = same(at.interval), (longest / 60, longest / 20, longest / 6)
     new = [tau for tau in taus if not is_one_of(same(cells.interval) * markov(cells.t_s, tau), known)]
-    slow = separate * markov(at.t_s, taus[-1])
-    offsets = np.deg2rad(1.0) ** 2 * same(node_times(model).interval)
+    slow, own = separate * markov(at.t_s, taus[-1]), _indicators(at.interval)
+    offsets = np.deg2rad(1.0) * _indicators(node_times(model).interval)
     for axis, name in enumerate(AXES):
-        # One covariance at a time: each is tens of megabytes.
+        place = model.cell_places[axis]
+        # One at a time: a covariance is tens of megabytes. What follows rates is as rough as they are.
         kinds: tuple[tuple[str, Iterable[Array]], ...] = (
-            ("random bias, correlated in time", (separate * markov(at.t_s, tau) for tau in new)),
-            ("bias differs between intervals", (separate,)),
-            ("scale factor or misalignment differs between intervals", (separate * np.outer(u, u) for u in w.T)),
-            ("scale factor or misalignment wanders", (slow * np.outer(u, u) for u in w.T)),
+            ("random bias, correlated in time", (usual(place, separate * markov(at.t_s, tau)) for tau in new)),
+            ("bias differs between intervals", (of_values(place, own),)),
+            ("scale factor or misalignment differs between intervals", (of_values(place, u[:, None] * own) for u in w.T)),
+            ("scale factor or misalignment wanders", (usual(place, slow * np.outer(u, u), 0.0) for u in w.T)),
+            ("references offset differently in each interval", (of_values(model.reference_places[axis], offsets),)),
         )
-        for words, covariances in kinds:
-            columns = [usual(model.cell_places[axis], K) for K in covariances]
-            if columns:
-                yield Process(words, name, columns)
-        yield Process("references offset differently in each interval", name, [usual(model.reference_places[axis], offsets)])
+        yield from (Process(words, name, made) for words, columns in kinds if (made := list(columns)))
+
+
+def _indicators(interval: NDArray[np.intp]) -> Array:
+    """(q, n) one in each of the intervals."""
+    return np.equal.outer(interval, np.unique(interval)).astype(float)

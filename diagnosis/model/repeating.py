@@ -48,8 +48,8 @@ def families(model: RecordingModel, found: Found, listed: Collection[bool]) -> I
     """
     for (on_references, axis), swing in found.items():
         what = "references repeat" if on_references else "bias repeats"
-        doubled = [replace(one, frequency=0.5 * one.frequency) for one in swing.options[:DOUBLED]]
-        shapes = [*swing.options[:REPEATED], *doubled]
+        doubled = [replace(one, frequency=0.5 * one.frequency) for one in swing[:DOUBLED]]
+        shapes = [*swing[:REPEATED], *doubled]
         options, at = [], []
         for one in shapes:
             several = shaped(model, columns(model, axis, on_references, one.frequency * np.arange(1.0, HIGHEST + 1)))
@@ -57,8 +57,8 @@ def families(model: RecordingModel, found: Found, listed: Collection[bool]) -> I
             at += [replace(one, log_weight=one.log_weight - float(np.log(len(several))))] * len(several)
         yield _repeating(model, f"{what} with a period, not as a sine", axis, options, at)
         if on_references not in listed:
-            options = columns(model, axis, on_references, np.array([one.frequency for one in swing.options]))
-            yield _repeating(model, f"{what} with another period", axis, options, swing.options)
+            options = columns(model, axis, on_references, np.array([one.frequency for one in swing]))
+            yield _repeating(model, f"{what} with another period", axis, options, swing)
 
 
 def shaped(model: RecordingModel, waves: Sequence[Array]) -> list[Array]:

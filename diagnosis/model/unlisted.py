@@ -154,11 +154,6 @@ def _directions(forward: NDArray[np.str_]) -> list[Array]:
 
 def _steps(model: RecordingModel, t: Array) -> list[Array]:
     """Steps of the references inside each interval; between intervals they cannot be seen."""
-    times = np.concatenate(
-        [np.linspace(t[block_rows][0, 0], t[block_rows][-1, 0], 7)[1:-1] for block_rows in _rows_of_blocks(model)]
-    )
+    own = [t[model.interval_of_reference == number, 0] for number in range(len(model.blocks))]
+    times = np.concatenate([np.linspace(one[0], one[-1], 7)[1:-1] for one in own])
     return [(t > time).astype(float) for time in times]
-
-
-def _rows_of_blocks(model: RecordingModel) -> list[NDArray[np.intp]]:
-    return [np.flatnonzero(model.interval_of_reference == number) for number in range(len(model.blocks))]

@@ -6,6 +6,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from diagnosis.model.candidates import linear_model
+from diagnosis.model.folds import shared_columns, unwhitened
 from diagnosis.model.prepare import prepare
 from gyrocal.recording import Recording
 from simulator import scenario
@@ -39,6 +40,15 @@ def linear(seed, *effects, sample_s=2.0, every_s=120.0):
     """The linear model of the same, with all effects and rivals."""
     model = prepared(seed, *effects, sample_s=sample_s, every_s=every_s).model
     return linear_model(model, list(EFFECTS.values()))
+
+
+def joint_covariance(model):
+    """(N, N) covariance of all observations of a recording model under M0, with broad priors on start attitudes, G and b."""
+    V = np.zeros((model.size, model.size))
+    for block in model.blocks:
+        V[block.rows, block.rows] = block.whitener @ block.whitener.T
+    columns = unwhitened(model, shared_columns(model))
+    return V + columns @ columns.T
 
 
 def of_rates(rates, each, sample_s, arw, sigma, seed, **options):

@@ -5,11 +5,12 @@ import pytest
 
 import simulator
 from diagnosis.diagnose import diagnose
-from diagnosis.model.folds import BROAD, START, joint_covariance, unwhitened
+from diagnosis.model.folds import BROAD, START, unwhitened
 from diagnosis.model.linearise import MOST_OBSERVATIONS, _covariance, _overlapping, linearised
 from diagnosis.model.localization import body_residuals, statistics
 from gyrocal.calibration.observability import PLAUSIBLE_RANGE
 from simulator.effects import TRACKER_EFFECTS, parse
+from tests.diagnosis.recordings import joint_covariance
 from tests.tracker_cases import AGILE, ESTIMATED, TETRAHEDRON, TURNED_DEG
 
 LIBRARY = (*TRACKER_EFFECTS, "bias_drift", "bias_step")

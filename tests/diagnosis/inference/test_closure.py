@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 import scipy.stats
 
-from diagnosis.inference.closure import closure, fixed, found_by, of_response, summed
+from diagnosis.inference.closure import closure, fixed, found_by, summed
 from diagnosis.inference.search import Search
 from diagnosis.model.linear import Fold, Member
-from tests.diagnosis.linear_models import linear_model
+from tests.diagnosis.linear_models import closure_by_truth, linear_model
 
 PARTS, EACH = 6, 40
 ROWS = PARTS * EACH
@@ -142,15 +142,15 @@ def test_noise_as_stated_has_no_gap_to_close():
 def test_response_of_the_truth_closes_the_gap_and_of_half_of_it_three_quarters(columns):
     model = made(columns, 3.0)
     response = 3.0 * columns[0][:, 0]
-    assert of_response(model, response).closed == pytest.approx(1.0, abs=0.03)
-    assert of_response(model, 0.5 * response).closed == pytest.approx(0.75, abs=0.03)
-    assert of_response(model, 0.0 * response).closed == 0.0
+    assert closure_by_truth(model, response).closed == pytest.approx(1.0, abs=0.03)
+    assert closure_by_truth(model, 0.5 * response).closed == pytest.approx(0.75, abs=0.03)
+    assert closure_by_truth(model, 0.0 * response).closed == 0.0
 
 
 def test_without_folds_there_is_no_closure(columns):
     model = linear_model(columns, 2.0 * columns[0][:, 0])
     assert closure(model, [Member(0, 0, 4)]) is None
-    assert of_response(model, columns[0][:, 0]) is None
+    assert closure_by_truth(model, columns[0][:, 0]) is None
 
 
 def test_a_fold_in_which_nothing_can_be_seen_leaves_its_data_as_they_are(columns):

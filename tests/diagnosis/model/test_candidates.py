@@ -7,7 +7,7 @@ import pytest
 from scipy.special import logsumexp
 
 from diagnosis.inference.search import Search
-from diagnosis.model.candidates import assembled, linear_model, placed
+from diagnosis.model.candidates import linear_model, placed
 from diagnosis.model.groups import Group
 from diagnosis.model.linear import LinearModel, Member
 from diagnosis.model.linearise import linearised
@@ -154,7 +154,7 @@ def test_a_weight_of_its_own_changes_the_prior(model):
         Group(name, None, True, [np.eye(model.size)[:, [number]]], [{}], np.ones(1), (1e-3, 1e3), "", weight=weight)
         for number, (name, weight) in enumerate((("one", 1.0), ("two", 0.25)))
     ]
-    first, second = assembled(model, groups, {}, DEFAULT).candidates
+    (first, second), _ = placed(groups, model.projected, DEFAULT)
     assert second.log_prior - first.log_prior == pytest.approx(np.log(0.25))
 
 

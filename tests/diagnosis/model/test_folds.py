@@ -3,14 +3,15 @@
 import numpy as np
 import pytest
 
-from diagnosis.inference.closure import closure, fixed, of_response
+from diagnosis.inference.closure import closure, fixed
 from diagnosis.inference.search import Search
 from diagnosis.model.candidates import linear_model
-from diagnosis.model.folds import BROAD, PARTS, START, folds, joint_covariance, parts, unwhitened
+from diagnosis.model.folds import BROAD, PARTS, START, folds, parts, unwhitened
 from diagnosis.model.linear import Member
 from gyrocal.calibration.observability import PLAUSIBLE_RANGE
 from simulator.effects import EFFECTS
-from tests.diagnosis.recordings import linear, prepared, recorded
+from tests.diagnosis.linear_models import closure_by_truth
+from tests.diagnosis.recordings import joint_covariance, linear, prepared, recorded
 
 ORBITAL = "bias_orbital:z=0.3,phase_deg=25"
 
@@ -134,5 +135,5 @@ def test_true_response_of_a_recording():
     effect = EFFECTS["bias_orbital"]
     high = effect.columns(model.stream, "z", {}) @ (0.3 * np.array([np.cos(np.deg2rad(25)), np.sin(np.deg2rad(25))]))
     response = model.whitened(model.reading(high[:, :, None]))[:, 0]
-    assert of_response(made, response).closed == pytest.approx(1.0, abs=0.12)
-    assert of_response(made, 0.5 * response).closed == pytest.approx(0.75, abs=0.08)
+    assert closure_by_truth(made, response).closed == pytest.approx(1.0, abs=0.12)
+    assert closure_by_truth(made, 0.5 * response).closed == pytest.approx(0.75, abs=0.08)

@@ -137,12 +137,12 @@ def test_what_lies_between_two_frequencies_keeps_its_chi2(model, at, on_referenc
 
 def test_a_swing_between_the_periods_is_kept_and_found(swinging):
     found = periods.swings(swinging)[False, 2]
-    best = 1 / found.options[0].frequency
+    best = 1 / found[0].frequency
     assert abs(best - 1307) < 1.5  # within an alias
-    assert any(abs(1 / one.frequency - 1307) < 0.2 for one in found.options)
-    frequencies = [one.frequency for one in found.options]
+    assert any(abs(1 / one.frequency - 1307) < 0.2 for one in found)
+    frequencies = [one.frequency for one in found]
     assert len(set(frequencies)) == len(frequencies)
-    assert sum(np.exp(one.log_weight) for one in found.options) < 0.01
+    assert sum(np.exp(one.log_weight) for one in found) < 0.01
 
 
 def test_finer_periods_are_around_each_alias_and_share_its_prior(swinging):
@@ -185,7 +185,7 @@ def test_rivals_repeat_but_not_as_a_sine_that_may_be_named(model):
     for part in shape.columns[::3]:
         assert np.linalg.norm(model.projected(part[:, 4:])) < 0.5
     # All of them share the prior of the period.
-    assert shape.weights[:3].sum() == pytest.approx(np.exp(found[False, 2].options[0].log_weight))
+    assert shape.weights[:3].sum() == pytest.approx(np.exp(found[False, 2][0].log_weight))
 
 
 def test_harmonics_are_locked_to_the_phase_of_the_fundamental(model):
