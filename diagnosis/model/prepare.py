@@ -132,8 +132,8 @@ def _first(recording: Recording, report: SampleReport, tell: Progress = lambda t
     if not pieces:
         levels = [f"{one.axis} at {one.size:.4g} {one.unit}" for one in report.symptoms if one.kind == "plateau"]
         raise InputError(
-            f"gyro {' and '.join(levels)} stands at its largest reading between all reference attitudes, as a clipped gyro does; "
-            "give intervals in which it is not clipped"
+            f"gyro {' and '.join(levels)} stands at its largest reading between all reference attitudes, as a clipped gyro "
+            "does; give intervals in which it is not clipped"
         )
     return *baseline(recording, report, pieces, recording.attitudes.sigma, tell), pieces
 

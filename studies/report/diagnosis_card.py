@@ -89,8 +89,17 @@ def headline(diagnosis: Diagnosis) -> str:
         there = "There is a gap, and this" if diagnosis.present else "This"
         return f"{there} recording cannot show {'its cause' if diagnosis.present else 'whether there is a gap'}"
     told = [_either(cause, diagnosis) for cause in diagnosis.causes]
-    text = ("; and " if diagnosis.verdict == "group" else ", and ").join(told)
-    return _capital(f"{text}; a part of the gap is left" if diagnosis.verdict == "partial" else text)
+    if diagnosis.verdict == "partial":
+        return _capital(f"{told[0]}{_state_shares(diagnosis)}")
+    return _capital(("; and " if diagnosis.verdict == "group" else ", and ").join(told))
+
+
+def _state_shares(diagnosis: Diagnosis) -> str:
+    """State how many causes there are, what they close of the gap, and what is left."""
+    left = 100 * next((step.closed or 0.0 for step in diagnosis.budget if step.step == "remainder"), 1.0)
+    count = len(diagnosis.causes)
+    causes = f", the first of {count} causes; together they close" if count > 1 else "; this closes"
+    return f"{causes} {max(100 - left, 0.0):.0f} % of the gap, {left:.0f} % is not explained"
 
 
 def clause(cause: Cause) -> str:

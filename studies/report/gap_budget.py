@@ -21,6 +21,12 @@ from studies.report.panels import STYLE
 WIDTH = 11.0  # inches
 ROW = 0.32  # inches of a row
 HETEROGENEOUS = 0.01  # p-value below which the sizes by part do not agree
+SIDES = {
+    "gyro": "the gyro",
+    "reference": "the reference attitudes",
+    "time tags": "the time tags",
+    "white noise": "white noise larger than stated",
+}
 
 
 def name_step(step: Step) -> str:
@@ -66,14 +72,8 @@ def describe_remainder(left: RemainderSummary) -> Iterator[str]:
 
 def describe_side(left: RemainderSummary) -> str:
     """Describe where most of a remainder comes from, its time scale and its sizes."""
-    sides = {
-        "gyro": "the gyro",
-        "reference": "the reference attitudes",
-        "time tags": "the time tags",
-        "white noise": "white noise larger than stated",
-    }
     lasting = f", with a correlation time of about {left.time_scale_s:.2g} s" if left.time_scale_s > 0 else ""
-    return f"Most of it comes from {sides[left.side]}{lasting}. Its sizes (1 sigma, x, y, z): {list_sizes(left)}."
+    return f"Most of it comes from {SIDES[left.side]}{lasting}. Its sizes (1 sigma, x, y, z): {list_sizes(left)}."
 
 
 def list_sizes(left: RemainderSummary) -> str:
@@ -109,8 +109,9 @@ def draw_waterfall(budget: tuple[Step, ...]) -> Figure:
         figure = Figure(figsize=(WIDTH, height), layout="constrained")
         axes = figure.subplots(1, 1 + len(causes), width_ratios=[2.2, *[1.0] * len(causes)], squeeze=False)[0]
         draw_steps(axes[0], budget)
-        for on, step in zip(axes[1:], causes, strict=True):
-            _draw_parts(on, step)
+        for number, (on, step) in enumerate(zip(axes[1:], causes, strict=True)):
+            same = number > 0 and [one.part for one in step.by_part] == [one.part for one in causes[number - 1].by_part]
+            _draw_parts(on, step, named=not same)
     return figure
 
 
@@ -139,7 +140,8 @@ def format_share(share: float, interval: tuple[float, float]) -> str:
     return f"{100 * share:.0f} % ({low:.0f} to {high:.0f})"
 
 
-def _draw_parts(on: Axes, step: Step) -> None:
+def _draw_parts(on: Axes, step: Step, named: bool) -> None:
+    """Draw the sizes of one cause with 90 % bars; `named` puts the names of the parts beside them."""
     sizes, sigmas = (np.array([getattr(one, name) for one in step.by_part]) for name in ("size", "sigma"))
     rows = np.arange(len(sizes))
     scale, prefix = _scale(float(np.abs(sizes).max()))
@@ -148,10 +150,10 @@ def _draw_parts(on: Axes, step: Step) -> None:
         on.axvspan((step.size - step.sigma) / scale, (step.size + step.sigma) / scale, color=panels.BLUE, alpha=0.2, lw=0)
         on.axvline(step.size / scale, color=panels.BLUE, lw=1)
     on.axvline(0.0, color="0.5", lw=0.8, ls=":")
-    on.set_yticks(rows, [one.part for one in step.by_part], fontsize=7)
+    on.set_yticks(rows, [one.part if named else "" for one in step.by_part], fontsize=7)
     on.invert_yaxis()
     on.set_title(step.step, fontsize=9)
-    on.set_xlabel(f"size ({prefix}{step.unit}), 90 % bars", fontsize=8)
+    on.set_xlabel(f"{prefix}{step.unit}", fontsize=8)
 
 
 def _scale(largest: float) -> tuple[float, str]:

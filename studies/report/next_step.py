@@ -5,6 +5,7 @@ from __future__ import annotations
 from diagnosis.answer import Cause
 from diagnosis.result import Diagnosis
 from simulator.effects.sensor import ALL_EFFECTS
+from studies.report import gap_budget
 
 _IN_MODEL = "Take scale, alignment and bias from the calibration with the cause in it, which the answer holds"
 _TAGS = "Mend the gyro's time tags or undo its filter, by the size found, and calibrate again"
@@ -46,6 +47,9 @@ def sentence(diagnosis: Diagnosis) -> str:
     if not diagnosis.causes:
         return "Do not decide by this recording: fly more."
     remedies = list(dict.fromkeys(_remedy(cause) for cause in diagnosis.causes))
+    left = diagnosis.remainder
+    if left is not None and left.share > 0.5:
+        remedies.insert(0, f"Look at {gap_budget.SIDES[left.side]} first, from which most of the gap comes")
     return " ".join(f"{one}." for one in remedies)
 
 

@@ -10,11 +10,21 @@ import pandas as pd
 import pytest
 from rich.console import Console
 
-from diagnosis.answer import Finding
+from diagnosis.answer import Finding, RemainderSummary
+from diagnosis.budget import Step
 from diagnosis.result import Details
 from simulator.effects.base import STAGE_NAMES
 from simulator.effects.sensor import ALL_EFFECTS
-from studies.report import card_drawing, diagnosis_card, diagnosis_figures, diagnosis_summary, next_step, pointing_cost, svg
+from studies.report import (
+    card_drawing,
+    diagnosis_card,
+    diagnosis_figures,
+    diagnosis_summary,
+    gap_budget,
+    next_step,
+    pointing_cost,
+    svg,
+)
 from studies.report import diagnosis_page as diagnosis_report
 from studies.report import diagnosis_words as words
 from studies.validation.exam.steps import pooled_reliability
@@ -433,3 +443,16 @@ def test_a_gap_without_a_cause_leaves_no_trust_in_the_calibration():
     beside = dataclasses.replace(CASES["named"](), verdict="unknown")
     assert words.calibration_change(beside).endswith("do not trust the sigmas.")
     assert "trust" not in words.calibration_change(CASES["named"]())
+
+
+def test_a_partial_answer_says_what_its_causes_close_and_what_to_look_at_first():
+    base = CASES["group"]()
+    alone = dataclasses.replace(base.causes[0], group=("time_offset",), probability=0.98, group_probability=0.98)
+    budget = (Step("baseline", 4.0, 0.1), Step("time_offset", 3.8, 0.1, 0.07, (0.04, 0.13)), Step("remainder", 3.8, 0.1, 0.93))
+    left = RemainderSummary(0.93, (0.87, 0.96), (0.0, 0.0, 0.0), (0.3, 0.2, 0.1), 0.0, 0.0, 1.0, "reference", 0.7, ())
+    one = dataclasses.replace(base, verdict="partial", causes=(alone,), budget=budget, remainder=left)
+    assert diagnosis_card.headline(one).endswith("are 0.52 s late; this closes 7 % of the gap, 93 % is not explained")
+    assert next_step.sentence(one).startswith("Look at the reference attitudes first")
+    two = dataclasses.replace(one, causes=(alone, CASES["named"]().causes[0]))
+    assert ", the first of 2 causes; together they close 7 % of the gap" in diagnosis_card.headline(two)
+    assert len(gap_budget.draw_waterfall((*budget, Step("floor", 1.0, 0.1))).axes) == 1

@@ -8,6 +8,7 @@ from gyrocal.errors import InputError
 from simulator.effects import EFFECTS, Setting, setting
 from studies.montecarlo import engine
 from studies.montecarlo.study import load_config
+from studies.validation.world import cases
 from studies.validation.world import study as world_study
 from studies.validation.world.answers import merge_axes, score_answer
 from studies.validation.world.cases import MIX, MOST_LISTED, NOVEL, ORDER, draw, kind_of
@@ -35,6 +36,21 @@ def test_sources_share_nothing(field):
 def test_a_source_that_is_not_there_is_refused():
     with pytest.raises(InputError, match="no such source"):
         find_source("exam/999")
+
+
+def test_a_plan_that_suits_no_grade_is_drawn_anew(monkeypatch):
+    asked = []
+
+    def refuse(spec, case, name, grade):
+        asked.append((name, grade))
+        return "a world" if len(asked) == 3 else None
+
+    monkeypatch.setattr(cases, "_draw_world", refuse)
+    assert cases.draw_world(Spec("known", 2), 3) == "a world"
+    assert len(set(asked)) > 1
+    asked.extend([None] * 3)
+    with pytest.raises(InputError, match="case 3: no plan"):
+        cases.draw_world(Spec("known", 2), 3)
 
 
 def test_sources_share_no_random_stream():
