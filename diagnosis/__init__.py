@@ -10,6 +10,7 @@ The way of a recording through `diagnosis.diagnose`, file by file (steps 4 to 11
 2. `model.prepare`: the calibration under M0 (`model.baseline`) on `model.recording`, which linearises the recording;
    `model.judgement` asks the attitude about lines of the samples and the references' noise, and asks anew, without them, once
    effects were found (`model.at_work`).
+   `sinusoids` finds and fits the lines of the samples, the tones of the references and the periods of step 4 alike.
 3. `model.symptoms`: which effects claim what the samples show.
 4. `model.groups`, with `model.unlisted`, `model.repeating`, `model.processes` and `model.dead_zone`: what could be there, which
    `model.candidates` puts side by side as one linear model; `model.periods` scans the data for swings of any period.

@@ -40,9 +40,9 @@ from diagnosis.model.layout import layout
 from diagnosis.model.linear import LinearModel, Member
 from diagnosis.model.linearise import linearised
 from diagnosis.model.localization import chi2
+from diagnosis.model.periods import make_columns
 from diagnosis.model.prepare import Prepared, Progress, check_usable, prepare, unclipped
 from diagnosis.model.recording import RecordingModel
-from diagnosis.model.swings import columns_of
 from diagnosis.model.unit import Unit, joined, own_biases, unit_model
 from diagnosis.settings import DEFAULT, DiagnosisSettings
 from gyrocal.errors import InputError
@@ -316,7 +316,7 @@ def _columns(model: RecordingModel, one: Fitted) -> Array | None:
         return processes.whole(places[AXES.index(str(one.axis))], covariance(one.parameters), processes.WHOLE / one.size**2)
     if not effect.has_columns:
         return None
-    return columns_of(model, effect, one.axis, one.parameters)
+    return make_columns(model, effect, one.axis, one.parameters)
 
 
 def _scale(one: Fitted) -> float:

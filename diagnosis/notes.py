@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import scipy.special
 
-from diagnosis.detectors.spectral_tones import Line
+from diagnosis.detectors.report import Line
 from diagnosis.model.linearise import linearised
 from diagnosis.model.misfit import innovations
 from diagnosis.model.prepare import Prepared

@@ -16,7 +16,6 @@ from gyrocal.recording import Recording
 from simulator.effects.recorded import interval_slices
 
 if TYPE_CHECKING:
-    from diagnosis.detectors.spectral_tones import Line
     from diagnosis.detectors.zone_passes import Zone
 
 Array = NDArray[np.float64]
@@ -98,6 +97,36 @@ class Findings:
 
     tests: tuple[SampleTest, ...] = ()
     symptoms: tuple[Symptom, ...] = ()
+
+
+@dataclass(frozen=True)
+class Line:
+    """A sinusoid in the readings of one gyro.
+
+    Attributes
+    ----------
+    axis : which gyro
+    frequency_hz : as sampled
+    amplitude, sigma : rad/s
+    p_value : that noise has so strong a line at any frequency
+    waveform : (n,) the sinusoid in the samples, rad/s; if it is steady, also beside the arcs in which it was found
+    isolated : whether nothing but white noise is around it in the spectrum, so that the body shows no other motion there
+    log_constancy : log likelihood ratio of its amplitudes in parts of the samples, of a vibration against a motion
+    """
+
+    axis: int
+    frequency_hz: float
+    amplitude: float
+    sigma: float
+    p_value: float
+    waveform: Array
+    isolated: bool
+    log_constancy: float
+
+    @property
+    def steady(self) -> bool:
+        """Whether its amplitude is rather constant than not."""
+        return self.log_constancy > 0
 
 
 @dataclass

@@ -39,7 +39,7 @@ from diagnosis.detectors.report import (
     within,
 )
 from diagnosis.detectors.sample_noise import local_noise, noise, quiet
-from diagnosis.detectors.spectral_lines import lines
+from diagnosis.detectors.spectral_lines import find_lines
 from diagnosis.detectors.zone_passes import zone
 from diagnosis.settings import DEFAULT, DiagnosisSettings
 from gyrocal.recording import Recording
@@ -106,7 +106,7 @@ def examine(
         )
         report.add(findings)
         report.rates, report.density, report.filled = after.rates, after.density, after.filled
-        report.lines = lines(report, recording, still, used, within(tell, 0.3, 0.65))
+        report.lines = find_lines(report, recording, still, used, within(tell, 0.3, 0.65))
         noise(report, recording, still, used, sigma, steps, coarse, formats.may_be_cut, within(tell, 0.65, 0.7))
         report.noise = sigma * report.noise_factor
         if not coarse.any():

@@ -13,7 +13,6 @@ from itertools import chain
 import numpy as np
 from numpy.typing import NDArray
 
-from diagnosis.model import periods
 from diagnosis.model.finer_processes import with_finer_process, with_whole_process
 from diagnosis.model.folds import SPLIT, folds
 from diagnosis.model.groups import Group, listed, unlisted_groups
@@ -30,9 +29,9 @@ from diagnosis.model.linear import (
     scales_of,
     spaced,
 )
+from diagnosis.model.periods import add_finer_periods, scan_periods
 from diagnosis.model.recording import RecordingModel
 from diagnosis.model.steps import with_finer_times, with_moments
-from diagnosis.model.swings import with_finer_periods
 from diagnosis.model.true_rates import with_true_rates
 from diagnosis.settings import DEFAULT, DiagnosisSettings
 from simulator.effects.base import Effect
@@ -65,7 +64,7 @@ def linear_model(
     tell : called with the number of candidates that are made, before each
     """
     tell(0)
-    found = periods.swings(model) if scan else None
+    found = scan_periods(model) if scan else None
 
     def made() -> Iterator[Group]:
         others = unlisted_groups(model, found or {}, effects) if rivals else ()
@@ -198,7 +197,7 @@ def of_columns(
         if effect is None or effect.of_trackers:
             return linear
         if effect.scanned:
-            return with_finer_periods(model, linear, member, effect)
+            return add_finer_periods(model, linear, member, effect)
         if linear.candidate(member).process:
             return with_finer_process(model, linear, member, effect)
         finer = with_finer_times if effect.switched else with_true_rates

@@ -18,11 +18,10 @@ from numpy.typing import NDArray
 from diagnosis.model import processes, repeating, trackers, unlisted
 from diagnosis.model.late_tags import delays
 from diagnosis.model.linear import VISIBLE, Parameters, exactly, first_amplitude, spaced
-from diagnosis.model.periods import Found
+from diagnosis.model.periods import Found, make_columns, make_effect_columns
 from diagnosis.model.places import Place
 from diagnosis.model.recording import RecordingModel
 from diagnosis.model.steps import step_times, switched_columns
-from diagnosis.model.swings import columns_of, period_parameters, swing_columns
 from simulator.effects.base import Effect, Surroundings, Value
 
 Array = NDArray[np.float64]
@@ -98,7 +97,7 @@ def listed(model: RecordingModel, effects: Sequence[Effect], found: Found | None
 def plain_group(model: RecordingModel, effect: Effect, axis: str | None, around: Surroundings) -> Group:
     """An effect whose columns are there throughout, with an option for each set of parameters worth trying."""
     trials = effect.trials(around)
-    columns = [columns_of(model, effect, axis, trial.parameters) for trial in trials]
+    columns = [make_columns(model, effect, axis, trial.parameters) for trial in trials]
     parameters, weights = [dict(trial.parameters) for trial in trials], [trial.weight for trial in trials]
     if effect.stage == "clock" and effect.unit == "s":  # one delay, of any length
         long = delays(model, columns[0], effect.prior)
@@ -170,8 +169,8 @@ def group_of(
 def scanned_group(model: RecordingModel, effect: Effect, axis: str, found: Found) -> Group:
     """An effect that swings with any period, with an option for each period that a scan of the data has kept."""
     options = found[effect.on_references, AXES.index(axis)]
-    columns = swing_columns(model, effect, axis, np.array([one.frequency for one in options]))
-    parameters = [period_parameters(one.frequency, one.width) for one in options]
+    columns = make_effect_columns(model, effect, axis, np.array([one.frequency for one in options]))
+    parameters = [one.parameters for one in options]
     group = group_of(effect, axis, columns, parameters, [float(np.exp(one.log_weight)) for one in options])
     # What a size shows grows with the period: the scales are those of all options, not only of the strongest.
     norms = np.array([max(np.linalg.norm(model.projected(part), axis=0).max(), 1e-300) for part in columns])
@@ -185,7 +184,7 @@ def scanned_group(model: RecordingModel, effect: Effect, axis: str, found: Found
 def unlisted_groups(model: RecordingModel, found: Found, effects: Sequence[Effect]) -> Iterator[Group]:
     """Every discrepancy that is on no list, with an amplitude of any size."""
     named = [effect.on_references for effect in effects if effect.scanned]
-    for one in repeating.families(model, found, named):
+    for one in repeating.list_families(model, found, named):
         yield replace(_rival(one.name, one.axis, one.columns, False), weights=one.weights, scanned=True)
     for family in unlisted.families(model):
         yield _rival(family.name, family.axis, family.columns, False)

@@ -21,13 +21,12 @@ from diagnosis.detectors.samples import smoothed_rates
 from diagnosis.model.at_work import AtWork, without
 from diagnosis.model.baseline import baseline
 from diagnosis.model.in_progress import steps_at_references
-from diagnosis.model.lines import judged_lines
+from diagnosis.model.lines import judge_lines
 from diagnosis.model.motion import with_motion
 from diagnosis.model.recording import RecordingModel
+from diagnosis.model.reference_tones import find_reference_tone
 from diagnosis.model.remainder import add_rounding
-from diagnosis.model.tones.fast import fast_tone
-from diagnosis.model.tones.tone import UNLISTED
-from diagnosis.model.tones.tone import without as without_tone
+from diagnosis.model.sinusoid_causes import UNLISTED
 from diagnosis.model.tracker_noise import alike, series_of
 from diagnosis.settings import DiagnosisSettings
 from gyrocal.recording import Interval, Recording
@@ -124,7 +123,7 @@ def judge(
     def told(done: int) -> None:
         tell("gyro samples: lines and references", 0.08 + 0.01 * done / count)
 
-    if report.lines and judged_lines(report, without(model, at_work), likely, told):
+    if report.lines and judge_lines(report, without(model, at_work), likely, told):
         report.smooth = smoothed_rates(report.rates, recording)
         model, sigma = baseline(recording, report, pieces, recording.attitudes.sigma)
     if tones:
@@ -193,13 +192,13 @@ def _without_tones(
     if (report.lattice | report.hidden).any():
         return recording, model, sigma
     for _ in range(MOST_TONES):
-        tone = fast_tone(model, report.rates, settings.sample_event, settings.unlisted_share)
+        tone = find_reference_tone(model, report.rates, settings.sample_event, settings.unlisted_share)
         if tone is None:
             break
-        report.symptoms.append(tone.symptom(settings.group_share, settings.unknown))
+        report.symptoms.append(tone.make_symptom(settings.group_share, settings.unknown))
         if report.symptoms[-1].kind == UNLISTED:
             break
-        recording, report.rates = without_tone(recording, report.rates, tone.listed[0][0])
+        recording, report.rates = tone.listed[0][0].remove(recording, report.rates)
         model, sigma = baseline(recording, report, pieces, recording.attitudes.sigma)
     return recording, model, sigma
 

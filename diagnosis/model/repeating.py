@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from diagnosis.model.periods import Found, Kept, columns
+from diagnosis.model.periods import Found, Period, make_period_columns
 from diagnosis.model.recording import RecordingModel
 
 Array = NDArray[np.float64]
@@ -33,8 +33,8 @@ class Repeating:
     weights: Array
 
 
-def families(model: RecordingModel, found: Found, listed: Collection[bool]) -> Iterator[Repeating]:
-    """Unlisted rivals that repeat with any period: not as a sine, and as a sine where no listed effect does.
+def list_families(model: RecordingModel, found: Found, listed: Collection[bool]) -> Iterator[Repeating]:
+    """List unlisted rivals that repeat with any period: not as a sine, and as a sine where no listed effect does.
 
     The k-th harmonic of a shape with jumps falls as 1/k. The second and the third one may have any phase; or those of a square
     wave, sin kθ/k of odd k, or these and those of even k, as in a sawtooth, are locked to the phase θ of the fundamental. That
@@ -46,23 +46,24 @@ def families(model: RecordingModel, found: Found, listed: Collection[bool]) -> I
     found : by the scan
     listed : for which kinds of error, of the references or not, a swing may be named
     """
-    for (on_references, axis), swing in found.items():
+    for (on_references, axis), periods in found.items():
         what = "references repeat" if on_references else "bias repeats"
-        doubled = [replace(one, frequency=0.5 * one.frequency) for one in swing[:DOUBLED]]
-        shapes = [*swing[:REPEATED], *doubled]
+        doubled = [replace(one, frequency=0.5 * one.frequency) for one in periods[:DOUBLED]]
+        shapes = [*periods[:REPEATED], *doubled]
         options, at = [], []
         for one in shapes:
-            several = shaped(model, columns(model, axis, on_references, one.frequency * np.arange(1.0, HIGHEST + 1)))
+            orders = one.frequency * np.arange(1.0, HIGHEST + 1)
+            several = make_shapes(model, make_period_columns(model, axis, on_references, orders))
             options += several
             at += [replace(one, log_weight=one.log_weight - float(np.log(len(several))))] * len(several)
         yield _repeating(model, f"{what} with a period, not as a sine", axis, options, at)
         if on_references not in listed:
-            options = columns(model, axis, on_references, np.array([one.frequency for one in swing]))
-            yield _repeating(model, f"{what} with another period", axis, options, swing)
+            options = make_period_columns(model, axis, on_references, np.array([one.frequency for one in periods]))
+            yield _repeating(model, f"{what} with another period", axis, options, periods)
 
 
-def shaped(model: RecordingModel, waves: Sequence[Array]) -> list[Array]:
-    """Shapes that repeat, each as (N, k) columns of which the first two are sine and cosine of the fundamental.
+def make_shapes(model: RecordingModel, waves: Sequence[Array]) -> list[Array]:
+    """Make shapes that repeat, each as (N, k) columns of which the first two are sine and cosine of the fundamental.
 
     Parameters
     ----------
@@ -79,7 +80,7 @@ def shaped(model: RecordingModel, waves: Sequence[Array]) -> list[Array]:
     return [np.hstack(falling[:SHAPE]), np.column_stack([waves[0], odd]), np.column_stack([waves[0], odd, even])]
 
 
-def _repeating(model: RecordingModel, name: str, axis: int, options: list[Array], at: Sequence[Kept]) -> Repeating:
+def _repeating(model: RecordingModel, name: str, axis: int, options: list[Array], at: Sequence[Period]) -> Repeating:
     """With columns of which the first two have unit size together, so that amplitudes at different periods compare."""
     sizes = [float(np.linalg.norm(model.projected(part[:, :2]))) for part in options]
     scaled = [part / max(size, 1e-300) for part, size in zip(options, sizes, strict=True)]

@@ -15,9 +15,9 @@ from numpy.typing import NDArray
 
 from diagnosis.model import processes
 from diagnosis.model.linear import Parameters
+from diagnosis.model.periods import make_columns
 from diagnosis.model.places import Place
 from diagnosis.model.recording import RecordingModel
-from diagnosis.model.swings import columns_of
 from simulator.effects.base import Effect, ProcessTimes, Trackers
 from simulator.effects.common import harmonic, markov
 from simulator.effects.tracker.base import TrackerEffect
@@ -61,7 +61,7 @@ def listed(model: RecordingModel, effect: Effect) -> Iterator[TrackerError]:
     parameters, weights = [dict(trial.parameters) for trial in trials], np.array([trial.weight for trial in trials])
     for name in effect.trackers(seen):
         if effect.has_columns:
-            columns = [columns_of(model, effect, name, trial.parameters) for trial in trials]
+            columns = [make_columns(model, effect, name, trial.parameters) for trial in trials]
         else:
             number = seen.names.index(name)
             at, own = _times(model, seen, number)

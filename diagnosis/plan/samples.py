@@ -40,7 +40,7 @@ def sample_tests(scenario: Scenario) -> SampleTests:
         event_p=DEFAULT.sample_event,
         correlated=reference_noise.CORRELATED,
         line_p=DEFAULT.line,
-        lowest_line_hz=spectral_lines.FEWEST_CYCLES / (max([1, *quiet]) * scenario.gyro.sample_s),
+        lowest_line_hz=spectral_lines.SETTINGS.fewest_cycles / (max([1, *quiet]) * scenario.gyro.sample_s),
         outlier_sigma=outliers.OUTLIER,
         fewest_clipped=clipping.FEWEST_CLIPPED,
         coarse=number_format.COARSE,

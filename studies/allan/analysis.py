@@ -12,9 +12,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from diagnosis.detectors.report import SampleReport
-from diagnosis.detectors.spectral_lines import FEWEST_CYCLES, lines
-from diagnosis.detectors.spectral_tones import Line
+from diagnosis.detectors.report import Line, SampleReport
+from diagnosis.detectors.spectral_lines import SETTINGS, find_lines
 from gyrocal import Recording
 from gyrocal.allan import Deviation, Fit, TermEstimate, fit_terms, overlapping_allan_deviation
 from gyrocal.allan.terms import ANGLE_WHITE, FLICKER, MARKOV, RAMP, RANDOM_WALK, RATE_WALK, sinusoid_variance
@@ -160,9 +159,9 @@ def _without_lines(recording: Recording, parts: tuple[Stretch, ...]) -> tuple[li
         rates[one.samples] = one.rates
     none = np.zeros(used.size, dtype=bool)
     report = SampleReport([], [], rates, np.zeros_like(rates), none, none)
-    found = lines(report, recording, used, used)
+    found = find_lines(report, recording, used, used)
     tests = {test.axis: test for test in report.tests}
-    sinusoids, longest_s = [], max(len(one.rates) for one in parts) * recording.gyro.sample_s / FEWEST_CYCLES
+    sinusoids, longest_s = [], max(len(one.rates) for one in parts) * recording.gyro.sample_s / SETTINGS.fewest_cycles
     for axis in range(3):
         own = tuple(line for line in found if line.axis == axis)
         test = tests.get(AXES[axis])

@@ -9,7 +9,7 @@ import scipy.stats
 from diagnosis import next_recording
 from diagnosis.model.folds import BROAD
 from diagnosis.model.linearise import linearised
-from diagnosis.model.swings import columns_of
+from diagnosis.model.periods import make_columns
 from diagnosis.model.unit import joined
 from diagnosis.next_recording import compared, foretell
 from gyrocal import InputError
@@ -44,7 +44,7 @@ def model(unit, plan):
 
 @pytest.fixture(scope="module")
 def orbital(model):
-    return columns_of(model, EFFECTS["bias_orbital"], "z", {"phase_deg": 0.0})
+    return make_columns(model, EFFECTS["bias_orbital"], "z", {"phase_deg": 0.0})
 
 
 def of_last(model, unit):
@@ -102,7 +102,7 @@ def test_without_the_effect_in_it_the_prediction_fails(model, unit, orbital):
 
 
 def test_an_effect_that_begins_in_the_next_recording_is_seen(model, unit, orbital):
-    new = columns_of(model, EFFECTS["scale_asymmetry"], "z", {})[:, 0] * of_last(model, unit)
+    new = make_columns(model, EFFECTS["scale_asymmetry"], "z", {})[:, 0] * of_last(model, unit)
     one = drawn(model, orbital, np.random.default_rng(4))
     moved = replace(one, zeta=one.zeta + unwhitened(model, 600.0 * new))
     found = compared(moved, unit.owner, "three", [(SIZE, orbital)])

@@ -7,7 +7,7 @@ from diagnosis.detectors.noise_structure import disagreement_of, power_of
 from diagnosis.detectors.outliers import OUTLIER, find_single_samples
 from diagnosis.detectors.repeats import find_repeats
 from diagnosis.detectors.samples import examine
-from diagnosis.detectors.spectral_lines import jolts
+from diagnosis.detectors.spectral_lines import find_jolts
 from gyrocal.recording import Attitudes, GyroStream, Interval, Recording
 
 SAMPLES = 20_000
@@ -86,11 +86,11 @@ def test_a_jolt_is_found_and_fast_motion_is_none():
     used = np.ones(SAMPLES, dtype=bool)
     x = np.random.default_rng(1).standard_normal((SAMPLES, 3))
     x[SAMPLES // 2 :, 1] += 100.0
-    assert set(np.flatnonzero(jolts(x, used))) <= set(range(SAMPLES // 2 - 4, SAMPLES // 2 + 4))
-    assert jolts(x, used).any()
+    assert set(np.flatnonzero(find_jolts(x, used))) <= set(range(SAMPLES // 2 - 4, SAMPLES // 2 + 4))
+    assert find_jolts(x, used).any()
     always = np.cumsum(np.random.default_rng(2).standard_t(1.0, (SAMPLES, 3)), axis=0)
-    assert not jolts(always, used).any()
-    assert not jolts(x, ~used).any()
+    assert not find_jolts(always, used).any()
+    assert not find_jolts(x, ~used).any()
 
 
 def test_zeros_behind_the_noise_are_a_dead_zone_and_nothing_else():

@@ -11,9 +11,9 @@ from diagnosis.model.candidates import linear_model, placed
 from diagnosis.model.groups import Group
 from diagnosis.model.linear import LinearModel, Member
 from diagnosis.model.linearise import linearised
+from diagnosis.model.periods import make_columns
 from diagnosis.model.prepare import prepare
 from diagnosis.model.steps import step_times, with_finer_times
-from diagnosis.model.swings import columns_of
 from diagnosis.settings import DEFAULT, DiagnosisSettings
 from simulator.effects import EFFECTS, setting
 from simulator.scenario import override
@@ -64,7 +64,7 @@ def test_columns_are_what_the_simulator_adds(noise_free, name):
         fixed = dict(trial.parameters) | ({"time_s": plain.t_s[900] + 0.5} if effect.switched else {})
         injected = setting(name, axis, SMALL.get(name, 1e-3), fixed)
         changed = plain.whitened(noise_free(injected).zeta - plain.zeta)
-        expected = columns_of(plain, effect, axis, injected.parameters) @ effect.amplitudes(injected)
+        expected = make_columns(plain, effect, axis, injected.parameters) @ effect.amplitudes(injected)
         # An error of an interval's first reference is taken for one of the start attitude.
         changed, expected = (values - starts @ (starts.T @ values) for values in (changed, expected))
         np.testing.assert_allclose(changed, expected, atol=0.01 * np.abs(expected).max())
@@ -79,7 +79,7 @@ def test_steps_are_columns_switched_on(model, made):
         own = {name: value for name, value in option.parameters.items() if name != "time_sigma_s"}
         # Tried times are those of the middle of a step's first sample; a gap's is that of its middle.
         own["time_s"] = float(own["time_s"]) - 1.0 if not option.parameters["time_sigma_s"] else own["time_s"]
-        expected = columns_of(model, effect, "y", own)[:, 0]
+        expected = make_columns(model, effect, "y", own)[:, 0]
         np.testing.assert_allclose(made.W[:, option.start], expected, atol=1e-9 * np.abs(expected).max())
 
 

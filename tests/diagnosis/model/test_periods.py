@@ -11,7 +11,8 @@ from diagnosis.model import linearise, periods, repeating
 from diagnosis.model.candidates import linear_model
 from diagnosis.model.linear import Member
 from diagnosis.model.linearise import linearised
-from diagnosis.model.swings import columns_of, swing_columns
+from diagnosis.model.periods import make_columns, make_effect_columns
+from diagnosis.sinusoids import coherence
 from simulator.effects import EFFECTS
 from tests.diagnosis.recordings import prepared
 
@@ -26,7 +27,7 @@ def model():
 
 @pytest.fixture(scope="module")
 def at(model):
-    return periods.grid(model)
+    return periods.make_grid(model)
 
 
 @pytest.fixture(scope="module")
@@ -67,18 +68,18 @@ def test_the_grid_has_all_periods_once_but_the_orbits(model, at):
 @pytest.mark.parametrize(("on_references", "axis"), KINDS)
 def test_the_scan_scores_as_the_columns_themselves_do(swinging, on_references, axis):
     """Evidence at the best of its scales, from columns that are made for a frequency and projected."""
-    at = periods.grid(swinging)
-    found = periods.waves(swinging, at, axis, on_references)
+    at = periods.make_grid(swinging)
+    found = periods.compute_wave_products(swinging, at, axis, on_references)
     for j in (3, 40, 120):
         # Exact in the middle; farthest from it, at low frequencies, the curve of a wave over an interval is not quite its own.
         for place, tolerance in ((at.tried.shape[1] // 2, 0.02), (0, 0.06)):
             frequency = at.tried[j, place]
-            own = periods.columns(swinging, axis, on_references, np.array([frequency]))[0]
+            own = periods.make_period_columns(swinging, axis, on_references, np.array([frequency]))[0]
             X = swinging.projected(own)
             gram = X.T @ X
-            scales = np.array(periods.SCALES) / np.sqrt(0.5 * np.trace(gram))
+            scales = np.array(coherence.SCALES) / np.sqrt(0.5 * np.trace(gram))
             expected = log_bayes(gram[None], (X.T @ swinging.y)[None], scales).max()
-            score = found.scores(np.array([[frequency]]), np.array([j]))[0, 0]
+            score = found.compute_log_evidence(np.array([[frequency]]), np.array([j]))[0, 0]
             assert score == pytest.approx(expected, abs=tolerance * abs(expected) + 0.3)
 
 
@@ -87,8 +88,8 @@ def test_columns_of_cells_are_those_of_the_effect(model):
     for name, axis in (("bias_periodic", "y"), ("reference_periodic", "x")):
         effect = EFFECTS[name]
         frequencies = 1 / np.array([350.0, 1300.0, 9000.0])
-        for frequency, made in zip(frequencies, swing_columns(model, effect, axis, frequencies), strict=True):
-            exact = model.projected(columns_of(model, effect, axis, {"period_s": 1 / frequency}))
+        for frequency, made in zip(frequencies, make_effect_columns(model, effect, axis, frequencies), strict=True):
+            exact = model.projected(make_columns(model, effect, axis, {"period_s": 1 / frequency}))
             away = np.linalg.norm(model.projected(made) - exact) / np.linalg.norm(exact)
             assert away < (0.03 if name == "bias_periodic" else 1e-9)
 
@@ -103,15 +104,16 @@ def test_a_body_may_turn_while_references_are_averaged(model, monkeypatch, axis)
     constant = np.tile(np.eye(3)[number][None, :, None], (averaged.reference_rows.size, 1, 1))
     whole = averaged.whitened(averaged.reference_error(constant))[:, 0]
     np.testing.assert_allclose(averaged.reference_columns[number].sum(axis=1), whole, atol=1e-9 * np.abs(whole).max())
-    at = periods.grid(averaged)
+    at = periods.make_grid(averaged)
     frequency = at.tried[20, at.tried.shape[1] // 2]
-    exact = averaged.projected(columns_of(averaged, effect, axis, {"period_s": 1 / frequency}))
-    (made,) = swing_columns(averaged, effect, axis, np.array([frequency]))
+    exact = averaged.projected(make_columns(averaged, effect, axis, {"period_s": 1 / frequency}))
+    (made,) = make_effect_columns(averaged, effect, axis, np.array([frequency]))
     np.testing.assert_allclose(averaged.projected(made), exact, atol=1e-9 * np.abs(exact).max())
     swinging = replace_y(averaged, exact @ np.array([0.03, -0.02]))
-    score = periods.waves(swinging, at, number, True).scores(np.array([[frequency]]), np.array([20]))[0, 0]
+    products = periods.compute_wave_products(swinging, at, number, True)
+    score = products.compute_log_evidence(np.array([[frequency]]), np.array([20]))[0, 0]
     gram = exact.T @ exact
-    scales = np.array(periods.SCALES) / np.sqrt(0.5 * np.trace(gram))
+    scales = np.array(coherence.SCALES) / np.sqrt(0.5 * np.trace(gram))
     expected = log_bayes(gram[None], (exact.T @ swinging.y)[None], scales).max()
     assert score == pytest.approx(expected, rel=0.02)  # in the middle of the frequencies at which waves are made, as above
 
@@ -125,7 +127,7 @@ def test_what_lies_between_two_frequencies_keeps_its_chi2(model, at, on_referenc
         j, k = rng.integers(10, at.made.size - 10), rng.integers(at.tried.shape[1])
         true = at.tried[j, k] + 0.5 * at.step
         amplitudes = rng.standard_normal(2)
-        own = periods.columns(model, axis, on_references, true + at.step * np.array([0.0, 0.5, -0.5, 1 / 16]))
+        own = periods.make_period_columns(model, axis, on_references, true + at.step * np.array([0.0, 0.5, -0.5, 1 / 16]))
         y = model.projected(own[0] @ amplitudes)
         whole = float(y @ y)
         lost.append(1 - max(_chi2(model, own[1], y), _chi2(model, own[2], y)) / whole)
@@ -136,7 +138,7 @@ def test_what_lies_between_two_frequencies_keeps_its_chi2(model, at, on_referenc
 
 
 def test_a_swing_between_the_periods_is_kept_and_found(swinging):
-    found = periods.swings(swinging)[False, 2]
+    found = periods.scan_periods(swinging)[False, 2]
     best = 1 / found[0].frequency
     assert abs(best - 1307) < 1.5  # within an alias
     assert any(abs(1 / one.frequency - 1307) < 0.2 for one in found)
@@ -169,8 +171,8 @@ def test_finer_periods_are_around_each_alias_and_share_its_prior(swinging):
 
 
 def test_rivals_repeat_but_not_as_a_sine_that_may_be_named(model):
-    found = periods.swings(model)
-    groups = {(one.name, one.axis): one for one in repeating.families(model, found, [False])}
+    found = periods.scan_periods(model)
+    groups = {(one.name, one.axis): one for one in repeating.list_families(model, found, [False])}
     names = {name for name, _ in groups}
     assert names == {
         "bias repeats with a period, not as a sine",
@@ -197,7 +199,7 @@ def test_harmonics_are_locked_to_the_phase_of_the_fundamental(model):
         error[:, 0, 0] = shape
         y = model.prepared(model.reference_error(error))[:, 0]
         about = replace_y(model, y)
-        options = repeating.shaped(about, periods.columns(model, 0, True, np.arange(1, 8) / period))
+        options = repeating.make_shapes(about, periods.make_period_columns(model, 0, True, np.arange(1, 8) / period))
         left = [1 - _chi2(model, part, y) / float(y @ y) for part in (options[place][:, :2], options[place])]
         assert left[1] < 0.45 * left[0]
 

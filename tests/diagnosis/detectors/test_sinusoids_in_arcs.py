@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from diagnosis.detectors.spectral_tones import Peak, fitted_tone
+from diagnosis.detectors.sinusoids_in_arcs import compute_log_constancy, fit_line
 from tests.diagnosis.recordings import recorded
 
 HZ, SIZE, NOISE = 0.137, 2e-4, 1e-6  # of the tone, rad/s, and of a sample
@@ -30,7 +30,7 @@ def test_a_steady_tone_goes_on_beside_the_arcs_in_which_it_was_found(recording):
     t = recording.gyro.t_s
     tone = SIZE * np.sin(2 * np.pi * HZ * t + 0.4)
     x = tone + NOISE * np.random.default_rng(3).standard_normal(t.size)
-    line = fitted_tone(x, recording, 0, Peak(1e-30, HZ, SIZE, True, 1e-4), _arcs(recording))
+    line = fit_line(x, recording, 0, HZ, 1e-4, _arcs(recording), True)
     assert line.steady
     inside = np.concatenate([np.arange(*np.searchsorted(t, [i.start_s - 1e-6, i.stop_s - 1e-6])) for i in recording.intervals])
     assert np.abs(line.waveform - tone)[inside].max() < 1e-2 * SIZE
@@ -41,7 +41,7 @@ def test_a_swing_that_changes_stays_where_it_was_found(recording):
     low, high = _arcs(recording)[0]
     swell = np.linspace(0.0, 2.0, t.size) * (1 + np.sin(2 * np.pi * t / (t[high] - t[low]) * 3))
     x = SIZE * swell * np.sin(2 * np.pi * HZ * t) + NOISE * np.random.default_rng(4).standard_normal(t.size)
-    line = fitted_tone(x, recording, 0, Peak(1e-30, HZ, SIZE, True, 1e-4), _arcs(recording))
+    line = fit_line(x, recording, 0, HZ, 1e-4, _arcs(recording), True)
     assert not line.steady
     assert not line.waveform[:low].any()
 
@@ -55,7 +55,7 @@ def test_a_frequency_in_a_hump_of_the_noise_is_no_tone(recording):
         hump = np.convolve(white[1], (np.hanning(25) / np.linalg.norm(np.hanning(25)) * turning[:25]).real, "same")
         for humped in found:
             x = NOISE * (white[0] + 1.2 * hump * humped)
-            line = fitted_tone(x, recording, 0, Peak(1e-30, HZ, SIZE, True, 1e-4), arcs)
+            line = fit_line(x, recording, 0, HZ, 1e-4, arcs, True)
             found[humped].append(1.0 if line is None else line.p_value)
     assert min(found[True]) > 1e-3
     assert min(found[False]) > 1e-3
@@ -65,7 +65,7 @@ def test_a_weak_tone_stands_out_of_white_noise(recording):
     t, arcs = recording.gyro.t_s, _arcs(recording)
     size = 14 * NOISE * np.sqrt(2 / t.size)
     x = size * np.sin(2 * np.pi * HZ * t) + NOISE * np.random.default_rng(5).standard_normal(t.size)
-    assert fitted_tone(x, recording, 0, Peak(1e-30, HZ, size, True, 1e-4), arcs).p_value < 1e-12
+    assert fit_line(x, recording, 0, HZ, 1e-4, arcs, True).p_value < 1e-12
 
 
 def test_short_arcs_show_the_whole_of_a_slow_tone(recording):
@@ -73,5 +73,26 @@ def test_short_arcs_show_the_whole_of_a_slow_tone(recording):
     t, hz = recording.gyro.t_s, 0.04
     arcs = [(low, low + 300) for low, high in _arcs(recording) for low in range(low, high - 300, 320)]
     x = SIZE * np.sin(2 * np.pi * hz * t + 0.4) + NOISE * np.random.default_rng(6).standard_normal(t.size)
-    line = fitted_tone(x, recording, 0, Peak(1e-30, hz, SIZE, True, 1e-4), arcs)
+    line = fit_line(x, recording, 0, hz, 1e-4, arcs, True)
     assert abs(line.amplitude - SIZE) < 4 * line.sigma
+
+
+def test_arcs_that_show_a_sinusoid_each_to_their_noise_have_a_constant_amplitude():
+    """Of arcs of any noise, few sinusoids look changing; all that swell at random or are in one arc only do."""
+    rng = np.random.default_rng(2)
+    variances = rng.uniform(0.1, 10.0, (400, 8)) ** 2
+    unit = (rng.standard_normal((400, 8)) + 1j * rng.standard_normal((400, 8))) / np.sqrt(2)
+    noise = np.sqrt(2 * variances) * unit
+    rate = {}
+    for name, tone in {
+        "constant": 40.0,
+        "swelling": 40.0 * (rng.standard_normal((400, 8)) + 1j * rng.standard_normal((400, 8))) / np.sqrt(2),
+        "in one arc": 40.0 * (np.arange(8) == 3),
+    }.items():
+        size = np.sqrt(np.maximum(np.mean(np.abs(tone + np.zeros((400, 8))) ** 2, axis=1), 1.0))
+        ratios = [compute_log_constancy(np.abs(one), v, a) for one, v, a in zip(tone + noise, variances, size, strict=True)]
+        rate[name] = np.mean(np.array(ratios) > 0)
+        assert max(ratios) <= np.log(2) + 1e-9
+    assert rate["constant"] > 0.95
+    assert rate["swelling"] < 0.4
+    assert rate["in one arc"] < 0.1

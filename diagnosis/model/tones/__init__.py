@@ -1,1 +1,0 @@
-"""Tones that all references show and their averages do not."""

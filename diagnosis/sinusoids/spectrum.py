@@ -1,0 +1,120 @@
+"""Mean periodograms of a series that is cut into pieces, and the probability of its strongest line under noise.
+
+The power of a piece of white noise at a frequency has an exponential distribution. The mean over n independent pieces has a
+gamma distribution with the shape n. Noise that is not white has another level at each frequency: a running median estimates it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.fft
+import scipy.ndimage
+import scipy.signal
+import scipy.stats
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+Arcs = Sequence[tuple[int, int]]
+
+SAMPLES_AT_ONCE = 1 << 20  # of segments that are transformed together: a bound of the memory
+FREQUENCIES_AT_ONCE = 1000  # of times that are not even: a bound of the memory
+SEGMENTS_TO_OVERLAP = 8  # pieces side by side from which on overlapping ones are averaged too
+TINY = 1e-300
+
+
+@dataclass(frozen=True)
+class Spectrum:
+    """Mean periodogram of some pieces.
+
+    Attributes
+    ----------
+    frequency_hz : (f,)
+    power : (f,) or (f, c) mean over the pieces; of white noise its variance
+    count : (1,) or (f, 1) number of independent pieces in the mean, 0 where there is none
+    amplitude_of_one : amplitude of a sinusoid whose power at its own frequency is one
+    """
+
+    frequency_hz: Array
+    power: Array
+    count: Array
+    amplitude_of_one: float
+
+    def compute_level(self, width: int) -> Array:
+        """Return the level of the noise around each frequency: the running median over so many frequencies."""
+        size = (min(width, len(self.power)), *[1] * (self.power.ndim - 1))
+        median = scipy.stats.gamma.median(np.maximum(self.count, 1)) / np.maximum(self.count, 1)
+        return np.asarray(scipy.ndimage.median_filter(self.power / median, size=size, mode="nearest"))
+
+
+def compute_log_p(ratio: Array | float, count: Array | float, trials: int) -> Array:
+    """Return log p of powers over their level, means of so many pieces of noise, with an allowance for the trials."""
+    return np.asarray(np.minimum(scipy.stats.gamma.logsf(count * np.asarray(ratio), count) + np.log(trials), 0.0))
+
+
+def compute_segment_spectrum(x: Array, arcs: Arcs, length: int, sample_s: float, window: str) -> Spectrum | None:
+    """Average the periodograms of all segments of so many even samples in the arcs; None where no arc is as long.
+
+    Where segments are many, overlapping ones are averaged (Welch 1967). A straight line is taken out of each.
+    """
+    taper = scipy.signal.windows.get_window(window, length)
+    many = sum((high - low) // length for low, high in arcs) >= SEGMENTS_TO_OVERLAP
+    step = (length // 2 if window == "hann" else length // 3) if many else length
+    starts = [np.arange(low, high - length + 1, step) for low, high in arcs]
+    places = np.concatenate(starts)
+    if not places.size:
+        return None
+    power, some = np.zeros(length // 2 + 1), max(1, SAMPLES_AT_ONCE // length)
+    for first in range(0, places.size, some):
+        segments = np.array([x[start : start + length] for start in places[first : first + some]])
+        power += (np.abs(scipy.fft.rfft(_without_line(segments) * taper, axis=1)) ** 2).sum(axis=0)
+    power /= places.size * np.sum(taper**2)
+    count = np.array([_independent([own.size for own in starts], taper, step)])
+    amplitude = float(2 * np.sqrt(np.sum(taper**2)) / np.sum(taper))
+    return Spectrum(np.arange(power.size) / (length * sample_s), power, count, amplitude)
+
+
+def compute_piece_spectrum(pieces: Sequence[tuple[Array, Array]], frequency_hz: Array, highest_hz: Sequence[float]) -> Spectrum:
+    """Average the periodograms of pieces at uneven times, each up to the highest frequency that it shows.
+
+    Parameters
+    ----------
+    pieces : times (n,) and values (n, c) of each
+    frequency_hz : (f,) in order
+    highest_hz : of each piece
+    """
+    power = np.zeros((frequency_hz.size, pieces[0][1].shape[1]))
+    count = np.zeros((frequency_hz.size, 1))
+    for (t_s, values), highest in zip(pieces, highest_hz, strict=True):
+        shown = int(np.searchsorted(frequency_hz, highest))
+        power[:shown] += compute_power(t_s, values, frequency_hz[:shown])
+        count[:shown] += 1
+    return Spectrum(frequency_hz, power / np.maximum(count, 1), count, 2 / np.sqrt(sum(len(t_s) for t_s, _ in pieces)))
+
+
+def compute_power(t_s: Array, values: Array, frequency_hz: Array) -> Array:
+    """Return the (f, c) periodogram of values (n, c) at any times; one in the mean for white noise of variance one."""
+    x, t = values - values.mean(axis=0), t_s - t_s.mean()
+    power = np.empty((frequency_hz.size, x.shape[1]))
+    for first in range(0, frequency_hz.size, FREQUENCIES_AT_ONCE):
+        some = slice(first, first + FREQUENCIES_AT_ONCE)
+        power[some] = np.abs(np.exp(-2j * np.pi * np.outer(frequency_hz[some], t)) @ x) ** 2 / len(x)
+    return power
+
+
+def _without_line(segments: Array) -> Array:
+    """Segments (k, n) less the straight line that fits each best; scipy's ``detrend`` takes longer than all spectra."""
+    t = np.arange(segments.shape[1]) - 0.5 * (segments.shape[1] - 1)
+    slope = segments @ t / (t @ t)
+    return np.asarray(segments - segments.mean(axis=1, keepdims=True) - slope[:, None] * t)
+
+
+def _independent(counts: Sequence[int], taper: Array, step: int) -> float:
+    """Number of independent segments that as many overlapping ones are worth (Welch 1967)."""
+    n, total, shared = taper.size, float(sum(counts)), 0.0
+    for j in range(1, (n - 1) // step + 1):
+        alike = float(taper[: n - j * step] @ taper[j * step :] / (taper @ taper)) ** 2
+        shared += 2 * alike * sum(max(count - j, 0) for count in counts) / total
+    return total / (1 + shared)
