@@ -60,7 +60,7 @@ def assembled(
         sigma_bias=sigma[9:],
         baseline_G=model.G,
         baseline_bias=model.bias,
-        motions=(*notes.of_motions(prepared), *notes.of_shaking(samples, prepared)),
+        motions=notes.of_motions(prepared),
         notes=(*notes.though_it_fits(prepared, samples, explained, gap), *prepared.notes),
         details=details(prepared, explained, table),
         amplitudes=amplitudes(explained.fitted, explained.covariance),

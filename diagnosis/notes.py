@@ -12,7 +12,7 @@ from diagnosis.detectors.report import Line
 from diagnosis.model.linearise import linearised
 from diagnosis.model.misfit import innovations
 from diagnosis.model.prepare import Prepared
-from diagnosis.model.symptoms import SHARED, SampleCause
+from diagnosis.model.symptoms import SampleCause
 from diagnosis.settings import DiagnosisSettings
 
 if TYPE_CHECKING:
@@ -103,17 +103,6 @@ def of_motions(prepared: Prepared) -> tuple[str, ...]:
             "they are taken for motions of the body, which no reference can confirm: a vibration of the gyro may look the same",
         ),
     )
-
-
-def of_shaking(samples: Sequence[SampleCause], prepared: Prepared) -> Iterator[str]:
-    """That gyros share noise, where that is taken for a motion."""
-    seen = [one for one in prepared.samples.symptoms if one.kind == SHARED]
-    if seen and all(one.symptom.kind != SHARED for one in samples):
-        gyros = sorted({axis for one in seen for axis in str(one.parameters["gyros"])})
-        yield (
-            f"Gyros {', '.join(gyros)} share noise, as on a body that shakes faster than any reference sees; nothing is "
-            "said of the noise of each"
-        )
 
 
 def _of_lines(lines: Sequence[Line], what: str) -> Iterator[str]:

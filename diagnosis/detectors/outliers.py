@@ -17,7 +17,6 @@ import scipy.ndimage
 import scipy.stats
 from numpy.typing import NDArray
 
-from diagnosis.detectors.likeness import of_heights, of_places, of_signs, of_times, some
 from diagnosis.detectors.report import (
     AXES,
     IMPOSSIBLE,
@@ -25,10 +24,8 @@ from diagnosis.detectors.report import (
     SampleTest,
     Symptom,
     Tell,
-    circumstances,
     consecutive,
     silent,
-    since_start,
 )
 from gyrocal.recording import Recording
 
@@ -64,7 +61,6 @@ class Outliers:
     limit : from which on one counts, where the motion adds nothing
     odd : readings that are far off, also in a step
     hidden : how far off an outlier must be to be visible in the motion there; zero at rest
-    up : whether each reading is above its neighbours
     """
 
     places: Mask
@@ -72,7 +68,6 @@ class Outliers:
     limit: float
     odd: Mask
     hidden: Array
-    up: Mask
 
 
 @dataclass(frozen=True)
@@ -149,7 +144,7 @@ def find_outliers(
     fit = _fit_heights(found, judged, noise)
     symptom = Symptom(
         "outliers", None if fit.axis is None else AXES[fit.axis], float(np.rad2deg(fit.size)), "deg/s",
-        float(np.rad2deg(fit.sigma)), {"fraction": fit.fraction}, p, likeness=_compute_likeness(recording, found, judged),
+        float(np.rad2deg(fit.sigma)), {"fraction": fit.fraction}, p,
     )  # fmt: skip
     return Findings(tests, (symptom,)), _repair(recording, stream, found, fit)
 
@@ -209,7 +204,7 @@ def _find_of_gyros(
             rest = parts[0][1]
             one = Outliers(
                 rest.places | one.places, np.where(resting, rest.off, one.off), rest.limit, one.odd,
-                np.where(resting, 0.0, one.hidden), np.where(resting, rest.up, one.up),
+                np.where(resting, 0.0, one.hidden),
             )  # fmt: skip
         found.append(one)
     # Outliers of two gyros at once while the body moves are a jolt of it.
@@ -231,25 +226,6 @@ def _repair(recording: Recording, stream: Repair, found: list[Outliers], fit: Ou
         power = fit.fraction * float(np.mean(one.off[one.places] ** 2)) * recording.gyro.sample_s
         density[(one.hidden > AS_HIGH * fit.seen) & ~bad, axis] += power
     return Repair(rates, density, filled)
-
-
-def _compute_likeness(recording: Recording, found: list[Outliers], judged: Mask) -> float:
-    """Compute the p-value of outliers at random: of their times, of what they and their signs go with, and of their heights."""
-    since, given = since_start(recording), circumstances(recording)
-    times, heights, places, signs = [], [], [], [1.0]
-    for one in found:
-        own = some(np.flatnonzero(one.places))
-        times.append(since[one.places])
-        heights.append(one.off[one.places] - one.limit)
-        signs.append(of_signs(one.up[own], [values[own] for values in given]))
-        if own.size > 1:
-            # Only places where the smallest of them would have been seen count.
-            where = judged & (one.hidden <= one.off[own].min())
-            seen = own[where[own]]
-            places += [(values[where], values[seen]) for values in given]
-    of_sign = min(1.0, len(found) * min(signs))
-    tests = of_times(np.concatenate(times)), of_heights(np.concatenate(heights)), of_places(places), of_sign
-    return min(1.0, len(tests) * min(tests))
 
 
 def find_single_samples(x: Array, judged: Mask, noise: float, step: float) -> Outliers:
@@ -276,7 +252,7 @@ def find_single_samples(x: Array, judged: Mask, noise: float, step: float) -> Ou
     for k in np.flatnonzero(single).tolist():
         odds, left = known.compare(off[k - SIDE : k + SIDE + 1])
         single[k] = odds > CLEARLY * level[k] ** 2 and left < NO_MORE * level[k] ** 2
-    return Outliers(single, np.abs(off), OUTLIER * usual + step, far, least, off > 0)
+    return Outliers(single, np.abs(off), OUTLIER * usual + step, far, least)
 
 
 def _is_single(x: Array, deviation: Array, noise: float) -> Mask:

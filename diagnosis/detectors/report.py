@@ -7,7 +7,6 @@ from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
-import scipy.ndimage
 from numpy.typing import NDArray
 
 from diagnosis.detectors.gap_interpolation import runs
@@ -73,7 +72,7 @@ class Symptom:
     text : a sentence
     probability : that an effect is at work and not a motion of the body, where that was weighed
     rivals : other symptoms that this may be as well, about the same axis, with their shares of the probability
-    likeness : p-value of how it behaves, if it is what its kind says (`diagnosis.detectors.likeness`)
+    likeness : p-value of how it behaves, if it is what its kind says (`diagnosis.detectors.run_lengths`)
     of_line : whether it is a line of the spectrum, which the attitude has judged
     """
 
@@ -208,27 +207,8 @@ def consecutive(recording: Recording, used: Mask) -> Mask:
 def since_start(recording: Recording) -> NDArray[np.intp]:
     """(n,) number of each sample in its interval."""
     number = np.arange(recording.gyro.t_s.size)
-    return number - _ends(recording)[0]
-
-
-def circumstances(recording: Recording) -> list[Array]:
-    """(n,) each, what a fault of single samples may go with: their number, that in the interval, rate of the body, readings.
-
-    A reading is a mean of medians of samples on either side, since the fault would be in its own.
-    """
-    starts, stops = _ends(recording)
-    number = np.arange(recording.gyro.t_s.size)
-    medians = scipy.ndimage.median_filter(recording.gyro.rates, (AROUND, 1), mode="nearest")
-    reading = 0.5 * (medians[np.maximum(number - BESIDE, starts)] + medians[np.minimum(number + BESIDE, stops)])
-    return [number.astype(float), (number - starts).astype(float), np.linalg.norm(reading, axis=1), *reading.T]
-
-
-def _ends(recording: Recording) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    """(n,) each, the first and the last sample of the interval that each sample is in."""
-    parts = interval_slices(recording)
-    first, last = np.array([part.start for part in parts]), np.array([part.stop - 1 for part in parts])
-    place = np.clip(np.searchsorted(first, np.arange(recording.gyro.t_s.size), side="right") - 1, 0, None)
-    return first[place], last[place]
+    first = np.array([part.start for part in interval_slices(recording)])
+    return number - first[np.clip(np.searchsorted(first, number, side="right") - 1, 0, None)]
 
 
 def arcs(mask: Mask) -> list[tuple[int, int]]:

@@ -28,11 +28,9 @@ import scipy.stats
 from numpy.typing import NDArray
 from scipy.special import expit, logit
 
-from diagnosis.detectors.likeness import of_noise
-from diagnosis.detectors.noise_blocks import ORDER as BLOCK_ORDER
+from diagnosis.detectors.differences import agree, autocorrelation_of, power_of
 from diagnosis.detectors.noise_blocks import SHOWING, SLOW, blocks_of, outside_bands, powers_of
 from diagnosis.detectors.noise_in_motion import FEWEST_BLOCKS, InMotion, Level, chance_of, level_in_motion, preciser
-from diagnosis.detectors.noise_structure import agree, autocorrelation_of, power_of
 from diagnosis.detectors.readout_noise import AVERAGES, UNDECIDED, Readout, readout
 from diagnosis.detectors.report import AXES, IMPOSSIBLE, SampleReport, SampleTest, Symptom, Tell, arcs, consecutive, silent
 from gyrocal.recording import Recording
@@ -161,7 +159,6 @@ def noise(
     moving = arcs(used & consecutive(recording, used) & measured)
     found: dict[int, Level] = {}
     readings: dict[int, Readout] = {}
-    alike: dict[int, float] = {}
     read_out: dict[int, Callable[[], None]] = {}
     streams = [
         report.rates[:, axis] - sum((one.waveform for one in report.lines if one.axis == axis), 0.0) for axis in range(3)
@@ -218,12 +215,6 @@ def noise(
                 )
             )  # fmt: skip
         found[axis] = one
-        if p < report.event_p and not rough[axis]:
-            if in_motion is None or np.isfinite(one.colour):
-                behaves = of_noise([x[low:high] for low, high in rests])
-            else:
-                behaves = of_noise(in_motion.parts, BLOCK_ORDER)
-            alike[axis] = min(1.0, 2 * min(behaves, _white(one)))
         if p < report.event_p and factor > 1 and not rough[axis]:
             reading = in_motion.reading if in_motion else readout_of(x, rests, expected)
             if reading is None and p_colour < report.event_p:
@@ -239,24 +230,13 @@ def noise(
     readings = {axis: one for axis, one in readings.items() if axis not in undecided}
     for axis in readings:
         read_out[axis]()
-    _name(report, {axis: one for axis, one in found.items() if axis not in readings}, sigma, alike, undecided)
+    _name(report, {axis: one for axis, one in found.items() if axis not in readings}, sigma, undecided)
 
 
 def in_one_band(parts: list[Array], in_motion: InMotion | None, expected: float) -> bool:
     """Whether the power that runs of samples, or the blocks in motion, have too much of is in one band of the spectrum."""
     blocks = blocks_of(parts if in_motion is None else in_motion.parts)
     return len(blocks) >= FEWEST_BLOCKS and outside_bands(powers_of(blocks[:, :SHOWING]), expected) < ELSEWHERE
-
-
-def _white(one: Level) -> float:
-    """P-value of a level's colour as that of white noise on a body that may sway a little in what seems quiet.
-
-    A motion adds to the means, up to the departure that is called white; nothing that a body does takes from them.
-    """
-    if not np.isfinite(one.colour):
-        return 1.0
-    beyond = one.colour - 1 - WHITE if one.colour > 1 else 1 - one.colour
-    return float(np.clip(2 * scipy.stats.norm.sf(beyond / one.colour_sigma), IMPOSSIBLE, 1.0))
 
 
 def _sways(levels: list[Level | None]) -> bool:
@@ -318,9 +298,7 @@ def _rather_white(readings: dict[int, Readout], alike: bool) -> dict[int, float]
     return {axis: p for axis, p in own.items() if p < 0.5}
 
 
-def _name(
-    report: SampleReport, found: dict[int, Level], sigma: float, alike: dict[int, float], undecided: dict[int, float]
-) -> None:
+def _name(report: SampleReport, found: dict[int, Level], sigma: float, undecided: dict[int, float]) -> None:
     """White noise of another level is one symptom, noise of another colour is another."""
     tests = {(test.statistic, test.axis): test for test in report.tests}
     factors, errors = np.ones(3), np.full(3, np.inf)
@@ -358,7 +336,4 @@ def _name(
         # Noise that all axes have is of one kind: each axis says its part of which.
         odds = sum(float(logit(undecided[axis])) if axis in undecided else -np.inf for axis in axes)
         rivals = (("readout_noise", float(expit(odds))),) if odds > -0.5 * UNDECIDED else ()
-        likeness = min(1.0, len(axes) * min(alike.get(axis, 1.0) for axis in axes))
-        report.symptoms.append(
-            Symptom("white_noise_level", name, size, "factor", error, {}, p, rivals=rivals, likeness=likeness)
-        )
+        report.symptoms.append(Symptom("white_noise_level", name, size, "factor", error, {}, p, rivals=rivals))

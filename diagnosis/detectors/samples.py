@@ -18,9 +18,6 @@ from diagnosis.detectors.clipping import find_clipping
 from diagnosis.detectors.denoised import denoised
 from diagnosis.detectors.gap_interpolation import filled, runs
 from diagnosis.detectors.lattice import Kind, undo_lattice
-from diagnosis.detectors.likeness import of_runs
-from diagnosis.detectors.noise_patterns import patterns
-from diagnosis.detectors.noise_structure import constancy, together
 from diagnosis.detectors.number_format import NumberFormats, find_number_formats
 from diagnosis.detectors.outliers import Repair, find_outliers
 from diagnosis.detectors.repeats import Repeats, find_repeats
@@ -38,6 +35,7 @@ from diagnosis.detectors.report import (
     since_start,
     within,
 )
+from diagnosis.detectors.run_lengths import compute_p_of_runs
 from diagnosis.detectors.sample_noise import local_noise, noise, quiet
 from diagnosis.detectors.spectral_lines import find_lines
 from diagnosis.detectors.zone_passes import zone
@@ -109,11 +107,6 @@ def examine(
         report.lines = find_lines(report, recording, still, used, within(tell, 0.3, 0.65))
         noise(report, recording, still, used, sigma, steps, coarse, formats.may_be_cut, within(tell, 0.65, 0.7))
         report.noise = sigma * report.noise_factor
-        if not coarse.any():
-            tell("noise in common", 0.7)
-            together(report, recording, still)
-            constancy(report, recording, used, within(tell, 0.75, 0.77))
-            patterns(report, recording, used, steps, within(tell, 0.77, 0.8))
         tell("zeros", 0.8)
         report.add(_find_zeros(recording, report.noise, formats))
         _off_the_lattice(report, recording, formats, sigma)
@@ -175,7 +168,7 @@ def _describe_repeats(recording: Recording, found: Repeats, event_p: float) -> F
     likeness = 1.0
     if not found.expected and found.mask.any():  # runs of chance have other lengths
         low, high = np.array(runs(found.mask)).T
-        likeness = of_runs(since_start(recording)[low], high - low)
+        likeness = compute_p_of_runs(since_start(recording)[low], high - low)
     parameters: dict[str, float | str] = {"fraction": found.fraction}
     symptom = Symptom(kind, None, found.size, "samples", found.sigma, parameters, found.p_value, text, likeness=likeness)
     return Findings((test,), (symptom,))

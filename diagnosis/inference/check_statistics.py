@@ -17,17 +17,12 @@ Indices = NDArray[np.intp]
 
 LAGS = 6
 PERIODS = 48  # of the scan for a line
-CYCLES = np.geomspace(0.5, 8.0, 24)  # in a turn
-TURNS = 0.5  # of a turn, that a body must have made about an axis
-FOLD = 12  # bins of a pattern that repeats
 TINY = 1e-300
 LEAST_POWER = 1e-6  # of the largest that a wave has in the draws, below which nothing is left of it
-VARIES = 1e-3  # of the largest scatter of an element of the attitude, from which on it changes at all
-SIZE, FLAT, JUMPS = "size", "two values or a wave", "jumps"  # less size than expected is as odd as more
+SIZE, JUMPS = "size", "jumps"  # less size than expected is as odd as more
 SETTLED = (SIZE, "correlation in time")  # by the evidence of a process
-LINE, ATTITUDE = "line of any period", "dependence on the attitude"
-TURNED = "line of any number of cycles in a turn"
-LARGEST = (LINE, ATTITUDE, TURNED)  # statistics that are a largest value
+LINE = "line of any period"
+LARGEST = (LINE,)  # statistics that are a largest value
 
 
 @dataclass(frozen=True)
@@ -40,20 +35,16 @@ class Layout:
     t_s : (r,) time, s
     since_s : (r,) time since the interval's start, s
     interval : (r,) its number
-    period_s : of a cycle that patterns may repeat with, such as the orbit; NaN for none
     regressors : (r, q) what the innovations may depend on, such as rates, accelerations and temperatures
     activity : (r,) what their variance may depend on, the size of the rate
-    turned : (r, 3) angle turned about each body axis since the interval's start, rad
     """
 
     axes: Array
     t_s: Array
     since_s: Array
     interval: Indices
-    period_s: float
     regressors: Array
     activity: Array
-    turned: Array
 
 
 def of_innovations(e: Array, layout: Layout) -> dict[str, Array]:
@@ -62,27 +53,19 @@ def of_innovations(e: Array, layout: Layout) -> dict[str, Array]:
         SIZE: np.sum(e**2, axis=(0, 1)),
         "shape": np.sum(e**4, axis=(0, 1)),
         "correlation in time": _autocorrelation(e, layout.interval),
-        "pattern since the interval's start": _folded(e, _bins(layout.since_s, float(layout.since_s.max()))),
         "variance over the intervals": _spread_over(e, layout.interval),
         "variance with the rate": _along(np.sum(e**2, axis=1, keepdims=True) - 3, layout.activity[:, None]),
         "dependence on what is known": _along(e, layout.regressors),
-        ATTITUDE: _largest_along(e, layout.axes.reshape(layout.t_s.size, 9)),
     }
     lines = _lines(e, layout)
     if lines is not None:
         out[LINE] = lines
-    cycles = _cycles(e, layout)
-    if cycles is not None:
-        out[TURNED] = cycles
-    if np.isfinite(layout.period_s):
-        out["pattern with the orbit"] = _folded(e, _bins(layout.t_s % layout.period_s, layout.period_s))
     return out
 
 
 def of_process(e: Array, layout: Layout) -> dict[str, Array]:
     """(d,) each statistic of the estimates e (r, 3, d) of a process, but those that its evidence has settled."""
     out = {name: values for name, values in of_innovations(e, layout).items() if name not in SETTLED}
-    out[FLAT] = _geary(e)
     changes = _geary(np.diff(e, axis=0)[np.diff(layout.interval) == 0])
     out[JUMPS] = 1 / np.maximum(changes, TINY)
     return out
@@ -105,19 +88,6 @@ def _autocorrelation(e: Array, interval: Indices) -> Array:
     return total
 
 
-def _bins(values: Array, span: float) -> Indices:
-    return np.minimum((values / max(span, 1e-9) * FOLD).astype(np.intp), FOLD - 1)
-
-
-def _folded(e: Array, bins: Indices) -> Array:
-    """Square sum of the means in bins, in units of their variance."""
-    total = np.zeros(e.shape[2])
-    for number in np.unique(bins):
-        own = e[bins == number]
-        total += np.sum(own.sum(axis=0) ** 2, axis=0) / len(own)
-    return total
-
-
 def _spread_over(e: Array, interval: Indices) -> Array:
     total = np.zeros(e.shape[2])
     for number in np.unique(interval):
@@ -136,17 +106,6 @@ def _along(values: Array, regressors: Array) -> Array:
     return np.asarray(np.sum(np.einsum("rq,rad->qad", unit, values) ** 2, axis=(0, 1)))
 
 
-def _largest_along(values: Array, regressors: Array) -> Array:
-    """Largest square of the component of values (r, 3, d), about any axis, along any one of the regressors (r, q)."""
-    centred = regressors - regressors.mean(axis=0)
-    size = np.linalg.norm(centred, axis=0)
-    varies = size > VARIES * max(float(size.max()), TINY)
-    if not np.any(varies):
-        return np.ones(values.shape[2])
-    along = np.einsum("rq,rad->qad", centred[:, varies] / size[varies], values)
-    return np.asarray(np.max(along**2, axis=(0, 1)))
-
-
 def _lines(e: Array, layout: Layout) -> Array | None:
     """Strongest line of any period, its phase another in each interval; None if the arcs are too short."""
     longest = float(layout.since_s.max())
@@ -156,19 +115,6 @@ def _lines(e: Array, layout: Layout) -> Array | None:
     # Nearer to half the rate of the observations a wave has no phase of its own, and its power another distribution.
     frequencies = np.linspace(1 / longest, 0.5 / float(np.median(gaps)) - 1 / longest, PERIODS)
     return _strongest(e, layout.interval, 2 * np.pi * np.outer(frequencies, layout.since_s))
-
-
-def _cycles(e: Array, layout: Layout) -> Array | None:
-    """Strongest line in the angle turned about one axis, its phase another in each interval; None if the body hardly turns.
-
-    A bearing, a ring of teeth or the standing wave of a shell repeats so, at a number of cycles that need not be whole.
-    """
-    found = []
-    for angle in layout.turned.T:
-        if np.ptp(angle) > 2 * np.pi * TURNS:
-            power = _strongest(e, layout.interval, np.outer(CYCLES, angle))
-            found += [] if power is None else [power]
-    return np.max(found, axis=0) if found else None
 
 
 def _strongest(e: Array, interval: Indices, angle: Array) -> Array | None:

@@ -40,19 +40,9 @@ def layout(model: RecordingModel) -> Layout:
         t_s=t_s,
         since_s=t_s - begins[interval],
         interval=interval,
-        period_s=model.stream.orbit_period_s,
         regressors=regressors,
         activity=np.linalg.norm(rates, axis=1),
-        turned=turned(model)[place],
     )
-
-
-def turned(model: RecordingModel) -> Array:
-    """(n, 3) angle turned about each body axis from the start of its interval to each step of a model, rad."""
-    out = np.cumsum(model.rates * model.dt[:, None], axis=0)
-    for block in model.blocks:
-        out[block.steps] -= out[block.steps.start]
-    return np.asarray(out)
 
 
 def motion(model: RecordingModel, references: Indices, block: Indices) -> tuple[Array, Array]:

@@ -25,8 +25,7 @@ from simulator.effects.base import Detection, Effect, SampleView
 from simulator.effects.recorded import interval_slices
 
 AXES = "xyz"
-SHARED = "noise_correlation"
-OF_NOISE = ("white_noise_level", "readout_noise", "noise_colour", "slow_noise", "noise_constancy", "noise_pattern")
+OF_NOISE = ("white_noise_level", "readout_noise", "noise_colour", "slow_noise")
 LEAST_P, LARGEST_P = 1e-300, float(np.exp(-1))  # p-values for which the bound on the Bayes factor holds
 TESTS = 30  # of the samples of a recording, over which the prior probability of one more effect is spread
 
@@ -141,8 +140,6 @@ def claimed(
     probability are left out.
     """
     claims: dict[str | None, str] = {effect.symptom: effect.name for effect in effects if effect.symptom is not None}
-    if SHARED not in claims:
-        symptoms = weigh_shaking(symptoms, settings)
     own = [_detected(one) for effect in effects for one in effect.detect(view) if one.p_value < settings.sample_event]
     own_test = {effect.name for effect in effects if effect.implements("detect")}
     found = []
@@ -197,22 +194,7 @@ def list_symptoms(effect: Effect) -> tuple[str, ...]:
     """
     if effect.is_process:
         return ("reference_noise_level",) if effect.on_references else ("slow_noise",)
-    return ("outliers", "noise_constancy", "noise_pattern") if effect.symptom == "dead_zone" else ()
-
-
-def weigh_shaking(symptoms: Sequence[Symptom], settings: DiagnosisSettings) -> list[Symptom]:
-    """Weigh noise that gyros have in common, and the noise of each of them, against a body that shakes.
-
-    A body that shakes faster than any reference sees turns all of its gyros, and makes all of this noise. Beside it there is
-    something else with the prior probability of one more effect.
-    """
-    shaken = {axis for one in symptoms if one.kind == SHARED for axis in str(one.parameters["gyros"])}
-    return [
-        replace(one, probability=one.probability * settings.another)
-        if one.kind == SHARED or (one.kind in OF_NOISE and shaken & (set(AXES) if one.axis is None else {one.axis}))
-        else one
-        for one in symptoms
-    ]
+    return ("outliers",) if effect.symptom == "dead_zone" else ()
 
 
 def _rivals(symptom: Symptom, claims: Mapping[str | None, str]) -> tuple[tuple[str, float], ...]:
