@@ -1,16 +1,13 @@
 """Posterior predictive checks of a named explanation: would data of the named model look like this?
 
 Under an explanation with the scaled columns C = [s_e X_e …] the observations are y ~ N(0, I + C Cᵀ), so that the innovations
-e = L⁻¹ y, L the Cholesky factor, are independent with variance one, in the order of time within each interval. General
-statistics ask whether they are: their size, their correlation in time, lines of any period, patterns that repeat with the time
-since an interval's start or with the orbit, dependence on rate, acceleration, mission time and housekeeping, dependence on the
-attitude (any element of its matrix, as the angle that a table has turned or the direction to something), patterns that repeat
-with the angle turned about an axis, constancy of their variance over the intervals and with the rate, and their shape.
+e = L⁻¹ y, L the Cholesky factor, are independent with variance one, in the order of time within each interval. The statistics
+test their size, their correlation in time, lines of any period, dependence on rate, acceleration, mission time and
+housekeeping, constancy of their variance over the intervals and with the rate, and their shape.
 
 A random process has to look like a draw of itself as well. Its contribution C Cᵀ S⁻¹ y, S = I + C Cᵀ, as the data estimate it,
-is asked the same: one bump, a swing or a pattern that a process has swallowed leaves nothing in the innovations, and is a draw
-that hardly ever comes. Its changes from one observation to the next are asked for their shape, since what jumps now and then
-changes as no normal process does; and it may not be too flat either, as a wave is, or what has two values.
+has the same tests. A process can absorb a bump or a sine completely although it would hardly ever generate one. Its changes
+from one observation to the next are tested for their shape, since a value that jumps now and then changes as no normal process.
 
 The distribution of each statistic comes from draws of the named model itself, with the nuisance parameters projected out of
 them as they are out of the data (Gelman et al., Bayesian Data Analysis, section 6.3). P-values beyond what the draws resolve

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from diagnosis.detectors.noise_structure import disagreement_of, power_of
+from diagnosis.detectors.differences import disagreement_of, power_of
 from diagnosis.detectors.outliers import OUTLIER, find_single_samples
 from diagnosis.detectors.repeats import find_repeats
 from diagnosis.detectors.samples import examine

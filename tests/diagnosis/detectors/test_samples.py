@@ -138,21 +138,6 @@ def test_filler_is_no_repeat(plan, truth):
     assert "repeats" not in [found.kind for found in report.symptoms]
 
 
-def test_noise_that_two_gyros_share_and_noise_that_grows_with_the_motion(plan, truth):
-    recording = _recording(plan, truth, 3)
-    rng = np.random.default_rng(6)
-    sigma = recording.gyro.arw / np.sqrt(recording.gyro.sample_s)
-    shared = recording.gyro.rates + 0.5 * sigma * rng.standard_normal((len(recording.gyro.rates), 1)) * [1.0, 1.0, 0.0]
-    report = stream.examine(replace(recording, gyro=replace(recording.gyro, rates=shared)))
-    assert "noise_correlation" in [found.kind for found in report.symptoms]
-    first = recording.intervals[0]
-    louder = recording.gyro.rates.copy()
-    part = (recording.gyro.t_s >= first.start_s) & (recording.gyro.t_s < first.stop_s)
-    louder[part, 0] += 0.7 * sigma * rng.standard_normal(part.sum())
-    report = stream.examine(replace(recording, gyro=replace(recording.gyro, rates=louder)))
-    assert ("noise_constancy", "x") in [(found.kind, found.axis) for found in report.symptoms]
-
-
 def test_motion_that_is_fast_beside_the_sampling_is_no_noise(plan, truth):
     """A swing of nine samples in one interval leaves a trace in the sixth differences, and next to none in the tenth."""
     recording = _recording(plan, truth, 3)

@@ -14,7 +14,6 @@ from tests.diagnosis.linear_models import linear_model
 
 INTERVALS, EACH = 4, 30
 ROWS = INTERVALS * EACH
-PERIOD = 5000.0
 MEMBERS = (Member(0, 0, 6), Member(1, 0, 2))
 
 
@@ -27,8 +26,7 @@ def layout():
     axes = np.linalg.qr(rng.standard_normal((ROWS, 3, 3)))[0]
     t_s = since + 8000.0 * interval
     regressors = np.column_stack([rates, np.abs(rates), t_s / t_s.max()])
-    turned = 5.0 * np.sin(since[:, None] * np.array([0.003, 0.0, 0.007]))
-    return Layout(axes, t_s, since, interval, PERIOD, regressors, np.linalg.norm(rates, axis=1), turned)
+    return Layout(axes, t_s, since, interval, regressors, np.linalg.norm(rates, axis=1))
 
 
 @pytest.fixture(scope="module")
@@ -174,12 +172,6 @@ def switching(layout, switches):
     return sign
 
 
-def test_two_values_are_no_draw_of_a_process(process, layout):
-    found = swallowed(process, layout, switching(layout, 6))
-    assert found["two values or a wave"] < 1e-4
-    assert swallowed(process, layout, np.zeros(ROWS))["two values or a wave"] > 0.01
-
-
 def test_jumps_are_no_draw_of_a_process(process, layout):
     """Steps up and down, two in a hundred and twenty observations, unlike the steady changes of a process."""
     steps = np.zeros(ROWS)
@@ -187,34 +179,6 @@ def test_jumps_are_no_draw_of_a_process(process, layout):
     found = swallowed(process, layout, np.cumsum(steps))
     assert found["jumps"] < 1e-3
     assert swallowed(process, layout, np.zeros(ROWS))["jumps"] > 0.01
-
-
-def test_an_error_that_follows_the_attitude_is_no_draw_of_a_process(process, layout):
-    """A body that turns slowly about one axis: its error is one wave a turn, at the same angles in all intervals."""
-    angle = 2 * np.pi * layout.t_s / 2600.0
-    axes = np.stack([np.eye(3)] * ROWS)
-    axes[:, 1, 1] = axes[:, 2, 2] = np.cos(angle)
-    axes[:, 1, 2], axes[:, 2, 1] = np.sin(angle), -np.sin(angle)
-    turning = replace(layout, axes=axes)
-    columns = np.einsum("rb,rk->rbk", axes[:, 0, :], np.linalg.cholesky(_smooth(layout))).reshape(3 * ROWS, ROWS)
-    X = process.X.copy()
-    X[:, -ROWS:] = columns
-    turned = replace(process, X=X)
-    assert swallowed(turned, turning, np.sin(angle + 0.4), size=10.0)["dependence on the attitude"] < 1e-4
-    assert swallowed(turned, turning, np.zeros(ROWS))["dependence on the attitude"] > 0.01
-
-
-def test_an_error_that_repeats_with_the_angle_turned_is_seen_whatever_the_times(model, layout):
-    """Teeth of a ring, on a body that turns to and fro: 1.3 cycles in a turn about z, which is no line in time."""
-    values = np.zeros((ROWS, 3))
-    values[:, 1] = 1.2 * np.sin(1.3 * layout.turned[:, 2] + layout.interval)
-    noise = drawn(model, np.random.default_rng(18), 1)[:, 0]
-    found = checked(model, layout, noise + model.projected(along_body(layout, values)[:, None])[:, 0])
-    assert found[check_statistics.TURNED].p_value < 1e-6
-    assert found[check_statistics.TURNED].p_value < 1e-3 * found[check_statistics.LINE].p_value
-    assert checked(model, layout, noise)[check_statistics.TURNED].p_value > 0.01
-    resting = replace(layout, turned=0.1 * layout.turned)
-    assert check_statistics.TURNED not in checked(model, resting, noise)
 
 
 def test_whole_checks_of_the_named_model_seldom_reject(model, layout):
@@ -230,10 +194,6 @@ def beside(layout, kind):
         values[:, 1] = 1.3 * np.sin(2 * np.pi * layout.since_s / 410.0 + layout.interval)
     elif kind == "step":
         values[:, 2] = 3.0 * (layout.t_s > 10_000)
-    elif kind == "start":
-        values[:, 0] = 4.0 * np.exp(-layout.since_s / 300.0)
-    elif kind == "orbit":
-        values[:, 0] = 1.5 * np.sin(4 * np.pi * layout.t_s / PERIOD)
     elif kind == "rate":
         values[:, 1] = 1.2 * layout.regressors[:, 0]
     return along_body(layout, values)
@@ -244,8 +204,6 @@ def beside(layout, kind):
     [
         ("line", "line of any period"),
         ("step", "correlation in time"),
-        ("start", "pattern since the interval's start"),
-        ("orbit", "pattern with the orbit"),
         ("rate", "dependence on what is known"),
     ],
 )
@@ -305,30 +263,9 @@ def test_arcs_that_are_too_short_have_no_lines(layout):
     assert check_statistics._lines(e, short) is None
 
 
-def test_lines_in_the_angle_turned_hold_their_rate_where_a_body_rests_but_in_one_interval(layout):
-    """Most of the power of a wave is gone with what each interval has fitted, and the rest has one phase."""
-    rng = np.random.default_rng(17)
-    turned = np.where(layout.interval[:, None] == 0, layout.turned, 1e-3 * layout.turned)
-    layout = replace(layout, turned=turned)
-
-    def statistic(count):
-        e = rng.standard_normal((ROWS, 3, count))
-        for number in np.unique(layout.interval):
-            e[layout.interval == number] -= e[layout.interval == number].mean(axis=0)
-        return check_statistics.of_innovations(e, layout)[check_statistics.TURNED]
-
-    data = statistic(20_000)
-    p = np.mean([np.log(checks._p_value(check_statistics.TURNED, data, statistic(checks.DRAWS))) for _ in range(10)], axis=0)
-    for level in (0.05, 1e-3):
-        # The counting error of the data, and what the draws leave open of a level: a fifth, as above.
-        assert np.mean(p < np.log(level)) < level + 4 * np.sqrt(level / data.size) + 0.2 * level
-    assert p.min() > np.log(1e-3 / data.size)  # the least of so many is smaller once in a thousand times
-
-
 def test_a_process_that_nothing_shows_of_has_no_line(layout):
     found = check_statistics.of_process(np.zeros((ROWS, 3, 20)), layout)
     assert not found[check_statistics.LINE].any()
-    assert not found[check_statistics.TURNED].any()
 
 
 @pytest.mark.parametrize("degrees", [18, 200])

@@ -130,18 +130,3 @@ def test_noise_of_the_references_is_a_symptom_only_where_it_departs():
         "reference_noise_correlation": None,
         "reference_noise_constancy": None,
     }
-
-
-def shared(gyros):
-    return Symptom("noise_correlation", None, 0.2, "of the noise", 0.01, {"gyros": gyros}, 1e-30)
-
-
-def test_noise_that_gyros_share_is_a_motion_and_says_nothing_of_theirs():
-    """The noise of the third gyro, and what is no noise, stay; an effect that makes shared noise claims it."""
-    level = [replace(OUTLIERS, kind="white_noise_level", axis=axis) for axis in "xyz"]
-    effects = [effect(Claims, "mine", "outliers"), effect(Claims, "noisy", "white_noise_level")]
-    left = causes(effects, [shared("xy"), *level, OUTLIERS])
-    assert [(one.effect, one.symptom.axis) for one in left] == [("noisy", "z"), ("mine", "y")]
-    assert causes(effects, [shared("xy"), replace(level[0], axis=None)]) == ()
-    claimed = causes([effect(Claims, "humming", "noise_correlation"), *effects], [shared("xy"), *level])
-    assert [one.effect for one in claimed] == ["humming", "noisy", "noisy", "noisy"]
