@@ -71,9 +71,7 @@ class ReferenceNoise:
     factor, sigma : (3,) by body axis; NaN where there are too few
     p_value : that all three are one
     axis : the one axis that departs, or None for all
-    correlation, correlation_p : largest correlation between two axes, and the p-value of there being none
     event_p : p-value below which the noise is not as stated
-    constancy, constancy_p : largest ratio of the power in one interval, or in motion, to the rest, and the p-value of one
     of_gyro : whether an excess is rather one of the angle turned in each spacing, and so the gyro's
     """
 
@@ -81,10 +79,6 @@ class ReferenceNoise:
     sigma: Array
     p_value: float
     axis: int | None
-    correlation: float = 0.0
-    correlation_p: float = 1.0
-    constancy: float = 1.0
-    constancy_p: float = 1.0
     event_p: float = DEFAULT.sample_event
     of_gyro: bool = False
 
@@ -94,15 +88,9 @@ class ReferenceNoise:
         return self.p_value < self.event_p and not self.of_gyro
 
     @property
-    def odd_in(self) -> tuple[str, ...]:
-        """What about it is not as that of stated white noise."""
-        found = {"level": self.p_value, "correlation": self.correlation_p, "constancy": self.constancy_p}
-        return tuple(what for what, p in found.items() if p < self.event_p)
-
-    @property
     def odd(self) -> bool:
-        """Whether anything about it is not as that of stated white noise."""
-        return bool(self.odd_in)
+        """Whether the level is not that of stated white noise."""
+        return self.p_value < self.event_p
 
     @property
     def factors(self) -> Array:
@@ -166,27 +154,13 @@ def reference_noise(
     # Single large differences, as beside a slew with wrong time tags, are not noise.
     usual = [np.median(np.abs(z[~found.hidden[:, axis], axis])) if enough[axis] else 0.0 for axis in range(3)]
     kept = (np.abs(z) < TRIM * np.array(usual) / 0.6745) & ~found.hidden & enough
-    scaled = np.where(kept, z, 0.0)
-    speed = np.linalg.norm(series.rates[found.middle], axis=1)
-    moving = speed > 0.5 * (np.quantile(speed, 0.02) + np.quantile(speed, 0.98))
-    owner = series.interval[found.middle]
-    groups = [moving, *(owner == number for number in np.unique(owner))]
     factor, sigma, p, axis = _level(found, kept, enough)
     of_gyro = False
     if p < settings.sample_event and np.any(factor[enough] > 1):
         axes = slice(None) if axis is None else slice(axis, axis + 1)
         stated, walk = series.sigma**2, density * np.abs(np.append(np.diff(series.t_s), 0.0))[:, None]
         of_gyro = log_odds(found.values, kept, found.middle, series.to_inertial, stated, walk, axes) < UNLIKELY
-    return ReferenceNoise(
-        factor,
-        sigma,
-        p,
-        axis,
-        *_correlation(scaled, kept),
-        *_constancy(scaled, kept, groups),
-        settings.sample_event,
-        of_gyro,
-    )
+    return ReferenceNoise(factor, sigma, p, axis, settings.sample_event, of_gyro)
 
 
 def _differences(series: ReferenceSeries, density: Array, gyro_s: Array, dead: Mask) -> Differences:
@@ -258,34 +232,3 @@ def _level(found: Differences, kept: Mask, enough: Mask) -> tuple[Array, Array, 
     as_stated = scipy.stats.chi2.sf(others, enough.sum() - 1) > 0.01 or others < common
     alone = enough.sum() > 1 and as_stated and z[odd] ** 2 > 12
     return factor, error, max(float(scipy.stats.chi2.sf(chi2, enough.sum())), 1e-300), odd if alone else None
-
-
-def _correlation(z: Array, kept: Mask) -> tuple[float, float]:
-    """Largest correlation coefficient between two axes, and the p-value of all three being zero."""
-    found = []
-    for i, j in ((0, 1), (0, 2), (1, 2)):
-        both = kept[:, i] & kept[:, j]
-        if both.sum() < FEWEST:
-            continue
-        a, b = z[both, i], z[both, j]
-        coefficient = float(np.mean(a * b) / np.sqrt(np.mean(a**2) * np.mean(b**2)))
-        p = 2 * float(scipy.stats.norm.sf(abs(coefficient) / np.sqrt(CORRELATED / both.sum())))
-        found.append((min(1.0, 3 * p), coefficient))
-    p, coefficient = min(found, default=(1.0, 0.0))
-    return coefficient, max(p, 1e-300)
-
-
-def _constancy(z: Array, kept: Mask, groups: list[Mask]) -> tuple[float, float]:
-    """Largest ratio of the power of one group to that of the rest, and the p-value of all being one."""
-    best = (1.0, 1.0)
-    for axis in range(3):
-        for group in groups:
-            own, rest = z[kept[:, axis] & group, axis], z[kept[:, axis] & ~group, axis]
-            if min(own.size, rest.size) < FEWEST:
-                continue
-            ratio = float(np.mean(own**2) / np.mean(rest**2))
-            sigma = float(np.sqrt(2 * CORRELATED * TRIMMING * (1 / own.size + 1 / rest.size)))
-            p = min(1.0, 6 * len(groups) * float(scipy.stats.norm.sf(abs(np.log(ratio)) / sigma)))
-            if p < best[0]:
-                best = (max(p, 1e-300), ratio)
-    return best[1], best[0]

@@ -90,7 +90,7 @@ class Prepared:
         """What was judged by the residuals of M0: lines that are no motions, by gyro, and what is odd of references' noise."""
         lines = [(one.kind, one.axis) for one in self.samples.symptoms if one.of_line]
         noise = [(None, self.reference_noise), *self.tracker_noise]
-        odd = [(f"reference noise, {what}", name) for name, one in noise if one is not None for what in one.odd_in]
+        odd = [("reference noise", name) for name, one in noise if one is not None and one.odd]
         return tuple(sorted([*lines, *odd], key=str))
 
     @property

@@ -215,19 +215,7 @@ def _of_noise(
 ) -> list[Symptom]:
     """The same of one test; the noise of one of several trackers has its name in the place of an axis."""
     found = []
-    whose, them = ("the references'", "the references") if tracker is None else (f"{tracker}'s", tracker)
-    if noise.correlation_p < settings.sample_event:
-        text = f"{whose} noise about two axes correlates by {noise.correlation:.2f}"
-        found.append(
-            Symptom(
-                "reference_noise_correlation", tracker, noise.correlation, "of the noise", 0.0, {}, noise.correlation_p, text
-            )
-        )
-    if noise.constancy_p < settings.sample_event:
-        text = f"{whose} noise has {noise.constancy:.2f} times the power of the rest in one part of the recording"
-        found.append(
-            Symptom("reference_noise_constancy", tracker, noise.constancy, "of its power", 0.0, {}, noise.constancy_p, text)
-        )
+    them = "the references" if tracker is None else tracker
     if noise.departs and not sigma_estimated:
         axis = None if noise.axis is None else AXES[noise.axis]
         place = 0 if noise.axis is None else noise.axis

@@ -8,7 +8,7 @@ import pytest
 from diagnosis.inference.checks import residual_checks
 from diagnosis.model.candidates import linear_model
 from diagnosis.model.in_progress import steps_at
-from diagnosis.model.layout import layout, turned
+from diagnosis.model.layout import layout
 from diagnosis.model.prepare import prepare
 from simulator.effects import EFFECTS
 from tests.diagnosis.recordings import of_rates, prepared, slews_between_references
@@ -51,16 +51,3 @@ def test_noise_that_is_read_as_a_rate_is_no_dependence_on_it(seed):
     linear = linear_model(model, [EFFECTS["bias_drift"]], rivals=False)
     found = {one.name: one for one in residual_checks(linear, (), layout(model))}
     assert found["dependence on what is known"].p_value > 1e-3
-
-
-def test_the_angle_turned_begins_anew_with_each_interval():
-    model = prepared(1).model
-    angle, steps = turned(model), model.rates * model.dt[:, None]
-    assert len(model.blocks) > 1
-    for block in model.blocks:
-        np.testing.assert_allclose(
-            angle[block.steps], np.cumsum(steps[block.steps], axis=0) - steps[block.steps][:1], atol=1e-9
-        )
-    last = np.flatnonzero(np.append(np.diff(model.observation_block) != 0, True))
-    ends = [block.steps.stop - 1 for block in model.blocks]
-    np.testing.assert_allclose(layout(model).turned[last], angle[ends], atol=2 * np.abs(steps).max())

@@ -97,12 +97,11 @@ def test_noise_that_an_import_estimated_is_no_cause():
         attitudes=replace(recording.attitudes, sigma_estimated=True),
     )
     assert drop_estimated_levels([level, OUTLIERS], imported) == [OUTLIERS]
-    shared = replace(NOISE, correlation=0.8, correlation_p=1e-9)
     kinds = [
-        [one.kind for one in reference_symptoms(replace(found, reference_noise=shared, model=model), DEFAULT)]
+        [one.kind for one in reference_symptoms(replace(found, reference_noise=NOISE, model=model), DEFAULT)]
         for model in (found.model, replace(found.model, recording=imported))
     ]
-    assert kinds == [["reference_noise_correlation", "reference_noise_level"], ["reference_noise_correlation"]]
+    assert kinds == [["reference_noise_level"], []]
 
 
 def test_an_effects_own_test_says_more_than_the_symptom_it_makes_as_well():
@@ -125,8 +124,3 @@ def test_noise_of_the_references_is_a_symptom_only_where_it_departs():
     (every,) = causes(mine, (), replace(NOISE, axis=None))
     assert every.symptom.axis is None
     assert (every.symptom.size, every.symptom.sigma) == pytest.approx((1.2, 0.1 / np.sqrt(3)))
-    shared = causes(mine, (), replace(NOISE, p_value=0.3, correlation=0.8, correlation_p=1e-9, constancy_p=1e-9))
-    assert {one.symptom.kind: one.effect for one in shared} == {
-        "reference_noise_correlation": None,
-        "reference_noise_constancy": None,
-    }
