@@ -362,7 +362,7 @@ def _seen_by_attitude(
 
 
 def _as_report(report: SampleReport, tested: GyroTests) -> SampleReport:
-    return replace(report, tests=list(tested.tests), symptoms=list(tested.symptoms))
+    return replace(report, tests=tested.tests, symptoms=tested.symptoms)
 
 
 def _seen_by_parity(

@@ -22,6 +22,7 @@ from diagnosis.detectors.report import (
     IMPOSSIBLE,
     Findings,
     SampleTest,
+    Stream,
     Symptom,
     Tell,
     consecutive,
@@ -89,31 +90,16 @@ class OutlierFit:
     fraction: float
 
 
-@dataclass(frozen=True)
-class Repair:
-    """A stream without its outliers.
-
-    Attributes
-    ----------
-    rates, density : (n, 3) rad/s and rad²/s
-    filled : (n,) samples that something was put in place of
-    """
-
-    rates: Array
-    density: Array
-    filled: Mask
-
-
 def find_outliers(
     recording: Recording,
-    stream: Repair,
+    stream: Stream,
     quiet: Mask,
     used: Mask,
     noise: Array,
     steps: Array,
     event_p: float,
     tell: Tell = silent,
-) -> tuple[Findings, Repair]:
+) -> tuple[Findings, Stream]:
     """Find single samples far outside of their neighbours, and bridge them.
 
     Parameters
@@ -181,7 +167,7 @@ def _fit_heights(found: list[Outliers], judged: Mask, noise: Array) -> OutlierFi
 
 
 def _find_of_gyros(
-    recording: Recording, stream: Repair, quiet: Mask, used: Mask, noise: Array, steps: Array, tell: Tell
+    recording: Recording, stream: Stream, quiet: Mask, used: Mask, noise: Array, steps: Array, tell: Tell
 ) -> tuple[list[Outliers], Mask]:
     """Find the outliers of each gyro; also the samples that were judged."""
     whole = scipy.ndimage.binary_erosion(used & consecutive(recording, used), iterations=SIDE)
@@ -213,7 +199,7 @@ def _find_of_gyros(
     return [replace(one, places=one.places & ~jolt) for one, jolt in zip(found, jolts, strict=True)], resting | turning
 
 
-def _repair(recording: Recording, stream: Repair, found: list[Outliers], fit: OutlierFit) -> Repair:
+def _repair(recording: Recording, stream: Stream, found: list[Outliers], fit: OutlierFit) -> Stream:
     """Bridge the outliers, and what stands as far out of a motion; where that hides them, they are noise."""
     t_s, rates, density, filled = recording.gyro.t_s, stream.rates.copy(), stream.density.copy(), stream.filled.copy()
     for axis, one in enumerate(found):
@@ -225,7 +211,7 @@ def _repair(recording: Recording, stream: Repair, found: list[Outliers], fit: Ou
         filled |= bad
         power = fit.fraction * float(np.mean(one.off[one.places] ** 2)) * recording.gyro.sample_s
         density[(one.hidden > AS_HIGH * fit.seen) & ~bad, axis] += power
-    return Repair(rates, density, filled)
+    return Stream(rates, density, filled)
 
 
 def find_single_samples(x: Array, judged: Mask, noise: float, step: float) -> Outliers:

@@ -38,6 +38,7 @@ class RepeatSettings:
     ----------
     nearby : samples of a stretch of time in which the share of repeats is taken; short beside an orbit
     alike : of these, samples with nearly the same change of rate, over which it is taken
+    fewest_alike : samples among these that do not repeat on all axes, below which chance may repeat all
     side : samples on either side of a repeat that are left out where the change of rate is taken
     least_chance : probability by chance on a number format, below which no estimate from so few samples goes
     alone : share of samples that repeat on one axis only, from which on repeats by chance are possible at all
@@ -51,6 +52,7 @@ class RepeatSettings:
 
     nearby: int = 1500
     alike: int = 101
+    fewest_alike: int = 10
     side: int = 2
     least_chance: float = 1e-3
     alone: float = 1e-3
@@ -100,7 +102,7 @@ def find_repeats(rates: Array, follows: Mask, settings: RepeatSettings = SETTING
     equal[1:] = rates[1:] == rates[:-1]
     joint = equal.all(axis=1) & follows
     n, count = int(follows.sum()), int(joint.sum())
-    if n < settings.fewest:
+    if n < settings.fewest or count > settings.most * n:
         return None
     chance, sigma = np.zeros(len(rates)), 0.0
     if ((equal & ~joint[:, None])[follows].mean(axis=0) > settings.alone).all():
@@ -170,7 +172,8 @@ def _average_alike(repeats: Mask, where: Mask, change: Array, settings: RepeatSe
     for part in np.array_split(np.arange(repeats.size), max(1, repeats.size // settings.nearby)):
         order = part[np.argsort(change[part], kind="stable")]
         all_of_them, own = _count(where[order], settings.alike), _count((repeats & where)[order], settings.alike)
-        share[order] = own / np.maximum(all_of_them, 1.0)
+        # Where nearly all samples repeat on all axes, nothing shows that chance does not do it.
+        share[order] = np.where(all_of_them < settings.fewest_alike, 1.0, own / np.maximum(all_of_them, 1.0))
     return share
 
 

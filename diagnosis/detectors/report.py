@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from diagnosis.detectors.gap_interpolation import runs
-from diagnosis.settings import DEFAULT
 from gyrocal.recording import Recording
 from simulator.effects.recorded import interval_slices
 
@@ -128,7 +127,22 @@ class Line:
         return self.log_constancy > 0
 
 
-@dataclass
+@dataclass(frozen=True)
+class Stream:
+    """A stream of three gyros, repaired so far.
+
+    Attributes
+    ----------
+    rates, density : (n, 3) rad/s, and noise density, rad²/s
+    filled : (n,) samples that something was put in place of
+    """
+
+    rates: Array
+    density: Array
+    filled: Mask
+
+
+@dataclass(frozen=True)
 class SampleReport:
     """What the samples show, and the stream with it repaired as far as that goes.
 
@@ -143,47 +157,39 @@ class SampleReport:
     smooth : (n, 3) repaired raw rates without their noise: what effects follow, since a regressor with the noise of the
         residuals in it would explain that noise
     hidden : (3,) whether a coarse lattice hides the gyro's slow motion for long
-    zones : of the gyros whose motion seems to pass through a dead zone
     lattice : (3,) whether readings lie on one that is coarser than the noise
-    lines : lines of the spectrum, before the attitude was asked whether the body moves so
+    zones : of the gyros whose motion seems to pass through a dead zone
+    lines : lines of the spectrum, before the attitude has judged whether the body moves so
     vibrations : of these, those that are none of the body's motions and are taken out of the rates
     motions, unconfirmed : those that are motions of the body as the references see, and those that are taken for such
-    event_p, line_p : p-values below which a test of the samples speaks, and below which a line is one
     cut_odds : log odds that readings on a lattice were cut and not rounded, where the samples leave that open
     """
 
-    tests: list[SampleTest]
-    symptoms: list[Symptom]
+    tests: tuple[SampleTest, ...]
+    symptoms: tuple[Symptom, ...]
     rates: Array
     density: Array
     clipped: Mask
     filled: Mask
-    noise_factor: Array = field(default_factory=lambda: np.ones(3))
-    noise: Array = field(default_factory=lambda: np.zeros(3))
-    smooth: Array = field(default_factory=lambda: np.empty((0, 3)))
-    lines: list[Line] = field(default_factory=list)
-    vibrations: list[Line] = field(default_factory=list)
-    motions: list[Line] = field(default_factory=list)
-    unconfirmed: list[Line] = field(default_factory=list)
-    event_p: float = DEFAULT.sample_event
-    line_p: float = DEFAULT.line
+    noise_factor: Array
+    noise: Array
+    smooth: Array
+    hidden: Mask
+    lattice: Mask
+    zones: Mapping[int, Zone]
+    lines: tuple[Line, ...]
+    vibrations: tuple[Line, ...] = ()
+    motions: tuple[Line, ...] = ()
+    unconfirmed: tuple[Line, ...] = ()
     cut_odds: float | None = None
-    zones: dict[int, Zone] = field(default_factory=dict)
-    hidden: Mask = field(default_factory=lambda: np.zeros(3, dtype=bool))
-    lattice: Mask = field(default_factory=lambda: np.zeros(3, dtype=bool))
-
-    def add(self, findings: Findings) -> None:
-        """Add tests and departures."""
-        self.tests += findings.tests
-        self.symptoms += findings.symptoms
 
     def unjudged(self) -> SampleReport:
-        """The report as it was before any line was judged."""
+        """Return the report as it was before any line was judged."""
         rates = self.rates.copy()
         for line in self.vibrations:
             rates[:, line.axis] += line.waveform
-        left = [one for one in self.symptoms if not one.of_line]
-        return replace(self, rates=rates, symptoms=left, vibrations=[], motions=[], unconfirmed=[])
+        left = tuple(one for one in self.symptoms if not one.of_line)
+        return replace(self, rates=rates, symptoms=left, vibrations=(), motions=(), unconfirmed=())
 
 
 def inside(recording: Recording) -> Mask:

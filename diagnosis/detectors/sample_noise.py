@@ -16,8 +16,8 @@ as slow noise, and then on two gyros or more; these arcs are taken as moving one
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
-from dataclasses import replace
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
@@ -31,8 +31,20 @@ from scipy.special import expit, logit
 from diagnosis.detectors.differences import agree, autocorrelation_of, power_of
 from diagnosis.detectors.noise_blocks import SHOWING, SLOW, blocks_of, outside_bands, powers_of
 from diagnosis.detectors.noise_in_motion import FEWEST_BLOCKS, InMotion, Level, chance_of, level_in_motion, preciser
+from diagnosis.detectors.number_format import NumberFormats
 from diagnosis.detectors.readout_noise import AVERAGES, UNDECIDED, Readout, readout
-from diagnosis.detectors.report import AXES, IMPOSSIBLE, SampleReport, SampleTest, Symptom, Tell, arcs, consecutive, silent
+from diagnosis.detectors.report import (
+    AXES,
+    IMPOSSIBLE,
+    Findings,
+    Line,
+    SampleTest,
+    Symptom,
+    Tell,
+    arcs,
+    consecutive,
+    silent,
+)
 from gyrocal.recording import Recording
 
 Array = NDArray[np.float64]
@@ -141,28 +153,69 @@ def off_zero(x: Array, step: float, sigma: float) -> Mask:
     return np.asarray(~scipy.ndimage.binary_dilation(near, iterations=HALF))
 
 
-def noise(
-    report: SampleReport,
+@dataclass(frozen=True)
+class SampleNoise:
+    """Noise of the samples.
+
+    Attributes
+    ----------
+    findings : tests and departures
+    factor : (3,) of a sample, actual over stated noise
+    density : (3,) of the noise density that integrates to the attitude, actual over stated
+    """
+
+    findings: Findings
+    factor: Array
+    density: Array
+
+
+class _Noted:
+    """Tests, departures and factors as they are found, gyro by gyro."""
+
+    def __init__(self, event_p: float) -> None:
+        self.event_p = event_p
+        self.tests: list[SampleTest] = []
+        self.symptoms: list[Symptom] = []
+        self.factor, self.density = np.ones(3), np.ones(3)
+
+    def freeze(self) -> SampleNoise:
+        """Return what was found."""
+        return SampleNoise(Findings(tuple(self.tests), tuple(self.symptoms)), self.factor, self.density)
+
+
+def measure_noise(
+    rates: Array,
     recording: Recording,
     quiet: Mask,
     used: Mask,
-    sigma: float,
-    steps: Array,
-    coarse: Mask,
-    cut: Mask,
+    replaced: Mask,
+    formats: NumberFormats,
+    lines: Sequence[Line],
+    event_p: float,
     tell: Tell = silent,
-) -> None:
-    """Level and colour of the noise of each axis, beside the lines of the spectrum; `cut` are those that may be cut."""
+) -> SampleNoise:
+    """Measure level and colour of the noise of each axis, beside the lines of the spectrum.
+
+    Parameters
+    ----------
+    rates : (n, 3) repaired readings, rad/s
+    recording : as recorded
+    quiet, used : (n,) samples at rest, and all that can be used
+    replaced : (n,) samples that were not measured, or do not show the rate
+    formats : of the readings
+    lines : of the spectrum
+    event_p : p-value below which noise is not as stated
+    """
+    noted, sigma = _Noted(event_p), recording.gyro.arw / np.sqrt(recording.gyro.sample_s)
+    steps, coarse, cut = formats.steps, formats.coarse, formats.may_be_cut
     rough = coarse & (steps > DITHERED * sigma)
-    measured = ~scipy.ndimage.binary_dilation(report.filled | report.clipped, iterations=2)
+    measured = ~scipy.ndimage.binary_dilation(replaced, iterations=2)
     usable = arcs(quiet & consecutive(recording, quiet) & measured)
     moving = arcs(used & consecutive(recording, used) & measured)
     found: dict[int, Level] = {}
     readings: dict[int, Readout] = {}
     read_out: dict[int, Callable[[], None]] = {}
-    streams = [
-        report.rates[:, axis] - sum((one.waveform for one in report.lines if one.axis == axis), 0.0) for axis in range(3)
-    ]
+    streams = [rates[:, axis] - sum((one.waveform for one in lines if one.axis == axis), 0.0) for axis in range(3)]
     aways = [off_zero(x, steps[k], sigma) if cut[k] else np.ones(x.size, dtype=bool) for k, x in enumerate(streams)]
     still = [
         arcs(quiet & consecutive(recording, quiet) & measured & away) if cut[axis] else usable
@@ -179,7 +232,7 @@ def noise(
         one = None if sways else levels[axis]
         rest = arcs(used & consecutive(recording, used) & measured & away) if cut[axis] else moving
         # A line is taken out of the quiet arcs alone.
-        fast = [line for line in report.lines if line.axis == axis and line.frequency_hz * recording.gyro.sample_s > SLOW]
+        fast = [line for line in lines if line.axis == axis and line.frequency_hz * recording.gyro.sample_s > SLOW]
         beside = one is not None and bool(fast)
         in_motion = None if beside else level_in_motion(x, rest, expected)
         if one is None and in_motion is not None:
@@ -193,13 +246,13 @@ def noise(
         excess = (one.variance - expected) / sigma**2
         factor = float(np.sqrt(max(1 + excess, 1e-6)))
         p = max(in_motion.p_value if in_motion else chance_of(one, expected), IMPOSSIBLE)
-        banded = p < report.event_p and factor > 1 and in_one_band([x[low:high] for low, high in rests], in_motion, expected)
+        banded = p < noted.event_p and factor > 1 and in_one_band([x[low:high] for low, high in rests], in_motion, expected)
         if banded:
             p = 1.0
         # Rounding to a few noise sigmas is not uniform noise.
         if rough[axis] and abs(factor - 1) < SLACK:
             p = 1.0
-        report.tests.append(
+        noted.tests.append(
             SampleTest(
                 "noise_level", AXES[axis], factor, 1.0, p, "white_noise_level",
                 f"the noise of the samples is {factor:.3f} times what is stated",
@@ -208,29 +261,30 @@ def noise(
         p_colour = 1.0
         if np.isfinite(one.colour) and not rough[axis] and not banded:
             p_colour = max(float(2 * scipy.stats.norm.sf(abs(one.colour - 1) / one.colour_sigma)), IMPOSSIBLE)
-            report.tests.append(
+            noted.tests.append(
                 SampleTest(
                     "noise_colour", AXES[axis], one.colour, 1.0, p_colour, "noise_colour" if one.colour < 1 else "slow_noise",
                     f"means over {AVERAGED} samples have {one.colour:.3f} times the noise power of white noise",
                 )
             )  # fmt: skip
         found[axis] = one
-        if p < report.event_p and factor > 1 and not rough[axis]:
+        if p < noted.event_p and factor > 1 and not rough[axis]:
             reading = in_motion.reading if in_motion else readout_of(x, rests, expected)
-            if reading is None and p_colour < report.event_p:
+            if reading is None and p_colour < noted.event_p:
                 # Where a body still rings, means of several samples hold its motion, and the calm blocks say it.
                 calm = level_in_motion(x, rests, expected)
                 reading = None if calm is None else calm.reading
             if reading is not None:
                 readings[axis] = reading
                 read_out[axis] = partial(
-                    _read_out, report, axis, reading, factor, min(p, p_colour), sigma, recording.gyro.sample_s, expected
+                    _read_out, noted, axis, reading, factor, min(p, p_colour), sigma, recording.gyro.sample_s, expected
                 )
-    undecided = _rather_white(readings, _alike(report, found, sigma))
+    undecided = _rather_white(readings, _alike(noted, found, sigma))
     readings = {axis: one for axis, one in readings.items() if axis not in undecided}
     for axis in readings:
         read_out[axis]()
-    _name(report, {axis: one for axis, one in found.items() if axis not in readings}, sigma, undecided)
+    _name(noted, {axis: one for axis, one in found.items() if axis not in readings}, sigma, undecided)
+    return noted.freeze()
 
 
 def in_one_band(parts: list[Array], in_motion: InMotion | None, expected: float) -> bool:
@@ -246,30 +300,30 @@ def _sways(levels: list[Level | None]) -> bool:
 
 
 def _read_out(
-    report: SampleReport, axis: int, found: Readout, factor: float, p: float, sigma: float, sample_s: float, expected: float
+    noted: _Noted, axis: int, found: Readout, factor: float, p: float, sigma: float, sample_s: float, expected: float
 ) -> None:
     """Readout noise is a symptom; it adds nothing to the noise of the angle turned. White noise beside it may be another."""
     size, error = (float(np.rad2deg(value) * 3600 * sample_s) for value in (found.reading, found.sigma))
     text = f"the noise of the samples rises with the frequency as that of readings of the angle of {size:.3g} arcsec"
     rivals = (("white_noise_level", 1 - found.probability),) if found.as_stated and found.probability < CLEARLY else ()
     likely = 1.0 if rivals else found.probability
-    report.symptoms.append(Symptom("readout_noise", AXES[axis], size, "arcsec", error, {}, p, text, likely, rivals))
-    report.noise_factor[axis] = factor
+    noted.symptoms.append(Symptom("readout_noise", AXES[axis], size, "arcsec", error, {}, p, text, likely, rivals))
+    noted.factor[axis] = factor
     if found.as_stated:
         return
     white = float(np.sqrt(max(1 + (found.white - expected) / sigma**2, 1e-6)))
     error = 0.5 * found.white_sigma / sigma**2 / white
     p_white = max(float(2 * scipy.stats.norm.sf(abs(white - 1) / error)), IMPOSSIBLE)
-    report.density[:, axis] *= white**2
-    if p_white < report.event_p:
+    noted.density[axis] *= white**2
+    if p_white < noted.event_p:
         text = f"beside readout noise, the white noise of the samples is {white:.3f} times what is stated"
-        report.symptoms.append(Symptom("white_noise_level", AXES[axis], white, "factor", error, {}, p_white, text))
+        noted.symptoms.append(Symptom("white_noise_level", AXES[axis], white, "factor", error, {}, p_white, text))
 
 
-def _alike(report: SampleReport, found: dict[int, Level], sigma: float) -> bool:
+def _alike(noted: _Noted, found: dict[int, Level], sigma: float) -> bool:
     """Whether all three gyros have too much noise, and by one factor."""
-    tests = [test for test in report.tests if test.statistic == "noise_level"]
-    if len(tests) < 3 or any(test.p_value >= report.event_p or test.value < 1 for test in tests):
+    tests = [test for test in noted.tests if test.statistic == "noise_level"]
+    if len(tests) < 3 or any(test.p_value >= noted.event_p or test.value < 1 for test in tests):
         return False
     factors = np.array([test.value for test in tests])
     errors = np.array([0.5 * found[AXES.index(str(test.axis))].sigma / sigma**2 / test.value for test in tests])
@@ -298,34 +352,34 @@ def _rather_white(readings: dict[int, Readout], alike: bool) -> dict[int, float]
     return {axis: p for axis, p in own.items() if p < 0.5}
 
 
-def _name(report: SampleReport, found: dict[int, Level], sigma: float, undecided: dict[int, float]) -> None:
+def _name(noted: _Noted, found: dict[int, Level], sigma: float, undecided: dict[int, float]) -> None:
     """White noise of another level is one symptom, noise of another colour is another."""
-    tests = {(test.statistic, test.axis): test for test in report.tests}
+    tests = {(test.statistic, test.axis): test for test in noted.tests}
     factors, errors = np.ones(3), np.full(3, np.inf)
     white = []
     for axis, one in found.items():
         test, colour = tests["noise_level", AXES[axis]], tests.get(("noise_colour", AXES[axis]))
         factors[axis] = test.value
         errors[axis] = 0.5 * one.sigma / sigma**2 / max(test.value, 1e-3)
-        coloured = colour is not None and colour.p_value < report.event_p and abs(one.colour - 1) > WHITE
+        coloured = colour is not None and colour.p_value < noted.event_p and abs(one.colour - 1) > WHITE
         if colour is not None and coloured and one.colour < 1:
             # Averages over time have less of it: what integrates to the attitude is the slow part.
-            report.noise_factor[axis] = test.value
-            report.density[:, axis] *= min(test.value**2, test.value**2 * one.colour)
-            report.symptoms.append(
+            noted.factor[axis] = test.value
+            noted.density[axis] *= min(test.value**2, test.value**2 * one.colour)
+            noted.symptoms.append(
                 Symptom("noise_colour", AXES[axis], one.colour, "of white noise", one.colour_sigma, {}, colour.p_value)
             )
-        elif colour is not None and coloured and test.p_value < report.event_p:
+        elif colour is not None and coloured and test.p_value < noted.event_p:
             # More than white noise at lower frequencies: what that is, the attitude sees better.
-            report.noise_factor[axis] = test.value
-            report.density[:, axis] *= test.value**2
-            report.symptoms.append(
+            noted.factor[axis] = test.value
+            noted.density[axis] *= test.value**2
+            noted.symptoms.append(
                 Symptom("slow_noise", AXES[axis], one.colour, "of white noise", one.colour_sigma, {}, colour.p_value)
             )
-        elif test.p_value < report.event_p:
+        elif test.p_value < noted.event_p:
             white.append(axis)
-            report.noise_factor[axis] = test.value
-            report.density[:, axis] *= test.value**2
+            noted.factor[axis] = test.value
+            noted.density[axis] *= test.value**2
     if not white:
         return
     common = len(white) == 3 and _are_one(factors, errors)
@@ -336,4 +390,4 @@ def _name(report: SampleReport, found: dict[int, Level], sigma: float, undecided
         # Noise that all axes have is of one kind: each axis says its part of which.
         odds = sum(float(logit(undecided[axis])) if axis in undecided else -np.inf for axis in axes)
         rivals = (("readout_noise", float(expit(odds))),) if odds > -0.5 * UNDECIDED else ()
-        report.symptoms.append(Symptom("white_noise_level", name, size, "factor", error, {}, p, rivals=rivals))
+        noted.symptoms.append(Symptom("white_noise_level", name, size, "factor", error, {}, p, rivals=rivals))

@@ -10,6 +10,9 @@ clipping) cannot happen at all under M0 and are given the smallest p.
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
 import numpy as np
 import scipy.ndimage
 from numpy.typing import NDArray
@@ -19,14 +22,16 @@ from diagnosis.detectors.denoised import denoised
 from diagnosis.detectors.gap_interpolation import filled, runs
 from diagnosis.detectors.lattice import Kind, undo_lattice
 from diagnosis.detectors.number_format import NumberFormats, find_number_formats
-from diagnosis.detectors.outliers import Repair, find_outliers
+from diagnosis.detectors.outliers import find_outliers
 from diagnosis.detectors.repeats import Repeats, find_repeats
 from diagnosis.detectors.report import (
     AXES,
     IMPOSSIBLE,
     Findings,
+    Line,
     SampleReport,
     SampleTest,
+    Stream,
     Symptom,
     Tell,
     consecutive,
@@ -36,9 +41,9 @@ from diagnosis.detectors.report import (
     within,
 )
 from diagnosis.detectors.run_lengths import compute_p_of_runs
-from diagnosis.detectors.sample_noise import local_noise, noise, quiet
+from diagnosis.detectors.sample_noise import local_noise, measure_noise, quiet
 from diagnosis.detectors.spectral_lines import find_lines
-from diagnosis.detectors.zone_passes import zone
+from diagnosis.detectors.zone_passes import Zone, zone
 from diagnosis.settings import DEFAULT, DiagnosisSettings
 from gyrocal.recording import Recording
 from simulator.effects.recorded import interval_slices
@@ -48,6 +53,7 @@ Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
 FIRST = 3.0  # steps of a number format, within which the smallest readings beside its zeros lie
+HIDDEN = 0.1  # share of an interval in which a lattice hides the rate, from which on the gyro is blind there
 HIDING = 2.0  # noise sigmas in a step, above which a lattice hides slow motion
 CERTAIN = 3.0  # log odds of a dead zone from which on its edges are left out of the other tests
 BESIDE = 10  # samples beside an edge
@@ -66,52 +72,65 @@ def examine(
     settings : thresholds
     tell : called with what is looked for and the share done
     """
-    gyro = recording.gyro
+    gyro, event_p = recording.gyro, settings.sample_event
     sigma = gyro.arw / np.sqrt(gyro.sample_s)
-    none = np.zeros(gyro.t_s.size, dtype=bool)
-    report = SampleReport([], [], gyro.rates.copy(), np.full(gyro.rates.shape, gyro.arw**2), none, none.copy())
-    report.event_p, report.line_p = settings.sample_event, settings.line
     used, parts = inside(recording), interval_slices(recording)
+    stream = Stream(gyro.rates.copy(), np.full(gyro.rates.shape, gyro.arw**2), np.zeros(gyro.t_s.size, dtype=bool))
     tell("repeated samples", 0.0)
-    repeats = find_repeats(gyro.rates, consecutive(recording, used) & ~_is_largest(gyro.rates, used))
-    if repeats is not None:
-        report.add(_describe_repeats(recording, repeats, settings.sample_event))
-        if repeats.p_value < settings.sample_event:
-            _fill(report, recording, repeats.mask)
+    repeated, stream = _bridge_repeats(recording, stream, used, event_p)
     tell("number format", 0.02)
-    formats = find_number_formats(gyro.rates, used, ~report.filled, parts, sigma, lattice)
-    steps, coarse = formats.steps, formats.coarse
-    report.cut_odds, report.lattice = formats.cut_odds, steps > HIDING * sigma
-    report.add(formats.describe())
+    formats = find_number_formats(gyro.rates, used, ~stream.filled, parts, sigma, lattice)
     tell("plateaus", 0.03)
-    findings, report.clipped = find_clipping(recording, used, formats, sigma)
-    report.add(findings)
+    clipping, clipped = find_clipping(recording, used, formats, sigma)
+    found = [repeated, formats.describe(), clipping]
+    lines: tuple[Line, ...] = ()
+    zones: dict[int, Zone] = {}
+    factor, hidden = np.ones(3), np.zeros(3, dtype=bool)
+    on_lattice = formats.steps > HIDING * sigma
     if sigma > 0:
         tell("noise here and there", 0.045)
-        local = local_noise(report.rates, sigma, coarse, steps, report.filled)
-        found = {}
-        for axis in np.flatnonzero(~coarse).tolist():
-            tell(f"dead zone of gyro {AXES[axis]}", 0.05 + 0.05 * axis)
-            found[axis] = zone(report.rates[:, axis], parts, sigma)
-        report.zones = {axis: one for axis, one in found.items() if one is not None}
+        local = local_noise(stream.rates, sigma, formats.coarse, formats.steps, stream.filled)
+        zones = _find_zones(stream.rates, parts, sigma, formats, tell)
         # The jumps at the edges of a zone are neither noise nor motion; of readings beside zeros, some were made zeros.
-        used = used & ~_near_edges(report) & ~_near_zeros(recording, used, coarse, steps, sigma)
-        still = used & quiet(report.rates, local, within(tell, 0.2, 0.25))
-        before = Repair(report.rates, report.density, report.filled)
-        spread = np.where(coarse, steps, 0.0)
-        findings, after = find_outliers(
-            recording, before, still, used, local, spread, settings.sample_event, within(tell, 0.25, 0.3)
-        )
-        report.add(findings)
-        report.rates, report.density, report.filled = after.rates, after.density, after.filled
-        report.lines = find_lines(report, recording, still, used, within(tell, 0.3, 0.65))
-        noise(report, recording, still, used, sigma, steps, coarse, formats.may_be_cut, within(tell, 0.65, 0.7))
-        report.noise = sigma * report.noise_factor
+        used = used & ~_near_edges(zones, used.size) & ~_near_zeros(recording, used, formats, sigma)
+        still = used & quiet(stream.rates, local, within(tell, 0.2, 0.25))
+        spread = np.where(formats.coarse, formats.steps, 0.0)
+        outliers, stream = find_outliers(recording, stream, still, used, local, spread, event_p, within(tell, 0.25, 0.3))
+        lines, tests = find_lines(stream.rates, recording, still, used, on_lattice, settings.line, within(tell, 0.3, 0.65))
+        replaced = stream.filled | clipped
+        noise = measure_noise(stream.rates, recording, still, used, replaced, formats, lines, event_p, within(tell, 0.65, 0.7))
+        factor = noise.factor
         tell("zeros", 0.8)
-        report.add(_find_zeros(recording, report.noise, formats))
-        _off_the_lattice(report, recording, formats, sigma)
-    report.smooth = smoothed_rates(report.rates, recording, within(tell, 0.8, 1))
-    return report
+        found += [outliers, tests, noise.findings, _find_zeros(recording, sigma * factor, formats)]
+        stream = replace(stream, density=stream.density * noise.density)
+        stream, hidden = _undo_lattices(recording, stream, formats, sigma)
+    return SampleReport(
+        tests=tuple(test for one in found for test in one.tests),
+        symptoms=tuple(symptom for one in found for symptom in one.symptoms),
+        rates=stream.rates,
+        density=stream.density,
+        clipped=clipped,
+        filled=stream.filled,
+        noise_factor=factor,
+        noise=sigma * factor,
+        smooth=smoothed_rates(stream.rates, recording, within(tell, 0.8, 1)),
+        hidden=hidden,
+        lattice=on_lattice,
+        zones=zones,
+        lines=lines,
+        cut_odds=formats.cut_odds,
+    )
+
+
+def _find_zones(rates: Array, parts: Sequence[slice], sigma: float, formats: NumberFormats, tell: Tell) -> dict[int, Zone]:
+    """Find the dead zones that motions pass through, of gyros on no coarse lattice."""
+    found = {}
+    for axis in np.flatnonzero(~formats.coarse).tolist():
+        tell(f"dead zone of gyro {AXES[axis]}", 0.05 + 0.05 * axis)
+        one = zone(rates[:, axis], parts, sigma)
+        if one is not None:
+            found[axis] = one
+    return found
 
 
 def _is_largest(rates: Array, used: Mask) -> Mask:
@@ -119,20 +138,20 @@ def _is_largest(rates: Array, used: Mask) -> Mask:
     return np.asarray((np.abs(rates) >= np.abs(rates[used]).max(axis=0) * (1 - 1e-12)).any(axis=1))
 
 
-def _near_edges(report: SampleReport) -> Mask:
+def _near_edges(zones: Mapping[int, Zone], size: int) -> Mask:
     """Samples beside an edge of a zone that passes show for certain."""
-    jumps = np.zeros(report.clipped.size, dtype=bool)
-    for one in report.zones.values():
+    jumps = np.zeros(size, dtype=bool)
+    for one in zones.values():
         if one.log_odds > CERTAIN:
             jumps[1:] |= np.diff(one.course.dead)
     return np.asarray(scipy.ndimage.binary_dilation(jumps, iterations=BESIDE)) if jumps.any() else jumps
 
 
-def _near_zeros(recording: Recording, used: Mask, coarse: Mask, steps: Array, noise: float) -> Mask:
+def _near_zeros(recording: Recording, used: Mask, formats: NumberFormats, noise: float) -> Mask:
     """Samples beside exact zeros of a gyro whose noise goes through its dead zone."""
     near = np.zeros(used.size, dtype=bool)
-    for axis in np.flatnonzero(~coarse):
-        if _zeros(recording.gyro.rates[used, axis], noise, steps[axis])[1]:
+    for axis in np.flatnonzero(~formats.coarse):
+        if _zeros(recording.gyro.rates[used, axis], noise, formats.steps[axis])[1]:
             near |= recording.gyro.rates[:, axis] == 0.0
     return np.asarray(scipy.ndimage.binary_dilation(near, iterations=BESIDE)) if near.any() else near
 
@@ -153,6 +172,20 @@ def smoothed_rates(rates: Array, recording: Recording, tell: Tell = silent) -> A
         tell("motion without noise", number / len(parts))
         out[part] = denoised(rates[part], recording.gyro.sample_s, noise_level(rates[part], sigma))
     return out
+
+
+def _bridge_repeats(recording: Recording, stream: Stream, used: Mask, event_p: float) -> tuple[Findings, Stream]:
+    """Find samples that repeat the one before on all axes, and bridge those that surely are faults."""
+    rates = recording.gyro.rates
+    found = find_repeats(rates, consecutive(recording, used) & ~_is_largest(rates, used))
+    if found is None:
+        return Findings(), stream
+    if found.p_value < event_p:
+        gyro = recording.gyro
+        sigma = gyro.arw / np.sqrt(gyro.sample_s)
+        rates, factor, density = filled(gyro.t_s, stream.rates, found.mask, gyro.sample_s, sigma)
+        stream = Stream(rates, stream.density * factor[:, None] + density, stream.filled | found.mask)
+    return _describe_repeats(recording, found, event_p), stream
 
 
 def _describe_repeats(recording: Recording, found: Repeats, event_p: float) -> Findings:
@@ -188,15 +221,6 @@ def _is_measured(rates: Array, repeated: Mask) -> bool:
     return bool(np.median((departure / np.maximum(FAR * noise, change)).max(axis=1)) < 1)
 
 
-def _fill(report: SampleReport, recording: Recording, bad: Mask) -> None:
-    """Bridge bad samples; what they integrate to is then uncertain."""
-    gyro = recording.gyro
-    sigma = gyro.arw / np.sqrt(gyro.sample_s)
-    report.rates, factor, density = filled(gyro.t_s, report.rates, bad, gyro.sample_s, sigma)
-    report.density = report.density * factor[:, None] + density
-    report.filled |= bad
-
-
 def _find_zeros(recording: Recording, noise: Array, formats: NumberFormats) -> Findings:
     """Find samples that read exactly zero on no coarse lattice: a dead zone behind the noise."""
     tests, symptoms, used = [], [], inside(recording)
@@ -213,14 +237,16 @@ def _find_zeros(recording: Recording, noise: Array, formats: NumberFormats) -> F
     return Findings(tuple(tests), tuple(symptoms))
 
 
-def _off_the_lattice(report: SampleReport, recording: Recording, formats: NumberFormats, sigma: float) -> None:
-    """Undo what the lattice does to slow rates, and account for the noise it makes."""
+def _undo_lattices(recording: Recording, stream: Stream, formats: NumberFormats, sigma: float) -> tuple[Stream, Mask]:
+    """Undo what lattices do to slow rates, and add the noise that they make; also which gyros hide slow motion for long."""
+    rates, density, hidden = stream.rates.copy(), stream.density.copy(), np.zeros(3, dtype=bool)
     for axis in np.flatnonzero(formats.coarse):
         q = float(formats.steps[axis])
-        report.density[:, axis] += q**2 / 12 * recording.gyro.sample_s
+        density[:, axis] += q**2 / 12 * recording.gyro.sample_s
         kind: Kind = "cut" if formats.cut[axis] else "rounded"
         for part in interval_slices(recording):
-            x, factor, hidden = undo_lattice(report.rates[part, axis], recording.gyro.sample_s, q, sigma, kind)
-            report.rates[part, axis] = x
-            report.density[part, axis] = report.density[part, axis] * factor + hidden
-            report.hidden[axis] |= bool(np.mean(hidden > 0) > 0.1)
+            x, factor, more = undo_lattice(rates[part, axis], recording.gyro.sample_s, q, sigma, kind)
+            rates[part, axis] = x
+            density[part, axis] = density[part, axis] * factor + more
+            hidden[axis] |= bool(np.mean(more > 0) > HIDDEN)
+    return replace(stream, rates=rates, density=density), hidden

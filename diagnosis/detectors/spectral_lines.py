@@ -16,7 +16,7 @@ import scipy.fft
 import scipy.ndimage
 from numpy.typing import NDArray
 
-from diagnosis.detectors.report import AXES, IMPOSSIBLE, Line, SampleReport, SampleTest, Tell, arcs, consecutive, silent
+from diagnosis.detectors.report import AXES, IMPOSSIBLE, Findings, Line, SampleTest, Tell, arcs, consecutive, silent
 from diagnosis.detectors.sinusoids_in_arcs import fit_line
 from diagnosis.sinusoids.spectrum import Arcs, compute_log_p, compute_segment_spectrum
 from gyrocal.recording import Recording
@@ -82,16 +82,31 @@ class Look:
     moving: bool
 
 
-def find_lines(report: SampleReport, recording: Recording, quiet: Mask, used: Mask, tell: Tell = silent) -> list[Line]:
-    """Find the lines of each axis: first in all samples that can be used, then in the quiet ones."""
-    smooth = used & ~find_jolts(report.rates, used)
+def find_lines(
+    rates: Array, recording: Recording, quiet: Mask, used: Mask, lattice: Mask, line_p: float, tell: Tell = silent
+) -> tuple[tuple[Line, ...], Findings]:
+    """Find the lines of each axis: first in all samples that can be used, then in the quiet ones.
+
+    Parameters
+    ----------
+    rates : (n, 3) repaired readings, rad/s
+    recording : for the times of the samples
+    quiet, used : (n,) samples at rest, and all that can be used
+    lattice : (3,) gyros whose readings lie on a coarse lattice
+    line_p : p-value below which a line is one
+    """
+    smooth = used & ~find_jolts(rates, used)
     looks = [Look(arcs(some & consecutive(recording, some)), moving) for some, moving in ((smooth, True), (quiet, False))]
     out: list[Line] = []
+    tests = []
     for axis in range(3):
         # Readings that stand still, as those of a gyro that is clipped or dead, have no noise beside which a line would stand.
-        own = [replace(look, arcs=[arc for arc in look.arcs if np.ptp(report.rates[slice(*arc), axis]) > 0]) for look in looks]
-        out += _find_lines_of_axis(report, [look for look in own if look.arcs], recording, axis, tell)
-    return out
+        own = [replace(look, arcs=[arc for arc in look.arcs if np.ptp(rates[slice(*arc), axis]) > 0]) for look in looks]
+        seen = [look for look in own if look.arcs]
+        lines, test = _find_lines_of_axis(rates[:, axis], seen, recording, axis, bool(lattice[axis]), line_p, tell)
+        out += lines
+        tests.append(test)
+    return tuple(out), Findings(tuple(tests))
 
 
 def find_jolts(rates: Array, used: Mask) -> Mask:
@@ -108,9 +123,11 @@ def find_jolts(rates: Array, used: Mask) -> Mask:
     return np.asarray(found) if found[used].mean() < SETTINGS.most_jolts else np.zeros_like(found)
 
 
-def _find_lines_of_axis(report: SampleReport, looks: list[Look], recording: Recording, axis: int, tell: Tell) -> list[Line]:
-    """Find the lines of an axis and note the strongest peak; those of each look are counted apart: slow motions are many."""
-    x, found, strongest = report.rates[:, axis].copy(), list[tuple[Line, float]](), Peak()
+def _find_lines_of_axis(
+    rates: Array, looks: list[Look], recording: Recording, axis: int, lattice: bool, line_p: float, tell: Tell
+) -> tuple[list[Line], SampleTest]:
+    """Find the lines of an axis and its strongest peak; those of each look are counted apart: slow motions are many."""
+    x, found, strongest = rates.copy(), list[tuple[Line, float]](), Peak()
     for look in looks:
         most = len(found) + SETTINGS.most_lines
         for number in range(SETTINGS.most_peaks):
@@ -119,17 +136,17 @@ def _find_lines_of_axis(report: SampleReport, looks: list[Look], recording: Reco
             if number == 0 and peak.p_value <= strongest.p_value:
                 strongest = peak
             # Rounding a slow motion makes lines of its own.
-            if peak.p_value >= SETTINGS.p_of_peak or report.lattice[axis] or len(found) == most:
+            if peak.p_value >= SETTINGS.p_of_peak or lattice or len(found) == most:
                 break
             line = fit_line(x, recording, axis, peak.frequency_hz, peak.width_hz, look.arcs, peak.isolated)
-            if line is None or line.p_value >= report.line_p:
+            if line is None or line.p_value >= line_p:
                 break
             x = x - line.waveform
             found = _add(found, line, peak.width_hz)
     p = min(1.0, strongest.p_value * max(len(looks), 1))
     text = f"strongest line at {strongest.frequency_hz:.4f} Hz, {np.rad2deg(strongest.amplitude):.3g} deg/s"
-    report.tests.append(SampleTest("strongest_line", AXES[axis], float(np.rad2deg(strongest.amplitude)), 0.0, p, None, text))
-    return [line for line, _ in found]
+    test = SampleTest("strongest_line", AXES[axis], float(np.rad2deg(strongest.amplitude)), 0.0, p, None, text)
+    return [line for line, _ in found], test
 
 
 def _add(found: list[tuple[Line, float]], line: Line, width_hz: float) -> list[tuple[Line, float]]:

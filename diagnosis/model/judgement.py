@@ -110,7 +110,7 @@ def judge(
 
     Parameters
     ----------
-    one : the recording; its report becomes that of what was judged
+    one : the recording
     settings : thresholds
     tell : called with a text and the share done of a whole diagnosis
     at_work : effects that have been found, which are taken out before lines and noise are judged
@@ -123,12 +123,14 @@ def judge(
     def told(done: int) -> None:
         tell("gyro samples: lines and references", 0.08 + 0.01 * done / count)
 
-    if report.lines and judge_lines(report, without(model, at_work), likely, told):
-        report.smooth = smoothed_rates(report.rates, recording)
+    if report.lines:
+        report = judge_lines(report, without(model, at_work), likely, told)
+    if report.vibrations:
+        report = replace(report, smooth=smoothed_rates(report.rates, recording))
         model, sigma = baseline(recording, report, pieces, recording.attitudes.sigma)
     if tones:
         tell("gyro samples: fast tones of the references", 0.09)
-        recording, model, sigma = _without_tones(recording, report, pieces, model, sigma, settings)
+        recording, report, model, sigma = _without_tones(recording, report, pieces, model, sigma, settings)
     tell("gyro samples: noise of the references", 0.095)
     left = without(model, at_work)
     found = [
@@ -173,7 +175,7 @@ def judged_anew(
     recording, pieces, report = prepared.model.recording, prepared.pieces, prepared.samples.unjudged()
     model, sigma = prepared.model, prepared.sigma
     if prepared.samples.vibrations:
-        report.smooth = smoothed_rates(report.rates, recording)
+        report = replace(report, smooth=smoothed_rates(report.rates, recording))
     if prepared.judged:
         model, sigma = baseline(recording, report, pieces, recording.attitudes.sigma)
     again = judge(Unjudged(recording, report, model, sigma, pieces, prepared.dead), settings, tell, at_work, tones=False)
@@ -187,20 +189,22 @@ def _without_tones(
     model: RecordingModel,
     sigma: Array,
     settings: DiagnosisSettings,
-) -> tuple[Recording, RecordingModel, Array]:
-    """The recording without the tones that only all references show, its model and the sigma of that; they are symptoms."""
+) -> tuple[Recording, SampleReport, RecordingModel, Array]:
+    """Take the tones that only all references show out of a recording, as symptoms; also its model and the sigma of that."""
     if (report.lattice | report.hidden).any():
-        return recording, model, sigma
+        return recording, report, model, sigma
     for _ in range(MOST_TONES):
         tone = find_reference_tone(model, report.rates, settings.sample_event, settings.unlisted_share)
         if tone is None:
             break
-        report.symptoms.append(tone.make_symptom(settings.group_share, settings.unknown))
-        if report.symptoms[-1].kind == UNLISTED:
+        symptom = tone.make_symptom(settings.group_share, settings.unknown)
+        report = replace(report, symptoms=(*report.symptoms, symptom))
+        if symptom.kind == UNLISTED:
             break
-        recording, report.rates = tone.listed[0][0].remove(recording, report.rates)
+        recording, rates = tone.listed[0][0].remove(recording, report.rates)
+        report = replace(report, rates=rates)
         model, sigma = baseline(recording, report, pieces, recording.attitudes.sigma)
-    return recording, model, sigma
+    return recording, report, model, sigma
 
 
 def _named(recording: Recording) -> list[tuple[int | None, str | None]]:

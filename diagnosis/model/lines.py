@@ -17,7 +17,7 @@ logarithm. Where that is far more probable, the search of the attitude decides, 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Set
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -66,14 +66,18 @@ def judge_lines(
     model: RecordingModel,
     silent: Set[int] = frozenset(),
     tell: Callable[[int], None] = lambda count: None,
-) -> bool:
-    """Take the lines that are vibrations out of the samples, and note them as symptoms; return whether there were any.
+) -> SampleReport:
+    """Take the lines that are vibrations out of the samples, as symptoms; return the report with them.
 
     Lines that are motions of the body stay where they are, and so do those in the band of motion of gyros that are silent in a
     dead zone, whose edges make lines of their own. `tell` is called with the number of lines that are done, before each.
     """
     gyro, band = model.recording.gyro, period_band(model.around)
-    fastest_hz, found = 0.0 if band is None else 1 / band[0], False
+    fastest_hz = 0.0 if band is None else 1 / band[0]
+    rates, symptoms = report.rates.copy(), list(report.symptoms)
+    vibrations: list[Line] = []
+    motions: list[Line] = []
+    unconfirmed: list[Line] = []
     for count, line in enumerate(report.lines):
         tell(count)
         if line.axis in silent and not line.isolated:
@@ -81,16 +85,18 @@ def judge_lines(
         of_attitude = compute_log_ratio(model, line)
         odds = compute_log_prior_odds(line, gyro) + line.log_constancy + of_attitude
         if odds <= 0:
-            (report.motions if of_attitude < PRIOR.confirmed else report.unconfirmed).append(line)
+            (motions if of_attitude < PRIOR.confirmed else unconfirmed).append(line)
             continue
         bias = compute_probability_of_bias(line, gyro, fastest_hz)
         if bias > PRIOR.left_to_search:
             continue
-        found = True
-        report.vibrations.append(line)
-        report.rates[:, line.axis] -= line.waveform
-        report.symptoms.append(make_symptom(line, float(expit(odds)), bias, gyro))
-    return found
+        vibrations.append(line)
+        rates[:, line.axis] -= line.waveform
+        symptoms.append(make_symptom(line, float(expit(odds)), bias, gyro))
+    return replace(
+        report, rates=rates, symptoms=tuple(symptoms), vibrations=tuple(vibrations), motions=tuple(motions),
+        unconfirmed=tuple(unconfirmed),
+    )  # fmt: skip
 
 
 def compute_log_prior_odds(line: Line, gyro: GyroStream) -> float:

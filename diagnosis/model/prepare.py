@@ -116,8 +116,8 @@ def _cut_or_rounded(
     if p > 0.5:
         report, first, other, p = again, second, now, 1 - p
     rivals = ((f"lattice_{other}", p),) if p > LEAST_SHARE else ()
-    report.symptoms = [replace(one, rivals=rivals) if one.kind.startswith("lattice") else one for one in report.symptoms]
-    return report, first
+    symptoms = tuple(replace(one, rivals=rivals) if one.kind.startswith("lattice") else one for one in report.symptoms)
+    return replace(report, symptoms=symptoms), first
 
 
 def _examined(tell: Progress, way: str, begin: float, stop: float) -> Progress:

@@ -12,8 +12,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from diagnosis.detectors.report import Line, SampleReport
+from diagnosis.detectors.report import Line
 from diagnosis.detectors.spectral_lines import SETTINGS, find_lines
+from diagnosis.settings import DEFAULT
 from gyrocal import Recording
 from gyrocal.allan import Deviation, Fit, TermEstimate, fit_terms, overlapping_allan_deviation
 from gyrocal.allan.terms import ANGLE_WHITE, FLICKER, MARKOV, RAMP, RANDOM_WALK, RATE_WALK, sinusoid_variance
@@ -157,10 +158,8 @@ def _without_lines(recording: Recording, parts: tuple[Stretch, ...]) -> tuple[li
     for one in parts:
         used[one.samples] = True
         rates[one.samples] = one.rates
-    none = np.zeros(used.size, dtype=bool)
-    report = SampleReport([], [], rates, np.zeros_like(rates), none, none)
-    found = find_lines(report, recording, used, used)
-    tests = {test.axis: test for test in report.tests}
+    found, findings = find_lines(rates, recording, used, used, np.zeros(3, dtype=bool), DEFAULT.line)
+    tests = {test.axis: test for test in findings.tests}
     sinusoids, longest_s = [], max(len(one.rates) for one in parts) * recording.gyro.sample_s / SETTINGS.fewest_cycles
     for axis in range(3):
         own = tuple(line for line in found if line.axis == axis)

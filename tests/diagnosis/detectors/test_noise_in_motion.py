@@ -245,7 +245,7 @@ def symptoms_of(noise, seed=1):
 def test_a_shaking_body_has_no_symptom_and_noise_of_the_same_power_has(low):
     rng = np.random.default_rng(5)
     shaking = np.column_stack([band(rng, 12_000, low, low + 0.06, 0.25) for _ in range(3)])
-    assert symptoms_of(shaking) == []
+    assert symptoms_of(shaking) == ()
     assert [one.kind for one in symptoms_of(0.5 * rng.standard_normal((12_000, 3)))] == ["white_noise_level"]
 
 

@@ -7,6 +7,7 @@ import pytest
 import scipy.stats
 
 from diagnosis.detectors import outliers
+from diagnosis.detectors.report import Stream
 from diagnosis.detectors.samples import examine
 from tests.diagnosis.recordings import of_rates
 
@@ -123,7 +124,7 @@ def test_outliers_of_one_gyro_speak_although_the_others_motion_passes_for_some(m
     quiet = outliers.Outliers(places, off, 6 * SIGMA, places, np.zeros(t_s.size))
     jolted = outliers.Outliers(none, off, 6 * SIGMA, odd, np.zeros(t_s.size))
     monkeypatch.setattr(outliers, "_find_of_gyros", lambda *_: ([jolted, quiet, jolted], ~none))
-    stream = outliers.Repair(made.gyro.rates, np.ones((t_s.size, 3)), none)
+    stream = Stream(made.gyro.rates, np.ones((t_s.size, 3)), none)
 
     def found(seen):
         findings, _ = outliers.find_outliers(made, stream, ~none, ~none, np.full(3, SIGMA), np.zeros(3), seen)

@@ -43,8 +43,8 @@ def _recording(plan, truth, seed, *effects):
 def test_m0_shows_nothing(plan, truth):
     for seed in range(6):
         report = stream.examine(_recording(plan, truth, seed))
-        assert report.symptoms == []
-        assert report.lines == []
+        assert report.symptoms == ()
+        assert report.lines == ()
         assert min(test.p_value for test in report.tests) > 1e-6
 
 
@@ -80,7 +80,7 @@ def test_a_tone_is_found_with_its_amplitude_and_frequency(plan, truth, amplitude
         assert abs(np.rad2deg(line.amplitude) - amplitude) < 4 * np.rad2deg(line.sigma)
         assert line.isolated
         assert line.steady
-        assert report.symptoms == []  # whether it is a vibration, the attitude says
+        assert report.symptoms == ()  # whether it is a vibration, the attitude says
 
 
 def test_what_rings_in_one_arc_is_no_steady_tone(plan, truth):

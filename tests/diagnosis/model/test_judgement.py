@@ -118,8 +118,8 @@ def test_a_report_before_its_lines_were_judged():
     assert [one.kind for one in report.symptoms] == ["spectral_line"]
     before = report.rates.copy()
     earlier = report.unjudged()
-    assert earlier.symptoms == []
-    assert earlier.vibrations == []
+    assert earlier.symptoms == ()
+    assert earlier.vibrations == ()
     (line,) = report.vibrations
     np.testing.assert_allclose(earlier.rates[:, 1] - report.rates[:, 1], line.waveform, atol=1e-15)
     np.testing.assert_array_equal(report.rates, before)

@@ -135,14 +135,14 @@ def test_a_vibration_beside_a_sway_is_told_from_it():
 def test_a_tone_that_no_reference_resolves_is_a_vibration_only_in_the_upper_part_of_the_band():
     """Structures ring in each octave alike, and a vibration shows evenly: the lower a tone, the likelier it is a motion."""
     low, high = (prepare(recorded(f"vibration:z=0.002,apparent_hz={hz}")).samples for hz in (9.0, 31.0))
-    assert ([one.axis for one in low.unconfirmed], low.vibrations) == ([2], [])
-    assert ([one.axis for one in high.vibrations], high.unconfirmed) == ([2], [])
+    assert ([one.axis for one in low.unconfirmed], low.vibrations) == ([2], ())
+    assert ([one.axis for one in high.vibrations], high.unconfirmed) == ([2], ())
 
 
 def test_quiet_samples_show_no_line():
     found = prepare(recorded())
-    assert found.samples.lines == []
-    assert found.samples.symptoms == []
+    assert found.samples.lines == ()
+    assert found.samples.symptoms == ()
 
 
 def test_the_log_ratio_is_what_the_references_can_tell():
@@ -214,7 +214,7 @@ def test_a_vibration_within_the_band_of_a_motion_is_one_where_the_references_den
     # The same tone as a sway of the body, which the references follow.
     moved = prepare(swaying(recorded(), lambda t_s: turn(t_s) + tone(0.03 / (2 * np.pi * 1.7), 1.7)(t_s)))
     assert any(abs(line.frequency_hz - 1.7) < 1e-3 for line in moved.samples.motions)
-    assert moved.samples.symptoms == []
+    assert moved.samples.symptoms == ()
 
 
 def a_line(frequency_hz, phase=0.7, gap=(0, 0), sample_s=0.1, count=8000):
@@ -264,5 +264,5 @@ def test_a_swing_that_the_samples_show_may_be_either():
 def test_a_slow_swing_that_the_samples_show_is_left_to_the_search():
     """Of twelve seconds, a hundred times as likely as a vibration at that very frequency: what the references say goes."""
     found = prepare(recorded("bias_periodic:z=25,period_s=12.0"))
-    assert found.samples.symptoms == []
-    assert found.samples.vibrations == []
+    assert found.samples.symptoms == ()
+    assert found.samples.vibrations == ()

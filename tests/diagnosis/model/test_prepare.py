@@ -7,7 +7,7 @@ import pytest
 from scipy.signal import lfilter
 from scipy.special import expit
 
-from diagnosis.detectors import samples
+from diagnosis.detectors import number_format
 from diagnosis.detectors.samples import examine
 from diagnosis.model import prepare
 from diagnosis.settings import DEFAULT
@@ -60,7 +60,7 @@ def test_gyros_of_which_some_cut_and_some_round_are_taken_as_their_samples_say(m
     made = recorded(4, "rate_quantization=1e-3", sample_s=1.0, every_s=60.0)
     for odds, asked in (([-5.0, 4.0, 4.0], None), ([-5.0, -2.0, -1.0], -5.0), ([4.0, 5.0, 4.0], 5.0), ([-9.0, 1.0, 1.0], None)):
         posterior = np.column_stack([np.zeros(3), odds, np.full(3, -99.0)])
-        monkeypatch.setattr(samples, "compute_log_posterior", lambda *of, posterior=posterior: posterior)
+        monkeypatch.setattr(number_format, "compute_log_posterior", lambda *of, posterior=posterior: posterior)
         assert examine(made).cut_odds == asked
 
 
