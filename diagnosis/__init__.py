@@ -6,7 +6,7 @@ to a reference attitude becomes one more group of columns beside the twelve of t
 
 The way of a recording through `diagnosis.diagnose`, file by file (steps 4 to 11 are in `explain`):
 
-1. `detectors.samples` and the detector of each symptom beside it: what the samples show, and the stream repaired.
+1. `detectors.samples` and the detector of each symptom beside it: each returns what it finds, and the stream repaired further.
 2. `model.prepare`: the calibration under M0 (`model.baseline`) on `model.recording`, which linearises the recording;
    `model.judgement` asks the attitude about lines of the samples and the references' noise, and asks anew, without them, once
    effects were found (`model.at_work`).

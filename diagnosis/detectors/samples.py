@@ -23,6 +23,7 @@ from diagnosis.detectors.gap_interpolation import filled, runs
 from diagnosis.detectors.lattice import Kind, undo_lattice
 from diagnosis.detectors.number_format import NumberFormats, find_number_formats
 from diagnosis.detectors.outliers import find_outliers
+from diagnosis.detectors.own_repeats import find_own_repeats
 from diagnosis.detectors.repeats import Repeats, find_repeats
 from diagnosis.detectors.report import (
     AXES,
@@ -52,6 +53,7 @@ from simulator.effects.smoothing import noise_level
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
+FEWEST_STRETCHES = 3  # of zeros, in a dead zone
 FIRST = 3.0  # steps of a number format, within which the smallest readings beside its zeros lie
 HIDDEN = 0.1  # share of an interval in which a lattice hides the rate, from which on the gyro is blind there
 HIDING = 2.0  # noise sigmas in a step, above which a lattice hides slow motion
@@ -88,6 +90,9 @@ def examine(
     factor, hidden = np.ones(3), np.zeros(3, dtype=bool)
     on_lattice = formats.steps > HIDING * sigma
     if sigma > 0:
+        tell("repeats of one gyro", 0.03)
+        zeros = [_zeros(gyro.rates[used, axis], sigma, float(formats.steps[axis]))[1] for axis in range(3)]
+        found.append(find_own_repeats(recording, used, formats.coarse, np.array(zeros), event_p))
         tell("noise here and there", 0.045)
         local = local_noise(stream.rates, sigma, formats.coarse, formats.steps, stream.filled)
         zones = _find_zones(stream.rates, parts, sigma, formats, tell)
@@ -160,7 +165,9 @@ def _zeros(x: Array, noise: float, step: float) -> tuple[Array, bool]:
     """Sizes of the readings that are not zero, in order, and whether zeros beside them leave a zone."""
     other = np.sort(np.abs(x[x != 0.0]))
     # Zeros beside readings that are as good as zero leave no zone, and a number format has zeros beside its first step.
-    return other, x.size - other.size >= 3 and other.size > 30 and float(other[:3].mean()) > max(0.01 * noise, FIRST * step)
+    # A gyro that stops reads zero in one stretch, and a rate goes in and out of a zone.
+    several = len(runs(x == 0.0)) >= FEWEST_STRETCHES
+    return other, several and other.size > 30 and float(other[:3].mean()) > max(0.01 * noise, FIRST * step)
 
 
 def smoothed_rates(rates: Array, recording: Recording, tell: Tell = silent) -> Array:

@@ -51,7 +51,7 @@ class Conditioning:
         # Products of (o, k, r) and (o, r, l) are far quicker than one sum over all indices.
         turned = reduced.transpose(1, 0, 2)
         gram = gram - np.matmul(turned.transpose(0, 2, 1), turned)
-        along = (self._y @ reduced.reshape(len(reduced), -1)).reshape(places.shape)
+        along = (self._y @ reduced.reshape(len(reduced), places.size)).reshape(places.shape)
         return gram, correlation - self._shift[places] - along
 
 
