@@ -154,17 +154,6 @@ EVIDENCE = [
         [("a step is a rival of itself", "!= 2:", "!= 0:")],
     ),
     *of(
-        "diagnosis/inference/check_statistics.py",
-        f"{INFERENCE}test_checks.py::test_lines_in_the_angle_turned_hold_their_rate_where_a_body_rests_but_in_one_interval",
-        [
-            (
-                "power has a phase in each interval",
-                "shape, scale = mean**2 / variance, variance / mean",
-                "shape, scale = np.full_like(mean, len(np.unique(interval))), np.ones_like(mean)",
-            )
-        ],
-    ),
-    *of(
         "diagnosis/model/motion.py",
         "tests/diagnosis/model/test_motion.py",
         [("any error of the attitude is noise of the gyro", "np.sqrt(max(excess, 1.0))", "1.0")],
