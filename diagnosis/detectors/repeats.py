@@ -102,13 +102,13 @@ def find_repeats(rates: Array, follows: Mask, settings: RepeatSettings = SETTING
     equal[1:] = rates[1:] == rates[:-1]
     joint = equal.all(axis=1) & follows
     n, count = int(follows.sum()), int(joint.sum())
-    if n < settings.fewest or count > settings.most * n:
+    if n < settings.fewest:
         return None
     chance, sigma = np.zeros(len(rates)), 0.0
     if ((equal & ~joint[:, None])[follows].mean(axis=0) > settings.alone).all():
         chance = np.maximum(_compute_chance(equal, rates, follows, settings), settings.least_chance)
         sigma = settings.rough * float(chance[follows].sum())
-        if chance[follows].mean() > settings.most:
+        if max(count, float(chance[follows].sum())) > settings.most * n:
             return None
     expected = float(chance[follows].sum())
     fraction, p = _test_share(joint[follows], chance[follows], sigma)
