@@ -148,7 +148,7 @@ class RemainderSummary:
 
 @dataclass(frozen=True)
 class Closure:
-    """How far the gap shrinks on data that chose and fitted nothing.
+    """How far the causes close the misfit on held-out data, from which no amplitude was estimated.
 
     Attributes
     ----------

@@ -26,18 +26,17 @@ from diagnosis.inference.attribution import (
     weigh_unlisted,
 )
 from diagnosis.inference.checks import Check, residual_checks, together
-from diagnosis.inference.closure import found_by, is_random, learnable, measured
+from diagnosis.inference.closure import compute_closure
 from diagnosis.inference.null import p_value
 from diagnosis.inference.refinement import explained_finely
 from diagnosis.inference.search import NOTHING, Explanation, Search
-from diagnosis.memory import give_back
 from diagnosis.model.at_work import known
 from diagnosis.model.calibration import calibrated
 from diagnosis.model.candidates import linear_model
 from diagnosis.model.dead_zone import dead_zone_groups, shown_by_passes
 from diagnosis.model.judgement import judged_anew
 from diagnosis.model.layout import layout
-from diagnosis.model.linear import LinearModel, Member
+from diagnosis.model.linear import Candidate, LinearModel, Member
 from diagnosis.model.misfit import Departure, errors_of, misfit
 from diagnosis.model.prepare import Prepared, Progress
 from diagnosis.model.symptoms import sample_causes
@@ -57,7 +56,7 @@ class Explained:
 
     Attributes
     ----------
-    linear : the linear model of the recording
+    candidates : what the linear model of the recording tried
     p_value : that M0 alone departs so far
     attribution : None without a gap
     fitted : amplitudes of the effects that are named
@@ -72,7 +71,7 @@ class Explained:
     change, covariance : of the calibration with the named effects in the model, (12,), and of it and their amplitudes
     """
 
-    linear: LinearModel
+    candidates: tuple[Candidate, ...]
     p_value: float
     attribution: Attribution | None
     fitted: tuple[Fitted, ...]
@@ -248,21 +247,14 @@ def judged(
             attribution = weigh_unlisted(linear, attribution, passed, settings)
             if not attribution.slots:
                 members, fitted, rejected = (), (), fitted
-        tell("held-out data", 0.85)
-        if members:
-            del search
-            give_back()
-            listed, random = learnable(linear, members), is_random(linear, members)
-            # Only the columns of the listed effects are needed now.
-            linear = linear if linear.room is None else linear.without_columns()
-            told = partial(tell, "held-out data")
-            closed = measured(listed, random, found_by(len(members)), lambda done: told(0.85 + 0.015 * done))
+            tell("held-out data", 0.85)
+            closed = compute_closure(linear, members) if members else None
     elif left < settings.false_alarm_rate:
         attribution = unexplained(left, settings)
     else:
         quiet = unseen(linear, search.singles(), of_all, settings)
     return Explained(
-        linear, min(p, left, 1.0), attribution, fitted, checks, closed, np.zeros(12), np.zeros((12, 12)), passed,
+        linear.candidates, min(p, left, 1.0), attribution, fitted, checks, closed, np.zeros(12), np.zeros((12, 12)), passed,
         unseen=quiet, rejected=rejected,
     )  # fmt: skip
 

@@ -51,8 +51,7 @@ Progress = Callable[[str, float], None]
 BROAD = (10.0 * PLAUSIBLE_G, 10.0 * PLAUSIBLE_BIAS)  # prior sigma of K and c that the model is taken about
 SIGNIFICANT = 0.01  # p-value of an interval's parity, corrected for their number
 NOISE = "white_noise_level"
-NO_DATA = LinearModel(np.empty(0), np.empty((0, 0)), np.empty((0, 0)), (), 0, lambda columns: columns)
-NOTHING_TO_SEE = Explained(NO_DATA, 1.0, None, (), (), None, np.zeros(12), np.zeros((12, 12)))
+NOTHING_TO_SEE = Explained((), 1.0, None, (), (), None, np.zeros(12), np.zeros((12, 12)))
 
 
 @dataclass(frozen=True)

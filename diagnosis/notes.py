@@ -68,7 +68,7 @@ def of_checks(explained: Explained) -> tuple[str, ...]:
     failed = [check for check in explained.checks if check.p_value < 1e-3]
     if not failed or explained.attribution is None or explained.attribution.slots:
         return ()
-    best = [explained.linear.candidate(member).label for member in explained.attribution.best.members]
+    best = [explained.candidates[member.candidate].label for member in explained.attribution.best.members]
     words = ", ".join(f"{check.name} (p = {check.p_value:.1g})" for check in failed)
     return (f"The likeliest explanation, {' with '.join(best)}, would not leave residuals like these: {words}",)
 
@@ -123,7 +123,7 @@ def likely(explained: Explained, settings: DiagnosisSettings) -> tuple[str, ...]
     for one in attribution.ranked:
         for label in one.labels:
             shares[label] = shares.get(label, 0.0) + one.probability
-    listed = {candidate.label for candidate in explained.linear.candidates if candidate.listed}
+    listed = {candidate.label for candidate in explained.candidates if candidate.listed}
     return tuple(
         f"Whatever else is at work, {label} is part of explanations with a total probability of {share:.2f}"
         for label, share in sorted(shares.items(), key=lambda pair: -pair[1])

@@ -17,7 +17,7 @@ from diagnosis.assemble import alternatives, causes_of
 from diagnosis.detail_tables import explanation_table
 from diagnosis.inference.amplitudes import Fitted, fit
 from diagnosis.inference.attribution import Attribution, attribute, weigh_unlisted
-from diagnosis.inference.closure import closure, fixed
+from diagnosis.inference.closure import compute_closure
 from diagnosis.inference.null import p_value
 from diagnosis.inference.search import Search
 from diagnosis.model.linear import LinearModel
@@ -138,7 +138,7 @@ def explain_tables(
         members = tuple(slot.member for slot in attribution.slots)
         if members:
             fitted = tuple(fit(search.model, members))
-            closed = closure(linear, members)
+            closed = compute_closure(linear, members)
             rejected = _rejected(linear, search, attribution, fitted, effects)
     p = min(p, noise.p_value)
     return ExplainedTables(
@@ -182,7 +182,7 @@ def _rejected(
     """The explanation of an alignment calibration, tested beside what is named."""
     labels = orthogonal_labels([one.label for one in fitted], effects)
     other = search.of(labels)
-    held_out = closure(linear, other.members, fixed(labels)) if other is not None else None
+    held_out = compute_closure(linear, other.members) if other is not None else None
     if other is None or held_out is None:
         return ()
     factor = attribution.best.log_evidence - other.log_evidence

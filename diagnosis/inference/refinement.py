@@ -77,7 +77,7 @@ def _as_a_whole(
     own = [given for given in givens if all(member.candidate != number for member in given)]
     members = list(dict.fromkeys(member for given in own for member in given))
     held = [replace(model.candidate(member), options=(model.option(member),)) for member in members]
-    small = replace(model, candidates=(model.candidates[number], *held)).only(lambda candidate: True)
+    small = replace(model, candidates=(model.candidates[number], *held)).compact()
     alone = Search(small).score(0, ())
     whole = Search(small.whole(small, Member(0, alone.option, alone.scale)))
     for given in own:

@@ -8,7 +8,7 @@ the discrete parameters). The search keeps a beam of sets, since the best single
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,7 +28,6 @@ EXCHANGES = 4  # rounds in which members of the best set are exchanged for other
 EXCHANGED_FOR = 4  # candidates that are optimised in the place of each member
 THINNED = 4  # best sets of which every subset with one member fewer is evaluated too
 SCREEN_COLUMNS = 24  # strongest columns of a random process, with which it is screened
-LEAST_CHANCE = 0.02  # relative to the likeliest option, such as a time of a step, below which an option is left out
 HOPELESS = 6.0  # by how much the log posterior of a larger set must fall below the best for the search to end
 
 
@@ -207,24 +206,6 @@ class Search:
             return None
         return self.settled(tuple(Member(place, 0, 0) for place in places if place is not None))
 
-    def over_options(self, members: tuple[Member, ...]) -> list[tuple[float, tuple[Member, ...]]]:
-        """A set at each likely option of its members, such as the time of a step, with probabilities that sum to one.
-
-        A random process stays at its best option: it predicts how far the data scatter, not where they lie.
-        """
-        sets = [(1.0, members)]
-        for place, member in enumerate(members):
-            if self.model.candidate(member).process or len(self.model.candidate(member).options) == 1:
-                continue
-            weights = self.model.candidate(member).log_weights
-            table = self.tables(member.candidate, self.given(members[:place] + members[place + 1 :])) + weights[:, None]
-            chance = np.exp(logsumexp(table, axis=1) - logsumexp(table))
-            likely = np.flatnonzero(chance > LEAST_CHANCE * chance.max())
-            at = [replace(member, option=int(k), scale=int(np.argmax(table[k]))) for k in likely]
-            share = chance[likely] / chance[likely].sum()
-            sets = [(w * s, (*m[:place], new, *m[place + 1 :])) for w, m in sets for s, new in zip(share, at, strict=True)]
-        return sets
-
     def _explanation(self, members: tuple[Member, ...], log_evidence: float) -> Explanation:
         entries = [self.model.candidate(member) for member in members]
         prior = sum(entry.log_prior + entry.log_odds for entry in entries)
@@ -241,9 +222,9 @@ class Search:
             found.append(self._explanation((Member(candidate, score.option, score.scale),), score.average))
         return _ranked(found)
 
-    def explanations(self, depth: int | None = None) -> list[Explanation]:
-        """Sets of up to `depth` effects worth a thought, the best first."""
-        depth = self.model.most_effects if depth is None else depth
+    def explanations(self) -> list[Explanation]:
+        """Search the sets of effects, and return them with the best first."""
+        depth = self.model.most_effects
         found = {explanation.key: explanation for explanation in self.singles()}
         level = list(found.values())
         for width in self.model.beam[: depth - 1]:

@@ -174,7 +174,7 @@ def _fold(train_y: Array, train_X: Array, error_y: Array, error_X: Array, covari
     """A fold by the errors of its prediction and their covariance."""
     left = np.asarray(np.linalg.cholesky(covariance))
     dof = {str(name): float(np.sum(owner == name)) for name in np.unique(owner)}
-    return Fold(train_y, train_X, _solved(left, error_y), _solved(left, error_X), 2 * np.log(np.diag(left)), owner, dof)
+    return Fold(train_y, train_X, _solved(left, error_y), _solved(left, error_X), owner, dof)
 
 
 def parts(model: RecordingModel) -> NDArray[np.intp]:

@@ -405,7 +405,6 @@ def array_folds(model: ArrayModel, W: Array) -> Iterator[Fold]:
             train_X=np.vstack([one.train_X, other.train_X]),
             left_y=np.concatenate([one.left_y, other.left_y]),
             left_X=np.vstack([one.left_X, other.left_X]),
-            log_scale=np.concatenate([one.log_scale, other.log_scale]),
             owner=np.concatenate([one.owner, other.owner]),
             dof={name: one.dof.get(name, 0.0) + other.dof.get(name, 0.0) for name in {**one.dof, **other.dof}},
         )

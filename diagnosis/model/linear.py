@@ -153,7 +153,6 @@ class Fold:
         products matter, so that a builder may turn them
     left_y, left_X : (s,), (s, p) errors of M0's prediction of the part held out, of observations and of columns, in units of
         the scatter of that prediction
-    log_scale : (s,) twice the log of what the rows were divided by
     owner : (s,) name of the interval each row belongs to
     dof : degrees of freedom of each interval in the part held out, by name; the rows' number unless the builder compressed them
     """
@@ -162,7 +161,6 @@ class Fold:
     train_X: Array
     left_y: Array
     left_X: Array
-    log_scale: Array
     owner: NDArray[np.str_]
     dof: dict[str, float]
 
@@ -289,17 +287,8 @@ class LinearModel:
             scales.append(np.full(own.size, self.scale(member)))
         return np.concatenate(places), np.concatenate(scales), np.array(shifts, dtype=np.intp)
 
-    def keeping(self, keep: Callable[[Candidate], bool]) -> LinearModel:
-        """The model with some of its candidates only, the columns of the others left where they are."""
-        return replace(self, candidates=tuple(candidate for candidate in self.candidates if keep(candidate)))
-
-    def without_columns(self) -> LinearModel:
-        """The model with what its candidates are, but not what they do."""
-        nothing = self.X[:, :0].copy()
-        return replace(self, X=nothing, W=nothing, room=None)
-
-    def renumbered(self) -> tuple[Indices, tuple[Candidate, ...]]:
-        """Columns that belong to a candidate, and the candidates with their places among these."""
+    def compact(self) -> LinearModel:
+        """Drop the columns that belong to no candidate."""
         candidates, places, start = [], [np.empty(0, dtype=np.intp)], 0
         for candidate in self.candidates:
             options = []
@@ -308,12 +297,8 @@ class LinearModel:
                 options.append(replace(option, start=start))
                 start += option.count
             candidates.append(replace(candidate, options=tuple(options)))
-        return np.concatenate(places), tuple(candidates)
-
-    def only(self, keep: Callable[[Candidate], bool]) -> LinearModel:
-        """The model with some of its candidates and their columns only."""
-        chosen, candidates = self.keeping(keep).renumbered()
-        return replace(self, X=self.X[:, chosen], W=self.W[:, chosen], candidates=candidates)
+        chosen = np.concatenate(places)
+        return replace(self, X=self.X[:, chosen], W=self.W[:, chosen], candidates=tuple(candidates))
 
     def with_options(
         self, place: int, options: Sequence[Option], W: Array, X: Array, scales: Array | None = None

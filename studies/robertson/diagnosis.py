@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from diagnosis.answer import Closure
 from diagnosis.inference.amplitudes import Fitted, fit
 from diagnosis.inference.attribution import Attribution, attribute
-from diagnosis.inference.closure import closure, fixed
+from diagnosis.inference.closure import compute_closure
 from diagnosis.inference.search import Explanation, Search
 from diagnosis.model.candidates import placed
 from diagnosis.model.folds import held_out
@@ -151,8 +151,7 @@ def concluded(model: LinearModel, sigma: Array, weighed: list[Explanation]) -> D
     fitted = tuple(fit(model, members)) if members else ()
     listed = [one for one in fitted if not one.effect.startswith(UNKNOWN)]
     explained = sum((one.contribution for one in listed), np.zeros(len(model.y)))
-    labels = tuple(model.candidate(member).label for member in members)
-    closed = closure(model, members, fixed(labels)) if listed else None
+    closed = compute_closure(model, members) if listed else None
     return Diagnosis(attribution, fitted, closed, model.y - explained, sigma)
 
 

@@ -32,7 +32,7 @@ import pandas as pd
 from scipy.stats import chi2
 
 from diagnosis.inference.amplitudes import Fitted, fit
-from diagnosis.inference.closure import closure, fixed
+from diagnosis.inference.closure import compute_closure
 from diagnosis.model.sensors.residuals import residual_table
 from diagnosis.sensor_tables import ExplainedTables, explain_tables, verdict_of
 from gyrocal.recording import Recording
@@ -127,7 +127,7 @@ def _row(truth: str, effects: Sequence[Setting], seen: ExplainedTables) -> dict[
     named = {one.label for one in seen.fitted}
     without = seen.search.of(ORTHOGONAL)
     assert without is not None
-    orthogonal = closure(seen.linear, without.members, fixed(ORTHOGONAL))
+    orthogonal = compute_closure(seen.linear, without.members)
     assert orthogonal is not None
     after = seen.closed.after if seen.closed is not None else orthogonal.before
     best = attribution.best if attribution is not None else None

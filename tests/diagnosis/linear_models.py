@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from diagnosis.inference.closure import summed
+from diagnosis.inference.closure import average_closure
 from diagnosis.model.linear import Candidate, LinearModel, Option
 
 SCALES = np.geomspace(0.3, 30, 9)
@@ -55,7 +55,5 @@ def linear_model(columns, y, nuisance=None, changes=(), **further):
 def closure_by_truth(model, response):
     """The closure that a known truth reaches: its response (N,) to the whitened observations is taken out of held-out data."""
     folds = list(model.folds(response[:, None]))
-    parts = [
-        np.column_stack([fold.left_y**2, (fold.left_y - fold.left_X[:, 0]) ** 2, np.ones(fold.left_y.size)]) for fold in folds
-    ]
-    return summed(parts, folds, model.split, False) if parts else None
+    errors = [np.column_stack([fold.left_y, fold.left_y - fold.left_X[:, 0]]) for fold in folds]
+    return average_closure(errors, folds, model.split) if folds else None

@@ -7,7 +7,7 @@ from diagnosis.detectors.deadzone import dead_zone_evidence
 from diagnosis.detectors.samples import examine
 from diagnosis.diagnose import diagnose
 from diagnosis.inference.amplitudes import fit
-from diagnosis.inference.closure import closure, fixed
+from diagnosis.inference.closure import compute_closure
 from diagnosis.inference.search import Search
 from diagnosis.model import localization as where
 from diagnosis.model.candidates import linear_model
@@ -82,9 +82,9 @@ def test_residuals_in_body_axes_have_the_sigma_they_state(prepared):
 
 def test_closure_of_the_truth_of_nothing_and_of_a_wrong_effect(prepared, linear):
     right_members = _members(linear, "bias_orbital:z")
-    right = closure(linear, right_members, fixed(("bias_orbital:z",)))
-    nothing = closure(linear, right_members, lambda search: [])
-    wrong = closure(linear, _members(linear, "scale_quadratic:x"), fixed(("scale_quadratic:x",)))
+    right = compute_closure(linear, right_members)
+    nothing = compute_closure(linear, [])
+    wrong = compute_closure(linear, _members(linear, "scale_quadratic:x"))
     assert right.closed > 0.9
     assert right.interval_90[0] < right.closed < right.interval_90[1]
     assert nothing.closed == pytest.approx(0.0, abs=1e-12)

@@ -193,14 +193,9 @@ ANSWER = [
         "diagnosis/inference/closure.py",
         f"{INFERENCE}test_closure.py {INFERENCE}test_shift.py",
         [
-            ("predictions are added", "after = after - weight * predicted", "after = after + weight * predicted"),
-            ("the floor counts as a gap", "closed = 1.0 - (after - floor) / gap", "closed = 1.0 - after / gap"),
+            ("predictions are added", "fold.left_y - predicted", "fold.left_y + predicted"),
+            ("the floor counts as a gap", "closed = 1.0 - (after - 1.0) / gap", "closed = 1.0 - after / gap"),
             ("the interval is a tenth as wide", "spread = 1.645 *", "spread = 0.1645 *"),
-            (
-                "a log score has half its determinant",
-                "more = log + 2 * np.log(np.diag(factor))",
-                "more = log + np.log(np.diag(factor))",
-            ),
         ],
     ),
     *of(

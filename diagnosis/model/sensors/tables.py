@@ -179,7 +179,6 @@ def _folds(tables: Tables, W: Array) -> Iterator[Fold]:
             train_X=W[~out],
             left_y=tables.y[out],
             left_X=W[out],
-            log_scale=np.zeros(int(out.sum())),
             owner=np.array(tables.names)[tables.owner[out]],
             dof={tables.names[k]: float(tables.dof[k]) for k in np.unique(tables.owner[out])},
         )

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from diagnosis.answer import Closure, Verdict
 from diagnosis.inference.amplitudes import Fitted, fit
 from diagnosis.inference.attribution import Attribution, attribute
-from diagnosis.inference.closure import closure, fixed
+from diagnosis.inference.closure import compute_closure
 from diagnosis.inference.search import Explanation, Search
 from diagnosis.model.linear import LinearModel, Member
 from diagnosis.settings import DEFAULT
@@ -106,7 +106,8 @@ def diagnose(table: Table, baseline: Baseline) -> Diagnosis:
     known = [one for one in fitted if not one.effect.startswith(UNKNOWN)]
     last = motion(table, baseline, point.flips)
     explains = sum((np.linalg.cholesky(last.covariance) @ one.contribution for one in known), np.zeros(case.d.size))
-    closed = {split: closure(linear_model(table, baseline, point, split), members, fixed(best)) for split in SPLITS}
+    held = Search(model).settled(tuple(members)).members
+    closed = {split: compute_closure(linear_model(table, baseline, point, split), held) for split in SPLITS}
     sets, labels = _probabilities(attribution)
     causes = tuple(name for name in (YAW, RATE, TIMING, NOISE) if sum(p for own, p in sets.items() if name in own) >= SURE)
     return Diagnosis(

@@ -73,7 +73,7 @@ def diagnose_in_stages(recording: Recording, store: Path | None, name: str) -> T
                     examined = prepare(recording, DEFAULT, _quiet)
                     storing += _write(places["samples"], examined)
                 prepared, explained = explain_prepared(examined, effects, DEFAULT, SEED, _quiet)
-                storing += _write(places["attitude"], (prepared, _without_columns(explained)))
+                storing += _write(places["attitude"], (prepared, _without_functions(explained)))
             found = answer(prepared, explained, effects, DEFAULT, time.process_time() - begun - storing)
     return Timed(found.to_json(), time.process_time() - begun - storing, _peak_mb(), stored)
 
@@ -89,14 +89,11 @@ def _quiet(text: str, share: float) -> None:
     """Show no progress."""
 
 
-def _without_columns(explained: Explained) -> Explained:
-    """Drop columns and functions, which may be gigabytes and which no answer is made of."""
-    linear = explained.linear.without_columns()
-    entries = tuple(replace(one, read=_nothing, size_sigma=_nothing) for one in linear.candidates)
-    bare = replace(
-        linear, candidates=entries, projected=_nothing, folds=_nothing, refine=_nothing, whole=_nothing, moments=_nothing
+def _without_functions(explained: Explained) -> Explained:
+    """Drop the functions of the candidates, which may hold gigabytes and which no answer is made of."""
+    return replace(
+        explained, candidates=tuple(replace(one, read=_nothing, size_sigma=_nothing) for one in explained.candidates)
     )
-    return replace(explained, linear=bare)
 
 
 def _nothing(*arguments: Any) -> Any:

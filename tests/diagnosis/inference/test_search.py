@@ -133,27 +133,6 @@ def test_rivals_leave_room_in_the_beam_for_two_listed_effects():
     assert search.explanations()[0].key == {0, 1}
 
 
-def test_over_options_has_every_likely_time_with_its_probability():
-    rng = np.random.default_rng(12)
-    n = 200
-    steps = [(np.arange(n) >= start).astype(float)[:, None] for start in range(10, 190, 10)]
-    y = 1.0 * steps[8][:, 0] + rng.standard_normal(n)
-    model = linear_model([steps, rng.standard_normal((n, 1))], y, changes={})
-    candidate = model.candidates[0]
-    options = tuple(replace(o, parameters={"time_s": float(k)}) for k, o in enumerate(candidate.options))
-    model = replace(model, candidates=(replace(candidate, options=options), model.candidates[1]))
-    search = Search(model)
-    best = search.of(("e0", "e1"))
-    sets = search.over_options(best.members)
-    assert sum(share for share, _ in sets) == pytest.approx(1.0)
-    likeliest = max(sets, key=lambda one: one[0])[1]
-    assert abs(likeliest[0].option - 8) <= 2
-    assert all(members[1] == best.members[1] for _, members in sets)
-    shares = [share for share, _ in sets]
-    assert len(shares) > 1
-    assert min(shares) > 0.02 * max(shares)
-
-
 @pytest.mark.parametrize("projected", [False, True])
 def test_p_value_is_uniform_under_m0_and_small_with_an_effect(projected):
     rng = np.random.default_rng(13)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from diagnosis.inference.amplitudes import fit
-from diagnosis.inference.closure import closure
+from diagnosis.inference.closure import compute_closure
 from diagnosis.inference.search import Search
 from diagnosis.model.sensors.arcs import arcs_of, fit_arc
 from diagnosis.model.sensors.columns import GYRO, Held, held_columns, held_error, listed_families, rival_families
@@ -200,7 +200,7 @@ def test_days_left_out_are_measured_by_their_degrees_of_freedom(turned):
     folds = list(model.folds(model.W))
     assert sorted(name for fold in folds for name in fold.dof) == sorted(tables.names)
     assert all(len(fold.train_y) + len(fold.left_y) == len(model.y) for fold in folds)
-    found = closure(model, Search(model).of(("dss_head:2",)).members)
+    found = compute_closure(model, Search(model).of(("dss_head:2",)).members)
     table = found.by_interval.set_index("interval")
     for k, name in enumerate(tables.names):
         own = tables.y[tables.owner == k]

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from diagnosis.inference.amplitudes import fit
-from diagnosis.inference.closure import closure, fixed
+from diagnosis.inference.closure import compute_closure
 from diagnosis.inference.search import Search
 from diagnosis.model.linear import Member
 from diagnosis.model.linearise import linearised
@@ -111,6 +111,6 @@ def test_whole_recordings_are_held_out(unit, model):
     held = [{name.split(": ")[0] for name in fold.dof} for fold in folds]
     assert sorted(held, key=str) == [{"one"}, {"three"}, {"two"}]
     assert sum(fold.left_y.size for fold in folds) == model.size
-    closed = closure(linear, (Member(linear.find("scale_asymmetry:z"), 0, 0),), fixed(("scale_asymmetry:z",)))
+    closed = compute_closure(linear, Search(linear).of(("scale_asymmetry:z",)).members)
     assert closed.split == "a recording at a time"
     assert closed.after < closed.before
