@@ -27,9 +27,9 @@ import scipy.stats
 from numpy.typing import NDArray
 from scipy.stats import multivariate_normal
 
+from diagnosis.detectors.dead_zone_crossings import Zone
 from diagnosis.detectors.gap_interpolation import runs
 from diagnosis.detectors.silence import silent
-from diagnosis.detectors.zone_passes import Zone
 from gyrocal.recording import Recording
 from simulator.effects.recorded import interval_slices
 

@@ -19,7 +19,10 @@ import scipy.fft
 from numpy.typing import NDArray
 from scipy.ndimage import uniform_filter1d
 
-from simulator.effects.smoothing import smoothed_axis, without_outliers
+from diagnosis.detectors.report import Tell, silent
+from gyrocal.recording import Recording
+from simulator.effects.recorded import interval_slices
+from simulator.effects.smoothing import noise_level, smoothed_axis, without_outliers
 
 Array = NDArray[np.float64]
 
@@ -27,6 +30,17 @@ NEIGHBOURS = 17  # coefficients whose mean square is taken
 # Mean squares of so many coefficients of noise alone, in σ², stay below this but for one in a thousand (χ²).
 LOUDEST = 1 + 4 * float(np.sqrt(2 / NEIGHBOURS))
 FEWEST = 8 * NEIGHBOURS  # samples of an interval whose motion is looked for among frequencies
+
+
+def smoothed_rates(rates: Array, recording: Recording, tell: Tell = silent) -> Array:
+    """Raw rates (n, 3) without their noise, as far as smoothing inside the intervals takes it out."""
+    sigma = recording.gyro.arw / np.sqrt(recording.gyro.sample_s)
+    out = rates.copy()
+    parts = interval_slices(recording)
+    for number, part in enumerate(parts):
+        tell("motion without noise", number / len(parts))
+        out[part] = denoised(rates[part], recording.gyro.sample_s, noise_level(rates[part], sigma))
+    return out
 
 
 def denoised(rates: Array, sample_s: float, sigma: Array) -> Array:

@@ -52,13 +52,6 @@ BAND = 9  # cosines, a third of those that show the noise, that a motion in one 
 FITS = 1e-3  # p-value from which on powers are explained
 
 
-def blocks_of(parts: list[Array]) -> Array:
-    """(b, BLOCK − SLOWEST) cosines of short blocks, from the highest frequency down; of white noise N(0, σ²) each."""
-    differences = [np.diff(part, ORDER) for part in parts if part.size >= BLOCK + ORDER]
-    whole = [one[: one.size // BLOCK * BLOCK].reshape(-1, BLOCK) for one in differences]
-    return np.concatenate([np.empty((0, BLOCK)), *whole]) @ WHITE.T
-
-
 def samples_of(parts: list[Array]) -> Array:
     """(b, BLOCK + ORDER) samples of the same blocks."""
     windows = np.lib.stride_tricks.sliding_window_view
@@ -68,23 +61,9 @@ def samples_of(parts: list[Array]) -> Array:
 
 def passes_zero(samples: Array, sigma: float) -> NDArray[np.bool_]:
     """(b,) blocks whose readings move through zero or set out from there, where a dead zone makes jumps."""
-    smooth = _without_noise(samples)
-    return _reach(smooth, AT_ZERO * sigma) & (np.abs(smooth).max(axis=1) > FROM_ZERO * sigma)
-
-
-def is_near_zero(samples: Array, sigma: float) -> NDArray[np.bool_]:
-    """(b,) blocks whose noise goes through zero or nearly so, where readings that are cut have other noise."""
-    return _reach(_without_noise(samples), FROM_ZERO * sigma)
-
-
-def _without_noise(samples: Array) -> Array:
-    """(b, n) samples less what their upper spectrum shows of noise."""
-    return np.asarray(samples - np.diff(samples, ORDER, axis=1) @ WHITE[:SHOWING].T @ BACK)
-
-
-def _reach(smooth: Array, limit: float) -> NDArray[np.bool_]:
-    """(b,) whether readings come within a limit of zero."""
-    return np.asarray((smooth.min(axis=1) < limit) & (smooth.max(axis=1) > -limit))
+    smooth = samples - np.diff(samples, ORDER, axis=1) @ WHITE[:SHOWING].T @ BACK
+    at_zero = (smooth.min(axis=1) < AT_ZERO * sigma) & (smooth.max(axis=1) > -AT_ZERO * sigma)
+    return np.asarray(at_zero & (np.abs(smooth).max(axis=1) > FROM_ZERO * sigma))
 
 
 def has_spike(blocks: Array) -> NDArray[np.bool_]:
@@ -102,12 +81,6 @@ def by_calm(blocks: Array) -> NDArray[np.intp]:
     unrest = np.sum(slow / np.maximum(np.median(slow, axis=0), 1e-300), axis=1)
     order = np.argsort(unrest, kind="stable")
     return order[unrest[order] < UNREST * np.median(unrest)]
-
-
-def calmest(parts: list[Array], share: float = 0.5) -> list[Array]:
-    """The samples of the calmest blocks, (BLOCK + ORDER,) each."""
-    order = by_calm(blocks_of(parts))
-    return list(samples_of(parts)[np.sort(order[: int(share * order.size)])])
 
 
 def powers_of(blocks: Array) -> Array:
@@ -229,5 +202,4 @@ OF_MOTION = _power_of(ORDER - 2)  # M_k
 _KAPPA, SPREAD = _of_the_mean_square()
 _DESIGN = np.column_stack([np.ones(SHOWING), OF_MOTION])
 _LEVEL = np.linalg.inv(_DESIGN.T @ _DESIGN)
-LEVEL_SPREAD = float(_LEVEL[0, 0]) * SPREAD  # relative variance of w times the blocks
 _RISE = np.linalg.pinv(np.column_stack([READ_OUT, OF_MOTION]))[0]  # q² from powers less than what is stated

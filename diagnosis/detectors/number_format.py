@@ -22,15 +22,16 @@ of code. A dead zone has the share of its log-uniform sizes that are one step.
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.special import logsumexp, ndtr
 
-from diagnosis.detectors.lattice import Kind, find_lattice_step
-from diagnosis.detectors.report import AXES, IMPOSSIBLE, Findings, SampleTest, Symptom
+from diagnosis.detectors.lattice import Kind, find_lattice_step, undo_lattice
+from diagnosis.detectors.report import AXES, IMPOSSIBLE, Findings, SampleTest, Stream, Symptom
 from simulator.effects import ALL_EFFECTS
+from simulator.effects.recorded import interval_slices
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -51,6 +52,7 @@ SAME = 0.01  # relative difference of the steps of one converter
 COARSE = 0.2  # a lattice finer than this share of the noise is a number format: its rounding has 0.3 % of the power
 WORTH = 3.0  # sigmas of the angle random walk over all samples, that half steps must turn by for a finer lattice to matter
 DECIDED = 8.0  # log odds of one number format from which on the references are not compared, and a finer lattice matters
+HIDDEN = 0.1  # share of an interval in which a lattice hides the rate, from which on the gyro is blind there
 OPEN = 0.05  # probability of another number format, from which on it is reported
 
 
@@ -232,3 +234,17 @@ def _mass(low: Array, high: Array, sigma: Array | float = 1.0) -> Array:
     a, b = low / sigma, high / sigma
     flipped = a > 0
     return np.asarray(ndtr(np.where(flipped, -a, b)) - ndtr(np.where(flipped, -b, a)))
+
+
+def undo_lattices(stream: Stream, formats: NumberFormats) -> tuple[Stream, Mask]:
+    """Undo what lattices do to slow rates, and add the noise that they make; also which gyros hide slow motion for long."""
+    rates, density, hidden = stream.rates.copy(), stream.density.copy(), np.zeros(3, dtype=bool)
+    sample_s = stream.recording.gyro.sample_s
+    for axis in np.flatnonzero(formats.coarse):
+        step, kind = float(formats.steps[axis]), "cut" if formats.cut[axis] else "rounded"
+        density[:, axis] += step**2 / 12 * sample_s
+        for part in interval_slices(stream.recording):
+            rates[part, axis], factor, more = undo_lattice(rates[part, axis], sample_s, step, stream.sigma, kind)
+            density[part, axis] = density[part, axis] * factor + more
+            hidden[axis] |= bool(np.mean(more > 0) > HIDDEN)
+    return replace(stream, rates=rates, density=density), hidden

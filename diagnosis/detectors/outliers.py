@@ -28,7 +28,6 @@ from diagnosis.detectors.report import (
     consecutive,
     silent,
 )
-from gyrocal.recording import Recording
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -91,25 +90,18 @@ class OutlierFit:
 
 
 def find_outliers(
-    recording: Recording,
-    stream: Stream,
-    quiet: Mask,
-    used: Mask,
-    noise: Array,
-    steps: Array,
-    event_p: float,
-    tell: Tell = silent,
+    stream: Stream, quiet: Mask, noise: Array, steps: Array, event_p: float, tell: Tell = silent
 ) -> tuple[Findings, Stream]:
     """Find single samples far outside of their neighbours, and bridge them.
 
     Parameters
     ----------
-    recording, stream : what was recorded, repaired so far
-    quiet, used : (n,) samples at rest, and all that are judged
+    stream : what was recorded, repaired so far
+    quiet : (n,) samples at rest
     noise, steps : (3,) of a sample, and of a coarse lattice, rad/s
     event_p : p-value below which outliers are a departure
     """
-    found, judged = _find_of_gyros(recording, stream, quiet, used, noise, steps, tell)
+    found, judged = _find_of_gyros(stream, quiet, noise, steps, tell)
     counts = [int(one.places.sum()) for one in found]
     n = max(int(judged.sum()), 1)
     chance = n * 2 * float(scipy.stats.norm.sf(OUTLIER)) * 1.2
@@ -132,7 +124,7 @@ def find_outliers(
         "outliers", None if fit.axis is None else AXES[fit.axis], float(np.rad2deg(fit.size)), "deg/s",
         float(np.rad2deg(fit.sigma)), {"fraction": fit.fraction}, p,
     )  # fmt: skip
-    return Findings(tests, (symptom,)), _repair(recording, stream, found, fit)
+    return Findings(tests, (symptom,)), _repair(stream, found, fit)
 
 
 def _compute_p_value(count: int, expected: float) -> float:
@@ -166,14 +158,13 @@ def _fit_heights(found: list[Outliers], judged: Mask, noise: Array) -> OutlierFi
     return OutlierFit(strongest if alone else None, size, float(error), seen, float(fraction))
 
 
-def _find_of_gyros(
-    recording: Recording, stream: Stream, quiet: Mask, used: Mask, noise: Array, steps: Array, tell: Tell
-) -> tuple[list[Outliers], Mask]:
+def _find_of_gyros(stream: Stream, quiet: Mask, noise: Array, steps: Array, tell: Tell) -> tuple[list[Outliers], Mask]:
     """Find the outliers of each gyro; also the samples that were judged."""
-    whole = scipy.ndimage.binary_erosion(used & consecutive(recording, used), iterations=SIDE)
+    used, follows = stream.used, consecutive(stream.recording, quiet)
+    whole = scipy.ndimage.binary_erosion(used & consecutive(stream.recording, used), iterations=SIDE)
     # Beside a sample that was bridged the motion is known less well than the noise says.
     known = ~scipy.ndimage.binary_dilation(stream.filled, iterations=len(BETWEEN) // 2)
-    resting = quiet & consecutive(recording, quiet) & np.roll(consecutive(recording, quiet), -1) & known
+    resting = quiet & follows & np.roll(follows, -1) & known
     if resting.sum() < RESTING * used.sum():
         resting = np.zeros_like(resting)
     turning = whole & known & ~resting
@@ -199,9 +190,9 @@ def _find_of_gyros(
     return [replace(one, places=one.places & ~jolt) for one, jolt in zip(found, jolts, strict=True)], resting | turning
 
 
-def _repair(recording: Recording, stream: Stream, found: list[Outliers], fit: OutlierFit) -> Stream:
+def _repair(stream: Stream, found: list[Outliers], fit: OutlierFit) -> Stream:
     """Bridge the outliers, and what stands as far out of a motion; where that hides them, they are noise."""
-    t_s, rates, density, filled = recording.gyro.t_s, stream.rates.copy(), stream.density.copy(), stream.filled.copy()
+    t_s, rates, density, filled = stream.recording.gyro.t_s, stream.rates.copy(), stream.density.copy(), stream.filled.copy()
     for axis, one in enumerate(found):
         if not one.places.any():
             continue
@@ -209,9 +200,9 @@ def _repair(recording: Recording, stream: Stream, found: list[Outliers], fit: Ou
         bad = one.places | (one.odd & (one.off > AS_HIGH * fit.seen))
         rates[bad, axis] = np.interp(t_s[bad], t_s[~bad], x[~bad])
         filled |= bad
-        power = fit.fraction * float(np.mean(one.off[one.places] ** 2)) * recording.gyro.sample_s
+        power = fit.fraction * float(np.mean(one.off[one.places] ** 2)) * stream.recording.gyro.sample_s
         density[(one.hidden > AS_HIGH * fit.seen) & ~bad, axis] += power
-    return Stream(rates, density, filled)
+    return replace(stream, rates=rates, density=density, filled=filled)
 
 
 def find_single_samples(x: Array, judged: Mask, noise: float, step: float) -> Outliers:

@@ -12,11 +12,15 @@ a fault. The number of repeats by chance is known to a few percent only, which t
 
 A fault is followed by another one with the probability r = 1 − 1/size, for runs of the mean length `size`. Each of two
 neighbours may also repeat by chance, so that pairs exceed chance by r + 2 (1 − r) C of the faults.
+
+Missed telemetry begins at random. For a period q of times counted in samples, the resultant R² = |Σ exp(2πi k/q)|²/m of m
+random times has an exponential distribution of mean one. The p-value of the strongest period weighs the listed cause against
+something unlisted (`diagnosis.model.symptoms`).
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import scipy.ndimage
@@ -24,7 +28,8 @@ import scipy.optimize
 import scipy.stats
 from numpy.typing import NDArray
 
-from diagnosis.detectors.report import IMPOSSIBLE
+from diagnosis.detectors.gap_interpolation import filled, runs
+from diagnosis.detectors.report import IMPOSSIBLE, Findings, SampleTest, Stream, Symptom, consecutive, since_start
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -48,6 +53,8 @@ class RepeatSettings:
     most : share of all samples that repeat by chance, above which faults cannot be told
     fewest : samples, below which nothing is said
     sure : probability of a fault from which on a sample is bridged
+    longest_period : samples, of a period in the times of faults; the longest usual packet
+    fewest_runs, most_runs : runs of faults whose times are tested, at least and at most
     """
 
     nearby: int = 1500
@@ -62,6 +69,9 @@ class RepeatSettings:
     most: float = 0.5
     fewest: int = 500
     sure: float = 0.9
+    longest_period: int = 64
+    fewest_runs: int = 8
+    most_runs: int = 2000
 
 
 SETTINGS = RepeatSettings()
@@ -201,3 +211,44 @@ def _estimate_run(joint: Mask, chance: Array, follows: Mask) -> tuple[float, flo
     error = np.sqrt(max(pairs, 1) + ratio**2 * count) / faults
     size = 1 / (1 - ratio)
     return size, float(size**2 * error)
+
+
+def compute_p_of_times(times: NDArray[np.intp], settings: RepeatSettings = SETTINGS) -> float:
+    """Compute the p-value of the strongest period of random times (m,), in samples since the interval's first."""
+    if times.size < settings.fewest_runs:
+        return 1.0
+    times = times[: settings.most_runs]
+    periods = np.arange(2, settings.longest_period + 1)
+    angle = 2 * np.pi * (times[None] % periods[:, None]) / periods[:, None]
+    resultant = np.abs(np.exp(1j * angle).sum(axis=1)) ** 2 / times.size
+    resultant[0] *= 0.5  # of period 2 it is real: χ² with one degree of freedom
+    return min(1.0, periods.size * float(np.exp(-resultant.max())))
+
+
+# ---- what they show ------------------------------------------------------------------------------------------------------
+
+
+def bridge_repeats(stream: Stream, event_p: float) -> tuple[Findings, Stream]:
+    """Find samples that repeat the one before on all axes, and bridge those that surely are faults."""
+    rates, gyro = stream.rates, stream.recording.gyro
+    # A clipped reading stands at the largest one.
+    is_largest = (np.abs(rates) >= np.abs(rates[stream.used]).max(axis=0) * (1 - 1e-12)).any(axis=1)
+    found = find_repeats(rates, consecutive(stream.recording, stream.used) & ~is_largest)
+    if found is None:
+        return Findings(), stream
+    test = SampleTest(
+        "repeated_share", None, found.count / found.samples, found.expected / found.samples, found.p_value,
+        "repeats", f"{found.count} of {found.samples} samples repeat the one before on all axes",
+    )  # fmt: skip
+    if found.p_value >= event_p:
+        return Findings((test,)), stream
+    likeness = 1.0
+    if not found.expected and found.mask.any():  # runs of chance begin at other times
+        likeness = compute_p_of_times(since_start(stream.recording)[[low for low, _ in runs(found.mask)]])
+    parameters: dict[str, float | str] = {"fraction": found.fraction}
+    symptom = Symptom("repeats", None, found.size, "samples", found.sigma, parameters, found.p_value, likeness=likeness)
+    rates, factor, density = filled(gyro.t_s, rates, found.mask, gyro.sample_s, stream.sigma)
+    repaired = replace(
+        stream, rates=rates, density=stream.density * factor[:, None] + density, filled=stream.filled | found.mask
+    )
+    return Findings((test,), (symptom,)), repaired

@@ -14,7 +14,7 @@ from gyrocal.recording import Recording
 from simulator.effects.recorded import interval_slices
 
 if TYPE_CHECKING:
-    from diagnosis.detectors.zone_passes import Zone
+    from diagnosis.detectors.dead_zone_crossings import Zone
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -22,7 +22,6 @@ Mask = NDArray[np.bool_]
 Tell = Callable[[str, float], None]  # what is being done, and the share done
 
 AXES = "xyz"
-AROUND, BESIDE = 7, 10  # samples of the median that is a reading, and from the one whose fault is not to be in it
 IMPOSSIBLE = 1e-300  # p of what M0 cannot do
 
 
@@ -71,7 +70,7 @@ class Symptom:
     text : a sentence
     probability : that an effect is at work and not a motion of the body, where that was weighed
     rivals : other symptoms that this may be as well, about the same axis, with their shares of the probability
-    likeness : p-value of how it behaves, if it is what its kind says (`diagnosis.detectors.run_lengths`)
+    likeness : p-value of how it behaves, if it is what its kind says (`diagnosis.detectors.repeats`)
     of_line : whether it is a line of the spectrum, which the attitude has judged
     """
 
@@ -133,13 +132,26 @@ class Stream:
 
     Attributes
     ----------
+    recording : as recorded
     rates, density : (n, 3) rad/s, and noise density, rad²/s
     filled : (n,) samples that something was put in place of
+    used : (n,) samples inside the intervals that are tested
     """
 
+    recording: Recording
     rates: Array
     density: Array
     filled: Mask
+    used: Mask
+
+    @property
+    def sigma(self) -> float:
+        """Stated white noise of a sample, rad/s."""
+        return self.recording.gyro.arw / float(np.sqrt(self.recording.gyro.sample_s))
+
+    def find_arcs(self, mask: Mask) -> list[tuple[int, int]]:
+        """Find unbroken runs of at least 256 samples of a mask (n,), as slices."""
+        return arcs(mask & consecutive(self.recording, mask))
 
 
 @dataclass(frozen=True)

@@ -16,7 +16,7 @@ import scipy.fft
 import scipy.ndimage
 from numpy.typing import NDArray
 
-from diagnosis.detectors.report import AXES, IMPOSSIBLE, Findings, Line, SampleTest, Tell, arcs, consecutive, silent
+from diagnosis.detectors.report import AXES, IMPOSSIBLE, Findings, Line, SampleTest, Stream, Tell, silent
 from diagnosis.detectors.sinusoids_in_arcs import fit_line
 from diagnosis.sinusoids.spectrum import Arcs, compute_log_p, compute_segment_spectrum
 from gyrocal.recording import Recording
@@ -83,20 +83,20 @@ class Look:
 
 
 def find_lines(
-    rates: Array, recording: Recording, quiet: Mask, used: Mask, lattice: Mask, line_p: float, tell: Tell = silent
+    stream: Stream, quiet: Mask, lattice: Mask, line_p: float, tell: Tell = silent
 ) -> tuple[tuple[Line, ...], Findings]:
     """Find the lines of each axis: first in all samples that can be used, then in the quiet ones.
 
     Parameters
     ----------
-    rates : (n, 3) repaired readings, rad/s
-    recording : for the times of the samples
-    quiet, used : (n,) samples at rest, and all that can be used
+    stream : repaired readings
+    quiet : (n,) samples at rest
     lattice : (3,) gyros whose readings lie on a coarse lattice
     line_p : p-value below which a line is one
     """
-    smooth = used & ~find_jolts(rates, used)
-    looks = [Look(arcs(some & consecutive(recording, some)), moving) for some, moving in ((smooth, True), (quiet, False))]
+    rates, recording = stream.rates, stream.recording
+    smooth = stream.used & ~find_jolts(rates, stream.used)
+    looks = [Look(stream.find_arcs(smooth), moving=True), Look(stream.find_arcs(quiet), moving=False)]
     out: list[Line] = []
     tests = []
     for axis in range(3):

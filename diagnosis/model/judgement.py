@@ -15,9 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from diagnosis.detectors.deadzone import DeadZoneEvidence
+from diagnosis.detectors.denoised import smoothed_rates
 from diagnosis.detectors.reference_noise import ReferenceNoise, ReferenceSeries, reference_noise
 from diagnosis.detectors.report import SampleReport
-from diagnosis.detectors.samples import smoothed_rates
 from diagnosis.model.at_work import AtWork, without
 from diagnosis.model.baseline import baseline
 from diagnosis.model.in_progress import steps_at_references

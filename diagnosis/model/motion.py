@@ -26,8 +26,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from diagnosis.detectors.denoised import smoothed_rates
 from diagnosis.detectors.report import SampleReport, Tell, silent, within
-from diagnosis.detectors.samples import smoothed_rates
 from diagnosis.model.linearise import linearised
 from diagnosis.model.recording import RecordingModel
 from gyrocal.recording import Interval

@@ -27,7 +27,7 @@ def quiet_samples(scenario: Scenario) -> tuple[int, ...]:
     for profile in profiles(scenario):
         edges = [0.0, *(t for span in sorted(profile.moving) for t in span), profile.stop_s - profile.start_s]
         for begin, end in zip(edges[::2], edges[1::2], strict=True):
-            out.append(max(int((end - begin) / scenario.gyro.sample_s) - 2 * sample_noise.HALF, 0))
+            out.append(max(int((end - begin) / scenario.gyro.sample_s) - 2 * sample_noise.SETTINGS.half, 0))
     return tuple(out)
 
 

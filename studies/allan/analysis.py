@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from diagnosis.detectors.report import Line
+from diagnosis.detectors.report import Line, Stream
 from diagnosis.detectors.spectral_lines import SETTINGS, find_lines
 from diagnosis.settings import DEFAULT
 from gyrocal import Recording
@@ -158,7 +158,8 @@ def _without_lines(recording: Recording, parts: tuple[Stretch, ...]) -> tuple[li
     for one in parts:
         used[one.samples] = True
         rates[one.samples] = one.rates
-    found, findings = find_lines(rates, recording, used, used, np.zeros(3, dtype=bool), DEFAULT.line)
+    stream = Stream(recording, rates, np.zeros_like(rates), np.zeros_like(used), used)
+    found, findings = find_lines(stream, used, np.zeros(3, dtype=bool), DEFAULT.line)
     tests = {test.axis: test for test in findings.tests}
     sinusoids, longest_s = [], max(len(one.rates) for one in parts) * recording.gyro.sample_s / SETTINGS.fewest_cycles
     for axis in range(3):

@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 
-from diagnosis.detectors.differences import disagreement_of, power_of
 from diagnosis.detectors.outliers import OUTLIER, find_single_samples
 from diagnosis.detectors.repeats import find_repeats
 from diagnosis.detectors.samples import examine
@@ -19,19 +18,6 @@ def swaying(seed, size=300.0):
     t = np.arange(SAMPLES)
     common = np.sin(2 * np.pi * t / 190) + 0.6 * np.sin(2 * np.pi * t / 331)
     return size * common[:, None] * np.array([1.0, -0.7, 0.5]) + rng.standard_normal((SAMPLES, 3))
-
-
-# ---- two orders of differences -------------------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize(("low", "high"), [(2, 6), (6, 10)])
-def test_two_orders_of_differences_of_white_noise_differ_by_as_much_as_stated(low, high):
-    count, draws = 400, 1500
-    x = np.random.default_rng(5).standard_normal((draws, count + high))
-    means = [np.mean(np.diff(x, order, axis=1)[:, -count:] ** 2, axis=1) / power_of(order) for order in (low, high)]
-    stated = np.sqrt(2 * disagreement_of(low, high) / count)
-    # The standard deviation of so many draws is known to 1/√(2 · 1500).
-    assert np.std(means[0] - means[1]) == pytest.approx(stated, rel=4 / np.sqrt(2 * draws))
 
 
 # ---- repeats on a lattice ------------------------------------------------------------------------------------------------

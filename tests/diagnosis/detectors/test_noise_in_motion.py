@@ -5,18 +5,20 @@ import pytest
 import scipy.stats
 
 from diagnosis.detectors.noise_blocks import (
+    ORDER,
     SHOWING,
     SPREAD,
-    blocks_of,
-    calmest,
+    WHITE,
+    by_calm,
     fitted,
     has_spike,
     is_even,
     outside_bands,
     powers_of,
+    samples_of,
 )
-from diagnosis.detectors.noise_in_motion import InMotion, Level, chance_of, level_in_motion, preciser
-from diagnosis.detectors.sample_noise import ELSEWHERE, level
+from diagnosis.detectors.noise_level import fit_noise_level
+from diagnosis.detectors.sample_noise import SETTINGS
 from diagnosis.detectors.samples import examine
 from tests.diagnosis.recordings import of_rates
 
@@ -34,7 +36,19 @@ def steps(rng, count, number, size=8.0):
 
 
 def found_in(x):
-    return level_in_motion(x, [(0, x.size)], 1.0)
+    return fit_noise_level(x, [(0, x.size)], 1.0)
+
+
+def blocks_of(x):
+    """Cosines of the blocks of some samples."""
+    return np.diff(samples_of([x]), ORDER, axis=1) @ WHITE.T
+
+
+def calmest(x):
+    """The blocks of the calmer half."""
+    blocks = blocks_of(x)
+    order = by_calm(blocks)
+    return blocks[order[: order.size // 2], :SHOWING]
 
 
 # ---- the blocks ----------------------------------------------------------------------------------------------------------
@@ -42,12 +56,12 @@ def found_in(x):
 
 def test_cosines_of_white_noise_are_independent_with_its_variance():
     """A swing of a thousand sigmas leaves nothing of itself."""
-    draws = [blocks_of([np.random.default_rng(seed).standard_normal(6000)])[:, :SHOWING] for seed in range(100)]
+    draws = [blocks_of(np.random.default_rng(seed).standard_normal(6000))[:, :SHOWING] for seed in range(100)]
     assert np.mean([is_even(one[:, :16]) for one in draws]) > 0.95
     together = np.concatenate(draws)
     np.testing.assert_allclose(together.T @ together / len(together), np.eye(SHOWING), atol=5 / np.sqrt(len(together)))
     white = np.random.default_rng(3).standard_normal(20_000)
-    np.testing.assert_allclose(blocks_of([white + swing(20_000)])[:, :16], blocks_of([white])[:, :16], atol=0.1)
+    np.testing.assert_allclose(blocks_of(white + swing(20_000))[:, :16], blocks_of(white)[:, :16], atol=0.1)
 
 
 def test_the_mean_square_without_what_is_far_out_has_the_stated_spread():
@@ -63,11 +77,11 @@ def test_the_mean_square_without_what_is_far_out_has_the_stated_spread():
 def test_the_calmest_blocks_are_chosen_by_what_their_noise_is_not():
     """Of white noise they have the power of all; of a body that moves half of the time, those in which it rests."""
     rng = np.random.default_rng(13)
-    ratios = [np.mean(blocks_of(calmest([x]))[:, :SHOWING] ** 2) for x in rng.standard_normal((200, 6000))]
+    ratios = [np.mean(calmest(x) ** 2) for x in rng.standard_normal((200, 6000))]
     assert np.mean(ratios) == pytest.approx(1.0, abs=4 * np.std(ratios) / np.sqrt(200))
     moving = np.arange(32_000) % 6400 < 3200
-    chosen = calmest([10 * np.cumsum(rng.standard_normal(32_000) * moving) + rng.standard_normal(32_000)])
-    assert np.std(np.concatenate([np.diff(part, 6) for part in chosen])) == pytest.approx(np.sqrt(924), rel=0.05)
+    chosen = calmest(10 * np.cumsum(rng.standard_normal(32_000) * moving) + rng.standard_normal(32_000))
+    assert np.std(chosen) == pytest.approx(1.0, rel=0.05)
 
 
 # ---- under M0 ------------------------------------------------------------------------------------------------------------
@@ -80,7 +94,7 @@ def test_level_and_p_value_are_calibrated(count, draws):
     found = [found_in(rng.standard_normal(count) + swing(count)) for _ in range(draws)]
     found = [one for one in found if one is not None]
     assert len(found) > 0.97 * draws
-    pulls = np.array([(one.level.variance - 1) / (one.level.sigma / one.level.variance) for one in found])
+    pulls = np.array([(one.variance - 1) / (one.sigma / one.variance) for one in found])
     assert abs(pulls.mean()) < 4 / np.sqrt(len(found))
     assert pulls.std() == pytest.approx(1.0, abs=4 / np.sqrt(2 * len(found)))
     p = np.array([one.p_value for one in found])
@@ -116,7 +130,7 @@ def test_spikes_too_small_for_a_motion_are_no_noise():
     x = rng.standard_normal(40_000) + swing(40_000)
     x[rng.choice(40_000, 133, replace=False)] += 6.0
     assert found_in(x).p_value > 1e-3
-    assert 0 < has_spike(blocks_of([rng.standard_normal(400_000)])).mean() < 1e-3
+    assert 0 < has_spike(blocks_of(rng.standard_normal(400_000))).mean() < 1e-3
 
 
 def test_the_jumps_of_a_dead_zone_are_no_noise():
@@ -126,7 +140,7 @@ def test_the_jumps_of_a_dead_zone_are_no_noise():
     white = rng.standard_normal(60_000)
     dead = np.where(np.abs(rate) < 6.0, 0.0, rate) + white
     assert found_in(dead).p_value > 1e-3
-    assert len(found_in(rate + white).parts) > len(found_in(dead).parts)
+    assert found_in(rate + white).blocks > found_in(dead).blocks
 
 
 # ---- noise that is not as stated -----------------------------------------------------------------------------------------
@@ -139,7 +153,7 @@ def test_more_white_noise_is_found_by_what_the_samples_can_show():
     assert np.mean(np.array(p) < 1e-5) >= 0.8
     one = found_in(1.025 * rng.standard_normal(60_000) + steps(rng, 60_000, 600))
     assert one.p_value < 1e-3
-    assert abs(one.level.variance - 1.025**2) < 4 * one.level.sigma
+    assert abs(one.variance - 1.025**2) < 4 * one.sigma
 
 
 def bends(rng, count, size):
@@ -153,10 +167,10 @@ def test_beside_a_weak_motion_in_all_blocks_noise_has_a_level_that_is_known_less
     for seed in range(20):
         rng = np.random.default_rng(seed)
         white, motion = rng.standard_normal(count), bends(rng, count, 0.3)
-        moving += not fitted(powers_of(blocks_of([white + motion])[:, :SHOWING]), count // 38).still
+        moving += not fitted(powers_of(blocks_of(white + motion)[:, :SHOWING]), count // 38).still
         one, other = found_in(white + motion), found_in(np.sqrt(1.3) * white + motion)
         assert other is not None
-        assert abs(other.level.variance - 1.3) < 4 * other.level.sigma
+        assert abs(other.variance - 1.3) < 4 * other.sigma
         more.append(other.p_value)
         as_stated.append(1.0 if one is None else one.p_value)
     assert moving > 10
@@ -176,11 +190,11 @@ def test_readout_noise_in_a_motion_is_told_from_white_noise():
     rng = np.random.default_rng(9)
     for size in (0.6, 1.0):
         x = rng.standard_normal(30_000) + np.diff(size * rng.standard_normal(30_001)) + swing(30_000)
-        reading = found_in(x).reading
+        reading = found_in(x).readout
         assert reading.probability > 0.9
         assert reading.as_stated
         assert abs(reading.reading - size) < 4 * reading.sigma
-    reading = found_in(1.3 * rng.standard_normal(30_000) + swing(30_000)).reading
+    reading = found_in(1.3 * rng.standard_normal(30_000) + swing(30_000)).readout
     assert reading is None or reading.probability < 0.02
 
 
@@ -191,20 +205,11 @@ def test_the_rise_has_one_sigma_under_m0():
     assert np.std(rises) == pytest.approx(1.0, abs=4 / np.sqrt(400))
 
 
-# ---- beside a body at rest -----------------------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize(("variance", "sigma", "taken"), [(1.02, 0.01, True), (1.02, 0.09, False), (1.5, 0.01, False)])
-def test_the_level_in_motion_is_taken_where_it_is_clearly_more_precise_and_agrees(variance, sigma, taken):
-    rest = Level(1.0, 0.1, 1.0, 0.1)
-    assert preciser(rest, InMotion(Level(variance, sigma, np.nan, np.nan), 1.0, None, [])) is taken
-
-
 # ---- in one band ---------------------------------------------------------------------------------------------------------
 
 
 def outside(x):
-    return outside_bands(powers_of(blocks_of([x])[:, :SHOWING]), 1.0)
+    return outside_bands(powers_of(blocks_of(x)[:, :SHOWING]), 1.0)
 
 
 def band(rng, count, low, high, power):
@@ -220,10 +225,7 @@ def test_a_body_that_shakes_in_one_band_has_no_more_noise(low, high):
     rng = np.random.default_rng(17)
     x = rng.standard_normal(40_000)
     x += band(rng, x.size, low, high, 0.2)
-    found = level(x, [(0, x.size)])
-    # Of the upper part of the spectrum its level alone would be one of noise.
-    assert low < 0.4 or chance_of(found, 1.0) < 1e-20
-    assert outside(x) < ELSEWHERE - 0.05
+    assert outside(x) < SETTINGS.elsewhere - 0.05
 
 
 @pytest.mark.parametrize("seed", range(3))
@@ -231,7 +233,7 @@ def test_white_and_readout_noise_have_more_power_everywhere(seed):
     rng = np.random.default_rng(seed)
     x = rng.standard_normal(40_000)
     assert outside(1.1 * x) > 0.85
-    assert outside(x + np.diff(0.3 * rng.standard_normal(x.size + 1))) > ELSEWHERE + 0.2
+    assert outside(x + np.diff(0.3 * rng.standard_normal(x.size + 1))) > SETTINGS.elsewhere + 0.2
 
 
 def symptoms_of(noise, seed=1):

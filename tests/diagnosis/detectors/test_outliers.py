@@ -124,10 +124,10 @@ def test_outliers_of_one_gyro_speak_although_the_others_motion_passes_for_some(m
     quiet = outliers.Outliers(places, off, 6 * SIGMA, places, np.zeros(t_s.size))
     jolted = outliers.Outliers(none, off, 6 * SIGMA, odd, np.zeros(t_s.size))
     monkeypatch.setattr(outliers, "_find_of_gyros", lambda *_: ([jolted, quiet, jolted], ~none))
-    stream = Stream(made.gyro.rates, np.ones((t_s.size, 3)), none)
+    stream = Stream(made, made.gyro.rates, np.ones((t_s.size, 3)), none, ~none)
 
     def found(seen):
-        findings, _ = outliers.find_outliers(made, stream, ~none, ~none, np.full(3, SIGMA), np.zeros(3), seen)
+        findings, _ = outliers.find_outliers(stream, ~none, np.full(3, SIGMA), np.zeros(3), seen)
         return [(one.axis, one.p_value) for one in findings.symptoms if one.kind == "outliers"]
 
     expected = 3000 * 2 * scipy.stats.norm.sf(6.0) * 1.2

@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 
-from diagnosis.detectors.readout_noise import Readout
-from diagnosis.detectors.sample_noise import _rather_white, readout_of
+from diagnosis.detectors.noise_level import fit_noise_level
 from diagnosis.detectors.samples import examine
 from diagnosis.diagnose import diagnose
 from simulator import scenario
@@ -22,9 +21,15 @@ def drawn(seed, white=1.0, reading=0.0):
     return SIGMA * (white * rng.standard_normal(SAMPLES) + reading * np.diff(rng.standard_normal(SAMPLES + 1)))
 
 
+def found_in(x):
+    """Readout noise that is likelier than white noise."""
+    found = fit_noise_level(x, [(0, x.size)], SIGMA**2)
+    return None if found is None or found.readout is None or found.readout.probability < 0.5 else found.readout
+
+
 def test_its_size_over_seeds():
     """At a third of the white noise, eighty per cent more power: found every time, with the sigma that it states."""
-    found = [readout_of(drawn(seed, reading=0.5), [(0, SAMPLES)], SIGMA**2) for seed in range(40)]
+    found = [found_in(drawn(seed, reading=0.5)) for seed in range(40)]
     assert all(one is not None and one.as_stated for one in found)
     pulls = np.array([(one.reading / SIGMA - 0.5) / (one.sigma / SIGMA) for one in found])
     assert abs(pulls.mean()) < 4 / np.sqrt(40)
@@ -32,12 +37,12 @@ def test_its_size_over_seeds():
 
 
 def test_too_much_white_noise_is_none():
-    assert [readout_of(drawn(seed, white=1.5), [(0, SAMPLES)], SIGMA**2) for seed in range(20)] == [None] * 20
+    assert [found_in(drawn(seed, white=1.5)) for seed in range(20)] == [None] * 20
 
 
 def test_both_together_are_both_found():
     for seed in range(10):
-        found = readout_of(drawn(seed, white=2.0, reading=2.0), [(0, SAMPLES)], SIGMA**2)
+        found = found_in(drawn(seed, white=2.0, reading=2.0))
         assert found is not None
         assert not found.as_stated
         assert abs(found.reading - 2 * SIGMA) < 4 * found.sigma
@@ -50,8 +55,8 @@ def test_noise_of_another_colour_is_none():
         rng = np.random.default_rng(seed)
         steep = drawn(seed) + SIGMA * np.diff(rng.standard_normal(SAMPLES + 2), n=2)
         soft = 2 * np.convolve(drawn(seed, white=1.5), [0.5, 0.5], mode="same")
-        assert readout_of(steep, [(0, SAMPLES)], SIGMA**2) is None
-        assert readout_of(soft, [(0, SAMPLES)], SIGMA**2) is None
+        assert found_in(steep) is None
+        assert found_in(soft) is None
 
 
 @pytest.mark.parametrize("seed", range(10))
@@ -82,28 +87,6 @@ def test_it_is_named_at_another_rate():
 def _one_interval():
     """An interval of ten minutes."""
     return [{"name": "hold", "activity": "hold", "start_s": 0.0, "stop_s": 600.0, "mode": "+x"}]
-
-
-def _readout(probability, as_stated=True):
-    return Readout(1.0, 0.1, 1.0, 0.1, as_stated, probability)
-
-
-@pytest.mark.parametrize(
-    ("readings", "alike", "white"),
-    [
-        ({1: 0.93}, True, {1}),  # two gyros with clearly white noise beside an undecided one of the same factor
-        ({1: 0.93}, False, set()),
-        ({1: 0.99}, True, set()),  # clear by itself
-        ({0: 0.9, 1: 0.9, 2: 0.3}, True, {2}),  # none is clearly white: each by its own
-        ({1: 0.3}, False, {1}),
-    ],
-)
-def test_noise_that_gyros_have_alike_is_of_one_kind(readings, alike, white):
-    assert set(_rather_white({axis: _readout(p) for axis, p in readings.items()}, alike)) == white
-
-
-def test_what_is_beside_white_noise_is_no_question_of_either():
-    assert _rather_white({1: _readout(0.93, as_stated=False)}, alike=True) == {}
 
 
 @pytest.mark.parametrize("seed", [6, 30, 34])

@@ -5,9 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from diagnosis.detectors.dead_zone_crossings import Zone
 from diagnosis.detectors.deadzone import EDGE, MOST_PARTS, of_passes, of_zero_samples
 from diagnosis.detectors.hidden_course import course
-from diagnosis.detectors.zone_passes import Zone
 from diagnosis.diagnose import diagnose
 from diagnosis.model import dead_zone
 from diagnosis.model.prepare import prepare

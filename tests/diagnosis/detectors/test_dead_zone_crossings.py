@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from diagnosis.detectors.zone_passes import _odds_of_edge, _passes, zone
+from diagnosis.detectors.dead_zone_crossings import _odds_of_edge, _passes, zone
 
 NOISE = 1e-3  # rad/s, of a sample
 SAMPLES = 40_000

@@ -23,15 +23,18 @@ the odds of the half widths whose hole ends before it.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+import scipy.ndimage
 from numpy.typing import NDArray
 from scipy.special import betaln, gammaln, logsumexp, ndtr, xlog1py, xlogy
 
 from diagnosis.detectors.hidden_course import Course, course
+from diagnosis.detectors.report import AXES, Stream, Tell
+from simulator.effects.recorded import interval_slices
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
@@ -55,6 +58,8 @@ EDGES = (0.5, 1.7)  # half widths within which the edge lies of one that was fou
 EDGES_TRIED = 121
 STRAY = np.geomspace(0.01, 0.9, 8)  # share of readings that are anywhere, not beyond the edge
 FEWEST_WINDOWS = 8  # of an interval
+SHOWN = 3.0  # log odds of a dead zone from which on its edges are left out of the other tests
+BESIDE = 10  # samples beside an edge
 GRID = 1000  # readings over which a density is normalised
 TINY = 1e-300
 
@@ -74,6 +79,26 @@ class Zone:
     sigma: float
     log_odds: float
     course: Course
+
+
+def find_zones(stream: Stream, coarse: NDArray[np.bool_], tell: Tell) -> dict[int, Zone]:
+    """Find the dead zones that motions pass through, of gyros on no coarse lattice."""
+    found, parts = dict[int, Zone](), interval_slices(stream.recording)
+    for axis in np.flatnonzero(~coarse).tolist():
+        tell(f"dead zone of gyro {AXES[axis]}", 0.05 + 0.05 * axis)
+        one = zone(stream.rates[:, axis], parts, stream.sigma)
+        if one is not None:
+            found[axis] = one
+    return found
+
+
+def find_near_edges(zones: Mapping[int, Zone], size: int) -> NDArray[np.bool_]:
+    """Find samples beside an edge of a zone that passes show for certain."""
+    jumps = np.zeros(size, dtype=bool)
+    for one in zones.values():
+        if one.log_odds > SHOWN:
+            jumps[1:] |= np.diff(one.course.dead)
+    return np.asarray(scipy.ndimage.binary_dilation(jumps, iterations=BESIDE)) if jumps.any() else jumps
 
 
 def zone(x: Array, parts: Sequence[slice], noise: float) -> Zone | None:

@@ -1,0 +1,42 @@
+"""A dead zone behind the noise: samples that read exactly zero, beside others that do not come near it.
+
+Zeros beside readings that are as good as zero leave no zone, and a number format has zeros beside its first step. A gyro that
+stops reads zero in one stretch, and a rate goes in and out of a zone.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import scipy.ndimage
+from numpy.typing import NDArray
+
+from diagnosis.detectors.gap_interpolation import runs
+from diagnosis.detectors.number_format import NumberFormats
+from diagnosis.detectors.report import AXES, IMPOSSIBLE, Findings, SampleTest, Stream, Symptom
+
+Mask = NDArray[np.bool_]
+
+FEWEST_STRETCHES = 3  # of zeros, in a dead zone
+FIRST = 3.0  # steps of a number format, within which the smallest readings beside its zeros lie
+OF_NOISE = 0.01  # noise sigmas, within which readings are as good as zero
+SMALLEST, NEXT = 3, 30  # readings that are not zero: the smallest show the edge, and the next ones how dense they are there
+BESIDE = 10  # samples beside a zero that are left out of other tests
+
+
+def find_zeros(stream: Stream, formats: NumberFormats) -> tuple[Findings, Mask]:
+    """Find samples that read exactly zero on no coarse lattice; also the samples (n,) beside those of a dead zone."""
+    tests, symptoms, near = [], [], np.zeros(len(stream.rates), dtype=bool)
+    for axis in np.flatnonzero(~formats.coarse):
+        zero = (stream.recording.gyro.rates[:, axis] == 0.0) & stream.used
+        sizes = np.sort(np.abs(stream.recording.gyro.rates[stream.used & ~zero, axis]))
+        smallest = float(sizes[:SMALLEST].mean()) if sizes.size else 0.0
+        is_away = smallest > max(OF_NOISE * stream.sigma, FIRST * float(formats.steps[axis]))
+        zone = is_away and sizes.size > NEXT and len(runs(zero)) >= FEWEST_STRETCHES
+        p, text = IMPOSSIBLE if zone else 1.0, f"{int(zero.sum())} samples read exactly zero"
+        tests.append(SampleTest("zero_samples", AXES[axis], int(zero.sum()), 0.0, p, "dead_zone", text))
+        if zone:
+            near |= scipy.ndimage.binary_dilation(zero, iterations=BESIDE)
+            spacing = max(float(sizes[SMALLEST:NEXT].mean()) - smallest, 1e-3 * smallest)
+            size, sigma = float(np.rad2deg(smallest)), float(np.rad2deg(spacing))
+            symptoms.append(Symptom("dead_zone", AXES[axis], size, "deg/s", sigma, {}, IMPOSSIBLE))
+    return Findings(tuple(tests), tuple(symptoms)), near

@@ -1,0 +1,218 @@
+"""Noise of one gyro: its level, and whether an excess is white noise or readout noise of the angle.
+
+Of the short blocks (`diagnosis.detectors.noise_blocks`), the largest share of the calmest is taken in which no motion shows:
+whose powers are those of noise, and scatter as such, as they do not where the motion has jerks. Blocks that pass zero, where a
+dead zone jumps, count if they show the same level. Where a motion shows in all shares, but the spectrum is level beside a weak
+one, all that it adds counts as an uncertainty of the level. Two templates test whether the noise is as stated, white noise of
+another level and readout noise beside white noise as stated, and the smaller p-value counts twice.
+
+An excess of either kind has one number, and the smaller χ² says which it is; the ratio of their likelihoods is the odds. Where
+neither fits, both together may. IEEE Std 952, annex C.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.stats
+from numpy.typing import NDArray
+from scipy.special import expit
+
+from diagnosis.detectors.noise_blocks import (
+    BLOCK,
+    MOVING,
+    OF_MOTION,
+    ORDER,
+    READ_OUT,
+    SHOWING,
+    WHITE,
+    by_calm,
+    fitted,
+    has_spike,
+    is_even,
+    passes_zero,
+    powers_of,
+    samples_of,
+    smooth_errors,
+)
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class NoiseSettings:
+    """Settings of the noise of one gyro.
+
+    Attributes
+    ----------
+    calm_shares : of the blocks that are tried, the calmest ones
+    fewest_blocks : below which nothing is said
+    same : sigmas between blocks that pass zero and the rest, up to which they show one level
+    fits : p-value from which on noise is explained
+    undecided : difference of χ² up to which the worse of white and readout noise is possible, too
+    clear : sigmas of white and of readout noise, where both are needed
+    """
+
+    calm_shares: tuple[float, ...] = (1.0, 0.9, 0.75, 0.5, 0.35, 0.25)
+    fewest_blocks: int = 12
+    same: float = 2.0
+    fits: float = 1e-3
+    undecided: float = 8.0
+    clear: float = 4.0
+
+
+SETTINGS = NoiseSettings()
+
+
+@dataclass(frozen=True)
+class Readout:
+    """Readout noise of an axis.
+
+    Attributes
+    ----------
+    reading, sigma : standard deviation of a reading over a sample's length, rad/s
+    white, white_sigma : variance of the white noise beside it, (rad/s)²; its sigma is zero where it is as stated
+    probability : that the excess is readout noise and not white
+    """
+
+    reading: float
+    sigma: float
+    white: float
+    white_sigma: float
+    probability: float
+
+    @property
+    def as_stated(self) -> bool:
+        """Whether the white noise is."""
+        return self.white_sigma == 0.0
+
+
+@dataclass(frozen=True)
+class NoiseLevel:
+    """Noise of one axis.
+
+    Attributes
+    ----------
+    variance, sigma : of a sample, (rad/s)², and the standard error of that
+    p_value : under white noise as stated, that it has another level or rises as readout noise
+    readout : readout noise, if that explains it
+    powers : (k,) mean squares over the blocks, (rad/s)²
+    blocks : number of blocks
+    still : whether no motion shows in them
+    """
+
+    variance: float
+    sigma: float
+    p_value: float
+    readout: Readout | None
+    powers: Array
+    blocks: int
+    still: bool
+
+
+def fit_noise_level(x: Array, arcs: list[tuple[int, int]], expected: float) -> NoiseLevel | None:
+    """Fit the noise in the largest share of the calmest blocks that shows no motion.
+
+    Where a motion shows in all shares, it is that of the share that tells the level best beside it; None where no share does.
+
+    Parameters
+    ----------
+    x : (n,) readings, rad/s
+    arcs : runs of samples
+    expected : variance of a sample's noise as stated, (rad/s)²
+    """
+    samples = samples_of([x[low:high] for low, high in arcs])
+    blocks = np.diff(samples, ORDER, axis=1) @ WHITE.T
+    # Spikes that are too small to be repaired beside the motion are no level.
+    single = ~has_spike(blocks)
+    samples, blocks = samples[single], blocks[single]
+    through = passes_zero(samples, float(np.sqrt(expected)))
+    if not _are_one(blocks[through], blocks[~through]):
+        blocks = blocks[~through]
+    order = by_calm(blocks)
+    moving: list[NoiseLevel] = []
+    for share in SETTINGS.calm_shares:
+        chosen = np.sort(order[: int(share * order.size)])
+        if chosen.size < SETTINGS.fewest_blocks:
+            break
+        found = _fit_blocks(blocks[chosen, :SHOWING], expected)
+        if found is not None and found.still:
+            return found
+        moving += [found] if found is not None else []
+    return min(moving, key=lambda one: one.sigma, default=None)
+
+
+def _are_one(some: Array, rest: Array) -> bool:
+    """Whether blocks that pass zero show the level of the rest, as those with the jumps of a dead zone do not."""
+    levels: list[tuple[float, float]] = []
+    for blocks in (some, rest):
+        chosen = by_calm(blocks)
+        if chosen.size < SETTINGS.fewest_blocks:
+            return rest.size < some.size
+        fit = fitted(powers_of(blocks[chosen, :SHOWING]), chosen.size)
+        levels.append((fit.white, fit.sigma))
+    (one, error), (other, other_error) = levels
+    return bool(abs(one - other) < SETTINGS.same * np.hypot(error, other_error))
+
+
+def _fit_blocks(blocks: Array, expected: float) -> NoiseLevel | None:
+    """Fit the noise of some blocks; None where they show more than noise and a weak motion."""
+    powers, count = powers_of(blocks), len(blocks)
+    if not powers.all():  # readings that stand still on a lattice in most of the blocks
+        return None
+    fit = fitted(powers / expected, count)
+    readout = fit_readout(powers, smooth_errors(powers, count), expected)
+    explained = fit.fits or (fit.still and readout is not None and readout.probability >= 0.5)
+    if not explained or fit.white <= 0 or not is_even(blocks[:, : BLOCK // 2] / np.sqrt(powers[: BLOCK // 2])):
+        return None
+    variance = expected * fit.white
+    sigma = expected * (fit.sigma if fit.still else float(np.hypot(fit.sigma, fit.motion)))
+    p = compute_p_of_level(variance, sigma, expected)
+    if not fit.still:
+        return NoiseLevel(variance, sigma, p, None, powers, count, still=False)
+    free = SHOWING * count
+    rising = float(scipy.stats.chi2.sf(free + fit.rise * np.sqrt(2 * free), free))
+    return NoiseLevel(variance, sigma, min(1.0, 2 * min(p, rising)), readout, powers, count, still=True)
+
+
+def compute_p_of_level(variance: float, sigma: float, expected: float) -> float:
+    """Compute the p-value of a variance that is as stated: χ² with as many degrees of freedom as its sigma says."""
+    free, ratio = 2 * (variance / sigma) ** 2, variance / expected
+    return float(min(1.0, 2 * min(scipy.stats.chi2.sf(free * ratio, free), scipy.stats.chi2.cdf(free * ratio, free))))
+
+
+def fit_readout(powers: Array, errors: Array, expected: float) -> Readout | None:
+    """Fit readout noise, beside any motion, if that explains the powers better than white noise does, or nearly as well.
+
+    Parameters
+    ----------
+    powers, errors : (k,) of the blocks, and their standard errors, (rad/s)²
+    expected : variance of white noise as stated, (rad/s)²
+    """
+    even, fits, free = np.ones(powers.size), SETTINGS.fits, powers.size - 2
+    _, _, white_chi2 = _fit_parts(powers / errors, errors, [even])
+    square, error, chi2 = _fit_parts((powers - expected) / errors, errors, [READ_OUT])
+    both, sigmas, both_chi2 = _fit_parts(powers / errors, errors, [READ_OUT, even])
+    needed = (np.abs(both - [0.0, expected]) > SETTINGS.clear * sigmas).all() and (both > 0).all()
+    if needed and scipy.stats.chi2.sf(white_chi2, free) < fits < scipy.stats.chi2.sf(both_chi2, free - 1):
+        return _make_readout(both[0], sigmas[0], both[1], sigmas[1], float(expit(0.5 * (white_chi2 - both_chi2))))
+    if square[0] > 0 and chi2 < white_chi2 + SETTINGS.undecided and scipy.stats.chi2.sf(chi2, free) > fits:
+        return _make_readout(square[0], error[0], expected, 0.0, float(expit(0.5 * (white_chi2 - chi2))))
+    return None
+
+
+def _make_readout(square: float, error: float, white: float, white_sigma: float, probability: float) -> Readout:
+    size = float(np.sqrt(square))
+    return Readout(size, 0.5 * float(error) / size, float(white), float(white_sigma), probability)
+
+
+def _fit_parts(seen: Array, errors: Array, parts: list[Array]) -> tuple[Array, Array, float]:
+    """Fit parts (k,) of a spectrum, and a motion if one shows, to powers in their errors; sizes, sigmas, and χ² of the rest."""
+    for columns in ([*parts, OF_MOTION], parts):
+        design = np.column_stack(columns) / errors[:, None]
+        covariance = np.linalg.inv(design.T @ design)
+        found, sigmas = covariance @ design.T @ seen, np.sqrt(np.diag(covariance))
+        if found[-1] > MOVING * sigmas[-1]:
+            break
+    return found[: len(parts)], sigmas[: len(parts)], float(np.sum((seen - design @ found) ** 2))
