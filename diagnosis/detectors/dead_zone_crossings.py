@@ -32,7 +32,6 @@ import scipy.ndimage
 from numpy.typing import NDArray
 from scipy.special import betaln, gammaln, logsumexp, ndtr, xlog1py, xlogy
 
-from diagnosis.detectors.hidden_course import Course, course
 from diagnosis.detectors.report import AXES, Stream, Tell
 from simulator.effects.recorded import interval_slices
 
@@ -72,13 +71,13 @@ class Zone:
     ----------
     half_width, sigma : rad/s
     log_odds : in its favour
-    course : samples in it, and what the readings before and after lead one to expect there
+    dead : (n,) samples in it
     """
 
     half_width: float
     sigma: float
     log_odds: float
-    course: Course
+    dead: NDArray[np.bool_]
 
 
 def find_zones(stream: Stream, coarse: NDArray[np.bool_], tell: Tell) -> dict[int, Zone]:
@@ -97,7 +96,7 @@ def find_near_edges(zones: Mapping[int, Zone], size: int) -> NDArray[np.bool_]:
     jumps = np.zeros(size, dtype=bool)
     for one in zones.values():
         if one.log_odds > SHOWN:
-            jumps[1:] |= np.diff(one.course.dead)
+            jumps[1:] |= np.diff(one.dead)
     return np.asarray(scipy.ndimage.binary_dilation(jumps, iterations=BESIDE)) if jumps.any() else jumps
 
 
@@ -124,7 +123,18 @@ def zone(x: Array, parts: Sequence[slice], noise: float) -> Zone | None:
         return None
     best = int(np.argmax(odds))
     size, sigma = _edge(sums, float(tried[best]), noise, float(widths[best]), lambda edge: _odds_of_edge(edge, tried, odds))
-    return Zone(size, sigma, log_odds, course(x, parts, size, _window(size, noise), 0.5 * (CORE + HOLE)))
+    return Zone(size, sigma, log_odds, _find_dead(x, parts, size, _window(size, noise)))
+
+
+def _find_dead(x: Array, parts: Sequence[slice], size: float, count: int) -> NDArray[np.bool_]:
+    """Find the samples (n,) whose window of so many samples is in a zone of some half width."""
+    dead = np.zeros(x.size, dtype=bool)
+    for part in parts:
+        own = x[part]
+        u = own[: own.size // count * count].reshape(-1, count).mean(axis=1) / size
+        inside = np.repeat(np.abs(u) < 0.5 * (CORE + HOLE), count)
+        dead[part] = np.pad(inside, (0, own.size - inside.size), mode="edge") if inside.size else False
+    return dead
 
 
 def _window(size: float, noise: float) -> int:

@@ -1,16 +1,12 @@
 """The candidate "small rates read zero" of a recording: what the samples show of it, and the columns of what it hides.
 
-The samples say where a slow reading is zero and how likely that is without a dead zone (`diagnosis.detectors.deadzone`); that
-enters as the candidate's likelihood. In the attitude a rate is missing in those runs. It is a rate that the reading does not
-show, so it needs a number of its own in each run, and its evidence counts all of them: a drift, a step or an asymmetry, which
+The samples say where a slow reading is zero and how likely that is without a dead zone (`diagnosis.detectors.dead_zone_rests`);
+that enters as the candidate's likelihood. In the attitude a rate is missing in those runs. The reading does not show that rate, so it needs a number of its own in each run, and its evidence counts all of them: a drift, a step or an asymmetry, which
 need one number, win over it wherever both explain the data. The rate that is missing is one that this axis usually has, which
 is the scale of the amplitudes; a run in which the attitude denies such a rate speaks against the zone.
 
 With m missing of the reading ω = G (ω_raw + m e) + b, and its column is along G e of the true G. M0 has to explain what is
 missing, and its G is off; the product of m and of what that lacks is not linear in them (`input_axis`).
-
-Where the motion was seen to pass through the zone, the readings on either side say what is missing
-(`diagnosis.detectors.hidden_course`). What is left of that is a share of the half width near an edge and a sway at rest.
 """
 
 from __future__ import annotations
@@ -21,7 +17,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from diagnosis.detectors.deadzone import MOST_PARTS, DeadZoneEvidence, half_width
+from diagnosis.detectors.dead_zone_rests import MOST_PARTS, DeadZoneEvidence, half_width
 from diagnosis.model.calibration import calibrated_beside
 from diagnosis.model.groups import Group
 from diagnosis.model.linear import Parameters
@@ -29,15 +25,11 @@ from diagnosis.model.prepare import Prepared
 from diagnosis.model.processes import MOST_COLUMNS, SEEN
 from diagnosis.model.recording import RecordingModel
 from simulator.effects.base import Effect
-from simulator.effects.common import markov
 
 Array = NDArray[np.float64]
 
 AXES = "xyz"
 UNSEEN = 0.5  # usual size of the motion inside the zone beside the rates that are missing
-SWAYS = (0.015, 0.05, 0.15, 0.5)  # the same where passes tell what to expect, in half widths
-MEMORIES = (3.0, 10.0)  # time constants of it in cells, beside none
-NEAR_EDGE = 0.3  # the same near an edge that was passed, of the half width
 DIFFERENCE = 0.4  # usual size of the differences between runs beside what they have in common
 SCALES = (0.03, 10.0)  # of the amplitudes, in usual rates
 MOST_ODDS = 4.0  # that rests may give it: their model of the motion is a rough one, and the attitude must show it
@@ -47,7 +39,6 @@ TRIALS = 3  # gyros
 ROUGHNESS = 0.02
 CALIBRATED = 3  # times that the input axis is found anew, with what is missing along the last one
 FELT = 0.5  # sigmas that a usual rate must move the residuals by for what it hides to be a column of its own
-ROUNDING = 1e-9  # of the variance of a motion, below which there is none
 LEAST_ODDS = -10.0  # that they may hold against it
 
 
@@ -60,10 +51,7 @@ def input_axis(model: RecordingModel, one: DeadZoneEvidence) -> Array:
     toward, usual = model.G[:, one.axis], float(np.rad2deg(one.usual))
     for _ in range(CALIBRATED):
         hidden = model.whitened(missing(model, one, toward))
-        if one.passed:
-            beside = motions_inside(model, one, hidden[:, : len(one.passes)], toward, SWAYS[-1:], ())[0]
-        else:
-            beside = unseen_motion(model, one, toward)
+        beside = unseen_motion(model, one, toward)
         change, _ = calibrated_beside(model, [(hidden, usual), (beside, usual)])
         toward = model.G[:, one.axis] + change[:9].reshape(3, 3)[:, one.axis]
     return toward
@@ -73,20 +61,11 @@ def missing(model: RecordingModel, one: DeadZoneEvidence, toward: Array) -> Arra
     """Observations of a missing rate, deg/s: in all runs alike, and its difference in each; (N, shapes + runs).
 
     `toward` is the gyro's `input_axis`.
-
-    Of a zone that the motion passes through there are three shapes that all runs share, else there is one.
     """
     step = np.searchsorted(model.recording.gyro.t_s, model.t_s, side="right") - 1
     part = one.part[step]
     numbers = np.unique(part[(part >= 0) & (part < MOST_PARTS)])
-    shapes = one.passes or (one.expected,)
-    low = np.zeros((model.t_s.size, len(shapes) + numbers.size))
-    for k, shape in enumerate(shapes):
-        low[part >= 0, k] = np.deg2rad(1.0) * shape[step][part >= 0]
-    for k, number in enumerate(numbers):
-        own = part == number
-        of_rest = shapes[1][step][own] if one.passed else DIFFERENCE * one.expected[step][own]
-        low[own, len(shapes) + k] = np.deg2rad(1.0) * of_rest
+    low = np.deg2rad(1.0) * np.column_stack([part >= 0, *(DIFFERENCE * (part == number) for number in numbers)])
     return model.rate_error(toward[:, None] * low[:, None, :])
 
 
@@ -96,43 +75,7 @@ def unseen_motion(model: RecordingModel, one: DeadZoneEvidence, toward: Array) -
     A body that turns about other axes meanwhile turns the blind one with it: what is missing at the beginning of a passage has
     another direction than at its end.
     """
-    return _seen(model, one, UNSEEN * np.hstack(_in_cells(model, one, one.expected, toward)))
-
-
-def motions_inside(
-    model: RecordingModel,
-    one: DeadZoneEvidence,
-    shared: Array,
-    toward: Array,
-    sways: Sequence[float] = SWAYS,
-    memories: Sequence[float] = MEMORIES,
-) -> list[Array]:
-    """Columns of what is missing where passes tell what to expect, for each size and memory of a sway at rest; (N, k) each.
-
-    Near an edge the rate is off by a share of the half width, from cell to cell. At rest it sways as a Markov process does,
-    from one rest to the next as well.
-
-    Parameters
-    ----------
-    model : of the recording
-    one : what the samples show
-    shared : (N, shapes) whitened columns of the missing rate that all runs share
-    toward : (3,) the gyro's `input_axis`
-    sways, memories : sizes in half widths and time constants in cells, beside none
-    """
-    resting = one.passes[1]
-    near = np.hstack(_in_cells(model, one, 1 - resting, toward)) * NEAR_EDGE
-    level, slope = _in_cells(model, one, resting, toward)
-    run_s = model.cells.run_s
-    spacing = float(np.median(np.diff(run_s))) if run_s.size > 1 else 1.0
-    some = ROUNDING * np.eye(run_s.size)
-    levels = [level, *(level @ np.linalg.cholesky(markov(run_s, count * spacing) + some) for count in memories)]
-    hidden = [np.hstack([near, sway * each, sway * slope]) for sway in sways for each in levels]
-    return [np.hstack([shared, _seen(model, one, columns)]) for columns in hidden]
-
-
-def _seen(model: RecordingModel, one: DeadZoneEvidence, columns: Array) -> Array:
-    """(N, r) whitened columns of the same covariance that can be seen, deg/s: beside the strongest, or beside the noise."""
+    columns = UNSEEN * np.hstack(_in_cells(model, one, toward))
     columns = model.whitened(columns[:, np.any(columns != 0, axis=0)])
     if not columns.shape[1]:
         return columns
@@ -142,11 +85,11 @@ def _seen(model: RecordingModel, one: DeadZoneEvidence, columns: Array) -> Array
     return np.asarray(columns @ turned[:, seen]) * np.deg2rad(1.0)
 
 
-def _in_cells(model: RecordingModel, one: DeadZoneEvidence, shape: Array, toward: Array) -> tuple[Array, Array]:
-    """(N, c) observations of a missing rate in the slow part of each cell, of some shape (n,): a level, and a slope over it."""
+def _in_cells(model: RecordingModel, one: DeadZoneEvidence, toward: Array) -> tuple[Array, Array]:
+    """(N, c) observations of a missing rate in the slow part of each cell: a level, and a slope over it."""
     step = np.searchsorted(model.recording.gyro.t_s, model.t_s, side="right") - 1
     silent = one.part[step] >= 0
-    level = np.where(silent, shape[step], 0.0)
+    level = silent.astype(float)
     low, high = model.cells.first, model.cells.last
     before = np.append(0, np.cumsum(silent))
     count = before[high] - before[low]
@@ -186,26 +129,20 @@ def dead_zone_groups(prepared: Prepared, effects: Sequence[Effect]) -> Iterator[
 
 def _group(model: RecordingModel, one: DeadZoneEvidence, effect: Effect) -> Group:
     usual = float(np.rad2deg(one.usual))
-    # A rate that crosses the edge to and fro is read in part, one that stays inside not at all: either way of it may be.
-    ways = [one] if one.silence is None else [one, one.strict()]
     toward = input_axis(model, one)
-    rates = [model.whitened(missing(model, way, toward)) for way in ways]
-    if one.passed:
-        moving = motions_inside(model, one, rates[0][:, : len(one.passes)], toward)
-    else:
-        moving = [np.hstack([own, unseen_motion(model, way, toward)]) for own, way in zip(rates, ways, strict=True)]
-    count = max(own.shape[1] for own in rates)
+    rates = model.whitened(missing(model, one, toward))
+    count = rates.shape[1]
 
     def read(amplitudes: Array) -> tuple[float, Parameters]:
-        return half_width(one, amplitudes[0] + (1.0 if one.passed else DIFFERENCE) * amplitudes[1:count])[0], {}
+        return half_width(one, amplitudes[0] + DIFFERENCE * amplitudes[1:count])[0], {}
 
     return Group(
         effect=effect.name,
         axis=AXES[one.axis],
         listed=True,
-        columns=[*rates, *moving],
-        parameters=[{} for _ in (*rates, *moving)],
-        weights=np.repeat([0.5 / len(rates), 0.5 / len(moving)], [len(rates), len(moving)]),
+        columns=[rates, np.hstack([rates, unseen_motion(model, one, toward)])],
+        parameters=[{}, {}],
+        weights=np.array([0.5, 0.5]),
         limits=(max(effect.prior[0], SCALES[0] * usual), min(effect.prior[1], SCALES[1] * usual)),
         unit=effect.unit,
         log_odds=float(np.clip(one.log_odds, LEAST_ODDS, MOST_PASSED if one.passed else MOST_ODDS)),

@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from diagnosis.detectors.deadzone import DeadZoneEvidence
+from diagnosis.detectors.dead_zone_rests import DeadZoneEvidence
 from diagnosis.detectors.denoised import smoothed_rates
 from diagnosis.detectors.reference_noise import ReferenceNoise, ReferenceSeries, reference_noise
 from diagnosis.detectors.report import SampleReport

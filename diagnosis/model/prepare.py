@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import expit
 
-from diagnosis.detectors.deadzone import DeadZoneEvidence, dead_zone_evidence, of_zero_samples, usual_slow_rate
+from diagnosis.detectors.dead_zone_rests import DeadZoneEvidence, dead_zone_evidence, of_zero_samples, usual_slow_rate
 from diagnosis.detectors.lattice import Kind
 from diagnosis.detectors.report import SampleReport, inside, within
 from diagnosis.detectors.samples import examine

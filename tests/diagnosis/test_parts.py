@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from diagnosis.detectors.deadzone import dead_zone_evidence
+from diagnosis.detectors.dead_zone_rests import dead_zone_evidence
 from diagnosis.detectors.samples import examine
 from diagnosis.diagnose import diagnose
 from diagnosis.inference.amplitudes import fit

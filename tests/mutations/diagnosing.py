@@ -234,7 +234,7 @@ SAMPLES = [
         ],
     ),
     *of(
-        "diagnosis/detectors/deadzone.py",
+        "diagnosis/detectors/dead_zone_rests.py",
         "tests/diagnosis/test_parts.py::test_dead_zone_reads_zero_and_m0_does_not",
         [
             (

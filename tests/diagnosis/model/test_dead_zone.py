@@ -6,13 +6,11 @@ import numpy as np
 import pytest
 
 from diagnosis.detectors.dead_zone_crossings import Zone
-from diagnosis.detectors.deadzone import EDGE, MOST_PARTS, of_passes, of_zero_samples
-from diagnosis.detectors.hidden_course import course
+from diagnosis.detectors.dead_zone_rests import MOST_PARTS, of_passes, of_zero_samples
 from diagnosis.diagnose import diagnose
 from diagnosis.model import dead_zone
 from diagnosis.model.prepare import prepare
 from simulator.effects import EFFECTS
-from simulator.effects.recorded import interval_slices
 from tests.diagnosis.recordings import of_rates, prepared, recorded
 
 DEG = np.deg2rad(1.0)
@@ -38,7 +36,7 @@ def test_what_is_missing_is_a_rate_in_the_runs_and_nowhere_else(found):
     # All runs alike are the sum of each by itself.
     np.testing.assert_allclose(columns[:, 0], columns[:, 1:].sum(axis=1) / dead_zone.DIFFERENCE, atol=1e-12)
     # Where every sample may miss a rate, that is a bias of the opposite sign.
-    all_of_it = replace(one, part=np.zeros_like(one.part), expected=np.ones(one.part.size))
+    all_of_it = replace(one, part=np.zeros_like(one.part))
     everywhere = dead_zone.missing(model, all_of_it, toward)[:, 0]
     bias = model.rate_error(np.tile(model.G[:, [one.axis]], (len(model.t_s), 1, 1)))[:, 0]
     np.testing.assert_allclose(everywhere, DEG * bias, atol=1e-9 * np.abs(bias).max() * DEG)
@@ -98,7 +96,7 @@ def test_the_size_lies_between_what_is_missing_and_what_is_read(found):
     assert group.size_sigma(6e-4) == pytest.approx(3e-4 / np.sqrt(12))
     (edge,) = dead_zone.dead_zone_groups(replace(found, dead=(replace(one, crossed=True),)), [EFFECT])
     assert edge.read(np.append(6e-4, np.zeros(runs)))[0] == pytest.approx(9e-4)
-    assert edge.size_sigma(6e-4) == pytest.approx(EDGE * 9e-4)
+    assert edge.size_sigma(6e-4) == pytest.approx(SETTINGS.edge * 9e-4)
 
 
 def test_every_zero_misses_its_rate_and_the_longest_stretches_have_one_of_their_own():
@@ -118,46 +116,8 @@ def test_every_zero_misses_its_rate_and_the_longest_stretches_have_one_of_their_
 @pytest.fixture(scope="module")
 def passed(found):
     """A gyro of the same recording that is seen to read zero below 0.02 deg/s, which its body passes in every slew."""
-    x, parts = found.samples.rates[:, 2], interval_slices(found.model.recording)
-    zone = Zone(0.02 * DEG, 0.0006 * DEG, 8.0, course(x, parts, 0.02 * DEG, 20, 0.6))
+    zone = Zone(0.02 * DEG, 0.0006 * DEG, 8.0, np.abs(found.samples.rates[:, 2]) < 0.012 * DEG)
     return replace(found, dead=(of_passes(2, zone),))
-
-
-def test_a_zone_that_the_motion_passes_has_its_shapes_and_the_differences_of_rests(passed):
-    model = passed.model
-    (shown,) = passed.dead
-    shown = replace(shown, passes=tuple(np.where(shown.part >= 0, one, 0.0) for one in shown.passes))
-    toward = model.G[:, shown.axis]
-    columns = dead_zone.missing(model, shown, toward)
-    numbers = np.unique(shown.part[(shown.part >= 0) & (shown.part < MOST_PARTS)])
-    assert columns.shape == (model.size, 3 + numbers.size)
-    # A shape in no sample but those of one stretch is that stretch's own.
-    for k, number in enumerate(numbers):
-        only = np.where(shown.part == number, shown.passes[1], 0.0)
-        alone = dead_zone.missing(model, replace(shown, passes=(only, only, only)), toward)
-        np.testing.assert_allclose(alone[:, 0], columns[:, 3 + k], atol=1e-12)
-
-
-def test_the_motion_inside_has_the_covariance_of_its_parts(passed):
-    """Of each size and memory: an error near the edges in each cell, a Markov level of the rests, and slopes."""
-    model = passed.model
-    (shown,) = passed.dead
-    toward = model.G[:, shown.axis]
-    shared = model.whitened(dead_zone.missing(model, shown, toward))[:, : len(shown.passes)]
-    made = dead_zone.motions_inside(model, shown, shared, toward)
-    kinds = [(sway, memory) for sway in dead_zone.SWAYS for memory in (0.0, *dead_zone.MEMORIES)]
-    assert len(made) == len(kinds)
-    run_s = model.cells.run_s
-    usual, none = np.median(np.diff(run_s)), np.eye(run_s.size)
-    near = dead_zone.NEAR_EDGE * np.hstack(dead_zone._in_cells(model, shown, 1 - shown.passes[1], toward))
-    level, slope = dead_zone._in_cells(model, shown, shown.passes[1], toward)
-    for (sway, memory), columns in zip(kinds, made, strict=True):
-        root = np.linalg.cholesky(np.exp(-np.abs(np.subtract.outer(run_s, run_s)) / (memory * usual))) if memory else none
-        parts = DEG * model.projected(model.whitened(np.hstack([near, sway * level @ root, sway * slope])))
-        found = model.projected(columns[:, shared.shape[1] :])
-        wanted = parts @ parts.T
-        # Each column that is left out has less of the strongest one's power than this, and they are orthogonal.
-        np.testing.assert_allclose(found @ found.T, wanted, atol=1.01 * dead_zone.SEEN * np.linalg.norm(wanted, 2))
 
 
 def test_the_edge_that_was_passed_is_the_half_width_whatever_is_missing(passed):

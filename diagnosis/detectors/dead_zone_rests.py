@@ -29,34 +29,59 @@ from scipy.stats import multivariate_normal
 
 from diagnosis.detectors.dead_zone_crossings import Zone
 from diagnosis.detectors.gap_interpolation import runs
-from diagnosis.detectors.silence import silent
 from gyrocal.recording import Recording
 from simulator.effects.recorded import interval_slices
 
 Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
 Parts = NDArray[np.int16]  # of a million samples it is megabytes less than usual numbers are
 
-WINDOW_SAMPLES = 6  # at least
-LONGEST_WINDOW_S = 60.0  # s
-SLOW_WINDOW_S = 20.0  # s, of the means that show how large slow rates usually are
-RESOLVED = 6.0  # sigmas of a window's mean in the usual slow rate, which make it as long as needed
-SHORTEST_WINDOWS = 4  # of a run
-FINER = 4  # times shorter than the windows of the runs are those that say where a gyro is silent
-FAINT = 0.02  # probability of that from which on a rate may be missing
-SLOW = 3.0  # usual rates, up to which a reading is slow
-MOSTLY = 0.5  # share of a slow part that reads zero, for it to count as evidence
-ZERO = 3.5  # sigmas of a window's mean up to which it may be zero
-CONSISTENT = 1e-3  # p-value of a run's windows being zero, at least
-NONZERO = 6.0  # sigmas from which a window's mean is a rate
-LEAK = 0.2  # of the usual slow rate: what misalignments leak of the body's rate
-TELLING = 1.5  # times that, from which on the smallest rate that is read says something of the zone
-EDGE_SHARE = 0.02  # quantile of the nonzero means that stands for the smallest rate that is read
-EDGE = 0.1  # relative error of a half width from means on the edge
-MOST_ODDS = 60.0
-ZERO_WINDOW = 41  # samples, of which some must read zero
-ZERO_SHARE = 0.05
 MOST_PARTS = 40  # parts with a rate of their own, the longest ones; others have this number
-SEEN = 1.0  # log odds from which on passes show a zone
+
+
+@dataclass(frozen=True)
+class RestSettings:
+    """Settings of the search for rests that read zero.
+
+    Attributes
+    ----------
+    window_samples, longest_window_s : least samples and longest time of a window
+    slow_window_s : of the means that show how large slow rates usually are
+    resolved : sigmas of a window's mean in the usual slow rate, which make it as long as needed
+    shortest_windows : of a run
+    slow : usual rates, up to which a reading is slow
+    mostly : share of a slow part that reads zero, for it to count as evidence
+    zero : sigmas of a window's mean up to which it may be zero
+    consistent : p-value of a run's windows being zero, at least
+    nonzero : sigmas from which a window's mean is a rate
+    leak : of the usual slow rate, what misalignments leak of the body's rate
+    telling : times `nonzero`, from which on the smallest rate that is read says something of the zone
+    edge_share : quantile of the nonzero means that stands for the smallest rate that is read
+    edge : relative error of a half width from means on the edge
+    most_odds : log odds that are credited
+    zero_window, zero_share : samples, and the share of them that must read exactly zero in a stretch of a zone
+    """
+
+    window_samples: int = 6
+    longest_window_s: float = 60.0
+    slow_window_s: float = 20.0
+    resolved: float = 6.0
+    shortest_windows: int = 4
+    slow: float = 3.0
+    mostly: float = 0.5
+    zero: float = 3.5
+    consistent: float = 1e-3
+    nonzero: float = 6.0
+    leak: float = 0.2
+    telling: float = 1.5
+    edge_share: float = 0.02
+    edge: float = 0.1
+    most_odds: float = 60.0
+    zero_window: int = 41
+    zero_share: float = 0.05
+
+
+SETTINGS = RestSettings()
 
 
 @dataclass(frozen=True)
@@ -72,11 +97,8 @@ class DeadZoneEvidence:
     alive : smallest steady rate that is read, rad/s, an upper limit; infinite if there is none
     crossed : whether the motion crosses the edge, so that `alive` is the half width
     usual : usual size of the slow raw rates of this axis, rad/s
-    expected : (n,) rate that may be missing in each sample, in usual rates
-    passes : shapes (n,) of what is missing where the motion was seen to pass through the zone: the rate to expect, in half
-        widths, the share of a rest's rate, and how the first changes with the log of the time that it takes; else none
-    silence : (n,) probability that a sample holds no rate, where that is known for less than certain
     edge : relative error of `alive` where that is the half width
+    passed : whether the motion was seen to pass through the zone
     """
 
     axis: int
@@ -85,21 +107,8 @@ class DeadZoneEvidence:
     alive: float
     crossed: bool
     usual: float
-    expected: Array
-    passes: tuple[Array, ...] = ()
-    silence: Array | None = None
-    edge: float = EDGE
-
-    @property
-    def passed(self) -> bool:
-        """Whether the motion was seen to pass through the zone."""
-        return bool(self.passes)
-
-    def strict(self) -> DeadZoneEvidence:
-        """The same with a rate missing only where the gyro is silent, not wherever it reads little."""
-        if self.silence is None:
-            return self
-        return replace(self, part=np.where(self.silence > FAINT, self.part, -1), expected=self.silence)
+    edge: float = SETTINGS.edge
+    passed: bool = False
 
 
 def dead_zone_evidence(
@@ -129,21 +138,22 @@ def _likelier(rest: DeadZoneEvidence | None, passed: DeadZoneEvidence | None) ->
     """What rests show, or what passes show; both speak for the zone whose edge was passed."""
     if rest is None or passed is None:
         return rest or passed
-    return replace(passed, log_odds=passed.log_odds + max(rest.log_odds, 0.0)) if passed.log_odds > SEEN else rest
+    return replace(passed, log_odds=passed.log_odds + max(rest.log_odds, 0.0))
 
 
-def of_passes(axis: int, found: Zone) -> DeadZoneEvidence | None:
-    """What one gyro shows where the motion passes through its zone; None if that is next to nothing."""
-    if found.log_odds < SEEN:
-        return None
-    course = found.course
-    part = np.full(course.dead.size, -1, dtype=np.int16)
-    for number, (low, high) in enumerate(sorted(runs(course.dead), key=lambda run: run[0] - run[1])):
+def of_passes(axis: int, found: Zone) -> DeadZoneEvidence:
+    """What one gyro shows where the motion passes through its zone."""
+    part, size = number_parts(found.dead), found.half_width
+    odds = min(found.log_odds, SETTINGS.most_odds)
+    return DeadZoneEvidence(axis, part, odds, size, True, size, found.sigma / size, passed=True)
+
+
+def number_parts(mask: Mask) -> Parts:
+    """Number the runs of a mask (n,) from the longest down, up to `MOST_PARTS`; −1 elsewhere."""
+    part = np.full(mask.size, -1, dtype=np.int16)
+    for number, (low, high) in enumerate(sorted(runs(mask), key=lambda run: run[0] - run[1])):
         part[low:high] = min(number, MOST_PARTS)
-    size = found.half_width
-    shapes = course.expected / size, course.resting, course.slower / size
-    odds, edge = min(found.log_odds, MOST_ODDS), found.sigma / size
-    return DeadZoneEvidence(axis, part, odds, size, True, size, shapes[0], shapes, edge=edge)
+    return part
 
 
 def of_zero_samples(recording: Recording, axis: int, smallest: float, usual: float) -> DeadZoneEvidence | None:
@@ -157,20 +167,13 @@ def of_zero_samples(recording: Recording, axis: int, smallest: float, usual: flo
     usual : usual size of slow raw rates, rad/s
     """
     zero = recording.gyro.rates[:, axis] == 0.0
-    often = scipy.ndimage.uniform_filter1d(zero.astype(float), ZERO_WINDOW, mode="nearest") > ZERO_SHARE
-    # Every zero misses its rate; the longest stretches of them have one of their own, the others share one.
-    part = np.where(zero, MOST_PARTS, -1).astype(np.int16)
-    longest = sorted(runs(often), key=lambda run: run[0] - run[1])[:MOST_PARTS]
-    for number, (low, high) in enumerate(sorted(longest)):
-        part[low:high][zero[low:high]] = number
-    if not longest:
+    often = scipy.ndimage.uniform_filter1d(zero.astype(float), SETTINGS.zero_window, mode="nearest") > SETTINGS.zero_share
+    if not often.any():
         return None
-    return DeadZoneEvidence(axis, part, MOST_ODDS, smallest, True, max(usual, smallest), everywhere(zero.size))
-
-
-def everywhere(size: int) -> Array:
-    """(n,) ones that take no memory, for as many samples as there are."""
-    return np.broadcast_to(np.ones(1), size)
+    # Every zero misses its rate; the longest stretches of them have one of their own, the others share one.
+    numbers = number_parts(often)
+    part = np.where(zero, np.where(numbers >= 0, numbers, MOST_PARTS), -1).astype(np.int16)
+    return DeadZoneEvidence(axis, part, SETTINGS.most_odds, smallest, True, max(usual, smallest))
 
 
 def half_width(one: DeadZoneEvidence, missing: Array) -> tuple[float, float]:
@@ -188,13 +191,13 @@ def half_width(one: DeadZoneEvidence, missing: Array) -> tuple[float, float]:
         return 1.3 * low, 0.4 * low
     if high > low:
         high = min(high, 4 * low)
-        return 0.5 * (low + high), max((high - low) / np.sqrt(12), EDGE * low)
-    return low, EDGE * low
+        return 0.5 * (low + high), max((high - low) / np.sqrt(12), SETTINGS.edge * low)
+    return low, SETTINGS.edge * low
 
 
 def usual_slow_rate(recording: Recording, rates: Array, bias: Array) -> float:
     """Usual size of slow raw rates, rad/s: that of the biases, or the slower half of what the middle one of the gyros reads."""
-    count = max(1, round(SLOW_WINDOW_S / recording.gyro.sample_s))
+    count = max(1, round(SETTINGS.slow_window_s / recording.gyro.sample_s))
     windows = np.column_stack(
         [np.concatenate([part for _, part in _windows(recording, rates[:, axis], count)]) for axis in range(3)]
     )
@@ -205,43 +208,37 @@ def usual_slow_rate(recording: Recording, rates: Array, bias: Array) -> float:
 
 def _of_axis(recording: Recording, x: Array, noise: float, axis: int, sizes: Sequence[float]) -> DeadZoneEvidence | None:
     usual = sizes[0]
-    longest = max(WINDOW_SAMPLES, round(LONGEST_WINDOW_S / recording.gyro.sample_s))
-    wanted = min(int((RESOLVED * noise / usual) ** 2), longest)
-    count = max(WINDOW_SAMPLES, wanted)
+    longest = max(SETTINGS.window_samples, round(SETTINGS.longest_window_s / recording.gyro.sample_s))
+    count = max(SETTINGS.window_samples, min(int((SETTINGS.resolved * noise / usual) ** 2), longest))
     sigma = noise / np.sqrt(count)
     zero, slow, others = np.zeros(x.size, dtype=bool), np.zeros(x.size, dtype=bool), []
     for low, windows in _windows(recording, x, count):
         still = np.zeros(windows.size, dtype=bool)
-        for a, b in runs(np.abs(windows) < ZERO * sigma):
-            still[a:b] = b - a >= SHORTEST_WINDOWS and _is_zero(windows[a:b] / sigma)
-        zero[low : low + windows.size * count] = np.repeat(still, count)
-        slow[low : low + windows.size * count] = np.repeat(np.abs(windows) < max(NONZERO * sigma, SLOW * usual), count)
+        for a, b in runs(np.abs(windows) < SETTINGS.zero * sigma):
+            still[a:b] = b - a >= SETTINGS.shortest_windows and _is_zero(windows[a:b] / sigma)
+        here, limit = slice(low, low + windows.size * count), max(SETTINGS.nonzero * sigma, SETTINGS.slow * usual)
+        zero[here] = np.repeat(still, count)
+        slow[here] = np.repeat(np.abs(windows) < limit, count)
         others.append(windows[~still])
-    intervals = interval_slices(recording)
-    silence = silent(x, intervals, noise, max(1, count // FINER))
-    part, means, sigmas = np.where(silence > FAINT, MOST_PARTS, -1).astype(np.int16), [], []
-    # A slow motion that crosses the edge now and then has silent moments, which share what is missing in them.
-    rests = [
-        (own.start + low, own.start + high)
-        for own in intervals
-        for low, high in runs((slow | (silence > FAINT))[own])
-        if high - low >= SHORTEST_WINDOWS * count
-    ]
-    for number, (low, high) in enumerate(sorted(rests, key=lambda run: run[0] - run[1])):
-        part[low:high] = min(number, MOST_PARTS)
+    rests = np.zeros(x.size, dtype=bool)
+    for own in interval_slices(recording):
+        for low, high in runs(slow[own]):
+            rests[own.start + low : own.start + high] = high - low >= SETTINGS.shortest_windows * count
+    means, sigmas = [], []
+    for low, high in runs(rests):
         read = x[low:high][zero[low:high]]
-        if read.size > MOSTLY * (high - low):
+        if read.size > SETTINGS.mostly * (high - low):
             means.append(float(read.mean()))
             sigmas.append(noise / np.sqrt(read.size))
     if not means:
         return None
     rates = np.abs(np.concatenate(others))
-    rates = np.sort(rates[rates > NONZERO * sigma])
-    alive = float(rates[int(EDGE_SHARE * rates.size)]) if rates.size else np.inf
-    if alive < TELLING * NONZERO * sigma:  # the noise, not the zone, says which rates pass for zero
+    rates = np.sort(rates[rates > SETTINGS.nonzero * sigma])
+    alive = float(rates[int(SETTINGS.edge_share * rates.size)]) if rates.size else np.inf
+    if alive < SETTINGS.telling * SETTINGS.nonzero * sigma:  # the noise, not the zone, says which rates pass for zero
         alive = np.inf
-    odds = min(_log_odds(np.array(means), np.array(sigmas), sizes), MOST_ODDS)
-    return DeadZoneEvidence(axis, part, odds, alive, False, usual, everywhere(x.size), silence=silence)
+    odds = min(_log_odds(np.array(means), np.array(sigmas), sizes), SETTINGS.most_odds)
+    return DeadZoneEvidence(axis, number_parts(rests), odds, alive, False, usual)
 
 
 def _windows(recording: Recording, x: Array, count: int) -> list[tuple[int, Array]]:
@@ -258,11 +255,11 @@ def _is_zero(z: Array) -> bool:
     """Whether the means of a run, in their sigmas, are zero: their squares, and those of the means of its quarters."""
     quarters = np.array([part.mean() * np.sqrt(part.size) for part in np.array_split(z, 4)])
     p = min(float(scipy.stats.chi2.sf(np.sum(z**2), z.size)), float(scipy.stats.chi2.sf(np.sum(quarters**2), 4)))
-    return p > CONSISTENT
+    return p > SETTINGS.consistent
 
 
 def _log_odds(means: Array, sigmas: Array, sizes: Sequence[float]) -> float:
     own = np.diag(sigmas**2)
-    others = [own + size**2 + (LEAK * size) ** 2 * np.eye(means.size) for size in sizes]
+    others = [own + size**2 + (SETTINGS.leak * size) ** 2 * np.eye(means.size) for size in sizes]
     read = scipy.special.logsumexp([multivariate_normal.logpdf(means, cov=other) for other in others]) - np.log(len(others))
     return float(multivariate_normal.logpdf(means, cov=own) - read)
