@@ -4,8 +4,8 @@ Second differences of three references at even spacing Δt leave nothing of slow
 variance about body axis i is 6 σ_i² + 2 d_i Δt, d_i the noise density of gyro i as the samples show it; neighbouring ones
 correlate by (−4/6, 1/6), so that the variance of the mean square of n of them is (2/n)(1 + 2 (16 + 1)/36) of its square.
 
-A strong random error of the gyro's rate from one reference to the next makes them larger as well. The covariances of
-neighbours tell which it is (`diagnosis.detectors.reference_excess`).
+A strong random error of the gyro's rate from one reference to the next makes them larger as well. Second differences of every
+other reference tell which it is: the references' part is the same in them, and that of the angle turned is twice as large.
 
 An error that follows a fast motion, such as late tags make, is as large from one reference to the next and no noise. Where they
 are odd, second differences of what errors of the rates would do that are proportional to them, to their sizes, squares or
@@ -20,7 +20,6 @@ import numpy as np
 import scipy.stats
 from numpy.typing import NDArray
 
-from diagnosis.detectors.reference_excess import log_odds
 from diagnosis.settings import DEFAULT, DiagnosisSettings
 
 Array = NDArray[np.float64]
@@ -111,13 +110,11 @@ class Differences:
 
     Attributes
     ----------
-    middle : (k,) index of the middle reference
     values : (k, 3), rad
     stated, walk : (k, 3) their variances from the references as stated and from the gyros' noise, rad²
     hidden : (k, 3) whether that gyro may have shown nothing in the meantime
     """
 
-    middle: Indices
     values: Array
     stated: Array
     walk: Array
@@ -143,10 +140,7 @@ def reference_noise(
     settings : thresholds
     motion : (m, 3, k) attitude errors about inertial axes that follow the motion, whose part is taken out
     """
-    found = _differences(series, density, gyro_s, dead)
-    if motion is not None:
-        each = [replace(series, residuals=error) for error in np.moveaxis(motion, 2, 0)]
-        found = _without(found, [_differences(one, density, gyro_s, dead) for one in each])
+    found, wider = (_find_differences(series, density, gyro_s, dead, motion, apart) for apart in (1, 2))
     enough = np.sum(~found.hidden, axis=0) >= FEWEST
     if not enough.any() or not np.all(found.stated > 0):
         return None
@@ -157,35 +151,71 @@ def reference_noise(
     factor, sigma, p, axis = _level(found, kept, enough)
     of_gyro = False
     if p < settings.sample_event and np.any(factor[enough] > 1):
-        axes = slice(None) if axis is None else slice(axis, axis + 1)
-        stated, walk = series.sigma**2, density * np.abs(np.append(np.diff(series.t_s), 0.0))[:, None]
-        of_gyro = log_odds(found.values, kept, found.middle, series.to_inertial, stated, walk, axes) < UNLIKELY
+        axes = np.flatnonzero(enough) if axis is None else np.array([axis])
+        of_gyro = _compute_log_odds(found, wider, axes) < UNLIKELY
     return ReferenceNoise(factor, sigma, p, axis, settings.sample_event, of_gyro)
 
 
-def _differences(series: ReferenceSeries, density: Array, gyro_s: Array, dead: Mask) -> Differences:
-    """Those of three references at even spacing in one interval, no gap between them."""
+def _compute_log_odds(found: Differences, wider: Differences, axes: Indices) -> float:
+    """Compute the log odds of an excess of the references against one of the angle turned, from differences of two spacings.
+
+    An excess of either that explains the mean square of the one predicts that of the other. The logarithm of a mean square of n
+    differences has the variance 2 (1 + 2 Σρ²)/n.
+    """
+    odds = 0.0
+    for axis in axes:
+        squares, stated, walks, counts = [], [], [], []
+        for one in (found, wider):
+            own = ~one.hidden[:, axis]
+            if own.sum() < FEWEST:
+                return 0.0
+            values = one.values[own, axis]
+            kept = np.abs(values) < TRIM * np.median(np.abs(values)) / 0.6745
+            squares.append(float(np.mean(values[kept] ** 2)) / TRIMMED)
+            stated.append(float(np.mean(one.stated[own, axis])))
+            walks.append(float(np.mean(one.walk[own, axis])))
+            counts.append(int(own.sum()))
+        of_references = walks[1] + max(squares[0] - walks[0], 0.0) * stated[1] / stated[0]
+        of_angle = stated[1] + max(squares[0] - stated[0], 0.0) * walks[1] / walks[0]
+        off = np.log(squares[1] / np.array([of_references, of_angle])) ** 2
+        odds -= 0.5 * float(off[0] - off[1]) / (2 * CORRELATED * float(np.sum(1 / np.array(counts))))
+    return odds
+
+
+def _find_differences(
+    series: ReferenceSeries, density: Array, gyro_s: Array, dead: Mask, motion: Array | None, apart: int
+) -> Differences:
+    """Find the second differences of each reference or of every other one, without the part that follows a motion."""
+    found = _differences(series, density, gyro_s, dead, apart)
+    if motion is None:
+        return found
+    each = [replace(series, residuals=error) for error in np.moveaxis(motion, 2, 0)]
+    return _without(found, [_differences(one, density, gyro_s, dead, apart) for one in each])
+
+
+def _differences(series: ReferenceSeries, density: Array, gyro_s: Array, dead: Mask, apart: int) -> Differences:
+    """Those of three references at even spacing in one interval, no gap between them; of each one or of every other."""
     t_s, owner = series.t_s, series.interval
-    before, after = t_s[1:-1] - t_s[:-2], t_s[2:] - t_s[1:-1]
+    before, after = t_s[apart:-apart] - t_s[: -2 * apart], t_s[2 * apart :] - t_s[apart:-apart]
     spacings = [np.diff(t_s[owner == k]) for k in range(owner.max(initial=-1) + 1)]
     usual = np.array([np.median(spacing) if spacing.size else np.inf for spacing in spacings])
-    even = (owner[2:] == owner[:-2]) & (np.abs(before - after) <= 0.01 * before) & (before <= 2.5 * usual[owner[1:-1]])
-    k = 1 + np.flatnonzero(even)
+    near = before <= 2.5 * apart * usual[owner[apart:-apart]]
+    even = (owner[2 * apart :] == owner[: -2 * apart]) & (np.abs(before - after) <= 0.01 * before) & near
+    k = apart + np.flatnonzero(even)
     missed = np.concatenate([np.zeros((1, 3), dtype=np.intp), np.cumsum(dead, axis=0)])
-    first, last = np.searchsorted(gyro_s, t_s[k - 1]), np.searchsorted(gyro_s, t_s[k + 1])
+    first, last = np.searchsorted(gyro_s, t_s[k - apart]), np.searchsorted(gyro_s, t_s[k + apart])
     # ζ of neighbours differ by the references' errors; turned back to the body axes of the middle one.
     zeta = series.residuals
     A = series.to_inertial[k].transpose(0, 2, 1)
     # The body turns between references; where it turns far, axes mix and σ differs between them.
     stated = sum(
         weight * np.einsum("mij,mj->mi", (A @ series.to_inertial[k + shift]) ** 2, series.sigma[k + shift] ** 2)
-        for weight, shift in ((1, -1), (4, 0), (1, 1))
+        for weight, shift in ((1, -apart), (4, 0), (1, apart))
     )
     return Differences(
-        middle=k,
-        values=np.einsum("mij,mj->mi", A, zeta[k + 1] - 2 * zeta[k] + zeta[k - 1]),
+        values=np.einsum("mij,mj->mi", A, zeta[k + apart] - 2 * zeta[k] + zeta[k - apart]),
         stated=np.asarray(stated),
-        walk=2 * density * before[k - 1, None],
+        walk=2 * density * before[k - apart, None],
         hidden=missed[last] > missed[first],
     )
 

@@ -1,9 +1,10 @@
 """The candidate "small rates read zero" of a recording: what the samples show of it, and the columns of what it hides.
 
 The samples say where a slow reading is zero and how likely that is without a dead zone (`diagnosis.detectors.dead_zone_rests`);
-that enters as the candidate's likelihood. In the attitude a rate is missing in those runs. The reading does not show that rate, so it needs a number of its own in each run, and its evidence counts all of them: a drift, a step or an asymmetry, which
-need one number, win over it wherever both explain the data. The rate that is missing is one that this axis usually has, which
-is the scale of the amplitudes; a run in which the attitude denies such a rate speaks against the zone.
+that enters as the candidate's likelihood. In the attitude a rate is missing in those runs. The reading does not show that rate,
+so it needs a number of its own in each run, and its evidence counts all of them: a drift, a step or an asymmetry, which need
+one number, win over it wherever both explain the data. The rate that is missing is one that this axis usually has, which is the
+scale of the amplitudes; a run in which the attitude denies such a rate speaks against the zone.
 
 With m missing of the reading ω = G (ω_raw + m e) + b, and its column is along G e of the true G. M0 has to explain what is
 missing, and its G is off; the product of m and of what that lacks is not linear in them (`input_axis`).

@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from diagnosis.detectors import reference_excess
 from diagnosis.detectors.reference_noise import ReferenceSeries, reference_noise
 
 COUNT, SPACING, SIGMA = 600, 1.0, 1e-4
@@ -87,22 +86,3 @@ def test_an_excess_is_told_from_one_of_the_angle_however_fast_the_body_turns(rat
     assert of_angle.p_value < of_angle.event_p
     assert of_angle.of_gyro
     assert not of_angle.departs
-
-
-def test_covariances_are_those_of_the_differences_as_they_are_made():
-    """Against D S Dᵀ and E W Eᵀ, with D and E written down row by row."""
-    rng, count, middle = np.random.default_rng(7), 9, np.array([1, 2, 3, 6, 7])
-    A = Rotation.random(count, rng).as_matrix()
-    variance, walk = rng.uniform(1, 2, (count, 3)), rng.uniform(1, 2, (count, 3))
-    D, E = np.zeros((2, 3 * middle.size, 3 * count))
-    for row, k in enumerate(middle):
-        rows = slice(3 * row, 3 * row + 3)
-        for other, weight in ((k - 1, 1), (k, -2), (k + 1, 1)):
-            D[rows, 3 * other : 3 * other + 3] = weight * A[k] @ A[other].T
-        for other, weight in ((k - 1, -1), (k, 1)):
-            E[rows, 3 * other : 3 * other + 3] = weight * A[k] @ A[other].T
-    expected = D @ np.diag(variance.ravel()) @ D.T + E @ np.diag(walk.ravel()) @ E.T
-    banded = reference_excess._banded(A, middle, variance, walk)
-    for below, diagonal in enumerate(banded):
-        np.testing.assert_allclose(diagonal[: diagonal.size - below], np.diagonal(expected, -below), atol=1e-12)
-    assert np.abs(np.tril(expected, -len(banded))).max() < 1e-12

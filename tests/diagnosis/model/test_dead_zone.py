@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from diagnosis.detectors.dead_zone_crossings import Zone
-from diagnosis.detectors.dead_zone_rests import MOST_PARTS, of_passes, of_zero_samples
+from diagnosis.detectors.dead_zone_rests import MOST_PARTS, SETTINGS, of_passes, of_zero_samples
 from diagnosis.diagnose import diagnose
 from diagnosis.model import dead_zone
 from diagnosis.model.prepare import prepare
@@ -110,7 +110,7 @@ def test_every_zero_misses_its_rate_and_the_longest_stretches_have_one_of_their_
     np.testing.assert_array_equal(one.part >= 0, zero)
     for place, begin in enumerate(begins):
         own = one.part[begin : begin + 30]
-        assert (own == (place - 20 if place >= 20 else MOST_PARTS)).all()
+        assert (own == min(lengths.size - 1 - place, MOST_PARTS)).all()
 
 
 @pytest.fixture(scope="module")
