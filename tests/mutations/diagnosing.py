@@ -294,7 +294,7 @@ SAMPLES = [
     *of(
         "diagnosis/detectors/number_format.py",
         "tests/diagnosis/detectors/test_number_format.py",
-        [("a body that rests between two turns passes through zero", "LOUD = 1.6", "LOUD = 1e6")],
+        [("a body that rests between two turns passes through zero", "loud: float = 1.6", "loud: float = 1e6")],
     ),
     *of(
         "diagnosis/model/prepare.py",

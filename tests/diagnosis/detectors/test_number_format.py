@@ -1,4 +1,4 @@
-"""Number formats: rounded, floored and cut readings, a dead zone of one step, and recordings that leave the format open."""
+"""Number formats: rounded, floored and cut readings, and recordings that leave the format open."""
 
 import numpy as np
 import pytest
@@ -7,8 +7,7 @@ from diagnosis.detectors.number_format import (
     FORMATS,
     compute_bins,
     compute_log_likelihood,
-    compute_log_posterior,
-    compute_log_prior,
+    compute_log_odds,
 )
 
 STEP = 0.37
@@ -16,7 +15,6 @@ HOW = {
     "rounded": np.round,
     "floored": np.floor,
     "cut": np.trunc,
-    "dead_zone": lambda x: np.where(np.abs(x) < 1, 0.0, np.round(x)),
 }
 MOTIONS = {
     "rest at zero": lambda t: 0.0 * t,
@@ -45,8 +43,7 @@ def test_no_format_is_taken_for_another_of_the_listed(motion, noise):
     if noise >= 1 and not (motion == "fast swing" and noise > 1):
         assert found["rounded"]["cut"] < -10
         assert found["floored"]["cut"] < -10
-        assert found["cut"]["cut"] > max(10, found["cut"]["dead_zone"] + 10)
-        assert found["dead_zone"]["dead_zone"] > 5
+        assert found["cut"]["cut"] > 10
 
 
 def test_readings_of_one_sign_and_rests_in_one_bin_leave_the_format_open():
@@ -85,18 +82,13 @@ def test_bins_cover_the_line_once():
         low, high = compute_bins(counts, name)
         np.testing.assert_array_equal(low[1:], high[:-1])
     assert compute_bins(np.zeros(1), "cut")[1] == 1.0
-    assert compute_bins(np.ones(1), "dead_zone") == (1.0, 1.5)
 
 
-def test_gyros_of_one_step_count_together_and_the_prior_is_that_of_the_effects():
+def test_gyros_of_one_step_count_together():
     rng = np.random.default_rng(6)
     x = STEP * np.trunc(2 * rng.standard_normal((400, 3)))
     x[:, 2] *= 1.1
     steps = STEP * np.array([1.0, 1.0, 1.1])
     every = np.ones(400, dtype=bool)
-    found = compute_log_posterior(x, [slice(0, 200), slice(200, 400)], every, steps, 2 * STEP)
-    np.testing.assert_array_equal(found[0], found[1])
-    assert found[0, 1] - found[0, 0] > found[2, 1] - found[2, 0] > 0
-    np.testing.assert_allclose(np.exp(found).sum(axis=1), 1.0)
-    rounded, cut, zone = np.exp(compute_log_prior(0.1))
-    assert rounded == cut > 10 * zone > 0
+    found = compute_log_odds(x, [slice(0, 200), slice(200, 400)], every, steps, 2 * STEP)
+    assert found[0] == found[1] > found[2] > 0

@@ -59,8 +59,7 @@ def test_gyros_of_which_some_cut_and_some_round_are_taken_as_their_samples_say(m
     """One question of both ways is none of two converters; of one alike on all axes it is asked."""
     made = recorded(4, "rate_quantization=1e-3", sample_s=1.0, every_s=60.0)
     for odds, asked in (([-5.0, 4.0, 4.0], None), ([-5.0, -2.0, -1.0], -5.0), ([4.0, 5.0, 4.0], 5.0), ([-9.0, 1.0, 1.0], None)):
-        posterior = np.column_stack([np.zeros(3), odds, np.full(3, -99.0)])
-        monkeypatch.setattr(number_format, "compute_log_posterior", lambda *of, posterior=posterior: posterior)
+        monkeypatch.setattr(number_format, "compute_log_odds", lambda *of, odds=odds: np.array(odds))
         assert examine(made).cut_odds == asked
 
 
