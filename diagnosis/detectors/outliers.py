@@ -59,13 +59,13 @@ class OutlierSettings:
     limit: float = 6.0
     side: int = 6
     clearly: float = 4.0
-    explained: float = 1e-2
+    explained: float = 1e-3
     least_power: float = 1e-3
     fewest_fitted: int = 300
     most_fitted: int = 200_000
     nearby: int = 101
     resting: float = 0.3
-    alike: float = 0.02
+    alike: float = 0.03
     as_high: float = 0.4
     few: int = 5
     many: int = 25

@@ -30,7 +30,7 @@ from simulator.effects.base import Effect
 Array = NDArray[np.float64]
 
 AXES = "xyz"
-UNSEEN = 0.5  # usual size of the motion inside the zone beside the rates that are missing
+UNSEEN = (0.05, 0.15, 0.5)  # size of the motion inside the zone beside the rates that are missing, in usual rates
 DIFFERENCE = 0.4  # usual size of the differences between runs beside what they have in common
 SCALES = (0.03, 10.0)  # of the amplitudes, in usual rates
 MOST_ODDS = 4.0  # that rests may give it: their model of the motion is a rough one, and the attitude must show it
@@ -70,13 +70,13 @@ def missing(model: RecordingModel, one: DeadZoneEvidence, toward: Array) -> Arra
     return model.rate_error(toward[:, None] * low[:, None, :])
 
 
-def unseen_motion(model: RecordingModel, one: DeadZoneEvidence, toward: Array) -> Array:
+def unseen_motion(model: RecordingModel, one: DeadZoneEvidence, toward: Array, size: float = UNSEEN[-1]) -> Array:
     """(N, r) whitened observations of a random rate, deg/s, in the slow part of each cell: a level, and a slope over it.
 
     A body that turns about other axes meanwhile turns the blind one with it: what is missing at the beginning of a passage has
     another direction than at its end.
     """
-    columns = UNSEEN * np.hstack(_in_cells(model, one, toward))
+    columns = size * np.hstack(_in_cells(model, one, toward))
     columns = model.whitened(columns[:, np.any(columns != 0, axis=0)])
     if not columns.shape[1]:
         return columns
@@ -132,6 +132,7 @@ def _group(model: RecordingModel, one: DeadZoneEvidence, effect: Effect) -> Grou
     usual = float(np.rad2deg(one.usual))
     toward = input_axis(model, one)
     rates = model.whitened(missing(model, one, toward))
+    moving = [np.hstack([rates, unseen_motion(model, one, toward, size)]) for size in UNSEEN]
     count = rates.shape[1]
 
     def read(amplitudes: Array) -> tuple[float, Parameters]:
@@ -141,9 +142,9 @@ def _group(model: RecordingModel, one: DeadZoneEvidence, effect: Effect) -> Grou
         effect=effect.name,
         axis=AXES[one.axis],
         listed=True,
-        columns=[rates, np.hstack([rates, unseen_motion(model, one, toward)])],
-        parameters=[{}, {}],
-        weights=np.array([0.5, 0.5]),
+        columns=[rates, *moving],
+        parameters=[{} for _ in (rates, *moving)],
+        weights=np.array([0.5, *(0.5 / len(moving) for _ in moving)]),
         limits=(max(effect.prior[0], SCALES[0] * usual), min(effect.prior[1], SCALES[1] * usual)),
         unit=effect.unit,
         log_odds=float(np.clip(one.log_odds, LEAST_ODDS, MOST_PASSED if one.passed else MOST_ODDS)),
