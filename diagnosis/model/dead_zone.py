@@ -26,11 +26,14 @@ from diagnosis.model.prepare import Prepared
 from diagnosis.model.processes import MOST_COLUMNS, SEEN
 from diagnosis.model.recording import RecordingModel
 from simulator.effects.base import Effect
+from simulator.effects.common import markov
 
 Array = NDArray[np.float64]
 
 AXES = "xyz"
 UNSEEN = (0.05, 0.15, 0.5)  # size of the motion inside the zone beside the rates that are missing, in usual rates
+MEMORY = 10.0  # time constant of that motion in cells, beside none: a body at rest drifts
+ROUNDING = 1e-9  # of the variance of a motion, below which there is none
 DIFFERENCE = 0.4  # usual size of the differences between runs beside what they have in common
 SCALES = (0.03, 10.0)  # of the amplitudes, in usual rates
 MOST_ODDS = 4.0  # that rests may give it: their model of the motion is a rough one, and the attitude must show it
@@ -70,13 +73,20 @@ def missing(model: RecordingModel, one: DeadZoneEvidence, toward: Array) -> Arra
     return model.rate_error(toward[:, None] * low[:, None, :])
 
 
-def unseen_motion(model: RecordingModel, one: DeadZoneEvidence, toward: Array, size: float = UNSEEN[-1]) -> Array:
+def unseen_motion(
+    model: RecordingModel, one: DeadZoneEvidence, toward: Array, size: float = UNSEEN[-1], memory: float = 0.0
+) -> Array:
     """(N, r) whitened observations of a random rate, deg/s, in the slow part of each cell: a level, and a slope over it.
 
     A body that turns about other axes meanwhile turns the blind one with it: what is missing at the beginning of a passage has
     another direction than at its end.
     """
-    columns = size * np.hstack(_in_cells(model, one, toward))
+    level, slope = _in_cells(model, one, toward)
+    run_s = model.cells.run_s
+    if memory and run_s.size > 1:
+        spread = markov(run_s, memory * float(np.median(np.diff(run_s)))) + ROUNDING * np.eye(run_s.size)
+        level = level @ np.linalg.cholesky(spread)
+    columns = size * np.hstack([level, slope])
     columns = model.whitened(columns[:, np.any(columns != 0, axis=0)])
     if not columns.shape[1]:
         return columns
@@ -132,7 +142,9 @@ def _group(model: RecordingModel, one: DeadZoneEvidence, effect: Effect) -> Grou
     usual = float(np.rad2deg(one.usual))
     toward = input_axis(model, one)
     rates = model.whitened(missing(model, one, toward))
-    moving = [np.hstack([rates, unseen_motion(model, one, toward, size)]) for size in UNSEEN]
+    moving = [
+        np.hstack([rates, unseen_motion(model, one, toward, size, memory)]) for size in UNSEEN for memory in (0.0, MEMORY)
+    ]
     count = rates.shape[1]
 
     def read(amplitudes: Array) -> tuple[float, Parameters]:
