@@ -18,7 +18,7 @@ The way of a recording through `diagnosis.diagnose`, file by file (steps 4 to 11
 6. `inference.search`, on `inference.evidence`: sets of effects and their posterior.
 7. `inference.attribution`: what may be named.
 8. `inference.amplitudes`: how large the named effects are.
-9. `inference.checks`, of the `inference.check_statistics`: whether the named model would give data like these.
+9. `inference.criticism`: whether the identified effects would give innovations like these.
 10. `inference.closure`, on the folds of the model: how far the gap shrinks on held-out data.
 11. `model.calibration`: G and b with the named effects in the model.
 12. `remainder_search`, where listed effects alone do not explain the data: effects in the presence of `model.remainder`, whose

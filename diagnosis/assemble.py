@@ -18,7 +18,7 @@ from diagnosis.inference.amplitudes import Fitted
 from diagnosis.inference.attribution import REMAINDER, Attribution
 from diagnosis.model import localization
 from diagnosis.model.calibration import calibrated
-from diagnosis.model.misfit import finding as misfit_finding
+from diagnosis.model.misfit import list_findings
 from diagnosis.model.prepare import Prepared
 from diagnosis.model.symptoms import SampleCause, weigh_consequences
 from diagnosis.result import Details, Diagnosis
@@ -48,7 +48,7 @@ def assembled(
     """The whole answer."""
     model = prepared.model
     gap = explained.p_value < settings.false_alarm_rate
-    table = localization.statistics(model, model.y)
+    table = localization.compute_statistics(model)
     sigma = np.sqrt(np.diag(explained.covariance)[:12])
     seen = Seen(
         recording=model.recording.title,
@@ -86,7 +86,7 @@ def _nominal_sigma(prepared: Prepared, explained: Explained) -> Array | None:
 
 def _of_attitude(explained: Explained, table: pd.DataFrame, settings: DiagnosisSettings) -> tuple[Finding, ...]:
     """Parts of the recording, and statistics of all references, that depart; the strongest first."""
-    found = [*localization.findings(table), *misfit_finding(explained.left, settings.misfit_share * settings.false_alarm_rate)]
+    found = [*localization.findings(table), *list_findings(explained.left, settings.misfit_share * settings.false_alarm_rate)]
     return tuple(sorted(found, key=lambda one: one.p_value))
 
 

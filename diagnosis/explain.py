@@ -25,8 +25,8 @@ from diagnosis.inference.attribution import (
     unseen,
     weigh_unlisted,
 )
-from diagnosis.inference.checks import Check, residual_checks, together
 from diagnosis.inference.closure import compute_closure
+from diagnosis.inference.criticism import Check, check_explanation, combine_checks
 from diagnosis.inference.null import p_value
 from diagnosis.inference.refinement import explained_finely
 from diagnosis.inference.search import NOTHING, Explanation, Search
@@ -35,9 +35,9 @@ from diagnosis.model.calibration import calibrated
 from diagnosis.model.candidates import linear_model
 from diagnosis.model.dead_zone import dead_zone_groups, shown_by_passes
 from diagnosis.model.judgement import judged_anew
-from diagnosis.model.layout import layout
+from diagnosis.model.layout import tabulate_observations
 from diagnosis.model.linear import Candidate, LinearModel, Member
-from diagnosis.model.misfit import Departure, errors_of, misfit
+from diagnosis.model.misfit import check_baseline, errors_of
 from diagnosis.model.prepare import Prepared, Progress
 from diagnosis.model.symptoms import sample_causes
 from diagnosis.remainder_search import BesideRemainder, identify_beside_remainder
@@ -80,7 +80,7 @@ class Explained:
     change: Array
     covariance: Array
     passed: float | None = None
-    left: tuple[Departure, ...] = ()
+    left: tuple[Check, ...] = ()
     unseen: tuple[Ranked, ...] = ()
     rejected: tuple[Fitted, ...] = ()
     beside: BesideRemainder | None = None
@@ -159,13 +159,14 @@ def explain(
     """What the attitude says of a recording."""
     model = prepared.model
     tell("candidates", 0.1)
-    left = misfit(model) if prepared.is_white else ()
+    left = check_baseline(model) if prepared.is_white else ()
     by_name = {effect.name: effect for effect in effects}
+    table = tabulate_observations(model)
 
     def check(found: LinearModel, members: tuple[Member, ...]) -> tuple[Check, ...]:
-        return (*residual_checks(found, members, layout(model), seed), *_left_beside(prepared, found, members, by_name))
+        return (*check_explanation(found, members, table, seed), *_left_beside(prepared, found, members, by_name))
 
-    dead, of_all = dead_zone_groups(prepared, effects), together(left) if left else None
+    dead, of_all = dead_zone_groups(prepared, effects), combine_checks(left) if left else None
     told = counted(tell, "candidates", 0.1, 0.3, 100)
     # No name for it here: the columns of a long recording are hundreds of megabytes, which are let go before the end.
     explained = judged(
@@ -188,7 +189,7 @@ def _left_beside(
         if effect is None or entry.process or not effect.has_columns or effect.stage == "clock":
             return ()
         beside.append(errors_of(prepared.model, effect, entry.axis, linear.option(member).parameters))
-    return tuple(replace(one, name=f"{one.name}, of all references") for one in misfit(prepared.model, beside))
+    return tuple(replace(one, name=f"{one.name}, of all references") for one in check_baseline(prepared.model, beside))
 
 
 def nothing_checked(linear: LinearModel, members: tuple[Member, ...]) -> tuple[Check, ...]:
@@ -240,7 +241,7 @@ def judged(
             fitted = tuple(amplitudes(linear, members))
             tell("checks", 0.74)
             checks = check(linear, members)
-            passed = together(checks) if checks else None
+            passed = combine_checks(checks) if checks else None
             if passed is not None and against(passed) < 1:
                 step = map(counted(tell, "checks", 0.75, 0.85, 5), count()).__next__
                 passed = averaged_check(weighed, partial(_checked, linear, check, step), partial(is_listed, linear))
@@ -267,7 +268,7 @@ def _checked(
 ) -> float:
     """P-value of all checks of an explanation together, told of before."""
     tell()
-    return together(check(*refined(linear, explanation.members)))
+    return combine_checks(check(*refined(linear, explanation.members)))
 
 
 def counted(tell: Progress, text: str, begin: float, stop: float, usual: int) -> Callable[[int], None]:

@@ -26,11 +26,11 @@ from diagnosis.detail_tables import details, explanation_table
 from diagnosis.detectors.report import SampleReport, SampleTest, Symptom
 from diagnosis.detectors.samples import examine
 from diagnosis.explain import Explained, explain, judged
-from diagnosis.inference.checks import Check, residual_checks
+from diagnosis.inference.criticism import Check, check_explanation
 from diagnosis.model import localization
 from diagnosis.model.calibration import calibrated
 from diagnosis.model.gyros import ArrayModel, array_model
-from diagnosis.model.layout import layout
+from diagnosis.model.layout import tabulate_observations
 from diagnosis.model.linear import LinearModel, Member
 from diagnosis.model.parity import ParityModel, parity_model
 from diagnosis.model.prepare import Prepared, prepare
@@ -250,7 +250,7 @@ def array_checks(model: ArrayModel, linear: LinearModel, members: tuple[Member, 
             linear, y=linear.y[:rows], X=linear.X[:rows], W=linear.W[:rows], projected=model.body.projected,
             dof=model.body.degrees_of_freedom,
         )  # fmt: skip
-        checks = residual_checks(own, members, layout(model.body), seed)
+        checks = check_explanation(own, members, tabulate_observations(model.body), seed)
     places, scales, shifts = linear.design(members)
     C = scales * linear.X[rows:, places]
     left = linear.y[rows:] - linear.X[rows:, shifts].sum(axis=1)
@@ -337,7 +337,7 @@ def _seen_by_attitude(
 ) -> Seen:
     """G and b are those of all gyros that were looked at: ω = T G ω_raw + b − T G c, with T of the body rates' calibration."""
     model = body.model
-    table = localization.statistics(model, model.y)
+    table = localization.compute_statistics(model)
     G = gain(gyros.K, np.arange(len(gyros.names)), tested.noise)
     T, shift = model.G + explained.change[:9].reshape(3, 3), model.bias + explained.change[9:]
     C = explained.covariance

@@ -30,13 +30,13 @@ from diagnosis.detectors.samples import examine
 from diagnosis.diagnose import nameable
 from diagnosis.explain import Explained, judged
 from diagnosis.inference.amplitudes import Fitted
-from diagnosis.inference.checks import Check, residual_checks
+from diagnosis.inference.criticism import Check, check_explanation
 from diagnosis.model import processes
 from diagnosis.model.dead_zone import dead_zone_groups, shown_by_passes
 from diagnosis.model.folds import Conditioned, conditioned
 from diagnosis.model.gate import check_residuals
 from diagnosis.model.groups import process_places
-from diagnosis.model.layout import layout
+from diagnosis.model.layout import tabulate_observations
 from diagnosis.model.linear import LinearModel, Member
 from diagnosis.model.linearise import linearised
 from diagnosis.model.localization import chi2
@@ -287,7 +287,7 @@ def _explained(
     linear = unit_model(prepared.model, unit.owner, effects, groups, settings, own_bias=own_bias)
 
     def check(found: LinearModel, members: tuple[Member, ...]) -> tuple[Check, ...]:
-        return residual_checks(found, members, layout(prepared.model), seed)
+        return check_explanation(found, members, tabulate_observations(prepared.model), seed)
 
     return judged(linear, check, settings, seed, tell, shown_by_passes(prepared.dead))
 

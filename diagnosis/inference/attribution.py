@@ -10,7 +10,7 @@ is one of these, so that a remainder may stand in its place as well, with the pr
 samples show of a process by themselves speaks against that, since the remainder would have to show it, too. In the place of an
 effect with a shape of its own a remainder had less evidence in every recording of the test world that was tried.
 
-The checks of what the explanation leaves (`diagnosis.inference.checks`) weigh both. Their p-value p is uniform under the
+The checks of what the explanation leaves (`diagnosis.inference.criticism`) weigh both. Their p-value p is uniform under the
 explanation. Where something else is at work its density is α p^(α − 1), the smaller α, the more the checks see of it. α may
 have any value from 0 to 1 (Sellke, Bayarri and Berger, The American Statistician 55, 2001), so that a p-value is worth the
 Bayes factor

@@ -13,12 +13,13 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from diagnosis.inference.check_statistics import Layout
+from diagnosis.inference.criticism import Layout
 from diagnosis.model.in_progress import steps_at
 from diagnosis.model.recording import RecordingModel
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
+Mask = NDArray[np.bool_]
 
 QUIET = 0.25  # of the scatter of the rates, that their noise may have
 HEARD = 0.1  # of the variance of the rates, from which on noise of readings times the number of innovations is too much
@@ -26,27 +27,30 @@ TINY = 1e-300
 OUTLIER = 10.0  # sigma of a reading, beyond which it is replaced by the smoothed one
 
 
-def layout(model: RecordingModel) -> Layout:
-    """Times, intervals, body axes, and what the observations may depend on."""
-    t_s, interval = model.observation_t_s, model.observation_block
-    begins = np.array([model.t_s[block.steps.start] for block in model.blocks])
-    place = steps_at(model, t_s, interval)
-    rates, change = motion(model, np.concatenate([block.last_of_each for block in model.blocks]), interval)
+def tabulate_observations(model: RecordingModel) -> Layout:
+    """Tabulate what the innovations of the observations may follow."""
+    rows = np.concatenate([block.last_of_each for block in model.blocks])
+    return _tabulate(model, rows, model.observation_block, model.observation_t_s, model.observation_attitude)
+
+
+def tabulate_references(model: RecordingModel, kept: Mask) -> Layout:
+    """Tabulate what the innovations of some references (m,) may follow."""
+    t_s = model.recording.attitudes.t_s[model.reference_rows]
+    whole = _tabulate(model, model.reference_rows, model.interval_of_reference, t_s, model.at_reference)
+    return Layout(whole.axes[kept], whole.interval[kept], whole.regressors[kept], whole.speed[kept])
+
+
+def _tabulate(model: RecordingModel, rows: Indices, block: Indices, t_s: Array, to_inertial: Array) -> Layout:
+    rates, change = measure_motion(model, rows, block)
+    place = steps_at(model, t_s, block)
     housekeeping = [values[place] for values in model.stream.housekeeping.values()]
     mission = (t_s - t_s.mean()) / max(float(np.ptp(t_s)), 1.0)
     regressors = np.column_stack([rates, np.abs(rates), change, mission, mission**2, *housekeeping])
-    return Layout(
-        axes=model.observation_attitude.transpose(0, 2, 1),
-        t_s=t_s,
-        since_s=t_s - begins[interval],
-        interval=interval,
-        regressors=regressors,
-        activity=np.linalg.norm(rates, axis=1),
-    )
+    return Layout(to_inertial.transpose(0, 2, 1), block, regressors, np.linalg.norm(rates, axis=1))
 
 
-def motion(model: RecordingModel, references: Indices, block: Indices) -> tuple[Array, Array]:
-    """Rate about each axis at some references, and its change from one to the next, without noise of their innovations.
+def measure_motion(model: RecordingModel, references: Indices, block: Indices) -> tuple[Array, Array]:
+    """Measure the rate about each axis at some references, and its change, without the noise of their innovations.
 
     Parameters
     ----------

@@ -1,9 +1,8 @@
-"""Localization: where a recording departs from M0, by χ² of the residuals in each interval, axis and phase.
+"""Localization: where a recording departs from M0, by χ² of the innovations in each interval, axis and phase.
 
-Residuals of the M0 fit have the covariance S = L (I − Q Qᵀ) Lᵀ, with L the Cholesky factor of the observations' covariance
-and Q the basis of what was fitted. For the residuals r_B of one block, r_Bᵀ S_BB⁺ r_B is χ² with rank(S_BB) degrees of
-freedom under M0, whatever else correlates with it. Holm's correction decides whether any block departs, Benjamini–Hochberg
-which ones are marked.
+The whitened observations y are innovations in the order of time, with the covariance S = I − Q Qᵀ, Q the basis of what was
+fitted. For those of one block, y_Bᵀ S_BB⁺ y_B is χ² with rank(S_BB) degrees of freedom under M0. Holm's correction decides
+whether any block departs, Benjamini–Hochberg which ones are marked.
 """
 
 from __future__ import annotations
@@ -74,37 +73,25 @@ def body_residuals(model: RecordingModel, y: Array) -> tuple[Array, Array]:
     return residual, sigma
 
 
-def statistics(model: RecordingModel, y: Array) -> pd.DataFrame:
-    """χ² of each interval, axis and phase: columns interval, axis, phase, statistic, value, dof, p_value, start_s, stop_s."""
-    kinds = phases(model)
+def compute_statistics(model: RecordingModel) -> pd.DataFrame:
+    """Compute χ² of each interval, axis and phase, a row each; `start_s` and `stop_s` are since the start of the interval."""
+    kinds, A = phases(model), model.observation_attitude.transpose(0, 2, 1)
+    e = np.matmul(A, model.y.reshape(-1, 3, 1))[:, :, 0]
+    basis = np.matmul(A, model.nuisance.reshape(*e.shape, -1))
     records = []
-    own_y, nuisance = model.unmixed(y), model.unmixed(model.nuisance)
     for number, block in enumerate(model.blocks):
-        rows = _rows(model, number)
-        m = len(rows)
-        L, Q, C = block.whitener, nuisance[block.rows], model.known_mountings[block.rows]
-        turn = np.zeros((3 * m, 3 * m))
-        for k, row in enumerate(rows):
-            turn[3 * k : 3 * k + 3, 3 * k : 3 * k + 3] = -model.observation_attitude[row].T
-        M = turn @ L
-        r = M @ own_y[block.rows]
-        S = M @ M.T + (M @ C) @ (M @ C).T - (M @ Q) @ (M @ Q).T
-        t = model.observation_t_s[rows]
-        begin = model.recording.intervals[block.interval].start_s
+        interval = model.recording.intervals[block.interval]
         for phase in PHASES:
-            chosen = np.flatnonzero(kinds[rows] == phase)
+            chosen = np.flatnonzero((model.observation_block == number) & (kinds == phase))
             if not chosen.size:
                 continue
+            start_s, stop_s = model.observation_t_s[chosen[[0, -1]]] - interval.start_s
             for axis in range(3):
-                places = 3 * chosen + axis
-                value, dof = chi2(r[places], S[np.ix_(places, places)])
-                if not dof:
-                    continue
-                p = max(float(scipy.stats.chi2.sf(value, dof)), 1e-300)
-                name = model.recording.intervals[block.interval].name
-                records.append(
-                    (name, "xyz"[axis], phase, "chi2", value, dof, p, float(t[chosen[0]] - begin), float(t[chosen[-1]] - begin))
-                )
+                own = basis[chosen, axis]
+                value, dof = chi2(e[chosen, axis], np.eye(chosen.size) - own @ own.T)
+                if dof:
+                    p = max(float(scipy.stats.chi2.sf(value, dof)), 1e-300)
+                    records.append((interval.name, "xyz"[axis], phase, "chi2", value, dof, p, float(start_s), float(stop_s)))
     columns = ["interval", "axis", "phase", "statistic", "value", "dof", "p_value", "start_s", "stop_s"]
     return pd.DataFrame.from_records(records, columns=columns)
 

@@ -123,14 +123,13 @@ EVIDENCE = [
         ],
     ),
     *of(
-        "diagnosis/inference/checks.py",
-        f"{INFERENCE}test_checks.py::test_the_number_of_checks_is_allowed_for",
-        [("the number of checks is not allowed for", "check.p_value * len(checks)", "check.p_value * 1")],
-    ),
-    *of(
-        "diagnosis/inference/check_statistics.py",
-        f"{INFERENCE}test_checks.py::test_jumps_are_no_draw_of_a_process",
-        [("steady changes are taken for jumps", "out[JUMPS] = 1 / np.maximum(changes, TINY)", "out[JUMPS] = changes")],
+        "diagnosis/inference/criticism.py",
+        f"{INFERENCE}test_criticism.py",
+        [
+            ("the number of checks is not allowed for", "check.p_value * len(checks)", "check.p_value * 1"),
+            ("steady changes are taken for jumps", "score = -np.log(", "score = np.log("),
+            ("lagged products have the mean zero", "found.e[:-lag][same] - mean", "found.e[:-lag][same]"),
+        ],
     ),
     *of(
         "diagnosis/model/layout.py",

@@ -5,10 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from diagnosis.inference.checks import residual_checks
+from diagnosis.inference.criticism import check_explanation
 from diagnosis.model.candidates import linear_model
 from diagnosis.model.in_progress import steps_at
-from diagnosis.model.layout import layout
+from diagnosis.model.layout import tabulate_observations
 from diagnosis.model.prepare import prepare
 from simulator.effects import EFFECTS
 from tests.diagnosis.recordings import of_rates, prepared, slews_between_references
@@ -31,7 +31,7 @@ def test_the_rate_at_an_observation_holds_no_reading_from_before_it():
     gyro, at = model.recording.gyro, model.observation_t_s.size // 2
     early = gyro.t_s < model.observation_t_s[at]
     noisy = gyro.rates + 1e-6 * np.random.default_rng(0).standard_normal(gyro.rates.shape) * early[:, None]
-    change = layout(with_readings(model, noisy)).regressors - layout(model).regressors
+    change = tabulate_observations(with_readings(model, noisy)).regressors - tabulate_observations(model).regressors
     np.testing.assert_allclose(change[at:-1, :9], 0, atol=1e-15)  # after the last one there are no readings
 
 
@@ -40,7 +40,7 @@ def test_where_noise_is_not_heard_a_change_is_that_since_the_observation_before(
     model = prepared(1).model
     rates = model.rates[steps_at(model, model.observation_t_s, model.observation_block)]
     later = np.flatnonzero(np.diff(model.observation_block) == 0)
-    change = layout(model).regressors[later + 1, CHANGE]
+    change = tabulate_observations(model).regressors[later + 1, CHANGE]
     for axis in (0, 1):
         assert np.corrcoef(rates[later + 1, axis] - rates[later, axis], change[:, axis])[0, 1] > 0.999
 
@@ -49,5 +49,5 @@ def test_where_noise_is_not_heard_a_change_is_that_since_the_observation_before(
 def test_noise_that_is_read_as_a_rate_is_no_dependence_on_it(seed):
     model = prepare(resting(seed)).model
     linear = linear_model(model, [EFFECTS["bias_drift"]], rivals=False)
-    found = {one.name: one for one in residual_checks(linear, (), layout(model))}
+    found = {one.name: one for one in check_explanation(linear, (), tabulate_observations(model))}
     assert found["dependence on what is known"].p_value > 1e-3

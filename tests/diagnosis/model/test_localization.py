@@ -8,7 +8,7 @@ import scipy.stats
 from scipy.spatial.transform import Rotation
 
 from diagnosis.model import linearise
-from diagnosis.model.localization import benjamini_hochberg, body_residuals, findings, holm, phases, statistics
+from diagnosis.model.localization import benjamini_hochberg, body_residuals, compute_statistics, findings, holm, phases
 from diagnosis.model.prepare import prepare
 from tests.diagnosis.recordings import prepared, recorded
 
@@ -17,13 +17,13 @@ def test_statistics_of_m0_have_uniform_p_values():
     p = []
     for seed in (31, 32, 33):
         model = prepared(seed).model
-        p += statistics(model, model.y)["p_value"].tolist()
+        p += compute_statistics(model)["p_value"].tolist()
     assert len(p) > 100
     assert scipy.stats.kstest(p, "uniform").pvalue > 1e-3
 
 
 def test_findings_of_m0_are_rare():
-    found = [findings(statistics(prepared(seed).model, prepared(seed).model.y)) for seed in range(31, 37)]
+    found = [findings(compute_statistics(prepared(seed).model)) for seed in range(31, 37)]
     assert sum(map(len, found)) <= 1
 
 
@@ -43,7 +43,7 @@ def turned():
 def test_where_points_at_the_interval_and_axis(turned):
     recording, _ = turned
     model = prepare(recording).model
-    found = findings(statistics(model, model.y))
+    found = findings(compute_statistics(model))
     assert (found[0].interval, found[0].axis) == (recording.intervals[2].name, "y")
     assert found[0].signal == "attitude"
     assert 0 <= found[0].window_s[0] < found[0].window_s[1] <= recording.intervals[2].stop_s - recording.intervals[2].start_s

@@ -1,0 +1,232 @@
+"""Criticise an explanation: score tests of its innovations, which are white noise if it is true.
+
+Under an explanation with the scaled columns C = [s_e X_e …] the observations are y ~ N(0, I − Q Qᵀ + C Cᵀ), with Q an
+orthonormal basis of the nuisance parameters. With L the Cholesky factor of I + C Cᵀ, the innovations e = L⁻¹ y in the order of
+time are N(0, I − U Uᵀ), U = L⁻¹ Q, which is orthonormal since C has no part along Q. The innovations of all references under M0
+(`diagnosis.model.misfit`) have the same distribution. Both series have the same tests, whose p-values need no draws:
+
+* size: |e|² is χ²;
+* regressors: the components of e along the projected regressors are N(0, I);
+* correlation in time: products at some lags, less their mean −U Uᵀ, over their own scatter (the score test of an
+  autoregression; Godfrey, Econometrica 46, 1978);
+* scatter: whether e² follows the intervals and the rate (Breusch and Pagan, Econometrica 47, 1979). |e|^⅔ stands for e², since
+  its sums are nearly normal (Wilson and Hilferty, PNAS 17, 1931);
+* shape: kurtosis (Anscombe and Glynn, Biometrika 70, 1983).
+
+A random process can absorb a bump or a jump completely although it would hardly ever generate one. Its contribution
+C Cᵀ (I + C Cᵀ)⁻¹ y, as the data estimate it, therefore has to change from one observation to the next as in draws of the
+explanation (Gelman et al., Bayesian Data Analysis, section 6.3).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.linalg
+import scipy.special
+import scipy.stats
+from numpy.typing import NDArray
+
+from diagnosis.model.linear import LinearModel, Member
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.intp]
+
+TINY = 1e-300  # least p-value
+POWER = 2 / 3  # of |e| in the test of the scatter
+MEAN = 2 ** (POWER / 2) * scipy.special.gamma((POWER + 1) / 2) / np.sqrt(np.pi)  # of |z|^POWER, z normal
+VARIANCE = 2**POWER * scipy.special.gamma(POWER + 0.5) / np.sqrt(np.pi) - MEAN**2
+
+
+@dataclass(frozen=True)
+class CriticismSettings:
+    """Settings of the tests.
+
+    Attributes
+    ----------
+    fewest : degrees of freedom below which the approximate p-values do not hold and nothing is tested
+    lags : of the correlation in time
+    shown : share of its variance that an innovation keeps beside the nuisance parameters, from which on its size counts; that
+        of a regressor is the same
+    draws : of a random process
+    """
+
+    fewest: int = 30
+    lags: int = 6
+    shown: float = 0.1
+    draws: int = 500
+
+
+DEFAULT = CriticismSettings()
+
+
+@dataclass(frozen=True)
+class Check:
+    """One test: its name, the statistic, the mean of this under the explanation, and the p-value."""
+
+    name: str
+    value: float
+    expected: float
+    p_value: float
+
+
+@dataclass(frozen=True)
+class Layout:
+    """What each observation of a linear model stands for.
+
+    Attributes
+    ----------
+    axes : (r, 3, 3) rotation of its three rows to body axes
+    interval : (r,) number of its interval
+    regressors : (r, q) what the innovations may follow, such as rates, accelerations and temperatures
+    speed : (r,) size of the rate, rad/s
+    """
+
+    axes: Array
+    interval: Indices
+    regressors: Array
+    speed: Array
+
+
+@dataclass(frozen=True)
+class Innovations:
+    """Innovations (r, 3) along the body axes, and (r, 3, q) the orthonormal basis of the directions that they lack."""
+
+    e: Array
+    basis: Array
+
+    @property
+    def dof(self) -> int:
+        """Degrees of freedom."""
+        return self.e.size - self.basis.shape[2]
+
+    @property
+    def kept(self) -> Array:
+        """(r, 3) variance of each."""
+        return np.asarray(1 - np.sum(self.basis**2, axis=2))
+
+
+def check_explanation(model: LinearModel, members: Sequence[Member], layout: Layout, seed: int = 0) -> tuple[Check, ...]:
+    """Test the innovations of an explanation, and its random processes; no tests where there is too little data.
+
+    Parameters
+    ----------
+    model : the data and the candidates
+    members : the explanation
+    layout : of the observations
+    seed : of the draws
+    """
+    if model.dof < DEFAULT.fewest:
+        return ()
+    places, scales, shifts = model.design(members)
+    C, shift = scales * model.X[:, places], model.X[:, shifts].sum(axis=1)
+    L = np.asarray(np.linalg.cholesky(np.eye(model.y.size) + C @ C.T), dtype=float)
+    rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=tuple(b"residual_checks")))
+    y = (model.y - shift)[:, None]
+    white = _solve(L, np.hstack([y, _build_nuisance(model, rng)]))
+    body = np.matmul(layout.axes, white.reshape(len(layout.axes), 3, -1))
+    found = list(check_innovations(Innovations(body[:, :, 0], body[:, :, 1:]), layout))
+    processes = [member for member in members if model.candidate(member).process]
+    if processes:
+        noise = model.projected(rng.standard_normal((model.y.size, DEFAULT.draws)))
+        drawn = _solve(L, np.hstack([y, noise + C @ rng.standard_normal((C.shape[1], DEFAULT.draws))]))
+        found += [_check_changes(model, member, _solve(L, drawn, trans="T"), layout) for member in processes]
+    return tuple(found)
+
+
+def combine_checks(checks: Sequence[Check]) -> float:
+    """Combine the p-values of all checks, with an allowance for their number; one without checks."""
+    return min([1.0, *(check.p_value * len(checks) for check in checks)])
+
+
+def check_innovations(found: Innovations, layout: Layout) -> Iterator[Check]:
+    """Test whether innovations are white noise of variance one."""
+    size = float(np.sum(found.e**2))
+    yield _build_check(
+        "size", size, found.dof, 2 * min(scipy.stats.chi2.sf(size, found.dof), scipy.stats.chi2.cdf(size, found.dof))
+    )
+    yield _test_regressors(found, layout.regressors)
+    yield _test_correlation(found, layout.interval)
+    seen = found.kept > DEFAULT.shown
+    standard = found.e / np.sqrt(np.where(seen, found.kept, 1.0))
+    yield _test_scatter(np.where(seen, (np.abs(standard) ** POWER - MEAN) / np.sqrt(VARIANCE), 0.0), layout)
+    kurtosis = scipy.stats.kurtosistest(standard[seen])
+    yield _build_check("shape", float(scipy.stats.kurtosis(standard[seen], fisher=False)), 3.0, kurtosis.pvalue)
+
+
+def _build_check(name: str, value: float, expected: float, p_value: float) -> Check:
+    return Check(name, value, float(expected), float(np.clip(p_value, TINY, 1.0)))
+
+
+def _test_regressors(found: Innovations, regressors: Array) -> Check:
+    """Test the components of the innovations along regressors (r, k) about each axis."""
+    basis = found.basis.reshape(found.e.size, -1)
+    X = np.kron(_orthonormalise(regressors), np.eye(3))
+    U, s, _ = np.linalg.svd(X - basis @ (basis.T @ X), full_matrices=False)
+    along = U[:, s**2 > DEFAULT.shown].T @ found.e.ravel()
+    value = float(along @ along)
+    return _build_check("dependence on what is known", value, along.size, scipy.stats.chi2.sf(value, max(along.size, 1)))
+
+
+def _test_correlation(found: Innovations, interval: Indices) -> Check:
+    """Test the products of innovations at some lags about each axis."""
+    value, count = 0.0, 0
+    for lag in range(1, DEFAULT.lags + 1):
+        same = interval[lag:] == interval[:-lag]
+        mean = -np.einsum("raq,raq->ra", found.basis[lag:][same], found.basis[:-lag][same])
+        products = found.e[lag:][same] * found.e[:-lag][same] - mean
+        if len(products) >= DEFAULT.fewest:
+            value += float(np.sum(products.sum(axis=0) ** 2 / np.sum(products**2, axis=0)))
+            count += 3
+    return _build_check("correlation in time", value, count, scipy.stats.chi2.sf(value, count) if count else 1.0)
+
+
+def _test_scatter(sizes: Array, layout: Layout) -> Check:
+    """Test whether normalised sizes (r, 3) follow the intervals and the rate."""
+    own = (layout.interval[:, None] == np.unique(layout.interval)).astype(float)
+    W = _orthonormalise(np.column_stack([own, layout.speed]))
+    value, count = float(np.sum((W.T @ sizes) ** 2)), 3 * W.shape[1]
+    return _build_check("scatter over intervals and rates", value, count, scipy.stats.chi2.sf(value, max(count, 1)))
+
+
+def _orthonormalise(regressors: Array) -> Array:
+    """Build an orthonormal basis (r, ≤ k) of regressors (r, k) less their means."""
+    centred = regressors - regressors.mean(axis=0)
+    size = np.linalg.norm(centred, axis=0)
+    return np.asarray(scipy.linalg.orth(centred[:, size > 0] / size[size > 0], rcond=1e-6))
+
+
+def _build_nuisance(model: LinearModel, rng: np.random.Generator) -> Array:
+    """Build an orthonormal basis (N, q) of the columns that the model projects out."""
+    trial = rng.standard_normal((model.y.size, model.y.size - model.dof))
+    return np.asarray(np.linalg.qr(trial - model.projected(trial))[0])
+
+
+def _check_changes(model: LinearModel, member: Member, weighed: Array, layout: Layout) -> Check:
+    """Test the changes of a random process from one observation to the next, by Geary's ratio (Biometrika 27, 1935).
+
+    The ratio of mean size and RMS is small where few changes are large. Each row is in units of its scatter in the draws.
+
+    Parameters
+    ----------
+    model, member : the process
+    weighed : (N, d) S⁻¹ y of the data and of draws
+    layout : of the observations
+    """
+    places, scales, _ = model.design((member,))
+    C = scales * model.X[:, places]
+    mean = C @ (C.T @ weighed)
+    z = mean / np.maximum(mean[:, 1:].std(axis=1, keepdims=True), TINY)
+    body = np.matmul(layout.axes, z.reshape(len(layout.axes), 3, -1))
+    size = np.linalg.norm(np.diff(body, axis=0)[np.diff(layout.interval) == 0], axis=1)
+    ratio = size.mean(axis=0) / np.maximum(np.sqrt((size**2).mean(axis=0)), TINY)
+    score = -np.log(np.maximum(ratio, TINY))
+    usual, spread = float(score[1:].mean()), max(float(score[1:].std()), TINY)
+    p = float(scipy.stats.norm.sf((score[0] - usual) / spread))
+    return _build_check(f"jumps, of {model.candidate(member).label} itself", float(ratio[0]), float(ratio[1:].mean()), p)
+
+
+def _solve(L: Array, values: Array, trans: str = "N") -> Array:
+    return np.asarray(scipy.linalg.solve_triangular(L, values, lower=True, trans=trans, check_finite=False))

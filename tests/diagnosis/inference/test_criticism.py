@@ -1,0 +1,227 @@
+"""Checks of what a named explanation leaves: they pass data of the named model, and see what is beside it."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import scipy.stats
+
+from diagnosis.inference import criticism
+from diagnosis.inference.criticism import Check, Innovations, Layout, check_explanation, check_innovations, combine_checks
+from diagnosis.model.linear import Member
+from tests.diagnosis.linear_models import linear_model
+
+INTERVALS, EACH = 4, 30
+ROWS = INTERVALS * EACH
+SINCE_S = np.tile(60.0 * np.arange(EACH), INTERVALS)
+T_S = SINCE_S + 8000.0 * np.repeat(np.arange(INTERVALS), EACH)
+MEMBERS = (Member(0, 0, 6), Member(1, 0, 2))
+
+
+@pytest.fixture(scope="module")
+def layout():
+    rng = np.random.default_rng(1)
+    interval = np.repeat(np.arange(INTERVALS), EACH)
+    rates = rng.standard_normal((ROWS, 3))
+    axes = np.linalg.qr(rng.standard_normal((ROWS, 3, 3)))[0]
+    regressors = np.column_stack([rates, np.abs(rates), T_S / T_S.max()])
+    return Layout(axes, interval, regressors, np.linalg.norm(rates, axis=1))
+
+
+@pytest.fixture(scope="module")
+def model():
+    """A drift and a random process that are named, and nuisance parameters."""
+    rng = np.random.default_rng(2)
+    drift = np.repeat(np.linspace(-1, 1, ROWS), 3)[:, None]
+    wander = np.cumsum(rng.standard_normal((3 * ROWS, 20)), axis=0) / 30
+    return linear_model([drift, wander], np.zeros(3 * ROWS), rng.standard_normal((3 * ROWS, 12)))
+
+
+def _smooth(layout):
+    """(r, r) covariance that is correlated over some observations."""
+    apart = np.abs(T_S[:, None] - T_S)
+    return np.exp(-0.5 * (apart / 150.0) ** 2) + 1e-9 * np.eye(ROWS)
+
+
+@pytest.fixture(scope="module")
+def process(model, layout):
+    """The same, the second of which is a random process about a body axis, correlated over some observations."""
+    factor = np.linalg.cholesky(_smooth(layout))
+    columns = np.einsum("rb,rk->rbk", layout.axes[:, 0, :], factor).reshape(3 * ROWS, ROWS)
+    rng = np.random.default_rng(12)
+    drift = np.repeat(np.linspace(-1, 1, ROWS), 3)[:, None]
+    made = linear_model([drift, columns], np.zeros(3 * ROWS), rng.standard_normal((3 * ROWS, 12)))
+    first, second = made.candidates
+    return replace(made, candidates=(first, replace(second, process=True)))
+
+
+def drawn(model, rng, count):
+    """Observations of the named model, (N, count)."""
+    C = np.hstack([model.scale(m) * model.X[:, model.option(m).columns] for m in MEMBERS])
+    return model.projected(rng.standard_normal((model.y.size, count))) + C @ rng.standard_normal((C.shape[1], count))
+
+
+def checked(model, layout, y):
+    return {one.name: one for one in check_explanation(replace(model, y=y), MEMBERS, layout)}
+
+
+def along_body(layout, values):
+    """Observations (3 r,) of values (r, 3) along the body axes."""
+    return np.einsum("rba,rb->ra", layout.axes, values).ravel()
+
+
+LEVELS = (0.05, 0.01, 1e-3)
+DATA = 4000
+
+
+@pytest.fixture(scope="module")
+def p_values(model, layout):
+    """P-values of all tests (DATA, tests), of data of the named model."""
+    y = drawn(model, np.random.default_rng(4), DATA)
+    C = np.hstack([model.scale(m) * model.X[:, model.option(m).columns] for m in MEMBERS])
+    L = np.linalg.cholesky(np.eye(model.y.size) + C @ C.T)
+    nuisance = criticism._build_nuisance(model, np.random.default_rng(0))
+    white = np.linalg.solve(L, np.hstack([y, nuisance])).reshape(ROWS, 3, -1)
+    body = np.matmul(layout.axes, white)
+    return np.array(
+        [[one.p_value for one in check_innovations(Innovations(body[:, :, k], body[:, :, DATA:]), layout)] for k in range(DATA)]
+    )
+
+
+def test_the_nuisance_parameters_leave_orthonormal_directions(model, layout):
+    nuisance = criticism._build_nuisance(model, np.random.default_rng(0))
+    np.testing.assert_allclose(nuisance.T @ nuisance, np.eye(12), atol=1e-12)
+    np.testing.assert_allclose(model.projected(nuisance), 0, atol=1e-12)
+
+
+@pytest.mark.parametrize("level", LEVELS)
+def test_data_of_the_named_model_are_rejected_at_the_stated_rate(p_values, level):
+    """Each test, and all of them with the allowance for their number."""
+    error = 4 * np.sqrt(level / DATA)
+    assert (np.mean(p_values < level, axis=0) < 1.2 * level + error).all()
+    together = np.mean(p_values.min(axis=1) * p_values.shape[1] < level)
+    assert 0.4 * level - error < together < level + error
+
+
+@pytest.mark.parametrize("level", [0.05, 0.01])
+def test_draws_of_a_process_are_rejected_at_the_stated_rate(process, layout, level):
+    """The changes of a process, by as many data as draws."""
+    C = np.hstack([process.scale(m) * process.X[:, process.option(m).columns] for m in MEMBERS])
+    S = np.eye(process.y.size) + C @ C.T
+    y = np.linalg.solve(S, drawn(process, np.random.default_rng(14), 2000))
+    own = [criticism._check_changes(process, MEMBERS[1], np.roll(y, k, axis=1), layout).p_value for k in range(300)]
+    assert np.mean(np.array(own) < level) < level + 4 * np.sqrt(level / 300)
+
+
+def test_a_bump_is_no_draw_of_a_process(process, layout):
+    """One bump of an interval, which a slow process takes up whole, so that the innovations show nothing."""
+    rng = np.random.default_rng(15)
+    y = process.projected(rng.standard_normal((process.y.size, 1)))[:, 0]
+    values = np.zeros((ROWS, 3))
+    values[:, 0] = np.exp(-0.5 * ((T_S - 8900.0) / 200.0) ** 2)
+    bump = process.projected((40 * along_body(layout, values))[:, None])[:, 0]
+    found = {one.name: one.p_value for one in check_explanation(replace(process, y=y + bump), MEMBERS, layout)}
+    own = [p for name, p in found.items() if name.endswith("itself")]
+    assert min(own) < 1e-4
+    draw = drawn(process, rng, 1)[:, 0]
+    usual = {one.name: one.p_value for one in check_explanation(replace(process, y=draw), MEMBERS, layout)}
+    assert min(p for name, p in usual.items() if name.endswith("itself")) > 1e-3
+
+
+def swallowed(process, layout, course, size=40.0, seed=15):
+    """P-values of the checks of a process itself, which has taken up some course (r,) about its axis."""
+    rng = np.random.default_rng(seed)
+    values = np.zeros((ROWS, 3))
+    values[:, 0] = course
+    y = process.projected(np.column_stack([rng.standard_normal(process.y.size), size * along_body(layout, values)])).sum(axis=1)
+    found = check_explanation(replace(process, y=y), MEMBERS, layout)
+    return {one.name.split(",")[0]: one.p_value for one in found if one.name.endswith("itself")}
+
+
+def switching(layout, switches):
+    """(r,) one of two values, in each interval changed at random observations."""
+    rng = np.random.default_rng(16)
+    sign = np.ones(ROWS)
+    for at in rng.choice(ROWS, switches, replace=False):
+        sign[at:] *= -1
+    return sign
+
+
+def test_jumps_are_no_draw_of_a_process(process, layout):
+    """Steps up and down, two in a hundred and twenty observations, unlike the steady changes of a process."""
+    steps = np.zeros(ROWS)
+    steps[[47, 101]] = [-1.0, 1.0]
+    found = swallowed(process, layout, np.cumsum(steps))
+    assert found["jumps"] < 1e-3
+    assert swallowed(process, layout, np.zeros(ROWS))["jumps"] > 0.01
+
+
+def test_whole_checks_of_the_named_model_seldom_reject(model, layout):
+    y = drawn(model, np.random.default_rng(5), 25)
+    count = sum(combine_checks(check_explanation(replace(model, y=y[:, k]), MEMBERS, layout, seed=k)) < 0.2 for k in range(25))
+    assert scipy.stats.binom.sf(count - 1, 25, 0.2) > 1e-4
+
+
+def beside(layout, kind):
+    """Something of two sigma or so beside the named effects, (3 r,)."""
+    values = np.zeros((ROWS, 3))
+    if kind == "step":
+        values[:, 2] = 3.0 * (T_S > 10_000)
+    elif kind == "rate":
+        values[:, 1] = 1.2 * layout.regressors[:, 0]
+    return along_body(layout, values)
+
+
+@pytest.mark.parametrize(
+    ("kind", "name"),
+    [
+        ("step", "correlation in time"),
+        ("rate", "dependence on what is known"),
+    ],
+)
+def test_what_is_beside_the_named_effects_is_seen_for_what_it_is(model, layout, kind, name):
+    y = drawn(model, np.random.default_rng(6), 1)[:, 0]
+    assert combine_checks(list(checked(model, layout, y).values())) > 1e-3
+    found = checked(model, layout, y + model.projected(beside(layout, kind)))
+    assert combine_checks(list(found.values())) < 1e-5
+    assert found[name].p_value < 1e-6
+    assert found[name].value > found[name].expected
+
+
+@pytest.mark.parametrize(
+    ("scatter", "name"),
+    [
+        (lambda layout: np.full(ROWS, 1.4), "size"),
+        (lambda layout: np.full(ROWS, 0.7), "size"),
+        (lambda layout: np.where(layout.interval == 2, 1.8, 1.0), "scatter over intervals and rates"),
+        (lambda layout: np.where(layout.speed > np.quantile(layout.speed, 0.8), 2.2, 1.0), "scatter over intervals and rates"),
+    ],
+)
+def test_noise_other_than_stated_is_seen(model, layout, scatter, name):
+    """More or less of it everywhere, in one interval, or at fast rates."""
+    rng = np.random.default_rng(7)
+    y = drawn(model, rng, 1)[:, 0]
+    C = np.hstack([model.scale(m) * model.X[:, model.option(m).columns] for m in MEMBERS])
+    L = np.linalg.cholesky(np.eye(y.size) + C @ C.T)
+    innovations = np.linalg.solve(L, y) * np.repeat(scatter(layout), 3)
+    found = checked(model, layout, model.projected(L @ innovations))
+    assert found[name].p_value < 1e-4
+
+
+def test_single_large_residuals_are_seen_by_the_shape(model, layout):
+    y = drawn(model, np.random.default_rng(8), 1)[:, 0]
+    odd = np.zeros(3 * ROWS)
+    odd[[40, 200]] = 9.0
+    found = checked(model, layout, y + model.projected(odd))
+    assert found["shape"].p_value < 1e-6
+
+
+def test_too_little_is_not_checked(model, layout):
+    assert check_explanation(replace(model, dof=29), MEMBERS, layout) == ()
+    assert combine_checks(()) == 1.0
+
+
+def test_the_number_of_checks_is_allowed_for():
+    made = [Check(str(number), 0.0, 0.0, 0.5) for number in range(8)]
+    assert combine_checks([*made, Check("odd", 0.0, 0.0, 1e-5)]) == pytest.approx(9e-5)
+    assert combine_checks(made) == 1.0
