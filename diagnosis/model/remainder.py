@@ -19,7 +19,7 @@ and the φ and θ of the largest likelihood are the sizes of the remainder.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
 
@@ -30,18 +30,36 @@ from numpy.typing import NDArray
 
 from diagnosis.answer import Regressor, RemainderSummary
 from diagnosis.model.folds import shared_columns
-from diagnosis.model.recording import Block, RecordingModel
+from diagnosis.model.recording import RecordingModel
 
 Array = NDArray[np.float64]
+Indices = NDArray[np.intp]
 
 AXES = "xyz"
-GYRO_TIMES = (0.05, 1.0)  # correlation times of rate errors, in lengths of the median interval
-REFERENCE_TIMES = (0.02, 0.2)  # the same of errors of the references
-START = 0.05  # share of the excess power that each process has where the optimisation starts
-LEAST = 1e-6  # share of the power below which a process has the size zero
-PRECISION = 1e-5  # relative change of −log L at which the optimisation ends
-ITERATIONS = 60
 
+
+@dataclass(frozen=True)
+class RemainderSettings:
+    """Settings of the remainder.
+
+    Attributes
+    ----------
+    gyro_times, reference_times : correlation times of the processes, in lengths of the median interval
+    start : share of the excess power that each process has where the optimisation starts
+    least : share of the power below which a process has the size zero
+    precision : relative change of −log L at which the optimisation ends
+    iterations : of the optimisation, at most
+    """
+
+    gyro_times: tuple[float, ...] = (0.05, 1.0)
+    reference_times: tuple[float, ...] = (0.02, 0.2)
+    start: float = 0.05
+    least: float = 1e-6
+    precision: float = 1e-5
+    iterations: int = 60
+
+
+SETTINGS = RemainderSettings()
 Side = Literal["gyro", "reference", "time tags"]
 
 
@@ -54,15 +72,14 @@ class Process:
     side : where it acts
     axis : body axis; None for all of them together
     time_scale_s : correlation time
-    blocks : of each interval (n, n) whitened covariance of its observations at unit variance
-    unit : of the square root of its variance: rad/s, rad, s, or none for errors in proportion to the rate
+    blocks : of each interval (n, n) whitened covariance of its observations at unit variance, in (rad/s)², rad², s², or 1 for
+        errors in proportion to the rate
     """
 
     side: Side
     axis: str | None
     time_scale_s: float
     blocks: tuple[Array, ...]
-    unit: str
 
 
 @dataclass(frozen=True)
@@ -85,80 +102,37 @@ class Remainder:
 
 def build_processes(model: RecordingModel) -> tuple[Process, ...]:
     """Build the processes that a remainder may consist of."""
-    return tuple(_build_processes(model))
-
-
-def _build_processes(model: RecordingModel) -> Iterator[Process]:
     length = float(np.median([block.elapsed_s[-1] for block in model.blocks]))
-    turned = [_cell_columns(model, number) for number in range(len(model.blocks))]
-    for share in GYRO_TIMES:
-        tau = share * length
-        for axis in range(3):
-            yield Process("gyro", AXES[axis], tau, _blocks(model, [_of_rates(own, axis, tau) for own in turned]), "rad/s")
-    tau = GYRO_TIMES[-1] * length
-    follow = [np.sum([_of_rates(own, axis, tau, w) for axis in range(3) for w in own.rates.T], axis=0) for own in turned]
-    yield Process("gyro", None, tau, _blocks(model, follow), "")
-    at = [_references(model, number) for number in range(len(model.blocks))]
-    for share in REFERENCE_TIMES:
-        tau = share * length
-        for axis in range(3):
-            errors = [_of_errors(t, A[:, :, axis], tau) for t, A, _ in at]
-            yield Process("reference", AXES[axis], tau, _blocks(model, errors), "rad")
-        yield Process("time tags", None, tau, _blocks(model, [_of_errors(t, w, tau) for t, _, w in at]), "s")
+    cells = model.cells
+    steps = [block.steps.start + np.minimum(block.ends, block.steps.stop - block.steps.start - 1) for block in model.blocks]
+    body_rates = model.rates[np.concatenate(steps)][model.reference_rows_of_observations]
+    cell_rates = np.add.reduceat(model.rates * model.dt[:, None], cells.first, axis=0) / cells.duration_s[:, None]
+    gyro = np.stack([model.unmixed(one) for one in model.cell_columns])
+    reference = np.stack([model.unmixed(one) for one in model.reference_columns])
+    late = np.einsum("anr,ra->nr", reference, body_rates)
+    out = []
+    for tau in np.array(SETTINGS.gyro_times) * length:
+        for axis, columns in zip(AXES, gyro, strict=True):
+            out.append(Process("gyro", axis, tau, _correlate(model, [columns], cells.t_s, cells.interval, tau)))
+    follow = [columns * w for columns in gyro for w in cell_rates.T]
+    out.append(Process("gyro", None, tau, _correlate(model, follow, cells.t_s, cells.interval, tau)))
+    at = (model.observation_t_s, model.observation_block)
+    for tau in np.array(SETTINGS.reference_times) * length:
+        for axis, columns in zip(AXES, reference, strict=True):
+            out.append(Process("reference", axis, tau, _correlate(model, [columns], *at, tau)))
+        out.append(Process("time tags", None, tau, _correlate(model, [late], *at, tau)))
+    return tuple(out)
 
 
-@dataclass(frozen=True)
-class _Cells:
-    """Cells of one interval: (3r, 3, c) observations of unit rate errors by body axis, (c,) times, (c, 3) rates."""
-
-    columns: Array
-    t_s: Array
-    rates: Array
-
-
-def _cell_columns(model: RecordingModel, number: int) -> _Cells:
-    cells, block = model.cells, model.blocks[number]
-    own = np.flatnonzero(cells.interval == number)
-    turned = np.add.reduceat(model.to_inertial * model.dt[:, None, None], cells.first, axis=0)[own]  # (c, inertial, body)
-    passed = model.passed[block.rows.start // 3 : block.rows.stop // 3][:, own]
-    columns = np.einsum("rc,cib->ribc", passed, turned).reshape(3 * len(passed), 3, own.size)
-    w = np.add.reduceat(model.rates * model.dt[:, None], cells.first, axis=0)[own] / cells.duration_s[own, None]
-    return _Cells(columns, cells.t_s[own], w)
-
-
-def _of_rates(cells: _Cells, axis: int, tau: float, weight: Array | None = None) -> Array:
-    columns = cells.columns[:, axis] if weight is None else cells.columns[:, axis] * weight
-    return np.asarray(columns @ _correlation(cells.t_s, tau) @ columns.T)
-
-
-def _references(model: RecordingModel, number: int) -> tuple[Array, Array, Array]:
-    """(r,) times of the observations of an interval, (r, 3, 3) Aᵀ, (r, 3) rates in inertial axes."""
-    mine = model.observation_block == number
-    t_s, A_T = model.observation_t_s[mine], model.observation_attitude[mine]
-    block = model.blocks[number]
-    steps = np.clip(block.ends[block.groups + block.counts // 2], 0, block.steps.stop - block.steps.start - 1)
-    w = model.rates[block.steps][steps]
-    return t_s, A_T, np.einsum("rij,rj->ri", A_T, w)
-
-
-def _of_errors(t_s: Array, direction: Array, tau: float) -> Array:
-    """(3r, 3r) covariance of errors along given directions (r, 3) with the correlation time tau."""
-    K = _correlation(t_s, tau)
-    return np.asarray(np.einsum("ri,rs,sj->risj", direction, K, direction).reshape(3 * t_s.size, 3 * t_s.size))
-
-
-def _correlation(t_s: Array, tau: float) -> Array:
-    return np.asarray(np.exp(-np.abs(np.subtract.outer(t_s, t_s)) / tau))
-
-
-def _blocks(model: RecordingModel, covariances: Sequence[Array]) -> tuple[Array, ...]:
-    """Whiten the covariances of all intervals by the stated noise."""
-    return tuple(_whitened(block, K) for block, K in zip(model.blocks, covariances, strict=True))
-
-
-def _whitened(block: Block, K: Array) -> Array:
-    half = scipy.linalg.solve_triangular(block.whitener, K, lower=True, check_finite=False)
-    return np.asarray(scipy.linalg.solve_triangular(block.whitener, half.T, lower=True, check_finite=False))
+def _correlate(model: RecordingModel, columns: Sequence[Array], t_s: Array, owner: Indices, tau: float) -> tuple[Array, ...]:
+    """Compute the whitened covariance (n, n) of each interval of errors at times (c,) that add columns (N, c) each."""
+    blocks = []
+    for number, block in enumerate(model.blocks):
+        own = owner == number
+        K = np.exp(-np.abs(np.subtract.outer(t_s[own], t_s[own])) / tau)
+        parts = [one[block.rows][:, own] for one in columns]
+        blocks.append(np.sum([part @ K @ part.T for part in parts], axis=0))
+    return tuple(blocks)
 
 
 def estimate_remainder(
@@ -193,28 +167,25 @@ def estimate_remainder(
 
     if start is None:
         excess = max(1.0 - dof / max(power, dof), 0.05)
-        x = np.concatenate([[0.3 * high], np.log(START * excess * unit)])
+        x = np.concatenate([[0.3 * high], np.log(SETTINGS.start * excess * unit)])
     else:
-        x = np.concatenate([[np.log(start.noise)], np.log(np.maximum(start.variances, 100 * LEAST * unit))])
+        x = np.concatenate([[np.log(start.noise)], np.log(np.maximum(start.variances, 100 * SETTINGS.least * unit))])
     most = 10 * unit
     if largest is not None:
-        x[0], high, most = 0.0, 0.0, np.maximum(np.minimum(most, largest), 2 * LEAST * unit)
+        x[0], high, most = 0.0, 0.0, np.maximum(np.minimum(most, largest), 2 * SETTINGS.least * unit)
         x[1:] = np.minimum(x[1:], np.log(most))
-    bounds = [(0.0, high + 1e-9), *((np.log(LEAST * one), np.log(top)) for one, top in zip(unit, most, strict=True))]
+    bounds = [(0.0, high + 1e-9), *((np.log(SETTINGS.least * one), np.log(top)) for one, top in zip(unit, most, strict=True))]
     found = scipy.optimize.minimize(
-        objective, x, jac=True, method="L-BFGS-B", bounds=bounds, options={"maxiter": ITERATIONS, "ftol": PRECISION}
+        objective,
+        x,
+        jac=True,
+        method="L-BFGS-B",
+        bounds=bounds,
+        options={"maxiter": SETTINGS.iterations, "ftol": SETTINGS.precision},
     )
     theta = np.exp(found.x[1:])
-    theta = np.where(theta > 2 * LEAST * unit, theta, 0.0)
+    theta = np.where(theta > 2 * SETTINGS.least * unit, theta, 0.0)
     return Remainder(float(np.exp(found.x[0])), theta, tuple(processes), -float(found.fun))
-
-
-def compute_log_likelihood(model: RecordingModel, remainder: Remainder, effects: Array) -> float:
-    """Compute log L for given sizes of the remainder and other effects; parameters as of `estimate_remainder`."""
-    y = model.unmixed(model.whitened(model.zeta))
-    B, rows = np.hstack([shared_columns(model), model.unmixed(effects)]), [block.rows for block in model.blocks]
-    value, _ = _negative_log_likelihood(remainder.noise, remainder.variances, y, B, rows, remainder.processes)
-    return -value
 
 
 def add_rounding(model: RecordingModel, steps: Array) -> RecordingModel:
@@ -233,6 +204,12 @@ def add_rounding(model: RecordingModel, steps: Array) -> RecordingModel:
     return add_remainder(model, estimate_remainder(model, processes, np.zeros((model.size, 0)), largest=largest))
 
 
+def _build_covariance(noise: float, theta: Array, processes: Sequence[Process], number: int) -> Array:
+    """Build C (n, n) of one interval."""
+    blocks = [variance * process.blocks[number] for variance, process in zip(theta, processes, strict=True)]
+    return np.sum([noise * np.eye(len(blocks[0])), *blocks], axis=0)
+
+
 def _negative_log_likelihood(
     noise: float, theta: Array, y: Array, B: Array, rows: Sequence[slice], processes: Sequence[Process]
 ) -> tuple[float, Array]:
@@ -240,9 +217,7 @@ def _negative_log_likelihood(
     Cy, CB = np.empty_like(y), np.empty_like(B)
     log_det, inverses = 0.0, []
     for number, own in enumerate(rows):
-        C = noise * np.eye(own.stop - own.start)
-        for variance, process in zip(theta, processes, strict=True):
-            C += variance * process.blocks[number]
+        C = _build_covariance(noise, theta, processes, number)
         factor = scipy.linalg.cholesky(C, lower=True, check_finite=False, overwrite_a=True)
         log_det += 2 * float(np.log(np.diag(factor)).sum())
         inverse, _ = scipy.linalg.lapack.dpotri(factor, lower=1)
@@ -269,9 +244,7 @@ def add_remainder(model: RecordingModel, remainder: Remainder) -> RecordingModel
     """Build the model whose noise is the stated noise and the remainder together."""
     blocks = []
     for number, block in enumerate(model.blocks):
-        C = remainder.noise * np.eye(len(block.whitener))
-        for variance, process in zip(remainder.variances, remainder.processes, strict=True):
-            C += variance * process.blocks[number]
+        C = _build_covariance(remainder.noise, remainder.variances, remainder.processes, number)
         blocks.append(replace(block, whitener=block.whitener @ np.linalg.cholesky(C)))
     return replace(model, blocks=tuple(blocks))
 

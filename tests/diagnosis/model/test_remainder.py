@@ -13,7 +13,6 @@ from diagnosis.model.remainder import (
     add_remainder,
     add_rounding,
     build_processes,
-    compute_log_likelihood,
     estimate_remainder,
     summarise_remainder,
 )
@@ -40,6 +39,11 @@ def some_sizes(processes):
     return np.array([0.3 / np.mean([np.trace(K) / len(K) for K in one.blocks]) for one in processes])
 
 
+def log_likelihood(model, noise, theta, processes):
+    y, rows = model.unmixed(model.whitened(model.zeta)), [block.rows for block in model.blocks]
+    return -_negative_log_likelihood(noise, theta, y, shared_columns(model), rows, processes)[0]
+
+
 def dense(model, noise, theta, processes):
     C = noise * np.eye(model.size)
     for variance, process in zip(theta, processes, strict=True):
@@ -54,9 +58,7 @@ def test_its_likelihood_is_that_of_a_dense_normal_distribution(model, processes)
     C = dense(model, 1.3, theta, processes) + B @ B.T
     constant = 0.5 * model.size * np.log(2 * np.pi)
     expected = scipy.stats.multivariate_normal(np.zeros(model.size), C, allow_singular=True).logpdf(y) + constant
-    assert compute_log_likelihood(model, Remainder(1.3, theta, processes, 0.0), none(model)) == pytest.approx(
-        expected, abs=1e-4
-    )
+    assert log_likelihood(model, 1.3, theta, processes) == pytest.approx(expected, abs=1e-4)
 
 
 def test_its_slope_is_that_of_differences(model, processes):
@@ -86,7 +88,7 @@ def test_there_is_none_without_a_misfit():
     model = prepared(3, every_s=300.0).model
     processes = build_processes(model)
     found = estimate_remainder(model, processes, none(model))
-    nothing = compute_log_likelihood(model, Remainder(1.0, np.zeros(len(processes)), processes, 0.0), none(model))
+    nothing = log_likelihood(model, 1.0, np.zeros(len(processes)), processes)
     # Sixteen sizes that cannot be negative gain about a quarter of sixteen χ² of one degree of freedom.
     assert 0 <= found.log_likelihood - nothing < 12
     noisy = add_remainder(model, found)
