@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from itertools import pairwise
 
@@ -28,11 +28,13 @@ class Family:
     name : what it is, in words
     axis : body axis it acts about; None for all
     columns : per option, (N, k) whitened columns of unit size
+    weights : prior share of each option; None for equal ones
     """
 
     name: str
     axis: str | None
     columns: list[Array]
+    weights: Array | None = None
 
 
 @dataclass(frozen=True)
@@ -104,23 +106,27 @@ def unit(values: Array) -> Array:
     return values / np.where(size > 0, size, 1.0)
 
 
-def several(model: RecordingModel, bins: Bins, name: str, options: list[Array]) -> Iterator[Family]:
-    """One family for each axis from options (bins, k) that do not depend on the axis."""
-    widths = np.cumsum([0] + [option.shape[1] for option in options])
-    together = unit(np.hstack(options))
-    for axis in range(3):
-        columns = observed(model, bins, axis, together)
-        yield Family(name, AXES[axis], [columns[:, a:b] for a, b in pairwise(widths)])
+def build_rate_families(model: RecordingModel, bins: Bins, name: str, options: list[Array]) -> Iterator[Family]:
+    """Build one family for each axis from rate errors (bins, k) that do not depend on the axis; none without options."""
+    return _build_families(name, options, lambda axis, values: observed(model, bins, axis, values))
 
 
-def on_references(model: RecordingModel, name: str, options: list[Array]) -> Iterator[Family]:
-    """One family for each axis from errors of the references (m, k) that do not depend on the axis; none without options."""
+def build_reference_families(model: RecordingModel, name: str, options: list[Array]) -> Iterator[Family]:
+    """Build one family for each axis from errors of the references (m, k) alike for all axes; none without options."""
+
+    def observe(axis: int, values: Array) -> Array:
+        error = np.zeros((len(values), 3, values.shape[1]))
+        error[:, axis] = values
+        return model.whitened(model.reference_error(error))
+
+    return _build_families(name, options, observe)
+
+
+def _build_families(name: str, options: list[Array], observe: Callable[[int, Array], Array]) -> Iterator[Family]:
     if not options:
         return
     widths = np.cumsum([0] + [option.shape[1] for option in options])
     together = unit(np.hstack(options))
     for axis in range(3):
-        error = np.zeros((len(together), 3, together.shape[1]))
-        error[:, axis] = together
-        columns = model.whitened(model.reference_error(error))
+        columns = observe(axis, together)
         yield Family(name, AXES[axis], [columns[:, a:b] for a, b in pairwise(widths)])

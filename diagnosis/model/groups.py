@@ -185,8 +185,8 @@ def unlisted_groups(model: RecordingModel, found: Found, effects: Sequence[Effec
     """Every discrepancy that is on no list, with an amplitude of any size."""
     named = [effect.on_references for effect in effects if effect.scanned]
     for one in repeating.list_families(model, found, named):
-        yield replace(_rival(one.name, one.axis, one.columns, False), weights=one.weights, scanned=True)
-    for family in unlisted.families(model):
+        yield replace(_rival(one.name, one.axis, one.columns, False, one.weights), scanned=True)
+    for family in unlisted.build_families(model):
         yield _rival(family.name, family.axis, family.columns, False)
     cells, around = processes.cell_times(model), model.around
     known = [
@@ -227,6 +227,7 @@ def _is_within(columns: Array, bases: Sequence[Array]) -> bool:
     return any(float(np.sum((basis.T @ columns) ** 2)) > processes.ALIKE * power for basis in bases)
 
 
-def _rival(name: str, axis: str | None, columns: Sequence[Array], process: bool) -> Group:
+def _rival(name: str, axis: str | None, columns: Sequence[Array], process: bool, weights: Array | None = None) -> Group:
     count = len(columns)
-    return Group(name, axis, False, columns, [{}] * count, np.full(count, 1 / count), (0.0, np.inf), "", process)
+    shares = np.full(count, 1 / count) if weights is None else weights
+    return Group(name, axis, False, columns, [{}] * count, shares, (0.0, np.inf), "", process)

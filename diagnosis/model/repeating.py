@@ -6,34 +6,24 @@ Their periods are those that `diagnosis.model.periods` has found to explain most
 from __future__ import annotations
 
 from collections.abc import Collection, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
+from diagnosis.model.bins import AXES, Family
 from diagnosis.model.periods import Found, Period, make_period_columns
 from diagnosis.model.recording import RecordingModel
 
 Array = NDArray[np.float64]
 
-AXES = "xyz"
 REPEATED = 4  # best periods at which a swing that is no sine is tried
 SHAPE = 3  # its harmonics of any phase
 HIGHEST = 7  # its highest harmonic that is locked to the fundamental
 DOUBLED = 2  # best periods that may be the second harmonics of others
 
 
-@dataclass(frozen=True)
-class Repeating:
-    """An unlisted rival that repeats: name, body axis, columns and prior share of each option."""
-
-    name: str
-    axis: str
-    columns: list[Array]
-    weights: Array
-
-
-def list_families(model: RecordingModel, found: Found, listed: Collection[bool]) -> Iterator[Repeating]:
+def list_families(model: RecordingModel, found: Found, listed: Collection[bool]) -> Iterator[Family]:
     """List unlisted rivals that repeat with any period: not as a sine, and as a sine where no listed effect does.
 
     The k-th harmonic of a shape with jumps falls as 1/k. The second and the third one may have any phase; or those of a square
@@ -80,8 +70,8 @@ def make_shapes(model: RecordingModel, waves: Sequence[Array]) -> list[Array]:
     return [np.hstack(falling[:SHAPE]), np.column_stack([waves[0], odd]), np.column_stack([waves[0], odd, even])]
 
 
-def _repeating(model: RecordingModel, name: str, axis: int, options: list[Array], at: Sequence[Period]) -> Repeating:
+def _repeating(model: RecordingModel, name: str, axis: int, options: list[Array], at: Sequence[Period]) -> Family:
     """With columns of which the first two have unit size together, so that amplitudes at different periods compare."""
     sizes = [float(np.linalg.norm(model.projected(part[:, :2]))) for part in options]
     scaled = [part / max(size, 1e-300) for part, size in zip(options, sizes, strict=True)]
-    return Repeating(name, AXES[axis], scaled, np.exp([one.log_weight for one in at]))
+    return Family(name, AXES[axis], scaled, np.exp([one.log_weight for one in at]))

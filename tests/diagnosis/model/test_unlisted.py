@@ -29,7 +29,7 @@ def bins(model):
 
 @pytest.fixture(scope="module")
 def families(model):
-    return {(family.name, family.axis): family.columns for family in unlisted.families(model)}
+    return {(family.name, family.axis): family.columns for family in unlisted.build_families(model)}
 
 
 def test_bins_add_up_to_the_steps(model, bins):
@@ -77,7 +77,7 @@ def test_errors_of_references_leave_the_steps_before_them_alone(model, families)
 
 def test_periods_from_an_interval_s_start_need_no_orbit(families):
     waves = families["bias of a period counted from each interval's start", "z"]
-    assert len(waves) == unlisted.PERIODS
+    assert len(waves) == unlisted.SETTINGS.periods
     assert {columns.shape[1] for columns in waves} == {2}
 
 
@@ -93,7 +93,7 @@ def test_late_tags_are_what_a_later_reading_leaves(model, bins):
         late = LATE * (edges - interval.start_s)
         rates[own] = np.diff(angle(edges) - late[:, None] * angle(edges, 1), axis=0) / length
     changed = linearised(replace(recording, gyro=replace(gyro, rates=rates)), model.G, model.bias).y - model.y
-    expected = LATE * model.projected(unlisted.of_tags(model, bins).columns[0][:, 0] * max(1.0, bins.since_s.max()))
+    expected = LATE * model.projected(unlisted.build_late_tags(model, bins).columns[0][:, 0] * max(1.0, bins.since_s.max()))
     assert np.linalg.norm(changed - expected) < 0.05 * np.linalg.norm(changed)
 
 
