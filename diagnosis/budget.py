@@ -9,7 +9,7 @@ above one after the last cause is the remainder.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -21,11 +21,12 @@ from numpy.typing import NDArray
 from diagnosis.answer import Closure
 from diagnosis.inference.amplitudes import Fitted
 from diagnosis.model.calibration import calibrated_beside
-from diagnosis.model.folds import SPLIT, conditioned, parts, unwhitened
+from diagnosis.model.folds import SPLIT, Conditioned, conditioned, parts, unwhitened
 from diagnosis.model.recording import RecordingModel
 from diagnosis.replication import PartSize, Replication
 
 Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
 
 DRAWS = 2000  # of the bootstrap over held-out parts
 FLOOR = 1.0  # whitened mean square of held-out errors under the stated noise
@@ -64,21 +65,9 @@ class Step:
 
     def to_json(self) -> dict[str, Any]:
         """Return the step as in the documented format."""
-        return {
-            "step": self.step,
-            "misfit": self.misfit,
-            "misfit_deg": self.misfit_deg,
-            "closed": self.closed,
-            "interval_90": None if self.interval_90 is None else list(self.interval_90),
-            "probability": self.probability,
-            "size": self.size,
-            "sigma": self.sigma,
-            "unit": self.unit,
-            "by_part": [{"part": one.part, "size": one.size, "sigma": one.sigma} for one in self.by_part],
-            "heterogeneity_p": self.heterogeneity_p,
-            "delta_G": None if self.delta_G is None else self.delta_G.tolist(),
-            "delta_bias_deg_s": None if self.delta_bias_deg_s is None else self.delta_bias_deg_s.tolist(),
-        }
+        out = {name: value.tolist() if isinstance(value, np.ndarray) else value for name, value in vars(self).items()}
+        out["interval_90"] = None if self.interval_90 is None else list(self.interval_90)
+        return {**out, "by_part": [vars(one).copy() for one in self.by_part]}
 
 
 @dataclass(frozen=True)
@@ -139,28 +128,46 @@ def predict_held_out(model: RecordingModel, with_remainder: RecordingModel, effe
     shift1 = [one.shift for one in effects]
     shift0 = [convert(with_remainder, model, one) for one in shift1]
     W0, W1 = (np.hstack([W, *(s[:, None] for s in shifts)]) for W, shifts in ((W0, shift0), (W1, shift1)))
-    fold = parts(model)
-    block = model.observation_block
-    squares, degrees, dof, names = [], [], [], []
-    for number in np.unique(fold):
-        out = np.repeat(fold == number, 3)
-        if out.all():
-            continue
+    return collect_held_out(model, _predict_parts(model, with_remainder, W0, W1, stops))
+
+
+def _predict_parts(
+    model: RecordingModel, with_remainder: RecordingModel, W0: Array, W1: Array, stops: Array
+) -> Iterator[tuple[Mask, Array, Array]]:
+    """Predict each part from columns whitened by either noise, at whose end are the shifts, one for each effect."""
+    for out in list_parts(model):
         stated, learnt = conditioned(model, W0, out), conditioned(with_remainder, W1, out)
-        factor = np.linalg.cholesky(stated.covariance)
         errors = []
-        for count in range(len(effects) + 1):
+        for count in range(stops.size):
             own, shifts = slice(0, stops[count]), slice(stops[-1], stops[-1] + count)
             A, y = learnt.train_X[:, own], learnt.train_y - learnt.train_X[:, shifts].sum(axis=1)
             a = np.linalg.solve(np.eye(A.shape[1]) + A.T @ A, A.T @ y)
             errors.append(stated.error_y - stated.error_X[:, own] @ a - stated.error_X[:, shifts].sum(axis=1))
         e = np.column_stack(errors)
-        white = scipy.linalg.solve_triangular(factor, e, lower=True, check_finite=False)
-        owner = np.repeat(block[fold == number], 3)
+        yield out, e, whiten_errors(stated, e)
+
+
+def list_parts(model: RecordingModel) -> Iterator[Mask]:
+    """List the rows (N,) of each part that is held out."""
+    fold = np.repeat(parts(model), 3)
+    yield from (fold == number for number in np.unique(fold) if (fold != number).any())
+
+
+def whiten_errors(told: Conditioned, errors: Array) -> Array:
+    """Whiten errors (s, k) of a prediction by their covariance."""
+    factor = np.linalg.cholesky(told.covariance)
+    return np.asarray(scipy.linalg.solve_triangular(factor, errors, lower=True, check_finite=False))
+
+
+def collect_held_out(model: RecordingModel, predicted: Iterable[tuple[Mask, Array, Array]]) -> HeldOut:
+    """Collect errors (s, steps) of predicted rows (N,), rad, and the same whitened, interval by interval."""
+    squares, degrees, dof, names = [], [], [], []
+    for out, errors, white in predicted:
+        owner = np.repeat(model.observation_block, 3)[out]
         for one in np.unique(owner):
             mine = owner == one
             squares.append((white[mine] ** 2).sum(axis=0))
-            degrees.append((np.rad2deg(e[mine]) ** 2).sum(axis=0))
+            degrees.append((np.rad2deg(errors[mine]) ** 2).sum(axis=0))
             dof.append(float(mine.sum()))
             names.append(model.recording.intervals[model.blocks[one].interval].name)
     return HeldOut(np.array(squares), np.array(degrees), np.array(dof), tuple(names))

@@ -14,13 +14,11 @@ are those of the largest evidence
 
 with w and c the eigenvalues of the products of the whitened columns in units of the prior, and the observations along them.
 
-Nested cross-validation guards against the freedom of the choice. A quarter of each interval is held out at a time. Regressor,
-axes, penalty and values come from the rest, with the remainder in its noise, and predict the quarter. The remainder is
-estimated beside the best shape of the whole recording, since it else absorbs the function. A draft is accepted if
-
-* the 90 % interval of the share of the misfit that the predictions close lies above zero;
-* most quarters choose the regressor that the whole recording chooses, or do not distinguish theirs from it;
-* its evidence exceeds that of a larger remainder in its place, all regressors counted.
+Nested cross-validation guards against the freedom of the choice. An eighth of each interval is held out at a time
+(`diagnosis.model.folds`). Regressor, axes, penalty and values come from the rest, with the remainder in its noise, and predict
+that part. The remainder is estimated beside the best shape of the whole recording, since it else absorbs the function. A draft
+is accepted if the 90 % interval of the share of the misfit that the predictions close lies above zero, and if its evidence
+exceeds that of a larger remainder in its place, all regressors counted.
 """
 
 from __future__ import annotations
@@ -30,12 +28,11 @@ from dataclasses import dataclass, replace
 from itertools import combinations, pairwise
 
 import numpy as np
-import scipy.linalg
 from numpy.typing import NDArray
 from scipy.special import logsumexp
 
-from diagnosis.budget import HeldOut, convert
-from diagnosis.model.folds import BROAD, Conditioned, conditioned, parts, unwhitened
+from diagnosis.budget import collect_held_out, convert, list_parts, whiten_errors
+from diagnosis.model.folds import BROAD, conditioned, unwhitened
 from diagnosis.model.recording import RecordingModel
 from diagnosis.model.remainder import add_remainder, build_processes, estimate_remainder
 from diagnosis.remainder_search import BesideRemainder
@@ -43,20 +40,37 @@ from gyrocal.calibration.observability import PLAUSIBLE_RANGE
 from simulator.effects.regressors import Regressor, list_regressors, tabulate
 
 Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
 
-KNOTS = 12
-ENDS = (0.001, 0.999)  # quantiles at the outer knots
-QUARTERS = 4  # of each interval, one of which is held out at a time
-FEWEST_PIECES = 24  # of held-out data that the bootstrap draws from
-SNR = np.geomspace(2.0, 300.0, 10)  # of the whole function, of which τ is made
-BENDS = (1.0, 30.0, 1000.0, 30000.0)  # ν
 AXES_TRIED = tuple(axes for count in (1, 2, 3) for axes in combinations(range(3), count))
-AGREE = 3  # quarters that choose the same regressor, or one that is tied with it, at least
-TIED = 5.0  # log evidence within which two regressors are not distinguished
-TRIED = 6  # shapes of the largest evidence, beside each of which the remainder is estimated anew
-LEAST_EVIDENCE = -1.0  # log, of a shape that is tried
-EVIDENCE = 6.0  # log of the odds against a larger remainder, at least: fewer than one in 400 by chance
 UNITS = {"gyro": ("deg/h", np.deg2rad(1.0) / 3600), "scale": ("ppm", 1e-6), "reference": ("deg", np.deg2rad(1.0))}
+
+
+@dataclass(frozen=True)
+class DraftSettings:
+    """Settings of a draft.
+
+    Attributes
+    ----------
+    knots : of a function
+    ends : quantiles of the regressor at the outer knots
+    snr : signal-to-noise ratios of the whole function, from which τ follows
+    bends : ν
+    tried : shapes of the largest evidence, beside each of which the remainder is estimated anew
+    evidence : least log of the odds against a larger remainder; fewer than one in 400 by chance
+    tied : log evidence within which two regressors are not distinguished
+    """
+
+    knots: int = 12
+    ends: tuple[float, float] = (0.001, 0.999)
+    snr: tuple[float, ...] = tuple(np.geomspace(2.0, 300.0, 10).tolist())
+    bends: tuple[float, ...] = (1.0, 30.0, 1000.0, 30000.0)
+    tried: int = 6
+    evidence: float = 6.0
+    tied: float = 5.0
+
+
+SETTINGS = DraftSettings()
 
 
 @dataclass(frozen=True)
@@ -145,7 +159,8 @@ def propose_draft(stated: RecordingModel, beside: BesideRemainder) -> Draft | No
     -------
     None where no function of a regressor predicts held-out data better
     """
-    left = stated.zeta - unwhitened(beside.model, beside.model.unmixed(_shift(stated, beside)))
+    shift = sum((one.shift for one in beside.fitted), np.zeros(stated.size))  # what the effects add beside their columns
+    left = stated.zeta - unwhitened(beside.model, beside.model.unmixed(shift))
     stated, noisy = replace(stated, zeta=left), replace(beside.model, zeta=left)
     shapes = list(build_shapes(stated))
     if not shapes:
@@ -160,33 +175,23 @@ def propose_draft(stated: RecordingModel, beside: BesideRemainder) -> Draft | No
         estimate_remainder(
             stated, processes, np.hstack([known, stated.whitened(shapes[one.shape].columns) @ one.root]), without
         )
-        for one in ranked[:TRIED]
-        if one.log_evidence > LEAST_EVIDENCE
+        for one in ranked[: SETTINGS.tried]
     ]
-    if not beside_each:
-        return None
     place = int(np.argmax([one.log_likelihood for one in beside_each]))
     best, remainder = ranked[place].shape, beside_each[place]
     log_odds = remainder.log_likelihood - without.log_likelihood - float(np.log(len(shapes)))
-    if log_odds < EVIDENCE:
+    if log_odds < SETTINGS.evidence:
         return None
     final = add_remainder(stated, remainder)
-    leads, held = _predict_quarters(stated, final, shapes, known, best)
-    closed, interval = held.closed(1, 2)
-    if sum(lead <= TIED for lead in leads) < min(AGREE, len(leads)) or not interval[0] > 0:
+    closed, interval = collect_held_out(stated, _predict_parts(stated, final, shapes, known)).closed(1, 2)
+    if not interval[0] > 0:
         return None
     free = np.linalg.qr(final.projected(convert(stated, final, known)))[0]
     X, y = _without(free, final.prepared(shapes[best].columns)), _without(free, final.y)
     drafted = _fit_draft(shapes[best], X, y, closed, interval, log_odds)
-    tied = [
-        one for one, other in zip(ranked, beside_each, strict=False) if other.log_likelihood > remainder.log_likelihood - TIED
-    ]
+    least = remainder.log_likelihood - SETTINGS.tied
+    tied = [one for one, other in zip(ranked, beside_each, strict=False) if other.log_likelihood > least]
     return replace(drafted, tied=tuple(shapes[one.shape].name for one in tied if one.shape != best))
-
-
-def _shift(model: RecordingModel, beside: BesideRemainder) -> Array:
-    """(N,) what the identified effects add beside their columns, whitened."""
-    return sum((one.shift for one in beside.fitted), np.zeros(model.size))
 
 
 def _without(basis: Array, columns: Array) -> Array:
@@ -205,7 +210,7 @@ def build_shapes(model: RecordingModel) -> Iterator[Shape]:
         knots = place_knots(values, stream.duration_s)
         if knots is None:
             continue
-        hats = tabulate(values, knots, np.eye(KNOTS))
+        hats = tabulate(values, knots, np.eye(SETTINGS.knots))
         weights = hats.T @ stream.duration_s
         yield Shape("gyro", one, knots, weights, model.reading(_about_axes(hats)))
         if not one.name.startswith(("rate_", "speed", "acceleration_")):
@@ -215,7 +220,7 @@ def build_shapes(model: RecordingModel) -> Iterator[Shape]:
         values = one.compute()
         knots = place_knots(values, np.ones(values.size))
         if knots is not None:
-            hats = tabulate(values, knots, np.eye(KNOTS))
+            hats = tabulate(values, knots, np.eye(SETTINGS.knots))
             yield Shape("reference", one, knots, hats.sum(axis=0), model.reference_error(_about_axes(hats)))
 
 
@@ -223,8 +228,8 @@ def place_knots(values: Array, weights: Array) -> Array | None:
     """Place knots (k,) half evenly and half by quantiles of values (n,) with weights (n,); None for constant values."""
     order = np.argsort(values)
     mass = np.cumsum(weights[order])
-    quantiles = np.interp(np.linspace(*ENDS, KNOTS), (mass - 0.5 * weights[order]) / mass[-1], values[order])
-    even = np.linspace(quantiles[0], quantiles[-1], KNOTS)
+    quantiles = np.interp(np.linspace(*SETTINGS.ends, SETTINGS.knots), (mass - 0.5 * weights[order]) / mass[-1], values[order])
+    even = np.linspace(quantiles[0], quantiles[-1], SETTINGS.knots)
     changes = np.isfinite(quantiles).all() and even[-1] - even[0] > 1e-9 * np.abs(even).max()
     return np.asarray(0.5 * (quantiles + even)) if changes else None
 
@@ -251,7 +256,7 @@ def rank_shapes(shapes: Sequence[Shape], X: Array, y: Array) -> list[Choice]:
 def fit_shape(number: int, knots: Array, gram: Array, along: Array) -> Choice:
     """Fit the functions of one shape from the products of its columns (3k, 3k) and with the observations (3k,)."""
     k, best, evidences, kept = knots.size, -np.inf, [], None
-    for bend in BENDS:
+    for bend in SETTINGS.bends:
         root = _prior_root(knots, bend)
         for axes in AXES_TRIED:
             R = np.zeros((3 * k, root.shape[1] * len(axes)))
@@ -261,7 +266,7 @@ def fit_shape(number: int, knots: Array, gram: Array, along: Array) -> Choice:
             w, c = np.maximum(w, 0.0), V.T @ (R.T @ along)
             if w[-1] <= 0:
                 continue
-            scales = (SNR**2 / w[-1])[:, None]
+            scales = (np.square(SETTINGS.snr) / w[-1])[:, None]
             each = 0.5 * (scales * c**2 / (1 + scales * w) - np.log1p(scales * w)).sum(axis=1)
             evidences.append(each)
             if each.max() > best:
@@ -284,52 +289,25 @@ def _prior_root(knots: Array, bend: float) -> Array:
 # ---- held-out data -------------------------------------------------------------------------------------------------------
 
 
-def _predict_quarters(
-    stated: RecordingModel, noisy: RecordingModel, shapes: Sequence[Shape], causes: Array, best: int
-) -> tuple[list[float], HeldOut]:
-    """Choose a shape without each quarter of the intervals, and predict that quarter by M0, with the effects, and with it.
+def _predict_parts(
+    stated: RecordingModel, noisy: RecordingModel, shapes: Sequence[Shape], causes: Array
+) -> Iterator[tuple[Mask, Array, Array]]:
+    """Choose a shape without each part of the intervals, and predict that part by M0, with the effects, and with the shape.
 
     Effects that are identified beside the remainder are nuisance parameters. Their columns `causes` (N, q) are whitened by the
-    stated noise, in units of priors. Returns the log evidence of each choice over that of the shape `best`, and the errors.
+    stated noise, in units of priors.
     """
     known = causes / (BROAD * PLAUSIBLE_RANGE[-1])  # which `conditioned` multiplies by
     causes = convert(stated, noisy, known)
     whitened = noisy.whitened(np.hstack([one.columns for one in shapes]))
-    quarter = parts(stated) * QUARTERS // (parts(stated).max() + 1)
-    block = stated.observation_block
-    fine = max(1, -(-FEWEST_PIECES // (QUARTERS * len(stated.blocks))))
-    leads, squares, degrees, names = [], [], [], []
-    for number in np.unique(quarter):
-        out = np.repeat(quarter == number, 3)
-        if out.all():
-            continue
+    for out in list_parts(stated):
         learnt = conditioned(noisy, whitened, out, causes)
-        ranked = rank_shapes(shapes, learnt.train_X, learnt.train_y)
-        choice, same = ranked[0], next(one for one in ranked if one.shape == best)
-        leads.append(choice.log_evidence - same.log_evidence)
+        choice = rank_shapes(shapes, learnt.train_X, learnt.train_y)[0]
         told = conditioned(stated, stated.whitened(shapes[choice.shape].columns), out, known)
-        errors = _errors(told, choice.values if choice.log_evidence > 0 else 0 * choice.values)
         alone = conditioned(stated, np.zeros((stated.size, 0)), out)
-        errors = np.column_stack([alone.error_y, errors])
-        white = np.column_stack([_whiten(alone, errors[:, :1]), _whiten(told, errors[:, 1:])])
-        for one in np.unique(block[quarter == number]):
-            mine = np.flatnonzero(np.repeat(block[quarter == number] == one, 3))
-            for piece in np.array_split(mine, min(fine, mine.size)):
-                squares.append(np.append((white[piece] ** 2).sum(axis=0), piece.size))
-                degrees.append((np.rad2deg(errors[piece]) ** 2).sum(axis=0))
-                names.append(stated.recording.intervals[stated.blocks[one].interval].name)
-    table = np.array(squares)
-    return leads, HeldOut(table[:, :3], np.array(degrees), table[:, 3], tuple(names))
-
-
-def _whiten(told: Conditioned, errors: Array) -> Array:
-    factor = np.linalg.cholesky(told.covariance)
-    return np.asarray(scipy.linalg.solve_triangular(factor, errors, lower=True, check_finite=False))
-
-
-def _errors(told: Conditioned, values: Array) -> Array:
-    """(s, 2) errors of the prediction without and with the function."""
-    return np.column_stack([told.error_y, told.error_y - told.error_X @ values])
+        change = told.error_X @ choice.values if choice.log_evidence > 0 else np.zeros(told.error_y.size)
+        errors = np.column_stack([alone.error_y, told.error_y, told.error_y - change])
+        yield out, errors, np.column_stack([whiten_errors(alone, errors[:, :1]), whiten_errors(told, errors[:, 1:])])
 
 
 # ---- the draft -----------------------------------------------------------------------------------------------------------
@@ -343,7 +321,7 @@ def _fit_draft(shape: Shape, X: Array, y: Array, closed: float, interval_90: tup
     unit, scale = UNITS[shape.kind]
     centred = build_centering(shape)
     values = centred @ found.values.reshape(3, -1).T / scale
-    own = covariance.reshape(3, KNOTS, 3, KNOTS)
+    own = covariance.reshape(3, shape.knots.size, 3, shape.knots.size)
     variances = np.column_stack([np.diag(centred @ own[axis, :, axis] @ centred.T) for axis in range(3)])
     sigmas = np.sqrt(np.maximum(variances, 0.0)) / scale
     sigma = 1 / max(float(np.linalg.norm(X @ found.values)), 1e-300)

@@ -31,6 +31,7 @@ from diagnosis.inference.search import NOTHING, Explanation, Search
 from diagnosis.model.calibration import calibrated
 from diagnosis.model.candidates import linear_model, of_columns
 from diagnosis.model.linear import LinearModel, Member
+from diagnosis.model.misfit import basis as build_basis
 from diagnosis.model.prepare import Progress
 from diagnosis.model.recording import RecordingModel
 from diagnosis.model.remainder import (
@@ -41,17 +42,32 @@ from diagnosis.model.remainder import (
     estimate_remainder,
     summarise_remainder,
 )
-from diagnosis.replication import Replication, estimate_by_part
+from diagnosis.replication import estimate_by_part
 from diagnosis.settings import DiagnosisSettings
 from simulator.effects.base import Effect
 
 Array = NDArray[np.float64]
 
-RANK = 1e-8  # relative size of a column that adds nothing to those before it
-SIGNIFICANT = 1e-3  # p-value below which the remainder follows a regressor, all tests counted
-MOST_REGRESSORS = 4  # that are reported
-ROUNDS = 3  # of remainder and explanation in turn
-MOST_EFFECTS = 4  # in one explanation
+
+@dataclass(frozen=True)
+class RemainderSearchSettings:
+    """Settings of the search beside a remainder.
+
+    Attributes
+    ----------
+    rounds : of remainder and explanation in turn
+    most_effects : in one explanation
+    significant : p-value below which the remainder follows a regressor, all tests counted
+    most_regressors : that are reported
+    """
+
+    rounds: int = 3
+    most_effects: int = 4
+    significant: float = 1e-3
+    most_regressors: int = 4
+
+
+SETTINGS = RemainderSearchSettings()
 
 
 @dataclass(frozen=True)
@@ -92,13 +108,13 @@ def identify_beside_remainder(
     tell : progress
     """
     rivals = [effect for effect in effects if not (effect.is_process and effect.on_references)]
-    rules = replace(settings, largest_set=MOST_EFFECTS)
+    rules = replace(settings, largest_set=SETTINGS.most_effects)
     processes = build_processes(model)
     columns, labels = np.zeros((model.size, 0)), frozenset[str]()
     remainder = estimate_remainder(model, processes, columns)
     noisy = add_remainder(model, remainder)
     linear = linear_model(noisy, rivals, (), rules)
-    for number in range(ROUNDS):
+    for number in range(SETTINGS.rounds):
         tell(f"remainder, round {number + 1}", 0.9 + 0.02 * number)
         if number:
             before, noisy = noisy, add_remainder(model, remainder)
@@ -173,7 +189,10 @@ def _confirmed(
         shares = [sum(p for _, p in slot.group) for slot in likely]
         held = predict_held_out(model, noisy, fitted)
         budget = build_budget(held, noisy, fitted, shares, replications)
-        kept = [_is_confirmed(one, step) for one, step in zip(replications, budget[1:], strict=False)]
+        kept = [
+            one.replicates and step.interval_90 is not None and step.interval_90[0] > 0
+            for one, step in zip(replications, budget[1:], strict=False)
+        ]
         if all(kept):
             break
         likely = [slot for slot, good in zip(likely, kept, strict=True) if good]
@@ -191,10 +210,6 @@ def _confirmed(
     )
 
 
-def _is_confirmed(replication: Replication, step: Step) -> bool:
-    return replication.replicates and step.interval_90 is not None and step.interval_90[0] > 0
-
-
 def find_regressors(
     model: RecordingModel, noisy: RecordingModel, linear: LinearModel, fitted: Sequence[Fitted]
 ) -> tuple[Regressor, ...]:
@@ -205,16 +220,14 @@ def find_regressors(
     out = []
     tests = [(one, option) for one in linear.candidates if not one.listed for option in one.options]
     for candidate, option in tests:
-        X = linear.X[:, option.columns]
-        Q, R = np.linalg.qr(X)
-        seen = np.abs(np.diag(R)) > RANK * np.abs(np.diag(R)).max(initial=0.0)
-        statistic = float(np.sum((Q[:, seen].T @ left) ** 2))
-        p = min(1.0, float(scipy.special.chdtrc(seen.sum(), statistic)) * len(tests))
-        if p < SIGNIFICANT:
-            a = np.linalg.lstsq(X, left, rcond=None)[0]
+        Q = build_basis(linear.X[:, option.columns])
+        statistic = float(np.sum((Q.T @ left) ** 2))
+        p = min(1.0, float(scipy.special.chdtrc(Q.shape[1], statistic)) * len(tests))
+        if p < SETTINGS.significant:
+            a = np.linalg.lstsq(linear.X[:, option.columns], left, rcond=None)[0]
             gone = stated - model.projected(convert(noisy, model, linear.W[:, option.columns] @ a))
             out.append(Regressor(candidate.label, p, float(stated @ stated - gone @ gone) / excess))
     best: dict[str, Regressor] = {}
     for one in sorted(out, key=lambda one: one.p_value):
         best.setdefault(one.name, one)
-    return tuple(list(best.values())[:MOST_REGRESSORS])
+    return tuple(list(best.values())[: SETTINGS.most_regressors])

@@ -20,11 +20,28 @@ from diagnosis.model.recording import RecordingModel
 
 Array = NDArray[np.float64]
 
-FEWEST_PARTS = 6  # parts of a recording at least; intervals are divided until there are as many
-MOST_WIDE = 4.0  # times the sigma of the best part: a part whose sigma is larger shows nothing
-WIDE_PRIOR = 1e3  # prior sigma of an amplitude in one part, in units of the prior of the whole
-SIGNIFICANT = 3.0  # sigmas by which the mean over the parts differs from zero
-HETEROGENEOUS = 1e-4  # p-value of Q below which it is not one effect of one size
+
+@dataclass(frozen=True)
+class ReplicationSettings:
+    """Settings of the estimates by part.
+
+    Attributes
+    ----------
+    parts : of a recording at least; intervals are divided until there are as many
+    widest : sigma of a part beyond which it shows nothing, in sigmas of the best part
+    prior : sigma of an amplitude in one part, in units of the prior of the whole
+    significant : sigmas by which the mean over the parts differs from zero
+    heterogeneous : p-value of Q below which it is not one effect of one size
+    """
+
+    parts: int = 6
+    widest: float = 4.0
+    prior: float = 1e3
+    significant: float = 3.0
+    heterogeneous: float = 1e-4
+
+
+SETTINGS = ReplicationSettings()
 
 
 @dataclass(frozen=True)
@@ -55,15 +72,15 @@ class Replication:
     @property
     def replicates(self) -> bool:
         """Whether the sizes may be one size that differs from zero, and most parts agree on the sign."""
-        if len(self.parts) < 2 or self.heterogeneity_p < HETEROGENEOUS:
+        if len(self.parts) < 2 or self.heterogeneity_p < SETTINGS.heterogeneous:
             return False
         same = sum(one.size * self.mean > 0 for one in self.parts)
-        return abs(self.mean) > SIGNIFICANT * self.sigma and same > len(self.parts) / 2
+        return abs(self.mean) > SETTINGS.significant * self.sigma and same > len(self.parts) / 2
 
 
 def name_parts(model: RecordingModel) -> NDArray[np.str_]:
     """Name the part of the recording that each observation (r,) belongs to: its interval, or a piece of it."""
-    pieces = max(1, -(-FEWEST_PARTS // len(model.blocks)))
+    pieces = max(1, -(-SETTINGS.parts // len(model.blocks)))
     names = []
     for block in model.blocks:
         interval = model.recording.intervals[block.interval].name
@@ -91,9 +108,8 @@ def estimate_by_part(model: RecordingModel, effects: Sequence[Fitted], number: i
     own = np.column_stack([np.where(names == name, shape, 0.0) for name in parts])
     others = [other.columns * other.prior_sigma for k, other in enumerate(effects) if k != number]
     columns = model.projected(np.hstack([own, *others]))
-    prior = np.concatenate([np.full(len(parts), WIDE_PRIOR**-2), np.ones(columns.shape[1] - len(parts))])
-    information = columns.T @ columns + np.diag(prior)
-    covariance = np.linalg.inv(information)
+    prior = np.concatenate([np.full(len(parts), SETTINGS.prior**-2), np.ones(columns.shape[1] - len(parts))])
+    covariance = np.linalg.inv(columns.T @ columns + np.diag(prior))
     found = covariance @ (columns.T @ model.y)
     sizes = found[: len(parts)] * one.size
     spread = covariance[: len(parts), : len(parts)] * one.size**2
@@ -103,11 +119,9 @@ def estimate_by_part(model: RecordingModel, effects: Sequence[Fitted], number: i
 def combine_parts(names: Sequence[str], sizes: Array, covariance: Array) -> Replication:
     """Combine the sizes (k,) of an effect by part, with their covariance (k, k), to a random-effects mean."""
     sigmas = np.sqrt(np.diag(covariance))
-    seen = sigmas <= MOST_WIDE * sigmas.min()
+    seen = sigmas <= SETTINGS.widest * sigmas.min()
     shown, sigma = sizes[seen], sigmas[seen]
-    parts = tuple(
-        PartSize(str(name), float(a), float(s)) for name, a, s in zip(np.array(names)[seen], shown, sigma, strict=True)
-    )
+    parts = tuple(PartSize(*one) for one in zip(np.array(names)[seen].tolist(), shown.tolist(), sigma.tolist(), strict=True))
     if shown.size < 2:
         return Replication(parts, 1.0, float(shown[0]), float(sigma[0]))
     weights = sigma**-2

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from diagnosis.draft import KNOTS, Draft, build_centering, build_shapes, place_knots, propose_draft, render_draft
+from diagnosis.draft import SETTINGS, Draft, build_centering, build_shapes, place_knots, propose_draft, render_draft
 from diagnosis.model.prepare import prepare
 from diagnosis.model.remainder import add_remainder, build_processes, estimate_remainder, summarise_remainder
 from diagnosis.remainder_search import BesideRemainder
@@ -109,7 +109,7 @@ def test_what_does_not_change_has_no_knots():
 def test_centred_values_have_no_part_that_calibration_takes_up(drafted):
     for shape in build_shapes(drafted[0]):
         if shape.name == "draft_rate_x":
-            assert np.allclose(build_centering(shape) @ np.column_stack([np.ones(KNOTS), shape.knots]), 0.0, atol=1e-9)
+            assert np.allclose(build_centering(shape) @ np.column_stack([np.ones(SETTINGS.knots), shape.knots]), 0.0, atol=1e-9)
             return
 
 
