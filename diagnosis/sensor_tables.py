@@ -24,7 +24,7 @@ from diagnosis.model.linear import LinearModel
 from diagnosis.model.sensors.arcs import FittedArc, MisfitError, arcs_of, fit_arc, fitted_arcs
 from diagnosis.model.sensors.columns import GYRO, Held, held_error
 from diagnosis.model.sensors.orthogonal import identifiable, orthogonal_labels
-from diagnosis.model.sensors.reading import misread, misread_angles
+from diagnosis.model.sensors.reading import find_misreading
 from diagnosis.model.sensors.refine import refined
 from diagnosis.model.sensors.residuals import findings, residual_table
 from diagnosis.model.sensors.tables import Noise, Tables, in_noise, linear_model, noise_of, tables_of
@@ -94,7 +94,7 @@ def diagnose_sensors(
     InputError
         The tables cannot be used.
     """
-    wrong = misread(recording) or misread_angles(recording)
+    wrong = find_misreading(recording)
     if wrong is not None:
         return _nothing_fits(wrong, settings)
     try:

@@ -163,10 +163,10 @@ def arcs_of(recording: Recording) -> tuple[list[Arc], list[str]]:
     found: list[Arc] = []
     turning, few = [], []
     for interval in recording.intervals:
-        if not _steady(recording.gyro, interval):
+        if not is_steady(recording.gyro, interval):
             turning.append(interval.name)
             continue
-        arc = _arc(recording, tables, interval, len(found))
+        arc = build_arc(recording, tables, interval, len(found))
         if arc is None:
             few.append(interval.name)
         else:
@@ -185,7 +185,8 @@ def _some(names: list[str]) -> str:
     return ", ".join(names[:5]) + (f" and {len(names) - 5} more" if len(names) > 5 else "")
 
 
-def _steady(gyro: GyroStream, interval: Interval) -> bool:
+def is_steady(gyro: GyroStream, interval: Interval) -> bool:
+    """Find out whether the rates of an interval are constant, but for noise."""
     own = (gyro.t_s >= interval.start_s) & (gyro.t_s < interval.stop_s)
     rates, length = gyro.rates[own], max(1, round(STEADY_S / gyro.sample_s))
     if len(rates) < 2 * length:
@@ -194,7 +195,8 @@ def _steady(gyro: GyroStream, interval: Interval) -> bool:
     return bool(np.abs(means - means.mean(axis=0)).max() < STEADY)
 
 
-def _arc(recording: Recording, tables: SensorTables, interval: Interval, number: int) -> Arc | None:
+def build_arc(recording: Recording, tables: SensorTables, interval: Interval, number: int = 0) -> Arc | None:
+    """Build the arc of an interval; None with too few measurements, or none of a sun or of the Earth sensor."""
     assert tables.ephemeris is not None
     low, high = interval.start_s, interval.stop_s
     series, numbers = [], []
