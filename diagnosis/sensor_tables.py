@@ -27,7 +27,7 @@ from diagnosis.model.sensors.orthogonal import identifiable, orthogonal_labels
 from diagnosis.model.sensors.reading import find_misreading
 from diagnosis.model.sensors.refine import refined
 from diagnosis.model.sensors.residuals import findings, residual_table
-from diagnosis.model.sensors.tables import Noise, Tables, in_noise, linear_model, noise_of, tables_of
+from diagnosis.model.sensors.tables import Noise, Tables, build_tables, in_noise, linear_model, noise_of
 from diagnosis.posterior import of_attitude
 from diagnosis.sensor_result import Rejected, SensorDiagnosis
 from diagnosis.settings import DEFAULT, DiagnosisSettings
@@ -118,7 +118,7 @@ def explain_tables(
     fits, unfitted, misfits = fitted_arcs(arcs)
     if not effects:
         raise InputError("no sensor effect may be named")
-    about_m0 = tables_of(fits, effects)
+    about_m0 = build_tables(fits, effects)
     linear = linear_model(about_m0, effects, settings)
     noise, search = _search(linear, settings)
     p = p_value(search, seed, settings.null_draws)
@@ -173,7 +173,7 @@ def relinearised(
         again = [fit_arc(one.arc, *held_error(one.arc.sightings, held)) for one in fits]
     except (UnobservableError, InputError):
         return None
-    return linear_model(tables_of(again, effects, held), effects, settings)
+    return linear_model(build_tables(again, effects, held), effects, settings)
 
 
 def _rejected(

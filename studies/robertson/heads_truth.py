@@ -18,7 +18,7 @@ from diagnosis.inference.search import Search
 from diagnosis.model.sensors.arcs import arcs_of, fitted_arcs
 from diagnosis.model.sensors.columns import Held
 from diagnosis.model.sensors.orthogonal import solved_for
-from diagnosis.model.sensors.tables import linear_model, tables_of
+from diagnosis.model.sensors.tables import build_tables, linear_model
 from diagnosis.sensor_tables import relinearised
 from diagnosis.settings import DEFAULT
 from simulator.effects import Setting
@@ -65,7 +65,7 @@ def orthogonal_fit(scenario: Scenario, effects: Sequence[Setting]) -> dict[str, 
     arcs, _ = arcs_of(replace(plain, sensors=sensed(scenario, motion, effects, noise=False)))
     fits, _, _ = fitted_arcs(arcs)
     solved = tuple(SENSOR_EFFECTS[name] for name in ORTHOGONAL)
-    model = linear_model(tables_of(fits, solved), solved, DEFAULT)
+    model = linear_model(build_tables(fits, solved), solved, DEFAULT)
     for _ in range(2):  # about what the first found
         best = Search(model).of(ORTHOGONAL)
         assert best is not None

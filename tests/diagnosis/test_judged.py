@@ -31,7 +31,7 @@ def test_the_sensors_alarm_at_the_rate_that_is_stated(model, monkeypatch, share)
     made = {
         "arcs_of": lambda _: ([], ()),
         "fitted_arcs": lambda _: ([], (), ()),
-        "tables_of": lambda *_: None,
+        "build_tables": lambda *_: None,
         "linear_model": lambda *_: model,
         "relinearised": lambda *_: None,
         "_rejected": lambda *_: (),

@@ -10,7 +10,7 @@ from scipy.stats import kstest
 from diagnosis.inference.null import p_value
 from diagnosis.inference.search import Search
 from diagnosis.merge import _joint
-from diagnosis.model.sensors.tables import linear_model, noise_of, tables_of
+from diagnosis.model.sensors.tables import build_tables, linear_model, noise_of
 from diagnosis.sensor_tables import diagnose_sensors, explain_tables
 from diagnosis.settings import DEFAULT
 from gyrocal.errors import InputError
@@ -31,7 +31,7 @@ def diagnose(recording, effects=EFFECTS, seed=0):
 
 
 def test_p_values_of_noise_are_uniform():
-    model = linear_model(tables_of(fits_of(recorded()), EFFECTS), EFFECTS, DEFAULT)
+    model = linear_model(build_tables(fits_of(recorded()), EFFECTS), EFFECTS, DEFAULT)
     assert noise_of(model, DEFAULT).factor == 1
     rng = np.random.default_rng(5)
     found = [p_value(Search(replace(model, y=rng.standard_normal(model.y.size))), seed=3, draws=300) for _ in range(60)]

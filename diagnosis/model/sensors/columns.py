@@ -22,7 +22,7 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from diagnosis.model.linear import Parameters
+from diagnosis.model.groups import Group, group_of
 from diagnosis.model.sensors.arcs import FittedArc
 from simulator.effects.base import Value
 from simulator.effects.sensor import SENSOR_EFFECTS, SensorEffect, Sightings
@@ -34,8 +34,8 @@ STEP = 1e-3  # of an amplitude, for the derivative of an effect's error
 DEGREE = 3
 HARMONICS = 3
 GYRO_HARMONICS = 2
+FIELD = float(np.deg2rad(48.0))  # half width of a sun sensor's field of view
 SUN_EDGES = np.deg2rad([0.0, 5.0, 7.0, 10.0, 15.0, 25.0, 40.0])  # angles from the Sun
-SUN_SENSORS = (1, 2)
 GYRO = "gyro rate at orbit harmonics"
 
 
@@ -54,44 +54,17 @@ class Held:
     others: tuple[Mapping[str, Value], ...] = ()
 
 
-@dataclass(frozen=True)
-class Choice:
-    """One option of a family: some neighbouring columns of it, with the parameters and the prior share that belong to them."""
+def build_groups(fitted: FittedArc, effects: Iterable[SensorEffect], about: Mapping[str, Held]) -> list[Group]:
+    """Build all candidates along an arc, their columns (r, k) in sigmas per unit of the amplitude.
 
-    columns: slice
-    parameters: Parameters
-    weight: float
-
-
-@dataclass(frozen=True)
-class Family:
-    """Columns of one candidate along an arc, and the options among them.
-
-    Attributes
+    Parameters
     ----------
-    effect, axis : name of a listed effect and its axis; of a rival, what it does in words and None
-    listed : whether it is an effect of the list
-    columns : from an arc to (r, p) columns, in sigmas per unit of the amplitude
-    choices : the options
-    finding : signal and words for residuals that follow the columns, None where they are not tested by themselves
+    fitted : the arc
+    effects : listed ones
+    about : amplitudes by label about which the errors are linearised; zero where there are none
     """
-
-    effect: str
-    axis: str | None
-    listed: bool
-    columns: Callable[[FittedArc], Array]
-    choices: tuple[Choice, ...]
-    finding: tuple[str, str] | None = None
-
-    @property
-    def label(self) -> str:
-        """effect:axis, or the name."""
-        return self.effect if self.axis is None else f"{self.effect}:{self.axis}"
-
-    @property
-    def count(self) -> int:
-        """Number of its columns."""
-        return max(choice.columns.stop for choice in self.choices)
+    listed = [_build_listed(fitted, effect, axis, about) for effect in effects for axis in effect.axes or (None,)]
+    return [*listed, *(build_rival(name, build(fitted)) for name, build in RIVALS.items())]
 
 
 # ---- listed effects ------------------------------------------------------------------------------------------------------
@@ -103,30 +76,15 @@ def effect_of(label: str) -> tuple[SensorEffect, str | None]:
     return SENSOR_EFFECTS[name], axis or None
 
 
-def listed_families(effects: Iterable[SensorEffect], about: Mapping[str, Held]) -> list[Family]:
-    """The effects of the list, linearised about given amplitudes by label, or about zero."""
-    return [_listed(effect, axis, about) for effect in effects for axis in effect.axes or (None,)]
-
-
-def _listed(effect: SensorEffect, axis: str | None, about: Mapping[str, Held]) -> Family:
+def _build_listed(fitted: FittedArc, effect: SensorEffect, axis: str | None, about: Mapping[str, Held]) -> Group:
     label = effect.name if axis is None else f"{effect.name}:{axis}"
     at = about.get(label, Held(np.zeros(effect.count), {}))
     options, share = effect.options, 1.0
     if label in about and effect.refined:
         # Parameters that were found between the options are tried there only, with the prior share of one option.
         options, share = (at.parameters, *at.others), 1 / len(effect.options)
-    held = [replace(at, parameters=option) for option in options]
-    choices = [
-        Choice(slice(k * effect.count, (k + 1) * effect.count), dict(option), share / len(options))
-        for k, option in enumerate(options)
-    ]
-    return Family(
-        effect.name, axis, True, partial(_listed_columns, effect=effect, axis=axis, held=held), tuple(choices), effect.finding
-    )
-
-
-def _listed_columns(fitted: FittedArc, effect: SensorEffect, axis: str | None, held: Sequence[Held]) -> Array:
-    return np.hstack([_derivatives(fitted, effect, axis, one) for one in held])
+    columns = [_derivatives(fitted, effect, axis, replace(at, parameters=option)) for option in options]
+    return group_of(effect, axis, columns, [dict(option) for option in options], [share / len(options)] * len(options))
 
 
 def _derivatives(fitted: FittedArc, effect: SensorEffect, axis: str | None, held: Held) -> Array:
@@ -156,59 +114,23 @@ def held_error(sightings: Sightings, held: Mapping[str, Held]) -> tuple[Array, A
 # ---- unlisted rivals -----------------------------------------------------------------------------------------------------
 
 
-def rival_families() -> list[Family]:
-    """Every discrepancy that is on no list, but for sensors that sit differently each day."""
-    terms, near = len(_powers()), 2 * (len(SUN_EDGES) - 1)
-    each = [(8 * k, 8) for k in range(HARMONICS)]
-    return [
-        *(
-            _rival(
-                f"smooth error of DSS-{number}",
-                partial(_smooth, number=number),
-                [(0, terms), (terms, terms), (0, 2 * terms)],
-                (f"DSS-{number}", f"residuals of DSS-{number} follow where the Sun is in its field of view"),
-            )
-            for number in SUN_SENSORS
-        ),
-        _rival(
-            "Earth sensor at orbit harmonics",
-            _quadrant_harmonics,
-            [*each, (0, 8 * HARMONICS)],
-            ("ESA", "quadrants of the Earth sensor are off at the orbit's harmonics"),
-        ),
-        _rival(
-            "Earth sensor near the Sun", _near_sun, [(0, near)], ("ESA", "quadrants of the Earth sensor are off near the Sun")
-        ),
-        _rival(GYRO, _gyro_harmonics, [(6 * k, 6) for k in range(GYRO_HARMONICS)]),
-    ]
+def build_rival(name: str, columns: Sequence[Array]) -> Group:
+    """Build a discrepancy that is on no list, with an amplitude of any size, by the columns of its options."""
+    count = len(columns)
+    return Group(name, None, False, columns, [{}] * count, np.full(count, 1 / count), (0.0, np.inf), "")
 
 
-def _rival(
-    name: str,
-    columns: Callable[[FittedArc], Array],
-    parts: Sequence[tuple[int, int]],
-    finding: tuple[str, str] | None = None,
-) -> Family:
-    choices = tuple(Choice(slice(start, start + count), {}, 1 / len(parts)) for start, count in parts)
-    return Family(name, None, False, columns, choices, finding)
-
-
-def _powers() -> list[tuple[int, int]]:
-    return [(i, j) for i in range(DEGREE + 1) for j in range(DEGREE + 1 - i)]
-
-
-def _smooth(fitted: FittedArc, number: int) -> Array:
-    """(r, 2q) Legendre products in (α, β) for α, then for β of one sun sensor, 1 deg each."""
+def _build_smooth(fitted: FittedArc, number: int) -> list[Array]:
+    """Legendre products in (α, β) for α, for β, and for both of one sun sensor, 1 deg each."""
     sightings = fitted.arc.sightings
-    x = sightings.sun_angles / np.deg2rad(48.0)
-    values = [np.polynomial.legendre.legvander(x[:, k], DEGREE) for k in range(2)]
-    terms = np.deg2rad(np.stack([values[0][:, i] * values[1][:, j] for i, j in _powers()], axis=-1))  # (n, q)
-    q = terms.shape[1]
-    own = sightings.sun_sensor == number
-    sun = np.zeros((len(x), 2, 2 * q))
-    sun[own, 0, :q] = terms[own]
-    sun[own, 1, q:] = terms[own]
-    return fitted.arc.vector(sun, np.zeros((*sightings.used.shape, 2 * q)))
+    values = [np.polynomial.legendre.legvander(angle / FIELD, DEGREE) for angle in sightings.sun_angles.T]
+    powers = [(i, j) for i in range(DEGREE + 1) for j in range(DEGREE + 1 - i)]
+    own = (sightings.sun_sensor == number)[:, None]
+    terms = np.deg2rad(np.stack([values[0][:, i] * values[1][:, j] for i, j in powers], axis=-1)) * own  # (n, q)
+    nothing = np.zeros_like(terms)
+    earth = np.zeros((*sightings.used.shape, len(powers)))
+    of_alpha, of_beta = (fitted.arc.vector(np.stack(parts, axis=1), earth) for parts in ([terms, nothing], [nothing, terms]))
+    return [of_alpha, of_beta, np.hstack([of_alpha, of_beta])]
 
 
 def orbit_phase(sightings: Sightings) -> Array:
@@ -227,15 +149,18 @@ def _of_quadrants(fitted: FittedArc, earth: Array) -> Array:
     return fitted.arc.vector(np.zeros((*fitted.arc.sightings.sun_angles.shape, earth.shape[2])), earth)
 
 
-def _quadrant_harmonics(fitted: FittedArc) -> Array:
-    """(r, 8h) sin and cos(k u) of each quadrant, 1 rad."""
+def _build_quadrant_harmonics(fitted: FittedArc) -> list[Array]:
+    """Sin and cos(k u) of each quadrant, 1 rad, for each k and for all."""
     phase = orbit_phase(fitted.arc.sightings)
-    waves = np.stack([f(k * phase) for k in range(1, HARMONICS + 1) for f in (np.sin, np.cos)], axis=-1)  # (m, 2h)
-    return _of_quadrants(fitted, np.einsum("mw,qr->mqwr", waves, np.eye(4)).reshape(len(waves), 4, -1))
+    each = []
+    for k in range(1, HARMONICS + 1):
+        waves = np.column_stack([np.sin(k * phase), np.cos(k * phase)])
+        each.append(_of_quadrants(fitted, np.einsum("mw,qr->mqwr", waves, np.eye(4)).reshape(len(waves), 4, -1)))
+    return [*each, np.hstack(each)]
 
 
-def _near_sun(fitted: FittedArc) -> Array:
-    """(r, 2k) in which range of angles from the Sun a quadrant looks, coming and going, 1 deg."""
+def _build_near_sun(fitted: FittedArc) -> list[Array]:
+    """In which range of angles from the Sun a quadrant looks, coming and going, 1 deg."""
     sightings = fitted.arc.sightings
     nominal = Horizon().nominal
     directions = np.column_stack(
@@ -249,17 +174,28 @@ def _near_sun(fitted: FittedArc) -> Array:
     for ring in range(len(SUN_EDGES) - 1):
         out[..., 2 * ring] = (rings == ring) & coming
         out[..., 2 * ring + 1] = (rings == ring) & ~coming
-    return _of_quadrants(fitted, np.deg2rad(out))
+    return [_of_quadrants(fitted, np.deg2rad(out))]
 
 
-def _gyro_harmonics(fitted: FittedArc) -> Array:
-    """(r, 6h) of rate errors sin and cos(k u) about each axis, 1 deg/h: γ_n = −Σ f(u) ΔS, f constant between nodes."""
+def _build_gyro_harmonics(fitted: FittedArc) -> list[Array]:
+    """Rate errors sin and cos(k u) about each axis, 1 deg/h, for each k: γ_n = −Σ f(u) ΔS, f constant between nodes."""
     path, sightings = fitted.path, fitted.arc.sightings
     middle = np.interp((path.t[:-1] + path.t[1:]) / 2, sightings.t_s, orbit_phase(sightings))
     steps = np.diff(fitted.S, axis=0)
     parts = []
     for k in range(1, GYRO_HARMONICS + 1):
+        waves = []
         for wave in (np.sin, np.cos):
             gamma = np.concatenate([np.zeros((1, 3, 3)), -np.cumsum(wave(k * middle)[:, None, None] * steps, axis=0)])
-            parts.append(np.einsum("ri,rij->rj", fitted.rows.attitude, gamma[fitted.rows.node]))
-    return np.asarray(np.deg2rad(np.hstack(parts)) / 3600)
+            waves.append(np.einsum("ri,rij->rj", fitted.rows.attitude, gamma[fitted.rows.node]))
+        parts.append(np.deg2rad(np.hstack(waves)) / 3600)
+    return parts
+
+
+RIVALS: Mapping[str, Callable[[FittedArc], list[Array]]] = {
+    "smooth error of DSS-1": partial(_build_smooth, number=1),
+    "smooth error of DSS-2": partial(_build_smooth, number=2),
+    "Earth sensor at orbit harmonics": _build_quadrant_harmonics,
+    "Earth sensor near the Sun": _build_near_sun,
+    GYRO: _build_gyro_harmonics,
+}

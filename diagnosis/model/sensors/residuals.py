@@ -14,11 +14,18 @@ from diagnosis.answer import Finding
 from diagnosis.model.sensors.arcs import FittedArc, fit_arc
 from diagnosis.model.sensors.columns import Held, held_error
 from diagnosis.model.sensors.tables import Tables
+from simulator.effects.sensor import SENSOR_EFFECTS
 
 Array = NDArray[np.float64]
 
 ANGLES = {0: ("penetration 1", "penetration 2", "penetration 3", "penetration 4"), 1: ("alpha", "beta"), 2: ("alpha", "beta")}
 NAMES = {0: "ESA", 1: "DSS-1", 2: "DSS-2"}
+RIVALS = {  # signal and words for residuals that follow the columns of a rival
+    "smooth error of DSS-1": ("DSS-1", "residuals of DSS-1 follow where the Sun is in its field of view"),
+    "smooth error of DSS-2": ("DSS-2", "residuals of DSS-2 follow where the Sun is in its field of view"),
+    "Earth sensor at orbit harmonics": ("ESA", "quadrants of the Earth sensor are off at the orbit's harmonics"),
+    "Earth sensor near the Sun": ("ESA", "quadrants of the Earth sensor are off near the Sun"),
+}
 COLUMNS = ["sensor", "angle", "interval", "t_s", "alpha_deg", "beta_deg", "before_deg", "after_deg"]
 SEEN = 1e-5  # relative singular value of a sensor's columns, below which one adds nothing to the others
 TINY = 1e-300
@@ -56,14 +63,15 @@ def findings(tables: Tables, rate: float) -> tuple[Finding, ...]:
     rate : of false alarms
     """
     found = []
-    for family in tables.families:
-        if family.finding is None:
+    for group in tables.groups:
+        finding = SENSOR_EFFECTS[group.effect].finding if group.listed else RIVALS.get(group.effect)
+        if finding is None:
             continue
-        basis = scipy.linalg.orth(tables.columns(family), rcond=SEEN)
+        basis = scipy.linalg.orth(np.hstack(group.columns), rcond=SEEN)
         chi2, count = float(np.sum((basis.T @ tables.y) ** 2)), basis.shape[1]
         p = float(max(chdtrc(count, chi2), TINY)) if count else 1.0
         if p < rate:
-            signal, text = family.finding
+            signal, text = finding
             sentence = f"{text} (χ² {chi2:.4g}, {count} expected)"
             found.append(Finding(signal, None, None, None, "chi2", chi2, p, sentence))
     return tuple(sorted(found, key=lambda one: -one.value))

@@ -19,9 +19,9 @@ from scipy.special import chdtrc
 
 from diagnosis.model.candidates import placed
 from diagnosis.model.groups import Group
-from diagnosis.model.linear import Fold, LinearModel, exactly, first_amplitude
+from diagnosis.model.linear import Fold, LinearModel
 from diagnosis.model.sensors.arcs import FittedArc
-from diagnosis.model.sensors.columns import Family, Held, listed_families, rival_families
+from diagnosis.model.sensors.columns import Held, build_groups, build_rival
 from diagnosis.settings import DiagnosisSettings
 from simulator.effects.sensor import SENSOR_EFFECTS, SensorEffect
 
@@ -43,28 +43,22 @@ class Tables:
 
     Attributes
     ----------
-    families : whose the columns are
-    W, y : (N, p), (N,) columns and residuals in sigmas, with the nuisance parameters projected out
+    groups : candidates with their columns (N, k) in sigmas, the nuisance parameters projected out
+    y : (N,) residuals, the same way
     owner : (N,) number of the arc of each row
     names, t_s, dof : of each arc its interval, its middle, and its degrees of freedom
     """
 
-    families: tuple[Family, ...]
-    W: Array
+    groups: tuple[Group, ...]
     y: Array
     owner: Indices
     names: tuple[str, ...]
     t_s: Array
     dof: tuple[int, ...]
 
-    def columns(self, family: Family) -> Array:
-        """(N, k) columns of a family."""
-        start = sum(one.count for one in self.families[: self.families.index(family)])
-        return self.W[:, start : start + family.count]
 
-
-def tables_of(fits: Sequence[FittedArc], effects: Sequence[SensorEffect], about: Mapping[str, Held] | None = None) -> Tables:
-    """Columns and residuals of fitted arcs.
+def build_tables(fits: Sequence[FittedArc], effects: Sequence[SensorEffect], about: Mapping[str, Held] | None = None) -> Tables:
+    """Build columns and residuals of fitted arcs.
 
     Parameters
     ----------
@@ -75,31 +69,30 @@ def tables_of(fits: Sequence[FittedArc], effects: Sequence[SensorEffect], about:
     """
     held = about or {}
     present = [effect for effect in SENSOR_EFFECTS.values() if effect in effects or effect.wanders]
-    families = (*listed_families(present, held), *rival_families())
-    amplitudes = np.concatenate([_held_amplitudes(family, held) for family in families])
     rows, dof = [], []
     for fitted in fits:
-        gram, own = fitted.gram(np.hstack([family.columns(fitted) for family in families]))
+        groups = build_groups(fitted, present, held)
+        gram, own = fitted.gram(np.hstack([part for group in groups for part in group.columns]))
         rows.append(_rows(gram))
         dof.append(own)
     stacked = np.vstack(rows)
+    amplitudes, placed_groups, start = np.zeros(stacked.shape[1] - 1), [], 0
+    for group in groups:
+        label = group.effect if group.axis is None else f"{group.effect}:{group.axis}"
+        stops = start + np.cumsum([part.shape[1] for part in group.columns])
+        if label in held:  # the first option is the one held
+            amplitudes[start : stops[0]] = held[label].amplitudes
+        columns = np.split(stacked[:, start : stops[-1]], stops[:-1] - start, axis=1)
+        placed_groups.append(replace(group, columns=columns))
+        start = int(stops[-1])
     return Tables(
-        families=families,
-        W=np.ascontiguousarray(stacked[:, :-1]),
+        groups=tuple(placed_groups),
         y=stacked[:, -1] + stacked[:, :-1] @ amplitudes,
         owner=np.repeat(np.arange(len(rows)), [len(part) for part in rows]),
         names=tuple(fitted.arc.name for fitted in fits),
         t_s=np.array([float(fitted.path.t.mean()) for fitted in fits]),
         dof=tuple(dof),
     )
-
-
-def _held_amplitudes(family: Family, held: Mapping[str, Held]) -> Array:
-    """(k,) amplitudes that were taken off, at the columns of the first option, which is the one held."""
-    out = np.zeros(family.count)
-    if family.label in held:
-        out[family.choices[0].columns] = held[family.label].amplitudes
-    return out
 
 
 def _rows(gram: Array) -> Array:
@@ -113,9 +106,7 @@ def _rows(gram: Array) -> Array:
 
 def linear_model(tables: Tables, effects: Sequence[SensorEffect], settings: DiagnosisSettings) -> LinearModel:
     """The linear model, with the effects that may be named and all unlisted rivals as candidates."""
-    groups = [
-        _group(tables, family) for family in tables.families if not family.listed or SENSOR_EFFECTS[family.effect] in effects
-    ]
+    groups = [group for group in tables.groups if not group.listed or SENSOR_EFFECTS[group.effect] in effects]
     candidates, W = placed([*groups, *_wandering(tables)], lambda columns: columns, settings, visible=VISIBLE)
     return LinearModel(
         y=tables.y,
@@ -130,42 +121,18 @@ def linear_model(tables: Tables, effects: Sequence[SensorEffect], settings: Diag
     )
 
 
-def _group(tables: Tables, family: Family) -> Group:
-    effect = SENSOR_EFFECTS[family.effect] if family.listed else None
-    columns = tables.columns(family)
-    return Group(
-        effect=family.effect,
-        axis=family.axis,
-        listed=family.listed,
-        columns=[columns[:, choice.columns] for choice in family.choices],
-        parameters=[choice.parameters for choice in family.choices],
-        weights=np.array([choice.weight for choice in family.choices]),
-        limits=effect.prior if effect else (0.0, np.inf),
-        unit=effect.unit if effect else "",
-        positive=effect is not None and effect.sign == "positive",
-        weight=effect.weight if effect else 1.0,
-        read=effect.from_amplitudes if effect else first_amplitude,
-        size_sigma=exactly,
-    )
-
-
 def _wandering(tables: Tables) -> Iterator[Group]:
     """Sensors that sit differently each day, or drift through the months."""
-    for family in tables.families:
-        if not family.listed or not SENSOR_EFFECTS[family.effect].wanders:
+    for group in tables.groups:
+        if not group.listed or not SENSOR_EFFECTS[group.effect].wanders:
             continue
-        sensor = SENSOR_EFFECTS[family.effect].sensor(family.axis)
-        columns = tables.columns(family)
+        sensor, (columns,) = SENSOR_EFFECTS[group.effect].sensor(group.axis), group.columns
         days = np.hstack([np.where(tables.owner[:, None] == k, columns, 0.0) for k in range(len(tables.names))])
         # The search looks at the first columns first. The prior of the amplitudes is the same for any rotation of them.
         _, turn = np.linalg.eigh(days.T @ days)
         months = (tables.t_s - tables.t_s.mean()) / MONTH
-        yield _wanderer(f"{sensor} sits differently each day", days @ turn[:, ::-1])
-        yield _wanderer(f"{sensor} drifts", months[tables.owner][:, None] * columns)
-
-
-def _wanderer(name: str, columns: Array) -> Group:
-    return Group(name, None, False, [columns], [{}], np.ones(1), (0.0, np.inf), "")
+        yield build_rival(f"{sensor} sits differently each day", [days @ turn[:, ::-1]])
+        yield build_rival(f"{sensor} drifts", [months[tables.owner][:, None] * columns])
 
 
 def _folds(tables: Tables, W: Array) -> Iterator[Fold]:

@@ -9,10 +9,10 @@ from diagnosis.inference.amplitudes import fit
 from diagnosis.inference.closure import compute_closure
 from diagnosis.inference.search import Search
 from diagnosis.model.sensors.arcs import arcs_of, fit_arc
-from diagnosis.model.sensors.columns import GYRO, Held, held_columns, held_error, listed_families, rival_families
+from diagnosis.model.sensors.columns import GYRO, RIVALS, Held, build_groups, held_columns, held_error
 from diagnosis.model.sensors.orthogonal import absorbed
 from diagnosis.model.sensors.refine import refined
-from diagnosis.model.sensors.tables import in_noise, linear_model, noise_of, tables_of
+from diagnosis.model.sensors.tables import build_tables, in_noise, linear_model, noise_of
 from diagnosis.settings import DEFAULT
 from simulator.effects.sensor import SENSOR_EFFECTS, dss_head, dss_misalignment, esa_bias, parse
 from simulator.sensors.record import nominal_suite, sensed
@@ -32,6 +32,10 @@ def nominal():
 def turned():
     """A head turned by 0.28 deg."""
     return fits_of(recorded("dss_head:2=0.28156", seed=4))
+
+
+def columns_of(groups):
+    return np.hstack([part for one in groups for part in one.columns])
 
 
 # ---- columns -------------------------------------------------------------------------------------------------------------
@@ -103,8 +107,7 @@ def test_the_column_of_an_intrusion_is_the_difference_of_two_simulations():
 def test_a_rate_error_at_orbit_rate_is_a_combination_of_its_columns():
     plain, swinging = (simulate(ONE, noise=False, effects=[parse(e) for e in more]) for more in ((), ("bias_orbital:z=0.3",)))
     (start,), (other,) = fits_of(plain), fits_of(swinging)
-    (family,) = [one for one in rival_families() if one.effect == GYRO]
-    X = family.columns(start)[:, family.choices[0].columns]
+    X = RIVALS[GYRO](start)[0]
     gram, _ = replace(start, rows=replace(start.rows, z=other.rows.z - start.rows.z)).gram(X)
     inner, along, whole = gram[:-1, :-1], gram[:-1, -1], gram[-1, -1]
     assert whole > 100
@@ -114,7 +117,7 @@ def test_a_rate_error_at_orbit_rate_is_a_combination_of_its_columns():
 def test_products_are_those_of_the_full_covariance():
     """Mᵀ V⁻¹ M with noise and the gyro's walk in V, epoch attitude and bias projected out, done densely."""
     (fitted,) = fits_of(simulate(ONE, seed=2))
-    X = np.hstack([family.columns(fitted) for family in listed_families([dss_head.EFFECT, esa_bias.EFFECT], {})])
+    X = columns_of(build_groups(fitted, [dss_head.EFFECT, esa_bias.EFFECT], {}))
     rows, q = fitted.rows, fitted.path.q
     later = np.arange(len(q))[None, :] < rows.node[:, None]
     walk = np.einsum("ri,rk,k->rki", rows.attitude, later, q).reshape(len(rows.z), -1)
@@ -133,24 +136,24 @@ def test_products_are_those_of_the_full_covariance():
 @pytest.mark.parametrize(
     "about", [{}, {"esa_s_filter": Held(np.array([0.3]), {"time_constant_s": 41.0}, ({"time_constant_s": 40.0},))}]
 )
-def test_options_are_where_the_columns_are(nominal, about):
-    for family in (*listed_families(EFFECTS, about), *rival_families()):
-        assert family.columns(nominal[3]).shape[1] == family.count
-    own = next(family for family in listed_families(EFFECTS, about) if family.label == "esa_s_filter")
-    constants = [choice.parameters["time_constant_s"] for choice in own.choices]
+def test_options_are_those_of_the_effect_or_those_found(nominal, about):
+    groups = build_groups(nominal[3], EFFECTS, about)
+    assert all(len(one.columns) == len(one.parameters) == len(one.weights) for one in groups)
+    own = next(one for one in groups if one.effect == "esa_s_filter")
+    constants = [parameters["time_constant_s"] for parameters in own.parameters]
     assert constants == ([41.0, 40.0] if about else [15.0, 30.0, 60.0, 120.0, 240.0])
-    assert sum(choice.weight for choice in own.choices) == pytest.approx(0.2 if about else 1.0)
+    assert sum(own.weights) == pytest.approx(0.2 if about else 1.0)
 
 
 # ---- rows ----------------------------------------------------------------------------------------------------------------
 
 
 def test_rows_have_the_products_of_all_measurements(nominal):
-    tables = tables_of(nominal[:3], EFFECTS)
+    tables = build_tables(nominal[:3], EFFECTS)
     for number, fitted in enumerate(nominal[:3]):
         own = tables.owner == number
-        gram, dof = fitted.gram(np.hstack([family.columns(fitted) for family in tables.families]))
-        rows = np.column_stack([tables.W[own], tables.y[own]])
+        gram, dof = fitted.gram(columns_of(build_groups(fitted, EFFECTS, {})))
+        rows = np.column_stack([columns_of(tables.groups)[own], tables.y[own]])
         scale = np.sqrt(np.maximum(np.outer(np.diag(gram), np.diag(gram)), 1e-30))
         np.testing.assert_allclose(rows.T @ rows / scale, gram / scale, atol=1e-9)
         assert tables.dof[number] == dof
@@ -160,16 +163,15 @@ def test_linearised_about_what_was_found_the_residuals_get_their_linear_part_bac
     """To first order both models are the same; what is left of the square sum is the second order, a part in a thousand."""
     (held,) = [{"dss_head:2": Held(np.array([0.206, 0.061, 0.182]), {})}]
     again = [fit_arc(one.arc, *held_error(one.arc.sightings, held)) for one in turned]
-    plain, about = tables_of(turned, EFFECTS), tables_of(again, EFFECTS, held)
+    plain, about = build_tables(turned, EFFECTS), build_tables(again, EFFECTS, held)
     assert about.y @ about.y == pytest.approx(plain.y @ plain.y, rel=5e-3)
-    family = next(family for family in about.families if family.label == "dss_head:2")
-    X = about.columns(family)
+    (X,) = next(one.columns for one in about.groups if (one.effect, one.axis) == ("dss_head", "2"))
     left = about.y - X @ np.linalg.lstsq(X, about.y, rcond=None)[0]
     assert left @ left / sum(about.dof) == pytest.approx(1.0, abs=5 * np.sqrt(2 / sum(about.dof)))
 
 
 def test_candidates_are_all_effects_and_what_is_on_no_list(nominal):
-    model = linear_model(tables_of(nominal, [dss_head.EFFECT]), [dss_head.EFFECT], DEFAULT)
+    model = linear_model(build_tables(nominal, [dss_head.EFFECT]), [dss_head.EFFECT], DEFAULT)
     assert {one.label for one in model.candidates if one.listed} == {"dss_head:1", "dss_head:2"}
     rivals = {one.label for one in model.candidates if not one.listed}
     # A sensor wanders whether or not its misalignment may be named.
@@ -182,7 +184,7 @@ def test_candidates_are_all_effects_and_what_is_on_no_list(nominal):
 
 
 def test_columns_of_each_day_are_those_of_one_arc_each(nominal):
-    tables = tables_of(nominal, EFFECTS)
+    tables = build_tables(nominal, EFFECTS)
     model = linear_model(tables, EFFECTS, DEFAULT)
     days = model.candidates[model.find("DSS-2 sits differently each day")].options[0]
     constant = model.candidates[model.find("dss_misalignment")].options[0]
@@ -195,7 +197,7 @@ def test_columns_of_each_day_are_those_of_one_arc_each(nominal):
 
 def test_days_left_out_are_measured_by_their_degrees_of_freedom(turned):
     """Rows of a compressed arc are fewer than its degrees of freedom, which are what its square sum is divided by."""
-    tables = tables_of(turned, EFFECTS)
+    tables = build_tables(turned, EFFECTS)
     model = linear_model(tables, EFFECTS, DEFAULT)
     folds = list(model.folds(model.W))
     assert sorted(name for fold in folds for name in fold.dof) == sorted(tables.names)
@@ -211,8 +213,8 @@ def test_days_left_out_are_measured_by_their_degrees_of_freedom(turned):
 
 
 def test_more_noise_than_stated_is_measured_and_taken_as_the_unit(nominal):
-    quiet = linear_model(tables_of(nominal, EFFECTS), EFFECTS, DEFAULT)
-    loud = linear_model(tables_of(fits_of(recorded(change=_noisy)), EFFECTS), EFFECTS, DEFAULT)
+    quiet = linear_model(build_tables(nominal, EFFECTS), EFFECTS, DEFAULT)
+    loud = linear_model(build_tables(fits_of(recorded(change=_noisy)), EFFECTS), EFFECTS, DEFAULT)
     assert noise_of(quiet, DEFAULT).factor == 1
     noise = noise_of(loud, DEFAULT)
     assert noise.p_value < DEFAULT.chi2_sensors
@@ -235,7 +237,7 @@ def test_uncertain_parameters_widen_a_size():
     assert again["esa_s_filter"].parameters["time_constant_s"] == pytest.approx(constant, rel=0.02)
     effects = [SENSOR_EFFECTS["esa_s_filter"]]
     after = [fit_arc(one.arc, *held_error(one.arc.sightings, held)) for one in fits]
-    model = linear_model(tables_of(after, effects, held), effects, DEFAULT)
+    model = linear_model(build_tables(after, effects, held), effects, DEFAULT)
     (one,) = fit(model, Search(model).of(("esa_s_filter",)).members)
     column = model.X[:, model.candidates[0].options[0].columns]
     assert one.sigma > 1.3 / np.linalg.norm(column)
@@ -253,7 +255,7 @@ def test_uncertain_parameters_widen_a_size():
 
 
 def test_an_orthogonal_matrix_takes_a_part_of_a_head(nominal):
-    model = linear_model(tables_of(nominal, EFFECTS), EFFECTS, DEFAULT)
+    model = linear_model(build_tables(nominal, EFFECTS), EFFECTS, DEFAULT)
     shares = absorbed(model, "dss_head:2", [dss_misalignment.EFFECT.name])
     assert ((shares > 0.1) & (shares < 0.95)).all()
     np.testing.assert_allclose(absorbed(model, "dss_head:2", ["dss_head:2"]), 1.0)
