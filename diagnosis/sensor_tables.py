@@ -25,7 +25,7 @@ from diagnosis.model.sensors.arcs import FittedArc, MisfitError, arcs_of, fit_ar
 from diagnosis.model.sensors.columns import GYRO, Held, held_error
 from diagnosis.model.sensors.orthogonal import identifiable, orthogonal_labels
 from diagnosis.model.sensors.reading import find_misreading
-from diagnosis.model.sensors.refine import refined
+from diagnosis.model.sensors.refine import refine_parameters
 from diagnosis.model.sensors.residuals import findings, residual_table
 from diagnosis.model.sensors.tables import Noise, Tables, build_tables, in_noise, linear_model, noise_of
 from diagnosis.posterior import of_attitude
@@ -168,7 +168,7 @@ def relinearised(
     """The linear model about amplitudes that were found; None where there are none, or the arcs do not fit with them."""
     if not found:
         return None
-    held = refined(fits, found)
+    held = refine_parameters(fits, found)
     try:
         again = [fit_arc(one.arc, *held_error(one.arc.sightings, held)) for one in fits]
     except (UnobservableError, InputError):

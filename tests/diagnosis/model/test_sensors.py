@@ -11,7 +11,7 @@ from diagnosis.inference.search import Search
 from diagnosis.model.sensors.arcs import arcs_of, fit_arc
 from diagnosis.model.sensors.columns import GYRO, RIVALS, Held, build_groups, held_columns, held_error
 from diagnosis.model.sensors.orthogonal import absorbed
-from diagnosis.model.sensors.refine import refined
+from diagnosis.model.sensors.refine import refine_parameters
 from diagnosis.model.sensors.tables import build_tables, in_noise, linear_model, noise_of
 from diagnosis.settings import DEFAULT
 from simulator.effects.sensor import SENSOR_EFFECTS, dss_head, dss_misalignment, esa_bias, parse
@@ -230,8 +230,8 @@ def test_more_noise_than_stated_is_measured_and_taken_as_the_unit(nominal):
 
 def test_uncertain_parameters_widen_a_size():
     fits = fits_of(recorded("esa_s_filter=0.74,time_constant_s=42", seed=7))
-    held = refined(fits, {"esa_s_filter": Held(np.array([0.5]), {"time_constant_s": 60.0})})
-    again = refined(fits, held)
+    held = refine_parameters(fits, {"esa_s_filter": Held(np.array([0.5]), {"time_constant_s": 60.0})})
+    again = refine_parameters(fits, held)
     constant = float(held["esa_s_filter"].parameters["time_constant_s"])
     assert constant == pytest.approx(42, rel=0.1)
     assert again["esa_s_filter"].parameters["time_constant_s"] == pytest.approx(constant, rel=0.02)
