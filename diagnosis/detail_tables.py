@@ -11,6 +11,7 @@ from diagnosis.inference.attribution import Attribution
 from diagnosis.model import localization
 from diagnosis.model.prepare import Prepared
 from diagnosis.result import Details
+from diagnosis.sensor_result import EXPLANATIONS
 
 if TYPE_CHECKING:
     from diagnosis.explain import Explained
@@ -24,7 +25,7 @@ def explanation_table(attribution: Attribution | None) -> pd.DataFrame:
     ranked = [one for one in attribution.ranked if one.probability >= WORTH_KEEPING] if attribution is not None else []
     return pd.DataFrame.from_records(
         [(" + ".join(one.labels), one.probability, one.log_evidence, one.unlisted) for one in ranked],
-        columns=["effects", "probability", "log_evidence", "unlisted"],
+        columns=EXPLANATIONS,
     )
 
 

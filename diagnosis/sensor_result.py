@@ -9,6 +9,9 @@ import pandas as pd
 
 from diagnosis.answer import Cause, Closure, Explanations, Finding, Verdict
 
+RESIDUALS = ["sensor", "angle", "interval", "t_s", "alpha_deg", "beta_deg", "before_deg", "after_deg"]
+EXPLANATIONS = ["effects", "probability", "log_evidence", "unlisted"]
+
 
 @dataclass(frozen=True)
 class Rejected:
@@ -41,9 +44,9 @@ class SensorDiagnosis:
     ----------
     verdict : none, named, group or unknown
     present, p_value, false_alarm_rate : the gap
+    where : one finding for each sensor that departs
     mean_square : of M0's residuals in sigmas, per degree of freedom; one if M0 is true, None where M0 could not be fitted
     dof : degrees of freedom
-    where : one finding for each sensor that departs
     causes : one for each effect of the best explanation
     alternatives : (effects, probability) of the next best
     unknown_probability : that something not on the list is at work
@@ -60,18 +63,18 @@ class SensorDiagnosis:
     present: bool
     p_value: float
     false_alarm_rate: float
-    mean_square: float | None
-    dof: int
     where: tuple[Finding, ...]
-    causes: tuple[Cause, ...]
-    alternatives: Explanations
-    unknown_probability: float
-    closure: Closure | None
-    rejected: tuple[Rejected, ...]
-    notes: tuple[str, ...]
-    posterior: Explanations
-    residuals: pd.DataFrame = field(repr=False)
-    explanations: pd.DataFrame = field(repr=False)
+    mean_square: float | None = None
+    dof: int = 0
+    causes: tuple[Cause, ...] = ()
+    alternatives: Explanations = ()
+    unknown_probability: float = 1.0
+    closure: Closure | None = None
+    rejected: tuple[Rejected, ...] = ()
+    notes: tuple[str, ...] = ()
+    posterior: Explanations = ((("unknown",), 1.0),)
+    residuals: pd.DataFrame = field(default_factory=lambda: pd.DataFrame(columns=RESIDUALS), repr=False)
+    explanations: pd.DataFrame = field(default_factory=lambda: pd.DataFrame(columns=EXPLANATIONS), repr=False)
 
     def to_json(self) -> dict[str, Any]:
         """What the merged result does not say; its causes and findings are among the others there."""

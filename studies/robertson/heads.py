@@ -33,6 +33,7 @@ from scipy.stats import chi2
 
 from diagnosis.inference.amplitudes import Fitted, fit
 from diagnosis.inference.closure import compute_closure
+from diagnosis.inference.search import Search
 from diagnosis.model.sensors.residuals import residual_table
 from diagnosis.sensor_tables import ExplainedTables, explain_tables, verdict_of
 from gyrocal.recording import Recording
@@ -123,15 +124,16 @@ def case(config: StoryConfig, number: int, streams: Streams) -> Sequence[Row]:
 
 def _row(truth: str, effects: Sequence[Setting], seen: ExplainedTables) -> dict[str, object]:
     true = {setting.label() for setting in effects}
-    attribution = seen.attribution
-    named = {one.label for one in seen.fitted}
-    without = seen.search.of(ORTHOGONAL)
+    found = seen.found
+    attribution = found.attribution
+    named = {one.label for one in found.fitted}
+    without = Search(seen.scaled).of(ORTHOGONAL)
     assert without is not None
-    orthogonal = compute_closure(seen.linear, without.members)
+    orthogonal = compute_closure(seen.scaled, without.members)
     assert orthogonal is not None
-    after = seen.closed.after if seen.closed is not None else orthogonal.before
+    after = found.closed.after if found.closed is not None else orthogonal.before
     best = attribution.best if attribution is not None else None
-    said, _, _ = verdict_of(seen)
+    said, _ = verdict_of(seen)
     row: dict[str, object] = {
         "truth": truth,
         "verdict": said,
@@ -139,7 +141,7 @@ def _row(truth: str, effects: Sequence[Setting], seen: ExplainedTables) -> dict[
         "right": named == true and said == ("unknown" if truth in UNLISTED else "named" if true else "none"),
         "wrong": len(named - true),
         "probability": min((slot.probability for slot in attribution.slots), default=np.nan) if attribution else np.nan,
-        "p_value": seen.p_value,
+        "p_value": found.p_value,
         "dof": seen.linear.dof,
         "before": orthogonal.before,
         "orthogonal": orthogonal.after,
@@ -148,9 +150,9 @@ def _row(truth: str, effects: Sequence[Setting], seen: ExplainedTables) -> dict[
         "after_p": float(chi2.sf(after * seen.linear.dof, seen.linear.dof)),
         "log_ratio": best.log_evidence - without.log_evidence if best is not None else np.nan,
     }
-    for one in seen.fitted:
+    for one in found.fitted:
         row |= _numbers(one.label, one)
-    for one in fit(seen.search.model, without.members):
+    for one in fit(seen.scaled, without.members):
         row |= _numbers(f"orthogonal {one.label}", one)
     return row
 
@@ -279,10 +281,10 @@ def _right(rows: pd.DataFrame, truths: list[str]) -> float:
 def _residual_figure(config: StoryConfig, path: Path) -> Path:
     """Residuals of DSS-2 in the first case."""
     seen = explain_tables(recorded(config, 0, Streams(config.entropy, 0)), EFFECTS)
-    without = seen.search.of(ORTHOGONAL)
+    without = Search(seen.scaled).of(ORTHOGONAL)
     assert without is not None
-    table = residual_table(seen.fits, held(seen.fitted))
-    table = table.assign(orthogonal_deg=residual_table(seen.fits, held(fit(seen.search.model, without.members)))["after_deg"])
+    table = residual_table(seen.fits, held(seen.found.fitted))
+    table = table.assign(orthogonal_deg=residual_table(seen.fits, held(fit(seen.scaled, without.members)))["after_deg"])
     titles = {f"{name}_deg": label for name, label in LABELS.items()}
     return panels.save(sensor_figures.sun_residual_figure(table, "DSS-2", titles), path)
 

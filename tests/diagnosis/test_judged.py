@@ -1,4 +1,4 @@
-"""From a p-value to an alarm: a gap is one from the stated rate of false alarms on, of the attitude and of the sensors."""
+"""From a p-value to an alarm: a gap is one from the stated rate of false alarms on."""
 
 from importlib import import_module
 
@@ -8,7 +8,7 @@ import pytest
 from diagnosis.settings import DEFAULT
 from tests.diagnosis.linear_models import linear_model
 
-ATTITUDE, SENSORS = import_module("diagnosis.explain"), import_module("diagnosis.sensor_tables")
+EXPLAIN = import_module("diagnosis.explain")
 
 
 @pytest.fixture(scope="module")
@@ -19,27 +19,9 @@ def model():
 
 
 @pytest.mark.parametrize("share", [0.5, 0.99, 1.01])
-def test_the_attitude_alarms_at_the_rate_that_is_stated(model, monkeypatch, share):
-    monkeypatch.setattr(ATTITUDE, "p_value", lambda *_: share * DEFAULT.false_alarm_rate)
-    found = ATTITUDE.judged(model, lambda *_: (), DEFAULT, 0, lambda *_: None)
-    assert (found.attribution is not None) == (share < 1)
-
-
-@pytest.mark.parametrize("share", [0.5, 0.99, 1.01])
-def test_the_sensors_alarm_at_the_rate_that_is_stated(model, monkeypatch, share):
-    """With a linear model made by hand in place of that of simulated tables: only the threshold is asked."""
-    made = {
-        "arcs_of": lambda _: ([], ()),
-        "fitted_arcs": lambda _: ([], (), ()),
-        "build_tables": lambda *_: None,
-        "linear_model": lambda *_: model,
-        "relinearised": lambda *_: None,
-        "_rejected": lambda *_: (),
-        "p_value": lambda *_: share * DEFAULT.false_alarm_rate,
-    }
-    for name, function in made.items():
-        monkeypatch.setattr(SENSORS, name, function)
-    found = SENSORS.explain_tables(None, [None])
+def test_a_linear_model_alarms_at_the_rate_that_is_stated(model, monkeypatch, share):
+    monkeypatch.setattr(EXPLAIN, "p_value", lambda *_: share * DEFAULT.false_alarm_rate)
+    found = EXPLAIN.judged(model, lambda *_: (), DEFAULT, 0, lambda *_: None)
     assert (found.attribution is not None) == (share < 1)
 
 

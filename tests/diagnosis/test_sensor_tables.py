@@ -69,7 +69,7 @@ def amplitudes_of(setting):
 
 @pytest.mark.parametrize("effects", NAMED, ids=lambda one: "+".join(one))
 def test_an_effect_is_named_with_its_size(effects):
-    seen = explain_tables(recorded(*effects, seed=3), EFFECTS)
+    seen = explain_tables(recorded(*effects, seed=3), EFFECTS).found
     settings = {one.label(): one for one in map(parse, effects)}
     assert seen.attribution.verdict == "named"
     assert {one.label for one in seen.fitted} == set(settings)
@@ -152,7 +152,7 @@ def test_what_is_on_no_list_is_unknown(how):
 def test_more_noise_than_stated_does_not_pass_for_evidence():
     """A head is still named with the larger sigma, and nothing beside it."""
     quiet, loud = (explain_tables(recorded(HEAD, seed=6, change=change), EFFECTS) for change in (None, _noisy))
-    (one,), (other,) = quiet.fitted, loud.fitted
+    (one,), (other,) = quiet.found.fitted, loud.found.fitted
     assert other.label == "dss_head:2"
     assert other.sigma > 1.2 * one.sigma
 

@@ -14,6 +14,7 @@ from diagnosis.answer import Finding
 from diagnosis.model.sensors.arcs import FittedArc, fit_arc
 from diagnosis.model.sensors.columns import Held, held_error
 from diagnosis.model.sensors.tables import Tables
+from diagnosis.sensor_result import RESIDUALS
 from simulator.effects.sensor import SENSOR_EFFECTS
 
 Array = NDArray[np.float64]
@@ -26,14 +27,13 @@ RIVALS = {  # signal and words for residuals that follow the columns of a rival
     "Earth sensor at orbit harmonics": ("ESA", "quadrants of the Earth sensor are off at the orbit's harmonics"),
     "Earth sensor near the Sun": ("ESA", "quadrants of the Earth sensor are off near the Sun"),
 }
-COLUMNS = ["sensor", "angle", "interval", "t_s", "alpha_deg", "beta_deg", "before_deg", "after_deg"]
 SEEN = 1e-5  # relative singular value of a sensor's columns, below which one adds nothing to the others
 TINY = 1e-300
 
 
 def residual_table(fits: Sequence[FittedArc], held: Mapping[str, Held]) -> pd.DataFrame:
     """Residuals of all measurements under M0, and of a fit with some effects taken off the measurements."""
-    parts = [pd.DataFrame(columns=COLUMNS)] if not fits else []
+    parts = [pd.DataFrame(columns=RESIDUALS)] if not fits else []
     for before in fits:
         arc = before.arc
         after = fit_arc(arc, *held_error(arc.sightings, held)) if held else before
@@ -50,7 +50,7 @@ def residual_table(fits: Sequence[FittedArc], held: Mapping[str, Held]) -> pd.Da
                     np.rad2deg(old[:, k]),
                     np.rad2deg(new[:, k]),
                 )
-                parts.append(pd.DataFrame(dict(zip(COLUMNS, values, strict=True))))
+                parts.append(pd.DataFrame(dict(zip(RESIDUALS, values, strict=True))))
     return pd.concat(parts, ignore_index=True)
 
 
