@@ -166,11 +166,15 @@ class Exact:
                 band[offset, :, i] = diagonal[:, i + offset, i]
         band[3, :-1] = -weight[:, None]
         self._factor = scipy.linalg.cholesky_banded(band.reshape(4, -1), lower=True)
-        border = np.zeros((count, 3, p))
-        np.add.at(border, rows.node, a[:, :, None] * c[:, None, :])
-        self._border = border.reshape(-1, p)
+        self._border = self._at_nodes(c)
         self._solved_border = self._band_solve(self._border)
         self._schur = scipy.linalg.cho_factor(c.T @ c - self._border.T @ self._solved_border)
+
+    def _at_nodes(self, columns: Array) -> Array:
+        """(3N, k) products Jᵀ of the rows' attitude columns, each at its node, with columns (r, k)."""
+        spread = np.zeros((len(self._q) + 1, 3, columns.shape[1]))
+        np.add.at(spread, self._rows.node, self._rows.attitude[:, :, None] * columns[:, None, :])
+        return spread.reshape(-1, columns.shape[1])
 
     def _band_solve(self, right: Array) -> Array:
         return np.asarray(scipy.linalg.cho_solve_banded((self._factor, True), right))
@@ -207,6 +211,13 @@ class Exact:
         errors -= ((rows.parameters * self._scale) @ parameters).T
         walk = np.diff(by_node, axis=0) / self._q[:, None, None] ** 2
         return Influence(errors, np.asarray(walk.transpose(0, 2, 1)))
+
+    def project(self, columns: Array) -> Array:
+        """(k, k) products of columns (r, k) of the rows with the attitude at all nodes and the parameters projected out."""
+        by_node, by_parameter = self._at_nodes(columns), (self._rows.parameters * self._scale).T @ columns
+        nodes, parameters = self._solve(by_node, by_parameter)
+        out = columns.T @ columns - by_node.T @ nodes - by_parameter.T @ parameters
+        return np.asarray((out + out.T) / 2)
 
     @property
     def walk_chi2(self) -> float:

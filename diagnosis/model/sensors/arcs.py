@@ -23,7 +23,6 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-import scipy.linalg
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
@@ -31,7 +30,7 @@ from gyrocal.attitude import rotation_matrix
 from gyrocal.errors import InputError, UnobservableError
 from gyrocal.estimation.arc import Estimate, GyroArc, columns, gyro_arc, linearise, measured_times
 from gyrocal.estimation.batch_observability import check_observable
-from gyrocal.estimation.least_squares import Plain, Rows
+from gyrocal.estimation.least_squares import Exact, Plain, Rows
 from gyrocal.recording import GyroStream, Interval, Recording, reference_rows
 from gyrocal.recording.sensor_tables import SensorTables
 from gyrocal.sensors.earth import EarthModel, EarthSensor
@@ -109,8 +108,8 @@ class FittedArc:
     residuals: tuple[Array, ...]
 
     @cached_property
-    def _factor(self) -> Array:
-        return _band(self.rows, self.path.q)
+    def _exact(self) -> Exact:
+        return Exact(self.rows, self.path.q, np.zeros((len(self.path.q), 3)))
 
     def gram(self, X: Array) -> tuple[Array, int]:
         """Products of X (r, p) and the residuals with the nuisance parameters of M0 projected out.
@@ -119,32 +118,7 @@ class FittedArc:
         -------
         (p + 1, p + 1) the residuals last, and the degrees of freedom
         """
-        rows, count = self.rows, len(self.path.t)
-        scale = 1 / np.sqrt(np.sum(rows.parameters**2, axis=0))
-        M = np.column_stack([rows.parameters * scale, X, rows.z])
-        spread = np.zeros((count, 3, M.shape[1]))
-        np.add.at(spread, rows.node, rows.attitude[:, :, None] * M[:, None, :])
-        flat = spread.reshape(3 * count, -1)
-        solved = scipy.linalg.cho_solve_banded((self._factor, True), flat, check_finite=False)
-        inner = M.T @ M - flat.T @ solved
-        bias, cross = inner[:3, :3], inner[:3, 3:]
-        out = inner[3:, 3:] - cross.T @ np.linalg.solve(bias, cross)
-        return np.asarray((out + out.T) / 2), len(rows.z) - 6
-
-
-def _band(rows: Rows, q: Array) -> Array:
-    """Cholesky factor of Λ, in scipy's lower band form."""
-    count = len(q) + 1
-    weight = 1 / q**2
-    diagonal = np.zeros((count, 3, 3))
-    np.add.at(diagonal, rows.node, rows.attitude[:, :, None] * rows.attitude[:, None, :])
-    diagonal += (np.append(weight, 0) + np.insert(weight, 0, 0))[:, None, None] * np.eye(3)
-    band = np.zeros((4, count, 3))
-    for offset in range(3):
-        for i in range(3 - offset):
-            band[offset, :, i] = diagonal[:, i + offset, i]
-    band[3, :-1] = -weight[:, None]
-    return np.asarray(scipy.linalg.cholesky_banded(band.reshape(4, -1), lower=True, check_finite=False))
+        return self._exact.project(np.column_stack([X, self.rows.z])), len(self.rows.z) - 6
 
 
 def arcs_of(recording: Recording) -> tuple[list[Arc], list[str]]:
