@@ -29,10 +29,10 @@ from diagnosis.explain import Explained, explain, judged
 from diagnosis.inference.criticism import Check, check_explanation
 from diagnosis.model import localization
 from diagnosis.model.calibration import calibrated
-from diagnosis.model.gyros import ArrayModel, array_model
+from diagnosis.model.gyros import ArrayModel, build_array_model
 from diagnosis.model.layout import tabulate_observations
 from diagnosis.model.linear import LinearModel, Member
-from diagnosis.model.parity import ParityModel, parity_model
+from diagnosis.model.parity import ParityModel, build_parity_model
 from diagnosis.model.prepare import Prepared, prepare
 from diagnosis.model.symptoms import SampleCause, claimed, drop_estimated_levels, reference_symptoms
 from diagnosis.result import Details, Diagnosis
@@ -94,7 +94,7 @@ def diagnose_gyros(
     tested = gyro_tests(recording, settings)
     start = GyroArray(recording.gyro.names, *nominal(recording.gyro))
     gyros, body, more = about(recording, start, tested.noise, settings)
-    parity = parity_model(recording, gyros, recording.gyro.arw * tested.noise)
+    parity = build_parity_model(recording, gyros, recording.gyro.arw * tested.noise)
     of_references = [] if body is None else reference_symptoms(body, settings)
     symptoms = [*drop_estimated_levels(tested.symptoms, recording), *of_references]
     view = _view(recording, recording.gyro.names)
@@ -110,10 +110,9 @@ def diagnose_gyros(
         explained = explain(body, [one for one in effects if not one.of_arrays], settings, seed, tell)
         seen = _seen_by_attitude(whole, body, explained, gyros, tested, (*notes, "Without parity, axes are those of the body"))
         return answered(seen, samples, explained, settings, time.perf_counter() - began)
-    gains = np.stack([gain(gyros.K, recording.switched_on(k), tested.noise) for k in range(len(recording.intervals))])
-    model = ArrayModel(recording, parity, None if body is None else body.model, gains)
+    model = ArrayModel(recording, parity, None if body is None else body.model)
     tell("candidates", 0.1)
-    linear = array_model(model, effects, settings)
+    linear = build_array_model(model, effects, settings)
 
     def check(found: LinearModel, members: tuple[Member, ...]) -> tuple[Check, ...]:
         return array_checks(model, found, members, seed)

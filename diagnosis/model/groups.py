@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
+from typing import TYPE_CHECKING
 
 import numpy as np
 import scipy.linalg
@@ -23,6 +24,9 @@ from diagnosis.model.places import Place
 from diagnosis.model.recording import RecordingModel
 from diagnosis.model.steps import step_times, switched_columns
 from simulator.effects.base import Effect, Surroundings, Value
+
+if TYPE_CHECKING:
+    from diagnosis.model.gyros import ArrayModel
 
 Array = NDArray[np.float64]
 
@@ -94,12 +98,12 @@ def listed(model: RecordingModel, effects: Sequence[Effect], found: Found | None
             yield from process_groups(model, effect, around)
 
 
-def plain_group(model: RecordingModel, effect: Effect, axis: str | None, around: Surroundings) -> Group:
+def plain_group(model: RecordingModel | ArrayModel, effect: Effect, axis: str | None, around: Surroundings) -> Group:
     """An effect whose columns are there throughout, with an option for each set of parameters worth trying."""
     trials = effect.trials(around)
     columns = [make_columns(model, effect, axis, trial.parameters) for trial in trials]
     parameters, weights = [dict(trial.parameters) for trial in trials], [trial.weight for trial in trials]
-    if effect.stage == "clock" and effect.unit == "s":  # one delay, of any length
+    if isinstance(model, RecordingModel) and effect.stage == "clock" and effect.unit == "s":  # one delay, of any length
         long = delays(model, columns[0], effect.prior)
         columns += [one.columns for one in long]
         parameters += [{} for _ in long]
@@ -107,7 +111,7 @@ def plain_group(model: RecordingModel, effect: Effect, axis: str | None, around:
     return group_of(effect, axis, columns, parameters, weights)
 
 
-def switched_group(model: RecordingModel, effect: Effect, axis: str | None, around: Surroundings) -> Group:
+def switched_group(model: RecordingModel | ArrayModel, effect: Effect, axis: str | None, around: Surroundings) -> Group:
     """An effect that is switched on at some time, with an option for each time that is tried."""
     times, widths, weights, firsts = step_times(model)
     columns: list[Array] = []
@@ -185,9 +189,9 @@ def unlisted_groups(model: RecordingModel, found: Found, effects: Sequence[Effec
     """Every discrepancy that is on no list, with an amplitude of any size."""
     named = [effect.on_references for effect in effects if effect.scanned]
     for one in repeating.list_families(model, found, named):
-        yield replace(_rival(one.name, one.axis, one.columns, False, one.weights), scanned=True)
+        yield replace(build_rival(one.name, one.axis, one.columns, False, one.weights), scanned=True)
     for family in unlisted.build_families(model):
-        yield _rival(family.name, family.axis, family.columns, False)
+        yield build_rival(family.name, family.axis, family.columns, False)
     cells, around = processes.cell_times(model), model.around
     known = [
         effect.covariance(cells, trial.parameters)
@@ -199,9 +203,9 @@ def unlisted_groups(model: RecordingModel, found: Found, effects: Sequence[Effec
     for process in processes.unlisted(model, known):
         others = [one for one in process.columns if not _is_within(model.projected(one), between[process.axis])]
         if others:
-            yield _rival(process.name, process.axis, others, True)
+            yield build_rival(process.name, process.axis, others, True)
     for error in trackers.unlisted(model):
-        yield _rival(error.name, error.tracker, error.columns, error.process)
+        yield build_rival(error.name, error.tracker, error.columns, error.process)
 
 
 def steps_between(model: RecordingModel, effects: Sequence[Effect]) -> dict[str, list[Array]]:
@@ -227,7 +231,8 @@ def _is_within(columns: Array, bases: Sequence[Array]) -> bool:
     return any(float(np.sum((basis.T @ columns) ** 2)) > processes.ALIKE * power for basis in bases)
 
 
-def _rival(name: str, axis: str | None, columns: Sequence[Array], process: bool, weights: Array | None = None) -> Group:
+def build_rival(name: str, axis: str | None, columns: Sequence[Array], process: bool, weights: Array | None = None) -> Group:
+    """Build a discrepancy that is on no list, with options of equal prior unless their weights are given."""
     count = len(columns)
     shares = np.full(count, 1 / count) if weights is None else weights
     return Group(name, axis, False, columns, [{}] * count, shares, (0.0, np.inf), "", process)

@@ -13,6 +13,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,6 +21,8 @@ from numpy.typing import NDArray
 from gyrocal.calibration.gyros import GyroArray
 from gyrocal.recording import Recording
 from gyrocal.recording.gyros import gain, inside, parity
+from simulator.effects import Stream
+from simulator.effects.recorded import housekeeping_at
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
@@ -34,27 +37,22 @@ class ParityModel:
 
     Attributes
     ----------
-    gyros : the K and c that it is about
-    t_s, dt : (n,) middle and duration of each sample inside the intervals, s
-    rates : (n, 3) body rates, rad/s
-    samples : of each interval among those
-    first : (B,) first sample of each block
+    stream : the n samples inside the intervals, with the names and axes K of the gyros
+    edges : (B + 1,) first sample of each block, and the number of samples
     interval : (B,) interval of each block
     block : (R,) block of each observation
     rows : (R, gyros) whitened V_i of each observation; zero for gyros that were off
     observed : (R,) whitened parity residuals
+    gains : (intervals, 3, gyros) G of each interval
     """
 
-    gyros: GyroArray
-    t_s: Array
-    dt: Array
-    rates: Array
-    samples: tuple[slice, ...]
-    first: Indices
+    stream: Stream
+    edges: Indices
     interval: Indices
     block: Indices
     rows: Array
     observed: Array
+    gains: Array
 
     @property
     def size(self) -> int:
@@ -64,47 +62,43 @@ class ParityModel:
     @cached_property
     def duration_s(self) -> Array:
         """(B,) of each block."""
-        return np.asarray(np.add.reduceat(self.dt, self.first))
-
-    @cached_property
-    def middle_s(self) -> Array:
-        """(B,) time of its middle, s since the epoch."""
-        return self.means(self.t_s)
+        return np.asarray(np.add.reduceat(self.stream.duration_s, self.edges[:-1]))
 
     def means(self, values: Array) -> Array:
-        """Means over the blocks, (n, …) → (B, …)."""
-        weight = self.dt.reshape(-1, *(1,) * (values.ndim - 1))
-        sums = np.add.reduceat(values * weight, self.first, axis=0)
-        return np.asarray(sums / self.duration_s.reshape(-1, *(1,) * (values.ndim - 1)))
+        """Compute means over the blocks, (n, …) → (B, …)."""
+        trailing = (1,) * (values.ndim - 1)
+        sums = np.add.reduceat(values * self.stream.duration_s.reshape(-1, *trailing), self.edges[:-1], axis=0)
+        return np.asarray(sums / self.duration_s.reshape(-1, *trailing))
 
-    def reading(self, gyro: int, means: Array) -> Array:
-        """Whitened observations of a reading of one gyro that is high by its means over the blocks, (B, k) → (R, k)."""
-        return np.asarray(self.rows[:, [gyro]] * means[self.block])
+    def reading(self, high: Array) -> Array:
+        """Compute observations of readings that are high, (n, gyros, k) → (R, k)."""
+        return np.asarray(np.einsum("rg,rgk->rk", self.rows, self.means(high)[self.block]))
 
-    def means_from(self, values: Array, times: Array) -> Array:
-        """Means over the blocks of a reading (n,) that is switched on at each of some times, (B, s)."""
-        begin = self.t_s - 0.5 * self.dt
-        held = np.clip(np.searchsorted(begin, times, side="right") - 1, 0, None)  # the sample that holds each time
-        total = np.concatenate([[0.0], np.cumsum(values * self.dt)])
-        off = total[held] + values[held] * np.clip(times - begin[held], 0.0, self.dt[held])
-        stop = total[np.append(self.first[1:], self.t_s.size)]
-        added = np.clip(np.searchsorted(self.first, held, side="right") - 1, 0, None)
-        places = np.arange(self.first.size)[:, None]
-        whole = (stop - total[self.first])[:, None]
-        out = np.where(places > added, whole, np.where(places < added, 0.0, stop[:, None] - off))
-        return np.asarray(out / self.duration_s[:, None])
+    def reading_steps(self, high: Array, starts: Indices) -> Array:
+        """Compute observations of readings (n, gyros) switched on at each of several samples (s,), (R, s)."""
+        out = np.zeros((self.size, starts.size))
+        since = np.maximum(self.edges[:, None], starts)
+        for gyro in np.flatnonzero(high.any(axis=0)):
+            total = np.concatenate([[0.0], np.cumsum(high[:, gyro] * self.stream.duration_s)])
+            out += self.rows[:, [gyro]] * (np.diff(total[since], axis=0) / self.duration_s[:, None])[self.block]
+        return out
+
+    @cached_property
+    def nuisance_columns(self) -> Array:
+        """(R, 4 gyros) columns of K_x, K_y, K_z and c, gyro by gyro."""
+        w = np.column_stack([self.means(self.stream.rates), np.ones(self.interval.size)])[self.block]
+        return (self.rows[:, :, None] * w[:, None, :]).reshape(self.size, -1)
 
     @cached_property
     def nuisance(self) -> Array:
-        """(R, q) orthonormal basis of the columns of K and c."""
-        w = np.column_stack([self.means(self.rates), np.ones(self.first.size)])[self.block]
-        columns = (self.rows[:, :, None] * w[:, None, :]).reshape(self.size, -1)
+        """(R, q) orthonormal basis of those columns."""
+        columns = self.nuisance_columns
         columns = columns / np.maximum(np.linalg.norm(columns, axis=0), 1e-300)
         U, s, _ = np.linalg.svd(columns, full_matrices=False)
         return np.asarray(U[:, s > RANK * s[0]])
 
     def projected(self, columns: Array) -> Array:
-        """Whitened columns without the part of the nuisance parameters."""
+        """Take the part of the nuisance parameters out of whitened columns."""
         return columns - self.nuisance @ (self.nuisance.T @ columns)
 
     @cached_property
@@ -118,8 +112,8 @@ class ParityModel:
         return self.size - self.nuisance.shape[1]
 
 
-def parity_model(recording: Recording, gyros: GyroArray, arw: Array) -> ParityModel | None:
-    """The parity of a recording; None where never more than three gyros were on.
+def build_parity_model(recording: Recording, gyros: GyroArray, arw: Array) -> ParityModel | None:
+    """Build the parity of a recording; None where never more than three gyros were on.
 
     Parameters
     ----------
@@ -127,47 +121,68 @@ def parity_model(recording: Recording, gyros: GyroArray, arw: Array) -> ParityMo
     gyros : K and c to take it about; that of its own parity leaves nothing nonlinear
     arw : (gyros,) angle random walk of each, rad/sqrt(s)
     """
-    parts = [inside(recording, number) for number in range(len(recording.intervals))]
-    total = sum(float(dt.sum()) for _, dt in parts)
-    found: dict[str, list[Array]] = {name: [] for name in ("t_s", "dt", "rates", "rows", "observed")}
-    first: list[Indices] = []
+    gains = np.stack([gain(gyros.K, recording.switched_on(number), arw) for number in range(len(recording.intervals))])
+    stream = _build_stream(recording, gyros, gains)
+    total = float(stream.duration_s.sum())
+    edges: list[Indices] = []
     interval: list[Indices] = []
     block: list[Indices] = []
-    samples: list[slice] = []
-    count = 0
-    for number, (part, dt) in enumerate(parts):
-        chosen = recording.switched_on(number)
+    rows: list[Array] = []
+    observed: list[Array] = []
+    for number, part in enumerate(stream.intervals):
+        dt = stream.duration_s[part]
         if not dt.size:
-            samples.append(slice(count, count))
             continue
-        raw = np.zeros((dt.size, len(gyros.names)))
-        raw[:, chosen] = recording.gyro.rates[part][:, chosen] - gyros.c[chosen]
-        own = max(1, min(dt.size, round(MOST_BLOCKS * float(dt.sum()) / total)))
-        edges = np.unique(np.linspace(0, dt.size, own + 1).round().astype(int))[:-1]
-        duration = np.add.reduceat(dt, edges)
-        means = np.add.reduceat(raw * dt[:, None], edges, axis=0) / duration[:, None]
-        V = parity(gyros.K, chosen)
-        if V.shape[1]:
-            white = np.linalg.solve(np.linalg.cholesky(V.T * arw**2 @ V), V.T)  # (m, gyros)
-            scaled = np.sqrt(duration)[:, None, None] * white
-            block.append(np.repeat(sum(part.size for part in first) + np.arange(edges.size), len(white)))
-            found["rows"].append(scaled.reshape(-1, len(gyros.names)))
-            found["observed"].append(np.einsum("bmi,bi->bm", scaled, means).ravel())
-        found["t_s"].append(recording.gyro.t_s[part] + 0.5 * dt)
-        found["dt"].append(dt)
-        found["rates"].append(raw @ gain(gyros.K, chosen, arw).T)
-        samples.append(slice(count, count + dt.size))
-        first.append(count + edges)
-        interval.append(np.full(edges.size, number))
-        count += dt.size
-    if not block:
+        blocks = max(1, min(dt.size, round(MOST_BLOCKS * float(dt.sum()) / total)))
+        first = np.linspace(0, dt.size, blocks + 1).round().astype(np.intp)[:-1]
+        duration = np.add.reduceat(dt, first)
+        V = parity(gyros.K, recording.switched_on(number))
+        white = np.linalg.solve(np.linalg.cholesky(V.T * arw**2 @ V), V.T)  # (m, gyros)
+        scaled = np.sqrt(duration)[:, None, None] * white
+        means = np.add.reduceat(_read(recording, gyros, number) * dt[:, None], first, axis=0) / duration[:, None]
+        block.append(np.repeat(sum(one.size for one in interval) + np.arange(blocks), len(white)))
+        edges.append(part.start + first)
+        interval.append(np.full(blocks, number))
+        rows.append(scaled.reshape(-1, len(V)))
+        observed.append(np.einsum("bmi,bi->bm", scaled, means).ravel())
+    if not sum(one.size for one in observed):
         return None
-    arrays = {name: np.concatenate(values) for name, values in found.items()}
     return ParityModel(
-        gyros=gyros,
-        samples=tuple(samples),
-        first=np.concatenate(first),
+        stream=stream,
+        edges=np.concatenate([*edges, [stream.t_s.size]]),
         interval=np.concatenate(interval),
         block=np.concatenate(block),
-        **arrays,
+        rows=np.concatenate(rows),
+        observed=np.concatenate(observed),
+        gains=gains,
+    )
+
+
+def _read(recording: Recording, gyros: GyroArray, interval: int) -> Array:
+    """Compute what the gyros read in an interval less their biases (n, gyros), zero for those that were off."""
+    chosen = recording.switched_on(interval)
+    out = np.zeros((inside(recording, interval)[1].size, len(gyros.names)))
+    out[:, chosen] = recording.gyro.rates[inside(recording, interval)[0]][:, chosen] - gyros.c[chosen]
+    return out
+
+
+def _build_stream(recording: Recording, gyros: GyroArray, gains: Array) -> Stream:
+    """Build the samples inside the intervals as effects on one of the gyros see them."""
+    intervals = recording.intervals
+    parts = [inside(recording, number) for number in range(len(intervals))]
+    ends = np.cumsum([0, *(own.size for _, own in parts)]).tolist()
+    dt = np.concatenate([own for _, own in parts])
+    t_s = np.concatenate([recording.gyro.t_s[part] for part, _ in parts]) + 0.5 * dt
+    rates = np.concatenate([_read(recording, gyros, number) @ G.T for number, G in enumerate(gains)])
+    return Stream(
+        t_s=t_s,
+        duration_s=dt,
+        rates=rates,
+        raw=rates @ gyros.K.T + gyros.c,
+        intervals=tuple(slice(low, high) for low, high in pairwise(ends)),
+        orbit_period_s=recording.orbit.period_s if recording.orbit is not None else float("nan"),
+        span_s=(min(one.start_s for one in intervals), max(one.stop_s for one in intervals)),
+        housekeeping=housekeeping_at(recording, t_s),
+        gyros=gyros.names,
+        axes=gyros.K,
     )

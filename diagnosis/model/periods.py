@@ -16,6 +16,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 import scipy.linalg
@@ -26,7 +27,11 @@ from diagnosis.model.recording import RecordingModel
 from diagnosis.sinusoids.coherence import IntervalProducts, find_tops
 from diagnosis.sinusoids.fit import make_waves
 from simulator.effects.base import AXES, Effect, Value
+from simulator.effects.gyros import columns_of
 from simulator.effects.periodic import SHORTEST, period_band
+
+if TYPE_CHECKING:
+    from diagnosis.model.gyros import ArrayModel
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
@@ -223,11 +228,13 @@ def make_period_columns(model: RecordingModel, axis: int, on_references: bool, f
     return np.split(both, frequencies.size, axis=1)
 
 
-def make_columns(model: RecordingModel, effect: Effect, axis: str | None, parameters: Mapping[str, Value]) -> Array:
-    """Make (N, k) whitened columns of an effect per unit of its amplitudes."""
+def make_columns(
+    model: RecordingModel | ArrayModel, effect: Effect, axis: str | None, parameters: Mapping[str, Value]
+) -> Array:
+    """Make (N, k) whitened columns of an effect per unit of its amplitudes; the axis is the name of a gyro, of any number."""
     if effect.on_references:
         return model.whitened(model.reference_error(effect.reference_columns(model.references, axis, parameters)))
-    return model.whitened(model.reading(effect.columns(model.stream, axis, parameters)))
+    return model.whitened(model.reading(columns_of(effect, model.stream, axis, parameters)))
 
 
 def make_effect_columns(model: RecordingModel, effect: Effect, axis: str, frequencies: Array) -> list[Array]:

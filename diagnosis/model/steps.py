@@ -15,6 +15,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 import scipy.linalg
@@ -23,6 +24,10 @@ from numpy.typing import NDArray
 from diagnosis.model.linear import LinearModel, Member, Option, Parameters, Wanted
 from diagnosis.model.recording import RecordingModel
 from simulator.effects.base import Effect, Value
+from simulator.effects.gyros import columns_of
+
+if TYPE_CHECKING:
+    from diagnosis.model.gyros import ArrayModel
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
@@ -34,47 +39,47 @@ BETWEEN_INTERVALS = 0.5  # prior of a step in a gap between intervals
 ALREADY_ON = 1.0  # s before the first sample, when a switched column is on throughout
 SCANNED_TIMES = 600  # that a step is looked for at, over the recording
 MOST_MOMENTS = 5  # steps that get further options; each makes every later search slower
+ROUNDING = 6  # decimals of a duration in s
 PEAK = 8.0  # log of a likelihood ratio to the highest, down to which a peak reaches
 
 
-def step_times(model: RecordingModel, spacing_s: float = LONGEST_STEP_GAP) -> tuple[Array, Array, Array, Indices]:
+def step_times(model: RecordingModel | ArrayModel, spacing_s: float = LONGEST_STEP_GAP) -> tuple[Array, Array, Array, Indices]:
     """Times a step is tried at, how far each may be off where that is not known, their prior weights, and their first steps.
 
     Between two intervals only the fact can be seen, so the middle of the gap stands for all of it.
     """
     times, widths, weights, firsts = [], [], [], []
-    blocks = model.blocks
-    total = sum(float(block.elapsed_s[-1]) for block in blocks)
-    gaps = len(blocks) - 1
-    for number, block in enumerate(blocks):
-        duration = float(block.elapsed_s[-1])
+    stream, t_s = model.stream, model.stream.t_s
+    parts = [part for part in stream.intervals if part.stop > part.start]
+    durations = [round(float(stream.duration_s[part].sum()), ROUNDING) for part in parts]
+    gaps = len(parts) - 1
+    for number, (part, duration) in enumerate(zip(parts, durations, strict=True)):
         if number:
-            end, begin = float(model.t_s[blocks[number - 1].steps.stop - 1]), float(model.t_s[block.steps.start])
+            end, begin = float(t_s[parts[number - 1].stop - 1]), float(t_s[part.start])
             times.append(0.5 * (end + begin))
             widths.append((begin - end) / np.sqrt(12))
             weights.append(BETWEEN_INTERVALS / gaps)
-            firsts.append(block.steps.start)
+            firsts.append(part.start)
         count = int(np.clip(duration / spacing_s, 3, MOST_STEP_TIMES))
-        inside = block.steps.start + (np.arange(1, count + 1) / (count + 1) * (block.steps.stop - block.steps.start)).astype(
-            int
-        )
-        times += [float(model.t_s[k]) for k in inside]
+        inside = part.start + (np.arange(1, count + 1) / (count + 1) * (part.stop - part.start)).astype(int)
+        times += t_s[inside].tolist()
         widths += [0.0] * count
-        weights += [(1 - BETWEEN_INTERVALS if gaps else 1.0) * duration / total / count] * count
+        weights += [(1 - BETWEEN_INTERVALS if gaps else 1.0) * duration / sum(durations) / count] * count
         firsts += inside.tolist()
     return np.array(times), np.array(widths), np.array(weights), np.array(firsts)
 
 
 def switched_columns(
-    model: RecordingModel, effect: Effect, axis: str | None, parameters: Mapping[str, Value], firsts: Indices
+    model: RecordingModel | ArrayModel, effect: Effect, axis: str | None, parameters: Mapping[str, Value], firsts: Indices
 ) -> Array:
     """(N, s) whitened columns of an effect that is switched on at each of several steps."""
-    begin = float(model.t_s[0]) - ALREADY_ON - float(model.dt[0])
-    on = effect.columns(model.stream, axis, {**parameters, "time_s": begin})[:, :, 0]
+    stream = model.stream
+    begin = float(stream.t_s[0]) - ALREADY_ON - float(stream.duration_s[0])
+    on = columns_of(effect, stream, axis, {**parameters, "time_s": begin})[:, :, 0]
     return model.whitened(model.reading_steps(on, firsts))
 
 
-def with_finer_times(model: RecordingModel, linear: LinearModel, member: Member, effect: Effect) -> LinearModel:
+def with_finer_times(model: RecordingModel | ArrayModel, linear: LinearModel, member: Member, effect: Effect) -> LinearModel:
     """The linear model with more times for a step of any element, close together around the one at which a member is held.
 
     They take over half the prior of the times between which they lie; a gap between intervals keeps its own.
@@ -85,8 +90,8 @@ def with_finer_times(model: RecordingModel, linear: LinearModel, member: Member,
     times = sorted({float(o.parameters["time_s"]) for o in entry.options})
     place = times.index(float(parameters["time_s"]))
     low, high = times[max(place - 2, 0)], times[min(place + 2, len(times) - 1)]
-    firsts = np.unique(np.searchsorted(model.t_s, np.linspace(low, high, FINE_STEP_TIMES)))
-    firsts = firsts[(firsts > 0) & (firsts < model.t_s.size)]
+    firsts = np.unique(np.searchsorted(model.stream.t_s, np.linspace(low, high, FINE_STEP_TIMES)))
+    firsts = firsts[(firsts > 0) & (firsts < model.stream.t_s.size)]
     if not firsts.size:
         return linear
     known = [o for o in entry.options if not float(o.parameters["time_sigma_s"])]
@@ -100,7 +105,7 @@ def with_finer_times(model: RecordingModel, linear: LinearModel, member: Member,
 
 
 def _with_times(
-    model: RecordingModel,
+    model: RecordingModel | ArrayModel,
     linear: LinearModel,
     effect: Effect,
     place: int,
@@ -114,7 +119,7 @@ def _with_times(
     W = switched_columns(model, effect, entry.axis, fixed, firsts)
     weight = float(np.log(share * sum(np.exp(one.log_weight) for one in givers) / firsts.size))
     finer = [
-        Option(start + k, 1, weight, {**fixed, "time_s": float(model.t_s[first]), "time_sigma_s": 0.0})
+        Option(start + k, 1, weight, {**fixed, "time_s": float(model.stream.t_s[first]), "time_sigma_s": 0.0})
         for k, first in enumerate(firsts)
     ]
     left = float(np.log1p(-share))

@@ -31,9 +31,15 @@ def standing_in(setting: Setting) -> Setting:
     return replace(setting, axis=None if setting.axis is None else STAND_IN)
 
 
-def columns_of(effect: Effect, stream: Stream, column: int, parameters: Mapping[str, Value]) -> Array:
-    """(n, k) what an effect adds to the reading of one gyro, per unit of each amplitude, rad/s."""
-    return effect.columns(of_one(stream, column), STAND_IN if effect.axes else None, parameters)[:, 0]
+def columns_of(effect: Effect, stream: Stream, axis: str | None, parameters: Mapping[str, Value]) -> Array:
+    """Compute what an effect adds to the readings per unit of each amplitude, (n, gyros, k) rad/s, of any gyros."""
+    if stream.axes is None:
+        return effect.columns(stream, axis, parameters)
+    column = stream.gyros.index(str(axis))
+    own = effect.columns(of_one(stream, column), STAND_IN, parameters)[:, 0]
+    out = np.zeros((len(own), len(stream.gyros), own.shape[1]))
+    out[:, column] = own
+    return out
 
 
 def acts_on_one(effect: Effect) -> bool:

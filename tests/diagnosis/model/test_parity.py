@@ -8,9 +8,11 @@ import pytest
 from diagnosis.gyros import parity_checks
 from diagnosis.model.gyros import ArrayModel
 from diagnosis.model.linearise import linearised
-from diagnosis.model.parity import parity_model
+from diagnosis.model.parity import build_parity_model
+from diagnosis.model.periods import make_columns
+from diagnosis.model.steps import switched_columns
 from gyrocal import GyroArray, triad
-from gyrocal.recording.gyros import gain, inside
+from gyrocal.recording.gyros import inside
 from simulator.effects import EFFECTS
 from tests.builders import mean_bounds
 from tests.gyro_arrays import SKEWED, TETRAHEDRON, array_recording
@@ -22,7 +24,7 @@ CASES = [(TETRAHEDRON, None), (SKEWED, None), (SKEWED, SWITCHED)]
 
 def model_of(recording, K, c):
     gyros = GyroArray(recording.gyro.names, np.asarray(K, dtype=float), np.asarray(c, dtype=float))
-    return parity_model(recording, gyros, np.full(len(K), ARW))
+    return build_parity_model(recording, gyros, np.full(len(K), ARW))
 
 
 @pytest.mark.parametrize(("axes", "gyros"), CASES)
@@ -60,19 +62,21 @@ def test_columns_are_what_an_error_of_a_reading_adds(axes, gyros):
     rates[:, 1] += error
     disturbed = model_of(replace(recording, gyro=replace(recording.gyro, rates=rates)), K, c)
     parts = np.concatenate([np.arange(len(t))[inside(recording, k)[0]] for k in range(len(recording.intervals))])
-    column = plain.reading(1, plain.means(error[parts])[:, None])[:, 0]
+    high = np.zeros((len(parts), len(axes), 1))
+    high[:, 1, 0] = error[parts]
+    column = plain.reading(high)[:, 0]
     np.testing.assert_allclose(disturbed.observed - plain.observed, column, atol=1e-9 * np.abs(column).max() + 1e-9)
 
 
-def test_means_of_a_switched_error_by_hand():
+def test_observations_of_a_switched_error_by_hand():
     model = model_of(*array_recording(TETRAHEDRON))
-    values = 1 + np.sin(model.t_s / 500.0)
-    starts = model.t_s - 0.5 * model.dt
-    times = np.array([starts[0] - 5.0, starts[700], starts[700] + 0.3 * model.dt[700], starts[-1] + 0.5 * model.dt[-1], 3100.0])
-    found = model.means_from(values, times)
-    for k, time in enumerate(times):
-        after = np.clip((starts + model.dt - time) / model.dt, 0.0, 1.0)
-        np.testing.assert_allclose(found[:, k], model.means(values * after), atol=1e-12)
+    high = np.zeros((model.stream.t_s.size, 4))
+    high[:, 2] = 1 + np.sin(model.stream.t_s / 500.0)
+    starts = np.array([0, 700, 1001, len(high) - 1])
+    found = model.reading_steps(high, starts)
+    for k, start in enumerate(starts):
+        after = np.arange(len(high)) >= start
+        np.testing.assert_allclose(found[:, [k]], model.reading((high * after[:, None])[:, :, None]), atol=1e-9)
 
 
 @pytest.mark.parametrize(("axes", "gyros"), CASES)
@@ -84,14 +88,14 @@ def test_attitude_and_parity_see_one_error_of_one_gyro(axes, gyros):
     rates = recording.gyro.rates.copy()
     rates[recording.gyro.t_s >= 4000.0, 3] += size
     worse = replace(recording, gyro=replace(recording.gyro, rates=rates))
-    gains = np.stack([gain(K, recording.switched_on(k)) for k in range(6)])
 
     def of(one):
         body = linearised(triad(one, K, c), np.eye(3), np.zeros(3))
-        return ArrayModel(one, model_of(one, K, c), body, gains)
+        return ArrayModel(one, model_of(one, K, c), body)
 
     model, disturbed = of(recording), of(worse)
-    column = 0.5 * model.switched(EFFECTS["bias_step"], 3, {}, np.array([4000.0]))[:, 0]
+    first = np.searchsorted(model.stream.t_s, [4000.0])
+    column = 0.5 * switched_columns(model, EFFECTS["bias_step"], "4", {}, first)[:, 0]
     change = np.concatenate([
         disturbed.body.whitened(disturbed.body.zeta) - model.body.whitened(model.body.zeta),
         disturbed.parity.observed - model.parity.observed,
@@ -99,7 +103,7 @@ def test_attitude_and_parity_see_one_error_of_one_gyro(axes, gyros):
     assert np.abs(column[: model.attitude_rows]).max() > 1
     assert np.abs(column[model.attitude_rows :]).max() > 1
     np.testing.assert_allclose(change, column, atol=2e-3 * np.abs(column).max())
-    always = model.columns(EFFECTS["bias_step"], 3, {"time_s": 4000.0})[:, 0] * 0.5
+    always = make_columns(model, EFFECTS["bias_step"], "4", {"time_s": 4000.0})[:, 0] * 0.5
     np.testing.assert_allclose(always, column, atol=1e-6 * np.abs(column).max())
 
 
