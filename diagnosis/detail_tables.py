@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
 import pandas as pd
 
+from diagnosis.detectors.report import SampleTest
 from diagnosis.inference.attribution import Attribution
 from diagnosis.model import localization
 from diagnosis.model.prepare import Prepared
@@ -65,8 +67,13 @@ def details(prepared: Prepared, explained: Explained, table: pd.DataFrame) -> De
         statistics=table,
         regressors=pd.concat(regressors, ignore_index=True) if regressors else pd.DataFrame(columns=columns),
         explanations=explanation_table(explained.attribution),
-        stream=pd.DataFrame.from_records(
-            [(t.statistic, t.axis, t.value, t.expected, t.p_value, t.text) for t in prepared.samples.tests],
-            columns=["statistic", "axis", "value", "expected", "p_value", "text"],
-        ),
+        stream=test_table(prepared.samples.tests),
+    )
+
+
+def test_table(tests: Sequence[SampleTest]) -> pd.DataFrame:
+    """Tabulate the tests of the samples, a row each."""
+    return pd.DataFrame.from_records(
+        [(t.statistic, t.axis, t.value, t.expected, t.p_value, t.text) for t in tests],
+        columns=["statistic", "axis", "value", "expected", "p_value", "text"],
     )

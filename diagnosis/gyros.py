@@ -2,18 +2,19 @@
 
 1. *Dead.* A gyro whose samples no longer change is found in them; the rest is done without it.
 2. *Samples.* Every test of the samples is made of each gyro, three at a time.
-3. *About.* K and c by parity and attitude, without which a percent of scale factor would look like an effect.
+3. *Linearisation.* K and c by parity and attitude, without which a percent of scale factor would look like an effect.
 4. *Which.* One linear model of parity and attitude (`diagnosis.model.gyros`), searched and judged as any other.
 
 Where no more than three gyros are left there is no parity, and the body rates are diagnosed as those of three gyros. Without
-reference attitudes only parity and samples speak; what all gyros do alike is then not seen, which the answer says.
+reference attitudes only parity and samples are tested. An error that all gyros have alike is then not seen, and the answer
+says so.
 """
 
 from __future__ import annotations
 
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 import pandas as pd
@@ -22,19 +23,20 @@ from numpy.typing import NDArray
 
 from diagnosis.answer import Finding
 from diagnosis.assemble import Seen, answered, p_values
-from diagnosis.detail_tables import details, explanation_table
-from diagnosis.detectors.report import SampleReport, SampleTest, Symptom
+from diagnosis.detail_tables import details, explanation_table, test_table
+from diagnosis.detectors.report import Findings, SampleTest, Symptom
 from diagnosis.detectors.samples import examine
 from diagnosis.explain import Explained, explain, judged
 from diagnosis.inference.criticism import Check, check_explanation
 from diagnosis.model import localization
 from diagnosis.model.calibration import calibrated
+from diagnosis.model.folds import BROAD
 from diagnosis.model.gyros import ArrayModel, build_array_model
 from diagnosis.model.layout import tabulate_observations
 from diagnosis.model.linear import LinearModel, Member
 from diagnosis.model.parity import ParityModel, build_parity_model
 from diagnosis.model.prepare import Prepared, prepare
-from diagnosis.model.symptoms import SampleCause, claimed, drop_estimated_levels, reference_symptoms
+from diagnosis.model.symptoms import claimed, drop_estimated_levels, reference_symptoms
 from diagnosis.result import Details, Diagnosis
 from diagnosis.settings import DiagnosisSettings
 from gyrocal.calibration.gyros import GyroArray, calibrate_gyros, fitted_to_parity
@@ -48,27 +50,7 @@ from simulator.effects.base import Effect, SampleView
 Array = NDArray[np.float64]
 Progress = Callable[[str, float], None]
 
-BROAD = (10.0 * PLAUSIBLE_G, 10.0 * PLAUSIBLE_BIAS)  # prior sigma of K and c that the model is taken about
-SIGNIFICANT = 0.01  # p-value of an interval's parity, corrected for their number
-NOISE = "white_noise_level"
 NOTHING_TO_SEE = Explained((), 1.0, None, (), (), None, np.zeros(12), np.zeros((12, 12)))
-
-
-@dataclass(frozen=True)
-class GyroTests:
-    """What the samples of all gyros show.
-
-    Attributes
-    ----------
-    tests, symptoms : with the gyros' names as axes
-    noise : (gyros,) white noise of each, as a factor of the stated one
-    notes : on gyros that were not looked at
-    """
-
-    tests: tuple[SampleTest, ...]
-    symptoms: tuple[Symptom, ...]
-    noise: Array
-    notes: tuple[str, ...]
 
 
 def diagnose_gyros(
@@ -88,71 +70,72 @@ def diagnose_gyros(
     if most <= 3 and not recording.attitudes.t_s.size:
         raise InputError("neither more than three gyros at a time nor reference attitudes are there: nothing to compare with")
     tell("gyro samples", 0.0)
-    dead = dead_gyros(recording, effects, settings)
-    whole = recording
-    recording, notes = without(recording, [str(one.symptom.axis) for one in dead])
-    tested = gyro_tests(recording, settings)
+    of_arrays = [effect for effect in effects if effect.of_arrays and effect.implements("detect")]
+    of_one = [effect for effect in effects if not effect.of_arrays]
+    dead = claimed([], [], of_arrays, _view(recording), settings)
+    title = recording.title
+    recording, notes = leave_out(recording, [str(one.symptom.axis) for one in dead])
+    shown, noise, more = test_samples(recording, settings)
     start = GyroArray(recording.gyro.names, *nominal(recording.gyro))
-    gyros, body, more = about(recording, start, tested.noise, settings)
-    parity = build_parity_model(recording, gyros, recording.gyro.arw * tested.noise)
-    of_references = [] if body is None else reference_symptoms(body, settings)
-    symptoms = [*drop_estimated_levels(tested.symptoms, recording), *of_references]
-    view = _view(recording, recording.gyro.names)
-    own = [effect for effect in effects if not effect.of_arrays]
-    samples = (*dead, *claimed(symptoms, tested.tests, own, view, settings))
-    notes = (*notes, *tested.notes, *more)
-    if parity is None and body is None:
-        left = "No more than three gyros are left, and no reference attitudes: nothing but the samples could be looked at"
-        seen = _seen_by_parity(whole, start, NOTHING_TO_SEE, tested, (), (*notes, left))
-        return answered(seen, samples, NOTHING_TO_SEE, settings, time.perf_counter() - began)
-    if parity is None:
-        assert body is not None
-        explained = explain(body, [one for one in effects if not one.of_arrays], settings, seed, tell)
-        seen = _seen_by_attitude(whole, body, explained, gyros, tested, (*notes, "Without parity, axes are those of the body"))
-        return answered(seen, samples, explained, settings, time.perf_counter() - began)
-    model = ArrayModel(recording, parity, None if body is None else body.model)
+    gyros, body = linearise_gyros(recording, start, noise, settings)
+    symptoms = [
+        *drop_estimated_levels(shown.symptoms, recording),
+        *([] if body is None else reference_symptoms(body, settings)),
+    ]
+    samples = (*dead, *claimed(symptoms, shown.tests, of_one, _view(recording), settings))
+    parity = build_parity_model(recording, gyros, recording.gyro.arw * noise)
+    explained, where = NOTHING_TO_SEE, tuple[Finding, ...]()
+    if parity is not None:
+        model = ArrayModel(recording, parity, None if body is None else body.model)
+        explained, where = explain_array(model, effects, settings, seed, tell)
+    elif body is not None:
+        explained = explain(body, of_one, settings, seed, tell)
+        more = (*more, "Without parity, axes are those of the body")
+    else:
+        more = (*more, "No more than three gyros are left, and no reference attitudes: only the samples could be tested")
+    if body is None:
+        seen = _see_by_parity(title, start, explained, shown, where)
+    else:
+        seen = _see_by_attitude(title, body, explained, gyros, shown, where, noise)
+    seen = replace(seen, notes=(*notes, *more, *seen.notes))
+    return answered(seen, samples, explained, settings, time.perf_counter() - began)
+
+
+def explain_array(
+    model: ArrayModel, effects: Sequence[Effect], settings: DiagnosisSettings, seed: int, tell: Progress
+) -> tuple[Explained, tuple[Finding, ...]]:
+    """Explain parity and attitude, and find gyros and intervals that depart; parameters as of `diagnose_gyros`."""
     tell("candidates", 0.1)
     linear = build_array_model(model, effects, settings)
 
     def check(found: LinearModel, members: tuple[Member, ...]) -> tuple[Check, ...]:
-        return array_checks(model, found, members, seed)
+        return check_array(model, found, members, seed)
 
     explained = judged(linear, check, settings, seed, tell)
-    gap = explained.p_value < settings.false_alarm_rate
-    where = (*gyros_at_fault(explained, gyros.names, settings), *parity_findings(model)) if gap else ()
-    if body is None:
-        seen = _seen_by_parity(whole, start, explained, tested, where, notes)
-        return answered(seen, samples, explained, settings, time.perf_counter() - began)
-    rows = model.attitude_rows
-    of_attitude = tuple(replace(one, columns=one.columns[:rows], shift=one.shift[:rows]) for one in explained.fitted)
-    change, covariance = calibrated(body.model, of_attitude)
-    attitude = replace(explained, fitted=of_attitude, change=change, covariance=covariance)
-    seen = _seen_by_attitude(whole, body, attitude, gyros, tested, notes, where, gap)
-    return answered(seen, samples, explained, settings, time.perf_counter() - began)
+    if explained.p_value >= settings.false_alarm_rate:
+        return explained, ()
+    return explained, (*find_faulty_gyros(explained, model.stream.gyros, settings), *find_parity(model, settings))
 
 
 # ---- samples -------------------------------------------------------------------------------------------------------------
 
 
-def dead_gyros(recording: Recording, effects: Sequence[Effect], settings: DiagnosisSettings) -> tuple[SampleCause, ...]:
-    """What the effects' own tests of all gyros side by side find."""
-    own = [effect for effect in effects if effect.of_arrays and effect.implements("detect")]
-    return claimed([], [], own, _view(recording, recording.gyro.names), settings)
-
-
-def _view(recording: Recording, names: tuple[str, ...]) -> SampleView:
-    """The samples of the intervals in which all gyros were on."""
+def _view(recording: Recording) -> SampleView:
+    """View the samples of the intervals in which all gyros were on."""
     gyro = recording.gyro
-    parts = [inside(recording, k)[0] for k in range(len(recording.intervals)) if recording.switched_on(k).size == len(names)]
+    n = len(gyro.names)
+    parts = [inside(recording, k)[0] for k in range(len(recording.intervals)) if recording.switched_on(k).size == n]
     used = np.zeros(gyro.t_s.size, dtype=bool)
     for part in parts:
         used[part] = True
-    sigma = np.full(len(names), gyro.arw / np.sqrt(gyro.sample_s))
-    return SampleView(gyro.t_s + 0.5 * gyro.sample_s, gyro.sample_s, gyro.rates, sigma, used, tuple(parts), gyro.rates, names)
+    sigma = np.full(n, gyro.arw / np.sqrt(gyro.sample_s))
+    return SampleView(
+        gyro.t_s + 0.5 * gyro.sample_s, gyro.sample_s, gyro.rates, sigma, used, tuple(parts), gyro.rates, gyro.names
+    )
 
 
-def without(recording: Recording, names: Sequence[str]) -> tuple[Recording, tuple[str, ...]]:
-    """A recording without some of its gyros, and what is to be said of that.
+def leave_out(recording: Recording, names: Sequence[str]) -> tuple[Recording, tuple[str, ...]]:
+    """Leave some gyros out of a recording, and say so in a note.
 
     Raises
     ------
@@ -175,73 +158,55 @@ def without(recording: Recording, names: Sequence[str]) -> tuple[Recording, tupl
     return replace(recording, gyro=stream, intervals=intervals), (note,)
 
 
-def gyro_tests(recording: Recording, settings: DiagnosisSettings) -> GyroTests:
-    """The tests of the samples, of three gyros at a time, where these were on."""
-    names, n = recording.gyro.names, len(recording.gyro.names)
+def test_samples(recording: Recording, settings: DiagnosisSettings) -> tuple[Findings, Array, tuple[str, ...]]:
+    """Test the samples of three gyros at a time, in the intervals in which these were on.
+
+    Returns
+    -------
+    Findings with the gyros' names as axes; (gyros,) white noise of each, as a factor of the stated one; notes on gyros that
+    could not be tested.
+    """
+    gyro, names, n = recording.gyro, recording.gyro.names, len(recording.gyro.names)
     tests: list[SampleTest] = []
     symptoms: list[Symptom] = []
     noise, notes = np.ones(n), []
     for low in range(0, n, 3):
         three = list(range(min(low, n - 3), min(low, n - 3) + 3))
-        part = _of_three(recording, three)
-        if part is None:
-            notes.append(f"The samples of gyros {', '.join(names[k] for k in three)} were not looked at: never on together")
+        own = tuple(names[k] for k in three)
+        on = [one for k, one in enumerate(recording.intervals) if set(three) <= set(recording.switched_on(k).tolist())]
+        if not on:
+            notes.append(f"The samples of gyros {', '.join(own)} were not tested: never on together")
             continue
-        report = examine(part, settings=settings)
+        stream = GyroStream(gyro.t_s, np.nan_to_num(gyro.rates[:, three]), gyro.sample_s, gyro.arw, names=own)
+        part = replace(recording, gyro=stream, attitudes=without_attitudes(), sensors=None)
+        report = examine(replace(part, intervals=tuple(replace(one, gyros=None) for one in on)), settings=settings)
         new = {axis: k for axis, k in zip("xyz", three, strict=True) if k >= low}
+        known = {one.kind for one in symptoms}
+        found = [one for one in report.symptoms if one.axis in new or (one.axis is None and one.kind not in known)]
         tests += [replace(one, axis=names[new[one.axis]]) for one in report.tests if one.axis in new]
-        found = [one for one in report.symptoms if one.axis is None or one.axis in new]
         symptoms += [one if one.axis is None else replace(one, axis=names[new[one.axis]]) for one in found]
-        if any(one.kind == NOISE for one in found):
+        if any(one.kind == "white_noise_level" for one in found):
             for axis, k in new.items():
                 noise[k] = report.noise_factor["xyz".index(axis)]
-    return GyroTests(tuple(tests), tuple(_distinct(symptoms)), noise, tuple(notes))
+    return Findings(tuple(tests), tuple(symptoms)), noise, tuple(notes)
 
 
-def _of_three(recording: Recording, three: list[int]) -> Recording | None:
-    """Three gyros alone, in the intervals in which they were on; None if there are none."""
-    gyro = recording.gyro
-    on = [k for k in range(len(recording.intervals)) if set(three) <= set(recording.switched_on(k).tolist())]
-    if not on:
-        return None
-    names = tuple(gyro.names[k] for k in three)
-    rates = np.nan_to_num(gyro.rates[:, three])
-    stream = GyroStream(gyro.t_s, rates, gyro.sample_s, gyro.arw, names=names)
-    intervals = tuple(replace(recording.intervals[k], gyros=None) for k in on)
-    return replace(recording, gyro=stream, attitudes=without_attitudes(), intervals=intervals, sensors=None)
-
-
-def _distinct(symptoms: Sequence[Symptom]) -> list[Symptom]:
-    """Each symptom of all gyros once."""
-    seen: set[str] = set()
-    out = []
-    for one in symptoms:
-        if one.axis is None and one.kind in seen:
-            continue
-        seen.add(one.kind)
-        out.append(one)
-    return out
-
-
-# ---- what the model is taken about ---------------------------------------------------------------------------------------
-
-
-def about(
+def linearise_gyros(
     recording: Recording, start: GyroArray, noise: Array, settings: DiagnosisSettings
-) -> tuple[GyroArray, Prepared | None, tuple[str, ...]]:
-    """K and c to linearise about, the body rates made of them ready for the attitude's tests, and what was not possible."""
+) -> tuple[GyroArray, Prepared | None]:
+    """Find K and c to linearise about, and prepare the body rates made of them; None without reference attitudes."""
+    broad = BROAD * PLAUSIBLE_G, BROAD * PLAUSIBLE_BIAS
     if not recording.attitudes.t_s.size:
-        note = "No reference attitudes: errors that the gyros share, or that act like a turn of the body, cannot be seen"
-        return fitted_to_parity(recording, start, BROAD), None, (note,)
-    gyros = calibrate_gyros(recording, prior_sigma=BROAD, iterations=3).gyros
-    return gyros, prepare(triad(recording, gyros.K, gyros.c, noise), settings), ()
+        return fitted_to_parity(recording, start, broad), None
+    gyros = calibrate_gyros(recording, prior_sigma=broad, iterations=3).gyros
+    return gyros, prepare(triad(recording, gyros.K, gyros.c, noise), settings)
 
 
 # ---- checks and findings -------------------------------------------------------------------------------------------------
 
 
-def array_checks(model: ArrayModel, linear: LinearModel, members: tuple[Member, ...], seed: int) -> tuple[Check, ...]:
-    """Checks of what an explanation leaves of the attitude and of the parity."""
+def check_array(model: ArrayModel, linear: LinearModel, members: tuple[Member, ...], seed: int) -> tuple[Check, ...]:
+    """Check what an explanation leaves of the attitude and of the parity."""
     rows = model.attitude_rows
     checks: tuple[Check, ...] = ()
     if model.body is not None:
@@ -253,30 +218,25 @@ def array_checks(model: ArrayModel, linear: LinearModel, members: tuple[Member, 
     places, scales, shifts = linear.design(members)
     C = scales * linear.X[rows:, places]
     left = linear.y[rows:] - linear.X[rows:, shifts].sum(axis=1)
-    e = np.linalg.solve(np.linalg.cholesky(np.eye(left.size) + C @ C.T), left)
-    return (*checks, *parity_checks(model.parity, e))
+    return (*checks, *check_parity(model.parity, np.linalg.solve(np.linalg.cholesky(np.eye(left.size) + C @ C.T), left)))
 
 
-def parity_checks(parity: ParityModel, e: Array) -> tuple[Check, Check]:
-    """Size, and correlation of successive blocks, of what is left of the parity; both have a known distribution."""
-    dof, size = parity.degrees_of_freedom, float(e @ e)
+def check_parity(parity: ParityModel, e: Array) -> tuple[Check, Check]:
+    """Check size, and correlation of successive blocks, of what is left of the parity; both have a known distribution."""
+    dof, size, block = parity.degrees_of_freedom, float(e @ e), parity.block
     tails = scipy.stats.chi2.cdf(size, dof), scipy.stats.chi2.sf(size, dof)
-    component = np.arange(e.size) - np.searchsorted(parity.block, parity.block)
-    products, pairs = 0.0, 0
-    for number in np.unique(component):
-        own = np.flatnonzero(component == number)
-        follows = (np.diff(parity.block[own]) == 1) & (np.diff(parity.interval[parity.block[own]]) == 0)
-        products += float(np.sum((e[own][1:] * e[own][:-1])[follows]))
-        pairs += int(follows.sum())
-    z = products / (size / e.size) / np.sqrt(max(pairs, 1))
+    after = np.arange(e.size) + np.bincount(block)[block]  # the same component in the next block
+    first = np.flatnonzero(after < e.size)
+    first = first[parity.interval[block[first]] == parity.interval[block[after[first]]]]
+    z = float(np.sum(e[first] * e[after[first]])) / (size / e.size) / np.sqrt(max(first.size, 1))
     return (
         Check("size of the parity", size, float(dof), float(min(1.0, 2 * min(tails)))),
         Check("correlation of the parity in time", z, 0.0, float(2 * scipy.stats.norm.sf(abs(z)))),
     )
 
 
-def parity_findings(model: ArrayModel) -> tuple[Finding, ...]:
-    """Intervals whose parity is larger than its noise."""
+def find_parity(model: ArrayModel, settings: DiagnosisSettings) -> tuple[Finding, ...]:
+    """Find intervals whose parity is larger than its noise."""
     parity, intervals = model.parity, model.recording.intervals
     owner = parity.interval[parity.block]
     shares = 1 - np.sum(parity.nuisance**2, axis=1)  # degrees of freedom that each observation keeps
@@ -285,15 +245,15 @@ def parity_findings(model: ArrayModel) -> tuple[Finding, ...]:
         own = owner == number
         value, dof = float(np.sum(parity.y[own] ** 2)), float(shares[own].sum())
         p = float(min(1.0, scipy.stats.chi2.sf(value, dof) * np.unique(owner).size))
-        if p < SIGNIFICANT:
+        if p < settings.false_alarm_rate:
             name = intervals[number].name
             text = f"the parity of the gyros in {name} is {np.sqrt(value / dof):.2f} times its noise"
             out.append(Finding("parity", name, None, None, "chi2", value, p, text))
     return tuple(sorted(out, key=lambda one: one.p_value))
 
 
-def gyros_at_fault(explained: Explained, names: Sequence[str], settings: DiagnosisSettings) -> tuple[Finding, ...]:
-    """Gyros that are as sure to be at fault as a cause that is named, by whatever it is: also where that is on no list.
+def find_faulty_gyros(explained: Explained, names: Sequence[str], settings: DiagnosisSettings) -> tuple[Finding, ...]:
+    """Find gyros that are as sure to be at fault as a cause that is named, by whatever it is: also where that is on no list.
 
     Explanations by an unlisted error of a gyro are of that gyro as well, so that the gyro can be known where its fault is not.
     """
@@ -310,90 +270,67 @@ def gyros_at_fault(explained: Explained, names: Sequence[str], settings: Diagnos
 # ---- answers -------------------------------------------------------------------------------------------------------------
 
 
-def _p_values(tested: GyroTests, explained: Explained, first: str) -> dict[str, float]:
-    out = {first: explained.p_value}
-    for test in tested.tests:
-        out[test.statistic if test.axis is None else f"{test.statistic}:{test.axis}"] = float(test.p_value)
-    return out | {f"check: {check.name}": check.p_value for check in explained.checks}
-
-
-def _stream_table(tested: GyroTests) -> pd.DataFrame:
-    return pd.DataFrame.from_records(
-        [(t.statistic, t.axis, t.value, t.expected, t.p_value, t.text) for t in tested.tests],
-        columns=["statistic", "axis", "value", "expected", "p_value", "text"],
-    )
-
-
-def _seen_by_attitude(
-    recording: Recording,
+def _see_by_attitude(
+    title: str,
     body: Prepared,
     explained: Explained,
     gyros: GyroArray,
-    tested: GyroTests,
-    notes: tuple[str, ...],
-    where: tuple[Finding, ...] = (),
-    gap: bool = False,
+    shown: Findings,
+    where: tuple[Finding, ...],
+    noise: Array,
 ) -> Seen:
-    """G and b are those of all gyros that were looked at: ω = T G ω_raw + b − T G c, with T of the body rates' calibration."""
+    """See G and b of all gyros: ω = T G ω_raw + b − T G c, with T of the body rates' calibration."""
     model = body.model
+    fitted = tuple(replace(one, columns=one.columns[: model.size], shift=one.shift[: model.size]) for one in explained.fitted)
+    explained = replace(explained, fitted=fitted)
+    change, C = calibrated(model, fitted)
+    body = replace(body, samples=replace(body.samples, tests=shown.tests, symptoms=shown.symptoms))
     table = localization.compute_statistics(model)
-    G = gain(gyros.K, np.arange(len(gyros.names)), tested.noise)
-    T, shift = model.G + explained.change[:9].reshape(3, 3), model.bias + explained.change[9:]
-    C = explained.covariance
-    sigma = np.sqrt([np.sum((G.T @ C[3 * i : 3 * i + 3, 3 * i : 3 * i + 3]) * G.T, axis=1) for i in range(3)])
-    full = replace(body, samples=_as_report(body.samples, tested))
+    G = gain(gyros.K, np.arange(len(gyros.names)), noise)
+    T, shift = model.G + change[:9].reshape(3, 3), model.bias + change[9:]
     return Seen(
-        recording=recording.title,
-        where=(*where, *(localization.findings(table) if gap or explained.attribution is not None else ())),
-        p_values=p_values(full, explained),
+        recording=title,
+        where=(*where, *(localization.findings(table) if explained.attribution is not None else ())),
+        p_values=p_values(body, explained),
         G=T @ G,
         bias=shift - T @ G @ gyros.c,
-        sigma_G=sigma,
+        sigma_G=np.sqrt([np.sum((G.T @ C[k : k + 3, k : k + 3]) * G.T, axis=1) for k in (0, 3, 6)]),
         sigma_bias=np.sqrt(np.diag(C)[9:12]),
         baseline_G=model.G @ G,
         baseline_bias=model.bias - model.G @ G @ gyros.c,
         motions=(),
-        notes=(*notes, *body.notes),
-        details=details(full, explained, table),
+        notes=body.notes,
+        details=details(body, explained, table),
         gyros=gyros.names,
     )
 
 
-def _as_report(report: SampleReport, tested: GyroTests) -> SampleReport:
-    return replace(report, tests=tested.tests, symptoms=tested.symptoms)
-
-
-def _seen_by_parity(
-    recording: Recording,
-    gyros: GyroArray,
-    explained: Explained,
-    tested: GyroTests,
-    where: tuple[Finding, ...],
-    notes: tuple[str, ...],
-) -> Seen:
+def _see_by_parity(title: str, gyros: GyroArray, explained: Explained, shown: Findings, where: tuple[Finding, ...]) -> Seen:
+    """See G and b as they were known before."""
+    tests = {one.statistic if one.axis is None else f"{one.statistic}:{one.axis}": float(one.p_value) for one in shown.tests}
+    checks = {f"check: {check.name}": check.p_value for check in explained.checks}
     columns = ["interval", "t_s", *(f"{what}_{axis}" for what in ("before", "band", "after") for axis in "xyz")]
-    statistics = pd.DataFrame(columns=["interval", "axis", "phase", "statistic", "value", "dof", "p_value"])
-    regressors = pd.DataFrame(columns=["cause", "interval", "axis", "t_s", "regressor_deg", "residual_deg"])
-    n = len(gyros.names)
-    note = "G and b are the a-priori ones, with their plausible range for sigmas: parity alone does not calibrate"
     return Seen(
-        recording=recording.title,
+        recording=title,
         where=where,
-        p_values=_p_values(tested, explained, "parity"),
+        p_values={"parity": explained.p_value, **tests, **checks},
         G=gyros.G,
         bias=gyros.bias,
-        sigma_G=np.full((3, n), PLAUSIBLE_G),
+        sigma_G=np.full((3, len(gyros.names)), PLAUSIBLE_G),
         sigma_bias=np.full(3, PLAUSIBLE_BIAS),
         baseline_G=gyros.G,
         baseline_bias=gyros.bias,
         motions=(),
-        notes=(*notes, note),
+        notes=(
+            "No reference attitudes: errors that the gyros share, or that act like a turn of the body, cannot be seen",
+            "G and b are the a-priori ones, with their plausible range for sigmas: parity alone does not calibrate",
+        ),
         details=Details(
-            pd.DataFrame(columns=columns),
-            statistics,
-            regressors,
-            explanation_table(explained.attribution),
-            _stream_table(tested),
+            residuals=pd.DataFrame(columns=columns),
+            statistics=pd.DataFrame(columns=["interval", "axis", "phase", "statistic", "value", "dof", "p_value"]),
+            regressors=pd.DataFrame(columns=["cause", "interval", "axis", "t_s", "regressor_deg", "residual_deg"]),
+            explanations=explanation_table(explained.attribution),
+            stream=test_table(shown.tests),
         ),
         gyros=gyros.names,
     )

@@ -80,10 +80,10 @@ def listed(model: RecordingModel, effects: Sequence[Effect], found: Found | None
         if effect.missing(around) is not None:
             continue
         if effect.of_trackers:
-            yield from (
-                replace(group_of(effect, one.tracker, one.columns, one.parameters, one.weights.tolist()), process=one.process)
-                for one in trackers.listed(model, effect)
-            )
+            trials = effect.trials(around)
+            parameters, weights = [dict(trial.parameters) for trial in trials], [trial.weight for trial in trials]
+            for name, columns in trackers.list_tracker_columns(model, effect):
+                yield replace(group_of(effect, name, columns, parameters, weights), process=effect.is_process)
             continue
         if effect.has_columns:
             for axis in effect.axes or (None,):
@@ -204,8 +204,8 @@ def unlisted_groups(model: RecordingModel, found: Found, effects: Sequence[Effec
         others = [one for one in process.columns if not _is_within(model.projected(one), between[process.axis])]
         if others:
             yield build_rival(process.name, process.axis, others, True)
-    for error in trackers.unlisted(model):
-        yield build_rival(error.name, error.tracker, error.columns, error.process)
+    for rival in trackers.list_tracker_rivals(model):
+        yield build_rival(*rival)
 
 
 def steps_between(model: RecordingModel, effects: Sequence[Effect]) -> dict[str, list[Array]]:

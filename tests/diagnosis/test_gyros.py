@@ -7,7 +7,7 @@ import pytest
 
 import simulator
 from diagnosis.diagnose import diagnose
-from diagnosis.gyros import NOTHING_TO_SEE, gyros_at_fault
+from diagnosis.gyros import NOTHING_TO_SEE, find_faulty_gyros
 from diagnosis.inference.attribution import Attribution, Ranked
 from diagnosis.inference.search import Explanation
 from diagnosis.settings import DEFAULT
@@ -83,11 +83,11 @@ def test_a_gyro_is_told_where_its_fault_is_not():
     ranked = tuple(Ranked(labels, share, 1.0, False) for labels, share in shares.items())
     best = Explanation((), 0.0, 0.0)
     unknown = replace(NOTHING_TO_SEE, attribution=Attribution("unknown", best, (), 0.5, ranked))
-    (found,) = gyros_at_fault(unknown, ("1", "2", "3"), DEFAULT)
+    (found,) = find_faulty_gyros(unknown, ("1", "2", "3"), DEFAULT)
     assert (found.axis, found.signal) == ("1", "gyro")
     assert found.value == pytest.approx(0.96)
-    assert not gyros_at_fault(unknown, ("1", "2", "3"), replace(DEFAULT, named=0.97))
-    assert not gyros_at_fault(NOTHING_TO_SEE, ("1", "2", "3"), DEFAULT)
+    assert not find_faulty_gyros(unknown, ("1", "2", "3"), replace(DEFAULT, named=0.97))
+    assert not find_faulty_gyros(NOTHING_TO_SEE, ("1", "2", "3"), DEFAULT)
 
 
 def test_what_cannot_be_compared_is_said():

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from diagnosis.gyros import parity_checks
+from diagnosis.gyros import check_parity
 from diagnosis.model.gyros import ArrayModel
 from diagnosis.model.linearise import linearised
 from diagnosis.model.parity import build_parity_model
@@ -43,13 +43,13 @@ def test_noise_is_white(axes, gyros):
         recording, K, c = array_recording(axes, ARW, np.random.default_rng([seed, 4]), gyros, sample_s=4.0)
         model = model_of(recording, K, c)
         found.append(model.y @ model.y)
-        size, correlation = parity_checks(model, model.y)
+        size, correlation = check_parity(model, model.y)
         assert min(size.p_value, correlation.p_value) > 1e-4
     low, high = mean_bounds(model.degrees_of_freedom, 6)
     assert low < np.mean(found) < high
-    assert parity_checks(model, 1.3 * model.y)[0].p_value < 1e-3
+    assert check_parity(model, 1.3 * model.y)[0].p_value < 1e-3
     smooth = np.repeat(model.y[::8], 8)[: model.size]
-    assert parity_checks(model, smooth)[1].p_value < 1e-6
+    assert check_parity(model, smooth)[1].p_value < 1e-6
 
 
 @pytest.mark.parametrize(("axes", "gyros"), CASES)
