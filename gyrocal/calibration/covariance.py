@@ -105,3 +105,19 @@ def residual_covariance(
                     V[3 * a + i, 3 * b + j] = value
                     V[3 * b + j, 3 * a + i] = value
     return V
+
+
+def walk_covariance(R: Array, walk: Array, interval: Indices) -> Array:
+    """Compute the part (3m, 3m) of V that gyro noise has which differs between the axes, rad².
+
+    Parameters
+    ----------
+    R : (m, 3, 3) rotation from the start of the interval to each residual
+    walk : (m, 3, 3) covariance of the integrated noise in the axes at the start, rad²
+    interval : (m,) interval of each residual; those of one are in the order of time
+    """
+    m = len(interval)
+    first = np.minimum.outer(np.arange(m), np.arange(m))
+    same = np.equal.outer(interval, interval)
+    blocks = R[:, None] @ (walk[first] * same[:, :, None, None]) @ R.transpose(0, 2, 1)
+    return np.asarray(blocks.transpose(0, 2, 1, 3).reshape(3 * m, 3 * m))

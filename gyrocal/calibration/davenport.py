@@ -42,10 +42,10 @@ from gyrocal.calibration.mounting import Mounting, compute_mounting
 from gyrocal.calibration.observability import BIAS_LETTERS, PLAUSIBLE_RANGE, Observability, observability
 from gyrocal.calibration.parameters import AXES, GyroParameters, select
 from gyrocal.calibration.plausible_ranges import PlausibleRanges, estimate_plausible_ranges
-from gyrocal.calibration.problem import Problem, State
+from gyrocal.calibration.problem import ROTATION_NAMES, Problem, State, tabulate_residuals
 from gyrocal.calibration.propagation import Psi, StreamingPropagation
 from gyrocal.calibration.remainder import NOMINAL, WITH_REMAINDER, Remainder
-from gyrocal.calibration.sampling import Measurements, Resampling, measurements
+from gyrocal.calibration.sampling import Resampling, measurements
 from gyrocal.calibration.trackers import Difference, MountingEstimate, differences, estimate, free_mountings, of_trackers
 from gyrocal.errors import InputError, UnobservableError
 from gyrocal.recording import Recording, arrays
@@ -60,7 +60,7 @@ Indices = NDArray[np.intp]
 
 logger = logging.getLogger(__name__)
 
-ROTATION_NAMES = ("roll", "pitch", "yaw")
+FORMS = ("", "linear_")  # of residuals, N (16) and N (29)
 DEGREES = np.array([1.0] * 9 + [np.rad2deg(1.0)] * 3)  # of twelve parameters, biases in deg/s
 PLAUSIBLE_PRIOR = "plausible ranges"  # in options["prior_from"]
 MOST_SHOWN = 3  # parameter combinations that a refusal names
@@ -529,7 +529,7 @@ def calibrate(
         sums.add(state.H, state.z)
         step = np.zeros(12)
         step[columns], P = sums.solve()
-        solved, problem = state, problem.after(state, step[columns])
+        solved, problem = state, problem.after(state, step[columns] / problem.scale)
         x = x - step
         before, parameters = parameters, space.parameters(x)
         corrections.append(GyroParameters.from_vector(parameters.vector - before.vector))
@@ -562,7 +562,7 @@ def calibrate(
         psi=psi,
         corrections=tuple(corrections),
         converged=converged,
-        residuals=_residual_table(recording, prepared, first, state),
+        residuals=tabulate_residuals(recording, prepared, first, state, FORMS),
         history=(*history, state.theta),
         observability=judged,
         chi2=state.chi2 + _prior_chi2(x - x0, columns, apriori_covariance),
@@ -609,7 +609,7 @@ def residual_table(
     """Residuals under given parameters, nothing estimated; columns as in `CalibrationResult.residuals`, "before" only."""
     prepared = measurements(recording, step_s, resampling, max_gap_s)
     state = _state(Problem.of(recording, prepared, psi=psi), recording, parameters, parameters)
-    table = _residual_table(recording, prepared, state, state)
+    table = tabulate_residuals(recording, prepared, state, state, FORMS)
     return table[[column for column in table.columns if not column.startswith("after")]]
 
 
@@ -667,19 +667,3 @@ def _unobservable_message(
         "ranges (--plausible-g, --plausible-bias) or give what is known before (apriori_covariance, --prior-sigma-g with "
         "--prior-sigma-bias)"
     )
-
-
-def _residual_table(recording: Recording, prepared: Measurements, before: State, after: State) -> pd.DataFrame:
-    import pandas as pd  # late: 65 MiB that a Monte Carlo worker does without
-
-    columns: dict[str, Any] = {
-        "interval": [recording.intervals[k].name for k in prepared.arcs.arc],
-        "t_s": recording.attitudes.t_s[prepared.row],
-    }
-    for label, state in (("before", before), ("after", after)):
-        for form, values in (("", state.theta), ("linear_", state.theta_linear)):
-            for k in range(len(AXES)):
-                columns[f"{label}_{form}{ROTATION_NAMES[k]}_deg"] = np.rad2deg(values[:, k])
-    for k in range(len(AXES)):
-        columns[f"sigma_{ROTATION_NAMES[k]}_deg"] = np.rad2deg(after.sigma[:, k])
-    return pd.DataFrame(columns)

@@ -34,24 +34,19 @@ import numpy as np
 import scipy.special
 from numpy.typing import NDArray
 
-from gyrocal.calibration import normal_equations as accumulation
-from gyrocal.calibration.covariance import FULL, residual_covariance
-from gyrocal.calibration.gate import LARGEST_RESIDUAL
 from gyrocal.calibration.observability import Observability, observability
 from gyrocal.calibration.plausible_ranges import PlausibleRanges, estimate_plausible_ranges
-from gyrocal.calibration.problem import Problem
+from gyrocal.calibration.problem import Problem, State, tabulate_residuals
 from gyrocal.calibration.propagation import Arcs, Psi, body_sums, propagate
-from gyrocal.calibration.sampling import Measurements, measurements
+from gyrocal.calibration.sampling import measurements
 from gyrocal.calibration.trackers import (
     Difference,
-    Eliminated,
     MountingEstimate,
     differences,
     estimate,
     free_mountings,
     of_trackers,
 )
-from gyrocal.calibration.trackers import residual_covariance as of_several
 from gyrocal.compiled import compiled
 from gyrocal.errors import InputError, UnobservableError
 from gyrocal.recording import Recording
@@ -63,7 +58,6 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
 
-ROTATION_NAMES = ("roll", "pitch", "yaw")
 ROUNDING = 1e-12  # relative size of what a singular sum of products leaves
 MOST_SHOWN = 3  # parameter combinations that a refusal names
 SETTLED = 1e-4  # sigmas of the last correction
@@ -195,20 +189,6 @@ def parity_sums(recording: Recording) -> tuple[ParitySums, ...]:
 
 
 @dataclass(frozen=True)
-class _Attitude:
-    """Attitude residuals at some parameters: θ (m, 3), sigma (m, 3), and whitened H (3m, 4n) and z (3m,).
-
-    Mountings that are estimated are taken out of H and z.
-    """
-
-    theta: Array
-    sigma: Array
-    H: Array
-    z: Array
-    eliminated: Eliminated | None = None
-
-
-@dataclass(frozen=True)
 class _Part:
     """Intervals in which the same gyros were on: their columns, their outputs' positions, and the steps."""
 
@@ -235,12 +215,10 @@ class _Part:
 
 @dataclass(frozen=True)
 class _Steps:
-    """The steps of a recording, by the gyros that were on."""
+    """The steps of a recording, by the gyros that were on, and its references in the problem of its body rates."""
 
-    recording: Recording
-    measured: Measurements
+    arw: float
     problem: Problem
-    psi: Psi
     parts: tuple[_Part, ...]
 
     @classmethod
@@ -256,77 +234,27 @@ class _Steps:
             rates = np.ascontiguousarray(recording.gyro.rates[:, chosen])
             ends = (arcs.first[own], arcs.last[own], arcs.arc[own])
             parts.append(_Part(chosen, own, Arcs(rates, arcs.dt, arcs.sample, *ends)))
-        return cls(recording, measured, Problem.of(body, measured), psi, tuple(parts))
+        return cls(recording.gyro.arw, Problem.of(body, measured, psi=psi), tuple(parts))
 
-    def state(self, gyros: GyroArray) -> _Attitude:
-        """Evaluate at some parameters.
+    def state(self, gyros: GyroArray) -> State:
+        """Evaluate at some parameters, of which H has all 4n.
 
         Raises
         ------
         InputError
             A residual is too large to be corrected by linearisation.
         """
-        m = len(self.measured.arcs.arc)
+        m = len(self.problem.measurements.arcs.arc)
         Theta, R, walk = np.empty((m, 3, 4 * len(gyros.names))), np.empty((m, 3, 3)), np.empty((m, 3, 3))
         with np.errstate(over="ignore", invalid="ignore"):
             for part in self.parts:
                 gains = gain(gyros.K, part.chosen)
                 G, bias = gains[:, part.chosen], -gains @ gyros.c
-                run = propagate(part.arcs, G, bias, self.psi)
-                R[part.outputs], walk[part.outputs] = run.R, part.walk(G, bias, self.recording.gyro.arw)
+                run = propagate(part.arcs, G, bias, self.problem.psi)
+                R[part.outputs], walk[part.outputs] = run.R, part.walk(G, bias, self.arw)
                 S = body_sums(run.S, G, bias)
                 Theta[part.outputs] = -np.einsum("mqra,ai->mriq", S, gains).reshape(len(S), 3, -1)
-        A = self.problem.A if self.problem.mountings is None else self.problem.mountings.corrected(self.problem.A)
-        theta = accumulation.residuals(R, A[self.measured.start], A[self.measured.row])
-        largest = np.linalg.norm(theta, axis=1).max() if np.isfinite(R).all() else np.inf
-        if not largest <= LARGEST_RESIDUAL:
-            raise InputError(
-                f"an attitude residual of {np.rad2deg(largest):.1f} deg is too large to linearise; "
-                "are the rates in deg/s, the quaternions scalar last and inertial to body, and G and bias right?"
-            )
-        return self._whitened(theta, Theta.reshape(3 * m, -1), R, walk)
-
-    def _whitened(self, theta: Array, Theta: Array, R: Array, walk: Array) -> _Attitude:
-        made, arc = self.measured, self.measured.arcs.arc
-        mountings, n = self.problem.mountings, Theta.shape[1]
-        turned = np.empty((theta.size, 0)) if mountings is None else mountings.sensitivity(R, made.start, made.row)
-        values, variance = np.column_stack([Theta, turned, theta.ravel()]), np.empty(theta.size)
-        out = np.empty_like(values)
-        rows, ends = self.problem.groups
-        low = 0
-        for high in ends:
-            own = rows[low:high]
-            shared = R[own], arc[own], made.start[own], made.row[own], made.elapsed_s[own]
-            if self.problem.noise is None:
-                V = residual_covariance(*shared, np.ascontiguousarray(self.problem.sigma), 0.0, FULL, np.zeros((0, 3, 3)))
-            else:
-                V = of_several(*shared, self.problem.noise, 0.0)
-            V += _walked(R[own], walk[own], arc[own])
-            places = (3 * own[:, None] + np.arange(3)).ravel()
-            out[places] = accumulation.whiten(V, values[places])
-            variance[places] = np.diag(V)
-            low = high
-        sigma = np.sqrt(variance).reshape(-1, 3)
-        if mountings is None or not mountings.misalignment.size:
-            return _Attitude(theta, sigma, out[:, :-1], out[:, -1])
-        free = mountings.eliminated(out[:, :n], out[:, -1], out[:, n:-1])
-        return _Attitude(theta, sigma, free.H, free.z, free)
-
-    def after(self, state: _Attitude, change: Array) -> _Steps:
-        """The steps with mountings as they are after a correction (4n,) of the gyros."""
-        mountings = self.problem.mountings
-        if mountings is None:
-            return self
-        return replace(self, problem=replace(self.problem, mountings=mountings.moved(state.eliminated, change)))
-
-
-def _walked(R: Array, walk: Array, arc: Indices) -> Array:
-    """(3m, 3m) covariance of accumulated gyro noise; outputs of an arc are in the order of time."""
-    m = len(arc)
-    first = np.minimum.outer(np.arange(m), np.arange(m))
-    same = arc[:, None] == arc[None, :]
-    blocks = R[:, None] @ (walk[first] * same[:, :, None, None]) @ R.transpose(0, 2, 1)
-    return np.asarray(blocks.transpose(0, 2, 1, 3).reshape(3 * m, 3 * m))
+        return self.problem.compute_state(R, Theta.reshape(3 * m, -1), walk)
 
 
 @compiled
@@ -599,7 +527,7 @@ def calibrate_gyros(
         P = np.linalg.inv(scaled.T @ scaled) * np.outer(plausible, plausible)
         step = np.linalg.lstsq(scaled, z, rcond=None)[0] * plausible
         gyros, solved = gyros.at(gyros.vector - step), state
-        steps = steps.after(state, step)
+        steps = replace(steps, problem=steps.problem.after(state, step))
         state, done = steps.state(gyros), done + 1
         converged = bool(np.abs(step / np.sqrt(np.diag(P))).max() < SETTLED)
     parity_chi2 = sum(one.chi2(gyros, stream.arw) for one in sums)
@@ -616,7 +544,7 @@ def calibrate_gyros(
         psi=psi,
         iterations=done,
         converged=converged,
-        residuals=_residual_table(recording, steps.measured, first, state),
+        residuals=tabulate_residuals(recording, steps.problem.measurements, first, state),
         observability=judged,
         chi2=chi2,
         dof=state.theta.size + parity_rows - (4 * n if prior is None else 0) - free_mountings(steps.problem.mountings),
@@ -679,18 +607,3 @@ def _unobservable_message(combinations: Sequence[str], ranges: PlausibleRanges) 
         f"{'; '.join(combinations[:MOST_SHOWN])}; add maneuvers with other rates, state wider plausible ranges "
         "(--plausible-g, --plausible-bias), or give an a-priori sigma (--prior-sigma-g with --prior-sigma-bias)"
     )
-
-
-def _residual_table(recording: Recording, measured: Measurements, before: _Attitude, after: _Attitude) -> pd.DataFrame:
-    import pandas as pd  # late: 65 MiB that a Monte Carlo worker does without
-
-    columns: dict[str, Any] = {
-        "interval": [recording.intervals[k].name for k in measured.arcs.arc],
-        "t_s": recording.attitudes.t_s[measured.row],
-    }
-    for label, values in (("before", before.theta), ("after", after.theta), ("sigma", after.sigma)):
-        columns |= {f"{label}_{name}_deg": np.rad2deg(values[:, k]) for k, name in enumerate(ROTATION_NAMES)}
-    return pd.DataFrame(columns)
-
-
-__all__ = ["GyroArray", "GyrosResult", "calibrate_gyros", "fitted_to_parity", "parity_sums"]

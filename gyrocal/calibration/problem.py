@@ -7,7 +7,7 @@ and attitudes.
 
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,7 +15,15 @@ from numpy.typing import NDArray
 from gyrocal import attitude
 from gyrocal.calibration import gate
 from gyrocal.calibration import normal_equations as accumulation
-from gyrocal.calibration.covariance import JOINT, MODEL_CODES, CovarianceModel, chained, residual_covariance
+from gyrocal.calibration.covariance import (
+    FULL,
+    JOINT,
+    MODEL_CODES,
+    CovarianceModel,
+    chained,
+    residual_covariance,
+    walk_covariance,
+)
 from gyrocal.calibration.gyro_space import Parametrisation, space_of
 from gyrocal.calibration.observability import PLAUSIBLE_RANGE
 from gyrocal.calibration.parameters import NAMES, GyroParameters
@@ -27,8 +35,13 @@ from gyrocal.errors import InputError
 from gyrocal.recording import Recording
 from gyrocal.recording.trackers import covariance as in_body_axes
 
+if TYPE_CHECKING:
+    import pandas as pd
+
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
+
+ROTATION_NAMES = ("roll", "pitch", "yaw")
 
 
 @dataclass(frozen=True)
@@ -198,48 +211,69 @@ class Problem:
         gyrocal.calibration.gate.LargeResidualError
             A residual is too large to be corrected by linearisation.
         """
-        prepared = self.measurements
         with np.errstate(over="ignore", invalid="ignore"):
-            propagation = propagate(prepared.arcs, parameters.G, parameters.bias, self.psi)
+            propagation = propagate(self.measurements.arcs, parameters.G, parameters.bias, self.psi)
+        return self.compute_state(propagation.R, self._sensitivity(propagation.S, parameters))
+
+    def compute_state(self, R: Array, Theta: Array, walk: Array | None = None) -> State:
+        """Compute residuals and whiten them, from the propagation of any number of gyros.
+
+        Parameters
+        ----------
+        R : (m, 3, 3) rotation from the start of the arc to each output
+        Theta : (3m, p) scaled sensitivity
+        walk : (m, 3, 3) covariance of the integrated gyro noise in the axes at the start, rad², in place of ARW² T I
+
+        Raises
+        ------
+        gyrocal.calibration.gate.LargeResidualError
+            A residual is too large to be corrected by linearisation.
+        """
+        prepared = self.measurements
         A = self.A if self.mountings is None else self.mountings.corrected(self.A)
         A_start, A_obs = A[prepared.start], A[prepared.row]
-        theta = accumulation.residuals(propagation.R, A_start, A_obs)
-        gate.check(np.where(np.isfinite(propagation.R).all(axis=2), theta, np.inf))
-        Theta = self._sensitivity(propagation.S, parameters)
-        if self.noise is not None:
-            linear = attitude.residual_linear(A_obs, propagation.R @ A_start)
-            return self._of_several(theta, linear, Theta, propagation.R)
+        with np.errstate(over="ignore", invalid="ignore"):
+            theta = accumulation.residuals(R, A_start, A_obs)
+        gate.check(np.where(np.isfinite(R).all(axis=2), theta, np.inf))
+        linear = attitude.residual_linear(A_obs, R @ A_start)
+        if self.noise is not None or walk is not None:
+            return self._whiten_by_group(theta, linear, Theta, R, walk)
         start, row, elapsed_s, sigma = self._references
         options = (*self.groups, prepared.arcs.arc, start, row, elapsed_s, sigma, *self._covariance)
-        H, z = accumulation.whitened(theta, Theta, propagation.R, *options)
-        alone = [self._alone(propagation.R, k) for k in range(len(theta))]
-        return State(theta, attitude.residual_linear(A_obs, propagation.R @ A_start), np.sqrt(np.array(alone)), H, z)
+        H, z = accumulation.whitened(theta, Theta, R, *options)
+        alone = [self._alone(R, k) for k in range(len(theta))]
+        return State(theta, linear, np.sqrt(np.array(alone)), H, z)
 
-    def _of_several(self, theta: Array, linear: Array, Theta: Array, R: Array) -> State:
-        """The state with references of several sensors."""
-        assert self.noise is not None
-        assert self.mountings is not None
-        made, arw, q = self.measurements, self._covariance[0], self.mountings.misalignment.size
-        values = np.column_stack([Theta, self.mountings.sensitivity(R, made.start, made.row), theta.ravel()])
+    def _whiten_by_group(self, theta: Array, linear: Array, Theta: Array, R: Array, walk: Array | None) -> State:
+        """Compute the state with references of several sensors, or gyro noise that differs between the axes."""
+        made, p = self.measurements, Theta.shape[1]
+        arw = self._covariance[0] if walk is None else 0.0
+        turned = np.empty((theta.size, 0)) if self.mountings is None else self.mountings.sensitivity(R, made.start, made.row)
+        values = np.column_stack([Theta, turned, theta.ravel()])
         white, variance = np.empty_like(values), np.empty(theta.size)
         rows, ends = self.groups
         for own in np.split(rows, ends[:-1]):
-            V = of_several(R[own], made.arcs.arc[own], made.start[own], made.row[own], made.elapsed_s[own], self.noise, arw)
+            shared = R[own], made.arcs.arc[own], made.start[own], made.row[own], made.elapsed_s[own]
+            if self.noise is None:
+                V = residual_covariance(*shared, self._references[3], arw, FULL, np.zeros((0, 3, 3)))
+            else:
+                V = of_several(*shared, self.noise, arw)
+            if walk is not None:
+                V = V + walk_covariance(R[own], walk[own], made.arcs.arc[own])
             places = (3 * own[:, None] + np.arange(3)).ravel()
             white[places] = accumulation.whiten(V, values[places])
             variance[places] = np.diag(V)
-        p = Theta.shape[1]
         H, z, sigma = white[:, :p], white[:, -1], np.sqrt(variance).reshape(-1, 3)
-        if not q:
+        if self.mountings is None or not self.mountings.misalignment.size:
             return State(theta, linear, sigma, H, z)
         free = self.mountings.eliminated(H, z, white[:, p:-1])
         return State(theta, linear, sigma, free.H, free.z, free)
 
     def after(self, state: State, change: Array) -> "Problem":
-        """The problem with mountings as they are after a correction Δx (p,) of the solved-for parameters."""
+        """The problem with mountings as they are after a correction Δx (p,) of the parameters, scaled as H is."""
         if self.mountings is None:
             return self
-        return replace(self, mountings=self.mountings.moved(state.eliminated, change / self.scale))
+        return replace(self, mountings=self.mountings.moved(state.eliminated, change))
 
     def _sensitivity(self, S: Array, parameters: GyroParameters) -> Array:
         """Θ D (3m, p) with respect to the solved-for parameters."""
@@ -300,3 +334,31 @@ class Problem:
         for name in ("columns", "scale", "groups", "_covariance", "_references"):
             new.__dict__[name] = getattr(self, name)
         return new
+
+
+def tabulate_residuals(
+    recording: Recording, prepared: Measurements, before: State, after: State, forms: tuple[str, ...] = ("",)
+) -> "pd.DataFrame":
+    """Tabulate residuals before and after a calibration, and what the covariance expects of each, a row an output, degrees.
+
+    Parameters
+    ----------
+    recording, prepared : what was calibrated
+    before, after : states at the start and at the end
+    forms : "" for the full rotation vector N (16), "linear_" for the linear form N (29)
+    """
+    import pandas as pd  # late: 65 MiB that a Monte Carlo worker does without
+
+    columns: dict[str, Any] = {
+        "interval": [recording.intervals[k].name for k in prepared.arcs.arc],
+        "t_s": recording.attitudes.t_s[prepared.row],
+    }
+    for label, state in (("before", before), ("after", after)):
+        values = {"": state.theta, "linear_": state.theta_linear}
+        for form in forms:
+            columns |= _by_axis(f"{label}_{form}", values[form])
+    return pd.DataFrame(columns | _by_axis("sigma_", after.sigma))
+
+
+def _by_axis(label: str, values: Array) -> dict[str, Array]:
+    return {f"{label}{name}_deg": np.rad2deg(values[:, k]) for k, name in enumerate(ROTATION_NAMES)}

@@ -7,9 +7,10 @@ import pandas as pd
 from rich.console import Console
 
 from gyrocal import NAMES, CalibrationResult, GyroParameters
-from gyrocal.calibration.davenport import DEGREES, ROTATION_NAMES
+from gyrocal.calibration.davenport import DEGREES
 from gyrocal.calibration.gyro_space import space_of
 from gyrocal.calibration.observability import BIAS_LETTERS
+from gyrocal.calibration.problem import ROTATION_NAMES
 from gyrocal.calibration.remainder import DEG_H, WITH_REMAINDER
 from studies.report import tables, trackers
 

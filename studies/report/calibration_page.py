@@ -12,7 +12,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from gyrocal import CalibrationResult, GyroParameters, InputError, Recording
-from gyrocal.calibration.davenport import ROTATION_NAMES
+from gyrocal.calibration.problem import ROTATION_NAMES
 from gyrocal.calibration.remainder import WITH_REMAINDER
 from studies.allan import report as allan_report
 from studies.allan.analysis import analyse
