@@ -15,6 +15,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pandas as pd
@@ -73,9 +74,11 @@ def diagnose_gyros(
     of_arrays = [effect for effect in effects if effect.of_arrays and effect.implements("detect")]
     of_one = [effect for effect in effects if not effect.of_arrays]
     dead = claimed([], [], of_arrays, _view(recording), settings)
-    title = recording.title
-    recording, notes = leave_out(recording, [str(one.symptom.axis) for one in dead])
-    shown, noise, more = test_samples(recording, settings)
+    failed = [str(one.symptom.axis) for one in dead]
+    recording = leave_out(recording, failed) if failed else recording
+    shown, noise, notes = test_samples(recording, settings)
+    if failed:
+        notes = (f"Gyro {', '.join(failed)} is left out of all that follows, also before it failed", *notes)
     start = GyroArray(recording.gyro.names, *nominal(recording.gyro))
     gyros, body = linearise_gyros(recording, start, noise, settings)
     symptoms = [
@@ -90,14 +93,14 @@ def diagnose_gyros(
         explained, where = explain_array(model, effects, settings, seed, tell)
     elif body is not None:
         explained = explain(body, of_one, settings, seed, tell)
-        more = (*more, "Without parity, axes are those of the body")
+        notes = (*notes, "Without parity, axes are those of the body")
     else:
-        more = (*more, "No more than three gyros are left, and no reference attitudes: only the samples could be tested")
+        notes = (*notes, "No more than three gyros are left, and no reference attitudes: only the samples could be tested")
     if body is None:
-        seen = _see_by_parity(title, start, explained, shown, where)
+        seen = _see_by_parity(recording.title, start, explained, shown, where)
     else:
-        seen = _see_by_attitude(title, body, explained, gyros, shown, where, noise)
-    seen = replace(seen, notes=(*notes, *more, *seen.notes))
+        seen = _see_by_attitude(body, explained, gyros, shown, where, noise)
+    seen = replace(seen, notes=(*notes, *seen.notes))
     return answered(seen, samples, explained, settings, time.perf_counter() - began)
 
 
@@ -107,11 +110,7 @@ def explain_array(
     """Explain parity and attitude, and find gyros and intervals that depart; parameters as of `diagnose_gyros`."""
     tell("candidates", 0.1)
     linear = build_array_model(model, effects, settings)
-
-    def check(found: LinearModel, members: tuple[Member, ...]) -> tuple[Check, ...]:
-        return check_array(model, found, members, seed)
-
-    explained = judged(linear, check, settings, seed, tell)
+    explained = judged(linear, partial(check_array, model, seed), settings, seed, tell)
     if explained.p_value >= settings.false_alarm_rate:
         return explained, ()
     return explained, (*find_faulty_gyros(explained, model.stream.gyros, settings), *find_parity(model, settings))
@@ -134,16 +133,14 @@ def _view(recording: Recording) -> SampleView:
     )
 
 
-def leave_out(recording: Recording, names: Sequence[str]) -> tuple[Recording, tuple[str, ...]]:
-    """Leave some gyros out of a recording, and say so in a note.
+def leave_out(recording: Recording, names: Sequence[str]) -> Recording:
+    """Leave some gyros out of a recording.
 
     Raises
     ------
     InputError
         The gyros left do not see all three axes.
     """
-    if not names:
-        return recording, ()
     gyro = recording.gyro
     kept = [k for k, name in enumerate(gyro.names) if name not in names]
     K, c = nominal(gyro)
@@ -154,8 +151,7 @@ def leave_out(recording: Recording, names: Sequence[str]) -> tuple[Recording, tu
         replace(one, gyros=None if one.gyros is None else tuple(name for name in one.gyros if name not in names))
         for one in recording.intervals
     )
-    note = f"Gyro {', '.join(names)} is left out of all that follows, also before it failed"
-    return replace(recording, gyro=stream, intervals=intervals), (note,)
+    return replace(recording, gyro=stream, intervals=intervals)
 
 
 def test_samples(recording: Recording, settings: DiagnosisSettings) -> tuple[Findings, Array, tuple[str, ...]]:
@@ -205,7 +201,7 @@ def linearise_gyros(
 # ---- checks and findings -------------------------------------------------------------------------------------------------
 
 
-def check_array(model: ArrayModel, linear: LinearModel, members: tuple[Member, ...], seed: int) -> tuple[Check, ...]:
+def check_array(model: ArrayModel, seed: int, linear: LinearModel, members: tuple[Member, ...]) -> tuple[Check, ...]:
     """Check what an explanation leaves of the attitude and of the parity."""
     rows = model.attitude_rows
     checks: tuple[Check, ...] = ()
@@ -271,7 +267,6 @@ def find_faulty_gyros(explained: Explained, names: Sequence[str], settings: Diag
 
 
 def _see_by_attitude(
-    title: str,
     body: Prepared,
     explained: Explained,
     gyros: GyroArray,
@@ -289,7 +284,7 @@ def _see_by_attitude(
     G = gain(gyros.K, np.arange(len(gyros.names)), noise)
     T, shift = model.G + change[:9].reshape(3, 3), model.bias + change[9:]
     return Seen(
-        recording=title,
+        recording=model.recording.title,
         where=(*where, *(localization.findings(table) if explained.attribution is not None else ())),
         p_values=p_values(body, explained),
         G=T @ G,

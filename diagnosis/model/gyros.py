@@ -32,13 +32,15 @@ from diagnosis.model.steps import with_finer_times
 from diagnosis.settings import DiagnosisSettings
 from gyrocal.calibration.observability import PLAUSIBLE_BIAS, PLAUSIBLE_G
 from gyrocal.recording import Recording
-from simulator.effects import References, Stream, Surroundings, references_of
+from simulator.effects import Stream, Surroundings, references_of
 from simulator.effects.base import Effect, ProcessTimes
 from simulator.effects.common import markov
 from simulator.effects.gyros import acts_on_one
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
+
+BY_ROW = ("train_y", "train_X", "left_y", "left_X", "owner")  # of a fold
 
 
 @dataclass(frozen=True)
@@ -94,15 +96,10 @@ class ArrayModel:
         return self.parity.stream
 
     @cached_property
-    def references(self) -> References:
-        """The references."""
-        return references_of(self.recording) if self.body is None else self.body.references
-
-    @cached_property
     def around(self) -> Surroundings:
         """What the recording offers to effects on a gyro."""
-        sigma = np.empty((0, 3)) if self.body is None else self.body.around.reference_sigma
-        return Surroundings(self.stream, self.references, self.recording.gyro.arw, self.recording.gyro.sample_s, sigma)
+        gyro, references = self.recording.gyro, references_of(self.recording)
+        return Surroundings(self.stream, references, gyro.arw, gyro.sample_s, self.recording.attitudes.sigma)
 
     # ---- columns ---------------------------------------------------------------------------------------------------------
 
@@ -118,15 +115,6 @@ class ArrayModel:
             return own
         firsts = np.searchsorted(self.body.t_s, self.stream.t_s[starts] - 0.5 * self.stream.duration_s[starts])
         return np.concatenate([self.body.reading_steps(self._turn(high[:, :, None])[:, :, 0], firsts), own])
-
-    def reference_error(self, error: Array) -> Array:
-        """Compute observations of errors of the references in body axes, (m, 3, k) rad → (N, k)."""
-        assert self.body is not None
-        return self.beside_parity(self.body.reference_error(error))
-
-    def beside_parity(self, columns: Array) -> Array:
-        """Add the parity rows of what no parity shows."""
-        return np.pad(columns, ((0, self.parity.size), (0, 0)))
 
     def _turn(self, high: Array) -> Array:
         """Compute the body rates' part of readings, (n, gyros, k) → means over the attitude's steps (steps, 3, k)."""
@@ -195,8 +183,9 @@ def build_array_model(model: ArrayModel, effects: Sequence[Effect], settings: Di
     offered = list(list_gyro_groups(model, list(of_gyros.values())))
     if model.body is not None:
         common = [effect for effect in effects if effect.on_references or not effect.axes]
-        widths = (*groups.listed(model.body, common, None), *groups.unlisted_groups(model.body, {}, common))
-        offered += [replace(one, columns=[model.beside_parity(part) for part in one.columns]) for one in widths]
+        below = ((0, model.parity.size), (0, 0))  # no parity shows these
+        for one in (*groups.listed(model.body, common, None), *groups.unlisted_groups(model.body, {}, common)):
+            offered.append(replace(one, columns=[np.pad(part, below) for part in one.columns]))
     found, W = placed(offered, model.projected, settings, model.size)
     return LinearModel(
         y=model.y,
@@ -268,14 +257,8 @@ def fold_array(model: ArrayModel, W: Array) -> Iterator[Fold]:
     for pair in zip_longest(of_attitude, _fold_parity(model, W[rows:])):
         found = [one for one in pair if one is not None]
         names = {name for one in found for name in one.dof}
-        yield Fold(
-            train_y=np.concatenate([one.train_y for one in found]),
-            train_X=np.concatenate([one.train_X for one in found]),
-            left_y=np.concatenate([one.left_y for one in found]),
-            left_X=np.concatenate([one.left_X for one in found]),
-            owner=np.concatenate([one.owner for one in found]),
-            dof={name: sum(one.dof.get(name, 0.0) for one in found) for name in names},
-        )
+        joined = {part: np.concatenate([getattr(one, part) for one in found]) for part in BY_ROW}
+        yield Fold(**joined, dof={name: sum(one.dof.get(name, 0.0) for one in found) for name in names})
 
 
 def _fold_parity(model: ArrayModel, W: Array) -> Iterator[Fold]:

@@ -18,6 +18,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
+from diagnosis.model.recording import build_basis
 from gyrocal.calibration.gyros import GyroArray
 from gyrocal.recording import Recording
 from gyrocal.recording.gyros import gain, inside, parity
@@ -28,7 +29,6 @@ Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
 
 MOST_BLOCKS = 200  # of a recording
-RANK = 1e-9  # relative size below which a nuisance column adds nothing to the others
 
 
 @dataclass(frozen=True)
@@ -92,10 +92,7 @@ class ParityModel:
     @cached_property
     def nuisance(self) -> Array:
         """(R, q) orthonormal basis of those columns."""
-        columns = self.nuisance_columns
-        columns = columns / np.maximum(np.linalg.norm(columns, axis=0), 1e-300)
-        U, s, _ = np.linalg.svd(columns, full_matrices=False)
-        return np.asarray(U[:, s > RANK * s[0]])
+        return build_basis(self.nuisance_columns)
 
     def projected(self, columns: Array) -> Array:
         """Take the part of the nuisance parameters out of whitened columns."""

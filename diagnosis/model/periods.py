@@ -232,7 +232,7 @@ def make_columns(
     model: RecordingModel | ArrayModel, effect: Effect, axis: str | None, parameters: Mapping[str, Value]
 ) -> Array:
     """Make (N, k) whitened columns of an effect per unit of its amplitudes; the axis is the name of a gyro, of any number."""
-    if effect.on_references:
+    if isinstance(model, RecordingModel) and effect.on_references:
         return model.whitened(model.reference_error(effect.reference_columns(model.references, axis, parameters)))
     return model.whitened(model.reading(columns_of(effect, model.stream, axis, parameters)))
 

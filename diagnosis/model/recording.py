@@ -370,10 +370,7 @@ class RecordingModel:
     @cached_property
     def nuisance(self) -> Array:
         """(N, q) orthonormal basis of the nuisance parameters' columns."""
-        columns = np.hstack([self.attitude_nuisance, self.calibration])
-        columns = columns / np.maximum(np.linalg.norm(columns, axis=0), 1e-300)
-        U, s, _ = np.linalg.svd(columns, full_matrices=False)
-        return np.asarray(U[:, s > RANK * s[0]])
+        return build_basis(np.hstack([self.attitude_nuisance, self.calibration]))
 
     def projected(self, columns: Array) -> Array:
         """Whitened columns with the nuisance parameters' part taken out, some at a time: ten thousand are a gigabyte thrice."""
@@ -477,6 +474,13 @@ class RecordingModel:
     def reference_places(self) -> tuple[places.Place, ...]:
         """Where a random error of the references acts, about each body axis."""
         return places.of_references(self)
+
+
+def build_basis(columns: Array) -> Array:
+    """Build an orthonormal basis (N, q) of columns of nuisance parameters in any units."""
+    columns = columns / np.maximum(np.linalg.norm(columns, axis=0), 1e-300)
+    U, s, _ = np.linalg.svd(columns, full_matrices=False)
+    return np.asarray(U[:, s > RANK * s[0]])
 
 
 def parameter_errors(raw: Array) -> Array:
