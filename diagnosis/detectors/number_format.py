@@ -249,7 +249,8 @@ def undo_lattices(stream: Stream, formats: NumberFormats) -> tuple[Stream, Mask]
     rates, density, hidden = stream.rates.copy(), stream.density.copy(), np.zeros(3, dtype=bool)
     sample_s = stream.recording.gyro.sample_s
     for axis in np.flatnonzero(formats.coarse):
-        step, kind = float(formats.steps[axis]), "cut" if formats.cut[axis] else "rounded"
+        step = float(formats.steps[axis])
+        kind: Kind = "cut" if formats.cut[axis] else "rounded"
         density[:, axis] += step**2 / 12 * sample_s
         for part in interval_slices(stream.recording):
             rates[part, axis], factor, more = undo_lattice(rates[part, axis], sample_s, step, stream.sigma, kind)

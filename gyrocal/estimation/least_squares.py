@@ -153,7 +153,7 @@ class Exact:
 
     def __init__(self, rows: Rows, q: Array, d: Array):
         self._rows, self._q, self._d = rows, q, d
-        count, p = len(q) + 1, rows.parameters.shape[1]
+        count = len(q) + 1
         self._scale = 1 / np.sqrt(np.sum(rows.parameters**2, axis=0))
         a, c = rows.attitude, rows.parameters * self._scale
         weight = 1 / q**2
