@@ -22,7 +22,7 @@ from diagnosis.model.linear import VISIBLE, Parameters, exactly, first_amplitude
 from diagnosis.model.periods import Found, make_columns, make_effect_columns
 from diagnosis.model.places import Place
 from diagnosis.model.recording import RecordingModel
-from diagnosis.model.steps import step_times, switched_columns
+from diagnosis.model.steps import StepTimes, step_times, switched_columns
 from simulator.effects.base import Effect, Surroundings, Value
 
 if TYPE_CHECKING:
@@ -73,8 +73,17 @@ class Group:
 # ---- listed effects ------------------------------------------------------------------------------------------------------
 
 
-def listed(model: RecordingModel, effects: Sequence[Effect], found: Found | None) -> Iterator[Group]:
-    """The effects that have columns or a covariance and can be seen in this recording; `found` by a scan for periods."""
+def listed(
+    model: RecordingModel, effects: Sequence[Effect], found: Found | None, steps: StepTimes | None = None
+) -> Iterator[Group]:
+    """The effects that have columns or a covariance and can be seen in this recording.
+
+    Parameters
+    ----------
+    model, effects : the recording and what may be named
+    found : by a scan for periods
+    steps : times that steps are tried at; those of `step_times` by default
+    """
     around = model.around
     for effect in effects:
         if effect.missing(around) is not None:
@@ -91,7 +100,7 @@ def listed(model: RecordingModel, effects: Sequence[Effect], found: Found | None
                     if found:
                         yield scanned_group(model, effect, str(axis), found)
                 elif effect.switched:
-                    yield switched_group(model, effect, axis, around)
+                    yield switched_group(model, effect, axis, around, steps)
                 else:
                     yield plain_group(model, effect, axis, around)
         elif effect.is_process:
@@ -111,9 +120,11 @@ def plain_group(model: RecordingModel | ArrayModel, effect: Effect, axis: str | 
     return group_of(effect, axis, columns, parameters, weights)
 
 
-def switched_group(model: RecordingModel | ArrayModel, effect: Effect, axis: str | None, around: Surroundings) -> Group:
+def switched_group(
+    model: RecordingModel | ArrayModel, effect: Effect, axis: str | None, around: Surroundings, steps: StepTimes | None = None
+) -> Group:
     """An effect that is switched on at some time, with an option for each time that is tried."""
-    times, widths, weights, firsts = step_times(model)
+    times, widths, weights, firsts = steps or step_times(model)
     columns: list[Array] = []
     parameters: list[Parameters] = []
     shares: list[float] = []

@@ -31,6 +31,7 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
+StepTimes = tuple[Array, Array, Array, Indices]  # of `step_times`
 
 LONGEST_STEP_GAP = 300.0  # s between the times a step is tried at, before refinement
 MOST_STEP_TIMES = 14  # times a step is tried at inside an interval
@@ -43,7 +44,7 @@ ROUNDING = 6  # decimals of a duration in s
 PEAK = 8.0  # log of a likelihood ratio to the highest, down to which a peak reaches
 
 
-def step_times(model: RecordingModel | ArrayModel, spacing_s: float = LONGEST_STEP_GAP) -> tuple[Array, Array, Array, Indices]:
+def step_times(model: RecordingModel | ArrayModel, spacing_s: float = LONGEST_STEP_GAP) -> StepTimes:
     """Times a step is tried at, how far each may be off where that is not known, their prior weights, and their first steps.
 
     Between two intervals only the fact can be seen, so the middle of the gap stands for all of it.

@@ -11,40 +11,9 @@
 - `planning`: all of it in turn; `result`: what comes out
 """
 
-from diagnosis.plan.columns import RandomColumns, Signature, noise_free, random_columns, signatures
 from diagnosis.plan.extras import appended, maneuvers
-from diagnosis.plan.named import named_size
 from diagnosis.plan.planning import plan
-from diagnosis.plan.result import POWER, Extra, Pair, Plan, Visible, tables
-from diagnosis.plan.samples import quiet_samples
-from diagnosis.plan.separability import EXACT, LIMIT_SNR, SURE, pairs, separating_snr, shares, telling_size
-from diagnosis.plan.visibility import PowerOf, random_seen, visible
+from diagnosis.plan.result import POWER, Extra, Pair, Plan, Visible
+from diagnosis.plan.separability import LIMIT_SNR
 
-__all__ = [
-    "EXACT",
-    "LIMIT_SNR",
-    "POWER",
-    "SURE",
-    "Extra",
-    "Pair",
-    "Plan",
-    "PowerOf",
-    "RandomColumns",
-    "Signature",
-    "Visible",
-    "appended",
-    "maneuvers",
-    "named_size",
-    "noise_free",
-    "pairs",
-    "plan",
-    "quiet_samples",
-    "random_columns",
-    "random_seen",
-    "separating_snr",
-    "shares",
-    "signatures",
-    "tables",
-    "telling_size",
-    "visible",
-]
+__all__ = ["LIMIT_SNR", "POWER", "Extra", "Pair", "Plan", "Visible", "appended", "maneuvers", "plan"]

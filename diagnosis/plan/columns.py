@@ -1,31 +1,29 @@
 """Signatures: what each effect does to the whitened and projected observations, per unit of its size.
 
-x is the whitened column of the effect with G, b and the start attitudes projected out (`diagnosis.model.recording`),
-linearised at the scenario's true G and b. A random effect is a covariance instead, X Xᵀ. Columns and options are those that the
-diagnosis itself tries (`diagnosis.model.groups`).
+Columns and options are the candidates of the diagnosis itself (`diagnosis.model.groups`), with G, b and the start attitudes
+projected out (`diagnosis.model.recording`), linearised at the scenario's true G and b. A random effect is a covariance X Xᵀ.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from diagnosis.model.groups import Group, plain_group, process_groups
+from diagnosis.model.groups import Group, listed
 from diagnosis.model.linearise import linearised
 from diagnosis.model.recording import RecordingModel
-from diagnosis.model.steps import step_times, switched_columns
-from simulator.effects import EFFECTS, Effect, Trial
+from diagnosis.model.steps import StepTimes
+from simulator.effects import EFFECTS
 from simulator.scenario import Scenario
 from simulator.simulate import simulate, with_gyro_temperature
 
 Array = NDArray[np.float64]
-Indices = NDArray[np.intp]
-StepTimes = tuple[Array, Array, Array, Indices]
 
 GONE = 1e-6  # share of a signature that is left, below which it acts like the calibration itself
+OF_TIME = ("time_s", "time_sigma_s")  # parameters of an option that is one of several times
 
 
 @dataclass(frozen=True)
@@ -35,10 +33,12 @@ class Signature:
     Attributes
     ----------
     effect, axis, label : the label also tells what else is fixed in a switched effect, as in "effect:z<y"
-    X : (N, o, k) columns of each option (time of a step), k amplitudes (sine and cosine)
+    X : (N, o, k) columns of each option (time of a step), k amplitudes (sine and cosine); of a random effect y = a X z with
+        z ~ N(0, I), in the usual option
     share : (o,) what the projection leaves of each option, 1 for all
     weights : (o,) prior of the options, sum one
     parameters : of each option
+    process : whether the effect is random
     """
 
     effect: str
@@ -47,11 +47,17 @@ class Signature:
     X: Array
     share: Array
     weights: Array
-    parameters: tuple[dict[str, float | str], ...]
+    parameters: tuple[Mapping[str, float | str], ...]
+    process: bool = False
 
     @property
     def norms(self) -> Array:
-        """(o,) ‖x‖ per unit size, root mean square over the phase."""
+        """(o,) ‖x‖ per unit size, root mean square over the phase; of a random effect (tr K²)^¼ with K = X Xᵀ.
+
+        The inverse goes with the smallest visible size.
+        """
+        if self.process:
+            return np.array([np.sum((self.X[:, 0].T @ self.X[:, 0]) ** 2) ** 0.25])
         return np.asarray(np.sqrt(np.sum(self.X**2, axis=(0, 2)) / self.X.shape[2]))
 
     @property
@@ -59,10 +65,6 @@ class Signature:
         """Smallest and largest ‖x‖ per unit size over options and phases."""
         values = np.linalg.svd(self.X.transpose(1, 0, 2), compute_uv=False)
         return float(values[:, -1].min()), float(values[:, 0].max())
-
-    def typical(self) -> Array:
-        """(N,) signature at the time of the median ‖x‖, and the phase of the mean ‖x‖²."""
-        return np.asarray(self.X[:, self.middle] @ self.amplitudes)
 
     @property
     def middle(self) -> int:
@@ -75,6 +77,12 @@ class Signature:
         X = self.X[:, self.middle]
         return np.asarray(np.linalg.eigh(X.T @ X)[1].sum(axis=1) / np.sqrt(X.shape[1]))
 
+    def draw(self, rng: np.random.Generator, count: int) -> Array:
+        """(N, count) draws of a random effect; else (N, 1), the signature at the time of the median ‖x‖ and a typical phase."""
+        if self.process:
+            return np.asarray(self.X[:, 0] @ rng.standard_normal((self.X.shape[2], count)))
+        return np.asarray(self.X[:, self.middle] @ self.amplitudes)[:, None]
+
 
 def noise_free(scenario: Scenario) -> RecordingModel:
     """The model about the true G and b, without noise, and with the simulator's gyro temperature as housekeeping."""
@@ -82,111 +90,40 @@ def noise_free(scenario: Scenario) -> RecordingModel:
     return linearised(recording, np.array(scenario.gyro.true_G), np.deg2rad(scenario.gyro.true_bias_deg_s))
 
 
-def signatures(model: RecordingModel, names: Sequence[str], at: StepTimes | None = None) -> list[Signature]:
-    """Signatures of the effects that are sums of columns.
+def build_signatures(model: RecordingModel, names: Sequence[str], steps: StepTimes | None = None) -> list[Signature]:
+    """Build the signatures of some effects, the random ones last.
 
     Parameters
     ----------
     model : the noise-free recording
     names : effects
-    at : times of steps as `step_times` returns them; those that the diagnosis tries by default
+    steps : times of steps as `step_times` returns them; those that the diagnosis tries by default
     """
-    out: list[Signature] = []
-    steps = step_times(model) if at is None else at
-    for name in names:
-        effect = EFFECTS[name]
-        if not effect.has_columns or effect.missing(model.around) is not None:
-            continue
-        for axis in effect.axes or (None,):
-            out += _switched(model, effect, axis, steps) if effect.switched else [_plain(model, effect, axis)]
-    return out
-
-
-def _plain(model: RecordingModel, effect: Effect, axis: str | None) -> Signature:
-    """Signature of an effect that is there throughout, with the sets of parameters that are tried as its options."""
-    group = plain_group(model, effect, axis, model.around)
-    return _signature(
-        model, effect, axis, _label(effect, axis), np.stack(group.columns, axis=1), group.weights, group.parameters
-    )
-
-
-def _switched(model: RecordingModel, effect: Effect, axis: str | None, steps: StepTimes) -> list[Signature]:
-    """A signature for each set of parameters of an effect that is switched on, with the times of the step as its options."""
-    times, _, weights, firsts = steps
     out = []
-    trials = effect.trials(model.around)
-    for trial in trials:
-        label = _label(effect, axis) + (_words(trial) if len(trials) > 1 else "")
-        W = switched_columns(model, effect, axis, trial.parameters, firsts)[:, :, None]
-        known = [{**trial.parameters, "time_s": float(t)} for t in times]
-        out.append(_signature(model, effect, axis, label, W, weights, known))
-    return out
+    for group in listed(model, [EFFECTS[name] for name in names], None, steps):
+        for label, options in _split(group).items():
+            W = np.stack([group.columns[k] for k in options], axis=1)
+            X = model.projected(W.reshape(model.size, -1)).reshape(W.shape)
+            share = np.linalg.norm(X, axis=(0, 2)) / np.maximum(np.linalg.norm(W, axis=(0, 2)), 1e-300)
+            weights, parameters = group.weights[options], tuple(group.parameters[k] for k in options)
+            out.append(Signature(group.effect, group.axis, label, X, share, weights / weights.sum(), parameters, group.process))
+    return sorted(out, key=lambda one: one.process)
 
 
-def _label(effect: Effect, axis: str | None) -> str:
-    return effect.name if axis is None else f"{effect.name}:{axis}"
-
-
-def _words(trial: Trial) -> str:
-    return "".join(f"<{value}" for value in trial.parameters.values())
-
-
-def _signature(
-    model: RecordingModel,
-    effect: Effect,
-    axis: str | None,
-    label: str,
-    W: Array,
-    weights: Array,
-    parameters: Sequence[dict[str, float | str]],
-) -> Signature:
-    X = model.projected(W.reshape(model.size, -1)).reshape(W.shape)
-    share = np.linalg.norm(X, axis=(0, 2)) / np.maximum(np.linalg.norm(W, axis=(0, 2)), 1e-300)
-    return Signature(effect.name, axis, label, X, share, weights / weights.sum(), tuple(parameters))
-
-
-@dataclass(frozen=True)
-class RandomColumns:
-    """A random effect: y = a X z with z ~ N(0, I).
-
-    Attributes
-    ----------
-    effect, axis : which
-    X : (N, r) projected columns of unit amplitude, of the usual option
-    parameters : of that option
-    """
-
-    effect: str
-    axis: str | None
-    X: Array
-    parameters: Mapping[str, float | str] = field(default_factory=dict)
-
-    @property
-    def label(self) -> str:
-        """Effect and axis."""
-        return self.effect if self.axis is None else f"{self.effect}:{self.axis}"
-
-    @property
-    def strength(self) -> float:
-        """(tr K²)^¼ with K = X Xᵀ: the inverse goes with the smallest visible size."""
-        return float(np.sum((self.X.T @ self.X) ** 2) ** 0.25)
-
-
-def random_columns(model: RecordingModel, names: Sequence[str]) -> list[RandomColumns]:
-    """The random effects among some, with the option of each that is nearest to the usual one."""
-    out: list[RandomColumns] = []
-    for name in names:
-        effect = EFFECTS[name]
-        if effect.has_columns or not effect.is_process or effect.missing(model.around) is not None:
-            continue
+def _split(group: Group) -> dict[str, list[int]]:
+    """Options of each signature of a candidate: one signature for each set of parameters of an effect that is switched on."""
+    effect = EFFECTS[group.effect]
+    label = group.effect if group.axis is None else f"{group.effect}:{group.axis}"
+    if group.process:
         usual = {one.name: one.default for one in effect.parameters}
-        out += [_nearest(model, group, usual) for group in process_groups(model, effect, model.around)]
-    return out
-
-
-def _nearest(model: RecordingModel, group: Group, usual: Mapping[str, float | str | None]) -> RandomColumns:
-    chosen = min(range(len(group.columns)), key=lambda k: _unusual(group.parameters[k], usual))
-    return RandomColumns(group.effect, group.axis, model.projected(group.columns[chosen]), group.parameters[chosen])
+        return {label: [min(range(len(group.columns)), key=lambda k: _unusual(group.parameters[k], usual))]}
+    if not effect.switched:
+        return {label: list(range(len(group.columns)))}
+    found: dict[str, list[int]] = {}
+    for k, parameters in enumerate(group.parameters):
+        words = "".join(f"<{value}" for name, value in parameters.items() if name not in OF_TIME)
+        found.setdefault(label + words, []).append(k)
+    return found
 
 
 def _unusual(parameters: Mapping[str, float | str], usual: Mapping[str, float | str | None]) -> float:

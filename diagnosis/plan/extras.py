@@ -14,9 +14,9 @@ import numpy as np
 
 from diagnosis.model.recording import RecordingModel
 from diagnosis.model.steps import step_times
-from diagnosis.plan.columns import GONE, RandomColumns, Signature, median_index, noise_free, random_columns, signatures
+from diagnosis.plan.columns import GONE, Signature, build_signatures, median_index, noise_free
 from diagnosis.plan.result import Extra, Pair, Visible, ordered
-from diagnosis.plan.separability import pairs
+from diagnosis.plan.separability import list_pairs
 from diagnosis.plan.visibility import START_SNR
 from simulator.effects import EFFECTS
 from simulator.scenario import Scenario, override
@@ -35,7 +35,7 @@ def appended(scenario: Scenario, sections: Sequence[Mapping[str, Any]]) -> Scena
         They are no valid intervals.
     """
     end = scenario.interval[-1].stop_s
-    intervals = [_plain(one.model_dump(exclude_none=True)) for one in scenario.interval]
+    intervals = [one.model_dump(mode="json", exclude_none=True) for one in scenario.interval]
     for section in sections:
         moved = dict(section)
         for name in ("start_s", "stop_s"):
@@ -43,12 +43,6 @@ def appended(scenario: Scenario, sections: Sequence[Mapping[str, Any]]) -> Scena
                 moved[name] = float(moved[name]) + end
         intervals.append(moved)
     return override(scenario, {"interval": intervals})
-
-
-def _plain(value: Any) -> Any:
-    if isinstance(value, dict):
-        return {key: _plain(item) for key, item in value.items()}
-    return [_plain(item) for item in value] if isinstance(value, list | tuple) else value
 
 
 def maneuvers(scenario: Scenario) -> dict[str, list[dict[str, Any]]]:
@@ -75,12 +69,10 @@ def maneuvers(scenario: Scenario) -> dict[str, list[dict[str, Any]]]:
     for name, axis in (("roll", "x"), ("pitch", "y")):
         there_and_back = [_slew(axis, 60, 60, 280), _slew(axis, -60, 640, 280)]
         out[f"{name} +60 deg and back"] = one(f"{name} slews", "+x", 1000.0, slew=there_and_back)
-    shift = 30 * DAY
-    repeat = []
+    moved, repeat = 30 * DAY - scenario.interval[0].start_s, []
     taken = {interval.name for interval in scenario.interval}
     for interval in scenario.interval:
-        section = _plain(interval.model_dump(exclude_none=True))
-        moved = shift - scenario.interval[0].start_s
+        section = interval.model_dump(mode="json", exclude_none=True)
         section |= {"start_s": section["start_s"] + moved, "stop_s": section["stop_s"] + moved}
         section["name"] = _unused(f"{section['name']}b", taken)
         taken.add(section["name"])
@@ -112,34 +104,32 @@ def helped_by(
     extended: Scenario,
     model: RecordingModel,
     every: Sequence[Signature],
-    random: Sequence[RandomColumns],
     seen: Sequence[Visible],
     found: Sequence[Pair],
 ) -> Extra:
     """What the extended scenario brings: sizes, pairs told apart, and effects gained over those seen and found without it."""
     longer = noise_free(extended)
-    names = sorted({one.effect for one in every} | {one.effect for one in random})
+    names = [name for name in EFFECTS if name in {one.effect for one in every}]
     # The same steps as without it: the extra intervals come after all of them.
-    after = {one.label: one for one in signatures(longer, names, step_times(model))}
-    noisy = {one.label: one for one in random_columns(longer, names)}
+    after = {one.label: one for one in build_signatures(longer, names, step_times(model))}
     before = {one.label: one for one in seen}
     ratio: dict[str, float] = {}
     bare = replace(model.around, stream=replace(model.stream, housekeeping={}))
-    for signature in every:
+    for one in every:
         # The simulated temperature of another span is another one.
-        if EFFECTS[signature.effect].missing(bare) is None and signature.share.max() > GONE:
-            quotients = signature.norms / np.maximum(after[signature.label].norms, 1e-300)
-            ratio[signature.label] = float(quotients[median_index(quotients, signature.weights)])
-    ratio |= {one.label: one.strength / noisy[one.label].strength for one in random if one.strength > 0}
+        if EFFECTS[one.effect].missing(bare) is None and one.share.max() > GONE:
+            quotients = one.norms / np.maximum(after[one.label].norms, 1e-300)
+            ratio[one.label] = float(quotients[median_index(quotients, one.weights)])
     gained = [
-        signature.label
-        for signature in every
-        if before[signature.label].verdict != "visible"
-        and after[signature.label].extremes[1] * EFFECTS[signature.effect].prior[1] >= START_SNR
-        and after[signature.label].share.max() > GONE
+        one.label
+        for one in every
+        if not one.process
+        and before[one.label].verdict != "visible"
+        and after[one.label].extremes[1] * EFFECTS[one.effect].prior[1] >= START_SNR
+        and after[one.label].share.max() > GONE
     ]
     now = [replace(one, size=one.size * ratio.get(one.label, 1.0), best=one.best * ratio.get(one.label, 1.0)) for one in seen]
-    left = {ordered(one.effect, one.other) for one in pairs(list(after.values()), list(noisy.values()), now)}
+    left = {ordered(one.effect, one.other) for one in list_pairs(list(after.values()), now)}
     were = {ordered(one.effect, one.other) for one in found}
     by_effect: dict[str, list[float]] = {}
     for label, value in ratio.items():

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from diagnosis.inference.attribution import attribute
 from diagnosis.inference.search import Search
-from diagnosis.plan.columns import RandomColumns, Signature
+from diagnosis.plan.columns import Signature
 from diagnosis.plan.result import POWER, Progress, Visible
 from diagnosis.plan.visibility import PowerOf
 
@@ -20,44 +20,42 @@ NAMED_FACTORS = (1.0, 1.25, 1.6, 2.0, 2.5, 3.2, 4.0, 6.0, 10.0)  # of the visibl
 NAMED_DRAWS = 12
 
 
-def named_sizes(
-    seen: list[Visible], every: Sequence[Signature], random: Sequence[RandomColumns], power: PowerOf, tell: Progress
-) -> list[Visible]:
-    """The same answers, those seen in the attitude with their smallest named sizes."""
+def find_named_sizes(seen: list[Visible], every: Sequence[Signature], power: PowerOf, tell: Progress) -> list[Visible]:
+    """Find the smallest named sizes of effects that are seen in the attitude, and add them to the answers."""
     rng = np.random.default_rng(power.rng.integers(2**63))
-    drawn = {one.label: np.repeat(one.typical()[:, None], NAMED_DRAWS, axis=1) for one in every}
-    drawn |= {one.label: one.X @ rng.standard_normal((one.X.shape[1], NAMED_DRAWS)) for one in random}
+    drawn = {one.label: one.draw(rng, NAMED_DRAWS) for one in every}
     out = []
     for number, one in enumerate(seen):
         tell(f"smallest named size: {one.label}", 0.55 + 0.15 * number / len(seen))
         if one.label in drawn and one.verdict == "visible" and np.isfinite(one.size):
-            one = replace(one, named=named_size(one, drawn[one.label], power))
+            one = replace(one, named=find_named_size(one, drawn[one.label], power))
         out.append(one)
     return out
 
 
-def named_size(one: Visible, x: Array, power: PowerOf) -> float:
-    """Smallest multiple of the visible size at which nine draws of ten name the effect and nothing else.
+def find_named_size(one: Visible, x: Array, power: PowerOf) -> float:
+    """Find the smallest multiple of the visible size at which nine draws of ten name the effect and nothing else.
 
     Parameters
     ----------
     one : the effect
-    x : (N, d) drawn signatures of unit size
+    x : (N, d) or (N, 1) drawn signatures of unit size
 
     Returns
     -------
     Infinite if ten times the visible size is not enough.
     """
     label = one.effect if one.axis is None else f"{one.effect}:{one.axis}"
+    observed = np.broadcast_to(x, (len(x), NAMED_DRAWS))
 
     def enough(factor: float) -> bool:
         missed = 0
-        for k in range(x.shape[1]):
-            linear = replace(power.linear, y=power.noise[:, k] + factor * one.size * x[:, k])
+        for k in range(NAMED_DRAWS):
+            linear = replace(power.linear, y=power.noise[:, k] + factor * one.size * observed[:, k])
             answer = attribute(linear, Search(linear, power.settings).explanations(), power.settings)
             right = answer.verdict == "named" and [slot.group[0][0] for slot in answer.slots] == [label]
             missed += not right
-            if missed > (1 - POWER) * x.shape[1]:
+            if missed > (1 - POWER) * NAMED_DRAWS:
                 return False
         return True
 

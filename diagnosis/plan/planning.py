@@ -11,13 +11,13 @@ import numpy as np
 from diagnosis.model.candidates import linear_model
 from diagnosis.model.groups import AXES
 from diagnosis.model.recording import RecordingModel
-from diagnosis.plan.columns import noise_free, random_columns, signatures
+from diagnosis.plan.columns import build_signatures, noise_free
 from diagnosis.plan.extras import appended, helped_by, maneuvers
-from diagnosis.plan.named import named_sizes
+from diagnosis.plan.named import find_named_sizes
 from diagnosis.plan.result import Plan, Progress
 from diagnosis.plan.samples import samples_seen
-from diagnosis.plan.separability import pairs
-from diagnosis.plan.visibility import START_SNR, PowerOf, columns_seen, random_seen, unavailable
+from diagnosis.plan.separability import list_pairs
+from diagnosis.plan.visibility import START_SNR, PowerOf, find_visible_size, unavailable
 from diagnosis.settings import DEFAULT, DiagnosisSettings
 from gyrocal.calibration.observability import PLAUSIBLE_RANGE
 from gyrocal.errors import InputError
@@ -60,26 +60,27 @@ def plan(
     longer = {name: appended(scenario, parts) for name, parts in (maneuvers(scenario) if extras is None else extras).items()}
     tell("linear model", 0.0)
     model = noise_free(scenario)
-    every = signatures(model, names)
+    every = build_signatures(model, names)
     tell("candidates", 0.05)
     power = PowerOf(linear_model(model, list(EFFECTS.values()), settings=settings, scan=False), seed, settings)
     tell("smallest visible sizes", 0.15)
-    seen = list(columns_seen(every, power, tell))
-    random = random_columns(model, names)
-    seen += list(random_seen(random, power))
+    seen = []
+    for number, one in enumerate(every):
+        tell("smallest visible sizes", 0.15 + 0.4 * number / len(every))
+        seen.append(find_visible_size(one, power))
     snr = np.array([one.snr for one in seen if np.isfinite(one.snr)])
     effects_seen = [EFFECTS[name] for name in names]
     seen += samples_seen(scenario, model, effects_seen, float(np.median(snr)) if snr.size else START_SNR)
     seen += unavailable(model, effects_seen)
     if named:
         tell("smallest named sizes", 0.55)
-        seen = named_sizes(seen, every, random, power, tell)
+        seen = find_named_sizes(seen, every, power, tell)
     tell("pairs", 0.7)
-    found = pairs(every, random, seen)
+    found = list_pairs(every, seen)
     helped = []
     for number, (name, extended) in enumerate(longer.items()):
         tell(f"extra: {name}", 0.7 + 0.3 * number / len(longer))
-        helped.append(helped_by(name, scenario, extended, model, every, random, seen, found))
+        helped.append(helped_by(name, scenario, extended, model, every, seen, found))
     order = {name: number for number, name in enumerate(EFFECTS)}
     return Plan(
         scenario=scenario.title,

@@ -1,12 +1,10 @@
-"""What a plan says: smallest visible sizes, inseparable pairs, extra maneuvers, and all of it as JSON or tables."""
+"""What a plan says: smallest visible sizes, inseparable pairs, extra maneuvers, and all of it as JSON."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, Literal
-
-import pandas as pd
 
 Progress = Callable[[str, float], None]
 
@@ -140,24 +138,3 @@ class Plan:
 def ordered(one: str, other: str) -> tuple[str, str]:
     """A pair of labels in one order, whichever imitates which."""
     return (one, other) if one < other else (other, one)
-
-
-def tables(found: Plan) -> dict[str, pd.DataFrame]:
-    """The plan as tables: effects, pairs, extras."""
-    effects = pd.DataFrame([vars(one) for one in found.effects])
-    together = pd.DataFrame([vars(one) for one in found.pairs], columns=["effect", "other", "share", "snr", "size"])
-    extras = pd.DataFrame(
-        [
-            {
-                "maneuver": one.name, "hours": one.hours, "ratio": one.ratio, "resolved": len(one.resolved), "pairs": one.pairs,
-                "gained": ", ".join(one.gained), "helps most": ", ".join(_most(one)),
-            }
-            for one in found.extras
-        ]
-    )  # fmt: skip
-    return {"effects": effects, "pairs": together, "extras": extras}
-
-
-def _most(one: Extra, count: int = 3) -> list[str]:
-    best = sorted(one.by_effect.items(), key=lambda item: item[1])[:count]
-    return [f"{label} ×{value:.2f}" for label, value in best if value < 0.99]

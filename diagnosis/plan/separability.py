@@ -17,7 +17,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from diagnosis.plan.columns import GONE, RandomColumns, Signature, median_index
+from diagnosis.plan.columns import GONE, Signature, median_index
 from diagnosis.plan.result import Pair, Visible
 from diagnosis.plan.visibility import START_SNR
 from simulator.effects import EFFECTS
@@ -67,14 +67,14 @@ def separating_snr(share: Array) -> Array:
     return np.where(left > EXACT, np.sqrt(2 * SURE / np.maximum(left, EXACT)), np.inf)
 
 
-def pairs(every: Sequence[Signature], random: Sequence[RandomColumns], seen: Sequence[Visible]) -> list[Pair]:
-    """Pairs of visible effects that take more than an SNR of `LIMIT_SNR` to tell apart, the worst first.
+def list_pairs(every: Sequence[Signature], seen: Sequence[Visible]) -> list[Pair]:
+    """List the pairs of visible effects that take more than an SNR of `LIMIT_SNR` to tell apart, the worst first.
 
     An imitation that takes an implausible size of the other does not count. Random effects are compared with one another;
     a pair of them counts if it takes as much more than the visible size as `LIMIT_SNR` is more than the usual SNR.
     """
     known = {one.label: one for one in seen if one.verdict == "visible"}
-    some = [one for one in every if one.label in known]
+    some = [one for one in every if one.label in known and not one.process]
     out = []
     if some:
         rho, ratio = shares(some)
@@ -87,7 +87,7 @@ def pairs(every: Sequence[Signature], random: Sequence[RandomColumns], seen: Seq
                 continue
             size = float(snr[i, j]) / float(some[i].norms[some[i].middle])
             out.append(Pair(one.label, some[j].label, float(rho[i, j]), float(snr[i, j]), size))
-    noisy = [one for one in random if one.label in known]
+    noisy = [one for one in every if one.label in known and one.process]
     for first in noisy:
         for second in noisy:
             if first.label != second.label:
@@ -97,7 +97,7 @@ def pairs(every: Sequence[Signature], random: Sequence[RandomColumns], seen: Seq
     return sorted(out, key=lambda pair: (-np.nan_to_num(pair.snr, nan=0.0), pair.effect, pair.other))
 
 
-def telling_size(one: RandomColumns, other: RandomColumns, start: float) -> float:
+def telling_size(one: Signature, other: Signature, start: float) -> float:
     """Size of a random effect at which another differs by a divergence of ln 19 at its best size.
 
     With orthogonal columns X of squared lengths d and unit directions Q, S = I + r² X Xᵀ has S⁻¹ = I − Q g Qᵀ with
@@ -107,8 +107,9 @@ def telling_size(one: RandomColumns, other: RandomColumns, start: float) -> floa
 
     takes only the squared products of the directions of both.
     """
-    d_A, d_B = np.sum(one.X**2, axis=0), np.sum(other.X**2, axis=0)
-    cross = ((other.X / np.sqrt(np.maximum(d_B, 1e-300))).T @ one.X) ** 2  # (r_B, r_A)
+    A, B = one.X[:, 0], other.X[:, 0]
+    d_A, d_B = np.sum(A**2, axis=0), np.sum(B**2, axis=0)
+    cross = ((B / np.sqrt(np.maximum(d_B, 1e-300))).T @ A) ** 2  # (r_B, r_A)
     sizes = start * np.geomspace(0.3, 30.0, 41)
     gain = np.geomspace(1e-3, 1e5, 120)[:, None] / max(float(d_B.max()), 1e-300) * d_B  # (q, r_B): r² d
     g = gain / (1 + gain)

@@ -24,8 +24,8 @@ from numpy.typing import NDArray
 from diagnosis.inference.search import Search
 from diagnosis.model.linear import LinearModel
 from diagnosis.model.recording import RecordingModel
-from diagnosis.plan.columns import GONE, RandomColumns, Signature
-from diagnosis.plan.result import POWER, Progress, Verdict, Visible
+from diagnosis.plan.columns import GONE, Signature
+from diagnosis.plan.result import POWER, Verdict, Visible
 from diagnosis.settings import DEFAULT, DiagnosisSettings
 from simulator.effects import EFFECTS, Effect
 
@@ -37,6 +37,8 @@ POWER_DRAWS = 200  # of each effect; their 10 % point is good to 2 % of a size
 NEAR = 0.1  # of the statistic: a size is good to 0.3 % then
 MOST_STEPS = 14  # of the solution for a size
 START_SNR = 6.5
+# In terms of its strength a random effect needs about the square root of the number of ways it can be.
+START_RANDOM = 4.0
 FAR = 1e4  # times the plausible size: what takes more than that is rounding
 
 
@@ -79,11 +81,11 @@ class PowerOf:
         return float(np.quantile(values, 1 - POWER)) - self.threshold
 
     def size(self, x: Array, start: float) -> float:
-        """Amplitude of a signature, (N,) or (N, d) for each draw, that is seen in nine draws of ten; infinite if none is.
+        """Amplitude of a signature, (N, 1) or (N, d) for each draw, that is seen in nine draws of ten; infinite if none is.
 
         A secant in log amplitude from `start`; the statistic grows about as the square of the amplitude.
         """
-        moved = self.linear.X.T @ x.reshape(len(x), -1)
+        moved = self.linear.X.T @ x
         here, value = start, self.excess(moved, start)
         low, high = 0.0, np.inf
         slope = 25.0
@@ -100,30 +102,24 @@ class PowerOf:
         return here if abs(value) < 1.0 else float("inf")
 
 
-def columns_seen(every: Sequence[Signature], power: PowerOf, tell: Progress) -> Iterator[Visible]:
-    """Smallest visible sizes of effects that are sums of columns."""
-    for number, one in enumerate(every):
-        tell("smallest visible sizes", 0.15 + 0.35 * number / len(every))
-        yield visible(one, power)
-
-
-def visible(one: Signature, power: PowerOf) -> Visible:
-    """Smallest visible size of an effect that is a sum of columns."""
+def find_visible_size(one: Signature, power: PowerOf) -> Visible:
+    """Find the smallest visible size of an effect."""
     effect = EFFECTS[one.effect]
     smallest, largest = one.extremes
     reason = "acts like a change of G, b or start attitudes"
-    row = row_of(effect, "not identifiable", np.inf, reason, "attitude", one.axis)
-    row = replace(row, label=one.label)
+    row = replace(row_of(effect, "not identifiable", np.inf, reason, "attitude", one.axis), label=one.label)
     if one.share.max() < GONE or FAR * effect.prior[1] * largest < START_SNR:
         return row
-    x = one.typical()
-    norm = float(np.linalg.norm(x))
-    snr = START_SNR
-    if norm > 0:
-        snr = power.size(x / norm, START_SNR)
-    size, best = snr / max(norm, 1e-300), snr / largest
-    worst = snr / smallest if smallest > GONE * largest else np.inf
-    row = replace(row, size=size, best=best, worst=worst, snr=snr, verdict="visible", text="")
+    x = one.draw(power.rng, POWER_DRAWS)
+    if one.process:
+        size = best = worst = power.size(x, START_RANDOM / one.norms[0])
+        snr, text = float("nan"), ", ".join(_in_words(name, value) for name, value in one.parameters[0].items())
+    else:
+        norm = max(float(np.linalg.norm(x)), 1e-300)
+        size = power.size(x, START_SNR / norm)
+        snr, text = size * norm, ""
+        best, worst = snr / largest, snr / smallest if smallest > GONE * largest else np.inf
+    row = replace(row, size=size, best=best, worst=worst, snr=snr, verdict="visible", text=text)
     if best > effect.prior[1]:
         return replace(row, verdict="implausible", text=f"plausible only up to {effect.prior[1]:g} {effect.unit}")
     if size > effect.prior[1]:
@@ -131,21 +127,8 @@ def visible(one: Signature, power: PowerOf) -> Visible:
     return replace(row, text="hidden at worst") if worst > effect.prior[1] else row
 
 
-def random_seen(random: Sequence[RandomColumns], power: PowerOf) -> Iterator[Visible]:
-    """Smallest visible sizes of random effects."""
-    for one in random:
-        effect = EFFECTS[one.effect]
-        # In terms of its strength a random effect needs about the square root of the number of ways it can be.
-        x = one.X @ power.rng.standard_normal((one.X.shape[1], POWER_DRAWS))
-        size = power.size(x, 4.0 / one.strength) if one.strength > 0 else np.inf
-        verdict: Verdict = "visible" if size <= effect.prior[1] else "implausible"
-        text = ", ".join(f"{name} {value:.4g}" if isinstance(value, float) else value for name, value in one.parameters.items())
-        if verdict != "visible":
-            text = f"plausible only up to {effect.prior[1]:g} {effect.unit}"
-        yield Visible(
-            one.effect, one.axis, one.label, effect.unit, verdict, size, size, size, float("nan"), effect.prior, "attitude",
-            text=text,
-        )  # fmt: skip
+def _in_words(name: str, value: float | str) -> str:
+    return f"{name} {value:.4g}" if isinstance(value, float) else value
 
 
 def unavailable(model: RecordingModel, effects: Sequence[Effect]) -> Iterator[Visible]:

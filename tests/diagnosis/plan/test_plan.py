@@ -6,33 +6,16 @@ import numpy as np
 import pytest
 import scipy.stats
 
-from diagnosis import plan as planning
 from diagnosis.inference.null import among, null_draws
 from diagnosis.inference.search import Search
 from diagnosis.model.candidates import linear_model
 from diagnosis.model.linearise import linearised
 from diagnosis.model.prepare import prepare
-from diagnosis.plan import (
-    EXACT,
-    LIMIT_SNR,
-    POWER,
-    SURE,
-    PowerOf,
-    RandomColumns,
-    Signature,
-    appended,
-    maneuvers,
-    noise_free,
-    pairs,
-    plan,
-    random_columns,
-    separating_snr,
-    shares,
-    signatures,
-    telling_size,
-    visible,
-)
+from diagnosis.plan import LIMIT_SNR, POWER, appended, maneuvers, plan, planning
+from diagnosis.plan.columns import Signature, build_signatures, noise_free
 from diagnosis.plan.samples import samples_seen
+from diagnosis.plan.separability import EXACT, SURE, list_pairs, separating_snr, shares, telling_size
+from diagnosis.plan.visibility import PowerOf, find_visible_size
 from diagnosis.settings import DEFAULT
 from gyrocal import InputError
 from simulator.effects import EFFECTS, setting
@@ -64,7 +47,7 @@ def power(model):
 
 @pytest.fixture(scope="module")
 def every(model):
-    return {one.label: one for one in signatures(model, list(EFFECTS))}
+    return {one.label: one for one in build_signatures(model, list(EFFECTS))}
 
 
 @pytest.fixture(scope="module")
@@ -100,7 +83,7 @@ def setting_at(one, seen):
 
 @pytest.mark.parametrize("label", CHECKED)
 def test_nine_recordings_in_ten_with_the_predicted_size_show_a_gap(label, every, power, detected):
-    seen = visible(every[label], power)
+    seen = find_visible_size(every[label], power)
     count = detected([setting_at(every[label], seen)], entropy=21)
     assert scipy.stats.binomtest(count, SEEDS, POWER).pvalue > 0.005
 
@@ -112,11 +95,11 @@ def test_without_an_effect_there_is_no_gap(detected):
 
 def test_power_on_fresh_draws_is_that_asked_for_and_grows_with_size(every, power, model):
     one = every["bias_orbital:y"]
-    seen = visible(one, power)
+    seen = find_visible_size(one, power)
     noise = model.projected(np.random.default_rng(3).standard_normal((model.size, 400)))
 
     def rate(amplitude):
-        y = noise + amplitude * one.typical()[:, None]
+        y = noise + amplitude * one.draw(None, 1)
         return np.mean(power.statistic(y) > power.threshold)
 
     rates = [rate(factor * seen.size) for factor in (0.0, 0.5, 1.0, 1.5)]
@@ -126,11 +109,11 @@ def test_power_on_fresh_draws_is_that_asked_for_and_grows_with_size(every, power
 
 
 def test_random_effects_are_seen_at_their_size_on_fresh_draws(power, model):
-    one = random_columns(model, ["bias_random_walk"])[1]
-    seen = next(iter(planning.random_seen([one], power)))
+    one = build_signatures(model, ["bias_random_walk"])[1]
+    seen = find_visible_size(one, power)
     rng = np.random.default_rng(4)
     y = model.projected(rng.standard_normal((model.size, 400)))
-    y = y + seen.size * one.X @ rng.standard_normal((one.X.shape[1], 400))
+    y = y + seen.size * one.draw(rng, 400)
     rate = np.mean(power.statistic(y) > power.threshold)
     assert rate == pytest.approx(POWER, abs=0.08)
 
@@ -152,13 +135,13 @@ def test_signature_is_what_the_simulator_does(text, scenario, model, every):
 
 def test_best_size_is_at_most_the_typical_and_that_at_most_the_worst(every, power):
     for label in ("bias_step:z", "bias_orbital:x", "reference_orbital:y"):
-        seen = visible(every[label], power)
+        seen = find_visible_size(every[label], power)
         assert seen.best <= seen.size <= seen.worst
 
 
 def test_what_the_calibration_takes_up_is_not_identifiable(every, power):
     # The roll rate has one sign throughout, so that |ω_x| is a scale factor.
-    seen = visible(every["scale_asymmetry:x"], power)
+    seen = find_visible_size(every["scale_asymmetry:x"], power)
     assert seen.verdict in ("not identifiable", "implausible")
     assert "acts like" in seen.text or "plausible" in seen.text
 
@@ -167,7 +150,7 @@ def test_half_the_noise_halves_the_size(scenario, every, power):
     half = {"gyro.arw_deg_per_sqrt_s": scenario.gyro.arw_deg_per_sqrt_s / 2}
     half["reference.sigma_deg"] = [value / 2 for value in scenario.reference.sigma_deg]
     better = noise_free(override(scenario, half))
-    one = signatures(better, ["bias_drift"])[0]
+    one = build_signatures(better, ["bias_drift"])[0]
     assert one.norms[0] == pytest.approx(2 * every["bias_drift:x"].norms[0], rel=1e-6)
 
 
@@ -205,7 +188,7 @@ def test_snr_that_separates_gives_the_log_odds():
 
 def test_lag_and_time_offset_are_the_same(every, power):
     both = [every["time_offset"], every["rate_lag"]]
-    found = pairs(both, [], [visible(one, power) for one in both])
+    found = list_pairs(both, [find_visible_size(one, power) for one in both])
     assert [(one.effect, one.other, one.snr) for one in found] == [
         ("rate_lag", "time_offset", np.inf),
         ("time_offset", "rate_lag", np.inf),
@@ -216,11 +199,11 @@ def test_random_effects_with_their_own_directions_are_told_apart_and_the_same_on
     X = np.zeros((40, 10))
     X[:10] = np.eye(10)
     Y = np.roll(X, 15, axis=0)
-    one, other = RandomColumns("noise_flicker", "x", X), RandomColumns("bias_random_walk", "x", Y)
+    one, other, stronger = (made("noise_flicker:x", part[:, None]) for part in (X, Y, 3 * X))
     size = telling_size(one, other, 1.0)
     # Of no use to the other: −½ Σ [ln(1 + s²) − s²] = ln 19.
     assert SURE <= 5 * (size**2 - np.log1p(size**2)) < 1.7 * SURE  # to a step of its grid
-    assert telling_size(one, RandomColumns("bias_random_walk", "x", 3 * X), 1.0) == np.inf
+    assert telling_size(one, stronger, 1.0) == np.inf
 
 
 # ---- samples -------------------------------------------------------------------------------------------------------------
@@ -292,7 +275,7 @@ def test_of_several_trackers_a_plan_leaves_out_what_it_does_not_know():
     (noise,) = samples_seen(tracked, noise_free(tracked), [EFFECTS["reference_noise_excess"]], 5.0)
     assert noise.verdict == "not available"
     assert "of each by itself" in noise.text
-    assert "Effects of one star tracker are not looked at" in planning.planning._notes(tracked, noise_free(tracked))
+    assert "Effects of one star tracker are not looked at" in planning._notes(tracked, noise_free(tracked))
     with pytest.raises(InputError, match="tracker_time_offset: a plan knows effects"):
         plan(tracked, effects=["tracker_time_offset"])
 
@@ -301,6 +284,6 @@ def test_a_mounting_that_is_estimated_leaves_less_to_see():
     sizes = []
     for changes in (SHORT, SHORT | {"reference.tracker.1.estimated": True}):
         seen = noise_free(override(load("agile_trackers"), changes))
-        sizes.append([np.linalg.norm(one.X[:, 0]) for one in signatures(seen, ["scale_asymmetry", "time_offset"])])
+        sizes.append([np.linalg.norm(one.X[:, 0]) for one in build_signatures(seen, ["scale_asymmetry", "time_offset"])])
     assert (np.array(sizes[1]) <= np.array(sizes[0]) * (1 + 1e-9)).all()
     assert (np.array(sizes[1]) < np.array(sizes[0])).any()
