@@ -63,17 +63,11 @@ def adopted(diagnosis: Diagnosis) -> Adoption:
     left_out = tuple(cause.label for cause in diagnosis.causes if cause not in flyable)
     parts = [_amplitudes(cause, diagnosis.amplitudes) for cause in flyable]
     effects = tuple(one for one, _, _ in parts)
-    places = [(places, sigma) for _, places, sigma in parts]
-    sizes = [max(len(own), 1) for own, _ in places]
-    covariance = np.zeros((sum(sizes), sum(sizes)))
-    starts = np.cumsum([0, *sizes])
-    for i, (rows, sigma) in enumerate(places):
-        if not rows:
-            covariance[starts[i], starts[i]] = sigma**2
-        for j, (columns, _) in enumerate(places):
-            block = diagnosis.amplitudes.covariance[np.ix_(rows, columns)]
-            if block.size:
-                covariance[starts[i] : starts[i + 1], starts[j] : starts[j + 1]] = block
+    independent = len(diagnosis.amplitudes.labels)
+    rows = [row for _, places, _ in parts for row in places or [independent]]
+    covariance = np.pad(diagnosis.amplitudes.covariance, (0, 1))[np.ix_(rows, rows)]
+    alone = [sigma for _, places, sigma in parts if not places]
+    covariance[np.array(rows) == independent, np.array(rows) == independent] = np.square(alone)
     reason = "" if effects else "its causes act on raw sensor tables, which a replay keeps as they are"
     others = [(cause.label, tuple(one for one in cause.group if one != cause.label)) for cause in flyable]
     return Adoption(effects, covariance, left_out, reason, tuple(one for one in others if one[1]))

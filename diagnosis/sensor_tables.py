@@ -23,7 +23,7 @@ from diagnosis.inference.search import Search
 from diagnosis.model.linear import LinearModel
 from diagnosis.model.sensors.arcs import FittedArc, MisfitError, arcs_of, fit_arc, fitted_arcs
 from diagnosis.model.sensors.columns import GYRO, Held, held_error
-from diagnosis.model.sensors.orthogonal import identifiable, orthogonal_labels
+from diagnosis.model.sensors.orthogonal import list_orthogonal
 from diagnosis.model.sensors.reading import find_misreading
 from diagnosis.model.sensors.refine import refine_parameters
 from diagnosis.model.sensors.residuals import findings, residual_table
@@ -195,7 +195,7 @@ def _build_answer(explained: ExplainedTables, effects: Sequence[SensorEffect], s
         unknown_probability=min(1.0, float(attribution.unknown)) if attribution and not misfits else float(present),
         closure=_order(found.closed, explained.about_m0.names),
         rejected=_reject(explained, effects),
-        notes=(*identifiable(explained.linear, list(held)), COMMON, *_list_notes(explained)),
+        notes=(COMMON, *_list_notes(explained)),
         posterior=((("unknown",), 1.0),) if misfits or (present and not attribution) else of_attitude(attribution),
         residuals=residual_table(explained.fits, held),
         explanations=explanation_table(found.attribution),
@@ -205,7 +205,7 @@ def _build_answer(explained: ExplainedTables, effects: Sequence[SensorEffect], s
 def _reject(explained: ExplainedTables, effects: Sequence[SensorEffect]) -> tuple[Rejected, ...]:
     """The explanation of an alignment calibration, tested beside what is named."""
     found, linear = explained.found, explained.scaled
-    labels = orthogonal_labels([one.label for one in found.fitted], effects)
+    labels = list_orthogonal([one.label for one in found.fitted], effects)
     other = Search(linear).of(labels) if labels else None
     held_out = compute_closure(linear, other.members) if other is not None else None
     if other is None or held_out is None or found.attribution is None:

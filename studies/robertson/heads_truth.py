@@ -17,7 +17,7 @@ from diagnosis.inference.amplitudes import Fitted, fit
 from diagnosis.inference.search import Search
 from diagnosis.model.sensors.arcs import arcs_of, fitted_arcs
 from diagnosis.model.sensors.columns import Held
-from diagnosis.model.sensors.orthogonal import solved_for
+from diagnosis.model.sensors.orthogonal import list_solved_for
 from diagnosis.model.sensors.tables import build_tables, linear_model
 from diagnosis.sensor_tables import relinearised
 from diagnosis.settings import DEFAULT
@@ -38,7 +38,7 @@ ALIGNMENT = (
     "dss_misalignment=0.22475,m_x_deg=-0.15648,m_y_deg=-0.11411,m_z_deg=0.11402",
     "esa_bias=0.19681,bias_1_deg=-0.1574,bias_2_deg=0.04635,bias_3_deg=-0.09414,bias_4_deg=-0.05382",
 )
-ORTHOGONAL = solved_for(tuple(SENSOR_EFFECTS.values()))  # what the calibration of the first upload solved for
+ORTHOGONAL = list_solved_for(tuple(SENSOR_EFFECTS.values()))  # what the calibration of the first upload solved for
 NEWTON = 3  # steps; the second leaves 1e-5 deg
 
 

@@ -26,9 +26,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from gyrocal.attitude import rotation_matrix
 from gyrocal.errors import InputError, UnobservableError
 from gyrocal.estimation.arc import Estimate, GyroArc, columns, gyro_arc, linearise, measured_times
+from gyrocal.estimation.batch import moved
 from gyrocal.estimation.batch_observability import check_observable
 from gyrocal.estimation.least_squares import Exact, Plain, Rows
 from gyrocal.recording import GyroStream, Interval, Recording, reference_rows
@@ -40,12 +40,30 @@ from simulator.effects.sensor import Sightings
 
 Array = NDArray[np.float64]
 
-STEADY = float(np.deg2rad(0.01))  # rad/s; a mean rate over a minute that departs by more is no constant rate
-STEADY_S = 60.0
-MOST_ITERATIONS = 12
-CONVERGED = 1e-4  # last correction in sigmas
-LEAST_ARW = float(np.deg2rad(2e-6))  # rad/√s; a smaller one would only cost digits
-LEAST_TIMES = 12  # measurements of an arc worth its six unknowns
+
+@dataclass(frozen=True)
+class ArcSettings:
+    """What makes an arc, and its fit; by judgement.
+
+    Attributes
+    ----------
+    steady : rad/s, by which a mean rate over `steady_s` may depart from that of the interval
+    steady_s : s
+    times : measurements of the Earth sensor that are worth the six unknowns of an arc
+    iterations : of a fit at most; nominal sensors take three or four
+    converged : last correction, in sigmas
+    arw : rad/√s, least angle random walk; a smaller one would only cost digits
+    """
+
+    steady: float = float(np.deg2rad(0.01))
+    steady_s: float = 60.0
+    times: int = 12
+    iterations: int = 12
+    converged: float = 1e-4
+    arw: float = float(np.deg2rad(2e-6))
+
+
+SETTINGS = ArcSettings()
 
 
 class MisfitError(InputError):
@@ -80,12 +98,9 @@ class Arc:
         parts = []
         for series, number in zip(self.series, self.numbers, strict=True):
             values = earth if number == 0 else sun[self.sightings.sun_sensor == number]
-            parts.append((values.T / series.sigma.T).T[series.used] if values.ndim == 2 else _scaled(values, series))
+            sigma = series.sigma.reshape(series.sigma.shape + (1,) * (values.ndim - 2))
+            parts.append((values / sigma)[series.used])
         return np.concatenate(parts)
-
-
-def _scaled(values: Array, series: SensorSeries) -> Array:
-    return np.asarray((values / series.sigma[..., None])[series.used])
 
 
 @dataclass(frozen=True)
@@ -162,11 +177,11 @@ def _some(names: list[str]) -> str:
 def is_steady(gyro: GyroStream, interval: Interval) -> bool:
     """Find out whether the rates of an interval are constant, but for noise."""
     own = (gyro.t_s >= interval.start_s) & (gyro.t_s < interval.stop_s)
-    rates, length = gyro.rates[own], max(1, round(STEADY_S / gyro.sample_s))
+    rates, length = gyro.rates[own], max(1, round(SETTINGS.steady_s / gyro.sample_s))
     if len(rates) < 2 * length:
         return False
     means = rates[: len(rates) // length * length].reshape(-1, length, 3).mean(axis=1)
-    return bool(np.abs(means - means.mean(axis=0)).max() < STEADY)
+    return bool(np.abs(means - means.mean(axis=0)).max() < SETTINGS.steady)
 
 
 def build_arc(recording: Recording, tables: SensorTables, interval: Interval, number: int = 0) -> Arc | None:
@@ -192,7 +207,7 @@ def build_arc(recording: Recording, tables: SensorTables, interval: Interval, nu
         return None
     own = (tables.earth.t_s >= low) & (tables.earth.t_s <= high)
     t, used = tables.earth.t_s[own], tables.earth.used[own]
-    if t.size < LEAST_TIMES or not used.any():
+    if t.size < SETTINGS.times or not used.any():
         return None
     place = tables.ephemeris.rows(t)
     earth = EarthSensor(np.zeros(4))
@@ -205,7 +220,7 @@ def build_arc(recording: Recording, tables: SensorTables, interval: Interval, nu
     gyro = recording.gyro
     kept = (gyro.t_s > low - 1.5 * gyro.sample_s) & (gyro.t_s < high)
     first = float(measured_times(series).min())
-    gyro = replace(gyro, t_s=gyro.t_s[kept], rates=gyro.rates[kept], arw=max(gyro.arw, LEAST_ARW))
+    gyro = replace(gyro, t_s=gyro.t_s[kept], rates=gyro.rates[kept], arw=max(gyro.arw, SETTINGS.arw))
     if first - float(recording.attitudes.t_s[rows[0]]) > 1e-6:
         carried = gyro_arc(gyro, np.array([recording.attitudes.t_s[rows[0]], first]), gyro.apriori_G)
         start = carried.carried(gyro.apriori_bias)[0][-1] @ start
@@ -252,15 +267,15 @@ def fit_arc(arc: Arc, sun_error: Array | None = None, earth_error: Array | None 
     path = gyro_arc(arc.gyro, measured_times(series), arc.gyro.apriori_G)
     solved = columns(series, {})
     estimate = Estimate(np.tile(arc.start, (len(path.t), 1, 1)), arc.gyro.apriori_bias, tuple(one.model for one in series))
-    for iteration in range(MOST_ITERATIONS):
+    for iteration in range(SETTINGS.iterations):
         state = linearise(path, series, estimate, solved)
         if not np.isfinite(state.rows.z).all():
             break
         if iteration == 0:
             check_observable(state.rows, arc.start, ())
         gamma, delta, length = Plain(state.rows, len(path.t)).step()
-        estimate = replace(estimate, C=rotation_matrix(gamma) @ estimate.C, bias=estimate.bias + delta)
-        if length < CONVERGED:
+        estimate = moved(estimate, gamma, delta, solved)
+        if length < SETTINGS.converged:
             state = linearise(path, series, estimate, solved)
             A = state.R @ estimate.C
             return FittedArc(_looking(arc, series, path, A), state.rows, path, state.S, state.residuals)
@@ -270,7 +285,7 @@ def fit_arc(arc: Arc, sun_error: Array | None = None, earth_error: Array | None 
 def _looking(arc: Arc, series: tuple[SensorSeries, ...], path: GyroArc, A: Array) -> Arc:
     """The arc with the sightings of a fit."""
     angles = [
-        one.model.predict(A[path.node(one.t)] if one.used.all() else A[_nearest(path, one.t)], np.arange(one.t.size))
+        one.model.predict(A[_nearest(path, one.t)], np.arange(one.t.size))
         for one, number in zip(series, arc.numbers, strict=True)
         if number > 0
     ]

@@ -10,11 +10,10 @@ from diagnosis.inference.closure import compute_closure
 from diagnosis.inference.search import Search
 from diagnosis.model.sensors.arcs import arcs_of, fit_arc
 from diagnosis.model.sensors.columns import GYRO, RIVALS, Held, build_groups, held_columns, held_error
-from diagnosis.model.sensors.orthogonal import absorbed
 from diagnosis.model.sensors.refine import refine_parameters
 from diagnosis.model.sensors.tables import build_tables, in_noise, linear_model, noise_of
 from diagnosis.settings import DEFAULT
-from simulator.effects.sensor import SENSOR_EFFECTS, dss_head, dss_misalignment, esa_bias, parse
+from simulator.effects.sensor import SENSOR_EFFECTS, dss_head, esa_bias, parse
 from simulator.sensors.record import nominal_suite, sensed
 from simulator.sensors.sun import head_tangents
 from simulator.simulate import motion, simulate
@@ -252,11 +251,3 @@ def test_uncertain_parameters_widen_a_size():
         gram, _ = fitted.gram(np.column_stack([held_columns(fitted, held)[:, 0], (high - low) / 0.1]))
         total = total + gram[:2, :2]
     assert one.sigma == pytest.approx(np.sqrt(np.linalg.inv(total)[0, 0]), rel=0.1)
-
-
-def test_an_orthogonal_matrix_takes_a_part_of_a_head(nominal):
-    model = linear_model(build_tables(nominal, EFFECTS), EFFECTS, DEFAULT)
-    shares = absorbed(model, "dss_head:2", [dss_misalignment.EFFECT.name])
-    assert ((shares > 0.1) & (shares < 0.95)).all()
-    np.testing.assert_allclose(absorbed(model, "dss_head:2", ["dss_head:2"]), 1.0)
-    assert (absorbed(model, "dss_head:1", [dss_misalignment.EFFECT.name]) < shares).all()  # that of the other sensor
