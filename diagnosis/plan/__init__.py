@@ -8,12 +8,12 @@
 - `samples`: the same of effects seen in the samples
 - `separability`: pairs that cannot be told apart
 - `extras`: extra maneuvers and what each would help
-- `planning`: all of it in turn; `result`: what comes out
+- `planning`: all of it in turn; `result`: what comes out; `settings`: thresholds
 """
 
 from diagnosis.plan.extras import appended, maneuvers
 from diagnosis.plan.planning import plan
-from diagnosis.plan.result import POWER, Extra, Pair, Plan, Visible
-from diagnosis.plan.separability import LIMIT_SNR
+from diagnosis.plan.result import Extra, Pair, Plan, Visible
+from diagnosis.plan.settings import SETTINGS
 
-__all__ = ["LIMIT_SNR", "POWER", "Extra", "Pair", "Plan", "Visible", "appended", "maneuvers", "plan"]
+__all__ = ["SETTINGS", "Extra", "Pair", "Plan", "Visible", "appended", "maneuvers", "plan"]

@@ -22,7 +22,6 @@ from simulator.simulate import simulate, with_gyro_temperature
 
 Array = NDArray[np.float64]
 
-GONE = 1e-6  # share of a signature that is left, below which it acts like the calibration itself
 OF_TIME = ("time_s", "time_sigma_s")  # parameters of an option that is one of several times
 
 

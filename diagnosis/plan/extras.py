@@ -14,10 +14,10 @@ import numpy as np
 
 from diagnosis.model.recording import RecordingModel
 from diagnosis.model.steps import step_times
-from diagnosis.plan.columns import GONE, Signature, build_signatures, median_index, noise_free
+from diagnosis.plan.columns import Signature, build_signatures, median_index, noise_free
 from diagnosis.plan.result import Extra, Pair, Visible, ordered
 from diagnosis.plan.separability import list_pairs
-from diagnosis.plan.visibility import START_SNR
+from diagnosis.plan.settings import SETTINGS
 from simulator.effects import EFFECTS
 from simulator.scenario import Scenario, override
 
@@ -117,7 +117,7 @@ def helped_by(
     bare = replace(model.around, stream=replace(model.stream, housekeeping={}))
     for one in every:
         # The simulated temperature of another span is another one.
-        if EFFECTS[one.effect].missing(bare) is None and one.share.max() > GONE:
+        if EFFECTS[one.effect].missing(bare) is None and one.share.max() > SETTINGS.gone:
             quotients = one.norms / np.maximum(after[one.label].norms, 1e-300)
             ratio[one.label] = float(quotients[median_index(quotients, one.weights)])
     gained = [
@@ -125,8 +125,8 @@ def helped_by(
         for one in every
         if not one.process
         and before[one.label].verdict != "visible"
-        and after[one.label].extremes[1] * EFFECTS[one.effect].prior[1] >= START_SNR
-        and after[one.label].share.max() > GONE
+        and after[one.label].extremes[1] * EFFECTS[one.effect].prior[1] >= SETTINGS.snr
+        and after[one.label].share.max() > SETTINGS.gone
     ]
     now = [replace(one, size=one.size * ratio.get(one.label, 1.0), best=one.best * ratio.get(one.label, 1.0)) for one in seen]
     left = {ordered(one.effect, one.other) for one in list_pairs(list(after.values()), now)}

@@ -11,19 +11,17 @@ from numpy.typing import NDArray
 from diagnosis.inference.attribution import attribute
 from diagnosis.inference.search import Search
 from diagnosis.plan.columns import Signature
-from diagnosis.plan.result import POWER, Progress, Visible
+from diagnosis.plan.result import Progress, Visible
+from diagnosis.plan.settings import SETTINGS
 from diagnosis.plan.visibility import PowerOf
 
 Array = NDArray[np.float64]
-
-NAMED_FACTORS = (1.0, 1.25, 1.6, 2.0, 2.5, 3.2, 4.0, 6.0, 10.0)  # of the visible size
-NAMED_DRAWS = 12
 
 
 def find_named_sizes(seen: list[Visible], every: Sequence[Signature], power: PowerOf, tell: Progress) -> list[Visible]:
     """Find the smallest named sizes of effects that are seen in the attitude, and add them to the answers."""
     rng = np.random.default_rng(power.rng.integers(2**63))
-    drawn = {one.label: one.draw(rng, NAMED_DRAWS) for one in every}
+    drawn = {one.label: one.draw(rng, SETTINGS.named_draws) for one in every}
     out = []
     for number, one in enumerate(seen):
         tell(f"smallest named size: {one.label}", 0.55 + 0.15 * number / len(seen))
@@ -46,21 +44,21 @@ def find_named_size(one: Visible, x: Array, power: PowerOf) -> float:
     Infinite if ten times the visible size is not enough.
     """
     label = one.effect if one.axis is None else f"{one.effect}:{one.axis}"
-    observed = np.broadcast_to(x, (len(x), NAMED_DRAWS))
+    observed = np.broadcast_to(x, (len(x), SETTINGS.named_draws))
 
     def enough(factor: float) -> bool:
         missed = 0
-        for k in range(NAMED_DRAWS):
+        for k in range(SETTINGS.named_draws):
             linear = replace(power.linear, y=power.noise[:, k] + factor * one.size * observed[:, k])
             answer = attribute(linear, Search(linear, power.settings).explanations(), power.settings)
             right = answer.verdict == "named" and [slot.group[0][0] for slot in answer.slots] == [label]
             missed += not right
-            if missed > (1 - POWER) * NAMED_DRAWS:
+            if missed > (1 - SETTINGS.power) * SETTINGS.named_draws:
                 return False
         return True
 
-    low, high = 0, len(NAMED_FACTORS)  # the first that is enough lies in [low, high]
+    low, high = 0, len(SETTINGS.factors)  # the first that is enough lies in [low, high]
     while low < high:
         middle = (low + high) // 2
-        low, high = (low, middle) if enough(NAMED_FACTORS[middle]) else (middle + 1, high)
-    return NAMED_FACTORS[low] * one.size if low < len(NAMED_FACTORS) else float("inf")
+        low, high = (low, middle) if enough(SETTINGS.factors[middle]) else (middle + 1, high)
+    return SETTINGS.factors[low] * one.size if low < len(SETTINGS.factors) else float("inf")

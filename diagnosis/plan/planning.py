@@ -17,7 +17,8 @@ from diagnosis.plan.named import find_named_sizes
 from diagnosis.plan.result import Plan, Progress
 from diagnosis.plan.samples import samples_seen
 from diagnosis.plan.separability import list_pairs
-from diagnosis.plan.visibility import START_SNR, PowerOf, find_visible_size, unavailable
+from diagnosis.plan.settings import SETTINGS
+from diagnosis.plan.visibility import PowerOf, find_visible_size, unavailable
 from diagnosis.settings import DEFAULT, DiagnosisSettings
 from gyrocal.calibration.observability import PLAUSIBLE_RANGE
 from gyrocal.errors import InputError
@@ -70,7 +71,7 @@ def plan(
         seen.append(find_visible_size(one, power))
     snr = np.array([one.snr for one in seen if np.isfinite(one.snr)])
     effects_seen = [EFFECTS[name] for name in names]
-    seen += samples_seen(scenario, model, effects_seen, float(np.median(snr)) if snr.size else START_SNR)
+    seen += samples_seen(scenario, model, effects_seen, float(np.median(snr)) if snr.size else SETTINGS.snr)
     seen += unavailable(model, effects_seen)
     if named:
         tell("smallest named sizes", 0.55)

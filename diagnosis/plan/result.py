@@ -6,9 +6,10 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, Literal
 
+from diagnosis.plan.settings import SETTINGS
+
 Progress = Callable[[str, float], None]
 
-POWER = 0.9
 Verdict = Literal["visible", "implausible", "not identifiable", "not available"]
 
 
@@ -123,7 +124,7 @@ class Plan:
         return {
             "format": 1,
             "scenario": self.scenario,
-            "power": POWER,
+            "power": SETTINGS.power,
             "false_alarm_rate": self.false_alarm_rate,
             "threshold": self.threshold,
             "degrees_of_freedom": self.degrees_of_freedom,

@@ -12,7 +12,8 @@ import numpy as np
 
 from diagnosis.detectors import clipping, number_format, outliers, reference_noise, sample_noise, spectral_lines
 from diagnosis.model.recording import RecordingModel
-from diagnosis.plan.result import POWER, Verdict, Visible
+from diagnosis.plan.result import Verdict, Visible
+from diagnosis.plan.settings import SETTINGS
 from diagnosis.plan.visibility import row_of
 from diagnosis.settings import DEFAULT
 from simulator.effects import Effect, SampleTests, setting
@@ -35,7 +36,7 @@ def sample_tests(scenario: Scenario) -> SampleTests:
     """The tests of the diagnosis, on the samples of a scenario."""
     quiet = quiet_samples(scenario)
     return SampleTests(
-        power=POWER,
+        power=SETTINGS.power,
         quiet=quiet,
         event_p=DEFAULT.sample_event,
         correlated=reference_noise.CORRELATED,

@@ -17,16 +17,12 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from diagnosis.plan.columns import GONE, Signature, median_index
+from diagnosis.plan.columns import Signature, median_index
 from diagnosis.plan.result import Pair, Visible
-from diagnosis.plan.visibility import START_SNR
+from diagnosis.plan.settings import SETTINGS
 from simulator.effects import EFFECTS
 
 Array = NDArray[np.float64]
-
-SURE = float(np.log(19.0))  # log odds of a probability of 0.95
-LIMIT_SNR = 20.0  # needed to tell a pair apart, from which on it counts as inseparable
-EXACT = 1e-7  # of 1 − ρ²: the same columns
 
 
 def shares(every: Sequence[Signature]) -> tuple[Array, Array]:
@@ -57,21 +53,21 @@ def shares(every: Sequence[Signature]) -> tuple[Array, Array]:
 def _basis(one: Signature) -> Array:
     """(N, o, k) orthonormal basis of each option; zero where the option cannot be seen."""
     U, s, _ = np.linalg.svd(one.X.transpose(1, 0, 2), full_matrices=False)
-    kept = (s > 1e-9 * max(float(s.max()), 1e-300)) & (one.share > GONE)[:, None]
+    kept = (s > 1e-9 * max(float(s.max()), 1e-300)) & (one.share > SETTINGS.gone)[:, None]
     return np.asarray((U * kept[:, None, :]).transpose(1, 0, 2))
 
 
 def separating_snr(share: Array) -> Array:
     """SNR that gives log odds of ln 19 where a share ρ² can be imitated."""
     left = 1 - np.asarray(share)
-    return np.where(left > EXACT, np.sqrt(2 * SURE / np.maximum(left, EXACT)), np.inf)
+    return np.where(left > SETTINGS.exact, np.sqrt(2 * SETTINGS.log_odds / np.maximum(left, SETTINGS.exact)), np.inf)
 
 
 def list_pairs(every: Sequence[Signature], seen: Sequence[Visible]) -> list[Pair]:
-    """List the pairs of visible effects that take more than an SNR of `LIMIT_SNR` to tell apart, the worst first.
+    """List the pairs of visible effects that take more than an SNR of `PlanSettings.limit_snr` to tell apart, the worst first.
 
     An imitation that takes an implausible size of the other does not count. Random effects are compared with one another;
-    a pair of them counts if it takes as much more than the visible size as `LIMIT_SNR` is more than the usual SNR.
+    a pair of them counts if it takes as much more than the visible size as `PlanSettings.limit_snr` is more than the usual SNR.
     """
     known = {one.label: one for one in seen if one.verdict == "visible"}
     some = [one for one in every if one.label in known and not one.process]
@@ -79,7 +75,7 @@ def list_pairs(every: Sequence[Signature], seen: Sequence[Visible]) -> list[Pair
     if some:
         rho, ratio = shares(some)
         snr = separating_snr(rho)
-        for i, j in np.argwhere(snr > LIMIT_SNR):
+        for i, j in np.argwhere(snr > SETTINGS.limit_snr):
             if i == j:
                 continue
             one = known[some[i].label]
@@ -92,7 +88,7 @@ def list_pairs(every: Sequence[Signature], seen: Sequence[Visible]) -> list[Pair
         for second in noisy:
             if first.label != second.label:
                 size = telling_size(first, second, known[first.label].size)
-                if size > LIMIT_SNR / START_SNR * known[first.label].size:
+                if size > SETTINGS.limit_snr / SETTINGS.snr * known[first.label].size:
                     out.append(Pair(first.label, second.label, float("nan"), float("nan"), size))
     return sorted(out, key=lambda pair: (-np.nan_to_num(pair.snr, nan=0.0), pair.effect, pair.other))
 
@@ -117,5 +113,5 @@ def telling_size(one: Signature, other: Signature, start: float) -> float:
     mixed = squared[:, None] * (d_A.sum() - g @ cross.sum(axis=1)) - g.sum(axis=1)  # (s, q)
     log_A = np.log1p(squared[:, None] * d_A).sum(axis=1)
     divergence = 0.5 * (mixed + np.log1p(gain).sum(axis=1) - log_A[:, None]).min(axis=1)
-    enough = np.flatnonzero(divergence >= SURE)
+    enough = np.flatnonzero(divergence >= SETTINGS.log_odds)
     return float(sizes[enough[0]]) if enough.size else float("inf")

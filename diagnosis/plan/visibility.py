@@ -21,25 +21,17 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from diagnosis.inference.null import null_draws
 from diagnosis.inference.search import Search
 from diagnosis.model.linear import LinearModel
 from diagnosis.model.recording import RecordingModel
-from diagnosis.plan.columns import GONE, Signature
-from diagnosis.plan.result import POWER, Verdict, Visible
+from diagnosis.plan.columns import Signature
+from diagnosis.plan.result import Verdict, Visible
+from diagnosis.plan.settings import SETTINGS
 from diagnosis.settings import DEFAULT, DiagnosisSettings
 from simulator.effects import EFFECTS, Effect
 
 Array = NDArray[np.float64]
-
-NULL_DRAWS = 2000  # of M0, for the threshold
-NULL_PARTS = 2  # in which they are made, for the sake of memory
-POWER_DRAWS = 200  # of each effect; their 10 % point is good to 2 % of a size
-NEAR = 0.1  # of the statistic: a size is good to 0.3 % then
-MOST_STEPS = 14  # of the solution for a size
-START_SNR = 6.5
-# In terms of its strength a random effect needs about the square root of the number of ways it can be.
-START_RANDOM = 4.0
-FAR = 1e4  # times the plausible size: what takes more than that is rounding
 
 
 class PowerOf:
@@ -62,14 +54,11 @@ class PowerOf:
         self.settings = settings
         self.search = Search(linear, settings)
         self.rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=tuple(b"diagnosis_plan")))
-        null = np.concatenate([self.statistic(self._noise(NULL_DRAWS // NULL_PARTS)) for _ in range(NULL_PARTS)])
+        null = null_draws(self.search, seed, SETTINGS.null_draws)
         # Beyond ln(draws + 1) the diagnosis goes by the bound P(B ≥ c) ≤ 1/c.
         self.threshold = float(min(np.quantile(null, 1 - settings.false_alarm_rate), np.log(1 + settings.null_draws)))
-        self.noise = self._noise(POWER_DRAWS)
+        self.noise = linear.projected(self.rng.standard_normal((linear.y.size, SETTINGS.power_draws)))
         self._correlation = linear.X.T @ self.noise
-
-    def _noise(self, count: int) -> Array:
-        return self.linear.projected(self.rng.standard_normal((self.linear.y.size, count)))
 
     def statistic(self, y: Array) -> Array:
         """(d,) the statistic of observations y (N, d)."""
@@ -78,7 +67,7 @@ class PowerOf:
     def excess(self, moved: Array, amplitude: float) -> float:
         """The statistic that nine draws in ten pass, less the threshold; moved is (p, 1) or (p, d), Xᵀx."""
         values = self.search.null_statistic(self._correlation + amplitude * moved)
-        return float(np.quantile(values, 1 - POWER)) - self.threshold
+        return float(np.quantile(values, 1 - SETTINGS.power)) - self.threshold
 
     def size(self, x: Array, start: float) -> float:
         """Amplitude of a signature, (N, 1) or (N, d) for each draw, that is seen in nine draws of ten; infinite if none is.
@@ -89,8 +78,8 @@ class PowerOf:
         here, value = start, self.excess(moved, start)
         low, high = 0.0, np.inf
         slope = 25.0
-        for _ in range(MOST_STEPS):
-            if abs(value) < NEAR:
+        for _ in range(SETTINGS.steps):
+            if abs(value) < SETTINGS.near:
                 return here
             low, high = (max(low, here), high) if value < 0 else (low, min(high, here))
             there = here * float(np.exp(np.clip(-value / slope, -0.9, 0.9)))
@@ -108,17 +97,17 @@ def find_visible_size(one: Signature, power: PowerOf) -> Visible:
     smallest, largest = one.extremes
     reason = "acts like a change of G, b or start attitudes"
     row = replace(row_of(effect, "not identifiable", np.inf, reason, "attitude", one.axis), label=one.label)
-    if one.share.max() < GONE or FAR * effect.prior[1] * largest < START_SNR:
+    if one.share.max() < SETTINGS.gone:
         return row
-    x = one.draw(power.rng, POWER_DRAWS)
+    x = one.draw(power.rng, SETTINGS.power_draws)
     if one.process:
-        size = best = worst = power.size(x, START_RANDOM / one.norms[0])
+        size = best = worst = power.size(x, SETTINGS.random / float(one.norms[0]))
         snr, text = float("nan"), ", ".join(_in_words(name, value) for name, value in one.parameters[0].items())
     else:
         norm = max(float(np.linalg.norm(x)), 1e-300)
-        size = power.size(x, START_SNR / norm)
+        size = power.size(x, SETTINGS.snr / norm)
         snr, text = size * norm, ""
-        best, worst = snr / largest, snr / smallest if smallest > GONE * largest else np.inf
+        best, worst = snr / largest, snr / smallest if smallest > SETTINGS.gone * largest else np.inf
     row = replace(row, size=size, best=best, worst=worst, snr=snr, verdict="visible", text=text)
     if best > effect.prior[1]:
         return replace(row, verdict="implausible", text=f"plausible only up to {effect.prior[1]:g} {effect.unit}")

@@ -5,7 +5,7 @@ from collections.abc import Mapping
 import pandas as pd
 from rich.console import Console
 
-from diagnosis.plan import LIMIT_SNR, POWER, Extra, Pair, Plan, Visible
+from diagnosis.plan import SETTINGS, Extra, Pair, Plan, Visible
 from studies.report import html, tables
 from studies.report.made import Made
 
@@ -17,19 +17,15 @@ WORDS = {"not identifiable": "never", "implausible": "never", "not available": "
 def show(console: Console, found: Plan) -> None:
     """Print the plan."""
     console.print(f"{found.scenario}: {headline(found)}", highlight=False, markup=False, style="bold")
-    note = (
-        f"Seen: with probability {POWER:.0%}, at a false-alarm rate of {found.false_alarm_rate:.1%}; at a typical time and "
-        "phase, and at the best and the worst. A range is over the axes."
-    )
-    tables.terminal(console, "Smallest visible size", effects_table(found.effects), note)
+    tables.terminal(console, "Smallest visible size", effects_table(found.effects), _say_seen(found))
     if found.pairs:
-        title = f"Cannot be told apart below a signal-to-noise ratio of {LIMIT_SNR:g}"
+        title = f"Cannot be told apart below a signal-to-noise ratio of {SETTINGS.limit_snr:g}"
         hidden = len(found.pairs) - MOST_PAIRS
         note = f"{hidden} more in the JSON. " if hidden > 0 else ""
         note += "Share: of the first one's signature that the second imitates."
         tables.terminal(console, title, pairs_table(found, MOST_PAIRS), note)
     else:
-        console.print(f"Every pair can be told apart by a signal-to-noise ratio of {LIMIT_SNR:g}.", highlight=False)
+        console.print(f"Every pair can be told apart by a signal-to-noise ratio of {SETTINGS.limit_snr:g}.", highlight=False)
     if found.extras:
         note = "Ratio: smallest visible size with the maneuver over that without it, median over effects; 0.5 is twice as good."
         tables.terminal(console, "What an extra maneuver brings", extras_table(found.extras), note)
@@ -39,20 +35,16 @@ def show(console: Console, found: Plan) -> None:
 
 def page(found: Plan, made: Made | None = None) -> str:
     """The plan as one page: the answer, then the tables."""
-    power = (
-        f"Seen: with probability {POWER:.0%}, at a false-alarm rate of {found.false_alarm_rate:.1%}; at a typical time and "
-        "phase, and at the best and the worst. A range is over the axes."
-    )
     text = headline(found)
     parts = [html.paragraph(f"What {found.scenario} would show", "quiet")]
-    parts += [html.heading("Smallest visible size"), html.paragraph(power), _plain(effects_table(found.effects))]
+    parts += [html.heading("Smallest visible size"), html.paragraph(_say_seen(found)), _plain(effects_table(found.effects))]
     parts.append(html.heading("What cannot be told apart"))
     parts.append(
         html.paragraph(
-            f"Pairs that cannot be told apart below a signal-to-noise ratio of {LIMIT_SNR:g}. Share: of the first one's "
-            "signature that the second imitates."
+            f"Pairs that cannot be told apart below a signal-to-noise ratio of {SETTINGS.limit_snr:g}. Share: of the first "
+            "one's signature that the second imitates."
             if found.pairs
-            else f"Every pair can be told apart by a signal-to-noise ratio of {LIMIT_SNR:g}."
+            else f"Every pair can be told apart by a signal-to-noise ratio of {SETTINGS.limit_snr:g}."
         )
     )
     parts.append(_plain(pairs_table(found)) if found.pairs else "")
@@ -63,6 +55,13 @@ def page(found: Plan, made: Made | None = None) -> str:
         parts += [html.heading("What an extra maneuver brings"), html.paragraph(ratio), _plain(extras_table(found.extras))]
     parts += [html.heading("Limits of this scenario"), html.bullets(f"{note}." for note in found.notes)]
     return html.document(text[0].upper() + text[1:], parts, made, contents=True, short=f"Plan of {found.scenario}")
+
+
+def _say_seen(found: Plan) -> str:
+    return (
+        f"Seen: with probability {SETTINGS.power:.0%}, at a false-alarm rate of {found.false_alarm_rate:.1%}; at a typical "
+        "time and phase, and at the best and the worst. A range is over the axes."
+    )
 
 
 def _plain(table: pd.DataFrame) -> str:

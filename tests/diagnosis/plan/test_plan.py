@@ -11,10 +11,10 @@ from diagnosis.inference.search import Search
 from diagnosis.model.candidates import linear_model
 from diagnosis.model.linearise import linearised
 from diagnosis.model.prepare import prepare
-from diagnosis.plan import LIMIT_SNR, POWER, appended, maneuvers, plan, planning
+from diagnosis.plan import SETTINGS, appended, maneuvers, plan, planning
 from diagnosis.plan.columns import Signature, build_signatures, noise_free
 from diagnosis.plan.samples import samples_seen
-from diagnosis.plan.separability import EXACT, SURE, list_pairs, separating_snr, shares, telling_size
+from diagnosis.plan.separability import list_pairs, separating_snr, shares, telling_size
 from diagnosis.plan.visibility import PowerOf, find_visible_size
 from diagnosis.settings import DEFAULT
 from gyrocal import InputError
@@ -85,7 +85,7 @@ def setting_at(one, seen):
 def test_nine_recordings_in_ten_with_the_predicted_size_show_a_gap(label, every, power, detected):
     seen = find_visible_size(every[label], power)
     count = detected([setting_at(every[label], seen)], entropy=21)
-    assert scipy.stats.binomtest(count, SEEDS, POWER).pvalue > 0.005
+    assert scipy.stats.binomtest(count, SEEDS, SETTINGS.power).pvalue > 0.005
 
 
 def test_without_an_effect_there_is_no_gap(detected):
@@ -105,7 +105,7 @@ def test_power_on_fresh_draws_is_that_asked_for_and_grows_with_size(every, power
     rates = [rate(factor * seen.size) for factor in (0.0, 0.5, 1.0, 1.5)]
     assert rates[0] < 0.03
     assert rates == sorted(rates)
-    assert rates[2] == pytest.approx(POWER, abs=0.08)
+    assert rates[2] == pytest.approx(SETTINGS.power, abs=0.08)
 
 
 def test_random_effects_are_seen_at_their_size_on_fresh_draws(power, model):
@@ -115,7 +115,7 @@ def test_random_effects_are_seen_at_their_size_on_fresh_draws(power, model):
     y = model.projected(rng.standard_normal((model.size, 400)))
     y = y + seen.size * one.draw(rng, 400)
     rate = np.mean(power.statistic(y) > power.threshold)
-    assert rate == pytest.approx(POWER, abs=0.08)
+    assert rate == pytest.approx(SETTINGS.power, abs=0.08)
 
 
 # ---- signatures ----------------------------------------------------------------------------------------------------------
@@ -182,8 +182,8 @@ def test_share_takes_the_best_option_and_spans_of_columns():
 def test_snr_that_separates_gives_the_log_odds():
     for share in (0.0, 0.5, 0.99):
         snr = float(separating_snr(share))
-        assert 0.5 * snr**2 * (1 - share) == pytest.approx(SURE)
-    assert separating_snr(1 - EXACT / 2) == np.inf
+        assert 0.5 * snr**2 * (1 - share) == pytest.approx(SETTINGS.log_odds)
+    assert separating_snr(1 - SETTINGS.exact / 2) == np.inf
 
 
 def test_lag_and_time_offset_are_the_same(every, power):
@@ -202,7 +202,7 @@ def test_random_effects_with_their_own_directions_are_told_apart_and_the_same_on
     one, other, stronger = (made("noise_flicker:x", part[:, None]) for part in (X, Y, 3 * X))
     size = telling_size(one, other, 1.0)
     # Of no use to the other: −½ Σ [ln(1 + s²) − s²] = ln 19.
-    assert SURE <= 5 * (size**2 - np.log1p(size**2)) < 1.7 * SURE  # to a step of its grid
+    assert SETTINGS.log_odds <= 5 * (size**2 - np.log1p(size**2)) < 1.7 * SETTINGS.log_odds  # to a step of its grid
     assert telling_size(one, stronger, 1.0) == np.inf
 
 
@@ -210,8 +210,8 @@ def test_random_effects_with_their_own_directions_are_told_apart_and_the_same_on
 
 
 def test_noncentrality_gives_the_power():
-    value = noncentrality(20.0, 3, POWER)
-    assert scipy.stats.ncx2.sf(20.0, 3, value) == pytest.approx(POWER)
+    value = noncentrality(20.0, 3, SETTINGS.power)
+    assert scipy.stats.ncx2.sf(20.0, 3, value) == pytest.approx(SETTINGS.power)
 
 
 # ---- the whole -----------------------------------------------------------------------------------------------------------
@@ -251,7 +251,7 @@ def test_plan_of_a_scenario_with_references_at_the_ends():
     assert by_label["reference_noise_excess"].verdict == "not identifiable"
     assert by_label["bias_drift:y"].verdict == "visible"
     # Steps of different elements cannot be told apart by so few numbers.
-    assert all(np.isnan(one.snr) or one.snr > LIMIT_SNR for one in found.pairs)
+    assert all(np.isnan(one.snr) or one.snr > SETTINGS.limit_snr for one in found.pairs)
     assert len(found.unordered()) > 20
     (extra,) = found.extras
     assert extra.ratio < 1
