@@ -28,7 +28,7 @@ from numpy.typing import NDArray
 from diagnosis.answer import Verdict
 from diagnosis.detectors.samples import examine
 from diagnosis.diagnose import nameable
-from diagnosis.explain import Explained, judged
+from diagnosis.explain import judged
 from diagnosis.inference.amplitudes import Fitted
 from diagnosis.inference.criticism import Check, check_explanation
 from diagnosis.model import processes
@@ -168,19 +168,28 @@ def foretell(
         raise InputError(f"{last}: {error}") from None
     before = _before(unit, last)
     prepared = prepare(before.recording, settings, tell)
-    explained = _explained(prepared, before, own_bias, library, settings, seed, tell)
+    effects = nameable(library)
+    tell("candidates", 0.1)
+    groups = dead_zone_groups(prepared, effects)
+    linear = unit_model(prepared.model, before.owner, effects, groups, settings, own_bias=own_bias)
+
+    def check(found: LinearModel, members: tuple[Member, ...]) -> tuple[Check, ...]:
+        return check_explanation(found, members, tabulate_observations(prepared.model), seed)
+
+    explained = judged(linear, check, settings, seed, tell, shown_by_passes(prepared.dead))
     tell("the next recording", 0.95)
     model = _whole(prepared, unit, settings)
     named = explained.attribution.verdict if explained.attribution is not None else "none"
     made = [(one, _columns(model, one)) for one in explained.fitted]
     kept = [(one, columns) for one, columns in made if columns is not None]
+    own = [(one.size if one.process else one.prior_sigma, columns) for one, columns in kept]
     return Foretold(
         recordings=tuple(recordings)[:-1],
         following=last,
         verdict=named,
         causes=tuple(one.label for one, _ in kept),
         left_out=tuple(one.label for one, columns in made if columns is None),
-        predicted=compared(model, unit.owner, last, [(_scale(one), columns) for one, columns in kept], own_bias),
+        predicted=compared(model, unit.owner, last, own, own_bias),
         baseline=compared(model, unit.owner, last, [], own_bias),
     )
 
@@ -271,27 +280,6 @@ def _before(unit: Unit, last: str) -> Unit:
     return Unit(replace(whole, gyro=gyro, attitudes=attitudes, intervals=whole.intervals[:count]), unit.owner[:count])
 
 
-def _explained(
-    prepared: Prepared,
-    unit: Unit,
-    own_bias: bool,
-    library: Sequence[str] | None,
-    settings: DiagnosisSettings,
-    seed: int,
-    tell: Progress,
-) -> Explained:
-    """What the attitude of the recordings before says."""
-    effects = nameable(library)
-    tell("candidates", 0.1)
-    groups = dead_zone_groups(prepared, effects)
-    linear = unit_model(prepared.model, unit.owner, effects, groups, settings, own_bias=own_bias)
-
-    def check(found: LinearModel, members: tuple[Member, ...]) -> tuple[Check, ...]:
-        return check_explanation(found, members, tabulate_observations(prepared.model), seed)
-
-    return judged(linear, check, settings, seed, tell, shown_by_passes(prepared.dead))
-
-
 # ---- the next one --------------------------------------------------------------------------------------------------------
 
 
@@ -317,8 +305,3 @@ def _columns(model: RecordingModel, one: Fitted) -> Array | None:
     if not effect.has_columns:
         return None
     return make_columns(model, effect, one.axis, one.parameters)
-
-
-def _scale(one: Fitted) -> float:
-    """Scale of the amplitudes under the prior."""
-    return one.size if one.process else one.prior_sigma
