@@ -1,19 +1,19 @@
 """A dead zone seen where the motion passes through it: no reading lies between zero and its edge.
 
 Means of the reading over short windows, in units of a half width s that is tried, lie in the core (below 0.35), the hole (0.35
-to 0.85), three bands above the edge (from 1, 1.5 and 2 to 2.5, or half as wide where too few passes tell something), or far
-off. A pass is the way from the core to far off, or back. A body that speeds up or slows down stays in the hole about as long
-as in a band of the same width; with o windows in the band that it passes fastest, since it may rest in one or on the border of
-two, their number h in the hole is negative binomial with the mean ρ o. A gyro with a dead zone of half width s reads zero in
-the core and in the hole, and only a window across the edge falls into the hole: h is Poisson with a mean below one. Passes too
-fast to have some windows in each band tell nothing, nor do those in which the body rests in one or jumps over the core, which
-it would pass in several times as long as a band. Behind a dead zone the rate goes on as it came: the first window outside is
-at the edge, within a few steps of the pass. A body that thrusters push from one steady rate to another leaves a hole as well,
-and is anywhere behind it: at the edge by the chance that so many steps have among those of a band. The log odds are summed
-over the passes, against motions of any ratio ρ and dispersion of which any share of the passes are such jumps, all as likely
-beforehand, and with a few odd passes allowed to either, so that no single one decides. In the core such a body rests at rates
-that are not zero, where a silent gyro reads none but its noise. How many windows of the core read more is a binomial number,
-of a small share under a zone and of any under a motion. All half widths that are tried share the odds.
+to 0.85), three bands above the edge (from 1, 1.5 and 2 to 2.5), or far off. A pass is the way from the core to far off, or
+back. A body that speeds up or slows down stays in the hole about as long as in a band of the same width; with o windows in the
+band that it passes fastest, since it may rest in one or on the border of two, their number h in the hole is negative binomial
+with the mean ρ o. A gyro with a dead zone of half width s reads zero in the core and in the hole, and only a window across the
+edge falls into the hole: h is Poisson with a mean below one. Passes too fast to have some windows in each band tell nothing,
+nor do those in which the body rests in one or jumps over the core, which it would pass in several times as long as a band.
+Behind a dead zone the rate goes on as it came: the first window outside is at the edge, within a few steps of the pass. A body
+that thrusters push from one steady rate to another leaves a hole as well, and is anywhere behind it: at the edge by the chance
+that so many steps have among those of a band. The log odds are summed over the passes, against motions of any ratio ρ and
+dispersion of which any share of the passes are such jumps, all as likely beforehand, and with a few odd passes allowed to
+either, so that no single one decides. In the core such a body rests at rates that are not zero, where a silent gyro reads none
+but its noise. How many windows of the core read more is a binomial number, of a small share under a zone and of any under a
+motion. All half widths that are tried share the odds.
 
 The edge w is where the density of the passes' readings v rises, blurred by the noise of a window, s: it is
 a + b Φ((v − w)/s) with shares of a and b that are not known, over all of which its likelihood is averaged. How fast a body
@@ -41,7 +41,8 @@ Indices = NDArray[np.intp]
 RESOLVED = 6.0  # sigmas of a window's mean in the half width
 LONGEST = 2000  # samples of a window
 CORE, HOLE = 0.35, 0.85
-BANDS = (0.5, 0.25)  # width of each of three bands above the edge, in half widths; the narrow ones of a body that turns slowly
+BAND = 0.5  # width of each of three bands above the edge, in half widths
+LEVELS = (CORE, HOLE, *(1.0 + k * BAND for k in range(4)))  # upper ends of core, hole, edge and bands, in half widths
 TRIED = 60  # half widths
 FEWEST_IN_BAND = 2  # windows of a pass that tells something
 RESTING = 4  # times as many windows in one band as in another, beyond which the body rests in it
@@ -117,12 +118,12 @@ def zone(x: Array, parts: Sequence[slice], noise: float) -> Zone | None:
         return None
     sums = [np.append(0.0, np.cumsum(x[part])) for part in parts]
     tried = np.geomspace(low, top, TRIED)
-    odds, widths = np.array([_log_odds(sums, float(size), noise) for size in tried]).T
+    odds = np.array([_log_odds(sums, float(size), noise) for size in tried])
     log_odds = float(logsumexp(odds)) - float(np.log(TRIED))
     if log_odds <= 0:
         return None
     best = int(np.argmax(odds))
-    size, sigma = _edge(sums, float(tried[best]), noise, float(widths[best]), lambda edge: _odds_of_edge(edge, tried, odds))
+    size, sigma = _edge(sums, float(tried[best]), noise, lambda edge: _odds_of_edge(edge, tried, odds))
     return Zone(size, sigma, log_odds, _find_dead(x, parts, size, _window(size, noise)))
 
 
@@ -146,29 +147,23 @@ def _means(total: Array, count: int) -> Array:
     return np.asarray(np.diff(total[::count]) / count)
 
 
-def _levels(width: float) -> tuple[float, ...]:
-    """Upper ends of core, hole, edge and three bands of some width, in half widths."""
-    return (CORE, HOLE, *(1.0 + k * width for k in range(4)))
-
-
-def _log_odds(sums: Sequence[Array], size: float, noise: float) -> tuple[float, float]:
-    """log odds of a zone of some half width, over the passes of all intervals, and the width of the bands they are from."""
+def _log_odds(sums: Sequence[Array], size: float, noise: float) -> float:
+    """log odds of a zone of some half width, over the passes of all intervals."""
     count = _window(size, noise)
     windows = [_means(total, count) / size for total in sums if total.size > FEWEST_WINDOWS * count]
-    for width in BANDS if windows else ():
-        hole, band, behind = np.concatenate([_passes(u, width) for u in windows], axis=1)
-        telling = band >= FEWEST_IN_BAND
-        if telling.sum() < FEWEST_PASSES:
-            continue
-        h, o = hole[telling].astype(np.intp), band[telling].astype(np.intp)
-        scatter = CERTAIN * noise / size / np.sqrt(count)
-        near = STEPS + scatter * o / (3 * width)
-        odds = _of_passes(h, o, behind[telling] < near, near, (HOLE - CORE) / width)
-        return odds + _silent(windows, noise / size / np.sqrt(count)), width
-    return 0.0, BANDS[0]
+    if not windows:
+        return 0.0
+    hole, band, behind = np.concatenate([_passes(u) for u in windows], axis=1)
+    telling = band >= FEWEST_IN_BAND
+    if telling.sum() < FEWEST_PASSES:
+        return 0.0
+    h, o = hole[telling].astype(np.intp), band[telling].astype(np.intp)
+    blur = noise / size / np.sqrt(count)
+    near = STEPS + CERTAIN * blur * o / (3 * BAND)
+    return _of_passes(h, o, behind[telling] < near, near) + _silent(windows, blur)
 
 
-def _of_passes(h: Indices, o: Indices, at_the_edge: NDArray[np.bool_], near: Array, wide: float = 1.0) -> float:
+def _of_passes(h: Indices, o: Indices, at_the_edge: NDArray[np.bool_], near: Array) -> float:
     """log odds of a zone against a motion, of the windows in the hole and in the band, and of where each pass goes on.
 
     Parameters
@@ -176,8 +171,8 @@ def _of_passes(h: Indices, o: Indices, at_the_edge: NDArray[np.bool_], near: Arr
     h, o : (p,) windows in the hole, and in the band that is passed fastest
     at_the_edge : (p,) whether the first window outside is there
     near : (p,) steps from the edge that count as there
-    wide : width of the hole in bands
     """
+    wide = (HOLE - CORE) / BAND
     there = np.where(at_the_edge, np.log1p(-ODD), np.log(ODD))
     chance = np.clip(near / o, ODD, 1 - ODD)  # that a jump to anywhere in the bands ends there
     anywhere = np.where(at_the_edge, np.log(chance), np.log1p(-chance))
@@ -215,9 +210,7 @@ def _odds_of_edge(edge: Array, tried: Array, odds: Array) -> Array:
     return np.asarray(np.interp(np.log(fitting), np.log(tried), odds).max(axis=1))
 
 
-def _edge(
-    sums: Sequence[Array], size: float, noise: float, width: float, odds: Callable[[Array], Array]
-) -> tuple[float, float]:
+def _edge(sums: Sequence[Array], size: float, noise: float, odds: Callable[[Array], Array]) -> tuple[float, float]:
     """Half width and its sigma, rad/s: where the readings of the passes set in.
 
     Parameters
@@ -225,26 +218,24 @@ def _edge(
     sums : cumulated sums of each interval's samples
     size : half width that was found, rad/s
     noise : of a sample, rad/s
-    width : of a band, in half widths
     odds : log odds of a zone with its edge at some rates, rad/s
     """
-    count, levels = _window(size, noise), _levels(width)
-    found = []
+    count, found = _window(size, noise), []
     for total in sums:
         if total.size > FEWEST_WINDOWS * count:
             u = _means(total, count) / size
-            begin, end = _ends(np.digitize(np.abs(u), levels), len(levels))
+            begin, end = _ends(np.digitize(np.abs(u), LEVELS), len(LEVELS))
             within = np.zeros(u.size + 1)
             np.add.at(within, begin + 1, 1)
             np.add.at(within, end, -1)
             found.append(np.abs(u[np.cumsum(within[:-1]) > 0]))
     v = np.concatenate(found)
-    v, blur = v[(v > CORE) & (v < levels[-1])], noise / size / np.sqrt(count)
+    v, blur = v[(v > CORE) & (v < LEVELS[-1])], noise / size / np.sqrt(count)
     tried = np.linspace(*EDGES, EDGES_TRIED)
-    middle, sigma = _likely_edge(v, tried, blur, levels[-1], odds(size * tried))
+    middle, sigma = _likely_edge(v, tried, blur, LEVELS[-1], odds(size * tried))
     near = 4 * max(sigma, float(tried[1] - tried[0]))
     tried = np.linspace(max(middle - near, CORE), middle + near, EDGES_TRIED)
-    middle, sigma = _likely_edge(v, tried, blur, levels[-1], odds(size * tried))
+    middle, sigma = _likely_edge(v, tried, blur, LEVELS[-1], odds(size * tried))
     return size * middle, size * float(np.hypot(sigma, blur))
 
 
@@ -277,15 +268,14 @@ def _silent(windows: Sequence[Array], sigma: float) -> float:
     return float(of_zone - betaln(off + 1, u.size - off + 1))
 
 
-def _passes(u: Array, width: float = BANDS[0]) -> Array:
+def _passes(u: Array) -> Array:
     """(3, passes) windows in the hole and in the band that is passed fastest, on each way between the core and far off.
 
     None are counted in the bands where the body rests in one of them. The third is how far behind the edge the first window
     outside is, in mean steps from one window to the next.
     """
-    levels = _levels(width)
-    level = np.digitize(np.abs(u), levels)
-    begin, end = _ends(level, len(levels))
+    level = np.digitize(np.abs(u), LEVELS)
+    begin, end = _ends(level, len(LEVELS))
     if not begin.size:
         return np.zeros((3, 0))
     counts = [np.append(0, np.cumsum(level == one)) for one in (1, 3, 4, 5)]
@@ -294,7 +284,7 @@ def _passes(u: Array, width: float = BANDS[0]) -> Array:
     outside = np.append(np.flatnonzero(level >= 2), level.size - 1)
     out = level[begin] == 0
     first = outside[np.where(out, np.searchsorted(outside, begin + 1), np.maximum(np.searchsorted(outside, end) - 1, 0))]
-    behind = (np.abs(u[first]) - 1) * np.sum(bands, axis=0) / (3 * width)
+    behind = (np.abs(u[first]) - 1) * np.sum(bands, axis=0) / (3 * BAND)
     low, high = np.flatnonzero(np.diff(np.concatenate([[False], level == 0, [False]]))).reshape(-1, 2).T
     stay = (high - low)[np.searchsorted(low, np.where(out, begin, end), side="right") - 1] if low.size else np.zeros(0)
     even = (slowest <= RESTING * (fastest + 1)) & (RESTING * stay >= fastest)

@@ -33,7 +33,7 @@ from simulator.effects.recorded import interval_slices
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
-FORMATS = ("rounded", "cut")
+FORMATS: tuple[Kind, Kind] = ("rounded", "cut")
 
 
 @dataclass(frozen=True)
@@ -249,8 +249,7 @@ def undo_lattices(stream: Stream, formats: NumberFormats) -> tuple[Stream, Mask]
     rates, density, hidden = stream.rates.copy(), stream.density.copy(), np.zeros(3, dtype=bool)
     sample_s = stream.recording.gyro.sample_s
     for axis in np.flatnonzero(formats.coarse):
-        step = float(formats.steps[axis])
-        kind: Kind = "cut" if formats.cut[axis] else "rounded"
+        step, kind = float(formats.steps[axis]), FORMATS[int(formats.cut[axis])]
         density[:, axis] += step**2 / 12 * sample_s
         for part in interval_slices(stream.recording):
             rates[part, axis], factor, more = undo_lattice(rates[part, axis], sample_s, step, stream.sigma, kind)

@@ -102,25 +102,28 @@ def remove_motion(x: Array, cycles: float) -> Array:
 
     A slew that begins gently is quiet to the noise tests, but would pass for noise of the sinusoid's amplitude.
     """
-    counts = np.unique(np.round(np.array(SETTINGS.smoothing_cycles) / cycles).astype(np.intp) // 2 * 2 + 1)
-    kernels = [_make_smoothing(int(count)) for count in counts if SETTINGS.degree + 2 < count < x.size]
-    if not kernels:
+    kernel, gain = _choose_smoothing(cycles, x.size)
+    if kernel is None:
         return np.asarray(scipy.signal.detrend(x))
-    kernel = min(kernels, key=lambda kernel: abs(_compute_gain(kernel, cycles)))
     smooth = scipy.signal.oaconvolve(np.pad(x, kernel.size // 2, mode="edge"), kernel, mode="valid")
-    return np.asarray((x - smooth) / (1 - _compute_gain(kernel, cycles)))
+    return np.asarray((x - smooth) / (1 - gain))
 
 
-@lru_cache(maxsize=16)
-def _make_smoothing(count: int) -> Array:
-    """Weights of the samples in the middle of a local polynomial; in orthogonal polynomials, since windows may be long."""
-    Q = np.linalg.qr(np.polynomial.legendre.legvander(np.linspace(-1, 1, count), SETTINGS.degree))[0]
-    return np.asarray(Q @ Q[count // 2])
+@lru_cache(maxsize=64)
+def _choose_smoothing(cycles: float, size: int) -> tuple[Array | None, float]:
+    """Choose the weights of a local polynomial that leaves a sinusoid whole, and its gain; None where an arc is too short.
 
-
-def _compute_gain(kernel: Array, cycles: float) -> float:
-    """Gain of a symmetric smoothing at a frequency in cycles a sample."""
-    return float(kernel @ np.cos(2 * np.pi * cycles * (np.arange(kernel.size) - kernel.size // 2)))
+    They are made of orthogonal polynomials, since windows may be long.
+    """
+    counts = np.unique(np.round(np.array(SETTINGS.smoothing_cycles) / cycles).astype(np.intp) // 2 * 2 + 1)
+    best, least = None, np.inf
+    for count in counts[(counts > SETTINGS.degree + 2) & (counts < size)]:
+        Q = np.linalg.qr(np.polynomial.legendre.legvander(np.linspace(-1, 1, count), SETTINGS.degree))[0]
+        kernel = Q @ Q[count // 2]
+        gain = float(kernel @ np.cos(2 * np.pi * cycles * (np.arange(count) - count // 2)))
+        if abs(gain) < abs(least):
+            best, least = kernel, gain
+    return best, least
 
 
 def _is_calm(residual: Array) -> NDArray[np.bool_]:

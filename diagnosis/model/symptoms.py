@@ -25,7 +25,7 @@ from simulator.effects.base import Detection, Effect, SampleView
 from simulator.effects.recorded import interval_slices
 
 AXES = "xyz"
-OF_NOISE = ("white_noise_level", "readout_noise", "noise_colour", "slow_noise")
+OF_NOISE = ("white_noise_level", "readout_noise")
 LEAST_P, LARGEST_P = 1e-300, float(np.exp(-1))  # p-values for which the bound on the Bayes factor holds
 TESTS = 30  # of the samples of a recording, over which the prior probability of one more effect is spread
 
@@ -189,11 +189,11 @@ def weigh_consequences(
 def list_symptoms(effect: Effect) -> tuple[str, ...]:
     """List the symptoms that an effect makes beside its own.
 
-    A random process has noise at all frequencies. That of the rates shows in the samples as noise that is stronger at lower
-    frequencies, that of the references in their second differences. Readings jump at the edges of a dead zone.
+    A random process of the references has noise at all frequencies, also in their second differences. Readings jump at the
+    edges of a dead zone.
     """
-    if effect.is_process:
-        return ("reference_noise_level",) if effect.on_references else ("slow_noise",)
+    if effect.is_process and effect.on_references:
+        return ("reference_noise_level",)
     return ("outliers",) if effect.symptom == "dead_zone" else ()
 
 

@@ -95,7 +95,6 @@ ON_REFERENCES = ("reference", "random_reference", "reference_noise", "reference_
 SYMPTOMS = (
     "white_noise_level",  # white noise of the samples other than stated
     "readout_noise",  # noise of the samples whose spectrum rises as f²
-    "noise_colour",  # noise of the samples that is not white
     "lattice_rounded",  # readings are multiples of a step, rounded to it
     "lattice_cut",  # readings are multiples of a step, cut toward zero
     "dead_zone",  # small rates read zero
@@ -106,12 +105,9 @@ SYMPTOMS = (
     "outliers",  # single samples far off
     "outlier_neighbours",  # samples beside those that are off as well
     "repeats",  # samples that repeat the one before
-    "slow_noise",  # noise of the samples that is stronger than white noise at lower frequencies
     "noise_correlation",  # noise of the gyros that they have in common
     "noise_constancy",  # noise of the samples that differs between intervals or with the motion
-    "own_repeats",  # readings of one gyro that repeat while the others change
     "noise_pattern",  # noise of the samples that depends on their number, on time, or on readings
-    "filled_samples",  # samples that repeat a value which was not measured
     "reference_noise_correlation",  # noise of the references about two axes that goes together
     "reference_noise_constancy",  # noise of the references that differs between intervals or with the motion
     "reference_noise_level",  # white noise of the references other than stated

@@ -20,7 +20,6 @@ def weigh(cause, effect, axis="y", probability=1.0):
     ("effect", "kind"),
     [
         ("rate_deadzone", "outliers"),
-        ("bias_random_walk", "slow_noise"),
         ("reference_correlated", "reference_noise_level"),
     ],
 )
