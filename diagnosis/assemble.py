@@ -86,7 +86,10 @@ def _nominal_sigma(prepared: Prepared, explained: Explained) -> Array | None:
 
 def _of_attitude(explained: Explained, table: pd.DataFrame, settings: DiagnosisSettings) -> tuple[Finding, ...]:
     """Parts of the recording, and statistics of all references, that depart; the strongest first."""
-    found = [*localization.findings(table), *list_findings(explained.left, settings.misfit_share * settings.false_alarm_rate)]
+    found = [
+        *localization.list_findings(table),
+        *list_findings(explained.left, settings.misfit_share * settings.false_alarm_rate),
+    ]
     return tuple(sorted(found, key=lambda one: one.p_value))
 
 

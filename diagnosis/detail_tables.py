@@ -35,8 +35,8 @@ def details(prepared: Prepared, explained: Explained, table: pd.DataFrame) -> De
     """The tables of an answer's figures, of the attitude and the samples."""
     model, fitted = prepared.model, explained.fitted
     contribution = sum((model.projected(one.contribution) for one in fitted), np.zeros(model.size))
-    before, band = localization.body_residuals(model, model.y)
-    after, _ = localization.body_residuals(model, model.y - contribution)
+    before, band = localization.compute_body_residuals(model, model.y)
+    after, _ = localization.compute_body_residuals(model, model.y - contribution)
     names = np.array([model.recording.intervals[block.interval].name for block in model.blocks])
     interval = names[model.observation_block]
     residuals = pd.DataFrame({"interval": interval, "t_s": model.observation_t_s})
@@ -46,8 +46,8 @@ def details(prepared: Prepared, explained: Explained, table: pd.DataFrame) -> De
     regressors = []
     for one in fitted:
         own = model.projected(one.contribution)
-        effect, _ = localization.body_residuals(model, own)
-        left, _ = localization.body_residuals(model, model.y - (contribution - own))
+        effect, _ = localization.compute_body_residuals(model, own)
+        left, _ = localization.compute_body_residuals(model, model.y - (contribution - own))
         for k, axis in enumerate(AXES):
             regressors.append(
                 pd.DataFrame(

@@ -56,7 +56,6 @@ class DraftSettings:
     ends : quantiles of the regressor at the outer knots
     snr : signal-to-noise ratios of the whole function, from which τ follows
     bends : ν
-    tried : shapes of the largest evidence, beside each of which the remainder is estimated anew
     evidence : least log of the odds against a larger remainder; fewer than one in 400 by chance
     tied : log evidence within which two regressors are not distinguished
     """
@@ -65,7 +64,6 @@ class DraftSettings:
     ends: tuple[float, float] = (0.001, 0.999)
     snr: tuple[float, ...] = tuple(np.geomspace(2.0, 300.0, 10).tolist())
     bends: tuple[float, ...] = (1.0, 30.0, 1000.0, 30000.0)
-    tried: int = 6
     evidence: float = 6.0
     tied: float = 5.0
 
@@ -129,7 +127,6 @@ class Draft:
     unit : deg/h, ppm of the rate, or deg
     sigma : of a common factor of all values
     closed, interval_90 : share of the held-out misfit of M0 that it closes beyond the identified effects, 90 % interval
-    log_odds : against a larger remainder in its place
     tied : names of other drafts that the recording does not distinguish from it
     """
 
@@ -143,7 +140,6 @@ class Draft:
     sigma: float
     closed: float
     interval_90: tuple[float, float]
-    log_odds: float
     tied: tuple[str, ...] = ()
 
 
@@ -171,14 +167,10 @@ def propose_draft(stated: RecordingModel, beside: BesideRemainder) -> Draft | No
     ranked = rank_shapes(shapes, _without(free, noisy.projected(whitened)), _without(free, noisy.y))
     known, processes = convert(noisy, stated, causes), build_processes(stated)
     without = estimate_remainder(stated, processes, known)
-    beside_each = [
-        estimate_remainder(
-            stated, processes, np.hstack([known, stated.whitened(shapes[one.shape].columns) @ one.root]), without
-        )
-        for one in ranked[: SETTINGS.tried]
-    ]
-    place = int(np.argmax([one.log_likelihood for one in beside_each]))
-    best, remainder = ranked[place].shape, beside_each[place]
+    best = shapes[ranked[0].shape]
+    remainder = estimate_remainder(
+        stated, processes, np.hstack([known, stated.whitened(best.columns) @ ranked[0].root]), without
+    )
     log_odds = remainder.log_likelihood - without.log_likelihood - float(np.log(len(shapes)))
     if log_odds < SETTINGS.evidence:
         return None
@@ -187,11 +179,9 @@ def propose_draft(stated: RecordingModel, beside: BesideRemainder) -> Draft | No
     if not interval[0] > 0:
         return None
     free = np.linalg.qr(final.projected(convert(stated, final, known)))[0]
-    X, y = _without(free, final.prepared(shapes[best].columns)), _without(free, final.y)
-    drafted = _fit_draft(shapes[best], X, y, closed, interval, log_odds)
-    least = remainder.log_likelihood - SETTINGS.tied
-    tied = [one for one, other in zip(ranked, beside_each, strict=False) if other.log_likelihood > least]
-    return replace(drafted, tied=tuple(shapes[one.shape].name for one in tied if one.shape != best))
+    X, y = _without(free, final.prepared(best.columns)), _without(free, final.y)
+    tied = [shapes[one.shape].name for one in ranked[1:] if one.log_evidence > ranked[0].log_evidence - SETTINGS.tied]
+    return replace(_fit_draft(best, X, y, closed, interval), tied=tuple(tied))
 
 
 def _without(basis: Array, columns: Array) -> Array:
@@ -313,7 +303,7 @@ def _predict_parts(
 # ---- the draft -----------------------------------------------------------------------------------------------------------
 
 
-def _fit_draft(shape: Shape, X: Array, y: Array, closed: float, interval_90: tuple[float, float], log_odds: float) -> Draft:
+def _fit_draft(shape: Shape, X: Array, y: Array, closed: float, interval_90: tuple[float, float]) -> Draft:
     """Fit the values of the chosen shape to all data (N, 3k) and (N,), and take out what G and b take up."""
     found = fit_shape(0, shape.knots, X.T @ X, X.T @ y)
     seen = X @ found.root
@@ -325,9 +315,7 @@ def _fit_draft(shape: Shape, X: Array, y: Array, closed: float, interval_90: tup
     variances = np.column_stack([np.diag(centred @ own[axis, :, axis] @ centred.T) for axis in range(3)])
     sigmas = np.sqrt(np.maximum(variances, 0.0)) / scale
     sigma = 1 / max(float(np.linalg.norm(X @ found.values)), 1e-300)
-    return Draft(
-        shape.name, shape.kind, shape.regressor, shape.knots, values, sigmas, unit, sigma, closed, interval_90, log_odds
-    )
+    return Draft(shape.name, shape.kind, shape.regressor, shape.knots, values, sigmas, unit, sigma, closed, interval_90)
 
 
 def build_centering(shape: Shape) -> Array:

@@ -285,7 +285,7 @@ def _see_by_attitude(
     T, shift = model.G + change[:9].reshape(3, 3), model.bias + change[9:]
     return Seen(
         recording=model.recording.title,
-        where=(*where, *(localization.findings(table) if explained.attribution is not None else ())),
+        where=(*where, *(localization.list_findings(table) if explained.attribution is not None else ())),
         p_values=p_values(body, explained),
         G=T @ G,
         bias=shift - T @ G @ gyros.c,

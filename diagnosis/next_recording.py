@@ -39,7 +39,7 @@ from diagnosis.model.groups import process_places
 from diagnosis.model.layout import tabulate_observations
 from diagnosis.model.linear import LinearModel, Member
 from diagnosis.model.linearise import linearised
-from diagnosis.model.localization import chi2
+from diagnosis.model.localization import compute_chi2
 from diagnosis.model.periods import make_columns
 from diagnosis.model.prepare import Prepared, Progress, check_usable, prepare, unclipped
 from diagnosis.model.recording import RecordingModel
@@ -241,7 +241,7 @@ def _judged(model: RecordingModel, found: Conditioned, out: Mask, expected: Arra
         name = model.recording.intervals[model.blocks[number].interval].name
         for axis in range(3):
             rows = 3 * np.flatnonzero(model.observation_block[observed] == number) + axis
-            own, own_dof = chi2(residual[rows], S[np.ix_(rows, rows)])
+            own, own_dof = compute_chi2(residual[rows], S[np.ix_(rows, rows)])
             if own_dof:
                 bands.append(
                     Band(

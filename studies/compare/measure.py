@@ -31,7 +31,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from diagnosis.model.localization import phases_of
+from diagnosis.model.localization import label_phases
 from gyrocal import NAMES, GyroParameters, attitude
 from gyrocal.calibration.problem import Problem, State
 from gyrocal.calibration.sampling import measurements
@@ -177,7 +177,7 @@ class Ruler:
     # ---- residuals of the attitude ---------------------------------------------------------------------------------------
 
     def _rms(self, theta: Array) -> Iterator[tuple[Statistic, float]]:
-        phase = phases_of(self.t_s, self.arc) if len(self.t_s) > len(self.names) else np.full(len(self.t_s), "end")
+        phase = label_phases(self.t_s, self.arc) if len(self.t_s) > len(self.names) else np.full(len(self.t_s), "end")
         groups = [(f"interval {name}", rows) for name, rows in zip(self.names, self.parts, strict=True)]
         groups += [(f"phase {name}", np.flatnonzero(phase == name)) for name in ("start", "slew", "hold", "end")]
         for name, rows in [*groups, ("all", np.arange(len(theta)))]:

@@ -9,12 +9,12 @@ from typing import Any
 import matplotlib as mpl
 import numpy as np
 import pandas as pd
+import scipy.stats
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 from numpy.typing import NDArray
 
-from diagnosis.model.localization import benjamini_hochberg
 from studies.report import panels
 from studies.report.diagnosis_words import label
 from studies.report.panels import STYLE, Line
@@ -88,7 +88,7 @@ def _short(name: object, most: int = 24) -> str:
 
 def significant(statistics: pd.DataFrame) -> NDArray[np.bool_]:
     """Which tests are significant among all."""
-    return benjamini_hochberg(statistics["p_value"].to_numpy(dtype=float), DISCOVERY_RATE)
+    return np.asarray(scipy.stats.false_discovery_control(statistics["p_value"].to_numpy(dtype=float)) <= DISCOVERY_RATE)
 
 
 def statistics_figure(statistics: pd.DataFrame) -> Figure:

@@ -123,7 +123,7 @@ def answered(monkeypatch):
     """The command with an answer that holds a draft."""
     draft = Draft(
         "draft_speed", "gyro", Regressor("speed", "deg/s", "the size of the rate", lambda: np.zeros(1)), np.array([0.0, 1.0]),
-        np.zeros((2, 3)), np.zeros((2, 3)), "deg/h", 0.1, 0.8, (0.7, 0.9), 20.0,
+        np.zeros((2, 3)), np.zeros((2, 3)), "deg/h", 0.1, 0.8, (0.7, 0.9),
     )  # fmt: skip
 
     def answer(recording, *, progress=None, seed=0, library=None, draft=False):

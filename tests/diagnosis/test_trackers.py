@@ -7,7 +7,7 @@ import simulator
 from diagnosis.diagnose import diagnose
 from diagnosis.model.folds import BROAD, START, unwhitened
 from diagnosis.model.linearise import MOST_OBSERVATIONS, _covariance, _overlapping, linearised
-from diagnosis.model.localization import body_residuals, compute_statistics
+from diagnosis.model.localization import compute_body_residuals, compute_statistics
 from gyrocal.calibration.observability import PLAUSIBLE_RANGE
 from simulator.effects import TRACKER_EFFECTS, parse
 from tests.diagnosis.recordings import joint_covariance
@@ -80,7 +80,7 @@ def test_a_prior_is_noise_that_all_intervals_share():
     broad = np.hstack([starts * START, calibration * BROAD * PLAUSIBLE_RANGE])
     whole = V + broad @ broad.T
     assert np.allclose(joint_covariance(model), whole, rtol=1e-9, atol=1e-12 * whole.max())
-    residual, sigma = body_residuals(model, model.y)
+    residual, sigma = compute_body_residuals(model, model.y)
     chi2 = compute_statistics(model)
     assert 0.8 < np.sqrt(np.mean((residual / sigma) ** 2)) < 1.2
     assert chi2["p_value"].min() > 1e-5

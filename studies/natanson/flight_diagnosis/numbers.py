@@ -18,7 +18,6 @@ import pandas as pd
 from numpy.typing import NDArray
 from scipy.special import chdtrc, logsumexp
 
-from diagnosis.model.localization import holm
 from simulator.scenario import IntervalSection
 from studies.natanson import flight
 from studies.natanson.flight_diagnosis.table import (
@@ -143,6 +142,15 @@ def noise_factor(table: Table, Theta: Array, baseline: Baseline) -> tuple[float,
 
 
 # ---- whether there is a gap, and where -------------------------------------------------------------------------------------
+
+
+def holm(p: Array) -> Array:
+    """Adjust p-values by Holm's method."""
+    order = np.argsort(p)
+    adjusted = np.maximum.accumulate(p[order] * np.arange(p.size, 0, -1))
+    out = np.empty_like(p)
+    out[order] = np.minimum(adjusted, 1.0)
+    return out
 
 
 def gap_test(table: Table, baseline: Baseline) -> dict[str, float]:

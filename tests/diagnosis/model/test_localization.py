@@ -8,7 +8,7 @@ import scipy.stats
 from scipy.spatial.transform import Rotation
 
 from diagnosis.model import linearise
-from diagnosis.model.localization import benjamini_hochberg, body_residuals, compute_statistics, findings, holm, phases
+from diagnosis.model.localization import compute_body_residuals, compute_statistics, label_phases, list_findings
 from diagnosis.model.prepare import prepare
 from tests.diagnosis.recordings import prepared, recorded
 
@@ -23,7 +23,7 @@ def test_statistics_of_m0_have_uniform_p_values():
 
 
 def test_findings_of_m0_are_rare():
-    found = [findings(compute_statistics(prepared(seed).model)) for seed in range(31, 37)]
+    found = [list_findings(compute_statistics(prepared(seed).model)) for seed in range(31, 37)]
     assert sum(map(len, found)) <= 1
 
 
@@ -43,7 +43,7 @@ def turned():
 def test_where_points_at_the_interval_and_axis(turned):
     recording, _ = turned
     model = prepare(recording).model
-    found = findings(compute_statistics(model))
+    found = list_findings(compute_statistics(model))
     assert (found[0].interval, found[0].axis) == (recording.intervals[2].name, "y")
     assert found[0].signal == "attitude"
     assert 0 <= found[0].window_s[0] < found[0].window_s[1] <= recording.intervals[2].stop_s - recording.intervals[2].start_s
@@ -55,7 +55,7 @@ def test_residuals_show_the_error_with_its_sign(turned):
     """θ of N (16) at a reference that is turned by e is e, but for what the calibration takes up."""
     recording, angle = turned
     model = prepare(recording).model
-    residual, _ = body_residuals(model, model.y)
+    residual, _ = compute_body_residuals(model, model.y)
     own = model.observation_block == 2
     expected = angle[model.reference_rows][own, 1]
     assert np.corrcoef(residual[own, 1], expected)[0, 1] > 0.7
@@ -68,7 +68,7 @@ def test_residuals_in_body_axes_have_the_sigma_they_state(averaged, monkeypatch)
         monkeypatch.setattr(linearise, "MOST_OBSERVATIONS", 70)
     rng = np.random.default_rng(34)
     model = prepare(recorded(3)).model
-    draws = [body_residuals(model, model.projected(rng.standard_normal(model.size))) for _ in range(40)]
+    draws = [compute_body_residuals(model, model.projected(rng.standard_normal(model.size))) for _ in range(40)]
     sigma = draws[0][1]
     assert sigma.shape == (len(model.observation_t_s), 3)
     spread = np.sqrt(np.mean([residual**2 for residual, _ in draws], axis=0))
@@ -79,7 +79,7 @@ def test_residuals_in_body_axes_have_the_sigma_they_state(averaged, monkeypatch)
 def test_phases_of_an_interval(monkeypatch):
     """The first and last tenth are start and end; references beside a hole are those of a slew."""
     model = prepared(3).model
-    kinds = phases(model)
+    kinds = label_phases(model.observation_t_s, model.observation_block)
     assert kinds.size == len(model.observation_t_s)
     for number in range(len(model.blocks)):
         own = kinds[model.observation_block == number]
@@ -88,10 +88,3 @@ def test_phases_of_an_interval(monkeypatch):
     assert set(kinds) == {"start", "slew", "hold", "end"}
     slews = model.observation_t_s[kinds == "slew"]
     assert slews.size < 0.5 * kinds.size
-
-
-def test_holm_and_benjamini_hochberg_by_hand():
-    p = np.array([0.01, 0.04, 0.03, 0.005])
-    assert np.allclose(holm(p), [0.03, 0.06, 0.06, 0.02])
-    assert benjamini_hochberg(np.array([0.001, 0.6, 0.02, 0.9]), 0.05).tolist() == [True, False, True, False]
-    assert not benjamini_hochberg(np.array([0.2, 0.6]), 0.05).any()
