@@ -144,7 +144,7 @@ def _predict_parts(
             a = np.linalg.solve(np.eye(A.shape[1]) + A.T @ A, A.T @ y)
             errors.append(stated.error_y - stated.error_X[:, own] @ a - stated.error_X[:, shifts].sum(axis=1))
         e = np.column_stack(errors)
-        yield out, e, whiten_errors(stated, e)
+        yield out, e, whiten_prediction(stated, e)
 
 
 def list_parts(model: RecordingModel) -> Iterator[Mask]:
@@ -153,7 +153,7 @@ def list_parts(model: RecordingModel) -> Iterator[Mask]:
     yield from (fold == number for number in np.unique(fold) if (fold != number).any())
 
 
-def whiten_errors(told: Conditioned, errors: Array) -> Array:
+def whiten_prediction(told: Conditioned, errors: Array) -> Array:
     """Whiten errors (s, k) of a prediction by their covariance."""
     factor = np.linalg.cholesky(told.covariance)
     return np.asarray(scipy.linalg.solve_triangular(factor, errors, lower=True, check_finite=False))

@@ -31,7 +31,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import logsumexp
 
-from diagnosis.budget import collect_held_out, convert, list_parts, whiten_errors
+from diagnosis.budget import collect_held_out, convert, list_parts, whiten_prediction
 from diagnosis.model.folds import BROAD, conditioned, unwhitened
 from diagnosis.model.recording import RecordingModel
 from diagnosis.model.remainder import add_remainder, build_processes, estimate_remainder
@@ -297,7 +297,7 @@ def _predict_parts(
         alone = conditioned(stated, np.zeros((stated.size, 0)), out)
         change = told.error_X @ choice.values if choice.log_evidence > 0 else np.zeros(told.error_y.size)
         errors = np.column_stack([alone.error_y, told.error_y, told.error_y - change])
-        yield out, errors, np.column_stack([whiten_errors(alone, errors[:, :1]), whiten_errors(told, errors[:, 1:])])
+        yield out, errors, np.column_stack([whiten_prediction(alone, errors[:, :1]), whiten_prediction(told, errors[:, 1:])])
 
 
 # ---- the draft -----------------------------------------------------------------------------------------------------------

@@ -37,7 +37,7 @@ from diagnosis.model.dead_zone import dead_zone_groups, shown_by_passes
 from diagnosis.model.judgement import judged_anew
 from diagnosis.model.layout import tabulate_observations
 from diagnosis.model.linear import Candidate, LinearModel, Member
-from diagnosis.model.misfit import check_baseline, errors_of
+from diagnosis.model.misfit import check_baseline, compute_attitude_errors
 from diagnosis.model.prepare import Prepared, Progress
 from diagnosis.model.symptoms import sample_causes
 from diagnosis.remainder_search import BesideRemainder, identify_beside_remainder
@@ -188,7 +188,7 @@ def _left_beside(
         entry, effect = linear.candidate(member), effects.get(linear.candidate(member).effect)
         if effect is None or entry.process or not effect.has_columns or effect.stage == "clock":
             return ()
-        beside.append(errors_of(prepared.model, effect, entry.axis, linear.option(member).parameters))
+        beside.append(compute_attitude_errors(prepared.model, effect, entry.axis, linear.option(member).parameters))
     return tuple(replace(one, name=f"{one.name}, of all references") for one in check_baseline(prepared.model, beside))
 
 

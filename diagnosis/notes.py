@@ -10,7 +10,7 @@ import scipy.special
 
 from diagnosis.detectors.report import Line
 from diagnosis.model.linearise import linearised
-from diagnosis.model.misfit import innovations
+from diagnosis.model.misfit import compute_innovations
 from diagnosis.model.prepare import Prepared
 from diagnosis.model.symptoms import SampleCause
 from diagnosis.settings import DiagnosisSettings
@@ -43,7 +43,7 @@ def though_it_fits(prepared: Prepared, samples: Sequence[SampleCause], explained
     if not (gap or samples) or own.recording.attitudes.sensor is not None:
         return ()
     # As a calibration has it: all references, the samples as they are, and the noise as stated.
-    e, _, taken = innovations(linearised(own.recording, own.G, own.bias, pieces=prepared.pieces))
+    e, _, taken = compute_innovations(linearised(own.recording, own.G, own.bias, pieces=prepared.pieces))
     chi2, dof = float(np.sum(e**2)), e.size - taken.shape[1]
     p = float(scipy.special.chdtrc(dof, chi2)) if dof > 0 else 0.0
     if p < FITS:

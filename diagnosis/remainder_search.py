@@ -31,7 +31,7 @@ from diagnosis.inference.search import NOTHING, Explanation, Search
 from diagnosis.model.calibration import calibrated
 from diagnosis.model.candidates import linear_model, of_columns
 from diagnosis.model.linear import LinearModel, Member
-from diagnosis.model.misfit import basis as build_basis
+from diagnosis.model.misfit import build_basis
 from diagnosis.model.prepare import Progress
 from diagnosis.model.recording import RecordingModel
 from diagnosis.model.remainder import (

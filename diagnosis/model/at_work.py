@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from diagnosis.inference.amplitudes import Fitted
 from diagnosis.model.baseline import correction
-from diagnosis.model.misfit import errors_of
+from diagnosis.model.misfit import compute_attitude_errors
 from diagnosis.model.recording import RecordingModel, parameter_errors
 from simulator.effects.base import Effect
 
@@ -37,7 +37,7 @@ class AtWork:
 
     def errors(self, model: RecordingModel) -> Array | None:
         """(m, 3) attitude errors at every reference, rad; None where the columns are not those of its amplitudes."""
-        columns = errors_of(model, self.effect, self.fitted.axis, self.fitted.parameters)
+        columns = compute_attitude_errors(model, self.effect, self.fitted.axis, self.fitted.parameters)
         same = columns.shape[2] == self.fitted.amplitudes.size
         return np.asarray(columns @ self.fitted.amplitudes) if same else None
 

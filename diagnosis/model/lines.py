@@ -25,7 +25,7 @@ from scipy.special import expit
 
 from diagnosis.detectors.gap_interpolation import runs
 from diagnosis.detectors.report import AXES, Line, SampleReport, Symptom
-from diagnosis.model.misfit import innovations_of
+from diagnosis.model.misfit import project_innovations
 from diagnosis.model.recording import RecordingModel
 from diagnosis.model.sinusoid_causes import BIAS, PICKUP, SinusoidCause
 from diagnosis.sinusoids.fit import make_waves
@@ -176,6 +176,6 @@ def _observe(model: RecordingModel, axis: int, waveforms: Iterable[Array]) -> tu
     high[:, axis] = np.column_stack(rates)
     if model.recording.attitudes.sensor is not None or all((block.counts == 1).all() for block in model.blocks):
         return model.y, list(model.prepared(model.reading(high)).T)
-    left, _, _ = innovations_of(model, np.dstack([model.residuals, model.turned_by(high)]))
+    left, _, _ = project_innovations(model, np.dstack([model.residuals, model.turned_by(high)]))
     y, *columns = left.T
     return y, columns

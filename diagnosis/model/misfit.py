@@ -53,7 +53,7 @@ def check_baseline(model: RecordingModel, beside: Sequence[Array] = ()) -> tuple
     """
     if model.recording.attitudes.sensor is not None:
         return ()
-    e, later, taken = innovations(model, beside)
+    e, later, taken = compute_innovations(model, beside)
     found = Innovations(e, taken.reshape(*e.shape, -1))
     return tuple(check_innovations(found, tabulate_references(model, later))) if found.dof >= DEFAULT.fewest else ()
 
@@ -70,29 +70,29 @@ def list_findings(checks: Sequence[Check], event_p: float) -> tuple[Finding, ...
     )  # fmt: skip
 
 
-def errors_of(model: RecordingModel, effect: Effect, axis: str | None, parameters: Mapping[str, Value]) -> Array:
-    """(m, 3, k) attitude errors of an effect with columns at every reference, inertial axes."""
+def compute_attitude_errors(model: RecordingModel, effect: Effect, axis: str | None, parameters: Mapping[str, Value]) -> Array:
+    """Compute the attitude errors (m, 3, k) of an effect with columns at every reference, inertial axes."""
     if effect.on_references:
         return -np.matmul(model.at_reference, effect.reference_columns(model.references, axis, parameters))
     return model.turned_by(effect.columns(model.stream, axis, parameters))
 
 
-def innovations(model: RecordingModel, beside: Sequence[Array] = ()) -> tuple[Array, Mask, Array]:
-    """White innovations about the body axes (k, 3), whose they are (m,), and (3k, q) a basis of what the fit took."""
-    left, later, U = innovations_of(model, model.residuals[:, :, None], beside)
+def compute_innovations(model: RecordingModel, beside: Sequence[Array] = ()) -> tuple[Array, Mask, Array]:
+    """Compute white innovations about the body axes (k, 3), their references (m,), and a basis (3k, q) of what the fit took."""
+    left, later, U = project_innovations(model, model.residuals[:, :, None], beside)
     return left.reshape(-1, 3), later, U
 
 
-def innovations_of(model: RecordingModel, errors: Array, beside: Sequence[Array] = ()) -> tuple[Array, Mask, Array]:
-    """The same of any attitude errors at every reference, inertial axes: (m, 3, c) → (3k, c)."""
+def project_innovations(model: RecordingModel, errors: Array, beside: Sequence[Array] = ()) -> tuple[Array, Mask, Array]:
+    """Compute the same of any attitude errors at every reference, inertial axes: (m, 3, c) → (3k, c)."""
     count = errors.shape[2]
-    white, later = whitened(model, np.concatenate([errors, model.turned_by(parameter_errors(model.raw)), *beside], axis=2))
-    y, U = white[:, :count], basis(white[:, count:])
+    white, later = whiten_errors(model, np.concatenate([errors, model.turned_by(parameter_errors(model.raw)), *beside], axis=2))
+    y, U = white[:, :count], build_basis(white[:, count:])
     return np.asarray(y - U @ (U.T @ y)), later, U
 
 
-def whitened(model: RecordingModel, columns: Array) -> tuple[Array, Mask]:
-    """Attitude errors at every reference, inertial axes, (m, 3, c), as innovations about the body axes (3k, c); whose (m,)."""
+def whiten_errors(model: RecordingModel, columns: Array) -> tuple[Array, Mask]:
+    """Turn attitude errors (m, 3, c) in inertial axes into innovations (3k, c) about the body axes, of the references (m,)."""
     first = np.diff(model.interval_of_reference, prepend=-1) != 0
     added = np.diff(model.walk, axis=0, prepend=model.walk[:1])
     added[first] = 0.0
@@ -101,8 +101,8 @@ def whitened(model: RecordingModel, columns: Array) -> tuple[Array, Mask]:
     return body.reshape(3 * len(body), -1), ~first
 
 
-def basis(columns: Array) -> Array:
-    """Orthonormal basis of columns (n, c), without what adds nothing to the others."""
+def build_basis(columns: Array) -> Array:
+    """Build an orthonormal basis of columns (n, c), without directions that add nothing to the others."""
     U, s, _ = np.linalg.svd(columns / np.maximum(np.linalg.norm(columns, axis=0), TINY), full_matrices=False)
     return np.asarray(U[:, s > RANK * s[0]])
 

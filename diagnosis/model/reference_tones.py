@@ -25,7 +25,7 @@ from scipy.special import logsumexp
 from diagnosis.inference.evidence import averaged, log_bayes
 from diagnosis.model.linear import VISIBLE, spaced
 from diagnosis.model.lines import PRIOR
-from diagnosis.model.misfit import basis, innovations, whitened
+from diagnosis.model.misfit import build_basis, compute_innovations, whiten_errors
 from diagnosis.model.recording import RecordingModel, parameter_errors
 from diagnosis.model.sinusoid_causes import (
     BIAS,
@@ -106,11 +106,11 @@ class Innovations:
             made[:, axis, :, place] = own.reshape(len(own), -1, 2)
         made = made.reshape(len(own), 3, -1)
         errors = -np.matmul(model.at_reference, made) if on_references else model.turned_by(made)
-        return whitened(model, errors)[0]
+        return whiten_errors(model, errors)[0]
 
     def compute_chi2(self, columns: Array, beside: Array) -> float:
         """Return the χ² that columns explain beside a basis."""
-        U = basis(columns - beside @ (beside.T @ columns))
+        U = build_basis(columns - beside @ (beside.T @ columns))
         return float(np.sum((U.T @ self.y) ** 2))
 
     def compute_evidence(self, columns: Array, level: float, limits: tuple[float, ...] = (0.0, np.inf)) -> float:
@@ -163,7 +163,7 @@ def find_reference_tone(model: RecordingModel, rates: Array, p_least: float, unl
 
 def find_peak(model: RecordingModel) -> tuple[float, float, float] | None:
     """Return frequency, p-value and the step between frequencies, Hz; None where the averages show all there is."""
-    e, later, _ = innovations(model)
+    e, later, _ = compute_innovations(model)
     interval, t_s = model.interval_of_reference[later], model.references.t_s[later]
     parts = [own for own in (np.flatnonzero(interval == k) for k in np.unique(interval)) if own.size >= SETTINGS.shortest]
     if not parts:
@@ -190,9 +190,9 @@ def find_peak(model: RecordingModel) -> tuple[float, float, float] | None:
 def make_innovations(model: RecordingModel) -> Innovations:
     """Make the innovations of a recording, and the bases of what they do not tell."""
     rows = [model.residuals[:, :, None], model.turned_by(parameter_errors(model.raw)), model.turned_by(_follow_motion(model))]
-    white, _ = whitened(model, np.concatenate(rows, axis=2))
-    taken = basis(white[:, 1:13])
-    return Innovations(model, white[:, 0] - taken @ (taken.T @ white[:, 0]), taken, basis(white[:, 1:]))
+    white, _ = whiten_errors(model, np.concatenate(rows, axis=2))
+    taken = build_basis(white[:, 1:13])
+    return Innovations(model, white[:, 0] - taken @ (taken.T @ white[:, 0]), taken, build_basis(white[:, 1:]))
 
 
 def find_coherent(series: Innovations, frequencies: Array, axis: int, reach: float) -> Array:

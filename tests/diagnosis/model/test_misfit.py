@@ -10,7 +10,7 @@ from diagnosis.diagnose import diagnose
 from diagnosis.inference.criticism import combine_checks
 from diagnosis.model import linearise
 from diagnosis.model.linearise import linearised
-from diagnosis.model.misfit import check_baseline, errors_of, innovations, list_findings
+from diagnosis.model.misfit import check_baseline, compute_attitude_errors, compute_innovations, list_findings
 from diagnosis.model.prepare import prepare
 from gyrocal import calibrate
 from simulator.effects import EFFECTS
@@ -45,7 +45,7 @@ def with_errors(recording, error):
 
 
 def test_the_sum_of_squares_is_that_of_the_dense_model(model):
-    e, later, taken = innovations(model)
+    e, later, taken = compute_innovations(model)
     assert np.sum(e**2) == pytest.approx(model.y @ model.y, rel=1e-9)
     assert e.size - taken.shape[1] == model.degrees_of_freedom
     assert later.sum() == len(model.residuals) - len(model.blocks)
@@ -70,7 +70,7 @@ def test_noise_of_the_readings_is_no_dependence_on_the_motion(seed):
 
 def test_columns_that_are_estimated_are_projected_out(model):
     effect = EFFECTS["bias_drift"]
-    column = errors_of(model, effect, "y", {})
+    column = compute_attitude_errors(model, effect, "y", {})
     high = 2e-2 * column[:, :, 0] / np.abs(column).max()
     plain = {one.name: one.value for one in check_baseline(model)}
     beside = {one.name: one.value for one in check_baseline(replace(model, residuals=model.residuals + high), [column])}
@@ -85,7 +85,7 @@ def test_errors_of_an_effect_are_its_columns(model):
         effect = EFFECTS[name]
         trial = effect.trials(model.around)[0]
         parameters = {**trial.parameters, **({"time_s": float(np.median(model.t_s))} if effect.switched else {})}
-        made = errors_of(model, effect, axis, parameters)
+        made = compute_attitude_errors(model, effect, axis, parameters)
         if effect.on_references:
             expected = model.reference_error(effect.reference_columns(model.references, axis, parameters))
         else:
