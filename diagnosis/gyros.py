@@ -19,7 +19,7 @@ from functools import partial
 
 import numpy as np
 import pandas as pd
-import scipy.stats
+import scipy.special
 from numpy.typing import NDArray
 
 from diagnosis.answer import Finding
@@ -220,14 +220,14 @@ def check_array(model: ArrayModel, seed: int, linear: LinearModel, members: tupl
 def check_parity(parity: ParityModel, e: Array) -> tuple[Check, Check]:
     """Check size, and correlation of successive blocks, of what is left of the parity; both have a known distribution."""
     dof, size, block = parity.degrees_of_freedom, float(e @ e), parity.block
-    tails = scipy.stats.chi2.cdf(size, dof), scipy.stats.chi2.sf(size, dof)
+    tails = scipy.special.chdtr(dof, size), scipy.special.chdtrc(dof, size)
     after = np.arange(e.size) + np.bincount(block)[block]  # the same component in the next block
     first = np.flatnonzero(after < e.size)
     first = first[parity.interval[block[first]] == parity.interval[block[after[first]]]]
     z = float(np.sum(e[first] * e[after[first]])) / (size / e.size) / np.sqrt(max(first.size, 1))
     return (
         Check("size of the parity", size, float(dof), float(min(1.0, 2 * min(tails)))),
-        Check("correlation of the parity in time", z, 0.0, float(2 * scipy.stats.norm.sf(abs(z)))),
+        Check("correlation of the parity in time", z, 0.0, float(2 * scipy.special.ndtr(-abs(z)))),
     )
 
 
@@ -240,7 +240,7 @@ def find_parity(model: ArrayModel, settings: DiagnosisSettings) -> tuple[Finding
     for number in np.unique(owner):
         own = owner == number
         value, dof = float(np.sum(parity.y[own] ** 2)), float(shares[own].sum())
-        p = float(min(1.0, scipy.stats.chi2.sf(value, dof) * np.unique(owner).size))
+        p = float(min(1.0, scipy.special.chdtrc(dof, value) * np.unique(owner).size))
         if p < settings.false_alarm_rate:
             name = intervals[number].name
             text = f"the parity of the gyros in {name} is {np.sqrt(value / dof):.2f} times its noise"

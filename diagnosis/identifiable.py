@@ -10,7 +10,6 @@ recording of rates and reference attitudes tells the two apart.
 from __future__ import annotations
 
 import numpy as np
-import scipy.stats
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
@@ -43,9 +42,8 @@ def explain_blindness(
     turn = Rotation.from_matrix(U @ V if np.linalg.det(U @ V) > 0 else np.eye(3)).as_rotvec()
     of_gyro = float(np.sqrt(plausible_G**2 + np.sum(sigma_G**2) / 9))
     prior = settings.another * settings.unlisted_share
-    log_odds = np.log(prior / (1 - prior)) + np.sum(
-        scipy.stats.norm.logpdf(turn, scale=np.hypot(of_gyro, OFFSET)) - scipy.stats.norm.logpdf(turn, scale=of_gyro)
-    )
+    wide = float(np.hypot(of_gyro, OFFSET))  # ratio of the densities of two normal variables of these sigmas
+    log_odds = np.log(prior / (1 - prior)) + np.sum(0.5 * turn**2 * (of_gyro**-2 - wide**-2) - np.log(wide / of_gyro))
     if log_odds < np.log(settings.unknown / (1 - settings.unknown)):
         return None
     angle = float(np.linalg.norm(turn))

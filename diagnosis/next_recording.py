@@ -22,7 +22,7 @@ from typing import Any
 
 import numpy as np
 import scipy.linalg
-import scipy.stats
+import scipy.special
 from numpy.typing import NDArray
 
 from diagnosis.answer import Verdict
@@ -252,10 +252,10 @@ def _judged(model: RecordingModel, found: Conditioned, out: Mask, expected: Arra
                         effect_deg=_rms_deg(effect[rows] ** 2),
                         chi2=own,
                         dof=own_dof,
-                        p_value=float(scipy.stats.chi2.sf(own, own_dof)),
+                        p_value=float(scipy.special.chdtrc(own_dof, own)),
                     )
                 )
-    return Comparison(value, dof, float(scipy.stats.chi2.sf(value, dof)), tuple(bands))
+    return Comparison(value, dof, float(scipy.special.chdtrc(dof, value)), tuple(bands))
 
 
 def _rms_deg(squares: Array) -> float:

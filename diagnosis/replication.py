@@ -12,7 +12,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import scipy.stats
+import scipy.special
 from numpy.typing import NDArray
 
 from diagnosis.inference.amplitudes import Fitted
@@ -130,5 +130,5 @@ def combine_parts(names: Sequence[str], sizes: Array, covariance: Array) -> Repl
     between = max(0.0, (Q - (shown.size - 1)) / float(weights.sum() - (weights**2).sum() / weights.sum()))
     weights = 1.0 / (sigma**2 + between)
     mean = float(weights @ shown / weights.sum())
-    p = float(scipy.stats.chi2.sf(Q, shown.size - 1))
+    p = float(scipy.special.chdtrc(shown.size - 1, Q))
     return Replication(parts, p, mean, float(weights.sum() ** -0.5))

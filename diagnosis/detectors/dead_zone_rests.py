@@ -23,9 +23,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import scipy.ndimage
 import scipy.special
-import scipy.stats
 from numpy.typing import NDArray
-from scipy.stats import multivariate_normal
 
 from diagnosis.detectors.dead_zone_crossings import Zone
 from diagnosis.detectors.gap_interpolation import runs
@@ -254,12 +252,19 @@ def _windows(recording: Recording, x: Array, count: int) -> list[tuple[int, Arra
 def _is_zero(z: Array) -> bool:
     """Whether the means of a run, in their sigmas, are zero: their squares, and those of the means of its quarters."""
     quarters = np.array([part.mean() * np.sqrt(part.size) for part in np.array_split(z, 4)])
-    p = min(float(scipy.stats.chi2.sf(np.sum(z**2), z.size)), float(scipy.stats.chi2.sf(np.sum(quarters**2), 4)))
+    p = min(float(scipy.special.chdtrc(z.size, np.sum(z**2))), float(scipy.special.chdtrc(4, np.sum(quarters**2))))
     return p > SETTINGS.consistent
 
 
 def _log_odds(means: Array, sigmas: Array, sizes: Sequence[float]) -> float:
     own = np.diag(sigmas**2)
     others = [own + size**2 + (SETTINGS.leak * size) ** 2 * np.eye(means.size) for size in sizes]
-    read = scipy.special.logsumexp([multivariate_normal.logpdf(means, cov=other) for other in others]) - np.log(len(others))
-    return float(multivariate_normal.logpdf(means, cov=own) - read)
+    read = scipy.special.logsumexp([_compute_log_density(means, other) for other in others]) - np.log(len(others))
+    return _compute_log_density(means, own) - float(read)
+
+
+def _compute_log_density(means: Array, covariance: Array) -> float:
+    """Compute the log density of normal variables of a covariance, but for a constant of their number."""
+    factor = np.linalg.cholesky(covariance)
+    white = scipy.linalg.solve_triangular(factor, means, lower=True, check_finite=False)
+    return float(-0.5 * white @ white - np.log(np.diag(factor)).sum())

@@ -29,7 +29,7 @@ from dataclasses import dataclass
 import numpy as np
 import scipy.fft
 import scipy.linalg
-import scipy.stats
+import scipy.special
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
@@ -43,7 +43,7 @@ UNREST = 4.0  # times the usual slow power, from which on a block never counts: 
 AT_ZERO, FROM_ZERO = 2.0, 4.0  # sigmas of the least and of the largest reading of a block that passes zero
 SPIKE = 4.5  # sigmas of a sample that is far off
 CUT = 12.25  # of a square in terms of its mean, from which on it does not count
-MEDIAN_SQUARE = float(scipy.stats.chi2(1).median())  # of white noise of unit variance
+MEDIAN_SQUARE = float(scipy.special.chdtri(1, 0.5))  # of white noise of unit variance
 ROUNDS = 8  # of finding that mean
 QUANTILES = (0.3, 0.85)  # of the blocks' powers; the few that are far out do not count
 EVEN = 3.0  # sigmas between the levels that they show, at most
@@ -123,7 +123,7 @@ def fitted(powers: Array, blocks: int) -> Fit:
     variance = SPREAD / blocks
     white, motion = _LEVEL @ (_DESIGN.T @ powers)
     left = powers - _DESIGN @ np.array([white, motion])
-    fits = white > 0 and scipy.stats.chi2.sf(float(left @ left) / (variance * white**2), SHOWING - 2) > FITS
+    fits = white > 0 and scipy.special.chdtrc(SHOWING - 2, float(left @ left) / (variance * white**2)) > FITS
     still = motion < MOVING * white * float(np.sqrt(_LEVEL[1, 1] * variance))
     rise = float(_RISE @ (powers - 1) / np.sqrt(_RISE @ _RISE * variance))
     error, of_motion = float(white * np.sqrt(_LEVEL[0, 0] * variance)), max(float(motion * OF_MOTION.mean()), 0.0)
@@ -160,10 +160,9 @@ def is_even(blocks: Array) -> bool:
     p (1 − q)/(n f_p f_q).
     """
     power, dof = np.sum(blocks**2, axis=1), blocks.shape[1]
-    of_white = scipy.stats.chi2(dof)
-    at = of_white.ppf(QUANTILES)
+    at = scipy.special.chdtri(dof, 1 - np.array(QUANTILES))
     low, high = np.quantile(power, QUANTILES) / at
-    (p, q), (a, b) = QUANTILES, 1 / (at * of_white.pdf(at))
+    (p, q), (a, b) = QUANTILES, 1 / (at * _compute_chi2_density(at, dof))
     error = np.sqrt((p * (1 - p) * a**2 + q * (1 - q) * b**2 - 2 * p * (1 - q) * a * b) / len(power))
     return bool(high < (1 + EVEN * error) * low)
 
@@ -187,11 +186,17 @@ def _power_of(order: int) -> Array:
     return np.diag(WHITE @ _covariance(order) @ WHITE.T)[:SHOWING].copy()
 
 
+def _compute_chi2_density(x: Array | float, dof: int) -> Array:
+    """Compute the density of χ² with some degrees of freedom."""
+    half = 0.5 * dof
+    return np.asarray(np.exp((half - 1) * np.log(x) - 0.5 * np.asarray(x) - half * np.log(2) - scipy.special.gammaln(half)))
+
+
 def _of_the_mean_square() -> tuple[float, float]:
     """κ and V of the mean of the squares below CUT."""
-    f1, f3, f5 = (float(scipy.stats.chi2(n).cdf(CUT)) for n in (1, 3, 5))
+    f1, f3, f5 = (float(scipy.special.chdtr(n, CUT)) for n in (1, 3, 5))
     kappa = f3 / f1
-    slope = f3 - (CUT - kappa) * CUT * float(scipy.stats.chi2(1).pdf(CUT))
+    slope = f3 - (CUT - kappa) * CUT * float(_compute_chi2_density(CUT, 1))
     return kappa, (3 * f5 - f3**2 / f1) / slope**2
 
 

@@ -15,7 +15,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import scipy.stats
+import scipy.special
 from numpy.typing import NDArray
 from scipy.special import expit
 
@@ -172,14 +172,14 @@ def _fit_blocks(blocks: Array, expected: float) -> NoiseLevel | None:
     if not fit.still:
         return NoiseLevel(variance, sigma, p, None, powers, count, still=False)
     free = SHOWING * count
-    rising = float(scipy.stats.chi2.sf(free + fit.rise * np.sqrt(2 * free), free))
+    rising = float(scipy.special.chdtrc(free, free + fit.rise * np.sqrt(2 * free)))
     return NoiseLevel(variance, sigma, min(1.0, 2 * min(p, rising)), readout, powers, count, still=True)
 
 
 def compute_p_of_level(variance: float, sigma: float, expected: float) -> float:
     """Compute the p-value of a variance that is as stated: χ² with as many degrees of freedom as its sigma says."""
     free, ratio = 2 * (variance / sigma) ** 2, variance / expected
-    return float(min(1.0, 2 * min(scipy.stats.chi2.sf(free * ratio, free), scipy.stats.chi2.cdf(free * ratio, free))))
+    return float(min(1.0, 2 * min(scipy.special.chdtrc(free, free * ratio), scipy.special.chdtr(free, free * ratio))))
 
 
 def fit_readout(powers: Array, errors: Array, expected: float) -> Readout | None:
@@ -195,9 +195,9 @@ def fit_readout(powers: Array, errors: Array, expected: float) -> Readout | None
     square, error, chi2 = _fit_parts((powers - expected) / errors, errors, [READ_OUT])
     both, sigmas, both_chi2 = _fit_parts(powers / errors, errors, [READ_OUT, even])
     needed = (np.abs(both - [0.0, expected]) > SETTINGS.clear * sigmas).all() and (both > 0).all()
-    if needed and scipy.stats.chi2.sf(white_chi2, free) < fits < scipy.stats.chi2.sf(both_chi2, free - 1):
+    if needed and scipy.special.chdtrc(free, white_chi2) < fits < scipy.special.chdtrc(free - 1, both_chi2):
         return _make_readout(both[0], sigmas[0], both[1], sigmas[1], float(expit(0.5 * (white_chi2 - both_chi2))))
-    if square[0] > 0 and chi2 < white_chi2 + SETTINGS.undecided and scipy.stats.chi2.sf(chi2, free) > fits:
+    if square[0] > 0 and chi2 < white_chi2 + SETTINGS.undecided and scipy.special.chdtrc(free, chi2) > fits:
         return _make_readout(square[0], error[0], expected, 0.0, float(expit(0.5 * (white_chi2 - chi2))))
     return None
 

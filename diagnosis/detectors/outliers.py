@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import scipy.linalg
 import scipy.ndimage
-import scipy.stats
+import scipy.special
 from numpy.typing import NDArray
 
 from diagnosis.detectors.report import (
@@ -129,7 +129,7 @@ def find_outliers(
     found, judged = _find_of_gyros(stream, quiet, noise, steps, tell)
     counts = [int(one.places.sum()) for one in found]
     n = max(int(judged.sum()), 1)
-    chance = n * 2 * float(scipy.stats.norm.sf(SETTINGS.limit)) * 1.2
+    chance = n * 2 * float(scipy.special.ndtr(-SETTINGS.limit)) * 1.2
     expected = [chance + SETTINGS.alike * float((one.odd & ~one.places).sum()) for one in found]
     p_values = [_compute_p_value(count, usual) for count, usual in zip(counts, expected, strict=True)]
     text = f"of {n} samples are off by more than {SETTINGS.limit:g} sigmas"
@@ -154,7 +154,7 @@ def find_outliers(
 
 def _compute_p_value(count: int, expected: float) -> float:
     """Compute the p-value of as many outliers, of a Poisson distribution; one without any."""
-    return max(float(scipy.stats.poisson.sf(count - 1, expected)), IMPOSSIBLE) if count else 1.0
+    return max(float(scipy.special.pdtrc(count - 1, expected)), IMPOSSIBLE) if count else 1.0
 
 
 def _fit_heights(found: list[Outliers], judged: Mask, noise: Array) -> OutlierFit:
@@ -252,7 +252,7 @@ def find_single_samples(x: Array, judged: Mask, noise: float, step: float) -> Ou
     highest = np.abs(off) >= scipy.ndimage.maximum_filter1d(np.abs(off), 2 * SETTINGS.side + 1, mode="nearest")
     far = judged & highest & (np.abs(off) > least)
     single, known = far.copy(), _Shapes(weights)
-    most = float(scipy.stats.chi2.isf(SETTINGS.explained, 2 * SETTINGS.side))
+    most = float(scipy.special.chdtri(2 * SETTINGS.side, SETTINGS.explained))
     for k in np.flatnonzero(single).tolist():
         odds, left = known.compare(off[k - SETTINGS.side : k + SETTINGS.side + 1])
         single[k] = odds > SETTINGS.clearly * level[k] ** 2 and left < most * level[k] ** 2

@@ -17,7 +17,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-import scipy.stats
+import scipy.special
 from numpy.typing import NDArray
 
 from diagnosis.settings import DEFAULT, DiagnosisSettings
@@ -259,6 +259,6 @@ def _level(found: Differences, kept: Mask, enough: Mask) -> tuple[Array, Array, 
     others = float(chi2 - z[odd] ** 2)
     log, weight = np.log(factor[enough]), (factor[enough] / error[enough]) ** 2
     common = float(np.sum(weight * (log - np.average(log, weights=weight)) ** 2)) if enough.any() else 0.0
-    as_stated = scipy.stats.chi2.sf(others, enough.sum() - 1) > 0.01 or others < common
+    as_stated = scipy.special.chdtrc(enough.sum() - 1, others) > 0.01 or others < common
     alone = enough.sum() > 1 and as_stated and z[odd] ** 2 > 12
-    return factor, error, max(float(scipy.stats.chi2.sf(chi2, enough.sum())), 1e-300), odd if alone else None
+    return factor, error, max(float(scipy.special.chdtrc(enough.sum(), chi2)), 1e-300), odd if alone else None

@@ -25,7 +25,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import scipy.ndimage
 import scipy.optimize
-import scipy.stats
+import scipy.special
 from numpy.typing import NDArray
 
 from diagnosis.detectors.gap_interpolation import filled, runs
@@ -148,7 +148,7 @@ def _test_share(joint: Mask, chance: Array, sigma: float) -> tuple[float, float]
     # An error of the number of repeats by chance takes its part of the evidence.
     shrunk = 1 / (1 + sigma**2 / max(float(np.sum(chance * (1 - chance))), 1e-300))
     ratio = max(-float(found.fun) - none, 0.0) * shrunk
-    return share, max(0.5 * float(scipy.stats.chi2.sf(2 * ratio, 1)), IMPOSSIBLE)
+    return share, max(0.5 * float(scipy.special.chdtrc(1, 2 * ratio)), IMPOSSIBLE)
 
 
 def _compute_chance(equal: Mask, rates: Array, follows: Mask, settings: RepeatSettings) -> Array:

@@ -12,7 +12,7 @@ from math import comb
 
 import numpy as np
 import scipy.ndimage
-import scipy.stats
+import scipy.special
 from numpy.typing import NDArray
 from scipy.special import expit, logit
 
@@ -236,7 +236,7 @@ def _describe_readout(
         return found, 1.0
     white = float(np.sqrt(readout.white)) / sigma
     error = 0.5 * readout.white_sigma / sigma**2 / white
-    p = max(float(2 * scipy.stats.norm.sf(abs(white - 1) / error)), IMPOSSIBLE)
+    p = max(float(2 * scipy.special.ndtr(-abs(white - 1) / error)), IMPOSSIBLE)
     if p < event_p:
         text = f"beside readout noise, the white noise of the samples is {white:.3f} times what is stated"
         found.append(Symptom("white_noise_level", AXES[axis], white, "factor", error, {}, p, text))

@@ -11,9 +11,7 @@ from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
-import scipy.signal
 import scipy.special
-import scipy.stats
 from numpy.typing import NDArray
 
 from diagnosis.detectors.report import IMPOSSIBLE, Line
@@ -78,7 +76,7 @@ def fit_line(
         return None
     samples = sum(piece.data.size for piece in pieces)
     level = _compute_level([piece.t_s[rows] for piece, rows in zip(pieces, calm, strict=True)], fit)
-    chance = scipy.stats.chi2.sf(fit.chi2 / level, 2 * len(pieces))
+    chance = scipy.special.chdtrc(2 * len(pieces), fit.chi2 / level)
     p = float(np.clip(SETTINGS.frequencies_per_sample * samples * chance, IMPOSSIBLE, 1.0))
     constancy = _compute_constancy(fit, [fit.frequency_hz * piece.data.size * sample_s for piece in pieces])
     waveform = _make_waveform(fit, recording, arcs, beside=constancy > 0)
@@ -115,6 +113,7 @@ def _choose_smoothing(cycles: float, size: int) -> tuple[Array | None, float]:
 
     They are made of orthogonal polynomials, since windows may be long.
     """
+
     counts = np.unique(np.round(np.array(SETTINGS.smoothing_cycles) / cycles).astype(np.intp) // 2 * 2 + 1)
     best, least = None, np.inf
     for count in counts[(counts > SETTINGS.degree + 2) & (counts < size)]:

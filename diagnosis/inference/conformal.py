@@ -20,8 +20,6 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Sequence
 
-import scipy.stats
-
 Posterior = Sequence[tuple[Sequence[str], float]]
 
 UNKNOWN, NONE = "unknown", "none"
@@ -51,6 +49,8 @@ def score(posterior: Posterior, truth: Iterable[str]) -> float:
 
 def threshold(truths: Sequence[float], level: float = COVERED) -> float:
     """The threshold τ from the scores of the truth of n recordings; infinite where they are too few."""
+    import scipy.stats  # late: it takes half a second to import, and a diagnosis does without
+
     rank = int(scipy.stats.binom.ppf(CONFIDENCE, len(truths), level)) + 1
     return sorted(truths)[rank - 1] if rank <= len(truths) else math.inf
 

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import pandas as pd
-import scipy.stats
+import scipy.special
 from numpy.typing import NDArray
 
 from diagnosis.answer import Finding
@@ -97,7 +97,7 @@ def compute_statistics(model: RecordingModel) -> pd.DataFrame:
                 own = basis[chosen, axis]
                 value, dof = compute_chi2(e[chosen, axis], np.eye(chosen.size) - own @ own.T)
                 if dof:
-                    p = max(float(scipy.stats.chi2.sf(value, dof)), 1e-300)
+                    p = max(float(scipy.special.chdtrc(dof, value)), 1e-300)
                     records.append((interval.name, "xyz"[axis], phase, "chi2", value, dof, p, float(start_s), float(stop_s)))
     columns = ["interval", "axis", "phase", "statistic", "value", "dof", "p_value", "start_s", "stop_s"]
     return pd.DataFrame.from_records(records, columns=columns)

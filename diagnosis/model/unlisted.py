@@ -29,12 +29,12 @@ from dataclasses import dataclass
 from itertools import chain, combinations_with_replacement
 
 import numpy as np
-import scipy.signal
 from numpy.typing import NDArray
 
 from diagnosis.model.bins import Bins, Family, binned, build_rate_families, build_reference_families, observed
 from diagnosis.model.in_progress import bins_at_references, steps_at_references
 from diagnosis.model.recording import RecordingModel
+from simulator.effects.common import recursion
 
 Array = NDArray[np.float64]
 
@@ -235,7 +235,8 @@ def filter_low_pass(values: Array, bins: Bins, memory: float) -> Array:
     for number in np.unique(bins.interval):
         own = np.flatnonzero(bins.interval == number)
         share = 1 - np.exp(-float(np.median(bins.dt[own])) / memory)
-        out[own] = scipy.signal.lfilter([share], [1, share - 1], values[own], axis=0)
+        decay = np.full(own.size, 1 - share)
+        out[own] = np.column_stack([recursion(decay, share * one) for one in values[own].T])
     return out
 
 

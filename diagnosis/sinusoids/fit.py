@@ -10,7 +10,6 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import scipy.signal
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
@@ -121,6 +120,8 @@ def _compute_step(pieces: Sequence[Piece], frequency_hz: float) -> tuple[float, 
 
 def find_frequency(pieces: Sequence[Piece], centre_hz: float, width_hz: float, sample_s: float) -> float:
     """Return the frequency near a peak at which even samples with a phase in each piece explain most, Hz."""
+    import scipy.signal  # late: it takes half a second to import, and few recordings hold a sinusoid
+
     span_s = max(float(np.ptp(piece.t_s)) for piece in pieces)
     low, high = max(centre_hz - width_hz, 0.1 / span_s), centre_hz + width_hz
     trial = np.linspace(low, high, 2 + int((high - low) * span_s / ZOOM_STEP))

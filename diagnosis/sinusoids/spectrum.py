@@ -12,8 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 import scipy.fft
 import scipy.ndimage
-import scipy.signal
-import scipy.stats
+import scipy.special
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
@@ -23,6 +22,7 @@ SAMPLES_AT_ONCE = 1 << 20  # of segments that are transformed together: a bound 
 FREQUENCIES_AT_ONCE = 1000  # of times that are not even: a bound of the memory
 SEGMENTS_TO_OVERLAP = 8  # pieces side by side from which on overlapping ones are averaged too
 TINY = 1e-300
+COSINES = {"hann": (0.5, 0.5), "blackmanharris": (0.35875, 0.48829, 0.14128, 0.01168)}  # shares of each in a taper
 
 
 @dataclass(frozen=True)
@@ -45,13 +45,21 @@ class Spectrum:
     def compute_level(self, width: int) -> Array:
         """Return the level of the noise around each frequency: the running median over so many frequencies."""
         size = (min(width, len(self.power)), *[1] * (self.power.ndim - 1))
-        median = scipy.stats.gamma.median(np.maximum(self.count, 1)) / np.maximum(self.count, 1)
+        median = scipy.special.gammaincinv(np.maximum(self.count, 1), 0.5) / np.maximum(self.count, 1)
         return np.asarray(scipy.ndimage.median_filter(self.power / median, size=size, mode="nearest"))
 
 
 def compute_log_p(ratio: Array | float, count: Array | float, trials: int) -> Array:
     """Return log p of powers over their level, means of so many pieces of noise, with an allowance for the trials."""
-    return np.asarray(np.minimum(scipy.stats.gamma.logsf(count * np.asarray(ratio), count) + np.log(trials), 0.0))
+    with np.errstate(divide="ignore"):
+        log_p = np.log(scipy.special.gammaincc(count, count * np.asarray(ratio)))
+    return np.asarray(np.minimum(log_p + np.log(trials), 0.0))
+
+
+def make_taper(window: str, length: int) -> Array:
+    """Make a sum of cosines (length,) that tapers a segment (Harris, Proceedings of the IEEE 66, 1978)."""
+    phase = 2 * np.pi * np.arange(length) / length
+    return np.asarray(sum((-1) ** k * share * np.cos(k * phase) for k, share in enumerate(COSINES[window])))
 
 
 def compute_segment_spectrum(x: Array, arcs: Arcs, length: int, sample_s: float, window: str) -> Spectrum | None:
@@ -59,7 +67,7 @@ def compute_segment_spectrum(x: Array, arcs: Arcs, length: int, sample_s: float,
 
     Where segments are many, overlapping ones are averaged (Welch 1967). A straight line is taken out of each.
     """
-    taper = scipy.signal.windows.get_window(window, length)
+    taper = make_taper(window, length)
     many = sum((high - low) // length for low, high in arcs) >= SEGMENTS_TO_OVERLAP
     step = (length // 2 if window == "hann" else length // 3) if many else length
     starts = [np.arange(low, high - length + 1, step) for low, high in arcs]

@@ -24,7 +24,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import scipy.stats
+import scipy.special
 from numpy.typing import NDArray
 
 from gyrocal.errors import InputError
@@ -69,7 +69,7 @@ class Deviation:
     def band(self, degrees: Array, confidence: float = 0.95) -> tuple[Array, Array]:
         """Confidence limits of the deviation, (t,) each, from equivalent degrees of freedom (t,): ν σ̂²/χ²(ν)."""
         tail = 0.5 * (1 - confidence)
-        low, high = scipy.stats.chi2.isf(tail, degrees), scipy.stats.chi2.ppf(tail, degrees)
+        low, high = scipy.special.chdtri(degrees, tail), scipy.special.chdtri(degrees, 1 - tail)
         return np.sqrt(degrees * self.variance / low), np.sqrt(degrees * self.variance / high)
 
 

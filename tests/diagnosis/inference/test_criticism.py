@@ -225,3 +225,11 @@ def test_the_number_of_checks_is_allowed_for():
     made = [Check(str(number), 0.0, 0.0, 0.5) for number in range(8)]
     assert combine_checks([*made, Check("odd", 0.0, 0.0, 1e-5)]) == pytest.approx(9e-5)
     assert combine_checks(made) == 1.0
+
+
+@pytest.mark.parametrize("draw", ["standard_normal", "uniform", "laplace"])
+def test_kurtosis_and_its_p_value_are_those_of_scipy(draw):
+    x = getattr(np.random.default_rng(41), draw)(size=300)
+    kurtosis, p = criticism.compute_kurtosis(x)
+    assert kurtosis == pytest.approx(scipy.stats.kurtosis(x, fisher=False))
+    assert p == pytest.approx(scipy.stats.kurtosistest(x).pvalue)
