@@ -33,8 +33,18 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 
-SHOWN_EXPLANATIONS = 12
-WORTH_SHOWING = 1e-4  # probability of an alternative
+
+@dataclass(frozen=True)
+class AssembleSettings:
+    """Constants of `diagnosis.assemble`."""
+
+    shown_explanations: int = 12  # in the list of the likeliest ones
+    worth_showing: float = 1e-4  # probability of an alternative
+
+
+SETTINGS = AssembleSettings()
+
+
 TINY = 1e-300
 
 
@@ -265,6 +275,6 @@ def alternatives(attribution: Attribution | None) -> Explanations:
     chosen = {best, (*best, REMAINDER)} if best else set()
     return tuple(
         (one.labels, one.probability)
-        for one in attribution.ranked[:SHOWN_EXPLANATIONS]
-        if one.labels and one.labels not in chosen and one.probability > WORTH_SHOWING
+        for one in attribution.ranked[: SETTINGS.shown_explanations]
+        if one.labels and one.labels not in chosen and one.probability > SETTINGS.worth_showing
     )

@@ -32,7 +32,8 @@ from numpy.typing import NDArray
 from scipy.special import logsumexp
 
 from diagnosis.budget import collect_held_out, convert, list_parts, whiten_prediction
-from diagnosis.model.folds import BROAD, conditioned, unwhitened
+from diagnosis.model.folds import SETTINGS as FOLDS
+from diagnosis.model.folds import conditioned, unwhitened
 from diagnosis.model.recording import RecordingModel
 from diagnosis.model.remainder import add_remainder, build_processes, estimate_remainder
 from diagnosis.remainder_search import BesideRemainder
@@ -48,24 +49,15 @@ UNITS = {"gyro": ("deg/h", np.deg2rad(1.0) / 3600), "scale": ("ppm", 1e-6), "ref
 
 @dataclass(frozen=True)
 class DraftSettings:
-    """Settings of a draft.
+    """Settings of a draft."""
 
-    Attributes
-    ----------
-    knots : of a function
-    ends : quantiles of the regressor at the outer knots
-    snr : signal-to-noise ratios of the whole function, from which τ follows
-    bends : ν
-    evidence : least log of the odds against a larger remainder; fewer than one in 400 by chance
-    tied : log evidence within which two regressors are not distinguished
-    """
-
-    knots: int = 12
-    ends: tuple[float, float] = (0.001, 0.999)
+    knots: int = 12  # of a function
+    ends: tuple[float, float] = (0.001, 0.999)  # quantiles of the regressor at the outer knots
+    # signal-to-noise ratios of the whole function, from which τ follows
     snr: tuple[float, ...] = tuple(np.geomspace(2.0, 300.0, 10).tolist())
-    bends: tuple[float, ...] = (1.0, 30.0, 1000.0, 30000.0)
-    evidence: float = 6.0
-    tied: float = 5.0
+    bends: tuple[float, ...] = (1.0, 30.0, 1000.0, 30000.0)  # ν
+    evidence: float = 6.0  # least log of the odds against a larger remainder; fewer than one in 400 by chance
+    tied: float = 5.0  # log evidence within which two regressors are not distinguished
 
 
 SETTINGS = DraftSettings()
@@ -287,7 +279,7 @@ def _predict_parts(
     Effects that are identified beside the remainder are nuisance parameters. Their columns `causes` (N, q) are whitened by the
     stated noise, in units of priors.
     """
-    known = causes / (BROAD * PLAUSIBLE_RANGE[-1])  # which `conditioned` multiplies by
+    known = causes / (FOLDS.broad * PLAUSIBLE_RANGE[-1])  # which `conditioned` multiplies by
     causes = convert(stated, noisy, known)
     whitened = noisy.whitened(np.hstack([one.columns for one in shapes]))
     for out in list_parts(stated):

@@ -31,7 +31,7 @@ from diagnosis.explain import Explained, explain, judged
 from diagnosis.inference.criticism import Check, check_explanation
 from diagnosis.model import localization
 from diagnosis.model.calibration import calibrated
-from diagnosis.model.folds import BROAD
+from diagnosis.model.folds import SETTINGS as FOLDS
 from diagnosis.model.gyros import ArrayModel, build_array_model
 from diagnosis.model.layout import tabulate_observations
 from diagnosis.model.linear import LinearModel, Member
@@ -191,7 +191,7 @@ def linearise_gyros(
     recording: Recording, start: GyroArray, noise: Array, settings: DiagnosisSettings
 ) -> tuple[GyroArray, Prepared | None]:
     """Find K and c to linearise about, and prepare the body rates made of them; None without reference attitudes."""
-    broad = BROAD * PLAUSIBLE_G, BROAD * PLAUSIBLE_BIAS
+    broad = FOLDS.broad * PLAUSIBLE_G, FOLDS.broad * PLAUSIBLE_BIAS
     if not recording.attitudes.t_s.size:
         return fitted_to_parity(recording, start, broad), None
     gyros = calibrate_gyros(recording, prior_sigma=broad, iterations=3).gyros

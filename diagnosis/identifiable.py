@@ -9,6 +9,8 @@ recording of rates and reference attitudes tells the two apart.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
@@ -17,7 +19,15 @@ from diagnosis.settings import DiagnosisSettings
 
 Array = NDArray[np.float64]
 
-OFFSET = 0.1  # rad, prior sigma of a constant rotation of references that are mounted otherwise than stated
+
+@dataclass(frozen=True)
+class IdentifiableSettings:
+    """Constants of `diagnosis.identifiable`."""
+
+    offset: float = 0.1  # rad, prior sigma of a constant rotation of references that are mounted otherwise than stated
+
+
+SETTINGS = IdentifiableSettings()
 
 
 def explain_blindness(
@@ -42,7 +52,7 @@ def explain_blindness(
     turn = Rotation.from_matrix(U @ V if np.linalg.det(U @ V) > 0 else np.eye(3)).as_rotvec()
     of_gyro = float(np.sqrt(plausible_G**2 + np.sum(sigma_G**2) / 9))
     prior = settings.another * settings.unlisted_share
-    wide = float(np.hypot(of_gyro, OFFSET))  # ratio of the densities of two normal variables of these sigmas
+    wide = float(np.hypot(of_gyro, SETTINGS.offset))  # ratio of the densities of two normal variables of these sigmas
     log_odds = np.log(prior / (1 - prior)) + np.sum(0.5 * turn**2 * (of_gyro**-2 - wide**-2) - np.log(wide / of_gyro))
     if log_odds < np.log(settings.unknown / (1 - settings.unknown)):
         return None

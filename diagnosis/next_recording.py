@@ -53,8 +53,17 @@ Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
 AXES = "xyz"
-KNOWN = 10.0  # prior over posterior sigma of a shared number, from which on it is predicted and not projected out
-FORMAT = 1
+
+
+@dataclass(frozen=True)
+class NextRecordingSettings:
+    """Constants of `diagnosis.next_recording`."""
+
+    known: float = 10.0  # prior over posterior sigma of a shared number, from which on it is predicted and not projected out
+    format: int = 1  # of the file of a prediction
+
+
+SETTINGS = NextRecordingSettings()
 
 
 @dataclass(frozen=True)
@@ -120,7 +129,7 @@ class Foretold:
     def to_json(self) -> dict[str, Any]:
         """The document that docs/compare.md describes."""
         return {
-            "format": FORMAT,
+            "format": SETTINGS.format,
             "recordings": list(self.recordings),
             "next": self.following,
             "verdict": self.verdict,
@@ -219,7 +228,7 @@ def compared(
 
 def _judged(model: RecordingModel, found: Conditioned, out: Mask, expected: Array, more: Array) -> Comparison:
     """χ² of the errors of a prediction, whose expectation (s,) and covariance (s, s) the effects add to."""
-    known = found.known > KNOWN
+    known = found.known > SETTINGS.known
     D = found.shared[:, known]
     C = found.noise + (D / (1 + found.known[known] ** 2)) @ D.T + more
     L = np.asarray(np.linalg.cholesky(C))
@@ -301,7 +310,9 @@ def _columns(model: RecordingModel, one: Fitted) -> Array | None:
     effect = EFFECTS[one.effect]
     if one.process:
         covariance, places = process_places(model, effect)
-        return processes.whole(places[AXES.index(str(one.axis))], covariance(one.parameters), processes.WHOLE / one.size**2)
+        return processes.whole(
+            places[AXES.index(str(one.axis))], covariance(one.parameters), processes.SETTINGS.whole / one.size**2
+        )
     if not effect.has_columns:
         return None
     return make_columns(model, effect, one.axis, one.parameters)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -20,8 +21,19 @@ if TYPE_CHECKING:
 
 AXES = "xyz"
 TINY = 1e-300
-FITS = 0.01  # p-value of χ² from which on a calibration says that the residuals fit
-ALIKE = 0.1  # relative, of a noise factor and a ratio of units
+
+
+@dataclass(frozen=True)
+class NoteSettings:
+    """Constants of `diagnosis.notes`."""
+
+    fits: float = 0.01  # p-value of χ² from which on a calibration says that the residuals fit
+    alike: float = 0.1  # relative, of a noise factor and a ratio of units
+
+
+SETTINGS = NoteSettings()
+
+
 MISTAKEN = {  # factors of white noise that a number in another unit makes, by symptom
     "white_noise_level": (
         (1 / 60, "1/60, as of an angle random walk in deg/√h where deg/√s is asked for"),
@@ -46,7 +58,7 @@ def though_it_fits(prepared: Prepared, samples: Sequence[SampleCause], explained
     e, _, taken = compute_innovations(linearised(own.recording, own.G, own.bias, pieces=prepared.pieces))
     chi2, dof = float(np.sum(e**2)), e.size - taken.shape[1]
     p = float(scipy.special.chdtrc(dof, chi2)) if dof > 0 else 0.0
-    if p < FITS:
+    if p < SETTINGS.fits:
         return ()
     why = ["the gyro samples show what is hardly left of them over the time between two references"] if samples else []
     if gap and explained.fitted:
@@ -89,7 +101,7 @@ def of_units(samples: Sequence[SampleCause]) -> Iterator[str]:
     for one in samples:
         off = [(abs(np.log(max(one.symptom.size, TINY) / ratio)), what) for ratio, what in MISTAKEN.get(one.symptom.kind, ())]
         least, what = min(off, default=(np.inf, ""))
-        if one.effect is not None and least < ALIKE:
+        if one.effect is not None and least < SETTINGS.alike:
             yield f"{one.effect} is about {what}: look at the number that is stated, and its unit"
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from diagnosis.answer import Explanations
@@ -13,7 +14,15 @@ from diagnosis.settings import DiagnosisSettings
 if TYPE_CHECKING:
     from diagnosis.explain import Explained
 
-KEPT = 0.999  # of the posterior
+
+@dataclass(frozen=True)
+class PosteriorSettings:
+    """Constants of `diagnosis.posterior`."""
+
+    kept: float = 0.999  # of the posterior
+
+
+SETTINGS = PosteriorSettings()
 
 
 def of_all(samples: Sequence[SampleCause], explained: Explained, gap: bool, settings: DiagnosisSettings) -> Explanations:
@@ -87,6 +96,6 @@ def likeliest(found: Mapping[tuple[str, ...], float]) -> Explanations:
     for labels, probability in sorted(found.items(), key=lambda pair: -pair[1]):
         out.append((labels, probability))
         total += probability
-        if total >= KEPT:
+        if total >= SETTINGS.kept:
             break
     return tuple(out)

@@ -51,20 +51,12 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class RemainderSearchSettings:
-    """Settings of the search beside a remainder.
+    """Settings of the search beside a remainder."""
 
-    Attributes
-    ----------
-    rounds : of remainder and explanation in turn
-    most_effects : in one explanation
-    significant : p-value below which the remainder follows a regressor, all tests counted
-    most_regressors : that are reported
-    """
-
-    rounds: int = 3
-    most_effects: int = 4
-    significant: float = 1e-3
-    most_regressors: int = 4
+    rounds: int = 3  # of remainder and explanation in turn
+    most_effects: int = 4  # in one explanation
+    significant: float = 1e-3  # p-value below which the remainder follows a regressor, all tests counted
+    most_regressors: int = 4  # that are reported
 
 
 SETTINGS = RemainderSearchSettings()

@@ -23,22 +23,13 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class ReplicationSettings:
-    """Settings of the estimates by part.
+    """Settings of the estimates by part."""
 
-    Attributes
-    ----------
-    parts : of a recording at least; intervals are divided until there are as many
-    widest : sigma of a part beyond which it shows nothing, in sigmas of the best part
-    prior : sigma of an amplitude in one part, in units of the prior of the whole
-    significant : sigmas by which the mean over the parts differs from zero
-    heterogeneous : p-value of Q below which it is not one effect of one size
-    """
-
-    parts: int = 6
-    widest: float = 4.0
-    prior: float = 1e3
-    significant: float = 3.0
-    heterogeneous: float = 1e-4
+    parts: int = 6  # of a recording at least; intervals are divided until there are as many
+    widest: float = 4.0  # sigma of a part beyond which it shows nothing, in sigmas of the best part
+    prior: float = 1e3  # sigma of an amplitude in one part, in units of the prior of the whole
+    significant: float = 3.0  # sigmas by which the mean over the parts differs from zero
+    heterogeneous: float = 1e-4  # p-value of Q below which it is not one effect of one size
 
 
 SETTINGS = ReplicationSettings()

@@ -34,49 +34,31 @@ Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 Parts = NDArray[np.int16]  # of a million samples it is megabytes less than usual numbers are
 
-MOST_PARTS = 40  # parts with a rate of their own, the longest ones; others have this number
-
 
 @dataclass(frozen=True)
 class RestSettings:
-    """Settings of the search for rests that read zero.
+    """Settings of the search for rests that read zero."""
 
-    Attributes
-    ----------
-    window_samples, longest_window_s : least samples and longest time of a window
-    slow_window_s : of the means that show how large slow rates usually are
-    resolved : sigmas of a window's mean in the usual slow rate, which make it as long as needed
-    shortest_windows : of a run
-    slow : usual rates, up to which a reading is slow
-    mostly : share of a slow part that reads zero, for it to count as evidence
-    zero : sigmas of a window's mean up to which it may be zero
-    consistent : p-value of a run's windows being zero, at least
-    nonzero : sigmas from which a window's mean is a rate
-    leak : of the usual slow rate, what misalignments leak of the body's rate
-    telling : times `nonzero`, from which on the smallest rate that is read says something of the zone
-    edge_share : quantile of the nonzero means that stands for the smallest rate that is read
-    edge : relative error of a half width from means on the edge
-    most_odds : log odds that are credited
-    zero_window, zero_share : samples, and the share of them that must read exactly zero in a stretch of a zone
-    """
-
+    # least samples and longest time of a window
     window_samples: int = 6
     longest_window_s: float = 60.0
-    slow_window_s: float = 20.0
-    resolved: float = 6.0
-    shortest_windows: int = 4
-    slow: float = 3.0
-    mostly: float = 0.5
-    zero: float = 3.5
-    consistent: float = 1e-3
-    nonzero: float = 6.0
-    leak: float = 0.2
-    telling: float = 1.5
-    edge_share: float = 0.02
-    edge: float = 0.1
-    most_odds: float = 60.0
+    slow_window_s: float = 20.0  # of the means that show how large slow rates usually are
+    resolved: float = 6.0  # sigmas of a window's mean in the usual slow rate, which make it as long as needed
+    shortest_windows: int = 4  # of a run
+    slow: float = 3.0  # usual rates, up to which a reading is slow
+    mostly: float = 0.5  # share of a slow part that reads zero, for it to count as evidence
+    zero: float = 3.5  # sigmas of a window's mean up to which it may be zero
+    consistent: float = 1e-3  # p-value of a run's windows being zero, at least
+    nonzero: float = 6.0  # sigmas from which a window's mean is a rate
+    leak: float = 0.2  # of the usual slow rate, what misalignments leak of the body's rate
+    telling: float = 1.5  # times `nonzero`, from which on the smallest rate that is read says something of the zone
+    edge_share: float = 0.02  # quantile of the nonzero means that stands for the smallest rate that is read
+    edge: float = 0.1  # relative error of a half width from means on the edge
+    most_odds: float = 60.0  # log odds that are credited
+    # samples, and the share of them that must read exactly zero in a stretch of a zone
     zero_window: int = 41
     zero_share: float = 0.05
+    most_parts: int = 40  # parts with a rate of their own, the longest ones; others have this number
 
 
 SETTINGS = RestSettings()
@@ -150,7 +132,7 @@ def number_parts(mask: Mask) -> Parts:
     """Number the runs of a mask (n,) from the longest down, up to `MOST_PARTS`; −1 elsewhere."""
     part = np.full(mask.size, -1, dtype=np.int16)
     for number, (low, high) in enumerate(sorted(runs(mask), key=lambda run: run[0] - run[1])):
-        part[low:high] = min(number, MOST_PARTS)
+        part[low:high] = min(number, SETTINGS.most_parts)
     return part
 
 
@@ -170,7 +152,7 @@ def of_zero_samples(recording: Recording, axis: int, smallest: float, usual: flo
         return None
     # Every zero misses its rate; the longest stretches of them have one of their own, the others share one.
     numbers = number_parts(often)
-    part = np.where(zero, np.where(numbers >= 0, numbers, MOST_PARTS), -1).astype(np.int16)
+    part = np.where(zero, np.where(numbers >= 0, numbers, SETTINGS.most_parts), -1).astype(np.int16)
     return DeadZoneEvidence(axis, part, SETTINGS.most_odds, smallest, True, max(usual, smallest))
 
 

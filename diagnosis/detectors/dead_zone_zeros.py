@@ -6,6 +6,8 @@ stops reads zero in one stretch, and a rate goes in and out of a zone.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 import scipy.ndimage
 from numpy.typing import NDArray
@@ -16,11 +18,21 @@ from diagnosis.detectors.report import AXES, IMPOSSIBLE, Findings, SampleTest, S
 
 Mask = NDArray[np.bool_]
 
-FEWEST_STRETCHES = 3  # of zeros, in a dead zone
-FIRST = 3.0  # steps of a number format, within which the smallest readings beside its zeros lie
-OF_NOISE = 0.01  # noise sigmas, within which readings are as good as zero
-SMALLEST, NEXT = 3, 30  # readings that are not zero: the smallest show the edge, and the next ones how dense they are there
-BESIDE = 10  # samples beside a zero that are left out of other tests
+
+@dataclass(frozen=True)
+class DeadZoneZeroSettings:
+    """Constants of `diagnosis.detectors.dead_zone_zeros`."""
+
+    fewest_stretches: int = 3  # of zeros, in a dead zone
+    first: float = 3.0  # steps of a number format, within which the smallest readings beside its zeros lie
+    of_noise: float = 0.01  # noise sigmas, within which readings are as good as zero
+    # readings that are not zero: the smallest show the edge, and the next ones how dense they are there
+    smallest: int = 3
+    next: int = 30
+    beside: int = 10  # samples beside a zero that are left out of other tests
+
+
+SETTINGS = DeadZoneZeroSettings()
 
 
 def find_zeros(stream: Stream, formats: NumberFormats) -> tuple[Findings, Mask]:
@@ -29,14 +41,14 @@ def find_zeros(stream: Stream, formats: NumberFormats) -> tuple[Findings, Mask]:
     for axis in np.flatnonzero(~formats.coarse):
         zero = (stream.recording.gyro.rates[:, axis] == 0.0) & stream.used
         sizes = np.sort(np.abs(stream.recording.gyro.rates[stream.used & ~zero, axis]))
-        smallest = float(sizes[:SMALLEST].mean()) if sizes.size else 0.0
-        is_away = smallest > max(OF_NOISE * stream.sigma, FIRST * float(formats.steps[axis]))
-        zone = is_away and sizes.size > NEXT and len(runs(zero)) >= FEWEST_STRETCHES
+        smallest = float(sizes[: SETTINGS.smallest].mean()) if sizes.size else 0.0
+        is_away = smallest > max(SETTINGS.of_noise * stream.sigma, SETTINGS.first * float(formats.steps[axis]))
+        zone = is_away and sizes.size > SETTINGS.next and len(runs(zero)) >= SETTINGS.fewest_stretches
         p, text = IMPOSSIBLE if zone else 1.0, f"{int(zero.sum())} samples read exactly zero"
         tests.append(SampleTest("zero_samples", AXES[axis], int(zero.sum()), 0.0, p, "dead_zone", text))
         if zone:
-            near |= scipy.ndimage.binary_dilation(zero, iterations=BESIDE)
-            spacing = max(float(sizes[SMALLEST:NEXT].mean()) - smallest, 1e-3 * smallest)
+            near |= scipy.ndimage.binary_dilation(zero, iterations=SETTINGS.beside)
+            spacing = max(float(sizes[SETTINGS.smallest : SETTINGS.next].mean()) - smallest, 1e-3 * smallest)
             size, sigma = float(np.rad2deg(smallest)), float(np.rad2deg(spacing))
             symptoms.append(Symptom("dead_zone", AXES[axis], size, "deg/s", sigma, {}, IMPOSSIBLE))
     return Findings(tuple(tests), tuple(symptoms)), near

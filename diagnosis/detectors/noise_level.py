@@ -20,12 +20,8 @@ from numpy.typing import NDArray
 from scipy.special import expit
 
 from diagnosis.detectors.noise_blocks import (
-    BLOCK,
-    MOVING,
     OF_MOTION,
-    ORDER,
     READ_OUT,
-    SHOWING,
     WHITE,
     by_calm,
     fitted,
@@ -36,30 +32,21 @@ from diagnosis.detectors.noise_blocks import (
     samples_of,
     smooth_errors,
 )
+from diagnosis.detectors.noise_blocks import SETTINGS as NOISE_BLOCKS
 
 Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
 class NoiseSettings:
-    """Settings of the noise of one gyro.
+    """Settings of the noise of one gyro."""
 
-    Attributes
-    ----------
-    calm_shares : of the blocks that are tried, the calmest ones
-    fewest_blocks : below which nothing is said
-    same : sigmas between blocks that pass zero and the rest, up to which they show one level
-    fits : p-value from which on noise is explained
-    undecided : difference of χ² up to which the worse of white and readout noise is possible, too
-    clear : sigmas of white and of readout noise, where both are needed
-    """
-
-    calm_shares: tuple[float, ...] = (1.0, 0.9, 0.75, 0.5, 0.35, 0.25)
-    fewest_blocks: int = 12
-    same: float = 2.0
-    fits: float = 1e-3
-    undecided: float = 8.0
-    clear: float = 4.0
+    calm_shares: tuple[float, ...] = (1.0, 0.9, 0.75, 0.5, 0.35, 0.25)  # of the blocks that are tried, the calmest ones
+    fewest_blocks: int = 12  # below which nothing is said
+    same: float = 2.0  # sigmas between blocks that pass zero and the rest, up to which they show one level
+    fits: float = 1e-3  # p-value from which on noise is explained
+    undecided: float = 8.0  # difference of χ² up to which the worse of white and readout noise is possible, too
+    clear: float = 4.0  # sigmas of white and of readout noise, where both are needed
 
 
 SETTINGS = NoiseSettings()
@@ -123,7 +110,7 @@ def fit_noise_level(x: Array, arcs: list[tuple[int, int]], expected: float) -> N
     expected : variance of a sample's noise as stated, (rad/s)²
     """
     samples = samples_of([x[low:high] for low, high in arcs])
-    blocks = np.diff(samples, ORDER, axis=1) @ WHITE.T
+    blocks = np.diff(samples, NOISE_BLOCKS.order, axis=1) @ WHITE.T
     # Spikes that are too small to be repaired beside the motion are no level.
     single = ~has_spike(blocks)
     samples, blocks = samples[single], blocks[single]
@@ -136,7 +123,7 @@ def fit_noise_level(x: Array, arcs: list[tuple[int, int]], expected: float) -> N
         chosen = np.sort(order[: int(share * order.size)])
         if chosen.size < SETTINGS.fewest_blocks:
             break
-        found = _fit_blocks(blocks[chosen, :SHOWING], expected)
+        found = _fit_blocks(blocks[chosen, : NOISE_BLOCKS.showing], expected)
         if found is not None and found.still:
             return found
         moving += [found] if found is not None else []
@@ -150,7 +137,7 @@ def _are_one(some: Array, rest: Array) -> bool:
         chosen = by_calm(blocks)
         if chosen.size < SETTINGS.fewest_blocks:
             return rest.size < some.size
-        fit = fitted(powers_of(blocks[chosen, :SHOWING]), chosen.size)
+        fit = fitted(powers_of(blocks[chosen, : NOISE_BLOCKS.showing]), chosen.size)
         levels.append((fit.white, fit.sigma))
     (one, error), (other, other_error) = levels
     return bool(abs(one - other) < SETTINGS.same * np.hypot(error, other_error))
@@ -164,14 +151,15 @@ def _fit_blocks(blocks: Array, expected: float) -> NoiseLevel | None:
     fit = fitted(powers / expected, count)
     readout = fit_readout(powers, smooth_errors(powers, count), expected)
     explained = fit.fits or (fit.still and readout is not None and readout.probability >= 0.5)
-    if not explained or fit.white <= 0 or not is_even(blocks[:, : BLOCK // 2] / np.sqrt(powers[: BLOCK // 2])):
+    half = NOISE_BLOCKS.samples // 2
+    if not explained or fit.white <= 0 or not is_even(blocks[:, :half] / np.sqrt(powers[:half])):
         return None
     variance = expected * fit.white
     sigma = expected * (fit.sigma if fit.still else float(np.hypot(fit.sigma, fit.motion)))
     p = compute_p_of_level(variance, sigma, expected)
     if not fit.still:
         return NoiseLevel(variance, sigma, p, None, powers, count, still=False)
-    free = SHOWING * count
+    free = NOISE_BLOCKS.showing * count
     rising = float(scipy.special.chdtrc(free, free + fit.rise * np.sqrt(2 * free)))
     return NoiseLevel(variance, sigma, min(1.0, 2 * min(p, rising)), readout, powers, count, still=True)
 
@@ -213,6 +201,6 @@ def _fit_parts(seen: Array, errors: Array, parts: list[Array]) -> tuple[Array, A
         design = np.column_stack(columns) / errors[:, None]
         covariance = np.linalg.inv(design.T @ design)
         found, sigmas = covariance @ design.T @ seen, np.sqrt(np.diag(covariance))
-        if found[-1] > MOVING * sigmas[-1]:
+        if found[-1] > NOISE_BLOCKS.moving * sigmas[-1]:
             break
     return found[: len(parts)], sigmas[: len(parts)], float(np.sum((seen - design @ found) ** 2))

@@ -38,39 +38,25 @@ FORMATS: tuple[Kind, Kind] = ("rounded", "cut")
 
 @dataclass(frozen=True)
 class FormatSettings:
-    """Settings of the number formats.
+    """Settings of the number formats."""
 
-    Attributes
-    ----------
-    block, degree : readings of a block, and degree of its mean
-    loud : root mean square of a block's residuals over the noise, above which the polynomial misses its motion
-    most_blocks : of one axis, evenly chosen
-    rounds : of expectation maximisation
-    least_sigma : of a block, steps
-    dithered : noise in steps, from which on a rest reaches more bins than one
-    shifts : of the mean over which a block is integrated, steps
-    same : relative difference of the steps of one converter
-    coarse : a lattice finer than this share of the noise is a number format: its rounding has 0.3 % of the power
-    worth : sigmas of the angle random walk over all samples, that half steps must turn by for a finer lattice to matter
-    decided : log odds from which on the references are not compared, and a finer lattice matters
-    possible : probability of the other number format, from which on it is reported
-    hidden : share of an interval in which a lattice hides the rate, from which on the gyro is blind there
-    """
-
+    # readings of a block, and degree of its mean
     block: int = 16
     degree: int = 3
-    loud: float = 1.6
-    most_blocks: int = 1000
-    rounds: int = 25
-    least_sigma: float = 0.05
-    dithered: float = 0.4
+    loud: float = 1.6  # root mean square of a block's residuals over the noise, above which the polynomial misses its motion
+    most_blocks: int = 1000  # of one axis, evenly chosen
+    rounds: int = 25  # of expectation maximisation
+    least_sigma: float = 0.05  # of a block, steps
+    dithered: float = 0.4  # noise in steps, from which on a rest reaches more bins than one
+    # of the mean over which a block is integrated, steps
     shifts: tuple[float, ...] = tuple(np.linspace(-2.0, 2.0, 33).tolist())
-    same: float = 0.01
-    coarse: float = 0.2
+    same: float = 0.01  # relative difference of the steps of one converter
+    coarse: float = 0.2  # a lattice finer than this share of the noise is a number format: its rounding has 0.3 % of the power
+    # sigmas of the angle random walk over all samples, that half steps must turn by for a finer lattice to matter
     worth: float = 3.0
-    decided: float = 8.0
-    possible: float = 0.05
-    hidden: float = 0.1
+    decided: float = 8.0  # log odds from which on the references are not compared, and a finer lattice matters
+    possible: float = 0.05  # probability of the other number format, from which on it is reported
+    hidden: float = 0.1  # share of an interval in which a lattice hides the rate, from which on the gyro is blind there
 
 
 SETTINGS = FormatSettings()

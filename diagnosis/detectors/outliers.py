@@ -37,39 +37,24 @@ BETWEEN = np.array([1.0, -6.0, 15.0, 0.0, 15.0, -6.0, 1.0]) / 20  # of a quintic
 
 @dataclass(frozen=True)
 class OutlierSettings:
-    """Settings of the outliers.
+    """Settings of the outliers."""
 
-    Attributes
-    ----------
-    limit : noise sigmas of an outlier; one sample in 5e8 under M0
-    side : samples to either side that tell a spike from a step
-    clearly : squared sigmas by which a spike fits better
-    explained : p-value of what it leaves of the readings around, at least: a jolt rings on
-    least_power : of the deviations, at a frequency that the motion fills
-    fewest_fitted, most_fitted : readings that tell the weights of those around them
-    nearby : readings over which the size of their usual error is taken
-    resting : share of the samples in which the body rests, below which all are taken as a motion
-    alike : of the steps and bends of a motion, which may pass for spikes: a body that is jolted all the time has hundreds
-    as_high : of the usual spike
-    few : outliers, of which heights show no law
-    many : of which the scatter of heights shows whether they are exponential
-    all_alike : mean smallest heights of exponential outliers, up to which that of some may be one
-    """
-
-    limit: float = 6.0
-    side: int = 6
-    clearly: float = 4.0
-    explained: float = 1e-3
-    least_power: float = 1e-3
+    limit: float = 6.0  # noise sigmas of an outlier; one sample in 5e8 under M0
+    side: int = 6  # samples to either side that tell a spike from a step
+    clearly: float = 4.0  # squared sigmas by which a spike fits better
+    explained: float = 1e-3  # p-value of what it leaves of the readings around, at least: a jolt rings on
+    least_power: float = 1e-3  # of the deviations, at a frequency that the motion fills
+    # readings that tell the weights of those around them
     fewest_fitted: int = 300
     most_fitted: int = 200_000
-    nearby: int = 101
-    resting: float = 0.3
+    nearby: int = 101  # readings over which the size of their usual error is taken
+    resting: float = 0.3  # share of the samples in which the body rests, below which all are taken as a motion
+    # of the steps and bends of a motion, which may pass for spikes: a body that is jolted all the time has hundreds
     alike: float = 0.03
-    as_high: float = 0.4
-    few: int = 5
-    many: int = 25
-    all_alike: float = 3.0
+    as_high: float = 0.4  # of the usual spike
+    few: int = 5  # outliers, of which heights show no law
+    many: int = 25  # of which the scatter of heights shows whether they are exponential
+    all_alike: float = 3.0  # mean smallest heights of exponential outliers, up to which that of some may be one
 
 
 SETTINGS = OutlierSettings()

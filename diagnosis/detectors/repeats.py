@@ -37,39 +37,24 @@ Mask = NDArray[np.bool_]
 
 @dataclass(frozen=True)
 class RepeatSettings:
-    """Settings of the test.
+    """Settings of the test."""
 
-    Attributes
-    ----------
-    nearby : samples of a stretch of time in which the share of repeats is taken; short beside an orbit
-    alike : of these, samples with nearly the same change of rate, over which it is taken
-    fewest_alike : samples among these that do not repeat on all axes, below which chance may repeat all
-    side : samples on either side of a repeat that are left out where the change of rate is taken
-    least_chance : probability by chance on a number format, below which no estimate from so few samples goes
-    alone : share of samples that repeat on one axis only, from which on repeats by chance are possible at all
-    most_chance : the same, above which it is not certain either
-    tied : gain of the log likelihood by a common probability of two axes, from which on these are not independent; odds of 2e4
-    rough : sigma of the number of repeats by chance, relative to it; it is off by 8 % on swaying bodies and coarse lattices
-    most : share of all samples that repeat by chance, above which faults cannot be told
-    fewest : samples, below which nothing is said
-    sure : probability of a fault from which on a sample is bridged
-    longest_period : samples, of a period in the times of faults; the longest usual packet
-    fewest_runs, most_runs : runs of faults whose times are tested, at least and at most
-    """
-
-    nearby: int = 1500
-    alike: int = 101
-    fewest_alike: int = 10
-    side: int = 2
-    least_chance: float = 1e-3
-    alone: float = 1e-3
-    most_chance: float = 0.99
+    nearby: int = 1500  # samples of a stretch of time in which the share of repeats is taken; short beside an orbit
+    alike: int = 101  # of these, samples with nearly the same change of rate, over which it is taken
+    fewest_alike: int = 10  # samples among these that do not repeat on all axes, below which chance may repeat all
+    side: int = 2  # samples on either side of a repeat that are left out where the change of rate is taken
+    least_chance: float = 1e-3  # probability by chance on a number format, below which no estimate from so few samples goes
+    alone: float = 1e-3  # share of samples that repeat on one axis only, from which on repeats by chance are possible at all
+    most_chance: float = 0.99  # the same, above which it is not certain either
+    # gain of the log likelihood by a common probability of two axes, from which on these are not independent; odds of 2e4
     tied: float = 10.0
+    # sigma of the number of repeats by chance, relative to it; it is off by 8 % on swaying bodies and coarse lattices
     rough: float = 0.1
-    most: float = 0.5
-    fewest: int = 500
-    sure: float = 0.9
-    longest_period: int = 64
+    most: float = 0.5  # share of all samples that repeat by chance, above which faults cannot be told
+    fewest: int = 500  # samples, below which nothing is said
+    sure: float = 0.9  # probability of a fault from which on a sample is bridged
+    longest_period: int = 64  # samples, of a period in the times of faults; the longest usual packet
+    # runs of faults whose times are tested, at least and at most
     fewest_runs: int = 8
     most_runs: int = 2000
 

@@ -28,36 +28,24 @@ Mask = NDArray[np.bool_]
 
 @dataclass(frozen=True)
 class SampleNoiseSettings:
-    """Settings of the noise of the samples.
+    """Settings of the noise of the samples."""
 
-    Attributes
-    ----------
-    half : samples on either side of one in the test for quiet
-    moving : sigmas of the change of the mean that count as visible; a slew's are hundreds, those of a vibration a few
-    order : of the differences that show the noise of a sample robustly
-    fewest : differences, below which those of samples that were not measured count as well
-    resolved : variance of the samples in squares of a lattice's step, below which it may be that of a few readings
-    dithered : noise sigmas in a step, up to which rounding adds uniform noise, to 1e-3 of the variance (Widrow, 1956)
-    slack : departure of the noise factor that rounding to a few sigmas makes by itself
-    elsewhere : share of too much power beside any one band of the spectrum, from which on it is noise of another level
-    least_error : of a noise factor that is compared with others
-    one_factor : χ² of three noise factors with one mean, below which they are one: a chance of 1e-3
-    off_zero : sigmas from zero, from which on cutting toward zero is rounding down
-    possible : probability from which on the other kind of noise is an alternative
-    """
-
-    half: int = 20
+    half: int = 20  # samples on either side of one in the test for quiet
+    # sigmas of the change of the mean that count as visible; a slew's are hundreds, those of a vibration a few
     moving: float = 20.0
-    order: int = 6
-    fewest: int = 200
+    order: int = 6  # of the differences that show the noise of a sample robustly
+    fewest: int = 200  # differences, below which those of samples that were not measured count as well
+    # variance of the samples in squares of a lattice's step, below which it may be that of a few readings
     resolved: float = 0.34
+    # noise sigmas in a step, up to which rounding adds uniform noise, to 1e-3 of the variance (Widrow, 1956)
     dithered: float = 1.5
-    slack: float = 0.1
+    slack: float = 0.1  # departure of the noise factor that rounding to a few sigmas makes by itself
+    # share of too much power beside any one band of the spectrum, from which on it is noise of another level
     elsewhere: float = 0.3
-    least_error: float = 0.01
-    one_factor: float = 14.0
-    off_zero: float = 5.0
-    possible: float = 0.02
+    least_error: float = 0.01  # of a noise factor that is compared with others
+    one_factor: float = 14.0  # χ² of three noise factors with one mean, below which they are one: a chance of 1e-3
+    off_zero: float = 5.0  # sigmas from zero, from which on cutting toward zero is rounding down
+    possible: float = 0.02  # probability from which on the other kind of noise is an alternative
 
 
 SETTINGS = SampleNoiseSettings()

@@ -32,7 +32,15 @@ from simulator.effects.recorded import interval_slices
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
-HIDING = 2.0  # noise sigmas in a step, above which a lattice hides slow motion
+
+@dataclass(frozen=True)
+class SampleSettings:
+    """Constants of `diagnosis.detectors.samples`."""
+
+    hiding: float = 2.0  # noise sigmas in a step, above which a lattice hides slow motion
+
+
+SETTINGS = SampleSettings()
 
 
 def examine(
@@ -71,7 +79,7 @@ def examine(
         noise=stream.sigma * np.array(noisy.factor),
         smooth=smoothed_rates(noisy.stream.rates, recording, within(tell, 0.8, 1)),
         hidden=np.array(noisy.hidden),
-        lattice=formats.steps > HIDING * stream.sigma,
+        lattice=formats.steps > SETTINGS.hiding * stream.sigma,
         zones=noisy.zones,
         lines=noisy.lines,
         cut_odds=formats.cut_odds,
@@ -113,7 +121,7 @@ def _examine_noise(stream: Stream, formats: NumberFormats, clipped: Mask, settin
     still = stream.used & quiet(stream.rates, local, within(tell, 0.2, 0.25))
     steps = np.where(coarse, formats.steps, 0.0)
     outliers, stream = find_outliers(stream, still, local, steps, event_p, within(tell, 0.25, 0.3))
-    lines, tests = find_lines(stream, still, formats.steps > HIDING * sigma, settings.line, within(tell, 0.3, 0.65))
+    lines, tests = find_lines(stream, still, formats.steps > SETTINGS.hiding * sigma, settings.line, within(tell, 0.3, 0.65))
     noise = measure_noise(stream, clipped, formats, lines, event_p, within(tell, 0.65, 0.8))
     stream, hidden = undo_lattices(replace(stream, density=stream.density * noise.density), formats)
     found = outliers, tests, noise.findings, zeros

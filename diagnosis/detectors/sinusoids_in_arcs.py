@@ -25,35 +25,23 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class SinusoidSettings:
-    """Constants that decide on a sinusoid in the samples.
+    """Constants that decide on a sinusoid in the samples."""
 
-    Attributes
-    ----------
-    smoothing_cycles : lengths of the local polynomial, in cycles; the one that leaves the sinusoid whole is taken
-    degree : of the polynomial
-    sudden : robust sigmas beyond which a sample does not count: what jolts leave
-    frequencies_per_sample : independent frequencies of a fit; oversampling finds twice the Fourier frequencies
-    clear : sigmas of the amplitude below which there is no line
-    beside : resolutions of an arc from the sinusoid, at which the level of the noise is taken
-    nearby : share of the frequency within which that is
-    part_cycles, part_chi2 : least cycles and χ² of a part in which the amplitude is compared: enough to tell it from zero
-    most_parts : of an arc
-    tolerance : relative change of the amplitude that a constant one may have: what the background takes of it
-    undisturbed : share of the parts that no motion disturbs
-    """
-
+    # lengths of the local polynomial, in cycles; the one that leaves the sinusoid whole is taken
     smoothing_cycles: tuple[float, ...] = (4, 4.5, 5, 5.5, 6, 7, 8, 9, 10)
-    degree: int = 6
-    sudden: float = 6.0
-    frequencies_per_sample: float = 2.0
-    clear: float = 5.0
+    degree: int = 6  # of the polynomial
+    sudden: float = 6.0  # robust sigmas beyond which a sample does not count: what jolts leave
+    frequencies_per_sample: float = 2.0  # independent frequencies of a fit; oversampling finds twice the Fourier frequencies
+    clear: float = 5.0  # sigmas of the amplitude below which there is no line
+    # resolutions of an arc from the sinusoid, at which the level of the noise is taken
     beside: tuple[int, ...] = tuple(range(3, 11))
-    nearby: float = 0.25
+    nearby: float = 0.25  # share of the frequency within which that is
+    # least cycles and χ² of a part in which the amplitude is compared: enough to tell it from zero
     part_cycles: float = 12.0
     part_chi2: float = 25.0
-    most_parts: int = 8
-    tolerance: float = 0.1
-    undisturbed: float = 0.75
+    most_parts: int = 8  # of an arc
+    tolerance: float = 0.1  # relative change of the amplitude that a constant one may have: what the background takes of it
+    undisturbed: float = 0.75  # share of the parts that no motion disturbs
 
 
 SETTINGS = SinusoidSettings()

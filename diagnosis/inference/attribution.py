@@ -38,10 +38,20 @@ from diagnosis.inference.search import NOTHING, Explanation, total
 from diagnosis.model.linear import LinearModel, Member
 from diagnosis.settings import DEFAULT, DiagnosisSettings
 
-LEAST = 1e-300  # p-value, below which the factor is that of this one
-CERTAIN = 1e-4  # −log of a p-value, below which the factor is its series
-WORTH_A_CHECK = 0.02  # share of the listed explanations' probability, from which on one of them is checked
-MOST_CHECKED = 5  # of these
+
+@dataclass(frozen=True)
+class AttributionSettings:
+    """Constants of `diagnosis.inference.attribution`."""
+
+    least: float = 1e-300  # p-value, below which the factor is that of this one
+    certain: float = 1e-4  # −log of a p-value, below which the factor is its series
+    worth_a_check: float = 0.02  # share of the listed explanations' probability, from which on one of them is checked
+    most_checked: int = 5  # of these
+
+
+SETTINGS = AttributionSettings()
+
+
 REMAINDER = "a remainder"  # in explanations
 
 
@@ -232,8 +242,8 @@ def _rank_unlisted(attribution: Attribution, own: Sequence[float], alone: float)
 
 def against(p_value: float) -> float:
     """Bayes factor 1/B for a model against what its checks may see, of their p-value; two at most."""
-    x = -math.log(min(max(p_value, LEAST), 1.0))
-    return 1 / (0.5 + x / 6) if x < CERTAIN else x**2 / (math.expm1(x) - x)
+    x = -math.log(min(max(p_value, SETTINGS.least), 1.0))
+    return 1 / (0.5 + x / 6) if x < SETTINGS.certain else x**2 / (math.expm1(x) - x)
 
 
 def averaged_check(
@@ -243,7 +253,7 @@ def averaged_check(
     entries = [one for one in explanations if one.members and listed(one)]
     norm = total(entries)
     weighed = [(float(np.exp(one.log_posterior - norm)), one) for one in entries]
-    kept = [(weight, one) for weight, one in weighed if weight > WORTH_A_CHECK][:MOST_CHECKED]
+    kept = [(weight, one) for weight, one in weighed if weight > SETTINGS.worth_a_check][: SETTINGS.most_checked]
     return sum(weight * check(one) for weight, one in kept) / sum(weight for weight, _ in kept)
 
 

@@ -19,12 +19,23 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
 
 Posterior = Sequence[tuple[Sequence[str], float]]
 
 UNKNOWN, NONE = "unknown", "none"
-MISSING = 1.0  # score of an explanation that the posterior does not hold
-COVERED, CONFIDENCE = 0.9, 0.95
+
+
+@dataclass(frozen=True)
+class ConformalSettings:
+    """Constants of `diagnosis.inference.conformal`."""
+
+    missing: float = 1.0  # score of an explanation that the posterior does not hold
+    covered: float = 0.9  # probability that a set holds the truth
+    confidence: float = 0.95  # that its coverage is at least that; a convention
+
+
+SETTINGS = ConformalSettings()
 
 
 def name_of(labels: Iterable[str]) -> str:
@@ -34,24 +45,24 @@ def name_of(labels: Iterable[str]) -> str:
 
 def scores(posterior: Posterior) -> dict[str, float]:
     """Score of each explanation of a posterior, by its name; ``unknown`` is always among them."""
-    most = max((probability for _, probability in posterior), default=MISSING)
+    most = max((probability for _, probability in posterior), default=SETTINGS.missing)
     out: dict[str, float] = {}
     for labels, probability in sorted(posterior, key=lambda pair: -pair[1]):
         out.setdefault(name_of(labels), 1 - probability / most)
-    out.setdefault(UNKNOWN, MISSING)
+    out.setdefault(UNKNOWN, SETTINGS.missing)
     return out
 
 
 def score(posterior: Posterior, truth: Iterable[str]) -> float:
     """Score of the truth."""
-    return scores(posterior).get(name_of(truth), MISSING)
+    return scores(posterior).get(name_of(truth), SETTINGS.missing)
 
 
-def threshold(truths: Sequence[float], level: float = COVERED) -> float:
+def threshold(truths: Sequence[float], level: float = SETTINGS.covered) -> float:
     """The threshold τ from the scores of the truth of n recordings; infinite where they are too few."""
     import scipy.stats  # late: it takes half a second to import, and a diagnosis does without
 
-    rank = int(scipy.stats.binom.ppf(CONFIDENCE, len(truths), level)) + 1
+    rank = int(scipy.stats.binom.ppf(SETTINGS.confidence, len(truths), level)) + 1
     return sorted(truths)[rank - 1] if rank <= len(truths) else math.inf
 
 

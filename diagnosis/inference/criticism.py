@@ -34,31 +34,24 @@ Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
 
 TINY = 1e-300  # least p-value
-POWER = 2 / 3  # of |e| in the test of the scatter
-MEAN = 2 ** (POWER / 2) * scipy.special.gamma((POWER + 1) / 2) / np.sqrt(np.pi)  # of |z|^POWER, z normal
-VARIANCE = 2**POWER * scipy.special.gamma(POWER + 0.5) / np.sqrt(np.pi) - MEAN**2
 
 
 @dataclass(frozen=True)
 class CriticismSettings:
-    """Settings of the tests.
+    """Settings of the tests."""
 
-    Attributes
-    ----------
-    fewest : degrees of freedom below which the approximate p-values do not hold and nothing is tested
-    lags : of the correlation in time
-    shown : share of its variance that an innovation keeps beside the nuisance parameters, from which on its size counts; that
-        of a regressor is the same
-    draws : of a random process
-    """
-
-    fewest: int = 30
-    lags: int = 6
+    fewest: int = 30  # degrees of freedom below which the approximate p-values do not hold and nothing is tested
+    lags: int = 6  # of the correlation in time
+    # share of its variance that an innovation keeps beside the nuisance parameters, from which on its size counts; that of a
+    # regressor is the same
     shown: float = 0.1
-    draws: int = 500
+    draws: int = 500  # of a random process
+    power: float = 2 / 3  # of |e| in the test of the scatter
 
 
 DEFAULT = CriticismSettings()
+MEAN = 2 ** (DEFAULT.power / 2) * scipy.special.gamma((DEFAULT.power + 1) / 2) / np.sqrt(np.pi)  # of |z|^POWER, z normal
+VARIANCE = 2**DEFAULT.power * scipy.special.gamma(DEFAULT.power + 0.5) / np.sqrt(np.pi) - MEAN**2
 
 
 @dataclass(frozen=True)
@@ -150,7 +143,7 @@ def check_innovations(found: Innovations, layout: Layout) -> Iterator[Check]:
     yield _test_correlation(found, layout.interval)
     seen = found.kept > DEFAULT.shown
     standard = found.e / np.sqrt(np.where(seen, found.kept, 1.0))
-    yield _test_scatter(np.where(seen, (np.abs(standard) ** POWER - MEAN) / np.sqrt(VARIANCE), 0.0), layout)
+    yield _test_scatter(np.where(seen, (np.abs(standard) ** DEFAULT.power - MEAN) / np.sqrt(VARIANCE), 0.0), layout)
     kurtosis, p = compute_kurtosis(standard[seen])
     yield _build_check("shape", kurtosis, 3.0, p)
 

@@ -23,6 +23,8 @@ A shift o, which has the amplitude one wherever its group is at work, takes y to
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import lapack
@@ -30,7 +32,17 @@ from scipy.special import log_ndtr
 
 Array = NDArray[np.float64]
 
-MANY = 48  # columns from which on they are not turned to their eigenvectors
+
+@dataclass(frozen=True)
+class EvidenceSettings:
+    """Constants of `diagnosis.inference.evidence`."""
+
+    many: int = 48  # columns from which on they are not turned to their eigenvectors
+
+
+SETTINGS = EvidenceSettings()
+
+
 BLOCK = 64  # of columns that LAPACK works on together
 
 
@@ -52,7 +64,7 @@ def log_bayes(gram: Array, correlation: Array, scales: Array, positive: bool = F
     if shifted:
         gram, correlation, known = unshifted(gram, correlation)
         return known[:, None] + log_bayes(gram, correlation, scales, positive)
-    if correlation.ndim == 2 and gram.shape[1] >= MANY:
+    if correlation.ndim == 2 and gram.shape[1] >= SETTINGS.many:
         found = [_of_many(own, along, scales) for own, along in zip(gram, correlation, strict=True)]
         if np.isfinite(found).all():
             return np.array(found)

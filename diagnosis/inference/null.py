@@ -16,6 +16,7 @@ noise about the true motion.
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,7 +29,16 @@ Array = NDArray[np.float64]
 
 TINY = 1e-300
 AT_ONCE = 250  # draws
-ENOUGH = 20  # draws beyond what was observed, after which no more are made
+
+
+@dataclass(frozen=True)
+class NullSettings:
+    """Constants of `diagnosis.inference.null`."""
+
+    enough: int = 20  # draws beyond what was observed, after which no more are made
+
+
+SETTINGS = NullSettings()
 
 
 def p_value(
@@ -57,7 +67,7 @@ def p_value(
     if bound * (1 + draws) < 1:
         return _with_scanned(search, bound, scanned_share)
     null = null_draws(search, seed, draws, tell, observed)
-    usual = ENOUGH / null.size if null.size < draws else _simulated(observed, null)
+    usual = SETTINGS.enough / null.size if null.size < draws else _simulated(observed, null)
     return _with_scanned(search, usual, scanned_share)
 
 
@@ -80,8 +90,8 @@ def null_draws(
         tell(k / draws)
         found = np.append(found, search.null_statistic(search.model.X.T @ noise[:, k : k + AT_ONCE]))
         beyond = np.flatnonzero(found >= observed)
-        if beyond.size >= ENOUGH:
-            return np.asarray(found[: beyond[ENOUGH - 1] + 1])
+        if beyond.size >= SETTINGS.enough:
+            return np.asarray(found[: beyond[SETTINGS.enough - 1] + 1])
     return found
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -11,10 +11,18 @@ from diagnosis.inference.search import Explanation, Score, Search
 from diagnosis.model.linear import LinearModel, Member, Wanted
 from diagnosis.settings import DiagnosisSettings
 
-NEARLY = 0.25  # of a member's log evidence, from which on another effect in its place may be it with finer options
-MOST_BESIDE = 6  # of these
-REACH = 12.0  # log evidence below the best process, down to which another may be likelier with finer options
-REFINED = 3  # of the likeliest explanations, around whose members options are made finer
+
+@dataclass(frozen=True)
+class RefinementSettings:
+    """Constants of `diagnosis.inference.refinement`."""
+
+    nearly: float = 0.25  # of a member's log evidence, from which on another effect in its place may be it with finer options
+    most_beside: int = 6  # of these
+    reach: float = 12.0  # log evidence below the best process, down to which another may be likelier with finer options
+    refined: int = 3  # of the likeliest explanations, around whose members options are made finer
+
+
+SETTINGS = RefinementSettings()
 
 
 def explained_finely(
@@ -27,8 +35,8 @@ def explained_finely(
     process would explain.
     """
     found = search.explanations()
-    moments = search.model.moments(search.model, _wanted(search, found[:REFINED]))
-    likely = found[:REFINED]
+    moments = search.model.moments(search.model, _wanted(search, found[: SETTINGS.refined]))
+    likely = found[: SETTINGS.refined]
     places = [member for explanation in likely for member in explanation.members]
     places += beside(search, found[0]) if found else []
     places = [member for member in places if not search.model.candidate(member).process]
@@ -66,7 +74,7 @@ def whole_processes(model: LinearModel, likely: Sequence[Explanation]) -> list[M
     spots = []
     for scored in found.values():
         top = max((best for best, _ in scored), default=0.0)
-        spots += [member for best, member in scored if best > top - REACH]
+        spots += [member for best, member in scored if best > top - SETTINGS.reach]
     return list({(member.candidate, member.option): member for member in spots}.values())
 
 
@@ -94,7 +102,7 @@ def _wanted(search: Search, found: Sequence[Explanation]) -> list[Wanted]:
     for explanation in found:
         for member in explanation.members:
             others = _others(explanation, member)
-            least = NEARLY * search.score(member.candidate, others).best
+            least = SETTINGS.nearly * search.score(member.candidate, others).best
             wanted.setdefault(frozenset(others), (others, least))
     return list(wanted.values())
 
@@ -114,8 +122,10 @@ def beside(search: Search, best: Explanation) -> list[Member]:
                 continue
             score = search.score(number, others)
             share = score.best / own if own > 0 else 0.0
-            if share > max(NEARLY, found.get(number, (0.0, member))[0]):
+            if share > max(SETTINGS.nearly, found.get(number, (0.0, member))[0]):
                 found[number] = share, Member(number, score.option, score.scale)
     ranked = [member for _, member in sorted(found.values(), key=lambda one: -one[0])]
     alone = {member: len(search.model.candidate(member).options) == 1 for member in ranked}
-    return [member for kind in (False, True) for member in [one for one in ranked if alone[one] is kind][:MOST_BESIDE]]
+    return [
+        member for kind in (False, True) for member in [one for one in ranked if alone[one] is kind][: SETTINGS.most_beside]
+    ]

@@ -22,13 +22,21 @@ from diagnosis.settings import DEFAULT, DiagnosisSettings
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
 
-CHILDREN = 12  # extensions of a set by one more candidate whose options and scales are optimised
-SWEEPS = 2  # over the members of a set, each moved to its best with the others held
-EXCHANGES = 4  # rounds in which members of the best set are exchanged for other candidates
-EXCHANGED_FOR = 4  # candidates that are optimised in the place of each member
-THINNED = 4  # best sets of which every subset with one member fewer is evaluated too
-SCREEN_COLUMNS = 24  # strongest columns of a random process, with which it is screened
-HOPELESS = 6.0  # by how much the log posterior of a larger set must fall below the best for the search to end
+
+@dataclass(frozen=True)
+class SearchSettings:
+    """Constants of `diagnosis.inference.search`."""
+
+    children: int = 12  # extensions of a set by one more candidate whose options and scales are optimised
+    sweeps: int = 2  # over the members of a set, each moved to its best with the others held
+    exchanges: int = 4  # rounds in which members of the best set are exchanged for other candidates
+    exchanged_for: int = 4  # candidates that are optimised in the place of each member
+    thinned: int = 4  # best sets of which every subset with one member fewer is evaluated too
+    screen_columns: int = 24  # strongest columns of a random process, with which it is screened
+    hopeless: float = 6.0  # by how much the log posterior of a larger set must fall below the best for the search to end
+
+
+SETTINGS = SearchSettings()
 
 
 @dataclass(frozen=True)
@@ -186,7 +194,7 @@ class Search:
         """A set with its members moved to their best, one after another, and its evidence."""
         occam = np.zeros(len(members))
         best = 0.0
-        for sweep in range(SWEEPS if len(members) > 1 else 1):
+        for sweep in range(SETTINGS.sweeps if len(members) > 1 else 1):
             moved = False
             for place, member in enumerate(members):
                 score = self.score(member.candidate, members[:place] + members[place + 1 :])
@@ -230,13 +238,13 @@ class Search:
         for width in self.model.beam[: depth - 1]:
             new: dict[frozenset[int], Explanation] = {}
             for parent in self._beam(level, width):
-                for child in self._children(parent, CHILDREN):
+                for child in self._children(parent, SETTINGS.children):
                     if child.key not in new or child.log_posterior > new[child.key].log_posterior:
                         new[child.key] = child
             level = _ranked([self.settled(one.members) for one in self._beam(list(new.values()), 2 * width)])
             top = max(explanation.log_posterior for explanation in found.values())
             found.update({explanation.key: explanation for explanation in level})
-            if not level or level[0].log_posterior < top - HOPELESS:
+            if not level or level[0].log_posterior < top - SETTINGS.hopeless:
                 break
         if depth > 1:
             self._exchange(found)
@@ -245,8 +253,8 @@ class Search:
     def _exchange(self, found: dict[frozenset[int], Explanation]) -> None:
         """Replace each member of the best set by others; a beam that once took a detour may not get there by itself."""
         tried: set[frozenset[int]] = set()
-        for _ in range(EXCHANGES):
-            for other in _ranked(list(found.values()))[1:THINNED]:
+        for _ in range(SETTINGS.exchanges):
+            for other in _ranked(list(found.values()))[1 : SETTINGS.thinned]:
                 self._thin(other, found)
             best = max(found.values(), key=lambda explanation: explanation.log_posterior)
             for member in best.members if len(best.members) > 1 else ():
@@ -257,7 +265,7 @@ class Search:
                 tried.add(key)
                 parent = self.settled(others)
                 found.setdefault(parent.key, parent)
-                for child in self._children(parent, EXCHANGED_FOR):
+                for child in self._children(parent, SETTINGS.exchanged_for):
                     if child.key not in found:
                         found[child.key] = self.settled(child.members)
             if best is max(found.values(), key=lambda explanation: explanation.log_posterior):
@@ -302,7 +310,7 @@ class Search:
         for candidate in range(len(self.model.candidates)):
             if candidate in parent.key:
                 continue
-            score = self.score(candidate, parent.members, SCREEN_COLUMNS)
+            score = self.score(candidate, parent.members, SETTINGS.screen_columns)
             member = Member(candidate, score.option, score.scale)
             children.append(self._explanation((*parent.members, member), parent.log_evidence + score.average))
         return _ranked(children)[:most]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
@@ -17,11 +18,22 @@ from gyrocal.recording import Interval, Recording, reference_rows
 
 Array = NDArray[np.float64]
 
-ITERATIONS = 10
-SETTLED = 1e-3  # sigmas of the last correction
-MOST_SHORT = 200  # stretches between two references that a calibration starts from, where whole intervals lead too far astray
-FEWEST_SHORT = 6
-SETTLED_SHORT = 1e-6  # of G
+
+@dataclass(frozen=True)
+class BaselineSettings:
+    """Constants of `diagnosis.model.baseline`."""
+
+    iterations: int = 10  # of Gauss and Newton at most; two or three are usual
+    settled: float = 1e-3  # sigmas of the last correction
+    # stretches between two references that a calibration starts from, where whole intervals lead too far astray
+    most_short: int = 200
+    fewest_short: int = 6  # of them, for twelve parameters
+    settled_short: float = 1e-6  # of G
+
+
+SETTINGS = BaselineSettings()
+
+
 IMPLAUSIBLE = np.array([0.2] * 9 + [np.deg2rad(0.1)] * 3)  # changes of G and b, rad/s
 
 
@@ -37,10 +49,10 @@ def baseline(
     """
     G, bias = recording.gyro.apriori_G.copy(), recording.gyro.apriori_bias.copy()
     sigma, short = PLAUSIBLE_RANGE, False
-    for number in range(ITERATIONS):
-        tell(f"first calibration, step {number + 1}", number / ITERATIONS)
+    for number in range(SETTINGS.iterations):
+        tell(f"first calibration, step {number + 1}", number / SETTINGS.iterations)
         model = linearised(recording, G, bias, report.rates, report.smooth, report.density, pieces, reference_sigma)
-        tell(f"first calibration, step {number + 1}: residuals", (number + 0.5) / ITERATIONS)
+        tell(f"first calibration, step {number + 1}: residuals", (number + 0.5) / SETTINGS.iterations)
         try:
             check_residuals(model, report.rates)
         except LargeResidualError:
@@ -51,7 +63,7 @@ def baseline(
             continue
         change, covariance = correction(model)
         sigma = np.sqrt(np.diag(covariance))
-        if np.abs(change / sigma).max() < SETTLED:
+        if np.abs(change / sigma).max() < SETTINGS.settled:
             break
         G, bias = G + change[:9].reshape(3, 3), bias + change[9:]
     return model, sigma
@@ -70,11 +82,11 @@ def _over_short_pieces(
         for number, (low, high) in enumerate(pairwise(recording.attitudes.t_s[reference_rows(recording.attitudes.t_s, piece)]))
         if high - low > recording.gyro.sample_s
     ]
-    some = tuple(gaps[k] for k in np.unique(np.linspace(0, len(gaps) - 1, MOST_SHORT).astype(np.intp))) if gaps else ()
-    if len(some) < FEWEST_SHORT or not report.rates.any():
+    some = tuple(gaps[k] for k in np.unique(np.linspace(0, len(gaps) - 1, SETTINGS.most_short).astype(np.intp))) if gaps else ()
+    if len(some) < SETTINGS.fewest_short or not report.rates.any():
         return None
     G, bias = recording.gyro.apriori_G.copy(), recording.gyro.apriori_bias.copy()
-    for _ in range(ITERATIONS):
+    for _ in range(SETTINGS.iterations):
         model = linearised(recording, G, bias, report.rates, report.smooth, report.density, some, reference_sigma)
         try:
             check_residuals(model, report.rates)
@@ -82,7 +94,7 @@ def _over_short_pieces(
             return None
         change, _ = correction(model)
         G, bias = G + change[:9].reshape(3, 3), bias + change[9:]
-        if np.abs(change[:9]).max() < SETTLED_SHORT:
+        if np.abs(change[:9]).max() < SETTINGS.settled_short:
             break
     moved = np.append((G - recording.gyro.apriori_G).ravel(), bias - recording.gyro.apriori_bias)
     return None if (np.abs(moved) > IMPLAUSIBLE).any() else (G, bias)

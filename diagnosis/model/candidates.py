@@ -16,19 +16,8 @@ from numpy.typing import NDArray
 from diagnosis.model.finer_processes import with_finer_process, with_whole_process
 from diagnosis.model.folds import SPLIT, folds
 from diagnosis.model.groups import Group, listed, unlisted_groups
-from diagnosis.model.linear import (
-    EVERY,
-    VISIBLE,
-    Candidate,
-    LinearModel,
-    Member,
-    Option,
-    Restored,
-    Room,
-    Wanted,
-    scales_of,
-    spaced,
-)
+from diagnosis.model.linear import EVERY, Candidate, LinearModel, Member, Option, Restored, Room, Wanted, scales_of, spaced
+from diagnosis.model.linear import SETTINGS as LINEAR
 from diagnosis.model.periods import add_finer_periods, scan_periods
 from diagnosis.model.recording import RecordingModel
 from diagnosis.model.steps import with_finer_times, with_moments
@@ -99,7 +88,7 @@ def placed(
     projected: Callable[[Array], Array],
     settings: DiagnosisSettings,
     size: int = 0,
-    visible: tuple[float, float] = VISIBLE,
+    visible: tuple[float, float] = LINEAR.visible,
 ) -> tuple[tuple[Candidate, ...], Array]:
     """Candidates with their places and priors, and all columns side by side; see `ordered`."""
     candidates, columns = ordered(groups, projected, settings, visible)
@@ -110,7 +99,7 @@ def ordered(
     groups: Sequence[Group],
     projected: Callable[[Array], Array],
     settings: DiagnosisSettings,
-    visible: tuple[float, float] = VISIBLE,
+    visible: tuple[float, float] = LINEAR.visible,
 ) -> tuple[tuple[Candidate, ...], list[Array]]:
     """Candidates with their places and priors, and the columns of all their options in that order.
 

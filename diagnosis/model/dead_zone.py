@@ -13,17 +13,18 @@ missing, and its G is off; the product of m and of what that lacks is not linear
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from diagnosis.detectors.dead_zone_rests import MOST_PARTS, DeadZoneEvidence, half_width
+from diagnosis.detectors.dead_zone_rests import SETTINGS as DEAD_ZONE_RESTS
+from diagnosis.detectors.dead_zone_rests import DeadZoneEvidence, half_width
 from diagnosis.model.calibration import calibrated_beside
 from diagnosis.model.groups import Group
 from diagnosis.model.linear import Parameters
 from diagnosis.model.prepare import Prepared
-from diagnosis.model.processes import MOST_COLUMNS, SEEN
+from diagnosis.model.processes import SETTINGS as PROCESSES
 from diagnosis.model.recording import RecordingModel
 from simulator.effects.base import Effect
 from simulator.effects.common import markov
@@ -31,19 +32,29 @@ from simulator.effects.common import markov
 Array = NDArray[np.float64]
 
 AXES = "xyz"
-UNSEEN = (0.05, 0.15, 0.5)  # size of the motion inside the zone beside the rates that are missing, in usual rates
-MEMORY = 10.0  # time constant of that motion in cells, beside none: a body at rest drifts
-ROUNDING = 1e-9  # of the variance of a motion, below which there is none
-DIFFERENCE = 0.4  # usual size of the differences between runs beside what they have in common
-SCALES = (0.03, 10.0)  # of the amplitudes, in usual rates
-MOST_ODDS = 4.0  # that rests may give it: their model of the motion is a rough one, and the attitude must show it
-MOST_PASSED = 25.0  # the same of passes through the zone
-TRIALS = 3  # gyros
-# Of the power of what a zone hides: a motion has a course of its own in each passage, and these have a level and a slope.
-ROUGHNESS = 0.02
-CALIBRATED = 3  # times that the input axis is found anew, with what is missing along the last one
-FELT = 0.5  # sigmas that a usual rate must move the residuals by for what it hides to be a column of its own
-LEAST_ODDS = -10.0  # that they may hold against it
+
+
+@dataclass(frozen=True)
+class DeadZoneSettings:
+    """Constants of `diagnosis.model.dead_zone`."""
+
+    # size of the motion inside the zone beside the rates that are missing, in usual rates
+    unseen: tuple[float, float, float] = (0.05, 0.15, 0.5)
+    memory: float = 10.0  # time constant of that motion in cells, beside none: a body at rest drifts
+    rounding: float = 1e-9  # of the variance of a motion, below which there is none
+    difference: float = 0.4  # usual size of the differences between runs beside what they have in common
+    scales: tuple[float, float] = (0.03, 10.0)  # of the amplitudes, in usual rates
+    most_odds: float = 4.0  # that rests may give it: their model of the motion is a rough one, and the attitude must show it
+    most_passed: float = 25.0  # the same of passes through the zone
+    trials: int = 3  # gyros
+    # Of the power of what a zone hides: a motion has a course of its own in each passage, and these have a level and a slope.
+    roughness: float = 0.02
+    calibrated: int = 3  # times that the input axis is found anew, with what is missing along the last one
+    felt: float = 0.5  # sigmas that a usual rate must move the residuals by for what it hides to be a column of its own
+    least_odds: float = -10.0  # that they may hold against it
+
+
+SETTINGS = DeadZoneSettings()
 
 
 def input_axis(model: RecordingModel, one: DeadZoneEvidence) -> Array:
@@ -53,7 +64,7 @@ def input_axis(model: RecordingModel, one: DeadZoneEvidence) -> Array:
     true one. It is found as the calibration beside any rate that the zone may hide.
     """
     toward, usual = model.G[:, one.axis], float(np.rad2deg(one.usual))
-    for _ in range(CALIBRATED):
+    for _ in range(SETTINGS.calibrated):
         hidden = model.whitened(missing(model, one, toward))
         beside = unseen_motion(model, one, toward)
         change, _ = calibrated_beside(model, [(hidden, usual), (beside, usual)])
@@ -68,13 +79,13 @@ def missing(model: RecordingModel, one: DeadZoneEvidence, toward: Array) -> Arra
     """
     step = np.searchsorted(model.recording.gyro.t_s, model.t_s, side="right") - 1
     part = one.part[step]
-    numbers = np.unique(part[(part >= 0) & (part < MOST_PARTS)])
-    low = np.deg2rad(1.0) * np.column_stack([part >= 0, *(DIFFERENCE * (part == number) for number in numbers)])
+    numbers = np.unique(part[(part >= 0) & (part < DEAD_ZONE_RESTS.most_parts)])
+    low = np.deg2rad(1.0) * np.column_stack([part >= 0, *(SETTINGS.difference * (part == number) for number in numbers)])
     return model.rate_error(toward[:, None] * low[:, None, :])
 
 
 def unseen_motion(
-    model: RecordingModel, one: DeadZoneEvidence, toward: Array, size: float = UNSEEN[-1], memory: float = 0.0
+    model: RecordingModel, one: DeadZoneEvidence, toward: Array, size: float = SETTINGS.unseen[-1], memory: float = 0.0
 ) -> Array:
     """(N, r) whitened observations of a random rate, deg/s, in the slow part of each cell: a level, and a slope over it.
 
@@ -84,15 +95,15 @@ def unseen_motion(
     level, slope = _in_cells(model, one, toward)
     run_s = model.cells.run_s
     if memory and run_s.size > 1:
-        spread = markov(run_s, memory * float(np.median(np.diff(run_s)))) + ROUNDING * np.eye(run_s.size)
+        spread = markov(run_s, memory * float(np.median(np.diff(run_s)))) + SETTINGS.rounding * np.eye(run_s.size)
         level = level @ np.linalg.cholesky(spread)
     columns = size * np.hstack([level, slope])
     columns = model.whitened(columns[:, np.any(columns != 0, axis=0)])
     if not columns.shape[1]:
         return columns
     powers, turned = np.linalg.eigh(columns.T @ model.projected(columns))
-    faint = min(SEEN * powers[-1], (FELT / one.usual) ** 2)
-    seen = np.flatnonzero(powers > faint)[::-1][:MOST_COLUMNS]
+    faint = min(PROCESSES.seen * powers[-1], (SETTINGS.felt / one.usual) ** 2)
+    seen = np.flatnonzero(powers > faint)[::-1][: PROCESSES.most_columns]
     return np.asarray(columns @ turned[:, seen]) * np.deg2rad(1.0)
 
 
@@ -124,7 +135,9 @@ def _over_cells(model: RecordingModel, toward: Array, weights: Array) -> Array:
 
 def shown_by_passes(dead: Sequence[DeadZoneEvidence]) -> float:
     """Bound on the p-value under M0 of what passes through a zone show, 1/(odds) averaged over all tried half widths."""
-    return float(np.exp(-max((one.log_odds - np.log(TRIALS) for one in dead if one.passed), default=0.0)).clip(0.0, 1.0))
+    return float(
+        np.exp(-max((one.log_odds - np.log(SETTINGS.trials) for one in dead if one.passed), default=0.0)).clip(0.0, 1.0)
+    )
 
 
 def dead_zone_groups(prepared: Prepared, effects: Sequence[Effect]) -> Iterator[Group]:
@@ -143,12 +156,14 @@ def _group(model: RecordingModel, one: DeadZoneEvidence, effect: Effect) -> Grou
     toward = input_axis(model, one)
     rates = model.whitened(missing(model, one, toward))
     moving = [
-        np.hstack([rates, unseen_motion(model, one, toward, size, memory)]) for size in UNSEEN for memory in (0.0, MEMORY)
+        np.hstack([rates, unseen_motion(model, one, toward, size, memory)])
+        for size in SETTINGS.unseen
+        for memory in (0.0, SETTINGS.memory)
     ]
     count = rates.shape[1]
 
     def read(amplitudes: Array) -> tuple[float, Parameters]:
-        return half_width(one, amplitudes[0] + DIFFERENCE * amplitudes[1:count])[0], {}
+        return half_width(one, amplitudes[0] + SETTINGS.difference * amplitudes[1:count])[0], {}
 
     return Group(
         effect=effect.name,
@@ -157,12 +172,12 @@ def _group(model: RecordingModel, one: DeadZoneEvidence, effect: Effect) -> Grou
         columns=[rates, *moving],
         parameters=[{} for _ in (rates, *moving)],
         weights=np.array([0.5, *(0.5 / len(moving) for _ in moving)]),
-        limits=(max(effect.prior[0], SCALES[0] * usual), min(effect.prior[1], SCALES[1] * usual)),
+        limits=(max(effect.prior[0], SETTINGS.scales[0] * usual), min(effect.prior[1], SETTINGS.scales[1] * usual)),
         unit=effect.unit,
-        log_odds=float(np.clip(one.log_odds, LEAST_ODDS, MOST_PASSED if one.passed else MOST_ODDS)),
+        log_odds=float(np.clip(one.log_odds, SETTINGS.least_odds, SETTINGS.most_passed if one.passed else SETTINGS.most_odds)),
         read=read,
         size_sigma=lambda size: half_width_sigma(one, size),
-        roughness=ROUGHNESS,
+        roughness=SETTINGS.roughness,
         loudest=np.inf,  # each of hundreds of amplitudes is that large, and a smaller scale would hold all of them back
     )
 

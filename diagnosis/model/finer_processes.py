@@ -53,7 +53,7 @@ def _as_a_whole(
     place = places[AXES.index(str(linear.candidate(member).axis))]
     options, columns, start = dict(enumerate(linear.candidate(member).options)), [], linear.W.shape[1]
     for number, one in wanted.items():
-        columns.append(processes.whole(place, covariance(one.parameters), processes.WHOLE / linear.scale(member) ** 2))
+        columns.append(processes.whole(place, covariance(one.parameters), processes.SETTINGS.whole / linear.scale(member) ** 2))
         options[number] = replace(one, start=start, count=columns[-1].shape[1])
         start += columns[-1].shape[1]
     W = np.hstack(columns)

@@ -39,10 +39,20 @@ from gyrocal.calibration.observability import PLAUSIBLE_RANGE
 
 Array = NDArray[np.float64]
 
-PARTS = 8  # of an interval
+
+@dataclass(frozen=True)
+class FoldSettings:
+    """Constants of `diagnosis.model.folds`."""
+
+    parts: int = 8  # of an interval
+    start: float = 0.02  # rad, prior sigma of a start attitude
+    broad: float = 10.0  # prior sigma of G and b, in their plausible ranges
+
+
+SETTINGS = FoldSettings()
+
+
 SPLIT = "an eighth of each interval at a time"
-START = 0.02  # rad, prior sigma of a start attitude
-BROAD = 10.0  # prior sigma of G and b, in their plausible ranges
 AT_ONCE = 256  # columns; these stay in a processor's cache
 
 
@@ -184,7 +194,7 @@ def parts(model: RecordingModel) -> NDArray[np.intp]:
     """
     rank = np.argsort(np.argsort([block.elapsed_s[-1] for block in model.blocks]))
     each = [
-        (np.arange(block.groups.size) * PARTS // block.groups.size + int(place)) % PARTS
+        (np.arange(block.groups.size) * SETTINGS.parts // block.groups.size + int(place)) % SETTINGS.parts
         for place, block in zip(rank, model.blocks, strict=True)
     ]
     return np.concatenate(each)
@@ -193,9 +203,9 @@ def parts(model: RecordingModel) -> NDArray[np.intp]:
 def shared_columns(model: RecordingModel, biases: Array | None = None) -> Array:
     """(N, q) whitened columns B of what all intervals share, in units of their priors: starts, mountings, G, b, biases."""
     more = np.empty((model.size, 0)) if biases is None else biases
-    own = np.full(more.shape[1], BROAD * PLAUSIBLE_RANGE[-1])
+    own = np.full(more.shape[1], SETTINGS.broad * PLAUSIBLE_RANGE[-1])
     attitude = model.attitude_nuisance
-    scale = np.concatenate([np.full(attitude.shape[1], START), BROAD * PLAUSIBLE_RANGE, own])
+    scale = np.concatenate([np.full(attitude.shape[1], SETTINGS.start), SETTINGS.broad * PLAUSIBLE_RANGE, own])
     shared = model.unmixed(np.hstack([attitude, model.calibration, more]) * scale)
     return np.hstack([shared, model.known_mountings])
 

@@ -7,7 +7,7 @@ reference that is far off between two that agree is a fault of the references an
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,7 +19,15 @@ from gyrocal.calibration.gate import LARGEST_RESIDUAL, LargeResidualError, check
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
-OUTLIERS = 0.02  # largest share of references that are single outliers; with more of them, something else is wrong
+
+@dataclass(frozen=True)
+class GateSettings:
+    """Constants of `diagnosis.model.gate`."""
+
+    outliers: float = 0.02  # largest share of references that are single outliers; with more of them, something else is wrong
+
+
+SETTINGS = GateSettings()
 
 
 def check_residuals(model: RecordingModel, rates: Array) -> None:
@@ -71,7 +79,7 @@ def _without_outliers(residuals: Array, block: NDArray[np.intp]) -> tuple[Array,
         good = ~_alone(turned)
         kept[rows] = good
         based[rows] = (turned[int(np.argmax(good))].inv() * turned).as_rotvec()
-    if np.sum(~kept) > max(1, OUTLIERS * kept.size):
+    if np.sum(~kept) > max(1, SETTINGS.outliers * kept.size):
         return residuals, np.ones(len(residuals), dtype=bool)
     return based[kept], kept
 

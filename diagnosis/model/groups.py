@@ -18,7 +18,8 @@ from numpy.typing import NDArray
 
 from diagnosis.model import processes, repeating, trackers, unlisted
 from diagnosis.model.late_tags import delays
-from diagnosis.model.linear import VISIBLE, Parameters, exactly, first_amplitude, spaced
+from diagnosis.model.linear import SETTINGS as LINEAR
+from diagnosis.model.linear import Parameters, exactly, first_amplitude, spaced
 from diagnosis.model.periods import Found, make_columns, make_effect_columns
 from diagnosis.model.places import Place
 from diagnosis.model.recording import RecordingModel
@@ -66,7 +67,7 @@ class Group:
     shifted: bool = False
     scales: Array | None = None
     scanned: bool = False
-    loudest: float = VISIBLE[1]
+    loudest: float = LINEAR.visible[1]
     roughness: float = 0.0
 
 
@@ -189,7 +190,7 @@ def scanned_group(model: RecordingModel, effect: Effect, axis: str, found: Found
     group = group_of(effect, axis, columns, parameters, [float(np.exp(one.log_weight)) for one in options])
     # What a size shows grows with the period: the scales are those of all options, not only of the strongest.
     norms = np.array([max(np.linalg.norm(model.projected(part), axis=0).max(), 1e-300) for part in columns])
-    low, high = max(effect.prior[0], VISIBLE[0] / norms.max()), min(effect.prior[1], VISIBLE[1] / norms.min())
+    low, high = max(effect.prior[0], LINEAR.visible[0] / norms.max()), min(effect.prior[1], LINEAR.visible[1] / norms.min())
     return replace(group, scanned=True, scales=spaced(low, high))
 
 
@@ -239,7 +240,7 @@ def steps_between(model: RecordingModel, effects: Sequence[Effect]) -> dict[str,
 def _is_within(columns: Array, bases: Sequence[Array]) -> bool:
     """Whether some projected columns (N, r) lie in the span of one of the bases, but for a small part of their power."""
     power = float(np.sum(columns**2))
-    return any(float(np.sum((basis.T @ columns) ** 2)) > processes.ALIKE * power for basis in bases)
+    return any(float(np.sum((basis.T @ columns) ** 2)) > processes.SETTINGS.alike * power for basis in bases)
 
 
 def build_rival(name: str, axis: str | None, columns: Sequence[Array], process: bool, weights: Array | None = None) -> Group:

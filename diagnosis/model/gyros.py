@@ -264,13 +264,13 @@ def fold_array(model: ArrayModel, W: Array) -> Iterator[Fold]:
 def _fold_parity(model: ArrayModel, W: Array) -> Iterator[Fold]:
     parity = model.parity
     names = np.array([interval.name for interval in model.recording.intervals])
-    scale = folds.BROAD * np.tile([PLAUSIBLE_G] * 3 + [PLAUSIBLE_BIAS], parity.rows.shape[1])
+    scale = folds.SETTINGS.broad * np.tile([PLAUSIBLE_G] * 3 + [PLAUSIBLE_BIAS], parity.rows.shape[1])
     nuisance = parity.nuisance_columns * scale
     sigma = np.eye(parity.size) + nuisance @ nuisance.T
     part = np.empty(parity.interval.size, dtype=np.intp)
     for number in np.unique(parity.interval):
         own = np.flatnonzero(parity.interval == number)
-        part[own] = (np.arange(own.size) * folds.PARTS // own.size + number) % folds.PARTS
+        part[own] = (np.arange(own.size) * folds.SETTINGS.parts // own.size + number) % folds.SETTINGS.parts
     for number in np.unique(part):
         out = (part == number)[parity.block]
         if not out.all():

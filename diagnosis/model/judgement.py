@@ -35,8 +35,17 @@ from simulator.effects.timing import delay_columns
 Array = NDArray[np.float64]
 Progress = Callable[[str, float], None]
 
-MOST_TONES = 3  # of the references, beyond their averages
-LIKELY = 1.0  # log odds of a dead zone from the samples, from which on its axis is left out of tests that it would mislead
+
+@dataclass(frozen=True)
+class JudgementSettings:
+    """Constants of `diagnosis.model.judgement`."""
+
+    most_tones: int = 3  # of the references, beyond their averages
+    # log odds of a dead zone from the samples, from which on its axis is left out of tests that it would mislead
+    likely: float = 1.0
+
+
+SETTINGS = JudgementSettings()
 
 
 @dataclass(frozen=True)
@@ -117,7 +126,7 @@ def judge(
     tones : whether tones of the references are looked for
     """
     recording, report, model, sigma, pieces, dead = one.recording, one.report, one.model, one.sigma, one.pieces, one.dead
-    likely = {zone.axis for zone in dead if zone.log_odds > LIKELY}
+    likely = {zone.axis for zone in dead if zone.log_odds > SETTINGS.likely}
     count = max(len(report.lines), 1)
 
     def told(done: int) -> None:
@@ -193,7 +202,7 @@ def _without_tones(
     """Take the tones that only all references show out of a recording, as symptoms; also its model and the sigma of that."""
     if (report.lattice | report.hidden).any():
         return recording, report, model, sigma
-    for _ in range(MOST_TONES):
+    for _ in range(SETTINGS.most_tones):
         tone = find_reference_tone(model, report.rates, settings.sample_event, settings.unlisted_share)
         if tone is None:
             break
@@ -225,7 +234,7 @@ def _reference_noise(
     blind = set(np.flatnonzero(report.hidden | report.lattice).tolist())
     silent = np.zeros(report.rates.shape, dtype=bool)
     for one in dead:
-        silent[:, one.axis] |= (one.part >= 0) & (one.log_odds > LIKELY)
+        silent[:, one.axis] |= (one.part >= 0) & (one.log_odds > SETTINGS.likely)
     recording, density = model.recording, np.median(report.density, axis=0)
     if sensor is not None:
         axes = recording.attitudes.sensors[sensor].M

@@ -25,11 +25,21 @@ from gyrocal.calibration.propagation import Arcs, propagate
 
 Array = NDArray[np.float64]
 
-ROUNDS = 10  # in which a delay settles
-SETTLED = 0.01  # relative change, at which it has
-NONLINEAR = 0.3  # sigmas of all observations together, by which a column then differs from that of a short delay
-WIDEST, TRIED = 4.0, 17  # factor to either side of that delay, and delays that are tried
-FITTING = 12.0  # χ² above the least, up to which a delay is an option
+
+@dataclass(frozen=True)
+class LateTagSettings:
+    """Constants of `diagnosis.model.late_tags`."""
+
+    rounds: int = 10  # in which a delay settles
+    settled: float = 0.01  # relative change, at which it has
+    nonlinear: float = 0.3  # sigmas of all observations together, by which a column then differs from that of a short delay
+    # factor to either side of that delay, and delays that are tried
+    widest: float = 4.0
+    tried: int = 17
+    fitting: float = 12.0  # χ² above the least, up to which a delay is an option
+
+
+SETTINGS = LateTagSettings()
 
 
 @dataclass(frozen=True)
@@ -55,23 +65,25 @@ def delays(model: RecordingModel, small: Array, prior: tuple[float, float]) -> l
         return float(np.sum((model.y - delay * model.projected(path.column(delay))[:, 0]) ** 2))
 
     column, delay = small, 0.0
-    for _ in range(ROUNDS):
+    for _ in range(SETTINGS.rounds):
         before, delay = delay, float(np.clip(_fitted(model, column), -prior[1], prior[1]))
         if abs(delay) < prior[0]:
             return []
         column = path.column(delay)
-        if abs(delay - before) < SETTLED * abs(delay):
+        if abs(delay - before) < SETTINGS.settled * abs(delay):
             break
-    if abs(delay) * float(np.linalg.norm(model.projected(column - small))) < NONLINEAR:
+    if abs(delay) * float(np.linalg.norm(model.projected(column - small))) < SETTINGS.nonlinear:
         return []
-    factors = np.geomspace(1 / WIDEST, WIDEST, TRIED)
+    factors = np.geomspace(1 / SETTINGS.widest, SETTINGS.widest, SETTINGS.tried)
     tried = [delay * float(factor) for factor in factors if abs(delay * factor) <= prior[1]]
     nearest = min(tried, key=left)
-    step = WIDEST ** (2 / (TRIED - 1))
+    step = SETTINGS.widest ** (2 / (SETTINGS.tried - 1))
     low, high = sorted((nearest / step, nearest * step))
     tried.append(float(minimize_scalar(left, bounds=(low, high), method="bounded", options={"xatol": 1e-3 * abs(delay)}).x))
     values = [left(one) for one in tried]
-    found = [(one, path.column(one)) for one, value in zip(tried, values, strict=True) if value < min(values) + FITTING]
+    found = [
+        (one, path.column(one)) for one, value in zip(tried, values, strict=True) if value < min(values) + SETTINGS.fitting
+    ]
     # A fit of the amplitude gains (a − s)² |c|² over it.
     gains = [(_fitted(model, c) - one) ** 2 * float(np.sum(model.projected(c) ** 2)) for one, c in found]
     return [Delay(c, float(share)) for (_, c), share in zip(found, shares(np.array(gains)), strict=True)]

@@ -10,7 +10,7 @@ observation is Σ_i W_i/n.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
@@ -27,9 +27,17 @@ from gyrocal.recording.trackers import kept_rows, to_axes
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
 
-MOST_STEPS = 60_000  # steps on which columns are made
-MOST_OBSERVATIONS = 500  # attitudes that enter the model; its cost grows with the square of them
-FEWEST_OBSERVATIONS = 10  # of an interval that are left by averaging; with few of them its motion would be lost
+
+@dataclass(frozen=True)
+class LineariseSettings:
+    """Constants of `diagnosis.model.linearise`."""
+
+    most_steps: int = 60_000  # steps on which columns are made
+    most_observations: int = 500  # attitudes that enter the model; its cost grows with the square of them
+    fewest_observations: int = 10  # of an interval that are left by averaging; with few of them its motion would be lost
+
+
+SETTINGS = LineariseSettings()
 
 
 def linearised(
@@ -59,7 +67,7 @@ def linearised(
     shown = stream if smooth is None else smooth
     sigmas = recording.attitudes.sigma if sigma is None else sigma
     tags = recording.gyro.t_s
-    references_each = max(1, -(-parts.row.size // MOST_OBSERVATIONS))
+    references_each = max(1, -(-parts.row.size // SETTINGS.most_observations))
     edges, first, last, arc = _steps(parts)
     run = propagate(Arcs(stream, parts.arcs.dt, parts.arcs.sample, first, last, arc), G, bias)
     blocks: list[Block] = []
@@ -136,7 +144,7 @@ def linearised(
 
 def _steps(parts: Measurements) -> tuple[list[Indices], Indices, Indices, Indices]:
     """Edges of the steps of each arc among its samples, and the arcs that have an output at each of them."""
-    each = max(1, -(-parts.arcs.dt.size // MOST_STEPS))
+    each = max(1, -(-parts.arcs.dt.size // SETTINGS.most_steps))
     edges, firsts, lasts, arcs = [], [], [], []
     for number in range(int(parts.arcs.arc[-1]) + 1):
         outputs = np.flatnonzero(parts.arcs.arc == number)
@@ -166,7 +174,7 @@ def _gathered(attitudes: Attitudes, references: Indices, each: int) -> tuple[Ind
     Neighbours of one sensor are averaged, so that what sensors differ in is not lost.
     """
     count = references.size
-    width = max(1, min(each, count // FEWEST_OBSERVATIONS))
+    width = max(1, min(each, count // SETTINGS.fewest_observations))
     if attitudes.sensor is None or width == 1:
         return np.arange(count), np.arange(0, count, width)
     sensor, observation = attitudes.sensor[references], np.empty(count, dtype=np.intp)

@@ -34,28 +34,21 @@ from simulator.effects.periodic import period_band
 
 Array = NDArray[np.float64]
 
-BESIDE = (-8.0, -6.5, -5.0, -3.5, -2.0, 2.0, 3.5, 5.0, 6.5, 8.0)  # resolutions of the longest arc, to the tones beside a line
-
 
 @dataclass(frozen=True)
 class LinePrior:
-    """Prior of what a line is.
+    """Prior of what a line is."""
 
-    Attributes
-    ----------
-    vibration : log odds of a vibration against a motion, of lines at any frequency; −0.6 once the amplitude is constant
-    motion_range, bias_range : natural log of the range of frequencies of a motion, and of the periods of a bias
-    within_motion : log odds of a vibration where the body shows other motion at or below the line's frequency
-    left_to_search : probability of a variation of the bias above which the attitude alone decides on it
-    confirmed : log ratio of the attitude below which a note says that the references show the motion
-    """
-
+    # log odds of a vibration against a motion, of lines at any frequency; −0.6 once the amplitude is constant
     vibration: float = -1.3
+    # natural log of the range of frequencies of a motion, and of the periods of a bias
     motion_range: float = 7.0
     bias_range: float = 5.0
-    within_motion: float = -10.0
-    left_to_search: float = 0.95
-    confirmed: float = -4.0
+    within_motion: float = -10.0  # log odds of a vibration where the body shows other motion at or below the line's frequency
+    left_to_search: float = 0.95  # probability of a variation of the bias above which the attitude alone decides on it
+    confirmed: float = -4.0  # log ratio of the attitude below which a note says that the references show the motion
+    # resolutions of the longest arc, to the tones beside a line
+    beside: tuple[float, ...] = (-8.0, -6.5, -5.0, -3.5, -2.0, 2.0, 3.5, 5.0, 6.5, 8.0)
 
 
 PRIOR = LinePrior()
@@ -141,7 +134,7 @@ def compute_log_ratio(model: RecordingModel, line: Line) -> float:
     """Return the log likelihood of the attitude with the line a vibration, over that with it a motion of the body."""
     gyro = model.recording.gyro
     longest_s = max(high - low for low, high in runs(line.waveform != 0.0)) * gyro.sample_s
-    beside = line.frequency_hz + np.array(BESIDE) / longest_s
+    beside = line.frequency_hz + np.array(PRIOR.beside) / longest_s
     y, (c, *others) = _observe(model, line.axis, _make_waveforms(line, gyro.t_s, beside[beside > 0]))
     # In the directions of tones beside it, whatever else is at work shows its power at these frequencies; noise has one.
     Q = np.linalg.qr(np.column_stack([c, *others]))[0]

@@ -25,20 +25,12 @@ PHASES = ("start", "slew", "hold", "end")
 
 @dataclass(frozen=True)
 class LocalizationSettings:
-    """Settings of the localization.
+    """Settings of the localization."""
 
-    Attributes
-    ----------
-    edge : share of an interval's references that count as its start or end
-    hole : times the usual spacing; a slew lies between two such references
-    most : findings
-    significant : p-value of a finding, with an allowance for the number of blocks
-    """
-
-    edge: float = 0.1
-    hole: float = 2.5
-    most: int = 6
-    significant: float = 0.01
+    edge: float = 0.1  # share of an interval's references that count as its start or end
+    hole: float = 2.5  # times the usual spacing; a slew lies between two such references
+    most: int = 6  # findings
+    significant: float = 0.01  # p-value of a finding, with an allowance for the number of blocks
 
 
 SETTINGS = LocalizationSettings()

@@ -25,7 +25,8 @@ from numpy.typing import NDArray
 from diagnosis.answer import Finding
 from diagnosis.inference.criticism import DEFAULT, Check, Innovations, check_innovations
 from diagnosis.model.layout import tabulate_references
-from diagnosis.model.recording import RANK, RecordingModel, parameter_errors
+from diagnosis.model.recording import SETTINGS as RECORDING
+from diagnosis.model.recording import RecordingModel, parameter_errors
 from gyrocal.compiled import compiled
 from gyrocal.small_matrices import root, under
 from simulator.effects.base import Effect, Value
@@ -104,7 +105,7 @@ def whiten_errors(model: RecordingModel, columns: Array) -> tuple[Array, Mask]:
 def build_basis(columns: Array) -> Array:
     """Build an orthonormal basis of columns (n, c), without directions that add nothing to the others."""
     U, s, _ = np.linalg.svd(columns / np.maximum(np.linalg.norm(columns, axis=0), TINY), full_matrices=False)
-    return np.asarray(U[:, s > RANK * s[0]])
+    return np.asarray(U[:, s > RECORDING.rank * s[0]])
 
 
 @compiled

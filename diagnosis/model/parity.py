@@ -28,7 +28,15 @@ from simulator.effects.recorded import housekeeping_at
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
 
-MOST_BLOCKS = 200  # of a recording
+
+@dataclass(frozen=True)
+class ParitySettings:
+    """Constants of `diagnosis.model.parity`."""
+
+    most_blocks: int = 200  # of a recording
+
+
+SETTINGS = ParitySettings()
 
 
 @dataclass(frozen=True)
@@ -130,7 +138,7 @@ def build_parity_model(recording: Recording, gyros: GyroArray, arw: Array) -> Pa
         dt = stream.duration_s[part]
         if not dt.size:
             continue
-        blocks = max(1, min(dt.size, round(MOST_BLOCKS * float(dt.sum()) / total)))
+        blocks = max(1, min(dt.size, round(SETTINGS.most_blocks * float(dt.sum()) / total)))
         first = np.linspace(0, dt.size, blocks + 1).round().astype(np.intp)[:-1]
         duration = np.add.reduceat(dt, first)
         V = parity(gyros.K, recording.switched_on(number))

@@ -39,34 +39,21 @@ Indices = NDArray[np.intp]
 
 @dataclass(frozen=True)
 class PeriodSettings:
-    """Constants of the scan for periods; all bound the time or the share of χ² that is lost between two periods.
+    """Constants of the scan for periods; all bound the time or the share of χ² that is lost between two periods."""
 
-    Attributes
-    ----------
-    step : between frequencies that are tried, in units of 1/T
-    made : between frequencies at which waves are made, in units of 1/D, at most
-    most : frequencies; of longer recordings the shortest periods are left out
-    harmonics : of the orbit that are left out: they are other effects
-    near : of 1/T from one of them, up to which a sinusoid shows nine tenths of what that does
-    finer : steps of the finer grid in one of the first
-    peaks : best frequencies that are kept, no two of one peak in terms of an interval's length
-    aliases, aliased : others near each of the best peaks, which differ by the gaps between intervals, and how many peaks
-    fine_periods : to either side of an option that was found
-    refined_aliases : of an option, around which the same is done
-    nearly, enough : share of χ² and χ² by which such an alias may explain less
-    """
-
-    step: float = 0.25
-    made: float = 0.0625
-    most: int = 300_000
-    harmonics: int = 4
-    near: float = 0.25
-    finer: int = 8
-    peaks: int = 12
+    step: float = 0.25  # between frequencies that are tried, in units of 1/T
+    made: float = 0.0625  # between frequencies at which waves are made, in units of 1/D, at most
+    most: int = 300_000  # frequencies; of longer recordings the shortest periods are left out
+    harmonics: int = 4  # of the orbit that are left out: they are other effects
+    near: float = 0.25  # of 1/T from one of them, up to which a sinusoid shows nine tenths of what that does
+    finer: int = 8  # steps of the finer grid in one of the first
+    peaks: int = 12  # best frequencies that are kept, no two of one peak in terms of an interval's length
+    # others near each of the best peaks, which differ by the gaps between intervals, and how many peaks
     aliases: int = 6
     aliased: int = 3
-    fine_periods: int = 8
-    refined_aliases: int = 8
+    fine_periods: int = 8  # to either side of an option that was found
+    refined_aliases: int = 8  # of an option, around which the same is done
+    # share of χ² and χ² by which such an alias may explain less
     nearly: float = 0.03
     enough: float = 12.0
 

@@ -39,11 +39,6 @@ Indices = NDArray[np.intp]
 
 TINY = 1e-200
 ROOT = 1e-12  # power added to each direction of unit errors, of that of all of them: rounding leaves some negative
-PARTS = 3  # of a cell, at which a random process is taken
-NODES = 4  # references of an observation at which a random process is taken
-# Length of a singular direction beside that of an error that stays along one direction, below which it is left out: what it
-# leaves out of an error that changes over the observation is the square of it.
-ALONG = 0.02
 
 
 @dataclass(frozen=True)
@@ -56,6 +51,11 @@ class Decomposition:
 
     constants: int = 6
     share: float = 3e-4
+    parts: int = 3  # of a cell, at which a random process is taken
+    nodes: int = 4  # references of an observation at which a random process is taken
+    # Length of a singular direction beside that of an error that stays along one direction, below which it is left out: what it
+    # leaves out of an error that changes over the observation is the square of it.
+    along: float = 0.02
 
 
 DECOMPOSITION = Decomposition()
@@ -120,7 +120,7 @@ class Place:
 def cell_parts(model: RecordingModel) -> tuple[Indices, Indices]:
     """First step of each part of the cells, (q,), and the first part of each cell among them (c,)."""
     cells = model.cells
-    counts = np.minimum(cells.last - cells.first, PARTS)
+    counts = np.minimum(cells.last - cells.first, DECOMPOSITION.parts)
     first = np.cumsum(np.append(0, counts[:-1]))
     number = np.arange(counts.sum()) - np.repeat(first, counts)
     steps = np.repeat(cells.last - cells.first, counts)
@@ -152,7 +152,10 @@ def nodes(model: RecordingModel) -> tuple[Indices, Indices]:
     """
     counts = np.concatenate([block.counts for block in model.blocks])
     first = model.reference_rows_of_observations - counts // 2
-    chosen = [a + np.linspace(0, n - 1, min(n, NODES)).round().astype(np.intp) for a, n in zip(first, counts, strict=True)]
+    chosen = [
+        a + np.linspace(0, n - 1, min(n, DECOMPOSITION.nodes)).round().astype(np.intp)
+        for a, n in zip(first, counts, strict=True)
+    ]
     return np.concatenate(chosen), np.cumsum([0, *(len(one) for one in chosen[:-1])])
 
 
@@ -181,7 +184,7 @@ def directions(along: Array, first: Indices) -> tuple[Array, scipy.sparse.csr_ar
     there = own < (first + counts)[:, None]
     parts = np.where(there[:, :, None], along[np.minimum(own, len(along) - 1)], 0.0) / counts[:, None, None]
     U, s, Vt = np.linalg.svd(np.swapaxes(parts, 1, 2), full_matrices=False)  # (r, 3, d), (r, d), (r, d, n)
-    block, which = np.nonzero(s * np.sqrt(counts)[:, None] > ALONG)
+    block, which = np.nonzero(s * np.sqrt(counts)[:, None] > DECOMPOSITION.along)
     made = np.arange(block.size)
     errors = np.zeros((3 * first.size, block.size))
     errors[3 * block[:, None] + np.arange(3), made[:, None]] = U[block, :, which] * s[block, which][:, None]

@@ -25,15 +25,27 @@ from simulator.effects.common import markov
 Array = NDArray[np.float64]
 
 AXES = "xyz"
-SEEN = 1e-4  # power relative to the strongest column, below which a column is left out
+
+
+@dataclass(frozen=True)
+class ProcesseSettings:
+    """Constants of `diagnosis.model.processes`."""
+
+    seen: float = 1e-4  # power relative to the strongest column, below which a column is left out
+    information: float = 0.95  # share of Σ λ² that the columns have together at least
+    # variance of a column beside that of the noise, from which on it counts where the whole process is wanted
+    whole: float = 0.02
+    usual_columns: int = 72  # that are kept whatever they share
+    most_columns: int = 400  # a bound of the time
+    rounding: float = 1e-13  # power relative to the strongest column, below which a column is rounding
+    alike: float = 0.95  # cosine of two covariances from which on they are one process
+
+
+SETTINGS = ProcesseSettings()
+
+
 # Near the smallest size that can be detected, a column of power λ adds to the expected evidence in proportion to λ². A larger
 # process of slow variations shows in its weaker columns too.
-INFORMATION = 0.95  # share of Σ λ² that the columns have together at least
-WHOLE = 0.02  # variance of a column beside that of the noise, from which on it counts where the whole process is wanted
-USUAL_COLUMNS = 72  # that are kept whatever they share
-MOST_COLUMNS = 400
-ROUNDING = 1e-13  # power relative to the strongest column, below which a column is rounding
-ALIKE = 0.95  # cosine of two covariances from which on they are one process
 
 
 @dataclass(frozen=True)
@@ -95,9 +107,9 @@ def same(labels: NDArray[np.intp]) -> Array:
 def usual(place: Place, K: Array, share: float = DECOMPOSITION.share) -> Array:
     """The strongest columns (N, r) of a process of covariance K, which hold most of what can be told of it; see `whole`."""
     powers, columns = place.powers(K, share)
-    kept = _seen(powers, SEEN * _strongest(powers))[:MOST_COLUMNS]
-    enough = int(np.searchsorted(np.cumsum(powers[kept] ** 2), INFORMATION * float(np.sum(powers**2)))) + 1
-    return columns(kept[: max(enough, USUAL_COLUMNS)])
+    kept = _seen(powers, SETTINGS.seen * _strongest(powers))[: SETTINGS.most_columns]
+    enough = int(np.searchsorted(np.cumsum(powers[kept] ** 2), SETTINGS.information * float(np.sum(powers**2)))) + 1
+    return columns(kept[: max(enough, SETTINGS.usual_columns)])
 
 
 def whole(place: Place, K: Array, least: float | None = None) -> Array:
@@ -107,7 +119,7 @@ def whole(place: Place, K: Array, least: float | None = None) -> Array:
     as a walk over cells of one time.
     """
     powers, columns = place.powers(K, least=least or 0.0)
-    kept = _seen(powers, SEEN * _strongest(powers) if least is None else least)
+    kept = _seen(powers, SETTINGS.seen * _strongest(powers) if least is None else least)
     return columns(kept if kept.size else _seen(powers, 0.0)[:1])
 
 
@@ -115,7 +127,7 @@ def of_values(place: Place, values: Array) -> Array:
     """Columns (N, k) of a process that is a sum of k courses (q, k) with independent amplitudes, the strongest first."""
     made = values if place.mean is None else place.mean @ values
     powers, turned = np.linalg.eigh(made.T @ place.gram @ made)
-    return np.asarray(place.columns @ (made @ turned[:, _seen(powers, SEEN * _strongest(powers))]))
+    return np.asarray(place.columns @ (made @ turned[:, _seen(powers, SETTINGS.seen * _strongest(powers))]))
 
 
 def _strongest(powers: Array) -> float:
@@ -124,12 +136,12 @@ def _strongest(powers: Array) -> float:
 
 def _seen(powers: Array, least: float) -> NDArray[np.intp]:
     """Places of the powers beyond one and beyond rounding, the strongest first."""
-    return np.flatnonzero(powers > max(least, ROUNDING * _strongest(powers)))[::-1]
+    return np.flatnonzero(powers > max(least, SETTINGS.rounding * _strongest(powers)))[::-1]
 
 
 def is_one_of(K: Array, known: Sequence[Array]) -> bool:
     """Whether a covariance is that of a process among others, but for its size."""
-    return any(float(np.sum(K * one)) > ALIKE * float(np.linalg.norm(K) * np.linalg.norm(one)) for one in known)
+    return any(float(np.sum(K * one)) > SETTINGS.alike * float(np.linalg.norm(K) * np.linalg.norm(one)) for one in known)
 
 
 def unlisted(model: RecordingModel, known: Sequence[Array] = ()) -> Iterator[Process]:

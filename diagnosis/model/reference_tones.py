@@ -23,7 +23,8 @@ from numpy.typing import NDArray
 from scipy.special import logsumexp
 
 from diagnosis.inference.evidence import averaged, log_bayes
-from diagnosis.model.linear import VISIBLE, spaced
+from diagnosis.model.linear import SETTINGS as LINEAR
+from diagnosis.model.linear import spaced
 from diagnosis.model.lines import PRIOR
 from diagnosis.model.misfit import build_basis, compute_innovations, whiten_errors
 from diagnosis.model.recording import RecordingModel, parameter_errors
@@ -46,33 +47,25 @@ from simulator.effects.timing import delay_columns
 Array = NDArray[np.float64]
 
 AXES = range(3)
-PHASE_STEP = 0.1  # cycles over the whole recording, between frequencies that its intervals are to tell apart
-MOST_MOVES, MOST_ALIASES, TOPS = 4000, 60, 6  # bounds of the time
 BESIDE = np.arange(3, 15)  # coefficients of the samples to either side, in units of the frequency resolution
 
 
 @dataclass(frozen=True)
 class ToneSettings:
-    """Constants that decide on a sinusoid of the references.
+    """Constants that decide on a sinusoid of the references."""
 
-    Attributes
-    ----------
-    shortest : innovations of an interval from which its spectrum counts
-    fewest_periods : in the longest interval
-    slow : spacings of the averages, above which period these show a sinusoid themselves
-    level_frequencies : over which the level of the noise is taken
-    own_chi2 : share of its χ² that a sinusoid keeps beside what follows the motion
-    regular : relative scatter of the references' spacing below which frequencies have aliases
-    segments : parts of the recording in which an alternative's amplitude differs
-    """
-
-    shortest: int = 16
-    fewest_periods: float = 2.0
-    slow: float = 2.5
-    level_frequencies: int = 81
-    own_chi2: float = 0.5
-    regular: float = 1e-3
-    segments: int = 4
+    shortest: int = 16  # innovations of an interval from which its spectrum counts
+    fewest_periods: float = 2.0  # in the longest interval
+    slow: float = 2.5  # spacings of the averages, above which period these show a sinusoid themselves
+    level_frequencies: int = 81  # over which the level of the noise is taken
+    own_chi2: float = 0.5  # share of its χ² that a sinusoid keeps beside what follows the motion
+    regular: float = 1e-3  # relative scatter of the references' spacing below which frequencies have aliases
+    segments: int = 4  # parts of the recording in which an alternative's amplitude differs
+    phase_step: float = 0.1  # cycles over the whole recording, between frequencies that its intervals are to tell apart
+    # bounds of the time
+    most_moves: int = 4000
+    most_aliases: int = 60
+    tops: int = 6
 
 
 SETTINGS = ToneSettings()
@@ -117,7 +110,7 @@ class Innovations:
         """Return the log evidence of columns with amplitudes of any size that is plausible and could be seen."""
         own = (columns - self.taken @ (self.taken.T @ columns)) / np.sqrt(level)
         largest = np.linalg.norm(own, axis=0).max()
-        scales = spaced(max(VISIBLE[0] / largest, limits[0]), min(VISIBLE[1] / largest, limits[1]))
+        scales = spaced(max(LINEAR.visible[0] / largest, limits[0]), min(LINEAR.visible[1] / largest, limits[1]))
         if not scales.size:
             return -np.inf
         return averaged(log_bayes((own.T @ own)[None], (own.T @ self.y)[None] / np.sqrt(level), scales), np.zeros(1))
@@ -207,12 +200,14 @@ def find_coherent(series: Innovations, frequencies: Array, axis: int, reach: flo
     middle = np.array([t_s[model.interval_of_reference == k].mean() for k in np.unique(owner)])
     columns = series.make_columns(frequencies, True, [axis])
     columns = columns - series.taken @ (series.taken.T @ columns)
-    width = max(PHASE_STEP / float(np.ptp(t_s)), 2 * reach / MOST_MOVES)
+    width = max(SETTINGS.phase_step / float(np.ptp(t_s)), 2 * reach / SETTINGS.most_moves)
     near = frequencies[:, None] + width * np.arange(-np.floor(reach / width), np.floor(reach / width) + 1)
     scores = compute_products(frequencies, columns, series.y, owner, middle).compute_log_evidence(near)
     moved = []
     for tried, score in zip(near, scores, strict=True):
-        tops = tried[find_tops(score, TOPS)] if middle.size > 1 else tried  # one interval has one phase at any frequency
+        tops = (
+            tried[find_tops(score, SETTINGS.tops)] if middle.size > 1 else tried
+        )  # one interval has one phase at any frequency
         exact = series.make_columns(tops, True, [axis])
         chi2 = [series.compute_chi2(exact[:, 2 * k : 2 * k + 2], series.taken) for k in range(tops.size)]
         moved.append(float(tops[int(np.argmax(chi2))]))
@@ -228,7 +223,7 @@ def list_aliases(model: RecordingModel, frequency: float) -> Array:
         return np.array([frequency])
     multiples = np.arange(1, int(half_rate * spacing) + 2) / spacing
     found = np.sort(np.concatenate([[frequency], multiples - frequency, multiples + frequency]))
-    return np.asarray(found[(found > 0) & (found < half_rate)][:MOST_ALIASES])
+    return np.asarray(found[(found > 0) & (found < half_rate)][: SETTINGS.most_aliases])
 
 
 # ---- causes ---------------------------------------------------------------------------------------------------------------

@@ -40,23 +40,15 @@ AXES = "xyz"
 
 @dataclass(frozen=True)
 class RemainderSettings:
-    """Settings of the remainder.
+    """Settings of the remainder."""
 
-    Attributes
-    ----------
-    gyro_times, reference_times : correlation times of the processes, in lengths of the median interval
-    start : share of the excess power that each process has where the optimisation starts
-    least : share of the power below which a process has the size zero
-    precision : relative change of −log L at which the optimisation ends
-    iterations : of the optimisation, at most
-    """
-
+    # correlation times of the processes, in lengths of the median interval
     gyro_times: tuple[float, ...] = (0.05, 1.0)
     reference_times: tuple[float, ...] = (0.02, 0.2)
-    start: float = 0.05
-    least: float = 1e-6
-    precision: float = 1e-5
-    iterations: int = 60
+    start: float = 0.05  # share of the excess power that each process has where the optimisation starts
+    least: float = 1e-6  # share of the power below which a process has the size zero
+    precision: float = 1e-5  # relative change of −log L at which the optimisation ends
+    iterations: int = 60  # of the optimisation, at most
 
 
 SETTINGS = RemainderSettings()

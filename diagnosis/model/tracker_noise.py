@@ -7,6 +7,8 @@ and references beside a change of the rate are left out, at which late tags or a
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -16,8 +18,16 @@ from diagnosis.model.recording import RecordingModel
 
 Array = NDArray[np.float64]
 
-STEADY = 0.02  # of the fastest rate: a larger change to the reference before or after is one of the motion
-ALIKE = 13.8  # of χ² with 2 degrees of freedom, p = 0.001: factors of a tracker's noise about its three axes
+
+@dataclass(frozen=True)
+class TrackerNoiseSettings:
+    """Constants of `diagnosis.model.tracker_noise`."""
+
+    steady: float = 0.02  # of the fastest rate: a larger change to the reference before or after is one of the motion
+    alike: float = 13.8  # of χ² with 2 degrees of freedom, p = 0.001: factors of a tracker's noise about its three axes
+
+
+SETTINGS = TrackerNoiseSettings()
 
 
 def series_of(model: RecordingModel, sensor: int) -> ReferenceSeries:
@@ -38,7 +48,7 @@ def series_of(model: RecordingModel, sensor: int) -> ReferenceSeries:
 def _steady(rates: Array, interval: NDArray[np.intp]) -> NDArray[np.bool_]:
     """(m,) whether the rate is the same at the references before and after."""
     change = np.linalg.norm(np.diff(rates, axis=0), axis=1) * (np.diff(interval) == 0)
-    moved = change > STEADY * np.linalg.norm(rates, axis=1).max(initial=0.0)
+    moved = change > SETTINGS.steady * np.linalg.norm(rates, axis=1).max(initial=0.0)
     return np.asarray(~(np.append(moved, False) | np.append(False, moved)))
 
 
@@ -64,7 +74,7 @@ def alike(noise: ReferenceNoise) -> bool:
         return True
     weight, factor = 1 / noise.sigma**2, noise.factor
     every, across = _about_mean(weight, factor), _about_mean(weight[:2], factor[:2])
-    return every < min(ALIKE, across + float(weight[2] * (factor[2] - 1) ** 2))
+    return every < min(SETTINGS.alike, across + float(weight[2] * (factor[2] - 1) ** 2))
 
 
 def _about_mean(weight: Array, factor: Array) -> float:

@@ -24,25 +24,16 @@ from simulator.effects.tracker.base import TrackerEffect
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
 
-ACROSS = 2  # axes across the boresight, on which an error in the field of view acts
-
 
 @dataclass(frozen=True)
 class RivalSettings:
-    """Assumed courses of rivals.
+    """Assumed courses of rivals."""
 
-    Attributes
-    ----------
-    warm_up_s : time constants after the start of an interval, s
-    steps : times of a step in each interval
-    harmonics : of the orbit
-    slow : of the longest interval, time constants of rivals that wander
-    """
-
-    warm_up_s: tuple[float, ...] = (600.0, 1800.0)
-    steps: int = 5
-    harmonics: tuple[int, ...] = (1, 2, 3)
-    slow: tuple[float, ...] = (20.0, 6.0)
+    warm_up_s: tuple[float, ...] = (600.0, 1800.0)  # time constants after the start of an interval, s
+    steps: int = 5  # times of a step in each interval
+    harmonics: tuple[int, ...] = (1, 2, 3)  # of the orbit
+    slow: tuple[float, ...] = (20.0, 6.0)  # of the longest interval, time constants of rivals that wander
+    across: int = 2  # axes across the boresight, on which an error in the field of view acts
 
 
 SETTINGS = RivalSettings()
@@ -61,7 +52,7 @@ def list_tracker_columns(model: RecordingModel, effect: Effect) -> Iterator[tupl
         number = seen.names.index(name)
         at, own = _find_times(model, seen, number)
         if own.size:
-            places = [_build_place(model, number, axis, own) for axis in range(ACROSS)]
+            places = [_build_place(model, number, axis, own) for axis in range(SETTINGS.across)]
             covariances = [effect.covariance(at, trial.parameters) for trial in trials]
             yield name, [np.hstack([processes.whole(place, K) for place in places]) for K in covariances]
 

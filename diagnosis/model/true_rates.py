@@ -12,21 +12,32 @@ whose last term is the effect's column. At the new ω all is estimated anew, unt
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from diagnosis.model.linear import LinearModel, Member
-from diagnosis.model.recording import RANK, RecordingModel, parameter_errors
+from diagnosis.model.recording import SETTINGS as RECORDING
+from diagnosis.model.recording import RecordingModel, parameter_errors
 from simulator.effects.base import Effect
 
 Array = NDArray[np.float64]
 
-ROUNDS = 6
-SETTLED = 0.03  # sigmas of all observations together, by which what the effect does still changes
+
+@dataclass(frozen=True)
+class TrueRateSettings:
+    """Constants of `diagnosis.model.true_rates`."""
+
+    rounds: int = 6  # at most
+    settled: float = 0.03  # sigmas of all observations together, by which what the effect does still changes
+    nonlinear: float = 0.3  # the same, from which on the columns are taken at the true rates
+
+
+SETTINGS = TrueRateSettings()
+
+
 TINY = 1e-300
-NONLINEAR = 0.3  # the same, from which on the columns are taken at the true rates
 
 
 def with_true_rates(model: RecordingModel, linear: LinearModel, member: Member, effect: Effect) -> LinearModel:
@@ -45,7 +56,7 @@ def with_true_rates(model: RecordingModel, linear: LinearModel, member: Member, 
     before = linear.X[:, option.columns]
     high, W, X = effect.columns(model.stream, entry.axis, option.parameters), linear.W[:, option.columns], before
     amplitudes = _fitted(linear, member, X)
-    for _ in range(ROUNDS):
+    for _ in range(SETTINGS.rounds):
         change = _change(model, W @ amplitudes)
         G = model.G + change[:9].reshape(3, 3)
         rates = model.rates + parameter_errors(model.raw) @ change - (high @ amplitudes) @ G.T
@@ -53,9 +64,9 @@ def with_true_rates(model: RecordingModel, linear: LinearModel, member: Member, 
         W = model.whitened(model.rate_error(-np.einsum("ij,njk->nik", G, high)))
         X = model.projected(W)
         amplitudes = _fitted(linear, member, X)
-        if np.linalg.norm(X @ amplitudes - last) < SETTLED:
+        if np.linalg.norm(X @ amplitudes - last) < SETTINGS.settled:
             break
-    if np.linalg.norm((X - before) @ amplitudes) < NONLINEAR:
+    if np.linalg.norm((X - before) @ amplitudes) < SETTINGS.nonlinear:
         return linear
     options = list(entry.options)
     options[member.option] = replace(option, start=linear.X.shape[1])
@@ -72,4 +83,4 @@ def _change(model: RecordingModel, explained: Array) -> Array:
     columns = np.hstack([model.calibration, model.attitude_nuisance])
     scale = 1 / np.maximum(np.linalg.norm(columns, axis=0), TINY)
     left = model.whitened(model.zeta) - explained
-    return np.asarray((scale * np.linalg.lstsq(columns * scale, left, rcond=RANK)[0])[:12])
+    return np.asarray((scale * np.linalg.lstsq(columns * scale, left, rcond=RECORDING.rank)[0])[:12])

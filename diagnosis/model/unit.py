@@ -32,7 +32,16 @@ from simulator.effects.base import Effect
 Array = NDArray[np.float64]
 
 SPLIT = "a recording at a time"
-APART_S = 600.0  # between recordings whose times overlap, such as those of trials that all begin at zero
+
+
+@dataclass(frozen=True)
+class UnitSettings:
+    """Constants of `diagnosis.model.unit`."""
+
+    apart_s: float = 600.0  # between recordings whose times overlap, such as those of trials that all begin at zero
+
+
+SETTINGS = UnitSettings()
 
 
 @dataclass(frozen=True)
@@ -116,7 +125,7 @@ def _shifts(parts: Sequence[Recording]) -> list[float]:
     shifts, stop = [], float(parts[0].gyro.t_s[0])
     for part in parts:
         shifts.append(stop - float(part.gyro.t_s[0]))
-        stop += float(np.ptp(part.gyro.t_s)) + APART_S
+        stop += float(np.ptp(part.gyro.t_s)) + SETTINGS.apart_s
     return shifts
 
 

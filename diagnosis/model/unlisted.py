@@ -43,24 +43,14 @@ DAY = 86400.0
 
 @dataclass(frozen=True)
 class UnlistedSettings:
-    """Times and sizes that the families take.
+    """Times and sizes that the families take."""
 
-    Attributes
-    ----------
-    warm_up_s : time constants of errors that decay after an interval's start
-    memory_s : time constants after which the effect of a slew decays
-    lags_s : by which an error follows a temperature
-    periods : number of periods counted from an interval's start
-    large : share of the largest rate, or of its largest change, from which on its sign is kept
-    visible : share of the largest column that a column must have to be visible
-    """
-
-    warm_up_s: tuple[float, ...] = (200.0, 600.0, 1800.0)
-    memory_s: tuple[float, ...] = (30.0, 100.0, 300.0, 1000.0)
-    lags_s: tuple[float, ...] = (300.0, 1000.0, 3000.0)
-    periods: int = 14
-    large: float = 0.1
-    visible: float = 1e-6
+    warm_up_s: tuple[float, ...] = (200.0, 600.0, 1800.0)  # time constants of errors that decay after an interval's start
+    memory_s: tuple[float, ...] = (30.0, 100.0, 300.0, 1000.0)  # time constants after which the effect of a slew decays
+    lags_s: tuple[float, ...] = (300.0, 1000.0, 3000.0)  # by which an error follows a temperature
+    periods: int = 14  # number of periods counted from an interval's start
+    large: float = 0.1  # share of the largest rate, or of its largest change, from which on its sign is kept
+    visible: float = 1e-6  # share of the largest column that a column must have to be visible
 
 
 SETTINGS = UnlistedSettings()

@@ -22,7 +22,8 @@ from simulator.effects import EFFECTS
 from simulator.scenario import Scenario, override
 
 AXES = "xyz"
-GAP_ORBITS = 1.0  # between the scenario's end and an extra maneuver
+
+
 DAY = 86400.0
 
 
@@ -49,7 +50,7 @@ def maneuvers(scenario: Scenario) -> dict[str, list[dict[str, Any]]]:
     """The built-in extra maneuvers, an orbit after the scenario's end; times count from its end."""
     orbit = float(scenario.orbit.circular_orbit().period)
     orbit = round(orbit / scenario.gyro.sample_s) * scenario.gyro.sample_s
-    start = GAP_ORBITS * orbit
+    start = SETTINGS.gap_orbits * orbit
 
     def one(activity: str, mode: str, length: float, **more: Any) -> list[dict[str, Any]]:
         name = _unused("extra", {interval.name for interval in scenario.interval})

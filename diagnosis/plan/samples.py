@@ -19,8 +19,6 @@ from diagnosis.settings import DEFAULT
 from simulator.effects import Effect, SampleTests, setting
 from simulator.scenario import Scenario, profiles
 
-SIZES = 41  # tried over the plausible range of an effect that shows in the attitude
-
 
 def quiet_samples(scenario: Scenario) -> tuple[int, ...]:
     """Gyro samples in each arc outside slews and transitions and clear of their edges."""
@@ -39,15 +37,15 @@ def sample_tests(scenario: Scenario) -> SampleTests:
         power=SETTINGS.power,
         quiet=quiet,
         event_p=DEFAULT.sample_event,
-        correlated=reference_noise.CORRELATED,
+        correlated=reference_noise.SETTINGS.correlated,
         line_p=DEFAULT.line,
         lowest_line_hz=spectral_lines.SETTINGS.fewest_cycles / (max([1, *quiet]) * scenario.gyro.sample_s),
         outlier_sigma=outliers.SETTINGS.limit,
-        fewest_clipped=clipping.FEWEST_CLIPPED,
+        fewest_clipped=clipping.SETTINGS.fewest_clipped,
         coarse=number_format.SETTINGS.coarse,
-        fewest_references=reference_noise.FEWEST,
+        fewest_references=reference_noise.SETTINGS.fewest,
         reference_p=DEFAULT.sample_event,
-        trimming=reference_noise.TRIMMING,
+        trimming=reference_noise.SETTINGS.trimming,
     )
 
 
@@ -72,7 +70,7 @@ def samples_seen(scenario: Scenario, model: RecordingModel, effects: Sequence[Ef
 
 def _by_attitude(effect: Effect, model: RecordingModel, snr: float) -> Iterator[Visible]:
     """The size from which on what it does to the noise-free readings has the signal-to-noise ratio that other effects need."""
-    sizes = np.geomspace(*effect.prior, SIZES)
+    sizes = np.geomspace(*effect.prior, SETTINGS.sizes)
     rng = np.random.default_rng(0)
     for axis in effect.axes or (None,):
         parameters = effect.draw(rng, model.around)[1]

@@ -9,39 +9,26 @@ import numpy as np
 
 @dataclass(frozen=True)
 class PlanSettings:
-    """Thresholds and draws of a plan.
+    """Thresholds and draws of a plan."""
 
-    Attributes
-    ----------
-    power : probability with which an effect of its smallest visible or named size is seen or named; a convention
-    null_draws : of M0, for the threshold of the statistic
-    power_draws : of each effect; their 10 % point is good to 2 % of a size
-    near : of the statistic; a size is good to 0.3 % then
-    steps : of the solution for a size at most
-    snr : that an effect usually needs, where solutions start
-    random : size of a random effect, in terms of its strength, where solutions start; it needs about the square root of the
-        number of ways it can be
-    gone : share of a signature that is left, below which it acts like the calibration itself; rounding
-    log_odds : that tell two effects apart, of a probability of 0.95
-    limit_snr : from which on a pair that needs it counts as inseparable; by judgement
-    exact : of 1 − ρ², below which columns are the same; rounding
-    factors : of the visible size, at which naming is tried
-    named_draws : of each
-    """
-
-    power: float = 0.9
-    null_draws: int = 2000
-    power_draws: int = 200
-    near: float = 0.1
-    steps: int = 14
-    snr: float = 6.5
+    power: float = 0.9  # probability with which an effect of its smallest visible or named size is seen or named; a convention
+    null_draws: int = 2000  # of M0, for the threshold of the statistic
+    power_draws: int = 200  # of each effect; their 10 % point is good to 2 % of a size
+    near: float = 0.1  # of the statistic; a size is good to 0.3 % then
+    steps: int = 14  # of the solution for a size at most
+    snr: float = 6.5  # that an effect usually needs, where solutions start
+    # size of a random effect, in terms of its strength, where solutions start; it needs about the square root of the number of
+    # ways it can be
     random: float = 4.0
-    gone: float = 1e-6
-    log_odds: float = float(np.log(19.0))
-    limit_snr: float = 20.0
-    exact: float = 1e-7
+    gone: float = 1e-6  # share of a signature that is left, below which it acts like the calibration itself; rounding
+    log_odds: float = float(np.log(19.0))  # that tell two effects apart, of a probability of 0.95
+    limit_snr: float = 20.0  # from which on a pair that needs it counts as inseparable; by judgement
+    exact: float = 1e-7  # of 1 − ρ², below which columns are the same; rounding
+    # of the visible size, at which naming is tried
     factors: tuple[float, ...] = (1.0, 1.25, 1.6, 2.0, 2.5, 3.2, 4.0, 6.0, 10.0)
-    named_draws: int = 12
+    named_draws: int = 12  # of each
+    sizes: int = 41  # tried over the plausible range of an effect that shows in the samples
+    gap_orbits: float = 1.0  # between the scenario's end and an extra maneuver
 
 
 SETTINGS = PlanSettings()

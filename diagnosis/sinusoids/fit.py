@@ -15,9 +15,17 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
-STEPS = 3  # of Gauss and Newton: from a tenth of the resolution the error falls below a thousandth of its sigma
-ZOOM_STEP = 0.1  # between trial frequencies, in units of the resolution of the longest piece
-NO_NOISE = 1e-60  # variance where the data leave nothing beside a sinusoid
+
+@dataclass(frozen=True)
+class FitSettings:
+    """Constants of `diagnosis.sinusoids.fit`."""
+
+    steps: int = 3  # of Gauss and Newton: from a tenth of the resolution the error falls below a thousandth of its sigma
+    zoom_step: float = 0.1  # between trial frequencies, in units of the resolution of the longest piece
+    no_noise: float = 1e-60  # variance where the data leave nothing beside a sinusoid
+
+
+SETTINGS = FitSettings()
 
 
 @dataclass(frozen=True)
@@ -80,7 +88,7 @@ def make_waves(frequency_hz: Array | float, t_s: Array, duration_s: Array | floa
     return np.stack([np.sin(angle) * mean, np.cos(angle) * mean], axis=2).reshape(t_s.size, -1)
 
 
-def fit_sinusoid(pieces: Sequence[Piece], frequency_hz: float, reach_hz: float, steps: int = STEPS) -> SinusoidFit:
+def fit_sinusoid(pieces: Sequence[Piece], frequency_hz: float, reach_hz: float, steps: int = SETTINGS.steps) -> SinusoidFit:
     """Fit a sinusoid near a frequency, at most so far from it."""
     found, sigma_hz = frequency_hz, 0.0
     for _ in range(steps):
@@ -91,7 +99,7 @@ def fit_sinusoid(pieces: Sequence[Piece], frequency_hz: float, reach_hz: float, 
         waves = piece.observe(make_waves(found, piece.t_s))
         amplitude, variance, residual = _solve(waves, piece.data)
         amplitudes.append(amplitude)
-        variances.append(2 * variance / max(float(np.sum(waves**2)), NO_NOISE))
+        variances.append(2 * variance / max(float(np.sum(waves**2)), SETTINGS.no_noise))
         all_waves.append(waves)
         residuals.append(residual)
     return SinusoidFit(found, sigma_hz, np.array(amplitudes), np.array(variances), tuple(all_waves), tuple(residuals))
@@ -101,7 +109,7 @@ def _solve(waves: Array, data: Array) -> tuple[Array, float, Array]:
     """Amplitudes (2,), variance of the residuals, and these."""
     amplitude = np.linalg.lstsq(waves, data, rcond=None)[0]
     residual = data - waves @ amplitude
-    return np.asarray(amplitude), max(float(np.mean(residual**2)), NO_NOISE), np.asarray(residual)
+    return np.asarray(amplitude), max(float(np.mean(residual**2)), SETTINGS.no_noise), np.asarray(residual)
 
 
 def _compute_step(pieces: Sequence[Piece], frequency_hz: float) -> tuple[float, float]:
@@ -124,9 +132,9 @@ def find_frequency(pieces: Sequence[Piece], centre_hz: float, width_hz: float, s
 
     span_s = max(float(np.ptp(piece.t_s)) for piece in pieces)
     low, high = max(centre_hz - width_hz, 0.1 / span_s), centre_hz + width_hz
-    trial = np.linspace(low, high, 2 + int((high - low) * span_s / ZOOM_STEP))
+    trial = np.linspace(low, high, 2 + int((high - low) * span_s / SETTINGS.zoom_step))
     power = np.zeros(trial.size)
     for piece in pieces:
         transform = scipy.signal.zoom_fft(piece.data, [low, high], trial.size, fs=1 / sample_s, endpoint=True)
-        power += np.abs(transform) ** 2 / max(float(piece.data @ piece.data), NO_NOISE)
+        power += np.abs(transform) ** 2 / max(float(piece.data @ piece.data), SETTINGS.no_noise)
     return float(trial[int(np.argmax(power))])

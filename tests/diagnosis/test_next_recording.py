@@ -7,7 +7,7 @@ import pytest
 import scipy.stats
 
 from diagnosis import next_recording
-from diagnosis.model.folds import BROAD
+from diagnosis.model.folds import SETTINGS as FOLDS
 from diagnosis.model.linearise import linearised
 from diagnosis.model.periods import make_columns
 from diagnosis.model.unit import joined
@@ -69,7 +69,7 @@ def test_a_prediction_is_that_of_the_joint_normal_distribution(model, unit, orbi
     out = of_last(model, unit)
     # Least squares of the whitened rows, with a row of prior for each shared number and none for the start attitudes.
     y, N = one.whitened(one.zeta), model.starts
-    shared = np.hstack([model.calibration * BROAD * PLAUSIBLE_RANGE, SIZE * orbital])
+    shared = np.hstack([model.calibration * FOLDS.broad * PLAUSIBLE_RANGE, SIZE * orbital])
     train, last = N[~out][:, np.any(N[~out], axis=0)], N[out][:, np.any(N[out], axis=0)]
     A = np.vstack([np.hstack([shared[~out], train]), np.eye(shared.shape[1], shared.shape[1] + train.shape[1])])
     Q, R = np.linalg.qr(A)

@@ -5,8 +5,10 @@ import pytest
 
 import simulator
 from diagnosis.diagnose import diagnose
-from diagnosis.model.folds import BROAD, START, unwhitened
-from diagnosis.model.linearise import MOST_OBSERVATIONS, _covariance, _overlapping, linearised
+from diagnosis.model.folds import SETTINGS as FOLDS
+from diagnosis.model.folds import unwhitened
+from diagnosis.model.linearise import SETTINGS as LINEARISE
+from diagnosis.model.linearise import _covariance, _overlapping, linearised
 from diagnosis.model.localization import compute_body_residuals, compute_statistics
 from gyrocal.calibration.observability import PLAUSIBLE_RANGE
 from simulator.effects import TRACKER_EFFECTS, parse
@@ -77,7 +79,7 @@ def test_a_prior_is_noise_that_all_intervals_share():
     assert free.nuisance.shape[1] == model.nuisance.shape[1] + 3
     plain = linearised(simulator.simulate(AGILE, seed=1), model.G, model.bias)
     starts, calibration = (unwhitened(plain, one) for one in (plain.attitude_nuisance, plain.calibration))
-    broad = np.hstack([starts * START, calibration * BROAD * PLAUSIBLE_RANGE])
+    broad = np.hstack([starts * FOLDS.start, calibration * FOLDS.broad * PLAUSIBLE_RANGE])
     whole = V + broad @ broad.T
     assert np.allclose(joint_covariance(model), whole, rtol=1e-9, atol=1e-12 * whole.max())
     residual, sigma = compute_body_residuals(model, model.y)
@@ -107,7 +109,7 @@ def test_many_references_are_averaged_tracker_by_tracker():
     values = []
     for seed in range(3):
         recording = simulator.simulate(dense, seed=seed)
-        assert recording.attitudes.t_s.size > MOST_OBSERVATIONS
+        assert recording.attitudes.t_s.size > LINEARISE.most_observations
         model = linearised(recording, np.array(AGILE.gyro.true_G), np.deg2rad(AGILE.gyro.true_bias_deg_s))
         sensor = recording.attitudes.sensor[model.reference_rows]
         for block in model.blocks:

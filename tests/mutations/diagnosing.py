@@ -97,7 +97,11 @@ EVIDENCE = [
         [
             ("the observation is not one of the draws", "(1 + int(np.sum(null >= observed)))", "int(np.sum(null >= observed))"),
             ("a scan has all false alarms for itself", "of_scan / scanned_share, 1.0)", "of_scan, 1.0)"),
-            ("draws that end early count themselves", "usual = ENOUGH / null.size", "usual = (ENOUGH + 1) / (null.size + 1)"),
+            (
+                "draws that end early count themselves",
+                "usual = SETTINGS.enough / null.size",
+                "usual = (SETTINGS.enough + 1) / (null.size + 1)",
+            ),
         ],
     ),
     *of(
@@ -175,7 +179,7 @@ ANSWER = [
     *of(
         "diagnosis/inference/conformal.py",
         f"{INFERENCE}test_conformal.py",
-        [("the coverage is that asked for on average only", "binom.ppf(CONFIDENCE,", "binom.ppf(0.5,")],
+        [("the coverage is that asked for on average only", "binom.ppf(SETTINGS.confidence,", "binom.ppf(0.5,")],
     ),
     *of(
         "diagnosis/inference/closure.py",
@@ -206,13 +210,13 @@ SAMPLES = [
         [
             (
                 "the rate that is missing in all runs has the other sign",
-                "part >= 0, *(DIFFERENCE",
-                "-1.0 * (part >= 0), *(DIFFERENCE",
+                "part >= 0, *(SETTINGS.difference",
+                "-1.0 * (part >= 0), *(SETTINGS.difference",
             ),
             (
                 "the rate that is missing in one run has the other sign",
-                "DIFFERENCE * (part == number)",
-                "-DIFFERENCE * (part == number)",
+                "SETTINGS.difference * (part == number)",
+                "-SETTINGS.difference * (part == number)",
             ),
             (
                 "only one gyro could have a dead zone",
@@ -227,15 +231,15 @@ SAMPLES = [
         [
             (
                 "readings of zero speak against a dead zone",
-                "multivariate_normal.logpdf(means, cov=own) - read",
-                "read - multivariate_normal.logpdf(means, cov=own)",
+                "_compute_log_density(means, own) - float(read)",
+                "float(read) - _compute_log_density(means, own)",
             )
         ],
     ),
     *of(
         "diagnosis/detectors/clipping.py",
         "tests/diagnosis/detectors/test_samples.py",
-        [("a hundred clipped samples are none", "FEWEST_CLIPPED = 5", "FEWEST_CLIPPED = 500_000")],
+        [("a hundred clipped samples are none", "fewest_clipped: int = 5 ", "fewest_clipped: int = 500_000 ")],
     ),
     *of(
         "diagnosis/model/gate.py",
@@ -263,7 +267,7 @@ SAMPLES = [
         "diagnosis/model/dead_zone.py",
         "tests/diagnosis/model/test_dead_zone.py",
         [
-            ("what is missing acts along the input axis of M0", "for _ in range(CALIBRATED)", "for _ in range(0)"),
+            ("what is missing acts along the input axis of M0", "for _ in range(SETTINGS.calibrated)", "for _ in range(0)"),
         ],
     ),
     *of(

@@ -43,24 +43,14 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class ArcSettings:
-    """What makes an arc, and its fit; by judgement.
+    """What makes an arc, and its fit; by judgement."""
 
-    Attributes
-    ----------
-    steady : rad/s, by which a mean rate over `steady_s` may depart from that of the interval
-    steady_s : s
-    times : measurements of the Earth sensor that are worth the six unknowns of an arc
-    iterations : of a fit at most; nominal sensors take three or four
-    converged : last correction, in sigmas
-    arw : rad/√s, least angle random walk; a smaller one would only cost digits
-    """
-
-    steady: float = float(np.deg2rad(0.01))
-    steady_s: float = 60.0
-    times: int = 12
-    iterations: int = 12
-    converged: float = 1e-4
-    arw: float = float(np.deg2rad(2e-6))
+    steady: float = float(np.deg2rad(0.01))  # rad/s, by which a mean rate over `steady_s` may depart from that of the interval
+    steady_s: float = 60.0  # s
+    times: int = 12  # measurements of the Earth sensor that are worth the six unknowns of an arc
+    iterations: int = 12  # of a fit at most; nominal sensors take three or four
+    converged: float = 1e-4  # last correction, in sigmas
+    arw: float = float(np.deg2rad(2e-6))  # rad/√s, least angle random walk; a smaller one would only cost digits
 
 
 SETTINGS = ArcSettings()

@@ -24,28 +24,18 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class ReadingSettings:
-    """What decides on a reading, in mean squares of residuals in units of their sigma; by judgement.
+    """What decides on a reading, in mean squares of residuals in units of their sigma; by judgement."""
 
-    Attributes
-    ----------
-    gross : from which on the tables as read are doubted
-    better : share of it that another reading may leave
-    largest : that effects may leave beside the right reading
-    alike : times the least of all readings, within which another one is as good
-    arcs : the middle one of these many stands for all; the others may be worse by something else
-    shown : readings stated at most
-    """
-
-    gross: float = 3.0
-    better: float = 0.25
-    largest: float = 10.0
-    alike: float = 1.25
-    arcs: int = 3
-    shown: int = 3
+    gross: float = 3.0  # from which on the tables as read are doubted
+    better: float = 0.25  # share of it that another reading may leave
+    largest: float = 10.0  # that effects may leave beside the right reading
+    alike: float = 1.25  # times the least of all readings, within which another one is as good
+    arcs: int = 3  # the middle one of these many stands for all; the others may be worse by something else
+    shown: int = 3  # readings stated at most
+    full_scale: int = 2**14 - 1  # of the sun sensors' counts
 
 
 SETTINGS = ReadingSettings()
-FULL_SCALE = 2**14 - 1  # of the sun sensors' counts
 
 
 @dataclass(frozen=True)
@@ -105,7 +95,7 @@ def _readings(tables: SensorTables) -> Iterator[Reading]:
     assert sun is not None
     assert earth is not None
     assert ephemeris is not None
-    turned, mirrored = sun.counts[:, ::-1], FULL_SCALE - sun.counts
+    turned, mirrored = sun.counts[:, ::-1], SETTINGS.full_scale - sun.counts
     counts = [("count_alpha and count_beta exchanged", 1, turned)]
     for number in (1, 2):
         own = np.where((sun.sensor == number)[:, None], turned, sun.counts)

@@ -27,22 +27,15 @@ Places = Sequence[tuple[str, str]]  # label and name of each parameter
 
 @dataclass(frozen=True)
 class RefinementSettings:
-    """How parameters are moved, by their logarithms.
+    """How parameters are moved, by their logarithms."""
 
-    Attributes
-    ----------
-    first : step of the search for the least χ², less than half that between options
-    enough, enough_chi2 : spread of the parameters and of χ² that ends the search, both far below a sigma
-    trials : at most
-    step : for the derivative, over several steps of χ²
-    around : sigmas at which options stand; under a normal density they have nearly its variance
-    """
-
-    first: float = 0.15
+    first: float = 0.15  # step of the search for the least χ², less than half that between options
+    # spread of the parameters and of χ² that ends the search, both far below a sigma
     enough: float = 0.004
     enough_chi2: float = 0.01
-    trials: int = 60
-    step: float = 0.05
+    trials: int = 60  # at most
+    step: float = 0.05  # for the derivative, over several steps of χ²
+    # sigmas at which options stand; under a normal density they have nearly its variance
     around: tuple[float, ...] = (-2.5, -1.25, 0.0, 1.25, 2.5)
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 import pandas as pd
@@ -27,7 +28,18 @@ RIVALS = {  # signal and words for residuals that follow the columns of a rival
     "Earth sensor at orbit harmonics": ("ESA", "quadrants of the Earth sensor are off at the orbit's harmonics"),
     "Earth sensor near the Sun": ("ESA", "quadrants of the Earth sensor are off near the Sun"),
 }
-SEEN = 1e-5  # relative singular value of a sensor's columns, below which one adds nothing to the others
+
+
+@dataclass(frozen=True)
+class ResidualSettings:
+    """Constants of `diagnosis.model.sensors.residuals`."""
+
+    seen: float = 1e-5  # relative singular value of a sensor's columns, below which one adds nothing to the others
+
+
+SETTINGS = ResidualSettings()
+
+
 TINY = 1e-300
 
 
@@ -67,7 +79,7 @@ def findings(tables: Tables, rate: float) -> tuple[Finding, ...]:
         finding = SENSOR_EFFECTS[group.effect].finding if group.listed else RIVALS.get(group.effect)
         if finding is None:
             continue
-        basis = scipy.linalg.orth(np.hstack(group.columns), rcond=SEEN)
+        basis = scipy.linalg.orth(np.hstack(group.columns), rcond=SETTINGS.seen)
         chi2, count = float(np.sum((basis.T @ tables.y) ** 2)), basis.shape[1]
         p = float(max(chdtrc(count, chi2), TINY)) if count else 1.0
         if p < rate:

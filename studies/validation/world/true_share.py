@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Collection
 
-from diagnosis.budget import FLOOR, predict_held_out
+from diagnosis.budget import SETTINGS as BUDGET
+from diagnosis.budget import predict_held_out
 from diagnosis.model.prepare import prepare
 from diagnosis.settings import DEFAULT
 from gyrocal.recording import Recording
@@ -22,7 +23,7 @@ def measure_true_share(drawn: Drawn, stated: Collection[str]) -> float:
     """
     kept = [one for one in drawn.settings if not {label(one.effect, one.axis), one.effect} & set(stated)]
     whole, left = (_measure_misfit(drawn.world.recording(settings)) for settings in (drawn.settings, kept))
-    return (whole - left) / (whole - FLOOR)
+    return (whole - left) / (whole - BUDGET.floor)
 
 
 def _measure_misfit(recording: Recording) -> float:

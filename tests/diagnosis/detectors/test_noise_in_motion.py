@@ -4,9 +4,8 @@ import numpy as np
 import pytest
 import scipy.stats
 
+from diagnosis.detectors.noise_blocks import SETTINGS as NOISE_BLOCKS
 from diagnosis.detectors.noise_blocks import (
-    ORDER,
-    SHOWING,
     SPREAD,
     WHITE,
     by_calm,
@@ -41,14 +40,14 @@ def found_in(x):
 
 def blocks_of(x):
     """Cosines of the blocks of some samples."""
-    return np.diff(samples_of([x]), ORDER, axis=1) @ WHITE.T
+    return np.diff(samples_of([x]), NOISE_BLOCKS.order, axis=1) @ WHITE.T
 
 
 def calmest(x):
     """The blocks of the calmer half."""
     blocks = blocks_of(x)
     order = by_calm(blocks)
-    return blocks[order[: order.size // 2], :SHOWING]
+    return blocks[order[: order.size // 2], : NOISE_BLOCKS.showing]
 
 
 # ---- the blocks ----------------------------------------------------------------------------------------------------------
@@ -56,20 +55,22 @@ def calmest(x):
 
 def test_cosines_of_white_noise_are_independent_with_its_variance():
     """A swing of a thousand sigmas leaves nothing of itself."""
-    draws = [blocks_of(np.random.default_rng(seed).standard_normal(6000))[:, :SHOWING] for seed in range(100)]
+    draws = [blocks_of(np.random.default_rng(seed).standard_normal(6000))[:, : NOISE_BLOCKS.showing] for seed in range(100)]
     assert np.mean([is_even(one[:, :16]) for one in draws]) > 0.95
     together = np.concatenate(draws)
-    np.testing.assert_allclose(together.T @ together / len(together), np.eye(SHOWING), atol=5 / np.sqrt(len(together)))
+    np.testing.assert_allclose(
+        together.T @ together / len(together), np.eye(NOISE_BLOCKS.showing), atol=5 / np.sqrt(len(together))
+    )
     white = np.random.default_rng(3).standard_normal(20_000)
     np.testing.assert_allclose(blocks_of(white + swing(20_000))[:, :16], blocks_of(white)[:, :16], atol=0.1)
 
 
 def test_the_mean_square_without_what_is_far_out_has_the_stated_spread():
     rng = np.random.default_rng(1)
-    powers = np.array([powers_of(rng.standard_normal((400, SHOWING))) for _ in range(100)])
+    powers = np.array([powers_of(rng.standard_normal((400, NOISE_BLOCKS.showing))) for _ in range(100)])
     assert powers.mean() == pytest.approx(1.0, abs=4 * np.sqrt(SPREAD / 400 / powers.size))
     assert powers.std() == pytest.approx(np.sqrt(SPREAD / 400), rel=4 / np.sqrt(2 * powers.size))
-    spoiled = rng.standard_normal((4000, SHOWING))
+    spoiled = rng.standard_normal((4000, NOISE_BLOCKS.showing))
     spoiled[:40] *= 30
     assert powers_of(spoiled).mean() == pytest.approx(1.0, abs=0.03)
 
@@ -167,7 +168,7 @@ def test_beside_a_weak_motion_in_all_blocks_noise_has_a_level_that_is_known_less
     for seed in range(20):
         rng = np.random.default_rng(seed)
         white, motion = rng.standard_normal(count), bends(rng, count, 0.3)
-        moving += not fitted(powers_of(blocks_of(white + motion)[:, :SHOWING]), count // 38).still
+        moving += not fitted(powers_of(blocks_of(white + motion)[:, : NOISE_BLOCKS.showing]), count // 38).still
         one, other = found_in(white + motion), found_in(np.sqrt(1.3) * white + motion)
         assert other is not None
         assert abs(other.variance - 1.3) < 4 * other.sigma
@@ -200,7 +201,7 @@ def test_readout_noise_in_a_motion_is_told_from_white_noise():
 
 def test_the_rise_has_one_sigma_under_m0():
     rng = np.random.default_rng(2)
-    rises = [fitted(powers_of(rng.standard_normal((300, SHOWING))), 300).rise for _ in range(200)]
+    rises = [fitted(powers_of(rng.standard_normal((300, NOISE_BLOCKS.showing))), 300).rise for _ in range(200)]
     assert abs(np.mean(rises)) < 4 / np.sqrt(200)
     assert np.std(rises) == pytest.approx(1.0, abs=4 / np.sqrt(400))
 
@@ -209,7 +210,7 @@ def test_the_rise_has_one_sigma_under_m0():
 
 
 def outside(x):
-    return outside_bands(powers_of(blocks_of(x)[:, :SHOWING]), 1.0)
+    return outside_bands(powers_of(blocks_of(x)[:, : NOISE_BLOCKS.showing]), 1.0)
 
 
 def band(rng, count, low, high, power):

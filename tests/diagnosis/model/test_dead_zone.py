@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from diagnosis.detectors.dead_zone_crossings import Zone
-from diagnosis.detectors.dead_zone_rests import MOST_PARTS, SETTINGS, of_passes, of_zero_samples
+from diagnosis.detectors.dead_zone_rests import SETTINGS, of_passes, of_zero_samples
+from diagnosis.detectors.dead_zone_rests import SETTINGS as DEAD_ZONE_RESTS
 from diagnosis.diagnose import diagnose
 from diagnosis.model import dead_zone
 from diagnosis.model.prepare import prepare
@@ -27,7 +28,7 @@ def found():
 def test_what_is_missing_is_a_rate_in_the_runs_and_nowhere_else(found):
     (shown,) = found.dead
     model = found.model
-    one = replace(shown, part=np.where(shown.part < MOST_PARTS, shown.part, -1))
+    one = replace(shown, part=np.where(shown.part < DEAD_ZONE_RESTS.most_parts, shown.part, -1))
     toward = model.G[:, one.axis]
     columns = dead_zone.missing(model, one, toward)
     assert columns.shape == (model.size, 2 + one.part.max())
@@ -101,7 +102,7 @@ def test_the_size_lies_between_what_is_missing_and_what_is_read(found):
 
 def test_every_zero_misses_its_rate_and_the_longest_stretches_have_one_of_their_own():
     made = recorded(4, sample_s=0.5, every_s=60.0)
-    rates, lengths = made.gyro.rates.copy(), 30 + np.arange(MOST_PARTS + 20)
+    rates, lengths = made.gyro.rates.copy(), 30 + np.arange(DEAD_ZONE_RESTS.most_parts + 20)
     begins = 200 + 150 * np.arange(lengths.size)
     for begin, length in zip(begins, lengths, strict=True):
         rates[begin : begin + length, 1] = 0.0
@@ -110,7 +111,7 @@ def test_every_zero_misses_its_rate_and_the_longest_stretches_have_one_of_their_
     np.testing.assert_array_equal(one.part >= 0, zero)
     for place, begin in enumerate(begins):
         own = one.part[begin : begin + 30]
-        assert (own == min(lengths.size - 1 - place, MOST_PARTS)).all()
+        assert (own == min(lengths.size - 1 - place, DEAD_ZONE_RESTS.most_parts)).all()
 
 
 @pytest.fixture(scope="module")

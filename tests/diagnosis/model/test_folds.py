@@ -6,7 +6,8 @@ import pytest
 from diagnosis.inference.closure import compute_closure
 from diagnosis.inference.search import Search
 from diagnosis.model.candidates import linear_model
-from diagnosis.model.folds import BROAD, PARTS, START, folds, parts, unwhitened
+from diagnosis.model.folds import SETTINGS as FOLDS
+from diagnosis.model.folds import folds, parts, unwhitened
 from diagnosis.model.linear import Member
 from gyrocal.calibration.observability import PLAUSIBLE_RANGE
 from simulator.effects import EFFECTS
@@ -29,13 +30,13 @@ def member(made, label):
 
 def test_every_observation_is_held_out_once_and_every_interval_has_a_share_in_each_fold(model):
     part = parts(model)
-    assert set(part) == set(range(PARTS))
+    assert set(part) == set(range(FOLDS.parts))
     for number in range(len(model.blocks)):
         own = part[model.observation_block == number]
-        if own.size >= PARTS:
-            assert set(own) == set(range(PARTS))
+        if own.size >= FOLDS.parts:
+            assert set(own) == set(range(FOLDS.parts))
         # In one stretch each, so that what is held out lies apart in time.
-        assert (np.diff(own) != 0).sum() <= PARTS
+        assert (np.diff(own) != 0).sum() <= FOLDS.parts
     first = [part[model.observation_block == number][0] for number in range(len(model.blocks))]
     assert len(set(first)) == len(first)
 
@@ -45,7 +46,7 @@ def test_predictions_are_those_of_the_joint_normal_distribution(model):
     sigma = np.zeros((model.size, model.size))
     for block in model.blocks:
         sigma[block.rows, block.rows] = block.whitener @ block.whitener.T
-    scale = np.concatenate([np.full(3 * len(model.blocks), START), BROAD * PLAUSIBLE_RANGE])
+    scale = np.concatenate([np.full(3 * len(model.blocks), FOLDS.start), FOLDS.broad * PLAUSIBLE_RANGE])
     columns = unwhitened(model, np.hstack([model.starts, model.calibration]))
     sigma += (columns * scale) @ (columns * scale).T
     np.testing.assert_allclose(joint_covariance(model), sigma, rtol=1e-9, atol=1e-12 * sigma.max())

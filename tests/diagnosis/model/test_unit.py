@@ -10,7 +10,8 @@ from diagnosis.inference.closure import compute_closure
 from diagnosis.inference.search import Search
 from diagnosis.model.linear import Member
 from diagnosis.model.linearise import linearised
-from diagnosis.model.unit import APART_S, joined, unit_model
+from diagnosis.model.unit import SETTINGS as UNIT
+from diagnosis.model.unit import joined, unit_model
 from gyrocal import InputError
 from simulator import scenario
 from simulator.effects import EFFECTS, setting
@@ -66,7 +67,7 @@ def test_recordings_that_overlap_follow_one_another(recordings):
     assert apart.intervals[-1].start_s - one.intervals[-1].start_s > 30 * 86400
     beside = joined({"one": one, "again": one}).recording
     count = one.gyro.t_s.size
-    assert beside.gyro.t_s[count] - beside.gyro.t_s[count - 1] == pytest.approx(APART_S)
+    assert beside.gyro.t_s[count] - beside.gyro.t_s[count - 1] == pytest.approx(UNIT.apart_s)
 
 
 def test_samples_of_another_length_are_refused(recordings, plan):
