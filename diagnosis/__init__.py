@@ -1,30 +1,31 @@
-"""Sim-to-real diagnosis: does a recording depart from the baseline simulator, where, by which cause, and how far it shrinks.
+"""Sim-to-real diagnosis: whether, where and why a recording differs from the simulation, and how far the causes close that.
 
 The baseline M0 has a constant G and b, white gyro noise of the stated ARW, and white reference errors of the stated sigmas.
-Everything rests on one linear model (`diagnosis.model.linear`): what an unmodelled effect adds to the reading of the gyro or
-to a reference attitude becomes one more group of columns beside the twelve of the calibration.
+Everything rests on one linear model (`diagnosis.model.linear`). An unmodelled effect adds a group of columns beside the twelve
+of the calibration. Its column is what the effect adds to the gyro's readings or to a reference attitude.
 
-The way of a recording through `diagnosis.diagnose`, file by file (steps 4 to 11 are in `explain`):
+`diagnosis.diagnose` uses the modules in this order (steps 4 to 12 are in `explain`):
 
-1. `detectors.samples` and the detector of each symptom beside it: each returns what it finds, and the stream repaired further.
-2. `model.prepare`: the calibration under M0 (`model.baseline`) on `model.recording`, which linearises the recording;
-   `model.judgement` asks the attitude about lines of the samples and the references' noise, and asks anew, without them, once
-   effects were found (`model.at_work`).
-   `sinusoids` finds and fits the lines of the samples, the tones of the references and the periods of step 4 alike.
-3. `model.symptoms`: which effects claim what the samples show.
-4. `model.groups`, with `model.unlisted`, `model.repeating`, `model.processes` and `model.dead_zone`: what could be there, which
-   `model.candidates` puts side by side as one linear model; `model.periods` scans the data for swings of any period.
-5. `inference.null`: whether there is a gap at all.
-6. `inference.search`, on `inference.evidence`: sets of effects and their posterior.
-7. `inference.attribution`: what may be named.
-8. `inference.amplitudes`: how large the named effects are.
-9. `inference.criticism`: whether the identified effects would give innovations like these.
-10. `inference.closure`, on the folds of the model: how far the gap shrinks on held-out data.
-11. `model.calibration`: G and b with the named effects in the model.
-12. `remainder_search`, where listed effects alone do not explain the data: effects in the presence of `model.remainder`, whose
-    sizes replicate (`replication`); and the gap budget on held-out data (`budget`).
-13. `assemble`: the answer, `result`; `verdict`, from probabilities alone.
+1. `detectors.samples` calls the test of each symptom. A test returns its findings and the repaired stream.
+2. `model.prepare` calibrates under M0 (`model.baseline`) on the linearised recording (`model.recording`).
+   `model.judgement` classifies spectral lines and the noise of the references, and repeats that without the effects that were
+   identified (`model.at_work`). `sinusoids` fits the lines of the samples, the tones of the references and the periods of
+   step 4.
+3. `model.symptoms` computes the posterior of each symptom.
+4. `model.groups` builds the columns of listed effects, with `model.processes`, `model.periods` and `model.dead_zone`, and of
+   alternatives outside the library (`model.unlisted`, `model.repeating`). `model.candidates` joins them to one linear model.
+5. `inference.null` tests whether there is a misfit.
+6. `inference.search` computes the posterior of sets of effects from `inference.evidence`.
+7. `inference.attribution` selects the causes that are reported.
+8. `inference.amplitudes` estimates their sizes.
+9. `inference.criticism` tests whether the explanation would give innovations like the observed ones.
+10. `inference.closure` measures on held-out data (`model.folds`) how far the causes close the misfit.
+11. `model.calibration` estimates G and b with the causes in the model.
+12. `remainder_search` identifies effects in the presence of a remainder (`model.remainder`) where listed effects alone do not
+    explain the data. `replication` compares their sizes between parts of the recording, and `budget` gives the gap budget.
+13. `assemble` builds the answer (`result`), with the verdict from probabilities alone (`verdict`).
 
-Raw sensor tables take the same way from step 4 on, with `model.sensors` as their builder (`sensor_tables`). Thresholds are in
-`settings`. What a maneuver plan could show is in `plan`.
+Raw sensor tables (`sensor_tables`, built by `model.sensors`) and arrays of gyros (`gyros`, built by `model.gyros`) use the same
+steps from 4 on. General thresholds are in `settings`, others in the settings class of their module. `plan` predicts what a
+maneuver plan can show.
 """
