@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 
 from diagnosis.detectors.dead_zone_rests import SETTINGS as DEAD_ZONE_RESTS
 from diagnosis.detectors.dead_zone_rests import DeadZoneEvidence, half_width
+from diagnosis.detectors.gap_interpolation import runs
 from diagnosis.model.calibration import calibrated_beside
 from diagnosis.model.groups import Group
 from diagnosis.model.linear import Parameters
@@ -43,7 +44,7 @@ class DeadZoneSettings:
     memory: float = 10.0  # time constant of that motion in cells, beside none: a body at rest drifts
     rounding: float = 1e-9  # of the variance of a motion, below which there is none
     difference: float = 0.4  # usual size of the differences between runs beside what they have in common
-    scales: tuple[float, float] = (0.03, 10.0)  # of the amplitudes, in usual rates
+    scales: tuple[float, float] = (0.003, 10.0)  # of the amplitudes, in usual rates
     most_odds: float = 4.0  # that rests may give it: their model of the motion is a rough one, and the attitude must show it
     most_passed: float = 25.0  # the same of passes through the zone
     trials: int = 3  # gyros
@@ -82,6 +83,20 @@ def missing(model: RecordingModel, one: DeadZoneEvidence, toward: Array) -> Arra
     numbers = np.unique(part[(part >= 0) & (part < DEAD_ZONE_RESTS.most_parts)])
     low = np.deg2rad(1.0) * np.column_stack([part >= 0, *(SETTINGS.difference * (part == number) for number in numbers)])
     return model.rate_error(toward[:, None] * low[:, None, :])
+
+
+def bridge_passes(model: RecordingModel, one: DeadZoneEvidence, toward: Array) -> Array:
+    """(N, 1) observations of the rate that a zone hides on a straight course between its edges, rad/s.
+
+    The readings beside a run show the edges at which the motion entered and left. A run at an end of an interval has no course.
+    """
+    gyro, course = model.recording.gyro, np.zeros(one.part.size)
+    for low, high in runs(one.part >= 0):
+        if low > 0 and high < course.size and gyro.t_s[high] - gyro.t_s[low - 1] < (high - low + 2) * gyro.sample_s:
+            enter, leave = np.sign(gyro.rates[[low - 1, high], one.axis])
+            course[low:high] = one.alive * np.linspace(enter, leave, high - low)
+    step = np.searchsorted(gyro.t_s, model.t_s, side="right") - 1
+    return model.rate_error(toward[:, None] * course[step][:, None, None])
 
 
 def unseen_motion(
@@ -155,6 +170,7 @@ def _group(model: RecordingModel, one: DeadZoneEvidence, effect: Effect) -> Grou
     usual = float(np.rad2deg(one.usual))
     toward = input_axis(model, one)
     rates = model.whitened(missing(model, one, toward))
+    course = [model.whitened(bridge_passes(model, one, toward))] if one.passed else []
     moving = [
         np.hstack([rates, unseen_motion(model, one, toward, size, memory)])
         for size in SETTINGS.unseen
@@ -169,7 +185,7 @@ def _group(model: RecordingModel, one: DeadZoneEvidence, effect: Effect) -> Grou
         effect=effect.name,
         axis=AXES[one.axis],
         listed=True,
-        columns=[rates, *moving],
+        columns=[np.hstack([part, *course]) for part in (rates, *moving)],
         parameters=[{} for _ in (rates, *moving)],
         weights=np.array([0.5, *(0.5 / len(moving) for _ in moving)]),
         limits=(max(effect.prior[0], SETTINGS.scales[0] * usual), min(effect.prior[1], SETTINGS.scales[1] * usual)),
@@ -178,6 +194,7 @@ def _group(model: RecordingModel, one: DeadZoneEvidence, effect: Effect) -> Grou
         read=read,
         size_sigma=lambda size: half_width_sigma(one, size),
         roughness=SETTINGS.roughness,
+        shifted=one.passed,
         loudest=np.inf,  # each of hundreds of amplitudes is that large, and a smaller scale would hold all of them back
     )
 

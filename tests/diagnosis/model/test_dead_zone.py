@@ -35,7 +35,7 @@ def test_what_is_missing_is_a_rate_in_the_runs_and_nowhere_else(found):
     # What is too short for a rate of its own shares the common one.
     assert dead_zone.missing(model, shown, toward).shape == columns.shape
     # All runs alike are the sum of each by itself.
-    np.testing.assert_allclose(columns[:, 0], columns[:, 1:].sum(axis=1) / dead_zone.DIFFERENCE, atol=1e-12)
+    np.testing.assert_allclose(columns[:, 0], columns[:, 1:].sum(axis=1) / dead_zone.SETTINGS.difference, atol=1e-12)
     # Where every sample may miss a rate, that is a bias of the opposite sign.
     all_of_it = replace(one, part=np.zeros_like(one.part))
     everywhere = dead_zone.missing(model, all_of_it, toward)[:, 0]
@@ -83,7 +83,7 @@ def test_a_candidate_has_the_likelihood_of_the_samples_within_bounds(found):
     for asked in (-100.0, 1.5, 100.0):
         (group,) = dead_zone.dead_zone_groups(replace(found, dead=(replace(one, log_odds=asked),)), [EFFECT])
         odds[asked] = group.log_odds
-    assert odds == {-100.0: dead_zone.LEAST_ODDS, 1.5: 1.5, 100.0: dead_zone.MOST_ODDS}
+    assert odds == {-100.0: dead_zone.SETTINGS.least_odds, 1.5: 1.5, 100.0: dead_zone.SETTINGS.most_odds}
     assert group.axis == "xyz"[one.axis]
     assert group.weight == pytest.approx(EFFECT.weight / 3)  # each gyro could have had one
     assert EFFECT.prior[0] <= group.limits[0] < group.limits[1] <= EFFECT.prior[1]

@@ -48,7 +48,7 @@ def strongest(U, K):
     values, vectors = np.linalg.eigh(whole)
     order = np.argsort(-values)
     share = np.cumsum(values[order] ** 2) / np.sum(values**2)
-    kept = order[: max(int(np.searchsorted(share, processes.INFORMATION)) + 1, processes.USUAL_COLUMNS)]
+    kept = order[: max(int(np.searchsorted(share, processes.SETTINGS.information)) + 1, processes.SETTINGS.usual_columns)]
     return (vectors[:, kept] * values[kept]) @ vectors[:, kept].T, whole
 
 
@@ -168,7 +168,7 @@ def test_cells_of_a_coarse_recording_stay_few():
 def test_a_process_of_averaged_references_is_that_of_every_reference(monkeypatch):
     """Covariance of the observations against that of the errors of all references; of one that is fast it is much smaller."""
     recording = recorded(3)
-    monkeypatch.setattr(linearise, "MOST_OBSERVATIONS", recording.attitudes.t_s.size // 4)
+    monkeypatch.setattr(linearise, "SETTINGS", replace(linearise.SETTINGS, most_observations=recording.attitudes.t_s.size // 4))
     model = linearise.linearised(recording, np.eye(3), np.zeros(3))
     every, nodes_s = model.references.t_s, processes.node_times(model).t_s
     for axis in range(3):
@@ -202,7 +202,7 @@ def test_a_walk_goes_on_only_over_gaps_that_leave_it_a_walk():
 def test_errors_of_averaged_references_are_about_the_axes_of_each(monkeypatch):
     """Unit errors of the nodes against the error of the residuals that those of single references make."""
     recording = recorded(3, every_s=30.0)
-    monkeypatch.setattr(linearise, "MOST_OBSERVATIONS", recording.attitudes.t_s.size // 3)
+    monkeypatch.setattr(linearise, "SETTINGS", replace(linearise.SETTINGS, most_observations=recording.attitudes.t_s.size // 3))
     model = linearise.linearised(recording, np.eye(3), np.zeros(3))
     rows, _ = nodes(model)
     assert max(block.counts.max() for block in model.blocks) == 3
@@ -212,7 +212,9 @@ def test_errors_of_averaged_references_are_about_the_axes_of_each(monkeypatch):
         error[rows, axis, 0] = sizes
         expected = model.whitened(model.reference_error(error)[:, 0])
         place = model.reference_places[axis]
-        np.testing.assert_allclose(place.columns @ (place.mean @ sizes), expected, atol=places.ALONG * np.abs(expected).max())
+        np.testing.assert_allclose(
+            place.columns @ (place.mean @ sizes), expected, atol=places.DECOMPOSITION.along * np.abs(expected).max()
+        )
 
 
 @pytest.mark.parametrize(("turn_deg", "count"), [(0.0, 1), (1.0, 1), (20.0, 2), (150.0, 3)])
@@ -224,13 +226,13 @@ def test_directions_of_errors_of_a_body_that_turns_are_those_that_matter(turn_de
     errors, mean = directions(np.vstack([along, along[:2]]), np.array([0, 4]))
     assert np.count_nonzero(np.any(errors[:3] != 0, axis=0)) == count
     assert not np.any(errors[:3, np.any(errors[3:] != 0, axis=0)])
-    np.testing.assert_allclose((errors @ mean.toarray())[:3, :4], along.T / 4, atol=places.ALONG / np.sqrt(4))
-    np.testing.assert_allclose((errors @ mean.toarray())[3:, 4:], along[:2].T / 2, atol=places.ALONG / np.sqrt(2))
+    np.testing.assert_allclose((errors @ mean.toarray())[:3, :4], along.T / 4, atol=places.DECOMPOSITION.along / np.sqrt(4))
+    np.testing.assert_allclose((errors @ mean.toarray())[3:, 4:], along[:2].T / 2, atol=places.DECOMPOSITION.along / np.sqrt(2))
 
 
 def test_an_error_that_changes_within_a_cell_of_a_spinning_body_has_its_covariance(monkeypatch):
     """Two turns a cell and a process that forgets within it: what a level in each cell would show is another thing."""
-    monkeypatch.setattr(places, "PARTS", 12)
+    monkeypatch.setattr(places, "DECOMPOSITION", replace(places.DECOMPOSITION, parts=12))
     t_s = np.arange(4000) * 0.5
     rates = np.zeros((t_s.size, 3))
     rates[:, 2] = 2 * np.pi / 5.0

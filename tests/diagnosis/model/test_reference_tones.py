@@ -118,7 +118,7 @@ def test_a_diagnosis_names_it():
     answer = diagnose(recorded("reference_periodic:z=0.008,period_s=1.7", every_s=EVERY))
     assert [cause.label for cause in answer.causes] == ["reference_periodic:z"]
     assert answer.verdict in ("named", "group")
-    assert not answer.p_values.get("misfit: line of any period", 1.0) < 1e-4
+    assert min(p for name, p in answer.p_values.items() if name.startswith("misfit")) > 1e-3
 
 
 def test_a_listed_way_is_taken_out_where_the_unlisted_are_likelier_than_each():
@@ -135,7 +135,7 @@ def test_a_listed_way_is_taken_out_where_the_unlisted_are_likelier_than_each():
 def test_slow_errors_are_no_tone_of_an_interval_with_few_references(monkeypatch):
     """At the rate of its own references an interval shows its slow errors once more, where others have faster references."""
     model = model_of()
-    e, later, taken = reference_tones.innovations(model)
+    e, later, taken = reference_tones.compute_innovations(model)
     later = np.flatnonzero(later) if later.dtype == bool else later
     few = model.interval_of_reference[later] == 0
     kept = ~few | (np.arange(later.size) % 8 == 0)
@@ -143,6 +143,6 @@ def test_slow_errors_are_no_tone_of_an_interval_with_few_references(monkeypatch)
     own, t_s = few & kept, model.references.t_s[later]
     assert (~few).any()
     assert compute_power(t_s[own], (e + drift)[own], 1 / (8 * EVERY) + np.linspace(-2e-3, 2e-3, 9)).max() > 30
-    monkeypatch.setattr(reference_tones, "innovations", lambda model: ((e + drift)[kept], later[kept], taken))
+    monkeypatch.setattr(reference_tones, "compute_innovations", lambda model: ((e + drift)[kept], later[kept], taken))
     found = find_peak(model)
     assert found is None or found[1] > 1e-3
