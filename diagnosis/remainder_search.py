@@ -30,7 +30,7 @@ from diagnosis.inference.attribution import Slot, find_slots
 from diagnosis.inference.search import NOTHING, Explanation, Search
 from diagnosis.model.calibration import calibrated
 from diagnosis.model.candidates import linear_model, of_columns
-from diagnosis.model.linear import LinearModel, Member
+from diagnosis.model.linear import ColumnStore, LinearModel, Member
 from diagnosis.model.misfit import build_basis
 from diagnosis.model.prepare import Progress
 from diagnosis.model.recording import RecordingModel
@@ -110,8 +110,9 @@ def identify_beside_remainder(
         tell(f"remainder, round {number + 1}", 0.9 + 0.02 * number)
         if number:
             before, noisy = noisy, add_remainder(model, remainder)
-            W = convert(before, noisy, linear.W[:, :])
-            linear = of_columns(noisy, linear.candidates, [W], {effect.name: effect for effect in rivals}, rules)
+            store = ColumnStore(noisy.nuisance)
+            store.add(convert(before, noisy, linear.W[:, :]))
+            linear = of_columns(noisy, linear.candidates, store, {effect.name: effect for effect in rivals}, rules)
         search = Search(linear, rules)
         explanations = sorted([*search.explanations(), NOTHING], key=lambda one: -one.log_posterior)
         best = explanations[0]

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from diagnosis.model.finer_processes import with_finer_process, with_whole_process
 from diagnosis.model.folds import SPLIT, folds
 from diagnosis.model.groups import Group, listed, unlisted_groups
-from diagnosis.model.linear import EVERY, Candidate, LinearModel, Member, Option, Restored, Room, Wanted, scales_of, spaced
+from diagnosis.model.linear import EVERY, Candidate, ColumnStore, LinearModel, Member, Option, Wanted, scales_of, spaced
 from diagnosis.model.linear import SETTINGS as LINEAR
 from diagnosis.model.periods import add_finer_periods, scan_periods
 from diagnosis.model.recording import RecordingModel
@@ -26,9 +26,6 @@ from diagnosis.settings import DEFAULT, DiagnosisSettings
 from simulator.effects.base import Effect
 
 Array = NDArray[np.float64]
-
-AT_ONCE = 512  # columns that are projected together
-BLOCK = 6_000_000  # numbers; what is as large is memory of its own to the system
 
 
 def linear_model(
@@ -55,32 +52,16 @@ def linear_model(
     tell(0)
     found = scan_periods(model) if scan else None
 
+    store = ColumnStore(model.nuisance)
+
     def made() -> Iterator[Group]:
         others = unlisted_groups(model, found or {}, effects) if rivals else ()
-        for count, group in enumerate(packed(chain(listed(model, effects, found), further, others), model.size)):
+        for count, group in enumerate(chain(listed(model, effects, found), further, others)):
             tell(count)
-            yield group
+            yield replace(group, columns=[store.add(part) for part in group.columns])
 
-    candidates, columns = ordered(list(made()), model.projected, settings)
-    return of_columns(model, candidates, columns, {effect.name: effect for effect in effects}, settings)
-
-
-def packed(groups: Iterable[Group], size: int) -> Iterator[Group]:
-    """Groups with their columns (N, k) side by side in large blocks of memory, each of which is given back as a whole.
-
-    Small arrays that are made among others that stay leave holes, which no other program can use.
-    """
-    block = Room(np.empty((size, 0), order="F"))
-    for group in groups:
-        columns = []
-        for part in group.columns:
-            stop = block.used + part.shape[1]
-            if stop > block.memory.shape[1]:
-                block, stop = Room(np.empty((size, max(BLOCK // max(size, 1), part.shape[1])), order="F")), part.shape[1]
-            block.memory[:, block.used : stop] = part
-            columns.append(block.memory[:, block.used : stop])
-            block.used = stop
-        yield replace(group, columns=columns)
+    candidates = list_candidates(list(made()), lambda projected: projected, settings)
+    return of_columns(model, candidates, store, {effect.name: effect for effect in effects}, settings)
 
 
 def placed(
@@ -90,18 +71,19 @@ def placed(
     size: int = 0,
     visible: tuple[float, float] = LINEAR.visible,
 ) -> tuple[tuple[Candidate, ...], Array]:
-    """Candidates with their places and priors, and all columns side by side; see `ordered`."""
-    candidates, columns = ordered(groups, projected, settings, visible)
-    return candidates, np.hstack(columns) if columns else np.empty((size, 0))
+    """Place the columns (N, p) of all groups side by side, and list their candidates; see `list_candidates`."""
+    candidates, columns = list_candidates(groups, projected, settings, visible), [np.empty((size, 0))]
+    parts = [part for group in groups for part in group.columns]
+    return candidates, np.hstack(parts or columns)
 
 
-def ordered(
+def list_candidates(
     groups: Sequence[Group],
     projected: Callable[[Array], Array],
     settings: DiagnosisSettings,
     visible: tuple[float, float] = LINEAR.visible,
-) -> tuple[tuple[Candidate, ...], list[Array]]:
-    """Candidates with their places and priors, and the columns of all their options in that order.
+) -> tuple[Candidate, ...]:
+    """List the candidates of groups whose columns lie side by side, with their scales and priors.
 
     Each effect has the same prior, shared by its axes, and so has each rival; what could not be seen is left out.
 
@@ -116,8 +98,10 @@ def ordered(
     rivals = {group.effect for group in groups if not group.listed}
     share = settings.unlisted_share if rivals and names else float(bool(rivals))
     axes = {name: sum(group.effect == name for group in groups) for name in names | rivals}
-    candidates, columns, start = [], [], 0
+    candidates, stop = [], 0
     for group in groups:
+        stops = stop + np.cumsum([part.shape[1] for part in group.columns], dtype=int)
+        stop = int(stops[-1]) if stops.size else stop
         norms = [np.linalg.norm(projected(part), axis=0) for part in group.columns]
         largest = max((float(norm.max()) for norm in norms if norm.size), default=0.0)
         shown = visible[0], max(visible[1], group.loudest)
@@ -131,12 +115,12 @@ def ordered(
         family = (1 - share) / len(names) if group.listed else share / len(rivals)
         options = []
         windows = windows or [EVERY] * len(norms)
-        for part, weight, parameters, window in zip(group.columns, group.weights, group.parameters, windows, strict=True):
-            if not window[0] < window[1] or (group.scales is None and not part.shape[1]):  # nothing of it can be seen here
+        for end, norm, weight, parameters, window in zip(
+            stops.tolist(), norms, group.weights, group.parameters, windows, strict=True
+        ):
+            if not window[0] < window[1] or (group.scales is None and not norm.size):  # nothing of it can be seen here
                 continue
-            options.append(Option(start, part.shape[1], float(np.log(weight)), parameters, window))
-            columns.append(part)
-            start += part.shape[1]
+            options.append(Option(end - norm.size, norm.size, float(np.log(weight)), parameters, window))
         prior = float(np.log(group.weight * family / axes[group.effect]))
         candidates.append(
             Candidate(
@@ -144,7 +128,7 @@ def ordered(
                 group.positive, group.log_odds, group.read, group.size_sigma, group.shifted, group.scanned, group.roughness,
             )
         )  # fmt: skip
-    return tuple(candidates), columns
+    return tuple(candidates)
 
 
 def _window(norms: Array, limits: tuple[float, float], visible: tuple[float, float]) -> tuple[float, float]:
@@ -153,33 +137,15 @@ def _window(norms: Array, limits: tuple[float, float], visible: tuple[float, flo
     return (max(limits[0], visible[0] / largest), min(limits[1], visible[1] / largest)) if largest > 0 else (np.inf, 0.0)
 
 
-def _projected(model: RecordingModel, columns: list[Array]) -> tuple[Room, Restored]:
-    """Columns (N, k) side by side and projected, with room for more; those that are done are taken off the list."""
-    count = sum(part.shape[1] for part in columns)
-    # Column by column, so that what is not used yet takes no memory, and columns side by side are products without a copy.
-    room = Room(np.empty((model.size, 2 * count + AT_ONCE), order="F"))
-    basis, hidden = model.nuisance, np.empty((model.nuisance.shape[1], count))
-    columns.reverse()
-    while columns:
-        some, wide = [columns.pop()], AT_ONCE
-        while columns and (wide := wide - some[-1].shape[1]) > 0:
-            some.append(columns.pop())
-        part, start = np.hstack(some), room.used
-        room.used += part.shape[1]
-        np.matmul(basis.T, part, out=hidden[:, start : room.used])
-        np.subtract(part, basis @ hidden[:, start : room.used], out=room.memory[:, start : room.used])
-    return room, Restored(room.memory[:, :count], basis, hidden)
-
-
 def of_columns(
     model: RecordingModel,
     candidates: tuple[Candidate, ...],
-    columns: list[Array],
+    store: ColumnStore,
     effects: Mapping[str, Effect],
     settings: DiagnosisSettings,
 ) -> LinearModel:
-    """The linear model of a recording, by the whitened columns of all candidates in their order."""
-    room, W = _projected(model, columns)
+    """The linear model of a recording, by the columns of all candidates side by side."""
+    W = store.restore()
 
     def refine(linear: LinearModel, member: Member) -> LinearModel:
         effect = effects.get(linear.candidate(member).effect)
@@ -211,7 +177,7 @@ def of_columns(
         most_effects=settings.largest_set,
         split=SPLIT,
         folds=lambda W: folds(model, W),
-        room=room,
+        room=store.room,
         refine=refine,
         whole=whole,
         moments=moments,

@@ -45,6 +45,7 @@ class LinearSettings:
 SETTINGS = LinearSettings()
 
 
+MOST_COLUMNS = 30_000  # of a model, usually; what is not used takes no memory
 AT_ONCE = 64  # rows of columns that are restored together
 EVERY = (0.0, np.inf)  # window of an option that may have any scale
 
@@ -221,14 +222,43 @@ class Room:
     memory: Array
     used: int = 0
 
+    def append(self, more: Array) -> None:
+        """Append columns (N, k), in a larger memory if there is no room for them."""
+        stop = self.used + more.shape[1]
+        if stop > self.memory.shape[1]:
+            larger = np.empty((len(self.memory), 2 * stop), order="F")
+            larger[:, : self.used] = self.memory[:, : self.used]
+            self.memory = larger
+        self.memory[:, self.used : stop] = more
+        self.used = stop
+
     def beside(self, columns: Array, more: Array) -> Array:
         """Columns and more of them side by side: without a copy if they are the last in this memory, and there is room."""
         stop = self.used + more.shape[1]
         if columns.base is not self.memory or columns.shape[1] != self.used or stop > self.memory.shape[1]:
             return np.hstack([columns, more])
-        self.memory[:, self.used : stop] = more
-        self.used = stop
+        self.append(more)
         return self.memory[:, :stop]
+
+
+class ColumnStore:
+    """Projected columns side by side in one memory, and what the projection took of them."""
+
+    def __init__(self, basis: Array):
+        self.basis = basis  # (N, q) orthonormal basis of the nuisance parameters' columns
+        self.room, self._hidden = (Room(np.empty((rows, MOST_COLUMNS), order="F")) for rows in basis.shape)
+
+    def add(self, W: Array) -> Array:
+        """Add whitened columns (N, k); returns them projected."""
+        hidden, used = self.basis.T @ W, self.room.used
+        self._hidden.append(hidden)
+        self.room.append(W - self.basis @ hidden)
+        return self.room.memory[:, used : self.room.used]
+
+    def restore(self) -> Restored:
+        """All columns, projected and before that."""
+        used = self.room.used
+        return Restored(self.room.memory[:, :used], self.basis, self._hidden.memory[:, :used])
 
 
 @dataclass(frozen=True)

@@ -178,7 +178,8 @@ def test_what_cannot_be_seen_or_is_implausible_is_no_candidate(model):
     ]
     candidates, W = placed(groups, model.projected, DEFAULT)
     assert [candidate.effect for candidate in candidates] == ["fine"]
-    assert W.shape == (model.size, 1)
+    (option,) = candidates[0].options
+    np.testing.assert_array_equal(W[:, option.columns], seen)
 
 
 def test_settings_reach_the_model(model):
