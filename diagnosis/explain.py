@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from diagnosis.answer import Closure
-from diagnosis.budget import Step, build_budget, convert, predict_held_out
+from diagnosis.budget import Step, build_budget, convert, predict_held_out, summarise_closure
 from diagnosis.inference.amplitudes import Fitted, amplitudes, refined
 from diagnosis.inference.attribution import (
     Attribution,
@@ -125,7 +125,8 @@ def _add_remainder(
         sizes = [estimate_by_part(model, explained.fitted, number) for number in range(len(explained.fitted))]
         shares = [sum(p for _, p in slot.group) for slot in attribution.slots]
         held = predict_held_out(model, model, explained.fitted)
-        return replace(explained, budget=build_budget(held, model, explained.fitted, shares, sizes))
+        closed = summarise_closure(held) if explained.fitted else None
+        return replace(explained, closed=closed, budget=build_budget(held, model, explained.fitted, shares, sizes))
     beside = identify_beside_remainder(model, effects, settings, tell)
     if not beside.slots:
         return replace(explained, beside=beside, budget=beside.budget)
