@@ -88,13 +88,16 @@ def missing(model: RecordingModel, one: DeadZoneEvidence, toward: Array) -> Arra
 def bridge_passes(model: RecordingModel, one: DeadZoneEvidence, toward: Array) -> Array:
     """(N, 1) observations of the rate that a zone hides on a straight course between its edges, rad/s.
 
-    The readings beside a run show the edges at which the motion entered and left. A run at an end of an interval has no course.
+    The readings beside a run show the edges at which the motion entered and left. At an end of an interval it may be anywhere
+    in the zone, in the middle on average.
     """
     gyro, course = model.recording.gyro, np.zeros(one.part.size)
+    signs = np.sign(gyro.rates[:, one.axis])
+    follows = np.append(False, np.diff(gyro.t_s) < 1.5 * gyro.sample_s)
     for low, high in runs(one.part >= 0):
-        if low > 0 and high < course.size and gyro.t_s[high] - gyro.t_s[low - 1] < (high - low + 2) * gyro.sample_s:
-            enter, leave = np.sign(gyro.rates[[low - 1, high], one.axis])
-            course[low:high] = one.alive * np.linspace(enter, leave, high - low)
+        enter = signs[low - 1] if follows[low] else 0.0
+        leave = signs[high] if high < course.size and follows[high] else 0.0
+        course[low:high] = one.alive * np.linspace(enter, leave, high - low)
     step = np.searchsorted(gyro.t_s, model.t_s, side="right") - 1
     return model.rate_error(toward[:, None] * course[step][:, None, None])
 

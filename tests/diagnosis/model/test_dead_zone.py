@@ -64,6 +64,17 @@ def test_what_is_missing_acts_along_the_true_input_axis(wide):
     assert np.abs((beside - [1, 0, 0]) / sigma).max() < 4
 
 
+def test_the_course_between_the_edges_is_nearly_the_hidden_motion(wide):
+    """The straight course of each pass turns the body by what the zone hides, to a twentieth."""
+    ready = prepare(wide)
+    (one,) = ready.dead
+    model, toward = ready.model, np.array([1.0, 0.0, 0.0])
+    true = np.deg2rad(0.12) * np.sin(2 * np.pi / 310 * model.t_s)
+    hidden = model.rate_error(toward[:, None] * np.where(np.abs(true) < WIDE * DEG, true, 0.0)[:, None, None])
+    course = dead_zone.bridge_passes(model, one, toward)
+    assert np.linalg.norm(course - hidden) < 0.05 * np.linalg.norm(hidden)
+
+
 def test_a_zone_of_hundreds_of_sigmas_is_named_with_its_size(wide):
     found = diagnose(wide)
     assert [(one.effect, one.axis) for one in found.causes] == [(EFFECT.name, "x")]
