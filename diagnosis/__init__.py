@@ -9,7 +9,7 @@ of the calibration. Its column is what the effect adds to the gyro's readings or
 1. `detectors.samples` calls the test of each symptom. A test returns its findings and the repaired stream.
 2. `model.prepare` calibrates under M0 (`model.baseline`) on the linearised recording (`model.recording`).
    `model.judgement` classifies spectral lines and the noise of the references, and repeats that without the effects that were
-   identified (`model.at_work`). `sinusoids` fits the lines of the samples, the tones of the references and the periods of
+   identified (`model.known_effects`). `sinusoids` fits the lines of the samples, the tones of the references and the periods of
    step 4.
 3. `model.symptoms` computes the posterior of each symptom.
 4. `model.groups` builds the columns of listed effects, with `model.processes`, `model.periods` and `model.dead_zone`, and of

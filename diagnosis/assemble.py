@@ -48,7 +48,7 @@ SETTINGS = AssembleSettings()
 TINY = 1e-300
 
 
-def assembled(
+def build_diagnosis(
     prepared: Prepared,
     samples: Sequence[SampleCause],
     explained: Explained,
@@ -60,7 +60,7 @@ def assembled(
     gap = explained.p_value < settings.false_alarm_rate
     table = localization.compute_statistics(model)
     sigma = np.sqrt(np.diag(explained.covariance)[:12])
-    seen = Seen(
+    seen = AnswerInputs(
         recording=model.recording.title,
         where=_of_attitude(explained, table, settings) if gap else (),
         p_values=p_values(prepared, explained),
@@ -70,14 +70,14 @@ def assembled(
         sigma_bias=sigma[9:],
         baseline_G=model.G,
         baseline_bias=model.bias,
-        motions=notes.of_motions(prepared),
-        notes=(*notes.though_it_fits(prepared, samples, explained, gap), *prepared.notes),
+        motions=notes.list_motions(prepared),
+        notes=(*notes.explain_fitting_residuals(prepared, samples, explained, gap), *prepared.notes),
         details=details(prepared, explained, table),
         amplitudes=amplitudes(explained.fitted, explained.covariance),
         sigma_nominal=_nominal_sigma(prepared, explained),
         blind=_explain_blindness(prepared, settings),
     )
-    return answered(seen, samples, explained, settings, runtime_s)
+    return build_answer(seen, samples, explained, settings, runtime_s)
 
 
 def _explain_blindness(prepared: Prepared, settings: DiagnosisSettings) -> str | None:
@@ -104,7 +104,7 @@ def _of_attitude(explained: Explained, table: pd.DataFrame, settings: DiagnosisS
 
 
 @dataclass(frozen=True)
-class Seen:
+class AnswerInputs:
     """What an answer states beside causes and probabilities, named as in `Diagnosis`; `where` is that of the linear model.
 
     `blind` says why no gap could be seen, where that is so.
@@ -128,8 +128,8 @@ class Seen:
     sigma_nominal: Array | None = None
 
 
-def answered(
-    seen: Seen, samples: Sequence[SampleCause], explained: Explained, settings: DiagnosisSettings, runtime_s: float
+def build_answer(
+    seen: AnswerInputs, samples: Sequence[SampleCause], explained: Explained, settings: DiagnosisSettings, runtime_s: float
 ) -> Diagnosis:
     """The answer of what is seen and explained, whatever the linear model was built from."""
     attribution = explained.attribution
@@ -164,7 +164,7 @@ def answered(
         notes=(
             *filter(None, (seen.blind,)),
             *notes.of_checks(explained),
-            *notes.odd_symptoms(samples, settings),
+            *notes.list_odd_symptoms(samples, settings),
             *notes.of_units(samples),
             *seen.motions,
             *notes.likely(explained, settings),

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from diagnosis.answer import Closure
 from diagnosis.inference.amplitudes import Fitted
-from diagnosis.model.calibration import calibrated_beside
+from diagnosis.model.calibration import calibrate_beside
 from diagnosis.model.folds import SPLIT, Conditioned, conditioned, parts, unwhitened
 from diagnosis.model.recording import RecordingModel
 from diagnosis.replication import PartSize, Replication
@@ -224,7 +224,7 @@ def build_budget(
     """
     misfit, degrees = held.misfit, held.misfit_deg
     changes = [
-        calibrated_beside(with_remainder, [(one.columns, one.prior_sigma) for one in effects[:count]])[0]
+        calibrate_beside(with_remainder, [(one.columns, one.prior_sigma) for one in effects[:count]])[0]
         for count in range(len(effects) + 1)
     ]
     steps = [Step("baseline", float(misfit[0]), float(degrees[0]))]

@@ -8,14 +8,14 @@ from dataclasses import replace
 
 from threadpoolctl import threadpool_limits
 
-from diagnosis.assemble import assembled
+from diagnosis.assemble import build_diagnosis
 from diagnosis.detectors.stream_faults import find_faults, remove_faults
 from diagnosis.draft import propose_draft
 from diagnosis.explain import Explained, explain_prepared
 from diagnosis.merge import merged
 from diagnosis.model.fault_causes import convert_faults
 from diagnosis.model.prepare import Prepared, Progress, prepare
-from diagnosis.model.symptoms import sample_causes
+from diagnosis.model.symptoms import list_sample_causes
 from diagnosis.remainder_search import identify_beside_remainder
 from diagnosis.result import Diagnosis
 from diagnosis.sensor_tables import diagnose_sensors
@@ -97,8 +97,8 @@ def answer(
     faults: Sequence[Fault] = (),
 ) -> Diagnosis:
     """Make the answer of what samples and attitude show, and of faults taken out before; parameters as of `diagnose`."""
-    samples = (*sample_causes(prepared, effects, settings), *convert_faults(faults))
-    return assembled(prepared, samples, explained, settings, runtime_s)
+    samples = (*list_sample_causes(prepared, effects, settings), *convert_faults(faults))
+    return build_diagnosis(prepared, samples, explained, settings, runtime_s)
 
 
 def nameable(library: Sequence[str] | None, of_arrays: bool = False, of_trackers: bool = False) -> list[Effect]:

@@ -18,7 +18,7 @@ from diagnosis.inference.attribution import (
     Ranked,
     against,
     attribute,
-    averaged_check,
+    average_checks,
     is_listed,
     rank_beside_remainder,
     unexplained,
@@ -28,18 +28,18 @@ from diagnosis.inference.attribution import (
 from diagnosis.inference.closure import compute_closure
 from diagnosis.inference.criticism import Check, check_explanation, combine_checks
 from diagnosis.inference.null import p_value
-from diagnosis.inference.refinement import explained_finely
+from diagnosis.inference.refinement import search_with_refined_options
 from diagnosis.inference.search import NOTHING, Explanation, Search
-from diagnosis.model.at_work import known
 from diagnosis.model.calibration import calibrated
 from diagnosis.model.candidates import linear_model
-from diagnosis.model.dead_zone import dead_zone_groups, shown_by_passes
-from diagnosis.model.judgement import judged_anew
+from diagnosis.model.dead_zone import bound_p_of_passes, dead_zone_groups
+from diagnosis.model.judgement import reclassify_without_effects
+from diagnosis.model.known_effects import known
 from diagnosis.model.layout import tabulate_observations
 from diagnosis.model.linear import Candidate, LinearModel, Member
 from diagnosis.model.misfit import check_baseline, compute_attitude_errors
 from diagnosis.model.prepare import Prepared, Progress
-from diagnosis.model.symptoms import sample_causes
+from diagnosis.model.symptoms import list_sample_causes
 from diagnosis.remainder_search import BesideRemainder, identify_beside_remainder
 from diagnosis.replication import estimate_by_part
 from diagnosis.settings import DiagnosisSettings
@@ -98,7 +98,7 @@ def explain_prepared(
     explained = explain(prepared, effects, settings, seed, tell)
     once_more = partial(_once_more, tell)
     at_work = known(explained.fitted or explained.rejected, {effect.name: effect for effect in effects})
-    again = judged_anew(prepared, at_work, settings, once_more)
+    again = reclassify_without_effects(prepared, at_work, settings, once_more)
     if again is not None:
         anew = explain(again, effects, settings, seed, once_more)
         found, before = ({(one.effect, one.axis) for one in part} for part in (anew.fitted, explained.rejected))
@@ -119,7 +119,7 @@ def _add_remainder(
         return explained
     full = len(explained.fitted) == settings.largest_set and any(one.process for one in explained.fitted)
     model = prepared.model
-    odd = [one for one in sample_causes(prepared, effects, settings) if one.effect is None]
+    odd = [one for one in list_sample_causes(prepared, effects, settings) if one.effect is None]
     odd = [one for one in odd if one.compute_listed(settings) < 1 - settings.unknown]
     if attribution.verdict != "unknown" and not full and not odd:
         sizes = [estimate_by_part(model, explained.fitted, number) for number in range(len(explained.fitted))]
@@ -172,7 +172,7 @@ def explain(
     # No name for it here: the columns of a long recording are hundreds of megabytes, which are let go before the end.
     explained = judged(
         linear_model(model, effects, dead, settings, tell=told),
-        check, settings, seed, tell, shown_by_passes(prepared.dead), of_all,
+        check, settings, seed, tell, bound_p_of_passes(prepared.dead), of_all,
     )  # fmt: skip
     change, covariance = calibrated(model, explained.fitted)
     return replace(explained, change=change, covariance=covariance, left=left)
@@ -193,7 +193,7 @@ def _left_beside(
     return tuple(replace(one, name=f"{one.name}, of all references") for one in check_baseline(prepared.model, beside))
 
 
-def nothing_checked(linear: LinearModel, members: tuple[Member, ...]) -> tuple[Check, ...]:
+def skip_checks(linear: LinearModel, members: tuple[Member, ...]) -> tuple[Check, ...]:
     """No checks."""
     return ()
 
@@ -231,7 +231,9 @@ def judged(
     closed: Closure | None = None
     if p < settings.false_alarm_rate:
         tell("explanations", 0.5)
-        linear, explanations = explained_finely(search, settings, counted(tell, "finer explanations", 0.6, 0.7, 1000))
+        linear, explanations = search_with_refined_options(
+            search, settings, counted(tell, "finer explanations", 0.6, 0.7, 1000)
+        )
         weighed = sorted([*explanations, NOTHING], key=lambda one: -one.log_posterior)
         attribution = attribute(linear, weighed, settings)
         tell("amplitudes", 0.7)
@@ -245,7 +247,7 @@ def judged(
             passed = combine_checks(checks) if checks else None
             if passed is not None and against(passed) < 1:
                 step = map(counted(tell, "checks", 0.75, 0.85, 5), count()).__next__
-                passed = averaged_check(weighed, partial(_checked, linear, check, step), partial(is_listed, linear))
+                passed = average_checks(weighed, partial(_checked, linear, check, step), partial(is_listed, linear))
             attribution = weigh_unlisted(linear, attribution, passed, settings)
             if not attribution.slots:
                 members, fitted, rejected = (), (), fitted

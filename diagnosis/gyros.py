@@ -23,7 +23,7 @@ import scipy.special
 from numpy.typing import NDArray
 
 from diagnosis.answer import Finding
-from diagnosis.assemble import Seen, answered, p_values
+from diagnosis.assemble import AnswerInputs, build_answer, p_values
 from diagnosis.detail_tables import details, explanation_table, test_table
 from diagnosis.detectors.report import Findings, SampleTest, Symptom
 from diagnosis.detectors.samples import examine
@@ -101,7 +101,7 @@ def diagnose_gyros(
     else:
         seen = _see_by_attitude(body, explained, gyros, shown, where, noise)
     seen = replace(seen, notes=(*notes, *seen.notes))
-    return answered(seen, samples, explained, settings, time.perf_counter() - began)
+    return build_answer(seen, samples, explained, settings, time.perf_counter() - began)
 
 
 def explain_array(
@@ -273,7 +273,7 @@ def _see_by_attitude(
     shown: Findings,
     where: tuple[Finding, ...],
     noise: Array,
-) -> Seen:
+) -> AnswerInputs:
     """See G and b of all gyros: ω = T G ω_raw + b − T G c, with T of the body rates' calibration."""
     model = body.model
     fitted = tuple(replace(one, columns=one.columns[: model.size], shift=one.shift[: model.size]) for one in explained.fitted)
@@ -283,7 +283,7 @@ def _see_by_attitude(
     table = localization.compute_statistics(model)
     G = gain(gyros.K, np.arange(len(gyros.names)), noise)
     T, shift = model.G + change[:9].reshape(3, 3), model.bias + change[9:]
-    return Seen(
+    return AnswerInputs(
         recording=model.recording.title,
         where=(*where, *(localization.list_findings(table) if explained.attribution is not None else ())),
         p_values=p_values(body, explained),
@@ -300,12 +300,14 @@ def _see_by_attitude(
     )
 
 
-def _see_by_parity(title: str, gyros: GyroArray, explained: Explained, shown: Findings, where: tuple[Finding, ...]) -> Seen:
+def _see_by_parity(
+    title: str, gyros: GyroArray, explained: Explained, shown: Findings, where: tuple[Finding, ...]
+) -> AnswerInputs:
     """See G and b as they were known before."""
     tests = {one.statistic if one.axis is None else f"{one.statistic}:{one.axis}": float(one.p_value) for one in shown.tests}
     checks = {f"check: {check.name}": check.p_value for check in explained.checks}
     columns = ["interval", "t_s", *(f"{what}_{axis}" for what in ("before", "band", "after") for axis in "xyz")]
-    return Seen(
+    return AnswerInputs(
         recording=title,
         where=where,
         p_values={"parity": explained.p_value, **tests, **checks},

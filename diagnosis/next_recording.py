@@ -32,7 +32,7 @@ from diagnosis.explain import judged
 from diagnosis.inference.amplitudes import Fitted
 from diagnosis.inference.criticism import Check, check_explanation
 from diagnosis.model import processes
-from diagnosis.model.dead_zone import dead_zone_groups, shown_by_passes
+from diagnosis.model.dead_zone import bound_p_of_passes, dead_zone_groups
 from diagnosis.model.folds import Conditioned, conditioned
 from diagnosis.model.gate import check_residuals
 from diagnosis.model.groups import process_places
@@ -185,7 +185,7 @@ def foretell(
     def check(found: LinearModel, members: tuple[Member, ...]) -> tuple[Check, ...]:
         return check_explanation(found, members, tabulate_observations(prepared.model), seed)
 
-    explained = judged(linear, check, settings, seed, tell, shown_by_passes(prepared.dead))
+    explained = judged(linear, check, settings, seed, tell, bound_p_of_passes(prepared.dead))
     tell("the next recording", 0.95)
     model = _whole(prepared, unit, settings)
     named = explained.attribution.verdict if explained.attribution is not None else "none"

@@ -49,7 +49,9 @@ MISTAKEN = {  # factors of white noise that a number in another unit makes, by s
 }
 
 
-def though_it_fits(prepared: Prepared, samples: Sequence[SampleCause], explained: Explained, gap: bool) -> tuple[str, ...]:
+def explain_fitting_residuals(
+    prepared: Prepared, samples: Sequence[SampleCause], explained: Explained, gap: bool
+) -> tuple[str, ...]:
     """Why there is a gap although the residuals of a calibration fit the stated noise, where that is so."""
     own = prepared.model
     if not (gap or samples) or own.recording.attitudes.sensor is not None:
@@ -85,7 +87,7 @@ def of_checks(explained: Explained) -> tuple[str, ...]:
     return (f"The likeliest explanation, {' with '.join(best)}, would not leave residuals like these: {words}",)
 
 
-def odd_symptoms(samples: Sequence[SampleCause], settings: DiagnosisSettings) -> Iterator[str]:
+def list_odd_symptoms(samples: Sequence[SampleCause], settings: DiagnosisSettings) -> Iterator[str]:
     """A sentence for each effect that the samples show, and that would not behave so."""
     for one in samples:
         if one.effect is not None and one.symptom.likeness < 1 - settings.named:
@@ -105,7 +107,7 @@ def of_units(samples: Sequence[SampleCause]) -> Iterator[str]:
             yield f"{one.effect} is about {what}: look at the number that is stated, and its unit"
 
 
-def of_motions(prepared: Prepared) -> tuple[str, ...]:
+def list_motions(prepared: Prepared) -> tuple[str, ...]:
     """Lines in the spectrum of the samples that are no effect, gyro by gyro."""
     report = prepared.samples
     return (

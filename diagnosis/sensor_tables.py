@@ -15,7 +15,7 @@ from scipy.special import chdtrc
 from diagnosis.answer import Closure, Finding, Verdict
 from diagnosis.assemble import alternatives, causes_of
 from diagnosis.detail_tables import explanation_table
-from diagnosis.explain import Explained, judged, nothing_checked
+from diagnosis.explain import Explained, judged, skip_checks
 from diagnosis.inference.amplitudes import fit
 from diagnosis.inference.attribution import Attribution
 from diagnosis.inference.closure import compute_closure
@@ -118,13 +118,13 @@ def explain_tables(
     noise = noise_of(linear, settings)
     # Nothing is held out yet, as where there is a gap the model is made anew.
     first = replace(in_noise(linear, noise.factor), folds=lambda W: ())
-    found = judged(first, nothing_checked, settings, seed, _tell_nobody)
+    found = judged(first, skip_checks, settings, seed, _tell_nobody)
     p = found.p_value
     if found.attribution is not None:
         anew = relinearised(fits, effects, listed_part(first, found.attribution), settings)
         if anew is not None:
             linear, noise = anew, noise_of(anew, settings)
-        found = judged(in_noise(linear, noise.factor), nothing_checked, settings, seed, _tell_nobody, p)
+        found = judged(in_noise(linear, noise.factor), skip_checks, settings, seed, _tell_nobody, p)
     found = replace(found, p_value=min(p, noise.p_value))
     return ExplainedTables(tuple(fits), about_m0, linear, noise, found, (*skipped, *unfitted), tuple(misfits))
 

@@ -246,7 +246,7 @@ def against(p_value: float) -> float:
     return 1 / (0.5 + x / 6) if x < SETTINGS.certain else x**2 / (math.expm1(x) - x)
 
 
-def averaged_check(
+def average_checks(
     explanations: Sequence[Explanation], check: Callable[[Explanation], float], listed: Callable[[Explanation], bool]
 ) -> float:
     """P-value of the checks, averaged over the posterior of the listed explanations that have enough of it."""

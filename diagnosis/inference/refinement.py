@@ -25,7 +25,7 @@ class RefinementSettings:
 SETTINGS = RefinementSettings()
 
 
-def explained_finely(
+def search_with_refined_options(
     search: Search, settings: DiagnosisSettings, tell: Callable[[int], None] = lambda count: None
 ) -> tuple[LinearModel, list[Explanation]]:
     """The model with finer options around those of the likeliest explanations, and the explanations found with them.

@@ -21,10 +21,10 @@ def calibrated(model: RecordingModel, effects: Sequence[Fitted]) -> tuple[Array,
     latter under the prior that their evidence used. The covariance has the twelve parameters first, then the amplitudes, effect
     after effect.
     """
-    return calibrated_beside(model, [(one.columns, one.prior_sigma) for one in effects])
+    return calibrate_beside(model, [(one.columns, one.prior_sigma) for one in effects])
 
 
-def calibrated_beside(model: RecordingModel, effects: Sequence[tuple[Array, float]]) -> tuple[Array, Array]:
+def calibrate_beside(model: RecordingModel, effects: Sequence[tuple[Array, float]]) -> tuple[Array, Array]:
     """The same of effects that are whitened columns (N, k), and the prior sigma of their amplitudes."""
     Q = np.linalg.qr(model.attitude_nuisance)[0]
     columns = np.hstack([model.calibration, *(part for part, _ in effects)])

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from diagnosis.detectors.dead_zone_rests import SETTINGS as DEAD_ZONE_RESTS
 from diagnosis.detectors.dead_zone_rests import DeadZoneEvidence, half_width
 from diagnosis.detectors.gap_interpolation import runs
-from diagnosis.model.calibration import calibrated_beside
+from diagnosis.model.calibration import calibrate_beside
 from diagnosis.model.groups import Group
 from diagnosis.model.linear import Parameters
 from diagnosis.model.prepare import Prepared
@@ -68,7 +68,7 @@ def input_axis(model: RecordingModel, one: DeadZoneEvidence) -> Array:
     for _ in range(SETTINGS.calibrated):
         hidden = model.whitened(missing(model, one, toward))
         beside = unseen_motion(model, one, toward)
-        change, _ = calibrated_beside(model, [(hidden, usual), (beside, usual)])
+        change, _ = calibrate_beside(model, [(hidden, usual), (beside, usual)])
         toward = model.G[:, one.axis] + change[:9].reshape(3, 3)[:, one.axis]
     return toward
 
@@ -151,7 +151,7 @@ def _over_cells(model: RecordingModel, toward: Array, weights: Array) -> Array:
     return out
 
 
-def shown_by_passes(dead: Sequence[DeadZoneEvidence]) -> float:
+def bound_p_of_passes(dead: Sequence[DeadZoneEvidence]) -> float:
     """Bound on the p-value under M0 of what passes through a zone show, 1/(odds) averaged over all tried half widths."""
     return float(
         np.exp(-max((one.log_odds - np.log(SETTINGS.trials) for one in dead if one.passed), default=0.0)).clip(0.0, 1.0)

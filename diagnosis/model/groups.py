@@ -17,13 +17,13 @@ import scipy.linalg
 from numpy.typing import NDArray
 
 from diagnosis.model import processes, repeating, trackers, unlisted
-from diagnosis.model.late_tags import delays
 from diagnosis.model.linear import SETTINGS as LINEAR
 from diagnosis.model.linear import Parameters, exactly, first_amplitude, spaced
 from diagnosis.model.periods import Found, make_columns, make_effect_columns
 from diagnosis.model.places import Place
 from diagnosis.model.recording import RecordingModel
 from diagnosis.model.steps import StepTimes, step_times, switched_columns
+from diagnosis.model.time_offset import delays
 from simulator.effects.base import Effect, Surroundings, Value
 
 if TYPE_CHECKING:

@@ -3,7 +3,7 @@
 Whether a line in the samples is a vibration or a motion of the body is decided by the attitude (`diagnosis.model.lines`), and
 so are tones that only the references show and whether the references' noise is as stated. All of them are effects of their own;
 the model then is without the lines and tones, and has the actual noise. Once the search has found other effects, which move the
-residuals as well, lines and noise are judged anew without these (`diagnosis.model.at_work`).
+residuals as well, lines and noise are judged anew without these (`diagnosis.model.known_effects`).
 """
 
 from __future__ import annotations
@@ -18,15 +18,15 @@ from diagnosis.detectors.dead_zone_rests import DeadZoneEvidence
 from diagnosis.detectors.denoised import smoothed_rates
 from diagnosis.detectors.reference_noise import ReferenceNoise, ReferenceSeries, reference_noise
 from diagnosis.detectors.report import SampleReport
-from diagnosis.model.at_work import AtWork, without
 from diagnosis.model.baseline import baseline
-from diagnosis.model.in_progress import steps_at_references
+from diagnosis.model.known_effects import KnownEffect, without
 from diagnosis.model.lines import judge_lines
 from diagnosis.model.motion import with_motion
 from diagnosis.model.recording import RecordingModel
 from diagnosis.model.reference_tones import find_reference_tone
 from diagnosis.model.remainder import add_rounding
 from diagnosis.model.sinusoid_causes import UNLISTED
+from diagnosis.model.step_index import steps_at_references
 from diagnosis.model.tracker_noise import alike, series_of
 from diagnosis.settings import DiagnosisSettings
 from gyrocal.recording import Interval, Recording
@@ -49,7 +49,7 @@ SETTINGS = JudgementSettings()
 
 
 @dataclass(frozen=True)
-class Unjudged:
+class Unclassified:
     """A recording with what its samples show, about the calibration under M0, before the references were asked.
 
     Attributes
@@ -109,10 +109,10 @@ class Prepared:
 
 
 def judge(
-    one: Unjudged,
+    one: Unclassified,
     settings: DiagnosisSettings,
     tell: Progress = lambda text, share: None,
-    at_work: Sequence[AtWork] = (),
+    at_work: Sequence[KnownEffect] = (),
     tones: bool = True,
 ) -> Prepared:
     """A recording ready for the attitude tests, without notes.
@@ -172,9 +172,9 @@ def _coarse_steps(report: SampleReport) -> Array:
     return np.where(report.lattice, [steps.get(axis, 0.0) for axis in "xyz"], 0.0)
 
 
-def judged_anew(
+def reclassify_without_effects(
     prepared: Prepared,
-    at_work: Sequence[AtWork],
+    at_work: Sequence[KnownEffect],
     settings: DiagnosisSettings,
     tell: Progress = lambda text, share: None,
 ) -> Prepared | None:
@@ -187,7 +187,7 @@ def judged_anew(
         report = replace(report, smooth=smoothed_rates(report.rates, recording))
     if prepared.judged:
         model, sigma = baseline(recording, report, pieces, recording.attitudes.sigma)
-    again = judge(Unjudged(recording, report, model, sigma, pieces, prepared.dead), settings, tell, at_work, tones=False)
+    again = judge(Unclassified(recording, report, model, sigma, pieces, prepared.dead), settings, tell, at_work, tones=False)
     return replace(again, notes=prepared.notes) if again.judged != prepared.judged else None
 
 

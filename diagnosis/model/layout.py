@@ -16,8 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from diagnosis.inference.criticism import Layout
-from diagnosis.model.in_progress import steps_at
 from diagnosis.model.recording import RecordingModel
+from diagnosis.model.step_index import steps_at
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from diagnosis.model.recording import Block, RecordingModel
-from diagnosis.model.true_path import true_path
+from diagnosis.model.relinearised_path import true_path
 from gyrocal.calibration.propagation import Arcs, propagate
 from gyrocal.calibration.sampling import Measurements, measurements
 from gyrocal.recording import Attitudes, Interval, Recording, reference_rows

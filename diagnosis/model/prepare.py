@@ -19,7 +19,7 @@ from diagnosis.detectors.lattice import Kind
 from diagnosis.detectors.report import SampleReport, inside, within
 from diagnosis.detectors.samples import examine
 from diagnosis.model.baseline import baseline
-from diagnosis.model.judgement import Prepared, Progress, Unjudged, judge
+from diagnosis.model.judgement import Prepared, Progress, Unclassified, judge
 from diagnosis.model.recording import RecordingModel
 from diagnosis.settings import DEFAULT, DiagnosisSettings
 from gyrocal.calibration.gate import LargeResidualError
@@ -70,7 +70,7 @@ def prepare(recording: Recording, settings: DiagnosisSettings = DEFAULT, tell: P
         report, (model, sigma, pieces) = _cut_or_rounded(recording, report, (model, sigma, pieces), settings, tell)
     tell("gyro samples: dead zones", 0.08)
     dead = _dead(recording, report, model.bias)
-    found = judge(Unjudged(recording, report, model, sigma, pieces, dead), settings, tell)
+    found = judge(Unclassified(recording, report, model, sigma, pieces, dead), settings, tell)
     return replace(found, notes=(*report_noise_levels(found), *_notes(recording, pieces, found.sigma)))
 
 

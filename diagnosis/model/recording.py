@@ -13,7 +13,7 @@ sum; a reading that is high by r has δω = −G r. The first reference is one o
 parameter.
 
 Where ζ is not small, Aᵀ along the propagated attitude is not Aᵀ along the true one, and the first order is not enough.
-`diagnosis.model.true_path` then takes A along the references, and for ζ the integral of the error along that path.
+`diagnosis.model.relinearised_path` then takes A along the references, and for ζ the integral of the error along that path.
 
 The nuisance parameters of M0 (φ of every interval, G, b) are projected out: the whitened observations y then are N(0, I) on
 the complement of their columns if M0 is true, and an effect adds its projected column. Nothing else is needed for tests,

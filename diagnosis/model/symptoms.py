@@ -121,7 +121,7 @@ class SampleCause:
         )  # fmt: skip
 
 
-def sample_causes(prepared: Prepared, effects: Sequence[Effect], settings: DiagnosisSettings) -> tuple[SampleCause, ...]:
+def list_sample_causes(prepared: Prepared, effects: Sequence[Effect], settings: DiagnosisSettings) -> tuple[SampleCause, ...]:
     """The causes that the samples and the references' noise show by themselves, and the unlisted ones among them."""
     symptoms = [
         *drop_estimated_levels(prepared.samples.symptoms, prepared.model.recording),

@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from diagnosis.detectors.reference_noise import ReferenceNoise, ReferenceSeries
-from diagnosis.model.in_progress import steps_at
 from diagnosis.model.recording import RecordingModel
+from diagnosis.model.step_index import steps_at
 
 Array = NDArray[np.float64]
 

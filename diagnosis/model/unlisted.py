@@ -32,8 +32,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from diagnosis.model.bins import Bins, Family, binned, build_rate_families, build_reference_families, observed
-from diagnosis.model.in_progress import bins_at_references, steps_at_references
 from diagnosis.model.recording import RecordingModel
+from diagnosis.model.step_index import bins_at_references, steps_at_references
 from simulator.effects.common import recursion
 
 Array = NDArray[np.float64]

@@ -34,7 +34,7 @@ def test_another_judgement_is_taken_only_if_what_was_rejected_is_found_again(mon
     """None stands for nothing that could be taken out of the residuals, so that nothing is judged anew."""
     answers = iter((first, second))
     monkeypatch.setattr(explain, "explain", lambda *_: next(answers))
-    monkeypatch.setattr(explain, "judged_anew", lambda prepared, at_work, *_: "anew" if at_work else None)
+    monkeypatch.setattr(explain, "reclassify_without_effects", lambda prepared, at_work, *_: "anew" if at_work else None)
     monkeypatch.setattr(explain, "_add_remainder", lambda prepared, explained, *_: explained)
     found = explain.explain_prepared("at first", list(EFFECTS.values()), DEFAULT, 0, lambda text, share: None)
     assert found == (("anew", second) if taken else ("at first", first))

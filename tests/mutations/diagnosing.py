@@ -253,8 +253,8 @@ SAMPLES = [
         ],
     ),
     *of(
-        "diagnosis/model/in_progress.py",
-        "tests/diagnosis/model/test_in_progress.py",
+        "diagnosis/model/step_index.py",
+        "tests/diagnosis/model/test_step_index.py",
         [
             (
                 "what is in progress at the end of an interval is of the next one",

@@ -154,7 +154,7 @@ ERRORS = [
     ),
     *of(
         "simulator/effects/gyro/time_offset.py",
-        f"{EFFECTS}test_effects.py::test_late_tags_by_one_sample_shift_the_samples {EFFECTS}test_effects.py",
+        f"{EFFECTS}test_effects.py::test_time_offset_by_one_sample_shift_the_samples {EFFECTS}test_effects.py",
         [("late tags are early", "np.full(len(stream.t_s), setting.size)", "np.full(len(stream.t_s), -setting.size)")],
     ),
     *of(

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import scipy.integrate
 
-from diagnosis.inference.attribution import REMAINDER, against, attribute, averaged_check, unseen, weigh_unlisted
+from diagnosis.inference.attribution import REMAINDER, against, attribute, average_checks, unseen, weigh_unlisted
 from diagnosis.inference.search import NOTHING, Explanation, Search
 from diagnosis.model.linear import Member
 from diagnosis.settings import DiagnosisSettings
@@ -169,9 +169,9 @@ def test_checks_are_averaged_over_what_may_be_the_case():
         asked.append(one.key)
         return p_values[one.key]
 
-    assert averaged_check([NOTHING, *found], check, lambda one: True) == pytest.approx(0.5 * 0.28 / 0.98, rel=1e-4)
+    assert average_checks([NOTHING, *found], check, lambda one: True) == pytest.approx(0.5 * 0.28 / 0.98, rel=1e-4)
     assert asked == [frozenset({0}), frozenset({1})]  # the third has too little to be asked
-    only = averaged_check([NOTHING, *found], check, lambda one: one.key == frozenset({0}))
+    only = average_checks([NOTHING, *found], check, lambda one: one.key == frozenset({0}))
     assert only == pytest.approx(1e-6)
 
 

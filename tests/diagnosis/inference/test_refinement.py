@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 
 from diagnosis.diagnose import diagnose
-from diagnosis.inference.refinement import beside, explained_finely, whole_processes
+from diagnosis.inference.refinement import beside, search_with_refined_options, whole_processes
 from diagnosis.inference.search import Search
 from diagnosis.model.linear import Option
 from diagnosis.settings import DEFAULT
@@ -38,7 +38,7 @@ def test_an_effect_between_two_options_wins_with_finer_ones_against_a_rival_that
     model = between_two_options()
     coarse = Search(model).explanations()[0]
     assert coarse.key == {1} or 1 in coarse.key
-    finer, found = explained_finely(Search(model), DEFAULT)
+    finer, found = search_with_refined_options(Search(model), DEFAULT)
     assert len(finer.candidates[0].options) == 3
     assert found[0].key == {0}
     assert found[0].members[0].option == 2

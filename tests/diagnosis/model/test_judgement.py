@@ -7,8 +7,8 @@ import pytest
 
 from diagnosis.detectors.reference_noise import ReferenceSeries, reference_noise
 from diagnosis.inference.amplitudes import Fitted
-from diagnosis.model.at_work import AtWork, known, without
-from diagnosis.model.judgement import judged_anew
+from diagnosis.model.judgement import reclassify_without_effects
+from diagnosis.model.known_effects import KnownEffect, known, without
 from diagnosis.model.prepare import prepare
 from diagnosis.settings import DEFAULT
 from simulator.effects import EFFECTS
@@ -50,7 +50,7 @@ def test_without_an_effect_the_residuals_are_those_of_m0(text, amplitudes):
     """What is left beside G and b differs by second orders from a recording with the same noise and no effect."""
     with_it, clean = prepared(3, text).model, prepared(3).model
     effect = EFFECTS[text.partition("=")[0].partition(":")[0]]
-    one = AtWork(effect, fitted(text.partition("=")[0], amplitudes))
+    one = KnownEffect(effect, fitted(text.partition("=")[0], amplitudes))
     left = without(with_it, [one])
     size = np.linalg.norm(with_it.y - clean.y)
     assert size > 5
@@ -69,7 +69,7 @@ def test_noise_of_the_references_is_judged_without_what_changes_it():
     assert clean.judged == ()
     assert any("reference noise" in what for what, _ in changed.judged)
     found = fitted("g_matrix_step:x", [CHANGE * 1e6], time_s=600.0, toward="z")
-    again = judged_anew(changed, [AtWork(EFFECTS["g_matrix_step"], found)], DEFAULT)
+    again = reclassify_without_effects(changed, [KnownEffect(EFFECTS["g_matrix_step"], found)], DEFAULT)
     assert again is not None
     assert again.judged == ()
     # The noise is that which is stated, as without the change.
@@ -106,9 +106,9 @@ def misjudged(recording):
 def test_what_is_judged_the_same_stays_as_it_is():
     """An effect that moves no reference by much changes nothing, and without effects nothing is asked again."""
     changed = prepare(spinning(CHANGE))
-    drift = AtWork(EFFECTS["bias_drift"], fitted("bias_drift:x", [1e-6]))
-    assert judged_anew(changed, [drift], DEFAULT) is None
-    assert judged_anew(changed, [], DEFAULT) is None
+    drift = KnownEffect(EFFECTS["bias_drift"], fitted("bias_drift:x", [1e-6]))
+    assert reclassify_without_effects(changed, [drift], DEFAULT) is None
+    assert reclassify_without_effects(changed, [], DEFAULT) is None
     assert any("reference noise" in what for what, _ in changed.judged)
 
 

@@ -7,9 +7,9 @@ import pytest
 
 from diagnosis.inference.criticism import check_explanation
 from diagnosis.model.candidates import linear_model
-from diagnosis.model.in_progress import steps_at
 from diagnosis.model.layout import tabulate_observations
 from diagnosis.model.prepare import prepare
+from diagnosis.model.step_index import steps_at
 from simulator.effects import EFFECTS
 from tests.diagnosis.recordings import of_rates, prepared, slews_between_references
 

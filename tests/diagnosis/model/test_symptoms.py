@@ -8,7 +8,7 @@ import pytest
 
 from diagnosis.detectors.reference_noise import ReferenceNoise
 from diagnosis.detectors.report import Symptom
-from diagnosis.model.symptoms import compute_posterior, drop_estimated_levels, reference_symptoms, sample_causes
+from diagnosis.model.symptoms import compute_posterior, drop_estimated_levels, list_sample_causes, reference_symptoms
 from diagnosis.settings import DEFAULT
 from simulator.effects.base import Detection, Effect
 from tests.diagnosis.recordings import prepared
@@ -39,7 +39,7 @@ def effect(kind, name, symptom, summary=""):
 def causes(effects, symptoms=(OUTLIERS,), noise=None):
     found = prepared(3)
     samples = SimpleNamespace(**vars(found.samples) | {"symptoms": list(symptoms)})
-    return sample_causes(replace(found, samples=samples, reference_noise=noise), effects, DEFAULT)
+    return list_sample_causes(replace(found, samples=samples, reference_noise=noise), effects, DEFAULT)
 
 
 def test_a_symptom_is_the_effect_that_claims_it_and_otherwise_unlisted():

@@ -81,7 +81,7 @@ def test_periods_from_an_interval_s_start_need_no_orbit(families):
     assert {columns.shape[1] for columns in waves} == {2}
 
 
-def test_late_tags_are_what_a_later_reading_leaves(model, bins):
+def test_time_offset_are_what_a_later_reading_leaves(model, bins):
     """Against readings that are interpolated at the time they are late by, a share of the time since its interval began."""
     recording = model.recording
     gyro, rates = recording.gyro, recording.gyro.rates.copy()

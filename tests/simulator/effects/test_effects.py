@@ -158,7 +158,7 @@ def test_reference_effects_in_closed_form():
         np.testing.assert_allclose(np.rad2deg(separation(made, PLAIN.attitudes.quaternions)), -values, atol=1e-12, err_msg=text)
 
 
-def test_late_tags_by_one_sample_shift_the_samples():
+def test_time_offset_by_one_sample_shift_the_samples():
     raw = simulator.simulate(SCENARIO, noise=False, effects=[parse("time_offset=0.5")]).gyro.rates
     for part in MOTION.intervals:
         inner = slice(part.start + 1, part.stop - 1)

@@ -35,7 +35,7 @@ def test_a_misalignment_is_a_constant_turn_about_its_own_axes():
     assert found[own("st2")] == pytest.approx(np.tile([6.0, 0.0, 8.0], (own("st2").sum(), 1)), abs=1e-3)
 
 
-def test_late_tags_show_an_earlier_attitude():
+def test_time_offset_show_an_earlier_attitude():
     """Against the true motion integrated to the shifted time, in the first interval, whose rate is the orbit's."""
     found = error("tracker_time_offset:st1=0.5")[own("st1") & (PLAIN.attitudes.t_s < 1800.0)]
     times = PLAIN.attitudes.t_s[own("st1") & (PLAIN.attitudes.t_s < 1800.0)]

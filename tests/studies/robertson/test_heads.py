@@ -46,8 +46,8 @@ def of_the_attitudes(monkeypatch, found):
     nothing = replace(found, verdict="none", present=False, **empty)
     monkeypatch.setattr("diagnosis.diagnose.prepare", lambda *_: ())
     monkeypatch.setattr("diagnosis.diagnose.explain_prepared", lambda *_: ((), ()))
-    monkeypatch.setattr("diagnosis.diagnose.sample_causes", lambda *_: ())
-    monkeypatch.setattr("diagnosis.diagnose.assembled", lambda *_: nothing)
+    monkeypatch.setattr("diagnosis.diagnose.list_sample_causes", lambda *_: ())
+    monkeypatch.setattr("diagnosis.diagnose.build_diagnosis", lambda *_: nothing)
     return nothing
 
 

@@ -28,7 +28,7 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class LateTagSettings:
-    """Constants of `diagnosis.model.late_tags`."""
+    """Constants of `diagnosis.model.time_offset`."""
 
     rounds: int = 10  # in which a delay settles
     settled: float = 0.01  # relative change, at which it has

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from diagnosis.model.late_tags import delays, shares
+from diagnosis.model.time_offset import delays, shares
 from simulator.effects import EFFECTS
 from tests.diagnosis.recordings import prepared
 

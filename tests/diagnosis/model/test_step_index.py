@@ -3,7 +3,7 @@
 import numpy as np
 
 from diagnosis.model.bins import binned
-from diagnosis.model.in_progress import bins_at_references, steps_at, steps_at_references
+from diagnosis.model.step_index import bins_at_references, steps_at, steps_at_references
 from tests.diagnosis.recordings import prepared
 
 

@@ -29,7 +29,7 @@ Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
-class AtWork:
+class KnownEffect:
     """An effect with columns, and their amplitudes (k,)."""
 
     effect: Effect
@@ -42,16 +42,16 @@ class AtWork:
         return np.asarray(columns @ self.fitted.amplitudes) if same else None
 
 
-def known(fitted: Sequence[Fitted], effects: Mapping[str, Effect]) -> tuple[AtWork, ...]:
+def known(fitted: Sequence[Fitted], effects: Mapping[str, Effect]) -> tuple[KnownEffect, ...]:
     """Those of the effects that are named whose attitude errors are known, and not only how they scatter."""
     return tuple(
-        AtWork(effects[one.effect], one)
+        KnownEffect(effects[one.effect], one)
         for one in fitted
         if not one.process and one.effect in effects and effects[one.effect].has_columns and not effects[one.effect].of_trackers
     )
 
 
-def without(model: RecordingModel, at_work: Sequence[AtWork]) -> RecordingModel:
+def without(model: RecordingModel, at_work: Sequence[KnownEffect]) -> RecordingModel:
     """The model with the residuals that are left without some effects."""
     errors = [error for one in at_work if (error := one.errors(model)) is not None]
     if not errors:

@@ -28,7 +28,7 @@ Indices = NDArray[np.intp]
 
 @dataclass(frozen=True)
 class TruePathSettings:
-    """Constants of `diagnosis.model.true_path`."""
+    """Constants of `diagnosis.model.relinearised_path`."""
 
     small: float = 0.3  # sigmas of a reference in half the square of ζ, up to which first order is enough
     noise: float = 0.05  # of the largest ζ, that the noise of the path may be
