@@ -57,6 +57,7 @@ class RepeatSettings:
     # runs of faults whose times are tested, at least and at most
     fewest_runs: int = 8
     most_runs: int = 2000
+    far: float = 8.0  # noise sigmas from its neighbours at which a value was not measured
 
 
 SETTINGS = RepeatSettings()
@@ -231,9 +232,26 @@ def bridge_repeats(stream: Stream, event_p: float) -> tuple[Findings, Stream]:
     if not found.expected and found.mask.any():  # runs of chance begin at other times
         likeness = compute_p_of_times(since_start(stream.recording)[[low for low, _ in runs(found.mask)]])
     parameters: dict[str, float | str] = {"fraction": found.fraction}
-    symptom = Symptom("repeats", None, found.size, "samples", found.sigma, parameters, found.p_value, likeness=likeness)
+    kind, text = "repeats", ""
+    if not is_measured(gyro.rates, found.mask):
+        kind, text = "filled_samples", "samples repeat a value that is far from its neighbours, so that it was filled in"
+    symptom = Symptom(kind, None, found.size, "samples", found.sigma, parameters, found.p_value, text, likeness=likeness)
     rates, factor, density = filled(gyro.t_s, rates, found.mask, gyro.sample_s, stream.sigma)
     repaired = replace(
         stream, rates=rates, density=stream.density * factor[:, None] + density, filled=stream.filled | found.mask
     )
     return Findings((test,), (symptom,)), repaired
+
+
+def is_measured(rates: Array, repeated: Mask) -> bool:
+    """Tell whether the values that repeat lie among their neighbours, as samples held over do and filler does not."""
+    edges = [(low, high) for low, high in runs(repeated) if low >= 3 and high + 1 < len(rates)]
+    if not edges:
+        return True
+    low, high = np.array(edges).T
+    source, before, after = rates[low - 1], rates[low - 2], rates[high]
+    share = 1.0 / (high - low + 2)[:, None]
+    departure = np.abs(source - ((1 - share) * before + share * after))
+    noise = np.median(np.abs(np.diff(rates, 2, axis=0)), axis=0) / 0.6745 / np.sqrt(6)
+    change = np.abs(after - before)
+    return bool(np.median((departure / np.maximum(SETTINGS.far * noise, change)).max(axis=1)) < 1)

@@ -21,8 +21,9 @@ from diagnosis.detectors.denoised import smoothed_rates
 from diagnosis.detectors.lattice import Kind
 from diagnosis.detectors.number_format import NumberFormats, find_number_formats, undo_lattices
 from diagnosis.detectors.outliers import find_outliers
+from diagnosis.detectors.own_repeats import find_own_repeats
 from diagnosis.detectors.repeats import bridge_repeats
-from diagnosis.detectors.report import Findings, Line, SampleReport, Stream, Tell, inside, silent, within
+from diagnosis.detectors.report import AXES, Findings, Line, SampleReport, Stream, Tell, inside, silent, within
 from diagnosis.detectors.sample_noise import local_noise, measure_noise, quiet
 from diagnosis.detectors.spectral_lines import find_lines
 from diagnosis.settings import DEFAULT, DiagnosisSettings
@@ -113,6 +114,8 @@ def _examine_noise(stream: Stream, formats: NumberFormats, clipped: Mask, settin
     sigma, coarse, event_p = stream.sigma, formats.coarse, settings.sample_event
     tell("zeros", 0.03)
     zeros, near_zeros = find_zeros(stream, formats)
+    zone = np.array([axis in {one.axis for one in zeros.symptoms} for axis in AXES])
+    held = find_own_repeats(stream, formats, zone, event_p)
     tell("noise here and there", 0.045)
     local = local_noise(stream.rates, sigma, coarse, formats.steps, stream.filled)
     zones = find_zones(stream, coarse, tell)
@@ -124,5 +127,5 @@ def _examine_noise(stream: Stream, formats: NumberFormats, clipped: Mask, settin
     lines, tests = find_lines(stream, still, formats.steps > SETTINGS.hiding * sigma, settings.line, within(tell, 0.3, 0.65))
     noise = measure_noise(stream, clipped, formats, lines, event_p, within(tell, 0.65, 0.8))
     stream, hidden = undo_lattices(replace(stream, density=stream.density * noise.density), formats)
-    found = outliers, tests, noise.findings, zeros
+    found = held, outliers, tests, noise.findings, zeros
     return NoisyPart(stream, found, lines, zones, tuple(noise.factor.tolist()), tuple(hidden.tolist()))

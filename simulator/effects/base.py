@@ -103,13 +103,9 @@ SYMPTOMS = (
     "bias_tone",  # a tone in the readings that all references show and no samples
     "reference_tone",  # a tone of the references
     "outliers",  # single samples far off
-    "outlier_neighbours",  # samples beside those that are off as well
     "repeats",  # samples that repeat the one before
-    "noise_correlation",  # noise of the gyros that they have in common
-    "noise_constancy",  # noise of the samples that differs between intervals or with the motion
-    "noise_pattern",  # noise of the samples that depends on their number, on time, or on readings
-    "reference_noise_correlation",  # noise of the references about two axes that goes together
-    "reference_noise_constancy",  # noise of the references that differs between intervals or with the motion
+    "own_repeats",  # readings of one gyro that repeat while the others change
+    "filled_samples",  # samples that repeat a value which was not measured
     "reference_noise_level",  # white noise of the references other than stated
     "tracker_noise_level",  # the same of one of several sensors of the references
 )

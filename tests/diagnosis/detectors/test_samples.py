@@ -126,6 +126,18 @@ def test_other_numbers_of_a_symptom(plan, truth):
     assert float(spikes.parameters["fraction"]) == pytest.approx(0.002, rel=0.25)
 
 
+def test_filler_is_no_repeat(plan, truth):
+    """Runs of a value that was never measured, such as zeros in place of lost samples, are not stale telemetry."""
+    recording = _recording(plan, truth, 3)
+    rates = recording.gyro.rates.copy()
+    rng = np.random.default_rng(5)
+    for start in rng.choice(len(rates) - 20, 120, replace=False):
+        rates[start : start + 4] = np.deg2rad(0.01)
+    report = stream.examine(replace(recording, gyro=replace(recording.gyro, rates=rates)))
+    assert "filled_samples" in [found.kind for found in report.symptoms]
+    assert "repeats" not in [found.kind for found in report.symptoms]
+
+
 def test_motion_that_is_fast_beside_the_sampling_is_no_noise(plan, truth):
     """A swing of nine samples in one interval leaves a trace in the sixth differences, and next to none in the tenth."""
     recording = _recording(plan, truth, 3)

@@ -1,0 +1,80 @@
+"""Readings of one gyro that repeat: told from number formats, zeros, clipping and stale samples, and no listed effect."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from diagnosis.detectors.own_repeats import compute_chance
+from diagnosis.detectors.samples import examine
+from diagnosis.diagnose import diagnose
+from tests.diagnosis.recordings import of_rates
+
+SAMPLE_S, ARW = 0.1, 1e-5
+NOISE = ARW / np.sqrt(SAMPLE_S)
+
+
+def turning(seed=3, count=6000):
+    """A body that turns slowly and less slowly, about all axes."""
+    t_s = SAMPLE_S * np.arange(count)
+    rates = 2e-3 * np.sin(2 * np.pi * t_s[:, None] / np.array([170.0, 230.0, 310.0]))
+    return of_rates(rates, 50, SAMPLE_S, ARW, 2e-5, seed)
+
+
+def read_as(recording, change, axis=2):
+    rates = recording.gyro.rates.copy()
+    rates[:, axis] = change(rates[:, axis])
+    return replace(recording, gyro=replace(recording.gyro, rates=rates))
+
+
+def held(x, every=400, length=20):
+    """Readings that stand still for a while, now and then."""
+    out = x.copy()
+    for low in range(every, len(x) - length, every):
+        out[low : low + length] = x[low - 1]
+    return out
+
+
+def symptoms(recording):
+    return [(one.kind, one.axis) for one in examine(recording).symptoms]
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        pytest.param(lambda x: x, id="doubles"),
+        pytest.param(lambda x: x.astype(np.float32).astype(float), id="single precision"),
+        pytest.param(lambda x: x.astype(np.float16).astype(float), id="half precision"),
+        pytest.param(lambda x: 0.1 * NOISE * np.round(x / (0.1 * NOISE)), id="a number format"),
+        pytest.param(lambda x: np.round(x / (3 * NOISE)) * 3 * NOISE, id="a lattice"),
+        pytest.param(lambda x: np.where(np.abs(x) < 2e-4, 0.0, x), id="a dead zone"),
+        pytest.param(lambda x: np.clip(x, -1.5e-3, 1.5e-3), id="clipped"),
+    ],
+)
+def test_what_repeats_for_another_reason_does_not_count(change):
+    for seed in range(3):
+        assert ("own_repeats", "z") not in symptoms(read_as(turning(seed), change))
+
+
+def test_stale_samples_are_of_all_axes():
+    made = turning()
+    rates = held(made.gyro.rates)
+    assert [kind for kind, _ in symptoms(replace(made, gyro=replace(made.gyro, rates=rates)))] == ["repeats"]
+
+
+@pytest.mark.parametrize("digits", [np.float64, np.float32])
+def test_readings_that_are_held_are_seen_and_are_on_no_list(digits):
+    made = read_as(turning(), lambda x: held(x.astype(digits).astype(float)))
+    assert symptoms(made) == [("own_repeats", "z")]
+    found = diagnose(made)
+    assert found.verdict == "unknown"
+    assert any("the same as before while the others change" in one.text for one in found.where)
+
+
+def test_chances_of_formats_are_bounds():
+    """The share of p-values below any limit is at most that limit, with a step beside the noise and without one."""
+    rng = np.random.default_rng(1)
+    for step in (0.02, 0.05, 0.15):
+        p = np.array([compute_chance(x[1:], np.diff(x))[1] for x in step * np.round(rng.standard_normal((200, 4000)) / step)])
+        for limit in (0.01, 0.1):
+            assert np.mean(p < limit) < limit + 3 * np.sqrt(limit / p.size)
