@@ -32,7 +32,7 @@ import scipy.ndimage
 from numpy.typing import NDArray
 from scipy.special import betaln, gammaln, logsumexp, ndtr, xlog1py, xlogy
 
-from diagnosis.detectors.report import AXES, Stream, Tell
+from diagnosis.detectors.report import AXES, Stream, Tell, Zone
 from simulator.effects.recorded import interval_slices
 
 Array = NDArray[np.float64]
@@ -80,23 +80,6 @@ LEVELS = (
 )  # upper ends of core, hole, edge and bands, in half widths
 STRAY = np.geomspace(0.01, 0.9, 8)  # share of readings that are anywhere, not beyond the edge
 TINY = 1e-300
-
-
-@dataclass(frozen=True)
-class Zone:
-    """A dead zone that passes show.
-
-    Attributes
-    ----------
-    half_width, sigma : rad/s
-    log_odds : in its favour
-    dead : (n,) samples in it
-    """
-
-    half_width: float
-    sigma: float
-    log_odds: float
-    dead: NDArray[np.bool_]
 
 
 def find_zones(stream: Stream, coarse: NDArray[np.bool_], tell: Tell) -> dict[int, Zone]:

@@ -25,8 +25,8 @@ import scipy.ndimage
 import scipy.special
 from numpy.typing import NDArray
 
-from diagnosis.detectors.dead_zone_crossings import Zone
 from diagnosis.detectors.gap_interpolation import runs
+from diagnosis.detectors.report import Zone
 from gyrocal.recording import Recording
 from simulator.effects.recorded import interval_slices
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,9 +11,6 @@ from numpy.typing import NDArray
 from diagnosis.detectors.gap_interpolation import runs
 from gyrocal.recording import Recording
 from simulator.effects.recorded import interval_slices
-
-if TYPE_CHECKING:
-    from diagnosis.detectors.dead_zone_crossings import Zone
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -152,6 +148,23 @@ class Stream:
     def find_arcs(self, mask: Mask) -> list[tuple[int, int]]:
         """Find unbroken runs of at least 256 samples of a mask (n,), as slices."""
         return arcs(mask & consecutive(self.recording, mask))
+
+
+@dataclass(frozen=True)
+class Zone:
+    """A dead zone that passes show.
+
+    Attributes
+    ----------
+    half_width, sigma : rad/s
+    log_odds : in its favour
+    dead : (n,) samples in it
+    """
+
+    half_width: float
+    sigma: float
+    log_odds: float
+    dead: NDArray[np.bool_]
 
 
 @dataclass(frozen=True)

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from diagnosis.detectors.clipping import find_clipping
-from diagnosis.detectors.dead_zone_crossings import Zone, find_near_edges, find_zones
+from diagnosis.detectors.dead_zone_crossings import find_near_edges, find_zones
 from diagnosis.detectors.dead_zone_zeros import find_zeros
 from diagnosis.detectors.denoised import smoothed_rates
 from diagnosis.detectors.lattice import Kind
@@ -23,7 +23,7 @@ from diagnosis.detectors.number_format import NumberFormats, find_number_formats
 from diagnosis.detectors.outliers import find_outliers
 from diagnosis.detectors.own_repeats import find_own_repeats
 from diagnosis.detectors.repeats import bridge_repeats
-from diagnosis.detectors.report import AXES, Findings, Line, SampleReport, Stream, Tell, inside, silent, within
+from diagnosis.detectors.report import AXES, Findings, Line, SampleReport, Stream, Tell, Zone, inside, silent, within
 from diagnosis.detectors.sample_noise import local_noise, measure_noise, quiet
 from diagnosis.detectors.spectral_lines import find_lines
 from diagnosis.settings import DEFAULT, DiagnosisSettings

@@ -10,13 +10,13 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import TYPE_CHECKING
 
 import numpy as np
 import scipy.linalg
 from numpy.typing import NDArray
 
 from diagnosis.model import processes, repeating, trackers, unlisted
+from diagnosis.model.array_model import ArrayModel
 from diagnosis.model.linear import SETTINGS as LINEAR
 from diagnosis.model.linear import Parameters, exactly, first_amplitude, spaced
 from diagnosis.model.periods import Found, make_columns, make_effect_columns
@@ -25,9 +25,6 @@ from diagnosis.model.recording import RecordingModel
 from diagnosis.model.steps import StepTimes, step_times, switched_columns
 from diagnosis.model.time_offset import delays
 from simulator.effects.base import Effect, Surroundings, Value
-
-if TYPE_CHECKING:
-    from diagnosis.model.gyros import ArrayModel
 
 Array = NDArray[np.float64]
 

@@ -16,12 +16,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 import scipy.linalg
 from numpy.typing import NDArray
 
+from diagnosis.model.array_model import ArrayModel
 from diagnosis.model.linear import LinearModel, Member, Option, Parameters
 from diagnosis.model.recording import RecordingModel
 from diagnosis.sinusoids.coherence import IntervalProducts, find_tops
@@ -29,9 +29,6 @@ from diagnosis.sinusoids.fit import make_waves
 from simulator.effects.base import AXES, Effect, Value
 from simulator.effects.gyros import columns_of
 from simulator.effects.periodic import SHORTEST, period_band
-
-if TYPE_CHECKING:
-    from diagnosis.model.gyros import ArrayModel
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]

@@ -15,19 +15,16 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 import scipy.linalg
 from numpy.typing import NDArray
 
+from diagnosis.model.array_model import ArrayModel
 from diagnosis.model.linear import LinearModel, Member, Option, Parameters, Wanted
 from diagnosis.model.recording import RecordingModel
 from simulator.effects.base import Effect, Value
 from simulator.effects.gyros import columns_of
-
-if TYPE_CHECKING:
-    from diagnosis.model.gyros import ArrayModel
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]

@@ -5,9 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from diagnosis.detectors.dead_zone_crossings import Zone
 from diagnosis.detectors.dead_zone_rests import SETTINGS, of_passes, of_zero_samples
 from diagnosis.detectors.dead_zone_rests import SETTINGS as DEAD_ZONE_RESTS
+from diagnosis.detectors.report import Zone
 from diagnosis.diagnose import diagnose
 from diagnosis.model import dead_zone
 from diagnosis.model.prepare import prepare

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from diagnosis.gyros import check_parity
-from diagnosis.model.gyros import ArrayModel
+from diagnosis.model.array_model import ArrayModel
 from diagnosis.model.linearise import linearised
 from diagnosis.model.parity import build_parity_model
 from diagnosis.model.periods import make_columns
