@@ -43,6 +43,8 @@ class OutlierSettings:
     side: int = 6  # samples to either side that tell a spike from a step
     clearly: float = 4.0  # squared sigmas by which a spike fits better
     explained: float = 1e-3  # p-value of what it leaves of the readings around, at least: a jolt rings on
+    as_far: float = 0.75  # of its deviation, that a spike is off the curve through its neighbours
+    beside: float = 0.2  # of a spike, that may be left beside it
     least_power: float = 1e-3  # of the deviations, at a frequency that the motion fills
     # readings that tell the weights of those around them
     fewest_fitted: int = 300
@@ -50,7 +52,7 @@ class OutlierSettings:
     nearby: int = 101  # readings over which the size of their usual error is taken
     resting: float = 0.3  # share of the samples in which the body rests, below which all are taken as a motion
     # of the steps and bends of a motion, which may pass for spikes: a body that is jolted all the time has hundreds
-    alike: float = 0.03
+    alike: float = 0.02
     as_high: float = 0.4  # of the usual spike
     few: int = 5  # outliers, of which heights show no law
     many: int = 25  # of which the scatter of heights shows whether they are exponential
@@ -151,9 +153,8 @@ def _fit_heights(found: list[Outliers], judged: Mask, noise: Array) -> OutlierFi
     together, limit = np.concatenate([one.off[one.places] for one in found]), min(one.limit for one in found)
     beyond = together - limit
     uneven = beyond.std() > 0.5 * beyond.mean()
-    if (
-        total < SETTINGS.many
-    ):  # whose scatter says little; of n exponential ones the smallest is beyond the limit by an n-th of the mean
+    # The scatter of few says little. Of n exponential ones the smallest is beyond the limit by an n-th of the mean.
+    if total < SETTINGS.many:
         uneven = uneven or total * beyond.min() < SETTINGS.all_alike * beyond.mean()
     exponential = total > SETTINGS.few and uneven
     # Of outliers of all sizes what exceeds a limit has, for exponential ones, the mean of all; the others are hidden.
@@ -236,12 +237,32 @@ def find_single_samples(x: Array, judged: Mask, noise: float, step: float) -> Ou
     # Beside a spike a reading is off as well, by its share of the spike.
     highest = np.abs(off) >= scipy.ndimage.maximum_filter1d(np.abs(off), 2 * SETTINGS.side + 1, mode="nearest")
     far = judged & highest & (np.abs(off) > least)
-    single, known = far.copy(), _Shapes(weights)
+    single, known = _is_single(x, np.where(far, off, 0.0), noise), _Shapes(weights)
     most = float(scipy.special.chdtri(2 * SETTINGS.side, SETTINGS.explained))
     for k in np.flatnonzero(single).tolist():
         odds, left = known.compare(off[k - SETTINGS.side : k + SETTINGS.side + 1])
         single[k] = odds > SETTINGS.clearly * level[k] ** 2 and left < most * level[k] ** 2
     return Outliers(single, np.abs(off), SETTINGS.limit * usual + step, far, least)
+
+
+def _is_single(x: Array, deviation: Array, noise: float) -> Mask:
+    """Tell whether a sample that deviates is alone off the quintic through three samples on either side of each.
+
+    A spike is about as far off its own quintic. Those of the samples beside it show the spike with the weights that it has in
+    them, and nothing else. The rate of a fast and jerky motion may be far off what the readings around it predict, but not so.
+    """
+    off = x - scipy.ndimage.convolve1d(x, BETWEEN, mode="nearest")
+    half, limit = len(BETWEEN) // 2, SETTINGS.limit * noise
+    found = (off * deviation > 0) & (np.abs(off) > np.maximum(SETTINGS.as_far * np.abs(deviation), limit))
+    spread = float(np.sqrt(1 + BETWEEN @ BETWEEN))
+    pattern = np.zeros(4 * half + 1)
+    pattern[half : 3 * half + 1] = -BETWEEN
+    pattern[2 * half] = 1.0
+    for k in np.flatnonzero(found).tolist():
+        low, high = max(k - 2 * half, 0), min(k + 2 * half + 1, x.size)
+        left = off[low:high] - off[k] * pattern[low - k + 2 * half : high - k + 2 * half]
+        found[k] = np.abs(left).max() < max(SETTINGS.beside * abs(off[k]), limit * spread)
+    return np.asarray(found)
 
 
 def _fit_weights(x: Array, judged: Mask) -> Array:
