@@ -9,6 +9,8 @@ import scipy.stats
 from diagnosis.detectors import outliers
 from diagnosis.detectors.report import Stream
 from diagnosis.detectors.samples import examine
+from studies.validation import broad
+from tests import SHARED
 from tests.diagnosis.recordings import of_rates
 
 SAMPLE_S, ARW = 0.1, 3e-4
@@ -134,3 +136,11 @@ def test_outliers_of_one_gyro_speak_although_the_others_motion_passes_for_some(m
     p = 3 * scipy.stats.poisson.sf(4, expected)
     assert found(2 * p) == [("y", pytest.approx(p))]
     assert found(0.5 * p) == []
+
+
+@pytest.mark.parametrize("name", ["07_undisturbed_fast_rotation_B", "18_undisturbed_fast_translation_with_breaks_B"])
+@pytest.mark.skipif(not (SHARED / "real").exists(), reason="the real recordings are not there")
+def test_quick_motion_of_a_real_body_is_no_spike(name):
+    """The rate changes by tens of deg/s from sample to sample, and unevenly."""
+    recording = broad.to_recording(broad.read(SHARED / "real" / "broad" / f"{name}.parquet")).recording
+    assert "outliers" not in [one.kind for one in examine(recording).symptoms]
