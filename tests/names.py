@@ -55,7 +55,7 @@ def _of_module(package: str, path: Path) -> Iterator[Name]:
 
 
 def begins_with_verb(name: Name) -> bool:
-    """Tell whether the first word of a function's name is a verb: one of the verbs of ``names.toml``, and more than a noun that is one, too."""
+    """Tell whether a function's name begins with a verb of ``names.toml``; some are nouns unless an object follows."""
     first = name.words[0] if name.words else ""
     return first in WORDS["verbs"] and not (first in WORDS["nouns"] and len(name.words) == 1)
 

@@ -11,7 +11,7 @@ from tests import ROOT
 from tests.claims import check, freshness, text
 from tests.claims.registry import CLAIMS
 
-AT = "It implements the Davenport"  # a place in README
+AT = "The code is in four packages"  # a place in README
 
 
 @pytest.fixture(scope="module")
