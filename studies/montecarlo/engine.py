@@ -6,7 +6,7 @@
 Case i draws from children of ``SeedSequence(entropy, spawn_key=(i,))`` alone, so its row is the same on every backend,
 resumed, or repeated by `rerun`, bit for bit. The folder of a study holds
 
-- ``manifest.json``: configuration and its hash, the source code's hash, versions, machine, commit, seeds, backend, times, failures
+- ``manifest.json``: configuration, hashes of it and of the source code, versions, machine, seeds, backend, times, failures
 - ``parts/``: the rows of each finished chunk (`studies.montecarlo.store`); what makes a study resumable
 - ``failures/``: a traceback for each failed case
 - ``cases/``: recordings of single cases, on demand
@@ -37,7 +37,17 @@ from studies.montecarlo.manifest import WORK, digest, write_manifest
 from studies.montecarlo.provenance import changes, made_with
 from studies.montecarlo.session import Interrupted, Session, known, locked, stoppable
 from studies.montecarlo.store import Parts, table_of
-from studies.montecarlo.study import GridConfig, Streams, Study, StudyConfig, config_sha256, find, folder_of, reads_cases, resolved
+from studies.montecarlo.study import (
+    GridConfig,
+    Streams,
+    Study,
+    StudyConfig,
+    config_sha256,
+    find,
+    folder_of,
+    reads_cases,
+    resolved,
+)
 from studies.montecarlo.until import Until, looks
 
 __all__ = ["Interrupted", "Name", "Outcome", "Rerun", "Streams", "Study", "StudyConfig", "rerun", "run", "silent"]

@@ -75,7 +75,7 @@ def machine() -> dict[str, str]:
 
 
 def changes(before: Mapping[str, Any], now: Mapping[str, Any]) -> str:
-    """List the values that differ, as "key: old → new", – where there is none; of many the first and how many more there are."""
+    """List the first values that differ as "key: old → new", – where there is none, and how many more there are."""
     old, new = _flat(before), _flat(now)
     keys = [key for key in dict.fromkeys([*old, *new]) if old.get(key, "–") != new.get(key, "–")]
     more = f" and {len(keys) - SHOWN} more" if len(keys) > SHOWN else ""

@@ -33,8 +33,8 @@ from studies.montecarlo.provenance import PROJECT, hash_files
 
 SEED = 0  # the diagnosis' own draws must not depend on the cases'
 AFTER_ATTITUDE = (  # modules of the diagnosis that neither `samples` nor `attitude` runs
-    *("__init__", "adopt", "assemble", "detail_tables", "diagnose", "draft", "gyros", "identifiable", "merge", "next_recording"),
-    *("notes", "plan", "posterior", "result", "sensor_tables", "verdict"),
+    *("__init__", "adopt", "assemble", "detail_tables", "diagnose", "draft", "gyros", "identifiable", "merge"),
+    *("next_recording", "notes", "plan", "posterior", "result", "sensor_tables", "verdict"),
 )
 LATER = {  # by stage
     "samples": (
