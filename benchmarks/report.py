@@ -10,17 +10,8 @@ from rich.console import Console
 from rich.table import Table
 
 from studies.montecarlo.files import write_csv, write_json
-from studies.montecarlo.sources import module_sources
 from studies.report import panels
 
-MEASURED = (  # modules whose speed the figures are of
-    "gyrocal.calibration.propagation",
-    "gyrocal.calibration.packing",
-    "gyrocal.calibration.normal_equations",
-    "gyrocal.calibration.problem",
-    "gyrocal.calibration.davenport",
-    "simulator.mission_mode.flight",
-)
 VERDICT = {True: "met", False: "not met", None: "–"}
 
 
@@ -28,8 +19,6 @@ def write(document: dict[str, Any], folder: Path) -> None:
     """benchmark.json, growth.csv and growth.svg into the folder, which is made if need be."""
     folder.mkdir(parents=True, exist_ok=True)
     write_json(folder / "benchmark.json", document)
-    sources = {path: value for module in MEASURED for path, value in module_sources(module).items()}
-    write_json(folder / "manifest.json", {"commit": document["commit"], "modules": MEASURED, "sources": sources})
     growth = document["growth"]
     samples = pd.DataFrame(growth["samples"]).drop(columns=["c_variant", "c_disagreement"])
     # One table, a row a point, so that either curve is a filter away.

@@ -51,7 +51,7 @@ from studies.report.made import made_of
     help="Stop when the 95 % half-width of a column's mean, or of p95(COLUMN), std(COLUMN) …, is below a limit; --cases is "
     "then the most there may be. The column may be 'failed'.",
 )
-@click.option("--mix", is_flag=True, help="Keep rows that other sources, or another machine, have made beside new ones.")
+@click.option("--mix", is_flag=True, help="Resume even if the source code or the machine has changed since the earlier rows.")
 @click.option("--json", "as_json", type=PATH, help="Write counts and failures as JSON; what was found is in the report.")
 @click.option("--junit", type=PATH, help="Write what was found as tests to this file, JUnit's XML; a failed case is one too.")
 def command(

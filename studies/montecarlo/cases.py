@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 
 from studies.montecarlo.calm import calm
-from studies.montecarlo.provenance import MadeWith, made_with
+from studies.montecarlo.provenance import made_with
 from studies.montecarlo.study import DISPERSED, RESERVED, Streams, Study, StudyConfig, dispersed_values, find
 
 LONGEST_ERROR = 500  # characters of an error in a row
@@ -62,7 +62,7 @@ class Result:
     tracebacks: dict[int, str]
     cpu_s: float = 0.0
     warnings: Counter[str] = field(default_factory=Counter)
-    made_with: MadeWith | None = None
+    made_with: dict[str, Any] | None = None
 
     @property
     def failures(self) -> dict[int, str]:

@@ -6,7 +6,7 @@
 Case i draws from children of ``SeedSequence(entropy, spawn_key=(i,))`` alone, so its row is the same on every backend,
 resumed, or repeated by `rerun`, bit for bit. The folder of a study holds
 
-- ``manifest.json``: configuration and its hash, the sources' hashes, versions, machine, commit, seeds, backend, times, failures
+- ``manifest.json``: configuration, hashes of it and of the source code, versions, machine, seeds, backend, times, failures
 - ``parts/``: the rows of each finished chunk (`studies.montecarlo.store`); what makes a study resumable
 - ``failures/``: a traceback for each failed case
 - ``cases/``: recordings of single cases, on demand
@@ -34,11 +34,20 @@ from studies.montecarlo.backends import Executor, Name, open_backend
 from studies.montecarlo.calm import calm
 from studies.montecarlo.cases import Task, run_cases
 from studies.montecarlo.manifest import WORK, digest, write_manifest
-from studies.montecarlo.provenance import changes, listed, made_with
+from studies.montecarlo.provenance import changes, made_with
 from studies.montecarlo.session import Interrupted, Session, known, locked, stoppable
-from studies.montecarlo.sources import uses_attribute
 from studies.montecarlo.store import Parts, table_of
-from studies.montecarlo.study import GridConfig, Streams, Study, StudyConfig, config_sha256, find, folder_of, resolved
+from studies.montecarlo.study import (
+    GridConfig,
+    Streams,
+    Study,
+    StudyConfig,
+    config_sha256,
+    find,
+    folder_of,
+    reads_cases,
+    resolved,
+)
 from studies.montecarlo.until import Until, looks
 
 __all__ = ["Interrupted", "Name", "Outcome", "Rerun", "Streams", "Study", "StudyConfig", "rerun", "run", "silent"]
@@ -156,7 +165,7 @@ def run(
     keep : cases whose recordings are kept
     retry_failed : run failed cases of earlier runs again
     until : stop as soon as this is met; the configuration's number of cases is then the most there may be
-    mix : let rows stand beside those of an earlier run with other sources, or on another machine
+    mix : let rows stand beside those of an earlier run with other source code, or on another machine
 
     Raises
     ------
@@ -237,7 +246,7 @@ def _finish(
 def may_grow(study: Study, config: StudyConfig) -> bool:
     """Whether the rows of the first cases are the same however many follow."""
     stratified = config.sampler == "lhs" and config.dispersions
-    return not (isinstance(config, GridConfig) or stratified or uses_attribute(study, "cases"))
+    return not (isinstance(config, GridConfig) or stratified or reads_cases(study))
 
 
 def _earlier(study: Study, ready: StudyConfig, document: Mapping[str, Any], folder: Path) -> dict[str, Any] | None:
@@ -259,7 +268,7 @@ def _earlier(study: Study, ready: StudyConfig, document: Mapping[str, Any], fold
         raise InputError(f"{folder}: holds this study with cases: {before} → {ready.cases}, and {why}; choose another folder")
     settings = {"study": found.get("study"), **found.get("config", {})}, {"study": document["study"], **document["config"]}
     scenarios = {"scenario": found.get("scenario")}, {"scenario": document["scenario"]}
-    what = listed(changes(*settings) or changes(*scenarios)) or "the order of the dispersions"
+    what = changes(*settings) or changes(*scenarios) or "the order of the dispersions"
     raise InputError(f"{folder}: holds a study with another configuration ({what}); choose another folder")
 
 
@@ -290,9 +299,9 @@ def _chunk(cases: int, wanted: int | None, earlier: Mapping[str, Any] | None, fo
 def work_folder(folder: Path, study: Study, config: StudyConfig) -> Path:
     """Where a study runs whose rows are not kept, in the folder of what is made of them.
 
-    Of each configuration, sources and machine its own, so that what another one left unfinished is never in the way.
+    Of each configuration, source code and machine its own, so that what another one left unfinished is never in the way.
     """
-    made = config_sha256(study, resolved(config)) + json.dumps(made_with(study).as_dict(), sort_keys=True)
+    made = config_sha256(study, resolved(config)) + json.dumps(made_with(study), sort_keys=True)
     return Path(folder) / WORK / digest(made.encode())[:12]
 
 

@@ -24,7 +24,7 @@ from studies.montecarlo.backends import Executor
 from studies.montecarlo.cases import Result, Task, killed, merged
 from studies.montecarlo.files import write_bytes
 from studies.montecarlo.manifest import MANIFEST, versions, write_manifest
-from studies.montecarlo.provenance import MadeWith, changes, edited, listed
+from studies.montecarlo.provenance import changes
 from studies.montecarlo.store import PartInfo, Parts
 
 logger = logging.getLogger(__name__)
@@ -129,7 +129,7 @@ class Session:
     about : what the manifest says of the study: its name, configuration, hash …, as plain values
     earlier : the manifest of earlier runs
     backend : where the cases run
-    made_with : sources and machine of this run
+    made_with : source code and machine of this run
     mix : whether its rows may stand beside rows made with others
 
     Attributes
@@ -148,15 +148,15 @@ class Session:
         about: Mapping[str, Any],
         earlier: Mapping[str, Any] | None,
         backend: str,
-        made_with: MadeWith,
+        made_with: dict[str, Any],
         mix: bool = False,
     ) -> None:
         self.parts, self.task_for, self.before, self.made_with, self.mix = parts, task_for, earlier or {}, made_with, mix
         self.begun = time.monotonic()
         installed = versions(["distributed"] if backend == "dask" else [])
-        self.about = {**about, **installed, **made_with.as_dict()}
+        self.about = {**about, **installed, **made_with}
         status = {"status": "running", "backend": backend, "jobs": None, "resumed": 0, "wall_s": 0.0}
-        self.run = {**status, **installed, "machine": made_with.machine}
+        self.run = {**status, **installed, "machine": made_with["machine"]}
         self.done, self.cpu_s = 0, 0.0
         self.failures: dict[int, str] = {}
         self.warnings: Counter[str] = Counter()
@@ -195,29 +195,24 @@ class Session:
         Raises
         ------
         InputError
-            The sources have changed, or rows are to be computed and the machine is another one.
+            The source code has changed, or rows are to be computed and the machine is another one.
         """
         if not self.done or not self.before:
             return
-        folder, before = self.parts.folder, self.before
+        before = {name: self.before.get(name) for name in self.made_with}
         if not more:  # this run makes no rows: what made them stays in the manifest
-            for name in ("sources", "machine"):
-                self.about.pop(name)
-                self.about |= {name: before[name]} if name in before else {}
-        if "sources" not in before:
-            self.count({f"{folder}: its {self.done} finished cases are of a version that did not note what made them": 1})
+            self.about |= before
+        edited = before["source_sha256"] != self.made_with["source_sha256"]
+        elsewhere = changes(before["machine"] or {}, self.made_with["machine"]) if more else ""
+        finished = f"{self.parts.folder}: {self.done} finished cases were computed"
+        if not edited and not elsewhere:
             return
-        files = edited(before["sources"], self.made_with.sources)
-        other = changes(before["machine"], self.made_with.machine) if more else []
-        if not files and not other:
-            return
-        finished = f"{folder}: {self.done} finished cases were computed"
         if self.mix:
-            self.count({f"{finished} with other sources or on another machine, and are kept as they are": 1})
-        elif files:
-            raise InputError(f"{finished} before {listed(files)} changed; choose another folder, or keep them with --mix")
+            self.count({f"{finished} with other source code or on another machine, and are kept as they are": 1})
+        elif edited:
+            raise InputError(f"{finished} before the source code changed; choose another folder, or keep them with --mix")
         else:
-            raise InputError(f"{finished} elsewhere ({listed(other)}); choose another folder, or go on with --mix")
+            raise InputError(f"{finished} elsewhere ({elsewhere}); choose another folder, or go on with --mix")
 
     def finish(self, workers: Executor, missing: list[range], advance: Callable[[int], None]) -> None:
         """Run the missing cases; a chunk whose worker died is run again, each case alone."""
@@ -244,7 +239,8 @@ class Session:
     def _store(self, cases: range, result: Result) -> None:
         """Store the rest of a part; its tracebacks first, so that a part that is there is complete."""
         if result.made_with not in (None, self.made_with) and not self.mix:
-            raise InputError(f"a worker differs ({self._difference(result.made_with)}); make them alike, or go on with --mix")
+            differs = changes(self.made_with["machine"], result.made_with["machine"]) or "its source code"
+            raise InputError(f"a worker differs ({differs}); make them alike, or go on with --mix")
         folder, index = self.parts.folder / "failures", cases.start // self.parts.chunk
         for case in cases:
             path = folder / f"case-{case:06d}.txt"
@@ -257,11 +253,6 @@ class Session:
         self.parts.write(index, rows, result.cpu_s + (begun.cpu_s if begun else 0.0))
         self._add(cases, result.failures, result.cpu_s)
         self.count(result.warnings)
-
-    def _difference(self, theirs: MadeWith) -> str:
-        """Where a worker differs from this process."""
-        files, own = edited(self.made_with.sources, theirs.sources), self.made_with.machine
-        return listed([*(f"source {path}" for path in files), *changes(own, theirs.machine)])
 
     def _add(self, cases: range, failures: Mapping[int, str], cpu_s: float) -> None:
         self.done += len(cases)

@@ -19,6 +19,7 @@ path: a scenario file that changes, or that a worker could not read, can then no
 import hashlib
 import importlib
 import json
+import re
 import sys
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -174,6 +175,12 @@ def folder_of(study: Study) -> str:
     module = study.name.partition(":")[0]
     file = getattr(sys.modules.get(module), "__file__", None)
     return str(Path(file).resolve().parent) if file and "." not in module else ""
+
+
+def reads_cases(study: Study) -> bool:
+    """Whether the study's module reads the number of cases of a configuration, as in ``config.cases``."""
+    text = Path(str(sys.modules[study.name.partition(":")[0]].__file__)).read_text(encoding="utf-8")
+    return re.search(r"(?<![\w.])\w+\.cases\b", text) is not None
 
 
 def load_config(study: Study, path: Path | None = None, changes: Mapping[str, Any] | None = None) -> Any:

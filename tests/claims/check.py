@@ -5,12 +5,10 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 
 from tests.claims import text
-from tests.claims.freshness import changed_sources
 from tests.claims.registry import CLAIMS
 from tests.claims.text import Problem
 
 STATED = Path("tests") / "claims" / "stated.toml"
-SHOWN = 3  # sources that a problem names
 
 
 def pages(root: Path) -> list[Path]:
@@ -23,22 +21,16 @@ def values_of(root: Path) -> dict[str, str]:
     values = {}
     for name, claim in CLAIMS.items():
         try:
-            values[name] = claim.text(root)
+            values[name] = claim(root)
         except (FileNotFoundError, IndexError, KeyError):
             continue
     return values
 
 
-def problems(root: Path, fresh: bool = True) -> list[Problem]:
-    """Find everything that is claimed wrongly.
-
-    Parameters
-    ----------
-    root : of the checkout
-    fresh : whether to ask if results are of the present code, too
-    """
+def problems(root: Path) -> list[Problem]:
+    """Find everything that the pages of a checkout claim wrongly."""
     values, stated = values_of(root), tomllib.loads((root / STATED).read_text())
-    return [*_text_problems(root, values, stated), *(_stale(root) if fresh else ())]
+    return list(_text_problems(root, values, stated))
 
 
 def _text_problems(root: Path, values: Mapping[str, str], stated: Mapping[str, Mapping[str, str]]) -> Iterator[Problem]:
@@ -49,23 +41,6 @@ def _text_problems(root: Path, values: Mapping[str, str], stated: Mapping[str, M
         yield from text.stated_problems(file, words, values, phrases)
         yield from text.unused_phrases(file, words, stated.get(file, {}))
         yield from text.sealed_problems(file, words)
-
-
-def _stale(root: Path) -> Iterator[Problem]:
-    """Find claims and committed results that were made by other code than the present one."""
-    used = {
-        found[1]
-        for path in pages(root)
-        for pattern in (text.MARKER, text.BLOCK)
-        for found in pattern.finditer(path.read_text())
-    }
-    folders = {folder for name in used if name in CLAIMS for folder in CLAIMS[name].results}
-    folders |= {path.parent.relative_to(root / "results").as_posix() for path in (root / "results").rglob("manifest.json")}
-    for folder in sorted(folders):
-        changed = changed_sources(root / "results" / folder)
-        if changed:
-            more = f" and {len(changed) - SHOWN} more" if len(changed) > SHOWN else ""
-            yield Problem(f"results/{folder}", 0, f"stale: {', '.join(changed[:SHOWN])}{more} changed since; make it again")
 
 
 def write(root: Path, values: Mapping[str, str]) -> None:

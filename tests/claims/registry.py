@@ -2,7 +2,6 @@
 
 import json
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -31,18 +30,7 @@ TABLE3 = {  # lines of R Table 3, and the digits that R prints
 PERIOD_WORDS = ("before", "with alignment", "calibrated")
 
 
-@dataclass(frozen=True)
-class Claim:
-    """A claim.
-
-    Attributes
-    ----------
-    results : folders, below ``results``, of the results that it is read from; none for one of an exam or of the sources
-    text : from the root of the repository to what is written
-    """
-
-    results: tuple[str, ...]
-    text: Callable[[Path], str]
+Claim = Callable[[Path], str]  # from the root of the checkout to what is written
 
 
 def _json(root: Path, *path: str) -> Any:
@@ -126,7 +114,7 @@ def _digits(root: Path) -> dict[str, int]:
     return dict(_summary(root)["own_digits_changed"]["0.5"])
 
 
-def _mission_factor(before: str, after: str) -> Callable[[Path], str]:
+def _mission_factor(before: str, after: str) -> Claim:
     def text(root: Path) -> str:
         ladder = pd.read_csv(root / "results" / "mission" / "ladder.csv")
         first, (value, low, high) = ladder[before].iloc[0], (ladder[f"{after}{end}"].iloc[-1] for end in ("", "_low", "_high"))
@@ -187,31 +175,23 @@ def kernel_ns(root: Path) -> float:
     return float(1e6 * first["kernel_ms"] / first["samples"])
 
 
-STUDIES = tuple(
-    f"studies/{name}"
-    for name in (
-        *("alignment", "consistency", "estimators", "flight", "heads", "import", "iterations", "noise"),
-        *("observability", "onboard", "promises", "psi", "references", "sentinel2a", "timestep"),
-    )
-)
-
 CLAIMS: dict[str, Claim] = {
-    "exam_history": Claim((), exam_history),
-    "exam_outcomes": Claim((), exam_outcomes),
-    "exam_rates": Claim((), exam_rates),
-    "studies": Claim(STUDIES, studies),
-    "natanson_questions": Claim(("reproduction",), natanson_questions),
-    "natanson_estimates": Claim(("reproduction",), natanson_estimates),
-    "digits_table2": Claim(("reproduction",), lambda root: f"{_digits(root)['table2']} of the 18"),
-    "digits_table4": Claim(("reproduction",), lambda root: f"{_digits(root)['table4']} of 6"),
-    "mission_summary": Claim(("mission",), mission_summary),
-    "mission_table3": Claim(("mission",), mission_table3),
-    "mission_mountings": Claim(("mission",), mission_mountings),
-    "mission_18": Claim(("mission",), _mission_factor("factor_18", "factor_unfitted")),
-    "mission_12": Claim(("mission",), _mission_factor("factor_12", "factor_12")),
-    "mission_loop": Claim(("benchmarks",), lambda root: f"{_benchmark(root)['mission_loop']['plain_vs_compiled']:.0f} times"),
-    "kernel_ns": Claim(("benchmarks",), lambda root: f"{kernel_ns(root):.1f} ns"),
-    "gtsam_python": Claim(("benchmarks",), lambda root: f"{_benchmark(root)['ratios']['gtsam_vs_kernel']:.0f} times"),
-    "gtsam_cpp": Claim(("benchmarks",), lambda root: f"{GTSAM_CPP_NS / kernel_ns(root):.0f} times"),
-    "textbook": Claim(("benchmarks",), lambda root: f"{_benchmark(root)['ratios']['textbook_vs_kernel']:.0f} times"),
+    "exam_history": exam_history,
+    "exam_outcomes": exam_outcomes,
+    "exam_rates": exam_rates,
+    "studies": studies,
+    "natanson_questions": natanson_questions,
+    "natanson_estimates": natanson_estimates,
+    "digits_table2": lambda root: f"{_digits(root)['table2']} of the 18",
+    "digits_table4": lambda root: f"{_digits(root)['table4']} of 6",
+    "mission_summary": mission_summary,
+    "mission_table3": mission_table3,
+    "mission_mountings": mission_mountings,
+    "mission_18": _mission_factor("factor_18", "factor_unfitted"),
+    "mission_12": _mission_factor("factor_12", "factor_12"),
+    "mission_loop": lambda root: f"{_benchmark(root)['mission_loop']['plain_vs_compiled']:.0f} times",
+    "kernel_ns": lambda root: f"{kernel_ns(root):.1f} ns",
+    "gtsam_python": lambda root: f"{_benchmark(root)['ratios']['gtsam_vs_kernel']:.0f} times",
+    "gtsam_cpp": lambda root: f"{GTSAM_CPP_NS / kernel_ns(root):.0f} times",
+    "textbook": lambda root: f"{_benchmark(root)['ratios']['textbook_vs_kernel']:.0f} times",
 }

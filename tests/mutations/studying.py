@@ -47,13 +47,13 @@ RESUMED = [
         [
             (
                 "rows of edited sources are mixed",
-                'files = edited(before["sources"], self.made_with.sources)',
-                "files = edited(self.made_with.sources, self.made_with.sources)",
+                'edited = before["source_sha256"] != self.made_with["source_sha256"]',
+                'edited = self.made_with["source_sha256"] != self.made_with["source_sha256"]',
             ),
             (
                 "rows of another machine are mixed",
-                'changes(before["machine"], self.made_with.machine) if more else []',
-                'changes(before["machine"], before["machine"]) if more else []',
+                'changes(before["machine"] or {}, self.made_with["machine"]) if more else ""',
+                'changes(before["machine"] or {}, before["machine"]) if more else ""',
             ),
             (
                 "a study that grows leaves out a case",

@@ -5,13 +5,13 @@
 - ``verdict``: the answer
 
 The outcome of a stage is taken from another run only if the sources of the stage, and of all before it, are those of that run:
-their hash is the name of the folder in which the outcomes are stored. Recordings of several gyros or with raw sensor tables go
+their hash is the name of the folder in which the outcomes are stored. These are all sources of calibrator, simulator and
+diagnosis but those that only a later stage runs (`LATER`). Recordings of several gyros or with raw sensor tables go
 another way through the diagnosis; they are diagnosed as a whole, and nothing of them is stored.
 """
 
 from __future__ import annotations
 
-import hashlib
 import os
 import pickle
 import resource
@@ -29,10 +29,21 @@ from diagnosis.explain import Explained, explain_prepared
 from diagnosis.model.prepare import Prepared, prepare
 from diagnosis.settings import DEFAULT
 from gyrocal.recording import Recording
-from studies.montecarlo.sources import module_sources
+from studies.montecarlo.provenance import PROJECT, hash_files
 
 SEED = 0  # the diagnosis' own draws must not depend on the cases'
-STAGES = {"samples": "diagnosis.model.prepare", "attitude": "diagnosis.explain"}
+AFTER_ATTITUDE = (  # modules of the diagnosis that neither `samples` nor `attitude` runs
+    *("__init__", "adopt", "assemble", "detail_tables", "diagnose", "draft", "gyros", "identifiable", "merge"),
+    *("next_recording", "notes", "plan", "posterior", "result", "sensor_tables", "verdict"),
+)
+LATER = {  # by stage
+    "samples": (
+        *AFTER_ATTITUDE,
+        *("budget", "explain", "remainder_search", "replication"),
+        *("inference/closure", "inference/null", "inference/refinement"),
+    ),
+    "attitude": AFTER_ATTITUDE,
+}
 Attitude = tuple[Prepared, Explained]
 
 
@@ -63,7 +74,7 @@ def diagnose_in_stages(recording: Recording, store: Path | None, name: str) -> T
     else:
         with threadpool_limits(1, user_api="blas"):
             effects = nameable(None, of_trackers=recording.attitudes.sensor is not None)
-            places = {stage: store / f"{stage}-{stage_hash(stage)}" / f"{name}.pkl.z" for stage in STAGES}
+            places = {stage: store / f"{stage}-{stage_hash(stage)}" / f"{name}.pkl.z" for stage in LATER}
             if places["attitude"].exists():
                 stored, (prepared, explained) = "attitude", _read(places["attitude"])
             else:
@@ -80,9 +91,10 @@ def diagnose_in_stages(recording: Recording, store: Path | None, name: str) -> T
 
 @cache
 def stage_hash(stage: str) -> str:
-    """Hash the sources of a stage: of its module and of all that it imports."""
-    text = "\n".join(f"{path} {value}" for path, value in module_sources(STAGES[stage]).items())
-    return hashlib.sha256(text.encode()).hexdigest()[:16]
+    """Hash the sources of a stage and of all before it."""
+    later = [PROJECT / "diagnosis" / name for name in LATER[stage]]
+    files = [path for name in ("gyrocal", "simulator", "diagnosis") for path in (PROJECT / name).rglob("*")]
+    return hash_files(path for path in files if not {path.with_suffix(""), *path.parents} & set(later))[:16]
 
 
 def _quiet(text: str, share: float) -> None:

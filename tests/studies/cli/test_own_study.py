@@ -60,8 +60,6 @@ def test_a_file_is_run_by_its_path(mine, run_cli, tmp_path):
     assert columns.loc["mean", "mean"] == pytest.approx(rows["mean"].mean(), rel=1e-5)
     assert columns.loc["good", "mean"] == pytest.approx(rows["good"].mean(), rel=1e-5)
     assert pd.read_csv(out / "texts.csv")["rows"].tolist() == [30, 30]
-    sources = json.loads((out / "manifest.json").read_text())["sources"]
-    assert {mine.name, mine.name.replace("mine", "helper")} <= set(sources)
 
 
 def test_a_worker_finds_the_file_by_its_folder(mine):

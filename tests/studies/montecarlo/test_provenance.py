@@ -4,7 +4,6 @@ import importlib
 import json
 import sys
 import textwrap
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -12,9 +11,8 @@ import pytest
 from gyrocal.errors import InputError
 from studies.montecarlo import provenance
 from studies.montecarlo.engine import run
-from studies.montecarlo.machine import machine
+from studies.montecarlo.provenance import machine, made_with
 from studies.montecarlo.session import known
-from studies.montecarlo.sources import module_sources, sources
 from studies.montecarlo.study import Study
 from tests import ROOT
 from tests.engine_studies import DRAWS, DrawsConfig
@@ -55,8 +53,6 @@ def my_study(tmp_path, monkeypatch):
         importlib.invalidate_caches()
         for name in ("my_own_study", "helping_hand"):
             sys.modules.pop(name, None)
-        provenance.sources.cache_clear()
-        importlib.import_module("studies.montecarlo.sources")._module.cache_clear()
         return importlib.import_module("my_own_study").STUDY
 
     yield write
@@ -69,57 +65,36 @@ def serial(study, folder, cases=8, **options):
 
 
 @pytest.mark.parametrize(
-    ("edit", "file"),
-    [
-        ({"old": "factor(2.0)", "new": "factor(3.0)"}, "my_own_study.py"),
-        ({"helper": HELPER.replace("return x", "return 2 * x")}, "helping_hand.py"),
-    ],
+    "edit", [{"old": "factor(2.0)", "new": "factor(3.0)"}, {"helper": HELPER.replace("return x", "return 2 * x")}]
 )
-def test_an_edited_study_is_refused_and_the_file_is_named(edit, file, my_study, tmp_path):
+def test_an_edited_study_is_refused(edit, my_study, tmp_path):
     folder = tmp_path / "out"
     table = serial(my_study(), folder).load()
     edited = my_study(**edit)
     manifest = (folder / "manifest.json").read_bytes()
-    with pytest.raises(InputError, match=rf"8 finished cases were computed before {file} changed; choose another folder"):
+    with pytest.raises(InputError, match="8 finished cases were computed before the source code changed; choose"):
         serial(edited, folder)
     assert (folder / "manifest.json").read_bytes() == manifest
     mixed = serial(edited, folder, mix=True)
     assert mixed.load().equals(table)
-    assert any("other sources" in text for text in mixed.warnings)
+    assert any("other source code" in text for text in mixed.warnings)
     other = serial(edited, tmp_path / "other").load()
     assert not np.allclose(other["x"], table["x"])
+    # Edited back, it is the study of the folder again.
+    assert serial(my_study(), folder).resumed == 8
 
 
-@pytest.mark.parametrize(
-    "edit",
-    [
-        {"old": '"""One row."""', "new": '"""One row of the table."""  # as ever'},
-        {"old": "rows.mean()", "new": "rows.median()"},  # nothing that the rows depend on
-        {"helper": "# A comment\n" + HELPER},
-    ],
-)
-def test_words_and_reports_may_be_edited(edit, my_study, tmp_path):
-    serial(my_study(), tmp_path / "out")
-    assert serial(my_study(**edit), tmp_path / "out").resumed == 8
-
-
-def test_the_sources_of_a_study_are_what_its_rows_depend_on():
-    noise = importlib.import_module("studies.calibration.noise").STUDY
-    found = sources(noise)
-    assert {"studies/calibration/noise.py", "studies/calibration/prepared.py", "gyrocal/calibration/covariance.py"} <= set(
-        found
-    )
-    assert {"simulator/sensors/gyro.py", "simulator/__init__.py", "studies/data/flight/table2_residuals.csv"} & set(found)
-    # Its report draws figures; its rows do not.
-    assert not {"studies/report/panels.py", "studies/cli/main.py", "studies/montecarlo/engine.py"} & set(found)
-    # All that a package imports where it is imported itself.
-    assert "diagnosis/diagnose.py" in sources(importlib.import_module("studies.validation.world.study").STUDY)
-
-
-def test_the_sources_of_a_module_do_not_hold_what_imports_it():
-    found = module_sources("diagnosis.model.prepare")
-    assert {"diagnosis/model/prepare.py", "diagnosis/detectors/samples.py", "gyrocal/errors.py"} <= set(found)
-    assert not {"diagnosis/explain.py", "diagnosis/assemble.py", "diagnosis/__init__.py"} & set(found)
+def test_an_edited_source_or_table_of_ours_counts(tmp_path, monkeypatch):
+    monkeypatch.setattr(provenance, "PROJECT", tmp_path)
+    found = []
+    for name, text in (("gyrocal/a.py", "1"), ("gyrocal/a.py", "2"), ("studies/data/b.csv", "1"), ("gyrocal/c.so", "1")):
+        (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
+        (tmp_path / name).write_text(text)
+        provenance.made_with.cache_clear()
+        found.append(made_with(DRAWS)["source_sha256"])
+    provenance.made_with.cache_clear()
+    assert len(set(found)) == 3
+    assert found[2] == found[3]
 
 
 def test_a_manifest_says_what_decides_the_last_digits(tmp_path):
@@ -127,12 +102,13 @@ def test_a_manifest_says_what_decides_the_last_digits(tmp_path):
     document = json.loads((tmp_path / "manifest.json").read_text())
     assert {"system", "python", "numpy", "scipy", "numba", "blas", "simd"} <= document["machine"].keys()
     assert document["runs"][0]["machine"] == document["machine"] == machine()
-    assert document["sources"]["tests/engine_studies.py"]
+    assert document["source_sha256"] == made_with(DRAWS)["source_sha256"]
 
 
 def on_another_machine(monkeypatch, **differences):
-    there = machine() | differences
-    monkeypatch.setattr(provenance, "machine", lambda: there)
+    here = made_with(DRAWS)
+    monkeypatch.setattr("studies.montecarlo.engine.made_with", lambda study: here | {"machine": machine() | differences})
+    monkeypatch.setattr("studies.montecarlo.cases.made_with", lambda study: here | {"machine": machine() | differences})
 
 
 def test_a_resume_elsewhere_is_refused_and_mixes_only_if_told(tmp_path, monkeypatch):
@@ -159,42 +135,36 @@ def test_a_finished_study_is_reported_on_any_machine(tmp_path, monkeypatch):
         run(DRAWS, DrawsConfig(cases=8, size=3), tmp_path, backend="serial")
 
 
-def test_a_worker_that_differs_is_refused(tmp_path, monkeypatch):
-    here = provenance.made_with(DRAWS)
-    there = replace(here, machine=here.machine | {"numpy": "2.0.0"})
+@pytest.mark.parametrize(
+    ("differences", "what"),
+    [({"machine": machine() | {"numpy": "2.0.0"}}, "numpy: .* → 2.0.0"), ({"source_sha256": "0"}, "its source code")],
+)
+def test_a_worker_that_differs_is_refused(differences, what, tmp_path, monkeypatch):
+    there = made_with(DRAWS) | differences
     monkeypatch.setattr("studies.montecarlo.cases.made_with", lambda study: there)
     config = DrawsConfig(cases=4, size=3)
-    with pytest.raises(InputError, match=r"a worker differs \(numpy: .* → 2.0.0\); make them alike"):
+    with pytest.raises(InputError, match=rf"a worker differs \({what}\); make them alike"):
         run(DRAWS, config, tmp_path, backend="serial")
     assert run(DRAWS, config, tmp_path, backend="serial", mix=True).cases == 4
 
 
-def test_a_folder_of_before_the_sources_were_noted_goes_on_with_a_warning(tmp_path):
-    config = DrawsConfig(cases=4, size=3)
-    run(DRAWS, config, tmp_path, backend="serial")
-    path = tmp_path / "manifest.json"
-    document = json.loads(path.read_text())
-    del document["sources"], document["machine"]
-    path.write_text(json.dumps(document))
-    outcome = run(DRAWS, config, tmp_path, backend="serial")
-    assert outcome.resumed == 4
-    assert "sources" not in json.loads(path.read_text())
-    assert any("did not note what made them" in text for text in outcome.warnings)
-
-
-def test_what_was_committed_without_parts_is_computed_anew(tmp_path):
-    """As in results/studies: a table and a manifest of other sources, and no parts."""
+@pytest.mark.parametrize("parts", [True, False])
+def test_a_folder_without_a_hash_of_its_sources_is_refused_where_it_has_rows(parts, tmp_path):
+    """Of an older version; without parts as in results/studies, where all is computed anew."""
     config = DrawsConfig(cases=4, size=3)
     table = run(DRAWS, config, tmp_path, backend="serial").table.read_bytes()
-    for part in (tmp_path / "parts").iterdir():
-        part.unlink()
     path = tmp_path / "manifest.json"
     document = json.loads(path.read_text())
-    document["sources"] = {"tests/engine_studies.py": "0"}
+    del document["source_sha256"], document["machine"]
     path.write_text(json.dumps(document))
+    if parts:
+        with pytest.raises(InputError, match="before the source code changed"):
+            run(DRAWS, config, tmp_path, backend="serial")
+        return
+    for part in (tmp_path / "parts").iterdir():
+        part.unlink()
     outcome = run(DRAWS, config, tmp_path, backend="serial")
-    assert outcome.resumed == 0
-    assert outcome.table.read_bytes() == table
+    assert (outcome.resumed, outcome.table.read_bytes()) == (0, table)
 
 
 def test_committed_manifests_are_read():

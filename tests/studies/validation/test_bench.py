@@ -1,8 +1,8 @@
 """The bench: a fixed set, stages that are taken over only from the same code, and a paired comparison."""
 
 import json
+import re
 
-import numpy as np
 import pandas as pd
 import pytest
 
@@ -14,6 +14,7 @@ from studies.validation.world import bench, stages
 from studies.validation.world.cases import draw
 from studies.validation.world.instruments import draw_instrument
 from studies.validation.world.world import Spec
+from tests import ROOT
 
 
 def test_the_set_is_fixed_and_a_hundred_of_it_are_fresh():
@@ -88,9 +89,15 @@ def test_other_instruments_are_diagnosed_as_a_whole(tmp_path):
     assert not list(tmp_path.iterdir())
 
 
-def test_a_stage_depends_on_its_own_sources():
+def test_no_stage_imports_what_it_does_not_hash():
+    for stage, later in stages.LATER.items():
+        names = "|".join(name.replace("/", r"\.") for name in later if name != "__init__")
+        imported = re.compile(rf"^\s*from diagnosis(?:\.({names})\b| import)", re.MULTILINE)
+        for path in (ROOT / "diagnosis").rglob("*.py"):
+            name = path.relative_to(ROOT / "diagnosis").with_suffix("").as_posix()
+            if not name.startswith(later) and not name.endswith("__init__"):
+                assert not imported.search(path.read_text()), (stage, name)
     assert stages.stage_hash("samples") != stages.stage_hash("attitude")
-    assert np.unique([stages.stage_hash(name) for name in stages.STAGES]).size == len(stages.STAGES)
 
 
 def test_an_installed_package_says_where_the_test_world_is(monkeypatch):
