@@ -15,7 +15,6 @@ from __future__ import annotations
 import os
 from collections.abc import Sequence
 from dataclasses import dataclass
-from datetime import datetime
 from pathlib import Path
 from typing import Any
 
@@ -32,6 +31,7 @@ Array = NDArray[np.float64]
 
 NEEDED = ("TIME_SYSTEM", "EPOCH_TZERO")
 ATT_NEEDED = ("REF_FRAME_A", "REF_FRAME_B", "ATT_TYPE")
+ATT_KNOWN = (*ATT_NEEDED, "ATT_ID", "ATT_PREV_ID", "ATT_BASIS", "ATT_BASIS_ID", "NUMBER_STATES", "RATE_TYPE", "EULER_ROT_SEQ")
 BIASED = "ANGLE_GYROBIAS"
 SIGN = "GYRO_BIAS is the correction to be added about the body axes: w = G w_raw + GYRO_BIAS"
 
@@ -65,7 +65,7 @@ def read_acm(path: str | os.PathLike[str]) -> Acm:
         It is no ACM of version 2, or has no attitudes that a recording can hold.
     """
     path = Path(path)
-    blocks = ccsds.read(path, "ACM")
+    _, blocks = ccsds.read(path, "ACM")
     meta = next((block.entries for block in blocks if block.kind == "META"), {})
     fields.expect(meta, NEEDED, path)
     system = meta["TIME_SYSTEM"]
@@ -81,7 +81,7 @@ def read_acm(path: str | os.PathLike[str]) -> Acm:
     for block in blocks:
         if block.kind != "ATT":
             continue
-        fields.expect(block.entries, ATT_NEEDED, path)
+        fields.expect(block.entries, ATT_NEEDED, path, ATT_KNOWN)
         if block.entries["ATT_TYPE"].upper() != "QUATERNION":
             raise InputError(f"{path}: attitude type {block.entries['ATT_TYPE']} is not read; read is QUATERNION")
         ends.add(fields.frames(block.entries, path))
@@ -177,8 +177,6 @@ def write_acm(
     object_name: str = "UNKNOWN",
     object_id: str = "UNKNOWN",
     frame: str = "ICRF",
-    originator: str = "GYROCAL",
-    created: datetime | None = None,
     form: ccsds.Form = "kvn",
 ) -> None:
     """Write the reference attitudes with their variances and, of a calibration, the gyro's bias with its.
@@ -190,8 +188,6 @@ def write_acm(
     bias, bias_sigma : (3,) b of ω = G ω_raw + b and its 1-sigma, rad/s, as in a `CalibrationResult`; both or neither
     object_name, object_id : of the spacecraft
     frame : the inertial one, REF_FRAME_A
-    originator : who made it
-    created : when; now by default
     form : "kvn" or "xml"
 
     Raises
@@ -228,7 +224,7 @@ def write_acm(
         "ACM_DATA_ELEMENTS": ", ".join(block.kind for block in blocks),
     }
     blocks.insert(0, ccsds.Block("META", meta))
-    ccsds.write(path, "ACM", blocks, title=recording.title, originator=originator, created=created, form=form)
+    ccsds.write(path, "ACM", blocks, recording.title, form)
 
 
 def _bias(bias: ArrayLike | None, sigma: ArrayLike | None) -> tuple[list[str], list[str]]:

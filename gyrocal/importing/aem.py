@@ -1,15 +1,14 @@
-"""CCSDS Attitude Ephemeris Messages, version 2 (504.0-B-2) in KVN and XML, read and written.
+"""CCSDS Attitude Ephemeris Messages, versions 1 and 2 (504.0-B-1, 504.0-B-2) in KVN and XML, read; version 2 is written.
 
-Attitude types of the standard that begin with a quaternion are read (QUATERNION, QUATERNION/DERIVATIVE, QUATERNION/ANGVEL); the
-rates after it are not used. Version 1, whose quaternions may have the scalar part first, is refused. What the four numbers mean
-stands in `gyrocal.importing.ccsds_fields`.
+Attitude types of the standard that begin with a quaternion are read; the rates after it are not used. Version 1 says the
+direction (ATTITUDE_DIR) and the place of the scalar part (QUATERNION_TYPE), which version 2 has not got. What the four numbers
+mean stands in `gyrocal.importing.ccsds_fields`.
 """
 
 from __future__ import annotations
 
 import os
 from dataclasses import dataclass
-from datetime import datetime
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -27,8 +26,15 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 
-TYPES = ("QUATERNION", "QUATERNION/DERIVATIVE", "QUATERNION/ANGVEL")
 NEEDED = ("REF_FRAME_A", "REF_FRAME_B", "TIME_SYSTEM", "ATTITUDE_TYPE")
+DIRECTED = ("ATTITUDE_DIR", "QUATERNION_TYPE")  # of version 1 alone
+OTHERS = ("OBJECT_NAME", "OBJECT_ID", "CENTER_NAME", "EULER_ROT_SEQ", "INTERPOLATION_METHOD", "INTERPOLATION_DEGREE")
+SPAN = ("START_TIME", "USEABLE_START_TIME", "USEABLE_STOP_TIME", "STOP_TIME")
+KNOWN = {"1.0": (*NEEDED, *OTHERS, *SPAN, *DIRECTED, "RATE_FRAME"), "2.0": (*NEEDED, *OTHERS, *SPAN, "ANGVEL_FRAME")}
+TYPES = {
+    "1.0": ("QUATERNION", "QUATERNION/DERIVATIVE", "QUATERNION/RATE"),
+    "2.0": ("QUATERNION", "QUATERNION/DERIVATIVE", "QUATERNION/ANGVEL"),
+}
 
 
 @dataclass(frozen=True)
@@ -55,26 +61,28 @@ def read_aem(path: str | os.PathLike[str]) -> Aem:
     Raises
     ------
     InputError
-        It is no AEM of version 2, or holds what a recording cannot.
+        It is no AEM of version 1 or 2, or holds what a recording cannot.
     """
     path = Path(path)
+    version, blocks = ccsds.read(path, "AEM")
     times: list[tuple[int, float]] = []
     rows: list[Array] = []
     meta: dict[str, str] = {}
     kinds: set[tuple[str, str, str, bool]] = set()
-    for block in ccsds.read(path, "AEM"):
+    for block in blocks:
         if block.kind == "META":
             meta = block.entries
         if block.kind != "DATA":
             continue
-        kinds.add(_checked(meta, path))
+        kinds.add(_checked(meta, version, path))
+        first = meta.get("QUATERNION_TYPE", "LAST").upper() == "FIRST"
         for where, words in block.lines:
             try:
                 times.append(fields.seconds(words[0], meta["TIME_SYSTEM"]))
-                rows.append(fields.four(words[1:5]))
+                rows.append(np.roll(fields.four(words[1:5]), -1 if first else 0))
             except (ValueError, IndexError) as fault:
                 raise InputError(f"{path}: {where}: {fault}") from None
-    if len({(a, b, conjugate) for a, b, _, conjugate in kinds}) > 1 or len({scale for _, _, scale, _ in kinds}) > 1:
+    if len(kinds) > 1:
         raise InputError(f"{path}: its segments have different frames or time systems; give one message for each")
     if not kinds:
         raise InputError(f"{path}: no attitudes")
@@ -97,14 +105,18 @@ def table(message: Aem) -> tuple[pd.DataFrame, dict[str, str]]:
     return frame, entries | {"attitude_time": "week,second:gps"}
 
 
-def _checked(meta: dict[str, str], path: Path) -> tuple[str, str, str, bool]:
+def _checked(meta: dict[str, str], version: str, path: Path) -> tuple[str, str, str, bool]:
     """Inertial frame, body frame, time scale and whether the message goes from body to inertial."""
-    fields.expect(meta, NEEDED, path)
+    fields.expect(meta, (*NEEDED, *DIRECTED) if version == "1.0" else NEEDED, path, KNOWN[version])
     kind = meta["ATTITUDE_TYPE"].upper()
-    if kind not in TYPES:
-        raise InputError(f"{path}: attitude type {kind} is not read; read are {', '.join(TYPES)}")
+    if kind not in TYPES[version]:
+        raise InputError(f"{path}: attitude type {kind} is not read; read are {', '.join(TYPES[version])}")
+    for name, values in zip(DIRECTED, (("A2B", "B2A"), ("FIRST", "LAST")), strict=True):
+        if name in meta and meta[name].upper() not in values:
+            raise InputError(f"{path}: {name} is {meta[name]}, which is neither {' nor '.join(values)}")
     inertial, body, conjugate = fields.frames(meta, path)
-    return inertial, body, fields.scale_of(meta["TIME_SYSTEM"], path), conjugate
+    backwards = meta.get("ATTITUDE_DIR", "A2B").upper() == "B2A"
+    return inertial, body, fields.scale_of(meta["TIME_SYSTEM"], path), conjugate != backwards
 
 
 def write_aem(
@@ -114,8 +126,6 @@ def write_aem(
     object_name: str = "UNKNOWN",
     object_id: str = "UNKNOWN",
     frame: str = "ICRF",
-    originator: str = "GYROCAL",
-    created: datetime | None = None,
     form: ccsds.Form = "kvn",
 ) -> None:
     """Write the reference attitudes, a segment for each interval.
@@ -126,8 +136,6 @@ def write_aem(
     path : file
     object_name, object_id : of the spacecraft
     frame : the inertial one, REF_FRAME_A
-    originator : who made it
-    created : when; now by default
     form : "kvn" or "xml"
 
     Raises
@@ -153,7 +161,7 @@ def write_aem(
         quaternions = recording.attitudes.quaternions[rows]
         lines = [("", [time, *fields.digits(q)]) for time, q in zip(stamps, quaternions, strict=True)]
         blocks += [ccsds.Block("META", meta), ccsds.Block("DATA", {}, lines)]
-    ccsds.write(path, "AEM", blocks, title=recording.title, originator=originator, created=created, form=form)
+    ccsds.write(path, "AEM", blocks, recording.title, form)
 
 
 def rows_of(recording: Recording, interval: Interval) -> NDArray[np.intp]:

@@ -3,6 +3,9 @@
 In KVN a block stands between ``NAME_START`` and ``NAME_STOP`` and holds entries, KEYWORD = value, and lines of numbers. XML has
 the same entries as elements; lines are elements ``attLine`` and ``covLine`` of an ACM, and in an AEM every number has an
 element of its own. Both are read into the same blocks, and both are written from them (504.0-B-2; 505.0-B-3 for XML).
+
+This reader is our own because no kept library reads the files that people have: ``ccsds-ndm-py`` (beta, one author) refuses
+AEM 1.0, the version of most of them.
 """
 
 from __future__ import annotations
@@ -21,7 +24,7 @@ from gyrocal.files import replacing
 
 Form = Literal["kvn", "xml"]
 
-VERSION = "2.0"
+VERSIONS = {"AEM": ("1.0", "2.0"), "ACM": ("2.0",)}  # the last one is written
 ELEMENTS = ("Q1", "Q2", "Q3", "QC")
 
 
@@ -41,26 +44,22 @@ class Block:
     lines: list[tuple[str, list[str]]] = field(default_factory=list)
 
 
-def read(path: str | os.PathLike[str], kind: str) -> list[Block]:
-    """The blocks of an AEM or ACM of version 2, in the order in which they stand.
+def read(path: Path, kind: str) -> tuple[str, list[Block]]:
+    """Version and blocks of an AEM or ACM, in the order in which they stand.
 
     Raises
     ------
     InputError
         It is no such message, or damaged.
     """
-    path = Path(path)
     try:
         text = path.read_text(encoding="utf-8-sig")
     except (OSError, UnicodeDecodeError) as fault:
         raise InputError(f"{path}: cannot be read: {fault}") from None
-    if text.lstrip().startswith("<"):
-        version, blocks = _from_xml(text, kind, path)
-    else:
-        version, blocks = _from_kvn(text, kind, path)
-    if version != VERSION:
-        raise InputError(f"{path}: {kind} version {version}; only {VERSION} is read, whose quaternions have one order")
-    return blocks
+    version, blocks = (_from_xml if text.lstrip().startswith("<") else _from_kvn)(text, kind, path)
+    if version not in VERSIONS[kind]:
+        raise InputError(f"{path}: {kind} version {version} is not read; read is {' or '.join(VERSIONS[kind])}")
+    return version, blocks
 
 
 def _from_kvn(text: str, kind: str, path: Path) -> tuple[str, list[Block]]:
@@ -105,6 +104,8 @@ def _from_xml(text: str, kind: str, path: Path) -> tuple[str, list[Block]]:
         for part in segment:
             if _name(part) == "metadata":
                 blocks.append(_block("META", part))
+                if "QUATERNION_TYPE" in blocks[-1].entries:  # of lines; here the elements have names
+                    blocks[-1].entries["QUATERNION_TYPE"] = "LAST"
             elif kind == "AEM":
                 states = [state for state in part if _name(state) == "attitudeState"]
                 blocks.append(Block("DATA", {}, [_state(k, state) for k, state in enumerate(states, 1)]))
@@ -134,21 +135,12 @@ def _state(number: int, state: ET.Element) -> tuple[str, list[str]]:
     return f"attitude {number}", [found[name] for name in ("EPOCH", *ELEMENTS) if name in found]
 
 
-def write(
-    path: str | os.PathLike[str],
-    kind: str,
-    blocks: Sequence[Block],
-    *,
-    title: str,
-    originator: str,
-    created: datetime | None,
-    form: Form,
-) -> None:
+def write(path: str | os.PathLike[str], kind: str, blocks: Sequence[Block], title: str, form: Form) -> None:
     """Write a message; the blocks of an AEM are META and DATA in turn, those of an ACM META and its data."""
     header = {
         "COMMENT": f"written by gyrocal {metadata.version('gyrocal')}: {title}",
-        "CREATION_DATE": f"{created or datetime.now(UTC):%Y-%m-%dT%H:%M:%S}",
-        "ORIGINATOR": originator,
+        "CREATION_DATE": f"{datetime.now(UTC):%Y-%m-%dT%H:%M:%S}",
+        "ORIGINATOR": "GYROCAL",
     }
     text = {"kvn": _kvn, "xml": _xml}[form](kind, header, blocks)
     with replacing(path) as file:
@@ -160,7 +152,7 @@ def _kvn(kind: str, header: dict[str, str], blocks: Sequence[Block]) -> str:
         one_line = {name: " ".join(value.split()) for name, value in values.items()}
         return [f"COMMENT {value}" if name == "COMMENT" else f"{name} = {value}" for name, value in one_line.items()]
 
-    lines = [f"CCSDS_{kind}_VERS = {VERSION}", *entries(header), ""]
+    lines = [f"CCSDS_{kind}_VERS = {VERSIONS[kind][-1]}", *entries(header), ""]
     for block in blocks:
         lines += [f"{block.kind}_START", *entries(block.entries)]
         lines += [*(" ".join(words) for _, words in block.lines), f"{block.kind}_STOP", ""]
@@ -168,7 +160,7 @@ def _kvn(kind: str, header: dict[str, str], blocks: Sequence[Block]) -> str:
 
 
 def _xml(kind: str, header: dict[str, str], blocks: Sequence[Block]) -> str:
-    root = ET.Element(kind.lower(), id=f"CCSDS_{kind}_VERS", version=VERSION)
+    root = ET.Element(kind.lower(), id=f"CCSDS_{kind}_VERS", version=VERSIONS[kind][-1])
 
     def grown(parent: ET.Element, name: str, entries: dict[str, str]) -> ET.Element:
         element = ET.SubElement(parent, name)

@@ -2,11 +2,13 @@
 
 An attitude takes frame A to frame B: v_B = M(q) v_A with M the matrix of Wertz, the scalar part QC last. With an inertial
 frame A and a spacecraft's frame B the four numbers are the A(q) of a recording as they stand; the other way about they are
-its conjugate. Which of the two a message has is told by the names: a frame of a spacecraft begins with one of `BODY_FRAMES`.
+its conjugate. The names tell which of the two a message has: a frame of a spacecraft begins with one of `BODY_FRAMES`, and the
+other must be one that does not turn, `INERTIAL`.
 """
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
@@ -23,6 +25,10 @@ Array = NDArray[np.float64]
 
 BODY_FRAMES = ("SC_BODY", "SC BODY", "IMU_FRAME", "GYRO_", "STARTRACKER", "AST_", "BODY", "INSTRUMENT", "SENSOR_")
 BODY = "SC_BODY_1"
+# Without their signs - and _. Mean and true frames of date turn by less than 1e-4 deg/h, precession and nutation together.
+INERTIAL = re.compile(
+    "(ICRF|GCRF)[0-9]*|EME2000|J2000|B1950|ECLIPJ2000|GALACTIC|CIRS|TEME(OFDATE|OFEPOCH)?|MCI|(MOD|MOE|TOD|TOE)(EARTH)?"
+)
 TAI_GPS_S = 19
 NORM = 1e-3  # of numbers with four digits, as the standard's own examples have them
 NANO = 10**9
@@ -34,20 +40,29 @@ def frames(entries: dict[str, str], path: Path) -> tuple[str, str, bool]:
     Raises
     ------
     InputError
-        Not one of the two is a spacecraft's.
+        Not one of the two is a spacecraft's, or the other is not inertial.
     """
     a, b = entries["REF_FRAME_A"], entries["REF_FRAME_B"]
     bodies = [frame.upper().startswith(BODY_FRAMES) for frame in (a, b)]
     if bodies.count(True) != 1:
         raise InputError(f"{path}: of the frames {a} and {b} one must be of a spacecraft, such as SC_BODY_1, and one inertial")
-    return (b, a, True) if bodies[0] else (a, b, False)
+    inertial, body = (b, a) if bodies[0] else (a, b)
+    if not INERTIAL.fullmatch(re.sub("[-_ ]", "", inertial.upper())):
+        raise InputError(
+            f"{path}: the frame {inertial} turns, or is not known: give attitudes against ICRF, EME2000 or another inertial "
+            "frame; if it is one of these under another name, write that name into the file"
+        )
+    return inertial, body, bodies[0]
 
 
-def expect(entries: dict[str, str], needed: tuple[str, ...], path: Path) -> None:
-    """Refuse metadata without a keyword."""
+def expect(entries: dict[str, str], needed: tuple[str, ...], path: Path, known: tuple[str, ...] = ()) -> None:
+    """Refuse metadata without a keyword, or with one that is not known: it may change what the numbers mean."""
     missing = [name for name in needed if name not in entries]
     if missing:
         raise InputError(f"{path}: the metadata have no {', '.join(missing)}")
+    foreign = [name for name in entries if name not in known]
+    if known and foreign:
+        raise InputError(f"{path}: {', '.join(foreign)}: no keyword of this version of the message; is the version right?")
 
 
 def scale_of(system: str, path: Path) -> str:

@@ -100,7 +100,7 @@ def _joined(
 @OUT
 @of_table
 def aem_command(gyro_file: Path, message: Path, out: Path, force: bool, **options: Any) -> None:
-    """Import a gyro's table and a CCSDS Attitude Ephemeris Message (version 2, KVN or XML). See docs/formats/aem.md.
+    """Import a gyro's table and a CCSDS Attitude Ephemeris Message (version 1 or 2, KVN or XML). See docs/formats/aem.md.
 
     \b
     Example:
