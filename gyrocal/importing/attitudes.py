@@ -15,7 +15,8 @@ from gyrocal.importing.sensors import Together
 from gyrocal.importing.streams import Sensor
 from gyrocal.recording import Attitudes, GyroStream
 from gyrocal.recording.names import GYRO_NAME, TRIAD
-from gyrocal.recording.trackers import NAME, AttitudeSensor, to_body
+from gyrocal.recording.parts import AttitudeSensor
+from gyrocal.recording.trackers import NAME, to_body
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from gyrocal import InputError, calibrate, load, save, triad
-from gyrocal.recording.format import without_attitudes
 from gyrocal.recording.gyros import gain, inside, nominal, parity
+from gyrocal.recording.parts import without_attitudes
 from tests.builders import piecewise_recording
 from tests.gyro_arrays import ITSELF, SKEWED, TETRAHEDRON, array_recording
 
