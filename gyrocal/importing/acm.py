@@ -24,8 +24,8 @@ from numpy.typing import ArrayLike, NDArray
 from gyrocal.errors import InputError
 from gyrocal.importing import ccsds
 from gyrocal.importing import ccsds_fields as fields
-from gyrocal.importing.aem import Aem, rows_of
-from gyrocal.recording import Recording
+from gyrocal.importing.aem import Aem
+from gyrocal.recording import Recording, reference_rows
 
 Array = NDArray[np.float64]
 
@@ -205,8 +205,8 @@ def write_acm(
     cov_head = {"COV_BASIS": "DETERMINED_GND", "COV_REF_FRAME": fields.BODY, "COV_TYPE": kind}
     states, covariances = [], []
     for interval in recording.intervals:
-        chosen = rows_of(recording, interval)
         references = recording.attitudes
+        chosen = reference_rows(references.t_s, interval)
         times = fields.digits(references.t_s[chosen])
         att = [("", [t, *fields.digits(q), *rates]) for t, q in zip(times, references.quaternions[chosen], strict=True)]
         squares = np.square(np.rad2deg(references.sigma[chosen]))

@@ -19,7 +19,7 @@ from gyrocal.errors import InputError
 from gyrocal.importing import ccsds
 from gyrocal.importing import ccsds_fields as fields
 from gyrocal.importing.units import WEEK_S, Clock
-from gyrocal.recording import Interval, Recording
+from gyrocal.recording import Recording, reference_rows
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -146,7 +146,7 @@ def write_aem(
     scale, epoch = fields.dated(recording, "an AEM")
     blocks = []
     for interval in recording.intervals:
-        rows = rows_of(recording, interval)
+        rows = reference_rows(recording.attitudes.t_s, interval)
         stamps = [fields.stamp(epoch, float(t)) for t in recording.attitudes.t_s[rows]]
         meta = {
             "OBJECT_NAME": object_name,
@@ -162,9 +162,3 @@ def write_aem(
         lines = [("", [time, *fields.digits(q)]) for time, q in zip(stamps, quaternions, strict=True)]
         blocks += [ccsds.Block("META", meta), ccsds.Block("DATA", {}, lines)]
     ccsds.write(path, "AEM", blocks, recording.title, form)
-
-
-def rows_of(recording: Recording, interval: Interval) -> NDArray[np.intp]:
-    """Rows of the references within an interval."""
-    t_s = recording.attitudes.t_s
-    return np.flatnonzero((t_s >= interval.start_s - 1e-6) & (t_s <= interval.stop_s + 1e-6))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
@@ -17,13 +17,14 @@ from gyrocal.errors import InputError
 from gyrocal.importing import attitudes
 from gyrocal.importing.agreement import agreement
 from gyrocal.importing.estimates import carried, degrees, reference_sigma, start_bias, walk
-from gyrocal.importing.intervals import intervals, named, stated
+from gyrocal.importing.intervals import intervals, named
 from gyrocal.importing.mapping import DIRECTIONS, ORDERS, Mapping, scalar_first, spec
-from gyrocal.importing.motion import Motion, motion
+from gyrocal.importing.motion import Motion, motion, rotate_onto
 from gyrocal.importing.rests import rests, speed
 from gyrocal.importing.sensors import Together, together
 from gyrocal.importing.streams import Sensor, Streams
 from gyrocal.recording import Attitudes, GyroStream, Recording
+from gyrocal.recording.gyros import parity
 
 Array = NDArray[np.float64]
 
@@ -65,7 +66,7 @@ class Imported:
         return pd.DataFrame([*rows, *(("assumed", text) for text in self.assumed)], columns=["what", "value"])
 
 
-def build(streams: Streams, mapping: Mapping, check: bool = True) -> Imported:
+def build(streams: Streams, mapping: Mapping, check: bool = True, said: Sequence[str] = ()) -> Imported:
     """A recording of the streams.
 
     Parameters
@@ -73,13 +74,14 @@ def build(streams: Streams, mapping: Mapping, check: bool = True) -> Imported:
     streams : of both tables
     mapping : what is known beyond the columns
     check : whether rates and attitudes that do not fit each other are refused
+    said : what was taken for granted before
 
     Raises
     ------
     InputError
         The tables do not overlap, do not fit each other, or are too short.
     """
-    said = list(streams.assumed)
+    said = [*said, *streams.assumed]
     streams = replace(streams, sensors=attitudes.renamed(streams.sensors, said))
     joined = together(
         streams.sensors, attitudes.stated_sigma(mapping, streams.sensors), mapping.spacing_s or 0.0, mapping.body_to_sensor()
@@ -88,16 +90,19 @@ def build(streams: Streams, mapping: Mapping, check: bool = True) -> Imported:
     said += _mounted(joined, mapping)
     _check_overlap(streams, joined)
     if mapping.mounting == "estimate":
-        C = estimated_mounting(motion_of(streams, streams.raw @ G.T, joined, 12), mirrored=mapping.axes == "tetrahedron")
+        few = motion(streams.t_s, streams.raw @ G.T, streams.sample_s, joined.t_s, joined.q, 12)
+        C = estimated_mounting(few, mirrored=mapping.axes == "tetrahedron")
         G = C @ G
         said.append(f"the gyros' axes are turned to those of the attitudes by {degrees(_angles(C))} deg (rotation vector)")
         if np.linalg.det(C) < 0:
             said.append("the tetrahedron is the mirror image of the one with the axes (1,1,1), (1,−1,−1), (−1,1,−1), (−1,−1,1)")
     rates = streams.raw @ G.T  # of the body, but for the bias
-    windows = motion_of(streams, rates, joined)
+    windows = motion(streams.t_s, rates, streams.sample_s, joined.t_s, joined.q)
     if windows is None:
         raise InputError("too few attitudes within the gyro's time to compare the two")
-    estimated = partial(_estimated, streams, mapping, rates, joined, windows, streams.raw @ _null_space(G).T)
+    estimated = partial(
+        _estimated, streams, mapping, rates, joined, windows, streams.raw @ parity(np.linalg.pinv(G), np.arange(len(G.T)))
+    )
     said += _agree(windows, mapping, LATE * streams.sample_s if check else np.inf, lambda: _missed(joined, estimated))
     gyro, still, chosen = estimated(said)
     if len(streams.sensors) == 1:
@@ -118,7 +123,7 @@ def build(streams: Streams, mapping: Mapping, check: bool = True) -> Imported:
         attitudes=references,
         intervals=tuple(named(joined.t_s, rows, still, streams.t_s, k) for k, rows in enumerate(chosen, 1))
         if mapping.interval is None
-        else stated(mapping.interval),
+        else tuple(one.interval for one in mapping.interval),
     )
     return Imported(recording, mapping, tuple(said), streams.sensors, joined)
 
@@ -144,38 +149,18 @@ def _missed(joined: Together, estimated: Callable[[list[str]], tuple[GyroStream,
         return np.inf
 
 
-def motion_of(streams: Streams, rates: Array, joined: Together, windows: int | None = None) -> Motion | None:
-    """Mean rates by gyro and attitudes over windows."""
-    options = {} if windows is None else {"count": windows}
-    return motion(streams.t_s, rates, streams.sample_s, joined.t_s, joined.q, **options)
-
-
 def estimated_mounting(windows: Motion | None, mirrored: bool) -> Array:
-    """Orthogonal C (3, 3) that takes the gyro's mean rates best to those of the attitudes, Σ|w_ref − C w|² least.
+    """Orthogonal C (3, 3) that takes the gyro's mean rates best to those of the attitudes.
 
     Parameters
     ----------
     windows : of both
     mirrored : whether C may be a reflection
-
-    Raises
-    ------
-    InputError
-        There is too little to compare.
     """
     if windows is None:
         raise InputError("mounting: too few attitudes within the gyro's time to estimate it")
     gyro, inside = windows.gyro()
-    U, _, Vt = np.linalg.svd(windows.attitudes()[inside].T @ gyro[inside])
-    sign = np.linalg.det(U @ Vt)
-    if mirrored:
-        return np.asarray(U @ Vt)
-    return np.asarray(U @ np.diag([1.0, 1.0, sign]) @ Vt)
-
-
-def _null_space(G: Array) -> Array:
-    """Rows (k − 3, k) that the readings of k gyros must give zero with: orthonormal, and at right angles to all motion."""
-    return np.asarray(np.linalg.svd(np.linalg.pinv(G))[0][:, 3:].T)
+    return rotate_onto(windows.attitudes()[inside], gyro[inside], mirrored)[0]
 
 
 def _mounted(joined: Together, mapping: Mapping) -> list[str]:

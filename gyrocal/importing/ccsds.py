@@ -45,13 +45,7 @@ class Block:
 
 
 def read(path: Path, kind: str) -> tuple[str, list[Block]]:
-    """Version and blocks of an AEM or ACM, in the order in which they stand.
-
-    Raises
-    ------
-    InputError
-        It is no such message, or damaged.
-    """
+    """Version and blocks of an AEM or ACM, in the order in which they stand."""
     try:
         text = path.read_text(encoding="utf-8-sig")
     except (OSError, UnicodeDecodeError) as fault:

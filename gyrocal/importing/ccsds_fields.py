@@ -10,14 +10,14 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
-from datetime import UTC, datetime, timedelta
+from datetime import datetime, timedelta
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from gyrocal.errors import InputError
-from gyrocal.importing.units import GPS_EPOCH, UNIX_EPOCH, Clock
+from gyrocal.importing.units import GPS_EPOCH, UNIX_EPOCH, Clock, date_of
 from gyrocal.recording import Recording
 from gyrocal.recording.trackers import need_one_sensor
 
@@ -35,13 +35,7 @@ NANO = 10**9
 
 
 def frames(entries: dict[str, str], path: Path) -> tuple[str, str, bool]:
-    """Inertial frame, body frame, and whether the message goes from body to inertial.
-
-    Raises
-    ------
-    InputError
-        Not one of the two is a spacecraft's, or the other is not inertial.
-    """
+    """Inertial frame, body frame, and whether the message goes from body to inertial."""
     a, b = entries["REF_FRAME_A"], entries["REF_FRAME_B"]
     bodies = [frame.upper().startswith(BODY_FRAMES) for frame in (a, b)]
     if bodies.count(True) != 1:
@@ -73,13 +67,7 @@ def scale_of(system: str, path: Path) -> str:
 
 
 def seconds(text: str, system: str) -> tuple[int, float]:
-    """Whole seconds since the epoch of a time scale, and the rest; a date or a day of the year.
-
-    Raises
-    ------
-    ValueError
-        It is neither.
-    """
+    """Whole seconds since the epoch of a time scale, and the rest; a `ValueError` if it is no date or day of the year."""
     head, _, fraction = text.rstrip("Z").partition(".")
     form = "%Y-%m-%dT%H:%M:%S" if head.count("-") == 2 else "%Y-%jT%H:%M:%S"
     start = UNIX_EPOCH if system.upper() == "UTC" else GPS_EPOCH
@@ -89,13 +77,7 @@ def seconds(text: str, system: str) -> tuple[int, float]:
 
 
 def four(words: Sequence[str]) -> Array:
-    """A quaternion's numbers.
-
-    Raises
-    ------
-    ValueError
-        They are not four numbers.
-    """
+    """A quaternion's numbers; a `ValueError` if they are not four."""
     values = np.array([float(word) for word in words])
     if values.size != 4:
         raise ValueError("four numbers are needed after the time")
@@ -105,13 +87,7 @@ def four(words: Sequence[str]) -> Array:
 def attitudes(
     times: list[tuple[int, float]], rows: list[Array], scale: str, conjugate: bool, path: Path
 ) -> tuple[Clock, Array]:
-    """A clock and A(q) (m, 4), inertial to body, scalar last.
-
-    Raises
-    ------
-    InputError
-        There is none, or one is no rotation.
-    """
+    """A clock and A(q) (m, 4), inertial to body, scalar last."""
     if not rows:
         raise InputError(f"{path}: no attitudes")
     q = np.array(rows)
@@ -125,19 +101,12 @@ def attitudes(
 
 
 def dated(recording: Recording, what: str) -> tuple[str, datetime]:
-    """Time scale and epoch of a recording whose times have a date.
-
-    Raises
-    ------
-    InputError
-        They have none.
-    """
+    """Time scale and epoch of a recording whose times have a date."""
     need_one_sensor(recording.attitudes)
     scale = recording.time_scale.upper()
     if scale not in ("UTC", "GPS"):
         raise InputError(f"{what} needs dates in UTC or GPS time; the recording's time scale is {recording.time_scale!r}")
-    epoch = datetime.fromisoformat(recording.epoch)
-    return scale, (epoch.astimezone(UTC) if epoch.tzinfo else epoch).replace(tzinfo=None)
+    return scale, date_of(recording.epoch)
 
 
 def stamp(epoch: datetime, t_s: float) -> str:

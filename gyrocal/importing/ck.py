@@ -14,7 +14,7 @@ import os
 import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
-from datetime import UTC, timedelta
+from datetime import timedelta
 from decimal import Decimal
 from itertools import pairwise
 from pathlib import Path
@@ -27,9 +27,9 @@ from gyrocal import attitude
 from gyrocal.errors import InputError
 from gyrocal.files import replacing
 from gyrocal.importing import ccsds_fields as fields
-from gyrocal.importing.aem import Aem, rows_of
+from gyrocal.importing.aem import Aem
 from gyrocal.importing.units import GPS_EPOCH, Clock, leap_seconds
-from gyrocal.recording import Recording
+from gyrocal.recording import Recording, reference_rows
 
 Array = NDArray[np.float64]
 
@@ -51,11 +51,6 @@ def _toolkit(what: str, *kernels: str | os.PathLike[str]) -> Iterator[Any]:
     ----------
     what : with which a message begins
     kernels : in the order in which they are loaded
-
-    Raises
-    ------
-    InputError
-        The toolkit is not installed, or refuses something.
     """
     try:
         import spiceypy
@@ -179,9 +174,10 @@ def write_ck(
     ticks = np.round((t_s - first) * per_second)
     if (np.diff(ticks) <= 0).any():
         raise InputError("CK: two attitudes lie within one tick of the clock")
-    at = epoch.replace(tzinfo=UTC)
-    since = Decimal((at - GPS_EPOCH) // timedelta(microseconds=1)) / 10**6  # of GPS time, or of UTC as if without leap seconds
-    gps = since + first + (leap_seconds(at) if scale == "UTC" else 0)
+    since = (
+        Decimal((epoch - GPS_EPOCH) // timedelta(microseconds=1)) / 10**6
+    )  # of GPS time, or of UTC as if without leap seconds
+    gps = since + first + (leap_seconds(epoch) if scale == "UTC" else 0)
     q = np.ascontiguousarray(np.roll(recording.attitudes.quaternions, 1, axis=1) * CONJUGATE)
     starts = np.unique(ticks[_starts(recording)])
     with tempfile.TemporaryDirectory() as folder, _toolkit("CK") as spice:
@@ -198,7 +194,7 @@ def write_ck(
 
 def _starts(recording: Recording) -> NDArray[np.intp]:
     """First references of the intervals; of two that share one there is nothing between them to leave out."""
-    rows = [rows_of(recording, one) for one in recording.intervals]
+    rows = [reference_rows(recording.attitudes.t_s, one) for one in recording.intervals]
     return np.array([rows[0][0], *(b[0] for a, b in pairwise(rows) if b[0] != a[-1])])
 
 

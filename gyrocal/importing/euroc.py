@@ -79,8 +79,7 @@ def import_euroc(
         "title": f"EuRoC form, {root.resolve().parent.name}",
     }
     mapping = checked(made | entries, str(folder))
-    found = streams(gyro, attitude, mapping)
-    return build(type(found)(**{**vars(found), "assumed": (*said, *found.assumed)}), mapping)
+    return build(streams(gyro, attitude, mapping), mapping, said=said)
 
 
 def _columns(table: pd.DataFrame, wanted: tuple[str, ...], where: str) -> list[str]:

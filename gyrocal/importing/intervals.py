@@ -13,8 +13,7 @@ from gyrocal.errors import InputError
 from gyrocal.importing.mapping import Mapping, Span
 from gyrocal.importing.sensors import Together
 from gyrocal.importing.streams import GAP
-from gyrocal.recording import GyroStream, Interval
-from gyrocal.recording.parts import TIME_TOLERANCE_S
+from gyrocal.recording import GyroStream, Interval, reference_rows
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
@@ -26,13 +25,7 @@ HOLE = 5.0  # times the usual spacing without an attitude
 
 
 def intervals(gyro: GyroStream, joined: Together, mapping: Mapping, said: list[str]) -> list[Indices]:
-    """Rows of the attitudes of each interval.
-
-    Raises
-    ------
-    InputError
-        None has two.
-    """
+    """Rows of the attitudes of each interval."""
     t_ref, sample_s = joined.t_s, gyro.sample_s
     if mapping.interval is not None:
         chosen = of_stated(t_ref, mapping.interval, mapping.spacing_s or 0.0)
@@ -87,21 +80,12 @@ def of_stated(t_ref: Array, spans: list[Span], spacing_s: float) -> list[Indices
     """Rows of attitudes in each of some intervals, none nearer to the one before than the spacing."""
     chosen = []
     for one in spans:
-        rows = np.flatnonzero((t_ref >= one.start_s - TIME_TOLERANCE_S) & (t_ref <= one.stop_s + TIME_TOLERANCE_S))
         kept: list[int] = []
-        for row in rows.tolist():
+        for row in reference_rows(t_ref, one.interval).tolist():
             if not kept or t_ref[row] - t_ref[kept[-1]] >= (1 - 1e-6) * spacing_s:
                 kept.append(row)
         chosen.append(np.array(kept, dtype=np.intp))
     return chosen
-
-
-def stated(spans: list[Span]) -> tuple[Interval, ...]:
-    """Intervals as the mapping states them."""
-    return tuple(
-        Interval(one.name, one.activity, one.start_s, one.stop_s, one.forward, None if one.gyros is None else tuple(one.gyros))
-        for one in spans
-    )
 
 
 def _longest(mapping: Mapping, turn_at: Array, t_ref: Array) -> float:

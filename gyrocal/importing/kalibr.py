@@ -26,13 +26,7 @@ Array = NDArray[np.float64]
 
 
 def read_yaml(path: str | os.PathLike[str]) -> dict[str, Any]:
-    """A YAML file of keys and values; OpenCV's first line is skipped.
-
-    Raises
-    ------
-    InputError
-        It cannot be read, or PyYAML is not installed.
-    """
+    """A YAML file of keys and values; OpenCV's first line is skipped."""
     try:
         import yaml
     except ImportError:

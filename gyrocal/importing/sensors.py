@@ -71,11 +71,6 @@ def together(
     stated : 1-sigma about each one's own axes, rad, by name; None estimates it
     lag_s : of the second differences that it is estimated from; one step of a sensor at least
     mountings : (3, 3) body to sensor of each as stated, by name
-
-    Raises
-    ------
-    InputError
-        They have too few common times, or what is stated is not theirs.
     """
     first = sensors[0]
     if stated is not None and set(stated) != {one.name for one in sensors}:

@@ -115,13 +115,7 @@ class Header(_Model):
 
 
 def read(path: Path) -> Header:
-    """The header in a file.
-
-    Raises
-    ------
-    InputError
-        One line with the file and all that is wrong in it.
-    """
+    """The header in a file."""
     bounds.check_header(path)
     try:
         return Header.model_validate(read_toml(path))

@@ -23,6 +23,7 @@ from pydantic import BaseModel, ConfigDict, Field, field_validator, model_valida
 from scipy.spatial.transform import Rotation
 
 from gyrocal.errors import InputError
+from gyrocal.recording.checks import NORM_TOLERANCE, check_norms
 from gyrocal.recording.parts import Attitudes, AttitudeSensor
 
 if TYPE_CHECKING:
@@ -34,7 +35,6 @@ Indices = NDArray[np.intp]
 NAME = re.compile(r"[A-Za-z_]*[0-9]+")  # as a gyro's, so that it can stand in the place of an axis
 MAPS = "inertial to sensor"
 COLUMN = "sensor"
-NORM_TOLERANCE = 1e-6
 
 
 class SensorHeader(BaseModel):
@@ -115,19 +115,10 @@ def columns(headers: Sequence[SensorHeader], always: tuple[str, ...], sigmas: tu
 def read(
     frame: pd.DataFrame, headers: Sequence[SensorHeader], sigmas: tuple[str, ...]
 ) -> tuple[Array, Array, Indices, tuple[AttitudeSensor, ...]]:
-    """Quaternions inertial to body (m, 4), sigmas (m, 3) rad, sensor of each row (m,), and the sensors.
-
-    Raises
-    ------
-    InputError
-        A row names a sensor that is not stated, or none; or its quaternion is none.
-    """
+    """Quaternions inertial to body (m, 4), sigmas (m, 3) rad, sensor of each row (m,), and the sensors."""
     sensor, sensors = _sensor_of_rows(frame, [one.name for one in headers]), tuple(one.sensor for one in headers)
     measured = frame[["q1", "q2", "q3", "q4"]].to_numpy(dtype=np.float64)
-    norms = np.linalg.norm(measured, axis=1)
-    bad = np.flatnonzero(np.abs(norms - 1) > NORM_TOLERANCE)
-    if bad.size:
-        raise InputError(f"quaternion in row {bad[0]} has norm {norms[bad[0]]:.9g}, not 1 ({bad.size} such); normalise them")
+    check_norms(measured)
     there = all(name in frame.columns for name in sigmas)
     own = frame[list(sigmas)].to_numpy(dtype=np.float64) if there else np.array([one.sigma_deg for one in headers])[sensor]
     return to_body(measured, sensor, sensors), np.deg2rad(own), sensor, sensors

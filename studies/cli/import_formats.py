@@ -90,8 +90,7 @@ def _joined(
     entries = {"title": read.title} | stated | own | entries | options
     mapping = importing.checked(entries, str(file) if file else "options")
     table, attitude, mapping = resolve_columns(read_csv(gyro_file), attitude, mapping)
-    found = streams(table, attitude, mapping)
-    _write(build(type(found)(**{**vars(found), "assumed": (*said, *found.assumed)}), mapping), out, as_json)
+    _write(build(streams(table, attitude, mapping), mapping, said=said), out, as_json)
 
 
 @click.command("aem")

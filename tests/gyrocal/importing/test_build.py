@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 import gyrocal
 from gyrocal import InputError, attitude, importing
 from gyrocal.importing import agreement, checked, motion, noise, rests
-from gyrocal.importing.build import build, estimated_mounting, motion_of
+from gyrocal.importing.build import build, estimated_mounting
 from gyrocal.importing.sensors import together
 from gyrocal.importing.streams import Sensor, Streams, streams
 from gyrocal.recording.gyros import nominal, parity
@@ -181,7 +181,8 @@ def four(mirror=1.0, rng=None, walk=0.0):
 def test_the_mounting_of_a_tetrahedron_is_estimated(mirror):
     made, omega = four(mirror)
     G = checked(RIGHT | {"axes": "tetrahedron"}, "x").directions(4)
-    windows = motion_of(made, made.raw @ G.T, together(made.sensors, None))
+    (sensor,) = made.sensors
+    windows = motion.motion(made.t_s, made.raw @ G.T, 0.1, sensor.t_s, sensor.q)
     C = estimated_mounting(windows, mirrored=True)
     assert np.sign(np.linalg.det(C)) == mirror
     np.testing.assert_allclose(made.raw @ (C @ G).T, omega, atol=2e-3 * np.abs(omega).max())
