@@ -69,14 +69,12 @@ class Reading:
     count : how many things these are; each axis that another takes the place of is one
     residual : RMS of w_ref − s Π w − b over that of the motion
     offset_s : τ, s; the attitudes' tags are too late by it
-    bias : (3,) b, rad/s
     """
 
     changes: tuple[str, ...]
     count: int
     residual: float
     offset_s: float
-    bias: Array
 
 
 @dataclass(frozen=True)
@@ -213,7 +211,8 @@ def explained(recording: Recording, G: Array, bias: Array) -> str:
         return found.sentence if found.better or found.rotated else ""
     if found.rotated is not None:
         return f"rates and attitudes fit much better if imported anew: {found.rotated.sentence}"
-    missing = found.as_read.bias
+    measured, inside = windows.gyro()
+    missing = np.asarray((windows.attitudes()[inside] - measured[inside]).mean(axis=0))
     longest = max(one.stop_s - one.start_s for one in recording.intervals)
     if np.linalg.norm(missing) * longest < LARGE_DRIFT:
         return ""
@@ -229,11 +228,10 @@ def _as_read(windows: Motion) -> Reading:
     gyro, inside = windows.gyro()
     reference, gyro = reference[inside], gyro[inside]
     if len(reference) < 3:
-        return Reading((), 0, np.inf, 0.0, np.zeros(3))
-    bias = np.asarray((reference - gyro).mean(axis=0))
-    plain = _rms(reference - gyro) / _rms(reference)
-    centred = _rms(reference - gyro - bias) / _rms(reference - reference.mean(axis=0))
-    return Reading((), 0, float(min(plain, centred)), 0.0, bias)
+        return Reading((), 0, np.inf, 0.0)
+    left = reference - gyro
+    centred = _rms(left - left.mean(axis=0)) / _rms(reference - reference.mean(axis=0))
+    return Reading((), 0, min(_rms(left) / _rms(reference), centred), 0.0)
 
 
 def _readings(
@@ -245,15 +243,14 @@ def _readings(
         return []
     late = (f"{offset:+.3g} s added to the attitudes' time tags",) if offset else ()
     return [
-        Reading((*words, *one.changes, *late), one.count + len(words) + len(late), one.residual, offset, one.bias)
+        Reading((*words, *one.changes, *late), one.count + len(words) + len(late), one.residual, offset)
         for one in _fits(reference[inside], gyro[inside], scales)
     ]
 
 
 def _fits(reference: Array, gyro: Array, scales: dict[str, float]) -> list[Reading]:
     """The best of all s and Π."""
-    mean_r, mean_g = reference.mean(axis=0), gyro.mean(axis=0)
-    r, g = reference - mean_r, gyro - mean_g
+    r, g = reference - reference.mean(axis=0), gyro - gyro.mean(axis=0)
     whole = float(np.sum(r * r))
     cross, own = r.T @ g, float(np.sum(g * g))
     out = []
@@ -263,8 +260,7 @@ def _fits(reference: Array, gyro: Array, scales: dict[str, float]) -> list[Readi
             if left < whole:
                 changes = tuple(filter(None, (name, words)))
                 moved = int(np.sum(np.diag(Pi) != 1)) + bool(name)
-                bias = np.asarray(mean_r - scale * Pi @ mean_g)
-                out.append(Reading(changes, moved, float(np.sqrt(left / whole)), 0.0, bias))
+                out.append(Reading(changes, moved, float(np.sqrt(left / whole)), 0.0))
     return sorted(out, key=lambda one: (one.residual, one.count))[:8]
 
 

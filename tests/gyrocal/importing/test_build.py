@@ -4,7 +4,6 @@ from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
-import pandas as pd
 import pytest
 from scipy.spatial.transform import Rotation
 
@@ -31,38 +30,30 @@ def imported(data):
     return build(streams(data.gyro, data.attitude, mapping), mapping)
 
 
-def test_noise_bias_and_rests_are_found(imported, data):
+def test_noise_bias_rests_and_intervals_are_found_and_calibrated(imported, data):
     gyro = imported.recording.gyro
     assert np.rad2deg(gyro.arw) == pytest.approx(mems_log.ARW_DEG_PER_SQRT_S, rel=0.05)
     assert np.rad2deg(imported.recording.attitudes.sigma) == pytest.approx(mems_log.SIGMA_DEG, rel=0.15)
     # At rest G ω_raw + b = 0 up to noise; the bias to start from has G = I.
     np.testing.assert_allclose(gyro.apriori_bias, np.linalg.solve(data.G, data.bias), rtol=0.02)
     assert "2 rest(s) found" in imported.assumed
-
-
-def test_every_attitude_used_is_in_one_interval(imported):
+    assert set(imported.assumed) <= set(imported.summary()["value"])
     intervals = imported.recording.intervals
     assert all(b.start_s > a.stop_s for a, b in pairwise(intervals))
     assert max(one.stop_s - one.start_s for one in intervals) < 31
-
-
-def test_calibration_without_an_edit(imported, data):
     result = gyrocal.calibrate(imported.recording)
     error = result.parameters.vector - np.concatenate([data.G.ravel(), data.bias])
     assert (np.abs(error) < 4 * result.sigma).all()
     assert result.converged
 
 
-@pytest.mark.parametrize("kind", WRONG)
+@pytest.mark.parametrize("kind", [*WRONG, "two faults"])
 def test_a_wrong_mapping_is_named(data, kind):
-    changes, wanted = WRONG[kind]
+    two = {"gyro": "gx,gy,gz:rad/s", "quat": "qw,qx,qy,qz:inertial-to-body"}
+    both = "the attitude from body to inertial (body-to-inertial) and the gyro in deg/s, not rad/s"
+    changes, wanted = WRONG.get(kind, (two, both))
     message = refusal(data, changes)
     assert is_named(message, wanted), message
-
-
-def test_two_faults_are_named_together(data):
-    message = refusal(data, {"gyro": "gx,gy,gz:rad/s", "quat": "qw,qx,qy,qz:inertial-to-body"})
-    assert message.endswith("the attitude from body to inertial (body-to-inertial) and the gyro in deg/s, not rad/s")
 
 
 def test_a_scalar_last_file_read_as_scalar_first(data):
@@ -290,9 +281,3 @@ def test_a_single_axis_leaves_what_it_cannot_tell_in_the_message(data):
     assert " or " in found.sentence
     assert "x,y,-z" in found.sentence
     assert "inertial-to-body" in found.sentence
-
-
-def test_summary_has_what_was_assumed(imported):
-    table = imported.summary()
-    assert isinstance(table, pd.DataFrame)
-    assert set(imported.assumed) <= set(table["value"])
