@@ -2,7 +2,7 @@
 
 Attitude types of the standard that begin with a quaternion are read; the rates after it are not used. Version 1 says the
 direction (ATTITUDE_DIR) and the place of the scalar part (QUATERNION_TYPE), which version 2 has not got. What the four numbers
-mean stands in `gyrocal.importing.ccsds_fields`.
+mean stands in `gyrocal.importing.ccsds`.
 """
 
 from __future__ import annotations
@@ -17,7 +17,6 @@ from numpy.typing import NDArray
 
 from gyrocal.errors import InputError
 from gyrocal.importing import ccsds
-from gyrocal.importing import ccsds_fields as fields
 from gyrocal.importing.units import WEEK_S, Clock
 from gyrocal.recording import Recording, reference_rows
 
@@ -74,20 +73,20 @@ def read_aem(path: str | os.PathLike[str]) -> Aem:
             meta = block.entries
         if block.kind != "DATA":
             continue
-        kinds.add(_checked(meta, version, path))
+        kinds.add(_check_metadata(meta, version, path))
         first = meta.get("QUATERNION_TYPE", "LAST").upper() == "FIRST"
         for where, words in block.lines:
+            rows.append(np.roll(ccsds.parse_numbers(words[1:5], 4, path, where), -1 if first else 0))
             try:
-                times.append(fields.seconds(words[0], meta["TIME_SYSTEM"]))
-                rows.append(np.roll(fields.four(words[1:5]), -1 if first else 0))
-            except (ValueError, IndexError) as fault:
+                times.append(ccsds.parse_time(words[0], meta["TIME_SYSTEM"]))
+            except ValueError as fault:
                 raise InputError(f"{path}: {where}: {fault}") from None
     if len(kinds) > 1:
         raise InputError(f"{path}: its segments have different frames or time systems; give one message for each")
     if not kinds:
         raise InputError(f"{path}: no attitudes")
     inertial, body, scale, conjugate = kinds.pop()
-    clock, q = fields.attitudes(times, rows, scale, conjugate, path)
+    clock, q = ccsds.build_attitudes(times, rows, scale, conjugate, path)
     return Aem(clock, q, meta.get("OBJECT_NAME", path.stem), (inertial, body))
 
 
@@ -99,24 +98,24 @@ def table(message: Aem) -> tuple[pd.DataFrame, dict[str, str]]:
     entries = {"quat": "q1,q2,q3,q4:scalar-last:body-to-inertial"}
     clock = message.clock
     if clock.scale == "UTC":
-        frame["t"] = clock.whole * fields.NANO + np.round(clock.part * fields.NANO).astype(np.int64)
+        frame["t"] = clock.whole * ccsds.NANO + np.round(clock.part * ccsds.NANO).astype(np.int64)
         return frame, entries | {"attitude_time": "t:ns"}
     frame["week"], frame["second"] = clock.whole // WEEK_S, clock.whole % WEEK_S + clock.part
     return frame, entries | {"attitude_time": "week,second:gps"}
 
 
-def _checked(meta: dict[str, str], version: str, path: Path) -> tuple[str, str, str, bool]:
+def _check_metadata(meta: dict[str, str], version: str, path: Path) -> tuple[str, str, str, bool]:
     """Inertial frame, body frame, time scale and whether the message goes from body to inertial."""
-    fields.expect(meta, (*NEEDED, *DIRECTED) if version == "1.0" else NEEDED, path, KNOWN[version])
+    ccsds.check_keywords(meta, (*NEEDED, *DIRECTED) if version == "1.0" else NEEDED, path, KNOWN[version])
     kind = meta["ATTITUDE_TYPE"].upper()
     if kind not in TYPES[version]:
         raise InputError(f"{path}: attitude type {kind} is not read; read are {', '.join(TYPES[version])}")
     for name, values in zip(DIRECTED, (("A2B", "B2A"), ("FIRST", "LAST")), strict=True):
         if name in meta and meta[name].upper() not in values:
             raise InputError(f"{path}: {name} is {meta[name]}, which is neither {' nor '.join(values)}")
-    inertial, body, conjugate = fields.frames(meta, path)
+    inertial, body, conjugate = ccsds.identify_frames(meta, path)
     backwards = meta.get("ATTITUDE_DIR", "A2B").upper() == "B2A"
-    return inertial, body, fields.scale_of(meta["TIME_SYSTEM"], path), conjugate != backwards
+    return inertial, body, ccsds.read_scale(meta["TIME_SYSTEM"], path), conjugate != backwards
 
 
 def write_aem(
@@ -143,22 +142,22 @@ def write_aem(
     InputError
         The recording's times have no date.
     """
-    scale, epoch = fields.dated(recording, "an AEM")
+    scale, epoch = ccsds.require_dates(recording, "an AEM")
     blocks = []
     for interval in recording.intervals:
         rows = reference_rows(recording.attitudes.t_s, interval)
-        stamps = [fields.stamp(epoch, float(t)) for t in recording.attitudes.t_s[rows]]
+        stamps = [ccsds.format_time(epoch, float(t)) for t in recording.attitudes.t_s[rows]]
         meta = {
             "OBJECT_NAME": object_name,
             "OBJECT_ID": object_id,
             "REF_FRAME_A": frame,
-            "REF_FRAME_B": fields.BODY,
+            "REF_FRAME_B": ccsds.BODY,
             "TIME_SYSTEM": scale,
             "START_TIME": stamps[0],
             "STOP_TIME": stamps[-1],
             "ATTITUDE_TYPE": "QUATERNION",
         }
         quaternions = recording.attitudes.quaternions[rows]
-        lines = [("", [time, *fields.digits(q)]) for time, q in zip(stamps, quaternions, strict=True)]
+        lines = [("", [time, *ccsds.format_numbers(q)]) for time, q in zip(stamps, quaternions, strict=True)]
         blocks += [ccsds.Block("META", meta), ccsds.Block("DATA", {}, lines)]
     ccsds.write(path, "AEM", blocks, recording.title, form)

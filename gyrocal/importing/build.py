@@ -16,12 +16,18 @@ from scipy.spatial.transform import Rotation
 from gyrocal.errors import InputError
 from gyrocal.importing import attitudes
 from gyrocal.importing.agreement import agreement
-from gyrocal.importing.estimates import carried, degrees, reference_sigma, start_bias, walk
-from gyrocal.importing.intervals import intervals, named
+from gyrocal.importing.estimates import (
+    compute_largest_miss,
+    estimate_bias,
+    estimate_reference_sigma,
+    estimate_walk,
+    format_degrees,
+)
+from gyrocal.importing.intervals import intervals, name_interval
 from gyrocal.importing.mapping import DIRECTIONS, ORDERS, Mapping, scalar_first, spec
 from gyrocal.importing.motion import Motion, motion, rotate_onto
 from gyrocal.importing.rests import rests, speed
-from gyrocal.importing.sensors import Together, together
+from gyrocal.importing.sensors import JoinedAttitudes, join_sensors
 from gyrocal.importing.streams import Sensor, Streams
 from gyrocal.recording import Attitudes, GyroStream, Recording
 from gyrocal.recording.gyros import parity
@@ -51,7 +57,7 @@ class Imported:
     mapping: Mapping
     assumed: tuple[str, ...]
     sensors: tuple[Sensor, ...]
-    joined: Together
+    joined: JoinedAttitudes
 
     def summary(self) -> pd.DataFrame:
         """What was made, a row a quantity, in degrees."""
@@ -82,18 +88,18 @@ def build(streams: Streams, mapping: Mapping, check: bool = True, said: Sequence
         The tables do not overlap, do not fit each other, or are too short.
     """
     said = [*said, *streams.assumed]
-    streams = replace(streams, sensors=attitudes.renamed(streams.sensors, said))
-    joined = together(
+    streams = replace(streams, sensors=attitudes.rename_sensors(streams.sensors, said))
+    joined = join_sensors(
         streams.sensors, attitudes.stated_sigma(mapping, streams.sensors), mapping.spacing_s or 0.0, mapping.body_to_sensor()
     )
     G = mapping.directions(streams.raw.shape[1])
-    said += _mounted(joined, mapping)
+    said += _describe_mountings(joined, mapping)
     _check_overlap(streams, joined)
     if mapping.mounting == "estimate":
         few = motion(streams.t_s, streams.raw @ G.T, streams.sample_s, joined.t_s, joined.q, 12)
-        C = estimated_mounting(few, mirrored=mapping.axes == "tetrahedron")
+        C = estimate_mounting(few, mirrored=mapping.axes == "tetrahedron")
         G = C @ G
-        said.append(f"the gyros' axes are turned to those of the attitudes by {degrees(_angles(C))} deg (rotation vector)")
+        said.append(f"the gyros' axes are turned to those of the attitudes by {_describe_turn(C)}")
         if np.linalg.det(C) < 0:
             said.append("the tetrahedron is the mirror image of the one with the axes (1,1,1), (1,−1,−1), (−1,1,−1), (−1,−1,1)")
     rates = streams.raw @ G.T  # of the body, but for the bias
@@ -101,17 +107,19 @@ def build(streams: Streams, mapping: Mapping, check: bool = True, said: Sequence
     if windows is None:
         raise InputError("too few attitudes within the gyro's time to compare the two")
     estimated = partial(
-        _estimated, streams, mapping, rates, joined, windows, streams.raw @ parity(np.linalg.pinv(G), np.arange(len(G.T)))
+        _estimate_gyro, streams, mapping, rates, joined, windows, streams.raw @ parity(np.linalg.pinv(G), np.arange(len(G.T)))
     )
-    said += _agree(windows, mapping, LATE * streams.sample_s if check else np.inf, lambda: _missed(joined, estimated))
+    said += _check_agreement(
+        windows, mapping, LATE * streams.sample_s if check else np.inf, lambda: _largest_miss(joined, estimated)
+    )
     gyro, still, chosen = estimated(said)
     if len(streams.sensors) == 1:
-        sigma = reference_sigma(gyro, joined, chosen, said)
+        sigma = estimate_reference_sigma(gyro, joined, chosen, said)
         used = np.concatenate(chosen)
         references = Attitudes(joined.t_s[used], joined.q[used], np.tile(sigma, (used.size, 1)))
         references = replace(references, sigma_estimated=joined.covariance is None)
     else:
-        references = attitudes.of_sensors(streams.sensors, joined, chosen, mapping, gyro, said)
+        references = attitudes.build_references(streams.sensors, joined, chosen, mapping, gyro, said)
     for text in said:
         logger.info("%s", text)
     names = attitudes.gyro_names(streams.channels, said)
@@ -121,35 +129,37 @@ def build(streams: Streams, mapping: Mapping, check: bool = True, said: Sequence
         time_scale=streams.time_scale,
         gyro=replace(gyro, rates=streams.raw, apriori_G=G, names=names, arw_estimated=mapping.arw_deg_per_sqrt_s is None),
         attitudes=references,
-        intervals=tuple(named(joined.t_s, rows, still, streams.t_s, k) for k, rows in enumerate(chosen, 1))
+        intervals=tuple(name_interval(joined.t_s, rows, still, streams.t_s, k) for k, rows in enumerate(chosen, 1))
         if mapping.interval is None
         else tuple(one.interval for one in mapping.interval),
     )
     return Imported(recording, mapping, tuple(said), streams.sensors, joined)
 
 
-def _estimated(
-    streams: Streams, mapping: Mapping, rates: Array, joined: Together, windows: Motion, parity: Array, said: list[str]
+def _estimate_gyro(
+    streams: Streams, mapping: Mapping, rates: Array, joined: JoinedAttitudes, windows: Motion, parity: Array, said: list[str]
 ) -> tuple[GyroStream, list[tuple[int, int]], list[NDArray[np.intp]]]:
     """Body rates with their bias and noise, rests, and the rows of the attitudes of each interval."""
     still = rests(rates, streams.sample_s, speed(joined.t_s, joined.q, streams.t_s))
     said.append(f"{len(still)} rest(s) found" if still else "no rest found")
-    bias = start_bias(mapping, rates, still, windows, said)
-    arw = walk(mapping, streams, rates, still, parity, said)
+    bias = estimate_bias(mapping, rates, still, windows, said)
+    arw = estimate_walk(mapping, streams, rates, still, parity, said)
     gyro = GyroStream(streams.t_s, rates, streams.sample_s, arw, np.eye(3), bias)
     return gyro, still, intervals(gyro, joined, mapping, said)
 
 
-def _missed(joined: Together, estimated: Callable[[list[str]], tuple[GyroStream, Any, list[NDArray[np.intp]]]]) -> float:
+def _largest_miss(
+    joined: JoinedAttitudes, estimated: Callable[[list[str]], tuple[GyroStream, Any, list[NDArray[np.intp]]]]
+) -> float:
     """By how much the gyro misses the next attitude at most, rad; infinite where that cannot be said."""
     try:
         gyro, _, chosen = estimated([])
-        return carried(gyro, joined, chosen)
+        return compute_largest_miss(gyro, joined, chosen)
     except InputError:
         return np.inf
 
 
-def estimated_mounting(windows: Motion | None, mirrored: bool) -> Array:
+def estimate_mounting(windows: Motion | None, mirrored: bool) -> Array:
     """Orthogonal C (3, 3) that takes the gyro's mean rates best to those of the attitudes.
 
     Parameters
@@ -163,25 +173,26 @@ def estimated_mounting(windows: Motion | None, mirrored: bool) -> Array:
     return rotate_onto(windows.attitudes()[inside], gyro[inside], mirrored)[0]
 
 
-def _mounted(joined: Together, mapping: Mapping) -> list[str]:
+def _describe_mountings(joined: JoinedAttitudes, mapping: Mapping) -> list[str]:
     said = []
     first, *others = joined.mounting
     for name in others if mapping.mountings is None else []:
         said.append(
-            f"{name} is turned to {first}, the body, by {degrees(_angles(joined.mounting[name]))} deg (rotation vector), "
+            f"{name} is turned to {first}, the body, by {_describe_turn(joined.mounting[name])}, "
             "which a calibration estimates anew"
         )
     for name, sigma in joined.sigma.items() if mapping.sigma_deg is not None else []:
-        said.append(f"1-sigma about the axes of {name or 'the attitudes'}: {degrees(sigma)} deg")
+        said.append(f"1-sigma about the axes of {name or 'the attitudes'}: {format_degrees(sigma)} deg")
     return said
 
 
-def _angles(C: Array) -> Array:
-    """Rotation vector of the rotation, or of its mirror image."""
-    return np.asarray(Rotation.from_matrix(C * np.sign(np.linalg.det(C))).as_rotvec())
+def _describe_turn(C: Array) -> str:
+    """A rotation, or its mirror image, in words."""
+    turn = Rotation.from_matrix(C * np.sign(np.linalg.det(C))).as_rotvec()
+    return f"{format_degrees(turn)} deg (rotation vector)"
 
 
-def _check_overlap(streams: Streams, joined: Together) -> None:
+def _check_overlap(streams: Streams, joined: JoinedAttitudes) -> None:
     stop = streams.t_s[-1] + streams.sample_s
     inside = (joined.t_s >= streams.t_s[0]) & (joined.t_s <= stop)
     if inside.sum() >= 4:
@@ -199,7 +210,7 @@ def _check_overlap(streams: Streams, joined: Together) -> None:
     )
 
 
-def _agree(windows: Motion, mapping: Mapping, late_s: float, carry: Callable[[], float]) -> list[str]:
+def _check_agreement(windows: Motion, mapping: Mapping, late_s: float, carry: Callable[[], float]) -> list[str]:
     """Refuse what does not fit; what is left of the motion, in words.
 
     A time offset of up to late_s is taken, and said: a gyro's own delay is for a diagnosis to find. Infinite refuses nothing.

@@ -26,7 +26,7 @@ from numpy.typing import NDArray
 from gyrocal import attitude
 from gyrocal.errors import InputError
 from gyrocal.files import replacing
-from gyrocal.importing import ccsds_fields as fields
+from gyrocal.importing import ccsds
 from gyrocal.importing.aem import Aem
 from gyrocal.importing.units import GPS_EPOCH, Clock, leap_seconds
 from gyrocal.recording import Recording, reference_rows
@@ -167,7 +167,7 @@ def write_ck(
         raise InputError(
             f"CK: instrument {instrument} must be -1000 or less, and frame {frame} an inertial one, 1 to {BUILT_IN}"
         )
-    scale, epoch = fields.dated(recording, "a CK")
+    scale, epoch = ccsds.require_dates(recording, "a CK")
     t_s = recording.attitudes.t_s
     first = int(np.floor(t_s[0]))
     per_second = next((n for n in TICKS if (t_s[-1] - first) * n < LONGEST), 1)

@@ -67,7 +67,7 @@ def _write(recording: Recording, gyro: pd.DataFrame, read: dict[str, Any], folde
         | read
         | {
             "quat": "q1,q2,q3,q4:scalar-last:body-to-inertial",
-            **_of_sensors(recording.attitudes),
+            **_describe_sensors(recording.attitudes),
             "G": recording.gyro.apriori_G.tolist(),
             "bias_deg_s": np.rad2deg(recording.gyro.apriori_bias).tolist(),
             "title": recording.title,
@@ -83,7 +83,7 @@ def _write(recording: Recording, gyro: pd.DataFrame, read: dict[str, Any], folde
         file.write("".join(f"{name} = {toml_value(value)}\n" for name, value in entries.items()).encode())
 
 
-def _of_sensors(attitudes: Attitudes) -> dict[str, Any]:
+def _describe_sensors(attitudes: Attitudes) -> dict[str, Any]:
     """What a mapping says of the attitude sensors, or of the only one."""
 
     def sigma(rows: Any) -> list[float]:

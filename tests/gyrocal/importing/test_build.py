@@ -10,8 +10,8 @@ from scipy.spatial.transform import Rotation
 import gyrocal
 from gyrocal import InputError, attitude, importing
 from gyrocal.importing import agreement, checked, motion, noise, rests
-from gyrocal.importing.build import build, estimated_mounting
-from gyrocal.importing.sensors import together
+from gyrocal.importing.build import build, estimate_mounting
+from gyrocal.importing.sensors import join_sensors
 from gyrocal.importing.streams import Sensor, Streams, streams
 from gyrocal.recording.gyros import nominal, parity
 from studies.validation import mems_log
@@ -146,13 +146,13 @@ def test_two_sensors_are_one_body():
     errors = [Rotation.from_rotvec(rng.normal(size=(t.size, 3)) * sigma) for sigma in (own, its)]
     first = Sensor("A", t, (body * errors[0]).as_quat())
     second = Sensor("B", t, (body * MOUNTING * errors[1]).as_quat())
-    joined = together((first, second), None)
+    joined = join_sensors((first, second), None)
     angle = (Rotation.from_matrix(joined.mounting["B"]).inv() * MOUNTING).magnitude()
     assert angle < 4 * np.deg2rad(0.01) / np.sqrt(t.size)
     for name, sigma in (("A", own), ("B", its)):
         # Second differences of n samples of white noise: 35/18 of the variance of as many independent ones.
         np.testing.assert_allclose(joined.sigma[name], sigma, rtol=4 * np.sqrt(35 / 18 / 2 / t.size))
-    weighted = together((first, second), {"A": own, "B": its})
+    weighted = join_sensors((first, second), {"A": own, "B": its})
     error = attitude.residual(attitude.matrix_from_quaternion(weighted.q), body.as_matrix().transpose(0, 2, 1))
     nees = np.einsum("ni,ij,nj->n", error, np.linalg.inv(weighted.covariance), error)
     assert nees.mean() == pytest.approx(3.0, abs=4 * np.sqrt(6 / t.size))
@@ -174,10 +174,10 @@ def test_the_mounting_of_a_tetrahedron_is_estimated(mirror):
     G = checked(RIGHT | {"axes": "tetrahedron"}, "x").directions(4)
     (sensor,) = made.sensors
     windows = motion.motion(made.t_s, made.raw @ G.T, 0.1, sensor.t_s, sensor.q)
-    C = estimated_mounting(windows, mirrored=True)
+    C = estimate_mounting(windows, mirrored=True)
     assert np.sign(np.linalg.det(C)) == mirror
     np.testing.assert_allclose(made.raw @ (C @ G).T, omega, atol=2e-3 * np.abs(omega).max())
-    assert np.linalg.det(estimated_mounting(windows, mirrored=False)) > 0
+    assert np.linalg.det(estimate_mounting(windows, mirrored=False)) > 0
 
 
 def test_four_gyros_stay_four_and_their_parity_has_their_noise():
