@@ -90,7 +90,10 @@ def build(streams: Streams, mapping: Mapping, check: bool = True, said: Sequence
     said = [*said, *streams.assumed]
     streams = replace(streams, sensors=attitudes.rename_sensors(streams.sensors, said))
     joined = join_sensors(
-        streams.sensors, attitudes.stated_sigma(mapping, streams.sensors), mapping.spacing_s or 0.0, mapping.body_to_sensor()
+        streams.sensors,
+        attitudes.read_stated_sigma(mapping, streams.sensors),
+        mapping.spacing_s or 0.0,
+        mapping.body_to_sensor(),
     )
     G = mapping.directions(streams.raw.shape[1])
     said += _describe_mountings(joined, mapping)
@@ -122,7 +125,7 @@ def build(streams: Streams, mapping: Mapping, check: bool = True, said: Sequence
         references = attitudes.build_references(streams.sensors, joined, chosen, mapping, gyro, said)
     for text in said:
         logger.info("%s", text)
-    names = attitudes.gyro_names(streams.channels, said)
+    names = attitudes.name_gyros(streams.channels, said)
     recording = Recording(
         title=mapping.title or "imported",
         epoch=streams.epoch,

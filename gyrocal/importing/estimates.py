@@ -58,14 +58,14 @@ def estimate_walk(
         return float(np.deg2rad(mapping.arw_deg_per_sqrt_s))
     if parity.shape[1]:
         # Parity rows are orthonormal: each has the noise of one gyro.
-        walk = noise.allan_walk([parity], streams.sample_s)
+        walk = noise.estimate_walk_at_rest([parity], streams.sample_s)
         assert walk is not None
         arw, how = float(np.sqrt(np.mean(np.square(walk)))), "the parity of the gyros"
     else:
-        walk = noise.allan_walk([rates[a:b] for a, b in still], streams.sample_s)
+        walk = noise.estimate_walk_at_rest([rates[a:b] for a, b in still], streams.sample_s)
         how = f"the Allan deviation of the rests at {noise.ALLAN_S:g} s"
         if walk is None:
-            walk, how = noise.third_differences(rates, streams.sample_s), "third differences in motion, an upper bound"
+            walk, how = noise.estimate_walk_in_motion(rates, streams.sample_s), "third differences in motion, an upper bound"
         arw = float(np.sqrt(np.mean(np.square(walk))))
     if not arw > 0:
         raise InputError("gyro: its noise cannot be told from these rates; give arw_deg_per_sqrt_s")

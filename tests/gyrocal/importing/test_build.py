@@ -264,9 +264,9 @@ def test_rests_of_a_body_that_turns_steadily_are_none():
 def test_walk_of_white_rates():
     rng = np.random.default_rng(4)
     rates = rng.normal(size=(20000, 3)) * 1e-3 / np.sqrt(0.01)
-    np.testing.assert_allclose(noise.allan_walk([rates], 0.01), 1e-3, rtol=0.05)
-    np.testing.assert_allclose(noise.third_differences(rates, 0.01), 1e-3, rtol=0.05)
-    assert noise.allan_walk([rates[:20]], 0.01) is None
+    np.testing.assert_allclose(noise.estimate_walk_at_rest([rates], 0.01), 1e-3, rtol=0.05)
+    np.testing.assert_allclose(noise.estimate_walk_in_motion(rates, 0.01), 1e-3, rtol=0.05)
+    assert noise.estimate_walk_at_rest([rates[:20]], 0.01) is None
 
 
 def test_a_single_axis_leaves_what_it_cannot_tell_in_the_message(data):
