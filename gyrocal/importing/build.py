@@ -109,9 +109,9 @@ def build(streams: Streams, mapping: Mapping, check: bool = True, said: Sequence
     windows = motion(streams.t_s, rates, streams.sample_s, joined.t_s, joined.q)
     if windows is None:
         raise InputError("too few attitudes within the gyro's time to compare the two")
-    estimated = partial(
-        _estimate_gyro, streams, mapping, rates, joined, windows, streams.raw @ parity(np.linalg.pinv(G), np.arange(len(G.T)))
-    )
+    K = np.asarray(np.linalg.pinv(G))
+    unmoved = np.asarray(streams.raw @ parity(K, np.arange(len(K))))  # (n, k − 3), whatever the motion
+    estimated = partial(_estimate_gyro, streams, mapping, rates, joined, windows, unmoved)
     said += _check_agreement(
         windows, mapping, LATE * streams.sample_s if check else np.inf, lambda: _largest_miss(joined, estimated)
     )

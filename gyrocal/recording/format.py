@@ -59,7 +59,8 @@ def _load(folder: Path) -> Recording:
     gyro_name, gyro = tables.read(folder, "gyro", ("t_s", *rates), rates if switched else ())
     attitude_name, attitude = "attitude", None
     if tables.find(folder, "attitude") is not None or names == TRIAD:
-        wanted = trackers.columns(said.attitude.sensor, ("t_s", *QUATERNION_COLUMNS), SIGMA_COLUMNS)
+        stated = bool(said.attitude.sensor) and all(one.sigma_deg for one in said.attitude.sensor)
+        wanted = ("t_s", *QUATERNION_COLUMNS, *(() if stated else SIGMA_COLUMNS))
         attitude_name, attitude = tables.read(folder, "attitude", wanted)
     optional = {name: tables.read(folder, name, ("t_s",))[1] for name in OPTIONAL_TABLES if tables.find(folder, name)}
     stream = GyroStream(

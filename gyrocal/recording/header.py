@@ -126,7 +126,8 @@ def read(path: Path) -> Header:
 def text(recording: Recording) -> str:
     """The header of a recording as it is on file."""
     gyro, attitudes = recording.gyro, recording.attitudes
-    orbit = {} if recording.orbit is None else {key: value for key, value in vars(recording.orbit).items() if value is not None}
+    known = {} if recording.orbit is None else vars(recording.orbit)
+    orbit: dict[str, object] = {key: float(value) for key, value in known.items() if value is not None}
     named = recording.is_array or any(interval.gyros is not None for interval in recording.intervals)
     second = named or bool(attitudes.sensors) or len(orbit) > 3
     sections: list[tuple[str, dict[str, object]]] = [  # what is None is left out
@@ -154,13 +155,13 @@ def text(recording: Recording) -> str:
         (
             "[attitude]",
             {
-                "maps": trackers.maps(attitudes),
+                "maps": trackers.MAPS if attitudes.sensors else "inertial to body",
                 "quaternion": "scalar last",
                 "sigma_estimated": attitudes.sigma_estimated or None,
             },
         ),
         *(("[[attitude.sensor]]", trackers.entries(one)) for one in attitudes.sensors),
-        *([("[orbit]", {key: float(value) for key, value in orbit.items()})] if orbit else []),
+        *([("[orbit]", orbit)] if orbit else []),
         *(
             ("[[interval]]", vars(one) | {"start_s": float(one.start_s), "stop_s": float(one.stop_s)})
             for one in recording.intervals

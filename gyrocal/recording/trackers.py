@@ -88,11 +88,6 @@ def check_header(format: int, maps: str, sensors: Sequence[SensorHeader]) -> Non
         raise ValueError(f"the mounting of {names[0]} cannot be estimated: the first sensor defines the axes of the body")
 
 
-def maps(attitudes: Attitudes) -> str:
-    """What the quaternions on file map to."""
-    return MAPS if attitudes.sensors else "inertial to body"
-
-
 def entries(sensor: AttitudeSensor) -> dict[str, object]:
     """A sensor's entries in recording.toml; what is None is left out."""
     prior = sensor.mounting_sigma
@@ -105,11 +100,6 @@ def entries(sensor: AttitudeSensor) -> dict[str, object]:
 
 
 # ---- rows of the attitude table ------------------------------------------------------------------------------------------
-
-
-def columns(headers: Sequence[SensorHeader], always: tuple[str, ...], sigmas: tuple[str, ...]) -> tuple[str, ...]:
-    """Columns that the attitude table must have: sigmas may be left out where every sensor states its own."""
-    return always if headers and all(one.sigma_deg for one in headers) else (*always, *sigmas)
 
 
 def read(
