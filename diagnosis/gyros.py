@@ -45,8 +45,8 @@ from gyrocal.calibration.gyros import GyroArray, calibrate_gyros, fitted_to_pari
 from gyrocal.calibration.observability import PLAUSIBLE_BIAS, PLAUSIBLE_G
 from gyrocal.errors import InputError
 from gyrocal.recording import Recording, triad
-from gyrocal.recording.format import GyroStream, without_attitudes
 from gyrocal.recording.gyros import gain, inside, nominal
+from gyrocal.recording.parts import GyroStream, without_attitudes
 from simulator.effects.base import Effect, SampleView
 
 Array = NDArray[np.float64]

@@ -24,7 +24,8 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, ValidationIn
 
 from gyrocal.errors import InputError, hint
 from gyrocal.recording import read_toml, validation_message
-from gyrocal.recording.format import GYRO_NAME, MOST_GYROS, spans
+from gyrocal.recording.checks import spans
+from gyrocal.recording.names import GYRO_NAME, MOST_GYROS
 from gyrocal.recording.trackers import MAPS, SensorHeader, check_header
 from simulator.truth.maneuvers import MODE_YAW, Hold, Profile, Slew, Sway
 from simulator.truth.orbit import CircularOrbit

@@ -18,8 +18,9 @@ from numpy.typing import NDArray
 
 from gyrocal.errors import InputError
 from gyrocal.recording import Attitudes, GyroStream, Interval, Recording
-from gyrocal.recording.format import TRIAD, without_attitudes
 from gyrocal.recording.gyros import nominal
+from gyrocal.recording.names import TRIAD
+from gyrocal.recording.parts import without_attitudes
 from simulator.effects import REGISTRY, Setting, Stream, Surroundings, references_of
 from simulator.effects.chain import activated, readings, referenced
 from simulator.effects.housekeeping import gyro_temperature, table_acceleration

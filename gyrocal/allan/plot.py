@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from numpy.typing import NDArray
 
-    from gyrocal.recording.format import Recording
+    from gyrocal.recording.recording import Recording
 
 GAP = 1.5  # samples without a reading, from which on two are not of one stretch
 

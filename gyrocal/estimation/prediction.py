@@ -15,7 +15,7 @@ from gyrocal import attitude
 from gyrocal.calibration.parameters import GyroParameters
 from gyrocal.calibration.trackers import MountingEstimate
 from gyrocal.errors import InputError
-from gyrocal.recording.trackers import AttitudeSensor
+from gyrocal.recording.parts import AttitudeSensor
 
 Array = NDArray[np.float64]
 

@@ -13,9 +13,7 @@ is taken for granted on reading; what is read is returned with the sign that it 
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
 from dataclasses import dataclass
-from datetime import datetime
 from pathlib import Path
 from typing import Any
 
@@ -24,14 +22,14 @@ from numpy.typing import ArrayLike, NDArray
 
 from gyrocal.errors import InputError
 from gyrocal.importing import ccsds
-from gyrocal.importing import ccsds_fields as fields
-from gyrocal.importing.aem import Aem, rows_of
-from gyrocal.recording import Recording
+from gyrocal.importing.aem import Aem
+from gyrocal.recording import Recording, reference_rows
 
 Array = NDArray[np.float64]
 
 NEEDED = ("TIME_SYSTEM", "EPOCH_TZERO")
 ATT_NEEDED = ("REF_FRAME_A", "REF_FRAME_B", "ATT_TYPE")
+ATT_KNOWN = (*ATT_NEEDED, "ATT_ID", "ATT_PREV_ID", "ATT_BASIS", "ATT_BASIS_ID", "NUMBER_STATES", "RATE_TYPE", "EULER_ROT_SEQ")
 BIASED = "ANGLE_GYROBIAS"
 SIGN = "GYRO_BIAS is the correction to be added about the body axes: w = G w_raw + GYRO_BIAS"
 
@@ -65,13 +63,13 @@ def read_acm(path: str | os.PathLike[str]) -> Acm:
         It is no ACM of version 2, or has no attitudes that a recording can hold.
     """
     path = Path(path)
-    blocks = ccsds.read(path, "ACM")
+    _, blocks = ccsds.read(path, "ACM")
     meta = next((block.entries for block in blocks if block.kind == "META"), {})
-    fields.expect(meta, NEEDED, path)
+    ccsds.check_keywords(meta, NEEDED, path)
     system = meta["TIME_SYSTEM"]
-    scale = fields.scale_of(system, path)
+    scale = ccsds.read_scale(system, path)
     try:
-        zero = fields.seconds(meta["EPOCH_TZERO"], system)
+        zero = ccsds.parse_time(meta["EPOCH_TZERO"], system)
     except ValueError as fault:
         raise InputError(f"{path}: EPOCH_TZERO: {fault}") from None
     times: list[tuple[int, float]] = []
@@ -81,20 +79,20 @@ def read_acm(path: str | os.PathLike[str]) -> Acm:
     for block in blocks:
         if block.kind != "ATT":
             continue
-        fields.expect(block.entries, ATT_NEEDED, path)
+        ccsds.check_keywords(block.entries, ATT_NEEDED, path, ATT_KNOWN)
         if block.entries["ATT_TYPE"].upper() != "QUATERNION":
             raise InputError(f"{path}: attitude type {block.entries['ATT_TYPE']} is not read; read is QUATERNION")
-        ends.add(fields.frames(block.entries, path))
+        ends.add(ccsds.identify_frames(block.entries, path))
         biased = block.entries.get("RATE_TYPE", "").upper() == "GYRO_BIAS"
         for where, words in block.lines:
-            numbers = _numbers(words[1:], 7 if biased else 4, path, where)
+            numbers = ccsds.parse_numbers(words[1:], 7 if biased else 4, path, where)
             times.append(_time(words[0], zero, system, path, where))
-            rows.append(fields.four(words[1:5]))
+            rows.append(numbers[:4])
             biases += [np.deg2rad(numbers[4:7])] if biased else []
     if len(ends) > 1:
         raise InputError(f"{path}: its attitude blocks have different frames; give one message for each")
     inertial, body, conjugate = ends.pop() if ends else ("", "", False)
-    clock, q = fields.attitudes(times, rows, scale, conjugate, path)
+    clock, q = ccsds.build_attitudes(times, rows, scale, conjugate, path)
     angles, bias_variance = _variances([block for block in blocks if block.kind == "COV"], path)
     return Acm(
         attitudes=Aem(clock, q, meta.get("OBJECT_NAME", path.stem), (inertial, body)),
@@ -125,22 +123,12 @@ def _time(word: str, zero: tuple[int, float], system: str, path: Path, where: st
     """A time of its own, or seconds from another."""
     try:
         if "T" in word.upper():
-            return fields.seconds(word, system)
+            return ccsds.parse_time(word, system)
         since = float(word)
         floor = int(np.floor(since + zero[1]))
         return zero[0] + floor, since + zero[1] - floor
     except (ValueError, OverflowError) as fault:
         raise InputError(f"{path}: {where}: {fault}") from None
-
-
-def _numbers(words: Sequence[str], count: int, path: Path, where: str) -> Array:
-    try:
-        values = np.array([float(word) for word in words])
-    except ValueError as fault:
-        raise InputError(f"{path}: {where}: {fault}") from None
-    if values.size < count or not np.isfinite(values).all():
-        raise InputError(f"{path}: {where}: {count} numbers are needed after the time")
-    return values
 
 
 def _variances(blocks: list[ccsds.Block], path: Path) -> tuple[Array | None, Array | None]:
@@ -149,10 +137,10 @@ def _variances(blocks: list[ccsds.Block], path: Path) -> tuple[Array | None, Arr
     bias = None
     for block in blocks:
         kind, frame = block.entries.get("COV_TYPE", "").upper(), block.entries.get("COV_REF_FRAME", "")
-        if not kind.startswith("ANGLE") or not frame.upper().startswith(fields.BODY_FRAMES):
+        if not kind.startswith("ANGLE") or not frame.upper().startswith(ccsds.BODY_FRAMES):
             continue
         for where, words in block.lines:
-            values = _numbers(words[1:], 6 if kind == BIASED else 3, path, where) * np.deg2rad(1.0) ** 2
+            values = ccsds.parse_numbers(words[1:], 6 if kind == BIASED else 3, path, where) * np.deg2rad(1.0) ** 2
             if (values < 0).any():
                 raise InputError(f"{path}: {where}: a variance is negative")
             angles.append(values[:3])
@@ -164,7 +152,7 @@ def _walk(blocks: list[ccsds.Block], path: Path) -> float | None:
     text = next((block.entries["SIGMA_V"] for block in blocks if "SIGMA_V" in block.entries), None)
     if text is None:
         return None
-    (value,) = _numbers(text.partition("[")[0].split(), 1, path, "SIGMA_V")[:1]
+    (value,) = ccsds.parse_numbers(text.partition("[")[0].split(), 1, path, "SIGMA_V")[:1]
     return float(np.deg2rad(value))
 
 
@@ -177,8 +165,6 @@ def write_acm(
     object_name: str = "UNKNOWN",
     object_id: str = "UNKNOWN",
     frame: str = "ICRF",
-    originator: str = "GYROCAL",
-    created: datetime | None = None,
     form: ccsds.Form = "kvn",
 ) -> None:
     """Write the reference attitudes with their variances and, of a calibration, the gyro's bias with its.
@@ -190,8 +176,6 @@ def write_acm(
     bias, bias_sigma : (3,) b of ω = G ω_raw + b and its 1-sigma, rad/s, as in a `CalibrationResult`; both or neither
     object_name, object_id : of the spacecraft
     frame : the inertial one, REF_FRAME_A
-    originator : who made it
-    created : when; now by default
     form : "kvn" or "xml"
 
     Raises
@@ -199,36 +183,36 @@ def write_acm(
     InputError
         The recording's times have no date, or a bias has no sigma.
     """
-    scale, epoch = fields.dated(recording, "an ACM")
+    scale, epoch = ccsds.require_dates(recording, "an ACM")
     rates, variances = _bias(bias, bias_sigma)
     kind = BIASED if rates else "ANGLE"
-    ends = {"REF_FRAME_A": frame, "REF_FRAME_B": fields.BODY}
+    ends = {"REF_FRAME_A": frame, "REF_FRAME_B": ccsds.BODY}
     att_head = {"COMMENT": SIGN} if rates else {}
     att_head |= ends | {"NUMBER_STATES": str(4 + len(rates)), "ATT_TYPE": "QUATERNION"}
     att_head |= {"RATE_TYPE": "GYRO_BIAS"} if rates else {}
-    cov_head = {"COV_BASIS": "DETERMINED_GND", "COV_REF_FRAME": fields.BODY, "COV_TYPE": kind}
+    cov_head = {"COV_BASIS": "DETERMINED_GND", "COV_REF_FRAME": ccsds.BODY, "COV_TYPE": kind}
     states, covariances = [], []
     for interval in recording.intervals:
-        chosen = rows_of(recording, interval)
         references = recording.attitudes
-        times = fields.digits(references.t_s[chosen])
-        att = [("", [t, *fields.digits(q), *rates]) for t, q in zip(times, references.quaternions[chosen], strict=True)]
+        chosen = reference_rows(references.t_s, interval)
+        times = ccsds.format_numbers(references.t_s[chosen])
+        att = [("", [t, *ccsds.format_numbers(q), *rates]) for t, q in zip(times, references.quaternions[chosen], strict=True)]
         squares = np.square(np.rad2deg(references.sigma[chosen]))
-        cov = [("", [t, *fields.digits(one), *variances]) for t, one in zip(times, squares, strict=True)]
+        cov = [("", [t, *ccsds.format_numbers(one), *variances]) for t, one in zip(times, squares, strict=True)]
         states.append(ccsds.Block("ATT", dict(att_head), att))
         covariances.append(ccsds.Block("COV", dict(cov_head), cov))
     determination = {"AD_METHOD": "BATCH", "ATTITUDE_SOURCE": "GND", "ATTITUDE_STATES": "QUATERNION", "COV_TYPE": kind}
-    determination |= ends | {"RATE_STATES": "GYRO_BIAS", "SIGMA_V": fields.digits([np.rad2deg(recording.gyro.arw)])[0]}
+    determination |= ends | {"RATE_STATES": "GYRO_BIAS", "SIGMA_V": ccsds.format_numbers([np.rad2deg(recording.gyro.arw)])[0]}
     blocks = [*states, *covariances, *([ccsds.Block("AD", determination)] if rates else [])]
     meta = {
         "OBJECT_NAME": object_name,
         "INTERNATIONAL_DESIGNATOR": object_id,
         "TIME_SYSTEM": scale,
-        "EPOCH_TZERO": fields.stamp(epoch, 0.0),
+        "EPOCH_TZERO": ccsds.format_time(epoch, 0.0),
         "ACM_DATA_ELEMENTS": ", ".join(block.kind for block in blocks),
     }
     blocks.insert(0, ccsds.Block("META", meta))
-    ccsds.write(path, "ACM", blocks, title=recording.title, originator=originator, created=created, form=form)
+    ccsds.write(path, "ACM", blocks, recording.title, form)
 
 
 def _bias(bias: ArrayLike | None, sigma: ArrayLike | None) -> tuple[list[str], list[str]]:
@@ -240,4 +224,4 @@ def _bias(bias: ArrayLike | None, sigma: ArrayLike | None) -> tuple[list[str], l
         raise InputError(
             "ACM: bias and bias_sigma are three numbers each, in rad/s; a held bias has no sigma and is not written"
         )
-    return fields.digits(np.rad2deg(b)), fields.digits(np.square(np.rad2deg(s)))
+    return ccsds.format_numbers(np.rad2deg(b)), ccsds.format_numbers(np.square(np.rad2deg(s)))

@@ -1,15 +1,14 @@
-"""CCSDS Attitude Ephemeris Messages, version 2 (504.0-B-2) in KVN and XML, read and written.
+"""CCSDS Attitude Ephemeris Messages, versions 1 and 2 (504.0-B-1, 504.0-B-2) in KVN and XML, read; version 2 is written.
 
-Attitude types of the standard that begin with a quaternion are read (QUATERNION, QUATERNION/DERIVATIVE, QUATERNION/ANGVEL); the
-rates after it are not used. Version 1, whose quaternions may have the scalar part first, is refused. What the four numbers mean
-stands in `gyrocal.importing.ccsds_fields`.
+Attitude types of the standard that begin with a quaternion are read; the rates after it are not used. Version 1 says the
+direction (ATTITUDE_DIR) and the place of the scalar part (QUATERNION_TYPE), which version 2 has not got. What the four numbers
+mean stands in `gyrocal.importing.ccsds`.
 """
 
 from __future__ import annotations
 
 import os
 from dataclasses import dataclass
-from datetime import datetime
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -18,17 +17,23 @@ from numpy.typing import NDArray
 
 from gyrocal.errors import InputError
 from gyrocal.importing import ccsds
-from gyrocal.importing import ccsds_fields as fields
 from gyrocal.importing.units import WEEK_S, Clock
-from gyrocal.recording import Interval, Recording
+from gyrocal.recording import Recording, reference_rows
 
 if TYPE_CHECKING:
     import pandas as pd
 
 Array = NDArray[np.float64]
 
-TYPES = ("QUATERNION", "QUATERNION/DERIVATIVE", "QUATERNION/ANGVEL")
 NEEDED = ("REF_FRAME_A", "REF_FRAME_B", "TIME_SYSTEM", "ATTITUDE_TYPE")
+DIRECTED = ("ATTITUDE_DIR", "QUATERNION_TYPE")  # of version 1 alone
+OTHERS = ("OBJECT_NAME", "OBJECT_ID", "CENTER_NAME", "EULER_ROT_SEQ", "INTERPOLATION_METHOD", "INTERPOLATION_DEGREE")
+SPAN = ("START_TIME", "USEABLE_START_TIME", "USEABLE_STOP_TIME", "STOP_TIME")
+KNOWN = {"1.0": (*NEEDED, *OTHERS, *SPAN, *DIRECTED, "RATE_FRAME"), "2.0": (*NEEDED, *OTHERS, *SPAN, "ANGVEL_FRAME")}
+TYPES = {
+    "1.0": ("QUATERNION", "QUATERNION/DERIVATIVE", "QUATERNION/RATE"),
+    "2.0": ("QUATERNION", "QUATERNION/DERIVATIVE", "QUATERNION/ANGVEL"),
+}
 
 
 @dataclass(frozen=True)
@@ -55,31 +60,33 @@ def read_aem(path: str | os.PathLike[str]) -> Aem:
     Raises
     ------
     InputError
-        It is no AEM of version 2, or holds what a recording cannot.
+        It is no AEM of version 1 or 2, or holds what a recording cannot.
     """
     path = Path(path)
+    version, blocks = ccsds.read(path, "AEM")
     times: list[tuple[int, float]] = []
     rows: list[Array] = []
     meta: dict[str, str] = {}
     kinds: set[tuple[str, str, str, bool]] = set()
-    for block in ccsds.read(path, "AEM"):
+    for block in blocks:
         if block.kind == "META":
             meta = block.entries
         if block.kind != "DATA":
             continue
-        kinds.add(_checked(meta, path))
+        kinds.add(_check_metadata(meta, version, path))
+        first = meta.get("QUATERNION_TYPE", "LAST").upper() == "FIRST"
         for where, words in block.lines:
+            rows.append(np.roll(ccsds.parse_numbers(words[1:5], 4, path, where), -1 if first else 0))
             try:
-                times.append(fields.seconds(words[0], meta["TIME_SYSTEM"]))
-                rows.append(fields.four(words[1:5]))
-            except (ValueError, IndexError) as fault:
+                times.append(ccsds.parse_time(words[0], meta["TIME_SYSTEM"]))
+            except ValueError as fault:
                 raise InputError(f"{path}: {where}: {fault}") from None
-    if len({(a, b, conjugate) for a, b, _, conjugate in kinds}) > 1 or len({scale for _, _, scale, _ in kinds}) > 1:
+    if len(kinds) > 1:
         raise InputError(f"{path}: its segments have different frames or time systems; give one message for each")
     if not kinds:
         raise InputError(f"{path}: no attitudes")
     inertial, body, scale, conjugate = kinds.pop()
-    clock, q = fields.attitudes(times, rows, scale, conjugate, path)
+    clock, q = ccsds.build_attitudes(times, rows, scale, conjugate, path)
     return Aem(clock, q, meta.get("OBJECT_NAME", path.stem), (inertial, body))
 
 
@@ -91,20 +98,24 @@ def table(message: Aem) -> tuple[pd.DataFrame, dict[str, str]]:
     entries = {"quat": "q1,q2,q3,q4:scalar-last:body-to-inertial"}
     clock = message.clock
     if clock.scale == "UTC":
-        frame["t"] = clock.whole * fields.NANO + np.round(clock.part * fields.NANO).astype(np.int64)
+        frame["t"] = clock.whole * ccsds.NANO + np.round(clock.part * ccsds.NANO).astype(np.int64)
         return frame, entries | {"attitude_time": "t:ns"}
     frame["week"], frame["second"] = clock.whole // WEEK_S, clock.whole % WEEK_S + clock.part
     return frame, entries | {"attitude_time": "week,second:gps"}
 
 
-def _checked(meta: dict[str, str], path: Path) -> tuple[str, str, str, bool]:
+def _check_metadata(meta: dict[str, str], version: str, path: Path) -> tuple[str, str, str, bool]:
     """Inertial frame, body frame, time scale and whether the message goes from body to inertial."""
-    fields.expect(meta, NEEDED, path)
+    ccsds.check_keywords(meta, (*NEEDED, *DIRECTED) if version == "1.0" else NEEDED, path, KNOWN[version])
     kind = meta["ATTITUDE_TYPE"].upper()
-    if kind not in TYPES:
-        raise InputError(f"{path}: attitude type {kind} is not read; read are {', '.join(TYPES)}")
-    inertial, body, conjugate = fields.frames(meta, path)
-    return inertial, body, fields.scale_of(meta["TIME_SYSTEM"], path), conjugate
+    if kind not in TYPES[version]:
+        raise InputError(f"{path}: attitude type {kind} is not read; read are {', '.join(TYPES[version])}")
+    for name, values in zip(DIRECTED, (("A2B", "B2A"), ("FIRST", "LAST")), strict=True):
+        if name in meta and meta[name].upper() not in values:
+            raise InputError(f"{path}: {name} is {meta[name]}, which is neither {' nor '.join(values)}")
+    inertial, body, conjugate = ccsds.identify_frames(meta, path)
+    backwards = meta.get("ATTITUDE_DIR", "A2B").upper() == "B2A"
+    return inertial, body, ccsds.read_scale(meta["TIME_SYSTEM"], path), conjugate != backwards
 
 
 def write_aem(
@@ -114,8 +125,6 @@ def write_aem(
     object_name: str = "UNKNOWN",
     object_id: str = "UNKNOWN",
     frame: str = "ICRF",
-    originator: str = "GYROCAL",
-    created: datetime | None = None,
     form: ccsds.Form = "kvn",
 ) -> None:
     """Write the reference attitudes, a segment for each interval.
@@ -126,8 +135,6 @@ def write_aem(
     path : file
     object_name, object_id : of the spacecraft
     frame : the inertial one, REF_FRAME_A
-    originator : who made it
-    created : when; now by default
     form : "kvn" or "xml"
 
     Raises
@@ -135,28 +142,22 @@ def write_aem(
     InputError
         The recording's times have no date.
     """
-    scale, epoch = fields.dated(recording, "an AEM")
+    scale, epoch = ccsds.require_dates(recording, "an AEM")
     blocks = []
     for interval in recording.intervals:
-        rows = rows_of(recording, interval)
-        stamps = [fields.stamp(epoch, float(t)) for t in recording.attitudes.t_s[rows]]
+        rows = reference_rows(recording.attitudes.t_s, interval)
+        stamps = [ccsds.format_time(epoch, float(t)) for t in recording.attitudes.t_s[rows]]
         meta = {
             "OBJECT_NAME": object_name,
             "OBJECT_ID": object_id,
             "REF_FRAME_A": frame,
-            "REF_FRAME_B": fields.BODY,
+            "REF_FRAME_B": ccsds.BODY,
             "TIME_SYSTEM": scale,
             "START_TIME": stamps[0],
             "STOP_TIME": stamps[-1],
             "ATTITUDE_TYPE": "QUATERNION",
         }
         quaternions = recording.attitudes.quaternions[rows]
-        lines = [("", [time, *fields.digits(q)]) for time, q in zip(stamps, quaternions, strict=True)]
+        lines = [("", [time, *ccsds.format_numbers(q)]) for time, q in zip(stamps, quaternions, strict=True)]
         blocks += [ccsds.Block("META", meta), ccsds.Block("DATA", {}, lines)]
-    ccsds.write(path, "AEM", blocks, title=recording.title, originator=originator, created=created, form=form)
-
-
-def rows_of(recording: Recording, interval: Interval) -> NDArray[np.intp]:
-    """Rows of the references within an interval."""
-    t_s = recording.attitudes.t_s
-    return np.flatnonzero((t_s >= interval.start_s - 1e-6) & (t_s <= interval.stop_s + 1e-6))
+    ccsds.write(path, "AEM", blocks, recording.title, form)

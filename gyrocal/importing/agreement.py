@@ -12,7 +12,7 @@ combinations of these are tried. For one reading of the attitudes and one τ, wi
 
 gives all s and Π at once. τ is where the magnitudes of both rates correlate best, which no s, Π, or reading of a direction
 changes. A rotation of the gyro's axes that is no exchange of axes is tried last: the rotation that maximises
-tr(Πᵀ Σ w_ref wᵀ) follows from a singular value decomposition (Kabsch, Acta Cryst. A32, 1976). Of what fits nearly as well as
+tr(Πᵀ Σ w_ref wᵀ) follows from a singular value decomposition. Of what fits nearly as well as
 the best, the reading that changes least is named; several of the same number of changes are named together, since the data
 cannot tell them apart.
 """
@@ -26,7 +26,8 @@ from itertools import permutations, product
 import numpy as np
 from numpy.typing import NDArray
 
-from gyrocal.importing.motion import ELEMENTS, Motion, motion
+from gyrocal.importing.motion import ELEMENTS, Motion, motion, rotate_onto
+from gyrocal.importing.units import RATE_UNITS, TIME_UNITS
 from gyrocal.recording import Recording
 
 Array = NDArray[np.float64]
@@ -38,25 +39,8 @@ ALIKE = 1.25  # times the best residual: as good
 LEAST_WINDOWS = 6  # from which a rotation of three angles is told
 LARGE_DRIFT = np.deg2rad(10.0)  # by a bias over the longest interval
 LONGEST_LAG = 0.25  # of the recording
-UNIT_RATIOS = {  # how much larger a rate is read if the unit on the left is taken for the one on the right
-    ("deg/s", "rad/s"): 180 / np.pi,
-    ("rad/s", "deg/s"): np.pi / 180,
-    ("deg/s", "deg/h"): 1 / 3600,
-    ("deg/h", "deg/s"): 3600.0,
-    ("deg/h", "rad/s"): 3600 * 180 / np.pi,
-    ("rad/s", "deg/h"): np.pi / 180 / 3600,
-}
-TIME_RATIOS = {  # how much longer a time is read
-    ("ms", "s"): 1e3,
-    ("us", "s"): 1e6,
-    ("ns", "s"): 1e9,
-    ("s", "ms"): 1e-3,
-    ("us", "ms"): 1e3,
-    ("ns", "ms"): 1e6,
-    ("s", "us"): 1e-6,
-    ("ms", "us"): 1e-3,
-    ("ns", "us"): 1e3,
-}
+UNITS = ("rad/s", "deg/s", "deg/h")  # that one is taken for another of
+TIMES = ("ms", "s", "us", "ns")
 RATE_FACTORS = {  # of rates on file, which have one unit: a prefix or a conversion that was forgotten or made twice
     f"the rates {words}": factor
     for number, factor in (("1000", 1e3), ("3600", 3600.0), ("57.296", 180 / np.pi), ("206265", 3600 * 180 / np.pi))
@@ -85,14 +69,12 @@ class Reading:
     count : how many things these are; each axis that another takes the place of is one
     residual : RMS of w_ref − s Π w − b over that of the motion
     offset_s : τ, s; the attitudes' tags are too late by it
-    bias : (3,) b, rad/s
     """
 
     changes: tuple[str, ...]
     count: int
     residual: float
     offset_s: float
-    bias: Array
 
 
 @dataclass(frozen=True)
@@ -229,7 +211,8 @@ def explained(recording: Recording, G: Array, bias: Array) -> str:
         return found.sentence if found.better or found.rotated else ""
     if found.rotated is not None:
         return f"rates and attitudes fit much better if imported anew: {found.rotated.sentence}"
-    missing = found.as_read.bias
+    measured, inside = windows.gyro()
+    missing = np.asarray((windows.attitudes()[inside] - measured[inside]).mean(axis=0))
     longest = max(one.stop_s - one.start_s for one in recording.intervals)
     if np.linalg.norm(missing) * longest < LARGE_DRIFT:
         return ""
@@ -245,11 +228,10 @@ def _as_read(windows: Motion) -> Reading:
     gyro, inside = windows.gyro()
     reference, gyro = reference[inside], gyro[inside]
     if len(reference) < 3:
-        return Reading((), 0, np.inf, 0.0, np.zeros(3))
-    bias = np.asarray((reference - gyro).mean(axis=0))
-    plain = _rms(reference - gyro) / _rms(reference)
-    centred = _rms(reference - gyro - bias) / _rms(reference - reference.mean(axis=0))
-    return Reading((), 0, float(min(plain, centred)), 0.0, bias)
+        return Reading((), 0, np.inf, 0.0)
+    left = reference - gyro
+    centred = _rms(left - left.mean(axis=0)) / _rms(reference - reference.mean(axis=0))
+    return Reading((), 0, min(_rms(left) / _rms(reference), centred), 0.0)
 
 
 def _readings(
@@ -261,15 +243,14 @@ def _readings(
         return []
     late = (f"{offset:+.3g} s added to the attitudes' time tags",) if offset else ()
     return [
-        Reading((*words, *one.changes, *late), one.count + len(words) + len(late), one.residual, offset, one.bias)
+        Reading((*words, *one.changes, *late), one.count + len(words) + len(late), one.residual, offset)
         for one in _fits(reference[inside], gyro[inside], scales)
     ]
 
 
 def _fits(reference: Array, gyro: Array, scales: dict[str, float]) -> list[Reading]:
     """The best of all s and Π."""
-    mean_r, mean_g = reference.mean(axis=0), gyro.mean(axis=0)
-    r, g = reference - mean_r, gyro - mean_g
+    r, g = reference - reference.mean(axis=0), gyro - gyro.mean(axis=0)
     whole = float(np.sum(r * r))
     cross, own = r.T @ g, float(np.sum(g * g))
     out = []
@@ -279,8 +260,7 @@ def _fits(reference: Array, gyro: Array, scales: dict[str, float]) -> list[Readi
             if left < whole:
                 changes = tuple(filter(None, (name, words)))
                 moved = int(np.sum(np.diag(Pi) != 1)) + bool(name)
-                bias = np.asarray(mean_r - scale * Pi @ mean_g)
-                out.append(Reading(changes, moved, float(np.sqrt(left / whole)), 0.0, bias))
+                out.append(Reading(changes, moved, float(np.sqrt(left / whole)), 0.0))
     return sorted(out, key=lambda one: (one.residual, one.count))[:8]
 
 
@@ -312,11 +292,9 @@ def _find_rotation(
 def _rotate(reference: Array, gyro: Array, scale: float) -> tuple[float, float]:
     """Residual over motion with the best rotation of the gyro's rates (n, 3), and the angle of that rotation, rad."""
     r, g = reference - reference.mean(axis=0), gyro - gyro.mean(axis=0)
-    U, values, Vt = np.linalg.svd(r.T @ g)
-    sign = float(np.sign(np.linalg.det(U @ Vt)))
-    C = U @ np.diag([1.0, 1.0, sign]) @ Vt
+    C, common = rotate_onto(r, g)
     whole = max(float(np.sum(r * r)), np.finfo(float).tiny)
-    left = whole - 2 * scale * float(values @ [1.0, 1.0, sign]) + scale**2 * float(np.sum(g * g))
+    left = whole - 2 * scale * common + scale**2 * float(np.sum(g * g))
     return float(np.sqrt(max(left, 0.0) / whole)), float(np.arccos(np.clip((np.trace(C) - 1) / 2, -1.0, 1.0)))
 
 
@@ -349,10 +327,14 @@ def _correlation(windows: Motion, speed: Array, tau: float) -> float:
 
 
 def _scales(unit: str, time_unit: str) -> dict[str, float]:
+    """Factors of the gyro's rates with the units that they stand for, the one as read first."""
     out = {"": 1.0}
-    out |= {f"the gyro in {true}, not {read}": 1 / ratio for (true, read), ratio in UNIT_RATIOS.items() if read == unit}
-    # Times that are read too long make the attitudes' rates too small.
-    out |= {f"times in {true}, not {read}": 1 / ratio for (true, read), ratio in TIME_RATIOS.items() if read == time_unit}
+    if unit in UNITS:
+        out |= {f"the gyro in {true}, not {unit}": RATE_UNITS[true] / RATE_UNITS[unit] for true in UNITS if true != unit}
+    if time_unit in TIMES[:3]:
+        # Times that are read too long make the attitudes' rates too small.
+        read = TIME_UNITS[time_unit]
+        out |= {f"times in {true}, not {time_unit}": 10.0 ** (read - TIME_UNITS[true]) for true in TIMES if true != time_unit}
     return out
 
 

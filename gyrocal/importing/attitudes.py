@@ -8,14 +8,15 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from gyrocal.importing.estimates import sensor_sigma
-from gyrocal.importing.intervals import of_stated
+from gyrocal.importing.estimates import estimate_sensor_sigma
+from gyrocal.importing.intervals import select_rows
 from gyrocal.importing.mapping import Mapping
-from gyrocal.importing.sensors import Together
+from gyrocal.importing.sensors import JoinedAttitudes
 from gyrocal.importing.streams import Sensor
 from gyrocal.recording import Attitudes, GyroStream
 from gyrocal.recording.names import GYRO_NAME, TRIAD
-from gyrocal.recording.trackers import NAME, AttitudeSensor, to_body
+from gyrocal.recording.parts import AttitudeSensor
+from gyrocal.recording.trackers import NAME, to_body
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
@@ -23,7 +24,7 @@ Indices = NDArray[np.intp]
 SAME_S = 1e-6
 
 
-def gyro_names(channels: tuple[str, ...], said: list[str]) -> tuple[str, ...]:
+def name_gyros(channels: tuple[str, ...], said: list[str]) -> tuple[str, ...]:
     """Names of a recording's gyros: x, y and z for three, else those of the columns, or numbers where these will not do."""
     if len(channels) == len(TRIAD):
         return TRIAD
@@ -34,7 +35,7 @@ def gyro_names(channels: tuple[str, ...], said: list[str]) -> tuple[str, ...]:
     return numbers
 
 
-def renamed(sensors: tuple[Sensor, ...], said: list[str]) -> tuple[Sensor, ...]:
+def rename_sensors(sensors: tuple[Sensor, ...], said: list[str]) -> tuple[Sensor, ...]:
     """Several sensors by names that a recording may have: their own, or numbers where these will not do."""
     if len(sensors) == 1 or all(NAME.fullmatch(one.name) for one in sensors):
         return sensors
@@ -43,7 +44,7 @@ def renamed(sensors: tuple[Sensor, ...], said: list[str]) -> tuple[Sensor, ...]:
     return tuple(replace(one, name=name) for one, name in zip(sensors, numbers, strict=True))
 
 
-def stated_sigma(mapping: Mapping, sensors: tuple[Sensor, ...]) -> dict[str, Array] | None:
+def read_stated_sigma(mapping: Mapping, sensors: tuple[Sensor, ...]) -> dict[str, Array] | None:
     """(3,) 1-sigma of each sensor as the mapping states it, rad, by name."""
     if mapping.sigma_deg is None:
         return None
@@ -52,8 +53,13 @@ def stated_sigma(mapping: Mapping, sensors: tuple[Sensor, ...]) -> dict[str, Arr
     return {one.name: np.deg2rad(mapping.sigma_deg) for one in sensors}
 
 
-def of_sensors(
-    sensors: tuple[Sensor, ...], joined: Together, chosen: list[Indices], mapping: Mapping, gyro: GyroStream, said: list[str]
+def build_references(
+    sensors: tuple[Sensor, ...],
+    joined: JoinedAttitudes,
+    chosen: list[Indices],
+    mapping: Mapping,
+    gyro: GyroStream,
+    said: list[str],
 ) -> Attitudes:
     """References of several sensors: each one's own rows nearest to the chosen times of the joined attitudes, or in stated
     intervals all that are not nearer than the spacing.
@@ -63,13 +69,13 @@ def of_sensors(
     rows_of: list[list[Indices]] = []
     for one in sensors:
         if mapping.interval is not None:
-            rows_of.append(of_stated(one.t_s, mapping.interval, mapping.spacing_s or 0.0))
+            rows_of.append(select_rows(one.t_s, mapping.interval, mapping.spacing_s or 0.0))
         else:
             rows_of.append([_nearest(one.t_s, joined.t_s[rows]) for rows in chosen])
     sigma = joined.sigma
     if mapping.sigma_deg is None:
         sigma = {
-            one.name: sensor_sigma(gyro, one, joined.mounting[one.name].T, sigma[one.name], rows, said)
+            one.name: estimate_sensor_sigma(gyro, one, joined.mounting[one.name].T, sigma[one.name], rows, said)
             for one, rows in zip(sensors, rows_of, strict=True)
         }
     row = np.concatenate([part for rows in rows_of for part in rows])
@@ -78,7 +84,7 @@ def of_sensors(
     start = np.cumsum([0, *(one.t_s.size for one in sensors)])[sensor]
     order = np.lexsort((sensor, t_s[start + row]))
     place, sensor = (start + row)[order], sensor[order]
-    known = _known(sensors, joined, mapping)
+    known = _build_sensors(sensors, joined, mapping)
     measured = np.concatenate([one.q for one in sensors])[place]
     return Attitudes(
         t_s=t_s[place],
@@ -101,7 +107,7 @@ def _nearest(t_s: Array, wanted: Array) -> Indices:
     return np.asarray(inside[np.unique(nearest)])
 
 
-def _known(sensors: tuple[Sensor, ...], joined: Together, mapping: Mapping) -> tuple[AttitudeSensor, ...]:
+def _build_sensors(sensors: tuple[Sensor, ...], joined: JoinedAttitudes, mapping: Mapping) -> tuple[AttitudeSensor, ...]:
     out = []
     for number, one in enumerate(sensors):
         prior = (mapping.mounting_sigma_deg or {}).get(one.name)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
@@ -16,14 +16,21 @@ from scipy.spatial.transform import Rotation
 from gyrocal.errors import InputError
 from gyrocal.importing import attitudes
 from gyrocal.importing.agreement import agreement
-from gyrocal.importing.estimates import carried, degrees, reference_sigma, start_bias, walk
-from gyrocal.importing.intervals import intervals, named, stated
+from gyrocal.importing.estimates import (
+    compute_largest_miss,
+    estimate_bias,
+    estimate_reference_sigma,
+    estimate_walk,
+    format_degrees,
+)
+from gyrocal.importing.intervals import intervals, name_interval
 from gyrocal.importing.mapping import DIRECTIONS, ORDERS, Mapping, scalar_first, spec
-from gyrocal.importing.motion import Motion, motion
+from gyrocal.importing.motion import Motion, motion, rotate_onto
 from gyrocal.importing.rests import rests, speed
-from gyrocal.importing.sensors import Together, together
+from gyrocal.importing.sensors import JoinedAttitudes, join_sensors
 from gyrocal.importing.streams import Sensor, Streams
 from gyrocal.recording import Attitudes, GyroStream, Recording
+from gyrocal.recording.gyros import parity
 
 Array = NDArray[np.float64]
 
@@ -50,7 +57,7 @@ class Imported:
     mapping: Mapping
     assumed: tuple[str, ...]
     sensors: tuple[Sensor, ...]
-    joined: Together
+    joined: JoinedAttitudes
 
     def summary(self) -> pd.DataFrame:
         """What was made, a row a quantity, in degrees."""
@@ -65,7 +72,7 @@ class Imported:
         return pd.DataFrame([*rows, *(("assumed", text) for text in self.assumed)], columns=["what", "value"])
 
 
-def build(streams: Streams, mapping: Mapping, check: bool = True) -> Imported:
+def build(streams: Streams, mapping: Mapping, check: bool = True, said: Sequence[str] = ()) -> Imported:
     """A recording of the streams.
 
     Parameters
@@ -73,130 +80,122 @@ def build(streams: Streams, mapping: Mapping, check: bool = True) -> Imported:
     streams : of both tables
     mapping : what is known beyond the columns
     check : whether rates and attitudes that do not fit each other are refused
+    said : what was taken for granted before
 
     Raises
     ------
     InputError
         The tables do not overlap, do not fit each other, or are too short.
     """
-    said = list(streams.assumed)
-    streams = replace(streams, sensors=attitudes.renamed(streams.sensors, said))
-    joined = together(
-        streams.sensors, attitudes.stated_sigma(mapping, streams.sensors), mapping.spacing_s or 0.0, mapping.body_to_sensor()
+    said = [*said, *streams.assumed]
+    streams = replace(streams, sensors=attitudes.rename_sensors(streams.sensors, said))
+    joined = join_sensors(
+        streams.sensors,
+        attitudes.read_stated_sigma(mapping, streams.sensors),
+        mapping.spacing_s or 0.0,
+        mapping.body_to_sensor(),
     )
     G = mapping.directions(streams.raw.shape[1])
-    said += _mounted(joined, mapping)
+    said += _describe_mountings(joined, mapping)
     _check_overlap(streams, joined)
     if mapping.mounting == "estimate":
-        C = estimated_mounting(motion_of(streams, streams.raw @ G.T, joined, 12), mirrored=mapping.axes == "tetrahedron")
+        few = motion(streams.t_s, streams.raw @ G.T, streams.sample_s, joined.t_s, joined.q, 12)
+        C = estimate_mounting(few, mirrored=mapping.axes == "tetrahedron")
         G = C @ G
-        said.append(f"the gyros' axes are turned to those of the attitudes by {degrees(_angles(C))} deg (rotation vector)")
+        said.append(f"the gyros' axes are turned to those of the attitudes by {_describe_turn(C)}")
         if np.linalg.det(C) < 0:
             said.append("the tetrahedron is the mirror image of the one with the axes (1,1,1), (1,−1,−1), (−1,1,−1), (−1,−1,1)")
     rates = streams.raw @ G.T  # of the body, but for the bias
-    windows = motion_of(streams, rates, joined)
+    windows = motion(streams.t_s, rates, streams.sample_s, joined.t_s, joined.q)
     if windows is None:
         raise InputError("too few attitudes within the gyro's time to compare the two")
-    estimated = partial(_estimated, streams, mapping, rates, joined, windows, streams.raw @ _null_space(G).T)
-    said += _agree(windows, mapping, LATE * streams.sample_s if check else np.inf, lambda: _missed(joined, estimated))
+    K = np.asarray(np.linalg.pinv(G))
+    unmoved = np.asarray(streams.raw @ parity(K, np.arange(len(K))))  # (n, k − 3), whatever the motion
+    estimated = partial(_estimate_gyro, streams, mapping, rates, joined, windows, unmoved)
+    said += _check_agreement(
+        windows, mapping, LATE * streams.sample_s if check else np.inf, lambda: _largest_miss(joined, estimated)
+    )
     gyro, still, chosen = estimated(said)
     if len(streams.sensors) == 1:
-        sigma = reference_sigma(gyro, joined, chosen, said)
+        sigma = estimate_reference_sigma(gyro, joined, chosen, said)
         used = np.concatenate(chosen)
         references = Attitudes(joined.t_s[used], joined.q[used], np.tile(sigma, (used.size, 1)))
         references = replace(references, sigma_estimated=joined.covariance is None)
     else:
-        references = attitudes.of_sensors(streams.sensors, joined, chosen, mapping, gyro, said)
+        references = attitudes.build_references(streams.sensors, joined, chosen, mapping, gyro, said)
     for text in said:
         logger.info("%s", text)
-    names = attitudes.gyro_names(streams.channels, said)
+    names = attitudes.name_gyros(streams.channels, said)
     recording = Recording(
         title=mapping.title or "imported",
         epoch=streams.epoch,
         time_scale=streams.time_scale,
         gyro=replace(gyro, rates=streams.raw, apriori_G=G, names=names, arw_estimated=mapping.arw_deg_per_sqrt_s is None),
         attitudes=references,
-        intervals=tuple(named(joined.t_s, rows, still, streams.t_s, k) for k, rows in enumerate(chosen, 1))
+        intervals=tuple(name_interval(joined.t_s, rows, still, streams.t_s, k) for k, rows in enumerate(chosen, 1))
         if mapping.interval is None
-        else stated(mapping.interval),
+        else tuple(one.interval for one in mapping.interval),
     )
     return Imported(recording, mapping, tuple(said), streams.sensors, joined)
 
 
-def _estimated(
-    streams: Streams, mapping: Mapping, rates: Array, joined: Together, windows: Motion, parity: Array, said: list[str]
+def _estimate_gyro(
+    streams: Streams, mapping: Mapping, rates: Array, joined: JoinedAttitudes, windows: Motion, parity: Array, said: list[str]
 ) -> tuple[GyroStream, list[tuple[int, int]], list[NDArray[np.intp]]]:
     """Body rates with their bias and noise, rests, and the rows of the attitudes of each interval."""
     still = rests(rates, streams.sample_s, speed(joined.t_s, joined.q, streams.t_s))
     said.append(f"{len(still)} rest(s) found" if still else "no rest found")
-    bias = start_bias(mapping, rates, still, windows, said)
-    arw = walk(mapping, streams, rates, still, parity, said)
+    bias = estimate_bias(mapping, rates, still, windows, said)
+    arw = estimate_walk(mapping, streams, rates, still, parity, said)
     gyro = GyroStream(streams.t_s, rates, streams.sample_s, arw, np.eye(3), bias)
     return gyro, still, intervals(gyro, joined, mapping, said)
 
 
-def _missed(joined: Together, estimated: Callable[[list[str]], tuple[GyroStream, Any, list[NDArray[np.intp]]]]) -> float:
+def _largest_miss(
+    joined: JoinedAttitudes, estimated: Callable[[list[str]], tuple[GyroStream, Any, list[NDArray[np.intp]]]]
+) -> float:
     """By how much the gyro misses the next attitude at most, rad; infinite where that cannot be said."""
     try:
         gyro, _, chosen = estimated([])
-        return carried(gyro, joined, chosen)
+        return compute_largest_miss(gyro, joined, chosen)
     except InputError:
         return np.inf
 
 
-def motion_of(streams: Streams, rates: Array, joined: Together, windows: int | None = None) -> Motion | None:
-    """Mean rates by gyro and attitudes over windows."""
-    options = {} if windows is None else {"count": windows}
-    return motion(streams.t_s, rates, streams.sample_s, joined.t_s, joined.q, **options)
-
-
-def estimated_mounting(windows: Motion | None, mirrored: bool) -> Array:
-    """Orthogonal C (3, 3) that takes the gyro's mean rates best to those of the attitudes, Σ|w_ref − C w|² least.
+def estimate_mounting(windows: Motion | None, mirrored: bool) -> Array:
+    """Orthogonal C (3, 3) that takes the gyro's mean rates best to those of the attitudes.
 
     Parameters
     ----------
     windows : of both
     mirrored : whether C may be a reflection
-
-    Raises
-    ------
-    InputError
-        There is too little to compare.
     """
     if windows is None:
         raise InputError("mounting: too few attitudes within the gyro's time to estimate it")
     gyro, inside = windows.gyro()
-    U, _, Vt = np.linalg.svd(windows.attitudes()[inside].T @ gyro[inside])
-    sign = np.linalg.det(U @ Vt)
-    if mirrored:
-        return np.asarray(U @ Vt)
-    return np.asarray(U @ np.diag([1.0, 1.0, sign]) @ Vt)
+    return rotate_onto(windows.attitudes()[inside], gyro[inside], mirrored)[0]
 
 
-def _null_space(G: Array) -> Array:
-    """Rows (k − 3, k) that the readings of k gyros must give zero with: orthonormal, and at right angles to all motion."""
-    return np.asarray(np.linalg.svd(np.linalg.pinv(G))[0][:, 3:].T)
-
-
-def _mounted(joined: Together, mapping: Mapping) -> list[str]:
+def _describe_mountings(joined: JoinedAttitudes, mapping: Mapping) -> list[str]:
     said = []
     first, *others = joined.mounting
     for name in others if mapping.mountings is None else []:
         said.append(
-            f"{name} is turned to {first}, the body, by {degrees(_angles(joined.mounting[name]))} deg (rotation vector), "
+            f"{name} is turned to {first}, the body, by {_describe_turn(joined.mounting[name])}, "
             "which a calibration estimates anew"
         )
     for name, sigma in joined.sigma.items() if mapping.sigma_deg is not None else []:
-        said.append(f"1-sigma about the axes of {name or 'the attitudes'}: {degrees(sigma)} deg")
+        said.append(f"1-sigma about the axes of {name or 'the attitudes'}: {format_degrees(sigma)} deg")
     return said
 
 
-def _angles(C: Array) -> Array:
-    """Rotation vector of the rotation, or of its mirror image."""
-    return np.asarray(Rotation.from_matrix(C * np.sign(np.linalg.det(C))).as_rotvec())
+def _describe_turn(C: Array) -> str:
+    """A rotation, or its mirror image, in words."""
+    turn = Rotation.from_matrix(C * np.sign(np.linalg.det(C))).as_rotvec()
+    return f"{format_degrees(turn)} deg (rotation vector)"
 
 
-def _check_overlap(streams: Streams, joined: Together) -> None:
+def _check_overlap(streams: Streams, joined: JoinedAttitudes) -> None:
     stop = streams.t_s[-1] + streams.sample_s
     inside = (joined.t_s >= streams.t_s[0]) & (joined.t_s <= stop)
     if inside.sum() >= 4:
@@ -214,7 +213,7 @@ def _check_overlap(streams: Streams, joined: Together) -> None:
     )
 
 
-def _agree(windows: Motion, mapping: Mapping, late_s: float, carry: Callable[[], float]) -> list[str]:
+def _check_agreement(windows: Motion, mapping: Mapping, late_s: float, carry: Callable[[], float]) -> list[str]:
     """Refuse what does not fit; what is left of the motion, in words.
 
     A time offset of up to late_s is taken, and said: a gyro's own delay is for a diagnosis to find. Infinite refuses nothing.

@@ -3,26 +3,52 @@
 In KVN a block stands between ``NAME_START`` and ``NAME_STOP`` and holds entries, KEYWORD = value, and lines of numbers. XML has
 the same entries as elements; lines are elements ``attLine`` and ``covLine`` of an ACM, and in an AEM every number has an
 element of its own. Both are read into the same blocks, and both are written from them (504.0-B-2; 505.0-B-3 for XML).
+
+An attitude takes frame A to frame B: v_B = M(q) v_A with M the matrix of Wertz, the scalar part QC last. With an inertial
+frame A and a spacecraft's frame B the four numbers are the A(q) of a recording as they stand; the other way about they are
+its conjugate. The names tell which of the two a message has: a frame of a spacecraft begins with one of `BODY_FRAMES`, and the
+other must be one that does not turn, `INERTIAL`.
+
+This reader is our own because no kept library reads the files that people have: ``ccsds-ndm-py`` (beta, one author) refuses
+AEM 1.0, the version of most of them.
 """
 
 from __future__ import annotations
 
 import os
+import re
 import xml.etree.ElementTree as ET
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from datetime import UTC, datetime
+from datetime import UTC, datetime, timedelta
 from importlib import metadata
 from pathlib import Path
 from typing import Literal
 
+import numpy as np
+from numpy.typing import NDArray
+
 from gyrocal.errors import InputError
 from gyrocal.files import replacing
+from gyrocal.importing.units import GPS_EPOCH, UNIX_EPOCH, Clock, date_of
+from gyrocal.recording import Recording
+from gyrocal.recording.trackers import need_one_sensor
+
+Array = NDArray[np.float64]
 
 Form = Literal["kvn", "xml"]
 
-VERSION = "2.0"
+VERSIONS = {"AEM": ("1.0", "2.0"), "ACM": ("2.0",)}  # the last one is written
 ELEMENTS = ("Q1", "Q2", "Q3", "QC")
+BODY_FRAMES = ("SC_BODY", "SC BODY", "IMU_FRAME", "GYRO_", "STARTRACKER", "AST_", "BODY", "INSTRUMENT", "SENSOR_")
+BODY = "SC_BODY_1"
+# Without their signs - and _. Mean and true frames of date turn by less than 1e-5 deg/h, precession and nutation together.
+INERTIAL = re.compile(
+    "(ICRF|GCRF)[0-9]*|EME2000|J2000|B1950|ECLIPJ2000|GALACTIC|CIRS|TEME(OFDATE|OFEPOCH)?|MCI|(MOD|MOE|TOD|TOE)(EARTH)?"
+)
+TAI_GPS_S = 19
+NORM = 1e-3  # of numbers with four digits, as the standard's own examples have them
+NANO = 10**9
 
 
 @dataclass(frozen=True)
@@ -41,26 +67,16 @@ class Block:
     lines: list[tuple[str, list[str]]] = field(default_factory=list)
 
 
-def read(path: str | os.PathLike[str], kind: str) -> list[Block]:
-    """The blocks of an AEM or ACM of version 2, in the order in which they stand.
-
-    Raises
-    ------
-    InputError
-        It is no such message, or damaged.
-    """
-    path = Path(path)
+def read(path: Path, kind: str) -> tuple[str, list[Block]]:
+    """Version and blocks of an AEM or ACM, in the order in which they stand."""
     try:
         text = path.read_text(encoding="utf-8-sig")
     except (OSError, UnicodeDecodeError) as fault:
         raise InputError(f"{path}: cannot be read: {fault}") from None
-    if text.lstrip().startswith("<"):
-        version, blocks = _from_xml(text, kind, path)
-    else:
-        version, blocks = _from_kvn(text, kind, path)
-    if version != VERSION:
-        raise InputError(f"{path}: {kind} version {version}; only {VERSION} is read, whose quaternions have one order")
-    return blocks
+    version, blocks = (_from_xml if text.lstrip().startswith("<") else _from_kvn)(text, kind, path)
+    if version not in VERSIONS[kind]:
+        raise InputError(f"{path}: {kind} version {version} is not read; read is {' or '.join(VERSIONS[kind])}")
+    return version, blocks
 
 
 def _from_kvn(text: str, kind: str, path: Path) -> tuple[str, list[Block]]:
@@ -105,6 +121,8 @@ def _from_xml(text: str, kind: str, path: Path) -> tuple[str, list[Block]]:
         for part in segment:
             if _name(part) == "metadata":
                 blocks.append(_block("META", part))
+                if "QUATERNION_TYPE" in blocks[-1].entries:  # of lines; here the elements have names
+                    blocks[-1].entries["QUATERNION_TYPE"] = "LAST"
             elif kind == "AEM":
                 states = [state for state in part if _name(state) == "attitudeState"]
                 blocks.append(Block("DATA", {}, [_state(k, state) for k, state in enumerate(states, 1)]))
@@ -134,21 +152,12 @@ def _state(number: int, state: ET.Element) -> tuple[str, list[str]]:
     return f"attitude {number}", [found[name] for name in ("EPOCH", *ELEMENTS) if name in found]
 
 
-def write(
-    path: str | os.PathLike[str],
-    kind: str,
-    blocks: Sequence[Block],
-    *,
-    title: str,
-    originator: str,
-    created: datetime | None,
-    form: Form,
-) -> None:
+def write(path: str | os.PathLike[str], kind: str, blocks: Sequence[Block], title: str, form: Form) -> None:
     """Write a message; the blocks of an AEM are META and DATA in turn, those of an ACM META and its data."""
     header = {
         "COMMENT": f"written by gyrocal {metadata.version('gyrocal')}: {title}",
-        "CREATION_DATE": f"{created or datetime.now(UTC):%Y-%m-%dT%H:%M:%S}",
-        "ORIGINATOR": originator,
+        "CREATION_DATE": f"{datetime.now(UTC):%Y-%m-%dT%H:%M:%S}",
+        "ORIGINATOR": "GYROCAL",
     }
     text = {"kvn": _kvn, "xml": _xml}[form](kind, header, blocks)
     with replacing(path) as file:
@@ -160,7 +169,7 @@ def _kvn(kind: str, header: dict[str, str], blocks: Sequence[Block]) -> str:
         one_line = {name: " ".join(value.split()) for name, value in values.items()}
         return [f"COMMENT {value}" if name == "COMMENT" else f"{name} = {value}" for name, value in one_line.items()]
 
-    lines = [f"CCSDS_{kind}_VERS = {VERSION}", *entries(header), ""]
+    lines = [f"CCSDS_{kind}_VERS = {VERSIONS[kind][-1]}", *entries(header), ""]
     for block in blocks:
         lines += [f"{block.kind}_START", *entries(block.entries)]
         lines += [*(" ".join(words) for _, words in block.lines), f"{block.kind}_STOP", ""]
@@ -168,7 +177,7 @@ def _kvn(kind: str, header: dict[str, str], blocks: Sequence[Block]) -> str:
 
 
 def _xml(kind: str, header: dict[str, str], blocks: Sequence[Block]) -> str:
-    root = ET.Element(kind.lower(), id=f"CCSDS_{kind}_VERS", version=VERSION)
+    root = ET.Element(kind.lower(), id=f"CCSDS_{kind}_VERS", version=VERSIONS[kind][-1])
 
     def grown(parent: ET.Element, name: str, entries: dict[str, str]) -> ET.Element:
         element = ET.SubElement(parent, name)
@@ -194,3 +203,92 @@ def _xml(kind: str, header: dict[str, str], blocks: Sequence[Block]) -> str:
                 ET.SubElement(element, f"{block.kind.lower()}Line").text = " ".join(words)
     ET.indent(root)
     return f'<?xml version="1.0" encoding="UTF-8"?>\n{ET.tostring(root, encoding="unicode")}\n'
+
+
+def identify_frames(entries: dict[str, str], path: Path) -> tuple[str, str, bool]:
+    """Inertial frame, body frame, and whether the message goes from body to inertial."""
+    a, b = entries["REF_FRAME_A"], entries["REF_FRAME_B"]
+    bodies = [frame.upper().startswith(BODY_FRAMES) for frame in (a, b)]
+    if bodies.count(True) != 1:
+        raise InputError(f"{path}: of the frames {a} and {b} one must be of a spacecraft, such as SC_BODY_1, and one inertial")
+    inertial, body = (b, a) if bodies[0] else (a, b)
+    if not INERTIAL.fullmatch(re.sub("[-_ ]", "", inertial.upper())):
+        raise InputError(
+            f"{path}: the frame {inertial} turns, or is not known: give attitudes against ICRF, EME2000 or another inertial "
+            "frame; if it is one of these under another name, write that name into the file"
+        )
+    return inertial, body, bodies[0]
+
+
+def check_keywords(entries: dict[str, str], needed: tuple[str, ...], path: Path, known: tuple[str, ...] = ()) -> None:
+    """Refuse metadata without a keyword, or with one that is not known: it may change what the numbers mean."""
+    missing = [name for name in needed if name not in entries]
+    if missing:
+        raise InputError(f"{path}: the metadata have no {', '.join(missing)}")
+    foreign = [name for name in entries if name not in known]
+    if known and foreign:
+        raise InputError(f"{path}: {', '.join(foreign)}: no keyword of this version of the message; is the version right?")
+
+
+def read_scale(system: str, path: Path) -> str:
+    """The time scale of a clock for a TIME_SYSTEM."""
+    if system.upper() not in ("UTC", "GPS", "TAI"):
+        raise InputError(f"{path}: time system {system} is not read; read are UTC, GPS and TAI")
+    return "UTC" if system.upper() == "UTC" else "GPS"
+
+
+def parse_time(text: str, system: str) -> tuple[int, float]:
+    """Whole seconds since the epoch of a time scale, and the rest; a `ValueError` if it is no date or day of the year."""
+    head, _, fraction = text.rstrip("Z").partition(".")
+    form = "%Y-%m-%dT%H:%M:%S" if head.count("-") == 2 else "%Y-%jT%H:%M:%S"
+    start = UNIX_EPOCH if system.upper() == "UTC" else GPS_EPOCH
+    since = datetime.strptime(head, form).replace(tzinfo=start.tzinfo) - start
+    whole = since // timedelta(seconds=1) - (TAI_GPS_S if system.upper() == "TAI" else 0)
+    return whole, float(f"0.{fraction}") if fraction else 0.0
+
+
+def parse_numbers(words: Sequence[str], count: int, path: Path, where: str) -> Array:
+    """The numbers of a line after its time, of which so many are needed."""
+    try:
+        values = np.array([float(word) for word in words])
+    except ValueError as fault:
+        raise InputError(f"{path}: {where}: {fault}") from None
+    if values.size < count or not np.isfinite(values).all():
+        raise InputError(f"{path}: {where}: {count} numbers are needed after the time")
+    return values
+
+
+def build_attitudes(
+    times: list[tuple[int, float]], rows: list[Array], scale: str, conjugate: bool, path: Path
+) -> tuple[Clock, Array]:
+    """A clock and A(q) (m, 4), inertial to body, scalar last."""
+    if not rows:
+        raise InputError(f"{path}: no attitudes")
+    q = np.array(rows)
+    norm = np.linalg.norm(q, axis=1)
+    bad = np.flatnonzero(~(np.abs(norm - 1) <= NORM))
+    if bad.size:
+        raise InputError(f"{path}: the quaternion of attitude {bad[0] + 1} has norm {norm[bad[0]]:.9g}, not 1")
+    q = q / norm[:, None] * ([-1.0, -1.0, -1.0, 1.0] if conjugate else [1.0, 1.0, 1.0, 1.0])
+    whole, part = zip(*times, strict=True)
+    return Clock(np.array(whole, dtype=np.int64), np.array(part), scale), q
+
+
+def require_dates(recording: Recording, what: str) -> tuple[str, datetime]:
+    """Time scale and epoch of a recording whose times have a date."""
+    need_one_sensor(recording.attitudes)
+    scale = recording.time_scale.upper()
+    if scale not in ("UTC", "GPS"):
+        raise InputError(f"{what} needs dates in UTC or GPS time; the recording's time scale is {recording.time_scale!r}")
+    return scale, date_of(recording.epoch)
+
+
+def format_time(epoch: datetime, t_s: float) -> str:
+    """A time with nanoseconds."""
+    nanoseconds = round(t_s * NANO) + epoch.microsecond * 1000
+    return f"{epoch.replace(microsecond=0) + timedelta(seconds=nanoseconds // NANO):%Y-%m-%dT%H:%M:%S}.{nanoseconds % NANO:09d}"
+
+
+def format_numbers(values: Sequence[float] | Array) -> list[str]:
+    """Numbers with all their digits."""
+    return [f"{float(value):.17g}" for value in values]

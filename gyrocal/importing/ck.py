@@ -1,136 +1,75 @@
 """SPICE's C-kernels (CK) with their spacecraft clock (SCLK): attitudes of types 1, 2 and 3 read, type 3 written.
 
-A record's quaternion has the scalar part first, and its matrix takes components in the reference frame to those in the
-instrument's: v_instrument = C v_reference. SPICE makes the matrix of a quaternion that of the rotation of vectors; A(q) here is
-that of the rotation of frames. So C = A(q) for A's (q₁, q₂, q₃, q₄) where SPICE's numbers are (q₄, −q₁, −q₂, −q₃).
+NAIF's toolkit, through ``spiceypy``, reads both. Its pointing matrix takes components in the reference frame to those in the
+instrument's, v_instrument = C v_reference: C = A(q). Its quaternions have the scalar part first and stand for rotations of
+vectors, where A(q) is that of frames: SPICE's numbers for A's (q₁, q₂, q₃, q₄) are (q₄, −q₁, −q₂, −q₃).
 
-A segment's numbers lie one kind after another (NAIF, "CK Required Reading"), directories of every hundredth time among them:
-
-    type 1   n quaternions (with rates: 7 numbers) · n times · directory · n
-    type 2   n × (quaternion, rate, seconds a tick) · n starts · n stops · directory
-    type 3   as type 1 up to the directory · m starts of interpolation intervals · their directory · m · n
-
-Type 2 turns at a constant rate ω in the reference frame: C(t) = C(start) exp(−[ω×](t − start)).
+A process has one pool of kernels: they are loaded into it and unloaded again. Unloading a clock drops values that were put into
+the pool by hand (``pdpool``), as every ``unload`` of a text kernel does.
 """
 
 from __future__ import annotations
 
 import os
-from dataclasses import dataclass
-from datetime import UTC, timedelta
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
+from datetime import timedelta
 from decimal import Decimal
 from itertools import pairwise
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
+from gyrocal import attitude
 from gyrocal.errors import InputError
-from gyrocal.importing import ccsds_fields as fields
-from gyrocal.importing import daf
-from gyrocal.importing.aem import Aem, rows_of
-from gyrocal.importing.sclk import GPS_AT_J2000, LONGEST, read_sclk, write_sclk
-from gyrocal.importing.units import GPS_EPOCH, leap_seconds
-from gyrocal.recording import Recording
+from gyrocal.files import replacing
+from gyrocal.importing import ccsds
+from gyrocal.importing.aem import Aem
+from gyrocal.importing.units import GPS_EPOCH, Clock, leap_seconds
+from gyrocal.recording import Recording, reference_rows
 
 Array = NDArray[np.float64]
 
-INERTIAL = {1: "J2000", 17: "ECLIPJ2000", 13: "GALACTIC"}
 BUILT_IN = 21  # SPICE's inertial frames have the numbers 1 to 21
-DIRECTORY = 100
 CONJUGATE = np.array([1.0, -1.0, -1.0, -1.0])
 TICKS = (10**9, 10**6, 10**3)  # a second; the finest that a double still counts is written
+LONGEST = 2**53  # ticks that a double counts exactly
+# J2000 is 2000-01-01T12:00:00 TT; GPS time is TT − 51.184 s and counts from 1980-01-06, 7300.5 days before.
+GPS_AT_J2000 = Decimal(7300 * 86400 + 43200) - Decimal("51.184")
+# TDB − TT by the constants of NAIF's leap second kernels; the leap seconds themselves are not needed.
+TDB = ["DELTET/DELTA_T_A = 32.184", "DELTET/K = 1.657D-3", "DELTET/EB = 1.671D-2", "DELTET/M = ( 6.239996D0 1.99096871D-7 )"]
 
 
-@dataclass(frozen=True)
-class Pointing:
-    """Attitudes of one instrument.
-
-    Attributes
-    ----------
-    ticks : (m,) encoded spacecraft clock
-    q : (m, 4) A(q), inertial to instrument, scalar last
-    instrument, frame : NAIF numbers
-    """
-
-    ticks: Array
-    q: Array
-    instrument: int
-    frame: int
-
-
-def read_pointing(path: str | os.PathLike[str], instrument: int | None = None) -> Pointing:
-    """The attitudes of one instrument, of all its segments.
+@contextmanager
+def _toolkit(what: str, *kernels: str | os.PathLike[str]) -> Iterator[Any]:
+    """Give NAIF's toolkit with some kernels loaded, and unload them afterwards.
 
     Parameters
     ----------
-    path : CK
-    instrument : NAIF number; that of the file if there is only one
-
-    Raises
-    ------
-    InputError
-        It is no CK, or its attitudes cannot be read.
+    what : with which a message begins
+    kernels : in the order in which they are loaded
     """
-    path = Path(path)
-    segments = daf.read(path, "CK")
-    there = sorted({one.integers[0] for one in segments})
-    if instrument is None and len(there) == 1:
-        instrument = there[0]
-    chosen = [one for one in segments if one.integers[0] == instrument]
-    if instrument is None or not chosen:
-        which = f"no instrument {instrument}" if instrument is not None else "several instruments"
-        raise InputError(f"{path}: {which}; there are {', '.join(map(str, there)) or 'none'}")
-    frames = {one.integers[1] for one in chosen}
-    if len(frames) > 1 or not 1 <= min(frames) <= BUILT_IN:
-        raise InputError(f"{path}: the reference frame is {', '.join(map(str, sorted(frames)))}; one inertial frame is needed")
-    read = [_segment(one, path) for one in chosen]
-    ticks, q = np.concatenate([t for t, _ in read]), np.concatenate([q for _, q in read])
-    norm = np.linalg.norm(q, axis=1)
-    bad = np.flatnonzero(~(np.abs(norm - 1) <= fields.NORM))
-    if bad.size:
-        raise InputError(f"{path}: quaternion {bad[0] + 1} has norm {norm[bad[0]]:.9g}, not 1")
-    order = np.argsort(ticks, kind="stable")
-    scalar_last = np.roll(q / norm[:, None] * CONJUGATE, -1, axis=1)
-    return Pointing(ticks[order], scalar_last[order], instrument, frames.pop())
-
-
-def _segment(segment: daf.Segment, path: Path) -> tuple[Array, Array]:
-    """Ticks (n,) and SPICE quaternions (n, 4) of a segment."""
-    kind, rates, data = segment.integers[2], segment.integers[3], segment.data
-    if kind == 2:
-        return _constant_rates(data, path)
-    if kind not in (1, 3):
-        raise InputError(f"{path}: segment {segment.name!r} is of type {kind}; read are 1, 2 and 3")
-    size, n = 7 if rates else 4, int(data[-1])
-    starts = int(data[-2]) if kind == 3 else 0
-    expected = n * (size + 1) + _listed(n) + (starts + _listed(starts) + 2 if kind == 3 else 1)
-    if n < 1 or expected != data.size:
-        raise InputError(f"{path}: segment {segment.name!r} has {data.size} numbers, not the {expected} of {n} attitudes")
-    return data[n * size : n * (size + 1)], data[: n * size].reshape(n, size)[:, :4]
-
-
-def _constant_rates(data: Array, path: Path) -> tuple[Array, Array]:
-    """Both ends of each interval of type 2; an end that is the next start is left out."""
-    n = (DIRECTORY * data.size + DIRECTORY) // (DIRECTORY * 10 + 1)
-    if n < 1 or 10 * n + _listed(n) != data.size:
-        raise InputError(f"{path}: a segment of type 2 has {data.size} numbers, which no number of intervals has")
-    records, starts, stops = data[: 8 * n].reshape(n, 8), data[8 * n : 9 * n], data[9 * n : 10 * n]
-    angle = records[:, 4:7] * (records[:, 7] * (stops - starts))[:, None]
-    # SPICE's quaternions multiply as their matrices do, and turn vectors: as scipy's rotations.
-    ends = np.roll((_rotation(records[:, :4]) * Rotation.from_rotvec(-angle)).as_quat(), 1, axis=1)
-    last = np.append(stops[:-1] < starts[1:], True) & (stops > starts)
-    return np.concatenate([starts, stops[last]]), np.concatenate([records[:, :4], ends[last]])
-
-
-def _rotation(q: Array) -> Rotation:
-    return Rotation.from_quat(np.roll(q, -1, axis=1))
-
-
-def _listed(n: int) -> int:
-    """Length of the directory of n times."""
-    return max(n - 1, 0) // DIRECTORY
+    try:
+        import spiceypy
+    except ImportError:
+        raise InputError(f'{what}: spiceypy is needed for SPICE kernels: pip install "gyrocal[spice]"') from None
+    loaded: list[str] = []
+    try:
+        for path in map(str, kernels):
+            spiceypy.furnsh(path)
+            loaded.append(path)
+        if not spiceypy.expool("DELTET/K"):
+            spiceypy.lmpool(TDB)
+        yield spiceypy
+    except (spiceypy.exceptions.SpiceyError, spiceypy.exceptions.NotFoundError) as fault:
+        words = " ".join(str(getattr(fault, "long", "") or fault).split())
+        raise InputError(f"{what}: SPICE: {words}") from None
+    finally:
+        for path in reversed(loaded):
+            spiceypy.unload(path)
 
 
 def read_ck(
@@ -149,11 +88,56 @@ def read_ck(
     InputError
         One of the two cannot be used.
     """
-    pointing = read_pointing(path, instrument)
-    number = int(pointing.instrument / 1000) if spacecraft is None else spacecraft
-    clock = read_sclk(sclk, number)
-    frame = INERTIAL.get(pointing.frame, f"frame {pointing.frame}")
-    return Aem(clock.gps(pointing.ticks), pointing.q, f"spacecraft {number}", (frame, str(pointing.instrument)))
+    path = Path(path)
+    with _toolkit(f"{path}, {sclk}", sclk, path) as spice:
+        if spice.getfat(str(path)) != ("DAF", "CK"):
+            raise InputError(f"{path}: not a binary C-kernel of SPICE")
+        there = sorted(spice.ckobj(str(path)))
+        if instrument is None and len(there) == 1:
+            instrument = int(there[0])
+        if instrument is None or instrument not in there:
+            which = f"no instrument {instrument}" if instrument is not None else "several instruments"
+            raise InputError(f"{path}: {which}; there are {', '.join(map(str, there))}")
+        ticks, frame = _tags(spice, path, instrument)
+        number = int(instrument / 1000) if spacecraft is None else spacecraft
+        C = np.array([spice.ckgp(instrument, tick, 0.0, frame)[0] for tick in ticks])
+        clock = _gps(spice, spice.sct2e(number, ticks))
+    return Aem(clock, attitude.quaternion_from_matrix(C), f"spacecraft {number}", (frame, str(instrument)))
+
+
+def _tags(spice: Any, path: Path, instrument: int) -> tuple[Array, str]:
+    """Encoded spacecraft clock (m,) of an instrument's attitudes, and the inertial frame that they are in.
+
+    A segment's numbers lie one kind after another. Types 1 and 3: n quaternions (with rates 7 numbers each), n times. Type 2: n
+    turns of 8 numbers, n starts, n stops (NAIF, "CK Required Reading").
+    """
+    handle = spice.kinfo(str(path))[2]
+    tags, frames = [], set()
+    spice.dafbfs(handle)
+    while spice.daffna():
+        summary = spice.dafgs(5)
+        owner, frame, kind, rates, first, last = (int(value) for value in spice.dafus(summary, 2, 6)[1])
+        if owner != instrument:
+            continue
+        frames.add(frame)
+        if kind not in (1, 2, 3):
+            raise InputError(f"{path}: segment {spice.dafgn()!r} is of type {kind}; read are 1, 2 and 3")
+        count = spice.cknr02(handle, summary) if kind == 2 else int(spice.dafgda(handle, last, last)[0])
+        size, times = (8, 2 * count) if kind == 2 else (7 if rates else 4, count)
+        begin = first + count * size
+        tags.append(spice.dafgda(handle, begin, begin + times - 1))
+    if len(frames) > 1 or not 1 <= min(frames) <= BUILT_IN:
+        raise InputError(f"{path}: the reference frame is {', '.join(map(str, sorted(frames)))}; one inertial frame is needed")
+    return np.unique(np.concatenate(tags)), spice.frmnam(frames.pop())
+
+
+def _gps(spice: Any, tdb_s: Array) -> Clock:
+    """GPS time at (n,) seconds of TDB past J2000, which are doubles: they resolve 1e-7 s."""
+    tt_s = np.array([spice.unitim(one, "TDB", "TDT") for one in tdb_s])
+    floor = np.floor(tt_s)
+    part = tt_s - floor + float(GPS_AT_J2000 % 1)
+    carry = np.floor(part)
+    return Clock((floor + carry).astype(np.int64) + int(GPS_AT_J2000), part - carry, "GPS")
 
 
 def write_ck(
@@ -183,30 +167,65 @@ def write_ck(
         raise InputError(
             f"CK: instrument {instrument} must be -1000 or less, and frame {frame} an inertial one, 1 to {BUILT_IN}"
         )
-    scale, epoch = fields.dated(recording, "a CK")
+    scale, epoch = ccsds.require_dates(recording, "a CK")
     t_s = recording.attitudes.t_s
     first = int(np.floor(t_s[0]))
     per_second = next((n for n in TICKS if (t_s[-1] - first) * n < LONGEST), 1)
     ticks = np.round((t_s - first) * per_second)
     if (np.diff(ticks) <= 0).any():
         raise InputError("CK: two attitudes lie within one tick of the clock")
-    at = epoch.replace(tzinfo=UTC)
-    since = Decimal((at - GPS_EPOCH) // timedelta(microseconds=1)) / 10**6  # of GPS time, or of UTC as if without leap seconds
-    gps = since + first + (leap_seconds(at) if scale == "UTC" else 0)
-    write_sclk(sclk, spacecraft, gps - GPS_AT_J2000, per_second, recording.title)
-    q = np.roll(recording.attitudes.quaternions, 1, axis=1) * CONJUGATE
+    since = (
+        Decimal((epoch - GPS_EPOCH) // timedelta(microseconds=1)) / 10**6
+    )  # of GPS time, or of UTC as if without leap seconds
+    gps = since + first + (leap_seconds(epoch) if scale == "UTC" else 0)
+    q = np.ascontiguousarray(np.roll(recording.attitudes.quaternions, 1, axis=1) * CONJUGATE)
     starts = np.unique(ticks[_starts(recording)])
-    data = [q.ravel(), ticks, _directory(ticks), starts, _directory(starts), np.array([starts.size, ticks.size])]
-    head = (instrument, frame, 3, 0)
-    segment = daf.Segment("references", (float(ticks[0]), float(ticks[-1])), head, np.concatenate(data))
-    daf.write(path, "CK", [segment], recording.title)
+    with tempfile.TemporaryDirectory() as folder, _toolkit("CK") as spice:
+        made = Path(folder) / "made.bc"  # SPICE writes no file that is there already
+        handle = spice.ckopn(str(made), " ".join(recording.title.encode("ascii", "replace").decode().split())[:60], 0)
+        numbers = (ticks.size, ticks, q, np.zeros((ticks.size, 3)), starts.size, starts)
+        spice.ckw03(handle, ticks[0], ticks[-1], instrument, spice.frmnam(frame), False, "references", *numbers)
+        spice.ckcls(handle)
+        content = made.read_bytes()
+    _write_clock(sclk, spacecraft, gps - GPS_AT_J2000, per_second, recording.title)
+    with replacing(path) as file:
+        file.write(content)
 
 
 def _starts(recording: Recording) -> NDArray[np.intp]:
     """First references of the intervals; of two that share one there is nothing between them to leave out."""
-    rows = [rows_of(recording, one) for one in recording.intervals]
+    rows = [reference_rows(recording.attitudes.t_s, one) for one in recording.intervals]
     return np.array([rows[0][0], *(b[0] for a, b in pairwise(rows) if b[0] != a[-1])])
 
 
-def _directory(times: Array) -> Array:
-    return times[DIRECTORY - 1 : _listed(times.size) * DIRECTORY : DIRECTORY]
+def _write_clock(path: str | os.PathLike[str], spacecraft: int, tt_s: Decimal, per_second: int, title: str) -> None:
+    """Write the clock that counts seconds of TT, and parts of them, from one moment.
+
+    Parameters
+    ----------
+    spacecraft : NAIF number, negative
+    tt_s : the moment, s of TT past J2000
+    per_second : ticks of a second
+    """
+    n = abs(spacecraft)
+    text = f"""KPL/SCLK
+
+{" ".join(title.split())[:60]}: seconds of TT from the moment of the coefficients, in {per_second} parts.
+
+\\begindata
+
+SCLK_KERNEL_ID             = ( @2000-JAN-01/12:00 )
+SCLK_DATA_TYPE_{n}        = ( 1 )
+SCLK01_TIME_SYSTEM_{n}    = ( 2 )
+SCLK01_N_FIELDS_{n}       = ( 2 )
+SCLK01_MODULI_{n}         = ( {LONGEST // per_second} {per_second} )
+SCLK01_OFFSETS_{n}        = ( 0 0 )
+SCLK01_OUTPUT_DELIM_{n}   = ( 1 )
+SCLK_PARTITION_START_{n}  = ( 0 )
+SCLK_PARTITION_END_{n}    = ( {LONGEST} )
+SCLK01_COEFFICIENTS_{n}   = ( 0 {tt_s:f} 1 )
+
+\\begintext
+"""
+    with replacing(path) as file:
+        file.write(text.encode("ascii", "replace"))

@@ -82,11 +82,6 @@ def resolve_columns(gyro: pd.DataFrame, attitude: pd.DataFrame, mapping: Mapping
     ----------
     gyro, attitude : the tables; the same object where one holds both
     mapping : with names, or numbers from 1
-
-    Raises
-    ------
-    InputError
-        A number is beyond the table's columns.
     """
     is_one = gyro is attitude
     entries: dict[str, str] = {}
@@ -132,13 +127,7 @@ def _resolve_text(text: str, columns: list[str], what: str, renamed: dict[str, s
 
 
 def _find_column(name: str, columns: list[str], what: str) -> tuple[str, str] | None:
-    """Sign, "" or "-", and name of the column that a mapping means; None where the table has none.
-
-    Raises
-    ------
-    InputError
-        A number is beyond the columns.
-    """
+    """Sign, "" or "-", and name of the column that a mapping means; None where the table has none."""
     if name in columns:
         return "", name
     sign, plain = ("-", name[1:].strip()) if name.startswith("-") else ("", name)

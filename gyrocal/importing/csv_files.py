@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import os
 from dataclasses import asdict
-from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -16,7 +15,7 @@ from numpy.typing import NDArray
 
 from gyrocal.errors import InputError
 from gyrocal.files import replacing
-from gyrocal.importing.units import GPS_EPOCH, UNIX_EPOCH, UNIX_RANGE_S, WEEK_S
+from gyrocal.importing.units import UNIX_RANGE_S, WEEK_S, date_of, second_of
 from gyrocal.recording import Attitudes, Interval, Recording, toml_value
 from gyrocal.recording.names import TRIAD
 from gyrocal.recording.trackers import COLUMN
@@ -56,13 +55,7 @@ def write_packets(recording: Recording, counts: pd.DataFrame, lsb: str, wrap: fl
 
 
 def _write(recording: Recording, gyro: pd.DataFrame, read: dict[str, Any], folder: str | os.PathLike[str]) -> None:
-    """A table of the gyro, one of the attitudes, and the mapping with what reads the former.
-
-    Raises
-    ------
-    InputError
-        It has no reference attitudes.
-    """
+    """A table of the gyro, one of the attitudes, and the mapping with what reads the former."""
     if not recording.attitudes.t_s.size:
         raise InputError("the recording has no reference attitudes, without which its tables are no import")
     folder = Path(folder)
@@ -74,7 +67,7 @@ def _write(recording: Recording, gyro: pd.DataFrame, read: dict[str, Any], folde
         | read
         | {
             "quat": "q1,q2,q3,q4:scalar-last:body-to-inertial",
-            **_of_sensors(recording.attitudes),
+            **_describe_sensors(recording.attitudes),
             "G": recording.gyro.apriori_G.tolist(),
             "bias_deg_s": np.rad2deg(recording.gyro.apriori_bias).tolist(),
             "title": recording.title,
@@ -90,7 +83,7 @@ def _write(recording: Recording, gyro: pd.DataFrame, read: dict[str, Any], folde
         file.write("".join(f"{name} = {toml_value(value)}\n" for name, value in entries.items()).encode())
 
 
-def _of_sensors(attitudes: Attitudes) -> dict[str, Any]:
+def _describe_sensors(attitudes: Attitudes) -> dict[str, Any]:
     """What a mapping says of the attitude sensors, or of the only one."""
 
     def sigma(rows: Any) -> list[float]:
@@ -120,16 +113,15 @@ def _span(interval: Interval, begins_s: float) -> dict[str, Any]:
 def _timed(table: pd.DataFrame, recording: Recording) -> tuple[pd.DataFrame, dict[str, Any], float]:
     """The table with its times, the entries of a mapping that read them, and what of the epoch is no whole second, s."""
     scale = recording.time_scale.upper()
-    given = datetime.fromisoformat(recording.epoch)
-    epoch = given.astimezone(UTC) if given.tzinfo else given.replace(tzinfo=UTC)
+    epoch = date_of(recording.epoch)
     whole, values = epoch.replace(microsecond=0), table.drop(columns="t_s")
     nanoseconds = np.round(table["t_s"].to_numpy(dtype=np.float64) * NANO).astype(np.int64) + epoch.microsecond * 1000
-    unix = int((epoch - UNIX_EPOCH).total_seconds() // 1)
+    unix = second_of(epoch, "UTC")
     if scale == "UTC" and UNIX_RANGE_S[0] < unix < UNIX_RANGE_S[1]:
         values.insert(0, "unix_ns", unix * NANO + nanoseconds)
         return values, {"time": "unix_ns:ns", "epoch": whole.isoformat()}, epoch.microsecond / 1e6
     if scale == "GPS":
-        seconds = int((epoch - GPS_EPOCH).total_seconds() // 1) + nanoseconds // NANO
+        seconds = second_of(epoch, "GPS") + nanoseconds // NANO
         values.insert(0, "gps_week", seconds // WEEK_S)
         values.insert(1, "gps_second", seconds % WEEK_S + nanoseconds % NANO / NANO)
         said = {"time": "gps_week,gps_second:gps", "epoch": whole.replace(tzinfo=None).isoformat()}

@@ -12,7 +12,7 @@ from gyrocal.errors import InputError
 from gyrocal.importing import noise
 from gyrocal.importing.mapping import Mapping
 from gyrocal.importing.motion import Motion
-from gyrocal.importing.sensors import Together
+from gyrocal.importing.sensors import JoinedAttitudes
 from gyrocal.importing.streams import Sensor, Streams
 from gyrocal.recording import Attitudes, GyroStream, Interval, Recording
 
@@ -25,19 +25,19 @@ MOST_PAIRS = 600
 LEAST_SIGMA = np.deg2rad(2e-9)
 
 
-def degrees(values: Array) -> str:
+def format_degrees(values: Array) -> str:
     """Angles in degrees, four digits each."""
     return ", ".join(f"{value:.4g}" for value in np.rad2deg(values))
 
 
-def start_bias(mapping: Mapping, rates: Array, still: list[tuple[int, int]], windows: Motion, said: list[str]) -> Array:
+def estimate_bias(mapping: Mapping, rates: Array, still: list[tuple[int, int]], windows: Motion, said: list[str]) -> Array:
     """b of ω = ω_raw + b to start from."""
     if mapping.bias_deg_s is not None:
         return np.deg2rad(mapping.bias_deg_s)
     if still:
         first, stop = still[0]
         bias = -rates[first:stop].mean(axis=0)
-        said.append(f"bias to start from, b = {degrees(bias)} deg/s, is minus the mean of the first rest")
+        said.append(f"bias to start from, b = {format_degrees(bias)} deg/s, is minus the mean of the first rest")
         return np.asarray(bias)
     gyro, inside = windows.gyro()
     difference = windows.attitudes()[inside] - gyro[inside]
@@ -46,11 +46,11 @@ def start_bias(mapping: Mapping, rates: Array, still: list[tuple[int, int]], win
     if np.linalg.norm(bias) < 0.02 * np.linalg.norm(gyro[inside], axis=1).mean():
         said.append("bias to start from is zero")
         return np.zeros(3)
-    said.append(f"bias to start from, b = {degrees(bias)} deg/s, is the mean difference of attitudes' and gyro's rates")
+    said.append(f"bias to start from, b = {format_degrees(bias)} deg/s, is the mean difference of attitudes' and gyro's rates")
     return np.asarray(bias)
 
 
-def walk(
+def estimate_walk(
     mapping: Mapping, streams: Streams, rates: Array, still: list[tuple[int, int]], parity: Array, said: list[str]
 ) -> float:
     """Angle random walk of each gyro, rad/sqrt(s)."""
@@ -58,14 +58,14 @@ def walk(
         return float(np.deg2rad(mapping.arw_deg_per_sqrt_s))
     if parity.shape[1]:
         # Parity rows are orthonormal: each has the noise of one gyro.
-        walk = noise.allan_walk([parity], streams.sample_s)
+        walk = noise.estimate_walk_at_rest([parity], streams.sample_s)
         assert walk is not None
         arw, how = float(np.sqrt(np.mean(np.square(walk)))), "the parity of the gyros"
     else:
-        walk = noise.allan_walk([rates[a:b] for a, b in still], streams.sample_s)
+        walk = noise.estimate_walk_at_rest([rates[a:b] for a, b in still], streams.sample_s)
         how = f"the Allan deviation of the rests at {noise.ALLAN_S:g} s"
         if walk is None:
-            walk, how = noise.third_differences(rates, streams.sample_s), "third differences in motion, an upper bound"
+            walk, how = noise.estimate_walk_in_motion(rates, streams.sample_s), "third differences in motion, an upper bound"
         arw = float(np.sqrt(np.mean(np.square(walk))))
     if not arw > 0:
         raise InputError("gyro: its noise cannot be told from these rates; give arw_deg_per_sqrt_s")
@@ -73,23 +73,24 @@ def walk(
     return arw
 
 
-def reference_sigma(gyro: GyroStream, joined: Together, chosen: list[Indices], said: list[str]) -> Array:
+def estimate_reference_sigma(gyro: GyroStream, joined: JoinedAttitudes, chosen: list[Indices], said: list[str]) -> Array:
     """(3,) 1-sigma of the references about the body's axes, rad."""
     if joined.covariance is not None:
         return np.asarray(np.sqrt(np.diag(joined.covariance)))
-    pairs = _successive(chosen)
+    pairs = _list_pairs(chosen)
     if len(pairs) < FEWEST_PAIRS:
         raise InputError(f"{len(pairs)} turns between references are too few to take their sigma from; give sigma_deg")
-    sigma = _of_turns(gyro, joined.t_s, joined.q, pairs, np.eye(3))
+    sigma = _estimate_sigma_of_turns(gyro, joined.t_s, joined.q, pairs, np.eye(3))
     if not (sigma > LEAST_SIGMA).all():
         raise InputError("the references scatter less than the gyro between two of them: give sigma_deg, or a shorter spacing")
-    said.append(
-        f"sigma of the references {degrees(sigma)} deg, from the turns between them; errors that they share are not in it"
-    )
+    degrees = format_degrees(sigma)
+    said.append(f"sigma of the references {degrees} deg, from the turns between them; errors that they share are not in it")
     return sigma
 
 
-def sensor_sigma(gyro: GyroStream, sensor: Sensor, M: Array, scatter: Array, chosen: list[Indices], said: list[str]) -> Array:
+def estimate_sensor_sigma(
+    gyro: GyroStream, sensor: Sensor, M: Array, scatter: Array, chosen: list[Indices], said: list[str]
+) -> Array:
     """(3,) 1-sigma of one of several sensors about its own axes, rad.
 
     What the gyro misses from one attitude to the next, or second differences, whichever is less: motion that a gyro follows
@@ -101,39 +102,41 @@ def sensor_sigma(gyro: GyroStream, sensor: Sensor, M: Array, scatter: Array, cho
     scatter : (3,) of its second differences, rad
     chosen : its rows in each interval
     """
-    pairs = _successive(chosen)
+    pairs = _list_pairs(chosen)
     sigma, how = scatter, "second differences"
     if len(pairs) >= FEWEST_PAIRS:
         q = attitude.quaternion_from_matrix(M.T @ attitude.matrix_from_quaternion(sensor.q))
-        own = _of_turns(gyro, sensor.t_s, q, pairs, M)
+        own = _estimate_sigma_of_turns(gyro, sensor.t_s, q, pairs, M)
         if (own > LEAST_SIGMA).all() and own @ own < sigma @ sigma:
             sigma, how = own, "the turns between its attitudes"
-    said.append(f"1-sigma about the axes of {sensor.name}: {degrees(sigma)} deg, from {how}; errors that last are not in it")
+    said.append(
+        f"1-sigma about the axes of {sensor.name}: {format_degrees(sigma)} deg, from {how}; errors that last are not in it"
+    )
     return sigma
 
 
-def _successive(chosen: list[Indices]) -> list[tuple[int, int]]:
+def _list_pairs(chosen: list[Indices]) -> list[tuple[int, int]]:
     pairs = [pair for rows in chosen for pair in pairwise(rows.tolist())]
     return pairs[:: max(-(-len(pairs) // MOST_PAIRS), 1)]
 
 
-def _of_turns(gyro: GyroStream, t_s: Array, q: Array, pairs: list[tuple[int, int]], M: Array) -> Array:
+def _estimate_sigma_of_turns(gyro: GyroStream, t_s: Array, q: Array, pairs: list[tuple[int, int]], M: Array) -> Array:
     """(3,) sigma about axes that M takes those of the body to, from the turns between two attitudes (m, 4) of the body."""
-    left, R = noise.increment_residuals(_pieces(gyro, t_s, q, pairs))
+    left, R = noise.increment_residuals(_build_pieces(gyro, t_s, q, pairs))
     elapsed = float(np.median([t_s[b] - t_s[a] for a, b in pairs]))
     return noise.axis_sigma(left @ M.T, M @ R @ M.T, gyro.arw**2 * elapsed)
 
 
-def carried(gyro: GyroStream, joined: Together, chosen: list[Indices]) -> float:
+def compute_largest_miss(gyro: GyroStream, joined: JoinedAttitudes, chosen: list[Indices]) -> float:
     """Largest angle by which the gyro, from one attitude used, misses the next, rad; infinite of fewer than three."""
-    pairs = _successive(chosen)
+    pairs = _list_pairs(chosen)
     if len(pairs) < FEWEST_ARRIVALS:
         return np.inf
-    theta, *_ = noise.missed(_pieces(gyro, joined.t_s, joined.q, pairs))
+    theta, *_ = noise.missed(_build_pieces(gyro, joined.t_s, joined.q, pairs))
     return float(np.linalg.norm(theta, axis=1).max())
 
 
-def _pieces(gyro: GyroStream, t_s: Array, q: Array, pairs: list[tuple[int, int]]) -> Recording:
+def _build_pieces(gyro: GyroStream, t_s: Array, q: Array, pairs: list[tuple[int, int]]) -> Recording:
     """A recording whose intervals are from one attitude to another."""
     used = np.unique(np.array(pairs))
     return Recording(

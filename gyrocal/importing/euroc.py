@@ -72,15 +72,14 @@ def import_euroc(
         attitude[names] = np.roll((Rotation.from_quat(q) * Rotation.from_matrix(turn)).as_quat(), 1, axis=1)
         said.append("the attitudes are turned from the reference sensor's axes to the IMU's by the T_BS of both")
     made = {
-        "time": f"{_time(gyro)}:ns",
-        "attitude_time": f"{_time(attitude)}:ns",
+        "time": f"{gyro.columns[0]}:ns",
+        "attitude_time": f"{attitude.columns[0]}:ns",
         "gyro": f"{','.join(_columns(gyro, RATES, 'imu0'))}:rad/s",
         "quat": f"{','.join(names)}:scalar-first:body-to-world",
         "title": f"EuRoC form, {root.resolve().parent.name}",
     }
     mapping = checked(made | entries, str(folder))
-    found = streams(gyro, attitude, mapping)
-    return build(type(found)(**{**vars(found), "assumed": (*said, *found.assumed)}), mapping)
+    return build(streams(gyro, attitude, mapping), mapping, said=said)
 
 
 def _columns(table: pd.DataFrame, wanted: tuple[str, ...], where: str) -> list[str]:
@@ -90,10 +89,6 @@ def _columns(table: pd.DataFrame, wanted: tuple[str, ...], where: str) -> list[s
     if missing:
         raise InputError(f"{where}/data.csv: no column {', '.join(missing)}; there are {', '.join(found)}")
     return [found[name] for name in wanted]
-
-
-def _time(table: pd.DataFrame) -> str:
-    return str(table.columns[0])
 
 
 def _turn(root: Path, reference: str) -> Array:

@@ -11,10 +11,9 @@ from numpy.typing import NDArray
 
 from gyrocal.errors import InputError
 from gyrocal.importing.mapping import Mapping, Span
-from gyrocal.importing.sensors import Together
+from gyrocal.importing.sensors import JoinedAttitudes
 from gyrocal.importing.streams import GAP
-from gyrocal.recording import GyroStream, Interval
-from gyrocal.recording.parts import TIME_TOLERANCE_S
+from gyrocal.recording import GyroStream, Interval, reference_rows
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
@@ -25,17 +24,11 @@ REFERENCES = 150  # of an interval, at most
 HOLE = 5.0  # times the usual spacing without an attitude
 
 
-def intervals(gyro: GyroStream, joined: Together, mapping: Mapping, said: list[str]) -> list[Indices]:
-    """Rows of the attitudes of each interval.
-
-    Raises
-    ------
-    InputError
-        None has two.
-    """
+def intervals(gyro: GyroStream, joined: JoinedAttitudes, mapping: Mapping, said: list[str]) -> list[Indices]:
+    """Rows of the attitudes of each interval."""
     t_ref, sample_s = joined.t_s, gyro.sample_s
     if mapping.interval is not None:
-        chosen = of_stated(t_ref, mapping.interval, mapping.spacing_s or 0.0)
+        chosen = select_rows(t_ref, mapping.interval, mapping.spacing_s or 0.0)
         for one, rows in zip(mapping.interval, chosen, strict=True):
             if len(rows) < 2:
                 raise InputError(
@@ -83,25 +76,16 @@ def intervals(gyro: GyroStream, joined: Together, mapping: Mapping, said: list[s
     return [np.array(rows) for rows in found]
 
 
-def of_stated(t_ref: Array, spans: list[Span], spacing_s: float) -> list[Indices]:
+def select_rows(t_ref: Array, spans: list[Span], spacing_s: float) -> list[Indices]:
     """Rows of attitudes in each of some intervals, none nearer to the one before than the spacing."""
     chosen = []
     for one in spans:
-        rows = np.flatnonzero((t_ref >= one.start_s - TIME_TOLERANCE_S) & (t_ref <= one.stop_s + TIME_TOLERANCE_S))
         kept: list[int] = []
-        for row in rows.tolist():
+        for row in reference_rows(t_ref, one.interval).tolist():
             if not kept or t_ref[row] - t_ref[kept[-1]] >= (1 - 1e-6) * spacing_s:
                 kept.append(row)
         chosen.append(np.array(kept, dtype=np.intp))
     return chosen
-
-
-def stated(spans: list[Span]) -> tuple[Interval, ...]:
-    """Intervals as the mapping states them."""
-    return tuple(
-        Interval(one.name, one.activity, one.start_s, one.stop_s, one.forward, None if one.gyros is None else tuple(one.gyros))
-        for one in spans
-    )
 
 
 def _longest(mapping: Mapping, turn_at: Array, t_ref: Array) -> float:
@@ -112,7 +96,7 @@ def _longest(mapping: Mapping, turn_at: Array, t_ref: Array) -> float:
     return float(np.clip(TURN / max(rate, 1e-12), *INTERVAL_S))
 
 
-def named(t_ref: Array, rows: Indices, still: list[tuple[int, int]], t_s: Array, number: int) -> Interval:
+def name_interval(t_ref: Array, rows: Indices, still: list[tuple[int, int]], t_s: Array, number: int) -> Interval:
     """The interval of some rows of the attitudes, named by its number and by what the body does in it."""
     start, stop = float(t_ref[rows[0]]), float(t_ref[rows[-1]])
     resting = sum(max(min(stop, t_s[b - 1]) - max(start, t_s[a]), 0.0) for a, b in still)

@@ -11,6 +11,7 @@ transpose, G⁻ᵀ = Q R, M = Rᵀ, C = Qᵀ, with signs that make the diagonal 
 from __future__ import annotations
 
 import os
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -26,13 +27,7 @@ Array = NDArray[np.float64]
 
 
 def read_yaml(path: str | os.PathLike[str]) -> dict[str, Any]:
-    """A YAML file of keys and values; OpenCV's first line is skipped.
-
-    Raises
-    ------
-    InputError
-        It cannot be read, or PyYAML is not installed.
-    """
+    """A YAML file of keys and values; OpenCV's first line is skipped."""
     try:
         import yaml
     except ImportError:
@@ -60,17 +55,11 @@ def noise_density(path: str | os.PathLike[str]) -> float:
     if isinstance(value, dict):  # imu0: {gyroscope_noise_density: …}
         value = value.get("gyroscope_noise_density")
     if isinstance(value, str):  # YAML 1.1 takes 1e-3, without a point, for a text
-        value = _number(value)
+        with suppress(ValueError):
+            value = float(value)
     if isinstance(value, bool) or not isinstance(value, int | float) or not 0 < value < 1:
         raise InputError(f"{path}: gyroscope_noise_density must be a positive number of rad/s/sqrt(Hz)")
     return float(np.rad2deg(value))
-
-
-def _number(text: str) -> float | None:
-    try:
-        return float(text)
-    except ValueError:
-        return None
 
 
 def scale_and_misalignment(G: ArrayLike) -> tuple[Array, Array]:

@@ -27,7 +27,8 @@ from scipy.spatial.transform import Rotation
 
 from gyrocal.errors import InputError
 from gyrocal.recording import read_toml, validation_message
-from gyrocal.recording.trackers import NORM_TOLERANCE
+from gyrocal.recording.checks import NORM_TOLERANCE
+from gyrocal.recording.header import IntervalHeader
 
 Array = NDArray[np.float64]
 
@@ -44,17 +45,10 @@ Vector = Annotated[list[float], Field(min_length=3, max_length=3)]
 Quaternion = Annotated[list[float], Field(min_length=4, max_length=4)]
 
 
-class Span(BaseModel):
-    """An interval as recording.toml has it: s since the epoch, and the gyros that were on."""
+class Span(IntervalHeader):
+    """An interval as recording.toml has it, but that its activity need not be said."""
 
-    model_config = ConfigDict(extra="forbid", frozen=True, strict=True, allow_inf_nan=False)
-
-    name: str
     activity: str = ""
-    start_s: float
-    stop_s: float
-    forward: Literal["+x", "-x", "+y", "-y", "none"] | None = None
-    gyros: list[str] | None = None
 
 
 class Mapping(BaseModel):
@@ -115,26 +109,14 @@ class Mapping(BaseModel):
 
     @property
     def attitude(self) -> str:
-        """Which of quat, euler and matrix is given.
-
-        Raises
-        ------
-        InputError
-            None or more than one.
-        """
+        """Which of quat, euler and matrix is given."""
         given = [name for name in ("quat", "euler", "matrix") if getattr(self, name) is not None]
         if len(given) != 1:
             raise InputError("attitude: give one of quat, euler and matrix, e.g. --quat qw,qx,qy,qz:body-to-inertial")
         return given[0]
 
     def body_to_sensor(self) -> dict[str, Array] | None:
-        """(3, 3) of each sensor whose mounting is stated, by name; None where none is.
-
-        Raises
-        ------
-        InputError
-            There is but one sensor, or a quaternion has not norm 1.
-        """
+        """(3, 3) of each sensor whose mounting is stated, by name; None where none is."""
         if self.mountings is None:
             if self.mounting_sigma_deg is not None or self.estimated_mountings is not None:
                 raise InputError(
@@ -152,13 +134,7 @@ class Mapping(BaseModel):
         return {name: np.asarray(Rotation.from_quat(q).as_matrix().T) for name, q in self.mountings.items()}
 
     def directions(self, count: int) -> Array:
-        """G (3, count) that the mapping gives: its own, that of its axes, or the identity for three gyros.
-
-        Raises
-        ------
-        InputError
-            Its size is not that of the gyros, or they do not span space.
-        """
+        """G (3, count) that the mapping gives: its own, that of its axes, or the identity for three gyros."""
         if self.G is not None:
             if self.axes is not None:
                 raise InputError("give axes or G, not both")
@@ -222,13 +198,7 @@ def spec(text: str, what: str) -> tuple[list[str], list[str]]:
 
 
 def scalar_first(names: list[str], words: list[str]) -> bool:
-    """Whether a quaternion's first column is its scalar part, by what is said or by the columns' names.
-
-    Raises
-    ------
-    InputError
-        Neither tells.
-    """
+    """Whether a quaternion's first column is its scalar part, by what is said or by the columns' names."""
     said = [word for word in words if word in ORDERS]
     if len(said) == 1:
         return said[0] == ORDERS[0]
@@ -240,13 +210,7 @@ def scalar_first(names: list[str], words: list[str]) -> bool:
 
 
 def attitude_quaternions(kind: str, text: str, values: Array) -> Array:
-    """A(q), (m, 4) scalar last, of attitude columns (m, 3, 4 or 9) that `spec` has named.
-
-    Raises
-    ------
-    InputError
-        The words do not say what is needed, or the numbers are no rotations.
-    """
+    """A(q), (m, 4) scalar last, of attitude columns (m, 3, 4 or 9) that `spec` has named."""
     names, words = spec(text, kind)
     inverse = [DIRECTIONS[word] for word in words if word in DIRECTIONS]
     if len(inverse) != 1:

@@ -60,6 +60,21 @@ class Motion:
         return np.asarray(body.as_rotvec() / (self.stop_s - self.start_s)[:, None])
 
 
+def rotate_onto(reference: Array, rates: Array, mirrored: bool = False) -> tuple[Array, float]:
+    """Orthogonal C (3, 3) with Σ|reference − C rates|² least, and tr(Cᵀ Σ reference ratesᵀ) of it.
+
+    Source: Kabsch, A solution for the best rotation to relate two sets of vectors, Acta Cryst. A32, 1976.
+
+    Parameters
+    ----------
+    reference, rates : (n, 3)
+    mirrored : whether C may be a reflection
+    """
+    U, values, Vt = np.linalg.svd(reference.T @ rates)
+    signs = np.array([1.0, 1.0, 1.0 if mirrored else np.sign(np.linalg.det(U @ Vt))])
+    return np.asarray(U * signs @ Vt), float(values @ signs)
+
+
 def motion(t_s: Array, rates: Array, sample_s: float, t_ref: Array, q: Array, count: int = WINDOWS) -> Motion | None:
     """Windows over what both sides cover; None if there are too few.
 

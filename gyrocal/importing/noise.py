@@ -20,7 +20,7 @@ MAD_TO_SIGMA = 1.4826
 CLIP = 4.0  # increments beyond so many robust sigmas are left out of the preliminary fit
 
 
-def allan_walk(stretches: list[Array], sample_s: float) -> Array | None:
+def estimate_walk_at_rest(stretches: list[Array], sample_s: float) -> Array | None:
     """Angle random walk (k,) rad/sqrt(s) of white rate noise: overlapping Allan deviation near `ALLAN_S`, times its root.
 
     Parameters
@@ -43,7 +43,7 @@ def allan_walk(stretches: list[Array], sample_s: float) -> Array | None:
     return np.asarray(np.sqrt(0.5 * np.concatenate(squares).mean(axis=0) * m * sample_s))
 
 
-def third_differences(rates: Array, sample_s: float) -> Array:
+def estimate_walk_in_motion(rates: Array, sample_s: float) -> Array:
     """Upper bound (k,) rad/sqrt(s) of the angle random walk in motion, which third differences of the rates all but remove.
 
     The variance of x₀ − 3x₁ + 3x₂ − x₃ of white noise is 20 times its own.

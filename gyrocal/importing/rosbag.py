@@ -66,20 +66,13 @@ def import_bag(
     }
     made |= {"mounting": "estimate"} if estimate_mounting else {}
     mapping = checked(made | entries, str(path))
-    found = streams(gyro, attitude, mapping)
-    return build(type(found)(**{**vars(found), "assumed": (*said, *found.assumed)}), mapping)
+    return build(streams(gyro, attitude, mapping), mapping, said=said)
 
 
 def read_bag(
     path: str | os.PathLike[str], imu_topic: str | None = None, pose_topic: str | None = None
 ) -> tuple[pd.DataFrame, pd.DataFrame, list[str]]:
-    """Gyro (x, y, z, t) and attitudes (qx, qy, qz, qw, t) of a bag as tables, t in ns, and what was taken for granted.
-
-    Raises
-    ------
-    InputError
-        The bag or a topic cannot be read.
-    """
+    """Gyro (x, y, z, t) and attitudes (qx, qy, qz, qw, t) of a bag as tables, t in ns, and what was taken for granted."""
     path = Path(path)
     try:
         from rosbags.highlevel import AnyReader

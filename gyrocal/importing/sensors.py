@@ -36,7 +36,7 @@ TURNED = np.deg2rad(2.0)  # of a sensor from its stated mounting: more is anothe
 
 
 @dataclass(frozen=True)
-class Together:
+class JoinedAttitudes:
     """Attitudes of one body by all sensors.
 
     Attributes
@@ -57,12 +57,12 @@ class Together:
     apart: dict[str, Array]
 
 
-def together(
+def join_sensors(
     sensors: tuple[Sensor, ...],
     stated: dict[str, Array] | None,
     lag_s: float = 0.0,
     mountings: Mapping[str, Array] | None = None,
-) -> Together:
+) -> JoinedAttitudes:
     """Join the sensors' attitudes at the first one's times, and at those of others where it has dropped out.
 
     Parameters
@@ -71,11 +71,6 @@ def together(
     stated : 1-sigma about each one's own axes, rad, by name; None estimates it
     lag_s : of the second differences that it is estimated from; one step of a sensor at least
     mountings : (3, 3) body to sensor of each as stated, by name
-
-    Raises
-    ------
-    InputError
-        They have too few common times, or what is stated is not theirs.
     """
     first = sensors[0]
     if stated is not None and set(stated) != {one.name for one in sensors}:
@@ -84,7 +79,7 @@ def together(
         raise InputError(f"mountings: give it for {', '.join(one.name for one in sensors)}")
     if len(sensors) == 1:
         covariance = None if stated is None else np.diag(np.square(stated[first.name]))
-        return Together(first.t_s, first.q, covariance, {first.name: np.eye(3)}, dict(stated or {}), {})
+        return JoinedAttitudes(first.t_s, first.q, covariance, {first.name: np.eye(3)}, dict(stated or {}), {})
     t_s = _times(sensors)
     seen = [_seen(one, t_s) for one in sensors]
     own = [_at(one, t_s) for one in sensors]  # inertial to sensor, (m, 3, 3)
@@ -102,7 +97,7 @@ def together(
                 f"mountings: the attitudes of {first.name} and {one.name} say that {one.name} sits {np.rad2deg(off):.1f} deg "
                 "from where it is stated; are they quaternions from body to sensor, scalar last?"
             )
-    sigma = stated or {one.name: scatter(one, lag_s) for one in sensors}
+    sigma = stated or {one.name: estimate_scatter(one, lag_s) for one in sensors}
     body = [mounting[one.name] @ values for one, values in zip(sensors, own, strict=True)]
     base = np.array(body[0])
     for mask, values in zip(seen[:0:-1], body[:0:-1], strict=True):  # of the first that sees
@@ -120,7 +115,7 @@ def together(
         for one, mask, values in zip(sensors[1:], seen[1:], body[1:], strict=True)
     }
     q = attitude.quaternion_from_matrix(attitude.rotation_matrix(shift) @ base)
-    return Together(t_s, q, np.asarray(np.linalg.inv(sum(weights))), mounting, sigma, apart)
+    return JoinedAttitudes(t_s, q, np.asarray(np.linalg.inv(sum(weights))), mounting, sigma, apart)
 
 
 def _step(sensor: Sensor) -> float:
@@ -154,7 +149,7 @@ def _at(sensor: Sensor, t_s: Array) -> Array:
     return np.asarray(between.inv().as_matrix())
 
 
-def scatter(sensor: Sensor, lag_s: float) -> Array:
+def estimate_scatter(sensor: Sensor, lag_s: float) -> Array:
     """(3,) 1-sigma about the sensor's own axes, rad, from second differences over a lag."""
     step = float(np.median(np.diff(sensor.t_s)))
     lag = max(round(lag_s / step), 1)

@@ -7,7 +7,6 @@ accumulated angle are means over the time between two tags exactly, whatever lie
 from __future__ import annotations
 
 from dataclasses import dataclass
-from datetime import datetime
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -138,23 +137,33 @@ def _gyro(frame: pd.DataFrame, mapping: Mapping) -> tuple[units.Clock, Array, tu
     tags, unit = spec(mapping.time, "time")
     if mapping.gyro_by is not None:
         frame, names = _side_by_side(frame, mapping.gyro_by, tags, names)
-    values = numbers(frame, names, "gyro")
-    good = np.isfinite(values).all(axis=1)
-    if not good.any():
-        raise InputError(f"gyro: no row of {', '.join(names)} holds numbers")
-    assumed = _without_numbers(np.asarray(good), None if mapping.gyro_by else frame.index, "gyro")
     if len(words) != 1:
         raise InputError(f"gyro: {mapping.gyro!r} must have one unit")
-    clock = units.clock(_picked(frame, tags, "time").iloc[np.flatnonzero(good)], _word(unit, "time"))
-    return clock, values[good], tuple(name.removeprefix("-") for name in names), assumed
+    clock, values, assumed = _rows(frame, names, "gyro", "gyro", ("time", tags, unit), mapping.gyro_by is None)
+    return clock, values, tuple(name.removeprefix("-") for name in names), assumed
 
 
-def _without_numbers(good: NDArray[np.bool_], index: pd.Index | None, what: str) -> list[str]:
-    """What is said of rows that are left out, with the place of the first where the rows are those of the table."""
+def _rows(
+    frame: pd.DataFrame, names: list[str], key: str, what: str, time: tuple[str, list[str], list[str]], places: bool = True
+) -> tuple[units.Clock, Array, list[str]]:
+    """Time tags and numbers of the rows that hold numbers, and what is said of the others.
+
+    Parameters
+    ----------
+    key, what : entry of the mapping, and what is measured
+    time : entry of the mapping, columns and unit
+    places : whether the rows are those of the table, so that the first left out can be told
+    """
+    values = numbers(frame, names, key)
+    good = np.isfinite(values).all(axis=1)
+    if not good.any():
+        raise InputError(f"{key}: no row of {', '.join(names)} holds numbers")
+    entry, tags, unit = time
+    clock = units.clock(_picked(frame, tags, entry).iloc[np.flatnonzero(good)], _word(unit, entry))
     if good.all():
-        return []
-    first = "" if index is None else f", the first of them row {int(index[np.flatnonzero(~good)[0]])}"
-    return [f"{int((~good).sum())} {what} row(s) without numbers are left out{first}"]
+        return clock, values, []
+    first = f", the first of them row {int(frame.index[np.flatnonzero(~good)[0]])}" if places else ""
+    return clock, values[good], [f"{int((~good).sum())} {what} row(s) without numbers are left out{first}"]
 
 
 def _side_by_side(frame: pd.DataFrame, by: str, tags: list[str], names: list[str]) -> tuple[pd.DataFrame, list[str]]:
@@ -178,15 +187,10 @@ def _attitudes(frame: pd.DataFrame, mapping: Mapping) -> tuple[list[tuple[str, A
         parts = [(str(name), part) for name, part in frame.groupby(mapping.attitude_by, sort=False)]
     named, clocks, assumed = [], [], []
     for name, part in parts:
-        values = numbers(part, names, kind)
-        good = np.isfinite(values).all(axis=1)
-        if not good.any():
-            raise InputError(f"{kind}: no row of {', '.join(names)} holds numbers")
-        assumed += _without_numbers(np.asarray(good), part.index, "attitude")
-        named.append((name, attitude_quaternions(kind, text, values[good])))
-        clocks.append(
-            units.clock(_picked(part, tags, "attitude_time").iloc[np.flatnonzero(good)], _word(unit, "attitude_time"))
-        )
+        clock, values, said = _rows(part, names, kind, "attitude", ("attitude_time", tags, unit))
+        assumed += said
+        named.append((name, attitude_quaternions(kind, text, values)))
+        clocks.append(clock)
     return named, clocks, assumed
 
 
@@ -229,15 +233,9 @@ def _one_scale(clocks: list[units.Clock]) -> tuple[units.Clock, list[units.Clock
 
 
 def _second(epoch: str, scale: str) -> int:
-    """The whole second of a clock in which an epoch is.
-
-    Raises
-    ------
-    InputError
-        It is no date.
-    """
+    """The whole second of a clock in which an epoch is."""
     try:
-        return units.second_of(datetime.fromisoformat(epoch), scale)
+        return units.second_of(units.date_of(epoch), scale)
     except ValueError as fault:
         raise InputError(f"epoch: {fault}") from None
 

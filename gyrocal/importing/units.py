@@ -77,20 +77,19 @@ def epoch_of(second: int, scale: str) -> datetime:
     return {"UTC": UNIX_EPOCH, "GPS": GPS_EPOCH}[scale] + timedelta(seconds=second)
 
 
+def date_of(text: str) -> datetime:
+    """An ISO 8601 date with tzinfo UTC; one without an offset from UTC is taken as of the clock's own scale."""
+    date = datetime.fromisoformat(text)
+    return date.astimezone(UTC) if date.tzinfo else date.replace(tzinfo=UTC)
+
+
 def second_of(date: datetime, scale: str) -> int:
-    """The whole second of a clock in which a date is; one without an offset from UTC is taken as of the clock's own scale."""
-    date = date if date.tzinfo else date.replace(tzinfo=UTC)
+    """The whole second of a clock in which a date is."""
     return (date - {"UTC": UNIX_EPOCH, "GPS": GPS_EPOCH}[scale]) // timedelta(seconds=1)
 
 
 def expect_date(clock: Clock, what: str) -> None:
-    """Refuse tags without a date that would have one in another unit.
-
-    Raises
-    ------
-    InputError
-        With the unit that fits.
-    """
+    """Refuse tags without a date that would have one in another unit."""
     if clock.scale:
         return
     low, high = UNIX_RANGE_S
@@ -102,13 +101,7 @@ def expect_date(clock: Clock, what: str) -> None:
 
 
 def to_utc(clock: Clock) -> Clock:
-    """GPS tags as UTC ones; UTC ones as they are.
-
-    Raises
-    ------
-    InputError
-        The tags have no epoch.
-    """
+    """GPS tags as UTC ones; UTC ones as they are."""
     if clock.scale == "UTC":
         return clock
     if clock.scale != "GPS":
@@ -119,13 +112,7 @@ def to_utc(clock: Clock) -> Clock:
 
 
 def clock(columns: pd.DataFrame, unit: str) -> Clock:
-    """Time tags of one column, or of GPS week and second of the week in two.
-
-    Raises
-    ------
-    InputError
-        The unit is not known, or the column does not hold such times.
-    """
+    """Time tags of one column, or of GPS week and second of the week in two."""
     import pandas as pd
 
     name = ", ".join(map(str, columns.columns))
@@ -173,13 +160,7 @@ def _parted(values: NDArray[np.generic], places: int, scale: str) -> Clock:
 
 
 def quantity(text: str, what: str) -> tuple[float, str]:
-    """Number and unit of a text such as "5e-9 rad".
-
-    Raises
-    ------
-    InputError
-        It is not a number and a unit of angle or rate.
-    """
+    """Number and unit of a text such as "5e-9 rad"."""
     number, _, unit = text.strip().partition(" ")
     unit = unit.strip()
     try:
@@ -193,13 +174,7 @@ def quantity(text: str, what: str) -> tuple[float, str]:
 
 
 def gyro_factor(unit: str, lsb: str | None) -> tuple[float, bool]:
-    """What a column's number is multiplied with to be rad/s or rad, and whether it is an accumulated angle.
-
-    Raises
-    ------
-    InputError
-        The unit is not known, or counts have no LSB.
-    """
+    """What a column's number is multiplied with to be rad/s or rad, and whether it is an accumulated angle."""
     if unit == COUNTS:
         if lsb is None:
             raise InputError("gyro: counts need the size of one, e.g. --lsb '0.0175 deg/s', or '5e-9 rad' of accumulated angle")

@@ -1,9 +1,8 @@
 """What a file of a recording claims, looked at before it is read: a pipe or a device, or far more than a recording can be.
 
-Nothing is read from what is no regular file, since a pipe without a writer waits for ever and /dev/zero never ends. The rows
-and columns of a Parquet file are in its footer, whose length is in its last eight bytes (Apache Parquet format, file layout);
-runs of equal values are so well compressed that a file of a kilobyte may hold 10⁹ of them. CSV tells its columns in its first
-line, and cannot hold more than its size.
+Nothing is read from what is no regular file, since a pipe without a writer waits for ever and /dev/zero never ends. A Parquet
+file of a kilobyte may hold 10⁹ equal values; its footer says how many. CSV tells its columns in its first line, and cannot hold
+more than its size.
 """
 
 from __future__ import annotations
@@ -16,20 +15,12 @@ from gyrocal.errors import InputError
 
 MOST_VALUES = 400_000_000  # in a table, 3.2 GB; 10⁷ samples of four columns are a tenth of it
 MOST_COLUMNS = 1000
-LARGEST_FOOTER = 1 << 24  # bytes; that of 1000 columns in ten row groups has about two million
 LARGEST_LINE = 1 << 20  # bytes of names
 LARGEST_HEADER = 1 << 24  # bytes of recording.toml
-MAGIC = b"PAR1"
 
 
 def check_regular(path: Path) -> None:
-    """Refuse what is no regular file; one that is not there is left to whoever reads it.
-
-    Raises
-    ------
-    InputError
-        It is a folder, a pipe, a device or a socket.
-    """
+    """Refuse what is no regular file; one that is not there is left to whoever reads it."""
     try:
         mode = os.stat(path).st_mode
     except OSError:
@@ -46,13 +37,7 @@ def check_header(path: Path) -> None:
 
 
 def check_table(path: Path) -> None:
-    """Refuse a table that is no regular file or claims more than can be read; a damaged one is left to whoever reads it.
-
-    Raises
-    ------
-    InputError
-        With what it claims.
-    """
+    """Refuse a table that is no regular file or claims more than can be read; a damaged one is left to whoever reads it."""
     check_regular(path)
     rows, columns = _of_parquet(path) if path.suffix == ".parquet" else (0, _columns_of_csv(path))
     if columns > MOST_COLUMNS:
@@ -67,15 +52,6 @@ def _of_parquet(path: Path) -> tuple[int, int]:
     import pyarrow as pa  # late, as pandas
     import pyarrow.parquet as pq
 
-    size = path.stat().st_size
-    with path.open("rb") as file:
-        file.seek(max(size - 8, 0))
-        tail = file.read(8)
-    length = int.from_bytes(tail[:4], "little")
-    if tail[4:] != MAGIC or length > size:
-        return 0, 0
-    if length > LARGEST_FOOTER:
-        raise InputError(f"{path}: what describes its columns has {length} bytes, of {LARGEST_FOOTER} at most")
     try:
         about = pq.read_metadata(path)
     except (pa.ArrowException, OSError):

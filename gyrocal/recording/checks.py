@@ -68,6 +68,16 @@ def check_gyro(gyro: GyroStream) -> None:
         )
 
 
+def check_norms(quaternions: Array, what: str = "") -> None:
+    """Quaternions (m, 4) of norm 1."""
+    norms = np.linalg.norm(quaternions, axis=1)
+    bad = np.flatnonzero(~(np.abs(norms - 1) <= NORM_TOLERANCE))
+    if bad.size:
+        raise InputError(
+            f"{what}quaternion in row {bad[0]} has norm {norms[bad[0]]:.9g}, not 1 ({bad.size} such); normalise them"
+        )
+
+
 def check_attitudes(attitudes: Attitudes) -> None:
     """Times that increase, unit quaternions, and sigmas that an attitude can have."""
     if attitudes.sensor is None:
@@ -78,12 +88,7 @@ def check_attitudes(attitudes: Attitudes) -> None:
     count = attitudes.t_s.size
     if attitudes.quaternions.shape != (count, 4) or attitudes.sigma.shape != (count, 3):
         raise InputError("attitude: four quaternion elements and three sigmas a row are needed")
-    norms = np.linalg.norm(attitudes.quaternions, axis=1)
-    bad = np.flatnonzero(~(np.abs(norms - 1) <= NORM_TOLERANCE))
-    if bad.size:
-        raise InputError(
-            f"attitude: quaternion in row {bad[0]} has norm {norms[bad[0]]:.9g}, not 1 ({bad.size} such); normalise them"
-        )
+    check_norms(attitudes.quaternions, "attitude: ")
     bad = np.flatnonzero(~((attitudes.sigma >= SIGMA_RANGE[0]) & (attitudes.sigma <= SIGMA_RANGE[1])).all(axis=1))
     if bad.size:
         low, high = np.rad2deg(SIGMA_RANGE)

@@ -22,42 +22,9 @@ import numpy as np
 from gyrocal.errors import InputError
 from gyrocal.files import held, write_together
 from gyrocal.recording import checks, header, sensor_tables, tables, trackers
-from gyrocal.recording.checks import spans
-from gyrocal.recording.names import (
-    GYRO_NAME,
-    MOST_GYROS,
-    OPTIONAL_TABLES,
-    QUATERNION_COLUMNS,
-    RATE_COLUMNS,
-    SIGMA_COLUMNS,
-    TRIAD,
-    rate_columns,
-)
-from gyrocal.recording.parts import Attitudes, GyroStream, Interval, Orbit, reference_rows, without_attitudes
+from gyrocal.recording.names import OPTIONAL_TABLES, QUATERNION_COLUMNS, SIGMA_COLUMNS, TRIAD, rate_columns
+from gyrocal.recording.parts import Attitudes, GyroStream, Orbit, without_attitudes
 from gyrocal.recording.recording import Recording
-from gyrocal.recording.toml import read_toml, toml_value
-
-__all__ = [
-    "GYRO_NAME",
-    "MOST_GYROS",
-    "QUATERNION_COLUMNS",
-    "RATE_COLUMNS",
-    "SIGMA_COLUMNS",
-    "TRIAD",
-    "Attitudes",
-    "GyroStream",
-    "Interval",
-    "Orbit",
-    "Recording",
-    "load",
-    "rate_columns",
-    "read_toml",
-    "reference_rows",
-    "save",
-    "spans",
-    "toml_value",
-    "without_attitudes",
-]
 
 HEADER = "recording.toml"
 IS_A_RECORDING = f"a recording is a folder with {HEADER} in it"
@@ -92,7 +59,8 @@ def _load(folder: Path) -> Recording:
     gyro_name, gyro = tables.read(folder, "gyro", ("t_s", *rates), rates if switched else ())
     attitude_name, attitude = "attitude", None
     if tables.find(folder, "attitude") is not None or names == TRIAD:
-        wanted = trackers.columns(said.attitude.sensor, ("t_s", *QUATERNION_COLUMNS), SIGMA_COLUMNS)
+        stated = bool(said.attitude.sensor) and all(one.sigma_deg for one in said.attitude.sensor)
+        wanted = ("t_s", *QUATERNION_COLUMNS, *(() if stated else SIGMA_COLUMNS))
         attitude_name, attitude = tables.read(folder, "attitude", wanted)
     optional = {name: tables.read(folder, name, ("t_s",))[1] for name in OPTIONAL_TABLES if tables.find(folder, name)}
     stream = GyroStream(
@@ -133,10 +101,7 @@ def _load(folder: Path) -> Recording:
             time_scale=said.time_scale,
             gyro=stream,
             attitudes=attitudes,
-            intervals=tuple(
-                Interval(i.name, i.activity, i.start_s, i.stop_s, i.forward, None if i.gyros is None else tuple(i.gyros))
-                for i in said.interval
-            ),
+            intervals=tuple(one.interval for one in said.interval),
             orbit=Orbit(**said.orbit.model_dump()) if said.orbit else None,
             tables={name: table for name, table in optional.items() if name not in sensor_tables.known(optional)},
             sensors=sensors,
@@ -156,7 +121,7 @@ def save(recording: Recording, folder: str | os.PathLike[str]) -> None:
     """Write a recording; the folder is made, and an existing recording in it is replaced as a whole or, after an error, not."""
     from gyrocal.recording import parquet  # late, as pandas
 
-    frames = tables.frames(recording)
+    frames = tables.frames(recording.gyro, recording.attitudes, recording.tables, recording.sensors)
     absent = [f"{name}.parquet" for name in ("gyro", "attitude", *OPTIONAL_TABLES) if name not in frames]
     in_csv = [f"{name}.csv" for name in ("gyro", "attitude", *OPTIONAL_TABLES)]  # of a recording that was here before
     files = {f"{name}.parquet": partial(parquet.write, frame) for name, frame in frames.items()}

@@ -18,7 +18,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gyrocal.errors import InputError
-from gyrocal.recording.format import TRIAD, GyroStream, Recording
+from gyrocal.recording.names import TRIAD
+from gyrocal.recording.parts import GyroStream
+from gyrocal.recording.recording import Recording
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from datetime import datetime
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import Annotated, Literal
 
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, ValidationInfo, field_validator, model_validator
@@ -18,11 +18,10 @@ from gyrocal.recording import bounds, trackers
 from gyrocal.recording.checks import spans
 from gyrocal.recording.faults import validation_message
 from gyrocal.recording.names import MOST_GYROS, TRIAD, check_names
+from gyrocal.recording.parts import Interval
+from gyrocal.recording.recording import Recording
 from gyrocal.recording.toml import read_toml, toml_value
 from gyrocal.recording.trackers import SensorHeader
-
-if TYPE_CHECKING:
-    from gyrocal.recording.recording import Recording
 
 
 class _Model(BaseModel):
@@ -70,13 +69,20 @@ class _OrbitHeader(_Model):
     argument_of_latitude_deg: float | None = None
 
 
-class _IntervalHeader(_Model):
+class IntervalHeader(_Model):
+    """An interval as a file states it."""
+
     name: str = Field(min_length=1)
     activity: str
     start_s: float
     stop_s: float
     forward: Literal["+x", "-x", "+y", "-y", "none"] | None = None
     gyros: list[str] | None = None
+
+    @property
+    def interval(self) -> Interval:
+        """The same in memory."""
+        return Interval(**self.model_dump() | {"gyros": None if self.gyros is None else tuple(self.gyros)})
 
 
 class Header(_Model):
@@ -89,7 +95,7 @@ class Header(_Model):
     gyro: _GyroHeader
     attitude: _AttitudeHeader
     orbit: _OrbitHeader | None = None
-    interval: list[_IntervalHeader] = Field(min_length=1)
+    interval: list[IntervalHeader] = Field(min_length=1)
 
     @field_validator("epoch")
     @classmethod
@@ -109,13 +115,7 @@ class Header(_Model):
 
 
 def read(path: Path) -> Header:
-    """The header in a file.
-
-    Raises
-    ------
-    InputError
-        One line with the file and all that is wrong in it.
-    """
+    """The header in a file."""
     bounds.check_header(path)
     try:
         return Header.model_validate(read_toml(path))
@@ -125,13 +125,12 @@ def read(path: Path) -> Header:
 
 def text(recording: Recording) -> str:
     """The header of a recording as it is on file."""
-    gyro = recording.gyro
-    orbit = (
-        {} if recording.orbit is None else {name: value for name, value in vars(recording.orbit).items() if value is not None}
-    )
+    gyro, attitudes = recording.gyro, recording.attitudes
+    known = {} if recording.orbit is None else vars(recording.orbit)
+    orbit: dict[str, object] = {key: float(value) for key, value in known.items() if value is not None}
     named = recording.is_array or any(interval.gyros is not None for interval in recording.intervals)
-    second = named or bool(recording.attitudes.sensors) or len(orbit) > 3
-    sections: list[tuple[str, dict[str, object]]] = [
+    second = named or bool(attitudes.sensors) or len(orbit) > 3
+    sections: list[tuple[str, dict[str, object]]] = [  # what is None is left out
         (
             "",
             {
@@ -146,41 +145,30 @@ def text(recording: Recording) -> str:
             {
                 "sample_s": float(gyro.sample_s),
                 "kind": "rate",
-                "arw_deg_per_sqrt_s": float(np.rad2deg(gyro.arw)),
-                **({"arw_estimated": True} if gyro.arw_estimated else {}),
-                **({"names": list(gyro.names)} if named else {}),
+                "arw_deg_per_sqrt_s": gyro.arw_deg_per_sqrt_s,
+                "arw_estimated": gyro.arw_estimated or None,
+                "names": list(gyro.names) if named else None,
                 "apriori_G": gyro.apriori_G.tolist(),
-                "apriori_bias_deg_s": np.rad2deg(gyro.apriori_bias).tolist(),
+                "apriori_bias_deg_s": gyro.apriori_bias_deg_s.tolist(),
             },
         ),
         (
             "[attitude]",
             {
-                "maps": trackers.maps(recording.attitudes),
+                "maps": trackers.MAPS if attitudes.sensors else "inertial to body",
                 "quaternion": "scalar last",
-                **({"sigma_estimated": True} if recording.attitudes.sigma_estimated else {}),
+                "sigma_estimated": attitudes.sigma_estimated or None,
             },
         ),
-        *trackers.header_sections(recording.attitudes),
+        *(("[[attitude.sensor]]", trackers.entries(one)) for one in attitudes.sensors),
+        *([("[orbit]", orbit)] if orbit else []),
+        *(
+            ("[[interval]]", vars(one) | {"start_s": float(one.start_s), "stop_s": float(one.stop_s)})
+            for one in recording.intervals
+        ),
     ]
-    if orbit:
-        sections.append(("[orbit]", {name: float(value) for name, value in orbit.items()}))
-    for interval in recording.intervals:
-        sections.append(
-            (
-                "[[interval]]",
-                {
-                    "name": interval.name,
-                    "activity": interval.activity,
-                    "start_s": float(interval.start_s),
-                    "stop_s": float(interval.stop_s),
-                    **({} if interval.forward is None else {"forward": interval.forward}),
-                    **({} if interval.gyros is None else {"gyros": list(interval.gyros)}),
-                },
-            )
-        )
     blocks = []
     for title, entries in sections:
-        lines = [title] if title else []
-        blocks.append("\n".join(lines + [f"{key} = {toml_value(value)}" for key, value in entries.items()]))
+        lines = [f"{key} = {toml_value(value)}" for key, value in entries.items() if value is not None]
+        blocks.append("\n".join([title, *lines] if title else lines))
     return "\n\n".join(blocks) + "\n"

@@ -6,9 +6,9 @@ from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
 from gyrocal.recording.names import TRIAD
-from gyrocal.recording.trackers import AttitudeSensor
 
 Array = NDArray[np.float64]
 
@@ -76,6 +76,29 @@ class GyroStream:
     def apriori_bias_deg_s(self) -> Array:
         """(3,) a-priori b, deg/s."""
         return np.asarray(np.rad2deg(self.apriori_bias))
+
+
+@dataclass(frozen=True)
+class AttitudeSensor:
+    """A sensor of reference attitudes.
+
+    Attributes
+    ----------
+    name : of its own, with a digit at the end
+    mounting : (4,) quaternion, body to sensor, scalar last
+    estimated : whether its misalignment is a parameter of a calibration
+    mounting_sigma : (3,) prior 1-sigma of that about the sensor's axes, rad; None without a prior
+    """
+
+    name: str
+    mounting: Array = field(default_factory=lambda: np.array([0.0, 0.0, 0.0, 1.0]))
+    estimated: bool = False
+    mounting_sigma: Array | None = None
+
+    @property
+    def M(self) -> Array:
+        """(3, 3) body to sensor."""
+        return np.asarray(Rotation.from_quat(self.mounting).as_matrix().T)
 
 
 @dataclass(frozen=True)

@@ -129,13 +129,7 @@ def known(frames: Mapping[str, pd.DataFrame]) -> tuple[str, ...]:
 
 
 def read(frames: Mapping[str, pd.DataFrame]) -> SensorTables | None:
-    """The sensors' tables among those of a recording; None if there is none of them.
-
-    Raises
-    ------
-    InputError
-        One line that begins with the table's name.
-    """
+    """The sensors' tables among those of a recording; None if there is none of them."""
     names = known(frames)
     if not names:
         return None

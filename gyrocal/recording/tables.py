@@ -5,6 +5,7 @@ Files are in degrees, objects in radians.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -14,11 +15,11 @@ from numpy.typing import NDArray
 from gyrocal.errors import InputError
 from gyrocal.recording import bounds, sensor_tables, trackers
 from gyrocal.recording.names import QUATERNION_COLUMNS, SIGMA_COLUMNS, rate_columns
+from gyrocal.recording.parts import Attitudes, GyroStream
+from gyrocal.recording.sensor_tables import SensorTables
 
 if TYPE_CHECKING:
     import pandas as pd
-
-    from gyrocal.recording.recording import Recording
 
 Array = NDArray[np.float64]
 
@@ -87,11 +88,12 @@ def columns(frame: pd.DataFrame, names: tuple[str, ...]) -> Array:
     return np.ascontiguousarray(frame[list(names)].to_numpy(dtype=np.float64))
 
 
-def frames(recording: Recording) -> dict[str, pd.DataFrame]:
+def frames(
+    gyro: GyroStream, attitudes: Attitudes, others: Mapping[str, pd.DataFrame], sensors: SensorTables | None
+) -> dict[str, pd.DataFrame]:
     """The tables of a recording as they are on file."""
     import pandas as pd  # late: 65 MiB that a Monte Carlo worker does without
 
-    gyro, attitudes = recording.gyro, recording.attitudes
     of_gyro = ["t_s", *rate_columns(gyro.names)]
     own = {"gyro": pd.DataFrame(np.column_stack([gyro.t_s, np.rad2deg(gyro.rates)]), columns=of_gyro)}
     if attitudes.t_s.size:
@@ -103,6 +105,6 @@ def frames(recording: Recording) -> dict[str, pd.DataFrame]:
             own["attitude"][trackers.COLUMN] = [attitudes.sensors[k].name for k in attitudes.sensor]
     return {
         **own,
-        **recording.tables,
-        **(sensor_tables.frames(recording.sensors) if recording.sensors is not None else {}),
+        **others,
+        **(sensor_tables.frames(sensors) if sensors is not None else {}),
     }

@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
@@ -23,12 +23,11 @@ from pydantic import BaseModel, ConfigDict, Field, field_validator, model_valida
 from scipy.spatial.transform import Rotation
 
 from gyrocal.errors import InputError
+from gyrocal.recording.checks import NORM_TOLERANCE, check_norms
+from gyrocal.recording.parts import Attitudes, AttitudeSensor
 
 if TYPE_CHECKING:
     import pandas as pd
-
-    from gyrocal.recording.parts import Attitudes
-    from gyrocal.recording.recording import Recording
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
@@ -36,30 +35,6 @@ Indices = NDArray[np.intp]
 NAME = re.compile(r"[A-Za-z_]*[0-9]+")  # as a gyro's, so that it can stand in the place of an axis
 MAPS = "inertial to sensor"
 COLUMN = "sensor"
-NORM_TOLERANCE = 1e-6
-
-
-@dataclass(frozen=True)
-class AttitudeSensor:
-    """A sensor of reference attitudes.
-
-    Attributes
-    ----------
-    name : of its own, with a digit at the end
-    mounting : (4,) quaternion, body to sensor, scalar last
-    estimated : whether its misalignment is a parameter of a calibration
-    mounting_sigma : (3,) prior 1-sigma of that about the sensor's axes, rad; None without a prior
-    """
-
-    name: str
-    mounting: Array = field(default_factory=lambda: np.array([0.0, 0.0, 0.0, 1.0]))
-    estimated: bool = False
-    mounting_sigma: Array | None = None
-
-    @property
-    def M(self) -> Array:
-        """(3, 3) body to sensor."""
-        return np.asarray(Rotation.from_quat(self.mounting).as_matrix().T)
 
 
 class SensorHeader(BaseModel):
@@ -113,51 +88,27 @@ def check_header(format: int, maps: str, sensors: Sequence[SensorHeader]) -> Non
         raise ValueError(f"the mounting of {names[0]} cannot be estimated: the first sensor defines the axes of the body")
 
 
-def maps(attitudes: Attitudes) -> str:
-    """What the quaternions on file map to."""
-    return MAPS if attitudes.sensors else "inertial to body"
-
-
-def header_sections(attitudes: Attitudes) -> list[tuple[str, dict[str, object]]]:
-    """Sections of recording.toml; none of a single sensor in body axes."""
-    return [
-        (
-            "[[attitude.sensor]]",
-            {
-                "name": one.name,
-                "mounting": one.mounting.tolist(),
-                "estimated": one.estimated,
-                **({} if one.mounting_sigma is None else {"mounting_sigma_deg": np.rad2deg(one.mounting_sigma).tolist()}),
-            },
-        )
-        for one in attitudes.sensors
-    ]
+def entries(sensor: AttitudeSensor) -> dict[str, object]:
+    """A sensor's entries in recording.toml; what is None is left out."""
+    prior = sensor.mounting_sigma
+    return {
+        "name": sensor.name,
+        "mounting": sensor.mounting.tolist(),
+        "estimated": sensor.estimated,
+        "mounting_sigma_deg": None if prior is None else np.rad2deg(prior).tolist(),
+    }
 
 
 # ---- rows of the attitude table ------------------------------------------------------------------------------------------
 
 
-def columns(headers: Sequence[SensorHeader], always: tuple[str, ...], sigmas: tuple[str, ...]) -> tuple[str, ...]:
-    """Columns that the attitude table must have: sigmas may be left out where every sensor states its own."""
-    return always if headers and all(one.sigma_deg for one in headers) else (*always, *sigmas)
-
-
 def read(
     frame: pd.DataFrame, headers: Sequence[SensorHeader], sigmas: tuple[str, ...]
 ) -> tuple[Array, Array, Indices, tuple[AttitudeSensor, ...]]:
-    """Quaternions inertial to body (m, 4), sigmas (m, 3) rad, sensor of each row (m,), and the sensors.
-
-    Raises
-    ------
-    InputError
-        A row names a sensor that is not stated, or none; or its quaternion is none.
-    """
+    """Quaternions inertial to body (m, 4), sigmas (m, 3) rad, sensor of each row (m,), and the sensors."""
     sensor, sensors = _sensor_of_rows(frame, [one.name for one in headers]), tuple(one.sensor for one in headers)
     measured = frame[["q1", "q2", "q3", "q4"]].to_numpy(dtype=np.float64)
-    norms = np.linalg.norm(measured, axis=1)
-    bad = np.flatnonzero(np.abs(norms - 1) > NORM_TOLERANCE)
-    if bad.size:
-        raise InputError(f"quaternion in row {bad[0]} has norm {norms[bad[0]]:.9g}, not 1 ({bad.size} such); normalise them")
+    check_norms(measured)
     there = all(name in frame.columns for name in sigmas)
     own = frame[list(sigmas)].to_numpy(dtype=np.float64) if there else np.array([one.sigma_deg for one in headers])[sensor]
     return to_body(measured, sensor, sensors), np.deg2rad(own), sensor, sensors
@@ -240,26 +191,6 @@ def covariance(attitudes: Attitudes) -> Array:
     """(m, 3, 3) covariance Mᵀ diag(σ²) M of every reference in body axes, rad²."""
     M = to_axes(attitudes)
     return np.einsum("mki,mk,mkj->mij", M, attitudes.sigma**2, M)
-
-
-def of_sensor(recording: Recording, name: str) -> Recording:
-    """The recording with the references of one of its sensors alone, which keeps its axes and its mounting as stated.
-
-    Its body axes are those that this mounting stands for, and its sigmas are taken about them: the root of the diagonal of
-    their covariance there.
-
-    Raises
-    ------
-    InputError
-        There is none of that name, or an interval has too few of its references.
-    """
-    attitudes = recording.attitudes
-    names = [one.name for one in attitudes.sensors]
-    if name not in names:
-        raise InputError(f"no attitude sensor {name}; there are {', '.join(names) or 'none that are named'}")
-    own = kept_rows(attitudes, attitudes.sensor == names.index(name))
-    sigma = np.sqrt(np.diagonal(covariance(own), axis1=1, axis2=2))
-    return replace(recording, attitudes=replace(own, sigma=np.asarray(sigma), sensor=None, sensors=()))
 
 
 def need_one_sensor(attitudes: Attitudes) -> None:

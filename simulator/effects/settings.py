@@ -9,7 +9,7 @@ import math
 from collections.abc import Mapping
 
 from gyrocal.errors import InputError, hint
-from gyrocal.recording.format import GYRO_NAME
+from gyrocal.recording.names import GYRO_NAME
 from simulator.effects.base import Effect, Parameter, Setting, Value
 from simulator.effects.registry import REGISTRY
 

@@ -90,8 +90,7 @@ def _joined(
     entries = {"title": read.title} | stated | own | entries | options
     mapping = importing.checked(entries, str(file) if file else "options")
     table, attitude, mapping = resolve_columns(read_csv(gyro_file), attitude, mapping)
-    found = streams(table, attitude, mapping)
-    _write(build(type(found)(**{**vars(found), "assumed": (*said, *found.assumed)}), mapping), out, as_json)
+    _write(build(streams(table, attitude, mapping), mapping, said=said), out, as_json)
 
 
 @click.command("aem")
@@ -100,7 +99,7 @@ def _joined(
 @OUT
 @of_table
 def aem_command(gyro_file: Path, message: Path, out: Path, force: bool, **options: Any) -> None:
-    """Import a gyro's table and a CCSDS Attitude Ephemeris Message (version 2, KVN or XML). See docs/formats/aem.md.
+    """Import a gyro's table and a CCSDS Attitude Ephemeris Message (version 1 or 2, KVN or XML). See docs/formats/aem.md.
 
     \b
     Example:

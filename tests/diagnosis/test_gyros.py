@@ -12,7 +12,7 @@ from diagnosis.inference.attribution import Attribution, Ranked
 from diagnosis.inference.search import Explanation
 from diagnosis.settings import DEFAULT
 from gyrocal import InputError
-from gyrocal.recording.format import without_attitudes
+from gyrocal.recording.parts import without_attitudes
 from simulator.effects import parse
 from tests.gyro_arrays import TETRAHEDRON, array_recording
 

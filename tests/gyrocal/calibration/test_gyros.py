@@ -11,8 +11,8 @@ from gyrocal import GyroArray, InputError, UnobservableError, calibrate, calibra
 from gyrocal.attitude import cross_matrix, rotation_matrix
 from gyrocal.calibration.gyro_prior import prior_of_gyros
 from gyrocal.calibration.gyros import LARGEST_TURN, gain_jacobian, noise_walk, parity_sums
-from gyrocal.recording.format import without_attitudes
 from gyrocal.recording.gyros import gain, nominal
+from gyrocal.recording.parts import without_attitudes
 from tests.builders import RPO, mean_bounds, piecewise_recording
 from tests.gyro_arrays import SKEWED, TETRAHEDRON, array_recording
 

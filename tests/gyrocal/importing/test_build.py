@@ -4,15 +4,14 @@ from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
-import pandas as pd
 import pytest
 from scipy.spatial.transform import Rotation
 
 import gyrocal
 from gyrocal import InputError, attitude, importing
 from gyrocal.importing import agreement, checked, motion, noise, rests
-from gyrocal.importing.build import build, estimated_mounting, motion_of
-from gyrocal.importing.sensors import together
+from gyrocal.importing.build import build, estimate_mounting
+from gyrocal.importing.sensors import join_sensors
 from gyrocal.importing.streams import Sensor, Streams, streams
 from gyrocal.recording.gyros import nominal, parity
 from studies.validation import mems_log
@@ -31,38 +30,30 @@ def imported(data):
     return build(streams(data.gyro, data.attitude, mapping), mapping)
 
 
-def test_noise_bias_and_rests_are_found(imported, data):
+def test_noise_bias_rests_and_intervals_are_found_and_calibrated(imported, data):
     gyro = imported.recording.gyro
     assert np.rad2deg(gyro.arw) == pytest.approx(mems_log.ARW_DEG_PER_SQRT_S, rel=0.05)
     assert np.rad2deg(imported.recording.attitudes.sigma) == pytest.approx(mems_log.SIGMA_DEG, rel=0.15)
     # At rest G ω_raw + b = 0 up to noise; the bias to start from has G = I.
     np.testing.assert_allclose(gyro.apriori_bias, np.linalg.solve(data.G, data.bias), rtol=0.02)
     assert "2 rest(s) found" in imported.assumed
-
-
-def test_every_attitude_used_is_in_one_interval(imported):
+    assert set(imported.assumed) <= set(imported.summary()["value"])
     intervals = imported.recording.intervals
     assert all(b.start_s > a.stop_s for a, b in pairwise(intervals))
     assert max(one.stop_s - one.start_s for one in intervals) < 31
-
-
-def test_calibration_without_an_edit(imported, data):
     result = gyrocal.calibrate(imported.recording)
     error = result.parameters.vector - np.concatenate([data.G.ravel(), data.bias])
     assert (np.abs(error) < 4 * result.sigma).all()
     assert result.converged
 
 
-@pytest.mark.parametrize("kind", WRONG)
+@pytest.mark.parametrize("kind", [*WRONG, "two faults"])
 def test_a_wrong_mapping_is_named(data, kind):
-    changes, wanted = WRONG[kind]
+    two = {"gyro": "gx,gy,gz:rad/s", "quat": "qw,qx,qy,qz:inertial-to-body"}
+    both = "the attitude from body to inertial (body-to-inertial) and the gyro in deg/s, not rad/s"
+    changes, wanted = WRONG.get(kind, (two, both))
     message = refusal(data, changes)
     assert is_named(message, wanted), message
-
-
-def test_two_faults_are_named_together(data):
-    message = refusal(data, {"gyro": "gx,gy,gz:rad/s", "quat": "qw,qx,qy,qz:inertial-to-body"})
-    assert message.endswith("the attitude from body to inertial (body-to-inertial) and the gyro in deg/s, not rad/s")
 
 
 def test_a_scalar_last_file_read_as_scalar_first(data):
@@ -155,13 +146,13 @@ def test_two_sensors_are_one_body():
     errors = [Rotation.from_rotvec(rng.normal(size=(t.size, 3)) * sigma) for sigma in (own, its)]
     first = Sensor("A", t, (body * errors[0]).as_quat())
     second = Sensor("B", t, (body * MOUNTING * errors[1]).as_quat())
-    joined = together((first, second), None)
+    joined = join_sensors((first, second), None)
     angle = (Rotation.from_matrix(joined.mounting["B"]).inv() * MOUNTING).magnitude()
     assert angle < 4 * np.deg2rad(0.01) / np.sqrt(t.size)
     for name, sigma in (("A", own), ("B", its)):
         # Second differences of n samples of white noise: 35/18 of the variance of as many independent ones.
         np.testing.assert_allclose(joined.sigma[name], sigma, rtol=4 * np.sqrt(35 / 18 / 2 / t.size))
-    weighted = together((first, second), {"A": own, "B": its})
+    weighted = join_sensors((first, second), {"A": own, "B": its})
     error = attitude.residual(attitude.matrix_from_quaternion(weighted.q), body.as_matrix().transpose(0, 2, 1))
     nees = np.einsum("ni,ij,nj->n", error, np.linalg.inv(weighted.covariance), error)
     assert nees.mean() == pytest.approx(3.0, abs=4 * np.sqrt(6 / t.size))
@@ -181,11 +172,12 @@ def four(mirror=1.0, rng=None, walk=0.0):
 def test_the_mounting_of_a_tetrahedron_is_estimated(mirror):
     made, omega = four(mirror)
     G = checked(RIGHT | {"axes": "tetrahedron"}, "x").directions(4)
-    windows = motion_of(made, made.raw @ G.T, together(made.sensors, None))
-    C = estimated_mounting(windows, mirrored=True)
+    (sensor,) = made.sensors
+    windows = motion.motion(made.t_s, made.raw @ G.T, 0.1, sensor.t_s, sensor.q)
+    C = estimate_mounting(windows, mirrored=True)
     assert np.sign(np.linalg.det(C)) == mirror
     np.testing.assert_allclose(made.raw @ (C @ G).T, omega, atol=2e-3 * np.abs(omega).max())
-    assert np.linalg.det(estimated_mounting(windows, mirrored=False)) > 0
+    assert np.linalg.det(estimate_mounting(windows, mirrored=False)) > 0
 
 
 def test_four_gyros_stay_four_and_their_parity_has_their_noise():
@@ -272,9 +264,9 @@ def test_rests_of_a_body_that_turns_steadily_are_none():
 def test_walk_of_white_rates():
     rng = np.random.default_rng(4)
     rates = rng.normal(size=(20000, 3)) * 1e-3 / np.sqrt(0.01)
-    np.testing.assert_allclose(noise.allan_walk([rates], 0.01), 1e-3, rtol=0.05)
-    np.testing.assert_allclose(noise.third_differences(rates, 0.01), 1e-3, rtol=0.05)
-    assert noise.allan_walk([rates[:20]], 0.01) is None
+    np.testing.assert_allclose(noise.estimate_walk_at_rest([rates], 0.01), 1e-3, rtol=0.05)
+    np.testing.assert_allclose(noise.estimate_walk_in_motion(rates, 0.01), 1e-3, rtol=0.05)
+    assert noise.estimate_walk_at_rest([rates[:20]], 0.01) is None
 
 
 def test_a_single_axis_leaves_what_it_cannot_tell_in_the_message(data):
@@ -289,9 +281,3 @@ def test_a_single_axis_leaves_what_it_cannot_tell_in_the_message(data):
     assert " or " in found.sentence
     assert "x,y,-z" in found.sentence
     assert "inertial-to-body" in found.sentence
-
-
-def test_summary_has_what_was_assumed(imported):
-    table = imported.summary()
-    assert isinstance(table, pd.DataFrame)
-    assert set(imported.assumed) <= set(table["value"])

@@ -10,9 +10,8 @@ from scipy.spatial.transform import Rotation
 import gyrocal
 from gyrocal import InputError, importing
 from gyrocal.importing import agreement, checked
-from gyrocal.importing.build import motion_of
 from gyrocal.importing.columns import join_headers, read_two_headers, resolve_columns
-from gyrocal.importing.sensors import together
+from gyrocal.importing.motion import motion
 from gyrocal.importing.streams import read_csv, streams
 from studies.validation import mems_log
 from studies.validation.imports import RIGHT, refusal
@@ -139,22 +138,15 @@ def test_a_rotation_of_a_few_degrees_is_let_pass_and_said(data):
     rates = data.gyro[["gx", "gy", "gz"]].to_numpy() @ small.T
     mapping = checked(RIGHT, "mapping")
     found = streams(data.gyro.assign(gx=rates[:, 0], gy=rates[:, 1], gz=rates[:, 2]), data.attitude, mapping)
-    windows = motion_of(found, found.raw, together(found.sensors, None, 0.0, None))
+    (sensor,) = found.sensors
+    windows = motion(found.t_s, found.raw, found.sample_s, sensor.t_s, sensor.q)
     judged = agreement.agreement(windows, "deg/s", "ms", "scalar-first", True)
     assert judged.fits
     assert judged.rotated is not None
     assert np.rad2deg(judged.rotated.angle) == pytest.approx(12.0, abs=1.0)
-    assert (
-        agreement.agreement(
-            motion_of(
-                streams(data.gyro, data.attitude, mapping),
-                np.deg2rad(data.gyro[["gx", "gy", "gz"]].to_numpy()),
-                together(found.sensors, None, 0.0, None),
-            ),
-            "deg/s",
-        ).rotated
-        is None
-    )
+    straight = np.deg2rad(data.gyro[["gx", "gy", "gz"]].to_numpy())
+    windows = motion(found.t_s, straight, found.sample_s, sensor.t_s, sensor.q)
+    assert agreement.agreement(windows, "deg/s").rotated is None
 
 
 def test_calibrate_names_the_mounting_of_a_recording_that_is_too_far_off():

@@ -158,20 +158,16 @@ def test_a_calibration_goes_out_as_kalibr_s_model(run_cli, tmp_path):
 
 def test_what_is_not_kalibr_s_is_said(tmp_path):
     path = tmp_path / "imu.yaml"
+    four = simulator.simulate(simulator.override(simulator.load("trmm_tetrahedron"), {"gyro.sample_s": 8.0}), seed=1)
     kalibr.write_imu_yaml(replace(RECORDING, gyro=replace(RECORDING.gyro, arw=1e-5)), path)
     assert yaml.safe_load(path.read_text()).keys() == {"gyroscope_noise_density", "rostopic", "update_rate"}
     assert yaml.safe_load(path.read_text())["gyroscope_noise_density"] == 1e-5
     for recording, given, words in (
         (replace(RECORDING, gyro=replace(RECORDING.gyro, arw=0.0)), {}, "angle random walk is zero"),
+        (four, {}, "takes the three gyros x, y and z, not 1, 2, 3, 4"),
         (RECORDING, {"G": np.eye(3)}, "give G and bias"),
         (RECORDING, {"random_walk": 0.0}, "random walk of the bias must be positive"),
         (RECORDING, {"G": -np.eye(3), "bias": np.zeros(3)}, "of right-handed axes"),
     ):
         with pytest.raises(InputError, match=words):
             kalibr.write_imu_yaml(recording, path, **given)
-
-
-def test_kalibr_has_three_gyros(tmp_path):
-    four = simulator.simulate(simulator.override(simulator.load("trmm_tetrahedron"), {"gyro.sample_s": 8.0}), seed=1)
-    with pytest.raises(InputError, match="takes the three gyros x, y and z, not 1, 2, 3, 4"):
-        kalibr.write_imu_yaml(four, tmp_path / "imu.yaml")

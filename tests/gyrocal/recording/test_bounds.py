@@ -73,11 +73,6 @@ def test_many_columns_are_refused(folder):
     assert "200001 columns, of 1000 at most" in refusal(folder)
 
 
-def test_a_description_that_is_too_long_is_not_parsed(folder, monkeypatch):
-    monkeypatch.setattr(bounds, "LARGEST_FOOTER", 100)
-    assert "what describes its columns has" in refusal(folder)
-
-
 def test_a_header_that_is_none(folder):
     with (folder / "recording.toml").open("ab") as file:
         file.truncate(bounds.LARGEST_HEADER + 1)

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from gyrocal import InputError, calibrate, load, save, triad
-from gyrocal.recording.format import without_attitudes
 from gyrocal.recording.gyros import gain, inside, nominal, parity
+from gyrocal.recording.parts import without_attitudes
 from tests.builders import piecewise_recording
 from tests.gyro_arrays import ITSELF, SKEWED, TETRAHEDRON, array_recording
 
@@ -63,11 +63,14 @@ def test_format_2_keeps_names_switches_holes_and_the_lack_of_attitudes(tmp_path)
         triad(load(tmp_path))
 
 
-def test_three_gyros_are_still_format_1_on_file(tmp_path):
+def test_three_gyros_and_one_sensor_are_still_format_1_on_file(tmp_path):
     save(piecewise_recording(), tmp_path)
     header = (tmp_path / "recording.toml").read_text()
     assert header.startswith("format = 1\n")
+    assert 'maps = "inertial to body"' in header
     assert "names" not in header
+    assert "raan" not in header
+    assert "sensor" not in piecewise_recording().to_frame("attitude").columns
 
 
 def _changed(**changes):

@@ -7,7 +7,7 @@ import pandas as pd
 import pytest
 
 from gyrocal import InputError, load, save
-from gyrocal.recording.sensor_tables import SensorTables, frames
+from gyrocal.recording.sensor_tables import SensorTables
 from simulator import scenario
 from simulator.simulate import simulate
 
@@ -33,14 +33,6 @@ def test_what_is_saved_is_loaded(recording, tmp_path):
     assert not found.tables
     times, counts = found.sensors.sun.of(2)
     assert times.size == len(counts) == (recording.sensors.sun.sensor == 2).sum()
-
-
-def test_csv_is_read_too(recording, tmp_path):
-    save(recording, tmp_path)
-    for name, frame in frames(recording.sensors).items():
-        (tmp_path / f"{name}.parquet").unlink()
-        frame.to_csv(tmp_path / f"{name}.csv", index=False)
-    same(load(tmp_path).sensors, recording.sensors)
 
 
 def test_a_recording_without_has_none(recording, tmp_path):

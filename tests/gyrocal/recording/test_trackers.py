@@ -59,16 +59,6 @@ def test_sigmas_are_turned_from_the_sensor_to_the_body():
         assert np.trace(C) == pytest.approx(2 * small**2 + large**2, rel=1e-12)
 
 
-def test_one_sensor_is_written_in_format_1_as_before(tmp_path):
-    recording = simulator.simulate(simulator.override(simulator.load("trmm"), {"gyro.sample_s": 10.0}), noise=False)
-    gyrocal.save(recording, tmp_path / "one")
-    text = (tmp_path / "one" / "recording.toml").read_text()
-    assert "format = 1" in text
-    assert 'maps = "inertial to body"' in text
-    assert "raan" not in text
-    assert "sensor" not in recording.to_frame("attitude").columns
-
-
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [
