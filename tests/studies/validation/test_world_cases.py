@@ -24,7 +24,7 @@ from tests.studies.validation.world_plans import small_world
 CHEAP = 4
 
 
-SOURCES = ("known", "fresh", "exam/001")
+SOURCES = ("known", "fresh", "exam/001", "exam/002")
 
 
 @pytest.mark.parametrize("field", ["families", "plans", "grades"])

@@ -14,12 +14,13 @@ from studies.validation.world.sources import find_source
 from tests.studies.validation.world_plans import SMALL, small_world
 
 DRAWS = 12
-FAMILIES = {**KNOWN, **find_source("fresh").families, **find_source("exam/001").families}
+SOURCES = ("known", "fresh", "exam/001", "exam/002")
+FAMILIES = {name: family for source in SOURCES for name, family in find_source(source).families.items()}
 
 
 def source_of(family: Family) -> str:
     """The source that holds a family."""
-    return next(name for name in ("known", "fresh", "exam/001") if family.name in find_source(name).families)
+    return next(name for name in SOURCES if family.name in find_source(name).families)
 
 
 def settings(family: Family, name: str) -> list[Setting]:
@@ -49,7 +50,7 @@ def acts(family: Family) -> list[str]:
 
 def test_there_are_many_and_no_registry_holds_them():
     assert len(KNOWN) == sum(len(module.EFFECTS) for module in MODULES)
-    assert len(FAMILIES) == len(KNOWN) + sum(len(find_source(name).families) for name in ("fresh", "exam/001"))
+    assert len(FAMILIES) == sum(len(find_source(name).families) for name in SOURCES)
     assert not set(FAMILIES) & set(REGISTRY)
     assert {family.stage for family in FAMILIES.values()} <= set(STAGE_NAMES)
 

@@ -13,7 +13,8 @@ from studies.validation.world.motions.spacecraft import free_body
 from studies.validation.world.sources import find_source
 
 ORBIT = CircularOrbit(5e5, 1.0)
-KINDS = {**find_source("known").plans, **find_source("fresh").plans, **find_source("exam/001").plans}
+SOURCES = ("known", "fresh", "exam/001", "exam/002")
+KINDS = {name: kind for source in SOURCES for name, kind in find_source(source).plans.items()}
 LAWFUL = [name for name, kind in KINDS.items() if kind.motion]
 
 
