@@ -13,8 +13,9 @@ stage of the chain (`STAGES`), by the method which that stage calls, and says ho
 attitude to exp([e×]) A. Units are those of `Effect.unit`; arrays are in radians, radians per second and seconds.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from itertools import product
 from typing import Literal, NamedTuple, TypeVar
 
 import numpy as np
@@ -23,6 +24,7 @@ from simulator.effects.views import (
     Array,
     Detection,
     Fault,
+    Parameters,
     ProcessTimes,
     References,
     SampleTests,
@@ -45,6 +47,7 @@ __all__ = [
     "Effect",
     "Fault",
     "Parameter",
+    "Parameters",
     "ProcessTimes",
     "References",
     "SampleTests",
@@ -58,6 +61,7 @@ __all__ = [
     "Trial",
     "Value",
     "absent",
+    "log_uniform",
 ]
 
 AXES = ("x", "y", "z")
@@ -113,6 +117,11 @@ SYMPTOMS = (
 Method = TypeVar("Method", bound=Callable[..., object])
 
 
+def log_uniform(rng: np.random.Generator, low: float, high: float) -> float:
+    """Draw a number between two, uniform in its logarithm."""
+    return float(np.exp(rng.uniform(np.log(low), np.log(high))))
+
+
 @dataclass(frozen=True)
 class Setting:
     """One effect with its numbers; `simulator.effects.setting` makes a validated one.
@@ -128,7 +137,7 @@ class Setting:
     effect: str
     axis: str | None
     size: float
-    parameters: Mapping[str, Value] = field(default_factory=dict)
+    parameters: Parameters = field(default_factory=dict)
 
     def label(self) -> str:
         """Effect and axis, e.g. "bias_drift:z" or "time_offset"."""
@@ -147,7 +156,9 @@ class Parameter:
     summary : what it is, in a few words
     lower, upper : inclusive bounds of a number
     choices : the words allowed, or () for a number; ("*",) allows any word
-    draw : draws a value for a blind check from a random generator and the surroundings; None takes the default
+    draw : of a value for a blind check: a function of a random generator and the surroundings, two numbers between which it is
+        uniform in its logarithm, or words of which it is any; None takes the default
+    tried : values that a diagnosis tries, equally probable
     """
 
     name: str
@@ -157,14 +168,22 @@ class Parameter:
     lower: float = -np.inf
     upper: float = np.inf
     choices: tuple[str, ...] = ()
-    draw: Callable[[np.random.Generator, Surroundings], Value] | None = None
+    draw: Callable[[np.random.Generator, Surroundings], Value] | tuple[float, float] | tuple[str, ...] | None = None
+    tried: tuple[Value, ...] = ()
+
+    def draw_value(self, rng: np.random.Generator, around: Surroundings) -> Value:
+        """Draw a value for a blind check."""
+        assert self.draw is not None
+        if not isinstance(self.draw, tuple):
+            return self.draw(rng, around)
+        return str(rng.choice(self.draw)) if self.choices else log_uniform(rng, float(self.draw[0]), float(self.draw[1]))
 
 
 @dataclass(frozen=True)
 class Trial:
     """One set of an effect's parameters that a diagnosis tries, and its prior weight among them."""
 
-    parameters: Mapping[str, Value] = field(default_factory=dict)
+    parameters: Parameters = field(default_factory=dict)
     weight: float = 1.0
 
 
@@ -198,6 +217,8 @@ class Effect:
     kin : what it shares with effects that are nearly the same to any diagnosis; a blind check never puts two of them together
     of_arrays : whether it is told apart from others only where there are more gyros than x, y and z
     of_trackers : whether it is of one of several star trackers, whose name stands in the place of an axis
+    blind_sizes : between which a blind check draws the size, uniform in its logarithm
+    in_noise : whether these are in sigma of a sample's white noise, for a size in deg/s
     drawn : whether the cases of the test world draw it; an effect that came later would change the cases before it
     """
 
@@ -221,6 +242,8 @@ class Effect:
     kin: str = ""
     of_arrays: bool = False
     of_trackers: bool = False
+    blind_sizes: tuple[float, float] | None = None
+    in_noise: bool = False
     drawn: bool = True
 
     # ---- what it is ------------------------------------------------------------------------------------------------------
@@ -268,12 +291,12 @@ class Effect:
     # ---- what it does, by stage ------------------------------------------------------------------------------------------
 
     @absent
-    def columns(self, stream: Stream, axis: str | None, parameters: Mapping[str, Value]) -> Array:
+    def columns(self, stream: Stream, axis: str | None, parameters: Parameters) -> Array:
         """What is added to the raw reading per unit of each linear amplitude, (n, 3, k) rad/s."""
         raise NotImplementedError(f"{self.name} has no columns on the rates")
 
     @absent
-    def reference_columns(self, references: References, axis: str | None, parameters: Mapping[str, Value]) -> Array:
+    def reference_columns(self, references: References, axis: str | None, parameters: Parameters) -> Array:
         """Error angle e of the references per unit of each linear amplitude, (m, 3, k) rad."""
         raise NotImplementedError(f"{self.name} has no columns on the references")
 
@@ -320,13 +343,18 @@ class Effect:
     # ---- how a diagnosis tries it ----------------------------------------------------------------------------------------
 
     @absent
-    def covariance(self, at: ProcessTimes, parameters: Mapping[str, Value]) -> Array:
+    def covariance(self, at: ProcessTimes, parameters: Parameters) -> Array:
         """Covariance (c, c) of a random process on one axis per unit size², (rad/s)² on the rates, rad² on the references."""
         raise NotImplementedError(f"{self.name} is no random process")
 
     def trials(self, around: Surroundings) -> Sequence[Trial]:
-        """Sets of parameters to try, with weights that add up to one; what the amplitudes hold and time_s are left out."""
-        return (Trial(),)
+        """Sets of parameters to try, with weights that add up to one; what the amplitudes hold and time_s are left out.
+
+        By default all combinations of what its parameters say is tried.
+        """
+        tried = {one.name: one.tried for one in self.parameters if one.tried}
+        sets = list(product(*tried.values()))
+        return tuple(Trial(dict(zip(tried, values, strict=True)), 1 / len(sets)) for values in sets)
 
     def missing(self, around: Surroundings) -> str | None:
         """Why it cannot act on, or be seen in, a recording; None if it can."""
@@ -359,11 +387,13 @@ class Effect:
         axis = str(rng.choice(self.axes)) if self.axes else None
         if self.axis_optional and rng.random() < 0.5:
             axis = None
-        return axis, {one.name: one.draw(rng, around) for one in self.parameters if one.draw is not None}
+        return axis, {one.name: one.draw_value(rng, around) for one in self.parameters if one.draw is not None}
 
     def draw_size(self, rng: np.random.Generator, around: Surroundings, axis: str | None) -> float | None:
         """Size for a blind check; None leaves it to the check, which asks for a signal-to-noise ratio in the attitude."""
-        return None
+        if self.blind_sizes is None:
+            return None
+        return log_uniform(rng, *self.blind_sizes) * (around.sample_sigma_deg if self.in_noise else 1.0)
 
     def smallest(self, around: Surroundings, tests: SampleTests) -> Sequence[Smallest]:
         """Smallest sizes that show in the samples; of one that gives none, the attitude decides."""

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from gyrocal.errors import InputError
-from simulator.effects.base import Array
+from simulator.effects.base import Array, Parameter, Parameters
 from simulator.effects.common import DAY
 from simulator.truth.rotation import matrix
 
@@ -70,16 +70,28 @@ def _times(start: float, stop: float) -> Array:
     return np.append(np.arange(start, stop, SPACING_S), stop)
 
 
-def temperature_column(names: Mapping[str, object], wanted: str, whose: str, effect: str) -> str:
-    """Name of the housekeeping column that an effect follows: the wanted one, or a temperature, its sensor's before others.
+def temperature_parameter(whose: str) -> Parameter:
+    """Make the parameter that names the column of a temperature."""
+    return Parameter("column", "", "", f"housekeeping column; {whose} temperature if empty", choices=("*",))
+
+
+def temperature_of(housekeeping: Mapping[str, Array], parameters: Parameters, whose: str, effect: str) -> Array:
+    """The temperature that an effect follows: that of the named column, or one whose name says so, its sensor's before others.
 
     Raises
     ------
     InputError
         There is none.
     """
-    fitting = [name for name in names if (name == wanted if wanted else name.endswith(SUFFIX))]
+    wanted = str(parameters.get("column", ""))
+    fitting = [name for name in housekeeping if (name == wanted if wanted else name.endswith(SUFFIX))]
     if not fitting:
-        there = ", ".join(names) or "no housekeeping"
+        there = ", ".join(housekeeping) or "no housekeeping"
         raise InputError(f"{effect}: no housekeeping column {wanted or '…' + SUFFIX}; there is {there}")
-    return min(fitting, key=lambda name: whose not in name)
+    return housekeeping[min(fitting, key=lambda name: whose not in name)]
+
+
+def no_temperature(housekeeping: Mapping[str, Array]) -> str | None:
+    """Why an effect that follows a temperature cannot act."""
+    there = any(name.endswith(SUFFIX) for name in housekeeping)
+    return None if there else f"the recording has no housekeeping column …{SUFFIX}"

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 Value = float | str
+Parameters = Mapping[str, Value]
 
 
 @dataclass(frozen=True)
@@ -112,6 +113,11 @@ class Surroundings:
     sample_s: float
     reference_sigma: Array
 
+    @property
+    def sample_sigma_deg(self) -> float:
+        """Stated white noise of a sample, deg/s."""
+        return float(np.rad2deg(self.arw / np.sqrt(self.sample_s)))
+
 
 @dataclass(frozen=True)
 class ProcessTimes:
@@ -177,7 +183,7 @@ class Detection:
     size: float
     unit: str
     sigma: float
-    parameters: Mapping[str, Value]
+    parameters: Parameters
     log_odds: float
     p_value: float
     text: str

@@ -13,8 +13,8 @@ from collections.abc import Sequence
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from simulator.effects.base import Array, Detection, Effect, Fault, Parameter, References, Setting, Surroundings, Value
-from simulator.effects.common import DEG, log_uniform, number
+from simulator.effects.base import Array, Detection, Effect, Fault, Parameter, References, Setting, Surroundings
+from simulator.effects.common import DEG, log_uniform, number, several_trackers
 from simulator.effects.innovations import Innovations, compute_innovations
 from simulator.truth.rotation import perturbed, separation
 
@@ -80,7 +80,7 @@ class ReferenceGlitch(Effect):
 
     def missing(self, around: Surroundings) -> str | None:
         """It needs references of one sensor."""
-        return "the references are of several star trackers" if around.references.trackers is not None else None
+        return several_trackers(around)
 
     def draw_size(self, rng: np.random.Generator, around: Surroundings, axis: str | None) -> float:
         """Far above the noise."""
@@ -109,11 +109,6 @@ def _find_length(references: References, seen: Innovations, step: int) -> int:
     return 0
 
 
-def any_fraction(rng: np.random.Generator, around: Surroundings) -> Value:
-    """A share of which there are some."""
-    return log_uniform(rng, 5e-3, 5e-2)
-
-
 EFFECT = ReferenceGlitch(
     name="reference_glitch",
     summary="single references off by a large random rotation",
@@ -123,7 +118,7 @@ EFFECT = ReferenceGlitch(
     prior=(1e-3, 180.0),
     bounds=(0.0, 180.0),
     axes=(),
-    parameters=(Parameter("fraction", "", 0.01, "share of the references that are off", 0.0, 0.3, draw=any_fraction),),
+    parameters=(Parameter("fraction", "", 0.01, "share of the references that are off", 0.0, 0.3, draw=(5e-3, 5e-2)),),
     meaning="Single references, or up to three in a row, are off by a large random rotation, as when markers are swapped.",
     sign="positive",
     drawn=False,

@@ -13,12 +13,11 @@ spanned by the body's z and s, e = z cos η + s sin η, so that with α = zᵀ C
 of which the limb is the root nearest to the nominal angle.
 """
 
-from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from simulator.effects.base import Setting, Value
+from simulator.effects.base import Parameters, Setting
 from simulator.effects.sensor.base import EARTH_SENSOR, Array, SensorEffect, Sightings
 from simulator.sensors.horizon import AZIMUTHS, Horizon
 from simulator.sensors.suite import SensorSuite
@@ -52,9 +51,7 @@ class EsaNadir(SensorEffect):
         horizon = FlattenedHorizon(co2_height=seen.co2_height, altitude=seen.altitude, missing=setting.size)
         return replace(suite, earth=replace(suite.earth, horizon=horizon))
 
-    def error(
-        self, sightings: Sightings, axis: str | None, amplitudes: Array, parameters: Mapping[str, Value]
-    ) -> tuple[Array, Array]:
+    def error(self, sightings: Sightings, axis: str | None, amplitudes: Array, parameters: Parameters) -> tuple[Array, Array]:
         """Angle of the one horizon minus that of the other."""
         sun, _ = sightings.nothing
         seen = Horizon()

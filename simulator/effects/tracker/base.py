@@ -7,14 +7,13 @@ answer is a group of both. The gyro tells whose it is where the error changes fa
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from gyrocal.errors import InputError
-from simulator.effects.base import Array, Effect, References, Surroundings, Trackers, Value, absent
+from simulator.effects.base import Array, Effect, Parameters, References, Surroundings, Trackers, absent
 
 
 def rows_of(references: References, name: str, effect: Effect) -> NDArray[np.bool_]:
@@ -43,13 +42,6 @@ class TrackerEffect(Effect):
         """Names of those that it may act on."""
         return seen.names
 
-    @absent
-    def own_columns(
-        self, references: References, seen: Trackers, own: NDArray[np.bool_], parameters: Mapping[str, Value]
-    ) -> Array:
-        """Error about the tracker's axes per unit of each amplitude, of its own references, (rows, 3, k) rad."""
-        raise NotImplementedError(f"{self.name} has no columns")
-
     def missing(self, around: Surroundings) -> str | None:
         """It needs several sensors."""
         return None if around.references.trackers is not None else "the references are not of several star trackers"
@@ -59,7 +51,12 @@ class TrackerEffect(Effect):
 class TrackerColumns(TrackerEffect):
     """An effect of one tracker that is a sum of columns."""
 
-    def reference_columns(self, references: References, axis: str | None, parameters: Mapping[str, Value]) -> Array:
+    @absent
+    def own_columns(self, references: References, seen: Trackers, own: NDArray[np.bool_], parameters: Parameters) -> Array:
+        """Error about the tracker's axes per unit of each amplitude, of its own references, (rows, 3, k) rad."""
+        raise NotImplementedError(f"{self.name} has no columns")
+
+    def reference_columns(self, references: References, axis: str | None, parameters: Parameters) -> Array:
         """In body axes, zero for the other trackers' references."""
         own, seen = rows_of(references, str(axis), self), references.trackers
         assert seen is not None
