@@ -24,11 +24,6 @@ AXES = np.array(["+x", "-x", "+y", "-y"])
 DIRECTIONS = np.array([[1.0, 0.0], [-1.0, 0.0], [0.0, 1.0], [0.0, -1.0]])
 
 
-def forward_axes(recording: Recording) -> NDArray[np.str_]:
-    """The body axis along the velocity at each reference, "+x", "-x", "+y" or "-y"; (m,), "" where there is none."""
-    return directions_flown(recording)[0]
-
-
 def directions_flown(recording: Recording) -> tuple[NDArray[np.str_], Array]:
     """Where each reference flies.
 

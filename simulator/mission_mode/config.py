@@ -16,7 +16,7 @@ Coefficients
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -46,8 +46,7 @@ INERTIA = np.array([[8500.0, 40.0, -120.0], [40.0, 6000.0, 60.0], [-120.0, 60.0,
 R6 = ((1.000047, 8.5e-5), (0.999977, 5.3e-5))  # (c, d) of DSS-1 and DSS-2
 
 
-@dataclass(frozen=True)
-class Spacecraft:
+class Spacecraft(NamedTuple):
     """Body, wheels, torquers and what disturbs them; none of it published but the mass, 3523 kg.
 
     Attributes
@@ -67,17 +66,15 @@ class Spacecraft:
     array_inertia : of what is driven, about y, kg m²
     """
 
-    inertia: Array = field(
-        default_factory=lambda: np.array([[8500.0, 40.0, -120.0], [40.0, 6000.0, 60.0], [-120.0, 60.0, 9500.0]])
-    )
+    inertia: Array = INERTIA
     elevation: float = EQUAL_ELEVATION
     torque_limit: float = 0.3
     momentum_limit: float = 50.0
     dipole_limit: float = 200.0
-    residual_dipole: Array = field(default_factory=lambda: np.array([2.0, -3.0, 2.0]))
+    residual_dipole: Array = np.array([2.0, -3.0, 2.0])
     drag: float = 0.01
     drag_swing: float = 0.4
-    pressure_arm: Array = field(default_factory=lambda: np.array([0.1, 0.05, 0.2]))
+    pressure_arm: Array = np.array([0.1, 0.05, 0.2])
     gravity_gradient: bool = True
     scan_torque: float = 0.0
     scan_rate: float = 2 * np.pi * 31.6 / 60
@@ -142,8 +139,6 @@ class Controller:
     bias_gain : share of what a yaw update says of the yaw bias that is taken; 1 as R words it
     inertia : (3,) what the gains and the feed-forward are formed with, kg m²
     unloading : k of the cross-product law, 1/s
-    geodetic_rate : whether the rate commanded is that of the geodetic frame, or of geocentric LVLH
-    gyro_slews : whether roll and pitch are propagated by gyro during a yaw maneuver, or taken from the Earth sensor
     """
 
     cycle_s: float = 0.5
@@ -154,8 +149,6 @@ class Controller:
     bias_gain: float = 1.0
     inertia: Array = field(default_factory=lambda: np.array([8500.0, 6000.0, 9500.0]))
     unloading: float = 2e-3
-    geodetic_rate: bool = True
-    gyro_slews: bool = True
 
 
 @dataclass(frozen=True)
@@ -218,7 +211,6 @@ class MissionConfig:
     uploads : (s since the epoch, tables), ascending
     forward : the body axis along the velocity at the start, "+x" or "-x"
     maneuvers : yaw maneuvers, ascending, each of which swaps it
-    substeps : steps of integration in a control cycle
     """
 
     epoch: str = EPOCH
@@ -241,7 +233,6 @@ class MissionConfig:
     uploads: tuple[tuple[float, OnBoardTables], ...] = ()
     forward: Forward = "-x"
     maneuvers: tuple[YawManeuver, ...] = ()
-    substeps: int = 1
 
 
 def compensated(coefficients: Array, c: float, d: float) -> Array:

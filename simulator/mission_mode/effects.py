@@ -116,12 +116,12 @@ def _cross_track(config: MissionConfig, size: float, own: Parameters) -> Mission
 
 
 def _scan(config: MissionConfig, size: float, own: Parameters) -> MissionConfig:
-    body = replace(config.spacecraft, scan_torque=size, scan_rate=2 * math.pi * own["rpm"] / 60.0)
+    body = config.spacecraft._replace(scan_torque=size, scan_rate=2 * math.pi * own["rpm"] / 60.0)
     return replace(config, spacecraft=body)
 
 
 def _array(config: MissionConfig, size: float, own: Parameters) -> MissionConfig:
-    body = replace(config.spacecraft, array_step=math.radians(size), array_inertia=own["inertia_kgm2"])
+    body = config.spacecraft._replace(array_step=math.radians(size), array_inertia=own["inertia_kgm2"])
     return replace(config, spacecraft=body)
 
 

@@ -31,8 +31,8 @@ from simulator.mission_mode.config import (
     uploads,
 )
 from simulator.mission_mode.loop import YEARLY, fly
-from simulator.mission_mode.magnetic_field import DIPOLE, sidereal_angle
-from simulator.mission_mode.state import NEVER, ORBIT_COLUMNS, TELEMETRY, UPDATES, Plant, Sensors, Slew, State, Tables
+from simulator.mission_mode.magnetic_field import sidereal_angle
+from simulator.mission_mode.state import NEVER, ORBIT_COLUMNS, SUN_STEP, TELEMETRY, UPDATES, Plant, Sensors, Slew, State, Tables
 from simulator.mission_mode.target_frame import commanded_attitude
 from simulator.mission_mode.wheels import pyramid
 from simulator.sensors.sun import trmm_alignments
@@ -44,7 +44,6 @@ from simulator.truth.sun import julian_date, sun_vector
 Array = NDArray[np.float64]
 
 COLDEST = "1998-01-15T00:00:00+00:00"  # when the horizon's season is at its largest
-SUN_STEP = 600.0  # s; the Sun is interpolated linearly between, in error by less than 1e-8 rad
 AXES = ("roll", "pitch", "yaw")
 SECONDS_PER_HOUR = 3600.0
 SLEW_NUMBERS = (*(f"pointing_{axis}_deg" for axis in AXES), *(f"targeting_{axis}_deg" for axis in AXES), "bias_yaw_deg_h")
@@ -271,18 +270,10 @@ def _plant(config: MissionConfig, span: float) -> Plant:
     carried = orbit.inclination + config.ephemeris.inclination
     return Plant(
         dt=config.controller.cycle_s,
-        substeps=config.substeps,
-        inertia=np.ascontiguousarray(body.inertia, dtype=float),
+        body=body,
         inverse=np.asarray(np.linalg.inv(body.inertia)),
         axes=axes,
         distribution=np.ascontiguousarray(np.linalg.pinv(axes)),
-        torque_limit=body.torque_limit,
-        momentum_limit=body.momentum_limit,
-        dipole_limit=body.dipole_limit,
-        residual_dipole=np.asarray(body.residual_dipole, dtype=float),
-        drag=body.drag,
-        drag_swing=body.drag_swing,
-        pressure_arm=np.asarray(body.pressure_arm, dtype=float),
         gradient=3 * orbit.mean_motion**2 if body.gravity_gradient else 0.0,
         latitude_argument=orbit.latitude_argument,
         mean_motion=orbit.mean_motion,
@@ -291,14 +282,8 @@ def _plant(config: MissionConfig, span: float) -> Plant:
         cos_i=float(np.cos(orbit.inclination)),
         sin_i=float(np.sin(orbit.inclination)),
         on_board=np.array([config.ephemeris.node, np.cos(carried), np.sin(carried)]),
-        scan_torque=body.scan_torque,
-        scan_rate=body.scan_rate,
-        array_step=body.array_step,
-        array_inertia=body.array_inertia,
         radius=orbit.radius,
         sidereal=sidereal_angle(start),
-        dipole=DIPOLE,
-        sun_step=SUN_STEP,
         sun=np.ascontiguousarray(sun_vector(start + moments / DAY)),
     )
 
@@ -343,8 +328,6 @@ def _tables(config: MissionConfig, tables: OnBoardTables) -> Tables:
         integral_limit=law.integral_limit,
         bias_gain=law.bias_gain,
         unloading=law.unloading,
-        geodetic=law.geodetic_rate,
-        gyro_slews=law.gyro_slews,
     )
 
 

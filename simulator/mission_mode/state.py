@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gyrocal.compiled import compiled
+from simulator.mission_mode.config import Spacecraft
 from simulator.mission_mode.wheels import WHEELS
 from simulator.sensors.earth import Constants
 
@@ -31,24 +32,17 @@ peak to peak over 1 s, Σ (ω − G ω_raw); the wheels' momentum |W h| and a wh
 torquer; cycles with three quadrants."""
 
 NEVER = -1e300
+SUN_STEP = 600.0  # s; the Sun is interpolated linearly between, in error by less than 1e-8 rad
 
 
 class Plant(NamedTuple):
     """What the spacecraft and its surroundings are; SI, radians."""
 
     dt: float
-    substeps: int
-    inertia: Array
-    inverse: Array
+    body: Spacecraft
+    inverse: Array  # of the inertia
     axes: Array
     distribution: Array
-    torque_limit: float
-    momentum_limit: float
-    dipole_limit: float
-    residual_dipole: Array
-    drag: float
-    drag_swing: float
-    pressure_arm: Array
     gradient: float
     latitude_argument: float
     mean_motion: float
@@ -57,15 +51,9 @@ class Plant(NamedTuple):
     cos_i: float
     sin_i: float
     on_board: Array  # (3,) node's error, cos and sin of the inclination of the ephemeris on board
-    scan_torque: float
-    scan_rate: float
-    array_step: float  # rad; 0 for smoothly
-    array_inertia: float
     radius: float
     sidereal: float
-    dipole: Array
-    sun_step: float
-    sun: Array
+    sun: Array  # a row each SUN_STEP
 
 
 class Sensors(NamedTuple):
@@ -105,8 +93,6 @@ class Tables(NamedTuple):
     integral_limit: float
     bias_gain: float
     unloading: float
-    geodetic: bool
-    gyro_slews: bool
 
 
 class Slew(NamedTuple):

@@ -17,7 +17,6 @@ class EsaBias(VectorEffect):
 
     def fitted(self, suite: SensorSuite, setting: Setting) -> SensorSuite:
         """With the biases added."""
-        assert suite.earth is not None
         return replace(suite, earth=replace(suite.earth, biases=suite.earth.biases + DEG * self.amplitudes(setting)))
 
     def error(self, sightings: Sightings, axis: str | None, amplitudes: Array, parameters: Parameters) -> tuple[Array, Array]:

@@ -46,7 +46,6 @@ class EsaNadir(SensorEffect):
 
     def fitted(self, suite: SensorSuite, setting: Setting) -> SensorSuite:
         """With the other horizon."""
-        assert suite.earth is not None
         seen = suite.earth.horizon
         horizon = FlattenedHorizon(co2_height=seen.co2_height, altitude=seen.altitude, missing=setting.size)
         return replace(suite, earth=replace(suite.earth, horizon=horizon))

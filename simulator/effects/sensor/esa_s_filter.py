@@ -19,7 +19,6 @@ class EsaSFilter(SensorEffect):
 
     def fitted(self, suite: SensorSuite, setting: Setting) -> SensorSuite:
         """With the filter that starts from a wrong value."""
-        assert suite.earth is not None
         start = suite.earth.offset - DEG * setting.size / (3 * suite.earth.width)
         constant = float(setting.parameters["time_constant_s"])
         return replace(suite, earth=replace(suite.earth, s_filter="restarted", s_restart=start, s_time_constant=constant))

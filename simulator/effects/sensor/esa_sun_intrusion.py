@@ -27,7 +27,6 @@ class EsaSunIntrusion(SensorEffect):
 
     def fitted(self, suite: SensorSuite, setting: Setting) -> SensorSuite:
         """With the Sun's radiance, and nothing predicted."""
-        assert suite.earth is not None
         field = DEG * float(setting.parameters["field_deg"])
         return replace(
             suite,

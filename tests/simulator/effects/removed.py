@@ -56,22 +56,11 @@ def grouped(files: list[str]) -> list[list[str]]:
     return [[file for file, half in zip(files, own, strict=True) if group in half] for group in range(8)]
 
 
-def without_names(text: str, names: set[str]) -> str:
-    """The listing without some of its names, in lines of their own and in imports of one line."""
-
-    def rest(found: re.Match[str]) -> str:
-        left = [name for name in found[2].split(", ") if name not in names]
-        return found[1] + ", ".join(left) if left else ""
-
-    text = re.sub(rf"(?m)^\s+({'|'.join(names)}),\n", "", re.sub(r"(?m)^(from \S+ import )(\w.*)$", rest, text))
-    return re.sub(r"(?m)^from \S+ import \(\n\)\n", "", text)  # of which all names are taken out
-
-
 def without(files: list[str]) -> dict[str, list[str]]:
     """What cannot be loaded with the files of some effects and their lines in the list taken out."""
     listing = Path("simulator/effects/builtin.py")
     text, (reading, writing) = listing.read_text(), os.pipe()
-    listing.write_text(without_names(text, {Path(file).stem for file in files}))
+    listing.write_text(re.sub(rf"(?m)^\w+\.({'|'.join(Path(file).stem for file in files)})\n", "", text))
     hidden = {file: Path(file).rename(f"{file}.gone") for file in files}
     if os.fork() == 0:
         sys.dont_write_bytecode = True

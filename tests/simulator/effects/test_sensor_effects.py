@@ -11,8 +11,8 @@ from simulator.effects import ARRAY_EFFECTS, EFFECTS, TRACKER_EFFECTS
 from simulator.effects.chain import activated
 from simulator.effects.sensor import ALL_EFFECTS, SENSOR_EFFECTS, Sightings, described, parse
 from simulator.sensors import earth as earth_sensor
+from simulator.sensors.horizon import orbit_position
 from simulator.sensors.record import nominal_suite, sensed
-from simulator.sensors.suite import positions
 from simulator.sensors.sun import HEAD_DSS2, head_tangents
 from simulator.simulate import motion, simulate
 from simulator.truth.orbit import CircularOrbit, lvlh_attitude
@@ -42,7 +42,7 @@ def looking():
     sun = sun_vector(julian_date(EPOCH) + t / DAY)
     body = np.einsum("nij,nj->ni", A, sun)
     assert 38 < np.rad2deg(np.arcsin(-body[:, 1])).mean() < 46
-    return t, A, positions(ORBIT, t), sun
+    return t, A, orbit_position(ORBIT, t), sun
 
 
 def shown(suite, looking):
