@@ -30,10 +30,9 @@ from gyrocal.recording import load as load_recording
 from simulator import scenario as scenarios
 from simulator.effects import REGISTRY, Setting, Surroundings, setting
 from simulator.effects.base import Array
-from simulator.replay import replayed
+from simulator.replay import noise_free, replayed
 from simulator.scenario import Matrix, Scenario, Vector
-from simulator.sensors.gyro import raw_rates
-from simulator.simulate import disturbed, motion, observe, surroundings
+from simulator.simulate import disturbed, motion, noise_streams, observe, surroundings
 from simulator.streams import generator
 from simulator.truth.motion import Motion
 
@@ -166,12 +165,7 @@ class Adopted:
     def _plain(self) -> tuple[Recording, Surroundings]:
         """The noise-free flight of a replay without effects, and what effects see of it."""
         assert isinstance(self.plan, Replayed)
-        recording = self.plan.recording
-        plain = replace(
-            recording,
-            gyro=replace(recording.gyro, rates=raw_rates(self.motion.rates, self.plan.G, self.plan.bias)),
-            attitudes=replace(recording.attitudes, quaternions=self.motion.quaternions),
-        )
+        plain = noise_free(self.plan.recording, self.motion, self.plan.G, self.plan.bias)
         return plain, surroundings(plain, self.motion)
 
     def fly(
@@ -189,11 +183,12 @@ class Adopted:
         if effects is None:
             effects = self.with_amplitudes(self.drawn(generator(seed, case, "posterior"))) if draw else self.effects
         plan = self.plan
-        rngs = [generator(seed, case, name) if noise else None for name in ("gyro_noise", "reference_noise")]
+        gyro_rng, reference_rng = noise_streams(seed, case, noise)
         if isinstance(plan, Replayed):
             plain, around = self._plain
-            return disturbed(plain, self.motion, effects, rngs[0], rngs[1], seed, case, around=around)
-        return observe(plan, self.motion, gyro_rng=rngs[0], reference_rng=rngs[1], effects=effects, seed=seed, case=case)
+            return disturbed(plain, self.motion, effects, gyro_rng, reference_rng, seed, case, around=around)
+        rngs = {"gyro_rng": gyro_rng, "reference_rng": reference_rng}
+        return observe(plan, self.motion, **rngs, effects=effects, seed=seed, case=case)
 
 
 def load(name_or_path: str | os.PathLike[str]) -> Adopted:

@@ -20,7 +20,16 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, ValidationInfo, field_validator, model_validator
+from pydantic import (
+    AfterValidator,
+    BaseModel,
+    ConfigDict,
+    Field,
+    ValidationError,
+    ValidationInfo,
+    field_validator,
+    model_validator,
+)
 
 from gyrocal.errors import InputError, hint
 from gyrocal.recording import read_toml, validation_message
@@ -32,6 +41,15 @@ from simulator.truth.orbit import CircularOrbit
 # Strict mode would refuse TOML's lists for tuples; what is in them stays strict.
 Vector = Annotated[tuple[float, float, float], Field(strict=False)]
 Matrix = Annotated[tuple[Vector, Vector, Vector], Field(strict=False)]
+
+
+def _above_zero(value: Vector) -> Vector:
+    if min(value) <= 0:
+        raise ValueError("must be positive")
+    return value
+
+
+PositiveVector = Annotated[Vector, AfterValidator(_above_zero)]
 
 TOUCH_TOLERANCE = 1e-6  # s; intervals closer than this touch
 JOIN_TOLERANCE = 1e-8  # attitude matrix elements of two intervals that touch
@@ -185,7 +203,7 @@ class ReferenceSection(_Model):
 
     at: Literal["ends", "series", "none"] = "ends"
     every_s: float | None = Field(default=None, ge=1e-3, validate_default=True)
-    sigma_deg: Vector
+    sigma_deg: PositiveVector
     tracker: Annotated[tuple[TrackerSection, ...], Field(strict=False)] = ()
 
     @model_validator(mode="before")
@@ -210,13 +228,6 @@ class ReferenceSection(_Model):
             raise ValueError('is required with at = "series"')
         return value
 
-    @field_validator("sigma_deg")
-    @classmethod
-    def _positive(cls, value: Vector) -> Vector:
-        if min(value) <= 0:
-            raise ValueError("must be positive")
-        return value
-
 
 class SensorsSection(_Model):
     """Raw measurements of the nominal sun and Earth sensors; noise is white, 1-sigma of each angle."""
@@ -230,15 +241,8 @@ class ControlMotionSection(_Model):
     """Sinusoidal attitude motion about each body axis; the phases hold at the epoch."""
 
     amplitude_deg: Vector
-    period_s: Vector
+    period_s: PositiveVector
     phase_deg: Vector = (0.0, 0.0, 0.0)
-
-    @field_validator("period_s")
-    @classmethod
-    def _positive(cls, value: Vector) -> Vector:
-        if min(value) <= 0:
-            raise ValueError("must be positive")
-        return value
 
     def sway(self) -> Sway:
         """The motion in radians."""
@@ -477,14 +481,7 @@ def validated(values: dict[str, Any], source: str) -> Scenario:
 
 
 def _document(name: str, folder: Path, inside: tuple[str, ...]) -> dict[str, Any]:
-    """A scenario's document with its bases merged in.
-
-    Parameters
-    ----------
-    name : built-in name, or path relative to the folder
-    folder : where the file that asks for it lies
-    inside : the scenarios on the way here, each by its identity
-    """
+    """A scenario's document with its bases merged in; inside are the identities of the scenarios on the way here."""
     path = folder / name
     identity = name if name in names() else str(path.resolve())
     if identity in inside:
@@ -505,15 +502,15 @@ def _document(name: str, folder: Path, inside: tuple[str, ...]) -> dict[str, Any
         return document
     if not isinstance(base, str):
         raise InputError(f"{name}: base must be the name or path of a scenario")
-    return _merged(_document(base, path.parent, (*inside, identity)), document)
+    merged: dict[str, Any] = _merged(_document(base, path.parent, (*inside, identity)), document)
+    return merged
 
 
-def _merged(base: dict[str, Any], changes: dict[str, Any]) -> dict[str, Any]:
-    out = dict(base)
-    for key, value in changes.items():
-        both_tables = isinstance(value, dict) and isinstance(base.get(key), dict)
-        out[key] = _merged(base[key], value) if both_tables else value
-    return out
+def _merged(base: Any, changes: Any) -> Any:
+    """Tables merged, all else replaced."""
+    if isinstance(base, dict) and isinstance(changes, dict):
+        return {**base, **{key: _merged(base.get(key), value) for key, value in changes.items()}}
+    return changes
 
 
 def _lists(value: Any) -> Any:

@@ -50,18 +50,7 @@ def activated(settings: Sequence[Setting], seed: int, case: int) -> list[Active]
 
 
 def readings(around: Surroundings, active: Sequence[Active], rng: np.random.Generator | None) -> Array:
-    """Raw samples as recorded.
-
-    Parameters
-    ----------
-    around : the noise-free samples and references, and the stated noise
-    active : the effects; those on references are passed over
-    rng : source of the white noise; None for none
-
-    Returns
-    -------
-    (n, 3) rad/s
-    """
+    """Raw samples as recorded, (n, gyros) rad/s; rng is the source of the white noise, None for none."""
     raw = around.stream.raw
     for stage in STAGES:
         if stage.name == "white_noise":
@@ -115,18 +104,7 @@ def _white_noise(around: Surroundings, active: Sequence[Active], rng: np.random.
 
 
 def referenced(around: Surroundings, active: Sequence[Active], rng: np.random.Generator | None) -> Array:
-    """Reference attitudes as recorded.
-
-    Parameters
-    ----------
-    around : the true attitudes, and the stated noise
-    active : the effects; those on rates are passed over
-    rng : source of the white errors; None for none
-
-    Returns
-    -------
-    (m, 4) quaternions
-    """
+    """Reference attitudes as recorded, (m, 4); rng is the source of the white errors, None for none."""
     references = around.references
     error = np.zeros((len(references.t_s), 3))
     if rng is not None:

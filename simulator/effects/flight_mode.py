@@ -25,12 +25,9 @@ DIRECTIONS = np.array([[1.0, 0.0], [-1.0, 0.0], [0.0, 1.0], [0.0, -1.0]])
 
 
 def directions_flown(recording: Recording) -> tuple[NDArray[np.str_], Array]:
-    """Where each reference flies.
+    """Where each reference flies, "" and NaN where no axis is forward.
 
-    Returns
-    -------
-    The body axis along the velocity, (m,), "" where there is none, and the angle of the velocity in the body's xy-plane
-    from +x to +y, (m,) rad, NaN where there is none.
+    The body axis along the velocity, (m,), and the angle of the velocity in the body's xy-plane from +x to +y, (m,) rad.
     """
     t_s = recording.attitudes.t_s
     axes, headings = np.full(t_s.size, "", dtype="<U2"), np.full(t_s.size, np.nan)

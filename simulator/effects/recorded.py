@@ -59,14 +59,7 @@ def smoothed_rates(recording: Recording, G: Array, bias: Array, smooth_s: float 
 
 
 def stream_of(recording: Recording, G: Array, bias: Array, smooth_s: float = SMOOTH_S) -> Stream:
-    """The samples of a recording as an effect on rates sees them.
-
-    Parameters
-    ----------
-    recording : any recording
-    G, bias : (3, 3), (3,) rad/s: its calibration
-    smooth_s : longest window of the smoothing, s; 0 for none
-    """
+    """The samples of a recording as an effect on rates sees them, by its calibration G (3, 3) and bias (3,), rad/s."""
     rates = smoothed_rates(recording, G, bias, smooth_s)
     duration = durations(recording)
     return _stream(recording, recording.gyro.t_s + 0.5 * duration, duration, rates, raw_rates(rates, G, bias))

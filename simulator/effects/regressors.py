@@ -45,13 +45,7 @@ def list_regressors(seen: Stream | References) -> dict[str, Regressor]:
 
 
 def compute_regressor(seen: Stream | References, name: str) -> Array:
-    """Compute one regressor at each sample or reference, (n,).
-
-    Raises
-    ------
-    InputError
-        The recording does not have it.
-    """
+    """Compute one regressor at each sample or reference, (n,); an `InputError` where the recording does not have it."""
     known = list_regressors(seen)
     if name not in known:
         raise InputError(f"the recording has no {name}; there are {', '.join(known)}")

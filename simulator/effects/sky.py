@@ -30,9 +30,7 @@ def trackers_of(
 
     Parameters
     ----------
-    recording : with references of several sensors
-    rows : (m,) those references
-    interval : (m,) which of the stream's intervals each belongs to
+    rows, interval : (m,) those references, of several sensors, and which of the stream's intervals each belongs to
     stream : the body's rates
     housekeeping : columns at those references
     """

@@ -48,7 +48,7 @@ def noise_level(rates: Array, stated: float) -> Array:
 
 
 def smoothed(rates: Array, sample_s: float, smooth_s: float, sigma: Array) -> Array:
-    """Smoothed rates of one run of samples.
+    """Smoothed rates (n, 3) of one run of samples, rad/s.
 
     Parameters
     ----------
@@ -56,10 +56,6 @@ def smoothed(rates: Array, sample_s: float, smooth_s: float, sigma: Array) -> Ar
     sample_s : spacing, s
     smooth_s : longest window, s; infinite for the whole run, zero for no smoothing
     sigma : (3,) noise of one sample of each axis, rad/s
-
-    Returns
-    -------
-    (n, 3)
     """
     if min(smooth_s / sample_s, len(rates)) < SHORTEST:
         return rates

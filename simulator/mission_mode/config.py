@@ -292,10 +292,7 @@ def filter_upload(before: OnBoardTables) -> OnBoardTables:
 def coefficient_upload(before: OnBoardTables, config: MissionConfig | None = None) -> OnBoardTables:
     """R's second upload, February 27 and 28: the gyro's R (9), and b coefficients by R (6).
 
-    Parameters
-    ----------
-    before : tables they change
-    config : whose sensors (c, d) are computed for, by `crossing_compensation`; None for the published pairs
+    (c, d) are computed by `crossing_compensation` for the sensors of a config; without one they are the published pairs.
     """
     factors = R6
     if config is not None:

@@ -177,13 +177,7 @@ MISSION_EFFECTS: Mapping[str, MissionEffect] = {one.name: one for one in ALL}
 
 
 def parse(text: str) -> MissionSetting:
-    """A setting from NAME[:AXIS]=SIZE[,PARAMETER=VALUE…].
-
-    Raises
-    ------
-    InputError
-        One line that says what is wrong with it.
-    """
+    """A setting from NAME[:AXIS]=SIZE[,PARAMETER=VALUE…]; an `InputError` of one line that says what is wrong with it."""
     head, *rest = (part.strip() for part in text.split(","))
     label, _, size = (part.strip() for part in head.partition("="))
     name, _, axis = (part.strip() for part in label.partition(":"))

@@ -115,15 +115,9 @@ def simulate_mission(
 
 
 def flight_schedule(config: MissionConfig, days: float) -> MissionConfig:
-    """The config with R's uploads on their days, and a yaw maneuver whenever the Sun crosses the orbit plane.
+    """The config with R's uploads on their days, and a yaw maneuver whenever the Sun crosses the orbit plane, for some days.
 
-    Alignment on December 11, the gyro and DSS coefficients on February 27, 1998.
-    A maneuver is centred on its crossing.
-
-    Parameters
-    ----------
-    config : epoch, orbit, sensors and first tables are taken from it
-    days : for how long maneuvers are planned
+    Alignment on December 11, the gyro and DSS coefficients on February 27, 1998. A maneuver is centred on its crossing.
     """
     start = julian_date(config.epoch)
     days_of = [(julian_date(date) - start) * DAY for date in ("1997-12-11T12:00:00+00:00", "1998-02-27T12:00:00+00:00")]

@@ -307,9 +307,7 @@ def fly(
             rate[i] = turned[i] / dt
         _wanted_torque(rate, moved, momentum, not slewing, plant, state, tables, torque)
         # Actuators, and what the body does of it.
-        distribute(
-            torque, plant.distribution, state.wheels, plant.body.torque_limit, plant.body.momentum_limit, dt, wheel_torque
-        )
+        distribute(torque, plant.distribution, state.wheels, body.torque_limit, body.momentum_limit, dt, wheel_torque)
         largest = _outer_torque(rng, t, A, lvlh, sun, momentum, plant, sensors, tables, outer)
         normal = state.memory[2] == 0.0
         count_orbit(orbits[int(t / period)], error, apparent, normal, used == 3, momentum, largest, state)

@@ -167,14 +167,8 @@ def intrusion(
 ) -> bool:  # pragma: no cover - compiled
     """Whether the Sun, not eclipsed by the Earth, is within a field about a quadrant's nominal limb direction.
 
-    Parameters
-    ----------
-    A : (3, 3) attitude; the true one, or the estimated one for a prediction
-    position : (3,) inertial, m
-    sun : (3,) inertial unit vector
-    quadrant : 0..3
-    nominal : angle of the limb from +z, rad
-    cos_field : cosine of the field's half angle
+    A (3, 3) is the true attitude, or the estimated one for a prediction; the position, m, and the Sun's unit vector are
+    inertial, the limb's nominal angle from +z is in rad.
     """
     return toward_sun(A, sun, quadrant, nominal) > cos_field and not hidden(position, sun, EARTH_RADIUS, POLAR_RADIUS)
 

@@ -17,14 +17,7 @@ Array = NDArray[np.float64]
 
 
 def raw_rates(omega: Array, G: Array, bias: Array) -> Array:
-    """Noise-free raw rates G⁻¹ (ω − b), R (7) solved for ω_raw.
-
-    Parameters
-    ----------
-    omega : (n, 3) true body rates, rad/s
-    G : (3, 3) rows body axes, columns gyros
-    bias : (3,) b, rad/s
-    """
+    """Noise-free raw rates G⁻¹ (ω − b), R (7) solved for ω_raw; ω (n, 3) and b (3,) in rad/s, G rows body, columns gyros."""
     return np.asarray((omega - bias) @ np.linalg.inv(G).T)
 
 

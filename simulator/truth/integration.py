@@ -91,17 +91,7 @@ def magnus(omega: Array, h: Array) -> tuple[Array, Array]:
 
 @compiled
 def accumulate(start: Array, sigma: Array) -> Array:
-    """Attitudes after each rotation of a sequence, A_k = exp(−[σ_k×]) A_{k−1}.
-
-    Parameters
-    ----------
-    start : (4,) quaternion of A_0
-    sigma : (n, 3) rotation vectors, rad
-
-    Returns
-    -------
-    (n + 1, 4) unit quaternions
-    """
+    """Attitudes (n + 1, 4) from a start (4,) on after rotation vectors (n, 3), rad: A_k = exp(−[σ_k×]) A_{k−1}."""
     out = np.empty((sigma.shape[0] + 1, 4))
     x, y, z, w = start
     out[0] = start

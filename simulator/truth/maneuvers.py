@@ -229,16 +229,7 @@ class Profile:
         return A
 
     def rate(self, tau: Array) -> Array:
-        """Body rate, rad/s.
-
-        Parameters
-        ----------
-        tau : (n,) local time, s
-
-        Returns
-        -------
-        (n, 3)
-        """
+        """Body rate, rad/s; (n,) local time, s → (n, 3)."""
         omega = self.tracking_rate(tau)
         if self.hold:
             omega = _faded(self.hold, tau, omega) + self.hold.return_pulse(tau)[:, None] * self.return_rotation
@@ -296,12 +287,5 @@ def _solve_return(hold: Hold, rate: Callable[[Array], Array], attitude: Callable
 
 
 def trajectory(profile: Profile, tau: Array, substeps: int = 1) -> Trajectory:
-    """Integrated true attitude at local times.
-
-    Parameters
-    ----------
-    profile : the motion
-    tau : (n + 1,) strictly increasing local times from 0 on; must contain the profile's knots that it spans
-    substeps : integration steps between two of them
-    """
+    """Integrated true attitude at local times (n + 1,) from 0 on, strictly increasing and with all knots that they span."""
     return integrate(profile.rate, tau, quaternion(profile.attitude(tau[:1]))[0], substeps)

@@ -31,17 +31,7 @@ DAY = 86400.0  # s
 
 
 def julian_date(epoch: str | datetime) -> float:
-    """Julian date of a moment, in its own time scale; days, good to 40 µs.
-
-    Parameters
-    ----------
-    epoch : ISO 8601 text or a datetime; without a time zone it is taken as it stands
-
-    Raises
-    ------
-    ValueError
-        The text is no ISO 8601 date.
-    """
+    """Julian date of a moment, in its own time scale, days, good to 40 µs; without a time zone it is taken as it stands."""
     moment = datetime.fromisoformat(epoch) if isinstance(epoch, str) else epoch
     if moment.tzinfo is None:
         moment = moment.replace(tzinfo=UTC)
@@ -49,16 +39,7 @@ def julian_date(epoch: str | datetime) -> float:
 
 
 def sun_vector(julian_date: Array | float) -> Array:
-    """Unit vectors to the Sun in the Earth's mean equator and equinox of date.
-
-    Parameters
-    ----------
-    julian_date : (...) days, e.g. `julian_date(epoch) + t / DAY`
-
-    Returns
-    -------
-    (..., 3)
-    """
+    """Unit vectors (..., 3) to the Sun in the Earth's mean equator and equinox of date, of `julian_date(epoch) + t / DAY`."""
     n = np.asarray(julian_date, dtype=float) - J2000
     g = np.deg2rad(357.528 + 0.9856003 * n)
     longitude = np.deg2rad(280.460 + 0.9856474 * n + 1.915 * np.sin(g) + 0.020 * np.sin(2 * g))
@@ -68,17 +49,7 @@ def sun_vector(julian_date: Array | float) -> Array:
 
 
 def eclipse(position: Array, sun: Array) -> NDArray[np.bool_]:
-    """Whether a position lies in the Earth's cylindrical shadow.
-
-    Parameters
-    ----------
-    position : (..., 3) from the Earth's centre, m
-    sun : (..., 3) unit vectors to the Sun
-
-    Returns
-    -------
-    (...) bool
-    """
+    """Whether positions (..., 3) from the Earth's centre, m, lie in its cylindrical shadow; sun (..., 3) unit vectors."""
     along = (position * sun).sum(axis=-1)
     across = np.linalg.norm(position - along[..., None] * sun, axis=-1)
     return np.asarray((along < 0) & (across < EARTH_RADIUS))

@@ -17,13 +17,7 @@ from simulator.effects.base import Array, Effect, Parameters, References, Surrou
 
 
 def rows_of(references: References, name: str, effect: Effect) -> NDArray[np.bool_]:
-    """(m,) which references are of a tracker.
-
-    Raises
-    ------
-    InputError
-        There is none of that name.
-    """
+    """(m,) which references are of a tracker; an `InputError` where there is none of that name."""
     seen = references.trackers
     if seen is None or name not in seen.names:
         there = "references of one sensor only" if seen is None else ", ".join(seen.names)
