@@ -14,6 +14,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from gyrocal.errors import InputError
+from simulator.effects.settings import read_number, split
 from simulator.mission_mode.config import DAY, HorizonError, MissionConfig, compensated
 from simulator.mission_mode.mounting import ALIGNED_AT, mounted
 from simulator.sensors.sun import trmm_alignments
@@ -178,37 +179,19 @@ MISSION_EFFECTS: Mapping[str, MissionEffect] = {one.name: one for one in ALL}
 
 def parse(text: str) -> MissionSetting:
     """A setting from NAME[:AXIS]=SIZE[,PARAMETER=VALUE…]; an `InputError` of one line that says what is wrong with it."""
-    head, *rest = (part.strip() for part in text.split(","))
-    label, _, size = (part.strip() for part in head.partition("="))
-    name, _, axis = (part.strip() for part in label.partition(":"))
+    name, axis, size, given = split(text)
     effect = MISSION_EFFECTS.get(name)
     if effect is None:
         raise InputError(f"effect {name or text}: Mission Mode has none of that name; there are {', '.join(MISSION_EFFECTS)}")
-    values = dict(effect.parameters)
-    for part in rest:
-        key, _, value = (piece.strip() for piece in part.partition("="))
-        if key not in effect.parameters:
-            raise InputError(f"{name}: no parameter {key}; it has {', '.join(effect.parameters) or 'none'}")
-        values[key] = _number(name, key, value)
-    if bool(axis) != bool(effect.axes) or axis not in effect.axes:
+    unknown = [key for key in given if key not in effect.parameters]
+    if unknown:
+        raise InputError(f"{name}: no parameter {unknown[0]}; it has {', '.join(effect.parameters) or 'none'}")
+    values = {**effect.parameters, **{key: read_number(name, key, value) for key, value in given.items()}}
+    if bool(axis) != bool(effect.axes) or (axis or "") not in effect.axes:
         raise InputError(f"{name}: " + (f"give an axis, {name}:{effect.axes[-1]}=SIZE" if effect.axes else "has no axis"))
     if axis:
         values["axis"] = float(effect.axes.index(axis))
-    low, high = effect.bounds
-    number = _number(name, "size", size)
-    if not low <= number <= high:
-        raise InputError(f"{name}: size {number:g} is not within {low:g} and {high:g} {effect.unit}".rstrip())
-    return MissionSetting(name, number, values)
-
-
-def _number(name: str, what: str, value: str) -> float:
-    try:
-        number = float(value)
-    except ValueError:
-        raise InputError(f"{name}: {what} '{value}' is not a number") from None
-    if not math.isfinite(number):
-        raise InputError(f"{name}: {what} '{value}' is not a finite number")
-    return number
+    return MissionSetting(name, read_number(name, "size", size or "''", *effect.bounds, effect.unit), values)
 
 
 def applied(config: MissionConfig, settings: Sequence[MissionSetting]) -> MissionConfig:

@@ -32,6 +32,7 @@ from simulator.mission_mode.config import (
 )
 from simulator.mission_mode.loop import YEARLY, fly
 from simulator.mission_mode.magnetic_field import sidereal_angle
+from simulator.mission_mode.state import AXES as AXES
 from simulator.mission_mode.state import NEVER, ORBIT_COLUMNS, SUN_STEP, TELEMETRY, UPDATES, Plant, Sensors, Slew, State, Tables
 from simulator.mission_mode.target_frame import commanded_attitude
 from simulator.mission_mode.wheels import pyramid
@@ -44,7 +45,6 @@ from simulator.truth.sun import julian_date, sun_vector
 Array = NDArray[np.float64]
 
 COLDEST = "1998-01-15T00:00:00+00:00"  # when the horizon's season is at its largest
-AXES = ("roll", "pitch", "yaw")
 SECONDS_PER_HOUR = 3600.0
 SLEW_NUMBERS = (*(f"pointing_{axis}_deg" for axis in AXES), *(f"targeting_{axis}_deg" for axis in AXES), "bias_yaw_deg_h")
 
@@ -203,37 +203,18 @@ class _Flight:
         }
 
     def _result(self, telemetry: Array, count: int, slews: list[dict[str, float | str]]) -> MissionRun:
-        rows = pd.DataFrame(telemetry, columns=list(TELEMETRY))
-        angles = [name for name in TELEMETRY if name.startswith(("error", "estimate", "angle"))]
-        rates = [name for name in TELEMETRY if name.startswith("raw")]
-        rows[[*angles, *rates]] = np.rad2deg(rows[[*angles, *rates]])
-        rows["bias_yaw"] = np.rad2deg(rows["bias_yaw"]) * SECONDS_PER_HOUR
-        units = {**dict.fromkeys(angles, "deg"), **dict.fromkeys(rates, "deg_s"), "bias_yaw": "deg_h"}
-        rows = rows.rename(columns={name: f"{name}_{unit}" for name, unit in units.items()})
         return MissionRun(
-            rows,
+            _tabulate(telemetry, TELEMETRY),
             self._update_table(count),
             pd.DataFrame(slews, columns=["start_s", "stop_s", "forward", *SLEW_NUMBERS]),
             self._orbit_table(),
         )
 
     def _update_table(self, count: int) -> pd.DataFrame:
-        raw = pd.DataFrame(self.updates[:count], columns=list(UPDATES))
-        forward = self._forward(raw["t_s"].to_numpy())
-        beta = np.rad2deg(sun_angle(self.config.epoch, self.config.orbit, raw["t_s"].to_numpy()))
-        return pd.DataFrame(
-            {
-                "t_s": raw["t_s"],
-                "sensor": raw["sensor"].astype(int),
-                "update_deg": np.rad2deg(raw["update"]),
-                "bias_deg_h": np.rad2deg(raw["bias"]) * SECONDS_PER_HOUR,
-                "bias_solved": raw["bias_solved"] > 0,
-                "measured_deg": np.rad2deg(raw["measured"]),
-                "error_yaw_deg": np.rad2deg(raw["error_yaw"]),
-                "forward": forward,
-                "sun_angle_deg": np.where(forward == "+x", beta, -beta),
-            }
-        )
+        table = _tabulate(self.updates[:count], UPDATES).astype({"sensor": int, "bias_solved": bool})
+        forward = self._forward(table["t_s"].to_numpy())
+        beta = np.rad2deg(sun_angle(self.config.epoch, self.config.orbit, table["t_s"].to_numpy()))
+        return table.assign(forward=forward, sun_angle_deg=np.where(forward == "+x", beta, -beta))
 
     def _orbit_table(self) -> pd.DataFrame:
         rows = self.orbits
@@ -254,6 +235,15 @@ class _Flight:
         flown = [m for m in self.config.maneuvers if m.start_s + m.duration_s < self.cycles * self.cycle]
         swaps = np.searchsorted([m.start_s + 0.5 * m.duration_s for m in flown], t)
         return np.where((swaps + (self.config.forward == "-x")) % 2 == 0, "+x", "-x")
+
+
+def _tabulate(values: Array, names: tuple[str, ...]) -> pd.DataFrame:
+    """A table of values in radians and seconds, its columns in the units of their names."""
+    table = pd.DataFrame(values, columns=list(names))
+    for name in names:
+        if name.endswith(("_deg", "_deg_s", "_deg_h")):
+            table[name] = np.rad2deg(table[name]) * (SECONDS_PER_HOUR if name.endswith("_h") else 1.0)
+    return table
 
 
 def _plant(config: MissionConfig, span: float) -> Plant:

@@ -14,18 +14,20 @@ from simulator.sensors.earth import Constants
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
+AXES = ("roll", "pitch", "yaw")
+# Columns of the tables in their units; the loop writes radians and seconds.
 TELEMETRY = (
     "t_s",
-    *(f"error_{axis}" for axis in ("roll", "pitch", "yaw")),
-    *(f"estimate_{axis}" for axis in ("roll", "pitch", "yaw")),
-    "bias_yaw",
+    *(f"error_{axis}_deg" for axis in AXES),
+    *(f"estimate_{axis}_deg" for axis in AXES),
+    "bias_yaw_deg_h",
     *(f"wheel_{i}_nms" for i in range(1, WHEELS + 1)),
     "quadrants",
     "normal",
-    *(f"raw_{axis}" for axis in "xyz"),
-    *(f"angle_{i}" for i in range(1, 5)),
+    *(f"raw_{axis}_deg_s" for axis in "xyz"),
+    *(f"angle_{i}_deg" for i in range(1, 5)),
 )
-UPDATES = ("t_s", "sensor", "update", "bias", "bias_solved", "measured", "error_yaw")
+UPDATES = ("t_s", "sensor", "update_deg", "bias_deg_h", "bias_solved", "measured_deg", "error_yaw_deg")
 ORBIT_COLUMNS = 24
 """Of an orbit's row: cycles in normal pointing, and not; by axis Σ error², Σ knowledge², max |error|, max |knowledge|, largest
 peak to peak over 1 s, Σ (ω − G ω_raw); the wheels' momentum |W h| and a wheel's at their largest, the largest moment of a

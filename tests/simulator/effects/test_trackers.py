@@ -1,7 +1,5 @@
 """Effects of one of several star trackers do what their files say, and only to that tracker."""
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
@@ -9,8 +7,10 @@ from scipy.spatial.transform import Rotation
 import simulator
 from gyrocal import InputError
 from gyrocal.recording.trackers import to_axes
-from simulator.effects import EFFECTS, TRACKER_EFFECTS, parse
+from simulator.effects import parse, references_of
 from simulator.effects.sky import ASTRONOMICAL_UNIT, LIGHT, annual, orbital
+from simulator.simulate import motion, surroundings
+from simulator.truth.orbit import lvlh_attitude
 from simulator.truth.sun import DAY, julian_date, sun_vector
 from tests.tracker_cases import AGILE, ESTIMATED
 
@@ -40,8 +40,6 @@ def test_time_offset_show_an_earlier_attitude():
     found = error("tracker_time_offset:st1=0.5")[own("st1") & (PLAIN.attitudes.t_s < 1800.0)]
     times = PLAIN.attitudes.t_s[own("st1") & (PLAIN.attitudes.t_s < 1800.0)]
     orbit = AGILE.orbit.circular_orbit()
-    from simulator.truth.orbit import lvlh_attitude
-
     shift = Rotation.from_matrix(lvlh_attitude(orbit, times - 0.5) @ lvlh_attitude(orbit, times).transpose(0, 2, 1))
     M = PLAIN.attitudes.sensors[0].M
     assert found == pytest.approx(shift.as_rotvec() @ M.T / ARCSEC, abs=0.05)
@@ -80,9 +78,6 @@ def test_an_error_in_the_field_stands_still_where_the_stars_do():
     """Its changes have the variance 2 size² (1 − exp(−Δs/L)) by the angle Δs, whatever the time."""
     size, length = 3.0, 2.0
     rows, steps, moved = own("st2"), [], []
-    from simulator.effects import references_of
-    from simulator.simulate import motion, surroundings
-
     seen = surroundings(PLAIN, motion(AGILE)).references
     assert references_of(PLAIN).trackers is None  # without a stream nobody knows how it moves
     along = np.rad2deg(seen.trackers.path[rows])
@@ -126,6 +121,7 @@ def test_a_boresight_follows_the_temperature():
         ("tracker_misalignment:st1=5", "defines the axes"),
         ("tracker_time_offset:st7=1", "no star tracker st7"),
         ("tracker_noise_excess:st7=2", "no star tracker st7"),
+        ("tracker_time_offset=1", "which star tracker"),
     ],
 )
 def test_what_cannot_act_is_refused(text, message):
@@ -133,16 +129,9 @@ def test_what_cannot_act_is_refused(text, message):
         simulator.simulate(AGILE, effects=[parse(text)])
 
 
-def test_a_tracker_must_be_named():
-    with pytest.raises(InputError, match="which star tracker"):
-        parse("tracker_time_offset=1")
+def test_one_sensor_is_no_tracker():
     with pytest.raises(InputError, match="one sensor only"):
         simulator.simulate(simulator.load("trmm"), effects=[parse("tracker_time_offset:st1=1")])
-
-
-def test_they_are_a_kind_of_their_own():
-    assert len(TRACKER_EFFECTS) == 6
-    assert not set(TRACKER_EFFECTS) & set(EFFECTS)
 
 
 def test_a_tracker_sees_nothing_while_the_body_turns_too_fast_or_the_sun_is_near():
@@ -158,11 +147,3 @@ def test_the_true_mounting_is_in_the_references():
     A, before = Rotation.from_quat(turned.attitudes.quaternions).inv(), Rotation.from_quat(PLAIN.attitudes.quaternions)
     e = (A * before).as_rotvec()[own("st2")] @ PLAIN.attitudes.sensors[1].M.T
     assert np.rad2deg(e) == pytest.approx(np.tile(ESTIMATED.reference.tracker[1].misalignment_deg, (len(e), 1)), abs=1e-8)
-
-
-def test_every_one_is_in_the_documentation():
-    text = (Path(__file__).parents[3] / "docs" / "effects.md").read_text()
-    for name, effect in TRACKER_EFFECTS.items():
-        row = next(line for line in text.splitlines() if line.startswith(f"| `{name}` |"))
-        assert f"| {effect.unit} |" in row
-        assert all(f"`{parameter.name}`" in row for parameter in effect.parameters)
