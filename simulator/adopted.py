@@ -79,35 +79,21 @@ class _Additions(_Model):
 
 @dataclass(frozen=True)
 class Replayed:
-    """A plan taken over from a recording: its motion, and the gyro that flies it.
+    """A plan taken over from a recording: its motion, and the gyro that flies it."""
 
-    Attributes
-    ----------
-    recording : whose tags, reference times, stated noises and tables a flight has
-    G, bias : (3, 3), (3,) rad/s
-    """
-
-    recording: Recording
-    G: Array
+    recording: Recording  # whose tags, reference times, stated noises and tables a flight has
+    G: Array  # (3, 3)
     bias: Array
 
 
 @dataclass(frozen=True)
 class Adopted:
-    """A scenario with effects and their posterior.
+    """A scenario with effects and their posterior."""
 
-    Attributes
-    ----------
-    title : for people
-    plan : a scenario, or a recording's
-    effects : as stated
-    covariance : (k, k) of all amplitudes; None if the file has no posterior
-    """
-
-    title: str
-    plan: Scenario | Replayed
-    effects: tuple[Setting, ...] = ()
-    covariance: Array | None = None
+    title: str  # for people
+    plan: Scenario | Replayed  # a scenario, or a recording's
+    effects: tuple[Setting, ...] = ()  # as stated
+    covariance: Array | None = None  # (k, k) of all amplitudes; None if the file has no posterior
 
     @property
     def amplitudes(self) -> Array:

@@ -124,20 +124,12 @@ def log_uniform(rng: np.random.Generator, low: float, high: float) -> float:
 
 @dataclass(frozen=True)
 class Setting:
-    """One effect with its numbers; `simulator.effects.setting` makes a validated one.
+    """One effect with its numbers; `simulator.effects.setting` makes a validated one."""
 
-    Attributes
-    ----------
-    effect : name in the registry
-    axis : "x", "y", "z", or None where the effect has none or acts on all
-    size : in the effect's unit
-    parameters : the effect's other numbers by name
-    """
-
-    effect: str
-    axis: str | None
-    size: float
-    parameters: Parameters = field(default_factory=dict)
+    effect: str  # name in the registry
+    axis: str | None  # "x", "y", "z", or None where the effect has none or acts on all
+    size: float  # in the effect's unit
+    parameters: Parameters = field(default_factory=dict)  # the effect's other numbers by name
 
     def label(self) -> str:
         """Effect and axis, e.g. "bias_drift:z" or "time_offset"."""
@@ -146,30 +138,19 @@ class Setting:
 
 @dataclass(frozen=True)
 class Parameter:
-    """A number or choice of an effect beside its size.
+    """A number or choice of an effect beside its size."""
 
-    Attributes
-    ----------
-    name : with its unit at the end, e.g. "time_s"
-    unit : for tables
-    default : None if it must be given
-    summary : what it is, in a few words
-    lower, upper : inclusive bounds of a number
-    choices : the words allowed, or () for a number; ("*",) allows any word
-    draw : of a value for a blind check: a function of a random generator and the surroundings, two numbers between which it is
-        uniform in its logarithm, or words of which it is any; None takes the default
-    tried : values that a diagnosis tries, equally probable
-    """
-
-    name: str
-    unit: str
-    default: Value | None
-    summary: str
-    lower: float = -np.inf
+    name: str  # with its unit at the end, e.g. "time_s"
+    unit: str  # for tables
+    default: Value | None  # None if it must be given
+    summary: str  # what it is, in a few words
+    lower: float = -np.inf  # inclusive bounds of a number
     upper: float = np.inf
-    choices: tuple[str, ...] = ()
+    choices: tuple[str, ...] = ()  # the words allowed, or () for a number; ("*",) allows any word
+    # of a value for a blind check: a function of a random generator and the surroundings, two numbers between which it is
+    # uniform in its logarithm, or words of which it is any; None takes the default
     draw: Callable[[np.random.Generator, Surroundings], Value] | tuple[float, float] | tuple[str, ...] | None = None
-    tried: tuple[Value, ...] = ()
+    tried: tuple[Value, ...] = ()  # values that a diagnosis tries, equally probable
 
     def draw_value(self, rng: np.random.Generator, around: Surroundings) -> Value:
         """Draw a value for a blind check."""

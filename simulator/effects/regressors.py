@@ -22,20 +22,12 @@ SLEW = 0.1  # of the largest rate, above which the body slews
 
 @dataclass(frozen=True)
 class Regressor:
-    """A known quantity.
+    """A known quantity."""
 
-    Attributes
-    ----------
-    name : as in the name of a draft
-    unit : of its values
-    words : for people, such as "the rate about x"
-    compute : returns its values at each sample or reference, (n,)
-    """
-
-    name: str
-    unit: str
-    words: str
-    compute: Callable[[], Array]
+    name: str  # as in the name of a draft
+    unit: str  # of its values
+    words: str  # for people, such as "the rate about x"
+    compute: Callable[[], Array]  # returns its values at each sample or reference, (n,)
 
 
 def list_regressors(seen: Stream | References) -> dict[str, Regressor]:

@@ -27,24 +27,15 @@ AXES = "xyz"
 
 @dataclass(frozen=True)
 class MissionEffect:
-    """An effect.
+    """An effect."""
 
-    Attributes
-    ----------
-    name, unit, summary : for the command line
-    bounds : of the size
-    change : from a config, a size and parameters to the config with the effect
-    parameters : names with their defaults
-    axes : axes it may be about; "" for none
-    """
-
-    name: str
+    name: str  # this and the next two are for the command line
     unit: str
     summary: str
-    bounds: tuple[float, float]
-    change: Change
-    parameters: Mapping[str, float] = field(default_factory=dict)
-    axes: str = ""
+    bounds: tuple[float, float]  # of the size
+    change: Change  # from a config, a size and parameters to the config with the effect
+    parameters: Mapping[str, float] = field(default_factory=dict)  # names with their defaults
+    axes: str = ""  # axes it may be about; "" for none
 
 
 @dataclass(frozen=True)

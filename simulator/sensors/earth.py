@@ -81,42 +81,27 @@ class Constants(NamedTuple):
 class TrueEarthSensor:
     """The sensor as built, and its processing on board.
 
-    Attributes
-    ----------
-    horizon : the horizon seen and the nominal altitude
-    biases : (4,) penetration-angle biases, rad, in the order of the quadrants
-    width : of a limb detector's view, rad
-    offset, swing : o₀ and o₁, in units of the Earth's radiance
-    sigma : white noise of a quadrant's angle, 1-sigma, rad
-    sigma_s : white noise of S, 1-sigma, in units of the Earth's radiance
-    step : quantisation of the angles, rad; 0 for none
-    sun_radiance : what the Sun in a quadrant's view adds to S, in units of the Earth's radiance
-    sun_field : half angle of the Sun's field about a quadrant's nominal limb, rad
-    sun_margin : added to it where the Sun is predicted, rad
-    s_filter : "off", "correct", "held" or "restarted"
-    s_time_constant : τ, s
-    s_restart : S_f from which a restarted filter goes on, in units of the Earth's radiance
-
     Raises
     ------
     ValueError
         There are not four biases, a width or time constant is not positive, or the filter is unknown.
     """
 
-    horizon: Horizon = field(default_factory=Horizon)
+    horizon: Horizon = field(default_factory=Horizon)  # the horizon seen and the nominal altitude
+    # (4,) penetration-angle biases, rad, in the order of the quadrants
     biases: Array = field(default_factory=lambda: np.zeros(QUADRANTS))
-    width: float = math.radians(2.5)
-    offset: float = 0.08
-    swing: float = 0.02
-    sigma: float = math.radians(0.02)
-    sigma_s: float = 0.002
-    step: float = 0.0
-    sun_radiance: float = 1.0
-    sun_field: float = math.radians(5.0)
-    sun_margin: float = math.radians(0.5)
-    s_filter: Filter = "correct"
-    s_time_constant: float = 60.0
-    s_restart: float = 0.0
+    width: float = math.radians(2.5)  # of a limb detector's view, rad
+    offset: float = 0.08  # o₀, in units of the Earth's radiance
+    swing: float = 0.02  # o₁
+    sigma: float = math.radians(0.02)  # white noise of a quadrant's angle, 1-sigma, rad
+    sigma_s: float = 0.002  # white noise of S, 1-sigma, in units of the Earth's radiance
+    step: float = 0.0  # quantisation of the angles, rad; 0 for none
+    sun_radiance: float = 1.0  # what the Sun in a quadrant's view adds to S, in units of the Earth's radiance
+    sun_field: float = math.radians(5.0)  # half angle of the Sun's field about a quadrant's nominal limb, rad
+    sun_margin: float = math.radians(0.5)  # added to it where the Sun is predicted, rad
+    s_filter: Filter = "correct"  # "off", "correct", "held" or "restarted"
+    s_time_constant: float = 60.0  # τ, s
+    s_restart: float = 0.0  # S_f from which a restarted filter goes on, in units of the Earth's radiance
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "biases", np.ascontiguousarray(self.biases, dtype=float))

@@ -51,16 +51,10 @@ COSINES, SINES = np.sqrt(0.5) * np.array([1.0, -1.0, -1.0, 1.0]), np.sqrt(0.5) *
 
 @dataclass(frozen=True)
 class Horizon:
-    """The ellipsoid whose limb an Earth sensor sees, and the altitude its zero is set for.
+    """The ellipsoid whose limb an Earth sensor sees, and the altitude its zero is set for."""
 
-    Attributes
-    ----------
-    co2_height : height of the CO₂ layer's edge above WGS 84, m
-    altitude : nominal altitude above the equatorial radius, m
-    """
-
-    co2_height: float = 40e3
-    altitude: float = 350e3
+    co2_height: float = 40e3  # height of the CO₂ layer's edge above WGS 84, m
+    altitude: float = 350e3  # nominal altitude above the equatorial radius, m
 
     @property
     def semi_axes(self) -> tuple[float, float]:

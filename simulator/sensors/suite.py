@@ -26,16 +26,10 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class SensorSuite:
-    """The attitude sensors of a spacecraft.
+    """The attitude sensors of a spacecraft."""
 
-    Attributes
-    ----------
-    sun_sensors : numbered 1, 2, … in the table
-    earth : the Earth sensor
-    """
-
-    sun_sensors: tuple[TrueSunSensor, ...] = field(default_factory=trmm_sun_sensors)
-    earth: TrueEarthSensor = field(default_factory=TrueEarthSensor)
+    sun_sensors: tuple[TrueSunSensor, ...] = field(default_factory=trmm_sun_sensors)  # numbered 1, 2, … in the table
+    earth: TrueEarthSensor = field(default_factory=TrueEarthSensor)  # the Earth sensor
 
 
 def sun_table(

@@ -52,25 +52,15 @@ NEWTON_STEPS = 8  # two or three suffice; the bound only stops a loop that round
 
 @dataclass(frozen=True)
 class TrueSunSensor:
-    """A sun sensor as it really is.
+    """A sun sensor as it really is."""
 
-    Attributes
-    ----------
-    name : of the sensor
-    alignment : (3, 3) true sensor to body, N M of R (1)
-    coefficients_alpha, coefficients_beta : (9,) of R (5), rad where an angle
-    head : (3,) 2-3-1 Euler angles (e₁, e₂, e₃) of the β head, rad
-    half_fov : of each head, rad
-    noise : 1-sigma of each angle before it is quantised, rad
-    """
-
-    name: str
-    alignment: Array
-    coefficients_alpha: Array
+    name: str  # of the sensor
+    alignment: Array  # (3, 3) true sensor to body, N M of R (1)
+    coefficients_alpha: Array  # (9,) of R (5), rad where an angle
     coefficients_beta: Array
-    head: Array
-    half_fov: float = HALF_FOV
-    noise: float = NOISE
+    head: Array  # (3,) 2-3-1 Euler angles (e₁, e₂, e₃) of the β head, rad
+    half_fov: float = HALF_FOV  # of each head, rad
+    noise: float = NOISE  # 1-sigma of each angle before it is quantised, rad
 
 
 def trmm_alignments(tilt: float = TILT, elevation: float = 0.0) -> tuple[Array, Array]:

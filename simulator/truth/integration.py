@@ -38,18 +38,11 @@ NODES = np.array([0.5 - sqrt(15) / 10, 0.5, 0.5 + sqrt(15) / 10])
 
 @dataclass(frozen=True)
 class Trajectory:
-    """An integrated attitude.
+    """An integrated attitude."""
 
-    Attributes
-    ----------
-    t : (n + 1,) the grid, s
-    quaternions : (n + 1, 4) attitude at the grid points, inertial to body, scalar last
-    angles : (n, 3) integral of the body rate over each step, rad
-    """
-
-    t: Array
-    quaternions: Array
-    angles: Array
+    t: Array  # (n + 1,) the grid, s
+    quaternions: Array  # (n + 1, 4) attitude at the grid points, inertial to body, scalar last
+    angles: Array  # (n, 3) integral of the body rate over each step, rad
 
 
 def integrate(rate: Rate, t: Array, start: Array, substeps: int = 1) -> Trajectory:

@@ -67,21 +67,13 @@ def pulse(x: Array) -> Array:
 
 @dataclass(frozen=True)
 class Slew:
-    """A turn about a fixed axis.
+    """A turn about a fixed axis."""
 
-    Attributes
-    ----------
-    axis : (3,) unit vector, body axes
-    angle : rad
-    start, duration : s, local time
-    ramp_fraction : share of the duration that each ramp takes, in (0, 0.5]
-    """
-
-    axis: Array
-    angle: float
-    start: float
+    axis: Array  # (3,) unit vector, body axes
+    angle: float  # rad
+    start: float  # s, local time
     duration: float
-    ramp_fraction: float = 0.5
+    ramp_fraction: float = 0.5  # share of the duration that each ramp takes, in (0, 0.5]
 
     @property
     def stop(self) -> float:
@@ -117,17 +109,11 @@ class Sway:
     """Small sinusoidal attitude motion left by the attitude control, about x, then y, then z.
 
     Its phase runs with mission time, so that it goes on through intervals that touch.
-
-    Attributes
-    ----------
-    amplitude : (3,) rad
-    period : (3,) s
-    phase : (3,) rad at the epoch
     """
 
-    amplitude: Array
-    period: Array
-    phase: Array
+    amplitude: Array  # (3,) rad
+    period: Array  # (3,) s
+    phase: Array  # (3,) rad at the epoch
 
     def angles(self, start_s: float, tau: Array) -> Array:
         """α per axis at the local times τ of an interval, rad; (n,) s → (n, 3)."""
@@ -144,19 +130,12 @@ class Sway:
 
 @dataclass(frozen=True)
 class Hold:
-    """An inertial hold; the body rate is zero between the transitions.
+    """An inertial hold; the body rate is zero between the transitions."""
 
-    Attributes
-    ----------
-    start, stop : s, local time, transitions included
-    transition : duration of each transition, s
-    offset : (3,) δ, rad in body axes, put in during the first transition
-    """
-
-    start: float
+    start: float  # s, local time, transitions included
     stop: float
-    transition: float
-    offset: Array
+    transition: float  # duration of each transition, s
+    offset: Array  # (3,) δ, rad in body axes, put in during the first transition
 
     @property
     def knots(self) -> tuple[float, ...]:
@@ -179,25 +158,15 @@ class Hold:
 
 @dataclass(frozen=True)
 class Profile:
-    """Motion of one interval.
+    """Motion of one interval."""
 
-    Attributes
-    ----------
-    orbit : the orbit whose LVLH frame is tracked
-    start_s, stop_s : the interval, s since the epoch
-    yaw : of the mode that the interval starts in, rad from LVLH
-    slews : in time order, not overlapping
-    hold : inertial hold, not overlapping a slew
-    sway : attitude motion on top of all that
-    """
-
-    orbit: CircularOrbit
-    start_s: float
+    orbit: CircularOrbit  # the orbit whose LVLH frame is tracked
+    start_s: float  # of the interval, s since the epoch
     stop_s: float
-    yaw: float
-    slews: tuple[Slew, ...] = ()
-    hold: Hold | None = None
-    sway: Sway | None = None
+    yaw: float  # of the mode that the interval starts in, rad from LVLH
+    slews: tuple[Slew, ...] = ()  # in time order, not overlapping
+    hold: Hold | None = None  # inertial hold, not overlapping a slew
+    sway: Sway | None = None  # attitude motion on top of all that
 
     @property
     def moving(self) -> tuple[tuple[float, float], ...]:

@@ -29,23 +29,14 @@ J2 = 1.08262668e-3
 
 @dataclass(frozen=True)
 class CircularOrbit:
-    """Circular orbit about the Earth.
+    """Circular orbit about the Earth."""
 
-    Attributes
-    ----------
-    altitude : m above the equatorial radius
-    inclination : rad
-    node : right ascension of the ascending node at the epoch, rad
-    latitude_argument : argument of latitude at the epoch, rad
-    j2 : whether the node regresses
-    geodetic : whether pointing modes hold z to geodetic nadir, see `simulator.truth.nadir`; to the Earth's centre otherwise
-    """
-
-    altitude: float
-    inclination: float
-    node: float = 0.0
-    latitude_argument: float = 0.0
-    j2: bool = False
+    altitude: float  # m above the equatorial radius
+    inclination: float  # rad
+    node: float = 0.0  # right ascension of the ascending node at the epoch, rad
+    latitude_argument: float = 0.0  # argument of latitude at the epoch, rad
+    j2: bool = False  # whether the node regresses
+    # whether pointing modes hold z to geodetic nadir, see `simulator.truth.nadir`; to the Earth's centre otherwise
     geodetic: bool = False
 
     @property

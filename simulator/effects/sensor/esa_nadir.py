@@ -25,14 +25,9 @@ from simulator.sensors.suite import SensorSuite
 
 @dataclass(frozen=True)
 class FlattenedHorizon(Horizon):
-    """A horizon with another flattening.
+    """A horizon with another flattening."""
 
-    Attributes
-    ----------
-    missing : part of the flattening that is missing
-    """
-
-    missing: float = 0.0
+    missing: float = 0.0  # part of the flattening that is missing
 
     @property
     def semi_axes(self) -> tuple[float, float]:
