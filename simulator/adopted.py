@@ -83,7 +83,7 @@ class Replayed:
 
     recording: Recording  # whose tags, reference times, stated noises and tables a flight has
     G: Array  # (3, 3)
-    bias: Array
+    bias: Array  # (3,) rad/s
 
 
 @dataclass(frozen=True)

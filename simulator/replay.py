@@ -23,12 +23,13 @@ from scipy.linalg import solveh_banded
 
 from gyrocal.recording import Recording, reference_rows
 from gyrocal.recording.trackers import need_one_sensor
+from simulator.arrays import Array
 from simulator.effects import Setting
 from simulator.effects.recorded import durations, interval_slices, smoothed_rates
 from simulator.sensors.gyro import raw_rates
 from simulator.simulate import disturbed, noise_streams
 from simulator.truth.integration import accumulate
-from simulator.truth.motion import Array, Motion
+from simulator.truth.motion import Motion
 from simulator.truth.rotation import matrix, perturbed, separation
 
 PASSES = 2  # the correction is linear in the error; what is left after one pass is its square

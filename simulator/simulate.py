@@ -14,12 +14,12 @@ from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 
 from gyrocal.errors import InputError
 from gyrocal.recording import Attitudes, GyroStream, Interval, Recording
 from gyrocal.recording.format import TRIAD, without_attitudes
 from gyrocal.recording.gyros import nominal
+from simulator.arrays import Array
 from simulator.effects import REGISTRY, Setting, Stream, Surroundings, references_of
 from simulator.effects.chain import activated, readings, referenced
 from simulator.effects.housekeeping import gyro_temperature, table_acceleration
@@ -33,8 +33,6 @@ from simulator.sensors.trackers import orbit_of, tracked
 from simulator.streams import generator
 from simulator.truth.maneuvers import Profile, trajectory
 from simulator.truth.motion import Motion
-
-Array = NDArray[np.float64]
 
 
 def motion(scenario: Scenario, substeps: int = 1) -> Motion:

@@ -20,8 +20,8 @@ from typing import Literal, NamedTuple, TypeVar
 
 import numpy as np
 
+from simulator.arrays import Array
 from simulator.effects.views import (
-    Array,
     Detection,
     Fault,
     Parameters,

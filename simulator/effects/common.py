@@ -5,10 +5,10 @@ from itertools import pairwise
 
 import numpy as np
 import scipy.special
-from numpy.typing import NDArray
 
 from gyrocal.compiled import compiled
 from gyrocal.errors import InputError
+from simulator.arrays import Array
 from simulator.effects.base import (
     AXES,
     Parameter,
@@ -22,8 +22,6 @@ from simulator.effects.base import (
     Value,
 )
 from simulator.effects.base import log_uniform as log_uniform
-
-Array = NDArray[np.float64]
 
 DEG = float(np.deg2rad(1.0))  # rad
 DEG_H = DEG / 3600  # rad/s

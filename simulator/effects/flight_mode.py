@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gyrocal.recording import GyroStream, Interval, Recording, reference_rows, triad
+from simulator.arrays import Flags
 from simulator.effects.base import Array
 
 SHORTEST_S = 10.0  # to either side of a reference; half a transition to an inertial hold
@@ -87,7 +88,7 @@ def _velocity(rates: Array) -> Array:
     return np.column_stack([-rates[:, 1], rates[:, 0]])
 
 
-def _to_nadir(rates: Array) -> NDArray[np.bool_]:
+def _to_nadir(rates: Array) -> Flags:
     """Where the rate across z is that of the orbit."""
     return np.abs(np.linalg.norm(_velocity(rates), axis=1) - 1) < NEAR
 

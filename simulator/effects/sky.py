@@ -14,7 +14,8 @@ from numpy.typing import NDArray
 
 from gyrocal.recording import Recording
 from gyrocal.recording.trackers import to_axes
-from simulator.effects.views import Array, Stream, Trackers
+from simulator.arrays import Array
+from simulator.effects.views import Stream, Trackers
 from simulator.truth.orbit import EARTH_RADIUS, MU, CircularOrbit, lvlh_attitude
 from simulator.truth.sun import DAY, julian_date, sun_vector
 

@@ -9,7 +9,8 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from simulator.arrays import Array, Flags
+
 Value = float | str
 Parameters = Mapping[str, Value]
 
@@ -94,7 +95,7 @@ class SampleView:
     sample_s: float  # length of a sample, s
     rates: Array  # (n, gyros) raw rates as recorded, rad/s
     sigma: Array  # (gyros,) white noise of a sample, rad/s
-    inside: NDArray[np.bool_]  # (n,) bool, whether a sample lies inside an interval
+    inside: Flags  # (n,) bool, whether a sample lies inside an interval
     intervals: tuple[slice, ...]  # the samples of each interval
     # (n, gyros) raw rates without noise, from the references or by smoothing, rad/s; NaN where they are not known
     motion: Array
@@ -121,8 +122,8 @@ class Fault:
     """A stretch of a recording that shows no rate or no attitude, and the effect that is found to make it."""
 
     detection: Detection  # what was found
-    samples: NDArray[np.bool_]  # (n,) bool, gyro samples that carry no rate
-    references: NDArray[np.bool_]  # (m,) bool, references that carry no attitude
+    samples: Flags  # (n,) bool, gyro samples that carry no rate
+    references: Flags  # (m,) bool, references that carry no attitude
 
 
 @dataclass(frozen=True)

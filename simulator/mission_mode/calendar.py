@@ -12,12 +12,10 @@ is to be positive in the one and negative in the other. Its largest value is the
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from simulator.arrays import Array
 from simulator.truth.orbit import CircularOrbit, lvlh_attitude
 from simulator.truth.sun import DAY, julian_date, sun_vector
-
-Array = NDArray[np.float64]
 
 STEP = 3600.0  # s, of the search; β passes zero twice in 46 days
 

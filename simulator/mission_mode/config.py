@@ -19,8 +19,8 @@ from dataclasses import dataclass, field, replace
 from typing import Literal, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from simulator.arrays import Array
 from simulator.mission_mode.mounting import BORESIGHTS, R3_M, Mounting, mounted
 from simulator.mission_mode.onboard_attitude import head_angle
 from simulator.mission_mode.wheels import EQUAL_ELEVATION
@@ -29,7 +29,6 @@ from simulator.sensors.earth import Filter, TrueEarthSensor
 from simulator.sensors.sun import TrueSunSensor
 from simulator.truth.orbit import CircularOrbit
 
-Array = NDArray[np.float64]
 Forward = Literal["+x", "-x"]
 
 EPOCH = "1997-11-27T21:30:00+00:00"  # R: launched November 27, 1997; near the launch's hour

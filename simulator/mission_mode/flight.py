@@ -21,6 +21,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
+from simulator.arrays import Array
 from simulator.mission_mode.calendar import plane_crossings, sun_angle
 from simulator.mission_mode.config import (
     DAY,
@@ -41,8 +42,6 @@ from simulator.streams import generator
 from simulator.truth.orbit import lvlh_rate
 from simulator.truth.rotation import quaternion
 from simulator.truth.sun import julian_date, sun_vector
-
-Array = NDArray[np.float64]
 
 COLDEST = "1998-01-15T00:00:00+00:00"  # when the horizon's season is at its largest
 SECONDS_PER_HOUR = 3600.0

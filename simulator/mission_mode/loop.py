@@ -14,9 +14,9 @@ it changes in `State`, and what it writes grows with the rows asked for only.
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
 from gyrocal.compiled import compiled
+from simulator.arrays import Array
 from simulator.mission_mode.magnetic_field import DIPOLE, EARTH_RATE, dipole_field
 from simulator.mission_mode.onboard_attitude import half_turn, propagate_error, sun_azimuth
 from simulator.mission_mode.rigid_body import attitude_matrix, multiply, rigid_body_step
@@ -26,8 +26,6 @@ from simulator.mission_mode.wheels import WHEELS, distribute, unloading_moment
 from simulator.sensors.earth import measure, roll_pitch
 from simulator.sensors.horizon import COSINES, SINES
 from simulator.sensors.sun import sensor_counts
-
-Array = NDArray[np.float64]
 
 YEARLY = 2 * math.pi / (365.25 * 86400.0)  # rad/s
 SHORTEST_BIAS_INTERVAL = 600.0  # s; updates closer than that set the yaw and leave the bias

@@ -17,11 +17,9 @@ Rotation of the Earth
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
 from gyrocal.compiled import compiled
-
-Array = NDArray[np.float64]
+from simulator.arrays import Array
 
 DIPOLE = np.array([-1784e-9, 5306e-9, -29692e-9])  # d of IGRF 1995.0, T, Earth-fixed
 REFERENCE_RADIUS = 6371.2e3  # m

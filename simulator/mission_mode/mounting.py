@@ -30,14 +30,13 @@ from functools import lru_cache
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from simulator.arrays import Array
 from simulator.sensors import sun as sun_sensor
 from simulator.sensors.sun import TrueSunSensor
 from simulator.truth.orbit import EARTH_RADIUS
 
-Array = NDArray[np.float64]
 Mounting = Literal["solved", "added", "heads", "alike"]
 
 ALTITUDE = 350e3  # m

@@ -21,12 +21,8 @@ from one update to the next. The sign of d turns, the drift has the wrong sense,
 
 import math
 
-import numpy as np
-from numpy.typing import NDArray
-
 from gyrocal.compiled import compiled
-
-Array = NDArray[np.float64]
+from simulator.arrays import Array
 
 
 @compiled

@@ -18,12 +18,9 @@ The integral of the rate over the step, what a gyro shows, has the weights of th
 
 import math
 
-import numpy as np
-from numpy.typing import NDArray
-
 from gyrocal.compiled import compiled
+from simulator.arrays import Array
 
-Array = NDArray[np.float64]
 Triple = tuple[float, float, float]
 Quad = tuple[float, float, float, float]
 

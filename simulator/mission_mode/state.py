@@ -3,16 +3,11 @@
 import math
 from typing import NamedTuple
 
-import numpy as np
-from numpy.typing import NDArray
-
 from gyrocal.compiled import compiled
+from simulator.arrays import Array, Flags
 from simulator.mission_mode.config import Spacecraft
 from simulator.mission_mode.wheels import WHEELS
 from simulator.sensors.earth import Constants
-
-Array = NDArray[np.float64]
-Flags = NDArray[np.bool_]
 
 AXES = ("roll", "pitch", "yaw")
 # Columns of the tables in their units; the loop writes radians and seconds.

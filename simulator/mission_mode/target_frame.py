@@ -21,13 +21,11 @@ The rate on board is therefore that of the geodetic frame: the rotation from one
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
 from gyrocal.compiled import compiled
+from simulator.arrays import Array
 from simulator.sensors.horizon import FLATTENING
 from simulator.truth.orbit import EARTH_RADIUS, CircularOrbit
-
-Array = NDArray[np.float64]
 
 SQUARED_ECCENTRICITY = FLATTENING * (2 - FLATTENING)
 ROUNDS = 3  # of the iteration for the latitude; leaves less than 1e-9 rad at any latitude from 350 km

@@ -40,15 +40,13 @@ from dataclasses import dataclass, field
 from typing import Literal, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from gyrocal.compiled import compiled
+from simulator.arrays import Array, Flags
 from simulator.sensors.horizon import COSINES, POLAR_RADIUS, QUADRANTS, SINES, Horizon, hidden
 from simulator.sensors.horizon import penetration as penetration
 from simulator.truth.orbit import EARTH_RADIUS
 
-Array = NDArray[np.float64]
-Flags = NDArray[np.bool_]
 Filter = Literal["off", "correct", "held", "restarted"]
 
 OFF, CORRECT, HELD, RESTARTED = 0, 1, 2, 3

@@ -8,12 +8,10 @@ is N/√Δt.
 """
 
 import numpy as np
-from numpy.typing import NDArray
 
 from gyrocal.compiled import compiled
+from simulator.arrays import Array
 from simulator.draws import add_normals, layers, state_words
-
-Array = NDArray[np.float64]
 
 
 def raw_rates(omega: Array, G: Array, bias: Array) -> Array:

@@ -35,12 +35,10 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from gyrocal.compiled import compiled
+from simulator.arrays import Array
 from simulator.truth.orbit import EARTH_RADIUS, CircularOrbit, lvlh_attitude
-
-Array = NDArray[np.float64]
 
 FLATTENING = 1 / 298.257223563  # WGS 84
 POLAR_RADIUS = EARTH_RADIUS * (1 - FLATTENING)  # m

@@ -11,7 +11,6 @@ from dataclasses import replace
 from math import radians
 
 import numpy as np
-from numpy.typing import NDArray
 
 from gyrocal.errors import InputError
 from gyrocal.recording.sensor_tables import SensorTables, read
@@ -26,8 +25,6 @@ from simulator.streams import generator
 from simulator.truth.motion import Motion
 from simulator.truth.rotation import matrix
 from simulator.truth.sun import DAY, julian_date, sun_vector
-
-Array = NDArray[np.float64]
 
 
 def nominal_suite(sun_noise: float, earth_noise: float) -> SensorSuite:

@@ -5,12 +5,10 @@ the next. They are taken at the ends of each interval only, as in N, or as a ser
 """
 
 import numpy as np
-from numpy.typing import NDArray
 
+from simulator.arrays import Array
 from simulator.truth.maneuvers import Profile
 from simulator.truth.rotation import perturbed
-
-Array = NDArray[np.float64]
 
 TIME_TOLERANCE = 1e-6  # s; times closer than this are one
 

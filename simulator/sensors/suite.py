@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from simulator.arrays import Array
 from simulator.sensors import earth as earth_sensor
 from simulator.sensors import sun as sun_sensor
 from simulator.sensors.earth import TrueEarthSensor
@@ -20,8 +21,6 @@ from simulator.truth.sun import eclipse
 
 if TYPE_CHECKING:
     import pandas as pd
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

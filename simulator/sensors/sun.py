@@ -33,8 +33,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gyrocal.compiled import compiled
+from simulator.arrays import Array, Flags
 
-Array = NDArray[np.float64]
 Counts = NDArray[np.int64]
 
 ALPHA = np.array([-1.1918, 1.4549e-4, 3.5e-4, 1.5340e-3, 0.40, 1.7e-4, 6.1359e-3, 1.10, 2.6e-4])
@@ -175,7 +175,7 @@ def sensor_counts(
     return round(n_alpha), round(n_beta), True
 
 
-def observe(rng: np.random.Generator | None, sensor: TrueSunSensor, A: Array, sun: Array) -> tuple[Counts, NDArray[np.bool_]]:
+def observe(rng: np.random.Generator | None, sensor: TrueSunSensor, A: Array, sun: Array) -> tuple[Counts, Flags]:
     """Counts of a sensor at a series of moments; the Earth's shadow is not looked at (see `simulator.truth.sun.eclipse`).
 
     Parameters
@@ -217,7 +217,7 @@ def _observe(
     half_fov: float,
     noise: Array,
     counts: Counts,
-    visible: NDArray[np.bool_],
+    visible: Flags,
 ) -> None:  # pragma: no cover - compiled
     for k in range(len(A)):
         counts[k, 0], counts[k, 1], visible[k] = sensor_counts(

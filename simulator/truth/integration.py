@@ -25,12 +25,11 @@ from dataclasses import dataclass
 from math import sqrt
 
 import numpy as np
-from numpy.typing import NDArray
 
 from gyrocal.compiled import compiled
+from simulator.arrays import Array
 from simulator.truth.rotation import cross
 
-Array = NDArray[np.float64]
 Rate = Callable[[Array], Array]
 
 NODES = np.array([0.5 - sqrt(15) / 10, 0.5, 0.5 + sqrt(15) / 10])

@@ -28,16 +28,14 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import root
 
 from gyrocal.errors import InputError
+from simulator.arrays import Array
 from simulator.truth.integration import NODES, Trajectory, accumulate, integrate, magnus
 from simulator.truth.nadir import pointing_attitude, pointing_rate
 from simulator.truth.orbit import CircularOrbit
 from simulator.truth.rotation import quaternion, separation, turn_matrix, turned
-
-Array = NDArray[np.float64]
 
 AXES = np.eye(3)
 MODE_YAW = {"+x": 0.0, "-x": np.pi, "+y": -np.pi / 2, "-y": np.pi / 2}

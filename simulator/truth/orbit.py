@@ -18,9 +18,8 @@ Without J2, Ω' = 0 and the rate is −n about y: −1 RPO. With J2, Ω' = −1.
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from simulator.arrays import Array
 
 MU = 3.986004418e14  # m³/s², WGS 84
 EARTH_RADIUS = 6378137.0  # m, equatorial, WGS 84

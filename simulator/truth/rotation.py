@@ -8,10 +8,9 @@ The recorded quaternion q has A(q) = ``Rotation.from_quat(q).as_matrix().T``: as
 """
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-Array = NDArray[np.float64]
+from simulator.arrays import Array
 
 
 def turned(axis: Array, angle: Array, vectors: Array) -> Array:

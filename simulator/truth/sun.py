@@ -20,11 +20,9 @@ orbit crosses the shadow's edge, or ± 1.5 s, are left out, and so are the atmos
 from datetime import UTC, datetime
 
 import numpy as np
-from numpy.typing import NDArray
 
+from simulator.arrays import Array, Flags
 from simulator.truth.orbit import EARTH_RADIUS
-
-Array = NDArray[np.float64]
 
 J2000 = 2451545.0  # Julian date of 2000-01-01 12:00
 DAY = 86400.0  # s
@@ -48,7 +46,7 @@ def sun_vector(julian_date: Array | float) -> Array:
     return np.stack([np.cos(longitude), np.cos(obliquity) * sine, np.sin(obliquity) * sine], axis=-1)
 
 
-def eclipse(position: Array, sun: Array) -> NDArray[np.bool_]:
+def eclipse(position: Array, sun: Array) -> Flags:
     """Whether positions (..., 3) from the Earth's centre, m, lie in its cylindrical shadow; sun (..., 3) unit vectors."""
     along = (position * sun).sum(axis=-1)
     across = np.linalg.norm(position - along[..., None] * sun, axis=-1)

@@ -8,8 +8,8 @@ an inertial hold, which has no heading, is not known; both are parameters.
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from simulator.arrays import Flags
 from simulator.effects.base import Array, Effect, Parameter, Parameters, References, Surroundings, Trial, Value
 from simulator.effects.common import DEG, on_axis
 
@@ -53,7 +53,7 @@ class ReferenceModeOffset(Effect):
         return None if len(flown) > 1 else f"all references are taken with {BACKWARD} forward"
 
 
-def _acts(references: References, parameters: Parameters) -> NDArray[np.bool_]:
+def _acts(references: References, parameters: Parameters) -> Flags:
     """(m,) where the offset acts; where no axis flies forward, as before that in the same interval if it is carried on."""
     if references.heading is None:
         out = references.forward == BACKWARD

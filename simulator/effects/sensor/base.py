@@ -8,18 +8,18 @@ apart from each other where the sensors' own code can tell the first.
 Sizes are in the unit of the effect, errors in radians; an error is what the sensor shows beyond M0.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-from simulator.effects.base import Effect, Parameter, Setting, Surroundings, Trial, Value, absent
+from simulator.arrays import Array, Flags
+from simulator.effects.base import Effect, Parameter, Parameters, Setting, Surroundings, Trial, absent
 from simulator.effects.directed import Directed
 from simulator.sensors.suite import SensorSuite
 
-Array = NDArray[np.float64]
 DEG = float(np.deg2rad(1.0))
 EARTH_SENSOR = "Earth sensor"
 S_FILTER_TIME = Parameter("time_constant_s", "s", 60.0, "of the filter", lower=1.0, upper=1e4)
@@ -36,7 +36,7 @@ class Sightings:
     A: Array  # (m, 3, 3) attitudes then
     position: Array  # (m, 3) from the Earth's centre, inertial, m
     sun: Array  # (m, 3) unit vectors, inertial
-    used: NDArray[np.bool_]  # (m, 4) quadrants used
+    used: Flags  # (m, 4) quadrants used
 
     @property
     def nothing(self) -> tuple[Array, Array]:
@@ -48,7 +48,7 @@ class Sightings:
 class SensorEffect(Effect):
     """An effect on the sensors."""
 
-    options: tuple[Mapping[str, Value], ...] = ({},)  # values of its other parameters that a diagnosis tries
+    options: tuple[Parameters, ...] = ({},)  # values of its other parameters that a diagnosis tries
     count: int = 1  # number of its linear amplitudes
     refined: tuple[str, ...] = ()  # those of the other parameters that are positive numbers, to be found between the options
     acts_on: str = ""  # name of the sensor; "{axis}" in it stands for the effect's axis
@@ -74,9 +74,7 @@ class SensorEffect(Effect):
         raise NotImplementedError
 
     @absent
-    def error(
-        self, sightings: Sightings, axis: str | None, amplitudes: Array, parameters: Mapping[str, Value]
-    ) -> tuple[Array, Array]:
+    def error(self, sightings: Sightings, axis: str | None, amplitudes: Array, parameters: Parameters) -> tuple[Array, Array]:
         """Errors of the sun sensors' angles (n, 2) and the penetration angles (m, 4), rad; amplitudes (count,)."""
         raise NotImplementedError
 

@@ -9,8 +9,9 @@ from dataclasses import replace
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from simulator.arrays import Array
 from simulator.effects.base import Parameters, Setting
-from simulator.effects.sensor.base import DEG, Array, Sightings, VectorEffect, angle
+from simulator.effects.sensor.base import DEG, Sightings, VectorEffect, angle
 from simulator.sensors.suite import SensorSuite
 
 SENSOR = 2

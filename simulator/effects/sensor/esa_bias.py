@@ -7,8 +7,9 @@ alone. The default direction is R's, in the order printed there (`gyrocal.sensor
 
 from dataclasses import replace
 
+from simulator.arrays import Array
 from simulator.effects.base import Parameters, Setting
-from simulator.effects.sensor.base import DEG, EARTH_SENSOR, Array, Sightings, VectorEffect, angle
+from simulator.effects.sensor.base import DEG, EARTH_SENSOR, Sightings, VectorEffect, angle
 from simulator.sensors.suite import SensorSuite
 
 

@@ -15,8 +15,9 @@ from dataclasses import replace
 import numpy as np
 
 from gyrocal.compiled import compiled
+from simulator.arrays import Array
 from simulator.effects.base import Parameter, Parameters, Setting
-from simulator.effects.sensor.base import DEG, EARTH_SENSOR, S_FILTER_TIME, Array, SensorEffect, Sightings
+from simulator.effects.sensor.base import DEG, EARTH_SENSOR, S_FILTER_TIME, SensorEffect, Sightings
 from simulator.sensors.horizon import AZIMUTHS, POLAR_RADIUS, Horizon
 from simulator.sensors.suite import SensorSuite
 from simulator.truth.orbit import EARTH_RADIUS

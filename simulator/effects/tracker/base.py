@@ -10,13 +10,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from gyrocal.errors import InputError
+from simulator.arrays import Flags
 from simulator.effects.base import Array, Effect, Parameters, References, Surroundings, Trackers, absent
 
 
-def rows_of(references: References, name: str, effect: Effect) -> NDArray[np.bool_]:
+def rows_of(references: References, name: str, effect: Effect) -> Flags:
     """(m,) which references are of a tracker; an `InputError` where there is none of that name."""
     seen = references.trackers
     if seen is None or name not in seen.names:
@@ -46,7 +46,7 @@ class TrackerColumns(TrackerEffect):
     """An effect of one tracker that is a sum of columns."""
 
     @absent
-    def own_columns(self, references: References, seen: Trackers, own: NDArray[np.bool_], parameters: Parameters) -> Array:
+    def own_columns(self, references: References, seen: Trackers, own: Flags, parameters: Parameters) -> Array:
         """Error about the tracker's axes per unit of each amplitude, of its own references, (rows, 3, k) rad."""
         raise NotImplementedError(f"{self.name} has no columns")
 

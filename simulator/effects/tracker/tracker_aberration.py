@@ -8,8 +8,8 @@ is the boresight, e_s = (−v_y, v_x, 0)/c. On a low orbit 5" turn with the velo
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from simulator.arrays import Flags
 from simulator.effects.base import Array, Parameter, Parameters, References, Surroundings, Trackers
 from simulator.effects.tracker.base import TrackerColumns
 from simulator.truth.rotation import matrix
@@ -21,7 +21,7 @@ PARTS = ("both", "orbital", "annual")
 class TrackerAberration(TrackerColumns):
     """See the module."""
 
-    def own_columns(self, references: References, seen: Trackers, own: NDArray[np.bool_], parameters: Parameters) -> Array:
+    def own_columns(self, references: References, seen: Trackers, own: Flags, parameters: Parameters) -> Array:
         """All of it."""
         part = parameters.get("part", PARTS[0])
         v = np.zeros((int(own.sum()), 3))

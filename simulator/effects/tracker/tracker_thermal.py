@@ -6,8 +6,8 @@ The column may be named; else one whose name ends in temperature_c is taken, a t
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from simulator.arrays import Flags
 from simulator.effects.base import Array, Parameter, Parameters, References, Surroundings, Trackers
 from simulator.effects.common import ARCSEC
 from simulator.effects.directed import Directed
@@ -19,7 +19,7 @@ from simulator.effects.tracker.base import TrackerColumns
 class TrackerThermal(TrackerColumns, Directed):
     """See the module."""
 
-    def own_columns(self, references: References, seen: Trackers, own: NDArray[np.bool_], parameters: Parameters) -> Array:
+    def own_columns(self, references: References, seen: Trackers, own: Flags, parameters: Parameters) -> Array:
         """T − mean T across the boresight."""
         T = temperature_of(seen.housekeeping, parameters, "tracker", self.name)[own]
         return ARCSEC * (T - T.mean())[:, None, None] * np.eye(3)[None, :, :2]
