@@ -22,7 +22,7 @@ from pathlib import Path
 from typing import Annotated
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import Field, ValidationError
 
 from gyrocal.errors import InputError
 from gyrocal.recording import Recording, toml_value, validation_message
@@ -31,7 +31,7 @@ from simulator import scenario as scenarios
 from simulator.effects import REGISTRY, Setting, Surroundings, setting
 from simulator.effects.base import Array
 from simulator.replay import noise_free, replayed
-from simulator.scenario import Matrix, Scenario, Vector
+from simulator.scenario import Matrix, Scenario, Section, Vector
 from simulator.simulate import disturbed, motion, noise_streams, observe, surroundings
 from simulator.streams import generator
 from simulator.truth.motion import Motion
@@ -41,11 +41,7 @@ SYMMETRIC = 1e-9  # of the standard deviations' product
 NEGATIVE = -1e-9  # eigenvalue of a correlation matrix that is more than rounding
 
 
-class _Model(BaseModel):
-    model_config = ConfigDict(extra="forbid", frozen=True, strict=True, allow_inf_nan=False)
-
-
-class ReplaySection(_Model):
+class ReplaySection(Section):
     """The recording whose motion is the plan, and the gyro that flies it."""
 
     recording: str = Field(min_length=1)
@@ -54,22 +50,22 @@ class ReplaySection(_Model):
     true_bias_deg_s: Vector
 
 
-class EffectSection(_Model):
+class EffectSection(Section):
     """An effect with its numbers."""
 
     name: str
     axis: str | None = None
     size: float
-    parameters: dict[str, float | int | str] = {}
+    parameters: dict[str, float | int | str] = Field(default_factory=dict)
 
 
-class PosteriorSection(_Model):
+class PosteriorSection(Section):
     """Covariance of the amplitudes of all effects."""
 
     covariance: Annotated[tuple[Annotated[tuple[float, ...], Field(strict=False)], ...], Field(strict=False)]
 
 
-class _Additions(_Model):
+class _Additions(Section):
     """What may stand in a file beside a scenario's own keys."""
 
     replay: ReplaySection | None = None

@@ -59,11 +59,13 @@ MOST_BASES = 30  # of a scenario, one of the other
 SMALLEST_DETERMINANT = 1e-3  # of a G that counts as invertible
 
 
-class _Model(BaseModel):
+class Section(BaseModel):
+    """A table of a document: nothing else may stand in it."""
+
     model_config = ConfigDict(extra="forbid", frozen=True, strict=True, allow_inf_nan=False)
 
 
-class OrbitSection(_Model):
+class OrbitSection(Section):
     """Circular orbit."""
 
     altitude_km: float = Field(gt=100, le=1e6)
@@ -85,7 +87,7 @@ class OrbitSection(_Model):
         )
 
 
-class ArraySection(_Model):
+class ArraySection(Section):
     """More gyros than x, y and z: gyro i reads (1 + k_i)(u_i + m_i) · ω_unit + c_i.
 
     u_i are the axes as they are known, normalised, in the axes of the unit, whose rate ω_unit = G⁻¹(ω − b) is what three gyros
@@ -137,7 +139,7 @@ class ArraySection(_Model):
         return scale[:, None] * turned, np.deg2rad(self.bias_deg_s or np.zeros(n))
 
 
-class GyroSection(_Model):
+class GyroSection(Section):
     """True and a-priori gyro parameters, sampling and noise.
 
     ``reading`` is what a sample shows: the mean rate over it, or the rate at its start. An ``array`` of other gyros than x, y
@@ -161,7 +163,7 @@ class GyroSection(_Model):
         return value
 
 
-class TrackerSection(_Model):
+class TrackerSection(Section):
     """One of several star trackers: its mounting as stated, body to tracker, and how far it is truly turned from that.
 
     Angles are about the tracker's own axes, of which z is the boresight. There is no reference while the body turns faster
@@ -195,7 +197,7 @@ class TrackerSection(_Model):
         )
 
 
-class ReferenceSection(_Model):
+class ReferenceSection(Section):
     """When reference attitudes are taken, and their standard deviation about each body axis.
 
     Of several trackers, each has its own, about its own axes, and looks on during slews.
@@ -229,7 +231,7 @@ class ReferenceSection(_Model):
         return value
 
 
-class SensorsSection(_Model):
+class SensorsSection(Section):
     """Raw measurements of the nominal sun and Earth sensors; noise is white, 1-sigma of each angle."""
 
     every_s: float = Field(ge=1e-3, le=1e5)
@@ -237,7 +239,7 @@ class SensorsSection(_Model):
     earth_noise_deg: float = Field(default=0.02, ge=0, le=10)
 
 
-class ControlMotionSection(_Model):
+class ControlMotionSection(Section):
     """Sinusoidal attitude motion about each body axis; the phases hold at the epoch."""
 
     amplitude_deg: Vector
@@ -249,7 +251,7 @@ class ControlMotionSection(_Model):
         return Sway(np.deg2rad(self.amplitude_deg), np.array(self.period_s), np.deg2rad(self.phase_deg))
 
 
-class SlewSection(_Model):
+class SlewSection(Section):
     """A turn about a body axis."""
 
     axis: Vector
@@ -271,7 +273,7 @@ class SlewSection(_Model):
         return Slew(axis, radians(self.angle_deg), self.start_s, self.duration_s, self.ramp_fraction)
 
 
-class HoldSection(_Model):
+class HoldSection(Section):
     """An inertial hold, its two transitions included."""
 
     start_s: float = Field(ge=0)
@@ -291,7 +293,7 @@ class HoldSection(_Model):
         return Hold(self.start_s, self.stop_s, self.transition_s, np.deg2rad(self.offset_deg))
 
 
-class IntervalSection(_Model):
+class IntervalSection(Section):
     """One calibration interval; ``mode`` is the body axis along the velocity at its start, ``gyros`` are those switched on."""
 
     name: str = Field(min_length=1)
@@ -352,7 +354,7 @@ class IntervalSection(_Model):
         return Profile(orbit, self.start_s, self.stop_s, MODE_YAW[self.mode], slews, hold, sway)
 
 
-class Scenario(_Model):
+class Scenario(Section):
     """Everything a simulation needs but the random numbers."""
 
     title: str

@@ -20,10 +20,10 @@ from gyrocal.recording import Attitudes, GyroStream, Interval, Recording
 from gyrocal.recording.format import TRIAD, without_attitudes
 from gyrocal.recording.gyros import nominal
 from simulator.arrays import Array
-from simulator.effects import REGISTRY, Setting, Stream, Surroundings, references_of
+from simulator.effects import REGISTRY, Setting, Surroundings, references_of
 from simulator.effects.chain import activated, readings, referenced
 from simulator.effects.housekeeping import gyro_temperature, table_acceleration
-from simulator.effects.recorded import housekeeping_at
+from simulator.effects.recorded import build_stream
 from simulator.effects.sensor import SENSOR_EFFECTS
 from simulator.scenario import Scenario, profiles
 from simulator.sensors.gyro import raw_rates, with_white_noise
@@ -234,18 +234,9 @@ def disturbed(
 def surroundings(plain: Recording, motion: Motion, point: bool = False) -> Surroundings:
     """The noise-free truth as effects see it."""
     t_s = motion.t_s if point else motion.t_s + 0.5 * motion.duration_s
-    stream = Stream(
-        t_s=t_s,
-        duration_s=motion.duration_s,
-        rates=motion.rates,
-        raw=plain.gyro.rates,
-        intervals=motion.intervals,
-        orbit_period_s=plain.orbit.period_s if plain.orbit else float("nan"),
-        span_s=(min(i.start_s for i in plain.intervals), max(i.stop_s for i in plain.intervals)),
-        housekeeping=housekeeping_at(plain, t_s),
-        gyros=plain.gyro.names,
-        axes=nominal(plain.gyro)[0] if plain.is_array else None,
-    )
+    stream = build_stream(plain, t_s, motion.duration_s, motion.rates, plain.gyro.rates, motion.intervals)
+    if plain.is_array:
+        stream = replace(stream, gyros=plain.gyro.names, axes=nominal(plain.gyro)[0])
     return Surroundings(stream, references_of(plain, stream), plain.gyro.arw, plain.gyro.sample_s, plain.attitudes.sigma)
 
 

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from gyrocal.errors import InputError
-from simulator.effects.base import Array, Parameter, Parameters
+from simulator.effects.base import Array, Parameter, Parameters, Surroundings
 from simulator.effects.common import DAY
 from simulator.truth.rotation import matrix
 
@@ -75,3 +75,8 @@ def no_temperature(housekeeping: Mapping[str, Array]) -> str | None:
     """Why an effect that follows a temperature cannot act."""
     there = any(name.endswith(SUFFIX) for name in housekeeping)
     return None if there else f"the recording has no housekeeping column …{SUFFIX}"
+
+
+def no_gyro_temperature(around: Surroundings) -> str | None:
+    """Why an effect of the gyro that follows a temperature cannot act."""
+    return no_temperature(around.stream.housekeeping)

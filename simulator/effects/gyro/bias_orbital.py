@@ -3,7 +3,7 @@
 The Sun warms and the shadow cools the gyro once an orbit. Amplitudes (size cos φ, size sin φ) make it linear.
 """
 
-from simulator.effects.base import Array, Parameters, Stream, Surroundings
+from simulator.effects.base import Array, Parameters, Stream
 from simulator.effects.common import DEG_H, harmonic, no_orbit, on_axis
 from simulator.effects.periodic import Sinusoid
 
@@ -15,10 +15,6 @@ class BiasOrbital(Sinusoid):
         """sin(nt) and cos(nt), as deg/h."""
         return on_axis(harmonic(stream.t_s, stream.orbit_period_s) * DEG_H, axis)
 
-    def missing(self, around: Surroundings) -> str | None:
-        """It needs the orbit's period."""
-        return no_orbit(around)
-
 
 EFFECT = BiasOrbital(
     name="bias_orbital",
@@ -27,5 +23,6 @@ EFFECT = BiasOrbital(
     unit="deg/h",
     stage="rate",
     prior=(1e-5, 1e3),
+    needs=no_orbit,
     meaning="The gyro's bias goes up and down once an orbit, as when sun and shadow warm and cool it.",
 )

@@ -4,9 +4,9 @@ The linear term of a gyro's thermal model; the constant one is the bias itself. 
 between its rows. The column may be named; else one whose name ends in temperature_c is taken, the gyro's before others.
 """
 
-from simulator.effects.base import Array, Effect, Parameters, Stream, Surroundings
+from simulator.effects.base import Array, Effect, Parameters, Stream
 from simulator.effects.common import DEG_H, on_axis
-from simulator.effects.housekeeping import no_temperature, temperature_of, temperature_parameter
+from simulator.effects.housekeeping import no_gyro_temperature, temperature_of, temperature_parameter
 
 
 class BiasTemperature(Effect):
@@ -16,10 +16,6 @@ class BiasTemperature(Effect):
         """T − mean T, as deg/h."""
         temperature = temperature_of(stream.housekeeping, parameters, "gyro", self.name)
         return on_axis((temperature - temperature.mean()) * DEG_H, axis)
-
-    def missing(self, around: Surroundings) -> str | None:
-        """It needs a temperature."""
-        return no_temperature(around.stream.housekeeping)
 
 
 EFFECT = BiasTemperature(
@@ -32,4 +28,5 @@ EFFECT = BiasTemperature(
     prior=(1e-6, 1e3),
     parameters=(temperature_parameter("the gyro's"),),
     meaning="The gyro's bias follows a temperature of the housekeeping data; positive: it reads high when warm.",
+    needs=no_gyro_temperature,
 )

@@ -4,9 +4,9 @@ With toward = axis it is the scale factor's thermal coefficient (IEEE Std 952), 
 housekeeping shows, the gyro's temperature before others.
 """
 
-from simulator.effects.base import Array, Effect, Parameters, Stream, Surroundings
+from simulator.effects.base import Array, Effect, Parameters, Stream
 from simulator.effects.common import PPM, TOWARD, index, on_axis
-from simulator.effects.housekeeping import no_temperature, temperature_of, temperature_parameter
+from simulator.effects.housekeeping import no_gyro_temperature, temperature_of, temperature_parameter
 
 
 class GMatrixTemperature(Effect):
@@ -17,10 +17,6 @@ class GMatrixTemperature(Effect):
         temperature = temperature_of(stream.housekeeping, parameters, "gyro", self.name)
         omega = stream.rates[:, index(str(parameters["toward"]))]
         return on_axis(PPM * omega * (temperature - temperature.mean()), axis)
-
-    def missing(self, around: Surroundings) -> str | None:
-        """It needs a temperature."""
-        return no_temperature(around.stream.housekeeping)
 
 
 EFFECT = GMatrixTemperature(
@@ -33,5 +29,6 @@ EFFECT = GMatrixTemperature(
     bounds=(-1e6, 1e6),
     parameters=(TOWARD, temperature_parameter("the gyro's")),
     meaning="One element of the gyro's scale-factor and misalignment matrix follows a temperature of the housekeeping data.",
+    needs=no_gyro_temperature,
     drawn=False,
 )

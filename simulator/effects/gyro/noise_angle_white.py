@@ -30,10 +30,6 @@ class NoiseAngleWhite(Effect):
         """Differences from half the noise of a sample to three times that."""
         return float(np.deg2rad(around.sample_sigma_deg)) * around.sample_s / ARCSEC * log_uniform(rng, 0.5, 3.0)
 
-    def missing(self, around: Surroundings) -> str | None:
-        """It is told from noise as stated."""
-        return no_gyro_noise(around)
-
     def smallest(self, around: Surroundings, tests: SampleTests) -> list[Smallest]:
         """Second differences show the variance σ² + 10/3 (size/Δt)², and must pass the test of the level of the noise."""
         n = sum(tests.quiet)
@@ -54,4 +50,5 @@ EFFECT = NoiseAngleWhite(
     bounds=(0.0, 1e6),
     meaning="The angle that the gyro reads out is noisy; the rates, its differences, have more noise the higher the frequency.",
     symptom="readout_noise",
+    needs=no_gyro_noise,
 )

@@ -18,10 +18,6 @@ class NoiseExcess(Effect):
         """Size on its axes, 1 elsewhere."""
         return factor_on(setting.axis, setting.size)
 
-    def missing(self, around: Surroundings) -> str | None:
-        """It needs noise to multiply."""
-        return no_gyro_noise(around)
-
     def smallest(self, around: Surroundings, tests: SampleTests) -> list[Smallest]:
         """Factors whose squares show in second differences."""
         n = sum(tests.quiet)
@@ -43,4 +39,5 @@ EFFECT = NoiseExcess(
     blind_sizes=(1.15, 3.0),
     meaning="The gyro's white noise is not what the recording states; 1 would be as stated.",
     symptom="white_noise_level",
+    needs=no_gyro_noise,
 )

@@ -3,6 +3,7 @@
 n = 2π/period is the orbit rate, k the order and t the time since the epoch. Amplitudes (size cos φ, size sin φ) make it linear.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 from simulator.effects.base import Array, Parameters, References, Surroundings
@@ -15,11 +16,8 @@ class ReferenceHarmonic(Sinusoid):
     """A sinusoidal reference error; ``order`` periods an orbit."""
 
     order: int = 1
+    needs: Callable[[Surroundings], str | None] | None = no_orbit
 
     def reference_columns(self, references: References, axis: str | None, parameters: Parameters) -> Array:
         """Sine and cosine, as degrees."""
         return on_axis(harmonic(references.t_s, references.orbit_period_s / self.order) * DEG, axis)
-
-    def missing(self, around: Surroundings) -> str | None:
-        """It needs the orbit's period."""
-        return no_orbit(around)

@@ -60,10 +60,6 @@ class ReferenceFreeze(Effect):
         found = Detection(self.name, None, longest, self.unit, sigma, {"begin_s": begin}, CERTAIN, P_VALUE, text)
         return (Fault(found, np.zeros(around.stream.t_s.size, dtype=bool), lost),)
 
-    def missing(self, around: Surroundings) -> str | None:
-        """It needs references that follow one another."""
-        return several_trackers(around)
-
     def draw_size(self, rng: np.random.Generator, around: Surroundings, axis: str | None) -> float:
         """From three references on."""
         spacing = float(np.median(np.diff(np.sort(around.references.t_s))))
@@ -92,5 +88,6 @@ EFFECT = ReferenceFreeze(
     ),
     meaning="The reference repeats its last attitude for a while although the body moves; the size is how long at most.",
     sign="positive",
+    needs=several_trackers,
     drawn=False,
 )

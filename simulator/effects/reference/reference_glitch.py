@@ -78,10 +78,6 @@ class ReferenceGlitch(Effect):
         found = Detection(self.name, None, size, self.unit, sigma, {"fraction": share}, CERTAIN, P_VALUE, text)
         return (Fault(found, np.zeros(around.stream.t_s.size, dtype=bool), lost),)
 
-    def missing(self, around: Surroundings) -> str | None:
-        """It needs references of one sensor."""
-        return several_trackers(around)
-
     def draw_size(self, rng: np.random.Generator, around: Surroundings, axis: str | None) -> float:
         """Far above the noise."""
         return float(np.rad2deg(np.max(around.reference_sigma))) * log_uniform(rng, 60.0, 2000.0)
@@ -121,5 +117,6 @@ EFFECT = ReferenceGlitch(
     parameters=(Parameter("fraction", "", 0.01, "share of the references that are off", 0.0, 0.3, draw=(5e-3, 5e-2)),),
     meaning="Single references, or up to three in a row, are off by a large random rotation, as when markers are swapped.",
     sign="positive",
+    needs=several_trackers,
     drawn=False,
 )
