@@ -97,13 +97,7 @@ class Adopted:
         return np.concatenate([np.empty(0), *(REGISTRY[one.effect].amplitudes(one) for one in self.effects)])
 
     def with_amplitudes(self, amplitudes: Array) -> tuple[Setting, ...]:
-        """The effects with other amplitudes (k,).
-
-        Raises
-        ------
-        InputError
-            A size is out of its effect's bounds.
-        """
+        """The effects with other amplitudes (k,); an `InputError` where a size is out of its effect's bounds."""
         out, start = [], 0
         for one in self.effects:
             effect = REGISTRY[one.effect]
@@ -114,13 +108,7 @@ class Adopted:
         return tuple(out)
 
     def drawn(self, rng: np.random.Generator) -> Array:
-        """Amplitudes (k,) drawn from the posterior; those stated if there is none.
-
-        Raises
-        ------
-        InputError
-            Next to no draw is within the bounds of the sizes.
-        """
+        """Amplitudes (k,) drawn from the posterior within the bounds of the sizes; those stated if there is none."""
         if self.covariance is None or not self.effects:
             return self.amplitudes
         values, vectors = np.linalg.eigh(self.covariance)
@@ -153,15 +141,7 @@ class Adopted:
     def fly(
         self, seed: int = 0, case: int = 0, effects: Sequence[Setting] | None = None, noise: bool = True, draw: bool = False
     ) -> Recording:
-        """One flight.
-
-        Parameters
-        ----------
-        seed, case : of the random streams
-        effects : in place of those stated
-        noise : whether gyro and references have their white noise
-        draw : whether the sizes are drawn from the posterior, from a stream of the case
-        """
+        """One flight, with effects in place of those stated, or with sizes drawn from the posterior by a stream of the case."""
         if effects is None:
             effects = self.with_amplitudes(self.drawn(generator(seed, case, "posterior"))) if draw else self.effects
         plan = self.plan
@@ -169,8 +149,7 @@ class Adopted:
         if isinstance(plan, Replayed):
             plain, around = self._plain
             return disturbed(plain, self.motion, effects, gyro_rng, reference_rng, seed, case, around=around)
-        rngs = {"gyro_rng": gyro_rng, "reference_rng": reference_rng}
-        return observe(plan, self.motion, **rngs, effects=effects, seed=seed, case=case)
+        return observe(plan, self.motion, gyro_rng=gyro_rng, reference_rng=reference_rng, effects=effects, seed=seed, case=case)
 
 
 def load(name_or_path: str | os.PathLike[str]) -> Adopted:

@@ -354,13 +354,7 @@ class Effect:
         return ()
 
     def completed(self, setting: Setting) -> Setting:
-        """A validated setting in the form in which it acts, such as with its direction scaled to its size.
-
-        Raises
-        ------
-        InputError
-            It would do nothing.
-        """
+        """A validated setting in the form in which it acts; an `InputError` where it would do nothing."""
         return setting
 
     # ---- how it is drawn and when it shows -------------------------------------------------------------------------------
