@@ -30,9 +30,9 @@ from gyrocal.recording import load as load_recording
 from simulator import scenario as scenarios
 from simulator.effects import REGISTRY, Setting, Surroundings, setting
 from simulator.effects.base import Array
-from simulator.replay import noise_free, replayed
+from simulator.replay import build_noise_free, replayed
 from simulator.scenario import Matrix, Scenario, Section, Vector
-from simulator.simulate import disturbed, motion, noise_streams, observe, surroundings
+from simulator.simulate import disturbed, make_noise_streams, motion, observe, surroundings
 from simulator.streams import generator
 from simulator.truth.motion import Motion
 
@@ -135,7 +135,7 @@ class Adopted:
     def _plain(self) -> tuple[Recording, Surroundings]:
         """The noise-free flight of a replay without effects, and what effects see of it."""
         assert isinstance(self.plan, Replayed)
-        plain = noise_free(self.plan.recording, self.motion, self.plan.G, self.plan.bias)
+        plain = build_noise_free(self.plan.recording, self.motion, self.plan.G, self.plan.bias)
         return plain, surroundings(plain, self.motion)
 
     def fly(
@@ -145,7 +145,7 @@ class Adopted:
         if effects is None:
             effects = self.with_amplitudes(self.drawn(generator(seed, case, "posterior"))) if draw else self.effects
         plan = self.plan
-        gyro_rng, reference_rng = noise_streams(seed, case, noise)
+        gyro_rng, reference_rng = make_noise_streams(seed, case, noise)
         if isinstance(plan, Replayed):
             plain, around = self._plain
             return disturbed(plain, self.motion, effects, gyro_rng, reference_rng, seed, case, around=around)

@@ -27,7 +27,7 @@ from simulator.arrays import Array
 from simulator.effects import Setting
 from simulator.effects.recorded import durations, interval_slices, smoothed_rates
 from simulator.sensors.gyro import raw_rates
-from simulator.simulate import disturbed, noise_streams
+from simulator.simulate import disturbed, make_noise_streams
 from simulator.truth.integration import accumulate
 from simulator.truth.motion import Motion
 from simulator.truth.rotation import matrix, perturbed, separation
@@ -61,10 +61,12 @@ def replay(
     motion : of `replayed`, if it is at hand; the costly part, and the same for every case
     """
     path = replayed(recording, G, bias) if motion is None else motion
-    return disturbed(noise_free(recording, path, G, bias), path, effects, *noise_streams(seed, case, noise), seed, case)
+    return disturbed(
+        build_noise_free(recording, path, G, bias), path, effects, *make_noise_streams(seed, case, noise), seed, case
+    )
 
 
-def noise_free(recording: Recording, motion: Motion, G: Array, bias: Array) -> Recording:
+def build_noise_free(recording: Recording, motion: Motion, G: Array, bias: Array) -> Recording:
     """The recording of a motion without noise, by a gyro with G (3, 3) and bias (3,), rad/s; all else stays as recorded."""
     return replace(
         recording,

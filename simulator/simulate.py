@@ -271,7 +271,9 @@ def _with_housekeeping(plain: Recording, motion: Motion, effects: Sequence[Setti
     return recording
 
 
-def noise_streams(seed: int, case: int, noise: bool = True) -> tuple[np.random.Generator | None, np.random.Generator | None]:
+def make_noise_streams(
+    seed: int, case: int, noise: bool = True
+) -> tuple[np.random.Generator | None, np.random.Generator | None]:
     """Streams of the gyro's and the references' noise of a case; None for none."""
     return generator(seed, case, "gyro_noise") if noise else None, generator(seed, case, "reference_noise") if noise else None
 
@@ -294,7 +296,7 @@ def simulate(
     InputError
         An effect on the sensors in a scenario without.
     """
-    truth, (gyro_rng, reference_rng) = motion(scenario), noise_streams(seed, case, noise)
+    truth, (gyro_rng, reference_rng) = motion(scenario), make_noise_streams(seed, case, noise)
     on_sensors = [setting for setting in effects if setting.effect in SENSOR_EFFECTS]
     others = [setting for setting in effects if setting.effect not in SENSOR_EFFECTS]
     recording = observe(scenario, truth, gyro_rng=gyro_rng, reference_rng=reference_rng, effects=others, seed=seed, case=case)

@@ -160,14 +160,14 @@ def time_constants(low: float, high: float, ratio: float, most: int = 100) -> tu
     return tuple(Trial({"time_constant_s": float(constant)}, 1 / constants.size) for constant in constants)
 
 
-def factor_on(axis: str | None, size: float) -> Array:
+def build_factor(axis: str | None, size: float) -> Array:
     """A factor on the noise of one axis, or of all, (3,)."""
     factor = np.ones(3)
     factor[chosen(axis)] = size
     return factor
 
 
-def noise_powers(quiet: int, tests: SampleTests) -> tuple[float, float]:
+def compute_noise_powers(quiet: int, tests: SampleTests) -> tuple[float, float]:
     """Powers of the noise of so many quiet samples, over that stated, above and below which the test of its level shows it.
 
     z = (power − 1)/rel must pass the point of the test with the scatter power · rel.
@@ -203,7 +203,7 @@ def noncentrality(point: float, degrees: int, power: float) -> float:
     return high
 
 
-def to_multiples(samples: Array, axis: str | None, step: float, rounded: Callable[[Array], Array]) -> Array:
+def round_to_multiples(samples: Array, axis: str | None, step: float, rounded: Callable[[Array], Array]) -> Array:
     """Samples (n, 3) with one axis, or all, at whole multiples of a step."""
     out = samples.copy()
     axes = chosen(axis)

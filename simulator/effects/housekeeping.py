@@ -56,12 +56,12 @@ def _times(start: float, stop: float) -> Array:
     return np.append(np.arange(start, stop, SPACING_S), stop)
 
 
-def temperature_parameter(whose: str) -> Parameter:
+def make_temperature_parameter(whose: str) -> Parameter:
     """Make the parameter that names the column of a temperature."""
     return Parameter("column", "", "", f"housekeeping column; {whose} temperature if empty", choices=("*",))
 
 
-def temperature_of(housekeeping: Mapping[str, Array], parameters: Parameters, whose: str, effect: str) -> Array:
+def find_temperature(housekeeping: Mapping[str, Array], parameters: Parameters, whose: str, effect: str) -> Array:
     """The temperature that an effect follows: that of the named column, or a temperature, its sensor's before others."""
     wanted = str(parameters.get("column", ""))
     fitting = [name for name in housekeeping if (name == wanted if wanted else name.endswith(SUFFIX))]

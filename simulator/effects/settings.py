@@ -43,7 +43,7 @@ def parse(text: str) -> Setting:
     InputError
         One line that says what is wrong with it.
     """
-    name, axis, size, parameters = split(text)
+    name, axis, size, parameters = split_text(text)
     if not name:
         raise InputError(f"effect '{text}': give it as NAME:AXIS=SIZE, e.g. bias_drift:z=0.01")
     effect = _effect(name)
@@ -52,7 +52,7 @@ def parse(text: str) -> Setting:
     return effect.completed(setting(name, axis, _number(name, "size", size), parameters))
 
 
-def split(text: str) -> tuple[str, str | None, str, dict[str, Value]]:
+def split_text(text: str) -> tuple[str, str | None, str, dict[str, Value]]:
     """Split the text of an effect into its name, axis, size and parameters; what is not given is empty, an axis None."""
     head, *rest = (part.strip() for part in text.split(","))
     label, _, size = (part.strip() for part in head.partition("="))

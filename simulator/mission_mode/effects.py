@@ -14,7 +14,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from gyrocal.errors import InputError
-from simulator.effects.settings import read_number, split
+from simulator.effects.settings import read_number, split_text
 from simulator.mission_mode.config import DAY, HorizonError, MissionConfig, compensated
 from simulator.mission_mode.mounting import ALIGNED_AT, mounted
 from simulator.sensors.sun import trmm_alignments
@@ -170,7 +170,7 @@ MISSION_EFFECTS: Mapping[str, MissionEffect] = {one.name: one for one in ALL}
 
 def parse(text: str) -> MissionSetting:
     """A setting from NAME[:AXIS]=SIZE[,PARAMETER=VALUE…]; an `InputError` of one line that says what is wrong with it."""
-    name, axis, size, given = split(text)
+    name, axis, size, given = split_text(text)
     effect = MISSION_EFFECTS.get(name)
     if effect is None:
         raise InputError(f"effect {name or text}: Mission Mode has none of that name; there are {', '.join(MISSION_EFFECTS)}")

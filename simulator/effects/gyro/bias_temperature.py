@@ -6,7 +6,7 @@ between its rows. The column may be named; else one whose name ends in temperatu
 
 from simulator.effects.base import Array, Effect, Parameters, Stream
 from simulator.effects.common import DEG_H, on_axis
-from simulator.effects.housekeeping import no_gyro_temperature, temperature_of, temperature_parameter
+from simulator.effects.housekeeping import find_temperature, make_temperature_parameter, no_gyro_temperature
 
 
 class BiasTemperature(Effect):
@@ -14,7 +14,7 @@ class BiasTemperature(Effect):
 
     def columns(self, stream: Stream, axis: str | None, parameters: Parameters) -> Array:
         """T − mean T, as deg/h."""
-        temperature = temperature_of(stream.housekeeping, parameters, "gyro", self.name)
+        temperature = find_temperature(stream.housekeeping, parameters, "gyro", self.name)
         return on_axis((temperature - temperature.mean()) * DEG_H, axis)
 
 
@@ -26,7 +26,7 @@ EFFECT = BiasTemperature(
     unit="deg/h per K",
     stage="rate",
     prior=(1e-6, 1e3),
-    parameters=(temperature_parameter("the gyro's"),),
+    parameters=(make_temperature_parameter("the gyro's"),),
     meaning="The gyro's bias follows a temperature of the housekeeping data; positive: it reads high when warm.",
     needs=no_gyro_temperature,
 )

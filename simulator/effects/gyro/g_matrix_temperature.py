@@ -6,7 +6,7 @@ housekeeping shows, the gyro's temperature before others.
 
 from simulator.effects.base import Array, Effect, Parameters, Stream
 from simulator.effects.common import PPM, TOWARD, index, on_axis
-from simulator.effects.housekeeping import no_gyro_temperature, temperature_of, temperature_parameter
+from simulator.effects.housekeeping import find_temperature, make_temperature_parameter, no_gyro_temperature
 
 
 class GMatrixTemperature(Effect):
@@ -14,7 +14,7 @@ class GMatrixTemperature(Effect):
 
     def columns(self, stream: Stream, axis: str | None, parameters: Parameters) -> Array:
         """10⁻⁶ ω_toward (T − mean T)."""
-        temperature = temperature_of(stream.housekeeping, parameters, "gyro", self.name)
+        temperature = find_temperature(stream.housekeeping, parameters, "gyro", self.name)
         omega = stream.rates[:, index(str(parameters["toward"]))]
         return on_axis(PPM * omega * (temperature - temperature.mean()), axis)
 
@@ -27,7 +27,7 @@ EFFECT = GMatrixTemperature(
     stage="rate",
     prior=(1e-2, 1e4),
     bounds=(-1e6, 1e6),
-    parameters=(TOWARD, temperature_parameter("the gyro's")),
+    parameters=(TOWARD, make_temperature_parameter("the gyro's")),
     meaning="One element of the gyro's scale-factor and misalignment matrix follows a temperature of the housekeeping data.",
     needs=no_gyro_temperature,
     drawn=False,

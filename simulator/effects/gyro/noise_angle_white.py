@@ -9,7 +9,7 @@ hole begins with a reading of its own.
 import numpy as np
 
 from simulator.effects.base import Array, Effect, SampleTests, Setting, Smallest, Stream, Surroundings
-from simulator.effects.common import ARCSEC, index, log_uniform, no_gyro_noise, noise_powers, runs
+from simulator.effects.common import ARCSEC, compute_noise_powers, index, log_uniform, no_gyro_noise, runs
 
 FEWEST = 200  # quiet samples
 DIFFERENCED = 20 / 6  # variance of second differences of differences of white noise, over that of white noise
@@ -35,7 +35,7 @@ class NoiseAngleWhite(Effect):
         n = sum(tests.quiet)
         if n < FEWEST or around.arw == 0:
             return [Smallest(None, np.inf, f"needs {FEWEST} quiet samples of a gyro with stated noise")]
-        excess, _ = noise_powers(n, tests)
+        excess, _ = compute_noise_powers(n, tests)
         sigma = around.arw / np.sqrt(around.sample_s)
         return [Smallest(None, float(sigma * around.sample_s * np.sqrt((excess - 1) / DIFFERENCED)) / ARCSEC, "any one axis")]
 

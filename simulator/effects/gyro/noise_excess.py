@@ -6,7 +6,7 @@ The same draws are scaled, so that all else stays as it was. Without an axis it 
 import numpy as np
 
 from simulator.effects.base import Array, Effect, SampleTests, Setting, Smallest, Surroundings
-from simulator.effects.common import factor_on, no_gyro_noise, noise_powers
+from simulator.effects.common import build_factor, compute_noise_powers, no_gyro_noise
 
 FEWEST = 200  # quiet samples
 
@@ -16,14 +16,14 @@ class NoiseExcess(Effect):
 
     def noise_factor(self, setting: Setting) -> Array:
         """Size on its axes, 1 elsewhere."""
-        return factor_on(setting.axis, setting.size)
+        return build_factor(setting.axis, setting.size)
 
     def smallest(self, around: Surroundings, tests: SampleTests) -> list[Smallest]:
         """Factors whose squares show in second differences."""
         n = sum(tests.quiet)
         if n < FEWEST or around.arw == 0:
             return [Smallest(None, np.inf, f"needs {FEWEST} quiet samples of a gyro with stated noise")]
-        high, low = noise_powers(n, tests)
+        high, low = compute_noise_powers(n, tests)
         return [Smallest(None, float(np.sqrt(high)), f"any one axis; or a factor below {np.sqrt(low):.3f}")]
 
 

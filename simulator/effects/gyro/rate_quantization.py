@@ -6,7 +6,7 @@ The least significant bit of the converter or of telemetry. Without an axis it a
 import numpy as np
 
 from simulator.effects.base import Array, Effect, SampleTests, Setting, Smallest, Stream, Surroundings
-from simulator.effects.common import DEG, smallest_steps, to_multiples
+from simulator.effects.common import DEG, round_to_multiples, smallest_steps
 
 
 class RateQuantization(Effect):
@@ -14,7 +14,7 @@ class RateQuantization(Effect):
 
     def apply(self, rng: np.random.Generator, samples: Array, stream: Stream, setting: Setting) -> Array:
         """Nearest multiples of the step."""
-        return to_multiples(samples, setting.axis, setting.size * DEG, np.round)
+        return round_to_multiples(samples, setting.axis, setting.size * DEG, np.round)
 
     def smallest(self, around: Surroundings, tests: SampleTests) -> list[Smallest]:
         """A step on which many readings fall together."""

@@ -8,7 +8,7 @@ BROAD trials (docs/broad.md). Without an axis it acts on all three.
 import numpy as np
 
 from simulator.effects.base import Array, Effect, SampleTests, Setting, Smallest, Stream, Surroundings
-from simulator.effects.common import DEG, smallest_steps, to_multiples
+from simulator.effects.common import DEG, round_to_multiples, smallest_steps
 
 
 class RateTruncation(Effect):
@@ -16,7 +16,7 @@ class RateTruncation(Effect):
 
     def apply(self, rng: np.random.Generator, samples: Array, stream: Stream, setting: Setting) -> Array:
         """Multiples of the step toward zero."""
-        return to_multiples(samples, setting.axis, setting.size * DEG, np.trunc)
+        return round_to_multiples(samples, setting.axis, setting.size * DEG, np.trunc)
 
     def smallest(self, around: Surroundings, tests: SampleTests) -> list[Smallest]:
         """A step on which many readings fall together."""

@@ -7,7 +7,7 @@ import numpy as np
 import scipy.special
 
 from simulator.effects.base import AXES, Array, Effect, SampleTests, Setting, Smallest, Surroundings
-from simulator.effects.common import factor_on, noncentrality
+from simulator.effects.common import build_factor, noncentrality
 
 
 class ReferenceNoiseExcess(Effect):
@@ -15,7 +15,7 @@ class ReferenceNoiseExcess(Effect):
 
     def noise_factor(self, setting: Setting) -> Array:
         """Size on its axes, 1 elsewhere."""
-        return factor_on(setting.axis, setting.size)
+        return build_factor(setting.axis, setting.size)
 
     def smallest(self, around: Surroundings, tests: SampleTests) -> list[Smallest]:
         """χ² of three axes' mean square second differences; one axis with a factor f has z = (f² − 1) v/rel."""

@@ -11,7 +11,7 @@ from simulator.arrays import Flags
 from simulator.effects.base import Array, Parameter, Parameters, References, Surroundings, Trackers
 from simulator.effects.common import ARCSEC
 from simulator.effects.directed import Directed
-from simulator.effects.housekeeping import no_temperature, temperature_of, temperature_parameter
+from simulator.effects.housekeeping import find_temperature, make_temperature_parameter, no_temperature
 from simulator.effects.tracker.base import TrackerColumns
 
 
@@ -21,7 +21,7 @@ class TrackerThermal(TrackerColumns, Directed):
 
     def own_columns(self, references: References, seen: Trackers, own: Flags, parameters: Parameters) -> Array:
         """T − mean T across the boresight."""
-        T = temperature_of(seen.housekeeping, parameters, "tracker", self.name)[own]
+        T = find_temperature(seen.housekeeping, parameters, "tracker", self.name)[own]
         return ARCSEC * (T - T.mean())[:, None, None] * np.eye(3)[None, :, :2]
 
     def missing(self, around: Surroundings) -> str | None:
@@ -39,7 +39,7 @@ EFFECT = TrackerThermal(
     prior=(1e-3, 100.0),
     bounds=(-3600.0, 3600.0),
     parameters=(
-        temperature_parameter("a tracker's"),
+        make_temperature_parameter("a tracker's"),
         Parameter("a_x", "arcsec per K", 1.0, "about the tracker's x; only the direction of the two counts"),
         Parameter("a_y", "arcsec per K", 0.0, "about y"),
     ),
