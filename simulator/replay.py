@@ -61,9 +61,8 @@ def replay(
     motion : of `replayed`, if it is at hand; the costly part, and the same for every case
     """
     path = replayed(recording, G, bias) if motion is None else motion
-    return disturbed(
-        build_noise_free(recording, path, G, bias), path, effects, *make_noise_streams(seed, case, noise), seed, case
-    )
+    plain, (gyro_rng, reference_rng) = build_noise_free(recording, path, G, bias), make_noise_streams(seed, case, noise)
+    return disturbed(plain, path, effects, gyro_rng, reference_rng, seed, case)
 
 
 def build_noise_free(recording: Recording, motion: Motion, G: Array, bias: Array) -> Recording:

@@ -271,11 +271,11 @@ def _with_housekeeping(plain: Recording, motion: Motion, effects: Sequence[Setti
     return recording
 
 
-def make_noise_streams(
-    seed: int, case: int, noise: bool = True
-) -> tuple[np.random.Generator | None, np.random.Generator | None]:
-    """Streams of the gyro's and the references' noise of a case; None for none."""
-    return generator(seed, case, "gyro_noise") if noise else None, generator(seed, case, "reference_noise") if noise else None
+def make_noise_streams(seed: int, case: int, noise: bool) -> tuple[np.random.Generator | None, np.random.Generator | None]:
+    """Make the streams of the gyro's and the references' noise of a case; None without noise."""
+    if not noise:
+        return None, None
+    return generator(seed, case, "gyro_noise"), generator(seed, case, "reference_noise")
 
 
 def simulate(
