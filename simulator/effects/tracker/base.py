@@ -27,7 +27,7 @@ def rows_of(references: References, name: str, effect: Effect) -> Flags:
 
 @dataclass(frozen=True)
 class TrackerEffect(Effect):
-    """An effect of one tracker; a subclass gives its error about the tracker's axes."""
+    """An effect of one tracker."""
 
     axes: tuple[str, ...] = ()
     of_trackers: bool = True

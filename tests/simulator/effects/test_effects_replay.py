@@ -11,7 +11,7 @@ import simulator
 from gyrocal import InputError, calibrate, load, save
 from simulator.effects import EFFECTS, TRACKER_EFFECTS, parse
 from simulator.effects.sensor import ALL_EFFECTS
-from simulator.effects.smoothing import noise_level, smoothed
+from simulator.effects.smoothing import noise_level
 from simulator.replay import replay, replayed
 from simulator.truth.integration import accumulate
 from simulator.truth.rotation import separation
@@ -114,15 +114,6 @@ def test_touching_intervals_keep_one_attitude():
     found = replayed(recording, FITTED.G, FITTED.bias)
     last = accumulate(found.quaternions[0], found.rates * found.duration_s[:, None])[-1]
     assert np.abs(separation(last, found.quaternions[-1])).max() < 1e-11
-
-
-def test_smoothing_takes_noise_out_and_leaves_steps_in():
-    rng = np.random.default_rng(0)
-    truth = np.where(np.arange(2000) < 1000, 0.0, 1.0)[:, None] * [1.0, 0.0, 0.0]
-    out = smoothed(truth + 0.01 * rng.standard_normal((2000, 3)), 0.5, 20.0, np.full(3, 0.01))
-    assert np.abs(out - truth).max() < 0.06
-    assert (out - truth).std() < 0.003
-    np.testing.assert_array_equal(smoothed(truth, 0.5, 0.0, np.full(3, 0.01)), truth)
 
 
 PRACTICE = SHARED / "practice"
