@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from gyrocal.recording import Recording
 from gyrocal.recording.trackers import to_axes
 from simulator.arrays import Array
-from simulator.effects.views import Stream, Trackers
+from simulator.effects.base import Stream, Trackers
 from simulator.truth.orbit import EARTH_RADIUS, MU, CircularOrbit, lvlh_attitude
 from simulator.truth.sun import DAY, julian_date, sun_vector
 
