@@ -195,12 +195,7 @@ def no_orbit(around: Surroundings) -> str | None:
 
 def noncentrality(point: float, degrees: int, power: float) -> float:
     """Of a χ² that passes a point with some probability."""
-    low, high = 0.0, 10 * point + 100
-    for _ in range(80):
-        middle = 0.5 * (low + high)
-        passes = 1 - scipy.special.chndtr(point, degrees, middle)
-        low, high = (middle, high) if passes < power else (low, middle)
-    return high
+    return float(scipy.special.chndtrinc(point, degrees, 1 - power))
 
 
 def round_to_multiples(samples: Array, axis: str | None, step: float, rounded: Callable[[Array], Array]) -> Array:
