@@ -307,7 +307,7 @@ class Effect:
     of_trackers : whether it is of one of several star trackers, whose name stands in the place of an axis
     blind_sizes : between which a blind check draws the size, uniform in its logarithm
     in_noise : whether these are in sigma of a sample's white noise, for a size in deg/s
-    needs : why it cannot act on a recording, a function of its surroundings; None if it always can
+    requirement : why it cannot act on a recording, a function of its surroundings; None if it always can
     drawn : whether the cases of the test world draw it; an effect that came later would change the cases before it
     """
 
@@ -333,7 +333,7 @@ class Effect:
     of_trackers: bool = False
     blind_sizes: tuple[float, float] | None = None
     in_noise: bool = False
-    needs: Callable[[Surroundings], str | None] | None = None
+    requirement: Callable[[Surroundings], str | None] | None = None
     drawn: bool = True
 
     # ---- what it is ------------------------------------------------------------------------------------------------------
@@ -448,7 +448,7 @@ class Effect:
 
     def missing(self, around: Surroundings) -> str | None:
         """Why it cannot act on, or be seen in, a recording; None if it can."""
-        return self.needs(around) if self.needs else None
+        return self.requirement(around) if self.requirement else None
 
     @absent
     def detect(self, view: SampleView) -> Sequence[Detection]:

@@ -23,6 +23,6 @@ EFFECT = BiasOrbital(
     unit="deg/h",
     stage="rate",
     prior=(1e-5, 1e3),
-    needs=no_orbit,
+    requirement=no_orbit,
     meaning="The gyro's bias goes up and down once an orbit, as when sun and shadow warm and cool it.",
 )

@@ -28,5 +28,5 @@ EFFECT = BiasTemperature(
     prior=(1e-6, 1e3),
     parameters=(make_temperature_parameter("the gyro's"),),
     meaning="The gyro's bias follows a temperature of the housekeeping data; positive: it reads high when warm.",
-    needs=no_gyro_temperature,
+    requirement=no_gyro_temperature,
 )

@@ -29,6 +29,6 @@ EFFECT = GMatrixTemperature(
     bounds=(-1e6, 1e6),
     parameters=(TOWARD, make_temperature_parameter("the gyro's")),
     meaning="One element of the gyro's scale-factor and misalignment matrix follows a temperature of the housekeeping data.",
-    needs=no_gyro_temperature,
+    requirement=no_gyro_temperature,
     drawn=False,
 )

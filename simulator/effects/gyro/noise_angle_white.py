@@ -50,5 +50,5 @@ EFFECT = NoiseAngleWhite(
     bounds=(0.0, 1e6),
     meaning="The angle that the gyro reads out is noisy; the rates, its differences, have more noise the higher the frequency.",
     symptom="readout_noise",
-    needs=no_gyro_noise,
+    requirement=no_gyro_noise,
 )

@@ -39,5 +39,5 @@ EFFECT = NoiseExcess(
     blind_sizes=(1.15, 3.0),
     meaning="The gyro's white noise is not what the recording states; 1 would be as stated.",
     symptom="white_noise_level",
-    needs=no_gyro_noise,
+    requirement=no_gyro_noise,
 )

@@ -16,7 +16,7 @@ class ReferenceHarmonic(Sinusoid):
     """A sinusoidal reference error; ``order`` periods an orbit."""
 
     order: int = 1
-    needs: Callable[[Surroundings], str | None] | None = no_orbit
+    requirement: Callable[[Surroundings], str | None] | None = no_orbit
 
     def reference_columns(self, references: References, axis: str | None, parameters: Parameters) -> Array:
         """Sine and cosine, as degrees."""

@@ -88,6 +88,6 @@ EFFECT = ReferenceFreeze(
     ),
     meaning="The reference repeats its last attitude for a while although the body moves; the size is how long at most.",
     sign="positive",
-    needs=several_trackers,
+    requirement=several_trackers,
     drawn=False,
 )

@@ -117,6 +117,6 @@ EFFECT = ReferenceGlitch(
     parameters=(Parameter("fraction", "", 0.01, "share of the references that are off", 0.0, 0.3, draw=(5e-3, 5e-2)),),
     meaning="Single references, or up to three in a row, are off by a large random rotation, as when markers are swapped.",
     sign="positive",
-    needs=several_trackers,
+    requirement=several_trackers,
     drawn=False,
 )
