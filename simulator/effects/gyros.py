@@ -5,8 +5,6 @@ whose rate is the one about that gyro's axis: what the effect does to x there, i
 acts on any gyro, and its file says once what it does.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -9,8 +9,6 @@ least squares and taken out (Huber's weights), so that a recording needs no cali
 makes one large innovation where it begins and another one where it ends; a single false reference makes two in a row.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

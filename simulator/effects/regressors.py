@@ -4,8 +4,6 @@ A draft of a diagnosis (`diagnosis.draft`) is a tabulated function of one regres
 regressor by this module, so that a simulation and a diagnosis use the same definition.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import partial

@@ -5,8 +5,6 @@ is the stated one, and the node stays where it is. That of the Earth about the S
 times an astronomical unit: v = −AU ds/dt. What that leaves out of it, the change of the distance, is 0.5 km/s or 0.3".
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 
 import numpy as np

@@ -9,8 +9,6 @@ that with the Sun's direction s and the orbit normal N the angle
 is to be positive in the one and negative in the other. Its largest value is the inclination plus the obliquity, 58.4°.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from simulator.arrays import Array

@@ -13,8 +13,6 @@ Coefficients
     and 0.000085 with a zero slipped in c. Uploads take the computed pair unless asked for the published one.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field, replace
 from typing import Literal, NamedTuple
 

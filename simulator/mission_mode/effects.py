@@ -5,8 +5,6 @@ text says otherwise. They are effects of a whole spacecraft in its control loop 
 those of `simulator.effects`, which act on a gyro stream and its references.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace

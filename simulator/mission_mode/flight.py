@@ -11,8 +11,6 @@ start or end of a yaw maneuver, with everything constant in between. Errors are 
 estimate − ε.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace

@@ -4,8 +4,6 @@ M0 at the level of the sensors: TRMM's sun sensors as nominal, heads at right an
 detector shows a constant offset without noise, so that its filter is exact and all noise is white. Counts are whole numbers.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from math import radians

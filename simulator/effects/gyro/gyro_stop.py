@@ -9,8 +9,6 @@ diagnosis takes it out. It differs
 - from repeated samples in that the level does not go on from the reading before.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 

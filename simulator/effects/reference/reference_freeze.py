@@ -4,8 +4,6 @@ A camera or a filter that hangs puts out its last result again. Such repeats agr
 not, while the gyro shows that the body turned. They carry no attitude, and a diagnosis takes them out.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

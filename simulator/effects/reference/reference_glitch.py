@@ -6,8 +6,6 @@ each, until they are this share of all; a group is off by size · U(0.5, 1.5) in
 references carry no attitude, and a diagnosis takes them out.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

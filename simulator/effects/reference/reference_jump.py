@@ -8,8 +8,6 @@ in one of them, and the return in another one. All other windows leave these inn
 their share of the prior.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import combinations

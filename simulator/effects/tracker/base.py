@@ -5,8 +5,6 @@ trackers only their difference shows an error that does not move as a body could
 answer is a group of both. The gyro tells whose it is where the error changes faster than the gyro wanders.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np
