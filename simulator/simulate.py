@@ -75,9 +75,8 @@ def _move(profile: Profile, scenario: Scenario, substeps: int) -> Motion:
     reference_tau = reference_times(profile, section.every_s if section.at == "series" else None, bool(section.tracker))
     knots = profile.knots[(profile.knots > 0) & (profile.knots < length)]
     # Up to the last before the end, so that intervals that touch share no tag.
-    sensor_tau = np.zeros(0)
-    if scenario.sensors:
-        sensor_tau = np.asarray(scenario.sensors.every_s * np.arange(int(np.ceil(length / scenario.sensors.every_s))))
+    tagged = scenario.sensors.every_s if scenario.sensors else None
+    sensor_tau = np.asarray(tagged * np.arange(int(np.ceil(length / tagged))), dtype=float) if tagged else np.zeros(0)
     grid = np.unique(np.concatenate([edges, reference_tau, knots, sensor_tau]))
     path = trajectory(profile, grid, substeps)
     duration = np.diff(edges)

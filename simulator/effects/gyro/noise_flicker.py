@@ -12,8 +12,6 @@ import numpy as np
 from simulator.effects.base import Array, Effect, Parameters, ProcessTimes, Setting, Stream
 from simulator.effects.common import DEG_H, gauss_markov, markov, on_axis
 
-FLOOR = float(np.sqrt(2 * np.log(2) / np.pi))  # of the Allan deviation, per B
-
 
 def time_constants(shortest: float, longest: float) -> Array:
     """Octaves from one time to another, s."""
