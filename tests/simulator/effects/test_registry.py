@@ -211,7 +211,9 @@ def named_in(path):
     """Effects that a source file names in a string of its own or imports, docstrings left out."""
     nodes = list(ast.walk(ast.parse(path.read_text())))
     strings = {node.value for node in nodes if isinstance(node, ast.Constant) and isinstance(node.value, str)}
-    modules = [node for node in nodes if isinstance(node, ast.ImportFrom) and node.module]
+    modules = [
+        node for node in nodes if isinstance(node, ast.ImportFrom) and (node.module or "").startswith("simulator.effects")
+    ]
     imported = {part for node in modules for part in (*node.module.split("."), *(one.name for one in node.names))}
     return (strings | imported) & BUILT_IN_NAMES
 
